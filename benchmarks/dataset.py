@@ -13,6 +13,7 @@ import tomllib
 from dataclasses import replace
 from itertools import pairwise
 from pathlib import Path
+from typing import Any
 
 import numpy as np
 import pandas as pd
@@ -121,8 +122,13 @@ def page(folder: Path, plan: "object", seconds: float | None) -> str:
     opened = hums.open_dataset(folder)
     labels = pd.DataFrame({name: opened[name].to_numpy() for name in opened.coords if opened[name].dims == ("record",)})
     rows = [features_of(hums.dataset_record(folder, number)) for number in range(len(labels))]
+    return page_of(labels, pd.DataFrame(rows), tomllib.loads(plan.text), seconds)  # type: ignore[attr-defined]
+
+
+def page_of(labels: pd.DataFrame, table: pd.DataFrame, plan: dict[str, Any], seconds: float | None) -> str:
+    """Return the page of labels and features, a row for each record, of a plan as TOML has it."""
     scored = (labels["class_number"] >= 0).to_numpy()
-    labels, table = labels[scored].reset_index(drop=True), pd.DataFrame(rows)[scored].reset_index(drop=True)
+    labels, table = labels[scored].reset_index(drop=True), table[scored].reset_index(drop=True)
     split = {name: (labels["split"] == name).to_numpy() for name in ("train", "validation", "test")}
     x, classes = standardised(table, split["train"]), labels["class_number"].to_numpy(dtype=np.int64)
 
@@ -134,12 +140,11 @@ def page(folder: Path, plan: "object", seconds: float | None) -> str:
     weights = fitted(x[split["train"]], classes[split["train"]], penalty=penalty)
     test = labels[split["test"]].assign(true=classes[split["test"]], guess=predicted(x[split["test"]], weights))
     own = predicted(x[split["train"]], weights)
-    plan_text = tomllib.loads(plan.text)  # type: ignore[attr-defined]
     note = NOTE.format(
-        records=plan_text["records"],
-        name=plan_text["benchmark"],
-        version=plan_text["version"],
-        seed=plan_text["seed"],
+        records=plan["records"],
+        name=plan["benchmark"],
+        version=plan["version"],
+        seed=plan["seed"],
         penalty=penalty,
         features=x.shape[1],
         further=" and ".join(FURTHER),
@@ -174,7 +179,7 @@ def page(folder: Path, plan: "object", seconds: float | None) -> str:
         span = f"below {high:g}" if low == -np.inf else f"above {low:g}" if high == np.inf else f"{low:g} to {high:g}"
         lines.append(f"| detectability {span} dB | {here.sum()} | {_share(right[here])} |")
     if seconds is not None:
-        lines += ["", f"Making a record took {seconds / plan_text['records']:.2f} s of one core."]
+        lines += ["", f"Making a record took {seconds / plan['records']:.2f} s of one core."]
     return "\n".join(lines) + "\n"
 
 

@@ -1,4 +1,4 @@
-"""Five degrees of freedom of a bearing in its housing by the classical Runge-Kutta method; compiled, as written."""
+"""Five degrees of freedom of a bearing in its housing, by the classical Runge-Kutta method, rounded as written."""
 
 import numpy as np
 from numpy.typing import NDArray

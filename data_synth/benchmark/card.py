@@ -2,6 +2,7 @@
 
 from data_synth.benchmark import records as benchmark
 from data_synth.benchmark.conditions import FAULTS, IMPERFECTIONS, LOAD_SHARES, SPEED_SHARES
+from data_synth.scene.faults import DIMENSIONS
 
 __all__ = ["data_card"]
 
@@ -11,19 +12,10 @@ _UNITS = {
     "face": "of the face width",
     "grade": "mm/s, eccentricity times speed of the shaft",
 }
-_SIZES = {
-    "crack": "depth of the crack",
-    "chipping": "face width broken off",
-    "missing tooth": "face width: the whole tooth",
-    "spall": "depth of the spall, whose length rises with it to 0.8 pitches",
-    "wear": "material worn off",
-    "eccentricity": "of the pitch circle",
-    "imbalance": "eccentricity of the mass; the column size_mm has it in mm",
-    "misalignment": "face width without contact at the worst place",
-    "inner race": "length of the spall",
-    "outer race": "length of the spall",
-    "element": "length of the spall",
-    "cage": "size of the defect",
+_FURTHER_WORDS = {
+    "missing tooth": ", 2.25 modules: all of it",
+    "spall": ", whose length rises with it to 0.8 pitches",
+    "imbalance": "; the column size_mm has it in mm",
 }
 
 _TEXT = """\
@@ -41,11 +33,12 @@ the RMS. Bearing forces reach the sensor through modes of the housing. Defects o
 imbalance is a force on the rigid housing. Each record has its whole scene in the attribute `truth_scene`, and its truth
 beside it.
 
-Version 1.3 differs from 1.2 in the last digits of samples, whose every operation is now rounded as IEEE 754 says, and
-in `detectability_db`: of the record's own beginning, at its own speed, where 1.2 drew the wandering speed of a short
-record again. 1.2 has only the lines in its truth that the window of the projection determines, which it does not at
-spacings below three of its periods (attribute `truth_mesh_lines` states the windows, and by how much halving them
-changes the lines); before, samples were those of 1.1.
+Version 1.4 has the height of the tooth as `size_mm` of a missing one, where 1.3 had the face width; its samples are
+those of 1.3. Version 1.3 differs from 1.2 in the last digits of samples, whose every operation is now rounded as
+IEEE 754 says, and in `detectability_db`: of the record's own beginning, at its own speed, where 1.2 drew the wandering
+speed of a short record again. 1.2 has only the lines in its truth that the window of the projection determines, which
+it does not at spacings below three of its periods (attribute `truth_mesh_lines` states the windows, and by how much
+halving them changes the lines); before, samples were those of 1.1.
 
 ## Licence
 
@@ -118,7 +111,7 @@ def data_card(plan: benchmark.BenchmarkRecords) -> str:
     >>> from data_synth import load_plan
     >>> from data_synth.benchmark.card import data_card
     >>> data_card(load_plan("benchmark-1")).splitlines()[0]
-    '# benchmark-1 1.3: synthetic gearbox vibration with labelled faults'
+    '# benchmark-1 1.4: synthetic gearbox vibration with labelled faults'
     """
     total = sum(split.share for split in benchmark.SPLITS.values())
     split_of = {name: split for split, pool in benchmark.SPLITS.items() for name in pool.gearboxes}
@@ -159,7 +152,8 @@ def _class_row(name: str) -> str:
     family = FAULTS[name]
     low, high = family.sizes
     span = f"{low:g} to {high:g}" if low < high else f"{low:g}"
-    return f"| {name} | {share} | {_SIZES[name]} | {span} {_UNITS[family.unit]} |"
+    words = DIMENSIONS[family.kind] + _FURTHER_WORDS.get(name, "")
+    return f"| {name} | {share} | {words} | {span} {_UNITS[family.unit]} |"
 
 
 def _imperfection_line(doc: str) -> str:

@@ -308,7 +308,7 @@ _BEARING: dict[str, Any] = {"of": "bearing", "unit": "mm", "sizes": (0.005, 5.0)
 FAULTS: dict[str, FaultFamily] = {
     "crack": FaultFamily(kind="tooth_crack", of="gear", unit="module", sizes=(0.05, 1.2)),
     "chipping": FaultFamily(kind="chipping", of="gear", unit="face", sizes=(0.002, 0.8)),
-    "missing tooth": FaultFamily(kind="missing_tooth", of="gear", unit="face", sizes=(1.0, 1.0)),
+    "missing tooth": FaultFamily(kind="missing_tooth", of="gear", unit="module", sizes=(2.25, 2.25)),
     "spall": FaultFamily(kind="spall", of="gear", unit="mm", sizes=(0.0005, 0.1)),
     "wear": FaultFamily(kind="wear", of="gear", unit="mm", sizes=(1e-6, 0.03)),
     "eccentricity": FaultFamily(kind="eccentricity", of="gear", unit="mm", sizes=(0.0005, 0.15)),

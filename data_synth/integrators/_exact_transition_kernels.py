@@ -1,6 +1,6 @@
 """Compiled exact steps for mesh stiffness that is constant between switching instants.
 
-Each operation is rounded as written.
+Each operation is rounded as written, and no array is allocated in parts that are compiled into others.
 """
 
 from typing import NamedTuple

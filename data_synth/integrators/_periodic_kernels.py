@@ -1,6 +1,6 @@
 """Compiled look-ups in tables of periodic functions: values, and moments over an interval of phase.
 
-Each operation is rounded as written.
+Each operation is rounded as written, and no array is allocated in parts that are compiled into others.
 """
 
 import math

@@ -1,6 +1,6 @@
 """Compiled steps of the exponential splitting: exact flow of the constant part, rank-one impulses by the meshes.
 
-Each operation is rounded as written.
+Each operation is rounded as written, and no array is allocated in parts that are compiled into others.
 """
 
 import numpy as np

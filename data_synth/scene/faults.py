@@ -552,3 +552,21 @@ _GEAR_KINDS = tuple(kind for model in get_args(GEAR_FAULTS) for kind in _kinds(m
 FAULT_KINDS = (*_GEAR_KINDS[:1], *_kinds(BearingFault), *_GEAR_KINDS[1:], *_kinds(ShaftFault))
 ROW_OF = dict.fromkeys(_GEAR_KINDS, "tooth") | dict.fromkeys(_kinds(ShaftFault), "shaft")
 """The kind of defect order that a fault repeats at, where not its own name."""
+DIMENSIONS = {
+    "tooth_crack": "depth from the root's flank",
+    "chipping": "face width gone",
+    "missing_tooth": "height gone from the tip",
+    "spall": "depth of the spall",
+    "pitting": "depth of the worst pit",
+    "eccentricity": "from axis to centre of the pitch circle",
+    "misalignment": "face width without contact at the worst place",
+    "wear": "greatest depth worn off a flank",
+    "imbalance": "eccentricity of the mass",
+    "bent_shaft": "run-out of the bend",
+    "shaft_misalignment": "offset of the shafts",
+    "inner_race": "length of the spall along the race",
+    "outer_race": "length of the spall along the race",
+    "rolling_element": "length of the spall along the element",
+    "cage": "width of the break in the cage",
+}
+"""What the size of each kind is: one dimension, the same in scenes, plans, labels, the truth and data cards."""

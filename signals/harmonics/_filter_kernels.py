@@ -72,12 +72,16 @@ def _update_diffuse(V: Floats, h: Floats, ph: Floats, known: float, a: Floats, c
 
 @compiled_sums
 def _covariance_times(P: Floats, h: Floats, ph: Floats) -> None:
-    """Fill `ph = P h`, where h is the part of a regressor for the levels; that for the differences is zero."""
-    for a in range(ph.size):
-        total = 0.0
+    """Fill `ph = P h`, where h is the part of a regressor for the levels; that for the differences is zero.
+
+    Two rows, the quadratures of an order, share what is read of h, and the start and end of the loop.
+    """
+    for a in range(0, ph.size, 2):
+        first, second = 0.0, 0.0
         for b in range(h.size):
-            total += P[a, b] * h[b]
-        ph[a] = total
+            first += P[a, b] * h[b]
+            second += P[a + 1, b] * h[b]
+        ph[a], ph[a + 1] = first, second
 
 
 @compiled_sums

@@ -26,9 +26,9 @@ from signals.harmonics.separability import Closeness
 # Samples filtered at a time.
 SAMPLES_AT_ONCE = 1 << 14
 # A covariance is checked once in so many times 1 / bandwidth: with four poles and no observations it may grow by 1e8
-# meanwhile, which leaves eight digits.
+# meanwhile, which leaves eight digits. While V is not zero, and each sample updates it too, at least so often.
 CHECK = 8
-LONGEST_CHECK = 1024
+DIFFUSE_CHECK = 1 << 10
 # Variances, where that of the noise is 1, below which V V^T is added to P, and above which P is factored: each sample
 # adds a rounding error of 1e-16 of them.
 LARGEST_ADDED, LARGEST_VARIANCE = 1e2, 1e4
@@ -172,17 +172,18 @@ def filter_on(
         The covariance is no longer positive definite.
     """
     channels, samples = x.shape
-    interval = int(np.clip(CHECK / model.bandwidth.max(), 1, LONGEST_CHECK))
+    longest = int(np.clip(CHECK / model.bandwidth.max(), 1, SAMPLES_AT_ONCE))
     orders, shaft = model.orders, model.shaft
     process = _paired(model, model.process_noise(slice(0, 1))) if model.bandwidth.shape[1] == 1 else None
     first, begin, done = state.count, 0, 0
     while begin < samples:
-        span = slice(begin, min(begin + SAMPLES_AT_ONCE - (first + begin) % interval, samples))
+        span = slice(begin, min(begin + SAMPLES_AT_ONCE - state.count % SAMPLES_AT_ONCE, samples))
         phase, q = model.phase(span), process if process is not None else _paired(model, model.process_noise(span))
         values, normalised = np.ascontiguousarray(x[:, span].T), np.empty((span.stop - begin, channels))
         innovation_variances = np.empty(len(normalised))
         before = done
         while begin < span.stop:  # from one check of the covariance to the next
+            interval = min(longest, DIFFUSE_CHECK) if state.diffuse else longest
             end = min(begin + interval - state.count % interval, span.stop)
             part = slice(begin - span.start, end - span.start)
             skip = -state.count % output_every

@@ -12,7 +12,7 @@ Alternative speeds that explain the record nearly as well are found by the same 
 The phase is then refined from the significant harmonics (`signals.shaft.phase_demodulation`).
 
 Frames of another length mix the lines of the shaft with those of other machines in another way, and smear high orders
-less or more. A speed that is the shaft's is found in frames of two lengths; one that is only found in one is ambiguous.
+less or more. A speed of which shorter frames are surer counts; one that they contradict is ambiguous.
 """
 
 from __future__ import annotations
@@ -161,8 +161,12 @@ def longest_run(flags: NDArray[np.bool_]) -> NDArray[np.bool_]:
 def single_line(search: Search, speed_hz: float, shown: Array) -> bool:
     """Return whether nearly all evidence is of one line where several orders are listed: it might be any of them.
 
-    Orders within the resolution of a frame from the strongest are the same line.
+    Orders within the resolution of a frame from the strongest are the same line. Where a mesh shows beside the first
+    harmonics of the shaft, those may be another machine's, and the mesh must not be alone.
     """
+    low = _low(search.orders)
+    if (shown[~low] > SHOWS).any():
+        shown = np.where(low, 0.0, shown)
     strongest = int(np.argmax(shown))
     apart = np.abs(search.orders - search.orders[strongest]) * speed_hz * search.frame_s > _SAME_LINE
     supporting = float(shown[apart & (shown > SHOWS)].sum())
@@ -428,20 +432,24 @@ def estimate_speed(
 
 
 def _confirmed(estimate: Callable[[float], SpeedEstimate], frame_s: float, shorter_s: Sequence[float]) -> SpeedEstimate:
-    """Return the estimate of the first frame length that the next shorter one confirms.
+    """Return the estimate of some frame length, or a surer one of shorter frames that find the same speed.
 
-    Where none does it is that of the longest frames, ambiguous where a shorter one is as sure of another speed.
+    It is ambiguous where shorter frames are as sure of another speed.
     """
-    made = [estimate(frame_s)]
-    if made[0].status == "not found":
-        return made[0]
+    first = estimate(frame_s)
+    sure = first.status == "ok"
+    if first.status == "not found":
+        return first
     for length in shorter_s:
-        made.append(estimate(length))
-        sure = [one for one in made[-2:] if one.status == "ok"]
-        if sure and _agree(*made[-2:]):
-            return sure[0]
-    against = [one for one in made[1:] if one.status == "ok" and not _agree(made[0], one)]
-    return _contradicted(made[0], against[0]) if made[0].status == "ok" and against else made[0]
+        other = estimate(length)
+        if _agree(first, other):
+            if sure or other.status == "ok":
+                return first if sure else other
+        elif not sure:
+            return first
+        elif other.status == "ok":
+            return _contradicted(first, other)
+    return first
 
 
 def _agree(one: SpeedEstimate, other: SpeedEstimate) -> bool:

@@ -189,7 +189,8 @@ def find_line(
     if expected + half > axis[-1]:
         raise ValueError(f"a line at {expected:g} +- {half:g} lies beyond the end of the spectrum, {axis[-1]:g}.")
     found, amplitude, at_edge = _peak(axis, spectrum.amplitude, expected - half, expected + half)
-    beside = _beside(spectrum, found, surroundings)
+    lobe = _lobe(spectrum, found)
+    beside = _beside(spectrum, found, surroundings, lobe)
     background, noise, kept = _medians(np.concatenate(beside))
     per_point = float(axis[1] - axis[0]) / bin_width
     bins = kept * per_point
@@ -199,7 +200,7 @@ def find_line(
         )
     used_bins, std = bins, noise / math.sqrt(2 * math.log(2))
     if closer is not None:
-        below, above = beside = _beside(spectrum, found, closer)
+        below, above = beside = _beside(spectrum, found, closer, lobe)
         size = below.size + above.size
         least = _significant(noise, size * per_point, spectrum)  # fewer bins, without lines, scatter more
         if 2 * (np.count_nonzero(below <= least) + np.count_nonzero(above <= least)) <= size:  # the median is above
@@ -232,15 +233,20 @@ def find_line(
     )
 
 
-def _beside(spectrum: AmplitudeSpectrum, found: float, reach: float) -> tuple[Array, Array]:
+def _lobe(spectrum: AmplitudeSpectrum, found: float) -> tuple[int, int]:
+    """Return the first point of a line's main lobe, and the first one above it."""
+    lobe, axis = _LOBE_BINS * spectrum.bin_width, spectrum.axis
+    near, far = axis.searchsorted((found - lobe, found + lobe)).tolist()
+    start = max(near - 1, 0)  # a point at the edge of the lobe is in or out by its difference
+    inside = (np.abs(axis[start : far + 1] - found) <= lobe).nonzero()[0]
+    return start + int(inside[0]), start + int(inside[-1]) + 1
+
+
+def _beside(spectrum: AmplitudeSpectrum, found: float, reach: float, lobe: tuple[int, int]) -> tuple[Array, Array]:
     """Return the amplitudes up to `reach` below and above a line, without its main lobe."""
-    lobe = _LOBE_BINS * spectrum.bin_width
-    axis = spectrum.axis
-    first, near, far, last = axis.searchsorted([max(found - reach, lobe), found - lobe, found + lobe, found + reach])
-    around = slice(max(near - 1, 0), far + 1)  # a point at the edge of the lobe is in or out by its difference
-    inside = around.start + np.flatnonzero(np.abs(axis[around] - found) <= lobe)
-    near, far = inside[0], inside[-1] + 1
-    return spectrum.amplitude[first:near], spectrum.amplitude[max(far, first) : last]
+    least = max(found - reach, _LOBE_BINS * spectrum.bin_width)
+    first, last = spectrum.axis.searchsorted((least, found + reach)).tolist()
+    return spectrum.amplitude[first : lobe[0]], spectrum.amplitude[max(lobe[1], first) : last]
 
 
 def _significant(noise: float, bins: float, spectrum: AmplitudeSpectrum) -> float:

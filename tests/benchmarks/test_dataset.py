@@ -37,3 +37,32 @@ def test_missing_features_are_medians_of_training():
     table = pd.DataFrame({"a": [1.0, 3.0, np.nan, 100.0], "b": [np.nan] * 4, "c": [1.0] * 4})
     x = dataset.standardised(table, np.array([True, True, False, False]))
     assert x == pytest.approx(np.array([[-1.0], [1.0], [0.0], [4.0]]))
+
+
+def test_the_page_has_the_score_of_each_class():
+    # features name every class but wear, whose test records look like eccentricity
+    names = np.tile(np.repeat(dataset.CLASSES, 6), 3)
+    number = np.array([dataset.CLASSES.index(name) for name in names])
+    split = np.repeat(["train", "validation", "test"], names.size // 3)
+    shown = np.where((names == "wear") & (split == "test"), dataset.CLASSES.index("eccentricity"), number)
+    labels = pd.DataFrame(
+        {
+            "class": names,
+            "class_number": number,
+            "split": split,
+            "severity": np.tile([0.1, 0.5, 0.9], names.size // 3),
+            "detectability_db": np.tile([10.0, 20.0, 60.0], names.size // 3),
+        }
+    )
+    further = labels.iloc[:1].assign(**{"class": "cage", "class_number": -1})
+    features = pd.DataFrame(np.eye(len(dataset.CLASSES))[shown])
+    plan = {"benchmark": "benchmark-1", "version": "0", "records": names.size + 1, "seed": 1}
+    page = dataset.page_of(pd.concat([labels, further]), pd.concat([features, features.iloc[:1]]), plan, None)
+    assert "66 for training, 66 for the penalty" in page
+    assert "Balanced accuracy 0.91 on test (1.00 on training)" in page  # ten of eleven
+    assert "| wear | 6 | 0.00 |  | eccentricity |" in page
+    assert "| eccentricity | 6 | 1.00 | 0.50 |  |" in page
+    assert "| crack | 6 | 1.00 | 1.00 |  |" in page
+    # of 20 faults of a third of severity, without healthy and missing teeth, two of wear are wrong: 16 of 18
+    assert "| severity 0.00 to 0.33 | 18 | 0.89 |" in page
+    assert "| detectability above 50 dB | 20 | 0.90 |" in page

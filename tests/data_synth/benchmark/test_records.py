@@ -12,9 +12,11 @@ import pytest
 
 import hums
 from data_synth import PlanError, explain, load_plan, make_dataset, simulate
+from data_synth.benchmark.conditions import FAULTS
 from data_synth.benchmark.records import CLASSES, FURTHER, SPLITS, VERSION, BenchmarkRecords, gearboxes, paths
 from data_synth.dataset import dataset_cost
 from data_synth.plan import parse_plan
+from data_synth.scene.faults import DIMENSIONS
 from hums.jobs import Tally
 
 PLAN = load_plan("benchmark-1")
@@ -68,11 +70,35 @@ class TestOrder:
         assert np.histogram(severities, bins=4, range=(0, 1))[0].min() > 0.2 * len(severities)
         assert len({tuple(labels) for labels in LABELS}) == 1
 
+    def test_speed_and_load_vary_in_every_way(self):
+        for kind in ("speed_kind", "torque_kind"):
+            shares = Counter(labels[kind] for labels in LABELS)
+            # four ways of a quarter each: 250 of 1,000, +- 14
+            assert len(shares) == 4
+            assert min(shares.values()) > 200
+        spread = [labels["load_share"] for labels in LABELS]
+        assert (min(spread) < 0.2) & (max(spread) > 0.95)
+
+    @pytest.mark.parametrize("name", [*CLASSES, *FURTHER])
+    def test_the_scene_of_a_class_is_in_motion_and_has_the_size_of_its_label(self, name):
+        number = next(n for n, labels in enumerate(LABELS) if labels["class"] == name)
+        scene = PLAN.scene(number)
+        assert (scene.rate_hz, scene.duration_s, scene.fidelity) == (25600, 10, "lateral")
+        assert scene.imperfections.gears is not None
+        sizes_mm = [] if name == "healthy" else [LABELS[number]["size_mm"]]
+        assert [fault.initial_mm for fault in scene.faults] == sizes_mm
+
+    def test_a_missing_tooth_is_gone_to_its_root(self):
+        for labels in LABELS:
+            if labels["class"] == "missing tooth":
+                stage = gearboxes()[labels["gearbox"]].stage_of(labels["component"])
+                assert labels["size_mm"] == 2.25 * stage.module_mm  # addendum and dedendum of ISO 53
+
     def test_a_version_keeps_its_records(self):
         # what changes this digest is another VERSION; floats to six digits, as libraries of mathematics agree on
         rows = [{k: f"{v:.6g}" if isinstance(v, float) else str(v) for k, v in labels.items()} for labels in LABELS]
         digest = hashlib.sha256(json.dumps(rows).encode()).hexdigest()
-        assert (VERSION, digest[:16]) == ("1.3", "61a7ba6a0a9f84ec")
+        assert (VERSION, digest[:16]) == ("1.4", "e053a1420430066c")
 
 
 class TestPlan:
@@ -80,8 +106,8 @@ class TestPlan:
         assert parse_plan(PLAN.text) == PLAN
 
     def test_another_version_is_refused(self):
-        with pytest.raises(PlanError, match=r'plan: version = "9" of benchmark-1, but this program makes 1\.3'):
-            parse_plan(PLAN.text.replace('"1.3"', '"9"'))
+        with pytest.raises(PlanError, match=r'plan: version = "9" of benchmark-1, but this program makes 1\.4'):
+            parse_plan(PLAN.text.replace('"1.4"', '"9"'))
 
 
 @pytest.fixture(scope="module")
@@ -128,6 +154,8 @@ class TestDataset:
         card = (folder / "data-card.md").read_text(encoding="utf-8")
         for name in (*CLASSES, *FURTHER, *SPLITS, *gearboxes()):
             assert f"| {name} |" in card
+        rows = {line.split(" | ")[0].removeprefix("| "): line for line in card.splitlines()}
+        assert all(DIMENSIONS[family.kind] in rows[name] for name, family in FAULTS.items())
         assert max(len(line) for line in card.splitlines() if not line.startswith("|")) <= 120
 
     def test_its_cost_is_known_before(self, small, monkeypatch):

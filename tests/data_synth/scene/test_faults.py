@@ -1,6 +1,7 @@
 import math
 from dataclasses import replace
 from fractions import Fraction
+from pathlib import Path
 
 import numpy as np
 import pytest
@@ -10,6 +11,8 @@ from scipy.special import jv
 from data_synth.kinematic.gear_faults import SIDEBAND_CUTOFF, damage_trains, gear_damage_family
 from data_synth.kinematic.harmonics import HarmonicFamily, add_lines
 from data_synth.scene.faults import (
+    DIMENSIONS,
+    FAULT_KINDS,
     Chipping,
     Eccentricity,
     FaultyGear,
@@ -283,3 +286,11 @@ def test_what_makes_no_sense_is_refused():
     # on a gear of few teeth pits come round
     few = replace(GEAR, teeth=3)
     assert np.count_nonzero(PITTED["pitting"].damage(2.0, few).removed_m) <= 3
+
+
+def test_the_page_on_scenes_states_the_size_of_every_kind():
+    page = (Path(__file__).parents[3] / "docs" / "scenes.md").read_text(encoding="utf-8")
+    table = page.split("## Faults")[1]
+    assert set(DIMENSIONS) == set(FAULT_KINDS)
+    for kind, words in DIMENSIONS.items():
+        assert f"; {words}" in table.split(f"| `{kind}` |")[1].splitlines()[0], kind

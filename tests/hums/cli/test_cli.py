@@ -201,6 +201,25 @@ def test_a_directory_in_place_of_a_file(run, tmp_path):
     assert "is a folder, and no dataset" in err
 
 
+@pytest.mark.parametrize(("plan", "size"), [("classification", "200 MB"), ("benchmark-1", "1.02e+03 MB")])
+def test_a_dataset_states_its_size_and_time_before_it_starts(run, monkeypatch, tmp_path, plan, size):
+    from data_synth import PlanError  # noqa: PLC0415
+    from data_synth.dataset import DatasetCost  # noqa: PLC0415
+
+    def refused(*_, **__):
+        raise PlanError("not started.")
+
+    monkeypatch.setattr("data_synth.make_dataset", refused, raising=False)
+    monkeypatch.setattr(
+        "data_synth.dataset.dataset_cost",
+        lambda plan: DatasetCost(size_bytes=plan.records * plan.record_bytes, seconds=1200.0),
+    )
+    code, out, err = run("dataset", plan, "-o", tmp_path / "made")
+    assert (code, "not started" in err) == (2, True)
+    assert out.startswith("1000 records of ")
+    assert f"are {size} of samples; about 20 minutes of one core" in out
+
+
 def test_a_wav_states_its_rate(run, tmp_path):
     samples = (8000 * np.sin(np.arange(20000))).astype(np.int16)
     wavfile.write(tmp_path / "a.wav", RATE_HZ, samples)

@@ -26,6 +26,25 @@ def test_each_envelope_is_that_of_its_band(band):
     assert_allclose(values[shared][same], whole[at[same]], rtol=1e-9, atol=1e-9)
 
 
+def test_the_slow_part_is_the_envelope_without_its_fast_lines():
+    x = 1e-30 * RNG.standard_normal(20_000)  # whose square single precision does not hold
+    every = {(20.0, 270.0): 2, (100.0, 200.0): 5, (300.0, 400.0): 5, (470.0, 480.0): 50}  # 1 / (2 width) in samples
+    found = bank_envelopes(x, rate_hz=1000, bands_hz=list(every), highest_hz=40.0)
+    for (band, step), (rate_hz, values) in zip(every.items(), found, strict=True):
+        assert rate_hz == values.size / 20 >= 2.5 * 40
+        lines = np.fft.rfft(envelope(x, rate_hz=1000, band_hz=band)[::step])[: 40 * 20 + 1]
+        exact = np.fft.irfft(lines, values.size) * (values.size * step / x.size)
+        assert_allclose(values, exact, rtol=0, atol=1e-6 * exact.max())
+
+
+def test_the_slow_part_of_a_modulated_tone_is_exact():
+    t = np.arange(20_000) / 1000
+    swing = 1 + 0.3 * np.cos(2 * np.pi * 5 * t)
+    x = swing * np.cos(2 * np.pi * 200 * t)
+    ((rate_hz, values),) = bank_envelopes(x, rate_hz=1000, bands_hz=[(150, 250)], highest_hz=20.0)
+    assert_allclose(values, 1 + 0.3 * np.cos(2 * np.pi * 5 * np.arange(values.size) / rate_hz), rtol=0, atol=1e-6)
+
+
 def test_bands_nest_and_cover_the_range():
     bands = bank_bands(rate_hz=1000, least_width_hz=50)
     widths = sorted({round(high - low, 6) for low, high in bands})

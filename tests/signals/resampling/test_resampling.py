@@ -675,3 +675,24 @@ def test_records_of_the_same_times_are_resampled_alike():
             np.testing.assert_allclose(signal.values, alone.values, rtol=1e-12, atol=1e-9)
             assert signal.unsettled == alone.unsettled
             assert signal.passband_orders == alone.passband_orders
+
+
+def test_what_cannot_fold_into_the_passband_is_not_filtered():
+    times = np.arange(0, 40, 0.001)
+    turns = 10 * times + 0.05 * times**2  # 10 to 14 rev/s
+    lines = np.array([[33.0], [150.0], [340.0]])
+    x = np.cos(2 * np.pi * lines * times).sum(axis=0)
+    setting = {
+        "rate_hz": 1000,
+        "phase": ShaftPhase(times_s=times[::10], revolutions=turns[::10]),
+        "samples_per_rev": 64,
+    }
+    apart = []
+    for highest_hz in (340.0, 600.0):  # 34 orders at the slowest fold to 30, above the passband, and 60 to 4
+        (found,) = angular_resample_all([x], **setting, highest_hz=highest_hz)
+        angle = found.start_rev + np.arange(found.values.size) / 64
+        at = (np.sqrt(100 + 0.2 * angle) - 10) / 0.1
+        inner = slice(found.unsettled[0], found.values.size - found.unsettled[1])
+        apart.append(np.abs(found.values - np.cos(2 * np.pi * lines * at).sum(axis=0))[inner].max())
+    assert apart[0] < 1e-5  # three lines within 1.4e-6, and the phase's rounding
+    assert apart[1] > 0.5  # the highest is above half of the samples a turn
