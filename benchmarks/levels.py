@@ -20,8 +20,8 @@ Made by `python benchmarks/levels.py`: RMS of the channel over the first {durati
 without noise, and in brackets dB over `full`. `kinematic` are the lines of the linear response, of which planets
 have none; a scene whose own `fidelity` is `kinematic` is as loud as it declares. What `torsional` leaves out,
 masses on their bearings, follows its mesh forces by linear equations: exactly, where stiffness is constant; what
-remains in light spur gears is the change of stiffness times that motion. A helical pair has its axial forces in
-`full` alone."""
+remains in light spur gears and planets is the change of stiffness times that motion. Axial motion and tilt of helical
+gears follow alike, in `torsional` and `lateral`."""
 
 
 def scenes() -> dict[str, Scene]:

@@ -48,7 +48,9 @@ def assembly_of(
     springs: Collection[str] = (),
     speed_rad_s: float | None = None,
 ) -> Assembly:
-    """Return the gearbox of a scene in the plane, or in space where its axes cross or a mesh has full motion.
+    """Return the gearbox of a scene in the plane, or in space where axes cross, teeth are helical or motion is full.
+
+    Axial and tilting motions of helical gears that are not simulated answer the mesh forces by linear equations.
 
     Bodies in mesh with planets have coordinates that rotate with the carrier, with the gyroscopic terms of the mean
     speed; a run-up, which has no mean speed, leaves them out.
@@ -71,10 +73,11 @@ def assembly_of(
     scene, kinematics = stage.scene, gears.kinematics
     speed = _speed_rad_s(stage, kinematics) if speed_rad_s is None else speed_rad_s
     declared, full = declared_of(scene), "full" in levels.values()
+    has_helix = any(mesh.helix_angle_deg for mesh in scene.gearbox.meshes)
     try:
         return assemble_parts(
             kinematics,
-            motions="space" if full or has_crossed_axes(kinematics) else "plane",
+            motions="space" if full or has_helix or has_crossed_axes(kinematics) else "plane",
             inertias={
                 name: Inertia(mass_kg=item.mass_kg, inertia_kgm2=item.inertia_kg_m2)
                 for link, item in declared.links

@@ -182,10 +182,17 @@ def test_the_other_hand_pushes_the_other_way():
 def test_motion_along_the_shafts_is_not_left_out():
     stage, gears = ready(scene("auto", shape="trapezoid"))
     choice = chosen(stage, gears)
-    lateral = next(trial for trial in choice.tried if set(trial.levels.values()) == {"lateral"})
-    assert choice.name == "full"
-    assert lateral.decibels > -40
     even, gears = ready(scene("auto"))
     assert chosen(even, gears).name == "kinematic"
     full, auto = (simulate(scene(fidelity, shape="trapezoid"), seed=SEED)["a"] for fidelity in ("full", "auto"))
-    assert np.array_equal(full, auto)
+    # what is simulated is as little as the floor of -40 dB allows: the rest answers by linear equations
+    assert choice.name != "kinematic"
+    assert np.std(auto - full) < 10 ** (-40 / 20) * np.std(full)
+
+
+def test_helical_gears_of_constant_stiffness_are_as_loud_at_every_fidelity():
+    """All equations are linear: axial motion and tilt answer the mesh forces alike, simulated or not."""
+    signals = {level: simulate(scene(level), seed=SEED)["a"].values for level in ("full", "lateral", "torsional")}
+    for level in ("lateral", "torsional"):
+        difference = np.std(signals[level] - signals["full"])
+        assert difference < 5e-3 * np.std(signals["full"]), level  # filters of absent motions are good to 5e-3
