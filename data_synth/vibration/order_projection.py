@@ -22,6 +22,7 @@ from numpy.typing import NDArray
 
 from data_synth.kinematic.harmonics import ComplexArray
 from data_synth.operation.shaft_angle import Array
+from data_synth.vibration._projection_kernels import interpolate
 
 _NUTTALL = {3: (0.4243801, -0.4973406, 0.0782793), 4: (0.3635819, -0.4891775, 0.1365995, -0.0106411)}
 _BESIDE = (
@@ -302,33 +303,25 @@ class Projection:
         from_middle = np.arange(cells) - (cells - 1) / 2
         rows = self.window.weights(from_middle / cells)[: self.window.degree + 1]
         rows /= cells * _kernel_response(from_middle / padded)
-        columns = self._columns(per_rev, cells, padded)
+        nearest, weights = self._interpolation(per_rev, cells, padded)
         starts = np.rint(centres_rev * per_rev - (cells - 1) / 2).astype(np.int64)
         at_once = max(1, _CELLS // (padded * grid.shape[0] * rows.shape[0]))
         for here in np.split(starts, range(at_once, starts.size, at_once)):
             windows = np.stack([grid[:, start - begin : start - begin + cells] for start in here])
             spectra = rfft(windows[:, :, None, :] * rows, n=padded, axis=-1)
-            values = np.zeros((*spectra.shape[:-1], 1 + self.orders.size), dtype=np.complex128)
-            for column, weight, negative in columns:
-                picked = spectra[..., column]
-                picked[..., negative] = picked[..., negative].conj()
-                values += weight * picked
+            values = np.empty((*spectra.shape[:-1], 1 + self.orders.size), dtype=np.complex128)
+            interpolate(spectra.reshape(-1, spectra.shape[-1]), nearest, weights, values.reshape(-1, values.shape[-1]))
             middle_rev = np.asarray((here + (cells - 1) / 2) / per_rev, dtype=np.float64)
             yield Moments(window=self.window, orders=self.orders, middle_rev=middle_rev, values=values)
 
-    def _columns(
-        self, per_rev: float, cells: int, padded: int
-    ) -> list[tuple[NDArray[np.int64], ComplexArray, NDArray[np.int_]]]:
-        """Return, for each cell of the kernel, a number of the transform for each order, its weight, and conjugates."""
+    def _interpolation(self, per_rev: float, cells: int, padded: int) -> tuple[NDArray[np.int64], ComplexArray]:
+        """Return, for each order, the first number of the transform that the kernel takes, and the weight of each."""
         cycles = np.concatenate([[0.0], self.orders]) / per_rev
         at, response = cycles * padded, _kernel_response(cycles)
-        columns: list[tuple[NDArray[np.int64], ComplexArray, NDArray[np.int_]]] = []
-        for offset in range(-(_SPREAD // 2), _SPREAD // 2 + 1):
-            number: NDArray[np.int64] = np.rint(at).astype(np.int64) + offset
-            turn = np.exp(2j * np.pi * np.remainder(number * ((cells - 1) / 2) / padded, 1.0))
-            weight = np.asarray(_kernel(at - number) * turn / response, dtype=np.complex128)
-            columns.append((np.abs(number), weight, np.flatnonzero(number < 0)))
-        return columns
+        first = np.rint(at).astype(np.int64) - _SPREAD // 2
+        numbers = first[:, None] + np.arange(_SPREAD)
+        turn = np.exp(2j * np.pi * np.remainder(numbers * ((cells - 1) / 2) / padded, 1.0))
+        return first, np.asarray(_kernel(at[:, None] - numbers) * turn / response[:, None], dtype=np.complex128)
 
 
 @dataclass(frozen=True, kw_only=True)
