@@ -161,12 +161,8 @@ def longest_run(flags: NDArray[np.bool_]) -> NDArray[np.bool_]:
 def single_line(search: Search, speed_hz: float, shown: Array) -> bool:
     """Return whether nearly all evidence is of one line where several orders are listed: it might be any of them.
 
-    Orders within the resolution of a frame from the strongest are the same line. Where a mesh shows beside the first
-    harmonics of the shaft, those may be another machine's, and the mesh must not be alone.
+    Orders within the resolution of a frame from the strongest are the same line.
     """
-    low = _low(search.orders)
-    if (shown[~low] > SHOWS).any():
-        shown = np.where(low, 0.0, shown)
     strongest = int(np.argmax(shown))
     apart = np.abs(search.orders - search.orders[strongest]) * speed_hz * search.frame_s > _SAME_LINE
     supporting = float(shown[apart & (shown > SHOWS)].sum())
@@ -186,6 +182,15 @@ def low_family(search: Search, shown: Array) -> bool:
 def _low(orders: Array) -> NDArray[np.bool_]:
     """Return whether each order is a whole one below ten, as the harmonics of a shaft."""
     return np.asarray((orders < _LOW_ORDERS) & (np.abs(orders - np.rint(orders)) < _SAME_SPEED))
+
+
+def beyond_harmonics(search: Search, shown: Array) -> Array:
+    """Return the scores that a speed has to stand on: where a mesh shows, not the first harmonics of the shaft.
+
+    They may be another machine's, and then the mesh must not be alone.
+    """
+    low = _low(search.orders)
+    return np.where(low, 0.0, shown) if (shown[~low] > SHOWS).any() else shown
 
 
 def no_mesh_shows(search: Search, shown: Array) -> bool:
@@ -516,7 +521,7 @@ def _estimate(signal: Array, rate: float, search: Search, start_s: float) -> Spe
     ]
     total = 1 + sum(other.odds for other in others)
     share = 1 / total
-    single = single_line(search, float(np.median(mean[seen])), shown)
+    single = single_line(search, float(np.median(mean[seen])), beyond_harmonics(search, shown))
     if single:
         share /= search.orders.size
     slower, foreign = slower_shaft(search, float(np.median(mean[seen])), shown), no_mesh_shows(search, shown)
