@@ -517,3 +517,20 @@ def test_a_cracked_bevel_tooth_passes_once_a_turn():
 def test_what_cannot_be_is_refused(changes, words):
     with pytest.raises((SceneError, ValueError), match=words):
         simulate(Scene.from_mapping({**BEVEL, **changes}), seed=SEED)
+
+
+def test_torsional_lacks_the_change_of_stiffness_times_the_motion_across():
+    """What turns alone reaches the sensor by linear equations, exactly where the stiffness of meshes is constant."""
+
+    def apart(change_n_m):
+        mesh = {"shape": "fourier", "stiffness_n_m": 4e8, "harmonics_n_m": [[change_n_m, 0.0]]}
+        table = SCENE | {"duration_s": 0.1, "dynamics": {"meshes": {"sun-planet": mesh, "planet-ring": mesh}}}
+        turning, moving = (
+            simulate(Scene.from_mapping(table | {"fidelity": level}), seed=SEED)["ring"].to_numpy()
+            for level in ("torsional", "lateral")
+        )
+        return np.std(turning - moving) / np.std(moving)
+
+    few = apart(1e6)
+    assert few < 0.02  # a change of 1 in 400 either way
+    assert apart(1e7) == pytest.approx(10 * few, rel=0.1)
