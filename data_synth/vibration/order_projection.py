@@ -22,7 +22,6 @@ from numpy.typing import NDArray
 
 from data_synth.kinematic.harmonics import ComplexArray
 from data_synth.operation.shaft_angle import Array
-from data_synth.vibration._projection_kernels import interpolate
 
 _NUTTALL = {3: (0.4243801, -0.4973406, 0.0782793), 4: (0.3635819, -0.4891775, 0.1365995, -0.0106411)}
 _BESIDE = (
@@ -296,6 +295,8 @@ class Projection:
     def moments(self, centres_rev: Array) -> Iterator[Moments]:
         """Yield the moments of windows about centres (i,), some at a time."""
         from scipy.fft import next_fast_len, rfft  # noqa: PLC0415
+
+        from data_synth.vibration._projection_kernels import interpolate  # noqa: PLC0415  - numba is slow to load
 
         per_rev, (begin, grid) = self.samples.cells_per_rev, self.samples.grid
         cells = int(self.window.length_rev * per_rev)
