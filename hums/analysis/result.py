@@ -302,6 +302,11 @@ def rows_dataset(rows: Sequence[object], kind: type, *, dim: str) -> xr.Dataset:
 
 def rows_of(dataset: xr.Dataset, kind: type[Row]) -> list[Row]:
     """Return the dataclass rows that `rows_dataset` wrote."""
+    if lacking := [field.name for field in fields(kind) if field.name not in dataset]:  # type: ignore[arg-type]
+        raise AnalysisError(
+            f"this analysis lacks {', '.join(lacking)}, from which verdicts are derived; make it again with "
+            "hums.analyze."
+        )
     read = {int: int, float: float, str: str, bool: bool}
     columns = {
         field.name: [

@@ -230,6 +230,10 @@ def test_a_verdict_turns_where_it_says(opened):
 def test_an_analysis_without_its_evidence_derives_nothing(opened):
     with pytest.raises(AnalysisError, match="lacks the groups evidence, from which verdicts are derived"):
         derive_verdicts(opened.drop_nodes("evidence"))
+    older = opened.copy()
+    older["evidence"] = xr.DataTree(opened["evidence"].to_dataset().drop_vars("beside"))
+    with pytest.raises(AnalysisError, match="lacks beside, from which verdicts are derived; make it again"):
+        derive_verdicts(older)
 
 
 # ---- shafts --------------------------------------------------------------------------------------------------------
