@@ -39,6 +39,19 @@ def _dot(a: Floats, b: Floats) -> float:
 
 
 @compiled_sums
+def add_lagged(values: Floats, products: Floats) -> None:
+    """Add to (channel, lag) sums the products of two values that lie 1, 2, ... places apart.
+
+    `values` is a (channel, sample) array; the first ones, as many as there are lags, come before those that count.
+    """
+    lags = products.shape[1]
+    for channel in range(len(values)):
+        late = values[channel, lags:]
+        for lag in range(1, lags + 1):
+            products[channel, lag - 1] += _dot(late, values[channel, lags - lag :])
+
+
+@compiled_sums
 def _update_diffuse(V: Floats, h: Floats, ph: Floats, known: float, a: Floats, covariance: Floats) -> float:
     """Update the factor V of the diffuse covariance; return the variance of the innovation.
 
