@@ -14,6 +14,7 @@ import numpy as np
 from numpy.typing import NDArray
 
 from signals.harmonics import _block_kernels
+from signals.harmonics._filter_kernels import STEADY_RAD
 from signals.harmonics.bandwidth import HALF_POWER
 from signals.harmonics.model import Complexes, Floats, HarmonicModel, Indices
 
@@ -22,8 +23,6 @@ Flags = NDArray[np.bool_]
 SAMPLES_AT_ONCE, STEADY_AT_ONCE = 1 << 16, 1 << 13  # the second stay in a near cache
 # Angle by which a jump of the speed may lead the highest order astray within a block.
 LARGEST_JUMP_RAD = 0.03
-# Angle by which the highest order may differ from a steady turn: the rounding of the angles of long records.
-STEADY_RAD = 1e-8
 # Blocks, at least, whose moments are worth a table of the phasors in one, and samples in a product with it.
 FEWEST_TABULATED, TABULATED_AT_ONCE = 8, 1 << 18
 
@@ -243,6 +242,23 @@ class Grid:
             return triangular(moments)[:, None]
         return np.concatenate([np.zeros_like(moments[:1]), moments])
 
+    @cached_property
+    def _known_products(self) -> dict[bytes, Floats]:
+        """Products of the phasors of some orders, named by their indices."""
+        return {}
+
+    def _products(self, orders: Indices) -> Floats:
+        """(4, moment, order, order) array for `correlate_steady` in `_block_kernels`."""
+        name = orders.tobytes()
+        if name not in self._known_products:
+            assert self.steady_step is not None  # noqa: S101  (the caller's choice)
+            angle = self.steady_step * np.arange(self.length)[:, None] * self.model.orders[orders]
+            phasors = _block_kernels.phasors(-angle)
+            weighted = 0.5 * (self._powers(self.squares)[:, :, None] * phasors[:, None]).transpose(1, 2, 0)
+            difference, total = weighted @ phasors.conj(), weighted @ phasors
+            self._known_products[name] = np.stack([difference.real, difference.imag, total.real, total.imag])
+        return self._known_products[name]
+
     def gram(self, orders: Indices, nodes: slice) -> Floats:
         """(node, moment, column, column) array, of products of the columns of some orders what nodes stand for."""
         first, last = max(nodes.start - 1, 0), min(nodes.stop, self.blocks)
@@ -251,20 +267,13 @@ class Grid:
         step = self.steady_step if self.seen.all() else None
         steady = first if step is None else max(first, min(last, self.samples // self.length))
         if step is not None and steady > first:
-            starts = model.phases[0][first * self.length : steady * self.length : self.length]
-            _block_kernels.correlate_steady(
-                np.ascontiguousarray(starts),
-                step,
-                model.orders[orders],
-                self.length,
-                sums[: steady - first],
-            )
+            starts = np.ascontiguousarray(model.phases[0][first * self.length : steady * self.length : self.length])
+            own = model.orders[orders]
+            _block_kernels.correlate_steady(starts, own, self._products(orders), sums[: steady - first])
         for samples, blocks in self.spans(steady, last):
             seen, phase = self.seen[samples].astype(np.float64), model.phase(samples)
             part = sums[blocks.start - first : blocks.stop - first]
             _block_kernels.correlate(seen, phase, model.orders[orders], model.shaft[orders], self.length, part)
-        row, column = np.tril_indices(2 * orders.size, -1)
-        sums[..., column, row] = sums[..., row, column]
         if orders.size > np.count_nonzero(model.orders[orders]):
             columns = np.concatenate([np.arange(orders.size), orders.size + np.flatnonzero(model.orders[orders])])
             sums = sums[:, :, columns[:, None], columns]
