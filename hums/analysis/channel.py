@@ -198,7 +198,8 @@ def analyse_channel(
     signal, values = signals[0], np.concatenate([one.values for one in stretches])
     spectra = {ORDER_SPECTRUM: spectrum}
     beside = surroundings_of(spectrum, len(stretches))
-    lines, out_of_range = search(spectrum, searched, channel=name, units=units, surroundings=beside)
+    seen = settings.false_alarm_probability
+    lines, out_of_range = search(spectrum, searched, channel=name, units=units, surroundings=beside, seen=seen)
     unexplained = unexplained_lines(
         spectra[ORDER_SPECTRUM], drawn_by(machine, settings), setting_of(machine), channel=name, units=units
     )
@@ -383,6 +384,7 @@ def _envelopes(
                 level=level,
                 searches=len(bands),
                 surroundings=surroundings_of(spectrum, len(stretches)),
+                seen=settings.false_alarm_probability,
             )
             chosen = EnvelopeBand(
                 low_hz=band[0], high_hz=band[1], chosen=not isinstance(settings.envelope_band_hz, tuple)
