@@ -11,7 +11,7 @@ import math
 from collections.abc import Callable, Iterator, Mapping, Sequence
 from dataclasses import dataclass, fields, replace
 from fractions import Fraction
-from functools import partial
+from functools import cache, partial
 from typing import Any
 
 import numpy as np
@@ -645,13 +645,15 @@ def _bearing_indicators(
             channel=channel.name, units=channel.units, component=line.component, kind=line.kind
         )
         count = max(1, min(settings.harmonics, int(spectrum.axis[-1] / (line.order * (1 + slip)))))
-        energy: partial[DefectEnergy] = partial(
-            INDICATORS["defect_energy"],
-            spectrum,
-            order=line.order,
-            harmonics=count,
-            tolerance=slip,
-            surroundings=_SURROUNDINGS + count * line.order * slip,
+        energy: Callable[[], DefectEnergy] = cache(
+            partial(
+                INDICATORS["defect_energy"],
+                spectrum,
+                order=line.order,
+                harmonics=count,
+                tolerance=slip,
+                surroundings=_SURROUNDINGS + count * line.order * slip,
+            )
         )
         takes = (
             f"{count} line{'s' if count > 1 else ''} of the envelope, "

@@ -15,6 +15,7 @@ from __future__ import annotations
 
 from dataclasses import dataclass, field
 from functools import lru_cache
+from operator import itemgetter
 from typing import TYPE_CHECKING
 
 import numpy as np
@@ -267,12 +268,21 @@ def fast_kurtogram(
     most = int(np.log2(signal.size / FEWEST_SAMPLES))
     depth = min(LEVELS, most) if levels is None else whole(levels, name="levels", least=1, most=most)
     rows = sorted(
-        (level, index, width, *_band_statistics(re, im, bands=_split_into(level), negentropy=with_negentropy))
-        for level, index, width, re, im in _bands(signal, depth)
+        (
+            (level, index, width, re.size, *_moments(re, im, negentropy=with_negentropy))
+            for level, index, width, re, im in _bands(signal, depth)
+        ),
+        key=itemgetter(0, 1),
     )
-    level, index, width, kurtosis, steady, std, power, negentropy, lines = (
-        np.array(column, dtype=np.float64) for column in zip(*rows, strict=True)
-    )
+    *columns, seconds, fourths, negentropy, lines = zip(*rows, strict=True)
+    level, index, width, count = (np.array(column, dtype=np.float64) for column in columns)
+    second, fourth = np.array(seconds), np.array(fourths)  # (band, part)
+    quiet = np.argsort(fourth, axis=1)[:, : PARTS - LEFT_OUT]
+    least, of_least = (np.take_along_axis(each, quiet, axis=1).sum(axis=1) for each in (second, fourth))
+    kurtosis = _kurtosis(second.sum(axis=1), fourth.sum(axis=1), count)
+    steady = _kurtosis(least, of_least, count * (1 - LEFT_OUT / PARTS))
+    power = second.sum(axis=1) / count
+    std = 2 * np.sqrt(np.array([_samples_per_independent(_split_into(one)) for one in level.tolist()]) / count)
     share = power / power[0]
     empty = share < _LEAKAGE
     return Kurtogram(
@@ -283,8 +293,8 @@ def fast_kurtogram(
         steady_kurtosis=np.where(empty, np.nan, steady),
         noise_std=std,
         power_share=share,
-        envelope_negentropy=np.where(empty, np.nan, negentropy) if with_negentropy else None,
-        envelope_lines=lines,
+        envelope_negentropy=np.where(empty, np.nan, np.array(negentropy)) if with_negentropy else None,
+        envelope_lines=np.array(lines, dtype=np.float64),
     )
 
 
@@ -364,31 +374,18 @@ def _samples_per_independent(factor: int) -> float:
     return float(1 + 2 * np.sum(correlation**4))
 
 
-def _band_statistics(
-    re: Single, im: Single, *, bands: int, negentropy: bool
-) -> tuple[float, float, float, float, float, float]:
-    """Return kurtosis, steady kurtosis, its noise deviation, mean power, negentropy and number of lines of a band."""
+def _moments(re: Single, im: Single, *, negentropy: bool) -> tuple[Array, Array, float, int]:
+    """Return sums of the second and fourth powers of a band's envelope by part, its negentropy and number of lines."""
     from signals.demodulation._kurtogram_kernels import squared_envelope  # noqa: PLC0415
 
     seconds, fourths, squared = np.empty(PARTS), np.empty(PARTS), np.empty(re.size * negentropy, dtype=re.dtype)
     squared_envelope(re, im, squared, seconds, fourths)
-    count = re.size
-    steady = np.argsort(fourths)[: PARTS - LEFT_OUT]
-    std = 2 * np.sqrt(_samples_per_independent(bands) / count)
-    found, lines = _negentropy(squared) if negentropy else (np.nan, 0)
-    return (
-        _kurtosis(seconds.sum(), fourths.sum(), count),
-        _kurtosis(seconds[steady].sum(), fourths[steady].sum(), count * (1 - LEFT_OUT / PARTS)),
-        float(std),
-        float(seconds.sum() / count),
-        found,
-        float(lines),
-    )
+    return seconds, fourths, *(_negentropy(squared) if negentropy else (np.nan, 0))
 
 
-def _kurtosis(second: float, fourth: float, count: float) -> float:
-    """Return the kurtosis from sums of second and fourth powers over `count` samples."""
-    return float(fourth / second**2 * count - 2) if second > 0 else np.nan
+def _kurtosis(second: Array, fourth: Array, count: Array) -> Array:
+    """Return the kurtosis of each band from its sums of second and fourth powers over `count` samples."""
+    return np.divide(fourth, second**2, out=np.full(second.size, np.nan), where=second > 0) * count - 2
 
 
 def _negentropy(squared_envelope: Single) -> tuple[float, int]:
