@@ -385,7 +385,8 @@ def _moments(re: Single, im: Single, *, negentropy: bool) -> tuple[Array, Array,
 
 def _kurtosis(second: Array, fourth: Array, count: Array) -> Array:
     """Return the kurtosis of each band from its sums of second and fourth powers over `count` samples."""
-    return np.divide(fourth, second**2, out=np.full(second.size, np.nan), where=second > 0) * count - 2
+    ratio = np.divide(fourth, second**2, out=np.full(second.size, np.nan), where=second > 0)
+    return np.asarray(ratio * count - 2)
 
 
 def _negentropy(squared_envelope: Single) -> tuple[float, int]:

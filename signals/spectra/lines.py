@@ -19,7 +19,7 @@ from __future__ import annotations
 import math
 from dataclasses import dataclass
 from functools import lru_cache
-from typing import TYPE_CHECKING, TypeAlias
+from typing import TYPE_CHECKING, NamedTuple, TypeAlias
 
 import numpy as np
 from scipy import fft
@@ -249,26 +249,32 @@ def find_lines(
         for order, beside in zip(orders.tolist(), half.tolist(), strict=True)
     ]
     columns = (orders[inside], half[inside], *peaks, np.isfinite(reaches))
-    for place, line, far, near in zip(
-        places.tolist(), zip(*(each.tolist() for each in columns), strict=True), wide, close, strict=True
-    ):
-        found[place] = _line(spectrum, *line, far, near, seen)
+    rows = zip(*(each.tolist() for each in columns), strict=True)
+    for place, row, far, near in zip(places.tolist(), rows, wide, close, strict=True):
+        found[place] = _line(spectrum, _Place(*row), far, near, seen)
     return found
+
+
+class _Place(NamedTuple):
+    """Where a line is: its expected order, half the searched band, its peak, and whether `closer` is asked for."""
+
+    expected: float
+    half: float
+    found: float
+    amplitude: float
+    at_edge: bool
+    has_closer: bool
 
 
 def _line(
     spectrum: AmplitudeSpectrum,
-    expected: float,
-    half: float,
-    found: float,
-    amplitude: float,
-    at_edge: bool,
-    has_closer: bool,
+    place: _Place,
     wide: tuple[int, int, int, int],
     close: tuple[int, int, int, int],
     seen: float,
 ) -> Line | ValueError:
     """Return a line from its peak and the points beside it, first and last below and above, wide and close."""
+    expected, half, found, amplitude, at_edge, has_closer = place
     points, bin_width = spectrum.amplitude, spectrum.bin_width
     first, last, begin, end = wide
     background, noise, kept = _medians(np.concatenate((points[first:last], points[begin:end])))
