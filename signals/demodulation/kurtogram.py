@@ -318,9 +318,13 @@ def _in_single_precision(x: Samples) -> Single:
 
 
 def _bands(signal: Single, depth: int) -> Iterator[tuple[float, int, float, Single, Single]]:
-    """Yield level, index, width over half the rate, and complex envelope of each band of the tree."""
+    """Yield level, index, width over half the rate, and complex envelope of each band of the tree.
+
+    The bands of a level take each other's memory, fresh one being slow to come by: each is to be used before the next.
+    """
     from signals.demodulation._kurtogram_kernels import split_band  # noqa: PLC0415
 
+    memory: dict[tuple[int, int], tuple[Single, Single]] = {}
     waiting = [(0, 0, signal, _hilbert_transform(signal))]
     while waiting:  # depth first, so that a band is still in the cache when it is split
         level, index, re, im = waiting.pop()
@@ -328,7 +332,9 @@ def _bands(signal: Single, depth: int) -> Iterator[tuple[float, int, float, Sing
         for factor in (3, 2) if level < depth - 1 else (2,) if level < depth else ():
             taps = _lowpass(factor)
             shape = (factor, (re.size - taps.size) // factor + 1)
-            out_re, out_im = np.empty(shape, dtype=np.float32), np.empty(shape, dtype=np.float32)
+            if (level, factor) not in memory:
+                memory[level, factor] = np.empty(shape, dtype=np.float32), np.empty(shape, dtype=np.float32)
+            out_re, out_im = memory[level, factor]
             split_band(re, im, taps, factor, out_re, out_im)
             for b in range(factor):
                 if factor == 2:  # noqa: PLR2004
