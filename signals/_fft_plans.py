@@ -1,9 +1,12 @@
-"""Memory of Fourier transforms: scipy caches the tables of the last sixteen lengths, each as large as its record."""
+"""Fourier transform of a record, and its memory: scipy caches tables of sixteen lengths, each as large as a record."""
 
 from functools import lru_cache
 
 import numpy as np
+from numpy.typing import NDArray
 from scipy import fft
+
+from signals._validation import Samples
 
 _KEPT = 16  # lengths of a kind and precision that scipy's transforms remember
 _LONG = 2**20  # samples from which the memory of the tables is worth the half millisecond
@@ -22,3 +25,17 @@ def forget_plans(samples: int) -> None:
 def _short(length: int) -> tuple[np.ndarray, ...]:
     """Return zeros of a length in each precision, real and complex."""
     return tuple(np.zeros(length, dtype=dtype) for dtype in "fdFD")
+
+
+def transform_of(signal: Samples) -> NDArray[np.complexfloating]:
+    """Return the Fourier transform of a signal without its mean, (n // 2 + 1,) lines, in its precision."""
+    lines = np.asarray(fft.rfft(without_mean(signal)))
+    forget_plans(signal.size)
+    return lines
+
+
+def without_mean(signal: Samples) -> Samples:
+    """Return the signal without its mean, subtracted twice to remove the rounding of a large one."""
+    centred = signal - signal.mean(dtype=np.float64).astype(signal.dtype)
+    centred -= centred.mean(dtype=np.float64).astype(signal.dtype)
+    return np.asarray(centred)

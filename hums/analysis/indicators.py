@@ -18,7 +18,7 @@ import numpy as np
 import xarray as xr
 from scipy import fft
 
-from hums.analysis.channel import AnalysedChannel, Values, resample_in_angle
+from hums.analysis.channel import AnalysedChannel, Stretch, Values, resample_in_angle
 from hums.analysis.lines import ENVELOPE
 from hums.analysis.reference_angle import Machine
 from hums.analysis.result import Analysis, IndicatorValue, check_analysis, group
@@ -501,17 +501,17 @@ _INTEGRABLE = ("g", "m s-2", "mm s-2", "m s-1", "mm s-1")
 def channel_indicators(
     record: xr.Dataset,
     channel: AnalysedChannel,
-    values: Values,
+    stretch: Stretch,
     machine: Machine,
     settings: AnalysisSettings,
     baseline: Baseline,
 ) -> list[IndicatorValue]:
-    """Return all indicators of one channel with samples `values`; the raw RMS only if its sensor is faulty."""
-    rows = [*_raw_signal_indicators(values, channel, machine)]
+    """Return all indicators of one channel with the samples of `stretch`; the raw RMS only if its sensor is faulty."""
+    rows = [*_raw_signal_indicators(stretch, channel, machine)]
     if channel.faulty:
         return rows
     rows += _fixed_axis_indicators(channel, machine, settings, baseline)
-    rows += planetary_indicators(record, channel, values, machine, settings, baseline)
+    rows += planetary_indicators(record, channel, stretch.values, machine, settings, baseline)
     rows += _bearing_indicators(channel, machine, settings)
     return rows
 
@@ -541,8 +541,9 @@ def snapshot_indicators(
     return rows
 
 
-def _raw_signal_indicators(values: Values, channel: AnalysedChannel, machine: Machine) -> Iterator[IndicatorValue]:
+def _raw_signal_indicators(stretch: Stretch, channel: AnalysedChannel, machine: Machine) -> Iterator[IndicatorValue]:
     """Yield the indicators of the samples themselves and the velocity RMS."""
+    values = stretch.values
     monitored = MonitoredComponent(channel=channel.name, units=channel.units, component="record", kind="channel")
     for name in ("rms",) if channel.faulty else ("rms", "peak", "crest_factor", "kurtosis"):
         yield monitored.evaluate(name, "raw signal", partial(INDICATORS[name], values))
@@ -552,7 +553,11 @@ def _raw_signal_indicators(values: Values, channel: AnalysedChannel, machine: Ma
     yield monitored.evaluate(
         "velocity_rms",
         f"velocity from {band[0]:g} to {band[1]:g} Hz",
-        lambda: velocity(values, rate_hz=channel.rate_hz, units=channel.units, band_hz=band).rms,
+        lambda: (
+            velocity(
+                values, rate_hz=channel.rate_hz, units=channel.units, band_hz=band, transform=stretch.transform
+            ).rms
+        ),
         unit="mm s-1",
         source="ISO 20816-1",
     )

@@ -22,10 +22,10 @@ import numpy as np
 from numpy.typing import ArrayLike, NDArray
 from scipy import fft
 
-from signals._fft_plans import forget_plans
+from signals._fft_plans import forget_plans, without_mean
 from signals._validation import Array, Samples, checked, positive, real_samples, whole
 from signals._windows import window_of
-from signals.spectra.spectra import hop_of, transformed, without_mean
+from signals.spectra.spectra import hop_of, transformed
 
 if TYPE_CHECKING:
     from collections.abc import Iterator

@@ -8,7 +8,7 @@ from typing import TYPE_CHECKING, Literal, get_args
 import numpy as np
 from scipy import fft
 
-from signals._fft_plans import forget_plans
+from signals._fft_plans import forget_plans, without_mean
 from signals._validation import Array, Samples, checked, choice, number, positive, real_vector, whole
 from signals._windows import Window, window_of
 
@@ -456,13 +456,6 @@ def _chi_square(degrees: Array, probability: float) -> Array:
     from scipy.special import gammaincinv  # noqa: PLC0415
 
     return np.asarray(2 * gammaincinv(degrees / 2, probability))
-
-
-def without_mean(signal: Samples) -> Samples:
-    """Return the signal without its mean, subtracted twice to remove the rounding of a large one."""
-    centred = signal - signal.mean(dtype=np.float64).astype(signal.dtype)
-    centred -= centred.mean(dtype=np.float64).astype(signal.dtype)
-    return np.asarray(centred)
 
 
 def _last_order(signal: AngularSignal, max_order: float | None) -> float:
