@@ -230,21 +230,22 @@ def _residual_indicators(
     last = gear.last_order(average)
     cut: dict[str, Any] = {"teeth": gear.on_shaft, "harmonics": gear.harmonics, "shaft_orders": SHAFT_ORDERS}
     limit = GAUSSIAN_KURTOSIS + _OVER_NOISE * math.sqrt(24 / (2 * last)) if last else math.nan
+    difference = cache(partial(difference_signal, average, max_order=last, **cut))
     for name in ("fm4", "m6a", "m8a"):
         yield monitored.evaluate(
             name,
             f"difference signal {of}, up to order {last}",
-            lambda indicator=INDICATORS[name]: indicator(difference_signal(average, max_order=last, **cut)),  # type: ignore[misc]
+            lambda indicator=INDICATORS[name]: indicator(difference()),  # type: ignore[misc]
             noise_limit=limit if name == "fm4" else math.nan,
         )
-    residual = partial(residual_signal, average, max_order=last, **cut)
+    residual = cache(partial(residual_signal, average, max_order=last, **cut))
     takes = f"residual signal {of}, up to order {last}"
     yield monitored.evaluate("energy_operator", takes, lambda: INDICATORS["energy_operator"](residual()))
     yield _history_indicator(monitored, "na4", takes, residual, baseline)
 
     def energy_ratio() -> Any:  # noqa: ANN401
-        difference = difference_signal(average, **cut)
-        return INDICATORS["energy_ratio"](difference, regular_signal(average, left=difference))
+        left = difference_signal(average, **cut)
+        return INDICATORS["energy_ratio"](left, regular_signal(average, left=left))
 
     yield monitored.evaluate("energy_ratio", f"difference and regular signal {of}", energy_ratio)
 
@@ -255,7 +256,7 @@ def _mesh_band_indicators(
     """Yield the indicators of the modulation of the first mesh harmonic, the same one in every record."""
     beside = gear.sidebands
     takes = f"mesh order {gear.teeth} with {beside} sidebands {of}"
-    band = partial(mesh_band, average, mesh_order=gear.teeth, sidebands=beside)
+    band = cache(partial(mesh_band, average, mesh_order=gear.teeth, sidebands=beside))
     for name, indicator in INDICATORS.items():
         if indicator.takes == INDICATORS["nb4"].takes and not indicator.needs:
             yield monitored.evaluate(name, takes, lambda indicator=indicator: indicator(band()))  # type: ignore[misc]
