@@ -1,4 +1,4 @@
-"""Fourier transform of a record, and its memory: scipy caches tables of sixteen lengths, each as large as a record."""
+"""Fourier transform of a record, and its memory: scipy and numpy cache tables of sixteen lengths."""
 
 from functools import lru_cache
 
@@ -8,17 +8,18 @@ from scipy import fft
 
 from signals._validation import Samples
 
-_KEPT = 16  # lengths of a kind and precision that scipy's transforms remember
+_KEPT = 16  # lengths of a kind and precision that transforms remember
 _LONG = 2**20  # samples from which the memory of the tables is worth the half millisecond
 
 
 def forget_plans(samples: int) -> None:
-    """Evict the tables of a long transform from scipy's cache, by short transforms of as many lengths as it keeps."""
+    """Evict the tables of a long transform, as large as its record, by short ones of as many lengths as are kept."""
     if samples < _LONG:
         return
     for length in range(1, _KEPT + 1):
         for values in _short(length):
             fft.fft(values) if np.iscomplexobj(values) else fft.rfft(values)
+            np.fft.fft(values) if np.iscomplexobj(values) else np.fft.rfft(values)
 
 
 @lru_cache(maxsize=_KEPT)
