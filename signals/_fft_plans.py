@@ -28,8 +28,21 @@ def _short(length: int) -> tuple[np.ndarray, ...]:
     return tuple(np.zeros(length, dtype=dtype) for dtype in "fdFD")
 
 
-def transform_of(signal: Samples) -> NDArray[np.complexfloating]:
-    """Return the Fourier transform of a signal without its mean, (n // 2 + 1,) lines, in its precision."""
+def transform_of(signal: Samples, known: NDArray[np.complexfloating] | None = None) -> NDArray[np.complexfloating]:
+    """Return the Fourier transform of a signal without its mean, (n // 2 + 1,) lines, or the known one.
+
+    Raises
+    ------
+    ValueError
+        If the known one has another length.
+    """
+    if known is not None:
+        if known.shape != (signal.size // 2 + 1,):
+            raise ValueError(
+                f"transform has shape {known.shape}; that of {signal.size} samples has ({signal.size // 2 + 1},) "
+                "lines: give scipy.fft.rfft of this very record without its mean, or leave it out."
+            )
+        return known
     lines = np.asarray(fft.rfft(without_mean(signal)))
     forget_plans(signal.size)
     return lines

@@ -122,7 +122,7 @@ def bank_envelopes(
     signal = real_samples(x, name="the signal", minimum=4)
     rate = positive(rate_hz, name="rate_hz")
     size = signal.size
-    lines = transform_of(signal) if transform is None else transform
+    lines = transform_of(signal, transform)
     places: list[tuple[int, int]] = []
     for low, high in bands_hz:
         if not 0 <= low < high <= rate / 2 * (1 + 1e-12):

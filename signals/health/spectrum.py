@@ -68,7 +68,7 @@ def amplitudes(x: Samples, transform: NDArray[np.complexfloating] | None = None)
     The window, ``1/2 - cos(2 pi i / n) / 2``, is applied to the lines of the spectrum as a three-term convolution.
     `transform` is that of the record without its mean, where it is known.
     """
-    lines = transform_of(x) if transform is None else transform
+    lines = transform_of(x, transform)
     beyond = np.conj(lines[-2] if x.size % 2 == 0 else lines[-1])  # the line after the last: x is real
     windowed = lines[1:-1] - (lines[:-2] + lines[2:]) / 2
     found = np.empty(lines.size, dtype=x.dtype)

@@ -8,7 +8,7 @@ from typing import TYPE_CHECKING
 import numpy as np
 from scipy import fft
 
-from signals._fft_plans import forget_plans
+from signals._fft_plans import forget_plans, transform_of
 from signals._validation import Array, Samples, checked, choice, number, positive, real_samples
 
 if TYPE_CHECKING:
@@ -242,7 +242,7 @@ def _integrate(
     choice(units, name="units", choices=[unit for unit, (of, _) in _UNITS.items() if _ORDER[of] >= least])
     low, high, taper = _checked_band(band_hz, taper, rate=rate, duration_s=signal.size / rate)
     (given, scale), (_, result_scale) = _UNITS[units], _UNITS[to]
-    transform = fft.rfft(signal) if transform is None else transform  # with the mean or not: the gain removes it
+    transform = transform_of(signal, transform)
     step = rate / signal.size
     first, stop = int(low * (1 - taper) / step) + 1, min(int(high * (1 + taper) / step) + 1, transform.size)
     frequency = np.arange(first, stop, dtype=np.float64) * step
