@@ -20,6 +20,7 @@ multiples none does, it counts if healthy machines do not make lines there that 
 import math
 from collections.abc import Iterable, Mapping, Sequence
 from dataclasses import dataclass, replace
+from functools import cached_property
 
 import numpy as np
 from numpy.typing import NDArray
@@ -94,6 +95,15 @@ class BandEvidence:
     bin_width: float
     clear: bool = True
     line_probability: float = 1.0
+
+    @cached_property
+    def families(self) -> Mapping[tuple[str, str], Sequence[AssessedLine]]:
+        """Fundamentals and harmonics by component and kind, in their order."""
+        found: dict[tuple[str, str], list[AssessedLine]] = {}
+        for line in self.lines:
+            if not line.measured.expected.sideband:
+                found.setdefault(line.measured.family, []).append(line)
+        return found
 
 
 @dataclass(frozen=True, kw_only=True)
@@ -364,14 +374,13 @@ def _strength_in(band: BandEvidence, line: AssessedLine, spacings: Sequence[floa
 
 def _family(band: BandEvidence, line: AssessedLine) -> list[AssessedLine]:
     """Return a fundamental and its harmonics in a band."""
-    harmonics = (other for other in band.lines if other is not line and not other.measured.expected.sideband)
+    harmonics = (other for other in band.families[line.measured.family] if other is not line)
     return [line, *(other for other in harmonics if supports(other.measured, line.measured))]
 
 
 def _has_harmonics(band: BandEvidence, line: AssessedLine) -> bool:
     """Whether a harmonic of a fundamental was looked for in a band."""
-    expected = (other.measured.expected for other in band.lines if other.measured.family == line.measured.family)
-    return any(one.harmonic > 1 and not one.sideband for one in expected)
+    return any(other.measured.expected.harmonic > 1 for other in band.families[line.measured.family])
 
 
 def _stands_out(line: AssessedLine) -> bool:
@@ -402,9 +411,8 @@ def _support(
     """Return the names of the harmonics and of the sidebands that stand out in a band."""
     harmonics = [
         f"harmonic {other.measured.expected.harmonic} at {other.measured.line.found:.3f}"
-        for other in band.lines
+        for other in band.families[main.family]
         if other.measured.expected.harmonic > 1
-        and not other.measured.expected.sideband
         and supports(other.measured, main)
         and other.measured.line.false_alarm_probability <= _SEEN
         and not other.explained_by
