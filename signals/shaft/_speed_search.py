@@ -18,6 +18,7 @@ from signals.shaft._line_likelihood import (
     lowest_band,
     order_scores,
     short_time_evidence,
+    without_steady_lines,
 )
 
 if TYPE_CHECKING:
@@ -36,6 +37,7 @@ _LEAST_ODDS = 20.0  # of the found speed against another, to be unambiguous
 # which a louder machine or the mains may make, a third is enough to doubt
 _TEMPERING, _TEMPERING_FAMILY = 0.5, 0.7
 _SAME_LINE = 2.0  # bins
+_ONE_LINE = 0.5  # bins at top speed, within which two orders have the same power in every frame
 _SUPPORT = 0.1  # least sum of all other scores over that of the strongest order
 SHOWS = 3.0  # least score of a significant order
 SAME_SPEED = 0.01
@@ -55,10 +57,14 @@ class Rival:
 
 @dataclass(frozen=True, kw_only=True)
 class Search:
-    """Grid of speeds, log likelihoods of all orders (`votes`, frames x speeds) and transition kernel."""
+    """Grid of speeds, log likelihoods of all orders (`votes`, frames x speeds) and transition kernel.
+
+    Orders that no frame tells apart are one line, which counts once: their `weights` are one over their number.
+    """
 
     evidence: Evidence
     orders: Array
+    weights: Array
     speeds: Array
     votes: Array
     kernel: Array
@@ -74,7 +80,8 @@ class Search:
         part = np.where(known, position, 0) - low
         ratios = self.evidence.ratios
         power = ratios[low, column[:, None]] * (1 - part) + ratios[low + 1, column[:, None]] * part
-        return order_scores(np.where(known, log_line_ratio(power, foreign=self.evidence.foreign), 0.0))
+        scores = order_scores(np.where(known, log_line_ratio(power, foreign=self.evidence.foreign), 0.0))
+        return self.weights * scores
 
     @property
     def spacing(self) -> float:
@@ -88,17 +95,27 @@ class Search:
 
 
 def search_speeds(
-    signal: Array, rate: float, orders: Array, low: float, high: float, acceleration: float, frame_s: float
+    signal: Array,
+    rate: float,
+    orders: Array,
+    low: float,
+    high: float,
+    acceleration: float,
+    frame_s: float,
+    *,
+    moving: bool = False,
 ) -> Search:
     """Sum the log likelihood ratios of all orders, for every frame and every speed of a grid.
 
-    The step of the grid is half a bin of the highest order.
+    The step of the grid is half a bin of the highest order. With `moving`, lines of constant frequency are left out.
     """
     from signals.shaft._line_likelihood_kernels import add_votes  # noqa: PLC0415
 
     top = min(float(orders[-1]) * high + _SURROUNDINGS_BINS / frame_s, rate / 2)
     band, band_rate = lowest_band(signal, rate_hz=rate, top_hz=top)
     evidence = short_time_evidence(band, rate_hz=band_rate, frame_s=frame_s)
+    if moving:
+        evidence = without_steady_lines(evidence)
     highest = min(float(orders[-1]), band_rate / 2 / low)
     spacing = 0.5 / (frame_s * highest)
     steps = int(min(np.ceil((high - low) / spacing), _MOST_VOTES)) + 1
@@ -108,8 +125,9 @@ def search_speeds(
             f"{speeds.size} speeds or more from {low:g} to {high:g} Hz in {evidence.times_s.size} frames are too many "
             "to search; give a narrower speed_range_hz, lower orders, or a shorter part of the record."
         )
+    weights = 1 / np.count_nonzero(np.abs(orders[:, None] - orders) * high * frame_s < _ONE_LINE, axis=1)
     votes = np.zeros((speeds.size, evidence.times_s.size))
-    add_votes(evidence.log_votes(), evidence.bins_per_hz, orders, speeds, DC_BINS, votes)
+    add_votes(evidence.log_votes(), evidence.bins_per_hz, orders, weights, speeds, DC_BINS, votes)
     # mixture: a frame may contain no line of a rotating shaft
     votes = np.ascontiguousarray(np.logaddexp(votes + np.log1p(-_MISSED), np.log(_MISSED)).T)
     reach = int(np.ceil(acceleration * (evidence.times_s[1] - evidence.times_s[0]) / spacing))
@@ -123,6 +141,7 @@ def search_speeds(
     return Search(
         evidence=evidence,
         orders=orders,
+        weights=weights,
         speeds=speeds,
         votes=votes,
         kernel=kernel / kernel.sum(),
@@ -192,7 +211,7 @@ def slower_shaft(search: Search, speed_hz: float, shown: Array) -> float | None:
 
 def of_mains(search: Search, speed: Array, seen: NDArray[np.bool_], shown: Array) -> NDArray[np.bool_]:
     """Return which orders show no more along a path than at a harmonic of the mains beside it, as hum does."""
-    fixed = replace(search, orders=np.ones(1))
+    fixed = replace(search, orders=np.ones(1), weights=np.ones(1))
     found = np.zeros(shown.size, dtype=np.bool_)
     for harmonic_hz in {number * mains for mains in _MAINS_HZ for number in range(1, _MAINS_HARMONICS + 1)}:
         off = np.median(np.abs(np.outer(speed[seen], search.orders) - harmonic_hz), axis=0)

@@ -13,11 +13,16 @@ The phase is then refined from the significant harmonics (`signals.shaft.phase_d
 
 Frames of another length mix the lines of the shaft with those of other machines in another way, and smear high orders
 less or more. A speed of which shorter frames are surer counts; one that they contradict is ambiguous.
+
+Where all of that leaves a doubt, lines that stay in one bin through half the record, as hum and other machines of
+constant speed make them, are taken for noise, and the search is repeated with the lines that move: several that move
+together in the ratios of the drawing are of nothing else. It decides only where it is sure by the same rules.
 """
 
 from __future__ import annotations
 
 from dataclasses import dataclass, field, replace
+from functools import partial
 from typing import TYPE_CHECKING, Literal
 
 import numpy as np
@@ -52,7 +57,7 @@ _SHORTEST_RUN = 4
 _LONGEST_FRAME_S = 2.0
 _SMEAR = 4.0  # bins by which the median order may move within a frame at the largest acceleration
 _MOST_DEMODULATED = 8
-_WINDOWS_REV = (6.0, 24.0)  # of the refinement: the first that leads to a sure speed that keeps the lines
+_WINDOWS_REV = (6.0, 24.0, 2.0)  # of the refinement: the first that leads to a sure speed that keeps the lines
 _SURE = 1.5e-3  # largest median std of the refined speed, relative: three of them are within half a per cent
 _KEPT = 0.92  # least evidence along the refined speed over that of the search, which favours bins: half a one costs 7 %
 _LEFT_STD, _LEFT_SHARE = 2.5, 0.05  # of the search, in this share of frames: the refined speed follows another line
@@ -211,33 +216,46 @@ def estimate_speed(
             "are needed. Record longer, or give a longer frame_s."
         )
 
-    def estimate(length_s: float) -> SpeedEstimate:
-        search = search_speeds(signal, rate, listed, low, high, acceleration, length_s)
+    def estimate(length_s: float, *, moving: bool = False) -> SpeedEstimate:
+        search = search_speeds(signal, rate, listed, low, high, acceleration, length_s, moving=moving)
         return _estimate(signal, rate, search, start_s)
 
     shorter = [] if frame_s is not None else [part * frame for part in _FRAMES if part * frame * rate > _FEWEST_SAMPLES]
-    return _confirmed(estimate, float(frame), shorter)
+    found = _confirmed(estimate, float(frame), shorter)
+    if found.status == "ambiguous":
+        moving = _confirmed(partial(estimate, moving=True), float(frame), shorter)
+        found = moving if moving.status == "ok" else found
+    return found
 
 
 def _confirmed(estimate: Callable[[float], SpeedEstimate], frame_s: float, shorter_s: Sequence[float]) -> SpeedEstimate:
     """Return the estimate of some frame length, or a surer one of shorter frames that find the same speed.
 
-    It is ambiguous where shorter frames are as sure of another speed.
+    It is ambiguous where all shorter frames that find a shaft find another speed, where some are as sure of one, and
+    where frames that find the same speed hold a rival for more likely.
     """
     first = estimate(frame_s)
-    sure = first.status == "ok"
+    sure, other_speed = first.status == "ok", None
     if first.status == "not found":
         return first
     for length in shorter_s:
         other = estimate(length)
         if _agree(first, other):
             if sure or other.status == "ok":
-                return first if sure else other
+                found, beside = (first, other) if sure else (other, first)
+                return beside if _outweighed(beside) else found
         elif not sure:
             return first
         elif other.status == "ok":
             return _contradicted(first, other)
-    return first
+        elif other.status == "ambiguous":
+            other_speed = other_speed or other
+    return _contradicted(first, other_speed) if sure and other_speed is not None else first
+
+
+def _outweighed(one: SpeedEstimate) -> bool:
+    """Return whether a rival is more likely than the speed that was found."""
+    return any(rival.probability > 0.5 for rival in one.alternatives)  # noqa: PLR2004
 
 
 def _agree(one: SpeedEstimate, other: SpeedEstimate) -> bool:
@@ -416,7 +434,8 @@ def _refined(
         refined_speed = phase.speed_hz(np.clip(times, phase.start_s, phase.stop_s))
         error = np.interp(times, refined.times_s, refined.std_hz)
         extrapolated = (times < refined.times_s[0]) | (times > refined.times_s[-1])
-        sure = np.median(refined.std_hz / refined.speed_hz) < _SURE
+        relative = refined.std_hz / refined.speed_hz
+        sure = np.median(relative) < _SURE and relative.max() < SAME_SPEED  # in every window
         kept = search.score(refined_speed, seen).sum() > _KEPT * shown.sum()
         left = np.abs(refined_speed - speed)[seen] > _LEFT_STD * np.hypot(np.maximum(std, search.spacing), error)[seen]
         if sure and kept and np.mean(left) <= _LEFT_SHARE:
