@@ -63,7 +63,8 @@ _KEPT = 0.92  # least evidence along the refined speed over that of the search, 
 _LEFT_STD, _LEFT_SHARE = 2.5, 0.05  # of the search, in this share of frames: the refined speed follows another line
 _FEWEST_SAMPLES = 64  # a frame
 _FRAMES = (0.5, 0.25)  # of the default length: two next to one another should find the same speed
-_AGREEING = 0.95  # of the frames within 1 % of speed, or three standard deviations
+_CONTRADICTION = "frames of another length find another speed, or one in a part of the record"
+_AGREEING = 0.98  # of the frames within 1 % of speed, or three standard deviations
 
 
 @dataclass(frozen=True, kw_only=True)
@@ -222,10 +223,9 @@ def estimate_speed(
 
     shorter = [] if frame_s is not None else [part * frame for part in _FRAMES if part * frame * rate > _FEWEST_SAMPLES]
     found = _confirmed(estimate, float(frame), shorter)
-    if found.status == "ambiguous":
-        moving = _confirmed(partial(estimate, moving=True), float(frame), shorter)
-        found = moving if moving.status == "ok" else found
-    return found
+    if found.status == "not found":
+        return found
+    return _surer(found, _confirmed(partial(estimate, moving=True), float(frame), shorter))
 
 
 def _confirmed(estimate: Callable[[float], SpeedEstimate], frame_s: float, shorter_s: Sequence[float]) -> SpeedEstimate:
@@ -258,8 +258,25 @@ def _outweighed(one: SpeedEstimate) -> bool:
     return any(rival.probability > 0.5 for rival in one.alternatives)  # noqa: PLR2004
 
 
-def _agree(one: SpeedEstimate, other: SpeedEstimate) -> bool:
-    """Return whether two estimates of a record are of one speed."""
+def _surer(found: SpeedEstimate, moving: SpeedEstimate) -> SpeedEstimate:
+    """Return the estimate from all lines, or that from the lines that move where it is the surer one.
+
+    It is where the first is ambiguous, or strays to a line that stays, in less than half of the record. Two speeds that
+    all lines are as sure of are a contradiction that fewer lines cannot resolve.
+    """
+    if moving.status != "ok" or (found.status == "ok" and _agree(found, moving)):
+        return found
+    contradicted = found.reason == _CONTRADICTION
+    if found.status == "ambiguous" and not contradicted:
+        return moving
+    strays = not contradicted or abs(found.alternatives[0].ratio - 1) < SAME_SPEED
+    if strays and _agree(found, moving, share=0.5):
+        return moving
+    return found if contradicted else _contradicted(found, moving)
+
+
+def _agree(one: SpeedEstimate, other: SpeedEstimate, *, share: float = _AGREEING) -> bool:
+    """Return whether two estimates of a record are of one speed, in some share of the frames."""
     seen = np.isfinite(one.speed_hz)
     there = np.isfinite(other.speed_hz) & (other.times_s >= one.times_s[0]) & (other.times_s <= one.times_s[-1])
     if not seen.any() or not there.any():
@@ -267,7 +284,7 @@ def _agree(one: SpeedEstimate, other: SpeedEstimate) -> bool:
     at = other.times_s[there]
     speed, std = (np.interp(at, one.times_s[seen], values[seen]) for values in (one.speed_hz, one.std_hz))
     reach = np.maximum(SAME_SPEED * speed, 3 * np.hypot(std, other.std_hz[there]))
-    return bool(np.mean(np.abs(other.speed_hz[there] - speed) <= reach) >= _AGREEING)
+    return bool(np.mean(np.abs(other.speed_hz[there] - speed) <= reach) >= share)
 
 
 def _contradicted(found: SpeedEstimate, other: SpeedEstimate) -> SpeedEstimate:
@@ -282,7 +299,7 @@ def _contradicted(found: SpeedEstimate, other: SpeedEstimate) -> SpeedEstimate:
         alternatives=(Alternative(speed_hz=speed, ratio=ratio, probability=0.5),),
         phase=None,
         phase_std_rev=np.nan,
-        reason="frames of another length find another speed, or one in a part of the record",
+        reason=_CONTRADICTION,
     )
 
 
@@ -332,7 +349,13 @@ def _estimate(signal: Array, rate: float, search: Search, start_s: float) -> Spe
     reason = ""
     if phase is None:
         share = min(share, 0.5)
-        reason = _doubt(others, single=single, foreign=foreign, slower_hz=slower, speed_hz=float(np.median(mean[seen])))
+        reason = _doubt(
+            others,
+            single=single,
+            foreign=foreign,
+            slower_hz=slower,
+            speed_hz=float(np.median(mean[seen])),
+        )
     alternatives = tuple(
         Alternative(
             speed_hz=other.speed,
