@@ -11,6 +11,15 @@ stay below. Halved, weak lines of sound bearings are diagnosed; doubled, early d
 count as judgeable in short records.
 """
 
+JUDGED_DEPTH = FAULTY_DEPTH / 2
+"""Modulation that must stand out in a record for a part without one to count as sound.
+
+A defect is indicated before it is deep enough to be diagnosed: a part that a longer record would name must not be
+called sound in a short one. Of the unnamed bearing parts of 60 faulty records of 1 to 10 s that an envelope carries,
+36 % are not judged by it. Halved, 88 %; doubled, 9 %, and a race that a record shows damaged is called sound in its
+first second.
+"""
+
 LEAST_STRENGTH = 0.01
 """Strength of evidence below which no bearing is named, however rare it is in the library.
 
@@ -26,7 +35,7 @@ weighed like evidence in short records; doubled, weak lines of long records lose
 """
 
 JUDGED_SNR = 6.0
-"""Ratio to the background that a modulation by `FAULTY_DEPTH` must reach for its absence to mean something.
+"""Ratio to the background that a modulation by `JUDGED_DEPTH` must reach for its absence to mean something.
 
 Halved, records of a few turns are called clean; doubled, records of a minute are not judged.
 """

@@ -261,18 +261,18 @@ def _outweighed(one: SpeedEstimate) -> bool:
 def _surer(found: SpeedEstimate, moving: SpeedEstimate) -> SpeedEstimate:
     """Return the estimate from all lines, or that from the lines that move where it is the surer one.
 
-    It is where the first is ambiguous, or strays to a line that stays, in less than half of the record. Two speeds that
-    all lines are as sure of are a contradiction that fewer lines cannot resolve.
+    It is where the first is ambiguous. Of two frame lengths that differ in a part of the record it decides by agreeing
+    with either; two speeds that all lines are as sure of are a contradiction that fewer lines cannot resolve.
     """
-    if moving.status != "ok" or (found.status == "ok" and _agree(found, moving)):
+    if moving.status != "ok":
         return found
-    contradicted = found.reason == _CONTRADICTION
-    if found.status == "ambiguous" and not contradicted:
+    if found.status == "ok":
+        return found if _agree(found, moving, share=0.5) else _contradicted(found, moving)
+    if found.reason != _CONTRADICTION:
         return moving
-    strays = not contradicted or abs(found.alternatives[0].ratio - 1) < SAME_SPEED
-    if strays and _agree(found, moving, share=0.5):
-        return moving
-    return found if contradicted else _contradicted(found, moving)
+    other = replace(found, speed_hz=found.alternatives[0].speed_hz)
+    strays = abs(found.alternatives[0].ratio - 1) < SAME_SPEED
+    return moving if strays and (_agree(found, moving) or _agree(other, moving)) else found
 
 
 def _agree(one: SpeedEstimate, other: SpeedEstimate, *, share: float = _AGREEING) -> bool:
