@@ -91,8 +91,9 @@ DIFFERING_TEETH = 0.01
 """Probability that turns at random are as alike, from which a gear whose teeth differ is not called sound.
 
 Pits on several teeth repeat with the turn, and pitch deviations do. It is the least that the first rotations of the
-permutation test can give. Halved, no gear that has been tested with them alone is left out; doubled, one sound gear
-without deviations in fifty is not judged.
+permutation test can give. Of 202 gears in 42 records, half of them sound ones with pitch deviations, 126 are not judged
+by it or for other reasons. Halved, 37: no gear that has been tested with the first rotations alone is left out; doubled,
+131. None that is indicated changes.
 """
 
 EXACT_BINS = 0.35
@@ -127,8 +128,9 @@ FASTEST_SPIN = 0.01
 
 An element that slips spins slower than it rolls. A contact angle that load opens raises its order, but by no more than
 2 g / (1 - g) of what the inner race loses, g the ratio of its diameter to the pitch diameter times the cosine: half of
-it at g = 0.2, one of 2 % at most. Halved, elements of angular contact bearings are only indicated; doubled, the whole
-range that is searched counts.
+it at g = 0.2, one of 2 % at most. Halved or doubled, no verdict of 42 records changes, ten of them of damaged elements,
+which slip and do not spin faster. By reasoning alone: halved, elements of angular contact bearings are only indicated;
+doubled, the whole range that is searched counts.
 """
 
 MAINS_HZ = (50.0, 60.0)
