@@ -91,9 +91,9 @@ DIFFERING_TEETH = 0.01
 """Probability that turns at random are as alike, from which a gear whose teeth differ is not called sound.
 
 Pits on several teeth repeat with the turn, and pitch deviations do. It is the least that the first rotations of the
-permutation test can give. Of 202 gears in 42 records, half of them sound ones with pitch deviations, 126 are not judged
-by it or for other reasons. Halved, 37: no gear that has been tested with the first rotations alone is left out; doubled,
-131. None that is indicated changes.
+permutation test can give. Of 202 gears in 42 records, half of them sound ones with pitch deviations, 126 are not
+judged, for this or another reason. Halved, 37: no gear that has been tested with the first rotations alone is left out;
+doubled, 131. None that is indicated changes.
 """
 
 EXACT_BINS = 0.35
