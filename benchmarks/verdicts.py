@@ -304,13 +304,13 @@ def _not_judged(found: list[dict[str, Any]]) -> float:
     return sum(judged) / max(1, len(judged))
 
 
-def faulty_row(number: int) -> dict[str, Any]:
-    """Return what the analysis says of a held-out machine with one fault, and how detectable that is."""
+def faulty_table(number: int) -> tuple[dict[str, Any], str, str]:
+    """Return the scene of a held-out machine with one fault as a table, its kind and its component."""
     rng = np.random.default_rng([40, number])
     boxes = len(healthy_library.gearboxes(True))  # each kind on each gearbox, not on those of its own number alone
     kind = list(FAULTS)[(number + number // boxes) % len(FAULTS)]
     finding, (low, high) = FAULTS[kind]
-    table, drive = healthy_library.table(number, held_out=True)
+    table, _ = healthy_library.table(number, held_out=True)
     gearbox = table["gearbox"]
     if finding == "tooth":
         gears = [row.component for row in defect_orders(gearbox).itertuples() if row.kind == "tooth"]
@@ -320,6 +320,13 @@ def faulty_row(number: int) -> dict[str, Any]:
         table["sensor"][0]["on"] = component
     size = float(np.exp(rng.uniform(np.log(low), np.log(high))))
     table["fault"] = [{"kind": kind, "component": component, SIZE_KEYS.get(kind, "size_mm"): size}]
+    return table, kind, component
+
+
+def faulty_row(number: int) -> dict[str, Any]:
+    """Return what the analysis says of a held-out machine with one fault, and how detectable that is."""
+    table, kind, component = faulty_table(number)
+    gearbox, finding = table["gearbox"], FAULTS[kind][0]
     with warnings.catch_warnings():
         warnings.simplefilter("ignore")
         try:
@@ -332,7 +339,6 @@ def faulty_row(number: int) -> dict[str, Any]:
     own = every[(every["component"] == component) & (every["kind"] == finding)]
     return {
         "kind": kind,
-        "drive": drive,
         "refused": "",
         "detectability_db": float(record["truth_fault_detectability_db"].max()),
         "named": bool(right.any()),

@@ -6,7 +6,7 @@ Every kind of defect of every part has one of four verdicts:
 - *indicated*: few healthy machines show as much, but a doubt remains, which the evidence names;
 - *not judged*: the record cannot say: too short or too noisy, out of the band, the sensor faulty, or its line hidden by
   something else;
-- *nothing found*: a modulation by a tenth of the level would have stood out, and does not.
+- *nothing found*: a modulation by a twentieth of the level would have stood out, and does not.
 
 The probability is that over healthy machines (`hums.analysis.healthy_machines`), for all parts of the record together,
 not that of noise. No bearing is named for a line that may be another source's: one of the same bearing is three times
@@ -25,7 +25,14 @@ from typing import Any
 
 from hums.analysis.evidence import PartEvidence, strength
 from hums.analysis.healthy_machines import HealthyMachines, healthy_machines
-from hums.analysis.thresholds import FASTEST_SPIN, FAULTY_DEPTH, LEAST_STRENGTH, RIVAL_FACTOR, SLIP_SCATTER
+from hums.analysis.thresholds import (
+    FASTEST_SPIN,
+    FAULTY_DEPTH,
+    JUDGED_DEPTH,
+    LEAST_STRENGTH,
+    RIVAL_FACTOR,
+    SLIP_SCATTER,
+)
 from hums.gearbox.orders import BEARING_KINDS
 
 __all__ = [
@@ -442,12 +449,12 @@ def _named(part: PartEvidence, doubts: Sequence[str], probability: float, least_
 
 def _unnamed(part: PartEvidence, probability: float, needed: float) -> Finding:
     """Return that a part is not judged where its defect would not have shown, else that nothing was found."""
-    if part.detectable_depth > FAULTY_DEPTH:
-        longer = (part.detectable_depth / FAULTY_DEPTH) ** 2  # the noise about a line falls as the root of the time
+    if part.detectable_depth > JUDGED_DEPTH:
+        longer = (part.detectable_depth / JUDGED_DEPTH) ** 2  # the noise about a line falls as the root of the time
         return _not_judged(
             part,
             f"too short or too noisy: only a modulation by {part.detectable_depth:.0%} would stand out, "
-            f"where damage begins at {FAULTY_DEPTH:.0%}",
+            f"where damage may be indicated from {JUDGED_DEPTH:.0%} on",
             least_change=f"judged in a record {longer:.2g} times as long"
             if math.isfinite(longer)
             else "judged in a band that has power",
@@ -464,7 +471,7 @@ def _unnamed(part: PartEvidence, probability: float, needed: float) -> Finding:
         if part.strength > 0
         else "no line of its own stands where it would make one"
     )
-    blind = FAULTY_DEPTH / part.detectable_depth if part.detectable_depth > 0 else math.inf
+    blind = JUDGED_DEPTH / part.detectable_depth if part.detectable_depth > 0 else math.inf
     changes = [(blind, f"not judged, if the noise about its line were {blind:.2g} times as large")]
     if part.strength > 0:
         changes.append(

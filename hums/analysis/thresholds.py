@@ -11,6 +11,15 @@ stay below. Halved, weak lines of sound bearings are diagnosed; doubled, early d
 count as judgeable in short records.
 """
 
+JUDGED_DEPTH = FAULTY_DEPTH / 2
+"""Modulation that must stand out in a record for a part without one to count as sound.
+
+A defect is indicated before it is deep enough to be diagnosed: a part that a longer record would name must not be
+called sound in a short one. Of the unnamed bearing parts of 60 faulty records of 1 to 10 s that an envelope carries,
+36 % are not judged by it. Halved, 88 %; doubled, 9 %, and a race that a record shows damaged is called sound in its
+first second.
+"""
+
 LEAST_STRENGTH = 0.01
 """Strength of evidence below which no bearing is named, however rare it is in the library.
 
@@ -26,7 +35,7 @@ weighed like evidence in short records; doubled, weak lines of long records lose
 """
 
 JUDGED_SNR = 6.0
-"""Ratio to the background that a modulation by `FAULTY_DEPTH` must reach for its absence to mean something.
+"""Ratio to the background that a modulation by `JUDGED_DEPTH` must reach for its absence to mean something.
 
 Halved, records of a few turns are called clean; doubled, records of a minute are not judged.
 """
@@ -82,8 +91,9 @@ DIFFERING_TEETH = 0.01
 """Probability that turns at random are as alike, from which a gear whose teeth differ is not called sound.
 
 Pits on several teeth repeat with the turn, and pitch deviations do. It is the least that the first rotations of the
-permutation test can give. Halved, no gear that has been tested with them alone is left out; doubled, one sound gear
-without deviations in fifty is not judged.
+permutation test can give. Of 202 gears in 42 records, half of them sound ones with pitch deviations, 126 are not
+judged, for this or another reason. Halved, 37: no gear that has been tested with the first rotations alone is left out;
+doubled, 131. None that is indicated changes.
 """
 
 EXACT_BINS = 0.35
@@ -118,8 +128,9 @@ FASTEST_SPIN = 0.01
 
 An element that slips spins slower than it rolls. A contact angle that load opens raises its order, but by no more than
 2 g / (1 - g) of what the inner race loses, g the ratio of its diameter to the pitch diameter times the cosine: half of
-it at g = 0.2, one of 2 % at most. Halved, elements of angular contact bearings are only indicated; doubled, the whole
-range that is searched counts.
+it at g = 0.2, one of 2 % at most. Halved or doubled, no verdict of 42 records changes, ten of them of damaged elements,
+which slip and do not spin faster. By reasoning alone: halved, elements of angular contact bearings are only indicated;
+doubled, the whole range that is searched counts.
 """
 
 MAINS_HZ = (50.0, 60.0)

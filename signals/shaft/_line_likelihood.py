@@ -10,7 +10,7 @@ is attributed to them, with the prior density ``s^-2.5``, since most are weaker.
 evidence: it adds only the logarithm of its amplitude.
 """
 
-from dataclasses import dataclass
+from dataclasses import dataclass, replace
 
 import numpy as np
 from scipy import fft
@@ -82,10 +82,24 @@ def short_time_evidence(signal: Array, *, rate_hz: float, frame_s: float) -> Evi
     lines = fft.rfft(frames * window, padded, axis=1)
     power = np.ascontiguousarray((lines.real**2 + lines.imag**2).T)
     ratios = _normalised(power, first=int(np.ceil(DC_BINS * padded / length)))
-    count = np.count_nonzero(ratios > _HIGH)
-    share = float(np.clip(count / ratios.size - np.exp(-_HIGH), *_SHARES))
     times = np.asarray((np.arange(frames.shape[0]) * hop + (length - 1) / 2) / rate_hz, dtype=np.float64)
-    return Evidence(ratios=ratios, times_s=times, bins_per_hz=padded / rate_hz, foreign=share)
+    return Evidence(ratios=ratios, times_s=times, bins_per_hz=padded / rate_hz, foreign=_foreign(ratios))
+
+
+def _foreign(ratios: Array) -> float:
+    """Return the fraction of bins that hold lines."""
+    count = np.count_nonzero(ratios > _HIGH)
+    return float(np.clip(count / ratios.size - np.exp(-_HIGH), *_SHARES))
+
+
+def without_steady_lines(evidence: Evidence) -> Evidence:
+    """Return the evidence of lines that move from bin to bin: each bin over its own median of the frames, if higher.
+
+    What stays in a bin through half the record, as hum and machines of constant speed do, is noise of that bin.
+    """
+    own = np.median(evidence.ratios, axis=1, keepdims=True) / np.log(2)
+    ratios = evidence.ratios / np.maximum(own, 1.0)
+    return replace(evidence, ratios=ratios, foreign=_foreign(ratios))
 
 
 def _normalised(power: Array, *, first: int) -> Array:

@@ -10,8 +10,10 @@ Indices = NDArray[np.int64]
 
 
 @compiled
-def add_votes(levels: Array, bins_per_hz: float, orders: Array, speeds: Array, first_bin: float, votes: Array) -> None:
-    """Add ``levels[order * speed]`` of every order to ``votes[speed, frame]``, interpolated between bins.
+def add_votes(
+    levels: Array, bins_per_hz: float, orders: Array, weights: Array, speeds: Array, first_bin: float, votes: Array
+) -> None:
+    """Add ``weight levels[order * speed]`` of every order to ``votes[speed, frame]``, interpolated between bins.
 
     `levels` is (bins, frames), so that the innermost loop runs along memory. Nothing is added below `first_bin` and
     beyond the last bin.
@@ -29,7 +31,7 @@ def add_votes(levels: Array, bins_per_hz: float, orders: Array, speeds: Array, f
             below = levels[low]
             above = levels[low + 1]
             for t in range(frames):
-                row[t] += below[t] + part * (above[t] - below[t])
+                row[t] += weights[h] * (below[t] + part * (above[t] - below[t]))
 
 
 @compiled_sums

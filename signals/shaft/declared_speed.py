@@ -12,8 +12,8 @@ from typing import TYPE_CHECKING
 import numpy as np
 
 from signals._validation import Array, checked, positive, real_vector
+from signals.shaft._speed_search import CERTAIN, SHOWS, Search, search_speeds, single_line
 from signals.shaft.phase_demodulation import listed_orders
-from signals.shaft.tacholess import CERTAIN, SHOWS, Search, search_speeds, single_line
 
 if TYPE_CHECKING:
     from collections.abc import Sequence

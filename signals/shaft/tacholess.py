@@ -13,24 +13,36 @@ The phase is then refined from the significant harmonics (`signals.shaft.phase_d
 
 Frames of another length mix the lines of the shaft with those of other machines in another way, and smear high orders
 less or more. A speed of which shorter frames are surer counts; one that they contradict is ambiguous.
+
+Where all of that leaves a doubt, lines that stay in one bin through half the record, as hum and other machines of
+constant speed make them, are taken for noise, and the search is repeated with the lines that move: several that move
+together in the ratios of the drawing are of nothing else. It decides only where it is sure by the same rules.
 """
 
 from __future__ import annotations
 
 from dataclasses import dataclass, field, replace
+from functools import partial
 from typing import TYPE_CHECKING, Literal
 
 import numpy as np
 from scipy.interpolate import PchipInterpolator
 
 from signals._validation import Array, checked, positive, real_vector
-from signals.shaft._line_likelihood import (
-    DC_BINS,
-    Evidence,
-    log_line_ratio,
-    lowest_band,
-    order_scores,
-    short_time_evidence,
+from signals.shaft._speed_search import (
+    CERTAIN,
+    SAME_SPEED,
+    SHOWS,
+    Rival,
+    Search,
+    beyond_harmonics,
+    longest_run,
+    low_family,
+    no_mesh_shows,
+    rivals,
+    search_speeds,
+    single_line,
+    slower_shaft,
 )
 from signals.shaft.phase import ShaftPhase
 from signals.shaft.phase_demodulation import listed_orders, refine_phase
@@ -40,242 +52,19 @@ if TYPE_CHECKING:
 
     from numpy.typing import ArrayLike, NDArray
 
-
-# ---- The search over speeds: log likelihoods of all orders in every frame, paths through them, and rival paths -------
-
-
-CERTAIN = np.log(1000.0)
-_MOST_VOTES = 10**7  # frames x speeds, of which several arrays of 80 MB are made
-_MOST_WORK = 10**9  # frames x speeds x steps of acceleration: some seconds
-_MISSED = 0.1  # prior probability that a frame contains no line of a rotating shaft
-_SURROUNDINGS_BINS = 40
-_RIVALS = 4
-_LEAST_ODDS = 20.0  # of the found speed against another, to be unambiguous
-# ratio of scores that has these odds: lines of other machines are not independent noise. Of low whole orders alone,
-# which a louder machine or the mains may make, a third is enough to doubt
-_TEMPERING, _TEMPERING_FAMILY = 0.5, 0.7
-_SAME_LINE = 2.0  # bins
-_SUPPORT = 0.1  # least sum of all other scores over that of the strongest order
-SHOWS = 3.0  # least score of a significant order
-_SAME_SPEED = 0.01
-_LOW_ORDERS, _FAMILY = 10, 3  # whole orders below which this many lines in a row may be harmonics of anything
-_NEVER = -50.0
-_MAINS_HZ, _MAINS_HARMONICS = (50.0, 60.0), 7  # hum above the seventh is seldom louder than the machine (our choice)
-
-
-@dataclass(frozen=True, kw_only=True)
-class Rival:
-    """Another path, and its odds against the first."""
-
-    speed: Array
-    odds: float
-
-
-@dataclass(frozen=True, kw_only=True)
-class Search:
-    """Grid of speeds, log likelihoods of all orders (`votes`, frames x speeds) and transition kernel."""
-
-    evidence: Evidence
-    orders: Array
-    speeds: Array
-    votes: Array
-    kernel: Array
-    frame_s: float
-
-    def score(self, speed: Array, frames: NDArray[np.bool_]) -> Array:
-        """Return the log evidence for each order along a path, in the frames flagged."""
-        bins, _ = self.evidence.ratios.shape
-        column = np.flatnonzero(frames)
-        position = np.outer(speed[column], self.orders) * self.evidence.bins_per_hz
-        known = (position >= DC_BINS) & (position < bins - 1)
-        low = np.where(known, position, 0).astype(np.int64)
-        part = np.where(known, position, 0) - low
-        ratios = self.evidence.ratios
-        power = ratios[low, column[:, None]] * (1 - part) + ratios[low + 1, column[:, None]] * part
-        return order_scores(np.where(known, log_line_ratio(power, foreign=self.evidence.foreign), 0.0))
-
-    @property
-    def spacing(self) -> float:
-        """Step of the grid of speeds in Hz."""
-        return float(self.speeds[1] - self.speeds[0])
-
-    def width(self, path: Array, scores: Array) -> Array:
-        """Return half the width of one speed: 1 %, or the half main lobe of the mean significant order."""
-        weights = np.maximum(scores, 1e-3)
-        return np.maximum(_SAME_SPEED * path, 2 / (self.frame_s * np.average(self.orders, weights=weights)))
-
-
-def search_speeds(
-    signal: Array, rate: float, orders: Array, low: float, high: float, acceleration: float, frame_s: float
-) -> Search:
-    """Sum the log likelihood ratios of all orders, for every frame and every speed of a grid.
-
-    The step of the grid is half a bin of the highest order.
-    """
-    from signals.shaft._line_likelihood_kernels import add_votes  # noqa: PLC0415
-
-    top = min(float(orders[-1]) * high + _SURROUNDINGS_BINS / frame_s, rate / 2)
-    band, band_rate = lowest_band(signal, rate_hz=rate, top_hz=top)
-    evidence = short_time_evidence(band, rate_hz=band_rate, frame_s=frame_s)
-    highest = min(float(orders[-1]), band_rate / 2 / low)
-    spacing = 0.5 / (frame_s * highest)
-    steps = int(min(np.ceil((high - low) / spacing), _MOST_VOTES)) + 1
-    speeds = low + spacing * np.arange(steps, dtype=np.float64)
-    if speeds.size * evidence.times_s.size > _MOST_VOTES:
-        raise ValueError(
-            f"{speeds.size} speeds or more from {low:g} to {high:g} Hz in {evidence.times_s.size} frames are too many "
-            "to search; give a narrower speed_range_hz, lower orders, or a shorter part of the record."
-        )
-    votes = np.zeros((speeds.size, evidence.times_s.size))
-    add_votes(evidence.log_votes(), evidence.bins_per_hz, orders, speeds, DC_BINS, votes)
-    # mixture: a frame may contain no line of a rotating shaft
-    votes = np.ascontiguousarray(np.logaddexp(votes + np.log1p(-_MISSED), np.log(_MISSED)).T)
-    reach = int(np.ceil(acceleration * (evidence.times_s[1] - evidence.times_s[0]) / spacing))
-    if reach * votes.size > _MOST_WORK:
-        raise ValueError(
-            f"max_acceleration_hz_s={acceleration:g} lets the speed change by {reach} of {speeds.size} steps between "
-            f"two of {evidence.times_s.size} frames, too many to search; give a smaller one, or a narrower "
-            "speed_range_hz."
-        )
-    kernel = 1 - (np.arange(-reach, reach + 1) / (reach + 1)) ** 2
-    return Search(
-        evidence=evidence,
-        orders=orders,
-        speeds=speeds,
-        votes=votes,
-        kernel=kernel / kernel.sum(),
-        frame_s=frame_s,
-    )
-
-
-def longest_run(flags: NDArray[np.bool_]) -> NDArray[np.bool_]:
-    """Return the flags with only the longest run of true left."""
-    edges = np.flatnonzero(np.diff(np.concatenate([[False], flags, [False]]).astype(np.int8)))
-    kept = np.zeros(flags.size, dtype=np.bool_)
-    if edges.size:
-        first = 2 * int(np.argmax(np.diff(edges)[::2]))
-        kept[edges[first] : edges[first + 1]] = True
-    return kept
-
-
-def single_line(search: Search, speed_hz: float, shown: Array) -> bool:
-    """Return whether nearly all evidence is of one line where several orders are listed: it might be any of them.
-
-    Orders within the resolution of a frame from the strongest are the same line.
-    """
-    strongest = int(np.argmax(shown))
-    apart = np.abs(search.orders - search.orders[strongest]) * speed_hz * search.frame_s > _SAME_LINE
-    supporting = float(shown[apart & (shown > SHOWS)].sum())
-    return shown.size > 1 and supporting < max(CERTAIN, _SUPPORT * float(shown.max()))
-
-
-def low_family(search: Search, shown: Array) -> bool:
-    """Return whether all lines are of whole orders below ten, and at most three: harmonics of any machine.
-
-    Four lines in a row are taken for the shaft. Orders that differ from whole ones by less than the tolerance of a
-    speed are the same.
-    """
-    lines = np.unique(np.round(search.orders[shown > SHOWS], 1))
-    return bool(lines.size <= _FAMILY and _low(search.orders[shown > SHOWS]).all())
-
-
-def _low(orders: Array) -> NDArray[np.bool_]:
-    """Return whether each order is a whole one below ten, as the harmonics of a shaft."""
-    return np.asarray((orders < _LOW_ORDERS) & (np.abs(orders - np.rint(orders)) < _SAME_SPEED))
-
-
-def beyond_harmonics(search: Search, shown: Array) -> Array:
-    """Return the scores that a speed has to stand on: where a mesh shows, not the first harmonics of the shaft.
-
-    They may be another machine's, and then the mesh must not be alone.
-    """
-    low = _low(search.orders)
-    return np.where(low, 0.0, shown) if (shown[~low] > SHOWS).any() else shown
-
-
-def no_mesh_shows(search: Search, shown: Array) -> bool:
-    """Return whether only the first harmonics of a shaft show, although other orders, as of meshes, are listed."""
-    return low_family(search, shown) and not _low(search.orders).all()
-
-
-def slower_shaft(search: Search, speed_hz: float, shown: Array) -> float | None:
-    """Return half the speed, or a third, where it is in range and the lines cannot rule it out; else None.
-
-    The first harmonics of a fast shaft are even or third harmonics of a slower one, whose others may be weak.
-    """
-    if not low_family(search, shown):
-        return None
-    return next((speed_hz / part for part in (2, 3) if speed_hz / part >= search.speeds[0]), None)
-
-
-def of_mains(search: Search, speed: Array, seen: NDArray[np.bool_], shown: Array) -> NDArray[np.bool_]:
-    """Return which orders show no more along a path than at a harmonic of the mains beside it, as hum does."""
-    fixed = replace(search, orders=np.ones(1))
-    found = np.zeros(shown.size, dtype=np.bool_)
-    for harmonic_hz in {number * mains for mains in _MAINS_HZ for number in range(1, _MAINS_HARMONICS + 1)}:
-        off = np.median(np.abs(np.outer(speed[seen], search.orders) - harmonic_hz), axis=0)
-        near = (off * search.evidence.bins_per_hz <= _SAME_LINE) & (shown > SHOWS)
-        if near.any():
-            found |= near & (
-                _KEPT * shown <= fixed.score(np.full(speed.size, harmonic_hz), seen)[0]
-            )  # half a bin costs 7 %
-    return found
-
-
-def rivals(search: Search, speed: Array, seen: NDArray[np.bool_], shown: Array) -> list[Rival]:
-    """Search again without the speeds found so far; return the paths that are not much less likely."""
-    from signals.shaft._line_likelihood_kernels import most_likely_path  # noqa: PLC0415
-
-    temper = _TEMPERING_FAMILY if low_family(search, shown) else _TEMPERING
-    votes = search.votes[seen].copy()
-    found: list[Rival] = []
-    last, scores = speed[seen], shown
-    own = np.where(of_mains(search, speed, seen, shown), 0.0, shown)
-    for _ in range(_RIVALS):
-        votes[np.abs(search.speeds - last[:, None]) <= search.width(last, scores)[:, None]] = _NEVER
-        last = search.speeds[most_likely_path(votes, np.log(search.kernel))]
-        path = np.full(speed.size, np.nan)
-        path[seen] = last
-        scores = search.score(path, seen)
-        its = np.where(of_mains(search, path, seen, scores), 0.0, scores)
-        if its.sum() < (1 - temper) * own.sum():
-            break
-        odds = _odds(search, (speed[seen], own), (last, its), tempering=temper)
-        if odds > 1 / _LEAST_ODDS:
-            found.append(Rival(speed=path, odds=odds))
-    return found
-
-
-def _odds(search: Search, first: tuple[Array, Array], second: tuple[Array, Array], *, tempering: float) -> float:
-    """Return the odds of the second path against the first, from the lines that only one of them explains.
-
-    Half the speed explains the same lines with even multiples of its orders, so only lines that are not shared can
-    decide. Lines of other machines make frames less independent than the model assumes, so the log odds are tempered: a
-    rival with the share 1 - `tempering` of the evidence of the first gets odds of 1 to 20.
-    """
-    positions = [np.outer(path, search.orders) * search.evidence.bins_per_hz for path, _ in (first, second)]
-    apart = np.median(np.abs(positions[0][:, :, None] - positions[1][:, None, :]), axis=0) > _SAME_LINE
-    one = float(first[1][apart.all(axis=1)].sum())
-    other = float(second[1][apart.all(axis=0)].sum())
-    temper = max(1.0, tempering * max(one, other) / np.log(_LEAST_ODDS))
-    return float(np.exp(min((other - one) / temper, 300.0)))
-
-
-# ---- Tacholess -------------------------------------------------------------------------------------------------------
-
-
 _FEWEST_FRAMES, _FEWEST_REVOLUTIONS = 8, 10.0
 _SHORTEST_RUN = 4
 _LONGEST_FRAME_S = 2.0
 _SMEAR = 4.0  # bins by which the median order may move within a frame at the largest acceleration
 _MOST_DEMODULATED = 8
-_WINDOWS_REV = (6.0, 24.0)  # of the refinement: the first that leads to a sure speed that keeps the lines
+_WINDOWS_REV = (6.0, 24.0, 2.0)  # of the refinement: the first that leads to a sure speed that keeps the lines
 _SURE = 1.5e-3  # largest median std of the refined speed, relative: three of them are within half a per cent
 _KEPT = 0.92  # least evidence along the refined speed over that of the search, which favours bins: half a one costs 7 %
 _LEFT_STD, _LEFT_SHARE = 2.5, 0.05  # of the search, in this share of frames: the refined speed follows another line
 _FEWEST_SAMPLES = 64  # a frame
 _FRAMES = (0.5, 0.25)  # of the default length: two next to one another should find the same speed
-_AGREEING = 0.95  # of the frames within 1 % of speed, or three standard deviations
+_CONTRADICTION = "frames of another length find another speed, or one in a part of the record"
+_AGREEING = 0.98  # of the frames within 1 % of speed, or three standard deviations
 
 
 @dataclass(frozen=True, kw_only=True)
@@ -428,45 +217,74 @@ def estimate_speed(
             "are needed. Record longer, or give a longer frame_s."
         )
 
-    def estimate(length_s: float) -> SpeedEstimate:
-        search = search_speeds(signal, rate, listed, low, high, acceleration, length_s)
+    def estimate(length_s: float, *, moving: bool = False) -> SpeedEstimate:
+        search = search_speeds(signal, rate, listed, low, high, acceleration, length_s, moving=moving)
         return _estimate(signal, rate, search, start_s)
 
     shorter = [] if frame_s is not None else [part * frame for part in _FRAMES if part * frame * rate > _FEWEST_SAMPLES]
-    return _confirmed(estimate, float(frame), shorter)
+    found = _confirmed(estimate, float(frame), shorter)
+    if found.status == "not found":
+        return found
+    return _surer(found, _confirmed(partial(estimate, moving=True), float(frame), shorter))
 
 
 def _confirmed(estimate: Callable[[float], SpeedEstimate], frame_s: float, shorter_s: Sequence[float]) -> SpeedEstimate:
     """Return the estimate of some frame length, or a surer one of shorter frames that find the same speed.
 
-    It is ambiguous where shorter frames are as sure of another speed.
+    It is ambiguous where all shorter frames that find a shaft find another speed, where some are as sure of one, and
+    where frames that find the same speed hold a rival for more likely.
     """
     first = estimate(frame_s)
-    sure = first.status == "ok"
+    sure, other_speed = first.status == "ok", None
     if first.status == "not found":
         return first
     for length in shorter_s:
         other = estimate(length)
         if _agree(first, other):
             if sure or other.status == "ok":
-                return first if sure else other
+                found, beside = (first, other) if sure else (other, first)
+                return beside if _outweighed(beside) else found
         elif not sure:
             return first
         elif other.status == "ok":
             return _contradicted(first, other)
-    return first
+        elif other.status == "ambiguous":
+            other_speed = other_speed or other
+    return _contradicted(first, other_speed) if sure and other_speed is not None else first
 
 
-def _agree(one: SpeedEstimate, other: SpeedEstimate) -> bool:
-    """Return whether two estimates of a record are of one speed."""
+def _outweighed(one: SpeedEstimate) -> bool:
+    """Return whether a rival is more likely than the speed that was found."""
+    return any(rival.probability > 0.5 for rival in one.alternatives)  # noqa: PLR2004
+
+
+def _surer(found: SpeedEstimate, moving: SpeedEstimate) -> SpeedEstimate:
+    """Return the estimate from all lines, or that from the lines that move where it is the surer one.
+
+    It is where the first is ambiguous. Of two frame lengths that differ in a part of the record it decides by agreeing
+    with either; two speeds that all lines are as sure of are a contradiction that fewer lines cannot resolve.
+    """
+    if moving.status != "ok":
+        return found
+    if found.status == "ok":
+        return found if _agree(found, moving, share=0.5) else _contradicted(found, moving)
+    if found.reason != _CONTRADICTION:
+        return moving
+    other = replace(found, speed_hz=found.alternatives[0].speed_hz)
+    strays = abs(found.alternatives[0].ratio - 1) < SAME_SPEED
+    return moving if strays and (_agree(found, moving) or _agree(other, moving)) else found
+
+
+def _agree(one: SpeedEstimate, other: SpeedEstimate, *, share: float = _AGREEING) -> bool:
+    """Return whether two estimates of a record are of one speed, in some share of the frames."""
     seen = np.isfinite(one.speed_hz)
     there = np.isfinite(other.speed_hz) & (other.times_s >= one.times_s[0]) & (other.times_s <= one.times_s[-1])
     if not seen.any() or not there.any():
         return False
     at = other.times_s[there]
     speed, std = (np.interp(at, one.times_s[seen], values[seen]) for values in (one.speed_hz, one.std_hz))
-    reach = np.maximum(_SAME_SPEED * speed, 3 * np.hypot(std, other.std_hz[there]))
-    return bool(np.mean(np.abs(other.speed_hz[there] - speed) <= reach) >= _AGREEING)
+    reach = np.maximum(SAME_SPEED * speed, 3 * np.hypot(std, other.std_hz[there]))
+    return bool(np.mean(np.abs(other.speed_hz[there] - speed) <= reach) >= share)
 
 
 def _contradicted(found: SpeedEstimate, other: SpeedEstimate) -> SpeedEstimate:
@@ -481,7 +299,7 @@ def _contradicted(found: SpeedEstimate, other: SpeedEstimate) -> SpeedEstimate:
         alternatives=(Alternative(speed_hz=speed, ratio=ratio, probability=0.5),),
         phase=None,
         phase_std_rev=np.nan,
-        reason="frames of another length find another speed, or one in a part of the record",
+        reason=_CONTRADICTION,
     )
 
 
@@ -531,7 +349,13 @@ def _estimate(signal: Array, rate: float, search: Search, start_s: float) -> Spe
     reason = ""
     if phase is None:
         share = min(share, 0.5)
-        reason = _doubt(others, single=single, foreign=foreign, slower_hz=slower, speed_hz=float(np.median(mean[seen])))
+        reason = _doubt(
+            others,
+            single=single,
+            foreign=foreign,
+            slower_hz=slower,
+            speed_hz=float(np.median(mean[seen])),
+        )
     alternatives = tuple(
         Alternative(
             speed_hz=other.speed,
@@ -541,7 +365,7 @@ def _estimate(signal: Array, rate: float, search: Search, start_s: float) -> Spe
         for other in others
     )
     if slower is not None and not any(
-        abs(one.ratio * np.median(mean[seen]) / slower - 1) < _SAME_SPEED for one in alternatives
+        abs(one.ratio * np.median(mean[seen]) / slower - 1) < SAME_SPEED for one in alternatives
     ):
         ratio = slower / float(np.median(mean[seen]))
         alternatives += (
@@ -633,7 +457,8 @@ def _refined(
         refined_speed = phase.speed_hz(np.clip(times, phase.start_s, phase.stop_s))
         error = np.interp(times, refined.times_s, refined.std_hz)
         extrapolated = (times < refined.times_s[0]) | (times > refined.times_s[-1])
-        sure = np.median(refined.std_hz / refined.speed_hz) < _SURE
+        relative = refined.std_hz / refined.speed_hz
+        sure = np.median(relative) < _SURE and relative.max() < SAME_SPEED  # in every window
         kept = search.score(refined_speed, seen).sum() > _KEPT * shown.sum()
         left = np.abs(refined_speed - speed)[seen] > _LEFT_STD * np.hypot(np.maximum(std, search.spacing), error)[seen]
         if sure and kept and np.mean(left) <= _LEFT_SHARE:

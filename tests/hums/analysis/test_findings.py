@@ -339,11 +339,15 @@ def test_a_line_of_the_mains_is_no_race():
 
 
 def test_a_record_that_would_not_show_a_defect_is_not_judged():
-    # six times a background of 1 over a level of 20 is 30 %, over 100 it is 6 %
+    # six times a background of 1 over a level of 20 is 30 %, over 100 it is 6 %, over 150 4 %
     (short,) = judged(ASSESSOR.assess([line("inner_race", 5.4, 2.0)]))
     assert short.verdict == "not judged"
     assert "only a modulation by 30% would stand out" in short.evidence
-    (clean,) = judged(ASSESSOR.assess([line("inner_race", 5.4, 2.0, level=100.0)]))
+    # between 5 and 10 % it would not be diagnosed, but a longer record would show it
+    (early,) = judged(ASSESSOR.assess([line("inner_race", 5.4, 2.0, level=100.0)]))
+    assert early.verdict == "not judged"
+    assert "only a modulation by 6% would stand out, where damage may be indicated from 5% on" in early.evidence
+    (clean,) = judged(ASSESSOR.assess([line("inner_race", 5.4, 2.0, level=150.0)]))
     assert clean.verdict == "nothing found"
 
 
