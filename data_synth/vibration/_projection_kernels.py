@@ -1,24 +1,61 @@
-"""Compiled kernel of the order-domain projection: transforms of windows, interpolated to the orders of lines."""
+"""Compiled kernels of the order-domain projection: samples spread on a grid, and transforms interpolated to orders."""
+
+import math
 
 import numpy as np
 from numpy.typing import NDArray
 
 from data_synth._compile import compiled
 
-Complexes = NDArray[np.complex128]
+Array = NDArray[np.float64]
 
 
 @compiled
-def interpolate(spectra: Complexes, first: NDArray[np.int64], weights: Complexes, values: Complexes) -> None:
-    """Set values (row, k) to ``sum_j weights[k, j] spectra[row, first[k] + j]``.
+def spread(values: Array, at: Array, width: int, beta: float, grid: Array) -> None:
+    """Add values (channel, n) at places (n,), in cells, to a grid (channel, cell).
 
-    `spectra` (row, cell) are transforms of real numbers: at -n lies the conjugate of what lies at n.
+    The kernel is ``exp(beta (sqrt(1 - z^2) - 1))``, z being the distance over half of its width in cells.
     """
-    for row in range(spectra.shape[0]):
-        for k in range(first.size):
-            total = 0j
-            for j in range(weights.shape[1]):
-                number = first[k] + j
-                cell = spectra[row, number] if number >= 0 else spectra[row, -number].conjugate()
-                total += weights[k, j] * cell
-            values[row, k] = total
+    for n in range(at.size):
+        first = round(at[n]) - width // 2
+        for cell in range(first, first + width):
+            z = 2 * (at[n] - cell) / width
+            share = math.exp(beta * (math.sqrt(max(1 - z * z, 0.0)) - 1))
+            for channel in range(values.shape[0]):
+                grid[channel, cell] += share * values[channel, n]
+
+
+@compiled
+def interpolate(
+    spectra: NDArray[np.complex64],
+    at: Array,
+    turns: float,
+    width: int,
+    table: Array,
+    values: NDArray[np.complex128],
+) -> None:
+    """Set values (row, degree, k) to the spectra between their lines at places (k,), times ``exp(2 pi j turns at)``.
+
+    The kernel of degree d is row d of `table`, from its middle to its edge: odd for odd degrees, `width` lines wide.
+    `spectra` (row, line) are transforms of real numbers: at -n lies the conjugate of what lies at n.
+    """
+    degrees, last = values.shape[1], table.shape[1] - 1
+    for k in range(at.size):
+        first = round(at[k]) - width // 2
+        for row in range(values.shape[0]):
+            for degree in range(degrees):
+                values[row, degree, k] = 0
+        for number in range(first, first + width):
+            place = min(abs(at[k] - number) / (width / 2), 1.0) * last
+            point = min(int(place), last - 1)
+            beyond = place - point
+            phase = 2 * math.pi * turns * number
+            turn = complex(math.cos(phase), math.sin(phase))
+            for row in range(values.shape[0]):
+                line = spectra[row, number] if number >= 0 else spectra[row, -number].conjugate()
+                turned = line * turn
+                for degree in range(degrees):
+                    share = table[degree, point] + beyond * (table[degree, point + 1] - table[degree, point])
+                    if degree % 2 and at[k] < number:
+                        share = -share
+                    values[row, degree, k] += share * turned

@@ -367,15 +367,18 @@ def _varying_fit(
     weights = np.gradient(trials.astype(np.float64))
     weights[[0, -1]] /= 2
     relative = np.sqrt(least**2 @ weights / np.maximum(size**2 @ weights, np.finfo(float).tiny))
+    louder = _loud(np.max(size, axis=1), candidates.ranks[union], 0.3)
+    union, best, relative = union[louder], best[louder], relative[louder]
     amplitudes = np.zeros((samples.signal.shape[0], union.size, instants_rev.size), dtype=np.complex128)
     nearest = np.argmin(np.abs(np.arange(instants_rev.size)[:, None] - trials), axis=1)
     for number in np.unique(best).tolist():
-        fit, mine = fits[number], best[:, nearest] == number  # (line, instant)
-        here, rows = np.flatnonzero(mine.any(axis=0)), np.searchsorted(union, fit.chosen)
+        fit, mine = fits[number], best == number  # (line, trial)
+        rows = np.flatnonzero(mine.any(axis=1) & np.isin(union, fit.chosen))
+        here = np.flatnonzero(mine[rows].any(axis=0)[nearest])
         projection = Projection(samples=samples, orders=candidates.values[fit.chosen], window=fit.window)
-        lines = np.zeros((samples.signal.shape[0], union.size, here.size), dtype=np.complex128)
-        lines[:, rows] = projection.amplitudes(instants_rev[here])
-        amplitudes[:, :, here] = np.where(mine[:, here], lines, amplitudes[:, :, here])
+        lines = projection.amplitudes(instants_rev[here], np.searchsorted(fit.chosen, union[rows]))
+        row, instant = np.nonzero(mine[rows][:, nearest[here]])
+        amplitudes[:, rows[row], here[instant]] = lines[:, row, instant]
     kept = _loud(np.max(np.abs(amplitudes), axis=(0, 2)), candidates.ranks[union], 1.0)
     power = np.mean(np.abs(amplitudes[:, kept]) ** 2, axis=(0, 2))
     lengths = [fits[number].window.length_rev for number in np.unique(best[kept]).tolist()]
@@ -426,7 +429,7 @@ def _trial_fit(
     def lines_of(parts: _PartMoments, numbers: NDArray[np.int_]) -> ComplexArray:
         lines = np.empty((parts[0][1].values.shape[1], numbers.size, trials), dtype=np.complex128)
         for part, some in parts:
-            lines[:, :, part.instants] = part.amplitudes([some.of(numbers, degree=_DEGREE)])
+            lines[:, :, part.instants] = part.amplitudes([some.of(numbers)], np.arange(numbers.size))
         return lines
 
     chosen, fewer = separate(_APART / window.length_rev), separate(2 * _APART / window.length_rev)
