@@ -17,7 +17,7 @@ from dataclasses import dataclass, replace
 from functools import cache, cached_property
 
 import numpy as np
-from numpy.polynomial.chebyshev import chebval
+from numpy.polynomial.chebyshev import cheb2poly
 from numpy.polynomial.legendre import leggauss
 from numpy.typing import NDArray
 
@@ -130,7 +130,7 @@ def _interpolating_response(cycles_per_line: Array) -> Array:
     from scipy.special import i0e  # noqa: PLC0415
 
     root = np.sqrt(_BETA**2 - (np.pi * _SPREAD * cycles_per_line) ** 2)  # above 15: sinh is half of exp
-    return np.asarray(_SPREAD * np.exp(root - _BETA) / (2 * root * i0e(_BETA)))
+    return np.asarray(np.exp(root - _BETA) / root * (_SPREAD / 2 / float(i0e(_BETA))))
 
 
 @dataclass(frozen=True, kw_only=True)
@@ -163,12 +163,16 @@ class Window:
 
     def shape(self, position: Array) -> Array:
         """Return the weight w (n,) at positions u from -1/2 to 1/2 (n,)."""
+        from_end = 0.5 - self.end * position  # at an end, half of a cosine window of twice the length
+        cosine = np.cos(np.pi * (1 + from_end)) if self.end else -np.cos(2 * np.pi * position)
+        shape = np.zeros_like(position)
+        for coefficient in cheb2poly(_NUTTALL[self.terms])[::-1].tolist():
+            shape = shape * cosine + coefficient
         if not self.end:
-            return np.asarray(chebval(np.cos(2 * np.pi * (position + 0.5)), _NUTTALL[self.terms]))
-        from_end = 0.5 - self.end * position  # half of a cosine window of twice the length
+            return np.asarray(shape)
         rise = np.clip(from_end / _RISE, 0.0, 1.0)
-        shape = chebval(np.cos(np.pi * (1 + from_end)), _NUTTALL[self.terms])
-        return np.asarray(shape * rise**4 * (35 - 84 * rise + 70 * rise**2 - 20 * rise**3))
+        rise_squared = rise * rise
+        return np.asarray(shape * rise_squared**2 * (35 - 84 * rise + rise_squared * (70 - 20 * rise)))
 
     def normal_matrix(self, orders: Array) -> ComplexArray:
         """Return the lower diagonals of the normal matrix of lines at rising signed orders (k,), as scipy takes them.
@@ -357,9 +361,8 @@ class Projection:
         per_rev, (begin, grid) = self.samples.cells_per_rev, self.samples.grid
         cells, degree = int(self.window.length_rev * per_rev), self.window.degree
         padded = int(next_fast_len(math.ceil(_FINER * cells), real=True))
-        from_middle = np.arange(cells) - (cells - 1) / 2
-        weights = self.window.shape(from_middle / cells)
-        weights /= cells * _interpolating_response(from_middle / padded)
+        position = ((np.arange(cells) - (cells - 1) / 2) / cells).astype(_GRID)
+        weights = self.window.shape(position) / (cells * _interpolating_response(position * (cells / padded)))
         cycles = np.concatenate([[0.0], self.orders]) / per_rev
         middle_turns = (cells - 1) / 2 / padded  # of the phase of the window's middle, from line to line
         factor = np.multiply.outer((1j * padded / (2 * np.pi * cells)) ** np.arange(degree + 1), 1 / _kernel_response(cycles))
@@ -367,7 +370,7 @@ class Projection:
         at_once = max(1, _CELLS // (padded * grid.shape[0]))
         for here in np.split(starts, range(at_once, starts.size, at_once)):
             windows = np.stack([grid[:, start - begin : start - begin + cells] for start in here])
-            spectra = rfft(windows * weights.astype(_GRID), n=padded, axis=-1)
+            spectra = rfft(windows * weights, n=padded, axis=-1)
             values = np.empty((*spectra.shape[:-1], degree + 1, 1 + self.orders.size), dtype=np.complex128)
             flat = values.reshape(-1, *values.shape[-2:])
             interpolate(
