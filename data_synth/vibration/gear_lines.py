@@ -33,9 +33,9 @@ _BELOW_NYQUIST = 0.98
 _MIXED = 4  # multiples of one order beside those of another
 _LONGEST_CELLS = 1 << 20  # of a window in steady motion
 _SEARCHED = 9  # windows in which lines are looked for
-_APART, _APART_STEADY = 3.0, 1.5
+_APART, _APART_STEADY = 3.5, 1.5
 """Periods of the window that two lines have to be apart to be fitted together. With amplitudes of second degree the
-condition number of least squares is 8 for lines 3 periods apart, 900 for 2.5 and 600,000 for 2."""
+condition number of least squares is 5 for lines 3.5 periods apart, 300 for 3 and 2e9 for 2.5."""
 _DEGREE = 2  # of amplitudes in a window
 _TRIALS = 17  # instants at which windows are compared
 _MESH_FIRST = 3.0  # times its size a mesh's line counts beside others: what stands alone in a window is not separated

@@ -2,19 +2,21 @@
 
 In each window of angle the signal is fitted, by weighted least squares, with lines whose amplitudes are polynomials in
 angle (local polynomial regression, Fan and Gijbels 1996); lines that the window does not separate are fitted together.
-The weight is a cosine window (Nuttall 1981), so lines four and more of its periods apart are orthogonal: of four terms
-(-98 dB) where amplitudes are constant, else of three (-71 dB), which is wider, so that lines may be nearer and
-polynomials are better known at the ends of a record. Sums over samples become discrete Fourier transforms in angle:
-samples are spread on an even grid by the kernel ``exp(beta (sqrt(1 - z^2) - 1))``, which does not alias at any speed
-(Barnett, Magland and af Klinteberg 2019), and orders are interpolated between the lines of the transform by the
-Kaiser-Bessel kernel (Jackson et al. 1991). A factor u in angle is a derivative of the transform, so the kernel's
-derivatives give the moments of all degrees from one transform.
+The weight is a cosine window (Nuttall 1981): of four terms (-98 dB) where amplitudes are constant, else the fourth
+power of a cosine, whose transform falls by 30 dB an octave. A weak line may stand among lines a thousand times as
+strong, so what counts is the transform beyond the lines that are fitted together: -98 dB from ten periods on, against
+-71 dB at any distance of the three terms with the lowest side lobes. Sums over samples become discrete Fourier
+transforms in angle: samples are spread on an even grid by the kernel ``exp(beta (sqrt(1 - z^2) - 1))``, which does not
+alias at any speed (Barnett, Magland and af Klinteberg 2019), and orders are interpolated between the lines of the
+transform by the Kaiser-Bessel kernel (Jackson et al. 1991). A factor u in angle is a derivative of the transform, so
+the kernel's derivatives give the moments of all degrees from one transform.
 """
 
 import math
 from collections.abc import Callable, Iterable, Iterator
 from dataclasses import dataclass, replace
 from functools import cache, cached_property
+from typing import Any, TypeAlias
 
 import numpy as np
 from numpy.polynomial.chebyshev import cheb2poly
@@ -24,12 +26,12 @@ from numpy.typing import NDArray
 from data_synth.kinematic.harmonics import ComplexArray
 from data_synth.operation.shaft_angle import Array
 
-_NUTTALL = {3: (0.4243801, -0.4973406, 0.0782793), 4: (0.3635819, -0.4891775, 0.1365995, -0.0106411)}
-_BESIDE = (
-    0.5  # periods of the window beyond its main lobe, of as many as it has terms; lines twice as far are orthogonal
-)
+Reals: TypeAlias = NDArray[np.floating[Any]]
+
+_COSINES = {3: (3 / 8, -1 / 2, 1 / 8), 4: (0.3635819, -0.4891775, 0.1365995, -0.0106411)}
+_REACH = {3: 10.0, 4: 9.0}  # periods of the window beyond which its transform is below -98 dB
 _RISE = 1 / 6  # of a window at an end of the signal, to its largest weight
-_REACH_OF_END = 24  # periods of such a window: four of its rise, beyond which its transform is below -70 dB
+_REACH_OF_END = 36  # periods of such a window: six of its rise, beyond which its transform is below -90 dB
 _FINER = 1.5  # cells to a sample at the Nyquist rate
 _SPREAD = 9  # cells of the kernel: its aliases are below 1e-6
 _BETA = 2.0 * _SPREAD
@@ -125,7 +127,7 @@ def _interpolating_kernel() -> Array:
     return np.stack([zeroth, -slope * _BETA * z * first, slope**2 * ((_BETA * z) ** 2 * second - first)])
 
 
-def _interpolating_response(cycles_per_line: Array) -> Array:
+def _interpolating_response(cycles_per_line: Reals) -> Reals:
     """Return the Fourier transform of the Kaiser-Bessel kernel, within its pass band."""
     from scipy.special import i0e  # noqa: PLC0415
 
@@ -159,14 +161,14 @@ class Window:
     @property
     def reach(self) -> float:
         """Difference of orders beyond which two lines are taken to be orthogonal."""
-        return (_REACH_OF_END if self.end else 2 * (self.terms + _BESIDE)) / self.length_rev
+        return (_REACH_OF_END if self.end else _REACH[self.terms]) / self.length_rev
 
-    def shape(self, position: Array) -> Array:
+    def shape(self, position: Reals) -> Reals:
         """Return the weight w (n,) at positions u from -1/2 to 1/2 (n,)."""
         from_end = 0.5 - self.end * position  # at an end, half of a cosine window of twice the length
         cosine = np.cos(np.pi * (1 + from_end)) if self.end else -np.cos(2 * np.pi * position)
         shape = np.zeros_like(position)
-        for coefficient in cheb2poly(_NUTTALL[self.terms])[::-1].tolist():
+        for coefficient in cheb2poly(_COSINES[self.terms])[::-1].tolist():
             shape = shape * cosine + coefficient
         if not self.end:
             return np.asarray(shape)
@@ -342,7 +344,7 @@ class Projection:
         """Return the mean of ``|Z|^2`` (channel, k) in windows about centres (i,), each line taken to stand alone."""
         total = np.zeros((self.samples.signal.shape[0], self.orders.size))
         for part in replace(self, window=replace(self.window, degree=0)).moments(centres_rev):
-            total += np.sum(np.abs(2 * part.values[:, :, 0, 1:] / _NUTTALL[4][0]) ** 2, axis=0)
+            total += np.sum(np.abs(2 * part.values[:, :, 0, 1:] / _COSINES[4][0]) ** 2, axis=0)
         return np.asarray(total / centres_rev.size)
 
     def mean(self, centres_rev: Array) -> ComplexArray:
@@ -365,7 +367,8 @@ class Projection:
         weights = self.window.shape(position) / (cells * _interpolating_response(position * (cells / padded)))
         cycles = np.concatenate([[0.0], self.orders]) / per_rev
         middle_turns = (cells - 1) / 2 / padded  # of the phase of the window's middle, from line to line
-        factor = np.multiply.outer((1j * padded / (2 * np.pi * cells)) ** np.arange(degree + 1), 1 / _kernel_response(cycles))
+        derivative = 1j * padded / (2 * np.pi * cells)  # of the transform, for a factor u
+        factor = derivative ** np.arange(degree + 1)[:, None] / _kernel_response(cycles)
         starts = np.rint(centres_rev * per_rev - (cells - 1) / 2).astype(np.int64)
         at_once = max(1, _CELLS // (padded * grid.shape[0]))
         for here in np.split(starts, range(at_once, starts.size, at_once)):
@@ -373,9 +376,8 @@ class Projection:
             spectra = rfft(windows * weights, n=padded, axis=-1)
             values = np.empty((*spectra.shape[:-1], degree + 1, 1 + self.orders.size), dtype=np.complex128)
             flat = values.reshape(-1, *values.shape[-2:])
-            interpolate(
-                spectra.reshape(-1, spectra.shape[-1]), cycles * padded, middle_turns, _SPREAD, _interpolating_kernel(), flat
-            )
+            flat_spectra = np.asarray(spectra.reshape(-1, spectra.shape[-1]), dtype=np.complex64)
+            interpolate(flat_spectra, cycles * padded, middle_turns, _SPREAD, _interpolating_kernel(), flat)
             values *= factor
             middle_rev = np.asarray((here + (cells - 1) / 2) / per_rev, dtype=np.float64)
             yield Moments(window=self.window, orders=self.orders, middle_rev=middle_rev, values=values)
