@@ -11,16 +11,18 @@ Array = NDArray[np.float64]
 
 
 @compiled
-def spread(values: Array, at: Array, width: int, beta: float, grid: Array) -> None:
+def spread(values: Array, at: Array, width: int, table: Array, grid: Array) -> None:
     """Add values (channel, n) at places (n,), in cells, to a grid (channel, cell).
 
-    The kernel is ``exp(beta (sqrt(1 - z^2) - 1))``, z being the distance over half of its width in cells.
+    `table` has the kernel from its middle to its edge; it is `width` cells wide.
     """
+    last = table.size - 1
     for n in range(at.size):
         first = round(at[n]) - width // 2
         for cell in range(first, first + width):
-            z = 2 * (at[n] - cell) / width
-            share = math.exp(beta * (math.sqrt(max(1 - z * z, 0.0)) - 1))
+            place = min(abs(at[n] - cell) / (width / 2), 1.0) * last
+            point = min(int(place), last - 1)
+            share = table[point] + (place - point) * (table[point + 1] - table[point])
             for channel in range(values.shape[0]):
                 grid[channel, cell] += share * values[channel, n]
 
@@ -40,17 +42,17 @@ def interpolate(
     `spectra` (row, line) are transforms of real numbers: at -n lies the conjugate of what lies at n.
     """
     degrees, last = values.shape[1], table.shape[1] - 1
+    step = complex(math.cos(2 * math.pi * turns), math.sin(2 * math.pi * turns))
     for k in range(at.size):
         first = round(at[k]) - width // 2
         for row in range(values.shape[0]):
             for degree in range(degrees):
                 values[row, degree, k] = 0
+        turn = complex(math.cos(2 * math.pi * turns * first), math.sin(2 * math.pi * turns * first))
         for number in range(first, first + width):
             place = min(abs(at[k] - number) / (width / 2), 1.0) * last
             point = min(int(place), last - 1)
             beyond = place - point
-            phase = 2 * math.pi * turns * number
-            turn = complex(math.cos(phase), math.sin(phase))
             for row in range(values.shape[0]):
                 line = spectra[row, number] if number >= 0 else spectra[row, -number].conjugate()
                 turned = line * turn
@@ -59,3 +61,4 @@ def interpolate(
                     if degree % 2 and at[k] < number:
                         share = -share
                     values[row, degree, k] += share * turned
+            turn *= step

@@ -407,7 +407,8 @@ def _trial_moments(samples: AngleSamples, orders: Array, length_rev: float, inst
     """Return the moments of windows of one length at instants (i,)."""
     projection = Projection(samples=samples, orders=orders, window=Window(length_rev=length_rev, degree=_DEGREE))
     return [
-        (part, Moments.joined(part.projection.moments(part.centres_rev))) for part in projection.parts(instants_rev)
+        (part, Moments.joined(part.projection.moments(part.centres_rev)))
+        for part in projection.parts(instants_rev, blended=False)
     ]
 
 

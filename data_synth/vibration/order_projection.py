@@ -31,17 +31,17 @@ Reals: TypeAlias = NDArray[np.floating[Any]]
 _COSINES = {3: (3 / 8, -1 / 2, 1 / 8), 4: (0.3635819, -0.4891775, 0.1365995, -0.0106411)}
 _REACH = {3: 10.0, 4: 9.0}  # periods of the window beyond which its transform is below -98 dB
 _RISE = 1 / 6  # of a window at an end of the signal, to its largest weight
-_REACH_OF_END = 36  # periods of such a window: six of its rise, beyond which its transform is below -90 dB
+_REACH_OF_END = 24  # periods of such a window: four of its rise, beyond which its transform is below -81 dB
 _FINER = 1.5  # cells to a sample at the Nyquist rate
 _SPREAD = 9  # cells of the kernel: its aliases are below 1e-6
 _BETA = 2.0 * _SPREAD
-_POINTS_OF_KERNEL = 1 << 13
+_POINTS_OF_KERNEL = 1 << 13  # of a table of a kernel, from its middle to its edge
 _NODES, _WEIGHTS = leggauss(96)
 _POINTS, _POINTS_OF_END = 48, 128  # of Gauss's rule over a window: 10 digits for lines as far apart as its reach
 _POINTS_A_PERIOD = 128  # of a table of the weight's transform: cubic interpolation adds 1e-9
 _CELLS = 1 << 19  # of all windows that are transformed at once, over their channels
 _GRID = np.float32  # of transforms: their rounding, some 3e-7 of the loudest line, is below the aliases of the kernels
-_NEAR = 0.125  # of a window: instants nearer than this share one
+_HOP = 0.25  # of a window, from one to the next: between their middles two of them are blended
 _BLOCK = 65536  # samples
 
 
@@ -89,7 +89,9 @@ class AngleSamples:
             times_s = np.arange(here.start, here.stop) / self.rate_hz
             at = self.revolutions(times_s) * self.cells_per_rev - begin
             steps = self.speed_hz(times_s) * self.cells_per_rev / self.rate_hz
-            spread(self.signal[:, here] * steps, at, _SPREAD, _BETA, grid)
+            spread(
+                self.signal[:, here] * steps, at, _SPREAD, _kernel(np.linspace(0, _SPREAD / 2, _POINTS_OF_KERNEL)), grid
+            )
         return begin, grid.astype(_GRID)
 
 
@@ -312,33 +314,47 @@ class Projection:
     def amplitudes(self, instants_rev: Array, rows: NDArray[np.int_] | None = None) -> ComplexArray:
         """Return Z (channel, k, i) at angles (i,), ``x = Re{Z exp(2 pi j order angle)}``, of all lines or of some.
 
-        Instants nearer than an eighth of a window share one; those within half of one of the ends of the signal share
-        one that lies there.
+        Between the middles of two windows, a quarter of their length apart, Z is blended from one to the other, so that
+        what a polynomial misses to third degree cancels; instants within half a window of one of the ends of the signal
+        share one that lies there.
         """
         rows = np.arange(self.orders.size) if rows is None else rows
         amplitudes = np.empty((self.samples.signal.shape[0], rows.size, instants_rev.size), np.complex128)
-        for part in self.parts(instants_rev):
+        for part in self.parts(instants_rev, blended=True):
             amplitudes[:, :, part.instants] = part.amplitudes(part.projection.moments(part.centres_rev), rows)
         return amplitudes
 
-    def parts(self, instants_rev: Array) -> Iterator["Part"]:
-        """Yield the parts of a signal for angles (i,): its ends, and all between, as far as they have some."""
-        hop, (first, last) = _NEAR * self.window.length_rev, self.samples.span_rev
+    def parts(self, instants_rev: Array, *, blended: bool) -> Iterator["Part"]:
+        """Yield the parts of a signal for angles (i,): its ends, and all between, as far as they have some.
+
+        Blended from windows at even places, or each instant in the middle of a window of its own.
+        """
         half = self.window.length_rev / 2
-        nearest_rev = np.rint(instants_rev / hop) * hop
-        ends = np.where(nearest_rev < first + half, -1, np.where(nearest_rev > last - half, 1, 0))
+        first, last = self.samples.span_rev[0] + half, self.samples.span_rev[1] - half
+        ends = np.where(instants_rev < first, -1, np.where(instants_rev > last, 1, 0))
         for end in (-1, 0, 1):
             here = np.flatnonzero(ends == end)
-            if here.size:
-                about = nearest_rev[here] if not end else np.full(here.size, (first + half, last - half)[end > 0])
-                centres_rev, which = np.unique(about, return_inverse=True)
-                yield Part(
-                    projection=replace(self, window=replace(self.window, end=end)),
-                    instants=here,
-                    at_rev=instants_rev[here],
-                    centres_rev=centres_rev,
-                    which=which,
-                )
+            if not here.size:
+                continue
+            centres_rev, which = np.array([(first, last)[end > 0]]), np.zeros(here.size, dtype=np.int64)
+            share = np.zeros(here.size)
+            if not end and not blended:
+                centres_rev, which = np.unique(instants_rev[here], return_inverse=True)
+            elif not end and last > first:
+                hops = math.ceil((last - first) / (_HOP * self.window.length_rev))
+                place = (instants_rev[here] - first) / (last - first) * hops
+                which = np.minimum(place.astype(np.int64), hops - 1)
+                share = place - which
+                used, which = np.unique(np.concatenate([which, which + 1]), return_inverse=True)
+                centres_rev, which = first + used * (last - first) / hops, which[: here.size]
+            yield Part(
+                projection=replace(self, window=replace(self.window, end=end)),
+                instants=here,
+                at_rev=instants_rev[here],
+                centres_rev=centres_rev,
+                which=which,
+                share=share,
+            )
 
     def power(self, centres_rev: Array) -> Array:
         """Return the mean of ``|Z|^2`` (channel, k) in windows about centres (i,), each line taken to stand alone."""
@@ -396,7 +412,9 @@ class Part:
     centres_rev : (window,) array
         Rising.
     which : (i,) int array
-        The number of the window of each.
+        The number of the window of each, or of the first of two.
+    share : (i,) array
+        Of the second.
     """
 
     projection: Projection
@@ -404,19 +422,20 @@ class Part:
     at_rev: Array
     centres_rev: Array
     which: NDArray[np.int_]
+    share: Array
 
     def amplitudes(self, moments: Iterable[Moments], rows: NDArray[np.int_]) -> ComplexArray:
         """Return Z (channel, k, i) of some lines from the moments of the windows, some at a time."""
-        found, begin, lines = [], 0, None
+        channels, begin, lines = self.projection.samples.signal.shape[0], 0, None
+        amplitudes = np.zeros((channels, rows.size, self.instants.size), dtype=np.complex128)
         for some in moments:
-            here = np.flatnonzero((self.which >= begin) & (self.which < begin + some.middle_rev.size))
-            which = self.which[here] - begin
-            position = (self.at_rev[here] - some.middle_rev[which]) / some.window.length_rev
             lines = lines or LeastSquares(window=some.window, orders=some.orders)
-            powers = np.vander(position, some.window.degree + 1, increasing=True)
-            found.append((here, np.einsum("icdk,id->cki", lines.coefficients(some, rows)[which], powers)))
-            begin += some.middle_rev.size
-        amplitudes = np.empty((*found[0][1].shape[:2], self.instants.size), dtype=np.complex128)
-        for here, values in found:
-            amplitudes[:, :, here] = values
+            coefficients, count = lines.coefficients(some, rows), some.middle_rev.size
+            for which, weight in ((self.which, 1 - self.share), (self.which + 1, self.share)):
+                here = np.flatnonzero((which >= begin) & (which < begin + count) & (weight > 0))
+                window = which[here] - begin
+                position = (self.at_rev[here] - some.middle_rev[window]) / some.window.length_rev
+                powers = weight[here, None] * np.vander(position, some.window.degree + 1, increasing=True)
+                amplitudes[:, :, here] += np.einsum("icdk,id->cki", coefficients[window], powers)
+            begin += count
         return amplitudes
