@@ -34,12 +34,12 @@ imbalance is a force on the rigid housing. Each record has its whole scene in th
 beside it.
 
 Version 1.4 has the height of the tooth as `size_mm` of a missing one, where 1.3 had the face width, and a truth whose
-lines have a window each where speed or load varies, with what halving it changes (`truth_line_change`: a line is known no
-better than that); its samples are those of 1.3. Version 1.3 differs from 1.2 in the last digits of samples, whose every operation is now rounded as
-IEEE 754 says, and in `detectability_db`: of the record's own beginning, at its own speed, where 1.2 drew the wandering
-speed of a short record again. 1.2 has only the lines in its truth that the window of the projection determines, which
-it does not at spacings below three of its periods (attribute `truth_mesh_lines` states the windows, and by how much
-halving them changes the lines); before, samples were those of 1.1.
+lines have a window each where speed or load varies. `truth_line_change` is what halving that window changes, about the
+error of the line. Its samples are those of 1.3. Version 1.3 differs from 1.2 in the last digits of samples, whose every
+operation is now rounded as IEEE 754 says, and in `detectability_db`: of the record's own beginning, at its own speed,
+where 1.2 drew the wandering speed of a short record again. 1.2 has only the lines in its truth that the window of the
+projection determines, which it does not at spacings below three of its periods (attribute `truth_mesh_lines` states the
+windows, and by how much halving them changes the lines); before, samples were those of 1.1.
 
 ## Licence
 
