@@ -1,4 +1,4 @@
-"""Compiled kernels of the order-domain projection: samples spread on a grid, and transforms interpolated to orders."""
+"""Compiled kernels of the order-domain projection: spreading on a grid, interpolation to orders, Cholesky by bands."""
 
 import math
 
@@ -62,3 +62,22 @@ def interpolate(
                         share = -share
                     values[row, degree, k] += share * turned
             turn *= step
+
+
+@compiled
+def factorise(lower: NDArray[np.complex128]) -> None:
+    """Replace the lower diagonals (width, n) of a positive definite matrix by those of its Cholesky factor.
+
+    LAPACK's `zpbtrf` makes a rank-one update for each column, which OpenBLAS hands to all its threads: waiting for
+    them took forty times as long as the sums. A matrix that is not positive definite has a factor that is not finite.
+    """
+    width, size = lower.shape
+    for column in range(size):
+        lower[0, column] = math.sqrt(lower[0, column].real)
+        below = min(width, size - column)
+        for i in range(1, below):
+            lower[i, column] /= lower[0, column].real
+        for j in range(1, below):
+            share = lower[j, column].conjugate()
+            for i in range(j, below):
+                lower[i - j, column + j] -= lower[i, column] * share

@@ -275,9 +275,13 @@ class LeastSquares:
     @cached_property
     def _factor(self) -> ComplexArray:
         """Cholesky factor of the normal matrix, the same for every window."""
-        from scipy.linalg import cholesky_banded  # noqa: PLC0415
+        from data_synth.vibration._projection_kernels import factorise  # noqa: PLC0415  - numba is slow to load
 
-        return np.asarray(cholesky_banded(self.window.normal_matrix(self._signed[1]), lower=True, check_finite=False))
+        lower = self.window.normal_matrix(self._signed[1])
+        factorise(lower)
+        if not np.isfinite(lower[0, -1]):
+            raise np.linalg.LinAlgError("lines too near each other for the window; leave out those that it merges.")
+        return lower
 
     def coefficients(self, moments: Moments, rows: NDArray[np.int_]) -> ComplexArray:
         """Return Z in powers of u, (i, channel, degree, k), of some lines in each window."""

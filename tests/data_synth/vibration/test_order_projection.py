@@ -5,6 +5,7 @@ import pytest
 from numpy.testing import assert_allclose
 
 from data_synth.operation.shaft_angle import ShaftAngle
+from data_synth.vibration._projection_kernels import factorise
 from data_synth.vibration.order_projection import AngleSamples, Projection, Window
 
 RATE_HZ = 20_000.0
@@ -52,6 +53,17 @@ def test_lines_three_and_a_half_periods_of_the_window_apart_are_determined(apart
     scale = 1 / np.sqrt(np.diag(matrix).real)
     # 1 over the square of the condition of the columns w^(1/2) u^d exp(2 pi j c k u), by singular values 5 and 2e9
     assert (np.min(np.linalg.eigvalsh(matrix * scale * scale[:, None])) > 0.01) == determined
+
+
+def test_the_factor_by_bands_is_that_of_the_whole_matrix():
+    rng = np.random.default_rng(5)
+    factor = np.tril(np.triu(rng.standard_normal((9, 9)) + 1j * rng.standard_normal((9, 9)), -3))
+    np.fill_diagonal(factor, 1 + rng.random(9))
+    matrix = factor @ factor.conj().T
+    lower = np.array([np.append(np.diag(matrix, -below), np.zeros(below)) for below in range(4)])
+    factorise(lower)
+    for below in range(4):
+        assert_allclose(lower[below, : 9 - below], np.diag(factor, -below), atol=1e-12)  # condition of some hundred
 
 
 def test_lines_of_constant_amplitude_come_back_from_one_window():
