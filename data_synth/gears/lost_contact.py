@@ -386,8 +386,9 @@ class PairError:
         """Return m at phases in mesh cycles, any shape."""
         phase = np.asarray(phase_cycles, dtype=np.float64) - self.first
         total = np.zeros_like(phase)
+        # the remainder by 1 is that of the floor to the last digit, in a tenth of the time
+        within = np.remainder(phase, self.period) if self.period > 1 else phase - np.floor(phase)
+        right = 0.0 if self.period > 1 else None  # all alike: the next pair takes over
         for earlier in range(math.ceil(float(self.knots_cycles[-1]) / self.period)):
-            since = np.remainder(phase, self.period) + earlier * self.period
-            right = 0.0 if self.period > 1 else None  # all alike: the next pair takes over
-            total += np.interp(since, self.knots_cycles, self.error_m, right=right)
+            total += np.interp(within + earlier * self.period, self.knots_cycles, self.error_m, right=right)
         return total
