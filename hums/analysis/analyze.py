@@ -156,7 +156,7 @@ def analyze(
         stretch = Stretch(values=values, phase=machine.phase)
         channel = analyse_channel(record, name, [stretch], machine, expected, settings)
         channels.append(channel)
-        indicators += channel_indicators(record, channel, values, machine, settings, histories)
+        indicators += channel_indicators(record, channel, stretch, machine, settings, histories)
         of_gears = gear_damage(
             values,
             sampling(record, name),

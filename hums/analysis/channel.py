@@ -3,6 +3,7 @@
 import math
 from collections.abc import Iterable, Iterator, Mapping, Sequence
 from dataclasses import dataclass, field, replace
+from functools import cached_property
 from itertools import islice
 
 import numpy as np
@@ -28,6 +29,7 @@ from hums.gearbox.bearing_orders import BearingOrders
 from hums.gearbox.components import closest
 from hums.gearbox.orders import BEARING_KINDS
 from hums.records.record import Sampling, channel_values, sampling, vibration_channels
+from signals._fft_plans import transform_of
 from signals.angle.averaging import SynchronousAverage
 from signals.demodulation.envelope_bank import bank_bands, bank_envelopes, level_normalised
 from signals.health import SensorHealth, sensor_health
@@ -44,7 +46,7 @@ _SEEN = 0.01  # probability that noise alone makes a line, below which it counts
 _LEVEL_PERIODS = 4.0  # of the slowest bearing defect: what is slower is taken for a change of level
 _LEAST_ORDERS = 20.0  # of a spectrum
 _MARGIN = 1.1  # end of a spectrum over (highest expected order + 1), so that the background of its lines fits
-_BANDS_AT_ONCE = 8  # whose spectra are transformed together
+_BANDS_AT_ONCE = 8  # whose envelopes are held at once
 _TOGETHER = 2**21  # samples of envelopes resampled at once: their angles are found once, in 16 MB
 _SHORTEST = 64  # samples that a check of the sensor needs
 _POOLED_BINS = 12.0  # beside a line of a pooled spectrum: nine without its main lobe, of a record of three turns
@@ -71,6 +73,9 @@ class AnalysedChannel:
     evidence: tuple[PartEvidence, ...] = ()
     unexplained: tuple[UnexplainedLine, ...] = ()
     envelope_reach: float = 0.0  # highest order of any envelope's spectrum
+    transform: NDArray[np.complexfloating] | None = field(
+        default=None, repr=False
+    )  # of its samples, missing ones filled
     averages: dict[str, SynchronousAverage] = field(
         default_factory=dict, repr=False
     )  # of shafts, as they are asked for
@@ -157,6 +162,11 @@ class Stretch:
     phase: ShaftPhase
     parts: int = 1
 
+    @cached_property
+    def transform(self) -> NDArray[np.complexfloating]:
+        """Fourier transform of the samples without their mean."""
+        return transform_of(self.values)
+
     def over_angle(
         self, rows: Sequence[Values], when: Sampling, name: str, last_order: float, *, highest_hz: float | None = None
     ) -> list[AngularSignal]:
@@ -189,7 +199,7 @@ def analyse_channel(
     `record` is that of one stretch; `machine` is that of the fastest.
     """
     when, units = sampling(record, name), record[name].attrs["units"]
-    conditions = [_health(one.values, when, units) for one in stretches]
+    conditions = [_health(one, when, units) for one in stretches]
     health = _usual_health(conditions)
     searched = [line for line in expected if line.spectrum == ORDER_SPECTRUM]
     last = _spectrum_end(searched, settings.max_order, PASSBAND / 2 * when.rate_hz / machine.top_speed_hz)
@@ -198,12 +208,14 @@ def analyse_channel(
     signal, values = signals[0], np.concatenate([one.values for one in stretches])
     spectra = {ORDER_SPECTRUM: spectrum}
     beside = surroundings_of(spectrum, len(stretches))
-    lines, out_of_range = search(spectrum, searched, channel=name, units=units, surroundings=beside)
+    seen = settings.false_alarm_probability
+    lines, out_of_range = search(spectrum, searched, channel=name, units=units, surroundings=beside, seen=seen)
     unexplained = unexplained_lines(
         spectra[ORDER_SPECTRUM], drawn_by(machine, settings), setting_of(machine), channel=name, units=units
     )
     filled = [
-        replace(one, values=whole_values(one.values, own)) for one, own in zip(stretches, conditions, strict=True)
+        one if (whole := whole_values(one.values, own)) is one.values else replace(one, values=whole)
+        for one, own in zip(stretches, conditions, strict=True)
     ]
     searched = [line for line in expected if line.spectrum == ENVELOPE]
     best, evidence, no_band = _envelopes(filled, record, name, machine, searched, lines, settings)
@@ -229,6 +241,7 @@ def analyse_channel(
         unexplained=tuple(unexplained),
         no_band=no_band,
         envelope_reach=0.0 if best is None else best.reach,
+        transform=filled[0].transform if len(filled) == 1 and settings.most_tracks else None,
     )
 
 
@@ -286,8 +299,10 @@ class _Envelope:
     reach: float = 0.0  # of all bands
 
 
-def _health(values: Values, when: Sampling, units: str) -> SensorHealth | None:
-    return sensor_health(values, rate_hz=when.rate_hz, units=units) if values.size >= _SHORTEST else None
+def _health(stretch: Stretch, when: Sampling, units: str) -> SensorHealth | None:
+    if stretch.values.size < _SHORTEST:
+        return None
+    return sensor_health(stretch.values, rate_hz=when.rate_hz, units=units, transform=stretch.transform)
 
 
 def _usual_health(each: Sequence[SensorHealth | None]) -> SensorHealth | None:
@@ -383,6 +398,7 @@ def _envelopes(
                 level=level,
                 searches=len(bands),
                 surroundings=surroundings_of(spectrum, len(stretches)),
+                seen=settings.false_alarm_probability,
             )
             chosen = EnvelopeBand(
                 low_hz=band[0], high_hz=band[1], chosen=not isinstance(settings.envelope_band_hz, tuple)
@@ -453,7 +469,9 @@ def _over_angle(
 ) -> Iterator[AngularSignal]:
     """Yield the envelope of each band over angle, up to the order `last`; some are resampled together."""
     highest_hz = last * machine.top_speed_hz
-    envelopes = bank_envelopes(stretch.values, rate_hz=when.rate_hz, bands_hz=bands, highest_hz=highest_hz)
+    envelopes = bank_envelopes(
+        stretch.values, rate_hz=when.rate_hz, bands_hz=bands, highest_hz=highest_hz, transform=stretch.transform
+    )
     for rate_hz, first in envelopes:
         some = [first, *(values for _, values in islice(envelopes, _TOGETHER // first.size))]
         at = replace(when, rate_hz=rate_hz, count=first.size)

@@ -20,6 +20,7 @@ multiples none does, it counts if healthy machines do not make lines there that 
 import math
 from collections.abc import Iterable, Mapping, Sequence
 from dataclasses import dataclass, replace
+from functools import cached_property
 
 import numpy as np
 from numpy.typing import NDArray
@@ -94,6 +95,15 @@ class BandEvidence:
     bin_width: float
     clear: bool = True
     line_probability: float = 1.0
+
+    @cached_property
+    def families(self) -> Mapping[tuple[str, str], Sequence[AssessedLine]]:
+        """Fundamentals and harmonics by component and kind, in their order."""
+        found: dict[tuple[str, str], list[AssessedLine]] = {}
+        for line in self.lines:
+            if not line.measured.expected.sideband:
+                found.setdefault(line.measured.family, []).append(line)
+        return found
 
 
 @dataclass(frozen=True, kw_only=True)
@@ -364,14 +374,13 @@ def _strength_in(band: BandEvidence, line: AssessedLine, spacings: Sequence[floa
 
 def _family(band: BandEvidence, line: AssessedLine) -> list[AssessedLine]:
     """Return a fundamental and its harmonics in a band."""
-    harmonics = (other for other in band.lines if other is not line and not other.measured.expected.sideband)
+    harmonics = (other for other in band.families[line.measured.family] if other is not line)
     return [line, *(other for other in harmonics if supports(other.measured, line.measured))]
 
 
 def _has_harmonics(band: BandEvidence, line: AssessedLine) -> bool:
     """Whether a harmonic of a fundamental was looked for in a band."""
-    expected = (other.measured.expected for other in band.lines if other.measured.family == line.measured.family)
-    return any(one.harmonic > 1 and not one.sideband for one in expected)
+    return any(other.measured.expected.harmonic > 1 for other in band.families[line.measured.family])
 
 
 def _stands_out(line: AssessedLine) -> bool:
@@ -402,9 +411,8 @@ def _support(
     """Return the names of the harmonics and of the sidebands that stand out in a band."""
     harmonics = [
         f"harmonic {other.measured.expected.harmonic} at {other.measured.line.found:.3f}"
-        for other in band.lines
+        for other in band.families[main.family]
         if other.measured.expected.harmonic > 1
-        and not other.measured.expected.sideband
         and supports(other.measured, main)
         and other.measured.line.false_alarm_probability <= _SEEN
         and not other.explained_by
@@ -498,16 +506,19 @@ def _mains(order: float, others: _Others) -> str:
 def _explanation(order: float, depth: float, others: _Others, own_multiple: int) -> str:
     """Return which other line explains a line, or an empty string.
 
-    Of a line at half its depth or more it may be a harmonic, but for `own_multiple`; of a deeper one a sideband; of a
-    much deeper one a part.
+    Of a line at half its depth or more it may be a harmonic, but for `own_multiple`; of a deeper one a sideband, or of
+    one that is deeper together with its second harmonic, since among lines that a shaft spaces alike the multiples of
+    the one that is modulated stand out; of a much deeper one a part.
     """
+    with_harmonic = depth + others.deepest(2 * order)
     apart = (np.abs(others.orders - order) > others.width) & (others.depths >= _HARMONIC_SHARE * depth)
     for other, size in zip(others.orders[apart], others.depths[apart], strict=True):
         name = f"the line at {other:.3f}, which modulates by {size:.1%} and which it does not explain"
         for multiple in range(1, _MULTIPLES + 1):
             if multiple not in {1, own_multiple} and abs(order - multiple * other) <= others.width:
                 return f"it is {multiple} times {name}"
-            beside = (order - multiple * other) / np.array(others.spacings) if size >= depth else np.zeros(0)
+            deeper = size >= depth or (multiple == 1 and size + others.deepest(2 * other) > with_harmonic)
+            beside = (order - multiple * other) / np.array(others.spacings) if deeper else np.zeros(0)
             sides = np.round(beside)
             near = np.abs(beside - sides) * np.array(others.spacings)[: beside.size] <= others.width
             near &= (sides != 0) & (np.abs(sides) <= _EXPLAINING_SIDEBANDS)

@@ -16,11 +16,12 @@ which is careful where they share a cause.
 import json
 import math
 from dataclasses import dataclass
-from functools import cache
+from functools import cache, cached_property
 from importlib import resources
 from typing import Literal
 
 import numpy as np
+from numpy.typing import NDArray
 
 __all__ = ["HealthyMachines", "healthy_machines"]
 
@@ -60,14 +61,18 @@ class HealthyMachines:
         """
         if not strength > 0:
             return 1.0
-        known = np.sort(self.strengths)
-        # of n parts k are at least as strong as the k-th: (k + 1) / (n + 1); 1 at strength 0, 1 / (n + 1) above all
-        chance = np.concatenate([[self.parts + 1.0], np.arange(known.size, 0, -1) + 1.0, [1.0]])
-        places = np.concatenate([[0.0], known, known[-1:] * (1 + 1e-9)])
-        many = math.exp(float(np.interp(strength, places, np.log(chance))))
+        many = math.exp(float(np.interp(strength, *self._curve)))
         single = many / (self.parts + 1)
         whole = -math.expm1(parts * math.log1p(-min(single, 1 - 1e-12)))
         return min(1.0, max(whole, 1 / (self.records + 1)))
+
+    @cached_property
+    def _curve(self) -> tuple[NDArray[np.float64], NDArray[np.float64]]:
+        """Strengths, and the logarithm of how many of n + 1 parts reach each."""
+        known = np.sort(self.strengths)
+        # of n parts k are at least as strong as the k-th: (k + 1) / (n + 1); 1 at strength 0, 1 / (n + 1) above all
+        chance = np.concatenate([[self.parts + 1.0], np.arange(known.size, 0, -1) + 1.0, [1.0]])
+        return np.concatenate([[0.0], known, known[-1:] * (1 + 1e-9)]), np.log(chance)
 
     def strength_at(self, probability: float, *, parts: int = 1) -> float:
         """Return the least strength whose `probability` is at most that stated; inf where no strength reaches it."""

@@ -11,14 +11,14 @@ import math
 from collections.abc import Callable, Iterator, Mapping, Sequence
 from dataclasses import dataclass, fields, replace
 from fractions import Fraction
-from functools import partial
+from functools import cache, partial
 from typing import Any
 
 import numpy as np
 import xarray as xr
 from scipy import fft
 
-from hums.analysis.channel import AnalysedChannel, Values, resample_in_angle
+from hums.analysis.channel import AnalysedChannel, Stretch, Values, resample_in_angle
 from hums.analysis.lines import ENVELOPE
 from hums.analysis.reference_angle import Machine
 from hums.analysis.result import Analysis, IndicatorValue, check_analysis, group
@@ -230,21 +230,22 @@ def _residual_indicators(
     last = gear.last_order(average)
     cut: dict[str, Any] = {"teeth": gear.on_shaft, "harmonics": gear.harmonics, "shaft_orders": SHAFT_ORDERS}
     limit = GAUSSIAN_KURTOSIS + _OVER_NOISE * math.sqrt(24 / (2 * last)) if last else math.nan
+    difference = cache(partial(difference_signal, average, max_order=last, **cut))
     for name in ("fm4", "m6a", "m8a"):
         yield monitored.evaluate(
             name,
             f"difference signal {of}, up to order {last}",
-            lambda indicator=INDICATORS[name]: indicator(difference_signal(average, max_order=last, **cut)),  # type: ignore[misc]
+            lambda indicator=INDICATORS[name]: indicator(difference()),  # type: ignore[misc]
             noise_limit=limit if name == "fm4" else math.nan,
         )
-    residual = partial(residual_signal, average, max_order=last, **cut)
+    residual = cache(partial(residual_signal, average, max_order=last, **cut))
     takes = f"residual signal {of}, up to order {last}"
     yield monitored.evaluate("energy_operator", takes, lambda: INDICATORS["energy_operator"](residual()))
     yield _history_indicator(monitored, "na4", takes, residual, baseline)
 
     def energy_ratio() -> Any:  # noqa: ANN401
-        difference = difference_signal(average, **cut)
-        return INDICATORS["energy_ratio"](difference, regular_signal(average, left=difference))
+        left = difference_signal(average, **cut)
+        return INDICATORS["energy_ratio"](left, regular_signal(average, left=left))
 
     yield monitored.evaluate("energy_ratio", f"difference and regular signal {of}", energy_ratio)
 
@@ -255,7 +256,7 @@ def _mesh_band_indicators(
     """Yield the indicators of the modulation of the first mesh harmonic, the same one in every record."""
     beside = gear.sidebands
     takes = f"mesh order {gear.teeth} with {beside} sidebands {of}"
-    band = partial(mesh_band, average, mesh_order=gear.teeth, sidebands=beside)
+    band = cache(partial(mesh_band, average, mesh_order=gear.teeth, sidebands=beside))
     for name, indicator in INDICATORS.items():
         if indicator.takes == INDICATORS["nb4"].takes and not indicator.needs:
             yield monitored.evaluate(name, takes, lambda indicator=indicator: indicator(band()))  # type: ignore[misc]
@@ -501,17 +502,17 @@ _INTEGRABLE = ("g", "m s-2", "mm s-2", "m s-1", "mm s-1")
 def channel_indicators(
     record: xr.Dataset,
     channel: AnalysedChannel,
-    values: Values,
+    stretch: Stretch,
     machine: Machine,
     settings: AnalysisSettings,
     baseline: Baseline,
 ) -> list[IndicatorValue]:
-    """Return all indicators of one channel with samples `values`; the raw RMS only if its sensor is faulty."""
-    rows = [*_raw_signal_indicators(values, channel, machine)]
+    """Return all indicators of one channel with the samples of `stretch`; the raw RMS only if its sensor is faulty."""
+    rows = [*_raw_signal_indicators(stretch, channel, machine)]
     if channel.faulty:
         return rows
     rows += _fixed_axis_indicators(channel, machine, settings, baseline)
-    rows += planetary_indicators(record, channel, values, machine, settings, baseline)
+    rows += planetary_indicators(record, channel, stretch.values, machine, settings, baseline)
     rows += _bearing_indicators(channel, machine, settings)
     return rows
 
@@ -541,8 +542,9 @@ def snapshot_indicators(
     return rows
 
 
-def _raw_signal_indicators(values: Values, channel: AnalysedChannel, machine: Machine) -> Iterator[IndicatorValue]:
+def _raw_signal_indicators(stretch: Stretch, channel: AnalysedChannel, machine: Machine) -> Iterator[IndicatorValue]:
     """Yield the indicators of the samples themselves and the velocity RMS."""
+    values = stretch.values
     monitored = MonitoredComponent(channel=channel.name, units=channel.units, component="record", kind="channel")
     for name in ("rms",) if channel.faulty else ("rms", "peak", "crest_factor", "kurtosis"):
         yield monitored.evaluate(name, "raw signal", partial(INDICATORS[name], values))
@@ -552,7 +554,11 @@ def _raw_signal_indicators(values: Values, channel: AnalysedChannel, machine: Ma
     yield monitored.evaluate(
         "velocity_rms",
         f"velocity from {band[0]:g} to {band[1]:g} Hz",
-        lambda: velocity(values, rate_hz=channel.rate_hz, units=channel.units, band_hz=band).rms,
+        lambda: (
+            velocity(
+                values, rate_hz=channel.rate_hz, units=channel.units, band_hz=band, transform=stretch.transform
+            ).rms
+        ),
         unit="mm s-1",
         source="ISO 20816-1",
     )
@@ -645,13 +651,15 @@ def _bearing_indicators(
             channel=channel.name, units=channel.units, component=line.component, kind=line.kind
         )
         count = max(1, min(settings.harmonics, int(spectrum.axis[-1] / (line.order * (1 + slip)))))
-        energy: partial[DefectEnergy] = partial(
-            INDICATORS["defect_energy"],
-            spectrum,
-            order=line.order,
-            harmonics=count,
-            tolerance=slip,
-            surroundings=_SURROUNDINGS + count * line.order * slip,
+        energy: Callable[[], DefectEnergy] = cache(
+            partial(
+                INDICATORS["defect_energy"],
+                spectrum,
+                order=line.order,
+                harmonics=count,
+                tolerance=slip,
+                surroundings=_SURROUNDINGS + count * line.order * slip,
+            )
         )
         takes = (
             f"{count} line{'s' if count > 1 else ''} of the envelope, "

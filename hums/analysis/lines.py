@@ -6,7 +6,7 @@ from dataclasses import dataclass
 
 from hums.gearbox.kinematics import Kinematics
 from hums.gearbox.orders import BEARING_KINDS, DefectOrder, defects
-from signals.spectra.lines import SURROUNDINGS, Line, find_line
+from signals.spectra.lines import SURROUNDINGS, Line, find_lines
 from signals.spectra.spectra import AmplitudeSpectrum
 
 ORDER_SPECTRUM, ENVELOPE = "order_spectrum", "envelope"
@@ -204,35 +204,46 @@ def search(
     level: float = 0.0,
     searches: int = 1,
     surroundings: float = SURROUNDINGS,
+    seen: float = 1.0,
 ) -> tuple[list[MeasuredLine], list[ExpectedLine]]:
     """Return the lines measured in one spectrum, and the expected ones out of its range.
 
-    The background of a line is measured within `surroundings` orders on either side of it.
+    The background of a line is measured within `surroundings` orders on either side of it; the leakage of others to it
+    where noise makes it with a probability up to `seen`.
 
     Out of range are lines above the end of the spectrum, and those with too few bins for a background.
     """
-    found, out_of_range = [], []
-    for line in expected:
-        try:
-            closer = line.order / 2 if line.spectrum == ENVELOPE else _CLOSE_ORDERS if line.kind == "tooth" else None
-            result = find_line(
-                spectrum, expected=line.order, tolerance=line.tolerance, surroundings=surroundings, closer=closer
-            )
-        except ValueError:
+    looked_for, found, out_of_range = list(expected), [], []
+    results = find_lines(
+        spectrum,
+        expected=[line.order for line in looked_for],
+        tolerance=[line.tolerance for line in looked_for],
+        closer=[_closer(line) for line in looked_for],
+        surroundings=surroundings,
+        seen=seen,
+    )
+    for line, result in zip(looked_for, results, strict=True):
+        if isinstance(result, ValueError):
             out_of_range.append(line)
             continue
-        found.append(
-            MeasuredLine(
-                expected=line,
-                channel=channel,
-                units=units,
-                bin_width=spectrum.bin_width,
-                line=result,
-                level=level,
-                searches=searches,
-            )
+        measured = MeasuredLine(
+            expected=line,
+            channel=channel,
+            units=units,
+            bin_width=spectrum.bin_width,
+            line=result,
+            level=level,
+            searches=searches,
         )
+        found.append(measured)
     return found, out_of_range
+
+
+def _closer(line: ExpectedLine) -> float:
+    """Return the orders on either side within which the background is measured again, NaN for none."""
+    if line.spectrum == ENVELOPE:
+        return line.order / 2
+    return _CLOSE_ORDERS if line.kind == "tooth" else math.nan
 
 
 def is_support(line: MeasuredLine) -> bool:

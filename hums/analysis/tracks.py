@@ -239,7 +239,7 @@ def bearing_line(
     when = sampling(record, channel.name)
     band = part.band_low_hz, part.band_high_hz
     values = whole_values(varying_values(record, channel.name), channel.health)
-    ((rate_hz, envelope),) = bank_envelopes(values, rate_hz=when.rate_hz, bands_hz=[band])
+    ((rate_hz, envelope),) = bank_envelopes(values, rate_hz=when.rate_hz, bands_hz=[band], transform=channel.transform)
     at = replace(when, rate_hz=rate_hz, count=envelope.size)
     last = (1 + slip) * part.order + _MARGIN_ORDERS
     signal = resample_in_angle(envelope, at, channel.name, machine.phase, last, multiple_of=1)

@@ -373,11 +373,11 @@ def local_damage(energies: FoldedEnergies, *, rotations: int, rng: np.random.Gen
     smoothed = [_smoothed(energies.values, width) for width in _WIDTHS]
     observed = np.stack([_t_statistic(values) for values in smoothed])  # (width, band, cell)
     largest = observed.max(axis=(0, 2))  # by band
-    places = [
-        _at_peak(smoothed[number].mean(axis=-2)[band], observed[number, band], width, energies, band)
-        for band in range(energies.values.shape[0])
-        for number, width in enumerate(_WIDTHS)
+    curves = np.stack([values.mean(axis=-2) for values in smoothed])
+    by_width = [
+        _at_peaks(curve, own, width, energies) for curve, own, width in zip(curves, observed, _WIDTHS, strict=True)
     ]
+    places: list[LocalDamage] = [place for of_band in zip(*by_width, strict=True) for place in of_band]
     worthwhile = min(place.local for place in places) < _UNLIKELY
     null = _rotated_maxima(smoothed, most if worthwhile else _FIRST, float(largest.max()), rng)
     repeats = [float((1 + np.count_nonzero(null >= one)) / (1 + null.size)) for one in largest]
@@ -393,57 +393,61 @@ def local_damage(energies: FoldedEnergies, *, rotations: int, rng: np.random.Gen
     return min(found, key=lambda place: (place.probability, place.local, -place.statistic))
 
 
-def _at_peak(curve: Array, statistic: Array, width: int, energies: FoldedEnergies, band: int) -> LocalDamage:
-    """Return the outcome at the highest place of one band, averaged over `width` cells, before any rotation."""
-    cells, bands = curve.size, energies.values.shape[0]
-    peak = int(np.argmax(curve))
+def _at_peaks(curves: Array, statistics: Array, width: int, energies: FoldedEnergies) -> list[LocalDamage]:
+    """Return the outcome at the highest place of each band, averaged over `width` cells, before any rotation."""
+    bands, cells = curves.shape
+    each, peaks = np.arange(bands), curves.argmax(axis=1)
     pitch = max(1, math.ceil(cells / energies.teeth))
-    distance = np.abs((np.arange(cells) - peak + cells // 2) % cells - cells // 2)
-    beside = max(pitch, width, min(round(_NEIGHBOURS * pitch), cells // 6))
-    away = distance > beside
-    if np.count_nonzero(away) < _FEWEST_OTHERS:
+    distance = np.abs((np.arange(cells) - peaks[:, None] + cells // 2) % cells - cells // 2)
+    away = distance > max(pitch, width, min(round(_NEIGHBOURS * pitch), cells // 6))
+    if np.count_nonzero(away[0]) < _FEWEST_OTHERS:  # as many in each band
         away[:] = True  # too coarse for a tooth to stand out: its statistic is that of a cell among all
+    count = int(np.count_nonzero(away[0]))
     for _ in range(_CLIPS):  # a high peak has a share in the smooth orders, which would be missing from the others
-        clipped = np.where(away, curve, np.minimum(curve, curve[away].max()))
-        curve = curve - _common_part(clipped, energies.teeth, energies.smooth_orders)
-    energy = np.exp(curve)
-    others = energy[away]
-    spread = float(others.std(ddof=1))
-    outlier = float((energy[peak] - others.mean()) / spread) if spread > 0 else math.inf
-    apart = np.where(away, energy - others.mean(), 0.0)
-    independent = _independent(apart, others.size, pitch=pitch, width=width)
-    local = min(1.0, float(_tail(outlier, independent)) * cells / width * len(_WIDTHS) * bands)
-    return LocalDamage(
-        probability=local,
-        repeats=0.0,
-        differing=0.0,
-        local=local,
-        statistic=float(statistic[peak]),
-        outlier=outlier,
-        rise=float(energy[peak] / others.mean()),
-        position_rev=((peak + width / 2) / cells) % 1.0,
-        width_rev=width / cells,
-        band=band,
-        turns=energies.turns,
-    )
+        highest = np.where(away, curves, -np.inf).max(axis=1, keepdims=True)
+        clipped = np.where(away, curves, np.minimum(curves, highest))
+        curves = curves - _common_part(clipped, energies.teeth, energies.smooth_orders)
+    energy = np.exp(curves)
+    others = energy[away].reshape(bands, count)
+    mean, spread = others.mean(axis=1), others.std(axis=1, ddof=1)
+    outlier = np.divide(energy[each, peaks] - mean, spread, out=np.full(bands, np.inf), where=spread > 0)
+    apart = np.where(away, energy - mean[:, None], 0.0)
+    independent = _independent(apart, count, pitch=pitch, width=width)
+    local = np.minimum(1.0, _tail(outlier, independent) * cells / width * len(_WIDTHS) * bands)
+    return [
+        LocalDamage(
+            probability=float(local[band]),
+            repeats=0.0,
+            differing=0.0,
+            local=float(local[band]),
+            statistic=float(statistics[band, peak]),
+            outlier=float(outlier[band]),
+            rise=float(energy[band, peak] / mean[band]),
+            position_rev=((peak + width / 2) / cells) % 1.0,
+            width_rev=width / cells,
+            band=band,
+            turns=energies.turns,
+        )
+        for band, peak in enumerate(peaks.tolist())
+    ]
 
 
-def _tail(outlier: Array | float, others: float) -> Array:
+def _tail(outlier: Array | float, others: Array | float) -> Array:
     """Return the probability of F(2, m) above 1 + outlier, m the number of others: see the module."""
     return np.asarray((1 + 2 * np.maximum(0.0, 1 + np.asarray(outlier)) / others) ** (-others / 2))
 
 
-def _independent(deviations: Array, count: int, *, pitch: int, width: int) -> float:
-    """Return how many independent values a curve over the turn holds, from its correlation within a tooth.
+def _independent(deviations: Array, count: int, *, pitch: int, width: int) -> Array:
+    """Return how many independent values each (..., cell) curve over the turn holds, from its correlation in a tooth.
 
     A sound tooth that differs from its neighbours does so over its whole pitch, noise from cell to cell.
     """
-    power = float(deviations @ deviations)
-    if power == 0:
-        return float(count)
-    lags = range(1, max(pitch, width))
-    alike = sum(max(0.0, float(deviations @ np.roll(deviations, lag))) / power for lag in lags)
-    return max(2.0, count / (1 + 2 * alike))
+    power = np.asarray(np.sum(deviations**2, axis=-1))
+    alike = np.zeros(power.shape)
+    for lag in range(1, max(pitch, width)):
+        products = np.sum(deviations * np.roll(deviations, lag, axis=-1), axis=-1)
+        alike += np.maximum(0.0, np.divide(products, power, out=np.zeros(power.shape), where=power > 0))
+    return np.where(power > 0, np.maximum(2.0, count / (1 + 2 * alike)), float(count))
 
 
 def _smoothed(values: Array, width: int) -> Array:

@@ -7,10 +7,10 @@ from typing import TYPE_CHECKING
 import numpy as np
 from scipy import fft
 
-from signals._fft_plans import forget_plans
+from signals._fft_plans import forget_plans, transform_of
 from signals._validation import Array, Samples, checked, positive, real_samples, real_vector
 from signals.resampling.resampling import angular_resample
-from signals.spectra.spectra import AmplitudeSpectrum, amplitude_spectrum, order_spectrum, without_mean
+from signals.spectra.spectra import AmplitudeSpectrum, amplitude_spectrum, order_spectrum
 
 if TYPE_CHECKING:
     from collections.abc import Iterable, Iterator
@@ -56,7 +56,7 @@ def envelope(x: ArrayLike, *, rate_hz: float, band_hz: tuple[float, float]) -> S
     signal = real_samples(x, name="the signal", minimum=4)
     rate = positive(rate_hz, name="rate_hz")
     low, high = _band(band_hz, rate)
-    lines = fft.rfft(without_mean(signal))
+    lines = transform_of(signal)
     begin, end = (int(edge / rate * signal.size) + np.arange(2) for edge in (low, high))  # at or beside the edges
     first, stop = begin[0] + np.sum(begin * rate / signal.size < low), end[0] + np.sum(end * rate / signal.size <= high)
     lines[:first], lines[stop:] = 0, 0

@@ -18,8 +18,8 @@ import numpy as np
 from scipy import fft
 from scipy.ndimage import convolve1d
 
+from signals._fft_plans import transform_of
 from signals._validation import Samples, positive, real_samples
-from signals.spectra.spectra import without_mean
 
 if TYPE_CHECKING:
     from collections.abc import Iterator, Sequence
@@ -74,7 +74,12 @@ def bank_bands(*, rate_hz: float, least_width_hz: float) -> tuple[tuple[float, f
 
 
 def bank_envelopes(
-    x: ArrayLike, *, rate_hz: float, bands_hz: Sequence[tuple[float, float]], highest_hz: float | None = None
+    x: ArrayLike,
+    *,
+    rate_hz: float,
+    bands_hz: Sequence[tuple[float, float]],
+    highest_hz: float | None = None,
+    transform: NDArray[np.complexfloating] | None = None,
 ) -> Iterator[tuple[float, Samples]]:
     """Yield the envelope of each band, sampled at least at twice its width, or its part below a frequency.
 
@@ -93,6 +98,9 @@ def bank_envelopes(
     highest_hz : float, optional
         End of the part of the envelope that is wanted, cut off with a sharp edge; all bands then have one rate, 2.5
         times as much. It is found in single precision, with an error below 1e-6 of the band's largest value.
+
+    transform : (n // 2 + 1,) array, optional
+        The Fourier transform of the record without its mean, where it is known.
 
     Yields
     ------
@@ -114,10 +122,7 @@ def bank_envelopes(
     signal = real_samples(x, name="the signal", minimum=4)
     rate = positive(rate_hz, name="rate_hz")
     size = signal.size
-    lines = fft.rfft(without_mean(signal))
-    lines[0] *= 0.5  # it and that at half the rate stand for one line, all others for two
-    if size % 2 == 0:
-        lines[-1] *= 0.5
+    lines = transform_of(signal, transform)
     places: list[tuple[int, int]] = []
     for low, high in bands_hz:
         if not 0 <= low < high <= rate / 2 * (1 + 1e-12):
@@ -125,7 +130,7 @@ def bank_envelopes(
         places.append((int(np.ceil(low / rate * size)), int(np.floor(high / rate * size)) + 1))
     if highest_hz is None:
         for first, stop in places:
-            (magnitude,) = _magnitudes([lines[first:stop]], size, lines.dtype)
+            (magnitude,) = _magnitudes(lines, [(first, stop)], size)
             yield magnitude.size / size * rate, magnitude
         return
     kept = int(positive(highest_hz, name="highest_hz") / rate * size) + 1
@@ -135,7 +140,7 @@ def bank_envelopes(
     for length, alike in groupby(places, key=lambda place: _length(place[1] - place[0])):
         at_once = max(1, _TOGETHER // length)
         while some := list(islice(alike, at_once)):
-            magnitudes = _magnitudes([singles[first:stop] for first, stop in some], size, singles.dtype)
+            magnitudes = _magnitudes(singles, some, size)
             slow = fft.rfft(magnitudes)[:, :kept]
             for row in fft.irfft(slow, short):
                 yield short / size * rate, row * np.float64(scale * short / length)
@@ -146,12 +151,17 @@ def _length(lines: int) -> int:
     return int(fft.next_fast_len(max(2, 2 * (lines - 1))))
 
 
-def _magnitudes(bands: Sequence[NDArray[np.complexfloating]], size: int, dtype: np.dtype) -> Samples:
-    """Return the (band, m) magnitudes of the analytic signals of bands of one length, from their lines of `size`."""
-    length = _length(bands[0].size)
-    analytic = np.zeros((len(bands), length), dtype=dtype)
-    for row, band in zip(analytic, bands, strict=True):
-        row[: band.size] = band[:length]
+def _magnitudes(lines: NDArray[np.complexfloating], places: Sequence[tuple[int, int]], size: int) -> Samples:
+    """Return the (band, m) magnitudes of the analytic signals of bands of one length, from lines of `size` samples."""
+    length = _length(places[0][1] - places[0][0])
+    analytic = np.zeros((len(places), length), dtype=lines.dtype)
+    for row, (first, stop) in zip(analytic, places, strict=True):
+        band = lines[first:stop][:length]
+        row[: band.size] = band
+        if first == 0:
+            row[0] *= 0.5  # it and that at half the rate stand for one line, all others for two
+        if size % 2 == 0 and stop == lines.size:
+            row[band.size - 1] *= 0.5
     magnitude = np.abs(fft.ifft(analytic, overwrite_x=True))
     magnitude *= 2 * length / size
     return np.asarray(magnitude)

@@ -15,16 +15,17 @@ from __future__ import annotations
 
 from dataclasses import dataclass, field
 from functools import lru_cache
+from operator import itemgetter
 from typing import TYPE_CHECKING
 
 import numpy as np
 from numpy.typing import ArrayLike, NDArray
 from scipy import fft
 
-from signals._fft_plans import forget_plans
+from signals._fft_plans import forget_plans, without_mean
 from signals._validation import Array, Samples, checked, positive, real_samples, whole
 from signals._windows import window_of
-from signals.spectra.spectra import hop_of, transformed, without_mean
+from signals.spectra.spectra import hop_of, transformed
 
 if TYPE_CHECKING:
     from collections.abc import Iterator
@@ -267,12 +268,21 @@ def fast_kurtogram(
     most = int(np.log2(signal.size / FEWEST_SAMPLES))
     depth = min(LEVELS, most) if levels is None else whole(levels, name="levels", least=1, most=most)
     rows = sorted(
-        (level, index, width, *_band_statistics(re, im, bands=_split_into(level), negentropy=with_negentropy))
-        for level, index, width, re, im in _bands(signal, depth)
+        (
+            (level, index, width, re.size, *_moments(re, im, negentropy=with_negentropy))
+            for level, index, width, re, im in _bands(signal, depth)
+        ),
+        key=itemgetter(0, 1),
     )
-    level, index, width, kurtosis, steady, std, power, negentropy, lines = (
-        np.array(column, dtype=np.float64) for column in zip(*rows, strict=True)
-    )
+    *columns, seconds, fourths, negentropy, lines = zip(*rows, strict=True)
+    level, index, width, count = (np.array(column, dtype=np.float64) for column in columns)
+    second, fourth = np.array(seconds), np.array(fourths)  # (band, part)
+    quiet = np.argsort(fourth, axis=1)[:, : PARTS - LEFT_OUT]
+    least, of_least = (np.take_along_axis(each, quiet, axis=1).sum(axis=1) for each in (second, fourth))
+    kurtosis = _kurtosis(second.sum(axis=1), fourth.sum(axis=1), count)
+    steady = _kurtosis(least, of_least, count * (1 - LEFT_OUT / PARTS))
+    power = second.sum(axis=1) / count
+    std = 2 * np.sqrt(np.array([_samples_per_independent(_split_into(one)) for one in level.tolist()]) / count)
     share = power / power[0]
     empty = share < _LEAKAGE
     return Kurtogram(
@@ -283,8 +293,8 @@ def fast_kurtogram(
         steady_kurtosis=np.where(empty, np.nan, steady),
         noise_std=std,
         power_share=share,
-        envelope_negentropy=np.where(empty, np.nan, negentropy) if with_negentropy else None,
-        envelope_lines=lines,
+        envelope_negentropy=np.where(empty, np.nan, np.array(negentropy)) if with_negentropy else None,
+        envelope_lines=np.array(lines, dtype=np.float64),
     )
 
 
@@ -308,9 +318,13 @@ def _in_single_precision(x: Samples) -> Single:
 
 
 def _bands(signal: Single, depth: int) -> Iterator[tuple[float, int, float, Single, Single]]:
-    """Yield level, index, width over half the rate, and complex envelope of each band of the tree."""
+    """Yield level, index, width over half the rate, and complex envelope of each band of the tree.
+
+    The bands of a level take each other's memory, fresh one being slow to come by: each is to be used before the next.
+    """
     from signals.demodulation._kurtogram_kernels import split_band  # noqa: PLC0415
 
+    memory: dict[tuple[int, int], tuple[Single, Single]] = {}
     waiting = [(0, 0, signal, _hilbert_transform(signal))]
     while waiting:  # depth first, so that a band is still in the cache when it is split
         level, index, re, im = waiting.pop()
@@ -318,7 +332,9 @@ def _bands(signal: Single, depth: int) -> Iterator[tuple[float, int, float, Sing
         for factor in (3, 2) if level < depth - 1 else (2,) if level < depth else ():
             taps = _lowpass(factor)
             shape = (factor, (re.size - taps.size) // factor + 1)
-            out_re, out_im = np.empty(shape, dtype=np.float32), np.empty(shape, dtype=np.float32)
+            if (level, factor) not in memory:
+                memory[level, factor] = np.empty(shape, dtype=np.float32), np.empty(shape, dtype=np.float32)
+            out_re, out_im = memory[level, factor]
             split_band(re, im, taps, factor, out_re, out_im)
             for b in range(factor):
                 if factor == 2:  # noqa: PLR2004
@@ -364,31 +380,19 @@ def _samples_per_independent(factor: int) -> float:
     return float(1 + 2 * np.sum(correlation**4))
 
 
-def _band_statistics(
-    re: Single, im: Single, *, bands: int, negentropy: bool
-) -> tuple[float, float, float, float, float, float]:
-    """Return kurtosis, steady kurtosis, its noise deviation, mean power, negentropy and number of lines of a band."""
+def _moments(re: Single, im: Single, *, negentropy: bool) -> tuple[Array, Array, float, int]:
+    """Return sums of the second and fourth powers of a band's envelope by part, its negentropy and number of lines."""
     from signals.demodulation._kurtogram_kernels import squared_envelope  # noqa: PLC0415
 
     seconds, fourths, squared = np.empty(PARTS), np.empty(PARTS), np.empty(re.size * negentropy, dtype=re.dtype)
     squared_envelope(re, im, squared, seconds, fourths)
-    count = re.size
-    steady = np.argsort(fourths)[: PARTS - LEFT_OUT]
-    std = 2 * np.sqrt(_samples_per_independent(bands) / count)
-    found, lines = _negentropy(squared) if negentropy else (np.nan, 0)
-    return (
-        _kurtosis(seconds.sum(), fourths.sum(), count),
-        _kurtosis(seconds[steady].sum(), fourths[steady].sum(), count * (1 - LEFT_OUT / PARTS)),
-        float(std),
-        float(seconds.sum() / count),
-        found,
-        float(lines),
-    )
+    return seconds, fourths, *(_negentropy(squared) if negentropy else (np.nan, 0))
 
 
-def _kurtosis(second: float, fourth: float, count: float) -> float:
-    """Return the kurtosis from sums of second and fourth powers over `count` samples."""
-    return float(fourth / second**2 * count - 2) if second > 0 else np.nan
+def _kurtosis(second: Array, fourth: Array, count: Array) -> Array:
+    """Return the kurtosis of each band from its sums of second and fourth powers over `count` samples."""
+    ratio = np.divide(fourth, second**2, out=np.full(second.size, np.nan), where=second > 0)
+    return np.asarray(ratio * count - 2)
 
 
 def _negentropy(squared_envelope: Single) -> tuple[float, int]:

@@ -71,7 +71,9 @@ class SensorHealth:
 
 
 @checked
-def sensor_health(x: ArrayLike, *, rate_hz: float, units: str) -> SensorHealth:
+def sensor_health(
+    x: ArrayLike, *, rate_hz: float, units: str, transform: NDArray[np.complexfloating] | None = None
+) -> SensorHealth:
     """Detect clipping, drop-outs, stuck values, mains hum, ski slope, level jumps and spikes in a raw vibration record.
 
     Filtering or resampling after the fault hides it: a flat top needs five or more equal samples, and a spike must be
@@ -90,6 +92,8 @@ def sensor_health(x: ArrayLike, *, rate_hz: float, units: str) -> SensorHealth:
         Sampling rate in Hz.
     units : str
         Unit of `x`, for the sentences.
+    transform : (n // 2 + 1,) array, optional
+        The Fourier transform of the record without its mean, where it is known; used where no sample is missing.
 
     Returns
     -------
@@ -131,7 +135,7 @@ def sensor_health(x: ArrayLike, *, rate_hz: float, units: str) -> SensorHealth:
     rest = _filled(whole, lost | spiked)  # so that one fault is not reported as another
     checks: list[tuple[list[SensorFault], str | None]] = [([], "what is left of the record is constant")]
     if np.ptp(rest) > 0:
-        spectrum = amplitudes(rest)
+        spectrum = amplitudes(rest, transform if rest is values else None)
         checks = [
             hum(rest, spectrum, rate_hz=rate),
             ski_slope(rest, spectrum, rate_hz=rate),

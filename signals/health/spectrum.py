@@ -3,9 +3,9 @@
 from itertools import pairwise
 
 import numpy as np
-from scipy import fft
+from numpy.typing import NDArray
 
-from signals._fft_plans import forget_plans
+from signals._fft_plans import transform_of
 from signals._median import median
 from signals._validation import Samples
 from signals.health.samples import SensorFault, graded
@@ -62,13 +62,13 @@ def hum(x: Samples, amplitude: Samples, *, rate_hz: float) -> tuple[list[SensorF
     return [], None
 
 
-def amplitudes(x: Samples) -> Samples:
+def amplitudes(x: Samples, transform: NDArray[np.complexfloating] | None = None) -> Samples:
     """Return the peak amplitude spectrum under Hann's window, in steps of one over the record's duration.
 
     The window, ``1/2 - cos(2 pi i / n) / 2``, is applied to the lines of the spectrum as a three-term convolution.
+    `transform` is that of the record without its mean, where it is known.
     """
-    lines = fft.rfft(x - x.mean(dtype=np.float64).astype(x.dtype))
-    forget_plans(x.size)
+    lines = transform_of(x, transform)
     beyond = np.conj(lines[-2] if x.size % 2 == 0 else lines[-1])  # the line after the last: x is real
     windowed = lines[1:-1] - (lines[:-2] + lines[2:]) / 2
     found = np.empty(lines.size, dtype=x.dtype)

@@ -117,7 +117,8 @@ def defect_energy(
 
 def _line(spectrum: AmplitudeSpectrum, centre: float, half: float, reach: float) -> tuple[float, float, float]:
     """Return place and amplitude of the largest point of a band, and the median amplitude beside the band."""
-    axis, amplitude = spectrum.axis, spectrum.amplitude
+    begin, end = np.searchsorted(spectrum.axis, [centre - reach - half, centre + reach + half])
+    axis, amplitude = spectrum.axis[begin:end], spectrum.amplitude[begin:end]
     low, high = np.searchsorted(axis, [centre - half, centre + half])
     top = int(low) + int(np.argmax(amplitude[low : max(high, low + 1)]))
     lobe = _LOBE_BINS * spectrum.bin_width

@@ -16,7 +16,7 @@ first sample is subtracted before and added after, so that a large mean costs no
 """
 
 from collections.abc import Callable
-from dataclasses import dataclass
+from dataclasses import dataclass, field
 from functools import lru_cache
 from typing import Literal, get_args
 
@@ -102,6 +102,7 @@ def step_response(u: Array) -> Array:
 
 
 NODE_STEP = 64  # points between exact values
+_AHEAD = 1024  # cells evaluated at once at most
 _TOLERANCE = 1e-8  # of a step of the other grid: 3e-8 rad at the end of the band
 
 Curve = Callable[[Array], Array]
@@ -131,24 +132,41 @@ class Track:
     spacing: float
     offset: float
     scale: float
+    _known: dict[str, tuple[int, Array, Array, NDArray[np.int64]]] = field(
+        init=False, repr=False, compare=False, default_factory=dict
+    )
 
     def at(self, first: int, last: int) -> tuple[Array, Array]:
         """Return value and slope at the points from `first` up to, but not including, `last`."""
         from signals.resampling._engine_kernels import hermite  # noqa: PLC0415
 
-        cell = first // NODE_STEP
-        nodes = NODE_STEP * np.arange(cell, (last - 1) // NODE_STEP + 2, dtype=np.float64)
-        values, slopes = self._values(nodes), self._slopes(nodes)
-        skip = first - cell * NODE_STEP
+        begin, end = first // NODE_STEP, (last - 1) // NODE_STEP + 1
+        cell, values, slopes, inexact = self._cells(begin, end)
+        skip = first - begin * NODE_STEP
         out, out_slopes = np.empty(last - first), np.empty(last - first)
-        hermite(values, slopes, NODE_STEP, skip, out, out_slopes)
-        inexact = self._inexact_cells(nodes, values, slopes)
+        there = slice(begin - cell, end - cell + 1)
+        hermite(values[there], slopes[there], NODE_STEP, skip, out, out_slopes)
+        inexact = inexact[(inexact >= begin) & (inexact < end)]
         if inexact.size:
-            points = (inexact[:, None] * NODE_STEP - skip + np.arange(NODE_STEP)).ravel()
+            points = ((inexact[:, None] - begin) * NODE_STEP - skip + np.arange(NODE_STEP)).ravel()
             points = points[(points >= 0) & (points < out.size)]
             at = (first + points).astype(np.float64)
             out[points], out_slopes[points] = self._values(at), self._slopes(at)
         return out, out_slopes
+
+    def _cells(self, begin: int, end: int) -> tuple[int, Array, Array, NDArray[np.int64]]:
+        """Return the first of some cells, value and slope at their nodes, and which of them are inexact.
+
+        They hold those from `begin` to `end`, and more of the next ones the further the track has come: calls of the
+        function cost more than values.
+        """
+        known = self._known.get("last")
+        if known is None or not known[0] <= begin < end < known[0] + known[1].size:
+            nodes = NODE_STEP * np.arange(begin, max(end, min(begin, _AHEAD) + begin) + 1, dtype=np.float64)
+            values, slopes = self._values(nodes), self._slopes(nodes)
+            known = begin, values, slopes, begin + self._inexact_cells(nodes, values, slopes)
+            self._known["last"] = known
+        return known
 
     def _inexact_cells(self, nodes: Array, values: Array, slopes: Array) -> NDArray[np.int64]:
         """Return the cells in which the cubic exceeds the tolerance."""

@@ -16,9 +16,9 @@ from typing import TYPE_CHECKING
 import numpy as np
 from scipy import fft
 
+from signals._fft_plans import without_mean
 from signals._validation import Array, Samples, checked, positive, real_vector, whole
 from signals._windows import Window, window_of
-from signals.spectra.spectra import without_mean
 
 if TYPE_CHECKING:
     from numpy.typing import ArrayLike, NDArray

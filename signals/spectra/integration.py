@@ -8,11 +8,11 @@ from typing import TYPE_CHECKING
 import numpy as np
 from scipy import fft
 
-from signals._fft_plans import forget_plans
+from signals._fft_plans import forget_plans, transform_of
 from signals._validation import Array, Samples, checked, choice, number, positive, real_samples
 
 if TYPE_CHECKING:
-    from numpy.typing import ArrayLike
+    from numpy.typing import ArrayLike, NDArray
 
 ISO_20816_HZ = (10.0, 1000.0)  # machines above 600 rpm
 ISO_20816_SLOW_HZ = (2.0, 1000.0)  # machines from 120 to 600 rpm
@@ -94,6 +94,7 @@ def velocity(
     to: str = "mm s-1",
     band_hz: tuple[float, float] = ISO_20816_HZ,
     taper: float = 0.25,
+    transform: NDArray[np.complexfloating] | None = None,
 ) -> Integrated:
     """Integrate acceleration to velocity, or filter a velocity, within a band.
 
@@ -111,6 +112,8 @@ def velocity(
         Band in Hz. Default 10 to 1000 Hz (ISO 20816-1 and -3); from 2 Hz for machines below 600 rpm.
     taper : float
         Width of the smooth transition outside the band, as a fraction of either edge. Narrow ones settle slowly.
+    transform : (n // 2 + 1,) array, optional
+        The Fourier transform of the record without its mean, where it is known.
 
     Returns
     -------
@@ -138,7 +141,16 @@ def velocity(
     >>> round(velocity(x, rate_hz=5000, units="m s-2").rms, 3)
     2.251
     """
-    return _integrate(x, rate_hz=rate_hz, units=units, to=to, quantity="velocity", band_hz=band_hz, taper=taper)
+    return _integrate(
+        x,
+        rate_hz=rate_hz,
+        units=units,
+        to=to,
+        quantity="velocity",
+        band_hz=band_hz,
+        taper=taper,
+        transform=transform,
+    )
 
 
 @checked
@@ -220,6 +232,7 @@ def _integrate(
     quantity: str,
     band_hz: tuple[float, float],
     taper: float,
+    transform: NDArray[np.complexfloating] | None = None,
 ) -> Integrated:
     """Return the record integrated to `quantity` by division by ``j 2 pi f``."""
     signal = real_samples(x, name="the signal", minimum=4)
@@ -229,13 +242,13 @@ def _integrate(
     choice(units, name="units", choices=[unit for unit, (of, _) in _UNITS.items() if _ORDER[of] >= least])
     low, high, taper = _checked_band(band_hz, taper, rate=rate, duration_s=signal.size / rate)
     (given, scale), (_, result_scale) = _UNITS[units], _UNITS[to]
-    lines = fft.rfft(signal)  # with the mean, which the gain removes
+    transform = transform_of(signal, transform)
     step = rate / signal.size
-    first, stop = int(low * (1 - taper) / step) + 1, min(int(high * (1 + taper) / step) + 1, lines.size)
+    first, stop = int(low * (1 - taper) / step) + 1, min(int(high * (1 + taper) / step) + 1, transform.size)
     frequency = np.arange(first, stop, dtype=np.float64) * step
-    lines[:first], lines[stop:] = 0, 0  # the gain is zero there
-    lines[first:stop] *= _band_gain(frequency, low, high, taper) / (2j * np.pi * frequency) ** (_ORDER[given] - least)
-    lines *= scale / result_scale
+    gain = _band_gain(frequency, low, high, taper) / (2j * np.pi * frequency) ** (_ORDER[given] - least)
+    lines = np.zeros_like(transform)  # as the gain is elsewhere
+    lines[first:stop] = transform[first:stop] * gain * (scale / result_scale)
     values = np.asarray(fft.irfft(lines, signal.size, overwrite_x=True))
     forget_plans(signal.size)
     return Integrated(

@@ -19,7 +19,7 @@ from __future__ import annotations
 import math
 from dataclasses import dataclass
 from functools import lru_cache
-from typing import TYPE_CHECKING
+from typing import TYPE_CHECKING, NamedTuple, TypeAlias
 
 import numpy as np
 from scipy import fft
@@ -28,6 +28,10 @@ from signals._validation import Array, checked, positive
 from signals._windows import window_of
 
 if TYPE_CHECKING:
+    from collections.abc import Sequence
+
+    from numpy.typing import NDArray
+
     from signals.spectra.spectra import AmplitudeSpectrum
 
 SURROUNDINGS = 1.0  # on either side, in the axis' unit (orders)
@@ -41,6 +45,8 @@ _SIGNIFICANT = 3.0  # standard deviations: in flat noise the closer background e
 _LINE = 4.0  # times the median amplitude
 _HALVINGS = 30  # of the power ratio's range: to 1e-9 of it
 _LARGER = 2.0  # least ratio of a neighbour's amplitude to the line's for its leakage to be considered
+
+Places: TypeAlias = "NDArray[np.intp]"
 
 
 @dataclass(frozen=True, kw_only=True)
@@ -180,34 +186,115 @@ def find_line(
     >>> round(line.found, 2), round(line.amplitude, 1), line.false_alarm_probability < 1e-6
     (10.0, 2.0, True)
     """
-    axis, bin_width = spectrum.axis, spectrum.bin_width
     expected = positive(expected, name="the expected order")
-    surroundings = positive(surroundings, name="surroundings")
     if not 0 <= tolerance < math.inf:
         raise ValueError(f"tolerance = {tolerance!r} must be a finite number of at least 0.")
-    half = max(tolerance, bin_width / 2)
-    if expected + half > axis[-1]:
-        raise ValueError(f"a line at {expected:g} +- {half:g} lies beyond the end of the spectrum, {axis[-1]:g}.")
-    found, amplitude, at_edge = _peak(axis, spectrum.amplitude, expected - half, expected + half)
-    lobe = _lobe(spectrum, found)
-    beside = _beside(spectrum, found, surroundings, lobe)
-    background, noise, kept = _medians(np.concatenate(beside))
-    per_point = float(axis[1] - axis[0]) / bin_width
+    near = math.nan if closer is None else closer
+    (found,) = find_lines(
+        spectrum, expected=[expected], tolerance=[tolerance], surroundings=surroundings, closer=[near]
+    )
+    if isinstance(found, ValueError):
+        raise found
+    return found
+
+
+def find_lines(
+    spectrum: AmplitudeSpectrum,
+    *,
+    expected: Sequence[float],
+    tolerance: Sequence[float],
+    closer: Sequence[float],
+    surroundings: float = SURROUNDINGS,
+    seen: float = 1.0,
+) -> list[Line | ValueError]:
+    """Return what `find_line` does of each of several lines of one spectrum, with an error in place of one it refuses.
+
+    Parameters
+    ----------
+    spectrum, surroundings
+        As in `find_line`.
+    expected, tolerance, closer : sequences of float
+        As in `find_line`, of each line; `closer` is NaN where there is none.
+    seen : float
+        Probability from which on a line is noise whose `leakage` nothing reads: it is NaN.
+
+    Returns
+    -------
+    list of Line or ValueError
+
+    Examples
+    --------
+    >>> import numpy as np
+    >>> from signals import amplitude_spectrum
+    >>> from signals.spectra.lines import find_lines
+    >>> x = np.cos(2 * np.pi * 10 * np.arange(2048) / 64) + 0.1 * np.random.default_rng(1).standard_normal(2048)
+    >>> spectrum = amplitude_spectrum(x, rate=64)
+    >>> lines = find_lines(spectrum, expected=[10.0, 99.0], tolerance=[0.0, 0.0], closer=[np.nan, np.nan])
+    >>> round(lines[0].amplitude, 1), str(lines[1])
+    (1.0, 'a line at 99 +- 0.015625 lies beyond the end of the spectrum, 32.')
+    """
+    axis, bin_width = spectrum.axis, spectrum.bin_width
+    surroundings = positive(surroundings, name="surroundings")
+    orders = np.asarray(expected, dtype=np.float64)
+    half = np.maximum(tolerance, bin_width / 2)
+    inside = orders + half <= axis[-1]
+    places = np.flatnonzero(inside)
+    peaks = _peaks(axis, spectrum.amplitude, (orders - half)[inside], (orders + half)[inside])
+    lobe = _lobe(spectrum, peaks[0])
+    reaches = np.asarray(closer, dtype=np.float64)[inside]
+    wide = _beside(spectrum, peaks[0], np.full(places.size, surroundings), lobe)
+    close = _beside(spectrum, peaks[0], reaches, lobe)
+    found: list[Line | ValueError] = [
+        ValueError(f"a line at {order:g} +- {beside:g} lies beyond the end of the spectrum, {axis[-1]:g}.")
+        for order, beside in zip(orders.tolist(), half.tolist(), strict=True)
+    ]
+    columns = (orders[inside], half[inside], *peaks, np.isfinite(reaches))
+    rows = zip(*(each.tolist() for each in columns), strict=True)
+    for place, row, far, near in zip(places.tolist(), rows, wide, close, strict=True):
+        found[place] = _line(spectrum, _Place(*row), far, near, seen)
+    return found
+
+
+class _Place(NamedTuple):
+    """Where a line is: its expected order, half the searched band, its peak, and whether `closer` is asked for."""
+
+    expected: float
+    half: float
+    found: float
+    amplitude: float
+    at_edge: bool
+    has_closer: bool
+
+
+def _line(
+    spectrum: AmplitudeSpectrum,
+    place: _Place,
+    wide: tuple[int, int, int, int],
+    close: tuple[int, int, int, int],
+    seen: float,
+) -> Line | ValueError:
+    """Return a line from its peak and the points beside it, first and last below and above, wide and close."""
+    expected, half, found, amplitude, at_edge, has_closer = place
+    points, bin_width = spectrum.amplitude, spectrum.bin_width
+    first, last, begin, end = wide
+    background, noise, kept = _medians(np.concatenate((points[first:last], points[begin:end])))
+    per_point = float(spectrum.axis[1] - spectrum.axis[0]) / bin_width
     bins = kept * per_point
     if bins < _FEWEST_BINS:
-        raise ValueError(
+        return ValueError(
             f"only {bins:.1f} bins surround the line at {expected:g}, too few to judge it; the record is too short."
         )
     used_bins, std = bins, noise / math.sqrt(2 * math.log(2))
-    if closer is not None:
-        below, above = beside = _beside(spectrum, found, closer, lobe)
+    if has_closer:
+        first, last, begin, end = close
+        below, above = points[first:last], points[begin:end]
         size = below.size + above.size
         least = _significant(noise, size * per_point, spectrum)  # fewer bins, without lines, scatter more
         if 2 * (np.count_nonzero(below <= least) + np.count_nonzero(above <= least)) <= size:  # the median is above
-            _, close, kept = _medians(np.concatenate(beside))
+            _, near, kept = _medians(np.concatenate((below, above)))
             close_bins = kept * per_point
-            if close_bins >= _FEWEST_BINS and close > _significant(noise, close_bins, spectrum):
-                noise, used_bins = close, close_bins
+            if close_bins >= _FEWEST_BINS and near > _significant(noise, close_bins, spectrum):
+                noise, used_bins = near, close_bins
     degrees, width_bins = _MEDIAN_EFFICIENCY * used_bins / spectrum.noise_bandwidth_bins, 2 * half / bin_width
     probability = 0.0 if amplitude > 0 else 1.0
     if noise > 0:
@@ -223,7 +310,7 @@ def find_line(
         amplitude=amplitude,
         amplitude_std=std,
         background=background,
-        leakage=_leakage(spectrum, found, amplitude),
+        leakage=_leakage(spectrum, found, amplitude) if probability <= seen else math.nan,
         false_alarm_probability=probability,
         at_edge=at_edge,
         noise=noise,
@@ -233,20 +320,26 @@ def find_line(
     )
 
 
-def _lobe(spectrum: AmplitudeSpectrum, found: float) -> tuple[int, int]:
-    """Return the first point of a line's main lobe, and the first one above it."""
+def _lobe(spectrum: AmplitudeSpectrum, found: Array) -> tuple[Places, Places]:
+    """Return the first point of each line's main lobe, and the first one above it."""
     lobe, axis = _LOBE_BINS * spectrum.bin_width, spectrum.axis
-    near, far = axis.searchsorted((found - lobe, found + lobe)).tolist()
-    start = max(near - 1, 0)  # a point at the edge of the lobe is in or out by its difference
-    inside = (np.abs(axis[start : far + 1] - found) <= lobe).nonzero()[0]
-    return start + int(inside[0]), start + int(inside[-1]) + 1
+    ends = []
+    for side, beyond in ((-lobe, (1, 0, -1)), (lobe, (0, 1, 2))):
+        # a point at the edge of the lobe is in or out by its difference
+        near = np.clip(axis.searchsorted(found + side)[:, None] - np.array(beyond), 0, axis.size - 1)
+        inside = np.abs(axis[near] - found[:, None]) <= lobe
+        ends.append(near[np.arange(found.size), inside.argmax(axis=1)])
+    return ends[0], ends[1] + 1
 
 
-def _beside(spectrum: AmplitudeSpectrum, found: float, reach: float, lobe: tuple[int, int]) -> tuple[Array, Array]:
-    """Return the amplitudes up to `reach` below and above a line, without its main lobe."""
-    least = max(found - reach, _LOBE_BINS * spectrum.bin_width)
-    first, last = spectrum.axis.searchsorted((least, found + reach)).tolist()
-    return spectrum.amplitude[first : lobe[0]], spectrum.amplitude[max(lobe[1], first) : last]
+def _beside(
+    spectrum: AmplitudeSpectrum, found: Array, reach: Array, lobe: tuple[Places, Places]
+) -> list[tuple[int, int, int, int]]:
+    """Return the points up to `reach` below and above each line, without its main lobe: first and last of both."""
+    least = np.maximum(found - reach, _LOBE_BINS * spectrum.bin_width)
+    first, last = (spectrum.axis.searchsorted(ends) for ends in (least, found + reach))
+    columns = (first, lobe[0], np.maximum(lobe[1], first), last)
+    return list(zip(*(each.tolist() for each in columns), strict=True))
 
 
 def _significant(noise: float, bins: float, spectrum: AmplitudeSpectrum) -> float:
@@ -341,19 +434,18 @@ def record_probability(single: float, *, searches: int) -> float:
     return -math.expm1(searches * math.log1p(-single)) if single < 1 else 1.0
 
 
-def _peak(axis: Array, amplitude: Array, low: float, high: float) -> tuple[float, float, bool]:
-    """Return position and height of the maximum in a band, by parabolic interpolation where it is a local one.
+def _peaks(axis: Array, amplitude: Array, low: Array, high: Array) -> tuple[Array, Array, NDArray[np.bool_]]:
+    """Return position and height of the maximum in each band, by parabolic interpolation where it is a local one.
 
-    The third value says that it is none: a neighbour outside the band is larger.
+    The third array says that it is none: a neighbour outside the band is larger.
     """
-    first, last = axis.searchsorted([low, high])
-    if last <= first:
-        last = first + 1
-    top = first + int(amplitude[first:last].argmax())
-    left, middle, right = amplitude[max(top - 1, 0)], amplitude[top], amplitude[min(top + 1, axis.size - 1)]
+    first, last = axis.searchsorted(low), axis.searchsorted(high)
+    last = np.maximum(last, first + 1)
+    tops = [a + int(amplitude[a:b].argmax()) for a, b in zip(first.tolist(), last.tolist(), strict=True)]
+    top = np.array(tops, dtype=np.intp)
+    left, middle, right = (amplitude[np.clip(top + side, 0, axis.size - 1)] for side in (-1, 0, 1))
     curvature = left - 2 * middle + right
-    at_edge = bool(middle < max(left, right))
-    if 0 < top < axis.size - 1 and not at_edge and curvature < 0:
-        shift = 0.5 * (left - right) / curvature
-        return float(axis[top] + shift * (axis[1] - axis[0])), float(middle - 0.25 * (left - right) * shift), False
-    return float(axis[top]), float(middle), at_edge
+    at_edge = middle < np.maximum(left, right)
+    local = (top > 0) & (top < axis.size - 1) & ~at_edge & (curvature < 0)
+    shift = np.divide(0.5 * (left - right), curvature, out=np.zeros(top.size), where=local)
+    return axis[top] + shift * (axis[1] - axis[0]), middle - 0.25 * (left - right) * shift, at_edge

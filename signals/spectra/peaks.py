@@ -88,9 +88,10 @@ def spectral_peaks(spectrum: AmplitudeSpectrum, *, ratio: float = 4.0) -> Spectr
     medians = median(amplitude[: count * size].reshape(count, size))
     # a block of little noise between others of much keeps its own, and one filled with lines takes its neighbours'
     medians = np.minimum(medians, median_filter(medians, _SMOOTHED_BLOCKS, mode="nearest"))
-    background = np.interp(np.arange(amplitude.size), (np.arange(count) + 0.5) * size, medians)
     inner = amplitude[1:-1]
-    largest = (inner >= amplitude[:-2]) & (inner > amplitude[2:]) & (inner > ratio * background[1:-1])
-    places = np.flatnonzero(largest) + 1
+    places = np.flatnonzero((inner >= amplitude[:-2]) & (inner > amplitude[2:])) + 1
     places = places[axis[places] > _LOBE_BINS * spectrum.bin_width]
-    return SpectralPeaks(position=axis[places], amplitude=amplitude[places], background=background[places])
+    background = np.interp(places, (np.arange(count) + 0.5) * size, medians)
+    high = amplitude[places] > ratio * background
+    places, background = places[high], background[high]
+    return SpectralPeaks(position=axis[places], amplitude=amplitude[places], background=background)

@@ -8,7 +8,7 @@ from typing import TYPE_CHECKING, Literal, get_args
 import numpy as np
 from scipy import fft
 
-from signals._fft_plans import forget_plans
+from signals._fft_plans import forget_plans, without_mean
 from signals._validation import Array, Samples, checked, choice, number, positive, real_vector, whole
 from signals._windows import Window, window_of
 
@@ -23,7 +23,6 @@ PADDING = (
     8  # zero padding; the scalloping loss of a Hann line is then 0.25 %, and 0.003 % after parabolic interpolation
 )
 _CHUNK = 2**18  # samples transformed at a time
-_TOGETHER = 2**18  # of several records transformed together, in vector registers: 2 MB, which the second cache holds
 
 Scaling = Literal["peak", "rms", "density"]
 
@@ -139,10 +138,11 @@ def _amplitude_spectra(
     stop = axis.size if maximum is None else int(np.searchsorted(axis, maximum, side="right"))
     axis, scale = axis[:stop], 2 / shape.weights.sum()
     turned = scale * np.exp(-2j * np.pi * np.mod(axis * start, 1.0)) if start else scale
-    found, at_once = [], max(1, _TOGETHER // length)
-    for first in range(0, len(signals), at_once):
-        some = np.stack([without_mean(signal) * shape.weights for signal in signals[first : first + at_once]])
-        found += [
+    found, lines = [], np.empty(length // 2 + 1, dtype=np.complex128)
+    for signal in signals:
+        # numpy's transform pads row by row and fills the same memory again, scipy's copies into fresh memory
+        row = np.fft.rfft(without_mean(signal) * shape.weights, length, out=lines)[:stop] * turned
+        found.append(
             AmplitudeSpectrum(
                 axis=axis,
                 amplitude=np.abs(row),
@@ -153,8 +153,7 @@ def _amplitude_spectra(
                 noise_bandwidth_bins=shape.noise_bandwidth_bins,
                 spread=shape.spread,
             )
-            for row in fft.rfft(some, length)[:, :stop] * turned
-        ]
+        )
     forget_plans(length)
     return found
 
@@ -195,7 +194,7 @@ def order_spectrum(
 def order_spectra(
     signals: Sequence[AngularSignal], *, window: str = "hann", padding: int = PADDING, max_order: float | None = None
 ) -> list[AmplitudeSpectrum]:
-    """Return the `order_spectrum` of each of several signals over the same angles, transformed together.
+    """Return the `order_spectrum` of each of several signals over the same angles.
 
     Parameters
     ----------
@@ -456,13 +455,6 @@ def _chi_square(degrees: Array, probability: float) -> Array:
     from scipy.special import gammaincinv  # noqa: PLC0415
 
     return np.asarray(2 * gammaincinv(degrees / 2, probability))
-
-
-def without_mean(signal: Samples) -> Samples:
-    """Return the signal without its mean, subtracted twice to remove the rounding of a large one."""
-    centred = signal - signal.mean(dtype=np.float64).astype(signal.dtype)
-    centred -= centred.mean(dtype=np.float64).astype(signal.dtype)
-    return np.asarray(centred)
 
 
 def _last_order(signal: AngularSignal, max_order: float | None) -> float:

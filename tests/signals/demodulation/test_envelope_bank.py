@@ -88,3 +88,16 @@ def test_a_record_shorter_than_the_average_is_divided_by_its_mean_level():
 
 def test_silence_stays_silent():
     assert_allclose(level_normalised(over_angle(np.zeros(320)), revolutions=4).values, 0.0)
+
+
+def test_a_known_transform_is_used_and_kept():
+    x = RNG.standard_normal(3000)
+    lines = np.fft.rfft(x - x.mean())
+    kept = lines.copy()
+    (own,), (given,) = (
+        list(bank_envelopes(x, rate_hz=1000, bands_hz=[(0.0, 500.0)], transform=one)) for one in (None, lines)
+    )
+    assert_allclose(given[1], own[1], rtol=1e-12)
+    assert np.array_equal(lines, kept)
+    with pytest.raises(ValueError, match="leave it out"):
+        next(bank_envelopes(x, rate_hz=1000, bands_hz=[(100.0, 200.0)], transform=lines[1:]))

@@ -362,3 +362,15 @@ def test_the_spectrum_is_that_of_windowed_samples(samples):
     x = np.random.default_rng(4).standard_normal(samples)
     windowed = (x - x.mean()) * dsp.get_window("hann", samples)
     np.testing.assert_allclose(amplitudes(x), np.abs(np.fft.rfft(windowed)) * 4 / samples, atol=1e-14)
+
+
+def test_a_known_transform_is_used():
+    x = noise(3) + 2 * np.sin(2 * np.pi * 50 * TIME) + np.sin(2 * np.pi * 100 * TIME) + np.sin(2 * np.pi * 150 * TIME)
+    transform = np.fft.rfft(x - x.mean())
+    assert kinds(x) == ["mains hum"]
+    given = sensor_health(x, rate_hz=RATE_HZ, units="g", transform=transform).faults
+    assert [(fault.kind, fault.size) for fault in given] == [("mains hum", pytest.approx(judge(x).faults[0].size))]
+    silent = sensor_health(x, rate_hz=RATE_HZ, units="g", transform=1e-9 * np.abs(transform[::-1]))
+    assert not silent.faults  # it is the transform that is looked at
+    with pytest.raises(ValueError, match="leave it out"):
+        sensor_health(x, rate_hz=RATE_HZ, units="g", transform=transform[1:])

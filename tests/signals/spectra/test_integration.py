@@ -173,3 +173,15 @@ def test_the_velocity_of_single_precision_samples():
     assert single.values.dtype == np.float32
     np.testing.assert_allclose(single.values, exact.values, rtol=0, atol=3e-6 * exact.rms)
     assert single.rms == pytest.approx(exact.rms, rel=1e-6)
+
+
+def test_a_known_transform_is_used():
+    x = acceleration(50.0) + 7.0
+    own, given = (
+        velocity(x, rate_hz=RATE_HZ, units="m s-2", transform=lines) for lines in (None, np.fft.rfft(x - x.mean()))
+    )
+    np.testing.assert_allclose(given.values, own.values, atol=1e-10 * own.rms)
+    doubled = velocity(x, rate_hz=RATE_HZ, units="m s-2", transform=2 * np.fft.rfft(x - x.mean()))
+    assert doubled.rms == pytest.approx(2 * own.rms)
+    with pytest.raises(ValueError, match="leave it out"):
+        velocity(x, rate_hz=RATE_HZ, units="m s-2", transform=np.zeros(3, dtype=complex))

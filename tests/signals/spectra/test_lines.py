@@ -6,7 +6,7 @@ import numpy as np
 import pytest
 from scipy import integrate, stats
 
-from signals.spectra.lines import Line, _medians, false_alarm_probability, find_line, record_probability
+from signals.spectra.lines import Line, _medians, false_alarm_probability, find_line, find_lines, record_probability
 from signals.spectra.spectra import amplitude_spectrum
 
 PER_REV = 32
@@ -214,3 +214,32 @@ def test_the_noise_is_the_median_of_what_is_no_line(count):
     level = values[values <= 4 * np.median(values)]
     assert level.size < count
     assert _medians(values) == (np.median(values), np.median(level), level.size)
+
+
+class TestTogether:
+    def test_each_is_what_it_is_alone(self):
+        # 60 lines of all kinds at once: a mistake in the places of one would move its background
+        rng = np.random.default_rng(17)
+        lines = spectrum(tone() + tone(3.3, 5.0) + rng.standard_normal(COUNT))
+        expected, tolerance = rng.uniform(0.05, 9.5, 60), np.where(rng.random(60) < 0.5, 0.0, 0.1)
+        closer = np.where(rng.random(60) < 0.5, np.nan, 0.25)
+        every = find_lines(lines, expected=expected, tolerance=tolerance, closer=closer)
+        refused = 0
+        for order, beside, near, found in zip(expected, tolerance, closer, every, strict=True):
+            given = {"expected": order, "tolerance": beside, "closer": None if np.isnan(near) else near}
+            if isinstance(found, ValueError):
+                refused += 1
+                with pytest.raises(ValueError, match="beyond the end"):
+                    find_line(lines, **given)
+            else:
+                assert found == find_line(lines, **given)
+        assert 0 < refused < 60
+
+    def test_leakage_is_looked_for_in_what_is_no_noise(self):
+        lines = spectrum(tone(amplitude=100.0) + np.random.default_rng(19).standard_normal(COUNT))
+        beside, far = find_lines(
+            lines, expected=[ORDER + 0.02, 2.0], tolerance=[0.0] * 2, closer=[math.nan] * 2, seen=1e-6
+        )
+        assert beside.leakage > 1
+        assert math.isnan(far.leakage)
+        assert find_line(lines, expected=2.0).leakage > 0
