@@ -34,12 +34,12 @@ imbalance is a force on the rigid housing. Each record has its whole scene in th
 beside it.
 
 Version 1.4 has the height of the tooth as `size_mm` of a missing one, where 1.3 had the face width, and a truth whose
-lines have a window each where speed or load varies, with what halving it changes (`truth_line_change`); its samples are
-those of 1.3. Version 1.3 differs from 1.2 in the last digits of samples, whose every operation is now rounded as
-IEEE 754 says, and in `detectability_db`: of the record's own beginning, at its own speed, where 1.2 drew the wandering
-speed of a short record again. 1.2 has only the lines in its truth that the window of the projection determines, which
-it does not at spacings below three of its periods (attribute `truth_mesh_lines` states the windows, and by how much
-halving them changes the lines); before, samples were those of 1.1.
+lines have a window each where speed or load varies. `truth_line_change` is what halving that window changes, about the
+error of the line. Its samples are those of 1.3. Version 1.3 differs from 1.2 in the last digits of samples, whose every
+operation is now rounded as IEEE 754 says, and in `detectability_db`: of the record's own beginning, at its own speed,
+where 1.2 drew the wandering speed of a short record again. 1.2 has only the lines in its truth that the window of the
+projection determines, which it does not at spacings below three of its periods (attribute `truth_mesh_lines` states the
+windows, and by how much halving them changes the lines); before, samples were those of 1.1.
 
 ## Licence
 
@@ -57,7 +57,8 @@ records is shuffled; every gearbox of a split has every class about equally ofte
 ## Classes
 
 Column `class`; `class_number` counts the eleven classes from 0, and is -1 for the further labels {further}.
-Sizes are drawn evenly in the logarithm; `severity` is 0 at the least and 1 at the greatest.
+Sizes are drawn evenly in the logarithm; `severity` is 0 at the least and 1 at the greatest. A missing tooth is gross by
+nature: it has one size and severity 1. What breaks off a part of a tooth is `chipping`.
 
 | class | records in 25 | size | range |
 |---|---|---|---|
@@ -91,7 +92,7 @@ each steady within 0.2 %, wandering by 3 % (RMS), in a ramp or in a step (column
 - Where speed varies, no window separates all lines of a slow shaft and follows them through resonances: the lines of
   the truth add up to 89 to 99 % of the power of gears in motion in six records that were tried.
 - One sensor. No backlash, no friction, no lubricant, no temperature, no wear of a record's own duration.
-- A missing tooth has one size. Faults come alone and do not grow.
+- Faults come alone and do not grow.
 - Gear misalignment stands for all misalignment; couplings are not modelled.
 """
 

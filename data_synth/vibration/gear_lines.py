@@ -33,9 +33,9 @@ _BELOW_NYQUIST = 0.98
 _MIXED = 4  # multiples of one order beside those of another
 _LONGEST_CELLS = 1 << 20  # of a window in steady motion
 _SEARCHED = 9  # windows in which lines are looked for
-_APART, _APART_STEADY = 3.0, 1.5
+_APART, _APART_STEADY = 3.5, 1.5
 """Periods of the window that two lines have to be apart to be fitted together. With amplitudes of second degree the
-condition number of least squares is 8 for lines 3 periods apart, 900 for 2.5 and 600,000 for 2."""
+condition number of least squares is 5 for lines 3.5 periods apart, 300 for 3 and 2e9 for 2.5."""
 _DEGREE = 2  # of amplitudes in a window
 _TRIALS = 17  # instants at which windows are compared
 _MESH_FIRST = 3.0  # times its size a mesh's line counts beside others: what stands alone in a window is not separated
@@ -367,15 +367,18 @@ def _varying_fit(
     weights = np.gradient(trials.astype(np.float64))
     weights[[0, -1]] /= 2
     relative = np.sqrt(least**2 @ weights / np.maximum(size**2 @ weights, np.finfo(float).tiny))
+    louder = _loud(np.max(size, axis=1), candidates.ranks[union], 0.3)
+    union, best, relative = union[louder], best[louder], relative[louder]
     amplitudes = np.zeros((samples.signal.shape[0], union.size, instants_rev.size), dtype=np.complex128)
     nearest = np.argmin(np.abs(np.arange(instants_rev.size)[:, None] - trials), axis=1)
     for number in np.unique(best).tolist():
-        fit, mine = fits[number], best[:, nearest] == number  # (line, instant)
-        here, rows = np.flatnonzero(mine.any(axis=0)), np.searchsorted(union, fit.chosen)
+        fit, mine = fits[number], best == number  # (line, trial)
+        rows = np.flatnonzero(mine.any(axis=1) & np.isin(union, fit.chosen))
+        here = np.flatnonzero(mine[rows].any(axis=0)[nearest])
         projection = Projection(samples=samples, orders=candidates.values[fit.chosen], window=fit.window)
-        lines = np.zeros((samples.signal.shape[0], union.size, here.size), dtype=np.complex128)
-        lines[:, rows] = projection.amplitudes(instants_rev[here])
-        amplitudes[:, :, here] = np.where(mine[:, here], lines, amplitudes[:, :, here])
+        lines = projection.amplitudes(instants_rev[here], np.searchsorted(fit.chosen, union[rows]))
+        row, instant = np.nonzero(mine[rows][:, nearest[here]])
+        amplitudes[:, rows[row], here[instant]] = lines[:, row, instant]
     kept = _loud(np.max(np.abs(amplitudes), axis=(0, 2)), candidates.ranks[union], 1.0)
     power = np.mean(np.abs(amplitudes[:, kept]) ** 2, axis=(0, 2))
     lengths = [fits[number].window.length_rev for number in np.unique(best[kept]).tolist()]
@@ -404,7 +407,8 @@ def _trial_moments(samples: AngleSamples, orders: Array, length_rev: float, inst
     """Return the moments of windows of one length at instants (i,)."""
     projection = Projection(samples=samples, orders=orders, window=Window(length_rev=length_rev, degree=_DEGREE))
     return [
-        (part, Moments.joined(part.projection.moments(part.centres_rev))) for part in projection.parts(instants_rev)
+        (part, Moments.joined(part.projection.moments(part.centres_rev)))
+        for part in projection.parts(instants_rev, blended=False)
     ]
 
 
@@ -426,7 +430,7 @@ def _trial_fit(
     def lines_of(parts: _PartMoments, numbers: NDArray[np.int_]) -> ComplexArray:
         lines = np.empty((parts[0][1].values.shape[1], numbers.size, trials), dtype=np.complex128)
         for part, some in parts:
-            lines[:, :, part.instants] = part.amplitudes([some.of(numbers, degree=_DEGREE)])
+            lines[:, :, part.instants] = part.amplitudes([some.of(numbers)], np.arange(numbers.size))
         return lines
 
     chosen, fewer = separate(_APART / window.length_rev), separate(2 * _APART / window.length_rev)

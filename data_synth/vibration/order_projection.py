@@ -2,40 +2,46 @@
 
 In each window of angle the signal is fitted, by weighted least squares, with lines whose amplitudes are polynomials in
 angle (local polynomial regression, Fan and Gijbels 1996); lines that the window does not separate are fitted together.
-The weight is a cosine window (Nuttall 1981), so lines four and more of its periods apart are orthogonal: of four terms
-(-98 dB) where amplitudes are constant, else of three (-71 dB), which is wider, so that lines may be nearer and
-polynomials are better known at the ends of a record. Sums over samples become discrete Fourier transforms in angle:
-samples are spread on an even grid by the kernel ``exp(beta (sqrt(1 - z^2) - 1))``, which does not alias at any speed,
-and orders are interpolated between the lines of the transform by the same kernel (Barnett, Magland and af Klinteberg
-2019).
+The weight is a cosine window (Nuttall 1981): of four terms (-98 dB) where amplitudes are constant, else the fourth
+power of a cosine, whose transform falls by 30 dB an octave. A weak line may stand among lines a thousand times as
+strong, so what counts is the transform beyond the lines that are fitted together: -98 dB from ten periods on, against
+-71 dB at any distance of the three terms with the lowest side lobes. Sums over samples become discrete Fourier
+transforms in angle: samples are spread on an even grid by the kernel ``exp(beta (sqrt(1 - z^2) - 1))``, which does not
+alias at any speed (Barnett, Magland and af Klinteberg 2019), and orders are interpolated between the lines of the
+transform by the Kaiser-Bessel kernel (Jackson et al. 1991). A factor u in angle is a derivative of the transform, so
+the kernel's derivatives give the moments of all degrees from one transform.
 """
 
 import math
 from collections.abc import Callable, Iterable, Iterator
 from dataclasses import dataclass, replace
 from functools import cache, cached_property
+from typing import Any, TypeAlias
 
 import numpy as np
-from numpy.polynomial.chebyshev import chebval
+from numpy.polynomial.chebyshev import cheb2poly
 from numpy.polynomial.legendre import leggauss
 from numpy.typing import NDArray
 
 from data_synth.kinematic.harmonics import ComplexArray
 from data_synth.operation.shaft_angle import Array
 
-_NUTTALL = {3: (0.4243801, -0.4973406, 0.0782793), 4: (0.3635819, -0.4891775, 0.1365995, -0.0106411)}
-_BESIDE = (
-    0.5  # periods of the window beyond its main lobe, of as many as it has terms; lines twice as far are orthogonal
-)
+Reals: TypeAlias = NDArray[np.floating[Any]]
+
+_COSINES = {3: (3 / 8, -1 / 2, 1 / 8), 4: (0.3635819, -0.4891775, 0.1365995, -0.0106411)}
+_REACH = {3: 10.0, 4: 9.0}  # periods of the window beyond which its transform is below -98 dB
 _RISE = 1 / 6  # of a window at an end of the signal, to its largest weight
-_REACH_OF_END = 24  # periods of such a window: four of its rise, beyond which its transform is below -70 dB
+_REACH_OF_END = 24  # periods of such a window: four of its rise, beyond which its transform is below -81 dB
 _FINER = 1.5  # cells to a sample at the Nyquist rate
 _SPREAD = 9  # cells of the kernel: its aliases are below 1e-6
 _BETA = 2.0 * _SPREAD
+_POINTS_OF_KERNEL = 1 << 13  # of a table of a kernel, from its middle to its edge
 _NODES, _WEIGHTS = leggauss(96)
 _POINTS, _POINTS_OF_END = 48, 128  # of Gauss's rule over a window: 10 digits for lines as far apart as its reach
+_POINTS_A_PERIOD = 128  # of a table of the weight's transform: cubic interpolation adds 1e-9
 _CELLS = 1 << 19  # of all windows that are transformed at once, over their channels
-_NEAR = 0.125  # of a window: instants nearer than this share one
+_GRID = np.float32  # of transforms: their rounding, some 3e-7 of the loudest line, is below the aliases of the kernels
+_HOP = 0.25  # of a window, from one to the next: between their middles two of them are blended
 _BLOCK = 65536  # samples
 
 
@@ -73,6 +79,8 @@ class AngleSamples:
     @cached_property
     def grid(self) -> tuple[int, Array]:
         """Number of the first cell of an even grid of angle, and signal times ``d angle`` on it, (channel, cell)."""
+        from data_synth.vibration._projection_kernels import spread  # noqa: PLC0415  - numba is slow to load
+
         first, last = self.span_rev
         begin = math.floor(first * self.cells_per_rev) - _SPREAD
         grid = np.zeros((self.signal.shape[0], math.ceil(last * self.cells_per_rev) + _SPREAD + 1 - begin))
@@ -81,14 +89,10 @@ class AngleSamples:
             times_s = np.arange(here.start, here.stop) / self.rate_hz
             at = self.revolutions(times_s) * self.cells_per_rev - begin
             steps = self.speed_hz(times_s) * self.cells_per_rev / self.rate_hz
-            nearest = np.rint(at).astype(np.int64)
-            low = int(nearest[0]) - _SPREAD // 2
-            for offset in range(-(_SPREAD // 2), _SPREAD // 2 + 1):
-                share = steps * _kernel(at - (nearest + offset))
-                for row, values in zip(grid, self.signal[:, here], strict=True):
-                    added = np.bincount(nearest + offset - low, weights=share * values)
-                    row[low : low + added.size] += added
-        return begin, grid
+            spread(
+                self.signal[:, here] * steps, at, _SPREAD, _kernel(np.linspace(0, _SPREAD / 2, _POINTS_OF_KERNEL)), grid
+            )
+        return begin, grid.astype(_GRID)
 
 
 def _kernel(cells: Array) -> Array:
@@ -108,9 +112,29 @@ def _kernel_response(cycles_per_cell: Array) -> Array:
 
 
 @cache
-def _gauss(points: int) -> tuple[Array, Array]:
-    """Return abscissae from -1 to 1 and weights of Gauss's rule."""
-    return leggauss(points)
+def _interpolating_kernel() -> Array:
+    """Return the Kaiser-Bessel kernel and its first two derivatives, (3, n), from its middle to its edge.
+
+    Linear interpolation between its points is within 2e-7 of the kernel's largest derivative.
+    """
+    from scipy.special import i0e, i1e  # noqa: PLC0415
+
+    z = np.linspace(0, 1, _POINTS_OF_KERNEL)
+    # d/dx of I_n(x) / x^n is I_(n+1)(x) / x^n; at the edge, where x is 0, I_n(x) / x^n is 1 / (2^n n!)
+    x = np.maximum(_BETA * np.sqrt(1 - z**2), 0.01)
+    scale = np.exp(x - _BETA) / i0e(_BETA)
+    zeroth, first = scale * i0e(x), scale * i1e(x) / x
+    second = (zeroth - 2 * first) / x**2  # I2 = I0 - 2 I1 / x
+    slope = 2 * _BETA / _SPREAD  # of beta z
+    return np.stack([zeroth, -slope * _BETA * z * first, slope**2 * ((_BETA * z) ** 2 * second - first)])
+
+
+def _interpolating_response(cycles_per_line: Reals) -> Reals:
+    """Return the Fourier transform of the Kaiser-Bessel kernel, within its pass band."""
+    from scipy.special import i0e  # noqa: PLC0415
+
+    root = np.sqrt(_BETA**2 - (np.pi * _SPREAD * cycles_per_line) ** 2)  # above 15: sinh is half of exp
+    return np.asarray(np.exp(root - _BETA) / root * (_SPREAD / 2 / float(i0e(_BETA))))
 
 
 @dataclass(frozen=True, kw_only=True)
@@ -139,18 +163,20 @@ class Window:
     @property
     def reach(self) -> float:
         """Difference of orders beyond which two lines are taken to be orthogonal."""
-        return (_REACH_OF_END if self.end else 2 * (self.terms + _BESIDE)) / self.length_rev
+        return (_REACH_OF_END if self.end else _REACH[self.terms]) / self.length_rev
 
-    def weights(self, position: Array) -> Array:
-        """Return ``w(u) u^d`` for d = 0 ... 2 degree, (2 degree + 1, n), at positions u from -1/2 to 1/2 (n,)."""
-        if self.end:  # half of a cosine window of twice the length
-            from_end = 0.5 - self.end * position
-            rise = np.clip(from_end / _RISE, 0.0, 1.0)
-            shape = chebval(np.cos(np.pi * (1 + from_end)), _NUTTALL[self.terms])
-            shape = shape * rise**4 * (35 - 84 * rise + 70 * rise**2 - 20 * rise**3)
-        else:
-            shape = chebval(np.cos(2 * np.pi * (position + 0.5)), _NUTTALL[self.terms])
-        return np.asarray(shape * np.vander(position, 2 * self.degree + 1, increasing=True).T)
+    def shape(self, position: Reals) -> Reals:
+        """Return the weight w (n,) at positions u from -1/2 to 1/2 (n,)."""
+        from_end = 0.5 - self.end * position  # at an end, half of a cosine window of twice the length
+        cosine = np.cos(np.pi * (1 + from_end)) if self.end else -np.cos(2 * np.pi * position)
+        shape = np.zeros_like(position)
+        for coefficient in cheb2poly(_COSINES[self.terms])[::-1].tolist():
+            shape = shape * cosine + coefficient
+        if not self.end:
+            return np.asarray(shape)
+        rise = np.clip(from_end / _RISE, 0.0, 1.0)
+        rise_squared = rise * rise
+        return np.asarray(shape * rise_squared**2 * (35 - 84 * rise + rise_squared * (70 - 20 * rise)))
 
     def normal_matrix(self, orders: Array) -> ComplexArray:
         """Return the lower diagonals of the normal matrix of lines at rising signed orders (k,), as scipy takes them.
@@ -161,17 +187,29 @@ class Window:
         count = np.searchsorted(orders, orders + self.reach) - first
         ahead = np.arange(int(np.sum(count))) - np.repeat(np.cumsum(count) - count, count)
         row = np.repeat(first, count)
-        # orders of a drawing are multiples of a fraction: few of their differences differ
-        apart, which = np.unique(np.round(orders[row + ahead] - orders[row], 9), return_inverse=True)
-        at, share = _gauss(_POINTS_OF_END if self.end else _POINTS)
-        at, quadrature = at / 2, (self.weights(at / 2) * share / 2).T
-        moments = (np.exp(-2j * np.pi * self.length_rev * np.multiply.outer(apart, at)) @ quadrature)[which]
+        # cubic Hermite interpolation: the derivative of a moment is -2 pi j times the next one
+        table = _moments_of_weight(replace(self, length_rev=1.0))
+        at = (orders[row + ahead] - orders[row]) * self.length_rev * _POINTS_A_PERIOD
+        point = np.floor(at).astype(np.int64)
+        t, slope = at - point, -2j * np.pi / _POINTS_A_PERIOD
+        shares = (1 + 2 * t) * (1 - t) ** 2, t * (1 - t) ** 2 * slope, t**2 * (3 - 2 * t), t**2 * (t - 1) * slope
+        ends = [(table[:, point + side][:-1], table[:, point + side][1:]) for side in (0, 1)]
+        moments = sum(share * part for share, part in zip(shares, (*ends[0], *ends[1]), strict=True))
         diagonals = np.zeros((int(np.max(count)) * size, orders.size * size), dtype=np.complex128)
         for d in range(size):
             for e in range(size):
                 here = ahead * size + e - d >= 0
-                diagonals[(ahead * size + e - d)[here], (row * size + d)[here]] = moments[here, d + e]
+                diagonals[(ahead * size + e - d)[here], (row * size + d)[here]] = moments[d + e, here]
         return diagonals
+
+
+@cache
+def _moments_of_weight(window: Window) -> ComplexArray:
+    """Return the moments of the weight of a window of 1 rev, (2 degree + 2, n), at orders ``n / _POINTS_A_PERIOD``."""
+    at, share = leggauss(_POINTS_OF_END if window.end else _POINTS)
+    at, orders = at / 2, np.arange(math.ceil(window.reach * _POINTS_A_PERIOD) + 2) / _POINTS_A_PERIOD
+    quadrature = window.shape(at) * share / 2 * np.vander(at, 2 * window.degree + 2, increasing=True).T
+    return np.asarray(quadrature @ np.exp(-2j * np.pi * np.multiply.outer(at, orders)))
 
 
 @dataclass(frozen=True, kw_only=True)
@@ -205,32 +243,59 @@ class Moments:
             values=np.concatenate([part.values for part in every]),
         )
 
-    def of(self, numbers: NDArray[np.int_], *, degree: int) -> "Moments":
-        """Return the moments of these lines alone, by their rising numbers, for a lower degree above 0 or the same."""
+    def of(self, numbers: NDArray[np.int_]) -> "Moments":
+        """Return the moments of these lines alone, by their rising numbers."""
         with_zero = np.concatenate([[0], 1 + numbers])
-        return replace(
-            self,
-            window=replace(self.window, degree=degree),
-            orders=self.orders[numbers],
-            values=self.values[:, :, : degree + 1, with_zero],
-        )
+        return replace(self, orders=self.orders[numbers], values=self.values[..., with_zero])
 
-    def coefficients(self) -> ComplexArray:
-        """Return Z in powers of u, (i, channel, degree, k), of all lines by least squares in each window."""
-        from scipy.linalg import cho_solve_banded, cholesky_banded  # noqa: PLC0415
 
-        # lines at negative orders as far as they reach those at positive ones, and the mean, are fitted with the others
+@dataclass(frozen=True, kw_only=True)
+class LeastSquares:
+    """Lines at given orders in windows of one length, fitted to moments.
+
+    Attributes
+    ----------
+    window : Window
+    orders : (k,) array
+        Rising, above zero.
+    """
+
+    window: Window
+    orders: Array
+
+    @cached_property
+    def _signed(self) -> tuple[int, Array]:
+        """Orders that are fitted, and how many of them are negative.
+
+        Lines at negative orders, as far as they reach those at positive ones, and the mean are fitted with the others.
+        """
         images = self.orders[self.orders < self.window.reach][::-1]
-        signed = np.concatenate([-images, [0.0], self.orders])
-        size, count = self.window.degree + 1, self.values.shape[0] * self.values.shape[1]
-        right = np.concatenate([np.conj(self.values[..., images.size : 0 : -1]), self.values], axis=-1)
+        return images.size, np.concatenate([-images, [0.0], self.orders])
+
+    @cached_property
+    def _factor(self) -> ComplexArray:
+        """Cholesky factor of the normal matrix, the same for every window."""
+        from data_synth.vibration._projection_kernels import factorise  # noqa: PLC0415  - numba is slow to load
+
+        lower = self.window.normal_matrix(self._signed[1])
+        factorise(lower)
+        if not np.isfinite(lower[0, -1]):
+            raise np.linalg.LinAlgError("lines too near each other for the window; leave out those that it merges.")
+        return lower
+
+    def coefficients(self, moments: Moments, rows: NDArray[np.int_]) -> ComplexArray:
+        """Return Z in powers of u, (i, channel, degree, k), of some lines in each window."""
+        from scipy.linalg import cho_solve_banded  # noqa: PLC0415
+
+        (images, signed), values = self._signed, moments.values
+        size, count = self.window.degree + 1, values.shape[0] * values.shape[1]
+        right = np.concatenate([np.conj(values[..., images:0:-1]), values], axis=-1)
         right = np.moveaxis(right.reshape(count, size, signed.size), 0, -1)  # (degree, line, window and channel)
         right = np.moveaxis(right, 0, 1).reshape(signed.size * size, count)
-        factor = cholesky_banded(self.window.normal_matrix(signed), lower=True, check_finite=False)
-        solved = cho_solve_banded((factor, True), right, overwrite_b=True, check_finite=False)
-        found = solved.reshape(signed.size, size, count)[images.size + 1 :].T  # (window and channel, degree, line)
-        turn = np.exp(-2j * np.pi * np.remainder(np.multiply.outer(self.middle_rev, self.orders), 1.0))
-        return np.asarray(2 * found.reshape(*self.values.shape[:-1], -1) * turn[:, None, None, :])
+        solved = cho_solve_banded((self._factor, True), right, overwrite_b=True, check_finite=False)
+        found = solved.reshape(signed.size, size, count)[images + 1 + rows].T  # (window and channel, degree, line)
+        turn = np.exp(-2j * np.pi * np.remainder(np.multiply.outer(moments.middle_rev, self.orders[rows]), 1.0))
+        return np.asarray(2 * found.reshape(*values.shape[:-1], -1) * turn[:, None, None, :])
 
 
 @dataclass(frozen=True, kw_only=True)
@@ -250,46 +315,63 @@ class Projection:
     orders: Array
     window: Window
 
-    def amplitudes(self, instants_rev: Array) -> ComplexArray:
-        """Return Z (channel, k, i) at angles (i,), ``x = Re{Z exp(2 pi j order angle)}``.
+    def amplitudes(self, instants_rev: Array, rows: NDArray[np.int_] | None = None) -> ComplexArray:
+        """Return Z (channel, k, i) at angles (i,), ``x = Re{Z exp(2 pi j order angle)}``, of all lines or of some.
 
-        Instants nearer than an eighth of a window share one; those within half of one of the ends of the signal share
-        one that lies there.
+        Between the middles of two windows, a quarter of their length apart, Z is blended from one to the other, so that
+        what a polynomial misses to third degree cancels; instants within half a window of one of the ends of the signal
+        share one that lies there.
         """
-        amplitudes = np.empty((self.samples.signal.shape[0], self.orders.size, instants_rev.size), np.complex128)
-        for part in self.parts(instants_rev):
-            amplitudes[:, :, part.instants] = part.amplitudes(part.projection.moments(part.centres_rev))
+        rows = np.arange(self.orders.size) if rows is None else rows
+        amplitudes = np.empty((self.samples.signal.shape[0], rows.size, instants_rev.size), np.complex128)
+        for part in self.parts(instants_rev, blended=True):
+            amplitudes[:, :, part.instants] = part.amplitudes(part.projection.moments(part.centres_rev), rows)
         return amplitudes
 
-    def parts(self, instants_rev: Array) -> Iterator["Part"]:
-        """Yield the parts of a signal for angles (i,): its ends, and all between, as far as they have some."""
-        hop, (first, last) = _NEAR * self.window.length_rev, self.samples.span_rev
+    def parts(self, instants_rev: Array, *, blended: bool) -> Iterator["Part"]:
+        """Yield the parts of a signal for angles (i,): its ends, and all between, as far as they have some.
+
+        Blended from windows at even places, or each instant in the middle of a window of its own.
+        """
         half = self.window.length_rev / 2
-        nearest_rev = np.rint(instants_rev / hop) * hop
-        ends = np.where(nearest_rev < first + half, -1, np.where(nearest_rev > last - half, 1, 0))
+        first, last = self.samples.span_rev[0] + half, self.samples.span_rev[1] - half
+        ends = np.where(instants_rev < first, -1, np.where(instants_rev > last, 1, 0))
         for end in (-1, 0, 1):
             here = np.flatnonzero(ends == end)
-            if here.size:
-                about = nearest_rev[here] if not end else np.full(here.size, (first + half, last - half)[end > 0])
-                centres_rev, which = np.unique(about, return_inverse=True)
-                yield Part(
-                    projection=replace(self, window=replace(self.window, end=end)),
-                    instants=here,
-                    at_rev=instants_rev[here],
-                    centres_rev=centres_rev,
-                    which=which,
-                )
+            if not here.size:
+                continue
+            centres_rev, which = np.array([(first, last)[end > 0]]), np.zeros(here.size, dtype=np.int64)
+            share = np.zeros(here.size)
+            if not end and not blended:
+                centres_rev, which = np.unique(instants_rev[here], return_inverse=True)
+            elif not end and last > first:
+                hops = math.ceil((last - first) / (_HOP * self.window.length_rev))
+                place = (instants_rev[here] - first) / (last - first) * hops
+                which = np.minimum(place.astype(np.int64), hops - 1)
+                share = place - which
+                used, which = np.unique(np.concatenate([which, which + 1]), return_inverse=True)
+                centres_rev, which = first + used * (last - first) / hops, which[: here.size]
+            yield Part(
+                projection=replace(self, window=replace(self.window, end=end)),
+                instants=here,
+                at_rev=instants_rev[here],
+                centres_rev=centres_rev,
+                which=which,
+                share=share,
+            )
 
     def power(self, centres_rev: Array) -> Array:
         """Return the mean of ``|Z|^2`` (channel, k) in windows about centres (i,), each line taken to stand alone."""
         total = np.zeros((self.samples.signal.shape[0], self.orders.size))
         for part in replace(self, window=replace(self.window, degree=0)).moments(centres_rev):
-            total += np.sum(np.abs(2 * part.values[:, :, 0, 1:] / _NUTTALL[4][0]) ** 2, axis=0)
+            total += np.sum(np.abs(2 * part.values[:, :, 0, 1:] / _COSINES[4][0]) ** 2, axis=0)
         return np.asarray(total / centres_rev.size)
 
     def mean(self, centres_rev: Array) -> ComplexArray:
         """Return the mean Z (channel, k) of windows about centres (i,)."""
-        parts = [np.sum(part.coefficients()[:, :, 0], axis=0) for part in self.moments(centres_rev)]
+        lines = LeastSquares(window=self.window, orders=self.orders)
+        rows = np.arange(self.orders.size)
+        parts = [np.sum(lines.coefficients(part, rows)[:, :, 0], axis=0) for part in self.moments(centres_rev)]
         return np.asarray(np.sum(parts, axis=0) / centres_rev.size)
 
     def moments(self, centres_rev: Array) -> Iterator[Moments]:
@@ -299,30 +381,26 @@ class Projection:
         from data_synth.vibration._projection_kernels import interpolate  # noqa: PLC0415  - numba is slow to load
 
         per_rev, (begin, grid) = self.samples.cells_per_rev, self.samples.grid
-        cells = int(self.window.length_rev * per_rev)
+        cells, degree = int(self.window.length_rev * per_rev), self.window.degree
         padded = int(next_fast_len(math.ceil(_FINER * cells), real=True))
-        from_middle = np.arange(cells) - (cells - 1) / 2
-        rows = self.window.weights(from_middle / cells)[: self.window.degree + 1]
-        rows /= cells * _kernel_response(from_middle / padded)
-        nearest, weights = self._interpolation(per_rev, cells, padded)
+        position = ((np.arange(cells) - (cells - 1) / 2) / cells).astype(_GRID)
+        weights = self.window.shape(position) / (cells * _interpolating_response(position * (cells / padded)))
+        cycles = np.concatenate([[0.0], self.orders]) / per_rev
+        middle_turns = (cells - 1) / 2 / padded  # of the phase of the window's middle, from line to line
+        derivative = 1j * padded / (2 * np.pi * cells)  # of the transform, for a factor u
+        factor = derivative ** np.arange(degree + 1)[:, None] / _kernel_response(cycles)
         starts = np.rint(centres_rev * per_rev - (cells - 1) / 2).astype(np.int64)
-        at_once = max(1, _CELLS // (padded * grid.shape[0] * rows.shape[0]))
+        at_once = max(1, _CELLS // (padded * grid.shape[0]))
         for here in np.split(starts, range(at_once, starts.size, at_once)):
             windows = np.stack([grid[:, start - begin : start - begin + cells] for start in here])
-            spectra = rfft(windows[:, :, None, :] * rows, n=padded, axis=-1)
-            values = np.empty((*spectra.shape[:-1], 1 + self.orders.size), dtype=np.complex128)
-            interpolate(spectra.reshape(-1, spectra.shape[-1]), nearest, weights, values.reshape(-1, values.shape[-1]))
+            spectra = rfft(windows * weights, n=padded, axis=-1)
+            values = np.empty((*spectra.shape[:-1], degree + 1, 1 + self.orders.size), dtype=np.complex128)
+            flat = values.reshape(-1, *values.shape[-2:])
+            flat_spectra = np.asarray(spectra.reshape(-1, spectra.shape[-1]), dtype=np.complex64)
+            interpolate(flat_spectra, cycles * padded, middle_turns, _SPREAD, _interpolating_kernel(), flat)
+            values *= factor
             middle_rev = np.asarray((here + (cells - 1) / 2) / per_rev, dtype=np.float64)
             yield Moments(window=self.window, orders=self.orders, middle_rev=middle_rev, values=values)
-
-    def _interpolation(self, per_rev: float, cells: int, padded: int) -> tuple[NDArray[np.int64], ComplexArray]:
-        """Return, for each order, the first number of the transform that the kernel takes, and the weight of each."""
-        cycles = np.concatenate([[0.0], self.orders]) / per_rev
-        at, response = cycles * padded, _kernel_response(cycles)
-        first = np.rint(at).astype(np.int64) - _SPREAD // 2
-        numbers = first[:, None] + np.arange(_SPREAD)
-        turn = np.exp(2j * np.pi * np.remainder(numbers * ((cells - 1) / 2) / padded, 1.0))
-        return first, np.asarray(_kernel(at[:, None] - numbers) * turn / response[:, None], dtype=np.complex128)
 
 
 @dataclass(frozen=True, kw_only=True)
@@ -338,7 +416,9 @@ class Part:
     centres_rev : (window,) array
         Rising.
     which : (i,) int array
-        The number of the window of each.
+        The number of the window of each, or of the first of two.
+    share : (i,) array
+        Of the second.
     """
 
     projection: Projection
@@ -346,18 +426,20 @@ class Part:
     at_rev: Array
     centres_rev: Array
     which: NDArray[np.int_]
+    share: Array
 
-    def amplitudes(self, moments: Iterable[Moments]) -> ComplexArray:
-        """Return Z (channel, k, i) from the moments of the windows, some at a time."""
-        found, begin = [], 0
+    def amplitudes(self, moments: Iterable[Moments], rows: NDArray[np.int_]) -> ComplexArray:
+        """Return Z (channel, k, i) of some lines from the moments of the windows, some at a time."""
+        channels, begin, lines = self.projection.samples.signal.shape[0], 0, None
+        amplitudes = np.zeros((channels, rows.size, self.instants.size), dtype=np.complex128)
         for some in moments:
-            here = np.flatnonzero((self.which >= begin) & (self.which < begin + some.middle_rev.size))
-            which = self.which[here] - begin
-            position = (self.at_rev[here] - some.middle_rev[which]) / some.window.length_rev
-            powers = np.vander(position, some.window.degree + 1, increasing=True)
-            found.append((here, np.einsum("icdk,id->cki", some.coefficients()[which], powers)))
-            begin += some.middle_rev.size
-        amplitudes = np.empty((*found[0][1].shape[:2], self.instants.size), dtype=np.complex128)
-        for here, values in found:
-            amplitudes[:, :, here] = values
+            lines = lines or LeastSquares(window=some.window, orders=some.orders)
+            coefficients, count = lines.coefficients(some, rows), some.middle_rev.size
+            for which, weight in ((self.which, 1 - self.share), (self.which + 1, self.share)):
+                here = np.flatnonzero((which >= begin) & (which < begin + count) & (weight > 0))
+                window = which[here] - begin
+                position = (self.at_rev[here] - some.middle_rev[window]) / some.window.length_rev
+                powers = weight[here, None] * np.vander(position, some.window.degree + 1, increasing=True)
+                amplitudes[:, :, here] += np.einsum("icdk,id->cki", coefficients[window], powers)
+            begin += count
         return amplitudes

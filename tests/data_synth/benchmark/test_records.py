@@ -93,6 +93,7 @@ class TestOrder:
             if labels["class"] == "missing tooth":
                 stage = gearboxes()[labels["gearbox"]].stage_of(labels["component"])
                 assert labels["size_mm"] == 2.25 * stage.module_mm  # addendum and dedendum of ISO 53
+                assert labels["severity"] == 1.0  # gross by nature, as the card says
 
     def test_a_version_keeps_its_records(self):
         # what changes this digest is another VERSION; floats to six digits, as libraries of mathematics agree on
