@@ -22,15 +22,10 @@ MOST_DOF = 10.0  # real machines differ more than resampled ones: deviations by 
 
 @dataclass(frozen=True, kw_only=True)
 class Watched:
-    """Alarms (machines, records, scores) raised, and each chart over its limit (charts, machines, records, scores)."""
+    """Alarms (machines, records, scores) raised, and the health index."""
 
     raised: NDArray[np.bool_]
-    indices: NDArray[np.float32]
-
-    @property
-    def index(self) -> NDArray[np.float32]:
-        """The health index."""
-        return np.asarray(self.indices.max(axis=0))
+    index: NDArray[np.float32]
 
 
 def watch(
@@ -45,18 +40,15 @@ def watch(
     charts = [one.charts.start((machines, layout.scores)) for one in limits]
     alarms = [rule.start((machines, layout.scores)) for _ in limits]
     shape = (machines, records - baseline, layout.scores)
-    found = tuple(
-        Watched(raised=np.zeros(shape, np.bool_), indices=np.zeros((one.charts.count, *shape), np.float32))
-        for one in limits
-    )
+    found = tuple(Watched(raised=np.zeros(shape, np.bool_), index=np.zeros(shape, np.float32)) for _ in limits)
     for number in range(baseline, records):
         reading = normal.read(series[:, number], nothing, recent)
         recent = reading.recent
         for place, (one, seen) in enumerate(zip(limits, found, strict=True)):
             charts[place] = one.charts.step(charts[place], reading.scores)
-            indices = np.maximum(one.indices(charts[place]), 0.0) / headrooms[place]
-            alarms[place], seen.raised[:, number - baseline] = rule.step(alarms[place], indices.max(axis=0))
-            seen.indices[:, :, number - baseline] = indices
+            index = one.index(charts[place]) / headrooms[place]
+            alarms[place], seen.raised[:, number - baseline] = rule.step(alarms[place], index)
+            seen.index[:, number - baseline] = index
     return found
 
 
@@ -129,12 +121,12 @@ def learn_prior(found: Analyses, resampled: Resampled) -> dict[str, object]:
 
 
 def widening(found: Analyses, *, machines: int) -> list[list[float]]:
-    """Return by how much limits of each chart have to be wider than the model's, on machines it was not learned on.
+    """Return by how much limits have to be wider than the model's for each rate, on machines it was not learned on.
 
     Each machine of the half that the prior is learned on is left out in turn: a prior of the others makes the limits of
-    fleets with its residuals. The factors are those at which each chart by itself raises as many alarms as the others,
-    and all fleets together the stated number. What a prior lacks of a machine that it has not seen is then in the
-    limits (cross-validation; Stone 1974, J. R. Stat. Soc. B 36(2), 111-147).
+    fleets with its residuals, and the factor is the one at which all fleets together raise the stated number of alarms.
+    What a prior lacks of a machine that it has not seen is then in the limits (cross-validation; Stone 1974, J. R.
+    Stat. Soc. B 36(2), 111-147).
     """
     _, _, layout = layout_of(found.series)
     folds = range(0, MACHINES, 2)
@@ -150,16 +142,8 @@ def widening(found: Analyses, *, machines: int) -> list[list[float]]:
                 rng = np.random.default_rng([12, left, start])
                 seen = watch(unseen.machines(CHUNK, baseline + WATCHED, rng), baseline, limits, layout, prior)
                 for rate, one in zip(RATES, seen, strict=True):
-                    charts = np.array([two_of_three(index).max(axis=1) for index in one.indices])
-                    peaks.setdefault((baseline, rate), []).append(charts.reshape(len(charts), -1))
+                    peaks.setdefault((baseline, rate), []).append(two_of_three(one.index).max(axis=1))
     return [
-        [baseline, rate * layout.scores, *_factors(np.concatenate(those, axis=1), layout.scores, rate)]
+        [baseline, rate * layout.scores, round(at_rate(those, layout.scores, rate), 3)]
         for (baseline, rate), those in peaks.items()
     ]
-
-
-def _factors(peaks: NDArray[np.float32], scores: int, every: float) -> list[float]:
-    """Return the factor of each chart from the largest indices (charts, machines and scores)."""
-    alike = np.array([at_rate([each], scores, every * len(peaks)) for each in peaks])
-    together = at_rate([(peaks / alike[:, None]).max(axis=0)], scores, every)
-    return [round(float(factor), 3) for factor in alike * together]
