@@ -109,7 +109,8 @@ def analyses(folder: Path, *, workers: int, records: int = RECORDS) -> Analyses:
     plan = parse_plan(text)
     make_dataset(plan, folder / "set", workers=Processes(count=workers), progress=True)
     analyze_fleet([folder / "set"], "two-stage", folder / "fleet", workers=Processes(count=workers), progress=True)
-    paths = [folder / "fleet" / "records" / name for name in json.loads((folder / "fleet/records.json").read_text())]
+    names = json.loads((folder / "fleet/records.json").read_text()).values()
+    paths = [folder / "fleet" / "records" / name for name in names]
     rows = [read_row(path) for path in paths]
     labels = open_dataset(folder / "set")
     found = [series_of(row) for row in rows]

@@ -9,7 +9,7 @@ from typing import Any
 import numpy as np
 from numpy.typing import NDArray
 
-from hums.fleet.numbers import Numbers
+from hums.fleet.numbers import NOTHING, Numbers
 from hums.gearbox.orders import BEARING_KINDS
 from signals.monitoring.health import FEWEST_LEVELS, Layout
 
@@ -30,7 +30,6 @@ LINE_LEVEL, LINE_RATIO = "line_level", "line_over_surroundings"
 _JOINT, _AND = "one of ", ", "
 _WHOLE_SIGNAL = "record"
 _IMPULSES = "record (impulses)"
-_NOTHING = Numbers(keys=(), values=np.zeros((0, 4)))
 _OF_HISTORY = ("na4", "nb4")  # whose own history they are held against: the charts do that here
 
 
@@ -86,7 +85,7 @@ def series_of(row: Mapping[str, Any], *, without: Collection[str] = ()) -> Serie
     The lines of a component in a spectrum are two series: the logarithm of the root mean square of their amplitudes,
     and of what they are over their surroundings. Bearings whose lines have the same orders are one component.
     """
-    indicators, lines = (row.get(name, _NOTHING) for name in ("indicators", "lines"))
+    indicators, lines = (row.get(name, NOTHING) for name in ("indicators", "lines"))
     joint = tuple(sorted(joint_names(row).items()))
     plan = _plan(_Same(indicators.keys), _Same(lines.keys), joint, frozenset(without))
     numbers = np.full(len(plan.series), np.nan)
@@ -181,7 +180,7 @@ def joint_names(row: Mapping[str, Any]) -> Mapping[str, str]:
 
     What one of them shows, all show; watched apart, a fault of one would raise an alarm of each.
     """
-    lines: Numbers = row.get("lines", _NOTHING)
+    lines: Numbers = row.get("lines", NOTHING)
     equal: dict[tuple[Any, ...], list[str]] = {}
     for component, names, places in _bearings(_Same(lines.keys)):
         equal.setdefault((names, lines.values[places, 0].tobytes()), []).append(component)
