@@ -35,6 +35,7 @@ if TYPE_CHECKING:
 ROOT = Path(__file__).resolve().parents[1]
 BASELINES = (30, 300)
 ONSET = 60  # healthy records between the baseline and the start of a fault
+FAILING = 100  # machines of each fault
 
 
 # ---- false alarms ----------------------------------------------------------------------------------------------------
@@ -206,7 +207,7 @@ def growing_faults(given: argparse.Namespace, found: Analyses, resampled: Resamp
     ]
     for name, course in fault_courses(found, found.values[found.kinds == "healthy"]).items():
         seen = [
-            detected(resampled, found, name, course, one, machines=min(given.machines, CHUNK), factor=factor)
+            detected(resampled, found, name, course, one, machines=min(given.machines, FAILING), factor=factor)
             for one, factor in zip(layouts, factors, strict=True)
         ]
         alone, size = diagnosed_size(found, name), float(np.median(seen[0].sizes_mm))

@@ -14,7 +14,7 @@ from signals.monitoring.autocorrelation import Correlation, variance_shares
 from signals.monitoring.health import Layout, Normal, Prior, learn_normal
 from signals.monitoring.limits import ChartLimits, chart_limits, tail_quantiles
 
-CHUNK = 100  # machines whose series are in memory at a time
+CHUNK = 50  # machines whose series are in memory at a time
 RATES = (1_000.0, 10_000.0)
 WATCHED = 300
 MOST_DOF = 10.0  # real machines differ more than resampled ones: deviations by 22 % (our choice)

@@ -18,6 +18,7 @@ from hums.fleet.kept import KeptRecord
 from hums.fleet.monitor import Epoch, driving_series
 from hums.fleet.numbers import LINE
 from hums.fleet.observation import seconds_since_1970
+from hums.fleet.series import Series, vector
 from hums.pages.page import Figure, figure_html, least_and_largest, packed, stand_alone_page
 from hums.records.store import atomic_write
 from signals.monitoring.alarm_life import Life
@@ -262,17 +263,14 @@ def _health(history: MachineHistory, course: _Course, name: str) -> Figure:
     return Figure(name=f"{name}-health", alt=alt, title="Health index", view="health", data=data, height_px=320)
 
 
-def _panels(epoch: Epoch, course: _Course, drivers: Sequence[Any], component: str, name: str) -> Figure:
+def _panels(epoch: Epoch, course: _Course, drivers: tuple[Series, ...], component: str, name: str) -> Figure:
     """Return the series that departed most, each in its unit over time."""
     if epoch.normal is None:
         raise ValueError("a baseline that is not learned has no normal values; leave the figure out.")
     center = dict(zip(epoch.series, epoch.normal.raw.center.tolist(), strict=True))
-    panels, sets = [], {id(one.watched.keys): one.watched.keys for one in course.records}
-    for key in drivers:
-        places = {which: keys.index(key) if key in keys else -1 for which, keys in sets.items()}
-        at = [places[id(one.watched.keys)] for one in course.records]
-        logs = [math.nan if i < 0 else one.watched.values[i] for i, one in zip(at, course.records, strict=True)]
-        values = np.exp(np.array(logs, dtype=np.float64))
+    logs = np.array([vector(one.observation.values, drivers) for one in course.records])
+    panels = []
+    for key, values in zip(drivers, np.exp(logs).T, strict=True):
         words = key.indicator if key.kind in key.indicator else f"{key.kind} {key.indicator}"
         title = f"{words.replace('_', ' ')}, {key.channel}"
         title += "" if key.unit in ("", "1") else f", {key.unit}"

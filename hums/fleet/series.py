@@ -30,6 +30,7 @@ LINE_LEVEL, LINE_RATIO = "line_level", "line_over_surroundings"
 _JOINT, _AND = "one of ", ", "
 _WHOLE_SIGNAL = "record"
 _IMPULSES = "record (impulses)"
+_OF_ONE_TOOTH = ("tooth_outlier",)
 _OF_HISTORY = ("na4", "nb4")  # whose own history they are held against: the charts do that here
 
 
@@ -171,8 +172,13 @@ def _some(series: _Same, kept: bytes) -> tuple[Series, ...]:
 @lru_cache(maxsize=4096)
 def _places(there: _Same, wanted: _Same) -> NDArray[np.int64]:
     """Return where the wanted series stand among others, -1 of those that do not."""
-    at = {key: place for place, key in enumerate(there.thing)}
+    at = _place_of_each(there)
     return np.array([at.get(key, -1) for key in wanted.thing], dtype=np.int64)
+
+
+@lru_cache(maxsize=4096)
+def _place_of_each(series: _Same) -> dict[Series, int]:
+    return {key: place for place, key in enumerate(series.thing)}
 
 
 def joint_names(row: Mapping[str, Any]) -> Mapping[str, str]:
@@ -233,6 +239,15 @@ def watched_component(key: Series) -> str:
     return key.component
 
 
+def _damage(key: Series) -> str:
+    """Return the kind of damage that a series is scored with: its own, but of what one tooth shows that of a tooth.
+
+    A spall of one tooth raises how far that tooth stands out and no other indicator of the gear, among which it would
+    be diluted; the verdict that it is the evidence of is of the tooth, too.
+    """
+    return "tooth" if key.indicator in _OF_ONE_TOOTH else key.kind
+
+
 def layout_of(series: tuple[Series, ...]) -> tuple[tuple[str, ...], tuple[str, ...], Layout]:
     """Return the names of components and of channels with a level, and which series belong to each, by kind."""
     components = tuple(sorted({watched_component(key) for key in series}))
@@ -244,7 +259,7 @@ def layout_of(series: tuple[Series, ...]) -> tuple[tuple[str, ...], tuple[str, .
     channels = {name: those for name, those in absolute.items() if those.size >= FEWEST_LEVELS}
     kinds: dict[tuple[str, str], list[int]] = {}
     for number, key in enumerate(series):
-        kinds.setdefault((watched_component(key), key.kind), []).append(number)
+        kinds.setdefault((watched_component(key), _damage(key)), []).append(number)
     groups = tuple(
         tuple(np.array(those, dtype=np.int64) for (component, _), those in sorted(kinds.items()) if component == name)
         for name in components
