@@ -2,9 +2,10 @@
 
 from collections.abc import Sequence
 from dataclasses import dataclass
+from itertools import combinations
 
 import numpy as np
-from fleet_analyses import MACHINES, Analyses, Array, Resampled
+from fleet_analyses import LEARNED, Analyses, Array, Resampled
 from numpy.typing import NDArray
 
 from hums.fleet.prior import healthy_scores, prior_of
@@ -123,23 +124,23 @@ def learn_prior(found: Analyses, resampled: Resampled) -> dict[str, object]:
 def widening(found: Analyses, *, machines: int) -> list[list[float]]:
     """Return by how much limits have to be wider than the model's for each rate, on machines it was not learned on.
 
-    Each machine of the half that the prior is learned on is left out in turn: a prior of the others makes the limits of
-    fleets with its residuals, and the factor is the one at which all fleets together raise the stated number of alarms.
-    What a prior lacks of a machine that it has not seen is then in the limits (cross-validation; Stone 1974, J. R.
-    Stat. Soc. B 36(2), 111-147).
+    The machines that the prior is learned from are split into two halves in all ways: a prior of the one makes the
+    limits of fleets that are made of the other, their slopes too, and the factor is the one at which all fleets
+    together raise the stated number of alarms. What a prior lacks of machines that it has not seen is then in the
+    limits (cross-validation; Stone 1974, J. R. Stat. Soc. B 36(2), 111-147).
     """
     _, _, layout = layout_of(found.series)
-    folds = range(0, MACHINES, 2)
+    folds = list(combinations(LEARNED, len(LEARNED) // 2))
     sizes = {2: 2 * machines, 10: 2 * machines, 30: 2 * machines, 300: machines}  # by their cost
     peaks: dict[tuple[int, float], list[NDArray[np.float32]]] = {}
-    for left in folds:
-        learned = learn_prior(found, found.resampled(0, without=left))
+    for seen_before in folds:
+        learned = learn_prior(found, found.resampled(seen_before))
         prior, model = prior_of(found.series, layout, learned), healthy_scores(learned)
-        unseen = found.resampled(0, only=left)
+        unseen = found.resampled(set(LEARNED) - set(seen_before))
         for baseline, count in sizes.items():
             limits = [chart_limits(baseline, rate * layout.scores, model) for rate in RATES]
             for start in range(0, count // len(folds), CHUNK):
-                rng = np.random.default_rng([12, left, start])
+                rng = np.random.default_rng([12, *seen_before, start])
                 seen = watch(unseen.machines(CHUNK, baseline + WATCHED, rng), baseline, limits, layout, prior)
                 for rate, one in zip(RATES, seen, strict=True):
                     peaks.setdefault((baseline, rate), []).append(two_of_three(one.index).max(axis=1))

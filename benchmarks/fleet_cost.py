@@ -64,12 +64,12 @@ def opened(folder: Path) -> list[float]:
     if not (shutil.which("chromium") and shutil.which("chromedriver")):
         return []
     sys.path.append(str(Path(__file__).resolve().parents[1] / "tests"))
-    from browser import drawn_s, start_browser  # noqa: PLC0415
+    from browser import drawn_s, show, start_browser  # noqa: PLC0415
 
     with tempfile.TemporaryDirectory() as profile:
         driver, found = start_browser(profile), []
         for _ in range(2):
-            driver.get((folder / "fleet.html").as_uri())
+            show(driver, folder / "fleet.html")
             found.append(drawn_s(driver))
         driver.quit()
     return found
