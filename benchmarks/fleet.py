@@ -291,15 +291,16 @@ covariate. A slope that is the error of its fit alone would make machines drift 
 their standard errors (nonnegative garrote; Breiman 1995), as which they miss those of other machines by {risk:.4f} of a
 residual's variance, as they are by {raw_risk:.4f}.
 
-**The prior** (`hums/fleet/prior.json`, `--learn-prior --machines 1600`) is learned from the healthy analyses of every
+**The prior** (`hums/fleet/prior.json`, `--learn-prior --machines 1200`) is learned from the healthy analyses of every
 other machine; all below is measured on those of the others, whose slopes and residuals it has not seen. Limits are
 wider by what it lacks of machines that it was not learned on: the half that is learned from is itself halved in all six
 ways, and the factor is the one at which a prior of the one half raises the stated number of alarms of the other, for
 baselines of 2, 10, 30 and 300 records and both rates, one factor for all charts. How it was chosen: a factor for each
 chart, learned from 140 healthy analyses, raised alarms outside three of the four intervals below and was left. With one
-factor, and slopes as they are fitted, 1856, 178, 1338 and 141 alarms were raised; that the errors of the slopes are
-drift was then found, and by how much to shrink them was chosen on the half that is learned from. Both halves are of one
-gearbox and one plan. Nothing is tuned to measured records.
+factor, slopes as they are fitted, and charts in which a stray record counts in full, 1856, 178, 1338 and 141 alarms
+were raised: the errors of the slopes were drift, and single stray analyses raised alarms. By how much slopes are shrunk
+was chosen on the half that is learned from, and the charts' rule is a published one. Both halves are of one gearbox
+and one plan. Nothing is tuned to measured records.
 """
 
 
