@@ -114,7 +114,7 @@ const WIDE = 720, HIGH = 540;
 const flat = point => [WIDE / 2 + scale * (dot(point, right) - middle[0]), HIGH / 2 - scale * (dot(point, up) - middle[1])];
 
 function extremes(gear) {
-  const radius = gear.radius * (gear.internal ? 1.14 : 1.05);
+  const radius = gear.radius * (gear.internal ? RIM : 1.05);
   return [0, 1, 2, 3, 4, 5, 6, 7].flatMap(n => [-0.5, 0.5].map(side =>
     along(rim(gear, radius, n * Math.PI / 4), side * gear.face, gear.axis)));
 }
@@ -157,10 +157,12 @@ function hull(points) {
   return [...half(sorted).slice(0, -1), ...half(sorted.reverse()).slice(0, -1)];
 }
 
+const RIM = 1.14;  // outer radius of a ring over its pitch radius, as drawn: no drawing declares it
+
 /** The radius of the hole in an external gear on the back of an internal one, else 0. */
 function holeRadius(gear) {
   const ring = drawing.gears.find(other => other.internal && other.body === gear.body && other.radius < gear.radius);
-  return ring && !gear.internal ? Math.min(1.14 * ring.radius, 0.96 * gear.radius) : 0;
+  return ring && !gear.internal ? Math.min(RIM * ring.radius, 0.96 * gear.radius) : 0;
 }
 
 function gearShape(gear) {
@@ -173,7 +175,7 @@ function gearShape(gear) {
   const flanks = teeth.map((p, n) => n % 4 === 0 ? `M${p[0].toFixed(1)} ${p[1].toFixed(1)}L${back[n][0].toFixed(1)} ${back[n][1].toFixed(1)}` : "").join("");
   const hole = holeRadius(gear);
   if (gear.internal || hole) {
-    const [nearRim, farRim] = [near, far].map(([place, radius]) => outline(gear, hole || 1.14 * radius, place, false).map(flat));
+    const [nearRim, farRim] = [near, far].map(([place, radius]) => outline(gear, hole || RIM * radius, place, false).map(flat));
     return `<path d="${path(farRim)}${path(back)}" fill="${fill}" fill-rule="evenodd" fill-opacity=".5" stroke="var(--faint)" stroke-width=".6"/>` +
       `<path d="${path(hull(hole ? [...teeth, ...back] : [...nearRim, ...farRim]))}" fill="none" stroke="var(--faint)" stroke-width=".8"/>` +
       `<path d="${path(nearRim)}${path(teeth)}" fill="${fill}" fill-rule="evenodd" fill-opacity=".8" stroke="var(--ink)" stroke-width=".9"/>`;
@@ -246,15 +248,17 @@ function gearNames() {
 /** An arrow for every link and, where what carries it turns, for its motion from there; copies that agree are one. */
 function velocityArrows(solved) {
   const arrows = new Map();
-  for (const {link, body} of data.links) {
+  const longest = Math.max(...Object.values(solved.vectors).map(vector => Math.hypot(...vector)), 1e-9);
+  const share = x => Math.round(1e6 * x / longest) || 0;  // of the longest, so that rounding makes no copies differ; 0 for -0
+  for (const {body, declared: name} of data.links) {
     const to = solved.vectors[body], pair = pairOf[body];
     if (!pair) continue;
-    const base = solved.vectors[pair.carried_by], name = declared[link] ?? link;
+    const base = solved.vectors[pair.carried_by];
     const from = declared[pair.carried_by] ?? pair.carried_by;
     const found = [{name, from: [0, 0, 0], to, relative: false}];
     if (Math.hypot(...base) > 0) found.push({name, from: base, to, relative: true});
     for (const arrow of found) {
-      const key = JSON.stringify([arrow.name, arrow.relative, [...arrow.from, ...arrow.to].map(x => x.toPrecision(6))]);
+      const key = JSON.stringify([arrow.name, arrow.relative, [...arrow.from, ...arrow.to].map(share)]);
       const copies = (arrows.get(key)?.copies ?? 0) + 1;
       const words = arrow.name + (copies > 1 ? ` (${copies})` : "") + (arrow.relative ? ` from ${from}` : "");
       arrows.set(key, {...arrow, copies, words});
@@ -306,8 +310,8 @@ function vectorPlane(arrows, longest, size) {
       const shift = 7 * Math.floor(lane / 2) * (lane % 2 ? -1 : 1) * sense;
       [x0, x1, y0, y1] = [x0 - shift * dy, x1 - shift * dy, y0 + shift * dx, y1 + shift * dx];
     }
-    const along = arrow.relative ? 0.5 : 1, beyond = arrow.relative || length <= 1 ? 0 : size / length;
-    let [x, y] = [x0 + (along + beyond) * (x1 - x0) + (arrow.relative ? 0.8 * size : 0), y0 + (along + beyond) * (y1 - y0)];
+    const share = arrow.relative ? 0.5 : 1, beyond = arrow.relative || length <= 1 ? 0 : size / length;
+    let [x, y] = [x0 + (share + beyond) * (x1 - x0) + (arrow.relative ? 0.8 * size : 0), y0 + (share + beyond) * (y1 - y0)];
     while (placed.some(other => Math.abs(other[1] - y) < size && Math.abs(other[0] - x) < 1.3 * size)) x += 1.3 * size;
     placed.push([x, y]);
     const key = bottom + 1.5 * size * (n + 0.7);
