@@ -498,16 +498,19 @@ def _mains(order: float, others: _Others) -> str:
 def _explanation(order: float, depth: float, others: _Others, own_multiple: int) -> str:
     """Return which other line explains a line, or an empty string.
 
-    Of a line at half its depth or more it may be a harmonic, but for `own_multiple`; of a deeper one a sideband; of a
-    much deeper one a part.
+    Of a line at half its depth or more it may be a harmonic, but for `own_multiple`; of a deeper one a sideband, or of
+    one that is deeper together with its second harmonic, since among lines that a shaft spaces alike the multiples of
+    the one that is modulated stand out; of a much deeper one a part.
     """
+    with_harmonic = depth + others.deepest(2 * order)
     apart = (np.abs(others.orders - order) > others.width) & (others.depths >= _HARMONIC_SHARE * depth)
     for other, size in zip(others.orders[apart], others.depths[apart], strict=True):
         name = f"the line at {other:.3f}, which modulates by {size:.1%} and which it does not explain"
         for multiple in range(1, _MULTIPLES + 1):
             if multiple not in {1, own_multiple} and abs(order - multiple * other) <= others.width:
                 return f"it is {multiple} times {name}"
-            beside = (order - multiple * other) / np.array(others.spacings) if size >= depth else np.zeros(0)
+            deeper = size >= depth or (multiple == 1 and size + others.deepest(2 * other) > with_harmonic)
+            beside = (order - multiple * other) / np.array(others.spacings) if deeper else np.zeros(0)
             sides = np.round(beside)
             near = np.abs(beside - sides) * np.array(others.spacings)[: beside.size] <= others.width
             near &= (sides != 0) & (np.abs(sides) <= _EXPLAINING_SIDEBANDS)

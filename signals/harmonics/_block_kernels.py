@@ -140,6 +140,14 @@ def _add_products(weights: Floats, one: Floats, other: Floats, sums: Floats, col
     sums[column + 1] += b
 
 
+@compiled
+def _mirror(matrix: Floats) -> None:
+    """Fill the upper triangle of a symmetric matrix with the lower one."""
+    for a in range(len(matrix)):
+        for b in range(a):
+            matrix[b, a] = matrix[a, b]
+
+
 @compiled_sums
 def correlate(seen: Floats, phase: Floats, orders: Floats, shaft: Indices, length: int, sums: Floats) -> None:
     """Fill the moments of the products of every two regressors, block by block.
@@ -148,8 +156,8 @@ def correlate(seen: Floats, phase: Floats, orders: Floats, shaft: Indices, lengt
     ----------
     seen : (sample,) array, 0 where missing, else 1; the first sample starts a block.
     phase, orders, shaft, length : as for `project`.
-    sums : (block, moment, 2 order, 2 order) array of zeros, filled in its lower triangles: sums of u^moment times the
-        products of cos and -sin of all orders (all cos first).
+    sums : (block, moment, 2 order, 2 order) array of zeros, filled: sums of u^moment times the products of cos and
+        -sin of all orders (all cos first).
     """
     blocks, moments, width, _ = sums.shape
     count, size = orders.size, 2 * PIECE
@@ -183,59 +191,47 @@ def correlate(seen: Floats, phase: Floats, orders: Floats, shaft: Indices, lengt
                             _add_products(weights, columns[b, part], columns[b + 1, part], row, b)
                         for n in range(weights.size):
                             weights[n] *= u[n]
+            for block in range(begin, end):
+                for moment in range(moments):
+                    _mirror(sums[block, moment])
 
 
-@compiled_sums
-def correlate_steady(starts: Floats, step: float, orders: Floats, length: int, sums: Floats) -> None:
-    """Fill what `correlate` does, of whole blocks without missing samples whose angle grows by `step` a sample.
+@compiled
+def correlate_steady(starts: Floats, orders: Floats, products: Floats, sums: Floats) -> None:
+    """Fill what `correlate` does, of whole blocks without missing samples whose angle grows steadily.
 
     With `a` and `b` the angles of two orders, `2 cos a cos b = cos(a - b) + cos(a + b)`, and so on: the moments are
-    those of the sum and of the difference over one block, turned by the angle at the start of each.
+    those of the difference and of the sum over one block, turned by the angle at the start of each.
 
     Parameters
     ----------
     starts : (block,) array, angle at the first sample of each block in rad.
-    step : rad.
-    orders, length, sums : as for `correlate`.
+    orders, sums : as for `correlate`.
+    products : (4, moment, order, order) array, over a block whose angle starts at 0: half the moments of the cos and
+        sin of `a - b`, then of `a + b`.
     """
-    blocks, moments, _, _ = sums.shape
     count = orders.size
-    turned = np.zeros((count, count, 2, moments, 2))  # difference and sum; cos and sin
-    for a in range(count):
-        for b in range(a + 1):
-            for k in range(2):
-                angle = (orders[a] + (orders[b] if k else -orders[b])) * step
-                for n in range(length):
-                    power = 1.0
-                    for moment in range(moments):
-                        turned[a, b, k, moment, 0] += 0.5 * power * np.cos(angle * n)
-                        turned[a, b, k, moment, 1] += 0.5 * power * np.sin(angle * n)
-                        power *= n / length
-    cosine, sine = np.empty((count, blocks)), np.empty((count, blocks))
+    cosine, sine, turns = np.empty((count, starts.size)), np.empty((count, starts.size)), np.empty((4, count))
     for a in range(count):
         fill_phasors(orders[a], starts, cosine[a], sine[a])
-    for block in range(blocks):
+    for block in range(starts.size):
         for a in range(count):
             cos_a, sin_a = cosine[a, block], sine[a, block]
-            for b in range(a + 1):
+            for b in range(count):
                 cos_b, sin_b = cosine[b, block], sine[b, block]
-                cos_less, sin_less = cos_a * cos_b + sin_a * sin_b, sin_a * cos_b - cos_a * sin_b
-                cos_more, sin_more = cos_a * cos_b - sin_a * sin_b, sin_a * cos_b + cos_a * sin_b
-                for moment in range(moments):
-                    less, more = turned[a, b, 0, moment], turned[a, b, 1, moment]
-                    even_less, odd_less = (
-                        cos_less * less[0] - sin_less * less[1],
-                        cos_less * less[1] + sin_less * less[0],
-                    )
-                    even_more, odd_more = (
-                        cos_more * more[0] - sin_more * more[1],
-                        cos_more * more[1] + sin_more * more[0],
-                    )
-                    own = sums[block, moment]
-                    own[a, b] = even_less + even_more
-                    own[count + a, count + b] = even_less - even_more
-                    own[count + a, b] = -(odd_more + odd_less)
-                    own[count + b, a] = -(odd_more - odd_less)
+                turns[0, b], turns[1, b] = cos_a * cos_b + sin_a * sin_b, sin_a * cos_b - cos_a * sin_b
+                turns[2, b], turns[3, b] = cos_a * cos_b - sin_a * sin_b, sin_a * cos_b + cos_a * sin_b
+            for moment in range(sums.shape[1]):
+                cos_cos, cos_sin = sums[block, moment, a, :count], sums[block, moment, a, count:]
+                sin_cos, sin_sin = sums[block, moment, count + a, :count], sums[block, moment, count + a, count:]
+                own = products[:, moment, a]
+                for b in range(count):
+                    even = own[0, b] * turns[0, b] - own[1, b] * turns[1, b]
+                    odd = own[0, b] * turns[1, b] + own[1, b] * turns[0, b]
+                    even_more = own[2, b] * turns[2, b] - own[3, b] * turns[3, b]
+                    odd_more = own[2, b] * turns[3, b] + own[3, b] * turns[2, b]
+                    cos_cos[b], sin_sin[b] = even + even_more, even - even_more
+                    cos_sin[b], sin_cos[b] = odd - odd_more, -odd - odd_more
 
 
 @compiled

@@ -15,6 +15,8 @@ Floats = NDArray[np.float64]
 Indices = NDArray[np.int64]
 
 PIECE = 128  # samples whose phasors are made at a time: they stay in the nearest cache
+# Angle by which the highest order may differ from a steady turn: the rounding of the angles of long records.
+STEADY_RAD = 1e-8
 
 
 @compiled_sums
@@ -36,6 +38,19 @@ def _dot(a: Floats, b: Floats) -> float:
     for i in range(a.size):
         total += a[i] * b[i]
     return total
+
+
+@compiled_sums
+def add_lagged(values: Floats, products: Floats) -> None:
+    """Add to (channel, lag) sums the products of two values that lie 1, 2, ... places apart.
+
+    `values` is a (channel, sample) array; the first ones, as many as there are lags, come before those that count.
+    """
+    lags = products.shape[1]
+    for channel in range(len(values)):
+        late = values[channel, lags:]
+        for lag in range(1, lags + 1):
+            products[channel, lag - 1] += _dot(late, values[channel, lags - lag :])
 
 
 @compiled_sums
@@ -192,11 +207,38 @@ def filter_covariance(
 
 
 @compiled_sums
+def _table_of_turns(turn: float, orders: Floats, cosine: Floats, sine: Floats) -> None:
+    """Fill tables, (PIECE order,), with the phasors that turn all rows of regressors by one angle of the shaft."""
+    for i in range(cosine.size):
+        cosine[i], sine[i] = np.cos(orders[i % orders.size] * turn), np.sin(orders[i % orders.size] * turn)
+
+
+@compiled_sums
+def _turn(regressors: Floats, cosine: Floats, sine: Floats) -> None:
+    """Turn regressors, cos and -sin in turn, by the angles whose phasors are given."""
+    for i in range(cosine.size):
+        one, other = regressors[2 * i], regressors[2 * i + 1]
+        regressors[2 * i] = one * cosine[i] + other * sine[i]
+        regressors[2 * i + 1] = other * cosine[i] - one * sine[i]
+
+
+@compiled_sums
+def _off_line(phase: Floats, start: float, step: float) -> float:
+    """Return the largest distance of an angle from one that grows steadily."""
+    largest = 0.0
+    for i in range(phase.size):
+        largest = max(largest, abs(phase[i] - (start + step * i)))
+    return largest
+
+
+@compiled_sums
 def filter_steadily(
     x: Floats, phase: Floats, orders: Floats, shaft: Indices, gains: Floats, state: Floats, skip: int, every: int,
     innovations: Floats, levels: Floats,
 ) -> None:  # fmt: skip
     """Run the filter with steady-state gains over some samples.
+
+    Where the only shaft turns steadily, each piece has the regressors of the last one, turned by one angle.
 
     Parameters
     ----------
@@ -212,15 +254,22 @@ def filter_steadily(
     samples, channels = x.shape
     poles, width = gains.shape
     cosine, sine, rows = np.empty(PIECE), np.empty(PIECE), np.empty((PIECE, width))
-    unused, output = np.empty(width), 0
+    cosines, sines = np.empty(PIECE * orders.size), np.empty(PIECE * orders.size)
+    step = (phase[0, samples - 1] - phase[0, 0]) / max(samples - 1, 1)
+    steady = len(phase) == 1 and _off_line(phase[0], phase[0, 0], step) * orders.max() <= STEADY_RAD
+    if steady:
+        _table_of_turns(step * PIECE, orders, cosines, sines)
+    unused, output, due = np.empty(width), 0, skip
     for first in range(0, samples, PIECE):
-        _fill_regressors(phase, orders, shaft, first, cosine, sine, rows)
+        if steady and first:
+            _turn(rows.reshape(-1), cosines, sines)
+        else:
+            _fill_regressors(phase, orders, shaft, first, cosine, sine, rows)
         for i in range(first, min(first + PIECE, samples)):
             h = rows[i - first]
-            is_output = i >= skip and (i - skip) % every == 0
             for channel in range(channels):
                 own = state[channel]
-                level = levels[output, channel] if is_output else unused
+                level = levels[output, channel] if i == due else unused
                 # Innovation e = x - h . level; update each difference by its gain h e.
                 innovation = x[i, channel] - _dot(h, own[0])
                 innovations[i, channel] = innovation
@@ -233,5 +282,6 @@ def filter_steadily(
                 for j in range(poles - 2, -1, -1):  # predict by F
                     for b in range(width):
                         own[j, b] += own[j + 1, b]
-            if is_output:
+            if i == due:
                 output += 1
+                due += every

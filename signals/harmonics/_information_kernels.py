@@ -11,10 +11,49 @@ from signals._compile import compiled, compiled_sums
 Floats = NDArray[np.float64]
 Indices = NDArray[np.int64]
 
+# Within these, a product of losses neither over- nor underflows.
+SMALL_PRODUCT, LARGE_PRODUCT = 1e-150, 1e150
 # The steps of a filter at a node, in the order of each direction.
 _UPDATE, _STORE, _MARGINALISE, _PROPAGATE = range(4)
 FORWARD = np.array([_UPDATE, _STORE, _MARGINALISE, _PROPAGATE])
 BACKWARD = np.array([_STORE, _UPDATE, _PROPAGATE, _MARGINALISE])
+
+
+@compiled
+def weigh(gram: Floats, data: Floats, products: Floats, basis: Floats, information: Floats, score: Floats) -> None:
+    """Fill what the moments of each node say on its state, whose differences have polynomials for regressors.
+
+    Parameters
+    ----------
+    gram : (node or 1, moment, width, width) array, moments of the products of the regressors of the levels.
+    data : (node, pole, width, lane) array, moments of regressors times data.
+    products, basis : (pole, pole, moment) and (pole, pole) arrays, coefficients of the products of two polynomials, and
+        of each.
+    information : (node or 1, pole, width, pole, width) array, filled.
+    score : (node, pole, width, lane) array, filled.
+    """
+    poles, width = basis.shape[0], gram.shape[2]
+    for node in range(len(gram)):
+        for i in range(poles):
+            for a in range(width):
+                for j in range(poles):
+                    row = information[node, i, a, j]
+                    for b in range(width):
+                        row[b] = products[i, j, 0] * gram[node, 0, a, b]
+                    for moment in range(1, gram.shape[1]):
+                        factor = products[i, j, moment]
+                        if factor != 0.0:
+                            for b in range(width):
+                                row[b] += factor * gram[node, moment, a, b]
+    for node in range(len(data)):
+        for i in range(poles):
+            for a in range(width):
+                row = score[node, i, a]
+                for lane in range(row.size):
+                    row[lane] = basis[i, 0] * data[node, 0, a, lane]
+                for moment in range(1, poles):
+                    for lane in range(row.size):
+                        row[lane] += basis[i, moment] * data[node, moment, a, lane]
 
 
 @compiled
@@ -28,11 +67,13 @@ def _marginalise(
     `column`, (state,), is scratch; `squares`, (lane,), grows by the terms in j^2 of the completed squares.
     """
     size = len(matrix)
-    log_determinant = 0.0
+    log_determinant, product = 0.0, 1.0  # of few losses there is one logarithm
     for a in range(process.shape[1]):
         loss = process[at, a] * matrix[a, a] + (0.0 if renewed else 1.0)
         kept = 0.0 if renewed else 1.0 / loss
-        log_determinant += np.log(loss)
+        if not SMALL_PRODUCT < product * loss < LARGE_PRODUCT:
+            log_determinant, product = log_determinant + np.log(product), 1.0
+        product *= loss
         share = process[at, a] / loss
         for lane in range(vector.shape[1]):
             squares[lane] += share * vector[a, lane] * vector[a, lane]
@@ -54,7 +95,7 @@ def _marginalise(
     for b in range(size):
         for c in range(b):
             matrix[c, b] = matrix[b, c]
-    return log_determinant
+    return log_determinant + float(np.log(product))
 
 
 @compiled

@@ -27,15 +27,16 @@ from typing import NamedTuple
 import numpy as np
 from numpy.typing import NDArray
 
-from signals.harmonics._information_kernels import BACKWARD, FORWARD, combine, filter_information
+from signals.harmonics._information_kernels import BACKWARD, FORWARD, combine, filter_information, weigh
 
 Floats = NDArray[np.float64]
 Indices = NDArray[np.int64]
 Gram = Floats | Callable[[slice], Floats]
 Outside = tuple["Information", "Information"]  # on the first node of a range, and on the last
 
-# Size of the matrices and vectors of a stretch of nodes, which are stored at a time.
-STRETCH_NUMBERS = 1 << 19
+# Size of the matrices and vectors of a stretch of nodes, which stay in a near cache, and of those at the record's end
+# whose data and past are kept, so that the way back need not make them again.
+STRETCH_NUMBERS, KEPT_NUMBERS = 1 << 16, 1 << 21
 
 
 class Information(NamedTuple):
@@ -103,19 +104,13 @@ class NodeChain:
         one = not callable(self.gram) and len(self.gram) == 1
         gram = self.gram(nodes) if callable(self.gram) else self.gram if one else self.gram[nodes]
         data = self.data(nodes) if callable(self.data) else self.data[nodes]
-        information, score, poles = gram, data, data.shape[1]
-        if poles > 1:
-            basis = newton_basis(poles)[::-1]
-            products = np.array([[np.convolve(one, other) for other in basis] for one in basis])
-            count, moments, width, _ = gram.shape
-            blocks = products.reshape(-1, moments) @ gram.reshape(count, moments, width * width)
-            information = blocks.reshape(count, poles, poles, width, width).transpose(0, 1, 3, 2, 4)
-            score = np.einsum("im,nmal->nial", basis, data)
+        (known, _, width, _), (count, poles, _, lanes) = gram.shape, data.shape
+        basis = np.ascontiguousarray(newton_basis(poles)[::-1])
+        products = np.array([[np.convolve(one, other) for other in basis] for one in basis])
+        information, score = np.empty((known, poles, width, poles, width)), np.empty((count, poles, width, lanes))
+        weigh(np.ascontiguousarray(gram), np.ascontiguousarray(data), products, basis, information, score)
         matrix, vector = self.before
-        return NodeInformation(
-            np.ascontiguousarray(information.reshape(len(gram), matrix.size)),
-            np.ascontiguousarray(score.reshape(len(data), vector.size)),
-        )
+        return NodeInformation(information.reshape(known, matrix.size), score.reshape(count, vector.size))
 
     def outside(self, nodes: slice) -> Outside:
         """Return the information of all other nodes on the state at the first and at the last node of a range."""
@@ -202,20 +197,26 @@ def smooth_stretches(chain: NodeChain, *, first: int) -> Iterator[tuple[slice, S
     length = max(isqrt(chain.nodes), STRETCH_NUMBERS // (matrix.size + vector.size))
     stretches = [slice(begin, min(begin + length, chain.nodes)) for begin in range(0, chain.nodes, length)]
     state, starts, log_variance = chain.before.copy(), [], 0.0
-    unstored = chain.buffer(slice(0, 0))
+    kept: list[tuple[NodeInformation, NodeInformation]] = []
+    unstored, late = chain.buffer(slice(0, 0)), chain.nodes - max(length, KEPT_NUMBERS // (matrix.size + vector.size))
     for stretch in stretches:
         starts.append(state.copy())
-        data, past = chain.measured(stretch), chain.buffer(stretch) if stretch is stretches[-1] else unstored
+        is_kept = stretch.start >= late or stretch is stretches[-1]
+        data, past = chain.measured(stretch), chain.buffer(stretch) if is_kept else unstored
         for part in (slice(stretch.start, min(first, stretch.stop)), slice(max(first, stretch.start), stretch.stop)):
             if part.start == first < part.stop:
                 log_variance = -float(np.linalg.slogdet(state.matrix)[1])
             if part.stop > part.start:
                 own = slice(part.start - stretch.start, part.stop - stretch.start)
                 log_variance += chain.filter(part, FORWARD, state, data.part(own), past.part(own))
+        if is_kept:
+            kept.append((data, past))
     log_variance += float(np.linalg.slogdet(state.matrix)[1])
     later = chain.after.copy()
     for stretch, start in zip(reversed(stretches), reversed(starts), strict=True):
-        if stretch is not stretches[-1]:
+        if kept:
+            data, past = kept.pop()
+        else:
             data, past = chain.measured(stretch), chain.buffer(stretch)
             chain.filter(stretch, FORWARD, start, data, past)
         future = chain.buffer(stretch)

@@ -14,16 +14,17 @@ import numpy as np
 from numpy.typing import NDArray
 
 from signals.harmonics import _block_kernels
+from signals.harmonics._filter_kernels import STEADY_RAD
 from signals.harmonics.bandwidth import HALF_POWER
 from signals.harmonics.model import Complexes, Floats, HarmonicModel, Indices
 
 Flags = NDArray[np.bool_]
 
-SAMPLES_AT_ONCE = 1 << 16
+SAMPLES_AT_ONCE, STEADY_AT_ONCE = 1 << 16, 1 << 13  # the second stay in a near cache
 # Angle by which a jump of the speed may lead the highest order astray within a block.
 LARGEST_JUMP_RAD = 0.03
-# Angle by which the highest order may differ from a steady turn: the rounding of the angles of long records.
-STEADY_RAD = 1e-8
+# Blocks, at least, whose moments are worth a table of the phasors in one, and samples in a product with it.
+FEWEST_TABULATED, TABULATED_AT_ONCE = 8, 1 << 18
 
 
 @dataclass(frozen=True, kw_only=True, eq=False)
@@ -68,9 +69,9 @@ class Grid:
         decay = pi * narrowest * HALF_POWER ** (-0.5 / poles) * sin(0.5 * pi / poles)
         return int(np.clip(memories / (decay * self.length) + 1, 1, self.nodes))
 
-    def spans(self, first_block: int, last_block: int) -> Iterator[tuple[slice, slice]]:
-        """Yield ranges of samples, and the ranges of blocks they fill."""
-        at_once = max(1, SAMPLES_AT_ONCE // self.length)
+    def spans(self, first_block: int, last_block: int, samples: int = SAMPLES_AT_ONCE) -> Iterator[tuple[slice, slice]]:
+        """Yield ranges of about so many samples, and the ranges of blocks they fill."""
+        at_once = max(1, samples // self.length)
         for first in range(first_block, last_block, at_once):
             last = min(first + at_once, last_block)
             yield slice(first * self.length, min(last * self.length, self.samples)), slice(first, last)
@@ -132,13 +133,18 @@ class Grid:
 
     @cached_property
     def steady_step(self) -> float | None:
-        """Angle of one sample in rad, where it is the same throughout and no sample is missing; None elsewhere."""
+        """Angle of one sample in rad, where it is the same throughout; None elsewhere."""
         phase = self.model.phases[0]
-        if len(self.model.phases) > 1 or phase.size == 1 or not self.seen.all():
+        if len(self.model.phases) > 1 or phase.size == 1:
             return None
-        step = float(phase[-1] - phase[0]) / (phase.size - 1)
-        off = np.abs(phase - (phase[0] + step * np.arange(phase.size))).max()
-        return step if off * np.abs(self.model.orders).max(initial=0.0) <= STEADY_RAD else None
+        step, highest = float(phase[-1] - phase[0]) / (phase.size - 1), np.abs(self.model.orders).max(initial=0.0)
+        line = step * np.arange(STEADY_AT_ONCE)
+        for first in range(0, phase.size, STEADY_AT_ONCE):
+            off = phase[first : first + STEADY_AT_ONCE]
+            off, start = off - line[: off.size], phase[0] + step * first
+            if max(off.max() - start, start - off.min()) * highest > STEADY_RAD:
+                return None
+        return step
 
     def process_noise(self, orders: Indices) -> Floats:
         """(node or 1, column) array, process-noise variances from node to node of some orders."""
@@ -173,18 +179,42 @@ class Grid:
         """(block, moment, order, channel, 2) array of the record: see `project` in `_block_kernels`."""
         return self.project(self.x, slice(0, self.blocks), np.arange(self.model.orders.size))
 
+    @cached_property
+    def _table(self) -> Complexes:
+        """(sample, moment, order) array of the first block: powers of u times exp(-j angle), the angle from 0 on."""
+        assert self.steady_step is not None  # noqa: S101  (the caller's choice)
+        angle = self.steady_step * np.arange(self.length)[:, None] * self.model.orders
+        moments = self.model.poles + self.model.poles % 2
+        return np.asarray(self._powers(moments)[:, :, None] * _block_kernels.phasors(angle)[:, None])
+
     def project(self, x: Floats, blocks: slice, orders: Indices) -> Floats:
-        """Return the moments, as above, of values, (channel, sample), of some blocks against some orders."""
-        model = self.model
+        """Return the moments, as above, of values, (channel, sample), of some blocks against some orders.
+
+        Where the angle grows steadily, those of whole blocks are products with one table, turned by the angle at the
+        start of each block.
+        """
+        model, length = self.model, self.length
         moments = model.poles + model.poles % 2  # in pairs
         sums = np.zeros((blocks.stop - blocks.start, moments, orders.size, len(x), 2))
-        start = blocks.start * self.length
-        for samples, some in self.spans(blocks.start, blocks.stop):
+        start = blocks.start * length
+        whole = min(blocks.stop, self.samples // length)
+        if whole - blocks.start < FEWEST_TABULATED or self.steady_step is None:
+            whole = blocks.start
+        else:
+            table = self._table if orders.size == model.orders.size else self._table[..., orders]
+            table = np.ascontiguousarray(table).reshape(length, -1).view(np.float64)
+        for samples, some in (*self.spans(blocks.start, whole, TABULATED_AT_ONCE), *self.spans(whole, blocks.stop)):
             values, seen = x[:, samples.start - start : samples.stop - start], self.seen[samples]
             values = np.ascontiguousarray(values if seen.all() else np.where(seen, values, 0.0))
             part = sums[some.start - blocks.start : some.stop - blocks.start]
-            phase = model.phase(samples)
-            _block_kernels.project(values, phase, model.orders[orders], model.shaft[orders], self.length, part)
+            if some.stop <= whole:
+                products = (values.reshape(-1, length) @ table).view(np.complex128)
+                turn = _block_kernels.phasors(model.phases[0][samples][::length, None] * model.orders[orders])
+                turned = products.reshape(len(x), -1, moments, orders.size) * turn[:, None]
+                part[..., 0], part[..., 1] = turned.real.transpose(1, 2, 3, 0), turned.imag.transpose(1, 2, 3, 0)
+            else:
+                phase = model.phase(samples)
+                _block_kernels.project(values, phase, model.orders[orders], model.shaft[orders], length, part)
         return sums
 
     def waveforms(self, pieces: Floats, orders: Indices, samples: slice) -> Floats:
@@ -212,27 +242,38 @@ class Grid:
             return triangular(moments)[:, None]
         return np.concatenate([np.zeros_like(moments[:1]), moments])
 
+    @cached_property
+    def _known_products(self) -> dict[bytes, Floats]:
+        """Products of the phasors of some orders, named by their indices."""
+        return {}
+
+    def _products(self, orders: Indices) -> Floats:
+        """(4, moment, order, order) array for `correlate_steady` in `_block_kernels`."""
+        name = orders.tobytes()
+        if name not in self._known_products:
+            assert self.steady_step is not None  # noqa: S101  (the caller's choice)
+            angle = self.steady_step * np.arange(self.length)[:, None] * self.model.orders[orders]
+            phasors = _block_kernels.phasors(-angle)
+            weighted = 0.5 * (self._powers(self.squares)[:, :, None] * phasors[:, None]).transpose(1, 2, 0)
+            difference, total = weighted @ phasors.conj(), weighted @ phasors
+            self._known_products[name] = np.stack([difference.real, difference.imag, total.real, total.imag])
+        return self._known_products[name]
+
     def gram(self, orders: Indices, nodes: slice) -> Floats:
         """(node, moment, column, column) array, of products of the columns of some orders what nodes stand for."""
         first, last = max(nodes.start - 1, 0), min(nodes.stop, self.blocks)
         sums = np.zeros((last - first, self.squares, 2 * orders.size, 2 * orders.size))
         model = self.model
-        steady = first if self.steady_step is None else max(first, min(last, self.samples // self.length))
-        if self.steady_step is not None and steady > first:
-            starts = model.phases[0][first * self.length : steady * self.length : self.length]
-            _block_kernels.correlate_steady(
-                np.ascontiguousarray(starts),
-                self.steady_step,
-                model.orders[orders],
-                self.length,
-                sums[: steady - first],
-            )
+        step = self.steady_step if self.seen.all() else None
+        steady = first if step is None else max(first, min(last, self.samples // self.length))
+        if step is not None and steady > first:
+            starts = np.ascontiguousarray(model.phases[0][first * self.length : steady * self.length : self.length])
+            own = model.orders[orders]
+            _block_kernels.correlate_steady(starts, own, self._products(orders), sums[: steady - first])
         for samples, blocks in self.spans(steady, last):
             seen, phase = self.seen[samples].astype(np.float64), model.phase(samples)
             part = sums[blocks.start - first : blocks.stop - first]
             _block_kernels.correlate(seen, phase, model.orders[orders], model.shaft[orders], self.length, part)
-        row, column = np.tril_indices(2 * orders.size, -1)
-        sums[..., column, row] = sums[..., row, column]
         if orders.size > np.count_nonzero(model.orders[orders]):
             columns = np.concatenate([np.arange(orders.size), orders.size + np.flatnonzero(model.orders[orders])])
             sums = sums[:, :, columns[:, None], columns]

@@ -6,6 +6,7 @@ from typing import Any
 import numpy as np
 from numpy.typing import NDArray
 
+from signals.harmonics._filter_kernels import add_lagged
 from signals.harmonics._validation import SMALLEST
 from signals.harmonics.model import LAGS, Complexes, Estimate, Floats, Patterns
 
@@ -83,10 +84,7 @@ class Innovations:
         joined = np.ascontiguousarray(np.concatenate([self.recent, innovations], axis=1))
         known = np.concatenate([self.recent_seen, seen])
         stop, size = joined.shape[1], variances.size
-        for lag in range(1, LAGS + 1):
-            early = slice(LAGS - lag, stop - lag)
-            # No BLAS: its threads take longer to start than such a product does.
-            self.products[:, lag - 1] += np.einsum("cn,cn->c", joined[:, LAGS:], joined[:, early])
+        add_lagged(joined, self.products)
         if whole and size >= LAGS:  # all pairs within, and those with recent samples
             self.pairs += size - np.arange(1, LAGS + 1) + np.cumsum(self.recent_seen[::-1])
         else:

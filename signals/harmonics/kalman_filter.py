@@ -25,9 +25,9 @@ from signals.harmonics.separability import Closeness
 
 # Samples filtered at a time.
 SAMPLES_AT_ONCE = 1 << 14
-# A covariance is checked once in so many times 1 / bandwidth: with four poles and no observations it may grow by 1e8
-# meanwhile, which leaves eight digits. While V is not zero, and each sample updates it too, at least so often.
-CHECK = 8
+# A covariance is checked before it may grow by so much without observations, as the power `2 poles` of the time in
+# units of 1 / bandwidth: eight digits are left. While V is not zero, and each sample updates it too, at least so often.
+LARGEST_GROWTH = 1e8
 DIFFUSE_CHECK = 1 << 10
 # Variances, where that of the noise is 1, below which V V^T is added to P, and above which P is factored: each sample
 # adds a rounding error of 1e-16 of them.
@@ -172,7 +172,7 @@ def filter_on(
         The covariance is no longer positive definite.
     """
     channels, samples = x.shape
-    longest = int(np.clip(CHECK / model.bandwidth.max(), 1, SAMPLES_AT_ONCE))
+    longest = int(np.clip(LARGEST_GROWTH ** (0.5 / model.poles) / model.bandwidth.max(), 1, SAMPLES_AT_ONCE))
     orders, shaft = model.orders, model.shaft
     process = _paired(model, model.process_noise(slice(0, 1))) if model.bandwidth.shape[1] == 1 else None
     first, begin, done = state.count, 0, 0

@@ -1,5 +1,7 @@
 """What blocks cost, fast and exact: the noise they leave, lines that are close, many coupled orders."""
 
+from dataclasses import replace
+
 import numpy as np
 import pytest
 from numpy.testing import assert_allclose
@@ -124,20 +126,44 @@ def test_what_a_record_hardly_determines_is_finite_and_sure_of_little(name):
     assert np.all(tracks.std > 0)
 
 
-@pytest.mark.parametrize("swing_rad", [0.0, 1e-3])
-def test_products_of_regressors_are_their_sums(swing_rad):
-    """Of a steady turn, in closed form, and of one that swings: the products of the columns, added up."""
-    samples, length, orders = 60, 7, np.array([0.0, 1.0, 1.3, 4.0])
+def four_orders(swing_rad):
+    """Return the grid of a record in eight blocks and a part of one, whose angle grows steadily or swings."""
+    samples, orders = 60, np.array([0.0, 1.0, 1.3, 4.0])
     phase = 0.4 + 0.3 * np.arange(samples) + swing_rad * np.sin(0.2 * np.arange(samples))
     model = HarmonicModel(
         orders=orders, shaft=np.zeros(4, dtype=np.int64), phases=(phase,), bandwidth=np.full((4, 1), 0.01), poles=2,
         prior_std=1.0,
     )  # fmt: skip
-    grid = Grid(
-        model=model, x=np.zeros((1, samples)), seen=np.ones(samples, dtype=bool), length=length, tolerance=0.0,
-        shared=np.ones(4, dtype=np.int64),
-    )  # fmt: skip
+    x = np.random.default_rng(0).standard_normal((2, samples))
+    x[:, 20:25] = np.nan
+    grid = Grid(model=model, x=x, seen=~np.isnan(x[0]), length=7, tolerance=0.0, shared=np.ones(4, dtype=np.int64))
     assert (grid.steady_step is None) == (swing_rad > 0)
+    return grid
+
+
+@pytest.mark.parametrize("swing_rad", [0.0, 1e-3])
+@pytest.mark.parametrize("some", [[0, 1, 2, 3], [1, 3]])
+def test_moments_of_a_record_are_its_sums(swing_rad, some):
+    """Of a steady turn, from a table of one block, and of one that swings: samples times columns, added up."""
+    grid, orders = four_orders(swing_rad), np.array(some)
+    found = grid.project(grid.x, slice(0, grid.blocks), orders)
+    angle = grid.model.orders[orders] * grid.model.phases[0][:, None]
+    for block in range(grid.blocks):
+        own = np.arange(block * grid.length, min((block + 1) * grid.length, grid.samples))
+        own = own[grid.seen[own]]
+        for moment in range(2):
+            weighted = grid.x[:, own] * (own / grid.length - block) ** moment
+            expected = np.einsum("cn,nk->kc", weighted, np.exp(-1j * angle[own]))
+            # Seven samples of unit size, and angles of up to 80 rad, whose rounding is 1e-14.
+            assert_allclose(found[block, moment], np.stack([expected.real, expected.imag], axis=-1), atol=1e-12)
+
+
+@pytest.mark.parametrize("swing_rad", [0.0, 1e-3])
+def test_products_of_regressors_are_their_sums(swing_rad):
+    """Of a steady turn, in closed form, and of one that swings: the products of the columns, added up."""
+    grid = four_orders(swing_rad)
+    grid = replace(grid, seen=np.ones(grid.samples, dtype=bool))
+    model, samples, length = grid.model, grid.samples, grid.length
     some, nodes = np.array([0, 1, 3]), slice(2, 10)  # the last block is not full
     found = grid.gram(some, nodes)
     columns = model.subset(some).regressors(slice(None))

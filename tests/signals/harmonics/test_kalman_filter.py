@@ -307,12 +307,14 @@ def turning(kind, n):
 
 
 @pytest.mark.parametrize("poles", [1, 2, 3, 4])
-@pytest.mark.parametrize("kind", ["even", "jump", "wander"])
+@pytest.mark.parametrize("kind", ["even", "jump", "wander", "one shaft"])
 def test_amplitudes_follow_the_recursion_sample_by_sample(poles, kind):
     n, width = 4003, 0.004
     phases = turning(kind, n), 3.1 * turning("even", n) + 0.3
     orders, shaft = np.array([0.0, 1.0, 2.1, 1.0, 1.7]), np.array([0, 0, 0, 1, 1])
     x = np.random.default_rng(4).standard_normal((2, n)) + np.cos(phases[0]) + 2 * np.cos(1.7 * phases[1] + 1)
+    if kind == "one shaft":  # whose regressors are turned from piece to piece
+        phases, shaft, orders = phases[:1], np.zeros(5, dtype=np.int64), np.array([0.0, 1.0, 2.1, 3.3, 8.2])
     model = HarmonicModel(
         orders=orders, shaft=shaft, phases=phases, bandwidth=np.full((5, 1), width), poles=poles, prior_std=1e3
     )
