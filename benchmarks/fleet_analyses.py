@@ -1,8 +1,10 @@
 """Analyses that fleets are made of, and the fleets: one gearbox, healthy and with five faults of all sizes."""
 
 import json
+from collections.abc import Collection
 from dataclasses import dataclass
 from functools import cached_property
+from itertools import combinations
 from pathlib import Path
 from typing import Any
 
@@ -23,6 +25,7 @@ Array = NDArray[np.float64]
 STATES = ("gain_db", "noise_db", "temperature_k", "load")
 FAULTS = ("crack", "spall", "eccentricity", "inner race", "outer race")
 RECORDS, MACHINES = 2_000, 8
+LEARNED, MEASURED = (0, 2, 4, 6), (1, 3, 5, 7)  # machines whose records the prior is learned from, and the others
 
 PLAN = """
 scene = "healthy-mill"
@@ -90,15 +93,11 @@ class Analyses:
     states: Array
     diagnosed: NDArray[np.bool_]
 
-    def resampled(self, half: int, *, without: int | None = None, only: int | None = None) -> "Resampled":
-        """Return the fleets of the healthy records of every other machine: half 0 is learned from, 1 measured on.
-
-        Without one of its machines, or with residuals of one only.
-        """
-        machine = np.arange(self.kinds.size) % MACHINES  # records take turns
-        those = (self.kinds == "healthy") & (machine % 2 == half) & (machine != without)
-        drawn = machine[those] == only if only is not None else np.ones(those.sum(), dtype=np.bool_)
-        return Resampled(healthy=self.values[those], states=self.states[those], drawn=drawn)
+    def resampled(self, machines: Collection[int]) -> "Resampled":
+        """Return the fleets that are made of the healthy records of some machines."""
+        of_each = np.arange(self.kinds.size) % MACHINES  # records take turns
+        those = (self.kinds == "healthy") & np.isin(of_each, list(machines))
+        return Resampled(healthy=self.values[those], states=self.states[those])
 
 
 def analyses(folder: Path, *, workers: int, records: int = RECORDS) -> Analyses:
@@ -109,7 +108,8 @@ def analyses(folder: Path, *, workers: int, records: int = RECORDS) -> Analyses:
     plan = parse_plan(text)
     make_dataset(plan, folder / "set", workers=Processes(count=workers), progress=True)
     analyze_fleet([folder / "set"], "two-stage", folder / "fleet", workers=Processes(count=workers), progress=True)
-    paths = [folder / "fleet" / "records" / name for name in json.loads((folder / "fleet/records.json").read_text())]
+    names = json.loads((folder / "fleet/records.json").read_text()).values()
+    paths = [folder / "fleet" / "records" / name for name in names]
     rows = [read_row(path) for path in paths]
     labels = open_dataset(folder / "set")
     found = [series_of(row) for row in rows]
@@ -152,27 +152,60 @@ def standard_states(machines: int, records: int, rng: np.random.Generator, decla
     return found
 
 
+def garrote(slopes: Array, errors: Array, *, by: float = 2.0) -> Array:
+    """Return slopes shrunk by their standard errors; those below `by` of them are none."""
+    sizes = np.maximum(np.abs(slopes), 1e-12)
+    return np.asarray(slopes * np.maximum(0.0, 1 - (by * errors / sizes) ** 2))
+
+
+def slope_risk(found: Analyses, by: float) -> float:
+    """Return by how much slopes learned on two machines miss those of two others, as variance of a residual.
+
+    The mean over all pairs of the machines that are learned from, less what the others' own errors add.
+    """
+    risks = []
+    for pair in combinations(LEARNED, 2):
+        one, other = (found.resampled(those) for those in (pair, set(LEARNED) - set(pair)))
+        std = np.nanstd(one.healthy, axis=0)
+        missed = (garrote(*one.slopes, by=by) - other.slopes[0]) ** 2 - other.slopes[1] ** 2
+        risks.append((missed / std**2).sum(axis=0).mean())
+    return float(np.mean(risks))
+
+
 @dataclass(frozen=True, kw_only=True)
 class Resampled:
     """Series of long fleets from a few hundred analyses.
 
     A series is its mean, its slopes on the states that carry over (fitted to the healthy analyses), and a residual
     drawn from them: all series of a record together, so that they depend on each other as they do there. Residuals of
-    machines are scaled by a factor of their own, log-normal with a deviation of 20 %. Residuals are those
-    of the records ``drawn``.
+    machines are scaled by a factor of their own, log-normal with a deviation of 20 %.
+
+    A slope that is the error of its fit alone would make every machine drift where none does. Slopes b of standard
+    error s are therefore shrunk to b max(0, 1 - (2 s / b)^2) (nonnegative garrote; Breiman 1995, Technometrics 37(4),
+    373-384). Of s and 2 s and slopes as they are, 2 s foretells those of other machines best (`slope_risk`).
     """
 
     healthy: Array
     states: Array
-    drawn: NDArray[np.bool_]
+
+    @cached_property
+    def _design(self) -> Array:
+        return np.column_stack([np.ones(len(self.states)), self.standard])
+
+    @cached_property
+    def slopes(self) -> tuple[Array, Array]:
+        """Slopes (states, series) as they are fitted, and their standard errors."""
+        filled = np.where(np.isfinite(self.healthy), self.healthy, np.nanmedian(self.healthy, axis=0))
+        found, *_ = np.linalg.lstsq(self._design, filled, rcond=None)
+        freedom = len(filled) - self._design.shape[1]
+        std = np.sqrt(((filled - self._design @ found) ** 2).sum(axis=0) / freedom)
+        return found[1:], np.sqrt(np.diag(np.linalg.inv(self._design.T @ self._design)))[1:, None] * std
 
     @cached_property
     def _fit(self) -> tuple[Array, Array]:
-        design = np.column_stack([np.ones(len(self.states)), self.standard])
-        filled = np.where(np.isfinite(self.healthy), self.healthy, np.nanmedian(self.healthy, axis=0))
-        found, *_ = np.linalg.lstsq(design, filled, rcond=None)
-        left = self.healthy - design @ found
-        return found[1:], left[self.drawn] * np.sqrt(len(design) / (len(design) - design.shape[1]))
+        slopes = garrote(*self.slopes)
+        left = self.healthy - self.standard @ slopes
+        return slopes, left - np.nanmean(left, axis=0)
 
     @property
     def standard(self) -> Array:

@@ -2,9 +2,10 @@
 
 from collections.abc import Sequence
 from dataclasses import dataclass
+from itertools import combinations
 
 import numpy as np
-from fleet_analyses import MACHINES, Analyses, Array, Resampled
+from fleet_analyses import LEARNED, Analyses, Array, Resampled
 from numpy.typing import NDArray
 
 from hums.fleet.prior import healthy_scores, prior_of
@@ -14,7 +15,7 @@ from signals.monitoring.autocorrelation import Correlation, variance_shares
 from signals.monitoring.health import Layout, Normal, Prior, learn_normal
 from signals.monitoring.limits import ChartLimits, chart_limits, tail_quantiles
 
-CHUNK = 100  # machines whose series are in memory at a time
+CHUNK = 50  # machines whose series are in memory at a time
 RATES = (1_000.0, 10_000.0)
 WATCHED = 300
 MOST_DOF = 10.0  # real machines differ more than resampled ones: deviations by 22 % (our choice)
@@ -22,15 +23,10 @@ MOST_DOF = 10.0  # real machines differ more than resampled ones: deviations by 
 
 @dataclass(frozen=True, kw_only=True)
 class Watched:
-    """Alarms (machines, records, scores) raised, and each chart over its limit (charts, machines, records, scores)."""
+    """Alarms (machines, records, scores) raised, and the health index."""
 
     raised: NDArray[np.bool_]
-    indices: NDArray[np.float32]
-
-    @property
-    def index(self) -> NDArray[np.float32]:
-        """The health index."""
-        return np.asarray(self.indices.max(axis=0))
+    index: NDArray[np.float32]
 
 
 def watch(
@@ -45,18 +41,15 @@ def watch(
     charts = [one.charts.start((machines, layout.scores)) for one in limits]
     alarms = [rule.start((machines, layout.scores)) for _ in limits]
     shape = (machines, records - baseline, layout.scores)
-    found = tuple(
-        Watched(raised=np.zeros(shape, np.bool_), indices=np.zeros((one.charts.count, *shape), np.float32))
-        for one in limits
-    )
+    found = tuple(Watched(raised=np.zeros(shape, np.bool_), index=np.zeros(shape, np.float32)) for _ in limits)
     for number in range(baseline, records):
         reading = normal.read(series[:, number], nothing, recent)
         recent = reading.recent
         for place, (one, seen) in enumerate(zip(limits, found, strict=True)):
             charts[place] = one.charts.step(charts[place], reading.scores)
-            indices = np.maximum(one.indices(charts[place]), 0.0) / headrooms[place]
-            alarms[place], seen.raised[:, number - baseline] = rule.step(alarms[place], indices.max(axis=0))
-            seen.indices[:, :, number - baseline] = indices
+            index = one.index(charts[place]) / headrooms[place]
+            alarms[place], seen.raised[:, number - baseline] = rule.step(alarms[place], index)
+            seen.index[:, number - baseline] = index
     return found
 
 
@@ -129,37 +122,29 @@ def learn_prior(found: Analyses, resampled: Resampled) -> dict[str, object]:
 
 
 def widening(found: Analyses, *, machines: int) -> list[list[float]]:
-    """Return by how much limits of each chart have to be wider than the model's, on machines it was not learned on.
+    """Return by how much limits have to be wider than the model's for each rate, on machines it was not learned on.
 
-    Each machine of the half that the prior is learned on is left out in turn: a prior of the others makes the limits of
-    fleets with its residuals. The factors are those at which each chart by itself raises as many alarms as the others,
-    and all fleets together the stated number. What a prior lacks of a machine that it has not seen is then in the
+    The machines that the prior is learned from are split into two halves in all ways: a prior of the one makes the
+    limits of fleets that are made of the other, their slopes too, and the factor is the one at which all fleets
+    together raise the stated number of alarms. What a prior lacks of machines that it has not seen is then in the
     limits (cross-validation; Stone 1974, J. R. Stat. Soc. B 36(2), 111-147).
     """
     _, _, layout = layout_of(found.series)
-    folds = range(0, MACHINES, 2)
+    folds = list(combinations(LEARNED, len(LEARNED) // 2))
     sizes = {2: 2 * machines, 10: 2 * machines, 30: 2 * machines, 300: machines}  # by their cost
     peaks: dict[tuple[int, float], list[NDArray[np.float32]]] = {}
-    for left in folds:
-        learned = learn_prior(found, found.resampled(0, without=left))
+    for seen_before in folds:
+        learned = learn_prior(found, found.resampled(seen_before))
         prior, model = prior_of(found.series, layout, learned), healthy_scores(learned)
-        unseen = found.resampled(0, only=left)
+        unseen = found.resampled(set(LEARNED) - set(seen_before))
         for baseline, count in sizes.items():
             limits = [chart_limits(baseline, rate * layout.scores, model) for rate in RATES]
             for start in range(0, count // len(folds), CHUNK):
-                rng = np.random.default_rng([12, left, start])
+                rng = np.random.default_rng([12, *seen_before, start])
                 seen = watch(unseen.machines(CHUNK, baseline + WATCHED, rng), baseline, limits, layout, prior)
                 for rate, one in zip(RATES, seen, strict=True):
-                    charts = np.array([two_of_three(index).max(axis=1) for index in one.indices])
-                    peaks.setdefault((baseline, rate), []).append(charts.reshape(len(charts), -1))
+                    peaks.setdefault((baseline, rate), []).append(two_of_three(one.index).max(axis=1))
     return [
-        [baseline, rate * layout.scores, *_factors(np.concatenate(those, axis=1), layout.scores, rate)]
+        [baseline, rate * layout.scores, round(at_rate(those, layout.scores, rate), 3)]
         for (baseline, rate), those in peaks.items()
     ]
-
-
-def _factors(peaks: NDArray[np.float32], scores: int, every: float) -> list[float]:
-    """Return the factor of each chart from the largest indices (charts, machines and scores)."""
-    alike = np.array([at_rate([each], scores, every * len(peaks)) for each in peaks])
-    together = at_rate([(peaks / alike[:, None]).max(axis=0)], scores, every)
-    return [round(float(factor), 3) for factor in alike * together]

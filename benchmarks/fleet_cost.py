@@ -3,6 +3,7 @@
 import json
 import os
 import shutil
+import sys
 import tempfile
 import time
 from datetime import UTC, datetime, timedelta
@@ -20,13 +21,6 @@ from hums.jobs import Processes
 
 FIRST = datetime(2020, 1, 1, tzinfo=UTC)
 FIVE_YEARS = 1_826
-DRAWN = """
-const done = arguments[0];
-const wait = () => [...pages.figures.values()].some((figure) => figure.drawn)
-  ? requestAnimationFrame(() => requestAnimationFrame(() => done(performance.now())))
-  : requestAnimationFrame(wait);
-wait();
-"""
 
 
 def cost_rows(analyses: Path, *, machines: int = 20, records: int = 1_000) -> list[tuple[str, str, str]]:
@@ -52,7 +46,7 @@ def cost_rows(analyses: Path, *, machines: int = 20, records: int = 1_000) -> li
 
 def table_seconds(analyses: Path, room: Path, *, machines: int, records: int) -> float:
     """Return the CPU seconds for all tables, alarms and the page of machines with daily records."""
-    names = json.loads((analyses / "fleet/records.json").read_text())
+    names = json.loads((analyses / "fleet/records.json").read_text()).values()
     rows = [read_row(analyses / "fleet/records" / name) for name in names]
     rng, paths = np.random.default_rng(14), []
     for machine in range(machines):
@@ -69,18 +63,15 @@ def opened(folder: Path) -> list[float]:
     """Return the seconds until ``fleet.html`` is drawn in headless Chromium, twice; none without the browser."""
     if not (shutil.which("chromium") and shutil.which("chromedriver")):
         return []
-    from selenium import webdriver  # noqa: PLC0415 - an optional part
-    from selenium.webdriver.chrome.service import Service  # noqa: PLC0415
+    sys.path.append(str(Path(__file__).resolve().parents[1] / "tests"))
+    from browser import drawn_s, show, start_browser  # noqa: PLC0415
 
-    options = webdriver.ChromeOptions()
-    for argument in ("--headless=new", "--no-sandbox", "--disable-gpu", "--window-size=1280,900"):
-        options.add_argument(argument)
-    driver = webdriver.Chrome(options=options, service=Service(shutil.which("chromedriver")))
-    found = []
-    for _ in range(2):
-        driver.get((folder / "fleet.html").as_uri())
-        found.append(driver.execute_async_script(DRAWN) / 1e3)
-    driver.quit()
+    with tempfile.TemporaryDirectory() as profile:
+        driver, found = start_browser(profile), []
+        for _ in range(2):
+            show(driver, folder / "fleet.html")
+            found.append(drawn_s(driver))
+        driver.quit()
     return found
 
 

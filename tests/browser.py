@@ -58,6 +58,18 @@ def draw_all(driver):
     driver.execute_async_script("const done = arguments[0]; pages.drawAll().then(() => done())")
 
 
+def drawn_s(driver):
+    """Return the seconds from the start of the page until its first figure stands on the screen."""
+    script = """
+const done = arguments[0];
+const wait = () => [...pages.figures.values()].some((figure) => figure.drawn)
+  ? requestAnimationFrame(() => requestAnimationFrame(() => done(performance.now())))
+  : requestAnimationFrame(wait);
+wait();
+"""
+    return driver.execute_async_script(script) / 1e3
+
+
 def screenshot(driver, *, whole=False):
     """Return a PNG of what is seen, or of the whole page."""
     size = driver.execute_cdp_cmd("Page.getLayoutMetrics", {})["cssContentSize"]

@@ -109,6 +109,11 @@ class _Source:
     number: int | None = None
     label: str = ""
 
+    @property
+    def whole_name(self) -> str:
+        """Name that is another one for each record, whatever folder it is named from."""
+        return str(self.path) if self.number is None else f"{self.path}/{self.number}"
+
 
 @checked
 def analyze_fleet(
@@ -200,12 +205,10 @@ def analyze_fleet(
         title="records" if progress else None,
         when_killed=partial(_killed_to_file, killed),
     )
-    names = [job.name for job in jobs]
-    if append:
-        names = list(dict.fromkeys([*_listed(folder), *names]))
+    names = (_listed(folder) if append else {}) | {source.whole_name: _result_name(source) for source in found}
     with atomic_write(folder / _LIST) as part:
         part.write_text(json.dumps(names), encoding="utf-8")
-    paths = [done if (done := results_folder / name).exists() else killed / name for name in names]
+    paths = [done if (done := results_folder / name).exists() else killed / name for name in names.values()]
     for stale in set(killed.glob("*.json.gz")) - set(paths):  # tried again with success, or the file is another one
         stale.unlink()
     histories, written = _tables(paths, folder, monitoring or MonitorSettings(), work, append=append, gearbox=named)
@@ -225,10 +228,10 @@ def analyze_fleet(
 _LIST, _FORMAT = "records.json", "hums-results/2"
 
 
-def _listed(folder: Path) -> list[str]:
-    """Return the result files of the records that an earlier run had, in their order."""
+def _listed(folder: Path) -> dict[str, str]:
+    """Return the result file of each record that an earlier run had, by the record's name, in their order."""
     path = folder / _LIST
-    names: list[str] = json.loads(path.read_text(encoding="utf-8")) if path.is_file() else []
+    names: dict[str, str] = json.loads(path.read_text(encoding="utf-8")) if path.is_file() else {}
     return names
 
 
@@ -246,10 +249,18 @@ def _tables(
     gearbox: str = "GEARBOX",
 ) -> tuple[list[MachineHistory], WrittenTables]:
     """Watch the machines; write alarms, components, baselines, the tables of all records and the page."""
-    records = sorted(read_results(paths), key=lambda one: order_key("", one.record))  # whatever their order was
+    read = zip(read_results(paths), paths, strict=True)
+    ordered = sorted(read, key=lambda one: order_key("", one[0].record))  # whatever the order of the files was
+    records = [one for one, _ in ordered]
     facts = [
-        Fact(machine=one.machine, record=one.record, recorded_at=one.recorded_at, number=number)
-        for number, one in enumerate(records)
+        Fact(
+            machine=one.machine,
+            record=one.record,
+            recorded_at=one.recorded_at,
+            number=number,
+            result=str(path.relative_to(folder)),
+        )
+        for number, (one, path) in enumerate(ordered)
     ]
     histories = watch_machines(
         facts,

@@ -48,12 +48,16 @@ _YEAR_S = 365.25 * 86400
 
 @dataclass(frozen=True, kw_only=True)
 class Fact:
-    """A record: its machine, name and time, and its place among all records."""
+    """A record: its machine, name and time, its place among all records, and the name of the file of its results.
+
+    That file has another name where the record's own file has changed.
+    """
 
     machine: str
     record: str
     recorded_at: str
     number: int
+    result: str
 
 
 @dataclass(kw_only=True)
@@ -143,7 +147,7 @@ def watch_machines(
         Maintenance.
     append : bool
         Go on from the states in the folder with the records that are later than theirs. A machine with a new record
-        that is earlier is followed from its start again; the result is the same.
+        that is earlier, or one that has changed, is followed from its start again; the result is the same.
     """
     machines: dict[str, list[Fact]] = {}
     for one in records:
@@ -156,7 +160,7 @@ def watch_machines(
         history = _earlier(folder, name, ordered, settings) if append else None
         history = history or MachineHistory(state=MachineState(machine=machine, settings=settings))
         history.follow((load(one.number) for one in ordered[len(history.records) :]), work)
-        _keep(history, folder, name)
+        _keep(history, folder, name, _digest(ordered))
         found.append(history)
     return found
 
@@ -167,7 +171,7 @@ def _earlier(folder: Path, name: str, ordered: Sequence[Fact], settings: Monitor
     if not path.is_file():
         return None
     kept = json.loads(gzip.decompress(path.read_bytes()))
-    if [one["record"] for one in kept["records"]] != [one.record for one in ordered[: len(kept["records"])]]:
+    if kept["digest"] != _digest(ordered[: len(kept["records"])]):
         return None
     state = read_state(folder / f"{name}.state.gz")
     if state.settings != settings:
@@ -184,9 +188,14 @@ def _earlier(folder: Path, name: str, ordered: Sequence[Fact], settings: Monitor
     return history
 
 
-def _keep(history: MachineHistory, folder: Path, name: str) -> None:
+def _digest(records: Iterable[Fact]) -> str:
+    """Return what another record among these, or another content of one, changes."""
+    return hashlib.sha256(json.dumps([[one.record, one.result] for one in records]).encode()).hexdigest()
+
+
+def _keep(history: MachineHistory, folder: Path, name: str, digest: str) -> None:
     last = history.last and {key: getattr(history.last, key) for key in ("index", "scores", "growth")}
-    text = json.dumps({"records": history.records, "alarms": history.alarms, "last": last})
+    text = json.dumps({"digest": digest, "records": history.records, "alarms": history.alarms, "last": last})
     with atomic_write(folder / f"{name}.history.gz") as part:
         part.write_bytes(gzip.compress(text.encode(), compresslevel=6, mtime=0))
     write_state(history.state, folder / f"{name}.state.gz")

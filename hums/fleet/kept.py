@@ -13,14 +13,14 @@ from typing import Any
 import numpy as np
 from numpy.typing import NDArray
 
-from hums.fleet.numbers import INDICATOR, LINE, Numbers
+from hums.fleet.numbers import NOTHING, Numbers
 from hums.fleet.observation import Observation, observation
 from hums.fleet.series import Series, SeriesValues
 from hums.records.store import atomic_write
 
 __all__ = ["KeptRecord", "read_results", "read_row", "write_row"]
 
-_NUMBERS = {"lines": len(LINE), "indicators": len(INDICATOR)}  # of a row, and how many names each has
+_NUMBERS = ("lines", "indicators")  # of a row
 
 
 @dataclass(frozen=True, kw_only=True)
@@ -60,7 +60,7 @@ def write_row(row: Mapping[str, Any], path: Path) -> None:
     The names of the numbers are one text, which is the same for most records and is parsed once for all of them.
     """
     packed = {}
-    for name in _NUMBERS.keys() & row.keys():
+    for name in (one for one in _NUMBERS if one in row):
         values = np.ascontiguousarray(row[name].values, dtype="<f8")
         names = json.dumps(row[name].keys, separators=(",", ":"))
         packed[name] = [names, list(values.shape), base64.b64encode(values.tobytes()).decode()]
@@ -71,7 +71,7 @@ def write_row(row: Mapping[str, Any], path: Path) -> None:
 def read_row(path: Path) -> dict[str, Any]:
     """Return the results of one record as `write_row` stored them."""
     row: dict[str, Any] = json.loads(gzip.decompress(path.read_bytes()))
-    for name in _NUMBERS.keys() & row.keys():
+    for name in (one for one in _NUMBERS if one in row):
         names, shape, text = row[name]
         row[name] = Numbers(keys=_keys(names), values=np.frombuffer(base64.b64decode(text), dtype="<f8").reshape(shape))
     return row
@@ -91,12 +91,9 @@ def read_results(paths: Iterable[Path]) -> list[KeptRecord]:
     return [_kept(read_row(path), shared) for path in paths]
 
 
-_NONE = {name: Numbers(keys=(), values=np.zeros((0, 4))) for name in _NUMBERS}
-
-
 def _kept(row: Mapping[str, Any], shared: dict[Any, Any]) -> KeptRecord:
     seen = observation(row)
-    lines, indicators = (row.get(name, _NONE[name]) for name in _NUMBERS)
+    lines, indicators = (row.get(name, NOTHING) for name in _NUMBERS)
     return KeptRecord(
         **{name: row[name] for name in ("record", "machine", "recorded_at", "error")},
         speed_hz=row.get("speed_hz", np.nan),

@@ -10,6 +10,7 @@ import json
 import math
 from collections.abc import Sequence
 from dataclasses import asdict, dataclass, field
+from functools import lru_cache
 from importlib.metadata import version
 from typing import Any
 
@@ -162,8 +163,7 @@ class Epoch:
     @property
     def scores(self) -> tuple[tuple[str, str], ...]:
         """Component and what is watched of it, for each score."""
-        levels = [(f"sensor {name}", what) for what in (RISES, FALLS) for name in self.channels]
-        return (*((name, "") for name in self.names), *levels)
+        return _scores(self.names, self.channels)
 
     def learn(self, machine: str, settings: MonitorSettings) -> None:
         """Learn what is normal from the collected records, and forget them."""
@@ -264,6 +264,8 @@ class MachineState:
 
     def epoch_of(self, component: str) -> int:
         """Return the epoch that governs a component; of several that are watched as one, the newest of theirs."""
+        if not self.governed_by:
+            return 0
         return max(self.governed_by.get(part, 0) for part in component_parts(component))
 
     def check(self, machine: str) -> None:
@@ -386,11 +388,7 @@ def _judged(
     for number, (reading, indices) in readings.items():
         epoch = state.epochs[number]
         rising = epoch.charts.rising if epoch.charts is not None else np.zeros(indices.size)
-        governed = [
-            (place, component, what, f"{component}: {what}" if what else component)
-            for place, (component, what) in enumerate(epoch.scores)
-            if state.epoch_of(component) == number
-        ]
+        governed = [one for one in _named_scores(epoch.scores) if state.epoch_of(one[1]) == number]
         newly = set(seen.diagnosed) - set(epoch.diagnosed)
         for place, component, what, _ in governed:
             if component in newly and not what:  # at the limit by the verdict alone
@@ -398,14 +396,15 @@ def _judged(
         places = [place for place, *_ in governed]
         before = [state.alarms.get(name) or rule.start() for *_, name in governed]
         after, raised = rule.step(stacked(before), indices[places])
+        most = _largest_departures(epoch, reading)
         for at, (place, component, what, name) in enumerate(governed):
             index[name], scores[name] = float(indices[place]), float(reading.scores[place])
             if rising[place] <= 1:
                 state.since[name] = seen.recorded_at or seen.record
             state.alarms[name] = after.of(at)
-            growth[name] = _drivers(epoch, reading, place, most=1)[0]
+            growth[name] = most[place]
             if raised[at]:
-                drivers = _drivers(epoch, reading, place, most=_DRIVERS)
+                drivers = _drivers(epoch, reading, place)
                 severity = "sensor" if what else "severe" if index[name] >= SEVERE else "alarm"
                 row = _alarm(state, seen, component, drivers, value=index[name], severity=severity, epoch=epoch)
                 row["since"] = state.since[name]
@@ -418,24 +417,60 @@ def _judged(
     return Judgement(judged=True, index=index, scores=scores, growth=growth, alarms=tuple(alarms))
 
 
-def _drivers(epoch: Epoch, reading: Reading, place: int, *, most: int) -> list[tuple[str, str, float]]:
+@lru_cache(maxsize=1024)
+def _scores(names: tuple[str, ...], channels: tuple[str, ...]) -> tuple[tuple[str, str], ...]:
+    levels = [(f"sensor {name}", what) for what in (RISES, FALLS) for name in channels]
+    return (*((name, "") for name in names), *levels)
+
+
+@lru_cache(maxsize=1024)
+def _named_scores(scores: tuple[tuple[str, str], ...]) -> tuple[tuple[int, str, str, str], ...]:
+    """Return place, component, what is watched of it, and the name of both, for each score."""
+    return tuple(
+        (place, component, what, f"{component}: {what}" if what else component)
+        for place, (component, what) in enumerate(scores)
+    )
+
+
+def _largest_departures(epoch: Epoch, reading: Reading) -> list[tuple[str, str, float]]:
+    """Return channel, indicator and departure of the series that departs most, for each score."""
+    if epoch.normal is None:
+        return []
+    table = epoch.normal.layout.of_components.series
+    away = _comparable(np.append(reading.departures, np.nan))[table]
+    largest = away.argmax(axis=1)
+    departures = away[np.arange(len(away)), largest].tolist()
+    series = table[np.arange(len(table)), largest].tolist()
+    found = [(*_words(epoch.series[i]), departure) for i, departure in zip(series, departures, strict=True)]
+    levels = [_of_level(epoch, reading, place) for place in range(len(epoch.names), len(epoch.scores))]
+    return [*found, *levels]
+
+
+def _drivers(epoch: Epoch, reading: Reading, place: int) -> list[tuple[str, str, float]]:
     """Return channel, indicator and departure of the series that depart most, for an alarm of a score."""
-    sensor = place - len(epoch.names)
-    if sensor >= 0:
-        channel = sensor % len(epoch.channels)
-        what = epoch.scores[place][1]
-        return [(epoch.channels[channel], what, float(reading.level[channel]))]
+    if place >= len(epoch.names):
+        return [_of_level(epoch, reading, place)]
     if epoch.normal is None:
         return []
     those = epoch.normal.layout.series[place]
-    away = reading.departures[those]
-    away = np.where(np.isfinite(away), away, -np.inf)
-    largest = [away.argmax()] if most == 1 else np.argsort(-away, kind="stable")[:most]
-    keys = [epoch.series[those[i]] for i in largest]
-    return [
-        (key.channel, key.indicator if key.kind in key.indicator else f"{key.kind} {key.indicator}", float(away[i]))
-        for key, i in zip(keys, largest, strict=True)
-    ]
+    away = _comparable(reading.departures[those])
+    return [(*_words(epoch.series[those[i]]), float(away[i])) for i in np.argsort(-away, kind="stable")[:_DRIVERS]]
+
+
+def _comparable(departures: Array) -> Array:
+    return np.where(np.isfinite(departures), departures, -np.inf)
+
+
+def _of_level(epoch: Epoch, reading: Reading, place: int) -> tuple[str, str, float]:
+    """Return channel, what is watched and the level, for the score of a channel's level."""
+    channel = (place - len(epoch.names)) % len(epoch.channels)
+    return epoch.channels[channel], epoch.scores[place][1], float(reading.level[channel])
+
+
+@lru_cache(maxsize=100_000)
+def _words(key: Series) -> tuple[str, str]:
+    """Return channel and indicator of a series, with the kind of damage it is of."""
+    return key.channel, key.indicator if key.kind in key.indicator else f"{key.kind} {key.indicator}"
 
 
 def driving_series(epoch: Epoch, seen: Observation, component: str, *, most: int) -> tuple[Series, ...]:

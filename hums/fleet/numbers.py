@@ -8,7 +8,7 @@ from typing import Any
 import numpy as np
 from numpy.typing import NDArray
 
-__all__ = ["INDICATOR", "LINE", "Numbers", "named"]
+__all__ = ["INDICATOR", "LINE", "NOTHING", "Numbers", "named"]
 
 LINE = ("channel", "spectrum", "component", "kind", "harmonic", "sideband", "units")
 INDICATOR = ("channel", "component", "kind", "indicator", "units")
@@ -20,6 +20,9 @@ class Numbers:
 
     keys: tuple[Any, ...]
     values: NDArray[Any]
+
+
+NOTHING = Numbers(keys=(), values=np.zeros((0, 4)))  # of a record without lines or indicators
 
 
 def named(rows: Iterable[Sequence[Any]], names: int, numbers: int) -> Numbers:

@@ -18,6 +18,7 @@ from hums.fleet.kept import KeptRecord
 from hums.fleet.monitor import Epoch, driving_series
 from hums.fleet.numbers import LINE
 from hums.fleet.observation import seconds_since_1970
+from hums.fleet.series import Series, vector
 from hums.pages.page import Figure, figure_html, least_and_largest, packed, stand_alone_page
 from hums.records.store import atomic_write
 from signals.monitoring.alarm_life import Life
@@ -27,7 +28,8 @@ __all__ = ["write_page"]
 Array = NDArray[np.float64]
 _LONGEST_FOLDER_BYTES = 200  # file systems take 255
 _DRAWN = 50  # machines with figures, 0.3 MB of each with 2,000 records; all of them are in the table
-_COLUMNS = 1_000  # of a course: two values for each pixel of the widest figure
+_COLUMNS = 1_000  # of a course in colour: two values for each pixel of the widest figure
+_COARSE_COLUMNS = 500  # of a thin course, and of a panel, of which page.js draws none wider than 500 pixels
 _NAMED = 5  # components in colours and in the legend; the others are thin
 _PANELS = 6  # series that drove the worst component
 _LOG_FROM = 10.0  # largest index from which the axis is logarithmic, so that the limit can still be seen
@@ -44,10 +46,10 @@ class _Course:
     days: Array
     start_ms: float | None
 
-    def packed(self, values: Array) -> dict[str, Any]:
+    def packed(self, values: Array, *, columns: int) -> dict[str, Any]:
         """Return a course over the records for the page, with every peak and trough."""
         known = np.flatnonzero(np.isfinite(values))
-        shown, at = least_and_largest(values[known], columns=_COLUMNS)
+        shown, at = least_and_largest(values[known], columns=columns)
         return {"x": packed(self.days[known][at]), "y": packed(shown)}
 
     def common(self) -> dict[str, Any]:
@@ -246,7 +248,10 @@ def _health(history: MachineHistory, course: _Course, name: str) -> Figure:
     learned = [places[one] for epoch in history.state.epochs.values() for one in epoch.records if one in places]
     raised = [alarm for alarm in history.alarms if alarm["record"] in places]
     data = course.common() | {
-        "components": [{"name": key, **course.packed(index[key])} for key in order],
+        "components": [
+            {"name": key, **course.packed(index[key], columns=_COLUMNS if place < _NAMED else _COARSE_COLUMNS)}
+            for place, key in enumerate(order)
+        ],
         "named": _NAMED,
         "span": [float(course.days[0]), float(course.days[-1])],
         "baseline": [float(course.days[min(learned)]), float(course.days[max(learned)])] if learned else [],
@@ -262,21 +267,20 @@ def _health(history: MachineHistory, course: _Course, name: str) -> Figure:
     return Figure(name=f"{name}-health", alt=alt, title="Health index", view="health", data=data, height_px=320)
 
 
-def _panels(epoch: Epoch, course: _Course, drivers: Sequence[Any], component: str, name: str) -> Figure:
+def _panels(epoch: Epoch, course: _Course, drivers: tuple[Series, ...], component: str, name: str) -> Figure:
     """Return the series that departed most, each in its unit over time."""
     if epoch.normal is None:
         raise ValueError("a baseline that is not learned has no normal values; leave the figure out.")
     center = dict(zip(epoch.series, epoch.normal.raw.center.tolist(), strict=True))
-    panels, sets = [], {id(one.watched.keys): one.watched.keys for one in course.records}
-    for key in drivers:
-        places = {which: keys.index(key) if key in keys else -1 for which, keys in sets.items()}
-        at = [places[id(one.watched.keys)] for one in course.records]
-        logs = [math.nan if i < 0 else one.watched.values[i] for i, one in zip(at, course.records, strict=True)]
-        values = np.exp(np.array(logs, dtype=np.float64))
+    logs = np.array([vector(one.observation.values, drivers) for one in course.records])
+    panels = []
+    for key, values in zip(drivers, np.exp(logs).T, strict=True):
         words = key.indicator if key.kind in key.indicator else f"{key.kind} {key.indicator}"
         title = f"{words.replace('_', ' ')}, {key.channel}"
         title += "" if key.unit in ("", "1") else f", {key.unit}"
-        panels.append({"title": title, "normal": math.exp(center[key]), **course.packed(values)})
+        panels.append(
+            {"title": title, "normal": math.exp(center[key]), **course.packed(values, columns=_COARSE_COLUMNS)}
+        )
     alt = f"What drove {component}: " + "; ".join(panel["title"] for panel in panels) + "."
     data = course.common() | {"panels": panels}
     rows = -(-len(panels) // 3)

@@ -9,7 +9,7 @@ from typing import Any
 import numpy as np
 from numpy.typing import NDArray
 
-from hums.fleet.numbers import Numbers
+from hums.fleet.numbers import NOTHING, Numbers
 from hums.gearbox.orders import BEARING_KINDS
 from signals.monitoring.health import FEWEST_LEVELS, Layout
 
@@ -30,7 +30,7 @@ LINE_LEVEL, LINE_RATIO = "line_level", "line_over_surroundings"
 _JOINT, _AND = "one of ", ", "
 _WHOLE_SIGNAL = "record"
 _IMPULSES = "record (impulses)"
-_NOTHING = Numbers(keys=(), values=np.zeros((0, 4)))
+_OF_ONE_TOOTH = ("tooth_outlier",)
 _OF_HISTORY = ("na4", "nb4")  # whose own history they are held against: the charts do that here
 
 
@@ -86,7 +86,7 @@ def series_of(row: Mapping[str, Any], *, without: Collection[str] = ()) -> Serie
     The lines of a component in a spectrum are two series: the logarithm of the root mean square of their amplitudes,
     and of what they are over their surroundings. Bearings whose lines have the same orders are one component.
     """
-    indicators, lines = (row.get(name, _NOTHING) for name in ("indicators", "lines"))
+    indicators, lines = (row.get(name, NOTHING) for name in ("indicators", "lines"))
     joint = tuple(sorted(joint_names(row).items()))
     plan = _plan(_Same(indicators.keys), _Same(lines.keys), joint, frozenset(without))
     numbers = np.full(len(plan.series), np.nan)
@@ -172,8 +172,13 @@ def _some(series: _Same, kept: bytes) -> tuple[Series, ...]:
 @lru_cache(maxsize=4096)
 def _places(there: _Same, wanted: _Same) -> NDArray[np.int64]:
     """Return where the wanted series stand among others, -1 of those that do not."""
-    at = {key: place for place, key in enumerate(there.thing)}
+    at = _place_of_each(there)
     return np.array([at.get(key, -1) for key in wanted.thing], dtype=np.int64)
+
+
+@lru_cache(maxsize=4096)
+def _place_of_each(series: _Same) -> dict[Series, int]:
+    return {key: place for place, key in enumerate(series.thing)}
 
 
 def joint_names(row: Mapping[str, Any]) -> Mapping[str, str]:
@@ -181,7 +186,7 @@ def joint_names(row: Mapping[str, Any]) -> Mapping[str, str]:
 
     What one of them shows, all show; watched apart, a fault of one would raise an alarm of each.
     """
-    lines: Numbers = row.get("lines", _NOTHING)
+    lines: Numbers = row.get("lines", NOTHING)
     equal: dict[tuple[Any, ...], list[str]] = {}
     for component, names, places in _bearings(_Same(lines.keys)):
         equal.setdefault((names, lines.values[places, 0].tobytes()), []).append(component)
@@ -234,6 +239,15 @@ def watched_component(key: Series) -> str:
     return key.component
 
 
+def _damage(key: Series) -> str:
+    """Return the kind of damage that a series is scored with: its own, but of what one tooth shows that of a tooth.
+
+    A spall of one tooth raises how far that tooth stands out and no other indicator of the gear, among which it would
+    be diluted; the verdict that it is the evidence of is of the tooth, too.
+    """
+    return "tooth" if key.indicator in _OF_ONE_TOOTH else key.kind
+
+
 def layout_of(series: tuple[Series, ...]) -> tuple[tuple[str, ...], tuple[str, ...], Layout]:
     """Return the names of components and of channels with a level, and which series belong to each, by kind."""
     components = tuple(sorted({watched_component(key) for key in series}))
@@ -245,7 +259,7 @@ def layout_of(series: tuple[Series, ...]) -> tuple[tuple[str, ...], tuple[str, .
     channels = {name: those for name, those in absolute.items() if those.size >= FEWEST_LEVELS}
     kinds: dict[tuple[str, str], list[int]] = {}
     for number, key in enumerate(series):
-        kinds.setdefault((watched_component(key), key.kind), []).append(number)
+        kinds.setdefault((watched_component(key), _damage(key)), []).append(number)
     groups = tuple(
         tuple(np.array(those, dtype=np.int64) for (component, _), those in sorted(kinds.items()) if component == name)
         for name in components

@@ -2,6 +2,7 @@
 
 import csv
 import io
+import math
 from collections import Counter
 from collections.abc import Iterable, Iterator, Mapping, Sequence
 from dataclasses import dataclass
@@ -226,12 +227,13 @@ def _write_csv(table: xr.Dataset, stream: TextIO) -> None:
     form = ",%.7g" * numbers.shape[1]
     health = table["health"].to_numpy()
     not_judged, parts = table["not_judged"].to_numpy(), table["parts_not_judged"].to_numpy()
-    for at, verdicts in enumerate(table["verdict"].to_numpy()):
-        row: list[Any] = [column[at] for column in facts[:-1]] + [_number(facts[-1][at])]
-        row += [parts[at], not_judged[at], _number(_largest(health[at])), *map(_number, health[at])]
+    for at, verdicts in enumerate(table["verdict"].to_numpy().tolist()):
+        row: list[Any] = [*(plain_cell(column[at]) for column in facts[:-1]), _number(facts[-1][at])]
+        row += [plain_cell(parts[at]), plain_cell(not_judged[at])]
+        row += map(_number, (_largest(health[at]), *health[at].tolist()))
         row += ["" if facts[3][at] else VERDICTS[verdict] for verdict in verdicts]
         line = io.StringIO()
-        csv.writer(line, lineterminator="").writerow(map(plain_cell, row))
+        csv.writer(line, lineterminator="").writerow(row)
         stream.write(line.getvalue() + (form % tuple(numbers[at].tolist())).replace("nan", "") + "\n")
 
 
@@ -240,7 +242,7 @@ def _largest(values: Array) -> float:
 
 
 def _number(value: float) -> str:
-    return "" if np.isnan(value) else f"{value:.7g}"
+    return "" if math.isnan(value) else f"{value:.7g}"
 
 
 # ---- trends ------------------------------------------------------------------------------------------------

@@ -45,20 +45,20 @@ class AlarmState:
     def of(self, place: int) -> "AlarmState":
         """Return the alarm at a place."""
         return AlarmState(
-            life=np.asarray(self.life[place]),
-            recent=np.asarray(self.recent[place]),
-            quiet=np.asarray(self.quiet[place]),
-            raised_at=np.asarray(self.raised_at[place]),
+            life=self.life[place, ...],
+            recent=self.recent[place, ...],
+            quiet=self.quiet[place, ...],
+            raised_at=self.raised_at[place, ...],
         )
 
 
 def stacked(alarms: Sequence[AlarmState]) -> AlarmState:
     """Return alarms of single indices as one."""
     return AlarmState(
-        life=np.array([one.life for one in alarms], dtype=np.int64),
-        recent=np.array([one.recent for one in alarms], dtype=np.int64),
-        quiet=np.array([one.quiet for one in alarms], dtype=np.int64),
-        raised_at=np.array([one.raised_at for one in alarms], dtype=np.float64),
+        life=np.array([one.life.item() for one in alarms], dtype=np.int64),
+        recent=np.array([one.recent.item() for one in alarms], dtype=np.int64),
+        quiet=np.array([one.quiet.item() for one in alarms], dtype=np.int64),
+        raised_at=np.array([one.raised_at.item() for one in alarms], dtype=np.float64),
     )
 
 

@@ -39,12 +39,23 @@ class Charts:
     weights : tuple of float
         1 finds a jump in one record; 0.2 and 0.05 find shifts of about 1 and 0.5 standard deviations soonest (Lucas and
         Saccucci 1990, Technometrics 32(1), 1-12).
+        The first is 1, so that its chart is the latest score.
     allowance : float
         Subtracted from each value; half of the shift to be found, beside what the baseline's mean may be off.
+    alone : float
+        Most that a record counts, in deviations, in the charts that remember it, unless the one before was as high: the
+        EWMAs and the CUSUM would carry a single stray record into the next ones and raise an alarm of two of three by
+        it alone (two in a row; Lucas and Crosier 1982, Commun. Stat. Theory Methods 11(23), 2669-2685). Three: a normal
+        score is above that once in 740 records (our choice).
     """
 
     weights: tuple[float, ...] = (1.0, 0.2, 0.05)
     allowance: float = 0.5
+    alone: float = 3.0
+
+    def __post_init__(self) -> None:
+        if not self.weights or self.weights[0] != 1.0:
+            raise ValueError(f"weights = {self.weights}: the first chart is the latest score; begin with 1.")
 
     @property
     def count(self) -> int:
@@ -65,8 +76,11 @@ class Charts:
         """Return the charts after one more record with `score` (...); NaN leaves them as they are."""
         judged = np.isfinite(score)
         weights = np.reshape(self.weights, (-1, *[1] * np.ndim(score)))
-        ewma = state.values[:-1] + weights * (score - state.values[:-1])
-        cusum = np.maximum(0.0, state.values[-1] + score - self.allowance)
+        counted = np.minimum(score, np.maximum(self.alone, state.values[0]))
+        ewma = state.values[:-1] + weights * (
+            np.stack([score, *[counted] * (len(self.weights) - 1)]) - state.values[:-1]
+        )
+        cusum = np.maximum(0.0, state.values[-1] + counted - self.allowance)
         values = np.where(judged, np.concatenate([ewma, cusum[None]]), state.values)
         rising = np.where(judged, np.where(cusum > 0, state.rising + 1, 0), state.rising)
         return replace(state, values=values, rising=rising)

@@ -17,6 +17,7 @@ the penalised complexity priors of Simpson et al. 2017, Stat. Sci. 32(1), 1-28),
 
 import math
 from dataclasses import dataclass
+from functools import lru_cache
 
 import numpy as np
 from numpy.typing import NDArray
@@ -89,19 +90,17 @@ def local_trend(values: Array, times: Array) -> LocalTrend:
         If there are fewer than 8 values, or times do not rise.
     """
     known = np.isfinite(values) & np.isfinite(times)
-    y, t = values[known], times[known]
+    y, t = values[known], np.asarray(times[known], dtype=np.float64)
     if y.size < FEWEST:
         raise ValueError(f"{y.size} values are too few for a forecast; it needs {FEWEST}.")
     if not (np.diff(t) > 0).all():
         raise ValueError("times of a forecast have to rise; give each value once.")
-    span = t[-1] - t[0]
-    smoothness, growth = (each.ravel() for each in np.meshgrid(_SMOOTHNESS, _GROWTH))
-    clock = _clock((t - t[0])[:, None], growth, span)
-    intensity = smoothness**2 * 3 / span**3  # so that the level leaves its line by that many stds over the span
-    mean, covariance, log_det, square = _filtered(y, clock, intensity)
+    intensity, gains = _gains_at(t.tobytes())
+    mean, square = _filtered(y, gains)
     dof = y.size - 2
     # flat in the level and in the rise over the span: the first two values fix both, the rise as their difference / dt
-    likelihood = -0.5 * (log_det + dof * np.log(np.maximum(square, 1e-300))) - np.log(clock[1] - clock[0])
+    likelihood = -0.5 * (gains.log_det + dof * np.log(np.maximum(square, 1e-300))) - np.log(gains.first_step)
+    smoothness, growth = _grid()
     posterior = likelihood - smoothness / _BEND
     weight = np.exp(posterior - posterior.max())
     return LocalTrend(
@@ -110,7 +109,7 @@ def local_trend(values: Array, times: Array) -> LocalTrend:
         intensity=intensity,
         weight=weight / weight.sum(),
         mean=mean,
-        covariance=covariance,
+        covariance=gains.covariance,
         variance=square / dof,
         dof=dof,
     )
@@ -122,31 +121,80 @@ def _clock(time: Array, growth: Array, span: float) -> Array:
     return np.where(growth > 0, span * np.expm1(rate * time / span) / np.expm1(rate), time + 0 * growth)
 
 
-def _filtered(y: Array, t: Array, intensity: Array) -> tuple[Array, Array, Array, Array]:
-    """Return mean and covariance at the end, the sum of log innovation variances, and of normalised squares.
+@dataclass(frozen=True, kw_only=True)
+class _Gains:
+    """What a filter does with its values, which follows from their times alone: one row for each after the second.
 
-    Of the values (n,) in clocks (n, grid), each with its intensity (grid,). The first two values fix the diffuse start:
-    the level at the second, and the slope between them.
+    ``steps``, ``of_level``, ``of_slope`` and ``variance`` (n - 2, grid) are the steps of the clocks, the gains and the
+    variances of the innovations; ``first_step`` (grid,) is that between the first two values, ``covariance``
+    (grid, 2, 2) is at the end, and ``log_det`` (grid,) the sum of the logarithms of the variances.
+    """
+
+    first_step: Array
+    steps: Array
+    of_level: Array
+    of_slope: Array
+    variance: Array
+    covariance: Array
+    log_det: Array
+
+
+def _gains(t: Array, intensity: Array) -> _Gains:
+    """Return the gains for values at the readings (n, grid) of clocks, each with its intensity (grid,).
+
+    The first two values fix the diffuse start: the level at the second, and the slope between them.
     """
     dt = t[1] - t[0]
-    level, slope = np.full_like(dt, y[1]), (y[1] - y[0]) / dt
     p00, p01, p11 = np.ones_like(dt), 1 / dt, 2 / dt**2 + intensity * dt / 3
-    log_det, square = np.zeros_like(dt), np.zeros_like(dt)
-    for value, dt in zip(y[2:], np.diff(t[1:], axis=0), strict=True):
-        q = intensity * dt
-        level = level + dt * slope  # predict
-        p00 = p00 + dt * (2 * p01 + dt * p11) + q * dt**2 / 3
-        p01 = p01 + dt * p11 + q * dt / 2
+    steps = np.diff(t[1:], axis=0)
+    of_level, of_slope, variance = (np.empty_like(steps) for _ in range(3))
+    for number, step in enumerate(steps):
+        q = intensity * step
+        p00 = p00 + step * (2 * p01 + step * p11) + q * step**2 / 3  # predict
+        p01 = p01 + step * p11 + q * step / 2
         p11 = p11 + q
-        innovation, variance = value - level, p00 + 1.0  # update
-        gain_level, gain_slope = p00 / variance, p01 / variance
-        level, slope = level + gain_level * innovation, slope + gain_slope * innovation
-        p11 = p11 - gain_slope * p01
-        p00, p01 = p00 / variance, p01 / variance
-        log_det += np.log(variance)
-        square += innovation**2 / variance
+        variance[number] = p00 + 1.0  # update
+        of_level[number], of_slope[number] = p00 / variance[number], p01 / variance[number]
+        p11 = p11 - of_slope[number] * p01
+        p00, p01 = of_level[number], of_slope[number]
     covariance = np.stack([np.stack([p00, p01], axis=-1), np.stack([p01, p11], axis=-1)], axis=-1)
-    return np.stack([level, slope], axis=-1), covariance, log_det, square
+    return _Gains(
+        first_step=dt,
+        steps=steps,
+        of_level=of_level,
+        of_slope=of_slope,
+        variance=variance,
+        covariance=covariance,
+        log_det=np.log(variance).sum(axis=0),
+    )
+
+
+@lru_cache(maxsize=4)
+def _gains_at(times: bytes) -> tuple[Array, _Gains]:
+    """Return the intensities (grid,) and gains for values at some times; all scores of a machine have the same."""
+    t = np.frombuffer(times)
+    span = t[-1] - t[0]
+    smoothness, growth = _grid()
+    intensity = smoothness**2 * 3 / span**3  # so that the level leaves its line by that many stds over the span
+    return intensity, _gains(_clock((t - t[0])[:, None], growth, span), intensity)
+
+
+def _grid() -> tuple[Array, Array]:
+    """Return smoothness and growth (grid,), each with each."""
+    smoothness, growth = np.meshgrid(_SMOOTHNESS, _GROWTH)
+    return smoothness.ravel(), growth.ravel()
+
+
+def _filtered(y: Array, gains: _Gains) -> tuple[Array, Array]:
+    """Return level and slope at the end (grid, 2), and the sums of normalised squares (grid,), of values (n,)."""
+    level, slope = np.full_like(gains.first_step, y[1]), (y[1] - y[0]) / gains.first_step
+    innovations = np.empty_like(gains.steps)
+    for number, value in enumerate(y[2:]):
+        level = level + gains.steps[number] * slope  # predict
+        innovations[number] = innovation = value - level
+        level = level + gains.of_level[number] * innovation  # update
+        slope = slope + gains.of_slope[number] * innovation
+    return np.stack([level, slope], axis=-1), (innovations**2 / gains.variance).sum(axis=0)
 
 
 def time_until(limit: float, trend: LocalTrend, *, span: float, seed: int = 1) -> TimeUntil:

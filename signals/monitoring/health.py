@@ -12,7 +12,7 @@ import numpy as np
 from numpy.typing import NDArray
 
 from signals.monitoring.location import SeriesBaseline, learn_baseline
-from signals.monitoring.scores import fused_scores, out_of_sample
+from signals.monitoring.scores import Kinds, fused_scores, kinds_of, out_of_sample
 
 __all__ = ["Layout", "Normal", "Prior", "Reading", "learn_normal", "regime"]
 
@@ -21,6 +21,7 @@ Indices = NDArray[np.int64]
 FEWEST_LEVELS = 8  # series with the signal's unit whose median is a level; of fewer, one fault could move it
 _WATCHED = (0.25, 0.75)  # quantiles of their departures that are watched: three in four have to rise, or to fall
 _QUANTILES = (0.5, *_WATCHED)
+_SHARES = np.array(_QUANTILES)
 _RECENT = 0.1  # weight of the EWMA that a sudden fall of the level is held against
 
 
@@ -46,6 +47,34 @@ class Layout:
     def series(self) -> tuple[Indices, ...]:
         """Series of each component, of all its kinds."""
         return tuple(np.concatenate(kinds) for kinds in self.components)
+
+    @cached_property
+    def kinds(self) -> Kinds:
+        """Series of each kind of all components."""
+        return kinds_of(self.components)
+
+    @cached_property
+    def of_components(self) -> Kinds:
+        """Series of each component, of all its kinds."""
+        return kinds_of([[those] for those in self.series])
+
+    @cached_property
+    def levels(self) -> Kinds:
+        """Series of each channel whose common level is its gain."""
+        return kinds_of([[those] for those in self.channels])
+
+    @cached_property
+    def channel_of(self) -> Indices:
+        """Channel of whose common level each series has a part, -1 of none."""
+        found = np.full(self.powers.size, -1, dtype=np.int64)
+        for number, those in enumerate(self.channels):
+            found[those] = number
+        return found
+
+    @cached_property
+    def divisors(self) -> Array:
+        """Power of the signal's unit of each series, 1 where it has none."""
+        return np.where(self.powers > 0, self.powers, 1.0)
 
     @property
     def sizes(self) -> Array:
@@ -113,7 +142,7 @@ class Normal:
         level, *quantiles = _levels(away, self.layout)
         watched = [found - center for found, center in zip(quantiles, self.level_center, strict=True)]
         departures = self.series.standardised(_without(values, level, self.layout), covariates)
-        fused = fused_scores(departures, self.layout.components)
+        fused = fused_scores(departures, self.layout.kinds)
         before = np.zeros_like(level) if recent is None else recent
         rise = watched[0] / self.level_scale[0]
         fall = (before - watched[1]) / self.level_scale[1]
@@ -166,7 +195,7 @@ def learn_normal(values: Array, covariates: Array, layout: Layout, prior: Prior,
         **{name: getattr(series, name)[..., None, :] for name in ("center", "scale")}, **_per_record(series)
     )
     departures = alone.standardised(corrected, covariates) * out_of_sample(records)
-    fused = fused_scores(departures, layout.components)
+    fused = fused_scores(departures, layout.kinds)
     nothing = np.zeros((*values.shape[:-1], 0))
     levels = [learned(found, nothing, prior_scale=prior.level) for found in quantiles]
     scores = learned(fused, nothing, prior_scale=prior.score)
@@ -190,31 +219,24 @@ def _per_record(baseline: SeriesBaseline) -> dict[str, Array]:
 
 def _levels(departures: Array, layout: Layout) -> list[Array]:
     """Return `_QUANTILES` of the departures (..., channels) of the series with the signal's unit."""
-    found = [np.full((*departures.shape[:-1], len(layout.channels)), np.nan) for _ in _QUANTILES]
-    for number, those in enumerate(layout.channels):
-        if not those.size:
-            continue
-        known = departures[..., those] / layout.powers[those]
-        ordered = np.sort(known, axis=-1)  # NaN last
-        count = np.isfinite(known).sum(axis=-1)
-        for levels, share in zip(found, _QUANTILES, strict=True):
-            place = share * np.maximum(count - 1, 0)
-            low = place.astype(np.int64)
-            first, second = (
-                np.take_along_axis(ordered, at[..., None], axis=-1)[..., 0]
-                for at in (low, np.minimum(low + 1, np.maximum(count - 1, 0)))
-            )
-            levels[..., number] = np.where(count >= FEWEST_LEVELS, first + (place - low) * (second - first), np.nan)
-    return found
+    if not layout.channels:
+        return [np.zeros((*departures.shape[:-1], 0)) for _ in _QUANTILES]
+    padded = np.concatenate([departures / layout.divisors, np.full((*departures.shape[:-1], 1), np.nan)], axis=-1)
+    ordered = np.sort(padded[..., layout.levels.series], axis=-1)  # NaN last
+    count = np.isfinite(ordered).sum(axis=-1)[..., None]
+    last = np.maximum(count - 1, 0)
+    place = _SHARES * last
+    low = place.astype(np.int64)
+    both = np.take_along_axis(ordered, np.concatenate([low, np.minimum(low + 1, last)], axis=-1), axis=-1)
+    first, second = both[..., : _SHARES.size], both[..., _SHARES.size :]
+    found = np.where(count >= FEWEST_LEVELS, first + (place - low) * (second - first), np.nan)
+    return list(np.moveaxis(found, -1, 0))
 
 
 def _without(values: Array, level: Array, layout: Layout) -> Array:
     """Return the series without the level of their channel."""
-    corrected = values.copy()
-    for number, those in enumerate(layout.channels):
-        shift = np.nan_to_num(level[..., number])
-        corrected[..., those] -= shift[..., None] * layout.powers[those]
-    return corrected
+    known = np.concatenate([np.where(np.isfinite(level), level, 0.0), np.zeros((*level.shape[:-1], 1))], axis=-1)
+    return np.asarray(values - known[..., layout.channel_of] * layout.powers)
 
 
 def regime(covariates: Array) -> tuple[Array, Array]:

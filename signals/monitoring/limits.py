@@ -48,10 +48,9 @@ class HealthyScores:
     scale_dof : float
         Degrees of freedom with which the deviation of a component scatters about the usual one, and the weight of the
         usual one against a machine's own records; 0: nothing is usual.
-    widening : tuple of (baseline records, mean records between alarms, factor of each chart ...)
-        By how much limits are wider than the model's, as machines have shown: single records stray further from what
-        a prior has seen than their averages do. Between the rows factors go with the logarithms of both, beyond them
-        they stay.
+    widening : tuple of (baseline records, mean records between alarms, factor)
+        By how much limits are wider than the model's, as machines have shown; between them the factor goes with the
+        logarithms of both, beyond them it stays.
     correlation : Correlation
         Lengths of the parts, in records.
     """
@@ -59,7 +58,7 @@ class HealthyScores:
     shares: tuple[tuple[float, float, float, float], ...] = ((1.0, 0.0, 0.0, 0.0),)
     quantiles: tuple[tuple[float, ...], ...] = ()
     scale_dof: float = 0.0
-    widening: tuple[tuple[float, ...], ...] = ()
+    widening: tuple[tuple[float, float, float], ...] = ()
     correlation: Correlation = field(default_factory=Correlation)
 
     def draw(self, machines: int, records: int, rng: np.random.Generator) -> Array:
@@ -166,13 +165,10 @@ class ChartLimits:
     every_records: float
     decades: float
 
-    def indices(self, state: ChartState) -> Array:
-        """Return each chart over its limit (charts, ...)."""
-        return np.asarray(state.values / np.reshape(self.limits, (-1, *[1] * state.rising.ndim)))
-
     def index(self, state: ChartState) -> Array:
         """Return the health index (...): the largest chart over its limit; 0 is normal, 1 the limit."""
-        return np.asarray(np.maximum(self.indices(state).max(axis=0), 0.0))
+        limits = np.reshape(self.limits, (-1, *[1] * state.rising.ndim))
+        return np.asarray(np.maximum((state.values / limits).max(axis=0), 0.0))
 
     def headroom(self, baseline: Array, rule: AlarmRule) -> Array:
         """Return by how much limits (...) are wider for scores that raise an alarm in their baseline (records, ...).
@@ -234,31 +230,31 @@ def chart_limits(
     if not every_records >= 10:  # noqa: PLR2004
         raise ValueError(f"every_records = {every_records:g}: an alarm in less than 10 records is no limit; give more.")
     size = max(count for count in _BASELINES if count <= baseline_records)
-    drawn = _drawn(size, replace(model, widening=()), rule or AlarmRule())
+    drawn = _drawn(size, replace(model, widening=()), rule or AlarmRule())  # what is drawn is the same for all
     thresholds, rates = np.array(drawn.thresholds), np.array(drawn.rates)
     threshold = float(np.interp(-math.log10(1 / every_records), -rates, thresholds))
     slope, offset = drawn.tail
     if 1 / every_records < 10 ** rates[-1]:
         threshold = (math.log10(1 / every_records) - offset) / slope
-    wider = _wider(model.widening, size, every_records, len(drawn.scales))
+    wider = _wider(model.widening, size, every_records)
     return ChartLimits(
         charts=Charts(allowance=drawn.allowance),
-        limits=tuple((np.array(drawn.scales) * threshold * wider).tolist()),
+        limits=tuple(scale * threshold * wider for scale in drawn.scales),
         every_records=every_records,
         decades=-1 / (slope * threshold),
     )
 
 
-def _wider(table: tuple[tuple[float, ...], ...], size: int, every_records: float, charts: int) -> Array:
-    """Return the factors (charts,) of a table of (baseline records, records between alarms, factor of each chart)."""
+def _wider(table: tuple[tuple[float, float, float], ...], size: int, every_records: float) -> float:
+    """Return the factor of a table of (baseline records, records between alarms, factor)."""
     sizes = sorted({row[0] for row in table})
     if not sizes:
-        return np.ones(charts)
+        return 1.0
     of_sizes = []
     for one in sizes:
-        rows = np.array(sorted(row[1:] for row in table if row[0] == one))
-        of_sizes.append([np.interp(math.log(every_records), np.log(rows[:, 0]), factor) for factor in rows[:, 1:].T])
-    return np.array([np.interp(math.log(size), np.log(sizes), factors) for factors in zip(*of_sizes, strict=True)])
+        rates, factors = zip(*sorted(row[1:] for row in table if row[0] == one), strict=True)
+        of_sizes.append(float(np.interp(math.log(every_records), np.log(rates), factors)))
+    return float(np.interp(math.log(size), np.log(sizes), of_sizes))
 
 
 @dataclass(frozen=True, kw_only=True)

@@ -2,17 +2,48 @@
 
 import math
 from collections.abc import Sequence
+from dataclasses import dataclass
 
 import numpy as np
 from numpy.typing import NDArray
 
-__all__ = ["fused_scores", "out_of_sample"]
+__all__ = ["Kinds", "fused_scores", "kinds_of", "out_of_sample"]
 
 Array = NDArray[np.float64]
+Indices = NDArray[np.int64]
 _LARGEST = 1 / 3  # of the indicators: a fault raises some of those of its kind, and seldom one alone
 
 
-def fused_scores(departures: Array, groups: Sequence[Sequence[NDArray[np.int64]]]) -> Array:
+@dataclass(frozen=True, kw_only=True)
+class Kinds:
+    """Series of each kind of all components as one table, so that one sort serves all of them.
+
+    Attributes
+    ----------
+    series : (kinds, width) array
+        Series of each kind, -1 after the last.
+    sizes : (kinds,) array
+        Number of series of each.
+    first : (components,) array
+        First kind of each component.
+    """
+
+    series: Indices
+    sizes: Indices
+    first: Indices
+
+
+def kinds_of(groups: Sequence[Sequence[Indices]]) -> Kinds:
+    """Return the table of the series of each kind of each component; a component has at least one kind."""
+    sizes = np.array([kind.size for kinds in groups for kind in kinds], dtype=np.int64)
+    series = np.full((sizes.size, max(sizes, default=0)), -1, dtype=np.int64)
+    for row, kind in zip(series, (kind for kinds in groups for kind in kinds), strict=True):
+        row[: kind.size] = kind
+    first = np.cumsum([0, *(len(kinds) for kinds in groups)])[:-1]
+    return Kinds(series=series, sizes=sizes, first=first.astype(np.int64))
+
+
+def fused_scores(departures: Array, kinds: Kinds) -> Array:
     """Return the score of each component: the largest over its kinds of the mean of their largest third.
 
     Between the mean of all, which is best where all rise alike, and the largest, which is best where one does; a single
@@ -23,34 +54,24 @@ def fused_scores(departures: Array, groups: Sequence[Sequence[NDArray[np.int64]]
     ----------
     departures : (..., series) array
         Standardised indicators; NaN where missing.
-    groups : sequence of sequence of (k,) int array
+    kinds : Kinds
         Series of each kind of each component.
 
     Returns
     -------
-    (..., groups) array
+    (..., components) array
     """
-    scores = np.full((*departures.shape[:-1], len(groups)), np.nan)
-    of_size: dict[int, list[tuple[int, NDArray[np.int64]]]] = {}
-    for number, kinds in enumerate(groups):
-        for kind in kinds:
-            of_size.setdefault(kind.size, []).append((number, kind))
-    for those in of_size.values():  # kinds of one size at once
-        found = _largest_third(departures[..., np.array([kind for _, kind in those])])
-        for place, (number, _) in enumerate(those):
-            scores[..., number] = np.fmax(scores[..., number], found[..., place])
-    return scores
-
-
-def _largest_third(values: Array) -> Array:
-    known = np.isfinite(values)
-    count = known.sum(axis=-1)
+    if not kinds.first.size:
+        return np.zeros((*departures.shape[:-1], 0))
+    padded = np.concatenate([departures, np.full((*departures.shape[:-1], 1), np.nan)], axis=-1)
+    ordered = np.sort(-padded[..., kinds.series], axis=-1)  # NaN last
+    count = np.isfinite(ordered).sum(axis=-1)
     taken = np.ceil(count * _LARGEST)
-    ordered = -np.sort(-np.where(known, values, -np.inf), axis=-1)
-    counted = np.arange(values.shape[-1]) < taken[..., None]
-    total = np.where(counted, ordered, 0.0).sum(axis=-1)
-    enough = (count > 0) & (count * 2 >= values.shape[-1])
-    return np.where(enough, total / np.maximum(taken, 1), np.nan)
+    among = np.arange(ordered.shape[-1]) < taken[..., None]
+    total = -np.add.reduce(ordered, axis=-1, where=among)
+    enough = (count > 0) & (count * 2 >= kinds.sizes)
+    found = np.where(enough, total / np.maximum(taken, 1), np.nan)
+    return np.asarray(np.fmax.reduceat(found, kinds.first, axis=-1))
 
 
 def out_of_sample(records: int) -> float:

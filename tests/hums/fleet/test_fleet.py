@@ -219,6 +219,19 @@ class TestGoingOn:
         rms = [float(line["a: record channel rms [g]"]) for line in rows(tmp_path / "out" / "fleet.csv")]
         assert rms == pytest.approx(np.array([1, 2, 3]) / math.sqrt(2), rel=1e-3)  # noise of 0.01 adds 1e-4 of it
 
+    def test_a_changed_record_that_is_appended_takes_the_place_of_the_earlier_one(self, tmp_path):
+        (tmp_path / "records").mkdir()
+        monitoring = hums.MonitorSettings(baseline_records=2)
+        for day in range(4):
+            save_record(record(1.0, day=day), tmp_path / "records" / f"{day}.h5")
+        run([tmp_path / "records"], tmp_path / "out", monitoring=monitoring)
+        save_record(record(2.0, day=2), tmp_path / "records" / "2.h5")
+        result = run([tmp_path / "records" / "2.h5"], tmp_path / "out", append=True, monitoring=monitoring)
+        assert (result.records, result.analysed, result.kept) == (4, 1, 3)
+        run([tmp_path / "records"], tmp_path / "anew", monitoring=monitoring)
+        for name in ("fleet.csv", "components.csv", "alarms.csv", "trends.csv"):
+            assert (tmp_path / "out" / name).read_bytes() == (tmp_path / "anew" / name).read_bytes()
+
     def test_a_dataset_made_again_is_analysed_again(self, tmp_path):
         plan = 'scene = "demo"\nrecords = 1\nseed = {}\nchange = {{ duration_s = 0.3, fault = [] }}'
         tables = []

@@ -1,4 +1,5 @@
 import csv
+from dataclasses import replace
 
 import numpy as np
 import pytest
@@ -11,7 +12,7 @@ from hums.records.store import open_tree
 SETTINGS = MonitorSettings(baseline_records=20)
 COURSE = [*HEALTHY, *(observed(number, **PINION) for number in range(40, 50))]
 FACTS = [
-    Fact(machine="mill", record=one.record, recorded_at=one.recorded_at, number=number)
+    Fact(machine="mill", record=one.record, recorded_at=one.recorded_at, number=number, result=f"{number}.json.gz")
     for number, one in enumerate(COURSE)
 ]
 
@@ -49,6 +50,14 @@ class TestOrder:
 
     def test_a_late_record_is_followed_from_the_start(self, whole, tmp_path):
         watched(FACTS[:5] + FACTS[6:], tmp_path / "watch")
+        assert tables(watched(FACTS, tmp_path / "watch", append=True), tmp_path) == whole[1]
+
+    def test_a_record_whose_content_changed_is_followed_anew(self, whole, tmp_path):
+        other = list(COURSE)
+        for number in (3, 4, 5):  # of the baseline
+            other[number] = replace(COURSE[number], values=COURSE[40].values)
+        changed = [replace(one, result="other") if number in (3, 4, 5) else one for number, one in enumerate(FACTS)]
+        watch_machines(changed, other.__getitem__, tmp_path / "watch", settings=SETTINGS)
         assert tables(watched(FACTS, tmp_path / "watch", append=True), tmp_path) == whole[1]
 
 

@@ -7,7 +7,7 @@ import sys
 
 import numpy as np
 import pytest
-from browser import draw_all, printed, show, text_of, violations
+from browser import draw_all, drawn_s, printed, show, text_of, violations
 from fleets import FIRST, HEALTHY, PINION, followed, kept, observed
 
 from hums.fleet.history import MachineHistory
@@ -15,13 +15,6 @@ from hums.fleet.monitor import MachineState
 from hums.fleet.page import write_page
 
 RECORDS = 1_826  # five years of days
-DRAWN_MS = """
-const done = arguments[0];
-const wait = () => [...pages.figures.values()].some((figure) => figure.drawn)
-  ? requestAnimationFrame(() => requestAnimationFrame(() => done(performance.now())))
-  : requestAnimationFrame(wait);
-wait();
-"""
 
 
 def content(page, figure):
@@ -115,7 +108,7 @@ def test_a_report_beside_the_page_is_linked(failing, tmp_path):
 def test_five_years_of_twenty_machines_in_the_browser(browser, long):
     assert long.stat().st_size < 16e6
     assert show(browser, long) == []
-    seconds, size_mb = browser.execute_async_script(DRAWN_MS) / 1e3, long.stat().st_size / 1e6
+    seconds, size_mb = drawn_s(browser), long.stat().st_size / 1e6
     sys.stdout.write(f"opened and drawn in {seconds:.2f} s, {size_mb:.1f} MB\n")
     browser.execute_async_script("setTimeout(arguments[0], 200)")
     drawn = browser.execute_script("return [...pages.figures.values()].map((figure) => figure.drawn)")

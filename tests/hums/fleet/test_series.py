@@ -5,6 +5,7 @@ import pytest
 
 from hums.fleet.numbers import INDICATOR, LINE, named
 from hums.fleet.series import Series, component_parts, joint_names, layout_of, series_of, vector
+from signals.monitoring.scores import fused_scores
 
 
 def line(harmonic, amplitude, snr):
@@ -73,3 +74,15 @@ def test_what_few_samples_set_is_watched_apart_from_the_level_of_the_signal():
     names, _, layout = layout_of(keys)
     assert names == ("record", "record (impulses)")
     assert [[kind.tolist() for kind in kinds] for kinds in layout.components] == [[[2]], [[0, 1]]]
+
+
+def test_how_far_one_tooth_stands_out_is_scored_with_the_teeth_and_not_with_the_gear():
+    def key(kind, indicator):
+        return Series(channel="a", component="pinion", kind=kind, indicator=indicator, unit="1")
+
+    gear = [key("gear", f"statistic {number}") for number in range(9)]
+    keys = (*gear, key("gear", "tooth_outlier"), key("tooth", "order_spectrum line_over_surroundings"))
+    (_, _, layout) = layout_of(keys)
+    departures = np.zeros((1, len(keys)))
+    departures[0, 9] = 8.0  # what a spall raises
+    assert fused_scores(departures, layout.kinds) == pytest.approx(np.array([[8.0]]))  # 2 among the gear's four largest

@@ -40,11 +40,11 @@ class TestRunLength:
         assert found.mean() == pytest.approx(records, abs=0.05 + 4 * found.std() / np.sqrt(3000))
 
     def test_ewma_has_the_deviation_of_its_filter(self):
-        charts, rng = Charts(weights=(0.2,)), np.random.default_rng(2)
+        charts, rng = Charts(weights=(1.0, 0.2), alone=np.inf), np.random.default_rng(2)
         state = charts.start((20_000,))
         for _ in range(40):  # 0.8^80 of the start is left
             state = charts.step(state, rng.standard_normal(20_000))
-        assert state.values[0].std() == pytest.approx(np.sqrt(0.2 / 1.8), rel=4 / np.sqrt(2 * 20_000))
+        assert state.values[1].std() == pytest.approx(np.sqrt(0.2 / 1.8), rel=4 / np.sqrt(2 * 20_000))
 
 
 def test_a_record_without_a_score_changes_nothing():
@@ -53,6 +53,22 @@ def test_a_record_without_a_score_changes_nothing():
     after = charts.step(before, np.array([np.nan, 1.0]))
     assert np.array_equal(after.values[:, 0], before.values[:, 0])
     assert after.rising.tolist() == [1, 2]
+
+
+def test_a_stray_record_counts_little_in_what_remembers_it_and_a_lasting_change_in_full():
+    charts = Charts(weights=(1.0, 0.2), allowance=0.5)
+    stray, lasting = charts.start(), charts.start()
+    for first, second in ((20.0, 20.0), (0.0, 20.0)):
+        stray, lasting = charts.step(stray, np.asarray(first)), charts.step(lasting, np.asarray(second))
+    # the score itself; 0.2 * 3 and its rest; 3 - 0.5 and the allowance once more
+    assert stray.values == pytest.approx([0.0, 0.6 * 0.8, 2.0])
+    # from the second on in full: 0.6 + 0.2 (20 - 0.6), and 2.5 + 19.5
+    assert lasting.values == pytest.approx([20.0, 0.6 + 0.2 * 19.4, 22.0])
+
+
+def test_the_first_chart_is_the_latest_score():
+    with pytest.raises(ValueError, match="begin with 1"):
+        Charts(weights=(0.2,))
 
 
 def test_the_cusum_says_since_when():

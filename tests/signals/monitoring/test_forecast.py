@@ -1,7 +1,7 @@
 import numpy as np
 import pytest
 
-from signals.monitoring.forecast import _clock, _filtered, local_trend, time_until
+from signals.monitoring.forecast import _clock, _filtered, _gains, local_trend, time_until
 
 
 def test_the_filter_is_generalised_least_squares():
@@ -15,7 +15,8 @@ def test_the_filter_is_generalised_least_squares():
     design = np.column_stack([np.ones(12), -s])
     inverse = np.linalg.inv(covariance)
     expected = np.linalg.inv(design.T @ inverse @ design)
-    mean, found, _, square = (one[0] for one in _filtered(y, t[:, None], np.array([q])))
+    gains = _gains(t[:, None], np.array([q]))
+    (mean, square), found = (one[0] for one in _filtered(y, gains)), gains.covariance[0]
     beta = expected @ design.T @ inverse @ y
     assert mean == pytest.approx(beta, rel=1e-9)
     assert found == pytest.approx(expected, rel=1e-9)

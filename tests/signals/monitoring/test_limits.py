@@ -40,12 +40,13 @@ def test_beyond_the_simulated_it_goes_on_falling():
     assert million.every_records_at(1.0 + million.decades) == pytest.approx(1e7)
 
 
-def test_each_chart_is_wider_by_its_own_factor():
-    rows = ((30.0, 1e3, 2.0, 1.0, 1.0, 1.0), (30.0, 1e5, 4.0, 1.0, 3.0, 1.0))
-    plain = chart_limits(30, 1e4, CARRIED_OVER).limits
-    wider = chart_limits(30, 1e4, replace(CARRIED_OVER, widening=rows)).limits
-    # half way between the rates in their logarithms; the simulation takes the factors as they are
-    assert np.divide(wider, plain) == pytest.approx([3.0, 1.0, 2.0, 1.0], rel=1e-12)
+def test_limits_are_wider_by_what_machines_have_shown():
+    rows = ((30.0, 1e3, 2.0), (30.0, 1e5, 4.0))
+    plain, wider = (chart_limits(30, 1e4, replace(CARRIED_OVER, widening=of)) for of in ((), rows))
+    # half way between the rates in their logarithms; the simulation takes the factor as it is
+    assert np.divide(wider.limits, plain.limits) == pytest.approx(np.full(4, 3.0), rel=1e-12)
+    # the distribution is stretched by the factor, so that its fall over the limit is the same
+    assert wider.decades == pytest.approx(plain.decades, rel=1e-12)
 
 
 class TestOwnScores:
