@@ -129,6 +129,8 @@ class PartEvidence:
         What else explains its line; empty where nothing does.
     at_shaft : str
         Multiple of a shaft's order at which its line stands, of whose other multiples none does; empty elsewhere.
+    sideband_of : str
+        A line of which it may be the sideband though it is the deeper one; empty where there is none.
     detectable_depth : float
         The least modulation that would be significant and `JUDGED_SNR` times the background in each of the widest
         bands, since damage may ring in any part of the range.
@@ -164,6 +166,7 @@ class PartEvidence:
     sidebands: int = 0
     hidden_by: str = ""
     at_shaft: str = ""
+    sideband_of: str = ""
     detectable_depth: float = math.inf
     unsure_depth: float = 0.0
     explained: float = 0.0
@@ -337,6 +340,7 @@ def _part(seen: Sequence[tuple[BandEvidence, AssessedLine]], bearing: BearingOrd
         sidebands=len(sidebands),
         hidden_by=hidden or _explanation(main.line.found, own_depth, others, both),
         at_shaft=at_shaft,
+        sideband_of=_modulated(main.line.found, own_depth, others),
         explained=float(power[mine].sum() / power.sum()) if power.size and power.sum() else 1.0,
         other_order=0.0 if strongest is None else float(others.orders[strongest]),
         other_depth=0.0 if strongest is None else float(others.depths[strongest]),
@@ -506,19 +510,16 @@ def _mains(order: float, others: _Others) -> str:
 def _explanation(order: float, depth: float, others: _Others, own_multiple: int) -> str:
     """Return which other line explains a line, or an empty string.
 
-    Of a line at half its depth or more it may be a harmonic, but for `own_multiple`; of a deeper one a sideband, or of
-    one that is deeper together with its second harmonic, since among lines that a shaft spaces alike the multiples of
-    the one that is modulated stand out; of a much deeper one a part.
+    Of a line at half its depth or more it may be a harmonic, but for `own_multiple`; of a deeper one a sideband; of a
+    much deeper one a part.
     """
-    with_harmonic = depth + others.deepest(2 * order)
     apart = (np.abs(others.orders - order) > others.width) & (others.depths >= _HARMONIC_SHARE * depth)
     for other, size in zip(others.orders[apart], others.depths[apart], strict=True):
         name = f"the line at {other:.3f}, which modulates by {size:.1%} and which it does not explain"
         for multiple in range(1, _MULTIPLES + 1):
             if multiple not in {1, own_multiple} and abs(order - multiple * other) <= others.width:
                 return f"it is {multiple} times {name}"
-            deeper = size >= depth or (multiple == 1 and size + others.deepest(2 * other) > with_harmonic)
-            beside = (order - multiple * other) / np.array(others.spacings) if deeper else np.zeros(0)
+            beside = (order - multiple * other) / np.array(others.spacings) if size >= depth else np.zeros(0)
             sides = np.round(beside)
             near = np.abs(beside - sides) * np.array(others.spacings)[: beside.size] <= others.width
             near &= (sides != 0) & (np.abs(sides) <= _EXPLAINING_SIDEBANDS)
@@ -529,4 +530,20 @@ def _explanation(order: float, depth: float, others: _Others, own_multiple: int)
         parts = round(other / order)
         if 1 < parts <= _PARTS and size > RIVAL_FACTOR * depth and abs(other - parts * order) <= others.width:
             return f"it is a part of {name}"
+    return ""
+
+
+def _modulated(order: float, depth: float, others: _Others) -> str:
+    """Return which line may be the modulated one whose sideband a part's deeper one is, or an empty string.
+
+    Of lines that a shaft spaces alike, the multiples of the modulated one stand out: it is the one that is deepest
+    together with its second harmonic.
+    """
+    whole = depth + others.deepest(2 * order)
+    for other, size in zip(others.orders, others.depths, strict=True):
+        sides = (order - other) / np.array(others.spacings)
+        beside = np.abs(sides - np.round(sides)) * np.array(others.spacings) <= others.width
+        beside &= (np.round(sides) != 0) & (np.abs(np.round(sides)) <= _EXPLAINING_SIDEBANDS)
+        if size >= _HARMONIC_SHARE * depth and beside.any() and size + others.deepest(2 * other) > whole:
+            return f"the line at {other:.3f}, of which it would be a sideband, is deeper together with its harmonic"
     return ""

@@ -330,6 +330,8 @@ def _doubts(part: PartEvidence, rivals: Sequence[PartEvidence]) -> list[str]:
         )
     if part.at_shaft:
         doubts.append(f"{part.at_shaft}, though no shaft of a sound machine makes one as strong")
+    if part.sideband_of:
+        doubts.append(part.sideband_of)
     if part.kind == "cage":
         doubts.append("damage of a rolling element makes this line, too")
     if not part.support:
