@@ -18,7 +18,6 @@ from signals.monitoring.limits import ChartLimits, chart_limits, tail_quantiles
 CHUNK = 50  # machines whose series are in memory at a time
 RATES = (1_000.0, 10_000.0)
 WATCHED = 300
-ROUNDS = 4  # the last changes factors by less than their counts of alarms scatter
 MOST_DOF = 10.0  # real machines differ more than resampled ones: deviations by 22 % (our choice)
 
 
@@ -128,31 +127,24 @@ def widening(found: Analyses, *, machines: int) -> list[list[float]]:
     The machines that the prior is learned from are split into two halves in all ways: a prior of the one makes the
     limits of fleets that are made of the other, their slopes too, and the factor is the one at which all fleets
     together raise the stated number of alarms. What a prior lacks of machines that it has not seen is then in the
-    limits (cross-validation; Stone 1974, J. R. Stat. Soc. B 36(2), 111-147). It is found in `ROUNDS`, since an alarm
-    within a baseline widens the limits of its machine, and wider limits have fewer of those.
+    limits (cross-validation; Stone 1974, J. R. Stat. Soc. B 36(2), 111-147).
     """
     _, _, layout = layout_of(found.series)
     folds = list(combinations(LEARNED, len(LEARNED) // 2))
     sizes = {2: 2 * machines, 10: 2 * machines, 30: 2 * machines, 300: machines}  # by their cost
-    table = {(baseline, rate): 1.0 for baseline in sizes for rate in RATES}
-    priors = {seen_before: learn_prior(found, found.resampled(seen_before)) for seen_before in folds}
-
-    def rows() -> list[list[float]]:
-        return [[baseline, rate * layout.scores, round(wide, 3)] for (baseline, rate), wide in table.items()]
-
-    for _ in range(ROUNDS):
-        peaks: dict[tuple[int, float], list[NDArray[np.float32]]] = {}
-        for seen_before, learned in priors.items():
-            learned["widening"] = rows()
-            prior, model = prior_of(found.series, layout, learned), healthy_scores(learned)
-            unseen = found.resampled(set(LEARNED) - set(seen_before))
-            for baseline, count in sizes.items():
-                limits = [chart_limits(baseline, rate * layout.scores, model) for rate in RATES]
-                for start in range(0, count // len(folds), CHUNK):
-                    rng = np.random.default_rng([12, *seen_before, start])
-                    seen = watch(unseen.machines(CHUNK, baseline + WATCHED, rng), baseline, limits, layout, prior)
-                    for rate, one in zip(RATES, seen, strict=True):
-                        peaks.setdefault((baseline, rate), []).append(two_of_three(one.index).max(axis=1))
-        for (baseline, rate), those in peaks.items():
-            table[baseline, rate] *= at_rate(those, layout.scores, rate)
-    return rows()
+    peaks: dict[tuple[int, float], list[NDArray[np.float32]]] = {}
+    for seen_before in folds:
+        learned = learn_prior(found, found.resampled(seen_before))
+        prior, model = prior_of(found.series, layout, learned), healthy_scores(learned)
+        unseen = found.resampled(set(LEARNED) - set(seen_before))
+        for baseline, count in sizes.items():
+            limits = [chart_limits(baseline, rate * layout.scores, model) for rate in RATES]
+            for start in range(0, count // len(folds), CHUNK):
+                rng = np.random.default_rng([12, *seen_before, start])
+                seen = watch(unseen.machines(CHUNK, baseline + WATCHED, rng), baseline, limits, layout, prior)
+                for rate, one in zip(RATES, seen, strict=True):
+                    peaks.setdefault((baseline, rate), []).append(two_of_three(one.index).max(axis=1))
+    return [
+        [baseline, rate * layout.scores, round(at_rate(those, layout.scores, rate), 3)]
+        for (baseline, rate), those in peaks.items()
+    ]

@@ -15,7 +15,7 @@ JUDGED_DEPTH = FAULTY_DEPTH / 2
 """Modulation that must stand out in a record for a part without one to count as sound.
 
 A defect is indicated before it is deep enough to be diagnosed: a part that a longer record would name must not be
-called sound in a short one. Of the unnamed bearing parts of 60 faulty records of 1 to 10 s that an envelope carries,
+called sound in a short one. Of the unnamed bearing parts of 54 faulty records of 1 to 10 s that an envelope carries,
 36 % are not judged by it. Halved, 88 %; doubled, 9 %, and a race that a record shows damaged is called sound in its
 first second.
 """
