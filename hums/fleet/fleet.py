@@ -196,6 +196,7 @@ def analyze_fleet(
     except OSError as error:
         raise FleetError(f"{folder} cannot be made ({error.strerror}); name a folder of yours.") from None
     _check_task(folder / "task.json", task)
+    earlier = _listed(folder) if append else {}
     jobs = [Job(name=_result_name(source), item=source) for source in found]
     tally = run_jobs(
         partial(_analyse_to_file, task["gearbox"], task["settings"]),
@@ -205,7 +206,7 @@ def analyze_fleet(
         title="records" if progress else None,
         when_killed=partial(_killed_to_file, killed),
     )
-    names = (_listed(folder) if append else {}) | {source.whole_name: _result_name(source) for source in found}
+    names = earlier | {source.whole_name: _result_name(source) for source in found}
     with atomic_write(folder / _LIST) as part:
         part.write_text(json.dumps(names), encoding="utf-8")
     paths = [done if (done := results_folder / name).exists() else killed / name for name in names.values()]
@@ -232,6 +233,11 @@ def _listed(folder: Path) -> dict[str, str]:
     """Return the result file of each record that an earlier run had, by the record's name, in their order."""
     path = folder / _LIST
     names: dict[str, str] = json.loads(path.read_text(encoding="utf-8")) if path.is_file() else {}
+    if not isinstance(names, dict):
+        raise FleetError(
+            f"{path} is a list of an earlier version, which does not say whose results its files are; run all records "
+            "once without append."
+        )
     return names
 
 

@@ -171,7 +171,7 @@ def _earlier(folder: Path, name: str, ordered: Sequence[Fact], settings: Monitor
     if not path.is_file():
         return None
     kept = json.loads(gzip.decompress(path.read_bytes()))
-    if kept["digest"] != _digest(ordered[: len(kept["records"])]):
+    if kept.get("digest") != _digest(ordered[: len(kept["records"])]):
         return None
     state = read_state(folder / f"{name}.state.gz")
     if state.settings != settings:

@@ -231,6 +231,9 @@ class TestGoingOn:
         run([tmp_path / "records"], tmp_path / "anew", monitoring=monitoring)
         for name in ("fleet.csv", "components.csv", "alarms.csv", "trends.csv"):
             assert (tmp_path / "out" / name).read_bytes() == (tmp_path / "anew" / name).read_bytes()
+        (tmp_path / "out" / "records.json").write_text("[]")  # as earlier versions had it
+        with pytest.raises(FleetError, match=r"run all records once without append\.$"):
+            run([tmp_path / "records" / "2.h5"], tmp_path / "out", append=True, monitoring=monitoring)
 
     def test_a_dataset_made_again_is_analysed_again(self, tmp_path):
         plan = 'scene = "demo"\nrecords = 1\nseed = {}\nchange = {{ duration_s = 0.3, fault = [] }}'
