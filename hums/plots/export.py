@@ -9,9 +9,10 @@ import matplotlib as mpl
 from matplotlib.axes import Axes
 from matplotlib.backends.backend_agg import FigureCanvasAgg
 from matplotlib.figure import Figure
+from matplotlib.ticker import LogFormatter, LogFormatterMathtext
 
 from hums.plots.labels import apply_layout
-from hums.plots.style import FAINT, INK
+from hums.plots.style import FAINT, INK, power_of_ten
 from hums.records.store import atomic_write
 
 _STYLE: dict[str, Any] = {
@@ -110,6 +111,10 @@ def _save(draw: Callable[[Axes], object], file: IO[Any], *, kind: str, width: fl
         FigureCanvasAgg(figure)  # which keeps its renderer; without, one is made whenever a text is measured
         ax = figure.add_subplot()
         draw(ax)
+        for axis in (axis for drawn in figure.axes for axis in (drawn.xaxis, drawn.yaxis)):
+            if isinstance(axis.get_major_formatter(), LogFormatterMathtext):  # which would be text with dollars
+                axis.set_major_formatter(lambda value, _: power_of_ten(value))
+                axis.set_minor_formatter(LogFormatter())
         if ax in figure.axes:  # else `draw` replaced it by others
             apply_layout(ax)
             figure.set_layout_engine(None)  # which would run it twice more, and draw twice

@@ -378,6 +378,14 @@ class TestSaveFigure:
         assert first == second
         assert {path.name for path in tmp_path.iterdir()} == {path.name for path in paths}
 
+    def test_powers_of_ten_on_logarithmic_axes_are_plain_text(self):
+        def draw(ax):
+            ax.loglog([0.01, 100.0], [1.0, 5.0])
+
+        text = svg(draw)
+        assert all(f">{power}<" in text for power in ("10⁻²", "10⁻¹", "10⁰", "10¹", "10²"))
+        assert "$" not in text
+
     def test_size(self, tmp_path):
         save_figure(lambda ax: ax.plot([0, 1]), tmp_path / "a.svg", width=3, height=2)
         assert 'width="216pt" height="144pt"' in (tmp_path / "a.svg").read_text()
