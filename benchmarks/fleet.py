@@ -298,8 +298,9 @@ factor, slopes as they are fitted, and charts in which a stray record counts in 
 were raised; a look at the residuals and slopes of that run, which is a look at the half that is measured, led to the
 shrinkage, whose size was chosen on the half that is learned from, and to the charts' rule, a published one (Lucas and
 Crosier 1982). With both the table below was made. Fleets made of the analyses of one machine alone raise, after a
-baseline of 30 records, between 0.6 and 3.5 times the stated number of alarms (300 fleets of each of the eight): four machines do
-not settle the rate of four others. Both halves are of one gearbox and one plan. Nothing is tuned to measured records.
+baseline of 30 records, between 0.6 and 3.5 times the stated number of alarms (300 fleets of each of the eight): four
+machines do not settle the rate of four others. Both halves are of one gearbox and one plan. Nothing is tuned to
+measured records.
 """
 
 
