@@ -513,20 +513,16 @@ def _explanation(order: float, depth: float, others: _Others, own_multiple: int)
     Of a line at half its depth or more it may be a harmonic, but for `own_multiple`; of a deeper one a sideband; of a
     much deeper one a part.
     """
-    apart = (np.abs(others.orders - order) > others.width) & (others.depths >= _HARMONIC_SHARE * depth)
-    for other, size in zip(others.orders[apart], others.depths[apart], strict=True):
+    for other, size in _about_as_deep(order, depth, others):
         name = f"the line at {other:.3f}, which modulates by {size:.1%} and which it does not explain"
         for multiple in range(1, _MULTIPLES + 1):
             if multiple not in {1, own_multiple} and abs(order - multiple * other) <= others.width:
                 return f"it is {multiple} times {name}"
-            beside = (order - multiple * other) / np.array(others.spacings) if size >= depth else np.zeros(0)
-            sides = np.round(beside)
-            near = np.abs(beside - sides) * np.array(others.spacings)[: beside.size] <= others.width
-            near &= (sides != 0) & (np.abs(sides) <= _EXPLAINING_SIDEBANDS)
-            if near.any():
-                at = int(np.argmax(near))
+            sideband = _sideband(order, multiple * other, others) if size >= depth else None
+            if sideband is not None:
+                side, spacing = sideband
                 of = f"{multiple} times " if multiple > 1 else ""
-                return f"it is a sideband {sides[at]:+.0f} x {others.spacings[at]:.3g} of {of}{name}"
+                return f"it is a sideband {side:+.0f} x {spacing:.3g} of {of}{name}"
         parts = round(other / order)
         if 1 < parts <= _PARTS and size > RIVAL_FACTOR * depth and abs(other - parts * order) <= others.width:
             return f"it is a part of {name}"
@@ -540,10 +536,26 @@ def _modulated(order: float, depth: float, others: _Others) -> str:
     together with its second harmonic.
     """
     whole = depth + others.deepest(2 * order)
-    for other, size in zip(others.orders, others.depths, strict=True):
-        sides = (order - other) / np.array(others.spacings)
-        beside = np.abs(sides - np.round(sides)) * np.array(others.spacings) <= others.width
-        beside &= (np.round(sides) != 0) & (np.abs(np.round(sides)) <= _EXPLAINING_SIDEBANDS)
-        if size >= _HARMONIC_SHARE * depth and beside.any() and size + others.deepest(2 * other) > whole:
+    for other, size in _about_as_deep(order, depth, others):
+        if _sideband(order, other, others) is not None and size + others.deepest(2 * other) > whole:
             return f"the line at {other:.3f}, of which it would be a sideband, is deeper together with its harmonic"
     return ""
+
+
+def _about_as_deep(order: float, depth: float, others: _Others) -> Iterable[tuple[float, float]]:
+    """Return order and depth of the lines beside one that have half its depth or more."""
+    apart = (np.abs(others.orders - order) > others.width) & (others.depths >= _HARMONIC_SHARE * depth)
+    return zip(others.orders[apart], others.depths[apart], strict=True)
+
+
+def _sideband(order: float, carrier: float, others: _Others) -> tuple[float, float] | None:
+    """Return which sideband of a carrier a line is, and the shaft's order that spaces them; None where it is none."""
+    spacings = np.array(others.spacings)
+    beside = (order - carrier) / spacings
+    sides = np.round(beside)
+    near = np.abs(beside - sides) * spacings <= others.width
+    near &= (sides != 0) & (np.abs(sides) <= _EXPLAINING_SIDEBANDS)
+    if not near.any():
+        return None
+    at = int(np.argmax(near))
+    return float(sides[at]), float(spacings[at])

@@ -20,8 +20,7 @@ Array = NDArray[np.float64]
 Indices = NDArray[np.int64]
 FEWEST_LEVELS = 8  # series with the signal's unit whose median is a level; of fewer, one fault could move it
 _WATCHED = (0.25, 0.75)  # quantiles of their departures that are watched: three in four have to rise, or to fall
-_QUANTILES = (0.5, *_WATCHED)
-_SHARES = np.array(_QUANTILES)
+_QUANTILES = np.array((0.5, *_WATCHED))
 _RECENT = 0.1  # weight of the EWMA that a sudden fall of the level is held against
 
 
@@ -225,10 +224,10 @@ def _levels(departures: Array, layout: Layout) -> list[Array]:
     ordered = np.sort(padded[..., layout.levels.series], axis=-1)  # NaN last
     count = np.isfinite(ordered).sum(axis=-1)[..., None]
     last = np.maximum(count - 1, 0)
-    place = _SHARES * last
+    place = _QUANTILES * last
     low = place.astype(np.int64)
     both = np.take_along_axis(ordered, np.concatenate([low, np.minimum(low + 1, last)], axis=-1), axis=-1)
-    first, second = both[..., : _SHARES.size], both[..., _SHARES.size :]
+    first, second = both[..., : _QUANTILES.size], both[..., _QUANTILES.size :]
     found = np.where(count >= FEWEST_LEVELS, first + (place - low) * (second - first), np.nan)
     return list(np.moveaxis(found, -1, 0))
 

@@ -43,7 +43,7 @@ SHOWS = 3.0  # least score of a significant order
 SAME_SPEED = 0.01
 _LOW_ORDERS, _FAMILY = 10, 3  # whole orders below which this many lines in a row may be harmonics of anything
 _NEVER = -50.0
-_AS_MUCH = 0.92  # of the evidence for a line: half a bin costs 7 %
+AS_MUCH = 0.92  # of the evidence for a line: half a bin costs 7 %, and a search favours bins
 _MAINS_HZ, _MAINS_HARMONICS = (50.0, 60.0), 7  # hum above the seventh is seldom louder than the machine (our choice)
 
 
@@ -217,7 +217,7 @@ def of_mains(search: Search, speed: Array, seen: NDArray[np.bool_], shown: Array
         off = np.median(np.abs(np.outer(speed[seen], search.orders) - harmonic_hz), axis=0)
         near = (off * search.evidence.bins_per_hz <= _SAME_LINE) & (shown > SHOWS)
         if near.any():
-            found |= near & (_AS_MUCH * shown <= fixed.score(np.full(speed.size, harmonic_hz), seen)[0])
+            found |= near & (AS_MUCH * shown <= fixed.score(np.full(speed.size, harmonic_hz), seen)[0])
     return found
 
 

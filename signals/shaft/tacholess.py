@@ -30,6 +30,7 @@ from scipy.interpolate import PchipInterpolator
 
 from signals._validation import Array, checked, positive, real_vector
 from signals.shaft._speed_search import (
+    AS_MUCH,
     CERTAIN,
     SAME_SPEED,
     SHOWS,
@@ -59,7 +60,6 @@ _SMEAR = 4.0  # bins by which the median order may move within a frame at the la
 _MOST_DEMODULATED = 8
 _WINDOWS_REV = (6.0, 24.0, 2.0)  # of the refinement: the first that leads to a sure speed that keeps the lines
 _SURE = 1.5e-3  # largest median std of the refined speed, relative: three of them are within half a per cent
-_KEPT = 0.92  # least evidence along the refined speed over that of the search, which favours bins: half a one costs 7 %
 _LEFT_STD, _LEFT_SHARE = 2.5, 0.05  # of the search, in this share of frames: the refined speed follows another line
 _FEWEST_SAMPLES = 64  # a frame
 _FRAMES = (0.5, 0.25)  # of the default length: two next to one another should find the same speed
@@ -459,7 +459,7 @@ def _refined(
         extrapolated = (times < refined.times_s[0]) | (times > refined.times_s[-1])
         relative = refined.std_hz / refined.speed_hz
         sure = np.median(relative) < _SURE and relative.max() < SAME_SPEED  # in every window
-        kept = search.score(refined_speed, seen).sum() > _KEPT * shown.sum()
+        kept = search.score(refined_speed, seen).sum() > AS_MUCH * shown.sum()
         left = np.abs(refined_speed - speed)[seen] > _LEFT_STD * np.hypot(np.maximum(std, search.spacing), error)[seen]
         if sure and kept and np.mean(left) <= _LEFT_SHARE:
             error[extrapolated] = std[extrapolated]
