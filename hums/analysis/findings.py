@@ -462,12 +462,14 @@ def _unnamed(part: PartEvidence, probability: float, needed: float) -> Finding:
             else "judged in a band that has power",
         )
     if part.unsure_depth > FAULTY_DEPTH and not part.strength:
-        return _not_judged(
-            part,
-            f"too short or too noisy: a line in its place modulates a band by {part.unsure_depth:.0%}, which noise may "
-            "be, and damage, too",
-            least_change=f"nothing found, if that line were below {FAULTY_DEPTH:.0%}",
+        why = (
+            f"{_hidden(part.hidden_by)}; it modulates a band by {part.unsure_depth:.0%}, beside which damage may go unseen"
+            if part.hidden_by
+            else f"too short or too noisy: a line in its place modulates a band by {part.unsure_depth:.0%}, which noise "
+            "may be, and damage, too"
         )
+        least_change = f"nothing found, if that line were below {FAULTY_DEPTH:.0%}"
+        return _not_judged(part, why, least_change=least_change)
     seen = (
         f"{_line_text(part)}: healthy machines show as much in one of {1 / probability:.0f} records"
         if part.strength > 0
