@@ -368,8 +368,7 @@ def test_a_race_near_the_mains_is_told_by_its_harmonics(third, hidden):
 def test_a_part_beside_whose_line_damage_would_not_be_seen_is_not_called_sound(level, verdict):
     # a tooth's strikes explain the line at the race's place, 30 over a level of 150: the race may strike, too
     tooth = [
-        line("tooth", 3.6 * k, 40.0, component="m/p", harmonic=k, fundamental=False, level=level)
-        for k in (1, 2, 3)
+        line("tooth", 3.6 * k, 40.0, component="m/p", harmonic=k, fundamental=False, level=level) for k in (1, 2, 3)
     ]
     (found,) = judged(ASSESSOR.assess([line("outer_race", 3.6, 30.0, level=level), *tooth]))
     assert found.verdict == verdict
