@@ -30,8 +30,9 @@ from data_synth.scene.scene import Scene, SceneError
 from data_synth.sources.prepared import PreparedScene, prepare_scene
 from data_synth.transfer.housing import AHEAD
 from data_synth.vibration.meshes import Gears, Teeth, declared_of, gears_of, kinematics_of, tooth_passes
-from data_synth.vibration.sensor_forces import LAG, SensorForces, WeightedForces, sensor_forces_of
+from data_synth.vibration.sensor_forces import SensorForces, sensor_forces_of
 from data_synth.vibration.torques import DriveLoad, drive_load_of, static_tooth_forces
+from data_synth.vibration.weighted_forces import LAG, WeightedForces
 from hums.gearbox.kinematics import Kinematics
 
 # ---- The gearbox of a scene as equations of motion: its declared bodies, bearings and meshes assembled ---------------
