@@ -8,8 +8,8 @@ the fixed direction of the sensor.
 Where planets pass the sensors, the pass window of a planet's angle from the sensor, which is taken to be on the ring in
 the direction of its axis, is the gain of the dynamic part of its ring mesh's force: of F - F_0, F_0 the static force
 under the load of the instant. F_0 presses on a rigid housing like any other force, along its own direction, so that
-only the sum over the planets moves it: nothing, where they are alike and evenly spaced. That a static force bends an
-elastic ring as its planet passes is left out.
+only the sum over the planets moves it: nothing, where they are alike and evenly spaced. It bends an elastic ring as its
+planet passes: `data_synth.kinematic.ring_bending`.
 """
 
 import math
@@ -25,6 +25,7 @@ from data_synth.dynamics.system import Array, System
 from data_synth.integrators.problem import Output
 from data_synth.kinematic.harmonics import ComplexArray
 from data_synth.kinematic.planet_pass import PassWindow, pass_window
+from data_synth.kinematic.ring_bending import RingLoad, sensors_on_ring
 from data_synth.scene.scene import Scene, SceneError
 from data_synth.scene.sensors import Sensor
 from data_synth.sources.impacts import measured_filter
@@ -231,6 +232,7 @@ class PassingMesh:
     Its static part acts on the housing as ``cos(angle) first + sin(angle) second + axial`` of itself.
     """
 
+    contact: str
     mesh: str
     route: int
     reading: int
@@ -294,14 +296,36 @@ class SensorForces:
             assert self.window is not None  # noqa: S101 - planets pass by it
             cosine, sine = waves[passes.carrier]
             static = np.zeros(1)
-            if passes.mesh in self.static_n:
-                static = np.interp(times_s, self.stage.instants_s, self.static_n[passes.mesh])
+            if passes.contact in self.static_n:
+                static = np.interp(times_s, self.stage.instants_s, self.static_n[passes.contact])
             dynamic = self.window.gain(angles[passes.carrier] + passes.place_rad) * (
                 readings[:, passes.reading] - static
             )
             rigid = static * (cosine * passes.first + sine * passes.second + passes.axial)
             sensed[:, passes.route] += passes.weight * (dynamic + rigid)
         return np.asarray(sensed)
+
+    def ring_loads(self) -> list[RingLoad]:
+        """Return the static forces of planets on the rings that sensors are on."""
+        loads = []
+        for passes in self.passing:
+            route = self.routes[passes.route]
+            if route.source is not None or route.number not in sensors_on_ring(self.stage.scene, passes.mesh):
+                continue
+            static, (ratio, offset) = self.static_n[passes.contact], self.carriers[passes.carrier]
+            cosine, sine = math.cos(passes.place_rad), math.sin(passes.place_rad)
+            loads.append(
+                RingLoad(
+                    mesh=passes.mesh,
+                    carrier=passes.carrier,
+                    ratio=ratio,
+                    sensor=route.number,
+                    place_rad=passes.place_rad + 2 * math.pi * offset,
+                    radial_n=static * (cosine * passes.first - sine * passes.second),
+                    tangential_n=static * (-sine * passes.first - cosine * passes.second),
+                )
+            )
+        return loads
 
 
 def sensor_forces_of(
@@ -353,7 +377,8 @@ def sensor_forces_of(
                 azimuth_rad = math.atan2(along[1], along[0]) if np.hypot(along[0], along[1]) > _ALONG else 0.0
                 passing.append(
                     PassingMesh(
-                        mesh=contact.name,
+                        contact=contact.name,
+                        mesh=contact.mesh,
                         route=number,
                         reading=reading,
                         carrier=contact.carrier,
