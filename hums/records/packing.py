@@ -33,7 +33,7 @@ def packed(records: Sequence[xr.Dataset], labels: Mapping[str, Sequence[Any]], *
     labels : mapping of str to sequence
         By the name of a label, its value for each record.
     dtype : {"float32", "float64"}
-        Type of the stored samples; pulse times and truth are float64.
+        Type of the stored samples, and of complex amplitudes of their truth; all other numbers are float64.
 
     Raises
     ------
@@ -50,7 +50,10 @@ def packed(records: Sequence[xr.Dataset], labels: Mapping[str, Sequence[Any]], *
     truths = sorted({str(name) for record in records for name in record.variables if _is_truth(name)})
     for name in truths:
         flat = [record.variables[name].to_numpy().ravel() for record in records if name in record.variables]
-        variables[name] = xr.Variable(f"flat_{name}", np.concatenate(flat))
+        joined = np.concatenate(flat)
+        if joined.dtype.kind == "c" and dtype == "float32":
+            joined = joined.astype(np.complex64)
+        variables[name] = xr.Variable(f"flat_{name}", joined)
     layouts = [_json(_layout(record, truths)) for record in records]
     attrs = [_json(record.attrs) for record in records]
     variables[_LAYOUT], variables[_ATTRS] = (xr.Variable(_ROWS, np.array(texts)) for texts in (layouts, attrs))
