@@ -17,6 +17,7 @@ mains, nor for one of a comb of multiples of a shaft. Where its line stands at a
 multiples none does, it counts if healthy machines do not make lines there that are as strong.
 """
 
+import copy
 import math
 from collections.abc import Iterable, Mapping, Sequence
 from dataclasses import dataclass, replace
@@ -30,6 +31,7 @@ from hums.analysis.lines import MeasuredLine, supports
 from hums.analysis.thresholds import (
     EXACT_BINS,
     FEWEST_CYCLES,
+    HINT,
     JUDGED_SNR,
     MAINS_ACCURACY,
     MAINS_HARMONICS,
@@ -42,12 +44,14 @@ from hums.analysis.thresholds import (
 )
 from hums.gearbox.bearing_orders import BearingOrders
 from hums.gearbox.orders import BEARING_KINDS
+from signals.spectra.lines import record_probability
 
 __all__ = ["BandEvidence", "PartEvidence", "Setting", "bearing_evidence", "mains_multiples", "strength"]
 
 _CHANCE_WIDTHS = 4.0  # widths of a line: where multiples of the mains are nearer, a quarter of all lines is on one
 _ALIKE = 0.99  # of the widest band's width, to rounding
 _SEEN = 0.01  # probability that noise alone makes a harmonic, below which it counts
+_ONE_IN_20 = 1.645  # standard deviations that a normal variable falls below its mean in one of 20 cases
 _SIDEBANDS = 3  # on either side that support a fundamental
 _HARMONIC_SHARE = 0.5  # of a line's depth that one must have whose harmonic it may be: harmonics of strikes fall
 _MULTIPLES = 3  # of a deeper line that may be looked at as the part's own
@@ -134,6 +138,9 @@ class PartEvidence:
     detectable_depth : float
         The least modulation that would be significant and `JUDGED_SNR` times the background in each of the widest
         bands, since damage may ring in any part of the range.
+    possible_depth : float
+        The deepest modulation that may be there unseen in one of the widest bands: it is below `detectable_depth`
+        where the line in its place is so small that a deeper one would have been larger in 19 of 20 records.
     unsure_depth : float
         The deepest line in any band at its order that does not count for it, since something else explains it (then
         `hidden_by` says what, where the part has no strength) or noise makes it too often.
@@ -169,6 +176,7 @@ class PartEvidence:
     at_shaft: str = ""
     sideband_of: str = ""
     detectable_depth: float = math.inf
+    possible_depth: float = math.inf
     unsure_depth: float = 0.0
     explained: float = 0.0
     other_order: float = 0.0
@@ -295,6 +303,16 @@ class _Others:
                 on |= np.abs(orders - shaft * np.round(orders / shaft)) <= self.width
         return on
 
+    def without(self, spacings: Iterable[float]) -> "_Others":
+        """Return the lines but those at the rates by which something is carried through its load zone.
+
+        They are the modulation of its lines by itself, and not what these are sidebands of.
+        """
+        kept = ~_of_spacings(self.orders, spacings, self.width)
+        found = copy.copy(self)
+        found.orders, found.depths, found.strengths = self.orders[kept], self.depths[kept], self.strengths[kept]
+        return found
+
     def deepest(self, order: float) -> float:
         """Return the depth of the deepest line at an order, of shafts or not."""
         return float(self.every_depth[np.abs(self.every_order - order) <= self.width].max(initial=0.0))
@@ -311,6 +329,7 @@ def _part(seen: Sequence[tuple[BandEvidence, AssessedLine]], bearing: BearingOrd
     band, line = seen[number]
     main = line.measured
     widest = max(_width(one) for one, _ in seen)
+    whole = [one for one in seen if _width(one[0]) > _ALIKE * widest]
     unsure = max((one for _, one in seen if _unsure(one)), key=lambda one: one.measured.depth, default=None)
     plain = PartEvidence(
         component=main.expected.component,
@@ -325,7 +344,8 @@ def _part(seen: Sequence[tuple[BandEvidence, AssessedLine]], bearing: BearingOrd
         bin_width=main.bin_width,
         band_low_hz=band.band_hz[0],
         band_high_hz=band.band_hz[1],
-        detectable_depth=max(_detectable_depth(*one) for one in seen if _width(one[0]) > _ALIKE * widest),
+        detectable_depth=max(_detectable_depth(*one) for one in whole),
+        possible_depth=_possible_depth(seen, whole),
         unsure_depth=0.0 if unsure is None else unsure.measured.depth,
         hidden_by="" if unsure is None else unsure.explained_by,
         modulation=max(_family_strength([one.measured for one in _family(band, line)]) for band, line in seen),
@@ -344,14 +364,15 @@ def _part(seen: Sequence[tuple[BandEvidence, AssessedLine]], bearing: BearingOrd
     at_shaft, comb = _comb_of_a_shaft(main.line.found, main.depth, band, others.setting)
     standing = [one.measured for one in _family(band, line) if one is line or _stands_out(one)]
     hidden = comb or _mains(standing, others)
+    foreign = others.without(spacings)
     return replace(
         plain,
         strength=best,
         support=", ".join([*harmonics, *sidebands]),
         sidebands=len(sidebands),
-        hidden_by=hidden or _explanation(main.line.found, own_depth, others, both),
+        hidden_by=hidden or _explanation(main.line.found, own_depth, foreign, both),
         at_shaft=at_shaft,
-        sideband_of=_modulated(main.line.found, own_depth, others),
+        sideband_of=_modulated(main.line.found, own_depth, foreign),
         explained=float(power[mine].sum() / power.sum()) if power.size and power.sum() else 1.0,
         other_order=0.0 if strongest is None else float(others.orders[strongest]),
         other_depth=0.0 if strongest is None else float(others.depths[strongest]),
@@ -368,6 +389,30 @@ def _detectable_depth(band: BandEvidence, line: AssessedLine) -> float:
     measured = line.measured
     needed = max(JUDGED_SNR * measured.line.background, measured.line.amplitude_at(band.line_probability))
     return needed / measured.level if measured.level > 0 else math.inf
+
+
+def _possible_depth(
+    seen: Sequence[tuple[BandEvidence, AssessedLine]], whole: Sequence[tuple[BandEvidence, AssessedLine]]
+) -> float:
+    """Return the deepest modulation that may be unseen in the widest bands, which are `whole`, of all `seen`.
+
+    A line is small only where none in its place, in any band, is one that noise alone seldom makes.
+    """
+    unexplained = (one.measured.line for _, one in seen if _unsure(one) and not one.explained_by)
+    chance = min((line.false_alarm_probability for line in unexplained), default=1.0)
+    hint = record_probability(chance, searches=len(seen)) < HINT
+    return max(
+        _detectable_depth(*one) if hint else min(_detectable_depth(*one), _largest_depth(one[1])) for one in whole
+    )
+
+
+def _largest_depth(one: AssessedLine) -> float:
+    """Return the depth of a line that noise makes appear as small as one in fewer than one in 20 records.
+
+    A line is at least its part in phase with it, whose noise is normal.
+    """
+    line = one.measured
+    return (line.line.amplitude + _ONE_IN_20 * line.line.amplitude_std) / line.level if line.level > 0 else math.inf
 
 
 def _unsure(line: AssessedLine) -> bool:
@@ -453,13 +498,20 @@ def _own(orders: Numbers, fundamental: float, spacings: Sequence[float], width: 
     """Return which orders are harmonics of a fundamental, sidebands of them, or multiples of their spacing."""
     offsets = [0.0, *(side * s for s in spacings for side in range(-_SIDEBANDS, _SIDEBANDS + 1) if side)]
     own = np.zeros(orders.size, dtype=bool)
-    for spacing in spacings:  # what carries the defect modulates the envelope by itself, too
-        multiple = np.maximum(1, np.round(orders / spacing))
-        own |= (multiple <= _SIDEBANDS) & (np.abs(orders - multiple * spacing) <= width)
+    own |= _of_spacings(orders, spacings, width)
     for offset in offsets:
         multiple = np.maximum(1, np.round((orders - offset) / fundamental))
         own |= np.abs(orders - offset - multiple * fundamental) <= width * np.sqrt(multiple)
     return own
+
+
+def _of_spacings(orders: Numbers, spacings: Iterable[float], width: float) -> NDArray[np.bool_]:
+    """Return which orders are multiples of a spacing: what carries a defect modulates the envelope by itself, too."""
+    on = np.zeros(orders.size, dtype=bool)
+    for spacing in spacings:
+        multiple = np.maximum(1, np.round(orders / spacing))
+        on |= (multiple <= _SIDEBANDS) & (np.abs(orders - multiple * spacing) <= width)
+    return on
 
 
 def _comb_of_a_shaft(order: float, depth: float, band: BandEvidence, setting: Setting) -> tuple[str, str]:
