@@ -9,10 +9,11 @@ import numpy as np
 from fleet_analyses import Array
 
 from hums import AnalysisSettings, analyze, load_gearbox
-from hums.fleet.monitor import MachineState, MonitorSettings, update
+from hums.fleet.monitor import MachineState, update
 from hums.fleet.observation import Observation, observation
 from hums.fleet.results import results
 from hums.fleet.series import Series
+from hums.fleet.settings import MonitorSettings
 from hums.readers import convert
 from signals.monitoring.alarm_life import Life
 
