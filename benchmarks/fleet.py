@@ -117,7 +117,7 @@ def false_alarms(given: argparse.Namespace, found: Analyses, resampled: Resample
                     f"{expected:.0f}",
                     f"{low:.0f} to {high:.0f}",
                 )
-                within = "yes" if low <= expected <= high else "fewer" if high < expected else "no"
+                within = "yes" if low <= expected <= high else "no, fewer" if high < expected else "no"
                 text.append(f"| {' | '.join(map(str, cells))} | {within} |")
                 sys.stdout.write(f"{text[-1]}\n")
                 sys.stdout.flush()
@@ -132,8 +132,8 @@ def false_alarms(given: argparse.Namespace, found: Analyses, resampled: Resample
         f"\nThe interval is over machines of the same {len(resampled.healthy)} analyses. Those are a sample, too: of "
         f"{DRAWS} fleets made of as many of them drawn again (bootstrap; nothing measured, a baseline of "
         f"{BASELINES[0]}, one in {RATES[0]:,.0f}), the number of alarms over the stated one has a standard deviation "
-        f"of {np.std(drawn, ddof=1):.2f}. `fewer`: limits allow for drifts that the regression on what is measured has "
-        "taken out. Nearly all alarms follow from slow states that nothing measures: without them (nothing measured, a "
+        f"of {np.std(drawn, ddof=1):.2f}. Nearly all "
+        "alarms follow from slow states that nothing measures: without them (nothing measured, a "
         f"baseline of {BASELINES[0]}) {machines} machines raise {count} of {machines * WATCHED / RATES[0]:.0f}."
     )
     return "\n".join(text)
@@ -216,6 +216,15 @@ def diagnosed_size(found: Analyses, name: str) -> float:
     return math.inf
 
 
+def usually_diagnosed_size(found: Analyses, name: str, *, among: int = 9) -> float:
+    """Return the least size at which half of the records of about that size, nine, are diagnosed alone."""
+    those = np.flatnonzero(found.kinds == name)
+    those = those[np.argsort(found.severity_mm[those])]
+    share = np.convolve(found.diagnosed[those], np.full(among, 1 / among), mode="valid")
+    usual = np.flatnonzero(share >= 0.5)  # noqa: PLR2004
+    return float(found.severity_mm[those[usual[0] + among // 2]]) if usual.size else math.inf
+
+
 def refused_share(found: Analyses, *, machines: int) -> float:
     """Return the share of records outside the speeds of baselines of 30, with speeds drawn from the analyses."""
     rng = np.random.default_rng(20)
@@ -247,8 +256,8 @@ def growing_faults(given: argparse.Namespace, found: Analyses, resampled: Resamp
     )
     text = [
         words,
-        "| fault | sizes, mm | fused, with verdicts | RMS | kurtosis | diagnosed from one record from | before that |",
-        "|---|---|---|---|---|---|---|",
+        "| fault | sizes, mm | fused, with verdicts | RMS | kurtosis | one diagnosed from | before that | half from |",
+        "|---|---|---|---|---|---|---|---|",
     ]
     for name, course in fault_courses(found, found.values[found.kinds == "healthy"]).items():
         seen = [
@@ -258,13 +267,19 @@ def growing_faults(given: argparse.Namespace, found: Analyses, resampled: Resamp
         alone, size = diagnosed_size(found, name), float(np.median(seen[0].sizes_mm))
         before = "yes" if size < alone else "neither" if math.isinf(size) and math.isinf(alone) else "no"
         cells = [f"{course[0][0]:.2g} to {course[0][-1]:.2g}", *map(str, seen)]
-        cells += ["none" if math.isinf(alone) else f"{alone:.2g} mm", before]
+        usual = usually_diagnosed_size(found, name)
+        cells += [_mm(alone), before, _mm(usual)]
         text.append(f"| {name} | {' | '.join(cells)} |")
     text.append(
-        "\n`none`: half of the machines raise no alarm, or half of the records are not diagnosed, to the end. Records "
-        "are diagnosed from the first size on at which one was, and half of the larger ones were."
+        "\n`none`: half of the machines raise no alarm, or half of the records are not diagnosed, to the end. One "
+        "record is diagnosed from the first size on at which one was, and half of the larger ones were: the "
+        "least of many. Half: from the size at which half of nine of about that size are."
     )
     return "\n".join(text)
+
+
+def _mm(size: float) -> str:
+    return "none" if math.isinf(size) else f"{size:.2g} mm"
 
 
 # ---- forecasts -------------------------------------------------------------------------------------------------------
@@ -350,12 +365,12 @@ def pronostia(given: argparse.Namespace) -> str:
 def wind_turbine(given: argparse.Namespace) -> str:
     """Return the health of a wind turbine's gearbox in its last two records."""
     text = [
-        "Four records, a baseline of the first two.\n",
+        "Four records, a baseline of the first two, the second of which is diagnosed already.\n",
         "| recorded | largest health index | its score | component | alarm |",
     ]
     text += ["|---|---|---|---|---|"]
-    for when, index, score, component, raised in turbine(Path(given.data) / "wt_hss_bearing"):
-        text.append(f"| {when[:10]} | {index:.2f} | {score:.1f} | {component} | {'yes' if raised else 'no'} |")
+    for when, index, score, component, alarm in turbine(Path(given.data) / "wt_hss_bearing"):
+        text.append(f"| {when[:10]} | {index:.2f} | {score:.1f} | {component} | {alarm or 'no'} |")
     return "\n".join(text)
 
 
