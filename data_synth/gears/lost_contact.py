@@ -408,4 +408,6 @@ class PairError:
         entries = self.period * np.arange(math.floor(phase[0] / self.period), math.floor(phase[-1] / self.period) + 2)
         starts, stops = np.searchsorted(phase, entries - 0.5), np.searchsorted(phase, entries + last + 0.5)
         counts = stops - starts
-        return np.arange(int(np.sum(counts))) - np.repeat(np.cumsum(counts) - counts - starts, counts)
+        numbers: NDArray[np.intp] = np.arange(int(np.sum(counts)))
+        numbers -= np.repeat(np.cumsum(counts) - counts - starts, counts)
+        return numbers
