@@ -241,8 +241,15 @@ def _beside(
 
 
 def _of_a_stronger_part(part: PartEvidence, parts: Iterable[PartEvidence]) -> str:
-    """Return of which deeper line of another bearing a part's is a harmonic, or an empty string."""
+    """Return which stronger part makes a part's line, in whatever bands the two stand, or an empty string.
+
+    A line may be a harmonic of a deeper one of another bearing. A cage takes a damaged element of its bearing through
+    the load zone.
+    """
     for other in parts:
+        element = (other.component, other.kind) == (part.component, "rolling_element") and not other.hidden_by
+        if part.kind == "cage" and element and other.strength > part.strength > 0:
+            return f"it is the cage's rate, at which it takes {other.component} rolling element through the load zone"
         multiple = round(part.found / other.found) if part.strength > 0 and other.strength > part.strength else 0
         if (
             other.component != part.component

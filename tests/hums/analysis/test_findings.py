@@ -646,6 +646,27 @@ def test_a_damaged_element_explains_the_cage_of_an_equal_bearing():
     assert [(one.kind, one.verdict) for one in found] == [("rolling_element", "indicated")]
 
 
+@pytest.mark.parametrize(("element", "verdict"), [(30.0, "not judged"), (5.0, "indicated")])
+def test_an_element_explains_its_cage_in_another_band(element, verdict):
+    strikes = [of_order(4.75, 4.75, "rolling_element", snr=element), line("rolling_element", 4.35, 8.0, sideband=-1)]
+    strikes[1] = replace(strikes[1], expected=replace(strikes[1].expected, fundamental=False))
+    cage = [of_order(0.4, 0.4, "cage", snr=14.0), of_order(0.8, 0.8, "cage", snr=9.0, harmonic=2)]
+    bands = [
+        BandEvidence(
+            band_hz=(place, place + 1e3),
+            lines=ASSESSOR.assess(lines),
+            orders=np.array(orders),
+            depths=np.array([0.5] * len(orders)),
+            backgrounds=np.array([0.01] * len(orders)),
+            bin_width=BIN,
+        )
+        for place, lines, orders in ((1e3, strikes, [4.35, 4.75]), (2e3, cage, [0.4, 0.8]))
+    ]
+    parts = bearing_evidence(bands, {"b": BEARING}, SETTING)
+    found = {one.kind: one for one in bearing_verdicts(parts, false_alarm_probability=0.01, library=LIBRARY)}
+    assert found["cage"].verdict == verdict
+
+
 def test_a_multiple_of_another_bearings_line_is_not_named():
     # 10.81 is three times 3.603 of b, whose line is deeper, and within slip of c's element at 10.9
     strong = [of_order(3.6, 3.603, snr=40.0), of_order(7.2, 7.206, snr=20.0, harmonic=2)]
