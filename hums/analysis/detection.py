@@ -166,7 +166,8 @@ class LineAssessor:
             if 0 < multiple <= highest and _near(weaker, multiple * cage) and not rival:
                 return f"{multiple} {OF_CAGE} {name}"
         element = stronger.expected.kind == "rolling_element"
-        same = weaker.expected.component == stronger.expected.component
+        # bearings of the same orders make the same lines: what one of them explains, it explains of all
+        same = replace(bearing, name="") == replace(self.bearings.get(weaker.expected.component, bearing), name="")
         if same and weaker.expected.kind == "cage":
             why = "it takes" if element else "elements that are not alike modulate"
             return f"the cage's rate, at which {why} {name}" + (" through the load zone" if element else "")

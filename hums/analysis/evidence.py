@@ -135,7 +135,8 @@ class PartEvidence:
         The least modulation that would be significant and `JUDGED_SNR` times the background in each of the widest
         bands, since damage may ring in any part of the range.
     unsure_depth : float
-        The deepest line in any band at its order that nothing explains and that noise makes too often.
+        The deepest line in any band at its order that does not count for it, since something else explains it (then
+        `hidden_by` says what, where the part has no strength) or noise makes it too often.
     explained : float
         Share that it has of the power of all lines of the band that neither shafts nor meshes make.
     other_order, other_depth, other_strength : float
@@ -303,6 +304,7 @@ def _part(seen: Sequence[tuple[BandEvidence, AssessedLine]], bearing: BearingOrd
     band, line = seen[number]
     main = line.measured
     widest = max(_width(one) for one, _ in seen)
+    unsure = max((one for _, one in seen if _unsure(one)), key=lambda one: one.measured.depth, default=None)
     plain = PartEvidence(
         component=main.expected.component,
         kind=main.expected.kind,
@@ -317,7 +319,8 @@ def _part(seen: Sequence[tuple[BandEvidence, AssessedLine]], bearing: BearingOrd
         band_low_hz=band.band_hz[0],
         band_high_hz=band.band_hz[1],
         detectable_depth=max(_detectable_depth(*one) for one in seen if _width(one[0]) > _ALIKE * widest),
-        unsure_depth=max((one.measured.depth for _, one in seen if _unsure(one)), default=0.0),
+        unsure_depth=0.0 if unsure is None else unsure.measured.depth,
+        hidden_by="" if unsure is None else unsure.explained_by,
         modulation=max(_family_strength([one.measured for one in _family(band, line)]) for band, line in seen),
     )
     if best == 0:
@@ -332,7 +335,8 @@ def _part(seen: Sequence[tuple[BandEvidence, AssessedLine]], bearing: BearingOrd
     own_depth = max(main.depth, others.deepest(main.line.found))
     both = 2 if main.expected.kind == "rolling_element" else 0  # its two races may be struck unequally
     at_shaft, comb = _comb_of_a_shaft(main.line.found, main.depth, band, others.setting)
-    hidden = comb or _mains(main.line.found, others)
+    standing = [one.measured for one in _family(band, line) if one is line or _stands_out(one)]
+    hidden = comb or _mains(standing, others)
     return replace(
         plain,
         strength=best,
@@ -360,8 +364,8 @@ def _detectable_depth(band: BandEvidence, line: AssessedLine) -> float:
 
 
 def _unsure(line: AssessedLine) -> bool:
-    """Whether a line is one that only its noise keeps from counting."""
-    return not (line.significant or line.explained_by or line.measured.line.at_edge)
+    """Whether a line is one that its noise or what explains it keeps from counting."""
+    return not (line.significant or line.measured.line.at_edge)
 
 
 def _strength_in(band: BandEvidence, line: AssessedLine, spacings: Sequence[float]) -> float:
@@ -498,12 +502,19 @@ def mains_multiples(orders: Numbers, setting: Setting, reach_hz: float) -> list[
     return found
 
 
-def _mains(order: float, others: _Others) -> str:
-    """Return of which mains a line is a harmonic, or an empty string."""
+def _mains(family: Sequence[MeasuredLine], others: _Others) -> str:
+    """Return of which mains a line is a harmonic, or an empty string; its own harmonics, which follow, then are, too.
+
+    In a short record a line is near the mains by chance; its harmonics are as many times as far from theirs.
+    """
     setting = others.setting
-    for mains, (multiple,) in mains_multiples(np.array([order]), setting, 0.5 * others.width * setting.speed_hz):
-        if multiple and mains > _CHANCE_WIDTHS * others.width * setting.speed_hz:
-            return f"{order * setting.speed_hz:.2f} Hz is {multiple:.0f} times mains of {mains:g} Hz"
+    found = np.array([line.line.found for line in family])
+    for mains, multiples in mains_multiples(found, setting, 0.5 * others.width * setting.speed_hz):
+        own = multiples[0] * np.array([line.expected.harmonic for line in family])
+        off_hz = np.abs(found * setting.speed_hz - own * mains)
+        near = off_hz <= MAINS_ACCURACY * own * mains + 0.5 * others.width * setting.speed_hz
+        if multiples[0] and near.all() and mains > _CHANCE_WIDTHS * others.width * setting.speed_hz:
+            return f"{found[0] * setting.speed_hz:.2f} Hz is {multiples[0]:.0f} times mains of {mains:g} Hz"
     return ""
 
 
@@ -511,15 +522,17 @@ def _explanation(order: float, depth: float, others: _Others, own_multiple: int)
     """Return which other line explains a line, or an empty string.
 
     Of a line at half its depth or more it may be a harmonic, but for `own_multiple`; of a deeper one a sideband; of a
-    much deeper one a part.
+    much deeper one a part. Of lines that a shaft spaces alike one is no sideband of another with which it is the deeper
+    together with their harmonics.
     """
+    whole = _together(order, depth, others)
     for other, size in _about_as_deep(order, depth, others):
         name = f"the line at {other:.3f}, which modulates by {size:.1%} and which it does not explain"
         for multiple in range(1, _MULTIPLES + 1):
             if multiple not in {1, own_multiple} and abs(order - multiple * other) <= others.width:
                 return f"it is {multiple} times {name}"
             sideband = _sideband(order, multiple * other, others) if size >= depth else None
-            if sideband is not None:
+            if sideband is not None and (multiple > 1 or _together(other, size, others) >= whole):
                 side, spacing = sideband
                 of = f"{multiple} times " if multiple > 1 else ""
                 return f"it is a sideband {side:+.0f} x {spacing:.3g} of {of}{name}"
@@ -530,16 +543,25 @@ def _explanation(order: float, depth: float, others: _Others, own_multiple: int)
 
 
 def _modulated(order: float, depth: float, others: _Others) -> str:
-    """Return which line may be the modulated one whose sideband a part's deeper one is, or an empty string.
+    """Return which line may be the modulated one whose sideband a part's is, or an empty string.
 
     Of lines that a shaft spaces alike, the multiples of the modulated one stand out: it is the one that is deepest
-    together with its second harmonic.
+    together with its second harmonic. A line that is deeper alone leaves a doubt.
     """
-    whole = depth + others.deepest(2 * order)
+    whole = _together(order, depth, others)
     for other, size in _about_as_deep(order, depth, others):
-        if _sideband(order, other, others) is not None and size + others.deepest(2 * other) > whole:
+        if _sideband(order, other, others) is None:
+            continue
+        if _together(other, size, others) > whole:
             return f"the line at {other:.3f}, of which it would be a sideband, is deeper together with its harmonic"
+        if size >= depth:
+            return f"the line at {other:.3f}, of which it would be a sideband, is as deep"
     return ""
+
+
+def _together(order: float, depth: float, others: _Others) -> float:
+    """Return the depth of a line with that of its second harmonic."""
+    return depth + others.deepest(2 * order)
 
 
 def _about_as_deep(order: float, depth: float, others: _Others) -> Iterable[tuple[float, float]]:

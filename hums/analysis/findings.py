@@ -197,7 +197,7 @@ def _with_twins(results: Sequence[Finding], orders: Mapping[tuple[str, str], flo
 
 def _also(one: Finding, twins: Sequence[str]) -> Finding:
     """Return a finding that may be of bearings with the same orders as well."""
-    doubt = f"it may be {' or '.join(twins)}, which has the same orders"
+    doubt = f"it may be {' or '.join(twins)}, which {'has' if len(twins) == 1 else 'have'} the same orders"
     joint = "; " if one.doubts else "; not certain: "
     return replace(
         one,
@@ -462,12 +462,14 @@ def _unnamed(part: PartEvidence, probability: float, needed: float) -> Finding:
             else "judged in a band that has power",
         )
     if part.unsure_depth > FAULTY_DEPTH and not part.strength:
-        return _not_judged(
-            part,
-            f"too short or too noisy: a line in its place modulates a band by {part.unsure_depth:.0%}, which noise may "
-            "be, and damage, too",
-            least_change=f"nothing found, if that line were below {FAULTY_DEPTH:.0%}",
-        )
+        why = f"too short or too noisy: a line in its place modulates a band by {part.unsure_depth:.0%}, which noise "
+        why += "may be, and damage, too"
+        if part.hidden_by:
+            why = (
+                f"{_hidden(part.hidden_by)}; beside it, {part.unsure_depth:.0%} of a band's level, damage may go unseen"
+            )
+        least_change = f"nothing found, if that line were below {FAULTY_DEPTH:.0%}"
+        return _not_judged(part, why, least_change=least_change)
     seen = (
         f"{_line_text(part)}: healthy machines show as much in one of {1 / probability:.0f} records"
         if part.strength > 0

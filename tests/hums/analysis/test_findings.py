@@ -231,6 +231,15 @@ def test_what_a_deeper_line_explains_is_hidden_by_it():
     assert "2 times the line at 2.700" in harmonic.evidence
 
 
+@pytest.mark.parametrize(("double", "verdict"), [(0.2, "indicated"), (0.5, "not judged")])
+def test_a_sideband_as_deep_as_its_race_does_not_hide_it(double, verdict):
+    # a load zone of half a turn makes the sideband at 4.4 nearly as deep as the race at 5.4; their doubles tell
+    inner = [line("inner_race", 5.4, 10.0), line("inner_race", 10.8, 7.0, harmonic=2, fundamental=False)]
+    (found,) = judged(ASSESSOR.assess(inner), others=[(4.4, 0.51), (8.8, double)])
+    assert found.verdict == verdict
+    assert "4.400" in found.doubts
+
+
 def test_a_comb_of_a_slow_shaft_is_no_race():
     # 5.4 is 36 times 0.15: a tooth that strikes once a turn of that shaft makes every multiple, a race few
     band = BandEvidence(
@@ -336,6 +345,34 @@ def test_a_line_of_the_mains_is_no_race():
     assert part.hidden_by == "100.00 Hz is 2 times mains of 50 Hz"
     (part,) = bearing_evidence([band], {"b": BEARING}, replace(setting, speed_range_hz=1.0))
     assert not part.hidden_by
+
+
+@pytest.mark.parametrize(("third", "hidden"), [(10.8, True), (10.77, False)])
+def test_a_race_near_the_mains_is_told_by_its_harmonics(third, hidden):
+    # 3.6 and 3.59 orders are both within the record's resolution of 100 Hz; three times the second is not 300 Hz
+    setting = replace(SETTING, speed_hz=100 / 3.6, speed_range_hz=0.0)
+    race = [of_order(3.6, third / 3), of_order(10.8, third, harmonic=3)]
+    band = BandEvidence(
+        band_hz=(1e3, 2e3),
+        lines=ASSESSOR.assess(race),
+        orders=np.array([third / 3, third]),
+        depths=np.array([1.0, 1.0]),
+        backgrounds=np.array([0.01, 0.01]),
+        bin_width=BIN,
+    )
+    (part,) = bearing_evidence([band], {"b": BEARING}, setting)
+    assert part.hidden_by.endswith("is 2 times mains of 50 Hz") == hidden
+
+
+@pytest.mark.parametrize(("level", "verdict"), [(150.0, "not judged"), (400.0, "nothing found")])
+def test_a_part_beside_whose_line_damage_would_not_be_seen_is_not_called_sound(level, verdict):
+    # a tooth's strikes explain the line at the race's place, 30 over a level of 150: the race may strike, too
+    tooth = [
+        line("tooth", 3.6 * k, 40.0, component="m/p", harmonic=k, fundamental=False, level=level) for k in (1, 2, 3)
+    ]
+    (found,) = judged(ASSESSOR.assess([line("outer_race", 3.6, 30.0, level=level), *tooth]))
+    assert found.verdict == verdict
+    assert "harmonic 1 of m/p tooth" in found.doubts
 
 
 def test_a_record_that_would_not_show_a_defect_is_not_judged():
@@ -591,6 +628,22 @@ def test_equal_bearings_are_named_together(lines):
     (other,) = {"b", "c"} - {found.component}
     assert f"it may be {other}, which has the same orders" in found.doubts
     assert found.next_step == f"Inspect {found.component} and {other}."
+
+
+def test_a_damaged_element_explains_the_cage_of_an_equal_bearing():
+    # nothing tells which of two equal bearings has the damaged element, and neither cage is damaged
+    made = [
+        one
+        for name in ("b", "c")
+        for one in (
+            of_order(4.75, 4.75, "rolling_element", component=name),
+            of_order(9.5, 9.5, "rolling_element", component=name, snr=9.0, harmonic=2),
+            of_order(0.4, 0.4, "cage", component=name, snr=9.0),
+        )
+    ]
+    twins = LineAssessor({"b": BEARING, "c": replace(BEARING, name="c")}, 0.01)
+    found = findings(twins.assess(made))
+    assert [(one.kind, one.verdict) for one in found] == [("rolling_element", "indicated")]
 
 
 def test_a_multiple_of_another_bearings_line_is_not_named():
