@@ -1,0 +1,140 @@
+"""Doubt about a speed whose lines keep one frequency: a tone and its harmonics are no shaft.
+
+Lines that move together in the ratios of the drawing are of nothing else. Lines that stay may be the mains, electronics
+or another machine: one tone with harmonics explains any two or three of them that are whole multiples of one frequency,
+at any speed that puts two listed orders there. What speaks for a steady speed is therefore what a tone does not have:
+lines of several families of harmonics, the sidebands at the shaft's turning among them, whose frequencies over the
+whole record are in the ratios of their orders.
+"""
+
+from __future__ import annotations
+
+from typing import TYPE_CHECKING
+
+import numpy as np
+
+from signals.shaft._angle_confirmation import in_angle
+from signals.shaft._line_likelihood import short_time_evidence
+from signals.shaft._speed_search import (
+    AS_MUCH,
+    MAINS_HARMONICS,
+    MAINS_HZ,
+    SAME_LINE,
+    SHOWS,
+    Search,
+    is_low,
+    leakage_bins,
+    search_speeds,
+)
+
+if TYPE_CHECKING:
+    from numpy.typing import NDArray
+
+    from signals._validation import Array
+    from signals.shaft.phase import ShaftPhase
+
+_FRAME = 0.4  # of the record: four frames
+_MOVING = 0.03  # range of the speed, relative, from which on the lines cross bins of the search itself
+_BEYOND_NOISE = 16.0  # mean square of the changes of a speed over their variance: four standard deviations
+_STILL_HZ_S = 1e-6
+_HARMONICS = 7  # of one tone, as of the mains
+_SIDES = (-2, -1, 1, 2)
+_FEWEST_FAMILIES = 3  # two unrelated tones fall on two of a dozen orders of some speed in one record of twenty
+_PEAK_BINS, _AROUND_BINS = 3, 40  # of the whole record
+
+
+def one_tone(signal: Array, rate: float, phase: ShaftPhase, std: Array, orders: Array) -> bool:
+    """Return whether a sure speed rests on lines that keep one frequency and may be one tone with its harmonics.
+
+    `std` is the standard deviation of the speed at even times of the phase. A drawing all of whose lines show is taken
+    for its shaft, unless they are at harmonics of the mains.
+    """
+    times = np.linspace(phase.start_s, phase.stop_s, std.size)
+    speed = phase.speed_hz(times)
+    if np.ptp(speed) > _MOVING * speed.mean():
+        return False
+    frame_s = _FRAME * float(phase.stop_s - phase.start_s)
+    listed = orders[orders * speed.max() < rate / 2]
+    searched = np.unique(np.concatenate([listed, *(listed[~is_low(listed)] + side for side in _SIDES)]))
+    searched = searched[(searched > 0) & (searched * speed.max() < rate / 2)]
+    part = signal[max(int(phase.start_s * rate), 0) : int(phase.stop_s * rate) + 1]
+    margin = SAME_LINE / (frame_s * float(listed[-1]))
+    search = search_speeds(part, rate, searched, speed.min() - margin, speed.max() + margin, _STILL_HZ_S, frame_s)
+    constant = float(search.speeds[np.argmax(search.votes.sum(axis=0))])
+    every = np.ones(search.votes.shape[0], dtype=np.bool_)
+    scores = search.score(np.full(every.size, constant), every)
+    weights = 1 / np.maximum(std, 1e-12) ** 2
+    mean = float(np.average(speed, weights=weights))
+    if np.mean((speed - mean) ** 2 * weights) > _BEYOND_NOISE:
+        along = _scores_along(signal, rate, phase, searched, _FRAME)
+        if AS_MUCH * along.sum() > scores.sum():
+            return False
+    shown = _lines(search, constant, scores)
+    if np.array_equal(searched[shown & np.isin(searched, listed)], orders):
+        return False
+    return _families(_in_tune(part, rate, searched[shown], constant), constant * frame_s) < _FEWEST_FAMILIES
+
+
+def _in_tune(signal: Array, rate: float, orders: Array, speed_hz: float) -> Array:
+    """Return the orders whose peaks over the whole record are in their ratio, as those of unrelated lines are not.
+
+    The speed is that of most information; the order farthest from it is left out until all are within the error of
+    their peaks: three standard deviations by the Cramer-Rao bound of a Hann-windowed tone, about 0.55 bins over the
+    root of its power over the noise (twice the bound of a rectangular window), and a tenth of a bin for the parabola.
+    """
+    window = 0.5 - 0.5 * np.cos(2 * np.pi * (np.arange(signal.size) + 0.5) / signal.size)
+    power = np.abs(np.fft.rfft((signal - signal.mean()) * window)) ** 2
+    at, error = np.zeros(orders.size), np.zeros(orders.size)
+    for k, order in enumerate(orders):
+        middle = round(order * speed_hz * signal.size / rate)
+        low = max(middle - _PEAK_BINS, 1)
+        peak = low + int(np.argmax(power[low : middle + _PEAK_BINS + 1]))
+        around = power[max(peak - _AROUND_BINS, 0) : peak + _AROUND_BINS + 1]
+        left, top, right = np.log(power[peak - 1 : peak + 2] + np.finfo(float).tiny)
+        at[k] = peak + 0.5 * (left - right) / (left - 2 * top + right)
+        error[k] = 0.1 + 3 * 0.55 * np.sqrt(float(np.median(around)) / power[peak])
+    kept = np.ones(orders.size, dtype=np.bool_)
+    while kept.any():
+        weights = (1 / error**2)[kept]
+        per_order = float((weights * orders[kept] * at[kept]).sum() / (weights * orders[kept] ** 2).sum())
+        off = np.where(kept, np.abs(at - orders * per_order) / error, 0.0)
+        if off.max() <= 1:
+            break
+        kept[np.argmax(off)] = False
+    return orders[kept]
+
+
+def _scores_along(signal: Array, rate: float, phase: ShaftPhase, orders: Array, frame: float) -> Array:
+    """Return the scores of orders along a phase, in frames of a part of its turns."""
+    values, per_rev = in_angle(signal, rate, phase, float(orders[-1]))
+    evidence = short_time_evidence(values, rate_hz=per_rev, frame_s=frame * float(np.ptp(phase.revolutions)))
+    every = np.ones(evidence.times_s.size, dtype=np.bool_)
+    ones = np.ones(orders.size)
+    search = Search(
+        evidence=evidence, orders=orders, weights=ones, speeds=np.ones(2), votes=ones, kernel=ones, frame_s=frame
+    )
+    return search.score(np.ones(every.size), every)
+
+
+def _lines(search: Search, speed_hz: float, scores: Array) -> NDArray[np.bool_]:
+    """Return which orders show a line of their own: neither leakage of a stronger one nor a harmonic of the mains."""
+    bins = search.orders * speed_hz * search.frame_s
+    reach = leakage_bins(search, speed_hz)
+    apart = np.abs(bins[:, None] - bins)
+    levels = search.line_level(speed_hz)
+    stronger = (levels[None, :] > levels[:, None]) & (apart <= reach[None, :])
+    mains = np.array([number * mains for mains in MAINS_HZ for number in range(1, MAINS_HARMONICS + 1)])
+    hum = np.abs(bins[:, None] - mains * search.frame_s).min(axis=1) <= SAME_LINE
+    return np.asarray((scores > SHOWS) & ~stronger.any(axis=1) & ~hum)
+
+
+def _families(orders: Array, bins_per_order: float) -> int:
+    """Return how many families explain all lines; one is of whole multiples, up to seven, of one frequency."""
+    left, count = orders, 0
+    while left.size:
+        fundamentals = np.unique(left[:, None] / np.arange(1, _HARMONICS + 1))
+        multiple = np.clip(np.rint(left / fundamentals[:, None]), 1, _HARMONICS)
+        member = np.abs(left - multiple * fundamentals[:, None]) * bins_per_order <= SAME_LINE
+        left = left[~member[np.argmax(member.sum(axis=1))]]
+        count += 1
+    return count
