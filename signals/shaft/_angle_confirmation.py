@@ -33,7 +33,7 @@ if TYPE_CHECKING:
 _FRAMES = 12  # of the longest length in the record: enough to see a line come and go
 _MOST_REV = 32.0  # of the longest frame: beyond, no line of a speed that is known to a few bins gets narrower
 _DOUBLINGS = 3  # of the frame length on the way there
-_FEWEST_SAMPLES, _FEWEST_FRAMES = 64, 3  # of a frame; below, a candidate shows in too small a part to be followed
+_FEWEST_SAMPLES, _FEWEST_FRAMES = 64, 4  # of a frame; below, a candidate shows in too small a part to be followed
 _SAMPLES = 2.5  # per turn of the highest order
 _MARGIN_ORDERS = 2.0
 _KNOTS_REV = 4.0  # per revolution

@@ -39,6 +39,7 @@ _BEYOND_NOISE = 16.0  # mean square of the changes of a speed over their varianc
 _STILL_HZ_S = 1e-6
 _HARMONICS = 7  # of one tone, as of the mains
 _SIDES = (-2, -1, 1, 2)
+_MOST_HUM = 0.5  # of the orders, where all show
 _FEWEST_FAMILIES = 3  # two unrelated tones fall on two of a dozen orders of some speed in one record of twenty
 _PEAK_BINS, _AROUND_BINS = 3, 40  # of the whole record
 
@@ -69,9 +70,12 @@ def one_tone(signal: Array, rate: float, phase: ShaftPhase, std: Array, orders: 
         along = _scores_along(signal, rate, phase, searched, _FRAME)
         if AS_MUCH * along.sum() > scores.sum():
             return False
-    shown = _lines(search, constant, scores)
-    if np.array_equal(searched[shown & np.isin(searched, listed)], orders):
+    hum = _hum(searched * constant, frame_s)
+    shown = _own_lines(search, constant, scores)
+    seen = np.isin(orders, searched[shown])
+    if seen.all() and np.mean(_hum(orders * constant, frame_s)) < _MOST_HUM:
         return False
+    shown &= ~hum
     return _families(_in_tune(part, rate, searched[shown], constant), constant * frame_s) < _FEWEST_FAMILIES
 
 
@@ -116,16 +120,19 @@ def _scores_along(signal: Array, rate: float, phase: ShaftPhase, orders: Array, 
     return search.score(np.ones(every.size), every)
 
 
-def _lines(search: Search, speed_hz: float, scores: Array) -> NDArray[np.bool_]:
-    """Return which orders show a line of their own: neither leakage of a stronger one nor a harmonic of the mains."""
+def _own_lines(search: Search, speed_hz: float, scores: Array) -> NDArray[np.bool_]:
+    """Return which orders show a line of their own, not the leakage of a stronger one."""
     bins = search.orders * speed_hz * search.frame_s
-    reach = leakage_bins(search, speed_hz)
     apart = np.abs(bins[:, None] - bins)
     levels = search.line_level(speed_hz)
-    stronger = (levels[None, :] > levels[:, None]) & (apart <= reach[None, :])
+    stronger = (levels > levels[:, None]) & (apart <= leakage_bins(search, speed_hz))
+    return np.asarray((scores > SHOWS) & ~stronger.any(axis=1))
+
+
+def _hum(frequencies_hz: Array, frame_s: float) -> NDArray[np.bool_]:
+    """Return which frequencies are harmonics of the mains within the resolution of a frame."""
     mains = np.array([number * mains for mains in MAINS_HZ for number in range(1, MAINS_HARMONICS + 1)])
-    hum = np.abs(bins[:, None] - mains * search.frame_s).min(axis=1) <= SAME_LINE
-    return np.asarray((scores > SHOWS) & ~stronger.any(axis=1) & ~hum)
+    return np.asarray(np.abs(frequencies_hz[:, None] - mains).min(axis=1) * frame_s <= SAME_LINE)
 
 
 def _families(orders: Array, bins_per_order: float) -> int:

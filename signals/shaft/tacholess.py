@@ -259,24 +259,25 @@ def _moves(found: SpeedEstimate, search: Search) -> bool:
     return float(left.sum()) > _KEPT * float(found.shown.sum())
 
 
-def _distinct(tried: Sequence[SpeedEstimate]) -> list[tuple[Array, Array]]:
-    """Return the times and speeds of all paths that were found, each once."""
-    paths: list[tuple[Array, Array]] = []
+def _distinct(tried: Sequence[SpeedEstimate]) -> list[tuple[Array, Array, float]]:
+    """Return all paths that were found, each once: times, speeds, and half the length of its frames in s."""
+    paths: list[tuple[Array, Array, float]] = []
     for one in tried:
         for speed in (one.speed_hz, *(other.speed_hz for other in one.alternatives)):
             known = np.isfinite(speed)
             if np.count_nonzero(known) < _SHORTEST_RUN:
                 continue
-            path = one.times_s[known], speed[known]
+            path = one.times_s[known], speed[known], float(one.times_s[0])
             if not any(_same_path(path, other) for other in paths):
                 paths.append(path)
     return paths
 
 
-def _same_path(one: tuple[Array, Array], other: tuple[Array, Array]) -> bool:
-    """Return whether a path, times and speeds, is another one in nearly all of its frames."""
-    times, speed = one
-    return bool(np.mean(np.abs(speed / np.interp(times, *other, np.nan, np.nan) - 1) < SAME_SPEED) > _SAME_PATH)
+def _same_path(one: tuple[Array, Array, float], other: tuple[Array, Array, float]) -> bool:
+    """Return whether a path is another one in nearly all of its frames."""
+    times, speed, _ = one
+    near = np.abs(speed / np.interp(times, other[0], other[1], np.nan, np.nan) - 1) < SAME_SPEED
+    return bool(np.mean(near) > _SAME_PATH)
 
 
 def _one_tone(signal: Array, rate: float, found: SpeedEstimate, phase: ShaftPhase) -> bool:
@@ -296,12 +297,12 @@ def _decided(
     signal: Array,
     rate: float,
     found: SpeedEstimate,
-    paths: Sequence[tuple[Array, Array]],
+    paths: Sequence[tuple[Array, Array, float]],
     range_hz: tuple[float, float],
 ) -> SpeedEstimate:
     """Return an ambiguous estimate as what the angle domain decides for, where it does."""
     stop_s = (signal.size - 1) / rate
-    rough = [_integrated(*path, half_frame=float(found.times_s[0]), stop_s=stop_s) for path in paths]
+    rough = [_integrated(times, speed, half_frame=half, stop_s=stop_s) for times, speed, half in paths]
     decision = decide(signal, rate, rough, found.orders, range_hz=range_hz)
     phase = None if decision is None else decision.refined.phase
     if decision is None or phase is None:
