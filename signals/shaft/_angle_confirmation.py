@@ -42,7 +42,6 @@ _SCANNED = 6  # best constant ratios of a candidate that are scored
 _RIVAL = 0.5  # of the joint evidence, which no other speed may reach
 _SAME_SHARE = 0.5  # of the time in which two candidates are within 1 %: they are of one speed
 _LEAVING = 0.2  # share in which a candidate must agree to be compared where it does not
-_PARTS = 3
 _MOST_DEMODULATED = 8
 _WINDOWS_REV = (6.0, 24.0, 2.0)  # of the refinement
 _SURE = 1.5e-3  # largest median std of the refined speed, relative: three of them are within half a per cent
@@ -225,14 +224,15 @@ def _agreeing(one: Followed, other: Followed) -> float:
 
 
 def _throughout(followed: Followed) -> bool:
-    """Return whether joint evidence shows in each third of the candidate: a path may stray where its lines are weak."""
+    """Return whether joint evidence shows all the time: where it does not, a path may follow anything.
+
+    Frames overlap by half, so that each two hold what one and a half hold.
+    """
     orders = followed.search.orders
-    counted = ~_of_shafts(orders) & (followed.scores[: orders.size] > SHOWS)
-    for part in np.array_split(followed.levels[:, counted], _PARTS):
-        evidence = np.maximum(part.sum(axis=0), 0.0)
-        if evidence.sum() - evidence.max(initial=0.0) < SHOWS:
-            return False
-    return True
+    levels = followed.levels[:, ~_of_shafts(orders) & (followed.scores[: orders.size] > SHOWS)]
+    both = np.maximum(levels[1:] + levels[:-1], 0.0)
+    joint = both.sum(axis=1) - both.max(axis=1, initial=0.0)
+    return bool(joint.min(initial=np.inf) >= SHOWS)
 
 
 def _stretches(best: Followed, other: Followed) -> list[tuple[Array, float]]:
@@ -277,7 +277,8 @@ def _refined(signal: Array, rate: float, followed: Followed) -> RefinedPhase | N
         if refined.phase is None:
             continue
         relative = refined.std_hz / refined.speed_hz
-        off = np.abs(refined.speed_hz / followed.speed_hz(refined.times_s) - 1)
+        times = np.linspace(refined.phase.start_s, refined.phase.stop_s, _POINTS)  # beyond the windows, too
+        off = np.abs(refined.phase.speed_hz(times) / followed.speed_hz(times) - 1)
         stays = np.nanmean(off > SAME_SPEED) <= _STRAYING
         if np.median(relative) < _SURE and relative.max() < SAME_SPEED and stays:
             return refined

@@ -91,7 +91,8 @@ class SpeedEstimate:
         Ambiguous for the `reason` given: `alternatives` are nearly as likely; nearly all evidence is of one of several
         orders, which may be any order, or another machine's; at most three whole orders below ten show, which half or a
         third of the speed, in range, would show too, or while none of the other orders does; the phase of the
-        harmonics cannot be followed surely enough; or frames of another length are as sure of another speed.
+        harmonics cannot be followed surely enough; frames of another length are as sure of another speed; or its lines
+        keep one frequency, and are of fewer than three families of harmonics.
     times_s : (frame,) array
         Times in s of the middles of the frames.
     speed_hz, std_hz : (frame,) arrays
@@ -102,7 +103,7 @@ class SpeedEstimate:
     alternatives : tuple of Alternative
         Other speeds that explain the record, with their probabilities.
     orders, shown : (order,) arrays
-        Orders searched for, and the logarithm of the evidence for each.
+        Orders searched for, and the logarithm of the evidence for each (in the angle domain, where that decided).
     evidence : float
         Logarithm of the evidence for a shaft against noise.
     phase : ShaftPhase or None
