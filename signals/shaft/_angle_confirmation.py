@@ -43,6 +43,7 @@ _RIVAL = 0.5  # of the joint evidence, which no other speed may reach
 _SAME_SHARE = 0.5  # of the time in which two candidates are within 1 %: they are of one speed
 _LEAVING = 0.2  # share in which a candidate must agree to be compared where it does not
 _MOST_DEMODULATED = 8
+_BRIDGES = 10  # parts of a record that are half as long as a course that is tried
 _WINDOWS_REV = (6.0, 24.0, 2.0)  # of the refinement
 _SURE = 1.5e-3  # largest median std of the refined speed, relative: three of them are within half a per cent
 _STRAYING = 0.03  # share of the time in which a path may leave another, or the refined speed the path, by 1 %
@@ -283,3 +284,40 @@ def _refined(signal: Array, rate: float, followed: Followed) -> RefinedPhase | N
         if np.median(relative) < _SURE and relative.max() < SAME_SPEED and stays:
             return refined
     return None
+
+
+def strays(signal: Array, rate: float, phase: ShaftPhase, orders: Array) -> bool:
+    """Return whether a straight course over some short part of a phase has as much evidence as its own.
+
+    A path that follows another line for a moment, or before the shaft's lines show, leaves such a course by over 1 %.
+    """
+    seconds = float(phase.stop_s - phase.start_s)
+    times = np.linspace(phase.start_s, phase.stop_s, _POINTS + 1)
+    speed, width = phase.speed_hz(times), _POINTS // _BRIDGES
+    own: Followed | None = None
+    frame_s = min(2 * seconds / (_FRAMES + 1), _MOST_REV / float(speed.mean()))
+    for first in range(0, _POINTS + 1 - 2 * width, width):
+        for part, ends in (
+            (slice(first, first + 2 * width + 1), [first, first + 2 * width]),
+            *(((slice(0, width), [width, 2 * width]),) if first == 0 else ()),
+            *(((slice(_POINTS - width, None), [_POINTS - 2 * width, _POINTS - width]),) if first == 0 else ()),
+        ):
+            straight = np.polyval(np.polyfit(times[ends], speed[ends], 1), times[part])
+            if straight.min() <= 0 or np.abs(straight / speed[part] - 1).max() < SAME_SPEED:
+                continue
+            other = speed.copy()
+            other[part] = straight
+            own = own or follow(signal, rate, _integral(times, speed), orders, frame_s=frame_s)
+            one = follow(signal, rate, _integral(times, other), orders, frame_s=frame_s)
+            if own is None or one is None:
+                continue
+            apart = times[part][np.abs(one.speed_hz(times[part]) / own.speed_hz(times[part]) - 1) > SAME_SPEED]
+            gain = (own.votes(apart) - one.votes(apart)).sum() * own.search.evidence.times_s.size / _POINTS
+            if apart.size > _STRAYING * _POINTS and gain < SHOWS:
+                return True
+    return False
+
+
+def _integral(times: Array, speed: Array) -> ShaftPhase:
+    """Return the phase of speeds at times."""
+    return ShaftPhase(times_s=times, revolutions=PchipInterpolator(times, speed).antiderivative()(times))

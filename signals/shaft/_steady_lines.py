@@ -14,9 +14,7 @@ from typing import TYPE_CHECKING
 import numpy as np
 
 from signals.shaft._angle_confirmation import in_angle
-from signals.shaft._line_likelihood import short_time_evidence
 from signals.shaft._speed_search import (
-    AS_MUCH,
     MAINS_HARMONICS,
     MAINS_HZ,
     SAME_LINE,
@@ -36,6 +34,7 @@ if TYPE_CHECKING:
 _FRAME = 0.4  # of the record: four frames
 _MOVING = 0.03  # range of the speed, relative, from which on the lines cross bins of the search itself
 _BEYOND_NOISE = 16.0  # mean square of the changes of a speed over their variance: four standard deviations
+_NARROWER = float(np.log(2.0))  # mean gain in power of lines along a course that they follow: half would be lost
 _STILL_HZ_S = 1e-6
 _HARMONICS = 7  # of one tone, as of the mains
 _SIDES = (-2, -1, 1, 2)
@@ -70,8 +69,11 @@ def one_tone(signal: Array, rate: float, phase: ShaftPhase, std: Array, orders: 
     weights = 1 / np.maximum(std, 1e-12) ** 2
     mean = float(np.average(speed, weights=weights))
     if np.mean((speed - mean) ** 2 * weights) > _BEYOND_NOISE:
-        along = _scores_along(signal, rate, phase, searched, _FRAME)
-        if AS_MUCH * along.sum() > scores.sum():
+        values, _ = in_angle(signal, rate, phase, float(searched[-1]))
+        seconds = part.size / rate
+        lines = searched[(scores > SHOWS) & (searched * float(np.ptp(speed)) * seconds > _PEAK_BINS)]  # would be wider
+        along = _peaks(values, lines * float(np.ptp(phase.revolutions)))
+        if lines.size and np.mean(np.log(along / _peaks(part, lines * constant * seconds))) > _NARROWER:
             return False
     hum = _hum(searched * constant, frame_s)
     shown = _own_lines(search, constant, scores)
@@ -110,16 +112,40 @@ def _in_tune(signal: Array, rate: float, orders: Array, speed_hz: float) -> Arra
     return orders[kept]
 
 
-def _scores_along(signal: Array, rate: float, phase: ShaftPhase, orders: Array, frame: float) -> Array:
-    """Return the scores of orders along a phase, in frames of a part of its turns."""
-    values, per_rev = in_angle(signal, rate, phase, float(orders[-1]))
-    evidence = short_time_evidence(values, rate_hz=per_rev, frame_s=frame * float(np.ptp(phase.revolutions)))
-    every = np.ones(evidence.times_s.size, dtype=np.bool_)
-    ones = np.ones(orders.size)
-    search = Search(
-        evidence=evidence, orders=orders, weights=ones, speeds=np.ones(2), votes=ones, kernel=ones, frame_s=frame
-    )
-    return search.score(np.ones(every.size), every)
+def _peaks(values: Array, bins: Array) -> Array:
+    """Return the highest power near each place, in bins of the whole record, in a Hann window."""
+    window = 0.5 - 0.5 * np.cos(2 * np.pi * (np.arange(values.size) + 0.5) / values.size)
+    power = np.abs(np.fft.rfft((values - values.mean()) * window)) ** 2 / values.size**2 + np.finfo(float).tiny
+    lows = np.clip(np.rint(bins).astype(np.int64) - _PEAK_BINS, 1, power.size - 2)
+    return np.array([power[low : low + 2 * _PEAK_BINS + 1].max() for low in lows])
+
+
+def _in_tune(signal: Array, rate: float, orders: Array, speed_hz: float) -> Array:
+    """Return the orders whose peaks over the whole record are in their ratio, as those of unrelated lines are not.
+
+    The speed is the mean by the information of the peaks; the order farthest from it is left out until all are within
+    the error of their peaks.
+    """
+    window = 0.5 - 0.5 * np.cos(2 * np.pi * (np.arange(signal.size) + 0.5) / signal.size)
+    power = np.abs(np.fft.rfft((signal - signal.mean()) * window)) ** 2
+    at, error = np.zeros(orders.size), np.zeros(orders.size)
+    for k, order in enumerate(orders):
+        middle = round(order * speed_hz * signal.size / rate)
+        low = max(middle - _PEAK_BINS, 1)
+        peak = low + int(np.argmax(power[low : middle + _PEAK_BINS + 1]))
+        around = power[max(peak - _AROUND_BINS, 0) : peak + _AROUND_BINS + 1]
+        left, top, right = np.log(power[peak - 1 : peak + 2] + np.finfo(float).tiny)
+        at[k] = peak + 0.5 * (left - right) / (left - 2 * top + right)
+        error[k] = _PARABOLA_BINS + _PEAK_BINS_ERROR * np.sqrt(float(np.median(around)) / power[peak])
+    kept = np.ones(orders.size, dtype=np.bool_)
+    while kept.any():
+        weights = (1 / error**2)[kept]
+        per_order = float((weights * orders[kept] * at[kept]).sum() / (weights * orders[kept] ** 2).sum())
+        off = np.where(kept, np.abs(at - orders * per_order) / error, 0.0)
+        if off.max() <= 1:
+            break
+        kept[np.argmax(off)] = False
+    return orders[kept]
 
 
 def _own_lines(search: Search, speed_hz: float, scores: Array) -> NDArray[np.bool_]:

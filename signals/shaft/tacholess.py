@@ -29,7 +29,7 @@ import numpy as np
 from scipy.interpolate import PchipInterpolator
 
 from signals._validation import Array, checked, positive, real_vector
-from signals.shaft._angle_confirmation import decide
+from signals.shaft._angle_confirmation import decide, strays
 from signals.shaft._line_likelihood import without_steady_lines
 from signals.shaft._speed_search import (
     AS_MUCH,
@@ -239,6 +239,10 @@ def estimate_speed(
         found = _decided(signal, rate, found, _distinct([one for one, _ in tried]), (low, high))
     if found.phase is not None and _one_tone(signal, rate, found, found.phase):
         found = _doubted(found, "its lines keep one frequency, and may be one tone with harmonics, of no shaft")
+    if found.phase is not None and strays(signal, rate, found.phase, listed):
+        found = _doubted(
+            found, "in a part of the record a straight course of the speed has as much evidence as its own"
+        )
     return _from(found, start_s)
 
 
