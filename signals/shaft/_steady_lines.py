@@ -34,7 +34,7 @@ if TYPE_CHECKING:
 _FRAME = 0.4  # of the record: four frames
 _MOVING = 0.03  # range of the speed, relative, from which on the lines cross bins of the search itself
 _BEYOND_NOISE = 16.0  # mean square of the changes of a speed over their variance: four standard deviations
-_NARROWER = float(np.log(2.0))  # mean gain in power of lines along a course that they follow: half would be lost
+_NARROWER = 2.0  # gain in power of lines along a course that they follow: at a constant speed half is lost or more
 _STILL_HZ_S = 1e-6
 _HARMONICS = 7  # of one tone, as of the mains
 _SIDES = (-2, -1, 1, 2)
@@ -66,50 +66,22 @@ def one_tone(signal: Array, rate: float, phase: ShaftPhase, std: Array, orders: 
     constant = float(search.speeds[np.argmax(search.votes.sum(axis=0))])
     every = np.ones(search.votes.shape[0], dtype=np.bool_)
     scores = search.score(np.full(every.size, constant), every)
+    shown = _own_lines(search, constant, scores)
     weights = 1 / np.maximum(std, 1e-12) ** 2
     mean = float(np.average(speed, weights=weights))
     if np.mean((speed - mean) ** 2 * weights) > _BEYOND_NOISE:
         values, _ = in_angle(signal, rate, phase, float(searched[-1]))
         seconds = part.size / rate
-        lines = searched[(scores > SHOWS) & (searched * float(np.ptp(speed)) * seconds > _PEAK_BINS)]  # would be wider
+        lines = searched[shown & (searched * float(np.ptp(speed)) * seconds > _PEAK_BINS)]  # that would be wider
         along = _peaks(values, lines * float(np.ptp(phase.revolutions)))
-        if lines.size and np.mean(np.log(along / _peaks(part, lines * constant * seconds))) > _NARROWER:
+        if along.sum() > _NARROWER * _peaks(part, lines * constant * seconds).sum():
             return False
     hum = _hum(searched * constant, frame_s)
-    shown = _own_lines(search, constant, scores)
     seen = np.isin(orders, searched[shown])
     if seen.all() and np.mean(_hum(orders * constant, frame_s)) < _MOST_HUM:
         return False
     shown &= ~hum
     return _families(_in_tune(part, rate, searched[shown], constant), constant * frame_s) < _FEWEST_FAMILIES
-
-
-def _in_tune(signal: Array, rate: float, orders: Array, speed_hz: float) -> Array:
-    """Return the orders whose peaks over the whole record are in their ratio, as those of unrelated lines are not.
-
-    The speed is the mean by the information of the peaks; the order farthest from it is left out until all are within
-    the error of their peaks.
-    """
-    window = 0.5 - 0.5 * np.cos(2 * np.pi * (np.arange(signal.size) + 0.5) / signal.size)
-    power = np.abs(np.fft.rfft((signal - signal.mean()) * window)) ** 2
-    at, error = np.zeros(orders.size), np.zeros(orders.size)
-    for k, order in enumerate(orders):
-        middle = round(order * speed_hz * signal.size / rate)
-        low = max(middle - _PEAK_BINS, 1)
-        peak = low + int(np.argmax(power[low : middle + _PEAK_BINS + 1]))
-        around = power[max(peak - _AROUND_BINS, 0) : peak + _AROUND_BINS + 1]
-        left, top, right = np.log(power[peak - 1 : peak + 2] + np.finfo(float).tiny)
-        at[k] = peak + 0.5 * (left - right) / (left - 2 * top + right)
-        error[k] = _PARABOLA_BINS + _PEAK_BINS_ERROR * np.sqrt(float(np.median(around)) / power[peak])
-    kept = np.ones(orders.size, dtype=np.bool_)
-    while kept.any():
-        weights = (1 / error**2)[kept]
-        per_order = float((weights * orders[kept] * at[kept]).sum() / (weights * orders[kept] ** 2).sum())
-        off = np.where(kept, np.abs(at - orders * per_order) / error, 0.0)
-        if off.max() <= 1:
-            break
-        kept[np.argmax(off)] = False
-    return orders[kept]
 
 
 def _peaks(values: Array, bins: Array) -> Array:

@@ -237,13 +237,18 @@ def estimate_speed(
         found = _surer(found, _confirmed(partial(estimate, moving=True), float(frame), shorter))
     if found.status == "ambiguous":
         found = _decided(signal, rate, found, _distinct([one for one, _ in tried]), (low, high))
-    if found.phase is not None and _one_tone(signal, rate, found, found.phase):
-        found = _doubted(found, "its lines keep one frequency, and may be one tone with harmonics, of no shaft")
-    if found.phase is not None and strays(signal, rate, found.phase, listed):
-        found = _doubted(
-            found, "in a part of the record a straight course of the speed has as much evidence as its own"
-        )
-    return _from(found, start_s)
+    return _from(_proven(signal, rate, found), start_s)
+
+
+def _proven(signal: Array, rate: float, found: SpeedEstimate) -> SpeedEstimate:
+    """Return an estimate, a sure one as ambiguous where its lines may be of no shaft, or its course of other lines."""
+    if found.phase is None:
+        return found
+    if _one_tone(signal, rate, found, found.phase):
+        return _doubted(found, "its lines keep one frequency, and may be one tone with harmonics, of no shaft")
+    if strays(signal, rate, found.phase, found.orders):
+        return _doubted(found, "in a part of the record a straight course of the speed has as much evidence as its own")
+    return found
 
 
 def _from(found: SpeedEstimate, start_s: float) -> SpeedEstimate:
