@@ -3,8 +3,8 @@
 Writes fleet.md into FOLDER (default docs/benchmarks), or one SECTION of it anew (--only cost). ANALYSES is a folder
 that keeps what takes long: a dataset of one gearbox, healthy and with five faults of all sizes, and its analyses by
 `hums.analyze_fleet`; it is made where it is missing, a record in 0.6 s of CPU. Fleets are made from it by resampling
-(`fleet_analyses`). --learn-prior writes what is usual over healthy machines into hums/fleet/prior.json, from the
-analyses of every other machine; the page is measured on those of the others. --data, or the environment variable
+(`fleet_analyses`). --learn-prior writes what is usual over healthy machines into hums/fleet/prior.json; healthy
+machines of the page are made of further analyses, of machines of another seed. --data, or the environment variable
 HUMS_REAL_DATA, names the folder of measured records.
 """
 
@@ -12,15 +12,16 @@ import argparse
 import json
 import math
 import os
+import sys
+from collections.abc import Sequence
 from dataclasses import dataclass
 from pathlib import Path
 from typing import TYPE_CHECKING
 
 import numpy as np
 from fleet_analyses import (
-    LEARNED,
-    MEASURED,
     RECORDS,
+    UNSEEN_MACHINES,
     Analyses,
     Array,
     Resampled,
@@ -28,6 +29,7 @@ from fleet_analyses import (
     analyses,
     fault_courses,
     slope_risk,
+    unseen,
 )
 from fleet_chain import CHUNK, RATES, WATCHED, at_rate, learn_prior, two_of_three, watch, widening
 from fleet_cost import cost_rows
@@ -38,7 +40,6 @@ from hums.fleet.prior import PRIOR_NAME, healthy_scores, prior_of
 from hums.fleet.series import Series, layout_of
 from signals.monitoring.forecast import local_trend, time_until
 from signals.monitoring.health import Layout, regime
-from signals.monitoring.limits import chart_limits
 
 if TYPE_CHECKING:
     from collections.abc import Callable
@@ -47,23 +48,31 @@ ROOT = Path(__file__).resolve().parents[1]
 BASELINES = (30, 300)
 ONSET = 60  # healthy records between the baseline and the start of a fault
 FAILING = 100  # machines of each fault
+MEASURED_STATES = ("temperature_k", "load")
+DRAWS = 20  # of the analyses that fleets are made of
 
 
 # ---- false alarms ----------------------------------------------------------------------------------------------------
 
 
 def healthy_fleet(
-    resampled: Resampled, found: Analyses, layout: Layout, *, machines: int, baseline: int, seed: int
+    resampled: Resampled,
+    found: Analyses,
+    layout: Layout,
+    *,
+    machines: int,
+    baseline: int,
+    seed: int,
+    measured: Sequence[str] = (),
 ) -> tuple[list[Array], list[float]]:
     """Return the alarms of each machine, for each of `RATES`, and the factor on limits that makes the rate exact."""
-    prior = prior_of(found.series, layout)
-    limits = [chart_limits(baseline, every * layout.scores, healthy_scores()) for every in RATES]
+    prior, model = prior_of(found.series, layout), healthy_scores()
     counts: list[list[Array]] = [[] for _ in RATES]
     largest: list[list[NDArray[np.float32]]] = [[] for _ in RATES]
     for start in range(0, machines, CHUNK):
         rng = np.random.default_rng([seed, start])
-        series = resampled.machines(min(CHUNK, machines - start), baseline + WATCHED, rng)
-        for place, one in enumerate(watch(series, baseline, limits, layout, prior)):
+        fleet = resampled.machines(min(CHUNK, machines - start), baseline + WATCHED, rng, measured)
+        for place, one in enumerate(watch(fleet, baseline, RATES, layout, prior, model)):
             counts[place].append(one.raised.sum(axis=(1, 2)))
             largest[place].append(two_of_three(one.index).max(axis=1))
     factors = [at_rate(those, layout.scores, every) for those, every in zip(largest, RATES, strict=True)]
@@ -82,24 +91,50 @@ def false_alarms(given: argparse.Namespace, found: Analyses, resampled: Resample
     """Return how many alarms healthy machines raise, and how many are stated."""
     _, _, layout = layout_of(found.series)
     words = (
-        f"{given.machines} machines, {WATCHED} records watched of each. An alarm stands until somebody acknowledges "
-        "it, so that a component raises one at most; some machines raise several, which the interval counts.\n"
+        f"{given.machines} machines, {WATCHED} records watched of each; a tenth as many whose temperature and load "
+        "were measured with each record. An alarm stands until somebody acknowledges it, so that a component raises "
+        "one at most; some machines raise several, which the interval counts.\n"
     )
     text = [
         words,
-        "| baseline, records | stated: one in | alarms | expected | alarms, 95 % over machines | within |",
-        "|---|---|---|---|---|---|",
+        "| baseline, records | measured | stated: one in | alarms | expected | alarms, 95 % over machines | within |",
+        "|---|---|---|---|---|---|---|",
     ]
     for baseline in BASELINES:
-        fleets, _ = healthy_fleet(resampled, found, layout, machines=given.machines, baseline=baseline, seed=5)
-        for every, by_machine in zip(RATES, fleets, strict=True):
-            expected = given.machines * WATCHED / every
-            low, high = bootstrapped(by_machine)
-            cells = (baseline, f"{every:,.0f}", by_machine.sum(), f"{expected:.0f}", f"{low:.0f} to {high:.0f}")
-            text.append(f"| {' | '.join(map(str, cells))} | {'yes' if low <= expected <= high else 'no'} |")
+        for measured, machines in (((), given.machines), (MEASURED_STATES, given.machines // 10)):
+            fleets, _ = healthy_fleet(
+                resampled, found, layout, machines=machines, baseline=baseline, seed=5, measured=measured
+            )
+            for every, by_machine in zip(RATES, fleets, strict=True):
+                expected = machines * WATCHED / every
+                low, high = bootstrapped(by_machine)
+                what = "temperature, load" if measured else "nothing"
+                cells = (
+                    baseline,
+                    what,
+                    f"{every:,.0f}",
+                    by_machine.sum(),
+                    f"{expected:.0f}",
+                    f"{low:.0f} to {high:.0f}",
+                )
+                within = "yes" if low <= expected <= high else "no, fewer" if high < expected else "no"
+                text.append(f"| {' | '.join(map(str, cells))} | {within} |")
+                sys.stdout.write(f"{text[-1]}\n")
+                sys.stdout.flush()
+    machines, drawn = given.machines // 40, []
+    for number in range(DRAWS):
+        again = resampled.drawn_again(np.random.default_rng([19, number]))
+        fleets, _ = healthy_fleet(again, found, layout, machines=machines, baseline=BASELINES[0], seed=5)
+        drawn.append(fleets[0].sum() / (machines * WATCHED / RATES[0]))
+    still = resampled.still()
+    count = healthy_fleet(still, found, layout, machines=machines, baseline=BASELINES[0], seed=5)[0][0].sum()
     text.append(
-        "\nThe interval is over the machines measured on; how few analyses the prior was learned from is not in it, "
-        "and machines with larger residuals than those raise more alarms than stated."
+        f"\nThe interval is over machines of the same {len(resampled.healthy)} analyses. Those are a sample, too: of "
+        f"{DRAWS} fleets made of as many of them drawn again (bootstrap; nothing measured, a baseline of "
+        f"{BASELINES[0]}, one in {RATES[0]:,.0f}), the number of alarms over the stated one has a standard deviation "
+        f"of {np.std(drawn, ddof=1):.2f}. Nearly all "
+        "alarms follow from slow states that nothing measures: without them (nothing measured, a "
+        f"baseline of {BASELINES[0]}) {machines} machines raise {count} of {machines * WATCHED / RATES[0]:.0f}."
     )
     return "\n".join(text)
 
@@ -138,11 +173,10 @@ def detected(
     takes in, are those of an analysed record of one of the three nearest sizes.
     """
     baseline, sizes = BASELINES[0], course[0]
-    limits = chart_limits(baseline, RATES[1] * layout.scores, healthy_scores())
     grown = np.geomspace(sizes[0], sizes[-1], WATCHED - ONSET)
-    series = resampled.machines(machines, baseline + WATCHED, np.random.default_rng(6))
-    series[:, baseline + ONSET :] += added(course, grown)
-    (seen,) = watch(series, baseline, (limits,), layout, prior_of(found.series, layout))
+    fleet = resampled.machines(machines, baseline + WATCHED, np.random.default_rng(6))
+    fleet.series[:, baseline + ONSET :] += added(course, grown)
+    (seen,) = watch(fleet, baseline, RATES[1:], layout, prior_of(found.series, layout), healthy_scores())
     raised = (two_of_three(seen.index) >= factor).any(axis=2)
     if np.any(layout.sizes > 1):
         raised[:, ONSET:] |= _by_verdicts(found, name, grown, machines)
@@ -182,6 +216,15 @@ def diagnosed_size(found: Analyses, name: str) -> float:
     return math.inf
 
 
+def usually_diagnosed_size(found: Analyses, name: str, *, among: int = 9) -> float:
+    """Return the least size at which half of the records of about that size, nine, are diagnosed alone."""
+    those = np.flatnonzero(found.kinds == name)
+    those = those[np.argsort(found.severity_mm[those])]
+    share = np.convolve(found.diagnosed[those], np.full(among, 1 / among), mode="valid")
+    usual = np.flatnonzero(share >= 0.5)  # noqa: PLR2004
+    return float(found.severity_mm[those[usual[0] + among // 2]]) if usual.size else math.inf
+
+
 def refused_share(found: Analyses, *, machines: int) -> float:
     """Return the share of records outside the speeds of baselines of 30, with speeds drawn from the analyses."""
     rng = np.random.default_rng(20)
@@ -213,8 +256,8 @@ def growing_faults(given: argparse.Namespace, found: Analyses, resampled: Resamp
     )
     text = [
         words,
-        "| fault | sizes, mm | fused, with verdicts | RMS | kurtosis | diagnosed from one record from | before that |",
-        "|---|---|---|---|---|---|---|",
+        "| fault | sizes, mm | fused, with verdicts | RMS | kurtosis | one diagnosed from | before that | half from |",
+        "|---|---|---|---|---|---|---|---|",
     ]
     for name, course in fault_courses(found, found.values[found.kinds == "healthy"]).items():
         seen = [
@@ -224,13 +267,19 @@ def growing_faults(given: argparse.Namespace, found: Analyses, resampled: Resamp
         alone, size = diagnosed_size(found, name), float(np.median(seen[0].sizes_mm))
         before = "yes" if size < alone else "neither" if math.isinf(size) and math.isinf(alone) else "no"
         cells = [f"{course[0][0]:.2g} to {course[0][-1]:.2g}", *map(str, seen)]
-        cells += ["none" if math.isinf(alone) else f"{alone:.2g} mm", before]
+        usual = usually_diagnosed_size(found, name)
+        cells += [_mm(alone), before, _mm(usual)]
         text.append(f"| {name} | {' | '.join(cells)} |")
     text.append(
-        "\n`none`: half of the machines raise no alarm, or half of the records are not diagnosed, to the end. Records "
-        "are diagnosed from the first size on at which one was, and half of the larger ones were."
+        "\n`none`: half of the machines raise no alarm, or half of the records are not diagnosed, to the end. One "
+        "record is diagnosed from the first size on at which one was, and half of the larger ones were: the "
+        "least of many. Half: from the size at which half of nine of about that size are."
     )
     return "\n".join(text)
+
+
+def _mm(size: float) -> str:
+    return "none" if math.isinf(size) else f"{size:.2g} mm"
 
 
 # ---- forecasts -------------------------------------------------------------------------------------------------------
@@ -279,27 +328,23 @@ def forecasts(given: argparse.Namespace) -> str:
 INTRO = """# Fleet: alarms of healthy and failing machines
 
 Made by `python benchmarks/fleet.py ANALYSES`, or section by section with `--only`: alarms with `--machines 4000`,
-faults with `--machines 1000`, forecasts with `--forecasts 300`.
+faults with `--machines 1000`, forecasts with `--forecasts 300`, cost with `--run-records 1000`.
 
-**Fleets** are resampled from {records} analyses of one gearbox ({healthy} healthy): each series of indicators is its
-mean, its slopes on gain, noise, temperature and load, which carry over as `data_synth.scene.history` declares (5 and 50
-records, a season of 365), and a residual drawn together for all series. The load is not measured, so it is no
-covariate. A slope that is the error of its fit alone would make machines drift that do not: slopes are shrunk by twice
-their standard errors (nonnegative garrote; Breiman 1995), as which they miss those of other machines by {risk:.4f} of a
-residual's variance, as they are by {raw_risk:.4f}.
+**Fleets** are resampled from analyses of one gearbox: each series of indicators is its mean, its slopes on gain, noise,
+temperature and load, which carry over as `data_synth.scene.history` declares (5 and 50 records, a season of 365), and a
+residual drawn together for all series. A slope that is the error of its fit alone would make machines drift that do
+not: slopes are shrunk by twice their standard errors (nonnegative garrote; Breiman 1995), as which slopes of half of
+the machines miss those of the others by {risk:.4f} of a residual's variance, as they are by {raw_risk:.4f}. Temperature
+and load are measured where a table says so, with a tenth of their deviations as an error.
 
-**The prior** (`hums/fleet/prior.json`, `--learn-prior --machines 1200`) is learned from the healthy analyses of every
-other machine; all below is measured on those of the others, whose slopes and residuals it has not seen. Limits are
-wider by what it lacks of machines that it was not learned on: the half that is learned from is itself halved in all six
-ways, and the factor is the one at which a prior of the one half raises the stated number of alarms of the other, for
-baselines of 2, 10, 30 and 300 records and both rates, one factor for all charts. How it was chosen: a factor for each
-chart, learned from 140 healthy analyses, raised alarms outside three of the four intervals below and was left. With one
-factor, slopes as they are fitted, and charts in which a stray record counts in full, 1856, 178, 1338 and 141 alarms
-were raised; a look at the residuals and slopes of that run, which is a look at the half that is measured, led to the
-shrinkage, whose size was chosen on the half that is learned from, and to the charts' rule, a published one (Lucas and
-Crosier 1982). With both the table below was made. Fleets made of the analyses of one machine alone raise, after a
-baseline of 30 records, between 0.6 and 3.5 times the stated number of alarms (300 fleets of each of the eight): four
-machines do not settle the rate of four others. Both halves are of one gearbox and one plan. Nothing is tuned to
+**The prior** (`hums/fleet/prior.json`, `--learn-prior --machines 600`) is learned from the healthy ones of {records}
+analyses, {healthy} of eight machines. Healthy fleets below are made of {unseen} analyses of {unseen_machines} other
+machines, made with another seed after everything was chosen, and looked at once. Limits are wider by what a prior lacks
+of machines that it was not learned on: the eight are halved in seven ways, and the factor is the one at which a prior
+of one half raises the stated number of alarms of the other, for baselines of 2, 10, 30 and 300 records and both rates,
+one factor for all charts. Before, four of the eight were learned from and the other four measured on: 1848 alarms of
+1200 were raised after a baseline of 30 and 181 of 120, and fleets of one machine's analyses alone raised between 0.6
+and 3.5 times the stated number. All are of one gearbox and one plan. Nothing is tuned to
 measured records.
 """
 
@@ -320,18 +365,18 @@ def pronostia(given: argparse.Namespace) -> str:
 def wind_turbine(given: argparse.Namespace) -> str:
     """Return the health of a wind turbine's gearbox in its last two records."""
     text = [
-        "Four records, a baseline of the first two.\n",
+        "Four records, a baseline of the first two, the second of which is diagnosed already.\n",
         "| recorded | largest health index | its score | component | alarm |",
     ]
     text += ["|---|---|---|---|---|"]
-    for when, index, score, component, raised in turbine(Path(given.data) / "wt_hss_bearing"):
-        text.append(f"| {when[:10]} | {index:.2f} | {score:.1f} | {component} | {'yes' if raised else 'no'} |")
+    for when, index, score, component, alarm in turbine(Path(given.data) / "wt_hss_bearing"):
+        text.append(f"| {when[:10]} | {index:.2f} | {score:.1f} | {component} | {alarm or 'no'} |")
     return "\n".join(text)
 
 
 def cost(given: argparse.Namespace) -> str:
     """Return what a fleet costs."""
-    rows = cost_rows(given.analyses)
+    rows = cost_rows(given.analyses, records=given.run_records)
     return "\n".join(["| what | measured | asked |", "|---|---|---|", *(f"| {' | '.join(row)} |" for row in rows)])
 
 
@@ -346,18 +391,33 @@ def main() -> None:
     parser.add_argument("--machines", type=int, default=4_000)
     parser.add_argument("--records", type=int, default=RECORDS, help="of the dataset, where it is made")
     parser.add_argument("--forecasts", type=int, default=300)
+    parser.add_argument("--run-records", type=int, default=100, help="of the whole run that is timed")
     parser.add_argument("--workers", type=int, default=1)
     given = parser.parse_args()
-    found = analyses(given.analyses, workers=given.workers, records=given.records)
     if given.learn_prior:
-        path, learned = ROOT / "hums" / "fleet" / PRIOR_NAME, learn_prior(found, found.resampled(LEARNED))
+        found = analyses(given.analyses, workers=given.workers, records=given.records)
+        path, learned = ROOT / "hums" / "fleet" / PRIOR_NAME, learn_prior(found, found.resampled())
         learned["widening"] = widening(found, machines=given.machines)
         path.write_text(json.dumps(learned) + "\n", encoding="utf-8")
         return
-    unseen = found.resampled(MEASURED)
+    page = given.folder / "fleet.md"
+    text = page.read_text(encoding="utf-8") if given.only else ""
+    intro, *there = text.split("\n## ")
+    written = {section.partition("\n")[0]: section.partition("\n")[2].strip() for section in there}
+    if given.only in (None, "alarms", "faults"):
+        found = analyses(given.analyses, workers=given.workers, records=given.records)
+        healthy = unseen(given.analyses, found.series, workers=given.workers)
+        intro = INTRO.format(
+            records=len(found.kinds),
+            healthy=int((found.kinds == "healthy").sum()),
+            risk=slope_risk(found, 2.0),
+            raw_risk=slope_risk(found, 0.0),
+            unseen=len(healthy.healthy),
+            unseen_machines=UNSEEN_MACHINES,
+        )
     sections: dict[str, tuple[str, Callable[[], str]]] = {
-        "alarms": ("False alarms of healthy machines", lambda: false_alarms(given, found, unseen)),
-        "faults": ("Faults that grow", lambda: growing_faults(given, found, unseen)),
+        "alarms": ("False alarms of healthy machines", lambda: false_alarms(given, found, healthy)),
+        "faults": ("Faults that grow", lambda: growing_faults(given, found, healthy)),
         "forecasts": ("Time until a limit", lambda: forecasts(given)),
     }
     if given.data:
@@ -366,18 +426,10 @@ def main() -> None:
             "turbine": ("Wind turbine", lambda: wind_turbine(given)),
         }
     sections["cost"] = ("Cost", lambda: cost(given))
-    page = given.folder / "fleet.md"
-    if given.only:
-        intro, *there = page.read_text(encoding="utf-8").split("\n## ")
-    else:
-        healthy = int((found.kinds == "healthy").sum())
-        risks = {"risk": slope_risk(found, 2.0), "raw_risk": slope_risk(found, 0.0)}
-        intro, there = INTRO.format(records=len(found.kinds), healthy=healthy, **risks), []
-    written = {text.partition("\n")[0]: text.partition("\n")[2].strip() for text in there}
     for name, (title, make) in sections.items():
         if given.only in (None, name):
             written[title] = make()
-    parts = [intro.strip(), *(f"## {title}\n\n{text}" for title, text in written.items())]
+    parts = [intro.strip(), *(f"## {title}\n\n{section}" for title, section in written.items())]
     page.write_text("\n\n".join(parts) + "\n", encoding="utf-8")
 
 

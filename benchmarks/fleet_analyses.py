@@ -1,14 +1,14 @@
 """Analyses that fleets are made of, and the fleets: one gearbox, healthy and with five faults of all sizes."""
 
 import json
-from collections.abc import Collection
+from collections.abc import Collection, Sequence
 from dataclasses import dataclass
 from functools import cached_property
-from itertools import combinations
 from pathlib import Path
 from typing import Any
 
 import numpy as np
+import xarray as xr
 from numpy.typing import NDArray
 
 from data_synth import make_dataset
@@ -24,13 +24,15 @@ from hums.jobs import Processes
 Array = NDArray[np.float64]
 STATES = ("gain_db", "noise_db", "temperature_k", "load")
 FAULTS = ("crack", "spall", "eccentricity", "inner race", "outer race")
+_MEASURED_ERROR = 0.1  # of a state's deviation: 0.5 K, and 1 % of the load
 RECORDS, MACHINES = 2_000, 8
-LEARNED, MEASURED = (0, 2, 4, 6), (1, 3, 5, 7)  # machines whose records the prior is learned from, and the others
+UNSEEN_RECORDS, UNSEEN_MACHINES = 480, 40  # of the analyses that fleets are measured on; few of each machine, whose
+# states are then spread as widely as those of long fleets
 
 PLAN = """
 scene = "healthy-mill"
 records = {records}
-seed = 1
+seed = {seed}
 sampling = "sobol"
 history = {{ machines = {machines} }}
 [change]
@@ -93,7 +95,7 @@ class Analyses:
     states: Array
     diagnosed: NDArray[np.bool_]
 
-    def resampled(self, machines: Collection[int]) -> "Resampled":
+    def resampled(self, machines: Collection[int] = range(MACHINES)) -> "Resampled":
         """Return the fleets that are made of the healthy records of some machines."""
         of_each = np.arange(self.kinds.size) % MACHINES  # records take turns
         those = (self.kinds == "healthy") & np.isin(of_each, list(machines))
@@ -102,16 +104,10 @@ class Analyses:
 
 def analyses(folder: Path, *, workers: int, records: int = RECORDS) -> Analyses:
     """Return the analyses in the folder; make what is missing."""
-    text = PLAN.format(records=records, machines=MACHINES)
+    text = PLAN.format(records=records, machines=MACHINES, seed=1)
     for name, kind, component, size, least in SIZES:
         text += FAULT.format(name=name, kind=kind, component=component, size=size, least=least)
-    plan = parse_plan(text)
-    make_dataset(plan, folder / "set", workers=Processes(count=workers), progress=True)
-    analyze_fleet([folder / "set"], "two-stage", folder / "fleet", workers=Processes(count=workers), progress=True)
-    names = json.loads((folder / "fleet/records.json").read_text()).values()
-    paths = [folder / "fleet" / "records" / name for name in names]
-    rows = [read_row(path) for path in paths]
-    labels = open_dataset(folder / "set")
+    rows, labels = _analysed(folder, text, workers)
     found = [series_of(row) for row in rows]
     every = tuple(sorted(set().union(*found)))
     values = np.array([vector(one, every) for one in found])
@@ -123,9 +119,28 @@ def analyses(folder: Path, *, workers: int, records: int = RECORDS) -> Analyses:
         kinds=kinds,
         severity_mm=np.asarray(labels["severity_mm"].to_numpy(), dtype=np.float64),
         speed_hz=np.array([row["speed_hz"] for row in rows]),
-        states=np.stack([labels[f"history.{name}"].to_numpy() for name in STATES], axis=1),
+        states=_states(labels),
         diagnosed=np.array([_diagnosed(row, str(kind)) for row, kind in zip(rows, kinds, strict=True)]),
     )
+
+
+def unseen(folder: Path, series: tuple[Series, ...], *, workers: int) -> "Resampled":
+    """Return the fleets that are made of machines of another seed, from which nothing is learned."""
+    text = PLAN.format(records=UNSEEN_RECORDS, machines=UNSEEN_MACHINES, seed=2)
+    rows, labels = _analysed(folder / "unseen", text, workers)
+    return Resampled(healthy=np.array([vector(series_of(row), series) for row in rows]), states=_states(labels))
+
+
+def _analysed(folder: Path, text: str, workers: int) -> tuple[list[dict[str, Any]], xr.Dataset]:
+    """Return the results of the records of a plan, and their labels."""
+    make_dataset(parse_plan(text), folder / "set", workers=Processes(count=workers), progress=True)
+    analyze_fleet([folder / "set"], "two-stage", folder / "fleet", workers=Processes(count=workers), progress=True)
+    names = json.loads((folder / "fleet/records.json").read_text()).values()
+    return [read_row(folder / "fleet" / "records" / name) for name in names], open_dataset(folder / "set")
+
+
+def _states(labels: xr.Dataset) -> Array:
+    return np.stack([labels[f"history.{name}"].to_numpy() for name in STATES], axis=1)
 
 
 def _diagnosed(row: dict[str, Any], name: str) -> bool:
@@ -158,18 +173,41 @@ def garrote(slopes: Array, errors: Array, *, by: float = 2.0) -> Array:
     return np.asarray(slopes * np.maximum(0.0, 1 - (by * errors / sizes) ** 2))
 
 
-def slope_risk(found: Analyses, by: float) -> float:
-    """Return by how much slopes learned on two machines miss those of two others, as variance of a residual.
+def halves() -> list[tuple[int, ...]]:
+    """Return halves of the machines: seven splits in which each two machines are as often together, both ways round."""
+    signs = [[(machine & which).bit_count() % 2 for machine in range(MACHINES)] for which in range(1, MACHINES)]
+    return [tuple(np.flatnonzero(np.array(one) == side).tolist()) for one in signs for side in (0, 1)]
 
-    The mean over all pairs of the machines that are learned from, less what the others' own errors add.
+
+def others(half: Collection[int]) -> tuple[int, ...]:
+    """Return the machines that are not in a half."""
+    return tuple(sorted(set(range(MACHINES)) - set(half)))
+
+
+def slope_risk(found: Analyses, by: float) -> float:
+    """Return by how much slopes learned on a half of the machines miss those of the others, as variance of a residual.
+
+    The mean over the splits, less what the others' own errors add.
     """
     risks = []
-    for pair in combinations(LEARNED, 2):
-        one, other = (found.resampled(those) for those in (pair, set(LEARNED) - set(pair)))
+    for half in halves():
+        one, other = found.resampled(half), found.resampled(others(half))
         std = np.nanstd(one.healthy, axis=0)
         missed = (garrote(*one.slopes, by=by) - other.slopes[0]) ** 2 - other.slopes[1] ** 2
         risks.append((missed / std**2).sum(axis=0).mean())
     return float(np.mean(risks))
+
+
+@dataclass(frozen=True, kw_only=True)
+class Fleet:
+    """Series (machines, records, series), and what was measured with the records (machines, records, covariates)."""
+
+    series: Array
+    measured: Array
+
+    def of(self, those: NDArray[np.bool_]) -> "Fleet":
+        """Return some of the machines."""
+        return Fleet(series=self.series[those], measured=self.measured[those])
 
 
 @dataclass(frozen=True, kw_only=True)
@@ -207,6 +245,15 @@ class Resampled:
         left = self.healthy - self.standard @ slopes
         return slopes, left - np.nanmean(left, axis=0)
 
+    def still(self) -> "Resampled":
+        """Return the same without what carries over."""
+        return Resampled(healthy=self._fit[1], states=np.random.default_rng(18).standard_normal(self.states.shape))
+
+    def drawn_again(self, rng: np.random.Generator) -> "Resampled":
+        """Return fleets of as many analyses, drawn from these."""
+        those = rng.integers(len(self.healthy), size=len(self.healthy))
+        return Resampled(healthy=self.healthy[those], states=self.states[those])
+
     @property
     def standard(self) -> Array:
         """States in the deviations that the history declares."""
@@ -214,13 +261,15 @@ class Resampled:
         stds = np.array([declared.gain_db, declared.noise_db, declared.temperature_k, declared.load_share])
         return self.states / stds
 
-    def machines(self, count: int, records: int, rng: np.random.Generator) -> Array:
-        """Return series (count, records, series) about their means."""
+    def machines(self, count: int, records: int, rng: np.random.Generator, measured: Sequence[str] = ()) -> Fleet:
+        """Return series about their means, and what is measured of the states: each with an error of its own."""
         slopes, left = self._fit
         states = standard_states(count, records, rng, History())
         drawn = left[rng.integers(len(left), size=(count, records))]
         spread = np.exp(0.2 * rng.standard_normal((count, 1, 1)))
-        return np.asarray(states @ slopes + spread * drawn)
+        known = states[..., [STATES.index(name) for name in measured]]
+        errors = _MEASURED_ERROR * rng.standard_normal(known.shape)
+        return Fleet(series=np.asarray(states @ slopes + spread * drawn), measured=known + errors)
 
 
 def fault_courses(found: Analyses, healthy: Array) -> dict[str, tuple[Array, Array]]:

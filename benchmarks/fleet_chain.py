@@ -2,18 +2,18 @@
 
 from collections.abc import Sequence
 from dataclasses import dataclass
-from itertools import combinations
 
 import numpy as np
-from fleet_analyses import LEARNED, Analyses, Array, Resampled
+from fleet_analyses import Analyses, Array, Fleet, Resampled, halves, others
 from numpy.typing import NDArray
 
+from hums.fleet.monitor import MOST_LEVERAGE
 from hums.fleet.prior import healthy_scores, prior_of
 from hums.fleet.series import layout_of
 from signals.monitoring.alarm_life import AlarmRule
 from signals.monitoring.autocorrelation import Correlation, variance_shares
 from signals.monitoring.health import Layout, Normal, Prior, learn_normal
-from signals.monitoring.limits import ChartLimits, chart_limits, tail_quantiles
+from signals.monitoring.limits import ChartLimits, HealthyScores, chart_limits, tail_quantiles
 
 CHUNK = 50  # machines whose series are in memory at a time
 RATES = (1_000.0, 10_000.0)
@@ -30,26 +30,46 @@ class Watched:
 
 
 def watch(
-    series: Array, baseline: int, limits: Sequence[ChartLimits], layout: Layout, prior: Prior
+    fleet: Fleet, baseline: int, rates: Sequence[float], layout: Layout, prior: Prior, model: HealthyScores
 ) -> tuple[Watched, ...]:
-    """Return, for each of the limits, alarms of machines (machines, records, series), whose first are a baseline."""
+    """Return, for each of the rates, alarms of machines whose first records are a baseline."""
+    machines, records = fleet.series.shape[:2]
+    shape = (machines, records - baseline, layout.scores)
+    found = tuple(Watched(raised=np.zeros(shape, np.bool_), index=np.zeros(shape, np.float32)) for _ in rates)
+    normal = learn_normal(fleet.series[:, :baseline], fleet.measured[:, :baseline], layout, prior)
+    sizes = np.maximum(2, (baseline / (1 + normal.series.regressors)).astype(int))  # as `Epoch.learn` does
+    for size in np.unique(sizes).tolist():
+        those = sizes == size
+        limits = [chart_limits(size, rate * layout.scores, model) for rate in rates]
+        for whole, part in zip(found, _watch(fleet.of(those), baseline, limits, layout, prior), strict=True):
+            whole.raised[those], whole.index[those] = part.raised, part.index
+    return found
+
+
+def _watch(
+    fleet: Fleet, baseline: int, limits: Sequence[ChartLimits], layout: Layout, prior: Prior
+) -> tuple[Watched, ...]:
+    """Return the same of machines with the same limits."""
+    series, at = fleet.series, fleet.measured
     machines, records = series.shape[:2]
-    normal = learn_normal(series[:, :baseline], np.zeros((machines, baseline, 0)), layout, prior)
-    rule, nothing, recent = AlarmRule(), np.zeros((machines, 0)), None
-    own = np.array([normal.read(series[:, number], nothing).scores for number in range(baseline)])
+    normal = learn_normal(series[:, :baseline], at[:, :baseline], layout, prior)
+    rule, recent = AlarmRule(), np.zeros((machines, len(layout.channels)))
+    own = np.array([normal.read(series[:, number], at[:, number]).scores for number in range(baseline)])
     headrooms = [one.headroom(own, rule) for one in limits]
     charts = [one.charts.start((machines, layout.scores)) for one in limits]
     alarms = [rule.start((machines, layout.scores)) for _ in limits]
     shape = (machines, records - baseline, layout.scores)
     found = tuple(Watched(raised=np.zeros(shape, np.bool_), index=np.zeros(shape, np.float32)) for _ in limits)
     for number in range(baseline, records):
-        reading = normal.read(series[:, number], nothing, recent)
-        recent = reading.recent
+        reading = normal.read(series[:, number], at[:, number], recent)
+        refused = (normal.series.leverage(at[:, number]) > MOST_LEVERAGE)[:, None]
+        recent = np.where(refused, recent, reading.recent)
+        scores = np.where(refused, np.nan, reading.scores)
         for place, (one, seen) in enumerate(zip(limits, found, strict=True)):
-            charts[place] = one.charts.step(charts[place], reading.scores)
-            index = one.index(charts[place]) / headrooms[place]
+            charts[place] = one.charts.step(charts[place], scores)
+            index = np.where(refused, np.nan, one.index(charts[place]) / headrooms[place])
             alarms[place], seen.raised[:, number - baseline] = rule.step(alarms[place], index)
-            seen.index[:, number - baseline] = index
+            seen.index[:, number - baseline] = np.nan_to_num(index)
     return found
 
 
@@ -88,7 +108,7 @@ def at_rate(largest: Sequence[NDArray[np.float32]], scores: int, every: float) -
 def learn_prior(found: Analyses, resampled: Resampled) -> dict[str, object]:
     """Return what is usual over healthy machines: of twelve resampled ones with 2,000 records each."""
     rng = np.random.default_rng(11)
-    series = resampled.machines(12, 2_000, rng)
+    series = resampled.machines(12, 2_000, rng).series
     deviations: dict[str, list[float]] = {}
     for key, std in zip(found.series, np.median(np.nanstd(series, axis=1), axis=0), strict=True):
         deviations.setdefault(key.indicator, []).append(float(std))
@@ -124,24 +144,24 @@ def learn_prior(found: Analyses, resampled: Resampled) -> dict[str, object]:
 def widening(found: Analyses, *, machines: int) -> list[list[float]]:
     """Return by how much limits have to be wider than the model's for each rate, on machines it was not learned on.
 
-    The machines that the prior is learned from are split into two halves in all ways: a prior of the one makes the
+    The machines that the prior is learned from are split into halves in seven ways: a prior of the one makes the
     limits of fleets that are made of the other, their slopes too, and the factor is the one at which all fleets
     together raise the stated number of alarms. What a prior lacks of machines that it has not seen is then in the
     limits (cross-validation; Stone 1974, J. R. Stat. Soc. B 36(2), 111-147).
     """
     _, _, layout = layout_of(found.series)
-    folds = list(combinations(LEARNED, len(LEARNED) // 2))
+    folds = halves()
     sizes = {2: 2 * machines, 10: 2 * machines, 30: 2 * machines, 300: machines}  # by their cost
     peaks: dict[tuple[int, float], list[NDArray[np.float32]]] = {}
     for seen_before in folds:
         learned = learn_prior(found, found.resampled(seen_before))
         prior, model = prior_of(found.series, layout, learned), healthy_scores(learned)
-        unseen = found.resampled(set(LEARNED) - set(seen_before))
+        unseen = found.resampled(others(seen_before))
         for baseline, count in sizes.items():
-            limits = [chart_limits(baseline, rate * layout.scores, model) for rate in RATES]
             for start in range(0, count // len(folds), CHUNK):
                 rng = np.random.default_rng([12, *seen_before, start])
-                seen = watch(unseen.machines(CHUNK, baseline + WATCHED, rng), baseline, limits, layout, prior)
+                fleet = unseen.machines(CHUNK, baseline + WATCHED, rng)
+                seen = watch(fleet, baseline, RATES, layout, prior, model)
                 for rate, one in zip(RATES, seen, strict=True):
                     peaks.setdefault((baseline, rate), []).append(two_of_three(one.index).max(axis=1))
     return [

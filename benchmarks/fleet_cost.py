@@ -15,15 +15,15 @@ from hums import AnalysisSettings, NominalSpeed, analyze, load_gearbox, make_rec
 from hums.conversion import convert_files, find_sources
 from hums.fleet.fleet import _tables, analyze_fleet
 from hums.fleet.kept import read_row, write_row
-from hums.fleet.monitor import MonitorSettings
 from hums.fleet.results import results
+from hums.fleet.settings import MonitorSettings
 from hums.jobs import Processes
 
 FIRST = datetime(2020, 1, 1, tzinfo=UTC)
 FIVE_YEARS = 1_826
 
 
-def cost_rows(analyses: Path, *, machines: int = 20, records: int = 1_000) -> list[tuple[str, str, str]]:
+def cost_rows(analyses: Path, *, records: int, machines: int = 20) -> list[tuple[str, str, str]]:
     """Return what was measured, the result, and what is asked."""
     rows = []
     with tempfile.TemporaryDirectory() as folder:

@@ -9,12 +9,12 @@ import numpy as np
 from fleet_analyses import Array
 
 from hums import AnalysisSettings, analyze, load_gearbox
-from hums.fleet.monitor import MachineState, MonitorSettings, update
+from hums.fleet.monitor import MachineState, update
 from hums.fleet.observation import Observation, observation
 from hums.fleet.results import results
 from hums.fleet.series import Series
+from hums.fleet.settings import MonitorSettings
 from hums.readers import convert
-from signals.monitoring.alarm_life import Life
 
 ROOT = Path(__file__).resolve().parents[1]
 BANDS_HZ = ((20, 500), (500, 2_000), (2_000, 5_000), (5_000, 12_800))
@@ -65,8 +65,8 @@ def run_to_failure(path: Path) -> tuple[int, float, str, bool]:
     return len(runs), first, what, any(alarm["state"] == "raised" for alarm in state.open.values())
 
 
-def turbine(folder: Path) -> Iterator[tuple[str, float, float, str, bool]]:
-    """Yield time, largest health index, that score, its component, and whether it has an alarm, of later records."""
+def turbine(folder: Path) -> Iterator[tuple[str, float, float, str, str]]:
+    """Yield time, largest health index, that score, its component, and its standing alarm, of later records."""
     gearbox = load_gearbox(ROOT / "tests" / "data" / "wind-turbine.toml")
     state = MachineState(machine="turbine", settings=MonitorSettings(baseline_records=2))
     for path in sorted(folder.glob("*.mat")):
@@ -85,4 +85,6 @@ def turbine(folder: Path) -> Iterator[tuple[str, float, float, str, bool]]:
         found = update(state, observation(row))
         if found.judged:
             worst = max(found.index, key=lambda name: found.index[name])
-            yield when, found.index[worst], found.scores[worst], worst, state.alarms[worst].life == Life.RAISED
+            alarm = state.open.get(worst, {"state": ""})
+            words = f"{alarm['severity']}: {alarm['indicator']}" if alarm["state"] == "raised" else ""
+            yield when, found.index[worst], found.scores[worst], worst, words

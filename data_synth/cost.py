@@ -85,8 +85,8 @@ class Explanation:
         Sources, sensors and models, a row of the table each.
     seconds : float
         Time in s to simulate and write it on one core, estimated.
-    record_bytes, working_bytes : int
-        Memory in bytes of the channels, and of everything else at once.
+    record_bytes, truth_bytes, working_bytes : int
+        Memory in bytes of the channels, of the truth beside them, estimated, and of everything else at once.
 
     Examples
     --------
@@ -97,6 +97,7 @@ class Explanation:
     parts: tuple[Part, ...]
     seconds: float
     record_bytes: int
+    truth_bytes: int
     working_bytes: int
 
     def __str__(self) -> str:
@@ -109,6 +110,7 @@ class Explanation:
         ]
         cost = (
             f"about {self.seconds:.2g} s on one core, {self.record_bytes / 1e6:.3g} MB of samples, "
+            f"{self.truth_bytes / 1e6:.3g} MB of truth, "
             f"{self.working_bytes / 1e6:.3g} MB beside them"
         )
         return "\n".join([self.title, *rows, cost])
@@ -155,6 +157,7 @@ def explain(scene: Scene | str | Path) -> Explanation:
         parts=parts,
         seconds=_SETUP_S + _WRITE_S + _WRITE_S_PER_BYTE * record_bytes + sum(part.seconds for part in parts),
         record_bytes=record_bytes,
+        truth_bytes=counted.truth_bytes,
         working_bytes=counted.working_bytes,
     )
 
@@ -171,6 +174,8 @@ class Counted:
         Factor of compression.
     gears : tuple of Part
         Models of the gears.
+    truth_bytes : int
+        Of the record, beside the samples.
     working_bytes : int
         Memory beside the samples.
     """
@@ -178,6 +183,7 @@ class Counted:
     stage: PreparedScene
     time_factor: float
     gears: tuple[Part, ...]
+    truth_bytes: int
     working_bytes: int
 
 
@@ -199,8 +205,14 @@ def count(scene: Scene) -> Counted:
     lines += sum(amplitudes[:, :, 0].size for _, _, amplitudes in impact_lines(stage))
     lines += len(scene.sensors) * projected
     instants = stage.pulses.times_s.size + sum(train.revolutions.size for _, train in stage.trains)
-    truth = 2 * BYTES * _LINE_COPIES * lines * scene.truth_times + round(BYTES * time_factor * instants)
-    return Counted(stage=stage, time_factor=time_factor, gears=parts, working_bytes=truth + vibrating + _FIXED_BYTES)
+    amplitudes, events = 2 * BYTES * lines * scene.truth_times, round(BYTES * time_factor * instants)
+    return Counted(
+        stage=stage,
+        time_factor=time_factor,
+        gears=parts,
+        truth_bytes=amplitudes + events,
+        working_bytes=_LINE_COPIES * amplitudes + events + vibrating + _FIXED_BYTES,
+    )
 
 
 def _top_order(stage: PreparedScene) -> float:
@@ -374,7 +386,7 @@ def refuse_too_large(
     places = [(samples + counted.working_bytes, free_memory_bytes(), "of memory")]
     if out is not None:
         folder = next(parent for parent in out.absolute().parents if parent.exists())
-        places.append((samples, shutil.disk_usage(folder).free, f"on the disk of {folder}"))
+        places.append((samples + counted.truth_bytes, shutil.disk_usage(folder).free, f"on the disk of {folder}"))
     for need, free, where in places:
         if free is not None and need > free:
             raise SceneError(

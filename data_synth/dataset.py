@@ -12,11 +12,12 @@ from importlib.metadata import version
 from pathlib import Path
 from typing import Any, TypeAlias
 
+import numpy as np
 import xarray as xr
 
 from data_synth.benchmark.card import data_card
 from data_synth.benchmark.records import DURATION_S, TRIAL_S, BenchmarkRecords
-from data_synth.cost import explain
+from data_synth.cost import BYTES, explain
 from data_synth.plan import Plan, PlanError, load_plan, parse_plan
 from data_synth.scene.scene import SceneError
 from data_synth.simulation import simulate, simulate_with_detectability
@@ -27,6 +28,7 @@ from signals._validation import checked
 
 AnyPlan: TypeAlias = Plan | BenchmarkRecords
 
+_AMPLE = 20  # times the samples: no truth needs as much, so that it is not estimated, which takes seconds
 _MADE_BY = "# made by hums-toolkit {}; the plan with its scene and every default written out\n"
 
 
@@ -109,18 +111,19 @@ class DatasetCost:
 
     Attributes
     ----------
-    size_bytes : int
-        Of the samples of all records.
+    size_bytes, truth_bytes : int
+        Of the samples of all records, and of their truth before its compression.
     seconds : float
         On one core.
     """
 
     size_bytes: int
+    truth_bytes: int
     seconds: float
 
 
 def dataset_cost(plan: AnyPlan) -> DatasetCost:
-    """Return the size of a dataset, and the time to make it as `data_synth.explain` estimates it for three records.
+    """Return size, truth and time of a dataset as `data_synth.explain` estimates the latter two for three records.
 
     Parameters
     ----------
@@ -145,8 +148,16 @@ def dataset_cost(plan: AnyPlan) -> DatasetCost:
     200000000
     """
     numbers = range(0, plan.records, max(1, plan.records // 3))[:3]
-    seconds = [explain(scene).seconds for number in numbers for scene in plan.scenes_of(number)]
-    return DatasetCost(size_bytes=plan.records * plan.record_bytes, seconds=sum(seconds) / len(numbers) * plan.records)
+    seconds, truth = list[float](), list[float]()
+    for number in numbers:
+        own, *others = (explain(scene) for scene in plan.scenes_of(number))
+        seconds += [own.seconds, *(other.seconds for other in others)]
+        truth.append(own.truth_bytes * np.dtype(plan.dtype).itemsize / BYTES)
+    return DatasetCost(
+        size_bytes=plan.records * plan.record_bytes,
+        truth_bytes=round(sum(truth) / len(numbers) * plan.records),
+        seconds=sum(seconds) / len(numbers) * plan.records,
+    )
 
 
 def write_records(plan_text: str, shard: int, path: Path) -> None:
@@ -227,13 +238,18 @@ def _require_same_plan(folder: Path, there: str, own: str) -> None:
 
 
 def _check_space(plan: AnyPlan, shards: Path, *, missing: int) -> None:
-    """Refuse a disk with less free space than the missing records need."""
+    """Refuse a disk with less free space than the missing records need with their truth."""
     shards.mkdir(exist_ok=True)
-    need, free = missing * plan.record_bytes, shutil.disk_usage(shards).free
+    free = shutil.disk_usage(shards).free
+    if free >= missing * plan.record_bytes * _AMPLE:
+        return
+    truth_bytes = dataset_cost(plan).truth_bytes / plan.records
+    need = missing * (plan.record_bytes + truth_bytes)
     if need > free:
         raise PlanError(
-            f"{missing} records of {plan.record_bytes / 1e6:.3g} MB need {need / 1e9:.3g} GB, but {free / 1e9:.3g} GB "
-            f"are free at {shards}. Lower records, duration_s or rate_hz, keep float32, or choose another disk."
+            f"{missing} records of {plan.record_bytes / 1e6:.3g} MB and {truth_bytes / 1e6:.3g} MB of truth need "
+            f"{need / 1e9:.3g} GB, but {free / 1e9:.3g} GB are free at {shards}. Lower records, duration_s or rate_hz, "
+            "keep float32, or choose another disk."
         )
 
 

@@ -94,8 +94,9 @@ def simulate(
             slip has no line.
         ``truth_component``, ``truth_kind`` (truth_order)
             The sources at that order, largest first, joined by " + ".
-        ``truth_chain_response`` (truth_channel, truth_order, truth_time), complex
-            Frequency response of filters and sensitivity, a factor of truth_amplitude; where a channel has any.
+        ``truth_chain_poles`` (truth_channel, truth_chain_pole), complex, ``truth_chain_gain`` (truth_channel)
+            Filters and sensitivity, ``H(f) = gain prod p / (p - 2j pi f)``, a factor of truth_amplitude; where a
+            channel has any. Shorter channels end in NaN.
         ``truth_speed``, ``truth_revolutions`` (truth_time)
             Speed of the reference shaft in rev s-1 and its exact angle in rev; ``truth_torque`` in N m as declared.
         ``truth_fault_component``, ``truth_fault_kind`` (truth_fault)
@@ -531,9 +532,8 @@ def _drift(
         signal[:, here] *= factor
         for sources in parts.values():
             sources.values[..., here] *= factor
-    for name in ("truth_amplitude", "truth_chain_response"):
-        if name in truth:
-            truth[name] = truth[name].copy(data=truth[name].values * gain_drift(scene, prepared.instants_s))
+    amplitude = truth["truth_amplitude"]
+    truth["truth_amplitude"] = amplitude.copy(data=amplitude.values * gain_drift(scene, prepared.instants_s))
 
 
 def _add_hum(

@@ -111,7 +111,7 @@ def _torque_truth(prepared: PreparedScene, instants: xr.DataArray) -> dict[str, 
 
 
 def _line_truth(prepared: PreparedScene, instants: xr.DataArray, measured: GearLines | None) -> dict[str, xr.DataArray]:
-    """Return complex amplitude, component and kind of every line, and the frequency response of the chain."""
+    """Return complex amplitude, component and kind of every line, and poles and gain of the chain."""
     every = _lines(prepared)
     for line in measured.lines if measured is not None else ():
         part = _LineSource(component=line.component, kind=line.kind, amplitude=line.amplitude)
@@ -147,12 +147,27 @@ def _line_truth(prepared: PreparedScene, instants: xr.DataArray, measured: GearL
         )
         for name in ("component", "kind")
     }
-    chain = {}
+    chain = dict[str, xr.DataArray]()
     if any(chain.poles.size or chain.gain != 1 for chain in prepared.chains):
-        frequencies = np.outer(orders["truth_order"], prepared.speed_hz)
-        responses = np.stack([chain.response(frequencies) for chain in prepared.chains])
-        about = f"{sensors[0].channel_units} for one {sensors[0].units}, part of truth_amplitude"
-        chain["truth_chain_response"] = xr.DataArray(responses, dims=dims, coords=coords, attrs={"about": about})
+        poles = np.full((len(sensors), max(each.poles.size for each in prepared.chains)), np.nan, dtype=np.complex128)
+        for row, each in zip(poles, prepared.chains, strict=True):
+            row[: each.poles.size] = each.poles
+        units = f"{sensors[0].channel_units} ({sensors[0].units})-1"
+        about = "H(f) = truth_chain_gain prod p / (p - 2j pi f), a factor of truth_amplitude"
+        chain = {
+            "truth_chain_poles": xr.DataArray(
+                poles,
+                dims=("truth_channel", "truth_chain_pole"),
+                coords=channels,
+                attrs={"units": "rad s-1", "about": about},
+            ),
+            "truth_chain_gain": xr.DataArray(
+                [each.gain for each in prepared.chains],
+                dims="truth_channel",
+                coords=channels,
+                attrs={"units": units, "about": about},
+            ),
+        }
     changed = {"truth_line_change": change} if any(changes.values()) else {}
     return {"truth_amplitude": amplitude, **labels, **changed, **chain}
 

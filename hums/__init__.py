@@ -25,8 +25,8 @@ if TYPE_CHECKING:
     from hums.fleet.maintenance import Work as Work
     from hums.fleet.maintenance import read_maintenance as read_maintenance
     from hums.fleet.monitor import Judgement as Judgement
-    from hums.fleet.monitor import MonitorError as MonitorError
-    from hums.fleet.monitor import MonitorSettings as MonitorSettings
+    from hums.fleet.settings import MonitorError as MonitorError
+    from hums.fleet.settings import MonitorSettings as MonitorSettings
     from hums.fleet.watch import watch as watch
     from hums.gearbox.adjacency import from_adjacency_table as from_adjacency_table
     from hums.gearbox.kinematics import Kinematics as Kinematics
@@ -46,6 +46,7 @@ if TYPE_CHECKING:
     from hums.jobs import Processes as Processes
     from hums.jobs import Serial as Serial
     from hums.readers import convert as convert
+    from hums.records.calibration import calibrated as calibrated
     from hums.records.dataset_store import dataset_record as dataset_record
     from hums.records.dataset_store import open_dataset as open_dataset
     from hums.records.quantities import AngularAverage as AngularAverage
@@ -56,7 +57,6 @@ if TYPE_CHECKING:
     from hums.records.record import RecordError as RecordError
     from hums.records.record import TachometerWaveform as TachometerWaveform
     from hums.records.record import UnknownAngle as UnknownAngle
-    from hums.records.record import calibrated as calibrated
     from hums.records.record import make_record as make_record
     from hums.records.snapshots import join_snapshots as join_snapshots
     from hums.records.snapshots import snapshot_record as snapshot_record
@@ -83,8 +83,8 @@ _HOME = {
     "Kinematics": "hums.gearbox.kinematics",
     "MaintenanceError": "hums.fleet.maintenance",
     "Measured": "hums.records.quantities",
-    "MonitorError": "hums.fleet.monitor",
-    "MonitorSettings": "hums.fleet.monitor",
+    "MonitorError": "hums.fleet.settings",
+    "MonitorSettings": "hums.fleet.settings",
     "NominalSpeed": "hums.records.record",
     "Processes": "hums.jobs",
     "PulseTimes": "hums.records.record",
@@ -98,7 +98,7 @@ _HOME = {
     "Work": "hums.fleet.maintenance",
     "analyze": "hums.analysis.analyze",
     "analyze_fleet": "hums.fleet.fleet",
-    "calibrated": "hums.records.record",
+    "calibrated": "hums.records.calibration",
     "collisions": "hums.gearbox.order_families",
     "convert": "hums.readers",
     "dataset_record": "hums.records.dataset_store",

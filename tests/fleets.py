@@ -5,10 +5,11 @@ from datetime import UTC, datetime, timedelta
 import numpy as np
 
 from hums.fleet.kept import KeptRecord
-from hums.fleet.monitor import MachineState, MonitorSettings, update
+from hums.fleet.monitor import MachineState, update
 from hums.fleet.numbers import Numbers
 from hums.fleet.observation import Observation
 from hums.fleet.series import Series
+from hums.fleet.settings import MonitorSettings
 
 FIRST = datetime(2026, 3, 1, tzinfo=UTC)
 KEYS = tuple(

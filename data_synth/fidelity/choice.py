@@ -41,8 +41,10 @@ def simulated_motion(stage: PreparedScene, gears: Gears, levels: Mapping[str, st
 
 
 def with_kinematic_lines(stage: PreparedScene, gears: Gears, levels: Mapping[str, str]) -> PreparedScene:
-    """Return the stage with the lines of its kinematic meshes, from the response of the most detailed motion."""
+    """Return the stage with the lines of its kinematic meshes and bending rings, from the most detailed motion."""
     kinematic = [name for name, level in levels.items() if level == KINEMATIC]
+    if stage.scene.planet_pass is not None and stage.scene.planet_pass.ring is not None:
+        stage = stage.with_bending_rings(most_detailed_motion(stage, gears, levels).sensor_forces.ring_loads())
     return with_lines(stage, response_of(most_detailed_motion(stage, gears, levels)), kinematic) if kinematic else stage
 
 

@@ -23,7 +23,7 @@ from dataclasses import dataclass, field
 from functools import cached_property
 
 import numpy as np
-from numpy.typing import ArrayLike
+from numpy.typing import ArrayLike, NDArray
 
 from data_synth.gears.geometry import GearPair
 from data_synth.gears.mesh_stiffness import Array
@@ -35,6 +35,7 @@ _FAR_M = 1.0  # a gap that nothing bridges
 _EVERY = 8  # of these points are knots of the transmission error, where it is smooth
 _STEEP = 0.03  # of the whole error, from point to point: there every point is one
 _EDGE = 1e-9  # cycles: either side of the end of contact
+_FEW = 1024  # phases of a function that is evaluated at all of them
 _NEAR_BASE = 0.1  # of the radius of curvature at the pitch point: nearer the base circle sliding has no bound
 
 Gap = Callable[[Array], Array]
@@ -386,10 +387,27 @@ class PairError:
         """Return m at phases in mesh cycles, any shape."""
         phase = np.asarray(phase_cycles, dtype=np.float64) - self.first
         total = np.zeros_like(phase)
+        flat, values = phase.reshape(-1), total.reshape(-1)
+        here = self._in_contact(flat)
         # the remainder to the last digit, for periods are whole numbers, in a fifth of the time
-        within = phase - np.floor(phase / self.period) * self.period
+        within = flat[here] - np.floor(flat[here] / self.period) * self.period
         within = np.where(within < 0, within + self.period, within)
         right = 0.0 if self.period > 1 else None  # all alike: the next pair takes over
         for earlier in range(math.ceil(float(self.knots_cycles[-1]) / self.period)):
-            total += np.interp(within + earlier * self.period, self.knots_cycles, self.error_m, right=right)
+            values[here] += np.interp(within + earlier * self.period, self.knots_cycles, self.error_m, right=right)
         return total
+
+    def _in_contact(self, phase: Array) -> NDArray[np.intp] | slice:
+        """Return the numbers of phases (n,) since the pair first entered at which it is in contact, or more of them.
+
+        Of a gear with many teeth that are few, and those of rising phases, as a table asks for, are found at once.
+        """
+        last = float(self.knots_cycles[-1])
+        if phase.size < _FEW or last >= self.period - 1 or np.any(phase[1:] < phase[:-1]):
+            return slice(None)
+        entries = self.period * np.arange(math.floor(phase[0] / self.period), math.floor(phase[-1] / self.period) + 2)
+        starts, stops = np.searchsorted(phase, entries - 0.5), np.searchsorted(phase, entries + last + 0.5)
+        counts = stops - starts
+        numbers: NDArray[np.intp] = np.arange(int(np.sum(counts)))
+        numbers -= np.repeat(np.cumsum(counts) - counts - starts, counts)
+        return numbers

@@ -14,7 +14,7 @@ from data_synth.kinematic.shaft_faults import imbalance, imbalance_force_n, shaf
 from data_synth.operation.shaft_angle import Array
 from data_synth.scene.dynamics import Dynamics
 from data_synth.scene.imperfections import Imperfections
-from data_synth.scene.scene import Scene, SceneError
+from data_synth.scene.scene import Scene, SceneError, declared_size_mm
 from data_synth.scene.sensors import Mode
 from hums.gearbox.components import Axis, Mesh
 
@@ -97,8 +97,7 @@ def gear_deviations_m(scene: Scene, mesh: Mesh, gear: int, *, instance: str, rng
 
 def _modules_m(scene: Scene, mesh: Mesh) -> tuple[float, float]:
     """Return normal and transverse module of a mesh, m."""
-    dynamics = (scene.dynamics or Dynamics()).mesh(mesh.name)
-    module_mm = dynamics.module_mm or mesh.module_mm
+    module_mm = declared_size_mm(scene, mesh.name, "module_mm")
     if module_mm is None:
         raise SceneError(
             f'imperfections ask for the module of mesh "{mesh.name}"; declare module_mm in the gearbox or in '

@@ -20,6 +20,7 @@ from numpy.typing import ArrayLike, NDArray
 
 from data_synth.kinematic.harmonics import HarmonicFamily, RandomStreams
 from data_synth.kinematic.imperfect_parts import carrier_radius_m, planet_displacements_m, planet_loads
+from data_synth.kinematic.ring_bending import RingMesh
 from data_synth.operation.shaft_angle import Array
 from data_synth.scene.scene import Scene, SceneError
 from hums.gearbox.components import Axis
@@ -290,6 +291,39 @@ def pass_orders(scene: Scene, mesh: str) -> tuple[Fraction, int]:
     return abs(scene.ratio(carrier)), int(np.flatnonzero(lines >= _RETAINED * lines[0])[-1])
 
 
+def ring_meshes(scene: Scene, *, rng_for: RandomStreams) -> list[RingMesh]:
+    """Return the meshes of a kinematic scene whose planets pass the sensors."""
+    meshes = _planet_meshes(scene)
+    rings = {planets.carrier: name for name, planets in meshes.items() if planets.ring_at_rest}
+    found = []
+    for name, planets in meshes.items():
+        if planets.ring_at_rest:
+            axis, places = _places_on_carrier(scene, name, planets, rng_for=rng_for)
+            ahead = places + 2 * np.pi * _carrier_offset(rings[planets.carrier], rng_for=rng_for)
+            sense = 1 if scene.ratio(planets.carrier) > 0 else -1
+            shares = planet_loads(scene, axis, rng_for=rng_for)
+            found.append(RingMesh(mesh=name, carrier=planets.carrier, places_rad=sense * ahead, shares=shares))
+    return found
+
+
+def _carrier_offset(ring_mesh: str, *, rng_for: RandomStreams) -> float:
+    """Draw the turns of a carrier at revolution zero from the sensor, in its sense."""
+    return float(rng_for("planet pass", ring_mesh).random())
+
+
+def _places_on_carrier(
+    scene: Scene, mesh_name: str, planets: "_PlanetMesh", *, rng_for: RandomStreams
+) -> tuple[Axis, Array]:
+    """Return the axis of a mesh's planets, and their angles (N,) on the carrier in its sense, with displacements."""
+    axis = next(axis for axis in scene.gearbox.axes if planets.planet in axis.links)
+    places = _places_rad(axis) * (1 if scene.ratio(planets.carrier) > 0 else -1)
+    displacements_m = planet_displacements_m(scene, axis, rng_for=rng_for)
+    if displacements_m.any():
+        mesh = next(mesh for mesh in scene.gearbox.meshes if mesh.name == mesh_name)
+        places = places + displacements_m / carrier_radius_m(scene, mesh)
+    return axis, places
+
+
 @dataclass(frozen=True, kw_only=True)
 class _PlanetMesh:
     """A mesh between planets of a carrier that turns and a gear on its axis, or between two sets of them.
@@ -312,19 +346,14 @@ def _planet_family(
     rng_for: RandomStreams,
 ) -> HarmonicFamily:
     """Return the lines of one mesh of planets at the sensors."""
-    axis = next(axis for axis in scene.gearbox.axes if planets.planet in axis.links)
-    places = _places_rad(axis) * (1 if scene.ratio(planets.carrier) > 0 else -1)
-    displacements_m = planet_displacements_m(scene, axis, rng_for=rng_for)
-    if displacements_m.any():
-        mesh = next(mesh for mesh in scene.gearbox.meshes if mesh.name == family.component)
-        places = places + displacements_m / carrier_radius_m(scene, mesh)
+    axis, places = _places_on_carrier(scene, family.component, planets, rng_for=rng_for)
     passes = window is not None and planets.carrier in rings
     path = MovingPath(
         window=window if window is not None and passes else _EVERYWHERE,
         places_rad=places,
         strengths=planet_loads(scene, axis, rng_for=rng_for),
     )
-    offset = float(rng_for("planet pass", rings[planets.carrier]).random()) if passes else 0.0
+    offset = _carrier_offset(rings[planets.carrier], rng_for=rng_for) if passes else 0.0
     carrier_order = abs(scene.ratio(planets.carrier))
     return planet_pass_family(
         path,

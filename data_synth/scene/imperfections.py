@@ -2,7 +2,7 @@
 
 Every table is off unless it is named; named without numbers, it has the defaults of this module. They were fixed from
 the sources named here before any detector was run on records with them, and are not to be tuned to one. Where no
-source gives a number, "ours, illustrative" stands beside it.
+source gives a number, "ours, illustrative" stands beside it. `DEFAULTS_VERSION` changes with any of them.
 
 Sources: ISO 1328-1:2013 (flank tolerances), ISO 21940-11:2016 (balance quality), ISO 6336-1 (tooth stiffness), Wardle
 (1988, Proc. Inst. Mech. Eng. C 202: orders of waviness), Rifai, Ortmeyer and McQuillan (2000, IEEE Trans. Power
@@ -16,6 +16,9 @@ from pydantic import Field, model_validator
 
 from data_synth.scene.operation import NotNegative, Share
 from hums.gearbox.components import Declared, Name, Positive
+
+DEFAULTS_VERSION = "1.0"
+"""Of the defaults of this module and of `data_synth.scene.history.History`."""
 
 Ratio = Annotated[float, Field(gt=0, lt=1)]
 
@@ -62,8 +65,8 @@ class RaceWaviness(Declared):
     """
 
     waviness_um: Positive = 0.02  # amplitude of the first; ours, illustrative
-    stiffness_n_m: Positive = 1e8  # as the default of dynamics.bearings
-    harmonics: Annotated[int, Field(ge=1)] = 2
+    stiffness_n_m: Positive = 1e8  # as the default of dynamics.bearings; ours, illustrative
+    harmonics: Annotated[int, Field(ge=1)] = 2  # ours, illustrative
 
 
 class Inverter(Declared):
@@ -75,7 +78,7 @@ class Inverter(Declared):
 
     output_hz: Positive | None = None
     link: Name | None = None
-    pole_pairs: Annotated[int, Field(ge=1)] = 2
+    pole_pairs: Annotated[int, Field(ge=1)] = 2  # 1500 rpm at 50 Hz; ours, illustrative
     slip: Annotated[float, Field(ge=0, lt=1)] = 0.02  # induction motors at rated load, 1 to 5 %; ours, illustrative
     # (6 k +- 1) mains +- 6 n output with a six-pulse bridge: Rifai, Ortmeyer and McQuillan (2000); shares are ours
     lines: tuple[tuple[int, int, NotNegative], ...] = (
@@ -103,9 +106,9 @@ class TachometerPickUp(Declared):
 class Electrical(Declared):
     """Electrical lines in the cables of all sensors: harmonic k of the mains has ``decay ** (k - 1)`` of the first."""
 
-    mains_hz: Positive = 50.0  # 60 in the Americas
+    mains_hz: Positive = 50.0  # 60 in the Americas: IEC 60038
     amplitude_m_s2: Positive = 0.05  # read as motion; ours, illustrative
-    harmonics: Annotated[int, Field(ge=1)] = 3
+    harmonics: Annotated[int, Field(ge=1)] = 3  # ours, illustrative
     decay: Share = 0.5  # ours, illustrative
     inverter: Inverter | None = None
     tachometer: TachometerPickUp | None = None
@@ -170,7 +173,8 @@ class Temperature(Declared):
 
     celsius: Annotated[float, Field(gt=-273.15, allow_inf_nan=False)] = 45.0  # ours, illustrative
     drift_k_per_h: Annotated[float, Field(allow_inf_nan=False)] = 5.0  # ours, illustrative
-    per_k: Annotated[float, Field(gt=-0.01, lt=0.01)] = 1e-3  # piezoelectric ceramics, 0.05 to 0.15 %/K; illustrative
+    # piezoelectric ceramics, 0.05 to 0.15 %/K; ours, illustrative
+    per_k: Annotated[float, Field(gt=-0.01, lt=0.01)] = 1e-3
 
 
 class Imperfections(Declared):

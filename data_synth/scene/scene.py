@@ -539,6 +539,13 @@ class Scene(Declared):
         return math.ceil(20 * self.duration_s - 1e-9) + 1
 
 
+def declared_size_mm(scene: Scene, mesh: str, key: str) -> float | None:
+    """Return a size of a mesh such as `face_width_mm`: from `dynamics.meshes`, or the gearbox; None: from neither."""
+    own = getattr(scene.dynamics.mesh(mesh), key) if scene.dynamics is not None else None
+    found = own if own is not None else getattr({each.name: each for each in scene.gearbox.meshes}[mesh], key)
+    return None if found is None else float(found)
+
+
 def _with_file(table: Any, path: Path) -> Any:  # noqa: ANN401
     """Return a table whose csv file, where it is beside the scene, has its full path."""
     if not isinstance(table, dict) or not isinstance(file := table.get("csv"), str):

@@ -22,16 +22,27 @@ class Mode(Declared):
     damping_ratio: Annotated[float, Field(gt=0, lt=1)]
 
 
+class RingBending(Declared):
+    """An elastic ring gear: a rim of thickness `rim_mm` behind its teeth, of steel, as wide as the mesh.
+
+    Left out, the rim is 3.5 modules, from where on ISO 6336-3:2006 sees no effect of it on an internal gear's teeth.
+    """
+
+    rim_mm: Positive | None = None
+
+
 class PlanetPass(Declared):
     """Amplitude modulation of planet meshes as the planets pass a sensor on a stationary ring gear.
 
     The gain is 1 where a planet is nearest, and halfway to `floor` at `half_width_deg`. In a kinematic scene it applies
     to all meshes of the planets; what a damaged gear adds to such a mesh is not modulated. Where gears vibrate, it is
-    the gain of the dynamic part of each force on the ring: the static part moves a rigid housing by its sum alone.
+    the gain of the dynamic part of each force on the ring: the static part moves a rigid housing by its sum alone. With
+    `ring`, the static part bends the ring, and sensors on it have its shape as the planets pass (left out: rigid).
     """
 
     half_width_deg: Annotated[float, Field(gt=0, lt=180)]
     floor: Share = 0.0
+    ring: RingBending | None = None
 
 
 class CrossAxis(Declared):

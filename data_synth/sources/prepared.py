@@ -2,15 +2,16 @@
 
 import math
 from collections.abc import Callable, Sequence
-from dataclasses import dataclass
+from dataclasses import dataclass, replace
 
 import numpy as np
 
 from data_synth.kinematic.bearing_faults import bearing_impact_trains, settling_time_s
 from data_synth.kinematic.gear_faults import ImpactTrain, damage_trains, gear_damage_family
 from data_synth.kinematic.harmonics import ComplexArray, HarmonicFamily, RandomStreams, add_lines
-from data_synth.kinematic.imperfect_parts import imperfect_families, imperfections_of, with_drawn_sensors
-from data_synth.kinematic.planet_pass import with_planet_pass
+from data_synth.kinematic.imperfect_parts import imperfect_families, imperfections_of, in_units, with_drawn_sensors
+from data_synth.kinematic.planet_pass import ring_meshes, with_planet_pass
+from data_synth.kinematic.ring_bending import RingLoad, kinematic_ring_loads, ring_bending_lines
 from data_synth.kinematic.shaft_faults import (
     ShaftExcitation,
     bent_shaft,
@@ -22,7 +23,7 @@ from data_synth.operation.drive import Drive, build_drive
 from data_synth.operation.shaft_angle import Array
 from data_synth.operation.tachometer import Pulses, recorded_pulses, with_pick_up
 from data_synth.scene.faults import FaultyGear, GearFault
-from data_synth.scene.scene import BearingFault, Scene, SceneError, ShaftFault
+from data_synth.scene.scene import BearingFault, Scene, SceneError, ShaftFault, declared_size_mm
 from data_synth.scene.sensors import Sensor
 from data_synth.transfer.acquisition import AllPoleFilter, linear_chain
 from data_synth.transfer.paths import (
@@ -33,6 +34,7 @@ from data_synth.transfer.paths import (
     sensor_gains,
     transfer_paths,
 )
+from hums.gearbox.torques import solve_torques
 
 # ---- Harmonics and impacts of the faults that a scene declares -------------------------------------------------------
 
@@ -102,13 +104,6 @@ def faulty_gear(scene: Scene, number: int, *, teeth: float, rng_for: RandomStrea
         module_m=math.inf if module_mm is None else 1e-3 * module_mm,
         rng=lambda: rng_for("pits", str(number)),
     )
-
-
-def declared_size_mm(scene: Scene, mesh: str, key: str) -> float | None:
-    """Return a size of a mesh such as `face_width_mm`: from `dynamics.meshes`, or the gearbox; None: from neither."""
-    own = getattr(scene.dynamics.mesh(mesh), key) if scene.dynamics is not None else None
-    found = own if own is not None else getattr({each.name: each for each in scene.gearbox.meshes}[mesh], key)
-    return None if found is None else float(found)
 
 
 def mesh_name(component: str) -> str:
@@ -262,6 +257,16 @@ class PreparedScene:
         for family, amplitudes in family_amplitudes:
             add_lines(signal, amplitudes, base_order=family.base_order, revolutions=revolutions, position=position)
 
+    def with_bending_rings(self, loads: Sequence[RingLoad]) -> "PreparedScene":
+        """Return the scene with the lines of rings that their planets bend, in the channels of sensors on them."""
+        lines = ring_bending_lines(self.scene, loads, speed_hz=self.speed_hz)
+        if not lines:
+            raise SceneError("planet_pass.ring: no sensor is on a ring at rest; move one there, or leave it out.")
+        unit = in_units(self.scene, 1.0)
+        added = [_in_channels(family, unit * own, chains=self.chains, speed_hz=self.speed_hz) for family, own in lines]
+        families = [*self.families, *(family for family, _ in lines)]
+        return replace(self, families=families, amplitudes=[*self.amplitudes, *added])
+
     def impacts_at_source(self, number: int, train: ImpactTrain) -> tuple[Array, Array]:
         """Return the times (m,) in s of a train of fault `number`, and the amplitudes of its impacts at the source."""
         times_s = self.drive.angle.times(train.revolutions)
@@ -308,7 +313,7 @@ def prepare_scene(scene: Scene, *, rng_for: RandomStreams) -> PreparedScene:
             if (path := paths.get((family.source, sensor.name))) is not None:
                 at_place[row] = line_amplitudes(family, gains=np.ones(1), speed_hz=speed_hz, load=load, mode=path)[0]
         amplitudes.append(_in_channels(family, at_place * factor, chains=chains, speed_hz=speed_hz))
-    return PreparedScene(
+    prepared = PreparedScene(
         scene=scene,
         rng_for=rng_for,
         drive=drive,
@@ -324,6 +329,39 @@ def prepare_scene(scene: Scene, *, rng_for: RandomStreams) -> PreparedScene:
         chains=chains,
         pulses=_pulses(scene, drive, rng_for=rng_for),
     )
+    if scene.fidelity != "kinematic" or scene.planet_pass is None or scene.planet_pass.ring is None:
+        return prepared
+    rings = ring_meshes(scene, rng_for=rng_for)
+    shares = {ring.mesh: _ring_torque(scene, ring.mesh) for ring in rings}
+    history_nm = drive.torque.at(instants_s) if drive.torque is not None else np.zeros(instants_s.size)
+    torques_nm = {mesh: share * history_nm for mesh, share in shares.items()}
+    return prepared.with_bending_rings(kinematic_ring_loads(scene, rings, torques_nm=torques_nm))
+
+
+def _ring_torque(scene: Scene, mesh: str) -> float:
+    """Return the torque of one planet on the ring of a mesh for 1 N m of the scene's torque, in N m, by statics."""
+    if scene.torque is None:
+        raise SceneError(
+            "planet_pass.ring: without load no ring bends; add torque = { link = ..., nm = ... }, or leave it out."
+        )
+    link, reference = scene.torque.link, str(scene.gearbox.reference)
+    bodies, load_on = scene.kinematics.bodies, scene.dynamics.load_on if scene.dynamics is not None else None
+    drives = bodies[link] == bodies[reference]
+    other = load_on if drives else reference
+    if other is None:
+        raise SceneError(
+            f'planet_pass.ring: torque acts on "{link}", and the reference "{reference}" drives; name the link that '
+            "takes the power out as dynamics.load_on."
+        )
+    against = math.copysign(1.0 if drives else -1.0, scene.ratio(link))
+    loads = solve_torques(scene.kinematics, {link: against, other: None}).tooth_loads
+    load = next(load for load in loads if load.mesh == mesh)
+    torque = max(load.torques_nm, key=abs)  # the ring has more teeth than the planet
+    if not math.isfinite(torque):
+        raise SceneError(
+            f'planet_pass.ring: statics does not determine the load of mesh "{mesh}"; write fidelity = "lateral".'
+        )
+    return torque
 
 
 def ratio_of(scene: Scene, link: str) -> float:

@@ -30,8 +30,9 @@ from data_synth.scene.scene import Scene, SceneError
 from data_synth.sources.prepared import PreparedScene, prepare_scene
 from data_synth.transfer.housing import AHEAD
 from data_synth.vibration.meshes import Gears, Teeth, declared_of, gears_of, kinematics_of, tooth_passes
-from data_synth.vibration.sensor_forces import LAG, SensorForces, WeightedForces, sensor_forces_of
-from data_synth.vibration.torques import DriveLoad, drive_load_of, static_tooth_forces
+from data_synth.vibration.sensor_forces import SensorForces, sensor_forces_of
+from data_synth.vibration.torques import DriveLoad, drive_load_of, static_error_forces, static_tooth_forces
+from data_synth.vibration.weighted_forces import LAG, WeightedForces
 from hums.gearbox.kinematics import Kinematics
 
 # ---- The gearbox of a scene as equations of motion: its declared bodies, bearings and meshes assembled ---------------
@@ -386,10 +387,12 @@ def motion_of(
     while oversampling < _MOST_DENSE and np.max(angular) / (2 * math.pi) > oversampling * scene.rate_hz / 4:
         oversampling *= 2
     static_n = static_tooth_forces(stage, system, acting)
+    if sensor_forces.passing:
+        static_n = static_n + static_error_forces(system)[:, None]
     by_mesh = {mesh.name: force for mesh, force in zip(system.meshes, static_n, strict=True)}
     if (structure := sensor_forces.structure) is not None:  # supports share the load between planets
         shares = structure.response(np.zeros(1))[:, :, 0].real @ structure.maps["mesh_force"] @ static_n
-        by_mesh |= {each.mesh: by_mesh[each.mesh] + shares[each.reading] for each in sensor_forces.passing}
+        by_mesh |= {each.contact: by_mesh[each.contact] + shares[each.reading] for each in sensor_forces.passing}
     sensor_forces = replace(sensor_forces, static_n=by_mesh)
     return Motion(
         stage=stage,

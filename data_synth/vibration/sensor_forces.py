@@ -8,13 +8,13 @@ the fixed direction of the sensor.
 Where planets pass the sensors, the pass window of a planet's angle from the sensor, which is taken to be on the ring in
 the direction of its axis, is the gain of the dynamic part of its ring mesh's force: of F - F_0, F_0 the static force
 under the load of the instant. F_0 presses on a rigid housing like any other force, along its own direction, so that
-only the sum over the planets moves it: nothing, where they are alike and evenly spaced. That a static force bends an
-elastic ring as its planet passes is left out.
+only the sum over the planets moves it: nothing, where they are alike and evenly spaced. It bends an elastic ring as its
+planet passes: `data_synth.kinematic.ring_bending`.
 """
 
 import math
 from collections.abc import Callable, Mapping
-from dataclasses import dataclass, field, replace
+from dataclasses import dataclass, field
 
 import numpy as np
 
@@ -25,6 +25,7 @@ from data_synth.dynamics.system import Array, System
 from data_synth.integrators.problem import Output
 from data_synth.kinematic.harmonics import ComplexArray
 from data_synth.kinematic.planet_pass import PassWindow, pass_window
+from data_synth.kinematic.ring_bending import RingLoad, sensors_on_ring
 from data_synth.scene.scene import Scene, SceneError
 from data_synth.scene.sensors import Sensor
 from data_synth.sources.impacts import measured_filter
@@ -208,76 +209,6 @@ def _links(scene: Scene) -> set[str]:
     return {*scene.gearbox.links, *scene.gearbox.copied}
 
 
-# ---- Anti-aliasing of mesh forces that jump: triangular weights (linear B-splines), and their inverse filter ---------
-# A triangle over two sample intervals has the spectrum ``sinc^2``, which attenuates aliases. The passband is corrected
-# by the first terms of ``1 / sinc^2(x / 2) = (asin(s) / s)^2``, ``s = sin(x / 2)``: to 1e-6 up to a tenth of the rate,
-# and to 2e-4 up to a fifth.
-
-
-_TERMS = 6
-LAG = _TERMS + 1  # samples
-
-
-def _correction() -> Array:
-    """Return the symmetric filter (2 terms + 1,) with the response ``sum_n 2^(2n+1) n!^2 / (2n+2)! s^2n``."""
-    taps, power = np.zeros(2 * _TERMS + 1), np.ones(1)
-    for n in range(_TERMS + 1):
-        share = 2 ** (2 * n + 1) * math.factorial(n) ** 2 / math.factorial(2 * n + 2)
-        taps[_TERMS - n : _TERMS + n + 1] += share * power
-        power = np.convolve(power, [-0.25, 0.5, -0.25])
-    return taps
-
-
-@dataclass(kw_only=True)
-class WeightedForces:
-    """Sums channels of motion and channels of weighted mesh forces, block by block.
-
-    Attributes
-    ----------
-    output : Output
-        Output to integrate: the channels of motion, of weighted mesh forces, and of mesh forces at samples.
-    trial_output : Output
-        The same without the last, for the choice of the step size.
-    """
-
-    output: Output
-    trial_output: Output
-    _buffer: Array = field(default_factory=lambda: np.empty((0, 0)), init=False, repr=False)
-
-    @classmethod
-    def of(cls, output: Output) -> "WeightedForces | None":
-        """Return the replacement of an output with mesh forces; None where it has none."""
-        if output.mesh_force is None:
-            return None
-        maps = {
-            name: np.vstack([value, np.zeros((2 * output.channels, value.shape[1]))])
-            for name, value in output.maps.items()
-            if name != "mesh_force"
-        }
-        zero = np.zeros_like(output.mesh_force)
-        weighted_rows = np.vstack([zero, output.mesh_force, zero])
-        trial_output = Output(rate_hz=output.rate_hz, **maps, weighted_mesh_force=weighted_rows)
-        points = np.vstack([zero, zero, output.mesh_force])
-        return cls(output=replace(trial_output, mesh_force=points), trial_output=trial_output)
-
-    def push(self, values: Array) -> tuple[Array, Array]:
-        """Return the channels (n, channels), `LAG` samples behind the next values (n, 3 channels).
-
-        First free of aliases, for a filter, then as samples. Before the first values they are taken to be constant.
-        """
-        if not self._buffer.size:
-            self._buffer = np.repeat(values[:1], LAG + _TERMS, axis=0)
-        joined = np.concatenate([self._buffer, values])
-        self._buffer = joined[-LAG - _TERMS :]
-        count, channels = values.shape[0], values.shape[1] // 3
-        # a triangle is centred one sample back, and the filter is symmetric
-        now = joined[_TERMS : _TERMS + count]
-        motion, points = now[:, :channels], now[:, 2 * channels :]
-        taps = _correction()
-        weighted = [np.convolve(joined[1:, channels + c], taps, mode="valid") for c in range(channels)]
-        return np.asarray(motion + np.stack(weighted, axis=1)), np.asarray(motion + points)
-
-
 # ---- Sensor forces ---------------------------------------------------------------------------------------------------
 
 
@@ -301,6 +232,7 @@ class PassingMesh:
     Its static part acts on the housing as ``cos(angle) first + sin(angle) second + axial`` of itself.
     """
 
+    contact: str
     mesh: str
     route: int
     reading: int
@@ -364,14 +296,36 @@ class SensorForces:
             assert self.window is not None  # noqa: S101 - planets pass by it
             cosine, sine = waves[passes.carrier]
             static = np.zeros(1)
-            if passes.mesh in self.static_n:
-                static = np.interp(times_s, self.stage.instants_s, self.static_n[passes.mesh])
+            if passes.contact in self.static_n:
+                static = np.interp(times_s, self.stage.instants_s, self.static_n[passes.contact])
             dynamic = self.window.gain(angles[passes.carrier] + passes.place_rad) * (
                 readings[:, passes.reading] - static
             )
             rigid = static * (cosine * passes.first + sine * passes.second + passes.axial)
             sensed[:, passes.route] += passes.weight * (dynamic + rigid)
         return np.asarray(sensed)
+
+    def ring_loads(self) -> list[RingLoad]:
+        """Return the static forces of planets on the rings that sensors are on."""
+        loads = []
+        for passes in self.passing:
+            route = self.routes[passes.route]
+            if route.source is not None or route.number not in sensors_on_ring(self.stage.scene, passes.mesh):
+                continue
+            static, (ratio, offset) = self.static_n[passes.contact], self.carriers[passes.carrier]
+            cosine, sine = math.cos(passes.place_rad), math.sin(passes.place_rad)
+            loads.append(
+                RingLoad(
+                    mesh=passes.mesh,
+                    carrier=passes.carrier,
+                    ratio=ratio,
+                    sensor=route.number,
+                    place_rad=passes.place_rad + 2 * math.pi * offset,
+                    radial_n=static * (cosine * passes.first - sine * passes.second),
+                    tangential_n=static * (-sine * passes.first - cosine * passes.second),
+                )
+            )
+        return loads
 
 
 def sensor_forces_of(
@@ -423,7 +377,8 @@ def sensor_forces_of(
                 azimuth_rad = math.atan2(along[1], along[0]) if np.hypot(along[0], along[1]) > _ALONG else 0.0
                 passing.append(
                     PassingMesh(
-                        mesh=contact.name,
+                        contact=contact.name,
+                        mesh=contact.mesh,
                         route=number,
                         reading=reading,
                         carrier=contact.carrier,

@@ -17,6 +17,7 @@ import numpy as np
 
 from data_synth.dynamics.modes import undamped_modes
 from data_synth.dynamics.system import Array, System
+from data_synth.gears.transmission_error import TransmissionError
 from data_synth.integrators.problem import Load, State
 from data_synth.operation.drive import Drive
 from data_synth.scene.operation import RunUp
@@ -27,6 +28,7 @@ from hums.gearbox.kinematics import Kinematics
 
 _INSTANT_S = 1e-9  # to both sides, whose mean is taken: then a jump between steps costs no accuracy
 _NEGLIGIBLE = 1e-6  # of the declared inertia: less is rounding
+_VALUES = 8  # of a transmission error to a mesh cycle, for its mean
 _DIGITS = 7  # that a message needs, so that what it prints is accepted: rounded by less than the above
 
 
@@ -136,6 +138,26 @@ def static_tooth_forces(stage: PreparedScene, system: System, drive_load: DriveL
     directions = np.array([mesh.direction for mesh in system.meshes])
     static = np.asarray((means[:, None] * (directions @ shapes[:, elastic])) @ modal.T)
     return np.asarray(np.broadcast_to(static, (means.size, stage.instants_s.size)))
+
+
+def static_error_forces(system: System) -> Array:
+    """Return the force of each mesh, of mean stiffness, by the means of its transmission errors alone, (mesh,) N.
+
+    Not zero where meshes close a loop: a planet ahead of its place takes load from the others.
+    """
+    means = np.array([mesh.stiffness.mean for mesh in system.meshes])
+    errors = np.array([_mean_error_m(mesh.error) for mesh in system.meshes])
+    rows = np.array([mesh.direction for mesh in system.meshes])
+    angular, shapes = undamped_modes(system, means)
+    elastic = shapes[:, angular > 0] / angular[angular > 0]
+    return np.asarray(means * (rows @ (elastic @ (elastic.T @ (rows.T @ (means * errors)))) - errors))
+
+
+def _mean_error_m(error: TransmissionError | None) -> float:
+    """Return the mean of a transmission error over its period, from eight values to a cycle."""
+    if error is None:
+        return 0.0
+    return float(np.mean(error(np.arange(_VALUES * error.period) / _VALUES)))
 
 
 def _loaded(scene: Scene, kinematics: Kinematics, driving: str) -> str:

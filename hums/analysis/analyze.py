@@ -29,7 +29,7 @@ from hums.analysis.channel import (
 from hums.analysis.detection import AssessedLine, LineAssessor
 from hums.analysis.findings import Finding, findings
 from hums.analysis.gear_damage import GearJudgement, ToothEnvelope, gear_damage, gear_indicators
-from hums.analysis.indicators import HISTORIES, channel_indicators, read_baseline, snapshot_indicators
+from hums.analysis.indicators import HISTORIES, Baseline, channel_indicators, read_baseline, snapshot_indicators
 from hums.analysis.lines import ENVELOPE, ORDER_SPECTRUM, SearchPlan, expected_lines
 from hums.analysis.pictures import ChannelPictures, channel_pictures, picture_groups
 from hums.analysis.reference_angle import Machine, prepare_machine, prepare_snapshots
@@ -176,18 +176,18 @@ def analyze(
     excluded += [f'Channel "{name}" is left out: it has {gaps}.' for name, gaps in gapped.items()]
     conditions = _sensor_conditions(record, channels, gapped, constant, machine)
     assessed = _assessed(channels, machine, settings)
-    tree = _without_verdicts(
+    groups = _without_verdicts(
         record, gearbox, machine, settings, channels, assessed, gears, baseline, notes=excluded, conditions=conditions
     )
-    tree["speed"] = xr.DataTree(_speed_dataset(machine))
     _log.info("amplitude tracks")
-    tree["tracks"] = xr.DataTree(_tracks_dataset(record, channels, machine, assessed, settings))
-    rows = rows_dataset(indicators, IndicatorValue, dim="row")
-    tree["indicators"] = xr.DataTree(rows.assign_attrs({HISTORIES: histories.to_json()}))
+    groups |= {
+        "/speed": _speed_dataset(machine),
+        "/tracks": _tracks_dataset(record, channels, machine, assessed, settings),
+        "/indicators": _indicator_rows(indicators, histories),
+    }
+    tree = xr.DataTree.from_dict(groups | (picture_groups(pictures) if pictures else {}))
     found = _judge(tree)
     tree["envelope_tracks"] = xr.DataTree(_envelope_tracks(record, channels, teeth, machine, found, settings))
-    for name, picture in picture_groups(pictures).items() if pictures else ():
-        tree[name] = picture
     check_analysis(tree)
     return tree
 
@@ -237,13 +237,15 @@ def _analyse_snapshots(
     conditions += _sensor_conditions(record, channels, {}, {}, machine)
     assessed = _assessed(channels, machine, settings)
     notes = [_pooled_note(channels, len(parts)), *left]
-    tree = _without_verdicts(
+    groups = _without_verdicts(
         record, gearbox, machine, settings, channels, assessed, [], baseline, notes=notes, conditions=conditions
     )
-    tree["speed"] = xr.DataTree(_speeds_of_snapshots(record, machines))
-    tree["tracks"] = xr.DataTree(xr.Dataset())
-    rows_of_all = rows_dataset(indicators, IndicatorValue, dim="row")
-    tree["indicators"] = xr.DataTree(rows_of_all.assign_attrs({HISTORIES: histories.to_json()}))
+    groups |= {
+        "/speed": _speeds_of_snapshots(record, machines),
+        "/tracks": xr.Dataset(),
+        "/indicators": _indicator_rows(indicators, histories),
+    }
+    tree = xr.DataTree.from_dict(groups)
     _judge(tree)
     tree["envelope_tracks"] = xr.DataTree(xr.Dataset())
     check_analysis(tree)
@@ -311,7 +313,7 @@ def _without_verdicts(
     *,
     notes: Sequence[str],
     conditions: Sequence[SensorCondition],
-) -> Analysis:
+) -> dict[str, xr.Dataset]:
     """Return the groups of an analysis that records in one piece and snapshots have alike."""
     unlike = unlike_drawing(
         [channel.spectra[ORDER_SPECTRUM] for channel in channels if not channel.faulty],
@@ -319,20 +321,22 @@ def _without_verdicts(
         setting_of(machine),
     )
     doubts = [unlike[0].upper() + unlike[1:] + "."] if unlike else []
-    return xr.DataTree.from_dict(
-        {
-            "/": xr.Dataset(
-                attrs=_root_attrs(record, gearbox, machine, settings, channels, [*doubts, *notes]) | {UNLIKE: unlike}
-            ),
-            "/health": rows_dataset(conditions, SensorCondition, dim="item"),
-            f"/{ORDER_SPECTRUM}": _spectra(channels, ORDER_SPECTRUM, assessed),
-            f"/{ENVELOPE}": _spectra(channels, ENVELOPE, assessed),
-            "/unexplained": rows_dataset(
-                [line for channel in channels for line in channel.unexplained], UnexplainedLine, dim="line"
-            ),
-        }
-        | evidence_groups(channels, gears, machine, settings, baseline)
-    )
+    return {
+        "/": xr.Dataset(
+            attrs=_root_attrs(record, gearbox, machine, settings, channels, [*doubts, *notes]) | {UNLIKE: unlike}
+        ),
+        "/health": rows_dataset(conditions, SensorCondition, dim="item"),
+        f"/{ORDER_SPECTRUM}": _spectra(channels, ORDER_SPECTRUM, assessed),
+        f"/{ENVELOPE}": _spectra(channels, ENVELOPE, assessed),
+        "/unexplained": rows_dataset(
+            [line for channel in channels for line in channel.unexplained], UnexplainedLine, dim="line"
+        ),
+    } | evidence_groups(channels, gears, machine, settings, baseline)
+
+
+def _indicator_rows(indicators: Sequence[IndicatorValue], histories: Baseline) -> xr.Dataset:
+    rows = rows_dataset(indicators, IndicatorValue, dim="row")
+    return rows.assign_attrs({HISTORIES: histories.to_json()})
 
 
 def _plan(machine: Machine, settings: AnalysisSettings) -> SearchPlan:

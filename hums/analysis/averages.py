@@ -26,7 +26,6 @@ from hums.analysis.indicators import (
     carrier_sideband_ratio,
     gear_indicators,
     read_baseline,
-    stages,
     unavailable,
 )
 from hums.analysis.lines import ENVELOPE, ORDER_SPECTRUM
@@ -44,6 +43,7 @@ from hums.analysis.settings import AnalysisError, AnalysisSettings
 from hums.gearbox.components import closest
 from hums.gearbox.model import Gearbox
 from hums.gearbox.orders import BEARING_KINDS, bearing_orders, defects
+from hums.gearbox.planetary_stages import planetary_stages
 from signals.angle.averaging import SynchronousAverage
 from signals.angle.residual import residual_signal
 from signals.indicators import INDICATORS, kurtosis, rms
@@ -196,7 +196,7 @@ def _gears_on(machine: Machine, component: str) -> dict[str, int]:
     Both meshes of a planet have the same teeth, and the same average.
     """
     bodies = machine.kinematics.bodies
-    for stage in stages(machine):
+    for stage in planetary_stages(machine.kinematics):
         if component in stage.planets:
             return {f"{stage.ring_mesh}/{component}": stage.teeth.planet}
     return {
@@ -250,7 +250,7 @@ def _indicators(
         of_gear = MonitoredComponent(channel=monitored.channel, units=monitored.units, component=name, kind="gear")
         rows += gear_indicators(of_gear, average, gear, baseline)
     rows += _of_residual(monitored, average, tuple(gears.values()), settings)
-    stage = next((stage for stage in stages(machine) if stage.carrier == component), None)
+    stage = next((stage for stage in planetary_stages(machine.kinematics) if stage.carrier == component), None)
     if stage is not None:
         rows.append(carrier_sideband_ratio(monitored, stage, lambda: average))
     made = {row.indicator for row in rows}

@@ -45,7 +45,12 @@ def _speed_notes(machine: Machine, settings: AnalysisSettings) -> Iterator[str]:
         known = "refined" if declared is not None and declared.refined else "declared"
         yield (
             f"The speed is nominal: {known} for {shaft}, not measured. Lines are searched within "
-            f"{settings.nominal_speed_tolerance:.1%} of their nominal order and smear if the speed changed."
+            f"{settings.nominal_speed_tolerance:.1%} of their nominal order"
+            + (
+                "; its changes were followed by the lines of shafts and meshes."
+                if machine.source.followed
+                else " and smear if the speed changed."
+            )
         )
     if found is not None:
         yield (

@@ -18,6 +18,7 @@ from hums.analysis.lines import (
     ExpectedLine,
     MeasuredLine,
     envelope_sidebands,
+    narrowed,
     search,
 )
 from hums.analysis.reference_angle import Machine
@@ -217,7 +218,7 @@ def analyse_channel(
         one if (whole := whole_values(one.values, own)) is one.values else replace(one, values=whole)
         for one, own in zip(stretches, conditions, strict=True)
     ]
-    searched = [line for line in expected if line.spectrum == ENVELOPE]
+    searched = narrowed((line for line in expected if line.spectrum == ENVELOPE), lines)
     best, evidence, no_band = _envelopes(filled, record, name, machine, searched, lines, settings)
     if best is not None:
         spectra[ENVELOPE] = best.spectrum

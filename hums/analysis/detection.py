@@ -43,6 +43,9 @@ LEAKAGE_SHARE = 0.5
 OF_CAGE = "times the cage rate implied by"
 _EXPLAINED_HARMONICS = 3
 _EXPLAINED_SIDEBANDS = 3
+# Spacing in bins of a comb, below which every line is within the main lobe of a multiple of it. Halved, level changes
+# of a slow gear explain any race in short records; doubled, the comb of a ring's chipped tooth is read as a cage.
+_DENSE_BINS = 2 * LOBE_BINS
 
 _Comb = tuple[tuple[str, str], str, str]  # component and kind, channel, spectrum
 
@@ -142,7 +145,8 @@ class LineAssessor:
             # Coupling and run-out produce any multiple in an envelope; but a gear's sidebands lie at multiples of its
             # own shaft's order, so that only the searched harmonics explain them.
             highest = multiple if impacts and weaker.expected.kind != "tooth" else _EXPLAINED_HARMONICS
-            near = 0 < multiple <= highest and _near(weaker, multiple * base)
+            resolved = base >= _DENSE_BINS * weaker.bin_width
+            near = resolved and 0 < multiple <= highest and _near(weaker, multiple * base)
             above = _is_tooth_comb(stronger) and weaker.line.snr > RIVAL_FACTOR * stronger.line.snr
             return f"harmonic {multiple} of {name}" if near and not above else ""
         harmonics = 1 if stronger.expected.kind == "tooth" else _EXPLAINED_HARMONICS
@@ -166,7 +170,8 @@ class LineAssessor:
             if 0 < multiple <= highest and _near(weaker, multiple * cage) and not rival:
                 return f"{multiple} {OF_CAGE} {name}"
         element = stronger.expected.kind == "rolling_element"
-        same = weaker.expected.component == stronger.expected.component
+        # bearings of the same orders make the same lines: what one of them explains, it explains of all
+        same = replace(bearing, name="") == replace(self.bearings.get(weaker.expected.component, bearing), name="")
         if same and weaker.expected.kind == "cage":
             why = "it takes" if element else "elements that are not alike modulate"
             return f"the cage's rate, at which {why} {name}" + (" through the load zone" if element else "")

@@ -17,6 +17,7 @@ mains, nor for one of a comb of multiples of a shaft. Where its line stands at a
 multiples none does, it counts if healthy machines do not make lines there that are as strong.
 """
 
+import copy
 import math
 from collections.abc import Iterable, Mapping, Sequence
 from dataclasses import dataclass, replace
@@ -30,6 +31,7 @@ from hums.analysis.lines import MeasuredLine, supports
 from hums.analysis.thresholds import (
     EXACT_BINS,
     FEWEST_CYCLES,
+    HINT,
     JUDGED_SNR,
     MAINS_ACCURACY,
     MAINS_HARMONICS,
@@ -42,12 +44,14 @@ from hums.analysis.thresholds import (
 )
 from hums.gearbox.bearing_orders import BearingOrders
 from hums.gearbox.orders import BEARING_KINDS
+from signals.spectra.lines import record_probability
 
 __all__ = ["BandEvidence", "PartEvidence", "Setting", "bearing_evidence", "mains_multiples", "strength"]
 
 _CHANCE_WIDTHS = 4.0  # widths of a line: where multiples of the mains are nearer, a quarter of all lines is on one
 _ALIKE = 0.99  # of the widest band's width, to rounding
 _SEEN = 0.01  # probability that noise alone makes a harmonic, below which it counts
+_ONE_IN_20 = 1.645  # standard deviations that a normal variable falls below its mean in one of 20 cases
 _SIDEBANDS = 3  # on either side that support a fundamental
 _HARMONIC_SHARE = 0.5  # of a line's depth that one must have whose harmonic it may be: harmonics of strikes fall
 _MULTIPLES = 3  # of a deeper line that may be looked at as the part's own
@@ -134,8 +138,12 @@ class PartEvidence:
     detectable_depth : float
         The least modulation that would be significant and `JUDGED_SNR` times the background in each of the widest
         bands, since damage may ring in any part of the range.
+    possible_depth : float
+        The deepest modulation that may be there unseen in one of the widest bands: it is below `detectable_depth`
+        where the line in its place is so small that a deeper one would have been larger in 19 of 20 records.
     unsure_depth : float
-        The deepest line in any band at its order that nothing explains and that noise makes too often.
+        The deepest line in any band at its order that does not count for it, since something else explains it (then
+        `hidden_by` says what, where the part has no strength) or noise makes it too often.
     explained : float
         Share that it has of the power of all lines of the band that neither shafts nor meshes make.
     other_order, other_depth, other_strength : float
@@ -168,6 +176,7 @@ class PartEvidence:
     at_shaft: str = ""
     sideband_of: str = ""
     detectable_depth: float = math.inf
+    possible_depth: float = math.inf
     unsure_depth: float = 0.0
     explained: float = 0.0
     other_order: float = 0.0
@@ -240,8 +249,15 @@ def _beside(
 
 
 def _of_a_stronger_part(part: PartEvidence, parts: Iterable[PartEvidence]) -> str:
-    """Return of which deeper line of another bearing a part's is a harmonic, or an empty string."""
+    """Return which stronger part makes a part's line, in whatever bands the two stand, or an empty string.
+
+    A line may be a harmonic of a deeper one of another bearing. A cage takes a damaged element of its bearing through
+    the load zone.
+    """
     for other in parts:
+        element = (other.component, other.kind) == (part.component, "rolling_element") and not other.hidden_by
+        if part.kind == "cage" and element and other.strength > part.strength > 0:
+            return f"it is the cage's rate, at which it takes {other.component} rolling element through the load zone"
         multiple = round(part.found / other.found) if part.strength > 0 and other.strength > part.strength else 0
         if (
             other.component != part.component
@@ -287,6 +303,16 @@ class _Others:
                 on |= np.abs(orders - shaft * np.round(orders / shaft)) <= self.width
         return on
 
+    def without(self, spacings: Iterable[float]) -> "_Others":
+        """Return the lines but those at the rates by which something is carried through its load zone.
+
+        They are the modulation of its lines by itself, and not what these are sidebands of.
+        """
+        kept = ~_of_spacings(self.orders, spacings, self.width)
+        found = copy.copy(self)
+        found.orders, found.depths, found.strengths = self.orders[kept], self.depths[kept], self.strengths[kept]
+        return found
+
     def deepest(self, order: float) -> float:
         """Return the depth of the deepest line at an order, of shafts or not."""
         return float(self.every_depth[np.abs(self.every_order - order) <= self.width].max(initial=0.0))
@@ -303,6 +329,8 @@ def _part(seen: Sequence[tuple[BandEvidence, AssessedLine]], bearing: BearingOrd
     band, line = seen[number]
     main = line.measured
     widest = max(_width(one) for one, _ in seen)
+    whole = [one for one in seen if _width(one[0]) > _ALIKE * widest]
+    unsure = max((one for _, one in seen if _unsure(one)), key=lambda one: one.measured.depth, default=None)
     plain = PartEvidence(
         component=main.expected.component,
         kind=main.expected.kind,
@@ -316,8 +344,10 @@ def _part(seen: Sequence[tuple[BandEvidence, AssessedLine]], bearing: BearingOrd
         bin_width=main.bin_width,
         band_low_hz=band.band_hz[0],
         band_high_hz=band.band_hz[1],
-        detectable_depth=max(_detectable_depth(*one) for one in seen if _width(one[0]) > _ALIKE * widest),
-        unsure_depth=max((one.measured.depth for _, one in seen if _unsure(one)), default=0.0),
+        detectable_depth=max(_detectable_depth(*one) for one in whole),
+        possible_depth=_possible_depth(seen, whole),
+        unsure_depth=0.0 if unsure is None else unsure.measured.depth,
+        hidden_by="" if unsure is None else unsure.explained_by,
         modulation=max(_family_strength([one.measured for one in _family(band, line)]) for band, line in seen),
     )
     if best == 0:
@@ -332,15 +362,17 @@ def _part(seen: Sequence[tuple[BandEvidence, AssessedLine]], bearing: BearingOrd
     own_depth = max(main.depth, others.deepest(main.line.found))
     both = 2 if main.expected.kind == "rolling_element" else 0  # its two races may be struck unequally
     at_shaft, comb = _comb_of_a_shaft(main.line.found, main.depth, band, others.setting)
-    hidden = comb or _mains(main.line.found, others)
+    standing = [one.measured for one in _family(band, line) if one is line or _stands_out(one)]
+    hidden = comb or _mains(standing, others)
+    foreign = others.without(spacings)
     return replace(
         plain,
         strength=best,
         support=", ".join([*harmonics, *sidebands]),
         sidebands=len(sidebands),
-        hidden_by=hidden or _explanation(main.line.found, own_depth, others, both),
+        hidden_by=hidden or _explanation(main.line.found, own_depth, foreign, both),
         at_shaft=at_shaft,
-        sideband_of=_modulated(main.line.found, own_depth, others),
+        sideband_of=_modulated(main.line.found, own_depth, foreign),
         explained=float(power[mine].sum() / power.sum()) if power.size and power.sum() else 1.0,
         other_order=0.0 if strongest is None else float(others.orders[strongest]),
         other_depth=0.0 if strongest is None else float(others.depths[strongest]),
@@ -359,9 +391,33 @@ def _detectable_depth(band: BandEvidence, line: AssessedLine) -> float:
     return needed / measured.level if measured.level > 0 else math.inf
 
 
+def _possible_depth(
+    seen: Sequence[tuple[BandEvidence, AssessedLine]], whole: Sequence[tuple[BandEvidence, AssessedLine]]
+) -> float:
+    """Return the deepest modulation that may be unseen in the widest bands, which are `whole`, of all `seen`.
+
+    A line is small only where none in its place, in any band, is one that noise alone seldom makes.
+    """
+    unexplained = (one.measured.line for _, one in seen if _unsure(one) and not one.explained_by)
+    chance = min((line.false_alarm_probability for line in unexplained), default=1.0)
+    hint = record_probability(chance, searches=len(seen)) < HINT
+    return max(
+        _detectable_depth(*one) if hint else min(_detectable_depth(*one), _largest_depth(one[1])) for one in whole
+    )
+
+
+def _largest_depth(one: AssessedLine) -> float:
+    """Return the depth of a line that noise makes appear as small as one in fewer than one in 20 records.
+
+    A line is at least its part in phase with it, whose noise is normal.
+    """
+    line = one.measured
+    return (line.line.amplitude + _ONE_IN_20 * line.line.amplitude_std) / line.level if line.level > 0 else math.inf
+
+
 def _unsure(line: AssessedLine) -> bool:
-    """Whether a line is one that only its noise keeps from counting."""
-    return not (line.significant or line.explained_by or line.measured.line.at_edge)
+    """Whether a line is one that its noise or what explains it keeps from counting."""
+    return not (line.significant or line.measured.line.at_edge)
 
 
 def _strength_in(band: BandEvidence, line: AssessedLine, spacings: Sequence[float]) -> float:
@@ -442,13 +498,20 @@ def _own(orders: Numbers, fundamental: float, spacings: Sequence[float], width: 
     """Return which orders are harmonics of a fundamental, sidebands of them, or multiples of their spacing."""
     offsets = [0.0, *(side * s for s in spacings for side in range(-_SIDEBANDS, _SIDEBANDS + 1) if side)]
     own = np.zeros(orders.size, dtype=bool)
-    for spacing in spacings:  # what carries the defect modulates the envelope by itself, too
-        multiple = np.maximum(1, np.round(orders / spacing))
-        own |= (multiple <= _SIDEBANDS) & (np.abs(orders - multiple * spacing) <= width)
+    own |= _of_spacings(orders, spacings, width)
     for offset in offsets:
         multiple = np.maximum(1, np.round((orders - offset) / fundamental))
         own |= np.abs(orders - offset - multiple * fundamental) <= width * np.sqrt(multiple)
     return own
+
+
+def _of_spacings(orders: Numbers, spacings: Iterable[float], width: float) -> NDArray[np.bool_]:
+    """Return which orders are multiples of a spacing: what carries a defect modulates the envelope by itself, too."""
+    on = np.zeros(orders.size, dtype=bool)
+    for spacing in spacings:
+        multiple = np.maximum(1, np.round(orders / spacing))
+        on |= (multiple <= _SIDEBANDS) & (np.abs(orders - multiple * spacing) <= width)
+    return on
 
 
 def _comb_of_a_shaft(order: float, depth: float, band: BandEvidence, setting: Setting) -> tuple[str, str]:
@@ -498,12 +561,19 @@ def mains_multiples(orders: Numbers, setting: Setting, reach_hz: float) -> list[
     return found
 
 
-def _mains(order: float, others: _Others) -> str:
-    """Return of which mains a line is a harmonic, or an empty string."""
+def _mains(family: Sequence[MeasuredLine], others: _Others) -> str:
+    """Return of which mains a line is a harmonic, or an empty string; its own harmonics, which follow, then are, too.
+
+    In a short record a line is near the mains by chance; its harmonics are as many times as far from theirs.
+    """
     setting = others.setting
-    for mains, (multiple,) in mains_multiples(np.array([order]), setting, 0.5 * others.width * setting.speed_hz):
-        if multiple and mains > _CHANCE_WIDTHS * others.width * setting.speed_hz:
-            return f"{order * setting.speed_hz:.2f} Hz is {multiple:.0f} times mains of {mains:g} Hz"
+    found = np.array([line.line.found for line in family])
+    for mains, multiples in mains_multiples(found, setting, 0.5 * others.width * setting.speed_hz):
+        own = multiples[0] * np.array([line.expected.harmonic for line in family])
+        off_hz = np.abs(found * setting.speed_hz - own * mains)
+        near = off_hz <= MAINS_ACCURACY * own * mains + 0.5 * others.width * setting.speed_hz
+        if multiples[0] and near.all() and mains > _CHANCE_WIDTHS * others.width * setting.speed_hz:
+            return f"{found[0] * setting.speed_hz:.2f} Hz is {multiples[0]:.0f} times mains of {mains:g} Hz"
     return ""
 
 
@@ -511,15 +581,17 @@ def _explanation(order: float, depth: float, others: _Others, own_multiple: int)
     """Return which other line explains a line, or an empty string.
 
     Of a line at half its depth or more it may be a harmonic, but for `own_multiple`; of a deeper one a sideband; of a
-    much deeper one a part.
+    much deeper one a part. Of lines that a shaft spaces alike one is no sideband of another with which it is the deeper
+    together with their harmonics.
     """
+    whole = _together(order, depth, others)
     for other, size in _about_as_deep(order, depth, others):
         name = f"the line at {other:.3f}, which modulates by {size:.1%} and which it does not explain"
         for multiple in range(1, _MULTIPLES + 1):
             if multiple not in {1, own_multiple} and abs(order - multiple * other) <= others.width:
                 return f"it is {multiple} times {name}"
             sideband = _sideband(order, multiple * other, others) if size >= depth else None
-            if sideband is not None:
+            if sideband is not None and (multiple > 1 or _together(other, size, others) >= whole):
                 side, spacing = sideband
                 of = f"{multiple} times " if multiple > 1 else ""
                 return f"it is a sideband {side:+.0f} x {spacing:.3g} of {of}{name}"
@@ -530,16 +602,25 @@ def _explanation(order: float, depth: float, others: _Others, own_multiple: int)
 
 
 def _modulated(order: float, depth: float, others: _Others) -> str:
-    """Return which line may be the modulated one whose sideband a part's deeper one is, or an empty string.
+    """Return which line may be the modulated one whose sideband a part's is, or an empty string.
 
     Of lines that a shaft spaces alike, the multiples of the modulated one stand out: it is the one that is deepest
-    together with its second harmonic.
+    together with its second harmonic. A line that is deeper alone leaves a doubt.
     """
-    whole = depth + others.deepest(2 * order)
+    whole = _together(order, depth, others)
     for other, size in _about_as_deep(order, depth, others):
-        if _sideband(order, other, others) is not None and size + others.deepest(2 * other) > whole:
+        if _sideband(order, other, others) is None:
+            continue
+        if _together(other, size, others) > whole:
             return f"the line at {other:.3f}, of which it would be a sideband, is deeper together with its harmonic"
+        if size >= depth:
+            return f"the line at {other:.3f}, of which it would be a sideband, is as deep"
     return ""
+
+
+def _together(order: float, depth: float, others: _Others) -> float:
+    """Return the depth of a line with that of its second harmonic."""
+    return depth + others.deepest(2 * order)
 
 
 def _about_as_deep(order: float, depth: float, others: _Others) -> Iterable[tuple[float, float]]:

@@ -6,7 +6,7 @@ Every kind of defect of every part has one of four verdicts:
 - *indicated*: few healthy machines show as much, but a doubt remains, which the evidence names;
 - *not judged*: the record cannot say: too short or too noisy, out of the band, the sensor faulty, or its line hidden by
   something else;
-- *nothing found*: a modulation by a twentieth of the level would have stood out, and does not.
+- *nothing found*: a modulation by a twentieth of the level would have shown, and does not.
 
 The probability is that over healthy machines (`hums.analysis.healthy_machines`), for all parts of the record together,
 not that of noise. No bearing is named for a line that may be another source's: one of the same bearing is three times
@@ -197,7 +197,7 @@ def _with_twins(results: Sequence[Finding], orders: Mapping[tuple[str, str], flo
 
 def _also(one: Finding, twins: Sequence[str]) -> Finding:
     """Return a finding that may be of bearings with the same orders as well."""
-    doubt = f"it may be {' or '.join(twins)}, which has the same orders"
+    doubt = f"it may be {' or '.join(twins)}, which {'has' if len(twins) == 1 else 'have'} the same orders"
     joint = "; " if one.doubts else "; not certain: "
     return replace(
         one,
@@ -451,29 +451,31 @@ def _named(part: PartEvidence, doubts: Sequence[str], probability: float, least_
 
 def _unnamed(part: PartEvidence, probability: float, needed: float) -> Finding:
     """Return that a part is not judged where its defect would not have shown, else that nothing was found."""
-    if part.detectable_depth > JUDGED_DEPTH:
-        longer = (part.detectable_depth / JUDGED_DEPTH) ** 2  # the noise about a line falls as the root of the time
+    if part.possible_depth > JUDGED_DEPTH:
+        longer = (part.possible_depth / JUDGED_DEPTH) ** 2  # the noise about a line falls as the root of the time
         return _not_judged(
             part,
-            f"too short or too noisy: only a modulation by {part.detectable_depth:.0%} would stand out, "
+            f"too short or too noisy: a modulation by {part.possible_depth:.1%} may be there unseen, "
             f"where damage may be indicated from {JUDGED_DEPTH:.0%} on",
             least_change=f"judged in a record {longer:.2g} times as long"
             if math.isfinite(longer)
             else "judged in a band that has power",
         )
     if part.unsure_depth > FAULTY_DEPTH and not part.strength:
-        return _not_judged(
-            part,
-            f"too short or too noisy: a line in its place modulates a band by {part.unsure_depth:.0%}, which noise may "
-            "be, and damage, too",
-            least_change=f"nothing found, if that line were below {FAULTY_DEPTH:.0%}",
-        )
+        why = f"too short or too noisy: a line in its place modulates a band by {part.unsure_depth:.0%}, which noise "
+        why += "may be, and damage, too"
+        if part.hidden_by:
+            why = (
+                f"{_hidden(part.hidden_by)}; beside it, {part.unsure_depth:.0%} of a band's level, damage may go unseen"
+            )
+        least_change = f"nothing found, if that line were below {FAULTY_DEPTH:.0%}"
+        return _not_judged(part, why, least_change=least_change)
     seen = (
         f"{_line_text(part)}: healthy machines show as much in one of {1 / probability:.0f} records"
         if part.strength > 0
         else "no line of its own stands where it would make one"
     )
-    blind = JUDGED_DEPTH / part.detectable_depth if part.detectable_depth > 0 else math.inf
+    blind = JUDGED_DEPTH / part.possible_depth if part.possible_depth > 0 else math.inf
     changes = [(blind, f"not judged, if the noise about its line were {blind:.2g} times as large")]
     if part.strength > 0:
         changes.append(
@@ -482,7 +484,7 @@ def _unnamed(part: PartEvidence, probability: float, needed: float) -> Finding:
     return replace(
         _blank(part),
         verdict=NOTHING_FOUND,
-        evidence=f"{seen}; a modulation by {part.detectable_depth:.1%} would have stood out.",
+        evidence=f"{seen}; a modulation by {part.possible_depth:.1%} would have shown.",
         false_alarm_probability=probability,
         doubts=_hidden(part.hidden_by or part.at_shaft) if part.hidden_by or part.at_shaft else "",
         least_change=_least_of(changes),

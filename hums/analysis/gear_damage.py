@@ -22,7 +22,7 @@ from hums.analysis.findings import INDICATED, NOT_JUDGED, NOTHING_FOUND, Finding
 from hums.analysis.healthy_machines import HealthyMachines, healthy_machines
 from hums.analysis.reference_angle import Machine
 from hums.analysis.result import IndicatorValue
-from hums.analysis.thresholds import DIFFERING_TEETH, FEWEST_CYCLES
+from hums.analysis.thresholds import DIFFERING_TEETH, FEWEST_CYCLES, HIGHEST_TOOTH
 from hums.gearbox.orders import DefectOrder
 from hums.records.record import Sampling
 from signals.angle.local_damage import (
@@ -43,6 +43,7 @@ _SHAFT_ORDERS = 3  # of the fastest shaft: below it all is removed
 _SMOOTH_ORDERS = 2  # of a turn that run-out, misalignment or passing planets modulate; 0 for a sun, folded by planet
 _MASKED_TEETH = 1.5  # on either side of a damaged tooth, taken out before weaker gears are judged again
 _SICK = "the sensor is sick"
+_COMPARE = "Compare with an earlier record at the same speed and load, or inspect the teeth."
 _LONGER = "Take a longer record at a steady speed and load."
 _ROTATIONS = (999, 9999)  # least and most: more cost time where a tooth is found
 _LEAST_LOCAL = 1e-30  # no healthy gear comes near it
@@ -330,7 +331,8 @@ def gear_verdicts(judged: Sequence[GearJudgement], *, false_alarm_probability: f
 
     A damaged tooth is *indicated*: a single pitch deviation of a sound gear is as local, and nothing in one record
     tells the two apart. A baseline or a declared grade of ISO 1328-1 would. Where several teeth differ in the
-    same way in all parts of the record, pits and pitch deviations are alike, and nothing is judged; nor is wear of all.
+    same way in all parts of the record, and the highest by more than pitch deviations usually make it, it may be a pit,
+    and nothing is judged; nor is wear of all.
     """
     named: dict[str, GearJudgement] = {}
     for row in judged:
@@ -382,10 +384,15 @@ def _unnamed(row: GearJudgement, stated: float) -> Finding:
             next_step=next_step,
             least_change=least_change,
         )
+    alike = "wear of all teeth alike needs an earlier record"
+    if row.differing <= DIFFERING_TEETH:
+        alike = (
+            "they differ as pitch deviations make them; pits on many of them, and wear of all, need an earlier record"
+        )
     return replace(
         blank,
         verdict=NOTHING_FOUND,
-        evidence=f"no tooth stands out in {row.turns} turns; wear of all teeth alike needs an earlier record.",
+        evidence=f"no tooth stands out in {row.turns} turns; {alike}.",
         least_change=f"indicated from a probability of {stated:.3g} on (now {row.probability:.3g})",
     )
 
@@ -403,13 +410,13 @@ def _why_not_judged(row: GearJudgement, stated: float) -> tuple[str, str, str]:
     if row.turns < FEWEST_CYCLES:
         why = f"too short: {row.turns} turns show no damage but a grave one, {FEWEST_CYCLES:g} are needed"
         return why, _LONGER, longer
-    if row.differing <= DIFFERING_TEETH:
+    if row.differing <= DIFFERING_TEETH and row.outlier > HIGHEST_TOOTH:
         why = (
             "its teeth differ in the same way in all parts of the record, as pitch deviations of a sound gear and pits "
-            "on several teeth make them"
+            f"on several teeth make them, and the highest stands {row.outlier:.1f} standard deviations above the others"
         )
-        change = f"nothing found, if turns at random were as alike in more than {DIFFERING_TEETH:.0%} of cases"
-        return why, "Compare with an earlier record at the same speed and load, or inspect the teeth.", change
+        change = f"nothing found, if that were below {HIGHEST_TOOTH:g} standard deviations"
+        return why, _COMPARE, change
     return "", "", ""
 
 

@@ -23,11 +23,11 @@ from hums.analysis.lines import ENVELOPE
 from hums.analysis.reference_angle import Machine
 from hums.analysis.result import Analysis, IndicatorValue, check_analysis, group
 from hums.analysis.settings import AnalysisError, AnalysisSettings
-from hums.gearbox.components import planet_angles
 from hums.gearbox.orders import BEARING_KINDS
+from hums.gearbox.planetary_stages import PlanetaryStage, planetary_stages
 from hums.records.record import sampling
 from signals.angle.averaging import SynchronousAverage, synchronous_average
-from signals.angle.planets import PassWindow, PlanetaryTeeth, pass_angle, planet_average, sun_average
+from signals.angle.planets import PassWindow, pass_angle, planet_average, sun_average
 from signals.angle.residual import (
     MeshBand,
     ResidualSignal,
@@ -282,111 +282,7 @@ def _history_indicator(
 # has no such modulation, the indicators are withheld with the reason.
 
 
-_FEWEST = 2
-_FITS_DEG = 0.1
 _WINDOW_TEETH = 5.0  # least width of the window around a planet pass
-
-
-_Meshes = dict[str, tuple[str, int, tuple[str, int]]]  # planet -> mesh, its teeth, and its mate with teeth
-
-
-@dataclass(frozen=True, kw_only=True)
-class Stage:
-    """A planetary stage with a fixed ring: links, meshes, teeth, and the error of the planet positions if any."""
-
-    carrier: str
-    sun: str
-    planets: tuple[str, ...]
-    ring_mesh: str
-    sun_mesh: str
-    teeth: PlanetaryTeeth
-    misfit: str = ""
-
-
-def stages(machine: Machine) -> list[Stage]:
-    """Return the simple planetary stages of a gearbox: one sun, several equal planets, a fixed ring.
-
-    Stages with stepped, meshing or bevel planets have no such averages and are left out; so is a stage declared with
-    one planet, since the number of planets is then unknown.
-    """
-    kinematics = machine.kinematics
-    frame = kinematics.bodies[kinematics.gearbox.frame]
-    found = []
-    for carrier, joint in kinematics.joints.items():
-        if joint.carried_by != frame or not machine.order_of(carrier):
-            continue
-        rings: _Meshes = {}
-        suns: _Meshes = {}
-        for contact in kinematics.contacts:
-            if contact.carrier != carrier or len(contact.gears) != 2:  # noqa: PLR2004
-                continue
-            planet = next((gear for gear in contact.gears if _carrier_of(machine, gear[0]) == carrier), None)
-            mate = next((gear for gear in contact.gears if gear is not planet), None)
-            if planet is None or mate is None:
-                continue
-            (rings if kinematics.bodies[mate[0]] == frame else suns)[planet[0]] = (contact.mesh, planet[1], mate)
-        stage = _stage(machine, carrier, rings, suns)
-        if stage is not None:
-            found.append(stage)
-    return found
-
-
-def _stage(machine: Machine, carrier: str, rings: _Meshes, suns: _Meshes) -> Stage | None:
-    """Return the stage of a carrier from its ring and sun meshes, None unless it is a simple planetary one."""
-    if not rings or rings.keys() != suns.keys() or {len({*side.values()}) for side in (rings, suns)} != {1}:
-        return None
-    (ring_mesh, planet_teeth, ring), (sun_mesh, planet_again, sun) = (
-        next(iter(side.values())) for side in (rings, suns)
-    )
-    planets = tuple(rings)
-    if (
-        planet_again != planet_teeth
-        or len(planets) < _FEWEST
-        or _carrier_of(machine, sun[0]) == carrier
-        or not _parallel(machine, carrier, planets[0])
-    ):
-        return None
-    ring_teeth, sun_teeth = abs(ring[1]), abs(sun[1])
-    gearbox = machine.kinematics.gearbox
-    names = {planets[0], planets[0].rpartition(" ")[0]}  # of the first copy, and of all copies
-    axis = next((axis for axis in gearbox.axes if axis.copies == len(planets) and names & set(axis.links)), None)
-    spacing = planet_angles(len(planets), axis.spacing_deg if axis else None)
-    fits = ring_teeth + sun_teeth  # assembly condition: positions are multiples of 1 / (ring + sun teeth)
-    places = tuple(Fraction(round(angle / 360 * fits), fits) for angle in spacing)
-    off = max(abs(angle - 360 * float(place)) for angle, place in zip(spacing, places, strict=True))
-    unfit = (
-        f"planets do not fit where they are drawn: their places must be multiples of 1/{fits} of a turn, and one is "
-        f"{off:.2g} degrees off. Give the true ones with spacing_deg."
-    )
-    try:
-        teeth = PlanetaryTeeth(
-            ring=ring_teeth, planet=abs(planet_teeth), sun=sun_teeth, planets=len(planets), positions_rev=places
-        )
-    except ValueError:
-        return None
-    return Stage(
-        carrier=carrier,
-        sun=sun[0],
-        planets=planets,
-        ring_mesh=ring_mesh,
-        sun_mesh=sun_mesh,
-        teeth=teeth,
-        misfit=unfit if off > _FITS_DEG else "",
-    )
-
-
-def _parallel(machine: Machine, carrier: str, planet: str) -> bool:
-    """Whether the axis of a planet is parallel to that of its carrier."""
-    kinematics = machine.kinematics
-    directions = kinematics.mechanism.directions
-    one, other = (directions[kinematics.joints[kinematics.bodies[link]].axis] for link in (carrier, planet))
-    return abs(float(np.dot(one, other))) > 1 - 1e-9  # of unit vectors
-
-
-def _carrier_of(machine: Machine, link: str) -> str:
-    kinematics = machine.kinematics
-    joint = kinematics.joints.get(kinematics.bodies[link])
-    return "" if joint is None else joint.carried_by
 
 
 def planetary_indicators(
@@ -398,7 +294,7 @@ def planetary_indicators(
     baseline: Baseline,
 ) -> Iterator[IndicatorValue]:
     """Yield the indicators of all planetary stages in one channel."""
-    for stage in stages(machine):
+    for stage in planetary_stages(machine.kinematics):
         of_carrier = MonitoredComponent(
             channel=channel.name, units=channel.units, component=stage.carrier, kind="planetary"
         )
@@ -408,7 +304,7 @@ def planetary_indicators(
 
 
 def carrier_sideband_ratio(
-    monitored: MonitoredComponent, stage: Stage, average: Callable[[], SynchronousAverage]
+    monitored: MonitoredComponent, stage: PlanetaryStage, average: Callable[[], SynchronousAverage]
 ) -> IndicatorValue:
     """Return the ratio of the sidebands that evenly spaced planets cancel to those they do not."""
     teeth = stage.teeth
@@ -432,7 +328,7 @@ def _planet_indicators(
     channel: AnalysedChannel,
     values: Values,
     machine: Machine,
-    stage: Stage,
+    stage: PlanetaryStage,
     settings: AnalysisSettings,
     baseline: Baseline,
 ) -> Iterator[IndicatorValue]:

@@ -58,14 +58,12 @@ def channel_pictures(
     return ChannelPictures(channel=channel.name, datasets=made)
 
 
-def picture_groups(pictures: Sequence[ChannelPictures]) -> dict[str, xr.DataTree]:
-    """Return the groups of all channels: a group for each kind, with a child for each channel, in order."""
-    return {
-        name: xr.DataTree(
-            children={one.channel: xr.DataTree(one.datasets[name]) for one in pictures if name in one.datasets}
-        )
-        for name in (WAVEFORM, ORDER_MAP, AVERAGES, KURTOGRAM)
-    }
+def picture_groups(pictures: Sequence[ChannelPictures]) -> dict[str, xr.Dataset]:
+    """Return the datasets of all channels by path: a group for each kind, with a child for each channel, in order."""
+    groups = {f"/{name}": xr.Dataset() for name in (WAVEFORM, ORDER_MAP, AVERAGES, KURTOGRAM)}
+    for one in pictures:
+        groups |= {f"/{name}/{one.channel}": dataset for name, dataset in one.datasets.items()}
+    return groups
 
 
 def pictures_of(analysis: xr.DataTree, name: str) -> Iterator[tuple[str, xr.Dataset]]:

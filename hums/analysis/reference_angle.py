@@ -2,7 +2,7 @@
 
 import math
 from collections.abc import Sequence
-from dataclasses import dataclass
+from dataclasses import dataclass, replace
 from fractions import Fraction
 from functools import cached_property
 
@@ -11,14 +11,16 @@ import xarray as xr
 from numpy.typing import NDArray
 
 from hums.analysis.settings import AnalysisError, AnalysisSettings
+from hums.analysis.thresholds import STEADY_SPEED
 from hums.gearbox.bearing_orders import BearingOrders
 from hums.gearbox.components import closest
 from hums.gearbox.kinematics import Kinematics, solve_kinematics
 from hums.gearbox.model import Gearbox
 from hums.gearbox.orders import DefectOrder, bearing_orders, defects
-from hums.records.record import channel_values, nominal_speed, sampling, tachometers, vibration_channels
+from hums.records.record import Sampling, channel_values, nominal_speed, sampling, tachometers, vibration_channels
 from signals.shaft.declared_speed import DeclaredSpeed, refine_declared_speed
 from signals.shaft.phase import ShaftPhase, constant_speed
+from signals.shaft.phase_demodulation import refine_phase
 from signals.shaft.tacholess import SpeedEstimate, estimate_speed
 from signals.shaft.tachometer import shaft_phase
 
@@ -49,7 +51,8 @@ class SpeedFromVibration:
 class AngleSource:
     """Shaft whose angle is known, and its source: a tachometer, a declared speed, or the vibration.
 
-    `declared` is the declared speed with what the lines of the first channel say of it.
+    `declared` is the declared speed with what the lines of the first channel say of it; `followed` says that they show
+    its changes, too.
     """
 
     shaft: str
@@ -58,6 +61,7 @@ class AngleSource:
     pulses_per_rev: int = 0
     estimated: SpeedFromVibration | None = None
     declared: DeclaredSpeed | None = None
+    followed: bool = False
 
 
 @dataclass(frozen=True, kw_only=True)
@@ -313,7 +317,27 @@ def _declared_angle(
         )
     stop = when.start_s + (when.count - 1) / when.rate_hz
     phase = constant_speed(found.speed_hz, start_s=when.start_s, stop_s=stop)
-    return AngleSource(shaft=shaft, phase=phase, declared=found)
+    followed = None
+    if found.orders.size and any(row.kind == "gear_mesh" for row in defect_orders):
+        turning = [order * ratio for order in _speed_estimation_orders(defect_orders, settings.harmonics, below=top)]
+        followed = _followed(values, when, phase, turning)
+    return AngleSource(shaft=shaft, phase=followed or phase, declared=found, followed=followed is not None)
+
+
+def _followed(
+    values: NDArray[np.float64], when: Sampling, phase: ShaftPhase, orders: Sequence[float]
+) -> ShaftPhase | None:
+    """Return a declared angle with the changes of speed that its orders show, None where they show none.
+
+    Within a record a motor's speed changes by some thousandths, which is a tooth of a gear in a few hundred turns.
+    """
+    try:
+        found = refine_phase(
+            values, rate_hz=when.rate_hz, phase=phase, orders=orders, tolerance=STEADY_SPEED, start_s=when.start_s
+        )
+    except ValueError:  # too short, or no order low enough
+        return None
+    return None if found.phase is None else replace(found.phase, nominal=True)
 
 
 def _tachometer_angle(record: xr.Dataset, name: str) -> AngleSource:

@@ -3,6 +3,7 @@
 import json
 from collections.abc import Mapping, Sequence
 from dataclasses import dataclass, fields
+from functools import cache
 from importlib.metadata import version
 from pathlib import Path
 from typing import TYPE_CHECKING, Any, TypeAlias, TypeVar
@@ -28,6 +29,7 @@ if TYPE_CHECKING:
 Analysis: TypeAlias = xr.DataTree
 Row = TypeVar("Row")
 SCHEMA = "hums-analysis/1"
+_version = cache(version)  # which reads the package's files
 GROUPS = ("speed", "health", ORDER_SPECTRUM, ENVELOPE, "tracks", "indicators", "findings")
 
 
@@ -196,7 +198,7 @@ def root_attributes(
     return {
         "schema": SCHEMA,
         "record": Path(str(record.encoding.get("source", ""))).name,
-        "version": version("hums-toolkit"),
+        "version": _version("hums-toolkit"),
         "channels_json": json.dumps(channels),
         "machine": record.attrs.get("machine", ""),
         "recorded_at": record.attrs.get("recorded_at", ""),

@@ -21,7 +21,7 @@ def convert(  # noqa: PLR0917 - each option is one
         list[Path] | None,
         typer.Argument(
             show_default=False,
-            help="A .mat, .wav, .csv, .tdms, .uff, .h5, .npy or .npz file; or many: files, folders, patterns as "
+            help="A .mat, .wav, .csv, .txt, .tdms, .uff, .h5, .npy or .npz file; or many: files, folders, patterns as "
             '"acc_*.csv", and names that state the time as "data-%Y%m%dT%H%M%SZ.mat".',
         ),
     ] = None,

@@ -24,8 +24,8 @@ def dataset(
     cost = dataset_cost(declared)
     typer.echo(
         f"{declared.records} records of {declared.record_bytes / 1e6:.3g} MB are {cost.size_bytes / 1e6:.3g} MB of "
-        f"samples; about {cost.seconds / 60:.2g} minutes of one core. Truth lies beside the samples: where gears "
-        "vibrate, some 0.7 MB for a second of a record."
+        f"samples and up to {cost.truth_bytes / 1e6:.3g} MB of truth; about {cost.seconds / 60:.2g} minutes of one "
+        "core."
     )
     tally = make_dataset(declared, out, workers=chosen, progress=True)
     before = f", {tally.kept} of their {tally.kept + tally.done} files made before" if tally.kept else ""

@@ -13,9 +13,11 @@ from typing import Any
 import numpy as np
 import xarray as xr
 
+from hums.fleet.alarms import ALARM_COLUMNS, SEVERE
 from hums.fleet.maintenance import Work
-from hums.fleet.monitor import ALARM_COLUMNS, SEVERE, Judgement, MachineState, MonitorSettings, update
+from hums.fleet.monitor import Judgement, MachineState, update
 from hums.fleet.observation import Observation, order_key, seconds_since_1970
+from hums.fleet.settings import MonitorError, MonitorSettings
 from hums.fleet.state import read_state, write_state
 from hums.records.fields import plain_cell
 from hums.records.store import atomic_write, write_tree
@@ -173,7 +175,10 @@ def _earlier(folder: Path, name: str, ordered: Sequence[Fact], settings: Monitor
     kept = json.loads(gzip.decompress(path.read_bytes()))
     if kept.get("digest") != _digest(ordered[: len(kept["records"])]):
         return None
-    state = read_state(folder / f"{name}.state.gz")
+    try:
+        state = read_state(folder / f"{name}.state.gz")
+    except MonitorError:  # damaged, or of an earlier version: from the start, with the same result
+        return None
     if state.settings != settings:
         return None
     history = MachineHistory(state=state, records=kept["records"], alarms=kept["alarms"])
@@ -197,7 +202,7 @@ def _keep(history: MachineHistory, folder: Path, name: str, digest: str) -> None
     last = history.last and {key: getattr(history.last, key) for key in ("index", "scores", "growth")}
     text = json.dumps({"digest": digest, "records": history.records, "alarms": history.alarms, "last": last})
     with atomic_write(folder / f"{name}.history.gz") as part:
-        part.write_bytes(gzip.compress(text.encode(), compresslevel=6, mtime=0))
+        part.write_bytes(gzip.compress(text.encode(), compresslevel=1, mtime=0))
     write_state(history.state, folder / f"{name}.state.gz")
 
 

@@ -8,130 +8,43 @@ what is normal for it is learned from them, while the others keep theirs.
 import hashlib
 import json
 import math
-from collections.abc import Sequence
+from collections.abc import Mapping, Sequence
 from dataclasses import asdict, dataclass, field
 from functools import lru_cache
-from importlib.metadata import version
 from typing import Any
 
 import numpy as np
 from numpy.typing import NDArray
 
+from hums.fleet.alarms import SEVERE, alarm_row, life_word
 from hums.fleet.maintenance import ACKNOWLEDGED, Work
 from hums.fleet.observation import Observation, seconds_since_1970
 from hums.fleet.prior import healthy_scores, prior_of
 from hums.fleet.series import Series, component_parts, layout_of, vector, watched_component
-from signals._validation import SentenceError
-from signals.monitoring.alarm_life import AlarmRule, AlarmState, Life, stacked
+from hums.fleet.settings import MonitorError, MonitorSettings
+from signals.monitoring.alarm_life import AlarmState, Life, stacked
 from signals.monitoring.charts import ChartState
 from signals.monitoring.health import Normal, Reading, learn_normal, regime
 from signals.monitoring.limits import ChartLimits, chart_limits, own_scores
 
 __all__ = [
-    "ALARM_COLUMNS",
-    "SEVERE",
     "Epoch",
     "Judgement",
     "MachineState",
-    "MonitorError",
-    "MonitorSettings",
     "driving_series",
     "update",
 ]
 
 Array = NDArray[np.float64]
-ALARM_COLUMNS = (
-    "machine",
-    "component",
-    "channel",
-    "indicator",
-    "record",
-    "recorded_at",
-    "since",
-    "value",
-    "limit",
-    "false_alarm_every",
-    "severity",
-    "state",
-    "baseline",
-    "version",
-)
 RISES, FALLS = "level rises", "level falls suddenly"
 FEWEST_EFFECTIVE = 300  # independent records from which limits come from a machine's own distribution
 INDEPENDENT_AFTER_S = 3600.0
 """Time after which a machine's state is another: temperatures of oil and bearings settle within about an hour (our
 choice). Records closer than that share it, so that their spread says little about what is normal."""
+MOST_LEVERAGE = 1.0
+"""Variance of what is foretold over that of the series, above which a record is not judged: the regression would add as
+much scatter as a record has of itself (our choice)."""
 _DRIVERS = 3  # indicators an alarm names
-SEVERE = 2.0  # health index from which an alarm is severe: twice the limit
-
-
-class MonitorError(SentenceError):
-    """Raised where a baseline cannot be learned as asked, or a state is not one.
-
-    Examples
-    --------
-    >>> import hums
-    >>> try:
-    ...     hums.MonitorSettings(baseline_records=1)
-    ... except hums.MonitorError as error:
-    ...     print(error)
-    baseline_records = 1: a spread needs 2 records or more.
-    """
-
-
-@dataclass(frozen=True, kw_only=True)
-class MonitorSettings:
-    """How machines are watched.
-
-    Attributes
-    ----------
-    baseline_records : int
-        Number of judged records that a baseline is learned on, 2 or more.
-    baseline_from, baseline_until : str
-        Or the span of time whose records are learned on, ISO 8601; empty: open.
-    healthy : tuple of str
-        Or the names of the records that are declared healthy.
-    false_alarm_every : float
-        Mean number of records of a machine between false alarms, over all its components, sensors and charts.
-    rule : AlarmRule
-        When an alarm is raised and cleared.
-
-    Examples
-    --------
-    >>> import hums
-    >>> hums.MonitorSettings(baseline_until="2026-03-01").by_choice
-    True
-    """
-
-    baseline_records: int = 30
-    baseline_from: str = ""
-    baseline_until: str = ""
-    healthy: tuple[str, ...] = ()
-    false_alarm_every: float = 10_000.0
-    rule: AlarmRule = field(default_factory=AlarmRule)
-
-    def __post_init__(self) -> None:
-        if self.baseline_records < 2:  # noqa: PLR2004
-            raise MonitorError(f"baseline_records = {self.baseline_records}: a spread needs 2 records or more.")
-        if not self.false_alarm_every >= 10:  # noqa: PLR2004
-            raise MonitorError(f"false_alarm_every = {self.false_alarm_every:g}: give 10 records or more.")
-        for name in ("baseline_from", "baseline_until"):
-            when = getattr(self, name)
-            if when and math.isnan(seconds_since_1970(when)):
-                raise MonitorError(f"{name} = {when!r} is no ISO 8601 time; write 2026-03-01.")
-
-    @property
-    def by_choice(self) -> bool:
-        """Whether the records of the baseline are chosen by time or by name, not counted."""
-        return bool(self.baseline_from or self.baseline_until or self.healthy)
-
-    def chosen(self, seen: Observation) -> bool:
-        """Return whether a record belongs to a baseline that is chosen by time or name."""
-        if self.healthy:
-            return seen.record in self.healthy
-        seconds = seconds_since_1970(seen.recorded_at)
-        start, stop = (seconds_since_1970(when) if when else None for when in (self.baseline_from, self.baseline_until))
-        return math.isfinite(seconds) and (start is None or seconds >= start) and (stop is None or seconds <= stop)
 
 
 @dataclass(kw_only=True)
@@ -188,7 +101,7 @@ class Epoch:
         model, effective = own_scores(own[:, : len(self.names)])
         self.own_limits = min(effective, independent) >= FEWEST_EFFECTIVE
         self.limits = chart_limits(
-            max(2, independent),
+            max(2, int(independent / (1 + self.normal.series.regressors))),
             settings.false_alarm_every * layout.scores,
             model if self.own_limits else healthy_scores(),
             rule=settings.rule,
@@ -207,6 +120,9 @@ class Epoch:
             value = seen.covariates.get(name, math.nan)
             if not low <= value <= high:
                 return f"{name} = {value:.4g} outside {low:.4g} to {high:.4g}"
+        at = np.array([seen.covariates[name] for name in self.covariates])
+        if self.normal is not None and self.normal.series.leverage(_logarithms(at)) > MOST_LEVERAGE:
+            return f"{', '.join(self.covariates)} too far from those of the baseline to foretell what is normal"
         return ""
 
     def judge(self, seen: Observation) -> tuple[Reading, Array]:
@@ -345,6 +261,7 @@ def update(state: MachineState, seen: Observation, *, work: Sequence[Work] = ())
             outside = outside or refusal
             continue
         readings[number] = epoch.judge(seen)
+    alarms += _unjudged_verdicts(state, seen, readings)
     if not readings:
         if outside:
             return _refused(state, seen, outside, alarms)
@@ -389,31 +306,31 @@ def _judged(
         epoch = state.epochs[number]
         rising = epoch.charts.rising if epoch.charts is not None else np.zeros(indices.size)
         governed = [one for one in _named_scores(epoch.scores) if state.epoch_of(one[1]) == number]
-        newly = set(seen.diagnosed) - set(epoch.diagnosed)
+        charts = indices.copy()
         for place, component, what, _ in governed:
-            if component in newly and not what:  # at the limit by the verdict alone
-                indices[place] = np.maximum(indices[place], 1.0)
+            if component in seen.diagnosed and not what:  # at the limit by the verdict alone
+                indices[place] = np.fmax(indices[place], 1.0)
         places = [place for place, *_ in governed]
         before = [state.alarms.get(name) or rule.start() for *_, name in governed]
         after, raised = rule.step(stacked(before), indices[places])
         most = _largest_departures(epoch, reading)
         for at, (place, component, what, name) in enumerate(governed):
             index[name], scores[name] = float(indices[place]), float(reading.scores[place])
-            if rising[place] <= 1:
+            if rising[place] <= 1 and not before[at].recent:
                 state.since[name] = seen.recorded_at or seen.record
             state.alarms[name] = after.of(at)
             growth[name] = most[place]
             if raised[at]:
-                drivers = _drivers(epoch, reading, place)
+                drivers = [(channel, indicator) for channel, indicator, _ in _drivers(epoch, reading, place)]
                 severity = "sensor" if what else "severe" if index[name] >= SEVERE else "alarm"
-                row = _alarm(state, seen, component, drivers, value=index[name], severity=severity, epoch=epoch)
-                row["since"] = state.since[name]
-                if component in newly and not what:
-                    row["indicator"] = f"diagnosed; {row['indicator']}"
+                if component in seen.diagnosed and not what:
+                    drivers.insert(0, (drivers[0][0] if drivers else "", _verdict_words(epoch, component)))
+                    severity = "verdict" if not charts[place] >= 1 else severity
+                row = _alarm(state, seen, name, drivers, value=index[name], severity=severity, baseline=epoch.identity)
                 state.open[name] = row
                 alarms.append(row)
             elif name in state.open:
-                state.open[name]["state"] = _word(state.alarms[name])
+                state.open[name]["state"] = life_word(state.alarms[name])
     return Judgement(judged=True, index=index, scores=scores, growth=growth, alarms=tuple(alarms))
 
 
@@ -490,33 +407,57 @@ def driving_series(epoch: Epoch, seen: Observation, component: str, *, most: int
 def _alarm(
     state: MachineState,
     seen: Observation,
-    component: str,
-    drivers: list[tuple[str, str, float]],
+    name: str,
+    drivers: Sequence[tuple[str, str]],
     *,
     value: float,
     severity: str,
-    epoch: Epoch | None,
+    baseline: str = "",
 ) -> dict[str, Any]:
-    return {
-        "machine": state.machine,
-        "component": component,
-        "channel": drivers[0][0],
-        "indicator": "; ".join(dict.fromkeys(name for _, name, _ in drivers)),
-        "record": seen.record,
-        "recorded_at": seen.recorded_at,
-        "since": seen.recorded_at or seen.record,
-        "value": value,
-        "limit": 1.0,
-        "false_alarm_every": state.settings.false_alarm_every,
-        "severity": severity,
-        "state": Life.RAISED.name.lower(),
-        "baseline": epoch.identity if epoch is not None else "",
-        "version": version("hums-toolkit"),
-    }
+    return alarm_row(
+        state.machine,
+        name.partition(": ")[0],
+        drivers,
+        record=seen.record,
+        recorded_at=seen.recorded_at,
+        since=state.since.get(name) or seen.recorded_at or seen.record,
+        value=value,
+        severity=severity,
+        false_alarm_every=state.settings.false_alarm_every,
+        baseline=baseline,
+    )
 
 
-def _word(alarm: AlarmState) -> str:
-    return "cleared" if alarm.life == Life.CLEAR else Life(int(alarm.life)).name.lower()
+def _verdict_words(epoch: Epoch, component: str) -> str:
+    """Return what an alarm by a verdict names first: a part that was damaged in its baseline has wide limits."""
+    return "diagnosed, as in its baseline" if component in epoch.diagnosed else "diagnosed"
+
+
+def _unjudged_verdicts(
+    state: MachineState, seen: Observation, readings: Mapping[int, tuple[Reading, Array]]
+) -> list[dict[str, Any]]:
+    """Return alarms of components that a record diagnoses and no baseline judges: none is learned, or it is refused.
+
+    While a baseline is learned, a record that diagnoses nothing counts, too, by the same rule of m of n.
+    """
+    alarms: list[dict[str, Any]] = []
+    for component in sorted({*seen.diagnosed, *(name for name in state.alarms if ": " not in name)}):
+        number = state.epoch_of(component)
+        epoch, shown = state.epochs[number], component in seen.diagnosed
+        if (number in readings and component in epoch.names) or not (shown or epoch.normal is None):
+            continue
+        alarm = state.alarms.get(component) or state.settings.rule.start()
+        if shown and not alarm.recent:
+            state.since[component] = seen.recorded_at or seen.record
+        state.alarms[component], raised = state.settings.rule.step(alarm, np.asarray(float(shown)))
+        if raised:
+            drivers = [("", _verdict_words(epoch, component))]
+            row = _alarm(state, seen, component, drivers, value=1.0, severity="verdict", baseline=epoch.identity)
+            state.open[component] = row
+            alarms.append(row)
+        elif component in state.open:
+            state.open[component]["state"] = life_word(state.alarms[component])
+    return alarms
 
 
 def _sensor_alarms(state: MachineState, seen: Observation) -> list[dict[str, Any]]:
@@ -532,12 +473,11 @@ def _sensor_alarms(state: MachineState, seen: Observation) -> list[dict[str, Any
         alarm = state.alarms.get(name, state.settings.rule.start())
         state.alarms[name], raised = state.settings.rule.step(alarm, np.asarray(1.0 if sensor in seen.sick else 0.0))
         if raised:
-            drivers = [(sensor, f"health: {seen.sick[sensor]}", math.nan)]
-            row = _alarm(state, seen, f"sensor {sensor}", drivers, value=1.0, severity="sensor", epoch=None)
+            row = _alarm(state, seen, name, [(sensor, f"health: {seen.sick[sensor]}")], value=1.0, severity="sensor")
             state.open[name] = row
             alarms.append(row)
         elif name in state.open:
-            state.open[name]["state"] = _word(state.alarms[name])
+            state.open[name]["state"] = life_word(state.alarms[name])
     return alarms
 
 
@@ -569,7 +509,7 @@ def _acknowledge(state: MachineState, component: str) -> None:
                 _restart_charts(state, name)
             state.alarms[name] = state.settings.rule.acknowledge(alarm, np.asarray(True))
             if name in state.open:
-                state.open[name]["state"] = _word(state.alarms[name])
+                state.open[name]["state"] = life_word(state.alarms[name])
 
 
 def _restart_charts(state: MachineState, name: str) -> None:

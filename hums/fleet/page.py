@@ -95,6 +95,7 @@ def write_page(
         body=body,
         style=(ours / "page.css").read_text(encoding="utf-8"),
         script=(ours / "page.js").read_text(encoding="utf-8"),
+        curves_alone=True,
     )
     with atomic_write(path) as part:
         part.write_text(page, encoding="utf-8")

@@ -45,11 +45,13 @@ def write_indicators(records: Sequence[KeptRecord], path: Path) -> str:
     schema = pa.schema([*fields, ("value", pa.float32())])
     with atomic_write(path) as part, ParquetWriter(part, schema) as writer:
         waiting: list[KeptRecord] = []
+        rows = 0
         for one in records:
             waiting.append(one)
-            if sum(each.indicators.values.size for each in waiting) >= _ROWS:
+            rows += one.indicators.values.size
+            if rows >= _ROWS:
                 writer.write_table(_rows(pa, schema, waiting))
-                waiting = []
+                waiting, rows = [], 0
         writer.write_table(_rows(pa, schema, waiting))
     return ""
 

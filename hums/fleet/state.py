@@ -10,9 +10,10 @@ from typing import Any
 
 import numpy as np
 
-from hums.fleet.monitor import Epoch, MachineState, MonitorError, MonitorSettings
+from hums.fleet.monitor import Epoch, MachineState
 from hums.fleet.observation import Observation
 from hums.fleet.series import Series
+from hums.fleet.settings import MonitorError, MonitorSettings
 from hums.records.store import atomic_write
 from signals.monitoring.alarm_life import AlarmRule, AlarmState
 from signals.monitoring.charts import Charts, ChartState
@@ -22,7 +23,7 @@ from signals.monitoring.location import SeriesBaseline
 
 __all__ = ["read_state", "write_state"]
 
-SCHEMA = "hums-watch/1"
+SCHEMA = "hums-watch/2"
 _KINDS = {
     kind.__name__: kind
     for kind in (

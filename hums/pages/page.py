@@ -1,7 +1,9 @@
 """Figures of a page as JSON for plotly.js, and the page around them.
 
-The script comes from the Python package plotly; its classes are not imported, since a figure is plain JSON. Arrays are
-base64 of 4-byte floats or 1-byte codes. Colours named ``--line`` are those of `page.css`, in light, dark or print.
+The script comes from the Python package plotly; its classes are not imported, since a figure is plain JSON. A browser
+compiles it for some 3 s. A page of curves alone therefore has plotly's basic bundle, a quarter of the size, which is
+published for npm only and stands here as it came (``npm pack plotly.js-basic-dist-min@4.1.1``). Arrays are base64 of
+4-byte floats or 1-byte codes. Colours named ``--line`` are those of `page.css`, in light, dark or print.
 """
 
 import base64
@@ -166,7 +168,7 @@ def _json(content: object) -> str:
     return json.dumps(content, separators=(",", ":"), allow_nan=False).replace("<", "\\u003c")
 
 
-def stand_alone_page(*, title: str, body: str, style: str = "", script: str = "") -> str:
+def stand_alone_page(*, title: str, body: str, style: str = "", script: str = "", curves_alone: bool = False) -> str:
     """Return a whole HTML page that needs no other file and asks for none.
 
     Parameters
@@ -179,6 +181,8 @@ def stand_alone_page(*, title: str, body: str, style: str = "", script: str = ""
         Style sheet after ``page.css``.
     script : str
         Script before the figures are drawn, after ``page.js``; it may add to ``pages.views``.
+    curves_alone : bool
+        Whether all traces are ``scatter`` or ``bar``: the page then is 3.6 MB smaller and opens sooner.
 
     Examples
     --------
@@ -195,12 +199,15 @@ def stand_alone_page(*, title: str, body: str, style: str = "", script: str = ""
         '<meta name="viewport" content="width=device-width, initial-scale=1">\n'
         '<meta name="color-scheme" content="light dark">\n<link rel="icon" href="data:,">\n'
         f"<title>{html.escape(title)}</title>\n<style>\n{css}</style>\n</head>\n<body>\n{body}\n"
-        f"<script>{_plotly_script()}</script>\n<script>\n{js}\n</script>\n</body>\n</html>\n"
+        f"<script>{_plotly_script(basic=curves_alone)}</script>\n<script>\n{js}\n</script>\n</body>\n</html>\n"
     )
 
 
-def _plotly_script() -> str:
+def _plotly_script(*, basic: bool) -> str:
     """Return plotly.js, from the package's files: `files` would import the package."""
+    if basic:
+        text = (files("hums.pages") / "plotly-basic.min.js").read_text(encoding="utf-8")
+        return text.replace("</script", "<\\/script")
     from importlib.util import find_spec  # noqa: PLC0415
     from pathlib import Path  # noqa: PLC0415
 

@@ -39,7 +39,8 @@ if TYPE_CHECKING:
 
 __all__ = ["SUFFIXES", "ForeignFile", "Stated", "convert", "read_file"]
 
-SUFFIXES = (".mat", ".wav", ".csv", ".tdms", ".uff", ".unv", ".h5", ".hdf5", ".npy", ".npz")
+TEXT = (".csv", ".txt", ".tsv", ".asc")
+SUFFIXES = (".mat", ".wav", *TEXT, ".tdms", ".uff", ".unv", ".h5", ".hdf5", ".npy", ".npz")
 _STEADY = 0.02  # largest deviation of a measured speed from its mean: that of lines from a declared one, by default
 
 
@@ -50,7 +51,7 @@ def read_file(path: str | PathLike[str], *, most_bytes: int | None = None) -> Fo
     Parameters
     ----------
     path : str or Path
-        A .mat, .wav, .csv, .tdms, .uff, .unv, .h5, .hdf5, .npy or .npz file.
+        A .mat, .wav, .csv, .txt, .tsv, .asc, .tdms, .uff, .unv, .h5, .hdf5, .npy or .npz file.
     most_bytes : int, optional
         Bytes that one array of an HDF5, .mat or .npz file may take; default a hundred times the
         size of the file, or 64 MB.
@@ -88,7 +89,7 @@ def read_file(path: str | PathLike[str], *, most_bytes: int | None = None) -> Fo
             from hums.readers import wav  # noqa: PLC0415
 
             rate_hz, fields = wav.read(file)
-        case ".csv":
+        case suffix if suffix in TEXT or suffix[1:].isdigit():  # as of 2003.10.22.12.06.24, a time and no suffix
             from hums.readers import csv  # noqa: PLC0415
 
             fields, stated = csv.read(file)
@@ -151,7 +152,7 @@ def convert(
     Parameters
     ----------
     source : str or Path
-        A .mat, .wav, .csv, .tdms, .uff, .unv, .h5, .hdf5, .npy or .npz file.
+        A .mat, .wav, .csv, .txt, .tsv, .asc, .tdms, .uff, .unv, .h5, .hdf5, .npy or .npz file.
     channels : sequence of str
         Names of the vibration channels in the file; a member of a struct or a group by its path, ``bearing.gs`` or
         ``bearing/gs``. In the record the parts of a name are joined by dots.

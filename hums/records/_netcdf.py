@@ -132,7 +132,10 @@ def _new_scale(group: h5py.Group, dim: str, dataset: xr.Dataset, chunks: Chunks,
 
 
 def _new_dataset(group: h5py.Group, name: str, variable: xr.Variable, chunks: tuple[int, ...] | None) -> h5py.Dataset:
-    """Create an HDF5 dataset with the values of a variable, checksummed where it has chunks."""
+    """Create an HDF5 dataset with the values of a variable, checksummed where it has chunks.
+
+    With ``zlib`` in its encoding chunks are compressed, as xarray has it.
+    """
     values = variable.to_numpy()
     dtype = values.dtype
     if dtype.kind in "UO":
@@ -144,6 +147,7 @@ def _new_dataset(group: h5py.Group, name: str, variable: xr.Variable, chunks: tu
         data=values,
         dtype=dtype,
         fletcher32=chunks is not None or None,
+        **({"compression": "gzip", "compression_opts": 1, "shuffle": True} if variable.encoding.get("zlib") else {}),
         fillvalue=variable.attrs.get("_FillValue"),
         track_order=True,
         **_layout(values.shape, chunks),

@@ -22,7 +22,7 @@ def split_band(re: Single, im: Single, taps: Single, factor: int, out_re: Single
 
     and each band is a sum of the R_r, so that all bands cost one filter. Odd bands are reversed in frequency, which a
     factor (-1)^n corrects. `out_re`, `out_im`: (factor, outputs), only those whose taps all lie on the record. The
-    number of taps must be a multiple of ``8 factor``.
+    number of taps must be ``24 factor``.
     """
     residues = 2 * factor
     count = out_re.shape[1]
@@ -34,52 +34,89 @@ def split_band(re: Single, im: Single, taps: Single, factor: int, out_re: Single
     sums_im = np.empty((residues, _BLOCK), dtype=np.float32)
     for start in range(0, count, _BLOCK):
         width = min(_BLOCK, count - start)
-        for p in range(factor):
-            row_re = phases_re[p]
-            row_im = phases_im[p]
-            first = factor * start + p
-            for n in range(min(length, (re.size - first + factor - 1) // factor)):
-                row_re[n] = re[first + factor * n]
-                row_im[n] = im[first + factor * n]
+        groups = min(length, re.size // factor - start)
+        block_re = re[factor * start : factor * (start + groups)]
+        block_im = im[factor * start : factor * (start + groups)]
+        for n in range(groups):  # strides that are known when this is compiled use vector registers
+            if factor == 2:  # noqa: PLR2004
+                phases_re[0, n] = block_re[2 * n]
+                phases_re[1, n] = block_re[2 * n + 1]
+                phases_im[0, n] = block_im[2 * n]
+                phases_im[1, n] = block_im[2 * n + 1]
+            else:
+                phases_re[0, n] = block_re[3 * n]
+                phases_re[1, n] = block_re[3 * n + 1]
+                phases_re[2, n] = block_re[3 * n + 2]
+                phases_im[0, n] = block_im[3 * n]
+                phases_im[1, n] = block_im[3 * n + 1]
+                phases_im[2, n] = block_im[3 * n + 2]
         for r in range(residues):
             total_re = sums_re[r][:width]
             total_im = sums_im[r][:width]
-            total_re[:] = 0.0
-            total_im[:] = 0.0
-            row_re = phases_re[(last - r) % factor]
-            row_im = phases_im[(last - r) % factor]
-            # four taps at a time, so that the sums are loaded and stored a quarter as often
-            for m in range(r, taps.size, 4 * residues):
-                at = (last - m) // factor
-                a = taps[m]
-                b = -taps[m + residues]
-                c = taps[m + 2 * residues]
-                d = -taps[m + 3 * residues]
-                a_re = row_re[at : at + width]
-                a_im = row_im[at : at + width]
-                b_re = row_re[at - 2 : at - 2 + width]
-                b_im = row_im[at - 2 : at - 2 + width]
-                c_re = row_re[at - 4 : at - 4 + width]
-                c_im = row_im[at - 4 : at - 4 + width]
-                d_re = row_re[at - 6 : at - 6 + width]
-                d_im = row_im[at - 6 : at - 6 + width]
-                for n in range(width):
-                    total_re[n] += a * a_re[n] + b * b_re[n] + c * c_re[n] + d * d_re[n]
-                    total_im[n] += a * a_im[n] + b * b_im[n] + c * c_im[n] + d * d_im[n]
+            at = (last - r) // factor - 22
+            row_re = phases_re[(last - r) % factor][at : at + 22 + width]
+            row_im = phases_im[(last - r) % factor][at : at + 22 + width]
+            # twelve taps at once, so that the sums are stored but once and never loaded
+            t0 = taps[r]
+            t1 = -taps[r + residues]
+            t2 = taps[r + 2 * residues]
+            t3 = -taps[r + 3 * residues]
+            t4 = taps[r + 4 * residues]
+            t5 = -taps[r + 5 * residues]
+            t6 = taps[r + 6 * residues]
+            t7 = -taps[r + 7 * residues]
+            t8 = taps[r + 8 * residues]
+            t9 = -taps[r + 9 * residues]
+            t10 = taps[r + 10 * residues]
+            t11 = -taps[r + 11 * residues]
+            for n in range(width):
+                total_re[n] = (
+                    t0 * row_re[n + 22]
+                    + t1 * row_re[n + 20]
+                    + t2 * row_re[n + 18]
+                    + t3 * row_re[n + 16]
+                    + t4 * row_re[n + 14]
+                    + t5 * row_re[n + 12]
+                    + t6 * row_re[n + 10]
+                    + t7 * row_re[n + 8]
+                    + t8 * row_re[n + 6]
+                    + t9 * row_re[n + 4]
+                    + t10 * row_re[n + 2]
+                    + t11 * row_re[n]
+                )
+                total_im[n] = (
+                    t0 * row_im[n + 22]
+                    + t1 * row_im[n + 20]
+                    + t2 * row_im[n + 18]
+                    + t3 * row_im[n + 16]
+                    + t4 * row_im[n + 14]
+                    + t5 * row_im[n + 12]
+                    + t6 * row_im[n + 10]
+                    + t7 * row_im[n + 8]
+                    + t8 * row_im[n + 6]
+                    + t9 * row_im[n + 4]
+                    + t10 * row_im[n + 2]
+                    + t11 * row_im[n]
+                )
         for band in range(factor):
             band_re = out_re[band][start : start + width]
             band_im = out_im[band][start : start + width]
             band_re[:] = 0.0
             band_im[:] = 0.0
-            for r in range(residues):
+            for r in range(0, residues, 2):
                 angle = np.pi * r * (2 * band + 1) / residues
-                cosine = np.float32(np.cos(angle))
-                sine = np.float32(np.sin(angle))
+                next_angle = np.pi * (r + 1) * (2 * band + 1) / residues
+                a = np.float32(np.cos(angle))
+                b = np.float32(np.sin(angle))
+                c = np.float32(np.cos(next_angle))
+                d = np.float32(np.sin(next_angle))
                 total_re = sums_re[r][:width]
                 total_im = sums_im[r][:width]
+                next_re = sums_re[r + 1][:width]
+                next_im = sums_im[r + 1][:width]
                 for n in range(width):
-                    band_re[n] += cosine * total_re[n] - sine * total_im[n]
-                    band_im[n] += cosine * total_im[n] + sine * total_re[n]
+                    band_re[n] += a * total_re[n] - b * total_im[n] + c * next_re[n] - d * next_im[n]
+                    band_im[n] += a * total_im[n] + b * total_re[n] + c * next_im[n] + d * next_re[n]
             if band % 2 == 1:
                 for n in range((start + 1) % 2, width, 2):
                     band_re[n] = -band_re[n]

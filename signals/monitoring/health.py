@@ -140,12 +140,14 @@ class Normal:
         away = self.raw.standardised(values, covariates) * self.raw.scale
         level, *quantiles = _levels(away, self.layout)
         watched = [found - center for found, center in zip(quantiles, self.level_center, strict=True)]
-        departures = self.series.standardised(_without(values, level, self.layout), covariates)
+        wider, counted = _foretold(self.series, covariates)
+        departures = self.series.standardised(_without(values, level, self.layout), covariates) / wider
         fused = fused_scores(departures, self.layout.kinds)
         before = np.zeros_like(level) if recent is None else recent
-        rise = watched[0] / self.level_scale[0]
-        fall = (before - watched[1]) / self.level_scale[1]
-        scores = np.concatenate([(fused - self.score_center) / self.score_scale, rise, fall], axis=-1)
+        wider_level, counted_level = _foretold(self.raw, covariates)
+        rise = watched[0] / self.level_scale[0] * counted_level / wider_level
+        fall = (before - watched[1]) / self.level_scale[1] * counted_level / wider_level
+        scores = np.concatenate([(fused - self.score_center) / self.score_scale * counted, rise, fall], axis=-1)
         after = np.where(np.isfinite(watched[1]), before + _RECENT * (watched[1] - before), before)
         return Reading(
             departures=departures, growth=departures * self.series.scale, scores=scores, level=level, recent=after
@@ -183,17 +185,14 @@ def learn_normal(values: Array, covariates: Array, layout: Layout, prior: Prior,
         raise ValueError(f"a baseline of {records} records has no spread; learn it on 2 or more.")
     learned = partial(learn_baseline, prior_dof=prior.dof, independent=independent)
     raw = learned(values, covariates, prior_scale=prior.series)
-    each = SeriesBaseline(
-        **{name: getattr(raw, name)[..., None, :] for name in ("center", "scale")}, **_per_record(raw)
-    )
+    each = raw.per_record()
     away = each.standardised(values, covariates) * each.scale
     level, *quantiles = _levels(away, layout)
     corrected = _without(values, level, layout)
     series = learned(corrected, covariates, prior_scale=prior.series)
-    alone = SeriesBaseline(
-        **{name: getattr(series, name)[..., None, :] for name in ("center", "scale")}, **_per_record(series)
-    )
-    departures = alone.standardised(corrected, covariates) * out_of_sample(records)
+    alone = series.per_record()
+    new = out_of_sample(records, alone.leverage(covariates))
+    departures = alone.standardised(corrected, covariates) * new[..., None]
     fused = fused_scores(departures, layout.kinds)
     nothing = np.zeros((*values.shape[:-1], 0))
     levels = [learned(found, nothing, prior_scale=prior.level) for found in quantiles]
@@ -209,11 +208,16 @@ def learn_normal(values: Array, covariates: Array, layout: Layout, prior: Prior,
     )
 
 
-def _per_record(baseline: SeriesBaseline) -> dict[str, Array]:
-    return {
-        "slopes": baseline.slopes[..., None, :, :],
-        "covariate_center": baseline.covariate_center[..., None, :],
-    }
+def _foretold(baseline: SeriesBaseline, covariates: Array) -> tuple[Array, Array]:
+    """Return by how much departures (..., 1) at covariates are wider than in the middle, and how much a score counts.
+
+    The error of a slope stays from record to record, so that charts which remember add it up: limits allow for the
+    mean error of the baseline's own records, and where the error is larger, scores count less by as much.
+    """
+    leverage, records = baseline.leverage(covariates), baseline.records
+    wider = np.sqrt(1 + leverage / (1 + 1 / records))
+    counted = np.sqrt(np.minimum(1.0, (1 + baseline.regressors) / (1 + records * leverage)))
+    return wider[..., None], np.asarray(counted)[..., None]
 
 
 def _levels(departures: Array, layout: Layout) -> list[Array]:

@@ -1,6 +1,5 @@
 """A score of a component from its standardised indicators."""
 
-import math
 from collections.abc import Sequence
 from dataclasses import dataclass
 
@@ -74,10 +73,11 @@ def fused_scores(departures: Array, kinds: Kinds) -> Array:
     return np.asarray(np.fmax.reduceat(found, kinds.first, axis=-1))
 
 
-def out_of_sample(records: int) -> float:
-    """Return the ratio of the standard deviations of a new record and of a baseline's own about the baseline's mean.
+def out_of_sample(records: int, leverage: Array) -> Array:
+    """Return the ratios (...) of the deviations of a new record and of a baseline's own about what that foretells.
 
-    Of n independent records each departs from their mean with variance 1 - 1/n, a new one with 1 + 1/n. A score that is
-    not linear in the departures has the same mean for both only after this correction.
+    Of n independent records each departs from their mean with variance 1 - 1/n, from a regression on them by its
+    leverage h less, a new one with 1 + 1/n. A score that is not linear in the departures has the same mean for both
+    only after this correction.
     """
-    return math.sqrt((records + 1) / (records - 1)) if records > 1 else 1.0
+    return np.asarray(np.sqrt((1 + 1 / records) / np.maximum(1 - 1 / records - leverage, 1 / records)))

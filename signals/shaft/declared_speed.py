@@ -6,7 +6,7 @@ speed against noise (`signals.shaft._line_likelihood`), in long frames. It is sc
 
 from __future__ import annotations
 
-from dataclasses import dataclass, field
+from dataclasses import dataclass, field, replace
 from typing import TYPE_CHECKING
 
 import numpy as np
@@ -23,6 +23,7 @@ if TYPE_CHECKING:
 _LONGEST_FRAME_S = 4.0  # lines of a speed that is constant within a thousandth keep together up to order 100 at 2 Hz
 _STILL_HZ_S = 1e-6  # the search does without changes of speed
 _RIVAL = 0.5  # of the evidence at the best speed, which another speed must not reach by lines of its own
+_WANDER = 0.005  # relative change of a steady speed (our choice); lines of high orders smear over so many speeds
 _FEWEST_REVOLUTIONS = 20.0
 
 
@@ -37,7 +38,7 @@ class DeclaredSpeed:
     gain : float
         Logarithm of the evidence for the refined speed against the declared one.
     orders : (line,) array
-        Orders that show at the refined speed; empty where it is the declared one.
+        Orders that show at `speed_hz`, refined or as declared; empty where they do not clearly show either.
 
     Examples
     --------
@@ -65,7 +66,8 @@ def refine_declared_speed(
 
     The speed stays as declared unless at least two lines show the other one; its evidence exceeds that of the declared
     speed by a factor of a thousand for each speed tried; no third speed has half of it; and it lies within the
-    tolerance, not at its edge.
+    tolerance, not at its edge. Otherwise the lines show the speed as it was declared where the best one is as near as a
+    motor's speed changes, its evidence exceeds that of the median speed so, and no speed farther away has half of it.
 
     Parameters
     ----------
@@ -121,9 +123,17 @@ def refine_declared_speed(
     gain = float(evidence[best] - _scores(search, declared).sum())
     # orders whose line at another speed is neither the line that the best one has nor its leakage
     own = np.abs(np.outer(speeds - speeds[best], listed)) * frame_s > leakage_bins(search, float(speeds[best]))
-    rival = np.any((scores * own).sum(axis=1) > _RIVAL * np.maximum((shown * own).sum(axis=1), CERTAIN))
-    if gain < CERTAIN + np.log(speeds.size) or single_line(search, float(speeds[best]), shown) or rival:
-        return unchanged
+    rival = (scores * own).sum(axis=1) > _RIVAL * np.maximum((shown * own).sum(axis=1), CERTAIN)
+    needed = CERTAIN + np.log(speeds.size)
+    if gain < needed or rival.any() or single_line(search, float(speeds[best]), shown):
+        wander = np.abs(speeds / speeds[best] - 1) <= _WANDER
+        as_declared = (
+            abs(speeds[best] / declared - 1) <= _WANDER / 2
+            and evidence[best] - np.median(evidence) >= needed
+            and not rival[~wander].any()
+            and not single_line(search, float(speeds[best]), shown)
+        )
+        return replace(unchanged, orders=listed[shown > SHOWS]) if as_declared else unchanged
     before, at, after = evidence[best - 1 : best + 2]
     bend = before - 2 * at + after
     peak = speeds[best] + (search.spacing * 0.5 * (before - after) / bend if bend < 0 else 0.0)

@@ -198,17 +198,35 @@ def forward(
 
 
 @compiled
-def backward(chain: SlipChain, extended: bool, states: Floats, means: Floats, covariances: Floats) -> None:
-    """Smooth what `forward` returned, in place (Rauch, Tung, Striebel)."""
+def _cholesky(P: Floats, factor: Floats) -> bool:
+    """Fill the lower triangle of `factor` with the Cholesky factor of P; return whether P is positive definite."""
+    for a in range(len(P)):
+        for b in range(a + 1):
+            rest = P[a, b]
+            for c in range(b):
+                rest -= factor[a, c] * factor[b, c]
+            if a > b:
+                factor[a, b] = rest / factor[b, b]
+            elif rest > 0:
+                factor[a, a] = np.sqrt(rest)
+            else:
+                return False
+    return True
+
+
+@compiled
+def backward(chain: SlipChain, extended: bool, states: Floats, means: Floats, covariances: Floats) -> bool:
+    """Smooth what `forward` returned, in place (Rauch, Tung, Striebel); return whether every covariance allows it."""
     blocks, size = means.shape
-    F, gain = np.empty((size, size)), np.empty((size, size))
+    F, gain, factor = np.empty((size, size)), np.empty((size, size)), np.empty((size, size))
     P, spread, mean = np.empty((size, size)), np.empty((size, size)), np.empty(size)
     for m in range(blocks - 2, -1, -1):
         step = chain.turns[m], chain.process[m], chain.slip_process[m]
         ahead = states[m if extended else m + 1, -1]
         _predict(step, states[m], ahead, means[m], covariances[m], F, gain, mean, P)
         # The gain, transposed: P^-1 F P_m, by forward and back substitution with the Cholesky factor.
-        factor = np.linalg.cholesky(P)
+        if not _cholesky(P, factor):
+            return False
         for a in range(size):
             for c in range(size):
                 for b in range(a):
@@ -230,3 +248,4 @@ def backward(chain: SlipChain, extended: bool, states: Floats, means: Floats, co
             for b in range(size):
                 for c in range(size):
                     covariances[m, a, c] += gain[b, a] * spread[b, c]
+    return True

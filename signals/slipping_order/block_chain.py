@@ -88,13 +88,8 @@ def _run(
     means, covariances = np.empty_like(scores), np.empty_like(informations)
     means[0], covariances[0] = chain.prior_mean, np.diag(chain.prior_std**2)
     total, count = forward(chain, extended, states, informations, scores, means, covariances)
-    try:
-        if smooth:
-            backward(chain, extended, states, means, covariances)
-        lost = not np.all(np.diagonal(covariances, axis1=1, axis2=2) > 0)
-    except np.linalg.LinAlgError:
-        lost = True
-    if lost:
+    sound = not smooth or backward(chain, extended, states, means, covariances)
+    if not sound or not np.all(np.diagonal(covariances, axis1=1, axis2=2) > 0):
         raise FloatingPointError(
             f"the covariance of {len(states)} blocks is not positive definite in double precision, with x of up to "
             f"{np.nanmax(np.abs(chain.x)):.2g} times the noise; take a larger slip_change_per_rev, a wider bandwidth "

@@ -16,6 +16,7 @@ import xarray as xr
 
 import hums
 from data_synth import PlanError, SceneError, make_dataset, simulate
+from data_synth.dataset import dataset_cost
 from data_synth.plan import parse_plan
 from hums.jobs import Processes, Serial, Tally
 from hums.records.record import RecordError
@@ -87,11 +88,12 @@ class TestRecords:
             with open_record(tmp_path / "record.h5") as expected:
                 xr.testing.assert_identical(hums.dataset_record(tmp_path / "exact", number), expected)
 
-    def test_float32_rounds_samples_and_nothing_else(self, plan, single):
+    def test_float32_rounds_samples_and_amplitudes_and_nothing_else(self, plan, single):
         expected, record = simulate(plan.scene(1), seed=plan.seed_of(1)), single[1]
         assert np.array_equal(record["a"], expected["a"].astype(np.float32))
         assert np.array_equal(record["tachometer"], expected["tachometer"])
-        assert np.array_equal(record["truth_amplitude"], expected["truth_amplitude"])
+        assert np.array_equal(record["truth_amplitude"], expected["truth_amplitude"].astype(np.complex64))
+        assert np.array_equal(record["truth_order"], expected["truth_order"])
         assert record.attrs["truth_scene"] == plan.scene(1).to_toml()
 
     def test_records_count_from_zero(self, folder):
@@ -243,12 +245,17 @@ class TestRefusals:
             make_dataset(plan, tmp_path / "thesis.tex")
 
     def test_a_disk_that_is_too_small(self, tmp_path, monkeypatch):
-        monkeypatch.setattr(shutil, "disk_usage", lambda _: SimpleNamespace(free=139_999))
-        plan = parse_plan(SMALL)  # 7 records of 2 channels, 2500 samples, 4 bytes: 140 000
-        with pytest.raises(PlanError, match=r"7 records of 0\.02 MB need 0\.00014 GB, but 0\.00014 GB are free at"):
+        plan = parse_plan(SMALL)  # 7 records of 2 channels, 2500 samples, 4 bytes: 140 000, and their truth
+        need = 140_000 + dataset_cost(plan).truth_bytes
+        monkeypatch.setattr(shutil, "disk_usage", lambda _: SimpleNamespace(free=need - 1))
+        with pytest.raises(PlanError, match=r"7 records of 0\.02 MB and [0-9.]+ MB of truth need .* GB are free at"):
             make_dataset(plan, tmp_path / "full")
-        monkeypatch.setattr(shutil, "disk_usage", lambda _: SimpleNamespace(free=140_000))
+        monkeypatch.setattr(shutil, "disk_usage", lambda _: SimpleNamespace(free=need))
         make_dataset(plan, tmp_path / "full")
+        # the estimate was enough: it counts lines before they are compressed
+        files = sum(path.stat().st_size for path in (tmp_path / "full" / "shards").iterdir())
+        layout = 7 * 100_000  # bytes of names, attributes and indices
+        assert files < need + layout
 
     def test_a_record_that_cannot_be_simulated_is_named(self, tmp_path):
         plan = parse_plan(SMALL.replace("[500, 1500]", "[500, 5000]"))

@@ -162,8 +162,9 @@ class TestDataset:
     def test_its_cost_is_known_before(self, small, monkeypatch):
         assert explain(small.scene(2)).seconds > 0
         # where there is a fault, a short record is made as well, for its detectability
-        monkeypatch.setattr("data_synth.dataset.explain", lambda _: SimpleNamespace(seconds=2.0))
+        monkeypatch.setattr("data_synth.dataset.explain", lambda _: SimpleNamespace(seconds=2.0, truth_bytes=1000))
         cost = dataset_cost(small)
+        assert cost.truth_bytes == 3 * 500  # single precision
         assert cost.size_bytes == 3 * 5120 * 4
         assert cost.seconds == pytest.approx(2.0 * (2 + 2 + 1))
 

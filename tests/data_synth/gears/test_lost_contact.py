@@ -11,6 +11,7 @@ from data_synth.gears.geometry import GearPair
 from data_synth.gears.lost_contact import (
     LoadSharing,
     LostContact,
+    PairError,
     broken_tip_gap,
     separation_m,
     spall_gap,
@@ -160,3 +161,15 @@ def test_what_stiffness_does_not_lose_the_error_has():
     with_loss = FORCE / stiffness + lost.error(teeth=23, first=0, stiffness_too=True)(since)
     healthy = FORCE / (pairs + ONE)
     assert_allclose(with_loss, healthy + lost.error(teeth=23, first=0, stiffness_too=False)(since), atol=2e-7)
+
+
+@pytest.mark.parametrize(("period", "last"), [(23, 1.6), (2, 1.6), (1, 0.9999)])
+def test_an_error_in_contact_is_the_same_at_rising_and_at_mixed_phases(period, last):
+    knots = np.linspace(0, last, 9)
+    error = PairError(period=period, first=3, knots_cycles=knots, error_m=1e-6 * np.sin(knots) + 1e-6)
+    rising = np.linspace(-30.0, 70.0, 5000)
+    mixed = np.random.default_rng(1).permutation(5000)
+    assert np.array_equal(error(rising)[mixed], error(rising[mixed]))
+    # in contact for `last` cycles of a period: the integral of its error over them, mean by mean
+    whole = error(3 + period * (np.arange(20_000) + 0.5) / 20_000)
+    assert np.mean(whole) == pytest.approx(np.trapezoid(error.error_m, knots) / period, rel=1e-3)

@@ -59,5 +59,7 @@ def test_a_plan_larger_than_the_disk_gets_a_sentence(monkeypatch, tmp_path):
     plan = tmp_path / "plan.toml"
     plan.write_text('scene = "gears-in-motion"\nrecords = 1000\nseed = 1\n', encoding="utf-8")
     monkeypatch.setattr("shutil.disk_usage", lambda _: type("Usage", (), {"free": 1_000_000_000}))
-    with pytest.raises(PlanError, match=r"1000 records of 2 MB need 2 GB, but 1 GB are free at .*Lower records"):
+    with pytest.raises(
+        PlanError, match=r"1000 records of 2 MB and .* MB of truth need .* but 1 GB are free at .*Lower records"
+    ):
         make_dataset(plan, tmp_path / "set")

@@ -121,6 +121,16 @@ def test_multiples_of_a_stronger_tooth_rate_are_no_bearing(kind, order, multiple
     assert assessed[0].explained_by == f"harmonic {multiple} of m/planet tooth"
 
 
+@pytest.mark.parametrize(("bins", "explained"), [(3.9, False), (4.1, True)])
+def test_a_comb_that_the_record_does_not_resolve_explains_nothing(bins, explained):
+    # every order is within two bins of a multiple of less than four
+    rate = bins * BIN
+    slow = [line("m/planet", "tooth", k * rate, 40.0, harmonic=k) for k in (1, 2, 3)]
+    own = line("b", "outer_race", 90 * rate, 42.0, fundamental=True)
+    (assessed, *_) = LineAssessor({"b": BEARING}, 0.01).assess([own, *slow])
+    assert bool(assessed.explained_by) == explained
+
+
 def test_beside_a_multiple_or_above_the_teeth_a_bearing_line_stands():
     beside = line("b", "cage", CAGE + 2.5 * BIN, 42.0, fundamental=True)
     stronger = line("b", "cage", CAGE, 121.0, fundamental=True)  # more than three times as high as lines of 40

@@ -231,6 +231,27 @@ def test_what_a_deeper_line_explains_is_hidden_by_it():
     assert "2 times the line at 2.700" in harmonic.evidence
 
 
+@pytest.mark.parametrize(("order", "hidden"), [(0.4, False), (0.8, False), (0.45, True), (1.6, True)])
+def test_the_cage_that_carries_an_element_hides_it_not(order, hidden):
+    # a turn of the shaft above or below each: the cage's own line and harmonic modulate the element's by themselves
+    bearing = replace(BEARING, rolling_element=order + 1.0)
+    lines = ASSESSOR.assess([line("rolling_element", order + 1.0, 10.0)])
+    band = silent_band(
+        lines, orders=np.array([order, order + 1.0]), depths=np.array([0.9, 0.5]), backgrounds=np.full(2, 0.01)
+    )
+    (part,) = bearing_evidence([band], {"b": bearing}, SETTING)
+    assert bool(part.hidden_by) == hidden
+
+
+@pytest.mark.parametrize(("double", "verdict"), [(0.2, "indicated"), (0.5, "not judged")])
+def test_a_sideband_as_deep_as_its_race_does_not_hide_it(double, verdict):
+    # a load zone of half a turn makes the sideband at 4.4 nearly as deep as the race at 5.4; their doubles tell
+    inner = [line("inner_race", 5.4, 10.0), line("inner_race", 10.8, 7.0, harmonic=2, fundamental=False)]
+    (found,) = judged(ASSESSOR.assess(inner), others=[(4.4, 0.51), (8.8, double)])
+    assert found.verdict == verdict
+    assert "4.400" in found.doubts
+
+
 def test_a_comb_of_a_slow_shaft_is_no_race():
     # 5.4 is 36 times 0.15: a tooth that strikes once a turn of that shaft makes every multiple, a race few
     band = BandEvidence(
@@ -338,17 +359,69 @@ def test_a_line_of_the_mains_is_no_race():
     assert not part.hidden_by
 
 
+@pytest.mark.parametrize(("third", "hidden"), [(10.8, True), (10.77, False)])
+def test_a_race_near_the_mains_is_told_by_its_harmonics(third, hidden):
+    # 3.6 and 3.59 orders are both within the record's resolution of 100 Hz; three times the second is not 300 Hz
+    setting = replace(SETTING, speed_hz=100 / 3.6, speed_range_hz=0.0)
+    race = [of_order(3.6, third / 3), of_order(10.8, third, harmonic=3)]
+    band = BandEvidence(
+        band_hz=(1e3, 2e3),
+        lines=ASSESSOR.assess(race),
+        orders=np.array([third / 3, third]),
+        depths=np.array([1.0, 1.0]),
+        backgrounds=np.array([0.01, 0.01]),
+        bin_width=BIN,
+    )
+    (part,) = bearing_evidence([band], {"b": BEARING}, setting)
+    assert part.hidden_by.endswith("is 2 times mains of 50 Hz") == hidden
+
+
+@pytest.mark.parametrize(("level", "verdict"), [(150.0, "not judged"), (400.0, "nothing found")])
+def test_a_part_beside_whose_line_damage_would_not_be_seen_is_not_called_sound(level, verdict):
+    # a tooth's strikes explain the line at the race's place, 30 over a level of 150: the race may strike, too
+    tooth = [
+        line("tooth", 3.6 * k, 40.0, component="m/p", harmonic=k, fundamental=False, level=level) for k in (1, 2, 3)
+    ]
+    (found,) = judged(ASSESSOR.assess([line("outer_race", 3.6, 30.0, level=level), *tooth]))
+    assert found.verdict == verdict
+    assert "harmonic 1 of m/p tooth" in found.doubts
+
+
 def test_a_record_that_would_not_show_a_defect_is_not_judged():
-    # six times a background of 1 over a level of 20 is 30 %, over 100 it is 6 %, over 150 4 %
+    # 2, and 1.645 deviations of 0.5 above it: 2.82 of a level of 20 are 14.1 %, of 50 5.6 %, of 60 4.7 %
     (short,) = judged(ASSESSOR.assess([line("inner_race", 5.4, 2.0)]))
     assert short.verdict == "not judged"
-    assert "only a modulation by 30% would stand out" in short.evidence
+    assert "a modulation by 14.1% may be there unseen" in short.evidence
     # between 5 and 10 % it would not be diagnosed, but a longer record would show it
-    (early,) = judged(ASSESSOR.assess([line("inner_race", 5.4, 2.0, level=100.0)]))
+    (early,) = judged(ASSESSOR.assess([line("inner_race", 5.4, 2.0, level=50.0)]))
     assert early.verdict == "not judged"
-    assert "only a modulation by 6% would stand out, where damage may be indicated from 5% on" in early.evidence
-    (clean,) = judged(ASSESSOR.assess([line("inner_race", 5.4, 2.0, level=150.0)]))
+    assert "a modulation by 5.6% may be there unseen, where damage may be indicated from 5% on" in early.evidence
+    (clean,) = judged(ASSESSOR.assess([line("inner_race", 5.4, 2.0, level=60.0)]))
     assert clean.verdict == "nothing found"
+    # what noise makes in one record of ten may be damage: six times a background of 1 are 10 % of 60, 4 % of 150
+    (hint,) = judged(ASSESSOR.assess([line("inner_race", 5.4, 2.0, level=60.0, p=0.1)]))
+    assert hint.verdict == "not judged"
+    (clean,) = judged(ASSESSOR.assess([line("inner_race", 5.4, 2.0, level=150.0, p=0.1)]))
+    assert clean.verdict == "nothing found"
+
+
+@pytest.mark.parametrize("seen", [0.5, 1.0, 2.0, 4.0])
+def test_a_deeper_line_would_have_been_larger_in_19_of_20_records(seen):
+    (part,) = bearing_evidence([silent_band(ASSESSOR.assess([line("inner_race", 5.4, seen)]))], {"b": BEARING}, SETTING)
+    rng = np.random.default_rng(3)
+    noise = 0.5 * (rng.standard_normal(100_000) + 1j * rng.standard_normal(100_000))
+    as_small = np.mean(np.abs(20 * part.possible_depth + noise) <= seen)
+    assert as_small <= 0.05 + 3 * 0.0007  # the deviation of a share of 0.05 of 100,000
+    assert as_small > 0.005  # and not by far
+
+
+def silent_band(lines, **given):
+    none = np.zeros(0)
+    return BandEvidence(
+        **{"band_hz": (1e3, 2e3), "orders": none, "depths": none, "backgrounds": none} | given,
+        lines=lines,
+        bin_width=BIN,
+    )
 
 
 def test_a_spot_that_turns_has_sidebands():
@@ -591,6 +664,43 @@ def test_equal_bearings_are_named_together(lines):
     (other,) = {"b", "c"} - {found.component}
     assert f"it may be {other}, which has the same orders" in found.doubts
     assert found.next_step == f"Inspect {found.component} and {other}."
+
+
+def test_a_damaged_element_explains_the_cage_of_an_equal_bearing():
+    # nothing tells which of two equal bearings has the damaged element, and neither cage is damaged
+    made = [
+        one
+        for name in ("b", "c")
+        for one in (
+            of_order(4.75, 4.75, "rolling_element", component=name),
+            of_order(9.5, 9.5, "rolling_element", component=name, snr=9.0, harmonic=2),
+            of_order(0.4, 0.4, "cage", component=name, snr=9.0),
+        )
+    ]
+    twins = LineAssessor({"b": BEARING, "c": replace(BEARING, name="c")}, 0.01)
+    found = findings(twins.assess(made))
+    assert [(one.kind, one.verdict) for one in found] == [("rolling_element", "indicated")]
+
+
+@pytest.mark.parametrize(("element", "verdict"), [(30.0, "not judged"), (5.0, "indicated")])
+def test_an_element_explains_its_cage_in_another_band(element, verdict):
+    strikes = [of_order(4.75, 4.75, "rolling_element", snr=element), line("rolling_element", 4.35, 8.0, sideband=-1)]
+    strikes[1] = replace(strikes[1], expected=replace(strikes[1].expected, fundamental=False))
+    cage = [of_order(0.4, 0.4, "cage", snr=14.0), of_order(0.8, 0.8, "cage", snr=9.0, harmonic=2)]
+    bands = [
+        BandEvidence(
+            band_hz=(place, place + 1e3),
+            lines=ASSESSOR.assess(lines),
+            orders=np.array(orders),
+            depths=np.array([0.5] * len(orders)),
+            backgrounds=np.array([0.01] * len(orders)),
+            bin_width=BIN,
+        )
+        for place, lines, orders in ((1e3, strikes, [4.35, 4.75]), (2e3, cage, [0.4, 0.8]))
+    ]
+    parts = bearing_evidence(bands, {"b": BEARING}, SETTING)
+    found = {one.kind: one for one in bearing_verdicts(parts, false_alarm_probability=0.01, library=LIBRARY)}
+    assert found["cage"].verdict == verdict
 
 
 def test_a_multiple_of_another_bearings_line_is_not_named():

@@ -2,6 +2,7 @@
 
 from dataclasses import replace
 
+import numpy as np
 import pytest
 
 from data_synth import Scene, simulate
@@ -9,6 +10,7 @@ from hums import AnalysisSettings, load_gearbox
 from hums.analysis.channel import varying_values
 from hums.analysis.gear_damage import GearJudgement, gear_damage, gear_verdicts
 from hums.analysis.reference_angle import prepare_machine
+from hums.analysis.thresholds import HIGHEST_TOOTH
 from hums.records.record import sampling
 
 RATE_HZ = 12000
@@ -110,14 +112,33 @@ def test_few_turns_name_a_tooth_that_stands_out_and_call_none_sound():
     assert named.verdict == "indicated"
 
 
-@pytest.mark.parametrize(("differing", "verdict"), [(0.01, "not judged"), (0.02, "nothing found")])
-def test_teeth_that_differ_alike_in_all_parts_may_be_pitted(differing, verdict):
+@pytest.mark.parametrize(
+    ("differing", "outlier", "verdict"),
+    [(0.01, 5.1, "not judged"), (0.01, 4.9, "nothing found"), (0.02, 5.1, "nothing found")],
+)
+def test_the_highest_of_teeth_that_differ_may_be_pitted(differing, outlier, verdict):
     row = GearJudgement(
-        channel="a", units="g", component="stage 1/pinion", order=1.0, teeth=20, turns=100, differing=differing
+        channel="a",
+        units="g",
+        component="stage 1/pinion",
+        order=1.0,
+        teeth=20,
+        turns=100,
+        differing=differing,
+        outlier=outlier,
     )
     (one,) = gear_verdicts([row], false_alarm_probability=0.01)
     assert one.verdict == verdict
     assert ("pits on several teeth" in one.doubts) == (verdict == "not judged")
+    assert ("pits on many of them" in one.evidence) == (differing == 0.01 and verdict == "nothing found")
+
+
+def test_sound_teeth_seldom_have_one_five_deviations_above_the_others():
+    # of a hundred exponential energies the largest is expected at the sum of 1 / k, 5.2 means
+    energies = np.sort(np.random.default_rng(5).exponential(size=(20_000, 100)), axis=1)
+    others = energies[:, :-1]
+    outlier = (energies[:, -1] - others.mean(axis=1)) / others.std(axis=1, ddof=1)
+    assert 0.1 < np.mean(outlier > HIGHEST_TOOTH) < 0.4
 
 
 def test_a_pitted_gear_is_not_called_sound():

@@ -1,5 +1,7 @@
 """Which lines are looked for, how far about their nominal order, and what they are weighed against: drawn spectra."""
 
+from dataclasses import replace
+
 import numpy as np
 import pytest
 from drawn_spectrum import PER_REV, REVOLUTIONS, drawn_spectrum, level_spectrum, typical_amplitude
@@ -13,6 +15,7 @@ from hums.analysis.lines import (
     SearchPlan,
     envelope_sidebands,
     expected_lines,
+    narrowed,
     search,
 )
 from hums.gearbox.kinematics import solve_kinematics
@@ -176,6 +179,34 @@ class TestTolerance:
                 assert line.order == pytest.approx(MESH * line.harmonic + line.sideband * spacing[line.component])
                 widest = min(0.01 * MESH * line.harmonic, spacing[line.component] / 4)
                 assert line.tolerance == pytest.approx(widest, rel=1e-9)
+
+
+class TestDeclaredSpeed:
+    """Shafts and meshes of one machine are equally far from nominal."""
+
+    SEARCHED = line_at(1.2, "planet_tooth", ENVELOPE, tolerance=0.024)
+
+    def measured(self, offsets):
+        lines = [line_at(order, "gear_mesh", tolerance=0.02 * order) for order in range(20, 20 + len(offsets))]
+        spectrum = level_spectrum(np.ones_like)
+        found, _ = search(spectrum, lines, channel="x", units="g")
+        return [
+            replace(one, line=replace(one.line, found=one.expected.order * (1 + off), false_alarm_probability=1e-6))
+            for one, off in zip(found, offsets, strict=True)
+        ]
+
+    def test_meshes_that_agree_narrow_the_search_of_teeth(self):
+        # median deviation 0.001 about 0.003; the last line is another's
+        (one,) = narrowed([self.SEARCHED], self.measured([0.002, 0.003, 0.003, 0.004, 0.002, 0.004, -0.019]))
+        assert one.tolerance == pytest.approx(1.2 * 0.008)
+
+    def test_few_lines_state_no_speed_and_scattered_ones_leave_the_tolerance(self):
+        for offsets in ([0.001] * 5, [-0.018, 0.012, -0.005, 0.019, 0.004, -0.011, 0.015]):
+            assert narrowed([self.SEARCHED], self.measured(offsets)) == [self.SEARCHED]
+
+    def test_a_bearing_slips_on_its_own(self):
+        race = line_at(3.6, "outer_race", ENVELOPE, tolerance=0.07)
+        assert narrowed([race], self.measured([0.001] * 9)) == [race]
 
 
 def test_sidebands_in_the_envelope_are_beside_the_line_that_was_found():

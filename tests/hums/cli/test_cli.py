@@ -212,12 +212,12 @@ def test_a_dataset_states_its_size_and_time_before_it_starts(run, monkeypatch, t
     monkeypatch.setattr("data_synth.make_dataset", refused, raising=False)
     monkeypatch.setattr(
         "data_synth.dataset.dataset_cost",
-        lambda plan: DatasetCost(size_bytes=plan.records * plan.record_bytes, seconds=1200.0),
+        lambda plan: DatasetCost(size_bytes=plan.records * plan.record_bytes, truth_bytes=12_000_000, seconds=1200.0),
     )
     code, out, err = run("dataset", plan, "-o", tmp_path / "made")
     assert (code, "not started" in err) == (2, True)
     assert out.startswith("1000 records of ")
-    assert f"are {size} of samples; about 20 minutes of one core" in out
+    assert f"are {size} of samples and up to 12 MB of truth; about 20 minutes of one core" in out
 
 
 def test_a_wav_states_its_rate(run, tmp_path):

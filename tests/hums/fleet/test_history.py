@@ -5,8 +5,10 @@ import numpy as np
 import pytest
 from fleets import HEALTHY, PINION, observed
 
+from hums.fleet.alarms import ALARM_COLUMNS
 from hums.fleet.history import Fact, MachineHistory, watch_machines, write_alarms, write_baselines, write_components
-from hums.fleet.monitor import ALARM_COLUMNS, MachineState, MonitorSettings
+from hums.fleet.monitor import MachineState
+from hums.fleet.settings import MonitorSettings
 from hums.records.store import open_tree
 
 SETTINGS = MonitorSettings(baseline_records=20)

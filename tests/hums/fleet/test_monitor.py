@@ -6,12 +6,16 @@ import pytest
 from fleets import FIRST, HEALTHY, PINION, alarms, followed, observed
 
 from hums.fleet.maintenance import Work
-from hums.fleet.monitor import MonitorError, MonitorSettings
 from hums.fleet.observation import Observation
 from hums.fleet.prior import prior_of
+from hums.fleet.settings import MonitorError, MonitorSettings
 from signals.monitoring.alarm_life import Life
 
 JOINT = {"stage 1/pinion": "one of A, B"}
+
+
+def with_verdict(number):
+    return replace(observed(number), diagnosed=("stage 1/wheel",))
 
 
 class TestAlarms:
@@ -25,16 +29,32 @@ class TestAlarms:
         assert len(alarm["baseline"]) == 12
         assert found[-1].index["stage 1/pinion"] > 1 > found[-1].index["stage 2/wheel"]
 
-    def test_what_is_newly_diagnosed_raises_one(self):
-        def with_verdict(number):
-            return replace(observed(number), diagnosed=("stage 1/wheel",))
-
+    def test_what_is_diagnosed_raises_one_by_two_of_three_whatever_the_charts_say(self):
         _, found = followed([*HEALTHY, with_verdict(40), observed(41), with_verdict(42), observed(43)])
         (alarm,) = alarms(found)
-        assert (alarm["component"], alarm["record"], alarm["value"]) == ("stage 1/wheel", "record 42", 1.0)
+        assert (alarm["component"], alarm["record"], alarm["since"][:10]) == (
+            "stage 1/wheel",
+            "record 42",
+            "2026-04-10",
+        )
+        assert (alarm["severity"], alarm["value"]) == ("verdict", 1.0)
         assert alarm["indicator"].startswith("diagnosed; ")
-        before = [with_verdict(5) if number == 5 else one for number, one in enumerate(HEALTHY)]
-        assert alarms(followed([*before, *map(with_verdict, range(40, 44))])[1]) == []
+        assert alarms(followed([*HEALTHY, with_verdict(40), observed(41), observed(42), with_verdict(43)])[1]) == []
+
+    def test_a_baseline_that_holds_a_diagnosed_part_says_so(self):
+        before = [with_verdict(n) if n in (5, 7) else one for n, one in enumerate(HEALTHY)]
+        (alarm,) = alarms(followed(before)[1])
+        assert (alarm["record"], alarm["severity"], alarm["baseline"]) == ("record 7", "verdict", "")
+        last = [with_verdict(n) if n == 19 else one for n, one in enumerate(HEALTHY[:20])]
+        (alarm,) = alarms(followed([*last, with_verdict(20)])[1])
+        assert (alarm["record"], alarm["severity"]) == ("record 20", "verdict")
+        assert alarm["indicator"].startswith("diagnosed, as in its baseline; ")
+
+    def test_a_verdict_at_a_speed_that_was_not_learned_counts(self):
+        fast = [replace(with_verdict(n), covariates={"speed_hz": 40.0}) for n in (40, 41)]
+        _, found = followed([*HEALTHY, *fast])
+        assert not found[-1].judged
+        assert [alarm["severity"] for alarm in alarms(found)] == ["verdict"]
 
     def test_running_in_raises_none(self):
         course = [observed(number, component="stage 1/pinion", shift=-min(number, 60) / 60) for number in range(120)]
@@ -69,6 +89,20 @@ class TestGate:
     def test_a_record_without_results_is_refused(self):
         _, found = followed([*HEALTHY, Observation(machine="mill", record="broken", unjudged="not analysed")])
         assert (found[-1].judged, found[-1].why) == (False, "not analysed")
+
+    def test_a_speed_at_which_normal_cannot_be_foretold_is_refused(self):
+        narrow = [
+            replace(one, covariates={"speed_hz": 20.0 * (1 + 1e-4 * np.sin(n))}) for n, one in enumerate(HEALTHY[:30])
+        ]
+        steep = []
+        for one in narrow:
+            rise = 800 * np.log(one.covariates["speed_hz"] / 20)
+            steep.append(replace(one, values={key: value + rise for key, value in one.values.items()}))
+        settings = MonitorSettings(baseline_records=30)
+        near, far = (replace(observed(40), covariates={"speed_hz": 20.0 * (1 + away)}) for away in (1e-4, 5e-3))
+        assert followed([*steep, near], settings=settings)[1][-1].judged
+        assert followed([*steep, far], settings=settings)[1][-1].why.startswith("speed_hz too far")
+        assert followed([*narrow, far], settings=settings)[1][-1].judged  # nothing depends on it
 
 
 class TestBaseline:

@@ -3,7 +3,8 @@ import gzip
 import pytest
 from fleets import HEALTHY, PINION, followed, observed
 
-from hums.fleet.monitor import MonitorError, update
+from hums.fleet.monitor import update
+from hums.fleet.settings import MonitorError
 from hums.fleet.state import read_state, write_state
 
 LATER = [observed(number, **PINION) for number in range(40, 50)]
@@ -39,7 +40,7 @@ def test_its_size_does_not_grow(tmp_path):
     [
         b"nothing",
         gzip.compress(b"[]"),
-        gzip.compress(b'{"schema": "hums-watch/1", "state": ["array", "O", [2], [1]]}'),
+        gzip.compress(b'{"schema": "hums-watch/2", "state": ["array", "O", [2], [1]]}'),
         gzip.compress(b"[" * 100_000),
         gzip.compress(b"{}" * 1000)[:-20] + bytes(20),
     ],

@@ -440,6 +440,35 @@ def test_columns_that_are_no_clock(tmp_path, name, times):
     assert_array_equal(read(path, channels=["acc"])["acc"], range(6))
 
 
+@pytest.mark.parametrize(
+    ("name", "text", "names", "units"),
+    [
+        # what a logger writes above: a title, settings of two cells, blank lines
+        ("a.csv", "Title\nRate,5120\n\nDE,NDE\n{}", ["DE", "NDE"], None),
+        ("a.csv", "Title;x\nRate;5120;Hz\n{}", ["column 1", "column 2"], None),
+        ("a.csv", "Title\nDE,NDE\n(g),g\n{}", ["DE", "NDE"], "g"),
+        ("a.csv", "DE,NDE\n[m/s2],[m/s2]\n{}", ["DE", "NDE"], "m/s2"),
+        ("a.csv", "front bearing,rear bearing\n{}", ["front bearing", "rear bearing"], None),
+        ("a.txt", "{}", ["column 1", "column 2"], None),
+        ("a.asc", "front rear\n{}", ["front", "rear"], None),
+        ("2003.10.22.12.06.24", "{}", ["column 1", "column 2"], None),
+    ],
+)
+def test_tables_as_loggers_write_them(tmp_path, name, text, names, units):
+    separator = "," if name.endswith("csv") else "  "
+    path = tmp_path / name
+    path.write_text(text.format("".join(f"{k}{separator}{-k / 2}\n" for k in range(50))))
+    found = read_file(path)
+    assert list(found.fields) == names
+    assert_array_equal(found.fields[names[1]], -np.arange(50) / 2)
+    assert {one.units for one in found.stated.values()} == ({units} if units else set())
+
+
+def test_a_single_column_may_have_a_name_of_two_words(tmp_path):
+    path = write(tmp_path, "front bearing\n" + "".join(f"{k}\n" for k in range(9)))
+    assert list(read_file(path).fields) == ["front bearing"]
+
+
 def test_pulse_times_are_no_clock(tmp_path):
     path = write(tmp_path, "t,acc\n" + "".join(f"{k / 10},{k}\n" for k in range(100)))
     record = read(path, channels=["acc"], rate_hz=100, tach_times="t", pulses_per_rev=1, shaft="input")

@@ -1,5 +1,6 @@
 import numpy as np
 import pytest
+from scipy import stats
 
 from signals.monitoring.location import learn_baseline
 
@@ -59,6 +60,46 @@ class TestRegression:
         values = at[:, :1] * 3 + rng.standard_normal((40, 1)) * 0.01
         assert learn_baseline(values, at).slopes[:, 0] == pytest.approx([3, 0], abs=0.01)
         assert not learn_baseline(values[:9], at[:9, :1]).slopes.any()
+
+
+class TestForetold:
+    """Machines whose 20 series have known slopes on two covariates, learned on 30 records; far: three deviations."""
+
+    RECORDS, COVARIATES, SERIES = 30, 2, 20
+
+    def drawn(self, slope, machines=400):
+        rng = np.random.default_rng(8)
+        at = rng.normal(size=(machines, self.RECORDS, self.COVARIATES))
+        far = 3 * rng.normal(size=(machines, self.COVARIATES))
+        slopes = slope * rng.normal(size=(machines, self.COVARIATES, self.SERIES))
+        values = at @ slopes + rng.normal(size=(machines, self.RECORDS, self.SERIES))
+        new = np.einsum("mc,mcs->ms", far, slopes) + rng.normal(size=(machines, self.SERIES))
+        found = learn_baseline(values, at)
+        return found, found.standardised(new, far), found.leverage(far)
+
+    def test_departures_far_away_have_the_prediction_interval_of_a_regression(self):
+        found, away, leverage = self.drawn(0.5)
+        limit = stats.t.ppf(0.95, self.RECORDS - 1 - self.COVARIATES)
+        wider = np.sqrt(1 + 1 / self.RECORDS + leverage)[:, None]
+        # of 400 machines, each with one error of its slopes: a standard error of 0.0025; Huber's mean costs some 4 %
+        assert np.mean(away / wider > limit) == pytest.approx(0.05, abs=0.008)
+        assert np.mean(away > limit) > 0.08  # what a regression taken at its word raises
+        assert found.regressors.mean() > 1.5
+
+    def test_of_slopes_that_matter_the_leverage_is_that_of_least_squares(self):
+        rng = np.random.default_rng(9)
+        at, far = rng.normal(size=(40, 2)), np.array([[2.0, -1.0]])
+        found = learn_baseline(at @ np.full((2, 5), 1e4) + rng.normal(size=(40, 5)), at)
+        design = at - np.median(at, axis=0)
+        away = far - np.median(at, axis=0)
+        assert found.leverage(far) == pytest.approx((away @ np.linalg.inv(design.T @ design) @ away.T)[0], rel=1e-5)
+        assert found.regressors == pytest.approx(2, rel=1e-5)
+
+    def test_covariates_on_which_nothing_depends_have_no_slope(self):
+        found, away, leverage = self.drawn(0.0)
+        assert np.mean(found.regressors > 0) < 0.2
+        assert np.median(leverage) == 0
+        assert away.std() == pytest.approx(1.05, abs=0.03)  # 1.05 without a regression: 30 records' mean and deviation
 
 
 def test_many_machines_at_once_are_each_alone():

@@ -59,6 +59,17 @@ def test_what_shows_no_other_speed_clearly_changes_nothing(x):
     assert abs(found.speed_hz / 25.0 - 1) < 1e-4
 
 
+def test_lines_may_show_the_speed_as_it_was_declared():
+    # within a motor's slip of a thousandth, as a speed that wanders by it, and by more than that not
+    wandering = 25.0 * (T + 1e-3 / (2 * np.pi * 0.5) * np.sin(2 * np.pi * 0.5 * T))
+    tones = [0.5 * np.cos(2 * np.pi * order * wandering + order) for order in ORDERS]
+    shown = refined(np.sum(tones, axis=0) + np.random.default_rng(1).standard_normal(T.size))
+    assert not shown.refined
+    assert {1.0, 23.0} <= set(shown.orders)
+    for seed in range(5):
+        assert not refined(np.random.default_rng(seed).standard_normal(T.size)).orders.size
+
+
 @pytest.mark.parametrize(("name", "share"), [("InnerRaceFault_vload_1", 0.9894), ("OuterRaceFault_vload_1", 0.993)])
 def test_a_measured_record(real_data, name, share):
     """Shaft lines of the MFPT rig stand below the declared 25 Hz: peaks of the whole record's spectrum at 4x and 2x."""

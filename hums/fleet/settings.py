@@ -1,0 +1,79 @@
+"""How machines are watched: their baseline, the rate of false alarms, and the rule that raises one."""
+
+import math
+from dataclasses import dataclass, field
+
+from hums.fleet.observation import Observation, seconds_since_1970
+from signals._validation import SentenceError
+from signals.monitoring.alarm_life import AlarmRule
+
+__all__ = ["MonitorError", "MonitorSettings"]
+
+
+class MonitorError(SentenceError):
+    """Raised where a baseline cannot be learned as asked, or a state is not one.
+
+    Examples
+    --------
+    >>> import hums
+    >>> try:
+    ...     hums.MonitorSettings(baseline_records=1)
+    ... except hums.MonitorError as error:
+    ...     print(error)
+    baseline_records = 1: a spread needs 2 records or more.
+    """
+
+
+@dataclass(frozen=True, kw_only=True)
+class MonitorSettings:
+    """How machines are watched.
+
+    Attributes
+    ----------
+    baseline_records : int
+        Number of judged records that a baseline is learned on, 2 or more.
+    baseline_from, baseline_until : str
+        Or the span of time whose records are learned on, ISO 8601; empty: open.
+    healthy : tuple of str
+        Or the names of the records that are declared healthy.
+    false_alarm_every : float
+        Mean number of records of a machine between false alarms, over all its components, sensors and charts.
+    rule : AlarmRule
+        When an alarm is raised and cleared.
+
+    Examples
+    --------
+    >>> import hums
+    >>> hums.MonitorSettings(baseline_until="2026-03-01").by_choice
+    True
+    """
+
+    baseline_records: int = 30
+    baseline_from: str = ""
+    baseline_until: str = ""
+    healthy: tuple[str, ...] = ()
+    false_alarm_every: float = 10_000.0
+    rule: AlarmRule = field(default_factory=AlarmRule)
+
+    def __post_init__(self) -> None:
+        if self.baseline_records < 2:  # noqa: PLR2004
+            raise MonitorError(f"baseline_records = {self.baseline_records}: a spread needs 2 records or more.")
+        if not self.false_alarm_every >= 10:  # noqa: PLR2004
+            raise MonitorError(f"false_alarm_every = {self.false_alarm_every:g}: give 10 records or more.")
+        for name in ("baseline_from", "baseline_until"):
+            when = getattr(self, name)
+            if when and math.isnan(seconds_since_1970(when)):
+                raise MonitorError(f"{name} = {when!r} is no ISO 8601 time; write 2026-03-01.")
+
+    @property
+    def by_choice(self) -> bool:
+        """Whether the records of the baseline are chosen by time or by name, not counted."""
+        return bool(self.baseline_from or self.baseline_until or self.healthy)
+
+    def chosen(self, seen: Observation) -> bool:
+        """Return whether a record belongs to a baseline that is chosen by time or name."""
+        if self.healthy:
+            return seen.record in self.healthy
+        seconds = seconds_since_1970(seen.recorded_at)
+        start, stop = (seconds_since_1970(when) if when else None for when in (self.baseline_from, self.baseline_until))
+        return math.isfinite(seconds) and (start is None or seconds >= start) and (stop is None or seconds <= stop)
