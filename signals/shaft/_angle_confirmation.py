@@ -286,8 +286,8 @@ def _refined(signal: Array, rate: float, followed: Followed) -> RefinedPhase | N
     return None
 
 
-def strays(signal: Array, rate: float, phase: ShaftPhase, orders: Array) -> bool:
-    """Return whether a straight course over some short part of a phase has as much evidence as its own.
+def strays(signal: Array, rate: float, phase: ShaftPhase, orders: Array) -> list[tuple[float, float]]:
+    """Return the times between which a straight course over some short part of a phase has as much evidence as its own.
 
     A path that follows another line for a moment, or before the shaft's lines show, leaves such a course by over 1 %.
     """
@@ -296,26 +296,26 @@ def strays(signal: Array, rate: float, phase: ShaftPhase, orders: Array) -> bool
     speed, width = phase.speed_hz(times), _POINTS // _BRIDGES
     own: Followed | None = None
     frame_s = min(2 * seconds / (_FRAMES + 1), _MOST_REV / float(speed.mean()))
-    for first in range(0, _POINTS + 1 - 2 * width, width):
-        for part, ends in (
-            (slice(first, first + 2 * width + 1), [first, first + 2 * width]),
-            *(((slice(0, width), [width, 2 * width]),) if first == 0 else ()),
-            *(((slice(_POINTS - width, None), [_POINTS - 2 * width, _POINTS - width]),) if first == 0 else ()),
-        ):
-            straight = np.polyval(np.polyfit(times[ends], speed[ends], 1), times[part])
-            if straight.min() <= 0 or np.abs(straight / speed[part] - 1).max() < SAME_SPEED:
-                continue
-            other = speed.copy()
-            other[part] = straight
-            own = own or follow(signal, rate, _integral(times, speed), orders, frame_s=frame_s)
-            one = follow(signal, rate, _integral(times, other), orders, frame_s=frame_s)
-            if own is None or one is None:
-                continue
-            apart = times[part][np.abs(one.speed_hz(times[part]) / own.speed_hz(times[part]) - 1) > SAME_SPEED]
-            gain = (own.votes(apart) - one.votes(apart)).sum() * own.search.evidence.times_s.size / _POINTS
-            if apart.size > _STRAYING * _POINTS and gain < SHOWS:
-                return True
-    return False
+    found = []
+    for part, ends in (
+        (slice(0, width), [width, 2 * width]),
+        (slice(_POINTS - width, None), [_POINTS - 2 * width, _POINTS - width]),
+        *((slice(at, at + 2 * width + 1), [at, at + 2 * width]) for at in range(0, _POINTS + 1 - 2 * width, width)),
+    ):
+        straight = np.polyval(np.polyfit(times[ends], speed[ends], 1), times[part])
+        if straight.min() <= 0 or np.abs(straight / speed[part] - 1).max() < SAME_SPEED:
+            continue
+        other = speed.copy()
+        other[part] = straight
+        own = own or follow(signal, rate, _integral(times, speed), orders, frame_s=frame_s)
+        one = follow(signal, rate, _integral(times, other), orders, frame_s=frame_s)
+        if own is None or one is None:
+            continue
+        apart = times[part][np.abs(one.speed_hz(times[part]) / own.speed_hz(times[part]) - 1) > SAME_SPEED]
+        gain = (own.votes(apart) - one.votes(apart)).sum() * own.search.evidence.times_s.size / _POINTS
+        if apart.size > _STRAYING * _POINTS and gain < SHOWS:
+            found.append((float(apart[0]), float(apart[-1])))
+    return found
 
 
 def _integral(times: Array, speed: Array) -> ShaftPhase:

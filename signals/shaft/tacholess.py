@@ -66,6 +66,7 @@ _SURE = 1.5e-3  # largest median std of the refined speed, relative: three of th
 _LEFT_STD, _LEFT_SHARE = 2.5, 0.05  # of the search, in this share of frames: the refined speed follows another line
 _FEWEST_SAMPLES = 64  # a frame
 _FRAMES = (0.5, 0.25)  # of the default length: two next to one another should find the same speed
+_AT_AN_END = 0.02  # of the time: a part that is not known and begins there is cut off
 _KEPT = 0.5  # of the evidence, by lines that move: more than any rival of a sure speed has
 _SAME_PATH = 0.95  # of the frames within 1 %: two paths need not both be followed
 _CONTRADICTION = "frames of another length find another speed, or one in a part of the record"
@@ -246,9 +247,33 @@ def _proven(signal: Array, rate: float, found: SpeedEstimate) -> SpeedEstimate:
         return found
     if _one_tone(signal, rate, found, found.phase):
         return _doubted(found, "its lines keep one frequency, and may be one tone with harmonics, of no shaft")
-    if strays(signal, rate, found.phase, found.orders):
-        return _doubted(found, "in a part of the record a straight course of the speed has as much evidence as its own")
-    return found
+    start_s, stop_s = found.phase.start_s, found.phase.stop_s
+    close = _AT_AN_END * (stop_s - start_s)
+    for first, last in strays(signal, rate, found.phase, found.orders):
+        if first < found.phase.start_s + close:
+            start_s = max(start_s, last)
+        elif last > found.phase.stop_s - close:
+            stop_s = min(stop_s, first)
+        else:
+            why = "in a part of the record a straight course of the speed has as much evidence as its own"
+            return _doubted(found, why)
+    return _cut(found, found.phase, start_s, stop_s)
+
+
+def _cut(found: SpeedEstimate, phase: ShaftPhase, start_s: float, stop_s: float) -> SpeedEstimate:
+    """Return a sure estimate without the ends of its phase in which the speed is not known."""
+    if (start_s, stop_s) == (phase.start_s, phase.stop_s):
+        return found
+    inside = (phase.times_s > start_s) & (phase.times_s < stop_s)
+    times = np.concatenate([[start_s], phase.times_s[inside], [stop_s]])
+    known = (found.times_s >= start_s) & (found.times_s <= stop_s)
+    return replace(
+        found,
+        speed_hz=np.where(known, found.speed_hz, np.nan),
+        std_hz=np.where(known, found.std_hz, np.nan),
+        confidence=np.where(known, found.confidence, 0.0),
+        phase=replace(phase, times_s=times, revolutions=phase.revolutions_at(times)),
+    )
 
 
 def _from(found: SpeedEstimate, start_s: float) -> SpeedEstimate:
