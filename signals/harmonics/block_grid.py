@@ -156,6 +156,8 @@ class Grid:
         """(pole, column) array, prior variances of some orders at a node, from the prior at the first one."""
         model = self.model.subset(orders)
         variance = model.prior_variance(step=self.length) * self.shared[orders][model.order_of_column]
+        if node == 0:
+            return variance
         grown = [
             sum(comb(node, i - j) ** 2 * variance[i] for i in range(j, len(variance))) for j in range(len(variance))
         ]
