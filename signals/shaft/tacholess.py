@@ -92,8 +92,9 @@ class SpeedEstimate:
         Ambiguous for the `reason` given: `alternatives` are nearly as likely; nearly all evidence is of one of several
         orders, which may be any order, or another machine's; at most three whole orders below ten show, which half or a
         third of the speed, in range, would show too, or while none of the other orders does; the phase of the
-        harmonics cannot be followed surely enough; frames of another length are as sure of another speed; or its lines
-        keep one frequency, and are of fewer than three families of harmonics.
+        harmonics cannot be followed surely enough; frames of another length are as sure of another speed; its lines keep one
+        frequency, and are of fewer than three families of harmonics; or a straight course over some part explains that
+        as well. Where such a part is at an end, the phase ends before it.
     times_s : (frame,) array
         Times in s of the middles of the frames.
     speed_hz, std_hz : (frame,) arrays
