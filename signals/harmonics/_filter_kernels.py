@@ -15,6 +15,7 @@ Floats = NDArray[np.float64]
 Indices = NDArray[np.int64]
 
 PIECE = 128  # samples whose phasors are made at a time: they stay in the nearest cache
+LOOK_AHEAD = 4  # samples whose innovations are found together
 # Angle by which the highest order may differ from a steady turn: the rounding of the angles of long records.
 STEADY_RAD = 1e-8
 
@@ -232,6 +233,54 @@ def _off_line(phase: Floats, start: float, step: float) -> float:
 
 
 @compiled_sums
+def _filter_ahead(
+    x: Floats, rows: Floats, gains: Floats, ahead: Floats, state: Floats, outputs: tuple[int, int, int, int],
+    innovations: Floats, levels: Floats, unused: Floats,
+) -> int:  # fmt: skip
+    """Run the filter with one pole over a piece, `LOOK_AHEAD` samples at a time; return the number of outputs so far.
+
+    The products of their regressors with the levels before the first do not wait for one another.
+
+    Parameters
+    ----------
+    x, rows, innovations : of this piece; rows are its regressors.
+    ahead : (LOOK_AHEAD,) array, what an innovation adds to the prediction so many samples on.
+    outputs : number of the first sample, sample of the next output, samples between outputs, outputs so far.
+    gains, state, levels : as for `filter_steadily`; `unused` takes levels that are no outputs.
+    """
+    first, due, every, output = outputs
+    width = gains.shape[1]
+    for begin in range(0, len(x), LOOK_AHEAD):
+        h0, h1, h2, h3 = rows[begin], rows[begin + 1], rows[begin + 2], rows[begin + 3]
+        for channel in range(len(state)):
+            own = state[channel, 0]
+            a, b, c, d = 0.0, 0.0, 0.0, 0.0
+            for i in range(width):
+                a += h0[i] * own[i]
+                b += h1[i] * own[i]
+                c += h2[i] * own[i]
+                d += h3[i] * own[i]
+            e0 = x[begin, channel] - a
+            e1 = x[begin + 1, channel] - b - ahead[1] * e0
+            e2 = x[begin + 2, channel] - c - ahead[2] * e0 - ahead[1] * e1
+            e3 = x[begin + 3, channel] - d - ahead[3] * e0 - ahead[2] * e1 - ahead[1] * e2
+            innovations[begin, channel], innovations[begin + 1, channel] = e0, e1
+            innovations[begin + 2, channel], innovations[begin + 3, channel] = e2, e3
+        for n in range(begin, begin + LOOK_AHEAD):
+            h = rows[n]
+            for channel in range(len(state)):
+                own, innovation = state[channel, 0], innovations[n, channel]
+                level = levels[output, channel] if first + n == due else unused
+                for i in range(width):
+                    own[i] += gains[0, i] * innovation * h[i]
+                    level[i] = own[i]
+            if first + n == due:
+                output += 1
+                due += every
+    return output
+
+
+@compiled_sums
 def filter_steadily(
     x: Floats, phase: Floats, orders: Floats, shaft: Indices, gains: Floats, state: Floats, skip: int, every: int,
     innovations: Floats, levels: Floats,
@@ -239,6 +288,8 @@ def filter_steadily(
     """Run the filter with steady-state gains over some samples.
 
     Where the only shaft turns steadily, each piece has the regressors of the last one, turned by one angle.
+    With one pole an innovation e then adds `e sum_k g_k cos(m order_k step)` to the prediction m samples on, and
+    `_filter_ahead` finds `LOOK_AHEAD` innovations at a time.
 
     Parameters
     ----------
@@ -257,15 +308,35 @@ def filter_steadily(
     cosines, sines = np.empty(PIECE * orders.size), np.empty(PIECE * orders.size)
     step = (phase[0, samples - 1] - phase[0, 0]) / max(samples - 1, 1)
     steady = len(phase) == 1 and _off_line(phase[0], phase[0, 0], step) * orders.max() <= STEADY_RAD
+    ahead = np.zeros(LOOK_AHEAD)
     if steady:
         _table_of_turns(step * PIECE, orders, cosines, sines)
+        for k in range(orders.size):
+            for m in range(1, LOOK_AHEAD):
+                ahead[m] += gains[0, 2 * k] * np.cos(m * orders[k] * step)
     unused, output, due = np.empty(width), 0, skip
     for first in range(0, samples, PIECE):
         if steady and first:
             _turn(rows.reshape(-1), cosines, sines)
         else:
             _fill_regressors(phase, orders, shaft, first, cosine, sine, rows)
-        for i in range(first, min(first + PIECE, samples)):
+        last = min(first + PIECE, samples)
+        begin = first
+        if steady and poles == 1:
+            begin += (last - first) // LOOK_AHEAD * LOOK_AHEAD
+            output = _filter_ahead(
+                x[first:begin],
+                rows,
+                gains,
+                ahead,
+                state,
+                (first, due, every, output),
+                innovations[first:begin],
+                levels,
+                unused,
+            )
+            due = skip + output * every
+        for i in range(begin, last):
             h = rows[i - first]
             for channel in range(channels):
                 own = state[channel]

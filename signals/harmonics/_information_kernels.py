@@ -156,6 +156,27 @@ def filter_information(
     return log_determinant
 
 
+@compiled
+def integrate_out(matrix: Floats, vector: Floats, squares: Floats) -> float:
+    """Integrate out a whole state, in place, the last number first; return `log det J`, NaN where J is not positive.
+
+    `squares`, (lane,), grows by `j^T J^-1 j`, a term for each number; other parameters as for `filter_information`.
+    """
+    log_determinant = 0.0
+    for a in range(len(matrix) - 1, -1, -1):
+        row, loss = matrix[a], matrix[a, a]
+        log_determinant += np.log(loss) if loss > 0.0 else np.nan
+        for lane in range(squares.size):
+            squares[lane] += vector[a, lane] * vector[a, lane] / loss
+        for b in range(a):
+            share = row[b] / loss
+            for c in range(b + 1):
+                matrix[b, c] -= share * row[c]
+            for lane in range(squares.size):
+                vector[b, lane] -= share * vector[a, lane]
+    return log_determinant
+
+
 @compiled_sums
 def combine(
     information: Floats, past: Floats, past_vectors: Floats, future: Floats, future_vectors: Floats, levels: Floats,

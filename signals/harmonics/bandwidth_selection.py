@@ -23,7 +23,7 @@ from typing import TYPE_CHECKING
 import numpy as np
 
 from signals._validation import checked, positive, real_array, whole
-from signals.harmonics._information_kernels import FORWARD, filter_information
+from signals.harmonics._information_kernels import FORWARD, filter_information, integrate_out
 from signals.harmonics._information_smoother import Information, NodeChain, NodeInformation
 from signals.harmonics._validation import check_noise_variance, check_orders, check_record
 from signals.harmonics.bandwidth import MOST_POLES, quadrature_noise, variance_ratio
@@ -104,6 +104,11 @@ class ChainLikelihood:
         """(order,) array, noise of a quadrature between nodes, for noise of unit variance."""
         return quadrature_noise(self.model.orders, 1.0 / self.length)
 
+    @cached_property
+    def _order_of_column(self) -> Indices:
+        columns = len(self.before.matrix) // max(2, self.model.poles)  # one where orders share it
+        return self.model.order_of_column[:columns]
+
     @classmethod
     def of(cls, model: HarmonicModel, chain: NodeChain, length: int) -> ChainLikelihood:
         """Return the likelihood of a chain's data."""
@@ -118,17 +123,16 @@ class ChainLikelihood:
     def log_likelihood(self, bandwidth: ArrayLike) -> Floats:
         """Return the (lane,) log likelihoods, less a constant, of (order,) bandwidths in cycles per sample."""
         ratio = variance_ratio(np.minimum(np.asarray(bandwidth) * self.length, 1.0), self.model.poles)
-        process = np.broadcast_to(ratio * self.noise, self.model.orders.shape)[self.model.order_of_column][None]
+        process = (ratio * self.noise)[self._order_of_column][None]
         matrix, vector = self.before.copy()
         squares, unstored = np.zeros(vector.shape[1]), (np.empty((0, matrix.size)), np.empty((0, vector.size)))
-        columns = len(matrix) // max(2, self.model.poles)  # one where orders share it
         log_determinant = filter_information(
-            *self.measured, process[:, :columns].copy(), self.model.poles == 1, FORWARD, matrix, vector, *unstored,
-            squares,
-        )  # fmt: skip
+            *self.measured, process, self.model.poles == 1, FORWARD, matrix, vector, *unstored, squares
+        )
         # 2 log L = j J^-1 j + the filter's completed squares - log det J - the sum of log det(I + Q J)
-        log_determinant += float(np.linalg.slogdet(matrix)[1])
-        squares += np.sum(vector * np.linalg.solve(matrix, vector), axis=0)
+        log_determinant += integrate_out(matrix, vector, squares)
+        if np.isnan(log_determinant):
+            raise np.linalg.LinAlgError("information matrix is not positive definite")
         return np.asarray((squares - log_determinant) / 2)
 
 
@@ -358,7 +362,7 @@ class _Chains:
             noise = np.full(model.orders.size, fit.residuals(startup).mean_square[0])
         std = np.sqrt(np.where(noise > 0, noise, 1.0))
         others = WithoutOthers(grid, fit.smoothed.levels, everywhere(grid))
-        alone, near = _groups(model, seen, cls._blocks(grid, width) * grid.length)
+        alone, near = _groups(fit.closeness, seen, cls._blocks(grid, width) * grid.length)
         for group in near:
             std[group] = std[group].mean()
         return cls(
@@ -432,6 +436,7 @@ def _maximise(log_likelihood: Callable[[Floats], Floats], start: Floats, values:
     sweep over the orders halves the step.
     """
     best = int(np.argmax(values > values.max() - ALIKE))
+    known: dict[tuple[float, ...], float] = {(start[k],) * orders: float(values[k]) for k in range(start.size)}
     found, here, step = np.full(orders, start[best]), float(values[best]), (start[-1] - start[0]) / start.size / 2
     for _ in range(SWEEPS):
         step, before = step / 2, found.copy()
@@ -439,8 +444,11 @@ def _maximise(log_likelihood: Callable[[Floats], Floats], start: Floats, values:
 
             def at(b: float, k: int = k) -> tuple[float, float]:
                 moved = found.copy()
-                moved[k] = np.clip(b, start[0], start[-1])
-                return float(moved[k]), float(log_likelihood(np.exp(moved)).sum())
+                moved[k] = min(max(b, start[0]), start[-1])
+                name = tuple(moved.tolist())  # bounds and ridges are met again
+                if name not in known:
+                    known[name] = float(log_likelihood(np.exp(moved)).sum())
+                return float(moved[k]), known[name]
 
             below, above = at(found[k] - step), at(found[k] + step)
             while below[1] > here - ALIKE and below[0] < found[k]:
@@ -458,12 +466,12 @@ def _maximise(log_likelihood: Callable[[Floats], Floats], start: Floats, values:
     return np.asarray(np.exp(found))
 
 
-def _groups(model: HarmonicModel, seen: NDArray[np.bool_], block: int) -> tuple[Indices, list[Indices]]:
+def _groups(closeness: Closeness, seen: NDArray[np.bool_], block: int) -> tuple[Indices, list[Indices]]:
     """Return the isolated orders, and groups of those that are near each other or their own image.
 
     No order is isolated where there are gaps within blocks, since they may be synchronous with a shaft.
     """
-    nearest = Closeness(model, seen.size).nearest
+    model, nearest = closeness.model, closeness.nearest
     near = nearest < NEAR * model.bandwidth[0]
     near |= np.diag((np.diag(nearest) < IMAGE * model.bandwidth[0]) | (model.orders == 0))
     if scattered_share(seen, block):

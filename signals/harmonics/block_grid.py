@@ -156,6 +156,8 @@ class Grid:
         """(pole, column) array, prior variances of some orders at a node, from the prior at the first one."""
         model = self.model.subset(orders)
         variance = model.prior_variance(step=self.length) * self.shared[orders][model.order_of_column]
+        if node == 0:
+            return variance
         grown = [
             sum(comb(node, i - j) ** 2 * variance[i] for i in range(j, len(variance))) for j in range(len(variance))
         ]
@@ -187,6 +189,19 @@ class Grid:
         moments = self.model.poles + self.model.poles % 2
         return np.asarray(self._powers(moments)[:, :, None] * _block_kernels.phasors(angle)[:, None])
 
+    def _tabulated(self, first: int, last: int, moments: int, orders: Indices) -> tuple[int, Floats]:
+        """Return the end of those of some blocks that a table serves, and the (sample, 2 moment order) table."""
+        whole = min(last, self.samples // self.length)
+        if whole - first < FEWEST_TABULATED or self.steady_step is None:
+            return first, np.empty((0, 0))
+        table = self._table[:, :moments] if orders.size == self.model.orders.size else self._table[:, :moments, orders]
+        return whole, np.ascontiguousarray(table).reshape(self.length, -1).view(np.float64)
+
+    def _turn(self, blocks: slice, orders: Indices) -> Complexes:
+        """(block, order) array, exp(-j angle) of some orders at the start of blocks, of the only shaft."""
+        starts = self.model.phases[0][blocks.start * self.length : blocks.stop * self.length : self.length]
+        return _block_kernels.phasors(starts[:, None] * self.model.orders[orders])
+
     def project(self, x: Floats, blocks: slice, orders: Indices) -> Floats:
         """Return the moments, as above, of values, (channel, sample), of some blocks against some orders.
 
@@ -197,20 +212,14 @@ class Grid:
         moments = model.poles + model.poles % 2  # in pairs
         sums = np.zeros((blocks.stop - blocks.start, moments, orders.size, len(x), 2))
         start = blocks.start * length
-        whole = min(blocks.stop, self.samples // length)
-        if whole - blocks.start < FEWEST_TABULATED or self.steady_step is None:
-            whole = blocks.start
-        else:
-            table = self._table if orders.size == model.orders.size else self._table[..., orders]
-            table = np.ascontiguousarray(table).reshape(length, -1).view(np.float64)
+        whole, table = self._tabulated(blocks.start, blocks.stop, moments, orders)
         for samples, some in (*self.spans(blocks.start, whole, TABULATED_AT_ONCE), *self.spans(whole, blocks.stop)):
             values, seen = x[:, samples.start - start : samples.stop - start], self.seen[samples]
             values = np.ascontiguousarray(values if seen.all() else np.where(seen, values, 0.0))
             part = sums[some.start - blocks.start : some.stop - blocks.start]
             if some.stop <= whole:
                 products = (values.reshape(-1, length) @ table).view(np.complex128)
-                turn = _block_kernels.phasors(model.phases[0][samples][::length, None] * model.orders[orders])
-                turned = products.reshape(len(x), -1, moments, orders.size) * turn[:, None]
+                turned = products.reshape(len(x), -1, moments, orders.size) * self._turn(some, orders)[:, None]
                 part[..., 0], part[..., 1] = turned.real.transpose(1, 2, 3, 0), turned.imag.transpose(1, 2, 3, 0)
             else:
                 phase = model.phase(samples)
@@ -219,10 +228,28 @@ class Grid:
 
     def waveforms(self, pieces: Floats, orders: Indices, samples: slice) -> Floats:
         """(channel, sample) array, of some orders added up, from (channel, order, block, 2, 4) `pieces_between`."""
-        model, waves = self.model, np.zeros((len(pieces), samples.stop - samples.start))
-        phase, own, shaft = model.phase(samples), np.ascontiguousarray(pieces[:, orders]), model.shaft[orders]
-        for some, wave in zip(own, waves, strict=True):
-            _block_kernels.remodulate(some, self.length, phase, model.orders[orders], shaft, samples.start, wave)
+        model, length, waves = self.model, self.length, np.zeros((len(pieces), samples.stop - samples.start))
+        own, shaft = np.ascontiguousarray(pieces[:, orders]), model.shaft[orders]
+        first, done = samples.start // length, 0
+        whole, table = first, np.empty((0, 0))
+        if samples.start % length == 0:
+            whole, table = self._tabulated(first, samples.stop // length, 1, orders)
+        if whole > first:
+            # Re{(a + jb) e^(j angle)} of all orders is a product with the table; powers of u by Horner's rule
+            turned = own[:, :, first:whole, 0] + 1j * own[:, :, first:whole, 1]
+            turned *= self._turn(slice(first, whole), orders).conj().T[:, :, None]
+            terms = np.ascontiguousarray(turned.transpose(3, 0, 2, 1)).view(np.float64)
+            done = (whole - first) * length
+            sums, u = terms[-1] @ table.T, np.arange(length) / length
+            for term in terms[-2::-1]:
+                sums *= u
+                sums += term @ table.T
+            waves[:, :done] = sums.reshape(len(pieces), -1)
+        rest = slice(samples.start + done, samples.stop)
+        if rest.stop > rest.start:
+            phase = model.phase(rest)
+            for some, wave in zip(own, waves, strict=True):
+                _block_kernels.remodulate(some, length, phase, model.orders[orders], shaft, rest.start, wave[done:])
         return waves
 
     def data(self, moments: Floats) -> Floats:

@@ -234,23 +234,25 @@ class BlockFit:
     grid : the record.
     smoothed : what is estimated.
     coupling : which orders are smoothed together; None where all are, or none is.
+    closeness : how near orders come.
     alike : whether orders stay within half a bandwidth of each other.
     """
 
     grid: Grid
     smoothed: Smoothed
     coupling: Coupling | None
+    closeness: Closeness
     alike: bool
 
     @classmethod
     def of(cls, grid: Grid, *, startup: int, coupled: bool) -> "BlockFit":
         """Smooth a record; its innovations count from sample `startup` on."""
         smoothed = smooth_apart(grid, startup // grid.length)
-        if not coupled:
-            return cls(grid=grid, smoothed=smoothed, coupling=None, alike=False)
         closeness = Closeness(grid.model, grid.samples)
+        if not coupled:
+            return cls(grid=grid, smoothed=smoothed, coupling=None, closeness=closeness, alike=False)
         coupling = couple(grid, closeness, smoothed)
-        return cls(grid=grid, smoothed=smoothed, coupling=coupling, alike=closeness.dwell())
+        return cls(grid=grid, smoothed=smoothed, coupling=coupling, closeness=closeness, alike=closeness.dwell())
 
     def residuals(self, startup: int) -> Innovations:
         """Return statistics of the residuals in stretches of the record from sample `startup` on.

@@ -403,7 +403,9 @@ class WithoutOthers:
         for samples, blocks in self._runs:
             counts = grid.counts(grid.seen[samples] * grid.taper(self._nodes, samples), many + 3)
             hankel = np.stack([counts[:, m : m + 4] for m in range(many)], axis=1)  # block, moment, power
-            moments[blocks] += np.einsum("bmj,cobpj->bmocp", hankel, self._pieces[:, orders, blocks]) / parts
+            pieces = self._pieces[:, orders, blocks].transpose(2, 4, 1, 0, 3)  # block, power, order, channel, part
+            back = hankel @ pieces.reshape(*pieces.shape[:2], -1)
+            moments[blocks] += back.reshape(*back.shape[:2], *pieces.shape[2:]) / parts
         return grid.data(moments)
 
     def together(self, group: Indices, nodes: slice = slice(None)) -> Floats:
@@ -423,7 +425,8 @@ class WithoutOthers:
 
     def _weighted(self, orders: Indices, samples: slice) -> Floats:
         """(channel, sample) array, the waveforms of some orders added up, times the triangular weights."""
-        return self._grid.waveforms(self._pieces, orders, samples) * self._grid.taper(self._nodes, samples)
+        waves = self._grid.waveforms(self._pieces, orders, samples)
+        return waves if self._nodes.all() else waves * self._grid.taper(self._nodes, samples)
 
 
 def _at_least(grid: Grid, gain: Gain) -> Gain:

@@ -14,7 +14,7 @@ from typing import Any, Literal, TypeVar
 import numpy as np
 from numpy.typing import NDArray
 
-from signals.harmonics.bandwidth import process_variance
+from signals.harmonics.bandwidth import quadrature_noise, variance_ratio
 
 Floats = NDArray[np.float64]
 Complexes = NDArray[np.complex128]
@@ -89,12 +89,8 @@ class HarmonicModel:
         """(sample or 1, column) array: q of random walks of the same bandwidth with one step in `step` samples."""
         bandwidth = self.bandwidth if self.bandwidth.shape[1] == 1 else self.bandwidth[:, samples]
         # A band as wide as the rate of the steps passes everything, as any wider one would.
-        q = process_variance(
-            orders=self.orders[:, None],
-            bandwidth=np.minimum(bandwidth * step, 1.0),
-            rate=1.0,
-            poles=self.poles,
-            noise_variance=1.0 / step,
+        q = quadrature_noise(self.orders, 1.0 / step)[:, None] * variance_ratio(
+            np.minimum(bandwidth * step, 1.0), self.poles
         )
         return np.ascontiguousarray(q[self.order_of_column].T)
 

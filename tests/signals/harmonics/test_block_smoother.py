@@ -158,6 +158,24 @@ def test_moments_of_a_record_are_its_sums(swing_rad, some):
             assert_allclose(found[block, moment], np.stack([expected.real, expected.imag], axis=-1), atol=1e-12)
 
 
+@pytest.mark.parametrize("swing_rad", [0.0, 1e-3])
+@pytest.mark.parametrize("some", [[0, 1, 2, 3], [1, 3]])
+def test_waveforms_are_those_of_amplitudes_that_are_cubics(swing_rad, some):
+    """Of a steady turn, from a table of one block, and of one that swings: `Re{A(u) exp(j angle)}`, added up."""
+    grid, orders = four_orders(swing_rad), np.array(some)
+    pieces = np.random.default_rng(1).standard_normal((2, 4, grid.blocks, 2, 4))
+    found = grid.waveforms(pieces, orders, slice(0, grid.samples))
+    block, at = np.divmod(np.arange(grid.samples), grid.length)
+    powers = (at / grid.length)[:, None] ** np.arange(4)
+    parts = np.einsum("cknpm,nm->cknp", pieces[:, orders][:, :, block], powers)
+    angle = grid.model.orders[orders, None] * grid.model.phases[0]
+    expected = np.sum((parts[..., 0] + 1j * parts[..., 1]) * np.exp(1j * angle), axis=1).real
+    # Amplitudes of a few units, and angles of up to 80 rad, whose rounding is 1e-14.
+    assert_allclose(found, expected, atol=1e-11)
+    late = slice(2 * grid.length, grid.samples - 5)  # fewer blocks than a table is worth
+    assert_allclose(grid.waveforms(pieces, orders, late), expected[:, late], atol=1e-11)
+
+
 @pytest.mark.parametrize(("swing_rad", "length"), [(0.0, 7), (1e-3, 7), (1e-3, 4), (1e-3, 1)])
 def test_products_of_regressors_are_their_sums(swing_rad, length):
     """Of a steady turn, in closed form, and of one that swings, in long and short blocks: columns multiplied, added."""

@@ -5,6 +5,7 @@ import pytest
 from numpy.testing import assert_allclose
 
 from signals.harmonics import _information_smoother
+from signals.harmonics._information_kernels import integrate_out
 from signals.harmonics._information_smoother import Information, NodeChain, information_at_end, smooth_chain
 
 LINES, NODES, BLOCK, LANES = 4, 40, 8, 2
@@ -108,3 +109,14 @@ def test_information_is_carried_to_the_last_node(poles):
     whole, known = smooth_chain(chain, first=0), information_at_end(chain)
     state = np.linalg.solve(known.matrix, known.vector)
     assert_allclose(state[-2 * LINES :], whole.levels[-1], rtol=1e-7, atol=1e-9)
+
+
+def test_a_state_is_integrated_out():
+    """`log det J` and `j J^-1 j` by LAPACK, and no number where J is not positive."""
+    rng = np.random.default_rng(2)
+    root, vector = rng.standard_normal((6, 6)), rng.standard_normal((6, 3))
+    matrix = root @ root.T + np.eye(6)
+    squares = np.ones(3)
+    assert integrate_out(matrix.copy(), vector.copy(), squares) == pytest.approx(np.linalg.slogdet(matrix)[1])
+    assert_allclose(squares, 1 + np.sum(vector * np.linalg.solve(matrix, vector), axis=0), rtol=1e-12)
+    assert np.isnan(integrate_out(matrix - 3 * np.eye(6), vector.copy(), squares))
