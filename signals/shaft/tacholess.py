@@ -183,15 +183,16 @@ def estimate_speed(
 
     Examples
     --------
-    A shaft at 20 Hz with lines of orders 3 and 7:
+    A shaft that rises from 20 to 25 rev/s, with lines of orders 12 and 17:
 
     >>> import numpy as np
     >>> from signals import estimate_speed
     >>> t = np.arange(10_000) / 1000
-    >>> x = np.sin(2 * np.pi * 60 * t) + np.sin(2 * np.pi * 140 * t) + np.random.default_rng(1).standard_normal(t.size)
-    >>> found = estimate_speed(x, rate_hz=1000, orders=[3, 7], speed_range_hz=(10, 30), max_acceleration_hz_s=2)
+    >>> angle = 2 * np.pi * (20 * t + t**2 / 4)
+    >>> x = np.sin(12 * angle) + np.sin(17 * angle) + np.random.default_rng(1).standard_normal(t.size)
+    >>> found = estimate_speed(x, rate_hz=1000, orders=[12, 17], speed_range_hz=(10, 30), max_acceleration_hz_s=2)
     >>> found.status, round(float(np.median(found.speed_hz)), 1)
-    ('ok', 20.0)
+    ('ok', 22.5)
     """
     signal = real_vector(x, name="the signal", minimum=64)
     rate = positive(rate_hz, name="rate_hz")
