@@ -34,7 +34,7 @@ _MIXED = 4  # multiples of one order beside those of another
 _LONGEST_CELLS = 1 << 20  # of a window in steady motion
 _SEARCHED = 9  # windows in which lines are looked for
 _APART_STEADY = 1.5  # periods of the window that two lines of constant amplitude are apart to be fitted together
-_APART, _RIDGE = 1.0, 0.01
+_APART, _RIDGE = 1.0, 0.003
 """The same of amplitudes of second degree, and the ridge that keeps their least squares determined. Without it the
 condition number is 5 for lines 3.5 periods apart, 300 for 3 and 2e9 for 2.5; lines so far apart leave gaps between
 them, and what amplitudes that change within a window put there is lost. Lines 3 periods apart can represent any signal;

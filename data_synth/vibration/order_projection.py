@@ -152,7 +152,7 @@ class Window:
     ridge : float
         Share by which the diagonal of the normal matrix is larger (ridge regression, Hoerl and Kennard 1970): this of
         slopes and curvatures, a hundredth of it of the amplitudes in the middle. Lines that the window does not
-        separate share the signal, and their amplitudes change little.
+        separate share the signal, and their amplitudes change little. Larger where that does not determine them.
     """
 
     length_rev: float
@@ -267,11 +267,16 @@ class LeastSquares:
         """Cholesky factor of the normal matrix, the same for every window."""
         from data_synth.vibration._projection_kernels import factorise  # noqa: PLC0415  - numba is slow to load
 
-        lower = self.window.normal_matrix(self._signed[1])
-        factorise(lower)
-        if not np.isfinite(lower[0, -1]):
-            raise np.linalg.LinAlgError("lines too near each other for the window; leave out those that it merges.")
-        return lower
+        window = self.window
+        while True:
+            lower = window.normal_matrix(self._signed[1])
+            factorise(lower)
+            if np.isfinite(lower[0, -1]):
+                return lower
+            if not 0 < window.ridge < 1:
+                raise np.linalg.LinAlgError("lines too near each other for the window; leave out those that it merges.")
+            # of many near lines, entries beyond the reach add up: without them the matrix may be indefinite
+            window = replace(window, ridge=10 * window.ridge)
 
     def coefficients(self, moments: Moments, rows: NDArray[np.int_]) -> ComplexArray:
         """Return Z in powers of u, (i, channel, degree, k), of some lines in each window."""
