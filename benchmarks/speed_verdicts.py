@@ -1,4 +1,4 @@
-"""Verdicts on speed without a tachometer: python benchmarks/speed_verdicts.py [--records N] [--part NAME] [FOLDER].
+"""Verdicts on speed without a tachometer: python benchmarks/speed_verdicts.py [--records N] [--first N] [FOLDER].
 
 Writes speed_verdicts.md into FOLDER (default docs/benchmarks): how many records of each drive are "ok", "ambiguous" or
 "not found", how many "ok" ones are wrong, and how many of those with two clear lines are "ok". The records are made
@@ -43,7 +43,8 @@ PARTS: Mapping[str, tuple[tuple[str, ...], tuple[str, ...]]] = {
 }
 
 NOTE = """\
-Made by `python benchmarks/speed_verdicts.py --records {records}`, one thread, gearboxes {gearboxes}. Records of
+Made by `python benchmarks/speed_verdicts.py --records {records} --first {first}`, one thread, gearboxes {gearboxes}.
+Records of
 {seconds:g} s at {rate:g} Hz: meshes of the drawing with {harmonics} harmonics of random heights and sidebands, shafts
 up to order three, through two random resonances, in coloured noise; mains hum in half, another machine's family in a
 third. The range searched is 1:2 to 1:5 about the speed. Wrong: "ok", and the median or one in twenty of the speeds is
@@ -184,12 +185,12 @@ def estimate(record: Record) -> SpeedEstimate:
     )
 
 
-def rows(part: str, records: int, *, show: bool = False) -> Iterator[dict[str, Any]]:
+def rows(part: str, records: int, *, first: int = 0, show: bool = False) -> Iterator[dict[str, Any]]:
     """Yield a row for each drive of a part."""
     gearboxes, drives = PARTS[part]
     for drive in drives:
         row = dict.fromkeys(("ok", "ambiguous", "not found", "wrong", "clear", "clear and ok"), 0)
-        for number in range(records):
+        for number in range(first, first + records):
             gearbox = gearboxes[number % len(gearboxes)]
             record = made(gearbox, drive, number)
             found, clear = estimate(record), clear_lines(record) >= 2  # noqa: PLR2004
@@ -216,15 +217,17 @@ def main() -> None:
     parser = argparse.ArgumentParser(description=__doc__)
     parser.add_argument("folder", nargs="?", default=Path(__file__).parents[1] / "docs" / "benchmarks", type=Path)
     parser.add_argument("--records", type=int, default=40, help="records of each drive")
+    parser.add_argument("--first", type=int, default=0, help="number of the first record, which seeds it")
     parser.add_argument("--part", default="scoring", choices=tuple(PARTS))
     parser.add_argument("--show", action="store_true", help="also print the records that fall short")
     given = parser.parse_args()
-    found = list(rows(given.part, given.records, show=given.show))
+    found = list(rows(given.part, given.records, first=given.first, show=given.show))
     table = ["| " + " | ".join(found[0]) + " |", "|" + " --- |" * len(found[0])]
     table += ["| " + " | ".join(str(value) for value in row.values()) + " |" for row in found]
     print("\n".join(table))  # noqa: T201
     note = NOTE.format(
         records=given.records,
+        first=given.first,
         gearboxes=", ".join(PARTS[given.part][0]),
         seconds=SECONDS,
         rate=RATE_HZ,

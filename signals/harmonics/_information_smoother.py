@@ -35,8 +35,8 @@ Gram = Floats | Callable[[slice], Floats]
 Outside = tuple["Information", "Information"]  # on the first node of a range, and on the last
 
 # Size of the matrices and vectors of a stretch of nodes, which stay in a near cache, and of those at the record's end
-# whose data and past are kept, so that the way back need not make them again.
-STRETCH_NUMBERS, KEPT_NUMBERS = 1 << 16, 1 << 21
+# whose data and past are kept, some 60 MB, so that the way back need not make them again.
+STRETCH_NUMBERS, KEPT_NUMBERS = 1 << 16, 1 << 22
 
 
 class Information(NamedTuple):

@@ -29,14 +29,14 @@ if TYPE_CHECKING:
 CERTAIN = np.log(1000.0)
 _MOST_VOTES = 10**7  # frames x speeds, of which several arrays of 80 MB are made
 _MOST_WORK = 10**9  # frames x speeds x steps of acceleration: some seconds
-_MISSED = 0.1  # prior probability that a frame contains no line of a rotating shaft
+MISSED = 0.1  # prior probability that a frame contains no line of a rotating shaft
 _SURROUNDINGS_BINS = 40
 _RIVALS = 4
 _LEAST_ODDS = 20.0  # of the found speed against another, to be unambiguous
 # ratio of scores that has these odds: lines of other machines are not independent noise. Of low whole orders alone,
 # which a louder machine or the mains may make, a third is enough to doubt
 _TEMPERING, _TEMPERING_FAMILY = 0.5, 0.7
-_SAME_LINE = 2.0  # bins
+SAME_LINE = 2.0  # bins
 _ONE_LINE = 0.5  # bins at top speed, within which two orders have the same power in every frame
 _SUPPORT = 0.1  # least sum of all other scores over that of the strongest order
 SHOWS = 3.0  # least score of a significant order
@@ -44,7 +44,7 @@ SAME_SPEED = 0.01
 _LOW_ORDERS, _FAMILY = 10, 3  # whole orders below which this many lines in a row may be harmonics of anything
 _NEVER = -50.0
 AS_MUCH = 0.92  # of the evidence for a line: half a bin costs 7 %, and a search favours bins
-_MAINS_HZ, _MAINS_HARMONICS = (50.0, 60.0), 7  # hum above the seventh is seldom louder than the machine (our choice)
+MAINS_HZ, MAINS_HARMONICS = (50.0, 60.0), 7  # hum above the seventh is seldom louder than the machine (our choice)
 
 
 @dataclass(frozen=True, kw_only=True)
@@ -72,6 +72,10 @@ class Search:
 
     def score(self, speed: Array, frames: NDArray[np.bool_]) -> Array:
         """Return the log evidence for each order along a path, in the frames flagged."""
+        return self.weights * order_scores(self.levels(speed, frames))
+
+    def levels(self, speed: Array, frames: NDArray[np.bool_]) -> Array:
+        """Return the log likelihood ratio of a line of each order along a path, (frames flagged, orders)."""
         bins, _ = self.evidence.ratios.shape
         column = np.flatnonzero(frames)
         position = np.outer(speed[column], self.orders) * self.evidence.bins_per_hz
@@ -80,8 +84,12 @@ class Search:
         part = np.where(known, position, 0) - low
         ratios = self.evidence.ratios
         power = ratios[low, column[:, None]] * (1 - part) + ratios[low + 1, column[:, None]] * part
-        scores = order_scores(np.where(known, log_line_ratio(power, foreign=self.evidence.foreign), 0.0))
-        return self.weights * scores
+        return np.where(known, log_line_ratio(power, foreign=self.evidence.foreign), 0.0)
+
+    def line_level(self, speed_hz: float) -> Array:
+        """Return the largest power over the noise at each order of a constant speed, over all frames."""
+        bins = np.rint(self.orders * speed_hz * self.evidence.bins_per_hz).astype(np.int64)
+        return np.asarray(self.evidence.ratios[np.minimum(bins, len(self.evidence.ratios) - 1)].max(axis=1))
 
     @property
     def spacing(self) -> float:
@@ -129,7 +137,7 @@ def search_speeds(
     votes = np.zeros((speeds.size, evidence.times_s.size))
     add_votes(evidence.log_votes(), evidence.bins_per_hz, orders, weights, speeds, DC_BINS, votes)
     # mixture: a frame may contain no line of a rotating shaft
-    votes = np.ascontiguousarray(np.logaddexp(votes + np.log1p(-_MISSED), np.log(_MISSED)).T)
+    votes = np.ascontiguousarray(np.logaddexp(votes + np.log1p(-MISSED), np.log(MISSED)).T)
     reach = int(np.ceil(acceleration * (evidence.times_s[1] - evidence.times_s[0]) / spacing))
     if reach * votes.size > _MOST_WORK:
         raise ValueError(
@@ -165,7 +173,7 @@ def single_line(search: Search, speed_hz: float, shown: Array) -> bool:
     Orders within the resolution of a frame from the strongest are the same line.
     """
     strongest = int(np.argmax(shown))
-    apart = np.abs(search.orders - search.orders[strongest]) * speed_hz * search.frame_s > _SAME_LINE
+    apart = np.abs(search.orders - search.orders[strongest]) * speed_hz * search.frame_s > SAME_LINE
     supporting = float(shown[apart & (shown > SHOWS)].sum())
     return shown.size > 1 and supporting < max(CERTAIN, _SUPPORT * float(shown.max()))
 
@@ -177,10 +185,19 @@ def low_family(search: Search, shown: Array) -> bool:
     speed are the same.
     """
     lines = np.unique(np.round(search.orders[shown > SHOWS], 1))
-    return bool(lines.size <= _FAMILY and _low(search.orders[shown > SHOWS]).all())
+    return bool(lines.size <= _FAMILY and is_low(search.orders[shown > SHOWS]).all())
 
 
-def _low(orders: Array) -> NDArray[np.bool_]:
+def leakage_bins(search: Search, speed_hz: float) -> Array:
+    """Return how far from the line of each order at a speed its leakage is below the noise, in bins of a frame.
+
+    At d > 1 bins a Hann window leaks at most the power of the line over (pi d (d^2 - 1))^2 (Harris, "On the use of
+    windows for harmonic analysis with the discrete Fourier transform", 1978), so less than that over (pi (d - 1)^3)^2.
+    """
+    return np.asarray(np.maximum(SAME_LINE, 1 + np.cbrt(np.sqrt(search.line_level(speed_hz)) / np.pi)))
+
+
+def is_low(orders: Array) -> NDArray[np.bool_]:
     """Return whether each order is a whole one below ten, as the harmonics of a shaft."""
     return np.asarray((orders < _LOW_ORDERS) & (np.abs(orders - np.rint(orders)) < SAME_SPEED))
 
@@ -190,13 +207,13 @@ def beyond_harmonics(search: Search, shown: Array) -> Array:
 
     They may be another machine's, and then the mesh must not be alone.
     """
-    low = _low(search.orders)
+    low = is_low(search.orders)
     return np.where(low, 0.0, shown) if (shown[~low] > SHOWS).any() else shown
 
 
 def no_mesh_shows(search: Search, shown: Array) -> bool:
     """Return whether only the first harmonics of a shaft show, although other orders, as of meshes, are listed."""
-    return low_family(search, shown) and not _low(search.orders).all()
+    return low_family(search, shown) and not is_low(search.orders).all()
 
 
 def slower_shaft(search: Search, speed_hz: float, shown: Array) -> float | None:
@@ -213,9 +230,9 @@ def of_mains(search: Search, speed: Array, seen: NDArray[np.bool_], shown: Array
     """Return which orders show no more along a path than at a harmonic of the mains beside it, as hum does."""
     fixed = replace(search, orders=np.ones(1), weights=np.ones(1))
     found = np.zeros(shown.size, dtype=np.bool_)
-    for harmonic_hz in {number * mains for mains in _MAINS_HZ for number in range(1, _MAINS_HARMONICS + 1)}:
+    for harmonic_hz in {number * mains for mains in MAINS_HZ for number in range(1, MAINS_HARMONICS + 1)}:
         off = np.median(np.abs(np.outer(speed[seen], search.orders) - harmonic_hz), axis=0)
-        near = (off * search.evidence.bins_per_hz <= _SAME_LINE) & (shown > SHOWS)
+        near = (off * search.evidence.bins_per_hz <= SAME_LINE) & (shown > SHOWS)
         if near.any():
             found |= near & (AS_MUCH * shown <= fixed.score(np.full(speed.size, harmonic_hz), seen)[0])
     return found
@@ -253,7 +270,7 @@ def _odds(search: Search, first: tuple[Array, Array], second: tuple[Array, Array
     rival with the share 1 - `tempering` of the evidence of the first gets odds of 1 to 20.
     """
     positions = [np.outer(path, search.orders) * search.evidence.bins_per_hz for path, _ in (first, second)]
-    apart = np.median(np.abs(positions[0][:, :, None] - positions[1][:, None, :]), axis=0) > _SAME_LINE
+    apart = np.median(np.abs(positions[0][:, :, None] - positions[1][:, None, :]), axis=0) > SAME_LINE
     one = float(first[1][apart.all(axis=1)].sum())
     other = float(second[1][apart.all(axis=0)].sum())
     temper = max(1.0, tempering * max(one, other) / np.log(_LEAST_ODDS))

@@ -12,7 +12,7 @@ from typing import TYPE_CHECKING
 import numpy as np
 
 from signals._validation import Array, checked, positive, real_vector
-from signals.shaft._speed_search import CERTAIN, SHOWS, Search, search_speeds, single_line
+from signals.shaft._speed_search import CERTAIN, SHOWS, Search, leakage_bins, search_speeds, single_line
 from signals.shaft.phase_demodulation import listed_orders
 
 if TYPE_CHECKING:
@@ -22,7 +22,6 @@ if TYPE_CHECKING:
 
 _LONGEST_FRAME_S = 4.0  # lines of a speed that is constant within a thousandth keep together up to order 100 at 2 Hz
 _STILL_HZ_S = 1e-6  # the search does without changes of speed
-_SAME_LINE = 2.0  # bins
 _RIVAL = 0.5  # of the evidence at the best speed, which another speed must not reach by lines of its own
 _WANDER = 0.005  # relative change of a steady speed (our choice); lines of high orders smear over so many speeds
 _FEWEST_REVOLUTIONS = 20.0
@@ -123,7 +122,7 @@ def refine_declared_speed(
     shown = scores[best]
     gain = float(evidence[best] - _scores(search, declared).sum())
     # orders whose line at another speed is neither the line that the best one has nor its leakage
-    own = np.abs(np.outer(speeds - speeds[best], listed)) * frame_s > _leakage_bins(search, float(speeds[best]))
+    own = np.abs(np.outer(speeds - speeds[best], listed)) * frame_s > leakage_bins(search, float(speeds[best]))
     rival = (scores * own).sum(axis=1) > _RIVAL * np.maximum((shown * own).sum(axis=1), CERTAIN)
     needed = CERTAIN + np.log(speeds.size)
     if gain < needed or rival.any() or single_line(search, float(speeds[best]), shown):
@@ -139,18 +138,6 @@ def refine_declared_speed(
     bend = before - 2 * at + after
     peak = speeds[best] + (search.spacing * 0.5 * (before - after) / bend if bend < 0 else 0.0)
     return DeclaredSpeed(declared_hz=declared, speed_hz=float(peak), gain=gain, orders=listed[shown > SHOWS])
-
-
-def _leakage_bins(search: Search, speed_hz: float) -> Array:
-    """Return how far from the line of each order at a speed its leakage is below the noise, in bins of a frame.
-
-    At d > 1 bins a Hann window leaks at most the power of the line over (pi d (d^2 - 1))^2 (Harris, "On the use of
-    windows for harmonic analysis with the discrete Fourier transform", 1978), so less than that over (pi (d - 1)^3)^2.
-    """
-    ratios = search.evidence.ratios
-    bins = np.rint(search.orders * speed_hz * search.evidence.bins_per_hz).astype(np.int64)
-    strongest = ratios[np.minimum(bins, len(ratios) - 1)].max(axis=1)
-    return np.asarray(np.maximum(_SAME_LINE, 1 + np.cbrt(np.sqrt(strongest) / np.pi)))
 
 
 def _scores(search: Search, speed_hz: float) -> Array:

@@ -29,6 +29,8 @@ import numpy as np
 from scipy.interpolate import PchipInterpolator
 
 from signals._validation import Array, checked, positive, real_vector
+from signals.shaft._angle_confirmation import decide, strays
+from signals.shaft._line_likelihood import without_steady_lines
 from signals.shaft._speed_search import (
     AS_MUCH,
     CERTAIN,
@@ -45,6 +47,7 @@ from signals.shaft._speed_search import (
     single_line,
     slower_shaft,
 )
+from signals.shaft._steady_lines import one_tone
 from signals.shaft.phase import ShaftPhase
 from signals.shaft.phase_demodulation import listed_orders, refine_phase
 
@@ -63,6 +66,9 @@ _SURE = 1.5e-3  # largest median std of the refined speed, relative: three of th
 _LEFT_STD, _LEFT_SHARE = 2.5, 0.05  # of the search, in this share of frames: the refined speed follows another line
 _FEWEST_SAMPLES = 64  # a frame
 _FRAMES = (0.5, 0.25)  # of the default length: two next to one another should find the same speed
+_AT_AN_END = 0.02  # of the time: a part that is not known and begins there is cut off
+_KEPT = 0.5  # of the evidence, by lines that move: more than any rival of a sure speed has
+_SAME_PATH = 0.95  # of the frames within 1 %: two paths need not both be followed
 _CONTRADICTION = "frames of another length find another speed, or one in a part of the record"
 _AGREEING = 0.98  # of the frames within 1 % of speed, or three standard deviations
 
@@ -86,7 +92,9 @@ class SpeedEstimate:
         Ambiguous for the `reason` given: `alternatives` are nearly as likely; nearly all evidence is of one of several
         orders, which may be any order, or another machine's; at most three whole orders below ten show, which half or a
         third of the speed, in range, would show too, or while none of the other orders does; the phase of the
-        harmonics cannot be followed surely enough; or frames of another length are as sure of another speed.
+        harmonics cannot be followed surely enough; frames of another length are as sure of another speed; its lines keep one
+        frequency, and are of fewer than three families of harmonics; or a straight course over some part explains that
+        as well. Where such a part is at an end, the phase ends before it.
     times_s : (frame,) array
         Times in s of the middles of the frames.
     speed_hz, std_hz : (frame,) arrays
@@ -97,7 +105,7 @@ class SpeedEstimate:
     alternatives : tuple of Alternative
         Other speeds that explain the record, with their probabilities.
     orders, shown : (order,) arrays
-        Orders searched for, and the logarithm of the evidence for each.
+        Orders searched for, and the logarithm of the evidence for each (in the angle domain, where that decided).
     evidence : float
         Logarithm of the evidence for a shaft against noise.
     phase : ShaftPhase or None
@@ -217,15 +225,139 @@ def estimate_speed(
             "are needed. Record longer, or give a longer frame_s."
         )
 
+    tried: list[tuple[SpeedEstimate, Search]] = []
+
     def estimate(length_s: float, *, moving: bool = False) -> SpeedEstimate:
         search = search_speeds(signal, rate, listed, low, high, acceleration, length_s, moving=moving)
-        return _estimate(signal, rate, search, start_s)
+        one = _estimate(signal, rate, search)
+        tried.append((one, search))
+        return one
 
     shorter = [] if frame_s is not None else [part * frame for part in _FRAMES if part * frame * rate > _FEWEST_SAMPLES]
     found = _confirmed(estimate, float(frame), shorter)
-    if found.status == "not found":
+    if found.status != "not found" and not any(one is found and _moves(one, search) for one, search in tried):
+        found = _surer(found, _confirmed(partial(estimate, moving=True), float(frame), shorter))
+    if found.status == "ambiguous":
+        found = _decided(signal, rate, found, _distinct([one for one, _ in tried]), (low, high))
+    return _from(_proven(signal, rate, found), start_s)
+
+
+def _proven(signal: Array, rate: float, found: SpeedEstimate) -> SpeedEstimate:
+    """Return an estimate, a sure one as ambiguous where its lines may be of no shaft, or its course of other lines."""
+    if found.phase is None:
         return found
-    return _surer(found, _confirmed(partial(estimate, moving=True), float(frame), shorter))
+    if _one_tone(signal, rate, found, found.phase):
+        return _doubted(found, "its lines keep one frequency, and may be one tone with harmonics, of no shaft")
+    start_s, stop_s = found.phase.start_s, found.phase.stop_s
+    close = _AT_AN_END * (stop_s - start_s)
+    for first, last in strays(signal, rate, found.phase, found.orders):
+        if first < found.phase.start_s + close:
+            start_s = max(start_s, last)
+        elif last > found.phase.stop_s - close:
+            stop_s = min(stop_s, first)
+        else:
+            why = "in a part of the record a straight course of the speed has as much evidence as its own"
+            return _doubted(found, why)
+    return _cut(found, found.phase, start_s, stop_s)
+
+
+def _cut(found: SpeedEstimate, phase: ShaftPhase, start_s: float, stop_s: float) -> SpeedEstimate:
+    """Return a sure estimate without the ends of its phase in which the speed is not known."""
+    if (start_s, stop_s) == (phase.start_s, phase.stop_s):
+        return found
+    inside = (phase.times_s > start_s) & (phase.times_s < stop_s)
+    times = np.concatenate([[start_s], phase.times_s[inside], [stop_s]])
+    known = (found.times_s >= start_s) & (found.times_s <= stop_s)
+    return replace(
+        found,
+        speed_hz=np.where(known, found.speed_hz, np.nan),
+        std_hz=np.where(known, found.std_hz, np.nan),
+        confidence=np.where(known, found.confidence, 0.0),
+        phase=replace(phase, times_s=times, revolutions=phase.revolutions_at(times)),
+    )
+
+
+def _from(found: SpeedEstimate, start_s: float) -> SpeedEstimate:
+    """Return the estimate of a record that starts at another time than zero."""
+    phase = None if found.phase is None else replace(found.phase, times_s=found.phase.times_s + start_s)
+    return replace(found, times_s=found.times_s + start_s, phase=phase)
+
+
+def _moves(found: SpeedEstimate, search: Search) -> bool:
+    """Return whether a sure speed keeps its evidence where steady lines are left out: a search without them is saved.
+
+    That search would find the same lines. What a steady machine in the same record shows is then a rival already.
+    """
+    if found.status != "ok":
+        return False
+    seen = np.isfinite(found.speed_hz)
+    left = replace(search, evidence=without_steady_lines(search.evidence)).score(found.speed_hz, seen)
+    return float(left.sum()) > _KEPT * float(found.shown.sum())
+
+
+def _distinct(tried: Sequence[SpeedEstimate]) -> list[tuple[Array, Array, float]]:
+    """Return all paths that were found, each once: times, speeds, and half the length of its frames in s."""
+    paths: list[tuple[Array, Array, float]] = []
+    for one in tried:
+        for speed in (one.speed_hz, *(other.speed_hz for other in one.alternatives)):
+            known = np.isfinite(speed)
+            if np.count_nonzero(known) < _SHORTEST_RUN:
+                continue
+            path = one.times_s[known], speed[known], float(one.times_s[0])
+            if not any(_same_path(path, other) for other in paths):
+                paths.append(path)
+    return paths
+
+
+def _same_path(one: tuple[Array, Array, float], other: tuple[Array, Array, float]) -> bool:
+    """Return whether a path is another one in nearly all of its frames."""
+    times, speed, _ = one
+    near = np.abs(speed / np.interp(times, other[0], other[1], np.nan, np.nan) - 1) < SAME_SPEED
+    return bool(np.mean(near) > _SAME_PATH)
+
+
+def _one_tone(signal: Array, rate: float, found: SpeedEstimate, phase: ShaftPhase) -> bool:
+    """Return whether the lines of a sure speed keep one frequency and may be one tone with harmonics."""
+    times, known = np.linspace(phase.start_s, phase.stop_s, found.times_s.size), np.isfinite(found.std_hz)
+    std = np.interp(times, found.times_s[known], found.std_hz[known])
+    return one_tone(signal, rate, phase, std, found.orders)
+
+
+def _doubted(found: SpeedEstimate, reason: str) -> SpeedEstimate:
+    """Return a sure estimate as ambiguous for a reason."""
+    confidence = np.minimum(found.confidence, 0.5)
+    return replace(found, status="ambiguous", confidence=confidence, phase=None, phase_std_rev=np.nan, reason=reason)
+
+
+def _decided(
+    signal: Array,
+    rate: float,
+    found: SpeedEstimate,
+    paths: Sequence[tuple[Array, Array, float]],
+    range_hz: tuple[float, float],
+) -> SpeedEstimate:
+    """Return an ambiguous estimate as what the angle domain decides for, where it does."""
+    stop_s = (signal.size - 1) / rate
+    rough = [_integrated(times, speed, half_frame=half, stop_s=stop_s) for times, speed, half in paths]
+    decision = decide(signal, rate, rough, found.orders, range_hz=range_hz)
+    phase = None if decision is None else decision.refined.phase
+    if decision is None or phase is None:
+        return found
+    refined = decision.refined
+    seen = (found.times_s >= phase.start_s) & (found.times_s <= phase.stop_s)
+    speed = phase.speed_hz(np.clip(found.times_s, phase.start_s, phase.stop_s))
+    return replace(
+        found,
+        status="ok",
+        speed_hz=np.where(seen, speed, np.nan),
+        std_hz=np.where(seen, np.interp(found.times_s, refined.times_s, refined.std_hz), np.nan),
+        confidence=np.where(seen, decision.probability, 0.0),
+        alternatives=(),
+        shown=decision.followed.scores,
+        phase=phase,
+        phase_std_rev=float(np.median(refined.phase_std_rev)),
+        reason="",
+    )
 
 
 def _confirmed(estimate: Callable[[float], SpeedEstimate], frame_s: float, shorter_s: Sequence[float]) -> SpeedEstimate:
@@ -292,15 +424,8 @@ def _contradicted(found: SpeedEstimate, other: SpeedEstimate) -> SpeedEstimate:
     seen = np.isfinite(other.speed_hz)
     speed = np.interp(found.times_s, other.times_s[seen], other.speed_hz[seen], left=np.nan, right=np.nan)
     ratio = float(np.nanmedian(speed / found.speed_hz))
-    return replace(
-        found,
-        status="ambiguous",
-        confidence=np.minimum(found.confidence, 0.5),
-        alternatives=(Alternative(speed_hz=speed, ratio=ratio, probability=0.5),),
-        phase=None,
-        phase_std_rev=np.nan,
-        reason=_CONTRADICTION,
-    )
+    rival = Alternative(speed_hz=speed, ratio=ratio, probability=0.5)
+    return replace(_doubted(found, _CONTRADICTION), alternatives=(rival,))
 
 
 def _checked_range(speed_range_hz: tuple[float, float]) -> tuple[float, float]:
@@ -312,7 +437,7 @@ def _checked_range(speed_range_hz: tuple[float, float]) -> tuple[float, float]:
     return low, high
 
 
-def _estimate(signal: Array, rate: float, search: Search, start_s: float) -> SpeedEstimate:
+def _estimate(signal: Array, rate: float, search: Search) -> SpeedEstimate:
     """Return the estimate from the search: posterior, path, rivals, and the phase where it is unambiguous."""
     from signals.shaft._line_likelihood_kernels import most_likely_path, posterior  # noqa: PLC0415
 
@@ -322,7 +447,7 @@ def _estimate(signal: Array, rate: float, search: Search, start_s: float) -> Spe
     seen = longest_run(absent < 0.5)  # noqa: PLR2004
     path = search.speeds[most_likely_path(search.votes, np.log(search.kernel))]
     if evidence < CERTAIN or np.count_nonzero(seen) < _SHORTEST_RUN:
-        return _not_found(search, evidence, start_s)
+        return _not_found(search, evidence)
     scores = search.score(path, seen)
     same_speed = np.abs(search.speeds - path[:, None]) <= search.width(path, scores)[:, None]
     near = np.where(same_speed, probability, 0.0)
@@ -373,7 +498,7 @@ def _estimate(signal: Array, rate: float, search: Search, start_s: float) -> Spe
         )
     return SpeedEstimate(
         status="ambiguous" if phase is None else "ok",
-        times_s=search.evidence.times_s + start_s,
+        times_s=search.evidence.times_s,
         speed_hz=np.where(seen, mean, np.nan),
         std_hz=np.where(seen, std, np.nan),
         confidence=confidence * share,
@@ -381,7 +506,7 @@ def _estimate(signal: Array, rate: float, search: Search, start_s: float) -> Spe
         orders=search.orders,
         shown=shown,
         evidence=float(evidence),
-        phase=None if phase is None else replace(phase, times_s=phase.times_s + start_s),
+        phase=phase,
         phase_std_rev=float(phase_std),
         reason=reason,
     )
@@ -415,12 +540,12 @@ def _doubt(others: list[Rival], *, single: bool, foreign: bool, slower_hz: float
     return "the phase of its harmonics cannot be followed surely through the record"
 
 
-def _not_found(search: Search, evidence: float, start_s: float) -> SpeedEstimate:
+def _not_found(search: Search, evidence: float) -> SpeedEstimate:
     """Return the estimate of a record without a shaft."""
     none = np.full(search.evidence.times_s.size, np.nan)
     return SpeedEstimate(
         status="not found",
-        times_s=search.evidence.times_s + start_s,
+        times_s=search.evidence.times_s,
         speed_hz=none,
         std_hz=none,
         confidence=np.zeros(none.size),

@@ -122,7 +122,7 @@ def test_the_limit_is_what_is_free(monkeypatch, tmp_path):
     with pytest.raises(SceneError, match="samples of 8 row"):
         refuse_too_large(scene, tmp_path / "a.h5", by_source=True)
     monkeypatch.setattr("shutil.disk_usage", lambda _: type("Usage", (), {"free": 100_000_000}))
-    with pytest.raises(SceneError, match=r"needs 0\.12 GB on the disk of"):
+    with pytest.raises(SceneError, match=r"needs 0\.221 GB on the disk of"):
         refuse_too_large(scene, tmp_path / "a.h5")
 
 

@@ -90,7 +90,8 @@ def test_convert_is_the_same_there_and_here(tmp_path):
         (lambda: {}["a"], r"evil\.h5 cannot be read \(KeyError"),
     ],
 )
-def test_a_file_that_ends_the_process_is_named_and_the_next_one_reads(path, evil, deed, sentence):
+def test_a_file_that_ends_the_process_is_named_and_the_next_one_reads(path, evil, monkeypatch, deed, sentence):
+    monkeypatch.setattr(process, "_PATIENCE", 100)  # on a machine with much to do half a second of work takes long
     file = evil(deed)
     with ReaderProcess(cpu_s=0.5, memory_bytes=1 << 28) as reader:
         with pytest.raises(hums.RecordError, match=sentence):

@@ -158,13 +158,13 @@ def test_moments_of_a_record_are_its_sums(swing_rad, some):
             assert_allclose(found[block, moment], np.stack([expected.real, expected.imag], axis=-1), atol=1e-12)
 
 
-@pytest.mark.parametrize("swing_rad", [0.0, 1e-3])
-def test_products_of_regressors_are_their_sums(swing_rad):
-    """Of a steady turn, in closed form, and of one that swings: the products of the columns, added up."""
+@pytest.mark.parametrize(("swing_rad", "length"), [(0.0, 7), (1e-3, 7), (1e-3, 4), (1e-3, 1)])
+def test_products_of_regressors_are_their_sums(swing_rad, length):
+    """Of a steady turn, in closed form, and of one that swings, in long and short blocks: columns multiplied, added."""
     grid = four_orders(swing_rad)
-    grid = replace(grid, seen=np.ones(grid.samples, dtype=bool))
-    model, samples, length = grid.model, grid.samples, grid.length
-    some, nodes = np.array([0, 1, 3]), slice(2, 10)  # the last block is not full
+    grid = replace(grid, seen=np.ones(grid.samples, dtype=bool), length=length)
+    model, samples = grid.model, grid.samples
+    some, nodes = np.array([0, 1, 3]), slice(2, grid.nodes)  # of seven samples, the last block is not full
     found = grid.gram(some, nodes)
     columns = model.subset(some).regressors(slice(None))
     for node in range(nodes.start, nodes.stop):  # of two poles a node has the block before it

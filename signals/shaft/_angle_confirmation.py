@@ -1,0 +1,323 @@
+"""Decision between doubtful speeds in the angle domain, where the lines of the right one no longer smear.
+
+A candidate is integrated to an angle, the record is resampled evenly in it, and the orders are searched again within a
+per cent of one, in frames that grow while the path gets better. In the longest frames the lines of the right speed are
+narrow and stand far above the noise; those of other machines and along a wrong path are smeared (Fyfe and Munck 1997,
+"Analysis of computed order tracking", on lines that smear).
+
+Any one line may be any one order. What speaks for a speed is therefore its joint evidence: that of all lines beside the
+strongest. Whole orders below ten and those of slower shafts, which a line of low frequency of any machine may be, do
+not count. A speed is decided for where its joint evidence is beyond chance, and every other speed has less than half.
+"""
+
+from __future__ import annotations
+
+from dataclasses import dataclass
+from typing import TYPE_CHECKING
+
+import numpy as np
+from scipy.interpolate import CubicSpline, PchipInterpolator
+
+from signals.shaft._line_likelihood import DC_BINS, PRESENT, lowest_band
+from signals.shaft._speed_search import CERTAIN, MISSED, SAME_SPEED, SHOWS, Search, is_low, search_speeds
+from signals.shaft.phase import ShaftPhase
+from signals.shaft.phase_demodulation import RefinedPhase, refine_phase
+
+if TYPE_CHECKING:
+    from collections.abc import Sequence
+
+    from numpy.typing import NDArray
+
+    from signals._validation import Array
+
+_FRAMES = 12  # of the longest length in the record: enough to see a line come and go
+_MOST_REV = 32.0  # of the longest frame: beyond, no line of a speed that is known to a few bins gets narrower
+_DOUBLINGS = 3  # of the frame length on the way there
+_FEWEST_SAMPLES, _FEWEST_FRAMES = 64, 4  # of a frame; below, a candidate shows in too small a part to be followed
+_SAMPLES = 2.5  # per turn of the highest order
+_MARGIN_ORDERS = 2.0
+_KNOTS_REV = 4.0  # per revolution
+_FINER = 4.0  # bins by which the highest order may still be off in frames of the next length
+_SCANNED = 6  # best constant ratios of a candidate that are scored
+_RIVAL = 0.5  # of the joint evidence, which no other speed may reach
+_SAME_SHARE = 0.5  # of the time in which two candidates are within 1 %: they are of one speed
+_LEAVING = 0.2  # share in which a candidate must agree to be compared where it does not
+_MOST_DEMODULATED = 8
+_BRIDGES = 10  # parts of a record that are half as long as a course that is tried
+_WINDOWS_REV = (6.0, 24.0, 2.0)  # of the refinement
+_SURE = 1.5e-3  # largest median std of the refined speed, relative: three of them are within half a per cent
+_STRAYING = 0.03  # share of the time in which a path may leave another, or the refined speed the path, by 1 %
+_POINTS = 400  # at which speeds are compared
+
+
+@dataclass(frozen=True, kw_only=True)
+class Followed:
+    """A candidate followed in the angle domain: its phase, the search in the longest frames, and scores of all orders.
+
+    Orders beyond half the sampling rate score zero. `levels` is the log evidence of each order searched in each frame,
+    (frames, orders), `joint` the joint evidence.
+    """
+
+    phase: ShaftPhase
+    search: Search
+    scores: Array
+    levels: Array
+    joint: float
+
+    def speed_hz(self, times_s: Array) -> Array:
+        """Return the speed in Hz at times, NaN beyond the candidate's."""
+        inside = (times_s >= self.phase.start_s) & (times_s <= self.phase.stop_s)
+        speed = self.phase.speed_hz(np.clip(times_s, self.phase.start_s, self.phase.stop_s))
+        return np.where(inside, speed, np.nan)
+
+    def votes(self, times_s: Array) -> Array:
+        """Return the log evidence of all orders of the frames about given times."""
+        middles = self.phase.times_at(self.phase.revolutions[0] + self.search.evidence.times_s)
+        nearest = np.rint(np.interp(times_s, middles, np.arange(middles.size))).astype(np.int64)
+        present = np.log1p(PRESENT * np.expm1(self.levels[nearest])).sum(axis=1)
+        return np.asarray(np.logaddexp(present + np.log1p(-MISSED), np.log(MISSED)))
+
+
+@dataclass(frozen=True, kw_only=True)
+class Decision:
+    """The speed that is decided for, its refined phase, and its probability among the candidates."""
+
+    followed: Followed
+    refined: RefinedPhase
+    probability: float
+
+
+def joint_evidence(orders: Array, scores: Array) -> float:
+    """Return the evidence of all orders beside the strongest, those of shafts left out."""
+    counted = np.where(_of_shafts(orders) | (scores < SHOWS), 0.0, scores)
+    return float(counted.sum() - counted.max(initial=0.0))
+
+
+def _of_shafts(orders: Array) -> NDArray[np.bool_]:
+    """Return whether each order is a whole one below ten, or of a slower shaft."""
+    return np.asarray(is_low(orders) | (orders < 1))
+
+
+def decide(
+    signal: Array, rate: float, candidates: Sequence[ShaftPhase], orders: Array, *, range_hz: tuple[float, float]
+) -> Decision | None:
+    """Return the speed that the angle domain decides for, or None where none clearly is the best.
+
+    `candidates` are approximate phases, the first that which is thought the best.
+    """
+    seconds = signal.size / rate
+    mean_hz = float(np.ptp(candidates[0].revolutions) / np.ptp(candidates[0].times_s))
+    frame_s = min(2 * seconds / (_FRAMES + 1), _MOST_REV / mean_hz)  # the same for all: as many frames, as narrow lines
+    followed = [one for rough in candidates if (one := follow(signal, rate, rough, orders, frame_s=frame_s))]
+    if not followed:
+        return None
+    best = max(followed, key=lambda one: one.joint)
+    for other in list(followed):  # where another path has more evidence in a part, it is the better one there
+        for part, gain in _stretches(best, other):
+            if gain < -SHOWS and (one := follow(signal, rate, _spliced(best, other, part), orders, frame_s=frame_s)):
+                followed.append(one)
+                best = max(best, one, key=lambda one: one.joint)
+    low, high = range_hz
+    trials = 2 * (high - low) * frame_s * float(orders[-1])  # speeds half a bin of the highest order apart
+    others = [one.joint for one in followed if _agreeing(best, one) < _SAME_SHARE] + scanned(best, range_hz)
+    strongest = max(others, default=0.0)
+    if best.joint < CERTAIN + np.log(trials) or strongest > _RIVAL * best.joint:
+        return None
+    if not _throughout(best) or any(gain < SHOWS for one in followed for _, gain in _stretches(best, one)):
+        return None
+    refined = _refined(signal, rate, best)
+    if refined is None:
+        return None
+    # tempered as in the search, so that half of the evidence has odds of one to twenty
+    temper = max(1.0, _RIVAL * best.joint / np.log(20.0))
+    odds = sum(float(np.exp((other - best.joint) / temper)) for other in others if other > 0)
+    return Decision(followed=best, refined=refined, probability=1 / (1 + odds))
+
+
+def follow(signal: Array, rate: float, rough: ShaftPhase, orders: Array, *, frame_s: float) -> Followed | None:
+    """Follow the orders along an approximate phase, in frames that grow to `frame_s`; None where it is too short.
+
+    The search is within a per cent of the phase at first, then within some bins of the frame.
+    """
+    from signals.shaft._line_likelihood_kernels import most_likely_path  # noqa: PLC0415
+
+    turns = float(np.ptp(rough.revolutions))
+    longest = frame_s * turns / float(np.ptp(rough.times_s))
+    fastest = float((np.diff(rough.revolutions) / np.diff(rough.times_s)).max()) * (1 + SAME_SPEED)
+    listed = orders[orders * fastest < rate / 2]
+    if not listed.size or turns < _FEWEST_FRAMES * longest:
+        return None
+    samples, per_rev = _sampled(signal, rate, float(listed[-1]), fastest)
+    if longest * per_rev < _FEWEST_SAMPLES:
+        return None
+    phase, tolerance = rough, SAME_SPEED
+    for doubling in range(_DOUBLINGS, -1, -1):
+        window = longest / 2**doubling
+        if window * per_rev < _FEWEST_SAMPLES:
+            continue
+        values = samples(phase.times_at(_even(phase, per_rev)))
+        search = search_speeds(values, per_rev, listed, 1 - tolerance, 1 + tolerance, tolerance / window, window)
+        ratio = search.speeds[most_likely_path(search.votes, np.log(search.kernel))]
+        phase = _corrected(phase, search, ratio)
+        tolerance = min(tolerance, _FINER / (window * float(listed[-1])))
+    scores, every = np.zeros(orders.size), np.ones(ratio.size, dtype=np.bool_)
+    scores[: listed.size] = search.score(ratio, every)
+    levels = search.levels(ratio, every)
+    return Followed(phase=phase, search=search, scores=scores, levels=levels, joint=joint_evidence(orders, scores))
+
+
+def in_angle(signal: Array, rate: float, phase: ShaftPhase, order: float) -> tuple[Array, float]:
+    """Return the record evenly sampled in angle up to an order, and the samples per revolution."""
+    fastest = float((np.diff(phase.revolutions) / np.diff(phase.times_s)).max())
+    samples, per_rev = _sampled(signal, rate, order, fastest)
+    return np.asarray(samples(phase.times_at(_even(phase, per_rev)))), per_rev
+
+
+def _sampled(signal: Array, rate: float, order: float, fastest_hz: float) -> tuple[CubicSpline, float]:
+    """Return a spline through the band of the orders, and the samples per revolution that they need."""
+    top = order + _MARGIN_ORDERS
+    band, band_rate = lowest_band(signal, rate_hz=rate, top_hz=min(top * fastest_hz, rate / 2))
+    return CubicSpline(np.arange(band.size) / band_rate, band), _SAMPLES * top
+
+
+def _even(phase: ShaftPhase, per_rev: float) -> Array:
+    """Return even angles over a phase, in revolutions."""
+    return np.arange(phase.revolutions[0], phase.revolutions[-1], 1 / per_rev)
+
+
+def _corrected(phase: ShaftPhase, search: Search, ratio: Array) -> ShaftPhase:
+    """Return the phase with its speed multiplied by the ratio found."""
+    first, last = phase.revolutions[[0, -1]]
+    at = np.concatenate([[first - 1e-6], first + search.evidence.times_s, [last + 1e-6]])
+    turned = PchipInterpolator(at, np.concatenate([ratio[:1], ratio, ratio[-1:]])).antiderivative()
+    knots = np.linspace(first, last, int(_KNOTS_REV * (last - first)) + 8)
+    return ShaftPhase(times_s=phase.times_at(knots), revolutions=turned(knots))
+
+
+def scanned(followed: Followed, range_hz: tuple[float, float]) -> list[float]:
+    """Return the joint evidence of the best speeds in constant ratios to a candidate, octaves among them."""
+    from signals.shaft._line_likelihood_kernels import add_votes  # noqa: PLC0415
+
+    search, phase = followed.search, followed.phase
+    speed = phase.speed_hz(np.linspace(phase.start_s, phase.stop_s, _POINTS))
+    low, high = range_hz[0] / np.quantile(speed, 0.1), range_hz[1] / np.quantile(speed, 0.9)
+    ratios = np.arange(low, high, 0.5 / (search.frame_s * search.orders[-1]))
+    votes = np.zeros((ratios.size, search.evidence.times_s.size))
+    levels = search.evidence.log_votes()
+    add_votes(levels, search.evidence.bins_per_hz, search.orders, search.weights, ratios, DC_BINS, votes)
+    total = np.where(np.abs(ratios - 1) < SAME_SPEED, -np.inf, np.maximum(votes, 0.0).sum(axis=1))
+    found, every = [], np.ones(votes.shape[1], dtype=np.bool_)
+    for _ in range(_SCANNED):
+        if not np.isfinite(total).any():
+            break
+        ratio = ratios[np.argmax(total)]
+        total[np.abs(ratios - ratio) < SAME_SPEED * ratio] = -np.inf
+        found.append(joint_evidence(search.orders, search.score(np.full(every.size, ratio), every)))
+    return found
+
+
+def _agreeing(one: Followed, other: Followed) -> float:
+    """Return the share of the time in which two candidates have one speed."""
+    times = np.linspace(one.phase.start_s, one.phase.stop_s, _POINTS)
+    off = np.abs(other.speed_hz(times) / one.speed_hz(times) - 1)
+    known = np.isfinite(off)
+    return float(np.mean(off[known] < SAME_SPEED)) if known.any() else 0.0
+
+
+def _throughout(followed: Followed) -> bool:
+    """Return whether joint evidence shows all the time: where it does not, a path may follow anything.
+
+    Frames overlap by half, so that each two hold what one and a half hold.
+    """
+    orders = followed.search.orders
+    levels = followed.levels[:, ~_of_shafts(orders) & (followed.scores[: orders.size] > SHOWS)]
+    both = np.maximum(levels[1:] + levels[:-1], 0.0)
+    joint = both.sum(axis=1) - both.max(axis=1, initial=0.0)
+    return bool(joint.min(initial=np.inf) >= SHOWS)
+
+
+def _stretches(best: Followed, other: Followed) -> list[tuple[Array, float]]:
+    """Return the times of each stretch in which another candidate leaves a speed that it shares, and what it loses.
+
+    What is lost is log evidence, per frame of the best candidate.
+    """
+    agreeing = _agreeing(best, other)
+    if not _LEAVING < agreeing < 1:
+        return []
+    times = np.linspace(best.phase.start_s, best.phase.stop_s, _POINTS)
+    apart = np.abs(other.speed_hz(times) / best.speed_hz(times) - 1) > SAME_SPEED
+    edges = np.flatnonzero(np.diff(np.concatenate([[False], apart, [False]]).astype(np.int8))).reshape(-1, 2)
+    frames = best.search.evidence.times_s.size / _POINTS
+    found = [times[first:last] for first, last in edges if last - first > _STRAYING * _POINTS]
+    return [(part, float((best.votes(part) - other.votes(part)).sum()) * frames) for part in found]
+
+
+def _spliced(best: Followed, other: Followed, part: Array) -> ShaftPhase:
+    """Return the phase of a candidate with the speeds of another in a stretch of time."""
+    times = np.linspace(best.phase.start_s, best.phase.stop_s, 2 * _POINTS + 1)
+    inside = (times >= part[0]) & (times <= part[-1])
+    speed = np.where(inside, other.speed_hz(times), best.speed_hz(times))
+    turned = PchipInterpolator(times, speed).antiderivative()
+    return ShaftPhase(times_s=times, revolutions=best.phase.revolutions[0] + turned(times))
+
+
+def _refined(signal: Array, rate: float, followed: Followed) -> RefinedPhase | None:
+    """Return the phase refined from the harmonics, where that is sure and stays with the path; else None."""
+    phase, orders, scores = followed.phase, followed.search.orders, followed.scores[: followed.search.orders.size]
+    significant = min(_MOST_DEMODULATED, np.count_nonzero(scores > SHOWS))
+    strongest = np.sort(orders[np.argsort(-scores)[:significant]])
+    tolerance = _FINER / (followed.search.frame_s * float(orders[-1]))
+    for window_rev in _WINDOWS_REV:
+        window = min(window_rev, float(np.ptp(phase.revolutions)) / 3)
+        try:
+            refined = refine_phase(
+                signal, rate_hz=rate, phase=phase, orders=strongest.tolist(), tolerance=tolerance, window_rev=window
+            )
+        except ValueError:  # the speed of single frames is too rough for windows of several revolutions
+            continue
+        if refined.phase is None:
+            continue
+        relative = refined.std_hz / refined.speed_hz
+        times = np.linspace(refined.phase.start_s, refined.phase.stop_s, _POINTS)  # beyond the windows, too
+        off = np.abs(refined.phase.speed_hz(times) / followed.speed_hz(times) - 1)
+        stays = np.nanmean(off > SAME_SPEED) <= _STRAYING
+        if np.median(relative) < _SURE and relative.max() < SAME_SPEED and stays:
+            return refined
+    return None
+
+
+def strays(signal: Array, rate: float, phase: ShaftPhase, orders: Array) -> list[tuple[float, float]]:
+    """Return the times between which a straight course over some short part of a phase has as much evidence as its own.
+
+    A path that follows another line for a moment, or before the shaft's lines show, leaves such a course by over 1 %.
+    """
+    seconds = float(phase.stop_s - phase.start_s)
+    times = np.linspace(phase.start_s, phase.stop_s, _POINTS + 1)
+    speed, width = phase.speed_hz(times), _POINTS // _BRIDGES
+    own: Followed | None = None
+    frame_s = min(2 * seconds / (_FRAMES + 1), _MOST_REV / float(speed.mean()))
+    found = []
+    for part, ends in (
+        (slice(0, width), [width, 2 * width]),
+        (slice(_POINTS - width, None), [_POINTS - 2 * width, _POINTS - width]),
+        *((slice(at, at + 2 * width + 1), [at, at + 2 * width]) for at in range(0, _POINTS + 1 - 2 * width, width)),
+    ):
+        straight = np.polyval(np.polyfit(times[ends], speed[ends], 1), times[part])
+        if straight.min() <= 0 or np.abs(straight / speed[part] - 1).max() < SAME_SPEED:
+            continue
+        other = speed.copy()
+        other[part] = straight
+        own = own or follow(signal, rate, _integral(times, speed), orders, frame_s=frame_s)
+        one = follow(signal, rate, _integral(times, other), orders, frame_s=frame_s)
+        if own is None or one is None:
+            continue
+        apart = times[part][np.abs(one.speed_hz(times[part]) / own.speed_hz(times[part]) - 1) > SAME_SPEED]
+        gain = (own.votes(apart) - one.votes(apart)).sum() * own.search.evidence.times_s.size / _POINTS
+        if apart.size > _STRAYING * _POINTS and gain < SHOWS:
+            found.append((float(apart[0]), float(apart[-1])))
+    return found
+
+
+def _integral(times: Array, speed: Array) -> ShaftPhase:
+    """Return the phase of speeds at times."""
+    return ShaftPhase(times_s=times, revolutions=PchipInterpolator(times, speed).antiderivative()(times))
