@@ -28,11 +28,11 @@ counts those of the faulty record. Time of the processor for the whole record, t
 
 `halved`: the share of the lines, and of their power, that halving the window of the projection changes by less than 1 %
 of their RMS over time (`truth_line_change`); all of them where motion is steady or kinematic, whose Z has no window. In
-varying motion a window long enough to part a line from its neighbours may be too long for its amplitude, which speed
-changes as it passes resonances; where slow shafts have lines close together and the speed sweeps or wanders, most lines
-are such, and neither single lines nor what a fault adds are known to 1 %: `truth_line_change` says which are, and the
-impacts' and teeth's times (`truth_tooth_passes_1`) stay exact. `benchmark-1` lines: its first record with a damaged
-gear whose speed is steady to 0.2 %, wanders by 3 %, rises or falls evenly, and steps."""
+varying motion all lines are fitted together, so that they add up to the signal; but where slow shafts have lines close
+together and speed changes amplitudes within the window that would part them, how the signal is split among neighbours
+is uncertain, and so are most single lines: `truth_line_change` says which are known, and the impacts' and teeth's times
+(`truth_tooth_passes_1`) stay exact. `benchmark-1` lines: its first record with a damaged gear whose speed is steady to
+0.2 %, wanders by 3 %, rises or falls evenly, and steps."""
 HEADER = (
     "| scene | lines | record, % | healthy, % | fault, % | halved: lines, power, % | s |\n|---|---|---|---|---|---|---|"
 )

@@ -8,7 +8,7 @@ other. Those that are loud are kept.
 import math
 from bisect import bisect_left
 from collections.abc import Callable
-from dataclasses import dataclass, replace
+from dataclasses import dataclass
 from fractions import Fraction
 from functools import cached_property
 from itertools import permutations
@@ -22,7 +22,7 @@ from data_synth.kinematic.planet_pass import pass_orders
 from data_synth.operation.shaft_angle import Array
 from data_synth.scene.scene import Scene
 from data_synth.sources.prepared import PreparedScene, mesh_name
-from data_synth.vibration.order_projection import AngleSamples, Moments, Part, Projection, Window
+from data_synth.vibration.order_projection import AngleSamples, Projection, Window
 
 FLOOR = 1e-3  # of the loudest line, over time and channels: lines of meshes and of gears with each other
 FAULT_FLOOR = 1e-2  # of the loudest line of the same damaged gear
@@ -33,16 +33,21 @@ _BELOW_NYQUIST = 0.98
 _MIXED = 4  # multiples of one order beside those of another
 _LONGEST_CELLS = 1 << 20  # of a window in steady motion
 _SEARCHED = 9  # windows in which lines are looked for
-_APART, _APART_STEADY = 3.5, 1.5
-"""Periods of the window that two lines have to be apart to be fitted together. With amplitudes of second degree the
-condition number of least squares is 5 for lines 3.5 periods apart, 300 for 3 and 2e9 for 2.5."""
+_APART_STEADY = 1.5  # periods of the window that two lines of constant amplitude are apart to be fitted together
+_APART, _RIDGE = 1.0, 0.003
+"""The same of amplitudes of second degree, and the ridge that keeps their least squares determined. Without it the
+condition number is 5 for lines 3.5 periods apart, 300 for 3 and 2e9 for 2.5; lines so far apart leave gaps between
+them, and what amplitudes that change within a window put there is lost. Lines 3 periods apart can represent any signal;
+nearer ones share it, the ridge preferring amplitudes that change little."""
 _DEGREE = 2  # of amplitudes in a window
+_ALONE = 0.3  # of the floor, by which a candidate is loud where it stands alone
 _TRIALS = 17  # instants at which windows are compared
 _MESH_FIRST = 3.0  # times its size a mesh's line counts beside others: what stands alone in a window is not separated
 _LONGEST_SHARE = 1.25  # of which the record is at least as long as the longest window in varying motion
 _DETERMINED = 0.01  # of the RMS of a line
-_LONGER = 2.0  # times the least change: windows of which halving changes lines by more everywhere are of no use
-_PERIODS = 1.5  # of the smallest base order: the shortest window tried, where speed changes within a turn or two
+_AS_GOOD = 1.5  # times the least change: of windows as good as that the shortest, which follows amplitudes best
+_NO_USE = 4.0  # times the least change: shorter windows are worse still
+_PERIODS = 0.75  # of the smallest base order: the shortest window that is halved
 
 
 @dataclass(frozen=True, kw_only=True)
@@ -174,8 +179,8 @@ def gear_lines(prepared: PreparedScene, signal: Array) -> GearLines:
     """Return the loud lines in the channels of gears in motion, (channel, n), at the instants of the truth.
 
     At constant speed, torque and damage the window is the whole record, and Z is constant. Else Z is a polynomial of
-    second degree in angle within windows; the length of each line's is that, of several, at which halving the window
-    changes it least.
+    second degree in angle within windows; their length is the shortest, of several, of those at which halving the
+    window changes the lines least.
     """
     scene, angle = prepared.scene, prepared.drive.angle
     turning = np.sign(prepared.speed_hz[prepared.speed_hz != 0])
@@ -258,7 +263,7 @@ def _loud_alone(samples: AngleSamples, candidates: Candidates, window: Window, a
     """Return the numbers of candidates that are loud where each stands alone, and `apart` periods from each other."""
     everywhere = Projection(samples=samples, orders=candidates.values, window=window)
     sizes = np.max(np.sqrt(everywhere.power(_tiles(samples, window.length_rev, _SEARCHED))), axis=0)
-    loud = _loud(sizes, candidates.ranks, 0.3)
+    loud = _loud(sizes, candidates.ranks, _ALONE)
     return np.sort(_separate(candidates.values, sizes, candidates.ranks, loud, apart / window.length_rev))
 
 
@@ -309,29 +314,36 @@ def _separate(
 
 
 @dataclass(frozen=True, kw_only=True)
-class _Fit:
-    """Lines at the trial instants in windows of one length, and by how much halving the windows changes them.
+class _Trial:
+    """Lines at the trial instants in windows of one length.
 
     Attributes
     ----------
     window : Window
     chosen : (line,) int array
         Rising numbers of candidates.
-    sizes, changes : (line, trial) arrays
-        RMS over channels; changes are infinite for lines that half the window does not separate.
+    amplitudes : (channel, line, trial) complex array
     """
 
     window: Window
     chosen: NDArray[np.int_]
-    sizes: Array
-    changes: Array
+    amplitudes: ComplexArray
 
-    @property
-    def total_change(self) -> Array:
-        """Change of all lines that half the window separates over their RMS, (trial,)."""
-        own = np.isfinite(self.changes[:, 0])
-        change, size = (np.sum(part[own] ** 2, axis=0) for part in (self.changes, self.sizes))
-        return np.asarray(np.sqrt(change / np.maximum(size, np.finfo(float).tiny)))
+    def changes(self, halved: "_Trial") -> tuple[Array, float]:
+        """Return by how much half the window changes each line and all that it keeps, over their RMS.
+
+        Infinite for a line that half the window does not separate from its neighbour.
+        """
+        _, rows, others = np.intersect1d(self.chosen, halved.chosen, return_indices=True)
+        # of all instants alike: the first and the last trial stand for half as many
+        weights = np.ones(self.amplitudes.shape[2])
+        weights[[0, -1]] = 0.5
+        errors = self.amplitudes[:, rows] - halved.amplitudes[:, others]
+        squares = [np.sum(np.abs(part) ** 2 @ weights, axis=0) for part in (errors, self.amplitudes[:, rows])]
+        tiny = np.finfo(float).tiny
+        changes = np.full(self.chosen.size, np.inf)
+        changes[rows] = np.sqrt(squares[0] / np.maximum(squares[1], tiny))
+        return changes, float(np.sqrt(squares[0].sum() / squares[1].sum())) if squares[1].any() else np.inf
 
 
 def _varying_fit(
@@ -339,56 +351,45 @@ def _varying_fit(
 ) -> tuple[NDArray[np.int_], ComplexArray, Array, str]:
     """Return the numbers of the kept candidates, Z (channel, line, instant), relative changes, and a sentence.
 
-    Each line has, from trial instant to trial instant, the window of which halving changes it least: as short as its
-    curvature asks, and long enough for its nearest neighbour.
+    All lines are fitted together in windows of one length, so that what one line does not take another does, and the
+    lines add up to the signal even where their split is uncertain.
     """
     first, last = samples.span_rev
     longest = min((last - first) / _LONGEST_SHARE, _LONGEST_CELLS / 4 / float(candidates.values[-1]))
     trials = np.unique(np.linspace(0, instants_rev.size - 1, _TRIALS).round().astype(int))
     loud, sizes = _loud_anywhere(samples, candidates, longest)
-    fits, least, length_rev = list[_Fit](), np.full(trials.size, np.inf), longest
-    moments = _trial_moments(samples, candidates.values[loud], length_rev, instants_rev[trials])
-    while length_rev >= min(_PERIODS / candidates.spacing, longest):
-        halved = _trial_moments(samples, candidates.values[loud], length_rev / 2, instants_rev[trials])
-        fit = _trial_fit(candidates, loud, sizes, (moments, halved), trials.size)
-        if np.all(fit.total_change > _LONGER * least):
+    # the louder of two stands for both; a mesh also for a neighbour that looks as loud because it is so near
+    weight = sizes[loud] * np.where(candidates.ranks[loud] == 0, _MESH_FIRST, 1.0)
+
+    def tried(length_rev: float) -> _Trial:
+        window = Window(length_rev=length_rev, degree=_DEGREE, ridge=_RIDGE)
+        apart = _APART / length_rev
+        chosen = loud[
+            np.sort(_separate(candidates.values[loud], weight, np.zeros_like(loud), np.arange(loud.size), apart))
+        ]
+        projection = Projection(samples=samples, orders=candidates.values[chosen], window=window)
+        return _Trial(window=window, chosen=chosen, amplitudes=projection.amplitudes(instants_rev[trials]))
+
+    trial, best, least = tried(longest), None, np.inf
+    while best is None or trial.window.length_rev >= _PERIODS / candidates.spacing:
+        halved = tried(trial.window.length_rev / 2)
+        changes, total = trial.changes(halved)
+        if best is None or total <= _AS_GOOD * least:
+            best, relative = trial, changes
+        if total > _NO_USE * least:
             break
-        fits, least = [*fits, fit], np.minimum(least, fit.total_change)
-        moments, length_rev = halved, length_rev / 2
-    fits = [fit for fit in fits if np.any(fit.total_change <= _LONGER * least)]
-    union = np.unique(np.concatenate([fit.chosen for fit in fits]))
-    changes = np.full((len(fits), union.size, trials.size), np.inf)
-    found = np.zeros_like(changes)
-    for number, fit in enumerate(fits):
-        rows = np.searchsorted(union, fit.chosen)
-        changes[number, rows], found[number, rows] = fit.changes, fit.sizes
-    best = np.argmin(changes, axis=0)  # (line, trial); the longest where none can be halved
-    least, size = (np.take_along_axis(part, best[None], axis=0)[0] for part in (changes, found))
-    weights = np.gradient(trials.astype(np.float64))
-    weights[[0, -1]] /= 2
-    relative = np.sqrt(least**2 @ weights / np.maximum(size**2 @ weights, np.finfo(float).tiny))
-    louder = _loud(np.max(size, axis=1), candidates.ranks[union], 0.3)
-    union, best, relative = union[louder], best[louder], relative[louder]
-    amplitudes = np.zeros((samples.signal.shape[0], union.size, instants_rev.size), dtype=np.complex128)
-    nearest = np.argmin(np.abs(np.arange(instants_rev.size)[:, None] - trials), axis=1)
-    for number in np.unique(best).tolist():
-        fit, mine = fits[number], best == number  # (line, trial)
-        rows = np.flatnonzero(mine.any(axis=1) & np.isin(union, fit.chosen))
-        here = np.flatnonzero(mine[rows].any(axis=0)[nearest])
-        projection = Projection(samples=samples, orders=candidates.values[fit.chosen], window=fit.window)
-        lines = projection.amplitudes(instants_rev[here], np.searchsorted(fit.chosen, union[rows]))
-        row, instant = np.nonzero(mine[rows][:, nearest[here]])
-        amplitudes[:, rows[row], here[instant]] = lines[:, row, instant]
-    kept = _loud(np.max(np.abs(amplitudes), axis=(0, 2)), candidates.ranks[union], 1.0)
-    power = np.mean(np.abs(amplitudes[:, kept]) ** 2, axis=(0, 2))
-    lengths = [fits[number].window.length_rev for number in np.unique(best[kept]).tolist()]
-    share = 100 * power[relative[kept] < _DETERMINED].sum() / power.sum()
+        trial, least = halved, min(least, total)
+    projection = Projection(samples=samples, orders=candidates.values[best.chosen], window=best.window)
+    amplitudes = projection.amplitudes(instants_rev)
+    power = np.mean(np.abs(amplitudes) ** 2, axis=(0, 2))
+    share = 100 * power[relative < _DETERMINED].sum() / power.sum()
     about = (
-        f"{kept.size} lines against time, of second degree in windows of {min(lengths):.3g} to {max(lengths):.3g} rev; "
-        f"halving its window changes a line by truth_line_change, lines of {share:.2f} % of the power by less than "
-        f"{100 * _DETERMINED:g} %; {_floors()}; lines nearer than {_APART:g} periods of the window count as one"
+        f"{best.chosen.size} lines against time, of second degree in windows of {best.window.length_rev:.3g} rev, "
+        f"fitted together; halving the window changes a line by truth_line_change, lines of {share:.2f} % of the power "
+        f"by less than {100 * _DETERMINED:g} %; {_floors()}, each by itself; lines nearer than "
+        f"{_APART / best.window.length_rev:.3g} orders count as one"
     )
-    return union[kept], amplitudes[:, kept], relative[kept], about
+    return best.chosen, amplitudes, relative, about
 
 
 def _loud_anywhere(samples: AngleSamples, candidates: Candidates, longest_rev: float) -> tuple[NDArray[np.int_], Array]:
@@ -397,50 +398,4 @@ def _loud_anywhere(samples: AngleSamples, candidates: Candidates, longest_rev: f
     window = Window(length_rev=min(longest_rev, 2 * (last - first) / _SEARCHED), degree=0)
     everywhere = Projection(samples=samples, orders=candidates.values, window=window)
     sizes = np.max(np.sqrt(everywhere.power(_tiles(samples, window.length_rev, 2 * _SEARCHED))), axis=0)
-    return _loud(sizes, candidates.ranks, 0.3), sizes
-
-
-_PartMoments = list[tuple[Part, Moments]]
-
-
-def _trial_moments(samples: AngleSamples, orders: Array, length_rev: float, instants_rev: Array) -> _PartMoments:
-    """Return the moments of windows of one length at instants (i,)."""
-    projection = Projection(samples=samples, orders=orders, window=Window(length_rev=length_rev, degree=_DEGREE))
-    return [
-        (part, Moments.joined(part.projection.moments(part.centres_rev)))
-        for part in projection.parts(instants_rev, blended=False)
-    ]
-
-
-def _trial_fit(
-    candidates: Candidates,
-    loud: NDArray[np.int_],
-    sizes: Array,
-    moments: tuple[_PartMoments, _PartMoments],
-    trials: int,
-) -> _Fit:
-    """Return the fit of windows, from the moments of all loud candidates in them and in windows of half the length."""
-    orders, window = candidates.values[loud], moments[0][0][1].window
-
-    def separate(apart: float) -> NDArray[np.int_]:
-        # the louder of two stands for both; a mesh also for a neighbour that looks as loud because it is so near
-        weight = sizes[loud] * np.where(candidates.ranks[loud] == 0, _MESH_FIRST, 1.0)
-        return np.sort(_separate(orders, weight, np.zeros_like(loud), np.arange(loud.size), apart))
-
-    def lines_of(parts: _PartMoments, numbers: NDArray[np.int_]) -> ComplexArray:
-        lines = np.empty((parts[0][1].values.shape[1], numbers.size, trials), dtype=np.complex128)
-        for part, some in parts:
-            lines[:, :, part.instants] = part.amplitudes([some.of(numbers)], np.arange(numbers.size))
-        return lines
-
-    chosen, fewer = separate(_APART / window.length_rev), separate(2 * _APART / window.length_rev)
-    whole, half = lines_of(moments[0], chosen), lines_of(moments[1], fewer)
-    _, rows, others = np.intersect1d(chosen, fewer, return_indices=True)
-    changes = np.full((chosen.size, trials), np.inf)
-    changes[rows] = np.sqrt(np.mean(np.abs(whole[:, rows] - half[:, others]) ** 2, axis=0))
-    return _Fit(
-        window=replace(window, end=0),
-        chosen=loud[chosen],
-        sizes=np.sqrt(np.mean(np.abs(whole) ** 2, axis=0)),
-        changes=changes,
-    )
+    return _loud(sizes, candidates.ranks, _ALONE), sizes

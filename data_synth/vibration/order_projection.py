@@ -149,11 +149,16 @@ class Window:
     end : int
         0: the weight is zero at both ends of the window. -1, or 1: the window lies at the first, or the last sample of
         a signal, and has its largest weight there, behind a short rise from zero.
+    ridge : float
+        Share by which the diagonal of the normal matrix is larger (ridge regression, Hoerl and Kennard 1970): this of
+        slopes and curvatures, a hundredth of it of the amplitudes in the middle. Lines that the window does not
+        separate share the signal, and their amplitudes change little. Larger where that does not determine them.
     """
 
     length_rev: float
     degree: int
     end: int = 0
+    ridge: float = 0.0
 
     @property
     def terms(self) -> int:
@@ -188,7 +193,7 @@ class Window:
         ahead = np.arange(int(np.sum(count))) - np.repeat(np.cumsum(count) - count, count)
         row = np.repeat(first, count)
         # cubic Hermite interpolation: the derivative of a moment is -2 pi j times the next one
-        table = _moments_of_weight(replace(self, length_rev=1.0))
+        table = _moments_of_weight(replace(self, length_rev=1.0, ridge=0.0))
         at = (orders[row + ahead] - orders[row]) * self.length_rev * _POINTS_A_PERIOD
         point = np.floor(at).astype(np.int64)
         t, slope = at - point, -2j * np.pi / _POINTS_A_PERIOD
@@ -200,6 +205,7 @@ class Window:
             for e in range(size):
                 here = ahead * size + e - d >= 0
                 diagonals[(ahead * size + e - d)[here], (row * size + d)[here]] = moments[d + e, here]
+            diagonals[0, d::size] *= 1 + (self.ridge if d else self.ridge / 100)
         return diagonals
 
 
@@ -232,22 +238,6 @@ class Moments:
     middle_rev: Array
     values: ComplexArray
 
-    @classmethod
-    def joined(cls, parts: Iterable["Moments"]) -> "Moments":
-        """Return the moments of all windows of a projection."""
-        first, *others = parts
-        every = [first, *others]
-        return replace(
-            first,
-            middle_rev=np.concatenate([part.middle_rev for part in every]),
-            values=np.concatenate([part.values for part in every]),
-        )
-
-    def of(self, numbers: NDArray[np.int_]) -> "Moments":
-        """Return the moments of these lines alone, by their rising numbers."""
-        with_zero = np.concatenate([[0], 1 + numbers])
-        return replace(self, orders=self.orders[numbers], values=self.values[..., with_zero])
-
 
 @dataclass(frozen=True, kw_only=True)
 class LeastSquares:
@@ -277,11 +267,16 @@ class LeastSquares:
         """Cholesky factor of the normal matrix, the same for every window."""
         from data_synth.vibration._projection_kernels import factorise  # noqa: PLC0415  - numba is slow to load
 
-        lower = self.window.normal_matrix(self._signed[1])
-        factorise(lower)
-        if not np.isfinite(lower[0, -1]):
-            raise np.linalg.LinAlgError("lines too near each other for the window; leave out those that it merges.")
-        return lower
+        window = self.window
+        while True:
+            lower = window.normal_matrix(self._signed[1])
+            factorise(lower)
+            if np.isfinite(lower[0, -1]):
+                return lower
+            if not 0 < window.ridge < 1:
+                raise np.linalg.LinAlgError("lines too near each other for the window; leave out those that it merges.")
+            # of many near lines, entries beyond the reach add up: without them the matrix may be indefinite
+            window = replace(window, ridge=10 * window.ridge)
 
     def coefficients(self, moments: Moments, rows: NDArray[np.int_]) -> ComplexArray:
         """Return Z in powers of u, (i, channel, degree, k), of some lines in each window."""
@@ -324,15 +319,12 @@ class Projection:
         """
         rows = np.arange(self.orders.size) if rows is None else rows
         amplitudes = np.empty((self.samples.signal.shape[0], rows.size, instants_rev.size), np.complex128)
-        for part in self.parts(instants_rev, blended=True):
+        for part in self.parts(instants_rev):
             amplitudes[:, :, part.instants] = part.amplitudes(part.projection.moments(part.centres_rev), rows)
         return amplitudes
 
-    def parts(self, instants_rev: Array, *, blended: bool) -> Iterator["Part"]:
-        """Yield the parts of a signal for angles (i,): its ends, and all between, as far as they have some.
-
-        Blended from windows at even places, or each instant in the middle of a window of its own.
-        """
+    def parts(self, instants_rev: Array) -> Iterator["Part"]:
+        """Yield the parts of a signal for angles (i,): its ends, and all between, as far as they have some."""
         half = self.window.length_rev / 2
         first, last = self.samples.span_rev[0] + half, self.samples.span_rev[1] - half
         ends = np.where(instants_rev < first, -1, np.where(instants_rev > last, 1, 0))
@@ -342,9 +334,7 @@ class Projection:
                 continue
             centres_rev, which = np.array([(first, last)[end > 0]]), np.zeros(here.size, dtype=np.int64)
             share = np.zeros(here.size)
-            if not end and not blended:
-                centres_rev, which = np.unique(instants_rev[here], return_inverse=True)
-            elif not end and last > first:
+            if not end and last > first:
                 hops = math.ceil((last - first) / (_HOP * self.window.length_rev))
                 place = (instants_rev[here] - first) / (last - first) * hops
                 which = np.minimum(place.astype(np.int64), hops - 1)

@@ -80,6 +80,21 @@ def test_lines_three_and_a_half_periods_of_the_window_apart_are_fitted_together(
     assert_allclose(short.amplitudes(np.array([40.0]))[:, :, 0], Z, atol=1e-3)
 
 
+def test_lines_that_the_window_does_not_separate_add_up_to_the_signal_at_its_ends_and_between():
+    """Chirps at orders 20 and 20.5, one period of the window apart, of amplitudes that are written down."""
+    angle = ShaftAngle(times_s=np.array([0.0, 4.0]), speeds_hz=np.array([10.0, 25.0]))
+    samples, instants_rev = samples_of(angle, Z), angle.revolutions(np.linspace(0, 4, 401))
+    waves = np.exp(2j * np.pi * np.multiply.outer(ORDERS, instants_rev))
+    expected = np.einsum("ck,ki->ci", Z, waves * growth(instants_rev)).real
+    window = Window(length_rev=2.0, degree=2, ridge=0.003)
+    found = Projection(samples=samples, orders=ORDERS, window=window).amplitudes(instants_rev)
+    error = np.einsum("cki,ki->ci", found, waves).real - expected
+    for here in (slice(0, 10), slice(10, -10), slice(-10, None)):
+        assert np.mean(error[:, here] ** 2) < 0.05 * np.mean(expected[:, here] ** 2)  # 95 % of the power
+    # the signal bounds what they share: without the ridge, two that nearly cancel are as good
+    assert np.max(np.abs(found)) < 2 * np.max(np.abs(Z)) * growth(instants_rev[-1])
+
+
 def test_blocks_do_not_show(monkeypatch):
     angle = ShaftAngle(times_s=np.array([0.0, 4.0]), speeds_hz=np.array([10.0, 25.0]))
     instants_rev = angle.revolutions(np.linspace(0, 4, 81))
