@@ -33,10 +33,10 @@ the RMS. Bearing forces reach the sensor through modes of the housing. Defects o
 imbalance is a force on the rigid housing. Each record has its whole scene in the attribute `truth_scene`, and its truth
 beside it.
 
-Version 1.4 has the height of the tooth as `size_mm` of a missing one, where 1.3 had the face width, and a truth whose
-lines are fitted together where speed or load varies. `truth_line_change` is what halving their window changes, about
-the error of the line. Its samples are those of 1.3. Amplitudes of the truth are of single precision; folders made
-before that have them in double. Version 1.3 differs from 1.2 in the last digits of samples, whose every
+Version 1.5 has a truth whose lines are fitted together where speed or load varies, where each had a window of its own in
+1.4, and whose amplitudes are of single precision; its samples are those of 1.4. `truth_line_change` is what halving
+the window changes, about the error of the line. Version 1.4 has the height of the tooth as `size_mm` of a missing one,
+where 1.3 had the face width; its samples are those of 1.3. Version 1.3 differs from 1.2 in the last digits of samples, whose every
 operation is now rounded as IEEE 754 says, and in `detectability_db`: of the record's own beginning, at its own speed,
 where 1.2 drew the wandering speed of a short record again. 1.2 has only the lines in its truth that the window of the
 projection determines, which it does not at spacings below three of its periods (attribute `truth_mesh_lines` states the
@@ -116,7 +116,7 @@ def data_card(plan: benchmark.BenchmarkRecords) -> str:
     >>> from data_synth import load_plan
     >>> from data_synth.benchmark.card import data_card
     >>> data_card(load_plan("benchmark-1")).splitlines()[0]
-    '# benchmark-1 1.4: synthetic gearbox vibration with labelled faults'
+    '# benchmark-1 1.5: synthetic gearbox vibration with labelled faults'
     """
     total = sum(split.share for split in benchmark.SPLITS.values())
     split_of = {name: split for split, pool in benchmark.SPLITS.items() for name in pool.gearboxes}

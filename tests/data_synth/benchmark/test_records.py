@@ -99,7 +99,7 @@ class TestOrder:
         # what changes this digest is another VERSION; floats to six digits, as libraries of mathematics agree on
         rows = [{k: f"{v:.6g}" if isinstance(v, float) else str(v) for k, v in labels.items()} for labels in LABELS]
         digest = hashlib.sha256(json.dumps(rows).encode()).hexdigest()
-        assert (VERSION, digest[:16]) == ("1.4", "e053a1420430066c")
+        assert (VERSION, digest[:16]) == ("1.5", "e053a1420430066c")
 
 
 class TestPlan:
@@ -107,8 +107,8 @@ class TestPlan:
         assert parse_plan(PLAN.text) == PLAN
 
     def test_another_version_is_refused(self):
-        with pytest.raises(PlanError, match=r'plan: version = "9" of benchmark-1, but this program makes 1\.4'):
-            parse_plan(PLAN.text.replace('"1.4"', '"9"'))
+        with pytest.raises(PlanError, match=r'plan: version = "9" of benchmark-1, but this program makes 1\.5'):
+            parse_plan(PLAN.text.replace('"1.5"', '"9"'))
 
 
 @pytest.fixture(scope="module")
