@@ -33,14 +33,15 @@ the RMS. Bearing forces reach the sensor through modes of the housing. Defects o
 imbalance is a force on the rigid housing. Each record has its whole scene in the attribute `truth_scene`, and its truth
 beside it.
 
-Version 1.5 has a truth whose lines are fitted together where speed or load varies, where each had a window of its own in
-1.4, and whose amplitudes are of single precision; its samples are those of 1.4. `truth_line_change` is what halving
-the window changes, about the error of the line. Version 1.4 has the height of the tooth as `size_mm` of a missing one,
-where 1.3 had the face width; its samples are those of 1.3. Version 1.3 differs from 1.2 in the last digits of samples, whose every
-operation is now rounded as IEEE 754 says, and in `detectability_db`: of the record's own beginning, at its own speed,
-where 1.2 drew the wandering speed of a short record again. 1.2 has only the lines in its truth that the window of the
-projection determines, which it does not at spacings below three of its periods (attribute `truth_mesh_lines` states the
-windows, and by how much halving them changes the lines); before, samples were those of 1.1.
+Version 1.5 has a truth whose lines are fitted together where speed or load varies, where each had a window of its own
+in 1.4, and whose amplitudes are of single precision; its samples are those of 1.4. `truth_line_change` is what
+halving the window changes, about the error of the line. Version 1.4 has the height of the tooth as `size_mm` of a
+missing one, where 1.3 had the face width; its samples are those of 1.3. Version 1.3 differs from 1.2 in the last
+digits of samples, whose every operation is now rounded as IEEE 754 says, and in `detectability_db`: of the record's
+own beginning, at its own speed, where 1.2 drew the wandering speed of a short record again. 1.2 has only the lines in
+its truth that the window of the projection determines, which it does not at spacings below three of its periods
+(attribute `truth_mesh_lines` states the windows, and by how much halving them changes the lines); before, samples
+were those of 1.1.
 
 ## Licence
 
