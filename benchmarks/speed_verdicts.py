@@ -43,13 +43,13 @@ PARTS: Mapping[str, tuple[tuple[str, ...], tuple[str, ...]]] = {
 }
 
 NOTE = """\
-Made by `python benchmarks/speed_verdicts.py --records {records} --first {first}`, one thread, gearboxes {gearboxes}.
-Records of
-{seconds:g} s at {rate:g} Hz: meshes of the drawing with {harmonics} harmonics of random heights and sidebands, shafts
-up to order three, through two random resonances, in coloured noise; mains hum in half, another machine's family in a
-third. The range searched is 1:2 to 1:5 about the speed. Wrong: "ok", and the median or one in twenty of the speeds is
-more than {wrong:.1%} or {rough:.1%} off. Clear: at least two of the orders searched stand {clear:g} dB above their
-surroundings in a spectrum over {window} turns."""
+Made by `python benchmarks/speed_verdicts.py --records {records} --first {first}`, one thread, gearboxes
+{gearboxes}.
+Records of {seconds:g} s at {rate:g} Hz: meshes of the drawing with {harmonics} harmonics of random heights and
+sidebands, shafts up to order three, through two random resonances, in coloured noise; mains hum in half, another
+machine's family in a third. The range searched is 1:2 to 1:5 about the speed. Wrong: "ok", and the median or one in
+twenty of the speeds is more than {wrong:.1%} or {rough:.1%} off. Clear: at least two of the orders searched stand
+{clear:g} dB above their surroundings in a spectrum over {window} turns."""
 
 
 @dataclass(frozen=True, kw_only=True)
