@@ -49,6 +49,7 @@ from signals.spectra.lines import record_probability
 __all__ = ["BandEvidence", "PartEvidence", "Setting", "bearing_evidence", "mains_multiples", "strength"]
 
 _CHANCE_WIDTHS = 4.0  # widths of a line: where multiples of the mains are nearer, a quarter of all lines is on one
+_SELDOM = 0.02  # of all lines near the mains: none of the ten or so of a drawing is so by chance (our choice)
 _ALIKE = 0.99  # of the widest band's width, to rounding
 _SEEN = 0.01  # probability that noise alone makes a harmonic, below which it counts
 _ONE_IN_20 = 1.645  # standard deviations that a normal variable falls below its mean in one of 20 cases
@@ -562,17 +563,21 @@ def mains_multiples(orders: Numbers, setting: Setting, reach_hz: float) -> list[
 
 
 def _mains(family: Sequence[MeasuredLine], others: _Others) -> str:
-    """Return of which mains a line is a harmonic, or an empty string; its own harmonics, which follow, then are, too.
+    """Return of which mains a line is a harmonic, or an empty string.
 
-    In a short record a line is near the mains by chance; its harmonics are as many times as far from theirs.
+    In a short record many a line is near the mains by chance: there its own harmonics, which are as many times as far
+    from those of the mains, have to be near them, too.
     """
     setting = others.setting
+    reach_hz = 0.5 * others.width * setting.speed_hz
     found = np.array([line.line.found for line in family])
-    for mains, multiples in mains_multiples(found, setting, 0.5 * others.width * setting.speed_hz):
+    for mains, multiples in mains_multiples(found, setting, reach_hz):
         own = multiples[0] * np.array([line.expected.harmonic for line in family])
-        off_hz = np.abs(found * setting.speed_hz - own * mains)
-        near = off_hz <= MAINS_ACCURACY * own * mains + 0.5 * others.width * setting.speed_hz
-        if multiples[0] and near.all() and mains > _CHANCE_WIDTHS * others.width * setting.speed_hz:
+        tolerance_hz = MAINS_ACCURACY * own * mains
+        near = np.abs(found * setting.speed_hz - own * mains) <= tolerance_hz + reach_hz
+        by_chance = 2 * (tolerance_hz[0] + reach_hz) / mains
+        sure = by_chance < _SELDOM or near.all()
+        if multiples[0] and sure and mains > _CHANCE_WIDTHS * others.width * setting.speed_hz:
             return f"{found[0] * setting.speed_hz:.2f} Hz is {multiples[0]:.0f} times mains of {mains:g} Hz"
     return ""
 
