@@ -12,6 +12,53 @@ _BLOCK = 512  # outputs at a time, so that the sums stay in the first cache
 
 
 @compiled_sums
+def _add_up(values: Single, taps: Single, factor: int, width: int, phases: Single, sums: Single) -> None:
+    """Fill `width` columns of the sums R_r of `split_band` from one part, real or imaginary; `phases` is for work."""
+    residues, last = 2 * factor, taps.size - 1
+    groups = min(phases.shape[1], values.size // factor)
+    for n in range(groups):  # strides that are known when this is compiled use vector registers
+        if factor == 2:  # noqa: PLR2004
+            phases[0, n] = values[2 * n]
+            phases[1, n] = values[2 * n + 1]
+        else:
+            phases[0, n] = values[3 * n]
+            phases[1, n] = values[3 * n + 1]
+            phases[2, n] = values[3 * n + 2]
+    for r in range(residues):
+        total = sums[r][:width]
+        at = (last - r) // factor - 22
+        row = phases[(last - r) % factor][at : at + 22 + width]
+        # twelve taps at once, so that the sums are stored but once and never loaded
+        t0 = taps[r]
+        t1 = -taps[r + residues]
+        t2 = taps[r + 2 * residues]
+        t3 = -taps[r + 3 * residues]
+        t4 = taps[r + 4 * residues]
+        t5 = -taps[r + 5 * residues]
+        t6 = taps[r + 6 * residues]
+        t7 = -taps[r + 7 * residues]
+        t8 = taps[r + 8 * residues]
+        t9 = -taps[r + 9 * residues]
+        t10 = taps[r + 10 * residues]
+        t11 = -taps[r + 11 * residues]
+        for n in range(width):
+            total[n] = (
+                t0 * row[n + 22]
+                + t1 * row[n + 20]
+                + t2 * row[n + 18]
+                + t3 * row[n + 16]
+                + t4 * row[n + 14]
+                + t5 * row[n + 12]
+                + t6 * row[n + 10]
+                + t7 * row[n + 8]
+                + t8 * row[n + 6]
+                + t9 * row[n + 4]
+                + t10 * row[n + 2]
+                + t11 * row[n]
+            )
+
+
+@compiled_sums
 def split_band(re: Single, im: Single, taps: Single, factor: int, out_re: Single, out_im: Single) -> None:
     """Split an analytic band into `factor` equal ones, each at 1 / `factor` of the rate.
 
@@ -26,78 +73,14 @@ def split_band(re: Single, im: Single, taps: Single, factor: int, out_re: Single
     """
     residues = 2 * factor
     count = out_re.shape[1]
-    last = taps.size - 1
-    length = _BLOCK + last // factor
-    phases_re = np.empty((factor, length), dtype=np.float32)
-    phases_im = np.empty((factor, length), dtype=np.float32)
+    length = _BLOCK + (taps.size - 1) // factor
+    phases = np.empty((factor, length), dtype=np.float32)
     sums_re = np.empty((residues, _BLOCK), dtype=np.float32)
     sums_im = np.empty((residues, _BLOCK), dtype=np.float32)
     for start in range(0, count, _BLOCK):
         width = min(_BLOCK, count - start)
-        groups = min(length, re.size // factor - start)
-        block_re = re[factor * start : factor * (start + groups)]
-        block_im = im[factor * start : factor * (start + groups)]
-        for n in range(groups):  # strides that are known when this is compiled use vector registers
-            if factor == 2:  # noqa: PLR2004
-                phases_re[0, n] = block_re[2 * n]
-                phases_re[1, n] = block_re[2 * n + 1]
-                phases_im[0, n] = block_im[2 * n]
-                phases_im[1, n] = block_im[2 * n + 1]
-            else:
-                phases_re[0, n] = block_re[3 * n]
-                phases_re[1, n] = block_re[3 * n + 1]
-                phases_re[2, n] = block_re[3 * n + 2]
-                phases_im[0, n] = block_im[3 * n]
-                phases_im[1, n] = block_im[3 * n + 1]
-                phases_im[2, n] = block_im[3 * n + 2]
-        for r in range(residues):
-            total_re = sums_re[r][:width]
-            total_im = sums_im[r][:width]
-            at = (last - r) // factor - 22
-            row_re = phases_re[(last - r) % factor][at : at + 22 + width]
-            row_im = phases_im[(last - r) % factor][at : at + 22 + width]
-            # twelve taps at once, so that the sums are stored but once and never loaded
-            t0 = taps[r]
-            t1 = -taps[r + residues]
-            t2 = taps[r + 2 * residues]
-            t3 = -taps[r + 3 * residues]
-            t4 = taps[r + 4 * residues]
-            t5 = -taps[r + 5 * residues]
-            t6 = taps[r + 6 * residues]
-            t7 = -taps[r + 7 * residues]
-            t8 = taps[r + 8 * residues]
-            t9 = -taps[r + 9 * residues]
-            t10 = taps[r + 10 * residues]
-            t11 = -taps[r + 11 * residues]
-            for n in range(width):
-                total_re[n] = (
-                    t0 * row_re[n + 22]
-                    + t1 * row_re[n + 20]
-                    + t2 * row_re[n + 18]
-                    + t3 * row_re[n + 16]
-                    + t4 * row_re[n + 14]
-                    + t5 * row_re[n + 12]
-                    + t6 * row_re[n + 10]
-                    + t7 * row_re[n + 8]
-                    + t8 * row_re[n + 6]
-                    + t9 * row_re[n + 4]
-                    + t10 * row_re[n + 2]
-                    + t11 * row_re[n]
-                )
-                total_im[n] = (
-                    t0 * row_im[n + 22]
-                    + t1 * row_im[n + 20]
-                    + t2 * row_im[n + 18]
-                    + t3 * row_im[n + 16]
-                    + t4 * row_im[n + 14]
-                    + t5 * row_im[n + 12]
-                    + t6 * row_im[n + 10]
-                    + t7 * row_im[n + 8]
-                    + t8 * row_im[n + 6]
-                    + t9 * row_im[n + 4]
-                    + t10 * row_im[n + 2]
-                    + t11 * row_im[n]
-                )
+        _add_up(re[factor * start :], taps, factor, width, phases, sums_re)
+        _add_up(im[factor * start :], taps, factor, width, phases, sums_im)
         for band in range(factor):
             band_re = out_re[band][start : start + width]
             band_im = out_im[band][start : start + width]

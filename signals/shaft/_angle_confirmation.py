@@ -24,7 +24,7 @@ from signals.shaft.phase import ShaftPhase
 from signals.shaft.phase_demodulation import RefinedPhase, refine_phase
 
 if TYPE_CHECKING:
-    from collections.abc import Sequence
+    from collections.abc import Iterator, Sequence
 
     from numpy.typing import NDArray
 
@@ -44,7 +44,7 @@ _SAME_SHARE = 0.5  # of the time in which two candidates are within 1 %: they ar
 _LEAVING = 0.2  # share in which a candidate must agree to be compared where it does not
 _MOST_DEMODULATED = 8
 _BRIDGES = 10  # parts of a record that are half as long as a course that is tried
-_WINDOWS_REV = (6.0, 24.0, 2.0)  # of the refinement
+_WINDOWS_REV = (6.0, 24.0, 2.0)  # of the refinement: the first that leads to a sure speed that keeps the lines
 _SURE = 1.5e-3  # largest median std of the refined speed, relative: three of them are within half a per cent
 _STRAYING = 0.03  # share of the time in which a path may leave another, or the refined speed the path, by 1 %
 _POINTS = 400  # at which speeds are compared
@@ -263,12 +263,24 @@ def _spliced(best: Followed, other: Followed, part: Array) -> ShaftPhase:
 
 def _refined(signal: Array, rate: float, followed: Followed) -> RefinedPhase | None:
     """Return the phase refined from the harmonics, where that is sure and stays with the path; else None."""
-    phase, orders, scores = followed.phase, followed.search.orders, followed.scores[: followed.search.orders.size]
+    orders, scores = followed.search.orders, followed.scores[: followed.search.orders.size]
+    tolerance = _FINER / (followed.search.frame_s * float(orders[-1]))
+    for refined, phase in sure_refinements(signal, rate, followed.phase, orders, scores, tolerance=tolerance):
+        times = np.linspace(phase.start_s, phase.stop_s, _POINTS)  # beyond the windows, too
+        off = np.abs(phase.speed_hz(times) / followed.speed_hz(times) - 1)
+        if np.nanmean(off > SAME_SPEED) <= _STRAYING:
+            return refined
+    return None
+
+
+def sure_refinements(
+    signal: Array, rate: float, phase: ShaftPhase, orders: Array, scores: Array, *, tolerance: float
+) -> Iterator[tuple[RefinedPhase, ShaftPhase]]:
+    """Yield each refinement from the strongest orders that makes the speed sure, with its phase: a window at a time."""
     significant = min(_MOST_DEMODULATED, np.count_nonzero(scores > SHOWS))
     strongest = np.sort(orders[np.argsort(-scores)[:significant]])
-    tolerance = _FINER / (followed.search.frame_s * float(orders[-1]))
     for window_rev in _WINDOWS_REV:
-        window = min(window_rev, float(np.ptp(phase.revolutions)) / 3)
+        window = min(window_rev, float(phase.revolutions[-1] - phase.revolutions[0]) / 3)
         try:
             refined = refine_phase(
                 signal, rate_hz=rate, phase=phase, orders=strongest.tolist(), tolerance=tolerance, window_rev=window
@@ -278,12 +290,8 @@ def _refined(signal: Array, rate: float, followed: Followed) -> RefinedPhase | N
         if refined.phase is None:
             continue
         relative = refined.std_hz / refined.speed_hz
-        times = np.linspace(refined.phase.start_s, refined.phase.stop_s, _POINTS)  # beyond the windows, too
-        off = np.abs(refined.phase.speed_hz(times) / followed.speed_hz(times) - 1)
-        stays = np.nanmean(off > SAME_SPEED) <= _STRAYING
-        if np.median(relative) < _SURE and relative.max() < SAME_SPEED and stays:
-            return refined
-    return None
+        if np.median(relative) < _SURE and relative.max() < SAME_SPEED:  # in every window
+            yield refined, refined.phase
 
 
 def strays(signal: Array, rate: float, phase: ShaftPhase, orders: Array) -> list[tuple[float, float]]:

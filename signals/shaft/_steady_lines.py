@@ -84,10 +84,15 @@ def one_tone(signal: Array, rate: float, phase: ShaftPhase, std: Array, orders: 
     return _families(_in_tune(part, rate, searched[shown], constant), constant * frame_s) < _FEWEST_FAMILIES
 
 
+def _power(values: Array) -> Array:
+    """Return the power in each bin of the whole record, less its mean, in a Hann window."""
+    window = 0.5 - 0.5 * np.cos(2 * np.pi * (np.arange(values.size) + 0.5) / values.size)
+    return np.asarray(np.abs(np.fft.rfft((values - values.mean()) * window)) ** 2)
+
+
 def _peaks(values: Array, bins: Array) -> Array:
     """Return the highest power near each place, in bins of the whole record, in a Hann window."""
-    window = 0.5 - 0.5 * np.cos(2 * np.pi * (np.arange(values.size) + 0.5) / values.size)
-    power = np.abs(np.fft.rfft((values - values.mean()) * window)) ** 2 / values.size**2 + np.finfo(float).tiny
+    power = _power(values) / values.size**2 + np.finfo(float).tiny
     lows = np.clip(np.rint(bins).astype(np.int64) - _PEAK_BINS, 1, power.size - 2)
     return np.array([power[low : low + 2 * _PEAK_BINS + 1].max() for low in lows])
 
@@ -98,8 +103,7 @@ def _in_tune(signal: Array, rate: float, orders: Array, speed_hz: float) -> Arra
     The speed is the mean by the information of the peaks; the order farthest from it is left out until all are within
     the error of their peaks.
     """
-    window = 0.5 - 0.5 * np.cos(2 * np.pi * (np.arange(signal.size) + 0.5) / signal.size)
-    power = np.abs(np.fft.rfft((signal - signal.mean()) * window)) ** 2
+    power = _power(signal)
     at, error = np.zeros(orders.size), np.zeros(orders.size)
     for k, order in enumerate(orders):
         middle = round(order * speed_hz * signal.size / rate)

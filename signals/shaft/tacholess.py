@@ -29,13 +29,12 @@ import numpy as np
 from scipy.interpolate import PchipInterpolator
 
 from signals._validation import Array, checked, positive, real_vector
-from signals.shaft._angle_confirmation import decide, strays
+from signals.shaft._angle_confirmation import decide, strays, sure_refinements
 from signals.shaft._line_likelihood import without_steady_lines
 from signals.shaft._speed_search import (
     AS_MUCH,
     CERTAIN,
     SAME_SPEED,
-    SHOWS,
     Rival,
     Search,
     beyond_harmonics,
@@ -49,7 +48,7 @@ from signals.shaft._speed_search import (
 )
 from signals.shaft._steady_lines import one_tone
 from signals.shaft.phase import ShaftPhase
-from signals.shaft.phase_demodulation import listed_orders, refine_phase
+from signals.shaft.phase_demodulation import listed_orders
 
 if TYPE_CHECKING:
     from collections.abc import Callable, Sequence
@@ -60,9 +59,6 @@ _FEWEST_FRAMES, _FEWEST_REVOLUTIONS = 8, 10.0
 _SHORTEST_RUN = 4
 _LONGEST_FRAME_S = 2.0
 _SMEAR = 4.0  # bins by which the median order may move within a frame at the largest acceleration
-_MOST_DEMODULATED = 8
-_WINDOWS_REV = (6.0, 24.0, 2.0)  # of the refinement: the first that leads to a sure speed that keeps the lines
-_SURE = 1.5e-3  # largest median std of the refined speed, relative: three of them are within half a per cent
 _LEFT_STD, _LEFT_SHARE = 2.5, 0.05  # of the search, in this share of frames: the refined speed follows another line
 _FEWEST_SAMPLES = 64  # a frame
 _FRAMES = (0.5, 0.25)  # of the default length: two next to one another should find the same speed
@@ -567,27 +563,13 @@ def _refined(
     times = search.evidence.times_s
     rough = _integrated(times[seen], speed[seen], half_frame=search.frame_s / 2, stop_s=(signal.size - 1) / rate)
     tolerance = float(np.median(std[seen] / speed[seen]))
-    scores = shown * (shown > SHOWS)
-    strongest = np.sort(search.orders[np.argsort(-scores)[: min(_MOST_DEMODULATED, np.count_nonzero(scores))]])
-    for window_rev in _WINDOWS_REV:
-        window = min(window_rev, float(rough.revolutions[-1] - rough.revolutions[0]) / 3)
-        try:  # refused where speeds of single frames are too rough for windows of several revolutions
-            refined = refine_phase(
-                signal, rate_hz=rate, phase=rough, orders=strongest.tolist(), tolerance=tolerance, window_rev=window
-            )
-        except ValueError:
-            continue
-        phase = refined.phase
-        if phase is None:
-            continue
+    for refined, phase in sure_refinements(signal, rate, rough, search.orders, shown, tolerance=tolerance):
         refined_speed = phase.speed_hz(np.clip(times, phase.start_s, phase.stop_s))
         error = np.interp(times, refined.times_s, refined.std_hz)
         extrapolated = (times < refined.times_s[0]) | (times > refined.times_s[-1])
-        relative = refined.std_hz / refined.speed_hz
-        sure = np.median(relative) < _SURE and relative.max() < SAME_SPEED  # in every window
         kept = search.score(refined_speed, seen).sum() > AS_MUCH * shown.sum()
         left = np.abs(refined_speed - speed)[seen] > _LEFT_STD * np.hypot(np.maximum(std, search.spacing), error)[seen]
-        if sure and kept and np.mean(left) <= _LEFT_SHARE:
+        if kept and np.mean(left) <= _LEFT_SHARE:
             error[extrapolated] = std[extrapolated]
             return phase, refined_speed, error, float(np.median(refined.phase_std_rev))
     return None, speed, std, np.nan
