@@ -19,7 +19,7 @@ from __future__ import annotations
 import math
 from dataclasses import dataclass
 from functools import lru_cache
-from typing import TYPE_CHECKING, TypeAlias
+from typing import TYPE_CHECKING, NamedTuple, TypeAlias
 
 import numpy as np
 from scipy import fft
@@ -36,11 +36,17 @@ if TYPE_CHECKING:
 
 SURROUNDINGS = 1.0  # on either side, in the axis' unit (orders)
 _LOBE_BINS = 3.0  # left out on either side of the line
-_REACH_BINS, _FINE = 400, 8  # beyond this a Hann side lobe lies 150 dB below its line; points of its table in a bin
+# measured: the median power of Hann- or box-windowed noise has the variance of the mean of this many independent bins,
+# per bin and equivalent noise bandwidth
+_MEDIAN_EFFICIENCY = 0.52
+_FEWEST_BINS = 8
+_REACH_BINS = 400  # beyond this a Hann side lobe lies 150 dB below its line
+_SIGNIFICANT = 3.0  # standard deviations: in flat noise the closer background exceeds them once in some hundred lines
+_LINE = 4.0  # times the median amplitude
 _HALVINGS = 30  # of the power ratio's range: to 1e-9 of it
 _LARGER = 2.0  # least ratio of a neighbour's amplitude to the line's for its leakage to be considered
 
-Places: TypeAlias = "NDArray[np.int64]"
+Places: TypeAlias = "NDArray[np.intp]"
 
 
 @dataclass(frozen=True, kw_only=True)
@@ -227,53 +233,91 @@ def find_lines(
     >>> round(lines[0].amplitude, 1), str(lines[1])
     (1.0, 'a line at 99 +- 0.015625 lies beyond the end of the spectrum, 32.')
     """
-    from signals.spectra._line_kernels import FEWEST_BINS, weigh  # noqa: PLC0415 - loads numba
-
     axis, bin_width = spectrum.axis, spectrum.bin_width
     surroundings = positive(surroundings, name="surroundings")
     orders = np.asarray(expected, dtype=np.float64)
     half = np.maximum(tolerance, bin_width / 2)
     inside = orders + half <= axis[-1]
     places = np.flatnonzero(inside)
-    position, amplitude, at_edge = _peaks(axis, spectrum.amplitude, (orders - half)[inside], (orders + half)[inside])
-    lobe = _lobe(spectrum, position)
-    wide = _beside(spectrum, position, np.full(places.size, surroundings), lobe)
-    close = _beside(spectrum, position, np.asarray(closer, dtype=np.float64)[inside], lobe)
-    lines = np.zeros((places.size, 8))
-    lines[:, 0], lines[:, 1] = amplitude, 2 * half[inside] / bin_width
-    per_point = float(axis[1] - axis[0]) / bin_width
-    weigh(spectrum.amplitude, wide, close, per_point, spectrum.noise_bandwidth_bins, spectrum.spread, lines)
-    leaks = _leakage(spectrum, position, amplitude, lines[:, 7] <= seen)
-    found: list[Line | ValueError | None] = [None] * orders.size
-    rows = (position.tolist(), at_edge.tolist(), leaks.tolist(), lines.tolist())
-    for place, at, edge, leak, (top, width, background, quiet, bins, noise, degrees, probability) in zip(
-        places.tolist(), *rows, strict=True
-    ):
-        if bins < FEWEST_BINS:
-            found[place] = ValueError(
-                f"only {bins:.1f} bins surround the line at {orders[place]:g}, too few to judge it; the record is too "
-                "short."
-            )
-            continue
-        found[place] = Line(
-            expected=float(orders[place]),
-            found=at,
-            amplitude=top,
-            amplitude_std=quiet / math.sqrt(2 * math.log(2)),
-            background=background,
-            leakage=leak,
-            false_alarm_probability=probability,
-            at_edge=edge,
-            noise=noise,
-            noise_degrees=degrees,
-            width_bins=width,
-            spread=spectrum.spread,
+    peaks = _peaks(axis, spectrum.amplitude, (orders - half)[inside], (orders + half)[inside])
+    lobe = _lobe(spectrum, peaks[0])
+    reaches = np.asarray(closer, dtype=np.float64)[inside]
+    wide = _beside(spectrum, peaks[0], np.full(places.size, surroundings), lobe)
+    close = _beside(spectrum, peaks[0], reaches, lobe)
+    found: list[Line | ValueError] = [
+        ValueError(f"a line at {order:g} +- {beside:g} lies beyond the end of the spectrum, {axis[-1]:g}.")
+        for order, beside in zip(orders.tolist(), half.tolist(), strict=True)
+    ]
+    columns = (orders[inside], half[inside], *peaks, np.isfinite(reaches))
+    rows = zip(*(each.tolist() for each in columns), strict=True)
+    for place, row, far, near in zip(places.tolist(), rows, wide, close, strict=True):
+        found[place] = _line(spectrum, _Place(*row), far, near, seen)
+    return found
+
+
+class _Place(NamedTuple):
+    """Where a line is: its expected order, half the searched band, its peak, and whether `closer` is asked for."""
+
+    expected: float
+    half: float
+    found: float
+    amplitude: float
+    at_edge: bool
+    has_closer: bool
+
+
+def _line(
+    spectrum: AmplitudeSpectrum,
+    place: _Place,
+    wide: tuple[int, int, int, int],
+    close: tuple[int, int, int, int],
+    seen: float,
+) -> Line | ValueError:
+    """Return a line from its peak and the points beside it, first and last below and above, wide and close."""
+    expected, half, found, amplitude, at_edge, has_closer = place
+    points, bin_width = spectrum.amplitude, spectrum.bin_width
+    first, last, begin, end = wide
+    background, noise, kept = _medians(np.concatenate((points[first:last], points[begin:end])))
+    per_point = float(spectrum.axis[1] - spectrum.axis[0]) / bin_width
+    bins = kept * per_point
+    if bins < _FEWEST_BINS:
+        return ValueError(
+            f"only {bins:.1f} bins surround the line at {expected:g}, too few to judge it; the record is too short."
         )
-    return [_beyond(spectrum, float(orders[n]), float(half[n])) if one is None else one for n, one in enumerate(found)]
-
-
-def _beyond(spectrum: AmplitudeSpectrum, order: float, half: float) -> ValueError:
-    return ValueError(f"a line at {order:g} +- {half:g} lies beyond the end of the spectrum, {spectrum.axis[-1]:g}.")
+    used_bins, std = bins, noise / math.sqrt(2 * math.log(2))
+    if has_closer:
+        first, last, begin, end = close
+        below, above = points[first:last], points[begin:end]
+        size = below.size + above.size
+        least = _significant(noise, size * per_point, spectrum)  # fewer bins, without lines, scatter more
+        if 2 * (np.count_nonzero(below <= least) + np.count_nonzero(above <= least)) <= size:  # the median is above
+            _, near, kept = _medians(np.concatenate((below, above)))
+            close_bins = kept * per_point
+            if close_bins >= _FEWEST_BINS and near > _significant(noise, close_bins, spectrum):
+                noise, used_bins = near, close_bins
+    degrees, width_bins = _MEDIAN_EFFICIENCY * used_bins / spectrum.noise_bandwidth_bins, 2 * half / bin_width
+    probability = 0.0 if amplitude > 0 else 1.0
+    if noise > 0:
+        probability = false_alarm_probability(
+            (amplitude / noise) ** 2 * math.log(2),
+            width_bins=width_bins,
+            spread=spectrum.spread,
+            background_degrees=degrees,
+        )
+    return Line(
+        expected=expected,
+        found=found,
+        amplitude=amplitude,
+        amplitude_std=std,
+        background=background,
+        leakage=_leakage(spectrum, found, amplitude) if probability <= seen else math.nan,
+        false_alarm_probability=probability,
+        at_edge=at_edge,
+        noise=noise,
+        noise_degrees=degrees,
+        width_bins=width_bins,
+        spread=spectrum.spread,
+    )
 
 
 def _lobe(spectrum: AmplitudeSpectrum, found: Array) -> tuple[Places, Places]:
@@ -288,41 +332,68 @@ def _lobe(spectrum: AmplitudeSpectrum, found: Array) -> tuple[Places, Places]:
     return ends[0], ends[1] + 1
 
 
-def _beside(spectrum: AmplitudeSpectrum, found: Array, reach: Array, lobe: tuple[Places, Places]) -> Places:
-    """Return the points up to `reach` below and above each line, without its main lobe: (line, 4) first and last.
-
-    None where the reach is NaN.
-    """
+def _beside(
+    spectrum: AmplitudeSpectrum, found: Array, reach: Array, lobe: tuple[Places, Places]
+) -> list[tuple[int, int, int, int]]:
+    """Return the points up to `reach` below and above each line, without its main lobe: first and last of both."""
     least = np.maximum(found - reach, _LOBE_BINS * spectrum.bin_width)
     first, last = (spectrum.axis.searchsorted(ends) for ends in (least, found + reach))
-    windows = np.stack([first, np.maximum(lobe[0], first), np.maximum(lobe[1], first), last], axis=1)
-    windows[:, 3] = np.maximum(windows[:, 3], windows[:, 2])
-    windows[np.isnan(reach)] = 0
-    return windows
+    columns = (first, lobe[0], np.maximum(lobe[1], first), last)
+    return list(zip(*(each.tolist() for each in columns), strict=True))
 
 
-def _leakage(spectrum: AmplitudeSpectrum, found: Array, amplitude: Array, seen: NDArray[np.bool_]) -> Array:
-    """Return the largest leakage of any larger point of the spectrum to each line; NaN for those that are not seen."""
-    from signals.spectra._line_kernels import leakage  # noqa: PLC0415
+def _significant(noise: float, bins: float, spectrum: AmplitudeSpectrum) -> float:
+    """Return the median amplitude of so many bins from which it is significantly above `noise`."""
+    scatter = 1 / math.sqrt(_MEDIAN_EFFICIENCY * max(bins, 1) / spectrum.noise_bandwidth_bins)
+    return math.sqrt(1 + _SIGNIFICANT * scatter) * noise
 
-    axis, leaks = spectrum.axis, np.full(found.size, np.nan)
+
+def _medians(values: Array) -> tuple[float, float, int]:
+    """Return the median, that of the values at most `_LINE` times as large, and their number; reorder the values.
+
+    Noise exceeds four times its median amplitude once in 65,000 points (2^-16); larger points are taken for lines; they
+    would raise the median and hide weak lines beside them. Values left out are above the median, so that the second one
+    lies in the lower half.
+    """
+    if not values.size:
+        return 0.0, 0.0, 0
+    half = values.size // 2
+    values.partition(half)
+    lower = values[: half + 1]
+    median = _largest_mean(lower, values.size)
+    kept = half + 1 + int(np.count_nonzero(values[half + 1 :] <= _LINE * median))
+    if kept == values.size:
+        return median, median, kept
+    lower.partition(kept // 2)
+    return median, _largest_mean(lower[: kept // 2 + 1], kept), kept
+
+
+def _largest_mean(lower: Array, count: int) -> float:
+    """Return the median of `count` values from the lowest ``count // 2 + 1`` of them, the largest of which is last."""
+    return float(lower[-1]) if count % 2 else float((lower[:-1].max() + lower[-1]) / 2)
+
+
+def _leakage(spectrum: AmplitudeSpectrum, found: float, amplitude: float) -> float:
+    """Return the largest leakage of any larger point of the spectrum to `found`."""
+    axis = spectrum.axis
     reach = _REACH_BINS * spectrum.bin_width
-    first, last = axis.searchsorted(found - reach), axis.searchsorted(found + reach)
-    heights, step = _lobes(spectrum.window), float(axis[1] - axis[0])
-    for n in np.flatnonzero(seen).tolist():
-        place, least = (found[n] - axis[0]) / step, _LARGER * amplitude[n]
-        leaks[n] = leakage(
-            spectrum.amplitude, place, first[n], last[n], least, heights, _FINE * step / spectrum.bin_width
-        )
-    return leaks
+    first, last = axis.searchsorted([found - reach, found + reach])
+    around = spectrum.amplitude[first:last]
+    larger = around > _LARGER * amplitude
+    if not larger.any():
+        return 0.0
+    distance = np.abs(axis[first:last][larger] - found) / spectrum.bin_width
+    bins, height = _lobes(spectrum.window)
+    return float(np.max(around[larger] * np.interp(distance, bins, height)))
 
 
 @lru_cache(maxsize=8)
-def _lobes(window: str) -> Array:
-    """Return the largest relative magnitude of the window's transform beyond each `_FINE`-th of a bin."""
-    length = 4 * _REACH_BINS
-    transform = np.abs(fft.rfft(window_of(window, length).weights, length * _FINE))[: _REACH_BINS * _FINE + 1]
-    return np.asarray(np.maximum.accumulate(transform[::-1])[::-1] / transform[0], dtype=np.float64)
+def _lobes(window: str) -> tuple[Array, Array]:
+    """Return distances in bins, and the largest relative magnitude of the window's transform beyond each."""
+    length, fine = 4 * _REACH_BINS, 8
+    transform = np.abs(fft.rfft(window_of(window, length).weights, length * fine))[: _REACH_BINS * fine + 1]
+    envelope = np.maximum.accumulate(transform[::-1])[::-1] / transform[0]
+    return np.arange(envelope.size) / fine, np.asarray(envelope, dtype=np.float64)
 
 
 def false_alarm_probability(
@@ -349,9 +420,13 @@ def false_alarm_probability(
     >>> round(false_alarm_probability(3.0, width_bins=0.0, spread=0.0, background_degrees=1e9), 6)
     0.048568
     """
-    from signals.spectra._line_kernels import chance  # noqa: PLC0415 - loads numba
-
-    return chance(power_ratio, width_bins, spread, background_degrees)
+    u, degrees = power_ratio, background_degrees
+    shrink = math.log1p(u / degrees)
+    at_edge = math.exp(-degrees * shrink)
+    rate = 2 * math.pi * math.sqrt(spread * u / math.pi)
+    half_moment = math.exp(math.lgamma(degrees + 0.5) - math.lgamma(degrees)) / math.sqrt(degrees)
+    crossings = width_bins * rate * half_moment * math.exp(-(degrees + 0.5) * shrink)
+    return -math.expm1(-(at_edge + crossings))
 
 
 def record_probability(single: float, *, searches: int) -> float:
@@ -364,12 +439,10 @@ def _peaks(axis: Array, amplitude: Array, low: Array, high: Array) -> tuple[Arra
 
     The third array says that it is none: a neighbour outside the band is larger.
     """
-    from signals.spectra._line_kernels import largest  # noqa: PLC0415 - loads numba
-
     first, last = axis.searchsorted(low), axis.searchsorted(high)
     last = np.maximum(last, first + 1)
-    top = np.empty(first.size, dtype=np.int64)
-    largest(amplitude, first, last, top)
+    tops = [a + int(amplitude[a:b].argmax()) for a, b in zip(first.tolist(), last.tolist(), strict=True)]
+    top = np.array(tops, dtype=np.intp)
     left, middle, right = (amplitude[np.clip(top + side, 0, axis.size - 1)] for side in (-1, 0, 1))
     curvature = left - 2 * middle + right
     at_edge = middle < np.maximum(left, right)
