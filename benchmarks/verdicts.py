@@ -350,14 +350,14 @@ def faulty_row(number: int) -> dict[str, Any]:
 
 
 def faulty_rows(
-    count: int, *, jobs: int, without: str | None = None
+    count: int, *, jobs: int, first: int = 0, without: str | None = None
 ) -> tuple[list[dict[str, Any]], list[dict[str, Any]]]:
     """Return how many faults of held-out machines are named, by kind about `DETECTABLE_DB`, and of all by level.
 
-    The records of one gearbox can be left out `without` it.
+    The records are those from number `first` on; those of one gearbox can be left out `without` it.
     """
     boxes = healthy_library.gearboxes(True)
-    numbers = [number for number in range(count) if boxes[number % len(boxes)].name != without]
+    numbers = [number for number in range(first, first + count) if boxes[number % len(boxes)].name != without]
     with ProcessPoolExecutor(jobs) as pool:
         made = [row for row in pool.map(faulty_row, numbers, chunksize=4) if not row["refused"]]
     counted = ("named", "first", "wrong diagnosed", "not judged", "too short")
@@ -522,6 +522,7 @@ def main() -> None:
     parser.add_argument("--records", type=int, default=20, help="seeds of each drive")
     parser.add_argument("--held-out", type=int, default=2000, help="healthy records of held-out machines")
     parser.add_argument("--faulty", type=int, default=1000, help="records of held-out machines with one fault")
+    parser.add_argument("--first", type=int, default=0, help="number of the first of these")
     parser.add_argument("--without", help="a gearbox to be left out of these, such as one that takes long to simulate")
     parser.add_argument("--jobs", type=int, default=1)
     parser.add_argument("--data", type=Path, default=os.environ.get("HUMS_REAL_DATA"))
@@ -557,7 +558,7 @@ def sections(given: argparse.Namespace) -> Iterator[tuple[str, list[dict[str, An
     if "drives" in wanted:
         yield "Healthy machines under strong drives", synthetic_rows(given.records)
     if "faulty" in wanted:
-        by_kind, by_level = faulty_rows(given.faulty, jobs=given.jobs, without=given.without)
+        by_kind, by_level = faulty_rows(given.faulty, jobs=given.jobs, first=given.first, without=given.without)
         yield "Faulty held-out machines", by_kind
         yield "", by_level
     if "planetary" in wanted:

@@ -22,17 +22,19 @@ from hums.analysis.findings import INDICATED, NOT_JUDGED, NOTHING_FOUND, Finding
 from hums.analysis.healthy_machines import HealthyMachines, healthy_machines
 from hums.analysis.reference_angle import Machine
 from hums.analysis.result import IndicatorValue
-from hums.analysis.thresholds import DIFFERING_TEETH, FEWEST_CYCLES, HIGHEST_TOOTH
+from hums.analysis.thresholds import DIFFERING_TEETH, FEWEST_CYCLES, HIGHEST_TOOTH, MODULATED_MESH
 from hums.gearbox.orders import DefectOrder
+from hums.gearbox.planetary_stages import planetary_stages
 from hums.records.record import Sampling
 from signals.angle.local_damage import (
     BandEnergies,
     LocalDamage,
     folded,
     local_damage,
+    mesh_contrast,
     residual_energies,
 )
-from signals.resampling.resampling import PASSBAND
+from signals.resampling.resampling import PASSBAND, AngularSignal
 
 __all__ = ["GearJudgement", "ToothEnvelope", "gear_damage", "gear_indicators", "gear_verdicts", "healthy_probability"]
 
@@ -59,7 +61,7 @@ class GearJudgement:
     component : str
         Mesh and gear, as in `hums.defect_orders`.
     also : tuple of str
-        Gears that this one cannot be told apart from, because their teeth meet at the same rate.
+        Gears that this one cannot be told apart from for certain, because their teeth meet at the same rate.
     order : float
         Meetings of one tooth per revolution of the reference.
     teeth : int
@@ -128,12 +130,16 @@ class ToothEnvelope:
 
 @dataclass(frozen=True, kw_only=True)
 class _Tooth:
-    """A gear of a mesh: its row of the defect orders, its teeth, and how many pass from one meeting to the next."""
+    """A gear of a mesh: its row of the defect orders, its teeth, and how many pass from one meeting to the next.
+
+    A tooth of a planet meets the sun and, half a turn later, the ring: it has two `contacts` in a turn.
+    """
 
     row: DefectOrder
     teeth: int
     per_turn: float
     smooth_orders: int = _SMOOTH_ORDERS
+    contacts: int = 1
 
 
 def gear_damage(
@@ -184,11 +190,13 @@ def gear_damage(
     if faulty:
         return [replace(row, not_judged=_SICK) for row in judged]
     try:
-        energies = _energies(values, when, machine, channel)
+        residual = _residual(values, when, machine, channel)
+        energies = residual_energies(residual.signal, meshes=residual.meshes, lowest_order=residual.lowest_order)
     except ValueError as error:
         return [replace(row, not_judged=str(error)) for row in judged]
     tests = channels * len({gear.row.order for gear in gears})
     judge = _Judge(
+        residual=residual,
         energies=energies,
         tests=tests,
         threshold=false_alarm_probability,
@@ -214,17 +222,40 @@ def _gears(machine: Machine) -> list[_Tooth]:
         for link, teeth in contact.gears:
             copies[f"{contact.mesh}/{link}"] = copies[f"{contact.mesh}/{link.rpartition(' ')[0]}"] = abs(teeth)
     shafts = {row.component for row in machine.defect_orders if row.kind == "shaft"}
+    planets = {
+        name
+        for stage in planetary_stages(machine.kinematics)
+        for planet in stage.planets
+        for link in (planet, planet.rpartition(" ")[0])
+        for name in (f"{stage.sun_mesh}/{link}", f"{stage.ring_mesh}/{link}")
+    }
     found = []
     for row in (row for row in machine.defect_orders if row.kind == "tooth" and row.component in copies):
         mesh, teeth = meshes[row.component.rpartition("/")[0]], copies[row.component]
         per_turn = mesh.order / row.order
         several = row.component.rpartition("/")[2] in shafts and round(teeth / per_turn) > 1
-        found.append(_Tooth(row=row, teeth=teeth, per_turn=per_turn, smooth_orders=0 if several else _SMOOTH_ORDERS))
+        found.append(
+            _Tooth(
+                row=row,
+                teeth=teeth,
+                per_turn=per_turn,
+                smooth_orders=0 if several else _SMOOTH_ORDERS,
+                contacts=2 if row.component in planets else 1,
+            )
+        )
     return found
 
 
-def _energies(values: Values, when: Sampling, machine: Machine, channel: str) -> BandEnergies:
-    """Return the band energies of what is left of a channel without its meshes and shafts."""
+@dataclass(frozen=True, kw_only=True)
+class _Residual:
+    """A channel over angle, and what is to be removed: orders beside harmonics of meshes, and all below the lowest."""
+
+    signal: AngularSignal
+    meshes: dict[float, float]
+    lowest_order: float
+
+
+def _residual(values: Values, when: Sampling, machine: Machine, channel: str) -> _Residual:
     last = PASSBAND / 2 * when.rate_hz / machine.top_speed_hz
     signal = resample_in_angle(values, when, channel, machine.phase, last)
     meshes: dict[float, float] = {}
@@ -232,7 +263,7 @@ def _energies(values: Values, when: Sampling, machine: Machine, channel: str) ->
         beside = _SIDEBANDS * max((float(spacing) for spacing in row.sidebands), default=0.0)
         meshes[row.order] = max(beside, meshes.get(row.order, 0.0))
     fastest = max(row.order for row in machine.defect_orders if row.kind == "shaft")
-    return residual_energies(signal, meshes=meshes, lowest_order=_SHAFT_ORDERS * fastest)
+    return _Residual(signal=signal, meshes=meshes, lowest_order=_SHAFT_ORDERS * fastest)
 
 
 def healthy_probability(strength: float, repeats: float, library: HealthyMachines, *, tests: int) -> float:
@@ -244,6 +275,7 @@ def healthy_probability(strength: float, repeats: float, library: HealthyMachine
 class _Judge:
     """Judges the gears of one channel, `tests` of them in the record."""
 
+    residual: _Residual
     energies: BandEnergies
     tests: int
     threshold: float
@@ -256,7 +288,12 @@ class _Judge:
         rotations = int(np.clip(4 * self.tests / self.threshold, least, most))
         try:
             folds = folded(
-                self.energies, order=gear.row.order, teeth=gear.per_turn, keep=keep, smooth_orders=gear.smooth_orders
+                self.energies,
+                order=gear.row.order,
+                teeth=gear.per_turn,
+                keep=keep,
+                smooth_orders=gear.smooth_orders,
+                contacts=gear.contacts,
             )
         except ValueError as error:
             return replace(row, not_judged=f"too short or too slowly sampled: {error}")
@@ -288,7 +325,7 @@ class _Judge:
         named: list[GearJudgement] = []
         others = [row for row in judged if row.probability > self.threshold or not row.judgeable]
         for row in sorted((row for row in judged if row not in others), key=_evidence):
-            twin = next((one for one in named if row.component in one.also), None)
+            twin = next((one for one in named if row.component in {one.component, *one.also}), None)
             if twin is not None:
                 others.append(replace(row, explained_by=twin.component))
                 continue
@@ -302,9 +339,38 @@ class _Judge:
                 for one in judged
                 if one.component != row.component and math.isclose(one.order, row.order, rel_tol=1e-9)
             )
-            named.append(replace(row, also=also))
+            named.append(self._by_its_mesh(replace(row, also=also), gears))
+            if named[-1].component != row.component:
+                others.append(replace(row, explained_by=named[-1].component))
             keep &= ~self._at_tooth(row, gear)
-        return [*named, *sorted(others, key=_evidence)]
+        found = {row.component for row in named}
+        return [*named, *sorted((row for row in others if row.component not in found), key=_evidence)]
+
+    def _by_its_mesh(self, row: GearJudgement, gears: dict[str, _Tooth]) -> GearJudgement:
+        """Return the judgement of the gear whose mesh a tooth modulates, of gears that share its rate.
+
+        The place of a tooth in the turn is the same for all gears of a shaft, and one with more teeth has a sharper
+        scatter, damaged or not. Which mesh is modulated tells them apart (`mesh_contrast`).
+        """
+        contrast = {
+            name: mesh_contrast(
+                self.residual.signal,
+                order=row.order,
+                teeth=gears[name].per_turn,
+                meshes=self.residual.meshes,
+                lowest_order=self.residual.lowest_order,
+            )
+            for name in (row.component, *row.also)
+        }
+        clear = [
+            name
+            for name in row.also
+            if all(contrast[name] >= MODULATED_MESH * max(1.0, contrast[one]) for one in contrast if one != name)
+        ]
+        if not clear:
+            return row
+        also = tuple(name for name in (row.component, *row.also) if name != clear[0])
+        return replace(row, component=clear[0], also=also, teeth=gears[clear[0]].teeth)
 
     def envelope(self, row: GearJudgement, gear: _Tooth) -> ToothEnvelope:
         """Return the squared envelope of the band in which a gear's tooth stands out."""
@@ -318,8 +384,8 @@ class _Judge:
         """Return which samples lie within some teeth of the damaged one."""
         energies = self.energies
         place = energies.start_rev + np.arange(energies.values.shape[1]) / energies.samples_per_rev
-        apart = (row.order * place - row.position_rev + 0.5) % 1.0 - 0.5
-        return np.asarray(np.abs(apart) < _MASKED_TEETH / gear.per_turn)
+        apart = (gear.contacts * (row.order * place - row.position_rev) + 0.5) % 1.0 - 0.5
+        return np.asarray(np.abs(apart) < gear.contacts * _MASKED_TEETH / gear.per_turn)
 
 
 def _evidence(row: GearJudgement) -> tuple[bool, float, float]:

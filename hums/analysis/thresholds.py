@@ -116,6 +116,15 @@ more that are not indicated eight. Halved, 228 of 1,452 healthy gears are not ju
 faulty ones are called sound in place of 10; doubled, 3 and 17.
 """
 
+MODULATED_MESH = 1.5
+"""Ratio by which a shaft's multiples are higher near a mesh's harmonics, from which its gear is named before others.
+
+It holds over the multiples between the harmonics, and over the same ratio of each other mesh of the shaft: impacts,
+which belong to no mesh, make both ratios one, and the mean powers of some thirty lines scatter by a fifth each. Of two
+gears of one shaft the other is named second in either case. Halved, impacts name a gear by accident; doubled, the one
+with more teeth is named first, whatever mesh is modulated.
+"""
+
 EXACT_BINS = 0.35
 """Distance in bins within which a line that is locked to a measured shaft is read.
 

@@ -15,6 +15,11 @@ that the energies of sound teeth are exponential above what they have in common.
 of m others is F(2, 2 m); here its excess over their mean is taken in units of their standard deviation, which scatters
 twice as much as a mean, so that F(2, m) bounds the tail. Noise alone is normal and has a shorter one. m is the number
 of independent values of the curve over the turn.
+
+A damaged tooth is short and so wide in order: it stands at one place of the turn in many bands. The probabilities of
+the bands at one place are combined by their product, and a tooth may repeat in one band and stand out in another.
+Pitch deviations of sound teeth make sidebands in several bands: where the other teeth differ alike from band to band,
+the bands count as fewer (Brown 1975, Biometrics 31, 987-992, with the mean correlation of the others).
 """
 
 from __future__ import annotations
@@ -25,7 +30,7 @@ from functools import lru_cache
 from typing import TYPE_CHECKING
 
 import numpy as np
-from scipy import fft
+from scipy import fft, special
 
 from signals._median import median
 from signals._validation import Array, positive, whole
@@ -45,6 +50,7 @@ __all__ = [
     "LocalDamage",
     "folded",
     "local_damage",
+    "mesh_contrast",
     "residual_energies",
 ]
 
@@ -61,6 +67,8 @@ _FEWEST_OTHERS = 3  # cells besides the peak and its neighbours, of which a scat
 _NEIGHBOURS = 2.5  # teeth on either side of the peak not compared: pits spread, and the mesh rings on; at most a sixth
 _UNLIKELY = 0.2  # probability of the outlier alone above which no healthy machine's gear would be exceeded, either
 _CLIPS = 4  # times that the smooth orders are estimated again: each leaves a third of the share of the peak
+_LEAST_TAIL = 1e-30  # of one band: its logarithm is finite where others do not scatter at all
+_NEAR_MESH = 0.25  # of the mesh order: half of all lines are nearer to a harmonic, half of them farther from it
 _SILENT = 1e-6  # of the median turn's energy: a turn below is a drop-out
 
 
@@ -134,18 +142,9 @@ def residual_energies(
     size, top = signal.values.size, signal.passband_orders
     if low >= top:
         raise ValueError(f"lowest_order={low:g} is not below {top:g}, the highest order of the signal; sample faster.")
-    values = signal.values - signal.values.mean()
-    ramp = min(signal.samples_per_rev, size // 8)  # the ends do not meet: without a taper they ring in every band
-    taper = np.sin(0.5 * np.pi * (np.arange(ramp) + 0.5) / ramp) ** 2
-    values[:ramp] *= taper
-    values[size - ramp :] *= taper[::-1]
-    lines = np.asarray(fft.rfft(values))
+    lines = _lines(signal)
     per_order = size / signal.samples_per_rev
-    for mesh, beside in meshes.items():
-        width = min(beside, mesh / 4)
-        for harmonic in range(1, min(_HARMONICS, int((top + width) / mesh)) + 1):
-            first, last = (round((harmonic * mesh + side) * per_order) for side in (-width, width))
-            lines[first : last + 1] = 0
+    lines[_of_meshes(lines.size, per_order, meshes)] = 0
     edges = np.linspace(low, top, count + 1)
     bins = np.rint(edges * per_order).astype(int)
     length = fft.next_fast_len(2 * int(np.diff(bins).max()))  # the square of a band is twice as wide
@@ -156,6 +155,93 @@ def residual_energies(
         analytic = fft.ifft(part, overwrite_x=True)
         energies[band] = (analytic.real**2 + analytic.imag**2) * (2 * length / size) ** 2
     return BandEnergies(values=energies, samples_per_rev=length / per_order, start_rev=signal.start_rev, edges=edges)
+
+
+def _lines(signal: AngularSignal) -> NDArray[np.complex128]:
+    """Return the discrete Fourier transform of a signal without its mean, its ends tapered by up to a revolution."""
+    size = signal.values.size
+    values = signal.values - signal.values.mean()
+    ramp = min(signal.samples_per_rev, size // 8)  # the ends do not meet: without a taper they ring in every band
+    taper = np.sin(0.5 * np.pi * (np.arange(ramp) + 0.5) / ramp) ** 2
+    values[:ramp] *= taper
+    values[size - ramp :] *= taper[::-1]
+    return np.asarray(fft.rfft(values))
+
+
+def _of_meshes(size: int, per_order: float, meshes: Mapping[float, float]) -> NDArray[np.bool_]:
+    """Return which of `size` lines, `per_order` of them in an order, are harmonics of meshes or stand beside them."""
+    on = np.zeros(size, dtype=bool)
+    for mesh, beside in meshes.items():
+        width = min(beside, mesh / 4)
+        for harmonic in range(1, min(_HARMONICS, int((size / per_order + width) / mesh)) + 1):
+            first, last = (round((harmonic * mesh + side) * per_order) for side in (-width, width))
+            on[first : last + 1] = True
+    return on
+
+
+def mesh_contrast(
+    signal: AngularSignal, *, order: Fraction | float, teeth: float, meshes: Mapping[float, float], lowest_order: float
+) -> float:
+    """Return how much more power the multiples of a shaft have near the harmonics of a mesh than between them.
+
+    A damaged tooth modulates the mesh of its own gear, in amplitude and phase, for about one tooth: sidebands at
+    multiples of the shaft, which fall off within half of the mesh order from its harmonics (Randall 1982, J. Mech. Des.
+    104, 259-267). Of two gears of one shaft, whose teeth cannot be told apart by their place in the turn, it is large
+    for the one that is modulated. Impacts alone are as strong between the harmonics as near them: about 1 for both.
+
+    Parameters
+    ----------
+    signal : AngularSignal
+        Samples over the angle of the reference, no fewer than two turns of the shaft.
+    order : Fraction or float
+        Turns of the shaft per revolution of the reference.
+    teeth : float
+        Teeth of the gear: its mesh has the order ``teeth * order``.
+    meshes, lowest_order
+        What is left out, as in `residual_energies`.
+
+    Returns
+    -------
+    float
+        Mean power, above that of the noise, of the multiples within a quarter of the mesh order from its harmonics,
+        over that of the others; NaN where the order range lacks one of the two, 0 where there is only noise.
+
+    Examples
+    --------
+    A tooth of 30, on a shaft with a second gear of 17 teeth:
+
+    >>> import numpy as np
+    >>> from signals import AngularSignal
+    >>> from signals.angle.local_damage import mesh_contrast
+    >>> turn = np.arange(64 * 256) / 256
+    >>> bump = np.exp(-0.5 * (((turn + 0.5) % 1 - 0.5) * 30 / 0.6) ** 2)
+    >>> x = (1 - 0.3 * bump) * np.cos(2 * np.pi * 30 * turn) + np.cos(2 * np.pi * 17 * turn)
+    >>> signal = AngularSignal(values=x, samples_per_rev=256, start_rev=0.0, passband_orders=100.0)
+    >>> given = {"order": 1, "meshes": {30.0: 2.5, 17.0: 2.5}, "lowest_order": 3.0}
+    >>> mesh_contrast(signal, teeth=30, **given) > 3 * mesh_contrast(signal, teeth=17, **given)
+    True
+    """
+    rate, pitch = positive(order, name="order"), positive(teeth, name="teeth")
+    power = np.abs(_lines(signal)) ** 2
+    per_order = signal.values.size / signal.samples_per_rev
+    left_out = _of_meshes(power.size, per_order, meshes)
+    spacing = rate * per_order  # lines between multiples of the shaft
+    highest = int(min(signal.passband_orders * per_order, power.size - spacing) / spacing)
+    number = np.arange(max(1, math.ceil(max(lowest_order / rate, pitch / 2))), highest + 1)
+    at = np.rint(number * spacing).astype(int)
+    apart = max(1, round(spacing / 4))
+    beside = np.arange(apart, max(apart + 1, round(3 * spacing / 4)))
+    noise = np.stack([median(power[line + beside][None])[0] for line in at]) / math.log(2) if at.size else np.empty(0)
+    above = np.maximum(power[at] - noise, 0.0)
+    off = np.abs(number / pitch - np.rint(number / pitch))
+    near = (off < _NEAR_MESH) & ~left_out[at]
+    between = (off >= _NEAR_MESH) & ~left_out[at]
+    if not (near.any() and between.any()):
+        return math.nan
+    mean_near, mean_between = float(above[near].mean()), float(above[between].mean())
+    if mean_between > 0:
+        return mean_near / mean_between
+    return math.inf if mean_near > 0 else 0.0
 
 
 @dataclass(frozen=True, kw_only=True)
@@ -173,12 +259,15 @@ class FoldedEnergies:
         Teeth that pass in a turn.
     smooth_orders : int
         Orders of the turn that were projected out.
+    contacts : int
+        Times that a tooth meets others in a turn, equally apart.
     """
 
     values: Array = field(metadata={"dims": ("band", "block", "cell")})
     turns: int
     teeth: float
     smooth_orders: int
+    contacts: int = 1
 
 
 def folded(
@@ -188,6 +277,7 @@ def folded(
     teeth: float,
     keep: NDArray[np.bool_] | None = None,
     smooth_orders: int = 2,
+    contacts: int = 1,
 ) -> FoldedEnergies:
     """Return band energies folded by the turns of a gear.
 
@@ -205,6 +295,9 @@ def folded(
     smooth_orders : int
         Orders of the turn that run-out, misalignment and passing planets modulate, which are projected out. Give 0 for
         a sun, which is folded more than once a turn: a modulation once in its turn does not repeat in a fold.
+    contacts : int
+        Times that a tooth meets others in such a turn, equally apart: 2 of a planet, between sun and ring. What is
+        at the other contacts of a place is not compared with it.
 
     Returns
     -------
@@ -247,7 +340,7 @@ def folded(
         sums = np.bincount(index, weights=energies.values[band][inside], minlength=turns * cells)
         values[band] = _block_means(np.asarray(sums.reshape(turns, cells)), seen, edges)
     values -= _common_part(values, pitch, smooth_orders)
-    return FoldedEnergies(values=values, turns=turns, teeth=pitch, smooth_orders=smooth_orders)
+    return FoldedEnergies(values=values, turns=turns, teeth=pitch, smooth_orders=smooth_orders, contacts=contacts)
 
 
 def _cells(teeth: float, per_turn: float) -> int:
@@ -305,13 +398,15 @@ class LocalDamage:
     probability : float
         The larger of the two below.
     repeats : float
-        Probability that blocks turned at random repeat as well, in any band; at least ``1 / (rotations + 1)``.
+        Probability that blocks turned at random repeat as well as this place does in any band, anywhere; at least
+        ``1 / (rotations + 1)``.
     differing : float
         The smallest `repeats` of all bands: whether anything repeats with the turn, at one tooth or several.
     local : float
-        Probability that among teeth whose energies are exponential one is that far out, of all cells, widths and bands.
+        Probability that among teeth whose energies are exponential, as alike from band to band as those of the others,
+        one is that far out in all bands together, of all places and widths.
     statistic : float
-        Mean over blocks over its standard error at the peak, the largest of all bands.
+        Mean over blocks over its standard error at the peak, the largest of all bands within a tooth of it.
     outlier : float
         Energy of the peak less the mean of the other places, over their standard deviation.
     rise : float
@@ -320,7 +415,7 @@ class LocalDamage:
     position_rev, width_rev : float
         Middle of the peak, 0 to 1 of a turn, and its width.
     band : int
-        Band of the peak.
+        Band in which the place stands out most.
     turns : int
         Turns used.
     """
@@ -371,65 +466,80 @@ def local_damage(energies: FoldedEnergies, *, rotations: int, rng: np.random.Gen
     """
     most = whole(rotations, name="rotations", least=_FIRST)
     smoothed = [_smoothed(energies.values, width) for width in _WIDTHS]
-    observed = np.stack([_t_statistic(values) for values in smoothed])  # (width, band, cell)
-    largest = observed.max(axis=(0, 2))  # by band
-    curves = np.stack([values.mean(axis=-2) for values in smoothed])
-    by_width = [
-        _at_peaks(curve, own, width, energies) for curve, own, width in zip(curves, observed, _WIDTHS, strict=True)
+    observed = np.stack([_t_statistic(values) for values in smoothed]).max(axis=(0, 1))  # by cell
+    places = [
+        place
+        for values, width in zip(smoothed, _WIDTHS, strict=True)
+        for place in _at_peaks(values.mean(axis=-2), observed, width, energies)
     ]
-    places: list[LocalDamage] = [place for of_band in zip(*by_width, strict=True) for place in of_band]
     worthwhile = min(place.local for place in places) < _UNLIKELY
-    null = _rotated_maxima(smoothed, most if worthwhile else _FIRST, float(largest.max()), rng)
-    repeats = [float((1 + np.count_nonzero(null >= one)) / (1 + null.size)) for one in largest]
-    found = [
-        replace(
-            place,
-            repeats=repeats[place.band],
-            differing=min(repeats),
-            probability=max(repeats[place.band], place.local),
-        )
-        for place in places
-    ]
+    null = _rotated_maxima(smoothed, most if worthwhile else _FIRST, float(observed.max()), rng)
+
+    def repeats(statistic: float) -> float:
+        return float((1 + np.count_nonzero(null >= statistic)) / (1 + null.size))
+
+    differing = repeats(float(observed.max()))
+    found = []
+    for place in places:
+        by_chance = repeats(place.statistic)
+        found.append(replace(place, repeats=by_chance, differing=differing, probability=max(by_chance, place.local)))
     return min(found, key=lambda place: (place.probability, place.local, -place.statistic))
 
 
 def _at_peaks(curves: Array, statistics: Array, width: int, energies: FoldedEnergies) -> list[LocalDamage]:
     """Return the outcome at the highest place of each band, averaged over `width` cells, before any rotation."""
     bands, cells = curves.shape
-    each, peaks = np.arange(bands), curves.argmax(axis=1)
+    peaks = np.unique(curves.argmax(axis=1))
     pitch = max(1, math.ceil(cells / energies.teeth))
     distance = np.abs((np.arange(cells) - peaks[:, None] + cells // 2) % cells - cells // 2)
     away = distance > max(pitch, width, min(round(_NEIGHBOURS * pitch), cells // 6))
-    if np.count_nonzero(away[0]) < _FEWEST_OTHERS:  # as many in each band
+    for contact in range(1, energies.contacts):
+        away &= np.roll(distance, round(contact * cells / energies.contacts), axis=1) > max(pitch, width)
+    if np.count_nonzero(away[0]) < _FEWEST_OTHERS:  # as many for each peak
         away[:] = True  # too coarse for a tooth to stand out: its statistic is that of a cell among all
     count = int(np.count_nonzero(away[0]))
+    others = np.broadcast_to(away[:, None], (peaks.size, bands, cells))
+    curves = np.broadcast_to(curves, others.shape)
     for _ in range(_CLIPS):  # a high peak has a share in the smooth orders, which would be missing from the others
-        highest = np.where(away, curves, -np.inf).max(axis=1, keepdims=True)
-        clipped = np.where(away, curves, np.minimum(curves, highest))
+        highest = np.where(others, curves, -np.inf).max(axis=-1, keepdims=True)
+        clipped = np.where(others, curves, np.minimum(curves, highest))
         curves = curves - _common_part(clipped, energies.teeth, energies.smooth_orders)
     energy = np.exp(curves)
-    others = energy[away].reshape(bands, count)
-    mean, spread = others.mean(axis=1), others.std(axis=1, ddof=1)
-    outlier = np.divide(energy[each, peaks] - mean, spread, out=np.full(bands, np.inf), where=spread > 0)
-    apart = np.where(away, energy - mean[:, None], 0.0)
-    independent = _independent(apart, count, pitch=pitch, width=width)
-    local = np.minimum(1.0, _tail(outlier, independent) * cells / width * len(_WIDTHS) * bands)
-    return [
-        LocalDamage(
-            probability=float(local[band]),
-            repeats=0.0,
-            differing=0.0,
-            local=float(local[band]),
-            statistic=float(statistics[band, peak]),
-            outlier=float(outlier[band]),
-            rise=float(energy[band, peak] / mean[band]),
-            position_rev=((peak + width / 2) / cells) % 1.0,
-            width_rev=width / cells,
-            band=band,
-            turns=energies.turns,
+    compared = energy[others].reshape(peaks.size, bands, count)
+    mean, spread = compared.mean(axis=-1), compared.std(axis=-1, ddof=1)
+    at_peak = energy[np.arange(peaks.size), :, peaks]
+    outlier = np.divide(at_peak - mean, spread, out=np.full(mean.shape, np.inf), where=spread > 0)
+    independent = _independent(np.where(others, energy - mean[..., None], 0.0), count, pitch=pitch, width=width)
+    tails = np.maximum(_tail(outlier, independent), _LEAST_TAIL)
+    alike = np.divide(
+        compared - mean[..., None], spread[..., None], out=np.zeros_like(compared), where=spread[..., None] > 0
+    )
+    # mean correlation of two bands over the others, from the variance of their sum
+    shared = (np.sum(alike.sum(axis=1) ** 2, axis=-1) / (count - 1) / bands - 1) / max(1, bands - 1)
+    counted = 1 + (bands - 1) * np.clip(shared, 0.0, 1.0)  # bands that count as one
+    together = special.gammaincc(bands / counted, -np.log(tails).sum(axis=-1) / counted)
+    # a tooth may stand out in all bands, or in one: two tests, of which the better counts
+    either = 2 * np.minimum(together, bands * tails.min(axis=-1))
+    found = []
+    for row, peak in enumerate(peaks.tolist()):
+        band = int(tails[row].argmin())
+        looks = (independent[row, band] + 1) * len(_WIDTHS)
+        found.append(
+            LocalDamage(
+                probability=1.0,
+                repeats=1.0,
+                differing=1.0,
+                local=float(min(1.0, either[row] * looks)),
+                statistic=float(statistics[distance[row] <= pitch].max()),
+                outlier=float(outlier[row, band]),
+                rise=float(at_peak[row, band] / mean[row, band]),
+                position_rev=((peak + width / 2) / cells) % 1.0,
+                width_rev=width / cells,
+                band=band,
+                turns=energies.turns,
+            )
         )
-        for band, peak in enumerate(peaks.tolist())
-    ]
+    return found
 
 
 def _tail(outlier: Array | float, others: Array | float) -> Array:

@@ -6,7 +6,7 @@ import numpy as np
 import pytest
 
 from data_synth import Scene, simulate
-from hums import AnalysisSettings, load_gearbox
+from hums import AnalysisSettings, NominalSpeed, load_gearbox, make_record
 from hums.analysis.channel import varying_values
 from hums.analysis.gear_damage import GearJudgement, gear_damage, gear_verdicts
 from hums.analysis.reference_angle import prepare_machine
@@ -40,7 +40,11 @@ def judged(scene, *, seed=1, faulty=False, stop=None):
     record = simulate(Scene.from_mapping(scene), seed=seed)
     if stop is not None:
         record = record.isel(time=slice(stop))
-    machine = prepare_machine(record, load_gearbox(scene["gearbox"]), AnalysisSettings())
+    return judged_record(record, scene["gearbox"], faulty=faulty)
+
+
+def judged_record(record, gearbox, *, faulty=False):
+    machine = prepare_machine(record, load_gearbox(gearbox), AnalysisSettings())
     return gear_damage(
         varying_values(record, "a"),
         sampling(record, "a"),
@@ -77,6 +81,22 @@ def test_the_cracked_gear_on_a_fixed_axis_is_the_only_one_named(component):
 def test_gears_on_one_shaft_are_not_told_apart():
     (found,) = named(judged(TWO_STAGE | crack("stage 2/intermediate", 1.0)))
     assert {found.component, *found.also} == {"stage 1/intermediate", "stage 2/intermediate"}
+
+
+@pytest.mark.parametrize(("own", "other"), [(0, 1), (1, 0)])
+def test_the_gear_whose_mesh_is_modulated_comes_before_another_of_its_shaft(own, other):
+    # amplitude and phase of one mesh change for a tooth (Randall 1982); 23/67 and 19/61 teeth, input at 25 Hz
+    gears, rng, rate_hz = ("stage 1/intermediate", "stage 2/intermediate"), np.random.default_rng(3), 10000
+    time_s = np.arange(8 * rate_hz) / rate_hz
+    turn = 25 * 23 / 67 * time_s
+    x = 0.5 * rng.standard_normal(turn.size)
+    for gear, teeth in enumerate((67, 19)):
+        bump = (gear == own) * np.exp(-0.5 * (((turn + 0.6) % 1 - 0.5) * teeth / 0.6) ** 2)
+        x += (1 - 0.5 * bump) * sum(np.cos(2 * np.pi * k * teeth * turn + k * bump) / k for k in (1, 2, 3))
+    angle = NominalSpeed(rpm=1500, shaft="input")
+    record = make_record({"a": x}, rate_hz=rate_hz, units="g", angle=angle)
+    found = named(judged_record(record, "two-stage"))
+    assert (found[0].component, found[0].also) == (gears[own], (gears[other],))
 
 
 @pytest.mark.parametrize("scene", [PLANETARY, TWO_STAGE], ids=["planetary", "two-stage"])

@@ -2,7 +2,7 @@
 
 import numpy as np
 import pytest
-from scipy import stats
+from scipy import special, stats
 
 from signals import AngularSignal
 from signals.angle.local_damage import (
@@ -12,6 +12,7 @@ from signals.angle.local_damage import (
     _tail,
     folded,
     local_damage,
+    mesh_contrast,
     residual_energies,
 )
 
@@ -98,6 +99,82 @@ def test_one_damaged_tooth_is_found_where_it_is(tooth):
     assert abs((found.position_rev * TEETH - tooth - 0.5 + TEETH / 2) % TEETH - TEETH / 2) < 0.6
     assert found.width_rev <= 2 / TEETH
     assert 4 < found.rise < 8  # the floor of the logarithm and the projection lower it
+
+
+def test_a_tooth_that_repeats_in_one_band_may_stand_out_in_another():
+    # band 0: certain to repeat at tooth 7, as others do; band 1: a tooth far out, but in every twelfth turn alone
+    rng = np.random.default_rng(21)
+    turns = noise(rng)
+    turns[0] *= 0.3 + np.repeat(rng.uniform(size=TEETH), CELLS // TEETH)
+    turns[0, :, 14:16] *= 5
+    turns[1, ::12, 14:16] *= 1e4
+    both, alone = judged(turns, rotations=199), judged(turns[1:], rotations=199)
+    assert (both.band, both.repeats) == (1, 0.005)
+    assert both.local < 1e-3
+    assert alone.probability > 0.1
+
+
+def test_bands_in_which_sound_teeth_differ_alike_count_as_one():
+    # four copies of one band say no more than the band; four independent ones of the same size do
+    rng = np.random.default_rng(22)
+    one = (0.2 + np.repeat(rng.exponential(size=TEETH), 2)) * rng.exponential(size=(1, TURNS, CELLS)).mean(axis=0)
+    one = one * np.exp(0.05 * rng.standard_normal((1, TURNS, CELLS)))
+    one[:, :, 10:12] *= 8
+    alone, copies = judged(one).local, judged(np.repeat(one, 4, axis=0)).local
+    assert alone / 4 < copies < 16 * alone  # a factor for either of two tests, and one for the number of bands
+    other = np.repeat(one, 4, axis=0)
+    for band in range(1, 4):
+        order = rng.permutation(np.r_[0:5, 6:TEETH])
+        for to, of in zip(np.r_[0:5, 6:TEETH], order, strict=True):
+            other[band, :, 2 * to : 2 * to + 2] = one[0, :, 2 * of : 2 * of + 2]
+    assert judged(other).local < copies / 10
+
+
+def test_a_planet_that_meets_sun_and_ring_is_compared_with_its_sound_teeth():
+    turns = noise(np.random.default_rng(23))
+    turns[:, :, 4:6] *= 8
+    turns[:, :, 24:26] *= 8  # half a turn later
+    energies = BandEnergies(
+        values=turns.reshape(BANDS, -1), samples_per_rev=float(CELLS), start_rev=0.0, edges=np.arange(BANDS + 1.0)
+    )
+    once, twice = (
+        local_damage(
+            folded(energies, order=1, teeth=TEETH, contacts=contacts), rotations=99, rng=np.random.default_rng(1)
+        )
+        for contacts in (1, 2)
+    )
+    assert twice.outlier > 3 * once.outlier
+    assert twice.local < 1e-3 < once.local
+
+
+def shaft_with_two_gears(rng, *, bump, impact=0.0):
+    """64 turns of a shaft with gears of 48 and 31 teeth, a bump of a tooth in the mesh of the first, and an impact."""
+    turn = np.arange(64 * 512) / 512
+    apart = (turn + 0.5) % 1 - 0.5
+    x = (1 - bump * np.exp(-0.5 * (apart * 48 / 0.6) ** 2)) * sum(
+        np.cos(2 * np.pi * 48 * k * turn + k) / k for k in (1, 2, 3)
+    )
+    x += sum(np.cos(2 * np.pi * 31 * k * turn) / k for k in (1, 2, 3)) + 0.1 * rng.standard_normal(turn.size)
+    x += impact * np.exp(-((apart * 600) ** 2))  # as short as no tooth's: as strong in all orders
+    signal = AngularSignal(values=x, samples_per_rev=512, start_rev=0.0, passband_orders=200.0)
+    given = {"order": 1, "meshes": {48.0: 2.5, 31.0: 2.5}, "lowest_order": 3.0}
+    return [mesh_contrast(signal, teeth=teeth, **given) for teeth in (48, 31)]
+
+
+def test_a_modulated_mesh_tells_its_gear_from_another_of_the_shaft():
+    own, other = shaft_with_two_gears(np.random.default_rng(24), bump=0.5)
+    # a Gaussian of deviation s teeth has power exp(-(2 pi s u)^2) at u mesh orders off the harmonic; two orders
+    # beside it are left out, and the next harmonic adds a little
+    width = 2 * np.pi * 0.6
+    below, all_of_it = (special.erf(width * u) for u in (0.25, 0.5))
+    assert own == pytest.approx(below / (all_of_it - below), rel=0.25)
+    assert other < own / 3
+
+
+def test_an_impact_favours_no_gear():
+    own, other = shaft_with_two_gears(np.random.default_rng(25), bump=0.0, impact=3.0)
+    assert 1 / 1.5 < own < 1.5
+    assert 1 / 1.5 < other < 1.5
 
 
 def test_the_level_of_a_turn_does_not_matter():
