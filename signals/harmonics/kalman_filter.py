@@ -17,7 +17,7 @@ from math import ceil, log, sqrt
 
 import numpy as np
 
-from signals.harmonics._filter_kernels import filter_covariance, filter_steadily
+from signals.harmonics._filter_kernels import filter_covariance, filter_pairs, filter_steadily
 from signals.harmonics.bandwidth import Bandwidth
 from signals.harmonics.innovations import Innovations
 from signals.harmonics.model import Estimate, Floats, HarmonicModel, lost
@@ -187,11 +187,14 @@ def filter_on(
             end = min(begin + interval - state.count % interval, span.stop)
             part = slice(begin - span.start, end - span.start)
             skip = -state.count % output_every
-            filter_covariance(
-                values[part], np.ascontiguousarray(phase[:, part]), orders, shaft,
-                q if len(q) == 1 else q[part], state.diffuse, state.mean, state.covariance, state.factor,
-                (skip, output_every), normalised[part], innovation_variances[part], levels[done:], variances[done:],
-            )  # fmt: skip
+            given = values[part], np.ascontiguousarray(phase[:, part]), orders, shaft, q if len(q) == 1 else q[part]
+            found = normalised[part], innovation_variances[part], levels[done:], variances[done:]
+            if model.poles == 1 and not state.diffuse:
+                filter_pairs(*given, state.mean, state.covariance, (skip, output_every), *found)
+            else:
+                filter_covariance(
+                    *given, state.diffuse, state.mean, state.covariance, state.factor, (skip, output_every), *found
+                )
             done += len(range(skip, end - begin, output_every))
             state.count, begin = state.count + end - begin, end
             if state.count % interval == 0:
