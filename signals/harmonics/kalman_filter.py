@@ -5,6 +5,9 @@ other. So the diffuse part of the covariance is a factor V: the covariance is `P
 that of an exactly known initial state. Once V V^T is small it is added to P. Where samples are missing for long, or a
 shaft rests, P grows again: then V becomes its Cholesky factor, and P zero.
 
+With one pole, once V is zero, samples are taken in pairs: their updates of P, and the products of P with the next two
+regressors, are made in one pass over P.
+
 The effect of the initial covariance vanishes within some time constants. In the frame that rotates with an order the
 covariance is then constant but for a ripple at the frequency distances between orders, and so are the gains: those of
 a random walk in noise of variance 2R (R for the mean), which `Bandwidth.filter_shares` gives exactly. An order's
