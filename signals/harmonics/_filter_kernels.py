@@ -5,17 +5,29 @@ parts of the orders alternate within a block. From sample to sample it becomes `
 triangle of ones, the increment, of variance Q, in the highest differences alone.
 """
 
+from math import ceil, prod
+
 import numpy as np
 from numpy.typing import NDArray
 
-from signals._compile import compiled_sums
+from signals._compile import compiled, compiled_sums
 from signals.harmonics._block_kernels import fill_phasors
 
 Floats = NDArray[np.float64]
 Indices = NDArray[np.int64]
 
 PIECE = 128  # samples whose phasors are made at a time: they stay in the nearest cache
+PAIRS_PIECE = 64  # the same beside P and what a pair of samples needs
 LOOK_AHEAD = 4  # samples whose innovations are found together
+# Numbers in a row of a tile, two vector registers of 64 bytes: so many, and known to the compiler, loops over them have
+# no remainder and need no comparison of addresses.
+LANES = 16
+# Where the rows of a group of LANES quadratures begin: P h of the samples of the former pair, given the samples before
+# each; the same of the next pair, as far as found; variance that increments added and tiles lack; the increments after
+# either sample; variances before the pair and after each of its samples.
+FORMER, FORMER_SECOND, NEXT, NEXT_SECOND, ADDED, INCREMENT, INCREMENT_SECOND, VARIANCE, AFTER, AFTER_SECOND = range(
+    0, 10 * LANES, LANES
+)
 # Angle by which the highest order may differ from a steady turn: the rounding of the angles of long records.
 STEADY_RAD = 1e-8
 
@@ -207,6 +219,205 @@ def filter_covariance(
                 _transition_rows(V, width)
 
 
+@compiled
+def _update_and_multiply(P: Floats, groups: Floats, gain: Floats, second: Floats, rows: Floats, n: int) -> None:
+    """Subtract from P what the former pair of samples adds to the knowledge of the state; add `P h` of the next pair.
+
+    Each element of P is read and written once for all four products. P is a (row / 4, group, 4 LANES) array; without
+    sums in any order those of four rows do not wait for what the rows before added.
+    """
+    for q in range(len(P)):
+        b = 4 * q
+        f0, f1, f2, f3 = gain[b], gain[b + 1], gain[b + 2], gain[b + 3]
+        s0, s1, s2, s3 = second[b], second[b + 1], second[b + 2], second[b + 3]
+        h0, h1, h2, h3 = rows[n, b], rows[n, b + 1], rows[n, b + 2], rows[n, b + 3]
+        k0, k1, k2, k3 = rows[n + 1, b], rows[n + 1, b + 1], rows[n + 1, b + 2], rows[n + 1, b + 3]
+        for g in range(len(groups)):
+            for c in range(LANES):
+                u, v = groups[g, FORMER + c], groups[g, FORMER_SECOND + c]
+                p0 = P[q, g, c] - f0 * u - s0 * v
+                p1 = P[q, g, LANES + c] - f1 * u - s1 * v
+                p2 = P[q, g, 2 * LANES + c] - f2 * u - s2 * v
+                p3 = P[q, g, 3 * LANES + c] - f3 * u - s3 * v
+                P[q, g, c], P[q, g, LANES + c], P[q, g, 2 * LANES + c], P[q, g, 3 * LANES + c] = p0, p1, p2, p3
+                groups[g, NEXT + c] += (h0 * p0 + h1 * p1) + (h2 * p2 + h3 * p3)
+                groups[g, NEXT_SECOND + c] += (k0 * p0 + k1 * p1) + (k2 * p2 + k3 * p3)
+
+
+@compiled_sums
+def _covariance_of_pair(groups: Floats, rows: Floats, n: int) -> tuple[float, float, float]:
+    """Complete P h of a pair of samples; return the elements of the covariance of their innovations."""
+    own, shared, second = 1.0, 0.0, 1.0
+    for g in range(len(groups)):
+        for c in range(LANES):
+            h, k = rows[n, LANES * g + c], rows[n + 1, LANES * g + c]
+            before = groups[g, ADDED + c] + groups[g, INCREMENT + c]
+            ph = groups[g, NEXT + c] + groups[g, ADDED + c] * h
+            pk = groups[g, NEXT_SECOND + c] + before * k
+            own += h * ph
+            shared += k * ph
+            second += k * pk
+            groups[g, FORMER + c], groups[g, FORMER_SECOND + c] = ph, pk
+            groups[g, ADDED + c] = before + groups[g, INCREMENT_SECOND + c]
+    return own, shared, second
+
+
+@compiled
+def _eliminate(groups: Floats, share: float, one: float, two: float, gain: Floats, second: Floats) -> None:
+    """Condition the second sample of a pair on the first; fill the gains of both, and the variances after each.
+
+    `one` and `two` are one over the variances of the innovations, 0 where a sample is missing.
+    """
+    for g in range(len(groups)):
+        for c in range(LANES):
+            ph = groups[g, FORMER + c]
+            pk = groups[g, FORMER_SECOND + c] - share * ph
+            first, last = one * ph, two * pk
+            after = groups[g, VARIANCE + c] - first * ph
+            then = after + groups[g, INCREMENT + c] - last * pk
+            groups[g, FORMER_SECOND + c] = pk
+            groups[g, NEXT + c], groups[g, NEXT_SECOND + c] = 0.0, 0.0
+            groups[g, AFTER + c], groups[g, AFTER_SECOND + c] = after, then
+            groups[g, VARIANCE + c] = then + groups[g, INCREMENT_SECOND + c]
+            gain[LANES * g + c], second[LANES * g + c] = first, last
+
+
+@compiled_sums
+def _dot_rows(a: Floats, i: int, b: Floats, j: int) -> float:
+    """Return the inner product of two rows, which as arrays of their own would be counted as references."""
+    total = 0.0
+    for c in range(b.shape[1]):
+        total += a[i, c] * b[j, c]
+    return total
+
+
+@compiled
+def _add_gain(means: Floats, channel: int, gain: Floats, innovation: float) -> None:
+    for c in range(gain.size):
+        means[channel, c] += gain[c] * innovation
+
+
+@compiled
+def _copy_levels(means: Floats, channel: int, levels: Floats, output: int) -> None:
+    for c in range(levels.shape[2]):
+        levels[output, channel, c] = means[channel, c]
+
+
+@compiled
+def _mean_variances(groups: Floats, second: bool, variances: Floats, output: int) -> None:
+    """Fill half the sums over both quadratures after the first or the second sample of a pair."""
+    row = AFTER_SECOND if second else AFTER
+    for g in range(len(groups)):
+        for k in range(LANES // 2):
+            order = LANES // 2 * g + k
+            if order < variances.shape[1]:
+                variances[output, order] = 0.5 * (groups[g, row + 2 * k] + groups[g, row + 2 * k + 1])
+
+
+def _aligned(*shape: int) -> Floats:
+    """Return zeros that begin at a cache line."""
+    spare = np.zeros(prod(shape) + LANES)
+    first = -(spare.ctypes.data // 8) % 8
+    return spare[first : first + prod(shape)].reshape(shape)
+
+
+def filter_pairs(
+    x: Floats, phase: Floats, orders: Floats, shaft: Indices, process: Floats, mean: Floats, P: Floats,
+    outputs: tuple[int, int], innovations: Floats, innovation_variances: Floats, levels: Floats, variances: Floats,
+) -> None:  # fmt: skip
+    """Run the covariance filter with one pole and no diffuse part as `filter_covariance` does, by pairs of samples.
+
+    The innovations of a pair have the covariance `S = [h k]^T P [h k] + I`, with what increments add in between, and
+    its second one is made independent of the first: the update of P is the sum of those of both samples.
+    """
+    channels, size = mean.shape
+    count, quads = ceil(size / LANES), ceil(size / 4)
+    columns = count * LANES
+    tiles, groups, means = _aligned(quads, count, 4 * LANES), _aligned(count, 10 * LANES), _aligned(channels, columns)
+    padded = np.zeros((4 * quads, columns))
+    padded[:size, :size] = P
+    tiled = tiles.reshape(quads, count, 4, LANES).transpose(0, 2, 1, 3)
+    tiled[:] = padded.reshape(quads, 4, count, LANES)
+    groups[:, VARIANCE : VARIANCE + LANES].flat[:size] = P.diagonal()
+    means[:, :size] = mean
+    rows, gains = _aligned(PAIRS_PIECE, columns), _aligned(2, columns)
+    _filter_tiles(
+        x, phase, orders, shaft, process, outputs, rows, tiles, groups, means, gains[0], gains[1], innovations,
+        innovation_variances, levels, variances,
+    )  # fmt: skip
+    P[:] = tiled.reshape(4 * quads, columns)[:size, :size]
+    mean[:] = means[:, :size]
+
+
+@compiled_sums
+def _add_increments(P: Floats, groups: Floats, size: int) -> None:
+    """Add to the diagonal of P what increments have added since it last had them."""
+    for b in range(size):
+        g, c = b // LANES, b % LANES
+        P[b // 4, g, b % 4 * LANES + c] += groups[g, ADDED + c]
+        groups[g, ADDED + c] = 0.0
+
+
+@compiled_sums
+def _filter_tiles(
+    x: Floats, phase: Floats, orders: Floats, shaft: Indices, process: Floats, outputs: tuple[int, int], rows: Floats,
+    P: Floats, groups: Floats, means: Floats, gain: Floats, second_gain: Floats, innovations: Floats,
+    innovation_variances: Floats, levels: Floats, variances: Floats,
+) -> None:  # fmt: skip
+    """Run the filter over pairs of samples: `filter_pairs` with its arrays in tiles."""
+    (samples, channels), (due, every), size = x.shape, outputs, 2 * orders.size
+    cosine, sine = np.empty(len(rows)), np.empty(len(rows))
+    output = 0
+    for i in range(0, samples, 2):
+        n, both = i % len(rows), i + 1 < samples
+        if n == 0:
+            _fill_regressors(phase, orders, shaft, i, cosine, sine, rows)
+            _add_increments(P, groups, size)  # before they are large beside P
+        if i == 0 or len(process) > 1 or not both:
+            for b in range(size):
+                g, c = b // LANES, b % LANES
+                groups[g, INCREMENT + c] = process[min(i, len(process) - 1), b]
+                groups[g, INCREMENT_SECOND + c] = process[min(i + 1, len(process) - 1), b] if both else 0.0
+        _update_and_multiply(P, groups, gain, second_gain, rows, n)
+        variance, shared, second_variance = _covariance_of_pair(groups, rows, n)
+        seen, second_seen = not np.isnan(x[i, 0]), both and not np.isnan(x[i + both, 0])
+        precision = 1.0 / variance if seen else 0.0
+        share = shared * precision
+        second_variance -= share * shared
+        second_precision = 1.0 / second_variance if second_seen else 0.0
+        _eliminate(groups, share, precision, second_precision, gain, second_gain)
+        first = due == i
+        due += every if first else 0
+        last, at = both and due == i + 1, output + int(first)
+        for channel in range(channels):
+            # Innovation e = x - h . mean; update mean + K e.
+            innovation, second = 0.0, 0.0
+            if seen:
+                innovation = x[i, channel] - _dot_rows(means, channel, rows, n)
+            if second_seen:
+                second = x[i + 1, channel] - _dot_rows(means, channel, rows, n + 1) - share * innovation
+            innovations[i, channel] = innovation * np.sqrt(precision)
+            _add_gain(means, channel, gain, innovation)
+            if first:
+                _copy_levels(means, channel, levels, output)
+            if both:
+                innovations[i + 1, channel] = second * np.sqrt(second_precision)
+                _add_gain(means, channel, second_gain, second)
+            if last:
+                _copy_levels(means, channel, levels, at)
+        innovation_variances[i] = variance if seen else 0.0
+        if both:
+            innovation_variances[i + 1] = second_variance if second_seen else 0.0
+        if first:
+            _mean_variances(groups, False, variances, output)
+        if last:
+            _mean_variances(groups, True, variances, at)
+            due += every
+        output = at + int(last)
+    _update_and_multiply(P, groups, gain, second_gain, rows, 0)
+    _add_increments(P, groups, size)
+
+
 @compiled_sums
 def _table_of_turns(turn: float, orders: Floats, cosine: Floats, sine: Floats) -> None:
     """Fill tables, (PIECE order,), with the phasors that turn all rows of regressors by one angle of the shaft."""
@@ -307,7 +518,10 @@ def filter_steadily(
     cosine, sine, rows = np.empty(PIECE), np.empty(PIECE), np.empty((PIECE, width))
     cosines, sines = np.empty(PIECE * orders.size), np.empty(PIECE * orders.size)
     step = (phase[0, samples - 1] - phase[0, 0]) / max(samples - 1, 1)
-    steady = len(phase) == 1 and _off_line(phase[0], phase[0, 0], step) * orders.max() <= STEADY_RAD
+    highest = 0.0  # orders.max() takes half a second to compile
+    for k in range(orders.size):
+        highest = max(highest, orders[k])
+    steady = len(phase) == 1 and _off_line(phase[0], phase[0, 0], step) * highest <= STEADY_RAD
     ahead = np.zeros(LOOK_AHEAD)
     if steady:
         _table_of_turns(step * PIECE, orders, cosines, sines)

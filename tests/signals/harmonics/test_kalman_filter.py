@@ -452,3 +452,43 @@ def test_settled_gains_add_no_more_than_their_bound_to_the_error(poles, apart):
     assert 0.4 < fast.error_bound < 0.7
     assert 0.4 * fast.error_bound < off / wrong < 0.75 * fast.error_bound
     assert more / wrong - 1 < 0.3 * fast.error_bound**2
+
+
+@pytest.mark.parametrize(("count", "channels", "samples", "every"), [(3, 2, 331, 1), (9, 1, 130, 3), (1, 5, 65, 2)])
+@pytest.mark.parametrize("varies", [False, True])
+def test_a_settled_covariance_filters_as_a_textbook_does(count, channels, samples, every, varies):
+    """Without a diffuse part: an odd number of samples, gaps of one and of many, channels, two shafts."""
+    rng = np.random.default_rng(count)
+    phases = tuple(np.cumsum(0.01 + 0.1 * rng.random((2, samples)), axis=1))
+    orders, shaft = np.sort(1 + 20 * rng.random(count)), np.arange(count) % 2
+    bandwidth = 10.0 ** -(1 + 2 * rng.random((count, samples if varies else 1)))
+    model = HarmonicModel(orders=orders, shaft=shaft, phases=phases, bandwidth=bandwidth, poles=1, prior_std=1e3)
+    x = rng.standard_normal((channels, samples))
+    x[:, rng.random(samples) < 0.2] = x[:, 20:37] = np.nan
+    root = 0.3 * rng.standard_normal((2 * count, 2 * count))
+    P, means = root @ root.T, rng.standard_normal((channels, 2 * count))
+    state = FilterState(means.copy(), P.copy(), np.zeros_like(P), diffuse=False, count=0)
+    outputs = -(-samples // every)
+    levels, variances = np.empty((outputs, channels, 2 * count)), np.empty((outputs, count))
+    innovations = Innovations.none(channels=channels, keep=True)
+    filter_on(model, x, state, innovations, levels, variances, output_every=every, startup=0)
+    q = np.broadcast_to(np.repeat(model.process_noise()[:, :count], 2, axis=1), (samples, 2 * count))
+    angle = orders[:, None] * np.stack(phases)[shaft]
+    rows = np.stack([np.cos(angle), -np.sin(angle)], axis=1).reshape(2 * count, samples).T
+    normalised, expected = np.zeros(x.shape), np.zeros(samples)
+    for n, h in enumerate(rows):
+        if not np.isnan(x[0, n]):
+            expected[n] = 1 + h @ P @ h
+            error, gain = x[:, n] - means @ h, P @ h / expected[n]
+            normalised[:, n] = error / np.sqrt(expected[n])
+            means, P = means + np.outer(error, gain), P - np.outer(gain, h @ P)
+        if n % every == 0:
+            # Some hundred updates of matrices of condition 1e4, each rounded by 1e-16.
+            assert_allclose(levels[n // every], means, rtol=0, atol=1e-11)
+            assert_allclose(variances[n // every], np.diag(P).reshape(count, 2).mean(axis=1), rtol=1e-10)
+        P = P + np.diag(q[n])
+    assert_allclose(state.mean, means, rtol=0, atol=1e-11)
+    assert_allclose(state.covariance, P, rtol=0, atol=1e-11 * np.abs(P).max())
+    ((found, found_variances),) = innovations.kept
+    assert_allclose(found, normalised, rtol=0, atol=1e-11)
+    assert_allclose(found_variances, expected, rtol=1e-11)
