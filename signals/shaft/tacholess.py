@@ -30,6 +30,7 @@ from scipy.interpolate import PchipInterpolator
 
 from signals._validation import Array, checked, positive, real_vector
 from signals.shaft._angle_confirmation import decide, strays, sure_refinements
+from signals.shaft._angle_spectrum import sharp_lines
 from signals.shaft._line_likelihood import without_steady_lines
 from signals.shaft._speed_search import (
     AS_MUCH,
@@ -65,6 +66,8 @@ _FRAMES = (0.5, 0.25)  # of the default length: two next to one another should f
 _AT_AN_END = 0.02  # of the time: a part that is not known and begins there is cut off
 _KEPT = 0.5  # of the evidence, by lines that move: more than any rival of a sure speed has
 _SAME_PATH = 0.95  # of the frames within 1 %: two paths need not both be followed
+_ONE_LINE_DB = 1.5  # beside the strongest: less than 12 dB above the noise, which a close sideband reaches
+_AS_SHARP = 0.8  # of the levels: octaves share up to three quarters of the lines
 _CONTRADICTION = "frames of another length find another speed, or one in a part of the record"
 _AGREEING = 0.98  # of the frames within 1 % of speed, or three standard deviations
 
@@ -236,13 +239,18 @@ def estimate_speed(
         found = _surer(found, _confirmed(partial(estimate, moving=True), float(frame), shorter))
     if found.status == "ambiguous":
         found = _decided(signal, rate, found, _distinct([one for one, _ in tried]), (low, high))
-    return _from(_proven(signal, rate, found), start_s)
+    return _from(_proven(signal, rate, found, (low, high)), start_s)
 
 
-def _proven(signal: Array, rate: float, found: SpeedEstimate) -> SpeedEstimate:
+def _proven(signal: Array, rate: float, found: SpeedEstimate, range_hz: tuple[float, float]) -> SpeedEstimate:
     """Return an estimate, a sure one as ambiguous where its lines may be of no shaft, or its course of other lines."""
     if found.phase is None:
         return found
+    sharp = sharp_lines(signal, rate, found.phase, found.orders, range_hz=range_hz)
+    if sharp.joint < _ONE_LINE_DB:
+        return _doubted(found, "over the whole record a single one of its lines is where the speed puts it")
+    if sharp.rival > _AS_SHARP * sharp.joint:
+        return _doubted(found, "over the whole record another speed, in a ratio of two orders, has as many sharp lines")
     if _one_tone(signal, rate, found, found.phase):
         return _doubted(found, "its lines keep one frequency, and may be one tone with harmonics, of no shaft")
     start_s, stop_s = found.phase.start_s, found.phase.stop_s
