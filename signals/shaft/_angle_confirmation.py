@@ -324,16 +324,18 @@ def sure_refinements(
 
 
 def strays(signal: Array, rate: float, phase: ShaftPhase, orders: Array) -> list[tuple[float, float]]:
-    """Return the times between which a straight course over some short part of a phase has as much evidence as its own.
+    """Return the times between which a phase has no evidence, at its ends, or a straight course there has as much.
 
     A path that follows another line for a moment, or before the shaft's lines show, leaves such a course by over 1 %.
     """
     seconds = float(phase.stop_s - phase.start_s)
     times = np.linspace(phase.start_s, phase.stop_s, _POINTS + 1)
     speed, width = phase.speed_hz(times), _POINTS // _BRIDGES
-    own: Followed | None = None
     frame_s = min(2 * seconds / (_FRAMES + 1), _MOST_REV / float(speed.mean()))
-    found = []
+    own = follow(signal, rate, _integral(times, speed), orders, frame_s=frame_s)
+    if own is None:
+        return []
+    found = _silent_ends(own)
     for part, ends in (
         *((slice(0, end), [end, 2 * end]) for end in (width, 2 * width)),
         *((slice(_POINTS - end, None), [_POINTS - 2 * end, _POINTS - end]) for end in (width, 2 * width)),
@@ -344,15 +346,31 @@ def strays(signal: Array, rate: float, phase: ShaftPhase, orders: Array) -> list
             continue
         other = speed.copy()
         other[part] = straight
-        own = own or follow(signal, rate, _integral(times, speed), orders, frame_s=frame_s)
         one = follow(signal, rate, _integral(times, other), orders, frame_s=frame_s)
-        if own is None or one is None:
+        if one is None:
             continue
         apart = times[part][np.abs(one.speed_hz(times[part]) / own.speed_hz(times[part]) - 1) > SAME_SPEED]
         gain = (own.votes(apart) - one.votes(apart)).sum() * own.search.evidence.times_s.size / _POINTS
         if apart.size > _STRAYING * _POINTS and gain < SHOWS:
             found.append((float(apart[0]), float(apart[-1])))
     return found
+
+
+def _silent_ends(followed: Followed) -> list[tuple[float, float]]:
+    """Return the times of the frames before the first in which any line shows, and of those after the last."""
+    phase, search = followed.phase, followed.search
+    middles = phase.revolutions[0] + search.evidence.times_s
+    shows = np.flatnonzero(followed.votes(phase.times_at(middles)) >= SHOWS)
+    if not shows.size:
+        return [(phase.start_s, phase.stop_s)]
+    first, last = shows[[0, -1]]
+    edges = [
+        middles[max(first - 1, 0)] + search.frame_s / 2,
+        middles[min(last + 1, middles.size - 1)] - search.frame_s / 2,
+    ]
+    begins_s, ends_s = phase.times_at(np.array(edges)).tolist()
+    before, after = (phase.start_s, begins_s), (ends_s, phase.stop_s)
+    return [before] * bool(first > 0) + [after] * bool(last < middles.size - 1)
 
 
 def _integral(times: Array, speed: Array) -> ShaftPhase:

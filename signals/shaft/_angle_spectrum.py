@@ -85,7 +85,9 @@ def _levels(ratio: Array, at: Array, top: float) -> Array:
     highest = np.where(known, ratio[np.where(known, bins, 0)], 0.0).max(axis=1)
     skirt = np.maximum(2 * _REACH_BINS, 1 + np.cbrt(np.sqrt(highest) / np.pi))  # as `leakage_bins` of a search
     apart = np.abs(at[:, None] - at)
-    beside = ((highest > highest[:, None]) & (apart <= skirt)).any(axis=1)
+    number = np.arange(at.size)
+    stronger = (highest > highest[:, None]) | ((highest == highest[:, None]) & (number < number[:, None]))
+    beside = (stronger & (apart <= skirt)).any(axis=1)
     return np.where(beside, 0.0, np.maximum(10 * np.log10(np.maximum(highest, 1e-9)) - _NOISE_DB, 0.0))
 
 

@@ -66,6 +66,7 @@ _FRAMES = (0.5, 0.25)  # of the default length: two next to one another should f
 _AT_AN_END = 0.02  # of the time: a part that is not known and begins there is cut off
 _KEPT = 0.5  # of the evidence, by lines that move: more than any rival of a sure speed has
 _SAME_PATH = 0.95  # of the frames within 1 %: two paths need not both be followed
+_LEAST_LEFT = 0.5  # of a phase without its ends
 _ONE_LINE_DB = 1.5  # beside the strongest: less than 12 dB above the noise, which a close sideband reaches
 _AS_SHARP = 0.8  # of the levels: octaves share up to three quarters of the lines
 _CONTRADICTION = "frames of another length find another speed, or one in a part of the record"
@@ -246,23 +247,21 @@ def _proven(signal: Array, rate: float, found: SpeedEstimate, range_hz: tuple[fl
     """Return an estimate, a sure one as ambiguous where its lines may be of no shaft, or its course of other lines."""
     if found.phase is None:
         return found
-    sharp = sharp_lines(signal, rate, found.phase, found.orders, range_hz=range_hz)
-    if sharp.joint < _ONE_LINE_DB:
-        return _doubted(found, "over the whole record a single one of its lines is where the speed puts it")
-    if sharp.rival > _AS_SHARP * sharp.joint:
-        return _doubted(found, "over the whole record another speed, in a ratio of two orders, has as many sharp lines")
-    if _one_tone(signal, rate, found, found.phase):
-        return _doubted(found, "its lines keep one frequency, and may be one tone with harmonics, of no shaft")
+    doubt = _line_doubt(signal, rate, found, found.phase, range_hz)
+    if doubt:
+        return _doubted(found, doubt)
     start_s, stop_s = found.phase.start_s, found.phase.stop_s
     close = _AT_AN_END * (stop_s - start_s)
     for first, last in strays(signal, rate, found.phase, found.orders):
-        if first < found.phase.start_s + close:
+        if first < start_s + close:
             start_s = max(start_s, last)
-        elif last > found.phase.stop_s - close:
+        elif last > stop_s - close:
             stop_s = min(stop_s, first)
         else:
             why = "in a part of the record a straight course of the speed has as much evidence as its own"
             return _doubted(found, why)
+    if stop_s - start_s < _LEAST_LEFT * (found.phase.stop_s - found.phase.start_s):
+        return _doubted(found, "its lines show in less than half of the record")
     return _cut(found, found.phase, start_s, stop_s)
 
 
@@ -321,11 +320,20 @@ def _same_path(one: tuple[Array, Array, float], other: tuple[Array, Array, float
     return bool(np.mean(near) > _SAME_PATH)
 
 
-def _one_tone(signal: Array, rate: float, found: SpeedEstimate, phase: ShaftPhase) -> bool:
-    """Return whether the lines of a sure speed keep one frequency and may be one tone with harmonics."""
+def _line_doubt(
+    signal: Array, rate: float, found: SpeedEstimate, phase: ShaftPhase, range_hz: tuple[float, float]
+) -> str:
+    """Return why the lines of a sure speed over the whole record may be another's, empty where nothing says so."""
+    sharp = sharp_lines(signal, rate, phase, found.orders, range_hz=range_hz)
+    if sharp.joint < _ONE_LINE_DB:
+        return "over the whole record a single one of its lines is where the speed puts it"
+    if sharp.rival > _AS_SHARP * sharp.joint:
+        return "over the whole record another speed, in a ratio of two orders, has as many sharp lines"
     times, known = np.linspace(phase.start_s, phase.stop_s, found.times_s.size), np.isfinite(found.std_hz)
     std = np.interp(times, found.times_s[known], found.std_hz[known])
-    return one_tone(signal, rate, phase, std, found.orders)
+    if one_tone(signal, rate, phase, std, found.orders):
+        return "its lines keep one frequency, and may be one tone with harmonics, of no shaft"
+    return ""
 
 
 def _doubted(found: SpeedEstimate, reason: str) -> SpeedEstimate:
