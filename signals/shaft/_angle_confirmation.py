@@ -7,7 +7,9 @@ narrow and stand far above the noise; those of other machines and along a wrong 
 
 Any one line may be any one order. What speaks for a speed is therefore its joint evidence: that of all lines beside the
 strongest. Whole orders below ten and those of slower shafts, which a line of low frequency of any machine may be, do
-not count. A speed is decided for where its joint evidence is beyond chance, and every other speed has less than half.
+not count. A speed is decided for where its joint evidence is beyond chance, and every other speed has less than half;
+or where that holds for its lines over the whole record (`signals.shaft._angle_spectrum`), some of which show at any
+time.
 """
 
 from __future__ import annotations
@@ -52,8 +54,8 @@ _POINTS = 400  # at which speeds are compared
 class Followed:
     """A candidate followed in the angle domain: its phase, the search in the longest frames, and scores of all orders.
 
-    Orders beyond half the sampling rate score zero. `levels` is the log evidence of each order searched in each frame,
-    (frames, orders), `joint` the joint evidence.
+    `orders` are all listed; those beyond half the sampling rate score zero. `levels` is the log evidence of each order
+    searched in each frame, (frames, orders), `joint` the joint evidence.
     """
 
     phase: ShaftPhase

@@ -92,9 +92,10 @@ class SpeedEstimate:
         Ambiguous for the `reason` given: `alternatives` are nearly as likely; nearly all evidence is of one of several
         orders, which may be any order, or another machine's; at most three whole orders below ten show, which half or a
         third of the speed, in range, would show too, or while none of the other orders does; the phase of the harmonics
-        cannot be followed surely enough; frames of another length are as sure of another speed; its lines keep one
-        frequency, and are of fewer than three families of harmonics; or a straight course over some part explains that
-        as well. Where such a part is at an end, the phase ends before it.
+        cannot be followed surely enough; frames of another length are as sure of another speed; over the whole record a
+        single line is in the bin of its order, or as many are at another ratio; its lines keep one frequency, and are
+        of fewer than three families of harmonics; or a straight course over some part explains that as well. Where
+        such a part, or one without lines, is at an end, the phase ends before it.
     times_s : (frame,) array
         Times in s of the middles of the frames.
     speed_hz, std_hz : (frame,) arrays
@@ -251,16 +252,16 @@ def _proven(signal: Array, rate: float, found: SpeedEstimate, range_hz: tuple[fl
     if doubt:
         return _doubted(found, doubt)
     start_s, stop_s = found.phase.start_s, found.phase.stop_s
-    close = _AT_AN_END * (stop_s - start_s)
+    seconds = stop_s - start_s
+    close = _AT_AN_END * seconds
     for first, last in strays(signal, rate, found.phase, found.orders):
         if first < start_s + close:
             start_s = max(start_s, last)
         elif last > stop_s - close:
             stop_s = min(stop_s, first)
         else:
-            why = "in a part of the record a straight course of the speed has as much evidence as its own"
-            return _doubted(found, why)
-    if stop_s - start_s < _LEAST_LEFT * (found.phase.stop_s - found.phase.start_s):
+            return _doubted(found, "in a part of the record a straight course of the speed explains as much")
+    if stop_s - start_s < _LEAST_LEFT * seconds:
         return _doubted(found, "its lines show in less than half of the record")
     return _cut(found, found.phase, start_s, stop_s)
 
@@ -325,7 +326,7 @@ def _line_doubt(
 ) -> str:
     """Return why the lines of a sure speed over the whole record may be another's, empty where nothing says so."""
     sharp = sharp_lines(signal, rate, phase, found.orders, range_hz=range_hz)
-    if sharp.joint < _ONE_LINE_DB:
+    if sharp.joint < _ONE_LINE_DB and found.orders.size > 1:
         return "over the whole record a single one of its lines is where the speed puts it"
     if sharp.rival > _AS_SHARP * sharp.joint:
         return "over the whole record another speed, in a ratio of two orders, has as many sharp lines"
@@ -353,8 +354,7 @@ def _decided(
     stop_s = (signal.size - 1) / rate
     rough = [_integrated(times, speed, half_frame=half, stop_s=stop_s) for times, speed, half in paths]
     decision = decide(signal, rate, rough, found.orders, range_hz=range_hz)
-    phase = None if decision is None else decision.refined.phase
-    if decision is None or phase is None:
+    if decision is None or (phase := decision.refined.phase) is None:
         return found
     refined = decision.refined
     seen = (found.times_s >= phase.start_s) & (found.times_s <= phase.stop_s)
@@ -486,14 +486,8 @@ def _estimate(signal: Array, rate: float, search: Search) -> SpeedEstimate:
         phase, mean, std, phase_std = _refined(signal, rate, search, mean, std, seen, shown)
     reason = ""
     if phase is None:
-        share = min(share, 0.5)
-        reason = _doubt(
-            others,
-            single=single,
-            foreign=foreign,
-            slower_hz=slower,
-            speed_hz=float(np.median(mean[seen])),
-        )
+        share, speed_hz = min(share, 0.5), float(np.median(mean[seen]))
+        reason = _doubt(others, single=single, foreign=foreign, slower_hz=slower, speed_hz=speed_hz)
     alternatives = tuple(
         Alternative(
             speed_hz=other.speed,
