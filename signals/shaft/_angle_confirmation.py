@@ -7,7 +7,9 @@ narrow and stand far above the noise; those of other machines and along a wrong 
 
 Any one line may be any one order. What speaks for a speed is therefore its joint evidence: that of all lines beside the
 strongest. Whole orders below ten and those of slower shafts, which a line of low frequency of any machine may be, do
-not count. A speed is decided for where its joint evidence is beyond chance, and every other speed has less than half.
+not count. A speed is decided for where its joint evidence is beyond chance, and every other speed has less than half;
+or where that holds for its lines over the whole record (`signals.shaft._angle_spectrum`), some of which show at any
+time.
 """
 
 from __future__ import annotations
@@ -16,17 +18,16 @@ from dataclasses import dataclass
 from typing import TYPE_CHECKING
 
 import numpy as np
-from scipy.interpolate import CubicSpline, PchipInterpolator
+from scipy.interpolate import PchipInterpolator
 
-from signals.shaft._line_likelihood import DC_BINS, PRESENT, lowest_band
-from signals.shaft._speed_search import CERTAIN, MISSED, SAME_SPEED, SHOWS, Search, is_low, search_speeds
+from signals.shaft._angle_spectrum import even_angles, of_shafts, sampled, sharp_lines
+from signals.shaft._line_likelihood import DC_BINS, PRESENT
+from signals.shaft._speed_search import CERTAIN, MISSED, SAME_SPEED, SHOWS, Search, search_speeds
 from signals.shaft.phase import ShaftPhase
 from signals.shaft.phase_demodulation import RefinedPhase, refine_phase
 
 if TYPE_CHECKING:
     from collections.abc import Iterator, Sequence
-
-    from numpy.typing import NDArray
 
     from signals._validation import Array
 
@@ -34,12 +35,11 @@ _FRAMES = 12  # of the longest length in the record: enough to see a line come a
 _MOST_REV = 32.0  # of the longest frame: beyond, no line of a speed that is known to a few bins gets narrower
 _DOUBLINGS = 3  # of the frame length on the way there
 _FEWEST_SAMPLES, _FEWEST_FRAMES = 64, 4  # of a frame; below, a candidate shows in too small a part to be followed
-_SAMPLES = 2.5  # per turn of the highest order
-_MARGIN_ORDERS = 2.0
 _KNOTS_REV = 4.0  # per revolution
 _FINER = 4.0  # bins by which the highest order may still be off in frames of the next length
 _SCANNED = 6  # best constant ratios of a candidate that are scored
 _RIVAL = 0.5  # of the joint evidence, which no other speed may reach
+_SECOND_DB = 4.0  # beside the strongest line: 14 dB above the noise, of which three bins hold it once in 10^10
 _SAME_SHARE = 0.5  # of the time in which two candidates are within 1 %: they are of one speed
 _LEAVING = 0.2  # share in which a candidate must agree to be compared where it does not
 _MOST_DEMODULATED = 8
@@ -54,12 +54,13 @@ _POINTS = 400  # at which speeds are compared
 class Followed:
     """A candidate followed in the angle domain: its phase, the search in the longest frames, and scores of all orders.
 
-    Orders beyond half the sampling rate score zero. `levels` is the log evidence of each order searched in each frame,
-    (frames, orders), `joint` the joint evidence.
+    `orders` are all listed; those beyond half the sampling rate score zero. `levels` is the log evidence of each order
+    searched in each frame, (frames, orders), `joint` the joint evidence.
     """
 
     phase: ShaftPhase
     search: Search
+    orders: Array
     scores: Array
     levels: Array
     joint: float
@@ -89,13 +90,8 @@ class Decision:
 
 def joint_evidence(orders: Array, scores: Array) -> float:
     """Return the evidence of all orders beside the strongest, those of shafts left out."""
-    counted = np.where(_of_shafts(orders) | (scores < SHOWS), 0.0, scores)
+    counted = np.where(of_shafts(orders) | (scores < SHOWS), 0.0, scores)
     return float(counted.sum() - counted.max(initial=0.0))
-
-
-def _of_shafts(orders: Array) -> NDArray[np.bool_]:
-    """Return whether each order is a whole one below ten, or of a slower shaft."""
-    return np.asarray(is_low(orders) | (orders < 1))
 
 
 def decide(
@@ -117,21 +113,65 @@ def decide(
             if gain < -SHOWS and (one := follow(signal, rate, _spliced(best, other, part), orders, frame_s=frame_s)):
                 followed.append(one)
                 best = max(best, one, key=lambda one: one.joint)
+    decision = _by_joint_evidence(signal, rate, best, followed, frame_s=frame_s, range_hz=range_hz)
+    return decision or _by_sharp_lines(signal, rate, followed, range_hz=range_hz)
+
+
+def _by_joint_evidence(
+    signal: Array,
+    rate: float,
+    best: Followed,
+    followed: Sequence[Followed],
+    *,
+    frame_s: float,
+    range_hz: tuple[float, float],
+) -> Decision | None:
+    """Return the candidate of most joint evidence, where it has it all the time and no other speed has half of it."""
     low, high = range_hz
-    trials = 2 * (high - low) * frame_s * float(orders[-1])  # speeds half a bin of the highest order apart
+    trials = 2 * (high - low) * frame_s * float(best.search.orders[-1])  # speeds half a bin of the highest order apart
     others = [one.joint for one in followed if _agreeing(best, one) < _SAME_SHARE] + scanned(best, range_hz)
-    strongest = max(others, default=0.0)
-    if best.joint < CERTAIN + np.log(trials) or strongest > _RIVAL * best.joint:
+    if best.joint < CERTAIN + np.log(trials) or max(others, default=0.0) > _RIVAL * best.joint:
         return None
-    if not _throughout(best) or any(gain < SHOWS for one in followed for _, gain in _stretches(best, one)):
+    if not _throughout(best) or _left(best, followed):
         return None
     refined = _refined(signal, rate, best)
-    if refined is None:
+    probability = _probability(best.joint, others)
+    return None if refined is None else Decision(followed=best, refined=refined, probability=probability)
+
+
+def _by_sharp_lines(
+    signal: Array, rate: float, followed: Sequence[Followed], *, range_hz: tuple[float, float]
+) -> Decision | None:
+    """Return the candidate whose lines are the sharpest over the whole record, where no other speed's are half that.
+
+    Its strongest lines need not stand side by side all the time; one of its lines must.
+    """
+    refined = [_refined(signal, rate, one) for one in followed]
+    phases = [found.phase if found and found.phase else one.phase for found, one in zip(refined, followed, strict=True)]
+    sharp = [
+        sharp_lines(signal, rate, phase, one.orders, range_hz=range_hz)
+        for phase, one in zip(phases, followed, strict=True)
+    ]
+    first = max(range(len(followed)), key=lambda k: sharp[k].joint)
+    best, found, joint = followed[first], refined[first], sharp[first].joint
+    if found is None or joint < _SECOND_DB:
         return None
-    # tempered as in the search, so that half of the evidence has odds of one to twenty
-    temper = max(1.0, _RIVAL * best.joint / np.log(20.0))
-    odds = sum(float(np.exp((other - best.joint) / temper)) for other in others if other > 0)
-    return Decision(followed=best, refined=refined, probability=1 / (1 + odds))
+    others = [lines.joint for one, lines in zip(followed, sharp, strict=True) if _agreeing(best, one) < _SAME_SHARE]
+    others.append(sharp[first].rival)
+    if max(others) > _RIVAL * joint or not _standing(best) or _left(best, followed):
+        return None
+    return Decision(followed=best, refined=found, probability=_probability(joint, others))
+
+
+def _probability(joint: float, others: Sequence[float]) -> float:
+    """Return the probability of a speed, tempered as in the search: half of the evidence has odds of one to twenty."""
+    temper = max(1.0, _RIVAL * joint / np.log(20.0))
+    return 1 / (1 + sum(float(np.exp((other - joint) / temper)) for other in others if other > 0))
+
+
+def _left(best: Followed, followed: Sequence[Followed]) -> bool:
+    """Return whether another candidate has as much evidence where it leaves the best."""
+    return any(gain < SHOWS for one in followed for _, gain in _stretches(best, one))
 
 
 def follow(signal: Array, rate: float, rough: ShaftPhase, orders: Array, *, frame_s: float) -> Followed | None:
@@ -147,7 +187,7 @@ def follow(signal: Array, rate: float, rough: ShaftPhase, orders: Array, *, fram
     listed = orders[orders * fastest < rate / 2]
     if not listed.size or turns < _FEWEST_FRAMES * longest:
         return None
-    samples, per_rev = _sampled(signal, rate, float(listed[-1]), fastest)
+    samples, per_rev = sampled(signal, rate, float(listed[-1]), fastest)
     if longest * per_rev < _FEWEST_SAMPLES:
         return None
     phase, tolerance = rough, SAME_SPEED
@@ -155,7 +195,7 @@ def follow(signal: Array, rate: float, rough: ShaftPhase, orders: Array, *, fram
         window = longest / 2**doubling
         if window * per_rev < _FEWEST_SAMPLES:
             continue
-        values = samples(phase.times_at(_even(phase, per_rev)))
+        values = samples(phase.times_at(even_angles(phase, per_rev)))
         search = search_speeds(values, per_rev, listed, 1 - tolerance, 1 + tolerance, tolerance / window, window)
         ratio = search.speeds[most_likely_path(search.votes, np.log(search.kernel))]
         phase = _corrected(phase, search, ratio)
@@ -163,26 +203,9 @@ def follow(signal: Array, rate: float, rough: ShaftPhase, orders: Array, *, fram
     scores, every = np.zeros(orders.size), np.ones(ratio.size, dtype=np.bool_)
     scores[: listed.size] = search.score(ratio, every)
     levels = search.levels(ratio, every)
-    return Followed(phase=phase, search=search, scores=scores, levels=levels, joint=joint_evidence(orders, scores))
-
-
-def in_angle(signal: Array, rate: float, phase: ShaftPhase, order: float) -> tuple[Array, float]:
-    """Return the record evenly sampled in angle up to an order, and the samples per revolution."""
-    fastest = float((np.diff(phase.revolutions) / np.diff(phase.times_s)).max())
-    samples, per_rev = _sampled(signal, rate, order, fastest)
-    return np.asarray(samples(phase.times_at(_even(phase, per_rev)))), per_rev
-
-
-def _sampled(signal: Array, rate: float, order: float, fastest_hz: float) -> tuple[CubicSpline, float]:
-    """Return a spline through the band of the orders, and the samples per revolution that they need."""
-    top = order + _MARGIN_ORDERS
-    band, band_rate = lowest_band(signal, rate_hz=rate, top_hz=min(top * fastest_hz, rate / 2))
-    return CubicSpline(np.arange(band.size) / band_rate, band), _SAMPLES * top
-
-
-def _even(phase: ShaftPhase, per_rev: float) -> Array:
-    """Return even angles over a phase, in revolutions."""
-    return np.arange(phase.revolutions[0], phase.revolutions[-1], 1 / per_rev)
+    return Followed(
+        phase=phase, search=search, orders=orders, scores=scores, levels=levels, joint=joint_evidence(orders, scores)
+    )
 
 
 def _corrected(phase: ShaftPhase, search: Search, ratio: Array) -> ShaftPhase:
@@ -230,10 +253,18 @@ def _throughout(followed: Followed) -> bool:
     Frames overlap by half, so that each two hold what one and a half hold.
     """
     orders = followed.search.orders
-    levels = followed.levels[:, ~_of_shafts(orders) & (followed.scores[: orders.size] > SHOWS)]
+    levels = followed.levels[:, ~of_shafts(orders) & (followed.scores[: orders.size] > SHOWS)]
     both = np.maximum(levels[1:] + levels[:-1], 0.0)
     joint = both.sum(axis=1) - both.max(axis=1, initial=0.0)
     return bool(joint.min(initial=np.inf) >= SHOWS)
+
+
+def _standing(followed: Followed) -> bool:
+    """Return whether some line shows all the time, in each two frames next to one another."""
+    orders = followed.search.orders
+    levels = followed.levels[:, ~of_shafts(orders) & (followed.scores[: orders.size] > SHOWS)]
+    both = np.maximum(levels[1:] + levels[:-1], 0.0).max(axis=1, initial=0.0)
+    return bool(both.min(initial=np.inf) >= SHOWS)
 
 
 def _stretches(best: Followed, other: Followed) -> list[tuple[Array, float]]:
@@ -295,19 +326,21 @@ def sure_refinements(
 
 
 def strays(signal: Array, rate: float, phase: ShaftPhase, orders: Array) -> list[tuple[float, float]]:
-    """Return the times between which a straight course over some short part of a phase has as much evidence as its own.
+    """Return the times between which a phase has no evidence, at its ends, or a straight course there has as much.
 
     A path that follows another line for a moment, or before the shaft's lines show, leaves such a course by over 1 %.
     """
     seconds = float(phase.stop_s - phase.start_s)
     times = np.linspace(phase.start_s, phase.stop_s, _POINTS + 1)
     speed, width = phase.speed_hz(times), _POINTS // _BRIDGES
-    own: Followed | None = None
     frame_s = min(2 * seconds / (_FRAMES + 1), _MOST_REV / float(speed.mean()))
-    found = []
+    own = follow(signal, rate, _integral(times, speed), orders, frame_s=frame_s)
+    if own is None:
+        return []
+    found = _silent_ends(own)
     for part, ends in (
-        (slice(0, width), [width, 2 * width]),
-        (slice(_POINTS - width, None), [_POINTS - 2 * width, _POINTS - width]),
+        *((slice(0, end), [end, 2 * end]) for end in (width, 2 * width)),
+        *((slice(_POINTS - end, None), [_POINTS - 2 * end, _POINTS - end]) for end in (width, 2 * width)),
         *((slice(at, at + 2 * width + 1), [at, at + 2 * width]) for at in range(0, _POINTS + 1 - 2 * width, width)),
     ):
         straight = np.polyval(np.polyfit(times[ends], speed[ends], 1), times[part])
@@ -315,15 +348,31 @@ def strays(signal: Array, rate: float, phase: ShaftPhase, orders: Array) -> list
             continue
         other = speed.copy()
         other[part] = straight
-        own = own or follow(signal, rate, _integral(times, speed), orders, frame_s=frame_s)
         one = follow(signal, rate, _integral(times, other), orders, frame_s=frame_s)
-        if own is None or one is None:
+        if one is None:
             continue
         apart = times[part][np.abs(one.speed_hz(times[part]) / own.speed_hz(times[part]) - 1) > SAME_SPEED]
         gain = (own.votes(apart) - one.votes(apart)).sum() * own.search.evidence.times_s.size / _POINTS
         if apart.size > _STRAYING * _POINTS and gain < SHOWS:
             found.append((float(apart[0]), float(apart[-1])))
     return found
+
+
+def _silent_ends(followed: Followed) -> list[tuple[float, float]]:
+    """Return the times of the frames before the first in which any line shows, and of those after the last."""
+    phase, search = followed.phase, followed.search
+    middles = phase.revolutions[0] + search.evidence.times_s
+    shows = np.flatnonzero(followed.votes(phase.times_at(middles)) >= SHOWS)
+    if not shows.size:
+        return [(phase.start_s, phase.stop_s)]
+    first, last = shows[[0, -1]]
+    edges = [
+        middles[max(first - 1, 0)] + search.frame_s / 2,
+        middles[min(last + 1, middles.size - 1)] - search.frame_s / 2,
+    ]
+    begins_s, ends_s = phase.times_at(np.array(edges)).tolist()
+    before, after = (phase.start_s, begins_s), (ends_s, phase.stop_s)
+    return [before] * bool(first > 0) + [after] * bool(last < middles.size - 1)
 
 
 def _integral(times: Array, speed: Array) -> ShaftPhase:

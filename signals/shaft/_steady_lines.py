@@ -13,7 +13,7 @@ from typing import TYPE_CHECKING
 
 import numpy as np
 
-from signals.shaft._angle_confirmation import in_angle
+from signals.shaft._angle_spectrum import in_angle
 from signals.shaft._speed_search import (
     MAINS_HARMONICS,
     MAINS_HZ,

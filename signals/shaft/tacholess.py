@@ -30,6 +30,7 @@ from scipy.interpolate import PchipInterpolator
 
 from signals._validation import Array, checked, positive, real_vector
 from signals.shaft._angle_confirmation import decide, strays, sure_refinements
+from signals.shaft._angle_spectrum import sharp_lines
 from signals.shaft._line_likelihood import without_steady_lines
 from signals.shaft._speed_search import (
     AS_MUCH,
@@ -65,6 +66,9 @@ _FRAMES = (0.5, 0.25)  # of the default length: two next to one another should f
 _AT_AN_END = 0.02  # of the time: a part that is not known and begins there is cut off
 _KEPT = 0.5  # of the evidence, by lines that move: more than any rival of a sure speed has
 _SAME_PATH = 0.95  # of the frames within 1 %: two paths need not both be followed
+_LEAST_LEFT = 0.5  # of a phase without its ends
+_ONE_LINE_DB = 1.5  # beside the strongest: less than 12 dB above the noise, which a close sideband reaches
+_AS_SHARP = 0.8  # of the levels: octaves share up to three quarters of the lines
 _CONTRADICTION = "frames of another length find another speed, or one in a part of the record"
 _AGREEING = 0.98  # of the frames within 1 % of speed, or three standard deviations
 
@@ -88,9 +92,10 @@ class SpeedEstimate:
         Ambiguous for the `reason` given: `alternatives` are nearly as likely; nearly all evidence is of one of several
         orders, which may be any order, or another machine's; at most three whole orders below ten show, which half or a
         third of the speed, in range, would show too, or while none of the other orders does; the phase of the harmonics
-        cannot be followed surely enough; frames of another length are as sure of another speed; its lines keep one
-        frequency, and are of fewer than three families of harmonics; or a straight course over some part explains that
-        as well. Where such a part is at an end, the phase ends before it.
+        cannot be followed surely enough; frames of another length are as sure of another speed; over the whole record a
+        single line is in the bin of its order, or as many are at another ratio; its lines keep one frequency, and are
+        of fewer than three families of harmonics; or a straight course over some part explains that as well. Where
+        such a part, or one without lines, is at an end, the phase ends before it.
     times_s : (frame,) array
         Times in s of the middles of the frames.
     speed_hz, std_hz : (frame,) arrays
@@ -236,25 +241,28 @@ def estimate_speed(
         found = _surer(found, _confirmed(partial(estimate, moving=True), float(frame), shorter))
     if found.status == "ambiguous":
         found = _decided(signal, rate, found, _distinct([one for one, _ in tried]), (low, high))
-    return _from(_proven(signal, rate, found), start_s)
+    return _from(_proven(signal, rate, found, (low, high)), start_s)
 
 
-def _proven(signal: Array, rate: float, found: SpeedEstimate) -> SpeedEstimate:
+def _proven(signal: Array, rate: float, found: SpeedEstimate, range_hz: tuple[float, float]) -> SpeedEstimate:
     """Return an estimate, a sure one as ambiguous where its lines may be of no shaft, or its course of other lines."""
     if found.phase is None:
         return found
-    if _one_tone(signal, rate, found, found.phase):
-        return _doubted(found, "its lines keep one frequency, and may be one tone with harmonics, of no shaft")
+    doubt = _line_doubt(signal, rate, found, found.phase, range_hz)
+    if doubt:
+        return _doubted(found, doubt)
     start_s, stop_s = found.phase.start_s, found.phase.stop_s
-    close = _AT_AN_END * (stop_s - start_s)
+    seconds = stop_s - start_s
+    close = _AT_AN_END * seconds
     for first, last in strays(signal, rate, found.phase, found.orders):
-        if first < found.phase.start_s + close:
+        if first < start_s + close:
             start_s = max(start_s, last)
-        elif last > found.phase.stop_s - close:
+        elif last > stop_s - close:
             stop_s = min(stop_s, first)
         else:
-            why = "in a part of the record a straight course of the speed has as much evidence as its own"
-            return _doubted(found, why)
+            return _doubted(found, "in a part of the record a straight course of the speed explains as much")
+    if stop_s - start_s < _LEAST_LEFT * seconds:
+        return _doubted(found, "its lines show in less than half of the record")
     return _cut(found, found.phase, start_s, stop_s)
 
 
@@ -313,11 +321,20 @@ def _same_path(one: tuple[Array, Array, float], other: tuple[Array, Array, float
     return bool(np.mean(near) > _SAME_PATH)
 
 
-def _one_tone(signal: Array, rate: float, found: SpeedEstimate, phase: ShaftPhase) -> bool:
-    """Return whether the lines of a sure speed keep one frequency and may be one tone with harmonics."""
+def _line_doubt(
+    signal: Array, rate: float, found: SpeedEstimate, phase: ShaftPhase, range_hz: tuple[float, float]
+) -> str:
+    """Return why the lines of a sure speed over the whole record may be another's, empty where nothing says so."""
+    sharp = sharp_lines(signal, rate, phase, found.orders, range_hz=range_hz)
+    if sharp.joint < _ONE_LINE_DB and found.orders.size > 1:
+        return "over the whole record a single one of its lines is where the speed puts it"
+    if sharp.rival > _AS_SHARP * sharp.joint:
+        return "over the whole record another speed, in a ratio of two orders, has as many sharp lines"
     times, known = np.linspace(phase.start_s, phase.stop_s, found.times_s.size), np.isfinite(found.std_hz)
     std = np.interp(times, found.times_s[known], found.std_hz[known])
-    return one_tone(signal, rate, phase, std, found.orders)
+    if one_tone(signal, rate, phase, std, found.orders):
+        return "its lines keep one frequency, and may be one tone with harmonics, of no shaft"
+    return ""
 
 
 def _doubted(found: SpeedEstimate, reason: str) -> SpeedEstimate:
@@ -337,8 +354,7 @@ def _decided(
     stop_s = (signal.size - 1) / rate
     rough = [_integrated(times, speed, half_frame=half, stop_s=stop_s) for times, speed, half in paths]
     decision = decide(signal, rate, rough, found.orders, range_hz=range_hz)
-    phase = None if decision is None else decision.refined.phase
-    if decision is None or phase is None:
+    if decision is None or (phase := decision.refined.phase) is None:
         return found
     refined = decision.refined
     seen = (found.times_s >= phase.start_s) & (found.times_s <= phase.stop_s)
@@ -470,14 +486,8 @@ def _estimate(signal: Array, rate: float, search: Search) -> SpeedEstimate:
         phase, mean, std, phase_std = _refined(signal, rate, search, mean, std, seen, shown)
     reason = ""
     if phase is None:
-        share = min(share, 0.5)
-        reason = _doubt(
-            others,
-            single=single,
-            foreign=foreign,
-            slower_hz=slower,
-            speed_hz=float(np.median(mean[seen])),
-        )
+        share, speed_hz = min(share, 0.5), float(np.median(mean[seen]))
+        reason = _doubt(others, single=single, foreign=foreign, slower_hz=slower, speed_hz=speed_hz)
     alternatives = tuple(
         Alternative(
             speed_hz=other.speed,

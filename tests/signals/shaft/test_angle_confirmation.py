@@ -4,7 +4,7 @@ import numpy as np
 import pytest
 
 from signals.shaft import tacholess
-from signals.shaft._angle_confirmation import decide, follow, joint_evidence
+from signals.shaft._angle_confirmation import decide, follow, joint_evidence, strays
 from signals.shaft.phase import ShaftPhase
 
 RATE_HZ, SECONDS = 4096.0, 5.0
@@ -85,6 +85,22 @@ class TestDecide:
     def test_joint_evidence(self):
         # neither the strongest, nor the shaft, nor a slower one, nor what is below the least score
         assert joint_evidence(np.array([0.4, 1, 20, 40, 60]), np.array([50.0, 90, 30, 20, 2])) == 20
+
+
+class TestStrays:
+    @pytest.mark.parametrize("share", [0.08, 0.15])
+    def test_a_start_without_lines(self, share):
+        """A path that comes down to the shaft from a tenth above it, before its lines show; a sound one has none."""
+        begins_s = share * SECONDS
+        x = record(TWO_MESHES)
+        quiet = np.arange(x.size) / RATE_HZ < begins_s
+        x[quiet] = np.random.default_rng(7).standard_normal(np.count_nonzero(quiet))
+        wrong = phase(lambda t: 1 + 0.1 * np.clip(1 - t / begins_s, 0, 1) ** 0.5)
+        found = strays(x, RATE_HZ, wrong, ORDERS)
+        assert found[0][0] < 0.1
+        assert begins_s - 0.25 < max(last for _, last in found) < 2 * begins_s
+        assert max(first for first, _ in found) < begins_s
+        assert strays(x, RATE_HZ, phase(), ORDERS) == []
 
 
 class TestSearches:
