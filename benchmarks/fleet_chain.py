@@ -13,7 +13,7 @@ from hums.fleet.series import layout_of
 from signals.monitoring.alarm_life import AlarmRule
 from signals.monitoring.autocorrelation import Correlation, variance_shares
 from signals.monitoring.health import Layout, Normal, Prior, learn_normal
-from signals.monitoring.limits import ChartLimits, HealthyScores, chart_limits, tail_quantiles
+from signals.monitoring.limits import HealthyScores, chart_limits, tail_quantiles
 
 CHUNK = 50  # machines whose series are in memory at a time
 RATES = (1_000.0, 10_000.0)
@@ -33,44 +33,50 @@ def watch(
     fleet: Fleet, baseline: int, rates: Sequence[float], layout: Layout, prior: Prior, model: HealthyScores
 ) -> tuple[Watched, ...]:
     """Return, for each of the rates, alarms of machines whose first records are a baseline."""
-    machines, records = fleet.series.shape[:2]
-    shape = (machines, records - baseline, layout.scores)
-    found = tuple(Watched(raised=np.zeros(shape, np.bool_), index=np.zeros(shape, np.float32)) for _ in rates)
-    normal = learn_normal(fleet.series[:, :baseline], fleet.measured[:, :baseline], layout, prior)
-    sizes = np.maximum(2, (baseline / (1 + normal.series.regressors)).astype(int))  # as `Epoch.learn` does
-    for size in np.unique(sizes).tolist():
-        those = sizes == size
-        limits = [chart_limits(size, rate * layout.scores, model) for rate in rates]
-        for whole, part in zip(found, _watch(fleet.of(those), baseline, limits, layout, prior), strict=True):
-            whole.raised[those], whole.index[those] = part.raised, part.index
-    return found
-
-
-def _watch(
-    fleet: Fleet, baseline: int, limits: Sequence[ChartLimits], layout: Layout, prior: Prior
-) -> tuple[Watched, ...]:
-    """Return the same of machines with the same limits."""
     series, at = fleet.series, fleet.measured
     machines, records = series.shape[:2]
     normal = learn_normal(series[:, :baseline], at[:, :baseline], layout, prior)
-    rule, recent = AlarmRule(), np.zeros((machines, len(layout.channels)))
     own = np.array([normal.read(series[:, number], at[:, number]).scores for number in range(baseline)])
-    headrooms = [one.headroom(own, rule) for one in limits]
-    charts = [one.charts.start((machines, layout.scores)) for one in limits]
-    alarms = [rule.start((machines, layout.scores)) for _ in limits]
-    shape = (machines, records - baseline, layout.scores)
-    found = tuple(Watched(raised=np.zeros(shape, np.bool_), index=np.zeros(shape, np.float32)) for _ in limits)
+    charts = [
+        _Charts(rate * layout.scores, baseline / (1 + normal.series.regressors), own, model, records - baseline)
+        for rate in rates
+    ]
+    recent = np.zeros((machines, len(layout.channels)))
     for number in range(baseline, records):
         reading = normal.read(series[:, number], at[:, number], recent)
         refused = (normal.series.leverage(at[:, number]) > MOST_LEVERAGE)[:, None]
         recent = np.where(refused, recent, reading.recent)
-        scores = np.where(refused, np.nan, reading.scores)
-        for place, (one, seen) in enumerate(zip(limits, found, strict=True)):
-            charts[place] = one.charts.step(charts[place], scores)
-            index = np.where(refused, np.nan, one.index(charts[place]) / headrooms[place])
-            alarms[place], seen.raised[:, number - baseline] = rule.step(alarms[place], index)
-            seen.index[:, number - baseline] = np.nan_to_num(index)
-    return found
+        for one in charts:
+            one.step(number - baseline, np.where(refused, np.nan, reading.scores))
+    return tuple(one.found for one in charts)
+
+
+class _Charts:
+    """Charts and alarms of machines for one rate, those with the same limits at once."""
+
+    def __init__(self, every: float, effective: Array, own: Array, model: HealthyScores, watched: int) -> None:
+        self.rule, shape = AlarmRule(), own.shape[1:]
+        self.found = Watched(
+            raised=np.zeros((shape[0], watched, shape[1]), np.bool_),
+            index=np.zeros((shape[0], watched, shape[1]), np.float32),
+        )
+        limits = [chart_limits(max(2, int(size)), every, model) for size in effective]  # as `Epoch.learn` does
+        self.groups = [
+            (one, np.flatnonzero([one == other for other in limits])) for one in dict.fromkeys(limits)
+        ]
+        self.headroom = [one.headroom(own[:, those], self.rule) for one, those in self.groups]
+        self.charts = [one.charts.start((those.size, shape[1])) for one, those in self.groups]
+        self.alarms = self.rule.start(shape)
+
+    def step(self, number: int, scores: Array) -> None:
+        """Take one more record (machines, scores), NaN where it is refused."""
+        index = np.full(scores.shape, np.nan)
+        for place, (one, those) in enumerate(self.groups):
+            self.charts[place] = one.charts.step(self.charts[place], scores[those])
+            index[those] = one.index(self.charts[place]) / self.headroom[place]
+        index = np.where(np.isfinite(scores), index, np.nan)
+        self.alarms, self.found.raised[:, number] = self.rule.step(self.alarms, index)
+        self.found.index[:, number] = np.nan_to_num(index)
 
 
 def score_series(series: Array, baseline: int, layout: Layout, prior: Prior) -> tuple[Array, Normal]:
