@@ -397,7 +397,8 @@ def main() -> None:
     if given.learn_prior:
         found = analyses(given.analyses, workers=given.workers, records=given.records)
         path, learned = ROOT / "hums" / "fleet" / PRIOR_NAME, learn_prior(found, found.resampled())
-        learned["widening"] = widening(found, machines=given.machines)
+        for group, wider in zip(learned["groups"], widening(found, machines=given.machines), strict=True):
+            group["widening"] = wider
         path.write_text(json.dumps(learned) + "\n", encoding="utf-8")
         return
     page = given.folder / "fleet.md"

@@ -78,7 +78,7 @@ class MachineHistory:
     def severe_score(self) -> float:
         """Score at which the middle EWMA is twice over its limit: a severe alarm; infinite if unknown."""
         limits = self.state.epochs[0].limits
-        return math.inf if limits is None else SEVERE * limits.limits[1]
+        return math.inf if limits is None else SEVERE * limits.groups[0].limits[1]
 
     @property
     def false_alarms_a_year(self) -> float:
@@ -296,7 +296,11 @@ def write_baselines(histories: Sequence[MachineHistory], path: Path) -> None:
                     ),
                     "low": ("covariate", epoch.low, {"long_name": "lowest value judged"}),
                     "high": ("covariate", epoch.high, {"long_name": "highest value judged"}),
-                    "limit": ("chart", np.array(epoch.limits.limits), {"long_name": "in deviations of the score"}),
+                    "limit": (
+                        ("watched", "chart"),
+                        np.array([epoch.limits.groups[group].limits for group in epoch.limits.of[: len(epoch.names)]]),
+                        {"long_name": "in deviations of the score"},
+                    ),
                 },
                 coords={
                     "watched": np.array(epoch.names, dtype=np.str_),
