@@ -366,11 +366,11 @@ def wind_turbine(given: argparse.Namespace) -> str:
     """Return the health of a wind turbine's gearbox in its last two records."""
     text = [
         "Four records, a baseline of the first two, the second of which is diagnosed already.\n",
-        "| recorded | largest health index | its score | component | alarm |",
+        "| recorded | largest health index | what drives it | component | alarm |",
     ]
     text += ["|---|---|---|---|---|"]
-    for when, index, score, component, alarm in turbine(Path(given.data) / "wt_hss_bearing"):
-        text.append(f"| {when[:10]} | {index:.2f} | {score:.1f} | {component} | {alarm or 'no'} |")
+    for when, index, change, component, alarm in turbine(Path(given.data) / "wt_hss_bearing"):
+        text.append(f"| {when[:10]} | {index:.2f} | {change} | {component} | {alarm or 'no'} |")
     return "\n".join(text)
 
 

@@ -213,6 +213,8 @@ class Judgement:
         Score of each component in standard deviations.
     growth : mapping of str to (str, str, float)
         Channel, indicator and departure in deviations of what drives each component.
+    ratio : mapping of str to float
+        That indicator over what is normal at this speed and load.
     alarms : tuple of dict
         Alarms raised now, rows of ``alarms.csv``.
 
@@ -230,6 +232,7 @@ class Judgement:
     index: dict[str, float] = field(default_factory=dict)
     scores: dict[str, float] = field(default_factory=dict)
     growth: dict[str, tuple[str, str, float]] = field(default_factory=dict)
+    ratio: dict[str, float] = field(default_factory=dict)
     alarms: tuple[dict[str, Any], ...] = ()
 
 
@@ -305,7 +308,7 @@ def _judged(
     alarms: list[dict[str, Any]],
 ) -> Judgement:
     """Take the health index of every component from the epoch that governs it, and step its alarm."""
-    index, scores, growth = {}, {}, {}
+    index, scores, growth, ratio = {}, {}, {}, {}
     rule = state.settings.rule
     for number, (reading, indices) in readings.items():
         epoch = state.epochs[number]
@@ -324,7 +327,7 @@ def _judged(
             if rising[place] <= 1 and not before[at].recent:
                 state.since[name] = seen.recorded_at or seen.record
             state.alarms[name] = after.of(at)
-            growth[name] = most[place]
+            growth[name], ratio[name] = most[place]
             if raised[at]:
                 drivers = [(channel, indicator) for channel, indicator, _ in _drivers(epoch, reading, place)]
                 severity = "sensor" if what else "severe" if index[name] >= SEVERE else "alarm"
@@ -336,7 +339,7 @@ def _judged(
                 alarms.append(row)
             elif name in state.open:
                 state.open[name]["state"] = life_word(state.alarms[name])
-    return Judgement(judged=True, index=index, scores=scores, growth=growth, alarms=tuple(alarms))
+    return Judgement(judged=True, index=index, scores=scores, growth=growth, ratio=ratio, alarms=tuple(alarms))
 
 
 def _nearest(epoch: Epoch, indices: Array) -> Iterator[tuple[int, int, str, str, str]]:
@@ -345,8 +348,8 @@ def _nearest(epoch: Epoch, indices: Array) -> Iterator[tuple[int, int, str, str,
     Names are those of the component, of what is watched of it, and of both.
     """
     ranked = np.where(np.isfinite(indices), indices, -np.inf)
-    for places, *names in _named_scores(epoch.scores):
-        yield places[int(ranked[list(places)].argmax())], places[0], *names
+    for places, component, what, name in _named_scores(epoch.scores):
+        yield places[int(ranked[list(places)].argmax())], places[0], component, what, name
 
 
 @lru_cache(maxsize=1024)
@@ -367,8 +370,8 @@ def _named_scores(scores: tuple[tuple[str, str], ...]) -> tuple[tuple[tuple[int,
     )
 
 
-def _largest_departures(epoch: Epoch, reading: Reading) -> list[tuple[str, str, float]]:
-    """Return channel, indicator and departure of the series that departs most, for each score."""
+def _largest_departures(epoch: Epoch, reading: Reading) -> list[tuple[tuple[str, str, float], float]]:
+    """Return channel, indicator, departure and ratio to normal of the series that departs most, for each score."""
     if epoch.normal is None:
         return []
     table = epoch.normal.layout.of_components.series
@@ -376,9 +379,12 @@ def _largest_departures(epoch: Epoch, reading: Reading) -> list[tuple[str, str, 
     largest = away.argmax(axis=1)
     departures = away[np.arange(len(away)), largest].tolist()
     series = table[np.arange(len(table)), largest].tolist()
-    found = [(*_words(epoch.series[i]), departure) for i, departure in zip(series, departures, strict=True)]
+    found = [
+        ((*_words(epoch.series[i]), departure), math.exp(reading.growth[i]))
+        for i, departure in zip(series, departures, strict=True)
+    ]
     levels = [_of_level(epoch, reading, place) for place in range(len(epoch.names), len(epoch.scores))]
-    return [*found, *levels]
+    return [*found, *((one, math.exp(one[2])) for one in levels)]
 
 
 def _drivers(epoch: Epoch, reading: Reading, place: int) -> list[tuple[str, str, float]]:
