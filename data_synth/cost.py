@@ -1,5 +1,6 @@
 """Sources, lines and cost of a scene, with reasons, before it is simulated."""
 
+import math
 import os
 import shutil
 from collections.abc import Iterator, Mapping
@@ -36,7 +37,10 @@ _PER_CONTACT = 0.14e-6  # s a step and element of a bearing that moves
 _TEETH_S = 0.3  # s for teeth of gears that vibrate, and s a step of time, for each motion, and each pair of meshes:
 _PER_STEP, _PER_DEGREE, _PER_PAIR = 0.5e-6, 0.015e-6, 0.06e-6
 _PER_PROJECTED = 1.4e-6  # s a sample and channel, for the lines of gears in motion
-_MOST_PROJECTED = 1000  # lines of gears in motion for which memory is kept
+_PROJECTED = 22
+"""Lines of gears in motion that are loud, over the root of the number of orders at which they may be: the mean of 72
+records of `benchmark-1`, of which either half predicts the mean of the other to 15 %; a single one is within a factor
+of two or three, since what is loud depends on resonances."""
 _TEETH = {LEFT_OUT: "nothing", SPRING: "a spring", KINEMATIC: "lines"}
 _LEVELS = {
     LEFT_OUT: "no sensor hears it above the floor: what is behind its teeth turns along",
@@ -200,7 +204,8 @@ def count(scene: Scene) -> Counted:
         gears, choice = prepare_gears(stage), decided(scene)
         parts, vibrating = tuple(_gears(stage, gears, choice)), BYTES * scene.samples * len(scene.sensors)
         stage = with_kinematic_lines(stage, gears, choice.levels)
-        projected = min(_MOST_PROJECTED, len(candidates_of(scene, top=_top_order(stage), mixed=False).numbers))
+        candidates = len(candidates_of(scene, top=_top_order(stage), mixed=False).numbers)
+        projected = min(candidates, round(_PROJECTED * math.sqrt(candidates)))
     lines = sum(amplitudes[:, :, 0].size for amplitudes in stage.amplitudes)
     lines += sum(amplitudes[:, :, 0].size for _, _, amplitudes in impact_lines(stage))
     lines += len(scene.sensors) * projected

@@ -30,6 +30,7 @@ AnyPlan: TypeAlias = Plan | BenchmarkRecords
 
 _AMPLE = 20  # times the samples: no truth needs as much, so that it is not estimated, which takes seconds
 _MADE_BY = "# made by hums-toolkit {}; the plan with its scene and every default written out\n"
+_EXPLAINED = 9  # records from which size and time follow: their truth differs by half from gearbox to gearbox
 
 
 @checked
@@ -123,7 +124,7 @@ class DatasetCost:
 
 
 def dataset_cost(plan: AnyPlan) -> DatasetCost:
-    """Return size, truth and time of a dataset as `data_synth.explain` estimates the latter two for three records.
+    """Return size, truth and time of a dataset as `data_synth.explain` estimates the latter two for some records.
 
     Parameters
     ----------
@@ -136,7 +137,7 @@ def dataset_cost(plan: AnyPlan) -> DatasetCost:
     Raises
     ------
     SceneError
-        If one of the three cannot be simulated.
+        If one of these cannot be simulated.
 
     Examples
     --------
@@ -147,7 +148,7 @@ def dataset_cost(plan: AnyPlan) -> DatasetCost:
     >>> dataset_cost(load_plan("classification")).size_bytes
     200000000
     """
-    numbers = range(0, plan.records, max(1, plan.records // 3))[:3]
+    numbers = range(0, plan.records, max(1, plan.records // _EXPLAINED))[:_EXPLAINED]
     seconds, truth = list[float](), list[float]()
     for number in numbers:
         own, *others = (explain(scene) for scene in plan.scenes_of(number))

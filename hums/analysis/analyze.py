@@ -43,6 +43,7 @@ from hums.analysis.result import (
     rows_dataset,
     rows_of,
     spectrum_dataset,
+    tree_of,
 )
 from hums.analysis.settings import AnalysisError, AnalysisSettings
 from hums.analysis.stretches import analyse_stretches, is_long
@@ -185,7 +186,7 @@ def analyze(
         "/tracks": _tracks_dataset(record, channels, machine, assessed, settings),
         "/indicators": _indicator_rows(indicators, histories),
     }
-    tree = xr.DataTree.from_dict(groups | (picture_groups(pictures) if pictures else {}))
+    tree = tree_of(groups | (picture_groups(pictures) if pictures else {}))
     found = _judge(tree)
     tree["envelope_tracks"] = xr.DataTree(_envelope_tracks(record, channels, teeth, machine, found, settings))
     check_analysis(tree)
@@ -245,7 +246,7 @@ def _analyse_snapshots(
         "/tracks": xr.Dataset(),
         "/indicators": _indicator_rows(indicators, histories),
     }
-    tree = xr.DataTree.from_dict(groups)
+    tree = tree_of(groups)
     _judge(tree)
     tree["envelope_tracks"] = xr.DataTree(xr.Dataset())
     check_analysis(tree)

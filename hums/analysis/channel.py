@@ -387,6 +387,7 @@ def _envelopes(
     if not bands:
         return None, (), no_band
     assessor = LineAssessor({bearing.name: bearing for bearing in machine.bearings}, settings.false_alarm_probability)
+    loud = [line for line in shaft_locked if line.line.false_alarm_probability < _SEEN]
     found: list[_Envelope] = []
     seen: list[BandEvidence] = []
     try:
@@ -414,7 +415,7 @@ def _envelopes(
                     depths=peaks.amplitude / level if level > 0 else np.zeros(peaks.position.size),
                     backgrounds=peaks.background / level if level > 0 else np.zeros(peaks.position.size),
                     bin_width=spectrum.bin_width,
-                    clear=not chosen.chosen or _mesh_share(found[-1], shaft_locked, machine) < MESH_SHARE,
+                    clear=not chosen.chosen or _mesh_share(found[-1], loud, machine) < MESH_SHARE,
                     line_probability=assessor.single_probability(lines),
                 )
             )
@@ -517,15 +518,13 @@ def setting_of(machine: Machine) -> Setting:
     )
 
 
-def _mesh_share(envelope: _Envelope, shaft_locked: Sequence[MeasuredLine], machine: Machine) -> float:
-    """Return the share of a band's power that significant lines of meshes and shafts have, at any speed."""
+def _mesh_share(envelope: _Envelope, loud: Sequence[MeasuredLine], machine: Machine) -> float:
+    """Return the share of a band's power that significant lines of meshes and shafts, `loud`, have at any speed."""
     slow, fast = float(machine.speeds_hz.min()), machine.top_speed_hz
     power = sum(
         line.line.amplitude**2 / 2
-        for line in shaft_locked
-        if line.line.false_alarm_probability < _SEEN
-        and line.line.found * fast > envelope.band.low_hz
-        and line.line.found * slow < envelope.band.high_hz
+        for line in loud
+        if line.line.found * fast > envelope.band.low_hz and line.line.found * slow < envelope.band.high_hz
     )
     return power / (envelope.level**2 / 2) if envelope.level > 0 else 0.0
 

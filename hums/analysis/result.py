@@ -5,7 +5,8 @@ from collections.abc import Mapping, Sequence
 from dataclasses import dataclass, fields
 from functools import cache
 from importlib.metadata import version
-from pathlib import Path
+from itertools import pairwise
+from pathlib import Path, PurePosixPath
 from typing import TYPE_CHECKING, Any, TypeAlias, TypeVar
 
 import numpy as np
@@ -211,6 +212,23 @@ def root_attributes(
     }
 
 
+def tree_of(groups: Mapping[str, xr.Dataset]) -> Analysis:
+    """Return the tree of groups by path, each below its parent, an empty group where there is none.
+
+    As `xarray.DataTree.from_dict`, which copies every group once more: a tenth of the analysis of a short record.
+    """
+    nodes: dict[str, xr.DataTree] = {}
+    below: dict[str, dict[str, xr.DataTree]] = {}
+    for path, dataset in groups.items():
+        nodes[path] = xr.DataTree(dataset)
+        for child, parent in pairwise([PurePosixPath(path), *PurePosixPath(path).parents]):
+            nodes.setdefault(str(parent), xr.DataTree())
+            below.setdefault(str(parent), {})[child.name] = nodes[str(child)]
+    for path, children in below.items():
+        nodes[path].children = children
+    return nodes["/"]
+
+
 def check_analysis(tree: Analysis) -> None:
     """Raise AnalysisError unless `tree` has the schema and groups of an analysis."""
     if tree.attrs.get("schema") != SCHEMA:
@@ -313,7 +331,7 @@ def rows_of(dataset: xr.Dataset, kind: type[Row]) -> list[Row]:
     columns = {
         field.name: [
             read[field.type](value) if field.type in read else tuple(json.loads(str(value)))
-            for value in dataset[field.name].to_numpy().tolist()
+            for value in dataset.variables[field.name].to_numpy().tolist()
         ]
         for field in fields(kind)  # type: ignore[arg-type]
     }

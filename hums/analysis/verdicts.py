@@ -14,6 +14,8 @@ import json
 import math
 from collections.abc import Iterator, Sequence
 from dataclasses import asdict, dataclass, replace
+from functools import cache, lru_cache
+from typing import Literal
 
 import xarray as xr
 
@@ -110,13 +112,11 @@ def evidence_groups(
     return {
         f"/{EVIDENCE}": rows_dataset(evidence, PartEvidence, dim="part").assign_attrs(
             {
-                _LIBRARY: json.dumps(asdict(healthy_machines("bearings"))),
-                _AT_SHAFTS: json.dumps(asdict(healthy_machines("bearings_at_shafts"))),
+                _LIBRARY: _written("bearings"),
+                _AT_SHAFTS: _written("bearings_at_shafts"),
             }
         ),
-        f"/{GEARS}": rows_dataset(gears, GearJudgement, dim="gear").assign_attrs(
-            {_LIBRARY: json.dumps(asdict(healthy_machines("teeth")))}
-        ),
+        f"/{GEARS}": rows_dataset(gears, GearJudgement, dim="gear").assign_attrs({_LIBRARY: _written("teeth")}),
         f"/{SHAFTS}": rows_dataset(shaft_levels(channels, machine, baseline), ShaftLevel, dim="shaft"),
         f"/{UNMEASURED}": rows_dataset(unmeasured_parts(channels, gears, machine, settings), Unmeasured, dim="part"),
     }
@@ -171,7 +171,7 @@ def derive_verdicts(analysis: Analysis) -> list[Finding]:
     ]
     unmeasured = rows_of(group(analysis, UNMEASURED), Unmeasured)
     health = group(analysis, "health")
-    sensors = zip(*(health[name].to_numpy().tolist() for name in ("name", "sensor", "status")), strict=True)
+    sensors = zip(*(health.variables[name].to_numpy().tolist() for name in ("name", "sensor", "status")), strict=True)
     sick = {(sensor, name) for name, sensor, status in sensors if status == "sick"}
     faulty = [name for sensor, name in sick if sensor == "vibration"]
     # bearings and gears share what may be named in health
@@ -198,8 +198,18 @@ def derive_verdicts(analysis: Analysis) -> list[Finding]:
     return judged
 
 
+@cache
+def _written(parts: Literal["bearings", "bearings_at_shafts", "teeth"]) -> str:
+    return json.dumps(asdict(healthy_machines(parts)))
+
+
 def _library(dataset: xr.Dataset, name: str = _LIBRARY) -> HealthyMachines:
-    read = json.loads(dataset.attrs[name])
+    return _read(str(dataset.attrs[name]))
+
+
+@lru_cache(maxsize=8)  # most analyses have the libraries that are shipped
+def _read(library: str) -> HealthyMachines:
+    read = json.loads(library)
     return HealthyMachines(**read | {"strengths": tuple(read["strengths"])})
 
 

@@ -57,7 +57,7 @@ def _rows(analysis: Analysis, name: str, columns: Sequence[str]) -> Iterator[dic
     if name not in analysis.children:
         return
     dataset = analysis.children[name].dataset
-    for row in zip(*(dataset[column].to_numpy().tolist() for column in columns), strict=True):
+    for row in zip(*(dataset.variables[column].to_numpy().tolist() for column in columns), strict=True):
         yield dict(zip(columns, row, strict=True))
 
 

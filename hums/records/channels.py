@@ -72,7 +72,8 @@ def kind_of(name: str, variable: xr.DataArray | xr.Variable) -> Kind | None:
 
 def names_of(record: xr.Dataset, *kinds: Kind) -> list[str]:
     """Return the names of the variables of some kinds, in the order of the record."""
-    return [str(name) for name, variable in record.data_vars.items() if kind_of(str(name), variable) in kinds]
+    variables = record.variables  # without the coordinates that those of `data_vars` are given
+    return [str(name) for name in record.data_vars if kind_of(str(name), variables[name]) in kinds]
 
 
 def sampling_attrs(record: xr.Dataset, variable: xr.DataArray | xr.Variable) -> Mapping[str, Any]:

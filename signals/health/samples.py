@@ -107,14 +107,15 @@ def _sides(values: Array, at: int) -> tuple[Array, Array]:
 
 def _largest_jump(values: Array) -> tuple[int, float]:
     """Return the part after the largest jump between steady levels, and its height; 0 where there is none."""
-    best = (0, 0.0)
-    for at in range(_SIDE, values.size - _SIDE + 1):
-        before, after = _sides(values, at)
-        before, after = before[:-1], after[1:]  # the parts that the jump itself may lie in
-        height = abs(float(np.median(after) - np.median(before)))
-        if height > best[1] and max(np.ptp(before), np.ptp(after)) < _STEADY * height:
-            best = (at, height)
-    return best
+    sides = np.lib.stride_tricks.sliding_window_view(
+        values, _SIDE - 1
+    )  # without a part that the jump itself may lie in
+    middle, range_ = median(sides), np.ptp(sides, axis=1)
+    before, after = slice(0, values.size - 2 * _SIDE + 1), slice(_SIDE + 1, None)
+    heights = np.abs(middle[after] - middle[before])
+    heights[np.maximum(range_[before], range_[after]) >= _STEADY * heights] = 0
+    best = int(heights.argmax())
+    return (_SIDE + best, float(heights[best])) if heights[best] else (0, 0.0)
 
 
 # ---- Samples ---------------------------------------------------------------------------------------------------------
@@ -132,6 +133,7 @@ _STEPS = 2.0  # smallest step at an end of a faulty stretch, in resolutions
 _FAULTY_LOST = 0.01
 _STUCK = 0.1  # of the record
 _SPIKE = 8.0  # robust standard deviations
+_DEVIATION = 1.4826  # standard deviation of Gaussian values over their median absolute one
 _ISOLATED = 0.25  # largest RMS beside a spike over its height; a ringing structure has more
 _BESIDE = 6  # samples
 _ABOVE_REST = 1.5  # times the largest value that is not isolated
@@ -239,7 +241,10 @@ def spikes(x: Samples, *, rate_hz: float, units: str) -> tuple[list[SensorFault]
     bearing some look isolated by chance, so a spike must also exceed the largest of the rest.
     """
     height = np.abs(x - float(median(x)))
-    level = 1.4826 * float(median(height))
+    # where half of them reach this, no sample can be a spike, and the partition is saved
+    if 2 * np.count_nonzero(height >= height.max() / (_SPIKE * _DEVIATION)) > x.size:
+        return [], np.zeros(x.size, dtype=np.bool_)
+    level = _DEVIATION * float(median(height))
     isolated = np.array(
         [at for at in np.flatnonzero(height > _SPIKE * level) if _is_isolated(height, int(at))], dtype=np.intp
     )

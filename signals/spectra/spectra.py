@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+import math
 from dataclasses import dataclass, field
 from typing import TYPE_CHECKING, Literal, get_args
 
@@ -137,7 +138,8 @@ def _amplitude_spectra(
     axis = np.arange(length // 2 + 1, dtype=np.float64) * (rate / length)
     stop = axis.size if maximum is None else int(np.searchsorted(axis, maximum, side="right"))
     axis, scale = axis[:stop], 2 / shape.weights.sum()
-    turned = scale * np.exp(-2j * np.pi * np.mod(axis * start, 1.0)) if start else scale
+    turned = scale * _phasors(-start * rate / length, stop) if start else scale
+    noise_bandwidth_bins, spread = shape.noise_bandwidth_bins, shape.spread
     found, lines = [], np.empty(length // 2 + 1, dtype=np.complex128)
     for signal in signals:
         # numpy's transform pads row by row and fills the same memory again, scipy's copies into fresh memory
@@ -150,12 +152,23 @@ def _amplitude_spectra(
                 bin_width=rate / size,
                 resolution=shape.width_bins * rate / size,
                 window=window,
-                noise_bandwidth_bins=shape.noise_bandwidth_bins,
-                spread=shape.spread,
+                noise_bandwidth_bins=noise_bandwidth_bins,
+                spread=spread,
             )
         )
     forget_plans(length)
     return found
+
+
+def _phasors(turns: float, count: int) -> NDArray[np.complex128]:
+    """Return ``exp(j 2 pi turns n)`` for n from 0 on, as products of those of multiples of a step and of what is left.
+
+    Two roots of as many exponentials, which take twenty times as long as products.
+    """
+    step = math.isqrt(count) + 1
+    coarse = np.exp(2j * np.pi * np.mod(turns * step * np.arange(-(-count // step)), 1.0))
+    fine = np.exp(2j * np.pi * np.mod(turns * np.arange(step), 1.0))
+    return np.outer(coarse, fine).ravel()[:count]
 
 
 @checked

@@ -2,7 +2,8 @@ import sys
 
 import pytest
 
-from data_synth import SceneError, explain, load_scene
+from data_synth import SceneError, explain, load_scene, simulate
+from data_synth.benchmark.records import BenchmarkRecords
 from data_synth.scene.scene import catalogue
 from hums.cli import main
 from hums.records.store import open_record
@@ -60,6 +61,15 @@ def test_cost_goes_with_samples_and_lines():
     short, long = explain(demo.changed(duration_s=1.0)), explain(demo.changed(duration_s=100.0))
     assert sum(part.seconds for part in long.parts) == pytest.approx(100 * sum(part.seconds for part in short.parts))
     assert short.seconds < explain(demo).seconds < long.seconds
+
+
+def test_the_truth_of_gears_in_motion_is_about_as_large_as_estimated():
+    plan = BenchmarkRecords(seed=3)
+    numbers = (2, 3)
+    estimated = sum(explain(plan.scene(number)).truth_bytes for number in numbers)
+    made = sum(simulate(plan.scene(number), seed=plan.seed_of(number))["truth_amplitude"].nbytes for number in numbers)
+    # the logarithm of one record's lines scatters by 0.45: 1.9 is two standard deviations of the mean of two
+    assert 1 / 1.9 < estimated / made < 1.9
 
 
 def test_what_cannot_be_simulated_is_refused_here_too():

@@ -8,6 +8,7 @@ from signals._windows import window_of
 from signals.resampling.resampling import AngularSignal
 from signals.spectra.spectra import (
     PADDING,
+    _phasors,
     amplitude_spectrum,
     averaged_order_spectrum,
     averaged_spectrum,
@@ -298,3 +299,10 @@ class TestAveraged:
 @pytest.mark.parametrize("count", [7, 64])
 def test_the_usual_window_is_that_of_scipy(count):
     np.testing.assert_array_equal(window_of("hann", count).weights, get_window("hann", count))
+
+
+@pytest.mark.parametrize(("turns", "count"), [(0.1234567, 1), (-0.377, 2), (12.3456789, 1000), (1e-4, 10001)])
+def test_phasors_are_exponentials(turns, count):
+    # products of two exponentials, each rounded once; the angle of the last is rounded to 1e-16 of its turns
+    exact = np.exp(2j * np.pi * np.mod(turns * np.arange(count), 1.0))
+    np.testing.assert_allclose(_phasors(turns, count), exact, rtol=0, atol=1e-14 + 2e-15 * abs(turns) * count)
