@@ -13,7 +13,7 @@ from hums.fleet.series import layout_of
 from signals.monitoring.alarm_life import AlarmRule
 from signals.monitoring.autocorrelation import Correlation, variance_shares
 from signals.monitoring.health import Layout, Normal, Prior, learn_normal
-from signals.monitoring.limits import ChartLimits, HealthyScores, chart_limits, tail_quantiles
+from signals.monitoring.limits import HealthyScores, machine_limits, tail_quantiles
 
 CHUNK = 50  # machines whose series are in memory at a time
 RATES = (1_000.0, 10_000.0)
@@ -23,54 +23,68 @@ MOST_DOF = 10.0  # real machines differ more than resampled ones: deviations by 
 
 @dataclass(frozen=True, kw_only=True)
 class Watched:
-    """Alarms (machines, records, scores) raised, and the health index."""
+    """Alarms raised (machines, records, components), and the health index of each score (machines, records, scores)."""
 
     raised: NDArray[np.bool_]
     index: NDArray[np.float32]
 
 
 def watch(
-    fleet: Fleet, baseline: int, rates: Sequence[float], layout: Layout, prior: Prior, model: HealthyScores
+    fleet: Fleet, baseline: int, rates: Sequence[float], layout: Layout, prior: Prior, models: Sequence[HealthyScores]
 ) -> tuple[Watched, ...]:
     """Return, for each of the rates, alarms of machines whose first records are a baseline."""
-    machines, records = fleet.series.shape[:2]
-    shape = (machines, records - baseline, layout.scores)
-    found = tuple(Watched(raised=np.zeros(shape, np.bool_), index=np.zeros(shape, np.float32)) for _ in rates)
-    normal = learn_normal(fleet.series[:, :baseline], fleet.measured[:, :baseline], layout, prior)
-    sizes = np.maximum(2, (baseline / (1 + normal.series.regressors)).astype(int))  # as `Epoch.learn` does
-    for size in np.unique(sizes).tolist():
-        those = sizes == size
-        limits = [chart_limits(size, rate * layout.scores, model) for rate in rates]
-        for whole, part in zip(found, _watch(fleet.of(those), baseline, limits, layout, prior), strict=True):
-            whole.raised[those], whole.index[those] = part.raised, part.index
-    return found
-
-
-def _watch(
-    fleet: Fleet, baseline: int, limits: Sequence[ChartLimits], layout: Layout, prior: Prior
-) -> tuple[Watched, ...]:
-    """Return the same of machines with the same limits."""
     series, at = fleet.series, fleet.measured
     machines, records = series.shape[:2]
     normal = learn_normal(series[:, :baseline], at[:, :baseline], layout, prior)
-    rule, recent = AlarmRule(), np.zeros((machines, len(layout.channels)))
     own = np.array([normal.read(series[:, number], at[:, number]).scores for number in range(baseline)])
-    headrooms = [one.headroom(own, rule) for one in limits]
-    charts = [one.charts.start((machines, layout.scores)) for one in limits]
-    alarms = [rule.start((machines, layout.scores)) for _ in limits]
-    shape = (machines, records - baseline, layout.scores)
-    found = tuple(Watched(raised=np.zeros(shape, np.bool_), index=np.zeros(shape, np.float32)) for _ in limits)
+    charts = [
+        _Charts(rate, baseline / (1 + normal.series.regressors), own, models, layout.group_of, records - baseline)
+        for rate in rates
+    ]
+    recent = np.zeros((machines, len(layout.channels)))
     for number in range(baseline, records):
         reading = normal.read(series[:, number], at[:, number], recent)
         refused = (normal.series.leverage(at[:, number]) > MOST_LEVERAGE)[:, None]
         recent = np.where(refused, recent, reading.recent)
-        scores = np.where(refused, np.nan, reading.scores)
-        for place, (one, seen) in enumerate(zip(limits, found, strict=True)):
-            charts[place] = one.charts.step(charts[place], scores)
-            index = np.where(refused, np.nan, one.index(charts[place]) / headrooms[place])
-            alarms[place], seen.raised[:, number - baseline] = rule.step(alarms[place], index)
-            seen.index[:, number - baseline] = np.nan_to_num(index)
-    return found
+        for one in charts:
+            one.step(number - baseline, np.where(refused, np.nan, reading.scores))
+    return tuple(one.found for one in charts)
+
+
+class _Charts:
+    """Charts and alarms of machines for one rate, those with the same limits at once."""
+
+    def __init__(
+        self,
+        every: float,
+        effective: Array,
+        own: Array,
+        models: Sequence[HealthyScores],
+        of: tuple[int, ...],
+        watched: int,
+    ) -> None:
+        self.rule, shape = AlarmRule(), own.shape[1:]
+        self.first = np.flatnonzero(np.array(of) == 0)  # score of each component, those of its parts behind it
+        self.found = Watched(
+            raised=np.zeros((shape[0], watched, self.first.size), np.bool_),
+            index=np.zeros((shape[0], watched, shape[1]), np.float32),
+        )
+        limits = [machine_limits(max(2, int(size)), every, models, of) for size in effective]  # as `Epoch.learn` does
+        self.groups = [(one, np.flatnonzero([one == other for other in limits])) for one in dict.fromkeys(limits)]
+        self.headroom = [one.headroom(own[:, those], self.rule) for one, those in self.groups]
+        self.charts = [one.charts.start((those.size, shape[1])) for one, those in self.groups]
+        self.alarms = self.rule.start((shape[0], self.first.size))
+
+    def step(self, number: int, scores: Array) -> None:
+        """Take one more record (machines, scores), NaN where it is refused."""
+        index = np.full(scores.shape, np.nan)
+        for place, (one, those) in enumerate(self.groups):
+            self.charts[place] = one.charts.step(self.charts[place], scores[those])
+            index[those] = one.index(self.charts[place]) / self.headroom[place]
+        index = np.where(np.isfinite(scores), index, np.nan)
+        of_components = np.fmax.reduceat(index, self.first, axis=1)
+        self.alarms, self.found.raised[:, number] = self.rule.step(self.alarms, of_components)
+        self.found.index[:, number] = np.nan_to_num(index)
 
 
 def score_series(series: Array, baseline: int, layout: Layout, prior: Prior) -> tuple[Array, Normal]:
@@ -96,10 +110,12 @@ def two_of_three(index: NDArray[np.float32]) -> NDArray[np.float32]:
 
 
 def at_rate(largest: Sequence[NDArray[np.float32]], scores: int, every: float) -> float:
-    """Return the factor on limits at which machines with those largest indices raise one alarm in `every` records."""
+    """Return the factor on limits at which machines with those largest indices raise one alarm in `every` records.
+
+    Where those are of some of a machine's `scores`, of so many alarms only their part.
+    """
     ordered = np.sort(np.concatenate([each.ravel() for each in largest]))[::-1]
-    watched = ordered.size // scores * WATCHED
-    return float(ordered[round(watched / every)])
+    return float(ordered[round(ordered.size / scores * WATCHED / every)])
 
 
 # ---- the prior -------------------------------------------------------------------------------------------------------
@@ -126,7 +142,12 @@ def learn_prior(found: Analyses, resampled: Resampled) -> dict[str, object]:
         np.mean([variance_shares(scores[:, machine, place], Correlation()) for machine in machines], axis=0)
         for place in places
     ]
-    quantiles = [tail_quantiles(standard[:, :, place].ravel()) for place in places]
+    groups: list[dict[str, list[list[float]]]] = [
+        {"shares": [], "quantiles": [], "widening": []} for _ in range(max(layout.group_of) + 1)
+    ]
+    for place, group in enumerate(layout.group_of):
+        groups[group]["shares"].append([round(float(x), 3) for x in shares[place]])
+        groups[group]["quantiles"].append([round(float(x), 2) for x in tail_quantiles(standard[:, :, place].ravel())])
     return {
         "what": "Usual over healthy machines: deviations of logarithms, and how scores depend on the records before.",
         "made_by": "python benchmarks/fleet.py ANALYSES --learn-prior",
@@ -135,36 +156,41 @@ def learn_prior(found: Analyses, resampled: Resampled) -> dict[str, object]:
         "score_power": round(float(power), 3),
         "level_std": round(float(np.median(normal.level_scale)), 3),
         "dof": round(float(np.clip(1 / (2 * np.mean(left**2)), 2, MOST_DOF)), 1),  # log s has the variance 1 / (2 dof)
-        "shares": [[round(float(x), 3) for x in row] for row in shares],
-        "quantiles": [[round(float(x), 2) for x in row] for row in quantiles],
-        "widening": [],
+        "groups": groups,
     }
 
 
-def widening(found: Analyses, *, machines: int) -> list[list[float]]:
-    """Return by how much limits have to be wider than the model's for each rate, on machines it was not learned on.
+def widening(found: Analyses, *, machines: int) -> list[list[list[float]]]:
+    """Return by how much limits of each group of scores have to be wider than the model's, for baselines and rates.
 
     The machines that the prior is learned from are split into halves in seven ways: a prior of the one makes the
     limits of fleets that are made of the other, their slopes too, and the factor is the one at which all fleets
-    together raise the stated number of alarms. What a prior lacks of machines that it has not seen is then in the
-    limits (cross-validation; Stone 1974, J. R. Stat. Soc. B 36(2), 111-147).
+    together raise the stated number of alarms, each score of the group its part. What a prior lacks of machines that
+    it has not seen is then in the limits (cross-validation; Stone 1974, J. R. Stat. Soc. B 36(2), 111-147).
     """
     _, _, layout = layout_of(found.series)
-    folds = halves()
+    folds, groups = halves(), np.array(layout.group_of)
     sizes = {2: 2 * machines, 10: 2 * machines, 30: 2 * machines, 300: machines}  # by their cost
     peaks: dict[tuple[int, float], list[NDArray[np.float32]]] = {}
     for seen_before in folds:
         learned = learn_prior(found, found.resampled(seen_before))
-        prior, model = prior_of(found.series, layout, learned), healthy_scores(learned)
+        prior, models = prior_of(found.series, layout, learned), healthy_scores(learned)
         unseen = found.resampled(others(seen_before))
         for baseline, count in sizes.items():
             for start in range(0, count // len(folds), CHUNK):
                 rng = np.random.default_rng([12, *seen_before, start])
                 fleet = unseen.machines(CHUNK, baseline + WATCHED, rng)
-                seen = watch(fleet, baseline, RATES, layout, prior, model)
+                seen = watch(fleet, baseline, RATES, layout, prior, models)
                 for rate, one in zip(RATES, seen, strict=True):
                     peaks.setdefault((baseline, rate), []).append(two_of_three(one.index).max(axis=1))
     return [
-        [baseline, rate * layout.scores, round(at_rate(those, layout.scores, rate), 3)]
-        for (baseline, rate), those in peaks.items()
+        [
+            [
+                baseline,
+                rate * layout.scores,
+                round(at_rate([one[:, groups == group] for one in those], layout.scores, rate), 3),
+            ]
+            for (baseline, rate), those in peaks.items()
+        ]
+        for group in range(groups.max() + 1)
     ]

@@ -9,6 +9,7 @@ import numpy as np
 from fleet_analyses import Array
 
 from hums import AnalysisSettings, analyze, load_gearbox
+from hums.fleet.history import MachineHistory
 from hums.fleet.monitor import MachineState, update
 from hums.fleet.observation import Observation, observation
 from hums.fleet.results import results
@@ -65,10 +66,11 @@ def run_to_failure(path: Path) -> tuple[int, float, str, bool]:
     return len(runs), first, what, any(alarm["state"] == "raised" for alarm in state.open.values())
 
 
-def turbine(folder: Path) -> Iterator[tuple[str, float, float, str, str]]:
-    """Yield time, largest health index, that score, its component, and its standing alarm, of later records."""
+def turbine(folder: Path) -> Iterator[tuple[str, float, str, str, str]]:
+    """Yield time, largest health index, how it changed, its component, and its standing alarm, of later records."""
     gearbox = load_gearbox(ROOT / "tests" / "data" / "wind-turbine.toml")
     state = MachineState(machine="turbine", settings=MonitorSettings(baseline_records=2))
+    history = MachineHistory(state=state)
     for path in sorted(folder.glob("*.mat")):
         when = datetime.strptime(path.stem, "data-%Y%m%dT%H%M%SZ").replace(tzinfo=UTC).isoformat()
         record = convert(
@@ -82,9 +84,10 @@ def turbine(folder: Path) -> Iterator[tuple[str, float, float, str, str]]:
         )
         analysis = analyze(record, gearbox, settings=AnalysisSettings(most_tracks=0))
         row = results(analysis) | {"record": path.stem, "machine": "turbine", "recorded_at": when}
-        found = update(state, observation(row))
-        if found.judged:
+        history.follow([observation(row)], ())
+        found = history.last
+        if found is not None:
             worst = max(found.index, key=lambda name: found.index[name])
             alarm = state.open.get(worst, {"state": ""})
             words = f"{alarm['severity']}: {alarm['indicator']}" if alarm["state"] == "raised" else ""
-            yield when, found.index[worst], found.scores[worst], worst, words
+            yield when, found.index[worst], history.change(worst), worst, words

@@ -23,6 +23,7 @@ from hums.records.fields import plain_cell
 from hums.records.store import atomic_write, write_tree
 from signals.monitoring.alarm_life import Life
 from signals.monitoring.slopes import series_slopes
+from signals.monitoring.trends import FEWEST
 
 __all__ = ["Fact", "MachineHistory", "watch_machines", "write_alarms", "write_baselines", "write_components"]
 
@@ -35,6 +36,7 @@ COMPONENT_COLUMNS = (
     "channel",
     "indicator",
     "departure",
+    "change",
     "growth_per_day",
     "once_in_records",
     "false_alarms_a_year",
@@ -78,7 +80,7 @@ class MachineHistory:
     def severe_score(self) -> float:
         """Score at which the middle EWMA is twice over its limit: a severe alarm; infinite if unknown."""
         limits = self.state.epochs[0].limits
-        return math.inf if limits is None else SEVERE * limits.limits[1]
+        return math.inf if limits is None else SEVERE * limits.groups[0].limits[1]
 
     @property
     def false_alarms_a_year(self) -> float:
@@ -116,6 +118,23 @@ class MachineHistory:
         days = np.array([seconds_since_1970(one["recorded_at"]) / 86400 for one in those])
         scores = np.array([one["scores"].get(component, math.nan) for one in those], dtype=np.float64)
         return float(series_slopes(scores[:, None], days).slope[0]) if len(those) else math.nan
+
+    def change(self, component: str) -> str:
+        """Return how many times normal what drives a component is, and whether its score rose in every judged record.
+
+        Of few records that is all that can be said: a test needs five.
+        """
+        if self.last is None or not math.isfinite(self.last.ratio.get(component, math.nan)):
+            return ""
+        judged = [one for one in self.records if math.isfinite(one["scores"].get(component, math.nan))]
+        scores = np.array([one["scores"][component] for one in judged])
+        words = f"x {self.last.ratio[component]:.3g} of normal"
+        if len(scores) >= FEWEST:
+            return words
+        first = judged[0]["recorded_at"] or judged[0]["record"]
+        if scores[0] > 0 and len(scores) > 1 and np.all(np.diff(scores) > 0):
+            words = f"rising: {words}, more in each of {len(scores)} records since {first}"
+        return f"{words}; too few to test"
 
     def once_in_records(self, component: str) -> float:
         """Return in how many records a healthy component shows once what this one shows now; NaN if unknown."""
@@ -185,7 +204,9 @@ def _earlier(folder: Path, name: str, ordered: Sequence[Fact], settings: Monitor
     if kept["last"]:
         last = kept["last"]
         growth = {key: (channel, indicator, away) for key, (channel, indicator, away) in last["growth"].items()}
-        history.last = Judgement(judged=True, index=last["index"], scores=last["scores"], growth=growth)
+        history.last = Judgement(
+            judged=True, index=last["index"], scores=last["scores"], growth=growth, ratio=last["ratio"]
+        )
     for number, alarm in enumerate(history.alarms):  # what happens to an open alarm shows in its row
         for row in state.open.values():
             if all(row[key] == alarm[key] for key in ("component", "indicator", "record")):
@@ -199,7 +220,7 @@ def _digest(records: Iterable[Fact]) -> str:
 
 
 def _keep(history: MachineHistory, folder: Path, name: str, digest: str) -> None:
-    last = history.last and {key: getattr(history.last, key) for key in ("index", "scores", "growth")}
+    last = history.last and {key: getattr(history.last, key) for key in ("index", "scores", "growth", "ratio")}
     text = json.dumps({"digest": digest, "records": history.records, "alarms": history.alarms, "last": last})
     with atomic_write(folder / f"{name}.history.gz") as part:
         part.write_bytes(gzip.compress(text.encode(), compresslevel=1, mtime=0))
@@ -254,6 +275,7 @@ def _components(history: MachineHistory) -> Iterable[dict[str, Any]]:
             "channel": channel,
             "indicator": indicator,
             "departure": departure,
+            "change": history.change(name),
             "growth_per_day": _known(history.growth_per_day(name)),
             "once_in_records": _known(history.once_in_records(name)),
             "baseline": epoch.identity,
@@ -296,7 +318,11 @@ def write_baselines(histories: Sequence[MachineHistory], path: Path) -> None:
                     ),
                     "low": ("covariate", epoch.low, {"long_name": "lowest value judged"}),
                     "high": ("covariate", epoch.high, {"long_name": "highest value judged"}),
-                    "limit": ("chart", np.array(epoch.limits.limits), {"long_name": "in deviations of the score"}),
+                    "limit": (
+                        ("watched", "chart"),
+                        np.array([epoch.limits.groups[group].limits for group in epoch.limits.of[: len(epoch.names)]]),
+                        {"long_name": "in deviations of the score"},
+                    ),
                 },
                 coords={
                     "watched": np.array(epoch.names, dtype=np.str_),

@@ -8,7 +8,7 @@ what is normal for it is learned from them, while the others keep theirs.
 import hashlib
 import json
 import math
-from collections.abc import Mapping, Sequence
+from collections.abc import Iterator, Mapping, Sequence
 from dataclasses import asdict, dataclass, field
 from functools import lru_cache
 from typing import Any
@@ -25,7 +25,7 @@ from hums.fleet.settings import MonitorError, MonitorSettings
 from signals.monitoring.alarm_life import AlarmState, Life, stacked
 from signals.monitoring.charts import ChartState
 from signals.monitoring.health import Normal, Reading, learn_normal, regime
-from signals.monitoring.limits import ChartLimits, chart_limits, own_scores
+from signals.monitoring.limits import MachineLimits, machine_limits, own_scores
 
 __all__ = [
     "Epoch",
@@ -51,6 +51,7 @@ _DRIVERS = 3  # indicators an alarm names
 class Epoch:
     """A baseline and the charts held against it; until it is learned, the records collected for it.
 
+    ``names`` has the component of each score, those of one component after each other, the first of all its series.
     ``counted`` says that its records are the next ones, as after a replacement, whatever the settings choose;
     ``diagnosed`` names the components that a verdict on one of its records diagnosed.
     """
@@ -67,7 +68,7 @@ class Epoch:
     names: tuple[str, ...] = ()
     channels: tuple[str, ...] = ()
     normal: Normal | None = None
-    limits: ChartLimits | None = None
+    limits: MachineLimits | None = None
     own_limits: bool = False
     headroom: Array = field(default_factory=lambda: np.ones(0))
     charts: ChartState | None = None
@@ -75,7 +76,7 @@ class Epoch:
 
     @property
     def scores(self) -> tuple[tuple[str, str], ...]:
-        """Component and what is watched of it, for each score."""
+        """Component, and what is watched of a sensor, for each score."""
         return _scores(self.names, self.channels)
 
     def learn(self, machine: str, settings: MonitorSettings) -> None:
@@ -98,12 +99,16 @@ class Epoch:
             independent=independent / len(seen),
         )
         own = self.normal.read(values[:, kept], _logarithms(at)).scores
-        model, effective = own_scores(own[:, : len(self.names)])
-        self.own_limits = min(effective, independent) >= FEWEST_EFFECTIVE
-        self.limits = chart_limits(
+        groups = np.array(layout.group_of[: len(self.names)])
+        models, effective = zip(
+            *(own_scores(own[:, np.flatnonzero(groups == group)]) for group in range(groups.max() + 1)), strict=True
+        )
+        self.own_limits = min(*effective, independent) >= FEWEST_EFFECTIVE
+        self.limits = machine_limits(
             max(2, int(independent / (1 + self.normal.series.regressors))),
-            settings.false_alarm_every * layout.scores,
-            model if self.own_limits else healthy_scores(),
+            settings.false_alarm_every,
+            models if self.own_limits else healthy_scores(),
+            layout.group_of,
             rule=settings.rule,
         )
         self.headroom = self.limits.headroom(own, settings.rule)
@@ -208,6 +213,8 @@ class Judgement:
         Score of each component in standard deviations.
     growth : mapping of str to (str, str, float)
         Channel, indicator and departure in deviations of what drives each component.
+    ratio : mapping of str to float
+        That indicator over what is normal at this speed and load.
     alarms : tuple of dict
         Alarms raised now, rows of ``alarms.csv``.
 
@@ -225,6 +232,7 @@ class Judgement:
     index: dict[str, float] = field(default_factory=dict)
     scores: dict[str, float] = field(default_factory=dict)
     growth: dict[str, tuple[str, str, float]] = field(default_factory=dict)
+    ratio: dict[str, float] = field(default_factory=dict)
     alarms: tuple[dict[str, Any], ...] = ()
 
 
@@ -300,26 +308,26 @@ def _judged(
     alarms: list[dict[str, Any]],
 ) -> Judgement:
     """Take the health index of every component from the epoch that governs it, and step its alarm."""
-    index, scores, growth = {}, {}, {}
+    index, scores, growth, ratio = {}, {}, {}, {}
     rule = state.settings.rule
     for number, (reading, indices) in readings.items():
         epoch = state.epochs[number]
         rising = epoch.charts.rising if epoch.charts is not None else np.zeros(indices.size)
-        governed = [one for one in _named_scores(epoch.scores) if state.epoch_of(one[1]) == number]
         charts = indices.copy()
-        for place, component, what, _ in governed:
+        governed = [one for one in _nearest(epoch, indices) if state.epoch_of(one[2]) == number]
+        for place, _, component, what, _ in governed:
             if component in seen.diagnosed and not what:  # at the limit by the verdict alone
                 indices[place] = np.fmax(indices[place], 1.0)
-        places = [place for place, *_ in governed]
+        nearest_places = [place for place, *_ in governed]
         before = [state.alarms.get(name) or rule.start() for *_, name in governed]
-        after, raised = rule.step(stacked(before), indices[places])
+        after, raised = rule.step(stacked(before), indices[nearest_places])
         most = _largest_departures(epoch, reading)
-        for at, (place, component, what, name) in enumerate(governed):
-            index[name], scores[name] = float(indices[place]), float(reading.scores[place])
+        for at, (place, whole, component, what, name) in enumerate(governed):
+            index[name], scores[name] = float(indices[place]), float(reading.scores[whole])
             if rising[place] <= 1 and not before[at].recent:
                 state.since[name] = seen.recorded_at or seen.record
             state.alarms[name] = after.of(at)
-            growth[name] = most[place]
+            growth[name], ratio[name] = most[place]
             if raised[at]:
                 drivers = [(channel, indicator) for channel, indicator, _ in _drivers(epoch, reading, place)]
                 severity = "sensor" if what else "severe" if index[name] >= SEVERE else "alarm"
@@ -331,7 +339,17 @@ def _judged(
                 alarms.append(row)
             elif name in state.open:
                 state.open[name]["state"] = life_word(state.alarms[name])
-    return Judgement(judged=True, index=index, scores=scores, growth=growth, alarms=tuple(alarms))
+    return Judgement(judged=True, index=index, scores=scores, growth=growth, ratio=ratio, alarms=tuple(alarms))
+
+
+def _nearest(epoch: Epoch, indices: Array) -> Iterator[tuple[int, int, str, str, str]]:
+    """Yield of each component the place of its score that is nearest to its limit, that of all its series, and names.
+
+    Names are those of the component, of what is watched of it, and of both.
+    """
+    ranked = np.where(np.isfinite(indices), indices, -np.inf)
+    for places, component, what, name in _named_scores(epoch.scores):
+        yield places[int(ranked[list(places)].argmax())], places[0], component, what, name
 
 
 @lru_cache(maxsize=1024)
@@ -341,16 +359,19 @@ def _scores(names: tuple[str, ...], channels: tuple[str, ...]) -> tuple[tuple[st
 
 
 @lru_cache(maxsize=1024)
-def _named_scores(scores: tuple[tuple[str, str], ...]) -> tuple[tuple[int, str, str, str], ...]:
-    """Return place, component, what is watched of it, and the name of both, for each score."""
+def _named_scores(scores: tuple[tuple[str, str], ...]) -> tuple[tuple[tuple[int, ...], str, str, str], ...]:
+    """Return for each component the places of its scores, its name, what is watched of it, and the name of both."""
+    places: dict[tuple[str, str], list[int]] = {}
+    for place, one in enumerate(scores):
+        places.setdefault(one, []).append(place)
     return tuple(
-        (place, component, what, f"{component}: {what}" if what else component)
-        for place, (component, what) in enumerate(scores)
+        (tuple(those), component, what, f"{component}: {what}" if what else component)
+        for (component, what), those in places.items()
     )
 
 
-def _largest_departures(epoch: Epoch, reading: Reading) -> list[tuple[str, str, float]]:
-    """Return channel, indicator and departure of the series that departs most, for each score."""
+def _largest_departures(epoch: Epoch, reading: Reading) -> list[tuple[tuple[str, str, float], float]]:
+    """Return channel, indicator, departure and ratio to normal of the series that departs most, for each score."""
     if epoch.normal is None:
         return []
     table = epoch.normal.layout.of_components.series
@@ -358,9 +379,12 @@ def _largest_departures(epoch: Epoch, reading: Reading) -> list[tuple[str, str, 
     largest = away.argmax(axis=1)
     departures = away[np.arange(len(away)), largest].tolist()
     series = table[np.arange(len(table)), largest].tolist()
-    found = [(*_words(epoch.series[i]), departure) for i, departure in zip(series, departures, strict=True)]
+    found = [
+        ((*_words(epoch.series[i]), departure), math.exp(reading.growth[i]))
+        for i, departure in zip(series, departures, strict=True)
+    ]
     levels = [_of_level(epoch, reading, place) for place in range(len(epoch.names), len(epoch.scores))]
-    return [*found, *levels]
+    return [*found, *((one, math.exp(one[2])) for one in levels)]
 
 
 def _drivers(epoch: Epoch, reading: Reading, place: int) -> list[tuple[str, str, float]]:
@@ -516,8 +540,9 @@ def _restart_charts(state: MachineState, name: str) -> None:
     """Let the charts of an acknowledged alarm begin anew, so that only later records decide whether it clears."""
     component, _, what = name.partition(": ")
     epoch = state.epochs[state.epoch_of(component)]
-    if epoch.charts is not None and epoch.limits is not None and (component, what) in epoch.scores:
-        epoch.charts = epoch.limits.charts.restart(epoch.charts, epoch.scores.index((component, what)))
+    if epoch.charts is not None and epoch.limits is not None:
+        for place in (number for number, one in enumerate(epoch.scores) if one == (component, what)):
+            epoch.charts = epoch.limits.charts.restart(epoch.charts, place)
 
 
 def _replace(state: MachineState, component: str) -> None:

@@ -195,7 +195,9 @@ def _sentence(history: MachineHistory, component: str, index: float, driver: str
     growth, seldom = history.growth_per_day(component), history.once_in_records(component)
     if growth > 0 and index > 0:
         text += f", by {growth:.2g} deviations a day"
-    text += f"; {driver.replace('_', ' ')} of {channel} departs most." if driver else "."
+    text += f"; {driver.replace('_', ' ')} of {channel} departs most" if driver else ""
+    change = history.change(component)
+    text += f" ({change})." if change else "."
     if index >= 1:
         often = f"once in {seldom:,.0f}" if seldom < _SELDOM else f"less than once in {_SELDOM:,.0f}"
         text += f" Without a change a component shows as much {often} records."

@@ -34,13 +34,16 @@ def prior_of(series: Sequence[Series], layout: Layout, learned: Mapping[str, Any
     return Prior(series=np.array(usual), score=score, level=learned["level_std"], dof=learned["dof"])
 
 
-def healthy_scores(learned: Mapping[str, Any] | None = None) -> HealthyScores:
-    """Return the model of healthy scores that limits are made with."""
+def healthy_scores(learned: Mapping[str, Any] | None = None) -> tuple[HealthyScores, ...]:
+    """Return the models of healthy scores that limits are made with, one for each group of `Layout.groups`."""
     learned = learned or read_prior()
-    return HealthyScores(
-        shares=tuple(tuple(row) for row in learned["shares"]),
-        quantiles=tuple(tuple(row) for row in learned["quantiles"]),
-        widening=tuple(tuple(row) for row in learned["widening"]),
-        scale_dof=learned["dof"],
-        correlation=Correlation(),
+    return tuple(
+        HealthyScores(
+            shares=tuple(tuple(row) for row in group["shares"]),
+            quantiles=tuple(tuple(row) for row in group["quantiles"]),
+            widening=tuple(tuple(row) for row in group["widening"]),
+            scale_dof=learned["dof"],
+            correlation=Correlation(),
+        )
+        for group in learned["groups"]
     )

@@ -31,6 +31,7 @@ _JOINT, _AND = "one of ", ", "
 _WHOLE_SIGNAL = "record"
 _IMPULSES = "record (impulses)"
 _OF_ONE_TOOTH = ("tooth_outlier",)
+_EVIDENCE = "modulation"  # strength of a bearing part's lines, of records in which nothing is significant as well
 _OF_HISTORY = ("na4", "nb4")  # whose own history they are held against: the charts do that here
 
 
@@ -249,7 +250,12 @@ def _damage(key: Series) -> str:
 
 
 def layout_of(series: tuple[Series, ...]) -> tuple[tuple[str, ...], tuple[str, ...], Layout]:
-    """Return the names of components and of channels with a level, and which series belong to each, by kind."""
+    """Return the component of each score, the channels with a level, and which series belong to each score, by kind.
+
+    A component has a score of all its series. A bearing has one for each of its parts, too: of the modulation that
+    verdicts are made from. That is no part of the level, which load and noise change, so that what is learned of it
+    stays; its limits are therefore lower, and weak evidence adds up over records.
+    """
     components = tuple(sorted({watched_component(key) for key in series}))
     powers = np.array([key.power for key in series], dtype=np.float64)
     absolute = {
@@ -260,9 +266,13 @@ def layout_of(series: tuple[Series, ...]) -> tuple[tuple[str, ...], tuple[str, .
     kinds: dict[tuple[str, str], list[int]] = {}
     for number, key in enumerate(series):
         kinds.setdefault((watched_component(key), _damage(key)), []).append(number)
-    groups = tuple(
-        tuple(np.array(those, dtype=np.int64) for (component, _), those in sorted(kinds.items()) if component == name)
-        for name in components
-    )
-    layout = Layout(components=groups, channels=tuple(channels.values()), powers=powers)
-    return components, tuple(channels), layout
+    names, groups, scores = [], [], []
+    for name in components:
+        of_kinds = [np.array(those, dtype=np.int64) for (of, _), those in sorted(kinds.items()) if of == name]
+        evidence = [those[[series[i].indicator == _EVIDENCE for i in those]] for those in of_kinds]
+        parts = [(those,) for those in evidence if those.size]
+        scores += [tuple(of_kinds), *parts]
+        names += [name] * (1 + len(parts))
+        groups += [0, *[1] * len(parts)]
+    layout = Layout(components=tuple(scores), channels=tuple(channels.values()), powers=powers, groups=tuple(groups))
+    return tuple(names), tuple(channels), layout

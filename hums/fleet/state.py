@@ -18,18 +18,19 @@ from hums.records.store import atomic_write
 from signals.monitoring.alarm_life import AlarmRule, AlarmState
 from signals.monitoring.charts import Charts, ChartState
 from signals.monitoring.health import Layout, Normal
-from signals.monitoring.limits import ChartLimits
+from signals.monitoring.limits import ChartLimits, MachineLimits
 from signals.monitoring.location import SeriesBaseline
 
 __all__ = ["read_state", "write_state"]
 
-SCHEMA = "hums-watch/2"
+SCHEMA = "hums-watch/3"
 _KINDS = {
     kind.__name__: kind
     for kind in (
         AlarmRule,
         AlarmState,
         ChartLimits,
+        MachineLimits,
         ChartState,
         Charts,
         Epoch,

@@ -36,11 +36,14 @@ class Layout:
         Series of each channel that have the signal's unit, or a power of it.
     powers : (series,) array
         Power of the signal's unit: 1 for an amplitude, 2 for an energy, 0 for a ratio.
+    groups : tuple of int
+        Group of the score of each component, 0 or above: scores of one group share their limits. Empty: all in one.
     """
 
     components: tuple[tuple[Indices, ...], ...]
     channels: tuple[Indices, ...] = ()
     powers: Array
+    groups: tuple[int, ...] = ()
 
     @cached_property
     def series(self) -> tuple[Indices, ...]:
@@ -79,6 +82,11 @@ class Layout:
     def sizes(self) -> Array:
         """Number of series of each component."""
         return np.array([sum(kind.size for kind in kinds) for kinds in self.components], dtype=np.float64)
+
+    @property
+    def group_of(self) -> tuple[int, ...]:
+        """Group of each score; those of levels are of the first."""
+        return (*(self.groups or (0,) * len(self.components)), *(0,) * (2 * len(self.channels)))
 
     @property
     def scores(self) -> int:

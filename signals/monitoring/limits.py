@@ -5,9 +5,14 @@ that leave that out give several times the stated rate of false alarms (Jensen, 
 J. Qual. Technol. 38(4), 349-364). Here machines are drawn from a model of what is healthy, each learns its own
 baseline from as many records as the machine at hand, and the limit is the one at which all of them together raise the
 stated number of alarms. Those far in the tail follow the exponential fall of the rate with the limit.
+
+Alarms are those of the EWMAs. The CUSUM says since when a score rises: where the mean of a baseline is off by more than
+its allowance it grows for ever, so that a limit which few machines reach is far beyond those of the EWMAs, with which
+one factor on all charts would widen them too, and no fault is found by it alone (``docs/benchmarks/fleet.md``).
 """
 
 import math
+from collections.abc import Sequence
 from dataclasses import dataclass, field, replace
 from functools import lru_cache
 
@@ -20,12 +25,23 @@ from signals.monitoring.autocorrelation import Correlation, effective_records, v
 from signals.monitoring.charts import Charts, ChartState
 from signals.monitoring.location import learn_baseline
 
-__all__ = ["ChartLimits", "HealthyScores", "chart_limits", "own_scores", "tail_quantiles"]
+__all__ = [
+    "ChartLimits",
+    "HealthyScores",
+    "MachineLimits",
+    "chart_limits",
+    "machine_limits",
+    "own_scores",
+    "tail_quantiles",
+]
 
 Array = NDArray[np.float64]
 _MACHINES, _WATCHED = 6_000, 300  # drawn machines, and records watched of each: 1.8 million records
 _SEED = 1  # the same machines for every limit, so that the same records give the same limit
-_TAIL = 0.999  # quantile at which the charts are made alike
+_ALIKE_AT = 100_000.0
+"""Records between alarms of a chart alone at which the charts are made alike: about those of one of a machine's tens of
+scores, at one alarm of it in several thousand. Alike at commoner values, the chart with the longest tail would decide
+the limits of all."""
 _THRESHOLDS = 60
 _FEWEST_ALARMS = 40  # of a threshold whose rate is taken as measured (its error is 16 %)
 _FEWEST_OWN = 60  # values of which the largest twentieth are three
@@ -146,16 +162,16 @@ def own_scores(scores: Array, correlation: Correlation | None = None) -> tuple[H
 
 @dataclass(frozen=True, kw_only=True)
 class ChartLimits:
-    """Limits of the charts of one component.
+    """Limits of the EWMAs of one score.
 
     Attributes
     ----------
     charts : Charts
         With the allowance for a baseline of that size.
     limits : tuple of float
-        Of each chart.
+        Of each EWMA, in deviations of the score.
     every_records : float
-        Mean number of records between false alarms of the component.
+        Mean number of records between false alarms of the score.
     decades : float
         How the rate of false alarms falls: it is a tenth where the limits are higher by this factor less 1.
     """
@@ -166,9 +182,9 @@ class ChartLimits:
     decades: float
 
     def index(self, state: ChartState) -> Array:
-        """Return the health index (...): the largest chart over its limit; 0 is normal, 1 the limit."""
+        """Return the health index (...): the largest EWMA over its limit; 0 is normal, 1 the limit."""
         limits = np.reshape(self.limits, (-1, *[1] * state.rising.ndim))
-        return np.asarray(np.maximum((state.values / limits).max(axis=0), 0.0))
+        return np.asarray(np.maximum((state.values[:-1] / limits).max(axis=0), 0.0))
 
     def headroom(self, baseline: Array, rule: AlarmRule) -> Array:
         """Return by how much limits (...) are wider for scores that raise an alarm in their baseline (records, ...).
@@ -200,6 +216,43 @@ class ChartLimits:
         return float(self.every_records * 10**exponent)
 
 
+@dataclass(frozen=True, kw_only=True)
+class MachineLimits:
+    """Limits of all scores of a machine: those that are alike in health share theirs.
+
+    Attributes
+    ----------
+    groups : tuple of ChartLimits
+        Of each group of scores.
+    of : tuple of int
+        Group of each score.
+    """
+
+    groups: tuple[ChartLimits, ...]
+    of: tuple[int, ...]
+
+    @property
+    def charts(self) -> Charts:
+        """Charts of all scores, with the allowance of the first group."""
+        return self.groups[0].charts
+
+    def index(self, state: ChartState) -> Array:
+        """Return the health index (..., scores): the largest EWMA over its limit; 0 is normal, 1 the limit."""
+        return self._of_each([one.index(state) for one in self.groups])
+
+    def headroom(self, baseline: Array, rule: AlarmRule) -> Array:
+        """Return by how much limits (..., scores) are wider for what their baseline (records, ..., scores) shows."""
+        return self._of_each([one.headroom(baseline, rule) for one in self.groups])
+
+    def every_records_at(self, index: float) -> float:
+        """Return in how many records a healthy score raises an alarm with the limit at an index: the least number."""
+        return min(one.every_records_at(index) for one in self.groups)
+
+    def _of_each(self, found: Sequence[Array]) -> Array:
+        group = np.array(self.of)
+        return np.asarray(np.select([group == number for number in range(len(found))], found))
+
+
 def chart_limits(
     baseline_records: int, every_records: float, model: HealthyScores, *, rule: AlarmRule | None = None
 ) -> ChartLimits:
@@ -210,7 +263,7 @@ def chart_limits(
     baseline_records : int
         Records that a baseline was learned on; limits are those of the next smaller of some sixteen sizes up to 1,000.
     every_records : float
-        Mean number of records between false alarms of one component, over all its charts.
+        Mean number of records between false alarms of one score, over all its EWMAs.
     model : HealthyScores
         What healthy components are like.
     rule : AlarmRule, optional
@@ -231,18 +284,42 @@ def chart_limits(
         raise ValueError(f"every_records = {every_records:g}: an alarm in less than 10 records is no limit; give more.")
     size = max(count for count in _BASELINES if count <= baseline_records)
     drawn = _drawn(size, replace(model, widening=()), rule or AlarmRule())  # what is drawn is the same for all
-    thresholds, rates = np.array(drawn.thresholds), np.array(drawn.rates)
-    threshold = float(np.interp(-math.log10(1 / every_records), -rates, thresholds))
-    slope, offset = drawn.tail
-    if 1 / every_records < 10 ** rates[-1]:
-        threshold = (math.log10(1 / every_records) - offset) / slope
+    threshold = drawn.tail.threshold(every_records)
     wider = _wider(model.widening, size, every_records)
     return ChartLimits(
         charts=Charts(allowance=drawn.allowance),
         limits=tuple(scale * threshold * wider for scale in drawn.scales),
         every_records=every_records,
-        decades=-1 / (slope * threshold),
+        decades=-1 / (drawn.tail.slope * threshold),
     )
+
+
+def machine_limits(
+    baseline_records: int,
+    every_records: float,
+    models: Sequence[HealthyScores],
+    of: tuple[int, ...],
+    *,
+    rule: AlarmRule | None = None,
+) -> MachineLimits:
+    """Return the limits of all scores of a machine, each of which raises an alarm equally seldom.
+
+    Parameters
+    ----------
+    baseline_records : int
+        Records that a baseline was learned on.
+    every_records : float
+        Mean number of records between false alarms of the machine, over all its scores.
+    models : sequence of HealthyScores
+        What healthy scores of each group are like.
+    of : tuple of int
+        Group of each score.
+    rule : AlarmRule, optional
+        When an alarm is raised.
+    """
+    each = every_records * len(of)
+    groups = tuple(chart_limits(baseline_records, each, one, rule=rule) for one in models[: max(of) + 1])
+    return MachineLimits(groups=groups, of=of)
 
 
 def _wider(table: tuple[tuple[float, float, float], ...], size: int, every_records: float) -> float:
@@ -258,14 +335,29 @@ def _wider(table: tuple[tuple[float, float, float], ...], size: int, every_recor
 
 
 @dataclass(frozen=True, kw_only=True)
+class _Tail:
+    """Rates of alarms (log10, falling) at thresholds, and the line that continues them."""
+
+    thresholds: tuple[float, ...]
+    rates: tuple[float, ...]
+    slope: float
+    offset: float
+
+    def threshold(self, every_records: float) -> float:
+        """Return the threshold at which an alarm is raised once in a number of records."""
+        wanted = -math.log10(every_records)
+        if wanted < self.rates[-1]:
+            return (wanted - self.offset) / self.slope
+        return float(np.interp(-wanted, -np.array(self.rates), self.thresholds))
+
+
+@dataclass(frozen=True, kw_only=True)
 class _Drawn:
-    """Rates (log10, falling) at thresholds of charts in their scales, and the line that continues them."""
+    """What drawn machines have shown: the allowance of the CUSUM, scales of the EWMAs, and the tail of the largest."""
 
     allowance: float
     scales: tuple[float, ...]
-    thresholds: tuple[float, ...]
-    rates: tuple[float, ...]
-    tail: tuple[float, float]
+    tail: _Tail
 
 
 @lru_cache(maxsize=64)
@@ -278,36 +370,37 @@ def _drawn(baseline: int, model: HealthyScores, rule: AlarmRule) -> _Drawn:
     allowance = 0.5 + 2 * float(standard.mean(axis=0).std())  # half a deviation, and what the mean may be off
     charts = Charts(allowance=allowance)
     state = charts.start((_MACHINES,))
-    values = np.empty((charts.count, _WATCHED, _MACHINES), dtype=np.float32)
+    values = np.empty((len(charts.weights), _WATCHED, _MACHINES), dtype=np.float32)
     for number, score in enumerate(standard):
         state = charts.step(state, score)
-        values[:, number] = state.values
-    scales = np.maximum(np.quantile(values.reshape(charts.count, -1), _TAIL, axis=1), 1e-6)
-    index = (values / scales[:, None, None].astype(np.float32)).max(axis=0)
-    thresholds = np.linspace(0.3, float(np.quantile(index.max(axis=0), 0.9995)), _THRESHOLDS)
-    alarms = np.array([_alarms(index, threshold, rule) for threshold in thresholds])
-    measured = alarms >= _FEWEST_ALARMS
-    last = int(np.flatnonzero(measured)[-1])
-    rates = np.log10(np.minimum.accumulate(alarms[: last + 1]) / index.size)
-    tail = slice(max(0, int(np.searchsorted(-rates, -(rates[-1] + 0.7)))), None)  # the last factor of five
-    slope, offset = np.polyfit(thresholds[: last + 1][tail], rates[tail], 1)
-    return _Drawn(
-        allowance=allowance,
-        scales=tuple(map(float, scales)),
+        values[:, number] = state.values[:-1]
+    scales = np.array([_tail(_peaks(one, rule)).threshold(_ALIKE_AT) for one in values], dtype=np.float32)
+    tail = _tail(_peaks((values / scales[:, None, None]).max(axis=0), rule))
+    return _Drawn(allowance=allowance, scales=tuple(map(float, scales)), tail=tail)
+
+
+def _peaks(chart: NDArray[np.float32], rule: AlarmRule) -> Array:
+    """Return the largest limit (machines,) at which a chart (records, machines) raises an alarm of each machine.
+
+    In a record an alarm is raised at the least of its own value and the `rule.of`-th largest of the latest ones.
+    """
+    before = np.pad(chart, ((rule.within - 1, 0), (0, 0)))
+    latest = np.stack([before[number : number + len(chart)] for number in range(rule.within)])
+    reached = np.partition(latest, rule.within - rule.of, axis=0)[rule.within - rule.of]
+    return np.asarray(np.minimum(reached, chart).max(axis=0), dtype=np.float64)
+
+
+def _tail(peaks: Array) -> _Tail:
+    """Return how the rate of alarms falls with the limit, from the limits (machines,) up to which each raises one."""
+    thresholds = np.linspace(min(0.3, float(np.quantile(peaks, 0.5))), float(np.quantile(peaks, 0.9995)), _THRESHOLDS)
+    alarms = peaks.size - np.searchsorted(np.sort(peaks), thresholds)
+    last = int(np.flatnonzero(alarms >= _FEWEST_ALARMS)[-1])
+    rates = np.log10(alarms[: last + 1] / (peaks.size * _WATCHED))
+    far = slice(max(0, int(np.searchsorted(-rates, -(rates[-1] + 0.7)))), None)  # the last factor of five
+    slope, offset = np.polyfit(thresholds[: last + 1][far], rates[far], 1)
+    return _Tail(
         thresholds=tuple(map(float, thresholds[: last + 1])),
         rates=tuple(map(float, rates)),
-        tail=(float(slope), float(offset)),
+        slope=float(slope),
+        offset=float(offset),
     )
-
-
-def _alarms(index: NDArray[np.float32], threshold: float, rule: AlarmRule) -> int:
-    """Return how many machines raise an alarm, which then stands."""
-    above = index >= threshold
-    counts = np.zeros(above.shape[1], dtype=np.int64)
-    fallen = np.zeros(above.shape[1], dtype=np.bool_)
-    for number in range(above.shape[0]):
-        counts += above[number]
-        if number >= rule.within:
-            counts -= above[number - rule.within]
-        fallen |= above[number] & (counts >= rule.of)
-    return int(fallen.sum())

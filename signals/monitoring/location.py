@@ -165,22 +165,25 @@ def learn_baseline(
 def _location(values: Array) -> tuple[Array, Array, Array]:
     """Return Huber's location and scale along the records, and the weights (..., records, series)."""
     known = np.isfinite(values)
-    filled = np.where(known, values, 0.0)
     count = known.sum(axis=-2)
-    ordered = np.sort(np.where(known, values, np.inf), axis=-2)
-    center = _middle(ordered, count)
-    departure = np.where(known, np.abs(values - center[..., None, :]), np.inf)
-    scale = _MAD * _middle(np.sort(departure, axis=-2), count)
-    weights = known.astype(np.float64)
+    work = np.sort(np.where(known, values, np.inf), axis=-2)  # one array for all steps: they are bound by memory
+    center = _middle(work, count)
+    away = np.where(known, values - center[..., None, :], 0.0)
+    work[:] = np.where(known, np.abs(away), np.inf)
+    work.sort(axis=-2)
+    scale = _MAD * _middle(work, count)
+    weights = work
     with np.errstate(invalid="ignore", divide="ignore"):
         for _ in range(_STEPS):
-            away = np.abs(filled - center[..., None, :]) / scale[..., None, :]
-            weights = known * np.minimum(1.0, np.where(away > _HUBER, _HUBER / away, 1.0))
-            center = (weights * filled).sum(axis=-2) / weights.sum(axis=-2)
-            clipped = np.where(
-                known, np.minimum(np.abs(filled - center[..., None, :]), _HUBER * scale[..., None, :]), 0
-            )
-            scale = _CONSISTENT * np.sqrt((clipped**2).sum(axis=-2) / np.maximum(count - 1, 1))
+            bound = _HUBER * scale[..., None, :]
+            np.divide(bound, np.abs(away, out=weights), out=weights)
+            np.fmin(weights, 1.0, out=weights)
+            weights *= known
+            step = np.einsum("...rs,...rs->...s", weights, away) / weights.sum(axis=-2)
+            center = center + step
+            away -= np.where(known, step[..., None, :], 0.0)
+            clipped = np.clip(away, -bound, bound)
+            scale = _CONSISTENT * np.sqrt(np.einsum("...rs,...rs->...s", clipped, clipped) / np.maximum(count - 1, 1))
     return center, scale, weights
 
 

@@ -92,3 +92,20 @@ def test_growth_is_that_of_the_score_since_it_left_normal():
     ]
     assert history.growth_per_day("pinion") == pytest.approx(0.5, rel=1e-9)  # a record a day
     assert np.isnan(history.growth_per_day("wheel"))
+
+
+def test_few_records_say_by_how_much_and_that_each_was_more():
+    rising = [*HEALTHY[:20], *(observed(40 + n, **PINION | {"shift": 1.0 + n}) for n in range(3))]
+    history = MachineHistory(state=MachineState(machine="mill", settings=SETTINGS))
+    history.follow(rising, ())
+    words = history.change("stage 1/pinion")
+    assert words.startswith("rising: x ")
+    assert words.endswith(f"more in each of 3 records since {rising[20].recorded_at}; too few to test")
+    ratio = float(words.split()[2])
+    assert ratio == pytest.approx(
+        np.exp(3.0), rel=0.6
+    )  # the shift of the logarithm; one of several series that drive it
+    back = MachineHistory(state=MachineState(machine="mill", settings=SETTINGS))
+    back.follow([*rising, observed(43)], ())
+    assert not back.change("stage 1/pinion").startswith("rising")
+    assert back.change("stage 1/pinion").endswith("too few to test")

@@ -8,6 +8,7 @@ from fleets import FIRST, HEALTHY, PINION, alarms, followed, observed
 from hums.fleet.maintenance import Work
 from hums.fleet.observation import Observation
 from hums.fleet.prior import prior_of
+from hums.fleet.series import Series
 from hums.fleet.settings import MonitorError, MonitorSettings
 from signals.monitoring.alarm_life import Life
 
@@ -67,6 +68,30 @@ class TestAlarms:
         found = alarms(followed(falls)[1])
         assert {alarm["component"] for alarm in found} == {"sensor a", "sensor b"}
         assert {(alarm["indicator"], alarm["severity"]) for alarm in found} == {("level falls suddenly", "sensor")}
+
+
+def test_weak_evidence_of_one_part_of_a_bearing_adds_up_to_one_alarm():
+    rng = np.random.default_rng(0)
+    keys = [
+        Series(channel=channel, component="bearing", kind=kind, indicator=indicator, unit="1")
+        for channel in "ab"
+        for kind in ("inner_race", "outer_race")
+        for indicator in ("defect_energy_ratio", "envelope line_over_surroundings", "modulation")
+    ]
+    usual = dict.fromkeys(keys, 0.3)
+    seen = []
+    for number in range(130):
+        values = {key: std * rng.standard_normal() for key, std in usual.items()}
+        for key in keys:
+            if number >= 60 and key.kind == "outer_race" and key.indicator == "modulation":
+                values[key] += 1.5 * usual[key]
+        seen.append(Observation(machine="mill", record=str(number), values=values))
+    state, found = followed(seen, settings=MonitorSettings(baseline_records=30))
+    (alarm,) = alarms(found)
+    assert (alarm["component"], alarm["severity"]) == ("bearing", "alarm")
+    assert 60 < int(alarm["record"]) < 100
+    assert alarm["indicator"].startswith("outer_race modulation")
+    assert max(one.scores["bearing"] for one in found[30:]) < state.epochs[0].limits.groups[0].limits[0]  # no record
 
 
 class TestGate:
@@ -134,7 +159,7 @@ class TestBaseline:
         for epoch, weight in ((apart, 18.0), (close, 0.9)):
             expected = np.sqrt((weight * 0.1**2 + 10 * usual**2) / (weight + 10))
             assert np.median(epoch.normal.series.scale) == pytest.approx(expected, rel=0.1)
-        assert close.limits.limits[0] > 1.1 * apart.limits.limits[0]
+        assert close.limits.groups[0].limits[0] > 1.1 * apart.limits.groups[0].limits[0]
 
     def test_limits_of_a_long_baseline_are_its_own(self):
         long = [observed(number) for number in range(400)]

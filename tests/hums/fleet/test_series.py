@@ -86,3 +86,18 @@ def test_how_far_one_tooth_stands_out_is_scored_with_the_teeth_and_not_with_the_
     departures = np.zeros((1, len(keys)))
     departures[0, 9] = 8.0  # what a spall raises
     assert fused_scores(departures, layout.kinds) == pytest.approx(np.array([[8.0]]))  # 2 among the gear's four largest
+
+
+def test_the_evidence_of_each_part_of_a_bearing_is_a_score_of_its_own():
+    keys = tuple(
+        sorted(
+            Series(channel=channel, component="bearing", kind=kind, indicator=indicator, unit="1")
+            for channel in "ab"
+            for kind in ("inner_race", "outer_race")
+            for indicator in ("defect_energy_ratio", "modulation")
+        )
+    )
+    names, _, layout = layout_of(keys)
+    assert (names, layout.groups) == (("bearing",) * 3, (0, 1, 1))
+    departures = np.array([3.0 * (key.kind == "outer_race" and key.indicator == "modulation") for key in keys])
+    assert fused_scores(departures, layout.kinds) == pytest.approx(np.array([3.0, 0.0, 3.0]))

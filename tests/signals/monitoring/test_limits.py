@@ -4,7 +4,8 @@ import numpy as np
 import pytest
 
 from signals.monitoring.alarm_life import AlarmRule
-from signals.monitoring.limits import HealthyScores, chart_limits, own_scores, tail_quantiles
+from signals.monitoring.charts import ChartState
+from signals.monitoring.limits import HealthyScores, chart_limits, machine_limits, own_scores, tail_quantiles
 
 CARRIED_OVER = HealthyScores(shares=((0.9, 0.05, 0.05, 0.0), (0.5, 0.2, 0.2, 0.1)), scale_dof=8.0)
 
@@ -44,9 +45,38 @@ def test_limits_are_wider_by_what_machines_have_shown():
     rows = ((30.0, 1e3, 2.0), (30.0, 1e5, 4.0))
     plain, wider = (chart_limits(30, 1e4, replace(CARRIED_OVER, widening=of)) for of in ((), rows))
     # half way between the rates in their logarithms; the simulation takes the factor as it is
-    assert np.divide(wider.limits, plain.limits) == pytest.approx(np.full(4, 3.0), rel=1e-12)
+    assert np.divide(wider.limits, plain.limits) == pytest.approx(np.full(3, 3.0), rel=1e-12)
     # the distribution is stretched by the factor, so that its fall over the limit is the same
     assert wider.decades == pytest.approx(plain.decades, rel=1e-12)
+
+
+class TestGroups:
+    """A machine of two scores that carry over and one that is white."""
+
+    WHITE = HealthyScores(scale_dof=8.0)
+    LIMITS = machine_limits(30, 1000.0, (CARRIED_OVER, WHITE), (0, 0, 1))
+
+    def test_each_score_has_a_third_of_the_alarms_with_the_limits_of_its_group(self):
+        expected = 3000 * 300 / 3000
+        white = self.LIMITS.groups[1]  # those of the other group are held above
+        count = false_alarms(white, 30, self.WHITE, machines=3000, seed=8)
+        assert count == pytest.approx(expected, abs=4 * np.sqrt(expected + expected**2 / 600))
+
+    def test_what_does_not_drift_has_lower_limits_where_charts_remember(self):
+        drifting, white = self.LIMITS.groups
+        assert white.limits[2] < 0.8 * drifting.limits[2]
+
+    def test_index_and_headroom_of_a_score_are_those_of_its_group(self):
+        state = ChartState(values=np.ones((4, 3)), rising=np.zeros(3, dtype=np.int64))
+        drifting, white = (one.index(state)[0] for one in self.LIMITS.groups)
+        assert self.LIMITS.index(state).tolist() == [drifting, drifting, white]
+        bursts = np.full((30, 3), 10.0)
+        first, second = (one.headroom(bursts, AlarmRule())[0] for one in self.LIMITS.groups)
+        assert self.LIMITS.headroom(bursts, AlarmRule()).tolist() == [first, first, second]
+
+    def test_the_cumulative_sum_raises_no_alarm(self):
+        state = ChartState(values=np.array([[0.0], [0.0], [0.0], [1e6]]), rising=np.array([300]))
+        assert self.LIMITS.groups[0].index(state).tolist() == [0.0]
 
 
 class TestOwnScores:
