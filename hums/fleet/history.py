@@ -129,7 +129,7 @@ class MachineHistory:
         judged = [one for one in self.records if math.isfinite(one["scores"].get(component, math.nan))]
         scores = np.array([one["scores"][component] for one in judged])
         words = f"x {self.last.ratio[component]:.3g} of normal"
-        if len(scores) >= FEWEST:
+        if not judged or len(judged) >= FEWEST:
             return words
         first = judged[0]["recorded_at"] or judged[0]["record"]
         if scores[0] > 0 and len(scores) > 1 and np.all(np.diff(scores) > 0):
