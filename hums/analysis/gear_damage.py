@@ -352,16 +352,17 @@ class _Judge:
         The place of a tooth in the turn is the same for all gears of a shaft, and one with more teeth has a sharper
         scatter, damaged or not. Which mesh is modulated tells them apart (`mesh_contrast`).
         """
-        contrast = {
-            name: mesh_contrast(
-                self.residual.signal,
-                order=row.order,
-                teeth=gears[name].per_turn,
-                meshes=self.residual.meshes,
-                lowest_order=self.residual.lowest_order,
-            )
-            for name in (row.component, *row.also)
-        }
+        if not row.also:
+            return row
+        names = (row.component, *row.also)
+        ratios = mesh_contrast(
+            self.residual.signal,
+            order=row.order,
+            teeth=[gears[name].per_turn for name in names],
+            meshes=self.residual.meshes,
+            lowest_order=self.residual.lowest_order,
+        )
+        contrast = dict(zip(names, ratios.tolist(), strict=True))
         clear = [
             name
             for name in row.also
@@ -369,7 +370,7 @@ class _Judge:
         ]
         if not clear:
             return row
-        also = tuple(name for name in (row.component, *row.also) if name != clear[0])
+        also = tuple(name for name in names if name != clear[0])
         return replace(row, component=clear[0], also=also, teeth=gears[clear[0]].teeth)
 
     def envelope(self, row: GearJudgement, gear: _Tooth) -> ToothEnvelope:

@@ -180,9 +180,14 @@ def _of_meshes(size: int, per_order: float, meshes: Mapping[float, float]) -> ND
 
 
 def mesh_contrast(
-    signal: AngularSignal, *, order: Fraction | float, teeth: float, meshes: Mapping[float, float], lowest_order: float
-) -> float:
-    """Return how much more power the multiples of a shaft have near the harmonics of a mesh than between them.
+    signal: AngularSignal,
+    *,
+    order: Fraction | float,
+    teeth: Sequence[float],
+    meshes: Mapping[float, float],
+    lowest_order: float,
+) -> Array:
+    """Return how much more power the multiples of a shaft have near the harmonics of each mesh than between them.
 
     A damaged tooth modulates the mesh of its own gear, in amplitude and phase, for about one tooth: sidebands at
     multiples of the shaft, which fall off within half of the mesh order from its harmonics (Randall 1982, J. Mech. Des.
@@ -195,14 +200,14 @@ def mesh_contrast(
         Samples over the angle of the reference, no fewer than two turns of the shaft.
     order : Fraction or float
         Turns of the shaft per revolution of the reference.
-    teeth : float
-        Teeth of the gear: its mesh has the order ``teeth * order``.
+    teeth : sequence of float
+        Teeth of each gear of the shaft: its mesh has the order ``teeth * order``.
     meshes, lowest_order
         What is left out, as in `residual_energies`.
 
     Returns
     -------
-    float
+    (gear,) array
         Mean power, above that of the noise, of the multiples within a quarter of the mesh order from its harmonics,
         over that of the others; NaN where the order range lacks one of the two, 0 where there is only noise.
 
@@ -218,27 +223,32 @@ def mesh_contrast(
     >>> x = (1 - 0.3 * bump) * np.cos(2 * np.pi * 30 * turn) + np.cos(2 * np.pi * 17 * turn)
     >>> signal = AngularSignal(values=x, samples_per_rev=256, start_rev=0.0, passband_orders=100.0)
     >>> given = {"order": 1, "meshes": {30.0: 2.5, 17.0: 2.5}, "lowest_order": 3.0}
-    >>> mesh_contrast(signal, teeth=30, **given) > 3 * mesh_contrast(signal, teeth=17, **given)
+    >>> own, other = mesh_contrast(signal, teeth=(30, 17), **given)
+    >>> bool(own > 3 * other)
     True
     """
-    rate, pitch = positive(order, name="order"), positive(teeth, name="teeth")
+    rate, pitches = positive(order, name="order"), [positive(one, name="teeth") for one in teeth]
     power = np.abs(_lines(signal)) ** 2
     per_order = signal.values.size / signal.samples_per_rev
     left_out = _of_meshes(power.size, per_order, meshes)
     spacing = rate * per_order  # lines between multiples of the shaft
     highest = int(min(signal.passband_orders * per_order, power.size - spacing) / spacing)
-    number = np.arange(max(1, math.ceil(max(lowest_order / rate, pitch / 2))), highest + 1)
+    number = np.arange(max(1, math.ceil(max(lowest_order / rate, min(pitches) / 2))), highest + 1)
     at = np.rint(number * spacing).astype(int)
     apart = max(1, round(spacing / 4))
     beside = np.arange(apart, max(apart + 1, round(3 * spacing / 4)))
     noise = np.stack([median(power[line + beside][None])[0] for line in at]) / math.log(2) if at.size else np.empty(0)
     above = np.maximum(power[at] - noise, 0.0)
-    off = np.abs(number / pitch - np.rint(number / pitch))
-    near = (off < _NEAR_MESH) & ~left_out[at]
-    between = (off >= _NEAR_MESH) & ~left_out[at]
-    if not (near.any() and between.any()):
+    return np.array([_contrast(above, number / pitch, ~left_out[at]) for pitch in pitches])
+
+
+def _contrast(power: Array, harmonic: Array, counted: NDArray[np.bool_]) -> float:
+    """Return the mean power of lines near whole harmonics of a mesh over that of the others."""
+    counted = counted & (harmonic >= 2 * _NEAR_MESH)  # as many are near the first one as are not
+    near = np.abs(harmonic - np.rint(harmonic)) < _NEAR_MESH
+    if not ((counted & near).any() and (counted & ~near).any()):
         return math.nan
-    mean_near, mean_between = float(above[near].mean()), float(above[between].mean())
+    mean_near, mean_between = float(power[counted & near].mean()), float(power[counted & ~near].mean())
     if mean_between > 0:
         return mean_near / mean_between
     return math.inf if mean_near > 0 else 0.0
