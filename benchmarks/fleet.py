@@ -394,7 +394,7 @@ def main() -> None:
     parser.add_argument("--forecasts", type=int, default=300)
     parser.add_argument("--run-records", type=int, default=100, help="of the whole run that is timed")
     parser.add_argument("--workers", type=int, default=1)
-    given = parser.parse_args()
+    given = parser.parse_intermixed_args()
     if given.learn_prior:
         found = analyses(given.analyses, workers=given.workers, records=given.records)
         path, learned = ROOT / "hums" / "fleet" / PRIOR_NAME, learn_prior(found, found.resampled())
