@@ -249,6 +249,7 @@ def _db(decibels: float) -> str:
 
 
 EXACT_DB = -100.0
+TICKS_S = (0.02, 0.05, 0.1, 0.2, 0.5, 1.0)
 MARKS = {KINEMATIC: "o", "torsional": "s", "lateral": "^", "full": "D"}
 
 
@@ -269,6 +270,8 @@ def draw(ax: Any, measured: Mapping[str, list[Row]]) -> None:  # noqa: ANN401
     ax.plot([], [], "o", ms=12, mfc="none", color="0.4", label="auto")
     ax.axhline(-40, color="0.7", lw=0.8, ls="--")
     ax.set(xscale="log", xlabel=f"s for {DURATION_S:g} s of record", ylabel="difference from full, dB")
+    ax.set_xticks(TICKS_S, [f"{tick:g}" for tick in TICKS_S])
+    ax.minorticks_off()
     ax.set_ylim(EXACT_DB - 8, 40)
     ax.set_yticks([20, 0, -20, -40, -60, -80, EXACT_DB], ["20", "0", "-20", "-40", "-60", "-80", "none"])
     ax.legend(fontsize=7, markerscale=0.7, labelspacing=0.8, loc="center left", bbox_to_anchor=(1.0, 0.5))
