@@ -339,14 +339,14 @@ and load are measured where a table says so, with a tenth of their deviations as
 
 **The prior** (`hums/fleet/prior.json`, `--learn-prior --machines 600`) is learned from the healthy ones of {records}
 analyses, {healthy} of eight machines. Healthy fleets below are made of {unseen} analyses of {unseen_machines} other
-machines, made with another seed after everything was chosen, and looked at once. Limits are wider by what a prior lacks
-of machines that it was not learned on: the eight are halved in seven ways, and the factor is the one at which a prior
-of one half raises the stated number of alarms of the other, for baselines of 2, 10, 30 and 300 records and both rates,
-one for the evidence of bearing parts and one for all other scores. In an earlier state four of the eight were learned
-from and the other four measured on: 1848 alarms of
-1200 were raised after a baseline of 30 and 181 of 120, and fleets of one machine's analyses alone raised between 0.6
-and 3.5 times the stated number. All are of one gearbox and one plan. Nothing is tuned to
-measured records.
+machines, made with another seed and used for nothing else; they were looked at twice, before and after limits were
+split into those of two groups of scores, which was chosen on the eight machines alone. Limits are wider by what a
+prior lacks of machines that it was not learned on: the eight are halved in seven ways, and the factor is the one at
+which a prior of one half raises the stated number of alarms of the other, for baselines of 2, 10, 30 and 300 records
+and both rates, one for the evidence of bearing parts and one for all other scores. In an earlier state four of the
+eight were learned from and the other four measured on: 1848 alarms of 1200 were raised after a baseline of 30 and 181
+of 120, and fleets of one machine's analyses alone raised between 0.6 and 3.5 times the stated number. All are of one
+gearbox and one plan. Nothing is tuned to measured records.
 """
 
 
