@@ -237,7 +237,7 @@ def mesh_contrast(
     at = np.rint(number * spacing).astype(int)
     apart = max(1, round(spacing / 4))
     beside = np.arange(apart, max(apart + 1, round(3 * spacing / 4)))
-    noise = np.stack([median(power[line + beside][None])[0] for line in at]) / math.log(2) if at.size else np.empty(0)
+    noise = median(power[at[:, None] + beside]) / math.log(2) if at.size else np.empty(0)
     above = np.maximum(power[at] - noise, 0.0)
     return np.array([_contrast(above, number / pitch, ~left_out[at]) for pitch in pitches])
 

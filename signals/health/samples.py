@@ -107,9 +107,8 @@ def _sides(values: Array, at: int) -> tuple[Array, Array]:
 
 def _largest_jump(values: Array) -> tuple[int, float]:
     """Return the part after the largest jump between steady levels, and its height; 0 where there is none."""
-    sides = np.lib.stride_tricks.sliding_window_view(
-        values, _SIDE - 1
-    )  # without a part that the jump itself may lie in
+    # without a part that the jump itself may lie in
+    sides = np.lib.stride_tricks.sliding_window_view(values, _SIDE - 1)
     middle, range_ = median(sides), np.ptp(sides, axis=1)
     before, after = slice(0, values.size - 2 * _SIDE + 1), slice(_SIDE + 1, None)
     heights = np.abs(middle[after] - middle[before])

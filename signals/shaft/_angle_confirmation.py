@@ -252,19 +252,21 @@ def _throughout(followed: Followed) -> bool:
 
     Frames overlap by half, so that each two hold what one and a half hold.
     """
-    orders = followed.search.orders
-    levels = followed.levels[:, ~of_shafts(orders) & (followed.scores[: orders.size] > SHOWS)]
-    both = np.maximum(levels[1:] + levels[:-1], 0.0)
+    both = _of_two_frames(followed)
     joint = both.sum(axis=1) - both.max(axis=1, initial=0.0)
     return bool(joint.min(initial=np.inf) >= SHOWS)
 
 
 def _standing(followed: Followed) -> bool:
     """Return whether some line shows all the time, in each two frames next to one another."""
+    return bool(_of_two_frames(followed).max(axis=1, initial=0.0).min(initial=np.inf) >= SHOWS)
+
+
+def _of_two_frames(followed: Followed) -> Array:
+    """Return the log evidence, no less than zero, of each order that shows in each two frames next to one another."""
     orders = followed.search.orders
     levels = followed.levels[:, ~of_shafts(orders) & (followed.scores[: orders.size] > SHOWS)]
-    both = np.maximum(levels[1:] + levels[:-1], 0.0).max(axis=1, initial=0.0)
-    return bool(both.min(initial=np.inf) >= SHOWS)
+    return np.maximum(levels[1:] + levels[:-1], 0.0)
 
 
 def _stretches(best: Followed, other: Followed) -> list[tuple[Array, float]]:
