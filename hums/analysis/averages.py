@@ -38,6 +38,7 @@ from hums.analysis.result import (
     root_attributes,
     rows_dataset,
     spectrum_dataset,
+    tree_of,
 )
 from hums.analysis.settings import AnalysisError, AnalysisSettings
 from hums.gearbox.components import closest
@@ -100,7 +101,7 @@ def analyse_average(
     ]
     excluded = [f'Channel "{name}" is dead and left out: it has the same value throughout.' for name in constant]
     excluded += [f'Channel "{name}" is left out: it has {gaps}.' for name, gaps in gapped.items()]
-    tree = xr.DataTree.from_dict(
+    tree = tree_of(
         {
             "/": xr.Dataset(
                 attrs=root_attributes(

@@ -129,9 +129,8 @@ def test_the_limit_is_what_is_free(monkeypatch, tmp_path):
 def test_simulate_refuses_what_the_command_refuses(monkeypatch):
     with pytest.raises(SceneError, match=r"has 432000000000 samples of 1 row\(s\) and needs .* GB of memory, but"):
         simulate(load_scene("demo").changed(duration_s=100 * DAY_S), seed=1)
-    scene = load_scene("gears-in-motion").changed(
-        duration_s=300.0
-    )  # 120 MB of samples, as much for the gears, the rest for their lines
+    # 120 MB of samples, as much for the gears, the rest for their lines
+    scene = load_scene("gears-in-motion").changed(duration_s=300.0)
     monkeypatch.setattr("data_synth.cost.free_memory_bytes", lambda: 250_000_000)
     with pytest.raises(SceneError, match=r"needs 0\.(49|50)\d* GB of memory, but 0\.25 GB are free"):
         simulate(scene, seed=1)
