@@ -31,7 +31,7 @@ BRAKED = np.array([0.0, 0, 0, 0, 0, 1])
 FINE = 40  # steps of the oracle to a sample
 
 
-@numba.njit
+@numba.njit(cache=True)
 def classical_rk4(state, step, cycles, torques, constants, damper, gap_m):
     """Return all states of the pair, (steps + 1, 14), by the classical rule of Runge and Kutta.
 
