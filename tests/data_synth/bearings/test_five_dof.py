@@ -129,6 +129,7 @@ def test_a_spall_of_the_outer_race_is_heard_in_the_resonator_at_its_rate():
     assert frequency[near][np.argmax(lines[near])] == pytest.approx(BPFO * speed, abs=0.6)
 
 
+@pytest.mark.compiles
 def test_blocks_make_one_motion():
     whole = moved(seconds=0.03)
     first = moved(seconds=0.01)

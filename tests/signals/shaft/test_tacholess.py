@@ -406,6 +406,7 @@ class TestInput:
         assert np.isnan(found.speed_hz).all()
         assert not found.confidence.any()
 
+    @pytest.mark.compiles
     def test_scale(self):
         law, _, orders = LAWS["run-up"]
         _, x = vibration(law, duration=4, orders=orders, snr_db=0, seed=6)
