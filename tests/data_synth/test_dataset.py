@@ -188,9 +188,9 @@ class TestOpened:
 
 
 class TestGoingOn:
-    def test_workers_leave_the_same_bytes(self, plan, folder, tmp_path):
-        make_dataset(plan, tmp_path / "two", workers=Processes(count=2))
-        assert contents(tmp_path / "two") == contents(folder)
+    def test_a_worker_leaves_the_same_bytes(self, plan, folder, tmp_path):
+        make_dataset(plan, tmp_path / "one", workers=Processes(count=1))  # two do in the test of kills
+        assert contents(tmp_path / "one") == contents(folder)
 
     def test_only_missing_files_are_made(self, plan, folder, copy):
         assert make_dataset(plan, copy) == Tally(done=0, kept=3)
@@ -202,7 +202,7 @@ class TestGoingOn:
     @pytest.mark.slow
     @pytest.mark.skipif(os.name != "posix", reason="kill -9")
     def test_killed_at_any_instant_the_result_is_the_same(self, tmp_path):
-        text = SMALL.replace("rate_hz = 5000", "rate_hz = 50000").replace("records = 7", "records = 36")
+        text = SMALL.replace("rate_hz = 5000", "rate_hz = 20000").replace("records = 7", "records = 36")
         (tmp_path / "plan.toml").write_text(text)
         alone = [sys.executable, "-c", "import data_synth; data_synth.make_dataset('plan.toml', 'killed')"]
         spread = [sys.executable, "-m", "hums", "dataset", "plan.toml", "-o", "killed", "--workers", "2"]

@@ -41,7 +41,7 @@ EXCITATION = {"shaft_amplitude": 0.01, "mesh_amplitude": 0.3, "harmonics": 3, "d
 SCENE = {
     "gearbox": GEARBOX,
     "rate_hz": RATE_HZ,
-    "duration_s": 0.25,
+    "duration_s": 0.15,
     "speed": {"link": "pinion", "rpm": RPM},
     "torque": {"link": "wheel", "nm": TORQUE_NM},
     "tachometer": {"link": "pinion", "pulses_per_rev": 12},

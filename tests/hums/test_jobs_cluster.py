@@ -3,6 +3,7 @@
 import os
 import sys
 from concurrent.futures import CancelledError
+from importlib.util import find_spec
 
 import clusters
 import pytest
@@ -15,8 +16,9 @@ from hums.cli import main
 from hums.fleet.fleet import analyze_fleet
 from hums.jobs import Cluster, Job, JobError, Tally, run_jobs
 
-pytest.importorskip("dask.distributed")
-pytestmark = pytest.mark.slow
+# Found and not imported, which takes each worker of pytest a second.
+without = pytest.mark.skipif(find_spec("distributed") is None, reason="dask[distributed] is not installed")
+pytestmark = [pytest.mark.slow, without]
 
 JOBS = [Job(name=f"{item}.txt", item=item) for item in range(6)]
 PLAN = """

@@ -5,6 +5,7 @@ import json
 import shutil
 from collections import Counter
 from dataclasses import replace
+from functools import cache
 from types import SimpleNamespace
 
 import numpy as np
@@ -20,7 +21,11 @@ from data_synth.scene.faults import DIMENSIONS
 from hums.jobs import Tally
 
 PLAN = load_plan("benchmark-1")
-LABELS = [PLAN.labels(number) for number in range(PLAN.records)]
+
+
+@cache
+def every_label():
+    return [PLAN.labels(number) for number in range(PLAN.records)]
 
 
 class TestOrder:
@@ -34,62 +39,63 @@ class TestOrder:
             every = [name for split in SPLITS.values() for name in getattr(split, pool)]
             assert sorted(every) == sorted(names)
             assert len(set(every)) == len(every)
-        for labels in LABELS:
+        for labels in every_label():
             assert labels["gearbox"] in SPLITS[labels["split"]].gearboxes
             assert labels["path"] in SPLITS[labels["split"]].paths
 
     def test_every_split_has_its_part_of_every_class(self):
-        counts = Counter((labels["split"], labels["class"]) for labels in LABELS)
+        counts = Counter((labels["split"], labels["class"]) for labels in every_label())
         for name, split in SPLITS.items():
             for class_name, of_25 in (("healthy", 3), ("crack", 2), ("cage", 1)):
                 assert counts[name, class_name] == 1000 * split.share / 20 * of_25 / 25
 
     def test_every_gearbox_is_healthy_and_has_every_fault(self):
-        seen = {(labels["gearbox"], labels["class"]) for labels in LABELS}
+        seen = {(labels["gearbox"], labels["class"]) for labels in every_label()}
         assert len(seen) == 16 * (len(CLASSES) + len(FURTHER))
 
     def test_the_order_is_shuffled(self):
-        numbers = [CLASSES.index(labels["class"]) for labels in LABELS if labels["class"] in CLASSES]
+        numbers = [CLASSES.index(labels["class"]) for labels in every_label() if labels["class"] in CLASSES]
         # of independent draws: 3 / sqrt(920)
         assert abs(np.corrcoef(numbers[1:], numbers[:-1])[0, 1]) < 0.1
 
     def test_a_record_does_not_depend_on_how_many_there_are(self):
         few = replace(PLAN, records=20)
-        assert str([few.labels(number) for number in range(20)]) == str(LABELS[:20])  # NaN is not equal to itself
+        # as text, since NaN is not equal to itself
+        assert str([few.labels(number) for number in range(20)]) == str(every_label()[:20])
         with pytest.raises(ValueError, match=r"no record 20; the 20 of this plan count from 0"):
             few.labels(20)
 
     def test_seeds_change_records_and_not_gearboxes(self):
         other = replace(PLAN, seed=2)
-        assert [other.labels(n)["class"] for n in range(50)] != [labels["class"] for labels in LABELS[:50]]
-        names = {labels["gearbox"]: labels["stages"] for labels in LABELS}
+        assert [other.labels(n)["class"] for n in range(50)] != [labels["class"] for labels in every_label()[:50]]
+        names = {labels["gearbox"]: labels["stages"] for labels in every_label()}
         assert all(names[other.labels(n)["gearbox"]] == other.labels(n)["stages"] for n in range(50))
 
     def test_severities_are_spread_and_columns_are_alike(self):
-        severities = [x["severity"] for x in LABELS if x["class"] not in ("healthy", "missing tooth")]
+        severities = [x["severity"] for x in every_label() if x["class"] not in ("healthy", "missing tooth")]
         assert np.histogram(severities, bins=4, range=(0, 1))[0].min() > 0.2 * len(severities)
-        assert len({tuple(labels) for labels in LABELS}) == 1
+        assert len({tuple(labels) for labels in every_label()}) == 1
 
     def test_speed_and_load_vary_in_every_way(self):
         for kind in ("speed_kind", "torque_kind"):
-            shares = Counter(labels[kind] for labels in LABELS)
+            shares = Counter(labels[kind] for labels in every_label())
             # four ways of a quarter each: 250 of 1,000, +- 14
             assert len(shares) == 4
             assert min(shares.values()) > 200
-        spread = [labels["load_share"] for labels in LABELS]
+        spread = [labels["load_share"] for labels in every_label()]
         assert (min(spread) < 0.2) & (max(spread) > 0.95)
 
     @pytest.mark.parametrize("name", [*CLASSES, *FURTHER])
     def test_the_scene_of_a_class_is_in_motion_and_has_the_size_of_its_label(self, name):
-        number = next(n for n, labels in enumerate(LABELS) if labels["class"] == name)
+        number = next(n for n, labels in enumerate(every_label()) if labels["class"] == name)
         scene = PLAN.scene(number)
         assert (scene.rate_hz, scene.duration_s, scene.fidelity) == (25600, 10, "lateral")
         assert scene.imperfections.gears is not None
-        sizes_mm = [] if name == "healthy" else [LABELS[number]["size_mm"]]
+        sizes_mm = [] if name == "healthy" else [every_label()[number]["size_mm"]]
         assert [fault.initial_mm for fault in scene.faults] == sizes_mm
 
     def test_a_missing_tooth_is_gone_to_its_root(self):
-        for labels in LABELS:
+        for labels in every_label():
             if labels["class"] == "missing tooth":
                 stage = gearboxes()[labels["gearbox"]].stage_of(labels["component"])
                 assert labels["size_mm"] == 2.25 * stage.module_mm  # addendum and dedendum of ISO 53
@@ -97,7 +103,9 @@ class TestOrder:
 
     def test_a_version_keeps_its_records(self):
         # what changes this digest is another VERSION; floats to six digits, as libraries of mathematics agree on
-        rows = [{k: f"{v:.6g}" if isinstance(v, float) else str(v) for k, v in labels.items()} for labels in LABELS]
+        rows = [
+            {k: f"{v:.6g}" if isinstance(v, float) else str(v) for k, v in labels.items()} for labels in every_label()
+        ]
         digest = hashlib.sha256(json.dumps(rows).encode()).hexdigest()
         assert (VERSION, digest[:16]) == ("1.5", "e053a1420430066c")
 
@@ -172,7 +180,7 @@ class TestDataset:
 @pytest.mark.slow
 @pytest.mark.parametrize("name", [*CLASSES, *FURTHER])
 def test_every_class_can_be_simulated(name):
-    number = next(n for n, labels in enumerate(LABELS) if (labels["class"], labels["gearbox"]) == (name, "g09"))
+    number = next(n for n, labels in enumerate(every_label()) if (labels["class"], labels["gearbox"]) == (name, "g09"))
     plan = replace(PLAN, duration_s=0.2)
     faulty, healthy = (
         simulate(plan.scene(number, healthy=healthy), seed=1)["input vertical"].values for healthy in (False, True)

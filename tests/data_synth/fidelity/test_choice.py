@@ -1,6 +1,6 @@
 """Which motions are simulated, per stage and chosen; what is left out, and what takes its place."""
 
-from functools import partial
+from functools import cache, partial
 
 import numpy as np
 import pytest
@@ -39,6 +39,7 @@ def ready(scene):
     return stage, prepare_gears(stage)
 
 
+@cache
 def choice_of(scene):
     stage, gears = ready(scene)
     choice = chosen(stage, gears)
@@ -49,7 +50,9 @@ def record_of(scene, **also):
     return simulate(scene.changed(noise=scene.noise.changed(rms=0.0)), seed=1, **also)
 
 
+@cache
 def channel(scene):
+    """Samples of a scene, to be read only."""
     return record_of(scene)["input vertical"].values
 
 

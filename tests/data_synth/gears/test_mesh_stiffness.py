@@ -32,7 +32,7 @@ class TestShapes:
     def test_a_rectangle_obeys_parseval(self, duty):
         wave = Rectangular(low=0.76e6, high=1.36e6, duty=duty)
         assert wave.mean == pytest.approx(0.76e6 + duty * 0.6e6)
-        count = 400
+        count = 100
         lines = np.abs(fourier_series(wave, harmonics=count).harmonics) / 0.6e6
         # what the missing lines hold is below sum 2 sin^2 / (pi h)^2 < 2 / (pi^2 count)
         left = duty * (1 - duty) - np.sum(lines**2) / 2

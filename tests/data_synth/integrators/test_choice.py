@@ -131,6 +131,7 @@ class TestHats:
         assert not np.any(apart & (np.arange(1, 61) * 31 % 100 != 0) & (np.arange(1, 61) * 31 % 100 != 40))
 
     @pytest.mark.parametrize(("gap", "tolerances"), [(0.0, (1e-6, 1e-10)), (2e-5, (1e-4, 1e-7))])
+    @pytest.mark.compiles
     def test_splitting_comes_to_them(self, gap, tolerances):
         problem = driven(pair(rectangle(), damping=DAMPED, backlash_m=gap), duration_s=0.05)
         output = Output(rate_hz=20e3, **HATS)

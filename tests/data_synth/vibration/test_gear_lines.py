@@ -19,7 +19,8 @@ def rebuilt(record):
     lines = record["truth_amplitude"].isel(truth_channel=0)
     for order, z in zip(lines["truth_order"].values, lines.values, strict=True):
         z_now = np.interp(times_s, record["truth_time"].values, z)
-        signal += (z_now * np.exp(2j * np.pi * np.remainder(order * revolutions, 1.0))).real
+        angle_rad = 2 * np.pi * np.remainder(order * revolutions, 1.0)
+        signal += z_now.real * np.cos(angle_rad) - z_now.imag * np.sin(angle_rad)
     return signal
 
 

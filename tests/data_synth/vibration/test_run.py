@@ -116,7 +116,7 @@ def by_hand(times_s, *, speed_hz, acceleration_hz_s, torsional=False):
     bearing = heard @ (spring_of * (left_out if torsional else rest))
     start = np.concatenate([rest, np.zeros(count), left_out, np.zeros(6), [bearing / 15 / w**2, 0]])
     solved = solve_ivp(
-        slope, (-0.12, times_s[-1]), start, method="DOP853", t_eval=times_s, rtol=1e-8, atol=1e-12, max_step=2e-4
+        slope, (-0.1, times_s[-1]), start, method="DOP853", t_eval=times_s, rtol=1e-8, atol=1e-12, max_step=2e-4
     )
     return np.array([slope(t, state)[-1] for t, state in zip(solved.t, solved.y.T, strict=True)])
 
@@ -131,9 +131,9 @@ def by_hand(times_s, *, speed_hz, acceleration_hz_s, torsional=False):
 )
 def test_the_channel_is_what_the_equations_give(rpm, acceleration_hz_s, fidelity):
     record = simulate(scene(speed={"link": "pinion", "rpm": rpm}, fidelity=fidelity), seed=SEED)
-    times = record["time"].values[:600]
+    times = record["time"].values[:400]  # four meshes
     expected = by_hand(times, speed_hz=10, acceleration_hz_s=acceleration_hz_s, torsional=fidelity == "torsional")
-    found = record["a"].values[:600]
+    found = record["a"].values[:400]
     # 1e-4 each of steps and of the start, and as much of the force between its samples
     assert np.std(found - expected) < 3e-4 * np.std(expected)
     assert np.std(expected) > 0.01

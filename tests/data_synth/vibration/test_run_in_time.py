@@ -31,7 +31,7 @@ BRAKED = np.array([0.0, 0, 0, 0, 0, 1])
 FINE = 40  # steps of the oracle to a sample
 
 
-@numba.njit
+@numba.njit(cache=True)
 def classical_rk4(state, step, cycles, torques, constants, damper, gap_m):
     """Return all states of the pair, (steps + 1, 14), by the classical rule of Runge and Kutta.
 
@@ -146,6 +146,7 @@ def test_wijianto_s_start_up_to_every_printed_digit():
     assert np.argmax(spectrum) * 20_000 / 2_000_000 == pytest.approx(110.164, abs=0.02)
 
 
+@pytest.mark.compiles
 def test_what_is_heard_of_a_run_up_is_what_the_equations_give():
     law = {"inertia_kg_m2": 3 * ONE, "load_nm": 10, "load_nm_s": 0.5, "load_nm_s2": 0.02}
     declared = scene(duration_s=0.2, **run_up(**law))

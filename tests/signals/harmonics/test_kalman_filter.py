@@ -281,6 +281,7 @@ def test_shares_solve_the_riccati_equation(poles):
 
 @pytest.mark.parametrize("poles", [1, 2, 3])
 @pytest.mark.parametrize("every", [1, 7])
+@pytest.mark.compiles
 def test_settled_filter_is_close_to_the_exact_one(poles, every):
     settings = SETTINGS | {"x": steady_record(), "bandwidth_hz": 1.0, "poles": poles, "output_every": every}
     settings["noise_variance"] = 0.09

@@ -50,33 +50,38 @@ def test_limits_are_wider_by_what_machines_have_shown():
     assert wider.decades == pytest.approx(plain.decades, rel=1e-12)
 
 
+WHITE = HealthyScores(scale_dof=8.0)
+
+
+@pytest.fixture(scope="module")
+def limits():
+    return machine_limits(30, 1000.0, (CARRIED_OVER, WHITE), (0, 0, 1))
+
+
 class TestGroups:
     """A machine of two scores that carry over and one that is white."""
 
-    WHITE = HealthyScores(scale_dof=8.0)
-    LIMITS = machine_limits(30, 1000.0, (CARRIED_OVER, WHITE), (0, 0, 1))
-
-    def test_each_score_has_a_third_of_the_alarms_with_the_limits_of_its_group(self):
+    def test_each_score_has_a_third_of_the_alarms_with_the_limits_of_its_group(self, limits):
         expected = 3000 * 300 / 3000
-        white = self.LIMITS.groups[1]  # those of the other group are held above
-        count = false_alarms(white, 30, self.WHITE, machines=3000, seed=8)
+        white = limits.groups[1]  # those of the other group are held above
+        count = false_alarms(white, 30, WHITE, machines=3000, seed=8)
         assert count == pytest.approx(expected, abs=4 * np.sqrt(expected + expected**2 / 600))
 
-    def test_what_does_not_drift_has_lower_limits_where_charts_remember(self):
-        drifting, white = self.LIMITS.groups
+    def test_what_does_not_drift_has_lower_limits_where_charts_remember(self, limits):
+        drifting, white = limits.groups
         assert white.limits[2] < 0.8 * drifting.limits[2]
 
-    def test_index_and_headroom_of_a_score_are_those_of_its_group(self):
+    def test_index_and_headroom_of_a_score_are_those_of_its_group(self, limits):
         state = ChartState(values=np.ones((4, 3)), rising=np.zeros(3, dtype=np.int64))
-        drifting, white = (one.index(state)[0] for one in self.LIMITS.groups)
-        assert self.LIMITS.index(state).tolist() == [drifting, drifting, white]
+        drifting, white = (one.index(state)[0] for one in limits.groups)
+        assert limits.index(state).tolist() == [drifting, drifting, white]
         bursts = np.full((30, 3), 10.0)
-        first, second = (one.headroom(bursts, AlarmRule())[0] for one in self.LIMITS.groups)
-        assert self.LIMITS.headroom(bursts, AlarmRule()).tolist() == [first, first, second]
+        first, second = (one.headroom(bursts, AlarmRule())[0] for one in limits.groups)
+        assert limits.headroom(bursts, AlarmRule()).tolist() == [first, first, second]
 
-    def test_the_cumulative_sum_raises_no_alarm(self):
+    def test_the_cumulative_sum_raises_no_alarm(self, limits):
         state = ChartState(values=np.array([[0.0], [0.0], [0.0], [1e6]]), rising=np.array([300]))
-        assert self.LIMITS.groups[0].index(state).tolist() == [0.0]
+        assert limits.groups[0].index(state).tolist() == [0.0]
 
 
 class TestOwnScores:
@@ -95,7 +100,7 @@ class TestOwnScores:
         own, _ = own_scores(self.SCORES)
         expected = 1500 * 300 / 1000
         counts = [
-            false_alarms(chart_limits(1000, 1000.0, model), 1000, self.MODEL, machines=1500, seed=9)
+            false_alarms(chart_limits(300, 1000.0, model), 300, self.MODEL, machines=1500, seed=9)
             for model in (own, HealthyScores())
         ]
         # its distribution is known from 8 x 600 effective records: four deviations of a count, and 25 %

@@ -120,6 +120,7 @@ class TestStd:
         assert gap > 1.3 * usual
         assert end > 1.5 * usual
 
+    @pytest.mark.compiles
     def test_scales(self, swinging):
         phase = shaft_phase(swinging.times_at(np.arange(100)) + 1e-6 * np.sin(np.arange(100) ** 2), bandwidth_hz=8.0)
         at = np.linspace(0.2, 1.8, 9)

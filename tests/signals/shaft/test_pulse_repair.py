@@ -328,6 +328,7 @@ class TestOneFaultIsOneRepair:
         seed=st.integers(0, 1000),
     )
     @settings(max_examples=60, deadline=None)
+    @pytest.mark.compiles
     def test_of_one_pulse(self, ends, duration, per_rev, jitter, fault, place, seed):
         times = self.ramp(*ends, duration, per_rev, jitter, np.random.default_rng(seed))
         # intervals are predicted from five, those of stripes from a revolution too: nearer to an end less is certain

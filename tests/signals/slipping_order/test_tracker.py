@@ -429,7 +429,7 @@ def test_across_a_gap_the_uncertainty_grows_and_the_line_is_found_again(gap_revo
 
 @pytest.mark.parametrize("change", [2e-4, 1e-3])
 def test_noise_alone_is_no_line(change):
-    for seed in range(10):
+    for seed in range(4):  # how rarely it passes for one is tested beside the hard cases
         x = np.random.default_rng(seed).standard_normal(100 * 32)
         track = track_slipping_order(
             x,
