@@ -38,10 +38,8 @@ from hums.analysis.result import (
     IndicatorValue,
     SensorCondition,
     check_analysis,
-    group,
     root_attributes,
     rows_dataset,
-    rows_of,
     spectrum_dataset,
     tree_of,
 )
@@ -49,7 +47,7 @@ from hums.analysis.settings import AnalysisError, AnalysisSettings
 from hums.analysis.stretches import analyse_stretches, is_long
 from hums.analysis.tracks import bearing_line, lines_to_track, tooth_line, track_envelope_lines, track_lines
 from hums.analysis.unexplained import UnexplainedLine, not_named, unlike_drawing
-from hums.analysis.verdicts import UNLIKE, derive_verdicts, evidence_groups
+from hums.analysis.verdicts import UNLIKE, evidence_groups, verdicts_from
 from hums.gearbox.model import Gearbox
 from hums.gearbox.orders import BEARING_KINDS
 from hums.records.channels import is_average
@@ -186,9 +184,10 @@ def analyze(
         "/tracks": _tracks_dataset(record, channels, machine, assessed, settings),
         "/indicators": _indicator_rows(indicators, histories),
     }
-    tree = tree_of(groups | (picture_groups(pictures) if pictures else {}))
-    found = _judge(tree)
-    tree["envelope_tracks"] = xr.DataTree(_envelope_tracks(record, channels, teeth, machine, found, settings))
+    groups |= picture_groups(pictures) if pictures else {}
+    found = _judge(groups, channels)
+    groups["/envelope_tracks"] = _envelope_tracks(record, channels, teeth, machine, found, settings)
+    tree = tree_of(groups)
     check_analysis(tree)
     return tree
 
@@ -246,9 +245,8 @@ def _analyse_snapshots(
         "/tracks": xr.Dataset(),
         "/indicators": _indicator_rows(indicators, histories),
     }
-    tree = tree_of(groups)
-    _judge(tree)
-    tree["envelope_tracks"] = xr.DataTree(xr.Dataset())
+    _judge(groups, channels)
+    tree = tree_of(groups | {"/envelope_tracks": xr.Dataset()})
     check_analysis(tree)
     return tree
 
@@ -287,18 +285,18 @@ def _assessed(channels: Sequence[AnalysedChannel], machine: Machine, settings: A
     return assessor.assess([line for channel in channels for line in channel.lines])
 
 
-def _judge(tree: Analysis) -> list[Finding]:
-    """Add the verdicts that the groups of an analysis allow, and return the findings among them."""
-    judged = derive_verdicts(tree)
+def _judge(groups: dict[str, xr.Dataset], channels: Sequence[AnalysedChannel]) -> list[Finding]:
+    """Add the verdicts that the groups of an analysis, by path, allow, and return the findings among them."""
+    judged = verdicts_from(groups, groups["/"].attrs)
     found = findings(judged)
-    tree["findings"] = xr.DataTree(rows_dataset(found, Finding, dim="finding"))
-    tree["verdicts"] = xr.DataTree(rows_dataset([one for one in judged if one not in found], Finding, dim="part"))
+    groups["/findings"] = rows_dataset(found, Finding, dim="finding")
+    groups["/verdicts"] = rows_dataset([one for one in judged if one not in found], Finding, dim="part")
     left = not_named(
-        rows_of(group(tree, "unexplained"), UnexplainedLine),
+        [line for channel in channels for line in channel.unexplained],
         [one.order_found for one in found if one.kind in BEARING_KINDS],
-        bin_width=group(tree, ORDER_SPECTRUM).attrs["bin_width_orders"],
+        bin_width=groups[f"/{ORDER_SPECTRUM}"].attrs["bin_width_orders"],
     )
-    tree["unexplained"] = xr.DataTree(rows_dataset(left, UnexplainedLine, dim="line"))
+    groups["/unexplained"] = rows_dataset(left, UnexplainedLine, dim="line")
     return found
 
 
@@ -329,9 +327,6 @@ def _without_verdicts(
         "/health": rows_dataset(conditions, SensorCondition, dim="item"),
         f"/{ORDER_SPECTRUM}": _spectra(channels, ORDER_SPECTRUM, assessed),
         f"/{ENVELOPE}": _spectra(channels, ENVELOPE, assessed),
-        "/unexplained": rows_dataset(
-            [line for channel in channels for line in channel.unexplained], UnexplainedLine, dim="line"
-        ),
     } | evidence_groups(channels, gears, machine, settings, baseline)
 
 
@@ -424,7 +419,7 @@ def _root_attrs(
 def _speed_dataset(machine: Machine) -> xr.Dataset:
     """Return the mean speed of the reference over each revolution, with its source."""
     phase, found = machine.phase, machine.source.estimated
-    speed = phase.mean_speed_per_revolution_hz()
+    speed = machine.speeds_hz
     midpoints = float(phase.revolutions[0]) + 0.5 + np.arange(speed.size)
     attrs = {
         "shaft": machine.reference,

@@ -43,7 +43,7 @@ from hums.analysis.result import (
 from hums.analysis.settings import AnalysisError, AnalysisSettings
 from hums.gearbox.components import closest
 from hums.gearbox.model import Gearbox
-from hums.gearbox.orders import BEARING_KINDS, bearing_orders, defects
+from hums.gearbox.orders import BEARING_KINDS
 from hums.gearbox.planetary_stages import planetary_stages
 from signals.angle.averaging import SynchronousAverage
 from signals.angle.residual import residual_signal
@@ -173,7 +173,8 @@ def envelope_depths(values: Values, *, harmonics: int) -> list[float]:
 
 def _machine(gearbox: Gearbox, component: str) -> Machine:
     """Return the kinematics of the gearbox, with the reference at one revolution a second: no speed is known."""
-    kinematics, reference = solved(gearbox)
+    mechanism = solved(gearbox)
+    kinematics = mechanism.kinematics
     if component not in kinematics.links:
         raise AnalysisError(
             f'the record is an average over "{component}", which gearbox "{gearbox.name}" does not have as a link'
@@ -182,11 +183,11 @@ def _machine(gearbox: Gearbox, component: str) -> Machine:
     phase = constant_speed(1.0, start_s=0.0, stop_s=1.0)
     return Machine(
         kinematics=kinematics,
-        reference=reference,
-        defect_orders=defects(kinematics),
-        bearings=bearing_orders(kinematics),
+        reference=mechanism.reference,
+        defect_orders=mechanism.defect_orders,
+        bearings=mechanism.bearings,
         phase=phase,
-        source=AngleSource(shaft=reference, phase=phase),
+        source=AngleSource(shaft=mechanism.reference, phase=phase),
         ratio=1.0,
     )
 

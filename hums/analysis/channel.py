@@ -36,7 +36,7 @@ from signals.demodulation.envelope_bank import bank_bands, bank_envelopes, level
 from signals.health import SensorHealth, sensor_health
 from signals.resampling.resampling import PASSBAND, AngularSignal, angular_resample_all
 from signals.shaft.phase import ShaftPhase
-from signals.spectra.lines import SURROUNDINGS
+from signals.spectra.lines import SURROUNDINGS, has_background
 from signals.spectra.peaks import spectral_peaks
 from signals.spectra.pooling import pooled_spectrum
 from signals.spectra.spectra import AmplitudeSpectrum, order_spectra, order_spectrum
@@ -219,7 +219,10 @@ def analyse_channel(
         for one, own in zip(stretches, conditions, strict=True)
     ]
     searched = narrowed((line for line in expected if line.spectrum == ENVELOPE), lines)
-    best, evidence, no_band = _envelopes(filled, record, name, machine, searched, lines, settings)
+    measurable = has_background(spectrum.bin_width, surroundings=beside)
+    best, evidence, no_band = _envelopes(
+        filled, record, name, machine, searched, lines, settings, measurable=measurable
+    )
     if best is not None:
         spectra[ENVELOPE] = best.spectrum
         lines = [*lines, *best.lines, *_with_sidebands(best, machine.bearings)]
@@ -377,10 +380,13 @@ def _envelopes(
     expected: Sequence[ExpectedLine],
     shaft_locked: Sequence[MeasuredLine],
     settings: AnalysisSettings,
+    *,
+    measurable: bool,
 ) -> tuple[_Envelope | None, tuple[PartEvidence, ...], str]:
     """Return the envelope with the strongest evidence, the evidence of all bands, and why there is none.
 
-    Bands whose power is mostly that of meshes and shafts are left to others: their lines beat with one another.
+    Bands whose power is mostly that of meshes and shafts are left to others: their lines beat with one another. Where
+    no line is `measurable`, in a record of few turns, none is evidence, and the first band is the one to show.
     """
     when = sampling(record, name)
     bands, no_band = _bands_to_search(when.rate_hz, machine, expected, settings)
@@ -391,7 +397,8 @@ def _envelopes(
     found: list[_Envelope] = []
     seen: list[BandEvidence] = []
     try:
-        for band, level, spectrum in _envelope_spectra(stretches, when, name, machine, expected, bands):
+        most = len(bands) if measurable else 1
+        for band, level, spectrum in _envelope_spectra(stretches, when, name, machine, expected, bands, most):
             lines, out_of_range = search(
                 spectrum,
                 expected,
@@ -448,14 +455,15 @@ def _envelope_spectra(
     machine: Machine,
     expected: Sequence[ExpectedLine],
     bands: Sequence[tuple[float, float]],
+    most: int,
 ) -> Iterator[tuple[tuple[float, float], float, AmplitudeSpectrum]]:
-    """Yield each band, the mean level of its envelope, and the order spectrum of all stretches."""
+    """Yield each of the first `most` bands, the mean level of its envelope, and its order spectrum of all stretches."""
     # the envelope spectrum of noise in a band of width B falls to zero at B, and is nearly flat up to B / 2
     widest = _ENVELOPE_SHARE * min(high - low for low, high in bands) / machine.top_speed_hz
     last = _spectrum_end(expected, None, widest)
     slowest = min((line.order for line in expected if line.fundamental), default=1.0)
-    each = (_over_angle(one, when, name, machine, bands, last) for one in stretches)
-    pairs = zip(bands, zip(*each, strict=True), strict=True)
+    each = (_over_angle(one, when, name, machine, bands[:most], last) for one in stretches)
+    pairs = zip(bands[:most], zip(*each, strict=True), strict=True)
     while some := list(islice(pairs, _BANDS_AT_ONCE)):
         pooled = _pooled_envelopes([row for _, row in some], last, slowest)
         yield from ((band, *own) for (band, _), own in zip(some, pooled, strict=True))

@@ -12,6 +12,7 @@ often gears of healthy machines with deviations show the strength (`hums.analysi
 import math
 from collections.abc import Iterable, Sequence
 from dataclasses import dataclass, replace
+from functools import cached_property
 from typing import Any
 
 import numpy as np
@@ -33,6 +34,7 @@ from signals.angle.local_damage import (
     local_damage,
     mesh_contrast,
     residual_energies,
+    tapered_transform,
 )
 from signals.resampling.resampling import PASSBAND, AngularSignal
 
@@ -191,7 +193,12 @@ def gear_damage(
         return [replace(row, not_judged=_SICK) for row in judged]
     try:
         residual = _residual(values, when, machine, channel)
-        energies = residual_energies(residual.signal, meshes=residual.meshes, lowest_order=residual.lowest_order)
+        energies = residual_energies(
+            residual.signal,
+            meshes=residual.meshes,
+            lowest_order=residual.lowest_order,
+            transform=residual.transform,
+        )
     except ValueError as error:
         return [replace(row, not_judged=str(error)) for row in judged]
     tests = channels * len({gear.row.order for gear in gears})
@@ -253,6 +260,11 @@ class _Residual:
     signal: AngularSignal
     meshes: dict[float, float]
     lowest_order: float
+
+    @cached_property
+    def transform(self) -> NDArray[np.complex128]:
+        """Fourier transform of the signal."""
+        return tapered_transform(self.signal)
 
 
 def _residual(values: Values, when: Sampling, machine: Machine, channel: str) -> _Residual:
@@ -361,6 +373,7 @@ class _Judge:
             teeth=[gears[name].per_turn for name in names],
             meshes=self.residual.meshes,
             lowest_order=self.residual.lowest_order,
+            transform=self.residual.transform,
         )
         contrast = dict(zip(names, ratios.tolist(), strict=True))
         clear = [

@@ -3,6 +3,7 @@
 import math
 from collections.abc import Iterable, Iterator
 from dataclasses import dataclass, replace
+from functools import lru_cache
 
 import numpy as np
 
@@ -86,7 +87,8 @@ class SearchPlan:
     envelope: bool
 
 
-def expected_lines(kinematics: Kinematics, plan: SearchPlan) -> list[ExpectedLine]:
+@lru_cache(maxsize=8)  # the same ones for every record of a machine
+def expected_lines(kinematics: Kinematics, plan: SearchPlan) -> tuple[ExpectedLine, ...]:
     """Return all expected lines: shafts, meshes and sidebands; with an envelope also teeth and bearings.
 
     The contact rate of a tooth on a planet or relative to a carrier is not a shaft order. Its envelope lines raise no
@@ -96,7 +98,7 @@ def expected_lines(kinematics: Kinematics, plan: SearchPlan) -> list[ExpectedLin
     lines = [*_shaft_lines(rows, plan), *_mesh_lines(kinematics, rows, plan)]
     if plan.envelope:
         lines += [*_tooth_lines(rows, plan), *_bearing_lines(rows, plan)]
-    return [line for line in lines if line.order > 0]
+    return tuple(line for line in lines if line.order > 0)
 
 
 def _shaft_lines(rows: Iterable[DefectOrder], plan: SearchPlan) -> Iterator[ExpectedLine]:

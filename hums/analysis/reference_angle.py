@@ -4,7 +4,7 @@ import math
 from collections.abc import Sequence
 from dataclasses import dataclass, replace
 from fractions import Fraction
-from functools import cached_property
+from functools import cached_property, lru_cache
 
 import numpy as np
 import xarray as xr
@@ -163,8 +163,7 @@ def prepare_machine(record: xr.Dataset, gearbox: Gearbox, settings: AnalysisSett
         If the gearbox has several degrees of freedom or no reference, a shaft does not exist, the tachometer pulses
         cannot be repaired, the speed cannot be estimated, or the record holds less than one revolution.
     """
-    kinematics, reference = solved(gearbox)
-    return _machine(record, kinematics, reference, defects(kinematics), settings)
+    return _machine(record, solved(gearbox), settings)
 
 
 def prepare_snapshots(parts: Sequence[xr.Dataset], gearbox: Gearbox, settings: AnalysisSettings) -> list[Machine]:
@@ -172,26 +171,20 @@ def prepare_snapshots(parts: Sequence[xr.Dataset], gearbox: Gearbox, settings: A
 
     A declared speed is taken as it is: a few turns do not refine it.
     """
-    kinematics, reference = solved(gearbox)
-    defect_orders, plain = defects(kinematics), settings.model_copy(update={"nominal_speed_tolerance": 0.0})
+    mechanism, plain = solved(gearbox), settings.model_copy(update={"nominal_speed_tolerance": 0.0})
     machines = []
     for number, part in enumerate(parts):
         try:
-            machines.append(_machine(part, kinematics, reference, defect_orders, plain))
+            machines.append(_machine(part, mechanism, plain))
         except AnalysisError as error:
             raise AnalysisError(f"snapshot {number}: {error}") from None
     return machines
 
 
-def _machine(
-    record: xr.Dataset,
-    kinematics: Kinematics,
-    reference: str,
-    defect_orders: tuple[DefectOrder, ...],
-    settings: AnalysisSettings,
-) -> Machine:
+def _machine(record: xr.Dataset, mechanism: "SolvedGearbox", settings: AnalysisSettings) -> Machine:
     """Return a solved gearbox with the angle of its reference in a record."""
-    source = _angle_source(record, kinematics, defect_orders, reference, settings)
+    kinematics, reference = mechanism.kinematics, mechanism.reference
+    source = _angle_source(record, kinematics, mechanism.defect_orders, reference, settings)
     ratio = _ratio(kinematics, source.shaft, reference)
     phase = source.phase if abs(ratio) == 1 else source.phase.scaled(abs(ratio))
     turned = float(phase.revolutions[-1] - phase.revolutions[0])
@@ -205,18 +198,33 @@ def _machine(
     return Machine(
         kinematics=kinematics,
         reference=reference,
-        defect_orders=defect_orders,
-        bearings=bearing_orders(kinematics),
+        defect_orders=mechanism.defect_orders,
+        bearings=mechanism.bearings,
         phase=phase,
         source=source,
         ratio=abs(ratio),
     )
 
 
-def solved(gearbox: Gearbox) -> tuple[Kinematics, str]:
-    """Return kinematics and reference of a gearbox with one degree of freedom; raise AnalysisError for another."""
+@dataclass(frozen=True, kw_only=True)
+class SolvedGearbox:
+    """What of a `Machine` the gearbox alone determines."""
+
+    kinematics: Kinematics
+    reference: str
+    defect_orders: tuple[DefectOrder, ...]
+    bearings: tuple[BearingOrders, ...]
+
+
+def solved(gearbox: Gearbox) -> SolvedGearbox:
+    """Return a gearbox with one degree of freedom solved for its orders; raise AnalysisError for another."""
     if not isinstance(gearbox, Gearbox):
         raise AnalysisError(f"gearbox is a {type(gearbox).__name__}; load it first, as hums.load_gearbox(...) does.")
+    return _solved(gearbox)
+
+
+@lru_cache(maxsize=8)  # a fleet has thousands of records of a few gearboxes
+def _solved(gearbox: Gearbox) -> SolvedGearbox:
     kinematics = solve_kinematics(gearbox)
     if kinematics.dof != 1:
         raise AnalysisError(
@@ -225,7 +233,12 @@ def solved(gearbox: Gearbox) -> tuple[Kinematics, str]:
         )
     if gearbox.reference is None:
         raise AnalysisError(f'gearbox "{gearbox.name}" declares no reference shaft; add reference = "LINK".')
-    return kinematics, gearbox.reference
+    return SolvedGearbox(
+        kinematics=kinematics,
+        reference=gearbox.reference,
+        defect_orders=defects(kinematics),
+        bearings=bearing_orders(kinematics),
+    )
 
 
 def _refuse_implausible(phase: ShaftPhase, tachometer: str, reference: str, settings: AnalysisSettings) -> None:

@@ -3,10 +3,9 @@
 import json
 from collections.abc import Mapping, Sequence
 from dataclasses import dataclass, fields
-from functools import cache
+from functools import cache, lru_cache
 from importlib.metadata import version
-from itertools import pairwise
-from pathlib import Path, PurePosixPath
+from pathlib import Path
 from typing import TYPE_CHECKING, Any, TypeAlias, TypeVar
 
 import numpy as np
@@ -31,6 +30,7 @@ Analysis: TypeAlias = xr.DataTree
 Row = TypeVar("Row")
 SCHEMA = "hums-analysis/1"
 _version = cache(version)  # which reads the package's files
+_NUMBERS = (float, "float")  # types of a field that is a number, as annotated
 GROUPS = ("speed", "health", ORDER_SPECTRUM, ENVELOPE, "tracks", "indicators", "findings")
 
 
@@ -221,9 +221,14 @@ def tree_of(groups: Mapping[str, xr.Dataset]) -> Analysis:
     below: dict[str, dict[str, xr.DataTree]] = {}
     for path, dataset in groups.items():
         nodes[path] = xr.DataTree(dataset)
-        for child, parent in pairwise([PurePosixPath(path), *PurePosixPath(path).parents]):
-            nodes.setdefault(str(parent), xr.DataTree())
-            below.setdefault(str(parent), {})[child.name] = nodes[str(child)]
+        child = path
+        while child != "/":
+            above, _, name = child.rpartition("/")
+            parent = above or "/"
+            if parent not in nodes:
+                nodes[parent] = xr.DataTree()
+            below.setdefault(parent, {})[name] = nodes[child]
+            child = parent
     for path, children in below.items():
         nodes[path].children = children
     return nodes["/"]
@@ -311,13 +316,20 @@ def rows_dataset(rows: Sequence[object], kind: type, *, dim: str) -> xr.Dataset:
 
     Numbers and strings stand as they are, tuples as JSON; `rows_of` reads them back.
     """
+    if not rows:
+        return _no_rows(kind, dim).copy()
     columns: dict[str, NDArray[Any]] = {}
     for field in fields(kind):
         values = [getattr(row, field.name) for row in rows]
         values = [json.dumps(value) if isinstance(value, tuple) else value for value in values]
-        number = field.type in (float, "float")
-        columns[field.name] = np.array(values, dtype=np.float64 if number else None if rows else "<U1")
+        columns[field.name] = np.array(values, dtype=np.float64 if field.type in _NUMBERS else None)
     return xr.Dataset({name: (dim, values) for name, values in columns.items()})
+
+
+@lru_cache(maxsize=32)  # most records have nothing to say of some kind, and the checks of xarray take their time
+def _no_rows(kind: type, dim: str) -> xr.Dataset:
+    types = {field.name: np.float64 if field.type in _NUMBERS else "<U1" for field in fields(kind)}
+    return xr.Dataset({name: (dim, np.zeros(0, dtype=dtype)) for name, dtype in types.items()})
 
 
 def rows_of(dataset: xr.Dataset, kind: type[Row]) -> list[Row]:

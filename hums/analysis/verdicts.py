@@ -12,10 +12,10 @@ judged. A level is no proof of a cause, so that a shaft is at most indicated.
 
 import json
 import math
-from collections.abc import Iterator, Sequence
+from collections.abc import Iterator, Mapping, Sequence
 from dataclasses import asdict, dataclass, replace
 from functools import cache, lru_cache
-from typing import Literal
+from typing import Any, Literal
 
 import xarray as xr
 
@@ -48,7 +48,15 @@ from hums.gearbox.orders import BEARING_KINDS
 from signals._validation import checked
 from signals.spectra.integration import line_velocity
 
-__all__ = ["ShaftLevel", "Unmeasured", "derive_verdicts", "evidence_groups", "shaft_levels", "unmeasured_parts"]
+__all__ = [
+    "ShaftLevel",
+    "Unmeasured",
+    "derive_verdicts",
+    "evidence_groups",
+    "shaft_levels",
+    "unmeasured_parts",
+    "verdicts_from",
+]
 
 EVIDENCE, GEARS, SHAFTS, UNMEASURED = "evidence", "gears", "shafts", "unmeasured"
 UNLIKE = "unlike_drawing"  # attribute of the root: why the record does not look like its gearbox, or empty
@@ -159,8 +167,14 @@ def derive_verdicts(analysis: Analysis) -> list[Finding]:
             f"this analysis lacks the groups {', '.join(lacking)}, from which verdicts are derived; make it again with "
             "hums.analyze."
         )
-    settings = json.loads(analysis.attrs["settings_json"])
-    evidence, judged_gears = group(analysis, EVIDENCE), group(analysis, GEARS)
+    needed = (EVIDENCE, GEARS, SHAFTS, UNMEASURED, "health")
+    return verdicts_from({f"/{name}": group(analysis, name) for name in needed}, analysis.attrs)
+
+
+def verdicts_from(groups: Mapping[str, xr.Dataset], attrs: Mapping[Any, Any]) -> list[Finding]:
+    """Return what `derive_verdicts` does, from groups by path and the attributes of an analysis."""
+    settings = json.loads(attrs["settings_json"])
+    evidence, judged_gears = groups[f"/{EVIDENCE}"], groups[f"/{GEARS}"]
     parts, gears = rows_of(evidence, PartEvidence), rows_of(judged_gears, GearJudgement)
     tests, teeth = len({(row.channel, row.order) for row in gears}), _library(judged_gears)
     gears = [
@@ -169,8 +183,8 @@ def derive_verdicts(analysis: Analysis) -> list[Finding]:
         else row
         for row in gears
     ]
-    unmeasured = rows_of(group(analysis, UNMEASURED), Unmeasured)
-    health = group(analysis, "health")
+    unmeasured = rows_of(groups[f"/{UNMEASURED}"], Unmeasured)
+    health = groups["/health"]
     sensors = zip(*(health.variables[name].to_numpy().tolist() for name in ("name", "sensor", "status")), strict=True)
     sick = {(sensor, name) for name, sensor, status in sensors if status == "sick"}
     faulty = [name for sensor, name in sick if sensor == "vibration"]
@@ -186,10 +200,10 @@ def derive_verdicts(analysis: Analysis) -> list[Finding]:
             at_shafts=_library(evidence, _AT_SHAFTS),
         ),
         *gear_verdicts(gears, false_alarm_probability=chance),
-        *_shaft_verdicts(rows_of(group(analysis, SHAFTS), ShaftLevel), settings["velocity_limits_mm_s"], faulty),
+        *_shaft_verdicts(rows_of(groups[f"/{SHAFTS}"], ShaftLevel), settings["velocity_limits_mm_s"], faulty),
         *(_not_measured(row) for row in unmeasured),
     ]
-    if unlike := str(analysis.attrs[UNLIKE]):
+    if unlike := str(attrs[UNLIKE]):
         change = "judged with the drawing of the machine that was recorded"
         return [judging_nothing(one, unlike, change) for one in judged]
     if any(sensor == "tachometer" for sensor, _ in sick):

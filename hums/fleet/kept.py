@@ -18,7 +18,7 @@ from hums.fleet.observation import Observation, observation
 from hums.fleet.series import Series, SeriesValues
 from hums.records.store import atomic_write
 
-__all__ = ["KeptRecord", "read_results", "read_row", "write_row"]
+__all__ = ["KeptRecord", "packed_row", "read_results", "read_row", "write_row"]
 
 _NUMBERS = ("lines", "indicators")  # of a row
 
@@ -55,7 +55,13 @@ class KeptRecord:
 
 
 def write_row(row: Mapping[str, Any], path: Path) -> None:
-    """Write the results of one record: JSON, with numbers as the base64 text of little-endian doubles.
+    """Write the results of one record, as `packed_row` packs them, into the folder of a run's jobs."""
+    with atomic_write(path, tidy=False) as part:
+        part.write_bytes(packed_row(row))
+
+
+def packed_row(row: Mapping[str, Any]) -> bytes:
+    """Return the results of one record as a file: JSON, with numbers as the base64 text of little-endian doubles.
 
     The names of the numbers are one text, which is the same for most records and is parsed once for all of them.
     """
@@ -64,8 +70,7 @@ def write_row(row: Mapping[str, Any], path: Path) -> None:
         values = np.ascontiguousarray(row[name].values, dtype="<f8")
         names = json.dumps(row[name].keys, separators=(",", ":"))
         packed[name] = [names, list(values.shape), base64.b64encode(values.tobytes()).decode()]
-    with atomic_write(path) as part:
-        part.write_bytes(gzip.compress(json.dumps(dict(row) | packed).encode(), compresslevel=1, mtime=0))
+    return gzip.compress(json.dumps(dict(row) | packed).encode(), compresslevel=1, mtime=0)
 
 
 def read_row(path: Path) -> dict[str, Any]:

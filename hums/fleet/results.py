@@ -26,7 +26,7 @@ def results(analysis: Analysis) -> dict[str, Any]:
     ``lines`` are `Numbers` under `LINE`: order, amplitude, what it is over its surroundings, and 1 where it is claimed;
     ``indicators`` those under `INDICATOR`: the value.
     """
-    speed = group(analysis, "speed")["speed_hz"]
+    speed = group(analysis, "speed").variables["speed_hz"].to_numpy()
     findings, others = (list(_rows(analysis, name, ["verdict", "doubts", *_PART])) for name in ("findings", "verdicts"))
     verdicts = [*findings, *others]
     return {

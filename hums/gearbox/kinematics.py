@@ -39,7 +39,7 @@ _ZERO = Fraction(0)
 _IN_PLANE = 1e-12  # largest z component, or deviation from parallel, of unit vectors
 
 
-@dataclass(frozen=True)
+@dataclass(frozen=True, eq=False)  # what is derived from one is kept by its identity
 class Kinematics:
     """The solved kinematics of a gearbox: degrees of freedom, carriers, velocity ratios.
 
@@ -133,7 +133,16 @@ class Kinematics:
         >>> print(kinematics.rates({"sun": 1})["carrier"])  # Willis: 27 / (27 + 99), the ring at rest
         3/14
         """
-        imposed = self._unit_reference_speed() if speeds is None else speeds
+        if speeds is None:
+            return dict(self._unit_rates)
+        return self._rates(speeds)
+
+    @cached_property
+    def _unit_rates(self) -> dict[str, Fraction]:
+        """Joint rates at the speed 1 of the reference."""
+        return self._rates(self._unit_reference_speed())
+
+    def _rates(self, imposed: Speeds) -> dict[str, Fraction]:
         values = {link: _fraction(link, speed) for link, speed in imposed.items()}
         found: dict[str, Rates] = {}  # by free body, a linear form in the imposed speeds
         for link, speed in values.items():

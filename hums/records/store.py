@@ -379,8 +379,12 @@ def _write(groups: Mapping[str, tuple[xr.Dataset, Chunks]], path: str | os.PathL
 
 
 @contextmanager
-def atomic_write(path: str | os.PathLike[str]) -> Iterator[Path]:
-    """Yield a temporary file to write, which replaces `path` on success and is removed on failure."""
+def atomic_write(path: str | os.PathLike[str], *, tidy: bool = True) -> Iterator[Path]:
+    """Yield a temporary file to write, which replaces `path` on success and is removed on failure.
+
+    What dead writers of `path` left is removed, for which the folder is listed; not with `tidy` false: the time of as
+    many files in one folder would grow with their square. `hums.jobs.run_jobs` tidies its folder when it begins.
+    """
     target = Path(path).resolve()  # so that a symbolic link remains one
     if not is_utf8(target.name):
         raise RecordError(f"{path}: this name is not UTF-8 text, and what it names would not be opened; give another.")
@@ -388,7 +392,8 @@ def atomic_write(path: str | os.PathLike[str]) -> Iterator[Path]:
         raise RecordError(f"{path} is a directory; name a file in it.")
     if not target.parent.is_dir():
         raise RecordError(f"{path}: there is no directory {target.parent}; create it first.")
-    remove_partial_files(target.parent, of=target.name)
+    if tidy:
+        remove_partial_files(target.parent, of=target.name)
     part = target.with_name(f".hums-{_short(target.name)}-{_writer(os.getpid())}-{uuid4().hex[:8]}.part")
     try:
         yield part

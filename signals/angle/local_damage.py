@@ -52,6 +52,7 @@ __all__ = [
     "local_damage",
     "mesh_contrast",
     "residual_energies",
+    "tapered_transform",
 ]
 
 FEWEST_TURNS = 4
@@ -100,7 +101,12 @@ class BandEnergies:
 
 
 def residual_energies(
-    signal: AngularSignal, *, meshes: Mapping[float, float], lowest_order: float, bands: int = 8
+    signal: AngularSignal,
+    *,
+    meshes: Mapping[float, float],
+    lowest_order: float,
+    bands: int = 8,
+    transform: NDArray[np.complex128] | None = None,
 ) -> BandEnergies:
     """Return the squared envelopes, in equal bands of orders, of a signal without its mesh harmonics.
 
@@ -115,6 +121,8 @@ def residual_energies(
         Below it everything is removed: shafts.
     bands : int
         Number of bands.
+    transform : (n // 2 + 1,) array, optional
+        The `tapered_transform` of the signal, where it is known.
 
     Returns
     -------
@@ -142,23 +150,47 @@ def residual_energies(
     size, top = signal.values.size, signal.passband_orders
     if low >= top:
         raise ValueError(f"lowest_order={low:g} is not below {top:g}, the highest order of the signal; sample faster.")
-    lines = _lines(signal)
+    lines = tapered_transform(signal) if transform is None else transform
     per_order = size / signal.samples_per_rev
-    lines[_of_meshes(lines.size, per_order, meshes)] = 0
+    left_out = _of_meshes(lines.size, per_order, meshes)
     edges = np.linspace(low, top, count + 1)
     bins = np.rint(edges * per_order).astype(int)
     length = fft.next_fast_len(2 * int(np.diff(bins).max()))  # the square of a band is twice as wide
     energies = np.empty((count, length))
     for band in range(count):
         part = np.zeros(length, dtype=np.complex128)
-        part[: bins[band + 1] - bins[band]] = lines[bins[band] : bins[band + 1]]
+        own = slice(bins[band], bins[band + 1])
+        np.copyto(part[: own.stop - own.start], lines[own], where=~left_out[own])
         analytic = fft.ifft(part, overwrite_x=True)
-        energies[band] = (analytic.real**2 + analytic.imag**2) * (2 * length / size) ** 2
+        np.square(analytic.real, out=energies[band])
+        energies[band] += np.square(analytic.imag)
+        energies[band] *= (2 * length / size) ** 2
     return BandEnergies(values=energies, samples_per_rev=length / per_order, start_rev=signal.start_rev, edges=edges)
 
 
-def _lines(signal: AngularSignal) -> NDArray[np.complex128]:
-    """Return the discrete Fourier transform of a signal without its mean, its ends tapered by up to a revolution."""
+def tapered_transform(signal: AngularSignal) -> NDArray[np.complex128]:
+    """Return the discrete Fourier transform of a signal without its mean, its ends tapered by up to a revolution.
+
+    Parameters
+    ----------
+    signal : AngularSignal
+        Samples over the angle of the reference.
+
+    Returns
+    -------
+    (n // 2 + 1,) array
+        In the unit of the signal, not scaled.
+
+    Examples
+    --------
+    >>> import numpy as np
+    >>> from signals import AngularSignal
+    >>> from signals.angle.local_damage import tapered_transform
+    >>> x = np.cos(2 * np.pi * 5 * np.arange(1024) / 64)
+    >>> signal = AngularSignal(values=x, samples_per_rev=64, start_rev=0.0, passband_orders=28.0)
+    >>> int(np.argmax(np.abs(tapered_transform(signal)))) / 16  # of 16 turns
+    5.0
+    """
     size = signal.values.size
     values = signal.values - signal.values.mean()
     ramp = min(signal.samples_per_rev, size // 8)  # the ends do not meet: without a taper they ring in every band
@@ -186,6 +218,7 @@ def mesh_contrast(
     teeth: Sequence[float],
     meshes: Mapping[float, float],
     lowest_order: float,
+    transform: NDArray[np.complex128] | None = None,
 ) -> Array:
     """Return how much more power the multiples of a shaft have near the harmonics of each mesh than between them.
 
@@ -202,8 +235,8 @@ def mesh_contrast(
         Turns of the shaft per revolution of the reference.
     teeth : sequence of float
         Teeth of each gear of the shaft: its mesh has the order ``teeth * order``.
-    meshes, lowest_order
-        What is left out, as in `residual_energies`.
+    meshes, lowest_order, transform
+        What is left out, and the transform where it is known, as in `residual_energies`.
 
     Returns
     -------
@@ -228,7 +261,8 @@ def mesh_contrast(
     True
     """
     rate, pitches = positive(order, name="order"), [positive(one, name="teeth") for one in teeth]
-    power = np.abs(_lines(signal)) ** 2
+    lines = tapered_transform(signal) if transform is None else transform
+    power = lines.real**2 + lines.imag**2
     per_order = signal.values.size / signal.samples_per_rev
     left_out = _of_meshes(power.size, per_order, meshes)
     spacing = rate * per_order  # lines between multiples of the shaft

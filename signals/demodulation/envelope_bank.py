@@ -11,6 +11,7 @@ its own moving average keeps what repeats within the width of that average.
 from __future__ import annotations
 
 from dataclasses import replace
+from functools import lru_cache
 from itertools import groupby, islice, pairwise
 from typing import TYPE_CHECKING
 
@@ -199,15 +200,19 @@ def level_normalised(signal: AngularSignal, *, revolutions: float) -> AngularSig
     width = min(positive(revolutions, name="revolutions"), float(signal.revolutions))
     step = max(1, int(width * signal.samples_per_rev / _LEVEL_POINTS))
     count = max(1, signal.values.size // step)
-    coarse = np.add.reduceat(signal.values, np.arange(0, count * step, step)) / np.diff(
-        np.append(np.arange(0, count * step, step), signal.values.size)
-    )
-    points = max(1, round(width * signal.samples_per_rev / step))
-    window = np.hanning(points + 2)[1:-1]
-    sums = convolve1d(coarse, window, mode="constant")
-    level = sums / convolve1d(np.ones(count), window, mode="constant")
+    starts = np.arange(0, count * step, step)
+    coarse = np.add.reduceat(signal.values, starts) / np.diff(np.append(starts, signal.values.size))
+    window, weights = _hann_weights(max(1, round(width * signal.samples_per_rev / step)), count)
+    level = convolve1d(coarse, window, mode="constant") / weights
     middle = (np.arange(count) + 0.5) * step
     smooth = np.interp(np.arange(signal.values.size), middle, level)
     mean = float(signal.values.mean())
     ratio = np.divide(signal.values, smooth, out=np.ones(signal.values.size), where=smooth > 0)
     return replace(signal, values=ratio * mean)
+
+
+@lru_cache(maxsize=4)  # the same ones for the bands of a record
+def _hann_weights(points: int, count: int) -> tuple[NDArray[np.float64], NDArray[np.float64]]:
+    """Return Hann's window of some points, and the sum of it that lies in the record at each of `count` places."""
+    window = np.hanning(points + 2)[1:-1]
+    return window, np.asarray(convolve1d(np.ones(count), window, mode="constant"))

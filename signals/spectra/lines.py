@@ -255,6 +255,26 @@ def find_lines(
     return found
 
 
+def has_background(bin_width: float, *, surroundings: float = SURROUNDINGS) -> bool:
+    """Return whether enough bins may surround a line of a spectrum, False where `find_lines` refuses every one.
+
+    Parameters
+    ----------
+    bin_width : float
+        `AmplitudeSpectrum.bin_width`.
+    surroundings : float
+        As in `find_line`, in the same unit.
+
+    Examples
+    --------
+    >>> from signals.spectra.lines import has_background
+    >>> has_background(1 / 2), has_background(1 / 20)  # records of 2 and of 20 turns
+    (False, True)
+    """
+    # a point more on either side, of a bin at most, may lie within the surroundings
+    return 2 * (surroundings / bin_width - _LOBE_BINS + 1) >= _FEWEST_BINS
+
+
 class _Place(NamedTuple):
     """Where a line is: its expected order, half the searched band, its peak, and whether `closer` is asked for."""
 

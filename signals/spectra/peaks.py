@@ -75,7 +75,7 @@ def spectral_peaks(spectrum: AmplitudeSpectrum, *, ratio: float = 4.0) -> Spectr
     >>> from signals.spectra.peaks import spectral_peaks
     >>> turns = np.arange(4096) / 64
     >>> x = np.cos(2 * np.pi * 10 * turns) + 0.05 * np.random.default_rng(1).standard_normal(4096)
-    >>> found = spectral_peaks(amplitude_spectrum(x, rate=64), ratio=6)
+    >>> found = spectral_peaks(amplitude_spectrum(x, rate=64), ratio=20)
     >>> np.round(found.position, 2), np.round(found.amplitude, 1)
     (array([10.]), array([1.]))
     """
@@ -89,7 +89,8 @@ def spectral_peaks(spectrum: AmplitudeSpectrum, *, ratio: float = 4.0) -> Spectr
     # a block of little noise between others of much keeps its own, and one filled with lines takes its neighbours'
     medians = np.minimum(medians, median_filter(medians, _SMOOTHED_BLOCKS, mode="nearest"))
     inner = amplitude[1:-1]
-    places = np.flatnonzero((inner >= amplitude[:-2]) & (inner > amplitude[2:])) + 1
+    places = np.flatnonzero(inner > ratio * medians.min()) + 1  # the others are below any background
+    places = places[(amplitude[places] >= amplitude[places - 1]) & (amplitude[places] > amplitude[places + 1])]
     places = places[axis[places] > _LOBE_BINS * spectrum.bin_width]
     background = np.interp(places, (np.arange(count) + 0.5) * size, medians)
     high = amplitude[places] > ratio * background

@@ -550,3 +550,13 @@ def test_jitter_of_the_tachometer_is_in_the_std_of_the_tracks(jitter_s):
         error = np.mean(np.abs(turned / truth - 1) ** 2) / 2  # of each quadrature
         squares.append(error / np.mean(track["std"].to_numpy()[20:-20] ** 2))
     assert 0.64 < np.mean(squares) < 1.56  # 0.8 to 1.25 in standard deviations, as for the demo
+
+
+def test_bands_in_which_no_line_can_be_measured_are_left_out(monkeypatch):
+    """A record of few turns has no background beside any line: the analysis of all bands is the same."""
+    settings = AnalysisSettings(pictures=False)
+    record = tone_record(seconds=0.15)
+    short = analyze(record, TWO_STAGE, settings=settings)
+    monkeypatch.setattr("hums.analysis.channel.has_background", lambda *_, **__: True)
+    assert short.identical(analyze(record, TWO_STAGE, settings=settings))
+    assert "of 2 bands" in envelope_bands(short)[0]["why"]

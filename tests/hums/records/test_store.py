@@ -583,6 +583,13 @@ class TestLitter:
             part.write_text("whole")
         assert sorted(path.name for path in tmp_path.iterdir()) == ["a.txt", "b.txt"]
 
+    def test_not_where_the_folder_is_tidied_by_its_run(self, tmp_path, monkeypatch):
+        """The folder is not listed then, which for many files in it would take a time that grows with their square."""
+        monkeypatch.setattr(Path, "glob", lambda *_: pytest.fail("the folder is listed"))
+        with atomic_write(tmp_path / "a.txt", tidy=False) as part:
+            part.write_text("whole")
+        assert (tmp_path / "a.txt").read_text() == "whole"
+
     def test_not_of_a_living_one(self, tmp_path):
         with atomic_write(tmp_path / "a.txt") as first:
             first.write_text("first")

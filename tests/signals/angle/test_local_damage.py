@@ -14,6 +14,7 @@ from signals.angle.local_damage import (
     local_damage,
     mesh_contrast,
     residual_energies,
+    tapered_transform,
 )
 
 TEETH, CELLS, TURNS, BANDS = 20, 40, 64, 2
@@ -306,3 +307,16 @@ def test_rotations_stop_at_the_eighth_that_exceeds():
     assert stopped[-1] >= observed
     assert 99 <= stopped.size < 400
     np.testing.assert_array_equal(stopped, every[: stopped.size])
+
+
+def test_a_known_transform_changes_nothing():
+    x = np.random.default_rng(7).standard_normal(64 * 128)
+    signal = AngularSignal(values=x, samples_per_rev=128, start_rev=0.0, passband_orders=56.0)
+    left_out = {"meshes": {20.0: 2.5, 17.0: 1.0}, "lowest_order": 3.0}
+    lines = tapered_transform(signal)
+    known = lines.copy()
+    energies = residual_energies(signal, **left_out, transform=known)
+    assert np.array_equal(energies.values, residual_energies(signal, **left_out).values)
+    ratios = [mesh_contrast(signal, order=1, teeth=(20, 17), **left_out, transform=one) for one in (known, None)]
+    assert np.array_equal(*ratios)
+    assert np.array_equal(known, lines)

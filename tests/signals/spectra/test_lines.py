@@ -6,7 +6,15 @@ import numpy as np
 import pytest
 from scipy import integrate, stats
 
-from signals.spectra.lines import Line, _medians, false_alarm_probability, find_line, find_lines, record_probability
+from signals.spectra.lines import (
+    Line,
+    _medians,
+    false_alarm_probability,
+    find_line,
+    find_lines,
+    has_background,
+    record_probability,
+)
 from signals.spectra.spectra import amplitude_spectrum
 
 PER_REV = 32
@@ -243,3 +251,13 @@ class TestTogether:
         assert beside.leakage > 1
         assert math.isnan(far.leakage)
         assert find_line(lines, expected=2.0).leakage > 0
+
+    @pytest.mark.parametrize("revolutions", [2, 4, 5, 6, 7, 8, 9, 16])
+    def test_without_background_every_line_is_refused(self, revolutions):
+        values = np.random.default_rng(revolutions).standard_normal(PER_REV * revolutions)
+        lines = amplitude_spectrum(values, rate=PER_REV)
+        orders = np.arange(0.1, 15, 0.1)
+        found = find_lines(lines, expected=orders, tolerance=0.02 * orders, closer=np.full(orders.size, math.nan))
+        measured = any(isinstance(one, Line) for one in found)
+        assert has_background(lines.bin_width) or not measured
+        assert measured or revolutions < 9  # of 8 bins beside a lobe of 3 on either side 7 turns are the fewest
