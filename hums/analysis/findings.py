@@ -83,13 +83,23 @@ class Finding:
 
 
 def findings(every: Sequence[Finding]) -> list[Finding]:
-    """Return the verdicts that name a part: diagnosed before indicated, bearings before gears, the deepest first."""
+    """Return the verdicts that name a part: diagnosed before indicated, bearings before gears, the deepest first.
+
+    A bearing that modulates no deeper than sound ones do comes last: among the impacts of a damaged tooth, whose
+    envelope has lines at all multiples of its shaft, one may pass for a race.
+    """
     named = [one for one in every if one.verdict in {DIAGNOSED, INDICATED}]
+
+    def of_kind(one: Finding) -> int:
+        if one.kind not in BEARING_KINDS:
+            return 1
+        return 2 if one.verdict == INDICATED and one.depth < FAULTY_DEPTH else 0
+
     return sorted(
         named,
         key=lambda one: (
             one.verdict != DIAGNOSED,
-            one.kind not in BEARING_KINDS,
+            of_kind(one),
             -(one.strength if math.isfinite(one.strength) else one.snr),
         ),
     )

@@ -23,7 +23,7 @@ from hums.analysis.findings import INDICATED, NOT_JUDGED, NOTHING_FOUND, Finding
 from hums.analysis.healthy_machines import HealthyMachines, healthy_machines
 from hums.analysis.reference_angle import Machine
 from hums.analysis.result import IndicatorValue
-from hums.analysis.thresholds import DIFFERING_TEETH, FEWEST_CYCLES, HIGHEST_TOOTH, MODULATED_MESH
+from hums.analysis.thresholds import DIFFERING_TEETH, FEWEST_CYCLES, GRAVE_RISE, HIGHEST_TOOTH, MODULATED_MESH
 from hums.gearbox.orders import DefectOrder
 from hums.gearbox.planetary_stages import planetary_stages
 from hums.records.record import Sampling
@@ -78,6 +78,8 @@ class GearJudgement:
         Of this gear alone (see `LocalDamage`).
     statistic, outlier, rise : float
         As in `LocalDamage`.
+    least_rise : float
+        Rise, in all bands alike, from which on the tooth would be named.
     amplitude : float
         RMS of the envelope at the tooth, in `units`.
     position_rev : float
@@ -105,6 +107,7 @@ class GearJudgement:
     statistic: float = 0.0
     outlier: float = 0.0
     rise: float = 1.0
+    least_rise: float = 1.0
     amplitude: float = math.nan
     position_rev: float = math.nan
     band_orders: tuple[float, float] = (math.nan, math.nan)
@@ -293,6 +296,11 @@ class _Judge:
     threshold: float
     library: HealthyMachines
 
+    @cached_property
+    def named_at(self) -> float:
+        """Probability of a tooth that is as far out, from which on its gear is named."""
+        return float(10.0 ** -self.library.strength_at(self.threshold, parts=self.tests))
+
     def of(self, row: GearJudgement, gear: _Tooth, keep: NDArray[np.bool_] | None = None) -> GearJudgement:
         """Return the judgement of a gear, from some of the samples."""
         least, most = _ROTATIONS
@@ -309,7 +317,7 @@ class _Judge:
             )
         except ValueError as error:
             return replace(row, not_judged=f"too short or too slowly sampled: {error}")
-        found = local_damage(folds, rotations=rotations, rng=np.random.default_rng(0))
+        found = local_damage(folds, rotations=rotations, rng=np.random.default_rng(0), stated=self.named_at)
         return replace(row, **self._fields(found))
 
     def _fields(self, found: LocalDamage) -> dict[str, Any]:
@@ -326,6 +334,7 @@ class _Judge:
             "statistic": found.statistic,
             "outlier": found.outlier,
             "rise": found.rise,
+            "least_rise": found.least_rise,
             "amplitude": math.sqrt(level * found.rise),
             "position_rev": found.position_rev,
             "band_orders": (float(self.energies.edges[found.band]), float(self.energies.edges[found.band + 1])),
@@ -479,11 +488,10 @@ def _unnamed(row: GearJudgement, stated: float) -> Finding:
 
 def _why_not_judged(row: GearJudgement, stated: float) -> tuple[str, str, str]:
     """Return why an unnamed gear is not judged, empty where it is, what to do next, and what would change it."""
-    if row.not_judged == _SICK:
-        return _SICK, "", "judged with a sound sensor"
     longer = "judged in a longer record, or a faster sampled one"
     if row.not_judged:
-        return row.not_judged, _LONGER if row.not_judged.startswith("too short") else "", longer
+        change = "judged with a sound sensor" if row.not_judged == _SICK else longer
+        return row.not_judged, _LONGER if row.not_judged.startswith("too short") else "", change
     if row.explained_by and row.probability <= stated:
         by = row.explained_by
         return f"what it shows may be that of {by}", "", f"indicated without the tooth of {by}"
@@ -497,6 +505,12 @@ def _why_not_judged(row: GearJudgement, stated: float) -> tuple[str, str, str]:
         )
         change = f"nothing found, if that were below {HIGHEST_TOOTH:g} standard deviations"
         return why, _COMPARE, change
+    if row.least_rise > GRAVE_RISE:
+        why = (
+            f"its teeth differ too much, or are too few, for one to stand out below {row.least_rise:.3g} times the "
+            f"energy of the others, and damaged ones may rise to {GRAVE_RISE:g} times it"
+        )
+        return why, _COMPARE, f"nothing found, if {GRAVE_RISE:g} times the energy of the others stood out"
     return "", "", ""
 
 

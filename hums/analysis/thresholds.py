@@ -110,8 +110,17 @@ HIGHEST_TOOTH = 5.0
 """Standard deviations of the other teeth above them, from which on the highest of teeth that differ may be a pit.
 
 Energies of sound teeth are exponential, the highest of a hundred 4.0 of them above the mean of all at the median. Of
-530 gears of healthy machines, all with pitch deviations, 191 are not judged, 83 of them for this; of 110 faulty
-ones 33, and 19 are called sound. Halved, 366, 37 and 15; doubled, 111, 31 and 21.
+2,064 gears of healthy machines, all with pitch deviations, 290 are not judged for this; of 472 faulty ones of 20 dB or
+more 323 are named, 85 not judged and 64 called sound. Halved, 1,042, and 99 and 50 of the faulty; doubled, 20, 69 and
+80.
+"""
+
+GRAVE_RISE = 4.0
+"""Ratio of a tooth's energy to that of the others, from which on it must be named for its gear to count as sound.
+
+Few teeth, or few that differ independently, leave a test without power. One in ten of 271 single teeth damaged at 40 dB
+or more rises by less than 3.8, so that a gear at this limit would show nine of ten. Of 1,960 gears of damaged machines
+2 % need more. Halved, 16 % are not judged; doubled, 0.2 %.
 """
 
 MODULATED_MESH = 1.5

@@ -11,10 +11,13 @@ Two tests must both reject. That nothing repeats with this gear's turn: the bloc
 random (a permutation test, exact where blocks are exchangeable under rotation; stopped early as Besag & Clifford 1991,
 Biometrika 78, 301-304). That the tooth differs from others no more than they do among themselves, for pitch deviations
 of a sound gear repeat, too. In a band of sidebands a Gaussian deviation of each tooth has two Gaussian quadratures, so
-that the energies of sound teeth are exponential above what they have in common. An exponential variable over the mean
-of m others is F(2, 2 m); here its excess over their mean is taken in units of their standard deviation, which scatters
-twice as much as a mean, so that F(2, m) bounds the tail. Noise alone is normal and has a shorter one. m is the number
-of independent values of the curve over the turn.
+that the energies of sound teeth are exponential above what they have in common. Their scale is estimated in two ways,
+from others that are as m independent values. Where noise makes most of their scatter, their standard deviation is
+sharp; that of exponentials scatters twice as much as a mean, so that the excess over their mean in this unit has a tail
+bounded by F(2, m). Where teeth differ, one or two large ones decide it, and few teeth leave no evidence; their mean
+above the lowest is then the sufficient statistic, and the excess over the lowest in this unit is F(2, 2 m - 2), exact
+whatever they have in common. The two probabilities are combined by their geometric mean times e, which holds whatever
+their dependence (Vovk & Wang 2020, Biometrika 107, 791-808).
 
 A damaged tooth is short and so wide in order: it stands at one place of the turn in many bands. The probabilities of
 the bands at one place are combined by their product, and a tooth may repeat in one band and stand out in another.
@@ -25,7 +28,7 @@ the bands count as fewer (Brown 1975, Biometrics 31, 987-992, with the mean corr
 from __future__ import annotations
 
 import math
-from dataclasses import dataclass, field, replace
+from dataclasses import dataclass, field, fields, replace
 from functools import lru_cache
 from typing import TYPE_CHECKING
 
@@ -66,9 +69,12 @@ _HARMONICS = 40  # of each mesh removed; a mesh has no measurable ones beyond
 _FIRST, _ENOUGH = 99, 8  # rotations drawn before the permutation test may stop, and exceedances at which it does
 _FEWEST_OTHERS = 3  # cells besides the peak and its neighbours, of which a scatter can be estimated
 _NEIGHBOURS = 2.5  # teeth on either side of the peak not compared: pits spread, and the mesh rings on; at most a sixth
-_UNLIKELY = 0.2  # probability of the outlier alone above which no healthy machine's gear would be exceeded, either
+_UNLIKELY = 0.5  # probability of the outlier alone above which no healthy machine's gear would be exceeded, either
 _CLIPS = 4  # times that the smooth orders are estimated again: each leaves a third of the share of the peak
 _LEAST_TAIL = 1e-30  # of one band: its logarithm is finite where others do not scatter at all
+_RISES = np.geomspace(
+    1.0, 1e6, 121
+)  # steps of an eighth, between which is interpolated; a tooth rings by 60 dB at most
 _NEAR_MESH = 0.25  # of the mesh order: half of all lines are nearer to a harmonic, half of them farther from it
 _SILENT = 1e-6  # of the median turn's energy: a turn below is a drop-out
 
@@ -456,6 +462,8 @@ class LocalDamage:
     rise : float
         The peak's energy over that of the other places, of geometric means over turns; what bounds the logarithm makes
         it too small where it is large.
+    least_rise : float
+        The rise, in all bands alike, at which `local` would be as stated; inf where none would make it.
     position_rev, width_rev : float
         Middle of the peak, 0 to 1 of a turn, and its width.
     band : int
@@ -471,13 +479,16 @@ class LocalDamage:
     statistic: float
     outlier: float
     rise: float
+    least_rise: float
     position_rev: float
     width_rev: float
     band: int
     turns: int
 
 
-def local_damage(energies: FoldedEnergies, *, rotations: int, rng: np.random.Generator) -> LocalDamage:
+def local_damage(
+    energies: FoldedEnergies, *, rotations: int, rng: np.random.Generator, stated: float = 1e-3
+) -> LocalDamage:
     """Return the test of one gear for one damaged tooth.
 
     Parameters
@@ -488,6 +499,8 @@ def local_damage(energies: FoldedEnergies, *, rotations: int, rng: np.random.Gen
         Most random rotations of the blocks: the smallest probability is ``1 / (rotations + 1)``.
     rng : numpy.random.Generator
         Draws the rotations.
+    stated : float
+        Value of `local` for which `least_rise` is returned.
 
     Returns
     -------
@@ -511,11 +524,11 @@ def local_damage(energies: FoldedEnergies, *, rotations: int, rng: np.random.Gen
     most = whole(rotations, name="rotations", least=_FIRST)
     smoothed = [_smoothed(energies.values, width) for width in _WIDTHS]
     observed = np.stack([_t_statistic(values) for values in smoothed]).max(axis=(0, 1))  # by cell
-    places = [
-        place
-        for values, width in zip(smoothed, _WIDTHS, strict=True)
-        for place in _at_peaks(values.mean(axis=-2), observed, width, energies)
-    ]
+    places, compared = [], []
+    for values, width in zip(smoothed, _WIDTHS, strict=True):
+        there, others = _at_peaks(values.mean(axis=-2), observed, width, energies)
+        places += there
+        compared += [others.row(peak) for peak in range(len(there))]
     worthwhile = min(place.local for place in places) < _UNLIKELY
     null = _rotated_maxima(smoothed, most if worthwhile else _FIRST, float(observed.max()), rng)
 
@@ -523,15 +536,28 @@ def local_damage(energies: FoldedEnergies, *, rotations: int, rng: np.random.Gen
         return float((1 + np.count_nonzero(null >= statistic)) / (1 + null.size))
 
     differing = repeats(float(observed.max()))
-    found = []
-    for place in places:
-        by_chance = repeats(place.statistic)
-        found.append(replace(place, repeats=by_chance, differing=differing, probability=max(by_chance, place.local)))
-    return min(found, key=lambda place: (place.probability, place.local, -place.statistic))
+    chances = [repeats(place.statistic) for place in places]
+
+    def evidence(at: int) -> tuple[float, float, float]:
+        return max(chances[at], places[at].local), places[at].local, -places[at].statistic
+
+    best = min(range(len(places)), key=evidence)
+    return replace(
+        places[best],
+        repeats=chances[best],
+        differing=differing,
+        probability=evidence(best)[0],
+        least_rise=compared[best].least_rise(stated),
+    )
 
 
-def _at_peaks(curves: Array, statistics: Array, width: int, energies: FoldedEnergies) -> list[LocalDamage]:
-    """Return the outcome at the highest place of each band, averaged over `width` cells, before any rotation."""
+def _at_peaks(
+    curves: Array, statistics: Array, width: int, energies: FoldedEnergies
+) -> tuple[list[LocalDamage], _Others]:
+    """Return the outcome at the highest place of each band, averaged over `width` cells, before any rotation.
+
+    With what each place was compared with.
+    """
     bands, cells = curves.shape
     peaks = np.unique(curves.argmax(axis=1))
     pitch = max(1, math.ceil(cells / energies.teeth))
@@ -550,30 +576,33 @@ def _at_peaks(curves: Array, statistics: Array, width: int, energies: FoldedEner
         curves = curves - _common_part(clipped, energies.teeth, energies.smooth_orders)
     energy = np.exp(curves)
     compared = energy[others].reshape(peaks.size, bands, count)
-    mean, spread = compared.mean(axis=-1), compared.std(axis=-1, ddof=1)
-    at_peak = energy[np.arange(peaks.size), :, peaks]
-    outlier = np.divide(at_peak - mean, spread, out=np.full(mean.shape, np.inf), where=spread > 0)
+    mean, spread, lowest = compared.mean(axis=-1), compared.std(axis=-1, ddof=1), compared.min(axis=-1)
     independent = _independent(np.where(others, energy - mean[..., None], 0.0), count, pitch=pitch, width=width)
-    tails = np.maximum(_tail(outlier, independent), _LEAST_TAIL)
     alike = np.divide(
         compared - mean[..., None], spread[..., None], out=np.zeros_like(compared), where=spread[..., None] > 0
     )
     # mean correlation of two bands over the others, from the variance of their sum
     shared = (np.sum(alike.sum(axis=1) ** 2, axis=-1) / (count - 1) / bands - 1) / max(1, bands - 1)
-    counted = 1 + (bands - 1) * np.clip(shared, 0.0, 1.0)  # bands that count as one
-    together = special.gammaincc(bands / counted, -np.log(tails).sum(axis=-1) / counted)
-    # a tooth may stand out in all bands, or in one: two tests, of which the better counts
-    either = 2 * np.minimum(together, bands * tails.min(axis=-1))
+    at_peak = energy[np.arange(peaks.size), :, peaks]
+    of_others = _Others(
+        mean=mean,
+        spread=spread,
+        lowest=lowest,
+        scale=(mean - lowest) * independent / (independent - 1),
+        independent=independent,
+        counted=1 + (bands - 1) * np.clip(shared, 0.0, 1.0),
+    )
+    local, best = of_others.local(at_peak)
+    outlier = of_others.outlier(at_peak)
     found = []
     for row, peak in enumerate(peaks.tolist()):
-        band = int(tails[row].argmin())
-        looks = (independent[row, band] + 1) * len(_WIDTHS)
+        band = int(best[row])
         found.append(
             LocalDamage(
                 probability=1.0,
                 repeats=1.0,
                 differing=1.0,
-                local=float(min(1.0, either[row] * looks)),
+                local=float(local[row]),
                 statistic=float(statistics[distance[row] <= pitch].max()),
                 outlier=float(outlier[row, band]),
                 rise=float(at_peak[row, band] / mean[row, band]),
@@ -581,14 +610,66 @@ def _at_peaks(curves: Array, statistics: Array, width: int, energies: FoldedEner
                 width_rev=width / cells,
                 band=band,
                 turns=energies.turns,
+                least_rise=math.inf,
             )
         )
-    return found
+    return found, of_others
 
 
-def _tail(outlier: Array | float, others: Array | float) -> Array:
-    """Return the probability of F(2, m) above 1 + outlier, m the number of others: see the module."""
-    return np.asarray((1 + 2 * np.maximum(0.0, 1 + np.asarray(outlier)) / others) ** (-others / 2))
+@dataclass(frozen=True, kw_only=True)
+class _Others:
+    """What peaks are compared with: of the energies of the other places, each (peak, band).
+
+    `scale` is that of an exponential above the lowest, `counted` (peak,) the number of bands that count as one.
+    """
+
+    mean: Array
+    spread: Array
+    lowest: Array
+    scale: Array
+    independent: Array
+    counted: Array
+
+    def outlier(self, energy: Array) -> Array:
+        """Return by how many standard deviations an energy (peak, band) is above the mean."""
+        return _over(energy - self.mean, self.spread)
+
+    def local(self, energy: Array) -> tuple[Array, NDArray[np.integer]]:
+        """Return the probability (peak,) of energies as high as (peak, band), and the band of each peak that counts."""
+        bands = energy.shape[-1]
+        # by the standard deviation of the others, and by their mean above the lowest: (2, peak, band)
+        by_spread = _tail(1 + self.outlier(energy), self.independent / 2)
+        by_mean = _tail(_over(energy - self.lowest, self.scale), self.independent - 1)
+        tails = np.maximum(np.stack([by_spread, by_mean]), _LEAST_TAIL)
+        together = special.gammaincc(bands / self.counted, -np.log(tails).sum(axis=-1) / self.counted)
+        # a tooth may stand out in all bands, or in one: two tests, of which the better counts
+        either = 2 * np.minimum(together, bands * tails.min(axis=-1))
+        best = tails.prod(axis=0).argmin(axis=-1)
+        independent = np.broadcast_to(self.independent, energy.shape)
+        looks = (np.take_along_axis(independent, best[:, None], axis=-1)[:, 0] + 1) * len(_WIDTHS)
+        return np.minimum(1.0, math.e * np.sqrt(np.minimum(1.0, either * looks).prod(axis=0))), best
+
+    def row(self, peak: int) -> _Others:
+        """Return those of one peak."""
+        return _Others(**{one.name: getattr(self, one.name)[peak : peak + 1] for one in fields(self)})
+
+    def least_rise(self, stated: float) -> float:
+        """Return how many times the mean a peak must be, in all bands alike, to be as improbable as stated."""
+        local, _ = self.local(_RISES[:, None] * self.mean)
+        if local[-1] > stated:
+            return math.inf
+        return float(np.exp(np.interp(-math.log(stated), -np.log(np.maximum(local, _LEAST_TAIL)), np.log(_RISES))))
+
+
+def _over(excess: Array, scale: Array) -> Array:
+    """Return an excess in units of a scale, infinite where there is no scatter."""
+    excess, scale = np.broadcast_arrays(excess, scale)
+    return np.asarray(np.divide(excess, scale, out=np.full(excess.shape, np.inf), where=scale > 0))
+
+
+def _tail(ratio: Array | float, freedom: Array | float) -> Array:
+    """Return the probability of F(2, 2 freedom) above a ratio: of an exponential variable over an estimated scale."""
+    return np.asarray((1 + np.maximum(0.0, ratio) / freedom) ** -np.asarray(freedom))
 
 
 def _independent(deviations: Array, count: int, *, pitch: int, width: int) -> Array:

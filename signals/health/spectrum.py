@@ -1,5 +1,6 @@
 """Faults in the spectrum: mains hum, and the ski slope of a loose or overloaded sensor."""
 
+import math
 from itertools import pairwise
 
 import numpy as np
@@ -105,7 +106,7 @@ def ski_slope(x: Samples, amplitude: Samples, *, rate_hz: float) -> tuple[list[S
     """Return faults for a density that falls from the lowest octave on, or the reason why it cannot be judged.
 
     Its causes are a loose mount, thermal drift and the recovery of an overloaded amplifier. The density of an octave is
-    its median, which the lines of a shaft do not change.
+    its median, which the lines of a shaft do not change; nor do they count in the share of the power.
     """
     edges = _SLOPE_TOP_HZ / 2.0 ** np.arange(_OCTAVES, -1, -1)
     step = rate_hz / x.size
@@ -117,7 +118,11 @@ def ski_slope(x: Samples, amplitude: Samples, *, rate_hz: float) -> tuple[list[S
     power = amplitude**2
     places = np.ceil(edges / step).astype(np.intp)
     density = np.array([median(power[low:high]) for low, high in pairwise(places)])
-    share = float(power[1 : places[-1]].sum(dtype=np.float64) / power[1:].sum(dtype=np.float64))
+    # of exponential powers the mean is the median over log 2: lines of slow shafts above it are no part of the slope
+    octaves = np.array([power[low:high].sum(dtype=np.float64) for low, high in pairwise(places)])
+    within = np.minimum(octaves, density * np.diff(places) / math.log(2))
+    below = power[1 : places[0]].sum(dtype=np.float64) + within.sum()
+    share = float(below / power[1:].sum(dtype=np.float64))
     floor = float(median(power[1:]))
     end = int(np.argmax(np.append(density < _FLOOR * floor, True)))  # where the slope ends in the rest
     if end < _SHORTEST_SLOPE or density[0] < _RISE * floor or share < _SLOPE_SHARE:

@@ -8,7 +8,7 @@ import pytest
 
 from hums.analysis.detection import LineAssessor, implied_cage
 from hums.analysis.evidence import BandEvidence, Setting, bearing_evidence
-from hums.analysis.findings import bearing_verdicts
+from hums.analysis.findings import Finding, bearing_verdicts
 from hums.analysis.findings import findings as named
 from hums.analysis.healthy_machines import HealthyMachines
 from hums.analysis.lines import ENVELOPE, ORDER_SPECTRUM, ExpectedLine, MeasuredLine
@@ -812,3 +812,29 @@ def test_of_lines_spaced_by_the_shaft_the_one_with_the_larger_harmonic_is_the_on
     (found,) = [one for one in judged(ASSESSOR.assess(lines), others=beside) if one.kind == "inner_race"]
     assert found.verdict == verdict
     assert ("the line at 6.400, of which it would be a sideband" in found.doubts) == (verdict == "indicated")
+
+
+def test_a_damaged_tooth_comes_before_a_bearing_as_shallow_as_sound_ones():
+    def finding(component, kind, depth=np.nan, verdict="indicated"):
+        return Finding(
+            component=component,
+            kind=kind,
+            channel="a",
+            verdict=verdict,
+            evidence="",
+            false_alarm_probability=0.001,
+            snr=10.0,
+            order_found=1.0,
+            amplitude=1.0,
+            units="g",
+            strength=10.0 if kind == "tooth" else depth,
+            depth=depth,
+        )
+
+    every = [
+        finding("shallow", "outer_race", 0.09),
+        finding("gear", "tooth"),
+        finding("deep", "cage", 0.11),
+        finding("sure", "inner_race", 0.11, verdict="diagnosed"),
+    ]
+    assert [one.component for one in named(every)] == ["sure", "deep", "gear", "shallow"]

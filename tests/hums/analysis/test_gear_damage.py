@@ -10,7 +10,7 @@ from hums import AnalysisSettings, NominalSpeed, load_gearbox, make_record
 from hums.analysis.channel import varying_values
 from hums.analysis.gear_damage import GearJudgement, gear_damage, gear_verdicts
 from hums.analysis.reference_angle import prepare_machine
-from hums.analysis.thresholds import HIGHEST_TOOTH
+from hums.analysis.thresholds import GRAVE_RISE, HIGHEST_TOOTH
 from hums.records.record import sampling
 
 RATE_HZ = 12000
@@ -151,6 +151,22 @@ def test_the_highest_of_teeth_that_differ_may_be_pitted(differing, outlier, verd
     assert one.verdict == verdict
     assert ("pits on several teeth" in one.doubts) == (verdict == "not judged")
     assert ("pits on many of them" in one.evidence) == (differing == 0.01 and verdict == "nothing found")
+
+
+@pytest.mark.parametrize(("share", "verdict"), [(1.01, "not judged"), (0.99, "nothing found")])
+def test_a_gear_of_which_only_a_gravely_damaged_tooth_would_stand_out_is_not_called_sound(share, verdict):
+    row = GearJudgement(
+        channel="a",
+        units="g",
+        component="sun-planet/sun",
+        order=3.0,
+        teeth=21,
+        turns=100,
+        least_rise=share * GRAVE_RISE,
+    )
+    (one,) = gear_verdicts([row], false_alarm_probability=0.01)
+    assert one.verdict == verdict
+    assert ("are too few" in one.doubts) == (verdict == "not judged")
 
 
 def test_sound_teeth_seldom_have_one_five_deviations_above_the_others():

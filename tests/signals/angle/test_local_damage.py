@@ -71,11 +71,41 @@ def test_one_exponential_energy_among_others_is_as_far_out_as_stated():
     rng = np.random.default_rng(12)
     for others in (10, 40):
         energy = 3 + 0.2 * rng.exponential(size=(20000, others + 1))
-        outlier = (energy[:, 0] - energy[:, 1:].mean(axis=1)) / energy[:, 1:].std(axis=1, ddof=1)
+        one, rest = energy[:, 0], energy[:, 1:]
+        mean, lowest = rest.mean(axis=1), rest.min(axis=1)
+        by_spread = _tail(1 + (one - mean) / rest.std(axis=1, ddof=1), others / 2)
+        by_mean = _tail((one - lowest) / (mean - lowest) * (others - 1) / others, others - 1)
         for probability in (0.1, 0.01):
-            found = np.count_nonzero(_tail(outlier, others) <= probability)
-            assert found <= share_of_the_first(probability, outlier.size)
-            assert found >= 0.4 * probability * outlier.size  # nor much stricter
+            expected = probability * one.size
+            # exact above the lowest, where all but one of m + 1 are: within three deviations of a binomial
+            above = expected * others / (others + 1)
+            assert abs(np.count_nonzero(by_mean <= probability) - above) < 3 * above**0.5
+            found = np.count_nonzero(by_spread <= probability)
+            assert 0.4 * expected <= found <= share_of_the_first(probability, one.size)
+
+
+def test_a_tooth_of_few_stands_out_by_the_mean_though_one_other_is_large():
+    # eight others, of which a large one decides the standard deviation
+    others = np.array([1.0, 1.1, 1.2, 1.3, 1.4, 1.5, 1.7, 4.0])
+    by_spread = _tail(1 + (20 - others.mean()) / others.std(ddof=1), 4)
+    scale = (others.mean() - 1) * 8 / 7
+    assert _tail((20 - 1) / scale, 7) < by_spread / 5
+
+
+def test_the_least_rise_is_the_one_at_which_the_tooth_is_as_improbable_as_stated():
+    # the probability that one rise gives is stated as that of the least: the same rise comes back
+    turns = noise(np.random.default_rng(4))
+    turns[:, :, 8:10] *= 6
+    turns = np.repeat(turns[:1], 2, axis=0)  # two bands alike: as high in both, as the least rise is
+    found = judged(turns)
+    energies = BandEnergies(
+        values=turns.reshape(2, -1), samples_per_rev=float(CELLS), start_rev=0.0, edges=np.arange(3.0)
+    )
+    folds = folded(energies, order=1, teeth=TEETH)
+    again = local_damage(folds, rotations=99, rng=np.random.default_rng(1), stated=found.local)
+    assert again.least_rise == pytest.approx(found.rise, rel=0.02)  # interpolated between steps of an eighth
+    strict = local_damage(folds, rotations=99, rng=np.random.default_rng(1), stated=found.local / 100)
+    assert strict.least_rise > again.least_rise
 
 
 def test_the_peak_has_no_share_in_what_it_is_compared_with():
@@ -103,12 +133,12 @@ def test_one_damaged_tooth_is_found_where_it_is(tooth):
 
 
 def test_a_tooth_that_repeats_in_one_band_may_stand_out_in_another():
-    # band 0: certain to repeat at tooth 7, as others do; band 1: a tooth far out, but in every twelfth turn alone
+    # band 0: certain to repeat at tooth 7, as others do; band 1: a tooth far out, but in every sixteenth turn alone
     rng = np.random.default_rng(21)
     turns = noise(rng)
     turns[0] *= 0.3 + np.repeat(rng.uniform(size=TEETH), CELLS // TEETH)
     turns[0, :, 14:16] *= 5
-    turns[1, ::12, 14:16] *= 1e4
+    turns[1, ::16, 14:16] *= 1e8
     both, alone = judged(turns, rotations=199), judged(turns[1:], rotations=199)
     assert (both.band, both.repeats) == (1, 0.005)
     assert both.local < 1e-3

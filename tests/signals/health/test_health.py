@@ -256,6 +256,16 @@ def test_a_ski_slope(order, level, status):
     assert verdict.status == status
 
 
+def test_lines_of_a_slow_shaft_are_no_part_of_a_ski_slope():
+    slow = dsp.sosfilt(dsp.butter(1, 0.5, "highpass", fs=RATE_HZ, output="sos"), np.cumsum(noise(12)))
+    drifting = noise(13) + 0.7 * slow / slow.std()
+    shaft = sum(np.cos(2 * np.pi * 1.7 * k * TIME + k) for k in range(1, 9))  # up to 14 Hz, with most of the power
+    alone, turning = judge(drifting), judge(drifting + 2 * shaft)
+    assert [fault.kind for fault in turning.faults] == ["ski slope"]
+    assert turning.status == "suspect"
+    assert turning.faults[0].size < alone.faults[0].size  # of the power of all
+
+
 @pytest.mark.parametrize(("factor", "status"), [(2.5, "suspect"), (5, "suspect"), (12, "sick")])
 @pytest.mark.parametrize("at", [0.3, 0.5, 0.77])
 @pytest.mark.parametrize("up", [True, False])
