@@ -27,15 +27,8 @@ from hums.analysis.thresholds import DIFFERING_TEETH, FEWEST_CYCLES, GRAVE_RISE,
 from hums.gearbox.orders import DefectOrder
 from hums.gearbox.planetary_stages import planetary_stages
 from hums.records.record import Sampling
-from signals.angle.local_damage import (
-    BandEnergies,
-    LocalDamage,
-    folded,
-    local_damage,
-    mesh_contrast,
-    residual_energies,
-    tapered_transform,
-)
+from signals.angle.local_damage import LocalDamage, folded, local_damage
+from signals.angle.residual_energies import BandEnergies, mesh_contrast, residual_energies, tapered_transform
 from signals.resampling.resampling import PASSBAND, AngularSignal
 
 __all__ = ["GearJudgement", "ToothEnvelope", "gear_damage", "gear_indicators", "gear_verdicts", "healthy_probability"]

@@ -5,17 +5,8 @@ import pytest
 from scipy import special, stats
 
 from signals import AngularSignal
-from signals.angle.local_damage import (
-    BandEnergies,
-    _independent,
-    _rotated_maxima,
-    _tail,
-    folded,
-    local_damage,
-    mesh_contrast,
-    residual_energies,
-    tapered_transform,
-)
+from signals.angle.local_damage import _independent, _rotated_maxima, _tail, folded, local_damage
+from signals.angle.residual_energies import BandEnergies, mesh_contrast, residual_energies, tapered_transform
 
 TEETH, CELLS, TURNS, BANDS = 20, 40, 64, 2
 
