@@ -46,8 +46,7 @@ _TRIALS = 17  # instants at which windows are compared
 _MESH_FIRST = 3.0  # times its size a mesh's line counts beside others: what stands alone in a window is not separated
 _LONGEST_SHARE = 1.25  # of which the record is at least as long as the longest window in varying motion
 _DETERMINED = 0.01  # of the RMS of a line
-_AS_GOOD = 1.5  # times the least change: of windows as good as that the shortest, which follows amplitudes best
-_EXPECTED = 0.3  # of the floor, down to which lines are expected, as lines are kept
+_AS_GOOD = 1.25  # times the least change: of windows as good as that the shortest, which follows amplitudes best
 _NO_USE = 4.0  # times the least change: shorter windows are worse still
 _PERIODS = 0.75  # of the smallest base order: the shortest window that is halved
 
@@ -63,7 +62,8 @@ class GearLine:
     amplitude : (channel, instant) complex array
     change : float
         RMS over time of what halving the window changes, over the RMS of the line; zero in steady motion. Where the
-        window does not separate an expected line from a neighbour, all that the projection adds to the neighbour.
+        window does not separate an expected line from a neighbour, all that the projection adds to the neighbour; 1
+        where half the window does not separate a line that is not expected.
     """
 
     order: Fraction
@@ -385,7 +385,7 @@ def _prior(expected: tuple[ExpectedLines, ...], candidates: Candidates, *, speed
         there = candidates.numbers[place] == numbers
         places.append((multiples[there], place[there]))
         sizes[place[there]] += np.max(np.abs(family.amplitudes(multiples[there], few)), axis=(0, 2), initial=0.0)
-    chosen = _loud(sizes, candidates.ranks, _EXPECTED)
+    chosen = _loud(sizes, candidates.ranks, 1.0)
     amplitudes, every = np.zeros((channels, chosen.size, speeds.size), dtype=np.complex128), np.arange(speeds.size)
     for family, (multiples, place) in zip(expected, places, strict=True):
         here = np.isin(place, chosen)
