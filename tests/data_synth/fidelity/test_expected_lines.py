@@ -62,5 +62,6 @@ def test_lines_of_a_run_through_a_resonance_are_known_to_one_percent():
         revolutions=lambda at_s: np.interp(at_s, times_s, turns),
         times_s=times_s,
     )[0]
-    assert np.mean((signal - record["a"].values) ** 2) < 1e-4 * np.mean(record["a"].values ** 2)
+    # 99.9 % of the power, as of the records of benchmark-1 in docs/benchmarks/truth.md
+    assert np.mean((signal - record["a"].values) ** 2) < 1e-3 * np.mean(record["a"].values ** 2)
     assert np.sum(power[change < 0.01]) > 0.9 * np.sum(power)
