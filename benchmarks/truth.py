@@ -29,12 +29,15 @@ counts those of the faulty record. Time of the processor for the whole record, t
 
 `1 %` and `10 %`: the share of the lines, and of their power, that halving the window of the projection changes by less
 than this share of their RMS over time (`truth_line_change`); all of them where motion is steady or kinematic, whose Z
-has no window. In varying motion all lines are fitted together, so that they add up to the signal; how it is split among
-neighbours is another matter. In ten seconds the lines of a slow shaft are a few periods apart, and where speed or load
-changes a line has several independent amplitudes in that time. As many of them as there are periods between neighbours,
-and many splits give the same samples: a window prefers another one than its half does. So the lines add up, and
-`truth_line_change` says of each how far it is known by itself; the impacts' and teeth's times (`truth_tooth_passes_1`)
-stay exact. `benchmark-1` lines: its first record with a damaged gear whose speed is steady to
+has no window. In varying motion Z is the quasi-static response of each line at its exact order, a harmonic balance, and
+what a projection of the signal without it adds: halving the window changes only the latter. There all lines are fitted
+together, so that they add up to the signal. How what is added is split among neighbours is another matter: in ten
+seconds the lines of a slow shaft are a few periods apart, and each has several independent amplitudes in that time. It
+is small beside the loud lines, and of the size of the weak ones, which are most in number. The balance has the varying
+stiffness of a line's own mesh; it leaves out that of the others, what a damaged tooth makes of vibration, and
+transients. `truth_line_change` says of each line how far it is known by itself; the impacts' and teeth's times
+(`truth_tooth_passes_1`) stay exact.
+`benchmark-1` lines: its first record with a damaged gear whose speed is steady to
 0.2 %, wanders by 3 %, rises or falls evenly, and steps."""
 HEADER = (
     "| scene | lines | record, % | healthy, % | fault, % | 1 %: lines, power, % | 10 %: lines, power, % | s |\n"

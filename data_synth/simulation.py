@@ -19,6 +19,7 @@ from data_synth.fidelity.choice import (
     simulated_motion,
     with_kinematic_lines,
 )
+from data_synth.fidelity.expected_lines import expected_lines
 from data_synth.kinematic.harmonics import ComplexArray, RandomStreams, random_stream
 from data_synth.operation.shaft_angle import Array
 from data_synth.scene.scene import GearFault, Scene, SceneError, Sensor, load_scene
@@ -310,7 +311,7 @@ def _with_gears(
     steps = motion.steps()
     gear_signal = _gear_vibration(replace(motion, steps_per_sample=steps), samples=prepared.scene.samples)
     signal += gear_signal
-    measured = gear_lines(prepared, gear_signal)
+    measured = gear_lines(prepared, gear_signal, expected=partial(expected_lines, motion))
     for name, sources in parts.items():
         # meshes act on each other, so all gears in motion are one source
         coords = {"truth_channel": sources["truth_channel"], "truth_source_name": ["gears, motion"]}

@@ -118,14 +118,15 @@ def _line_truth(prepared: PreparedScene, instants: xr.DataArray, measured: GearL
         every.setdefault(line.order, []).append(part)
     lines = dict(sorted(every.items()))
     for parts in lines.values():
-        parts.sort(key=lambda part: -float(np.max(np.abs(part.amplitude))))
+        if len(parts) > 1:
+            parts.sort(key=lambda part: -float(np.max(np.abs(part.amplitude))))
     orders = {"truth_order": [float(order) for order in lines]}
     sensors = prepared.scene.sensors
     channels = {"truth_channel": [sensor.name for sensor in sensors]}
     coords = {**channels, **orders, "truth_time": instants}
     dims = ("truth_channel", "truth_order", "truth_time")
     amplitude = xr.DataArray(
-        np.stack([np.sum([part.amplitude for part in parts], axis=0) for parts in lines.values()], axis=1)
+        np.stack([sum(part.amplitude for part in parts) for parts in lines.values()], axis=1)
         if lines
         else np.zeros((len(sensors), 0, instants.size), dtype=np.complex128),
         dims=dims,

@@ -33,10 +33,11 @@ the RMS. Bearing forces reach the sensor through modes of the housing. Defects o
 imbalance is a force on the rigid housing. Each record has its whole scene in the attribute `truth_scene`, and its truth
 beside it.
 
-Version 1.5 has a truth whose lines are fitted together where speed or load varies, where each had a window of its own
-in 1.4, and whose amplitudes are of single precision; its samples are those of 1.4. `truth_line_change` is what
-halving the window changes, about the error of the line. Version 1.4 has the height of the tooth as `size_mm` of a
-missing one, where 1.3 had the face width; its samples are those of 1.3. Version 1.3 differs from 1.2 in the last
+Version 1.5 has a truth whose lines are, where speed or load varies, those of a harmonic balance and what the signal has
+beside them, fitted together, where each had a window of its own in 1.4, and whose amplitudes are of single precision;
+its samples are those of 1.4. `truth_line_change` is what halving the window changes, about the error of the line.
+Version 1.4 has the height of the tooth as `size_mm` of a missing one, where 1.3 had the face width; its samples are
+those of 1.3. Version 1.3 differs from 1.2 in the last
 digits of samples, whose every operation is now rounded as IEEE 754 says, and in `detectability_db`: of the record's
 own beginning, at its own speed, where 1.2 drew the wandering speed of a short record again. 1.2 has only the lines in
 its truth that the window of the projection determines, which it does not at spacings below three of its periods
@@ -92,9 +93,9 @@ each steady within 0.2 %, wandering by 3 % (RMS), in a ramp or in a step (column
 - Parallel spur gearboxes of one to three stages; no helical, bevel or planetary gears.
 - Ranges of paths, impacts, noise and loads are illustrative, not of a population of machines.
 - Where speed varies, no window separates all lines of a slow shaft and follows them through resonances: the lines of
-  the truth add up to more than 99 % of the power of gears in motion, and to more than 97 % of what a fault adds, in
-  four records that were measured, but how neighbours share it is uncertain. `truth_line_change` says how far each line
-  is known.
+  the truth add up to more than 99.9 % of the power of gears in motion, and to more than 97 % of what a fault adds, in
+  four records that were measured, but how neighbours share what a harmonic balance leaves is uncertain, of weak lines
+  above all. `truth_line_change` says how far each line is known.
 - One sensor. No backlash, no friction, no lubricant, no temperature, no wear of a record's own duration.
 - Faults come alone and do not grow.
 - Gear misalignment stands for all misalignment; couplings are not modelled.

@@ -31,7 +31,7 @@ from data_synth.vibration.torques import static_tooth_forces
 
 _POINTS = 64  # to a period of the highest line, which is then right to half a percent for a stiffness that jumps
 _MIN_POINTS = 512  # points to a mesh cycle
-_MIN_STIFFNESS = 0.25  # of the mean stiffness: softer teeth are losing contact
+MIN_STIFFNESS = 0.25  # of the mean stiffness: softer teeth are losing contact
 _LONGEST = 256  # mesh cycles of a period: each is a line apart
 _NEGLIGIBLE = 1e-5  # of the largest line of a mesh: -100 dB
 
@@ -77,7 +77,9 @@ class ToothForces:
         static = self.static_n[instant]
         p = static * (1 - mean / self.stiffness) - mean * self.error
         deflection_values = _waveform(deflection, self.stiffness.size) + (static - np.mean(p)) / mean
-        return _lines(self.stiffness * (deflection_values - self.error) - mean * deflection_values - p, deflection.size)
+        return spectral_lines(
+            self.stiffness * (deflection_values - self.error) - mean * deflection_values - p, deflection.size
+        )
 
 
 @dataclass(frozen=True, kw_only=True)
@@ -238,13 +240,13 @@ def tooth_forces(motion: Motion, name: str, *, points: int = _POINTS) -> ToothFo
     lines = max(0, math.ceil(stage.scene.rate_hz / 2 / (float(base_order) * top_hz)) - 1)
     phases = _phases(mesh, max(_MIN_POINTS * period, 1 << (points * max(lines, 1) - 1).bit_length()))
     mean = mesh.stiffness.mean
-    stiffness = np.maximum(mesh.stiffness(phases), _MIN_STIFFNESS * mean)
+    stiffness = np.maximum(mesh.stiffness(phases), MIN_STIFFNESS * mean)
     error = mesh.error(phases) if mesh.error is not None else np.zeros(phases.size)
     return ToothForces(
         mesh=name,
         base_order=base_order,
-        loaded=_lines(1 - mean / stiffness, lines),
-        unloaded=_lines(-mean * error, lines),
+        loaded=spectral_lines(1 - mean / stiffness, lines),
+        unloaded=spectral_lines(-mean * error, lines),
         static_n=static_tooth_forces(stage, motion.system, motion.drive_load)[number],
         stiffness=stiffness,
         error=error,
@@ -308,7 +310,7 @@ def with_lines(stage: PreparedScene, response: Response, meshes: list[str]) -> P
     return replace(stage, families=families, amplitudes=amplitudes)
 
 
-def _lines(values: Array, count: int) -> ComplexArray:
+def spectral_lines(values: Array, count: int) -> ComplexArray:
     """Return the first lines (count,) of values at the phases of `_phases`."""
     cycles = np.arange(1, count + 1) / values.size
     return np.asarray(np.fft.rfft(values)[1 : count + 1] * (2 / values.size) * np.exp(-1j * np.pi * cycles))

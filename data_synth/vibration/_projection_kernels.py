@@ -28,6 +28,39 @@ def spread(values: Array, at: Array, width: int, table: Array, grid: Array) -> N
 
 
 @compiled
+def spread_complex(
+    values: NDArray[np.complex128], at: Array, width: int, table: Array, grid: NDArray[np.complex128]
+) -> None:
+    """Add complex values (channel, n) at places (n,), in cells, to a grid (channel, cell), as `spread` does."""
+    last = table.size - 1
+    for n in range(at.size):
+        first = round(at[n]) - width // 2
+        for cell in range(first, first + width):
+            place = min(abs(at[n] - cell) / (width / 2), 1.0) * last
+            point = min(int(place), last - 1)
+            share = table[point] + (place - point) * (table[point + 1] - table[point])
+            for channel in range(values.shape[0]):
+                grid[channel, cell] += share * values[channel, n]
+
+
+@compiled
+def gather(grid: Array, at: Array, weights: Array, width: int, table: Array, values: Array) -> None:
+    """Add a grid (channel, cell), interpolated at places (n,) in cells, times weights (n,), to values (channel, n).
+
+    Cells are counted round the grid, so places may be below zero. `table` is that of `spread`.
+    """
+    last, cells = table.size - 1, grid.shape[1]
+    for n in range(at.size):
+        first = round(at[n]) - width // 2
+        for cell in range(first, first + width):
+            place = min(abs(at[n] - cell) / (width / 2), 1.0) * last
+            point = min(int(place), last - 1)
+            share = weights[n] * (table[point] + (place - point) * (table[point + 1] - table[point]))
+            for channel in range(values.shape[0]):
+                values[channel, n] += share * grid[channel, cell % cells]
+
+
+@compiled
 def interpolate(
     spectra: NDArray[np.complex64],
     at: Array,

@@ -2,13 +2,14 @@
 
 Candidates are the orders that the drawing gives: harmonics of every mesh, of every damaged gear, and of every gear with
 pitch deviations, with sidebands at the passes of planets, and in steady motion what two of the first make with each
-other. Those that are loud are kept.
+other. Those that are loud are kept. In varying motion the lines that are expected of the drive and the drawing are
+subtracted first, and the projection finds what is left of them.
 """
 
 import math
 from bisect import bisect_left
 from collections.abc import Callable
-from dataclasses import dataclass
+from dataclasses import dataclass, field, replace
 from fractions import Fraction
 from functools import cached_property
 from itertools import permutations
@@ -22,7 +23,7 @@ from data_synth.kinematic.planet_pass import pass_orders
 from data_synth.operation.shaft_angle import Array
 from data_synth.scene.scene import Scene
 from data_synth.sources.prepared import PreparedScene, mesh_name
-from data_synth.vibration.order_projection import AngleSamples, Projection, Window
+from data_synth.vibration.order_projection import AngleSamples, Projection, Window, sum_of_lines
 
 FLOOR = 1e-3  # of the loudest line, over time and channels: lines of meshes and of gears with each other
 FAULT_FLOOR = 1e-2  # of the loudest line of the same damaged gear
@@ -45,7 +46,7 @@ _TRIALS = 17  # instants at which windows are compared
 _MESH_FIRST = 3.0  # times its size a mesh's line counts beside others: what stands alone in a window is not separated
 _LONGEST_SHARE = 1.25  # of which the record is at least as long as the longest window in varying motion
 _DETERMINED = 0.01  # of the RMS of a line
-_AS_GOOD = 1.5  # times the least change: of windows as good as that the shortest, which follows amplitudes best
+_AS_GOOD = 1.25  # times the least change: of windows as good as that the shortest, which follows amplitudes best
 _NO_USE = 4.0  # times the least change: shorter windows are worse still
 _PERIODS = 0.75  # of the smallest base order: the shortest window that is halved
 
@@ -60,8 +61,9 @@ class GearLine:
     component, kind : str
     amplitude : (channel, instant) complex array
     change : float
-        RMS over time of what halving the window changes, over the RMS of the line; infinite where half the window does
-        not separate it from its neighbour, zero in steady motion.
+        RMS over time of what halving the window changes, over the RMS of the line; zero in steady motion. Where the
+        window does not separate an expected line from a neighbour, all that the projection adds to the neighbour; 1
+        where half the window does not separate a line that is not expected.
     """
 
     order: Fraction
@@ -77,6 +79,51 @@ class GearLines:
 
     lines: tuple[GearLine, ...]
     about: str
+
+
+@dataclass(frozen=True, kw_only=True)
+class ExpectedLines:
+    """Lines of a mesh with the period of some of its cycles, as a quasi-static response gives them at each instant.
+
+    Attributes
+    ----------
+    base_order : Fraction
+        Order of the first; the others are its multiples.
+    loaded, unloaded_n : (node, k) complex arrays
+        Exciting force per N of static force, and without any in N, at some speeds.
+    speeds_hz : (node,) array
+        Rising, of the reference in rev s-1.
+    static_n : (instant,) array
+        Static force in N at the instants of the truth.
+    speed_hz : (instant,) array
+        Speed of the reference in rev s-1, not below zero.
+    frequency_hz : (f,) array
+        Even, from zero.
+    transfer : (channel, f) complex array
+        Complex amplitude in each channel per N of exciting force.
+    """
+
+    base_order: Fraction
+    loaded: ComplexArray = field(repr=False)
+    unloaded_n: ComplexArray = field(repr=False)
+    speeds_hz: Array
+    static_n: Array = field(repr=False)
+    speed_hz: Array = field(repr=False)
+    frequency_hz: Array = field(repr=False)
+    transfer: ComplexArray = field(repr=False)
+
+    def amplitudes(self, multiples: NDArray[np.int_], instants: NDArray[np.int_]) -> ComplexArray:
+        """Return Z (channel, line, instant) of some multiples of the base order, from 1, at some instants."""
+        speed = self.speed_hz[instants]
+        node = np.interp(speed, self.speeds_hz, np.arange(self.speeds_hz.size))
+        nearby = np.maximum(0, 1 - np.abs(np.subtract.outer(np.arange(self.speeds_hz.size), node)))
+        force = self.loaded[:, multiples - 1].T @ (nearby * self.static_n[instants])
+        force += self.unloaded_n[:, multiples - 1].T @ nearby
+        place = np.multiply.outer(float(self.base_order) * multiples, speed) / self.frequency_hz[1]
+        number = np.minimum(place.astype(np.int64), self.frequency_hz.size - 2)
+        share = np.minimum(place - number, 1.0)
+        transfer = self.transfer[:, number] * (1 - share) + self.transfer[:, number + 1] * share
+        return np.asarray(transfer * force)
 
 
 @dataclass(frozen=True, kw_only=True)
@@ -175,12 +222,14 @@ def _planets(scene: Scene, mesh: str) -> int:
     return sum(contact.mesh == mesh for contact in scene.kinematics.contacts)
 
 
-def gear_lines(prepared: PreparedScene, signal: Array) -> GearLines:
+def gear_lines(
+    prepared: PreparedScene, signal: Array, *, expected: Callable[[], tuple[ExpectedLines, ...]] = tuple
+) -> GearLines:
     """Return the loud lines in the channels of gears in motion, (channel, n), at the instants of the truth.
 
-    At constant speed, torque and damage the window is the whole record, and Z is constant. Else Z is a polynomial of
-    second degree in angle within windows; their length is the shortest, of several, of those at which halving the
-    window changes the lines least.
+    At constant speed, torque and damage the window is the whole record, and Z is constant. Else Z is that of the
+    expected lines, and what the signal without them adds: polynomials of second degree in angle within windows; their
+    length is the shortest, of several, of those at which halving the window changes the lines least.
     """
     scene, angle = prepared.scene, prepared.drive.angle
     turning = np.sign(prepared.speed_hz[prepared.speed_hz != 0])
@@ -198,8 +247,11 @@ def gear_lines(prepared: PreparedScene, signal: Array) -> GearLines:
     steady = _is_steady(prepared)
     candidates = candidates_of(scene, top=top, mixed=steady)
     instants_rev = samples.revolutions(prepared.instants_s)
-    fit = _steady_fit if steady else _varying_fit
-    chosen, amplitudes, changes, about = fit(samples, candidates, instants_rev)
+    if steady:
+        chosen, amplitudes, changes, about = _steady_fit(samples, candidates, instants_rev)
+    else:
+        prior = _prior(expected(), candidates, speeds=prepared.speed_hz, channels=signal.shape[0])
+        chosen, amplitudes, changes, about = _varying_fit(samples, candidates, prepared.instants_s, prior)
     if sign < 0:
         amplitudes = amplitudes.conj()
     lines = tuple(
@@ -314,8 +366,36 @@ def _separate(
 
 
 @dataclass(frozen=True, kw_only=True)
+class _Prior:
+    """Loud expected lines: rising numbers of candidates, and Z (channel, line, instant)."""
+
+    chosen: NDArray[np.int_]
+    amplitudes: ComplexArray
+
+
+def _prior(expected: tuple[ExpectedLines, ...], candidates: Candidates, *, speeds: Array, channels: int) -> _Prior:
+    """Return the expected lines that are candidates and loud."""
+    few = np.unique(np.linspace(0, speeds.size - 1, _TRIALS).round().astype(int))
+    sizes, places = np.zeros(candidates.numbers.size), list[tuple[NDArray[np.int_], NDArray[np.int_]]]()
+    for family in expected:
+        step = family.base_order / candidates.unit  # of candidates, only multiples of its denominator may be
+        multiples = np.arange(step.denominator, family.loaded.shape[1] + 1, step.denominator)
+        numbers = multiples // step.denominator * step.numerator
+        place = np.minimum(np.searchsorted(candidates.numbers, numbers), candidates.numbers.size - 1)
+        there = candidates.numbers[place] == numbers
+        places.append((multiples[there], place[there]))
+        sizes[place[there]] += np.max(np.abs(family.amplitudes(multiples[there], few)), axis=(0, 2), initial=0.0)
+    chosen = _loud(sizes, candidates.ranks, 1.0)
+    amplitudes, every = np.zeros((channels, chosen.size, speeds.size), dtype=np.complex128), np.arange(speeds.size)
+    for family, (multiples, place) in zip(expected, places, strict=True):
+        here = np.isin(place, chosen)
+        amplitudes[:, np.searchsorted(chosen, place[here])] += family.amplitudes(multiples[here], every)
+    return _Prior(chosen=chosen, amplitudes=amplitudes)
+
+
+@dataclass(frozen=True, kw_only=True)
 class _Trial:
-    """Lines at the trial instants in windows of one length.
+    """What a projection in windows of one length adds to the expected lines, at the trial instants.
 
     Attributes
     ----------
@@ -329,37 +409,63 @@ class _Trial:
     chosen: NDArray[np.int_]
     amplitudes: ComplexArray
 
-    def changes(self, halved: "_Trial") -> tuple[Array, float]:
-        """Return by how much half the window changes each line and all that it keeps, over their RMS.
+    def of(self, numbers: NDArray[np.int_]) -> ComplexArray:
+        """Return what it adds to some candidates, (channel, line, trial): zero to those that it does not have."""
+        place = np.minimum(np.searchsorted(self.chosen, numbers), self.chosen.size - 1)
+        return np.asarray(self.amplitudes[:, place] * (self.chosen[place] == numbers)[:, None])
 
-        Infinite for a line that half the window does not separate from its neighbour.
-        """
-        _, rows, others = np.intersect1d(self.chosen, halved.chosen, return_indices=True)
-        # of all instants alike: the first and the last trial stand for half as many
-        weights = np.ones(self.amplitudes.shape[2])
-        weights[[0, -1]] = 0.5
-        errors = self.amplitudes[:, rows] - halved.amplitudes[:, others]
-        squares = [np.sum(np.abs(part) ** 2 @ weights, axis=0) for part in (errors, self.amplitudes[:, rows])]
-        tiny = np.finfo(float).tiny
-        changes = np.full(self.chosen.size, np.inf)
-        changes[rows] = np.sqrt(squares[0] / np.maximum(squares[1], tiny))
-        return changes, float(np.sqrt(squares[0].sum() / squares[1].sum())) if squares[1].any() else np.inf
+
+def _changes(
+    trial: _Trial, halved: _Trial, prior: _Prior, *, at: NDArray[np.int_], orders: Array
+) -> tuple[Array, float]:
+    """Return by how much half the window changes each line and all of them, over their RMS.
+
+    Lines are those of the trial and the expected ones, rising. An expected line that the trial does not separate may
+    have all that it adds to the nearest line.
+    """
+    # of all instants alike: the first and the last trial stand for half as many
+    weights = np.ones(at.size)
+    weights[[0, -1]] = 0.5
+    every = np.union1d(trial.chosen, prior.chosen)
+    whole, errors = trial.of(every), trial.of(every) - halved.of(every)
+    whole[:, np.searchsorted(every, prior.chosen)] += prior.amplitudes[:, :, at]
+    apart = np.flatnonzero(~np.isin(every, trial.chosen))
+    if apart.size:
+        own = orders[trial.chosen]
+        after = np.clip(np.searchsorted(own, orders[every[apart]]), 1, max(own.size - 1, 1))
+        nearer = after - (
+            orders[every[apart]] - own[after - 1] < own[np.minimum(after, own.size - 1)] - orders[every[apart]]
+        )
+        errors[:, apart] = trial.amplitudes[:, np.minimum(nearer, own.size - 1)]
+    squares = [np.sum(np.abs(part) ** 2 @ weights, axis=0) for part in (errors, whole)]
+    changes = np.sqrt(squares[0] / np.maximum(squares[1], np.finfo(float).tiny))
+    return changes, float(np.sqrt(squares[0].sum() / squares[1].sum())) if squares[1].any() else np.inf
 
 
 def _varying_fit(
-    samples: AngleSamples, candidates: Candidates, instants_rev: Array
+    samples: AngleSamples, candidates: Candidates, instants_s: Array, prior: _Prior
 ) -> tuple[NDArray[np.int_], ComplexArray, Array, str]:
     """Return the numbers of the kept candidates, Z (channel, line, instant), relative changes, and a sentence.
 
-    All lines are fitted together in windows of one length, so that what one line does not take another does, and the
-    lines add up to the signal even where their split is uncertain.
+    What the signal has beside the expected lines is fitted with all lines together in windows of one length, so that
+    what one line does not take another does, and the lines add up to the signal even where their split is uncertain.
     """
     first, last = samples.span_rev
+    instants_rev = samples.revolutions(instants_s)
     longest = min((last - first) / _LONGEST_SHARE, _LONGEST_CELLS / 4 / float(candidates.values[-1]))
     trials = np.unique(np.linspace(0, instants_rev.size - 1, _TRIALS).round().astype(int))
     loud, sizes = _loud_anywhere(samples, candidates, longest)
     # the louder of two stands for both; a mesh also for a neighbour that looks as loud because it is so near
     weight = sizes[loud] * np.where(candidates.ranks[loud] == 0, _MESH_FIRST, 1.0)
+    if prior.chosen.size:
+        explained = sum_of_lines(
+            candidates.values[prior.chosen],
+            prior.amplitudes,
+            instants_s=instants_s,
+            revolutions=samples.revolutions,
+            times_s=np.arange(samples.signal.shape[1]) / samples.rate_hz,
+        )
+        samples = replace(samples, signal=samples.signal - explained)
 
     def tried(length_rev: float) -> _Trial:
         window = Window(length_rev=length_rev, degree=_DEGREE, ridge=_RIDGE)
@@ -373,23 +479,27 @@ def _varying_fit(
     trial, best, least = tried(longest), None, np.inf
     while best is None or trial.window.length_rev >= _PERIODS / candidates.spacing:
         halved = tried(trial.window.length_rev / 2)
-        changes, total = trial.changes(halved)
+        changes, total = _changes(trial, halved, prior, at=trials, orders=candidates.values)
         if best is None or total <= _AS_GOOD * least:
             best, relative = trial, changes
         if total > _NO_USE * least:
             break
         trial, least = halved, min(least, total)
     projection = Projection(samples=samples, orders=candidates.values[best.chosen], window=best.window)
-    amplitudes = projection.amplitudes(instants_rev)
+    every = np.union1d(best.chosen, prior.chosen)
+    amplitudes = np.zeros((samples.signal.shape[0], every.size, instants_rev.size), dtype=np.complex128)
+    amplitudes[:, np.searchsorted(every, best.chosen)] = projection.amplitudes(instants_rev)
+    amplitudes[:, np.searchsorted(every, prior.chosen)] += prior.amplitudes
     power = np.mean(np.abs(amplitudes) ** 2, axis=(0, 2))
     share = 100 * power[relative < _DETERMINED].sum() / power.sum()
     about = (
-        f"{best.chosen.size} lines against time, of second degree in windows of {best.window.length_rev:.3g} rev, "
+        f"{every.size} lines against time, {prior.chosen.size} of them by a quasi-static response and what the signal "
+        f"without that adds: of second degree in windows of {best.window.length_rev:.3g} rev, "
         f"fitted together; halving the window changes a line by truth_line_change, lines of {share:.2f} % of the power "
-        f"by less than {100 * _DETERMINED:g} %; {_floors()}, each by itself; lines nearer than "
-        f"{_APART / best.window.length_rev:.3g} orders count as one"
+        f"by less than {100 * _DETERMINED:g} %; {_floors()}, each by itself; of lines nearer than "
+        f"{_APART / best.window.length_rev:.3g} orders the louder has what is added"
     )
-    return best.chosen, amplitudes, relative, about
+    return every, amplitudes, relative, about
 
 
 def _loud_anywhere(samples: AngleSamples, candidates: Candidates, longest_rev: float) -> tuple[NDArray[np.int_], Array]:

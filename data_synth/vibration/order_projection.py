@@ -95,6 +95,61 @@ class AngleSamples:
         return begin, grid.astype(_GRID)
 
 
+def sum_of_lines(
+    orders: Array, amplitudes: ComplexArray, *, instants_s: Array, revolutions: Callable[[Array], Array], times_s: Array
+) -> Array:
+    """Return the signal (channel, n) of lines whose amplitudes are linear between instants.
+
+    About each instant the lines are a Fourier series of constant amplitude, from a transform as in a projection: orders
+    are spread on its lines, and cells of angle interpolated to the samples.
+
+    Parameters
+    ----------
+    orders : (k,) array
+        Above zero.
+    amplitudes : (channel, k, i) complex array
+    instants_s : (i,) array
+        Rising.
+    revolutions : callable
+        Angle in rev at times in s (n,).
+    times_s : (n,) array
+        Rising, from the first to the last instant.
+    """
+    from scipy.fft import irfft, next_fast_len  # noqa: PLC0415
+
+    from data_synth.vibration._projection_kernels import gather, spread_complex  # noqa: PLC0415
+
+    instants_rev, channels = revolutions(instants_s), amplitudes.shape[0]
+    per_rev = 2 * _FINER * float(np.max(orders, initial=1.0))
+    longest = float(np.max(np.abs(np.diff(instants_rev)))) * per_rev
+    cells = int(next_fast_len(math.ceil(2 * _FINER * longest) + 4 * _SPREAD, real=True))
+    spreading = _kernel(np.linspace(0, _SPREAD / 2, _POINTS_OF_KERNEL))
+    places = orders / per_rev * cells + _SPREAD  # lines below zero are those before
+    within = np.minimum(np.arange(cells), cells - np.arange(cells)) / cells
+    used = within <= 1 / (2 * _FINER) + _SPREAD / cells
+    window = np.zeros(cells)
+    window[used] = cells / 2 / _interpolating_response(within[used])
+    scaled = amplitudes / _kernel_response(orders / per_rev)[:, None]
+    edges = np.searchsorted(times_s, instants_s)
+    edges[-1] = times_s.size
+    signal = np.zeros((channels, times_s.size))
+    for number, at_rev in enumerate(instants_rev):
+        lines = np.zeros((channels, cells // 2 + 2 * _SPREAD), dtype=np.complex128)
+        turned = scaled[:, :, number] * np.exp(2j * np.pi * np.remainder(orders * at_rev, 1.0))
+        spread_complex(turned, places, _SPREAD, _interpolating_kernel()[0], lines)
+        folded = lines[:, _SPREAD : _SPREAD + cells // 2 + 1].copy()
+        folded[:, : _SPREAD + 1] += lines[:, _SPREAD::-1].conj()
+        grid = irfft(folded, n=cells, axis=1) * window
+        first, last = max(number - 1, 0), min(number + 1, instants_s.size - 1)
+        here = slice(edges[first], edges[last])
+        times = times_s[here]
+        weights = np.interp(times, instants_s[first : last + 1], (np.arange(first, last + 1) == number).astype(float))
+        own = np.zeros((channels, times.size))
+        gather(grid, (revolutions(times) - at_rev) * per_rev, weights, _SPREAD, spreading, own)
+        signal[:, here] += own
+    return signal
+
+
 def _kernel(cells: Array) -> Array:
     """Return the spreading kernel at a distance in cells."""
     return np.asarray(np.exp(_BETA * (np.sqrt(np.maximum(1 - (2 * cells / _SPREAD) ** 2, 0.0)) - 1)))

@@ -6,7 +6,7 @@ from numpy.testing import assert_allclose
 
 from data_synth.operation.shaft_angle import ShaftAngle
 from data_synth.vibration._projection_kernels import factorise
-from data_synth.vibration.order_projection import AngleSamples, Projection, Window
+from data_synth.vibration.order_projection import AngleSamples, Projection, Window, sum_of_lines
 
 RATE_HZ = 20_000.0
 ORDERS = np.array([0.6, 13.0, 13.7, 19.0, 20.0, 20.5, 160.0, 321.0])
@@ -171,3 +171,18 @@ def test_weak_lines_beside_a_strong_one_come_back_through_a_resonance_and_half_t
     assert largest(whole - expected) < 2.6e-3
     assert largest(half - expected) < 2.6e-3
     assert largest(whole - half) < 0.01
+
+
+def test_a_sum_of_lines_is_that_of_its_terms():
+    angle = ShaftAngle(times_s=np.array([0.0, 2.0]), speeds_hz=np.array([10.0, 25.0]), datum_rev=0.3)
+    times_s, instants_s = np.arange(40_000) / RATE_HZ, np.linspace(0, 2, 41)
+    orders = np.concatenate([[0.01, 0.2], ORDERS])
+    amplitudes = RNG.standard_normal((2, orders.size, 41)) + 1j * RNG.standard_normal((2, orders.size, 41))
+    turns = angle.revolutions(times_s)
+    expected = np.zeros((2, times_s.size))
+    for row, order in enumerate(orders):
+        for channel in range(2):
+            z = np.interp(times_s, instants_s, amplitudes[channel, row])
+            expected[channel] += (z * np.exp(2j * np.pi * order * turns)).real
+    found = sum_of_lines(orders, amplitudes, instants_s=instants_s, revolutions=angle.revolutions, times_s=times_s)
+    assert_allclose(found, expected, atol=1e-5)  # the kernels' aliases: 1e-6 of each line
