@@ -37,10 +37,7 @@ def watch(
     machines, records = series.shape[:2]
     normal = learn_normal(series[:, :baseline], at[:, :baseline], layout, prior)
     own = np.array([normal.read(series[:, number], at[:, number]).scores for number in range(baseline)])
-    charts = [
-        _Charts(rate, baseline / (1 + normal.series.regressors), own, models, layout.group_of, records - baseline)
-        for rate in rates
-    ]
+    charts = [_Charts(rate, normal, own, models, records - baseline) for rate in rates]
     recent = np.zeros((machines, len(layout.channels)))
     for number in range(baseline, records):
         reading = normal.read(series[:, number], at[:, number], recent)
@@ -57,19 +54,22 @@ class _Charts:
     def __init__(
         self,
         every: float,
-        effective: Array,
+        normal: Normal,
         own: Array,
         models: Sequence[HealthyScores],
-        of: tuple[int, ...],
         watched: int,
     ) -> None:
-        self.rule, shape = AlarmRule(), own.shape[1:]
+        self.rule, shape, of = AlarmRule(), own.shape[1:], normal.layout.group_of
         self.first = np.flatnonzero(np.array(of) == 0)  # score of each component, those of its parts behind it
         self.found = Watched(
             raised=np.zeros((shape[0], watched, self.first.size), np.bool_),
             index=np.zeros((shape[0], watched, shape[1]), np.float32),
         )
-        limits = [machine_limits(max(2, int(size)), every, models, of) for size in effective]  # as `Epoch.learn` does
+        effective = len(own) / (1 + normal.series.regressors)
+        limits = [  # as `Epoch.learn` does
+            machine_limits(max(2, int(size)), every, models, of, drift=float(drift))
+            for size, drift in zip(effective, normal.drift, strict=True)
+        ]
         self.groups = [(one, np.flatnonzero([one == other for other in limits])) for one in dict.fromkeys(limits)]
         self.headroom = [one.headroom(own[:, those], self.rule) for one, those in self.groups]
         self.charts = [one.charts.start((those.size, shape[1])) for one, those in self.groups]

@@ -11,6 +11,7 @@ from functools import cached_property, partial
 import numpy as np
 from numpy.typing import NDArray
 
+from signals.monitoring.autocorrelation import slow_variance
 from signals.monitoring.location import SeriesBaseline, learn_baseline
 from signals.monitoring.scores import Kinds, fused_scores, kinds_of, out_of_sample
 
@@ -21,6 +22,7 @@ Indices = NDArray[np.int64]
 FEWEST_LEVELS = 8  # series with the signal's unit whose median is a level; of fewer, one fault could move it
 _WATCHED = (0.25, 0.75)  # quantiles of their departures that are watched: three in four have to rise, or to fall
 _QUANTILES = np.array((0.5, *_WATCHED))
+_WINSORISED = 3.0  # deviations, beyond which a record is stray: one in 370 of a normal series is
 _RECENT = 0.1  # weight of the EWMA that a sudden fall of the level is held against
 
 
@@ -129,7 +131,8 @@ class Normal:
     """What was normal for a machine: the baselines of its series, levels and scores.
 
     ``raw`` is of the series as they are, ``series`` without the level of their channel. ``level_center`` and
-    ``level_scale`` (2, ..., channels) are of the quantiles whose rise and sudden fall are watched.
+    ``level_scale`` (2, ..., channels) are of the quantiles whose rise and sudden fall are watched. ``drift`` (...) is
+    the share of the scores' slow variance that slopes on covariates leave, 1 where there are none.
     """
 
     layout: Layout
@@ -139,6 +142,7 @@ class Normal:
     level_scale: Array
     score_center: Array
     score_scale: Array
+    drift: Array
 
     def read(self, values: Array, covariates: Array, recent: Array | None = None) -> Reading:
         """Return a record (..., series) at covariates (..., covariates) held against the baseline.
@@ -205,6 +209,9 @@ def learn_normal(values: Array, covariates: Array, layout: Layout, prior: Prior,
     nothing = np.zeros((*values.shape[:-1], 0))
     levels = [learned(found, nothing, prior_scale=prior.level) for found in quantiles]
     scores = learned(fused, nothing, prior_scale=prior.score)
+    drift = np.ones(series.regressors.shape)
+    if np.any(series.regressors > 0):
+        drift = _drift_left(values, covariates, layout, series)
     return Normal(
         layout=layout,
         raw=raw,
@@ -213,7 +220,34 @@ def learn_normal(values: Array, covariates: Array, layout: Layout, prior: Prior,
         level_scale=np.stack([one.scale for one in levels]),
         score_center=scores.center,
         score_scale=scores.scale,
+        drift=drift,
     )
+
+
+def _drift_left(values: Array, covariates: Array, layout: Layout, series: SeriesBaseline) -> Array:
+    """Return the share (...) of the scores' slow variance that slopes leave in records they were not learned on.
+
+    In its own records a regression takes some of every drift with it. So slopes of one half of the records are held
+    against the other (cross-validation; Stone 1974, J. R. Stat. Soc. B 36(2), 111-147): those of least squares, for
+    the share needs them less exactly than a forecast does, of values winsorised at `_WINSORISED` deviations. Both
+    variances are taken as larger by their standard error: what few records cannot show is not taken as explained.
+    """
+    half = values.shape[-2] // 2
+    scale = series.scale[..., None, :]
+    around = values - np.nanmedian(values, axis=-2, keepdims=True)
+    bound = _WINSORISED * np.nanstd(around, axis=-2, keepdims=True)
+    filled = np.clip(np.nan_to_num(around), -bound, bound)
+    slow = np.zeros((2, *values.shape[:-2]))
+    for here, there in ((slice(None, half), slice(half, None)), (slice(half, None), slice(None, half))):
+        design = covariates[..., there, :] - covariates[..., there, :].mean(axis=-2, keepdims=True)
+        slopes = np.linalg.pinv(design) @ filled[..., there, :]
+        foretold = covariates[..., here, :] @ slopes
+        for number, away in enumerate((around[..., here, :], around[..., here, :] - foretold)):
+            level, *_ = _levels(away, layout)
+            shared, error = slow_variance(fused_scores(_without(away, level, layout) / scale, layout.kinds))
+            slow[number] += np.maximum(shared, 0.0) + error
+    with np.errstate(invalid="ignore", divide="ignore"):
+        return np.where(series.regressors > 0, np.fmin(slow[1] / slow[0], 1.0), 1.0)
 
 
 def _foretold(baseline: SeriesBaseline, covariates: Array) -> tuple[Array, Array]:
