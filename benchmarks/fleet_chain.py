@@ -1,7 +1,7 @@
 """Monitoring on arrays of many machines at once: charts and alarms, and the prior that is learned from them."""
 
 from collections.abc import Sequence
-from dataclasses import dataclass
+from dataclasses import dataclass, replace
 
 import numpy as np
 from fleet_analyses import Analyses, Array, Fleet, Resampled, halves, others
@@ -65,10 +65,9 @@ class _Charts:
             raised=np.zeros((shape[0], watched, self.first.size), np.bool_),
             index=np.zeros((shape[0], watched, shape[1]), np.float32),
         )
-        effective = len(own) / (1 + normal.series.regressors)
         limits = [  # as `Epoch.learn` does
-            machine_limits(max(2, int(size)), every, models, of, drift=float(drift))
-            for size, drift in zip(effective, normal.drift, strict=True)
+            machine_limits(len(own), every, models, of, slopes=float(slopes), drift=float(drift))
+            for slopes, drift in zip(normal.series.regressors, normal.drift, strict=True)
         ]
         self.groups = [(one, np.flatnonzero([one == other for other in limits])) for one in dict.fromkeys(limits)]
         self.headroom = [one.headroom(own[:, those], self.rule) for one, those in self.groups]
@@ -166,31 +165,36 @@ def widening(found: Analyses, *, machines: int) -> list[list[list[float]]]:
     The machines that the prior is learned from are split into halves in seven ways: a prior of the one makes the
     limits of fleets that are made of the other, their slopes too, and the factor is the one at which all fleets
     together raise the stated number of alarms, each score of the group its part. What a prior lacks of machines that
-    it has not seen is then in the limits (cross-validation; Stone 1974, J. R. Stat. Soc. B 36(2), 111-147).
+    it has not seen is then in the limits (cross-validation; Stone 1974, J. R. Stat. Soc. B 36(2), 111-147). One factor
+    is of fleets whose states drift, with the model's drift, and one of fleets whose states do not, with none.
     """
     _, _, layout = layout_of(found.series)
     folds, groups = halves(), np.array(layout.group_of)
-    sizes = {2: 2 * machines, 10: 2 * machines, 30: 2 * machines, 300: machines}  # by their cost
-    peaks: dict[tuple[int, float], list[NDArray[np.float32]]] = {}
+    sizes = {1.0: {2: 2 * machines, 10: 2 * machines, 30: 2 * machines, 300: machines}}  # by their cost
+    sizes[0.0] = {30: machines, 300: machines // 2}
+    peaks: dict[tuple[int, float, float], list[NDArray[np.float32]]] = {}
     for seen_before in folds:
         learned = learn_prior(found, found.resampled(seen_before))
-        prior, models = prior_of(found.series, layout, learned), healthy_scores(learned)
+        prior, drifting = prior_of(found.series, layout, learned), healthy_scores(learned)
         unseen = found.resampled(others(seen_before))
-        for baseline, count in sizes.items():
-            for start in range(0, count // len(folds), CHUNK):
-                rng = np.random.default_rng([12, *seen_before, start])
-                fleet = unseen.machines(CHUNK, baseline + WATCHED, rng)
-                seen = watch(fleet, baseline, RATES, layout, prior, models)
-                for rate, one in zip(RATES, seen, strict=True):
-                    peaks.setdefault((baseline, rate), []).append(two_of_three(one.index).max(axis=1))
+        for drift, fleets in ((1.0, unseen), (0.0, unseen.still())):
+            models = [replace(one, drift=drift) for one in drifting]
+            for baseline, count in sizes[drift].items():
+                for start in range(0, count // len(folds), CHUNK):
+                    rng = np.random.default_rng([12, *seen_before, start])
+                    fleet = fleets.machines(CHUNK, baseline + WATCHED, rng)
+                    seen = watch(fleet, baseline, RATES, layout, prior, models)
+                    for rate, one in zip(RATES, seen, strict=True):
+                        peaks.setdefault((baseline, rate, drift), []).append(two_of_three(one.index).max(axis=1))
     return [
         [
             [
                 baseline,
                 rate * layout.scores,
+                drift,
                 round(at_rate([one[:, groups == group] for one in those], layout.scores, rate), 3),
             ]
-            for (baseline, rate), those in peaks.items()
+            for (baseline, rate, drift), those in peaks.items()
         ]
         for group in range(groups.max() + 1)
     ]

@@ -22,7 +22,9 @@ Indices = NDArray[np.int64]
 FEWEST_LEVELS = 8  # series with the signal's unit whose median is a level; of fewer, one fault could move it
 _WATCHED = (0.25, 0.75)  # quantiles of their departures that are watched: three in four have to rise, or to fall
 _QUANTILES = np.array((0.5, *_WATCHED))
-_WINSORISED = 3.0  # deviations, beyond which a record is stray: one in 370 of a normal series is
+_BY_CHANCE = 18.0
+"""Records over which two states that have nothing to do with each other look alike: 1 + 2 sum of rho^2 over the lags,
+for states of which half is correlated over 5 and half over 50 records."""
 _RECENT = 0.1  # weight of the EWMA that a sudden fall of the level is held against
 
 
@@ -211,7 +213,7 @@ def learn_normal(values: Array, covariates: Array, layout: Layout, prior: Prior,
     scores = learned(fused, nothing, prior_scale=prior.score)
     drift = np.ones(series.regressors.shape)
     if np.any(series.regressors > 0):
-        drift = _drift_left(values, covariates, layout, series)
+        drift = _drift_left(fused, values, raw, series, layout)
     return Normal(
         layout=layout,
         raw=raw,
@@ -224,30 +226,22 @@ def learn_normal(values: Array, covariates: Array, layout: Layout, prior: Prior,
     )
 
 
-def _drift_left(values: Array, covariates: Array, layout: Layout, series: SeriesBaseline) -> Array:
-    """Return the share (...) of the scores' slow variance that slopes leave in records they were not learned on.
+def _drift_left(fused: Array, values: Array, raw: SeriesBaseline, series: SeriesBaseline, layout: Layout) -> Array:
+    """Return the share (...) of the slow variance of fused scores (..., records, scores) that slopes leave.
 
-    In its own records a regression takes some of every drift with it. So slopes of one half of the records are held
-    against the other (cross-validation; Stone 1974, J. R. Stat. Soc. B 36(2), 111-147): those of least squares, for
-    the share needs them less exactly than a forecast does, of values winsorised at `_WINSORISED` deviations. Both
-    variances are taken as larger by their standard error: what few records cannot show is not taken as explained.
+    Both variances are taken as larger by their standard error: what few records cannot show is not taken as explained.
+    The slopes of n records take some of every drift with them, of which they are no part: 1 - p k / n is left of it,
+    for p slopes and k = `_BY_CHANCE` (as the adjusted coefficient of determination; Draper and Smith 1998, 5.1).
     """
-    half = values.shape[-2] // 2
-    scale = series.scale[..., None, :]
-    around = values - np.nanmedian(values, axis=-2, keepdims=True)
-    bound = _WINSORISED * np.nanstd(around, axis=-2, keepdims=True)
-    filled = np.clip(np.nan_to_num(around), -bound, bound)
-    slow = np.zeros((2, *values.shape[:-2]))
-    for here, there in ((slice(None, half), slice(half, None)), (slice(half, None), slice(None, half))):
-        design = covariates[..., there, :] - covariates[..., there, :].mean(axis=-2, keepdims=True)
-        slopes = np.linalg.pinv(design) @ filled[..., there, :]
-        foretold = covariates[..., here, :] @ slopes
-        for number, away in enumerate((around[..., here, :], around[..., here, :] - foretold)):
-            level, *_ = _levels(away, layout)
-            shared, error = slow_variance(fused_scores(_without(away, level, layout) / scale, layout.kinds))
-            slow[number] += np.maximum(shared, 0.0) + error
+    records = values.shape[-2]
+    away = values - raw.center[..., None, :]
+    level, *_ = _levels(away, layout)
+    plain = _without(away, level, layout) / series.scale[..., None, :]
+    (left, error), (whole, error_of_whole) = slow_variance(fused), slow_variance(fused_scores(plain, layout.kinds))
+    kept = np.maximum(1 - series.regressors * _BY_CHANCE / records, 1e-9)
     with np.errstate(invalid="ignore", divide="ignore"):
-        return np.where(series.regressors > 0, np.fmin(slow[1] / slow[0], 1.0), 1.0)
+        share = (np.maximum(left, 0) + error) / (np.maximum(whole, 0) + error_of_whole) / kept
+    return np.where(series.regressors > 0, np.fmin(share, 1.0), 1.0)
 
 
 def _foretold(baseline: SeriesBaseline, covariates: Array) -> tuple[Array, Array]:

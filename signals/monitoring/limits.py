@@ -50,7 +50,12 @@ _PROBABILITIES = (0.0, 0.001, 0.005, 0.02, *(0.05 * k for k in range(1, 20)))
 _BEYOND = 10.0 ** np.arange(-1.5, -5.1, -0.25)  # probabilities of the tail above
 _DRIFTS = (0.1, 0.2, 0.4, 0.7, 1.0)
 """Shares of the drift for which limits are made; the least is about the error of a share that 300 records show."""
-_BASELINES = (2, 3, 4, 6, 8, 10, 15, 20, 30, 50, 80, 120, 200, 300, 500, 1000)  # for which limits are made
+_OF_A_SLOPE = 0.5
+"""Error of a slope in what is foretold at the usual covariates, over that of the mean. It is 1 for white scores; for
+what drifts the autocorrelations of score and covariate multiply: with a drift of 15 % of the variance, of states of
+which half is correlated over 5 and half over 50 records, 0.4."""
+_BASELINES = (2, 3, 4, 6, 8, 10, 12, 15, 20, 25, 30, 40, 50, 65, 80, 100, 120, 150, 200, 250, 300, 400, 500, 700, 1000)
+"""Records for which limits are made: the next smaller one is at most a quarter below."""
 
 
 @dataclass(frozen=True, kw_only=True)
@@ -268,7 +273,7 @@ def chart_limits(
     Parameters
     ----------
     baseline_records : int
-        Records that a baseline was learned on; limits are those of the next smaller of some sixteen sizes up to 1,000.
+        Records that a baseline was learned on; limits are those of the next smaller of `_BASELINES`, up to 1,000.
     every_records : float
         Mean number of records between false alarms of one score, over all its EWMAs.
     model : HealthyScores
@@ -307,6 +312,7 @@ def machine_limits(
     models: Sequence[HealthyScores],
     of: tuple[int, ...],
     *,
+    slopes: float = 0.0,
     drift: float = 1.0,
     rule: AlarmRule | None = None,
 ) -> MachineLimits:
@@ -322,6 +328,9 @@ def machine_limits(
         What healthy scores of each group are like.
     of : tuple of int
         Group of each score.
+    slopes : float
+        Effective number of slopes on covariates that were learned on them, too: limits are those of a baseline of
+        n / (1 + slopes / 2) records.
     drift : float
         Share of the models' correlated variance that the machine's scores have, as `Normal.drift`; limits are those of
         the next larger of some shares.
@@ -329,16 +338,17 @@ def machine_limits(
         When an alarm is raised.
     """
     each = every_records * len(of)
+    records = max(_BASELINES[0], int(baseline_records / (1 + _OF_A_SLOPE * slopes)))
     share = min(one for one in _DRIFTS if one >= min(drift, 1.0))
-    there = [replace(one, drift=share) for one in models[: max(of) + 1]]
-    groups = tuple(chart_limits(baseline_records, each, one, rule=rule) for one in there)
+    there = [replace(one, drift=share * one.drift) for one in models[: max(of) + 1]]
+    groups = tuple(chart_limits(records, each, one, rule=rule) for one in there)
     return MachineLimits(groups=groups, of=of)
 
 
 def _wider(model: HealthyScores, size: int, every_records: float) -> float:
     """Return the factor of a model's table of (baseline records, records between alarms, drift, factor)."""
 
-    def at(rows: list[tuple[float, ...]], place: tuple[float, ...]) -> float:
+    def at(rows: Sequence[tuple[float, ...]], place: tuple[float, ...]) -> float:
         if not place:
             return rows[0][0]
         steps = sorted({row[0] for row in rows})
@@ -375,7 +385,7 @@ class _Drawn:
     tail: _Tail
 
 
-@lru_cache(maxsize=64)
+@lru_cache(maxsize=256)  # of sizes and drifts that machines of one fleet have
 def _drawn(baseline: int, model: HealthyScores, rule: AlarmRule) -> _Drawn:
     rng = np.random.default_rng(_SEED)
     scores = model.draw(_MACHINES, baseline + _WATCHED, rng)
