@@ -340,7 +340,8 @@ and load are measured where a table says so, with a tenth of their deviations as
 
 **The prior** (`hums/fleet/prior.json`, `--learn-prior --machines 600`) is learned from the healthy ones of {records}
 analyses, {healthy} of {machines} machines. Healthy fleets below are made of {unseen} analyses of {unseen_machines}
-other machines, made with another seed and used for nothing else; nothing was changed after they were looked at.
+other machines, made with another seed and used for nothing else; they were looked at twice, with 400 and with
+1200 machines, and nothing was changed in between or after.
 Limits are wider by what a prior lacks of machines that it was not learned on: the {machines} are halved in seven ways,
 and the factor is the one at which a prior of one half raises the stated number of alarms of the other, for baselines
 of 2, 10, 30 and 300 records and both rates, one for the evidence of bearing parts and one for all other scores, with
