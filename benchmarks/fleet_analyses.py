@@ -25,9 +25,12 @@ Array = NDArray[np.float64]
 STATES = ("gain_db", "noise_db", "temperature_k", "load")
 FAULTS = ("crack", "spall", "eccentricity", "inner race", "outer race")
 _MEASURED_ERROR = 0.1  # of a state's deviation: 0.5 K, and 1 % of the load
-RECORDS, MACHINES = 2_000, 8
-UNSEEN_RECORDS, UNSEEN_MACHINES = 480, 40  # of the analyses that fleets are measured on; few of each machine, whose
-# states are then spread as widely as those of long fleets
+RECORDS, MACHINES = 960, 41
+"""Of the analyses that the prior is learned from: few of each machine, whose states are then spread as widely as those
+of long fleets, and no divisor in common with the 12 records in which classes take turns, so that each shows them all.
+"""
+UNSEEN_RECORDS, UNSEEN_MACHINES = 480, 40  # of the analyses that fleets are measured on
+_EIGHTHS = 8  # of the machines, which are halved in seven ways
 
 PLAN = """
 scene = "healthy-mill"
@@ -126,7 +129,7 @@ def analyses(folder: Path, *, workers: int, records: int = RECORDS) -> Analyses:
 
 def unseen(folder: Path, series: tuple[Series, ...], *, workers: int) -> "Resampled":
     """Return the fleets that are made of machines of another seed, from which nothing is learned."""
-    text = PLAN.format(records=UNSEEN_RECORDS, machines=UNSEEN_MACHINES, seed=2)
+    text = PLAN.format(records=UNSEEN_RECORDS, machines=UNSEEN_MACHINES, seed=3)
     rows, labels = _analysed(folder / "unseen", text, workers)
     return Resampled(healthy=np.array([vector(series_of(row), series) for row in rows]), states=_states(labels))
 
@@ -174,8 +177,10 @@ def garrote(slopes: Array, errors: Array, *, by: float = 2.0) -> Array:
 
 
 def halves() -> list[tuple[int, ...]]:
-    """Return halves of the machines: seven splits in which each two machines are as often together, both ways round."""
-    signs = [[(machine & which).bit_count() % 2 for machine in range(MACHINES)] for which in range(1, MACHINES)]
+    """Return halves of the machines: seven splits in which each two eighths are as often together, both ways round."""
+    signs = [
+        [(machine % _EIGHTHS & which).bit_count() % 2 for machine in range(MACHINES)] for which in range(1, _EIGHTHS)
+    ]
     return [tuple(np.flatnonzero(np.array(one) == side).tolist()) for one in signs for side in (0, 1)]
 
 

@@ -1,7 +1,7 @@
 """Monitoring on arrays of many machines at once: charts and alarms, and the prior that is learned from them."""
 
 from collections.abc import Sequence
-from dataclasses import dataclass
+from dataclasses import dataclass, replace
 
 import numpy as np
 from fleet_analyses import Analyses, Array, Fleet, Resampled, halves, others
@@ -37,10 +37,7 @@ def watch(
     machines, records = series.shape[:2]
     normal = learn_normal(series[:, :baseline], at[:, :baseline], layout, prior)
     own = np.array([normal.read(series[:, number], at[:, number]).scores for number in range(baseline)])
-    charts = [
-        _Charts(rate, baseline / (1 + normal.series.regressors), own, models, layout.group_of, records - baseline)
-        for rate in rates
-    ]
+    charts = [_Charts(rate, normal, own, models, records - baseline) for rate in rates]
     recent = np.zeros((machines, len(layout.channels)))
     for number in range(baseline, records):
         reading = normal.read(series[:, number], at[:, number], recent)
@@ -57,19 +54,21 @@ class _Charts:
     def __init__(
         self,
         every: float,
-        effective: Array,
+        normal: Normal,
         own: Array,
         models: Sequence[HealthyScores],
-        of: tuple[int, ...],
         watched: int,
     ) -> None:
-        self.rule, shape = AlarmRule(), own.shape[1:]
+        self.rule, shape, of = AlarmRule(), own.shape[1:], normal.layout.group_of
         self.first = np.flatnonzero(np.array(of) == 0)  # score of each component, those of its parts behind it
         self.found = Watched(
             raised=np.zeros((shape[0], watched, self.first.size), np.bool_),
             index=np.zeros((shape[0], watched, shape[1]), np.float32),
         )
-        limits = [machine_limits(max(2, int(size)), every, models, of) for size in effective]  # as `Epoch.learn` does
+        limits = [  # as `Epoch.learn` does
+            machine_limits(len(own), every, models, of, slopes=float(slopes), drift=float(drift))
+            for slopes, drift in zip(normal.series.regressors, normal.drift, strict=True)
+        ]
         self.groups = [(one, np.flatnonzero([one == other for other in limits])) for one in dict.fromkeys(limits)]
         self.headroom = [one.headroom(own[:, those], self.rule) for one, those in self.groups]
         self.charts = [one.charts.start((those.size, shape[1])) for one, those in self.groups]
@@ -166,31 +165,36 @@ def widening(found: Analyses, *, machines: int) -> list[list[list[float]]]:
     The machines that the prior is learned from are split into halves in seven ways: a prior of the one makes the
     limits of fleets that are made of the other, their slopes too, and the factor is the one at which all fleets
     together raise the stated number of alarms, each score of the group its part. What a prior lacks of machines that
-    it has not seen is then in the limits (cross-validation; Stone 1974, J. R. Stat. Soc. B 36(2), 111-147).
+    it has not seen is then in the limits (cross-validation; Stone 1974, J. R. Stat. Soc. B 36(2), 111-147). One factor
+    is of fleets whose states drift, with the model's drift, and one of fleets whose states do not, with none.
     """
     _, _, layout = layout_of(found.series)
     folds, groups = halves(), np.array(layout.group_of)
-    sizes = {2: 2 * machines, 10: 2 * machines, 30: 2 * machines, 300: machines}  # by their cost
-    peaks: dict[tuple[int, float], list[NDArray[np.float32]]] = {}
+    sizes = {1.0: {2: 2 * machines, 10: 2 * machines, 30: 2 * machines, 300: machines}}  # by their cost
+    sizes[0.0] = {30: machines, 300: machines // 2}
+    peaks: dict[tuple[int, float, float], list[NDArray[np.float32]]] = {}
     for seen_before in folds:
         learned = learn_prior(found, found.resampled(seen_before))
-        prior, models = prior_of(found.series, layout, learned), healthy_scores(learned)
+        prior, drifting = prior_of(found.series, layout, learned), healthy_scores(learned)
         unseen = found.resampled(others(seen_before))
-        for baseline, count in sizes.items():
-            for start in range(0, count // len(folds), CHUNK):
-                rng = np.random.default_rng([12, *seen_before, start])
-                fleet = unseen.machines(CHUNK, baseline + WATCHED, rng)
-                seen = watch(fleet, baseline, RATES, layout, prior, models)
-                for rate, one in zip(RATES, seen, strict=True):
-                    peaks.setdefault((baseline, rate), []).append(two_of_three(one.index).max(axis=1))
+        for drift, fleets in ((1.0, unseen), (0.0, unseen.still())):
+            models = [replace(one, drift=drift) for one in drifting]
+            for baseline, count in sizes[drift].items():
+                for start in range(0, count // len(folds), CHUNK):
+                    rng = np.random.default_rng([12, *seen_before, start])
+                    fleet = fleets.machines(CHUNK, baseline + WATCHED, rng)
+                    seen = watch(fleet, baseline, RATES, layout, prior, models)
+                    for rate, one in zip(RATES, seen, strict=True):
+                        peaks.setdefault((baseline, rate, drift), []).append(two_of_three(one.index).max(axis=1))
     return [
         [
             [
                 baseline,
                 rate * layout.scores,
+                drift,
                 round(at_rate([one[:, groups == group] for one in those], layout.scores, rate), 3),
             ]
-            for (baseline, rate), those in peaks.items()
+            for (baseline, rate, drift), those in peaks.items()
         ]
         for group in range(groups.max() + 1)
     ]

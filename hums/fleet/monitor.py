@@ -104,11 +104,14 @@ class Epoch:
             *(own_scores(own[:, np.flatnonzero(groups == group)]) for group in range(groups.max() + 1)), strict=True
         )
         self.own_limits = min(*effective, independent) >= FEWEST_EFFECTIVE
+        foretold = not self.own_limits and 2 * independent >= len(seen)  # most records are of states of their own
         self.limits = machine_limits(
-            max(2, int(independent / (1 + self.normal.series.regressors))),
+            independent,
             settings.false_alarm_every,
             models if self.own_limits else healthy_scores(),
             layout.group_of,
+            slopes=float(self.normal.series.regressors),
+            drift=float(self.normal.drift) if foretold else 1.0,
             rule=settings.rule,
         )
         self.headroom = self.limits.headroom(own, settings.rule)

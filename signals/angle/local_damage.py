@@ -67,7 +67,7 @@ _NEIGHBOURS = 2.5  # teeth on either side of the peak not compared: pits spread,
 _UNLIKELY = 0.5  # probability of the outlier alone above which no healthy machine's gear would be exceeded, either
 _CLIPS = 4  # times that the smooth orders are estimated again: each leaves a third of the share of the peak
 _LEAST_TAIL = 1e-30  # of one band: its logarithm is finite where others do not scatter at all
-_RISES = np.geomspace(1.0, 1e6, 121)  # steps of an eighth, between which is interpolated; a tooth rings by 60 dB at most
+_RISES = np.geomspace(1.0, 1e6, 121)  # between which is interpolated; a tooth rings by 60 dB at most
 _SILENT = 1e-6  # of the median turn's energy: a turn below is a drop-out
 
 

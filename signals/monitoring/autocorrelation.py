@@ -7,7 +7,7 @@ from typing import Any
 import numpy as np
 from numpy.typing import NDArray
 
-__all__ = ["Correlation", "effective_records", "variance_shares"]
+__all__ = ["Correlation", "effective_records", "slow_variance", "variance_shares"]
 
 Array = NDArray[np.float64]
 _LAGS_PER_RECORD = 0.5  # autocorrelations beyond half of the series are those of too few pairs
@@ -86,6 +86,32 @@ def variance_shares(values: Array, correlation: Correlation) -> Array:
     weight = np.sqrt(pairs[kept])  # the variance of an autocorrelation goes with one over its number of pairs
     found, _ = nnls((correlation.of_lags(lags[kept]) * weight).T, rho * weight)
     return found / found.sum() if found.sum() > 0 else white
+
+
+def slow_variance(values: Array, *, lags: int = 5) -> tuple[Array, Array]:
+    """Return the variance (...) that successive records share, of all series together, and its standard error.
+
+    The mean autocovariance over some lags. Its error is that of white series that do not depend on each other
+    (Bartlett 1946, J. R. Stat. Soc. Suppl. 8, 27-41).
+
+    Parameters
+    ----------
+    values : (..., records, series) array
+        The series, NaN where a value is missing.
+    lags : int
+        From 1 on: what is white has none there, and a process correlated over 5 records the half of its variance.
+    """
+    known = np.isfinite(values)
+    count = np.maximum(known.sum(axis=-2), 1)
+    filled = np.where(known, values, 0.0)
+    away = np.where(known, filled - (filled.sum(axis=-2) / count)[..., None, :], 0.0)
+    shared = np.zeros(values.shape[:-2])
+    for lag in range(1, lags + 1):
+        pairs = (known[..., lag:, :] & known[..., :-lag, :]).sum(axis=-2)
+        products = (away[..., lag:, :] * away[..., :-lag, :]).sum(axis=-2)
+        shared += (products / np.maximum(pairs, 1)).sum(axis=-1)
+    variance = (away**2).sum(axis=-2) / count
+    return shared / lags, np.sqrt((variance**2 / (lags * count)).sum(axis=-1))
 
 
 def _autocovariance(series: Array, size: int, lags: NDArray[np.int64]) -> Array:

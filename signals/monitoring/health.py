@@ -11,6 +11,7 @@ from functools import cached_property, partial
 import numpy as np
 from numpy.typing import NDArray
 
+from signals.monitoring.autocorrelation import slow_variance
 from signals.monitoring.location import SeriesBaseline, learn_baseline
 from signals.monitoring.scores import Kinds, fused_scores, kinds_of, out_of_sample
 
@@ -21,6 +22,9 @@ Indices = NDArray[np.int64]
 FEWEST_LEVELS = 8  # series with the signal's unit whose median is a level; of fewer, one fault could move it
 _WATCHED = (0.25, 0.75)  # quantiles of their departures that are watched: three in four have to rise, or to fall
 _QUANTILES = np.array((0.5, *_WATCHED))
+_BY_CHANCE = 18.0
+"""Records over which two states that have nothing to do with each other look alike: 1 + 2 sum of rho^2 over the lags,
+for states of which half is correlated over 5 and half over 50 records."""
 _RECENT = 0.1  # weight of the EWMA that a sudden fall of the level is held against
 
 
@@ -129,7 +133,8 @@ class Normal:
     """What was normal for a machine: the baselines of its series, levels and scores.
 
     ``raw`` is of the series as they are, ``series`` without the level of their channel. ``level_center`` and
-    ``level_scale`` (2, ..., channels) are of the quantiles whose rise and sudden fall are watched.
+    ``level_scale`` (2, ..., channels) are of the quantiles whose rise and sudden fall are watched. ``drift`` (...) is
+    the share of the scores' slow variance that slopes on covariates leave, 1 where there are none.
     """
 
     layout: Layout
@@ -139,6 +144,7 @@ class Normal:
     level_scale: Array
     score_center: Array
     score_scale: Array
+    drift: Array
 
     def read(self, values: Array, covariates: Array, recent: Array | None = None) -> Reading:
         """Return a record (..., series) at covariates (..., covariates) held against the baseline.
@@ -205,6 +211,9 @@ def learn_normal(values: Array, covariates: Array, layout: Layout, prior: Prior,
     nothing = np.zeros((*values.shape[:-1], 0))
     levels = [learned(found, nothing, prior_scale=prior.level) for found in quantiles]
     scores = learned(fused, nothing, prior_scale=prior.score)
+    drift = np.ones(series.regressors.shape)
+    if np.any(series.regressors > 0):
+        drift = _drift_left(fused, values, raw, series, layout)
     return Normal(
         layout=layout,
         raw=raw,
@@ -213,7 +222,26 @@ def learn_normal(values: Array, covariates: Array, layout: Layout, prior: Prior,
         level_scale=np.stack([one.scale for one in levels]),
         score_center=scores.center,
         score_scale=scores.scale,
+        drift=drift,
     )
+
+
+def _drift_left(fused: Array, values: Array, raw: SeriesBaseline, series: SeriesBaseline, layout: Layout) -> Array:
+    """Return the share (...) of the slow variance of fused scores (..., records, scores) that slopes leave.
+
+    Both variances are taken as larger by their standard error: what few records cannot show is not taken as explained.
+    The slopes of n records take some of every drift with them, of which they are no part: 1 - p k / n is left of it,
+    for p slopes and k = `_BY_CHANCE` (as the adjusted coefficient of determination; Draper and Smith 1998, 5.1).
+    """
+    records = values.shape[-2]
+    away = values - raw.center[..., None, :]
+    level, *_ = _levels(away, layout)
+    plain = _without(away, level, layout) / series.scale[..., None, :]
+    (left, error), (whole, error_of_whole) = slow_variance(fused), slow_variance(fused_scores(plain, layout.kinds))
+    kept = np.maximum(1 - series.regressors * _BY_CHANCE / records, 1e-9)
+    with np.errstate(invalid="ignore", divide="ignore"):
+        share = (np.maximum(left, 0) + error) / (np.maximum(whole, 0) + error_of_whole) / kept
+    return np.where(series.regressors > 0, np.fmin(share, 1.0), 1.0)
 
 
 def _foretold(baseline: SeriesBaseline, covariates: Array) -> tuple[Array, Array]:

@@ -48,7 +48,14 @@ _FEWEST_OWN = 60  # values of which the largest twentieth are three
 _TAIL_SHARE = 0.05  # of the values, above which a distribution goes on as an exponential one
 _PROBABILITIES = (0.0, 0.001, 0.005, 0.02, *(0.05 * k for k in range(1, 20)))
 _BEYOND = 10.0 ** np.arange(-1.5, -5.1, -0.25)  # probabilities of the tail above
-_BASELINES = (2, 3, 4, 6, 8, 10, 15, 20, 30, 50, 80, 120, 200, 300, 500, 1000)  # for which limits are made
+_DRIFTS = (0.1, 0.2, 0.4, 0.7, 1.0)
+"""Shares of the drift for which limits are made; the least is about the error of a share that 300 records show."""
+_OF_A_SLOPE = 0.5
+"""Error of a slope in what is foretold at the usual covariates, over that of the mean. It is 1 for white scores; for
+what drifts the autocorrelations of score and covariate multiply: with a drift of 15 % of the variance, of states of
+which half is correlated over 5 and half over 50 records, 0.4."""
+_BASELINES = (2, 3, 4, 6, 8, 10, 12, 15, 20, 25, 30, 40, 50, 65, 80, 100, 120, 150, 200, 250, 300, 400, 500, 700, 1000)
+"""Records for which limits are made: the next smaller one is at most a quarter below."""
 
 
 @dataclass(frozen=True, kw_only=True)
@@ -64,9 +71,12 @@ class HealthyScores:
     scale_dof : float
         Degrees of freedom with which the deviation of a component scatters about the usual one, and the weight of the
         usual one against a machine's own records; 0: nothing is usual.
-    widening : tuple of (baseline records, mean records between alarms, factor)
+    drift : float
+        Share of the correlated variance that is there: below 1 where a regression on what was measured with the records
+        explains the rest.
+    widening : tuple of (baseline records, mean records between alarms, drift, factor)
         By how much limits are wider than the model's, as machines have shown; between them the factor goes with the
-        logarithms of both, beyond them it stays.
+        logarithms of the first two and with the drift, beyond them it stays.
     correlation : Correlation
         Lengths of the parts, in records.
     """
@@ -74,13 +84,15 @@ class HealthyScores:
     shares: tuple[tuple[float, float, float, float], ...] = ((1.0, 0.0, 0.0, 0.0),)
     quantiles: tuple[tuple[float, ...], ...] = ()
     scale_dof: float = 0.0
-    widening: tuple[tuple[float, float, float], ...] = ()
+    drift: float = 1.0
+    widening: tuple[tuple[float, float, float, float], ...] = ()
     correlation: Correlation = field(default_factory=Correlation)
 
     def draw(self, machines: int, records: int, rng: np.random.Generator) -> Array:
         """Return scores (records, machines) of drawn components, about their mean, in usual deviations."""
         which = rng.integers(len(self.shares), size=machines)
-        parts = np.sqrt(np.asarray(self.shares)[which].T)
+        there = np.asarray(self.shares) * [1.0, self.drift, self.drift, self.drift]
+        parts = np.sqrt((there / there.sum(axis=1, keepdims=True))[which].T)
         lengths = (self.correlation.short_records, self.correlation.long_records)
         phase = rng.uniform(0, 2 * np.pi, machines)
         scale = np.sqrt(self.scale_dof / rng.chisquare(self.scale_dof, machines)) if self.scale_dof else 1.0
@@ -261,7 +273,7 @@ def chart_limits(
     Parameters
     ----------
     baseline_records : int
-        Records that a baseline was learned on; limits are those of the next smaller of some sixteen sizes up to 1,000.
+        Records that a baseline was learned on; limits are those of the next smaller of `_BASELINES`, up to 1,000.
     every_records : float
         Mean number of records between false alarms of one score, over all its EWMAs.
     model : HealthyScores
@@ -285,7 +297,7 @@ def chart_limits(
     size = max(count for count in _BASELINES if count <= baseline_records)
     drawn = _drawn(size, replace(model, widening=()), rule or AlarmRule())  # what is drawn is the same for all
     threshold = drawn.tail.threshold(every_records)
-    wider = _wider(model.widening, size, every_records)
+    wider = _wider(model, size, every_records)
     return ChartLimits(
         charts=Charts(allowance=drawn.allowance),
         limits=tuple(scale * threshold * wider for scale in drawn.scales),
@@ -300,6 +312,8 @@ def machine_limits(
     models: Sequence[HealthyScores],
     of: tuple[int, ...],
     *,
+    slopes: float = 0.0,
+    drift: float = 1.0,
     rule: AlarmRule | None = None,
 ) -> MachineLimits:
     """Return the limits of all scores of a machine, each of which raises an alarm equally seldom.
@@ -314,24 +328,35 @@ def machine_limits(
         What healthy scores of each group are like.
     of : tuple of int
         Group of each score.
+    slopes : float
+        Effective number of slopes on covariates that were learned on them, too: limits are those of a baseline of
+        n / (1 + slopes / 2) records.
+    drift : float
+        Share of the models' correlated variance that the machine's scores have, as `Normal.drift`; limits are those of
+        the next larger of some shares.
     rule : AlarmRule, optional
         When an alarm is raised.
     """
     each = every_records * len(of)
-    groups = tuple(chart_limits(baseline_records, each, one, rule=rule) for one in models[: max(of) + 1])
+    records = max(_BASELINES[0], int(baseline_records / (1 + _OF_A_SLOPE * slopes)))
+    share = min(one for one in _DRIFTS if one >= min(drift, 1.0))
+    there = [replace(one, drift=share * one.drift) for one in models[: max(of) + 1]]
+    groups = tuple(chart_limits(records, each, one, rule=rule) for one in there)
     return MachineLimits(groups=groups, of=of)
 
 
-def _wider(table: tuple[tuple[float, float, float], ...], size: int, every_records: float) -> float:
-    """Return the factor of a table of (baseline records, records between alarms, factor)."""
-    sizes = sorted({row[0] for row in table})
-    if not sizes:
-        return 1.0
-    of_sizes = []
-    for one in sizes:
-        rates, factors = zip(*sorted(row[1:] for row in table if row[0] == one), strict=True)
-        of_sizes.append(float(np.interp(math.log(every_records), np.log(rates), factors)))
-    return float(np.interp(math.log(size), np.log(sizes), of_sizes))
+def _wider(model: HealthyScores, size: int, every_records: float) -> float:
+    """Return the factor of a model's table of (baseline records, records between alarms, drift, factor)."""
+
+    def at(rows: Sequence[tuple[float, ...]], place: tuple[float, ...]) -> float:
+        if not place:
+            return rows[0][0]
+        steps = sorted({row[0] for row in rows})
+        found = [at([row[1:] for row in rows if row[0] == one], place[1:]) for one in steps]
+        return float(np.interp(place[0], steps, found))
+
+    rows = [(drift, math.log(records), math.log(every), factor) for records, every, drift, factor in model.widening]
+    return at(rows, (model.drift, math.log(size), math.log(every_records))) if rows else 1.0
 
 
 @dataclass(frozen=True, kw_only=True)
@@ -360,7 +385,7 @@ class _Drawn:
     tail: _Tail
 
 
-@lru_cache(maxsize=64)
+@lru_cache(maxsize=256)  # of sizes and drifts that machines of one fleet have
 def _drawn(baseline: int, model: HealthyScores, rule: AlarmRule) -> _Drawn:
     rng = np.random.default_rng(_SEED)
     scores = model.draw(_MACHINES, baseline + _WATCHED, rng)

@@ -2,6 +2,7 @@ import numpy as np
 import pytest
 
 from signals.monitoring.health import Layout, Prior, learn_normal, regime
+from signals.monitoring.limits import HealthyScores
 
 SERIES = 12
 LAYOUT = Layout(
@@ -60,3 +61,27 @@ def test_a_sudden_fall_shows_and_a_slow_one_does_not():
 def test_the_regime_is_what_was_learned_and_a_little_more():
     low, high = regime(np.array([[10.0], [20.0]]))
     assert (low[0], high[0]) == pytest.approx((10 - 1 - 0.75, 20 + 1 + 0.75))
+
+
+class TestDrift:
+    """Components whose series follow two slow states as much as they scatter."""
+
+    @staticmethod
+    def share_left(records, measured, seed=9):
+        rng = np.random.default_rng(seed)
+        slow = HealthyScores(shares=((0.0, 0.5, 0.5, 0.0),)).draw(3, records, rng)
+        moved = np.zeros((2, SERIES))
+        moved[0, :6], moved[1, 6:] = 0.2, 0.2  # each state one component, whose ratios and levels move alike
+        seen = values(records, seed + 1) + slow[:, :2] @ moved
+        return float(learn_normal(seen, slow[:, list(measured)], LAYOUT, PRIOR).drift)
+
+    def test_what_is_measured_explains_it(self):
+        assert self.share_left(300, ()) == 1.0
+        assert self.share_left(300, (0, 1)) < 0.3
+
+    def test_what_is_not_measured_stays(self):
+        assert self.share_left(300, (0,)) == pytest.approx(0.5, abs=0.3)
+        assert self.share_left(300, (2,)) > 0.8  # a state that moves nothing
+
+    def test_few_records_show_none(self):
+        assert self.share_left(15, (0, 1)) == 1.0

@@ -42,12 +42,28 @@ def test_beyond_the_simulated_it_goes_on_falling():
 
 
 def test_limits_are_wider_by_what_machines_have_shown():
-    rows = ((30.0, 1e3, 2.0), (30.0, 1e5, 4.0))
+    rows = ((30.0, 1e3, 1.0, 2.0), (30.0, 1e5, 1.0, 4.0))
     plain, wider = (chart_limits(30, 1e4, replace(CARRIED_OVER, widening=of)) for of in ((), rows))
     # half way between the rates in their logarithms; the simulation takes the factor as it is
     assert np.divide(wider.limits, plain.limits) == pytest.approx(np.full(3, 3.0), rel=1e-12)
     # the distribution is stretched by the factor, so that its fall over the limit is the same
     assert wider.decades == pytest.approx(plain.decades, rel=1e-12)
+
+
+def test_the_factor_goes_with_the_drift():
+    rows = ((30.0, 1e4, 0.0, 1.0), (30.0, 1e4, 1.0, 2.0), (300.0, 1e4, 1.0, 5.0))
+    half = replace(CARRIED_OVER, drift=0.5)
+    plain, wider = (chart_limits(30, 1e4, replace(half, widening=of)) for of in ((), rows))
+    assert np.divide(wider.limits, plain.limits) == pytest.approx(np.full(3, 1.5), rel=1e-12)
+
+
+def test_what_drifts_less_has_lower_limits_and_holds_the_rate():
+    expected = 3000 * 300 / 3000
+    for drift, share in ((0.35, 0.4), (0.02, 0.1)):  # the next larger share
+        (limits,) = machine_limits(30, 3000.0, (CARRIED_OVER,), (0,), drift=drift).groups
+        count = false_alarms(limits, 30, replace(CARRIED_OVER, drift=share), machines=3000, seed=10)
+        assert count == pytest.approx(expected, abs=4 * np.sqrt(expected + expected**2 / 600))
+        assert limits.limits[2] < chart_limits(30, 3000.0, CARRIED_OVER).limits[2]
 
 
 WHITE = HealthyScores(scale_dof=8.0)
