@@ -143,8 +143,8 @@ def _transition_columns(values: Floats, width: int) -> None:
 @compiled_sums
 def filter_covariance(
     x: Floats, phase: Floats, orders: Floats, shaft: Indices, process: Floats, diffuse: bool, mean: Floats, P: Floats,
-    V: Floats, outputs: tuple[int, int], innovations: Floats, innovation_variances: Floats, levels: Floats,
-    variances: Floats,
+    V: Floats, outputs: tuple[int, int], work: Floats, rows: Floats, innovations: Floats, innovation_variances: Floats,
+    levels: Floats, variances: Floats,
 ) -> None:  # fmt: skip
     """Run the covariance filter over some samples, with measurements `x = h . levels + noise` of variance 1.
 
@@ -157,6 +157,7 @@ def filter_covariance(
     mean : (channel, state) array, predicted for the first sample on entry, for the one after the last on return.
     P, V : (state, state) arrays, the covariance of the mean is P + V V^T.
     outputs : samples before the first of them, and from one to the next.
+    work, rows : scratch, (5, PIECE or state) and (PIECE, 2 order) arrays.
     innovations : (sample, channel) array, filled: normalised by their standard deviations, 0 where missing.
     innovation_variances : (sample,) array, filled: 0 where missing.
     levels : (output, channel, 2 order) array, filled.
@@ -164,13 +165,12 @@ def filter_covariance(
     """
     (samples, channels), (skip, every) = x.shape, outputs
     width, size = process.shape[1], mean.shape[1]
-    cosine, sine, rows = np.empty(PIECE), np.empty(PIECE), np.empty((PIECE, width))
-    ph, gain, projection = np.empty(size), np.empty(size), np.empty(size)
+    ph, gain, projection = work[2, :size], work[3, :size], work[4, :size]
     output = 0
     for i in range(samples):
         at = i % PIECE
         if at == 0:
-            _fill_regressors(phase, orders, shaft, i, cosine, sine, rows)
+            _fill_regressors(phase, orders, shaft, i, work[0], work[1], rows)
         h = rows[at]
         innovation_variances[i] = 0.0
         for channel in range(channels):

@@ -14,7 +14,7 @@ import numpy as np
 from numpy.typing import NDArray
 
 from signals.harmonics import _block_kernels
-from signals.harmonics._filter_kernels import STEADY_RAD
+from signals.harmonics._filter_kernels import STEADY_RAD, off_line
 from signals.harmonics.bandwidth import HALF_POWER
 from signals.harmonics.model import Complexes, Floats, HarmonicModel, Indices
 
@@ -138,11 +138,8 @@ class Grid:
         if len(self.model.phases) > 1 or phase.size == 1:
             return None
         step, highest = float(phase[-1] - phase[0]) / (phase.size - 1), np.abs(self.model.orders).max(initial=0.0)
-        line = step * np.arange(STEADY_AT_ONCE)
         for first in range(0, phase.size, STEADY_AT_ONCE):
-            off = phase[first : first + STEADY_AT_ONCE]
-            off, start = off - line[: off.size], phase[0] + step * first
-            if max(off.max() - start, start - off.min()) * highest > STEADY_RAD:
+            if off_line(phase[first : first + STEADY_AT_ONCE], phase[0] + step * first, step) * highest > STEADY_RAD:
                 return None
         return step
 

@@ -187,6 +187,7 @@ def filter_on(
     orders, shaft = model.orders, model.shaft
     process = _paired(model, model.process_noise(slice(0, 1))) if model.bandwidth.shape[1] == 1 else None
     first, begin, done = state.count, 0, 0
+    scratch = np.empty((5, max(PIECE, model.poles * 2 * orders.size))), np.empty((PIECE, 2 * orders.size))
     while begin < samples:
         span = slice(begin, min(begin + SAMPLES_AT_ONCE - state.count % SAMPLES_AT_ONCE, samples))
         phase, q = model.phase(span), process if process is not None else _paired(model, model.process_noise(span))
@@ -204,7 +205,14 @@ def filter_on(
                 filter_pairs(*given, state.mean, state.covariance, (skip, output_every), *found)
             else:
                 filter_covariance(
-                    *given, state.diffuse, state.mean, state.covariance, state.factor, (skip, output_every), *found
+                    *given,
+                    state.diffuse,
+                    state.mean,
+                    state.covariance,
+                    state.factor,
+                    (skip, output_every),
+                    *scratch,
+                    *found,
                 )
             done += len(range(skip, end - begin, output_every))
             state.count, begin = state.count + end - begin, end
