@@ -87,7 +87,7 @@ def _add_moments(even: Floats, odd: Floats, cosine: Floats, sine: Floats, even_s
 
 
 @compiled_sums
-def project(x: Floats, phase: Floats, orders: Floats, shaft: Indices, length: int, sums: Floats) -> None:
+def project(x: Floats, phase: Floats, orders: Floats, shaft: Indices, length: int, work: Floats, sums: Floats) -> None:
     """Fill the moments of a record against each order, block by block.
 
     Parameters
@@ -96,12 +96,12 @@ def project(x: Floats, phase: Floats, orders: Floats, shaft: Indices, length: in
     phase : (shaft, sample) array in rad.
     orders, shaft : (order,) arrays, cycles per revolution and the shaft they count.
     length : samples in a block.
+    work : scratch, (2 + channel moment, 2 PIECE) array.
     sums : (block, moment, order, channel, 2) array of zeros, filled: sums of u^moment x cos and of -u^moment x sin, for
         an even number of moments.
     """
     blocks, moments, _, channels, _ = sums.shape
-    size = 2 * PIECE
-    cosine, sine, weights = np.empty(size), np.empty(size), np.empty((channels * moments, size))
+    cosine, sine, weights, size = work[0], work[1], work[2:], work.shape[1]
     together = max(1, PIECE // length)
     for begin in range(0, blocks, together):
         end = min(begin + together, blocks)
@@ -167,19 +167,22 @@ def _mirror(matrix: Floats) -> None:
 
 
 @compiled_sums
-def correlate(seen: Floats, phase: Floats, orders: Floats, shaft: Indices, length: int, sums: Floats) -> None:
+def correlate(
+    seen: Floats, phase: Floats, orders: Floats, shaft: Indices, length: int, work: Floats, sums: Floats
+) -> None:
     """Fill the moments of the products of every two regressors, block by block.
 
     Parameters
     ----------
     seen : (sample,) array, 0 where missing, else 1; the first sample starts a block.
     phase, orders, shaft, length : as for `project`.
+    work : scratch, (2 + 2 order, 2 PIECE) array.
     sums : (block, moment, 2 order, 2 order) array of zeros, filled: sums of u^moment times the products of cos and
         -sin of all orders (all cos first).
     """
     blocks, moments, width, _ = sums.shape
-    count, size = orders.size, 2 * PIECE
-    columns, places, weighted = np.empty((width, size)), np.empty(size), np.empty(size)
+    count, size = orders.size, work.shape[1]
+    places, weighted, columns = work[0], work[1], work[2:]
     together = max(1, PIECE // length)
     for begin in range(0, blocks, together):
         end = min(begin + together, blocks)
@@ -218,7 +221,9 @@ def correlate(seen: Floats, phase: Floats, orders: Floats, shaft: Indices, lengt
 
 
 @compiled
-def correlate_steady(starts: Floats, orders: Floats, products: Floats, sums: Floats) -> None:
+def correlate_steady(
+    starts: Floats, orders: Floats, products: Floats, work: Floats, turns: Floats, sums: Floats
+) -> None:
     """Fill what `correlate` does, of whole blocks without missing samples whose angle grows steadily.
 
     With `a` and `b` the angles of two orders, `2 cos a cos b = cos(a - b) + cos(a + b)`, and so on: the moments are
@@ -230,9 +235,9 @@ def correlate_steady(starts: Floats, orders: Floats, products: Floats, sums: Flo
     orders, sums : as for `correlate`.
     products : (4, moment, order, order) array, over a block whose angle starts at 0: half the moments of the cos and
         sin of `a - b`, then of `a + b`.
+    work, turns : scratch, (2, order, block) and (4, order) arrays.
     """
-    count = orders.size
-    cosine, sine, turns = np.empty((count, starts.size)), np.empty((count, starts.size)), np.empty((4, count))
+    count, cosine, sine = orders.size, work[0], work[1]
     for a in range(count):
         fill_phasors(orders[a], starts, cosine[a], sine[a])
     for block in range(starts.size):
@@ -284,7 +289,7 @@ def evaluate(pieces: Floats, length: int, skip: int, every: int, values: Floats)
 
 @compiled
 def remodulate(
-    pieces: Floats, length: int, phase: Floats, orders: Floats, shaft: Indices, start: int, wave: Floats
+    pieces: Floats, length: int, phase: Floats, orders: Floats, shaft: Indices, start: int, work: Floats, wave: Floats
 ) -> None:
     """Add the waveform of amplitudes given as piecewise cubics.
 
@@ -294,9 +299,10 @@ def remodulate(
     length : samples in a block.
     phase, orders, shaft : as for `project`, from sample `start` on.
     start : place of the first sample.
+    work : scratch, (2, PIECE) array.
     wave : (sample,) array, added to.
     """
-    cosine, sine = np.empty(PIECE), np.empty(PIECE)
+    cosine, sine = work[0], work[1]
     first = 0
     while first < wave.size:
         block = min((start + first) // length, pieces.shape[1] - 1)

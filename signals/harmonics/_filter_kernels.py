@@ -143,8 +143,8 @@ def _transition_columns(values: Floats, width: int) -> None:
 @compiled_sums
 def filter_covariance(
     x: Floats, phase: Floats, orders: Floats, shaft: Indices, process: Floats, diffuse: bool, mean: Floats, P: Floats,
-    V: Floats, outputs: tuple[int, int], innovations: Floats, innovation_variances: Floats, levels: Floats,
-    variances: Floats,
+    V: Floats, outputs: tuple[int, int], work: Floats, rows: Floats, innovations: Floats, innovation_variances: Floats,
+    levels: Floats, variances: Floats,
 ) -> None:  # fmt: skip
     """Run the covariance filter over some samples, with measurements `x = h . levels + noise` of variance 1.
 
@@ -157,6 +157,7 @@ def filter_covariance(
     mean : (channel, state) array, predicted for the first sample on entry, for the one after the last on return.
     P, V : (state, state) arrays, the covariance of the mean is P + V V^T.
     outputs : samples before the first of them, and from one to the next.
+    work, rows : scratch, (5, PIECE or state) and (PIECE, 2 order) arrays.
     innovations : (sample, channel) array, filled: normalised by their standard deviations, 0 where missing.
     innovation_variances : (sample,) array, filled: 0 where missing.
     levels : (output, channel, 2 order) array, filled.
@@ -164,13 +165,12 @@ def filter_covariance(
     """
     (samples, channels), (skip, every) = x.shape, outputs
     width, size = process.shape[1], mean.shape[1]
-    cosine, sine, rows = np.empty(PIECE), np.empty(PIECE), np.empty((PIECE, width))
-    ph, gain, projection = np.empty(size), np.empty(size), np.empty(size)
+    ph, gain, projection = work[2, :size], work[3, :size], work[4, :size]
     output = 0
     for i in range(samples):
         at = i % PIECE
         if at == 0:
-            _fill_regressors(phase, orders, shaft, i, cosine, sine, rows)
+            _fill_regressors(phase, orders, shaft, i, work[0], work[1], rows)
         h = rows[at]
         innovation_variances[i] = 0.0
         for channel in range(channels):
@@ -292,21 +292,23 @@ def _dot_rows(a: Floats, i: int, b: Floats, j: int) -> float:
 
 
 @compiled
-def _add_gain(means: Floats, channel: int, gain: Floats, innovation: float) -> None:
+def _update_means(
+    means: Floats, between: Floats, channel: int, gain: Floats, second_gain: Floats, innovation: float, second: float
+) -> None:
+    """Add K e of both samples of a pair; `between` is filled with the means after the first."""
     for c in range(gain.size):
-        means[channel, c] += gain[c] * innovation
+        mean = means[channel, c] + gain[c] * innovation
+        between[channel, c] = mean
+        means[channel, c] = mean + second_gain[c] * second
 
 
 @compiled
-def _copy_levels(means: Floats, channel: int, levels: Floats, output: int) -> None:
-    for c in range(levels.shape[2]):
-        levels[output, channel, c] = means[channel, c]
-
-
-@compiled
-def _mean_variances(groups: Floats, second: bool, variances: Floats, output: int) -> None:
-    """Fill half the sums over both quadratures after the first or the second sample of a pair."""
-    row = AFTER_SECOND if second else AFTER
+def _store(means: Floats, groups: Floats, late: int, levels: Floats, variances: Floats, output: int) -> None:
+    """Fill an output after the first or the second sample of a pair: variances are half the sums over quadratures."""
+    for channel in range(len(means)):
+        for c in range(levels.shape[2]):
+            levels[output, channel, c] = means[channel, c]
+    row = AFTER + LANES * late
     for g in range(len(groups)):
         for k in range(LANES // 2):
             order = LANES // 2 * g + k
@@ -340,39 +342,40 @@ def filter_pairs(
     tiled[:] = padded.reshape(quads, 4, count, LANES)
     groups[:, VARIANCE : VARIANCE + LANES].flat[:size] = P.diagonal()
     means[:, :size] = mean
-    rows, gains = _aligned(PAIRS_PIECE, columns), _aligned(2, columns)
+    rows, gains, between = _aligned(PAIRS_PIECE, columns), _aligned(2, columns), _aligned(channels, columns)
     _filter_tiles(
-        x, phase, orders, shaft, process, outputs, rows, tiles, groups, means, gains[0], gains[1], innovations,
-        innovation_variances, levels, variances,
+        x, phase, orders, shaft, process, outputs, (np.empty(PAIRS_PIECE), np.empty(PAIRS_PIECE)), rows, tiles, groups,
+        (means, between), (gains[0], gains[1]), innovations, innovation_variances, levels, variances,
     )  # fmt: skip
+    former, second, added = (
+        groups[:, row : row + LANES].reshape(-1)[:size] for row in (FORMER, FORMER_SECOND, ADDED)
+    )  # of the last pair, which tiles lack
     P[:] = tiled.reshape(4 * quads, columns)[:size, :size]
+    P -= np.outer(gains[0, :size], former) + np.outer(gains[1, :size], second) - np.diag(added)
     mean[:] = means[:, :size]
 
 
 @compiled_sums
-def _add_increments(P: Floats, groups: Floats, size: int) -> None:
-    """Add to the diagonal of P what increments have added since it last had them."""
-    for b in range(size):
-        g, c = b // LANES, b % LANES
-        P[b // 4, g, b % 4 * LANES + c] += groups[g, ADDED + c]
-        groups[g, ADDED + c] = 0.0
-
-
-@compiled_sums
 def _filter_tiles(
-    x: Floats, phase: Floats, orders: Floats, shaft: Indices, process: Floats, outputs: tuple[int, int], rows: Floats,
-    P: Floats, groups: Floats, means: Floats, gain: Floats, second_gain: Floats, innovations: Floats,
-    innovation_variances: Floats, levels: Floats, variances: Floats,
+    x: Floats, phase: Floats, orders: Floats, shaft: Indices, process: Floats, outputs: tuple[int, int],
+    work: tuple[Floats, Floats], rows: Floats, P: Floats, groups: Floats, both_means: tuple[Floats, Floats],
+    gains: tuple[Floats, Floats], innovations: Floats, innovation_variances: Floats, levels: Floats, variances: Floats,
 ) -> None:  # fmt: skip
-    """Run the filter over pairs of samples: `filter_pairs` with its arrays in tiles."""
+    """Run the filter over pairs of samples: `filter_pairs` with its arrays in tiles.
+
+    `work` is scratch; the means are those before a pair and after its first sample; each sample has its gain.
+    """
     (samples, channels), (due, every), size = x.shape, outputs, 2 * orders.size
-    cosine, sine = np.empty(len(rows)), np.empty(len(rows))
+    (cosine, sine), (means, between), (gain, second_gain) = work, both_means, gains
     output = 0
     for i in range(0, samples, 2):
         n, both = i % len(rows), i + 1 < samples
         if n == 0:
             _fill_regressors(phase, orders, shaft, i, cosine, sine, rows)
-            _add_increments(P, groups, size)  # before they are large beside P
+            for b in range(size):  # P gets what increments added, before that is large beside it
+                g, c = b // LANES, b % LANES
+                P[b // 4, g, b % 4 * LANES + c] += groups[g, ADDED + c]
+                groups[g, ADDED + c] = 0.0
         if i == 0 or len(process) > 1 or not both:
             for b in range(size):
                 g, c = b // LANES, b % LANES
@@ -386,43 +389,24 @@ def _filter_tiles(
         second_variance -= share * shared
         second_precision = 1.0 / second_variance if second_seen else 0.0
         _eliminate(groups, share, precision, second_precision, gain, second_gain)
-        first = due == i
-        due += every if first else 0
-        last, at = both and due == i + 1, output + int(first)
         for channel in range(channels):
-            # Innovation e = x - h . mean; update mean + K e.
-            innovation, second = 0.0, 0.0
+            innovation, second = 0.0, 0.0  # e = x - h . mean
             if seen:
                 innovation = x[i, channel] - _dot_rows(means, channel, rows, n)
             if second_seen:
                 second = x[i + 1, channel] - _dot_rows(means, channel, rows, n + 1) - share * innovation
+            _update_means(means, between, channel, gain, second_gain, innovation, second)
             innovations[i, channel] = innovation * np.sqrt(precision)
-            _add_gain(means, channel, gain, innovation)
-            if first:
-                _copy_levels(means, channel, levels, output)
             if both:
                 innovations[i + 1, channel] = second * np.sqrt(second_precision)
-                _add_gain(means, channel, second_gain, second)
-            if last:
-                _copy_levels(means, channel, levels, at)
         innovation_variances[i] = variance if seen else 0.0
         if both:
             innovation_variances[i + 1] = second_variance if second_seen else 0.0
-        if first:
-            _mean_variances(groups, False, variances, output)
-        if last:
-            _mean_variances(groups, True, variances, at)
-            due += every
-        output = at + int(last)
-    _update_and_multiply(P, groups, gain, second_gain, rows, 0)
-    _add_increments(P, groups, size)
-
-
-@compiled_sums
-def _table_of_turns(turn: float, orders: Floats, cosine: Floats, sine: Floats) -> None:
-    """Fill tables, (PIECE order,), with the phasors that turn all rows of regressors by one angle of the shaft."""
-    for i in range(cosine.size):
-        cosine[i], sine[i] = np.cos(orders[i % orders.size] * turn), np.sin(orders[i % orders.size] * turn)
+        for late in range(1 + both):
+            if due == i + late:
+                _store(means if late else between, groups, late, levels, variances, output)
+                output += 1
+                due += every
 
 
 @compiled_sums
@@ -435,7 +419,7 @@ def _turn(regressors: Floats, cosine: Floats, sine: Floats) -> None:
 
 
 @compiled_sums
-def _off_line(phase: Floats, start: float, step: float) -> float:
+def off_line(phase: Floats, start: float, step: float) -> float:
     """Return the largest distance of an angle from one that grows steadily."""
     largest = 0.0
     for i in range(phase.size):
@@ -445,24 +429,27 @@ def _off_line(phase: Floats, start: float, step: float) -> float:
 
 @compiled_sums
 def _filter_ahead(
-    x: Floats, rows: Floats, gains: Floats, ahead: Floats, state: Floats, outputs: tuple[int, int, int, int],
+    x: Floats, first: int, rows: Floats, gains: Floats, ahead: Floats, state: Floats, skip: int, every: int,
     innovations: Floats, levels: Floats, unused: Floats,
 ) -> int:  # fmt: skip
-    """Run the filter with one pole over a piece, `LOOK_AHEAD` samples at a time; return the number of outputs so far.
+    """Run the filter with one pole over a piece, `LOOK_AHEAD` samples at a time; return the first sample left over.
 
     The products of their regressors with the levels before the first do not wait for one another.
 
     Parameters
     ----------
-    x, rows, innovations : of this piece; rows are its regressors.
+    first : first sample of the piece.
+    rows : its regressors.
     ahead : (LOOK_AHEAD,) array, what an innovation adds to the prediction so many samples on.
-    outputs : number of the first sample, sample of the next output, samples between outputs, outputs so far.
-    gains, state, levels : as for `filter_steadily`; `unused` takes levels that are no outputs.
+    x, gains, state, skip, every, innovations, levels : as for `filter_steadily`.
+    unused : (2 order,) array for levels that are no outputs.
     """
-    first, due, every, output = outputs
-    width = gains.shape[1]
-    for begin in range(0, len(x), LOOK_AHEAD):
+    width, samples = gains.shape[1], min(first + len(rows), len(x)) - first
+    samples -= samples % LOOK_AHEAD
+    output = -((skip - first) // every)
+    for begin in range(0, samples, LOOK_AHEAD):
         h0, h1, h2, h3 = rows[begin], rows[begin + 1], rows[begin + 2], rows[begin + 3]
+        at = first + begin
         for channel in range(len(state)):
             own = state[channel, 0]
             a, b, c, d = 0.0, 0.0, 0.0, 0.0
@@ -471,30 +458,28 @@ def _filter_ahead(
                 b += h1[i] * own[i]
                 c += h2[i] * own[i]
                 d += h3[i] * own[i]
-            e0 = x[begin, channel] - a
-            e1 = x[begin + 1, channel] - b - ahead[1] * e0
-            e2 = x[begin + 2, channel] - c - ahead[2] * e0 - ahead[1] * e1
-            e3 = x[begin + 3, channel] - d - ahead[3] * e0 - ahead[2] * e1 - ahead[1] * e2
-            innovations[begin, channel], innovations[begin + 1, channel] = e0, e1
-            innovations[begin + 2, channel], innovations[begin + 3, channel] = e2, e3
+            e0 = x[at, channel] - a
+            e1 = x[at + 1, channel] - b - ahead[1] * e0
+            e2 = x[at + 2, channel] - c - ahead[2] * e0 - ahead[1] * e1
+            e3 = x[at + 3, channel] - d - ahead[3] * e0 - ahead[2] * e1 - ahead[1] * e2
+            innovations[at, channel], innovations[at + 1, channel] = e0, e1
+            innovations[at + 2, channel], innovations[at + 3, channel] = e2, e3
         for n in range(begin, begin + LOOK_AHEAD):
-            h = rows[n]
+            h, due = rows[n], first + n == skip + output * every
             for channel in range(len(state)):
-                own, innovation = state[channel, 0], innovations[n, channel]
-                level = levels[output, channel] if first + n == due else unused
+                own, innovation = state[channel, 0], innovations[first + n, channel]
+                level = levels[output, channel] if due else unused
                 for i in range(width):
                     own[i] += gains[0, i] * innovation * h[i]
                     level[i] = own[i]
-            if first + n == due:
-                output += 1
-                due += every
-    return output
+            output += due
+    return first + samples
 
 
 @compiled_sums
 def filter_steadily(
-    x: Floats, phase: Floats, orders: Floats, shaft: Indices, gains: Floats, state: Floats, skip: int, every: int,
-    innovations: Floats, levels: Floats,
+    x: Floats, phase: Floats, orders: Floats, shaft: Indices, turn: Floats, ahead: Floats, gains: Floats, state: Floats,
+    skip: int, every: int, work: Floats, rows: Floats, flat: Floats, innovations: Floats, levels: Floats,
 ) -> None:  # fmt: skip
     """Run the filter with steady-state gains over some samples.
 
@@ -506,55 +491,34 @@ def filter_steadily(
     ----------
     x : (sample, channel) array.
     phase, orders, shaft : as for `filter_covariance`.
+    turn : (2, PIECE order) array, cos and sin of what each order turns in a piece, for all of its samples; of no
+        columns where the shaft turns unsteadily.
+    ahead : (LOOK_AHEAD,) array of these sums; of no elements with more poles.
     gains : (pole, 2 order) array, which times h are the Kalman gains.
-    skip, every : samples before the first output, and from one to the next.
+    skip, every : samples before the first output, and from one to the next, more than the former.
     state : (channel, pole, 2 order) array, predicted for the first sample on entry, for the one after the last on
         return.
+    work, rows, flat : scratch: (3, PIECE or more, at least 2 order) and (PIECE, 2 order) arrays, and the rows in one.
     innovations : (sample, channel) array, filled.
     levels : (output, channel, 2 order) array, filled.
     """
     samples, channels = x.shape
     poles, width = gains.shape
-    cosine, sine, rows = np.empty(PIECE), np.empty(PIECE), np.empty((PIECE, width))
-    cosines, sines = np.empty(PIECE * orders.size), np.empty(PIECE * orders.size)
-    step = (phase[0, samples - 1] - phase[0, 0]) / max(samples - 1, 1)
-    highest = 0.0  # orders.max() takes half a second to compile
-    for k in range(orders.size):
-        highest = max(highest, orders[k])
-    steady = len(phase) == 1 and _off_line(phase[0], phase[0, 0], step) * highest <= STEADY_RAD
-    ahead = np.zeros(LOOK_AHEAD)
-    if steady:
-        _table_of_turns(step * PIECE, orders, cosines, sines)
-        for k in range(orders.size):
-            for m in range(1, LOOK_AHEAD):
-                ahead[m] += gains[0, 2 * k] * np.cos(m * orders[k] * step)
-    unused, output, due = np.empty(width), 0, skip
+    cosine, sine, unused, steady = work[0], work[1], work[2], turn.size > 0
     for first in range(0, samples, PIECE):
         if steady and first:
-            _turn(rows.reshape(-1), cosines, sines)
+            _turn(flat, turn[0], turn[1])
         else:
             _fill_regressors(phase, orders, shaft, first, cosine, sine, rows)
-        last = min(first + PIECE, samples)
         begin = first
-        if steady and poles == 1:
-            begin += (last - first) // LOOK_AHEAD * LOOK_AHEAD
-            output = _filter_ahead(
-                x[first:begin],
-                rows,
-                gains,
-                ahead,
-                state,
-                (first, due, every, output),
-                innovations[first:begin],
-                levels,
-                unused,
-            )
-            due = skip + output * every
-        for i in range(begin, last):
-            h = rows[i - first]
+        if steady and ahead.size:
+            begin = _filter_ahead(x, first, rows, gains, ahead, state, skip, every, innovations, levels, unused)
+        output = -((skip - begin) // every)
+        for i in range(begin, min(first + PIECE, samples)):
+            h, due = rows[i - first], i == skip + output * every
             for channel in range(channels):
                 own = state[channel]
-                level = levels[output, channel] if i == due else unused
+                level = levels[output, channel] if due else unused
                 # Innovation e = x - h . level; update each difference by its gain h e.
                 innovation = x[i, channel] - _dot(h, own[0])
                 innovations[i, channel] = innovation
@@ -567,6 +531,4 @@ def filter_steadily(
                 for j in range(poles - 2, -1, -1):  # predict by F
                     for b in range(width):
                         own[j, b] += own[j + 1, b]
-            if i == due:
-                output += 1
-                due += every
+            output += due

@@ -101,7 +101,7 @@ def _marginalise(
 @compiled
 def filter_information(
     information: Floats, score: Floats, process: Floats, renewed: bool, steps: Indices, matrix: Floats, vector: Floats,
-    matrices: Floats, vectors: Floats, squares: Floats,
+    flat: Floats, row: Floats, column: Floats, matrices: Floats, vectors: Floats, squares: Floats,
 ) -> float:  # fmt: skip
     """Run the information filter over some nodes; return the sum over the increments of `log det(I + Q J)`.
 
@@ -114,13 +114,13 @@ def filter_information(
     steps : `FORWARD` or `BACKWARD`.
     matrix, vector : (state, state) and (state, lane) arrays J and j, at the node entered first before its data; updated
         to the node after the one left last.
+    flat, row : J and j in one dimension, the same memory.
+    column : (state,) array, scratch.
     matrices, vectors : (node, state state) and (node, state lane) arrays, filled, or of no nodes.
     squares : (lane,) array, added to: `j_a^2 q / (1 + q J_aa)` of every increment.
     """
     forward = steps[0] == _UPDATE
-    flat, row = matrix.reshape(-1), vector.reshape(-1)
     size, width = len(matrix), process.shape[1]
-    column = np.empty(size)
     log_determinant = 0.0
     for place in range(len(score)):
         node = place if forward else len(score) - 1 - place
@@ -179,8 +179,8 @@ def integrate_out(matrix: Floats, vector: Floats, squares: Floats) -> float:
 
 @compiled_sums
 def combine(
-    information: Floats, past: Floats, past_vectors: Floats, future: Floats, future_vectors: Floats, levels: Floats,
-    variances: Floats, explained: Floats,
+    information: Floats, past: Floats, past_vectors: Floats, future: Floats, future_vectors: Floats, root: Floats,
+    flat: Floats, solved: Floats, row: Floats, inverse: Floats, levels: Floats, variances: Floats, explained: Floats,
 ) -> bool:  # fmt: skip
     """Fill levels and variances of some nodes from the sum of past and future information; False if one is singular.
 
@@ -190,14 +190,14 @@ def combine(
     Parameters
     ----------
     information : (node or 1, state state) array, that of each node's own data.
-    past, past_vectors, future, future_vectors : as `filter_information` fills its last two.
+    past, past_vectors, future, future_vectors : as `filter_information` fills its matrices and vectors.
+    root, solved, inverse : scratch, (state, state), (state, lane) and (width, width) arrays.
+    flat, row : the first two in one dimension, the same memory.
     levels, variances, explained : arrays as `SmoothedChain` has them, filled.
     """
     nodes, width, lanes = levels.shape
     size = past_vectors.shape[1] // lanes
     differences = size - width
-    root, solved, inverse = np.empty((size, size)), np.empty((size, lanes)), np.empty((width, width))
-    flat, row = root.reshape(-1), solved.reshape(-1)
     last = root[differences:, differences:]
     for node in range(nodes):
         # J = J_past + J_future, j likewise

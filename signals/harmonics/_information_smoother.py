@@ -53,6 +53,11 @@ class Information(NamedTuple):
     def copy(self) -> "Information":
         return Information(self.matrix.copy(), self.vector.copy())
 
+    def unfolded(self) -> tuple[Floats, Floats, Floats, Floats, Floats]:
+        """Return J, j, both in one dimension, the same memory, and scratch: what `filter_information` updates."""
+        matrix, vector = self
+        return matrix, vector, matrix.reshape(-1), vector.reshape(-1), np.empty(len(matrix))
+
     def none(self) -> "Information":
         """Return no information on the same state."""
         return Information(np.zeros_like(self.matrix), np.zeros_like(self.vector))
@@ -97,7 +102,8 @@ class NodeChain:
         if len(process) > 1:
             place = np.arange(nodes.start, nodes.stop) - (steps is BACKWARD)
             process = np.ascontiguousarray(process[place.clip(0, len(process) - 1)])
-        return filter_information(*data, process, False, steps, *state, *stored, np.zeros(state.vector.shape[1]))
+        squares = np.zeros(state.vector.shape[1])
+        return filter_information(*data, process, False, steps, *state.unfolded(), *stored, squares)
 
     def measured(self, nodes: slice) -> "NodeInformation":
         """Return the information in the data of a range of nodes."""
@@ -212,7 +218,8 @@ def smooth_stretches(chain: NodeChain, *, first: int) -> Iterator[tuple[slice, S
         if is_kept:
             kept.append((data, past))
     log_variance += float(np.linalg.slogdet(state.matrix)[1])
-    later = chain.after.copy()
+    later, root, solved = chain.after.copy(), np.empty_like(matrix), np.empty_like(vector)
+    scratch = root, root.reshape(-1), solved, solved.reshape(-1), np.empty((width, width))
     for stretch, start in zip(reversed(stretches), reversed(starts), strict=True):
         if kept:
             data, past = kept.pop()
@@ -223,7 +230,7 @@ def smooth_stretches(chain: NodeChain, *, first: int) -> Iterator[tuple[slice, S
         chain.filter(stretch, BACKWARD, later, data, future)
         count = stretch.stop - stretch.start
         found = np.empty((count, width, vector.shape[1])), np.empty((count, width)), np.empty(count)
-        if not combine(data.matrices, *past, *future, *found):
+        if not combine(data.matrices, *past, *future, *scratch, *found):
             raise np.linalg.LinAlgError("information matrix is not positive definite")
         yield stretch, SmoothedChain(*found, log_variance)
 

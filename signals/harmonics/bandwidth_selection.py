@@ -124,10 +124,11 @@ class ChainLikelihood:
         """Return the (lane,) log likelihoods, less a constant, of (order,) bandwidths in cycles per sample."""
         ratio = variance_ratio(np.minimum(np.asarray(bandwidth) * self.length, 1.0), self.model.poles)
         process = (ratio * self.noise)[self._order_of_column][None]
-        matrix, vector = self.before.copy()
+        state = self.before.copy()
+        matrix, vector = state
         squares, unstored = np.zeros(vector.shape[1]), (np.empty((0, matrix.size)), np.empty((0, vector.size)))
         log_determinant = filter_information(
-            *self.measured, process, self.model.poles == 1, FORWARD, matrix, vector, *unstored, squares
+            *self.measured, process, self.model.poles == 1, FORWARD, *state.unfolded(), *unstored, squares
         )
         # 2 log L = j J^-1 j + the filter's completed squares - log det J - the sum of log det(I + Q J)
         log_determinant += integrate_out(matrix, vector, squares)

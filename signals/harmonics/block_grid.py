@@ -14,7 +14,8 @@ import numpy as np
 from numpy.typing import NDArray
 
 from signals.harmonics import _block_kernels
-from signals.harmonics._filter_kernels import STEADY_RAD
+from signals.harmonics._block_kernels import PIECE
+from signals.harmonics._filter_kernels import STEADY_RAD, off_line
 from signals.harmonics.bandwidth import HALF_POWER
 from signals.harmonics.model import Complexes, Floats, HarmonicModel, Indices
 
@@ -138,11 +139,8 @@ class Grid:
         if len(self.model.phases) > 1 or phase.size == 1:
             return None
         step, highest = float(phase[-1] - phase[0]) / (phase.size - 1), np.abs(self.model.orders).max(initial=0.0)
-        line = step * np.arange(STEADY_AT_ONCE)
         for first in range(0, phase.size, STEADY_AT_ONCE):
-            off = phase[first : first + STEADY_AT_ONCE]
-            off, start = off - line[: off.size], phase[0] + step * first
-            if max(off.max() - start, start - off.min()) * highest > STEADY_RAD:
+            if off_line(phase[first : first + STEADY_AT_ONCE], phase[0] + step * first, step) * highest > STEADY_RAD:
                 return None
         return step
 
@@ -223,7 +221,8 @@ class Grid:
                 part[..., 0], part[..., 1] = turned.real.transpose(1, 2, 3, 0), turned.imag.transpose(1, 2, 3, 0)
             else:
                 phase = model.phase(samples)
-                _block_kernels.project(values, phase, model.orders[orders], model.shaft[orders], length, part)
+                work = np.empty((2 + len(x) * moments, 2 * PIECE))
+                _block_kernels.project(values, phase, model.orders[orders], model.shaft[orders], length, work, part)
         return sums
 
     def waveforms(self, pieces: Floats, orders: Indices, samples: slice) -> Floats:
@@ -247,9 +246,9 @@ class Grid:
             waves[:, :done] = sums.reshape(len(pieces), -1)
         rest = slice(samples.start + done, samples.stop)
         if rest.stop > rest.start:
-            phase = model.phase(rest)
+            phase, numbers, work = model.phase(rest), model.orders[orders], np.empty((2, PIECE))
             for some, wave in zip(own, waves, strict=True):
-                _block_kernels.remodulate(some, length, phase, model.orders[orders], shaft, rest.start, wave[done:])
+                _block_kernels.remodulate(some, length, phase, numbers, shaft, rest.start, work, wave[done:])
         return waves
 
     def data(self, moments: Floats) -> Floats:
@@ -296,11 +295,13 @@ class Grid:
         if step is not None and steady > first:
             starts = np.ascontiguousarray(model.phases[0][first * self.length : steady * self.length : self.length])
             own = model.orders[orders]
-            _block_kernels.correlate_steady(starts, own, self._products(orders), sums[: steady - first])
+            work, turns = np.empty((2, own.size, starts.size)), np.empty((4, own.size))
+            _block_kernels.correlate_steady(starts, own, self._products(orders), work, turns, sums[: steady - first])
         for samples, blocks in self.spans(steady, last):
             seen, phase = self.seen[samples].astype(np.float64), model.phase(samples)
             part = sums[blocks.start - first : blocks.stop - first]
-            _block_kernels.correlate(seen, phase, model.orders[orders], model.shaft[orders], self.length, part)
+            own, work = model.orders[orders], np.empty((2 + 2 * orders.size, 2 * PIECE))
+            _block_kernels.correlate(seen, phase, own, model.shaft[orders], self.length, work, part)
         if orders.size > np.count_nonzero(model.orders[orders]):
             columns = np.concatenate([np.arange(orders.size), orders.size + np.flatnonzero(model.orders[orders])])
             sums = sums[:, :, columns[:, None], columns]

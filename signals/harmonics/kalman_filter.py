@@ -20,7 +20,15 @@ from math import ceil, log, sqrt
 
 import numpy as np
 
-from signals.harmonics._filter_kernels import filter_covariance, filter_pairs, filter_steadily
+from signals.harmonics._filter_kernels import (
+    LOOK_AHEAD,
+    PIECE,
+    STEADY_RAD,
+    filter_covariance,
+    filter_pairs,
+    filter_steadily,
+    off_line,
+)
 from signals.harmonics.bandwidth import Bandwidth
 from signals.harmonics.innovations import Innovations
 from signals.harmonics.model import Estimate, Floats, HarmonicModel, lost
@@ -179,6 +187,7 @@ def filter_on(
     orders, shaft = model.orders, model.shaft
     process = _paired(model, model.process_noise(slice(0, 1))) if model.bandwidth.shape[1] == 1 else None
     first, begin, done = state.count, 0, 0
+    scratch = np.empty((5, max(PIECE, model.poles * 2 * orders.size))), np.empty((PIECE, 2 * orders.size))
     while begin < samples:
         span = slice(begin, min(begin + SAMPLES_AT_ONCE - state.count % SAMPLES_AT_ONCE, samples))
         phase, q = model.phase(span), process if process is not None else _paired(model, model.process_noise(span))
@@ -196,7 +205,14 @@ def filter_on(
                 filter_pairs(*given, state.mean, state.covariance, (skip, output_every), *found)
             else:
                 filter_covariance(
-                    *given, state.diffuse, state.mean, state.covariance, state.factor, (skip, output_every), *found
+                    *given,
+                    state.diffuse,
+                    state.mean,
+                    state.covariance,
+                    state.factor,
+                    (skip, output_every),
+                    *scratch,
+                    *found,
                 )
             done += len(range(skip, end - begin, output_every))
             state.count, begin = state.count + end - begin, end
@@ -274,12 +290,15 @@ def steady_state_filter(
     gains = np.repeat(shares, 2, axis=1)  # (pole, 2 order)
     variances[exact:] = gains[0, ::2]
     predicted = state.mean.reshape(channels, model.poles, -1)
+    work, rows = np.empty((3, max(PIECE, gains.shape[1]))), np.empty((PIECE, gains.shape[1]))
     for first in range(begin, samples, STEADY_AT_ONCE):
         span = slice(first, min(first + STEADY_AT_ONCE, samples))
         values, residuals = np.ascontiguousarray(x[:, span].T), np.empty((span.stop - first, channels))
+        phase = model.phase(span)
+        turn, ahead = _steady_turn(model, phase, gains)
         filter_steadily(
-            values, model.phase(span), model.orders, model.shaft, gains, predicted, -first % output_every, output_every,
-            residuals, levels[ceil(first / output_every) :],
+            values, phase, model.orders, model.shaft, turn, ahead, gains, predicted, -first % output_every,
+            output_every, work, rows, rows.reshape(-1), residuals, levels[ceil(first / output_every) :],
         )  # fmt: skip
         counted = residuals.T[:, max(startup - first, 0) :] / sqrt(variance)
         late = counted[:, -CORRELATED:]
@@ -291,3 +310,14 @@ def steady_state_filter(
         innovations.add(late, np.full(late.shape[1], variance))
     amplitude = levels.view(np.complex128).transpose(1, 2, 0)
     return innovations.estimate(amplitude, variances.T, error_bound=error_bound)
+
+
+def _steady_turn(model: HarmonicModel, phase: Floats, gains: Floats) -> tuple[Floats, Floats]:
+    """Return `turn` and `ahead` of `filter_steadily` for some samples: empty where they are of no use."""
+    step = float(phase[0, -1] - phase[0, 0]) / max(phase.shape[1] - 1, 1)
+    if len(phase) > 1 or off_line(phase[0], phase[0, 0], step) * np.abs(model.orders).max() > STEADY_RAD:
+        return np.empty((2, 0)), np.empty(0)
+    angle = np.tile(model.orders * step * PIECE, PIECE)
+    turn = np.stack([np.cos(angle), np.sin(angle)])
+    sums = gains[0, ::2] @ np.cos(np.outer(model.orders * step, np.arange(LOOK_AHEAD)))
+    return turn, np.asarray(sums if model.poles == 1 else sums[:0])

@@ -78,8 +78,9 @@ def order_waveform(
         pieces = pieces_between(amplitude, cubic=tracks.poles > 1)
         for pieces_of_channel, wave in zip(pieces, waves, strict=True):
             _block_kernels.remodulate(
-                pieces_of_channel, tracks.output_every, np.stack(phases), orders[chosen], shaft[chosen], 0, wave
-            )
+                pieces_of_channel, tracks.output_every, np.stack(phases), orders[chosen], shaft[chosen], 0,
+                np.empty((2, _block_kernels.PIECE)), wave,
+            )  # fmt: skip
     return waves if tracks.complex_amplitude.ndim == 3 else waves[0]  # noqa: PLR2004
 
 
