@@ -129,7 +129,7 @@ def analyses(folder: Path, *, workers: int, records: int = RECORDS) -> Analyses:
 
 def unseen(folder: Path, series: tuple[Series, ...], *, workers: int) -> "Resampled":
     """Return the fleets that are made of machines of another seed, from which nothing is learned."""
-    text = PLAN.format(records=UNSEEN_RECORDS, machines=UNSEEN_MACHINES, seed=3)
+    text = PLAN.format(records=UNSEEN_RECORDS, machines=UNSEEN_MACHINES, seed=4)
     rows, labels = _analysed(folder / "unseen", text, workers)
     return Resampled(healthy=np.array([vector(series_of(row), series) for row in rows]), states=_states(labels))
 

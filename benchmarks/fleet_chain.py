@@ -1,10 +1,10 @@
 """Monitoring on arrays of many machines at once: charts and alarms, and the prior that is learned from them."""
 
-from collections.abc import Sequence
+from collections.abc import Collection, Mapping, Sequence
 from dataclasses import dataclass, replace
 
 import numpy as np
-from fleet_analyses import Analyses, Array, Fleet, Resampled, halves, others
+from fleet_analyses import MACHINES, Analyses, Array, Fleet, Resampled, halves, others
 from numpy.typing import NDArray
 
 from hums.fleet.monitor import MOST_LEVERAGE
@@ -18,6 +18,7 @@ from signals.monitoring.limits import HealthyScores, machine_limits, tail_quanti
 CHUNK = 50  # machines whose series are in memory at a time
 RATES = (1_000.0, 10_000.0)
 WATCHED = 300
+_OF_HALVES = 0.25  # of the variance that separates halves: of one prior of all machines against all others (`widening`)
 MOST_DOF = 10.0  # real machines differ more than resampled ones: deviations by 22 % (our choice)
 
 
@@ -162,39 +163,69 @@ def learn_prior(found: Analyses, resampled: Resampled) -> dict[str, object]:
 def widening(found: Analyses, *, machines: int) -> list[list[list[float]]]:
     """Return by how much limits of each group of scores have to be wider than the model's, for baselines and rates.
 
-    The machines that the prior is learned from are split into halves in seven ways: a prior of the one makes the
-    limits of fleets that are made of the other, their slopes too, and the factor is the one at which all fleets
-    together raise the stated number of alarms, each score of the group its part. What a prior lacks of machines that
-    it has not seen is then in the limits (cross-validation; Stone 1974, J. R. Stat. Soc. B 36(2), 111-147). One factor
-    is of fleets whose states drift, with the model's drift, and one of fleets whose states do not, with none.
+    Limits of a prior that is held against the fleets of its own analyses lack nothing but what the model of the
+    scores lacks. To see what a prior lacks of machines that it has not seen, those that it is learned from are split
+    into halves in seven ways: a prior of the one half makes the limits of fleets that are made of the other, their
+    slopes too (cross-validation; Stone 1974, J. R. Stat. Soc. B 36(2), 111-147). Either factor is the one at which all
+    fleets together raise the stated number of alarms. The number goes exponentially with the logarithm of the limits,
+    so that what errors of a prior add to its logarithm is proportional to their variance: of a prior of n / 2 analyses
+    against n / 2 others 4 / n, of the prior of all n against all machines 1 / n. Of the excess of the second factor
+    over the first, in logarithms, `_OF_HALVES` is therefore taken. One factor is of fleets whose states drift, with
+    the model's drift, and one of fleets whose states do not, with none.
     """
     _, _, layout = layout_of(found.series)
-    folds, groups = halves(), np.array(layout.group_of)
+    groups = np.array(layout.group_of)
     sizes = {1.0: {2: 2 * machines, 10: 2 * machines, 30: 2 * machines, 300: machines}}  # by their cost
     sizes[0.0] = {30: machines, 300: machines // 2}
-    peaks: dict[tuple[int, float, float], list[NDArray[np.float32]]] = {}
-    for seen_before in folds:
-        learned = learn_prior(found, found.resampled(seen_before))
-        prior, drifting = prior_of(found.series, layout, learned), healthy_scores(learned)
-        unseen = found.resampled(others(seen_before))
-        for drift, fleets in ((1.0, unseen), (0.0, unseen.still())):
-            models = [replace(one, drift=drift) for one in drifting]
-            for baseline, count in sizes[drift].items():
-                for start in range(0, count // len(folds), CHUNK):
-                    rng = np.random.default_rng([12, *seen_before, start])
-                    fleet = fleets.machines(CHUNK, baseline + WATCHED, rng)
-                    seen = watch(fleet, baseline, RATES, layout, prior, models)
-                    for rate, one in zip(RATES, seen, strict=True):
-                        peaks.setdefault((baseline, rate, drift), []).append(two_of_three(one.index).max(axis=1))
+    everyone = range(MACHINES)
+    own = _largest(found, [(everyone, everyone)], sizes)
+    halved = _largest(found, [(half, others(half)) for half in halves()], sizes)
+
+    def factor(largest: Sequence[NDArray[np.float32]], group: int, rate: float) -> float:
+        return at_rate([one[:, groups == group] for one in largest], layout.scores, rate)
+
     return [
         [
             [
                 baseline,
                 rate * layout.scores,
                 drift,
-                round(at_rate([one[:, groups == group] for one in those], layout.scores, rate), 3),
+                round(_of_all(*(factor(of[key], group, rate) for of in (own, halved))), 3),
             ]
-            for (baseline, rate, drift), those in peaks.items()
+            for key in own
+            for baseline, rate, drift in (key,)
         ]
         for group in range(groups.max() + 1)
     ]
+
+
+def _of_all(own: float, halved: float) -> float:
+    """Return the factor of a prior of all analyses, from those of a prior seen by itself and of halves."""
+    return float(own * (halved / own) ** _OF_HALVES)
+
+
+def _largest(
+    found: Analyses,
+    pairs: Sequence[tuple[Collection[int], Collection[int]]],
+    sizes: Mapping[float, Mapping[int, int]],
+) -> dict[tuple[int, float, float], list[NDArray[np.float32]]]:
+    """Return the largest indices of fleets by baseline, rate and drift, for pairs of machines learned from and watched.
+
+    `sizes` has the number of machines to watch for each drift and baseline, over all pairs.
+    """
+    _, _, layout = layout_of(found.series)
+    largest: dict[tuple[int, float, float], list[NDArray[np.float32]]] = {}
+    for learned_from, watched in pairs:
+        learned = learn_prior(found, found.resampled(learned_from))
+        prior, drifting = prior_of(found.series, layout, learned), healthy_scores(learned)
+        unseen = found.resampled(watched)
+        for drift, fleets in ((1.0, unseen), (0.0, unseen.still())):
+            models = [replace(one, drift=drift) for one in drifting]
+            for baseline, count in sizes[drift].items():
+                for start in range(0, count // len(pairs), CHUNK):
+                    rng = np.random.default_rng([12, *learned_from, start])
+                    fleet = fleets.machines(CHUNK, baseline + WATCHED, rng)
+                    seen = watch(fleet, baseline, RATES, layout, prior, models)
+                    for rate, one in zip(RATES, seen, strict=True):
+                        largest.setdefault((baseline, rate, drift), []).append(two_of_three(one.index).max(axis=1))
+    return largest

@@ -16,7 +16,7 @@ from math import factorial, frexp, ldexp, pi
 import numpy as np
 from numpy.typing import NDArray
 
-from signals._compile import compiled, compiled_sums
+from signals._compile import compiled_in_place, compiled_sums_in_place
 
 Floats = NDArray[np.float64]
 Indices = NDArray[np.int64]
@@ -44,7 +44,7 @@ _S3, _S5, _S7, _S9, _S11, _S13, _S15, _S17, _S19 = ((-1) ** (n // 2) / factorial
 _C2, _C4, _C6, _C8, _C10, _C12, _C14, _C16, _C18, _C20 = ((-1) ** (n // 2) / factorial(n) for n in range(2, 22, 2))
 
 
-@compiled
+@compiled_in_place
 def fill_phasors(order: float, phase: Floats, cosine: Floats, sine: Floats) -> None:
     """Fill `cosine` and `sine`, (sample or more,) arrays, with those of `order * phase`, (sample,) in rad."""
     for n in range(phase.size):
@@ -71,7 +71,7 @@ def phasors(angle: Floats) -> Complexes:
     return (cosine + 1j * sine).reshape(angle.shape)
 
 
-@compiled_sums
+@compiled_sums_in_place
 def _add_moments(even: Floats, odd: Floats, cosine: Floats, sine: Floats, even_sums: Floats, odd_sums: Floats) -> None:
     """Add the sums of w cos and of -w sin to two moments (2,), w being u^m x for one and u^(m + 1) x for the other."""
     a, b, c, d = 0.0, 0.0, 0.0, 0.0
@@ -86,7 +86,7 @@ def _add_moments(even: Floats, odd: Floats, cosine: Floats, sine: Floats, even_s
     odd_sums[1] -= d
 
 
-@compiled_sums
+@compiled_sums_in_place
 def project(x: Floats, phase: Floats, orders: Floats, shaft: Indices, length: int, work: Floats, sums: Floats) -> None:
     """Fill the moments of a record against each order, block by block.
 
@@ -131,7 +131,7 @@ def project(x: Floats, phase: Floats, orders: Floats, shaft: Indices, length: in
                             )  # fmt: skip
 
 
-@compiled_sums
+@compiled_sums_in_place
 def _add_products(weights: Floats, one: Floats, other: Floats, sums: Floats, column: int) -> None:
     """Add the inner products of a row of weights and two regressors to `sums` at `column` and the next."""
     a, b = 0.0, 0.0
@@ -142,7 +142,7 @@ def _add_products(weights: Floats, one: Floats, other: Floats, sums: Floats, col
     sums[column + 1] += b
 
 
-@compiled
+@compiled_in_place
 def _add_outer_products(columns: Floats, first: int, last: int, u: float, step: float, sums: Floats) -> None:
     """Add to (moment, 2 order, 2 order) sums, below their diagonals, the products of regressors sample by sample.
 
@@ -158,7 +158,7 @@ def _add_outer_products(columns: Floats, first: int, last: int, u: float, step: 
         u += step
 
 
-@compiled
+@compiled_in_place
 def _mirror(matrix: Floats) -> None:
     """Fill the upper triangle of a symmetric matrix with the lower one."""
     for a in range(len(matrix)):
@@ -166,7 +166,7 @@ def _mirror(matrix: Floats) -> None:
             matrix[b, a] = matrix[a, b]
 
 
-@compiled_sums
+@compiled_sums_in_place
 def correlate(
     seen: Floats, phase: Floats, orders: Floats, shaft: Indices, length: int, work: Floats, sums: Floats
 ) -> None:
@@ -220,7 +220,7 @@ def correlate(
                     _mirror(sums[block, moment])
 
 
-@compiled
+@compiled_in_place
 def correlate_steady(
     starts: Floats, orders: Floats, products: Floats, work: Floats, turns: Floats, sums: Floats
 ) -> None:
@@ -260,7 +260,7 @@ def correlate_steady(
                     cos_sin[b], sin_cos[b] = odd - odd_more, -odd - odd_more
 
 
-@compiled
+@compiled_in_place
 def evaluate(pieces: Floats, length: int, skip: int, every: int, values: Floats) -> None:
     """Fill the values of pairs of piecewise cubics, the real and imaginary parts, at samples evenly apart.
 
@@ -287,7 +287,7 @@ def evaluate(pieces: Floats, length: int, skip: int, every: int, values: Floats)
                 row[2 * n + 1] = b0 + u * (b1 + u * (b2 + u * b3))
 
 
-@compiled
+@compiled_in_place
 def remodulate(
     pieces: Floats, length: int, phase: Floats, orders: Floats, shaft: Indices, start: int, work: Floats, wave: Floats
 ) -> None:
@@ -322,7 +322,7 @@ def remodulate(
         first = last
 
 
-@compiled_sums
+@compiled_sums_in_place
 def step_changes(phase: Floats, length: int, largest: Floats) -> None:
     """Fill, (block,), a bound on how far one step of the angle differs from the next in each block of so many samples.
 

@@ -10,7 +10,7 @@ from math import ceil, prod
 import numpy as np
 from numpy.typing import NDArray
 
-from signals._compile import compiled, compiled_sums
+from signals._compile import compiled_in_place, compiled_sums_in_place
 from signals.harmonics._block_kernels import fill_phasors
 
 Floats = NDArray[np.float64]
@@ -32,7 +32,7 @@ FORMER, FORMER_SECOND, NEXT, NEXT_SECOND, ADDED, INCREMENT, INCREMENT_SECOND, VA
 STEADY_RAD = 1e-8
 
 
-@compiled_sums
+@compiled_sums_in_place
 def _fill_regressors(
     phase: Floats, orders: Floats, shaft: Indices, first: int, cosine: Floats, sine: Floats, rows: Floats
 ) -> None:
@@ -45,7 +45,7 @@ def _fill_regressors(
             rows[i, 2 * k + 1] = -sine[i]
 
 
-@compiled_sums
+@compiled_sums_in_place
 def _dot(a: Floats, b: Floats) -> float:
     total = 0.0
     for i in range(a.size):
@@ -53,7 +53,7 @@ def _dot(a: Floats, b: Floats) -> float:
     return total
 
 
-@compiled_sums
+@compiled_sums_in_place
 def add_lagged(values: Floats, products: Floats) -> None:
     """Add to (channel, lag) sums the products of two values that lie 1, 2, ... places apart.
 
@@ -66,7 +66,7 @@ def add_lagged(values: Floats, products: Floats) -> None:
             products[channel, lag - 1] += _dot(late, values[channel, lags - lag :])
 
 
-@compiled_sums
+@compiled_sums_in_place
 def _update_diffuse(V: Floats, h: Floats, ph: Floats, known: float, a: Floats, covariance: Floats) -> float:
     """Update the factor V of the diffuse covariance; return the variance of the innovation.
 
@@ -98,7 +98,7 @@ def _update_diffuse(V: Floats, h: Floats, ph: Floats, known: float, a: Floats, c
     return variance
 
 
-@compiled_sums
+@compiled_sums_in_place
 def _covariance_times(P: Floats, h: Floats, ph: Floats) -> None:
     """Fill `ph = P h`, where h is the part of a regressor for the levels; that for the differences is zero.
 
@@ -112,7 +112,7 @@ def _covariance_times(P: Floats, h: Floats, ph: Floats) -> None:
         ph[a], ph[a + 1] = first, second
 
 
-@compiled_sums
+@compiled_sums_in_place
 def _update_covariance(P: Floats, gain: Floats, ph: Floats) -> None:
     """Subtract `gain ph^T` from P."""
     for a in range(gain.size):
@@ -121,7 +121,7 @@ def _update_covariance(P: Floats, gain: Floats, ph: Floats) -> None:
             P[a, b] = P[a, b] - gain_a * ph[b]
 
 
-@compiled_sums
+@compiled_sums_in_place
 def _transition_rows(values: Floats, width: int) -> None:
     """Replace (state, any) values by `F values`: each block becomes its sum with all later ones."""
     for a in range(len(values) - width - 1, -1, -1):
@@ -130,7 +130,7 @@ def _transition_rows(values: Floats, width: int) -> None:
             own[b] += later[b]
 
 
-@compiled_sums
+@compiled_sums_in_place
 def _transition_columns(values: Floats, width: int) -> None:
     """Replace (any, state) values by `values F^T`."""
     for a in range(len(values)):
@@ -140,7 +140,7 @@ def _transition_columns(values: Floats, width: int) -> None:
                 own[b] += later[b]
 
 
-@compiled_sums
+@compiled_sums_in_place
 def filter_covariance(
     x: Floats, phase: Floats, orders: Floats, shaft: Indices, process: Floats, diffuse: bool, mean: Floats, P: Floats,
     V: Floats, outputs: tuple[int, int], work: Floats, rows: Floats, innovations: Floats, innovation_variances: Floats,
@@ -219,7 +219,7 @@ def filter_covariance(
                 _transition_rows(V, width)
 
 
-@compiled
+@compiled_in_place
 def _update_and_multiply(P: Floats, groups: Floats, gain: Floats, second: Floats, rows: Floats, n: int) -> None:
     """Subtract from P what the former pair of samples adds to the knowledge of the state; add `P h` of the next pair.
 
@@ -244,7 +244,7 @@ def _update_and_multiply(P: Floats, groups: Floats, gain: Floats, second: Floats
                 groups[g, NEXT_SECOND + c] += (k0 * p0 + k1 * p1) + (k2 * p2 + k3 * p3)
 
 
-@compiled_sums
+@compiled_sums_in_place
 def _covariance_of_pair(groups: Floats, rows: Floats, n: int) -> tuple[float, float, float]:
     """Complete P h of a pair of samples; return the elements of the covariance of their innovations."""
     own, shared, second = 1.0, 0.0, 1.0
@@ -262,7 +262,7 @@ def _covariance_of_pair(groups: Floats, rows: Floats, n: int) -> tuple[float, fl
     return own, shared, second
 
 
-@compiled
+@compiled_in_place
 def _eliminate(groups: Floats, share: float, one: float, two: float, gain: Floats, second: Floats) -> None:
     """Condition the second sample of a pair on the first; fill the gains of both, and the variances after each.
 
@@ -282,7 +282,7 @@ def _eliminate(groups: Floats, share: float, one: float, two: float, gain: Float
             gain[LANES * g + c], second[LANES * g + c] = first, last
 
 
-@compiled_sums
+@compiled_sums_in_place
 def _dot_rows(a: Floats, i: int, b: Floats, j: int) -> float:
     """Return the inner product of two rows, which as arrays of their own would be counted as references."""
     total = 0.0
@@ -291,7 +291,7 @@ def _dot_rows(a: Floats, i: int, b: Floats, j: int) -> float:
     return total
 
 
-@compiled
+@compiled_in_place
 def _update_means(
     means: Floats, between: Floats, channel: int, gain: Floats, second_gain: Floats, innovation: float, second: float
 ) -> None:
@@ -302,7 +302,7 @@ def _update_means(
         means[channel, c] = mean + second_gain[c] * second
 
 
-@compiled
+@compiled_in_place
 def _store(means: Floats, groups: Floats, late: int, levels: Floats, variances: Floats, output: int) -> None:
     """Fill an output after the first or the second sample of a pair: variances are half the sums over quadratures."""
     for channel in range(len(means)):
@@ -355,7 +355,7 @@ def filter_pairs(
     mean[:] = means[:, :size]
 
 
-@compiled_sums
+@compiled_sums_in_place
 def _filter_tiles(
     x: Floats, phase: Floats, orders: Floats, shaft: Indices, process: Floats, outputs: tuple[int, int],
     work: tuple[Floats, Floats], rows: Floats, P: Floats, groups: Floats, both_means: tuple[Floats, Floats],
@@ -409,7 +409,7 @@ def _filter_tiles(
                 due += every
 
 
-@compiled_sums
+@compiled_sums_in_place
 def _turn(regressors: Floats, cosine: Floats, sine: Floats) -> None:
     """Turn regressors, cos and -sin in turn, by the angles whose phasors are given."""
     for i in range(cosine.size):
@@ -418,7 +418,7 @@ def _turn(regressors: Floats, cosine: Floats, sine: Floats) -> None:
         regressors[2 * i + 1] = other * cosine[i] - one * sine[i]
 
 
-@compiled_sums
+@compiled_sums_in_place
 def off_line(phase: Floats, start: float, step: float) -> float:
     """Return the largest distance of an angle from one that grows steadily."""
     largest = 0.0
@@ -427,7 +427,7 @@ def off_line(phase: Floats, start: float, step: float) -> float:
     return largest
 
 
-@compiled_sums
+@compiled_sums_in_place
 def _filter_ahead(
     x: Floats, first: int, rows: Floats, gains: Floats, ahead: Floats, state: Floats, skip: int, every: int,
     innovations: Floats, levels: Floats, unused: Floats,
@@ -476,7 +476,7 @@ def _filter_ahead(
     return first + samples
 
 
-@compiled_sums
+@compiled_sums_in_place
 def filter_steadily(
     x: Floats, phase: Floats, orders: Floats, shaft: Indices, turn: Floats, ahead: Floats, gains: Floats, state: Floats,
     skip: int, every: int, work: Floats, rows: Floats, flat: Floats, innovations: Floats, levels: Floats,

@@ -6,7 +6,7 @@ The states and their transitions are those of `_information_smoother`.
 import numpy as np
 from numpy.typing import NDArray
 
-from signals._compile import compiled, compiled_sums
+from signals._compile import compiled_in_place, compiled_sums_in_place
 
 Floats = NDArray[np.float64]
 Indices = NDArray[np.int64]
@@ -19,7 +19,7 @@ FORWARD = np.array([_UPDATE, _STORE, _MARGINALISE, _PROPAGATE])
 BACKWARD = np.array([_STORE, _UPDATE, _PROPAGATE, _MARGINALISE])
 
 
-@compiled
+@compiled_in_place
 def weigh(gram: Floats, data: Floats, products: Floats, basis: Floats, information: Floats, score: Floats) -> None:
     """Fill what the moments of each node say on its state, whose differences have polynomials for regressors.
 
@@ -56,7 +56,7 @@ def weigh(gram: Floats, data: Floats, products: Floats, basis: Floats, informati
                         row[lane] += basis[i, moment] * data[node, moment, a, lane]
 
 
-@compiled
+@compiled_in_place
 def _marginalise(
     process: Floats, at: int, renewed: bool, matrix: Floats, vector: Floats, column: Floats, squares: Floats
 ) -> float:
@@ -98,7 +98,7 @@ def _marginalise(
     return log_determinant + float(np.log(product))
 
 
-@compiled
+@compiled_in_place
 def filter_information(
     information: Floats, score: Floats, process: Floats, renewed: bool, steps: Indices, matrix: Floats, vector: Floats,
     flat: Floats, row: Floats, column: Floats, matrices: Floats, vectors: Floats, squares: Floats,
@@ -156,7 +156,7 @@ def filter_information(
     return log_determinant
 
 
-@compiled
+@compiled_in_place
 def integrate_out(matrix: Floats, vector: Floats, squares: Floats) -> float:
     """Integrate out a whole state, in place, the last number first; return `log det J`, NaN where J is not positive.
 
@@ -177,7 +177,7 @@ def integrate_out(matrix: Floats, vector: Floats, squares: Floats) -> float:
     return log_determinant
 
 
-@compiled_sums
+@compiled_sums_in_place
 def combine(
     information: Floats, past: Floats, past_vectors: Floats, future: Floats, future_vectors: Floats, root: Floats,
     flat: Floats, solved: Floats, row: Floats, inverse: Floats, levels: Floats, variances: Floats, explained: Floats,
