@@ -43,8 +43,8 @@ records of `benchmark-1`, of which either half predicts the mean of the other to
 of two or three, since what is loud depends on resonances."""
 _TEETH = {LEFT_OUT: "nothing", SPRING: "a spring", KINEMATIC: "lines"}
 _LEVELS = {
-    LEFT_OUT: "no sensor hears it above the floor: what is behind its teeth turns along",
-    SPRING: "no sensor hears its teeth above the floor",
+    LEFT_OUT: "below the floor at every sensor: what is behind its teeth turns along",
+    SPRING: "its teeth are below the floor at every sensor",
     KINEMATIC: "amplitudes of the linear response at each speed",
 }
 BYTES = 8  # of a sample in memory
@@ -276,8 +276,8 @@ def _struck(stage: PreparedScene, scene: Scene, number: int, train: ImpactTrain,
     """Return a train of impacts, or a simulated bearing, as a part."""
     fault, poles = scene.faults[number], sum(2 + chain.poles.size for chain in stage.chains) / 2
     what = _counted(train.revolutions.size, time_factor, "entries" if train.is_entry else "impacts")
-    by_ways = all((train.source, sensor.name) in stage.paths for sensor in scene.sensors)
-    rings = "heard by its ways" if by_ways else f"rings {scene.resonance.frequency_hz:g} Hz"
+    by_paths = all((train.source, sensor.name) in stage.paths for sensor in scene.sensors)
+    rings = "by its measured transfer paths" if by_paths else f"rings {scene.resonance.frequency_hz:g} Hz"
     why = f"fault {number + 1}, {fault.kind}: {rings}"
     seconds = scene.samples * poles * _PER_POLE
     if isinstance(fault, BearingFault) and fault.five_dof is not None:
@@ -330,7 +330,9 @@ def _gears(stage: PreparedScene, gears: Gears, choice: Choice) -> Iterator[Part]
 
 def _first(family: HarmonicFamily) -> float:
     return float(
-        next((order for order, speaks in zip(family.orders, family.nonzero, strict=True) if speaks), family.base_order)
+        next(
+            (order for order, nonzero in zip(family.orders, family.nonzero, strict=True) if nonzero), family.base_order
+        )
     )
 
 

@@ -41,7 +41,7 @@ def scene_schema(gearbox: Mapping[str, Any]) -> dict[str, Any]:
         ("Dynamics", "links"),
         ("Dynamics", "meshes"),
         ("Dynamics", "bearings"),
-        ("Hearing", "links"),
+        ("SensorWeights", "links"),
     ):
         _as_table(parts[part]["properties"][field])
     for part, forms in _HISTORIES.items():

@@ -285,11 +285,11 @@ def convert_files(
         (folder / INDEX).unlink(missing_ok=True)
     tally = run_jobs(_write_piece, jobs, folder=notes, workers=workers or Serial(), title="files" if progress else None)
     _reader().close()
-    told = [json.loads((notes / job.name).read_text(encoding="utf-8")) for job in jobs]
-    refused = {file: reason for note in told for file, reason in note["refused"]}
+    done = [json.loads((notes / job.name).read_text(encoding="utf-8")) for job in jobs]
+    refused = {file: reason for note in done for file, reason in note["refused"]}
     _write_refused(folder, refused)
-    shards = [folder / SHARD.format(number) for number, note in enumerate(told) if form == "packed" and note["records"]]
-    if not any(note["records"] for note in told):
+    shards = [folder / SHARD.format(number) for number, note in enumerate(done) if form == "packed" and note["records"]]
+    if not any(note["records"] for note in done):
         reason = next(iter(refused.values()))
         raise RecordError(f"none of {len(sources)} files could be converted; the first: {reason}")
     if form == "packed" and (tally.done or not (folder / INDEX).is_file()):
@@ -297,7 +297,7 @@ def convert_files(
     kept = sum(job.size for job in jobs if not job.item["new"])
     return Conversion(
         folder=folder,
-        records=sum(note["records"] for note in told),
+        records=sum(note["records"] for note in done),
         done=len(sources) - kept,
         kept=kept,
         refused=refused,

@@ -207,8 +207,8 @@ def _check_planets(scene: Scene) -> None:
         raise SceneError(f'imperfections.planets: gearbox "{scene.gearbox.name}" has no planets; leave it out.')
     if scene.fidelity == "kinematic" and scene.planet_pass is None:
         raise SceneError(
-            "imperfections.planets: without planet_pass all planets of a kinematic scene are heard alike; add "
-            "planet_pass = { half_width_deg = 40 }, or leave it out."
+            "imperfections.planets: without planet_pass all planets of a kinematic scene have the same path; "
+            "add planet_pass = { half_width_deg = 40 }, or leave it out."
         )
 
 

@@ -109,7 +109,7 @@ Supports = Annotated[tuple[tuple[Name, SupportDynamics], ...], BeforeValidator(_
 Weights = Annotated[tuple[tuple[Name, NotNegative], ...], BeforeValidator(_pairs), PlainSerializer(dict)]
 
 
-class Hearing(Declared):
+class SensorWeights(Declared):
     """Weights of the bearing forces of each link at a sensor: 1 is the response of the rigid housing."""
 
     sensor: Name
@@ -120,8 +120,8 @@ class Dynamics(Declared):
     """Masses, stiffnesses, and the structure between bearings and sensors.
 
     Bearing forces move a housing of `housing_kg` on its `mounts`. A sensor responds in full to the bearing forces of
-    its own link (both links of a mesh), and with the weight `elsewhere` to those of others, unless `hearing` gives the
-    weights; the response then passes the scene's `path`. Every mode of the gears has `damping_ratio`, to which the
+    its own link (both links of a mesh), and with the weight `elsewhere` to those of others, unless `sensor_weights`
+    gives them; the response then passes the scene's `path`. Every mode of the gears has `damping_ratio`, to which the
     damping of bearings and meshes is added. The scene's torque acts on its link, or on `load_on` where that is the
     reference itself; the reference shaft drives.
 
@@ -137,7 +137,7 @@ class Dynamics(Declared):
     housing_kg: Positive = 20.0
     mounts: Mode = Mode(frequency_hz=20.0, damping_ratio=0.2)
     elsewhere: Share = 0.3
-    hearing: tuple[Hearing, ...] = ()
+    sensor_weights: tuple[SensorWeights, ...] = ()
     error: Annotated[float, Field(gt=0, lt=0.1)] = 1e-3
     floor_db: Annotated[float, Field(lt=0)] = -40.0
     decide_s: Positive = 0.25

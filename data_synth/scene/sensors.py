@@ -64,7 +64,7 @@ class Sensitivity(Declared):
     @model_validator(mode="after")
     def _check(self) -> Self:
         if self.value == 0:
-            raise ValueError("value = 0: such a sensor hears nothing; give its volts for one unit of motion")
+            raise ValueError("value = 0: such a sensor measures nothing; give its volts for one unit of motion")
         return self
 
 

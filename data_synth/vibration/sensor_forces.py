@@ -194,13 +194,15 @@ def _weights(scene: Scene, whole: Assembly, sensor: Sensor) -> dict[str, float]:
     }
     all_bodies = [*parts.kinematics.joints, *parts.elastic_links, frame]
     weights = {body: 1.0 if body in bodies_near else declared.elsewhere for body in all_bodies}
-    for hearing in declared.hearing:
-        if hearing.sensor not in [other.name for other in scene.sensors]:
-            raise SceneError(f'dynamics.hearing names "{hearing.sensor}", which is no sensor of this scene.')
-        for link, weight in hearing.links:
+    for given in declared.sensor_weights:
+        if given.sensor not in [other.name for other in scene.sensors]:
+            raise SceneError(f'dynamics.sensor_weights names "{given.sensor}", which is no sensor of this scene.')
+        for link, weight in given.links:
             if link not in _links(scene):
-                raise SceneError(f'dynamics.hearing names "{link}", which is no link with bearings in this gearbox.')
-            if hearing.sensor == sensor.name:
+                raise SceneError(
+                    f'dynamics.sensor_weights names "{link}", which is no link with bearings in this gearbox.'
+                )
+            if given.sensor == sensor.name:
                 weights |= {parts.body(name): weight for name in gearbox.instances(link)}
     return weights
 

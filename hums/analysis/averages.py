@@ -271,7 +271,7 @@ def _raw(monitored: MonitoredComponent, values: Values) -> Iterator[IndicatorVal
     scaled = monitored.units == "1" and abs(float(np.std(values)) - 1) < _STANDARDISED
     for name in _RAW:
         if scaled and INDICATORS[name].unit == "signal":
-            why = "the average was scaled to a deviation of one, so that its level says nothing."
+            why = "the average was scaled to a deviation of one, so that its level has no meaning."
             yield whole.evaluate(name, takes, unavailable(why))
         else:
             yield whole.evaluate(name, takes, partial(INDICATORS[name], values))

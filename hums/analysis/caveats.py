@@ -100,7 +100,7 @@ def _channel_notes(channel: AnalysedChannel, machine: Machine) -> Iterator[str]:
         where = "the tachometer covers" if machine.source.tachometer else "the shaft's angle is known for"
         yield (
             f'Channel "{channel.name}": {analysed:.3g} of {channel.duration_s:.3g} s are analysed, the whole '
-            f"revolutions that {where}; the rest says nothing here."
+            f"revolutions that {where}; the rest is not analysed."
         )
     if channel.crest_factor > _SPIKE:
         yield (

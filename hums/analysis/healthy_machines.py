@@ -1,7 +1,7 @@
 """How often healthy machines show as much: the null distribution of a verdict.
 
-A line that noise alone would not make is no defect: sound bearings have waviness, loads wander, other machines are
-heard. The distribution is that of the strength of the evidence over all parts of a library of healthy synthetic records
+A line that noise alone would not make is no defect: sound bearings have waviness, loads wander, other machines
+show. The distribution is that of the strength of the evidence over all parts of a library of healthy synthetic records
 with every drive and imperfection of the generator; ``benchmarks/healthy_library.py`` makes it, from synthetic records
 only. It is empirical: nothing below one in the number of its records plus one is stated.
 

@@ -199,7 +199,7 @@ def test_noise_is_white_and_of_the_stated_size():
     assert abs(np.mean(noise[1:] * noise[:-1])) < 0.028 * 0.2**2
 
 
-def test_each_sensor_hears_each_source_in_its_own_way():
+def test_each_sensor_receives_each_source_by_its_own_path():
     common = {"on": "stage 1", "units": "m s-2", "anti_alias": "none", "direction": [1, 0, 0]}
     sensors = [{"name": name, **common} for name in ("a", "b")]
     record = simulate(scene(RUN_UP, sensor=sensors), seed=12)

@@ -280,7 +280,7 @@ def test_a_kinematic_stage_beside_one_in_motion():
 
 
 @pytest.mark.slow
-def test_a_stage_that_no_sensor_hears_is_left_out():
+def test_a_stage_below_the_floor_of_every_sensor_is_left_out():
     choice, motion = choice_of(demo(meshes=QUIET, floor_db=-36.0))
     assert choice.levels == {"stage 1": "lateral", "stage 2": "left out"}
     assert [mesh.name for mesh in motion.system.meshes] == ["stage 1"]
@@ -325,7 +325,7 @@ def test_each_stage_may_have_its_own_fidelity():
                     bearings={**STIFF, "input bearing": {"radial_n_m": 3e8}},
                     damping_ratio=0.3,
                     # forces of the second stage would cancel out, and leave only what differs
-                    hearing=({"sensor": "input vertical", "links": {"intermediate": 0.3, "output": 0}},),
+                    sensor_weights=({"sensor": "input vertical", "links": {"intermediate": 0.3, "output": 0}},),
                 ).changed(duration_s=0.1)
             )
         )
@@ -354,7 +354,7 @@ def test_explain_and_the_record_say_what_was_chosen_and_why():
     quiet = demo(meshes=QUIET, floor_db=-36.0)
     sentence = '; teeth of "stage 2" left out, below the floor'
     assert sentence in str(explain(quiet))
-    assert "no sensor hears it above the floor" in str(explain(quiet))
+    assert "below the floor at every sensor" in str(explain(quiet))
     assert sentence in record_of(quiet.changed(duration_s=0.1)).attrs["truth_fidelity"]
     assert "lateral, as declared" in str(explain(demo("lateral")))
     assert "lines of the linear response" in str(explain(demo(meshes=EVEN)))

@@ -383,7 +383,7 @@ class TestRefusals:
         def without_bearings(rate_hz):
             return Output(rate_hz=rate_hz, displacement=output(1).displacement[:1])
 
-        slow = run(problem, Splitting(), read=without_bearings)  # q alone hears nothing of the bearings
+        slow = run(problem, Splitting(), read=without_bearings)  # q alone has nothing of the bearings
         assert worst(slow, run(problem, Transition(), read=without_bearings)) < 1e-6
 
     def test_steps_over_mesh_cycles(self):

@@ -160,7 +160,7 @@ def test_displaced_planets_open_both_their_meshes():
 def test_planets_that_no_line_shows_are_refused():
     with pytest.raises(SceneError, match='gearbox "two-stage" has no planets'):
         simulate(scene({"planets": {}}), seed=1)
-    with pytest.raises(SceneError, match="without planet_pass all planets of a kinematic scene are heard alike"):
+    with pytest.raises(SceneError, match="without planet_pass all planets of a kinematic scene have the same path"):
         simulate(planets(fidelity="kinematic", planet_pass=None, imperfections={"planets": {}}), seed=1)
 
 

@@ -206,7 +206,7 @@ def test_sampling_jitter_is_noise_of_the_slope():
         ({"anti_alias": {"frequency_hz": 12000}}, "anti_alias reaches 12000 Hz, which is not below half of rate_hz"),
         ({"hum": {"amplitude": 1, "frequency_hz": 5000}}, "hum reaches 15000 Hz"),
         ({"drop_outs": {"per_second": 5, "duration_s": 0.5}}, "of 0.5 s each leave nothing"),
-        ({"sensitivity": {"value": 0, "units": "V"}}, "value = 0: such a sensor hears nothing"),
+        ({"sensitivity": {"value": 0, "units": "V"}}, "value = 0: such a sensor measures nothing"),
         ({"quantisation": {"bits": 1, "full_scale": 1}}, "bits = 1"),
         ({"clipping": {"level": -1}}, "clipping.level = -1"),
         ({"cross_axis": {"share": 1.5}}, "cross_axis.share = 1.5"),

@@ -96,7 +96,7 @@ def test_impacts_ring_the_modes_of_their_way():
     struck = [{"kind": "outer_race", "component": BEARING, "size_mm": 1.5, "impact_per_mm": 0.2}]
     plain, record = made(fault=struck, excitation=SILENT), made(way(BEARING), fault=struck, excitation=SILENT)
     at_s = record["truth_impact_times_1"].values
-    # a way changes neither impacts nor what the other channel hears of them
+    # a path changes neither impacts nor what the other channel receives of them
     assert np.array_equal(plain["truth_impact_times_1"].values, at_s)
     assert_allclose(plain["a"].values, record["a"].values, rtol=0, atol=1e-12)
     times = np.arange(RATE // 2) / RATE
@@ -229,7 +229,7 @@ def shaken(*transfers, loud, fidelity="lateral", **changes):
     dynamics = {
         "housing_kg": HOUSING_KG,
         "mounts": {"frequency_hz": MOUNTS_HZ, "damping_ratio": MOUNTS_ZETA},
-        "hearing": [{"sensor": name, "links": loud} for name in ("a", "b")],
+        "sensor_weights": [{"sensor": name, "links": loud} for name in ("a", "b")],
         "meshes": {"mesh": {"fidelity": fidelity}},
         "error": 1e-5,
     }
