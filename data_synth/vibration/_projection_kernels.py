@@ -1,6 +1,7 @@
 """Compiled kernels of the order-domain projection: spreading on a grid, interpolation to orders, Cholesky by bands."""
 
 import math
+from typing import TypeVar
 
 import numpy as np
 from numpy.typing import NDArray
@@ -8,30 +9,15 @@ from numpy.typing import NDArray
 from data_synth._compile import compiled
 
 Array = NDArray[np.float64]
+T = TypeVar("T", np.float64, np.complex128)
 
 
 @compiled
-def spread(values: Array, at: Array, width: int, table: Array, grid: Array) -> None:
-    """Add values (channel, n) at places (n,), in cells, to a grid (channel, cell).
+def spread(values: NDArray[T], at: Array, width: int, table: Array, grid: NDArray[T]) -> None:
+    """Add values (channel, n), real or complex, at places (n,), in cells, to a grid (channel, cell).
 
     `table` has the kernel from its middle to its edge; it is `width` cells wide.
     """
-    last = table.size - 1
-    for n in range(at.size):
-        first = round(at[n]) - width // 2
-        for cell in range(first, first + width):
-            place = min(abs(at[n] - cell) / (width / 2), 1.0) * last
-            point = min(int(place), last - 1)
-            share = table[point] + (place - point) * (table[point + 1] - table[point])
-            for channel in range(values.shape[0]):
-                grid[channel, cell] += share * values[channel, n]
-
-
-@compiled
-def spread_complex(
-    values: NDArray[np.complex128], at: Array, width: int, table: Array, grid: NDArray[np.complex128]
-) -> None:
-    """Add complex values (channel, n) at places (n,), in cells, to a grid (channel, cell), as `spread` does."""
     last = table.size - 1
     for n in range(at.size):
         first = round(at[n]) - width // 2

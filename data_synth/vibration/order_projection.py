@@ -117,7 +117,7 @@ def sum_of_lines(
     """
     from scipy.fft import irfft, next_fast_len  # noqa: PLC0415
 
-    from data_synth.vibration._projection_kernels import gather, spread_complex  # noqa: PLC0415
+    from data_synth.vibration._projection_kernels import gather, spread  # noqa: PLC0415
 
     instants_rev, channels = revolutions(instants_s), amplitudes.shape[0]
     per_rev = 2 * _FINER * float(np.max(orders, initial=1.0))
@@ -136,7 +136,7 @@ def sum_of_lines(
     for number, at_rev in enumerate(instants_rev):
         lines = np.zeros((channels, cells // 2 + 2 * _SPREAD), dtype=np.complex128)
         turned = scaled[:, :, number] * np.exp(2j * np.pi * np.remainder(orders * at_rev, 1.0))
-        spread_complex(turned, places, _SPREAD, _interpolating_kernel()[0], lines)
+        spread(turned, places, _SPREAD, _interpolating_kernel()[0], lines)
         folded = lines[:, _SPREAD : _SPREAD + cells // 2 + 1].copy()
         folded[:, : _SPREAD + 1] += lines[:, _SPREAD::-1].conj()
         grid = irfft(folded, n=cells, axis=1) * window
