@@ -34,7 +34,7 @@ what a projection of the signal without it adds: halving the window changes only
 together, so that they add up to the signal. How what is added is split among neighbours is another matter: in ten
 seconds the lines of a slow shaft are a few periods apart, and each has several independent amplitudes in that time. It
 is small beside the loud lines, and of the size of the weak ones, which are most in number. The balance has the varying
-stiffness of a line's own mesh; it leaves out that of the others, what a damaged tooth makes of vibration, and
+stiffness of all meshes and damaged teeth; it leaves out lines at sums of orders of different shafts, and
 transients. `truth_line_change` says of each line how far it is known by itself; the impacts' and teeth's times
 (`truth_tooth_passes_1`) stay exact.
 `benchmark-1` lines: its first record with a damaged gear whose speed is steady to

@@ -139,6 +139,11 @@ class Response:
         """Return the complex amplitudes of the mesh's own deflection in m for 1 N of p, (line,)."""
         return np.asarray(self._modal(mesh, frequency_hz) @ self.deflections[mesh])
 
+    def deflections_by(self, frequency_hz: Array) -> ComplexArray:
+        """Return the complex amplitudes of the deflections in m for 1 N of p in a mesh, (deflection, mesh, line)."""
+        modal = [self._modal(mesh, frequency_hz) for mesh in range(self.means.size)]
+        return np.stack([self.deflections @ each.T for each in modal], axis=1)
+
     def _modal(self, mesh: int, frequency_hz: Array) -> ComplexArray:
         s = 2j * np.pi * np.asarray(frequency_hz, dtype=np.float64)
         return np.asarray(self.inputs[:, mesh] / (s[:, None] - self.poles))

@@ -83,47 +83,64 @@ class GearLines:
 
 @dataclass(frozen=True, kw_only=True)
 class ExpectedLines:
-    """Lines of a mesh with the period of some of its cycles, as a quasi-static response gives them at each instant.
+    """Lines at the multiples of an order, as a quasi-static response of all meshes gives them at each instant.
 
     Attributes
     ----------
     base_order : Fraction
         Order of the first; the others are its multiples.
-    loaded, unloaded_n : (node, k) complex arrays
-        Exciting force per N of static force, and without any in N, at some speeds.
+    forces : (node, input, mesh, k) complex array
+        Exciting force in each mesh per unit of each input, at some speeds.
     speeds_hz : (node,) array
         Rising, of the reference in rev s-1.
-    static_n : (instant,) array
-        Static force in N at the instants of the truth.
+    inputs_n : (input, instant) array
+        At the instants of the truth: static forces in N, and 1 for what is excited without any, whose forces are in N.
     speed_hz : (instant,) array
         Speed of the reference in rev s-1, not below zero.
     frequency_hz : (f,) array
         Even, from zero.
-    transfer : (channel, f) complex array
+    transfer : (mesh, channel, f) complex array
         Complex amplitude in each channel per N of exciting force.
     """
 
     base_order: Fraction
-    loaded: ComplexArray = field(repr=False)
-    unloaded_n: ComplexArray = field(repr=False)
+    forces: ComplexArray = field(repr=False)
     speeds_hz: Array
-    static_n: Array = field(repr=False)
+    inputs_n: Array = field(repr=False)
     speed_hz: Array = field(repr=False)
     frequency_hz: Array = field(repr=False)
     transfer: ComplexArray = field(repr=False)
 
+    @property
+    def size(self) -> int:
+        """Number of lines."""
+        return int(self.forces.shape[-1])
+
     def amplitudes(self, multiples: NDArray[np.int_], instants: NDArray[np.int_]) -> ComplexArray:
         """Return Z (channel, line, instant) of some multiples of the base order, from 1, at some instants."""
         speed = self.speed_hz[instants]
-        node = np.interp(speed, self.speeds_hz, np.arange(self.speeds_hz.size))
-        nearby = np.maximum(0, 1 - np.abs(np.subtract.outer(np.arange(self.speeds_hz.size), node)))
-        force = self.loaded[:, multiples - 1].T @ (nearby * self.static_n[instants])
-        force += self.unloaded_n[:, multiples - 1].T @ nearby
+        nearby = _lagrange(speed, self.speeds_hz)
+        weights = (nearby[:, None] * self.inputs_n[:, instants]).reshape(-1, instants.size)
         place = np.multiply.outer(float(self.base_order) * multiples, speed) / self.frequency_hz[1]
         number = np.minimum(place.astype(np.int64), self.frequency_hz.size - 2)
         share = np.minimum(place - number, 1.0)
-        transfer = self.transfer[:, number] * (1 - share) + self.transfer[:, number + 1] * share
-        return np.asarray(transfer * force)
+        total = np.zeros((self.transfer.shape[1], multiples.size, instants.size), dtype=np.complex128)
+        for mesh, transfer in enumerate(self.transfer):
+            some = self.forces[:, :, mesh, multiples - 1].reshape(weights.shape[0], -1)
+            total += (transfer[:, number] * (1 - share) + transfer[:, number + 1] * share) * (some.T @ weights)
+        return total
+
+
+def _lagrange(at: Array, nodes: Array) -> Array:
+    """Return the weights (node, n) of even nodes at places (n,): Lagrange's, of the four nodes about each or of all."""
+    few = min(4, nodes.size)
+    place = np.interp(at, nodes, np.arange(nodes.size))
+    first = np.clip(place.astype(np.int64) - 1, 0, nodes.size - few)
+    weights = np.zeros((nodes.size, at.size))
+    for i in range(few):
+        factors = [(place - first - j) / (i - j) for j in range(few) if j != i]
+        weights[first + i, np.arange(at.size)] = np.prod(factors, axis=0)
+    return weights
 
 
 @dataclass(frozen=True, kw_only=True)
@@ -379,7 +396,7 @@ def _prior(expected: tuple[ExpectedLines, ...], candidates: Candidates, *, speed
     sizes, places = np.zeros(candidates.numbers.size), list[tuple[NDArray[np.int_], NDArray[np.int_]]]()
     for family in expected:
         step = family.base_order / candidates.unit  # of candidates, only multiples of its denominator may be
-        multiples = np.arange(step.denominator, family.loaded.shape[1] + 1, step.denominator)
+        multiples = np.arange(step.denominator, family.size + 1, step.denominator)
         numbers = multiples // step.denominator * step.numerator
         place = np.minimum(np.searchsorted(candidates.numbers, numbers), candidates.numbers.size - 1)
         there = candidates.numbers[place] == numbers
