@@ -42,12 +42,11 @@ them, and what amplitudes that change within a window put there is lost. Lines 3
 nearer ones share it, the ridge preferring amplitudes that change little."""
 _DEGREE = 2  # of amplitudes in a window
 _ALONE = 0.3  # of the floor, by which a candidate is loud where it stands alone
-_TRIALS = 17  # instants at which windows are compared
+_TRIALS = 17  # intervals between two instants at which windows are compared
 _MESH_FIRST = 3.0  # times its size a mesh's line counts beside others: what stands alone in a window is not separated
 _LONGEST_SHARE = 1.25  # of which the record is at least as long as the longest window in varying motion
 _DETERMINED = 0.01  # of the RMS of a line
-_AS_GOOD = 1.25  # times the least change: of windows as good as that the shortest, which follows amplitudes best
-_NO_USE = 4.0  # times the least change: shorter windows are worse still
+_NO_USE = 4.0  # times the least error: shorter windows are worse still
 _PERIODS = 0.75  # of the smallest base order: the shortest window that is halved
 
 
@@ -246,7 +245,9 @@ def gear_lines(
 
     At constant speed, torque and damage the window is the whole record, and Z is constant. Else Z is that of the
     expected lines, and what the signal without them adds: polynomials of second degree in angle within windows; their
-    length is the shortest, of several, of those at which halving the window changes the lines least.
+    length is that, of several, with the least error: the share of the lines' power that is in lines which half the
+    window changes by 1 % or more, plus the share of what the expected lines leave of the signal that all lines leave.
+    The former alone would have long windows where all that a projection adds is below 1 %.
     """
     scene, angle = prepared.scene, prepared.drive.angle
     turning = np.sign(prepared.speed_hz[prepared.speed_hz != 0])
@@ -420,11 +421,14 @@ class _Trial:
     chosen : (line,) int array
         Rising numbers of candidates.
     amplitudes : (channel, line, trial) complex array
+    left : float
+        Power between some of the instants without all lines, over that without the expected ones.
     """
 
     window: Window
     chosen: NDArray[np.int_]
     amplitudes: ComplexArray
+    left: float
 
     def of(self, numbers: NDArray[np.int_]) -> ComplexArray:
         """Return what it adds to some candidates, (channel, line, trial): zero to those that it does not have."""
@@ -435,14 +439,11 @@ class _Trial:
 def _changes(
     trial: _Trial, halved: _Trial, prior: _Prior, *, at: NDArray[np.int_], orders: Array
 ) -> tuple[Array, float]:
-    """Return by how much half the window changes each line and all of them, over their RMS.
+    """Return by how much half the window changes each line, over its RMS, and the share of power that is undetermined.
 
     Lines are those of the trial and the expected ones, rising. An expected line that the trial does not separate may
     have all that it adds to the nearest line.
     """
-    # of all instants alike: the first and the last trial stand for half as many
-    weights = np.ones(at.size)
-    weights[[0, -1]] = 0.5
     every = np.union1d(trial.chosen, prior.chosen)
     whole, errors = trial.of(every), trial.of(every) - halved.of(every)
     whole[:, np.searchsorted(every, prior.chosen)] += prior.amplitudes[:, :, at]
@@ -454,9 +455,12 @@ def _changes(
             orders[every[apart]] - own[after - 1] < own[np.minimum(after, own.size - 1)] - orders[every[apart]]
         )
         errors[:, apart] = trial.amplitudes[:, np.minimum(nearer, own.size - 1)]
+    # of all instants alike: the first and the last interval stand for half as many
+    weights = np.where((at <= 1) | (at >= at[-1] - 1), 0.5, 1.0)
     squares = [np.sum(np.abs(part) ** 2 @ weights, axis=0) for part in (errors, whole)]
     changes = np.sqrt(squares[0] / np.maximum(squares[1], np.finfo(float).tiny))
-    return changes, float(np.sqrt(squares[0].sum() / squares[1].sum())) if squares[1].any() else np.inf
+    power = float(squares[1].sum())
+    return changes, float(squares[1][changes >= _DETERMINED].sum()) / power if power else 1.0
 
 
 def _varying_fit(
@@ -470,19 +474,41 @@ def _varying_fit(
     first, last = samples.span_rev
     instants_rev = samples.revolutions(instants_s)
     longest = min((last - first) / _LONGEST_SHARE, _LONGEST_CELLS / 4 / float(candidates.values[-1]))
-    trials = np.unique(np.linspace(0, instants_rev.size - 1, _TRIALS).round().astype(int))
+    begins = np.unique(np.linspace(0, instants_rev.size - 2, _TRIALS).round().astype(int))
+    trials = np.union1d(begins, begins + 1)
     loud, sizes = _loud_anywhere(samples, candidates, longest)
     # the louder of two stands for both; a mesh also for a neighbour that looks as loud because it is so near
     weight = sizes[loud] * np.where(candidates.ranks[loud] == 0, _MESH_FIRST, 1.0)
+    times_s = np.arange(samples.signal.shape[1]) / samples.rate_hz
+    power = float(np.mean(samples.signal**2))
     if prior.chosen.size:
         explained = sum_of_lines(
             candidates.values[prior.chosen],
             prior.amplitudes,
             instants_s=instants_s,
             revolutions=samples.revolutions,
-            times_s=np.arange(samples.signal.shape[1]) / samples.rate_hz,
+            times_s=times_s,
         )
         samples = replace(samples, signal=samples.signal - explained)
+    # where next to nothing is left, an amplitude of 1 % of the signal
+    unexplained = max(float(np.mean(samples.signal**2)), _DETERMINED**2 * power)
+    edges = np.searchsorted(times_s, instants_s)
+
+    def left(orders: Array, amplitudes: ComplexArray) -> float:
+        """Return the power that lines (channel, k, trial) leave between trials, over that to be found."""
+        squares, count = 0.0, 0
+        for begin in begins.tolist():
+            here, place = slice(*edges[begin : begin + 2]), np.searchsorted(trials, begin)
+            found = sum_of_lines(
+                orders,
+                amplitudes[:, :, place : place + 2],
+                instants_s=instants_s[begin : begin + 2],
+                revolutions=samples.revolutions,
+                times_s=times_s[here],
+            )
+            squares += float(np.sum((samples.signal[:, here] - found) ** 2))
+            count += found.size
+        return squares / count / unexplained
 
     def tried(length_rev: float) -> _Trial:
         window = Window(length_rev=length_rev, degree=_DEGREE, ridge=_RIDGE)
@@ -491,24 +517,26 @@ def _varying_fit(
             np.sort(_separate(candidates.values[loud], weight, np.zeros_like(loud), np.arange(loud.size), apart))
         ]
         projection = Projection(samples=samples, orders=candidates.values[chosen], window=window)
-        return _Trial(window=window, chosen=chosen, amplitudes=projection.amplitudes(instants_rev[trials]))
+        amplitudes = projection.amplitudes(instants_rev[trials])
+        return _Trial(window=window, chosen=chosen, amplitudes=amplitudes, left=left(projection.orders, amplitudes))
 
     trial, best, least = tried(longest), None, np.inf
     while best is None or trial.window.length_rev >= _PERIODS / candidates.spacing:
         halved = tried(trial.window.length_rev / 2)
-        changes, total = _changes(trial, halved, prior, at=trials, orders=candidates.values)
-        if best is None or total <= _AS_GOOD * least:
-            best, relative = trial, changes
-        if total > _NO_USE * least:
+        changes, undetermined = _changes(trial, halved, prior, at=trials, orders=candidates.values)
+        error = undetermined + trial.left
+        if best is None or error < least:
+            best, relative, least = trial, changes, error
+        if error > _NO_USE * least:
             break
-        trial, least = halved, min(least, total)
+        trial = halved
     projection = Projection(samples=samples, orders=candidates.values[best.chosen], window=best.window)
     every = np.union1d(best.chosen, prior.chosen)
     amplitudes = np.zeros((samples.signal.shape[0], every.size, instants_rev.size), dtype=np.complex128)
     amplitudes[:, np.searchsorted(every, best.chosen)] = projection.amplitudes(instants_rev)
     amplitudes[:, np.searchsorted(every, prior.chosen)] += prior.amplitudes
-    power = np.mean(np.abs(amplitudes) ** 2, axis=(0, 2))
-    share = 100 * power[relative < _DETERMINED].sum() / power.sum()
+    powers = np.mean(np.abs(amplitudes) ** 2, axis=(0, 2))
+    share = 100 * powers[relative < _DETERMINED].sum() / powers.sum()
     about = (
         f"{every.size} lines against time, {prior.chosen.size} of them by a quasi-static response and what the signal "
         f"without that adds: of second degree in windows of {best.window.length_rev:.3g} rev, "
