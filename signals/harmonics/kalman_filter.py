@@ -53,32 +53,19 @@ STEADY_AT_ONCE, CORRELATED = 1 << 16, 1 << 12
 
 @dataclass
 class FilterState:
-    """State of the covariance filter before a sample.
+    """State of the covariance filter before a sample."""
 
-    Attributes
-    ----------
-    mean : (channel, state) array, real and imaginary parts of the orders in turn: the levels predicted for the next
-        sample, then their first differences, and so on.
-    covariance, factor : (state, state) arrays P and V.
-    diffuse : whether V is not zero.
-    count : number of samples so far.
-    """
-
+    # (channel, state), predicted for the next sample, real and imaginary parts of the orders in turn: the levels, then
+    # their first differences, and so on.
     mean: Floats
-    covariance: Floats
-    factor: Floats
-    diffuse: bool
-    count: int
+    covariance: Floats  # (state, state), P
+    factor: Floats  # (state, state), V
+    diffuse: bool  # whether V is not zero
+    count: int  # samples so far
 
     @classmethod
     def prior(cls, model: HarmonicModel, *, channels: int) -> "FilterState":
-        """Return the state before the first sample.
-
-        Raises
-        ------
-        FloatingPointError
-            The prior is too wide for double precision.
-        """
+        """Return the state before the first sample, or refuse a prior too wide for double precision."""
         variance = _paired(model, model.prior_variance())
         if variance.max() > LARGEST_PRIOR**2:
             raise lost(model, "exact")
@@ -87,13 +74,7 @@ class FilterState:
         return cls(np.zeros((channels, size)), np.zeros((size, size)), factor, diffuse=True, count=0)
 
     def check(self, model: HarmonicModel) -> None:
-        """Make P symmetric, and move the covariance between P and V where it has become small or large.
-
-        Raises
-        ------
-        FloatingPointError
-            A variance is negative, or no Cholesky factor exists.
-        """
+        """Make P symmetric, and move the covariance between P and V where it is small or large, or raise where lost."""
         P, V = self.covariance, self.factor
         P += P.T
         P *= 0.5
@@ -129,15 +110,9 @@ def _paired(model: HarmonicModel, values: Floats) -> Floats:
 def covariance_filter(
     model: HarmonicModel, x: Floats, *, output_every: int, startup: int, keep: bool = False
 ) -> Estimate:
-    """Filter all channels of a record, sample by sample.
+    """Filter all channels of a (channel, sample) record, NaN where missing in all channels at once.
 
-    Parameters
-    ----------
-    model : the state-space model.
-    x : (channel, sample) array, NaN where missing: in all channels at once.
-    output_every : samples between outputs.
-    startup : first sample whose innovation counts in the statistics.
-    keep : whether to return the innovations of all samples.
+    Innovations count from sample `startup` on; those of all samples are returned where `keep`.
     """
     levels, variances, innovations = _filtered(model, x, output_every=output_every, startup=startup, keep=keep)
     return innovations.estimate(levels.view(np.complex128).transpose(1, 2, 0), variances.T)
@@ -163,24 +138,12 @@ def filter_on(
     model: HarmonicModel, x: Floats, state: FilterState, innovations: Innovations, levels: Floats, variances: Floats,
     *, output_every: int, startup: int,
 ) -> None:  # fmt: skip
-    """Continue the covariance filter over further samples.
+    """Continue the covariance filter over further samples, (channel, sample), NaN where missing in all channels.
 
-    Covariances are checked at sample numbers that do not depend on where a stream is cut into blocks.
-
-    Parameters
-    ----------
-    model : the state-space model, with the angles of these samples.
-    x : (channel, sample) array, NaN where missing: in all channels at once.
-    state, innovations : updated.
-    levels : (output, channel, 2 order) array, filled.
-    variances : (output, order) array, filled: means over the quadratures.
-    output_every : samples between outputs, counted from the first sample of the record.
-    startup : number of the first sample whose innovation counts.
-
-    Raises
-    ------
-    FloatingPointError
-        The covariance is no longer positive definite.
+    Updates the state and the sums of innovations; fills (output, channel, 2 order) levels and (output, order)
+    variances, means over the quadratures. Outputs and `startup` are counted from the first sample of the record.
+    Covariances are checked at sample numbers that do not depend on where a stream is cut into blocks; where one is no
+    longer positive definite, FloatingPointError is raised.
     """
     channels, samples = x.shape
     longest = int(np.clip(LARGEST_GROWTH ** (0.5 / model.poles) / model.bandwidth.max(), 1, SAMPLES_AT_ONCE))
@@ -264,16 +227,10 @@ def _band(width: float, poles: int) -> Bandwidth:
 def steady_state_filter(
     model: HarmonicModel, x: Floats, *, output_every: int, startup: int, error_bound: float
 ) -> Estimate:
-    """Filter all channels of a record without gaps, with constant bandwidths.
+    """Filter all channels of a record without gaps, with constant bandwidths; arguments as for `covariance_filter`.
 
     The covariance filter runs until the variance is within `STEADY_RTOL` of its steady state; from there on the gains
-    and the variance are those of the steady state.
-
-    Parameters
-    ----------
-    model, output_every, startup : as for `covariance_filter`.
-    x : (channel, sample) array, all finite.
-    error_bound : `Estimate.error_bound` of the result.
+    and the variance are those of the steady state, with the given `Estimate.error_bound`.
     """
     channels, samples = x.shape
     begin = min(startup_samples(model), samples)
