@@ -16,10 +16,10 @@ REFUSED = [
     ({"x": []}, "x is empty; at least one value is needed"),
     ({"x": np.full(100, np.nan)}, "x has 0 observed samples of 100; to estimate the noise"),
     ({"x": np.where(np.arange(100) == 7, -np.inf, X)}, r"x\[7\]=-inf \(and 0 more\) is infinite.*mark bad samples"),
-    ({"x": X.astype(bool)}, "x=.* is of type bool; it must be one real array"),
-    ({"x": X.astype(complex)}, "x=.* is of type complex128; it must be one real array"),
+    ({"x": X.astype(bool)}, "is of type bool; it must be one real array"),
+    ({"x": X.astype(complex)}, "is of type complex128; it must be one real array"),
     ({"x": ["1", "2"]}, "is of type <U1; it must be one real array"),
-    ({"x": [1.0, None]}, "x=None is of type object; it must be one real array"),
+    ({"x": [1.0, None]}, r"x=\[1.0, None\] is of type object; it must be one real array"),
     ({"x": X[:, None, None]}, r"x has shape \(100, 1, 1\); needed one or two dimensions"),
     (
         {"x": [X, np.full(100, np.nan), X]},
