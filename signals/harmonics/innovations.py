@@ -72,7 +72,7 @@ class Innovations:
         self.log_variance += float(np.log(variances if whole else variances[seen]).sum())
         self.count += int(np.count_nonzero(seen))
         joined = np.ascontiguousarray(np.concatenate([self.recent, innovations], axis=1))
-        known = np.concatenate([self.recent_seen, seen])
+        known = np.concatenate([self.recent_seen, seen[-LAGS:] if whole else seen])
         stop, size = joined.shape[1], variances.size
         add_lagged(joined, self.products)
         if whole and size >= LAGS:  # all pairs within, and those with recent samples

@@ -31,7 +31,7 @@ from signals.harmonics._filter_kernels import (
 )
 from signals.harmonics.bandwidth import Bandwidth
 from signals.harmonics.innovations import Innovations
-from signals.harmonics.model import Estimate, Floats, HarmonicModel, lost
+from signals.harmonics.model import Complexes, Estimate, Floats, HarmonicModel, lost
 from signals.harmonics.separability import Closeness
 
 # Samples filtered at a time.
@@ -108,30 +108,23 @@ def _paired(model: HarmonicModel, values: Floats) -> Floats:
 
 
 def covariance_filter(
-    model: HarmonicModel, x: Floats, *, output_every: int, startup: int, keep: bool = False
-) -> Estimate:
-    """Filter all channels of a (channel, sample) record, NaN where missing in all channels at once.
-
-    Innovations count from sample `startup` on; those of all samples are returned where `keep`.
-    """
-    levels, variances, innovations = _filtered(model, x, output_every=output_every, startup=startup, keep=keep)
-    return innovations.estimate(levels.view(np.complex128).transpose(1, 2, 0), variances.T)
-
-
-def count_innovations(model: HarmonicModel, x: Floats, *, startup: int, keep: bool) -> Innovations:
-    """Return the innovations of the covariance filter; parameters as for `covariance_filter`."""
-    return _filtered(model, x, output_every=x.shape[1], startup=startup, keep=keep)[2]
-
-
-def _filtered(
     model: HarmonicModel, x: Floats, *, output_every: int, startup: int, keep: bool
-) -> tuple[Floats, Floats, Innovations]:
-    """Filter a record from the prior; return levels, variances and innovations as `filter_on` updates them."""
+) -> tuple[Complexes, Floats, Innovations]:
+    """Return the estimates of all channels of a (channel, sample) record, NaN where missing in all channels at once.
+
+    They are (channel, order, output) amplitudes, (order, output) variances, and statistics of the innovations from
+    sample `startup` on, with those of all samples where `keep`.
+    """
     state, innovations = FilterState.prior(model, channels=len(x)), Innovations.none(channels=len(x), keep=keep)
     outputs = ceil(x.shape[1] / output_every)
     levels, variances = np.empty((outputs, len(x), 2 * model.orders.size)), np.empty((outputs, model.orders.size))
     filter_on(model, x, state, innovations, levels, variances, output_every=output_every, startup=startup)
-    return levels, variances, innovations
+    return levels.view(np.complex128).transpose(1, 2, 0), variances.T, innovations
+
+
+def count_innovations(model: HarmonicModel, x: Floats, *, startup: int, keep: bool) -> Innovations:
+    """Return the innovations of the covariance filter; parameters as for `covariance_filter`."""
+    return covariance_filter(model, x, output_every=x.shape[1], startup=startup, keep=keep)[2]
 
 
 def filter_on(
@@ -257,12 +250,11 @@ def steady_state_filter(
             values, phase, model.orders, model.shaft, turn, ahead, gains, predicted, -first % output_every,
             output_every, work, rows, rows.reshape(-1), residuals, levels[ceil(first / output_every) :],
         )  # fmt: skip
-        counted = residuals.T[:, max(startup - first, 0) :] / sqrt(variance)
-        late = counted[:, -CORRELATED:]
-        early = counted.shape[1] - late.shape[1]
-        innovations.square += np.einsum("cn,cn->c", counted[:, :early], counted[:, :early])
-        innovations.count += early
-        innovations.log_variance += early * log(variance)
+        counted = residuals.T[:, max(startup - first, 0) :]
+        early, late = counted[:, :-CORRELATED], counted[:, -CORRELATED:] / sqrt(variance)
+        innovations.square += np.einsum("cn,cn->c", early, early) / variance
+        innovations.count += early.shape[1]
+        innovations.log_variance += early.shape[1] * log(variance)
         innovations.separate()
         innovations.add(late, np.full(late.shape[1], variance))
     amplitude = levels.view(np.complex128).transpose(1, 2, 0)
@@ -274,7 +266,7 @@ def _steady_turn(model: HarmonicModel, phase: Floats, gains: Floats) -> tuple[Fl
     step = float(phase[0, -1] - phase[0, 0]) / max(phase.shape[1] - 1, 1)
     if len(phase) > 1 or off_line(phase[0], phase[0, 0], step) * np.abs(model.orders).max() > STEADY_RAD:
         return np.empty((2, 0)), np.empty(0)
-    angle = np.tile(model.orders * step * PIECE, PIECE)
-    turn = np.stack([np.cos(angle), np.sin(angle)])
+    angle = model.orders * step * PIECE
+    turn = np.tile([np.cos(angle), np.sin(angle)], PIECE)
     sums = gains[0, ::2] @ np.cos(np.outer(model.orders * step, np.arange(LOOK_AHEAD)))
     return turn, np.asarray(sums if model.poles == 1 else sums[:0])
