@@ -119,15 +119,15 @@ def _transition_columns(values: Floats, width: int) -> None:
 
 @compiled_sums_in_place
 def filter_covariance(
-    x: Floats, phase: Floats, orders: Floats, shaft: Indices, process: Floats, diffuse: bool, mean: Floats, P: Floats,
-    V: Floats, outputs: tuple[int, int], work: Floats, rows: Floats, innovations: Floats, innovation_variances: Floats,
-    levels: Floats, variances: Floats,
+    x: Floats, phase: Floats, orders: Floats, shaft: Indices, process: Floats, mean: Floats, P: Floats,
+    outputs: tuple[int, int], innovations: Floats, innovation_variances: Floats, levels: Floats, variances: Floats,
+    V: Floats, diffuse: bool, work: Floats, rows: Floats,
 ) -> None:  # fmt: skip
     """Run the covariance filter over some samples, with measurements `x = h . levels + noise` of variance 1.
 
     Given are (sample, channel) x, NaN where missing in all channels; (shaft, sample) angles, orders and the shaft of
-    each; (sample or 1, 2 order) variances of the increments after each sample; whether V is not zero; the samples
-    before the first output, and from one to the next; scratch of (5, PIECE or state) and (PIECE, 2 order). The
+    each; (sample or 1, 2 order) variances of the increments after each sample; the samples before the first output, and
+    from one to the next; whether V is not zero; scratch of (5, PIECE or state) and (PIECE, 2 order). The
     (channel, state) mean and its covariance P + V V^T, predicted for the first sample, become those for the one after
     the last. Filled are (sample, channel) innovations over their standard deviations, their (sample,) variances, both 0
     where missing, (output, channel, 2 order) levels, and (output, order) variances: half the sums over both

@@ -157,19 +157,11 @@ def filter_on(
             skip = -state.count % output_every
             given = values[part], np.ascontiguousarray(phase[:, part]), orders, shaft, q if len(q) == 1 else q[part]
             found = normalised[part], innovation_variances[part], levels[done:], variances[done:]
+            own = state.mean, state.covariance, (skip, output_every)
             if model.poles == 1 and not state.diffuse:
-                filter_pairs(*given, state.mean, state.covariance, (skip, output_every), *found)
+                filter_pairs(*given, *own, *found)
             else:
-                filter_covariance(
-                    *given,
-                    state.diffuse,
-                    state.mean,
-                    state.covariance,
-                    state.factor,
-                    (skip, output_every),
-                    *scratch,
-                    *found,
-                )
+                filter_covariance(*given, *own, *found, state.factor, state.diffuse, *scratch)
             done += len(range(skip, end - begin, output_every))
             state.count, begin = state.count + end - begin, end
             if state.count % interval == 0:
