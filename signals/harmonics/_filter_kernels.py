@@ -129,8 +129,8 @@ def filter_covariance(
     each; (sample or 1, 2 order) variances of the increments after each sample; the samples before the first output, and
     from one to the next; whether V is not zero; scratch of (5, PIECE or state) and (PIECE, 2 order). The
     (channel, state) mean and its covariance P + V V^T, predicted for the first sample, become those for the one after
-    the last. Filled are (sample, channel) innovations over their standard deviations, their (sample,) variances, both 0
-    where missing, (output, channel, 2 order) levels, and (output, order) variances: half the sums over both
+    the last. Filled are (sample, channel) innovations over their standard deviations, their (sample,) variances, both
+    left zero where missing, (output, channel, 2 order) levels, and (output, order) variances: half the sums over both
     quadratures, of which the mean's second is 0.
     """
     (samples, channels), (skip, every) = x.shape, outputs
@@ -142,9 +142,6 @@ def filter_covariance(
         if at == 0:
             _fill_regressors(phase, orders, shaft, i, work[0], work[1], rows)
         h = rows[at]
-        innovation_variances[i] = 0.0
-        for channel in range(channels):
-            innovations[i, channel] = 0.0
         if not np.isnan(x[i, 0]):
             # Gain K = P h / s with s = 1 + h . P h; update P - K (P h)^T.
             for a in range(0, size, 2):  # the quadratures of an order share what is read of h
@@ -188,12 +185,11 @@ def filter_covariance(
         step = min(i, len(process) - 1)
         for b in range(width):
             P[size - width + b, size - width + b] += process[step, b]
-        if size > width:
-            _transition_rows(P, width)
-            _transition_columns(P, width)
-            _transition_columns(mean, width)
-            if diffuse:
-                _transition_rows(V, width)
+        _transition_rows(P, width)
+        _transition_columns(P, width)
+        _transition_columns(mean, width)
+        if diffuse:
+            _transition_rows(V, width)
 
 
 @compiled_in_place
@@ -355,9 +351,10 @@ def _filter_tiles(
             innovations[i, channel] = innovation * np.sqrt(precision)
             if both:
                 innovations[i + 1, channel] = second * np.sqrt(second_precision)
-        innovation_variances[i] = variance if seen else 0.0
-        if both:
-            innovation_variances[i + 1] = second_variance if second_seen else 0.0
+        if seen:
+            innovation_variances[i] = variance
+        if second_seen:
+            innovation_variances[i + 1] = second_variance
         for late in range(1 + both):
             if due == i + late:
                 _store(means if late else between, groups, late, levels, variances, output)

@@ -147,8 +147,8 @@ def filter_on(
     while begin < samples:
         span = slice(begin, min(begin + SAMPLES_AT_ONCE - state.count % SAMPLES_AT_ONCE, samples))
         phase, q = model.phase(span), process if process is not None else _paired(model, model.process_noise(span))
-        values, normalised = np.ascontiguousarray(x[:, span].T), np.empty((span.stop - begin, channels))
-        innovation_variances = np.empty(len(normalised))
+        values, normalised = np.ascontiguousarray(x[:, span].T), np.zeros((span.stop - begin, channels))
+        innovation_variances = np.zeros(len(normalised))
         before = done
         while begin < span.stop:  # from one check of the covariance to the next
             interval = min(longest, DIFFUSE_CHECK) if state.diffuse else longest
