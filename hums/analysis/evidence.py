@@ -233,7 +233,7 @@ def bearing_evidence(
     others = _Others(usable, setting)
     parts = [_part(seen, bearings[component], others) for (component, _), seen in families.items()]
     parts = [replace(part, beside=_beside(part, families)) if part.strength > 0 else part for part in parts]
-    return [replace(part, hidden_by=part.hidden_by or _of_a_stronger_part(part, parts)) for part in parts]
+    return [replace(part, hidden_by=part.hidden_by or _of_a_stronger_part(part, parts, bearings)) for part in parts]
 
 
 def _beside(
@@ -249,20 +249,28 @@ def _beside(
     return tuple(depths.values())
 
 
-def _of_a_stronger_part(part: PartEvidence, parts: Iterable[PartEvidence]) -> str:
+def _of_a_stronger_part(
+    part: PartEvidence, parts: Iterable[PartEvidence], bearings: Mapping[str, BearingOrders]
+) -> str:
     """Return which stronger part makes a part's line, in whatever bands the two stand, or an empty string.
 
     A line may be a harmonic of a deeper one of another bearing. A cage takes a damaged element of its bearing through
-    the load zone.
+    the load zone, and, where sidebands show that it does, makes lines at the multiples of its rate.
     """
     for other in parts:
-        element = (other.component, other.kind) == (part.component, "rolling_element") and not other.hidden_by
-        if part.kind == "cage" and element and other.strength > part.strength > 0:
+        if other.hidden_by or not other.strength > part.strength > 0:
+            continue
+        element, same = other.kind == "rolling_element", other.component == part.component
+        if element and same and part.kind == "cage":
             return f"it is the cage's rate, at which it takes {other.component} rolling element through the load zone"
-        multiple = round(part.found / other.found) if part.strength > 0 and other.strength > part.strength else 0
+        if element and not same and other.sidebands:
+            cage, near = bearings[other.component].cage, MATCH_BINS * part.bin_width
+            turns = round(part.found / cage) if cage > 2 * near else 0  # slower, and any line is near a multiple
+            if 0 < turns <= _SIDEBANDS and abs(part.found - turns * cage) <= near:
+                return f"it is {turns} times the rate at which a cage takes {other.component} rolling element round"
+        multiple = round(part.found / other.found)
         if (
-            other.component != part.component
-            and not other.hidden_by
+            not same
             and 1 < multiple <= _STRIKES
             and other.depth >= part.depth
             and abs(part.found - multiple * other.found) <= MATCH_BINS * part.bin_width * math.sqrt(multiple)
