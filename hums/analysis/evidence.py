@@ -593,17 +593,19 @@ def _mains(family: Sequence[MeasuredLine], others: _Others) -> str:
 def _explanation(order: float, depth: float, others: _Others, own_multiple: int) -> str:
     """Return which other line explains a line, or an empty string.
 
-    Of a line at half its depth or more it may be a harmonic, but for `own_multiple`; of a deeper one a sideband; of a
-    much deeper one a part. Of lines that a shaft spaces alike one is no sideband of another with which it is the deeper
-    together with their harmonics.
+    Of a line at half its depth or more it may be a harmonic, but for `own_multiple`; of a deeper one a sideband, unless
+    that is its own harmonic; of a much deeper one a part. Of lines that a shaft spaces alike one is no sideband of
+    another with which it is the deeper together with their harmonics.
     """
     whole = _together(order, depth, others)
     for other, size in _about_as_deep(order, depth, others):
         name = f"the line at {other:.3f}, which modulates by {size:.1%} and which it does not explain"
+        own = size <= RIVAL_FACTOR * depth and _is_harmonic(other, order, others)
         for multiple in range(1, _MULTIPLES + 1):
             if multiple not in {1, own_multiple} and abs(order - multiple * other) <= others.width:
                 return f"it is {multiple} times {name}"
-            sideband = _sideband(order, multiple * other, others) if size >= depth else None
+            carrier = size >= depth and not own
+            sideband = _sideband(order, multiple * other, others) if carrier else None
             if sideband is not None and (multiple > 1 or _together(other, size, others) >= whole):
                 side, spacing = sideband
                 of = f"{multiple} times " if multiple > 1 else ""
@@ -612,6 +614,12 @@ def _explanation(order: float, depth: float, others: _Others, own_multiple: int)
         if 1 < parts <= _PARTS and size > RIVAL_FACTOR * depth and abs(other - parts * order) <= others.width:
             return f"it is a part of {name}"
     return ""
+
+
+def _is_harmonic(order: float, fundamental: float, others: _Others) -> bool:
+    """Whether a line is a harmonic of another, to a bin: by accident one in four is of the slowest that are judged."""
+    multiple = round(order / fundamental)
+    return 1 < multiple <= _STRIKES and abs(order - multiple * fundamental) <= others.width / MATCH_BINS
 
 
 def _modulated(order: float, depth: float, others: _Others) -> str:
