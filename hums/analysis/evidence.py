@@ -12,9 +12,10 @@ and none stands out, the strength counts a quarter; so does a line alone where i
 strikes are no sine. The strength of a part is that of its best band.
 
 A part is not counted for a line which another explains that is not its own: a multiple of a line, a sideband of a
-deeper one, or a part of a much deeper line's order, in whatever band that line is deepest; nor for a harmonic of the
-mains, nor for one of a comb of multiples of a shaft. Where its line stands at a multiple of a shaft of whose other
-multiples none does, it counts if healthy machines do not make lines there that are as strong.
+deeper one that is no harmonic of its own, or a part of a much deeper line's order, in whatever band that line is
+deepest; nor for a harmonic of the mains, nor for one of a comb of multiples of a shaft. Where its line stands at a
+multiple of a shaft of whose other multiples none does, it counts if healthy machines do not make lines there that are
+as strong.
 """
 
 import copy
