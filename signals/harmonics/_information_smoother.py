@@ -27,7 +27,7 @@ from typing import NamedTuple
 import numpy as np
 from numpy.typing import NDArray
 
-from signals.harmonics._information_kernels import BACKWARD, FORWARD, combine, filter_information, weigh
+from signals.harmonics._information_kernels import BACKWARD, FORWARD, combine, filter_information
 
 Floats = NDArray[np.float64]
 Indices = NDArray[np.int64]
@@ -110,13 +110,13 @@ class NodeChain:
         one = not callable(self.gram) and len(self.gram) == 1
         gram = self.gram(nodes) if callable(self.gram) else self.gram if one else self.gram[nodes]
         data = self.data(nodes) if callable(self.data) else self.data[nodes]
-        (known, _, width, _), (count, poles, _, lanes) = gram.shape, data.shape
-        basis = np.ascontiguousarray(newton_basis(poles)[::-1])
-        products = np.array([[np.convolve(one, other) for other in basis] for one in basis])
-        information, score = np.empty((known, poles, width, poles, width)), np.empty((count, poles, width, lanes))
-        weigh(np.ascontiguousarray(gram), np.ascontiguousarray(data), products, basis, information, score)
-        matrix, vector = self.before
-        return NodeInformation(information.reshape(known, matrix.size), score.reshape(count, vector.size))
+        (known, moments, width, _), (count, poles, _, lanes) = gram.shape, data.shape
+        basis = newton_basis(poles)[::-1]
+        products = np.array([np.convolve(one, other) for one in basis for other in basis])
+        blocks = (products @ gram.reshape(known, moments, width**2)).reshape(known, poles, poles, width, width)
+        score = basis @ data.reshape(count, poles, width * lanes)
+        size = poles * width
+        return NodeInformation(blocks.swapaxes(2, 3).reshape(known, size**2), score.reshape(count, size * lanes))
 
     def outside(self, nodes: slice) -> Outside:
         """Return the information of all other nodes on the state at the first and at the last node of a range."""

@@ -23,7 +23,7 @@ from typing import TYPE_CHECKING
 import numpy as np
 
 from signals._validation import checked, positive, real_array, whole
-from signals.harmonics._information_kernels import FORWARD, filter_information, integrate_out
+from signals.harmonics._information_kernels import FORWARD, filter_information, marginalise
 from signals.harmonics._information_smoother import Information, NodeChain, NodeInformation
 from signals.harmonics._validation import check_noise_variance, check_orders, check_record
 from signals.harmonics.bandwidth import MOST_POLES, quadrature_noise, variance_ratio
@@ -131,7 +131,9 @@ class ChainLikelihood:
             *self.measured, process, self.model.poles == 1, FORWARD, *state.unfolded(), *unstored, squares
         )
         # 2 log L = j J^-1 j + the filter's completed squares - log det J - the sum of log det(I + Q J)
-        log_determinant += integrate_out(matrix, vector, squares)
+        log_determinant += marginalise(
+            np.ones((1, len(matrix))), 0, True, matrix, vector, np.empty(len(matrix)), squares
+        )
         if np.isnan(log_determinant):
             raise np.linalg.LinAlgError("information matrix is not positive definite")
         return np.asarray((squares - log_determinant) / 2)
