@@ -12,10 +12,10 @@ from math import log, pi
 
 import numpy as np
 
-from signals.harmonics._information_smoother import Gram, Information, NodeChain, Outside, smooth_chain
+from signals.harmonics._information_smoother import Gram, Information, NodeChain, Outside, SmoothedChain, smooth_chain
 from signals.harmonics.bandwidth import Bandwidth
 from signals.harmonics.block_grid import Flags, Grid, pieces_between
-from signals.harmonics.model import Complexes, Floats, Indices
+from signals.harmonics.model import Complexes, Floats, HarmonicModel, Indices
 from signals.harmonics.separability import Closeness, coupled, leaks, left_over
 
 # ---- Information smoothers over the nodes of a grid: of each order alone, and of coupled groups of orders ------------
@@ -135,9 +135,10 @@ def chain_alone(grid: Grid, group: Indices, data: Floats, counts: Floats) -> Nod
 def smooth_group(grid: Grid, group: Indices, data: Floats, smoothed: Smoothed, gram: Gram | None = None) -> NodeChain:
     """Smooth a group together, in place, over the whole record; return its chain. `gram` is that of an earlier one."""
     chain = chain_together(grid, group, slice(0, grid.nodes), data, no_neighbours(grid, group), gram)
-    levels, variance, explained, log_variance = _solved(grid, group, chain, smoothed.first)
-    smoothed.levels[:, group], smoothed.variances[group] = levels, variance
-    smoothed.explained[group], smoothed.log_variances[group] = explained / group.size, log_variance / group.size
+    found = smooth_chain(chain, first=smoothed.first)
+    smoothed.levels[:, group], smoothed.variances[group] = by_order(grid.model.subset(group), found)
+    smoothed.explained[group] = found.explained / group.size
+    smoothed.log_variances[group] = found.log_variance / group.size
     return chain
 
 
@@ -159,7 +160,7 @@ def smooth_run(
 
     Returns
     -------
-    levels, variances, explained : as `Smoothed` has them, of these orders and nodes.
+    levels, variances, explained : as `Smoothed` has them, of these orders and nodes; the last, (node,), of each.
     """
     before = _prior(grid, group, nodes.start)
     after = before.none()
@@ -167,8 +168,8 @@ def smooth_run(
         _insert(grid, group, members, early, before)
         _insert(grid, group, members, late, after)
     chain = chain_together(grid, group, nodes, data, (before, after))
-    levels, variances, explained, _ = _solved(grid, group, chain, 0)
-    return levels, variances, np.broadcast_to(explained / group.size, variances.shape)
+    found = smooth_chain(chain, first=0)
+    return *by_order(grid.model.subset(group), found), found.explained / group.size
 
 
 def _prior(grid: Grid, group: Indices, node: int) -> Information:
@@ -236,12 +237,10 @@ def chain_together(
     )
 
 
-def _solved(grid: Grid, group: Indices, chain: NodeChain, first: int) -> tuple[Complexes, Floats, Floats, float]:
-    """Return (channel, order, node) levels of a group, (order, node) variances, and of all what they explain."""
-    model = grid.model.subset(group)
-    found, variance, explained, log_variance = smooth_chain(chain, first=first)
-    levels = np.stack([model.amplitude(found[:, :, channel]) for channel in range(found.shape[2])])
-    return levels, model.variance(variance), explained, log_variance
+def by_order(model: HarmonicModel, found: SmoothedChain) -> tuple[Complexes, Floats]:
+    """Return (channel, order, node) amplitudes and (order, node) variances of a chain of all columns of a model."""
+    levels = np.stack([model.amplitude(own) for own in np.moveaxis(found.levels, 2, 0)])
+    return levels, model.variance(found.variances)
 
 
 # ---- Coupling --------------------------------------------------------------------------------------------------------
@@ -372,7 +371,7 @@ class Coupling:
                 levels, variance, explained = smooth_run(self.grid, group, nodes, data, outside)
                 smoothed.levels[:, group, kept] = levels[..., inner]
                 smoothed.variances[group, kept] = variance[:, inner]
-                smoothed.explained[group, kept] = explained[:, inner]
+                smoothed.explained[group, kept] = explained[inner]
 
 
 class WithoutOthers:
