@@ -111,8 +111,7 @@ class NodeChain:
         gram = self.gram(nodes) if callable(self.gram) else self.gram if one else self.gram[nodes]
         data = self.data(nodes) if callable(self.data) else self.data[nodes]
         (known, moments, width, _), (count, poles, _, lanes) = gram.shape, data.shape
-        basis = newton_basis(poles)[::-1]
-        products = np.array([np.convolve(one, other) for one in basis for other in basis])
+        basis, products = newton_basis(poles)
         blocks = (products @ gram.reshape(known, moments, width**2)).reshape(known, poles, poles, width, width)
         score = basis @ data.reshape(count, poles, width * lanes)
         size = poles * width
@@ -163,12 +162,16 @@ class SmoothedChain(NamedTuple):
 
 
 @lru_cache
-def newton_basis(poles: int) -> Floats:
-    """(pole, pole) array: coefficients of powers of u of each difference's polynomial in Newton's backward formula."""
+def newton_basis(poles: int) -> tuple[Floats, Floats]:
+    """Coefficients of powers of u of each difference's polynomial in Newton's backward formula, and of their products.
+
+    (pole, pole) and (pole pole, 2 pole - 1) arrays, the highest difference first.
+    """
     rows = [np.ones(1)]
     for k in range(1, poles):
         rows.append(np.convolve(rows[-1], [k - 2, 1]) / k)
-    return np.array([np.pad(row, (0, poles - row.size)) for row in rows])
+    basis = np.array([np.pad(row, (0, poles - row.size)) for row in rows[::-1]])
+    return basis, np.array([np.convolve(one, other) for one in basis for other in basis])
 
 
 def smooth_chain(chain: NodeChain, *, first: int) -> SmoothedChain:

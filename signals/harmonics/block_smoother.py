@@ -20,9 +20,7 @@ from numpy.typing import NDArray
 
 from signals.harmonics._information_smoother import NodeChain, smooth_stretches
 from signals.harmonics.block_grid import Grid, at_outputs, evaluated, pieces_between
-from signals.harmonics.coupling import (
-    Coupling, Smoothed, by_order, chain_together, couple, no_neighbours, smooth_apart
-)
+from signals.harmonics.coupling import Coupling, Smoothed, by_order, chain_together, couple, no_neighbours, smooth_apart
 from signals.harmonics.innovations import Innovations
 from signals.harmonics.kalman_filter import count_innovations
 from signals.harmonics.model import Complexes, Estimate, Floats, HarmonicModel, Indices
