@@ -27,7 +27,7 @@ from typing import NamedTuple
 import numpy as np
 from numpy.typing import NDArray
 
-from signals.harmonics._information_kernels import BACKWARD, FORWARD, combine, filter_information
+from signals.harmonics._information_kernels import BACKWARD, FORWARD, combine, filter_information, weigh
 
 Floats = NDArray[np.float64]
 Indices = NDArray[np.int64]
@@ -110,12 +110,13 @@ class NodeChain:
         one = not callable(self.gram) and len(self.gram) == 1
         gram = self.gram(nodes) if callable(self.gram) else self.gram if one else self.gram[nodes]
         data = self.data(nodes) if callable(self.data) else self.data[nodes]
-        (known, moments, width, _), (count, poles, _, lanes) = gram.shape, data.shape
+        (known, _, width, _), (count, poles, _, lanes) = gram.shape, data.shape
         basis, products = newton_basis(poles)
-        blocks = (products @ gram.reshape(known, moments, width**2)).reshape(known, poles, poles, width, width)
+        information = np.empty((known, poles, width, poles, width))
+        weigh(np.ascontiguousarray(gram), products, information)
         score = basis @ data.reshape(count, poles, width * lanes)
         size = poles * width
-        return NodeInformation(blocks.swapaxes(2, 3).reshape(known, size**2), score.reshape(count, size * lanes))
+        return NodeInformation(information.reshape(known, size**2), score.reshape(count, size * lanes))
 
     def outside(self, nodes: slice) -> Outside:
         """Return the information of all other nodes on the state at the first and at the last node of a range."""
@@ -165,13 +166,13 @@ class SmoothedChain(NamedTuple):
 def newton_basis(poles: int) -> tuple[Floats, Floats]:
     """Coefficients of powers of u of each difference's polynomial in Newton's backward formula, and of their products.
 
-    (pole, pole) and (pole pole, 2 pole - 1) arrays, the highest difference first.
+    (pole, pole) and (pole, pole, 2 pole - 1) arrays, the highest difference first.
     """
     rows = [np.ones(1)]
     for k in range(1, poles):
         rows.append(np.convolve(rows[-1], [k - 2, 1]) / k)
     basis = np.array([np.pad(row, (0, poles - row.size)) for row in rows[::-1]])
-    return basis, np.array([np.convolve(one, other) for one in basis for other in basis])
+    return basis, np.array([[np.convolve(one, other) for other in basis] for one in basis])
 
 
 def smooth_chain(chain: NodeChain, *, first: int) -> SmoothedChain:
