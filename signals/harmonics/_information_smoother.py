@@ -241,8 +241,6 @@ def smooth_stretches(chain: NodeChain, *, first: int) -> Iterator[tuple[slice, S
 
 def information_at_end(chain: NodeChain) -> Information:
     """Return the forward information on the state at the last node, with its data."""
-    state, last = chain.before.copy(), slice(chain.nodes - 1, chain.nodes)
-    early, stored = slice(0, last.start), chain.buffer(last)
-    chain.filter(early, FORWARD, state, chain.measured(early), chain.buffer(slice(0, 0)))
-    chain.filter(last, FORWARD, state, chain.measured(last), stored)
-    return Information(*(part.reshape(like.shape) for part, like in zip(stored, chain.before, strict=True)))
+    last = slice(chain.nodes - 1, chain.nodes)
+    before, _ = chain.outside(last)
+    return Information(*(own + more.reshape(own.shape) for own, more in zip(before, chain.measured(last), strict=True)))

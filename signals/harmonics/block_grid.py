@@ -274,7 +274,7 @@ class Grid:
         return {}
 
     def _correlate_steady(self, orders: Indices, blocks: slice, sums: Floats) -> None:
-        """Fill what `correlate` does, of whole blocks without missing samples whose angle grows steadily.
+        """Add what `correlate` does, of whole blocks without missing samples whose angle grows steadily.
 
         With a and b the angles of two orders, `2 cos a cos b = cos(a - b) + cos(a + b)`, and so on: the moments are
         those of the difference and of the sum over one block, turned by the angle at the start of each.
@@ -286,12 +286,12 @@ class Grid:
             weighted = 0.5 * (self._powers(self.squares)[:, :, None] * one[:, None]).transpose(1, 2, 0)
             self._known_products[name] = weighted @ one.conj(), weighted @ one
         turn, count = self._turn(blocks, orders)[:, None, :, None], orders.size
-        less, more = self._known_products[name]
-        less, more = less * (turn * turn.conj().swapaxes(2, 3)), more * (turn * turn.swapaxes(2, 3))
-        np.add(less.real, more.real, out=sums[..., :count, :count])
-        np.subtract(less.real, more.real, out=sums[..., count:, count:])
-        np.subtract(more.imag, less.imag, out=sums[..., :count, count:])
-        np.add(more.imag, less.imag, out=sums[..., count:, :count])
+        for known, other, sign in zip(self._known_products[name], (turn.conj(), turn), (1.0, -1.0), strict=True):
+            own = known * (turn * other.swapaxes(2, 3))
+            sums[..., :count, :count] += own.real
+            sums[..., count:, count:] += sign * own.real
+            sums[..., :count, count:] -= sign * own.imag
+            sums[..., count:, :count] += own.imag
 
     def gram(self, orders: Indices, nodes: slice) -> Floats:
         """(node, moment, column, column) array, of products of the columns of some orders what nodes stand for."""

@@ -20,7 +20,7 @@ from numpy.typing import NDArray
 
 from signals.harmonics._information_smoother import NodeChain, smooth_stretches
 from signals.harmonics.block_grid import Grid, at_outputs, evaluated, pieces_between
-from signals.harmonics.coupling import Coupling, Smoothed, by_order, chain_together, couple, no_neighbours, smooth_apart
+from signals.harmonics.coupling import Coupling, Smoothed, by_order, chain_together, couple, inserted, smooth_apart
 from signals.harmonics.innovations import Innovations
 from signals.harmonics.kalman_filter import count_innovations
 from signals.harmonics.model import Complexes, Estimate, Floats, HarmonicModel, Indices
@@ -164,7 +164,7 @@ def exact(
     length, group = exact_length(model, seen.size), np.arange(kept.size)
     while True:
         grid = Grid(model=one_each, x=x, seen=seen, length=length, tolerance=0.0, shared=np.bincount(member))
-        chain = chain_together(grid, group, slice(0, grid.nodes), None, no_neighbours(grid, group))
+        chain = chain_together(grid, group, slice(0, grid.nodes), None, inserted(grid, group, 0, []))
         amplitude, variance, bend = _outputs(grid, chain, every=output_every)
         # A triangular weight takes a twelfth of its second difference off an envelope: root mean square, over `std`.
         loss = np.sqrt(bend / max(grid.nodes - 2, 1)) / 12

@@ -134,7 +134,7 @@ def chain_alone(grid: Grid, group: Indices, data: Floats, counts: Floats) -> Nod
 
 def smooth_group(grid: Grid, group: Indices, data: Floats, smoothed: Smoothed, gram: Gram | None = None) -> NodeChain:
     """Smooth a group together, in place, over the whole record; return its chain. `gram` is that of an earlier one."""
-    chain = chain_together(grid, group, slice(0, grid.nodes), data, no_neighbours(grid, group), gram)
+    chain = chain_together(grid, group, slice(0, grid.nodes), data, inserted(grid, group, 0, []), gram)
     found = smooth_chain(chain, first=smoothed.first)
     smoothed.levels[:, group], smoothed.variances[group] = by_order(grid.model.subset(group), found)
     smoothed.explained[group] = found.explained / group.size
@@ -142,38 +142,17 @@ def smooth_group(grid: Grid, group: Indices, data: Floats, smoothed: Smoothed, g
     return chain
 
 
-def no_neighbours(grid: Grid, group: Indices) -> Outside:
-    """Return the information on a group from outside a whole record: the prior, and none."""
-    before = _prior(grid, group, 0)
-    return before, before.none()
+def inserted(grid: Grid, group: Indices, node: int, outside: list[tuple[Indices, Outside]]) -> Outside:
+    """Return the information on a group at the first node of a range and at the last, from all other nodes.
 
-
-def smooth_run(
-    grid: Grid, group: Indices, nodes: slice, data: Floats, outside: list[tuple[Indices, Outside]]
-) -> tuple[Complexes, Floats, Floats]:
-    """Smooth a group together over a range of nodes.
-
-    Parameters
-    ----------
-    data : (node, pole, order, channel, 2) array, of these nodes.
-    outside : of orders that share a chain, alike or together, the information of all other nodes: `NodeChain.outside`.
-
-    Returns
-    -------
-    levels, variances, explained : as `Smoothed` has them, of these orders and nodes; the last, (node,), of each.
+    From that on orders that share a chain, alike or together, as `NodeChain.outside` returns it; else the prior.
     """
-    before = _prior(grid, group, nodes.start)
+    before = Information.prior(grid.prior_variance(group, node), len(grid.x))
     after = before.none()
     for members, (early, late) in outside:
         _insert(grid, group, members, early, before)
         _insert(grid, group, members, late, after)
-    chain = chain_together(grid, group, nodes, data, (before, after))
-    found = smooth_chain(chain, first=0)
-    return *by_order(grid.model.subset(group), found), found.explained / group.size
-
-
-def _prior(grid: Grid, group: Indices, node: int) -> Information:
-    return Information.prior(grid.prior_variance(group, node), len(grid.x))
+    return before, after
 
 
 def _insert(grid: Grid, group: Indices, members: Indices, known: Information, of_group: Information) -> None:
@@ -367,11 +346,13 @@ class Coupling:
             inner = slice(kept.start - nodes.start, kept.stop - nodes.start)
             outside = [(members, chain.outside(nodes)) for members, chain in self.chains + lone] if local else []
             for group in local:
-                data = others.together(group, nodes)
-                levels, variance, explained = smooth_run(self.grid, group, nodes, data, outside)
+                known = inserted(self.grid, group, nodes.start, outside)
+                chain = chain_together(self.grid, group, nodes, others.together(group, nodes), known)
+                found = smooth_chain(chain, first=0)
+                levels, variance = by_order(self.grid.model.subset(group), found)
                 smoothed.levels[:, group, kept] = levels[..., inner]
                 smoothed.variances[group, kept] = variance[:, inner]
-                smoothed.explained[group, kept] = explained[inner]
+                smoothed.explained[group, kept] = found.explained[inner] / group.size
 
 
 class WithoutOthers:
