@@ -287,11 +287,13 @@ class Grid:
             self._known_products[name] = weighted @ one.conj(), weighted @ one
         turn, count = self._turn(blocks, orders)[:, None, :, None], orders.size
         for known, other, sign in zip(self._known_products[name], (turn.conj(), turn), (1.0, -1.0), strict=True):
-            own = known * (turn * other.swapaxes(2, 3))
+            own = known * turn  # and in place from here on: it is as large as the result
+            own *= other.swapaxes(2, 3)
             sums[..., :count, :count] += own.real
-            sums[..., count:, count:] += sign * own.real
-            sums[..., :count, count:] -= sign * own.imag
             sums[..., count:, :count] += own.imag
+            own *= sign
+            sums[..., count:, count:] += own.real
+            sums[..., :count, count:] -= own.imag
 
     def gram(self, orders: Indices, nodes: slice) -> Floats:
         """(node, moment, column, column) array, of products of the columns of some orders what nodes stand for."""
