@@ -32,12 +32,11 @@ from signals.harmonics.block_smoother import BlockFit, block_length, one_of_each
 from signals.harmonics.coupling import (
     Smoothed,
     WithoutOthers,
-    alike,
     chain_alone,
     chain_together,
     everywhere,
     inserted,
-    keep,
+    smooth_alone,
     smooth_group,
 )
 from signals.harmonics.model import Complexes, Floats, HarmonicModel, Indices, Order, lost
@@ -374,9 +373,7 @@ class _Chains:
         grid = replace(self.grid, model=replace(self.grid.model, bandwidth=bandwidth[:, None]))
         smoothed, counts = Smoothed.empty(grid, 0), grid.at_nodes(grid.seen_counts)
         alone, data = self.alone
-        for group in alike(grid, alone):
-            chain = chain_alone(grid, group, data[:, :, np.searchsorted(alone, group)], counts)
-            keep(smoothed, group, chain, everywhere(grid))
+        smooth_alone(grid, alone, data, counts, smoothed)
         for group, data in self.groups:
             smooth_group(grid, group, data, smoothed)
         return smoothed.levels * self.std[:, None], np.sqrt(smoothed.variances) * self.std[:, None]

@@ -99,15 +99,11 @@ class Grid:
     @cached_property
     def seen_counts(self) -> Floats:
         """(block, moment) sums over the samples seen of powers of u."""
-        return self.count_seen(self.squares)
-
-    def count_seen(self, moments: int) -> Floats:
-        """(block, moment) array, so many moments of the samples seen."""
-        counts = np.repeat(self._powers(moments).sum(axis=0)[None], self.blocks, axis=0)
+        counts = np.repeat(self._powers(self.squares).sum(axis=0)[None], self.blocks, axis=0)
         whole = np.logical_and.reduceat(self.seen, np.arange(0, self.samples, self.length))
         whole[-1] &= self.samples % self.length == 0
         for samples, blocks in self.runs(~whole):
-            counts[blocks] = self.counts(self.seen[samples].astype(np.float64), moments)
+            counts[blocks] = self.counts(self.seen[samples].astype(np.float64), self.squares)
         return counts
 
     @cached_property

@@ -27,6 +27,8 @@ SMALLEST_SHARE = 0.6
 # Numbers in the products of columns of all nodes that are kept; more are made again, stretch by stretch.
 MOST_KEPT = 1 << 21
 
+Chains = list[tuple[Indices, NodeChain]]
+
 
 @dataclass(kw_only=True, eq=False)
 class Smoothed:
@@ -79,8 +81,7 @@ def smooth_apart(grid: Grid, first: int) -> Smoothed:
         moments[blocks] = grid.project(weight * grid.x[:, samples], blocks, np.arange(orders))
         counts[blocks] = grid.counts(weight * grid.seen[samples], grid.squares)
     data, gram = grid.data(moments), grid.at_nodes(counts)
-    for group in alike(grid, np.arange(orders)):
-        keep(smoothed, group, chain_alone(grid, group, data[:, :, group], gram), everywhere(grid))
+    smooth_alone(grid, np.arange(orders), data, gram, smoothed)
     return smoothed
 
 
@@ -89,19 +90,29 @@ def everywhere(grid: Grid) -> Flags:
     return np.ones(grid.nodes, dtype=np.bool_)
 
 
-def keep(smoothed: Smoothed, group: Indices, chain: NodeChain, where: Flags) -> None:
-    """Smooth orders with equal process noise, each alone, and store their amplitudes at the nodes of `where`."""
-    found, variance, explained, log_variance = smooth_chain(chain, first=smoothed.first)
-    channels = len(smoothed.levels)
-    parts = found.shape[2] // (group.size * channels)
-    found = found.reshape(len(found), group.size, channels, parts).transpose(2, 1, 0, 3)
-    levels = found[..., 0].astype(np.complex128)
-    if parts > 1:
-        levels.imag = found[..., 1]
-    smoothed.levels[:, group] = np.where(where, levels, smoothed.levels[:, group])
-    smoothed.variances[group] = np.where(where, variance[:, 0], smoothed.variances[group])
-    smoothed.explained[group] = np.where(where, parts * explained, smoothed.explained[group])
-    smoothed.log_variances[group] = parts * log_variance
+def smooth_alone(
+    grid: Grid, orders: Indices, data: Floats, counts: Floats, smoothed: Smoothed, *, together: Flags | None = None
+) -> Chains:
+    """Smooth some orders, each alone, in place; return groups of them and their chains.
+
+    `data` and `counts` are those of `chain_alone`; nodes of `together`, (order, node) of all orders, are left out.
+    """
+    chains: Chains = []
+    for group in alike(grid, orders):
+        chain = chain_alone(grid, group, data[:, :, np.searchsorted(orders, group)], counts)
+        found, variance, explained, log_variance = smooth_chain(chain, first=smoothed.first)
+        parts = found.shape[2] // (group.size * len(grid.x))
+        found = found.reshape(len(found), group.size, len(grid.x), parts).transpose(2, 1, 0, 3)
+        levels = found[..., 0].astype(np.complex128)
+        if parts > 1:
+            levels.imag = found[..., 1]
+        where = everywhere(grid) if together is None else ~together[group]
+        smoothed.levels[:, group] = np.where(where, levels, smoothed.levels[:, group])
+        smoothed.variances[group] = np.where(where, variance[:, 0], smoothed.variances[group])
+        smoothed.explained[group] = np.where(where, parts * explained, smoothed.explained[group])
+        smoothed.log_variances[group] = parts * log_variance
+        chains.append((group, chain))
+    return chains
 
 
 def alike(grid: Grid, orders: Indices) -> list[Indices]:
@@ -226,7 +237,6 @@ def by_order(model: HarmonicModel, found: SmoothedChain) -> tuple[Complexes, Flo
 
 
 Gain = Callable[[Bandwidth, Floats], Floats]
-Chains = list[tuple[Indices, NodeChain]]
 
 # After so many time constants an end or gap has a hundredth of its effect; where more leaks, as many more as it takes
 # to fall to the tolerance.
@@ -329,16 +339,10 @@ class Coupling:
 
     def _smooth_lone(self, others: "WithoutOthers", smoothed: Smoothed) -> Chains:
         """Smooth, in place, orders where they are by themselves; return groups of them and their chains."""
-        chains: Chains = []
         if not self.lone.size:
-            return chains
+            return []
         gram = self.grid.at_nodes(self.grid.seen_counts)
-        data = others.alone(self.lone)
-        for group in alike(self.grid, self.lone):
-            chain = chain_alone(self.grid, group, data[:, :, np.searchsorted(self.lone, group)], gram)
-            keep(smoothed, group, chain, ~self.together[group])
-            chains.append((group, chain))
-        return chains
+        return smooth_alone(self.grid, self.lone, others.alone(self.lone), gram, smoothed, together=self.together)
 
     def _smooth_local_groups(self, others: "WithoutOthers", lone: Chains, smoothed: Smoothed) -> None:
         """Smooth jointly, in place, the orders that leak into one another near ends, gaps and jumps of a speed."""
