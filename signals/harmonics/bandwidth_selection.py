@@ -18,7 +18,7 @@ from __future__ import annotations
 from dataclasses import dataclass, replace
 from functools import cached_property
 from math import ceil, comb, sqrt
-from typing import TYPE_CHECKING, NamedTuple
+from typing import TYPE_CHECKING
 
 import numpy as np
 
@@ -206,7 +206,8 @@ def likely_bandwidth(
         raise lost(model, "fast") from error
 
 
-class LikelyTracks(NamedTuple):
+@dataclass(frozen=True, kw_only=True, eq=False)
+class LikelyTracks:
     """Amplitudes of orders at their maximum-likelihood bandwidths.
 
     Attributes

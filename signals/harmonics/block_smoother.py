@@ -114,7 +114,8 @@ def fast(
     fit = BlockFit.of(grid, startup=startup, coupled=coupled)
     smoothed, residuals = fit.smoothed, fit.residuals(startup)
     if fit.coupling:
-        far = _far_above_std(smoothed, residuals.mean_square, tolerance)
+        least = np.sqrt(smoothed.variances.min() * residuals.mean_square)
+        far = bool(np.any(tolerance * np.abs(smoothed.levels).max(axis=(1, 2)) > SMALL_PART * least))
         if not (far and seen.all()):
             fit.coupling.smooth_ends(smoothed)
         for number in range(FULL_ROUNDS if far else 0):
@@ -184,13 +185,6 @@ def exact_length(model: HarmonicModel, samples: int | None = None) -> int:
     most = 6 * model.state_size
     most = most if samples is None else min(most, samples // FEWEST_BLOCKS)
     return max(1, min(int(LONGEST_EXACT[model.poles > 1] / model.bandwidth.max()), most))
-
-
-def _far_above_std(smoothed: Smoothed, noise: Floats, tolerance: float) -> bool:
-    """Return whether the tolerance times the largest amplitude exceeds `SMALL_PART` of the least `std`."""
-    std = np.sqrt(smoothed.variances.min() * noise)
-    largest = np.abs(smoothed.levels).max(axis=(1, 2))
-    return bool(np.any(tolerance * largest > SMALL_PART * std))
 
 
 def one_of_each(model: HarmonicModel) -> tuple[Indices, Indices]:

@@ -191,23 +191,6 @@ def forward(
 
 
 @compiled
-def _cholesky(P: Floats, factor: Floats) -> bool:
-    """Fill the lower triangle of `factor` with the Cholesky factor of P; return whether P is positive definite."""
-    for a in range(len(P)):
-        for b in range(a + 1):
-            rest = P[a, b]
-            for c in range(b):
-                rest -= factor[a, c] * factor[b, c]
-            if a > b:
-                factor[a, b] = rest / factor[b, b]
-            elif rest > 0:
-                factor[a, a] = np.sqrt(rest)
-            else:
-                return False
-    return True
-
-
-@compiled
 def backward(chain: SlipChain, extended: bool, states: Floats, means: Floats, covariances: Floats) -> bool:
     """Smooth what `forward` returned, in place (Rauch, Tung, Striebel); return whether every covariance allows it."""
     blocks, size = means.shape
@@ -217,18 +200,21 @@ def backward(chain: SlipChain, extended: bool, states: Floats, means: Floats, co
         step = chain.turns[m], chain.process[m], chain.slip_process[m]
         ahead = states[m if extended else m + 1, -1]
         _predict(step, states[m], ahead, means[m], covariances[m], F, gain, mean, P)
-        # The gain, transposed: P^-1 F P_m, by forward and back substitution with the Cholesky factor.
-        if not _cholesky(P, factor):
-            return False
+        # The gain, transposed: P^-1 F P_m, by elimination, which needs no pivots where P is positive definite.
+        factor[:] = P
         for a in range(size):
-            for c in range(size):
-                for b in range(a):
-                    gain[a, c] -= factor[a, b] * gain[b, c]
-                gain[a, c] /= factor[a, a]
+            if not factor[a, a] > 0.0:
+                return False
+            for b in range(a + 1, size):
+                share = factor[b, a] / factor[a, a]
+                for c in range(a, size):
+                    factor[b, c] -= share * factor[a, c]
+                for c in range(size):
+                    gain[b, c] -= share * gain[a, c]
         for a in range(size - 1, -1, -1):
             for c in range(size):
                 for b in range(a + 1, size):
-                    gain[a, c] -= factor[b, a] * gain[b, c]
+                    gain[a, c] -= factor[a, b] * gain[b, c]
                 gain[a, c] /= factor[a, a]
         spread[:] = 0.0
         for a in range(size):
