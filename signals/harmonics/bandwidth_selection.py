@@ -96,9 +96,8 @@ class ChainLikelihood:
 
     @cached_property
     def noise(self) -> Floats:
-        """(column,) array, noise of a quadrature between nodes; of one column where orders share it."""
-        columns = len(self.before.matrix) // max(2, self.model.poles)
-        return quadrature_noise(self.model.orders, 1.0 / self.length)[self.model.order_of_column[:columns]]
+        """(order,) array, noise of a quadrature between nodes, for noise of unit variance."""
+        return quadrature_noise(self.model.orders, 1.0 / self.length)
 
     @classmethod
     def of(cls, model: HarmonicModel, chain: NodeChain, length: int) -> ChainLikelihood:
@@ -114,8 +113,8 @@ class ChainLikelihood:
     def log_likelihood(self, bandwidth: ArrayLike) -> Floats:
         """Return the (lane,) log likelihoods, less a constant, of (order,) bandwidths in cycles per sample."""
         ratio = variance_ratio(np.minimum(np.asarray(bandwidth) * self.length, 1.0), self.model.poles)
-        columns = self.model.order_of_column[: self.noise.size]
-        process = (np.broadcast_to(ratio, self.model.orders.shape)[columns] * self.noise)[None]
+        columns = len(self.before.matrix) // max(2, self.model.poles)  # one where orders share it
+        process = (ratio * self.noise)[self.model.order_of_column[:columns]][None]
         state = self.before.copy()
         matrix, vector = state
         squares, unstored = np.zeros(vector.shape[1]), (np.empty((0, matrix.size)), np.empty((0, vector.size)))
