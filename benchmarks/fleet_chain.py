@@ -4,7 +4,7 @@ from collections.abc import Collection, Mapping, Sequence
 from dataclasses import dataclass, replace
 
 import numpy as np
-from fleet_analyses import MACHINES, Analyses, Array, Fleet, Resampled, halves, others
+from fleet_analyses import Analyses, Array, Fleet, Resampled, halves
 from numpy.typing import NDArray
 
 from hums.fleet.monitor import MOST_LEVERAGE
@@ -18,7 +18,6 @@ from signals.monitoring.limits import HealthyScores, machine_limits, tail_quanti
 CHUNK = 50  # machines whose series are in memory at a time
 RATES = (1_000.0, 10_000.0)
 WATCHED = 300
-_OF_HALVES = 0.25  # of the variance that separates halves: of one prior of all machines against all others (`widening`)
 MOST_DOF = 10.0  # real machines differ more than resampled ones: deviations by 22 % (our choice)
 
 
@@ -164,44 +163,39 @@ def widening(found: Analyses, *, machines: int) -> list[list[list[float]]]:
     """Return by how much limits of each group of scores have to be wider than the model's, for baselines and rates.
 
     Limits of a prior that is held against the fleets of its own analyses lack nothing but what the model of the
-    scores lacks. To see what a prior lacks of machines that it has not seen, those that it is learned from are split
-    into halves in seven ways: a prior of the one half makes the limits of fleets that are made of the other, their
-    slopes too (cross-validation; Stone 1974, J. R. Stat. Soc. B 36(2), 111-147). Either factor is the one at which all
-    fleets together raise the stated number of alarms. The number goes exponentially with the logarithm of the limits,
-    so that what errors of a prior add to its logarithm is proportional to their variance: of a prior of n / 2 analyses
-    against n / 2 others 4 / n, of the prior of all n against all machines 1 / n. Of the excess of the second factor
-    over the first, in logarithms, `_OF_HALVES` is therefore taken. One factor is of fleets whose states drift, with
-    the model's drift, and one of fleets whose states do not, with none.
+    scores lacks: let f be the factor at which they raise the stated number of alarms. Fleets of other analyses raise
+    more, by the errors of either: the number goes exponentially with the logarithm of the limits, so that errors of
+    variance v multiply its mean by exp(v / 2). With a variance that goes as one over the number of analyses, as of any
+    mean, the factor of a prior of n analyses against those of m is
+
+        log f(n, m) = log f + c (1 / n + 1 / m)
+
+    c follows from halves of the machines, a prior of one half held against the fleets of the other (cross-validation;
+    Stone 1974, J. R. Stat. Soc. B 36(2), 111-147), in three splits, both ways round. The factor taken is that of the
+    prior of all against machines of any number, f(n, infinity). One factor is of fleets whose states drift, with the
+    model's drift, and one of fleets whose states do not, with none.
     """
     _, _, layout = layout_of(found.series)
-    groups = np.array(layout.group_of)
-    sizes = {1.0: {2: 2 * machines, 10: 2 * machines, 30: 2 * machines, 300: machines}}  # by their cost
+    groups, everyone, splits = np.array(layout.group_of), tuple(range(found.machines)), halves(found.machines)
+    sizes = {1.0: {2: machines, 10: machines, 30: 2 * machines, 300: machines}}  # by their cost
     sizes[0.0] = {30: machines, 300: machines // 2}
-    everyone = range(MACHINES)
-    own = _largest(found, [(everyone, everyone)], sizes)
-    halved = _largest(found, [(half, others(half)) for half in halves()], sizes)
+    # what is taken is nearer to the factor of a prior's own fleets, of which two times as many are watched
+    own = _largest(found, [(everyone, everyone)], {k: {b: 2 * n for b, n in of.items()} for k, of in sizes.items()})
+    halved = _largest(found, splits, sizes)
+    one_over = [1 / len(found.resampled(those).healthy) for those in (everyone, *splits[0])]
+    share = one_over[0] / (one_over[1] + one_over[2])
 
     def factor(largest: Sequence[NDArray[np.float32]], group: int, rate: float) -> float:
         return at_rate([one[:, groups == group] for one in largest], layout.scores, rate)
 
+    def of_all(key: tuple[int, float, float], group: int) -> float:
+        alone, apart = (factor(of[key], group, key[1]) for of in (own, halved))
+        return float(alone * (apart / alone) ** share)
+
     return [
-        [
-            [
-                baseline,
-                rate * layout.scores,
-                drift,
-                round(_of_all(*(factor(of[key], group, rate) for of in (own, halved))), 3),
-            ]
-            for key in own
-            for baseline, rate, drift in (key,)
-        ]
+        [[key[0], key[1] * layout.scores, key[2], round(of_all(key, group), 3)] for key in own]
         for group in range(groups.max() + 1)
     ]
-
-
-def _of_all(own: float, halved: float) -> float:
-    """Return the factor of a prior of all analyses, from those of a prior seen by itself and of halves."""
-    return float(own * (halved / own) ** _OF_HALVES)
 
 
 def _largest(

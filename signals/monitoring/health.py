@@ -27,7 +27,7 @@ _BY_CHANCE = 18.0
 """Records over which two states that have nothing to do with each other look alike: 1 + 2 sum of rho^2 over the lags,
 for states of which half is correlated over 5 and half over 50 records."""
 _MEMORY = min(Charts().weights) / (2 - min(Charts().weights))
-"""Variance of the EWMA that remembers longest, over that of white scores (Roberts 1959, Technometrics 1(3), 239-250)."""
+"""Variance of the EWMA that remembers longest, over that of white scores (Roberts 1959; `charts`)."""
 _RECENT = 0.1  # weight of the EWMA that a sudden fall of the level is held against
 
 
