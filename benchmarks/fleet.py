@@ -121,7 +121,7 @@ def false_alarms(given: argparse.Namespace, found: Analyses, resampled: Resample
                 text.append(f"| {' | '.join(map(str, cells))} | {within} |")
                 sys.stdout.write(f"{text[-1]}\n")
                 sys.stdout.flush()
-    machines, drawn = given.machines // 10, []
+    machines, drawn = given.machines // 20, []
     for number in range(DRAWS):
         again = resampled.drawn_again(np.random.default_rng([19, number]))
         fleets, _ = healthy_fleet(again, found, layout, machines=machines, baseline=BASELINES[0], seed=5)
