@@ -108,13 +108,25 @@ def two_of_three(index: NDArray[np.float32]) -> NDArray[np.float32]:
     return np.asarray(np.minimum(three[1], index))
 
 
-def at_rate(largest: Sequence[NDArray[np.float32]], scores: int, every: float) -> float:
+def at_rate(largest: Sequence[NDArray[np.float32]], every: float) -> float:
     """Return the factor on limits at which machines with those largest indices raise one alarm in `every` records.
 
-    Where those are of some of a machine's `scores`, of so many alarms only their part.
+    `largest` holds arrays (machines, components).
     """
     ordered = np.sort(np.concatenate([each.ravel() for each in largest]))[::-1]
-    return float(ordered[round(ordered.size / scores * WATCHED / every)])
+    return float(ordered[round(sum(len(each) for each in largest) * WATCHED / every)])
+
+
+def of_components(index: NDArray[np.float32], layout: Layout, group: int | None = None) -> NDArray[np.float32]:
+    """Return the largest limit (machines, components) at which components raise an alarm by an index of their scores.
+
+    Of a component with parts two records may reach the limit by two of its scores: by those of a `group`, or of all.
+    """
+    groups = np.array(layout.group_of)
+    component = np.cumsum(groups == 0) - 1  # the score of a component, those of its parts behind it
+    those = np.flatnonzero((groups == group) | (group is None))
+    first = np.flatnonzero(np.diff(component[those], prepend=-1))
+    return np.asarray(two_of_three(np.maximum.reduceat(index[..., those], first, axis=-1)).max(axis=1))
 
 
 # ---- the prior -------------------------------------------------------------------------------------------------------
@@ -162,7 +174,8 @@ def learn_prior(found: Analyses, resampled: Resampled) -> dict[str, object]:
 def widening(found: Analyses, *, machines: int) -> list[list[list[float]]]:
     """Return by how much limits of each group of scores have to be wider than the model's, for baselines and rates.
 
-    Limits of a prior that is held against the fleets of its own analyses lack nothing but what the model of the
+    Alarms are counted of components, of which parts share one, as the machine's are. Limits of a prior that is held
+    against the fleets of its own analyses lack nothing but what the model of the
     scores lacks: let f be the factor at which they raise the stated number of alarms. Fleets of other analyses raise
     more, by the errors of either: the number goes exponentially with the logarithm of the limits, so that errors of
     variance v multiply its mean by exp(v / 2). With a variance that goes as one over the number of analyses, as of any
@@ -185,11 +198,10 @@ def widening(found: Analyses, *, machines: int) -> list[list[list[float]]]:
     one_over = [1 / len(found.resampled(those).healthy) for those in (everyone, *splits[0])]
     share = one_over[0] / (one_over[1] + one_over[2])
 
-    def factor(largest: Sequence[NDArray[np.float32]], group: int, rate: float) -> float:
-        return at_rate([one[:, groups == group] for one in largest], layout.scores, rate)
-
     def of_all(key: tuple[int, float, float], group: int) -> float:
-        alone, apart = (factor(of[key], group, key[1]) for of in (own, halved))
+        # alarms of a group are the part of the stated ones that its number of scores is
+        every = key[1] * layout.scores / np.count_nonzero(groups == group)
+        alone, apart = (at_rate([one[group] for one in of[key]], every) for of in (own, halved))
         return float(alone * (apart / alone) ** share)
 
     return [
@@ -202,13 +214,14 @@ def _largest(
     found: Analyses,
     pairs: Sequence[tuple[Collection[int], Collection[int]]],
     sizes: Mapping[float, Mapping[int, int]],
-) -> dict[tuple[int, float, float], list[NDArray[np.float32]]]:
-    """Return the largest indices of fleets by baseline, rate and drift, for pairs of machines learned from and watched.
+) -> dict[tuple[int, float, float], list[list[NDArray[np.float32]]]]:
+    """Return the largest indices of the groups of scores of fleets by baseline, rate and drift.
 
-    `sizes` has the number of machines to watch for each drift and baseline, over all pairs.
+    `pairs` are of machines learned from and watched; `sizes` has the number of machines to watch for each drift and
+    baseline, over all pairs.
     """
     _, _, layout = layout_of(found.series)
-    largest: dict[tuple[int, float, float], list[NDArray[np.float32]]] = {}
+    largest: dict[tuple[int, float, float], list[list[NDArray[np.float32]]]] = {}
     for learned_from, watched in pairs:
         learned = learn_prior(found, found.resampled(learned_from))
         prior, drifting = prior_of(found.series, layout, learned), healthy_scores(learned)
@@ -221,5 +234,6 @@ def _largest(
                     fleet = fleets.machines(CHUNK, baseline + WATCHED, rng)
                     seen = watch(fleet, baseline, RATES, layout, prior, models)
                     for rate, one in zip(RATES, seen, strict=True):
-                        largest.setdefault((baseline, rate, drift), []).append(two_of_three(one.index).max(axis=1))
+                        groups = [of_components(one.index, layout, group) for group in range(len(models))]
+                        largest.setdefault((baseline, rate, drift), []).append(groups)
     return largest
