@@ -356,9 +356,9 @@ and load are measured where a table says so, with a tenth of their deviations as
 **The prior** (`hums/fleet/prior.json`, `--learn-prior --machines 600`) is learned from {healthy} analyses of
 {machines} healthy machines of three seeds; {failing} more of the first seed have faults. Healthy fleets below are made
 of {unseen} analyses of {unseen_machines} other machines, of a seed of their own, from which nothing is learned. Their
-rows of a baseline of 30 were looked at once before, with limits whose factors counted alarms of scores and not of
-components, which the parts of a bearing raise together, too: 1.33 and 1.65 of the stated alarms. Machines of the prior
-showed the same, 1.24 and 1.67, and the factors count components since. All other rows were looked at once.
+rows of a baseline of 30 were looked at before: with factors that counted alarms of scores and not of components, which
+the parts of a bearing raise together, too, they raised 1.33 and 1.65 of the stated alarms (nothing measured). Machines
+of the prior showed the same, 1.24 and 1.67; the factors count components since.
 
 Limits are wider by what the model of scores lacks, and by what a prior lacks of machines that it was not learned on.
 The first is the factor at which the prior raises the stated number of alarms of its own machines. For the second the
