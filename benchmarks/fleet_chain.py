@@ -2,6 +2,7 @@
 
 from collections.abc import Collection, Mapping, Sequence
 from dataclasses import dataclass, replace
+from typing import Any
 
 import numpy as np
 from fleet_analyses import Analyses, Array, Fleet, Resampled, halves
@@ -18,6 +19,7 @@ from signals.monitoring.limits import HealthyScores, machine_limits, tail_quanti
 CHUNK = 50  # machines whose series are in memory at a time
 RATES = (1_000.0, 10_000.0)
 WATCHED = 300
+Key = tuple[int, float, float]  # records of a baseline, mean records between alarms, drift
 MOST_DOF = 10.0  # real machines differ more than resampled ones: deviations by 22 % (our choice)
 
 
@@ -132,7 +134,7 @@ def of_components(index: NDArray[np.float32], layout: Layout, group: int | None 
 # ---- the prior -------------------------------------------------------------------------------------------------------
 
 
-def learn_prior(found: Analyses, resampled: Resampled) -> dict[str, object]:
+def learn_prior(found: Analyses, resampled: Resampled) -> dict[str, Any]:
     """Return what is usual over healthy machines: of twelve resampled ones with 2,000 records each."""
     rng = np.random.default_rng(11)
     series = resampled.machines(12, 2_000, rng).series
@@ -175,11 +177,12 @@ def widening(found: Analyses, *, machines: int) -> list[list[list[float]]]:
     """Return by how much limits of each group of scores have to be wider than the model's, for baselines and rates.
 
     Alarms are counted of components, of which parts share one, as the machine's are. Limits of a prior that is held
-    against the fleets of its own analyses lack nothing but what the model of the
-    scores lacks: let f be the factor at which they raise the stated number of alarms. Fleets of other analyses raise
-    more, by the errors of either: the number goes exponentially with the logarithm of the limits, so that errors of
-    variance v multiply its mean by exp(v / 2). With a variance that goes as one over the number of analyses, as of any
-    mean, the factor of a prior of n analyses against those of m is
+    against the fleets of its own analyses lack nothing but what the model of the scores lacks: let f be the factor at
+    which they raise the stated number of alarms. It is a group's own, times one of all groups, since a component's
+    alarm may take one record of its own score and one of a part's, which no group counts. Fleets of other analyses
+    raise more, by the errors of either: the number goes exponentially with the logarithm of the limits, so that errors
+    of variance v multiply its mean by exp(v / 2). With a variance that goes as one over the number of analyses, as of
+    any mean, the factor of a prior of n analyses against those of m is
 
         log f(n, m) = log f + c (1 / n + 1 / m)
 
@@ -189,24 +192,39 @@ def widening(found: Analyses, *, machines: int) -> list[list[list[float]]]:
     model's drift, and one of fleets whose states do not, with none.
     """
     _, _, layout = layout_of(found.series)
-    groups, everyone, splits = np.array(layout.group_of), tuple(range(found.machines)), halves(found.machines)
+    everyone, splits = tuple(range(found.machines)), halves(found.machines)
     sizes = {1.0: {2: machines, 10: machines, 30: 2 * machines, 300: machines}}  # by their cost
     sizes[0.0] = {30: machines, 300: machines // 2}
-    # what is taken is nearer to the factor of a prior's own fleets, of which two times as many are watched
-    own = _largest(found, [(everyone, everyone)], {k: {b: 2 * n for b, n in of.items()} for k, of in sizes.items()})
-    halved = _largest(found, splits, sizes)
+    own_sizes = {drift: {baseline: 2 * count for baseline, count in of.items()} for drift, of in sizes.items()}
+    alone = _factors(_largest(found, [(everyone, everyone)], own_sizes), layout)  # nearer to what is taken: more fleets
+    apart = _factors(_largest(found, splits, sizes), layout)
+    together = _largest(found, [(everyone, everyone)], own_sizes, widening=_rows(alone, layout))
     one_over = [1 / len(found.resampled(those).healthy) for those in (everyone, *splits[0])]
     share = one_over[0] / (one_over[1] + one_over[2])
+    wider = {
+        key: [
+            at_rate([one[-1] for one in together[key]], key[1]) * of_own * (of_halves / of_own) ** share
+            for of_own, of_halves in zip(alone[key], apart[key], strict=True)
+        ]
+        for key in alone
+    }
+    return _rows(wider, layout)
 
-    def of_all(key: tuple[int, float, float], group: int) -> float:
-        # alarms of a group are the part of the stated ones that its number of scores is
-        every = key[1] * layout.scores / np.count_nonzero(groups == group)
-        alone, apart = (at_rate([one[group] for one in of[key]], every) for of in (own, halved))
-        return float(alone * (apart / alone) ** share)
 
+def _factors(largest: Mapping[Key, list[list[NDArray[np.float32]]]], layout: Layout) -> dict[Key, list[float]]:
+    """Return the factor of each group at which its alarms are the part of the stated ones that its scores are."""
+    scores = np.bincount(layout.group_of)
+    return {
+        key: [at_rate([one[group] for one in of], key[1] * layout.scores / count) for group, count in enumerate(scores)]
+        for key, of in largest.items()
+    }
+
+
+def _rows(factors: Mapping[Key, list[float]], layout: Layout) -> list[list[list[float]]]:
+    """Return the factors of each group as a prior holds them."""
     return [
-        [[key[0], key[1] * layout.scores, key[2], round(of_all(key, group), 3)] for key in own]
-        for group in range(groups.max() + 1)
+        [[key[0], key[1] * layout.scores, key[2], round(of[group], 3)] for key, of in factors.items()]
+        for group in range(max(layout.group_of) + 1)
     ]
 
 
@@ -214,16 +232,20 @@ def _largest(
     found: Analyses,
     pairs: Sequence[tuple[Collection[int], Collection[int]]],
     sizes: Mapping[float, Mapping[int, int]],
-) -> dict[tuple[int, float, float], list[list[NDArray[np.float32]]]]:
-    """Return the largest indices of the groups of scores of fleets by baseline, rate and drift.
+    widening: Sequence[list[list[float]]] | None = None,
+) -> dict[Key, list[list[NDArray[np.float32]]]]:
+    """Return the largest indices of the groups of scores, and of all, of fleets by baseline, rate and drift.
 
     `pairs` are of machines learned from and watched; `sizes` has the number of machines to watch for each drift and
-    baseline, over all pairs.
+    baseline, over all pairs; `widening`, if given, that of each group, as a prior holds it.
     """
     _, _, layout = layout_of(found.series)
-    largest: dict[tuple[int, float, float], list[list[NDArray[np.float32]]]] = {}
+    largest: dict[Key, list[list[NDArray[np.float32]]]] = {}
     for learned_from, watched in pairs:
         learned = learn_prior(found, found.resampled(learned_from))
+        if widening is not None:
+            for group, rows in zip(learned["groups"], widening, strict=True):
+                group["widening"] = rows
         prior, drifting = prior_of(found.series, layout, learned), healthy_scores(learned)
         unseen = found.resampled(watched)
         for drift, fleets in ((1.0, unseen), (0.0, unseen.still())):
@@ -234,6 +256,6 @@ def _largest(
                     fleet = fleets.machines(CHUNK, baseline + WATCHED, rng)
                     seen = watch(fleet, baseline, RATES, layout, prior, models)
                     for rate, one in zip(RATES, seen, strict=True):
-                        groups = [of_components(one.index, layout, group) for group in range(len(models))]
+                        groups = [of_components(one.index, layout, group) for group in (*range(len(models)), None)]
                         largest.setdefault((baseline, rate, drift), []).append(groups)
     return largest
