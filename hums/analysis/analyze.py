@@ -170,7 +170,7 @@ def analyze(
         indicators += [] if channel.faulty else gear_indicators(of_gears)
         gears += of_gears
         if settings.pictures:
-            pictures.append(channel_pictures(channel, values, sampling(record, name), machine, settings))
+            pictures.append(channel_pictures(channel, stretch, sampling(record, name), machine, settings))
     excluded = [f'Channel "{name}" is dead and left out: it has the same value throughout.' for name in constant]
     excluded += [f'Channel "{name}" is left out: it has {gaps}.' for name, gaps in gapped.items()]
     conditions = _sensor_conditions(record, channels, gapped, constant, machine)

@@ -12,9 +12,10 @@ and none stands out, the strength counts a quarter; so does a line alone where i
 strikes are no sine. The strength of a part is that of its best band.
 
 A part is not counted for a line which another explains that is not its own: a multiple of a line, a sideband of a
-deeper one, or a part of a much deeper line's order, in whatever band that line is deepest; nor for a harmonic of the
-mains, nor for one of a comb of multiples of a shaft. Where its line stands at a multiple of a shaft of whose other
-multiples none does, it counts if healthy machines do not make lines there that are as strong.
+deeper one that is no harmonic of its own, or a part of a much deeper line's order, in whatever band that line is
+deepest; nor for a harmonic of the mains, nor for one of a comb of multiples of a shaft. Where its line stands at a
+multiple of a shaft of whose other multiples none does, it counts if healthy machines do not make lines there that are
+as strong.
 """
 
 import copy
@@ -233,7 +234,7 @@ def bearing_evidence(
     others = _Others(usable, setting)
     parts = [_part(seen, bearings[component], others) for (component, _), seen in families.items()]
     parts = [replace(part, beside=_beside(part, families)) if part.strength > 0 else part for part in parts]
-    return [replace(part, hidden_by=part.hidden_by or _of_a_stronger_part(part, parts)) for part in parts]
+    return [replace(part, hidden_by=part.hidden_by or _of_a_stronger_part(part, parts, bearings)) for part in parts]
 
 
 def _beside(
@@ -249,20 +250,28 @@ def _beside(
     return tuple(depths.values())
 
 
-def _of_a_stronger_part(part: PartEvidence, parts: Iterable[PartEvidence]) -> str:
+def _of_a_stronger_part(
+    part: PartEvidence, parts: Iterable[PartEvidence], bearings: Mapping[str, BearingOrders]
+) -> str:
     """Return which stronger part makes a part's line, in whatever bands the two stand, or an empty string.
 
     A line may be a harmonic of a deeper one of another bearing. A cage takes a damaged element of its bearing through
-    the load zone.
+    the load zone, and, where sidebands show that it does, makes lines at the multiples of its rate.
     """
     for other in parts:
-        element = (other.component, other.kind) == (part.component, "rolling_element") and not other.hidden_by
-        if part.kind == "cage" and element and other.strength > part.strength > 0:
+        if other.hidden_by or not other.strength > part.strength > 0:
+            continue
+        element, same = other.kind == "rolling_element", other.component == part.component
+        if element and same and part.kind == "cage":
             return f"it is the cage's rate, at which it takes {other.component} rolling element through the load zone"
-        multiple = round(part.found / other.found) if part.strength > 0 and other.strength > part.strength else 0
+        if element and not same and other.sidebands:
+            cage, near = bearings[other.component].cage, MATCH_BINS * part.bin_width
+            turns = round(part.found / cage) if cage > 2 * near else 0  # slower, and any line is near a multiple
+            if 0 < turns <= _SIDEBANDS and abs(part.found - turns * cage) <= near:
+                return f"it is {turns} times the rate at which a cage takes {other.component} rolling element round"
+        multiple = round(part.found / other.found)
         if (
-            other.component != part.component
-            and not other.hidden_by
+            not same
             and 1 < multiple <= _STRIKES
             and other.depth >= part.depth
             and abs(part.found - multiple * other.found) <= MATCH_BINS * part.bin_width * math.sqrt(multiple)
@@ -585,17 +594,19 @@ def _mains(family: Sequence[MeasuredLine], others: _Others) -> str:
 def _explanation(order: float, depth: float, others: _Others, own_multiple: int) -> str:
     """Return which other line explains a line, or an empty string.
 
-    Of a line at half its depth or more it may be a harmonic, but for `own_multiple`; of a deeper one a sideband; of a
-    much deeper one a part. Of lines that a shaft spaces alike one is no sideband of another with which it is the deeper
-    together with their harmonics.
+    Of a line at half its depth or more it may be a harmonic, but for `own_multiple`; of a deeper one a sideband, unless
+    that is its own harmonic; of a much deeper one a part. Of lines that a shaft spaces alike one is no sideband of
+    another with which it is the deeper together with their harmonics.
     """
     whole = _together(order, depth, others)
     for other, size in _about_as_deep(order, depth, others):
         name = f"the line at {other:.3f}, which modulates by {size:.1%} and which it does not explain"
+        own = size <= RIVAL_FACTOR * depth and _is_harmonic(other, order, others)
         for multiple in range(1, _MULTIPLES + 1):
             if multiple not in {1, own_multiple} and abs(order - multiple * other) <= others.width:
                 return f"it is {multiple} times {name}"
-            sideband = _sideband(order, multiple * other, others) if size >= depth else None
+            carrier = size >= depth and not own
+            sideband = _sideband(order, multiple * other, others) if carrier else None
             if sideband is not None and (multiple > 1 or _together(other, size, others) >= whole):
                 side, spacing = sideband
                 of = f"{multiple} times " if multiple > 1 else ""
@@ -604,6 +615,12 @@ def _explanation(order: float, depth: float, others: _Others, own_multiple: int)
         if 1 < parts <= _PARTS and size > RIVAL_FACTOR * depth and abs(other - parts * order) <= others.width:
             return f"it is a part of {name}"
     return ""
+
+
+def _is_harmonic(order: float, fundamental: float, others: _Others) -> bool:
+    """Whether a line is a harmonic of another, to a bin: by accident one in four is of the slowest that are judged."""
+    multiple = round(order / fundamental)
+    return 1 < multiple <= _STRIKES and abs(order - multiple * fundamental) <= others.width / MATCH_BINS
 
 
 def _modulated(order: float, depth: float, others: _Others) -> str:

@@ -4,6 +4,9 @@ A gear is followed by the meetings of one of its teeth with its mates: once a tu
 for each planet and turn relative to the carrier, of a planet once per turn relative to it. Sun, planets and ring so
 need no window about the planet passes; the passes modulate the level of a turn, which is divided out.
 
+In a record of two or three of its turns the waveform of the tooth has to repeat, not only its energy
+(`signals.angle.repeated_waveform`).
+
 The strength of the evidence is ``-log10`` of the probability that teeth whose energies are exponential have one that
 far out, 0 where it does not repeat. Real deviations are not quite that, so that the probability of a verdict is how
 often gears of healthy machines with deviations show the strength (`hums.analysis.healthy_machines`).
@@ -27,8 +30,15 @@ from hums.analysis.thresholds import DIFFERING_TEETH, FEWEST_CYCLES, GRAVE_RISE,
 from hums.gearbox.orders import DefectOrder
 from hums.gearbox.planetary_stages import planetary_stages
 from hums.records.record import Sampling
-from signals.angle.local_damage import LocalDamage, folded, local_damage
-from signals.angle.residual_energies import BandEnergies, mesh_contrast, residual_energies, tapered_transform
+from signals.angle.local_damage import PERMUTED_TURNS, LocalDamage, folded, local_damage
+from signals.angle.repeated_waveform import repeated_waveform
+from signals.angle.residual_energies import (
+    BandEnergies,
+    mesh_contrast,
+    residual_energies,
+    tapered_transform,
+    whitened_residual,
+)
 from signals.resampling.resampling import PASSBAND, AngularSignal
 
 __all__ = ["GearJudgement", "ToothEnvelope", "gear_damage", "gear_indicators", "gear_verdicts", "healthy_probability"]
@@ -294,6 +304,14 @@ class _Judge:
         """Probability of a tooth that is as far out, from which on its gear is named."""
         return float(10.0 ** -self.library.strength_at(self.threshold, parts=self.tests))
 
+    @cached_property
+    def white(self) -> AngularSignal:
+        """The residual, its bands of equal power."""
+        residual = self.residual
+        return whitened_residual(
+            residual.signal, meshes=residual.meshes, edges=self.energies.edges, transform=residual.transform
+        )
+
     def of(self, row: GearJudgement, gear: _Tooth, keep: NDArray[np.bool_] | None = None) -> GearJudgement:
         """Return the judgement of a gear, from some of the samples."""
         least, most = _ROTATIONS
@@ -311,6 +329,11 @@ class _Judge:
         except ValueError as error:
             return replace(row, not_judged=f"too short or too slowly sampled: {error}")
         found = local_damage(folds, rotations=rotations, rng=np.random.default_rng(0), stated=self.named_at)
+        if found.turns < PERMUTED_TURNS:
+            repeats = repeated_waveform(
+                self.white, order=gear.row.order, teeth=gear.per_turn, position_rev=found.position_rev, keep=keep
+            )
+            found = replace(found, repeats=repeats)
         return replace(row, **self._fields(found))
 
     def _fields(self, found: LocalDamage) -> dict[str, Any]:

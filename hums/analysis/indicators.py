@@ -452,7 +452,12 @@ def _raw_signal_indicators(stretch: Stretch, channel: AnalysedChannel, machine: 
         f"velocity from {band[0]:g} to {band[1]:g} Hz",
         lambda: (
             velocity(
-                values, rate_hz=channel.rate_hz, units=channel.units, band_hz=band, transform=stretch.transform
+                values,
+                rate_hz=channel.rate_hz,
+                units=channel.units,
+                band_hz=band,
+                transform=stretch.transform,
+                reduced=True,
             ).rms
         ),
         unit="mm s-1",

@@ -11,7 +11,7 @@ from typing import TYPE_CHECKING, Any
 import numpy as np
 import xarray as xr
 
-from hums.analysis.channel import AnalysedChannel, Values
+from hums.analysis.channel import AnalysedChannel, Stretch, Values
 from hums.analysis.indicators import SHAFT_ORDERS, Gear, gears_on_shafts, shaft_average
 from hums.analysis.reference_angle import Machine
 from hums.analysis.settings import AnalysisSettings
@@ -41,14 +41,14 @@ class ChannelPictures:
 
 
 def channel_pictures(
-    channel: AnalysedChannel, values: Values, when: Sampling, machine: Machine, settings: AnalysisSettings
+    channel: AnalysedChannel, stretch: Stretch, when: Sampling, machine: Machine, settings: AnalysisSettings
 ) -> ChannelPictures:
-    """Return the pictures of a channel with samples `values`."""
-    made = {WAVEFORM: _waveform(values, when)}
+    """Return the pictures of a channel with the samples of `stretch`."""
+    made = {WAVEFORM: _waveform(stretch.values, when)}
     makers: dict[str, Callable[[], xr.Dataset]] = {
         ORDER_MAP: partial(_order_map, channel, machine),
         AVERAGES: partial(_averages, channel, machine, settings),
-        KURTOGRAM: partial(_kurtogram, values, when),
+        KURTOGRAM: partial(_kurtogram, stretch, when),
     }
     for name, make in makers.items():
         try:
@@ -162,9 +162,11 @@ def _averages(channel: AnalysedChannel, machine: Machine, settings: AnalysisSett
     )
 
 
-def _kurtogram(values: Values, when: Sampling) -> xr.Dataset:
+def _kurtogram(stretch: Stretch, when: Sampling) -> xr.Dataset:
     """Return the bands of the kurtogram with the kurtosis of each."""
-    gram = fast_kurtogram(values[:_KURTOGRAM_SAMPLES], rate_hz=when.rate_hz)
+    values = stretch.values
+    transform = stretch.transform if values.size <= _KURTOGRAM_SAMPLES else None
+    gram = fast_kurtogram(values[:_KURTOGRAM_SAMPLES], rate_hz=when.rate_hz, transform=transform)
     return xr.Dataset(
         {name: ("band", getattr(gram, name)) for name in ("level", "low_hz", "high_hz", "kurtosis", "noise_std")},
         attrs={"seconds": min(values.size, _KURTOGRAM_SAMPLES) / when.rate_hz},

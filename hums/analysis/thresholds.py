@@ -132,6 +132,14 @@ gears of one shaft the other is named second in either case. Halved, impacts nam
 with more teeth is named first, whatever mesh is modulated.
 """
 
+TOOTH_ACCIDENT = 0.1
+"""Probability that a line is at a multiple of a tooth's rate by accident, above which the tooth explains no line.
+
+Of ten damaged bearings beside such a tooth, which are rare on one machine, it so hides one at most. By reasoning alone:
+lines within `EXACT_BINS` of a multiple are that many in gears that turn seven times in the record. Halved, impacts of a
+tooth in fewer than fourteen turns are read as races; doubled, one in five of those bearings is hidden.
+"""
+
 EXACT_BINS = 0.35
 """Distance in bins within which a line that is locked to a measured shaft is read.
 

@@ -37,11 +37,13 @@ from hums.analysis.reference_angle import Machine
 from hums.analysis.result import Analysis, group, rows_dataset, rows_of
 from hums.analysis.settings import AnalysisError, AnalysisSettings
 from hums.analysis.thresholds import (
+    EXACT_BINS,
     FEWEST_CYCLES,
     SAME_SPEED,
     SHAFT_CERTAINTY,
     SHAFT_GROWTH,
     SLOWEST_VELOCITY_HZ,
+    TOOTH_ACCIDENT,
     ZONE_SHARE,
 )
 from hums.gearbox.orders import BEARING_KINDS
@@ -191,9 +193,10 @@ def verdicts_from(groups: Mapping[str, xr.Dataset], attrs: Mapping[Any, Any]) ->
     # bearings and gears share what may be named in health
     bearings = bool(parts) or any(row.kind in BEARING_KINDS for row in unmeasured)
     chance = settings["false_alarm_probability"] / (2 if gears and bearings else 1)
+    teeth_named = [row for row in gears if row.probability <= chance and not row.explained_by]
     judged = [
         *bearing_verdicts(
-            parts,
+            [_beside_teeth(part, teeth_named) for part in parts],
             false_alarm_probability=chance,
             faulty=faulty,
             library=_library(evidence),
@@ -210,6 +213,21 @@ def verdicts_from(groups: Mapping[str, xr.Dataset], attrs: Mapping[Any, Any]) ->
         why = "speed: the tachometer is faulty, so that no order is sure"
         return [judging_nothing(one, why, "judged with a sound tachometer") for one in judged]
     return judged
+
+
+def _beside_teeth(part: PartEvidence, named: Sequence[GearJudgement]) -> PartEvidence:
+    """Return the evidence for a bearing's part, hidden where impacts of one of the teeth that are named make its line.
+
+    They come once a turn and make lines at all multiples of their rate, exactly. A race does not make a tooth: impacts
+    at a whole multiple of the turn, which a bearing that slips strikes by accident, meet several teeth alike. Where the
+    multiples are so dense that a line is on one by accident, nothing is explained.
+    """
+    for row in named if part.strength > 0 and not part.hidden_by else ():
+        multiple, near = round(part.found / row.order), EXACT_BINS * part.bin_width
+        if multiple > 0 and abs(part.found - multiple * row.order) <= near and 2 * near <= TOOTH_ACCIDENT * row.order:
+            text = f"it is {multiple} times the rate at which the tooth of {row.component} that stands out meets others"
+            return replace(part, hidden_by=text)
+    return part
 
 
 @cache

@@ -9,15 +9,16 @@ the share of any single impact.
 
 Two tests must both reject. That nothing repeats with this gear's turn: the blocks are turned against one another at
 random (a permutation test, exact where blocks are exchangeable under rotation; stopped early as Besag & Clifford 1991,
-Biometrika 78, 301-304). That the tooth differs from others no more than they do among themselves, for pitch deviations
-of a sound gear repeat, too. In a band of sidebands a Gaussian deviation of each tooth has two Gaussian quadratures, so
-that the energies of sound teeth are exponential above what they have in common. Their scale is estimated in two ways,
-from others that are as m independent values. Where noise makes most of their scatter, their standard deviation is
-sharp; that of exponentials scatters twice as much as a mean, so that the excess over their mean in this unit has a tail
-bounded by F(2, m). Where teeth differ, one or two large ones decide it, and few teeth leave no evidence; their mean
-above the lowest is then the sufficient statistic, and the excess over the lowest in this unit is F(2, 2 m - 2), exact
-whatever they have in common. The two probabilities are combined by their geometric mean times e, which holds whatever
-their dependence (Vovk & Wang 2020, Biometrika 107, 791-808).
+Biometrika 78, 301-304); of two or three turns the waveform is tested in place (`signals.angle.repeated_waveform`). That
+the tooth differs from others no more than they do among themselves, for pitch deviations of a sound gear repeat, too.
+In a band of sidebands a Gaussian deviation of each tooth has two Gaussian quadratures, so that the energies of sound
+teeth are exponential above what they have in common. Their scale is estimated in two ways, from others that are as m
+independent values. Where noise makes most of their scatter, their standard deviation is sharp; that of exponentials
+scatters twice as much as a mean, so that the excess over their mean in this unit has a tail bounded by F(2, m). Where
+teeth differ, one or two large ones decide it, and few teeth leave no evidence; their mean above the lowest is then the
+sufficient statistic, and the excess over the lowest in this unit is F(2, 2 m - 2), exact whatever they have in common.
+The two probabilities are combined by their geometric mean times e, which holds whatever their dependence (Vovk & Wang
+2020, Biometrika 107, 791-808).
 
 A damaged tooth is short and so wide in order: it stands at one place of the turn in many bands. The probabilities of
 the bands at one place are combined by their product, and a tooth may repeat in one band and stand out in another.
@@ -48,14 +49,18 @@ if TYPE_CHECKING:
 
 __all__ = [
     "FEWEST_TURNS",
+    "PERMUTED_TURNS",
     "FoldedEnergies",
     "LocalDamage",
     "folded",
     "local_damage",
 ]
 
-FEWEST_TURNS = 4
-"""Turns of a gear that a judgement needs: rotations of fewer blocks than four repeat by chance too often."""
+FEWEST_TURNS = 2
+"""Turns of a gear that a judgement needs: in fewer nothing repeats."""
+
+PERMUTED_TURNS = 4
+"""Turns from which on energies are rotated at random: rotations of fewer blocks repeat by chance too often."""
 
 _BLOCKS = (8, 24)  # least, of as many turns, and most; more cost time and no longer sharpen the scatter
 _FEWEST_CELLS, _LEAST_CELLS, _MOST_CELLS = 10, 24, 128  # of a turn: needed, aimed at, and most
@@ -227,7 +232,7 @@ class LocalDamage:
         The larger of the two below.
     repeats : float
         Probability that blocks turned at random repeat as well as this place does in any band, anywhere; at least
-        ``1 / (rotations + 1)``.
+        ``1 / (rotations + 1)``; 1 of fewer turns than `PERMUTED_TURNS`, where `repeated_waveform` tests it.
     differing : float
         The smallest `repeats` of all bands: whether anything repeats with the turn, at one tooth or several.
     local : float
@@ -308,6 +313,9 @@ def local_damage(
         there, others = _at_peaks(values.mean(axis=-2), observed, width, energies)
         places += there
         compared += [others.row(peak) for peak in range(len(there))]
+    if energies.turns < PERMUTED_TURNS:
+        best = min(range(len(places)), key=lambda at: (places[at].local, -places[at].statistic))
+        return replace(places[best], least_rise=compared[best].least_rise(stated))
     worthwhile = min(place.local for place in places) < _UNLIKELY
     null = _rotated_maxima(smoothed, most if worthwhile else _FIRST, float(observed.max()), rng)
 

@@ -6,8 +6,9 @@ tooth adds is short and so wide in order, and stays. `signals.angle.local_damage
 
 from __future__ import annotations
 
+import itertools
 import math
-from dataclasses import dataclass, field
+from dataclasses import dataclass, field, replace
 from typing import TYPE_CHECKING
 
 import numpy as np
@@ -24,7 +25,7 @@ if TYPE_CHECKING:
 
     from signals.resampling.resampling import AngularSignal
 
-__all__ = ["BandEnergies", "mesh_contrast", "residual_energies", "tapered_transform"]
+__all__ = ["BandEnergies", "mesh_contrast", "residual_energies", "tapered_transform", "whitened_residual"]
 
 _HARMONICS = 40  # of each mesh removed; a mesh has no measurable ones beyond
 _NEAR_MESH = 0.25  # of the mesh order: half of all lines are nearer to a harmonic, half of them farther from it
@@ -123,6 +124,54 @@ def residual_energies(
         energies[band] += np.square(analytic.imag)
         energies[band] *= (2 * length / size) ** 2
     return BandEnergies(values=energies, samples_per_rev=length / per_order, start_rev=signal.start_rev, edges=edges)
+
+
+def whitened_residual(
+    signal: AngularSignal,
+    *,
+    meshes: Mapping[float, float],
+    edges: Array,
+    transform: NDArray[np.complex128] | None = None,
+) -> AngularSignal:
+    """Return a signal without its mesh harmonics, its bands scaled to the same power.
+
+    Parameters
+    ----------
+    signal : AngularSignal
+        Samples over the angle of the reference.
+    meshes, transform
+        As in `residual_energies`.
+    edges : (band + 1,) array
+        Limits of the bands, orders of the reference; what lies outside of them is removed.
+
+    Returns
+    -------
+    AngularSignal
+        With a mean square of one in each band that has any power.
+
+    Examples
+    --------
+    >>> import numpy as np
+    >>> from signals import AngularSignal
+    >>> from signals.angle.residual_energies import whitened_residual
+    >>> x = np.random.default_rng(0).normal(size=64 * 128)
+    >>> signal = AngularSignal(values=x, samples_per_rev=128, start_rev=0.0, passband_orders=56.0)
+    >>> found = whitened_residual(signal, meshes={20.0: 2.5}, edges=np.array([4.0, 30.0, 56.0]))
+    >>> round(float(np.mean(found.values**2)), 1)  # of two bands
+    2.0
+    """
+    lines = tapered_transform(signal) if transform is None else transform
+    size = signal.values.size
+    per_order = size / signal.samples_per_rev
+    left_out = _of_meshes(lines.size, per_order, meshes)
+    bins = np.rint(np.asarray(edges) * per_order).astype(int)
+    white = np.zeros_like(lines)
+    for low, high in itertools.pairwise(bins.tolist()):
+        np.copyto(white[low:high], lines[low:high], where=~left_out[low:high])
+        power = 2 * float(np.sum(white[low:high].real ** 2 + white[low:high].imag ** 2)) / size**2
+        if power > 0:
+            white[low:high] /= math.sqrt(power)
+    return replace(signal, values=fft.irfft(white, size))
 
 
 def tapered_transform(signal: AngularSignal) -> NDArray[np.complex128]:

@@ -22,7 +22,7 @@ import numpy as np
 from numpy.typing import ArrayLike, NDArray
 from scipy import fft
 
-from signals._fft_plans import forget_plans, without_mean
+from signals._fft_plans import forget_plans, transform_of, without_mean
 from signals._validation import Array, Samples, checked, positive, real_samples, whole
 from signals._windows import window_of
 from signals.spectra.spectra import hop_of, transformed
@@ -216,7 +216,12 @@ class Kurtogram:
 
 @checked
 def fast_kurtogram(
-    x: ArrayLike, *, rate_hz: float, levels: int | None = None, with_negentropy: bool = False
+    x: ArrayLike,
+    *,
+    rate_hz: float,
+    levels: int | None = None,
+    with_negentropy: bool = False,
+    transform: NDArray[np.complexfloating] | None = None,
 ) -> Kurtogram:
     """Return the kurtosis over bands and bandwidths from a tree of filters (Antoni 2007).
 
@@ -230,6 +235,8 @@ def fast_kurtogram(
         Number of halvings; default 7, or as many as leave 320 samples in the narrowest band.
     with_negentropy : bool
         Whether the negentropy of the squared envelope's spectrum (Antoni 2016) is computed.
+    transform : (n // 2 + 1,) array, optional
+        The Fourier transform of the record without its mean, where it is known.
 
     Returns
     -------
@@ -263,14 +270,15 @@ def fast_kurtogram(
     >>> bool(gram.low_hz[best] <= 3000 <= gram.high_hz[best])
     True
     """
-    signal = _in_single_precision(_vibration(x, minimum=2 * FEWEST_SAMPLES))
+    signal, largest = _in_single_precision(_vibration(x, minimum=2 * FEWEST_SAMPLES))
+    known = None if transform is None else transform_of(signal, transform)
     rate = positive(rate_hz, name="rate_hz")
     most = int(np.log2(signal.size / FEWEST_SAMPLES))
     depth = min(LEVELS, most) if levels is None else whole(levels, name="levels", least=1, most=most)
     rows = sorted(
         (
             (level, index, width, re.size, *_moments(re, im, negentropy=with_negentropy))
-            for level, index, width, re, im in _bands(signal, depth)
+            for level, index, width, re, im in _bands(signal, _hilbert_transform(signal, largest, known), depth)
         ),
         key=itemgetter(0, 1),
     )
@@ -311,21 +319,22 @@ def _largest(x: Samples) -> float:
     return max(float(x.max()), -float(x.min()))
 
 
-def _in_single_precision(x: Samples) -> Single:
-    """Return the signal over its largest value (in place), so that fourth powers neither over- nor underflow."""
-    x /= x.dtype.type(_largest(x))
-    return np.asarray(x, dtype=np.float32)
+def _in_single_precision(x: Samples) -> tuple[Single, float]:
+    """Return the signal over its largest value (in place), so that fourth powers stay in range, and that value."""
+    largest = _largest(x)
+    x /= x.dtype.type(largest)
+    return np.asarray(x, dtype=np.float32), largest
 
 
-def _bands(signal: Single, depth: int) -> Iterator[tuple[float, int, float, Single, Single]]:
-    """Yield level, index, width over half the rate, and complex envelope of each band of the tree.
+def _bands(signal: Single, imaginary: Single, depth: int) -> Iterator[tuple[float, int, float, Single, Single]]:
+    """Yield level, index, width over half the rate, and complex envelope of each band of the analytic signal's tree.
 
     The bands of a level take each other's memory, fresh one being slow to come by: each is to be used before the next.
     """
     from signals.demodulation._kurtogram_kernels import split_band  # noqa: PLC0415
 
     memory: dict[tuple[int, int], tuple[Single, Single]] = {}
-    waiting = [(0, 0, signal, _hilbert_transform(signal))]
+    waiting = [(0, 0, signal, imaginary)]
     while waiting:  # depth first, so that a band is still in the cache when it is split
         level, index, re, im = waiting.pop()
         yield float(level), index, 0.5**level, re, im
@@ -343,11 +352,18 @@ def _bands(signal: Single, depth: int) -> Iterator[tuple[float, int, float, Sing
                     yield level + float(np.log2(3)), 3 * index + b, 0.5**level / 3, out_re[b], out_im[b]
 
 
-def _hilbert_transform(signal: Single) -> Single:
-    """Return the Hilbert transform, the imaginary part of the analytic signal."""
+def _hilbert_transform(signal: Single, largest: float, known: NDArray[np.complexfloating] | None) -> Single:
+    """Return the Hilbert transform, the imaginary part of the analytic signal.
+
+    The transform `known` of the signal times `largest` serves where it has as many samples as a fast one.
+    """
     size = fft.next_fast_len(signal.size, real=True)
-    lines = fft.rfft(signal, size)
-    lines *= -1j
+    if known is not None and size == signal.size:
+        lines = np.empty(known.size, dtype=np.complex64)
+        np.multiply(known, -1j / largest, out=lines, casting="same_kind")
+    else:
+        lines = np.asarray(fft.rfft(signal, size))
+        lines *= -1j
     transform = np.asarray(fft.irfft(lines, size, overwrite_x=True)[: signal.size])
     forget_plans(size)
     return transform

@@ -221,46 +221,6 @@ def correlate(
 
 
 @compiled_in_place
-def correlate_steady(
-    starts: Floats, orders: Floats, products: Floats, work: Floats, turns: Floats, sums: Floats
-) -> None:
-    """Fill what `correlate` does, of whole blocks without missing samples whose angle grows steadily.
-
-    With `a` and `b` the angles of two orders, `2 cos a cos b = cos(a - b) + cos(a + b)`, and so on: the moments are
-    those of the difference and of the sum over one block, turned by the angle at the start of each.
-
-    Parameters
-    ----------
-    starts : (block,) array, angle at the first sample of each block in rad.
-    orders, sums : as for `correlate`.
-    products : (4, moment, order, order) array, over a block whose angle starts at 0: half the moments of the cos and
-        sin of `a - b`, then of `a + b`.
-    work, turns : scratch, (2, order, block) and (4, order) arrays.
-    """
-    count, cosine, sine = orders.size, work[0], work[1]
-    for a in range(count):
-        fill_phasors(orders[a], starts, cosine[a], sine[a])
-    for block in range(starts.size):
-        for a in range(count):
-            cos_a, sin_a = cosine[a, block], sine[a, block]
-            for b in range(count):
-                cos_b, sin_b = cosine[b, block], sine[b, block]
-                turns[0, b], turns[1, b] = cos_a * cos_b + sin_a * sin_b, sin_a * cos_b - cos_a * sin_b
-                turns[2, b], turns[3, b] = cos_a * cos_b - sin_a * sin_b, sin_a * cos_b + cos_a * sin_b
-            for moment in range(sums.shape[1]):
-                cos_cos, cos_sin = sums[block, moment, a, :count], sums[block, moment, a, count:]
-                sin_cos, sin_sin = sums[block, moment, count + a, :count], sums[block, moment, count + a, count:]
-                own = products[:, moment, a]
-                for b in range(count):
-                    even = own[0, b] * turns[0, b] - own[1, b] * turns[1, b]
-                    odd = own[0, b] * turns[1, b] + own[1, b] * turns[0, b]
-                    even_more = own[2, b] * turns[2, b] - own[3, b] * turns[3, b]
-                    odd_more = own[2, b] * turns[3, b] + own[3, b] * turns[2, b]
-                    cos_cos[b], sin_sin[b] = even + even_more, even - even_more
-                    cos_sin[b], sin_cos[b] = odd - odd_more, -odd - odd_more
-
-
-@compiled_in_place
 def evaluate(pieces: Floats, length: int, skip: int, every: int, values: Floats) -> None:
     """Fill the values of pairs of piecewise cubics, the real and imaginary parts, at samples evenly apart.
 

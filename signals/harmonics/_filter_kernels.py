@@ -99,29 +99,6 @@ def _update_diffuse(V: Floats, h: Floats, ph: Floats, known: float, a: Floats, c
 
 
 @compiled_sums_in_place
-def _covariance_times(P: Floats, h: Floats, ph: Floats) -> None:
-    """Fill `ph = P h`, where h is the part of a regressor for the levels; that for the differences is zero.
-
-    Two rows, the quadratures of an order, share what is read of h, and the start and end of the loop.
-    """
-    for a in range(0, ph.size, 2):
-        first, second = 0.0, 0.0
-        for b in range(h.size):
-            first += P[a, b] * h[b]
-            second += P[a + 1, b] * h[b]
-        ph[a], ph[a + 1] = first, second
-
-
-@compiled_sums_in_place
-def _update_covariance(P: Floats, gain: Floats, ph: Floats) -> None:
-    """Subtract `gain ph^T` from P."""
-    for a in range(gain.size):
-        gain_a = gain[a]
-        for b in range(ph.size):
-            P[a, b] = P[a, b] - gain_a * ph[b]
-
-
-@compiled_sums_in_place
 def _transition_rows(values: Floats, width: int) -> None:
     """Replace (state, any) values by `F values`: each block becomes its sum with all later ones."""
     for a in range(len(values) - width - 1, -1, -1):
@@ -142,26 +119,19 @@ def _transition_columns(values: Floats, width: int) -> None:
 
 @compiled_sums_in_place
 def filter_covariance(
-    x: Floats, phase: Floats, orders: Floats, shaft: Indices, process: Floats, diffuse: bool, mean: Floats, P: Floats,
-    V: Floats, outputs: tuple[int, int], work: Floats, rows: Floats, innovations: Floats, innovation_variances: Floats,
-    levels: Floats, variances: Floats,
+    x: Floats, phase: Floats, orders: Floats, shaft: Indices, process: Floats, mean: Floats, P: Floats,
+    outputs: tuple[int, int], innovations: Floats, innovation_variances: Floats, levels: Floats, variances: Floats,
+    V: Floats, diffuse: bool, work: Floats, rows: Floats,
 ) -> None:  # fmt: skip
     """Run the covariance filter over some samples, with measurements `x = h . levels + noise` of variance 1.
 
-    Parameters
-    ----------
-    x : (sample, channel) array, NaN where missing, in all channels.
-    phase, orders, shaft : (shaft, sample) array in rad, (order,) cycles per revolution, (order,) indices into `phase`.
-    process : (sample or 1, 2 order) array, variances Q of the increments after each sample.
-    diffuse : whether V is not zero.
-    mean : (channel, state) array, predicted for the first sample on entry, for the one after the last on return.
-    P, V : (state, state) arrays, the covariance of the mean is P + V V^T.
-    outputs : samples before the first of them, and from one to the next.
-    work, rows : scratch, (5, PIECE or state) and (PIECE, 2 order) arrays.
-    innovations : (sample, channel) array, filled: normalised by their standard deviations, 0 where missing.
-    innovation_variances : (sample,) array, filled: 0 where missing.
-    levels : (output, channel, 2 order) array, filled.
-    variances : (output, order) array, filled: half the sum over both quadratures, of which the mean's second is 0.
+    Given are (sample, channel) x, NaN where missing in all channels; (shaft, sample) angles, orders and the shaft of
+    each; (sample or 1, 2 order) variances of the increments after each sample; the samples before the first output, and
+    from one to the next; whether V is not zero; scratch of (5, PIECE or state) and (PIECE, 2 order). The
+    (channel, state) mean and its covariance P + V V^T, predicted for the first sample, become those for the one after
+    the last. Filled are (sample, channel) innovations over their standard deviations, their (sample,) variances, both
+    left zero where missing, (output, channel, 2 order) levels, and (output, order) variances: half the sums over both
+    quadratures, of which the mean's second is 0.
     """
     (samples, channels), (skip, every) = x.shape, outputs
     width, size = process.shape[1], mean.shape[1]
@@ -172,17 +142,21 @@ def filter_covariance(
         if at == 0:
             _fill_regressors(phase, orders, shaft, i, work[0], work[1], rows)
         h = rows[at]
-        innovation_variances[i] = 0.0
-        for channel in range(channels):
-            innovations[i, channel] = 0.0
         if not np.isnan(x[i, 0]):
             # Gain K = P h / s with s = 1 + h . P h; update P - K (P h)^T.
-            _covariance_times(P, h, ph)
+            for a in range(0, size, 2):  # the quadratures of an order share what is read of h
+                first, second = 0.0, 0.0
+                for b in range(width):
+                    first += P[a, b] * h[b]
+                    second += P[a + 1, b] * h[b]
+                ph[a], ph[a + 1] = first, second
             known = 1.0 + _dot(h, ph[:width])
             precision = 1.0 / known
             for a in range(size):
-                gain[a] = precision * ph[a]
-            _update_covariance(P, gain, ph)
+                share = precision * ph[a]
+                gain[a] = share
+                for b in range(size):
+                    P[a, b] -= share * ph[b]
             variance = known
             if diffuse:  # gain K = (P + V V^T) h / s with s = 1 + h . (P + V V^T) h
                 variance = _update_diffuse(V, h, ph, known, projection, gain)
@@ -211,12 +185,11 @@ def filter_covariance(
         step = min(i, len(process) - 1)
         for b in range(width):
             P[size - width + b, size - width + b] += process[step, b]
-        if size > width:
-            _transition_rows(P, width)
-            _transition_columns(P, width)
-            _transition_columns(mean, width)
-            if diffuse:
-                _transition_rows(V, width)
+        _transition_rows(P, width)
+        _transition_columns(P, width)
+        _transition_columns(mean, width)
+        if diffuse:
+            _transition_rows(V, width)
 
 
 @compiled_in_place
@@ -282,38 +255,15 @@ def _eliminate(groups: Floats, share: float, one: float, two: float, gain: Float
             gain[LANES * g + c], second[LANES * g + c] = first, last
 
 
-@compiled_sums_in_place
-def _dot_rows(a: Floats, i: int, b: Floats, j: int) -> float:
-    """Return the inner product of two rows, which as arrays of their own would be counted as references."""
-    total = 0.0
-    for c in range(b.shape[1]):
-        total += a[i, c] * b[j, c]
-    return total
-
-
-@compiled_in_place
-def _update_means(
-    means: Floats, between: Floats, channel: int, gain: Floats, second_gain: Floats, innovation: float, second: float
-) -> None:
-    """Add K e of both samples of a pair; `between` is filled with the means after the first."""
-    for c in range(gain.size):
-        mean = means[channel, c] + gain[c] * innovation
-        between[channel, c] = mean
-        means[channel, c] = mean + second_gain[c] * second
-
-
 @compiled_in_place
 def _store(means: Floats, groups: Floats, late: int, levels: Floats, variances: Floats, output: int) -> None:
     """Fill an output after the first or the second sample of a pair: variances are half the sums over quadratures."""
     for channel in range(len(means)):
         for c in range(levels.shape[2]):
             levels[output, channel, c] = means[channel, c]
-    row = AFTER + LANES * late
-    for g in range(len(groups)):
-        for k in range(LANES // 2):
-            order = LANES // 2 * g + k
-            if order < variances.shape[1]:
-                variances[output, order] = 0.5 * (groups[g, row + 2 * k] + groups[g, row + 2 * k + 1])
+    for order in range(variances.shape[1]):
+        g, c = 2 * order // LANES, AFTER + LANES * late + 2 * order % LANES
+        variances[output, order] = 0.5 * (groups[g, c] + groups[g, c + 1])
 
 
 def _aligned(*shape: int) -> Floats:
@@ -392,16 +342,19 @@ def _filter_tiles(
         for channel in range(channels):
             innovation, second = 0.0, 0.0  # e = x - h . mean
             if seen:
-                innovation = x[i, channel] - _dot_rows(means, channel, rows, n)
+                innovation = x[i, channel] - _dot(means[channel], rows[n])
             if second_seen:
-                second = x[i + 1, channel] - _dot_rows(means, channel, rows, n + 1) - share * innovation
-            _update_means(means, between, channel, gain, second_gain, innovation, second)
+                second = x[i + 1, channel] - _dot(means[channel], rows[n + 1]) - share * innovation
+            for c in range(gain.size):
+                between[channel, c] = means[channel, c] + gain[c] * innovation
+                means[channel, c] = between[channel, c] + second_gain[c] * second
             innovations[i, channel] = innovation * np.sqrt(precision)
             if both:
                 innovations[i + 1, channel] = second * np.sqrt(second_precision)
-        innovation_variances[i] = variance if seen else 0.0
-        if both:
-            innovation_variances[i + 1] = second_variance if second_seen else 0.0
+        if seen:
+            innovation_variances[i] = variance
+        if second_seen:
+            innovation_variances[i + 1] = second_variance
         for late in range(1 + both):
             if due == i + late:
                 _store(means if late else between, groups, late, levels, variances, output)
@@ -432,17 +385,10 @@ def _filter_ahead(
     x: Floats, first: int, rows: Floats, gains: Floats, ahead: Floats, state: Floats, skip: int, every: int,
     innovations: Floats, levels: Floats, unused: Floats,
 ) -> int:  # fmt: skip
-    """Run the filter with one pole over a piece, `LOOK_AHEAD` samples at a time; return the first sample left over.
+    """Run the filter with one pole over the piece from sample `first` on; return the first sample left over.
 
-    The products of their regressors with the levels before the first do not wait for one another.
-
-    Parameters
-    ----------
-    first : first sample of the piece.
-    rows : its regressors.
-    ahead : (LOOK_AHEAD,) array, what an innovation adds to the prediction so many samples on.
-    x, gains, state, skip, every, innovations, levels : as for `filter_steadily`.
-    unused : (2 order,) array for levels that are no outputs.
+    The products of `LOOK_AHEAD` regressors with the levels before the first of them do not wait for one another.
+    `ahead` is what an innovation adds to the prediction so many samples on; the others as for `filter_steadily`.
     """
     width, samples = gains.shape[1], min(first + len(rows), len(x)) - first
     samples -= samples % LOOK_AHEAD
@@ -487,20 +433,10 @@ def filter_steadily(
     With one pole an innovation e then adds `e sum_k g_k cos(m order_k step)` to the prediction m samples on, and
     `_filter_ahead` finds `LOOK_AHEAD` innovations at a time.
 
-    Parameters
-    ----------
-    x : (sample, channel) array.
-    phase, orders, shaft : as for `filter_covariance`.
-    turn : (2, PIECE order) array, cos and sin of what each order turns in a piece, for all of its samples; of no
-        columns where the shaft turns unsteadily.
-    ahead : (LOOK_AHEAD,) array of these sums; of no elements with more poles.
-    gains : (pole, 2 order) array, which times h are the Kalman gains.
-    skip, every : samples before the first output, and from one to the next, more than the former.
-    state : (channel, pole, 2 order) array, predicted for the first sample on entry, for the one after the last on
-        return.
-    work, rows, flat : scratch: (3, PIECE or more, at least 2 order) and (PIECE, 2 order) arrays, and the rows in one.
-    innovations : (sample, channel) array, filled.
-    levels : (output, channel, 2 order) array, filled.
+    `turn` holds cos and sin of what each order turns in a piece, for all of its samples: of shape (2, 0) where the
+    shaft turns unsteadily. `ahead` holds these sums, none with more poles. The (pole, 2 order) gains times h are the
+    Kalman gains; the (channel, pole, 2 order) state is the mean of `filter_covariance`, as the other arguments are its;
+    `work` and `rows` are scratch of (3, PIECE or 2 order) and (PIECE, 2 order), `flat` is the rows in one.
     """
     samples, channels = x.shape
     poles, width = gains.shape

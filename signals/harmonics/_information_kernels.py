@@ -20,56 +20,43 @@ BACKWARD = np.array([_STORE, _UPDATE, _PROPAGATE, _MARGINALISE])
 
 
 @compiled_in_place
-def weigh(gram: Floats, data: Floats, products: Floats, basis: Floats, information: Floats, score: Floats) -> None:
-    """Fill what the moments of each node say on its state, whose differences have polynomials for regressors.
+def weigh(gram: Floats, products: Floats, information: Floats) -> None:
+    """Fill (node, pole, width, pole, width) information on differences whose regressors are polynomials.
 
-    Parameters
-    ----------
-    gram : (node or 1, moment, width, width) array, moments of the products of the regressors of the levels.
-    data : (node, pole, width, lane) array, moments of regressors times data.
-    products, basis : (pole, pole, moment) and (pole, pole) arrays, coefficients of the products of two polynomials, and
-        of each.
-    information : (node or 1, pole, width, pole, width) array, filled.
-    score : (node, pole, width, lane) array, filled.
+    From (node, moment, width, width) moments of the products of the regressors of the levels, and the (pole, pole,
+    moment) coefficients of the products of two polynomials.
     """
-    poles, width = basis.shape[0], gram.shape[2]
     for node in range(len(gram)):
-        for i in range(poles):
-            for a in range(width):
-                for j in range(poles):
+        for i in range(len(products)):
+            for a in range(gram.shape[2]):
+                for j in range(len(products)):
                     row = information[node, i, a, j]
-                    for b in range(width):
+                    for b in range(row.size):
                         row[b] = products[i, j, 0] * gram[node, 0, a, b]
                     for moment in range(1, gram.shape[1]):
                         factor = products[i, j, moment]
                         if factor != 0.0:
-                            for b in range(width):
+                            for b in range(row.size):
                                 row[b] += factor * gram[node, moment, a, b]
-    for node in range(len(data)):
-        for i in range(poles):
-            for a in range(width):
-                row = score[node, i, a]
-                for lane in range(row.size):
-                    row[lane] = basis[i, 0] * data[node, 0, a, lane]
-                for moment in range(1, poles):
-                    for lane in range(row.size):
-                        row[lane] += basis[i, moment] * data[node, moment, a, lane]
 
 
 @compiled_in_place
-def _marginalise(
+def marginalise(
     process: Floats, at: int, renewed: bool, matrix: Floats, vector: Floats, column: Floats, squares: Floats
 ) -> float:
-    """Marginalise over the increments of the highest differences; return `log det(I + Q J)`.
+    """Marginalise over the increments of the highest differences; return `log det(I + Q J)`, NaN if not positive.
 
     One increment after the other: `J -= q / (1 + q J_aa) J_a J_a^T`, j likewise. Where increments replace the
-    differences instead of adding to them, the old ones are integrated out: `J -= J_a J_a^T / J_aa`, and `J_aa = 1 / q`.
-    `column`, (state,), is scratch; `squares`, (lane,), grows by the terms in j^2 of the completed squares.
+    differences instead of adding to them, the old ones are integrated out: `J -= J_a J_a^T / J_aa`, and `J_aa = 1 / q`;
+    so a whole state with q = 1, which leaves `log det J`. `column`, (state,), is scratch; `squares`, (lane,), grows by
+    the terms in j^2 of the completed squares: of a whole state by `j^T J^-1 j`.
     """
     size = len(matrix)
     log_determinant, product = 0.0, 1.0  # of few losses there is one logarithm
     for a in range(process.shape[1]):
         loss = process[at, a] * matrix[a, a] + (0.0 if renewed else 1.0)
+        if not loss > 0.0:
+            return np.nan
         kept = 0.0 if renewed else 1.0 / loss
         if not SMALL_PRODUCT < product * loss < LARGE_PRODUCT:
             log_determinant, product = log_determinant + np.log(product), 1.0
@@ -138,7 +125,7 @@ def filter_information(
                     for i in range(row.size):
                         vectors[node, i] = row[i]
             elif step == _MARGINALISE:
-                log_determinant += _marginalise(
+                log_determinant += marginalise(
                     process, min(node, len(process) - 1), renewed, matrix, vector, column, squares
                 )
             else:  # J becomes F^-T J F^-1, backward F^T J F
@@ -153,27 +140,6 @@ def filter_information(
                     for b in range(size):
                         for a in range(start, start + width):
                             matrix[b, a] += sign * matrix[b, a + width]
-    return log_determinant
-
-
-@compiled_in_place
-def integrate_out(matrix: Floats, vector: Floats, squares: Floats) -> float:
-    """Integrate out a whole state, in place, the last number first; return `log det J`, NaN where J is not positive.
-
-    `squares`, (lane,), grows by `j^T J^-1 j`, a term for each number; other parameters as for `filter_information`.
-    """
-    log_determinant = 0.0
-    for a in range(len(matrix) - 1, -1, -1):
-        row, loss = matrix[a], matrix[a, a]
-        log_determinant += np.log(loss) if loss > 0.0 else np.nan
-        for lane in range(squares.size):
-            squares[lane] += vector[a, lane] * vector[a, lane] / loss
-        for b in range(a):
-            share = row[b] / loss
-            for c in range(b + 1):
-                matrix[b, c] -= share * row[c]
-            for lane in range(squares.size):
-                vector[b, lane] -= share * vector[a, lane]
     return log_determinant
 
 

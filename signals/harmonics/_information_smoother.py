@@ -111,12 +111,12 @@ class NodeChain:
         gram = self.gram(nodes) if callable(self.gram) else self.gram if one else self.gram[nodes]
         data = self.data(nodes) if callable(self.data) else self.data[nodes]
         (known, _, width, _), (count, poles, _, lanes) = gram.shape, data.shape
-        basis = np.ascontiguousarray(newton_basis(poles)[::-1])
-        products = np.array([[np.convolve(one, other) for other in basis] for one in basis])
-        information, score = np.empty((known, poles, width, poles, width)), np.empty((count, poles, width, lanes))
-        weigh(np.ascontiguousarray(gram), np.ascontiguousarray(data), products, basis, information, score)
-        matrix, vector = self.before
-        return NodeInformation(information.reshape(known, matrix.size), score.reshape(count, vector.size))
+        basis, products = newton_basis(poles)
+        information = np.empty((known, poles, width, poles, width))
+        weigh(np.ascontiguousarray(gram), products, information)
+        score = basis @ data.reshape(count, poles, width * lanes)
+        size = poles * width
+        return NodeInformation(information.reshape(known, size**2), score.reshape(count, size * lanes))
 
     def outside(self, nodes: slice) -> Outside:
         """Return the information of all other nodes on the state at the first and at the last node of a range."""
@@ -163,12 +163,16 @@ class SmoothedChain(NamedTuple):
 
 
 @lru_cache
-def newton_basis(poles: int) -> Floats:
-    """(pole, pole) array: coefficients of powers of u of each difference's polynomial in Newton's backward formula."""
+def newton_basis(poles: int) -> tuple[Floats, Floats]:
+    """Coefficients of powers of u of each difference's polynomial in Newton's backward formula, and of their products.
+
+    (pole, pole) and (pole, pole, 2 pole - 1) arrays, the highest difference first.
+    """
     rows = [np.ones(1)]
     for k in range(1, poles):
         rows.append(np.convolve(rows[-1], [k - 2, 1]) / k)
-    return np.array([np.pad(row, (0, poles - row.size)) for row in rows])
+    basis = np.array([np.pad(row, (0, poles - row.size)) for row in rows[::-1]])
+    return basis, np.array([[np.convolve(one, other) for other in basis] for one in basis])
 
 
 def smooth_chain(chain: NodeChain, *, first: int) -> SmoothedChain:
@@ -237,8 +241,6 @@ def smooth_stretches(chain: NodeChain, *, first: int) -> Iterator[tuple[slice, S
 
 def information_at_end(chain: NodeChain) -> Information:
     """Return the forward information on the state at the last node, with its data."""
-    state, last = chain.before.copy(), slice(chain.nodes - 1, chain.nodes)
-    early, stored = slice(0, last.start), chain.buffer(last)
-    chain.filter(early, FORWARD, state, chain.measured(early), chain.buffer(slice(0, 0)))
-    chain.filter(last, FORWARD, state, chain.measured(last), stored)
-    return Information(*(part.reshape(like.shape) for part, like in zip(stored, chain.before, strict=True)))
+    last = slice(chain.nodes - 1, chain.nodes)
+    before, _ = chain.outside(last)
+    return Information(*(own + more.reshape(own.shape) for own, more in zip(before, chain.measured(last), strict=True)))

@@ -7,7 +7,7 @@ from typing import Any
 import numpy as np
 from numpy.typing import ArrayLike, NDArray
 
-from signals._validation import nearest, number, positive, writable
+from signals._validation import nearest, number, positive, real_array, writable
 from signals.harmonics.model import BandwidthUnits, Floats, Indices, Order
 
 SAMPLES_AT_ONCE = 1 << 15  # so that temporary arrays stay in the cache
@@ -205,12 +205,7 @@ def check_phase_std(
 
 
 def _real_array(name: str, value: ArrayLike | None, *, dims: tuple[int, ...] = (1,)) -> Floats:
-    array = np.asarray(value)
-    if array.dtype == object:
-        # Fractions arrive as objects; anything else that is not a number is caught here by name.
-        array = np.array([number(item, name=name) for item in array.flat]).reshape(array.shape)
-    if array.dtype.kind not in "iuf":
-        raise ValueError(f"{name} holds {array.dtype} values; real numbers are needed.")
+    array = real_array(value, name=name)  # type: ignore[arg-type]
     if array.ndim not in dims:
         raise ValueError(
             f"{name} has shape {array.shape}; needed {'a number or ' if 0 in dims else ''}"

@@ -23,7 +23,7 @@ from typing import TYPE_CHECKING
 import numpy as np
 
 from signals._validation import checked, positive, real_array, whole
-from signals.harmonics._information_kernels import FORWARD, filter_information, integrate_out
+from signals.harmonics._information_kernels import FORWARD, filter_information, marginalise
 from signals.harmonics._information_smoother import Information, NodeChain, NodeInformation
 from signals.harmonics._validation import check_noise_variance, check_orders, check_record
 from signals.harmonics.bandwidth import MOST_POLES, quadrature_noise, variance_ratio
@@ -32,12 +32,11 @@ from signals.harmonics.block_smoother import BlockFit, block_length, one_of_each
 from signals.harmonics.coupling import (
     Smoothed,
     WithoutOthers,
-    alike,
     chain_alone,
     chain_together,
     everywhere,
-    keep,
-    no_neighbours,
+    inserted,
+    smooth_alone,
     smooth_group,
 )
 from signals.harmonics.model import Complexes, Floats, HarmonicModel, Indices, Order, lost
@@ -83,15 +82,11 @@ class ChainLikelihood:
 
     Attributes
     ----------
-    model
-        The state-space model of the orders.
-    length
-        Samples between nodes.
-    measured
-        Information in the data, for noise of unit variance.
-    before
-        Prior information on the state at the first node, of two poles at least: amplitudes of one pole are straight
-        lines between nodes too, with independent differences.
+    model : state-space model of the orders.
+    length : samples between nodes.
+    measured : information in the data, for noise of unit variance.
+    before : prior information on the state at the first node, of two poles at least: amplitudes of one pole are
+        straight lines between nodes too, with independent differences.
     """
 
     model: HarmonicModel
@@ -103,11 +98,6 @@ class ChainLikelihood:
     def noise(self) -> Floats:
         """(order,) array, noise of a quadrature between nodes, for noise of unit variance."""
         return quadrature_noise(self.model.orders, 1.0 / self.length)
-
-    @cached_property
-    def _order_of_column(self) -> Indices:
-        columns = len(self.before.matrix) // max(2, self.model.poles)  # one where orders share it
-        return self.model.order_of_column[:columns]
 
     @classmethod
     def of(cls, model: HarmonicModel, chain: NodeChain, length: int) -> ChainLikelihood:
@@ -123,7 +113,8 @@ class ChainLikelihood:
     def log_likelihood(self, bandwidth: ArrayLike) -> Floats:
         """Return the (lane,) log likelihoods, less a constant, of (order,) bandwidths in cycles per sample."""
         ratio = variance_ratio(np.minimum(np.asarray(bandwidth) * self.length, 1.0), self.model.poles)
-        process = (ratio * self.noise)[self._order_of_column][None]
+        columns = len(self.before.matrix) // max(2, self.model.poles)  # one where orders share it
+        process = (ratio * self.noise)[self.model.order_of_column[:columns]][None]
         state = self.before.copy()
         matrix, vector = state
         squares, unstored = np.zeros(vector.shape[1]), (np.empty((0, matrix.size)), np.empty((0, vector.size)))
@@ -131,7 +122,9 @@ class ChainLikelihood:
             *self.measured, process, self.model.poles == 1, FORWARD, *state.unfolded(), *unstored, squares
         )
         # 2 log L = j J^-1 j + the filter's completed squares - log det J - the sum of log det(I + Q J)
-        log_determinant += integrate_out(matrix, vector, squares)
+        log_determinant += marginalise(
+            np.ones((1, len(matrix))), 0, True, matrix, vector, np.empty(len(matrix)), squares
+        )
         if np.isnan(log_determinant):
             raise np.linalg.LinAlgError("information matrix is not positive definite")
         return np.asarray((squares - log_determinant) / 2)
@@ -218,12 +211,9 @@ class LikelyTracks:
 
     Attributes
     ----------
-    bandwidth : (order,) array
-        As of `likely_bandwidth`.
-    complex_amplitude : (order, output) array
-        In the unit of the record, ``Re{complex_amplitude exp(j order phase)}`` being the order's waveform.
-    std : (order, output) array
-        Of the real and of the imaginary part.
+    bandwidth : (order,) array, as of `likely_bandwidth`.
+    complex_amplitude : (order, output) array in the unit of the record, relative to `order phase`.
+    std : (order, output) array, of the real and of the imaginary part.
     """
 
     bandwidth: Floats
@@ -248,23 +238,8 @@ def likely_tracks(
     They are those of `track_orders` at the bandwidths of `likely_bandwidth`; orders are separated once for both, at the
     largest bandwidth. A change at the edge of that band is smoothed by 0.3 % more than sample by sample.
 
-    Parameters
-    ----------
-    x, phase_rad, orders, samples_per_rev, largest_bandwidth_orders, noise_variance
-        As of `likely_bandwidth`; the orders differ.
-    output_every
-        Samples from one output to the next.
-    poles
-        As of `likely_bandwidth`, 2 to 4.
-
-    Returns
-    -------
-    LikelyTracks
-
-    Raises
-    ------
-    ValueError
-        As `likely_bandwidth`, or of an order that is given twice.
+    Parameters are those of `likely_bandwidth`, with orders that differ and 2 to 4 poles; `output_every` is in samples.
+    It raises what `likely_bandwidth` does, and ValueError of an order that is given twice.
 
     Examples
     --------
@@ -328,17 +303,14 @@ def _checked(
 class _Chains:
     """Distinct orders without all others, each over the standard deviation of its noise.
 
-    Attributes
-    ----------
-    model : of all orders, at the largest bandwidth.
-    grid : the record in blocks short enough to subtract orders, and to smooth them.
-    std : (order,) array, of the noise; one for all of a group.
-    alone : orders that no other is near, with their data.
-    groups : orders that are near one another, with their data.
+    The model is of all orders, at the largest bandwidth; the grid has blocks short enough to subtract orders, and to
+    smooth them, of which `blocks` are one of the likelihood. `std`, (order,), is of the noise, one for all of a group;
+    `alone` and `groups` are orders that no other is near, and others, with their data.
     """
 
     model: HarmonicModel
     grid: Grid
+    blocks: int
     std: Floats
     alone: tuple[Indices, Floats]
     groups: list[tuple[Indices, Floats]]
@@ -363,23 +335,18 @@ class _Chains:
             noise = np.full(model.orders.size, fit.residuals(startup).mean_square[0])
         std = np.sqrt(np.where(noise > 0, noise, 1.0))
         others = WithoutOthers(grid, fit.smoothed.levels, everywhere(grid))
-        alone, near = _groups(fit.closeness, seen, cls._blocks(grid, width) * grid.length)
+        blocks = max(1, int(BLOCK / (width * grid.length)))
+        alone, near = _groups(fit.closeness, seen, blocks * grid.length)
         for group in near:
             std[group] = std[group].mean()
         return cls(
-            model=model, grid=grid, std=std, alone=(alone, others.alone(alone) / std[alone, None, None]),
+            model=model, grid=grid, blocks=blocks, std=std, alone=(alone, others.alone(alone) / std[alone, None, None]),
             groups=[(group, others.together(group) / std[group[0]]) for group in near],
         )  # fmt: skip
 
-    @staticmethod
-    def _blocks(grid: Grid, width: float) -> int:
-        """Return the short blocks from node to node of the likelihood."""
-        return max(1, int(BLOCK / (width * grid.length)))
-
     def most_likely(self) -> Floats:
         """Return the (order,) bandwidths in cycles per sample."""
-        model, width = self.model, float(self.model.bandwidth[0, 0])
-        blocks = self._blocks(self.grid, width)
+        model, blocks, width = self.model, self.blocks, float(self.model.bandwidth[0, 0])
         length = blocks * self.grid.length
         prior_std = PRIOR_STD * sqrt(2 / length)
         nodes = replace(self.grid, length=length, model=replace(self.grid.model, prior_std=prior_std))
@@ -394,7 +361,7 @@ class _Chains:
                 own = likelihood.lanes(slice(2 * k, 2 * k + 2))
                 found[order] = _maximise(own.log_likelihood, tried, values[:, k], orders=1)[0]
         for group, data in self.groups:
-            everything, prior = slice(0, nodes.nodes), no_neighbours(nodes, group)
+            everything, prior = slice(0, nodes.nodes), inserted(nodes, group, 0, [])
             chain = chain_together(nodes, group, everything, joined(data, blocks), prior)
             likelihood = ChainLikelihood.of(model.subset(group), chain, length)
             values = np.array([likelihood.log_likelihood(np.exp(b)).sum() for b in tried])
@@ -406,9 +373,7 @@ class _Chains:
         grid = replace(self.grid, model=replace(self.grid.model, bandwidth=bandwidth[:, None]))
         smoothed, counts = Smoothed.empty(grid, 0), grid.at_nodes(grid.seen_counts)
         alone, data = self.alone
-        for group in alike(grid, alone):
-            chain = chain_alone(grid, group, data[:, :, np.searchsorted(alone, group)], counts)
-            keep(smoothed, group, chain, everywhere(grid))
+        smooth_alone(grid, alone, data, counts, smoothed)
         for group, data in self.groups:
             smooth_group(grid, group, data, smoothed)
         return smoothed.levels * self.std[:, None], np.sqrt(smoothed.variances) * self.std[:, None]

@@ -99,15 +99,11 @@ class Grid:
     @cached_property
     def seen_counts(self) -> Floats:
         """(block, moment) sums over the samples seen of powers of u."""
-        return self.count_seen(self.squares)
-
-    def count_seen(self, moments: int) -> Floats:
-        """(block, moment) array, so many moments of the samples seen."""
-        counts = np.repeat(self._powers(moments).sum(axis=0)[None], self.blocks, axis=0)
+        counts = np.repeat(self._powers(self.squares).sum(axis=0)[None], self.blocks, axis=0)
         whole = np.logical_and.reduceat(self.seen, np.arange(0, self.samples, self.length))
         whole[-1] &= self.samples % self.length == 0
         for samples, blocks in self.runs(~whole):
-            counts[blocks] = self.counts(self.seen[samples].astype(np.float64), moments)
+            counts[blocks] = self.counts(self.seen[samples].astype(np.float64), self.squares)
         return counts
 
     @cached_property
@@ -269,34 +265,42 @@ class Grid:
         return np.concatenate([np.zeros_like(moments[:1]), moments])
 
     @cached_property
-    def _known_products(self) -> dict[bytes, Floats]:
-        """Products of the phasors of some orders, named by their indices."""
+    def _known_products(self) -> dict[bytes, tuple[Complexes, Complexes]]:
+        """Half the moments over a block of e^(-ja) e^(jb) and of e^(-ja) e^(-jb), named by the orders' indices."""
         return {}
 
-    def _products(self, orders: Indices) -> Floats:
-        """(4, moment, order, order) array for `correlate_steady` in `_block_kernels`."""
+    def _correlate_steady(self, orders: Indices, blocks: slice, sums: Floats) -> None:
+        """Add what `correlate` does, of whole blocks without missing samples whose angle grows steadily.
+
+        With a and b the angles of two orders, `2 cos a cos b = cos(a - b) + cos(a + b)`, and so on: the moments are
+        those of the difference and of the sum over one block, turned by the angle at the start of each.
+        """
         name = orders.tobytes()
         if name not in self._known_products:
             assert self.steady_step is not None  # noqa: S101  (the caller's choice)
-            angle = self.steady_step * np.arange(self.length)[:, None] * self.model.orders[orders]
-            phasors = _block_kernels.phasors(-angle)
-            weighted = 0.5 * (self._powers(self.squares)[:, :, None] * phasors[:, None]).transpose(1, 2, 0)
-            difference, total = weighted @ phasors.conj(), weighted @ phasors
-            self._known_products[name] = np.stack([difference.real, difference.imag, total.real, total.imag])
-        return self._known_products[name]
+            one = _block_kernels.phasors(self.steady_step * np.arange(self.length)[:, None] * self.model.orders[orders])
+            weighted = 0.5 * (self._powers(self.squares)[:, :, None] * one[:, None]).transpose(1, 2, 0)
+            self._known_products[name] = weighted @ one.conj(), weighted @ one
+        turn, count = self._turn(blocks, orders)[:, None, :, None], orders.size
+        for known, other, sign in zip(self._known_products[name], (turn.conj(), turn), (1.0, -1.0), strict=True):
+            own = known * turn  # and in place from here on: it is as large as the result
+            own *= other.swapaxes(2, 3)
+            sums[..., :count, :count] += own.real
+            sums[..., count:, :count] += own.imag
+            own *= sign
+            sums[..., count:, count:] += own.real
+            sums[..., :count, count:] -= own.imag
 
     def gram(self, orders: Indices, nodes: slice) -> Floats:
         """(node, moment, column, column) array, of products of the columns of some orders what nodes stand for."""
         first, last = max(nodes.start - 1, 0), min(nodes.stop, self.blocks)
         sums = np.zeros((last - first, self.squares, 2 * orders.size, 2 * orders.size))
         model = self.model
-        step = self.steady_step if self.seen.all() else None
-        steady = first if step is None else max(first, min(last, self.samples // self.length))
-        if step is not None and steady > first:
-            starts = np.ascontiguousarray(model.phases[0][first * self.length : steady * self.length : self.length])
-            own = model.orders[orders]
-            work, turns = np.empty((2, own.size, starts.size)), np.empty((4, own.size))
-            _block_kernels.correlate_steady(starts, own, self._products(orders), work, turns, sums[: steady - first])
+        steady = first
+        if self.seen.all() and self.steady_step is not None:
+            steady = max(first, min(last, self.samples // self.length))
+        if steady > first:
+            self._correlate_steady(orders, slice(first, steady), sums[: steady - first])
         for samples, blocks in self.spans(steady, last):
             seen, phase = self.seen[samples].astype(np.float64), model.phase(samples)
             part = sums[blocks.start - first : blocks.stop - first]

@@ -12,15 +12,15 @@ groups. *Exact*: short blocks and all orders jointly, with an error below a few 
 of one sample. See `docs/trackers.md`.
 """
 
-from dataclasses import dataclass, field, replace
+from dataclasses import dataclass, replace
 from math import inf, pi, sqrt
 
 import numpy as np
 from numpy.typing import NDArray
 
-from signals.harmonics._information_smoother import SmoothedChain, smooth_stretches
+from signals.harmonics._information_smoother import NodeChain, smooth_stretches
 from signals.harmonics.block_grid import Grid, at_outputs, evaluated, pieces_between
-from signals.harmonics.coupling import Coupling, Smoothed, chain_together, couple, no_neighbours, smooth_apart
+from signals.harmonics.coupling import Coupling, Smoothed, by_order, chain_together, couple, inserted, smooth_apart
 from signals.harmonics.innovations import Innovations
 from signals.harmonics.kalman_filter import count_innovations
 from signals.harmonics.model import Complexes, Estimate, Floats, HarmonicModel, Indices
@@ -46,6 +46,8 @@ LONGEST_EXACT = 1 / 150, 1 / 64
 # What moving amplitudes may lose between nodes in the exact setting, as a part of `std`: the error measured is up to
 # twice as large.
 LARGEST_DROOP = 1.2e-3
+# Nodes of the stretch after that a cubic reaches: the first of them, and one more on either side of the next block.
+AHEAD = 3
 
 
 def block_length(model: HarmonicModel, samples: int, rtol: float) -> int:
@@ -112,7 +114,8 @@ def fast(
     fit = BlockFit.of(grid, startup=startup, coupled=coupled)
     smoothed, residuals = fit.smoothed, fit.residuals(startup)
     if fit.coupling:
-        far = _far_above_std(smoothed, residuals.mean_square, tolerance)
+        least = np.sqrt(smoothed.variances.min() * residuals.mean_square)
+        far = bool(np.any(tolerance * np.abs(smoothed.levels).max(axis=(1, 2)) > SMALL_PART * least))
         if not (far and seen.all()):
             fit.coupling.smooth_ends(smoothed)
         for number in range(FULL_ROUNDS if far else 0):
@@ -162,15 +165,17 @@ def exact(
     length, group = exact_length(model, seen.size), np.arange(kept.size)
     while True:
         grid = Grid(model=one_each, x=x, seen=seen, length=length, tolerance=0.0, shared=np.bincount(member))
-        chain = chain_together(grid, group, slice(0, grid.nodes), None, no_neighbours(grid, group))
-        outputs = BlockOutputs.empty(grid, every=output_every)
-        for nodes, part in smooth_stretches(chain, first=0):
-            outputs.take(nodes, part)
-        lost = outputs.droop(std)  # grows with the square of the length
+        chain = chain_together(grid, group, slice(0, grid.nodes), None, inserted(grid, group, 0, []))
+        amplitude, variance, bend = _outputs(grid, chain, every=output_every)
+        # A triangular weight takes a twelfth of its second difference off an envelope: root mean square, over `std`.
+        loss = np.sqrt(bend / max(grid.nodes - 2, 1)) / 12
+        noise = np.sqrt(variance.mean(axis=1)) * std[:, None]
+        lost = float(np.max(np.divide(loss, noise, out=np.zeros_like(loss), where=noise > 0)))
         if length == 1 or lost <= LARGEST_DROOP:
             break
+        # The loss grows with the square of the length.
         length = max(1, min(int(length * sqrt(LARGEST_DROOP / lost)), length - 1))
-    amplitude, variance = _share_out(grid, member, outputs.amplitude, outputs.variance, every=max(output_every, length))
+    amplitude, variance = _share_out(grid, member, amplitude, variance, every=max(output_every, length))
     return innovations.estimate(amplitude, variance, std_spacing=None if output_every > length else length)
 
 
@@ -180,13 +185,6 @@ def exact_length(model: HarmonicModel, samples: int | None = None) -> int:
     most = 6 * model.state_size
     most = most if samples is None else min(most, samples // FEWEST_BLOCKS)
     return max(1, min(int(LONGEST_EXACT[model.poles > 1] / model.bandwidth.max()), most))
-
-
-def _far_above_std(smoothed: Smoothed, noise: Floats, tolerance: float) -> bool:
-    """Return whether the tolerance times the largest amplitude exceeds `SMALL_PART` of the least `std`."""
-    std = np.sqrt(smoothed.variances.min() * noise)
-    largest = np.abs(smoothed.levels).max(axis=(1, 2))
-    return bool(np.any(tolerance * largest > SMALL_PART * std))
 
 
 def one_of_each(model: HarmonicModel) -> tuple[Indices, Indices]:
@@ -289,84 +287,35 @@ class BlockFit:
         return found
 
 
-# Nodes of the stretch after that a cubic reaches: the first of them, and one more on either side of the next block.
-AHEAD = 3
+def _outputs(grid: Grid, chain: NodeChain, *, every: int) -> tuple[Complexes, Floats, Floats]:
+    """Smooth a chain of all orders stretch by stretch, in memory that does not grow with nodes where outputs are fewer.
 
-
-@dataclass(eq=False)
-class BlockOutputs:
-    """Outputs so far, in memory that does not grow with the number of nodes where outputs are fewer.
-
-    Attributes
-    ----------
-    grid : the record.
-    every : samples between outputs.
-    amplitude : (channel, order, output) array.
-    variance : (order, output) array; (order, node) where there are more outputs than nodes.
-    bend : (channel, order) array, sum of the squared second differences of the amplitudes at the nodes.
+    Returns (channel, order, output) amplitudes; (order, output) variances, (order, node) where there are more outputs
+    than nodes; and (channel, order) sums of the squared second differences of the amplitudes at the nodes.
     """
-
-    grid: Grid
-    every: int
-    amplitude: Complexes
-    variance: Floats
-    bend: Floats
-    _levels: Complexes = field(repr=False)
-    _variances: Floats = field(repr=False)
-    _emitted: int = field(repr=False)
-
-    @classmethod
-    def empty(cls, grid: Grid, *, every: int) -> "BlockOutputs":
-        """Return the outputs before any stretch is smoothed."""
-        channels, orders = len(grid.x), grid.model.orders.size
-        outputs = -(-grid.samples // every)
-        known = grid.nodes if every <= grid.length else outputs
-        return cls(
-            grid=grid,
-            every=every,
-            amplitude=np.empty((channels, orders, outputs), dtype=np.complex128),
-            variance=np.empty((orders, known)),
-            bend=np.zeros((channels, orders)),
-            _levels=np.empty((channels, orders, 0), dtype=np.complex128),
-            _variances=np.empty((orders, 0)),
-            _emitted=grid.blocks,
-        )
-
-    def take(self, nodes: slice, smoothed: SmoothedChain) -> None:
-        """Fill the outputs that a stretch and the one after it determine."""
-        grid, model, length = self.grid, self.grid.model, self.grid.length
-        own = [model.amplitude(smoothed.levels[:, :, channel]) for channel in range(len(grid.x))]
-        levels = np.concatenate([np.stack(own), self._levels], axis=-1)
-        variances = np.concatenate([model.variance(smoothed.variances), self._variances], axis=-1)
+    model, length, places = grid.model, grid.length, np.arange(0, grid.samples, every)
+    amplitude = np.empty((len(grid.x), model.orders.size, places.size), dtype=np.complex128)
+    variance = np.empty((model.orders.size, grid.nodes if every <= length else places.size))
+    bend, end = np.zeros(amplitude.shape[:2]), grid.blocks
+    levels, variances = amplitude[..., :0], variance[:, :0]
+    for nodes, part in smooth_stretches(chain, first=0):
+        own = by_order(model, part)
+        levels = np.concatenate([own[0], levels[..., :AHEAD]], axis=-1)
+        variances = np.concatenate([own[1], variances[:, :AHEAD]], axis=-1)
         count = nodes.stop - nodes.start
-        self.bend += np.sum(np.abs(np.diff(levels[..., : count + 2], 2, axis=-1)) ** 2, axis=-1)
-        if self.every <= length:
-            self.variance[:, nodes] = variances[:, :count]
+        bend += np.sum(np.abs(np.diff(levels[..., : count + 2], 2, axis=-1)) ** 2, axis=-1)
+        if every <= length:
+            variance[:, nodes] = own[1]
         else:
-            first, last = (-(-node * length // self.every) for node in (nodes.start, nodes.stop))
-            here = np.arange(first, min(last, self.amplitude.shape[-1])) * self.every
+            some = slice(*np.searchsorted(places, [nodes.start * length, nodes.stop * length]))
             at = length * np.arange(nodes.start, nodes.start + variances.shape[1])
-            for k, values in enumerate(np.sqrt(variances)):  # as `OrderTracks.std` does it between nodes
-                self.variance[k, first:last] = np.interp(here, at, values) ** 2
-        begin, end = nodes.start + (nodes.start > 0), self._emitted
+            for k, std in enumerate(np.sqrt(variances)):  # as `OrderTracks.std` does it between nodes
+                variance[k, some] = np.interp(places[some], at, std) ** 2
+        begin = nodes.start + (nodes.start > 0)  # a cubic needs the node before its block
         if begin < end:
             pieces = pieces_between(levels, cubic=model.poles > 1)[:, :, begin - nodes.start : end - nodes.start]
-            first = -(-begin * length // self.every)
-            last = self.amplitude.shape[-1] if end == grid.blocks else -(-end * length // self.every)
-            skip = first * self.every - begin * length
-            self.amplitude[..., first:last] = evaluated(pieces, length, self.every, skip, last - first)
-            self._emitted = begin
-        self._levels, self._variances = levels[..., :AHEAD].copy(), variances[:, :AHEAD].copy()
-
-    def droop(self, noise_std: Floats) -> float:
-        """Return the loss of varying amplitudes between nodes over `std`: root mean square, of the worst order.
-
-        A triangular weight takes a twelfth of its second difference off an envelope.
-
-        Parameters
-        ----------
-        noise_std : (channel,) array.
-        """
-        lost = np.sqrt(self.bend / max(self.grid.nodes - 2, 1)) / 12
-        std = np.sqrt(self.variance.mean(axis=1)) * noise_std[:, None]
-        return float(np.max(np.divide(lost, std, out=np.zeros_like(lost), where=std > 0)))
+            some = slice(*np.searchsorted(places, [begin * length, end * length]))
+            skip, count = some.start * every - begin * length, some.stop - some.start
+            amplitude[..., some] = evaluated(pieces, length, every, skip, count)
+            end = begin
+    return amplitude, variance, bend

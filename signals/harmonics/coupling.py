@@ -12,10 +12,10 @@ from math import log, pi
 
 import numpy as np
 
-from signals.harmonics._information_smoother import Gram, Information, NodeChain, Outside, smooth_chain
+from signals.harmonics._information_smoother import Gram, Information, NodeChain, Outside, SmoothedChain, smooth_chain
 from signals.harmonics.bandwidth import Bandwidth
 from signals.harmonics.block_grid import Flags, Grid, pieces_between
-from signals.harmonics.model import Complexes, Floats, Indices
+from signals.harmonics.model import Complexes, Floats, HarmonicModel, Indices
 from signals.harmonics.separability import Closeness, coupled, leaks, left_over
 
 # ---- Information smoothers over the nodes of a grid: of each order alone, and of coupled groups of orders ------------
@@ -26,6 +26,8 @@ from signals.harmonics.separability import Closeness, coupled, leaks, left_over
 SMALLEST_SHARE = 0.6
 # Numbers in the products of columns of all nodes that are kept; more are made again, stretch by stretch.
 MOST_KEPT = 1 << 21
+
+Chains = list[tuple[Indices, NodeChain]]
 
 
 @dataclass(kw_only=True, eq=False)
@@ -79,8 +81,7 @@ def smooth_apart(grid: Grid, first: int) -> Smoothed:
         moments[blocks] = grid.project(weight * grid.x[:, samples], blocks, np.arange(orders))
         counts[blocks] = grid.counts(weight * grid.seen[samples], grid.squares)
     data, gram = grid.data(moments), grid.at_nodes(counts)
-    for group in alike(grid, np.arange(orders)):
-        keep(smoothed, group, chain_alone(grid, group, data[:, :, group], gram), everywhere(grid))
+    smooth_alone(grid, np.arange(orders), data, gram, smoothed)
     return smoothed
 
 
@@ -89,19 +90,29 @@ def everywhere(grid: Grid) -> Flags:
     return np.ones(grid.nodes, dtype=np.bool_)
 
 
-def keep(smoothed: Smoothed, group: Indices, chain: NodeChain, where: Flags) -> None:
-    """Smooth orders with equal process noise, each alone, and store their amplitudes at the nodes of `where`."""
-    found, variance, explained, log_variance = smooth_chain(chain, first=smoothed.first)
-    channels = len(smoothed.levels)
-    parts = found.shape[2] // (group.size * channels)
-    found = found.reshape(len(found), group.size, channels, parts).transpose(2, 1, 0, 3)
-    levels = found[..., 0].astype(np.complex128)
-    if parts > 1:
-        levels.imag = found[..., 1]
-    smoothed.levels[:, group] = np.where(where, levels, smoothed.levels[:, group])
-    smoothed.variances[group] = np.where(where, variance[:, 0], smoothed.variances[group])
-    smoothed.explained[group] = np.where(where, parts * explained, smoothed.explained[group])
-    smoothed.log_variances[group] = parts * log_variance
+def smooth_alone(
+    grid: Grid, orders: Indices, data: Floats, counts: Floats, smoothed: Smoothed, *, together: Flags | None = None
+) -> Chains:
+    """Smooth some orders, each alone, in place; return groups of them and their chains.
+
+    `data` and `counts` are those of `chain_alone`; nodes of `together`, (order, node) of all orders, are left out.
+    """
+    chains: Chains = []
+    for group in alike(grid, orders):
+        chain = chain_alone(grid, group, data[:, :, np.searchsorted(orders, group)], counts)
+        found, variance, explained, log_variance = smooth_chain(chain, first=smoothed.first)
+        parts = found.shape[2] // (group.size * len(grid.x))
+        found = found.reshape(len(found), group.size, len(grid.x), parts).transpose(2, 1, 0, 3)
+        levels = found[..., 0].astype(np.complex128)
+        if parts > 1:
+            levels.imag = found[..., 1]
+        where = everywhere(grid) if together is None else ~together[group]
+        smoothed.levels[:, group] = np.where(where, levels, smoothed.levels[:, group])
+        smoothed.variances[group] = np.where(where, variance[:, 0], smoothed.variances[group])
+        smoothed.explained[group] = np.where(where, parts * explained, smoothed.explained[group])
+        smoothed.log_variances[group] = parts * log_variance
+        chains.append((group, chain))
+    return chains
 
 
 def alike(grid: Grid, orders: Indices) -> list[Indices]:
@@ -134,45 +145,25 @@ def chain_alone(grid: Grid, group: Indices, data: Floats, counts: Floats) -> Nod
 
 def smooth_group(grid: Grid, group: Indices, data: Floats, smoothed: Smoothed, gram: Gram | None = None) -> NodeChain:
     """Smooth a group together, in place, over the whole record; return its chain. `gram` is that of an earlier one."""
-    chain = chain_together(grid, group, slice(0, grid.nodes), data, no_neighbours(grid, group), gram)
-    levels, variance, explained, log_variance = _solved(grid, group, chain, smoothed.first)
-    smoothed.levels[:, group], smoothed.variances[group] = levels, variance
-    smoothed.explained[group], smoothed.log_variances[group] = explained / group.size, log_variance / group.size
+    chain = chain_together(grid, group, slice(0, grid.nodes), data, inserted(grid, group, 0, []), gram)
+    found = smooth_chain(chain, first=smoothed.first)
+    smoothed.levels[:, group], smoothed.variances[group] = by_order(grid.model.subset(group), found)
+    smoothed.explained[group] = found.explained / group.size
+    smoothed.log_variances[group] = found.log_variance / group.size
     return chain
 
 
-def no_neighbours(grid: Grid, group: Indices) -> Outside:
-    """Return the information on a group from outside a whole record: the prior, and none."""
-    before = _prior(grid, group, 0)
-    return before, before.none()
+def inserted(grid: Grid, group: Indices, node: int, outside: list[tuple[Indices, Outside]]) -> Outside:
+    """Return the information on a group at the first node of a range and at the last, from all other nodes.
 
-
-def smooth_run(
-    grid: Grid, group: Indices, nodes: slice, data: Floats, outside: list[tuple[Indices, Outside]]
-) -> tuple[Complexes, Floats, Floats]:
-    """Smooth a group together over a range of nodes.
-
-    Parameters
-    ----------
-    data : (node, pole, order, channel, 2) array, of these nodes.
-    outside : of orders that share a chain, alike or together, the information of all other nodes: `NodeChain.outside`.
-
-    Returns
-    -------
-    levels, variances, explained : as `Smoothed` has them, of these orders and nodes.
+    From that on orders that share a chain, alike or together, as `NodeChain.outside` returns it; else the prior.
     """
-    before = _prior(grid, group, nodes.start)
+    before = Information.prior(grid.prior_variance(group, node), len(grid.x))
     after = before.none()
     for members, (early, late) in outside:
         _insert(grid, group, members, early, before)
         _insert(grid, group, members, late, after)
-    chain = chain_together(grid, group, nodes, data, (before, after))
-    levels, variances, explained, _ = _solved(grid, group, chain, 0)
-    return levels, variances, np.broadcast_to(explained / group.size, variances.shape)
-
-
-def _prior(grid: Grid, group: Indices, node: int) -> Information:
-    return Information.prior(grid.prior_variance(group, node), len(grid.x))
+    return before, after
 
 
 def _insert(grid: Grid, group: Indices, members: Indices, known: Information, of_group: Information) -> None:
@@ -236,19 +227,16 @@ def chain_together(
     )
 
 
-def _solved(grid: Grid, group: Indices, chain: NodeChain, first: int) -> tuple[Complexes, Floats, Floats, float]:
-    """Return (channel, order, node) levels of a group, (order, node) variances, and of all what they explain."""
-    model = grid.model.subset(group)
-    found, variance, explained, log_variance = smooth_chain(chain, first=first)
-    levels = np.stack([model.amplitude(found[:, :, channel]) for channel in range(found.shape[2])])
-    return levels, model.variance(variance), explained, log_variance
+def by_order(model: HarmonicModel, found: SmoothedChain) -> tuple[Complexes, Floats]:
+    """Return (channel, order, node) amplitudes and (order, node) variances of a chain of all columns of a model."""
+    levels = np.stack([model.amplitude(own) for own in np.moveaxis(found.levels, 2, 0)])
+    return levels, model.variance(found.variances)
 
 
 # ---- Coupling --------------------------------------------------------------------------------------------------------
 
 
 Gain = Callable[[Bandwidth, Floats], Floats]
-Chains = list[tuple[Indices, NodeChain]]
 
 # After so many time constants an end or gap has a hundredth of its effect; where more leaks, as many more as it takes
 # to fall to the tolerance.
@@ -351,16 +339,10 @@ class Coupling:
 
     def _smooth_lone(self, others: "WithoutOthers", smoothed: Smoothed) -> Chains:
         """Smooth, in place, orders where they are by themselves; return groups of them and their chains."""
-        chains: Chains = []
         if not self.lone.size:
-            return chains
+            return []
         gram = self.grid.at_nodes(self.grid.seen_counts)
-        data = others.alone(self.lone)
-        for group in alike(self.grid, self.lone):
-            chain = chain_alone(self.grid, group, data[:, :, np.searchsorted(self.lone, group)], gram)
-            keep(smoothed, group, chain, ~self.together[group])
-            chains.append((group, chain))
-        return chains
+        return smooth_alone(self.grid, self.lone, others.alone(self.lone), gram, smoothed, together=self.together)
 
     def _smooth_local_groups(self, others: "WithoutOthers", lone: Chains, smoothed: Smoothed) -> None:
         """Smooth jointly, in place, the orders that leak into one another near ends, gaps and jumps of a speed."""
@@ -368,11 +350,13 @@ class Coupling:
             inner = slice(kept.start - nodes.start, kept.stop - nodes.start)
             outside = [(members, chain.outside(nodes)) for members, chain in self.chains + lone] if local else []
             for group in local:
-                data = others.together(group, nodes)
-                levels, variance, explained = smooth_run(self.grid, group, nodes, data, outside)
+                known = inserted(self.grid, group, nodes.start, outside)
+                chain = chain_together(self.grid, group, nodes, others.together(group, nodes), known)
+                found = smooth_chain(chain, first=0)
+                levels, variance = by_order(self.grid.model.subset(group), found)
                 smoothed.levels[:, group, kept] = levels[..., inner]
                 smoothed.variances[group, kept] = variance[:, inner]
-                smoothed.explained[group, kept] = explained[:, inner]
+                smoothed.explained[group, kept] = found.explained[inner] / group.size
 
 
 class WithoutOthers:

@@ -1,6 +1,6 @@
 """Statistics of innovations and residuals: mean square, variance and autocorrelation."""
 
-from dataclasses import dataclass, field
+from dataclasses import dataclass
 from typing import Any
 
 import numpy as np
@@ -13,28 +13,18 @@ from signals.harmonics.model import LAGS, Complexes, Estimate, Floats, Patterns
 
 @dataclass
 class Innovations:
-    """Sums over normalised innovations, those over their standard deviations.
+    """Sums over normalised innovations, those over their standard deviations."""
 
-    Attributes
-    ----------
-    square : (channel,) array, sum of their squares.
-    log_variance : sum of the logarithms of the innovation variances.
-    count : number of innovations.
-    products : (channel, LAGS) array, sums of the products of two that lie 1, 2, ... samples apart.
-    pairs : (LAGS,) array, number of these products.
-    recent : (channel, LAGS) array, the last ones, 0 where missing.
-    recent_seen : (LAGS,) array, 1.0 where not missing.
-    kept : all of them in stretches, (channel, sample), with their (sample,) variances, 0 where missing; or None.
-    """
-
-    square: Floats
+    square: Floats  # (channel,), of their squares
+    # (channel, LAGS) sums of the products of two that lie 1, 2, ... samples apart, and (LAGS,) numbers of these
     products: Floats
     pairs: Floats
-    recent: Floats
-    recent_seen: Floats
-    log_variance: float = 0.0
+    recent: Floats  # (channel, LAGS), the last ones, 0 where missing
+    recent_seen: Floats  # (LAGS,), 1.0 where not missing
+    log_variance: float = 0.0  # sum of the logarithms of their variances
     count: int = 0
-    kept: list[tuple[Floats, Floats]] | None = field(default=None)
+    # All of them in stretches, (channel, sample), with their (sample,) variances, 0 where missing.
+    kept: list[tuple[Floats, Floats]] | None = None
 
     @classmethod
     def none(cls, *, channels: int, keep: bool = False) -> "Innovations":
@@ -82,7 +72,7 @@ class Innovations:
         self.log_variance += float(np.log(variances if whole else variances[seen]).sum())
         self.count += int(np.count_nonzero(seen))
         joined = np.ascontiguousarray(np.concatenate([self.recent, innovations], axis=1))
-        known = np.concatenate([self.recent_seen, seen])
+        known = np.concatenate([self.recent_seen, seen[-LAGS:] if whole else seen])
         stop, size = joined.shape[1], variances.size
         add_lagged(joined, self.products)
         if whole and size >= LAGS:  # all pairs within, and those with recent samples
@@ -93,13 +83,9 @@ class Innovations:
 
 
 def statistics(patterns: Patterns, estimates: list[Estimate], given: float | None) -> dict[str, Any]:
-    """Return the (channel, ...) fields of `OrderTracks` on noise and innovations.
+    """Return the (channel, ...) fields of `OrderTracks` on noise and innovations, from the estimate of each pattern.
 
-    Parameters
-    ----------
-    patterns : patterns of missing samples.
-    estimates : the estimate of each pattern.
-    given : variance R of the noise; None where the mean square of the innovations estimates it.
+    `given` is the variance R of the noise; None where the mean square of the innovations estimates it.
     """
     counts = patterns.shared([np.array(float(estimate.innovation_samples)) for estimate in estimates])
     none = np.where(counts > 0, 0.0, np.nan)

@@ -31,7 +31,7 @@ from signals.harmonics._filter_kernels import (
 )
 from signals.harmonics.bandwidth import Bandwidth
 from signals.harmonics.innovations import Innovations
-from signals.harmonics.model import Estimate, Floats, HarmonicModel, lost
+from signals.harmonics.model import Complexes, Estimate, Floats, HarmonicModel, lost
 from signals.harmonics.separability import Closeness
 
 # Samples filtered at a time.
@@ -53,32 +53,19 @@ STEADY_AT_ONCE, CORRELATED = 1 << 16, 1 << 12
 
 @dataclass
 class FilterState:
-    """State of the covariance filter before a sample.
+    """State of the covariance filter before a sample."""
 
-    Attributes
-    ----------
-    mean : (channel, state) array, real and imaginary parts of the orders in turn: the levels predicted for the next
-        sample, then their first differences, and so on.
-    covariance, factor : (state, state) arrays P and V.
-    diffuse : whether V is not zero.
-    count : number of samples so far.
-    """
-
+    # (channel, state), predicted for the next sample, real and imaginary parts of the orders in turn: the levels, then
+    # their first differences, and so on.
     mean: Floats
-    covariance: Floats
-    factor: Floats
-    diffuse: bool
-    count: int
+    covariance: Floats  # (state, state), P
+    factor: Floats  # (state, state), V
+    diffuse: bool  # whether V is not zero
+    count: int  # samples so far
 
     @classmethod
     def prior(cls, model: HarmonicModel, *, channels: int) -> "FilterState":
-        """Return the state before the first sample.
-
-        Raises
-        ------
-        FloatingPointError
-            The prior is too wide for double precision.
-        """
+        """Return the state before the first sample, or refuse a prior too wide for double precision."""
         variance = _paired(model, model.prior_variance())
         if variance.max() > LARGEST_PRIOR**2:
             raise lost(model, "exact")
@@ -87,13 +74,7 @@ class FilterState:
         return cls(np.zeros((channels, size)), np.zeros((size, size)), factor, diffuse=True, count=0)
 
     def check(self, model: HarmonicModel) -> None:
-        """Make P symmetric, and move the covariance between P and V where it has become small or large.
-
-        Raises
-        ------
-        FloatingPointError
-            A variance is negative, or no Cholesky factor exists.
-        """
+        """Make P symmetric, and move the covariance between P and V where it is small or large, or raise where lost."""
         P, V = self.covariance, self.factor
         P += P.T
         P *= 0.5
@@ -127,60 +108,35 @@ def _paired(model: HarmonicModel, values: Floats) -> Floats:
 
 
 def covariance_filter(
-    model: HarmonicModel, x: Floats, *, output_every: int, startup: int, keep: bool = False
-) -> Estimate:
-    """Filter all channels of a record, sample by sample.
-
-    Parameters
-    ----------
-    model : the state-space model.
-    x : (channel, sample) array, NaN where missing: in all channels at once.
-    output_every : samples between outputs.
-    startup : first sample whose innovation counts in the statistics.
-    keep : whether to return the innovations of all samples.
-    """
-    levels, variances, innovations = _filtered(model, x, output_every=output_every, startup=startup, keep=keep)
-    return innovations.estimate(levels.view(np.complex128).transpose(1, 2, 0), variances.T)
-
-
-def count_innovations(model: HarmonicModel, x: Floats, *, startup: int, keep: bool) -> Innovations:
-    """Return the innovations of the covariance filter; parameters as for `covariance_filter`."""
-    return _filtered(model, x, output_every=x.shape[1], startup=startup, keep=keep)[2]
-
-
-def _filtered(
     model: HarmonicModel, x: Floats, *, output_every: int, startup: int, keep: bool
-) -> tuple[Floats, Floats, Innovations]:
-    """Filter a record from the prior; return levels, variances and innovations as `filter_on` updates them."""
+) -> tuple[Complexes, Floats, Innovations]:
+    """Return the estimates of all channels of a (channel, sample) record, NaN where missing in all channels at once.
+
+    They are (channel, order, output) amplitudes, (order, output) variances, and statistics of the innovations from
+    sample `startup` on, with those of all samples where `keep`.
+    """
     state, innovations = FilterState.prior(model, channels=len(x)), Innovations.none(channels=len(x), keep=keep)
     outputs = ceil(x.shape[1] / output_every)
     levels, variances = np.empty((outputs, len(x), 2 * model.orders.size)), np.empty((outputs, model.orders.size))
     filter_on(model, x, state, innovations, levels, variances, output_every=output_every, startup=startup)
-    return levels, variances, innovations
+    return levels.view(np.complex128).transpose(1, 2, 0), variances.T, innovations
+
+
+def count_innovations(model: HarmonicModel, x: Floats, *, startup: int, keep: bool) -> Innovations:
+    """Return the innovations of the covariance filter; parameters as for `covariance_filter`."""
+    return covariance_filter(model, x, output_every=x.shape[1], startup=startup, keep=keep)[2]
 
 
 def filter_on(
     model: HarmonicModel, x: Floats, state: FilterState, innovations: Innovations, levels: Floats, variances: Floats,
     *, output_every: int, startup: int,
 ) -> None:  # fmt: skip
-    """Continue the covariance filter over further samples.
+    """Continue the covariance filter over further samples, (channel, sample), NaN where missing in all channels.
 
-    Covariances are checked at sample numbers that do not depend on where a stream is cut into blocks.
-
-    Parameters
-    ----------
-    model : the state-space model, with the angles of these samples.
-    x : (channel, sample) array, NaN where missing: in all channels at once.
-    state, innovations : updated.
-    levels : (output, channel, 2 order) array, filled.
-    variances : (output, order) array, filled: means over the quadratures.
-    output_every : samples between outputs, counted from the first sample of the record.
-    startup : number of the first sample whose innovation counts.
-
-    Raises
-    ------
-    FloatingPointError
-        The covariance is no longer positive definite.
+    Updates the state and the sums of innovations; fills (output, channel, 2 order) levels and (output, order)
+    variances, means over the quadratures. Outputs and `startup` are counted from the first sample of the record.
+    Covariances are checked at sample numbers that do not depend on where a stream is cut into blocks; where one is no
+    longer positive definite, FloatingPointError is raised.
     """
     channels, samples = x.shape
     longest = int(np.clip(LARGEST_GROWTH ** (0.5 / model.poles) / model.bandwidth.max(), 1, SAMPLES_AT_ONCE))
@@ -191,8 +147,8 @@ def filter_on(
     while begin < samples:
         span = slice(begin, min(begin + SAMPLES_AT_ONCE - state.count % SAMPLES_AT_ONCE, samples))
         phase, q = model.phase(span), process if process is not None else _paired(model, model.process_noise(span))
-        values, normalised = np.ascontiguousarray(x[:, span].T), np.empty((span.stop - begin, channels))
-        innovation_variances = np.empty(len(normalised))
+        values, normalised = np.ascontiguousarray(x[:, span].T), np.zeros((span.stop - begin, channels))
+        innovation_variances = np.zeros(len(normalised))
         before = done
         while begin < span.stop:  # from one check of the covariance to the next
             interval = min(longest, DIFFUSE_CHECK) if state.diffuse else longest
@@ -201,19 +157,11 @@ def filter_on(
             skip = -state.count % output_every
             given = values[part], np.ascontiguousarray(phase[:, part]), orders, shaft, q if len(q) == 1 else q[part]
             found = normalised[part], innovation_variances[part], levels[done:], variances[done:]
+            own = state.mean, state.covariance, (skip, output_every)
             if model.poles == 1 and not state.diffuse:
-                filter_pairs(*given, state.mean, state.covariance, (skip, output_every), *found)
+                filter_pairs(*given, *own, *found)
             else:
-                filter_covariance(
-                    *given,
-                    state.diffuse,
-                    state.mean,
-                    state.covariance,
-                    state.factor,
-                    (skip, output_every),
-                    *scratch,
-                    *found,
-                )
+                filter_covariance(*given, *own, *found, state.factor, state.diffuse, *scratch)
             done += len(range(skip, end - begin, output_every))
             state.count, begin = state.count + end - begin, end
             if state.count % interval == 0:
@@ -264,16 +212,10 @@ def _band(width: float, poles: int) -> Bandwidth:
 def steady_state_filter(
     model: HarmonicModel, x: Floats, *, output_every: int, startup: int, error_bound: float
 ) -> Estimate:
-    """Filter all channels of a record without gaps, with constant bandwidths.
+    """Filter all channels of a record without gaps, with constant bandwidths; arguments as for `covariance_filter`.
 
     The covariance filter runs until the variance is within `STEADY_RTOL` of its steady state; from there on the gains
-    and the variance are those of the steady state.
-
-    Parameters
-    ----------
-    model, output_every, startup : as for `covariance_filter`.
-    x : (channel, sample) array, all finite.
-    error_bound : `Estimate.error_bound` of the result.
+    and the variance are those of the steady state, with the given `Estimate.error_bound`.
     """
     channels, samples = x.shape
     begin = min(startup_samples(model), samples)
@@ -300,12 +242,11 @@ def steady_state_filter(
             values, phase, model.orders, model.shaft, turn, ahead, gains, predicted, -first % output_every,
             output_every, work, rows, rows.reshape(-1), residuals, levels[ceil(first / output_every) :],
         )  # fmt: skip
-        counted = residuals.T[:, max(startup - first, 0) :] / sqrt(variance)
-        late = counted[:, -CORRELATED:]
-        early = counted.shape[1] - late.shape[1]
-        innovations.square += np.einsum("cn,cn->c", counted[:, :early], counted[:, :early])
-        innovations.count += early
-        innovations.log_variance += early * log(variance)
+        counted = residuals.T[:, max(startup - first, 0) :]
+        early, late = counted[:, :-CORRELATED], counted[:, -CORRELATED:] / sqrt(variance)
+        innovations.square += np.einsum("cn,cn->c", early, early) / variance
+        innovations.count += early.shape[1]
+        innovations.log_variance += early.shape[1] * log(variance)
         innovations.separate()
         innovations.add(late, np.full(late.shape[1], variance))
     amplitude = levels.view(np.complex128).transpose(1, 2, 0)
@@ -317,7 +258,7 @@ def _steady_turn(model: HarmonicModel, phase: Floats, gains: Floats) -> tuple[Fl
     step = float(phase[0, -1] - phase[0, 0]) / max(phase.shape[1] - 1, 1)
     if len(phase) > 1 or off_line(phase[0], phase[0, 0], step) * np.abs(model.orders).max() > STEADY_RAD:
         return np.empty((2, 0)), np.empty(0)
-    angle = np.tile(model.orders * step * PIECE, PIECE)
-    turn = np.stack([np.cos(angle), np.sin(angle)])
+    angle = model.orders * step * PIECE
+    turn = np.tile([np.cos(angle), np.sin(angle)], PIECE)
     sums = gains[0, ::2] @ np.cos(np.outer(model.orders * step, np.arange(LOOK_AHEAD)))
     return turn, np.asarray(sums if model.poles == 1 else sums[:0])

@@ -35,24 +35,14 @@ class HarmonicModel:
     """The state-space model with R = 1; each column is a quadrature, with a regressor and a random walk.
 
     Columns are the real parts of all orders, then the imaginary parts of the non-zero ones.
-
-    Attributes
-    ----------
-    orders : (order,) array, cycles per revolution.
-    shaft : (order,) array, index into `phases` of each order's shaft.
-    phases : for each shaft, the (sample,) array of its angle in rad.
-    bandwidth : (order, sample) array, or (order, 1) where it is constant: full -3 dB width of the smoother in cycles
-        per sample.
-    poles : number of integrations of the random walk.
-    prior_std : prior standard deviation of a quadrature, in standard deviations of the noise.
     """
 
-    orders: Floats
-    shaft: Indices
-    phases: tuple[Floats, ...]
-    bandwidth: Floats
-    poles: int
-    prior_std: float
+    orders: Floats  # (order,), cycles per revolution
+    shaft: Indices  # (order,), index into `phases` of each order's shaft
+    phases: tuple[Floats, ...]  # for each shaft, the (sample,) array of its angle in rad
+    bandwidth: Floats  # (order, sample), or (order, 1) where constant: -3 dB width of the smoother in cycles per sample
+    poles: int  # number of integrations of the random walk
+    prior_std: float  # of a quadrature, in standard deviations of the noise
 
     @cached_property
     def nonzero(self) -> Indices:
@@ -116,31 +106,20 @@ class HarmonicModel:
 
 @dataclass(frozen=True, kw_only=True, eq=False)
 class Estimate:
-    """Estimates of a `HarmonicModel` from a record, with covariances for R = 1.
+    """Estimates of a `HarmonicModel` from a record, with covariances for R = 1."""
 
-    Attributes
-    ----------
-    amplitude : (channel, order, output) array.
-    variance : (order, output) array, mean over the quadratures; the last one holds for all further outputs.
-    innovation_mean_square : (channel,) array, mean of the squared innovations over their variances, after start-up.
-    innovation_log_variance : mean of the logarithm of these variances.
-    innovation_autocorrelation : (channel, lag) array.
-    innovation_samples : number of innovations in it.
-    error_bound : largest error relative to an amplitude, of a steady-state filter relative to the exact filter's error.
-    innovations : where asked for, stretches of normalised innovations, (channel, sample), and their (sample,)
-        variances, 0 where missing.
-    std_spacing : samples between the nodes where `variance` is that of nodes, the last one after the last sample:
-        standard deviations are linear in between. None where it is that of outputs.
-    """
-
-    amplitude: Complexes
-    variance: Floats
-    innovation_mean_square: Floats
-    innovation_log_variance: float
-    innovation_autocorrelation: Floats
-    innovation_samples: int
+    amplitude: Complexes  # (channel, order, output)
+    variance: Floats  # (order, output), mean over the quadratures; the last one holds for all further outputs
+    innovation_mean_square: Floats  # (channel,), of the innovations over their standard deviations, after start-up
+    innovation_log_variance: float  # mean of the logarithm of their variances
+    innovation_autocorrelation: Floats  # (channel, lag)
+    innovation_samples: int  # number of innovations in it
+    # Largest error relative to an amplitude; of a steady-state filter, relative to the exact filter's error.
     error_bound: float = 0.0
+    # Where asked for, stretches of normalised innovations, (channel, sample), and their variances, 0 where missing.
     innovations: list[tuple[Floats, Floats]] | None = None
+    # Samples between the nodes where `variance` is that of nodes, the last one after the last sample: standard
+    # deviations are linear in between. None where it is that of outputs.
     std_spacing: int | None = None
 
 
@@ -159,18 +138,11 @@ _Values = TypeVar("_Values", bound=NDArray[Any])
 
 @dataclass(frozen=True, kw_only=True, eq=False)
 class Patterns:
-    """The patterns of missing samples in a record; results are computed per pattern and assigned to its channels.
+    """The patterns of missing samples in a record; results are computed per pattern and assigned to its channels."""
 
-    Attributes
-    ----------
-    record : (channel, sample) array, NaN where a sample is missing.
-    seen : (sample,) arrays, one for each pattern, true where its samples are observed.
-    of_channel : (channel,) array, index of each channel's pattern.
-    """
-
-    record: Floats
-    seen: list[NDArray[np.bool_]]
-    of_channel: Indices
+    record: Floats  # (channel, sample), NaN where a sample is missing
+    seen: list[NDArray[np.bool_]]  # of each pattern, (sample,), true where its samples are observed
+    of_channel: Indices  # (channel,), index of each channel's pattern
 
     @classmethod
     def of(cls, record: Floats) -> "Patterns":

@@ -86,19 +86,10 @@ class StreamFlags:
         count: int,
         lag: int | None,
     ) -> FlagArray:
-        """Update with samples and return the (order, output) flags of their outputs.
+        """Update with `count` samples, all where a stream with a lag has ended; return the (order, output) flags.
 
-        Parameters
-        ----------
-        outputs : (output,) array
-            Sample number of each.
-        phase, seen
-            (shaft, sample) angles in rad and (sample,) array, true where observed: of the samples from `first` on, and
-            of the later ones that the outputs depend on.
-        count
-            Number of samples to update with; with a lag, all of them where the stream has ended.
-        lag
-            None for a filter.
+        Given are the sample numbers of the outputs, the (shaft, sample) angles and whether each sample is observed, of
+        the samples from `first` on and of the later ones that the outputs depend on. A filter's `lag` is None.
         """
         if first == 0:
             self.phase = phase[:, 0].copy()

@@ -143,15 +143,14 @@ def track_orders(
     choice(estimator, name="estimator", choices=("smoother", "filter"))
     choice(method, name="method", choices=("auto", "exact", "fast", "reference"))
     noise_variance = None if noise_variance is None else _validation.check_noise_variance(noise_variance)
-    noise = noise_variance
     prior_std = PRIOR_STD
     if initial_std is not None:
-        if noise is None:
+        if noise_variance is None:
             raise ValueError(
                 f"initial_std={positive(initial_std, name='initial_std'):g} weighs against the noise, whose variance "
                 "is not given; pass noise_variance too, or neither."
             )
-        prior_std = _validation.check_initial_std(initial_std, noise=noise)
+        prior_std = _validation.check_initial_std(initial_std, noise=noise_variance)
     model = HarmonicModel(
         orders=order_numbers, shaft=shaft, phases=phases, bandwidth=bandwidth.cycles,
         poles=whole(poles, name="poles", least=1, most=MOST_POLES), prior_std=prior_std,
@@ -282,7 +281,8 @@ def _run(method: Method, task: _Task, x: Floats, seen: NDArray[np.bool_], startu
         if method == "fast" and task.estimator == "filter":
             return steady_state_filter(model, x, output_every=every, startup=startup, error_bound=task.ripple)
         if method == "exact" and task.estimator == "filter":
-            return covariance_filter(model, x, output_every=every, startup=startup, keep=task.innovations)
+            found = covariance_filter(model, x, output_every=every, startup=startup, keep=task.innovations)
+            return found[2].estimate(found[0], found[1])
         if method == "fast":
             length = block_length(model, seen.size, task.rtol)
             estimate: Estimate = fast(

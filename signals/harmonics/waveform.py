@@ -14,7 +14,7 @@ from signals.harmonics.block_grid import pieces_between
 if TYPE_CHECKING:
     from collections.abc import Mapping, Sequence
 
-    from numpy.typing import ArrayLike, NDArray
+    from numpy.typing import ArrayLike
 
     from signals.harmonics.model import Floats
     from signals.harmonics.tracks import OrderTracks
@@ -62,8 +62,9 @@ def order_waveform(
             f"tracks have {tracks.sample_index.size} outputs from sample {tracks.first_output} on: a later block of "
             "a stream. Waveforms are made from tracks that begin with the record; take those of track_orders."
         )
-    chosen = np.arange(tracks.orders.size) if places is None else _indices(places)
-    if chosen.size and not (chosen.min() >= 0 and chosen.max() < tracks.orders.size):
+    named = range(tracks.orders.size) if places is None else places
+    chosen = np.array([whole(place, name="places", least=0) for place in named], dtype=np.int64)
+    if chosen.max(initial=0) >= tracks.orders.size:
         raise ValueError(
             f"places={chosen.tolist()} must lie between 0 and {tracks.orders.size - 1}; they count the tracked orders."
         )
@@ -127,8 +128,3 @@ def residual_record(
         )
     rest = record - order_waveform(tracks, phase_rad=phase_rad, places=places)
     return rest[0] if np.ndim(x) == 1 else rest
-
-
-def _indices(places: Sequence[int]) -> NDArray[np.int64]:
-    """Return the indices of orders as an array."""
-    return np.array([whole(place, name="places", least=0) for place in places], dtype=np.int64)

@@ -40,10 +40,7 @@ def condense(chain: SlipChain, first: int, last: int, states: Floats, informatio
     row = np.empty(states.shape[1])
     for m in range(first, last):
         state, information, score = states[m], informations[m], scores[m]
-        for a in range(row.size):
-            score[a] = 0.0
-            for b in range(row.size):
-                information[a, b] = 0.0
+        information[:], score[:] = 0.0, 0.0
         for n in range(chain.edges[m], chain.edges[m + 1]):
             if np.isnan(chain.x[n]):
                 continue
@@ -136,9 +133,7 @@ def _predict(
     turn, process, slip_process = step
     size, harmonics, middle = mean.size, mean.size // 2, 0.5 * (at[-1] + ahead)
     off = mean[-1] - middle
-    for a in range(size):
-        for b in range(size):
-            F[a, b] = 0.0
+    F[:] = 0.0
     F[-1, -1] = 1.0
     for k in range(harmonics):
         rate = (k + 1) * turn
@@ -181,37 +176,18 @@ def forward(
     for m in range(blocks):
         state, mean, P = states[m], means[m], covariances[m]
         if extended:
-            for a in range(size):
-                state[a] = mean[a]
+            state[:] = mean
             condense(chain, m, m + 1, states, informations, scores)
         added, more = _update(informations[m], scores[m], state, mean, P, full, row, gain)
         total += added
         count += more
         if extended:
-            for a in range(size):
-                state[a] = mean[a]
+            state[:] = mean
         if m + 1 < blocks:
             step = chain.turns[m], chain.process[m], chain.slip_process[m]
             ahead = states[m if extended else m + 1, -1]
             _predict(step, state, ahead, mean, P, F, FP, means[m + 1], covariances[m + 1])
     return total, count
-
-
-@compiled
-def _cholesky(P: Floats, factor: Floats) -> bool:
-    """Fill the lower triangle of `factor` with the Cholesky factor of P; return whether P is positive definite."""
-    for a in range(len(P)):
-        for b in range(a + 1):
-            rest = P[a, b]
-            for c in range(b):
-                rest -= factor[a, c] * factor[b, c]
-            if a > b:
-                factor[a, b] = rest / factor[b, b]
-            elif rest > 0:
-                factor[a, a] = np.sqrt(rest)
-            else:
-                return False
-    return True
 
 
 @compiled
@@ -224,22 +200,24 @@ def backward(chain: SlipChain, extended: bool, states: Floats, means: Floats, co
         step = chain.turns[m], chain.process[m], chain.slip_process[m]
         ahead = states[m if extended else m + 1, -1]
         _predict(step, states[m], ahead, means[m], covariances[m], F, gain, mean, P)
-        # The gain, transposed: P^-1 F P_m, by forward and back substitution with the Cholesky factor.
-        if not _cholesky(P, factor):
-            return False
+        # The gain, transposed: P^-1 F P_m, by elimination, which needs no pivots where P is positive definite.
+        factor[:] = P
         for a in range(size):
-            for c in range(size):
-                for b in range(a):
-                    gain[a, c] -= factor[a, b] * gain[b, c]
-                gain[a, c] /= factor[a, a]
+            if not factor[a, a] > 0.0:
+                return False
+            for b in range(a + 1, size):
+                share = factor[b, a] / factor[a, a]
+                for c in range(a, size):
+                    factor[b, c] -= share * factor[a, c]
+                for c in range(size):
+                    gain[b, c] -= share * gain[a, c]
         for a in range(size - 1, -1, -1):
             for c in range(size):
                 for b in range(a + 1, size):
-                    gain[a, c] -= factor[b, a] * gain[b, c]
+                    gain[a, c] -= factor[a, b] * gain[b, c]
                 gain[a, c] /= factor[a, a]
+        spread[:] = 0.0
         for a in range(size):
-            for c in range(size):
-                spread[a, c] = 0.0
             for b in range(size):
                 means[m, a] += gain[b, a] * (means[m + 1, b] - mean[b])
                 for c in range(size):

@@ -24,6 +24,7 @@ PADDING = (
     8  # zero padding; the scalloping loss of a Hann line is then 0.25 %, and 0.003 % after parabolic interpolation
 )
 _CHUNK = 2**18  # samples transformed at a time
+_TOGETHER = 2**20  # padded samples transformed at once, 8 MB: several rows take a third of the time of single ones
 
 Scaling = Literal["peak", "rms", "density"]
 
@@ -140,24 +141,38 @@ def _amplitude_spectra(
     axis, scale = axis[:stop], 2 / shape.weights.sum()
     turned = scale * _phasors(-start * rate / length, stop) if start else scale
     noise_bandwidth_bins, spread = shape.noise_bandwidth_bins, shape.spread
-    found, lines = [], np.empty(length // 2 + 1, dtype=np.complex128)
-    for signal in signals:
-        # numpy's transform pads row by row and fills the same memory again, scipy's copies into fresh memory
-        row = np.fft.rfft(without_mean(signal) * shape.weights, length, out=lines)[:stop] * turned
-        found.append(
-            AmplitudeSpectrum(
-                axis=axis,
-                amplitude=np.abs(row),
-                complex_amplitude=row,
-                bin_width=rate / size,
-                resolution=shape.width_bins * rate / size,
-                window=window,
-                noise_bandwidth_bins=noise_bandwidth_bins,
-                spread=spread,
+    found: list[AmplitudeSpectrum] = []
+    at_once = max(1, _TOGETHER // length)
+    memory = np.empty(length // 2 + 1, dtype=np.complex128)
+    for first in range(0, len(signals), at_once):
+        some = [without_mean(signal) * shape.weights for signal in signals[first : first + at_once]]
+        # numpy's transform pads no copy and fills memory again, scipy's takes a third of the time for several rows
+        alone = len(some) == 1
+        transformed = [np.fft.rfft(some[0], length, out=memory)] if alone else fft.rfft(_padded(some, length))
+        for lines in transformed:
+            turned_lines = lines[:stop] * turned
+            found.append(
+                AmplitudeSpectrum(
+                    axis=axis,
+                    amplitude=np.abs(turned_lines),
+                    complex_amplitude=turned_lines,
+                    bin_width=rate / size,
+                    resolution=shape.width_bins * rate / size,
+                    window=window,
+                    noise_bandwidth_bins=noise_bandwidth_bins,
+                    spread=spread,
+                )
             )
-        )
     forget_plans(length)
     return found
+
+
+def _padded(rows: Sequence[Array], length: int) -> Array:
+    """Return rows with zeros appended, (row, length): numpy pads faster than scipy."""
+    padded = np.zeros((len(rows), length))
+    for out, row in zip(padded, rows, strict=True):
+        out[: row.size] = row
+    return padded
 
 
 def _phasors(turns: float, count: int) -> NDArray[np.complex128]:

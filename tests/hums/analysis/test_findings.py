@@ -7,7 +7,15 @@ import numpy as np
 import pytest
 
 from hums.analysis.detection import LineAssessor, implied_cage
-from hums.analysis.evidence import BandEvidence, Setting, bearing_evidence
+from hums.analysis.evidence import (
+    BandEvidence,
+    PartEvidence,
+    Setting,
+    _explanation,
+    _of_a_stronger_part,
+    _Others,
+    bearing_evidence,
+)
 from hums.analysis.findings import Finding, bearing_verdicts
 from hums.analysis.findings import findings as named
 from hums.analysis.healthy_machines import HealthyMachines
@@ -838,3 +846,51 @@ def test_a_damaged_tooth_comes_before_a_bearing_as_shallow_as_sound_ones():
         finding("sure", "inner_race", 0.11, verdict="diagnosed"),
     ]
     assert [one.component for one in named(every)] == ["sure", "deep", "gear", "shallow"]
+
+
+@pytest.mark.parametrize(
+    ("found", "sidebands", "hidden"), [(0.314, 2, True), (0.157, 2, True), (0.314, 0, False), (0.36, 2, False)]
+)
+def test_the_rates_of_a_cage_that_takes_a_damaged_element_round_are_no_part_of_another_bearing(
+    found, sidebands, hidden
+):
+    alike = {"channel": "a", "units": "g", "amplitude": 1.0, "snr": 60.0, "bin_width": 0.007}
+    alike |= {"band_low_hz": 6200.0, "band_high_hz": 7400.0}
+    element = PartEvidence(
+        component="b",
+        kind="rolling_element",
+        order=2.17,
+        found=2.17,
+        depth=1.3,
+        strength=1.9,
+        sidebands=sidebands,
+        **alike,
+    )
+    other = PartEvidence(
+        component="c", kind="rolling_element", order=found, found=found, depth=0.7, strength=0.7, **alike
+    )
+    bearings = {"b": replace(BEARING, name="b", cage=0.157), "c": replace(BEARING, name="c")}
+    text = _of_a_stronger_part(other, [element, other], bearings)
+    assert ("cage takes b rolling element round" in text) == hidden
+    assert not _of_a_stronger_part(element, [element, other], bearings)
+
+
+@pytest.mark.parametrize(("second", "hidden"), [(0.22, False), (0.62, True)])
+def test_a_cage_is_no_sideband_of_its_own_harmonic(second, hidden):
+    # three times 0.224, two sidebands of a shaft of 0.268 below it, is 0.136: within the width of the line at 0.112
+    setting = Setting(shafts=(1.0, 0.268), speed_hz=20.0)
+    others = _Others(
+        [
+            BandEvidence(
+                band_hz=(1e3, 2e3),
+                lines=[],
+                orders=np.array([0.112, 0.224]),
+                depths=np.array([0.2, second]),
+                backgrounds=np.array([1e-3, 1e-3]),
+                bin_width=0.0119,
+            )
+        ],
+        setting,
+    )
+    why = _explanation(0.112, 0.2, others, 0)
+    assert ("sideband" in why) == hidden  # of a line three times as deep it may be one

@@ -25,7 +25,7 @@ from hums.analysis.result import (
     verdict_table,
 )
 from hums.analysis.settings import AnalysisError, AnalysisSettings
-from hums.analysis.verdicts import derive_verdicts
+from hums.analysis.verdicts import _beside_teeth, derive_verdicts
 from hums.gearbox.kinematics import solve_kinematics
 from hums.gearbox.model import load_gearbox
 from hums.gearbox.orders import BEARING_KINDS, defects
@@ -280,3 +280,47 @@ def test_a_change_against_zones_counts_by_a_quarter_of_zone_b():
     for velocity, verdict in ((1.5, "nothing found"), (1.9, "indicated")):
         table = rows(shaken(add=shaking(velocity), limits=LIMITS, baseline=first))
         assert table.loc[("input", "shaft"), "verdict"] == verdict
+
+
+def beside_a_tooth(found, *, order=0.2, probability=0.001, bin_width=0.01):
+    given = {"component": "input bearing", "channel": "a", "units": "g", "amplitude": 1.0, "snr": 90.0, "depth": 0.5}
+    part = PartEvidence(
+        kind="inner_race",
+        order=5.0,
+        found=found,
+        bin_width=bin_width,
+        band_low_hz=1e3,
+        band_high_hz=2e3,
+        strength=0.5,
+        **given,
+    )
+    tooth = GearJudgement(
+        channel="a", units="g", component="stage 1/pinion", order=order, teeth=21, turns=20, probability=probability
+    )
+    return _beside_teeth(part, [tooth])
+
+
+def test_a_line_at_a_multiple_of_the_rate_of_a_damaged_tooth_is_no_race():
+    assert "26 times the rate at which the tooth of stage 1/pinion" in beside_a_tooth(5.2).hidden_by
+    assert "26 times" in beside_a_tooth(5.203).hidden_by
+    assert not beside_a_tooth(5.204).hidden_by  # more than a third of a bin beside it
+    assert not beside_a_tooth(5.2, bin_width=0.03).hidden_by  # of fewer than seven turns, any line is near a multiple
+
+
+def test_the_parts_of_a_machine_with_a_damaged_tooth_are_judged_beside_it():
+    settings = AnalysisSettings(most_tracks=0, pictures=False)
+    analysis = analysed(settings=settings)
+    part = rows_of(group(analysis, "evidence"), PartEvidence)[0]
+    gear = rows_of(group(analysis, "gears"), GearJudgement)[0]
+    line = {"found": 26 * gear.order, "strength": 0.9, "depth": 0.9, "hidden_by": "", "at_shaft": ""}
+    tooth = replace(gear, strength=25.0, repeats=1e-6, local=1e-25, turns=100, explained_by="", not_judged="")
+    library = group(analysis, "evidence").attrs
+    changed = analysis.copy()
+    changed["evidence"] = rows_dataset([replace(part, **line)], PartEvidence, dim="part").assign_attrs(library)
+    teeth = group(analysis, "gears").attrs
+    changed["gears"] = rows_dataset([tooth], GearJudgement, dim="gear").assign_attrs(teeth)
+    found = {(one.component, one.kind): one for one in derive_verdicts(changed)}
+    verdict = found[part.component, part.kind]
+    assert found[gear.component, "tooth"].verdict == "indicated"
+    assert verdict.verdict == "not judged"
+    assert f"26 times the rate at which the tooth of {gear.component}" in verdict.evidence

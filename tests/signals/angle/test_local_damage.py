@@ -257,8 +257,18 @@ def test_samples_left_out_leave_no_tooth():
 
 
 def test_too_few_turns_are_refused():
-    with pytest.raises(ValueError, match="3 turns are too few to judge one tooth; record 4 or more"):
-        judged(noise(np.random.default_rng(0), turns=3))
+    with pytest.raises(ValueError, match="1 turns are too few to judge one tooth; record 2 or more"):
+        judged(noise(np.random.default_rng(0), turns=1))
+
+
+@pytest.mark.parametrize("turns", [2, 3])
+def test_turns_too_few_to_be_rotated_show_where_a_tooth_stands_out_and_not_that_it_repeats(turns):
+    damaged = noise(np.random.default_rng(15), turns=turns)
+    damaged[:, :, 12:14] *= 100
+    found = judged(damaged)
+    assert found.repeats == found.differing == 1.0
+    assert found.local < 0.01
+    assert found.position_rev == pytest.approx(13 / CELLS, abs=0.5 / TEETH)
 
 
 @pytest.mark.parametrize("turns", [4, 7])

@@ -5,7 +5,15 @@ import pytest
 from scipy.fft import next_fast_len
 from scipy.signal import ShortTimeFFT, hilbert
 
-from signals.demodulation.kurtogram import _TAPS, _bands, _lowpass, fast_kurtogram, spectral_kurtosis
+from signals._fft_plans import transform_of
+from signals.demodulation.kurtogram import (
+    _TAPS,
+    _bands,
+    _hilbert_transform,
+    _lowpass,
+    fast_kurtogram,
+    spectral_kurtosis,
+)
 
 RATE_HZ = 20_000.0
 COUNT = 200_000
@@ -33,7 +41,8 @@ class TestTree:
     def test_against_plain_convolution(self, factor):
         """One splitting of an analytic record, by the definition: modulate the taps, convolve, keep every other."""
         x = (NOISE[:5000] - NOISE[:5000].mean()).astype(np.float32)
-        parent, *children = [band for band in _bands(x, 2) if band[0] in (0.0, 1.0 if factor == 2 else THIRD)]
+        tree = _bands(x, _hilbert_transform(x, 1.0, None), 2)
+        parent, *children = [band for band in tree if band[0] in (0.0, 1.0 if factor == 2 else THIRD)]
         c = parent[3] + 1j * parent[4]
         # the analytic signal: no negative frequency, the real part as it was
         np.testing.assert_array_equal(c.real, x)
@@ -48,6 +57,18 @@ class TestTree:
             )  # sums of 72 terms of some 1, each rounded by 6e-8
             assert width == pytest.approx(1 / factor)
         assert len(children) == factor
+
+    @pytest.mark.parametrize("scale", [1e-6, 1.0])
+    def test_a_known_transform_is_used(self, scale):
+        x = scale * resonance(7300.0, 150.0, every=400)
+        plain, lines = fast_kurtogram(x, rate_hz=RATE_HZ, levels=4), transform_of(x)
+        known = fast_kurtogram(x, rate_hz=RATE_HZ, levels=4, transform=lines)
+        # rounding of single precision, as the docstring says
+        np.testing.assert_allclose(known.kurtosis, plain.kurtosis, atol=1e-4)
+        turned = fast_kurtogram(x, rate_hz=RATE_HZ, levels=4, transform=0 * lines)
+        assert np.abs(turned.kurtosis - plain.kurtosis).max() > 0.1
+        with pytest.raises(ValueError, match="transform has shape"):
+            fast_kurtogram(x, rate_hz=RATE_HZ, transform=lines[1:])
 
     @pytest.mark.parametrize("tone", [0.0, 300.0])
     @pytest.mark.parametrize("factor", [2, 3])

@@ -9,7 +9,7 @@ from numpy.testing import assert_allclose
 from signals.harmonics.bandwidth import process_variance
 from signals.harmonics.bandwidth_selection import ChainLikelihood, joined, likely_bandwidth, likely_tracks
 from signals.harmonics.block_grid import Grid
-from signals.harmonics.coupling import chain_alone, chain_together, no_neighbours
+from signals.harmonics.coupling import chain_alone, chain_together, inserted
 from signals.harmonics.model import HarmonicModel
 from signals.harmonics.tracker import track_orders
 
@@ -71,7 +71,7 @@ def nodes(model, x, length):
 
 def together(grid):
     every_order = np.arange(grid.model.orders.size)
-    prior = no_neighbours(grid, every_order)
+    prior = inserted(grid, every_order, 0, [])
     return chain_together(grid, every_order, slice(0, grid.nodes), grid.data(grid.moments), prior)
 
 

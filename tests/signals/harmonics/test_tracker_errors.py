@@ -16,10 +16,10 @@ REFUSED = [
     ({"x": []}, "x is empty; at least one value is needed"),
     ({"x": np.full(100, np.nan)}, "x has 0 observed samples of 100; to estimate the noise"),
     ({"x": np.where(np.arange(100) == 7, -np.inf, X)}, r"x\[7\]=-inf \(and 0 more\) is infinite.*mark bad samples"),
-    ({"x": X.astype(bool)}, "x holds bool values; real numbers are needed"),
-    ({"x": X.astype(complex)}, "x holds complex128 values; real numbers are needed"),
-    ({"x": ["1", "2"]}, "x holds <U1 values; real numbers are needed"),
-    ({"x": [1.0, None]}, "x=None must be a number, not NoneType"),
+    ({"x": X.astype(bool)}, "is of type bool; it must be one real array"),
+    ({"x": X.astype(complex)}, "is of type complex128; it must be one real array"),
+    ({"x": ["1", "2"]}, "is of type <U1; it must be one real array"),
+    ({"x": [1.0, None]}, r"x=\[1.0, None\] is of type object; it must be one real array"),
     ({"x": X[:, None, None]}, r"x has shape \(100, 1, 1\); needed one or two dimensions"),
     (
         {"x": [X, np.full(100, np.nan), X]},
@@ -80,7 +80,7 @@ REFUSED = [
     ({"bandwidth_hz": 0.5}, "bandwidth_hz=0.5 must be above 0 and below 0.5"),
     ({"bandwidth_hz": np.nan}, "bandwidth_hz has values that are not finite; give bandwidths below half of the rate"),
     ({"bandwidth_hz": [0.1, 0.2]}, "bandwidth_hz has 2 values for 1 orders; pass one number for all, or one each"),
-    ({"bandwidth_hz": True}, "bandwidth_hz holds bool values"),
+    ({"bandwidth_hz": True}, "bandwidth_hz=True is of type bool"),
     ({"bandwidth_hz": [[0.1]]}, r"bandwidth_hz has shape \(1, 1\) .* needs the shape \(1, 100\)"),
     ({"bandwidth_hz": np.full((1, 100), -0.1)}, "bandwidth_hz=-0.1 must be above 0"),
     (

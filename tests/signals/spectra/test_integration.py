@@ -185,3 +185,22 @@ def test_a_known_transform_is_used():
     assert doubled.rms == pytest.approx(2 * own.rms)
     with pytest.raises(ValueError, match="leave it out"):
         velocity(x, rate_hz=RATE_HZ, units="m s-2", transform=np.zeros(3, dtype=complex))
+
+
+def test_a_reduced_result_has_the_same_rms():
+    rate, count = 20_000, 100_000
+    rng = np.random.default_rng(3)
+    x = np.cos(2 * np.pi * 37.3 * np.arange(count) / rate) + rng.standard_normal(count)
+    whole, reduced = (velocity(x, rate_hz=rate, units="g", reduced=one) for one in (False, True))
+    assert 25_000 <= reduced.values.size < 27_000  # four times 1250 Hz in 5 s, or the next length with small factors
+    assert reduced.values.size / reduced.rate_hz == pytest.approx(count / rate)
+    # the mean squares differ by what the settled part has more or less at its ends: a sample of 22,600
+    assert reduced.rms == pytest.approx(whole.rms, rel=1e-3)
+    # the values are those of the whole result at fewer instants: both have the same lines
+    some, every = (np.fft.rfft(one.values)[:7000] / one.values.size for one in (reduced, whole))
+    np.testing.assert_allclose(some, every, atol=1e-12 * np.abs(every).max())
+
+
+def test_a_reduced_result_has_no_more_samples_than_the_record():
+    x = np.cos(2 * np.pi * 37 * np.arange(10_000) / 2500)
+    assert velocity(x, rate_hz=2500, units="g", reduced=True).values.size == 10_000
