@@ -2,7 +2,7 @@
 
 import json
 from collections.abc import Collection, Sequence
-from dataclasses import dataclass
+from dataclasses import dataclass, replace
 from functools import cached_property
 from pathlib import Path
 from typing import Any
@@ -26,11 +26,12 @@ STATES = ("gain_db", "noise_db", "temperature_k", "load")
 FAULTS = ("crack", "spall", "eccentricity", "inner race", "outer race")
 _MEASURED_ERROR = 0.1  # of a state's deviation: 0.5 K, and 1 % of the load
 RECORDS, MACHINES = 960, 41
-"""Of the analyses that the prior is learned from: few of each machine, whose states are then spread as widely as those
-of long fleets, and no divisor in common with the 12 records in which classes take turns, so that each shows them all.
-"""
-UNSEEN_RECORDS, UNSEEN_MACHINES = 480, 40  # of the analyses that fleets are measured on
-_EIGHTHS = 8  # of the machines, which are halved in seven ways
+"""Of the dataset with faults: few records of each machine, whose states are then spread as widely as those of long
+fleets, and no divisor in common with the 12 records in which classes take turns, so that each shows them all."""
+HEALTHY_SEEDS = (3, 4)  # of further healthy machines that the prior is learned from
+HEALTHY_RECORDS, HEALTHY_MACHINES = 480, 40  # of each of those seeds
+UNSEEN_SEED, UNSEEN_RECORDS, UNSEEN_MACHINES = 5, 1_000, 125  # of the analyses that fleets are measured on
+_QUARTERS = 4  # of the machines, which are halved in three ways
 
 PLAN = """
 scene = "healthy-mill"
@@ -88,50 +89,77 @@ SIZES = (
 
 @dataclass(frozen=True, kw_only=True)
 class Analyses:
-    """Logarithms of the indicators of all records (records, series), their classes, severities, speeds and states."""
+    """Logarithms of the indicators of all records (records, series), their classes, machines, severities and states."""
 
     series: tuple[Series, ...]
     values: Array
     kinds: NDArray[np.str_]
+    machine: NDArray[np.int64]
     severity_mm: Array
     speed_hz: Array
     states: Array
     diagnosed: NDArray[np.bool_]
 
-    def resampled(self, machines: Collection[int] = range(MACHINES)) -> "Resampled":
-        """Return the fleets that are made of the healthy records of some machines."""
-        of_each = np.arange(self.kinds.size) % MACHINES  # records take turns
-        those = (self.kinds == "healthy") & np.isin(of_each, list(machines))
-        return Resampled(healthy=self.values[those], states=self.states[those])
+    @property
+    def machines(self) -> int:
+        """Number of machines."""
+        return int(self.machine.max()) + 1
+
+    def resampled(self, machines: Collection[int] | None = None) -> "Resampled":
+        """Return the fleets that are made of the healthy records of some machines, or of all."""
+        those = self.kinds == "healthy"
+        if machines is not None:
+            those &= np.isin(self.machine, list(machines))
+        return Resampled(healthy=self.values[those], states=self.states[those], machine=self.machine[those])
 
 
 def analyses(folder: Path, *, workers: int, records: int = RECORDS) -> Analyses:
-    """Return the analyses in the folder; make what is missing."""
+    """Return the analyses in the folder that the prior and faults are learned from; make what is missing."""
     text = PLAN.format(records=records, machines=MACHINES, seed=1)
     for name, kind, component, size, least in SIZES:
         text += FAULT.format(name=name, kind=kind, component=component, size=size, least=least)
     rows, labels = _analysed(folder, text, workers)
-    found = [series_of(row) for row in rows]
+    kinds = [str(kind) for kind in labels["class"].to_numpy()]
+    severity_mm, states = [labels["severity_mm"].to_numpy()], [_states(labels)]
+    machine = [np.arange(records) % MACHINES]  # records take turns
+    for place, seed in enumerate(HEALTHY_SEEDS):
+        more, labels = _healthy(folder, seed, HEALTHY_RECORDS, HEALTHY_MACHINES, workers)
+        rows += more
+        kinds += ["healthy"] * HEALTHY_RECORDS
+        severity_mm.append(np.full(HEALTHY_RECORDS, np.nan))
+        states.append(_states(labels))
+        machine.append(MACHINES + place * HEALTHY_MACHINES + np.arange(HEALTHY_RECORDS) % HEALTHY_MACHINES)
+    found, classes = [series_of(row) for row in rows], np.array(kinds)
     every = tuple(sorted(set().union(*found)))
     values = np.array([vector(one, every) for one in found])
-    kinds = labels["class"].to_numpy().astype(np.str_)
-    kept = np.isfinite(values[kinds == "healthy"]).mean(axis=0) >= 0.9  # noqa: PLR2004
+    kept = np.isfinite(values[classes == "healthy"]).mean(axis=0) >= 0.9  # noqa: PLR2004
     return Analyses(
         series=tuple(key for key, keep in zip(every, kept, strict=True) if keep),
         values=values[:, kept],
-        kinds=kinds,
-        severity_mm=np.asarray(labels["severity_mm"].to_numpy(), dtype=np.float64),
+        kinds=classes,
+        machine=np.concatenate(machine),
+        severity_mm=np.concatenate(severity_mm).astype(np.float64),
         speed_hz=np.array([row["speed_hz"] for row in rows]),
-        states=_states(labels),
-        diagnosed=np.array([_diagnosed(row, str(kind)) for row, kind in zip(rows, kinds, strict=True)]),
+        states=np.concatenate(states),
+        diagnosed=np.array([_diagnosed(row, kind) for row, kind in zip(rows, kinds, strict=True)]),
     )
 
 
 def unseen(folder: Path, series: tuple[Series, ...], *, workers: int) -> "Resampled":
     """Return the fleets that are made of machines of another seed, from which nothing is learned."""
-    text = PLAN.format(records=UNSEEN_RECORDS, machines=UNSEEN_MACHINES, seed=4)
-    rows, labels = _analysed(folder / "unseen", text, workers)
-    return Resampled(healthy=np.array([vector(series_of(row), series) for row in rows]), states=_states(labels))
+    rows, labels = _healthy(folder, UNSEEN_SEED, UNSEEN_RECORDS, UNSEEN_MACHINES, workers)
+    return Resampled(
+        healthy=np.array([vector(series_of(row), series) for row in rows]),
+        states=_states(labels),
+        machine=np.arange(UNSEEN_RECORDS) % UNSEEN_MACHINES,
+    )
+
+
+def _healthy(
+    folder: Path, seed: int, records: int, machines: int, workers: int
+) -> tuple[list[dict[str, Any]], xr.Dataset]:
+    """Return the results of healthy records of machines of a seed, and their labels."""
+    return _analysed(folder / f"seed {seed}", PLAN.format(records=records, machines=machines, seed=seed), workers)
 
 
 def _analysed(folder: Path, text: str, workers: int) -> tuple[list[dict[str, Any]], xr.Dataset]:
@@ -176,17 +204,14 @@ def garrote(slopes: Array, errors: Array, *, by: float = 2.0) -> Array:
     return np.asarray(slopes * np.maximum(0.0, 1 - (by * errors / sizes) ** 2))
 
 
-def halves() -> list[tuple[int, ...]]:
-    """Return halves of the machines: seven splits in which each two eighths are as often together, both ways round."""
-    signs = [
-        [(machine % _EIGHTHS & which).bit_count() % 2 for machine in range(MACHINES)] for which in range(1, _EIGHTHS)
-    ]
-    return [tuple(np.flatnonzero(np.array(one) == side).tolist()) for one in signs for side in (0, 1)]
-
-
-def others(half: Collection[int]) -> tuple[int, ...]:
-    """Return the machines that are not in a half."""
-    return tuple(sorted(set(range(MACHINES)) - set(half)))
+def halves(machines: int) -> list[tuple[tuple[int, ...], tuple[int, ...]]]:
+    """Return halves of machines with the others: three splits of their quarters, both ways round."""
+    found = []
+    for which in range(1, _QUARTERS):
+        side = np.array([(number % _QUARTERS & which).bit_count() % 2 for number in range(machines)])
+        one, other = (tuple(np.flatnonzero(side == number).tolist()) for number in (0, 1))
+        found += [(one, other), (other, one)]
+    return found
 
 
 def slope_risk(found: Analyses, by: float) -> float:
@@ -195,8 +220,8 @@ def slope_risk(found: Analyses, by: float) -> float:
     The mean over the splits, less what the others' own errors add.
     """
     risks = []
-    for half in halves():
-        one, other = found.resampled(half), found.resampled(others(half))
+    for half, others in halves(found.machines):
+        one, other = found.resampled(half), found.resampled(others)
         std = np.nanstd(one.healthy, axis=0)
         missed = (garrote(*one.slopes, by=by) - other.slopes[0]) ** 2 - other.slopes[1] ** 2
         risks.append((missed / std**2).sum(axis=0).mean())
@@ -230,6 +255,7 @@ class Resampled:
 
     healthy: Array
     states: Array
+    machine: NDArray[np.int64]
 
     @cached_property
     def _design(self) -> Array:
@@ -252,12 +278,14 @@ class Resampled:
 
     def still(self) -> "Resampled":
         """Return the same without what carries over."""
-        return Resampled(healthy=self._fit[1], states=np.random.default_rng(18).standard_normal(self.states.shape))
+        return replace(self, healthy=self._fit[1], states=np.random.default_rng(18).standard_normal(self.states.shape))
 
     def drawn_again(self, rng: np.random.Generator) -> "Resampled":
-        """Return fleets of as many analyses, drawn from these."""
-        those = rng.integers(len(self.healthy), size=len(self.healthy))
-        return Resampled(healthy=self.healthy[those], states=self.states[those])
+        """Return fleets of the analyses of as many machines, drawn from these."""
+        numbers = np.unique(self.machine)
+        drawn = rng.choice(numbers, numbers.size)
+        those = np.concatenate([np.flatnonzero(self.machine == one) for one in drawn])
+        return Resampled(healthy=self.healthy[those], states=self.states[those], machine=self.machine[those])
 
     @property
     def standard(self) -> Array:

@@ -2,9 +2,10 @@
 
 from collections.abc import Collection, Mapping, Sequence
 from dataclasses import dataclass, replace
+from typing import Any
 
 import numpy as np
-from fleet_analyses import MACHINES, Analyses, Array, Fleet, Resampled, halves, others
+from fleet_analyses import Analyses, Array, Fleet, Resampled, halves
 from numpy.typing import NDArray
 
 from hums.fleet.monitor import MOST_LEVERAGE
@@ -18,7 +19,7 @@ from signals.monitoring.limits import HealthyScores, machine_limits, tail_quanti
 CHUNK = 50  # machines whose series are in memory at a time
 RATES = (1_000.0, 10_000.0)
 WATCHED = 300
-_OF_HALVES = 0.25  # of the variance that separates halves: of one prior of all machines against all others (`widening`)
+Key = tuple[int, float, float]  # records of a baseline, mean records between alarms, drift
 MOST_DOF = 10.0  # real machines differ more than resampled ones: deviations by 22 % (our choice)
 
 
@@ -109,19 +110,31 @@ def two_of_three(index: NDArray[np.float32]) -> NDArray[np.float32]:
     return np.asarray(np.minimum(three[1], index))
 
 
-def at_rate(largest: Sequence[NDArray[np.float32]], scores: int, every: float) -> float:
+def at_rate(largest: Sequence[NDArray[np.float32]], every: float) -> float:
     """Return the factor on limits at which machines with those largest indices raise one alarm in `every` records.
 
-    Where those are of some of a machine's `scores`, of so many alarms only their part.
+    `largest` holds arrays (machines, components).
     """
     ordered = np.sort(np.concatenate([each.ravel() for each in largest]))[::-1]
-    return float(ordered[round(ordered.size / scores * WATCHED / every)])
+    return float(ordered[round(sum(len(each) for each in largest) * WATCHED / every)])
+
+
+def of_components(index: NDArray[np.float32], layout: Layout, group: int | None = None) -> NDArray[np.float32]:
+    """Return the largest limit (machines, components) at which components raise an alarm by an index of their scores.
+
+    Of a component with parts two records may reach the limit by two of its scores: by those of a `group`, or of all.
+    """
+    groups = np.array(layout.group_of)
+    component = np.cumsum(groups == 0) - 1  # the score of a component, those of its parts behind it
+    those = np.flatnonzero((groups == group) | (group is None))
+    first = np.flatnonzero(np.diff(component[those], prepend=-1))
+    return np.asarray(two_of_three(np.maximum.reduceat(index[..., those], first, axis=-1)).max(axis=1))
 
 
 # ---- the prior -------------------------------------------------------------------------------------------------------
 
 
-def learn_prior(found: Analyses, resampled: Resampled) -> dict[str, object]:
+def learn_prior(found: Analyses, resampled: Resampled) -> dict[str, Any]:
     """Return what is usual over healthy machines: of twelve resampled ones with 2,000 records each."""
     rng = np.random.default_rng(11)
     series = resampled.machines(12, 2_000, rng).series
@@ -163,60 +176,76 @@ def learn_prior(found: Analyses, resampled: Resampled) -> dict[str, object]:
 def widening(found: Analyses, *, machines: int) -> list[list[list[float]]]:
     """Return by how much limits of each group of scores have to be wider than the model's, for baselines and rates.
 
-    Limits of a prior that is held against the fleets of its own analyses lack nothing but what the model of the
-    scores lacks. To see what a prior lacks of machines that it has not seen, those that it is learned from are split
-    into halves in seven ways: a prior of the one half makes the limits of fleets that are made of the other, their
-    slopes too (cross-validation; Stone 1974, J. R. Stat. Soc. B 36(2), 111-147). Either factor is the one at which all
-    fleets together raise the stated number of alarms. The number goes exponentially with the logarithm of the limits,
-    so that what errors of a prior add to its logarithm is proportional to their variance: of a prior of n / 2 analyses
-    against n / 2 others 4 / n, of the prior of all n against all machines 1 / n. Of the excess of the second factor
-    over the first, in logarithms, `_OF_HALVES` is therefore taken. One factor is of fleets whose states drift, with
-    the model's drift, and one of fleets whose states do not, with none.
+    Alarms are counted of components, of which parts share one, as the machine's are. Limits of a prior that is held
+    against the fleets of its own analyses lack nothing but what the model of the scores lacks: let f be the factor at
+    which they raise the stated number of alarms. It is a group's own, times one of all groups, since a component's
+    alarm may take one record of its own score and one of a part's, which no group counts. Fleets of other analyses
+    raise more, by the errors of either: the number goes exponentially with the logarithm of the limits, so that errors
+    of variance v multiply its mean by exp(v / 2). With a variance that goes as one over the number of analyses, as of
+    any mean, the factor of a prior of n analyses against those of m is
+
+        log f(n, m) = log f + c (1 / n + 1 / m)
+
+    c follows from halves of the machines, a prior of one half held against the fleets of the other (cross-validation;
+    Stone 1974, J. R. Stat. Soc. B 36(2), 111-147), in three splits, both ways round. The factor taken is that of the
+    prior of all against machines of any number, f(n, infinity). One factor is of fleets whose states drift, with the
+    model's drift, and one of fleets whose states do not, with none.
     """
     _, _, layout = layout_of(found.series)
-    groups = np.array(layout.group_of)
-    sizes = {1.0: {2: 2 * machines, 10: 2 * machines, 30: 2 * machines, 300: machines}}  # by their cost
+    everyone, splits = tuple(range(found.machines)), halves(found.machines)
+    sizes = {1.0: {2: machines, 10: machines, 30: 2 * machines, 300: machines}}  # by their cost
     sizes[0.0] = {30: machines, 300: machines // 2}
-    everyone = range(MACHINES)
-    own = _largest(found, [(everyone, everyone)], sizes)
-    halved = _largest(found, [(half, others(half)) for half in halves()], sizes)
-
-    def factor(largest: Sequence[NDArray[np.float32]], group: int, rate: float) -> float:
-        return at_rate([one[:, groups == group] for one in largest], layout.scores, rate)
-
-    return [
-        [
-            [
-                baseline,
-                rate * layout.scores,
-                drift,
-                round(_of_all(*(factor(of[key], group, rate) for of in (own, halved))), 3),
-            ]
-            for key in own
-            for baseline, rate, drift in (key,)
+    own_sizes = {drift: {baseline: 2 * count for baseline, count in of.items()} for drift, of in sizes.items()}
+    alone = _factors(_largest(found, [(everyone, everyone)], own_sizes), layout)  # nearer to what is taken: more fleets
+    apart = _factors(_largest(found, splits, sizes), layout)
+    together = _largest(found, [(everyone, everyone)], own_sizes, widening=_rows(alone, layout))
+    one_over = [1 / len(found.resampled(those).healthy) for those in (everyone, *splits[0])]
+    share = one_over[0] / (one_over[1] + one_over[2])
+    wider = {
+        key: [
+            at_rate([one[-1] for one in together[key]], key[1]) * of_own * (of_halves / of_own) ** share
+            for of_own, of_halves in zip(alone[key], apart[key], strict=True)
         ]
-        for group in range(groups.max() + 1)
+        for key in alone
+    }
+    return _rows(wider, layout)
+
+
+def _factors(largest: Mapping[Key, list[list[NDArray[np.float32]]]], layout: Layout) -> dict[Key, list[float]]:
+    """Return the factor of each group at which its alarms are the part of the stated ones that its scores are."""
+    scores = np.bincount(layout.group_of)
+    return {
+        key: [at_rate([one[group] for one in of], key[1] * layout.scores / count) for group, count in enumerate(scores)]
+        for key, of in largest.items()
+    }
+
+
+def _rows(factors: Mapping[Key, list[float]], layout: Layout) -> list[list[list[float]]]:
+    """Return the factors of each group as a prior holds them."""
+    return [
+        [[key[0], key[1] * layout.scores, key[2], round(of[group], 3)] for key, of in factors.items()]
+        for group in range(max(layout.group_of) + 1)
     ]
-
-
-def _of_all(own: float, halved: float) -> float:
-    """Return the factor of a prior of all analyses, from those of a prior seen by itself and of halves."""
-    return float(own * (halved / own) ** _OF_HALVES)
 
 
 def _largest(
     found: Analyses,
     pairs: Sequence[tuple[Collection[int], Collection[int]]],
     sizes: Mapping[float, Mapping[int, int]],
-) -> dict[tuple[int, float, float], list[NDArray[np.float32]]]:
-    """Return the largest indices of fleets by baseline, rate and drift, for pairs of machines learned from and watched.
+    widening: Sequence[list[list[float]]] | None = None,
+) -> dict[Key, list[list[NDArray[np.float32]]]]:
+    """Return the largest indices of the groups of scores, and of all, of fleets by baseline, rate and drift.
 
-    `sizes` has the number of machines to watch for each drift and baseline, over all pairs.
+    `pairs` are of machines learned from and watched; `sizes` has the number of machines to watch for each drift and
+    baseline, over all pairs; `widening`, if given, that of each group, as a prior holds it.
     """
     _, _, layout = layout_of(found.series)
-    largest: dict[tuple[int, float, float], list[NDArray[np.float32]]] = {}
+    largest: dict[Key, list[list[NDArray[np.float32]]]] = {}
     for learned_from, watched in pairs:
         learned = learn_prior(found, found.resampled(learned_from))
+        if widening is not None:
+            for group, rows in zip(learned["groups"], widening, strict=True):
+                group["widening"] = rows
         prior, drifting = prior_of(found.series, layout, learned), healthy_scores(learned)
         unseen = found.resampled(watched)
         for drift, fleets in ((1.0, unseen), (0.0, unseen.still())):
@@ -227,5 +256,6 @@ def _largest(
                     fleet = fleets.machines(CHUNK, baseline + WATCHED, rng)
                     seen = watch(fleet, baseline, RATES, layout, prior, models)
                     for rate, one in zip(RATES, seen, strict=True):
-                        largest.setdefault((baseline, rate, drift), []).append(two_of_three(one.index).max(axis=1))
+                        groups = [of_components(one.index, layout, group) for group in (*range(len(models)), None)]
+                        largest.setdefault((baseline, rate, drift), []).append(groups)
     return largest

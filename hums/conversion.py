@@ -28,7 +28,7 @@ from hums.readers.process import ReaderProcess
 from hums.records.dataset_store import INDEX, SHARD, write_index
 from hums.records.fields import RecordError, plain_cell, utc_text
 from hums.records.snapshots import join_snapshots
-from hums.records.store import atomic_write, save_record, write_shard
+from hums.records.store import atomic_write, remove_partial_files, write_record, write_shard
 
 __all__ = ["Conversion", "SourceFile", "convert_files", "find_sources"]
 
@@ -283,6 +283,7 @@ def convert_files(
     notes = folder / _PIECES
     if _drop_stale(folder, jobs):
         (folder / INDEX).unlink(missing_ok=True)
+    remove_partial_files(folder)
     tally = run_jobs(_write_piece, jobs, folder=notes, workers=workers or Serial(), title="files" if progress else None)
     _reader().close()
     done = [json.loads((notes / job.name).read_text(encoding="utf-8")) for job in jobs]
@@ -511,5 +512,5 @@ def _write_records(folder: Path, item: Mapping[str, Any], made: Sequence[tuple[l
         return [name]
     names = [f"{Path(paths[0]).stem}.h5" for paths, _ in made]
     for name, (_, record) in zip(names, made, strict=True):
-        save_record(record, folder / name)
+        write_record(record, folder / name, tidy=False)
     return names

@@ -23,7 +23,7 @@ from signals.monitoring.location import SeriesBaseline
 
 __all__ = ["read_state", "write_state"]
 
-SCHEMA = "hums-watch/4"
+SCHEMA = "hums-watch/5"
 _KINDS = {
     kind.__name__: kind
     for kind in (

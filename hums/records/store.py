@@ -44,6 +44,7 @@ __all__ = [
     "refuse_size",
     "remove_partial_files",
     "save_record",
+    "write_record",
     "write_shard",
     "write_tree",
 ]
@@ -94,9 +95,14 @@ def save_record(record: xr.Dataset, path: str | os.PathLike[str]) -> None:
     ...         print(float(half.time[0]), half.sizes["time"])
     0.5 500
     """
+    write_record(record, path)
+
+
+def write_record(record: xr.Dataset, path: str | os.PathLike[str], *, tidy: bool = True) -> None:
+    """Write a record as `save_record` does; `tidy` is that of `atomic_write`."""
     check_record(record)
     plain = _writable(detach_time(record), where="record")
-    _write({"/": (plain, _all_chunks(plain))}, path)
+    _write({"/": (plain, _all_chunks(plain))}, path, tidy=tidy)
 
 
 @checked
@@ -370,8 +376,8 @@ def _damaged(file: Path, why: object) -> RecordError:
 # ---- writing -----------------------------------------------------------------------------------------------
 
 
-def _write(groups: Mapping[str, tuple[xr.Dataset, Chunks]], path: str | os.PathLike[str]) -> None:
-    with atomic_write(path) as part:
+def _write(groups: Mapping[str, tuple[xr.Dataset, Chunks]], path: str | os.PathLike[str], *, tidy: bool = True) -> None:
+    with atomic_write(path, tidy=tidy) as part:
         try:
             write_netcdf(part, groups)
         except (DiskError, RuntimeError) as error:  # the latter where HDF5 misses a refused write
@@ -383,7 +389,7 @@ def atomic_write(path: str | os.PathLike[str], *, tidy: bool = True) -> Iterator
     """Yield a temporary file to write, which replaces `path` on success and is removed on failure.
 
     What dead writers of `path` left is removed, for which the folder is listed; not with `tidy` false: the time of as
-    many files in one folder would grow with their square. `hums.jobs.run_jobs` tidies its folder when it begins.
+    many files in one folder would grow with their square. Who writes them tidies the folder before the first.
     """
     target = Path(path).resolve()  # so that a symbolic link remains one
     if not is_utf8(target.name):

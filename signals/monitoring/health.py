@@ -12,6 +12,7 @@ import numpy as np
 from numpy.typing import NDArray
 
 from signals.monitoring.autocorrelation import slow_variance
+from signals.monitoring.charts import Charts
 from signals.monitoring.location import SeriesBaseline, learn_baseline
 from signals.monitoring.scores import Kinds, fused_scores, kinds_of, out_of_sample
 
@@ -25,6 +26,8 @@ _QUANTILES = np.array((0.5, *_WATCHED))
 _BY_CHANCE = 18.0
 """Records over which two states that have nothing to do with each other look alike: 1 + 2 sum of rho^2 over the lags,
 for states of which half is correlated over 5 and half over 50 records."""
+_MEMORY = min(Charts().weights) / (2 - min(Charts().weights))
+"""Variance of the EWMA that remembers longest, over that of white scores (Roberts 1959; `charts`)."""
 _RECENT = 0.1  # weight of the EWMA that a sudden fall of the level is held against
 
 
@@ -247,12 +250,15 @@ def _drift_left(fused: Array, values: Array, raw: SeriesBaseline, series: Series
 def _foretold(baseline: SeriesBaseline, covariates: Array) -> tuple[Array, Array]:
     """Return by how much departures (..., 1) at covariates are wider than in the middle, and how much a score counts.
 
-    The error of a slope stays from record to record, so that charts which remember add it up: limits allow for the
-    mean error of the baseline's own records, and where the error is larger, scores count less by as much.
+    The error of a slope stays from record to record, so that charts which remember add it up: the EWMA that remembers
+    longest has the variance m of white scores and that of all of what is foretold. Limits allow for the mean of the
+    latter over the baseline's own records, (1 + slopes) / n; where it is larger, scores count less, so that the
+    variance of the EWMA stays. The more records, the less that is.
     """
     leverage, records = baseline.leverage(covariates), baseline.records
     wider = np.sqrt(1 + leverage / (1 + 1 / records))
-    counted = np.sqrt(np.minimum(1.0, (1 + baseline.regressors) / (1 + records * leverage)))
+    allowed, there = (1 + baseline.regressors) / records, 1 / records + leverage
+    counted = np.sqrt(np.minimum(1.0, (_MEMORY + allowed) / (_MEMORY + there)))
     return wider[..., None], np.asarray(counted)[..., None]
 
 

@@ -178,6 +178,23 @@ def test_a_file_each_of_snapshots_with_measured_columns(tmp_path):
         assert record.torque.mean("time").values.tolist() == [20, 30]
 
 
+def test_what_killed_writers_left_is_removed_once(tmp_path, monkeypatch):
+    """The folder is not listed for each file: the time would grow with the square of their number."""
+    listed, glob = [], Path.glob
+    monkeypatch.setattr(Path, "glob", lambda folder, pattern: listed.append(folder) or glob(folder, pattern))
+
+    def listings(files):
+        out = tmp_path / f"{files} files"
+        out.mkdir()
+        (out / ".hums-77.part").touch()
+        sources = [write(tmp_path, f"s{number}.csv", number) for number in range(files)]
+        convert_files(find_sources(sources), out, form="files", **DECLARED)
+        assert not (out / ".hums-77.part").exists()
+        return listed.count(out)
+
+    assert listings(5) == listings(1)
+
+
 def test_two_files_of_one_name(tmp_path):
     for name in ("a", "b"):
         (tmp_path / name).mkdir()
