@@ -163,10 +163,11 @@ def expected_lines(motion: Motion) -> tuple[ExpectedLines, ...]:
 def _families(excitations: list[_Excitation], teeth: tuple[Fraction, ...], *, top: float) -> dict[Fraction, Singles]:
     """Return p without vibration, (input, mesh, k), by the order of which its lines are multiples.
 
-    The first input is in N, the others are per N of the static force of each mesh. Harmonics of a mesh
-    are among the multiples of the order that most meshes share.
+    The first input is in N, the others are per N of the static force of each mesh. Harmonics of a mesh are among the
+    multiples of a damaged tooth's order, whose stiffness they vibrate on, or of the order that most meshes share.
     """
     added = list[tuple[Fraction, int, int, Fraction, ComplexArray]]()  # family, input, mesh, order of the first, lines
+    damaged = set[Fraction]()
     for number, mesh in enumerate(excitations):
         for cycles, lines in mesh.errors_n.items():
             added.append((mesh.order / cycles, 0, number, mesh.order / cycles, lines))
@@ -179,16 +180,17 @@ def _families(excitations: list[_Excitation], teeth: tuple[Fraction, ...], *, to
                 every = int(mesh.order / order)
                 lines[every - 1 :: every] = 0
                 added.append((order, 1 + number, number, order, lines))
+                damaged.add(order)
     bases = list(dict.fromkeys(family for family, *_ in added))
     orders = [mesh.order for mesh in excitations]
 
-    def shared(base: Fraction) -> tuple[int, Fraction]:
-        return sum((order / base).denominator == 1 for order in orders), base
+    def coupled(base: Fraction) -> tuple[bool, int, Fraction]:
+        return base in damaged, sum((order / base).denominator == 1 for order in orders), -base
 
     of = {
         family: family
         if family not in orders
-        else max((base for base in bases if (family / base).denominator == 1), key=shared)
+        else max((base for base in bases if (family / base).denominator == 1), key=coupled)
         for family in bases
     }
     found = {
