@@ -61,6 +61,7 @@ _EXPLAINING_SIDEBANDS = 2  # of a deeper line: the third of a real defect is bel
 _PARTS = 5  # of a deeper line's order
 _STRIKES = 10  # multiples of a bearing's line that its strikes make; a tenth stands above half of a resonance's width
 _COMB = 30  # multiples of a shaft that impacts once a turn make
+_LOAD_MULTIPLES = 4  # of a shaft that modulations once and twice a turn make: the second of the second
 _FULL_COMB = 0.7  # of eight multiples of a slow shaft that impacts once a turn; a defect with sidebands has fewer
 _FAST_BINS = 20  # multiples of a slower shaft lie so densely that any line is near one
 
@@ -541,17 +542,20 @@ def _comb_of_a_shaft(order: float, depth: float, band: BandEvidence, setting: Se
         if shaft <= 2 * MATCH_BINS * width or multiple < 1 or off > width:
             continue
         name = f"{multiple} times the order {shaft:.4g} of a shaft"
-        if shaft <= _FAST_BINS * width:
-            # near a multiple of a slow shaft any line is: only a comb that stands far away from it says more
-            far = [k for k in range(3, 11) if abs(k - multiple) > _SIDEBANDS]
+        slow = shaft <= _FAST_BINS * width
+        if slow or _LOAD_MULTIPLES < multiple <= _COMB:
+            # near a multiple of a slow shaft any line is, and the shaft that a race turns with spaces its sidebands:
+            # only a comb that stands far away from it says more
+            far = [k for k in range(3, 11) if abs(k - multiple) > _SIDEBANDS and k % multiple]
             if sum(stands(k * shaft) for k in far) >= _FULL_COMB * len(far):
                 return "", f"it is {name}, of whose multiples most stand out"
-        elif multiple <= _COMB:
+        elif multiple <= _LOAD_MULTIPLES:
             beside = [k for k in (1, 2, multiple - 1, multiple + 1) if k % multiple and stands(k * shaft)]
             if beside:
                 return "", f"it is {name}, of which {beside[0]} times stands out, too"
-            if (off <= EXACT_BINS * width and setting.measured) or multiple == 1:
-                alone = alone or f"it stands at {name}"
+        exact = multiple == 1 or (off <= EXACT_BINS * width and setting.measured)
+        if exact and not slow and multiple <= _COMB:
+            alone = alone or f"it stands at {name}"
     return alone, ""
 
 

@@ -39,6 +39,7 @@ from hums.analysis.settings import AnalysisError, AnalysisSettings
 from hums.analysis.thresholds import (
     EXACT_BINS,
     FEWEST_CYCLES,
+    GEARS_SHARE,
     SAME_SPEED,
     SHAFT_CERTAINTY,
     SHAFT_GROWTH,
@@ -192,17 +193,18 @@ def verdicts_from(groups: Mapping[str, xr.Dataset], attrs: Mapping[Any, Any]) ->
     faulty = [name for sensor, name in sick if sensor == "vibration"]
     # bearings and gears share what may be named in health
     bearings = bool(parts) or any(row.kind in BEARING_KINDS for row in unmeasured)
-    chance = settings["false_alarm_probability"] / (2 if gears and bearings else 1)
-    teeth_named = [row for row in gears if row.probability <= chance and not row.explained_by]
+    share = (GEARS_SHARE, 1 - GEARS_SHARE) if gears and bearings else (1.0, 1.0)
+    of_gears, of_bearings = (settings["false_alarm_probability"] * one for one in share)
+    teeth_named = [row for row in gears if row.probability <= of_gears and not row.explained_by]
     judged = [
         *bearing_verdicts(
             [_beside_teeth(part, teeth_named) for part in parts],
-            false_alarm_probability=chance,
+            false_alarm_probability=of_bearings,
             faulty=faulty,
             library=_library(evidence),
             at_shafts=_library(evidence, _AT_SHAFTS),
         ),
-        *gear_verdicts(gears, false_alarm_probability=chance),
+        *gear_verdicts(gears, false_alarm_probability=of_gears),
         *_shaft_verdicts(rows_of(groups[f"/{SHAFTS}"], ShaftLevel), settings["velocity_limits_mm_s"], faulty),
         *(_not_measured(row) for row in unmeasured),
     ]

@@ -785,6 +785,22 @@ def test_a_race_at_a_multiple_of_a_shaft_needs_more_than_shafts_make(race, depth
     assert "it stands at 4 times the order 1 of a shaft" in found.doubts
 
 
+@pytest.mark.parametrize(("standing", "hidden"), [((1, 5, 7), False), (range(1, 11), True)])
+def test_the_turns_of_a_race_are_no_comb_of_its_shaft(standing, hidden):
+    # the inner race at six turns of the shaft that carries it through the load zone: 1, and 5 and 7 as sidebands
+    orders = 0.9 * np.array(sorted({*standing, 6}))
+    band = BandEvidence(
+        band_hz=(1e3, 2e3),
+        lines=ASSESSOR.assess([line("inner_race", 5.4, 10.0)]),
+        orders=orders,
+        depths=np.full(orders.size, 0.5),
+        backgrounds=np.full(orders.size, 0.01),
+        bin_width=BIN,
+    )
+    (part,) = bearing_evidence([band], {"b": BEARING}, Setting(shafts=(0.9,), speed_hz=17.0, speed_range_hz=1.0))
+    assert ("6 times the order 0.9 of a shaft" in part.hidden_by) == hidden
+
+
 @pytest.mark.parametrize(("deep", "hidden"), [(0.6, False), (0.3, True)])
 def test_a_line_is_compared_with_what_it_is_in_the_same_band(deep, hidden):
     # 4.824, at 32 turns of a slow shaft, is a sideband of 4.53, two turns below, if that is the deeper one in its band
