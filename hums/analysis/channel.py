@@ -340,7 +340,8 @@ def _pooled_envelopes(
             gains = [np.mean(own) / level if level > 0 else 0.0 for level in own]
             even = [replace(one, values=one.values * gain) for one, gain in zip(even, gains, strict=True)]
         flat.append(_equally_long(even))
-    spectra = [order_spectra(stretch, max_order=last) for stretch in zip(*flat, strict=True)]
+    # envelopes of a bank are in single precision already
+    spectra = [order_spectra(stretch, max_order=last, single=True) for stretch in zip(*flat, strict=True)]
     pooled = [pooled_spectrum(band) for band in zip(*spectra, strict=True)]
     return [(float(np.mean(own)), spectrum) for own, spectrum in zip(levels, pooled, strict=True)]
 

@@ -490,7 +490,8 @@ def _rotated_maxima(smoothed: Sequence[Array], most: int, observed: float, rng: 
     from signals.angle._local_damage_kernels import rotated_maxima  # noqa: PLC0415 - loads numba
 
     blocks, cells = smoothed[0].shape[-2:]
-    rows = [np.concatenate([band, band], axis=-1) for values in smoothed for band in values]
+    # in single precision, in half of the time: by chance a statistic is within some units of its sixth digit
+    rows = [np.concatenate([band, band], axis=-1, dtype=np.float32) for values in smoothed for band in values]
     found = np.empty(0)
     while found.size < most:
         maxima = np.zeros(min(_FIRST, most - found.size))  # a mean over cells is nothing: the largest is not negative
