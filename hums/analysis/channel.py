@@ -206,7 +206,8 @@ def analyse_channel(
     last = _spectrum_end(searched, settings.max_order, PASSBAND / 2 * when.rate_hz / machine.top_speed_hz)
     signals = _equally_long([one.over_angle([one.values], when, name, last)[0] for one in stretches])
     spectrum = pooled_spectrum([order_spectrum(one, max_order=last) for one in signals])
-    signal, values = signals[0], np.concatenate([one.values for one in stretches])
+    signal = signals[0]
+    values = stretches[0].values if len(stretches) == 1 else np.concatenate([one.values for one in stretches])
     spectra = {ORDER_SPECTRUM: spectrum}
     beside = surroundings_of(spectrum, len(stretches))
     seen = settings.false_alarm_probability
