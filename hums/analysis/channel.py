@@ -47,7 +47,7 @@ _SEEN = 0.01  # probability that noise alone makes a line, below which it counts
 _LEVEL_PERIODS = 4.0  # of the slowest bearing defect: what is slower is taken for a change of level
 _LEAST_ORDERS = 20.0  # of a spectrum
 _MARGIN = 1.1  # end of a spectrum over (highest expected order + 1), so that the background of its lines fits
-_BANDS_AT_ONCE = 8  # whose envelopes are held at once
+_HELD = 2**19  # samples of envelopes whose spectra, some 40 times as large, are made and held at once
 _TOGETHER = 2**21  # samples of envelopes resampled at once: their angles are found once, in 16 MB
 _SHORTEST = 64  # samples that a check of the sensor needs
 _POOLED_BINS = 12.0  # beside a line of a pooled spectrum: nine without its main lobe, of a record of three turns
@@ -466,7 +466,8 @@ def _envelope_spectra(
     slowest = min((line.order for line in expected if line.fundamental), default=1.0)
     each = (_over_angle(one, when, name, machine, bands[:most], last) for one in stretches)
     pairs = zip(bands[:most], zip(*each, strict=True), strict=True)
-    while some := list(islice(pairs, _BANDS_AT_ONCE)):
+    for first in pairs:
+        some = [first, *islice(pairs, _HELD // sum(row.values.size for row in first[1]))]
         pooled = _pooled_envelopes([row for _, row in some], last, slowest)
         yield from ((band, *own) for (band, _), own in zip(some, pooled, strict=True))
 

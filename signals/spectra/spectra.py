@@ -24,7 +24,7 @@ PADDING = (
     8  # zero padding; the scalloping loss of a Hann line is then 0.25 %, and 0.003 % after parabolic interpolation
 )
 _CHUNK = 2**18  # samples transformed at a time
-_TOGETHER = 2**20  # padded samples transformed at once, 8 MB: several rows take a third of the time of single ones
+_TOGETHER = 2**22  # padded samples transformed at once, 16 MB of single ones: rows together take a third of the time
 
 Scaling = Literal["peak", "rms", "density"]
 
@@ -145,14 +145,17 @@ def _amplitude_spectra(
     length = fft.next_fast_len(size * padding) if padding > 1 else size
     axis = np.arange(length // 2 + 1, dtype=np.float64) * (rate / length)
     stop = axis.size if maximum is None else int(np.searchsorted(axis, maximum, side="right"))
-    axis, scale = axis[:stop], 2 / shape.weights.sum()
+    # small and large units would under- and overflow in single precision
+    largest = (max(float(np.abs(signal).max()) for signal in signals) if single else 0.0) or 1.0
+    weights = shape.weights / largest
+    axis, scale = axis[:stop], 2 * largest / shape.weights.sum()
     turned = scale * _phasors(-start * rate / length, stop) if start else scale
     noise_bandwidth_bins, spread = shape.noise_bandwidth_bins, shape.spread
     found: list[AmplitudeSpectrum] = []
     at_once = max(1, _TOGETHER // length)
     memory = np.empty(length // 2 + 1, dtype=np.complex128)
     for first in range(0, len(signals), at_once):
-        some = [without_mean(signal) * shape.weights for signal in signals[first : first + at_once]]
+        some = [without_mean(signal) * weights for signal in signals[first : first + at_once]]
         # numpy's transform pads no copy and fills memory again, scipy's takes a third of the time for several rows
         alone = len(some) == 1 and not single
         dtype = np.float32 if single else np.float64
