@@ -47,7 +47,7 @@ _SEEN = 0.01  # probability that noise alone makes a line, below which it counts
 _LEVEL_PERIODS = 4.0  # of the slowest bearing defect: what is slower is taken for a change of level
 _LEAST_ORDERS = 20.0  # of a spectrum
 _MARGIN = 1.1  # end of a spectrum over (highest expected order + 1), so that the background of its lines fits
-_BANDS_AT_ONCE = 8  # whose envelopes are held at once
+_HELD = 2**19  # samples of envelopes whose spectra, some 40 times as large, are made and held at once
 _TOGETHER = 2**21  # samples of envelopes resampled at once: their angles are found once, in 16 MB
 _SHORTEST = 64  # samples that a check of the sensor needs
 _POOLED_BINS = 12.0  # beside a line of a pooled spectrum: nine without its main lobe, of a record of three turns
@@ -206,7 +206,8 @@ def analyse_channel(
     last = _spectrum_end(searched, settings.max_order, PASSBAND / 2 * when.rate_hz / machine.top_speed_hz)
     signals = _equally_long([one.over_angle([one.values], when, name, last)[0] for one in stretches])
     spectrum = pooled_spectrum([order_spectrum(one, max_order=last) for one in signals])
-    signal, values = signals[0], np.concatenate([one.values for one in stretches])
+    signal = signals[0]
+    values = stretches[0].values if len(stretches) == 1 else np.concatenate([one.values for one in stretches])
     spectra = {ORDER_SPECTRUM: spectrum}
     beside = surroundings_of(spectrum, len(stretches))
     seen = settings.false_alarm_probability
@@ -340,7 +341,8 @@ def _pooled_envelopes(
             gains = [np.mean(own) / level if level > 0 else 0.0 for level in own]
             even = [replace(one, values=one.values * gain) for one, gain in zip(even, gains, strict=True)]
         flat.append(_equally_long(even))
-    spectra = [order_spectra(stretch, max_order=last) for stretch in zip(*flat, strict=True)]
+    # envelopes of a bank are in single precision already
+    spectra = [order_spectra(stretch, max_order=last, single=True) for stretch in zip(*flat, strict=True)]
     pooled = [pooled_spectrum(band) for band in zip(*spectra, strict=True)]
     return [(float(np.mean(own)), spectrum) for own, spectrum in zip(levels, pooled, strict=True)]
 
@@ -464,7 +466,8 @@ def _envelope_spectra(
     slowest = min((line.order for line in expected if line.fundamental), default=1.0)
     each = (_over_angle(one, when, name, machine, bands[:most], last) for one in stretches)
     pairs = zip(bands[:most], zip(*each, strict=True), strict=True)
-    while some := list(islice(pairs, _BANDS_AT_ONCE)):
+    for first in pairs:
+        some = [first, *islice(pairs, _HELD // sum(row.values.size for row in first[1]))]
         pooled = _pooled_envelopes([row for _, row in some], last, slowest)
         yield from ((band, *own) for (band, _), own in zip(some, pooled, strict=True))
 

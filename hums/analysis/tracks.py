@@ -34,7 +34,9 @@ _OUTPUTS_A_BANDWIDTH = 16.0
 _SLOWEST_OUTPUT_REV = 8.0
 _CYCLES_A_BANDWIDTH = 8.0  # of a line in one over its bandwidth, so that it and its neighbours are apart
 _SLIP_CHANGE = 1e-3  # a revolution; as `track_slipping_order` advises for rolling bearings
-_FIRST_STEPS, _MOST_STEPS = 4, 100  # of the smoother: to choose the bandwidth along a first path, and at it
+# steps of the smoother: to choose the bandwidth along a first path, where more change the amplitude by less than 1e-3
+# of its largest, and at it
+_FIRST_STEPS, _MOST_STEPS = 2, 100
 _MARGIN_ORDERS = 1.5  # above a line, for the noise beside it
 _SURROUNDINGS_SHARE = 0.4  # of a line's order: the next harmonic of its family stays out
 

@@ -159,12 +159,12 @@ def folded(
     if turns < FEWEST_TURNS:
         raise ValueError(f"{max(turns, 0)} turns are too few to judge one tooth; record {FEWEST_TURNS} or more.")
     cells = _cells(pitch, per_turn)
-    turn = np.floor(place + 1e-9).astype(int)
-    inside = (turn >= first) & (turn < last)
-    if keep is not None:
-        inside &= keep
-    cell = np.floor((place - turn + 1e-9) * cells).astype(int)
-    index = ((turn - first) * cells + np.clip(cell, 0, cells - 1))[inside]
+    begin, end = np.searchsorted(place + 1e-9, [first, last]).tolist()
+    inside = slice(begin, end) if keep is None else begin + np.flatnonzero(keep[begin:end])
+    place = place[inside] + 1e-9
+    turn = np.floor(place).astype(int)
+    cell = np.floor((place - turn) * cells).astype(int)
+    index = (turn - first) * cells + np.clip(cell, 0, cells - 1)
     seen = np.bincount(index, minlength=turns * cells).reshape(turns, cells)
     blocks = min(turns, int(np.clip(turns // 2, *_BLOCKS)))
     edges = np.linspace(0, turns, blocks + 1).astype(int)[:-1]
@@ -490,7 +490,8 @@ def _rotated_maxima(smoothed: Sequence[Array], most: int, observed: float, rng: 
     from signals.angle._local_damage_kernels import rotated_maxima  # noqa: PLC0415 - loads numba
 
     blocks, cells = smoothed[0].shape[-2:]
-    rows = [np.concatenate([band, band], axis=-1) for values in smoothed for band in values]
+    # in single precision, in half of the time: by chance a statistic is within some units of its sixth digit
+    rows = [np.concatenate([band, band], axis=-1, dtype=np.float32) for values in smoothed for band in values]
     found = np.empty(0)
     while found.size < most:
         maxima = np.zeros(min(_FIRST, most - found.size))  # a mean over cells is nothing: the largest is not negative

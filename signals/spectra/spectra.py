@@ -24,7 +24,7 @@ PADDING = (
     8  # zero padding; the scalloping loss of a Hann line is then 0.25 %, and 0.003 % after parabolic interpolation
 )
 _CHUNK = 2**18  # samples transformed at a time
-_TOGETHER = 2**20  # padded samples transformed at once, 8 MB: several rows take a third of the time of single ones
+_TOGETHER = 2**22  # padded samples transformed at once, 16 MB of single ones: rows together take a third of the time
 
 Scaling = Literal["peak", "rms", "density"]
 
@@ -126,7 +126,14 @@ def amplitude_spectrum(
 
 
 def _amplitude_spectra(
-    rows: Sequence[ArrayLike], *, rate: float, window: str, padding: int, maximum: float | None, start: float
+    rows: Sequence[ArrayLike],
+    *,
+    rate: float,
+    window: str,
+    padding: int,
+    maximum: float | None,
+    start: float,
+    single: bool = False,
 ) -> list[AmplitudeSpectrum]:
     """Return the `amplitude_spectrum` of each of several records of one length."""
     signals = [real_vector(values, name="the signal", minimum=4) for values in rows]
@@ -138,17 +145,21 @@ def _amplitude_spectra(
     length = fft.next_fast_len(size * padding) if padding > 1 else size
     axis = np.arange(length // 2 + 1, dtype=np.float64) * (rate / length)
     stop = axis.size if maximum is None else int(np.searchsorted(axis, maximum, side="right"))
-    axis, scale = axis[:stop], 2 / shape.weights.sum()
+    # small and large units would under- and overflow in single precision
+    largest = (max(float(np.abs(signal).max()) for signal in signals) if single else 0.0) or 1.0
+    weights = shape.weights / largest
+    axis, scale = axis[:stop], 2 * largest / shape.weights.sum()
     turned = scale * _phasors(-start * rate / length, stop) if start else scale
     noise_bandwidth_bins, spread = shape.noise_bandwidth_bins, shape.spread
     found: list[AmplitudeSpectrum] = []
     at_once = max(1, _TOGETHER // length)
     memory = np.empty(length // 2 + 1, dtype=np.complex128)
     for first in range(0, len(signals), at_once):
-        some = [without_mean(signal) * shape.weights for signal in signals[first : first + at_once]]
+        some = [without_mean(signal) * weights for signal in signals[first : first + at_once]]
         # numpy's transform pads no copy and fills memory again, scipy's takes a third of the time for several rows
-        alone = len(some) == 1
-        transformed = [np.fft.rfft(some[0], length, out=memory)] if alone else fft.rfft(_padded(some, length))
+        alone = len(some) == 1 and not single
+        dtype = np.float32 if single else np.float64
+        transformed = [np.fft.rfft(some[0], length, out=memory)] if alone else fft.rfft(_padded(some, length, dtype))
         for lines in transformed:
             turned_lines = lines[:stop] * turned
             found.append(
@@ -167,9 +178,9 @@ def _amplitude_spectra(
     return found
 
 
-def _padded(rows: Sequence[Array], length: int) -> Array:
+def _padded(rows: Sequence[Array], length: int, dtype: type[np.floating]) -> Samples:
     """Return rows with zeros appended, (row, length): numpy pads faster than scipy."""
-    padded = np.zeros((len(rows), length))
+    padded = np.zeros((len(rows), length), dtype=dtype)
     for out, row in zip(padded, rows, strict=True):
         out[: row.size] = row
     return padded
@@ -220,7 +231,12 @@ def order_spectrum(
 
 
 def order_spectra(
-    signals: Sequence[AngularSignal], *, window: str = "hann", padding: int = PADDING, max_order: float | None = None
+    signals: Sequence[AngularSignal],
+    *,
+    window: str = "hann",
+    padding: int = PADDING,
+    max_order: float | None = None,
+    single: bool = False,
 ) -> list[AmplitudeSpectrum]:
     """Return the `order_spectrum` of each of several signals over the same angles.
 
@@ -230,6 +246,9 @@ def order_spectra(
         One or more, of one length, start and passband.
     window, padding, max_order
         As in `order_spectrum`.
+    single : bool
+        Whether to transform in single precision, in half of the time: the error of a line is below 1e-6 of the largest
+        sample less the mean.
 
     Returns
     -------
@@ -243,6 +262,7 @@ def order_spectra(
         padding=padding,
         maximum=_last_order(first, max_order),
         start=first.start_rev,
+        single=single,
     )
 
 

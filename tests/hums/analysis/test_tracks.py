@@ -62,6 +62,18 @@ def test_amplitude_and_slip_are_within_their_std_of_the_truth(slips, noise):
         assert np.mean(np.abs(np.array(off)) < 2) > 0.85
 
 
+@pytest.mark.parametrize("noise", [0.15, 0.5])
+def test_more_steps_along_the_first_path_change_little(noise, monkeypatch):
+    line, *_ = envelope(0, slips=True, noise=noise)
+    tracks = track_envelope_lines([line], MACHINE)
+    monkeypatch.setattr("hums.analysis.tracks._FIRST_STEPS", 20)
+    exact = track_envelope_lines([line], MACHINE)
+    change = np.abs(np.abs(tracks["complex_amplitude"]) - np.abs(exact["complex_amplitude"])).max()
+    # 1e-6 and 7e-4 of the largest: the likelihood of the bandwidth is flat about its maximum
+    assert change < 2e-3 * np.abs(exact["complex_amplitude"]).max()
+    assert change < 0.05 * exact["std"].min()
+
+
 def test_the_noise_alone_is_no_amplitude():
     line, *_ = envelope(4, slips=True, noise=0.3)
     rng = np.random.default_rng(5)

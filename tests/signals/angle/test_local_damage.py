@@ -325,7 +325,8 @@ def test_rotations_have_the_statistic_of_the_rotated_blocks(cells):
         turned = np.stack([np.roll(values[:, :, block], -shift, axis=-1) for block, shift in enumerate(shifts)], axis=2)
         error = stats.sem(turned, axis=2)
         error = np.maximum(error, np.median(error, axis=-1, keepdims=True))
-        assert largest == pytest.approx(np.max(turned.mean(axis=2) / error), rel=1e-12)
+        # sums in single precision: 1e-7 (1 + t^2 / n) with t up to 5 and n = 9, and some of it for each of the two sums
+        assert largest == pytest.approx(np.max(turned.mean(axis=2) / error), rel=1e-6)
     assert found.size == 120
 
 

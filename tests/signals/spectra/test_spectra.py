@@ -318,3 +318,15 @@ def test_spectra_together_are_those_of_each(count):
         np.testing.assert_array_equal(one.axis, alone.axis)
         # of lines of some 0.05, rounded by 1e-16 a stage
         np.testing.assert_allclose(one.complex_amplitude, alone.complex_amplitude, atol=1e-15)
+
+
+@pytest.mark.parametrize("unit", [1.0, 1e100, 1e-100])
+def test_spectra_in_single_precision_err_by_a_millionth_of_the_largest_sample(unit):
+    turns = np.arange(64 * 1000) / 64
+    noise = np.random.default_rng(1).standard_normal(turns.size)
+    rows = [unit * (100 + noise), unit * (100 + 5 * np.cos(2 * np.pi * 7 * turns) + 1e-3 * noise)]
+    signals = [AngularSignal(values=row, samples_per_rev=64, start_rev=0.5, passband_orders=28.0) for row in rows]
+    for one, exact, row in zip(order_spectra(signals, single=True), order_spectra(signals), rows, strict=True):
+        assert one.amplitude.dtype == exact.amplitude.dtype
+        error = np.abs(one.complex_amplitude - exact.complex_amplitude).max()
+        assert error < 1e-6 * np.abs(row - row.mean()).max()
