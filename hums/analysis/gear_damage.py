@@ -315,7 +315,7 @@ class _Judge:
     def of(self, row: GearJudgement, gear: _Tooth, keep: NDArray[np.bool_] | None = None) -> GearJudgement:
         """Return the judgement of a gear, from some of the samples."""
         least, most = _ROTATIONS
-        # gears may have `GEARS_SHARE` of the stated probability, and the least of a permutation test is a third of that
+        # gears may have `GEARS_SHARE` of the stated probability, and the least of rotations is three eighths of that
         rotations = int(np.clip(4 * self.tests / self.threshold, least, most))
         try:
             folds = folded(

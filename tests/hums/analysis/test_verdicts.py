@@ -168,7 +168,7 @@ def test_probabilities_follow_from_strengths_and_library_in_the_file(opened):
         low, high = (1 - (1 - (above + extra) / (n + 1)) ** len(parts) for extra in (1, 2))
         floor = 1 / (library["records"] + 1)
         assert max(low, floor) * (1 - 1e-9) <= said <= max(high, floor) * (1 + 1e-9)
-        if said > 0.0025 or part.strength < 0.01:  # a quarter of 0.01 for bearings
+        if said > 0.01 / 3 or part.strength < 0.01:  # the share of bearings
             assert table.loc[(part.component, part.kind), "verdict"] in {"nothing found", "not judged"}
 
 
@@ -190,14 +190,12 @@ def test_a_tooth_follows_from_its_strength_and_turns_at_the_stated_probability(o
         tree["gears"] = xr.DataTree(rows_dataset(changed, GearJudgement, dim="gear").assign_attrs(attrs))
         return by_part(derive_verdicts(tree))[rows[0].component, "tooth"]
 
-    strong = 2 * max(library["strengths"])
-    if (
-        1 / (library["records"] + 1) <= 0.0075
-    ):  # three quarters of 0.01; else no strength is rare enough in so small a library
-        assert turned(strong, 0.99 * 0.0075 / tests).verdict == "indicated"
-    clear = turned(strong, 1.01 * 0.0075 / tests)
+    strong, share = 2 * max(library["strengths"]), 0.01 * 2 / 3  # that of gears
+    if 1 / (library["records"] + 1) <= share:  # else no strength is rare enough in so small a library
+        assert turned(strong, 0.99 * share / tests).verdict == "indicated"
+    clear = turned(strong, 1.01 * share / tests)
     assert clear.verdict == "nothing found"
-    assert number(clear.least_change, "indicated from a probability of ") == 0.0075
+    assert number(clear.least_change, "indicated from a probability of ") == pytest.approx(share, rel=0.002)
 
 
 def number(text, after):
