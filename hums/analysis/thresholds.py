@@ -102,7 +102,7 @@ GEARS_SHARE = 2 / 3
 """Share of the probability that a healthy machine is named which its gears have; its bearings have the rest.
 
 Bearings need less. Of 960 damaged machines, at a hundredth in all, equal shares name 269 bearings and 339 teeth, two
-thirds 266 and 347, three quarters 263 and 348. Halved, 21 of these teeth are not named; doubled is more than there is.
+thirds 266 and 347, three quarters 263 and 348. Halved, 26 of these teeth are not named; doubled is more than there is.
 """
 
 DIFFERING_TEETH = 0.01
