@@ -256,8 +256,9 @@ def _of_a_stronger_part(
 ) -> str:
     """Return which stronger part makes a part's line, in whatever bands the two stand, or an empty string.
 
-    A line may be a harmonic of a deeper one of another bearing. A cage takes a damaged element of its bearing through
-    the load zone, and, where sidebands show that it does, makes lines at the multiples of its rate.
+    A line may be a harmonic of one of another bearing that is deeper, as far as noise lets tell. A cage takes a damaged
+    element of its bearing through the load zone, and, where sidebands show that it does, makes lines at the multiples
+    of its rate.
     """
     for other in parts:
         if other.hidden_by or not other.strength > part.strength > 0:
@@ -274,7 +275,7 @@ def _of_a_stronger_part(
         if (
             not same
             and 1 < multiple <= _STRIKES
-            and other.depth >= part.depth
+            and other.depth >= part.depth * (1 - 1 / part.snr - 1 / other.snr)
             and abs(part.found - multiple * other.found) <= MATCH_BINS * part.bin_width * math.sqrt(multiple)
         ):
             kind = other.kind.replace("_", " ")

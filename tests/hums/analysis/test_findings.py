@@ -714,10 +714,11 @@ def test_an_element_explains_its_cage_in_another_band(element, verdict):
     assert found["cage"].verdict == verdict
 
 
-def test_a_multiple_of_another_bearings_line_is_not_named():
-    # 10.81 is three times 3.603 of b, whose line is deeper, and within slip of c's element at 10.9
+@pytest.mark.parametrize("snr", [15.0, 41.0])
+def test_a_multiple_of_another_bearings_line_is_not_named(snr):
+    # 18.015 is five times 3.603 of b, whose line is deeper or as deep in noise, and within slip of c's element
     strong = [of_order(3.6, 3.603, snr=40.0), of_order(7.2, 7.206, snr=20.0, harmonic=2)]
-    weak = of_order(5 * 3.6 * 1.005, 5 * 3.603, "rolling_element", component="c", snr=15.0)
+    weak = of_order(5 * 3.6 * 1.005, 5 * 3.603, "rolling_element", component="c", snr=snr)
     every = {(one.component, one.kind): one for one in judged(ASSESSOR.assess([*strong, weak]))}
     assert every["b", "outer_race"].verdict == "diagnosed"
     assert every["c", "rolling_element"].verdict == "not judged"
