@@ -202,7 +202,7 @@ def _families(excitations: list[_Excitation], teeth: tuple[Fraction, ...], *, to
         every = int(order / base)
         some = found[base][row, number, every - 1 :: every]
         some += lines[: some.size]
-    return {base: lines for base, lines in found.items() if lines.size}
+    return {base: lines for base, lines in found.items() if lines.any()}
 
 
 def _balanced(

@@ -65,6 +65,10 @@ def test_meshes_and_a_damaged_tooth_are_coupled(depth_mm):
     assert np.linalg.norm(expected - lines.values) < 0.04 * np.linalg.norm(lines.values)
 
 
+def test_gears_that_nothing_excites_have_no_expected_lines():
+    assert expected_lines(motion(scene(mesh={"shape": "constant", "error_um": 0}))) == ()
+
+
 def test_planets_have_no_expected_lines():
     planets = load_scene("planets-in-motion")
     stage = stage_of(planets)
