@@ -79,7 +79,7 @@ def residual_energies(
         Below it everything is removed: shafts.
     bands : int
         Number of bands.
-    transform : (n // 2 + 1,) array, optional
+    transform : (m // 2 + 1,) array, optional
         The `tapered_transform` of the signal, where it is known.
 
     Returns
@@ -109,7 +109,8 @@ def residual_energies(
     if low >= top:
         raise ValueError(f"lowest_order={low:g} is not below {top:g}, the highest order of the signal; sample faster.")
     lines = tapered_transform(signal) if transform is None else transform
-    per_order = size / signal.samples_per_rev
+    padded = _padded(size)
+    per_order = padded / signal.samples_per_rev
     left_out = _of_meshes(lines.size, per_order, meshes)
     edges = np.linspace(low, top, count + 1)
     bins = np.rint(edges * per_order).astype(int)
@@ -122,8 +123,9 @@ def residual_energies(
         analytic = fft.ifft(part, overwrite_x=True)
         np.square(analytic.real, out=energies[band])
         energies[band] += np.square(analytic.imag)
-        energies[band] *= (2 * length / size) ** 2
-    return BandEnergies(values=energies, samples_per_rev=length / per_order, start_rev=signal.start_rev, edges=edges)
+        energies[band] *= (2 * length / padded) ** 2
+    values = energies[:, : math.ceil(length * size / padded)]
+    return BandEnergies(values=values, samples_per_rev=length / per_order, start_rev=signal.start_rev, edges=edges)
 
 
 def whitened_residual(
@@ -162,16 +164,17 @@ def whitened_residual(
     """
     lines = tapered_transform(signal) if transform is None else transform
     size = signal.values.size
-    per_order = size / signal.samples_per_rev
+    padded = _padded(size)
+    per_order = padded / signal.samples_per_rev
     left_out = _of_meshes(lines.size, per_order, meshes)
     bins = np.rint(np.asarray(edges) * per_order).astype(int)
     white = np.zeros_like(lines)
     for low, high in itertools.pairwise(bins.tolist()):
         np.copyto(white[low:high], lines[low:high], where=~left_out[low:high])
-        power = 2 * float(np.sum(white[low:high].real ** 2 + white[low:high].imag ** 2)) / size**2
+        power = 2 * float(np.sum(white[low:high].real ** 2 + white[low:high].imag ** 2)) / (padded * size)
         if power > 0:
             white[low:high] /= math.sqrt(power)
-    return replace(signal, values=fft.irfft(white, size))
+    return replace(signal, values=fft.irfft(white, padded)[:size])
 
 
 def tapered_transform(signal: AngularSignal) -> NDArray[np.complex128]:
@@ -184,8 +187,9 @@ def tapered_transform(signal: AngularSignal) -> NDArray[np.complex128]:
 
     Returns
     -------
-    (n // 2 + 1,) array
-        In the unit of the signal, not scaled.
+    (m // 2 + 1,) array
+        In the unit of the signal, not scaled; of the signal with zeros behind it, up to the next length m without large
+        prime factors, whose transform would take several times as long.
 
     Examples
     --------
@@ -203,7 +207,12 @@ def tapered_transform(signal: AngularSignal) -> NDArray[np.complex128]:
     taper = np.sin(0.5 * np.pi * (np.arange(ramp) + 0.5) / ramp) ** 2
     values[:ramp] *= taper
     values[size - ramp :] *= taper[::-1]
-    return np.asarray(fft.rfft(values))
+    return np.asarray(fft.rfft(values, _padded(size)))
+
+
+def _padded(size: int) -> int:
+    """Return the samples of a transform of `size` samples and zeros."""
+    return int(fft.next_fast_len(size, real=True))
 
 
 def _of_meshes(size: int, per_order: float, meshes: Mapping[float, float]) -> NDArray[np.bool_]:
@@ -269,7 +278,7 @@ def mesh_contrast(
     rate, pitches = positive(order, name="order"), [positive(one, name="teeth") for one in teeth]
     lines = tapered_transform(signal) if transform is None else transform
     power = lines.real**2 + lines.imag**2
-    per_order = signal.values.size / signal.samples_per_rev
+    per_order = _padded(signal.values.size) / signal.samples_per_rev
     left_out = _of_meshes(power.size, per_order, meshes)
     spacing = rate * per_order  # lines between multiples of the shaft
     highest = int(min(signal.passband_orders * per_order, power.size - spacing) / spacing)

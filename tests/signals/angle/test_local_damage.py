@@ -6,7 +6,13 @@ from scipy import special, stats
 
 from signals import AngularSignal
 from signals.angle.local_damage import _independent, _rotated_maxima, _tail, folded, local_damage
-from signals.angle.residual_energies import BandEnergies, mesh_contrast, residual_energies, tapered_transform
+from signals.angle.residual_energies import (
+    BandEnergies,
+    mesh_contrast,
+    residual_energies,
+    tapered_transform,
+    whitened_residual,
+)
 
 TEETH, CELLS, TURNS, BANDS = 20, 40, 64, 2
 
@@ -295,8 +301,9 @@ def test_values_equal_over_a_tooth_count_once():
     assert _independent(four, four.size, pitch=4, width=1) == pytest.approx(2000, rel=0.05)
 
 
-def test_a_tone_beside_the_mesh_keeps_its_amplitude():
-    rev = np.arange(64 * 128) / 128
+@pytest.mark.parametrize("samples", [64 * 128, 8191])  # the second is prime: its transform has zeros behind it
+def test_a_tone_beside_the_mesh_keeps_its_amplitude(samples):
+    rev = np.arange(samples) / 128
     x = np.cos(2 * np.pi * 20 * rev) + 0.3 * np.cos(2 * np.pi * 27.25 * rev)
     signal = AngularSignal(values=x, samples_per_rev=128, start_rev=2.0, passband_orders=56.0)
     found = residual_energies(signal, meshes={20.0: 2.5}, lowest_order=3.0, bands=4)
@@ -304,7 +311,16 @@ def test_a_tone_beside_the_mesh_keeps_its_amplitude():
     middle = slice(found.values.shape[1] // 4, -found.values.shape[1] // 4)  # away from the tapered ends
     assert found.values[band, middle] == pytest.approx(0.3**2, rel=0.02)  # whose sidebands the mesh takes along
     assert np.delete(found.values, band, axis=0)[:, middle].max() < 1e-3 * 0.3**2
-    assert found.values.shape[1] / found.samples_per_rev == pytest.approx(64)
+    assert found.values.shape[1] / found.samples_per_rev == pytest.approx(samples / 128, abs=1 / found.samples_per_rev)
+
+
+def test_a_whitened_residual_of_prime_length_keeps_its_length_and_power():
+    x = np.random.default_rng(16).standard_normal(8191)
+    signal = AngularSignal(values=x, samples_per_rev=128, start_rev=2.0, passband_orders=56.0)
+    found = whitened_residual(signal, meshes={20.0: 2.5}, edges=np.array([4.0, 30.0, 56.0]))
+    assert found.values.size == 8191
+    # one for each of two bands; zeros behind 8,191 samples up to 8,192 take a part of 1e-4 of it
+    assert np.mean(found.values**2) == pytest.approx(2.0, rel=1e-3)
 
 
 def test_nothing_above_the_shafts_is_refused():
