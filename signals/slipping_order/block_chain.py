@@ -17,7 +17,7 @@ Status = Literal["converged", "not converged", "single pass", "no line"]
 _BLOCK = 1 / 200
 _SLIP_BLOCK = 1 / 50
 _SMALLEST_STEP = 1e-7  # in standard deviations: shorter steps are no longer tried
-_CONVERGED = 1e-3  # the same: a shorter step that does not lower the objective is due to rounding
+_CONVERGED = 1e-3  # the same: after a step so short the next ones, each a part of the last, change nothing of use
 
 
 class SlipPath(NamedTuple):
@@ -125,7 +125,9 @@ def iterate(chain: SlipChain, states: Floats, *, limit: int) -> tuple[SlipPath, 
         if len(costs) > limit:
             return path, "not converged", np.array(costs)
         step = path.means - states
-        size = first = float(np.max(np.abs(step) / np.sqrt(np.diagonal(path.covariances, axis1=1, axis2=2))))
+        size = float(np.max(np.abs(step) / np.sqrt(np.diagonal(path.covariances, axis1=1, axis2=2))))
+        if size < _CONVERGED:
+            return path, "converged", np.array(costs)
         while size >= _SMALLEST_STEP:
             trial = states + step
             cost, condensed = _linearise(chain, trial)
@@ -133,6 +135,6 @@ def iterate(chain: SlipChain, states: Floats, *, limit: int) -> tuple[SlipPath, 
                 break
             step, size = step / 2, size / 2
         else:
-            return path, "converged" if first < _CONVERGED else "not converged", np.array(costs)
+            return path, "not converged", np.array(costs)
         states = trial
         costs.append(cost)
