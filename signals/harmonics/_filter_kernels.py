@@ -28,8 +28,6 @@ LANES = 16
 FORMER, FORMER_SECOND, NEXT, NEXT_SECOND, ADDED, INCREMENT, INCREMENT_SECOND, VARIANCE, AFTER, AFTER_SECOND = range(
     0, 10 * LANES, LANES
 )
-# Angle by which the highest order may differ from a steady turn: the rounding of the angles of long records.
-STEADY_RAD = 1e-8
 
 
 @compiled_sums_in_place
@@ -372,12 +370,12 @@ def _turn(regressors: Floats, cosine: Floats, sine: Floats) -> None:
 
 
 @compiled_sums_in_place
-def off_line(phase: Floats, start: float, step: float) -> float:
-    """Return the largest distance of an angle from one that grows steadily."""
-    largest = 0.0
-    for i in range(phase.size):
-        largest = max(largest, abs(phase[i] - (start + step * i)))
-    return largest
+def on_line(phase: Floats, step: float, most: float) -> bool:
+    """Return whether no angle is further than `most` from one that grows steadily from the first."""
+    for i in range(phase.size):  # noqa: SIM110 - numba compiles no generators
+        if not abs(phase[i] - (phase[0] + step * i)) <= most:
+            return False
+    return True
 
 
 @compiled_sums_in_place

@@ -15,13 +15,12 @@ from numpy.typing import NDArray
 
 from signals.harmonics import _block_kernels
 from signals.harmonics._block_kernels import PIECE
-from signals.harmonics._filter_kernels import STEADY_RAD, off_line
 from signals.harmonics.bandwidth import HALF_POWER
 from signals.harmonics.model import Complexes, Floats, HarmonicModel, Indices
 
 Flags = NDArray[np.bool_]
 
-SAMPLES_AT_ONCE, STEADY_AT_ONCE = 1 << 16, 1 << 13  # the second stay in a near cache
+SAMPLES_AT_ONCE = 1 << 16
 # Angle by which a jump of the speed may lead the highest order astray within a block.
 LARGEST_JUMP_RAD = 0.03
 # Blocks, at least, whose moments are worth a table of the phasors in one, and samples in a product with it.
@@ -128,18 +127,6 @@ class Grid:
         jumps = largest * self.length > LARGEST_JUMP_RAD
         return np.asarray(np.concatenate([jumps[:1], jumps]) | np.concatenate([jumps, jumps[-1:]]))
 
-    @cached_property
-    def steady_step(self) -> float | None:
-        """Angle of one sample in rad, where it is the same throughout; None elsewhere."""
-        phase = self.model.phases[0]
-        if len(self.model.phases) > 1 or phase.size == 1:
-            return None
-        step, highest = float(phase[-1] - phase[0]) / (phase.size - 1), np.abs(self.model.orders).max(initial=0.0)
-        for first in range(0, phase.size, STEADY_AT_ONCE):
-            if off_line(phase[first : first + STEADY_AT_ONCE], phase[0] + step * first, step) * highest > STEADY_RAD:
-                return None
-        return step
-
     def process_noise(self, orders: Indices) -> Floats:
         """(node or 1, column) array, process-noise variances from node to node of some orders."""
         model = self.model.subset(orders)
@@ -178,15 +165,15 @@ class Grid:
     @cached_property
     def _table(self) -> Complexes:
         """(sample, moment, order) array of the first block: powers of u times exp(-j angle), the angle from 0 on."""
-        assert self.steady_step is not None  # noqa: S101  (the caller's choice)
-        angle = self.steady_step * np.arange(self.length)[:, None] * self.model.orders
+        assert self.model.steady_step is not None  # noqa: S101  (the caller's choice)
+        angle = self.model.steady_step * np.arange(self.length)[:, None] * self.model.orders
         moments = self.model.poles + self.model.poles % 2
         return np.asarray(self._powers(moments)[:, :, None] * _block_kernels.phasors(angle)[:, None])
 
     def _tabulated(self, first: int, last: int, moments: int, orders: Indices) -> tuple[int, Floats]:
         """Return the end of those of some blocks that a table serves, and the (sample, 2 moment order) table."""
         whole = min(last, self.samples // self.length)
-        if whole - first < FEWEST_TABULATED or self.steady_step is None:
+        if whole - first < FEWEST_TABULATED or self.model.steady_step is None:
             return first, np.empty((0, 0))
         table = self._table[:, :moments] if orders.size == self.model.orders.size else self._table[:, :moments, orders]
         return whole, np.ascontiguousarray(table).reshape(self.length, -1).view(np.float64)
@@ -277,8 +264,9 @@ class Grid:
         """
         name = orders.tobytes()
         if name not in self._known_products:
-            assert self.steady_step is not None  # noqa: S101  (the caller's choice)
-            one = _block_kernels.phasors(self.steady_step * np.arange(self.length)[:, None] * self.model.orders[orders])
+            step = self.model.steady_step
+            assert step is not None  # noqa: S101  (the caller's choice)
+            one = _block_kernels.phasors(step * np.arange(self.length)[:, None] * self.model.orders[orders])
             weighted = 0.5 * (self._powers(self.squares)[:, :, None] * one[:, None]).transpose(1, 2, 0)
             self._known_products[name] = weighted @ one.conj(), weighted @ one
         turn, count = self._turn(blocks, orders)[:, None, :, None], orders.size
@@ -297,7 +285,7 @@ class Grid:
         sums = np.zeros((last - first, self.squares, 2 * orders.size, 2 * orders.size))
         model = self.model
         steady = first
-        if self.seen.all() and self.steady_step is not None:
+        if self.seen.all() and self.model.steady_step is not None:
             steady = max(first, min(last, self.samples // self.length))
         if steady > first:
             self._correlate_steady(orders, slice(first, steady), sums[: steady - first])

@@ -23,11 +23,9 @@ import numpy as np
 from signals.harmonics._filter_kernels import (
     LOOK_AHEAD,
     PIECE,
-    STEADY_RAD,
     filter_covariance,
     filter_pairs,
     filter_steadily,
-    off_line,
 )
 from signals.harmonics.bandwidth import Bandwidth
 from signals.harmonics.innovations import Innovations
@@ -233,13 +231,12 @@ def steady_state_filter(
     variances[exact:] = gains[0, ::2]
     predicted = state.mean.reshape(channels, model.poles, -1)
     work, rows = np.empty((3, max(PIECE, gains.shape[1]))), np.empty((PIECE, gains.shape[1]))
+    turn, ahead = _steady_turn(model, gains)
     for first in range(begin, samples, STEADY_AT_ONCE):
         span = slice(first, min(first + STEADY_AT_ONCE, samples))
         values, residuals = np.ascontiguousarray(x[:, span].T), np.empty((span.stop - first, channels))
-        phase = model.phase(span)
-        turn, ahead = _steady_turn(model, phase, gains)
         filter_steadily(
-            values, phase, model.orders, model.shaft, turn, ahead, gains, predicted, -first % output_every,
+            values, model.phase(span), model.orders, model.shaft, turn, ahead, gains, predicted, -first % output_every,
             output_every, work, rows, rows.reshape(-1), residuals, levels[ceil(first / output_every) :],
         )  # fmt: skip
         counted = residuals.T[:, max(startup - first, 0) :]
@@ -253,12 +250,11 @@ def steady_state_filter(
     return innovations.estimate(amplitude, variances.T, error_bound=error_bound)
 
 
-def _steady_turn(model: HarmonicModel, phase: Floats, gains: Floats) -> tuple[Floats, Floats]:
-    """Return `turn` and `ahead` of `filter_steadily` for some samples: empty where they are of no use."""
-    step = float(phase[0, -1] - phase[0, 0]) / max(phase.shape[1] - 1, 1)
-    if len(phase) > 1 or off_line(phase[0], phase[0, 0], step) * np.abs(model.orders).max() > STEADY_RAD:
+def _steady_turn(model: HarmonicModel, gains: Floats) -> tuple[Floats, Floats]:
+    """Return `turn` and `ahead` of `filter_steadily`: empty where they are of no use."""
+    if model.steady_step is None:
         return np.empty((2, 0)), np.empty(0)
-    angle = model.orders * step * PIECE
-    turn = np.tile([np.cos(angle), np.sin(angle)], PIECE)
-    sums = gains[0, ::2] @ np.cos(np.outer(model.orders * step, np.arange(LOOK_AHEAD)))
+    angle = model.orders * model.steady_step
+    turn = np.tile([np.cos(angle * PIECE), np.sin(angle * PIECE)], PIECE)
+    sums = gains[0, ::2] @ np.cos(np.outer(angle, np.arange(LOOK_AHEAD)))
     return turn, np.asarray(sums if model.poles == 1 else sums[:0])

@@ -137,7 +137,7 @@ def four_orders(swing_rad):
     x = np.random.default_rng(0).standard_normal((2, samples))
     x[:, 20:25] = np.nan
     grid = Grid(model=model, x=x, seen=~np.isnan(x[0]), length=7, tolerance=0.0, shared=np.ones(4, dtype=np.int64))
-    assert (grid.steady_step is None) == (swing_rad > 0)
+    assert (grid.model.steady_step is None) == (swing_rad > 0)
     return grid
 
 
