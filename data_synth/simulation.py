@@ -73,7 +73,7 @@ def simulate(
         ``truth_shaft_revolutions`` (truth_shaft, time) and ``truth_roller_revolutions`` (truth_roller, time), in rev.
     mechanics : bool
         Also return the speed of every link at each sample and, where gears vibrate, what is inside the gearbox:
-        ``truth_mesh_deflection``, ``truth_mesh_force``, ``truth_mesh_stiffness`` and ``truth_bearing_force``, as
+        ``truth_transmission_error``, ``truth_mesh_force``, ``truth_mesh_stiffness``, ``truth_bearing_force`` ..., as
         `data_synth.vibration.mechanics.mechanics_truth` defines them. It costs a second integration.
     detectability : bool
         Also return ``truth_fault_detectability_db`` (truth_channel, truth_fault): what each fault alone adds to the

@@ -104,7 +104,7 @@ class MeshProperties:
         Geometry of the teeth, where the gearbox does not declare it.
     driver : str or None
         The driving link, where it is not the one nearer to the reference.
-    friction_coefficient : float or None
+    friction_coefficient : float
         Of sliding between the flanks; for external gears on parallel axes.
     friction_cycles : float
         Mesh cycles since a pair entered, at phase zero, for friction alone.
@@ -125,7 +125,7 @@ class MeshProperties:
     damping: float = 0.0
     geometry: GearPair | None = None
     driver: str | None = None
-    friction_coefficient: float | None = None
+    friction_coefficient: float = 0.0
     friction_cycles: float = 0.0
 
 

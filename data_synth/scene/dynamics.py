@@ -40,8 +40,8 @@ class MeshDynamics(Declared):
     undercut or profile shift, whose bodies are held at `bore_share` of the reference radius), trapezoidal by the
     contact ratio, rectangular, the first terms of a Fourier series, or constant. Left out, it is `teeth` where the
     geometry allows, else `trapezoid`. `error_um` is the amplitude of the first mesh harmonic of the transmission error;
-    `friction_coefficient` that of sliding between the flanks (external gears on parallel axes; no friction if left
-    out); `fidelity` that of this mesh, where it is lower than the scene's.
+    `friction_coefficient` that of sliding between the flanks (external gears on parallel axes); `fidelity` that of this
+    mesh, where it is lower than the scene's.
 
     A rectangular stiffness is high for the fractional part of `contact_ratio` (left out: of the geometry) of each
     cycle, and `step_n_m` lower for the rest (left out: the stiffness of one of `contact_ratio` equal pairs of teeth).
@@ -62,7 +62,7 @@ class MeshDynamics(Declared):
     damping_n_s_m: NotNegative = 0.0
     backlash_um: NotNegative = 0.0
     error_um: NotNegative = 0.0
-    friction_coefficient: Annotated[float, Field(gt=0, lt=1)] | None = None
+    friction_coefficient: Annotated[float, Field(ge=0, lt=1)] = 0.0
     bore_share: Annotated[float, Field(gt=0, lt=0.8)] = 0.4
     fidelity: Literal["kinematic", "torsional", "lateral", "full"] | None = None
 

@@ -1,4 +1,4 @@
-"""Quantities inside the gearbox at every sample: mesh deflection, force and stiffness, bearing forces, angular speeds.
+"""Quantities inside the gearbox at every sample: transmission error, mesh and bearing forces, angular speeds.
 
 They come from a second integration of the same motion with the same steps, so that the channels stay as they are.
 """
@@ -35,12 +35,13 @@ def speed_truth(speeds: dict[str, Array]) -> dict[str, xr.DataArray]:
 def mechanics_truth(prepared: PreparedScene, gears: Gears, motion: Motion) -> dict[str, xr.DataArray]:
     """Return the quantities inside a gearbox whose gears all move.
 
-    ``truth_mesh_deflection`` (truth_contact, time) in m, the dynamic transmission error along the line of action,
-    positive where teeth are pressed together; ``truth_mesh_force`` in N and ``truth_mesh_stiffness`` in N m-1 alike;
-    ``truth_bearing_force`` (truth_support, time) in N, what the bearings of a link press on the frame along an axis of
-    the scene: of motions that are not simulated the static part, what meshes press on the link (none under planets);
-    ``truth_link_speed`` (truth_link, time) in rev s-1, vibration included. All are values at the sampling instants, not
-    filtered.
+    ``truth_transmission_error`` (truth_contact, time) in m, how far the gears have approached along the line of action;
+    ``truth_tooth_error`` in m, how far their unloaded teeth do; ``truth_mesh_stiffness`` in N m-1 and
+    ``truth_mesh_force`` in N, positive where teeth are pressed together: the stiffness times the difference of both, as
+    long as the teeth do not part. ``truth_bearing_force`` (truth_support, time) in N, what the bearings of a link press
+    on the frame along an axis of the scene: of motions that are not simulated the static part, what meshes press on the
+    link (none under planets); ``truth_link_speed`` (truth_link, time) in rev s-1, vibration included. All are values at
+    the sampling instants, not filtered.
 
     Raises
     ------
@@ -71,16 +72,27 @@ def mechanics_truth(prepared: PreparedScene, gears: Gears, motion: Motion) -> di
     names = [mesh.name for mesh in system.meshes]
     times_s = np.arange(scene.samples) / scene.rate_hz
     revolutions = prepared.drive.angle.revolutions(times_s)
-    stiffness = [mesh.teeth_at(mesh.cycles_per_rev * revolutions, times_s)[0] for mesh in system.meshes]
+    teeth = [mesh.teeth_at(mesh.cycles_per_rev * revolutions, times_s) for mesh in system.meshes]
+    stiffness, error = zip(*teeth, strict=True)
     speeds = link_speeds(prepared)
     for link, row in zip(turning, vibration, strict=True):
         speeds[link] = row if motion.drive_load.full_rotation else speeds[link] + row
-    along = "along the line of action, positive where teeth are pressed together"
     forces = dict(zip(supports, pressed, strict=True))
+    of_contacts = {
+        "truth_transmission_error": (
+            deflection,
+            "m",
+            "dynamic, along the line of action, positive as gears approach",
+        ),
+        "truth_tooth_error": (error, "m", "of unloaded teeth, along the line of action, positive as gears approach"),
+        "truth_mesh_force": (mesh_force, "N", "along the line of action, positive where teeth are pressed together"),
+        "truth_mesh_stiffness": (stiffness, "N m-1", "along the line of action"),
+    }
     return {
-        "truth_mesh_deflection": _stacked("truth_contact", dict(zip(names, deflection, strict=True)), "m", along),
-        "truth_mesh_force": _stacked("truth_contact", dict(zip(names, mesh_force, strict=True)), "N", along),
-        "truth_mesh_stiffness": _stacked("truth_contact", dict(zip(names, stiffness, strict=True)), "N m-1", along),
+        **{
+            name: _stacked("truth_contact", dict(zip(names, rows, strict=True)), units, about)
+            for name, (rows, units, about) in of_contacts.items()
+        },
         **({"truth_bearing_force": _stacked("truth_support", forces, "N", "on the frame")} if forces else {}),
         **speed_truth(speeds),
     }

@@ -137,7 +137,7 @@ def _meshes(gears: Gears, springs: Collection[str]) -> Iterator[tuple[str, MeshP
     for name, teeth in gears.teeth.items():
         given = teeth.properties
         if gears.meshes[name] in springs and given.stiffness is not None:
-            given = replace(given, stiffness=Constant(mean=given.stiffness.mean), error=None, friction_coefficient=None)
+            given = replace(given, stiffness=Constant(mean=given.stiffness.mean), error=None, friction_coefficient=0.0)
         yield name, given
 
 

@@ -444,7 +444,7 @@ def support_forces(
             )
             names.append(f"{body}, {axis}")
     displacement, velocity, mesh_force = rows.maps
-    mesh_force = mesh_force + np.array(statics)
+    mesh_force = mesh_force + np.reshape(statics, mesh_force.shape)
     nonzero = np.any(np.hstack([displacement, velocity, mesh_force]) != 0, axis=1)
     kept = [names[row] for row in np.flatnonzero(nonzero)]
     return kept, displacement[nonzero], velocity[nonzero], mesh_force[nonzero]
@@ -534,7 +534,9 @@ class _Readings:
     @property
     def maps(self) -> tuple[Array, Array, Array]:
         """The maps of displacement, velocity and mesh force, a row for each reading."""
-        return np.array(self._displacement), np.array(self._velocity), np.array(self._mesh_force)
+        dofs, count = self._active.numbers.size, len(self._displacement)
+        rows = (self._displacement, dofs), (self._velocity, dofs), (self._mesh_force, len(self._names))
+        return tuple(np.reshape(found, (count, width)) for found, width in rows)  # type: ignore[return-value]
 
     def _append(
         self, displacement: Array, velocity: Array, mesh_force: Array, acceleration: Array | None = None

@@ -5,7 +5,7 @@ import pytest
 from moving_pair import ALPHA, BASE, SCENE, SEED, scene
 from numpy.testing import assert_allclose
 
-from data_synth import Scene, SceneError, simulate
+from data_synth import Scene, SceneError, load_scene, simulate
 from hums.records.validation import check_record
 
 FORCE_N = 130 / BASE[1]  # the torque of the gear over its base radius
@@ -35,10 +35,31 @@ def test_forces_on_the_frame_are_action_and_reaction(inside):
     assert_allclose(np.hypot(*pressed[:2]), np.abs(mesh), rtol=1e-12)
 
 
-def test_the_force_is_stiffness_times_deflection(inside):
-    expected = inside["truth_mesh_stiffness"] * inside["truth_mesh_deflection"]
-    assert_allclose(inside["truth_mesh_force"].values, expected.values, rtol=1e-9)
+@pytest.mark.parametrize("error_um", [0, 5])
+def test_the_force_is_stiffness_times_what_teeth_deflect(inside, error_um):
+    if error_um:
+        declared = scene(fidelity="torsional", mesh={"shape": "teeth", "error_um": error_um})
+        inside = simulate(declared, seed=SEED, mechanics=True)
+        assert inside["truth_tooth_error"].values.std() == pytest.approx(5e-6 / np.sqrt(2), rel=0.01)
+    deflection = inside["truth_transmission_error"] - inside["truth_tooth_error"]
+    expected = inside["truth_mesh_stiffness"] * deflection
+    assert_allclose(inside["truth_mesh_force"].values, expected.values, rtol=1e-9, atol=1e-6)
     assert inside["truth_mesh_force"].attrs["units"] == "N"
+
+
+@pytest.mark.parametrize("fidelity", ["torsional", "lateral"])
+def test_planets_have_them_too(fidelity):
+    # a record of 0.2 s on supports that damp its start
+    record = simulate(
+        load_scene("planets-in-motion").changed(duration_s=0.2, fidelity=fidelity), seed=1, mechanics=True
+    )
+    forces = record["truth_mesh_force"]
+    assert forces["truth_contact"].size == 6
+    turned = {str(name): speed for name, speed in record["truth_link_speed"].mean("time").groupby("truth_link")}
+    assert float(turned["carrier"].item() / turned["sun"].item()) == pytest.approx(20 / 102, rel=1e-3)
+    # three planets share the torque of the carrier
+    sun, ring = (forces.values.mean(axis=1)[part].sum() for part in (slice(3), slice(3, 6)))
+    assert sun == pytest.approx(ring, rel=1e-3)
 
 
 def test_links_turn_by_their_ratio_and_swing_about_it(inside):

@@ -51,6 +51,8 @@ def test_friction_shifts_with_the_teeth():
 
 def test_records_with_friction_differ_and_tend_to_those_without():
     smooth = simulate(scene(duration_s=0.05), seed=1)["a"].values
+    none = simulate(scene(duration_s=0.05, mesh={"friction_coefficient": 0}), seed=1)
+    assert none["a"].values.tobytes() == smooth.tobytes()  # where a sweep over friction begins
     differences = [
         np.std(simulate(scene(duration_s=0.05, mesh={"friction_coefficient": mu}), seed=1)["a"].values - smooth)
         for mu in (0.06, 0.006)
