@@ -181,10 +181,6 @@ def response_of(motion: Motion) -> Response:
     structure = motion.sensor_forces.structure
     count_routes = output.channels if structure is None else structure.readings
     readings = np.hstack([rows @ shapes, velocity_rows @ shapes]) @ vectors
-    if output.acceleration is not None:
-        accelerated = output.acceleration @ shapes
-        readings = readings + accelerated @ (vectors[count:] * poles)
-        every = every - accelerated @ (shapes.T @ directions.T)
     pushes = np.vstack([np.zeros((count, means.size)), -(shapes.T @ directions.T)])
     return Response(
         motion=motion,

@@ -381,10 +381,12 @@ def motion_of(
     )
     acting = drive_load_of(stage, kinematics, system)
     sensor_forces = sensor_forces_of(stage, gears, whole, active, damping=damped.damping + system.damping)
+    fastest = float(np.max(angular))
     if sensor_forces.structure is not None:
-        slowest = min(slowest, float(np.min(-sensor_forces.structure.poles.real)))
+        poles = sensor_forces.structure.poles
+        slowest, fastest = min(slowest, float(np.min(-poles.real))), max(fastest, float(np.max(np.abs(poles))))
     oversampling = _FEWEST_DENSE if any(sensor.anti_alias != "none" for sensor in scene.sensors) else 1
-    while oversampling < _MOST_DENSE and np.max(angular) / (2 * math.pi) > oversampling * scene.rate_hz / 4:
+    while oversampling < _MOST_DENSE and fastest / (2 * math.pi) > oversampling * scene.rate_hz / 4:
         oversampling *= 2
     static_n = static_tooth_forces(stage, system, acting)
     if sensor_forces.passing:

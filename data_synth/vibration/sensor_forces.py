@@ -462,7 +462,6 @@ class _Readings:
         self._absent: list[tuple[Array, Array]] = []
         self._displacement: list[Array] = []
         self._velocity: list[Array] = []
-        self._acceleration: list[Array] = []
         self._mesh_force: list[Array] = []
 
     def add(
@@ -512,22 +511,23 @@ class _Readings:
             damping_ratio=damping_ratio,
         )
         if structure is not None:
-            for displacement, velocity, acceleration, mesh_force in zip(
-                *(structure.maps[name] for name in ("displacement", "velocity", "acceleration", "mesh_force")),
-                strict=True,
+            for number in range(structure.readings):
+                self._displacement[number] = self._displacement[number] + structure.beside["displacement"][number]
+                self._velocity[number] = self._velocity[number] + structure.beside["velocity"][number]
+            at_rest = np.zeros(self._active.numbers.size)
+            for displacement, mesh_force in zip(
+                structure.maps["displacement"], structure.maps["mesh_force"], strict=True
             ):
-                self._append(displacement, velocity, mesh_force, acceleration)
+                self._append(displacement, at_rest, mesh_force)
         return structure
 
     def output(self, rate_hz: float) -> Output:
         """Return the output with all maps."""
         displacement, velocity, mesh_force = self.maps
-        acceleration = np.array(self._acceleration)
         return Output(
             rate_hz=rate_hz,
             displacement=displacement,
             velocity=velocity if velocity.any() else None,
-            acceleration=acceleration if acceleration.any() else None,
             mesh_force=mesh_force if mesh_force.any() else None,
         )
 
@@ -538,10 +538,7 @@ class _Readings:
         rows = (self._displacement, dofs), (self._velocity, dofs), (self._mesh_force, len(self._names))
         return tuple(np.reshape(found, (count, width)) for found, width in rows)  # type: ignore[return-value]
 
-    def _append(
-        self, displacement: Array, velocity: Array, mesh_force: Array, acceleration: Array | None = None
-    ) -> int:
-        self._acceleration.append(np.zeros(displacement.size) if acceleration is None else acceleration)
+    def _append(self, displacement: Array, velocity: Array, mesh_force: Array) -> int:
         self._displacement.append(displacement)
         self._velocity.append(velocity)
         self._mesh_force.append(mesh_force)

@@ -9,6 +9,11 @@ q follow as ``q = E r + d``, and P the simulated ones among all, the equations o
 F the simulated mesh forces, K with meshes of mean stiffness, K_s without. So a mesh force reaches a sensor as in the
 motions with nothing left out: exactly where stiffness is constant. Else what is missing is the change of stiffness
 times the deflection of the meshes by d.
+
+Velocities and accelerations of r have much at high frequencies, which sampling would fold; displacements have not.
+With ``c / (s - p)`` the response to one of the terms, that to r' is ``c p / (s - p) + c`` to r, that to r'' is ``c
+p^2 / (s - p) + c p`` to r and c to r': so the inputs are F and r alone, and what does not vanish of the sums of c and
+c p over the poles is read beside.
 """
 
 from dataclasses import dataclass, field
@@ -37,14 +42,17 @@ class Structure:
         Excitation of each pole per unit of an input.
     outputs : (reading, pole) complex array
         N; of a pair twice that of one.
-    maps : mapping of "displacement", "velocity", "acceleration" and "mesh_force" to (input, dof or mesh) arrays
+    maps : mapping of "displacement" and "mesh_force" to (input, dof or mesh) arrays
         The inputs, of the simulated motions and mesh forces.
+    beside : mapping of "displacement" and "velocity" to (reading, dof) arrays
+        What the readings have of the simulated motions at once.
     """
 
     poles: ComplexArray = field(metadata={"dims": ("pole",), "units": "rad/s"})
     inputs: ComplexArray = field(repr=False, metadata={"dims": ("pole", "input"), "units": "input-1"})
     outputs: ComplexArray = field(repr=False, metadata={"dims": ("reading", "pole"), "units": "N"})
     maps: dict[str, Array] = field(repr=False)
+    beside: dict[str, Array] = field(repr=False)
 
     @property
     def readings(self) -> int:
@@ -136,35 +144,60 @@ def structure_of(
         return None
     means = [mesh.stiffness.mean for mesh in every.meshes]
     full = every.damping + with_modal_damping(every, ratio=damping_ratio).damping
-    maps, pushes = _inputs(every, active, damping=damping, full=full)
+    turning = full if every.gyroscopic is None else full + every.gyroscopic
+    poles, vectors, shapes = _poles(every, means, turning)
+    outputs = np.hstack([displacement @ shapes, velocity @ shapes]) @ vectors
+
+    def excited(forces: Array) -> ComplexArray:
+        """Return the excitation of each pole, (pole, input), by forces on all motions, (dof, input)."""
+        driven = np.vstack([np.zeros((shapes.shape[1], forces.shape[1])), shapes.T @ forces])
+        return np.asarray(np.linalg.solve(vectors, driven.astype(np.complex128)))
+
+    forces = _inputs(every, active, damping=damping, full=turning)
+    of_meshes, *of_motion = (excited(forces[name]) for name in _TERMS)
+    at, speed, rise = of_motion
+    of_displacement = at + poles[:, None] * (speed + poles[:, None] * rise)
+    beside = {
+        "displacement": (outputs @ (speed + poles[:, None] * rise)).real,
+        "velocity": (outputs @ rise).real,
+    }
+    # mesh forces alone say which poles matter: all inputs follow them
+    weight = np.max(np.abs(outputs), axis=0) * np.max(np.abs(of_meshes), axis=1, initial=0.0) / np.abs(poles)
+    kept = np.flatnonzero((poles.imag >= 0) & (weight > _NEGLIGIBLE))
+    if not kept.size:
+        return None
+    meshes, moved = (np.flatnonzero(part.any(axis=0)) for part in (of_meshes, of_displacement))
+    count = meshes.size + moved.size
+    maps = {"mesh_force": np.zeros((count, of_meshes.shape[1])), "displacement": np.zeros((count, at.shape[1]))}
+    maps["mesh_force"][np.arange(meshes.size), meshes] = 1.0
+    maps["displacement"][np.arange(meshes.size, count), moved] = 1.0
+    return Structure(
+        poles=poles[kept].astype(np.complex128),
+        inputs=np.hstack([of_meshes[:, meshes], of_displacement[:, moved]])[kept],
+        outputs=outputs[:, kept] * np.where(poles[kept].imag > 0, 2, 1),
+        maps=maps,
+        beside=beside,
+    )
+
+
+_TERMS = ("mesh_force", "displacement", "velocity", "acceleration")
+
+
+def _poles(every: System, means: list[float], damping: Array) -> tuple[ComplexArray, ComplexArray, Array]:
+    """Return poles, right vectors, and the shapes of the elastic modes of equations with this damping."""
     angular, shapes = undamped_modes(every, means)
     angular, shapes = angular[angular > 0], shapes[:, angular > 0]
-    turning = full if every.gyroscopic is None else full + every.gyroscopic
     size = angular.size
     matrix = np.zeros((2 * size, 2 * size))
     matrix[:size, size:] = np.eye(size)
     matrix[size:, :size] = -np.diag(angular**2)
-    matrix[size:, size:] = -(shapes.T @ turning @ shapes)
+    matrix[size:, size:] = -(shapes.T @ damping @ shapes)
     poles, vectors = np.linalg.eig(matrix)
-    driven = np.vstack([np.zeros((size, pushes.shape[1])), shapes.T @ pushes])
-    inputs = np.linalg.solve(vectors, driven.astype(np.complex128))
-    outputs = np.hstack([displacement @ shapes, velocity @ shapes]) @ vectors
-    # mesh forces alone say which poles matter: all inputs follow them
-    of_forces = maps["mesh_force"].any(axis=1)
-    weight = np.max(np.abs(outputs), axis=0) * np.max(np.abs(inputs[:, of_forces]), axis=1, initial=0.0) / np.abs(poles)
-    kept = np.flatnonzero((poles.imag >= 0) & (weight > _NEGLIGIBLE))
-    if not kept.size:
-        return None
-    return Structure(
-        poles=poles[kept].astype(np.complex128),
-        inputs=inputs[kept],
-        outputs=outputs[:, kept] * np.where(poles[kept].imag > 0, 2, 1),
-        maps=maps,
-    )
+    return poles, vectors, shapes
 
 
-def _inputs(every: System, active: ActiveDofs, *, damping: Array, full: Array) -> tuple[dict[str, Array], Array]:
-    """Return the maps of the inputs, and the forces on all motions per unit of each, (dof, input)."""
+def _inputs(every: System, active: ActiveDofs, *, damping: Array, full: Array) -> dict[str, Array]:
+    """Return the forces on all motions per unit of each simulated mesh force and motion, (dof, input)."""
     numbers, expansion, system = active.numbers, active.expansion, active.system
     placed = np.eye(every.dof)[:, numbers]
     pairs = {
@@ -175,19 +208,13 @@ def _inputs(every: System, active: ActiveDofs, *, damping: Array, full: Array) -
         "displacement": (placed @ system.stiffness, every.stiffness @ expansion),
         "velocity": (
             placed @ (damping if system.gyroscopic is None else damping + system.gyroscopic),
-            (full if every.gyroscopic is None else full + every.gyroscopic) @ expansion,
+            full @ expansion,
         ),
         "acceleration": (placed @ system.mass, every.mass @ expansion),
     }
-    columns, kinds = [], list[tuple[str, int]]()
+    forces = {}
     for name, (one, other) in pairs.items():
-        difference = one - other
+        forces[name] = one - other
         largest = np.max(np.abs(np.concatenate([one, other])), initial=0.0)
-        difference[np.abs(difference) < _NEGLIGIBLE * largest] = 0.0
-        for number in np.flatnonzero(difference.any(axis=0)).tolist():
-            columns.append(difference[:, number])
-            kinds.append((name, number))
-    maps = {name: np.zeros((len(kinds), one.shape[1])) for name, (one, _) in pairs.items()}
-    for row, (name, number) in enumerate(kinds):
-        maps[name][row, number] = 1.0
-    return maps, np.array(columns).reshape(-1, every.dof).T
+        forces[name][np.abs(forces[name]) < _NEGLIGIBLE * largest] = 0.0
+    return forces
