@@ -38,6 +38,7 @@ DYNAMICS = {
     "housing_kg": 15,
     "mounts": {"frequency_hz": 150, "damping_ratio": 0.4},
     "elsewhere": 0.25,
+    "rigid_below_hz": 1e-6,  # weights act at every frequency
     "error": 1e-5,
 }
 

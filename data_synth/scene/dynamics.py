@@ -119,9 +119,10 @@ class SensorWeights(Declared):
 class Dynamics(Declared):
     """Masses, stiffnesses, and the structure between bearings and sensors.
 
-    Bearing forces move a housing of `housing_kg` on its `mounts`. A sensor responds in full to the bearing forces of
-    its own link (both links of a mesh), and with the weight `elsewhere` to those of others, unless `sensor_weights`
-    gives them; the response then passes the scene's `path`. Every mode of the gears has `damping_ratio`, to which the
+    Bearing forces move a housing of `housing_kg` on its `mounts`: as a rigid body below `rigid_below_hz`, so that
+    forces inside of it that balance do not move it. Above, a sensor responds in full to the bearing forces of its own
+    link (both links of a mesh), and with the weight `elsewhere` to those of others, unless `sensor_weights` gives them;
+    the response then passes the scene's `path`. Every mode of the gears has `damping_ratio`, to which the
     damping of bearings and meshes is added. The scene's torque acts on its link, or on `load_on` where that is the
     reference itself; the reference shaft drives.
 
@@ -136,6 +137,7 @@ class Dynamics(Declared):
     load_on: Name | None = None
     housing_kg: Positive = 20.0
     mounts: Mode = Mode(frequency_hz=20.0, damping_ratio=0.2)
+    rigid_below_hz: Positive = 200.0
     elsewhere: Share = 0.3
     sensor_weights: tuple[SensorWeights, ...] = ()
     error: Annotated[float, Field(gt=0, lt=0.1)] = 1e-3

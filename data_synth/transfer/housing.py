@@ -1,7 +1,12 @@
 """Transfer function from bearing forces to a channel: housing on its mounts, path and measurement chain.
 
 H(s) = s^2 / (m (s^2 + 2 zeta w s + w^2)) prod_i p_i / (p_i - s)
+
+What moves the housing otherwise than a rigid body passes a high pass as well, s^2 / (s^2 + sqrt(2) v s + v^2): below v,
+near its first own mode, a housing is rigid, and forces inside of it that balance do not move it.
 """
+
+import math
 
 import numpy as np
 from numpy.typing import NDArray
@@ -84,6 +89,7 @@ class PoleFilter:
 
 
 _APART = 1e-6
+_FLAT = math.sqrt(0.5)  # damping ratio of a Butterworth filter of second order
 _STANDARD_GRAVITY = 9.80665
 
 
@@ -101,6 +107,8 @@ class Housing(PoleFilter):
         Of the force.
     channel_rate_hz : float
         Of the channel, which its anti-aliasing filter follows.
+    rigid_below_hz : float or None
+        v / 2 pi of the high pass; None for none.
     """
 
     def __init__(
@@ -112,19 +120,21 @@ class Housing(PoleFilter):
         sensor: Sensor,
         rate_hz: float,
         channel_rate_hz: float,
+        rigid_below_hz: float | None = None,
     ) -> None:
         chain = linear_chain(sensor, rate_hz=channel_rate_hz)
         mount = mode_pole(mounts)
         passed = [mode_pole(path), mode_pole(path).conjugate()] if path is not None else []
         self._low_pass = np.array([*passed, *chain.poles], dtype=np.complex128)
-        self._mounts = np.array([mount, mount.conjugate()])
+        elastic = [] if rigid_below_hz is None else [mode_pole(Mode(frequency_hz=rigid_below_hz, damping_ratio=_FLAT))]
+        self._high_pass = np.array([turn for pole in (mount, *elastic) for turn in (pole, pole.conjugate())])
         self._gain = chain.gain / mass_kg / (_STANDARD_GRAVITY if sensor.units == "g" else 1.0)
-        every = np.concatenate([self._mounts, self._low_pass])
+        every = np.concatenate([self._high_pass, self._low_pass])
         gaps = np.abs(every[:, None] - every) + np.diag(np.full(every.size, np.inf))
         if np.min(gaps / np.abs(every)) < _APART:
             raise SceneError(
-                f'sensor "{sensor.name}": mounts, path, resonance or filter of its way coincide; move one of them by a '
-                "thousandth."
+                f'sensor "{sensor.name}": mounts, rigid_below_hz, path, resonance or filter of its way coincide; move '
+                "one of them by a thousandth."
             )
         kept = every.imag >= 0
         residues = np.array([self._residue_of(every, index) for index in np.flatnonzero(kept).tolist()])
@@ -138,7 +148,7 @@ class Housing(PoleFilter):
     def response(self, frequency_hz: Array) -> ComplexArray:
         """Return H at frequencies, any shape, in the channel's units for one N."""
         s = 2j * np.pi * np.asarray(frequency_hz, dtype=np.float64)
-        value = self._gain * s**2 / np.prod([s - pole for pole in self._mounts], axis=0)
+        value = self._gain * s**self._high_pass.size / np.prod([s - pole for pole in self._high_pass], axis=0)
         for pole in self._low_pass:
             value = value * (pole / (pole - s))
         return np.asarray(value)
@@ -146,4 +156,4 @@ class Housing(PoleFilter):
     def _residue_of(self, every: ComplexArray, index: int) -> complex:
         """Return ``lim (s - p) H(s)`` at the pole with this number."""
         pole, others = every[index], np.delete(every, index)
-        return complex(self._gain * pole**2 * np.prod(-self._low_pass) / np.prod(pole - others))
+        return complex(self._gain * pole**self._high_pass.size * np.prod(-self._low_pass) / np.prod(pole - others))

@@ -248,10 +248,16 @@ class Motion:
             return self.steps_per_sample
         if self.method.method.order is None:
             return 1
-        scene, trial_output = self.stage.scene, self.output
+        scene, output = self.stage.scene, self.output
         # forces of planets may cancel in the sum, and supports that follow the mesh forces have no steps of their own
         if self.sensor_forces.rotate or self.sensor_forces.structure is not None:
-            trial_output = Output(rate_hz=trial_output.rate_hz, mesh_force=np.eye(len(self.system.meshes)))
+            trial_output = Output(rate_hz=output.rate_hz, mesh_force=np.eye(len(self.system.meshes)))
+        else:  # forces on a rigid housing nearly cancel, too: those that a sensor feels above its first mode do not
+            felt = np.array([route.number for route in self.sensor_forces.routes])
+            to_sensors = (felt == np.arange(len(scene.sensors))[:, None]).astype(np.float64)
+            trial_output = Output(
+                rate_hz=output.rate_hz, **{name: to_sensors @ values for name, values in output.maps.items()}
+            )
         weighted = WeightedForces.of(trial_output)
         long_s = max(1, min(scene.samples - 1, _TRIAL)) / scene.rate_hz
         start_s = min(max(0.0, self.critical_time_s() - long_s / 2), max(0.0, scene.duration_s - long_s))

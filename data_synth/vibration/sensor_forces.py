@@ -5,16 +5,20 @@ forces by the response of the body on its supports (`data_synth.vibration.struct
 frame, as a ring in its housing, act on it directly. Forces in coordinates that rotate with a carrier are resolved in
 the fixed direction of the sensor.
 
+All these forces add up to that on a rigid housing, along their own directions: those inside of the gearbox that balance
+move nothing. What is nearer to a sensor, or further, is felt by it through the elastic housing alone, above its first
+mode (`data_synth.transfer.housing`): the gain of a force less one is that of a second route.
+
 Where planets pass the sensors, the pass window of a planet's angle from the sensor, which is taken to be on the ring in
-the direction of its axis, is the gain of the dynamic part of its ring mesh's force: of F - F_0, F_0 the static force
-under the load of the instant. F_0 presses on a rigid housing like any other force, along its own direction, so that
-only the sum over the planets moves it: nothing, where they are alike and evenly spaced. It bends an elastic ring as its
-planet passes: `data_synth.kinematic.ring_bending`.
+the direction of its axis, is such a gain of the force of its ring mesh. It is that of the dynamic part F - F_0 alone,
+F_0 the static force under the load of the instant, which bends an elastic ring as its planet passes:
+`data_synth.kinematic.ring_bending`.
 """
 
 import math
 from collections.abc import Callable, Mapping
 from dataclasses import dataclass, field
+from itertools import compress
 
 import numpy as np
 
@@ -50,11 +54,15 @@ class Route:
         Number of the sensor.
     source : str or None
         The link or bearing it starts from; None for the housing, which transfers all that have no path of their own.
+    elastic : bool
+        Of the housing: not as a rigid body, but what its elasticity adds for forces near the sensor, and takes for
+        others.
     """
 
     number: int
     source: str | None = None
     path: TransferPath | None = field(default=None, repr=False)
+    elastic: bool = False
 
     def response(self, scene: Scene, frequency_hz: Array) -> ComplexArray:
         """Return the complex amplitude in the channel for 1 N at frequencies, any shape."""
@@ -85,6 +93,7 @@ class Route:
             sensor=sensor,
             rate_hz=rate_hz,
             channel_rate_hz=scene.rate_hz,
+            rigid_below_hz=declared.rigid_below_hz if self.elastic else None,
         )
 
 
@@ -122,7 +131,7 @@ class _StartingConstant:
 
 
 def routes_of(scene: Scene) -> tuple[Route, ...]:
-    """Return the routes to the sensors of a scene: to each through the housing, then the declared paths.
+    """Return the routes to the sensors of a scene: to each through the rigid and the elastic housing, then the paths.
 
     Raises
     ------
@@ -140,13 +149,15 @@ def routes_of(scene: Scene) -> tuple[Route, ...]:
                 f'fidelity = "{scene.fidelity}": a transfer starts from the mesh "{route.source}", but mesh '
                 "forces reach a sensor through the supports of the gears; name a link or a bearing."
             )
-    return (*(Route(number=number) for number in range(len(numbers))), *declared)
+    housing = [Route(number=number, elastic=elastic) for elastic in (False, True) for number in range(len(numbers))]
+    return (*housing, *declared)
 
 
 def route_gains(scene: Scene, whole: Assembly, route: Route, routes: tuple[Route, ...]) -> dict[str, float]:
     """Return the gains of a route for the supports of each body, and for gears of the frame.
 
-    A declared path has those of its source, the housing all bodies without a path of their own to this sensor.
+    A declared path has those of its source, the housing all bodies without a path of their own to this sensor: as a
+    rigid body each alike, and as an elastic one what their weights are above that.
     """
     sensor = scene.sensors[route.number]
     weights = _weights(scene, whole, sensor)
@@ -160,10 +171,11 @@ def route_gains(scene: Scene, whole: Assembly, route: Route, routes: tuple[Route
                     f'transfers lead to sensor "{sensor.name}" from "{source_of[body]}" and "{other.source}", '
                     f'which both support "{body}"; keep one of them.'
                 )
-    own_bodies = _holders(scene, whole, route.source) if route.source is not None else set()
+    if route.source is not None:
+        own_bodies = _holders(scene, whole, route.source)
+        return {body: float(body in own_bodies) for body in weights}
     return {
-        body: float(body in own_bodies) if route.source is not None else weight * (body not in source_of)
-        for body, weight in weights.items()
+        body: (weight - 1.0 if route.elastic else 1.0) * (body not in source_of) for body, weight in weights.items()
     }
 
 
@@ -231,7 +243,9 @@ class RotatingReading:
 class PassingMesh:
     """The force of a ring mesh that passes a sensor, `place_rad` ahead of its carrier's angle from it.
 
-    Its static part acts on the housing as ``cos(angle) first + sin(angle) second + axial`` of itself.
+    Its dynamic part acts with `weight` times the window as gain, less `rigid` times ``cos(angle) first + sin(angle)
+    second + axial``, that on a rigid housing; where `rigid` is zero, as on a declared path, its static part with
+    `weight` times the latter.
     """
 
     contact: str
@@ -241,6 +255,7 @@ class PassingMesh:
     carrier: str
     place_rad: float
     weight: float
+    rigid: float
     first: float
     second: float
     axial: float
@@ -300,11 +315,11 @@ class SensorForces:
             static = np.zeros(1)
             if passes.contact in self.static_n:
                 static = np.interp(times_s, self.stage.instants_s, self.static_n[passes.contact])
-            dynamic = self.window.gain(angles[passes.carrier] + passes.place_rad) * (
-                readings[:, passes.reading] - static
-            )
-            rigid = static * (cosine * passes.first + sine * passes.second + passes.axial)
-            sensed[:, passes.route] += passes.weight * (dynamic + rigid)
+            dynamic = readings[:, passes.reading] - static
+            gain = self.window.gain(angles[passes.carrier] + passes.place_rad)
+            along = cosine * passes.first + sine * passes.second + passes.axial
+            shared = -passes.rigid * dynamic if passes.rigid else passes.weight * static
+            sensed[:, passes.route] += passes.weight * gain * dynamic + shared * along
         return np.asarray(sensed)
 
     def ring_loads(self) -> list[RingLoad]:
@@ -352,19 +367,22 @@ def sensor_forces_of(
         whole, active, {name: declared_of(scene).mesh(mesh).damping_n_s_m for name, mesh in gears.meshes.items()}
     )
     window, rotating, passing = pass_window(scene), [], []
-    routes = routes_of(scene)
+    every = routes_of(scene)
+    of_each = [route_gains(scene, whole, route, every) for route in every]
+    felt = [not r.elastic or window is not None or any(own.values()) for r, own in zip(every, of_each, strict=True)]
+    routes, weights = tuple(compress(every, felt)), list(compress(of_each, felt))
     directions_of_sensors = [
         _sensitive_direction(stage, whole, sensor, passes=window is not None) for sensor in scene.sensors
     ]
     directions = [directions_of_sensors[route.number] for route in routes]
-    weights = [route_gains(scene, whole, route, routes) for route in routes]
-    for along, gains in zip(directions, weights, strict=True):
-        rows.add(along, gains, frame=parts.frame, ring=window is None, axial=frames)
+    rings = [window is None or (route.source is None and not route.elastic) for route in routes]
+    for along, gains, ring in zip(directions, weights, rings, strict=True):
+        rows.add(along, gains, frame=parts.frame, ring=ring, axial=frames)
     for carrier in frames:
-        for number, (along, gains) in enumerate(zip(directions, weights, strict=True)):
+        for number, (along, gains, ring) in enumerate(zip(directions, weights, rings, strict=True)):
             x, y, _ = along
-            first = rows.add(np.array([x, y, 0.0]), gains, frame=carrier, ring=window is None)
-            second = rows.add(np.array([y, -x, 0.0]), gains, frame=carrier, ring=window is None)
+            first = rows.add(np.array([x, y, 0.0]), gains, frame=carrier, ring=ring)
+            second = rows.add(np.array([y, -x, 0.0]), gains, frame=carrier, ring=ring)
             rotating.append(RotatingReading(route=number, first=first, second=second, carrier=carrier))
     if window is not None:
         for contact in parts.contacts:
@@ -373,8 +391,11 @@ def sensor_forces_of(
                 continue
             reading = rows.mesh(contact.name)
             joint = parts.kinematics.joints[parts.kinematics.bodies[contact.links[planet]]]
-            for number, (along, gains) in enumerate(zip(directions, weights, strict=True)):
+            for number, (along, gains, ring) in enumerate(zip(directions, weights, rings, strict=True)):
+                if ring:
+                    continue
                 x, y, z = along
+                rigid = weights[routes[number].number][parts.frame] if routes[number].elastic else 0.0
                 force = np.array(whole.on_frame[contact.name])
                 azimuth_rad = math.atan2(along[1], along[0]) if np.hypot(along[0], along[1]) > _ALONG else 0.0
                 passing.append(
@@ -385,7 +406,8 @@ def sensor_forces_of(
                         reading=reading,
                         carrier=contact.carrier,
                         place_rad=planet_angle(scene.gearbox, joint.axis) - azimuth_rad,
-                        weight=gains[parts.frame],
+                        weight=gains[parts.frame] + rigid,
+                        rigid=rigid,
                         first=float(force @ [x, y, 0.0]),
                         second=float(force @ [y, -x, 0.0]),
                         axial=float(force @ [0.0, 0.0, z]),

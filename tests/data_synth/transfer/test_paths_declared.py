@@ -227,6 +227,7 @@ HOUSING_KG, MOUNTS_HZ, MOUNTS_ZETA = 15.0, 30.0, 0.3
 def shaken(*transfers, loud, fidelity="lateral", **changes):
     """Lines at whole multiples of the mesh order, and their Hz, of both channels."""
     dynamics = {
+        "rigid_below_hz": 1e-6,  # weights act at every frequency
         "housing_kg": HOUSING_KG,
         "mounts": {"frequency_hz": MOUNTS_HZ, "damping_ratio": MOUNTS_ZETA},
         "sensor_weights": [{"sensor": name, "links": loud} for name in ("a", "b")],
