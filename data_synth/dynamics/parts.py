@@ -1,7 +1,7 @@
 """Inputs of the assembly of a gearbox, and the positions of its axes and gears; see `assembly`."""
 
 import math
-from collections.abc import Iterator, Mapping
+from collections.abc import Iterator, Mapping, Sequence
 from dataclasses import dataclass, field, replace
 from fractions import Fraction
 from functools import cached_property
@@ -415,31 +415,37 @@ def _friction(parts: Parts, contact: Contact, given: MeshProperties, *, driver: 
     )
 
 
-def drivers(parts: Parts) -> dict[str, int]:
+def power_flow(kinematics: Kinematics, contacts: Sequence[Contact]) -> dict[str, int]:
     """Return the number of the driving gear of each contact, relative to its carrier: the first in the flow of power.
 
     Power enters at the reference, or at the frame where the reference is a carrier without gears (a ring at rest then
-    drives, relative to the carrier), and passes from body to body; `MeshProperties.driver` overrides it.
+    drives, relative to the carrier), and passes from body to body.
     """
     found: dict[str, int] = {}
-    body = parts.kinematics.bodies
-    bodies = {contact.name: tuple(body[link] for link in contact.links) for contact in parts.contacts}
+    body, frame = kinematics.bodies, kinematics.mechanism.frame
+    bodies = {contact.name: tuple(body[link] for link in contact.links) for contact in contacts}
     geared = {body for pair in bodies.values() for body in pair}
-    start = body[parts.kinematics.gearbox.reference or parts.frame]
-    reached = [start, parts.frame] if start not in geared else [start]
-    waiting = list(parts.contacts)
+    start = body[kinematics.gearbox.reference or frame]
+    reached = [start, frame] if start not in geared else [start]
+    waiting = list(contacts)
     while waiting:
         next_to = [contact for contact in waiting if set(bodies[contact.name]) & set(reached)]
         if not next_to:
-            carriers = [each.carrier for each in parts.contacts if each.name in found and each.carrier != parts.frame]
-            rest = [body for body in [*carriers, parts.frame, bodies[waiting[0].name][0]] if body not in reached]
+            carriers = [each.carrier for each in contacts if each.name in found and each.carrier != frame]
+            rest = [body for body in [*carriers, frame, bodies[waiting[0].name][0]] if body not in reached]
             reached.append(rest[0])
             continue
         contact = min(next_to, key=lambda item: min(_rank(reached, body) for body in bodies[item.name]))
         waiting.remove(contact)
         one, two = bodies[contact.name]
         found[contact.name] = 0 if _rank(reached, one) <= _rank(reached, two) else 1
-        reached += [body for body in (one, two) if body not in reached and body != parts.frame]
+        reached += [body for body in (one, two) if body not in reached and body != frame]
+    return found
+
+
+def drivers(parts: Parts) -> dict[str, int]:
+    """Return the number of the driving gear of each contact: as power flows, or as `MeshProperties.driver` says."""
+    found = power_flow(parts.kinematics, parts.contacts)
     for contact in parts.contacts:
         named = parts.mesh(contact).driver
         if named is not None:

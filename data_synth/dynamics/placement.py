@@ -346,6 +346,29 @@ def planet_phase_lag(
     return abs(teeth) * turn * (-1 if sense < 0 else 1)
 
 
+def opposite_mesh_lead(first: Contact, second: Contact, planet: str, *, driven_by_first: bool) -> float:
+    """Return by how many mesh cycles the second contact of a planet is ahead of the first, on its opposite side.
+
+    Cycles count from where pairs enter. The gear that drives the planet touches the rear flanks of its teeth, the other
+    one the front flanks, a tooth's thickness on; between the pitch points is half of the planet's circumference, Z / 2
+    pitches (Parker and Lin 2004, J. Mech. Des. 126, 525: the relative phase of sun and ring mesh).
+
+    Parameters
+    ----------
+    first, second : Contact
+        Of the same teeth of the planet, with gears about the axis of its carrier.
+    planet : str
+        The link.
+    driven_by_first : bool
+        Whether the first contact drives the planet.
+    """
+    gears = [contact.links.index(planet) for contact in (first, second)]
+    pairs = [contact.equivalent_pair for contact in (first, second)]
+    thickness = sum(pair.thickness_pitches(gear) for pair, gear in zip(pairs, gears, strict=True)) / 2
+    later = abs(first.teeth[gears[0]]) / 2 - thickness
+    return pairs[1].pitch_point_cycles - pairs[0].pitch_point_cycles - (later if driven_by_first else -later)
+
+
 def _planet_and_central(kinematics: Kinematics, contact: Contact) -> tuple[str, tuple[str, int]] | None:
     """Return the planet of a contact and the central gear that its teeth pass, with its teeth; None without both."""
     here = dict(zip(contact.links, contact.teeth, strict=True))

@@ -133,6 +133,22 @@ class GearPair:
         begin = between - tips[1] if self.teeth[1] > 0 else tips[1] - between
         return begin, tips[0]
 
+    @cached_property
+    def pitch_point_cycles(self) -> float:
+        """Mesh cycles from where a pair of teeth enters to where it touches at the pitch point."""
+        pitch_point = self.base_radii_m[0] * math.tan(self.working_angle_rad)
+        return (pitch_point - self.path_m[0]) / self.base_pitch_m
+
+    def thickness_pitches(self, gear: int) -> float:
+        """Return the thickness of a tooth of gear 0 or 1 on the working pitch circle over the pitch there.
+
+        ``1/2 + (2 x tan a_n + z (inv a_t - inv a_w)) / pi``: half of it where no profile is shifted (ISO 21771, 2007).
+        Of a gear with teeth outside, without backlash.
+        """
+        grown = 2 * self.profile_shift[gear] * math.tan(self.pressure_angle_rad)
+        rolled = _involute(self.transverse_angle_rad) - _involute(self.working_angle_rad)
+        return 0.5 + (grown + self.teeth[gear] * rolled) / math.pi
+
     @property
     def contact_ratio(self) -> float:
         """Transverse contact ratio, the length of the path of contact over the base pitch (ISO 21771, sec. 6)."""

@@ -8,8 +8,8 @@ from functools import cached_property
 import numpy as np
 from numpy.typing import ArrayLike
 
-from data_synth.dynamics.parts import MeshProperties
-from data_synth.dynamics.placement import Contact, contacts_of, planet_of, planet_phase_lag
+from data_synth.dynamics.parts import MeshProperties, power_flow
+from data_synth.dynamics.placement import Contact, contacts_of, opposite_mesh_lead, planet_of, planet_phase_lag
 from data_synth.dynamics.system import Mesh, MeshHistory
 from data_synth.gears.lost_contact import LoadSharing, LostContact
 from data_synth.gears.mesh_stiffness import (
@@ -110,8 +110,9 @@ class Gears:
 def gears_of(stage: PreparedScene, kinematics: Kinematics, *, static_n: Mapping[str, float] | None = None) -> Gears:
     """Return the gears with the teeth of every mesh.
 
-    The phase of each mesh at revolution zero is random, drawn as in a kinematic scene. `static_n` has the static force
-    of each contact, which decides where damaged teeth lose contact.
+    The phase of each mesh at revolution zero is random, but for that of a planet's teeth with a second central gear,
+    which follows from the first. `static_n` has the static force of each contact, which decides where damaged teeth
+    lose contact.
     """
     try:
         contacts = contacts_of(kinematics, {})
@@ -121,13 +122,35 @@ def gears_of(stage: PreparedScene, kinematics: Kinematics, *, static_n: Mapping[
             f'{words}; declare it in the gearbox, or as dynamics.meshes = {{ "{stage.scene.gearbox.meshes[0].name}" = '
             "{ module_mm = ..., face_width_mm = ..., pressure_angle_deg = ... } }."
         ) from None
+    cycles = _cycles_at_zero(stage, kinematics, contacts)
     return Gears(
         kinematics=kinematics,
         teeth={
-            contact.name: _teeth(stage, kinematics, contact, (static_n or {}).get(contact.name)) for contact in contacts
+            contact.name: _teeth(
+                stage, kinematics, contact, (static_n or {}).get(contact.name), later=cycles[contact.mesh]
+            )
+            for contact in contacts
         },
         meshes={contact.name: contact.mesh for contact in contacts},
     )
+
+
+def _cycles_at_zero(stage: PreparedScene, kinematics: Kinematics, contacts: Sequence[Contact]) -> dict[str, float]:
+    """Return the cycles of each mesh since a pair of its first contact entered, at revolution zero."""
+    cycles, flow = dict[str, float](), power_flow(kinematics, contacts)
+    of_planets = dict[tuple[str, int], tuple[Contact, int]]()  # by the planet and its teeth: the first that meets them
+    for contact in contacts:
+        if contact.mesh in cycles:
+            continue
+        planet = planet_of(kinematics, contact)
+        cycles[contact.mesh] = float(stage.rng_for("phase", "gear_mesh", contact.mesh, "teeth").random())
+        if planet is not None:
+            gear = contact.links[planet], contact.teeth[planet]
+            first, place = of_planets.setdefault(gear, (contact, planet))
+            if first is not contact:
+                lead = opposite_mesh_lead(first, contact, gear[0], driven_by_first=flow[first.name] != place)
+                cycles[contact.mesh] = cycles[first.mesh] + lead
+    return cycles
 
 
 def _gear(kinematics: Kinematics, contact: Contact, component: str) -> int | None:
@@ -159,11 +182,15 @@ class _Broken:
             raise SceneError(f'fault {self.number + 1}, {fault.kind} of "{fault.component}"{when}: {caught}.') from None
 
 
-def _teeth(stage: PreparedScene, kinematics: Kinematics, contact: Contact, static_n: float | None) -> Teeth:
-    """Return the mesh properties of a contact in gear dynamics, with its damaged teeth and how they change in time."""
+def _teeth(
+    stage: PreparedScene, kinematics: Kinematics, contact: Contact, static_n: float | None, *, later: float
+) -> Teeth:
+    """Return the mesh properties of a contact in gear dynamics, with its damaged teeth and how they change in time.
+
+    `later` are the cycles since a pair entered at revolution zero.
+    """
     scene = stage.scene
     declared = declared_of(scene).mesh(contact.mesh)
-    later = float(stage.rng_for("phase", "gear_mesh", contact.mesh, "teeth").random())
     half = contact.equivalent_pair.contact_ratio / 2
     broken = []
     for number, fault in enumerate(scene.faults):
