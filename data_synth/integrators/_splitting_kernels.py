@@ -204,6 +204,7 @@ def split_steps(
     )
     stiffnesses, coupling, means = equations.stiffnesses, equations.coupling, equations.mean_stiffnesses
     drags, drag_factors, error_of = equations.drags, equations.drag_factors, equations.error_of
+    offsets = equations.offsets
     size, meshes = force_columns.shape
     other = np.empty(2 * size)
     a0, a1, a2 = np.empty(meshes), np.empty(meshes), np.empty(meshes)
@@ -276,7 +277,7 @@ def split_steps(
                     gap = delta[m] - errors[node, m]
                     compression[m], contact[m] = dead_zone(gap, equations.backlashes[m], equations.back_half_gaps[m])
                     strength = a0[m] - 0.2 * a2[m] if node == 1 else a0[m] + (node - 1) * a1[m] + 0.4 * a2[m]
-                    impulse[m] = weight * (strength * compression[m] - means[m] * delta[m])
+                    impulse[m] = weight * (strength * compression[m] - means[m] * (delta[m] - offsets[m]))
                     if weighting:
                         correction[m] = 0.0
                 if node == 1:  # commutator of two mesh forces
@@ -284,7 +285,7 @@ def split_steps(
                         g0 = a0[i] * contact[i] - means[i]
                         g1, g2 = a1[i] * contact[i], a2[i] * contact[i]
                         for j in range(meshes):
-                            f0 = a0[j] * compression[j] - means[j] * delta[j]
+                            f0 = a0[j] * compression[j] - means[j] * (delta[j] - offsets[j])
                             f1, f2 = a1[j] * compression[j], a2[j] * compression[j]
                             form = C00 * (f0 * g0) - C02 * (f0 * g2 + f2 * g0 + f1 * g1) - C22 * f2 * g2
                             impulse[i] -= cube * coupling[i, j] * form

@@ -1,7 +1,7 @@
 """A problem in modal coordinates: constant part, rank-one mesh forces, and their tables over the mesh phase."""
 
 from collections.abc import Sequence
-from dataclasses import dataclass
+from dataclasses import dataclass, replace
 from functools import cached_property
 from typing import NamedTuple, TypeVar
 
@@ -177,7 +177,8 @@ class Equations(NamedTuple):
     ``force_columns`` (n, forces): change of the modal velocities per impulse. ``deflection_rows`` (n, forces):
     deflection of the mesh per scaled displacement. ``coupling`` (forces, forces): ``g_i M^-1 g_j``.
     ``mean_stiffnesses`` (forces,): those in the generator, zero for friction. ``backlashes`` and ``back_half_gaps``
-    (forces,): half the backlash towards the driving and the back flank, the latter infinite for friction.
+    (forces,): half the backlash towards the driving and the back flank, the latter infinite for friction. ``offsets``
+    (forces,): the deflections from which mean stiffness counts (`Assembled.offsets`).
     ``error_of`` (forces,): number of the transmission error in `errors`, -1 for none. ``later_stiffnesses`` and
     ``later_errors`` (forces,): number of the second table of a mesh with a history, -1 for none; the first is at its
     own number, or at ``error_of``. ``drags`` (drags, n): rows of the velocities with drag, and ``drag_factors``
@@ -194,6 +195,7 @@ class Equations(NamedTuple):
     mean_stiffnesses: Array
     backlashes: Array
     back_half_gaps: Array
+    offsets: Array
     cycles: Array
     drags: Array
     drag_factors: Array
@@ -274,6 +276,7 @@ class Assembled:
             mean_stiffnesses=np.concatenate([self.means, none]),
             backlashes=self.backlashes[of],
             back_half_gaps=np.concatenate([self.backlashes, none + np.inf]),
+            offsets=np.concatenate([self.offsets, none]),
             cycles=self.cycles[of],
             drags=self.drags,
             drag_factors=self.drag_factors,
@@ -281,6 +284,25 @@ class Assembled:
             later_stiffnesses=self.later_stiffnesses,
             later_errors=self.later_errors[of],
         )
+
+    @cached_property
+    def offsets(self) -> Array:
+        """Deflections (meshes,) in m at which teeth touch on the flanks that bear at the start; zero from rest.
+
+        Half the backlash, so that what varies about the mean stiffness is the force of teeth in contact alone.
+        """
+        start = self.problem.start
+        if start is None:
+            return np.zeros(self.backlashes.size)
+        directions = np.array([mesh.direction for mesh in self.problem.system.meshes]).reshape(self.backlashes.size, -1)
+        return np.asarray(self.backlashes * np.sign(directions @ start.displacement))
+
+    @cached_property
+    def flow_from_contact(self) -> Flow:
+        """The flow with mean stiffness counted from `offsets`."""
+        drive = self.flow.drive.copy()
+        drive[self.size :] += self.deflections.T @ (self.means * self.offsets)
+        return replace(self.flow, drive=drive)
 
     @property
     def mesh_of_force(self) -> Integers:

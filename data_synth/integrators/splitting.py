@@ -72,7 +72,7 @@ class Splitting:
         """Return the stepper, with the exact flow over half a step."""
         assembled = readings.assembled
         grid = Grid(assembled=assembled, rate_hz=readings.output.rate_hz, per_sample=per_sample)
-        propagator, added = assembled.flow.over(grid.step_s / 2)
+        propagator, added = assembled.flow_from_contact.over(grid.step_s / 2)
         half = np.vstack([propagator.T, added])
         if assembled.flow.classical:
             i, v = np.arange(assembled.size), np.arange(assembled.size) + assembled.size
