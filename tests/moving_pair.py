@@ -33,7 +33,7 @@ DYNAMICS = {
         for name, mass, inertia in zip(("pinion", "gear"), MASSES, INERTIAS, strict=True)
     },
     "bearings": {"pinion": {"radial_n_m": 1e8}, "gear": {"radial_n_m": 1e8}},
-    "meshes": {"mesh": {"shape": "trapezoid", "stiffness_n_m": 2e8, "error_um": 3}},
+    "meshes": {"mesh": {"shape": "trapezoid", "stiffness_n_m": 2e8, "error_um": 3, "backlash_um": 0}},
     "damping_ratio": 0.05,
     "housing_kg": 15,
     "mounts": {"frequency_hz": 150, "damping_ratio": 0.4},

@@ -363,9 +363,22 @@ class LinearPrediction:
 
     @property
     def linear(self) -> bool:
-        """Whether every stiffness is constant and no mesh has backlash."""
+        """Whether every stiffness is constant, and teeth with backlash stay in contact."""
         constant = all(np.ptp(force.stiffness) <= 1e-12 * np.max(force.stiffness) for force in self.forces.values())
-        return constant and all(mesh.backlash_m == 0 for mesh in self.whole.motion.system.meshes)
+        glued = all(mesh.backlash_m == 0 for mesh in self.whole.motion.system.meshes)
+        return constant and (glued or all(self._in_contact(instant) for instant in self.instants))
+
+    def _in_contact(self, instant: int) -> bool:
+        """Whether static forces are larger than all lines of the mesh forces of constant stiffness together."""
+        total, static = np.zeros(self.whole.means.size), np.zeros(self.whole.means.size)
+        for name, force in self.forces.items():
+            number, p = self.whole.number(name), force.at(instant)
+            deflections = self.whole.deflections_by(self._frequencies_hz(force, instant))[:, number]
+            lines = self.whole.means[:, None] * deflections * p
+            lines[number] += p  # k (delta - e), and p is -k e
+            total += np.sum(np.abs(lines), axis=1)
+            static[number] = abs(force.static_n[instant])
+        return bool(np.all(total < static))
 
     def motion_error(self, name: str, other: Response) -> Array:
         """Return the power of the difference between the lines of a mesh in this motion and in another."""

@@ -150,6 +150,11 @@ class GearPair:
         return 0.5 + (grown + self.teeth[gear] * rolled) / math.pi
 
     @property
+    def least_backlash_m(self) -> float:
+        """Least normal backlash of industrial gears: 2/3 (0.06 mm + 0.0005 a + 0.03 m_n) (ISO/TR 10064-2, 1996)."""
+        return (0.06e-3 + 0.0005 * self.centre_distance_m + 0.03 * self.module_m) * 2 / 3
+
+    @property
     def contact_ratio(self) -> float:
         """Transverse contact ratio, the length of the path of contact over the base pitch (ISO 21771, sec. 6)."""
         begin, end = self.path_m

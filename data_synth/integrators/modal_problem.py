@@ -295,7 +295,8 @@ class Assembled:
         if start is None:
             return np.zeros(self.backlashes.size)
         directions = np.array([mesh.direction for mesh in self.problem.system.meshes]).reshape(self.backlashes.size, -1)
-        return np.asarray(self.backlashes * np.sign(directions @ start.displacement))
+        deflections = directions @ start.displacement
+        return np.where(2 * np.abs(deflections) > self.backlashes, self.backlashes * np.sign(deflections), 0.0)
 
     @cached_property
     def flow_from_contact(self) -> Flow:

@@ -39,9 +39,10 @@ class MeshDynamics(Declared):
     line of action; `shape` its variation over a mesh cycle: from the strain energy of the teeth (spur gears without
     undercut or profile shift, whose bodies are held at `bore_share` of the reference radius), trapezoidal by the
     contact ratio, rectangular, the first terms of a Fourier series, or constant. Left out, it is `teeth` where the
-    geometry allows, else `trapezoid`. `error_um` is the amplitude of the first mesh harmonic of the transmission error;
-    `friction_coefficient` that of sliding between the flanks (external gears on parallel axes); `fidelity` that of this
-    mesh, where it is lower than the scene's.
+    geometry allows, else `trapezoid`. `backlash_um` is the play between the flanks along the line of action (left out:
+    the least that ISO/TR 10064-2 recommends; 0: teeth pull as well as push). `error_um` is the amplitude of the first
+    mesh harmonic of the transmission error; `friction_coefficient` that of sliding between the flanks (external gears
+    on parallel axes); `fidelity` that of this mesh, where it is lower than the scene's.
 
     A rectangular stiffness is high for the fractional part of `contact_ratio` (left out: of the geometry) of each
     cycle, and `step_n_m` lower for the rest (left out: the stiffness of one of `contact_ratio` equal pairs of teeth).
@@ -60,7 +61,7 @@ class MeshDynamics(Declared):
     harmonics: Annotated[int, Field(ge=1)] | None = None
     harmonics_n_m: Annotated[tuple[tuple[Finite, Finite], ...], Field(min_length=1)] | None = None
     damping_n_s_m: NotNegative = 0.0
-    backlash_um: NotNegative = 0.0
+    backlash_um: NotNegative | None = None
     error_um: NotNegative = 0.0
     friction_coefficient: Annotated[float, Field(ge=0, lt=1)] = 0.0
     bore_share: Annotated[float, Field(gt=0, lt=0.8)] = 0.4

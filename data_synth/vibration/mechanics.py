@@ -35,13 +35,13 @@ def speed_truth(speeds: dict[str, Array]) -> dict[str, xr.DataArray]:
 def mechanics_truth(prepared: PreparedScene, gears: Gears, motion: Motion) -> dict[str, xr.DataArray]:
     """Return the quantities inside a gearbox whose gears all move.
 
-    ``truth_transmission_error`` (truth_contact, time) in m, how far the gears have approached along the line of action;
-    ``truth_tooth_error`` in m, how far their unloaded teeth do; ``truth_mesh_stiffness`` in N m-1 and
-    ``truth_mesh_force`` in N, positive where teeth are pressed together: the stiffness times the difference of both, as
-    long as the teeth do not part. ``truth_bearing_force`` (truth_support, time) in N, what the bearings of a link press
-    on the frame along an axis of the scene: of motions that are not simulated the static part, what meshes press on the
-    link (none under planets); ``truth_link_speed`` (truth_link, time) in rev s-1, vibration included. All are values at
-    the sampling instants, not filtered.
+    ``truth_transmission_error`` (truth_contact, time) in m, how far the gears have approached along the line of action
+    from where their driving flanks touch; ``truth_tooth_error`` in m, how far their unloaded teeth do;
+    ``truth_mesh_stiffness`` in N m-1 and ``truth_mesh_force`` in N, positive where teeth are pressed together: the
+    stiffness times the difference of both, as long as the teeth do not part. ``truth_bearing_force`` (truth_support,
+    time) in N, what the bearings of a link press on the frame along an axis of the scene: of motions that are not
+    simulated the static part, what meshes press on the link (none under planets); ``truth_link_speed`` (truth_link,
+    time) in rev s-1, vibration included. All are values at the sampling instants, not filtered.
 
     Raises
     ------
@@ -69,6 +69,8 @@ def mechanics_truth(prepared: PreparedScene, gears: Gears, motion: Motion) -> di
     deflection, mesh_force, vibration, pressed = np.split(
         values, np.cumsum([contacts, contacts, len(turning)]).tolist()
     )
+    held = motion.drive_load.start(system, prepared.drive, 0.0).displacement
+    touching = [mesh.backlash_m * (-1 if mesh.direction @ held < 0 else 1) for mesh in system.meshes]
     names = [mesh.name for mesh in system.meshes]
     times_s = np.arange(scene.samples) / scene.rate_hz
     revolutions = prepared.drive.angle.revolutions(times_s)
@@ -80,9 +82,9 @@ def mechanics_truth(prepared: PreparedScene, gears: Gears, motion: Motion) -> di
     forces = dict(zip(supports, pressed, strict=True))
     of_contacts = {
         "truth_transmission_error": (
-            deflection,
+            deflection - np.array(touching)[:, None],
             "m",
-            "dynamic, along the line of action, positive as gears approach",
+            "dynamic, along the line of action, from where the driving flanks touch, positive as gears approach",
         ),
         "truth_tooth_error": (error, "m", "of unloaded teeth, along the line of action, positive as gears approach"),
         "truth_mesh_force": (mesh_force, "N", "along the line of action, positive where teeth are pressed together"),

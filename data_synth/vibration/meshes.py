@@ -214,7 +214,7 @@ def _teeth(
         properties=MeshProperties(
             stiffness=stiffnesses[0],
             error=errors[0],
-            backlash_m=_UM * declared.backlash_um / 2,
+            backlash_m=_backlash_m(declared, contact) / 2,
             damping=declared.damping_n_s_m,
             friction_coefficient=declared.friction_coefficient,
             friction_cycles=later,
@@ -268,8 +268,15 @@ def _sharing(scene: Scene, contact: Contact, static_n: float) -> LoadSharing:
         def compliance(since: Array) -> Array:
             return np.full(since.shape, alike)
 
-    most_m = _UM * declared.backlash_um or math.inf
+    most_m = _backlash_m(declared, contact) or math.inf
     return LoadSharing(gears=pair, pair_compliance=compliance, static_n=static_n, most_m=most_m)
+
+
+def _backlash_m(declared: MeshDynamics, contact: Contact) -> float:
+    """Return the backlash of a contact along its line of action."""
+    if declared.backlash_um is None:
+        return contact.equivalent_pair.least_backlash_m
+    return _UM * declared.backlash_um
 
 
 def _errors(

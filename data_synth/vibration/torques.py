@@ -28,6 +28,7 @@ from hums.gearbox.kinematics import Kinematics
 
 _INSTANT_S = 1e-9  # to both sides, whose mean is taken: then a jump between steps costs no accuracy
 _NEGLIGIBLE = 1e-6  # of the declared inertia: less is rounding
+_NO_LOAD = 1e-9  # of the largest static mesh force: less is rounding
 _VALUES = 8  # of a transmission error to a mesh cycle, for its mean
 _DIGITS = 7  # that a message needs, so that what it prints is accepted: rounded by less than the above
 
@@ -114,7 +115,9 @@ def static_deflection(system: System, force: Array) -> Array:
     compliance = (elastic / angular[angular > 0] ** 2) @ elastic.T
     deflection = compliance @ force
     rows = np.array([mesh.direction for mesh in system.meshes])
-    shifts = np.array([mesh.backlash_m for mesh in system.meshes]) * np.sign(rows @ deflection)
+    pressed = means * (rows @ deflection)
+    pressed[np.abs(pressed) < _NO_LOAD * np.max(np.abs(pressed), initial=0.0)] = 0.0  # they hang between their flanks
+    shifts = np.array([mesh.backlash_m for mesh in system.meshes]) * np.sign(pressed)
     # contact begins at half the backlash: the same forces at a larger deflection
     return np.asarray(deflection + compliance @ (rows.T @ (means * shifts)))
 

@@ -16,7 +16,8 @@ from data_synth.integrators.splitting import Splitting
 from data_synth.vibration.steady_state import periodic_state
 
 # eq. 12 of Wijianto: mean 1e6 N/m, 6e5 from least to most, contact ratio 1.4, 36 x 231.5 = 8334 rad/s
-PAPER = {"shape": "rectangular", "stiffness_n_m": 1e6, "step_n_m": 6e5, "contact_ratio": 1.4, "error_um": 0}
+PAPER = {"shape": "rectangular", "stiffness_n_m": 1e6, "step_n_m": 6e5, "contact_ratio": 1.4}
+PAPER |= {"error_um": 0, "backlash_um": 0}
 STEADY = {
     "speed": {"link": "pinion", "rpm": 231.5 * 30 / math.pi},
     "torque": {"link": "gear", "nm": 1.75 * 75},

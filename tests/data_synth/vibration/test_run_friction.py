@@ -86,4 +86,7 @@ def test_gears_without_load_move_by_their_errors_alone(fidelity):
             scene(fidelity=fidelity, torque=unloaded, duration_s=0.1, mesh={"error_um": 3, "shape": "constant"}), seed=1
         )["a"].values
         assert_allclose(twice, 2 * once, atol=1e-4 * np.max(np.abs(twice)))
+        # with the play that gears have, they hang between their flanks
+        hanging = scene(fidelity=fidelity, torque=unloaded, duration_s=0.1, mesh={"backlash_um": None})
+        assert not simulate(hanging, seed=1)["a"].values.any()
     assert record["truth_torque"].values.max() == 0

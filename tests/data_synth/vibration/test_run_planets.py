@@ -80,7 +80,12 @@ def moving(**changes):
 def at_rest(motion):
     """Return the static force of each mesh by its name."""
     strained = motion.drive_load.start(motion.system, motion.stage.drive, 0.0).displacement
-    return {mesh.name: mesh.direction @ strained * mesh.stiffness.mean for mesh in motion.system.meshes}
+    forces = {}
+    for mesh in motion.system.meshes:
+        delta = mesh.direction @ strained
+        pressed = max(abs(delta) - mesh.backlash_m, 0.0)  # between its flanks a mesh carries nothing
+        forces[mesh.name] = math.copysign(pressed, delta) * mesh.stiffness.mean
+    return forces
 
 
 def mesh_forces(motion, duration_s, *, rate_hz):
