@@ -1,4 +1,4 @@
-"""Contact that a pair of teeth loses where material is gone, under a static load.
+"""Contact that a pair of teeth loses where material is gone or a tooth is soft, under a static load.
 
 Pairs in contact share the static force F as springs k_i, each behind its gap g_i, the material gone there:
 
@@ -74,14 +74,26 @@ class LoadSharing:
         Static force along the line of action, N.
     most_m : float
         A pair sinks in no further than this: the backlash, where it is declared.
+    teeth : ToothPair or None
+        The teeth, where their stiffness is that of their strain energy; their compliance counts `scale` times.
     """
 
     gears: GearPair
     pair_compliance: Callable[[Array], Array] = field(repr=False)
     static_n: float
     most_m: float = math.inf
+    teeth: ToothPair | None = field(default=None, repr=False)
+    scale: float = 1.0
 
-    def shared(self, since: ArrayLike, *, gap: Gap, softer: Gap | None = None, others: Gap | None = None) -> "Shared":
+    def shared(
+        self,
+        since: ArrayLike,
+        *,
+        gap: Gap,
+        softer: Gap | None = None,
+        others: Gap | None = None,
+        others_share: float = 1.0,
+    ) -> "Shared":
         """Return who carries the static force while one pair is damaged.
 
         Parameters
@@ -94,6 +106,8 @@ class LoadSharing:
             Compliance that its damage adds, m/N.
         others : callable or None
             The gap of all other pairs; None: they are healthy.
+        others_share : float
+            Share of the face on which they are in contact.
         """
         at = np.asarray(since, dtype=np.float64)
         own, healthy = np.minimum(gap(at), self.most_m), 1 / self.pair_compliance(at)
@@ -104,11 +118,11 @@ class LoadSharing:
             place = at + number
             on_path = (place >= 0) & (place < self.gears.contact_ratio)
             clipped = np.clip(place, 0.0, self.gears.contact_ratio)
-            spring = np.where(on_path, 1 / self.pair_compliance(clipped), 0.0)
+            spring = np.where(on_path, others_share / self.pair_compliance(clipped), 0.0)
             springs += spring
             pulls += spring * (others(clipped) if others is not None else 0.0)
         alone = springs == 0
-        springs = np.where(alone, healthy, springs)
+        springs = np.where(alone, others_share * healthy, springs)
         their = np.where(alone, np.minimum(self.off_path_m(at, others), self.most_m), pulls / springs)
         # a pair that is alone carries all, or a neighbour off the path does, whichever gives less
         whole = np.divide(self.static_n, stiffness, out=np.full(at.size, np.inf), where=stiffness > 0) + own
@@ -275,6 +289,10 @@ class LostContact:
     gap : callable
     face_share : float
         Share of the face that is in contact; stiffness is proportional.
+    others_share : float
+        That of the neighbours.
+    added : callable or None
+        Compliance that the pair has more, m/N.
     every : bool
         Whether all teeth of the gear are alike.
     """
@@ -282,15 +300,20 @@ class LostContact:
     sharing: LoadSharing
     gap: Gap = field(default=np.zeros_like, repr=False)
     face_share: float = 1.0
+    others_share: float = 1.0
+    added: Gap | None = field(default=None, repr=False)
     every: bool = False
 
     def _softer(self, since: Array) -> Array:
         with np.errstate(divide="ignore"):
-            return np.asarray((np.divide(1.0, self.face_share) - 1) * self.sharing.pair_compliance(since))
+            softer = np.asarray((np.divide(1.0, self.face_share) - 1) * self.sharing.pair_compliance(since))
+        return softer if self.added is None else softer + self.added(since)
 
     def _at(self, since: Array) -> Shared:
         others = self.gap if self.every else None
-        return self.sharing.shared(since, gap=self.gap, softer=self._softer, others=others)
+        return self.sharing.shared(
+            since, gap=self.gap, softer=self._softer, others=others, others_share=self.others_share
+        )
 
     @cached_property
     def _path(self) -> tuple[Array, Shared]:

@@ -12,7 +12,7 @@ from pydantic import Field, model_validator
 
 from data_synth.gears import transmission_error
 from data_synth.gears.geometry import GearPair
-from data_synth.gears.lost_contact import LoadSharing, LostContact, broken_tip_gap, spall_gap, wear_gap
+from data_synth.gears.lost_contact import Gap, LoadSharing, LostContact, broken_tip_gap, spall_gap, wear_gap
 from data_synth.gears.mesh_stiffness import Array
 from data_synth.gears.tooth_compliance import CrackedSection, DamagedTooth, Tooth, ToothPair
 from data_synth.gears.transmission_error import TransmissionError
@@ -36,6 +36,7 @@ Length = Annotated[float, Field(gt=0, le=1)]
 _CRACK_ANGLE_DEG = 45.0  # to the middle of the tooth; cracks of gears with a thick rim run at about this angle
 _ROOT_TANGENT = math.radians(30)  # the critical section of ISO 6336-3
 _BISECTIONS = 60
+_CRACK_POINTS = 513  # along the path, between which the compliance of a cracked tooth is linear
 
 
 @dataclass(frozen=True, kw_only=True)
@@ -124,9 +125,14 @@ class GearDamage:
         return cls(crack_m=crack, contact_fraction=np.ones(crack.size), broken_m=broken, removed_m=removed, **damage)
 
     @property
+    def softens(self) -> bool:
+        """Whether teeth are softer where they carry."""
+        return bool(np.any(self.crack_m) or np.any(self.contact_fraction < 1))
+
+    @property
     def loses_contact(self) -> bool:
-        """Whether pairs lose contact under load, so that the static force counts."""
-        per_tooth = (1 - self.contact_fraction, self.broken_m, self.removed_m)
+        """Whether pairs lose contact or load to their neighbours, so that the static force counts."""
+        per_tooth = (1 - self.contact_fraction, self.broken_m, self.removed_m, self.crack_m)
         return bool(self.profile_m or any(np.any(part) for part in per_tooth))
 
 
@@ -407,8 +413,8 @@ class Wear(_DistributedFault):
         return GearDamage.on(gear, profile_m=gear.flank_depth(size_m))
 
 
-LOSING_CONTACT = (Chipping, MissingTooth, Spall, Pitting, Misalignment, Wear)
-"""Faults by which pairs of teeth lose contact, the more the less load there is."""
+LOSING_CONTACT = (ToothCrack, Chipping, MissingTooth, Spall, Pitting, Misalignment, Wear)
+"""Faults by which pairs of teeth lose contact, or load to their neighbours, as the load says."""
 
 GEAR_FAULTS = ToothCrack | Chipping | MissingTooth | Spall | Pitting | Eccentricity | Misalignment | Wear
 
@@ -468,16 +474,8 @@ class RootCrack:
 def damaged_teeth(
     damage: GearDamage, *, gear: int, first: int, sharing: LoadSharing | None = None
 ) -> Iterator[DamagedTooth]:
-    """Yield the teeth whose stiffness changes; tooth 0 of `damage` is number `first` of the mesh.
-
-    `sharing` is needed where the damage loses contact.
-    """
+    """Yield the teeth whose stiffness changes; tooth 0 of `damage` is number `first` of the mesh."""
     teeth = damage.contact_fraction.size
-    for place in range(teeth):
-        tooth = (first + place) % teeth
-        if damage.crack_m[place] > 0:
-            crack = RootCrack(depth_m=float(damage.crack_m[place]), angle_rad=damage.crack_angle_rad)
-            yield DamagedTooth(gear=gear, tooth=tooth, fault=crack)
     for place, lost in lost_contacts(damage, gear=gear, sharing=sharing):
         yield DamagedTooth(gear=gear, tooth=None if lost.every else (first + place) % teeth, fault=lost)
 
@@ -489,8 +487,13 @@ def lost_contacts(damage: GearDamage, *, gear: int, sharing: LoadSharing | None)
     if sharing is None:
         raise ValueError("sharing is missing; contact is lost by the static force on the pairs of teeth.")
     pair = sharing.gears
+    for place in np.flatnonzero(damage.crack_m):
+        crack = RootCrack(depth_m=float(damage.crack_m[place]), angle_rad=damage.crack_angle_rad)
+        yield int(place), LostContact(sharing=sharing, added=_crack_compliance(crack, gear=gear, sharing=sharing))
+    beside = (np.roll(damage.contact_fraction, 1) + np.roll(damage.contact_fraction, -1)) / 2
     for place in np.flatnonzero(damage.contact_fraction < 1):
-        yield int(place), LostContact(sharing=sharing, face_share=float(damage.contact_fraction[place]))
+        share, others = float(damage.contact_fraction[place]), float(beside[place])
+        yield int(place), LostContact(sharing=sharing, face_share=share, others_share=others)
     for place in np.flatnonzero(damage.broken_m):
         gap = broken_tip_gap(pair, gear, height_m=float(damage.broken_m[place]))
         yield int(place), LostContact(sharing=sharing, gap=gap)
@@ -500,6 +503,15 @@ def lost_contacts(damage: GearDamage, *, gear: int, sharing: LoadSharing | None)
         yield int(place), LostContact(sharing=sharing, gap=gap)
     if damage.profile_m:
         yield 0, LostContact(sharing=sharing, gap=wear_gap(pair, gear, depth_m=damage.profile_m), every=True)
+
+
+def _crack_compliance(crack: RootCrack, *, gear: int, sharing: LoadSharing) -> Gap:
+    """Return the compliance that a crack adds to a pair, by the cycles since it entered, m/N."""
+    if sharing.teeth is None:
+        raise ValueError("sharing.teeth is missing; a crack makes a tooth of known shape softer.")
+    path = np.linspace(0.0, sharing.gears.contact_ratio, _CRACK_POINTS)
+    added = sharing.scale * crack.added_compliance(sharing.teeth, gear, path)
+    return lambda since: np.interp(since, path, added)
 
 
 def transmission_errors(
@@ -518,7 +530,9 @@ def transmission_errors(
     """
     teeth = damage.removed_m.size
     for place, lost in lost_contacts(damage, gear=gear, sharing=sharing):
-        yield lost.error(teeth=teeth, first=first + place, stiffness_too=stiffness_too)
+        error = lost.error(teeth=teeth, first=first + place, stiffness_too=stiffness_too)
+        if error.error_m.any():
+            yield error
     if damage.runout_m:
         middle = first + pair.contact_ratio / 2  # turn 0 is where the damaged tooth is in the middle of its mesh
         yield transmission_error.Eccentricity(

@@ -11,7 +11,7 @@ from numpy.typing import ArrayLike
 from data_synth.dynamics.parts import MeshProperties, power_flow
 from data_synth.dynamics.placement import Contact, contacts_of, opposite_mesh_lead, planet_of, planet_phase_lag
 from data_synth.dynamics.system import Mesh, MeshHistory
-from data_synth.gears.lost_contact import LoadSharing, LostContact
+from data_synth.gears.lost_contact import LoadSharing
 from data_synth.gears.mesh_stiffness import (
     Constant,
     Fourier,
@@ -204,6 +204,12 @@ def _teeth(
             broken.append(_Broken(number=number, gear=gear, teeth=teeth, first=first))
     times_s = instants_of_growth(stage, [item.number for item in broken])
     stages = [[item.damage(stage, time_s) for item in broken] for time_s in times_s]
+    shape = _shape(scene, contact)
+    if shape != "teeth" and any(each.softens for damage in stages for each in damage):
+        raise SceneError(
+            f'mesh "{contact.mesh}": a tooth that is softer needs shape = "teeth", which is for straight teeth '
+            f'without undercut or profile shift; its shape is "{shape}".'
+        )
     sharing = _sharing(scene, contact, static_n) if static_n is not None else None
     stiffnesses = _stiffnesses(scene, contact, broken, stages, sharing, by_cycles=later)
     healthy = _healthy_errors(stage, kinematics, contact, error_m=_UM * declared.error_um)
@@ -257,8 +263,12 @@ def _bends(sizes: Array, first: int, last: int, growth: float) -> Iterator[int]:
 def _sharing(scene: Scene, contact: Contact, static_n: float) -> LoadSharing:
     """Return the pairs of healthy teeth of a contact under their static force."""
     declared, pair = declared_of(scene).mesh(contact.mesh), contact.equivalent_pair
+    tooth_pair, scale = None, 1.0
     if _shape(scene, contact) == "teeth":
+        tooth_pair = _tooth_pair(contact, declared.bore_share)
         teeth = _by_strain_energy(contact, declared.bore_share, declared.stiffness_n_m, [])
+        if declared.stiffness_n_m is not None:
+            scale = teeth_in_mesh(tooth_pair).mean / declared.stiffness_n_m
 
         def compliance(since: Array) -> Array:
             return np.interp(since, teeth.path_cycles, teeth.compliance)
@@ -269,7 +279,9 @@ def _sharing(scene: Scene, contact: Contact, static_n: float) -> LoadSharing:
             return np.full(since.shape, alike)
 
     most_m = _backlash_m(declared, contact) or math.inf
-    return LoadSharing(gears=pair, pair_compliance=compliance, static_n=static_n, most_m=most_m)
+    return LoadSharing(
+        gears=pair, pair_compliance=compliance, static_n=static_n, most_m=most_m, teeth=tooth_pair, scale=scale
+    )
 
 
 def _backlash_m(declared: MeshDynamics, contact: Contact) -> float:
@@ -349,7 +361,7 @@ def _named(scene: Scene, instance: str) -> str | None:
 
 def _lost(damage: GearDamage) -> tuple[object, ...]:
     """Return what of the damage makes pairs lose contact."""
-    parts = damage.contact_fraction, damage.removed_m, damage.broken_m
+    parts = damage.contact_fraction, damage.removed_m, damage.broken_m, damage.crack_m
     return *(part.tobytes() for part in parts), damage.profile_m
 
 
@@ -366,7 +378,7 @@ def _stiffnesses(
     made: dict[tuple[object, ...], Stiffness] = {}
     found = []
     for damage in stages:
-        key = tuple((each.crack_m.tobytes(), *_lost(each)) for each in damage)
+        key = tuple(_lost(each) for each in damage)
         if key not in made:
             damaged = [
                 tooth
@@ -389,12 +401,6 @@ def _shape(scene: Scene, contact: Contact) -> str:
 
 def _stiffness(scene: Scene, contact: Contact, damaged: list[DamagedTooth], *, by_cycles: float) -> Stiffness:
     declared, pair, shape = declared_of(scene).mesh(contact.mesh), contact.equivalent_pair, _shape(scene, contact)
-    lost = [isinstance(tooth.fault, LostContact) and tooth.fault.face_share == 1 for tooth in damaged]
-    if not all(lost) and shape != "teeth":
-        raise SceneError(
-            f'mesh "{contact.mesh}": a tooth that is softer needs shape = "teeth", which is for straight teeth '
-            'without undercut or profile shift; its shape is "' + shape + '".'
-        )
     if shape == "teeth":
         teeth = _by_strain_energy(contact, declared.bore_share, declared.stiffness_n_m, damaged)
         return Knotted(of=teeth, by_cycles=by_cycles, period=teeth.period)
@@ -472,14 +478,17 @@ class Knotted:
         return self.of(np.asarray(phase_cycles, dtype=np.float64) + self.by_cycles)
 
 
+def _tooth_pair(contact: Contact, bore_share: float) -> ToothPair:
+    one, two = contact.equivalent_pair.reference_radii_m
+    return ToothPair(gears=contact.equivalent_pair, bore_radii_m=(bore_share * one, bore_share * two))
+
+
 def _by_strain_energy(
     contact: Contact, bore_share: float, mean: float | None, damaged: list[DamagedTooth]
 ) -> TeethInMesh:
     """Return the stiffness by strain energy of the teeth in contact, scaled to the mean if one is given."""
-    one, two = contact.equivalent_pair.reference_radii_m
     try:
-        pair = ToothPair(gears=contact.equivalent_pair, bore_radii_m=(bore_share * one, bore_share * two))
-        teeth = teeth_in_mesh(pair, damaged=damaged, teeth=contact.teeth)
+        teeth = teeth_in_mesh(_tooth_pair(contact, bore_share), damaged=damaged, teeth=contact.teeth)
     except ValueError as caught:
         raise SceneError(str(caught)) from None
     if mean is None:
