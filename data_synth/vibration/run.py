@@ -25,9 +25,10 @@ from data_synth.gears.mesh_stiffness import Constant
 from data_synth.integrators.choice import MethodChoice, method_for
 from data_synth.integrators.problem import Accuracy, IntegrationError, Load, Output, Problem, Steps
 from data_synth.kinematic.harmonics import random_stream
-from data_synth.scene.faults import LOSING_CONTACT
+from data_synth.kinematic.imperfect_parts import imperfections_of
+from data_synth.scene.faults import LOSING_CONTACT, Eccentricity
 from data_synth.scene.scene import Scene, SceneError
-from data_synth.sources.prepared import PreparedScene, prepare_scene
+from data_synth.sources.prepared import PreparedScene, mesh_name, prepare_scene
 from data_synth.transfer.housing import AHEAD
 from data_synth.vibration.meshes import Gears, Teeth, declared_of, gears_of, kinematics_of, tooth_passes
 from data_synth.vibration.sensor_forces import SensorForces, sensor_forces_of
@@ -427,6 +428,25 @@ def check_supported(scene: Scene) -> None:
     for sensor in scene.sensors:
         if sensor.direction is None:
             raise SceneError(f'{what}: sensor "{sensor.name}" needs a direction, as [x, y, z] across the shafts.')
+    _check_planets_share(scene)
+
+
+def _check_planets_share(scene: Scene) -> None:
+    """Refuse planets that only turn and have unequal errors: held so, they do not share the load but fight it out."""
+    declared, imperfect = declared_of(scene), imperfections_of(scene)
+    frame = scene.kinematics.mechanism.frame
+    for mesh in dict.fromkeys(contact.mesh for contact in scene.kinematics.contacts if contact.carrier != frame):
+        eccentric = [
+            f'the eccentricity of "{fault.component}"'
+            for fault in scene.faults
+            if isinstance(fault, Eccentricity) and mesh_name(fault.component) == mesh
+        ]
+        uneven = [*eccentric, *(f"imperfections.{name}" for name in ("planets", "gears") if getattr(imperfect, name))]
+        if uneven and (declared.mesh(mesh).fidelity or scene.fidelity) == "torsional":
+            raise SceneError(
+                f'mesh "{mesh}", fidelity = "torsional": {uneven[0]} makes planets unequal, which share their load by '
+                'motions across their axes; write fidelity = "lateral", or leave it out.'
+            )
 
 
 def fault_passes(motion: Motion) -> dict[int, tuple[Array, float]]:

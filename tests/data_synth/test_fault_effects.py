@@ -9,7 +9,7 @@ from functools import cache
 import numpy as np
 import pytest
 
-from data_synth import Scene, SceneError, simulate
+from data_synth import Scene, SceneError, load_scene, simulate
 from data_synth.gears.geometry import GearPair
 from data_synth.gears.lost_contact import separation_m
 from data_synth.scene.faults import FAULT_KINDS
@@ -174,3 +174,65 @@ def test_a_size_that_a_tooth_does_not_have_is_refused():
         scene = Scene.from_mapping({**SCENE, "fidelity": "lateral", "fault": [fault(kind, size)]})
         with pytest.raises(SceneError, match=f'fault 1, {kind} of "mesh/pinion": size_m = .*{words}'):
             simulate(scene, seed=1)
+
+
+# ---- the scenes that come with the package: mesh forces -----------------------------------------------------------
+
+
+SHIPPED = {"gears-in-motion": "stage 1/pinion", "planets-in-motion": "sun-planet/sun"}
+SCENES_LOAD = {"gears-in-motion": ("output", 450.0), "planets-in-motion": ("carrier", 600.0)}  # N m, theirs
+WORST = {  # mm: as far as a tooth of module 3 mm and 30 mm face goes
+    "tooth_crack": 8.0,
+    "chipping": 29.9,
+    "missing_tooth": 7.0,
+    "spall": 2.3,
+    "pitting": 2.3,
+    "eccentricity": 0.3,
+    "misalignment": 29.0,
+    "wear": 0.5,
+}
+
+
+def moved(name, kind, *, share_of_load=1.0, **changes):
+    """Return the faulty record of a shipped scene, with its mesh forces, the static one and the stiffness."""
+    table = load_scene(name).model_dump(mode="json", by_alias=True, exclude_none=True)
+    size = {"depth_mm" if kind == "tooth_crack" else "size_mm": WORST[kind]}
+    table |= {"fault": [{"kind": kind, "component": SHIPPED[name], **size}], "duration_s": 0.15, "noise": {"rms": 0}}
+    table["torque"] = {"link": SCENES_LOAD[name][0], "nm": SCENES_LOAD[name][1] * share_of_load}
+    record = simulate(Scene.from_mapping(table | changes), seed=1, mechanics=True)
+    mesh = SHIPPED[name].partition("/")[0]
+    of_mesh = [str(contact).startswith(mesh) for contact in record["truth_contact"].values]
+    forces, errors = (record[f"truth_{what}"].values[of_mesh] for what in ("mesh_force", "tooth_error"))
+    return record, forces, np.ptp(errors), record["truth_mesh_stiffness"].values[of_mesh].mean()
+
+
+@pytest.mark.parametrize("name", SHIPPED)
+@pytest.mark.parametrize("kind", WORST)
+def test_no_fault_lets_teeth_of_a_shipped_scene_pull_or_press_beyond_its_limit(name, kind):
+    _, forces, sunk, stiffness = moved(name, kind)
+    static = forces.mean()
+    softest = static / (stiffness / 4)  # a tooth whose neighbours carry, at a quarter of the mesh's stiffness
+    assert forces.max() < static * (1 + math.sqrt(1 + 2 * (sunk + softest) * stiffness / static))
+    # teeth push: what swings through the play may touch the back flanks, and never pulls as hard as it pushes
+    assert forces.min() > -0.7 * forces.max()
+
+
+@pytest.mark.parametrize("kind", [kind for kind in WORST if kind not in {"eccentricity", "wear"}])
+def test_a_fault_of_one_tooth_fades_with_the_load(kind):
+    loud, quiet = (
+        moved("gears-in-motion", kind, share_of_load=share, fidelity="torsional")[1].std() for share in (1.0, 0.01)
+    )
+    assert quiet < 0.25 * loud  # where nothing presses teeth together, nothing falls into the gap
+
+
+def test_a_deep_crack_tends_to_a_missing_tooth():
+    gone, cracked = (
+        moved("gears-in-motion", kind)[0]["input vertical"].values for kind in ("missing_tooth", "tooth_crack")
+    )
+    assert np.std(cracked - gone) < 0.05 * np.std(gone)
+
+
+@pytest.mark.parametrize("uneven", [{"imperfections": {"planets": {}}}, {"imperfections": {"gears": {}}}, {}])
+def test_planets_that_only_turn_and_are_unequal_are_refused(uneven):
+    with pytest.raises(SceneError, match=r'mesh "sun-planet", fidelity = "torsional".*write fidelity = "lateral"'):
+        moved("planets-in-motion", "eccentricity" if not uneven else "spall", fidelity="torsional", **uneven)
