@@ -294,8 +294,7 @@ class Assembled:
         start = self.problem.start
         if start is None:
             return np.zeros(self.backlashes.size)
-        directions = np.array([mesh.direction for mesh in self.problem.system.meshes]).reshape(self.backlashes.size, -1)
-        deflections = directions @ start.displacement
+        deflections = np.array([mesh.direction @ start.displacement for mesh in self.problem.system.meshes])
         return np.where(2 * np.abs(deflections) > self.backlashes, self.backlashes * np.sign(deflections), 0.0)
 
     @cached_property
