@@ -46,6 +46,8 @@ class HarmonicFamily:
         Exponent of the speed in the amplitude: 2 for an imbalance.
     reference_speed_hz : float
         Speed of the reference shaft, rev s-1, at which `coefficients` hold where they depend on it.
+    force : RotatingForce or None
+        What moves the housing, of which `coefficients` are the accelerations of its free mass.
     """
 
     component: str
@@ -56,6 +58,7 @@ class HarmonicFamily:
     load_dependent: bool
     speed_exponent: int = 0
     reference_speed_hz: float = 1.0
+    force: "RotatingForce | None" = None
 
     @property
     def orders(self) -> list[Fraction]:
@@ -66,6 +69,29 @@ class HarmonicFamily:
     def nonzero(self) -> NDArray[np.bool_]:
         """Whether each harmonic is non-zero at some instant, (k,)."""
         return np.asarray(np.any(np.atleast_2d(self.coefficients.T) != 0, axis=0))
+
+
+@dataclass(frozen=True, kw_only=True)
+class RotatingForce:
+    """A force across the axis of a link, on its bearings: ``Re(b exp(j theta))`` for an amplitude of 1.
+
+    Attributes
+    ----------
+    link : str
+    direction : (3,) complex array
+        b, in the gearbox's axes.
+    """
+
+    link: str
+    direction: ComplexArray
+
+    @classmethod
+    def across(cls, link: str, *, axis: Array, sense: float) -> "RotatingForce":
+        """Return the force that rotates about an axis (3,), a unit vector, in the sense of the sign of `sense`."""
+        away = np.eye(3)[int(np.argmin(np.abs(axis)))]
+        first = np.cross(axis, away)
+        first /= np.linalg.norm(first)
+        return cls(link=link, direction=first - 1j * math.copysign(1.0, sense) * np.cross(axis, first))
 
 
 def common_base(first: Fraction, second: Fraction) -> Fraction:

@@ -9,14 +9,14 @@ import numpy as np
 
 from data_synth.gears.quality import cumulative_pitch_m, runout_tolerance_m, single_pitch_tolerance_m
 from data_synth.kinematic.gear_faults import SIDEBAND_CUTOFF, fold_negative_orders
-from data_synth.kinematic.harmonics import HarmonicFamily, RandomStreams
+from data_synth.kinematic.harmonics import HarmonicFamily, RandomStreams, RotatingForce
 from data_synth.kinematic.shaft_faults import imbalance, imbalance_force_n, shaft_fault_family
 from data_synth.operation.shaft_angle import Array
 from data_synth.scene.dynamics import Dynamics
 from data_synth.scene.imperfections import Imperfections
 from data_synth.scene.scene import Scene, SceneError, declared_size_mm
 from data_synth.scene.sensors import Mode
-from hums.gearbox.components import Axis, Mesh
+from hums.gearbox.components import Axis, Bearing, Mesh
 
 _STANDARD_GRAVITY = 9.80665
 _FINE = 8  # points of a gear's turn to a tooth, where the modulation by its deviations is evaluated
@@ -225,7 +225,7 @@ def _imbalance_families(scene: Scene, *, top_speed_hz: float, rng_for: RandomStr
             eccentricity_m=1e-3 * declared.grade / (2 * math.pi * shaft_hz),
             speed_hz=shaft_hz,
         )
-        yield shaft_fault_family(
+        family = shaft_fault_family(
             imbalance(),
             component=shaft,
             order=order,
@@ -233,19 +233,24 @@ def _imbalance_families(scene: Scene, *, top_speed_hz: float, rng_for: RandomStr
             reference_speed_hz=top_speed_hz,
             offset=float(rng_for("imperfection", "imbalance", shaft).random()),
         )
+        yield replace(family, force=_rotating_force(scene, shaft, sense=float(scene.ratio(shaft))))
 
 
 def _waviness_families(scene: Scene, *, rng_for: RandomStreams) -> Iterator[HarmonicFamily]:
     declared = imperfections_of(scene).bearings
     assert declared is not None  # noqa: S101 - the caller asks
-    for bearing in (name for each in scene.gearbox.bearings for name in each.names):
+    held = {name: each for each in scene.gearbox.bearings for name in each.names}
+    for bearing, each in held.items():
         rates, rng = scene.bearing(bearing), rng_for("imperfection", "waviness", bearing)
+        turning = _turning_ring(scene, each)
+        sense = float(scene.ratio(turning))
         for number in range(1, declared.harmonics + 1):
             turned = abs(rates.inner_ring)
             orders = (number * rates.outer_race, number * rates.inner_race - turned, number * rates.inner_race + turned)
+            senses = (sense, -sense, sense)  # n Z + 1 lobes of the outer race, n Z - 1 and n Z + 1 of the inner one
             force_n = 1e-6 * declared.waviness_um / number * declared.stiffness_n_m
             amplitude = amplitude_of_force(scene, bearing, force_n)
-            for order, turn in zip(orders, rng.random(len(orders)), strict=True):
+            for order, way, turn in zip(orders, senses, rng.random(len(orders)), strict=True):
                 if order > 0:
                     yield HarmonicFamily(
                         component=bearing,
@@ -254,7 +259,21 @@ def _waviness_families(scene: Scene, *, rng_for: RandomStreams) -> Iterator[Harm
                         base_order=Fraction(order),
                         coefficients=np.array([amplitude * np.exp(2j * np.pi * turn)]),
                         load_dependent=False,
+                        force=_rotating_force(scene, turning, sense=way),
                     )
+
+
+def _turning_ring(scene: Scene, bearing: Bearing) -> str:
+    """Return the first ring of a bearing that turns, or is carried by what turns, in the frame."""
+    bodies = scene.kinematics.bodies
+    rings = [link for ring in (bearing.inner_ring, bearing.outer_ring) for link in scene.gearbox.instances(ring)]
+    return next(link for link in rings if bodies[link] != bodies[str(scene.gearbox.frame)])
+
+
+def _rotating_force(scene: Scene, link: str, *, sense: float) -> RotatingForce:
+    kinematics = scene.kinematics
+    axis = kinematics.mechanism.directions[kinematics.joints[kinematics.bodies[link]].axis]
+    return RotatingForce.across(link, axis=np.array(axis), sense=sense)
 
 
 def in_units(scene: Scene, acceleration_m_s2: float) -> float:

@@ -22,10 +22,12 @@ from data_synth.kinematic.shaft_faults import (
 from data_synth.operation.drive import Drive, build_drive
 from data_synth.operation.shaft_angle import Array
 from data_synth.operation.tachometer import Pulses, recorded_pulses, with_pick_up
+from data_synth.scene.dynamics import Dynamics
 from data_synth.scene.faults import FaultyGear, GearFault
 from data_synth.scene.scene import BearingFault, Scene, SceneError, ShaftFault, declared_size_mm
 from data_synth.scene.sensors import Sensor
 from data_synth.transfer.acquisition import AllPoleFilter, linear_chain
+from data_synth.transfer.housing import force_response, sensitive_direction
 from data_synth.transfer.paths import (
     TransferPaths,
     line_amplitudes,
@@ -305,14 +307,18 @@ def prepare_scene(scene: Scene, *, rng_for: RandomStreams) -> PreparedScene:
     gains, paths = _gains(scene, [*sources], rng_for=rng_for), transfer_paths(scene)
     chains = [linear_chain(sensor, rate_hz=scene.rate_hz) for sensor in scene.sensors]
     speed_hz, load = drive.angle.speed_hz(instants_s), drive.load(instants_s)
-    factor = _speed_factor(scene, drive, instants_s)
-    amplitudes = []
-    for family in families:
-        at_place = line_amplitudes(family, gains=gains[family.source], speed_hz=speed_hz, load=load, mode=scene.path)
-        for row, sensor in enumerate(scene.sensors):
-            if (path := paths.get((family.source, sensor.name))) is not None:
-                at_place[row] = line_amplitudes(family, gains=np.ones(1), speed_hz=speed_hz, load=load, mode=path)[0]
-        amplitudes.append(_in_channels(family, at_place * factor, chains=chains, speed_hz=speed_hz))
+    amplitudes = [
+        _line_amplitudes(
+            scene,
+            family,
+            gains=gains[family.source],
+            paths=paths,
+            drive=drive,
+            instants_s=instants_s,
+            rng_for=rng_for,
+        )
+        for family in families
+    ]
     prepared = PreparedScene(
         scene=scene,
         rng_for=rng_for,
@@ -414,6 +420,39 @@ def _gains(scene: Scene, sources: list[str], *, rng_for: RandomStreams) -> dict[
 def _cross_axis_share(sensor: Sensor) -> float:
     """Return the transverse sensitivity of a sensor."""
     return sensor.cross_axis.share if sensor.cross_axis is not None else 0.0
+
+
+def _line_amplitudes(
+    scene: Scene,
+    family: HarmonicFamily,
+    *,
+    gains: ComplexArray,
+    paths: TransferPaths,
+    drive: Drive,
+    instants_s: Array,
+    rng_for: RandomStreams,
+) -> ComplexArray:
+    """Return Z (sensor, line, instant) of a family in the channels.
+
+    Beside gears in motion a force on bearings moves the housing as theirs do, in the direction of each sensor.
+    """
+    at_source = {"speed_hz": drive.angle.speed_hz(instants_s), "load": drive.load(instants_s)}
+    frequency_hz = np.outer([float(order) for order in family.orders], at_source["speed_hz"])
+    found = line_amplitudes(family, gains=gains, mode=scene.path, **at_source)
+    force = family.force if scene.fidelity != "kinematic" else None
+    for row, sensor in enumerate(scene.sensors):
+        path = paths.get((family.source, sensor.name))
+        if path is not None or force is not None:
+            found[row] = line_amplitudes(family, gains=np.ones(1), mode=path, **at_source)[0]
+        if path is not None and force is not None:
+            found[row] *= force.direction @ sensitive_direction(sensor, rng_for=rng_for)
+        if path is None and force is not None:
+            newtons = (scene.dynamics or Dynamics()).housing_kg / in_units(scene, 1.0)  # for an amplitude of 1
+            found[row] *= newtons * force_response(scene, sensor, force, frequency_hz=frequency_hz, rng_for=rng_for)
+        else:
+            found[row] *= linear_chain(sensor, rate_hz=scene.rate_hz).response(frequency_hz)
+    # a scene's exponent is that of its declared amplitudes, a force has its own
+    return found if family.force is not None else found * _speed_factor(scene, drive, instants_s)
 
 
 def _in_channels(

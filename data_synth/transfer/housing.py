@@ -7,12 +7,15 @@ near its first own mode, a housing is rigid, and forces inside of it that balanc
 """
 
 import math
+from collections.abc import Callable, Sequence
 
 import numpy as np
 from numpy.typing import NDArray
 
+from data_synth.kinematic.harmonics import RandomStreams, RotatingForce
 from data_synth.operation.shaft_angle import Array
-from data_synth.scene.scene import SceneError
+from data_synth.scene.dynamics import Dynamics
+from data_synth.scene.scene import Scene, SceneError
 from data_synth.scene.sensors import Mode, Sensor
 from data_synth.transfer.acquisition import linear_chain
 from data_synth.transfer.paths import mode_pole
@@ -157,3 +160,83 @@ class Housing(PoleFilter):
         """Return ``lim (s - p) H(s)`` at the pole with this number."""
         pole, others = every[index], np.delete(every, index)
         return complex(self._gain * pole**self._high_pass.size * np.prod(-self._low_pass) / np.prod(pole - others))
+
+
+def housing_of(scene: Scene, sensor: Sensor, *, rate_hz: float, elastic: bool = False) -> Housing:
+    """Return the housing towards a sensor for forces at `rate_hz`: as a rigid body, or what its elasticity adds."""
+    declared = scene.dynamics or Dynamics()
+    return Housing(
+        mass_kg=declared.housing_kg,
+        mounts=declared.mounts,
+        path=scene.path,
+        sensor=sensor,
+        rate_hz=rate_hz,
+        channel_rate_hz=scene.rate_hz,
+        rigid_below_hz=declared.rigid_below_hz if elastic else None,
+    )
+
+
+def body_weights(
+    scene: Scene, sensor: Sensor, *, bodies: Sequence[str], body_of: Callable[[str], str]
+) -> dict[str, float]:
+    """Return the gain to a sensor, through the elastic housing, of the force of each body's supports.
+
+    Parameters
+    ----------
+    scene : Scene
+    sensor : Sensor
+    bodies : sequence of str
+    body_of : callable
+        Returns the body of a link.
+
+    Raises
+    ------
+    SceneError
+        Weights for a sensor or link that the scene lacks.
+    """
+    declared, gearbox = scene.dynamics or Dynamics(), scene.gearbox
+    joined, links = scene.kinematics.bodies, {*gearbox.links, *gearbox.copied}
+    below = {sensor.on}
+    for mesh in gearbox.meshes:
+        if mesh.name == sensor.on:
+            below |= {gear.link for gear in mesh.gears}
+    for bearing in gearbox.bearings:
+        if sensor.on in bearing.names:
+            rings = {link for ring in (bearing.inner_ring, bearing.outer_ring) for link in gearbox.instances(ring)}
+            below |= {link for link in rings if joined[link] != joined[str(gearbox.frame)]}
+    near = {body_of(link) for name in below & links for link in gearbox.instances(name)}
+    weights = {body: 1.0 if body in near else declared.elsewhere for body in bodies}
+    for given in declared.sensor_weights:
+        if given.sensor not in [other.name for other in scene.sensors]:
+            raise SceneError(f'dynamics.sensor_weights names "{given.sensor}", which is no sensor of this scene.')
+        for link, weight in given.links:
+            if link not in links:
+                raise SceneError(
+                    f'dynamics.sensor_weights names "{link}", which is no link with bearings in this gearbox.'
+                )
+            if given.sensor == sensor.name:
+                weights |= {body_of(name): weight for name in gearbox.instances(link)}
+    return weights
+
+
+def force_response(
+    scene: Scene, sensor: Sensor, force: RotatingForce, *, frequency_hz: Array, rng_for: RandomStreams
+) -> ComplexArray:
+    """Return the amplitude in a channel for 1 N of a force on the bearings of a link, at frequencies of any shape."""
+    along = complex(sensitive_direction(sensor, rng_for=rng_for) @ force.direction)
+    body_of = scene.kinematics.bodies.__getitem__
+    body = body_of(force.link)
+    weight = body_weights(scene, sensor, bodies=[body], body_of=body_of)[body]
+    rigid, elastic = (housing_of(scene, sensor, rate_hz=scene.rate_hz, elastic=each) for each in (False, True))
+    return np.asarray(along * (rigid.response(frequency_hz) + (weight - 1) * elastic.response(frequency_hz)))
+
+
+def sensitive_direction(sensor: Sensor, *, rng_for: RandomStreams) -> Array:
+    """Return a sensor's direction in the gearbox's axes with its cross-axis sensitivity, in a drawn direction, (3,)."""
+    direction = np.asarray(sensor.direction, dtype=np.float64)
+    direction = direction / np.linalg.norm(direction)
+    if sensor.cross_axis is None:
+        return direction
+    drawn = rng_for("cross axis", sensor.name).standard_normal(3)
+    across = drawn - (drawn @ direction) * direction
+    return np.asarray(direction + sensor.cross_axis.share * across / np.linalg.norm(across))

@@ -35,7 +35,7 @@ from data_synth.scene.sensors import Sensor
 from data_synth.sources.impacts import measured_filter
 from data_synth.sources.prepared import PreparedScene
 from data_synth.transfer.acquisition import linear_chain, path_residues
-from data_synth.transfer.housing import AHEAD, Housing, PoleFilter
+from data_synth.transfer.housing import AHEAD, PoleFilter, body_weights, housing_of, sensitive_direction
 from data_synth.transfer.paths import FirPath, MeasuredPath, TransferPath, transfer_paths
 from data_synth.vibration.meshes import Gears, declared_of
 from data_synth.vibration.structure import Structure, structure_of
@@ -68,7 +68,7 @@ class Route:
         """Return the complex amplitude in the channel for 1 N at frequencies, any shape."""
         sensor = scene.sensors[self.number]
         if self.path is None:
-            return self._housing(scene, sensor, scene.rate_hz).response(frequency_hz)
+            return housing_of(scene, sensor, rate_hz=scene.rate_hz, elastic=self.elastic).response(frequency_hz)
         chain = linear_chain(sensor, rate_hz=scene.rate_hz)
         return np.asarray(self.path.response(frequency_hz) * chain.response(frequency_hz))
 
@@ -80,21 +80,10 @@ class Route:
             fir = measured_filter(self.path, chain, rate_hz=rate_hz, sensor=sensor)
             return RouteFilter(push=_StartingConstant(fir).push, lag=round(fir.delay_s * rate_hz))
         if self.path is None:
-            return RouteFilter(push=self._housing(scene, sensor, rate_hz).push, lag=AHEAD)
+            housing = housing_of(scene, sensor, rate_hz=rate_hz, elastic=self.elastic)
+            return RouteFilter(push=housing.push, lag=AHEAD)
         poles, residues = path_residues(self.path, chain, sensor=sensor.name)
         return RouteFilter(push=PoleFilter(poles=poles, residues=residues, direct=0.0, rate_hz=rate_hz).push, lag=AHEAD)
-
-    def _housing(self, scene: Scene, sensor: Sensor, rate_hz: float) -> Housing:
-        declared = declared_of(scene)
-        return Housing(
-            mass_kg=declared.housing_kg,
-            mounts=declared.mounts,
-            path=scene.path,
-            sensor=sensor,
-            rate_hz=rate_hz,
-            channel_rate_hz=scene.rate_hz,
-            rigid_below_hz=declared.rigid_below_hz if self.elastic else None,
-        )
 
 
 @dataclass(kw_only=True)
@@ -191,36 +180,9 @@ def _holders(scene: Scene, whole: Assembly, source: str) -> set[str]:
 
 def _weights(scene: Scene, whole: Assembly, sensor: Sensor) -> dict[str, float]:
     """Return the gains to a sensor for the supports of each body, and for gears of the frame."""
-    declared, gearbox, parts = declared_of(scene), scene.gearbox, whole.parts
-    bodies, frame = parts.kinematics.bodies, parts.frame
-    links_below = {sensor.on}
-    for mesh in gearbox.meshes:
-        if mesh.name == sensor.on:
-            links_below |= {gear.link for gear in mesh.gears}
-    for bearing in gearbox.bearings:
-        if sensor.on in bearing.names:
-            rings = {link for ring in (bearing.inner_ring, bearing.outer_ring) for link in gearbox.instances(ring)}
-            links_below |= {link for link in rings if bodies[link] != frame}
-    bodies_near = {
-        parts.body(link) for name in links_below if name in _links(scene) for link in gearbox.instances(name)
-    }
-    all_bodies = [*parts.kinematics.joints, *parts.elastic_links, frame]
-    weights = {body: 1.0 if body in bodies_near else declared.elsewhere for body in all_bodies}
-    for given in declared.sensor_weights:
-        if given.sensor not in [other.name for other in scene.sensors]:
-            raise SceneError(f'dynamics.sensor_weights names "{given.sensor}", which is no sensor of this scene.')
-        for link, weight in given.links:
-            if link not in _links(scene):
-                raise SceneError(
-                    f'dynamics.sensor_weights names "{link}", which is no link with bearings in this gearbox.'
-                )
-            if given.sensor == sensor.name:
-                weights |= {parts.body(name): weight for name in gearbox.instances(link)}
-    return weights
-
-
-def _links(scene: Scene) -> set[str]:
-    return {*scene.gearbox.links, *scene.gearbox.copied}
+    parts = whole.parts
+    bodies = [*parts.kinematics.joints, *parts.elastic_links, parts.frame]
+    return body_weights(scene, sensor, bodies=bodies, body_of=parts.body)
 
 
 # ---- Sensor forces ---------------------------------------------------------------------------------------------------
@@ -583,12 +545,7 @@ class _Readings:
 
 def _sensitive_direction(stage: PreparedScene, whole: Assembly, sensor: Sensor, *, passes: bool) -> Array:
     """Return a sensor's direction with its cross-axis sensitivity, in x, y and z of the assembly, (3,)."""
-    direction = np.asarray(sensor.direction, dtype=np.float64)
-    direction = direction / np.linalg.norm(direction)
-    if sensor.cross_axis is not None:
-        drawn = stage.rng_for("cross axis", sensor.name).standard_normal(3)
-        across = drawn - (drawn @ direction) * direction
-        direction = direction + sensor.cross_axis.share * across / np.linalg.norm(across)
+    direction = sensitive_direction(sensor, rng_for=stage.rng_for)
     along = np.asarray(whole.parts.space @ direction)
     along[np.abs(along) < _ALONG] = 0.0
     moves = {motion for _, motion in whole.coordinates.index}

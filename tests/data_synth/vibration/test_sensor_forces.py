@@ -65,3 +65,68 @@ def test_what_bends_a_housing_passes_it_above_its_first_mode():
     expected = (elastic.response(np.array([700.0]))[0] * np.exp(2j * np.pi * 700 * (times_s - 2 / 50e3))).real[-2000:]
     # of the start 1e-6 is left, and the filter is exact to 1e-4 up to a tenth of its rate
     np.testing.assert_allclose(found, expected, atol=2e-4 * np.abs(expected).max())
+
+
+# ---- forces on bearings that are no gears' ---------------------------------------------------------------------------
+
+
+def imperfect_lines(imperfections, kind, *, directions, fidelity="lateral", **dynamics):
+    """Return the lines of one kind, (sensor, line), by their orders, of sensors in some directions."""
+    base = load_scene("gears-in-motion")
+    sensors = [
+        base.sensors[0].model_dump(mode="json", exclude_none=True) | {"name": f"s{number}", "direction": direction}
+        for number, direction in enumerate(directions)
+    ]
+    table = base.model_dump(mode="json", by_alias=True, exclude_none=True)
+    table["dynamics"] = {**table["dynamics"], "sensor_weights": [], **dynamics}
+    table |= {
+        "noise": {"rms": 0},
+        "fault": [],
+        "excitation": {"shaft_amplitude": 0},
+        "duration_s": 2,
+        "fidelity": fidelity,
+    }
+    made = Scene.from_mapping(table | {"sensor": sensors, "imperfections": imperfections})
+    record = simulate(made, seed=1)
+    of_kind = record["truth_kind"].values == kind
+    return made, record["truth_order"].values[of_kind], record["truth_amplitude"].values[:, of_kind, 0]
+
+
+@pytest.mark.parametrize("fidelity", ["lateral", "full"])
+def test_an_imbalance_shakes_sensors_in_their_directions(fidelity):
+    directions = ([0, 1, 0], [0, 0, 1], [0, 0, -1], [0.8, 0, 0.6])  # the shafts are along x
+    made, orders, lines = imperfect_lines(
+        {"imbalance": {"grade": 16, "rotor_kg": 3}}, "shaft", directions=directions, fidelity=fidelity
+    )
+    declared, ratios = made.dynamics, {"input": 1, "intermediate": -23 / 67, "output": 23 / 67 * 19 / 61}
+    assert len(orders) == len(ratios)
+    for ratio in ratios.values():
+        (number,) = np.flatnonzero(np.isclose(orders, abs(ratio)))
+        y, z, back, inclined = lines[:, number]
+        turning_hz = abs(ratio) * 25
+        sensor = Housing(
+            mass_kg=declared.housing_kg,
+            mounts=declared.mounts,
+            path=made.path,
+            sensor=made.sensors[0],
+            rate_hz=made.rate_hz,
+            channel_rate_hz=made.rate_hz,
+        )
+        newtons = 3 * 16e-3 * 2 * np.pi * turning_hz  # m e w^2, e w that of the grade
+        np.testing.assert_allclose(abs(y), newtons * abs(sensor.response(turning_hz)), rtol=0.02)  # 200 Hz is far
+        np.testing.assert_allclose(z / y, -1j * np.sign(ratio), atol=1e-9)  # from y to z a quarter turn later
+        np.testing.assert_allclose(back, -z, rtol=1e-9)
+        np.testing.assert_allclose(inclined, 0.6 * z, rtol=1e-9)  # none along the shaft
+
+
+def test_the_waviness_of_another_bearing_is_felt_through_the_elastic_housing():
+    directions = {"directions": ([0, 1, 0], [1, 0, 0]), "fidelity": "full", "rigid_below_hz": 1.0}
+    made, orders, lines = imperfect_lines({"bearings": {}}, "waviness", **directions)
+    _, _, alike = imperfect_lines({"bearings": {}}, "waviness", elsewhere=1.0, **directions)
+    rates = made.orders["input bearing", "outer_race"], made.orders["input bearing", "inner_race"]
+    own = [n * rates[0] for n in (1, 2)] + [n * rates[1] + side for n in (1, 2) for side in (-1, 1)]
+    near = np.any(np.isclose(orders[:, None], own), axis=1)
+    assert np.sum(near) == len(own) < len(orders)
+    expected = np.where(near, 1.0, made.dynamics.elsewhere)
+    np.testing.assert_allclose(abs(lines[0] / alike[0]), expected, rtol=0.01)  # the high pass is flat far above 1 Hz
+    np.testing.assert_array_equal(lines[1], 0.0)  # along the shafts
