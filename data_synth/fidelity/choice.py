@@ -20,7 +20,7 @@ from data_synth.kinematic.harmonics import random_stream
 from data_synth.operation.shaft_angle import Array
 from data_synth.scene.scene import Excitation, GearFault, Noise, Scene, SceneError
 from data_synth.sources.prepared import PreparedScene, prepare_scene
-from data_synth.vibration.meshes import Gears, declared_of
+from data_synth.vibration.meshes import Gears
 from data_synth.vibration.run import Motion, motion_of, prepare_gears, without_meshes
 
 # Models of the meshes of a scene at each level of fidelity: rigid, a spring, spectral lines, or time integration.
@@ -148,10 +148,10 @@ def chosen(stage: PreparedScene, gears: Gears) -> Choice:
         If a stage declares a higher fidelity than the scene, or the scene cannot be integrated.
     """
     scene = stage.scene
-    own = {mesh.name: declared_of(scene).mesh(mesh.name).fidelity for mesh in scene.gearbox.meshes}
+    own = {mesh.name: scene.dynamics_or_default.mesh(mesh.name).fidelity for mesh in scene.gearbox.meshes}
     if scene.fidelity != "auto":
         return Choice(levels={name: _within(scene, name, level) for name, level in own.items()})
-    floor_db = declared_of(scene).floor_db
+    floor_db = scene.dynamics_or_default.floor_db
     comparison = _Comparison(stage=stage, gears=gears, top={name: level or "full" for name, level in own.items()})
     tried: list[Trial] = []
 
@@ -227,7 +227,7 @@ class _Comparison:
         """Return the predicted difference in dB where it is decisive; None where a simulation is needed."""
         if any(level == KINEMATIC and name in self._no_lines for name, level in levels.items()):
             return math.inf
-        prediction, floor_db = self._linear_prediction, declared_of(self.stage.scene).floor_db
+        prediction, floor_db = self._linear_prediction, self.stage.scene.dynamics_or_default.floor_db
         if prediction is None:
             return None
         estimate_db, motion = self._predicted(prediction, levels, floor_db)
@@ -302,7 +302,7 @@ class _Comparison:
     def _trial_stage(self) -> PreparedScene:
         """The first `decide_s` of the scene, with its gears alone."""
         scene, drive = self.stage.scene, self.stage.drive
-        scene = scene.changed(duration_s=min(scene.duration_s, declared_of(scene).decide_s))
+        scene = scene.changed(duration_s=min(scene.duration_s, scene.dynamics_or_default.decide_s))
         times_s = np.linspace(0.0, scene.duration_s, scene.truth_times)
         return replace(
             self.stage,

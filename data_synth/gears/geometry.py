@@ -1,10 +1,9 @@
 """Geometry of a pair of involute gears on parallel axes, and the mesh stiffness that ISO 6336-1 gives it."""
 
 import math
+from collections.abc import Iterable
 from dataclasses import dataclass
 from functools import cached_property
-
-from data_synth.gears.mesh_stiffness import require
 
 _N_PER_MM_UM = 1e9  # N/(mm um) in N/m for a metre of face
 _MAX_ITERATIONS = 60
@@ -222,3 +221,10 @@ def _tangent(radius: float, base: float) -> float:
             "no involute; lower the addendum or shift the profile."
         )
     return math.sqrt(radius**2 - base**2)
+
+
+def require(values: Iterable[tuple[str, float]]) -> None:
+    """Raise ValueError for the first of some named values that is not a positive finite number."""
+    for name, value in values:
+        if not (math.isfinite(value) and value > 0):
+            raise ValueError(f"{name} = {value!r} has to be a finite number above 0.")

@@ -9,13 +9,10 @@ from __future__ import annotations
 
 import math
 from dataclasses import dataclass, field
-from typing import TYPE_CHECKING, Protocol
+from typing import Protocol
 
 import numpy as np
 from numpy.typing import ArrayLike, NDArray
-
-if TYPE_CHECKING:
-    from collections.abc import Iterable
 
 Array = NDArray[np.float64]
 ComplexArray = NDArray[np.complex128]
@@ -343,13 +340,6 @@ def quadrature(stiffness: Stiffness, *, harmonics: int = 1) -> tuple[Array, Arra
     nodes, weights = np.polynomial.legendre.leggauss(_NODES)
     half, middle = np.diff(ends) / 2, (ends[1:] + ends[:-1]) / 2
     return (middle[:, None] + half[:, None] * nodes).ravel(), (half[:, None] * weights).ravel()
-
-
-def require(values: Iterable[tuple[str, float]]) -> None:
-    """Raise ValueError for the first of some named values that is not a positive finite number."""
-    for name, value in values:
-        if not (math.isfinite(value) and value > 0):
-            raise ValueError(f"{name} = {value!r} has to be a finite number above 0.")
 
 
 def _not_negative(value: float, name: str) -> None:

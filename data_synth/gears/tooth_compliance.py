@@ -26,8 +26,8 @@ from typing import Protocol
 import numpy as np
 from numpy.typing import ArrayLike
 
-from data_synth.gears.geometry import GearPair
-from data_synth.gears.mesh_stiffness import Array, ComplexArray, Fourier, Stiffness, fourier_series, quadrature, require
+from data_synth.gears.geometry import GearPair, require
+from data_synth.gears.mesh_stiffness import Array, ComplexArray, Fourier, Stiffness, fourier_series, quadrature
 
 _NODES, _WEIGHTS = np.polynomial.legendre.leggauss(48)
 _SAINSOT = {

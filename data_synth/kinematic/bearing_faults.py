@@ -41,6 +41,8 @@ def bearing_impact_trains(
     rng : numpy.random.Generator
     """
     fault = bearing_fault(scene, number)
+    if _bearing(scene, fault).element_diameter_mm is not None:
+        _radius_of_fault(scene, fault, size_mm=fault.size_mm * float(fault.relative_size(scene.duration_s)))
     impacts = bearing_impacts(
         fault.kind,
         rates=scene.bearing(fault.component),
@@ -117,13 +119,38 @@ def _passage_rev(scene: Scene, number: int, sizes_m: Array) -> Array:
 
 def _bearing_geometry(scene: Scene, fault: BearingFault, key: str) -> tuple[Bearing, float, float]:
     """Return the declared bearing, its element diameter and its pitch diameter in m; `key` is what needs them."""
-    bearing = next(declared for declared in scene.gearbox.bearings if fault.component in declared.names)
+    bearing = _bearing(scene, fault)
     if bearing.element_diameter_mm is None or bearing.pitch_diameter_mm is None:
         raise SceneError(
             f'{key} needs the geometry of "{fault.component}", which is declared by multiples; give elements, '
             "element_diameter_mm and pitch_diameter_mm in the gearbox instead."
         )
     return bearing, _MM * bearing.element_diameter_mm, _MM * bearing.pitch_diameter_mm
+
+
+def _bearing(scene: Scene, fault: BearingFault) -> Bearing:
+    return next(declared for declared in scene.gearbox.bearings if fault.component in declared.names)
+
+
+def _radius_of_fault(scene: Scene, fault: BearingFault, *, size_mm: float) -> float:
+    """Return the radius in m on which a fault of `size_mm` is, shorter than from one contact to the next.
+
+    Raises
+    ------
+    SceneError
+        A bearing without diameters, or a fault longer than that.
+    """
+    bearing, element_m, pitch_m = _bearing_geometry(scene, fault, f"five_dof of {fault.kind}")
+    across = element_m * math.cos(math.radians(bearing.contact_angle_deg))
+    diameters_m = {"outer_race": pitch_m + across, "inner_race": pitch_m - across, "cage": pitch_m}
+    radius_m = diameters_m.get(fault.kind, element_m) / 2
+    spacing_rad = math.pi if fault.kind == "rolling_element" else 2 * math.pi / scene.bearing(fault.component).elements
+    if _MM * size_mm >= spacing_rad * radius_m:
+        raise SceneError(
+            f'{fault.kind} of "{fault.component}": {size_mm:g} mm reach from one contact to the next, '
+            f"{spacing_rad * radius_m / _MM:.3g} mm on; lower the size."
+        )
+    return radius_m
 
 
 # ---- a bearing that moves --------------------------------------------------------------------------------------
@@ -147,17 +174,9 @@ def bearing_model(scene: Scene, fault: BearingFault, *, size_mm: float) -> Beari
         A bearing without diameters, or a spall longer than the distance of two elements.
     """
     declared = fault.five_dof or FiveDof()
-    bearing, element_m, pitch_m = _bearing_geometry(scene, fault, f"five_dof of {fault.kind}")
-    across = element_m * math.cos(math.radians(bearing.contact_angle_deg))
-    radius_m = {"outer_race": pitch_m + across, "inner_race": pitch_m - across}.get(fault.kind, element_m) / 2
-    elements = scene.bearing(fault.component).elements
-    width_rad = _MM * size_mm / radius_m
-    spacing_rad = math.pi if fault.kind == "rolling_element" else 2 * math.pi / elements
-    if width_rad >= spacing_rad:
-        raise SceneError(
-            f'{fault.kind} of "{fault.component}": a spall of {size_mm:g} mm reaches from one contact to the next, '
-            f"{spacing_rad * radius_m / _MM:.3g} mm on; lower its size."
-        )
+    radius_m = _radius_of_fault(scene, fault, size_mm=size_mm)
+    _, element_m, _ = _bearing_geometry(scene, fault, f"five_dof of {fault.kind}")
+    elements, width_rad = scene.bearing(fault.component).elements, _MM * size_mm / radius_m
     depth_m = _UM * declared.depth_um if declared.depth_um is not None else (_MM * size_mm) ** 2 / (4 * element_m)
     mode = scene.resonance
     return BearingModel(

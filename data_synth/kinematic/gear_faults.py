@@ -78,6 +78,7 @@ def gear_damage_family(
     offset: float,
     rise: ArrayLike,
     lag_rad: ArrayLike,
+    reference_speed_hz: float = 1.0,
 ) -> HarmonicFamily:
     """Return the sidebands that a damaged gear adds to its mesh: mesh harmonics +- multiples of the gear's rotation.
 
@@ -101,6 +102,8 @@ def gear_damage_family(
         Turns of the gear at revolution zero; the worst place is in mesh where ``tooth * rev + offset`` is whole.
     rise, lag_rad : float or (instant,) array
         a, relative, and b in rad: for one size, or at each instant of the truth as the damage grows.
+    reference_speed_hz : float
+        Speed of the reference shaft, rev s-1, at which they hold where the fault depends on it.
     """
     base_order = common_base(mesh.base_order, tooth)
     harmonics = np.arange(1, mesh.coefficients.shape[0] + 1)
@@ -121,8 +124,8 @@ def gear_damage_family(
         base_order=base_order,
         coefficients=coefficients[:, 0] if coefficients.shape[1] == 1 else coefficients,
         load_dependent=mesh.load_dependent,
-        speed_exponent=mesh.speed_exponent,
-        reference_speed_hz=mesh.reference_speed_hz,
+        speed_exponent=fault.speed_exponent,
+        reference_speed_hz=reference_speed_hz,
     )
 
 

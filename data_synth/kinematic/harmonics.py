@@ -42,7 +42,7 @@ class HarmonicFamily:
         instant of the truth where the source changes.
     load_dependent : bool
         Whether the amplitude is proportional to the tooth load.
-    speed_exponent : int
+    speed_exponent : float
         Exponent of the speed in the amplitude: 2 for an imbalance.
     reference_speed_hz : float
         Speed of the reference shaft, rev s-1, at which `coefficients` hold where they depend on it.
@@ -56,7 +56,7 @@ class HarmonicFamily:
     base_order: Fraction
     coefficients: ComplexArray
     load_dependent: bool
-    speed_exponent: int = 0
+    speed_exponent: float = 0.0
     reference_speed_hz: float = 1.0
     force: "RotatingForce | None" = None
 

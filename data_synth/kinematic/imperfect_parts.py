@@ -12,7 +12,6 @@ from data_synth.kinematic.gear_faults import SIDEBAND_CUTOFF, fold_negative_orde
 from data_synth.kinematic.harmonics import HarmonicFamily, RandomStreams, RotatingForce
 from data_synth.kinematic.shaft_faults import imbalance, imbalance_force_n, shaft_fault_family
 from data_synth.operation.shaft_angle import Array
-from data_synth.scene.dynamics import Dynamics
 from data_synth.scene.imperfections import Imperfections
 from data_synth.scene.scene import Scene, SceneError, declared_size_mm
 from data_synth.scene.sensors import Mode
@@ -291,7 +290,7 @@ def amplitude_of_force(scene: Scene, source: str, force_n: float) -> float:
     """
     reached = {transfer.sensor for transfer in scene.transfers if transfer.source == source}
     if not reached:
-        return in_units(scene, force_n / (scene.dynamics or Dynamics()).housing_kg)
+        return in_units(scene, force_n / scene.dynamics_or_default.housing_kg)
     if missing := [sensor.name for sensor in scene.sensors if sensor.name not in reached]:
         raise SceneError(
             f'imperfections: "{source}" has a transfer to "{min(reached)}" and none to "{missing[0]}", so its '

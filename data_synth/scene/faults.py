@@ -34,6 +34,7 @@ ImpactPlaces = tuple[tuple[float, float], ...]
 Length = Annotated[float, Field(gt=0, le=1)]
 
 _CRACK_ANGLE_DEG = 45.0  # to the middle of the tooth; cracks of gears with a thick rim run at about this angle
+_DEDENDUM = 1.25  # modules: ISO 53
 _ROOT_TANGENT = math.radians(30)  # the critical section of ISO 6336-3
 _BISECTIONS = 60
 _CRACK_POINTS = 513  # along the path, between which the compliance of a cracked tooth is linear
@@ -50,7 +51,7 @@ class FaultyGear:
     face_width_m : float or None
         None where it is not declared.
     module_m : float
-        Infinite where it is not declared: then a tooth may lose any depth.
+        Infinite where it is not declared: then no depth is too large.
     rng : callable
         Returns a generator in the same state at every call, so that draws are reproducible.
     """
@@ -67,7 +68,7 @@ class FaultyGear:
                 "its face width is not declared; give face_width_mm in the gearbox's mesh or in dynamics.meshes"
             )
         if not 0 <= size_m <= self.face_width_m:
-            raise ValueError(f"size_m = {size_m:g} is not within the face width of {self.face_width_m:g} m")
+            raise ValueError(f"{_mm(size_m)} are not within the face width of {_mm(self.face_width_m)}")
         return size_m / self.face_width_m
 
     def flank_depth(self, size_m: float) -> float:
@@ -78,11 +79,20 @@ class FaultyGear:
         """Return `size_m`, no more than the bottom clearance, m / 4: beyond it tips touch roots (ISO 53)."""
         return _at_most(size_m, self.module_m / 4, "the bottom clearance")
 
+    def crack_depth(self, size_m: float, angle_rad: float) -> float:
+        """Return `size_m`, no more than goes through the root of the basic rack's tooth (ISO 53) at an angle."""
+        root_m = (math.pi / 2 + 2 * _DEDENDUM * math.tan(math.radians(20))) * self.module_m
+        return _at_most(size_m, root_m / math.sin(angle_rad), "the root of its tooth")
+
 
 def _at_most(size_m: float, most_m: float, name: str) -> float:
     if not 0 <= size_m <= most_m:
-        raise ValueError(f"size_m = {size_m:g} is not within {name}, {most_m:.3g} m")
+        raise ValueError(f"{_mm(size_m)} are not within {name}, {_mm(most_m)}")
     return size_m
+
+
+def _mm(size_m: float) -> str:
+    return f"{1e3 * size_m:.6g} mm"
 
 
 @dataclass(frozen=True, kw_only=True)
@@ -155,9 +165,10 @@ class GearFault(GrowingFault):
 
     The effect of the size, ``min(size, largest_effect_mm) ** size_exponent`` in mm, times each of the three factors
     gives the relative rise of the mesh amplitude, the phase lag of the first mesh harmonic (harmonic h: h times), and
-    the amplitude of the impact, at full load; impacts go with the load to the power `load_exponent`. The factors are
-    illustrative, but for how crack and chipping compare and what the load does, which `data_synth.kinematic_fit` found
-    in gears in motion: it fits the factors of impacts to any such scene.
+    the amplitude of the impact, at full load and top speed; impacts go with the load to the power `load_exponent`, and
+    all of it with the speed to the power `speed_exponent`. The factors are illustrative, but for how crack and chipping
+    compare and what the load does, which `data_synth.kinematic_fit` found in gears in motion: it fits factors and
+    exponents to any such scene.
     """
 
     amplitude_per_mm: NotNegative = 0.2
@@ -165,6 +176,7 @@ class GearFault(GrowingFault):
     impact_per_mm: NotNegative = 1.0
     size_exponent: Positive = 1.0
     load_exponent: NotNegative = 1.0
+    speed_exponent: NotNegative = 0.0
     largest_effect_mm: Positive | None = None
 
     def effect_mm(self, size_mm: ArrayLike) -> Array:
@@ -222,7 +234,7 @@ class ToothCrack(GearFault):
     def damage(self, size_m: float, gear: FaultyGear) -> GearDamage:
         """Return the crack, which makes the tooth more compliant."""
         found = GearDamage.on(gear, crack_angle_rad=math.radians(self.angle_deg))
-        found.crack_m[0] = size_m
+        found.crack_m[0] = gear.crack_depth(size_m, found.crack_angle_rad)
         return found
 
 
@@ -464,8 +476,8 @@ class RootCrack:
         tip = height - self.depth_m * math.cos(self.angle_rad)
         if self.depth_m < 0 or remaining <= -half:
             raise ValueError(
-                f"depth_m = {self.depth_m:g} at {math.degrees(self.angle_rad):.3g} degrees leaves nothing of a tooth "
-                f"{2e3 * half:.3g} mm thick; make it smaller, or let the tooth be missing."
+                f"{_mm(self.depth_m)} at {math.degrees(self.angle_rad):.3g} degrees leave nothing of a tooth "
+                f"{2e3 * half:.4g} mm thick; make it smaller, or let the tooth be missing"
             )
 
         return CrackedSection(remaining_m=remaining, tip_m=tip)

@@ -181,7 +181,8 @@ class Imperfections(Declared):
     """What healthy machines have: each table is off unless named, and has its defaults where no number is given.
 
     Accelerations are divided by standard gravity where sensors are in g. Imbalance and waviness act as forces on the
-    housing, `dynamics.housing_kg`, or on declared transfers; beside gears in motion, across the shaft. Each draws from a random stream of its own.
+    housing, `dynamics.housing_kg`, or on declared transfers; beside gears in motion, across the shaft. Each draws from
+    a random stream of its own.
 
     Examples
     --------

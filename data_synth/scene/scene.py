@@ -371,6 +371,18 @@ class Scene(Declared):
 
         return tomli_w.dumps(self.model_dump(mode="json", by_alias=True, exclude_none=True))
 
+    @property
+    def dynamics_or_default(self) -> Dynamics:
+        """Masses and stiffnesses as declared, or the defaults.
+
+        Examples
+        --------
+        >>> from data_synth import load_scene
+        >>> load_scene("demo").dynamics_or_default.housing_kg
+        20.0
+        """
+        return self.dynamics or Dynamics()
+
     @cached_property
     def kinematics(self) -> Kinematics:
         """The solved kinematics of the gearbox, a `hums.gearbox.kinematics.Kinematics`.

@@ -2,7 +2,6 @@
 
 import math
 from collections.abc import Callable, Iterator
-from contextlib import suppress
 from dataclasses import dataclass
 
 import numpy as np
@@ -14,11 +13,10 @@ from data_synth.kinematic.gear_faults import ImpactTrain
 from data_synth.kinematic.harmonics import ComplexArray
 from data_synth.operation.shaft_angle import Array
 from data_synth.scene.scene import BearingFault, SceneError
-from data_synth.scene.sensors import Sensor
 from data_synth.sources.prepared import PreparedScene
 from data_synth.transfer.acquisition import (
-    AllPoleFilter,
     add_ringing,
+    measured_filter,
     partial_fractions,
     path_residues,
     ringing_residues,
@@ -127,12 +125,6 @@ def steps_per_sample(model: BearingModel, *, force_n: float, rate_hz: float) -> 
 
 
 _BLOCK = 65536
-_LEAKAGES = (
-    1e-3,
-    1e-2,
-)  # RMS that the filter of a measured path may leave out; the larger where its band ends abruptly
-_FEWEST = 64  # taps
-_SPACINGS = 8  # longest filter, over the length of the impulse response by the spacing of lines
 _HALF = 32  # samples on either side over which an impact between samples is spread
 _FINE = 256  # points to a sample, between which the sum of a sinc is linear
 _KAISER = 10.0  # 1e-5 of error up to nine tenths of half the rate
@@ -197,30 +189,6 @@ def _step_pairs(
     steps = residues / poles
     # the ringing of a step ends at a constant, which the step down takes away
     return both[rising], heights[rising], np.append(poles, 0.0), np.append(steps, -np.sum(steps.real))
-
-
-# ---- a measured path --------------------------------------------------------------------------------------------
-
-
-def measured_filter(path: MeasuredPath, chain: AllPoleFilter, *, rate_hz: float, sensor: Sensor) -> FirPath:
-    """Return a measured path with the chain behind it as an FIR filter, of the shortest power of two that holds it.
-
-    Raises
-    ------
-    SceneError
-        Lines so far apart that the response between them does not decay.
-    """
-    behind = MeasuredPath(frequencies_hz=path.frequencies_hz, values=path.values * chain.response(path.frequencies_hz))
-    longest = max(_FEWEST, math.ceil(_SPACINGS * path.ringing_time_s() * rate_hz))
-    lengths = [_FEWEST << doubled for doubled in range(math.ceil(math.log2(longest / _FEWEST)) + 1)]
-    for leakage in _LEAKAGES:
-        for taps in lengths:
-            with suppress(ValueError):
-                return behind.fir(rate_hz=rate_hz, taps=taps, leakage=leakage)
-    raise SceneError(
-        f'sensor "{sensor.name}": a measured transfer to it does not die away within {longest / rate_hz:.3g} s, so '
-        "its lines are too far apart; measure them closer together."
-    )
 
 
 def add_fir_response(

@@ -22,8 +22,7 @@ from data_synth.kinematic.shaft_faults import (
 from data_synth.operation.drive import Drive, build_drive
 from data_synth.operation.shaft_angle import Array
 from data_synth.operation.tachometer import Pulses, recorded_pulses, with_pick_up
-from data_synth.scene.dynamics import Dynamics
-from data_synth.scene.faults import FaultyGear, GearFault
+from data_synth.scene.faults import Chipping, FaultyGear, GearDamage, GearFault, Misalignment
 from data_synth.scene.scene import BearingFault, Scene, SceneError, ShaftFault, declared_size_mm
 from data_synth.scene.sensors import Sensor
 from data_synth.transfer.acquisition import AllPoleFilter, linear_chain
@@ -54,7 +53,7 @@ def harmonic_families(
     Two faults of one mesh do not modulate each other. `relative_sizes` has, for each fault, its size over the initial
     one: (instant,), or (1,) for a fault that does not grow.
     """
-    healthy = healthy_families(scene, rng_for=rng_for)
+    healthy, top_speed_hz = healthy_families(scene, rng_for=rng_for), drive.angle.top_speed_hz(0.0, scene.duration_s)
     meshes = {family.component: family for family in healthy if family.kind == "gear_mesh"}
     teeth = scene.exact_orders("tooth")
     added = []
@@ -63,14 +62,18 @@ def harmonic_families(
         if isinstance(fault, GearFault):
             effect = fault.effect_mm(size)
             mesh, tooth = meshes[mesh_name(fault.component)], teeth[fault.component]
+            gear = faulty_gear(scene, number, teeth=float(mesh.base_order / tooth), rng_for=rng_for)
+            if gear.face_width_m is not None or not isinstance(fault, Chipping | Misalignment):
+                damage_of(scene, number, gear=gear, relative_size=float(np.max(relative_size)), time_s=scene.duration_s)
             family = gear_damage_family(
                 fault,
-                gear=faulty_gear(scene, number, teeth=float(mesh.base_order / tooth), rng_for=rng_for),
+                gear=gear,
                 mesh=mesh,
                 tooth=tooth,
                 offset=offset,
                 rise=effect * fault.amplitude_per_mm,
                 lag_rad=effect * fault.phase_rad_per_mm,
+                reference_speed_hz=top_speed_hz,
             )
             added.append(family)
         elif isinstance(fault, ShaftFault):
@@ -79,13 +82,11 @@ def harmonic_families(
                 component=fault.component,
                 order=scene.exact_orders("shaft")[fault.component],
                 amplitude=size * fault.amplitude_per_mm,
-                reference_speed_hz=drive.angle.top_speed_hz(0.0, scene.duration_s),
+                reference_speed_hz=top_speed_hz,
                 offset=offset,
             )
             added.append(family)
-    imperfect = imperfect_families(
-        scene, healthy, top_speed_hz=drive.angle.top_speed_hz(0.0, scene.duration_s), rng_for=rng_for
-    )
+    imperfect = imperfect_families(scene, healthy, top_speed_hz=top_speed_hz, rng_for=rng_for)
     return with_planet_pass(scene, healthy, rng_for=rng_for) + imperfect + added
 
 
@@ -106,6 +107,23 @@ def faulty_gear(scene: Scene, number: int, *, teeth: float, rng_for: RandomStrea
         module_m=math.inf if module_mm is None else 1e-3 * module_mm,
         rng=lambda: rng_for("pits", str(number)),
     )
+
+
+def damage_of(scene: Scene, number: int, *, gear: FaultyGear, relative_size: float, time_s: float = 0.0) -> GearDamage:
+    """Return what a fault, of a size over its initial one, changes of a gear's teeth.
+
+    Raises
+    ------
+    SceneError
+        A size that the gear does not have.
+    """
+    fault = scene.faults[number]
+    assert isinstance(fault, GearFault)  # noqa: S101 - the caller has seen it
+    try:
+        return fault.damage(1e-3 * fault.initial_mm * relative_size, gear)
+    except ValueError as caught:
+        when = "" if fault.growth is None else f" at {time_s:g} s"
+        raise SceneError(f'fault {number + 1}, {fault.kind} of "{fault.component}"{when}: {caught}.') from None
 
 
 def mesh_name(component: str) -> str:
@@ -277,11 +295,11 @@ class PreparedScene:
     def impact_factor(self, number: int, times_s: Array) -> Array:
         """Return the factor of load, speed and growth in the impacts of a fault at `times_s` (m,)."""
         fault, share = self.scene.faults[number], self.drive.load(times_s)
-        grown = fault.relative_size(times_s)
+        grown, exponent = fault.relative_size(times_s), self.scene.excitation.speed_exponent
         if isinstance(fault, GearFault):
-            share = share**fault.load_exponent
+            share, exponent = share**fault.load_exponent, exponent + fault.speed_exponent
             grown = fault.effect_mm(fault.initial_mm * grown) / fault.effect_mm(fault.initial_mm)
-        return np.asarray(share * _speed_factor(self.scene, self.drive, times_s) * grown)
+        return np.asarray(share * _speed_factor(exponent, self.scene, self.drive, times_s) * grown)
 
 
 def prepare_scene(scene: Scene, *, rng_for: RandomStreams) -> PreparedScene:
@@ -397,9 +415,8 @@ def _pulses(scene: Scene, drive: Drive, *, rng_for: RandomStreams) -> Pulses:
     return pulses
 
 
-def _speed_factor(scene: Scene, drive: Drive, times_s: Array) -> Array:
-    """Return the declared dependence of source amplitudes on speed, at times (n,)."""
-    exponent = scene.excitation.speed_exponent
+def _speed_factor(exponent: float, scene: Scene, drive: Drive, times_s: Array) -> Array:
+    """Return the speed over the top speed to a power, at times (n,)."""
     if exponent == 0:
         return np.ones(np.shape(times_s))
     top = drive.angle.top_speed_hz(0.0, scene.duration_s)
@@ -447,12 +464,13 @@ def _line_amplitudes(
         if path is not None and force is not None:
             found[row] *= force.direction @ sensitive_direction(sensor, rng_for=rng_for)
         if path is None and force is not None:
-            newtons = (scene.dynamics or Dynamics()).housing_kg / in_units(scene, 1.0)  # for an amplitude of 1
+            newtons = scene.dynamics_or_default.housing_kg / in_units(scene, 1.0)  # for an amplitude of 1
             found[row] *= newtons * force_response(scene, sensor, force, frequency_hz=frequency_hz, rng_for=rng_for)
         else:
             found[row] *= linear_chain(sensor, rate_hz=scene.rate_hz).response(frequency_hz)
     # a scene's exponent is that of its declared amplitudes, a force has its own
-    return found if family.force is not None else found * _speed_factor(scene, drive, instants_s)
+    declared = scene.excitation.speed_exponent if family.force is None else 0.0
+    return np.asarray(found * _speed_factor(declared, scene, drive, instants_s))
 
 
 def _in_channels(

@@ -7,6 +7,7 @@ what they did.
 
 import math
 from collections.abc import Callable, Iterator
+from contextlib import suppress
 from dataclasses import dataclass, field
 
 import numpy as np
@@ -15,12 +16,16 @@ from numpy.typing import ArrayLike, NDArray
 from data_synth.operation.shaft_angle import Array
 from data_synth.scene.scene import SceneError
 from data_synth.scene.sensors import AntiAlias, DropOuts, Hum, Mode, Quantisation, Sensor
-from data_synth.transfer.paths import ModalPath, mode_pole
+from data_synth.transfer.paths import FirPath, MeasuredPath, ModalPath, mode_pole
 
 ComplexArray = NDArray[np.complex128]
 
 _BLOCK = 65536  # samples worked on at once
 _APART = 1e-6  # poles nearer to each other than this part of their size leave the residues no digits
+# RMS that the filter of a measured path may leave out; the larger where its band ends abruptly
+_LEAKAGES = (1e-3, 1e-2)
+_FEWEST = 64  # taps
+_SPACINGS = 8  # longest filter, over the length of the impulse response by the spacing of lines
 
 
 @dataclass(frozen=True, kw_only=True)
@@ -244,3 +249,24 @@ def drop_outs(signal: Array, drops: DropOuts, *, rate_hz: float, rng: np.random.
         held = signal[first - 1] if first else 0.0
         signal[first:end] = {"nan": np.nan, "zero": 0.0, "hold": held}[drops.reads]
     return np.array(spans, dtype=np.float64).reshape(-1, 2) / rate_hz
+
+
+def measured_filter(path: MeasuredPath, chain: AllPoleFilter, *, rate_hz: float, sensor: Sensor) -> FirPath:
+    """Return a measured path with the chain behind it as an FIR filter, of the shortest power of two that holds it.
+
+    Raises
+    ------
+    SceneError
+        Lines so far apart that the response between them does not decay.
+    """
+    behind = MeasuredPath(frequencies_hz=path.frequencies_hz, values=path.values * chain.response(path.frequencies_hz))
+    longest = max(_FEWEST, math.ceil(_SPACINGS * path.ringing_time_s() * rate_hz))
+    lengths = [_FEWEST << doubled for doubled in range(math.ceil(math.log2(longest / _FEWEST)) + 1)]
+    for leakage in _LEAKAGES:
+        for taps in lengths:
+            with suppress(ValueError):
+                return behind.fir(rate_hz=rate_hz, taps=taps, leakage=leakage)
+    raise SceneError(
+        f'sensor "{sensor.name}": a measured transfer to it does not die away within {longest / rate_hz:.3g} s, so '
+        "its lines are too far apart; measure them closer together."
+    )

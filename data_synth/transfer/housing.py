@@ -14,7 +14,6 @@ from numpy.typing import NDArray
 
 from data_synth.kinematic.harmonics import RandomStreams, RotatingForce
 from data_synth.operation.shaft_angle import Array
-from data_synth.scene.dynamics import Dynamics
 from data_synth.scene.scene import Scene, SceneError
 from data_synth.scene.sensors import Mode, Sensor
 from data_synth.transfer.acquisition import linear_chain
@@ -164,7 +163,7 @@ class Housing(PoleFilter):
 
 def housing_of(scene: Scene, sensor: Sensor, *, rate_hz: float, elastic: bool = False) -> Housing:
     """Return the housing towards a sensor for forces at `rate_hz`: as a rigid body, or what its elasticity adds."""
-    declared = scene.dynamics or Dynamics()
+    declared = scene.dynamics_or_default
     return Housing(
         mass_kg=declared.housing_kg,
         mounts=declared.mounts,
@@ -194,7 +193,7 @@ def body_weights(
     SceneError
         Weights for a sensor or link that the scene lacks.
     """
-    declared, gearbox = scene.dynamics or Dynamics(), scene.gearbox
+    declared, gearbox = scene.dynamics_or_default, scene.gearbox
     joined, links = scene.kinematics.bodies, {*gearbox.links, *gearbox.copied}
     below = {sensor.on}
     for mesh in gearbox.meshes:

@@ -273,7 +273,7 @@ def line_amplitudes(
     coefficients = family.coefficients if family.coefficients.ndim > 1 else family.coefficients[:, None]
     at_source = coefficients * response * (load if family.load_dependent else 1.0)
     if family.speed_exponent:
-        at_source = at_source * (speed_hz / family.reference_speed_hz) ** family.speed_exponent
+        at_source = at_source * np.abs(speed_hz / family.reference_speed_hz) ** family.speed_exponent
     return np.asarray(np.asarray(gains)[:, None, None] * at_source)
 
 

@@ -11,10 +11,9 @@ import xarray as xr
 from data_synth.dynamics.active_dofs import active_dofs_of
 from data_synth.integrators.problem import IntegrationError, Output, Steps
 from data_synth.operation.shaft_angle import Array
-from data_synth.scene.scene import SceneError
 from data_synth.sources.prepared import PreparedScene
-from data_synth.vibration.meshes import Gears, declared_of
-from data_synth.vibration.run import Motion, assembly_of
+from data_synth.vibration.meshes import Gears
+from data_synth.vibration.run import Motion, assembly_of, not_followed
 from data_synth.vibration.sensor_forces import support_forces
 
 _BLOCK = 8192
@@ -51,7 +50,7 @@ def mechanics_truth(prepared: PreparedScene, gears: Gears, motion: Motion) -> di
     scene, system = prepared.scene, motion.system
     whole = assembly_of(prepared, gears, levels=motion.levels)
     active = active_dofs_of(whole, motion.levels)
-    damping = {name: declared_of(scene).mesh(mesh).damping_n_s_m for name, mesh in gears.meshes.items()}
+    damping = {name: scene.dynamics_or_default.mesh(mesh).damping_n_s_m for name, mesh in gears.meshes.items()}
     supports, displacement, velocity, force = support_forces(whole, active, damping)
     turning = [link for link in link_speeds(prepared) if _rotation(prepared, link) in system.names]
     rotations = np.eye(system.dof)[[system.names.index(_rotation(prepared, link)) for link in turning]]
@@ -126,7 +125,7 @@ def _integrated(motion: Motion, output: Output) -> Array:
             values[:, at[kept] // motion.oversampling] = block.values[kept].T
             number += at.size
     except IntegrationError as caught:
-        raise SceneError(f"the gears cannot be followed in time: {caught}") from None
+        raise not_followed(caught) from None
     return values
 
 

@@ -25,10 +25,10 @@ from data_synth.gears.tooth_compliance import DamagedTooth, TeethInMesh, ToothPa
 from data_synth.gears.transmission_error import PitchError, ProfileError, SumOfErrors, TransmissionError
 from data_synth.kinematic.imperfect_parts import gear_deviations_m, planet_displacements_m
 from data_synth.operation.shaft_angle import Array
-from data_synth.scene.dynamics import Dynamics, MeshDynamics
+from data_synth.scene.dynamics import MeshDynamics
 from data_synth.scene.faults import GearDamage, GearFault, damaged_teeth, transmission_errors
 from data_synth.scene.scene import Scene, SceneError
-from data_synth.sources.prepared import PreparedScene, faulty_gear, mesh_name
+from data_synth.sources.prepared import PreparedScene, damage_of, faulty_gear, mesh_name
 from hums.gearbox.kinematics import Kinematics, solve_kinematics
 
 _UM = 1e-6
@@ -74,14 +74,9 @@ class Teeth:
         )
 
 
-def declared_of(scene: Scene) -> Dynamics:
-    """Return the declared masses and stiffnesses of a scene, or the defaults."""
-    return scene.dynamics or Dynamics()
-
-
 def kinematics_of(scene: Scene) -> Kinematics:
     """Return the kinematics of a scene, its meshes with the geometry that `dynamics` adds."""
-    dynamics, gearbox = declared_of(scene), scene.gearbox
+    dynamics, gearbox = scene.dynamics_or_default, scene.gearbox
     known = {mesh.name for mesh in gearbox.meshes}
     for name, _ in dynamics.meshes:
         if name not in known:
@@ -171,15 +166,9 @@ class _Broken:
 
     def damage(self, stage: PreparedScene, time_s: float) -> GearDamage:
         """Return the changes of its teeth at a time."""
-        fault = stage.scene.faults[self.number]
-        assert isinstance(fault, GearFault)  # noqa: S101 - only those are broken
         gear = faulty_gear(stage.scene, self.number, teeth=self.teeth, rng_for=stage.rng_for)
-        size_m = 1e-3 * fault.initial_mm * float(fault.relative_size(time_s))
-        try:
-            return fault.damage(size_m, gear)
-        except ValueError as caught:
-            when = "" if fault.growth is None else f" at {time_s:g} s"
-            raise SceneError(f'fault {self.number + 1}, {fault.kind} of "{fault.component}"{when}: {caught}.') from None
+        grown = float(stage.scene.faults[self.number].relative_size(time_s))
+        return damage_of(stage.scene, self.number, gear=gear, relative_size=grown, time_s=time_s)
 
 
 def _teeth(
@@ -190,7 +179,7 @@ def _teeth(
     `later` are the cycles since a pair entered at revolution zero.
     """
     scene = stage.scene
-    declared = declared_of(scene).mesh(contact.mesh)
+    declared = scene.dynamics_or_default.mesh(contact.mesh)
     half = contact.equivalent_pair.contact_ratio / 2
     broken = []
     for number, fault in enumerate(scene.faults):
@@ -211,9 +200,15 @@ def _teeth(
             f'without undercut or profile shift; its shape is "{shape}".'
         )
     sharing = _sharing(scene, contact, static_n) if static_n is not None else None
-    stiffnesses = _stiffnesses(scene, contact, broken, stages, sharing, by_cycles=later)
     healthy = _healthy_errors(stage, kinematics, contact, error_m=_UM * declared.error_um)
-    errors = _errors(scene, contact, broken, stages, sharing, healthy=healthy, by_cycles=later)
+    try:
+        stiffnesses = _stiffnesses(scene, contact, broken, stages, sharing, by_cycles=later)
+        errors = _errors(scene, contact, broken, stages, sharing, healthy=healthy, by_cycles=later)
+    except SceneError:
+        raise
+    except ValueError as caught:
+        names = [f"fault {item.number + 1}, {scene.faults[item.number].kind}" for item in broken]
+        raise SceneError(f'{" and ".join(names)} of mesh "{contact.mesh}": {caught}.') from None
     late = float(planet_phase_lag(kinematics, contact))
     grows = any(each is not stiffnesses[0] for each in stiffnesses) or any(each is not errors[0] for each in errors)
     return Teeth(
@@ -262,7 +257,7 @@ def _bends(sizes: Array, first: int, last: int, growth: float) -> Iterator[int]:
 
 def _sharing(scene: Scene, contact: Contact, static_n: float) -> LoadSharing:
     """Return the pairs of healthy teeth of a contact under their static force."""
-    declared, pair = declared_of(scene).mesh(contact.mesh), contact.equivalent_pair
+    declared, pair = scene.dynamics_or_default.mesh(contact.mesh), contact.equivalent_pair
     tooth_pair, scale = None, 1.0
     if _shape(scene, contact) == "teeth":
         tooth_pair = _tooth_pair(contact, declared.bore_share)
@@ -396,11 +391,15 @@ def _shape(scene: Scene, contact: Contact) -> str:
     known = contact.parallel or contact.cone is not None
     undercut = min(map(abs, pair.teeth)) * math.sin(pair.pressure_angle_rad) ** 2 < 2 * pair.addendum
     spur = known and not undercut and not pair.helix_angle_rad and not any(pair.profile_shift)
-    return declared_of(scene).mesh(contact.mesh).shape or ("teeth" if spur else "trapezoid")
+    return scene.dynamics_or_default.mesh(contact.mesh).shape or ("teeth" if spur else "trapezoid")
 
 
 def _stiffness(scene: Scene, contact: Contact, damaged: list[DamagedTooth], *, by_cycles: float) -> Stiffness:
-    declared, pair, shape = declared_of(scene).mesh(contact.mesh), contact.equivalent_pair, _shape(scene, contact)
+    declared, pair, shape = (
+        scene.dynamics_or_default.mesh(contact.mesh),
+        contact.equivalent_pair,
+        _shape(scene, contact),
+    )
     if shape == "teeth":
         teeth = _by_strain_energy(contact, declared.bore_share, declared.stiffness_n_m, damaged)
         return Knotted(of=teeth, by_cycles=by_cycles, period=teeth.period)

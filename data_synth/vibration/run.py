@@ -30,7 +30,7 @@ from data_synth.scene.faults import LOSING_CONTACT, Eccentricity
 from data_synth.scene.scene import Scene, SceneError
 from data_synth.sources.prepared import PreparedScene, mesh_name, prepare_scene
 from data_synth.transfer.housing import AHEAD
-from data_synth.vibration.meshes import Gears, Teeth, declared_of, gears_of, kinematics_of, tooth_passes
+from data_synth.vibration.meshes import Gears, Teeth, gears_of, kinematics_of, tooth_passes
 from data_synth.vibration.sensor_forces import SensorForces, sensor_forces_of
 from data_synth.vibration.torques import DriveLoad, drive_load_of, static_error_forces, static_tooth_forces
 from data_synth.vibration.weighted_forces import LAG, WeightedForces
@@ -74,7 +74,7 @@ def assembly_of(
     """
     scene, kinematics = stage.scene, gears.kinematics
     speed = _speed_rad_s(stage, kinematics) if speed_rad_s is None else speed_rad_s
-    declared, full = declared_of(scene), "full" in levels.values()
+    declared, full = scene.dynamics_or_default, "full" in levels.values()
     has_helix = any(mesh.helix_angle_deg for mesh in scene.gearbox.meshes)
     try:
         return assemble_parts(
@@ -118,7 +118,7 @@ def _copies(scene: Scene, name: str) -> tuple[str, ...]:
 
 def _supports(scene: Scene, kinematics: Kinematics) -> Iterator[tuple[str, SupportStiffness]]:
     """Yield the links with declared bearings, and the stiffness of these."""
-    for link, item in declared_of(scene).bearings:
+    for link, item in scene.dynamics_or_default.bearings:
         if kinematics.bodies.get(link) == kinematics.mechanism.frame and not item.torsion_nm_rad:
             raise SceneError(
                 f'dynamics.bearings makes "{link}", else rigid with "{scene.gearbox.frame}", a body that '
@@ -239,7 +239,7 @@ class Motion:
                     yield outputs[:, dropped :: self.oversampling]
                 dropped = dropped - count if dropped >= count else (dropped - count) % self.oversampling
         except IntegrationError as caught:
-            raise SceneError(f"the gears cannot be followed in time: {caught}") from None
+            raise not_followed(caught) from None
 
     def steps(self) -> int:
         """Return the steps to a sample that keep the error, from a trial of 4096 samples at the critical time."""
@@ -274,7 +274,7 @@ class Motion:
                 .steps_per_sample
             )
         except IntegrationError as caught:
-            raise SceneError(f"the gears cannot be followed in time: {caught}") from None
+            raise not_followed(caught) from None
 
     def critical_time_s(self) -> float:
         """Return the time that needs most steps: a torque reversal with backlash, or the top speed."""
@@ -324,7 +324,7 @@ def scene_system(scene: Scene) -> Callable[[float], System]:
 
     def system_at(speed_rad_s: float) -> System:
         system = active_dofs_of(assembly_of(stage, gears, levels=levels, speed_rad_s=speed_rad_s), levels).system
-        return with_modal_damping(system, ratio=declared_of(scene).damping_ratio)
+        return with_modal_damping(system, ratio=scene.dynamics_or_default.damping_ratio)
 
     return system_at
 
@@ -370,7 +370,7 @@ def motion_of(
         If the gearbox cannot be assembled, or a torque or sensor does not fit it.
     """
     scene, kinematics, teeth = stage.scene, gears.kinematics, gears.teeth
-    declared = declared_of(scene)
+    declared = scene.dynamics_or_default
     whole = assembly_of(stage, gears, levels=levels, springs=springs)
     active = active_dofs_of(whole, levels)
     system = replace(
@@ -387,7 +387,7 @@ def motion_of(
         2 * math.pi * declared.mounts.frequency_hz * declared.mounts.damping_ratio,
     )
     acting = drive_load_of(stage, kinematics, system)
-    sensor_forces = sensor_forces_of(stage, gears, whole, active, damping=damped.damping + system.damping)
+    sensor_forces = sensor_forces_of(stage, gears.meshes, whole, active, damping=damped.damping + system.damping)
     fastest = float(np.max(angular))
     if sensor_forces.structure is not None:
         poles = sensor_forces.structure.poles
@@ -433,7 +433,7 @@ def check_supported(scene: Scene) -> None:
 
 def _check_planets_share(scene: Scene) -> None:
     """Refuse planets that only turn and have unequal errors: held so, they do not share the load but fight it out."""
-    declared, imperfect = declared_of(scene), imperfections_of(scene)
+    declared, imperfect = scene.dynamics_or_default, imperfections_of(scene)
     frame = scene.kinematics.mechanism.frame
     for mesh in dict.fromkeys(contact.mesh for contact in scene.kinematics.contacts if contact.carrier != frame):
         eccentric = [
@@ -447,6 +447,15 @@ def _check_planets_share(scene: Scene) -> None:
                 f'mesh "{mesh}", fidelity = "torsional": {uneven[0]} makes planets unequal, which share their load by '
                 'motions across their axes; write fidelity = "lateral", or leave it out.'
             )
+
+
+def not_followed(caught: IntegrationError) -> SceneError:
+    """Return the error of a scene whose gears an integration failed to follow, with what a scene can change."""
+    words = str(caught).partition(" To do:")[0]
+    return SceneError(
+        f"the gears cannot be followed in time: {words} Raise dynamics.error or rate_hz; or check torque, "
+        "damping_ratio and backlash_um, if teeth should not part."
+    )
 
 
 def fault_passes(motion: Motion) -> dict[int, tuple[Array, float]]:

@@ -32,12 +32,10 @@ from data_synth.kinematic.planet_pass import PassWindow, pass_window
 from data_synth.kinematic.ring_bending import RingLoad, sensors_on_ring
 from data_synth.scene.scene import Scene, SceneError
 from data_synth.scene.sensors import Sensor
-from data_synth.sources.impacts import measured_filter
 from data_synth.sources.prepared import PreparedScene
-from data_synth.transfer.acquisition import linear_chain, path_residues
+from data_synth.transfer.acquisition import linear_chain, measured_filter, path_residues
 from data_synth.transfer.housing import AHEAD, PoleFilter, body_weights, housing_of, sensitive_direction
 from data_synth.transfer.paths import FirPath, MeasuredPath, TransferPath, transfer_paths
-from data_synth.vibration.meshes import Gears, declared_of
 from data_synth.vibration.structure import Structure, structure_of
 
 # ---- Transfer routes from vibrating gears to sensors: through the housing, or by declared paths from single links ----
@@ -308,14 +306,14 @@ class SensorForces:
 
 
 def sensor_forces_of(
-    stage: PreparedScene, gears: Gears, whole: Assembly, active: ActiveDofs, *, damping: Array
+    stage: PreparedScene, meshes: Mapping[str, str], whole: Assembly, active: ActiveDofs, *, damping: Array
 ) -> SensorForces:
     """Return the forces of a scene's gears towards its sensors.
 
     Parameters
     ----------
     stage : PreparedScene
-    gears : Gears
+    meshes : mapping of contact to mesh
     whole : Assembly
         With all degrees of freedom.
     active : Kept
@@ -326,7 +324,7 @@ def sensor_forces_of(
     scene, parts = stage.scene, whole.parts
     frames = list(dict.fromkeys(contact.carrier for contact in parts.contacts if contact.carrier != parts.frame))
     rows = _Readings(
-        whole, active, {name: declared_of(scene).mesh(mesh).damping_n_s_m for name, mesh in gears.meshes.items()}
+        whole, active, {name: scene.dynamics_or_default.mesh(mesh).damping_n_s_m for name, mesh in meshes.items()}
     )
     window, rotating, passing = pass_window(scene), [], []
     every = routes_of(scene)
@@ -375,7 +373,7 @@ def sensor_forces_of(
                         axial=float(force @ [0.0, 0.0, z]),
                     )
                 )
-    structure = rows.structure(damping, damping_ratio=declared_of(scene).damping_ratio)
+    structure = rows.structure(damping, damping_ratio=scene.dynamics_or_default.damping_ratio)
     return SensorForces(
         stage=stage,
         structure=structure,

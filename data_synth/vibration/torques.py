@@ -23,7 +23,6 @@ from data_synth.operation.drive import Drive
 from data_synth.scene.operation import RunUp
 from data_synth.scene.scene import Scene, SceneError
 from data_synth.sources.prepared import PreparedScene
-from data_synth.vibration.meshes import declared_of
 from hums.gearbox.kinematics import Kinematics
 
 _INSTANT_S = 1e-9  # to both sides, whose mean is taken: then a jump between steps costs no accuracy
@@ -168,7 +167,7 @@ def _loaded(scene: Scene, kinematics: Kinematics, driving: str) -> str:
     bodies, frame = kinematics.bodies, kinematics.mechanism.frame
     assert scene.torque is not None  # noqa: S101 - refuse_unfit
     named = [scene.torque.link] if scene.speed.run_up is None else [scene.speed.link, scene.torque.link]
-    load_on = declared_of(scene).load_on
+    load_on = scene.dynamics_or_default.load_on
     for link in named if load_on is None else [load_on]:
         if link in bodies and bodies[link] not in (driving, frame):
             return link

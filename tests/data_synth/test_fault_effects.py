@@ -164,16 +164,35 @@ def test_a_face_width_that_nobody_declares_is_asked_for(kind, shape):
         simulate(Scene.from_mapping(scene), seed=1)
 
 
-def test_a_size_that_a_tooth_does_not_have_is_refused():
+@pytest.mark.parametrize("fidelity", ["kinematic", "lateral"])
+def test_a_size_that_a_tooth_does_not_have_is_refused(fidelity):
     for kind, size, words in (
-        ("spall", 3.0, "half the thickness of its tooth, 0.00236 m"),
+        ("spall", 3.0, "half the thickness of its tooth, 2.35619 mm"),
         ("wear", 3.0, "half the thickness of its tooth"),
-        ("eccentricity", 0.8, "the bottom clearance, 0.00075 m"),
-        ("chipping", 31.0, "the face width of 0.03 m"),
+        ("eccentricity", 0.8, "the bottom clearance, 0.75 mm"),
+        ("chipping", 31.0, "the face width of 30 mm"),
+        ("tooth_crack", 12.0, "the root of its tooth, 10.5"),
     ):
-        scene = Scene.from_mapping({**SCENE, "fidelity": "lateral", "fault": [fault(kind, size)]})
-        with pytest.raises(SceneError, match=f'fault 1, {kind} of "mesh/pinion": size_m = .*{words}'):
+        scene = Scene.from_mapping({**SCENE, "fidelity": fidelity, "fault": [fault(kind, size)]})
+        with pytest.raises(SceneError, match=f'fault 1, {kind} of "mesh/pinion": {size:g} mm are not within {words}'):
             simulate(scene, seed=1)
+
+
+def test_a_crack_through_its_tooth_is_refused_by_its_name():
+    scene = Scene.from_mapping({**SCENE, "fidelity": "lateral", "fault": [fault("tooth_crack", 10.0)]})
+    with pytest.raises(SceneError, match='fault 1, tooth_crack of mesh "mesh": 10 mm at 45 degrees leave nothing of'):
+        simulate(scene, seed=1)
+
+
+@pytest.mark.parametrize(("kind", "most"), [("inner_race", 16.7), ("rolling_element", 19.9), ("cage", 21.1)])
+def test_a_bearing_fault_ends_before_the_next_contact(kind, most):
+    short, long = (
+        Scene.from_mapping({**SCENE, "fidelity": "kinematic", "fault": [fault(kind, most + off)]})
+        for off in (-0.1, 0.1)
+    )
+    assert simulate(short, seed=1)["a"].size
+    with pytest.raises(SceneError, match=f'{kind} of "bearing": {most + 0.1:g} mm reach from one contact to the next'):
+        simulate(long, seed=1)
 
 
 # ---- the scenes that come with the package: mesh forces -----------------------------------------------------------

@@ -364,7 +364,7 @@ class TestFaults:
     def test_what_the_teeth_do_not_have_is_refused(self):
         with pytest.raises(ValueError, match="tooth = 31"):
             damaged(RootCrack(depth_m=1e-3, angle_rad=1.5), tooth=31)
-        with pytest.raises(ValueError, match="leaves nothing of a tooth"):
+        with pytest.raises(ValueError, match="leave nothing of a tooth"):
             damaged(RootCrack(depth_m=6e-3, angle_rad=1.5))
 
 

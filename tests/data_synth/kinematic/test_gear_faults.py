@@ -1,5 +1,6 @@
 import math
 from fractions import Fraction
+from functools import partial
 
 import numpy as np
 import pytest
@@ -8,8 +9,9 @@ from scipy.special import ive
 
 from data_synth import load_scene
 from data_synth.kinematic.gear_faults import SIDEBAND_CUTOFF, gear_damage_family, tooth_window
-from data_synth.kinematic.harmonics import HarmonicFamily, add_lines, common_base
+from data_synth.kinematic.harmonics import HarmonicFamily, add_lines, common_base, random_stream
 from data_synth.scene.faults import FaultyGear, ToothCrack
+from data_synth.sources.prepared import prepare_scene
 
 SCENE = load_scene("demo")
 
@@ -123,3 +125,24 @@ def test_lines_between_instants_are_linear():
         for k, z in enumerate(amplitudes[0], start=1)
     )
     assert_allclose(signal[0], expected, atol=1e-12)
+
+
+def test_a_fault_goes_with_a_power_of_the_speed():
+    ramp = {"link": "input", "rpm": [[0, 600], [2, 1200]]}
+    fault = {"kind": "tooth_crack", "component": "stage 1/pinion", "depth_mm": 1.0}
+    stages = [
+        prepare_scene(
+            SCENE.changed(speed=ramp, faults=({**fault, "speed_exponent": power},), duration_s=2),
+            rng_for=partial(random_stream, 1),
+        )
+        for power in (0.0, 1.5)
+    ]
+    expected = np.linspace(0.5, 1.0, stages[0].instants_s.size) ** 1.5  # of the top speed
+    factors = [stage.impact_factor(0, stage.instants_s) for stage in stages]
+    assert_allclose(factors[1] / factors[0], expected, rtol=1e-9)
+    lines = [
+        next(z for family, z in zip(stage.families, stage.amplitudes, strict=True) if family.kind == "tooth")
+        for stage in stages
+    ]
+    shown = np.abs(lines[0][0]) > 0
+    assert_allclose((lines[1][0] / np.where(shown, lines[0][0], 1))[shown], (shown * expected)[shown], rtol=1e-9)

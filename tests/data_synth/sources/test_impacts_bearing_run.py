@@ -225,7 +225,7 @@ def test_stiffer_contacts_take_shorter_steps():
 @pytest.mark.parametrize(
     ("fault", "changes", "sentence"),
     [
-        ({"size_mm": 20.0}, {}, "outer_race of .* a spall of 20 mm reaches from one contact to the next"),
+        ({"size_mm": 20.0}, {}, "outer_race of .* 20 mm reach from one contact to the next"),
         ({}, {"sampling_jitter": {"std_s": 1e-7}}, "sampling_jitter does not go with a bearing with five_dof"),
         ({"five_dof": {"load_n": -1}}, {}, "load_n"),
     ],
