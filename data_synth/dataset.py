@@ -194,13 +194,15 @@ def _simulated(plan: AnyPlan, number: int) -> tuple[xr.Dataset, dict[str, Any]]:
     """Return a record and its labels."""
     labels = plan.labels(number)
     try:
-        scene, seed = plan.scene(number), plan.seed_of(number)
+        scene = plan.scene(number)
+        seed, machine_seed = plan.seed_of(number), plan.machine_seed_of(number)
         if not isinstance(plan, BenchmarkRecords):
-            record = simulate(scene, seed=seed)
+            record = simulate(scene, seed=seed, machine_seed=machine_seed)
         elif labels["class"] == "healthy":
-            record, labels["detectability_db"] = simulate(scene, seed=seed), math.nan
+            record = simulate(scene, seed=seed, machine_seed=machine_seed)
+            labels["detectability_db"] = math.nan
         else:
-            record, found_db = simulate_with_detectability(scene, seed=seed, trial_s=TRIAL_S)
+            record, found_db = simulate_with_detectability(scene, seed=seed, machine_seed=machine_seed, trial_s=TRIAL_S)
             labels["detectability_db"] = found_db + 10 * math.log10(DURATION_S / scene.duration_s)
     except SceneError as error:
         raise SceneError(f'record {number}, class "{labels["class"]}": {error}') from None

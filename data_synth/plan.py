@@ -318,6 +318,29 @@ class Plan:
         """
         return int(self._sequence(number).generate_state(1, np.uint64)[0] >> np.uint64(1))  # HDF5 has signed ones
 
+    def machine_seed_of(self, number: int) -> int | None:
+        """Return the seed of the machine of a record, which its records share; None where none carries over.
+
+        Parameters
+        ----------
+        number : int
+            Number of the record, from 0.
+
+        Returns
+        -------
+        int or None
+
+        Examples
+        --------
+        >>> from data_synth import load_plan
+        >>> load_plan("classification").machine_seed_of(0) is None
+        True
+        """
+        if self.history is None:
+            return None
+        keys = (zlib.crc32(b"machine"), self.history.machine(number))
+        return int(self._sequence(*keys).generate_state(1, np.uint64)[0] >> np.uint64(1))
+
     def labels(self, number: int) -> dict[str, Any]:
         """Return the class, the seed and all labels of a record.
 
@@ -347,7 +370,8 @@ class Plan:
                 found[label] = kind(choices.index(values[label]) + 1 if choices else values[label])
         if self.history is not None:
             state = self.history.state(number, seed=self.seed)
-            found |= {"machine": self.history.machine(number), **{f"history.{key}": x for key, x in state.items()}}
+            found["machine"], found["machine_seed"] = self.history.machine(number), self.machine_seed_of(number)
+            found |= {**{f"history.{key}": x for key, x in state.items()}}
         return found
 
     def _sobol_point(self, number: int, variant: RecordClass) -> NDArray[np.float64]:

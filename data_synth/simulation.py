@@ -20,7 +20,7 @@ from data_synth.fidelity.choice import (
     with_kinematic_lines,
 )
 from data_synth.fidelity.expected_lines import expected_lines
-from data_synth.kinematic.harmonics import ComplexArray, RandomStreams, random_stream
+from data_synth.kinematic.harmonics import ComplexArray, RandomStreams, Streams
 from data_synth.operation.shaft_angle import Array
 from data_synth.scene.scene import GearFault, Scene, SceneError, Sensor, load_scene
 from data_synth.sources.disturbances import (
@@ -51,6 +51,7 @@ def simulate(
     scene: Scene | str | Path,
     *,
     seed: int,
+    machine_seed: int | None = None,
     by_source: bool = False,
     phases: bool = False,
     mechanics: bool = False,
@@ -65,6 +66,10 @@ def simulate(
     seed : int
         Not negative. Every random quantity has a stream of its own, named after what it belongs to, so that an added
         fault leaves phases, noise and tachometer as they were. Same scene and seed: same bytes.
+    machine_seed : int or None
+        For one of several records of a machine: a seed of what stays the same from one to the next, errors and damage
+        of teeth, imbalance, phases, gains and mounts of sensors. The machine has made a random number of turns before
+        the record. None: all of it follows from `seed`.
     by_source : bool
         Also return ``truth_source`` (truth_channel, truth_source_name, time): the noise-free signal of each source
         after the linear part of the chain, as large as a channel for each source.
@@ -120,7 +125,8 @@ def simulate(
         Where gears vibrate, truth_amplitude has every loud line of meshes, of damaged gears and of what they make
         with each other, against time, projected from their clean signal (`data_synth.vibration.gear_lines.gear_lines`).
         Attribute ``truth_mesh_lines`` states window, floor and error, ``truth_fidelity`` which motions were simulated.
-        Attribute ``truth_scene`` holds the scene with every default written out, ``truth_seed`` the seed.
+        Attribute ``truth_scene`` holds the scene with every default written out, ``truth_seed`` the seed,
+        ``truth_machine_seed`` that of the machine if it has one.
 
     Raises
     ------
@@ -145,14 +151,16 @@ def simulate(
     ('2.00', '2.00')
     """
     declared = scene if isinstance(scene, Scene) else load_scene(scene)
-    if not isinstance(seed, int) or isinstance(seed, bool) or seed < 0:
-        raise SceneError(f"seed = {seed!r}: a whole number, 0 or more, is needed.")
+    for name, value in (("seed", seed), ("machine_seed", 0 if machine_seed is None else machine_seed)):
+        if not isinstance(value, int) or isinstance(value, bool) or value < 0:
+            raise SceneError(f"{name} = {value!r}: a whole number, 0 or more, is needed.")
     refuse_too_large(declared, by_source=by_source, phases=phases, mechanics=mechanics)
-    kept = declared.samples if detectability else 0
-    record, noise_free = _simulated(declared, seed, kept, by_source=by_source, phases=phases, mechanics=mechanics)
+    streams, kept = Streams(seed=seed, machine_seed=machine_seed), declared.samples if detectability else 0
+    record, noise_free = _simulated(declared, streams, kept, by_source=by_source, phases=phases, mechanics=mechanics)
     if detectability:
         own = noise_free if len(declared.faults) == 1 else None
-        return record.assign(truth_fault_detectability_db=fault_detectability(declared, seed=seed, own=own))
+        found_db = fault_detectability(declared, seed=seed, machine_seed=machine_seed, own=own)
+        return record.assign(truth_fault_detectability_db=found_db)
     return record
 
 
@@ -168,13 +176,16 @@ class NoiseFree:
     steps: int | None = None
 
 
-def simulate_with_detectability(scene: Scene, *, seed: int, trial_s: float) -> tuple[xr.Dataset, float]:
+def simulate_with_detectability(
+    scene: Scene, *, seed: int, machine_seed: int | None = None, trial_s: float
+) -> tuple[xr.Dataset, float]:
     """Return the record of a scene with one fault, and the detectability in its first channel from its beginning.
 
     Parameters
     ----------
     scene : Scene
     seed : int
+    machine_seed : int or None
     trial_s : float
         Length of the beginning in s that is simulated without the fault as well.
 
@@ -186,16 +197,22 @@ def simulate_with_detectability(scene: Scene, *, seed: int, trial_s: float) -> t
         Of the fault in the whole record, from what it adds to its first `trial_s` seconds.
     """
     samples = min(scene.samples, round(trial_s * scene.rate_hz))
-    record, noise_free = _simulated(scene, seed, samples)
-    found_db = float(fault_detectability(scene, seed=seed, own=noise_free, samples=samples)[0, 0])
-    return record, found_db + 10 * math.log10(scene.samples / samples)
+    record, noise_free = _simulated(scene, Streams(seed=seed, machine_seed=machine_seed), samples)
+    ratio_db = fault_detectability(scene, seed=seed, machine_seed=machine_seed, own=noise_free, samples=samples)
+    return record, float(ratio_db[0, 0]) + 10 * math.log10(scene.samples / samples)
 
 
 def _simulated(
-    declared: Scene, seed: int, kept: int, *, by_source: bool = False, phases: bool = False, mechanics: bool = False
+    declared: Scene,
+    streams: Streams,
+    kept: int,
+    *,
+    by_source: bool = False,
+    phases: bool = False,
+    mechanics: bool = False,
 ) -> tuple[xr.Dataset, NoiseFree]:
     """Return the record of a scene, and the first `kept` samples after the linear part of its channels' chains."""
-    prepared = prepare_scene(declared, rng_for=partial(random_stream, seed))
+    prepared = prepare_scene(declared, rng_for=streams, turns_before=streams.turns_before)
     gears = prepare_gears(prepared) if declared.fidelity != "kinematic" else None
     choice = decided(declared) if gears is not None else None
     if gears is not None and choice is not None:
@@ -229,7 +246,7 @@ def _simulated(
         ),
         machine=declared.gearbox.name,
         truth=truth,
-        attrs={"truth_scene": declared.to_toml(), "truth_seed": seed, **attrs},
+        attrs={"truth_scene": declared.to_toml(), **streams.attrs, **attrs},
     )
     return record, noise_free
 
@@ -366,7 +383,12 @@ _OF_A_FAULT = {"offset", "impacts", "pits"}  # random streams that are named by 
 
 
 def fault_detectability(
-    scene: Scene, *, seed: int, own: NoiseFree | None = None, samples: int | None = None
+    scene: Scene,
+    *,
+    seed: int,
+    machine_seed: int | None = None,
+    own: NoiseFree | None = None,
+    samples: int | None = None,
 ) -> xr.DataArray:
     """Return how detectable each fault of a scene alone is in each channel, in dB.
 
@@ -379,6 +401,7 @@ def fault_detectability(
     ----------
     scene : Scene
     seed : int
+    machine_seed : int or None
     own : NoiseFree, optional
         The channels of the scene itself, where it has one fault and they are known.
     samples : int, optional
@@ -395,27 +418,31 @@ def fault_detectability(
         A scene that cannot be simulated.
     """
     levels = None if scene.fidelity == "kinematic" else decided(scene).levels
+    streams = Streams(seed=seed, machine_seed=machine_seed)
     # with the steps of one motion, whose error is nearly the same in the other and leaves the difference
     count = scene.samples if samples is None else samples
     healthy = _noise_free(
         scene.changed(faults=()),
-        partial(random_stream, seed),
+        streams,
         levels,
+        turns_before=streams.turns_before,
         samples=count,
         steps=own.steps if own is not None else None,
         of_gears=own.of_gears if own is not None and not isinstance(scene.faults[0], GearFault) else None,
     )
-    variances = [_noise_variance(scene, sensor, partial(random_stream, seed)) for sensor in scene.sensors]
+    variances = [_noise_variance(scene, sensor, streams) for sensor in scene.sensors]
     ratios_db = np.empty((len(scene.sensors), len(scene.faults)))
     for number, fault in enumerate(scene.faults):
 
         def rng_for(*words: str, number: int = number) -> np.random.Generator:
-            return random_stream(seed, *((words[0], str(number)) if words[0] in _OF_A_FAULT else words))
+            return streams(*((words[0], str(number)) if words[0] in _OF_A_FAULT else words))
 
         faulty = own
         if faulty is None:
             alone = scene.changed(faults=(fault,))
-            faulty = _noise_free(alone, rng_for, levels, samples=count, steps=healthy.steps)
+            faulty = _noise_free(
+                alone, rng_for, levels, turns_before=streams.turns_before, samples=count, steps=healthy.steps
+            )
         added = faulty.signal[:, :count] - healthy.signal
         for row, whole in enumerate(variances):
             variance = whole[:count]
@@ -439,6 +466,7 @@ def _noise_free(
     rng_for: RandomStreams,
     levels: Mapping[str, str] | None,
     *,
+    turns_before: int,
     samples: int,
     steps: int | None,
     of_gears: Array | None = None,
@@ -447,7 +475,7 @@ def _noise_free(
 
     `of_gears` is the vibration of the gears, where that of another fault of no gear is known.
     """
-    prepared = prepare_scene(scene, rng_for=rng_for)
+    prepared = prepare_scene(scene, rng_for=rng_for, turns_before=turns_before)
     gears = prepare_gears(prepared) if levels is not None else None
     if gears is not None and levels is not None:
         prepared = with_kinematic_lines(prepared, gears, levels)

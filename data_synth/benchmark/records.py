@@ -228,6 +228,29 @@ class BenchmarkRecords:
         sequence = np.random.SeedSequence(self.seed, spawn_key=(number,))
         return int(sequence.generate_state(1, np.uint64)[0] >> np.uint64(1))
 
+    def machine_seed_of(self, number: int) -> int:
+        """Return the seed of the gearbox of a record, the same in all its records; below 2^63.
+
+        Parameters
+        ----------
+        number : int
+            Number of the record, from 0.
+
+        Returns
+        -------
+        int
+
+        Examples
+        --------
+        >>> from data_synth import load_plan
+        >>> plan = load_plan("benchmark-1")
+        >>> plan.machine_seed_of(0) == plan.machine_seed_of(1), plan.labels(0)["gearbox"] == plan.labels(1)["gearbox"]
+        (False, False)
+        """
+        words = (zlib.crc32(self._draw(number).machine.gearbox.name.encode()), zlib.crc32(b"machine"))
+        sequence = np.random.SeedSequence(_POOL, spawn_key=words)
+        return int(sequence.generate_state(1, np.uint64)[0] >> np.uint64(1))
+
     def scene(
         self,
         number: int,

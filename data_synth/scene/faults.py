@@ -18,7 +18,7 @@ from data_synth.gears.tooth_compliance import CrackedSection, DamagedTooth, Toot
 from data_synth.gears.transmission_error import TransmissionError
 from data_synth.scene.fault_growth import GrowingFault
 from data_synth.scene.machine_faults import BearingFault, ShaftFault
-from data_synth.scene.operation import NotNegative, Share
+from data_synth.scene.operation import NotNegative, Share, Turns
 from hums.gearbox.components import Declared, Positive
 
 # ---- Faults of gears: what a scene declares of each, and what each changes -------------------------------------------
@@ -168,7 +168,8 @@ class GearFault(GrowingFault):
     the amplitude of the impact, at full load and top speed; impacts go with the load to the power `load_exponent`, and
     all of it with the speed to the power `speed_exponent`. The factors are illustrative, but for how crack and chipping
     compare and what the load does, which `data_synth.kinematic_fit` found in gears in motion: it fits factors and
-    exponents to any such scene.
+    exponents to any such scene. The worst place of the gear was in mesh `offset_rev` of its turns before the angle of
+    the reference is zero; left out, that is drawn.
     """
 
     amplitude_per_mm: NotNegative = 0.2
@@ -178,6 +179,7 @@ class GearFault(GrowingFault):
     load_exponent: NotNegative = 1.0
     speed_exponent: NotNegative = 0.0
     largest_effect_mm: Positive | None = None
+    offset_rev: Turns | None = None
 
     def effect_mm(self, size_mm: ArrayLike) -> Array:
         """Return what the factors are multiplied by at sizes (n,) in mm."""

@@ -29,8 +29,10 @@ _FLOOR = 0.05  # of the declared torque
 class History(Declared):
     """Standard deviations of what carries over from record to record, and its correlation; 0 is off.
 
-    Records take turns among `machines`, which are independent. `gain_db` is common to all sensors, `noise_db` that of
-    the noise level, `load_share` that of the torque over the declared one. All numbers are ours, illustrative.
+    Records take turns among `machines`, which are independent; what belongs to one, its teeth, imbalance, phases, gains
+    and mounts of sensors, is the same in all its records (`machine_seed` of `data_synth.simulate`). `gain_db` is common
+    to all sensors, `noise_db` that of the noise level, `load_share` that of the torque over the declared one. All
+    numbers are ours, illustrative.
 
     Examples
     --------

@@ -5,7 +5,7 @@ from typing import Annotated, Literal, Self
 from pydantic import Field, model_validator
 
 from data_synth.scene.fault_growth import GrowingFault
-from data_synth.scene.operation import NotNegative, Share
+from data_synth.scene.operation import NotNegative, Share, Turns
 from hums.gearbox.components import Declared, Name, Positive
 
 
@@ -24,11 +24,13 @@ class ShaftFault(SizedFault):
     """A shaft fault: harmonics of the shaft, `size_mm` times `amplitude_per_mm` at top speed, an illustrative factor.
 
     `imbalance` (size: the eccentricity) excites the first harmonic with the square of speed; `bent_shaft` mostly the
-    first and `shaft_misalignment` mostly the second, independent of speed.
+    first and `shaft_misalignment` mostly the second, independent of speed. The heavy or bent side has turned by
+    `offset_rev` where the angle of the reference is zero; left out, that is drawn.
     """
 
     kind: Literal["imbalance", "bent_shaft", "shaft_misalignment"]
     amplitude_per_mm: NotNegative = 1.0
+    offset_rev: Turns | None = None
 
 
 class Suspended(Declared):

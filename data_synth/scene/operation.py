@@ -11,6 +11,7 @@ from hums.gearbox.components import Declared, Name, Positive
 Finite = Annotated[float, Field(allow_inf_nan=False)]
 NotNegative = Annotated[float, Field(ge=0, allow_inf_nan=False)]
 Share = Annotated[float, Field(ge=0, le=1)]
+Turns = Annotated[float, Field(ge=0, lt=1)]
 Rows = tuple[tuple[float, float], ...]
 
 

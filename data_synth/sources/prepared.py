@@ -3,6 +3,7 @@
 import math
 from collections.abc import Callable, Sequence
 from dataclasses import dataclass, replace
+from fractions import Fraction
 
 import numpy as np
 
@@ -22,7 +23,7 @@ from data_synth.kinematic.shaft_faults import (
 from data_synth.operation.drive import Drive, build_drive
 from data_synth.operation.shaft_angle import Array
 from data_synth.operation.tachometer import Pulses, recorded_pulses, with_pick_up
-from data_synth.scene.faults import Chipping, FaultyGear, GearDamage, GearFault, Misalignment
+from data_synth.scene.faults import ROW_OF, Chipping, Fault, FaultyGear, GearDamage, GearFault, Misalignment
 from data_synth.scene.scene import BearingFault, Scene, SceneError, ShaftFault, declared_size_mm
 from data_synth.scene.sensors import Sensor
 from data_synth.transfer.acquisition import AllPoleFilter, linear_chain
@@ -220,7 +221,7 @@ class PreparedScene:
     trains : sequence of (int, ImpactTrain)
         Impacts with the number of their fault, from 0.
     offsets : sequence of float
-        Turns of each fault's component at revolution zero from its worst place.
+        Turns of each fault's component from its worst place, before the machine turned.
     gains : mapping of source to (sensor,) complex array
         Drawn gains to the sensors.
     paths : mapping of (source, sensor) to ModalPath or MeasuredPath
@@ -228,6 +229,8 @@ class PreparedScene:
     chains : sequence of AllPoleFilter
         The linear part of each sensor's chain.
     pulses : Pulses
+    turns_before : int
+        Whole turns of the reference shaft before revolution zero, since the phases of the machine were drawn.
     """
 
     scene: Scene
@@ -244,6 +247,7 @@ class PreparedScene:
     paths: TransferPaths
     chains: Sequence[AllPoleFilter]
     pulses: Pulses
+    turns_before: int = 0
 
     def add_lines(
         self,
@@ -302,20 +306,36 @@ class PreparedScene:
         return np.asarray(share * _speed_factor(exponent, self.scene, self.drive, times_s) * grown)
 
 
-def prepare_scene(scene: Scene, *, rng_for: RandomStreams) -> PreparedScene:
-    """Prepare a scene for simulation; `rng_for` returns the random generator that belongs to its words."""
+def prepare_scene(scene: Scene, *, rng_for: RandomStreams, turns_before: int = 0) -> PreparedScene:
+    """Prepare a scene for simulation.
+
+    Parameters
+    ----------
+    scene : Scene
+    rng_for : callable
+        Returns the random generator that belongs to its words.
+    turns_before : int
+        See `PreparedScene`.
+    """
     scene = with_drawn_sensors(scene, rng_for=rng_for)
     tachometer = scene.tachometer
     spacing = 1 / tachometer.pulses_per_rev
     turn = tachometer.offset_rev if tachometer.offset_rev is not None else spacing * rng_for("tachometer").random()
     drive = build_drive(scene, datum_turn=turn, speed_rng=rng_for("speed"), torque_rng=rng_for("torque"))
     instants_s = np.linspace(0.0, scene.duration_s, scene.truth_times)
-    offsets = [float(rng_for("offset", str(number)).random()) for number in range(len(scene.faults))]
+    offsets = [_offset_at_first(fault, number, rng_for=rng_for) for number, fault in enumerate(scene.faults)]
+    at_zero = [
+        (offset + float(turns_before * _turn_order(scene, fault) % 1)) % 1.0
+        for fault, offset in zip(scene.faults, offsets, strict=True)
+    ]
     relative_sizes = [
         fault.relative_size(instants_s if fault.growth is not None else np.zeros(1)) for fault in scene.faults
     ]
-    families = harmonic_families(scene, drive, offsets=offsets, relative_sizes=relative_sizes, rng_for=rng_for)
-    trains = impact_trains(scene, drive, families, offsets=offsets, rng_for=rng_for)
+    families = [
+        family.later(turns_before)
+        for family in harmonic_families(scene, drive, offsets=offsets, relative_sizes=relative_sizes, rng_for=rng_for)
+    ]
+    trains = impact_trains(scene, drive, families, offsets=at_zero, rng_for=rng_for)
     if scene.fidelity != "kinematic":  # what meshes do is then left to the mechanics
         meshes = {mesh.name for mesh in scene.gearbox.meshes}
         families = [family for family in families if family.source not in meshes]
@@ -352,6 +372,7 @@ def prepare_scene(scene: Scene, *, rng_for: RandomStreams) -> PreparedScene:
         paths=paths,
         chains=chains,
         pulses=_pulses(scene, drive, rng_for=rng_for),
+        turns_before=turns_before,
     )
     if scene.fidelity != "kinematic" or scene.planet_pass is None or scene.planet_pass.ring is None:
         return prepared
@@ -359,7 +380,25 @@ def prepare_scene(scene: Scene, *, rng_for: RandomStreams) -> PreparedScene:
     shares = {ring.mesh: _ring_torque(scene, ring.mesh) for ring in rings}
     history_nm = drive.torque.at(instants_s) if drive.torque is not None else np.zeros(instants_s.size)
     torques_nm = {mesh: share * history_nm for mesh, share in shares.items()}
-    return prepared.with_bending_rings(kinematic_ring_loads(scene, rings, torques_nm=torques_nm))
+    loads = [
+        replace(load, place_rad=load.place_rad + 2 * math.pi * float(turns_before * scene.ratio(load.carrier) % 1))
+        for load in kinematic_ring_loads(scene, rings, torques_nm=torques_nm)
+    ]
+    return prepared.with_bending_rings(loads)
+
+
+def _offset_at_first(fault: Fault, number: int, *, rng_for: RandomStreams) -> float:
+    """Return the turns of a fault's component from its worst place before the machine turned."""
+    if not isinstance(fault, BearingFault) and fault.offset_rev is not None:
+        return fault.offset_rev
+    return float(rng_for("offset", str(number)).random())
+
+
+def _turn_order(scene: Scene, fault: Fault) -> Fraction:
+    """Return the order at which a fault's offset turns; 0 for a bearing, whose elements slip."""
+    if isinstance(fault, BearingFault):
+        return Fraction(0)
+    return scene.exact_orders(ROW_OF[fault.kind])[fault.component]
 
 
 def _ring_torque(scene: Scene, mesh: str) -> float:

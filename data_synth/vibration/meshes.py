@@ -117,12 +117,12 @@ def gears_of(stage: PreparedScene, kinematics: Kinematics, *, static_n: Mapping[
             f'{words}; declare it in the gearbox, or as dynamics.meshes = {{ "{stage.scene.gearbox.meshes[0].name}" = '
             "{ module_mm = ..., face_width_mm = ..., pressure_angle_deg = ... } }."
         ) from None
-    cycles = _cycles_at_zero(stage, kinematics, contacts)
+    cycles = _cycles_at_first(stage, kinematics, contacts)
     return Gears(
         kinematics=kinematics,
         teeth={
             contact.name: _teeth(
-                stage, kinematics, contact, (static_n or {}).get(contact.name), later=cycles[contact.mesh]
+                stage, kinematics, contact, (static_n or {}).get(contact.name), at_first=cycles[contact.mesh]
             )
             for contact in contacts
         },
@@ -130,8 +130,8 @@ def gears_of(stage: PreparedScene, kinematics: Kinematics, *, static_n: Mapping[
     )
 
 
-def _cycles_at_zero(stage: PreparedScene, kinematics: Kinematics, contacts: Sequence[Contact]) -> dict[str, float]:
-    """Return the cycles of each mesh since a pair of its first contact entered, at revolution zero."""
+def _cycles_at_first(stage: PreparedScene, kinematics: Kinematics, contacts: Sequence[Contact]) -> dict[str, float]:
+    """Return the cycles of each mesh since a pair of its first contact entered, before the machine turned."""
     cycles, flow = dict[str, float](), power_flow(kinematics, contacts)
     of_planets = dict[tuple[str, int], tuple[Contact, int]]()  # by the planet and its teeth: the first that meets them
     for contact in contacts:
@@ -172,13 +172,15 @@ class _Broken:
 
 
 def _teeth(
-    stage: PreparedScene, kinematics: Kinematics, contact: Contact, static_n: float | None, *, later: float
+    stage: PreparedScene, kinematics: Kinematics, contact: Contact, static_n: float | None, *, at_first: float
 ) -> Teeth:
     """Return the mesh properties of a contact in gear dynamics, with its damaged teeth and how they change in time.
 
-    `later` are the cycles since a pair entered at revolution zero.
+    `at_first` are the cycles since a pair entered, before the machine turned.
     """
     scene = stage.scene
+    turned = stage.turns_before * scene.exact_orders("gear_mesh").get(contact.mesh, 0)
+    later = at_first + float(turned % abs(math.prod(contact.teeth)))  # at revolution zero
     declared = scene.dynamics_or_default.mesh(contact.mesh)
     half = contact.equivalent_pair.contact_ratio / 2
     broken = []
@@ -189,7 +191,7 @@ def _teeth(
         if gear is not None:
             teeth = abs(contact.teeth[gear])
             # the damaged tooth is in mid-contact where that of the kinematic scene is, to the nearest tooth
-            first = round(-stage.offsets[number] * teeth + later - half) % teeth
+            first = round(-stage.offsets[number] * teeth + at_first - half) % teeth
             broken.append(_Broken(number=number, gear=gear, teeth=teeth, first=first))
     times_s = instants_of_growth(stage, [item.number for item in broken])
     stages = [[item.damage(stage, time_s) for item in broken] for time_s in times_s]

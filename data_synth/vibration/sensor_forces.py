@@ -383,7 +383,11 @@ def sensor_forces_of(
         passing=tuple(passing),
         window=window,
         carriers={
-            carrier: (parts.frame_ratio(carrier), float(stage.rng_for("carrier", carrier).random()))
+            carrier: (
+                parts.frame_ratio(carrier),
+                float(stage.rng_for("carrier", carrier).random())
+                + stage.turns_before * parts.frame_ratio(carrier) % 1.0,
+            )
             for carrier in frames
         },
     )

@@ -79,3 +79,11 @@ def test_a_load_without_torque_is_refused():
     demo = load_scene("demo").changed(torque=None)
     with pytest.raises(SceneError, match=r"history\.load_share scales the torque, but the scene has none"):
         History().scene(demo, 0, seed=1)
+
+
+def test_records_of_one_machine_have_its_teeth():
+    plan = parse_plan(PLAN.replace("[history]", "[history]\nmachines = 2"))
+    seeds = [plan.machine_seed_of(number) for number in range(4)]
+    assert seeds[0] == seeds[2] != seeds[1] == seeds[3]
+    assert plan.labels(2)["machine_seed"] == seeds[0]
+    assert parse_plan(PLAN.replace("[history]", "")).machine_seed_of(0) is None
