@@ -45,7 +45,7 @@ class History(Declared):
     machines: Annotated[int, Field(ge=1)] = 1
     short_records: Positive = 5.0
     long_records: Positive = 50.0
-    season_records: Positive = 365.0
+    season_records: Positive = 365.0  # a record a day
     season_share: Share = 0.2
     gain_db: NotNegative = 0.2
     temperature_k: NotNegative = 5.0

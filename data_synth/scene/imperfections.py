@@ -4,10 +4,13 @@ Every table is off unless it is named; named without numbers, it has the default
 the sources named here before any detector was run on records with them, and are not to be tuned to one. Where no
 source gives a number, "ours, illustrative" stands beside it. `DEFAULTS_VERSION` changes with any of them.
 
-Sources: ISO 1328-1:2013 (flank tolerances), ISO 21940-11:2016 (balance quality), ISO 6336-1 (tooth stiffness), Wardle
-(1988, Proc. Inst. Mech. Eng. C 202: orders of waviness), Rifai, Ortmeyer and McQuillan (2000, IEEE Trans. Power
-Delivery 15: interharmonics of inverters), Serridge and Licht (1987, Piezoelectric Accelerometers and Vibration
-Preamplifiers, Bruel & Kjaer: mounting resonances).
+Sources: ISO 1328-1:2013 (flank tolerances), ISO 286-1 (tolerance grades of bores), ISO 21940-11:2016 (balance quality),
+ISO 6336-1 (tooth stiffness), ISO 10816-1:1995 (vibration of housings), EN 50160 (harmonics of the mains), Guo and
+Keller (2020, AGMA Fall Technical Meeting: loads of planets), Wardle (1988, Proc. Inst. Mech. Eng. C 202: orders of
+waviness), Kraemer (1993, Dynamics of Rotors and Foundations: stiffness of ball bearings), Rifai, Ortmeyer and McQuillan
+(2000, IEEE Trans. Power Delivery 15: interharmonics of inverters), Serridge and Licht (1987, Piezoelectric
+Accelerometers and Vibration Preamplifiers, Bruel & Kjaer: mounting resonances), Lessmeier et al. (2016, PHM Society
+European Conference: temperatures of a bearing test rig).
 """
 
 from typing import Annotated, Self
@@ -17,7 +20,7 @@ from pydantic import Field, model_validator
 from data_synth.scene.operation import NotNegative, Share
 from hums.gearbox.components import Declared, Name, Positive
 
-DEFAULTS_VERSION = "1.0"
+DEFAULTS_VERSION = "1.1"
 """Of the defaults of this module and of `data_synth.scene.history.History`."""
 
 Ratio = Annotated[float, Field(gt=0, lt=1)]
@@ -46,15 +49,17 @@ class UnequalPlanets(Declared):
     `load_std`.
     """
 
-    position_um: NotNegative = 20.0  # ours, illustrative: pin holes bored to IT7
-    load_std: Share = 0.05  # ours, illustrative: largest load of three planets about 5 % above the mean
+    position_um: NotNegative = 10.0  # pin holes within IT7, 35 um at 80 to 120 mm by ISO 286-1: 35 / sqrt(12)
+    # largest of three loads 8 % above the mean on average, 10 % at most: 1.08 measured by Guo and Keller (2020), and
+    # 1.10 allowed by IEC 61400-4
+    load_std: Share = 0.07
 
 
 class ResidualImbalance(Declared):
     """Residual imbalance of every shaft: balance quality `grade` G in mm/s, eccentricity times top angular speed."""
 
     grade: Positive = 6.3  # gears and general machinery: ISO 21940-11:2016, table 1
-    rotor_kg: Positive = 2.0  # ours, illustrative
+    rotor_kg: Positive = 2.0  # a steel disc of 100 by 32 mm; ours, illustrative
 
 
 class RaceWaviness(Declared):
@@ -65,7 +70,7 @@ class RaceWaviness(Declared):
     """
 
     waviness_um: Positive = 0.02  # amplitude of the first; ours, illustrative
-    stiffness_n_m: Positive = 1e8  # as the default of dynamics.bearings; ours, illustrative
+    stiffness_n_m: Positive = 1e8  # a 6205 (9 balls of 7.94 mm) under 1 kN has 1.1e8 N/m: Kraemer (1993)
     harmonics: Annotated[int, Field(ge=1)] = 2  # ours, illustrative
 
 
@@ -80,12 +85,13 @@ class Inverter(Declared):
     link: Name | None = None
     pole_pairs: Annotated[int, Field(ge=1)] = 2  # 1500 rpm at 50 Hz; ours, illustrative
     slip: Annotated[float, Field(ge=0, lt=1)] = 0.02  # induction motors at rated load, 1 to 5 %; ours, illustrative
-    # (6 k +- 1) mains +- 6 n output with a six-pulse bridge: Rifai, Ortmeyer and McQuillan (2000); shares are ours
+    # (6 k +- 1) mains +- 6 n output with a six-pulse bridge: Rifai, Ortmeyer and McQuillan (2000); harmonics 5 and 7 of
+    # the output as 1 / n, those of a six-step wave; other shares are ours
     lines: tuple[tuple[int, int, NotNegative], ...] = (
         (0, 1, 1.0),
-        (0, 5, 0.3),
+        (0, 5, 0.2),
         (0, 6, 0.5),
-        (0, 7, 0.2),
+        (0, 7, 0.14),
         (1, 6, 0.1),
         (-1, 6, 0.1),
         (5, 6, 0.05),
@@ -109,7 +115,7 @@ class Electrical(Declared):
     mains_hz: Positive = 50.0  # 60 in the Americas: IEC 60038
     amplitude_m_s2: Positive = 0.05  # read as motion; ours, illustrative
     harmonics: Annotated[int, Field(ge=1)] = 3  # ours, illustrative
-    decay: Share = 0.5  # ours, illustrative
+    decay: Share = 0.4  # the third, 5 % of the mains by EN 50160, through a capacity: 3 x 5 % = 0.39^2
     inverter: Inverter | None = None
     tachometer: TachometerPickUp | None = None
 
@@ -118,18 +124,18 @@ class Neighbour(Declared):
     """A machine nearby at a constant speed of its own: harmonics of shaft and mesh, sidebands, impacts.
 
     Harmonic k has ``decay ** (k - 1)`` of the first; each mesh harmonic has one sideband on either side, `sideband` as
-    large. Impacts, `impacts_per_rev` of them in a turn, ring its own mode. All numbers are ours, illustrative.
+    large. Impacts, `impacts_per_rev` of them in a turn, ring its own mode. Numbers without a source are ours.
     """
 
-    speed_hz: Positive = 24.3
+    speed_hz: Positive = 24.3  # an induction motor of four poles at 50 Hz, slip 2.8 %; ours, illustrative
     teeth: Annotated[int, Field(ge=5)] = 31
-    shaft_m_s2: NotNegative = 0.05
+    shaft_m_s2: NotNegative = 0.05  # 0.23 mm/s rms: a third of the good zone of small machines in ISO 10816-1:1995
     mesh_m_s2: NotNegative = 0.1
     harmonics: Annotated[int, Field(ge=1)] = 3
     decay: Share = 0.5
     sideband: Share = 0.2
     impact_m_s2: NotNegative = 0.5
-    impacts_per_rev: Positive = 3.58
+    impacts_per_rev: Positive = 3.58  # outer race of a 6205
     frequency_hz: Positive = 3100.0
     damping_ratio: Ratio = 0.04
 
@@ -165,13 +171,13 @@ class Mounts(Declared):
 class Gains(Declared):
     """Gains that differ between sensors: each has an error of calibration with this standard deviation."""
 
-    std_db: Positive = 0.4  # 5 %, where data sheets of sensors for industry allow 10 %; ours, illustrative
+    std_db: Positive = 0.4  # 5 %, half of the 10 % that data sheets of industrial sensors allow; ours, illustrative
 
 
 class Temperature(Declared):
     """Temperature of the sensors, which changes their sensitivity: ``1 + per_k (T - 23 C)``, T linear in time."""
 
-    celsius: Annotated[float, Field(gt=-273.15, allow_inf_nan=False)] = 45.0  # ours, illustrative
+    celsius: Annotated[float, Field(gt=-273.15, allow_inf_nan=False)] = 45.0  # 45 to 50 in Lessmeier et al. (2016)
     drift_k_per_h: Annotated[float, Field(allow_inf_nan=False)] = 5.0  # ours, illustrative
     # piezoelectric ceramics, 0.05 to 0.15 %/K; ours, illustrative
     per_k: Annotated[float, Field(gt=-0.01, lt=0.01)] = 1e-3
