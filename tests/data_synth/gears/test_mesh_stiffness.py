@@ -146,6 +146,18 @@ class TestGeometry:
     def test_contact_ratio_to_every_printed_digit(self):
         assert EQUAL.contact_ratio == pytest.approx(1.7897798668330458, rel=1e-14)
 
+    @pytest.mark.parametrize(("helix_deg", "expected"), [(0, 1.742), (12, 1.687)])
+    def test_the_contact_ratios_of_wijiantos_teeth(self, helix_deg, expected):
+        # 36 and 63 teeth, module 3.5 mm: by geometry, where the paper takes 1.4; three decimals are given
+        pair = GearPair(
+            teeth=(36, 63),
+            module_m=3.5e-3,
+            face_width_m=53e-3,
+            pressure_angle_rad=math.radians(20),
+            helix_angle_rad=math.radians(helix_deg),
+        )
+        assert pair.contact_ratio == pytest.approx(expected, abs=5e-4)
+
     def test_the_base_radii_of_a_helical_pair(self):
         pair = GearPair(
             teeth=(36, 63),
