@@ -6,6 +6,7 @@ from dataclasses import replace
 from fractions import Fraction
 
 import numpy as np
+from numpy.typing import ArrayLike
 
 from data_synth.gears.quality import cumulative_pitch_m, runout_tolerance_m, single_pitch_tolerance_m
 from data_synth.kinematic.gear_faults import SIDEBAND_CUTOFF, fold_negative_orders
@@ -217,22 +218,57 @@ def _check_planets(scene: Scene) -> None:
 def _imbalance_families(scene: Scene, *, top_speed_hz: float, rng_for: RandomStreams) -> Iterator[HarmonicFamily]:
     declared = imperfections_of(scene).imbalance
     assert declared is not None  # noqa: S101 - the caller asks
-    for shaft, order in scene.exact_orders("shaft").items():
-        shaft_hz = float(order) * top_speed_hz
-        force_n = imbalance_force_n(
-            mass_kg=declared.rotor_kg,
-            eccentricity_m=1e-3 * declared.grade / (2 * math.pi * shaft_hz),
-            speed_hz=shaft_hz,
+    shafts, masses = scene.exact_orders("shaft"), declared.rotor_kg
+    if isinstance(masses, dict) and {*masses} != {*shafts}:
+        raise SceneError(
+            f"imperfections.imbalance.rotor_kg has {', '.join(sorted(masses))}, but the shafts are "
+            f"{', '.join(shafts)}; give the mass of each, or one number for all."
         )
-        family = shaft_fault_family(
-            imbalance(),
-            component=shaft,
-            order=order,
-            amplitude=amplitude_of_force(scene, shaft, force_n),
-            reference_speed_hz=top_speed_hz,
+    rated_hz = top_speed_hz if declared.rated_rpm is None else declared.rated_rpm / 60
+    for shaft, order in shafts.items():
+        yield imbalance_family(
+            scene,
+            shaft,
+            mass_kg=masses[shaft] if isinstance(masses, dict) else masses,
+            eccentricity_m=1e-3 * declared.grade / (2 * math.pi * float(order) * rated_hz),
+            top_speed_hz=top_speed_hz,
             offset=float(rng_for("imperfection", "imbalance", shaft).random()),
         )
-        yield replace(family, force=_rotating_force(scene, shaft, sense=float(scene.ratio(shaft))))
+
+
+def imbalance_family(
+    scene: Scene,
+    shaft: str,
+    *,
+    mass_kg: float,
+    eccentricity_m: ArrayLike,
+    top_speed_hz: float,
+    offset: float,
+) -> HarmonicFamily:
+    """Return the line of a shaft's imbalance, a force that rotates with it.
+
+    Parameters
+    ----------
+    scene : Scene
+    shaft : str
+    mass_kg : float
+    eccentricity_m : float or (instant,) array
+    top_speed_hz : float
+        Top speed of the reference shaft in the record, rev s-1.
+    offset : float
+        Turns of the heavy side at revolution zero.
+    """
+    order = scene.exact_orders("shaft")[shaft]
+    per_m = imbalance_force_n(mass_kg=mass_kg, eccentricity_m=1.0, speed_hz=float(order) * top_speed_hz)
+    family = shaft_fault_family(
+        imbalance(),
+        component=shaft,
+        order=order,
+        amplitude=amplitude_of_force(scene, shaft, per_m) * np.asarray(eccentricity_m),
+        reference_speed_hz=top_speed_hz,
+        offset=offset,
+    )
+    return replace(family, force=_rotating_force(scene, shaft, sense=float(scene.ratio(shaft))))
 
 
 def _waviness_families(scene: Scene, *, rng_for: RandomStreams) -> Iterator[HarmonicFamily]:

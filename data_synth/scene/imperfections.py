@@ -56,10 +56,15 @@ class UnequalPlanets(Declared):
 
 
 class ResidualImbalance(Declared):
-    """Residual imbalance of every shaft: balance quality `grade` G in mm/s, eccentricity times top angular speed."""
+    """Residual imbalance of every shaft: balance quality `grade` G in mm/s, eccentricity times top angular speed.
+
+    The top speed is that at which the reference turns at `rated_rpm`; left out, at the record's fastest. `rotor_kg` is
+    the mass of every shaft, or of each by its name.
+    """
 
     grade: Positive = 6.3  # gears and general machinery: ISO 21940-11:2016, table 1
-    rotor_kg: Positive = 2.0  # a steel disc of 100 by 32 mm; ours, illustrative
+    rated_rpm: Positive | None = None
+    rotor_kg: Positive | dict[Name, Positive] = 2.0  # a steel disc of 100 by 32 mm; ours, illustrative
 
 
 class RaceWaviness(Declared):

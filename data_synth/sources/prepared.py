@@ -10,7 +10,13 @@ import numpy as np
 from data_synth.kinematic.bearing_faults import bearing_impact_trains, settling_time_s
 from data_synth.kinematic.gear_faults import ImpactTrain, damage_trains, gear_damage_family
 from data_synth.kinematic.harmonics import ComplexArray, HarmonicFamily, RandomStreams, add_lines
-from data_synth.kinematic.imperfect_parts import imperfect_families, imperfections_of, in_units, with_drawn_sensors
+from data_synth.kinematic.imperfect_parts import (
+    imbalance_family,
+    imperfect_families,
+    imperfections_of,
+    in_units,
+    with_drawn_sensors,
+)
 from data_synth.kinematic.planet_pass import ring_meshes, with_planet_pass
 from data_synth.kinematic.ring_bending import RingLoad, kinematic_ring_loads, ring_bending_lines
 from data_synth.kinematic.shaft_faults import (
@@ -75,6 +81,16 @@ def harmonic_families(
                 rise=effect * fault.amplitude_per_mm,
                 lag_rad=effect * fault.phase_rad_per_mm,
                 reference_speed_hz=top_speed_hz,
+            )
+            added.append(family)
+        elif isinstance(fault, ShaftFault) and fault.rotor_kg is not None:
+            family = imbalance_family(
+                scene,
+                fault.component,
+                mass_kg=fault.rotor_kg,
+                eccentricity_m=1e-3 * size,
+                top_speed_hz=top_speed_hz,
+                offset=offset,
             )
             added.append(family)
         elif isinstance(fault, ShaftFault):

@@ -98,6 +98,30 @@ def test_imbalance_has_the_force_of_its_grade(units, per):
         assert_allclose(amplitude(signal, 20 * ratio), per * 3 * 16e-3 * speed_rad_s / 20, rtol=1e-3)
 
 
+def test_imbalance_is_that_of_the_rated_speed_and_of_each_shaft_s_mass():
+    # at half the rated speed e w is half of G, and m e w^2 a quarter of m G w_rated
+    masses = {"input": 3.0, "intermediate": 5.0, "output": 7.0}
+    signal = values({"imbalance": {"grade": 16, "rated_rpm": 2400, "rotor_kg": masses}})
+    for ratio, mass in ((1, 3.0), (23 / 67, 5.0)):
+        speed_rad_s = 2 * np.pi * 20 * ratio
+        assert_allclose(amplitude(signal, 20 * ratio), mass * 16e-3 / 2 * speed_rad_s / 20, rtol=1e-3)
+    with pytest.raises(SceneError, match="rotor_kg has input, but the shafts are input, intermediate, output"):
+        values({"imbalance": {"rotor_kg": {"input": 3.0}}})
+
+
+def test_a_fault_of_imbalance_has_the_force_of_its_mass():
+    fault = {"kind": "imbalance", "component": "intermediate", "size_mm": 0.4, "rotor_kg": 3}
+    speed_rad_s = 2 * np.pi * 20 * 23 / 67
+    signal = values(fault=[fault])
+    assert_allclose(amplitude(signal, 20 * 23 / 67), 3 * 0.4e-3 * speed_rad_s**2 / 20, rtol=1e-3)
+    with pytest.raises(
+        SceneError, match="rotor_kg and amplitude_per_mm both say how strong the imbalance is; keep one"
+    ):
+        scene(fault=[fault | {"amplitude_per_mm": 1}])
+    with pytest.raises(SceneError, match="rotor_kg is a matter of imbalance, not of bent_shaft; leave it out"):
+        scene(fault=[fault | {"kind": "bent_shaft"}])
+
+
 def test_waviness_has_weak_lines_at_race_orders():
     signal = values({"bearings": {"waviness_um": 0.05, "stiffness_n_m": 2e8}}, duration_s=10)
     outer = scene().orders["input bearing", "outer_race"]
