@@ -24,7 +24,10 @@ SCALE_DB = 10.0  # from one second to ten
 def detectability_db(plan: BenchmarkRecords, number: int, severity: float) -> float:
     """Return the detectability of a record's fault at another severity."""
     scene = plan.scene(number, duration_s=SECONDS, severity=severity)
-    return float(fault_detectability(scene, seed=plan.seed_of(number))[0, 0]) + SCALE_DB
+    return (
+        float(fault_detectability(scene, seed=plan.seed_of(number), machine_seed=plan.machine_seed_of(number))[0, 0])
+        + SCALE_DB
+    )
 
 
 def main(arguments: list[str]) -> int:

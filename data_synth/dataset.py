@@ -4,6 +4,7 @@ Record i depends on the plan, its seed and i alone. Records are written in files
 whole, so an interrupted run continues with the files that are missing.
 """
 
+import hashlib
 import math
 import shutil
 from dataclasses import dataclass
@@ -28,6 +29,7 @@ from signals._validation import checked
 
 AnyPlan: TypeAlias = Plan | BenchmarkRecords
 
+CHECKSUMS = "checksums.sha256"
 _AMPLE = 20  # times the samples: no truth needs as much, so that it is not estimated, which takes seconds
 _MADE_BY = "# made by hums-toolkit {}; the plan with its scene and every default written out\n"
 _EXPLAINED = 9  # records from which size and time follow: their truth differs by half from gearbox to gearbox
@@ -45,7 +47,8 @@ def make_dataset(
         A plan, the path of its file, or its name in the catalogue.
     folder : str or Path
         New, empty, or begun with the same plan. It receives ``plan.toml``, ``shards/``, ``index.h5`` (which
-        `hums.open_dataset` reads, written last) and ``labels.csv``; of a benchmark ``data-card.md``, too.
+        `hums.open_dataset` reads), ``labels.csv`` and ``checksums.sha256``, written last; of a benchmark
+        ``data-card.md``, too.
     workers : Serial, Processes or Cluster of `hums.jobs`, optional
         What computes the files; one process if left out. The files do not depend on it.
     progress : bool
@@ -103,7 +106,18 @@ def make_dataset(
             with atomic_write(folder / "data-card.md") as part:
                 part.write_text(data_card(plan), encoding="utf-8")
         write_index(folder, [shards / job.name for job in jobs], plan=plan.text)
+        _write_checksums(folder)
     return tally
+
+
+def _write_checksums(folder: Path) -> None:
+    """Write the SHA-256 of every file of a dataset, as ``sha256sum -c`` reads them."""
+    lines = []
+    for path in sorted(path for path in folder.rglob("*") if path.is_file() and path.name != CHECKSUMS):
+        with path.open("rb") as file:
+            lines.append(f"{hashlib.file_digest(file, 'sha256').hexdigest()}  {path.relative_to(folder).as_posix()}\n")
+    with atomic_write(folder / CHECKSUMS) as part:
+        part.write_text("".join(lines), encoding="utf-8")
 
 
 @dataclass(frozen=True, kw_only=True)
@@ -257,4 +271,4 @@ def _check_space(plan: AnyPlan, shards: Path, *, missing: int) -> None:
 
 
 def _is_indexed(folder: Path) -> bool:
-    return (folder / "index.h5").is_file() and (folder / "labels.csv").is_file()
+    return all((folder / name).is_file() for name in ("index.h5", "labels.csv", CHECKSUMS))

@@ -1,5 +1,8 @@
 """The data card of a benchmark: what is in the folder, how it was made, and what it is not."""
 
+from collections import Counter
+from importlib.metadata import version as package_version
+
 from data_synth.benchmark import records as benchmark
 from data_synth.benchmark.conditions import FAULTS, IMPERFECTIONS, LOAD_SHARES, SPEED_SHARES
 from data_synth.scene.faults import DIMENSIONS
@@ -30,31 +33,40 @@ input. Seed {seed}. All of it is simulated; no machine was measured.
 libraries. Gears move in the plane across their shafts (fidelity `lateral`): mesh stiffness from the strain energy of
 the teeth, faults of gears by what they do to it or to the transmission error, integrated with an error of {error:g} of
 the RMS. Bearing forces reach the sensor through modes of the housing. Defects of bearings are impacts with slip,
-imbalance is a force on the rigid housing. Each record has its whole scene in the attribute `truth_scene`, and its truth
-beside it.
+imbalance is a force that turns with its shaft and acts in its bearing. Each record has its whole scene in the attribute
+`truth_scene`, and its truth beside it.
 
-Version 1.5 has a truth whose lines are, where speed or load varies, those of a harmonic balance and what the signal has
-beside them, fitted together, where each had a window of its own in 1.4, and whose amplitudes are of single precision;
-its samples are those of 1.4. `truth_line_change` is what halving the window changes, about the error of the line.
-Version 1.4 has the height of the tooth as `size_mm` of a missing one, where 1.3 had the face width; its samples are
-those of 1.3. Version 1.3 differs from 1.2 in the last
-digits of samples, whose every operation is now rounded as IEEE 754 says, and in `detectability_db`: of the record's
-own beginning, at its own speed, where 1.2 drew the wandering speed of a short record again. 1.2 has only the lines in
-its truth that the window of the projection determines, which it does not at spacings below three of its periods
-(attribute `truth_mesh_lines` states the windows, and by how much halving them changes the lines); before, samples
-were those of 1.1.
+What belongs to a gearbox, its teeth, imbalance and phases, is the same in all its records (`machine_seed`), each of
+which begins some turns later. Mount and calibration of the sensor belong to the path, all else to the record.
 
-## Licence
+Version 2.0 has imperfections, sizes and places of faults of its own: none of its records is one of 1.x. Before it, 1.5
+changed the truth of 1.4, 1.4 a label of 1.3, and 1.3 the last digits of 1.2.
 
-BSD-3-Clause, as the package; cite name, version and seed.
+## Authors, licence, citation
+
+The HUMS toolkit developers, 2026. BSD-3-Clause, as the package. Cite as:
+
+> The HUMS toolkit developers (2026), {name} {version}, seed {seed}, {records} records, hums-toolkit {package}.
+
+`checksums.sha256` has the SHA-256 of every file, as `sha256sum -c` reads them: equal sums are the same dataset.
+
+## Files and columns
+
+`shards/*.h5` hold the records, HDF5 in netCDF4 layout, `index.h5` and `labels.csv` the labels of all of them, and
+`plan.toml` what `hums dataset` makes them from again. Each record has the channel
+`{sensor}` in m s-2, pulse times of the tachometer in s, and its truth. Columns:
+
+| column | what | unit |
+|---|---|---|
+{columns}
 
 ## Splits
 
 Gearboxes and paths of a split are in no other, so the test has machines that training has not seen. The order of the
 records is shuffled; every gearbox of a split has every class about equally often.
 
-| split | share | gearboxes | paths |
-|---|---|---|---|
+| split | share | records | gearboxes | paths |
+|---|---|---|---|---|
 {splits}
 
 ## Classes
@@ -63,14 +75,19 @@ Column `class`; `class_number` counts the eleven classes from 0, and is -1 for t
 Sizes are drawn evenly in the logarithm; `severity` is 0 at the least and 1 at the greatest. A missing tooth is gross by
 nature: it has one size and severity 1. What breaks off a part of a tooth is `chipping`.
 
-| class | records in 25 | size | range |
-|---|---|---|---|
+| class | train | validation | test | size | range |
+|---|---|---|---|---|---|
 {classes}
+
+Healthy shafts are balanced to G 6.3 or better, and healthy gears run out by what grade 8 allows: an imbalance below
+severity 0.53 and an eccentricity below some 0.57 are within what sound machines have. They are labelled, and no method
+can be expected to call them faults without having seen the machine before.
 
 `detectability_db` is the signal-to-noise ratio of the filter matched to what the fault adds behind the measurement
 chain: 10 log10 of the sum of its squares, each over the variance of the noise at that instant, from the record's first
-{trial:g} s without noise, with and without the fault, scaled to 10 s. NaN for healthy records. Below some 15 dB no
-method finds the fault; above it a method that does not know the machine may still miss it.
+{trial:g} s without noise, with and without the fault, scaled to 10 s; what speed and load do later in the record is not
+in it. The noise is the sensor's: lines of the mains, knocks and the neighbour are not part of it. NaN for healthy
+records. Below some 15 dB no method finds the fault; above it a method that does not know the machine may still miss it.
 
 ## Gearboxes
 
@@ -92,14 +109,33 @@ each steady within 0.2 %, wandering by 3 % (RMS), in a ramp or in a step (column
 
 - Parallel spur gearboxes of one to three stages; no helical, bevel or planetary gears.
 - Ranges of paths, impacts, noise and loads are illustrative, not of a population of machines.
-- Where speed varies, no window separates all lines of a slow shaft and follows them through resonances: the lines of
-  the truth add up to more than 99.9 % of the power of gears in motion, and to more than 97 % of what a fault adds, in
-  four records that were measured, but how neighbours share what a harmonic balance leaves is uncertain, of weak lines
-  above all. `truth_line_change` says how far each line is known.
-- One sensor. No backlash, no friction, no lubricant, no temperature, no wear of a record's own duration.
+- Where speed varies, lines of a slow shaft are too close for a window that follows them through resonances.
+  `truth_line_change` says how far each line of the truth is known, `docs/benchmarks/truth.md` of the package how much
+  of the power all of them add up to.
+- One sensor. No friction of teeth, no lubricant; backlash is the generator's default.
 - Faults come alone and do not grow.
 - Gear misalignment stands for all misalignment; couplings are not modelled.
 """
+
+
+_COLUMNS = {
+    "class": ("what is wrong, or healthy", ""),
+    "class_number": ("of the eleven classes; -1 for the further labels", ""),
+    "seed": ("of the record", ""),
+    "machine_seed": ("of the gearbox: the same in all its records", ""),
+    "split": ("train, validation or test", ""),
+    "gearbox": ("name, as in the table below", ""),
+    "stages": ("of the gearbox", ""),
+    "path": ("transfer paths from the bearings to the sensor", ""),
+    "component": ("what the fault sits on", ""),
+    "severity": ("0 at the least and 1 at the greatest size; NaN if healthy", ""),
+    "size_mm": ("the one dimension of the fault, as in the table of classes", "mm"),
+    "speed_kind": ("steady, wander, ramp or step", ""),
+    "torque_kind": ("steady, wander, ramp or step", ""),
+    "rpm": ("speed of the input at the beginning", "rev min-1"),
+    "load_share": ("torque of the output over full torque, at the beginning", ""),
+    "detectability_db": ("signal-to-noise ratio of the matched filter, see below; NaN if healthy", "dB"),
+}
 
 
 def data_card(plan: benchmark.BenchmarkRecords) -> str:
@@ -118,9 +154,10 @@ def data_card(plan: benchmark.BenchmarkRecords) -> str:
     >>> from data_synth import load_plan
     >>> from data_synth.benchmark.card import data_card
     >>> data_card(load_plan("benchmark-1")).splitlines()[0]
-    '# benchmark-1 1.5: synthetic gearbox vibration with labelled faults'
+    '# benchmark-1 2.0: synthetic gearbox vibration with labelled faults'
     """
     total = sum(split.share for split in benchmark.SPLITS.values())
+    counts = Counter(plan.split_and_class(number) for number in range(plan.records))
     split_of = {name: split for split, pool in benchmark.SPLITS.items() for name in pool.gearboxes}
     return _TEXT.format(
         name=benchmark.NAME,
@@ -131,13 +168,17 @@ def data_card(plan: benchmark.BenchmarkRecords) -> str:
         seed=plan.seed,
         error=benchmark.ERROR,
         trial=min(benchmark.TRIAL_S, plan.duration_s),
+        sensor=benchmark.SENSOR,
+        package=package_version("hums-toolkit"),
+        columns="\n".join(f"| {name} | {what} | {unit} |" for name, (what, unit) in _COLUMNS.items()),
         further=" and ".join(f"`{name}`" for name in benchmark.FURTHER),
         splits="\n".join(
-            f"| {name} | {split.share / total:.0%} | {split.gearboxes[0]} to {split.gearboxes[-1]} | "
+            f"| {name} | {split.share / total:.0%} | {sum(n for (own, _), n in counts.items() if own == name)} | "
+            f"{split.gearboxes[0]} to {split.gearboxes[-1]} | "
             f"{split.paths[0]} to {split.paths[-1]} |"
             for name, split in benchmark.SPLITS.items()
         ),
-        classes="\n".join(_class_row(name) for name in (*benchmark.CLASSES, *benchmark.FURTHER)),
+        classes="\n".join(_class_row(name, counts) for name in (*benchmark.CLASSES, *benchmark.FURTHER)),
         gearboxes="\n".join(
             f"| {name} | {split_of[name]} | {', '.join('{}/{}'.format(*stage.teeth) for stage in drawn.stages)} | "
             f"{', '.join(f'{stage.module_mm:g}' for stage in drawn.stages)} | {drawn.full_torque_nm:g} | "
@@ -152,15 +193,15 @@ def data_card(plan: benchmark.BenchmarkRecords) -> str:
     )
 
 
-def _class_row(name: str) -> str:
-    share = benchmark.SHARES[name]
+def _class_row(name: str, counts: Counter[tuple[str, str]]) -> str:
+    own = " | ".join(str(counts[split, name]) for split in benchmark.SPLITS)
     if name == "healthy":
-        return f"| {name} | {share} | | |"
+        return f"| {name} | {own} | | |"
     family = FAULTS[name]
     low, high = family.sizes
     span = f"{low:g} to {high:g}" if low < high else f"{low:g}"
     words = DIMENSIONS[family.kind] + _FURTHER_WORDS.get(name, "")
-    return f"| {name} | {share} | {words} | {span} {_UNITS[family.unit]} |"
+    return f"| {name} | {own} | {words} | {span} {_UNITS[family.unit]} |"
 
 
 def _imperfection_line(doc: str) -> str:

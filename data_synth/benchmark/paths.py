@@ -2,15 +2,18 @@
 
 The accelerance is a sum of modes with common poles, each bearing with its own participation. Far below the modes and
 above its mounts a housing moves as a rigid body, so the gains of each bearing add up to 1 / mass. Frequencies, damping
-and mass are in ranges that are ours and illustrative.
+and mass are in ranges that are ours and illustrative. The sensor belongs to the path: its mount and its calibration.
 """
 
 import math
+from collections.abc import Sequence
 from dataclasses import dataclass, field
 from typing import Any
 
 import numpy as np
 from numpy.typing import NDArray
+
+from data_synth.scene.imperfections import Gains, Mounts
 
 __all__ = ["DrawnPath", "draw_path"]
 
@@ -18,6 +21,9 @@ FREQUENCY_HZ = (300.0, 9500.0)
 DAMPING_RATIO = (0.01, 0.04)
 MASS_KG = (30.0, 120.0)
 MODES = (4, 6)
+MOUNT_HZ = (7000.0, 31000.0)
+"""From a magnet to a stud: Serridge and Licht (1987)."""
+MOUNT_DAMPING = Mounts().damping_ratio
 POSITIONS = 4
 """Bearings of the longest gearbox."""
 
@@ -35,6 +41,10 @@ class DrawnPath:
         Of each mode.
     gains : (position, mode) array
         Static part of each mode at each bearing, from the input on, m s-2 N-1; each row adds up to 1 / mass_kg.
+    mount_hz : float
+        Resonance of the sensor on its mount.
+    sensor_gain : float
+        Error of its calibration, as a factor.
     """
 
     name: str
@@ -42,8 +52,17 @@ class DrawnPath:
     frequencies_hz: tuple[float, ...]
     damping_ratios: tuple[float, ...]
     gains: NDArray[np.float64] = field(repr=False)
+    mount_hz: float
+    sensor_gain: float
 
-    def transfers(self, bearings: list[str], *, sensor: str) -> list[dict[str, Any]]:
+    def sensor(self) -> dict[str, Any]:
+        """Return the keys of the sensor in a scene that belong to the path."""
+        return {
+            "gain": self.sensor_gain,
+            "resonance": {"frequency_hz": self.mount_hz, "damping_ratio": MOUNT_DAMPING},
+        }
+
+    def transfers(self, bearings: Sequence[str], *, sensor: str) -> list[dict[str, Any]]:
         """Return the transfers of a scene, from each bearing to the sensor.
 
         Parameters
@@ -116,4 +135,6 @@ def draw_path(name: str, *, rng: np.random.Generator) -> DrawnPath:
         frequencies_hz=tuple(float(round(f, 1)) for f in frequencies),
         damping_ratios=tuple(float(round(z, 4)) for z in rng.uniform(*DAMPING_RATIO, count)),
         gains=gains,
+        mount_hz=float(round(math.exp(rng.uniform(*np.log(MOUNT_HZ))))),
+        sensor_gain=10 ** (float(rng.standard_normal()) * Gains().std_db / 20),
     )

@@ -20,7 +20,7 @@ from data_synth.scene.scene import Scene
 
 __all__ = ["CLASSES", "FURTHER", "SPLITS", "BenchmarkRecords", "Split", "gearboxes", "paths"]
 
-NAME, VERSION = "benchmark-1", "1.5"
+NAME, VERSION = "benchmark-1", "2.0"
 RATE_HZ, DURATION_S = 25600.0, 10.0
 SENSOR = "input vertical"
 ERROR = 1e-2
@@ -100,7 +100,7 @@ def paths() -> dict[str, DrawnPath]:
 
 
 def _rng(seed: int, *words: str | int) -> np.random.Generator:
-    keys = tuple(word if isinstance(word, int) else zlib.crc32(word.encode()) for word in words)
+    keys = tuple(zlib.crc32(word.encode()) if isinstance(word, str) else int(word) for word in words)
     return np.random.default_rng(np.random.SeedSequence(seed, spawn_key=keys))
 
 
@@ -186,6 +186,10 @@ class BenchmarkRecords:
         rank = (block * SPLITS[split].share + split_place - first_split) * shares + class_place - first_class
         return split, class_name, rank
 
+    def split_and_class(self, number: int) -> tuple[str, str]:
+        """Return split and class of a record."""
+        return self._slot(number)[:2]
+
     @lru_cache(maxsize=64)  # noqa: B019 - frozen, few and small
     def _draw(self, number: int) -> _Draw:
         if not 0 <= number < self.records:
@@ -198,7 +202,6 @@ class BenchmarkRecords:
         operation = draw_operation(gearbox, duration_s=self.duration_s, rng=_rng(self.seed, number, "operation"))
         machine = Machine(
             gearbox=gearbox,
-            mass_kg=path.mass_kg,
             operation=operation,
             rng=_rng(self.seed, number, "machine"),
             rng_of_gearbox=_rng(_POOL, gearbox.name, "machine"),
@@ -325,8 +328,10 @@ class BenchmarkRecords:
             "torque": drawn.operation.torque,
             "tachometer": {"link": "input", "pulses_per_rev": 1},
             "dynamics": {"error": ERROR},
+            "excitation": {"shaft_amplitude": 0.0},
             "transfer": drawn.path.transfers([f"{link} bearing" for link in gearbox.links], sensor=SENSOR),
-            "sensor": {"name": SENSOR, "on": "input bearing", "direction": [0, 0, 1], "units": "m s-2"},
+            "sensor": {"name": SENSOR, "on": "input bearing", "direction": [0, 0, 1], "units": "m s-2"}
+            | drawn.path.sensor(),
             "fault": [],
         }
         for imperfection in IMPERFECTIONS:
@@ -369,6 +374,7 @@ class BenchmarkRecords:
             "class": drawn.class_name,
             "class_number": CLASSES.index(drawn.class_name) if drawn.class_name in CLASSES else -1,
             "seed": self.seed_of(number),
+            "machine_seed": self.machine_seed_of(number),
             "split": drawn.split,
             "gearbox": drawn.machine.gearbox.name,
             "stages": len(drawn.machine.gearbox.stages),

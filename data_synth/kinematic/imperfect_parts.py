@@ -218,8 +218,9 @@ def _check_planets(scene: Scene) -> None:
 def _imbalance_families(scene: Scene, *, top_speed_hz: float, rng_for: RandomStreams) -> Iterator[HarmonicFamily]:
     declared = imperfections_of(scene).imbalance
     assert declared is not None  # noqa: S101 - the caller asks
-    shafts, masses = scene.exact_orders("shaft"), declared.rotor_kg
-    if isinstance(masses, dict) and {*masses} != {*shafts}:
+    shafts, each_kg = scene.exact_orders("shaft"), declared.rotor_kg
+    masses = dict.fromkeys(shafts, each_kg) if isinstance(each_kg, float) else dict(each_kg)
+    if {*masses} != {*shafts}:
         raise SceneError(
             f"imperfections.imbalance.rotor_kg has {', '.join(sorted(masses))}, but the shafts are "
             f"{', '.join(shafts)}; give the mass of each, or one number for all."
@@ -229,7 +230,7 @@ def _imbalance_families(scene: Scene, *, top_speed_hz: float, rng_for: RandomStr
         yield imbalance_family(
             scene,
             shaft,
-            mass_kg=masses[shaft] if isinstance(masses, dict) else masses,
+            mass_kg=masses[shaft],
             eccentricity_m=1e-3 * declared.grade / (2 * math.pi * float(order) * rated_hz),
             top_speed_hz=top_speed_hz,
             offset=float(rng_for("imperfection", "imbalance", shaft).random()),

@@ -4,19 +4,13 @@ A kinematic scene needs none of it. What is left out has the defaults of `data_s
 in steel from module and face width, or those below.
 """
 
-from collections.abc import Mapping
-from typing import Annotated, Any, Literal, Self
+from typing import Annotated, Literal, Self
 
-from pydantic import BeforeValidator, Field, PlainSerializer, model_validator
+from pydantic import Field, model_validator
 
-from data_synth.scene.operation import Finite, NotNegative, Share
+from data_synth.scene.operation import ByName, Finite, NotNegative, Share
 from data_synth.scene.sensors import Mode
 from hums.gearbox.components import Declared, Name, Positive
-
-
-def _pairs(value: Any) -> Any:  # noqa: ANN401
-    return tuple(value.items()) if isinstance(value, Mapping) else value
-
 
 _NUMBERS_OF_SHAPE = {
     "trapezoid": ("contact_ratio",),
@@ -104,17 +98,11 @@ class SupportDynamics(Declared):
     damping_s: NotNegative = 0.0
 
 
-Links = Annotated[tuple[tuple[Name, LinkDynamics], ...], BeforeValidator(_pairs), PlainSerializer(dict)]
-Meshes = Annotated[tuple[tuple[Name, MeshDynamics], ...], BeforeValidator(_pairs), PlainSerializer(dict)]
-Supports = Annotated[tuple[tuple[Name, SupportDynamics], ...], BeforeValidator(_pairs), PlainSerializer(dict)]
-Weights = Annotated[tuple[tuple[Name, NotNegative], ...], BeforeValidator(_pairs), PlainSerializer(dict)]
-
-
 class SensorWeights(Declared):
     """Weights of the bearing forces of each link at a sensor: 1 is the response of the rigid housing."""
 
     sensor: Name
-    links: Weights
+    links: ByName[NotNegative]
 
 
 class Dynamics(Declared):
@@ -131,9 +119,9 @@ class Dynamics(Declared):
     differences up to `floor_db` from the full motion, determined on the first `decide_s` of the scene.
     """
 
-    links: Links = ()
-    meshes: Meshes = ()
-    bearings: Supports = ()
+    links: ByName[LinkDynamics] = ()
+    meshes: ByName[MeshDynamics] = ()
+    bearings: ByName[SupportDynamics] = ()
     damping_ratio: Annotated[float, Field(gt=0, lt=1)] = 0.03
     load_on: Name | None = None
     housing_kg: Positive = 20.0

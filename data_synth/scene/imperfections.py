@@ -17,7 +17,7 @@ from typing import Annotated, Self
 
 from pydantic import Field, model_validator
 
-from data_synth.scene.operation import NotNegative, Share
+from data_synth.scene.operation import ByName, NotNegative, Share
 from hums.gearbox.components import Declared, Name, Positive
 
 DEFAULTS_VERSION = "1.1"
@@ -64,7 +64,7 @@ class ResidualImbalance(Declared):
 
     grade: Positive = 6.3  # gears and general machinery: ISO 21940-11:2016, table 1
     rated_rpm: Positive | None = None
-    rotor_kg: Positive | dict[Name, Positive] = 2.0  # a steel disc of 100 by 32 mm; ours, illustrative
+    rotor_kg: Positive | ByName[Positive] = 2.0  # a steel disc of 100 by 32 mm; ours, illustrative
 
 
 class RaceWaviness(Declared):

@@ -1,10 +1,11 @@
 """The drive, as a scene declares it: time histories of speed and torque, and the tachometer."""
 
+from collections.abc import Mapping
 from itertools import pairwise
 from pathlib import Path
-from typing import Annotated, Any, Literal, Self
+from typing import Annotated, Any, Literal, Self, TypeAlias, TypeVar
 
-from pydantic import AfterValidator, BeforeValidator, Field, model_validator
+from pydantic import AfterValidator, BeforeValidator, Field, PlainSerializer, model_validator
 
 from hums.gearbox.components import Declared, Name, Positive
 
@@ -13,6 +14,15 @@ NotNegative = Annotated[float, Field(ge=0, allow_inf_nan=False)]
 Share = Annotated[float, Field(ge=0, le=1)]
 Turns = Annotated[float, Field(ge=0, lt=1)]
 Rows = tuple[tuple[float, float], ...]
+
+
+def _pairs(value: Any) -> Any:  # noqa: ANN401
+    return tuple(value.items()) if isinstance(value, Mapping) else value
+
+
+T = TypeVar("T")
+ByName: TypeAlias = Annotated[tuple[tuple[Name, T], ...], BeforeValidator(_pairs), PlainSerializer(dict)]
+"""A table of values by name; scenes can be hashed, so that it is kept as pairs."""
 
 
 def _rows(value: Any) -> Any:  # noqa: ANN401

@@ -11,19 +11,18 @@ from functools import cached_property
 from pathlib import Path
 from typing import Annotated, Any, Self
 
-from pydantic import BeforeValidator, Field, PlainSerializer, field_validator, model_validator
+from pydantic import Field, field_validator, model_validator
 
 from data_synth.scene.dynamics import Dynamics
 from data_synth.scene.faults import FAULT_KINDS, ROW_OF, Fault, GearFault, ToothCrack
 from data_synth.scene.imperfections import Imperfections
 from data_synth.scene.machine_faults import BearingFault, ShaftFault
-from data_synth.scene.operation import NotNegative, Share, Speed, Tachometer, Torque
+from data_synth.scene.operation import ByName, NotNegative, Share, Speed, Tachometer, Torque
 from data_synth.scene.sensors import Mode, Noise, PlanetPass, SamplingJitter, Sensor, check_chain
 from data_synth.scene.transfer_paths import Transfer, check_transfers
 from hums.gearbox.bearing_orders import BearingOrders
 from hums.gearbox.components import (
     Declared,
-    Name,
     Positive,
     closest,
     file_beside,
@@ -60,13 +59,6 @@ __all__ = [
 # ---- Source amplitudes of the healthy gearbox, as a scene declares them ----------------------------------------------
 
 
-def _pairs(value: Any) -> Any:  # noqa: ANN401
-    return tuple(value.items()) if isinstance(value, Mapping) else value
-
-
-Amplitudes = Annotated[tuple[tuple[Name, NotNegative], ...], BeforeValidator(_pairs), PlainSerializer(dict)]
-
-
 class Excitation(Declared):
     """Source amplitudes of the healthy gearbox; harmonic k has ``decay ** (k - 1)`` of the first.
 
@@ -78,8 +70,8 @@ class Excitation(Declared):
 
     shaft_amplitude: NotNegative = 0.05
     mesh_amplitude: NotNegative = 0.5
-    shafts: Amplitudes = ()
-    meshes: Amplitudes = ()
+    shafts: ByName[NotNegative] = ()
+    meshes: ByName[NotNegative] = ()
     harmonics: Annotated[int, Field(ge=1)] = 3
     decay: Share = 0.5
     speed_exponent: NotNegative = 0.0

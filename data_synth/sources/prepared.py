@@ -38,6 +38,7 @@ from data_synth.transfer.paths import (
     TransferPaths,
     line_amplitudes,
     longest_ringing_s,
+    path_of_bearing,
     ringing_time_s,
     sensor_gains,
     transfer_paths,
@@ -506,21 +507,24 @@ def _line_amplitudes(
 ) -> ComplexArray:
     """Return Z (sensor, line, instant) of a family in the channels.
 
-    Beside gears in motion a force on bearings moves the housing as theirs do, in the direction of each sensor.
+    Beside gears in motion a force on bearings moves the housing, or acts on the declared path of its bearing, as theirs
+    do, in the direction of each sensor.
     """
     at_source = {"speed_hz": drive.angle.speed_hz(instants_s), "load": drive.load(instants_s)}
     frequency_hz = np.outer([float(order) for order in family.orders], at_source["speed_hz"])
     found = line_amplitudes(family, gains=gains, mode=scene.path, **at_source)
     force = family.force if scene.fidelity != "kinematic" else None
     for row, sensor in enumerate(scene.sensors):
-        path = paths.get((family.source, sensor.name))
+        own = paths.get((family.source, sensor.name))
+        path = own if own is not None or force is None else path_of_bearing(scene, paths, force.link, sensor.name)
         if path is not None or force is not None:
             found[row] = line_amplitudes(family, gains=np.ones(1), mode=path, **at_source)[0]
+        if own is None and force is not None:  # then an amplitude of 1 is that of the rigid housing
+            found[row] *= scene.dynamics_or_default.housing_kg / in_units(scene, 1.0)
         if path is not None and force is not None:
             found[row] *= force.direction @ sensitive_direction(sensor, rng_for=rng_for)
         if path is None and force is not None:
-            newtons = scene.dynamics_or_default.housing_kg / in_units(scene, 1.0)  # for an amplitude of 1
-            found[row] *= newtons * force_response(scene, sensor, force, frequency_hz=frequency_hz, rng_for=rng_for)
+            found[row] *= force_response(scene, sensor, force, frequency_hz=frequency_hz, rng_for=rng_for)
         else:
             found[row] *= linear_chain(sensor, rate_hz=scene.rate_hz).response(frequency_hz)
     # a scene's exponent is that of its declared amplitudes, a force has its own

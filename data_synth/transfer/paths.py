@@ -329,6 +329,18 @@ def transfer_paths(scene: Scene) -> TransferPaths:
     return {(item.source, item.sensor): _transfer_path(item, scene.sensors[0].units) for item in scene.transfers}
 
 
+def path_of_bearing(scene: Scene, paths: TransferPaths, link: str, sensor: str) -> ModalPath | MeasuredPath | None:
+    """Return the declared path to a sensor from a bearing of a link, or of what is rigid with it; None without one."""
+    bodies = scene.kinematics.bodies
+    for bearing in scene.gearbox.bearings:
+        rings = [each for ring in (bearing.inner_ring, bearing.outer_ring) for each in scene.gearbox.instances(ring)]
+        if bodies[link] in [bodies[each] for each in rings]:
+            for name in bearing.names:
+                if (name, sensor) in paths:
+                    return paths[name, sensor]
+    return None
+
+
 def longest_ringing_s(scene: Scene, source: str) -> float:
     """Return the time after an impact at a source at which its response has decayed in every channel."""
     ringing = [path.ringing_time_s() for (of, _), path in transfer_paths(scene).items() if of == source]

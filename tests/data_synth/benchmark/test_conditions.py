@@ -12,7 +12,6 @@ def machine():
     gearbox = draw_gearbox("g", stages=2, rng=np.random.default_rng(1))
     return Machine(
         gearbox=gearbox,
-        mass_kg=50.0,
         operation=draw_operation(gearbox, duration_s=10, rng=np.random.default_rng(2)),
         rng=np.random.default_rng(3),
         rng_of_gearbox=np.random.default_rng(4),
@@ -31,8 +30,9 @@ def test_tables_merge_and_lists_join(machine):
     for imperfection in IMPERFECTIONS:
         table = merged(table, imperfection(machine))
     assert table["sensor"]["name"] == "a"
-    assert {"hum", "anti_alias", "cross_axis"} < table["sensor"].keys()
-    assert {"gears", "noise"} == table["imperfections"].keys()
+    assert {"anti_alias", "cross_axis"} < table["sensor"].keys()
+    of_machine = {"gears", "imbalance", "bearings", "neighbour", "knocks"}
+    assert of_machine | {"noise", "electrical", "temperature"} == table["imperfections"].keys()
 
 
 @pytest.mark.parametrize("name", FAULTS)
@@ -47,10 +47,21 @@ def test_severity_goes_from_the_least_size_to_the_greatest(machine, name):
     assert middle[key] == pytest.approx(np.sqrt(least[key] * most[key]))
 
 
-def test_an_imbalance_has_the_force_of_its_grade(machine):
-    fault = FAULTS["imbalance"].draw(machine, severity=1.0, rng=np.random.default_rng(7))
-    # e w = G: the acceleration of the housing is m G w / M
-    speed = machine.operation.rpm * np.pi / 30 * machine.gearbox.speed_ratio(fault["component"])
-    assert fault["size_mm"] * speed == pytest.approx(400)
-    mass = fault["amplitude_per_mm"] * machine.mass_kg / (1e-3 * speed**2)
-    assert 0.1 < mass < 100  # kg of steel
+def test_an_imbalance_has_the_eccentricity_of_its_grade_at_the_top_speed(machine):
+    for seed in range(20):
+        fault = FAULTS["imbalance"].draw(machine, severity=1.0, rng=np.random.default_rng(seed))
+        ratio = machine.gearbox.speed_ratio(fault["component"])
+        speed = machine.gearbox.top_rpm * np.pi / 30 * ratio
+        assert fault["size_mm"] * speed == pytest.approx(250)
+        assert ratio >= 0.3  # the force of a slow shaft is hidden, whatever its eccentricity
+        assert 0.1 < fault["rotor_kg"] < 100  # kg of steel
+
+
+def test_a_fault_of_gears_or_shafts_is_at_any_place_of_the_turn(machine):
+    for name in ("crack", "eccentricity", "imbalance"):
+        places = [
+            FAULTS[name].draw(machine, severity=0.5, rng=np.random.default_rng(seed))["offset_rev"]
+            for seed in range(50)
+        ]
+        assert min(places) < 0.1
+        assert max(places) > 0.9

@@ -32,6 +32,14 @@ def test_far_below_its_modes_it_moves_as_a_rigid_body(seed):
         assert abs(path.response(0.0)) == pytest.approx(1 / drawn.mass_kg, rel=1e-9)
 
 
+def test_its_sensor_has_a_mount_between_magnet_and_stud_and_a_gain_near_one():
+    drawn = [draw_path("p", rng=np.random.default_rng(seed)).sensor() for seed in range(200)]
+    mounts = [each["resonance"]["frequency_hz"] for each in drawn]
+    assert 7000 <= min(mounts) < 9000
+    assert 25000 < max(mounts) <= 31000
+    assert np.std(20 * np.log10([each["gain"] for each in drawn])) == pytest.approx(0.4, rel=0.15)  # 3 of 1 / sqrt(400)
+
+
 def test_it_has_four_places():
     with pytest.raises(ValueError, match=r"5 bearings, but a path has 4 places; name fewer"):
         draw_path("p", rng=np.random.default_rng(0)).transfers([*"abcde"], sensor="s")

@@ -3,6 +3,7 @@
 import hashlib
 import json
 import shutil
+import tomllib
 from collections import Counter
 from dataclasses import replace
 from functools import cache
@@ -26,6 +27,15 @@ PLAN = load_plan("benchmark-1")
 @cache
 def every_label():
     return [PLAN.labels(number) for number in range(PLAN.records)]
+
+
+def to_six_digits(value):
+    """Floats as text of six digits, as libraries of mathematics agree on."""
+    if isinstance(value, dict):
+        return {key: to_six_digits(each) for key, each in value.items()}
+    if isinstance(value, list):
+        return [to_six_digits(each) for each in value]
+    return f"{value:.6g}" if isinstance(value, float) else str(value)
 
 
 class TestOrder:
@@ -101,13 +111,22 @@ class TestOrder:
                 assert labels["size_mm"] == 2.25 * stage.module_mm  # addendum and dedendum of ISO 53
                 assert labels["severity"] == 1.0  # gross by nature, as the card says
 
+    def test_numbers_of_numpy_name_records_too(self):
+        assert str(PLAN.labels(np.int64(3))) == str(PLAN.labels(3))
+
+    def test_what_belongs_to_a_gearbox_is_in_all_its_records(self):
+        numbers = [n for n, labels in enumerate(every_label()) if labels["gearbox"] == "g01"][:5]
+        tables = [PLAN.scene(number).imperfections for number in numbers]
+        assert len({(each.gears, each.imbalance, each.bearings, each.neighbour.speed_hz) for each in tables}) == 1
+        assert len({each.knocks for each in tables}) == 5
+        assert len({PLAN.machine_seed_of(number) for number in numbers}) == 1
+
     def test_a_version_keeps_its_records(self):
-        # what changes this digest is another VERSION; floats to six digits, as libraries of mathematics agree on
-        rows = [
-            {k: f"{v:.6g}" if isinstance(v, float) else str(v) for k, v in labels.items()} for labels in every_label()
-        ]
-        digest = hashlib.sha256(json.dumps(rows).encode()).hexdigest()
-        assert (VERSION, digest[:16]) == ("1.5", "e053a1420430066c")
+        # what changes this digest is another VERSION: all labels, and the scenes of a record of each class
+        numbers = [next(n for n, labels in enumerate(every_label()) if labels["class"] == name) for name in CLASSES]
+        scenes = [tomllib.loads(PLAN.scene(number).to_toml()) for number in numbers]
+        digest = hashlib.sha256(json.dumps(to_six_digits([every_label(), scenes])).encode()).hexdigest()
+        assert (VERSION, digest[:16]) == ("2.0", "c0c9089154fd2894")
 
 
 class TestPlan:
@@ -115,8 +134,8 @@ class TestPlan:
         assert parse_plan(PLAN.text) == PLAN
 
     def test_another_version_is_refused(self):
-        with pytest.raises(PlanError, match=r'plan: version = "9" of benchmark-1, but this program makes 1\.5'):
-            parse_plan(PLAN.text.replace('"1.5"', '"9"'))
+        with pytest.raises(PlanError, match=r'plan: version = "9" of benchmark-1, but this program makes 2\.0'):
+            parse_plan(PLAN.text.replace('"2.0"', '"9"'))
 
 
 @pytest.fixture(scope="module")
