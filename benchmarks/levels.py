@@ -31,7 +31,11 @@ def scenes() -> dict[str, Scene]:
         "noise": planets.noise.changed(rms=0.0),
         "excitation": planets.excitation.changed(shaft_amplitude=0.0),
     }
-    return cases() | {"planets in motion": planets.changed(faults=(), **silent)}
+    worn = {"kind": "wear", "component": "sun-planet/sun", "size_mm": 0.02}
+    return cases() | {
+        "planets in motion": planets.changed(faults=(), **silent),
+        "the same with a worn sun": planets.changed(faults=[worn], **silent),
+    }
 
 
 def row(name: str, scene: Scene) -> str:

@@ -17,6 +17,8 @@ Rows = tuple[tuple[float, float], ...]
 
 
 def _pairs(value: Any) -> Any:  # noqa: ANN401
+    if not isinstance(value, Mapping | tuple):
+        raise ValueError(f"{value!r}: give a table of values by name, as in {{ input = 1 }}")  # noqa: TRY004 - pydantic's
     return tuple(value.items()) if isinstance(value, Mapping) else value
 
 

@@ -11,7 +11,7 @@ from functools import cached_property
 from pathlib import Path
 from typing import Annotated, Any, Self
 
-from pydantic import Field, field_validator, model_validator
+from pydantic import Field, ValidationError, field_validator, model_validator
 
 from data_synth.scene.dynamics import Dynamics
 from data_synth.scene.faults import FAULT_KINDS, ROW_OF, Fault, GearFault, ToothCrack
@@ -28,6 +28,7 @@ from hums.gearbox.components import (
     file_beside,
     named_file,
     read_toml,
+    sentences,
     shipped_files,
     validated,
 )
@@ -303,6 +304,13 @@ class Scene(Declared):
         True
         """
         return validated(cls, dict(table), where=where, error=SceneError)
+
+    def changed(self, **values: object) -> Self:
+        """Return a validated copy with some fields replaced; raise SceneError where they are not valid."""
+        try:
+            return super().changed(**values)
+        except ValidationError as caught:
+            raise SceneError(f"scene: {sentences(caught)}") from None
 
     @classmethod
     def from_toml(cls, path: str | Path) -> "Scene":

@@ -4,6 +4,7 @@ import difflib
 import json
 import math
 import os
+import re
 import tomllib
 from collections.abc import Iterable, Iterator, Mapping, Sequence
 from fractions import Fraction
@@ -222,14 +223,20 @@ def _causes(errors: list[ErrorDetails]) -> list[ErrorDetails]:
     ]
 
 
+_OF_A_UNION = re.compile(r"(constrained-|function-)")  # how pydantic names what a value may be
+
+
 def _clause(details: ErrorDetails) -> str:
     """Return what is wrong with one field of a declaration, and what to do, as a clause of an error."""
-    place = ".".join(str(part + 1) if isinstance(part, int) else part[:_LONGEST_VALUE] for part in details["loc"])
+    named = (part for part in details["loc"] if isinstance(part, int) or not _OF_A_UNION.match(part))
+    place = ".".join(str(part + 1) if isinstance(part, int) else part[:_LONGEST_VALUE] for part in named)
     message = details["msg"].removeprefix("Value error, ").rstrip(".")
     if details["type"] == "missing":
         return f"{place} is missing; add it"
     if details["type"] == "value_error":
         return f"{place}: {message}" if place else message
+    if details["type"] in ("model_type", "model_attributes_type"):
+        return f"{place} = {brief(details['input'])}: give a table, {{ }} for its defaults"
     if details["type"] == "tuple_type":
         given = details["input"]
         # JSON and TOML write text, numbers and booleans alike

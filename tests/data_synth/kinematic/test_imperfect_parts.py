@@ -109,6 +109,21 @@ def test_imbalance_is_that_of_the_rated_speed_and_of_each_shaft_s_mass():
         values({"imbalance": {"rotor_kg": {"input": 3.0}}})
 
 
+@pytest.mark.parametrize(
+    ("table", "words"),
+    [
+        ({"imbalance": 3}, r"imperfections\.imbalance = 3: give a table, \{ \} for its defaults"),
+        ({"imbalance": {"rotor_kg": "a"}}, r"rotor_kg: 'a': give a table of values by name, as in \{ input = 1 \}"),
+        ({"imbalance": {"rotor_kg": {"input": -1.0}}}, r"rotor_kg\.1\.2 = -1\.0: input should be greater than 0"),
+    ],
+)
+def test_nonsense_is_refused_by_its_key(table, words):
+    with pytest.raises(SceneError, match=words):
+        scene(table)
+    with pytest.raises(SceneError, match=words):
+        scene().changed(imperfections=table)
+
+
 def test_a_fault_of_imbalance_has_the_force_of_its_mass():
     fault = {"kind": "imbalance", "component": "intermediate", "size_mm": 0.4, "rotor_kg": 3}
     speed_rad_s = 2 * np.pi * 20 * 23 / 67
