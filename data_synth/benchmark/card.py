@@ -88,6 +88,8 @@ chain: 10 log10 of the sum of its squares, each over the variance of the noise a
 {trial:g} s without noise, with and without the fault, scaled to 10 s; what speed and load do later in the record is not
 in it. The noise is the sensor's: lines of the mains, knocks and the neighbour are not part of it. NaN for healthy
 records. Below some 15 dB no method finds the fault; above it a method that does not know the machine may still miss it.
+Where teeth part for moments, at light load, motions that differ by next to nothing drift apart, and even a tiny fault
+has a number above that.
 
 ## Gearboxes
 
