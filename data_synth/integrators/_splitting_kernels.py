@@ -260,9 +260,12 @@ def split_steps(
                 if error_of[m] >= 0:
                     position = history_positions[number, m] if changing else 0.0
                     now, then, share = history_tables(error_of[m], equations.later_errors[m], position)
-                    for node in range(3):
-                        phase = cycles[m] * (start + 0.5 * node * (stop - start))
-                        errors[node, m] = interpolated(equations.errors, now, then, share, phase)
+                    known = 0
+                    if number > 0 and reference_row.size == 0 and equations.later_errors[m] < 0:
+                        errors[0, m], known = errors[2, m], 1  # that of the end of the step before
+                    for node in range(known, 3):
+                        turned = start if node == 0 else stop if node == 2 else 0.5 * (start + stop)  # noqa: PLR2004
+                        errors[node, m] = interpolated(equations.errors, now, then, share, cycles[m] * turned)
             # Impulse, half a step of exact flow, impulse, half a step, impulse
             for node in range(3):
                 if node == 1 or node == 2:  # noqa: PLR1714, PLR2004
