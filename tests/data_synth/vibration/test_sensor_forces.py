@@ -70,7 +70,7 @@ def test_what_bends_a_housing_passes_it_above_its_first_mode():
 # ---- forces on bearings that are no gears' ---------------------------------------------------------------------------
 
 
-def imperfect_lines(imperfections, kind, *, directions, fidelity="lateral", **dynamics):
+def imperfect_lines(imperfections, kind, *, directions, fidelity="lateral", transfer=(), **dynamics):
     """Return the lines of one kind, (sensor, line), by their orders, of sensors in some directions."""
     base = load_scene("gears-in-motion")
     sensors = [
@@ -85,6 +85,7 @@ def imperfect_lines(imperfections, kind, *, directions, fidelity="lateral", **dy
         "excitation": {"shaft_amplitude": 0},
         "duration_s": 2,
         "fidelity": fidelity,
+        "transfer": [*transfer],
     }
     made = Scene.from_mapping(table | {"sensor": sensors, "imperfections": imperfections})
     record = simulate(made, seed=1)
@@ -117,6 +118,23 @@ def test_an_imbalance_shakes_sensors_in_their_directions(fidelity):
         np.testing.assert_allclose(z / y, -1j * np.sign(ratio), atol=1e-9)  # from y to z a quarter turn later
         np.testing.assert_allclose(back, -z, rtol=1e-9)
         np.testing.assert_allclose(inclined, 0.6 * z, rtol=1e-9)  # none along the shaft
+
+
+def test_an_imbalance_takes_the_declared_path_of_its_bearing():
+    modes = [{"frequency_hz": 400, "damping_ratio": 0.05, "gain": 0.01}]
+    transfer = [{"source": "input bearing", "sensor": "s0", "units": "g", "modes": modes}]
+    directions = ([0, 0.6, 0.8], [0, 1, 0])
+    imbalance = {"imbalance": {"grade": 16, "rotor_kg": 3}}
+    _, orders, lines = imperfect_lines(imbalance, "shaft", directions=directions, transfer=transfer)
+    _, _, without = imperfect_lines(imbalance, "shaft", directions=directions)
+    (number,) = np.flatnonzero(np.isclose(orders, 1))
+    ratio = 25 / 400
+    response = 0.01 / (1 - ratio**2 + 2j * 0.05 * ratio)
+    expected = 3 * 16e-3 * 2 * np.pi * 25 * abs(response)  # y and z are a quarter turn apart: 0.6 and 0.8 of 1
+    np.testing.assert_allclose(abs(lines[0, number]), expected, rtol=1e-3)
+    others = np.arange(orders.size) != number
+    np.testing.assert_array_equal(lines[0, others], without[0, others])  # other shafts, through the housing
+    np.testing.assert_array_equal(lines[1], without[1])  # and the other sensor
 
 
 def test_the_waviness_of_another_bearing_is_felt_through_the_elastic_housing():
