@@ -133,7 +133,13 @@ def _line_truth(prepared: PreparedScene, instants: xr.DataArray, measured: GearL
         coords=coords,
         attrs={"units": sensors[0].channel_units, "convention": "x = Re{Z exp(j order phase)}, peak amplitude"},
     )
-    changes = {line.order: line.change for line in measured.lines} if measured is not None else {}
+    changes = {
+        line.order: line.change
+        * _rms(line.amplitude)
+        / _rms(np.sum([part.amplitude for part in lines[line.order]], axis=0))
+        for line in (measured.lines if measured is not None else ())
+        if line.change
+    }
     change = xr.DataArray(
         [changes.get(order, 0.0) for order in lines],
         dims="truth_order",
@@ -171,6 +177,11 @@ def _line_truth(prepared: PreparedScene, instants: xr.DataArray, measured: GearL
         }
     changed = {"truth_line_change": change} if any(changes.values()) else {}
     return {"truth_amplitude": amplitude, **labels, **changed, **chain}
+
+
+def _rms(amplitude: ComplexArray) -> float:
+    """Return the RMS of a line over channels and time."""
+    return float(np.sqrt(np.mean(np.abs(amplitude) ** 2)))
 
 
 def _lines(prepared: PreparedScene) -> dict[Fraction, list[_LineSource]]:

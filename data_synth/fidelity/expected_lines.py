@@ -20,6 +20,8 @@ import math
 from collections.abc import Callable
 from dataclasses import dataclass
 from fractions import Fraction
+from functools import partial
+from itertools import chain, combinations
 from typing import TypeAlias
 
 import numpy as np
@@ -30,7 +32,7 @@ from data_synth.fidelity.linear_response import MIN_STIFFNESS, response_of, spec
 from data_synth.gears.transmission_error import SumOfErrors, TransmissionError
 from data_synth.kinematic.harmonics import ComplexArray
 from data_synth.operation.shaft_angle import Array
-from data_synth.vibration.gear_lines import ExpectedLines
+from data_synth.vibration.gear_lines import ExpectedLines, lagrange
 from data_synth.vibration.run import Motion, contacts_in
 from data_synth.vibration.torques import static_tooth_forces
 
@@ -39,13 +41,17 @@ Singles: TypeAlias = NDArray[np.complex64]
 _POINTS = 32  # to a period of the highest line, which is then right to 1 % for a stiffness that jumps
 _FEWEST = 512  # points to a mesh cycle
 _RESPONSES = 1 << 14  # frequencies from zero to half the rate, between which a response is linear
-_APART_HZ = 20.0
-"""Frequencies of the fastest mesh between which forces are linear: of its tenth harmonic a hundred Hz, the width of the
-modes that varying stiffness changes, those of the teeth."""
+_COARSE_HZ, _FINE_HZ = 40.0, 5.0
+"""Frequencies of the fastest mesh between which forces are interpolated, at most and about at least: of its tenth
+harmonic 400 and 50 Hz, more and less than the width of the modes that varying stiffness changes, those of teeth."""
+_SMOOTH = 1e3  # times the bound of a residual: of forces between speeds; half as far apart, a sixteenth of that
 _SLOWEST = 0.01  # of the top speed: below, lines are at frequencies where the stiffness acts statically
-_BEYOND = 2.0  # times the highest line: lines beyond it act on others, those of stiffness that jumps as 1 over theirs
-_RESIDUAL = 1e-4  # of the equations, over the force without vibration
-_ITERATIONS, _EVERY = 40, 4  # at most, and from one look at the residual to the next
+_BEYOND = 1.5  # times the highest line: lines beyond it act on others, those of stiffness that jumps as 1 over theirs
+_INDEPENDENT = 1e-5  # of the largest of independent histories, below which one is left out
+_RESIDUAL = 1e-5  # of the equations, over the largest force without vibration
+_FEWEST_ITERATIONS, _MOST_ITERATIONS, _WORK = 12, 48, 300_000  # at most; times lines, between the other two
+_EVERY = 4  # iterations from one look at the residual to the next
+_RESTARTS = 3  # of the harmonics of a mesh by themselves, which are few
 
 
 @dataclass(frozen=True, kw_only=True)
@@ -82,7 +88,8 @@ class _Excitation:
 
         def lines_of(values: Callable[[Array], Array], period: int) -> tuple[float, ComplexArray]:
             lines = max(1, math.floor(top / float(order) * period))
-            points = max(_FEWEST * period, 1 << (_POINTS * lines - 1).bit_length())
+            # to a mesh cycle as many for sound and for damaged gears, so that only damage makes them different
+            points = period * max(_FEWEST, 1 << (_POINTS * math.ceil(top / float(order)) - 1).bit_length())
             found = values((np.arange(points) + 0.5) * period / points)
             return float(np.mean(found)), spectral_lines(found, lines)
 
@@ -127,31 +134,46 @@ def expected_lines(motion: Motion) -> tuple[ExpectedLines, ...]:
     top = _BEYOND * rate_hz / 2 / float(np.max(speed_hz))
     excitations = [_Excitation.of(mesh, of_mesh[number], top=top) for number, mesh in enumerate(system.meshes)]
     frequency_hz = np.linspace(0.0, _BEYOND * rate_hz / 2, _RESPONSES)
-    meshes = range(len(excitations))
-    transfer = np.stack([response.channels(number, frequency_hz) for number in meshes])
-    deflections = response.deflections_by(frequency_hz)
-    gains = np.eye(len(meshes))[:, :, None] + response.means[:, None, None] * deflections
+    meshes = np.arange(len(excitations))
+    gains = response.means[:, None, None] * response.deflections_by(frequency_hz)
+    gains[meshes, meshes] += 1
+    stiffer = -np.array([each.mean for each in excitations])[:, None, None] * gains
+    stiffer[meshes, meshes] += 1
+    at_mean = np.asarray(np.moveaxis(np.linalg.inv(np.moveaxis(stiffer, -1, 0)), 0, -1), dtype=np.complex128)
+    channels = np.stack([response.channels(int(number), frequency_hz) for number in meshes])
+    transfer = np.asarray(np.einsum("icf,ijf->jcf", channels, at_mean), dtype=np.complex128)
     static_n = static_tooth_forces(stage, system, motion.drive_load)
     inputs_n = np.concatenate([np.ones((1, speed_hz.size)), static_n])
     lowest_hz, highest_hz = max(np.min(speed_hz), _SLOWEST * np.max(speed_hz)), float(np.max(speed_hz))
+    families = _families(excitations, tuple(stage.scene.exact_orders("tooth").values()), top=top)
+    driven: list[tuple[Array, Singles]] = []
+    for family in families:
+        inputs = np.flatnonzero(family.lines.any(axis=(1, 2)))
+        histories, shares = _independent(inputs_n[inputs])
+        static = np.tensordot(shares, family.lines[inputs], axes=1).astype(np.complex64)
+        driven.append((histories, static))
+    # the same error in N for all: a family that is weak beside others need not be as exact by itself
+    largest = max((float(np.max(np.linalg.norm(_rows(static), axis=1))) for _, static in driven), default=0.0)
     found = []
-    for base, every in _families(excitations, tuple(stage.scene.exact_orders("tooth").values()), top=top).items():
-        inputs = np.flatnonzero(every.any(axis=(1, 2)))
-        # errors of teeth, which do not jump, excite few lines above the highest
-        lines = every.shape[2] if inputs[-1] else math.ceil(every.shape[2] / _BEYOND)
-        static, forces = every[inputs, :, :lines], list[Singles]()
-        fastest = float(max(order for order in of_mesh.values() if (order / base).denominator == 1))
-        speeds_hz = np.linspace(lowest_hz, highest_hz, 1 + math.ceil(fastest * float(np.ptp(speed_hz)) / _APART_HZ))
-        for speed in speeds_hz:
-            start = 2 * forces[-1] - forces[-2] if len(forces) > 1 else forces[0] if forces else np.zeros_like(static)
-            at = float(base) * speed / frequency_hz[1]
-            forces.append(_balanced(static, start, gains, excitations, base, at=at))
+    for family, (histories, static) in zip(families, driven, strict=True):
+        solved = partial(
+            _balanced,
+            responses=(gains, at_mean),
+            excitations=excitations,
+            step_hz=float(frequency_hz[1]),
+            bound=_RESIDUAL * largest,
+        )
+        balanced = partial(solved, static, base=family.base)
+        fastest = float(max(order for order in of_mesh.values() if (order / family.base).denominator == 1))
+        periods = dict.fromkeys(order for order in of_mesh.values() if (order / family.base).denominator == 1)
+        by_mesh = partial(_by_mesh, solved, static, family.base, [*periods])
+        speeds_hz, forces = _over_speeds(balanced, by_mesh, static, lowest_hz, highest_hz, fastest)
         found.append(
             ExpectedLines(
-                base_order=base,
-                forces=np.stack(forces),
+                base_order=family.base,
+                forces=family.sign * forces,
                 speeds_hz=speeds_hz,
-                inputs_n=inputs_n[inputs],
+                inputs_n=histories,
                 speed_hz=speed_hz,
                 frequency_hz=frequency_hz,
                 transfer=transfer,
@@ -160,84 +182,197 @@ def expected_lines(motion: Motion) -> tuple[ExpectedLines, ...]:
     return tuple(found)
 
 
-def _families(excitations: list[_Excitation], teeth: tuple[Fraction, ...], *, top: float) -> dict[Fraction, Singles]:
-    """Return p without vibration, (input, mesh, k), by the order of which its lines are multiples.
+def _over_speeds(
+    balanced: Callable[[Singles, float], tuple[Singles, float]],
+    by_mesh: Callable[[float, Singles], Singles],
+    static: Singles,
+    lowest_hz: float,
+    highest_hz: float,
+    fastest: float,
+) -> tuple[Array, Singles]:
+    """Return even speeds, halved until forces between them follow from those about them, and the forces at each."""
+    speeds_hz = np.linspace(lowest_hz, highest_hz, 1 + math.ceil(fastest * (highest_hz - lowest_hz) / _COARSE_HZ))
+    forces = list[Singles]()
+    for speed in speeds_hz:
+        forces.append(balanced(by_mesh(float(speed), forces[-1] if forces else static), float(speed))[0])
+    while speeds_hz.size > 1 and fastest * (speeds_hz[1] - speeds_hz[0]) > _FINE_HZ:
+        between = (speeds_hz[1:] + speeds_hz[:-1]) / 2
+        starts = np.tensordot(lagrange(between, speeds_hz).T.astype(np.float32), np.stack(forces), axes=1)
+        found = [balanced(start, float(speed)) for speed, start in zip(between, starts, strict=True)]
+        forces = [*chain.from_iterable(zip(forces, (each for each, _ in found), strict=False)), forces[-1]]
+        speeds_hz = np.linspace(lowest_hz, highest_hz, 2 * speeds_hz.size - 1)
+        if max(misfit for _, misfit in found) < _SMOOTH:
+            break
+    return speeds_hz, np.stack(forces)
 
-    The first input is in N, the others are per N of the static force of each mesh. Harmonics of a mesh are among the
-    multiples of a damaged tooth's order, whose stiffness they vibrate on, or of the order that most meshes share.
-    """
-    added = list[tuple[Fraction, int, int, Fraction, ComplexArray]]()  # family, input, mesh, order of the first, lines
-    damaged = set[Fraction]()
-    for number, mesh in enumerate(excitations):
-        for cycles, lines in mesh.errors_n.items():
-            added.append((mesh.order / cycles, 0, number, mesh.order / cycles, lines))
-        own = mesh.varying[mesh.cycles - 1 :: mesh.cycles]
-        added.append((mesh.order, 1 + number, number, mesh.order, own))
-        for order in dict.fromkeys(teeth):
-            step = order / (mesh.order / mesh.cycles)
-            if mesh.cycles > 1 and step.denominator == 1 and (mesh.order / order).denominator == 1:
-                lines = mesh.varying[step.numerator - 1 :: step.numerator].copy()
-                every = int(mesh.order / order)
-                lines[every - 1 :: every] = 0
-                added.append((order, 1 + number, number, order, lines))
-                damaged.add(order)
-    bases = list(dict.fromkeys(family for family, *_ in added))
-    orders = [mesh.order for mesh in excitations]
 
-    def coupled(base: Fraction) -> tuple[bool, int, Fraction]:
-        return base in damaged, sum((order / base).denominator == 1 for order in orders), -base
-
-    of = {
-        family: family
-        if family not in orders
-        else max((base for base in bases if (family / base).denominator == 1), key=coupled)
-        for family in bases
-    }
-    found = {
-        base: np.zeros((1 + len(orders), len(orders), math.floor(top / base)), dtype=np.complex64)
-        for base in of.values()
-    }
-    for family, row, number, order, lines in added:
-        base = of[family]
+def _by_mesh(
+    solved: Callable[..., tuple[Singles, float]],
+    static: Singles,
+    base: Fraction,
+    orders: list[Fraction],
+    speed_hz: float,
+    nearby: Singles,
+) -> Singles:
+    """Return a first guess at a speed: harmonics of each mesh by themselves, and all else as at a speed nearby."""
+    start = nearby.copy()
+    for order in orders:
         every = int(order / base)
-        some = found[base][row, number, every - 1 :: every]
+        if every > 1:
+            own = slice(every - 1, None, every)
+            for _ in range(_RESTARTS):
+                start[..., own], _ = solved(static[..., own], start[..., own], speed_hz, base=order)
+    return start
+
+
+def _independent(inputs_n: Array) -> tuple[Array, Array]:
+    """Return independent histories (input, instant) of which all are sums, and their shares in each, (input, all).
+
+    Forces of meshes rise and fall together where one torque drives them and little of it accelerates inertias.
+    """
+    sizes = np.max(np.abs(inputs_n), axis=1, keepdims=True)
+    sizes[sizes == 0] = 1.0
+    shares, weights, histories = np.linalg.svd(inputs_n / sizes, full_matrices=False)
+    kept = weights > _INDEPENDENT * weights[0]
+    largest = np.max(np.abs(histories[kept]), axis=1)
+    return histories[kept] / largest[:, None], (sizes * shares[:, kept] * weights[kept] * largest).T
+
+
+@dataclass(frozen=True, kw_only=True)
+class _Family:
+    """Lines of p without vibration at the multiples of an order, (input, mesh, k), that the stiffness couples.
+
+    The first input is in N, the others are per N of the static force of each mesh.
+    """
+
+    base: Fraction
+    lines: Singles
+    sign: int = 1
+
+
+def _families(excitations: list[_Excitation], teeth: tuple[Fraction, ...], *, top: float) -> list[_Family]:
+    """Return the families of p without vibration.
+
+    Harmonics of a mesh are among the multiples of an order that it shares with the mesh on its shaft, which has the
+    lines at sums of both; a damaged tooth beside that shaft has a family with the harmonics of its mesh, whose
+    vibration its stiffness changes as well. What these are without the damage is subtracted.
+    """
+    orders = [mesh.order for mesh in excitations]
+    shared = [
+        _common(one, other)
+        for one, other in combinations(dict.fromkeys(orders), 2)
+        if any((one / order).denominator == (other / order).denominator == 1 for order in teeth)
+    ]
+    errors = [mesh.order / cycles for mesh in excitations for cycles in mesh.errors_n]
+    damaged = [
+        (number, order)
+        for number, mesh in enumerate(excitations)
+        for order in dict.fromkeys(teeth)
+        if mesh.cycles > 1 and (order * mesh.cycles / mesh.order).denominator == (mesh.order / order).denominator == 1
+    ]
+    bases = dict.fromkeys([*shared, *errors, *(order for _, order in damaged), *orders])
+
+    def home(order: Fraction) -> Fraction:
+        """Return the base whose multiples the harmonics of a mesh are among."""
+        within = [base for base in bases if (order / base).denominator == 1]
+        return max(within, key=lambda base: (sum((each / base).denominator == 1 for each in orders), -base))
+
+    found: dict[tuple[Fraction, int], Singles] = {}
+
+    def add(base: Fraction, row: int, number: int, order: Fraction, lines: ComplexArray, sign: int = 1) -> None:
+        shape = (1 + len(orders), len(orders), math.floor(top / base))
+        every = int(order / base)
+        some = found.setdefault((base, sign), np.zeros(shape, dtype=np.complex64))[row, number, every - 1 :: every]
         some += lines[: some.size]
-    return {base: lines for base, lines in found.items() if lines.any()}
+
+    for number, mesh in enumerate(excitations):
+        own = [(1 + number, mesh.varying[mesh.cycles - 1 :: mesh.cycles])]
+        for cycles, lines in mesh.errors_n.items():
+            if cycles == 1:
+                own.append((0, lines))
+            else:
+                add(mesh.order / cycles, 0, number, mesh.order / cycles, lines)
+        of_mesh = home(mesh.order)
+        for row, lines in own:
+            add(of_mesh, row, number, mesh.order, lines)
+        for order in (order for of, order in damaged if of == number):
+            step = int(order * mesh.cycles / mesh.order)
+            lines, every = mesh.varying[step - 1 :: step].copy(), int(mesh.order / order)
+            lines[every - 1 :: every] = 0
+            add(order, 1 + number, number, order, lines)
+            if of_mesh != order:
+                for row, harmonics in own:
+                    add(order, row, number, mesh.order, harmonics)
+                    add(mesh.order, row, number, mesh.order, harmonics, -1)
+    return [_Family(base=base, lines=lines, sign=sign) for (base, sign), lines in found.items() if lines.any()]
+
+
+def _common(one: Fraction, other: Fraction) -> Fraction:
+    """Return the largest order of which both are multiples."""
+    return Fraction(
+        math.gcd(one.numerator * other.denominator, other.numerator * one.denominator),
+        one.denominator * other.denominator,
+    )
 
 
 def _balanced(
     static: Singles,
     start: Singles,
-    gains: ComplexArray,
+    speed_hz: float,
+    *,
+    responses: tuple[ComplexArray, ComplexArray],
     excitations: list[_Excitation],
     base: Fraction,
-    *,
-    at: float,
-) -> Singles:
-    """Return p with vibration, (input, mesh, k), from p without; `at` is the first line's place among the gains."""
+    step_hz: float,
+    bound: float,
+) -> tuple[Singles, float]:
+    """Return what p with vibration is over the response at the mean of ``1 - k_mean / k``, (input, mesh, k).
+
+    Second, the residual of the first guess over the bound.
+
+    Parameters
+    ----------
+    static : (input, mesh, k) array
+        p without vibration.
+    start : (input, mesh, k) array
+        First guess.
+    speed_hz : float
+    responses : pair of (mesh, mesh, f) array
+        Deflection per N of p, times k_mean, with that of the mesh; and p per N of p without vibration, at the mean.
+    excitations : list of _Excitation
+    base : Fraction
+    step_hz : float
+        Between the responses.
+    bound : float
+        Of the residual of each input.
+    """
     from scipy.fft import irfft, next_fast_len, rfft  # noqa: PLC0415
 
     inputs, meshes, lines = static.shape
-    place = at * np.arange(1, lines + 1)
-    number = np.minimum(place.astype(np.int64), gains.shape[2] - 2)
+    place = float(base) * speed_hz / step_hz * np.arange(1, lines + 1)
+    number = np.minimum(place.astype(np.int64), responses[0].shape[2] - 2)
     share = np.minimum(place - number, 1.0)
-    gain = ((1 - share) * gains[:, :, number] + share * gains[:, :, number + 1]).astype(np.complex64)
+    gain, at_mean = (
+        ((1 - share) * each[:, :, number] + share * each[:, :, number + 1]).astype(np.complex64) for each in responses
+    )
     points = next_fast_len(3 * lines + 1, real=True)  # no product of two lines aliases to a third
     varying = np.stack([each.waveform(base, points) for each in excitations])
-    means = np.array([each.mean for each in excitations])
-    # preconditioner: the response of each mesh to itself, at the mean of its 1 - k_mean / k
-    inverse = (1 / (1 - means[:, None] * np.einsum("iik->ik", gain))).astype(np.complex64)
 
-    def remainder(forces: Singles) -> Singles:
+    def times(response: Singles, forces: Singles) -> Singles:
+        total = response[:, 0] * forces[:, None, 0]
+        for mesh in range(1, meshes):  # in place of einsum, whose loop over lines is three times as slow
+            total += response[:, mesh] * forces[:, None, mesh]
+        return np.asarray(total)
+
+    def remainder(smooth: Singles) -> Singles:
+        forces = times(at_mean, smooth)
         spectrum = np.zeros((inputs, meshes, points // 2 + 1), dtype=np.complex64)
-        for mesh in range(meshes):  # in place of einsum, whose loop over lines is three times as slow
-            spectrum[..., 1 : lines + 1] += gain[:, mesh] * forces[:, None, mesh]
+        spectrum[..., 1 : lines + 1] = times(gain, forces)
         return np.asarray(forces - rfft(irfft(spectrum, points) * varying)[..., 1 : lines + 1], dtype=np.complex64)
 
     left = static - remainder(start)
-    bound = _RESIDUAL * np.linalg.norm(_rows(static), axis=1)
-    solved = _gmres(lambda forces: remainder(inverse * forces), left, bound=bound)
-    return np.asarray(start + inverse * solved, dtype=np.complex64)
+    misfit = float(np.max(np.linalg.norm(_rows(left), axis=1))) / bound
+    return np.asarray(start + _gmres(remainder, left, bound=bound), dtype=np.complex64), misfit
 
 
 def _rows(lines: Singles) -> NDArray[np.float32]:
@@ -245,16 +380,17 @@ def _rows(lines: Singles) -> NDArray[np.float32]:
     return np.asarray(np.ascontiguousarray(lines).reshape(lines.shape[0], -1).view(np.float32))
 
 
-def _gmres(apply: Callable[[Singles], Singles], right: Singles, *, bound: Array) -> Singles:
-    """Return x (input, mesh, k) of real-linear equations ``apply(x) = right``, residuals below bounds (input,)."""
+def _gmres(apply: Callable[[Singles], Singles], right: Singles, *, bound: float) -> Singles:
+    """Return x (input, mesh, k) of real-linear equations ``apply(x) = right``, residuals below a bound."""
     inputs, size = right.shape[0], np.linalg.norm(_rows(right), axis=1)
     if np.all(size <= bound):
         return np.zeros_like(right)
     tiny = np.finfo(np.float32).tiny
-    basis = np.empty((_ITERATIONS + 1, *_rows(right).shape), dtype=np.float32)
+    most = min(max(_WORK // right.shape[2], _FEWEST_ITERATIONS), _MOST_ITERATIONS)
+    basis = np.empty((most + 1, *_rows(right).shape), dtype=np.float32)
     basis[0] = _rows(right) / np.maximum(size, tiny)[:, None]
-    hessenberg, found = np.zeros((inputs, _ITERATIONS + 1, _ITERATIONS)), np.zeros((inputs, 1))
-    for step in range(_ITERATIONS):
+    hessenberg, found = np.zeros((inputs, most + 1, most)), np.zeros((inputs, 1))
+    for step in range(most):
         new = _rows(apply(basis[step].view(np.complex64).reshape(right.shape)))
         for row in range(inputs):
             known = basis[: step + 1, row]
@@ -263,7 +399,7 @@ def _gmres(apply: Callable[[Singles], Singles], right: Singles, *, bound: Array)
             hessenberg[row, : step + 1, step] = shares
         norm = hessenberg[:, step + 1, step] = np.linalg.norm(new, axis=1)
         basis[step + 1] = new / np.maximum(norm, tiny)[:, None]
-        if step % _EVERY == _EVERY - 1:
+        if step % _EVERY == _EVERY - 1 or step == most - 1:
             square, first = hessenberg[:, : step + 2, : step + 1], np.zeros((inputs, step + 2, 1))
             first[:, 0, 0] = size
             solved = np.linalg.pinv(square) @ first

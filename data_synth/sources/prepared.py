@@ -27,6 +27,7 @@ from data_synth.kinematic.shaft_faults import (
     shaft_misalignment,
 )
 from data_synth.operation.drive import Drive, build_drive
+from data_synth.operation.piecewise import PiecewiseLinear
 from data_synth.operation.shaft_angle import Array
 from data_synth.operation.tachometer import Pulses, recorded_pulses, with_pick_up
 from data_synth.scene.faults import ROW_OF, Chipping, Fault, FaultyGear, GearDamage, GearFault, Misalignment
@@ -44,6 +45,10 @@ from data_synth.transfer.paths import (
     transfer_paths,
 )
 from hums.gearbox.torques import solve_torques
+
+_CORNER = 1e-3  # of the largest speed or torque, by which straight lines between instants may miss a corner
+_JUMP = 1e-3  # of a sample, from a jump to the instants before and behind it
+_LITTLE = 0.01  # of the top speed, between two instants
 
 # ---- Harmonics and impacts of the faults that a scene declares -------------------------------------------------------
 
@@ -293,7 +298,10 @@ class PreparedScene:
         if not family_amplitudes:
             return
         times_s = np.arange(first, first + signal.shape[1]) / self.scene.rate_hz
-        position = times_s * ((self.scene.truth_times - 1) / self.scene.duration_s)
+        if self.instants_s.size == self.scene.truth_times:
+            position = times_s * ((self.scene.truth_times - 1) / self.scene.duration_s)
+        else:
+            position = np.interp(times_s, self.instants_s, np.arange(self.instants_s.size))
         revolutions = self.drive.angle.revolutions(times_s if timing_errors_s is None else times_s + timing_errors_s)
         for family, amplitudes in family_amplitudes:
             add_lines(signal, amplitudes, base_order=family.base_order, revolutions=revolutions, position=position)
@@ -339,7 +347,7 @@ def prepare_scene(scene: Scene, *, rng_for: RandomStreams, turns_before: int = 0
     spacing = 1 / tachometer.pulses_per_rev
     turn = tachometer.offset_rev if tachometer.offset_rev is not None else spacing * rng_for("tachometer").random()
     drive = build_drive(scene, datum_turn=turn, speed_rng=rng_for("speed"), torque_rng=rng_for("torque"))
-    instants_s = np.linspace(0.0, scene.duration_s, scene.truth_times)
+    instants_s = _instants(scene, drive)
     offsets = [_offset_at_first(fault, number, rng_for=rng_for) for number, fault in enumerate(scene.faults)]
     at_zero = [
         (offset + float(turns_before * _turn_order(scene, fault) % 1)) % 1.0
@@ -402,6 +410,34 @@ def prepare_scene(scene: Scene, *, rng_for: RandomStreams, turns_before: int = 0
         for load in kinematic_ring_loads(scene, rings, torques_nm=torques_nm)
     ]
     return prepared.with_bending_rings(loads)
+
+
+def _instants(scene: Scene, drive: Drive) -> Array:
+    """Return the instants of the truth in s, between which amplitudes are linear.
+
+    They are even, 20 a second. Where gears vibrate, there are more: two at a jump of speed or torque, one where they
+    have a corner, and so many that the speed changes little between two of them.
+    """
+    instants_s = np.linspace(0.0, scene.duration_s, scene.truth_times)
+    if scene.fidelity == "kinematic":
+        return instants_s
+    for history in (scene.speed, scene.torque):
+        if history is not None and len(history.knots) > 1:
+            times, values = np.array(history.knots).T
+            within, bound = (times > 0) & (times < scene.duration_s), _CORNER * np.max(np.abs(values))
+            between = np.interp(times, instants_s, PiecewiseLinear(times_s=times, values=values).at(instants_s))
+            corners = times[within & (np.abs(values - between) > bound)]
+            jumps = times[1:][(np.diff(times) == 0) & (np.abs(np.diff(values)) > bound) & within[1:]]
+            if corners.size <= scene.truth_times:  # a measured history may be corners alone
+                sides = np.add.outer([-_JUMP / scene.rate_hz, _JUMP / scene.rate_hz], jumps).ravel()
+                instants_s = np.unique(np.concatenate([instants_s, np.setdiff1d(corners, jumps), sides]))
+    speed_hz = drive.angle.speed_hz(instants_s)
+    parts = np.ceil(np.abs(np.diff(speed_hz)) / (_LITTLE * np.max(np.abs(speed_hz), initial=1e-300))).astype(int)
+    parts[np.diff(instants_s) < 1 / scene.rate_hz] = 1
+    shares = [np.arange(count) / count for count in np.maximum(parts, 1).tolist()]
+    steps = np.repeat(np.diff(instants_s), [share.size for share in shares])
+    firsts = np.repeat(instants_s[:-1], [share.size for share in shares])
+    return np.concatenate([firsts + steps * np.concatenate(shares), instants_s[-1:]])
 
 
 def _offset_at_first(fault: Fault, number: int, *, rng_for: RandomStreams) -> float:

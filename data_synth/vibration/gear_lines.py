@@ -1,9 +1,9 @@
 """Lines of gears in motion: their orders, and their complex amplitudes against time, projected from the clean signal.
 
 Candidates are the orders that the drawing gives: harmonics of every mesh, of every damaged gear, and of every gear with
-pitch deviations, with sidebands at the passes of planets, and in steady motion what two of the first make with each
-other. Those that are loud are kept. In varying motion the lines that are expected of the drive and the drawing are
-subtracted first, and the projection finds what is left of them.
+pitch deviations, with sidebands at the passes of planets, and what two meshes, or in steady motion damaged gears as
+well, make with each other. Those that are loud are kept. In varying motion the lines that are expected of the drive and
+the drawing are the signal but for a small part; where they are not, a projection finds what is left without them.
 """
 
 import math
@@ -27,6 +27,7 @@ from data_synth.vibration.order_projection import AngleSamples, Projection, Wind
 
 FLOOR = 1e-3  # of the loudest line, over time and channels: lines of meshes and of gears with each other
 FAULT_FLOOR = 1e-2  # of the loudest line of the same damaged gear
+EXPECTED_FLOOR = 1e-4  # of the loudest expected line
 _LEAST = 1e-5  # of the loudest line of all: what the error of the integration makes is no line
 _MOST = 2048  # lines
 _STEADY = 1e-12  # of the speed: what rounding may change
@@ -46,6 +47,7 @@ _TRIALS = 17  # intervals between two instants at which windows are compared
 _MESH_FIRST = 3.0  # times its size a mesh's line counts beside others: what stands alone in a window is not separated
 _LONGEST_SHARE = 1.25  # of which the record is at least as long as the longest window in varying motion
 _DETERMINED = 0.01  # of the RMS of a line
+_SMALL = 0.05  # of the power of a signal: what expected lines may leave of it without a projection
 _NO_USE = 4.0  # times the least error: shorter windows are worse still
 _PERIODS = 0.75  # of the smallest base order: the shortest window that is halved
 
@@ -60,9 +62,10 @@ class GearLine:
     component, kind : str
     amplitude : (channel, instant) complex array
     change : float
-        RMS over time of what halving the window changes, over the RMS of the line; zero in steady motion. Where the
-        window does not separate an expected line from a neighbour, all that the projection adds to the neighbour; 1
-        where half the window does not separate a line that is not expected.
+        RMS over time of what halving the window changes, over the RMS of the line; zero where Z has no window, in
+        steady motion and of a line that is only what is expected. Where the window does not separate an expected line
+        from a neighbour, all that the projection adds to the neighbour; 1 where half the window does not separate a
+        line that is not expected.
     """
 
     order: Fraction
@@ -103,7 +106,7 @@ class ExpectedLines:
     """
 
     base_order: Fraction
-    forces: ComplexArray = field(repr=False)
+    forces: NDArray[np.complex64] = field(repr=False)
     speeds_hz: Array
     inputs_n: Array = field(repr=False)
     speed_hz: Array = field(repr=False)
@@ -118,7 +121,7 @@ class ExpectedLines:
     def amplitudes(self, multiples: NDArray[np.int_], instants: NDArray[np.int_]) -> ComplexArray:
         """Return Z (channel, line, instant) of some multiples of the base order, from 1, at some instants."""
         speed = self.speed_hz[instants]
-        nearby = _lagrange(speed, self.speeds_hz)
+        nearby = lagrange(speed, self.speeds_hz)
         weights = (nearby[:, None] * self.inputs_n[:, instants]).reshape(-1, instants.size)
         place = np.multiply.outer(float(self.base_order) * multiples, speed) / self.frequency_hz[1]
         number = np.minimum(place.astype(np.int64), self.frequency_hz.size - 2)
@@ -130,7 +133,7 @@ class ExpectedLines:
         return total
 
 
-def _lagrange(at: Array, nodes: Array) -> Array:
+def lagrange(at: Array, nodes: Array) -> Array:
     """Return the weights (node, n) of even nodes at places (n,): Lagrange's, of the four nodes about each or of all."""
     few = min(4, nodes.size)
     place = np.interp(at, nodes, np.arange(nodes.size))
@@ -153,7 +156,7 @@ class Candidates:
     unit : Fraction
     sources : tuple of (component, kind)
     ranks : (k,) int array
-        0 of meshes, 1 of damaged gears, 2 of pitch deviations and of what two of the first make: where a window cannot
+        0 of meshes, 1 of damaged gears, 2 of pitch deviations and of what two others make: where a window cannot
         separate two lines, that of the lower rank stands for both.
     spacing : float
         Smallest order of which all multiples are candidates.
@@ -184,7 +187,7 @@ def candidates_of(scene: Scene, *, top: float, mixed: bool) -> Candidates:
     top : float
         Highest order.
     mixed : bool
-        Whether sums and differences of two bases are wanted as well.
+        Whether sums and differences with orders of damaged gears are wanted as well, beside those of two meshes.
     """
     meshes, teeth = scene.exact_orders("gear_mesh"), scene.exact_orders("tooth")
     damaged = dict.fromkeys(fault.component for fault in scene.faults if fault.component in teeth)
@@ -213,11 +216,10 @@ def candidates_of(scene: Scene, *, top: float, mixed: bool) -> Candidates:
         harmonics = np.arange(int((top + sides * float(carrier)) / float(order)) + 1)
         add(_multiples(order / unit, harmonics, carrier / unit, sides), rank, component, kind)
         spacing += [float(order), *([float(carrier)] if sides else [])]
-    if mixed:
-        for (order, rank, _, component, kind), (beside, other, *_rest) in permutations(bases, 2):
-            if max(rank, other) <= 1:
-                harmonics = np.arange(int((top + _MIXED * float(beside)) / float(order)) + 1)
-                add(_multiples(order / unit, harmonics, beside / unit, _MIXED), 2, component, kind)
+    for (order, rank, _, component, kind), (beside, other, *_rest) in permutations(bases, 2):
+        if max(rank, other) <= (1 if mixed else 0):
+            harmonics = np.arange(int((top + _MIXED * float(beside)) / float(order)) + 1)
+            add(_multiples(order / unit, harmonics, beside / unit, _MIXED), 2, component, kind)
     orders = sorted(found)
     return Candidates(
         numbers=np.array(orders, dtype=np.int64),
@@ -244,10 +246,11 @@ def gear_lines(
     """Return the loud lines in the channels of gears in motion, (channel, n), at the instants of the truth.
 
     At constant speed, torque and damage the window is the whole record, and Z is constant. Else Z is that of the
-    expected lines, and what the signal without them adds: polynomials of second degree in angle within windows; their
-    length is that, of several, with the least error: the share of the lines' power that is in lines which half the
-    window changes by 1 % or more, plus the share of what the expected lines leave of the signal that all lines leave.
-    The former alone would have long windows where all that a projection adds is below 1 %.
+    expected lines, which has no window, where they leave less than 5 % of the signal's power. Where they leave more,
+    what the signal without them adds as well: polynomials of second degree in angle within windows; their length is
+    that, of several, with the least error: the share of the lines' power that is in lines which half the window changes
+    by 1 % or more, plus the share of what the expected lines leave of the signal that all lines leave. The former alone
+    would have long windows where all that a projection adds is below 1 %.
     """
     scene, angle = prepared.scene, prepared.drive.angle
     turning = np.sign(prepared.speed_hz[prepared.speed_hz != 0])
@@ -269,7 +272,20 @@ def gear_lines(
         chosen, amplitudes, changes, about = _steady_fit(samples, candidates, instants_rev)
     else:
         prior = _prior(expected(), candidates, speeds=prepared.speed_hz, channels=signal.shape[0])
-        chosen, amplitudes, changes, about = _varying_fit(samples, candidates, prepared.instants_s, prior)
+        left = signal - _of_prior(prior, samples, candidates, prepared.instants_s)
+        share = float(np.mean(left**2) / np.mean(signal**2))
+        if share < _SMALL:
+            chosen, amplitudes, changes = prior.chosen, prior.amplitudes, np.zeros(prior.chosen.size)
+            about = (
+                f"{chosen.size} lines against time, of a quasi-static response, which leaves {100 * share:.2g} % of "
+                f"the power; down to {EXPECTED_FLOOR:g} of the loudest"
+            )
+        else:
+            if share < 1:
+                samples = replace(samples, signal=left)
+            else:  # resonances are passed too fast to be quasi-static
+                prior = _Prior(chosen=prior.chosen[:0], amplitudes=prior.amplitudes[:, :0])
+            chosen, amplitudes, changes, about = _varying_fit(samples, candidates, prepared.instants_s, prior)
     if sign < 0:
         amplitudes = amplitudes.conj()
     lines = tuple(
@@ -403,12 +419,24 @@ def _prior(expected: tuple[ExpectedLines, ...], candidates: Candidates, *, speed
         there = candidates.numbers[place] == numbers
         places.append((multiples[there], place[there]))
         sizes[place[there]] += np.max(np.abs(family.amplitudes(multiples[there], few)), axis=(0, 2), initial=0.0)
-    chosen = _loud(sizes, candidates.ranks, 1.0)
+    # one floor for all: where sound and damaged gears have the same lines, those below it cancel in the difference
+    chosen = np.flatnonzero(sizes > EXPECTED_FLOOR * np.max(sizes, initial=0.0))
     amplitudes, every = np.zeros((channels, chosen.size, speeds.size), dtype=np.complex128), np.arange(speeds.size)
     for family, (multiples, place) in zip(expected, places, strict=True):
         here = np.isin(place, chosen)
         amplitudes[:, np.searchsorted(chosen, place[here])] += family.amplitudes(multiples[here], every)
     return _Prior(chosen=chosen, amplitudes=amplitudes)
+
+
+def _of_prior(prior: _Prior, samples: AngleSamples, candidates: Candidates, instants_s: Array) -> Array:
+    """Return the signal of the expected lines, (channel, n)."""
+    return sum_of_lines(
+        candidates.values[prior.chosen],
+        prior.amplitudes,
+        instants_s=instants_s,
+        revolutions=samples.revolutions,
+        times_s=np.arange(samples.signal.shape[1]) / samples.rate_hz,
+    )
 
 
 @dataclass(frozen=True, kw_only=True)
@@ -480,21 +508,10 @@ def _varying_fit(
     # the louder of two stands for both; a mesh also for a neighbour that looks as loud because it is so near
     weight = sizes[loud] * np.where(candidates.ranks[loud] == 0, _MESH_FIRST, 1.0)
     times_s = np.arange(samples.signal.shape[1]) / samples.rate_hz
-    power = float(np.mean(samples.signal**2))
-    if prior.chosen.size:
-        explained = sum_of_lines(
-            candidates.values[prior.chosen],
-            prior.amplitudes,
-            instants_s=instants_s,
-            revolutions=samples.revolutions,
-            times_s=times_s,
-        )
-        samples = replace(samples, signal=samples.signal - explained)
-    # where next to nothing is left, an amplitude of 1 % of the signal
-    unexplained = max(float(np.mean(samples.signal**2)), _DETERMINED**2 * power)
+    unexplained = float(np.mean(samples.signal**2))
     edges = np.searchsorted(times_s, instants_s)
 
-    def left(orders: Array, amplitudes: ComplexArray) -> float:
+    def remainder(orders: Array, amplitudes: ComplexArray) -> float:
         """Return the power that lines (channel, k, trial) leave between trials, over that to be found."""
         squares, count = 0.0, 0
         for begin in begins.tolist():
@@ -518,7 +535,9 @@ def _varying_fit(
         ]
         projection = Projection(samples=samples, orders=candidates.values[chosen], window=window)
         amplitudes = projection.amplitudes(instants_rev[trials])
-        return _Trial(window=window, chosen=chosen, amplitudes=amplitudes, left=left(projection.orders, amplitudes))
+        return _Trial(
+            window=window, chosen=chosen, amplitudes=amplitudes, left=remainder(projection.orders, amplitudes)
+        )
 
     trial, best, least = tried(longest), None, np.inf
     while best is None or trial.window.length_rev >= _PERIODS / candidates.spacing:
@@ -541,7 +560,8 @@ def _varying_fit(
         f"{every.size} lines against time, {prior.chosen.size} of them by a quasi-static response and what the signal "
         f"without that adds: of second degree in windows of {best.window.length_rev:.3g} rev, "
         f"fitted together; halving the window changes a line by truth_line_change, lines of {share:.2f} % of the power "
-        f"by less than {100 * _DETERMINED:g} %; {_floors()}, each by itself; of lines nearer than "
+        f"by less than {100 * _DETERMINED:g} %; {_floors()}, each by itself, expected ones to "
+        f"{EXPECTED_FLOOR:g}; of lines nearer than "
         f"{_APART / best.window.length_rev:.3g} orders the louder has what is added"
     )
     return every, amplitudes, relative, about

@@ -1,10 +1,14 @@
 """Lines of gears in motion: how much of the clean signal they are, and whether a tracker finds them."""
 
+from dataclasses import replace
+
 import numpy as np
 import pytest
 from moving_pair import SEED, motion, scene, stage_of
+from numpy.testing import assert_allclose
 
 from data_synth import load_scene, simulate
+from data_synth.truth import truth_variables
 from data_synth.vibration.gear_lines import gear_lines
 from data_synth.vibration.order_projection import AngleSamples, Projection, Window
 from hums.records.validation import check_record
@@ -115,10 +119,35 @@ def test_a_tracker_finds_the_lines_of_a_run_through_a_resonance(run_through_reso
     assert np.sqrt(np.mean(np.abs(error) ** 2)) < 0.02 * np.sqrt(np.mean(np.abs(truth.values[:, inner]) ** 2))
 
 
-def test_a_record_states_by_how_much_halving_its_window_changes_each_line(run_through_resonance):
-    record = run_through_resonance
-    power = np.mean(np.abs(record["truth_amplitude"].values) ** 2, axis=(0, 2))
-    change = record["truth_line_change"].values
+def test_the_truth_states_by_how_much_halving_its_window_changes_each_line():
+    """Relative to the whole line, with what a source of constant amplitude has of it."""
+    declared = scene(**RUN)
+    moving = motion(declared)
+    signal = np.concatenate([*moving.channels(samples=declared.samples)], axis=1)
+    measured = gear_lines(moving.stage, signal)
+    truth = truth_variables(moving.stage, measured=measured)
+    power = np.mean(np.abs(truth["truth_amplitude"].values) ** 2, axis=(0, 2))
+    change = truth["truth_line_change"].values
     assert np.sum(power[change < 0.01]) > 0.99 * np.sum(power)
+    loudest = max(measured.lines, key=lambda line: np.mean(np.abs(line.amplitude) ** 2))
+    families = [replace(moving.stage.families[0], base_order=loudest.order, coefficients=np.ones(1))]
+    amplitudes = [9 * loudest.amplitude[:, None]]
+    with_source = replace(moving.stage, families=families, amplitudes=amplitudes)
+    louder = truth_variables(with_source, measured=measured)["truth_line_change"].sel(truth_order=float(loudest.order))
+    assert np.isclose(louder, loudest.change / 10)
     steady = simulate(scene(duration_s=0.5), seed=SEED)
     assert "truth_line_change" not in steady
+
+
+def test_lines_jump_with_the_torque():
+    loads = {"link": "gear", "steps": [[0, 90], [1.03, 130]]}
+    record = clean(scene(duration_s=2.0, torque=loads))
+    times_s, at_s = record["time"].values, record["truth_time"].values
+    lines = record["truth_amplitude"].isel(truth_channel=0).values
+    before, after = np.searchsorted(at_s, 1.03) - 1, np.searchsorted(at_s, 1.03)
+    assert at_s[after] - at_s[before] < 1e-6
+    assert_allclose(lines[:, before], lines[:, 0], rtol=1e-9)
+    assert_allclose(lines[:, after], lines[:, -1], rtol=1e-9)
+    settled = (times_s < 1.03) | (times_s > 1.2)  # what rings behind the jump is no line
+    error = (rebuilt(record) - record["a"].values)[settled]
+    assert np.mean(error**2) < 1e-3 * np.mean(record["a"].values[settled] ** 2)
