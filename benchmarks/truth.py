@@ -33,12 +33,12 @@ than this share of their RMS over time (`truth_line_change`); all of them where 
 is steady or kinematic, and in varying motion where Z is the quasi-static response of each line at its exact order: a
 harmonic balance with the varying stiffness of all meshes and damaged teeth, whose lines are stated down to 1e-4 of the
 loudest. Where the balance leaves 5 % of the power or more (under planets, behind large losses of contact, in a start
-that passes resonances too fast), a projection adds what the signal has beside it; there all lines are fitted together, so
-that they add up to the signal, and how what is added is split among neighbours is uncertain.
+that passes resonances too fast), a projection adds what the signal has beside it; there all lines are fitted together,
+so that they add up to the signal, and how what is added is split among neighbours is uncertain.
 
 The balance leaves out lines at sums of the order of a damaged or uneven gear and that of a mesh on other shafts, and
-what rings after a jump or a start, which is no line. What a weak fault adds, 48 dB and more below the record, is not far
-above the error of the integration, -40 dB in `benchmark-1`, most of which is alike with and without the fault.
+what rings after a jump or a start, which is no line. What a weak fault adds, 48 dB and more below the record, is below
+the error of the integration, -40 dB in `benchmark-1`, most of which is alike with and without the fault.
 A speed does not turn back in a scene: `rpm` is above zero.
 `benchmark-1` lines: its first record with a damaged gear whose speed is steady to
 0.2 %, wanders by 3 %, rises or falls evenly, and steps; and the first of each with a severity of 0.4 to 0.6."""

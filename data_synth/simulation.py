@@ -123,7 +123,8 @@ def simulate(
             attribute ``half_width_rev`` is half the time it is in mesh, in rev of the reference shaft.
 
         Where gears vibrate, truth_amplitude has every loud line of meshes, of damaged gears and of what they make
-        with each other, against time, projected from their clean signal (`data_synth.vibration.gear_lines.gear_lines`).
+        with each other, against time: in varying motion as a harmonic balance gives them, in steady motion and where
+        the balance leaves much projected from their clean signal (`data_synth.vibration.gear_lines.gear_lines`).
         Attribute ``truth_mesh_lines`` states window, floor and error, ``truth_fidelity`` which motions were simulated.
         Attribute ``truth_scene`` holds the scene with every default written out, ``truth_seed`` the seed,
         ``truth_machine_seed`` that of the machine if it has one.

@@ -9,11 +9,13 @@ transmission error e, which has the period of one gear, and of k, per N of the s
 G_ij the deflection of mesh i per N of p in mesh j at mean stiffness; that of a mesh itself is -1 / k_mean at rest. The
 lines of a family are the multiples of one order, in all meshes: those of the varying stiffness at such multiples, a
 damaged tooth's among them, couple them. At some speeds the equations of all lines are solved together by GMRES (Saad
-and Schultz 1986); the product with the varying stiffness is one of waveforms in angle. Between these speeds forces are
-interpolated.
+and Schultz 1986); the product with the varying stiffness is one of waveforms in angle. Unknowns are what p has over the
+response at the mean of ``1 - k_mean / k``, which changes less from speed to speed: between them it is interpolated, and
+they are halved until that is exact enough.
 
-Left out are lines at sums of the orders of different shafts, what they make of others, loss of contact, and transients:
-a small part of the signal, which a projection finds.
+Sound and damaged gears have the same families, points and bounds, so that the errors of both are alike and the
+difference is the fault's, 60 dB below the record even. Left out are lines at sums of the order of a gear and that of a
+mesh on other shafts, what they make of others, loss of contact, and transients.
 """
 
 import math

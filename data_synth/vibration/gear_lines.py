@@ -44,6 +44,7 @@ nearer ones share it, the ridge preferring amplitudes that change little."""
 _DEGREE = 2  # of amplitudes in a window
 _ALONE = 0.3  # of the floor, by which a candidate is loud where it stands alone
 _TRIALS = 17  # intervals between two instants at which windows are compared
+_LOOKED = 51  # instants at which expected lines are looked for
 _MESH_FIRST = 3.0  # times its size a mesh's line counts beside others: what stands alone in a window is not separated
 _LONGEST_SHARE = 1.25  # of which the record is at least as long as the longest window in varying motion
 _DETERMINED = 0.01  # of the RMS of a line
@@ -409,8 +410,9 @@ class _Prior:
 
 def _prior(expected: tuple[ExpectedLines, ...], candidates: Candidates, *, speeds: Array, channels: int) -> _Prior:
     """Return the expected lines that are candidates and loud."""
-    few = np.unique(np.linspace(0, speeds.size - 1, _TRIALS).round().astype(int))
-    sizes, places = np.zeros(candidates.numbers.size), list[tuple[NDArray[np.int_], NDArray[np.int_]]]()
+    few = np.unique(np.linspace(0, speeds.size - 1, _LOOKED).round().astype(int))
+    found = np.zeros((channels, candidates.numbers.size, few.size), dtype=np.complex128)
+    places = list[tuple[NDArray[np.int_], NDArray[np.int_]]]()
     for family in expected:
         step = family.base_order / candidates.unit  # of candidates, only multiples of its denominator may be
         multiples = np.arange(step.denominator, family.size + 1, step.denominator)
@@ -418,7 +420,8 @@ def _prior(expected: tuple[ExpectedLines, ...], candidates: Candidates, *, speed
         place = np.minimum(np.searchsorted(candidates.numbers, numbers), candidates.numbers.size - 1)
         there = candidates.numbers[place] == numbers
         places.append((multiples[there], place[there]))
-        sizes[place[there]] += np.max(np.abs(family.amplitudes(multiples[there], few)), axis=(0, 2), initial=0.0)
+        found[:, place[there]] += family.amplitudes(multiples[there], few)
+    sizes = np.max(np.abs(found), axis=(0, 2))
     # one floor for all: where sound and damaged gears have the same lines, those below it cancel in the difference
     chosen = np.flatnonzero(sizes > EXPECTED_FLOOR * np.max(sizes, initial=0.0))
     amplitudes, every = np.zeros((channels, chosen.size, speeds.size), dtype=np.complex128), np.arange(speeds.size)
