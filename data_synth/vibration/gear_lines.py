@@ -273,8 +273,9 @@ def gear_lines(
         chosen, amplitudes, changes, about = _steady_fit(samples, candidates, instants_rev)
     else:
         prior = _prior(expected(), candidates, speeds=prepared.speed_hz, channels=signal.shape[0])
-        left = signal - _of_prior(prior, samples, candidates, prepared.instants_s)
-        share = float(np.mean(left**2) / np.mean(signal**2))
+        orders, begins = candidates.values[prior.chosen], _begins(prepared.instants_s)
+        places = np.add.outer(begins, [0, 1])
+        share = _left(samples, orders, prior.amplitudes[:, :, places], instants_s=prepared.instants_s, begins=begins)
         if share < _SMALL:
             chosen, amplitudes, changes = prior.chosen, prior.amplitudes, np.zeros(prior.chosen.size)
             about = (
@@ -283,7 +284,7 @@ def gear_lines(
             )
         else:
             if share < 1:
-                samples = replace(samples, signal=left)
+                samples = replace(samples, signal=signal - _of_prior(prior, samples, orders, prepared.instants_s))
             else:  # resonances are passed too fast to be quasi-static
                 prior = _Prior(chosen=prior.chosen[:0], amplitudes=prior.amplitudes[:, :0])
             chosen, amplitudes, changes, about = _varying_fit(samples, candidates, prepared.instants_s, prior)
@@ -431,15 +432,40 @@ def _prior(expected: tuple[ExpectedLines, ...], candidates: Candidates, *, speed
     return _Prior(chosen=chosen, amplitudes=amplitudes)
 
 
-def _of_prior(prior: _Prior, samples: AngleSamples, candidates: Candidates, instants_s: Array) -> Array:
+def _of_prior(prior: _Prior, samples: AngleSamples, orders: Array, instants_s: Array) -> Array:
     """Return the signal of the expected lines, (channel, n)."""
     return sum_of_lines(
-        candidates.values[prior.chosen],
+        orders,
         prior.amplitudes,
         instants_s=instants_s,
         revolutions=samples.revolutions,
         times_s=np.arange(samples.signal.shape[1]) / samples.rate_hz,
     )
+
+
+def _begins(instants_s: Array) -> NDArray[np.int_]:
+    """Return the numbers of the instants from which to the next ones signals are compared."""
+    return np.unique(np.linspace(0, instants_s.size - 2, _TRIALS).round().astype(int))
+
+
+def _left(
+    samples: AngleSamples, orders: Array, amplitudes: ComplexArray, *, instants_s: Array, begins: NDArray[np.int_]
+) -> float:
+    """Return the share of the power that lines (channel, k, begin, 2) leave between instants and the next ones."""
+    times_s, squares, total = np.arange(samples.signal.shape[1]) / samples.rate_hz, 0.0, 0.0
+    edges = np.searchsorted(times_s, instants_s)
+    for number, begin in enumerate(begins.tolist()):
+        here = slice(*edges[begin : begin + 2])
+        found = sum_of_lines(
+            orders,
+            amplitudes[:, :, number],
+            instants_s=instants_s[begin : begin + 2],
+            revolutions=samples.revolutions,
+            times_s=times_s[here],
+        )
+        squares += float(np.sum((samples.signal[:, here] - found) ** 2))
+        total += float(np.sum(samples.signal[:, here] ** 2))
+    return squares / max(total, np.finfo(float).tiny)
 
 
 @dataclass(frozen=True, kw_only=True)
@@ -505,30 +531,12 @@ def _varying_fit(
     first, last = samples.span_rev
     instants_rev = samples.revolutions(instants_s)
     longest = min((last - first) / _LONGEST_SHARE, _LONGEST_CELLS / 4 / float(candidates.values[-1]))
-    begins = np.unique(np.linspace(0, instants_rev.size - 2, _TRIALS).round().astype(int))
+    begins = _begins(instants_s)
     trials = np.union1d(begins, begins + 1)
     loud, sizes = _loud_anywhere(samples, candidates, longest)
     # the louder of two stands for both; a mesh also for a neighbour that looks as loud because it is so near
     weight = sizes[loud] * np.where(candidates.ranks[loud] == 0, _MESH_FIRST, 1.0)
-    times_s = np.arange(samples.signal.shape[1]) / samples.rate_hz
-    unexplained = float(np.mean(samples.signal**2))
-    edges = np.searchsorted(times_s, instants_s)
-
-    def remainder(orders: Array, amplitudes: ComplexArray) -> float:
-        """Return the power that lines (channel, k, trial) leave between trials, over that to be found."""
-        squares, count = 0.0, 0
-        for begin in begins.tolist():
-            here, place = slice(*edges[begin : begin + 2]), np.searchsorted(trials, begin)
-            found = sum_of_lines(
-                orders,
-                amplitudes[:, :, place : place + 2],
-                instants_s=instants_s[begin : begin + 2],
-                revolutions=samples.revolutions,
-                times_s=times_s[here],
-            )
-            squares += float(np.sum((samples.signal[:, here] - found) ** 2))
-            count += found.size
-        return squares / count / unexplained
+    places = np.searchsorted(trials, np.add.outer(begins, [0, 1]))
 
     def tried(length_rev: float) -> _Trial:
         window = Window(length_rev=length_rev, degree=_DEGREE, ridge=_RIDGE)
@@ -538,9 +546,8 @@ def _varying_fit(
         ]
         projection = Projection(samples=samples, orders=candidates.values[chosen], window=window)
         amplitudes = projection.amplitudes(instants_rev[trials])
-        return _Trial(
-            window=window, chosen=chosen, amplitudes=amplitudes, left=remainder(projection.orders, amplitudes)
-        )
+        left = _left(samples, projection.orders, amplitudes[:, :, places], instants_s=instants_s, begins=begins)
+        return _Trial(window=window, chosen=chosen, amplitudes=amplitudes, left=left)
 
     trial, best, least = tried(longest), None, np.inf
     while best is None or trial.window.length_rev >= _PERIODS / candidates.spacing:
