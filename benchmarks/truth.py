@@ -23,25 +23,28 @@ Array = NDArray[np.float64]
 SEED = 1
 NOTE = """\
 Made by `python benchmarks/truth.py`. The signal of all lines of `truth_amplitude`, each Z linear between the instants
-of the truth, against the first channel without noise, mains, clipping and rounding: 1 less the power of the difference
-over the power of the channel, in per cent. `fault`: the same of what the faults add, from the lines of the faulty and
-of the healthy record of the same seed; bearings with slip have no lines, and what they add is not in any. `lines`
-counts those of the faulty record. Time of the processor for the whole record, truth included.
+of the truth, against the first channel without noise, what comes from outside, clipping and rounding: 1 less the
+power of the difference over the power of the channel, in per cent. `fault`: the same of what the faults add, from the
+lines of the faulty and of the healthy record of the same seed; bearings with slip have no lines, and what they add is
+not in any. `lines` counts those of the faulty record. Time of the processor for the whole record, truth included.
 
-`1 %` and `10 %`: the share of the lines, and of their power, that halving the window of the projection changes by less
-than this share of their RMS over time (`truth_line_change`); all of them where Z has no window. That is so where motion
-is steady or kinematic, and in varying motion where Z is the quasi-static response of each line at its exact order: a
-harmonic balance with the varying stiffness of all meshes and damaged teeth, whose lines are stated down to 1e-4 of the
-loudest. Where the balance leaves 5 % of the power or more (under planets, behind large losses of contact, in a start
-that passes resonances too fast), a projection adds what the signal has beside it; there all lines are fitted together,
-so that they add up to the signal, and how what is added is split among neighbours is uncertain.
+`1 %` and `10 %`: the share of the lines, and of their power, that halving the window of the projection changes by
+less than this share of their RMS over time (`truth_line_change`); all of them where Z has no window. That is so where
+motion is steady or kinematic, and in varying motion where Z is the quasi-static response of each line at its exact
+order: a harmonic balance with the varying stiffness of all meshes and damaged teeth, whose lines are stated down to
+1e-4 of the loudest. Where the balance leaves more than 0.05 % of the power (5 % in `benchmark-1`, whose integration
+may err by 1 %), a projection adds to the harmonics of meshes what the signal has beside it, as far as half its window
+changes them by less than 1 %: what resonances lag behind the speed. Where the balance leaves 5 % or more (under
+planets, with friction, behind large losses of contact, in a start that passes resonances too fast), the projection
+adds to all lines; they are fitted together, so that they add up to the signal, and how what is added is split among
+neighbours is uncertain.
 
 The balance leaves out lines at sums of the order of a damaged or uneven gear and that of a mesh on other shafts, and
-what rings after a jump or a start, which is no line. What a weak fault adds, 48 dB and more below the record, is below
-the error of the integration, -40 dB in `benchmark-1`, most of which is alike with and without the fault.
-A speed does not turn back in a scene: `rpm` is above zero.
-`benchmark-1` lines: its first record with a damaged gear whose speed is steady to
-0.2 %, wanders by 3 %, rises or falls evenly, and steps; and the first of each with a severity of 0.4 to 0.6."""
+what rings after a jump or a start, which is no line. What a weak fault adds, 48 dB and more below the record, is
+below the error of the integration, -40 dB in `benchmark-1`, most of which is alike with and without the fault. A
+speed does not turn back in a scene: `rpm` is above zero. `benchmark-1` lines: its first record with a damaged gear
+whose speed is steady to 0.2 %, wanders by 3 %, rises or falls evenly, and steps; and the first of each with a
+severity of 0.4 to 0.6."""
 HEADER = (
     "| scene | lines | record, % | healthy, % | fault, % | 1 %: lines, power, % | 10 %: lines, power, % | s |\n"
     "|---|---|---|---|---|---|---|---|"
@@ -85,9 +88,11 @@ def cases() -> Iterator[tuple[str, Scene]]:
 
 
 def plain(scene: Scene) -> Scene:
-    """Return a scene of one channel without noise and without the nonlinear part of its chain."""
+    """Return a scene of one channel without what comes from outside and without the nonlinear part of its chain."""
     sensor = scene.sensors[0].changed(hum=None, clipping=None, quantisation=None, drop_outs=None)
-    return scene.changed(noise={"rms": 0.0}, sensors=(sensor,))
+    outside = dict.fromkeys(("electrical", "neighbour", "knocks", "noise", "temperature"))
+    imperfections = scene.imperfections.changed(**outside) if scene.imperfections is not None else None
+    return scene.changed(noise={"rms": 0.0}, sensors=(sensor,), imperfections=imperfections)
 
 
 def rebuilt(record: xr.Dataset) -> Array:

@@ -48,7 +48,8 @@ _LOOKED = 51  # instants at which expected lines are looked for
 _MESH_FIRST = 3.0  # times its size a mesh's line counts beside others: what stands alone in a window is not separated
 _LONGEST_SHARE = 1.25  # of which the record is at least as long as the longest window in varying motion
 _DETERMINED = 0.01  # of the RMS of a line
-_SMALL = 0.05  # of the power of a signal: what expected lines may leave of it without a projection
+_SMALL = 0.05  # of the power of a signal: what lines may leave of it that are all determined
+_COARSE = 0.01  # error of the integration at which expected lines may leave as much; where it is less, by its square
 _NO_USE = 4.0  # times the least error: shorter windows are worse still
 _PERIODS = 0.75  # of the smallest base order: the shortest window that is halved
 
@@ -247,11 +248,14 @@ def gear_lines(
     """Return the loud lines in the channels of gears in motion, (channel, n), at the instants of the truth.
 
     At constant speed, torque and damage the window is the whole record, and Z is constant. Else Z is that of the
-    expected lines, which has no window, where they leave less than 5 % of the signal's power. Where they leave more,
-    what the signal without them adds as well: polynomials of second degree in angle within windows; their length is
-    that, of several, with the least error: the share of the lines' power that is in lines which half the window changes
-    by 1 % or more, plus the share of what the expected lines leave of the signal that all lines leave. The former alone
-    would have long windows where all that a projection adds is below 1 %.
+    expected lines, which has no window. Where they leave more than 0.05 % of the power (5 % where the integration may
+    err by 1 %), what the signal without them adds is fitted as well: polynomials of second degree in angle within
+    windows; their length is that, of several, with the least error: the share of the lines' power that is in lines
+    which half the window changes by 1 % or more, plus the share of what the expected lines leave of the signal that all
+    lines leave. The former alone would have long windows where all that a projection adds is below 1 %. Where expected
+    lines leave no more than 5 %, harmonics of meshes have what is fitted, if half the window changes them by less than
+    1 %, and other lines are as expected: so sound and damaged gears differ by what both are expected to have. Where
+    they leave more, all lines have what is fitted.
     """
     scene, angle = prepared.scene, prepared.drive.angle
     turning = np.sign(prepared.speed_hz[prepared.speed_hz != 0])
@@ -273,21 +277,9 @@ def gear_lines(
         chosen, amplitudes, changes, about = _steady_fit(samples, candidates, instants_rev)
     else:
         prior = _prior(expected(), candidates, speeds=prepared.speed_hz, channels=signal.shape[0])
-        orders, begins = candidates.values[prior.chosen], _begins(prepared.instants_s)
-        places = np.add.outer(begins, [0, 1])
-        share = _left(samples, orders, prior.amplitudes[:, :, places], instants_s=prepared.instants_s, begins=begins)
-        if share < _SMALL:
-            chosen, amplitudes, changes = prior.chosen, prior.amplitudes, np.zeros(prior.chosen.size)
-            about = (
-                f"{chosen.size} lines against time, of a quasi-static response, which leaves {100 * share:.2g} % of "
-                f"the power; down to {EXPECTED_FLOOR:g} of the loudest"
-            )
-        else:
-            if share < 1:
-                samples = replace(samples, signal=signal - _of_prior(prior, samples, orders, prepared.instants_s))
-            else:  # resonances are passed too fast to be quasi-static
-                prior = _Prior(chosen=prior.chosen[:0], amplitudes=prior.amplitudes[:, :0])
-            chosen, amplitudes, changes, about = _varying_fit(samples, candidates, prepared.instants_s, prior)
+        error = scene.dynamics_or_default.error
+        found, about = _varying_lines(samples, candidates, prepared.instants_s, prior, error=error)
+        chosen, amplitudes, changes = found.chosen, found.amplitudes, found.changes
     if sign < 0:
         amplitudes = amplitudes.conj()
     lines = tuple(
@@ -402,14 +394,22 @@ def _separate(
 
 
 @dataclass(frozen=True, kw_only=True)
-class _Prior:
-    """Loud expected lines: rising numbers of candidates, and Z (channel, line, instant)."""
+class _Lines:
+    """Lines: rising numbers of candidates, Z (channel, line, instant), and `GearLine.change` (line,)."""
 
     chosen: NDArray[np.int_]
     amplitudes: ComplexArray
+    changes: Array
+
+    def on(self, numbers: NDArray[np.int_]) -> ComplexArray:
+        """Return Z (channel, line, instant) of some candidates: zero of those that it does not have."""
+        found = np.zeros((self.amplitudes.shape[0], numbers.size, self.amplitudes.shape[2]), dtype=np.complex128)
+        here = np.isin(self.chosen, numbers)
+        found[:, np.searchsorted(numbers, self.chosen[here])] = self.amplitudes[:, here]
+        return found
 
 
-def _prior(expected: tuple[ExpectedLines, ...], candidates: Candidates, *, speeds: Array, channels: int) -> _Prior:
+def _prior(expected: tuple[ExpectedLines, ...], candidates: Candidates, *, speeds: Array, channels: int) -> _Lines:
     """Return the expected lines that are candidates and loud."""
     few = np.unique(np.linspace(0, speeds.size - 1, _LOOKED).round().astype(int))
     found = np.zeros((channels, candidates.numbers.size, few.size), dtype=np.complex128)
@@ -429,18 +429,46 @@ def _prior(expected: tuple[ExpectedLines, ...], candidates: Candidates, *, speed
     for family, (multiples, place) in zip(expected, places, strict=True):
         here = np.isin(place, chosen)
         amplitudes[:, np.searchsorted(chosen, place[here])] += family.amplitudes(multiples[here], every)
-    return _Prior(chosen=chosen, amplitudes=amplitudes)
+    return _Lines(chosen=chosen, amplitudes=amplitudes, changes=np.zeros(chosen.size))
 
 
-def _of_prior(prior: _Prior, samples: AngleSamples, orders: Array, instants_s: Array) -> Array:
-    """Return the signal of the expected lines, (channel, n)."""
-    return sum_of_lines(
-        orders,
-        prior.amplitudes,
-        instants_s=instants_s,
-        revolutions=samples.revolutions,
-        times_s=np.arange(samples.signal.shape[1]) / samples.rate_hz,
-    )
+def _varying_lines(
+    samples: AngleSamples, candidates: Candidates, instants_s: Array, prior: _Lines, *, error: float
+) -> tuple[_Lines, str]:
+    """Return the lines of a signal, of which `prior` are expected, and a sentence."""
+    begins = _begins(instants_s)
+    places = np.add.outer(begins, [0, 1])
+
+    def left(lines: _Lines) -> float:
+        orders, ends = candidates.values[lines.chosen], lines.amplitudes[:, :, places]
+        return _left(samples, orders, ends, instants_s=instants_s, begins=begins)
+
+    alone = left(prior)
+    described = f"of a quasi-static response, down to {EXPECTED_FLOOR:g} of the loudest"
+    if alone > _SMALL * min(error / _COARSE, 1.0) ** 2:
+        if alone >= 1:  # resonances are passed too fast to be quasi-static
+            prior = _Lines(chosen=prior.chosen[:0], amplitudes=prior.amplitudes[:, :0], changes=prior.changes[:0])
+        fitted, window = _varying_fit(samples, candidates, instants_s, prior)
+        if alone > _SMALL:
+            return fitted, _about_fit(fitted, window, prior)
+        known = (fitted.changes < _DETERMINED) & (candidates.ranks[fitted.chosen] == 0)
+        kept = known | np.isin(fitted.chosen, prior.chosen)
+        sure = _Lines(
+            chosen=fitted.chosen[kept],
+            amplitudes=np.where(known[:, None], fitted.amplitudes, prior.on(fitted.chosen))[:, kept],
+            changes=np.where(known, fitted.changes, 0.0)[kept],
+        )
+        remaining = left(sure)
+        if remaining < alone:
+            added = int(np.sum(known & (fitted.changes > 0)))
+            about = (
+                f"{sure.chosen.size} lines against time, {described}, and of what the signal without that adds to "
+                f"{added} of them: of second degree in windows of {window.length_rev:.3g} rev, half of which changes "
+                f"a line by truth_line_change, less than {100 * _DETERMINED:g} % of it; they leave "
+                f"{100 * remaining:.2g} % of the power"
+            )
+            return sure, about
+    return prior, f"{prior.chosen.size} lines against time, {described}; they leave {100 * alone:.2g} % of the power"
 
 
 def _begins(instants_s: Array) -> NDArray[np.int_]:
@@ -494,7 +522,7 @@ class _Trial:
 
 
 def _changes(
-    trial: _Trial, halved: _Trial, prior: _Prior, *, at: NDArray[np.int_], orders: Array
+    trial: _Trial, halved: _Trial, prior: _Lines, *, at: NDArray[np.int_], orders: Array
 ) -> tuple[Array, float]:
     """Return by how much half the window changes each line, over its RMS, and the share of power that is undetermined.
 
@@ -521,13 +549,22 @@ def _changes(
 
 
 def _varying_fit(
-    samples: AngleSamples, candidates: Candidates, instants_s: Array, prior: _Prior
-) -> tuple[NDArray[np.int_], ComplexArray, Array, str]:
-    """Return the numbers of the kept candidates, Z (channel, line, instant), relative changes, and a sentence.
+    samples: AngleSamples, candidates: Candidates, instants_s: Array, prior: _Lines
+) -> tuple[_Lines, Window]:
+    """Return the expected lines and what the signal adds to them and to others, and the window of that.
 
     What the signal has beside the expected lines is fitted with all lines together in windows of one length, so that
     what one line does not take another does, and the lines add up to the signal even where their split is uncertain.
     """
+    if prior.chosen.size:
+        expected = sum_of_lines(
+            candidates.values[prior.chosen],
+            prior.amplitudes,
+            instants_s=instants_s,
+            revolutions=samples.revolutions,
+            times_s=np.arange(samples.signal.shape[1]) / samples.rate_hz,
+        )
+        samples = replace(samples, signal=samples.signal - expected)
     first, last = samples.span_rev
     instants_rev = samples.revolutions(instants_s)
     longest = min((last - first) / _LONGEST_SHARE, _LONGEST_CELLS / 4 / float(candidates.values[-1]))
@@ -561,20 +598,23 @@ def _varying_fit(
         trial = halved
     projection = Projection(samples=samples, orders=candidates.values[best.chosen], window=best.window)
     every = np.union1d(best.chosen, prior.chosen)
-    amplitudes = np.zeros((samples.signal.shape[0], every.size, instants_rev.size), dtype=np.complex128)
-    amplitudes[:, np.searchsorted(every, best.chosen)] = projection.amplitudes(instants_rev)
-    amplitudes[:, np.searchsorted(every, prior.chosen)] += prior.amplitudes
-    powers = np.mean(np.abs(amplitudes) ** 2, axis=(0, 2))
-    share = 100 * powers[relative < _DETERMINED].sum() / powers.sum()
-    about = (
-        f"{every.size} lines against time, {prior.chosen.size} of them by a quasi-static response and what the signal "
-        f"without that adds: of second degree in windows of {best.window.length_rev:.3g} rev, "
+    amplitudes = prior.on(every)
+    amplitudes[:, np.searchsorted(every, best.chosen)] += projection.amplitudes(instants_rev)
+    return _Lines(chosen=every, amplitudes=amplitudes, changes=relative), best.window
+
+
+def _about_fit(lines: _Lines, window: Window, prior: _Lines) -> str:
+    """Return a sentence on lines that are not all determined."""
+    powers = np.mean(np.abs(lines.amplitudes) ** 2, axis=(0, 2))
+    share = 100 * powers[lines.changes < _DETERMINED].sum() / powers.sum()
+    return (
+        f"{lines.chosen.size} lines against time, {prior.chosen.size} of them by a quasi-static response and what the "
+        f"signal without that adds: of second degree in windows of {window.length_rev:.3g} rev, "
         f"fitted together; halving the window changes a line by truth_line_change, lines of {share:.2f} % of the power "
         f"by less than {100 * _DETERMINED:g} %; {_floors()}, each by itself, expected ones to "
         f"{EXPECTED_FLOOR:g}; of lines nearer than "
-        f"{_APART / best.window.length_rev:.3g} orders the louder has what is added"
+        f"{_APART / window.length_rev:.3g} orders the louder has what is added"
     )
-    return every, amplitudes, relative, about
 
 
 def _loud_anywhere(samples: AngleSamples, candidates: Candidates, longest_rev: float) -> tuple[NDArray[np.int_], Array]:
