@@ -259,7 +259,9 @@ def _steps(readings: Readings, method: Method, tolerance: Steps | Accuracy) -> t
             return steps, error, None
         expected = error / 2**method.order
         if expected <= tolerated:
-            return 2 * steps, expected, None
+            # fewer may do: by half the order, which is what remains of it where teeth part
+            enough = min(int(np.ceil(steps * (error / tolerated) ** (2 / method.order))), 2 * steps)
+            return enough, error * (steps / enough) ** method.order, None
         ahead = max(1, int(np.ceil(np.log2(expected / tolerated) / method.order))) if np.isfinite(expected) else 1
         coarse, steps = fine, 2 * steps
         if ahead > 1 and steps * 2 ** (ahead - 1) <= tolerance.max_per_sample // 2:
