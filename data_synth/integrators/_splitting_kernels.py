@@ -204,7 +204,9 @@ def split_steps(
     )
     stiffnesses, coupling, means = equations.stiffnesses, equations.coupling, equations.mean_stiffnesses
     drags, drag_factors, error_of = equations.drags, equations.drag_factors, equations.error_of
-    offsets = equations.offsets
+    offsets, backlashes, back_half_gaps = equations.offsets, equations.backlashes, equations.back_half_gaps
+    error_tables, later_errors = equations.errors, equations.later_errors
+    later_stiffnesses = equations.later_stiffnesses
     size, meshes = force_columns.shape
     other = np.empty(2 * size)
     a0, a1, a2 = np.empty(meshes), np.empty(meshes), np.empty(meshes)
@@ -240,7 +242,7 @@ def split_steps(
             for m in range(meshes):
                 begin, end = cycles[m] * start, cycles[m] * stop
                 position = history_positions[number, m] if changing else 0.0
-                now, then, share = history_tables(m, equations.later_stiffnesses[m], position)
+                now, then, share = history_tables(m, later_stiffnesses[m], position)
                 a0[m] = a1[m] = a2[m] = 0.0
                 table, part = now, 1.0 - share
                 while True:
@@ -259,13 +261,13 @@ def split_steps(
             for m in range(meshes):
                 if error_of[m] >= 0:
                     position = history_positions[number, m] if changing else 0.0
-                    now, then, share = history_tables(error_of[m], equations.later_errors[m], position)
+                    now, then, share = history_tables(error_of[m], later_errors[m], position)
                     known = 0
-                    if number > 0 and reference_row.size == 0 and equations.later_errors[m] < 0:
+                    if number > 0 and reference_row.size == 0 and later_errors[m] < 0:
                         errors[0, m], known = errors[2, m], 1  # that of the end of the step before
                     for node in range(known, 3):
                         turned = start if node == 0 else stop if node == 2 else 0.5 * (start + stop)  # noqa: PLR2004
-                        errors[node, m] = interpolated(equations.errors, now, then, share, cycles[m] * turned)
+                        errors[node, m] = interpolated(error_tables, now, then, share, cycles[m] * turned)
             # Impulse, half a step of exact flow, impulse, half a step, impulse
             for node in range(3):
                 if node == 1 or node == 2:  # noqa: PLR1714, PLR2004
@@ -278,7 +280,7 @@ def split_steps(
                     apply_drag(x, two_thirds / 2 if node == 1 else sixth, drags, drag_factors, inverse_masses, True)
                 for m in range(meshes):
                     gap = delta[m] - errors[node, m]
-                    compression[m], contact[m] = dead_zone(gap, equations.backlashes[m], equations.back_half_gaps[m])
+                    compression[m], contact[m] = dead_zone(gap, backlashes[m], back_half_gaps[m])
                     strength = a0[m] - 0.2 * a2[m] if node == 1 else a0[m] + (node - 1) * a1[m] + 0.4 * a2[m]
                     impulse[m] = weight * (strength * compression[m] - means[m] * (delta[m] - offsets[m]))
                     if weighting:
@@ -300,9 +302,8 @@ def split_steps(
                         next_weighted[m] += rising_weight * (compression[m] - correction[m])
                         weighted_forces[sample, m] += (both_weights - rising_weight) * (compression[m] - correction[m])
                 if loads.shape[0]:
-                    load = loads[2 * number + node]
                     for i in range(size):
-                        x[size + i] += weight * load[i]
+                        x[size + i] += weight * loads[2 * number + node, i]
                 if node == 1 and drag_factors.size:
                     apply_impulses(x, force_columns, impulse)
                     apply_drag(x, two_thirds / 2, drags, drag_factors, inverse_masses, False)
@@ -313,12 +314,11 @@ def split_steps(
         if weighting:
             for m in range(next_weighted.size):
                 position = history_positions[(sample + 1) * per_sample - 1, m] if changing else 0.0
-                now, then, share = history_tables(m, equations.later_stiffnesses[m], position)
+                now, then, share = history_tables(m, later_stiffnesses[m], position)
                 strength = interpolated(stiffnesses, now, then, share, cycles[m] * stop)
                 weighted_forces[sample, next_weighted.size + m] = strength * compression[m]
         for r in range(rows.shape[0]):
-            row = rows[r]
             total = constant[r]
             for i in range(2 * size):
-                total += row[i] * x[i]
+                total += rows[r, i] * x[i]
             outputs[sample, r] = total
