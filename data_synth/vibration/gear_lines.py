@@ -1,28 +1,22 @@
 """Lines of gears in motion: their orders, and their complex amplitudes against time, projected from the clean signal.
 
-Candidates are the orders that the drawing gives: harmonics of every mesh, of every damaged gear, and of every gear with
-pitch deviations, with sidebands at the passes of planets, and what two meshes, or in steady motion damaged gears as
-well, make with each other. Those that are loud are kept. In varying motion the lines that are expected of the drive and
-the drawing are the signal but for a small part; where they are not, a projection finds what is left without them.
+Of the orders that the drawing gives (`data_synth.vibration.line_candidates`) those that are loud are kept. In varying
+motion the lines that are expected of the drive and the drawing are the signal but for a small part; where they are not,
+a projection finds what is left without them.
 """
 
-import math
 from bisect import bisect_left
 from collections.abc import Callable
 from dataclasses import dataclass, field, replace
 from fractions import Fraction
-from functools import cached_property
-from itertools import permutations
 
 import numpy as np
 from numpy.typing import NDArray
 
 from data_synth.kinematic.harmonics import ComplexArray
-from data_synth.kinematic.imperfect_parts import imperfections_of
-from data_synth.kinematic.planet_pass import pass_orders
 from data_synth.operation.shaft_angle import Array
-from data_synth.scene.scene import Scene
-from data_synth.sources.prepared import PreparedScene, mesh_name
+from data_synth.sources.prepared import PreparedScene
+from data_synth.vibration.line_candidates import Candidates, candidates_of
 from data_synth.vibration.order_projection import AngleSamples, Projection, Window, sum_of_lines
 
 FLOOR = 1e-3  # of the loudest line, over time and channels: lines of meshes and of gears with each other
@@ -32,7 +26,6 @@ _LEAST = 1e-5  # of the loudest line of all: what the error of the integration m
 _MOST = 2048  # lines
 _STEADY = 1e-12  # of the speed: what rounding may change
 _BELOW_NYQUIST = 0.98
-_MIXED = 4  # multiples of one order beside those of another
 _LONGEST_CELLS = 1 << 20  # of a window in steady motion
 _SEARCHED = 9  # windows in which lines are looked for
 _APART_STEADY = 1.5  # periods of the window that two lines of constant amplitude are apart to be fitted together
@@ -145,101 +138,6 @@ def lagrange(at: Array, nodes: Array) -> Array:
         factors = [(place - first - j) / (i - j) for j in range(few) if j != i]
         weights[first + i, np.arange(at.size)] = np.prod(factors, axis=0)
     return weights
-
-
-@dataclass(frozen=True, kw_only=True)
-class Candidates:
-    """Orders at which lines may be, rising, with their source and rank.
-
-    Attributes
-    ----------
-    numbers : (k,) int array
-        The orders in units of `unit`.
-    unit : Fraction
-    sources : tuple of (component, kind)
-    ranks : (k,) int array
-        0 of meshes, 1 of damaged gears, 2 of pitch deviations and of what two others make: where a window cannot
-        separate two lines, that of the lower rank stands for both.
-    spacing : float
-        Smallest order of which all multiples are candidates.
-    """
-
-    numbers: NDArray[np.int64]
-    unit: Fraction
-    sources: tuple[tuple[str, str], ...]
-    ranks: NDArray[np.int_]
-    spacing: float
-
-    @cached_property
-    def values(self) -> Array:
-        """The orders as numbers, (k,), correctly rounded."""
-        return np.asarray(self.numbers * self.unit.numerator / self.unit.denominator)
-
-    def order(self, number: int) -> Fraction:
-        """Return the exact order of a candidate."""
-        return int(self.numbers[number]) * self.unit
-
-
-def candidates_of(scene: Scene, *, top: float, mixed: bool) -> Candidates:
-    """Return the orders below `top` at which the gears of a scene may have lines.
-
-    Parameters
-    ----------
-    scene : Scene
-    top : float
-        Highest order.
-    mixed : bool
-        Whether sums and differences with orders of damaged gears are wanted as well, beside those of two meshes.
-    """
-    meshes, teeth = scene.exact_orders("gear_mesh"), scene.exact_orders("tooth")
-    damaged = dict.fromkeys(fault.component for fault in scene.faults if fault.component in teeth)
-    bases = [(order, 0, mesh, mesh, "gear_mesh") for mesh, order in meshes.items()]
-    # planets are not alike to a sensor: a tooth of a sun or a ring repeats once it has met all of them
-    bases += [(teeth[name] / _planets(scene, mesh_name(name)), 1, mesh_name(name), name, "tooth") for name in damaged]
-    uneven = [name for name in teeth if name not in damaged and imperfections_of(scene).gears is not None]
-    bases += [
-        (teeth[name] / _planets(scene, mesh_name(name)), 2, mesh_name(name), name, "pitch_deviation") for name in uneven
-    ]
-    passes = {mesh: pass_orders(scene, mesh) for mesh in meshes}
-    # whole multiples of one fraction: sums of them are whole numbers
-    unit = Fraction(
-        1, math.lcm(*(order.denominator for order in [*(base[0] for base in bases), *(c for c, _ in passes.values())]))
-    )
-    found: dict[int, tuple[int, str, str]] = {}
-
-    def add(numbers: NDArray[np.int64], rank: int, component: str, kind: str) -> None:
-        sizes = np.abs(numbers.ravel())
-        for number in sizes[(sizes > 0) & (sizes <= top / unit)].tolist():
-            found.setdefault(number, (rank, component, kind))
-
-    spacing = []
-    for order, rank, mesh, component, kind in bases:
-        carrier, sides = passes[mesh]
-        harmonics = np.arange(int((top + sides * float(carrier)) / float(order)) + 1)
-        add(_multiples(order / unit, harmonics, carrier / unit, sides), rank, component, kind)
-        spacing += [float(order), *([float(carrier)] if sides else [])]
-    for (order, rank, _, component, kind), (beside, other, *_rest) in permutations(bases, 2):
-        if max(rank, other) <= (1 if mixed else 0):
-            harmonics = np.arange(int((top + _MIXED * float(beside)) / float(order)) + 1)
-            add(_multiples(order / unit, harmonics, beside / unit, _MIXED), 2, component, kind)
-    orders = sorted(found)
-    return Candidates(
-        numbers=np.array(orders, dtype=np.int64),
-        unit=unit,
-        sources=tuple(found[order][1:] for order in orders),
-        ranks=np.array([found[order][0] for order in orders], dtype=np.int64),
-        spacing=min(spacing, default=1.0),
-    )
-
-
-def _multiples(order: Fraction, harmonics: NDArray[np.int64], beside: Fraction, sides: int) -> NDArray[np.int64]:
-    """Return whole multiples of an order, with sidebands at multiples of another, (harmonic, side)."""
-    return np.asarray(np.add.outer(harmonics * int(order), np.arange(-sides, sides + 1) * int(beside)), dtype=np.int64)
-
-
-def _planets(scene: Scene, mesh: str) -> int:
-    """Return the number of contacts of a mesh."""
-    return sum(contact.mesh == mesh for contact in scene.kinematics.contacts)
 
 
 def gear_lines(

@@ -57,7 +57,7 @@ def test_the_page_has_the_score_of_each_class():
     further = labels.iloc[:1].assign(**{"class": "cage", "class_number": -1})
     features = pd.DataFrame(np.eye(len(dataset.CLASSES))[shown])
     plan = {"benchmark": "benchmark-1", "version": "0", "records": names.size + 1, "seed": 1}
-    page = dataset.page_of(pd.concat([labels, further]), pd.concat([features, features.iloc[:1]]), plan, None)
+    page = dataset.page_of(pd.concat([labels, further]), pd.concat([features, features.iloc[:1]]), plan, "")
     assert "66 for training, 66 for the penalty" in page
     assert "Balanced accuracy 0.91 on test (1.00 on training)" in page  # ten of eleven
     assert "| wear | 6 | 0.00 |  | eccentricity |" in page
