@@ -2,11 +2,13 @@
 
 import hashlib
 import json
+import re
 import shutil
 import tomllib
 from collections import Counter
 from dataclasses import replace
 from functools import cache
+from pathlib import Path
 from types import SimpleNamespace
 
 import numpy as np
@@ -15,7 +17,7 @@ import pytest
 import hums
 from data_synth import PlanError, explain, load_plan, make_dataset, simulate
 from data_synth.benchmark.conditions import FAULTS
-from data_synth.benchmark.records import CLASSES, FURTHER, SPLITS, VERSION, BenchmarkRecords, gearboxes, paths
+from data_synth.benchmark.records import CLASSES, FURTHER, NAME, SPLITS, VERSION, BenchmarkRecords, gearboxes, paths
 from data_synth.dataset import dataset_cost
 from data_synth.plan import parse_plan
 from data_synth.scene.faults import DIMENSIONS
@@ -185,6 +187,19 @@ class TestDataset:
         rows = {line.split(" | ")[0].removeprefix("| "): line for line in card.splitlines()}
         assert all(DIMENSIONS[family.kind] in rows[name] for name, family in FAULTS.items())
         assert max(len(line) for line in card.splitlines() if not line.startswith("|")) <= 120
+
+    def test_the_card_has_the_score_of_the_page(self, folder):
+        page = (Path(__file__).parents[3] / "docs/benchmarks/dataset.md").read_text(encoding="utf-8")
+        page = " ".join(page.split())
+        (score,) = re.findall(r"Balanced accuracy ([\d.]+) on test", page)
+        assert f"{NAME} {VERSION}, seed 1" in page
+        assert f"accuracy of {score} on the test" in (folder / "data-card.md").read_text(encoding="utf-8")
+
+    def test_a_folder_says_what_its_files_add_up_to(self, folder):
+        rows = [line.split("  ") for line in (folder / "checksums.sha256").read_text(encoding="utf-8").splitlines()]
+        files = sorted(path for path in folder.rglob("*") if path.is_file() and path.name != "checksums.sha256")
+        assert [name for _, name in rows] == [path.relative_to(folder).as_posix() for path in files]
+        assert [hashlib.sha256(path.read_bytes()).hexdigest() for path in files] == [own for own, _ in rows]
 
     def test_its_cost_is_known_before(self, small, monkeypatch):
         assert explain(small.scene(2)).seconds > 0
