@@ -19,7 +19,8 @@ from data_synth.fidelity.choice import (
 )
 from data_synth.fidelity.preview import preview_factor, preview_of, with_full_duration
 from data_synth.kinematic.gear_faults import ImpactTrain
-from data_synth.kinematic.harmonics import HarmonicFamily, random_stream
+from data_synth.kinematic.harmonics import HarmonicFamily
+from data_synth.scene.random_streams import random_stream
 from data_synth.scene.scene import BearingFault, Fault, Scene, SceneError, Sensor, load_scene
 from data_synth.scene.transfer_paths import Transfer
 from data_synth.sources.impact_lines import impact_lines

@@ -23,6 +23,7 @@ from pydantic import AfterValidator, Field
 
 from data_synth.benchmark.records import DURATION_S, NAME, VERSION, BenchmarkRecords
 from data_synth.scene.history import History
+from data_synth.scene.random_streams import derived_seed, random_stream
 from data_synth.scene.scene import Scene, SceneError, load_scene
 from hums.gearbox.components import (
     MOST_PARTS,
@@ -269,8 +270,7 @@ class Plan:
         if self.sampling == "sobol" and variant.ranges:
             shares = self._sobol_point(number, variant)
         else:
-            streams = [(number, zlib.crc32(label.encode())) for label, _, _ in variant.ranges]
-            shares = np.array([np.random.default_rng(self._sequence(*keys)).random() for keys in streams])
+            shares = np.array([random_stream(self.seed, number, label).random() for label, _, _ in variant.ranges])
         return {label: r.at(float(share)) for (label, _, r), share in zip(variant.ranges, shares, strict=True)}
 
     def scene(self, number: int) -> Scene:
@@ -316,7 +316,7 @@ class Plan:
         >>> plan.seed_of(0) == plan.seed_of(0), plan.seed_of(0) == plan.seed_of(1)
         (True, False)
         """
-        return int(self._sequence(number).generate_state(1, np.uint64)[0] >> np.uint64(1))  # HDF5 has signed ones
+        return derived_seed(self.seed, number)
 
     def machine_seed_of(self, number: int) -> int | None:
         """Return the seed of the machine of a record, which its records share; None where none carries over.
@@ -338,8 +338,7 @@ class Plan:
         """
         if self.history is None:
             return None
-        keys = (zlib.crc32(b"machine"), self.history.machine(number))
-        return int(self._sequence(*keys).generate_state(1, np.uint64)[0] >> np.uint64(1))
+        return derived_seed(self.seed, "machine", self.history.machine(number))
 
     def labels(self, number: int) -> dict[str, Any]:
         """Return the class, the seed and all labels of a record.
@@ -371,7 +370,7 @@ class Plan:
         if self.history is not None:
             state = self.history.state(number, seed=self.seed)
             found["machine"], found["machine_seed"] = self.history.machine(number), self.machine_seed_of(number)
-            found |= {**{f"history.{key}": x for key, x in state.items()}}
+            found |= {f"history.{key}": x for key, x in state.items()}
         return found
 
     def _sobol_point(self, number: int, variant: RecordClass) -> NDArray[np.float64]:
@@ -383,9 +382,6 @@ class Plan:
         points = -(-self.records // len(self._cycle)) * variant.share
         shares: NDArray[np.float64] = _sobol_points(*key, power=(points - 1).bit_length())[rank]
         return shares
-
-    def _sequence(self, *keys: int) -> np.random.SeedSequence:
-        return np.random.SeedSequence(self.seed, spawn_key=keys)
 
     @property
     def _cycle(self) -> tuple[int, ...]:

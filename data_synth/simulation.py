@@ -20,8 +20,9 @@ from data_synth.fidelity.choice import (
     with_kinematic_lines,
 )
 from data_synth.fidelity.expected_lines import expected_lines
-from data_synth.kinematic.harmonics import ComplexArray, RandomStreams, Streams
+from data_synth.kinematic.harmonics import ComplexArray
 from data_synth.operation.shaft_angle import Array
+from data_synth.scene.random_streams import RandomStreams, Streams
 from data_synth.scene.scene import GearFault, Scene, SceneError, Sensor, load_scene
 from data_synth.sources.disturbances import (
     add_electrical,

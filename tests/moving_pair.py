@@ -6,7 +6,7 @@ import numpy as np
 from declared_pair import declared_pair
 
 from data_synth import Scene
-from data_synth.kinematic.harmonics import random_stream
+from data_synth.scene.random_streams import random_stream
 from data_synth.sources.prepared import prepare_scene
 from data_synth.vibration.run import motion_of, prepare_gears
 

@@ -269,7 +269,7 @@ def shaft_mass_kg(gearbox: DrawnGearbox, link: str) -> float:
 
 def _log_uniform(rng: np.random.Generator, low: float, high: float) -> float:
     """Draw a number whose logarithm is uniform."""
-    return float(math.exp(rng.uniform(math.log(low), math.log(high))))
+    return math.exp(rng.uniform(math.log(low), math.log(high)))
 
 
 # ---- Faults ----------------------------------------------------------------------------------------------------------

@@ -16,6 +16,7 @@ import tomli_w
 from data_synth.benchmark.conditions import FAULTS, IMPERFECTIONS, Machine, Operation, draw_operation, merged
 from data_synth.benchmark.gearboxes import DrawnGearbox, draw_bearing, draw_gearbox
 from data_synth.benchmark.paths import DrawnPath, draw_path
+from data_synth.scene.random_streams import derived_seed, random_stream
 from data_synth.scene.scene import Scene
 
 __all__ = ["CLASSES", "FURTHER", "SPLITS", "BenchmarkRecords", "Split", "gearboxes", "paths"]
@@ -76,7 +77,7 @@ def gearboxes() -> dict[str, DrawnGearbox]:
     """
     names = [name for split in SPLITS.values() for name in split.gearboxes]
     return {
-        name: draw_gearbox(name, stages=_STAGES[number % len(_STAGES)], rng=_rng(_POOL, name))
+        name: draw_gearbox(name, stages=_STAGES[number % len(_STAGES)], rng=random_stream(_POOL, name))
         for number, name in enumerate(names)
     }
 
@@ -96,12 +97,7 @@ def paths() -> dict[str, DrawnPath]:
     32
     """
     names = [name for split in SPLITS.values() for name in split.paths]
-    return {name: draw_path(name, rng=_rng(_POOL, name)) for name in names}
-
-
-def _rng(seed: int, *words: str | int) -> np.random.Generator:
-    keys = tuple(zlib.crc32(word.encode()) if isinstance(word, str) else int(word) for word in words)
-    return np.random.default_rng(np.random.SeedSequence(seed, spawn_key=keys))
+    return {name: draw_path(name, rng=random_stream(_POOL, name)) for name in names}
 
 
 @dataclass(frozen=True, kw_only=True)
@@ -178,7 +174,7 @@ class BenchmarkRecords:
         """Return split and class of a record, and how many of both the plan has had before it."""
         block, place = divmod(number, _BLOCK)
         if block not in self._orders:
-            self._orders[block] = _rng(self.seed, "order", block).permutation(_BLOCK)
+            self._orders[block] = random_stream(self.seed, "order", block).permutation(_BLOCK)
         split_place, class_place = divmod(int(self._orders[block][place]), len(_CLASS_CYCLE))
         split, class_name = _SPLIT_CYCLE[split_place], _CLASS_CYCLE[class_place]
         first_split, first_class = _SPLIT_CYCLE.index(split), _CLASS_CYCLE.index(class_name)
@@ -198,15 +194,17 @@ class BenchmarkRecords:
         pool = SPLITS[split]
         # every gearbox of a split has every class equally often
         gearbox = gearboxes()[pool.gearboxes[(rank + zlib.crc32(class_name.encode())) % len(pool.gearboxes)]]
-        path = paths()[str(_rng(self.seed, number, "path").choice(pool.paths))]
-        operation = draw_operation(gearbox, duration_s=self.duration_s, rng=_rng(self.seed, number, "operation"))
+        path = paths()[str(random_stream(self.seed, number, "path").choice(pool.paths))]
+        operation = draw_operation(
+            gearbox, duration_s=self.duration_s, rng=random_stream(self.seed, number, "operation")
+        )
         machine = Machine(
             gearbox=gearbox,
             operation=operation,
-            rng=_rng(self.seed, number, "machine"),
-            rng_of_gearbox=_rng(_POOL, gearbox.name, "machine"),
+            rng=random_stream(self.seed, number, "machine"),
+            rng_of_gearbox=random_stream(_POOL, gearbox.name, "machine"),
         )
-        severity = float(_rng(self.seed, number, "severity").random())
+        severity = float(random_stream(self.seed, number, "severity").random())
         return _Draw(split=split, class_name=class_name, severity=severity, machine=machine, path=path)
 
     def seed_of(self, number: int) -> int:
@@ -228,8 +226,7 @@ class BenchmarkRecords:
         >>> plan.seed_of(0) == plan.seed_of(1)
         False
         """
-        sequence = np.random.SeedSequence(self.seed, spawn_key=(number,))
-        return int(sequence.generate_state(1, np.uint64)[0] >> np.uint64(1))
+        return derived_seed(self.seed, number)
 
     def machine_seed_of(self, number: int) -> int:
         """Return the seed of the gearbox of a record, the same in all its records; below 2^63.
@@ -250,9 +247,7 @@ class BenchmarkRecords:
         >>> plan.machine_seed_of(0) == plan.machine_seed_of(1), plan.labels(0)["gearbox"] == plan.labels(1)["gearbox"]
         (False, False)
         """
-        words = (zlib.crc32(self._draw(number).machine.gearbox.name.encode()), zlib.crc32(b"machine"))
-        sequence = np.random.SeedSequence(_POOL, spawn_key=words)
-        return int(sequence.generate_state(1, np.uint64)[0] >> np.uint64(1))
+        return derived_seed(_POOL, self._draw(number).machine.gearbox.name, "machine")
 
     def scene(
         self,
@@ -317,7 +312,7 @@ class BenchmarkRecords:
     def _table(self, number: int, drawn: _Draw) -> dict[str, Any]:
         """Return the scene of a record without its fault."""
         machine, gearbox = drawn.machine, drawn.machine.gearbox
-        rng = _rng(self.seed, number, "bearings")
+        rng = random_stream(self.seed, number, "bearings")
         bearings = {link: draw_bearing(rng) for link in gearbox.links}
         table: dict[str, Any] = {
             "gearbox": gearbox.table(bearings),
@@ -336,7 +331,11 @@ class BenchmarkRecords:
         }
         for imperfection in IMPERFECTIONS:
             word = imperfection.__name__
-            own = replace(machine, rng=_rng(self.seed, number, word), rng_of_gearbox=_rng(_POOL, gearbox.name, word))
+            own = replace(
+                machine,
+                rng=random_stream(self.seed, number, word),
+                rng_of_gearbox=random_stream(_POOL, gearbox.name, word),
+            )
             table = merged(table, imperfection(own))
         return table | {"sensor": [table["sensor"]]}
 
@@ -344,7 +343,7 @@ class BenchmarkRecords:
         """Return the fault of a record as a scene declares it; an empty table for a healthy one."""
         if drawn.class_name == "healthy":
             return {}
-        rng = _rng(self.seed, number, "fault")
+        rng = random_stream(self.seed, number, "fault")
         return FAULTS[drawn.class_name].draw(drawn.machine, severity=drawn.severity, rng=rng)
 
     def labels(self, number: int) -> dict[str, Any]:

@@ -16,8 +16,8 @@ from data_synth.fidelity.linear_response import (
     with_lines,
 )
 from data_synth.fidelity.preview import preview_factor, preview_of, with_full_duration
-from data_synth.kinematic.harmonics import random_stream
 from data_synth.operation.shaft_angle import Array
+from data_synth.scene.random_streams import random_stream
 from data_synth.scene.scene import Excitation, GearFault, Noise, Scene, SceneError
 from data_synth.sources.prepared import PreparedScene, prepare_scene
 from data_synth.vibration.meshes import Gears

@@ -156,20 +156,19 @@ def expected_lines(motion: Motion) -> tuple[ExpectedLines, ...]:
         driven.append((histories, static))
     # the same error in N for all: a family that is weak beside others need not be as exact by itself
     largest = max((float(np.max(np.linalg.norm(_rows(static), axis=1))) for _, static in driven), default=0.0)
+    solved = partial(
+        _balanced,
+        responses=(gains, at_mean),
+        excitations=excitations,
+        step_hz=float(frequency_hz[1]),
+        bound=_RESIDUAL * largest,
+    )
     found = []
     for family, (histories, static) in zip(families, driven, strict=True):
-        solved = partial(
-            _balanced,
-            responses=(gains, at_mean),
-            excitations=excitations,
-            step_hz=float(frequency_hz[1]),
-            bound=_RESIDUAL * largest,
-        )
+        within = [order for order in dict.fromkeys(of_mesh.values()) if (order / family.base).denominator == 1]
         balanced = partial(solved, static, base=family.base)
-        fastest = float(max(order for order in of_mesh.values() if (order / family.base).denominator == 1))
-        periods = dict.fromkeys(order for order in of_mesh.values() if (order / family.base).denominator == 1)
-        by_mesh = partial(_by_mesh, solved, static, family.base, [*periods])
-        speeds_hz, forces = _over_speeds(balanced, by_mesh, static, lowest_hz, highest_hz, fastest)
+        by_mesh = partial(_by_mesh, solved, static, family.base, within)
+        speeds_hz, forces = _over_speeds(balanced, by_mesh, static, lowest_hz, highest_hz, float(max(within)))
         found.append(
             ExpectedLines(
                 base_order=family.base,

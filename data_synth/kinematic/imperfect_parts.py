@@ -10,10 +10,11 @@ from numpy.typing import ArrayLike
 
 from data_synth.gears.quality import cumulative_pitch_m, runout_tolerance_m, single_pitch_tolerance_m
 from data_synth.kinematic.gear_faults import SIDEBAND_CUTOFF, fold_negative_orders
-from data_synth.kinematic.harmonics import HarmonicFamily, RandomStreams, RotatingForce
+from data_synth.kinematic.harmonics import HarmonicFamily, RotatingForce
 from data_synth.kinematic.shaft_faults import imbalance, imbalance_force_n, shaft_fault_family
 from data_synth.operation.shaft_angle import Array
 from data_synth.scene.imperfections import Imperfections
+from data_synth.scene.random_streams import RandomStreams
 from data_synth.scene.scene import Scene, SceneError, declared_size_mm
 from data_synth.scene.sensors import Mode
 from hums.gearbox.components import Axis, Bearing, Mesh
@@ -302,8 +303,7 @@ def _waviness_families(scene: Scene, *, rng_for: RandomStreams) -> Iterator[Harm
 def _turning_ring(scene: Scene, bearing: Bearing) -> str:
     """Return the first ring of a bearing that turns, or is carried by what turns, in the frame."""
     bodies = scene.kinematics.bodies
-    rings = [link for ring in (bearing.inner_ring, bearing.outer_ring) for link in scene.gearbox.instances(ring)]
-    return next(link for link in rings if bodies[link] != bodies[str(scene.gearbox.frame)])
+    return next(link for link in scene.gearbox.ring_links(bearing) if bodies[link] != bodies[str(scene.gearbox.frame)])
 
 
 def _rotating_force(scene: Scene, link: str, *, sense: float) -> RotatingForce:

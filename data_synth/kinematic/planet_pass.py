@@ -18,10 +18,11 @@ from fractions import Fraction
 import numpy as np
 from numpy.typing import ArrayLike, NDArray
 
-from data_synth.kinematic.harmonics import HarmonicFamily, RandomStreams
+from data_synth.kinematic.harmonics import HarmonicFamily
 from data_synth.kinematic.imperfect_parts import carrier_radius_m, planet_displacements_m, planet_loads
 from data_synth.kinematic.ring_bending import RingMesh
 from data_synth.operation.shaft_angle import Array
+from data_synth.scene.random_streams import RandomStreams
 from data_synth.scene.scene import Scene, SceneError
 from hums.gearbox.components import Axis
 

@@ -10,7 +10,6 @@ streams of their own, and those older than `_REMEMBERED` correlation lengths are
 """
 
 import math
-import zlib
 from typing import Annotated
 
 import numpy as np
@@ -18,6 +17,7 @@ from pydantic import Field
 
 from data_synth.scene.imperfections import Imperfections, Temperature
 from data_synth.scene.operation import NotNegative, Share
+from data_synth.scene.random_streams import random_stream
 from data_synth.scene.scene import Scene, SceneError
 from hums.gearbox.components import Declared, Positive
 
@@ -94,11 +94,10 @@ class History(Declared):
     def _standard(self, name: str, machine: int, place: int, seed: int) -> float:
         """Return x_i for a standard deviation of 1."""
         slow, fast = (
-            _gauss_markov(records, place, keys=(zlib.crc32(f"history {name} {which}".encode()), machine), seed=seed)
+            _gauss_markov(records, place, words=(f"history {name} {which}", machine), seed=seed)
             for which, records in (("long", self.long_records), ("short", self.short_records))
         )
-        key = (zlib.crc32(f"history {name} season".encode()), machine)
-        turn = place / self.season_records + np.random.default_rng(np.random.SeedSequence(seed, spawn_key=key)).random()
+        turn = place / self.season_records + random_stream(seed, f"history {name} season", machine).random()
         season = math.sqrt(2 * self.season_share) * math.sin(2 * math.pi * turn)
         return math.sqrt((1 - self.season_share) / 2) * (slow + fast) + season
 
@@ -112,17 +111,12 @@ def _loaded(scene: Scene, factor: float) -> object:
     return torque.changed(**{"steps" if torque.steps is not None else "nm": rows, "full_load_nm": full_nm})
 
 
-def _gauss_markov(records: float, place: int, *, keys: tuple[int, ...], seed: int) -> float:
+def _gauss_markov(records: float, place: int, *, words: tuple[str, int], seed: int) -> float:
     """Return a stationary Gauss-Markov sequence of unit variance at one place, correlated over `records`."""
     ages = np.arange(math.ceil(_REMEMBERED * records))
     first = place - ages[-1] + ages.size  # of the oldest one; numbers begin one memory before record 0
     blocks = range(first // _BLOCK, (place + ages.size) // _BLOCK + 1)
-    drawn = np.concatenate(
-        [
-            np.random.default_rng(np.random.SeedSequence(seed, spawn_key=(*keys, block))).standard_normal(_BLOCK)
-            for block in blocks
-        ]
-    )
+    drawn = np.concatenate([random_stream(seed, *words, block).standard_normal(_BLOCK) for block in blocks])
     newest = place + ages.size - blocks.start * _BLOCK
     decay = math.exp(-1 / records)
     return float(math.sqrt(1 - decay**2) * (decay**ages @ drawn[newest - ages]))

@@ -12,10 +12,11 @@ from functools import partial
 import numpy as np
 import xarray as xr
 
-from data_synth.kinematic.harmonics import ComplexArray, RandomStreams, add_lines
+from data_synth.kinematic.harmonics import ComplexArray, add_lines
 from data_synth.kinematic.imperfect_parts import imperfections_of, in_units
 from data_synth.operation.shaft_angle import Array
 from data_synth.scene.imperfections import Electrical, Inverter, NoiseLevel
+from data_synth.scene.random_streams import RandomStreams
 from data_synth.scene.scene import Scene, SceneError
 from data_synth.scene.sensors import Mode, Sensor
 from data_synth.sources.prepared import PreparedScene

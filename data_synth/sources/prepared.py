@@ -9,7 +9,7 @@ import numpy as np
 
 from data_synth.kinematic.bearing_faults import bearing_impact_trains, settling_time_s
 from data_synth.kinematic.gear_faults import ImpactTrain, damage_trains, gear_damage_family
-from data_synth.kinematic.harmonics import ComplexArray, HarmonicFamily, RandomStreams, add_lines
+from data_synth.kinematic.harmonics import ComplexArray, HarmonicFamily, add_lines
 from data_synth.kinematic.imperfect_parts import (
     imbalance_family,
     imperfect_families,
@@ -31,6 +31,7 @@ from data_synth.operation.piecewise import PiecewiseLinear
 from data_synth.operation.shaft_angle import Array
 from data_synth.operation.tachometer import Pulses, recorded_pulses, with_pick_up
 from data_synth.scene.faults import ROW_OF, Chipping, Fault, FaultyGear, GearDamage, GearFault, Misalignment
+from data_synth.scene.random_streams import RandomStreams
 from data_synth.scene.scene import BearingFault, Scene, SceneError, ShaftFault, declared_size_mm
 from data_synth.scene.sensors import Sensor
 from data_synth.transfer.acquisition import AllPoleFilter, linear_chain

@@ -12,8 +12,9 @@ from collections.abc import Callable, Sequence
 import numpy as np
 from numpy.typing import NDArray
 
-from data_synth.kinematic.harmonics import RandomStreams, RotatingForce
+from data_synth.kinematic.harmonics import RotatingForce
 from data_synth.operation.shaft_angle import Array
+from data_synth.scene.random_streams import RandomStreams
 from data_synth.scene.scene import Scene, SceneError
 from data_synth.scene.sensors import Mode, Sensor
 from data_synth.transfer.acquisition import linear_chain
@@ -201,8 +202,7 @@ def body_weights(
             below |= {gear.link for gear in mesh.gears}
     for bearing in gearbox.bearings:
         if sensor.on in bearing.names:
-            rings = {link for ring in (bearing.inner_ring, bearing.outer_ring) for link in gearbox.instances(ring)}
-            below |= {link for link in rings if joined[link] != joined[str(gearbox.frame)]}
+            below |= {link for link in gearbox.ring_links(bearing) if joined[link] != joined[str(gearbox.frame)]}
     near = {body_of(link) for name in below & links for link in gearbox.instances(name)}
     weights = {body: 1.0 if body in near else declared.elsewhere for body in bodies}
     for given in declared.sensor_weights:

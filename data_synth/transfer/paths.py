@@ -13,8 +13,9 @@ import numpy as np
 from numpy.typing import ArrayLike, NDArray
 
 from data_synth.kinematic.gear_faults import ImpactTrain
-from data_synth.kinematic.harmonics import HarmonicFamily, RandomStreams
+from data_synth.kinematic.harmonics import HarmonicFamily
 from data_synth.operation.shaft_angle import Array
+from data_synth.scene.random_streams import RandomStreams
 from data_synth.scene.scene import Mode, Scene
 from data_synth.scene.transfer_paths import ModeOfPath, Transfer
 
@@ -333,8 +334,7 @@ def path_of_bearing(scene: Scene, paths: TransferPaths, link: str, sensor: str) 
     """Return the declared path to a sensor from a bearing of a link, or of what is rigid with it; None without one."""
     bodies = scene.kinematics.bodies
     for bearing in scene.gearbox.bearings:
-        rings = [each for ring in (bearing.inner_ring, bearing.outer_ring) for each in scene.gearbox.instances(ring)]
-        if bodies[link] in [bodies[each] for each in rings]:
+        if bodies[link] in [bodies[each] for each in scene.gearbox.ring_links(bearing)]:
             for name in bearing.names:
                 if (name, sensor) in paths:
                     return paths[name, sensor]

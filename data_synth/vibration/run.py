@@ -24,9 +24,9 @@ from data_synth.dynamics.system import Array, System
 from data_synth.gears.mesh_stiffness import Constant
 from data_synth.integrators.choice import MethodChoice, method_for
 from data_synth.integrators.problem import Accuracy, IntegrationError, Load, Output, Problem, Steps
-from data_synth.kinematic.harmonics import random_stream
 from data_synth.kinematic.imperfect_parts import imperfections_of
 from data_synth.scene.faults import LOSING_CONTACT, Eccentricity
+from data_synth.scene.random_streams import random_stream
 from data_synth.scene.scene import Scene, SceneError
 from data_synth.sources.prepared import PreparedScene, mesh_name, prepare_scene
 from data_synth.transfer.housing import AHEAD

@@ -171,8 +171,7 @@ def _holders(scene: Scene, whole: Assembly, source: str) -> set[str]:
     gearbox, parts = scene.gearbox, whole.parts
     for bearing in gearbox.bearings:
         if source in bearing.names:
-            rings = {link for ring in (bearing.inner_ring, bearing.outer_ring) for link in gearbox.instances(ring)}
-            return {parts.body(link) for link in rings} - {parts.frame}
+            return {parts.body(link) for link in gearbox.ring_links(bearing)} - {parts.frame}
     return {parts.body(link) for link in gearbox.instances(source)}
 
 

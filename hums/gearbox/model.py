@@ -356,6 +356,10 @@ class Gearbox(Declared):
             return tuple(f"{link} {number + 1}" for number in range(self.copied[link]))
         return (link,)
 
+    def ring_links(self, bearing: Bearing) -> tuple[str, ...]:
+        """Return the links of the inner ring of a bearing and those of the outer one, copies expanded."""
+        return (*self.instances(bearing.inner_ring), *self.instances(bearing.outer_ring))
+
     @property
     def copy_links(self) -> dict[str, str]:
         """Declared link of each copy: ``planet`` of ``planet 1``; links without copies are left out."""

@@ -10,8 +10,8 @@ from scipy.linalg import eigh
 
 from data_synth import Scene, SceneError, explain, load_scene, simulate
 from data_synth.fidelity.choice import chosen, decided, forget, simulated_motion
-from data_synth.kinematic.harmonics import random_stream
 from data_synth.scene.dynamics import Dynamics
+from data_synth.scene.random_streams import random_stream
 from data_synth.sources.prepared import prepare_scene
 from data_synth.vibration.run import motion_of, prepare_gears, without_meshes
 

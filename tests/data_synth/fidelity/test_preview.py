@@ -11,7 +11,7 @@ from counting import calls, recorded
 from data_synth import SceneError, cost, explain, load_scene, simulate
 from data_synth.cost import free_memory_bytes, refuse_too_large
 from data_synth.fidelity.preview import preview_factor, preview_of
-from data_synth.kinematic.harmonics import random_stream
+from data_synth.scene.random_streams import random_stream
 from data_synth.sources.prepared import prepare_scene
 from hums.cli import main
 

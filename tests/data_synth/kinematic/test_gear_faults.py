@@ -9,8 +9,9 @@ from scipy.special import ive
 
 from data_synth import load_scene
 from data_synth.kinematic.gear_faults import SIDEBAND_CUTOFF, gear_damage_family, tooth_window
-from data_synth.kinematic.harmonics import HarmonicFamily, add_lines, common_base, random_stream
+from data_synth.kinematic.harmonics import HarmonicFamily, add_lines, common_base
 from data_synth.scene.faults import FaultyGear, ToothCrack
+from data_synth.scene.random_streams import random_stream
 from data_synth.sources.prepared import prepare_scene
 
 SCENE = load_scene("demo")

@@ -8,8 +8,8 @@ from numpy.testing import assert_allclose
 from scipy.special import jv
 
 from data_synth import Scene, SceneError, load_scene, simulate
-from data_synth.kinematic.harmonics import random_stream
 from data_synth.kinematic.imperfect_parts import planet_displacements_m, planet_loads
+from data_synth.scene.random_streams import random_stream
 from data_synth.sources.prepared import prepare_scene
 from data_synth.vibration.run import prepare_gears
 

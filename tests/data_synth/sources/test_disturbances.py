@@ -7,7 +7,7 @@ import pytest
 from numpy.testing import assert_allclose
 
 from data_synth import Scene, SceneError, load_scene, simulate
-from data_synth.kinematic.harmonics import random_stream
+from data_synth.scene.random_streams import random_stream
 from data_synth.sources.disturbances import noise_level
 
 MILL = {

@@ -8,7 +8,7 @@ import pytest
 
 from data_synth import Scene, load_scene, simulate
 from data_synth.dynamics.placement import contacts_of
-from data_synth.kinematic.harmonics import random_stream
+from data_synth.scene.random_streams import random_stream
 from data_synth.sources.prepared import prepare_scene
 from data_synth.vibration.run import prepare_gears
 

@@ -13,8 +13,8 @@ from scipy.linalg import eigh
 from data_synth import Scene, SceneError, load_scene, simulate
 from data_synth.gears.geometry import GearPair
 from data_synth.gears.lost_contact import LoadSharing
-from data_synth.kinematic.harmonics import random_stream
 from data_synth.scene.faults import FaultyGear, GearDamage, damaged_teeth, transmission_errors
+from data_synth.scene.random_streams import random_stream
 from data_synth.scene.sensors import AntiAlias, Mode, Sensor
 from data_synth.sources.prepared import prepare_scene
 from data_synth.transfer.housing import AHEAD, Housing

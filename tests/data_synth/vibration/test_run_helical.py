@@ -11,7 +11,7 @@ from scipy.linalg import eigh
 
 from data_synth import Scene, simulate
 from data_synth.fidelity.choice import chosen
-from data_synth.kinematic.harmonics import random_stream
+from data_synth.scene.random_streams import random_stream
 from data_synth.sources.prepared import prepare_scene
 from data_synth.vibration.run import motion_of, prepare_gears
 

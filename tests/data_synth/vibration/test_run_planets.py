@@ -16,7 +16,7 @@ from data_synth.gears.tooth_compliance import ToothPair, teeth_in_mesh
 from data_synth.integrators.driver import integrate
 from data_synth.integrators.problem import Output, Steps
 from data_synth.integrators.splitting import Splitting
-from data_synth.kinematic.harmonics import random_stream
+from data_synth.scene.random_streams import random_stream
 from data_synth.sources.prepared import prepare_scene
 from data_synth.vibration.meshes import kinematics_of
 from data_synth.vibration.run import fault_passes, motion_of, prepare_gears

@@ -7,7 +7,7 @@ import pytest
 from numpy.testing import assert_allclose
 
 from data_synth import Scene, load_scene, simulate
-from data_synth.kinematic.harmonics import random_stream
+from data_synth.scene.random_streams import random_stream
 from data_synth.sources.prepared import prepare_scene
 from data_synth.vibration.run import motion_of, prepare_gears
 

@@ -5,7 +5,7 @@ import pytest
 from numpy.testing import assert_allclose
 
 from data_synth import Scene, load_scene, simulate
-from data_synth.kinematic.harmonics import Streams
+from data_synth.scene.random_streams import Streams
 
 STEADY = {"noise": {"rms": 0}, "duration_s": 2, "resonance": {"frequency_hz": 3000, "damping_ratio": 0.05}}
 IMPERFECT = {"gears": {"grade": 7}, "imbalance": {}, "mounts": {}, "gains": {}}
