@@ -28,6 +28,7 @@ from data_synth.operation.shaft_angle import Array
 from data_synth.scene.faults import Pitting, Spall
 from data_synth.scene.scene import GearFault, Noise, Scene, SceneError
 from data_synth.simulation import simulate
+from data_synth.sources.prepared import mesh_name
 from data_synth.vibration.meshes import kinematics_of
 
 _TURNS = 2  # of the damaged gear that are simulated, or as many as it takes to meet all planets
@@ -240,7 +241,7 @@ class DamageRuns:
 
 def _carrier_order(scene: Scene, fault: GearFault) -> float:
     """Return the order of the carrier of a damaged gear's mesh; infinite where planets do not pass."""
-    mesh, frame = fault.component.rpartition("/")[0], scene.kinematics.mechanism.frame
+    mesh, frame = mesh_name(fault.component), scene.kinematics.mechanism.frame
     carriers = {contact.carrier for contact in scene.kinematics.contacts if contact.mesh == mesh}
     return min((abs(float(scene.ratio(carrier))) for carrier in carriers - {frame}), default=math.inf)
 

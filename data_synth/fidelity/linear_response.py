@@ -25,7 +25,7 @@ from data_synth.kinematic.harmonics import ComplexArray, HarmonicFamily
 from data_synth.kinematic.imperfect_parts import imperfections_of
 from data_synth.operation.shaft_angle import Array
 from data_synth.scene.scene import SceneError
-from data_synth.sources.prepared import PreparedScene
+from data_synth.sources.prepared import PreparedScene, mesh_name
 from data_synth.vibration.run import Motion, contacts_in
 from data_synth.vibration.torques import static_tooth_forces
 
@@ -278,7 +278,7 @@ def lines_of(response: Response, forces: ToothForces) -> tuple[list[HarmonicFami
     outputs[:, size < _NEGLIGIBLE * np.max(size, initial=0.0)] = 0.0
     every = round(stage.scene.exact_orders("gear_mesh")[forces.mesh] / forces.base_order)
     own = np.arange(1, size.size + 1) % every == 0
-    damaged = [fault.component for fault in stage.scene.faults if fault.component.rpartition("/")[0] == forces.mesh]
+    damaged = [fault.component for fault in stage.scene.faults if mesh_name(fault.component) == forces.mesh]
     families, amplitudes = [], []
     between = (" + ".join(damaged), "tooth") if damaged else (forces.mesh, "pitch_deviation")
     for component, kind, kept in ((forces.mesh, "gear_mesh", own), (*between, ~own)):
