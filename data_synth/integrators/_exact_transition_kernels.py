@@ -9,6 +9,7 @@ import numpy as np
 from numpy.typing import NDArray
 
 from data_synth._compile import compiled, compiled_inside
+from data_synth.integrators._matrix_kernels import apply_columns
 
 Array = NDArray[np.float64]
 Integers = NDArray[np.int64]
@@ -34,26 +35,6 @@ class Propagators(NamedTuple):
     halved_gains: Array
     series: Array
     series_gains: Array
-
-
-@compiled
-def apply_columns(columns: Array, added: Array, x: Array, out: Array) -> None:
-    """Multiply by a matrix whose columns are the rows of `columns`, and add: four at a time, their number is even."""
-    size, width = x.size, out.size
-    first, second, a, b = columns[0], columns[1], x[0], x[1]
-    for i in range(width):
-        out[i] = added[i] + (first[i] * a + second[i] * b)
-    left = 2
-    if size % 4 == 0:
-        third, fourth, c, d = columns[2], columns[3], x[2], x[3]
-        for i in range(width):
-            out[i] += third[i] * c + fourth[i] * d
-        left = 4
-    for j in range(left, size, 4):
-        first, second, a, b = columns[j], columns[j + 1], x[j], x[j + 1]
-        third, fourth, c, d = columns[j + 2], columns[j + 3], x[j + 2], x[j + 3]
-        for i in range(width):
-            out[i] += (first[i] * a + second[i] * b) + (third[i] * c + fourth[i] * d)
 
 
 @compiled

@@ -1,12 +1,15 @@
-"""Compiled steps of the exponential splitting: exact flow of the constant part, rank-one impulses by the meshes.
+"""Compiled steps of the exponential splitting: exact flow of the constant part, impulses by the forces.
 
 Each operation is rounded as written, and no array is allocated in parts that are compiled into others.
 """
+
+from typing import NamedTuple
 
 import numpy as np
 from numpy.typing import NDArray
 
 from data_synth._compile import compiled, compiled_inside
+from data_synth.integrators._matrix_kernels import add_columns, apply_columns
 from data_synth.integrators._periodic_kernels import SHORT, integrals_at, legendre, legendre_short, value_at
 from data_synth.integrators.modal_problem import Equations
 from data_synth.integrators.periodic_tables import Waves
@@ -15,6 +18,29 @@ Array = NDArray[np.float64]
 
 C00, C02, C22 = 1 / 36, 1 / 180, 1 / 3150  # of the commutator
 M0, M2 = 1 / 24, 1 / 480  # of the correction of the middle deflection
+TILE = 256  # steps whose teeth are looked up at once: later look-ups need not wait for earlier steps
+GAP, BACK_GAP, MEAN, OFFSET = range(
+    4
+)  # of each mesh: half its backlash on either flank, the constant part of its force
+DEFLECTION, COMPRESSION, CONTACT, CORRECTION = range(4)  # of each mesh, now
+
+
+class StepFlow(NamedTuple):
+    """Exact flow over a step, and what an impulse at its beginning, middle or end does.
+
+    Impulses come from forces, then from drags, then from varying loads, then zeros, k in all; k and 2 n + k are even.
+    ``columns`` (2 n + k, width) are those of the matrix from x and impulses at the beginning to x (2 n) and deflections
+    (forces,) at the end, then deflections (forces,) and speeds with drag (drags,) in the middle, then zeros; ``added``
+    (width,) is what the constant load adds. ``directions`` (k, n): change of the modal velocities per impulse.
+    ``from_middle`` (k, 2 n + forces): change of x and of deflections at the end per impulse in the middle.
+    ``speed_changes`` (drags, k): change of the speeds with drag per impulse.
+    """
+
+    columns: Array
+    added: Array
+    directions: Array
+    from_middle: Array
+    speed_changes: Array
 
 
 @compiled_inside
@@ -30,74 +56,40 @@ def dead_zone(deflection: float, half_gap: float, back_half_gap: float) -> tuple
 
 
 @compiled_inside
-def modal_flow(
-    x: Array, blocks: Array, force_columns: Array, impulses: Array, deflection_rows: Array, delta: Array
-) -> None:
-    """Apply mesh impulses, propagate each mode by its 2 by 2 block, and compute the new deflections."""
-    size, meshes = force_columns.shape
-    for m in range(meshes):
-        delta[m] = 0.0
-    for i in range(size):
-        a, b = x[i], x[size + i]
-        for m in range(meshes):
-            b -= force_columns[i, m] * impulses[m]
-        c = blocks[i, 0] * a + blocks[i, 1] * b + blocks[i, 4]
-        x[i] = c
-        x[size + i] = blocks[i, 2] * a + blocks[i, 3] * b + blocks[i, 5]
-        for m in range(meshes):
-            delta[m] += deflection_rows[i, m] * c
+def let_act(x: Array, impulses: Array, directions: Array) -> None:
+    """Add impulses to the modal velocities, and set them to zero."""
+    size = directions.shape[1]
+    for k in range(impulses.size):
+        for i in range(size):
+            x[size + i] += directions[k, i] * impulses[k]
+        impulses[k] = 0.0
 
 
 @compiled_inside
-def coupled_flow(
-    x: Array, other: Array, columns: Array, force_columns: Array, impulses: Array, deflection_rows: Array, delta: Array
-) -> None:
-    """Do the same with a full propagator; the rows of `columns` are its columns and, last, the part of the load."""
-    size = force_columns.shape[0]
-    apply_impulses(x, force_columns, impulses)
-    for i in range(2 * size):
-        other[i] = columns[2 * size, i]
-    for j in range(2 * size):
-        column, factor = columns[j], x[j]
-        for i in range(2 * size):
-            other[i] += column[i] * factor
-    for i in range(2 * size):
-        x[i] = other[i]
-    compute_deflections(x, deflection_rows, delta)
+def speeds_with_drag(x: Array, drags: Array, speeds: Array) -> None:
+    """Compute the speeds with drag."""
+    for d in range(speeds.size):
+        speeds[d] = 0.0
+        for i in range(drags.shape[1]):
+            speeds[d] += drags[d, i] * x[drags.shape[1] + i]
 
 
 @compiled_inside
-def apply_drag(x: Array, time: float, drags: Array, factors: Array, inverse_masses: Array, forward: bool) -> None:
-    """Integrate ``v' = -(c / m) v abs(v)`` exactly over a time for each velocity with drag."""
-    count, size = drags.shape
+def brake(
+    time: float, speeds: Array, impulses: Array, factors: Array, speed_changes: Array, first: int, forward: bool
+) -> None:
+    """Integrate ``v' = -(c / m) v abs(v)`` exactly over a time for each speed with drag, and add its impulse.
+
+    That of the first speed has number `first`.
+    """
+    count = speeds.size
     for n in range(count):
         d = n if forward else count - 1 - n
-        row = drags[d]
-        speed = 0.0
-        for i in range(size):
-            speed += row[i] * x[size + i]
-        braked = factors[d] * abs(speed) * time
-        change = -speed * braked / (1.0 + inverse_masses[d] * braked)
-        for i in range(size):
-            x[size + i] += row[i] * change
-
-
-@compiled_inside
-def apply_impulses(x: Array, force_columns: Array, impulses: Array) -> None:
-    """Subtract mesh impulses from the modal velocities."""
-    size, meshes = force_columns.shape
-    for i in range(size):
-        for m in range(meshes):
-            x[size + i] -= force_columns[i, m] * impulses[m]
-
-
-@compiled_inside
-def compute_deflections(x: Array, deflection_rows: Array, delta: Array) -> None:
-    """Compute the deflections of all meshes."""
-    for m in range(delta.size):
-        delta[m] = 0.0
-        for i in range(deflection_rows.shape[0]):
-            delta[m] += deflection_rows[i, m] * x[i]
+        braked = factors[d] * abs(speeds[d]) * time
+        change = -speeds[d] * braked / (1.0 + speed_changes[d, first + d] * braked)
+        impulses[first + d] += change
+        for e in range(count):
+            speeds[e] += speed_changes[e, first + d] * change
 
 
 @compiled_inside
@@ -128,24 +120,60 @@ def interpolated(waves: Waves, now: int, then: int, share: float, phase: float) 
 
 
 @compiled_inside
-def legendre_of_step(
-    waves: Waves, which: int, begin: float, end: float, at_start: Array, at_stop: Array, first: bool
-) -> tuple[float, float, float]:
-    """Return the Legendre coefficients of a stiffness over a step; its integrals at the end are kept for the next."""
+def legendre_of_step(waves: Waves, which: int, begin: float, end: float, known: Array) -> tuple[float, float, float]:
+    """Return the Legendre coefficients of a function over a step.
+
+    `known` (tables, 3) has the integrals at the beginning, NaN if unknown, and receives those at the end.
+    """
     if abs(end - begin) < SHORT:
-        at_stop[which, 0] = np.nan
+        known[which, 0] = np.nan
         return legendre_short(waves, which, begin, end)
-    if first or np.isnan(at_start[which, 0]):
-        at_start[which, 0], at_start[which, 1], at_start[which, 2] = integrals_at(waves, which, begin)
-    at_stop[which, 0], at_stop[which, 1], at_stop[which, 2] = integrals_at(waves, which, end)
-    return legendre(
-        waves,
-        which,
-        begin,
-        end,
-        (at_start[which, 0], at_start[which, 1], at_start[which, 2]),
-        (at_stop[which, 0], at_stop[which, 1], at_stop[which, 2]),
-    )
+    before = (known[which, 0], known[which, 1], known[which, 2])
+    if np.isnan(before[0]):
+        before = integrals_at(waves, which, begin)
+    after = integrals_at(waves, which, end)
+    known[which, 0], known[which, 1], known[which, 2] = after
+    return legendre(waves, which, begin, end, before, after)
+
+
+@compiled
+def read_teeth(
+    equations: Equations, turns: Array, positions: Array, first: int, known: Array, stiffness: Array, errors: Array
+) -> None:
+    """Look up the teeth over steps that begin and end at `turns` (steps + 1,), in revolutions of the reference.
+
+    `stiffness` (steps, meshes, 3) receives Legendre coefficients over each step, `errors` (steps, meshes, 3) the
+    transmission errors at its beginning, middle and end. `positions` are those in the
+    histories, from step `first` on; `known` is that of `legendre_of_step`.
+    """
+    waves, steps = equations.stiffnesses, turns.size - 1
+    for m in range(equations.cycles.size):
+        cycles, later = equations.cycles[m], equations.later_stiffnesses[m]
+        for step in range(steps):
+            position = positions[first + step, m] if positions.shape[0] > 0 else 0.0
+            table, then, share = history_tables(m, later, position)
+            part, a0, a1, a2 = 1.0 - share, 0.0, 0.0, 0.0
+            while True:
+                b0, b1, b2 = legendre_of_step(waves, table, cycles * turns[step], cycles * turns[step + 1], known)
+                a0, a1, a2 = a0 + part * b0, a1 + part * b1, a2 + part * b2
+                if table == then:
+                    break
+                table, part = then, share
+            stiffness[step, m, 0], stiffness[step, m, 1], stiffness[step, m, 2] = a0, a1, a2
+        which, later = equations.error_of[m], equations.later_errors[m]
+        for step in range(steps):
+            errors[step, m, 0] = errors[step, m, 1] = errors[step, m, 2] = 0.0
+            if which < 0:
+                continue
+            position = positions[first + step, m] if positions.shape[0] > 0 else 0.0
+            now, then, share = history_tables(which, later, position)
+            start, stop = cycles * turns[step], cycles * turns[step + 1]
+            if step == 0 or later >= 0:
+                errors[step, m, 0] = interpolated(equations.errors, now, then, share, start)
+            else:
+                errors[step, m, 0] = errors[step - 1, m, 2]
+            errors[step, m, 1] = interpolated(equations.errors, now, then, share, 0.5 * (start + stop))
+            errors[step, m, 2] = interpolated(equations.errors, now, then, share, stop)
 
 
 @compiled_inside
@@ -167,14 +195,13 @@ def triangular_weights(node: int, sub: int, per_sample: int, a0: float, a1: floa
 
 @compiled
 def split_steps(
-    x: Array,
+    start: Array,
     outputs: Array,
     rows: Array,
     constant: Array,
     per_sample: int,
     step: float,
-    classical: bool,
-    half: Array,
+    flow: StepFlow,
     equations: Equations,
     coupled_speed: Array,
     revolutions: Array,
@@ -190,135 +217,131 @@ def split_steps(
     of two mesh forces: h^3 times a quadratic form of their Legendre coefficients.
     The deflection at the middle node lacks `correction`, the effect of the forces until then beyond the impulse at the
     start: over a step it cancels, but weighted mesh forces need it.
-    `half` holds a row (6,) for each mode where `classical`, else the argument of `coupled_flow`; both over half a step.
+    `loads` (2 steps + 1, loads) are the varying ones at beginning and middle of each step; (0, loads) where none varies.
     `history_positions` (steps, meshes) are those in the histories of the meshes; (0, meshes) where none has one.
     `weighted_forces` (samples, 2 meshes) receives the force of each mesh under the triangular weight, then the force
     at the sample; `next_weighted` (meshes,) is the known part of the next weighted force; (0, 2 meshes) where the
     output has none. All cases share one compilation: absent parts are empty arrays.
     """
-    force_columns, deflection_rows, reference_row, cycles = (
-        equations.force_columns,
-        equations.deflection_rows,
-        equations.reference_row,
-        equations.cycles,
-    )
-    stiffnesses, coupling, means = equations.stiffnesses, equations.coupling, equations.mean_stiffnesses
-    drags, drag_factors, error_of = equations.drags, equations.drag_factors, equations.error_of
-    offsets, backlashes, back_half_gaps = equations.offsets, equations.backlashes, equations.back_half_gaps
-    error_tables, later_errors = equations.errors, equations.later_errors
-    later_stiffnesses = equations.later_stiffnesses
-    size, meshes = force_columns.shape
-    other = np.empty(2 * size)
-    a0, a1, a2 = np.empty(meshes), np.empty(meshes), np.empty(meshes)
-    delta, impulse = np.zeros(meshes), np.zeros(meshes)
-    errors = np.zeros((3, meshes))
-    compression, contact, correction = np.zeros(meshes), np.zeros(meshes), np.zeros(meshes)
-    tables, inverse_masses = stiffnesses.means.size, np.empty(drag_factors.size)
-    for d in range(drag_factors.size):
-        inverse_masses[d] = np.sum(drags[d] * drags[d])
-    at_start, at_stop = np.full((tables, 3), np.nan), np.full((tables, 3), np.nan)
-    changing, weighting = history_positions.shape[0] > 0, weighted_forces.shape[0] > 0
+    deflection_rows, reference_row, coupling = equations.deflection_rows, equations.reference_row, equations.coupling
+    drags, drag_factors, speed_changes = equations.drags, equations.drag_factors, flow.speed_changes
+    columns, added, directions, from_middle = flow.columns, flow.added, flow.directions, flow.from_middle
+    size, meshes = deflection_rows.shape
+    braked, first_load = drag_factors.size, meshes + drag_factors.size
+    ends, middles, after = 2 * size, 2 * size + meshes, np.empty(added.size)  # where the deflections are in `after`
+    # what acts in the middle of a step; and x, with what acts at its beginning
+    impulse, state, speeds = np.zeros(directions.shape[0]), np.zeros(columns.shape[0]), np.zeros(braked)
+    state[: start.size] = start
+    x, pending = state[: start.size], state[start.size :]
+    # side by side for each mesh: loops over few meshes are not worth vectors
+    teeth, force = np.empty((meshes, 4)), np.zeros((meshes, 4))
+    for m in range(meshes):
+        teeth[m, GAP], teeth[m, BACK_GAP] = equations.backlashes[m], equations.back_half_gaps[m]
+        teeth[m, MEAN], teeth[m, OFFSET] = equations.mean_stiffnesses[m], equations.offsets[m]
+        for i in range(size):
+            force[m, DEFLECTION] += deflection_rows[i, m] * x[i]
+    weighting, coupled = weighted_forces.shape[0] > 0, reference_row.size > 0
     sixth, two_thirds, cube = step / 6, step * 2 / 3, step**3
-    stop = 0.0
-    compute_deflections(x, deflection_rows, delta)
-    for sample in range(outputs.shape[0]):
-        if weighting:
+    steps = outputs.shape[0] * per_sample
+    tile = 1 if coupled else min(steps, TILE)
+    stiffness, errors = np.empty((tile, meshes, 3)), np.empty((tile, meshes, 3))
+    known, turns = np.full((equations.stiffnesses.means.size, 3), np.nan), np.zeros(2)
+    for number in range(steps):
+        sample, sub, here = number // per_sample, number % per_sample, number % tile
+        if weighting and sub == 0:
             for m in range(next_weighted.size):
                 weighted_forces[sample, m] = next_weighted[m]
                 next_weighted[m] = 0.0
-        for sub in range(per_sample):
-            number = sample * per_sample + sub
-            # Angle of the reference at both ends of the step; a coupled one by the Adams-Bashforth formula of order 2
-            if reference_row.size:
-                start = speed = 0.0
-                for i in range(size):
-                    start += reference_row[i] * x[i]
-                    speed += reference_row[size + i] * x[size + i]
-                stop = start + step * (speed + 0.5 * (speed - coupled_speed[0]))
-                coupled_speed[0] = speed
-            else:
-                start, stop = revolutions[number], revolutions[number + 1]
-            # Legendre coefficients of each mesh stiffness over the step
-            for m in range(meshes):
-                begin, end = cycles[m] * start, cycles[m] * stop
-                position = history_positions[number, m] if changing else 0.0
-                now, then, share = history_tables(m, later_stiffnesses[m], position)
-                a0[m] = a1[m] = a2[m] = 0.0
-                table, part = now, 1.0 - share
-                while True:
-                    b0, b1, b2 = legendre_of_step(
-                        stiffnesses, table, begin, end, at_start, at_stop, reference_row.size > 0
-                    )
-                    a0[m] += part * b0
-                    a1[m] += part * b1
-                    a2[m] += part * b2
-                    for i in range(3):
-                        at_start[table, i] = at_stop[table, i]
-                    if table == then:
-                        break
-                    table, part = then, share
-            # Transmission errors at the nodes: start, middle and end of the step
-            for m in range(meshes):
-                if error_of[m] >= 0:
-                    position = history_positions[number, m] if changing else 0.0
-                    now, then, share = history_tables(error_of[m], later_errors[m], position)
-                    known = 0
-                    if number > 0 and reference_row.size == 0 and later_errors[m] < 0:
-                        errors[0, m], known = errors[2, m], 1  # that of the end of the step before
-                    for node in range(known, 3):
-                        turned = start if node == 0 else stop if node == 2 else 0.5 * (start + stop)  # noqa: PLR2004
-                        errors[node, m] = interpolated(error_tables, now, then, share, cycles[m] * turned)
-            # Impulse, half a step of exact flow, impulse, half a step, impulse
-            for node in range(3):
-                if node == 1 or node == 2:  # noqa: PLR1714, PLR2004
-                    if classical:
-                        modal_flow(x, half, force_columns, impulse, deflection_rows, delta)
-                    else:
-                        coupled_flow(x, other, half, force_columns, impulse, deflection_rows, delta)
-                weight = two_thirds if node == 1 else sixth
-                if node < 2:  # noqa: PLR2004
-                    apply_drag(x, two_thirds / 2 if node == 1 else sixth, drags, drag_factors, inverse_masses, True)
+        if coupled:  # the angle at the end by the Adams-Bashforth formula of order 2
+            turns[0] = speed = 0.0
+            for i in range(size):
+                turns[0] += reference_row[i] * x[i]
+                speed += reference_row[size + i] * x[size + i]
+            turns[1] = turns[0] + step * (speed + 0.5 * (speed - coupled_speed[0]))
+            coupled_speed[0] = speed
+            known[:] = np.nan
+            read_teeth(equations, turns, history_positions, number, known, stiffness, errors)
+        elif here == 0:
+            some = revolutions[number : min(number + tile, steps) + 1]
+            read_teeth(equations, some, history_positions, number, known, stiffness, errors)
+        for node in range(3):
+            weight, acting = (two_thirds, impulse) if node == 1 else (sixth, pending)
+            if node == 0 and braked:
+                speeds_with_drag(x, drags, speeds)
+                brake(sixth, speeds, pending, drag_factors, speed_changes, meshes, True)
+            elif node == 1:
+                apply_columns(columns, added, state, after)
                 for m in range(meshes):
-                    gap = delta[m] - errors[node, m]
-                    compression[m], contact[m] = dead_zone(gap, backlashes[m], back_half_gaps[m])
-                    strength = a0[m] - 0.2 * a2[m] if node == 1 else a0[m] + (node - 1) * a1[m] + 0.4 * a2[m]
-                    impulse[m] = weight * (strength * compression[m] - means[m] * (delta[m] - offsets[m]))
-                    if weighting:
-                        correction[m] = 0.0
-                if node == 1:  # commutator of two mesh forces
+                    force[m, DEFLECTION] = after[middles + m]
+                for d in range(braked):
+                    speeds[d], impulse[meshes + d] = after[middles + meshes + d], 0.0
+                brake(two_thirds / 2, speeds, impulse, drag_factors, speed_changes, meshes, True)
+                pending[:] = 0.0
+            for m in range(meshes):
+                deflection = force[m, DEFLECTION]
+                force[m, COMPRESSION], force[m, CONTACT] = dead_zone(
+                    deflection - errors[here, m, node], teeth[m, GAP], teeth[m, BACK_GAP]
+                )
+                a0, a1, a2 = stiffness[here, m, 0], stiffness[here, m, 1], stiffness[here, m, 2]
+                strength = a0 - 0.2 * a2 if node == 1 else a0 + (node - 1) * a1 + 0.4 * a2
+                lacking = strength * force[m, COMPRESSION] - teeth[m, MEAN] * (deflection - teeth[m, OFFSET])
+                if node == 1:
+                    acting[m] = 0.0
+                acting[m] -= weight * lacking
+                force[m, CORRECTION] = 0.0
+            if node == 1:  # commutator of two mesh forces
+                for j in range(meshes):
+                    a0, a1, a2 = stiffness[here, j, 0], stiffness[here, j, 1], stiffness[here, j, 2]
+                    f0 = a0 * force[j, COMPRESSION] - teeth[j, MEAN] * (force[j, DEFLECTION] - teeth[j, OFFSET])
+                    f1, f2 = a1 * force[j, COMPRESSION], a2 * force[j, COMPRESSION]
                     for i in range(meshes):
-                        g0 = a0[i] * contact[i] - means[i]
-                        g1, g2 = a1[i] * contact[i], a2[i] * contact[i]
-                        for j in range(meshes):
-                            f0 = a0[j] * compression[j] - means[j] * (delta[j] - offsets[j])
-                            f1, f2 = a1[j] * compression[j], a2[j] * compression[j]
-                            form = C00 * (f0 * g0) - C02 * (f0 * g2 + f2 * g0 + f1 * g1) - C22 * f2 * g2
-                            impulse[i] -= cube * coupling[i, j] * form
-                            if weighting:
-                                correction[i] += step * step * coupling[i, j] * (M0 * f0 - M2 * f2) * contact[i]
-                if weighting:
-                    for m in range(next_weighted.size):
-                        rising_weight, both_weights = triangular_weights(node, sub, per_sample, a0[m], a1[m], a2[m])
-                        next_weighted[m] += rising_weight * (compression[m] - correction[m])
-                        weighted_forces[sample, m] += (both_weights - rising_weight) * (compression[m] - correction[m])
-                if loads.shape[0]:
-                    for i in range(size):
-                        x[size + i] += weight * loads[2 * number + node, i]
-                if node == 1 and drag_factors.size:
-                    apply_impulses(x, force_columns, impulse)
-                    apply_drag(x, two_thirds / 2, drags, drag_factors, inverse_masses, False)
-                    for m in range(meshes):
-                        impulse[m] = 0.0
-            apply_impulses(x, force_columns, impulse)
-            apply_drag(x, sixth, drags, drag_factors, inverse_masses, False)
+                        contact = force[i, CONTACT]
+                        g0 = stiffness[here, i, 0] * contact - teeth[i, MEAN]
+                        g1, g2 = stiffness[here, i, 1] * contact, stiffness[here, i, 2] * contact
+                        form = C00 * (f0 * g0) - C02 * (f0 * g2 + f2 * g0 + f1 * g1) - C22 * f2 * g2
+                        impulse[i] += cube * coupling[i, j] * form
+                        force[i, CORRECTION] += step * step * coupling[i, j] * (M0 * f0 - M2 * f2) * contact
+            if weighting:
+                for m in range(next_weighted.size):
+                    a0, a1, a2 = stiffness[here, m, 0], stiffness[here, m, 1], stiffness[here, m, 2]
+                    rising_weight, both_weights = triangular_weights(node, sub, per_sample, a0, a1, a2)
+                    compression = force[m, COMPRESSION] - force[m, CORRECTION]
+                    next_weighted[m] += rising_weight * compression
+                    weighted_forces[sample, m] += (both_weights - rising_weight) * compression
+            for load in range(loads.shape[1]):
+                if node == 1:
+                    acting[first_load + load] = 0.0
+                acting[first_load + load] += weight * loads[2 * number + node, load]
+            if node != 1:
+                continue
+            for d in range(braked):
+                for k in range(impulse.size):
+                    if not meshes <= k < first_load:
+                        speeds[d] += speed_changes[d, k] * impulse[k]
+            brake(two_thirds / 2, speeds, impulse, drag_factors, speed_changes, meshes, False)
+            add_columns(from_middle, impulse, after[:middles], 0)
+            for i in range(ends):
+                x[i] = after[i]
+            for m in range(meshes):
+                force[m, DEFLECTION] = after[ends + m]
+        if braked:
+            let_act(x, pending, directions)
+            speeds_with_drag(x, drags, speeds)
+            brake(sixth, speeds, pending, drag_factors, speed_changes, meshes, False)
+        if coupled or braked or sub + 1 == per_sample:
+            let_act(x, pending, directions)
+        if sub + 1 < per_sample:
+            continue
         if weighting:
+            end = turns[1] if coupled else revolutions[number + 1]
             for m in range(next_weighted.size):
-                position = history_positions[(sample + 1) * per_sample - 1, m] if changing else 0.0
-                now, then, share = history_tables(m, later_stiffnesses[m], position)
-                strength = interpolated(stiffnesses, now, then, share, cycles[m] * stop)
-                weighted_forces[sample, next_weighted.size + m] = strength * compression[m]
+                position = history_positions[number, m] if history_positions.shape[0] > 0 else 0.0
+                now, then, share = history_tables(m, equations.later_stiffnesses[m], position)
+                strength = interpolated(equations.stiffnesses, now, then, share, equations.cycles[m] * end)
+                weighted_forces[sample, next_weighted.size + m] = strength * force[m, COMPRESSION]
         for r in range(rows.shape[0]):
             total = constant[r]
             for i in range(2 * size):
                 total += rows[r, i] * x[i]
             outputs[sample, r] = total
+    start[:] = x

@@ -118,7 +118,7 @@ class Readings:
             values += _friction_forces(a, force, revolutions) @ (self.accelerations @ a.friction_rows.T).T
         values -= (a.drag_factors * speeds * np.abs(speeds)) @ (self.accelerations @ a.drags.T).T
         loads = a.loads(times_s)
-        return np.asarray(values + loads @ self.accelerations.T if loads.size else values)
+        return np.asarray(values + loads @ (self.accelerations @ a.load_rows.T).T if loads.size else values)
 
 
 def _mesh_forces(a: Assembled, deflections: Array, revolutions: Array, times_s: Array) -> Array:

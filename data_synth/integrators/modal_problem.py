@@ -338,19 +338,25 @@ class Assembled:
             else np.ascontiguousarray(reference.revolutions(times_s))
         )
 
-    def loads(self, times_s: Array) -> Array:
-        """Return the varying load on each mode (times, n); (0, n) where there is none."""
-        varying = self.problem.load.varying
-        if varying is None:
+    @cached_property
+    def load_rows(self) -> Array:
+        """Generalised forces (loads, n) of the loads that vary; (0, n) where none does."""
+        load, shapes = self.problem.load, self.flow.modes.shapes
+        if load.varying is None:
             return np.zeros((0, self.size))
-        values, directions = np.asarray(varying(times_s), dtype=np.float64), self.problem.load.directions
-        modal = self.flow.modes.shapes if directions is None else directions @ self.flow.modes.shapes
-        if values.shape != (times_s.size, modal.shape[0]) or not np.all(np.isfinite(values)):
+        return shapes if load.directions is None else np.asarray(load.directions @ shapes)
+
+    def loads(self, times_s: Array) -> Array:
+        """Return the varying loads (times, loads); (0, loads) where there is none."""
+        varying, count = self.problem.load.varying, self.load_rows.shape[0]
+        if varying is None:
+            return np.zeros((0, count))
+        values = np.asarray(varying(times_s), dtype=np.float64)
+        if values.shape != (times_s.size, count) or not np.all(np.isfinite(values)):
             raise ValueError(
-                f"load.varying must return finite forces ({times_s.size}, {modal.shape[0]}); it returned "
-                f"{values.shape}."
+                f"load.varying must return finite forces ({times_s.size}, {count}); it returned {values.shape}."
             )
-        return np.ascontiguousarray(values @ modal)
+        return np.ascontiguousarray(values)
 
     def history_positions(self, times_s: Array) -> Array:
         """Return the positions in the histories, (times, forces); (0, forces) where no mesh has a history."""

@@ -10,6 +10,7 @@ from data_synth.integrators.problem import Array, Outcome
 
 _MAX_IMPULSE = 4.0  # rad2: of variation * step^2; impulses on a harmonic oscillator are unstable beyond
 _MAX_CYCLES = 1.0  # mesh cycles to a step
+_WIDTH = 8  # numbers that processors take at once, at most
 
 
 @dataclass(frozen=True, kw_only=True)
@@ -72,19 +73,39 @@ class Splitting:
         """Return the stepper, with the exact flow over half a step."""
         assembled = readings.assembled
         grid = Grid(assembled=assembled, rate_hz=readings.output.rate_hz, per_sample=per_sample)
-        propagator, added = assembled.flow_from_contact.over(grid.step_s / 2)
-        half = np.vstack([propagator.T, added])
-        if assembled.flow.classical:
-            i, v = np.arange(assembled.size), np.arange(assembled.size) + assembled.size
-            blocks = (propagator[i, i], propagator[i, v], propagator[v, i], propagator[v, v])
-            half = np.column_stack([*blocks, added[i], added[v]])
         return _Stepper(
             readings=readings,
             grid=grid,
-            half=np.ascontiguousarray(half),
+            flow=_flow_over(assembled, grid.step_s),
             coupled_speed=np.full(1, np.nan),
             next_weighted=np.full(assembled.backlashes.size, np.nan),
         )
+
+
+def _flow_over(assembled: Assembled, step_s: float) -> "StepFlow":
+    """Return the flow over a step."""
+    from data_synth.integrators._splitting_kernels import StepFlow  # noqa: PLC0415
+
+    n, equations, drags = assembled.size, assembled.equations, assembled.drags
+    (middle, in_middle), (whole, at_end) = (assembled.flow_from_contact.over(time_s) for time_s in (step_s / 2, step_s))
+    deflections, speeds = (
+        assembled.displacement_rows(assembled.deflections[assembled.mesh_of_force]),
+        assembled.velocity_rows(drags),
+    )
+    read = np.vstack([deflections, speeds])
+    matrix = np.vstack([whole, deflections @ whole, read @ middle])
+    added = np.concatenate([at_end, deflections @ at_end, read @ in_middle])
+    directions = np.vstack([equations.force_columns.T, drags, assembled.load_rows])
+    directions = np.pad(directions, ((0, -directions.shape[0] % 4), (0, 0)))
+    matrix = np.hstack([matrix, matrix[:, n:] @ directions.T])
+    spare = -added.size % _WIDTH
+    return StepFlow(
+        columns=np.ascontiguousarray(np.pad(matrix, ((0, spare), (0, 0))).T),
+        added=np.pad(added, (0, spare)),
+        directions=np.ascontiguousarray(directions),
+        from_middle=np.ascontiguousarray((np.vstack([middle, deflections @ middle])[:, n:] @ directions.T).T),
+        speed_changes=np.ascontiguousarray(drags @ directions.T),
+    )
 
 
 def too_many_cycles(assembled: Assembled, step_s: float, *, max_cycles: float) -> Refusal | None:
@@ -108,7 +129,7 @@ def too_many_cycles(assembled: Assembled, step_s: float, *, max_cycles: float) -
 class _Stepper:
     readings: Readings
     grid: Grid
-    half: Array
+    flow: "StepFlow"
     coupled_speed: Array  # of the reference one step ago, and ...
     next_weighted: Array  # ... the part of the next weighted mesh forces that is known: state of the stepper beside x
 
@@ -125,7 +146,7 @@ class _Stepper:
         edges = self.grid.edges(first, samples)
         if weighted and np.isnan(self.next_weighted).any():
             self.next_weighted[:] = read.at(x, float(edges[0]))[0, -a.backlashes.size :] / 2
-        loads = np.zeros((0, a.size))
+        loads = np.zeros((0, a.load_rows.shape[0]))
         if a.problem.load.varying is not None:
             loads = a.loads(np.linspace(edges[0], edges[-1], 2 * edges.size - 1))
         split_steps(
@@ -135,8 +156,7 @@ class _Stepper:
             read.constant,
             self.grid.per_sample,
             self.grid.step_s,
-            a.flow.classical,
-            self.half,
+            self.flow,
             a.equations,
             self.coupled_speed,
             a.revolutions(edges),

@@ -42,13 +42,7 @@ class PiecewiseLinear:
 
     def at(self, times_s: ArrayLike) -> Array:
         """Return the values at `times_s` (n,); at a jump, the one after it."""
-        times = np.asarray(times_s, dtype=np.float64)
-        after = np.searchsorted(self.times_s, times, side="right")
-        left = np.clip(after - 1, 0, self.times_s.size - 1)
-        right = np.clip(after, 0, self.times_s.size - 1)
-        gap = self.times_s[right] - self.times_s[left]
-        share = np.divide(times - self.times_s[left], gap, out=np.zeros(times.shape), where=gap > 0)
-        return np.asarray(self.values[left] + share * (self.values[right] - self.values[left]))
+        return np.asarray(np.interp(times_s, self.times_s, self.values))
 
     def scaled(self, factor: float) -> "PiecewiseLinear":
         """Return the time history multiplied by `factor`."""
