@@ -3,7 +3,7 @@
 import numpy as np
 from numpy.typing import NDArray
 
-from data_synth._compile import compiled, compiled_inside
+from data_synth._compile import compiled_inside
 
 Array = NDArray[np.float64]
 
@@ -19,7 +19,7 @@ def add_columns(columns: Array, x: Array, out: Array, first: int) -> None:
             out[i] += (one[i] * a + two[i] * b) + (three[i] * c + four[i] * d)
 
 
-@compiled
+@compiled_inside
 def apply_columns(columns: Array, added: Array, x: Array, out: Array) -> None:
     """Multiply by a matrix whose columns are the rows of `columns`, and add. The number of columns is even."""
     size, width = x.size, out.size

@@ -148,32 +148,40 @@ def read_teeth(
     """
     waves, steps = equations.stiffnesses, turns.size - 1
     for m in range(equations.cycles.size):
-        cycles, later = equations.cycles[m], equations.later_stiffnesses[m]
-        for step in range(steps):
-            position = positions[first + step, m] if positions.shape[0] > 0 else 0.0
-            table, then, share = history_tables(m, later, position)
-            part, a0, a1, a2 = 1.0 - share, 0.0, 0.0, 0.0
-            while True:
-                b0, b1, b2 = legendre_of_step(waves, table, cycles * turns[step], cycles * turns[step + 1], known)
-                a0, a1, a2 = a0 + part * b0, a1 + part * b1, a2 + part * b2
-                if table == then:
-                    break
-                table, part = then, share
-            stiffness[step, m, 0], stiffness[step, m, 1], stiffness[step, m, 2] = a0, a1, a2
-        which, later = equations.error_of[m], equations.later_errors[m]
-        for step in range(steps):
-            errors[step, m, 0] = errors[step, m, 1] = errors[step, m, 2] = 0.0
-            if which < 0:
-                continue
-            position = positions[first + step, m] if positions.shape[0] > 0 else 0.0
-            now, then, share = history_tables(which, later, position)
-            start, stop = cycles * turns[step], cycles * turns[step + 1]
-            if step == 0 or later >= 0:
-                errors[step, m, 0] = interpolated(equations.errors, now, then, share, start)
-            else:
-                errors[step, m, 0] = errors[step - 1, m, 2]
-            errors[step, m, 1] = interpolated(equations.errors, now, then, share, 0.5 * (start + stop))
-            errors[step, m, 2] = interpolated(equations.errors, now, then, share, stop)
+        cycles, which = equations.cycles[m], equations.error_of[m]
+        if equations.later_stiffnesses[m] < 0:  # as below, without what changes
+            for step in range(steps):
+                begin, end = cycles * turns[step], cycles * turns[step + 1]
+                found = legendre_of_step(waves, m, begin, end, known)
+                stiffness[step, m, 0], stiffness[step, m, 1], stiffness[step, m, 2] = found
+        else:
+            for step in range(steps):
+                begin, end = cycles * turns[step], cycles * turns[step + 1]
+                table, then, share = history_tables(m, equations.later_stiffnesses[m], positions[first + step, m])
+                part, a0, a1, a2 = 1.0 - share, 0.0, 0.0, 0.0
+                while True:
+                    b0, b1, b2 = legendre_of_step(waves, table, begin, end, known)
+                    a0, a1, a2 = a0 + part * b0, a1 + part * b1, a2 + part * b2
+                    if table == then:
+                        break
+                    table, part = then, share
+                stiffness[step, m, 0], stiffness[step, m, 1], stiffness[step, m, 2] = a0, a1, a2
+        if which < 0:
+            errors[:, m] = 0.0
+        elif equations.later_errors[m] < 0:
+            before = value_at(equations.errors, which, cycles * turns[0])
+            for step in range(steps):
+                middle = 0.5 * (turns[step] + turns[step + 1])
+                errors[step, m, 0] = before
+                errors[step, m, 1] = value_at(equations.errors, which, cycles * middle)
+                before = errors[step, m, 2] = value_at(equations.errors, which, cycles * turns[step + 1])
+        else:
+            for step in range(steps):
+                start, stop = turns[step], turns[step + 1]
+                now, then, share = history_tables(which, equations.later_errors[m], positions[first + step, m])
+                for node in range(3):
+                    turned = start if node == 0 else stop if node == 2 else 0.5 * (start + stop)  # noqa: PLR2004
+                    errors[step, m, node] = interpolated(equations.errors, now, then, share, cycles * turned)
 
 
 @compiled_inside
@@ -217,7 +225,7 @@ def split_steps(
     of two mesh forces: h^3 times a quadratic form of their Legendre coefficients.
     The deflection at the middle node lacks `correction`, the effect of the forces until then beyond the impulse at the
     start: over a step it cancels, but weighted mesh forces need it.
-    `loads` (2 steps + 1, loads) are the varying ones at beginning and middle of each step; (0, loads) where none varies.
+    `loads` (2 steps + 1, loads) are the varying ones at the beginning and in the middle of each step.
     `history_positions` (steps, meshes) are those in the histories of the meshes; (0, meshes) where none has one.
     `weighted_forces` (samples, 2 meshes) receives the force of each mesh under the triangular weight, then the force
     at the sample; `next_weighted` (meshes,) is the known part of the next weighted force; (0, 2 meshes) where the

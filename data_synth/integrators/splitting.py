@@ -1,12 +1,18 @@
 """Exponential splitting: the general integrator, with or without backlash."""
 
+from __future__ import annotations
+
 from dataclasses import dataclass
+from typing import TYPE_CHECKING
 
 import numpy as np
 
 from data_synth.integrators.method import Grid, Readings, Refusal, Stepper
-from data_synth.integrators.modal_problem import Assembled
 from data_synth.integrators.problem import Array, Outcome
+
+if TYPE_CHECKING:
+    from data_synth.integrators._splitting_kernels import StepFlow
+    from data_synth.integrators.modal_problem import Assembled
 
 _MAX_IMPULSE = 4.0  # rad2: of variation * step^2; impulses on a harmonic oscillator are unstable beyond
 _MAX_CYCLES = 1.0  # mesh cycles to a step
@@ -70,7 +76,7 @@ class Splitting:
         return too_many_cycles(assembled, step_s, max_cycles=_MAX_CYCLES)
 
     def stepper(self, readings: Readings, per_sample: int) -> Stepper:
-        """Return the stepper, with the exact flow over half a step."""
+        """Return the stepper, with the exact flow over a step."""
         assembled = readings.assembled
         grid = Grid(assembled=assembled, rate_hz=readings.output.rate_hz, per_sample=per_sample)
         return _Stepper(
@@ -82,17 +88,14 @@ class Splitting:
         )
 
 
-def _flow_over(assembled: Assembled, step_s: float) -> "StepFlow":
+def _flow_over(assembled: Assembled, step_s: float) -> StepFlow:
     """Return the flow over a step."""
     from data_synth.integrators._splitting_kernels import StepFlow  # noqa: PLC0415
 
     n, equations, drags = assembled.size, assembled.equations, assembled.drags
     (middle, in_middle), (whole, at_end) = (assembled.flow_from_contact.over(time_s) for time_s in (step_s / 2, step_s))
-    deflections, speeds = (
-        assembled.displacement_rows(assembled.deflections[assembled.mesh_of_force]),
-        assembled.velocity_rows(drags),
-    )
-    read = np.vstack([deflections, speeds])
+    deflections = assembled.displacement_rows(assembled.deflections[assembled.mesh_of_force])
+    read = np.vstack([deflections, assembled.velocity_rows(drags)])
     matrix = np.vstack([whole, deflections @ whole, read @ middle])
     added = np.concatenate([at_end, deflections @ at_end, read @ in_middle])
     directions = np.vstack([equations.force_columns.T, drags, assembled.load_rows])
@@ -129,7 +132,7 @@ def too_many_cycles(assembled: Assembled, step_s: float, *, max_cycles: float) -
 class _Stepper:
     readings: Readings
     grid: Grid
-    flow: "StepFlow"
+    flow: StepFlow
     coupled_speed: Array  # of the reference one step ago, and ...
     next_weighted: Array  # ... the part of the next weighted mesh forces that is known: state of the stepper beside x
 

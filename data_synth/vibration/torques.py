@@ -196,17 +196,17 @@ def _check_speed_continuous(drive: Drive) -> None:
 
 
 def _varying(factors: Callable[[Array], Array], directions: Array, *, drive: Drive) -> Load:
-    """Return forces (k, dof) times factors (n, k) of rising times as a load, at a knot the mean of both sides."""
+    """Return forces (k, dof) times factors (n, k) of rising times as a load, at a knot the mean of both sides.
+
+    Between the knots of torque and speed the factors are linear.
+    """
     assert drive.torque is not None  # noqa: S101 - the callers' own check
     knots_s = np.unique(np.concatenate([drive.torque.times_s, getattr(drive.angle, "times_s", np.zeros(0))]))
 
     def mean_about(times_s: Array) -> Array:
-        found = factors(times_s)
-        inside = knots_s[(knots_s >= times_s[0] - _INSTANT_S) & (knots_s <= times_s[-1] + _INSTANT_S)]
-        first, last = (np.searchsorted(times_s, inside + off, side="right") for off in (-_INSTANT_S, _INSTANT_S))
-        near = np.unique(np.concatenate([first[last > first], last[last > first] - 1]))
-        found[near] = (factors(times_s[near] - _INSTANT_S) + factors(times_s[near] + _INSTANT_S)) / 2
-        return found
+        inside = knots_s[(knots_s > times_s[0] - _INSTANT_S) & (knots_s < times_s[-1] + _INSTANT_S)]
+        ends_s = np.unique(np.concatenate([times_s[[0, -1]], inside - _INSTANT_S, inside + _INSTANT_S]))
+        return np.stack([np.interp(times_s, ends_s, factor) for factor in factors(ends_s).T], axis=1)
 
     # the constant part has no discretisation error
     at_zero = mean_about(np.zeros(1))[0]
