@@ -97,7 +97,7 @@ def drive_load_of(stage: PreparedScene, kinematics: Kinematics, system: System) 
     def factors(times_s: Array) -> Array:
         return np.stack([torque.at(times_s), 2 * np.pi * angle.acceleration_hz_s(times_s)], axis=1)
 
-    load = _varying(factors, np.stack([unit, inertia_torque]), drive=stage.drive)
+    load = _varying(factors, np.stack([unit, inertia_torque]), drive=stage.drive, linear=True)
     if np.ptp(torque.values) == 0 and np.ptp(stage.speed_hz) == 0:
         load = Load(constant=load.constant)
     return DriveLoad(load=load, damping=np.zeros((system.dof, system.dof)), rigid_motion=rigid_motion)
@@ -195,18 +195,20 @@ def _check_speed_continuous(drive: Drive) -> None:
         )
 
 
-def _varying(factors: Callable[[Array], Array], directions: Array, *, drive: Drive) -> Load:
+def _varying(factors: Callable[[Array], Array], directions: Array, *, drive: Drive, linear: bool) -> Load:
     """Return forces (k, dof) times factors (n, k) of rising times as a load, at a knot the mean of both sides.
 
-    Between the knots of torque and speed the factors are linear.
+    `linear`: between the knots of torque and speed the factors are.
     """
     assert drive.torque is not None  # noqa: S101 - the callers' own check
     knots_s = np.unique(np.concatenate([drive.torque.times_s, getattr(drive.angle, "times_s", np.zeros(0))]))
 
     def mean_about(times_s: Array) -> Array:
         inside = knots_s[(knots_s > times_s[0] - _INSTANT_S) & (knots_s < times_s[-1] + _INSTANT_S)]
-        ends_s = np.unique(np.concatenate([times_s[[0, -1]], inside - _INSTANT_S, inside + _INSTANT_S]))
-        return np.stack([np.interp(times_s, ends_s, factor) for factor in factors(ends_s).T], axis=1)
+        known_s = times_s[[0, -1]] if linear else times_s
+        apart = np.min(np.abs(known_s[:, None] - inside), axis=1, initial=np.inf) >= _INSTANT_S
+        known_s = np.unique(np.concatenate([known_s[apart], inside - _INSTANT_S, inside + _INSTANT_S]))
+        return np.stack([np.interp(times_s, known_s, factor) for factor in factors(known_s).T], axis=1)
 
     # the constant part has no discretisation error
     at_zero = mean_about(np.zeros(1))[0]
@@ -245,7 +247,7 @@ def _running_up(
 
     return DriveLoad(
         load=replace(
-            _varying(factors, np.stack([driving_torque, unit]), drive=stage.drive),
+            _varying(factors, np.stack([driving_torque, unit]), drive=stage.drive, linear=False),
             quadratic_drag=drag if law.load_nm_s2 else None,
         ),
         damping=damping,
