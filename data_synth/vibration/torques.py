@@ -208,12 +208,12 @@ def _varying(factors: Callable[[Array], Array], directions: Array, *, drive: Dri
         known_s = times_s[[0, -1]] if linear else times_s
         apart = np.min(np.abs(known_s[:, None] - inside), axis=1, initial=np.inf) >= _INSTANT_S
         known_s = np.unique(np.concatenate([known_s[apart], inside - _INSTANT_S, inside + _INSTANT_S]))
-        return np.stack([np.interp(times_s, known_s, factor) for factor in factors(known_s).T], axis=1)
+        values = (factors(known_s) - at_zero).T
+        return np.stack([np.interp(times_s, known_s, factor) for factor in values], axis=1)
 
-    # the constant part has no discretisation error
-    at_zero = mean_about(np.zeros(1))[0]
-    constant = np.asarray(at_zero @ directions)
-    return Load(constant=constant, varying=lambda times_s: mean_about(times_s) - at_zero, directions=directions)
+    at_zero = np.zeros(directions.shape[0])
+    at_zero = mean_about(np.zeros(1))[0]  # the constant part has no discretisation error
+    return Load(constant=np.asarray(at_zero @ directions), varying=mean_about, directions=directions)
 
 
 def _running_up(
