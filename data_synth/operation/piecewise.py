@@ -42,7 +42,7 @@ class PiecewiseLinear:
 
     def at(self, times_s: ArrayLike) -> Array:
         """Return the values at `times_s` (n,); at a jump, the one after it."""
-        return np.asarray(np.interp(times_s, self.times_s, self.values))
+        return np.asarray(np.interp(np.asarray(times_s, dtype=np.float64), self.times_s, self.values))
 
     def scaled(self, factor: float) -> "PiecewiseLinear":
         """Return the time history multiplied by `factor`."""
