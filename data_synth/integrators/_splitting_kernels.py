@@ -22,18 +22,19 @@ TILE = 256  # steps whose teeth are looked up at once: later look-ups need not w
 GAP, BACK_GAP, MEAN, OFFSET = range(
     4
 )  # of each mesh: half its backlash on either flank, the constant part of its force
-DEFLECTION, COMPRESSION, CONTACT, CORRECTION = range(4)  # of each mesh, now
+DEFLECTION, COMPRESSION, CONTACT, IN_FLOW, CORRECTION = range(5)  # of each mesh, now
 
 
 class StepFlow(NamedTuple):
-    """Exact flow over a step, and what an impulse at its beginning, middle or end does.
+    """Exact flow over a step, and what impulses at its beginning and in its middle do.
 
-    Impulses come from forces, then from drags, then from varying loads, then zeros, k in all; k and 2 n + k are even.
-    ``columns`` (2 n + k, width) are those of the matrix from x and impulses at the beginning to x (2 n) and deflections
-    (forces,) at the end, then deflections (forces,) and speeds with drag (drags,) in the middle, then zeros; ``added``
-    (width,) is what the constant load adds. ``directions`` (k, n): change of the modal velocities per impulse.
-    ``from_middle`` (k, 2 n + forces): change of x and of deflections at the end per impulse in the middle.
-    ``speed_changes`` (drags, k): change of the speeds with drag per impulse.
+    Impulses come from forces, then from drags, then from varying loads, k in all. ``columns`` (c, width) are those of
+    the matrix from x at the beginning, impulses there, and the transmission errors of each force at beginning, middle
+    and end, to x and deflections (forces,) at the end, then deflections (forces,) and speeds with drag (drags,) in the
+    middle; ``added`` (width,) is what the constant load adds. ``directions`` (k, n): change of the modal velocities per
+    impulse. ``from_middle`` (k, 2 n + forces): change of x and of deflections at the end per impulse in the middle;
+    its rows are a multiple of four, c is even, zeros fill both and the width. ``speed_changes`` (drags, k): change of
+    the speeds with drag per impulse.
     """
 
     columns: Array
@@ -220,7 +221,9 @@ def split_steps(
 ) -> None:
     """Propagate x over all samples of a block and compute the outputs at each.
 
-    In each step the meshes act by impulses at both ends and in the middle. They are integrals of the stiffness times
+    The mean stiffness of a mesh and its transmission error, a parabola over each step, are in the exact flow; so
+    impulses do not grow with an error, however large. In each step the meshes act by impulses at both ends and in the
+    middle, for what these lack. They are integrals of the stiffness times
     the quadratic Lagrange polynomials through these nodes, exact across jumps; the middle one also has the commutator
     of two mesh forces: h^3 times a quadratic form of their Legendre coefficients.
     The deflection at the middle node lacks `correction`, the effect of the forces until then beyond the impulse at the
@@ -238,11 +241,11 @@ def split_steps(
     braked, first_load = drag_factors.size, meshes + drag_factors.size
     ends, middles, after = 2 * size, 2 * size + meshes, np.empty(added.size)  # where the deflections are in `after`
     # what acts in the middle of a step; and x, with what acts at its beginning
-    impulse, state, speeds = np.zeros(directions.shape[0]), np.zeros(columns.shape[0]), np.zeros(braked)
-    state[: start.size] = start
-    x, pending = state[: start.size], state[start.size :]
+    impulse, state, speeds = np.zeros(from_middle.shape[0]), np.zeros(columns.shape[0]), np.zeros(braked)
+    state[:ends] = start
+    x, pending, shifts = state[:ends], state[ends : ends + directions.shape[0]], state[ends + directions.shape[0] :]
     # side by side for each mesh: loops over few meshes are not worth vectors
-    teeth, force = np.empty((meshes, 4)), np.zeros((meshes, 4))
+    teeth, force = np.empty((meshes, 4)), np.zeros((meshes, 5))
     for m in range(meshes):
         teeth[m, GAP], teeth[m, BACK_GAP] = equations.backlashes[m], equations.back_half_gaps[m]
         teeth[m, MEAN], teeth[m, OFFSET] = equations.mean_stiffnesses[m], equations.offsets[m]
@@ -272,6 +275,9 @@ def split_steps(
         elif here == 0:
             some = revolutions[number : min(number + tile, steps) + 1]
             read_teeth(equations, some, history_positions, number, known, stiffness, errors)
+        for m in range(meshes):
+            for node in range(3):
+                shifts[3 * m + node] = errors[here, m, node]
         for node in range(3):
             weight, acting = (two_thirds, impulse) if node == 1 else (sixth, pending)
             if node == 0 and braked:
@@ -286,13 +292,12 @@ def split_steps(
                 brake(two_thirds / 2, speeds, impulse, drag_factors, speed_changes, meshes, True)
                 pending[:] = 0.0
             for m in range(meshes):
-                deflection = force[m, DEFLECTION]
-                force[m, COMPRESSION], force[m, CONTACT] = dead_zone(
-                    deflection - errors[here, m, node], teeth[m, GAP], teeth[m, BACK_GAP]
-                )
+                gap = force[m, DEFLECTION] - errors[here, m, node]
+                force[m, COMPRESSION], force[m, CONTACT] = dead_zone(gap, teeth[m, GAP], teeth[m, BACK_GAP])
+                force[m, IN_FLOW] = teeth[m, MEAN] * (gap - teeth[m, OFFSET])
                 a0, a1, a2 = stiffness[here, m, 0], stiffness[here, m, 1], stiffness[here, m, 2]
                 strength = a0 - 0.2 * a2 if node == 1 else a0 + (node - 1) * a1 + 0.4 * a2
-                lacking = strength * force[m, COMPRESSION] - teeth[m, MEAN] * (deflection - teeth[m, OFFSET])
+                lacking = strength * force[m, COMPRESSION] - force[m, IN_FLOW]
                 if node == 1:
                     acting[m] = 0.0
                 acting[m] -= weight * lacking
@@ -300,7 +305,7 @@ def split_steps(
             if node == 1:  # commutator of two mesh forces
                 for j in range(meshes):
                     a0, a1, a2 = stiffness[here, j, 0], stiffness[here, j, 1], stiffness[here, j, 2]
-                    f0 = a0 * force[j, COMPRESSION] - teeth[j, MEAN] * (force[j, DEFLECTION] - teeth[j, OFFSET])
+                    f0 = a0 * force[j, COMPRESSION] - force[j, IN_FLOW]
                     f1, f2 = a1 * force[j, COMPRESSION], a2 * force[j, COMPRESSION]
                     for i in range(meshes):
                         contact = force[i, CONTACT]
@@ -323,7 +328,7 @@ def split_steps(
             if node != 1:
                 continue
             for d in range(braked):
-                for k in range(impulse.size):
+                for k in range(directions.shape[0]):
                     if not meshes <= k < first_load:
                         speeds[d] += speed_changes[d, k] * impulse[k]
             brake(two_thirds / 2, speeds, impulse, drag_factors, speed_changes, meshes, False)

@@ -6,6 +6,7 @@ from dataclasses import dataclass
 from typing import TYPE_CHECKING
 
 import numpy as np
+from scipy import linalg
 
 from data_synth.integrators.method import Grid, Readings, Refusal, Stepper
 from data_synth.integrators.problem import Array, Outcome
@@ -93,22 +94,45 @@ def _flow_over(assembled: Assembled, step_s: float) -> StepFlow:
     from data_synth.integrators._splitting_kernels import StepFlow  # noqa: PLC0415
 
     n, equations, drags = assembled.size, assembled.equations, assembled.drags
-    (middle, in_middle), (whole, at_end) = (assembled.flow_from_contact.over(time_s) for time_s in (step_s / 2, step_s))
+    flow = assembled.flow_from_contact
+    (middle, in_middle), (whole, at_end) = flow.over(step_s / 2), flow.over(step_s)
     deflections = assembled.displacement_rows(assembled.deflections[assembled.mesh_of_force])
     read = np.vstack([deflections, assembled.velocity_rows(drags)])
-    matrix = np.vstack([whole, deflections @ whole, read @ middle])
-    added = np.concatenate([at_end, deflections @ at_end, read @ in_middle])
     directions = np.vstack([equations.force_columns.T, drags, assembled.load_rows])
-    directions = np.pad(directions, ((0, -directions.shape[0] % 4), (0, 0)))
-    matrix = np.hstack([matrix, matrix[:, n:] @ directions.T])
-    spare = -added.size % _WIDTH
+    matrix = np.vstack([whole, deflections @ whole, read @ middle])
+    error_at_end, error_in_middle = _error_columns(assembled, step_s)
+    by_error = np.vstack([error_at_end, deflections @ error_at_end, read @ error_in_middle])
+    matrix = np.hstack([matrix, matrix[:, n:] @ directions.T, by_error])
+    from_middle = directions @ np.vstack([middle, deflections @ middle])[:, n:].T
+    added = np.concatenate([at_end, deflections @ at_end, read @ in_middle])
+    width, columns = matrix.shape
     return StepFlow(
-        columns=np.ascontiguousarray(np.pad(matrix, ((0, spare), (0, 0))).T),
-        added=np.pad(added, (0, spare)),
+        columns=np.ascontiguousarray(np.pad(matrix, ((0, -width % _WIDTH), (0, columns % 2))).T),
+        added=np.pad(added, (0, -width % _WIDTH)),
         directions=np.ascontiguousarray(directions),
-        from_middle=np.ascontiguousarray((np.vstack([middle, deflections @ middle])[:, n:] @ directions.T).T),
+        from_middle=np.pad(from_middle, ((0, -directions.shape[0] % 4), (0, 0))),
         speed_changes=np.ascontiguousarray(drags @ directions.T),
     )
+
+
+def _error_columns(assembled: Assembled, step_s: float) -> tuple[Array, Array]:
+    """Return what transmission errors add to x at the end and in the middle of a step, each (2 n, 3 forces).
+
+    An error is the parabola through its values at beginning, middle and end, ``q0 + q1 t + q2 t^2 / 2`` with t from 0
+    to 1: by the exponential of x' with q0, q1 and q2 as further states, q0' = q1 and q1' = q2.
+    """
+    meshes, forces, x = assembled.backlashes.size, assembled.mesh_of_force.size, 2 * assembled.size
+    generator = np.zeros((x + 3 * meshes, x + 3 * meshes))
+    generator[:x, :x] = assembled.flow.generator
+    generator[x // 2 : x, x::3] = assembled.deflections.T * assembled.means
+    rising = np.kron(np.eye(meshes), np.eye(3, k=1)) / step_s
+    generator[x:, x:] = rising
+    from_nodes = np.kron(np.eye(meshes), [[1.0, 0.0, 0.0], [-3.0, 4.0, -1.0], [4.0, -8.0, 4.0]])
+    half = linalg.expm(generator * (step_s / 2))
+    found = [np.zeros((x, 3 * forces)) for _ in range(2)]
+    for columns, power in zip(found, (half @ half, half), strict=True):
+        columns[:, : 3 * meshes] = power[:x, x:] @ from_nodes
+    return found[0], found[1]
 
 
 def too_many_cycles(assembled: Assembled, step_s: float, *, max_cycles: float) -> Refusal | None:
