@@ -249,24 +249,25 @@ def _steps(readings: Readings, method: Method, tolerance: Steps | Accuracy) -> t
         method.refusal(readings.assembled, 1 / (rate * steps)) or _unresolved(readings, method, steps)
     ):
         steps *= 2
-    tolerated, error = _SAFETY * tolerance.relative, np.inf
+    tolerated, error, expected = _SAFETY * tolerance.relative, np.inf, np.inf
     coarse = _trial_run(readings, method, steps, trial)
     while 2 * steps <= tolerance.max_per_sample:
         fine = _trial_run(readings, method, 2 * steps, trial)
         error = _difference(coarse, fine, about_mean=tolerance.about_mean) * count / trial
-        # the coarse steps have nearly all of the difference as their error, half the step 2^-order of it
+        # the coarse steps have nearly all of the difference as their error
         if error <= tolerated:
             return steps, error, None
-        expected = error / 2**method.order
-        if expected <= tolerated:
-            # fewer may do: by half the order, which is what remains of it where teeth part
+        if error / 2 ** (method.order / 2) <= tolerated:  # where teeth part half the order remains
             enough = min(int(np.ceil(steps * (error / tolerated) ** (2 / method.order))), 2 * steps)
             return enough, error * (steps / enough) ** method.order, None
+        expected = error / 2**method.order
         ahead = max(1, int(np.ceil(np.log2(expected / tolerated) / method.order))) if np.isfinite(expected) else 1
         coarse, steps = fine, 2 * steps
         if ahead > 1 and steps * 2 ** (ahead - 1) <= tolerance.max_per_sample // 2:
             steps *= 2 ** (ahead - 1)
             coarse = _trial_run(readings, method, steps, trial)
+    if expected <= tolerated:
+        return steps, expected, None
     detail = (
         f"With {steps} steps to a sample the error of the record would be about {error:.2g}, "
         f"not {tolerance.relative:g}."

@@ -291,11 +291,15 @@ class Assembled:
 
         Half the backlash, so that what varies about the mean stiffness is the force of teeth in contact alone.
         """
-        start = self.problem.start
+        start, reference = self.problem.start, self.problem.reference
         if start is None:
             return np.zeros(self.backlashes.size)
-        deflections = np.array([mesh.direction @ start.displacement for mesh in self.problem.system.meshes])
-        return np.where(2 * np.abs(deflections) > self.backlashes, self.backlashes * np.sign(deflections), 0.0)
+        gaps = np.array([mesh.direction @ start.displacement for mesh in self.problem.system.meshes])
+        if not isinstance(reference, CoupledReference):
+            at = np.array([self.problem.start_s])
+            turned = reference.revolutions(at)
+            gaps -= [mesh.teeth_at(mesh.cycles_per_rev * turned, at)[1][0] for mesh in self.problem.system.meshes]
+        return np.where(2 * np.abs(gaps) > self.backlashes, self.backlashes * np.sign(gaps), 0.0)
 
     @cached_property
     def flow_from_contact(self) -> Flow:

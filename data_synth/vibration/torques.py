@@ -14,6 +14,7 @@ from collections.abc import Callable
 from dataclasses import dataclass, field, replace
 
 import numpy as np
+from numpy.typing import ArrayLike
 
 from data_synth.dynamics.modes import undamped_modes
 from data_synth.dynamics.system import Array, System
@@ -56,8 +57,11 @@ class DriveLoad:
     full_rotation: bool = False
     at_rest: bool = False
 
-    def start(self, system: System, drive: Drive, time_s: float) -> State:
-        """Return the state at a time: at rest, or in static equilibrium with teeth in contact at mean stiffness."""
+    def start(self, system: System, drive: Drive, time_s: float, *, errors_m: ArrayLike = 0.0) -> State:
+        """Return the state at a time: at rest, or in static equilibrium with teeth in contact at mean stiffness.
+
+        `errors_m` (mesh,) are the transmission errors that closed teeth follow.
+        """
         if self.at_rest and time_s == 0:
             return State(displacement=np.zeros(system.dof), velocity=np.zeros(system.dof))
         speed = 2 * np.pi * float(drive.angle.speed_hz(time_s)) * self.rigid_motion * self.full_rotation
@@ -65,7 +69,8 @@ class DriveLoad:
         force += self.load.varying_at(np.array([time_s]))[0]
         if self.load.quadratic_drag is not None:
             force -= self.load.quadratic_drag * speed * np.abs(speed)
-        return State(displacement=static_deflection(system, force - self.damping @ speed), velocity=speed)
+        displacement = static_deflection(system, force - self.damping @ speed, errors_m=errors_m)
+        return State(displacement=displacement, velocity=speed)
 
 
 def drive_load_of(stage: PreparedScene, kinematics: Kinematics, system: System) -> DriveLoad:
@@ -103,8 +108,10 @@ def drive_load_of(stage: PreparedScene, kinematics: Kinematics, system: System) 
     return DriveLoad(load=load, damping=np.zeros((system.dof, system.dof)), rigid_motion=rigid_motion)
 
 
-def static_deflection(system: System, force: Array) -> Array:
+def static_deflection(system: System, force: Array, *, errors_m: ArrayLike = 0.0) -> Array:
     """Return the static elastic deflection (dof,) under a force (dof,), teeth in contact at mean stiffness.
+
+    `errors_m` (mesh,) are their transmission errors.
 
     The rigid-body acceleration by the force is left out.
     """
@@ -116,8 +123,8 @@ def static_deflection(system: System, force: Array) -> Array:
     rows = np.array([mesh.direction for mesh in system.meshes])
     pressed = means * (rows @ deflection)
     pressed[np.abs(pressed) < _NO_LOAD * np.max(np.abs(pressed), initial=0.0)] = 0.0  # they hang between their flanks
-    shifts = np.array([mesh.backlash_m for mesh in system.meshes]) * np.sign(pressed)
-    # contact begins at half the backlash: the same forces at a larger deflection
+    # contact begins at half the backlash and an error further: the same forces at another deflection
+    shifts = np.array([mesh.backlash_m for mesh in system.meshes]) * np.sign(pressed) + errors_m
     return np.asarray(deflection + compliance @ (rows.T @ (means * shifts)))
 
 
