@@ -277,7 +277,7 @@ def split_steps(
             read_teeth(equations, some, history_positions, number, known, stiffness, errors)
         for m in range(meshes):
             for node in range(3):
-                shifts[3 * m + node] = errors[here, m, node]
+                shifts[3 * m + node] = equations.following[m] * errors[here, m, node]
         for node in range(3):
             weight, acting = (two_thirds, impulse) if node == 1 else (sixth, pending)
             if node == 0 and braked:
@@ -292,9 +292,11 @@ def split_steps(
                 brake(two_thirds / 2, speeds, impulse, drag_factors, speed_changes, meshes, True)
                 pending[:] = 0.0
             for m in range(meshes):
-                gap = force[m, DEFLECTION] - errors[here, m, node]
-                force[m, COMPRESSION], force[m, CONTACT] = dead_zone(gap, teeth[m, GAP], teeth[m, BACK_GAP])
-                force[m, IN_FLOW] = teeth[m, MEAN] * (gap - teeth[m, OFFSET])
+                deflection = force[m, DEFLECTION]
+                force[m, COMPRESSION], force[m, CONTACT] = dead_zone(
+                    deflection - errors[here, m, node], teeth[m, GAP], teeth[m, BACK_GAP]
+                )
+                force[m, IN_FLOW] = teeth[m, MEAN] * (deflection - shifts[3 * m + node] - teeth[m, OFFSET])
                 a0, a1, a2 = stiffness[here, m, 0], stiffness[here, m, 1], stiffness[here, m, 2]
                 strength = a0 - 0.2 * a2 if node == 1 else a0 + (node - 1) * a1 + 0.4 * a2
                 lacking = strength * force[m, COMPRESSION] - force[m, IN_FLOW]

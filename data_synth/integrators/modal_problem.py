@@ -178,7 +178,8 @@ class Equations(NamedTuple):
     deflection of the mesh per scaled displacement. ``coupling`` (forces, forces): ``g_i M^-1 g_j``.
     ``mean_stiffnesses`` (forces,): those in the generator, zero for friction. ``backlashes`` and ``back_half_gaps``
     (forces,): half the backlash towards the driving and the back flank, the latter infinite for friction. ``offsets``
-    (forces,): the deflections from which mean stiffness counts (`Assembled.offsets`).
+    (forces,): the deflections from which mean stiffness counts (`Assembled.offsets`); ``following`` (forces,): 1 where
+    it follows the transmission error (`Assembled.following`), else 0.
     ``error_of`` (forces,): number of the transmission error in `errors`, -1 for none. ``later_stiffnesses`` and
     ``later_errors`` (forces,): number of the second table of a mesh with a history, -1 for none; the first is at its
     own number, or at ``error_of``. ``drags`` (drags, n): rows of the velocities with drag, and ``drag_factors``
@@ -196,6 +197,7 @@ class Equations(NamedTuple):
     backlashes: Array
     back_half_gaps: Array
     offsets: Array
+    following: Array
     cycles: Array
     drags: Array
     drag_factors: Array
@@ -277,6 +279,7 @@ class Assembled:
             backlashes=self.backlashes[of],
             back_half_gaps=np.concatenate([self.backlashes, none + np.inf]),
             offsets=np.concatenate([self.offsets, none]),
+            following=np.concatenate([self.following, none]),
             cycles=self.cycles[of],
             drags=self.drags,
             drag_factors=self.drag_factors,
@@ -300,6 +303,11 @@ class Assembled:
             turned = reference.revolutions(at)
             gaps -= [mesh.teeth_at(mesh.cycles_per_rev * turned, at)[1][0] for mesh in self.problem.system.meshes]
         return np.where(2 * np.abs(gaps) > self.backlashes, self.backlashes * np.sign(gaps), 0.0)
+
+    @cached_property
+    def following(self) -> Array:
+        """Whether mean stiffness follows the transmission error of a mesh: 1, or 0 where teeth hang at the start."""
+        return np.where((self.offsets != 0) | (self.backlashes == 0), 1.0, 0.0)
 
     @cached_property
     def flow_from_contact(self) -> Flow:

@@ -124,7 +124,7 @@ def _error_columns(assembled: Assembled, step_s: float) -> tuple[Array, Array]:
     meshes, forces, x = assembled.backlashes.size, assembled.mesh_of_force.size, 2 * assembled.size
     generator = np.zeros((x + 3 * meshes, x + 3 * meshes))
     generator[:x, :x] = assembled.flow.generator
-    generator[x // 2 : x, x::3] = assembled.deflections.T * assembled.means
+    generator[x // 2 : x, x::3] = assembled.deflections.T * (assembled.means * assembled.following)
     rising = np.kron(np.eye(meshes), np.eye(3, k=1)) / step_s
     generator[x:, x:] = rising
     from_nodes = np.kron(np.eye(meshes), [[1.0, 0.0, 0.0], [-3.0, 4.0, -1.0], [4.0, -8.0, 4.0]])

@@ -147,6 +147,7 @@ def _meshes(gears: Gears, springs: Collection[str]) -> Iterator[tuple[str, MeshP
 
 _BLOCK = 8192
 _TRIAL = 4096
+_TOP = 1 - 1e-9  # of the top speed: less is rounding
 _MOST_DENSE = 64
 _FEWEST_DENSE = 2  # where a channel has a filter, so that it works before samples are left out
 
@@ -284,7 +285,8 @@ class Motion:
             reversals = np.flatnonzero(np.diff(np.sign(torque.at(times_s))))
             if reversals.size:
                 return float(times_s[reversals[0]])
-        return float(times_s[np.argmax(drive.angle.speed_hz(times_s))])
+        speeds_hz = drive.angle.speed_hz(times_s)
+        return float(times_s[np.argmax(speeds_hz >= _TOP * np.max(speeds_hz))])
 
     def problem(self, start_s: float, duration_s: float) -> Problem:
         """Return the initial value problem from a time on, starting at rest or in static equilibrium.

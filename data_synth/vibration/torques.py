@@ -124,7 +124,8 @@ def static_deflection(system: System, force: Array, *, errors_m: ArrayLike = 0.0
     pressed = means * (rows @ deflection)
     pressed[np.abs(pressed) < _NO_LOAD * np.max(np.abs(pressed), initial=0.0)] = 0.0  # they hang between their flanks
     # contact begins at half the backlash and an error further: the same forces at another deflection
-    shifts = np.array([mesh.backlash_m for mesh in system.meshes]) * np.sign(pressed) + errors_m
+    gaps = np.array([mesh.backlash_m for mesh in system.meshes])
+    shifts = gaps * np.sign(pressed) + np.where((pressed != 0) | (gaps == 0), errors_m, 0.0)
     return np.asarray(deflection + compliance @ (rows.T @ (means * shifts)))
 
 

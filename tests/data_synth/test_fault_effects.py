@@ -63,7 +63,7 @@ GEAR_SIZES = {  # mm
     "missing_tooth": (1.0, 7.0),
     "spall": (0.003, 2.0),
     "pitting": (0.003, 2.0),
-    "eccentricity": (0.1, 0.5),
+    "eccentricity": (0.15, 0.5),
     "misalignment": (3.0, 29.0),
     "wear": (0.003, 0.2),
 }
