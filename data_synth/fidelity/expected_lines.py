@@ -46,7 +46,8 @@ _RESPONSES = 1 << 14  # frequencies from zero to half the rate, between which a 
 _COARSE_HZ, _FINE_HZ = 40.0, 5.0
 """Frequencies of the fastest mesh between which forces are interpolated, at most and about at least: of its tenth
 harmonic 400 and 50 Hz, more and less than the width of the modes that varying stiffness changes, those of teeth."""
-_SMOOTH = 1e3  # times the bound of a residual: of forces between speeds; half as far apart, a sixteenth of that
+_SMOOTH = 1e3  # times the bound of a residual: of forces between speeds ...
+_HALVED = 16.0  # ... and this less between speeds half as far apart: what is as good already is not solved for
 _SLOWEST = 0.01  # of the top speed: below, lines are at frequencies where the stiffness acts statically
 _BEYOND = 1.5  # times the highest line: lines beyond it act on others, those of stiffness that jumps as 1 over theirs
 _INDEPENDENT = 1e-5  # of the largest of independent histories, below which one is left out
@@ -184,7 +185,7 @@ def expected_lines(motion: Motion) -> tuple[ExpectedLines, ...]:
 
 
 def _over_speeds(
-    balanced: Callable[[Singles, float], tuple[Singles, float]],
+    balanced: Callable[..., tuple[Singles, float]],
     by_mesh: Callable[[float, Singles], Singles],
     static: Singles,
     lowest_hz: float,
@@ -199,7 +200,10 @@ def _over_speeds(
     while speeds_hz.size > 1 and fastest * (speeds_hz[1] - speeds_hz[0]) > _FINE_HZ:
         between = (speeds_hz[1:] + speeds_hz[:-1]) / 2
         starts = np.tensordot(lagrange(between, speeds_hz).T.astype(np.float32), np.stack(forces), axes=1)
-        found = [balanced(start, float(speed)) for speed, start in zip(between, starts, strict=True)]
+        found = [
+            balanced(start, float(speed), enough=_SMOOTH / _HALVED)
+            for speed, start in zip(between, starts, strict=True)
+        ]
         forces = [*chain.from_iterable(zip(forces, (each for each, _ in found), strict=False)), forces[-1]]
         speeds_hz = np.linspace(lowest_hz, highest_hz, 2 * speeds_hz.size - 1)
         if max(misfit for _, misfit in found) < _SMOOTH:
@@ -326,6 +330,7 @@ def _balanced(
     base: Fraction,
     step_hz: float,
     bound: float,
+    enough: float = 0.0,
 ) -> tuple[Singles, float]:
     """Return what p with vibration is over the response at the mean of ``1 - k_mean / k``, (input, mesh, k).
 
@@ -346,6 +351,8 @@ def _balanced(
         Between the responses.
     bound : float
         Of the residual of each input.
+    enough : float
+        Times the bound: a first guess with no more is returned as it is.
     """
     from scipy.fft import irfft, next_fast_len, rfft  # noqa: PLC0415
 
@@ -373,6 +380,8 @@ def _balanced(
 
     left = static - remainder(start)
     misfit = float(np.max(np.linalg.norm(_rows(left), axis=1))) / bound
+    if misfit <= enough:
+        return start, misfit
     return np.asarray(start + _gmres(remainder, left, bound=bound), dtype=np.complex64), misfit
 
 
