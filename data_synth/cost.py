@@ -36,7 +36,7 @@ _SETUP_S, _WRITE_S, _WRITE_S_PER_BYTE = 0.02, 0.05, 2e-9
 _PER_LINE, _PER_SOURCE, _PER_POLE, _PER_NOISE = 0.5e-9, 8e-9, 5e-9, 12e-9  # s a sample and channel
 _PER_CONTACT = 0.14e-6  # s a step and element of a bearing that moves
 _TEETH_S = 0.3  # s for teeth of gears that vibrate, and s a step of time, for each motion, and each pair of meshes:
-_PER_STEP, _PER_DEGREE, _PER_PAIR = 0.3e-6, 0.012e-6, 0.05e-6
+_PER_STEP, _PER_DEGREE, _PER_PAIR = 0.09e-6, 0.018e-6, 0.02e-6
 _PER_PROJECTED = 1.4e-6  # s a sample and channel, for the lines of gears in motion
 _PROJECTED = 22
 """Lines of gears in motion that are loud, over the root of the number of orders at which they may be: the mean of 72

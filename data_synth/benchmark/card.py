@@ -163,7 +163,7 @@ def data_card(plan: benchmark.BenchmarkRecords) -> str:
     >>> from data_synth import load_plan
     >>> from data_synth.benchmark.card import data_card
     >>> data_card(load_plan("benchmark-1")).splitlines()[0]
-    '# benchmark-1 2.0: synthetic gearbox vibration with labelled faults'
+    '# benchmark-1 2.1: synthetic gearbox vibration with labelled faults'
     """
     total = sum(split.share for split in benchmark.SPLITS.values())
     counts = Counter(plan.split_and_class(number) for number in range(plan.records))

@@ -128,7 +128,7 @@ class TestOrder:
         numbers = [next(n for n, labels in enumerate(every_label()) if labels["class"] == name) for name in CLASSES]
         scenes = [tomllib.loads(PLAN.scene(number).to_toml()) for number in numbers]
         digest = hashlib.sha256(json.dumps(to_six_digits([every_label(), scenes])).encode()).hexdigest()
-        assert (VERSION, digest[:16]) == ("2.0", "c0c9089154fd2894")
+        assert (VERSION, digest[:16]) == ("2.1", "c0c9089154fd2894")
 
 
 class TestPlan:
@@ -136,7 +136,7 @@ class TestPlan:
         assert parse_plan(PLAN.text) == PLAN
 
     def test_another_version_is_refused(self):
-        with pytest.raises(PlanError, match=r'plan: version = "9" of benchmark-1, but this program makes 2\.0'):
+        with pytest.raises(PlanError, match=r'plan: version = "9" of benchmark-1, but this program makes 2\.1'):
             parse_plan(PLAN.text.replace('"2.0"', '"9"'))
 
 
