@@ -2,7 +2,8 @@
 
 from __future__ import annotations
 
-from dataclasses import dataclass, replace
+import math
+from dataclasses import dataclass, field, replace
 from typing import TYPE_CHECKING
 
 import numpy as np
@@ -241,31 +242,27 @@ def _steps(readings: Readings, method: Method, tolerance: Steps | Accuracy) -> t
         return tolerance.per_sample, float("nan"), _unresolved(readings, method, tolerance.per_sample)
     if method.order is None:
         return 1, 0.0, None
-    rate, problem = readings.output.rate_hz, readings.assembled.problem
-    count = samples_of(problem, rate)
-    trial = min(count, max(64, int(np.ceil(count * tolerance.trial))))
-    steps = 1
+    steps, rate = 1, readings.output.rate_hz
     while steps < tolerance.max_per_sample and (
         method.refusal(readings.assembled, 1 / (rate * steps)) or _unresolved(readings, method, steps)
     ):
         steps *= 2
+    trials = _Trials(readings=readings, method=method, tolerance=tolerance)
     tolerated, error, expected = _SAFETY * tolerance.relative, np.inf, np.inf
-    coarse = _trial_run(readings, method, steps, trial)
     while 2 * steps <= tolerance.max_per_sample:
-        fine = _trial_run(readings, method, 2 * steps, trial)
-        error = _difference(coarse, fine, about_mean=tolerance.about_mean) * count / trial
         # the coarse steps have nearly all of the difference as their error
+        error = trials.difference(steps, 2 * steps)
         if error <= tolerated:
             return steps, error, None
-        if error / 2 ** (method.order / 2) <= tolerated:  # where teeth part half the order remains
-            enough = min(int(np.ceil(steps * (error / tolerated) ** (2 / method.order))), 2 * steps)
-            return enough, error * (steps / enough) ** method.order, None
         expected = error / 2**method.order
-        ahead = max(1, int(np.ceil(np.log2(expected / tolerated) / method.order))) if np.isfinite(expected) else 1
-        coarse, steps = fine, 2 * steps
+        if error / 2 ** (method.order / 2) <= tolerated:  # where teeth part half the order remains
+            enough = math.ceil(steps * (error / tolerated) ** (2 / method.order))
+            near = trials.difference(enough, 2 * steps) if enough < 2 * steps else np.inf
+            return (enough, near, None) if near <= tolerated else (2 * steps, expected, None)
+        ahead = math.ceil(np.log2(expected / tolerated) / method.order) if np.isfinite(expected) else 1
+        steps *= 2
         if ahead > 1 and steps * 2 ** (ahead - 1) <= tolerance.max_per_sample // 2:
             steps *= 2 ** (ahead - 1)
-            coarse = _trial_run(readings, method, steps, trial)
     if expected <= tolerated:
         return steps, expected, None
     detail = (
@@ -273,6 +270,26 @@ def _steps(readings: Readings, method: Method, tolerance: Steps | Accuracy) -> t
         f"not {tolerance.relative:g}."
     )
     return steps, error, Refusal(outcome=Outcome.TOLERANCE_NOT_REACHED, detail=detail)
+
+
+@dataclass(frozen=True, kw_only=True)
+class _Trials:
+    """Runs over the beginning of a record with several numbers of steps to a sample."""
+
+    readings: Readings
+    method: Method
+    tolerance: Accuracy
+    runs: dict[int, Array] = field(default_factory=dict)
+
+    def difference(self, coarse: int, fine: int) -> float:
+        """Return the difference between two numbers of steps, over the whole record, over the RMS of its channels."""
+        count = samples_of(self.readings.assembled.problem, self.readings.output.rate_hz)
+        trial = min(count, max(64, math.ceil(count * self.tolerance.trial)))
+        for steps in (coarse, fine):
+            if steps not in self.runs:
+                self.runs[steps] = _trial_run(self.readings, self.method, steps, trial)
+        change = _difference(self.runs[coarse], self.runs[fine], about_mean=self.tolerance.about_mean)
+        return change * count / trial
 
 
 def _unresolved(readings: Readings, method: Method, steps: int) -> Refusal | None:

@@ -280,6 +280,20 @@ def test_the_start_is_the_equilibrium_of_closed_teeth():
     assert_allclose(ready.system.stiffness @ moved + ready.system.meshes[0].direction * pressed, force, atol=1e-6)
 
 
+def test_teeth_that_follow_their_error_start_without_a_shock():
+    # 30 um at 2e8 N/m is 6 kN, five times the force of the load: from the equilibrium without it teeth would part
+    ready = motion(scene(mesh={"error_um": 30, "backlash_um": 50}))
+    found = integrate(
+        ready.problem(0.0, 0.3),
+        method=Splitting(),
+        output=Output(rate_hz=20_000, mesh_force=np.eye(1)),
+        tolerance=Steps(per_sample=4),
+    ).checked()
+    first, later = found.values[:200, 0], found.values[-2000:, 0]
+    assert np.min(found.values) > 0
+    assert np.ptp(first) < 1.5 * np.ptp(later)
+
+
 # ---- damage that grows ------------------------------------------------------------------------------------------
 
 TEETH = {"shape": "teeth", "stiffness_n_m": None, "error_um": 0}
