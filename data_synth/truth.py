@@ -126,7 +126,7 @@ def _line_truth(prepared: PreparedScene, instants: xr.DataArray, measured: GearL
     coords = {**channels, **orders, "truth_time": instants}
     dims = ("truth_channel", "truth_order", "truth_time")
     amplitude = xr.DataArray(
-        np.stack([sum(part.amplitude for part in parts) for parts in lines.values()], axis=1)
+        np.stack([_summed(parts) for parts in lines.values()], axis=1)
         if lines
         else np.zeros((len(sensors), 0, instants.size), dtype=np.complex128),
         dims=dims,
@@ -134,9 +134,7 @@ def _line_truth(prepared: PreparedScene, instants: xr.DataArray, measured: GearL
         attrs={"units": sensors[0].channel_units, "convention": "x = Re{Z exp(j order phase)}, peak amplitude"},
     )
     changes = {
-        line.order: line.change
-        * _rms(line.amplitude)
-        / _rms(np.sum([part.amplitude for part in lines[line.order]], axis=0))
+        line.order: line.change * _rms(line.amplitude) / _rms(_summed(lines[line.order]))
         for line in (measured.lines if measured is not None else ())
         if line.change
     }
@@ -177,6 +175,11 @@ def _line_truth(prepared: PreparedScene, instants: xr.DataArray, measured: GearL
         }
     changed = {"truth_line_change": change} if any(changes.values()) else {}
     return {"truth_amplitude": amplitude, **labels, **changed, **chain}
+
+
+def _summed(parts: list[_LineSource]) -> ComplexArray:
+    """Return the amplitude of all sources at one order."""
+    return parts[0].amplitude if len(parts) == 1 else np.sum([part.amplitude for part in parts], axis=0)
 
 
 def _rms(amplitude: ComplexArray) -> float:

@@ -50,10 +50,9 @@ def packed(records: Sequence[xr.Dataset], labels: Mapping[str, Sequence[Any]], *
     truths = sorted({str(name) for record in records for name in record.variables if _is_truth(name)})
     for name in truths:
         flat = [record.variables[name].to_numpy().ravel() for record in records if name in record.variables]
-        joined = np.concatenate(flat)
-        if joined.dtype.kind == "c" and dtype == "float32":
-            joined = joined.astype(np.complex64)
-        variables[name] = xr.Variable(f"flat_{name}", joined)
+        if flat[0].dtype.kind == "c" and dtype == "float32":
+            flat = [each.astype(np.complex64) for each in flat]
+        variables[name] = xr.Variable(f"flat_{name}", np.concatenate(flat))
     layouts = [_json(_layout(record, truths)) for record in records]
     attrs = [_json(record.attrs) for record in records]
     variables[_LAYOUT], variables[_ATTRS] = (xr.Variable(_ROWS, np.array(texts)) for texts in (layouts, attrs))
