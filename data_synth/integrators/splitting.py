@@ -32,7 +32,7 @@ class Splitting:
     drift.
 
     Where teeth lose contact the force has kinks: the order falls to two, and each contact changes the energy a little,
-    up or down: over 10,000 oscillations of 100 steps each it stayed within 1.1e-3, without a trend. A quadratic drag
+    up or down: over 10,000 oscillations of 100 steps each it stayed within 1.2e-3, without a trend. A quadratic drag
     brings a small error of second order. Modes that rotate by more than a radian in a step leave the slow ones right
     (tried with bearings up to 1e16 N/m), but their own share of a velocity or an acceleration is not resolved:
     `integrate` refuses where a channel shows it.
