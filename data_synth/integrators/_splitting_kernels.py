@@ -19,9 +19,7 @@ Array = NDArray[np.float64]
 C00, C02, C22 = 1 / 36, 1 / 180, 1 / 3150  # of the commutator
 M0, M2 = 1 / 24, 1 / 480  # of the correction of the middle deflection
 TILE = 256  # steps whose teeth are looked up at once: later look-ups need not wait for earlier steps
-GAP, BACK_GAP, MEAN, OFFSET = range(
-    4
-)  # of each mesh: half its backlash on either flank, the constant part of its force
+GAP, BACK_GAP, MEAN, OFFSET = range(4)  # of each mesh: half its backlash on either flank; what its force is in the flow
 DEFLECTION, COMPRESSION, CONTACT, IN_FLOW, CORRECTION = range(5)  # of each mesh, now
 
 
@@ -222,10 +220,10 @@ def split_steps(
     """Propagate x over all samples of a block and compute the outputs at each.
 
     The mean stiffness of a mesh and its transmission error, a parabola over each step, are in the exact flow; so
-    impulses do not grow with an error, however large. In each step the meshes act by impulses at both ends and in the
-    middle, for what these lack. They are integrals of the stiffness times
-    the quadratic Lagrange polynomials through these nodes, exact across jumps; the middle one also has the commutator
-    of two mesh forces: h^3 times a quadratic form of their Legendre coefficients.
+    impulses do not grow with an error, however large. What these lack acts by impulses at both ends of a step and in
+    its middle: integrals of the stiffness times the quadratic Lagrange polynomials through these nodes, exact across
+    jumps. The middle one also has the commutator of two mesh forces: h^3 times a quadratic form of their Legendre
+    coefficients. What acts at the end of a step waits for what acts at the beginning of the next, but at a sample.
     The deflection at the middle node lacks `correction`, the effect of the forces until then beyond the impulse at the
     start: over a step it cancels, but weighted mesh forces need it.
     `loads` (2 steps + 1, loads) are the varying ones at the beginning and in the middle of each step.
