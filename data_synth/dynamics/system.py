@@ -196,6 +196,12 @@ class Mesh:
         return stiffness, sum((w * e for w, e in zip(weights, errors, strict=True)), zero)
 
 
+def errors_at(meshes: Sequence[Mesh], *, revolutions: float, time_s: float) -> Array:
+    """Return the transmission error (mesh,) of each mesh in m at an angle of the reference in rev and a time in s."""
+    at = np.array([time_s])
+    return np.array([mesh.teeth_at(np.array([mesh.cycles_per_rev * revolutions]), at)[1][0] for mesh in meshes])
+
+
 @dataclass(frozen=True, kw_only=True)
 class Spring:
     """A linear spring with a parallel damper: force ``-g (stiffness (g, q) + damping (g, q'))``.

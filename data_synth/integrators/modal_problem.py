@@ -9,7 +9,7 @@ import numpy as np
 from numpy.typing import NDArray
 from scipy import linalg
 
-from data_synth.dynamics.system import Mesh, PhaseFunction
+from data_synth.dynamics.system import Mesh, PhaseFunction, errors_at
 from data_synth.gears.mesh_stiffness import Stiffness
 from data_synth.integrators.periodic_tables import FIT_ERROR, Integers, Wave, Waves, tabulated
 from data_synth.integrators.problem import CoupledReference, Problem, State
@@ -295,13 +295,12 @@ class Assembled:
         Half the backlash, so that what varies about the mean stiffness is the force of teeth in contact alone.
         """
         start, reference = self.problem.start, self.problem.reference
+        meshes, time_s = self.problem.system.meshes, self.problem.start_s
         if start is None:
             return np.zeros(self.backlashes.size)
-        gaps = np.array([mesh.direction @ start.displacement for mesh in self.problem.system.meshes])
+        gaps = np.array([mesh.direction @ start.displacement for mesh in meshes])
         if not isinstance(reference, CoupledReference):
-            at = np.array([self.problem.start_s])
-            turned = reference.revolutions(at)
-            gaps -= [mesh.teeth_at(mesh.cycles_per_rev * turned, at)[1][0] for mesh in self.problem.system.meshes]
+            gaps -= errors_at(meshes, revolutions=float(reference.revolutions([time_s])[0]), time_s=time_s)
         return np.where(2 * np.abs(gaps) > self.backlashes, self.backlashes * np.sign(gaps), 0.0)
 
     @cached_property

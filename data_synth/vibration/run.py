@@ -20,7 +20,7 @@ from data_synth.dynamics.assembly import Assembly, Inertia, SupportStiffness, as
 from data_synth.dynamics.modes import undamped_modes, with_modal_damping
 from data_synth.dynamics.parts import MeshProperties
 from data_synth.dynamics.placement import direction_of
-from data_synth.dynamics.system import Array, System
+from data_synth.dynamics.system import Array, System, errors_at
 from data_synth.gears.mesh_stiffness import Constant
 from data_synth.integrators.choice import MethodChoice, method_for
 from data_synth.integrators.problem import Accuracy, IntegrationError, Load, Output, Problem, Steps
@@ -294,15 +294,15 @@ class Motion:
         Teeth follow their transmission errors from the start: an equilibrium without them would begin with a shock
         several times what the record has, which costs steps.
         """
-        drive, at = self.stage.drive, np.array([start_s])
-        turned = drive.angle.revolutions(at)
-        errors_m = [mesh.teeth_at(mesh.cycles_per_rev * turned, at)[1][0] for mesh in self.system.meshes]
+        drive = self.stage.drive
+        turned = float(drive.angle.revolutions([start_s])[0])
+        errors_m = errors_at(self.system.meshes, revolutions=turned, time_s=start_s)
         return Problem(
             system=self.system,
             reference=drive.angle,
             load=self.load,
             duration_s=duration_s,
-            start=self.drive_load.start(self.system, drive, start_s, errors_m=np.array(errors_m)),
+            start=self.drive_load.start(self.system, drive, start_s, errors_m=errors_m),
             start_s=start_s,
         )
 

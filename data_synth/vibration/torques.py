@@ -12,6 +12,7 @@ rotation, as does the tachometer; vibration changes a shaft's angle by microns a
 import math
 from collections.abc import Callable
 from dataclasses import dataclass, field, replace
+from functools import partial
 
 import numpy as np
 from numpy.typing import ArrayLike
@@ -211,17 +212,18 @@ def _varying(factors: Callable[[Array], Array], directions: Array, *, drive: Dri
     assert drive.torque is not None  # noqa: S101 - the callers' own check
     knots_s = np.unique(np.concatenate([drive.torque.times_s, getattr(drive.angle, "times_s", np.zeros(0))]))
 
-    def mean_about(times_s: Array) -> Array:
+    def mean_about(times_s: Array, *, less: Array) -> Array:
         inside = knots_s[(knots_s > times_s[0] - _INSTANT_S) & (knots_s < times_s[-1] + _INSTANT_S)]
         known_s = times_s[[0, -1]] if linear else times_s
         apart = np.min(np.abs(known_s[:, None] - inside), axis=1, initial=np.inf) >= _INSTANT_S
         known_s = np.unique(np.concatenate([known_s[apart], inside - _INSTANT_S, inside + _INSTANT_S]))
-        values = (factors(known_s) - at_zero).T
+        values = (factors(known_s) - less).T
         return np.stack([np.interp(times_s, known_s, factor) for factor in values], axis=1)
 
-    at_zero = np.zeros(directions.shape[0])
-    at_zero = mean_about(np.zeros(1))[0]  # the constant part has no discretisation error
-    return Load(constant=np.asarray(at_zero @ directions), varying=mean_about, directions=directions)
+    # the constant part has no discretisation error
+    at_zero = mean_about(np.zeros(1), less=np.zeros(1))[0]
+    constant = np.asarray(at_zero @ directions)
+    return Load(constant=constant, varying=partial(mean_about, less=at_zero), directions=directions)
 
 
 def _running_up(
