@@ -1,6 +1,7 @@
 """Compiled steps of the exponential splitting: exact flow of the constant part, impulses by the forces.
 
-Each operation is rounded as written, and no array is allocated in parts that are compiled into others.
+Each operation is rounded as written, and no array is allocated in parts that are compiled into others. Loops stand in
+place of assignments to parts of arrays, each of which takes half a second to compile.
 """
 
 from typing import NamedTuple
@@ -135,6 +136,13 @@ def legendre_of_step(waves: Waves, which: int, begin: float, end: float, known: 
     return legendre(waves, which, begin, end, before, after)
 
 
+@compiled_inside
+def forget(known: Array) -> None:
+    """Say that no integrals are known (`legendre_of_step`)."""
+    for which in range(known.shape[0]):
+        known[which, 0] = np.nan
+
+
 @compiled
 def read_teeth(
     equations: Equations, turns: Array, positions: Array, first: int, known: Array, stiffness: Array, errors: Array
@@ -166,7 +174,8 @@ def read_teeth(
                     table, part = then, share
                 stiffness[step, m, 0], stiffness[step, m, 1], stiffness[step, m, 2] = a0, a1, a2
         if which < 0:
-            errors[:, m] = 0.0
+            for step in range(steps):
+                errors[step, m, 0] = errors[step, m, 1] = errors[step, m, 2] = 0.0
         elif equations.later_errors[m] < 0:
             before = value_at(equations.errors, which, cycles * turns[0])
             for step in range(steps):
@@ -240,7 +249,8 @@ def split_steps(
     ends, middles, after = 2 * size, 2 * size + meshes, np.empty(added.size)  # where the deflections are in `after`
     # what acts in the middle of a step; and x, with what acts at its beginning
     impulse, state, speeds = np.zeros(from_middle.shape[0]), np.zeros(columns.shape[0]), np.zeros(braked)
-    state[:ends] = start
+    for i in range(ends):
+        state[i] = start[i]
     x, pending, shifts = state[:ends], state[ends : ends + directions.shape[0]], state[ends + directions.shape[0] :]
     # side by side for each mesh: loops over few meshes are not worth vectors
     teeth, force = np.empty((meshes, 4)), np.zeros((meshes, 5))
@@ -254,7 +264,8 @@ def split_steps(
     steps = outputs.shape[0] * per_sample
     tile = 1 if coupled else min(steps, TILE)
     stiffness, errors = np.empty((tile, meshes, 3)), np.empty((tile, meshes, 3))
-    known, turns = np.full((equations.stiffnesses.means.size, 3), np.nan), np.zeros(2)
+    known, turns = np.empty((equations.stiffnesses.means.size, 3)), np.zeros(2)
+    forget(known)
     for number in range(steps):
         sample, sub, here = number // per_sample, number % per_sample, number % tile
         if weighting and sub == 0:
@@ -268,7 +279,7 @@ def split_steps(
                 speed += reference_row[size + i] * x[size + i]
             turns[1] = turns[0] + step * (speed + 0.5 * (speed - coupled_speed[0]))
             coupled_speed[0] = speed
-            known[:] = np.nan
+            forget(known)
             read_teeth(equations, turns, history_positions, number, known, stiffness, errors)
         elif here == 0:
             some = revolutions[number : min(number + tile, steps) + 1]
@@ -288,7 +299,8 @@ def split_steps(
                 for d in range(braked):
                     speeds[d], impulse[meshes + d] = after[middles + meshes + d], 0.0
                 brake(two_thirds / 2, speeds, impulse, drag_factors, speed_changes, meshes, True)
-                pending[:] = 0.0
+                for k in range(pending.size):
+                    pending[k] = 0.0
             for m in range(meshes):
                 deflection = force[m, DEFLECTION]
                 force[m, COMPRESSION], force[m, CONTACT] = dead_zone(
@@ -357,4 +369,5 @@ def split_steps(
             for i in range(2 * size):
                 total += rows[r, i] * x[i]
             outputs[sample, r] = total
-    start[:] = x
+    for i in range(ends):
+        start[i] = x[i]
