@@ -296,11 +296,11 @@ def split_steps(
                 apply_columns(columns, added, state, after)
                 for m in range(meshes):
                     force[m, DEFLECTION] = after[middles + m]
-                for d in range(braked):
-                    speeds[d], impulse[meshes + d] = after[middles + meshes + d], 0.0
-                brake(two_thirds / 2, speeds, impulse, drag_factors, speed_changes, meshes, True)
                 for k in range(pending.size):
-                    pending[k] = 0.0
+                    pending[k] = impulse[k] = 0.0
+                for d in range(braked):
+                    speeds[d] = after[middles + meshes + d]
+                brake(two_thirds / 2, speeds, impulse, drag_factors, speed_changes, meshes, True)
             for m in range(meshes):
                 deflection = force[m, DEFLECTION]
                 force[m, COMPRESSION], force[m, CONTACT] = dead_zone(
@@ -310,8 +310,6 @@ def split_steps(
                 a0, a1, a2 = stiffness[here, m, 0], stiffness[here, m, 1], stiffness[here, m, 2]
                 strength = a0 - 0.2 * a2 if node == 1 else a0 + (node - 1) * a1 + 0.4 * a2
                 lacking = strength * force[m, COMPRESSION] - force[m, IN_FLOW]
-                if node == 1:
-                    acting[m] = 0.0
                 acting[m] -= weight * lacking
                 force[m, CORRECTION] = 0.0
             if node == 1:  # commutator of two mesh forces
@@ -334,8 +332,6 @@ def split_steps(
                     next_weighted[m] += rising_weight * compression
                     weighted_forces[sample, m] += (both_weights - rising_weight) * compression
             for load in range(loads.shape[1]):
-                if node == 1:
-                    acting[first_load + load] = 0.0
                 acting[first_load + load] += weight * loads[2 * number + node, load]
             if node != 1:
                 continue

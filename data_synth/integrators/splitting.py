@@ -127,14 +127,12 @@ def _error_columns(assembled: Assembled, step_s: float) -> tuple[Array, Array]:
     generator = np.zeros((x + 3 * meshes, x + 3 * meshes))
     generator[:x, :x] = assembled.flow.generator
     generator[x // 2 : x, x::3] = assembled.deflections.T * (assembled.means * assembled.following)
-    rising = np.kron(np.eye(meshes), np.eye(3, k=1)) / step_s
-    generator[x:, x:] = rising
+    generator[x:, x:] = np.kron(np.eye(meshes), np.eye(3, k=1)) / step_s
     from_nodes = np.kron(np.eye(meshes), [[1.0, 0.0, 0.0], [-3.0, 4.0, -1.0], [4.0, -8.0, 4.0]])
     half = linalg.expm(generator * (step_s / 2))
-    found = [np.zeros((x, 3 * forces)) for _ in range(2)]
-    for columns, power in zip(found, (half @ half, half), strict=True):
-        columns[:, : 3 * meshes] = power[:x, x:] @ from_nodes
-    return found[0], found[1]
+    friction = np.zeros((x, 3 * (forces - meshes)))  # has no part in the flow
+    at_end, in_middle = (np.hstack([power[:x, x:] @ from_nodes, friction]) for power in (half @ half, half))
+    return at_end, in_middle
 
 
 def too_many_cycles(assembled: Assembled, step_s: float, *, max_cycles: float) -> Refusal | None:
