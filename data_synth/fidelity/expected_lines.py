@@ -1,17 +1,18 @@
 """Lines that gears in motion are expected to have at a speed and a load: harmonic balance with varying stiffness.
 
-The exciting force of a mesh without vibration, ``p_static = F (1 - k_mean / k) - k_mean e``
-(`data_synth.fidelity.linear_response`), has constant Fourier coefficients at exact orders: those of each part of the
-transmission error e, which has the period of one gear, and of k, per N of the static force F. With vibration it is
+Teeth of stiffness k and transmission error e under the static force F bear k (delta - e). On a spring of the mean
+stiffness, what that is more than the spring bears is an exciting force
 
-    p_i = p_static_i + (1 - k_mean_i / k_i) (p_i + k_mean_i sum_j G_ij p_j)
+    p_i = (k_i - k_mean_i) (delta_i - e_i) - k_mean_i e_i,   delta_i = delta_0i + sum_j G_ij p_j
 
-G_ij the deflection of mesh i per N of p in mesh j at mean stiffness; that of a mesh itself is -1 / k_mean at rest. The
-lines of a family are the multiples of one order, in all meshes: those of the varying stiffness at such multiples, a
-damaged tooth's among them, couple them. At some speeds the equations of all lines are solved together by GMRES (Saad
-and Schultz 1986); the product with the varying stiffness is one of waveforms in angle. Unknowns are what p has over the
-response at the mean of ``1 - k_mean / k``, which changes less from speed to speed: between them it is interpolated, and
-they are halved until that is exact enough.
+G_ij the deflection of mesh i per N of p in mesh j at mean stiffness, and delta_0 such that the mean tooth force is F.
+What drives it has constant Fourier coefficients at exact orders: those of each part of e, which has the period of one
+gear, and of k, per N of F. The lines of a family are the multiples of one order, in all meshes: those of the varying
+stiffness at such multiples, a damaged tooth's among them, couple them. At some speeds the equations of all lines are
+solved together by GMRES (Saad and Schultz 1986), from the solution at rest, ``F (1 - k_mean / k) - k_mean e``; the
+product with the varying stiffness is one of waveforms in angle. Its factor delta is smooth where k jumps. Were the
+tooth force the factor, of ``1 - k_mean / k``, both would jump, and lines of a product of jumps converge slowly (Li
+1996, J. Opt. Soc. Am. A 13, 1870). Between speeds p is interpolated, and they are halved until that is exact enough.
 
 Sound and damaged gears have the same families, points and bounds, so that the errors of both are alike and the
 difference is the fault's, 60 dB below the record even. Left out are lines at sums of the order of a gear and that of a
@@ -67,17 +68,14 @@ class _Excitation:
         Of the mesh.
     cycles : int
         Period of its stiffness.
-    mean : float
-        Of ``1 - k_mean / k``.
     varying : (k,) complex array
-        Lines of that, which are those of the force per N of static force.
+        Lines of ``k / k_mean - 1``.
     errors_n : mapping of cycles to (k,) complex array
         Lines of ``-k_mean e`` by the period of the parts of e.
     """
 
     order: Fraction
     cycles: int
-    mean: float
     varying: ComplexArray
     errors_n: dict[int, ComplexArray]
 
@@ -89,31 +87,27 @@ class _Excitation:
         if isinstance(error, SumOfErrors):
             parts = [*zip(error.parts, error.by_cycles or (0.0,) * len(error.parts), strict=True)]
 
-        def lines_of(values: Callable[[Array], Array], period: int) -> tuple[float, ComplexArray]:
+        def lines_of(values: Callable[[Array], Array], period: int) -> ComplexArray:
             lines = max(1, math.floor(top / float(order) * period))
             # to a mesh cycle as many for sound and for damaged gears, so that only damage makes them different
             points = period * max(_FEWEST, 1 << (_POINTS * math.ceil(top / float(order)) - 1).bit_length())
-            found = values((np.arange(points) + 0.5) * period / points)
-            return float(np.mean(found)), spectral_lines(found, lines)
+            return spectral_lines(values((np.arange(points) + 0.5) * period / points), lines)
 
         def summed(period: int) -> Callable[[Array], Array]:
             some = [(part, by) for part, by in parts if int(part.period) == period]
             return lambda phases: sum((part(phases + by) for part, by in some), np.zeros(phases.size))
 
-        constant, varying = lines_of(
-            lambda phases: 1 - mean / np.maximum(mesh.stiffness(phases), MIN_STIFFNESS * mean), cycles
-        )
+        varying = lines_of(lambda phases: mesh.stiffness(phases) / mean, cycles)
         periods = dict.fromkeys(int(part.period) for part, _ in parts)
-        errors_n = {period: -mean * lines_of(summed(period), period)[1] for period in periods}
-        return cls(order=order, cycles=cycles, mean=constant, varying=varying, errors_n=errors_n)
+        errors_n = {period: -mean * lines_of(summed(period), period) for period in periods}
+        return cls(order=order, cycles=cycles, varying=varying, errors_n=errors_n)
 
     def waveform(self, base: Fraction, points: int) -> Array:
-        """Return ``1 - k_mean / k`` (points,) in a period of an order, of its lines at multiples of that."""
+        """Return ``k / k_mean - 1`` (points,) in a period of an order, of its lines at multiples of that."""
         step = self.order / self.cycles / base
         lines, every = self.varying[step.denominator - 1 :: step.denominator], step.numerator
         lines = lines[: (points - 1) // 2 // every]
         spectrum = np.zeros(points // 2 + 1, dtype=np.complex64)
-        spectrum[0] = points * self.mean
         spectrum[every : every * lines.size + 1 : every] = points / 2 * lines
         return np.asarray(np.fft.irfft(spectrum, points), dtype=np.float32)
 
@@ -137,39 +131,38 @@ def expected_lines(motion: Motion) -> tuple[ExpectedLines, ...]:
     top = _BEYOND * rate_hz / 2 / float(np.max(speed_hz))
     excitations = [_Excitation.of(mesh, of_mesh[number], top=top) for number, mesh in enumerate(system.meshes)]
     frequency_hz = np.linspace(0.0, _BEYOND * rate_hz / 2, _RESPONSES)
-    meshes = np.arange(len(excitations))
     gains = response.means[:, None, None] * response.deflections_by(frequency_hz)
-    gains[meshes, meshes] += 1
-    stiffer = -np.array([each.mean for each in excitations])[:, None, None] * gains
-    stiffer[meshes, meshes] += 1
-    at_mean = np.asarray(np.moveaxis(np.linalg.inv(np.moveaxis(stiffer, -1, 0)), 0, -1), dtype=np.complex128)
-    channels = np.stack([response.channels(int(number), frequency_hz) for number in meshes])
-    transfer = np.asarray(np.einsum("icf,ijf->jcf", channels, at_mean), dtype=np.complex128)
+    transfer = np.stack([response.channels(number, frequency_hz) for number in range(len(excitations))])
     static_n = static_tooth_forces(stage, system, motion.drive_load)
     inputs_n = np.concatenate([np.ones((1, speed_hz.size)), static_n])
     lowest_hz, highest_hz = max(np.min(speed_hz), _SLOWEST * np.max(speed_hz)), float(np.max(speed_hz))
     families = _families(excitations, tuple(stage.scene.exact_orders("tooth").values()), top=top)
-    driven: list[tuple[Array, Singles]] = []
+    driven: list[tuple[Array, Singles, Singles]] = []  # histories, excitation, p at rest
     for family in families:
         inputs = np.flatnonzero(family.lines.any(axis=(1, 2)))
         histories, shares = _independent(inputs_n[inputs])
-        static = np.tensordot(shares, family.lines[inputs], axes=1).astype(np.complex64)
-        driven.append((histories, static))
+        lines, varying = family.lines[inputs], _waveforms(excitations, family.base, family.lines.shape[-1])
+        if inputs.size and not inputs[0]:  # -k e = -k_mean e - (k - k_mean) e
+            lines[:1] += _by_varying(lines[:1], varying)
+        excitation = np.tensordot(shares, lines, axes=1).astype(np.complex64)
+        driven.append((histories, excitation, _at_rest(excitation, varying)))
     # the same error in N for all: a family that is weak beside others need not be as exact by itself
-    largest = max((float(np.max(np.linalg.norm(_rows(static), axis=1))) for _, static in driven), default=0.0)
+    largest = max(
+        (float(np.max(np.linalg.norm(_rows(excitation), axis=1))) for _, excitation, _ in driven), default=0.0
+    )
     solved = partial(
         _balanced,
-        responses=(gains, at_mean),
+        gains=gains,
         excitations=excitations,
         step_hz=float(frequency_hz[1]),
         bound=_RESIDUAL * largest,
     )
     found = []
-    for family, (histories, static) in zip(families, driven, strict=True):
+    for family, (histories, excitation, at_rest) in zip(families, driven, strict=True):
         within = [order for order in dict.fromkeys(of_mesh.values()) if (order / family.base).denominator == 1]
-        balanced = partial(solved, static, base=family.base)
-        by_mesh = partial(_by_mesh, solved, static, family.base, within)
-        speeds_hz, forces = _over_speeds(balanced, by_mesh, static, lowest_hz, highest_hz, float(max(within)))
+        balanced = partial(solved, excitation, base=family.base)
+        by_mesh = partial(_by_mesh, solved, excitation, family.base, within)
+        speeds_hz, forces = _over_speeds(balanced, by_mesh, at_rest, lowest_hz, highest_hz, float(max(within)))
         found.append(
             ExpectedLines(
                 base_order=family.base,
@@ -187,7 +180,7 @@ def expected_lines(motion: Motion) -> tuple[ExpectedLines, ...]:
 def _over_speeds(
     balanced: Callable[..., tuple[Singles, float]],
     by_mesh: Callable[[float, Singles], Singles],
-    static: Singles,
+    at_rest: Singles,
     lowest_hz: float,
     highest_hz: float,
     fastest: float,
@@ -196,7 +189,7 @@ def _over_speeds(
     speeds_hz = np.linspace(lowest_hz, highest_hz, 1 + math.ceil(fastest * (highest_hz - lowest_hz) / _COARSE_HZ))
     forces = list[Singles]()
     for speed in speeds_hz:
-        forces.append(balanced(by_mesh(float(speed), forces[-1] if forces else static), float(speed))[0])
+        forces.append(balanced(by_mesh(float(speed), forces[-1] if forces else at_rest), float(speed))[0])
     while speeds_hz.size > 1 and fastest * (speeds_hz[1] - speeds_hz[0]) > _FINE_HZ:
         between = (speeds_hz[1:] + speeds_hz[:-1]) / 2
         starts = np.tensordot(lagrange(between, speeds_hz).T.astype(np.float32), np.stack(forces), axes=1)
@@ -213,7 +206,7 @@ def _over_speeds(
 
 def _by_mesh(
     solved: Callable[..., tuple[Singles, float]],
-    static: Singles,
+    excitation: Singles,
     base: Fraction,
     orders: list[Fraction],
     speed_hz: float,
@@ -226,7 +219,7 @@ def _by_mesh(
         if every > 1:
             own = slice(every - 1, None, every)
             for _ in range(_RESTARTS):
-                start[..., own], _ = solved(static[..., own], start[..., own], speed_hz, base=order)
+                start[..., own], _ = solved(excitation[..., own], start[..., own], speed_hz, base=order)
     return start
 
 
@@ -245,9 +238,9 @@ def _independent(inputs_n: Array) -> tuple[Array, Array]:
 
 @dataclass(frozen=True, kw_only=True)
 class _Family:
-    """Lines of p without vibration at the multiples of an order, (input, mesh, k), that the stiffness couples.
+    """Lines at the multiples of an order, (input, mesh, k), that the stiffness couples.
 
-    The first input is in N, the others are per N of the static force of each mesh.
+    Of ``-k_mean e`` in N, the first input, and of ``k / k_mean - 1``, per N of the static force of each mesh.
     """
 
     base: Fraction
@@ -256,7 +249,7 @@ class _Family:
 
 
 def _families(excitations: list[_Excitation], teeth: tuple[Fraction, ...], *, top: float) -> list[_Family]:
-    """Return the families of p without vibration.
+    """Return the families of the excitation.
 
     Harmonics of a mesh are among the multiples of an order that it shares with the mesh on its shaft, which has the
     lines at sums of both; a damaged tooth beside that shaft has a family with the harmonics of its mesh, whose
@@ -321,30 +314,30 @@ def _common(one: Fraction, other: Fraction) -> Fraction:
 
 
 def _balanced(
-    static: Singles,
+    excitation: Singles,
     start: Singles,
     speed_hz: float,
     *,
-    responses: tuple[ComplexArray, ComplexArray],
+    gains: ComplexArray,
     excitations: list[_Excitation],
     base: Fraction,
     step_hz: float,
     bound: float,
     enough: float = 0.0,
 ) -> tuple[Singles, float]:
-    """Return what p with vibration is over the response at the mean of ``1 - k_mean / k``, (input, mesh, k).
+    """Return p, (input, mesh, k).
 
     Second, the residual of the first guess over the bound.
 
     Parameters
     ----------
-    static : (input, mesh, k) array
-        p without vibration.
+    excitation : (input, mesh, k) array
+        p without the deflections that p makes.
     start : (input, mesh, k) array
         First guess.
     speed_hz : float
-    responses : pair of (mesh, mesh, f) array
-        Deflection per N of p, times k_mean, with that of the mesh; and p per N of p without vibration, at the mean.
+    gains : (mesh, mesh, f) array
+        Deflection of a mesh per N of p in another, times k_mean.
     excitations : list of _Excitation
     base : Fraction
     step_hz : float
@@ -354,35 +347,62 @@ def _balanced(
     enough : float
         Times the bound: a first guess with no more is returned as it is.
     """
-    from scipy.fft import irfft, next_fast_len, rfft  # noqa: PLC0415
-
-    inputs, meshes, lines = static.shape
+    meshes, lines = excitation.shape[1:]
     place = float(base) * speed_hz / step_hz * np.arange(1, lines + 1)
-    number = np.minimum(place.astype(np.int64), responses[0].shape[2] - 2)
+    number = np.minimum(place.astype(np.int64), gains.shape[2] - 2)
     share = np.minimum(place - number, 1.0)
-    gain, at_mean = (
-        ((1 - share) * each[:, :, number] + share * each[:, :, number + 1]).astype(np.complex64) for each in responses
-    )
-    points = next_fast_len(3 * lines + 1, real=True)  # no product of two lines aliases to a third
-    varying = np.stack([each.waveform(base, points) for each in excitations])
+    gain = ((1 - share) * gains[:, :, number] + share * gains[:, :, number + 1]).astype(np.complex64)
+    varying = _waveforms(excitations, base, lines)
 
-    def times(response: Singles, forces: Singles) -> Singles:
-        total = response[:, 0] * forces[:, None, 0]
+    def remainder(forces: Singles) -> Singles:
+        total = gain[:, 0] * forces[:, None, 0]
         for mesh in range(1, meshes):  # in place of einsum, whose loop over lines is three times as slow
-            total += response[:, mesh] * forces[:, None, mesh]
-        return np.asarray(total)
+            total += gain[:, mesh] * forces[:, None, mesh]
+        return np.asarray(forces - _by_varying(total, varying))
 
-    def remainder(smooth: Singles) -> Singles:
-        forces = times(at_mean, smooth)
-        spectrum = np.zeros((inputs, meshes, points // 2 + 1), dtype=np.complex64)
-        spectrum[..., 1 : lines + 1] = times(gain, forces)
-        return np.asarray(forces - rfft(irfft(spectrum, points) * varying)[..., 1 : lines + 1], dtype=np.complex64)
-
-    left = static - remainder(start)
+    left = excitation - remainder(start)
     misfit = float(np.max(np.linalg.norm(_rows(left), axis=1))) / bound
     if misfit <= enough:
         return start, misfit
     return np.asarray(start + _gmres(remainder, left, bound=bound), dtype=np.complex64), misfit
+
+
+def _waveforms(excitations: list[_Excitation], base: Fraction, lines: int) -> NDArray[np.float32]:
+    """Return ``k / k_mean - 1`` (mesh, n) in a period of an order, at so many points that products do not alias."""
+    from scipy.fft import next_fast_len  # noqa: PLC0415
+
+    return np.stack([each.waveform(base, next_fast_len(3 * lines + 1, real=True)) for each in excitations])
+
+
+def _by_varying(deflections: Singles, varying: NDArray[np.float32]) -> Singles:
+    """Return the lines (input, mesh, k) of deflections times ``k / k_mean - 1``, the mean of the tooth force kept."""
+    waves = _waves(deflections, varying.shape[-1])
+    waves -= np.mean(waves * varying, axis=-1, keepdims=True)
+    waves *= varying
+    return _lines(waves, deflections.shape[-1])
+
+
+def _at_rest(lines: Singles, varying: NDArray[np.float32]) -> Singles:
+    """Return the lines (input, mesh, k) of p at rest, where tooth forces are constant: times ``k_mean / k``."""
+    waves = _waves(lines, varying.shape[-1])
+    waves /= np.maximum(1 + varying, MIN_STIFFNESS)
+    return _lines(waves, lines.shape[-1])
+
+
+def _waves(lines: Singles, points: int) -> NDArray[np.float32]:
+    """Return the waveforms (..., n) of lines (..., k), without a mean."""
+    from scipy.fft import irfft  # noqa: PLC0415
+
+    spectrum = np.zeros((*lines.shape[:-1], points // 2 + 1), dtype=np.complex64)
+    spectrum[..., 1 : lines.shape[-1] + 1] = lines
+    return np.asarray(irfft(spectrum, points), dtype=np.float32)
+
+
+def _lines(waves: NDArray[np.float32], count: int) -> Singles:
+    """Return the first lines (..., k) of waveforms (..., n)."""
+    from scipy.fft import rfft  # noqa: PLC0415
+
+    return np.asarray(rfft(waves)[..., 1 : count + 1], dtype=np.complex64)
 
 
 def _rows(lines: Singles) -> NDArray[np.float32]:

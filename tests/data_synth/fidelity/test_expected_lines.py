@@ -15,9 +15,8 @@ from data_synth.vibration.run import motion_of, prepare_gears
 
 UNEVEN = {"imperfections": {"gears": {"runout_um": 20, "single_pitch_um": 6}}}
 LONG = {"duration_s": 6.3, "speed": {"link": "pinion", "rpm": 600}}  # 63 turns of the pinion, after which all repeats
-# one mode at 2 kHz, among mesh harmonics 360 Hz apart that the stiffness couples; where it jumps, what is cut off at
-# half the rate falls as 1 over the number of harmonics, of which there are 27
-ERRORS = {"constant": 3e-4, "trapezoid": 1e-3, "teeth": 0.03}
+# one mode at 2 kHz, among mesh harmonics 360 Hz apart that the stiffness couples; there are 27, whether it jumps or not
+ERRORS = {"constant": 3e-4, "trapezoid": 2e-4, "teeth": 3e-3}
 
 
 def amplitude(families, order):
@@ -45,8 +44,7 @@ def test_expected_lines_are_those_of_an_integration(shape):
 def test_meshes_and_a_damaged_tooth_are_coupled(depth_mm):
     """Each mesh vibrates on the stiffness of both, its harmonics on that of the damaged tooth.
 
-    The error, 0.028 and 0.032, is of lines at sums of orders of both meshes, which are left out. With the mean
-    stiffness of the other mesh it is 0.08 of sound gears; with a crack whose sidebands lack the vibration, 0.07.
+    The error, 0.018, is of lines at sums of orders of an uneven gear and the mesh on other shafts, which are left out.
     """
     crack = {"kind": "tooth_crack", "component": "stage 1/pinion", "depth_mm": depth_mm}
     declared = load_scene("gears-in-motion").changed(
@@ -64,7 +62,7 @@ def test_meshes_and_a_damaged_tooth_are_coupled(depth_mm):
     lines = lines[np.abs(repeats - np.round(repeats)) < 1e-6]
     expected = np.array([amplitude(families, Fraction(round(67 * order), 67)) for order in lines["truth_order"].values])
     assert lines.size > 300
-    assert np.linalg.norm(expected - lines.values) < 0.04 * np.linalg.norm(lines.values)
+    assert np.linalg.norm(expected - lines.values) < 0.025 * np.linalg.norm(lines.values)
 
 
 def test_gears_that_nothing_excites_have_no_expected_lines():
