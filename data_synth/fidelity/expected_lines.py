@@ -12,9 +12,9 @@ stiffness at such multiples, a damaged tooth's among them, couple them. At some 
 solved together by GMRES (Saad and Schultz 1986), from the solution at rest, ``F (1 - k_mean / k) - k_mean e``; the
 product with the varying stiffness is one of waveforms in angle. Its factor delta is smooth where k jumps. Were the
 tooth force the factor, of ``1 - k_mean / k``, both would jump, and lines of a product of jumps converge slowly (Li
-1996, J. Opt. Soc. Am. A 13, 1870). Between speeds p is interpolated, and they are halved until that is exact enough.
+1996, J. Opt. Soc. Am. A 13, 1870). Between speeds p is interpolated.
 
-Sound and damaged gears have the same families, points and bounds, so that the errors of both are alike and the
+Sound and damaged gears have the same families, speeds, points and bounds, so that the errors of both are alike and the
 difference is the fault's, 60 dB below the record even. Left out are lines at sums of the order of a gear and that of a
 mesh on other shafts, what they make of others, loss of contact, and transients.
 """
@@ -45,17 +45,16 @@ _POINTS = 32  # to a period of the highest line, which is then right to 1 % for 
 _FEWEST = 512  # points to a mesh cycle
 _RESPONSES = 1 << 14  # frequencies from zero to half the rate, between which a response is linear
 _COARSE_HZ, _FINE_HZ = 40.0, 5.0
-"""Frequencies of the fastest mesh between which forces are interpolated, at most and about at least: of its tenth
-harmonic 400 and 50 Hz, more and less than the width of the modes that varying stiffness changes, those of teeth."""
-_SMOOTH = 1e3  # times the bound of a residual: of forces between speeds ...
-_HALVED = 16.0  # ... and this less between speeds half as far apart: what is as good already is not solved for
+"""Frequencies of the fastest mesh between which p is interpolated, at most, and at least where that is finer than the
+damping ratio, by which a line passes half the width of a mode: then cubics between err by some 1e-4 of p."""
 _SLOWEST = 0.01  # of the top speed: below, lines are at frequencies where the stiffness acts statically
 _BEYOND = 1.5  # times the highest line: lines beyond it act on others, those of stiffness that jumps as 1 over theirs
 _INDEPENDENT = 1e-5  # of the largest of independent histories, below which one is left out
-_RESIDUAL = 1e-5  # of the equations, over the largest force without vibration
-_FEWEST_ITERATIONS, _MOST_ITERATIONS, _WORK = 12, 48, 300_000  # at most; times lines, between the other two
+_COUPLED = 0.02  # of the RMS of the stiffness that varies most at the orders of a family: less couples nothing
+_RESIDUAL = 2e-6  # of the equations, over the largest excitation: a fault may be 1e-3 of that
+_FEWEST_ITERATIONS, _MOST_ITERATIONS, _WORK = 12, 96, 1_500_000  # at most; times all unknowns, between the other two
+_RIDGE = 1e-12  # of squares of the operator, which is about 1: keeps a search that ended early determined
 _EVERY = 4  # iterations from one look at the residual to the next
-_RESTARTS = 3  # of the harmonics of a mesh by themselves, which are few
 
 
 @dataclass(frozen=True, kw_only=True)
@@ -136,76 +135,74 @@ def expected_lines(motion: Motion) -> tuple[ExpectedLines, ...]:
     static_n = static_tooth_forces(stage, system, motion.drive_load)
     inputs_n = np.concatenate([np.ones((1, speed_hz.size)), static_n])
     lowest_hz, highest_hz = max(np.min(speed_hz), _SLOWEST * np.max(speed_hz)), float(np.max(speed_hz))
+    damping = float(np.min(-response.poles.real / np.abs(response.poles)))
     families = _families(excitations, tuple(stage.scene.exact_orders("tooth").values()), top=top)
-    driven: list[tuple[Array, Singles, Singles]] = []  # histories, excitation, p at rest
-    for family in families:
-        inputs = np.flatnonzero(family.lines.any(axis=(1, 2)))
-        histories, shares = _independent(inputs_n[inputs])
-        lines, varying = family.lines[inputs], _waveforms(excitations, family.base, family.lines.shape[-1])
-        if inputs.size and not inputs[0]:  # -k e = -k_mean e - (k - k_mean) e
-            lines[:1] += _by_varying(lines[:1], varying)
-        excitation = np.tensordot(shares, lines, axes=1).astype(np.complex64)
-        driven.append((histories, excitation, _at_rest(excitation, varying)))
+    driven = [_Driven.of(family, excitations, inputs_n) for family in families]
     # the same error in N for all: a family that is weak beside others need not be as exact by itself
-    largest = max(
-        (float(np.max(np.linalg.norm(_rows(excitation), axis=1))) for _, excitation, _ in driven), default=0.0
-    )
-    solved = partial(
-        _balanced,
-        gains=gains,
-        excitations=excitations,
-        step_hz=float(frequency_hz[1]),
-        bound=_RESIDUAL * largest,
-    )
+    largest = max((float(np.max(np.linalg.norm(_rows(each.excitation), axis=1))) for each in driven), default=0.0)
     found = []
-    for family, (histories, excitation, at_rest) in zip(families, driven, strict=True):
-        within = [order for order in dict.fromkeys(of_mesh.values()) if (order / family.base).denominator == 1]
-        balanced = partial(solved, excitation, base=family.base)
-        by_mesh = partial(_by_mesh, solved, excitation, family.base, within)
-        speeds_hz, forces = _over_speeds(balanced, by_mesh, at_rest, lowest_hz, highest_hz, float(max(within)))
+    for family, each in zip(families, driven, strict=True):
+        own = dict.fromkeys(of_mesh[number] for number in each.meshes.tolist())
+        within = [order for order in own if (order / family.base).denominator == 1]
+        solved = partial(
+            _balanced,
+            gains=gains[np.ix_(each.meshes, each.meshes)],
+            excitations=[excitations[number] for number in each.meshes],
+            step_hz=float(frequency_hz[1]),
+            bound=_RESIDUAL * largest,
+        )
+        balanced = partial(solved, each.excitation, base=family.base)
+        by_mesh = partial(_by_mesh, solved, each.excitation, family.base, within)
+        speeds_hz, forces = _over_speeds(
+            balanced,
+            by_mesh,
+            each.at_rest,
+            (lowest_hz, highest_hz),
+            coarse_hz=_COARSE_HZ / float(max(within)),
+            apart_hz=max(damping * lowest_hz, _FINE_HZ / float(max(within))),
+        )
         found.append(
             ExpectedLines(
                 base_order=family.base,
                 forces=family.sign * forces,
                 speeds_hz=speeds_hz,
-                inputs_n=histories,
+                inputs_n=each.histories,
                 speed_hz=speed_hz,
                 frequency_hz=frequency_hz,
-                transfer=transfer,
+                transfer=transfer[each.meshes],
             )
         )
     return tuple(found)
 
 
 def _over_speeds(
-    balanced: Callable[..., tuple[Singles, float]],
+    balanced: Callable[[Singles, float], Singles],
     by_mesh: Callable[[float, Singles], Singles],
     at_rest: Singles,
-    lowest_hz: float,
-    highest_hz: float,
-    fastest: float,
+    between_hz: tuple[float, float],
+    *,
+    coarse_hz: float,
+    apart_hz: float,
 ) -> tuple[Array, Singles]:
-    """Return even speeds, halved until forces between them follow from those about them, and the forces at each."""
-    speeds_hz = np.linspace(lowest_hz, highest_hz, 1 + math.ceil(fastest * (highest_hz - lowest_hz) / _COARSE_HZ))
+    """Return even speeds, at most `apart_hz` from each other, and p at each.
+
+    At first they are `coarse_hz` apart; then they are halved, and p is solved for from what lies between.
+    """
+    speeds_hz = np.linspace(*between_hz, 1 + math.ceil((between_hz[1] - between_hz[0]) / coarse_hz))
     forces = list[Singles]()
     for speed in speeds_hz:
-        forces.append(balanced(by_mesh(float(speed), forces[-1] if forces else at_rest), float(speed))[0])
-    while speeds_hz.size > 1 and fastest * (speeds_hz[1] - speeds_hz[0]) > _FINE_HZ:
+        forces.append(balanced(by_mesh(float(speed), forces[-1] if forces else at_rest), float(speed)))
+    while speeds_hz.size > 1 and speeds_hz[1] - speeds_hz[0] > apart_hz:
         between = (speeds_hz[1:] + speeds_hz[:-1]) / 2
         starts = np.tensordot(lagrange(between, speeds_hz).T.astype(np.float32), np.stack(forces), axes=1)
-        found = [
-            balanced(start, float(speed), enough=_SMOOTH / _HALVED)
-            for speed, start in zip(between, starts, strict=True)
-        ]
-        forces = [*chain.from_iterable(zip(forces, (each for each, _ in found), strict=False)), forces[-1]]
-        speeds_hz = np.linspace(lowest_hz, highest_hz, 2 * speeds_hz.size - 1)
-        if max(misfit for _, misfit in found) < _SMOOTH:
-            break
+        found = [balanced(start, float(speed)) for speed, start in zip(between, starts, strict=True)]
+        forces = [*chain.from_iterable(zip(forces, found, strict=False)), forces[-1]]
+        speeds_hz = np.linspace(*between_hz, 2 * speeds_hz.size - 1)
     return speeds_hz, np.stack(forces)
 
 
 def _by_mesh(
-    solved: Callable[..., tuple[Singles, float]],
+    solved: Callable[..., Singles],
     excitation: Singles,
     base: Fraction,
     orders: list[Fraction],
@@ -218,8 +215,7 @@ def _by_mesh(
         every = int(order / base)
         if every > 1:
             own = slice(every - 1, None, every)
-            for _ in range(_RESTARTS):
-                start[..., own], _ = solved(excitation[..., own], start[..., own], speed_hz, base=order)
+            start[..., own] = solved(excitation[..., own], start[..., own], speed_hz, base=order)
     return start
 
 
@@ -305,6 +301,88 @@ def _families(excitations: list[_Excitation], teeth: tuple[Fraction, ...], *, to
     return [_Family(base=base, lines=lines, sign=sign) for (base, sign), lines in found.items() if lines.any()]
 
 
+@dataclass(frozen=True, kw_only=True)
+class _Varying:
+    """``k / k_mean - 1`` in a period of an order, (mesh, n), and its lines (mesh, k), n / 2 times as large."""
+
+    waves: NDArray[np.float32]
+    lines: Singles
+
+    @classmethod
+    def of(cls, excitations: list[_Excitation], base: Fraction, lines: int) -> "_Varying":
+        """Return it at so many points that no product of two of so many lines aliases to a third."""
+        from scipy.fft import next_fast_len, rfft  # noqa: PLC0415
+
+        points = next_fast_len(3 * lines + 1, real=True)
+        waves = np.stack([each.waveform(base, points) for each in excitations]).astype(np.float32)
+        return cls(waves=waves, lines=np.asarray(rfft(waves)[:, 1 : lines + 1], dtype=np.complex64))
+
+    def of_meshes(self, meshes: NDArray[np.int_]) -> "_Varying":
+        """Return that of some meshes."""
+        return _Varying(waves=self.waves[meshes], lines=self.lines[meshes])
+
+    def times(self, deflections: Singles) -> Singles:
+        """Return the lines (input, mesh, k) of its product with deflections whose mean keeps that of tooth forces."""
+        from scipy.fft import rfft  # noqa: PLC0415
+
+        waves = self._waves(deflections)
+        waves *= self.waves
+        product = rfft(waves)
+        found = product[..., 1 : self.lines.shape[1] + 1]
+        found -= product[..., :1] / self.waves.shape[1] * self.lines
+        return np.asarray(found, dtype=np.complex64)
+
+    def at_rest(self, lines: Singles) -> Singles:
+        """Return the lines (input, mesh, k) of p at rest, where tooth forces are constant: times ``k_mean / k``."""
+        from scipy.fft import rfft  # noqa: PLC0415
+
+        waves = self._waves(lines)
+        waves /= np.maximum(1 + self.waves, MIN_STIFFNESS)
+        return np.asarray(rfft(waves)[..., 1 : self.lines.shape[1] + 1], dtype=np.complex64)
+
+    def _waves(self, lines: Singles) -> NDArray[np.float32]:
+        from scipy.fft import irfft  # noqa: PLC0415
+
+        points = self.waves.shape[1]
+        spectrum = np.zeros((*lines.shape[:-1], points // 2 + 1), dtype=np.complex64)
+        spectrum[..., 1 : lines.shape[-1] + 1] = lines
+        return np.asarray(irfft(spectrum, points, overwrite_x=True), dtype=np.float32)
+
+
+@dataclass(frozen=True, kw_only=True)
+class _Driven:
+    """A family under the inputs of a scene.
+
+    Attributes
+    ----------
+    meshes : (mesh,) int array
+        Those that it excites or whose stiffness varies at its orders: others bear what springs of mean stiffness do.
+    histories : (input, instant) array
+        Independent ones, of which all inputs are sums.
+    excitation, at_rest : (input, mesh, k) arrays
+        Lines of the excitation by them, and p at rest.
+    """
+
+    meshes: NDArray[np.int_]
+    histories: Array
+    excitation: Singles
+    at_rest: Singles
+
+    @classmethod
+    def of(cls, family: _Family, excitations: list[_Excitation], inputs_n: Array) -> "_Driven":
+        """Return a family under inputs (1 + mesh, instant): 1, and static forces."""
+        varying = _Varying.of(excitations, family.base, family.lines.shape[-1])
+        sizes = np.linalg.norm(varying.lines, axis=1)
+        meshes = np.flatnonzero(family.lines.any(axis=(0, 2)) | (sizes > _COUPLED * np.max(sizes)))
+        inputs = np.flatnonzero(family.lines.any(axis=(1, 2)))
+        lines, varying = family.lines[np.ix_(inputs, meshes)], varying.of_meshes(meshes)
+        if not inputs[0]:  # -k e = -k_mean e - (k - k_mean) e
+            lines[:1] += varying.times(lines[:1])
+        histories, shares = _independent(inputs_n[inputs])
+        excitation = np.tensordot(shares, lines, axes=1).astype(np.complex64)
+        return cls(meshes=meshes, histories=histories, excitation=excitation, at_rest=varying.at_rest(excitation))
+
+
 def _common(one: Fraction, other: Fraction) -> Fraction:
     """Return the largest order of which both are multiples."""
     return Fraction(
@@ -323,11 +401,8 @@ def _balanced(
     base: Fraction,
     step_hz: float,
     bound: float,
-    enough: float = 0.0,
-) -> tuple[Singles, float]:
+) -> Singles:
     """Return p, (input, mesh, k).
-
-    Second, the residual of the first guess over the bound.
 
     Parameters
     ----------
@@ -344,65 +419,22 @@ def _balanced(
         Between the responses.
     bound : float
         Of the residual of each input.
-    enough : float
-        Times the bound: a first guess with no more is returned as it is.
     """
     meshes, lines = excitation.shape[1:]
     place = float(base) * speed_hz / step_hz * np.arange(1, lines + 1)
     number = np.minimum(place.astype(np.int64), gains.shape[2] - 2)
     share = np.minimum(place - number, 1.0)
     gain = ((1 - share) * gains[:, :, number] + share * gains[:, :, number + 1]).astype(np.complex64)
-    varying = _waveforms(excitations, base, lines)
+    varying = _Varying.of(excitations, base, lines)
 
     def remainder(forces: Singles) -> Singles:
         total = gain[:, 0] * forces[:, None, 0]
         for mesh in range(1, meshes):  # in place of einsum, whose loop over lines is three times as slow
             total += gain[:, mesh] * forces[:, None, mesh]
-        return np.asarray(forces - _by_varying(total, varying))
+        return np.asarray(forces - varying.times(total))
 
     left = excitation - remainder(start)
-    misfit = float(np.max(np.linalg.norm(_rows(left), axis=1))) / bound
-    if misfit <= enough:
-        return start, misfit
-    return np.asarray(start + _gmres(remainder, left, bound=bound), dtype=np.complex64), misfit
-
-
-def _waveforms(excitations: list[_Excitation], base: Fraction, lines: int) -> NDArray[np.float32]:
-    """Return ``k / k_mean - 1`` (mesh, n) in a period of an order, at so many points that products do not alias."""
-    from scipy.fft import next_fast_len  # noqa: PLC0415
-
-    return np.stack([each.waveform(base, next_fast_len(3 * lines + 1, real=True)) for each in excitations])
-
-
-def _by_varying(deflections: Singles, varying: NDArray[np.float32]) -> Singles:
-    """Return the lines (input, mesh, k) of deflections times ``k / k_mean - 1``, the mean of the tooth force kept."""
-    waves = _waves(deflections, varying.shape[-1])
-    waves -= np.mean(waves * varying, axis=-1, keepdims=True)
-    waves *= varying
-    return _lines(waves, deflections.shape[-1])
-
-
-def _at_rest(lines: Singles, varying: NDArray[np.float32]) -> Singles:
-    """Return the lines (input, mesh, k) of p at rest, where tooth forces are constant: times ``k_mean / k``."""
-    waves = _waves(lines, varying.shape[-1])
-    waves /= np.maximum(1 + varying, MIN_STIFFNESS)
-    return _lines(waves, lines.shape[-1])
-
-
-def _waves(lines: Singles, points: int) -> NDArray[np.float32]:
-    """Return the waveforms (..., n) of lines (..., k), without a mean."""
-    from scipy.fft import irfft  # noqa: PLC0415
-
-    spectrum = np.zeros((*lines.shape[:-1], points // 2 + 1), dtype=np.complex64)
-    spectrum[..., 1 : lines.shape[-1] + 1] = lines
-    return np.asarray(irfft(spectrum, points), dtype=np.float32)
-
-
-def _lines(waves: NDArray[np.float32], count: int) -> Singles:
-    """Return the first lines (..., k) of waveforms (..., n)."""
-    from scipy.fft import rfft  # noqa: PLC0415
-
-    return np.asarray(rfft(waves)[..., 1 : count + 1], dtype=np.complex64)
+    return np.asarray(start + _gmres(remainder, left, bound=bound), dtype=np.complex64)
 
 
 def _rows(lines: Singles) -> NDArray[np.float32]:
@@ -416,7 +448,7 @@ def _gmres(apply: Callable[[Singles], Singles], right: Singles, *, bound: float)
     if np.all(size <= bound):
         return np.zeros_like(right)
     tiny = np.finfo(np.float32).tiny
-    most = min(max(_WORK // right.shape[2], _FEWEST_ITERATIONS), _MOST_ITERATIONS)
+    most = min(max(_WORK // right.size, _FEWEST_ITERATIONS), _MOST_ITERATIONS)
     basis = np.empty((most + 1, *_rows(right).shape), dtype=np.float32)
     basis[0] = _rows(right) / np.maximum(size, tiny)[:, None]
     hessenberg, found = np.zeros((inputs, most + 1, most)), np.zeros((inputs, 1))
@@ -432,9 +464,10 @@ def _gmres(apply: Callable[[Singles], Singles], right: Singles, *, bound: float)
         if step % _EVERY == _EVERY - 1 or step == most - 1:
             square, first = hessenberg[:, : step + 2, : step + 1], np.zeros((inputs, step + 2, 1))
             first[:, 0, 0] = size
-            solved = np.linalg.pinv(square) @ first
-            found = solved[..., 0]
-            if np.all(np.linalg.norm((first - square @ solved)[..., 0], axis=1) <= bound):
+            turned = np.swapaxes(square, 1, 2)
+            normal = turned @ square + _RIDGE * np.eye(step + 1)
+            found = np.asarray(np.linalg.solve(normal, turned @ first)[..., 0], dtype=np.float64)
+            if np.all(np.linalg.norm((first - square @ found[..., None])[..., 0], axis=1) <= bound):
                 break
     shares = found.astype(np.float32)
     total = np.stack([shares[row] @ basis[: shares.shape[1], row] for row in range(inputs)])

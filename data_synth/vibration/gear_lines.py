@@ -21,9 +21,10 @@ from data_synth.vibration.order_projection import AngleSamples, Projection, Wind
 
 FLOOR = 1e-3  # of the loudest line, over time and channels: lines of meshes and of gears with each other
 FAULT_FLOOR = 1e-2  # of the loudest line of the same damaged gear
-EXPECTED_FLOOR = 1e-4  # of the loudest expected line
+EXPECTED_FLOOR = 3e-5  # of the loudest expected line
 _LEAST = 1e-5  # of the loudest line of all: what the error of the integration makes is no line
 _MOST = 2048  # lines
+_SLOWER = 1.5  # times the highest order at the highest speed: expected lines of lower speeds, which the balance has
 _STEADY = 1e-12  # of the speed: what rounding may change
 _BELOW_NYQUIST = 0.98
 _LONGEST_CELLS = 1 << 20  # of a window in steady motion
@@ -169,7 +170,8 @@ def gear_lines(
         top_order=top,
     )
     steady = _is_steady(prepared)
-    candidates = candidates_of(scene, top=top, mixed=steady)
+    fastest, slowest = (float(each(np.abs(prepared.speed_hz[prepared.speed_hz != 0]))) for each in (np.max, np.min))
+    candidates = candidates_of(scene, top=top * min(fastest / slowest, _SLOWER), mixed=steady)
     instants_rev = samples.revolutions(prepared.instants_s)
     if steady:
         chosen, amplitudes, changes, about = _steady_fit(samples, candidates, instants_rev)
@@ -465,7 +467,7 @@ def _varying_fit(
         samples = replace(samples, signal=samples.signal - expected)
     first, last = samples.span_rev
     instants_rev = samples.revolutions(instants_s)
-    longest = min((last - first) / _LONGEST_SHARE, _LONGEST_CELLS / 4 / float(candidates.values[-1]))
+    longest = min((last - first) / _LONGEST_SHARE, _LONGEST_CELLS / 4 / samples.top_order)
     begins = _begins(instants_s)
     trials = np.union1d(begins, begins + 1)
     loud, sizes = _loud_anywhere(samples, candidates, longest)
@@ -519,6 +521,11 @@ def _loud_anywhere(samples: AngleSamples, candidates: Candidates, longest_rev: f
     """Return the rising numbers of candidates that are loud where each stands alone, and the sizes of all."""
     first, last = samples.span_rev
     window = Window(length_rev=min(longest_rev, 2 * (last - first) / _SEARCHED), degree=0)
-    everywhere = Projection(samples=samples, orders=candidates.values, window=window)
-    sizes = np.max(np.sqrt(everywhere.power(_tiles(samples, window.length_rev, 2 * _SEARCHED))), axis=0)
+    everywhere = Projection(
+        samples=samples, orders=candidates.values[candidates.values < samples.top_order], window=window
+    )
+    sizes = np.zeros(candidates.values.size)
+    sizes[: everywhere.orders.size] = np.max(
+        np.sqrt(everywhere.power(_tiles(samples, window.length_rev, 2 * _SEARCHED))), axis=0
+    )
     return _loud(sizes, candidates.ranks, _ALONE), sizes

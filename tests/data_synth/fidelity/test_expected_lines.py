@@ -65,6 +65,21 @@ def test_meshes_and_a_damaged_tooth_are_coupled(depth_mm):
     assert np.linalg.norm(expected - lines.values) < 0.025 * np.linalg.norm(lines.values)
 
 
+def test_lines_above_the_band_at_the_highest_speed_have_their_truth_at_lower_ones():
+    """Harmonics 21 and 22 of the mesh are in the band at 600 rpm, not at 900; they are 60 dB below the loudest."""
+    rising = {"link": "pinion", "rpm": [[0, 600], [3, 600], [3.3, 900], [6.3, 900]]}
+    declared = scene(duration_s=6.3, speed=rising, mesh={"shape": "teeth"})
+    at_first = simulate(scene(mesh={"shape": "teeth"}, **LONG), seed=SEED)["truth_amplitude"].isel(truth_channel=0)
+    lines = simulate(declared, seed=SEED)["truth_amplitude"].isel(truth_channel=0)
+    orders = [36.0 * 21, 36.0 * 22]
+    assert min(orders) * 15 > declared.rate_hz / 2 > max(orders) * 10
+    own, expected = (
+        each.sel(truth_order=orders, method="nearest", tolerance=1e-6).isel(truth_time=0).values
+        for each in (lines, at_first)
+    )
+    assert np.linalg.norm(own - expected) < 0.1 * np.linalg.norm(expected)
+
+
 def test_gears_that_nothing_excites_have_no_expected_lines():
     assert expected_lines(motion(scene(mesh={"shape": "constant", "error_um": 0}))) == ()
 
