@@ -109,11 +109,8 @@ def integrate(problem: Problem, *, method: Method, output: Output, tolerance: St
     >>> bool(np.allclose(found.values[:, 0], np.cos(2 * found.times_s), atol=1e-12))
     True
     """
-    assembled = assemble(problem)
-    readings = Readings.of(assembled, output)
+    readings = Readings.of(assemble(problem), output)
     steps, error, refusal = _steps(readings, method, tolerance)
-    if refusal is None:
-        refusal = method.refusal(assembled, 1 / (output.rate_hz * steps))
     if refusal is not None:
         return _refused(refusal, output, steps, error)
     blocks = list(_blocks(readings, method, steps, BLOCK))
@@ -186,10 +183,8 @@ def integrate_blocks(
     """
     if block < 1:
         raise ValueError(f"block={block}: at least one sample is needed.")
-    assembled = assemble(problem)
-    readings = Readings.of(assembled, output)
+    readings = Readings.of(assemble(problem), output)
     steps, error, refusal = _steps(readings, method, tolerance)
-    refusal = refusal or method.refusal(assembled, 1 / (output.rate_hz * steps))
     if refusal is not None:
         _refused(refusal, output, steps, error).checked()
     for part in _blocks(readings, method, steps, block):
@@ -197,6 +192,34 @@ def integrate_blocks(
             detail = f"The motion left the range of numbers before {part.times_s[-1]:.6g} s."
             _refused(Refusal(outcome=Outcome.DIVERGED, detail=detail), output, steps, error).checked()
         yield part
+
+
+def steps_to_a_sample(problem: Problem, *, method: Method, output: Output, tolerance: Accuracy) -> int:
+    """Return the number of steps to a sample that `integrate` takes.
+
+    Raises
+    ------
+    IntegrationError
+        Where no number will do.
+
+    Examples
+    --------
+    Exact transitions need one:
+
+    >>> import numpy as np
+    >>> from data_synth.dynamics import Accuracy, Body, Load, Output, Problem, ShaftAngle, Transition, build_system
+    >>> from data_synth.integrators.driver import steps_to_a_sample
+    >>> free = build_system([Body(name="mass", mass_kg=1.0, motions=("x",))], [])
+    >>> steady = ShaftAngle(times_s=np.zeros(1), speeds_hz=np.ones(1))
+    >>> problem = Problem(system=free, reference=steady, load=Load(constant=np.ones(1)), duration_s=2.0)
+    >>> output = Output(rate_hz=10.0, displacement=np.eye(1))
+    >>> steps_to_a_sample(problem, method=Transition(), output=output, tolerance=Accuracy(relative=1e-3))
+    1
+    """
+    steps, error, refusal = _steps(Readings.of(assemble(problem), output), method, tolerance)
+    if refusal is not None:
+        _refused(refusal, output, steps, error).checked()
+    return steps
 
 
 def _refused(refusal: Refusal, output: Output, steps: int, error: float) -> Integration:
@@ -238,6 +261,14 @@ def _blocks(readings: Readings, method: Method, steps: int, size: int) -> Iterat
 
 def _steps(readings: Readings, method: Method, tolerance: Steps | Accuracy) -> tuple[int, float, Refusal | None]:
     """Return steps to a sample, the estimated error, and the refusal where no number of steps will do."""
+    steps, error, refusal = _enough_steps(readings, method, tolerance)
+    if refusal is None:
+        refusal = method.refusal(readings.assembled, 1 / (readings.output.rate_hz * steps))
+    return steps, error, refusal
+
+
+def _enough_steps(readings: Readings, method: Method, tolerance: Steps | Accuracy) -> tuple[int, float, Refusal | None]:
+    """Return the same, of which the method may still refuse the steps."""
     if isinstance(tolerance, Steps):
         return tolerance.per_sample, float("nan"), _unresolved(readings, method, tolerance.per_sample)
     if method.order is None:

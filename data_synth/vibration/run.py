@@ -244,7 +244,7 @@ class Motion:
 
     def steps(self) -> int:
         """Return the steps to a sample that keep the error, from a trial of 4096 samples at the critical time."""
-        from data_synth.integrators.driver import integrate  # noqa: PLC0415
+        from data_synth.integrators.driver import steps_to_a_sample  # noqa: PLC0415
 
         if self.steps_per_sample is not None:
             return self.steps_per_sample
@@ -264,15 +264,11 @@ class Motion:
         long_s = max(1, min(scene.samples - 1, _TRIAL)) / scene.rate_hz
         start_s = min(max(0.0, self.critical_time_s() - long_s / 2), max(0.0, scene.duration_s - long_s))
         try:
-            return (
-                integrate(
-                    self.problem(start_s, long_s),
-                    method=self.method.method,
-                    output=trial_output if weighted is None else weighted.trial_output,
-                    tolerance=Accuracy(relative=self.error, trial=1.0, about_mean=True),
-                )
-                .checked()
-                .steps_per_sample
+            return steps_to_a_sample(
+                self.problem(start_s, long_s),
+                method=self.method.method,
+                output=trial_output if weighted is None else weighted.trial_output,
+                tolerance=Accuracy(relative=self.error, trial=1.0, about_mean=True),
             )
         except IntegrationError as caught:
             raise not_followed(caught) from None
