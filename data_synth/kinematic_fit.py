@@ -15,8 +15,10 @@ swings about the power of the speed; c is in the middle of that.
 """
 
 import math
+import tomllib
 from collections.abc import Sequence
 from dataclasses import dataclass
+from functools import lru_cache
 from typing import Any
 
 import numpy as np
@@ -38,6 +40,7 @@ _LEAST_EXPONENT = 1e-3  # of the size: a scene takes none of zero
 _PULSES = 60  # a turn of the tachometer's link: a speed needs two in a short scene
 _FINER = (0.1, 0.01)  # times the error of a record: what a fault adds is a small difference of two
 _FAR = 30.0  # times the error of a record, which is an RMS: a peak that is large enough to be known to 1 dB
+_KEPT = 64  # channels of a few turns without a fault: those of one fit are some 24, and the next may be of other faults
 _SMALL_MM = 0.01  # a size that every gear has
 _WHOLE = 1.0  # m: deeper than any spall
 _NO_FACTORS = {"amplitude_per_mm": 0.0, "phase_rad_per_mm": 0.0, "impact_per_mm": 0.0}
@@ -183,7 +186,6 @@ class DamageRuns:
         )
         self._dynamics = scene.dynamics_or_default
         self._table = short.model_dump(mode="json", by_alias=True, exclude_none=True)
-        self._healthy: dict[tuple[str, float, float, float], Array] = {}
 
     def of_size(self, size_mm: float) -> dict[str, Any]:
         """Return the fault with another size."""
@@ -209,11 +211,10 @@ class DamageRuns:
         found = 0.0
         for finer in _FINER:
             error = finer * self._dynamics.error
-            at = (fidelity, load, speed, error)
-            if at not in self._healthy:
-                self._healthy[at] = self._channel(*at, [])
-            found = self._peak(self._channel(*at, [fault]) - self._healthy[at], speed)
-            if fidelity == "kinematic" or found > _FAR * error * float(np.std(self._healthy[at])):
+            sound = _sound_channel(self._scene(fidelity, load, speed, error, []).to_toml(), self._seed)
+            faulty = _channel(self._scene(fidelity, load, speed, error, [fault]), self._seed)
+            found = self._peak(faulty - sound, speed)
+            if fidelity == "kinematic" or found > _FAR * error * float(np.std(sound)):
                 break
         if found == 0:
             hint = "; raise excitation.mesh_amplitude" if fidelity == "kinematic" else "; give a larger size"
@@ -226,7 +227,7 @@ class DamageRuns:
         spline, places = CubicSpline(np.arange(added.size), added), np.arange(turn / 2, 3 * turn / 2)
         return float(np.mean([np.max(np.abs(spline(places + number * turn))) for number in range(self._turns)]))
 
-    def _channel(self, fidelity: str, load: float, speed: float, error: float, faults: list[dict[str, Any]]) -> Array:
+    def _scene(self, fidelity: str, load: float, speed: float, error: float, faults: list[dict[str, Any]]) -> Scene:
         changes = {
             "fidelity": fidelity,
             "duration_s": (self._turns + 0.6) * self._turn_s / speed,
@@ -235,8 +236,17 @@ class DamageRuns:
             "dynamics": self._dynamics.changed(error=error).model_dump(mode="json", exclude_none=True),
             "fault": faults,
         }
-        made = Scene.from_mapping({**self._table, **changes})
-        return np.asarray(simulate(made, seed=self._seed)[made.sensors[0].name].values)
+        return Scene.from_mapping({**self._table, **changes})
+
+
+def _channel(scene: Scene, seed: int) -> Array:
+    return np.asarray(simulate(scene, seed=seed)[scene.sensors[0].name].values)
+
+
+@lru_cache(maxsize=_KEPT)
+def _sound_channel(scene_toml: str, seed: int) -> Array:
+    """Return the same of a scene without faults, which is that of every fault."""
+    return _channel(Scene.from_mapping(tomllib.loads(scene_toml)), seed)
 
 
 def _carrier_order(scene: Scene, fault: GearFault) -> float:

@@ -35,13 +35,13 @@ SCENE = {
 TURNS, SEED = 3, 1
 # sizes that are fitted, at 200 N m and 1200 rpm; and four scenes: N m, rpm, mm
 CASES = {
-    "tooth_crack": ((1, 2, 3), ((80, 1200, 1.5), (300, 900, 2.5), (120, 1400, 2.5))),
-    "spall": ((0.003, 0.006, 0.02), ((80, 1200, 0.004), (300, 900, 1.0), (120, 1400, 1.0))),
-    "chipping": ((3, 6, 12), ((80, 1200, 4.0), (300, 900, 10.0), (120, 1400, 10.0))),
+    "tooth_crack": ((1, 3), ((80, 1200, 1.5), (300, 900, 2.5), (120, 1400, 2.5))),
+    "spall": ((0.003, 0.02), ((80, 1200, 0.004), (300, 900, 1.0), (120, 1400, 1.0))),
+    "chipping": ((3, 12), ((80, 1200, 4.0), (300, 900, 10.0), (120, 1400, 10.0))),
     "missing_tooth": ((6, 7), ((80, 1200, 6.5), (300, 900, 8.0), (120, 1400, 8.0))),
-    "pitting": ((0.003, 0.006, 0.02), ((80, 1200, 0.004), (300, 900, 1.0), (120, 1400, 1.0))),
+    "pitting": ((0.003, 0.02), ((80, 1200, 0.004), (300, 900, 1.0), (120, 1400, 1.0))),
     "eccentricity": ((0.02, 0.1), ((80, 1200, 0.05), (300, 900, 0.15), (120, 1400, 0.15))),
-    "misalignment": ((3, 6, 12), ((80, 1200, 4.0), (300, 900, 10.0), (120, 1400, 10.0))),
+    "misalignment": ((3, 12), ((80, 1200, 4.0), (300, 900, 10.0), (120, 1400, 10.0))),
     "wear": ((0.002, 0.004, 0.008), ((120, 1200, 0.003), (300, 900, 0.006), (150, 1400, 0.006))),
 }
 QUICK = ("tooth_crack", "spall")
@@ -73,8 +73,8 @@ OTHER_SCENE = {
 }
 # a natural frequency of it is 356 Hz, and at 700 rpm 31 teeth meet at 362 Hz: the last of each is near a resonance
 OTHER_CASES = {
-    "tooth_crack": ((1.5, 3, 5), ((240, 900, 2.5), (360, 1000, 4.0), (900, 700, 4.0))),
-    "spall": ((0.004, 0.008, 0.03), ((240, 900, 0.006), (360, 1000, 1.0), (900, 700, 1.0))),
+    "tooth_crack": ((1.5, 5), ((240, 900, 2.5), (360, 1000, 4.0), (900, 700, 4.0))),
+    "spall": ((0.004, 0.03), ((240, 900, 0.006), (360, 1000, 1.0), (900, 700, 1.0))),
 }
 
 
@@ -114,18 +114,6 @@ def residual_peak(torque_nm, rpm, table, *, fidelity, of):
     return np.max(np.abs(np.mean([added(at + number * turn) for number in range(1, TURNS)], axis=0)))
 
 
-@pytest.fixture(scope="module")
-def fits():
-    made = {}
-
-    def of(kind):
-        if kind not in made:
-            made[kind] = fit_factors(scene(200, 1200, fault(kind, 1.0)), sizes_mm=CASES[kind][0], seed=SEED)
-        return made[kind]
-
-    return of
-
-
 def apart_db(fit, torque_nm, rpm, size_mm, *, of=SCENE):
     table = fit.table(size_mm=size_mm, torque_nm=torque_nm, rpm=rpm)
     moving = residual_peak(torque_nm, rpm, fault(fit.kind, size_mm), fidelity="lateral", of=of)
@@ -141,15 +129,19 @@ def test_every_kind_of_gear_fault_is_fitted():
 @pytest.mark.parametrize(
     "kind", [kind if kind in QUICK else pytest.param(kind, marks=pytest.mark.slow) for kind in CASES]
 )
-def test_kinematic_peaks_are_those_of_motion_where_they_were_not_fitted(fits, kind):
-    found = [apart_db(fits(kind), *case) for case in CASES[kind][1]]
+def test_kinematic_peaks_are_those_of_motion_where_they_were_not_fitted(kind):
+    sizes_mm, cases = CASES[kind]
+    fit = fit_factors(scene(200, 1200, fault(kind, 1.0)), sizes_mm=sizes_mm, seed=SEED)
+    found = [apart_db(fit, *case) for case in cases]
     assert np.max(np.abs(found)) < 3, found
-
-
-@pytest.mark.slow
-@pytest.mark.parametrize("kind", RESONANCE)
-def test_near_a_resonance_they_are_within_6_db(fits, kind):
-    assert abs(apart_db(fits(kind), *RESONANCE[kind])) < 6
+    assert abs(apart_db(fit, *RESONANCE[kind])) < 6
+    # static deflection is linear in the load; the drop into a spall is its own depth
+    if kind == "tooth_crack":
+        assert fit.load_exponent == pytest.approx(1, abs=0.05)
+        assert fit.size_exponent > 1.3  # a cantilever: compliance rises faster than the crack
+    if kind == "spall":
+        assert fit.load_exponent == pytest.approx(0, abs=0.15)
+        assert fit.largest_effect_mm == pytest.approx(0.015, rel=0.1)  # L^2 / (8 rho), by hand
 
 
 @pytest.mark.slow
@@ -160,14 +152,6 @@ def test_another_pair_of_gears_is_fitted_as_well(kind):
     found = [apart_db(fit, *case, of=OTHER_SCENE) for case in cases]
     assert np.max(np.abs(found)) < 3, found
     assert abs(apart_db(fit, *resonance, of=OTHER_SCENE)) < 6
-
-
-def test_what_softens_goes_with_the_load_and_what_lets_sink_does_not(fits):
-    # static deflection is linear in the load; the drop into a spall is its own depth
-    assert fits("tooth_crack").load_exponent == pytest.approx(1, abs=0.05)
-    assert fits("spall").load_exponent == pytest.approx(0, abs=0.15)
-    assert fits("tooth_crack").size_exponent > 1.3  # a cantilever: compliance rises faster than the crack
-    assert fits("spall").largest_effect_mm == pytest.approx(0.015, rel=0.1)  # L^2 / (8 rho), by hand
 
 
 @pytest.mark.slow
