@@ -38,7 +38,7 @@ _PER_CONTACT = 0.14e-6  # s a step and element of a bearing that moves
 _TEETH_S = 0.3  # s for teeth of gears that vibrate, and s a step of time, for each motion, and each pair of meshes:
 _PER_STEP, _PER_DEGREE, _PER_PAIR = 0.09e-6, 0.018e-6, 0.02e-6
 _PER_PROJECTED = 1.4e-6  # s a sample and channel, for the lines of gears in motion
-_PROJECTED = 22
+_PROJECTED = 42
 """Lines of gears in motion that are loud, over the root of the number of orders at which they may be: the mean of 72
 records of `benchmark-1`, of which either half predicts the mean of the other to 15 %; a single one is within a factor
 of two or three, since what is loud depends on resonances."""
