@@ -26,6 +26,7 @@ from data_synth.scene.transfer_paths import Transfer
 from data_synth.sources.impact_lines import impact_lines
 from data_synth.sources.impacts import bearing_simulation
 from data_synth.sources.prepared import PreparedScene, prepare_scene
+from data_synth.vibration.gear_lines import is_steady
 from data_synth.vibration.line_candidates import candidates_of
 from data_synth.vibration.meshes import Gears
 from data_synth.vibration.run import contacts_in, prepare_gears
@@ -38,10 +39,10 @@ _PER_CONTACT = 0.14e-6  # s a step and element of a bearing that moves
 _TEETH_S = 0.3  # s for teeth of gears that vibrate, and s a step of time, for each motion, and each pair of meshes:
 _PER_STEP, _PER_DEGREE, _PER_PAIR = 0.09e-6, 0.018e-6, 0.02e-6
 _PER_PROJECTED = 1.4e-6  # s a sample and channel, for the lines of gears in motion
-_PROJECTED = 42
-"""Lines of gears in motion that are loud, over the root of the number of orders at which they may be: the mean of 72
-records of `benchmark-1`, of which either half predicts the mean of the other to 15 %; a single one is within a factor
-of two or three, since what is loud depends on resonances."""
+_PROJECTED_STEADY, _PROJECTED = 22, 39
+"""Lines of gears in motion that are loud, over the root of the number of orders at which they may be: at constant speed
+and torque, and else the mean of 72 records of `benchmark-1`, of which either half predicts the mean of the other to
+1 %; a single one is within a factor of two or three, since what is loud depends on resonances."""
 _TEETH = {LEFT_OUT: "nothing", SPRING: "a spring", KINEMATIC: "lines"}
 _LEVELS = {
     LEFT_OUT: "below the floor at every sensor: what is behind its teeth turns along",
@@ -206,7 +207,8 @@ def count(scene: Scene) -> Counted:
         parts, vibrating = tuple(_gears(stage, gears, choice)), BYTES * scene.samples * len(scene.sensors)
         stage = with_kinematic_lines(stage, gears, choice.levels)
         candidates = len(candidates_of(scene, top=_top_order(stage), mixed=False).numbers)
-        projected = min(candidates, round(_PROJECTED * math.sqrt(candidates)))
+        loud = _PROJECTED_STEADY if is_steady(stage) else _PROJECTED
+        projected = min(candidates, round(loud * math.sqrt(candidates)))
     lines = sum(amplitudes[:, :, 0].size for amplitudes in stage.amplitudes)
     lines += sum(amplitudes[:, :, 0].size for _, _, amplitudes in impact_lines(stage))
     lines += len(scene.sensors) * projected

@@ -35,7 +35,7 @@ from data_synth.fidelity.linear_response import MIN_STIFFNESS, response_of, spec
 from data_synth.gears.transmission_error import SumOfErrors, TransmissionError
 from data_synth.kinematic.harmonics import ComplexArray
 from data_synth.operation.shaft_angle import Array
-from data_synth.vibration.gear_lines import ExpectedLines, lagrange
+from data_synth.vibration.gear_lines import LOWER_SPEEDS, ExpectedLines, lagrange
 from data_synth.vibration.run import Motion, contacts_in
 from data_synth.vibration.torques import static_tooth_forces
 
@@ -48,11 +48,11 @@ _COARSE_HZ, _FINE_HZ = 40.0, 5.0
 """Frequencies of the fastest mesh between which p is interpolated, at most, and at least where that is finer than the
 damping ratio, by which a line passes half the width of a mode: then cubics between err by some 1e-4 of p."""
 _SLOWEST = 0.01  # of the top speed: below, lines are at frequencies where the stiffness acts statically
-_BEYOND = 1.5  # times the highest line: lines beyond it act on others, those of stiffness that jumps as 1 over theirs
+_BEYOND = 1.2  # times the highest line: lines beyond it act on others
 _INDEPENDENT = 1e-5  # of the largest of independent histories, below which one is left out
 _COUPLED = 0.02  # of the RMS of the stiffness that varies most at the orders of a family: less couples nothing
 _RESIDUAL = 2e-6  # of the equations, over the largest excitation: a fault may be 1e-3 of that
-_FEWEST_ITERATIONS, _MOST_ITERATIONS, _WORK = 12, 96, 1_500_000  # at most; times all unknowns, between the other two
+_FEWEST_ITERATIONS, _MOST_ITERATIONS, _WORK = 12, 96, 1_000_000  # at most; times all unknowns, between the other two
 _RIDGE = 1e-12  # of squares of the operator, which is about 1: keeps a search that ended early determined
 _EVERY = 4  # iterations from one look at the residual to the next
 
@@ -127,14 +127,15 @@ def expected_lines(motion: Motion) -> tuple[ExpectedLines, ...]:
         return ()
     response, orders = response_of(motion), stage.scene.exact_orders("gear_mesh")
     of_mesh = {number: order for name, order in orders.items() for number in contacts_in(system, name)}
-    top = _BEYOND * rate_hz / 2 / float(np.max(speed_hz))
+    lowest_hz, highest_hz = max(np.min(speed_hz), _SLOWEST * np.max(speed_hz)), float(np.max(speed_hz))
+    beyond_hz = _BEYOND * min(highest_hz / lowest_hz, LOWER_SPEEDS) * rate_hz / 2
+    top = beyond_hz / highest_hz
     excitations = [_Excitation.of(mesh, of_mesh[number], top=top) for number, mesh in enumerate(system.meshes)]
-    frequency_hz = np.linspace(0.0, _BEYOND * rate_hz / 2, _RESPONSES)
+    frequency_hz = np.linspace(0.0, beyond_hz, _RESPONSES)
     gains = response.means[:, None, None] * response.deflections_by(frequency_hz)
     transfer = np.stack([response.channels(number, frequency_hz) for number in range(len(excitations))])
     static_n = static_tooth_forces(stage, system, motion.drive_load)
     inputs_n = np.concatenate([np.ones((1, speed_hz.size)), static_n])
-    lowest_hz, highest_hz = max(np.min(speed_hz), _SLOWEST * np.max(speed_hz)), float(np.max(speed_hz))
     damping = float(np.min(-response.poles.real / np.abs(response.poles)))
     families = _families(excitations, tuple(stage.scene.exact_orders("tooth").values()), top=top)
     driven = [_Driven.of(family, excitations, inputs_n) for family in families]
@@ -186,13 +187,15 @@ def _over_speeds(
 ) -> tuple[Array, Singles]:
     """Return even speeds, at most `apart_hz` from each other, and p at each.
 
-    At first they are `coarse_hz` apart; then they are halved, and p is solved for from what lies between.
+    At first they are up to `coarse_hz` apart; then that is halved, and p is solved for from what lies between.
     """
-    speeds_hz = np.linspace(*between_hz, 1 + math.ceil((between_hz[1] - between_hz[0]) / coarse_hz))
+    halvings = max(0, math.floor(math.log2(coarse_hz / apart_hz)))
+    count = 1 + math.ceil((between_hz[1] - between_hz[0]) / (apart_hz * 2**halvings))
+    speeds_hz = np.linspace(*between_hz, count)
     forces = list[Singles]()
     for speed in speeds_hz:
         forces.append(balanced(by_mesh(float(speed), forces[-1] if forces else at_rest), float(speed)))
-    while speeds_hz.size > 1 and speeds_hz[1] - speeds_hz[0] > apart_hz:
+    for _ in range(halvings if count > 1 else 0):
         between = (speeds_hz[1:] + speeds_hz[:-1]) / 2
         starts = np.tensordot(lagrange(between, speeds_hz).T.astype(np.float32), np.stack(forces), axes=1)
         found = [balanced(start, float(speed)) for speed, start in zip(between, starts, strict=True)]

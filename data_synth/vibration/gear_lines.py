@@ -21,10 +21,10 @@ from data_synth.vibration.order_projection import AngleSamples, Projection, Wind
 
 FLOOR = 1e-3  # of the loudest line, over time and channels: lines of meshes and of gears with each other
 FAULT_FLOOR = 1e-2  # of the loudest line of the same damaged gear
-EXPECTED_FLOOR = 3e-5  # of the loudest expected line
+LOWER_SPEEDS = 1.5  # times the highest order at the highest speed are expected lines of lower speeds, at most
+EXPECTED_FLOOR = 5e-5  # of the loudest expected line
 _LEAST = 1e-5  # of the loudest line of all: what the error of the integration makes is no line
 _MOST = 2048  # lines
-_SLOWER = 1.5  # times the highest order at the highest speed: expected lines of lower speeds, which the balance has
 _STEADY = 1e-12  # of the speed: what rounding may change
 _BELOW_NYQUIST = 0.98
 _LONGEST_CELLS = 1 << 20  # of a window in steady motion
@@ -169,9 +169,9 @@ def gear_lines(
         speed_hz=lambda times_s: np.maximum(sign * angle.speed_hz(times_s), 0.0),
         top_order=top,
     )
-    steady = _is_steady(prepared)
+    steady = is_steady(prepared)
     fastest, slowest = (float(each(np.abs(prepared.speed_hz[prepared.speed_hz != 0]))) for each in (np.max, np.min))
-    candidates = candidates_of(scene, top=top * min(fastest / slowest, _SLOWER), mixed=steady)
+    candidates = candidates_of(scene, top=top * min(fastest / slowest, LOWER_SPEEDS), mixed=steady)
     instants_rev = samples.revolutions(prepared.instants_s)
     if steady:
         chosen, amplitudes, changes, about = _steady_fit(samples, candidates, instants_rev)
@@ -195,7 +195,7 @@ def gear_lines(
     return GearLines(lines=lines, about=about)
 
 
-def _is_steady(prepared: PreparedScene) -> bool:
+def is_steady(prepared: PreparedScene) -> bool:
     """Return whether speed, torque and damage of teeth are constant."""
     torque, teeth = prepared.drive.torque, prepared.scene.exact_orders("tooth")
     return (
