@@ -43,16 +43,17 @@ Singles: TypeAlias = NDArray[np.complex64]
 
 _POINTS = 32  # to a period of the highest line, which is then right to 1 % for a stiffness that jumps
 _FEWEST = 512  # points to a mesh cycle
-_RESPONSES = 1 << 14  # frequencies from zero to half the rate, between which a response is linear
+_RESPONSES = 1 << 14  # frequencies from zero to that of the highest line, between which a response is linear
 _COARSE_HZ, _FINE_HZ = 40.0, 5.0
 """Frequencies of the fastest mesh between which p is interpolated, at most, and at least where that is finer than the
 damping ratio, by which a line passes half the width of a mode: then cubics between err by some 1e-4 of p."""
 _SLOWEST = 0.01  # of the top speed: below, lines are at frequencies where the stiffness acts statically
-_BEYOND = 1.2  # times the highest line: lines beyond it act on others
+_BEYOND = 1.2  # times the highest line in the band: lines beyond it act on others
 _INDEPENDENT = 1e-5  # of the largest of independent histories, below which one is left out
 _COUPLED = 0.02  # of the RMS of the stiffness that varies most at the orders of a family: less couples nothing
 _RESIDUAL = 2e-6  # of the equations, over the largest excitation: a fault may be 1e-3 of that
-_FEWEST_ITERATIONS, _MOST_ITERATIONS, _WORK = 12, 96, 1_000_000  # at most; times all unknowns, between the other two
+_FEWEST_ITERATIONS, _MOST_ITERATIONS, _WORK = 12, 96, 1_000_000
+"""Iterations at most: the third over the number of unknowns, between the first two."""
 _RIDGE = 1e-12  # of squares of the operator, which is about 1: keeps a search that ended early determined
 _EVERY = 4  # iterations from one look at the residual to the next
 
