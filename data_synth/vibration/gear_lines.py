@@ -44,6 +44,7 @@ _LONGEST_SHARE = 1.25  # of which the record is at least as long as the longest 
 _DETERMINED = 0.01  # of the RMS of a line
 _SMALL = 0.05  # of the power of a signal: what lines may leave of it that are all determined
 _COARSE = 0.01  # error of the integration at which expected lines may leave as much; where it is less, by its square
+_EXACT = 0.2  # of that at least: in an exact record lines that leave more than 1 % have not what the signal has
 _NO_USE = 4.0  # times the least error: shorter windows are worse still
 _PERIODS = 0.75  # of the smallest base order: the shortest window that is halved
 
@@ -152,8 +153,9 @@ def gear_lines(
     windows; their length is that, of several, with the least error: the share of the lines' power that is in lines
     which half the window changes by 1 % or more, plus the share of what the expected lines leave of the signal that all
     lines leave. The former alone would have long windows where all that a projection adds is below 1 %. Where expected
-    lines leave no more than 5 %, harmonics of meshes have what is fitted, if half the window changes them by less than
-    1 %, and other lines are as expected: so sound and damaged gears differ by what both are expected to have. Where
+    lines leave no more than 5 % (1 % where the integration errs by 0.2 % or less), harmonics of meshes have what is
+    fitted, if half the window changes them by less than 1 %, and other lines are as expected: so sound and damaged
+    gears differ by what both are expected to have. Where
     they leave more, all lines have what is fitted.
     """
     scene, angle = prepared.scene, prepared.drive.angle
@@ -349,7 +351,7 @@ def _varying_lines(
         if alone >= 1:  # resonances are passed too fast to be quasi-static
             prior = _Lines(chosen=prior.chosen[:0], amplitudes=prior.amplitudes[:, :0], changes=prior.changes[:0])
         fitted, window = _varying_fit(samples, candidates, instants_s, prior)
-        if alone > _SMALL:
+        if alone > _SMALL * max(min(error / _COARSE, 1.0), _EXACT):
             return fitted, _about_fit(fitted, window, prior)
         known = (fitted.changes < _DETERMINED) & (candidates.ranks[fitted.chosen] == 0)
         kept = known | np.isin(fitted.chosen, prior.chosen)
