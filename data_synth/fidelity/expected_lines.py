@@ -23,7 +23,7 @@ import math
 from collections.abc import Callable
 from dataclasses import dataclass
 from fractions import Fraction
-from functools import partial
+from functools import cache, partial
 from itertools import chain, combinations
 from typing import TypeAlias
 
@@ -149,7 +149,7 @@ def expected_lines(motion: Motion) -> tuple[ExpectedLines, ...]:
         solved = partial(
             _balanced,
             gains=gains[np.ix_(each.meshes, each.meshes)],
-            excitations=[excitations[number] for number in each.meshes],
+            varying_of=cache(partial(_Varying.of, [excitations[number] for number in each.meshes])),
             step_hz=float(frequency_hz[1]),
             bound=_RESIDUAL * largest,
         )
@@ -401,7 +401,7 @@ def _balanced(
     speed_hz: float,
     *,
     gains: ComplexArray,
-    excitations: list[_Excitation],
+    varying_of: Callable[[Fraction, int], _Varying],
     base: Fraction,
     step_hz: float,
     bound: float,
@@ -417,7 +417,8 @@ def _balanced(
     speed_hz : float
     gains : (mesh, mesh, f) array
         Deflection of a mesh per N of p in another, times k_mean.
-    excitations : list of _Excitation
+    varying_of : callable
+        From base and number of lines to the varying stiffness of the meshes.
     base : Fraction
     step_hz : float
         Between the responses.
@@ -429,7 +430,7 @@ def _balanced(
     number = np.minimum(place.astype(np.int64), gains.shape[2] - 2)
     share = np.minimum(place - number, 1.0)
     gain = ((1 - share) * gains[:, :, number] + share * gains[:, :, number + 1]).astype(np.complex64)
-    varying = _Varying.of(excitations, base, lines)
+    varying = varying_of(base, lines)
 
     def remainder(forces: Singles) -> Singles:
         total = gain[:, 0] * forces[:, None, 0]
