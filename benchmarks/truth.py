@@ -31,13 +31,11 @@ not in any. `lines` counts those of the faulty record. Time of the processor for
 `1 %` and `10 %`: the share of the lines, and of their power, that halving the window of the projection changes by
 less than this share of their RMS over time (`truth_line_change`); all of them where Z has no window. That is so where
 motion is steady or kinematic, and in varying motion where Z is the quasi-static response of each line at its exact
-order: a harmonic balance with the varying stiffness of all meshes and damaged teeth, whose lines are stated down to
-5e-5 of the loudest. Where the balance leaves more than 0.05 % of the power (5 % in `benchmark-1`, whose integration
-may err by 1 %), a projection adds to the harmonics of meshes what the signal has beside it, as far as half its window
-changes them by less than 1 %: what resonances lag behind the speed. Where it leaves more than 1 % (in `benchmark-1`
-5 %), under planets, with friction, behind large losses of contact, in a start that passes resonances too fast, the
-projection adds to all lines; they are fitted together, so that they add up to the signal, and how what is added is
-split among neighbours is uncertain.
+order, less what it lags behind the speed: a harmonic balance with the varying stiffness of all meshes and damaged
+teeth, whose lines are stated down to 5e-5 of the loudest. Where the balance leaves more than 1 % of the power (5 % in
+`benchmark-1`, whose integration may err by 1 %), under planets, with friction, behind large losses of contact, in a
+start that passes resonances too fast, a projection adds to all lines what the signal has beside it; they are fitted
+together, so that they add up to the signal, and how what is added is split among neighbours is uncertain.
 
 The balance leaves out lines at sums of the order of a damaged or uneven gear and that of a mesh on other shafts, most
 of what is missing of the fault of record 106, which is 66 dB below its record; teeth that part for moments, as those of

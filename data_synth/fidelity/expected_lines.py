@@ -12,7 +12,7 @@ stiffness at such multiples, a damaged tooth's among them, couple them. At some 
 solved together by GMRES (Saad and Schultz 1986), from the solution at rest, ``F (1 - k_mean / k) - k_mean e``; the
 product with the varying stiffness is one of waveforms in angle. Its factor delta is smooth where k jumps. Were the
 tooth force the factor, of ``1 - k_mean / k``, both would jump, and lines of a product of jumps converge slowly (Li
-1996, J. Opt. Soc. Am. A 13, 1870). Between speeds p is interpolated.
+1996, J. Opt. Soc. Am. A 13, 1870). Between speeds that rise by one factor p is interpolated.
 
 Sound and damaged gears have the same families, speeds, points and bounds, so that the errors of both are alike and the
 difference is the fault's, 60 dB below the record even. Left out are lines at sums of the order of a gear and that of a
@@ -24,7 +24,7 @@ from collections.abc import Callable
 from dataclasses import dataclass
 from fractions import Fraction
 from functools import cache, partial
-from itertools import chain, combinations
+from itertools import combinations
 from typing import TypeAlias
 
 import numpy as np
@@ -44,15 +44,20 @@ Singles: TypeAlias = NDArray[np.complex64]
 _POINTS = 32  # to a period of the highest line, which is then right to 1 % for a stiffness that jumps
 _FEWEST = 512  # points to a mesh cycle
 _RESPONSES = 1 << 14  # frequencies from zero to that of the highest line, between which a response is linear
-_COARSE_HZ, _FINE_HZ = 40.0, 5.0
-"""Frequencies of the fastest mesh between which p is interpolated, at most, and at least where that is finer than the
-damping ratio, by which a line passes half the width of a mode: then cubics between err by some 1e-4 of p."""
+_APART, _ERROR = 0.7, 1e-2
+"""How far apart are speeds between which p is interpolated, in least damping ratios, by one of which a line passes half
+the width of a mode, where the integration may err by so much; by another error, with its fourth root, as cubics err."""
+_FAR, _FINE_HZ = 0.08, 5.0
+"""Of the speed, at most, so that all four speeds of a cubic have all lines in the band; and of the fastest mesh of a
+family, at least: harmonics of slow meshes that pass modes are high and weak."""
+_STRIDE = 4  # a power of two
 _SLOWEST = 0.01  # of the top speed: below, lines are at frequencies where the stiffness acts statically
 _BEYOND = 1.2  # times the highest line in the band: lines beyond it act on others
+_ALIKE = 1.5  # times slower than the highest speed, speeds have the same lines; slower ones have more
 _INDEPENDENT = 1e-5  # of the largest of independent histories, below which one is left out
 _COUPLED = 0.02  # of the RMS of the stiffness that varies most at the orders of a family: less couples nothing
 _RESIDUAL = 2e-6  # of the equations, over the largest excitation: a fault may be 1e-3 of that
-_FEWEST_ITERATIONS, _MOST_ITERATIONS, _WORK = 12, 96, 1_000_000
+_FEWEST_ITERATIONS, _MOST_ITERATIONS, _WORK = 12, 96, 1_500_000
 """Iterations at most: the third over the number of unknowns, between the first two."""
 _RIDGE = 1e-12  # of squares of the operator, which is about 1: keeps a search that ended early determined
 _EVERY = 4  # iterations from one look at the residual to the next
@@ -129,15 +134,17 @@ def expected_lines(motion: Motion) -> tuple[ExpectedLines, ...]:
     response, orders = response_of(motion), stage.scene.exact_orders("gear_mesh")
     of_mesh = {number: order for name, order in orders.items() for number in contacts_in(system, name)}
     lowest_hz, highest_hz = max(np.min(speed_hz), _SLOWEST * np.max(speed_hz)), float(np.max(speed_hz))
-    beyond_hz = _BEYOND * min(highest_hz / lowest_hz, LOWER_SPEEDS) * rate_hz / 2
-    top = beyond_hz / highest_hz
+    band_hz = _BEYOND * rate_hz / 2
+    top = band_hz / max(lowest_hz, highest_hz / LOWER_SPEEDS)
     excitations = [_Excitation.of(mesh, of_mesh[number], top=top) for number, mesh in enumerate(system.meshes)]
-    frequency_hz = np.linspace(0.0, beyond_hz, _RESPONSES)
+    frequency_hz = np.linspace(0.0, band_hz * min(highest_hz / lowest_hz, _ALIKE), _RESPONSES)
     gains = response.means[:, None, None] * response.deflections_by(frequency_hz)
-    transfer = np.stack([response.channels(number, frequency_hz) for number in range(len(excitations))])
+    channels = [response.channels(number, frequency_hz) for number in range(len(excitations))]
+    transfer = np.stack(channels).astype(np.complex64)
     static_n = static_tooth_forces(stage, system, motion.drive_load)
     inputs_n = np.concatenate([np.ones((1, speed_hz.size)), static_n])
     damping = float(np.min(-response.poles.real / np.abs(response.poles)))
+    apart = _APART * damping * (stage.scene.dynamics_or_default.error / _ERROR) ** 0.25
     families = _families(excitations, tuple(stage.scene.exact_orders("tooth").values()), top=top)
     driven = [_Driven.of(family, excitations, inputs_n) for family in families]
     # the same error in N for all: a family that is weak beside others need not be as exact by itself
@@ -153,16 +160,12 @@ def expected_lines(motion: Motion) -> tuple[ExpectedLines, ...]:
             step_hz=float(frequency_hz[1]),
             bound=_RESIDUAL * largest,
         )
-        balanced = partial(solved, each.excitation, base=family.base)
-        by_mesh = partial(_by_mesh, solved, each.excitation, family.base, within)
-        speeds_hz, forces = _over_speeds(
-            balanced,
-            by_mesh,
-            each.at_rest,
-            (lowest_hz, highest_hz),
-            coarse_hz=_COARSE_HZ / float(max(within)),
-            apart_hz=max(damping * lowest_hz, _FINE_HZ / float(max(within))),
-        )
+        least = max(apart, _FINE_HZ / float(max(within)) / lowest_hz)
+        speeds_hz = _speeds(lowest_hz, highest_hz, apart=min(least, _FAR))
+        slowest_hz = np.maximum(lowest_hz, np.minimum(speeds_hz, highest_hz / _ALIKE))
+        sizes = np.floor(band_hz / slowest_hz / float(family.base)).astype(np.int64)
+        first = partial(_by_mesh, solved, base=family.base, orders=within)
+        forces = _over_speeds(partial(solved, base=family.base), first, each, speeds_hz, sizes)
         found.append(
             ExpectedLines(
                 base_order=family.base,
@@ -170,6 +173,8 @@ def expected_lines(motion: Motion) -> tuple[ExpectedLines, ...]:
                 speeds_hz=speeds_hz,
                 inputs_n=each.histories,
                 speed_hz=speed_hz,
+                rates=np.gradient(speed_hz, stage.instants_s),
+                damping=damping,
                 frequency_hz=frequency_hz,
                 transfer=transfer[each.meshes],
             )
@@ -177,41 +182,57 @@ def expected_lines(motion: Motion) -> tuple[ExpectedLines, ...]:
     return tuple(found)
 
 
-def _over_speeds(
-    balanced: Callable[[Singles, float], Singles],
-    by_mesh: Callable[[float, Singles], Singles],
-    at_rest: Singles,
-    between_hz: tuple[float, float],
-    *,
-    coarse_hz: float,
-    apart_hz: float,
-) -> tuple[Array, Singles]:
-    """Return even speeds, at most `apart_hz` from each other, and p at each.
+def _speeds(lowest_hz: float, highest_hz: float, *, apart: float) -> Array:
+    """Return speeds that rise by one factor, at most ``1 + apart``; intervals are a multiple of `_STRIDE`, or few."""
+    intervals = math.ceil(math.log(highest_hz / lowest_hz) / math.log1p(apart) - 1e-9)
+    if intervals < 1:
+        return np.array([highest_hz])
+    if intervals > _STRIDE:
+        intervals = _STRIDE * math.ceil(intervals / _STRIDE)
+    return np.geomspace(lowest_hz, highest_hz, intervals + 1)
 
-    At first they are up to `coarse_hz` apart; then that is halved, and p is solved for from what lies between.
+
+def _over_speeds(
+    solved: Callable[[Singles, Singles, float], Singles],
+    first: Callable[[Singles, Singles, float], Singles],
+    driven: "_Driven",
+    speeds_hz: Array,
+    sizes: NDArray[np.int_],
+) -> Singles:
+    """Return p at each speed, (node, input, mesh, k), zero beyond so many lines as that has.
+
+    Speeds a stride apart are solved for one after the other, and those between from what lies beside them.
     """
-    halvings = max(0, math.floor(math.log2(coarse_hz / apart_hz)))
-    count = 1 + math.ceil((between_hz[1] - between_hz[0]) / (apart_hz * 2**halvings))
-    speeds_hz = np.linspace(*between_hz, count)
-    forces = list[Singles]()
-    for speed in speeds_hz:
-        forces.append(balanced(by_mesh(float(speed), forces[-1] if forces else at_rest), float(speed)))
-    for _ in range(halvings if count > 1 else 0):
-        between = (speeds_hz[1:] + speeds_hz[:-1]) / 2
-        starts = np.tensordot(lagrange(between, speeds_hz).T.astype(np.float32), np.stack(forces), axes=1)
-        found = [balanced(start, float(speed)) for speed, start in zip(between, starts, strict=True)]
-        forces = [*chain.from_iterable(zip(forces, found, strict=False)), forces[-1]]
-        speeds_hz = np.linspace(*between_hz, 2 * speeds_hz.size - 1)
-    return speeds_hz, np.stack(forces)
+    forces = np.zeros((speeds_hz.size, *driven.excitation.shape), dtype=np.complex64)
+    stride = _STRIDE if speeds_hz.size > _STRIDE + 1 else 1
+
+    def at(number: int, nearby: Singles, *, alone: bool = False) -> Singles:
+        excitation, speed = driven.excitation[..., : sizes[number]], float(speeds_hz[number])
+        start = nearby[..., : sizes[number]]
+        found = forces[number]
+        found[..., : sizes[number]] = solved(excitation, first(excitation, start, speed) if alone else start, speed)
+        return found
+
+    nearby = driven.at_rest
+    for number in range(0, speeds_hz.size, stride):
+        nearby = at(number, nearby, alone=True)
+    while stride > 1:
+        known = forces[::stride]
+        for number in range(stride // 2, speeds_hz.size, stride):
+            weights = lagrange(np.array([number / stride]), known.shape[0])[:, 0]
+            at(number, np.tensordot(weights.astype(np.float32), known, axes=1))
+        stride //= 2
+    return forces
 
 
 def _by_mesh(
     solved: Callable[..., Singles],
     excitation: Singles,
+    nearby: Singles,
+    speed_hz: float,
+    *,
     base: Fraction,
     orders: list[Fraction],
-    speed_hz: float,
-    nearby: Singles,
 ) -> Singles:
     """Return a first guess at a speed: harmonics of each mesh by themselves, and all else as at a speed nearby."""
     start = nearby.copy()

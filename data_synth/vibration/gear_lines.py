@@ -21,7 +21,7 @@ from data_synth.vibration.order_projection import AngleSamples, Projection, Wind
 
 FLOOR = 1e-3  # of the loudest line, over time and channels: lines of meshes and of gears with each other
 FAULT_FLOOR = 1e-2  # of the loudest line of the same damaged gear
-LOWER_SPEEDS = 1.5  # times the highest order at the highest speed are expected lines of lower speeds, at most
+LOWER_SPEEDS = 4.0  # times the highest order at the highest speed are expected lines of lower speeds, at most
 EXPECTED_FLOOR = 5e-5  # of the loudest expected line
 _LEAST = 1e-5  # of the loudest line of all: what the error of the integration makes is no line
 _MOST = 2048  # lines
@@ -42,11 +42,12 @@ _LOOKED = 51  # instants at which expected lines are looked for
 _MESH_FIRST = 3.0  # times its size a mesh's line counts beside others: what stands alone in a window is not separated
 _LONGEST_SHARE = 1.25  # of which the record is at least as long as the longest window in varying motion
 _DETERMINED = 0.01  # of the RMS of a line
-_SMALL = 0.05  # of the power of a signal: what lines may leave of it that are all determined
-_COARSE = 0.01  # error of the integration at which expected lines may leave as much; where it is less, by its square
+_SMALL, _COARSE = 0.05, 0.01  # of the power: what expected lines may leave of it where the integration errs so much
 _EXACT = 0.2  # of that at least: in an exact record lines that leave more than 1 % have not what the signal has
 _NO_USE = 4.0  # times the least error: shorter windows are worse still
 _PERIODS = 0.75  # of the smallest base order: the shortest window that is halved
+_STENCIL = 0.25  # of the share of speed in which a mode is passed: the step of second differences
+_LAGS = 5e-3  # of the loudest line of a family: what others lag behind the speed is below 1e-4 of it
 
 
 @dataclass(frozen=True, kw_only=True)
@@ -82,7 +83,11 @@ class GearLines:
 
 @dataclass(frozen=True, kw_only=True)
 class ExpectedLines:
-    """Lines at the multiples of an order, as a quasi-static response of all meshes gives them at each instant.
+    """Lines at the multiples of an order, from their exciting forces at some speeds.
+
+    Where the speed changes, Z lags behind the steady response by ``(j / 2) (domega / dt) d2Z / domega2``, omega the
+    angular frequency of the line: the first of the series of a response to a sweep (Carson and Fry 1937, Bell Syst.
+    Tech. J. 16, 513), here with all that a mesh makes of its own vibration as part of the response.
 
     Attributes
     ----------
@@ -91,15 +96,17 @@ class ExpectedLines:
     forces : (node, input, mesh, k) complex array
         Exciting force in each mesh per unit of each input, at some speeds.
     speeds_hz : (node,) array
-        Rising, of the reference in rev s-1.
+        Rising by one factor, of the reference in rev s-1.
     inputs_n : (input, instant) array
         At the instants of the truth: static forces in N, and 1 for what is excited without any, whose forces are in N.
-    speed_hz : (instant,) array
-        Speed of the reference in rev s-1, not below zero.
+    speed_hz, rates : (instant,) arrays
+        Speed of the reference in rev s-1, not below zero, and its rate in rev s-2.
+    damping : float
+        Least damping ratio of the modes: the share of the speed in which a line passes half the width of one.
     frequency_hz : (f,) array
         Even, from zero.
     transfer : (mesh, channel, f) complex array
-        Complex amplitude in each channel per N of exciting force.
+        Complex amplitude in each channel per N of exciting force, in single precision as the forces.
     """
 
     base_order: Fraction
@@ -107,8 +114,10 @@ class ExpectedLines:
     speeds_hz: Array
     inputs_n: Array = field(repr=False)
     speed_hz: Array = field(repr=False)
+    rates: Array = field(repr=False)
+    damping: float
     frequency_hz: Array = field(repr=False)
-    transfer: ComplexArray = field(repr=False)
+    transfer: NDArray[np.complex64] = field(repr=False)
 
     @property
     def size(self) -> int:
@@ -117,28 +126,55 @@ class ExpectedLines:
 
     def amplitudes(self, multiples: NDArray[np.int_], instants: NDArray[np.int_]) -> ComplexArray:
         """Return Z (channel, line, instant) of some multiples of the base order, from 1, at some instants."""
-        speed = self.speed_hz[instants]
-        nearby = lagrange(speed, self.speeds_hz)
-        weights = (nearby[:, None] * self.inputs_n[:, instants]).reshape(-1, instants.size)
-        place = np.multiply.outer(float(self.base_order) * multiples, speed) / self.frequency_hz[1]
-        number = np.minimum(place.astype(np.int64), self.frequency_hz.size - 2)
-        share = np.minimum(place - number, 1.0)
-        total = np.zeros((self.transfer.shape[1], multiples.size, instants.size), dtype=np.complex128)
+        found = self.steady(multiples, instants)
+        sizes = np.max(np.abs(found), axis=(0, 2), initial=0.0)
+        loud = np.flatnonzero(sizes > _LAGS * np.max(sizes, initial=0.0))
+        moving = np.flatnonzero((self.rates[instants] != 0) & (self.speed_hz[instants] >= self.speeds_hz[0]))
+        if self.speeds_hz.size > 1 and loud.size and moving.size:
+            speed, inputs_n = self.speed_hz[instants[moving]], self.inputs_n[:, instants[moving]]
+            radians = 2 * np.pi * float(self.base_order) * multiples[loud, None]
+            # the width of modes that the speed passes while they ring; where it is not small the series says nothing
+            lag = self.rates[instants[moving]] / (radians * (self.damping * speed) ** 2)
+            step, bent = _STENCIL * self.damping * speed, -2 * found[:, loud[:, None], moving]
+            for side in (-1, 1):
+                bent += self._at(multiples[loud], speed + side * step, inputs_n)
+            found[:, loud[:, None], moving] -= 0.5j * lag / (1 + lag**2) * bent / _STENCIL**2
+        return found
+
+    def steady(self, multiples: NDArray[np.int_], instants: NDArray[np.int_]) -> ComplexArray:
+        """Return Z (channel, line, instant) as it were if the speed stayed what it is at each instant."""
+        return self._at(multiples, self.speed_hz[instants], self.inputs_n[:, instants])
+
+    def _at(self, multiples: NDArray[np.int_], speed: Array, inputs_n: Array) -> ComplexArray:
+        shares = (_cubic(speed, self.speeds_hz)[:, None] * inputs_n).reshape(-1, speed.size).astype(np.float32)
+        place = np.multiply.outer(float(self.base_order) / self.frequency_hz[1] * multiples, speed)
+        number = np.minimum(place.astype(np.int32), self.frequency_hz.size - 2)
+        part = np.minimum(place - number, 1.0).astype(np.float32)
+        total = np.zeros((self.transfer.shape[1], multiples.size, speed.size), dtype=np.complex128)
         for mesh, transfer in enumerate(self.transfer):
-            some = self.forces[:, :, mesh, multiples - 1].reshape(weights.shape[0], -1)
-            total += (transfer[:, number] * (1 - share) + transfer[:, number + 1] * share) * (some.T @ weights)
+            some = self.forces[:, :, mesh, multiples - 1].reshape(shares.shape[0], -1)
+            own, forces = transfer[:, number], some.T @ shares
+            own += part * (transfer[:, number + 1] - own)
+            total += own * forces
         return total
 
 
-def lagrange(at: Array, nodes: Array) -> Array:
-    """Return the weights (node, n) of even nodes at places (n,): Lagrange's, of the four nodes about each or of all."""
-    few = min(4, nodes.size)
-    place = np.interp(at, nodes, np.arange(nodes.size))
-    first = np.clip(place.astype(np.int64) - 1, 0, nodes.size - few)
-    weights = np.zeros((nodes.size, at.size))
+def _cubic(speed: Array, nodes: Array) -> Array:
+    """Return the weights (node, n) of nodes that rise by one factor at speeds (n,): cubics in the speed's logarithm."""
+    if nodes.size == 1:
+        return np.ones((1, speed.size))
+    place = np.log(np.maximum(speed, nodes[0] / 2) / nodes[0]) / np.log(nodes[1] / nodes[0])
+    return lagrange(np.clip(place, -0.5, nodes.size - 0.5), nodes.size)
+
+
+def lagrange(place: Array, nodes: int) -> Array:
+    """Return the weights (node, n) of nodes 0, 1, ... at places (n,): Lagrange's, of the four about each or of all."""
+    few = min(4, nodes)
+    first = np.clip(np.floor(place).astype(np.int64) - 1, 0, nodes - few)
+    weights = np.zeros((nodes, place.size))
     for i in range(few):
         factors = [(place - first - j) / (i - j) for j in range(few) if j != i]
-        weights[first + i, np.arange(at.size)] = np.prod(factors, axis=0)
+        weights[first + i, np.arange(place.size)] = np.prod(factors, axis=0)
     return weights
 
 
@@ -148,15 +184,11 @@ def gear_lines(
     """Return the loud lines in the channels of gears in motion, (channel, n), at the instants of the truth.
 
     At constant speed, torque and damage the window is the whole record, and Z is constant. Else Z is that of the
-    expected lines, which has no window. Where they leave more than 0.05 % of the power (5 % where the integration may
-    err by 1 %), what the signal without them adds is fitted as well: polynomials of second degree in angle within
-    windows; their length is that, of several, with the least error: the share of the lines' power that is in lines
-    which half the window changes by 1 % or more, plus the share of what the expected lines leave of the signal that all
-    lines leave. The former alone would have long windows where all that a projection adds is below 1 %. Where expected
-    lines leave no more than 5 % (1 % where the integration errs by 0.2 % or less), harmonics of meshes have what is
-    fitted, if half the window changes them by less than 1 %, and other lines are as expected: so sound and damaged
-    gears differ by what both are expected to have. Where
-    they leave more, all lines have what is fitted.
+    expected lines, which has no window. Where they leave more than 1 % of the power (5 % where the integration may err
+    by 1 %), what the signal without them adds to all lines is fitted as well: polynomials of second degree in angle
+    within windows; their length is that, of several, with the least error: the share of the lines' power that is in
+    lines which half the window changes by 1 % or more, plus the share of what the expected lines leave of the signal
+    that all lines leave. The former alone would have long windows where all that a projection adds is below 1 %.
     """
     scene, angle = prepared.scene, prepared.drive.angle
     turning = np.sign(prepared.speed_hz[prepared.speed_hz != 0])
@@ -323,7 +355,7 @@ def _prior(expected: tuple[ExpectedLines, ...], candidates: Candidates, *, speed
         place = np.minimum(np.searchsorted(candidates.numbers, numbers), candidates.numbers.size - 1)
         there = candidates.numbers[place] == numbers
         places.append((multiples[there], place[there]))
-        found[:, place[there]] += family.amplitudes(multiples[there], few)
+        found[:, place[there]] += family.steady(multiples[there], few)
     sizes = np.max(np.abs(found), axis=(0, 2))
     # one floor for all: where sound and damaged gears have the same lines, those below it cancel in the difference
     chosen = np.flatnonzero(sizes > EXPECTED_FLOOR * np.max(sizes, initial=0.0))
@@ -341,36 +373,17 @@ def _varying_lines(
     begins = _begins(instants_s)
     places = np.add.outer(begins, [0, 1])
 
-    def left(lines: _Lines) -> float:
-        orders, ends = candidates.values[lines.chosen], lines.amplitudes[:, :, places]
-        return _left(samples, orders, ends, instants_s=instants_s, begins=begins)
-
-    alone = left(prior)
-    described = f"of a quasi-static response, down to {EXPECTED_FLOOR:g} of the loudest"
-    if alone > _SMALL * min(error / _COARSE, 1.0) ** 2:
-        if alone >= 1:  # resonances are passed too fast to be quasi-static
+    ends = prior.amplitudes[:, :, places]
+    alone = _left(samples, candidates.values[prior.chosen], ends, instants_s=instants_s, begins=begins)
+    if alone > _SMALL * max(min(error / _COARSE, 1.0), _EXACT):
+        if alone >= 1:  # resonances are passed too fast for the lines that are expected
             prior = _Lines(chosen=prior.chosen[:0], amplitudes=prior.amplitudes[:, :0], changes=prior.changes[:0])
         fitted, window = _varying_fit(samples, candidates, instants_s, prior)
-        if alone > _SMALL * max(min(error / _COARSE, 1.0), _EXACT):
-            return fitted, _about_fit(fitted, window, prior)
-        known = (fitted.changes < _DETERMINED) & (candidates.ranks[fitted.chosen] == 0)
-        kept = known | np.isin(fitted.chosen, prior.chosen)
-        sure = _Lines(
-            chosen=fitted.chosen[kept],
-            amplitudes=np.where(known[:, None], fitted.amplitudes, prior.on(fitted.chosen))[:, kept],
-            changes=np.where(known, fitted.changes, 0.0)[kept],
-        )
-        remaining = left(sure)
-        if remaining < alone:
-            added = int(np.sum(known & (fitted.changes > 0)))
-            about = (
-                f"{sure.chosen.size} lines against time, {described}, and of what the signal without that adds to "
-                f"{added} of them: of second degree in windows of {window.length_rev:.3g} rev, half of which changes "
-                f"a line by truth_line_change, less than {100 * _DETERMINED:g} % of it; they leave "
-                f"{100 * remaining:.2g} % of the power"
-            )
-            return sure, about
-    return prior, f"{prior.chosen.size} lines against time, {described}; they leave {100 * alone:.2g} % of the power"
+        return fitted, _about_fit(fitted, window, prior)
+    return prior, (
+        f"{prior.chosen.size} lines against time, of a quasi-static response and what it lags behind the speed, down "
+        f"to {EXPECTED_FLOOR:g} of the loudest; they leave {100 * alone:.2g} % of the power"
+    )
 
 
 def _begins(instants_s: Array) -> NDArray[np.int_]:

@@ -93,7 +93,6 @@ def test_planets_have_no_expected_lines():
 
 @pytest.mark.parametrize("rpm", [[[0, 500], [3, 900]], [[0, 500], [3, 900], [6, 500]]], ids=["up", "up and down"])
 def test_expected_lines_are_the_signal_of_a_run_through_a_resonance(rpm):
-    """With what a projection adds to the harmonics of the mesh, as far as half its window does not change it."""
     declared = scene(duration_s=rpm[-1][0], speed={"link": "pinion", "rpm": rpm}, mesh={"shape": "trapezoid"}, **UNEVEN)
     record = simulate(declared, seed=SEED, phases=True)
     lines = record["truth_amplitude"].isel(truth_channel=0)
@@ -106,20 +105,20 @@ def test_expected_lines_are_the_signal_of_a_run_through_a_resonance(rpm):
         revolutions=lambda at_s: np.interp(at_s, times_s, turns),
         times_s=times_s,
     )[0]
-    # 99.9 % of the power, as of most records of benchmark-1 in docs/benchmarks/truth.md
-    assert np.mean((signal - record["a"].values) ** 2) < 1e-3 * np.mean(record["a"].values ** 2)
-    changes, meshes = record["truth_line_change"].values, record["truth_kind"].values == "gear_mesh"
-    assert 0 < changes.max() < 0.01
-    assert not changes[~meshes].any()
+    # 8e-6; 4e-5 without what the lines lag behind the speed
+    assert np.mean((signal - record["a"].values) ** 2) < 2e-5 * np.mean(record["a"].values ** 2)
+    assert "truth_line_change" not in record  # no line has a window
 
 
 def test_lines_differ_on_the_way_up_and_down_through_a_resonance_by_what_lags_behind_the_speed():
-    """The signal's own lines, whose windows know nothing of what is expected, are and differ as much."""
+    """The signal's own lines, whose windows know nothing of what is expected, are and differ as much.
+
+    To an eighth of what they differ by: a mesh's line that lags makes others lag by more or less than their own order.
+    """
     declared = scene(duration_s=6.0, speed={"link": "pinion", "rpm": [[0, 500], [3, 900], [6, 500]]})
     moving = motion(declared)
     signal, angle = np.concatenate([*moving.channels(samples=declared.samples)], axis=1), moving.stage.drive.angle
     stated = gear_lines(stage_of(declared), signal, expected=partial(expected_lines, moving)).lines
-    assert max(line.change for line in stated) < 0.01
     truth = np.stack([line.amplitude[0] for line in stated])
     sizes = np.max(np.abs(truth), axis=1)
     loud = truth[sizes > 0.01 * sizes.max()]
@@ -135,7 +134,7 @@ def test_lines_differ_on_the_way_up_and_down_through_a_resonance_by_what_lags_be
     projection = Projection(samples=samples, orders=orders, window=Window(length_rev=0.5, degree=2))
     inner = np.r_[5:56, 65:116]  # beside the ends and the corner, over which windows reach
     found = projection.amplitudes(angle.revolutions(moving.stage.instants_s))[0]
-    assert np.linalg.norm((found - loud)[:, inner]) < 0.002 * np.linalg.norm(loud[:, inner])
+    assert np.linalg.norm((found - loud)[:, inner]) < 0.001 * np.linalg.norm(loud[:, inner])
     lag, own = ((each - each[:, ::-1])[:, inner] for each in (loud, found))
     assert np.linalg.norm(lag) > 0.005 * np.linalg.norm(loud)
-    assert np.linalg.norm(lag - own) < 0.01 * np.linalg.norm(own)
+    assert np.linalg.norm(lag - own) < 0.15 * np.linalg.norm(own)
