@@ -138,9 +138,8 @@ def expected_lines(motion: Motion) -> tuple[ExpectedLines, ...]:
     top = band_hz / max(lowest_hz, highest_hz / LOWER_SPEEDS)
     excitations = [_Excitation.of(mesh, of_mesh[number], top=top) for number, mesh in enumerate(system.meshes)]
     frequency_hz = np.linspace(0.0, band_hz * min(highest_hz / lowest_hz, _ALIKE), _RESPONSES)
-    gains = response.means[:, None, None] * response.deflections_by(frequency_hz)
-    channels = [response.channels(number, frequency_hz) for number in range(len(excitations))]
-    transfer = np.stack(channels).astype(np.complex64)
+    deflections, channels = response.between(frequency_hz)
+    gains, transfer = response.means[:, None, None] * deflections, channels.astype(np.complex64)
     static_n = static_tooth_forces(stage, system, motion.drive_load)
     inputs_n = np.concatenate([np.ones((1, speed_hz.size)), static_n])
     damping = float(np.min(-response.poles.real / np.abs(response.poles)))
@@ -209,9 +208,9 @@ def _over_speeds(
     def at(number: int, nearby: Singles, *, alone: bool = False) -> Singles:
         excitation, speed = driven.excitation[..., : sizes[number]], float(speeds_hz[number])
         start = nearby[..., : sizes[number]]
-        found = forces[number]
-        found[..., : sizes[number]] = solved(excitation, first(excitation, start, speed) if alone else start, speed)
-        return found
+        start = first(excitation, start, speed) if alone else start
+        forces[number][..., : sizes[number]] = solved(excitation, start, speed)
+        return np.asarray(forces[number])
 
     nearby = driven.at_rest
     for number in range(0, speeds_hz.size, stride):

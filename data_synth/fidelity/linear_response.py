@@ -123,12 +123,23 @@ class Response:
 
     def channels(self, mesh: int, frequency_hz: Array) -> ComplexArray:
         """Return the complex amplitudes in the channels for 1 N of p at frequencies (line,), (sensor, line)."""
+        return self._channels(mesh, frequency_hz, self._resolvent(frequency_hz))
+
+    def between(self, frequency_hz: Array) -> tuple[ComplexArray, ComplexArray]:
+        """Return for 1 N of p in a mesh at frequencies (line,) the deflections in m and the amplitudes in the channels.
+
+        (deflection, mesh, line) and (mesh, sensor, line).
+        """
+        resolvent = self._resolvent(frequency_hz)
+        channels = [self._channels(mesh, frequency_hz, resolvent) for mesh in range(self.means.size)]
+        return self._deflections(resolvent), np.stack(channels)
+
+    def _channels(self, mesh: int, frequency_hz: Array, resolvent: ComplexArray) -> ComplexArray:
         scene, routes = self.motion.stage.scene, self.motion.sensor_forces.routes
-        modal = self._modal(mesh, frequency_hz)
-        force = modal @ self.outputs.T + self.direct[:, mesh]
+        force = resolvent @ (self.outputs * self.inputs[:, mesh]).T + self.direct[:, mesh]
         structure = self.motion.sensor_forces.structure
         if structure is not None:
-            inputs = modal @ self.absent.T + self.absent_direct[:, mesh]
+            inputs = resolvent @ (self.absent * self.inputs[:, mesh]).T + self.absent_direct[:, mesh]
             force = force + np.einsum("ril,li->lr", structure.response(frequency_hz), inputs)
         outputs = np.zeros((len(scene.sensors), *np.shape(frequency_hz)), dtype=np.complex128)
         for route, deflections in zip(routes, force.T, strict=True):
@@ -137,16 +148,18 @@ class Response:
 
     def deflection(self, mesh: int, frequency_hz: Array) -> ComplexArray:
         """Return the complex amplitudes of the mesh's own deflection in m for 1 N of p, (line,)."""
-        return np.asarray(self._modal(mesh, frequency_hz) @ self.deflections[mesh])
+        return np.asarray(self._resolvent(frequency_hz) @ (self.deflections[mesh] * self.inputs[:, mesh]))
 
     def deflections_by(self, frequency_hz: Array) -> ComplexArray:
         """Return the complex amplitudes of the deflections in m for 1 N of p in a mesh, (deflection, mesh, line)."""
-        modal = [self._modal(mesh, frequency_hz) for mesh in range(self.means.size)]
-        return np.stack([self.deflections @ each.T for each in modal], axis=1)
+        return self._deflections(self._resolvent(frequency_hz))
 
-    def _modal(self, mesh: int, frequency_hz: Array) -> ComplexArray:
-        s = 2j * np.pi * np.asarray(frequency_hz, dtype=np.float64)
-        return np.asarray(self.inputs[:, mesh] / (s[:, None] - self.poles))
+    def _deflections(self, resolvent: ComplexArray) -> ComplexArray:
+        return np.stack([(self.deflections * each) @ resolvent.T for each in self.inputs.T], axis=1)
+
+    def _resolvent(self, frequency_hz: Array) -> ComplexArray:
+        """Return the response (line, pole) of each pole to a unit of its excitation."""
+        return np.asarray(1 / (2j * np.pi * np.asarray(frequency_hz, dtype=np.float64)[:, None] - self.poles))
 
 
 def response_of(motion: Motion) -> Response:

@@ -414,10 +414,10 @@ class TeethInMesh:
         total = np.zeros_like(phase)
         for older in range(math.ceil(self.contact_ratio)):
             since = phase - newest + older
-            compliance = np.interp(since, self.path_cycles, self.compliance)
+            compliance = np.asarray(np.interp(since, self.path_cycles, self.compliance))
             for teeth, tooth, _, fault_compliance in self.damaged:
                 here = np.remainder(newest - older - tooth, teeth) == 0
-                compliance += np.where(here, np.interp(since, self.path_cycles, fault_compliance), 0.0)
+                compliance[here] += np.interp(np.extract(here, since), self.path_cycles, fault_compliance)
             total += np.where(since < self.contact_ratio, 1 / compliance, 0.0)
         return np.where(total > 1 / np.sqrt(_NO_CONTACT), total, 0.0)
 
