@@ -28,8 +28,8 @@ from data_synth.dynamics.placement import contacts_of
 from data_synth.gears.lost_contact import spall_gap
 from data_synth.operation.shaft_angle import Array
 from data_synth.scene.faults import Pitting, Spall
-from data_synth.scene.scene import GearFault, Noise, Scene, SceneError
-from data_synth.simulation import simulate
+from data_synth.scene.scene import GearFault, Scene, SceneError
+from data_synth.simulation import NoiseFree, noise_free
 from data_synth.sources.prepared import mesh_name
 from data_synth.vibration.meshes import kinematics_of
 
@@ -162,7 +162,7 @@ def _size_key(kind: str) -> str:
 
 
 class DamageRuns:
-    """Short runs of a scene without noise, with its fault and without.
+    """Short runs of a scene, noise aside, with its fault and without.
 
     Parameters
     ----------
@@ -181,9 +181,7 @@ class DamageRuns:
         order = float(scene.exact_orders("tooth")[fault.component])
         self._turn_s = float(abs(scene.ratio(scene.speed.link))) * 60 / self.rpm / order
         self._turns = max(_TURNS, math.ceil(order / _carrier_order(scene, fault)))
-        short = scene.changed(
-            faults=(), noise=Noise(rms=0.0), tachometer=scene.tachometer.changed(pulses_per_rev=_PULSES)
-        )
+        short = scene.changed(faults=(), tachometer=scene.tachometer.changed(pulses_per_rev=_PULSES))
         self._dynamics = scene.dynamics_or_default
         self._table = short.model_dump(mode="json", by_alias=True, exclude_none=True)
 
@@ -211,10 +209,12 @@ class DamageRuns:
         found = 0.0
         for finer in _FINER:
             error = finer * self._dynamics.error
-            sound = _sound_channel(self._scene(fidelity, load, speed, error, []).to_toml(), self._seed)
-            faulty = _channel(self._scene(fidelity, load, speed, error, [fault]), self._seed)
-            found = self._peak(faulty - sound, speed)
-            if fidelity == "kinematic" or found > _FAR * error * float(np.std(sound)):
+            sound = _sound(self._scene(fidelity, load, speed, error, []).to_toml(), self._seed)
+            damaged = self._scene(fidelity, load, speed, error, [fault])
+            # in as many steps, so that both err alike
+            faulty = noise_free(damaged, seed=self._seed, steps=sound.steps)
+            found = self._peak(faulty.signal[0] - sound.signal[0], speed)
+            if fidelity == "kinematic" or found > _FAR * error * float(np.std(sound.signal[0])):
                 break
         if found == 0:
             hint = "; raise excitation.mesh_amplitude" if fidelity == "kinematic" else "; give a larger size"
@@ -239,14 +239,10 @@ class DamageRuns:
         return Scene.from_mapping({**self._table, **changes})
 
 
-def _channel(scene: Scene, seed: int) -> Array:
-    return np.asarray(simulate(scene, seed=seed)[scene.sensors[0].name].values)
-
-
 @lru_cache(maxsize=_KEPT)
-def _sound_channel(scene_toml: str, seed: int) -> Array:
-    """Return the same of a scene without faults, which is that of every fault."""
-    return _channel(Scene.from_mapping(tomllib.loads(scene_toml)), seed)
+def _sound(scene_toml: str, seed: int) -> NoiseFree:
+    """Return the channels of a scene without faults, which are those of every fault."""
+    return noise_free(Scene.from_mapping(tomllib.loads(scene_toml)), seed=seed)
 
 
 def _carrier_order(scene: Scene, fault: GearFault) -> float:

@@ -463,6 +463,27 @@ def fault_detectability(
     )
 
 
+def noise_free(scene: Scene, *, seed: int, steps: int | None = None) -> NoiseFree:
+    """Return the channels of a scene after the linear part of their chains, without a record and its truth.
+
+    Parameters
+    ----------
+    scene : Scene
+    seed : int
+    steps : int, optional
+        Of the integration of gears in motion to a sample; left out, as the scene's error asks.
+
+    Examples
+    --------
+    >>> from data_synth import load_scene
+    >>> from data_synth.simulation import noise_free
+    >>> noise_free(load_scene("demo").changed(duration_s=0.1), seed=1).signal.shape
+    (1, 5000)
+    """
+    levels, streams = None if scene.fidelity == "kinematic" else decided(scene).levels, Streams(seed=seed)
+    return _noise_free(scene, streams, levels, turns_before=streams.turns_before, samples=scene.samples, steps=steps)
+
+
 def _noise_free(
     scene: Scene,
     rng_for: RandomStreams,

@@ -148,9 +148,9 @@ def chosen(stage: PreparedScene, gears: Gears) -> Choice:
         If a stage declares a higher fidelity than the scene, or the scene cannot be integrated.
     """
     scene = stage.scene
-    own = {mesh.name: scene.dynamics_or_default.mesh(mesh.name).fidelity for mesh in scene.gearbox.meshes}
     if scene.fidelity != "auto":
-        return Choice(levels={name: _within(scene, name, level) for name, level in own.items()})
+        return _as_declared(scene)
+    own = _declared(scene)
     floor_db = scene.dynamics_or_default.floor_db
     comparison = _Comparison(stage=stage, gears=gears, top={name: level or "full" for name, level in own.items()})
     tried: list[Trial] = []
@@ -177,6 +177,8 @@ def decided(scene: Scene) -> Choice:
 
     Scenes with equal gears, sensors, speed and torque share the cached result.
     """
+    if scene.fidelity != "auto":
+        return _as_declared(scene)
     gears = tuple(fault for fault in scene.faults if isinstance(fault, GearFault))
     return _decided(scene.model_copy(update={"faults": gears, "noise": Noise(), "excitation": Excitation()}))
 
@@ -192,6 +194,16 @@ def _decided(scene: Scene) -> Choice:
 def forget() -> None:
     """Clear the cache of `decided`, as before a measurement of time."""
     _decided.cache_clear()
+
+
+def _declared(scene: Scene) -> dict[str, str | None]:
+    """Return the fidelity that each mesh declares for itself."""
+    return {mesh.name: scene.dynamics_or_default.mesh(mesh.name).fidelity for mesh in scene.gearbox.meshes}
+
+
+def _as_declared(scene: Scene) -> Choice:
+    """Return the fidelities of a scene that does not leave them open."""
+    return Choice(levels={name: _within(scene, name, level) for name, level in _declared(scene).items()})
 
 
 def _within(scene: Scene, mesh: str, own: str | None) -> str:

@@ -20,7 +20,7 @@ O. Duverger, Contribution of gear body to tooth deflections, J. Mech. Des. 126 (
 import math
 from collections.abc import Sequence
 from dataclasses import dataclass, field
-from functools import cached_property
+from functools import cached_property, lru_cache
 from typing import Protocol
 
 import numpy as np
@@ -455,7 +455,7 @@ def teeth_in_mesh(
     return TeethInMesh(
         contact_ratio=ratio,
         path_cycles=path,
-        compliance=pair.compliance(path),
+        compliance=_compliance_on(pair, path.tobytes()),
         damaged=tuple(
             (
                 1 if item.tooth is None else counts[item.gear],
@@ -466,6 +466,14 @@ def teeth_in_mesh(
             for item, found in zip(damaged, jump_phases, strict=True)
         ),
     )
+
+
+@lru_cache(maxsize=64)
+def _compliance_on(pair: ToothPair, path: bytes) -> Array:
+    """Return the compliance of a healthy pair: a scene asks for that of the same teeth a dozen times."""
+    found = pair.compliance(np.frombuffer(path))
+    found.setflags(write=False)
+    return found
 
 
 def helical(stiffness: Stiffness, *, overlap_ratio: float, harmonics: int) -> Fourier:
