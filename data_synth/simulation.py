@@ -90,17 +90,21 @@ def simulate(
     Returns
     -------
     xarray.Dataset
-        A record. Its truth, on the time axis of the record:
+        A record. Its truth, on the clock of the record:
 
         ``truth_amplitude`` (truth_channel, truth_order, truth_time), complex
             Z of the noise-free signal at each order of the reference shaft, ``x = Re{Z exp(j order phase)}``, phase
             zero at the first tachometer mark, after the filters and the sensitivity of the channel. Between the
-            instants of truth_time Z is linear: the signal is built so, without approximation. Sources at one exact
-            order are added. Impacts of a damaged tooth have their own orders, down
+            instants of truth_time Z is linear: so a kinematic signal is built, without approximation; where gears
+            vibrate, ``docs/benchmarks/truth.md`` has the share of the power that all lines add up to. Sources at one
+            exact order are added. Impacts of a damaged tooth have their own orders, down
             to a hundredth of the loudest (`data_synth.transfer.paths.impact_line` states the error); a bearing with
             slip has no line.
         ``truth_component``, ``truth_kind`` (truth_order)
             The sources at that order, largest first, joined by " + ".
+        ``truth_line_change`` (truth_order)
+            By how much halving its window changes a line of gears in motion, over its RMS; only in records with lines
+            that are projected from the signal in varying motion. Left out, no line has a window.
         ``truth_chain_poles`` (truth_channel, truth_chain_pole), complex, ``truth_chain_gain`` (truth_channel)
             Filters and sensitivity, ``H(f) = gain prod p / (p - 2j pi f)``, a factor of truth_amplitude; where a
             channel has any. Shorter channels end in NaN.

@@ -21,7 +21,7 @@ mesh on other shafts, what they make of others, loss of contact, and transients.
 
 import math
 from collections.abc import Callable
-from dataclasses import dataclass
+from dataclasses import dataclass, replace
 from fractions import Fraction
 from functools import cache, partial
 from itertools import combinations
@@ -121,15 +121,37 @@ def expected_lines(motion: Motion) -> tuple[ExpectedLines, ...]:
     """Return the expected lines of gears in motion, a family for each order whose multiples they are.
 
     None of planets, whose routes to a sensor vary with the carrier's angle, nor of a reference that turns backwards.
-
-    Parameters
-    ----------
-    motion : Motion
-        Teeth that change in time are taken as they are at first.
+    Where teeth change in time, p is linear between the instants at which they are known, as their stiffness is; of
+    several meshes whose teeth change, each has those of its instant nearest to that of another.
     """
-    system, stage = motion.system, motion.stage
-    speed_hz, rate_hz = stage.speed_hz, stage.scene.rate_hz
+    speed_hz = motion.stage.speed_hz
     if motion.sensor_forces.rotate or np.min(speed_hz) < 0 or not speed_hz.any():
+        return ()
+    histories = [mesh.history.times_s for mesh in motion.system.meshes if mesh.history is not None]
+    if not histories:
+        return _of_teeth(motion, np.ones(speed_hz.size))
+    times_s = np.unique(np.concatenate(histories))
+    found = list[ExpectedLines]()
+    for time_s, only in zip(times_s, np.eye(times_s.size), strict=True):
+        meshes = tuple(_at(mesh, time_s) for mesh in motion.system.meshes)
+        teeth = replace(motion, system=replace(motion.system, meshes=meshes))
+        found += _of_teeth(teeth, np.interp(motion.stage.instants_s, times_s, only))
+    return tuple(found)
+
+
+def _at(mesh: Mesh, time_s: float) -> Mesh:
+    """Return a mesh whose teeth remain what they are about an instant."""
+    if mesh.history is None:
+        return mesh
+    number = round(float(mesh.history.position(np.array([time_s]))[0]))
+    return replace(mesh, stiffness=mesh.history.stiffnesses[number], error=mesh.history.errors[number], history=None)
+
+
+def _of_teeth(motion: Motion, shares: Array) -> tuple[ExpectedLines, ...]:
+    """Return the expected lines of teeth that do not change, times their share (instant,) of what they are then."""
+    system, stage = motion.system, motion.stage
+    speed_hz, rate_hz = stage.speed_hz[shares > 0], stage.scene.rate_hz
+    if not speed_hz.any():
         return ()
     response, orders = response_of(motion), stage.scene.exact_orders("gear_mesh")
     of_mesh = {number: order for name, order in orders.items() for number in contacts_in(system, name)}
@@ -141,7 +163,7 @@ def expected_lines(motion: Motion) -> tuple[ExpectedLines, ...]:
     deflections, channels = response.between(frequency_hz)
     gains, transfer = response.means[:, None, None] * deflections, channels.astype(np.complex64)
     static_n = static_tooth_forces(stage, system, motion.drive_load)
-    inputs_n = np.concatenate([np.ones((1, speed_hz.size)), static_n])
+    inputs_n = shares * np.concatenate([np.ones((1, shares.size)), static_n])
     damping = float(np.min(-response.poles.real / np.abs(response.poles)))
     apart = _APART * damping * (stage.scene.dynamics_or_default.error / _ERROR) ** 0.25
     families = _families(excitations, tuple(stage.scene.exact_orders("tooth").values()), top=top)
@@ -171,8 +193,8 @@ def expected_lines(motion: Motion) -> tuple[ExpectedLines, ...]:
                 forces=family.sign * forces,
                 speeds_hz=speeds_hz,
                 inputs_n=each.histories,
-                speed_hz=speed_hz,
-                rates=np.gradient(speed_hz, stage.instants_s),
+                speed_hz=stage.speed_hz,
+                rates=np.gradient(stage.speed_hz, stage.instants_s),
                 damping=damping,
                 frequency_hz=frequency_hz,
                 transfer=transfer[each.meshes],

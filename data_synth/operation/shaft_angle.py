@@ -270,7 +270,8 @@ def crossing_times(angle: Angle, targets: Array, *, start_s: float, stop_s: floa
     """Return the times (n,) at which the angle is `targets` (n,) in a monotone piece: Newton's method in a bracket."""
     low, high = np.full(targets.size, start_s), np.full(targets.size, stop_s)
     ends = angle.revolutions([start_s, stop_s])
-    times = start_s + (stop_s - start_s) * np.clip((targets - ends[0]) / (ends[1] - ends[0]), 0, 1)
+    share = (targets - ends[0]) / (ends[1] - ends[0]) if ends[1] != ends[0] else np.zeros(targets.size)
+    times = start_s + (stop_s - start_s) * np.clip(share, 0, 1)
     before = np.full(targets.size, stop_s - start_s)
     for _ in range(_MAX_ITERATIONS):
         ahead = direction * (angle.revolutions(times) - targets)

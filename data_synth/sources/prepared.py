@@ -501,9 +501,11 @@ def _pulses(scene: Scene, drive: Drive, *, rng_for: RandomStreams) -> Pulses:
             rng=rng_for("imperfection", "tachometer"),
         )
     if pulses.times_s.size < 2:  # noqa: PLR2004 - a speed is a difference
+        turned = float(np.ptp(drive.angle.revolutions(np.array([0.0, last_s(scene)])))) * ratio_of(scene, link)
+        remedy = "lengthen the scene" if turned else "let a torque start it"
         raise SceneError(
             f"duration_s = {scene.duration_s:g} holds {pulses.times_s.size} pulse(s) of the tachometer, but a speed "
-            "needs 2; lengthen the scene."
+            f"needs 2, and its link turns {turned:.3g} times; {remedy}."
         )
     return pulses
 

@@ -129,7 +129,8 @@ class ExpectedLines:
         found = self.steady(multiples, instants)
         sizes = np.max(np.abs(found), axis=(0, 2), initial=0.0)
         loud = np.flatnonzero(sizes > _LAGS * np.max(sizes, initial=0.0))
-        moving = np.flatnonzero((self.rates[instants] != 0) & (self.speed_hz[instants] >= self.speeds_hz[0]))
+        turning = (self.rates[instants] != 0) & (self.speed_hz[instants] >= self.speeds_hz[0])
+        moving = np.flatnonzero(turning & self.inputs_n[:, instants].any(axis=0))
         if self.speeds_hz.size > 1 and loud.size and moving.size:
             speed, inputs_n = self.speed_hz[instants[moving]], self.inputs_n[:, instants[moving]]
             radians = 2 * np.pi * float(self.base_order) * multiples[loud, None]
@@ -143,7 +144,10 @@ class ExpectedLines:
 
     def steady(self, multiples: NDArray[np.int_], instants: NDArray[np.int_]) -> ComplexArray:
         """Return Z (channel, line, instant) as it were if the speed stayed what it is at each instant."""
-        return self._at(multiples, self.speed_hz[instants], self.inputs_n[:, instants])
+        driven = self.inputs_n[:, instants].any(axis=0)
+        found = np.zeros((self.transfer.shape[1], multiples.size, instants.size), dtype=np.complex128)
+        found[..., driven] = self._at(multiples, self.speed_hz[instants[driven]], self.inputs_n[:, instants[driven]])
+        return found
 
     def _at(self, multiples: NDArray[np.int_], speed: Array, inputs_n: Array) -> ComplexArray:
         shares = (_cubic(speed, self.speeds_hz)[:, None] * inputs_n).reshape(-1, speed.size).astype(np.float32)
@@ -211,8 +215,10 @@ def gear_lines(
         chosen, amplitudes, changes, about = _steady_fit(samples, candidates, instants_rev)
     else:
         prior = _prior(expected(), candidates, speeds=prepared.speed_hz, channels=signal.shape[0])
-        error = scene.dynamics_or_default.error
-        found, about = _varying_lines(samples, candidates, prepared.instants_s, prior, error=error)
+        # at constant speed and torque, sound gears have projected lines: of growing damage the difference counts
+        most = _SMALL * max(min(scene.dynamics_or_default.error / _COARSE, 1.0), _EXACT)
+        most = 0.0 if _drive_is_steady(prepared) else most
+        found, about = _varying_lines(samples, candidates, prepared.instants_s, prior, most=most)
         chosen, amplitudes, changes = found.chosen, found.amplitudes, found.changes
     if sign < 0:
         amplitudes = amplitudes.conj()
@@ -231,12 +237,17 @@ def gear_lines(
 
 def is_steady(prepared: PreparedScene) -> bool:
     """Return whether speed, torque and damage of teeth are constant."""
-    torque, teeth = prepared.drive.torque, prepared.scene.exact_orders("tooth")
-    return (
-        bool(np.ptp(prepared.speed_hz) <= _STEADY * np.max(np.abs(prepared.speed_hz)))
-        and (torque is None or not np.ptp(torque.values))
-        and not any(fault.growth is not None and fault.component in teeth for fault in prepared.scene.faults)
+    teeth = prepared.scene.exact_orders("tooth")
+    return _drive_is_steady(prepared) and not any(
+        fault.growth is not None and fault.component in teeth for fault in prepared.scene.faults
     )
+
+
+def _drive_is_steady(prepared: PreparedScene) -> bool:
+    """Return whether speed and torque are constant."""
+    torque = prepared.drive.torque
+    steady = bool(np.ptp(prepared.speed_hz) <= _STEADY * np.max(np.abs(prepared.speed_hz)))
+    return steady and (torque is None or not np.ptp(torque.values))
 
 
 # ---- constant speed, torque and damage ---------------------------------------------------------------------------
@@ -367,15 +378,18 @@ def _prior(expected: tuple[ExpectedLines, ...], candidates: Candidates, *, speed
 
 
 def _varying_lines(
-    samples: AngleSamples, candidates: Candidates, instants_s: Array, prior: _Lines, *, error: float
+    samples: AngleSamples, candidates: Candidates, instants_s: Array, prior: _Lines, *, most: float
 ) -> tuple[_Lines, str]:
-    """Return the lines of a signal, of which `prior` are expected, and a sentence."""
+    """Return the lines of a signal, of which `prior` are expected, and a sentence.
+
+    They alone, where they leave at most a share of the power.
+    """
     begins = _begins(instants_s)
     places = np.add.outer(begins, [0, 1])
 
     ends = prior.amplitudes[:, :, places]
     alone = _left(samples, candidates.values[prior.chosen], ends, instants_s=instants_s, begins=begins)
-    if alone > _SMALL * max(min(error / _COARSE, 1.0), _EXACT):
+    if alone > most:
         if alone >= 1:  # resonances are passed too fast for the lines that are expected
             prior = _Lines(chosen=prior.chosen[:0], amplitudes=prior.amplitudes[:, :0], changes=prior.changes[:0])
         fitted, window = _varying_fit(samples, candidates, instants_s, prior)

@@ -320,6 +320,8 @@ def _errors(
             parts += healthy
             made[key] = SumOfErrors(parts=tuple(parts), by_cycles=(by_cycles,) * len(parts)) if parts else None
         found.append(made[key])
+    if any(each is not None for each in found):  # a tooth that is gone has none
+        return tuple(each or ProfileError(harmonics_m=np.zeros(1, dtype=np.complex128)) for each in found)
     return tuple(found)
 
 

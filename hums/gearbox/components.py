@@ -154,6 +154,12 @@ def shipped_files(package: str) -> dict[str, Path]:
 
 def read_toml(path: Path, *, error: type[ValueError]) -> dict[str, Any]:
     """Return the tables of a TOML file; raise `error` where it cannot be read."""
+    first, *more = str(path).splitlines() or [""]
+    if more:
+        raise error(
+            f'"{first} ..." is text, not the name of a file; write it to one, or read it with tomllib.loads and give '
+            "from_mapping its tables."
+        )
     if path.is_dir():
         raise error(f"{path} is a directory; name a .toml file in it.")
     try:

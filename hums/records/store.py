@@ -335,7 +335,10 @@ def _check_schema(file: Path) -> None:
             f"{file} is HDF5 but not a record: it carries no schema. If it holds signals, make a record of "
             f"them: hums convert {quote(file.name)} record.h5 ..."
         )
-    raise RecordError(f"{file} holds {schema}, where a record holds {SCHEMA}; open it with what wrote it.")
+    hint = "open it with what wrote it"
+    if str(schema).startswith("hums-shard/"):
+        hint = "it is a part of a dataset: hums.open_dataset(folder) opens that, hums.dataset_record a record of it"
+    raise RecordError(f"{file} holds {schema}, where a record holds {SCHEMA}; {hint}.")
 
 
 def _warn_if_changed(file: Path, contents: h5py.File) -> None:

@@ -63,3 +63,14 @@ def test_a_plan_larger_than_the_disk_gets_a_sentence(monkeypatch, tmp_path):
         PlanError, match=r"1000 records of 2 MB and .* MB of truth need .* but 1 GB are free at .*Lower records"
     ):
         make_dataset(plan, tmp_path / "set")
+
+
+def test_a_torque_that_starts_nothing_gets_a_sentence():
+    still = load_scene("wijianto").changed(torque={"link": "pinion", "nm": 0})
+    with pytest.raises(SceneError, match=r"its link turns 0 times; let a torque start it\.$"):
+        simulate(still, seed=1)
+
+
+def test_text_in_place_of_a_file_gets_a_sentence():
+    with pytest.raises(SceneError, match=r"is text, not the name of a file; .*tomllib\.loads and give from_mapping"):
+        Scene.from_toml(load_scene("demo").to_toml())

@@ -311,6 +311,14 @@ def growing(*faults, **changes):
     return Scene.from_mapping({**SCENE, "dynamics": table, "fault": list(faults), **changes})
 
 
+def test_a_tooth_that_breaks_off_while_it_runs_has_an_error_at_all_instants():
+    """Of the errors of a history all are given or none: where none lets the flanks sink in, one of zero."""
+    law = {"law": "linear", "rate_mm_per_s": 40, "largest_mm": 6.0}
+    history = motion(growing(fault("missing_tooth", size=2.0, growth=law))).system.meshes[0].history
+    phases = np.linspace(0, 36, 4001)
+    assert {bool(error(phases).any()) for error in history.errors} == {False, True}
+
+
 @pytest.mark.parametrize(
     "kind", ["tooth_crack", "chipping", "spall", "pitting", "eccentricity", "misalignment", "wear"]
 )

@@ -440,6 +440,12 @@ def test_what_is_not_hdf5(action, tmp_path):
     assert not is_hdf5(tmp_path / "data.mat")
 
 
+def test_a_part_of_a_dataset_names_what_opens_it(tmp_path):
+    with h5py.File(tmp_path / "000000.h5", "w") as file:
+        file.attrs["schema"] = "hums-shard/1"
+    assert "hums.open_dataset(folder) opens that" in refusal(open_record, tmp_path / "000000.h5")
+
+
 @pytest.mark.parametrize("schema", [1.0, [1, 2, 3], ["hums-record/1", "x"], "hums-record/9"])
 def test_a_schema_by_other_hands(tmp_path, schema):
     with h5py.File(tmp_path / "other.h5", mode="w") as file:
