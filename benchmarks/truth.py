@@ -37,6 +37,9 @@ teeth, whose lines are stated down to 5e-5 of the loudest. Where the balance lea
 start that passes resonances too fast, a projection adds to all lines what the signal has beside it; they are fitted
 together, so that they add up to the signal, and how what is added is split among neighbours is uncertain.
 
+Where damage grows, the balance is that of the teeth at some instants, and Z linear between them; at constant speed and
+torque what is left is projected as well.
+
 The balance leaves out lines at sums of the order of a damaged or uneven gear and that of a mesh on other shafts, most
 of what is missing of the fault of record 106, which is 66 dB below its record; teeth that part for moments, as those of
 torsional gears in a ramp do; and what rings after a jump or a start, which is no line. A speed does not turn back in a
@@ -62,6 +65,10 @@ def cases() -> Iterator[tuple[str, Scene]]:
     yield "the same, 1200 to 1500 rpm, torsional", gears.changed(speed=ramp, fidelity="torsional")
     back = {"link": "input", "rpm": [[0, 900], [5, 1500], [10, 900]]}
     yield "the same, 900 to 1500 rpm and back", gears.changed(speed=back)
+    growth = {"law": "linear", "rate_mm_per_s": 0.1, "largest_mm": 1.5}
+    growing = gears.changed(faults=(gears.faults[0].changed(depth_mm=0.5, growth=growth),))
+    yield "the same, its crack growing from 0.5 to 1.5 mm", growing
+    yield "the same, growing, 1200 to 1500 rpm", growing.changed(speed=ramp)
     rubbing = tomllib.loads(gears.to_toml())
     for mesh in rubbing["dynamics"]["meshes"].values():
         mesh["friction_coefficient"] = 0.05

@@ -29,7 +29,10 @@ _STEADY = 1e-12  # of the speed: what rounding may change
 _BELOW_NYQUIST = 0.98
 _LONGEST_CELLS = 1 << 20  # of a window in steady motion
 _SEARCHED = 9  # windows in which lines are looked for
-_APART_STEADY = 1.5  # periods of the window that two lines of constant amplitude are apart to be fitted together
+_APART_STEADY = (1.5, 1.0)
+"""Periods of the window that two lines of constant amplitude are apart to be fitted together: of nearer candidates that
+which is louder alone stands for both. Where that leaves much, it was the wrong one, and nearer ones are fitted."""
+_LEFT_STEADY = 1e-3  # of the power
 _APART, _RIDGE = 1.0, 0.003
 """The same of amplitudes of second degree, and the ridge that keeps their least squares determined. Without it the
 condition number is 5 for lines 3.5 periods apart, 300 for 3 and 2e9 for 2.5; lines so far apart leave gaps between
@@ -210,9 +213,8 @@ def gear_lines(
     steady = is_steady(prepared)
     fastest, slowest = (float(each(np.abs(prepared.speed_hz[prepared.speed_hz != 0]))) for each in (np.max, np.min))
     candidates = candidates_of(scene, top=top * min(fastest / slowest, LOWER_SPEEDS), mixed=steady)
-    instants_rev = samples.revolutions(prepared.instants_s)
     if steady:
-        chosen, amplitudes, changes, about = _steady_fit(samples, candidates, instants_rev)
+        chosen, amplitudes, changes, about = _steady_fit(samples, candidates, prepared.instants_s)
     else:
         prior = _prior(expected(), candidates, speeds=prepared.speed_hz, channels=signal.shape[0])
         # at constant speed and torque, sound gears have projected lines: of growing damage the difference counts
@@ -254,9 +256,10 @@ def _drive_is_steady(prepared: PreparedScene) -> bool:
 
 
 def _steady_fit(
-    samples: AngleSamples, candidates: Candidates, instants_rev: Array
+    samples: AngleSamples, candidates: Candidates, instants_s: Array
 ) -> tuple[NDArray[np.int_], ComplexArray, Array, str]:
     """Return the numbers of the kept candidates, Z (channel, line, instant), no changes, and a sentence."""
+    begins = _begins(instants_s)
     first, last = samples.span_rev
     length_rev = min(last - first, _LONGEST_CELLS / 4 / float(candidates.values[-1]))
     window = Window(length_rev=length_rev, degree=0)
@@ -265,12 +268,23 @@ def _steady_fit(
     def fitted(chosen: NDArray[np.int_]) -> ComplexArray:
         return Projection(samples=samples, orders=candidates.values[chosen], window=window).mean(centres_rev)[..., None]
 
-    chosen, lines = _above_floor(_loud_alone(samples, candidates, window, _APART_STEADY), candidates.ranks, fitted)
+    best, least = None, np.inf
+    for apart in _APART_STEADY:
+        chosen, lines = _above_floor(_loud_alone(samples, candidates, window, apart), candidates.ranks, fitted)
+        ends = np.broadcast_to(lines[..., None], (*lines.shape[:2], begins.size, 2))
+        left = _left(samples, candidates.values[chosen], ends, instants_s=instants_s, begins=begins)
+        if best is None or left < least:
+            best, least = (chosen, lines, apart), left
+        if left < _LEFT_STEADY:
+            break
+    assert best is not None  # noqa: S101 - one was tried
+    chosen, lines, apart = best
     about = (
         f"{chosen.size} lines of the steady motion, in a window of {length_rev:.4g} rev: other lines add less than "
-        f"2e-5; {_floors()}; lines nearer than {_APART_STEADY / length_rev:.2g} orders count as one"
+        f"2e-5; {_floors()}; lines nearer than {apart / length_rev:.2g} orders count as one; they leave "
+        f"{100 * least:.2g} % of the power"
     )
-    return chosen, np.repeat(lines, instants_rev.size, axis=2), np.zeros(chosen.size), about
+    return chosen, np.repeat(lines, instants_s.size, axis=2), np.zeros(chosen.size), about
 
 
 def _tiles(samples: AngleSamples, length_rev: float, most: float) -> Array:
@@ -540,7 +554,7 @@ def _about_fit(lines: _Lines, window: Window, prior: _Lines) -> str:
         f"{lines.chosen.size} lines against time, {prior.chosen.size} of them by a quasi-static response and what the "
         f"signal without that adds: of second degree in windows of {window.length_rev:.3g} rev, "
         f"fitted together; halving the window changes a line by truth_line_change, lines of {share:.2f} % of the power "
-        f"by less than {100 * _DETERMINED:g} %; {_floors()}, each by itself, expected ones to "
+        f"by less than {100 * _DETERMINED:g} %; {_floors()}, each by itself in what is left, expected ones to "
         f"{EXPECTED_FLOOR:g}; of lines nearer than "
         f"{_APART / window.length_rev:.3g} orders the louder has what is added"
     )
