@@ -148,11 +148,12 @@ def _at(mesh: Mesh, time_s: float) -> Mesh:
 
 
 def _of_teeth(motion: Motion, shares: Array) -> tuple[ExpectedLines, ...]:
-    """Return the expected lines of teeth that do not change, times their share (instant,) of what they are then."""
+    """Return the expected lines of teeth that do not change, times their share (instant,) of what they are then.
+
+    At such speeds as the teeth of other instants have, so that what lies between two of them errs alike.
+    """
     system, stage = motion.system, motion.stage
-    speed_hz, rate_hz = stage.speed_hz[shares > 0], stage.scene.rate_hz
-    if not speed_hz.any():
-        return ()
+    speed_hz, rate_hz = stage.speed_hz, stage.scene.rate_hz
     response, orders = response_of(motion), stage.scene.exact_orders("gear_mesh")
     of_mesh = {number: order for name, order in orders.items() for number in contacts_in(system, name)}
     lowest_hz, highest_hz = max(np.min(speed_hz), _SLOWEST * np.max(speed_hz)), float(np.max(speed_hz))
@@ -182,7 +183,7 @@ def _of_teeth(motion: Motion, shares: Array) -> tuple[ExpectedLines, ...]:
             bound=_RESIDUAL * largest,
         )
         least = max(apart, _FINE_HZ / float(max(within)) / lowest_hz)
-        speeds_hz = _speeds(lowest_hz, highest_hz, apart=min(least, _FAR))
+        speeds_hz = _about(_speeds(lowest_hz, highest_hz, apart=min(least, _FAR)), speed_hz[shares > 0])
         slowest_hz = np.maximum(lowest_hz, np.minimum(speeds_hz, highest_hz / _ALIKE))
         sizes = np.floor(band_hz / slowest_hz / float(family.base)).astype(np.int64)
         first = partial(_by_mesh, solved, base=family.base, orders=within)
@@ -193,8 +194,8 @@ def _of_teeth(motion: Motion, shares: Array) -> tuple[ExpectedLines, ...]:
                 forces=family.sign * forces,
                 speeds_hz=speeds_hz,
                 inputs_n=each.histories,
-                speed_hz=stage.speed_hz,
-                rates=np.gradient(stage.speed_hz, stage.instants_s),
+                speed_hz=speed_hz,
+                rates=np.gradient(speed_hz, stage.instants_s),
                 damping=damping,
                 frequency_hz=frequency_hz,
                 transfer=transfer[each.meshes],
@@ -211,6 +212,13 @@ def _speeds(lowest_hz: float, highest_hz: float, *, apart: float) -> Array:
     if intervals > _STRIDE:
         intervals = _STRIDE * math.ceil(intervals / _STRIDE)
     return np.geomspace(lowest_hz, highest_hz, intervals + 1)
+
+
+def _about(speeds_hz: Array, some_hz: Array) -> Array:
+    """Return those of rising speeds by which cubics have some others, from one multiple of a stride to another."""
+    first, last = (np.searchsorted(speeds_hz, each(some_hz)) for each in (np.min, np.max))
+    begin, end = max(int(first) - 2, 0) // _STRIDE, -(-min(int(last) + 1, speeds_hz.size - 1) // _STRIDE)
+    return speeds_hz[begin * _STRIDE : end * _STRIDE + 1]
 
 
 def _over_speeds(
