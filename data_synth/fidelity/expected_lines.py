@@ -133,9 +133,10 @@ def expected_lines(motion: Motion) -> tuple[ExpectedLines, ...]:
     times_s = np.unique(np.concatenate(histories))
     found = list[ExpectedLines]()
     for time_s, only in zip(times_s, np.eye(times_s.size), strict=True):
-        meshes = tuple(_at(mesh, time_s) for mesh in motion.system.meshes)
-        teeth = replace(motion, system=replace(motion.system, meshes=meshes))
-        found += _of_teeth(teeth, np.interp(motion.stage.instants_s, times_s, only))
+        shares = np.interp(motion.stage.instants_s, times_s, only)
+        if shares.any():  # in a short record damage may be known at more instants than the truth
+            meshes = tuple(_at(mesh, time_s) for mesh in motion.system.meshes)
+            found += _of_teeth(replace(motion, system=replace(motion.system, meshes=meshes)), shares)
     return tuple(found)
 
 
@@ -165,6 +166,7 @@ def _of_teeth(motion: Motion, shares: Array) -> tuple[ExpectedLines, ...]:
     gains, transfer = response.means[:, None, None] * deflections, channels.astype(np.complex64)
     static_n = static_tooth_forces(stage, system, motion.drive_load)
     inputs_n = shares * np.concatenate([np.ones((1, shares.size)), static_n])
+    rates = np.gradient(speed_hz, stage.instants_s)
     damping = float(np.min(-response.poles.real / np.abs(response.poles)))
     apart = _APART * damping * (stage.scene.dynamics_or_default.error / _ERROR) ** 0.25
     families = _families(excitations, tuple(stage.scene.exact_orders("tooth").values()), top=top)
@@ -195,7 +197,7 @@ def _of_teeth(motion: Motion, shares: Array) -> tuple[ExpectedLines, ...]:
                 speeds_hz=speeds_hz,
                 inputs_n=each.histories,
                 speed_hz=speed_hz,
-                rates=np.gradient(speed_hz, stage.instants_s),
+                rates=rates,
                 damping=damping,
                 frequency_hz=frequency_hz,
                 transfer=transfer[each.meshes],

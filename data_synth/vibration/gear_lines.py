@@ -192,10 +192,11 @@ def gear_lines(
 
     At constant speed, torque and damage the window is the whole record, and Z is constant. Else Z is that of the
     expected lines, which has no window. Where they leave more than 1 % of the power (5 % where the integration may err
-    by 1 %), what the signal without them adds to all lines is fitted as well: polynomials of second degree in angle
-    within windows; their length is that, of several, with the least error: the share of the lines' power that is in
-    lines which half the window changes by 1 % or more, plus the share of what the expected lines leave of the signal
-    that all lines leave. The former alone would have long windows where all that a projection adds is below 1 %.
+    by 1 %; anything where damage grows at constant speed and torque), what the signal without them adds to all lines is
+    fitted as well: polynomials of second degree in angle within windows; their length is that, of several, with the
+    least error: the share of the lines' power that is in lines which half the window changes by 1 % or more, plus the
+    share of what the expected lines leave of the signal that all lines leave. The former alone would have long windows
+    where all that a projection adds is below 1 %.
     """
     scene, angle = prepared.scene, prepared.drive.angle
     turning = np.sign(prepared.speed_hz[prepared.speed_hz != 0])
@@ -268,21 +269,19 @@ def _steady_fit(
     def fitted(chosen: NDArray[np.int_]) -> ComplexArray:
         return Projection(samples=samples, orders=candidates.values[chosen], window=window).mean(centres_rev)[..., None]
 
-    best, least = None, np.inf
+    tried = []
     for apart in _APART_STEADY:
         chosen, lines = _above_floor(_loud_alone(samples, candidates, window, apart), candidates.ranks, fitted)
         ends = np.broadcast_to(lines[..., None], (*lines.shape[:2], begins.size, 2))
         left = _left(samples, candidates.values[chosen], ends, instants_s=instants_s, begins=begins)
-        if best is None or left < least:
-            best, least = (chosen, lines, apart), left
+        tried.append((left, apart, chosen, lines))
         if left < _LEFT_STEADY:
             break
-    assert best is not None  # noqa: S101 - one was tried
-    chosen, lines, apart = best
+    left, apart, chosen, lines = min(tried, key=lambda each: each[0])
     about = (
         f"{chosen.size} lines of the steady motion, in a window of {length_rev:.4g} rev: other lines add less than "
         f"2e-5; {_floors()}; lines nearer than {apart / length_rev:.2g} orders count as one; they leave "
-        f"{100 * least:.2g} % of the power"
+        f"{100 * left:.2g} % of the power"
     )
     return chosen, np.repeat(lines, instants_s.size, axis=2), np.zeros(chosen.size), about
 

@@ -80,6 +80,15 @@ def test_lines_follow_damage_that_grows(rpm, least):
     assert_allclose(sizes[2:], sizes[:2], rtol=0.15)
 
 
+def test_damage_that_is_known_at_more_instants_than_the_truth_has_lines():
+    """In 0.15 s the truth has four instants, and a crack that grows nine."""
+    growth = {"law": "linear", "rate_mm_per_s": 10.0, "largest_mm": 3.0}
+    crack = {"kind": "tooth_crack", "component": "stage 1/pinion", "depth_mm": 0.5, "growth": growth}
+    record = clean(load_scene("gears-in-motion").changed(duration_s=0.15, faults=(crack,)))
+    assert record.sizes["truth_time"] < 9
+    assert record.sizes["truth_order"] > 100
+
+
 def test_lines_of_a_short_steady_record_are_told_apart_as_far_as_it_lets_them_be():
     """Sums of the orders of planets and gears lie within 1.5 periods of the 3 s beside lines that there are.
 
