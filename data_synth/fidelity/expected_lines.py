@@ -9,10 +9,11 @@ G_ij the deflection of mesh i per N of p in mesh j at mean stiffness, and delta_
 What drives it has constant Fourier coefficients at exact orders: those of each part of e, which has the period of one
 gear, and of k, per N of F. The lines of a family are the multiples of one order, in all meshes: those of the varying
 stiffness at such multiples, a damaged tooth's among them, couple them. At some speeds the equations of all lines are
-solved together by GMRES (Saad and Schultz 1986), from the solution at rest, ``F (1 - k_mean / k) - k_mean e``; the
-product with the varying stiffness is one of waveforms in angle. Its factor delta is smooth where k jumps. Were the
-tooth force the factor, of ``1 - k_mean / k``, both would jump, and lines of a product of jumps converge slowly (Li
-1996, J. Opt. Soc. Am. A 13, 1870). Between speeds that rise by one factor p is interpolated.
+solved together: a sweep in time through a period, mode by mode with p linear between instants, has all but a few per
+cent of p, and again of what the equations of the lines then leave. The product with the varying stiffness is one of
+waveforms in angle. Its factor delta is smooth where k jumps. Were the tooth force the factor, of ``1 - k_mean / k``,
+both would jump, and lines of a product of jumps converge slowly (Li 1996, J. Opt. Soc. Am. A 13, 1870). Between speeds
+p is interpolated.
 
 Sound and damaged gears have the same families, speeds, points and bounds, so that the errors of both are alike and the
 difference is the fault's, 60 dB below the record even. Left out are lines at sums of the order of a gear and that of a
@@ -31,7 +32,8 @@ import numpy as np
 from numpy.typing import NDArray
 
 from data_synth.dynamics.system import Mesh
-from data_synth.fidelity.linear_response import MIN_STIFFNESS, response_of, spectral_lines
+from data_synth.fidelity._sweep_kernels import sweep
+from data_synth.fidelity.linear_response import Response, response_of, spectral_lines
 from data_synth.gears.transmission_error import SumOfErrors, TransmissionError
 from data_synth.kinematic.harmonics import ComplexArray
 from data_synth.operation.shaft_angle import Array
@@ -47,7 +49,7 @@ _RESPONSES = 1 << 14  # frequencies from zero to that of the highest line, betwe
 _APART, _ERROR = 0.7, 1e-2
 """How far apart are speeds between which p is interpolated, in least damping ratios, by one of which a line passes half
 the width of a mode, where the integration may err by so much; by another error, with its fourth root, as cubics err."""
-_FAR, _FINE_HZ = 0.08, 5.0
+_FAR, _FINE_HZ = 0.08, 1.0
 """Of the speed, at most, so that all four speeds of a cubic have all lines in the band; and of the fastest mesh of a
 family, at least: harmonics of slow meshes that pass modes are high and weak."""
 _STRIDE = 4  # a power of two
@@ -57,10 +59,11 @@ _ALIKE = 1.5  # times slower than the highest speed, speeds have the same lines;
 _INDEPENDENT = 1e-5  # of the largest of independent histories, below which one is left out
 _COUPLED = 0.02  # of the RMS of the stiffness that varies most at the orders of a family: less couples nothing
 _RESIDUAL = 2e-6  # of the equations, over the largest excitation: a fault may be 1e-3 of that
-_FEWEST_ITERATIONS, _MOST_ITERATIONS, _WORK = 12, 96, 1_500_000
-"""Iterations at most: the third over the number of unknowns, between the first two."""
-_RIDGE = 1e-12  # of squares of the operator, which is about 1: keeps a search that ended early determined
-_EVERY = 4  # iterations from one look at the residual to the next
+_MOST_SWEEPS = 16  # each leaves 2 to 15 per cent
+_NO_USE = 0.7  # of what the sweep before left: the stiffness excites vibration that grows
+_PART = 0.02  # of the force in a spring: less is not waited for, and modes with less deflect at once
+_FAST = 1.5  # rad in a step of a sweep: modes that turn faster deflect at once
+_LONGEST_RUN_IN = 1 << 18  # steps before the period of a sweep, where modes are hardly damped
 
 
 @dataclass(frozen=True, kw_only=True)
@@ -175,26 +178,28 @@ def _of_teeth(motion: Motion, shares: Array) -> tuple[ExpectedLines, ...]:
     largest = max((float(np.max(np.linalg.norm(_rows(each.excitation), axis=1))) for each in driven), default=0.0)
     found = []
     for family, each in zip(families, driven, strict=True):
-        own = dict.fromkeys(of_mesh[number] for number in each.meshes.tolist())
-        within = [order for order in own if (order / family.base).denominator == 1]
+        own = [of_mesh[number] for number in each.meshes.tolist()]
+        fastest = float(max(order for order in own if (order / family.base).denominator == 1))
         solved = partial(
             _balanced,
             gains=gains[np.ix_(each.meshes, each.meshes)],
             varying_of=cache(partial(_Varying.of, [excitations[number] for number in each.meshes])),
+            modes=_Modes.of(response, each.meshes),
             step_hz=float(frequency_hz[1]),
             bound=_RESIDUAL * largest,
         )
-        least = max(apart, _FINE_HZ / float(max(within)) / lowest_hz)
-        speeds_hz = _about(_speeds(lowest_hz, highest_hz, apart=min(least, _FAR)), speed_hz[shares > 0])
+        slow_hz = _FINE_HZ / fastest / (_APART * damping)
+        every_hz = _speeds(lowest_hz, highest_hz, apart=min(apart, _FAR), slow_hz=slow_hz)
+        speeds_hz = _about(every_hz, speed_hz[shares > 0])
         slowest_hz = np.maximum(lowest_hz, np.minimum(speeds_hz, highest_hz / _ALIKE))
         sizes = np.floor(band_hz / slowest_hz / float(family.base)).astype(np.int64)
-        first = partial(_by_mesh, solved, base=family.base, orders=within)
-        forces = _over_speeds(partial(solved, base=family.base), first, each, speeds_hz, sizes)
+        forces = _over_speeds(partial(solved, base=family.base), each.excitation, speeds_hz, sizes)
         found.append(
             ExpectedLines(
                 base_order=family.base,
                 forces=family.sign * forces,
                 speeds_hz=speeds_hz,
+                slow_hz=slow_hz,
                 inputs_n=each.histories,
                 speed_hz=speed_hz,
                 rates=rates,
@@ -206,14 +211,19 @@ def _of_teeth(motion: Motion, shares: Array) -> tuple[ExpectedLines, ...]:
     return tuple(found)
 
 
-def _speeds(lowest_hz: float, highest_hz: float, *, apart: float) -> Array:
-    """Return speeds that rise by one factor, at most ``1 + apart``; intervals are a multiple of `_STRIDE`, or few."""
-    intervals = math.ceil(math.log(highest_hz / lowest_hz) / math.log1p(apart) - 1e-9)
+def _speeds(lowest_hz: float, highest_hz: float, *, apart: float, slow_hz: float = 0.0) -> Array:
+    """Return speeds that, with `slow_hz` added, rise by one factor, at most ``1 + apart``.
+
+    Intervals are a multiple of `_STRIDE`, or few.
+    """
+    intervals = math.ceil(math.log((highest_hz + slow_hz) / (lowest_hz + slow_hz)) / math.log1p(apart) - 1e-9)
     if intervals < 1:
         return np.array([highest_hz])
     if intervals > _STRIDE:
         intervals = _STRIDE * math.ceil(intervals / _STRIDE)
-    return np.geomspace(lowest_hz, highest_hz, intervals + 1)
+    speeds_hz = np.geomspace(lowest_hz + slow_hz, highest_hz + slow_hz, intervals + 1) - slow_hz
+    speeds_hz[[0, -1]] = lowest_hz, highest_hz
+    return np.asarray(speeds_hz)
 
 
 def _about(speeds_hz: Array, some_hz: Array) -> Array:
@@ -225,8 +235,7 @@ def _about(speeds_hz: Array, some_hz: Array) -> Array:
 
 def _over_speeds(
     solved: Callable[[Singles, Singles, float], Singles],
-    first: Callable[[Singles, Singles, float], Singles],
-    driven: "_Driven",
+    excitation: Singles,
     speeds_hz: Array,
     sizes: NDArray[np.int_],
 ) -> Singles:
@@ -234,19 +243,17 @@ def _over_speeds(
 
     Speeds a stride apart are solved for one after the other, and those between from what lies beside them.
     """
-    forces = np.zeros((speeds_hz.size, *driven.excitation.shape), dtype=np.complex64)
+    forces = np.zeros((speeds_hz.size, *excitation.shape), dtype=np.complex64)
     stride = _STRIDE if speeds_hz.size > _STRIDE + 1 else 1
 
-    def at(number: int, nearby: Singles, *, alone: bool = False) -> Singles:
-        excitation, speed = driven.excitation[..., : sizes[number]], float(speeds_hz[number])
-        start = nearby[..., : sizes[number]]
-        start = first(excitation, start, speed) if alone else start
-        forces[number][..., : sizes[number]] = solved(excitation, start, speed)
+    def at(number: int, nearby: Singles) -> Singles:
+        some = slice(sizes[number])
+        forces[number][..., some] = solved(excitation[..., some], nearby[..., some], float(speeds_hz[number]))
         return np.asarray(forces[number])
 
-    nearby = driven.at_rest
+    nearby = np.zeros_like(excitation)
     for number in range(0, speeds_hz.size, stride):
-        nearby = at(number, nearby, alone=True)
+        nearby = at(number, nearby)
     while stride > 1:
         known = forces[::stride]
         for number in range(stride // 2, speeds_hz.size, stride):
@@ -254,25 +261,6 @@ def _over_speeds(
             at(number, np.tensordot(weights.astype(np.float32), known, axes=1))
         stride //= 2
     return forces
-
-
-def _by_mesh(
-    solved: Callable[..., Singles],
-    excitation: Singles,
-    nearby: Singles,
-    speed_hz: float,
-    *,
-    base: Fraction,
-    orders: list[Fraction],
-) -> Singles:
-    """Return a first guess at a speed: harmonics of each mesh by themselves, and all else as at a speed nearby."""
-    start = nearby.copy()
-    for order in orders:
-        every = int(order / base)
-        if every > 1:
-            own = slice(every - 1, None, every)
-            start[..., own] = solved(excitation[..., own], start[..., own], speed_hz, base=order)
-    return start
 
 
 def _independent(inputs_n: Array) -> tuple[Array, Array]:
@@ -381,22 +369,15 @@ class _Varying:
         """Return the lines (input, mesh, k) of its product with deflections whose mean keeps that of tooth forces."""
         from scipy.fft import rfft  # noqa: PLC0415
 
-        waves = self._waves(deflections)
+        waves = self.waves_of(deflections)
         waves *= self.waves
         product = rfft(waves)
         found = product[..., 1 : self.lines.shape[1] + 1]
         found -= product[..., :1] / self.waves.shape[1] * self.lines
         return np.asarray(found, dtype=np.complex64)
 
-    def at_rest(self, lines: Singles) -> Singles:
-        """Return the lines (input, mesh, k) of p at rest, where tooth forces are constant: times ``k_mean / k``."""
-        from scipy.fft import rfft  # noqa: PLC0415
-
-        waves = self._waves(lines)
-        waves /= np.maximum(1 + self.waves, MIN_STIFFNESS)
-        return np.asarray(rfft(waves)[..., 1 : self.lines.shape[1] + 1], dtype=np.complex64)
-
-    def _waves(self, lines: Singles) -> NDArray[np.float32]:
+    def waves_of(self, lines: Singles) -> NDArray[np.float32]:
+        """Return lines (input, mesh, k) as waves (input, mesh, n)."""
         from scipy.fft import irfft  # noqa: PLC0415
 
         points = self.waves.shape[1]
@@ -415,14 +396,13 @@ class _Driven:
         Those that it excites or whose stiffness varies at its orders: others bear what springs of mean stiffness do.
     histories : (input, instant) array
         Independent ones, of which all inputs are sums.
-    excitation, at_rest : (input, mesh, k) arrays
-        Lines of the excitation by them, and p at rest.
+    excitation : (input, mesh, k) array
+        Its lines by them.
     """
 
     meshes: NDArray[np.int_]
     histories: Array
     excitation: Singles
-    at_rest: Singles
 
     @classmethod
     def of(cls, family: _Family, excitations: list[_Excitation], inputs_n: Array) -> "_Driven":
@@ -436,7 +416,7 @@ class _Driven:
             lines[:1] += varying.times(lines[:1])
         histories, shares = _independent(inputs_n[inputs])
         excitation = np.tensordot(shares, lines, axes=1).astype(np.complex64)
-        return cls(meshes=meshes, histories=histories, excitation=excitation, at_rest=varying.at_rest(excitation))
+        return cls(meshes=meshes, histories=histories, excitation=excitation)
 
 
 def _common(one: Fraction, other: Fraction) -> Fraction:
@@ -454,6 +434,7 @@ def _balanced(
     *,
     gains: ComplexArray,
     varying_of: Callable[[Fraction, int], _Varying],
+    modes: "_Modes",
     base: Fraction,
     step_hz: float,
     bound: float,
@@ -471,6 +452,8 @@ def _balanced(
         Deflection of a mesh per N of p in another, times k_mean.
     varying_of : callable
         From base and number of lines to the varying stiffness of the meshes.
+    modes : _Modes
+        The same response as a sum over modes.
     base : Fraction
     step_hz : float
         Between the responses.
@@ -490,8 +473,18 @@ def _balanced(
             total += gain[:, mesh] * forces[:, None, mesh]
         return np.asarray(forces - varying.times(total))
 
-    left = excitation - remainder(start)
-    return np.asarray(start + _gmres(remainder, left, bound=bound), dtype=np.complex64)
+    found, left, known = start, np.full(excitation.shape[0], np.inf), excitation - remainder(start)
+    for _ in range(_MOST_SWEEPS):
+        size = np.linalg.norm(_rows(known), axis=1)
+        if not np.any(size < _NO_USE * left):  # also of what left the range of numbers
+            break
+        found, left = start, size
+        if np.all(left <= bound):
+            break
+        with np.errstate(over="ignore", invalid="ignore"):
+            start = found + modes.swept(known, varying, 1 / (float(base) * speed_hz))
+            known = excitation - remainder(start)
+    return found
 
 
 def _rows(lines: Singles) -> NDArray[np.float32]:
@@ -499,33 +492,66 @@ def _rows(lines: Singles) -> NDArray[np.float32]:
     return np.asarray(np.ascontiguousarray(lines).reshape(lines.shape[0], -1).view(np.float32))
 
 
-def _gmres(apply: Callable[[Singles], Singles], right: Singles, *, bound: float) -> Singles:
-    """Return x (input, mesh, k) of real-linear equations ``apply(x) = right``, residuals below a bound."""
-    inputs, size = right.shape[0], np.linalg.norm(_rows(right), axis=1)
-    if np.all(size <= bound):
-        return np.zeros_like(right)
-    tiny = np.finfo(np.float32).tiny
-    most = min(max(_WORK // right.size, _FEWEST_ITERATIONS), _MOST_ITERATIONS)
-    basis = np.empty((most + 1, *_rows(right).shape), dtype=np.float32)
-    basis[0] = _rows(right) / np.maximum(size, tiny)[:, None]
-    hessenberg, found = np.zeros((inputs, most + 1, most)), np.zeros((inputs, 1))
-    for step in range(most):
-        new = _rows(apply(basis[step].view(np.complex64).reshape(right.shape)))
-        for row in range(inputs):
-            known = basis[: step + 1, row]
-            shares = known @ new[row]
-            new[row] -= shares @ known
-            hessenberg[row, : step + 1, step] = shares
-        norm = hessenberg[:, step + 1, step] = np.linalg.norm(new, axis=1)
-        basis[step + 1] = new / np.maximum(norm, tiny)[:, None]
-        if step % _EVERY == _EVERY - 1 or step == most - 1:
-            square, first = hessenberg[:, : step + 2, : step + 1], np.zeros((inputs, step + 2, 1))
-            first[:, 0, 0] = size
-            turned = np.swapaxes(square, 1, 2)
-            normal = turned @ square + _RIDGE * np.eye(step + 1)
-            found = np.asarray(np.linalg.solve(normal, turned @ first)[..., 0], dtype=np.float64)
-            if np.all(np.linalg.norm((first - square @ found[..., None])[..., 0], axis=1) <= bound):
-                break
-    shares = found.astype(np.float32)
-    total = np.stack([shares[row] @ basis[: shares.shape[1], row] for row in range(inputs)])
-    return total.view(np.complex64).reshape(right.shape)
+@dataclass(frozen=True, kw_only=True)
+class _Modes:
+    """Deflections of meshes by p in them, times k_mean, as a sum over modes: the real part, of one of each pair.
+
+    Attributes
+    ----------
+    poles : (mode,) complex array
+        rad/s.
+    deflections : (mesh, mode) complex array
+    inputs : (mode, mesh) complex array
+    """
+
+    poles: ComplexArray
+    deflections: ComplexArray
+    inputs: ComplexArray
+
+    @classmethod
+    def of(cls, response: Response, meshes: NDArray[np.int_]) -> "_Modes":
+        """Return those of a response."""
+        kept = response.poles.imag >= 0
+        counts = np.where(response.poles[kept].imag > 0, 2.0, 1.0)
+        deflections = response.means[meshes, None] * response.deflections[np.ix_(meshes, kept)]
+        return cls(
+            poles=response.poles[kept], deflections=counts * deflections, inputs=response.inputs[np.ix_(kept, meshes)]
+        )
+
+    def swept(self, right: Singles, varying: _Varying, period_s: float) -> Singles:
+        """Return about the p (input, mesh, k) of which ``p - varying delta`` is so much, delta their deflections."""
+        from scipy.fft import rfft  # noqa: PLC0415
+
+        waves = varying.waves_of(right)
+        step_s, poles = period_s / waves.shape[-1], self.poles
+        largest = np.max(np.abs(self.deflections), axis=0) * np.max(np.abs(self.inputs), axis=1) / 2
+        with np.errstate(divide="ignore"):
+            rings = np.log(largest / (_PART * np.abs(poles.real)))  # until little of a mode is left, in its time
+        slow = (rings > 0) & (np.abs(poles) * step_s < _FAST)
+        at_once = ((self.deflections[:, ~slow] / -poles[~slow]) @ self.inputs[~slow]).real
+        poles, outputs, inputs = poles[slow], self.deflections[:, slow], self.inputs[slow]
+        turns = np.exp(poles * step_s)
+        after = (turns - 1 - poles * step_s) / (poles**2 * step_s)
+        before = (turns - 1) / poles - after
+        # a wave that is linear between instants is weaker by this factor, which each mode has at its own frequency
+        inputs = inputs / np.sinc(poles.imag * step_s / (2 * np.pi))[:, None] ** 2
+        with np.errstate(divide="ignore"):
+            run_in = min(np.max(rings[slow] / -poles.real, initial=0.0) / step_s, _LONGEST_RUN_IN)
+        found = np.empty_like(waves)
+        sweep(
+            waves,
+            varying.waves,
+            _parts(turns),
+            _parts((inputs * before[:, None]).T),
+            _parts((inputs * after[:, None]).T),
+            _parts(outputs),
+            np.ascontiguousarray(at_once + ((outputs * after) @ inputs).real),
+            int(run_in),
+            found,
+        )
+        return np.asarray(rfft(found)[..., 1 : right.shape[-1] + 1], dtype=np.complex64)
+
+
+def _parts(values: ComplexArray) -> Array:
+    """Return real and imaginary part, (..., 2, mode), of values (..., mode)."""
+    return np.ascontiguousarray(np.stack([values.real, values.imag], axis=-2))

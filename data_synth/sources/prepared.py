@@ -49,7 +49,9 @@ from hums.gearbox.torques import solve_torques
 
 _CORNER = 1e-3  # of the largest speed or torque, by which straight lines between instants may miss a corner
 _JUMP = 1e-3  # of a sample, from a jump to the instants before and behind it
-_LITTLE = 0.01  # of the top speed, between two instants
+_LITTLE, _SLOW = 0.01, 0.3
+"""Of the speed, between two instants; of the top speed, below which it is that of so much: a line passes a mode in as
+much of the speed as the mode's damping, but slow speeds have weak lines."""
 
 # ---- Harmonics and impacts of the faults that a scene declares -------------------------------------------------------
 
@@ -432,8 +434,9 @@ def _instants(scene: Scene, drive: Drive) -> Array:
             if corners.size <= scene.truth_times:  # a measured history may be corners alone
                 sides = np.add.outer([-_JUMP / scene.rate_hz, _JUMP / scene.rate_hz], jumps).ravel()
                 instants_s = np.unique(np.concatenate([instants_s, np.setdiff1d(corners, jumps), sides]))
-    speed_hz = drive.angle.speed_hz(instants_s)
-    parts = np.ceil(np.abs(np.diff(speed_hz)) / (_LITTLE * np.max(np.abs(speed_hz), initial=1e-300))).astype(int)
+    speed_hz = np.abs(drive.angle.speed_hz(instants_s))
+    faster_hz = np.maximum(np.maximum(speed_hz[1:], speed_hz[:-1]), _SLOW * np.max(speed_hz, initial=1e-300))
+    parts = np.ceil(np.abs(np.diff(speed_hz)) / (_LITTLE * faster_hz)).astype(int)
     parts[np.diff(instants_s) < 1 / scene.rate_hz] = 1
     shares = [np.arange(count) / count for count in np.maximum(parts, 1).tolist()]
     steps = np.repeat(np.diff(instants_s), [share.size for share in shares])

@@ -99,7 +99,9 @@ class ExpectedLines:
     forces : (node, input, mesh, k) complex array
         Exciting force in each mesh per unit of each input, at some speeds.
     speeds_hz : (node,) array
-        Rising by one factor, of the reference in rev s-1.
+        Of the reference in rev s-1.
+    slow_hz : float
+        With this added, speeds rise by one factor.
     inputs_n : (input, instant) array
         At the instants of the truth: static forces in N, and 1 for what is excited without any, whose forces are in N.
     speed_hz, rates : (instant,) arrays
@@ -115,6 +117,7 @@ class ExpectedLines:
     base_order: Fraction
     forces: NDArray[np.complex64] = field(repr=False)
     speeds_hz: Array
+    slow_hz: float
     inputs_n: Array = field(repr=False)
     speed_hz: Array = field(repr=False)
     rates: Array = field(repr=False)
@@ -153,7 +156,11 @@ class ExpectedLines:
         return found
 
     def _at(self, multiples: NDArray[np.int_], speed: Array, inputs_n: Array) -> ComplexArray:
-        shares = (_cubic(speed, self.speeds_hz)[:, None] * inputs_n).reshape(-1, speed.size).astype(np.float32)
+        shares = (
+            (_cubic(speed + self.slow_hz, self.speeds_hz + self.slow_hz)[:, None] * inputs_n)
+            .reshape(-1, speed.size)
+            .astype(np.float32)
+        )
         place = np.multiply.outer(float(self.base_order) / self.frequency_hz[1] * multiples, speed)
         number = np.minimum(place.astype(np.int32), self.frequency_hz.size - 2)
         part = np.minimum(place - number, 1.0).astype(np.float32)

@@ -1,0 +1,87 @@
+"""Compiled sweep through a period of forces on a varying stiffness, from one instant to the next."""
+
+import numpy as np
+from numpy.typing import NDArray
+
+from data_synth._compile import compiled
+
+Array = NDArray[np.float64]
+Singles = NDArray[np.float32]
+
+_ROUNDS = 4  # of the forces of meshes on each other, at an instant: what they do at once is small beside 1
+
+
+@compiled
+def sweep(
+    right: Singles,
+    varying: Singles,
+    turns: Array,
+    before: Array,
+    after: Array,
+    outputs: Array,
+    at_once: Array,
+    run_in: int,
+    found: Singles,
+) -> None:
+    """Compute ``p = right + varying delta`` of meshes over a period that repeats, delta the deflections by p.
+
+    Parameters
+    ----------
+    right : (input, mesh, n) array
+    varying : (mesh, n) array
+    turns : (2, mode) array
+        What a step makes of each mode: real and imaginary part, as below.
+    before, after : (mesh, 2, mode) arrays
+        What p at the beginning and at the end of a step adds to each mode.
+    outputs : (mesh, 2, mode) array
+        Deflections by each mode.
+    at_once : (mesh, mesh) array
+        Deflections by p at the same instant, apart from those of the modes.
+    run_in : int
+        Steps before the first instant, from rest.
+    found : (input, mesh, n) array
+        Becomes p.
+    """
+    inputs, meshes, points = right.shape
+    count = turns.shape[1]
+    real, imaginary = np.zeros(count), np.zeros(count)
+    force, known = np.zeros(meshes), np.zeros(meshes)
+    for row in range(inputs):
+        for k in range(count):
+            real[k] = 0.0
+            imaginary[k] = 0.0
+        for i in range(meshes):
+            force[i] = 0.0
+        here = (points - run_in % points) % points
+        for step in range(run_in + points):
+            for k in range(count):
+                was = real[k]
+                real[k] = turns[0, k] * was - turns[1, k] * imaginary[k]
+                imaginary[k] = turns[0, k] * imaginary[k] + turns[1, k] * was
+            for j in range(meshes):
+                for k in range(count):
+                    real[k] += before[j, 0, k] * force[j]
+                    imaginary[k] += before[j, 1, k] * force[j]
+            for i in range(meshes):
+                total = 0.0
+                for k in range(count):
+                    total += outputs[i, 0, k] * real[k] - outputs[i, 1, k] * imaginary[k]
+                known[i] = total
+            for _ in range(_ROUNDS if meshes > 1 else 1):
+                for i in range(meshes):
+                    total = known[i]
+                    for j in range(meshes):
+                        if j != i:
+                            total += at_once[i, j] * force[j]
+                    total = right[row, i, here] + varying[i, here] * total
+                    force[i] = total / (1.0 - varying[i, here] * at_once[i, i])
+            for j in range(meshes):
+                for k in range(count):
+                    real[k] += after[j, 0, k] * force[j]
+                    imaginary[k] += after[j, 1, k] * force[j]
+            if step >= run_in:
+                for i in range(meshes):
+                    found[row, i, here] = force[i]
+            here += 1
+            if here == points:
+                here = 0
