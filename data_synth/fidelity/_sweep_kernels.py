@@ -8,7 +8,7 @@ from data_synth._compile import compiled
 Array = NDArray[np.float64]
 Singles = NDArray[np.float32]
 
-_ROUNDS = 4  # of the forces of meshes on each other, at an instant: what they do at once is small beside 1
+_ROUNDS = 2  # of the forces of meshes on each other, at an instant: what they do at once is small beside 1
 
 
 @compiled
@@ -16,8 +16,7 @@ def sweep(
     right: Singles,
     varying: Singles,
     turns: Array,
-    before: Array,
-    after: Array,
+    pushes: Array,
     outputs: Array,
     at_once: Array,
     run_in: int,
@@ -31,12 +30,12 @@ def sweep(
     varying : (mesh, n) array
     turns : (2, mode) array
         What a step makes of each mode: real and imaginary part, as below.
-    before, after : (mesh, 2, mode) arrays
-        What p at the beginning and at the end of a step adds to each mode.
+    pushes : (mesh, 2, mode) array
+        What p at the beginning of a step adds to each mode.
     outputs : (mesh, 2, mode) array
         Deflections by each mode.
     at_once : (mesh, mesh) array
-        Deflections by p at the same instant, apart from those of the modes.
+        Deflections by p at the same instant, of the modes too.
     run_in : int
         Steps before the first instant, from rest.
     found : (input, mesh, n) array
@@ -45,7 +44,7 @@ def sweep(
     inputs, meshes, points = right.shape
     count = turns.shape[1]
     real, imaginary = np.zeros(count), np.zeros(count)
-    force, known = np.zeros(meshes), np.zeros(meshes)
+    force, known, eased = np.zeros(meshes), np.zeros(meshes), np.zeros(meshes)
     for row in range(inputs):
         for k in range(count):
             real[k] = 0.0
@@ -60,25 +59,21 @@ def sweep(
                 imaginary[k] = turns[0, k] * imaginary[k] + turns[1, k] * was
             for j in range(meshes):
                 for k in range(count):
-                    real[k] += before[j, 0, k] * force[j]
-                    imaginary[k] += before[j, 1, k] * force[j]
+                    real[k] += pushes[j, 0, k] * force[j]
+                    imaginary[k] += pushes[j, 1, k] * force[j]
             for i in range(meshes):
                 total = 0.0
                 for k in range(count):
                     total += outputs[i, 0, k] * real[k] - outputs[i, 1, k] * imaginary[k]
-                known[i] = total
+                eased[i] = 1.0 / (1.0 - varying[i, here] * at_once[i, i])
+                known[i] = right[row, i, here] + varying[i, here] * total
             for _ in range(_ROUNDS if meshes > 1 else 1):
                 for i in range(meshes):
-                    total = known[i]
+                    total = 0.0
                     for j in range(meshes):
                         if j != i:
                             total += at_once[i, j] * force[j]
-                    total = right[row, i, here] + varying[i, here] * total
-                    force[i] = total / (1.0 - varying[i, here] * at_once[i, i])
-            for j in range(meshes):
-                for k in range(count):
-                    real[k] += after[j, 0, k] * force[j]
-                    imaginary[k] += after[j, 1, k] * force[j]
+                    force[i] = (known[i] + varying[i, here] * total) * eased[i]
             if step >= run_in:
                 for i in range(meshes):
                     found[row, i, here] = force[i]

@@ -61,7 +61,7 @@ _COUPLED = 0.02  # of the RMS of the stiffness that varies most at the orders of
 _RESIDUAL = 2e-6  # of the equations, over the largest excitation: a fault may be 1e-3 of that
 _MOST_SWEEPS = 16  # each leaves 2 to 15 per cent
 _NO_USE = 0.7  # of what the sweep before left: the stiffness excites vibration that grows
-_PART = 0.02  # of the force in a spring: less is not waited for, and modes with less deflect at once
+_PART = 0.05  # of the force in a spring: less is not waited for, and modes with less deflect at once
 _FAST = 1.5  # rad in a step of a sweep: modes that turn faster deflect at once
 _LONGEST_RUN_IN = 1 << 18  # steps before the period of a sweep, where modes are hardly damped
 
@@ -542,8 +542,7 @@ class _Modes:
             waves,
             varying.waves,
             _parts(turns),
-            _parts((inputs * before[:, None]).T),
-            _parts((inputs * after[:, None]).T),
+            _parts((inputs * (before + turns * after)[:, None]).T),
             _parts(outputs),
             np.ascontiguousarray(at_once + ((outputs * after) @ inputs).real),
             int(run_in),

@@ -124,7 +124,7 @@ def test_halving_the_window_changes_the_lines_by_less_than_one_percent():
     moving = motion(declared)
     signal = np.concatenate([*moving.channels(samples=declared.samples)], axis=1)
     angle = moving.stage.drive.angle
-    instants_rev = angle.revolutions(np.linspace(0, 3, 61))
+    instants_rev = angle.revolutions(moving.stage.instants_s)
     samples = AngleSamples(
         signal=signal,
         rate_hz=declared.rate_hz,
