@@ -32,7 +32,6 @@ import numpy as np
 from numpy.typing import NDArray
 
 from data_synth.dynamics.system import Mesh
-from data_synth.fidelity._sweep_kernels import sweep
 from data_synth.fidelity.linear_response import Response, response_of, spectral_lines
 from data_synth.gears.transmission_error import SumOfErrors, TransmissionError
 from data_synth.kinematic.harmonics import ComplexArray
@@ -521,6 +520,8 @@ class _Modes:
     def swept(self, right: Singles, varying: _Varying, period_s: float) -> Singles:
         """Return about the p (input, mesh, k) of which ``p - varying delta`` is so much, delta their deflections."""
         from scipy.fft import rfft  # noqa: PLC0415
+
+        from data_synth.fidelity._sweep_kernels import sweep  # noqa: PLC0415
 
         waves = varying.waves_of(right)
         step_s, poles = period_s / waves.shape[-1], self.poles

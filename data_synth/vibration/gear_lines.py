@@ -21,7 +21,7 @@ from data_synth.vibration.order_projection import AngleSamples, Projection, Wind
 
 FLOOR = 1e-3  # of the loudest line, over time and channels: lines of meshes and of gears with each other
 FAULT_FLOOR = 1e-2  # of the loudest line of the same damaged gear
-LOWER_SPEEDS = 4.0  # times the highest order at the highest speed are expected lines of lower speeds, at most
+LOWER_SPEEDS = 6.0  # times the highest order at the highest speed are expected lines of lower speeds, at most
 EXPECTED_FLOOR = 5e-5  # of the loudest expected line
 _LEAST = 1e-5  # of the loudest line of all: what the error of the integration makes is no line
 _MOST = 2048  # lines
@@ -45,8 +45,11 @@ _LOOKED = 51  # instants at which expected lines are looked for
 _MESH_FIRST = 3.0  # times its size a mesh's line counts beside others: what stands alone in a window is not separated
 _LONGEST_SHARE = 1.25  # of which the record is at least as long as the longest window in varying motion
 _DETERMINED = 0.01  # of the RMS of a line
-_SMALL, _COARSE = 0.05, 0.01  # of the power: what expected lines may leave of it where the integration errs so much
-_EXACT = 0.2  # of that at least: in an exact record lines that leave more than 1 % have not what the signal has
+_SMALL = 0.05
+"""Of the power: what expected lines may leave of it. What rings after a step of speed or a start is no line, and
+windows that find it elsewhere in sound than in damaged gears make more of it than a fault has."""
+_RINGS, _SELDOM = 0.5, 0.125
+"""Of the power, what expected lines may leave of it in few places, such a share of them: it rings, and is none."""
 _NO_USE = 4.0  # times the least error: shorter windows are worse still
 _PERIODS = 0.75  # of the smallest base order: the shortest window that is halved
 _STENCIL = 0.25  # of the share of speed in which a mode is passed: the step of second differences
@@ -198,12 +201,12 @@ def gear_lines(
     """Return the loud lines in the channels of gears in motion, (channel, n), at the instants of the truth.
 
     At constant speed, torque and damage the window is the whole record, and Z is constant. Else Z is that of the
-    expected lines, which has no window. Where they leave more than 1 % of the power (5 % where the integration may err
-    by 1 %; anything where damage grows at constant speed and torque), what the signal without them adds to all lines is
-    fitted as well: polynomials of second degree in angle within windows; their length is that, of several, with the
-    least error: the share of the lines' power that is in lines which half the window changes by 1 % or more, plus the
-    share of what the expected lines leave of the signal that all lines leave. The former alone would have long windows
-    where all that a projection adds is below 1 %.
+    expected lines, which has no window. Where they leave more than 5 % of the power, and not in few places, as what
+    rings after a step does, or anything where damage grows at constant speed and torque, what the signal without them
+    adds to all lines is fitted as well: polynomials of second degree in angle within windows; their length is that, of
+    several, with the least error: the share of the lines' power that is in lines which half the window changes by 1 %
+    or more, plus the share of what the expected lines leave of the signal that all lines leave. The former alone would
+    have long windows where all that a projection adds is below 1 %.
     """
     scene, angle = prepared.scene, prepared.drive.angle
     turning = np.sign(prepared.speed_hz[prepared.speed_hz != 0])
@@ -226,8 +229,7 @@ def gear_lines(
     else:
         prior = _prior(expected(), candidates, speeds=prepared.speed_hz, channels=signal.shape[0])
         # at constant speed and torque, sound gears have projected lines: of growing damage the difference counts
-        most = _SMALL * max(min(scene.dynamics_or_default.error / _COARSE, 1.0), _EXACT)
-        most = 0.0 if _drive_is_steady(prepared) else most
+        most = 0.0 if _drive_is_steady(prepared) else _SMALL
         found, about = _varying_lines(samples, candidates, prepared.instants_s, prior, most=most)
         chosen, amplitudes, changes = found.chosen, found.amplitudes, found.changes
     if sign < 0:
@@ -408,8 +410,10 @@ def _varying_lines(
     places = np.add.outer(begins, [0, 1])
 
     ends = prior.amplitudes[:, :, places]
-    alone = _left(samples, candidates.values[prior.chosen], ends, instants_s=instants_s, begins=begins)
-    if alone > most:
+    left, whole = _powers(samples, candidates.values[prior.chosen], ends, instants_s=instants_s, begins=begins)
+    alone = left.sum() / max(whole.sum(), np.finfo(float).tiny)
+    rings = most and alone < _RINGS and np.mean(left > most * whole) <= _SELDOM
+    if alone > most and not rings:
         if alone >= 1:  # resonances are passed too fast for the lines that are expected
             prior = _Lines(chosen=prior.chosen[:0], amplitudes=prior.amplitudes[:, :0], changes=prior.changes[:0])
         fitted, window = _varying_fit(samples, candidates, instants_s, prior)
@@ -421,15 +425,28 @@ def _varying_lines(
 
 
 def _begins(instants_s: Array) -> NDArray[np.int_]:
-    """Return the numbers of the instants from which to the next ones signals are compared."""
-    return np.unique(np.linspace(0, instants_s.size - 2, _TRIALS).round().astype(int))
+    """Return the numbers of the instants, even in time, from which to the next ones signals are compared."""
+    times_s = np.linspace(instants_s[0], instants_s[-2], _TRIALS)
+    return np.unique(np.searchsorted(instants_s[:-1], times_s - 1e-9 * instants_s[-1]))
 
 
 def _left(
     samples: AngleSamples, orders: Array, amplitudes: ComplexArray, *, instants_s: Array, begins: NDArray[np.int_]
 ) -> float:
     """Return the share of the power that lines (channel, k, begin, 2) leave between instants and the next ones."""
-    times_s, squares, total = np.arange(samples.signal.shape[1]) / samples.rate_hz, 0.0, 0.0
+    left, whole = _powers(samples, orders, amplitudes, instants_s=instants_s, begins=begins)
+    return float(left.sum() / max(whole.sum(), np.finfo(float).tiny))
+
+
+def _powers(
+    samples: AngleSamples, orders: Array, amplitudes: ComplexArray, *, instants_s: Array, begins: NDArray[np.int_]
+) -> tuple[Array, Array]:
+    """Return the sums of squares (begin,) that lines (channel, k, begin, 2) leave up to the next instants, and all."""
+    times_s, left, whole = (
+        np.arange(samples.signal.shape[1]) / samples.rate_hz,
+        np.zeros(begins.size),
+        np.zeros(begins.size),
+    )
     edges = np.searchsorted(times_s, instants_s)
     for number, begin in enumerate(begins.tolist()):
         here = slice(*edges[begin : begin + 2])
@@ -440,9 +457,9 @@ def _left(
             revolutions=samples.revolutions,
             times_s=times_s[here],
         )
-        squares += float(np.sum((samples.signal[:, here] - found) ** 2))
-        total += float(np.sum(samples.signal[:, here] ** 2))
-    return squares / max(total, np.finfo(float).tiny)
+        left[number] = np.sum((samples.signal[:, here] - found) ** 2)
+        whole[number] = np.sum(samples.signal[:, here] ** 2)
+    return left, whole
 
 
 @dataclass(frozen=True, kw_only=True)

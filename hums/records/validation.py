@@ -214,11 +214,14 @@ def _check_spacing(name: str, times_s: NDArray[np.float64], per_rev: int, rate_h
     intervals = np.diff(times_s)
     if intervals.size < per_rev + _MIN_INTERVALS:
         return
-    change = float(np.median(np.abs(intervals[per_rev:] - intervals[:-per_rev])) / np.median(intervals))
+    # pulses of one revolution may be uneven, and revolutions of a start differ: not both
+    change = min(
+        float(np.median(np.abs(intervals[lag:] - intervals[:-lag])) / np.median(intervals)) for lag in (1, per_rev)
+    )
     if change > _MAX_CHANGE_PER_TURN:
         raise RecordError(
-            f"{what} and come without order: from one revolution to the next their distance changes by {change:.0%}, "
-            "in the middle of all. No shaft turns like that; is this a vibration, not a tachometer's signal? Name "
+            f"{what} and come without order: from one to the next, and from one revolution to the next, their "
+            f"distance changes by {change:.0%} and more, in the middle of all. No shaft turns like that; is this a vibration, not a tachometer's signal? Name "
             "the tachometer's own channel or pulse times (--tach-waveform, --tach-times)."
         )
 

@@ -6,9 +6,10 @@ from functools import partial
 import numpy as np
 import pytest
 from moving_pair import SEED, motion, scene, stage_of
+from truth import explained, rebuilt
 
 from data_synth import load_scene, simulate
-from data_synth.fidelity.expected_lines import expected_lines
+from data_synth.fidelity.expected_lines import _balanced, _Modes, _Varying, expected_lines
 from data_synth.vibration.gear_lines import gear_lines
 from data_synth.vibration.order_projection import AngleSamples, Projection, Window, sum_of_lines
 from data_synth.vibration.run import motion_of, prepare_gears
@@ -140,3 +141,85 @@ def test_lines_differ_on_the_way_up_and_down_through_a_resonance_by_what_lags_be
     lag, own = ((each - each[:, ::-1])[:, inner] for each in (loud, found))
     assert np.linalg.norm(lag) > 0.005 * np.linalg.norm(loud)
     assert np.linalg.norm(lag - own) < 0.15 * np.linalg.norm(own)
+
+
+STEP_HZ, SPEED_HZ = 0.5, 5.0
+
+
+def balance_of_one_mode(lines, *, varying, damping):
+    """Exciting force of two lines on one mode at 200 Hz, static gain -1, at base order 1; p, and its dense solution."""
+    pole = 2 * np.pi * 200 * (-damping + 1j * np.sqrt(1 - damping**2))
+    residue = -(abs(pole) ** 2) / (2j * pole.imag)  # of -w^2 / (s^2 + 2 damping w s + w^2)
+    s = 2j * np.pi * STEP_HZ * np.arange(4096)
+    gains = residue / (s - pole) - residue / (s - pole.conjugate())
+    spectrum = np.zeros(lines, dtype=np.complex64)
+    spectrum[[4, 9]] = 1 + 1j, -2
+    points = 3 * lines + 3
+    coefficients = np.zeros(points // 2 + 1, dtype=np.complex64)
+    coefficients[1 : varying.size + 1] = varying * points / 2
+    waves = np.fft.irfft(coefficients, points)[None].astype(np.float32)
+    found = _balanced(
+        spectrum[None, None],
+        np.zeros((1, 1, lines), dtype=np.complex64),
+        SPEED_HZ,
+        gains=gains[None, None],
+        varying_of=lambda _base, count: _Varying(waves=waves, lines=coefficients[None, 1 : count + 1]),
+        modes=_Modes(
+            poles=np.array([pole]), deflections=np.array([[2 * residue]]), inputs=np.ones((1, 1), dtype=complex)
+        ),
+        base=Fraction(1),
+        step_hz=STEP_HZ,
+        bound=1e-5,
+    )[0, 0]
+    # coefficients of exp(j n theta), n from -lines to lines, none at zero
+    n = np.r_[-lines:0, 1 : lines + 1]
+    two_sided = np.zeros(4 * lines + 1, dtype=complex)
+    two_sided[2 * lines + 1 : 2 * lines + 1 + varying.size] = varying / 2
+    two_sided += two_sided[::-1].conj()
+    v = two_sided[np.subtract.outer(n, n) + 2 * lines]
+    v = v - np.outer(two_sided[n + 2 * lines], two_sided[2 * lines - n])  # the mean force stays
+    one_sided = gains[(np.arange(1, lines + 1) * SPEED_HZ / STEP_HZ).astype(int)]
+    gain = np.concatenate([one_sided[::-1].conj(), one_sided])
+    right = np.concatenate([spectrum[::-1].conj(), spectrum]) / 2
+    return found, 2 * np.linalg.solve(np.eye(2 * lines) - v * gain, right)[lines:]
+
+
+@pytest.mark.parametrize("damping", [0.01, 0.05, 0.5])
+def test_sweeps_find_the_dense_solution(damping):
+    """Of lines up to three times the frequency of the mode, which the stiffness couples."""
+    found, dense = balance_of_one_mode(120, varying=np.array([0.1j, 0, 0.05, 0, 0.15]), damping=damping)
+    assert np.linalg.norm(found - dense) < 1e-4 * np.linalg.norm(dense)
+    assert np.linalg.norm(dense) > 1.05 * np.sqrt(6)  # the stiffness makes lines of its own
+
+
+def test_a_stiffness_that_excites_vibration_which_grows_has_lines_within_the_range_of_numbers():
+    """Twice the mode's frequency, 80 orders, at 60 % of the stiffness with 1 % of damping: no motion is periodic."""
+    varying = np.zeros(80, dtype=complex)
+    varying[-1] = 0.6
+    found, _ = balance_of_one_mode(120, varying=varying, damping=0.01)
+    assert np.isfinite(found).all()
+
+
+@pytest.mark.parametrize(
+    ("rpm", "record", "fault"),
+    [
+        ([[0, 60], [4, 180]], 99.9, 99.5),  # 100.00, 99.91: slow all along
+        ([[0, 15], [1, 400]], 99, 90),  # 99.45, 94.25: a start, the fault 34 dB below the record
+        ([[0, 500], [0.5, 500], [0.51, 600], [1, 600]], 95, 98),  # 96.34, 99.45: what rings after the step is no line
+    ],
+    ids=["slow", "start", "step"],
+)
+def test_expected_lines_have_the_fault_where_speed_is_low_or_changes_fast(rpm, record, fault):
+    crack = {"kind": "tooth_crack", "component": "mesh/pinion", "depth_mm": 1.0}
+    declared = scene(
+        duration_s=rpm[-1][0],
+        speed={"link": "pinion", "rpm": rpm},
+        tachometer={"link": "pinion", "pulses_per_rev": 60},
+        mesh={"shape": "teeth"},
+        dynamics={"error": 1e-4},
+        faults=(crack,),
+    )
+    damaged, sound = (simulate(each, seed=SEED, phases=True) for each in (declared, declared.changed(faults=())))
+    signal, lines = damaged["a"].to_numpy(), rebuilt(damaged)
+    assert explained(lines, signal) > record
+    assert explained(lines - rebuilt(sound), signal - sound["a"].to_numpy()) > fault

@@ -101,6 +101,11 @@ def test_uneven_stripes_missed_pulses_and_a_run_up_are_a_tachometers():
     assert low < middle < high < 2 * 60 / SECONDS  # a run-up from rest ends at twice its mean
 
 
+def test_a_start_from_rest_in_four_turns_is_a_tachometers():
+    times_s = np.sqrt(np.arange(1, 200) / 200) * SECONDS  # 50 a turn: each turn is far shorter than the one before
+    record_of(times_s, per_rev=50)
+
+
 def test_turning_speeds_of_a_steady_shaft_and_of_less_than_a_turn():
     assert speed_percentiles(record_of()["tachometer"]) == pytest.approx((SPEED_HZ,) * 3, rel=1e-9)
     assert speed_percentiles(record_of(np.array([0.0, 1.0]), per_rev=4)["tachometer"]) is None
