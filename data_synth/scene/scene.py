@@ -233,11 +233,18 @@ class Scene(Declared):
                 raise ValueError(
                     f'fault {number}: load_turns_with names "{link}"{closest(link, list(self.gearbox.links))}'
                 )
-        if self.faults and self.resonance.frequency_hz >= self.rate_hz / 2:
+        if any(self._rings(fault) for fault in self.faults) and self.resonance.frequency_hz >= self.rate_hz / 2:
             raise ValueError(
                 f"resonance.frequency_hz = {self.resonance.frequency_hz:g} is not below half of "
                 f"rate_hz = {self.rate_hz:g}; raise rate_hz or lower the resonance that impacts ring"
             )
+
+    def _rings(self, fault: Fault) -> bool:
+        """Return whether a fault has impacts that ring the resonance: not where the teeth of its gear vibrate."""
+        if isinstance(fault, BearingFault | ShaftFault):
+            return isinstance(fault, BearingFault)
+        own = self.dynamics.mesh(fault.component.rpartition("/")[0]).fidelity if self.dynamics is not None else None
+        return (own or self.fidelity) in {"kinematic", "auto"}
 
     @property
     def _places(self) -> set[str]:
