@@ -42,7 +42,7 @@ imbalance is a force that turns with its shaft and acts in its bearing. Each rec
 What belongs to a gearbox, its teeth, imbalance and phases, is the same in all its records (`machine_seed`), each of
 which begins some turns later. Mount and calibration of the sensor belong to the path, all else to the record.
 
-Versions 2.2 and 2.3 have the scenes, labels and samples of 2.1, each a more exact truth; 2.1 has other samples than
+Versions 2.2 to 2.4 have the scenes, labels and samples of 2.1, each a more exact truth; 2.1 has other samples than
 2.0. Version 2.0 has imperfections, sizes and places of faults of its own: none of its records is one of 1.x. Before it,
 1.5 changed the truth of 1.4, 1.4 a label of 1.3, and 1.3 the last digits of 1.2.
 
@@ -165,7 +165,7 @@ def data_card(plan: benchmark.BenchmarkRecords) -> str:
     >>> from data_synth import load_plan
     >>> from data_synth.benchmark.card import data_card
     >>> data_card(load_plan("benchmark-1")).splitlines()[0]
-    '# benchmark-1 2.3: synthetic gearbox vibration with labelled faults'
+    '# benchmark-1 2.4: synthetic gearbox vibration with labelled faults'
     """
     total = sum(split.share for split in benchmark.SPLITS.values())
     counts = Counter(plan.split_and_class(number) for number in range(plan.records))

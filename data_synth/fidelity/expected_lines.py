@@ -53,7 +53,10 @@ _FAR, _FINE_HZ = 0.08, 1.0
 family, at least: harmonics of slow meshes that pass modes are high and weak."""
 _STRIDE = 4  # a power of two
 _SLOWEST = 0.01  # of the top speed: below, lines are at frequencies where the stiffness acts statically
-_BEYOND = 1.2  # times the highest line in the band: lines beyond it act on others
+_BEYOND, _ABOVE_MODES, _WIDER = 1.2, 2.0, 2**0.25
+"""Times half the rate, and the highest mode where the integration may err by `_ERROR`, more with its sixth root: lines
+beyond act on others. Up to 1.5 times a mode of gain 9 they err by 5 %, up to 2 times by 1.2 %, up to 3 times by 0.3 %.
+And the steps in which a band is wider."""
 _ALIKE = 1.5  # times slower than the highest speed, speeds have the same lines; slower ones have more
 _INDEPENDENT = 1e-5  # of the largest of independent histories, below which one is left out
 _COUPLED = 0.02  # of the RMS of the stiffness that varies most at the orders of a family: less couples nothing
@@ -61,7 +64,7 @@ _RESIDUAL = 2e-6  # of the equations, over the largest excitation: a fault may b
 _MOST_SWEEPS = 16  # each leaves 2 to 15 per cent
 _NO_USE = 0.7  # of what the sweep before left: the stiffness excites vibration that grows
 _PART = 0.05  # of the force in a spring: less is not waited for, and modes with less deflect at once
-_FAST = 1.5  # rad in a step of a sweep: modes that turn faster deflect at once
+_FAST = 2.5  # rad in a step of a sweep, where the highest line has 2.1: modes that turn faster deflect at once
 _LONGEST_RUN_IN = 1 << 18  # steps before the period of a sweep, where modes are hardly damped
 
 
@@ -160,7 +163,11 @@ def _of_teeth(motion: Motion, shares: Array) -> tuple[ExpectedLines, ...]:
     response, orders = response_of(motion), stage.scene.exact_orders("gear_mesh")
     of_mesh = {number: order for name, order in orders.items() for number in contacts_in(system, name)}
     lowest_hz, highest_hz = max(np.min(speed_hz), _SLOWEST * np.max(speed_hz)), float(np.max(speed_hz))
-    band_hz = _BEYOND * rate_hz / 2
+    finer = _ERROR / stage.scene.dynamics_or_default.error
+    highest = _ABOVE_MODES * finer ** (1 / 6) * _Modes.of(response, np.arange(len(system.meshes))).highest_hz
+    # in steps, so that sound and damaged gears, whose modes differ a little, have the same lines
+    wider = math.ceil(math.log(max(highest / (_BEYOND * rate_hz / 2), 1.0), _WIDER))
+    band_hz = _BEYOND * rate_hz / 2 * _WIDER**wider
     top = band_hz / max(lowest_hz, highest_hz / LOWER_SPEEDS)
     excitations = [_Excitation.of(mesh, of_mesh[number], top=top) for number, mesh in enumerate(system.meshes)]
     frequency_hz = np.linspace(0.0, band_hz * min(highest_hz / lowest_hz, _ALIKE), _RESPONSES)
@@ -170,15 +177,17 @@ def _of_teeth(motion: Motion, shares: Array) -> tuple[ExpectedLines, ...]:
     inputs_n = shares * np.concatenate([np.ones((1, shares.size)), static_n])
     rates = np.gradient(speed_hz, stage.instants_s)
     damping = float(np.min(-response.poles.real / np.abs(response.poles)))
-    apart = _APART * damping * (stage.scene.dynamics_or_default.error / _ERROR) ** 0.25
+    apart = _APART * damping / finer**0.25
+    # one set of speeds for all families, as some are what others are without the damage
+    slow_hz = _FINE_HZ / float(max(of_mesh.values())) / (_APART * damping)
+    every_hz = _speeds(lowest_hz, highest_hz, apart=min(apart, _FAR), slow_hz=slow_hz)
+    speeds_hz = _about(every_hz, speed_hz[shares > 0])
     families = _families(excitations, tuple(stage.scene.exact_orders("tooth").values()), top=top)
     driven = [_Driven.of(family, excitations, inputs_n) for family in families]
     # the same error in N for all: a family that is weak beside others need not be as exact by itself
     largest = max((float(np.max(np.linalg.norm(_rows(each.excitation), axis=1))) for each in driven), default=0.0)
     found = []
     for family, each in zip(families, driven, strict=True):
-        own = [of_mesh[number] for number in each.meshes.tolist()]
-        fastest = float(max(order for order in own if (order / family.base).denominator == 1))
         solved = partial(
             _balanced,
             gains=gains[np.ix_(each.meshes, each.meshes)],
@@ -187,9 +196,6 @@ def _of_teeth(motion: Motion, shares: Array) -> tuple[ExpectedLines, ...]:
             step_hz=float(frequency_hz[1]),
             bound=_RESIDUAL * largest,
         )
-        slow_hz = _FINE_HZ / fastest / (_APART * damping)
-        every_hz = _speeds(lowest_hz, highest_hz, apart=min(apart, _FAR), slow_hz=slow_hz)
-        speeds_hz = _about(every_hz, speed_hz[shares > 0])
         slowest_hz = np.maximum(lowest_hz, np.minimum(speeds_hz, highest_hz / _ALIKE))
         sizes = np.floor(band_hz / slowest_hz / float(family.base)).astype(np.int64)
         forces = _over_speeds(partial(solved, base=family.base), each.excitation, speeds_hz, sizes)
@@ -517,6 +523,18 @@ class _Modes:
             poles=response.poles[kept], deflections=counts * deflections, inputs=response.inputs[np.ix_(kept, meshes)]
         )
 
+    @property
+    def largest(self) -> Array:
+        """Largest force in a spring per N of p, (mode,)."""
+        sizes = np.max(np.abs(self.deflections), axis=0) * np.max(np.abs(self.inputs), axis=1)
+        with np.errstate(divide="ignore"):
+            return np.asarray(sizes / (2 * np.abs(self.poles.real)))
+
+    @property
+    def highest_hz(self) -> float:
+        """Frequency of the highest mode that the stiffness brings into play."""
+        return float(np.max(np.abs(self.poles[self.largest > 1]), initial=0.0)) / (2 * np.pi)
+
     def swept(self, right: Singles, varying: _Varying, period_s: float) -> Singles:
         """Return about the p (input, mesh, k) of which ``p - varying delta`` is so much, delta their deflections."""
         from scipy.fft import rfft  # noqa: PLC0415
@@ -525,9 +543,8 @@ class _Modes:
 
         waves = varying.waves_of(right)
         step_s, poles = period_s / waves.shape[-1], self.poles
-        largest = np.max(np.abs(self.deflections), axis=0) * np.max(np.abs(self.inputs), axis=1) / 2
         with np.errstate(divide="ignore"):
-            rings = np.log(largest / (_PART * np.abs(poles.real)))  # until little of a mode is left, in its time
+            rings = np.log(self.largest / _PART)  # until little of a mode is left, in its time
         slow = (rings > 0) & (np.abs(poles) * step_s < _FAST)
         at_once = ((self.deflections[:, ~slow] / -poles[~slow]) @ self.inputs[~slow]).real
         poles, outputs, inputs = poles[slow], self.deflections[:, slow], self.inputs[slow]
