@@ -32,10 +32,10 @@ not in any. `lines` counts those of the faulty record. Time of the processor for
 less than this share of their RMS over time (`truth_line_change`); all of them where Z has no window. That is so where
 motion is steady or kinematic, and in varying motion where Z is the quasi-static response of each line at its exact
 order, less what it lags behind the speed: a harmonic balance with the varying stiffness of all meshes and damaged
-teeth, whose lines are stated down to 5e-5 of the loudest. Where the balance leaves more than 1 % of the power (5 % in
-`benchmark-1`, whose integration may err by 1 %), under planets, with friction, behind large losses of contact, in a
-start that passes resonances too fast, a projection adds to all lines what the signal has beside it; they are fitted
-together, so that they add up to the signal, and how what is added is split among neighbours is uncertain.
+teeth, whose lines are stated down to 5e-5 of the loudest. Where the balance leaves more than 5 % of the power,
+and not in few places as what rings after a step: under planets, with friction, behind large losses of contact, a
+projection adds to all lines what the signal has beside it; they are fitted together, so that they add up to the signal,
+and how what is added is split among neighbours is uncertain.
 
 Where damage grows, the balance is that of the teeth at some instants, and Z linear between them; at constant speed and
 torque what is left is projected as well.
@@ -69,6 +69,13 @@ def cases() -> Iterator[tuple[str, Scene]]:
     growing = gears.changed(faults=(gears.faults[0].changed(depth_mm=0.5, growth=growth),))
     yield "the same, its crack growing from 0.5 to 1.5 mm", growing
     yield "the same, growing, 1200 to 1500 rpm", growing.changed(speed=ramp)
+    start, slow = {"link": "input", "rpm": [[0, 1], [4, 1200]]}, {"link": "input", "rpm": [[0, 90], [4, 180]]}
+    yield "the same, a start from 1 to 1200 rpm in 4 s", gears.changed(speed=start, duration_s=4)
+    yield "the same, 90 to 180 rpm in 4 s", gears.changed(speed=slow, duration_s=4)
+    step = {"link": "input", "rpm": [[0, 1200], [2, 1200], [2.02, 1320], [4, 1320]]}
+    yield "the same, 1200 to 1320 rpm in 0.02 s", gears.changed(speed=step, duration_s=4)
+    narrow = {"link": "input", "rpm": [[0, 1200], [4, 1500]]}
+    yield "the same, 1200 to 1500 rpm, at 14 kHz", gears.changed(speed=narrow, duration_s=4, rate_hz=14_000)
     rubbing = tomllib.loads(gears.to_toml())
     for mesh in rubbing["dynamics"]["meshes"].values():
         mesh["friction_coefficient"] = 0.05

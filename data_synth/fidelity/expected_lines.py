@@ -51,6 +51,7 @@ the width of a mode, where the integration may err by so much; by another error,
 _FAR, _FINE_HZ = 0.08, 1.0
 """Of the speed, at most, so that all four speeds of a cubic have all lines in the band; and of the fastest mesh of a
 family, at least: harmonics of slow meshes that pass modes are high and weak."""
+_LEAST_DAMPING = 1e-3  # less of it leaves so many speeds apart, and lines that no quasi-static response has
 _STRIDE = 4  # a power of two
 _SLOWEST = 0.01  # of the top speed: below, lines are at frequencies where the stiffness acts statically
 _BEYOND, _ABOVE_MODES, _WIDER = 1.2, 2.0, 2**0.25
@@ -176,7 +177,7 @@ def _of_teeth(motion: Motion, shares: Array) -> tuple[ExpectedLines, ...]:
     static_n = static_tooth_forces(stage, system, motion.drive_load)
     inputs_n = shares * np.concatenate([np.ones((1, shares.size)), static_n])
     rates = np.gradient(speed_hz, stage.instants_s)
-    damping = float(np.min(-response.poles.real / np.abs(response.poles)))
+    damping = max(float(np.min(-response.poles.real / np.abs(response.poles))), _LEAST_DAMPING)
     apart = _APART * damping / finer**0.25
     # one set of speeds for all families, as some are what others are without the damage
     slow_hz = _FINE_HZ / float(max(of_mesh.values())) / (_APART * damping)
