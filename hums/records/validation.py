@@ -221,8 +221,9 @@ def _check_spacing(name: str, times_s: NDArray[np.float64], per_rev: int, rate_h
     if change > _MAX_CHANGE_PER_TURN:
         raise RecordError(
             f"{what} and come without order: from one to the next, and from one revolution to the next, their "
-            f"distance changes by {change:.0%} and more, in the middle of all. No shaft turns like that; is this a vibration, not a tachometer's signal? Name "
-            "the tachometer's own channel or pulse times (--tach-waveform, --tach-times)."
+            f"distance changes by {change:.0%}, in the middle of all. No shaft turns like that; is this a vibration, "
+            "not a tachometer's signal? Name the tachometer's own channel or pulse times (--tach-waveform, "
+            "--tach-times)."
         )
 
 
