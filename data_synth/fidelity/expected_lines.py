@@ -480,14 +480,14 @@ def _balanced(
         return np.asarray(forces - varying.times(total))
 
     found, left, known = start, np.full(excitation.shape[0], np.inf), excitation - remainder(start)
-    for _ in range(_MOST_SWEEPS):
-        size = np.linalg.norm(_rows(known), axis=1)
-        if not np.any(size < _NO_USE * left):  # also of what left the range of numbers
-            break
-        found, left = start, size
-        if np.all(left <= bound):
-            break
-        with np.errstate(over="ignore", invalid="ignore"):
+    with np.errstate(over="ignore", invalid="ignore"):  # where the stiffness excites vibration that grows
+        for _ in range(_MOST_SWEEPS):
+            size = np.linalg.norm(_rows(known), axis=1)
+            if not np.any(size < _NO_USE * left):
+                break
+            found, left = start, size
+            if np.all(left <= bound):
+                break
             start = found + modes.swept(known, varying, 1 / (float(base) * speed_hz))
             known = excitation - remainder(start)
     return found
