@@ -66,7 +66,7 @@ _MOST_SWEEPS = 16  # each leaves 2 to 15 per cent
 _NO_USE = 0.7  # of what the sweep before left: the stiffness excites vibration that grows
 _PART = 0.05  # of the force in a spring: less is not waited for, and modes with less deflect at once
 _FAST = 2.5  # rad in a step of a sweep, where the highest line has 2.1: modes that turn faster deflect at once
-_LONGEST_RUN_IN = 1 << 18  # steps before the period of a sweep, where modes are hardly damped
+_LONGEST_RUN_IN = 1 << 15  # steps before the period of a sweep, where modes are hardly damped
 
 
 @dataclass(frozen=True, kw_only=True)

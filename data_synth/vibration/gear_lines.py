@@ -48,6 +48,7 @@ _DETERMINED = 0.01  # of the RMS of a line
 _SMALL = 0.05
 """Of the power: what expected lines may leave of it. What rings after a step of speed or a start is no line, and
 windows that find it elsewhere in sound than in damaged gears make more of it than a fault has."""
+_USELESS = 0.9  # of the power: lines that leave more of it are not what is there, and may be anything in between
 _RINGS, _SELDOM = 0.5, 0.125
 """Of the power, what expected lines may leave of it in few places, such a share of them: it rings, and is none."""
 _NO_USE = 4.0  # times the least error: shorter windows are worse still
@@ -414,7 +415,7 @@ def _varying_lines(
     alone = left.sum() / max(whole.sum(), np.finfo(float).tiny)
     rings = most and alone < _RINGS and np.mean(left > most * whole) <= _SELDOM
     if alone > most and not rings:
-        if alone >= 1:  # resonances are passed too fast for the lines that are expected
+        if alone > _USELESS:  # resonances are passed too fast for the lines that are expected
             prior = _Lines(chosen=prior.chosen[:0], amplitudes=prior.amplitudes[:, :0], changes=prior.changes[:0])
         fitted, window = _varying_fit(samples, candidates, instants_s, prior)
         return fitted, _about_fit(fitted, window, prior)
