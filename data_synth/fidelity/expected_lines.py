@@ -49,8 +49,8 @@ _APART, _ERROR = 0.7, 1e-2
 """How far apart are speeds between which p is interpolated, in least damping ratios, by one of which a line passes half
 the width of a mode, where the integration may err by so much; by another error, with its fourth root, as cubics err."""
 _FAR, _FINE_HZ = 0.08, 1.0
-"""Of the speed, at most, so that all four speeds of a cubic have all lines in the band; and of the fastest mesh of a
-family, at least: harmonics of slow meshes that pass modes are high and weak."""
+"""Of the speed, at most, so that all four speeds of a cubic have all lines in the band; and of the fastest mesh, what
+speeds are farther apart than that share of them: harmonics of slow meshes that pass modes are high and weak."""
 _LEAST_DAMPING = 1e-3  # less of it leaves so many speeds apart, and lines that no quasi-static response has
 _STRIDE = 4  # a power of two
 _SLOWEST = 0.01  # of the top speed: below, lines are at frequencies where the stiffness acts statically
@@ -217,7 +217,7 @@ def _of_teeth(motion: Motion, shares: Array) -> tuple[ExpectedLines, ...]:
     return tuple(found)
 
 
-def _speeds(lowest_hz: float, highest_hz: float, *, apart: float, slow_hz: float = 0.0) -> Array:
+def _speeds(lowest_hz: float, highest_hz: float, *, apart: float, slow_hz: float) -> Array:
     """Return speeds that, with `slow_hz` added, rise by one factor, at most ``1 + apart``.
 
     Intervals are a multiple of `_STRIDE`, or few.

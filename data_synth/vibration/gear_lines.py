@@ -160,11 +160,8 @@ class ExpectedLines:
         return found
 
     def _at(self, multiples: NDArray[np.int_], speed: Array, inputs_n: Array) -> ComplexArray:
-        shares = (
-            (_cubic(speed + self.slow_hz, self.speeds_hz + self.slow_hz)[:, None] * inputs_n)
-            .reshape(-1, speed.size)
-            .astype(np.float32)
-        )
+        weights = _cubic(speed + self.slow_hz, self.speeds_hz + self.slow_hz)
+        shares = (weights[:, None] * inputs_n).reshape(-1, speed.size).astype(np.float32)
         place = np.multiply.outer(float(self.base_order) / self.frequency_hz[1] * multiples, speed)
         number = np.minimum(place.astype(np.int32), self.frequency_hz.size - 2)
         part = np.minimum(place - number, 1.0).astype(np.float32)
@@ -412,8 +409,8 @@ def _varying_lines(
 
     ends = prior.amplitudes[:, :, places]
     left, whole = _powers(samples, candidates.values[prior.chosen], ends, instants_s=instants_s, begins=begins)
-    alone = left.sum() / max(whole.sum(), np.finfo(float).tiny)
-    rings = most and alone < _RINGS and np.mean(left > most * whole) <= _SELDOM
+    alone = _share(left, whole)
+    rings = alone < _RINGS and np.mean(left > most * whole) <= _SELDOM
     if alone > most and not rings:
         if alone > _USELESS:  # resonances are passed too fast for the lines that are expected
             prior = _Lines(chosen=prior.chosen[:0], amplitudes=prior.amplitudes[:, :0], changes=prior.changes[:0])
@@ -435,7 +432,11 @@ def _left(
     samples: AngleSamples, orders: Array, amplitudes: ComplexArray, *, instants_s: Array, begins: NDArray[np.int_]
 ) -> float:
     """Return the share of the power that lines (channel, k, begin, 2) leave between instants and the next ones."""
-    left, whole = _powers(samples, orders, amplitudes, instants_s=instants_s, begins=begins)
+    return _share(*_powers(samples, orders, amplitudes, instants_s=instants_s, begins=begins))
+
+
+def _share(left: Array, whole: Array) -> float:
+    """Return the share of all power that is left."""
     return float(left.sum() / max(whole.sum(), np.finfo(float).tiny))
 
 
@@ -443,11 +444,8 @@ def _powers(
     samples: AngleSamples, orders: Array, amplitudes: ComplexArray, *, instants_s: Array, begins: NDArray[np.int_]
 ) -> tuple[Array, Array]:
     """Return the sums of squares (begin,) that lines (channel, k, begin, 2) leave up to the next instants, and all."""
-    times_s, left, whole = (
-        np.arange(samples.signal.shape[1]) / samples.rate_hz,
-        np.zeros(begins.size),
-        np.zeros(begins.size),
-    )
+    times_s = np.arange(samples.signal.shape[1]) / samples.rate_hz
+    left, whole = np.zeros((2, begins.size))
     edges = np.searchsorted(times_s, instants_s)
     for number, begin in enumerate(begins.tolist()):
         here = slice(*edges[begin : begin + 2])
