@@ -27,9 +27,9 @@ DEFLECTION, COMPRESSION, CONTACT, IN_FLOW, CORRECTION = range(5)  # of each mesh
 class StepFlow(NamedTuple):
     """Exact flow over a step, and what impulses at its beginning and in its middle do.
 
-    Impulses come from forces, then from drags, then from varying loads, k in all. ``columns`` (c, width) are those of
-    the matrix from x at the beginning, impulses there, and the transmission errors of each force at beginning, middle
-    and end, to x and deflections (forces,) at the end, then deflections (forces,) and speeds with drag (drags,) in the
+    Impulses come from forces, then from drags, k in all. ``columns`` (c, width) are those of the matrix from x at the
+    beginning, impulses there, and the transmission errors of each force and the varying loads at beginning, middle and
+    end, to x and deflections (forces,) at the end, then deflections (forces,) and speeds with drag (drags,) in the
     middle; ``added`` (width,) is what the constant load adds. ``directions`` (k, n): change of the modal velocities per
     impulse. ``from_middle`` (k, 2 n + forces): change of x and of deflections at the end per impulse in the middle;
     its rows are a multiple of four, c is even, zeros fill both and the width. ``speed_changes`` (drags, k): change of
@@ -228,14 +228,15 @@ def split_steps(
 ) -> None:
     """Propagate x over all samples of a block and compute the outputs at each.
 
-    The mean stiffness of a mesh and its transmission error, a parabola over each step, are in the exact flow; so
-    impulses do not grow with an error, however large. What these lack acts by impulses at both ends of a step and in
-    its middle: integrals of the stiffness times the quadratic Lagrange polynomials through these nodes, exact across
-    jumps. The middle one also has the commutator of two mesh forces: h^3 times a quadratic form of their Legendre
-    coefficients. What acts at the end of a step waits for what acts at the beginning of the next, but at a sample.
+    The mean stiffness of a mesh, its transmission error and varying loads, parabolas over each step, are in the exact
+    flow; so impulses do not grow with an error, however large. What these lack acts by impulses at both ends of a step
+    and in its middle: integrals of the stiffness times the quadratic Lagrange polynomials through these nodes, exact
+    across jumps. The middle one also has the commutator of two mesh forces: h^3 times a quadratic form of their
+    Legendre coefficients. What acts at the end of a step waits for what acts at the beginning of the next, but at a
+    sample.
     The deflection at the middle node lacks `correction`, the effect of the forces until then beyond the impulse at the
     start: over a step it cancels, but weighted mesh forces need it.
-    `loads` (2 steps + 1, loads) are the varying ones at the beginning and in the middle of each step.
+    `loads` (2 steps + 1, loads) are the varying ones at the beginning and in the middle of each step, and at the end.
     `history_positions` (steps, meshes) are those in the histories of the meshes; (0, meshes) where none has one.
     `weighted_forces` (samples, 2 meshes) receives the force of each mesh under the triangular weight, then the force
     at the sample; `next_weighted` (meshes,) is the known part of the next weighted force; (0, 2 meshes) where the
@@ -245,13 +246,13 @@ def split_steps(
     drags, drag_factors, speed_changes = equations.drags, equations.drag_factors, flow.speed_changes
     columns, added, directions, from_middle = flow.columns, flow.added, flow.directions, flow.from_middle
     size, meshes = deflection_rows.shape
-    braked, first_load = drag_factors.size, meshes + drag_factors.size
+    braked = drag_factors.size
     ends, middles, after = 2 * size, 2 * size + meshes, np.empty(added.size)  # where the deflections are in `after`
     # what acts in the middle of a step; and x, with what acts at its beginning
     impulse, state, speeds = np.zeros(from_middle.shape[0]), np.zeros(columns.shape[0]), np.zeros(braked)
     for i in range(ends):
         state[i] = start[i]
-    x, pending, shifts = state[:ends], state[ends : ends + directions.shape[0]], state[ends + directions.shape[0] :]
+    x, pending, inputs = state[:ends], state[ends : ends + directions.shape[0]], state[ends + directions.shape[0] :]
     # side by side for each mesh: loops over few meshes are not worth vectors
     teeth, force = np.empty((meshes, 4)), np.zeros((meshes, 5))
     for m in range(meshes):
@@ -286,7 +287,10 @@ def split_steps(
             read_teeth(equations, some, history_positions, number, known, stiffness, errors)
         for m in range(meshes):
             for node in range(3):
-                shifts[3 * m + node] = equations.following[m] * errors[here, m, node]
+                inputs[3 * m + node] = equations.following[m] * errors[here, m, node]
+        for load in range(loads.shape[1]):
+            for node in range(3):
+                inputs[3 * (meshes + load) + node] = loads[2 * number + node, load]
         for node in range(3):
             weight, acting = (two_thirds, impulse) if node == 1 else (sixth, pending)
             if node == 0 and braked:
@@ -306,7 +310,7 @@ def split_steps(
                 force[m, COMPRESSION], force[m, CONTACT] = dead_zone(
                     deflection - errors[here, m, node], teeth[m, GAP], teeth[m, BACK_GAP]
                 )
-                force[m, IN_FLOW] = teeth[m, MEAN] * (deflection - shifts[3 * m + node] - teeth[m, OFFSET])
+                force[m, IN_FLOW] = teeth[m, MEAN] * (deflection - inputs[3 * m + node] - teeth[m, OFFSET])
                 a0, a1, a2 = stiffness[here, m, 0], stiffness[here, m, 1], stiffness[here, m, 2]
                 strength = a0 - 0.2 * a2 if node == 1 else a0 + (node - 1) * a1 + 0.4 * a2
                 lacking = strength * force[m, COMPRESSION] - force[m, IN_FLOW]
@@ -331,14 +335,11 @@ def split_steps(
                     compression = force[m, COMPRESSION] - force[m, CORRECTION]
                     next_weighted[m] += rising_weight * compression
                     weighted_forces[sample, m] += (both_weights - rising_weight) * compression
-            for load in range(loads.shape[1]):
-                acting[first_load + load] += weight * loads[2 * number + node, load]
             if node != 1:
                 continue
             for d in range(braked):
-                for k in range(directions.shape[0]):
-                    if not meshes <= k < first_load:
-                        speeds[d] += speed_changes[d, k] * impulse[k]
+                for k in range(meshes):
+                    speeds[d] += speed_changes[d, k] * impulse[k]
             brake(two_thirds / 2, speeds, impulse, drag_factors, speed_changes, meshes, False)
             add_columns(from_middle, impulse, after[:middles], 0)
             for i in range(ends):

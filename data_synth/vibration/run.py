@@ -262,7 +262,10 @@ class Motion:
             )
         weighted = WeightedForces.of(trial_output)
         long_s = max(1, min(scene.samples - 1, _TRIAL)) / scene.rate_hz
-        start_s = min(max(0.0, self.critical_time_s() - long_s / 2), max(0.0, scene.duration_s - long_s))
+        critical_s, reverses = self.critical_time_s()
+        # a torque that rises from zero has parted the teeth before time zero
+        first_s = -min(self.settling_time_s, long_s / 2) if reverses else 0.0
+        start_s = min(max(first_s, critical_s - long_s / 2), max(0.0, scene.duration_s - long_s))
         try:
             return steps_to_a_sample(
                 self.problem(start_s, long_s),
@@ -273,16 +276,16 @@ class Motion:
         except IntegrationError as caught:
             raise not_followed(caught) from None
 
-    def critical_time_s(self) -> float:
-        """Return the time that needs most steps: a torque reversal with backlash, or the top speed."""
+    def critical_time_s(self) -> tuple[float, bool]:
+        """Return the time that needs most steps, and whether it is a torque reversal with backlash or the top speed."""
         drive, torque = self.stage.drive, self.stage.drive.torque
         times_s = self.stage.instants_s
         if torque is not None and any(mesh.backlash_m > 0 for mesh in self.system.meshes):
             reversals = np.flatnonzero(np.diff(np.sign(torque.at(times_s))))
             if reversals.size:
-                return float(times_s[reversals[0]])
+                return float(times_s[reversals[0]]), True
         speeds_hz = drive.angle.speed_hz(times_s)
-        return float(times_s[np.argmax(speeds_hz >= _TOP * np.max(speeds_hz))])
+        return float(times_s[np.argmax(speeds_hz >= _TOP * np.max(speeds_hz))]), False
 
     def problem(self, start_s: float, duration_s: float) -> Problem:
         """Return the initial value problem from a time on, starting at rest or in static equilibrium.

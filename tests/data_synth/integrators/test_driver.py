@@ -26,6 +26,7 @@ from gear_pair import (
     whole_state,
     worst,
 )
+from numpy.testing import assert_allclose
 
 from data_synth.dynamics.system import Mesh, System
 from data_synth.gears.transmission_error import Eccentricity
@@ -163,6 +164,22 @@ class TestOrders:
         errors = [worst(run(problem, Splitting(), steps=s, rate_hz=5.4e3), reference) for s in (1, 2, 4)]
         # 2^4 when the step is halved; a fifth less is left to the next order's share
         assert errors[0] > 12.8 * errors[1] > 12.8**2 * errors[2], errors
+
+    def test_a_load_that_is_a_parabola_in_time_is_exact_in_any_step(self):
+        """x = 1 - 2 t + 3 t^2 of an oscillator of 200 rad/s, 3 rad to a step, under the load that this takes."""
+        one, w, c = np.eye(1), 200.0, 10.0
+        system = System(mass=one, damping=c * one, stiffness=w * w * one, meshes=(), names=("mass x",))
+
+        def x(t):
+            return 1 - 2 * t + 3 * t**2
+
+        load = Load(constant=np.full(1, 6.0), varying=lambda t: (w * w * x(t) + c * (6 * t - 2))[:, None])
+        start = State(displacement=np.ones(1), velocity=np.full(1, -2.0))
+        problem = Problem(system=system, reference=turning(), load=load, duration_s=1.0, start=start)
+        found = integrate(
+            problem, method=Splitting(), output=Output(rate_hz=66.0, displacement=one), tolerance=Steps(per_sample=1)
+        )
+        assert_allclose(found.values[:, 0], x(found.times_s), rtol=1e-12)
 
     def test_a_quadratic_load_keeps_second_order_and_little_error(self):
         problem = driven(pair(ten_harmonics()), duration_s=0.2, drag=DRAG)
