@@ -104,15 +104,20 @@ class BearingFault(SizedFault):
     def _check(self) -> Self:
         for key, kinds in _ONLY.items():
             if getattr(self, key) != type(self).model_fields[key].default and self.kind not in kinds:
-                raise ValueError(f"{key} is a matter of {' and '.join(kinds)}, not of {self.kind}; leave it out")
+                which = " and ".join([", ".join(kinds[:-1]), kinds[-1]] if kinds[1:] else kinds)
+                raise ValueError(f"{key} is a matter of {which}, not of {self.kind}; leave it out")
         return self
 
 
+_OF_ROLLING = ("inner_race", "outer_race", "rolling_element")
 _ONLY = {
+    "load_distribution": _OF_ROLLING,
+    "load_exponent": _OF_ROLLING,
+    "load_turns_with": _OF_ROLLING,
     "place_deg": ("outer_race",),
     "inner_share": ("rolling_element",),
     "entry_share": ("inner_race", "outer_race"),
-    "pulse_share": ("inner_race", "outer_race", "rolling_element"),
-    "five_dof": ("inner_race", "outer_race", "rolling_element"),
+    "pulse_share": _OF_ROLLING,
+    "five_dof": _OF_ROLLING,
 }
 """The kinds of bearing fault that have a key."""

@@ -168,7 +168,7 @@ def test_a_face_width_that_nobody_declares_is_asked_for(kind, shape):
 def test_a_size_that_a_tooth_does_not_have_is_refused(fidelity):
     for kind, size, words in (
         ("spall", 3.0, "half the thickness of its tooth, 2.35619 mm"),
-        ("wear", 3.0, "half the thickness of its tooth"),
+        ("wear", 1.2, "a quarter of the thickness of its tooth, 1.1781 mm"),
         ("eccentricity", 0.8, "the bottom clearance, 0.75 mm"),
         ("chipping", 31.0, "the face width of 30 mm"),
         ("tooth_crack", 12.0, "the root of its tooth, 10.5"),

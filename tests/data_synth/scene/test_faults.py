@@ -283,6 +283,8 @@ def test_what_makes_no_sense_is_refused():
         declared(Pitting, count=4, spread=3)
     with pytest.raises(ValueError, match="count"):
         declared(Wear, count=4)
+    with pytest.raises(ValueError, match="impact_per_mm is a matter of damaged teeth, not of a whole gear"):
+        declared(Wear, impact_per_mm=0.5)
     # on a gear of few teeth pits come round
     few = replace(GEAR, teeth=3)
     assert np.count_nonzero(PITTED["pitting"].damage(2.0, few).removed_m) <= 3
