@@ -15,6 +15,7 @@ Array = NDArray[np.float64]
 
 # below this many cycles, Gauss's rule: the difference of two periodic integrals would lose digits
 SHORT = 1.0 / 512
+LONGEST = 1.0 / 8  # cycles to which Gauss's rule with four points is applied: 2e-3 of a tenth harmonic, at most
 _POINTS, _WEIGHTS = (0.5 * (np.polynomial.legendre.leggauss(4)[i] + (1, 0)[i]) for i in range(2))
 POINT0, POINT1, POINT2, POINT3 = (float(p) for p in _POINTS)
 OUTER_NODE = 0.5 * math.sqrt(0.6)  # the outer ones of three, from the middle
@@ -61,6 +62,76 @@ def value_at(waves: Waves, which: int, phase: float) -> float:
     return value_in(waves, segment, x)
 
 
+@compiled_inside
+def edge_of(waves: Waves, which: int, segment: int) -> float:
+    """Return where a segment ends."""
+    last = segment + 1 == waves.segments[which + 1]
+    edge: float = waves.periods[which] if last else waves.starts[segment + 1]
+    return edge
+
+
+@compiled_inside
+def following(waves: Waves, which: int, segment: int) -> int:
+    """Return the segment after one, or the first after the last."""
+    after: int = waves.segments[which] if segment + 1 == waves.segments[which + 1] else segment + 1
+    return after
+
+
+@compiled_inside
+def jumps_within(waves: Waves, which: int, start: float, stop: float) -> bool:
+    """Return whether the function jumps, or runs steeply, in an interval, of which the lower end does not count."""
+    low, left = min(start, stop), abs(stop - start)
+    segment, x = locate(waves, which, low)
+    while True:
+        width = edge_of(waves, which, segment) - x
+        if width > left:
+            return False
+        segment = following(waves, which, segment)
+        if waves.jumps[segment]:
+            return True
+        left -= max(width, 0.0)
+        x = waves.starts[segment]
+
+
+@compiled
+def legendre_of_product(
+    one: Waves, first: int, other: Waves, second: int, start: float, stop: float
+) -> tuple[float, float, float]:
+    """Return what `legendre` does of the product of two functions, by Gauss's rule between the jumps of either."""
+    low, high = min(start, stop), max(start, stop)
+    whole, at = high - low, low
+    own, x = locate(one, first, low)
+    its, y = locate(other, second, low)
+    if whole == 0.0:
+        return value_in(one, own, x) * value_in(other, its, y), 0.0, 0.0
+    sum0 = sum1 = sum2 = 0.0
+    while True:
+        # past an edge by rounding, the interval up to it is empty
+        left, to_own = high - at, max(edge_of(one, first, own) - x, 0.0)
+        to_its = max(edge_of(other, second, its) - y, 0.0)
+        width = min(left, to_own, to_its, LONGEST)
+        for point in range(4):
+            place = (POINT0, POINT1, POINT2, POINT3)[point] * width
+            weight = (WEIGHT0, WEIGHT1, WEIGHT2, WEIGHT3)[point]
+            share = weight * width / whole * (value_in(one, own, x + place) * value_in(other, its, y + place))
+            t = 2 * (at - low + place) / whole - 1
+            sum0 += share
+            sum1 += share * t
+            sum2 += share * (1.5 * t * t - 0.5)
+        if width == left:
+            break
+        at, x, y = at + width, x + width, y + width
+        if width == to_own:
+            own = following(one, first, own)
+            x = one.starts[own]
+        if width == to_its:
+            its = following(other, second, its)
+            y = other.starts[its]
+    if stop < start:
+        sum1 = -sum1
+    return sum0, 3 * sum1, 5 * sum2
+
+
 @compiled
 def legendre_across(
     waves: Waves, which: int, start: float, stop: float, segment: int, x: float
@@ -70,10 +141,9 @@ def legendre_across(
     whole, at = high - low, low
     sum0 = sum1 = sum2 = 0.0
     while at < high:
-        last = segment + 1 == waves.segments[which + 1]
-        edge = waves.periods[which] if last else waves.starts[segment + 1]
+        edge = edge_of(waves, which, segment)
         # past an edge by rounding, the interval up to it is empty
-        width = min(high - at, max(edge - x, 0.0))
+        width = min(high - at, max(edge - x, 0.0), LONGEST)
         for point in range(4):
             place = (POINT0, POINT1, POINT2, POINT3)[point]
             weight = (WEIGHT0, WEIGHT1, WEIGHT2, WEIGHT3)[point]
@@ -82,11 +152,12 @@ def legendre_across(
             sum0 += share
             sum1 += share * t
             sum2 += share * (1.5 * t * t - 0.5)
-        if edge - x >= high - at:
+        if width == high - at:
             break
-        at += width
-        segment = waves.segments[which] if last else segment + 1
-        x = waves.starts[segment]
+        at, x = at + width, x + width
+        if x >= edge or width < LONGEST:
+            segment = following(waves, which, segment)
+            x = waves.starts[segment]
     if stop < start:
         sum1 = -sum1
     return sum0, 3 * sum1, 5 * sum2

@@ -11,11 +11,20 @@ from numpy.typing import NDArray
 
 from data_synth._compile import compiled, compiled_inside
 from data_synth.integrators._matrix_kernels import add_columns, apply_columns
-from data_synth.integrators._periodic_kernels import SHORT, integrals_at, legendre, legendre_short, value_at
+from data_synth.integrators._periodic_kernels import (
+    SHORT,
+    integrals_at,
+    jumps_within,
+    legendre,
+    legendre_of_product,
+    legendre_short,
+    value_at,
+)
 from data_synth.integrators.modal_problem import Equations
 from data_synth.integrators.periodic_tables import Waves
 
 Array = NDArray[np.float64]
+Booleans = NDArray[np.bool_]
 
 C00, C02, C22 = 1 / 36, 1 / 180, 1 / 3150  # of the commutator
 M0, M2 = 1 / 24, 1 / 480  # of the correction of the middle deflection
@@ -144,14 +153,45 @@ def forget(known: Array) -> None:
 
 
 @compiled
+def read_jump(equations: Equations, m: int, begin: float, end: float, position: float, jump: Array) -> None:
+    """Fill `jump` (6,) with Legendre coefficients over a step in which the error of a force jumps.
+
+    Those of stiffness times error come first, then those of the error; both are interpolated in the histories.
+    """
+    errors, stiffnesses = equations.errors, equations.stiffnesses
+    e_now, e_then, e_share = history_tables(equations.error_of[m], equations.later_errors[m], position)
+    k_now, k_then, k_share = history_tables(m, equations.later_stiffnesses[m], position)
+    for i in range(6):
+        jump[i] = 0.0
+    e, e_part = e_now, 1.0 - e_share
+    while True:
+        k, k_part = k_now, 1.0 - k_share
+        while True:
+            product = legendre_of_product(stiffnesses, k, errors, e, begin, end)
+            for i in range(3):
+                jump[i] += e_part * k_part * product[i]
+            if k == k_then:
+                break
+            k, k_part = k_then, k_share
+        own = legendre_short(errors, e, begin, end)
+        for i in range(3):
+            jump[3 + i] += e_part * own[i]
+        if e == e_then:
+            break
+        e, e_part = e_then, e_share
+
+
+@compiled
 def read_teeth(
-    equations: Equations, turns: Array, positions: Array, first: int, known: Array, stiffness: Array, errors: Array
-) -> None:
+    equations: Equations, turns: Array, positions: Array, first: int, known: Array,
+    stiffness: Array, errors: Array, jumping: Booleans, jumps: Array,
+) -> None:  # fmt: skip
     """Look up the teeth over steps that begin and end at `turns` (steps + 1,), in revolutions of the reference.
 
     `stiffness` (steps, meshes, 3) receives Legendre coefficients over each step, `errors` (steps, meshes, 3) the
-    transmission errors at its beginning, middle and end. `positions` are those in the
-    histories, from step `first` on; `known` is that of `legendre_of_step`.
+    transmission errors at its beginning, middle and end, `jumping` (steps, meshes) whether they jump in between: then
+    `jumps` (steps, meshes, 6) receives what `read_jump` finds. `positions` are those in the histories, from step
+    `first` on; `known` is that of `legendre_of_step`.
     """
     waves, steps = equations.stiffnesses, turns.size - 1
     for m in range(equations.cycles.size):
@@ -173,6 +213,18 @@ def read_teeth(
                         break
                     table, part = then, share
                 stiffness[step, m, 0], stiffness[step, m, 1], stiffness[step, m, 2] = a0, a1, a2
+        for step in range(steps):
+            jumping[step, m] = False
+            if not equations.jumping[m]:
+                continue
+            begin, end = cycles * turns[step], cycles * turns[step + 1]
+            position = positions[first + step, m] if positions.shape[0] > 0 else 0.0
+            now, then, share = history_tables(which, equations.later_errors[m], position)
+            jumping[step, m] = jumps_within(equations.errors, now, begin, end)
+            if share > 0.0 and not jumping[step, m]:
+                jumping[step, m] = jumps_within(equations.errors, then, begin, end)
+            if jumping[step, m]:
+                read_jump(equations, m, begin, end, position, jumps[step, m])
         if which < 0:
             for step in range(steps):
                 errors[step, m, 0] = errors[step, m, 1] = errors[step, m, 2] = 0.0
@@ -190,6 +242,17 @@ def read_teeth(
                 for node in range(3):
                     turned = start if node == 0 else stop if node == 2 else 0.5 * (start + stop)  # noqa: PLR2004
                     errors[step, m, node] = interpolated(equations.errors, now, then, share, cycles * turned)
+
+
+@compiled_inside
+def at_node(node: int, a0: float, a1: float, a2: float) -> float:
+    """Return the mean of a function over a step under the Lagrange polynomial of node 0, 1 or 2, which may be negative.
+
+    a0 to a2 are its Legendre coefficients.
+    """
+    if node == 1:
+        return a0 - 0.2 * a2
+    return a0 + (node - 1) * a1 + 0.4 * a2
 
 
 @compiled_inside
@@ -265,6 +328,7 @@ def split_steps(
     steps = outputs.shape[0] * per_sample
     tile = 1 if coupled else min(steps, TILE)
     stiffness, errors = np.empty((tile, meshes, 3)), np.empty((tile, meshes, 3))
+    jumping, jumps = np.empty((tile, meshes), dtype=np.bool_), np.empty((tile, meshes, 6))
     known, turns = np.empty((equations.stiffnesses.means.size, 3)), np.zeros(2)
     forget(known)
     for number in range(steps):
@@ -281,13 +345,18 @@ def split_steps(
             turns[1] = turns[0] + step * (speed + 0.5 * (speed - coupled_speed[0]))
             coupled_speed[0] = speed
             forget(known)
-            read_teeth(equations, turns, history_positions, number, known, stiffness, errors)
+            read_teeth(equations, turns, history_positions, number, known, stiffness, errors, jumping, jumps)
         elif here == 0:
             some = revolutions[number : min(number + tile, steps) + 1]
-            read_teeth(equations, some, history_positions, number, known, stiffness, errors)
+            read_teeth(equations, some, history_positions, number, known, stiffness, errors, jumping, jumps)
         for m in range(meshes):
             for node in range(3):
                 inputs[3 * m + node] = equations.following[m] * errors[here, m, node]
+            if jumping[here, m]:  # the parabola of the same mean and moments
+                e0, e1, e2 = jumps[here, m, 3], jumps[here, m, 4], jumps[here, m, 5]
+                inputs[3 * m] = equations.following[m] * (e0 - e1 + e2)
+                inputs[3 * m + 1] = equations.following[m] * (e0 - 0.5 * e2)
+                inputs[3 * m + 2] = equations.following[m] * (e0 + e1 + e2)
         for load in range(loads.shape[1]):
             for node in range(3):
                 inputs[3 * (meshes + load) + node] = loads[2 * number + node, load]
@@ -310,11 +379,16 @@ def split_steps(
                 force[m, COMPRESSION], force[m, CONTACT] = dead_zone(
                     deflection - errors[here, m, node], teeth[m, GAP], teeth[m, BACK_GAP]
                 )
-                force[m, IN_FLOW] = teeth[m, MEAN] * (deflection - inputs[3 * m + node] - teeth[m, OFFSET])
-                a0, a1, a2 = stiffness[here, m, 0], stiffness[here, m, 1], stiffness[here, m, 2]
-                strength = a0 - 0.2 * a2 if node == 1 else a0 + (node - 1) * a1 + 0.4 * a2
-                lacking = strength * force[m, COMPRESSION] - force[m, IN_FLOW]
-                acting[m] -= weight * lacking
+                followed = inputs[3 * m + node]
+                strength = at_node(node, stiffness[here, m, 0], stiffness[here, m, 1], stiffness[here, m, 2])
+                elastic = strength * force[m, COMPRESSION]
+                if jumping[here, m]:
+                    jump = jumps[here, m]
+                    followed = equations.following[m] * at_node(node, jump[3], jump[4], jump[5])
+                    exact = at_node(node, jump[0], jump[1], jump[2])
+                    elastic += force[m, CONTACT] * (strength * errors[here, m, node] - exact)
+                force[m, IN_FLOW] = teeth[m, MEAN] * (deflection - followed - teeth[m, OFFSET])
+                acting[m] -= weight * (elastic - force[m, IN_FLOW])
                 force[m, CORRECTION] = 0.0
             if node == 1:  # commutator of two mesh forces
                 for j in range(meshes):
@@ -333,8 +407,14 @@ def split_steps(
                     a0, a1, a2 = stiffness[here, m, 0], stiffness[here, m, 1], stiffness[here, m, 2]
                     rising_weight, both_weights = triangular_weights(node, sub, per_sample, a0, a1, a2)
                     compression = force[m, COMPRESSION] - force[m, CORRECTION]
-                    next_weighted[m] += rising_weight * compression
-                    weighted_forces[sample, m] += (both_weights - rising_weight) * compression
+                    rising, both = rising_weight * compression, both_weights * compression
+                    if jumping[here, m]:
+                        jump, contact, error = jumps[here, m], force[m, CONTACT], errors[here, m, node]
+                        exact, both_exact = triangular_weights(node, sub, per_sample, jump[0], jump[1], jump[2])
+                        rising += contact * (rising_weight * error - exact)
+                        both += contact * (both_weights * error - both_exact)
+                    next_weighted[m] += rising
+                    weighted_forces[sample, m] += both - rising
             if node != 1:
                 continue
             for d in range(braked):

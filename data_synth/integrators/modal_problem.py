@@ -3,6 +3,7 @@
 from collections.abc import Sequence
 from dataclasses import dataclass, replace
 from functools import cached_property
+from itertools import pairwise
 from typing import NamedTuple, TypeVar
 
 import numpy as np
@@ -179,7 +180,7 @@ class Equations(NamedTuple):
     ``mean_stiffnesses`` (forces,): those in the generator, zero for friction. ``backlashes`` and ``back_half_gaps``
     (forces,): half the backlash towards the driving and the back flank, the latter infinite for friction. ``offsets``
     (forces,): the deflections from which mean stiffness counts (`Assembled.offsets`); ``following`` (forces,): 1 where
-    it follows the transmission error (`Assembled.following`), else 0.
+    it follows the transmission error (`Assembled.following`), else 0; ``jumping`` (forces,): whether the error jumps.
     ``error_of`` (forces,): number of the transmission error in `errors`, -1 for none. ``later_stiffnesses`` and
     ``later_errors`` (forces,): number of the second table of a mesh with a history, -1 for none; the first is at its
     own number, or at ``error_of``. ``drags`` (drags, n): rows of the velocities with drag, and ``drag_factors``
@@ -198,6 +199,7 @@ class Equations(NamedTuple):
     back_half_gaps: Array
     offsets: Array
     following: Array
+    jumping: NDArray[np.bool_]
     cycles: Array
     drags: Array
     drag_factors: Array
@@ -280,6 +282,7 @@ class Assembled:
             back_half_gaps=np.concatenate([self.backlashes, none + np.inf]),
             offsets=np.concatenate([self.offsets, none]),
             following=np.concatenate([self.following, none]),
+            jumping=self.jumping[of],
             cycles=self.cycles[of],
             drags=self.drags,
             drag_factors=self.drag_factors,
@@ -307,6 +310,19 @@ class Assembled:
     def following(self) -> Array:
         """Whether mean stiffness follows the transmission error of a mesh: 1, or 0 where teeth hang at the start."""
         return np.where((self.offsets != 0) | (self.backlashes == 0), 1.0, 0.0)
+
+    @property
+    def jumping(self) -> NDArray[np.bool_]:
+        """Whether the transmission error of a mesh (meshes,), or of its history, jumps anywhere."""
+        errors, meshes = self.errors, self.problem.system.meshes
+        jump = [bool(np.any(errors.jumps[a:b])) for a, b in pairwise(errors.segments)]
+        found = np.zeros(len(meshes), dtype=np.bool_)
+        for number, (mesh, first, later) in enumerate(zip(meshes, self.error_of, self.later_errors, strict=True)):
+            tables = [] if first < 0 else [first]
+            if later >= 0 and mesh.history is not None:
+                tables += range(later, later + len(mesh.history.errors) - 1)
+            found[number] = any(jump[table] for table in tables)
+        return found
 
     @cached_property
     def flow_from_contact(self) -> Flow:

@@ -21,6 +21,8 @@ _MIN_DENSITY, _MAX_DENSITY = 16, 2048  # cells to a mesh cycle
 _FIT = 1e-11  # of the largest value: cells are halved until the polynomials are this close
 FIT_ERROR = 1e-9  # the same of transmission errors, which no method integrates exactly: a third of the time
 _SAME = 1e-9  # cycles: two jumps so near count as one
+_JUMP = 1e-6  # of the largest value: a segment that begins further from the end of the last one begins with a jump
+_STEEP = 50.0  # largest values a cycle: a segment in which the function runs faster, by its ends, is as good as a jump
 _LEAST_GAIN = 1.2  # of halving, by which even a kink within a cell gains 2
 
 _NODES = (1 - np.cos(np.pi * (np.arange(DEGREE + 1) + 0.5) / (DEGREE + 1))) / 2
@@ -32,9 +34,10 @@ class Waves(NamedTuple):
     """Tables of several periodic functions, one after the other.
 
     ``periods``, ``means`` (f,); ``segments`` (f + 1,): where the segments of each function begin in ``starts``,
-    ``densities`` (cells to a cycle), ``firsts`` (first cell) and ``counts`` (cells), each (segments,); ``rows``
-    (cells, 30), or (cells, 6) without integrals. To find the segment of a phase at once, each period is divided into
-    equal parts, ``lookup_rates`` (f,) to a cycle; ``lookup`` (parts,) has the segment in which each begins, from
+    ``densities`` (cells to a cycle), ``firsts`` (first cell), ``counts`` (cells) and ``jumps`` (whether the function
+    jumps where it begins, or runs steeply on one side of it), each (segments,); ``rows`` (cells, 30), or (cells, 6)
+    without integrals. To find the segment of a phase at once, each period is divided into equal parts,
+    ``lookup_rates`` (f,) to a cycle; ``lookup`` (parts,) has the segment in which each begins, from
     ``lookup_offsets`` (f + 1,) on.
     """
 
@@ -45,6 +48,7 @@ class Waves(NamedTuple):
     densities: Array
     firsts: Integers
     counts: Integers
+    jumps: NDArray[np.bool_]
     rows: Array
     lookup_offsets: Integers
     lookup_rates: Array
@@ -83,6 +87,7 @@ def tabulated(functions: Sequence[Wave], *, integrals: bool = True) -> Waves:
             [np.zeros(0, dtype=np.int64), *(t[2] + cell for t, cell in zip(tables, cells, strict=False))]
         ),
         counts=np.concatenate([np.zeros(0, dtype=np.int64), *(t[3] for t in tables)]),
+        jumps=np.concatenate([np.zeros(0, dtype=np.bool_), *(t[4] for t in tables)]),
         rows=np.concatenate([np.zeros((0, width)), *(rows for *_, rows, _ in tables)]),
         lookup_offsets=segments,
         lookup_rates=np.array(rates),
@@ -90,13 +95,13 @@ def tabulated(functions: Sequence[Wave], *, integrals: bool = True) -> Waves:
     )
 
 
-Table: TypeAlias = tuple[Array, Array, Integers, Integers, Array, float]
+Table: TypeAlias = tuple[Array, Array, Integers, Integers, NDArray[np.bool_], Array, float]
 _TABLES: dict[int, tuple[weakref.ref[Callable[[Array], Array]], tuple[object, ...], Table]] = {}
 """Tables by the identity of the function, as long as it lives: a trial and the run after it share them."""
 
 
 def _table(function: Wave, *, integrals: bool) -> Table:
-    """Return starts, densities, first cells and cell counts of the segments, rows of the cells, and the mean."""
+    """Return starts, densities, first cells, cell counts and jumps of the segments, rows of the cells, and the mean."""
     key, where = id(function.value), (function.period, function.jumps, function.misfit, integrals)
     known = _TABLES.get(key)
     if known is not None and known[0]() is function.value and known[1] == where:
@@ -129,9 +134,12 @@ def _tabulated_alone(function: Wave, *, integrals: bool) -> Table:
             break
         starts, widths, counts, rows, error = finer
     mean = _mean(rows, widths)
-    rows = _with_integrals(rows, widths, mean) if integrals else np.ascontiguousarray(rows)
     firsts = np.concatenate([[0], np.cumsum(counts)[:-1]]).astype(np.int64)
-    return starts, counts / np.diff(breaks), firsts, counts.astype(np.int64), rows, mean
+    begins, ends, largest = rows[firsts, 0], rows[firsts + counts - 1].sum(axis=1), np.max(np.abs(rows[:, 0]))
+    steep = np.abs(ends - begins) > _STEEP * largest * np.diff(breaks)
+    jumps = (np.abs(begins - np.roll(ends, 1)) > _JUMP * largest) | steep | np.roll(steep, 1)
+    rows = _with_integrals(rows, widths, mean) if integrals else np.ascontiguousarray(rows)
+    return starts, counts / np.diff(breaks), firsts, counts.astype(np.int64), jumps, rows, mean
 
 
 def _fitted(function: Wave, breaks: Array, density: int) -> tuple[Array, Array, Integers, Array, float]:

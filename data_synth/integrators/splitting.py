@@ -28,7 +28,8 @@ class Splitting:
     Phys. Lett. A 226, 344, scheme A), here for a stiffness that varies within the step, with its moments in place of
     its samples. So jumps and high harmonics of the stiffness need no small steps, and a step has to resolve the modes
     that meshes excite, not the stiffest ones. Transmission errors of teeth in contact and loads that vary act in the
-    exact flow, a parabola over each step: however large, they need no finer steps. Without damping and load it is
+    exact flow, a parabola over each step: however large, they need no finer steps. Over a step in which an error jumps
+    the parabola has its moments, and impulses have those of stiffness times error. Without damping and load it is
     symplectic: energy does not drift.
 
     Where teeth lose contact the force has kinks: the order falls to two, and each contact changes the energy a little,

@@ -9,7 +9,13 @@ from gear_pair import DIRECTION, MASSES, MEAN, rectangle, ten_harmonics
 from numpy.polynomial import legendre as polynomials
 from scipy import linalg
 
-from data_synth.integrators._periodic_kernels import integrals_at, legendre, value_at
+from data_synth.integrators._periodic_kernels import (
+    integrals_at,
+    jumps_within,
+    legendre,
+    legendre_of_product,
+    value_at,
+)
 from data_synth.integrators.modal_problem import flow_of, modes_of
 from data_synth.integrators.periodic_tables import _TABLES, Wave, tabulated
 
@@ -29,6 +35,21 @@ STRETCHES = [
     (5.9, 5.3),
     (0.2, 0.2001),
 ]
+
+
+def by_quadrature(curves, stretch):
+    """Legendre coefficients of a product of functions over a stretch of phase."""
+    (start, stop), (low, high) = stretch, sorted(stretch)
+    jumps = {j + curve.period * cycle for curve in curves for j in curve.jumps for cycle in range(-5, 7)}
+    edges = [low, *sorted(j for j in jumps if low < j < high), high]
+    nodes, weights = polynomials.leggauss(60)
+    found = np.zeros(3)
+    for a, b in pairwise(edges):
+        at = (a + b) / 2 + (b - a) / 2 * nodes
+        rows = polynomials.legvander(2 * (at - start) / (stop - start) - 1, 2)
+        values = np.prod([curve.value(at) for curve in curves], axis=0)
+        found += (b - a) / 2 / (high - low) * (weights * values) @ rows * (1, 3, 5)
+    return found
 
 
 class TestTables:
@@ -54,19 +75,39 @@ class TestTables:
     @pytest.mark.parametrize("name", CURVES)
     def test_moments_by_quadrature(self, name, stretch):
         curve, (start, stop) = CURVES[name], stretch
-        low, high = min(stretch), max(stretch)
-        jumps = {j + curve.period * cycle for j in curve.jumps for cycle in range(-5, 7)}
-        edges = [low, *sorted(j for j in jumps if low < j < high), high]
-        nodes, weights = polynomials.leggauss(60)
-        wanted = np.zeros(3)
-        for a, b in pairwise(edges):
-            at = (a + b) / 2 + (b - a) / 2 * nodes
-            rows = polynomials.legvander(2 * (at - start) / (stop - start) - 1, 2)
-            wanted += (b - a) / 2 / (high - low) * (weights * curve.value(at)) @ rows * (1, 3, 5)
-        table = tabulated([curve])
+        wanted, table = by_quadrature([curve], stretch), tabulated([curve])
         found = legendre(table, 0, start, stop, integrals_at(table, 0, start), integrals_at(table, 0, stop))
         # differences of integrals over a stretch d lose eps / d^2
         np.testing.assert_allclose(found, wanted, rtol=0, atol=1e-10 * MEAN)
+
+    @pytest.mark.parametrize("stretch", STRETCHES)
+    @pytest.mark.parametrize("name", CURVES)
+    def test_moments_of_a_product_by_quadrature(self, name, stretch):
+        saw, smooth = Wave(lambda p: np.mod(p, 2) - 0.3, 2, (0.0,)), CURVES["smooth"]
+        tables, other = tabulated([smooth, CURVES[name]]), tabulated([saw], integrals=False)
+        found = legendre_of_product(tables, 1, other, 0, *stretch)
+        wanted = by_quadrature([CURVES[name], saw], stretch)
+        # Gauss's rule of four points, over an eighth of a cycle of ten harmonics or less
+        np.testing.assert_allclose(found, wanted, rtol=0, atol=(1e-10 if name == "rectangle" else 2e-3) * MEAN)
+
+    @pytest.mark.parametrize(
+        ("curve", "stretch", "found"),
+        [
+            (CURVES["rectangle"], (0.3, 0.39), False),
+            (CURVES["rectangle"], (0.3, 0.41), True),
+            (CURVES["rectangle"], (0.41, 0.3), True),
+            (CURVES["rectangle"], (0.5, 1.01), True),
+            (CURVES["three cycles"], (2.5, 3.1), True),
+            (CURVES["smooth"], (-0.5, 5.5), False),
+            (Wave(lambda p: np.abs(np.mod(p, 1) - 0.5), 1, (0.0, 0.5)), (0.3, 0.7), False),  # a kink
+            # as good as a jump, but within it a straight line
+            (Wave(lambda p: np.clip((p - 0.5) * 1e5, 0, 1) * (1 - p), 1, (0.0, 0.5, 0.50001)), (0.3, 0.500005), True),
+            (Wave(lambda p: np.clip((p - 0.5) * 1e5, 0, 1) * (1 - p), 1, (0.0, 0.5, 0.50001)), (0.500005, 0.7), True),
+            (Wave(lambda p: np.clip((p - 0.5) * 1e5, 0, 1) * (1 - p), 1, (0.0, 0.5, 0.50001)), (0.6, 1.2), False),
+        ],
+    )
+    def test_where_a_function_jumps(self, curve, stretch, found):
+        assert jumps_within(tabulated([CURVES["rectangle"], curve]), 1, *stretch) == found
 
     def test_a_stretch_of_no_length(self):
         table = tabulated([CURVES["smooth"]])

@@ -10,7 +10,7 @@ from scipy.integrate import solve_ivp
 
 from data_synth.dynamics.system import Mesh, MeshHistory, System
 from data_synth.gears.mesh_stiffness import Fourier
-from data_synth.gears.transmission_error import ProfileError
+from data_synth.gears.transmission_error import PitchError, ProfileError
 from data_synth.integrators.driver import integrate, integrate_blocks
 from data_synth.integrators.problem import Accuracy, Output, State, Steps
 from data_synth.integrators.splitting import Splitting
@@ -18,6 +18,7 @@ from data_synth.integrators.splitting import Splitting
 FIRST = Fourier(mean=1e6, harmonics=np.array([2e5, 5e4j]))
 LATER = Fourier(mean=0.8e6, harmonics=np.array([1e5 - 1e5j, 8e4]))
 SMALL, LARGE = (ProfileError(harmonics_m=np.array([size + 0j])) for size in (1e-5, 4e-5))
+JUMPING = PitchError(teeth_m=np.array([0.0, 3e-5, -2e-5]), handover=0.0)
 TIMES = np.array([0.004, 0.010, 0.012])
 HISTORY = MeshHistory(times_s=TIMES, stiffnesses=(FIRST, LATER, FIRST), errors=(SMALL, LARGE, LARGE))
 
@@ -95,17 +96,47 @@ def test_what_does_not_change_has_no_table_of_its_own():
     assert list(ready.later_stiffnesses) == [-1]
 
 
+@pytest.mark.parametrize("stiffness", [gear_pair.rectangle(), gear_pair.ten_harmonics()])
+def test_an_error_that_jumps_needs_no_finer_steps(stiffness):
+    """As teeth of other pitch take over at once; beside jumps of the stiffness, and alone."""
+    problem = gear_pair.driven(gear_pair.pair(stiffness, error=JUMPING), duration_s=0.02)
+    expected = gear_pair.by_scipy(problem, gear_pair.output(20_000), relative=1e-10)
+    settings = {"method": Splitting(), "output": gear_pair.output(20_000)}
+    errors = [
+        gear_pair.worst(integrate(problem, tolerance=Steps(per_sample=steps), **settings).values, expected)
+        for steps in (1, 4)
+    ]
+    # an error taken for a parabola between its values would make 4e-3 and 2e-3 of it
+    assert errors[0] < 1e-6
+    assert errors[1] < errors[0] / 10
+
+
+@pytest.mark.parametrize("backlash_m", [0.0, 2e-5])
+def test_errors_that_jump_change_as_their_course_says(backlash_m):
+    """Against steps a hundred times as fine, between histories whose first and last errors jump."""
+    larger = PitchError(teeth_m=3 * JUMPING.teeth_m, handover=0.0)
+    history = MeshHistory(times_s=TIMES, stiffnesses=(FIRST, LATER, FIRST), errors=(JUMPING, larger, JUMPING))
+    problem = gear_pair.driven(changing(history, backlash_m=backlash_m), duration_s=0.016)
+    settings = {"method": Splitting(), "output": gear_pair.output(25_000)}
+    coarse, middle, fine = (
+        integrate(problem, tolerance=Steps(per_sample=steps), **settings).values for steps in (2, 8, 200)
+    )
+    assert gear_pair.worst(coarse, fine) < 5e-3
+    assert gear_pair.worst(middle, fine) < gear_pair.worst(coarse, fine) / 4
+
+
 @pytest.mark.parametrize(
-    ("stiffness", "tolerances"),
+    ("stiffness", "error", "tolerances"),
     [
         # fourth order, down to the fine sum's own 3e-7
-        (gear_pair.ten_harmonics(), {1: 4e-6, 2: 5e-7}),
+        (gear_pair.ten_harmonics(), None, {1: 4e-6, 2: 5e-7}),
         # jumps: the fine sum is off by half a point of it where one falls between two
-        (gear_pair.rectangle(), {1: 2.5e-4, 3: 2.5e-4}),
+        (gear_pair.rectangle(), None, {1: 2.5e-4, 3: 2.5e-4}),
+        (gear_pair.rectangle(), JUMPING, {1: 2.5e-4, 3: 2.5e-4}),
     ],
 )
-def test_a_hat_weighs_the_force_of_two_samples(stiffness, tolerances):
-    problem = gear_pair.driven(gear_pair.pair(stiffness), duration_s=0.01)
+def test_a_hat_weighs_the_force_of_two_samples(stiffness, error, tolerances):
+    problem = gear_pair.driven(gear_pair.pair(stiffness, error=error), duration_s=0.01)
     fine, rate = 400, 20_000
     dense = integrate(
         problem,

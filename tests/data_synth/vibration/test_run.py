@@ -356,7 +356,7 @@ def test_an_error_that_cannot_be_reached_says_what_a_scene_can_change():
     base = load_scene("gears-in-motion").model_dump(mode="json", by_alias=True, exclude_none=True)
     worn = {"kind": "wear", "component": "stage 1/pinion", "size_mm": 0.01}
     loose = Scene.from_mapping(
-        {**base, "duration_s": 0.1, "fault": [worn], "dynamics": {**base["dynamics"], "error": 1e-9}}
+        {**base, "duration_s": 0.1, "fault": [worn], "dynamics": {**base["dynamics"], "error": 1e-13}}
     )
     with pytest.raises(SceneError, match=r"cannot be followed in time: .* Raise dynamics\.error or rate_hz; or check"):
         simulate(loose, seed=SEED)
