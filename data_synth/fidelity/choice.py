@@ -203,16 +203,14 @@ def _declared(scene: Scene) -> dict[str, str | None]:
 
 def _as_declared(scene: Scene) -> Choice:
     """Return the fidelities of a scene that does not leave them open."""
-    return Choice(levels={name: _within(scene, name, level) for name, level in _declared(scene).items()})
-
-
-def _within(scene: Scene, mesh: str, own: str | None) -> str:
-    if own is not None and LADDER.index(own) > LADDER.index(scene.fidelity):
-        raise SceneError(
-            f'dynamics.meshes: "{mesh}" has fidelity = "{own}", more than the scene\'s "{scene.fidelity}"; write '
-            f'fidelity = "{own}" for the scene, and less for the other stages.'
-        )
-    return own or scene.fidelity
+    levels = {mesh.name: scene.fidelity_of(mesh.name) for mesh in scene.gearbox.meshes}
+    for mesh, level in levels.items():
+        if LADDER.index(level) > LADDER.index(scene.fidelity):
+            raise SceneError(
+                f'dynamics.meshes: "{mesh}" has fidelity = "{level}", more than the scene\'s "{scene.fidelity}"; write '
+                f'fidelity = "{level}" for the scene, and less for the other stages.'
+            )
+    return Choice(levels=levels)
 
 
 @dataclass(frozen=True, kw_only=True)

@@ -243,8 +243,18 @@ class Scene(Declared):
         """Return whether a fault has impacts that ring the resonance: not where the teeth of its gear vibrate."""
         if isinstance(fault, BearingFault | ShaftFault):
             return isinstance(fault, BearingFault)
-        own = self.dynamics.mesh(fault.component.rpartition("/")[0]).fidelity if self.dynamics is not None else None
-        return (own or self.fidelity) in {"kinematic", "auto"}
+        return self.fidelity_of(fault.component.rpartition("/")[0]) in {"kinematic", "auto"}
+
+    def fidelity_of(self, mesh: str) -> str:
+        """Return the fidelity of a mesh: its own, or else that of the scene.
+
+        Examples
+        --------
+        >>> from data_synth import load_scene
+        >>> load_scene("gears-in-motion").fidelity_of("stage 1")
+        'lateral'
+        """
+        return (self.dynamics.mesh(mesh).fidelity if self.dynamics is not None else None) or self.fidelity
 
     @property
     def _places(self) -> set[str]:

@@ -440,7 +440,7 @@ def check_supported(scene: Scene) -> None:
 
 def _check_planets_share(scene: Scene) -> None:
     """Refuse planets that only turn and have unequal errors: held so, they do not share the load but fight it out."""
-    declared, imperfect = scene.dynamics_or_default, imperfections_of(scene)
+    imperfect = imperfections_of(scene)
     frame = scene.kinematics.mechanism.frame
     for mesh in dict.fromkeys(contact.mesh for contact in scene.kinematics.contacts if contact.carrier != frame):
         eccentric = [
@@ -449,7 +449,7 @@ def _check_planets_share(scene: Scene) -> None:
             if isinstance(fault, Eccentricity) and mesh_name(fault.component) == mesh
         ]
         uneven = [*eccentric, *(f"imperfections.{name}" for name in ("planets", "gears") if getattr(imperfect, name))]
-        if uneven and (declared.mesh(mesh).fidelity or scene.fidelity) == "torsional":
+        if uneven and scene.fidelity_of(mesh) == "torsional":
             raise SceneError(
                 f'mesh "{mesh}", fidelity = "torsional": {uneven[0]} makes planets unequal, which share their load by '
                 'motions across their axes; write fidelity = "lateral", or leave it out.'
