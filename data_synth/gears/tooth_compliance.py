@@ -24,7 +24,7 @@ from functools import cached_property, lru_cache
 from typing import Protocol
 
 import numpy as np
-from numpy.typing import ArrayLike
+from numpy.typing import ArrayLike, NDArray
 
 from data_synth.gears.geometry import GearPair, require
 from data_synth.gears.mesh_stiffness import Array, ComplexArray, Fourier, Stiffness, fourier_series, quadrature
@@ -411,15 +411,33 @@ class TeethInMesh:
         """Return N/m at phases in mesh cycles, any shape."""
         phase = np.asarray(phase_cycles, dtype=np.float64)
         newest = np.floor(phase)
-        total = np.zeros_like(phase)
+        total, path = np.zeros_like(phase), self.path_cycles
         for older in range(math.ceil(self.contact_ratio)):
             since = phase - newest + older
-            compliance = np.asarray(np.interp(since, self.path_cycles, self.compliance))
-            for teeth, tooth, _, fault_compliance in self.damaged:
-                here = np.remainder(newest - older - tooth, teeth) == 0
-                compliance[here] += np.interp(np.extract(here, since), self.path_cycles, fault_compliance)
+            compliance = np.asarray(np.interp(since, path, self.compliance))
+            if self.damaged:
+                knot = np.clip(np.searchsorted(path, since, side="right") - 1, 0, path.size - 2)
+                share = np.clip((since - path[knot]) / (path[knot + 1] - path[knot]), 0.0, 1.0)
+            for row_of_tooth, added in self._damaged_gears:
+                row = row_of_tooth[np.remainder(newest - older, row_of_tooth.size).astype(np.intp)]
+                compliance += (1 - share) * added[row, knot] + share * added[row, knot + 1]
             total += np.where(since < self.contact_ratio, 1 / compliance, 0.0)
         return np.where(total > 1 / np.sqrt(_NO_CONTACT), total, 0.0)
+
+    @cached_property
+    def _damaged_gears(self) -> list[tuple[NDArray[np.intp], Array]]:
+        """For each gear: the row of each of its teeth, and added compliance (row, n), none in row 0."""
+        gears = []
+        for teeth in dict.fromkeys(count for count, *_ in self.damaged):
+            rows, added = np.zeros(teeth, dtype=np.intp), [np.zeros_like(self.compliance)]
+            for tooth, more in ((tooth, more) for count, tooth, _, more in self.damaged if count == teeth):
+                if not rows[tooth]:
+                    rows[tooth] = len(added)
+                    added.append(more)
+                else:
+                    added[rows[tooth]] = added[rows[tooth]] + more
+            gears.append((rows, np.stack(added)))
+        return gears
 
 
 def teeth_in_mesh(

@@ -1,4 +1,4 @@
-"""Compiled kernels of the order-domain projection: spreading on a grid, interpolation to orders, Cholesky by bands."""
+"""Compiled kernels of lines: spreading on a grid, interpolation to orders, Cholesky by bands, responses to forces."""
 
 import math
 from typing import TypeVar
@@ -100,3 +100,21 @@ def factorise(lower: NDArray[np.complex128]) -> None:
             share = lower[j, column].conjugate()
             for i in range(j, below):
                 lower[i - j, column + j] -= lower[i, column] * share
+
+
+@compiled
+def add_responses(
+    transfer: NDArray[np.complex64], at: Array, forces: NDArray[np.complex64], total: NDArray[np.complex128]
+) -> None:
+    """Add the response to forces (line, instant) to (channel, line, instant).
+
+    `transfer` (channel, f) is linear between frequencies, and `at` (line, instant) are places among them.
+    """
+    last = transfer.shape[1] - 2
+    for channel in range(total.shape[0]):
+        for line in range(at.shape[0]):
+            for n in range(at.shape[1]):
+                number = min(int(at[line, n]), last)
+                share = np.float32(min(at[line, n] - number, 1.0))
+                low = transfer[channel, number]
+                total[channel, line, n] += (low + share * (transfer[channel, number + 1] - low)) * forces[line, n]

@@ -160,17 +160,15 @@ class ExpectedLines:
         return found
 
     def _at(self, multiples: NDArray[np.int_], speed: Array, inputs_n: Array) -> ComplexArray:
+        from data_synth.vibration._projection_kernels import add_responses  # noqa: PLC0415  - numba is slow to load
+
         weights = _cubic(speed + self.slow_hz, self.speeds_hz + self.slow_hz)
         shares = (weights[:, None] * inputs_n).reshape(-1, speed.size).astype(np.float32)
         place = np.multiply.outer(float(self.base_order) / self.frequency_hz[1] * multiples, speed)
-        number = np.minimum(place.astype(np.int32), self.frequency_hz.size - 2)
-        part = np.minimum(place - number, 1.0).astype(np.float32)
         total = np.zeros((self.transfer.shape[1], multiples.size, speed.size), dtype=np.complex128)
         for mesh, transfer in enumerate(self.transfer):
             some = self.forces[:, :, mesh, multiples - 1].reshape(shares.shape[0], -1)
-            own, forces = transfer[:, number], some.T @ shares
-            own += part * (transfer[:, number + 1] - own)
-            total += own * forces
+            add_responses(transfer, place, some.T @ shares, total)
         return total
 
 
