@@ -130,8 +130,8 @@ def test_the_page_is_small(page):
     assert (page.stat().st_size - library) / 1e6 < PAGE_MB
 
 
-@pytest.mark.parametrize(("width", "dark"), [(1280, False), (400, True)])
-def test_report_in_the_browser(browser, page, width, dark):
+def drawn_whole(browser, page, *, width, dark):
+    """Open the page, draw all of it, and hold it to what holds at every width."""
     assert show(browser, page, width=width, dark=dark) == []
     draw_all(browser)
     assert browser.get_log("browser") == []
@@ -151,9 +151,12 @@ def test_report_in_the_browser(browser, page, width, dark):
     assert not [name for name in buttons if "hare" in name or "loud" in name]  # nothing offers to send data away
 
 
-def test_labels_units_and_cursors(browser, page):
-    show(browser, page)
-    draw_all(browser)
+def test_report_on_a_narrow_dark_screen(browser, page):
+    drawn_whole(browser, page, width=400, dark=True)
+
+
+def test_report_on_a_desk_with_its_labels_units_and_cursors(browser, page):
+    drawn_whole(browser, page, width=1280, dark=False)
     for name in ("order-spectrum-0", "envelope-0"):  # labels stand beside one another
         boxes = browser.execute_script(LABELS, name)
         assert boxes
