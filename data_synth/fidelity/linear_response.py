@@ -140,7 +140,8 @@ class Response:
         structure = self.motion.sensor_forces.structure
         if structure is not None:
             inputs = resolvent @ (self.absent * self.inputs[:, mesh]).T + self.absent_direct[:, mesh]
-            force = force + np.einsum("ril,li->lr", structure.response(frequency_hz), inputs)
+            by_input = structure.response(frequency_hz).transpose(2, 0, 1)
+            force = force + np.matmul(by_input, inputs[:, :, None])[..., 0]
         outputs = np.zeros((len(scene.sensors), *np.shape(frequency_hz)), dtype=np.complex128)
         for route, deflections in zip(routes, force.T, strict=True):
             outputs[route.number] += deflections * route.response(scene, frequency_hz)
@@ -411,12 +412,23 @@ class LinearPrediction:
         return np.asarray(self.whole.channels(number, frequencies) * remainder)
 
     def _power(self, name: str, lines: Callable[[ComplexArray, ToothForces, int], ComplexArray]) -> Array:
-        force, number = self.forces[name], self.whole.number(name)
-        powers = []
-        for instant in self.instants:
-            lines_of_mesh = self.whole.channels(number, self._frequencies_hz(force, instant)) * force.at(instant)
-            powers.append(np.sum(np.abs(lines(lines_of_mesh, force, instant)) ** 2, axis=1) / 2)
+        force = self.forces[name]
+        powers = [
+            np.sum(np.abs(lines(lines_of_mesh, force, instant)) ** 2, axis=1) / 2
+            for instant, lines_of_mesh in zip(self.instants, self._lines[name], strict=True)
+        ]
         return np.asarray(np.mean(powers, axis=0))
+
+    @cached_property
+    def _lines(self) -> dict[str, list[ComplexArray]]:
+        """Lines of each mesh in the channels at each instant: every reduced model is compared with them."""
+        return {
+            name: [
+                self.whole.channels(self.whole.number(name), self._frequencies_hz(force, instant)) * force.at(instant)
+                for instant in self.instants
+            ]
+            for name, force in self.forces.items()
+        }
 
     def _frequencies_hz(self, force: ToothForces, instant: int) -> Array:
         return np.asarray(force.orders * self.whole.motion.stage.speed_hz[instant])

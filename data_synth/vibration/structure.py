@@ -62,10 +62,9 @@ class Structure:
     def response(self, frequency_hz: Array) -> ComplexArray:
         """Return the complex amplitudes of the readings per unit of an input, (reading, input, line)."""
         s = 2j * np.pi * np.asarray(frequency_hz, dtype=np.float64)
-        one, other = 1 / (s[:, None] - self.poles), 1 / (s[:, None] - self.poles.conj())
-        found = np.einsum("rp,pm,lp->rml", self.outputs / 2, self.inputs, one)
-        found += np.einsum("rp,pm,lp->rml", self.outputs.conj() / 2, self.inputs.conj(), other)
-        return np.asarray(found)
+        residues = (self.outputs[:, None] / 2 * self.inputs.T).reshape(-1, self.poles.size)  # a product of matrices
+        found = residues @ (1 / (s - self.poles[:, None])) + residues.conj() @ (1 / (s - self.poles.conj()[:, None]))
+        return np.asarray(found.reshape(self.readings, -1, s.size))
 
     def filter_at(self, rate_hz: float) -> "StructureFilter":
         """Return the filter at rest under its first sample, for readings at `rate_hz`."""
