@@ -15,6 +15,7 @@ Array = NDArray[np.float64]
 
 # below this many cycles, Gauss's rule: the difference of two periodic integrals would lose digits
 SHORT = 1.0 / 512
+NEAR = 1e-9  # cycles: a jump so near the upper end counts, for a value there may be that after it
 LONGEST = 1.0 / 8  # cycles to which Gauss's rule with four points is applied: 2e-3 of a tenth harmonic, at most
 _POINTS, _WEIGHTS = (0.5 * (np.polynomial.legendre.leggauss(4)[i] + (1, 0)[i]) for i in range(2))
 POINT0, POINT1, POINT2, POINT3 = (float(p) for p in _POINTS)
@@ -84,7 +85,7 @@ def jumps_within(waves: Waves, which: int, start: float, stop: float) -> bool:
     segment, x = locate(waves, which, low)
     while True:
         width = edge_of(waves, which, segment) - x
-        if width > left:
+        if width > left + NEAR:
             return False
         segment = following(waves, which, segment)
         if waves.jumps[segment]:

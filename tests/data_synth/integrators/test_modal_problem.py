@@ -97,6 +97,8 @@ class TestTables:
             (CURVES["rectangle"], (0.3, 0.41), True),
             (CURVES["rectangle"], (0.41, 0.3), True),
             (CURVES["rectangle"], (0.5, 1.01), True),
+            (CURVES["rectangle"], (0.9, 1.0 - 1e-12), True),  # at the upper end, to rounding
+            (CURVES["rectangle"], (0.4, 0.9), False),  # at the lower end
             (CURVES["three cycles"], (2.5, 3.1), True),
             (CURVES["smooth"], (-0.5, 5.5), False),
             (Wave(lambda p: np.abs(np.mod(p, 1) - 0.5), 1, (0.0, 0.5)), (0.3, 0.7), False),  # a kink

@@ -97,9 +97,14 @@ def test_what_does_not_change_has_no_table_of_its_own():
 
 
 @pytest.mark.parametrize("stiffness", [gear_pair.rectangle(), gear_pair.ten_harmonics()])
-def test_an_error_that_jumps_needs_no_finer_steps(stiffness):
-    """As teeth of other pitch take over at once; beside jumps of the stiffness, and alone."""
-    problem = gear_pair.driven(gear_pair.pair(stiffness, error=JUMPING), duration_s=0.02)
+@pytest.mark.parametrize("sense", [1, -1])
+def test_an_error_that_jumps_needs_no_finer_steps(stiffness, sense):
+    """As teeth of other pitch take over at once; beside jumps of the stiffness, and alone.
+
+    Backwards the first step leaves a jump behind: the value at its beginning is that of the other side.
+    """
+    turning = gear_pair.turning(sense * gear_pair.MESH_RAD_S)
+    problem = gear_pair.driven(gear_pair.pair(stiffness, error=JUMPING), duration_s=0.02, reference=turning)
     expected = gear_pair.by_scipy(problem, gear_pair.output(20_000), relative=1e-10)
     settings = {"method": Splitting(), "output": gear_pair.output(20_000)}
     errors = [
