@@ -426,17 +426,16 @@ class TeethInMesh:
 
     @cached_property
     def _damaged_gears(self) -> list[tuple[NDArray[np.intp], Array]]:
-        """For each gear: the row of each of its teeth, and added compliance (row, n), none in row 0."""
+        """For each number of teeth: the row of each tooth, and added compliance (row, n), none in row 0."""
         gears = []
         for teeth in dict.fromkeys(count for count, *_ in self.damaged):
-            rows, added = np.zeros(teeth, dtype=np.intp), [np.zeros_like(self.compliance)]
-            for tooth, more in ((tooth, more) for count, tooth, _, more in self.damaged if count == teeth):
-                if not rows[tooth]:
-                    rows[tooth] = len(added)
-                    added.append(more)
-                else:
-                    added[rows[tooth]] = added[rows[tooth]] + more
-            gears.append((rows, np.stack(added)))
+            added = dict[int, Array]()
+            for count, tooth, _, more in self.damaged:
+                if count == teeth:
+                    added[tooth] = added.get(tooth, np.zeros_like(more)) + more
+            rows = np.zeros(teeth, dtype=np.intp)
+            rows[[*added]] = np.arange(1, len(added) + 1)
+            gears.append((rows, np.stack([np.zeros_like(self.compliance), *added.values()])))
         return gears
 
 

@@ -360,6 +360,30 @@ class TestFaults:
             assert np.all((phase[touched] > 3) & (phase[touched] < 3 + PAIR.gears.contact_ratio))
             assert touched.any()
 
+    def test_faults_of_one_tooth_and_of_others_add_up(self):
+        small, large = (RootCrack(depth_m=depth, angle_rad=1.2) for depth in (1e-3, 2e-3))
+        ratio, healthy = PAIR.gears.contact_ratio, teeth_in_mesh(PAIR)
+        alone = np.linspace(ratio - 1 + 0.02, 0.98, 20)  # of each pair, in cycles since it entered
+        both = teeth_in_mesh(
+            PAIR,
+            damaged=[
+                DamagedTooth(gear=gear, tooth=tooth, fault=fault)
+                for gear, tooth, fault in ((0, 3, small), (0, 3, large), (0, 5, large), (1, 34, small))
+            ],
+        )
+        assert both.period == 62
+
+        def added(mesh, cycle):
+            return 1 / mesh(cycle + alone) - 1 / healthy(cycle + alone)
+
+        of_small, of_large, of_other = (
+            added(damaged(fault, gear=gear), 3) for gear, fault in ((0, small), (0, large), (1, small))
+        )
+        assert_allclose(added(both, 3), of_small + of_large, rtol=1e-7)
+        assert_allclose(added(both, 34), of_small + of_large + of_other, rtol=1e-7)  # the wheel's tooth 34, a turn on
+        assert_allclose(added(both, 5), of_large, rtol=1e-7)
+        assert_allclose(added(both, 4), 0, atol=1e-15)
+
     def test_a_narrow_face_carries_in_proportion(self):
         path = np.linspace(0, 0.4, 20)
         added = LostContact(sharing=sharing(0.0), face_share=0.6).added_compliance(PAIR, 0, path)

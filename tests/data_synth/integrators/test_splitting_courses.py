@@ -118,7 +118,7 @@ def test_an_error_that_jumps_needs_no_finer_steps(stiffness, sense):
 
 @pytest.mark.parametrize("backlash_m", [0.0, 2e-5])
 def test_errors_that_jump_change_as_their_course_says(backlash_m):
-    """Against steps a hundred times as fine, between histories whose first and last errors jump."""
+    """Against steps a hundred times as fine, through a history whose errors all jump."""
     larger = PitchError(teeth_m=3 * JUMPING.teeth_m, handover=0.0)
     history = MeshHistory(times_s=TIMES, stiffnesses=(FIRST, LATER, FIRST), errors=(JUMPING, larger, JUMPING))
     problem = gear_pair.driven(changing(history, backlash_m=backlash_m), duration_s=0.016)
