@@ -32,19 +32,20 @@ not in any. `lines` counts those of the faulty record. Time of the processor for
 less than this share of their RMS over time (`truth_line_change`); all of them where Z has no window. That is so where
 motion is steady or kinematic, and in varying motion where Z is the quasi-static response of each line at its exact
 order, less what it lags behind the speed: a harmonic balance with the varying stiffness of all meshes and damaged
-teeth, whose lines are stated down to 5e-5 of the loudest. Where the balance leaves more than 5 % of the power,
-and not in few places as what rings after a step: under planets, with friction, behind large losses of contact, a
-projection adds to all lines what the signal has beside it; they are fitted together, so that they add up to the signal,
-and how what is added is split among neighbours is uncertain.
+teeth, whose lines are stated down to 5e-5 of the loudest. Natural modes that ring after a jump or in a start have
+amplitudes against time at their own frequencies (`truth_ringing`), which are part of the signal above. Where both leave
+more than 5 % of the power: under planets, with friction, behind large losses of contact, a projection adds to all lines
+what the signal has beside it; they are fitted together, so that they add up to the signal, and how what is added is
+split among neighbours is uncertain.
 
 Where damage grows, the balance is that of the teeth at some instants, and Z linear between them; at constant speed and
 torque what is left is projected as well.
 
 The balance leaves out lines at sums of the order of a damaged or uneven gear and that of a mesh on other shafts, most
-of what is missing of the fault of record 106, which is 66 dB below its record; teeth that part for moments, as those of
-torsional gears in a ramp do; and what rings after a jump or a start, which is no line. A speed does not turn back in a
-scene: `rpm` is above zero. `benchmark-1` lines: its first record with a damaged gear whose speed is steady to 0.2 %,
-wanders by 3 %, rises or falls evenly, and steps; and the first of each with a severity of 0.4 to 0.6."""
+of what is missing of the fault of record 106, which is 66 dB below its record, and teeth that part for moments, as
+those of torsional gears in a ramp do. A speed does not turn back in a scene: `rpm` is above zero. `benchmark-1` lines:
+its first record with a damaged gear whose speed is steady to 0.2 %, wanders by 3 %, rises or falls evenly, and steps;
+and the first of each with a severity of 0.4 to 0.6."""
 HEADER = (
     "| scene | lines | record, % | healthy, % | fault, % | 1 %: lines, power, % | 10 %: lines, power, % | s |\n"
     "|---|---|---|---|---|---|---|---|"
@@ -124,6 +125,11 @@ def rebuilt(record: xr.Dataset) -> Array:
         both = z.real @ np.cos(phase) - z.imag @ np.sin(phase)
         share = (times_s[first:last] - instants_s[number]) / (instants_s[number + 1] - instants_s[number])
         signal[first:last] = (1 - share) * both[0] + share * both[1]
+    if "truth_ringing" in record:
+        modes = record["truth_ringing"].isel(truth_channel=0)
+        for frequency, amplitude in zip(modes["truth_mode"].to_numpy(), modes.to_numpy(), strict=True):
+            z = np.interp(times_s, modes["truth_ringing_time"].to_numpy(), amplitude)
+            signal += (z * np.exp(2j * np.pi * frequency * times_s)).real
     return signal
 
 

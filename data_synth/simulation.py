@@ -37,6 +37,7 @@ from data_synth.sources.prepared import PreparedScene, prepare_scene
 from data_synth.transfer.acquisition import add_noise, clip, drop_outs, hum_lines, quantise
 from data_synth.transfer.detectability import matched_filter_snr_db
 from data_synth.truth import angle_truth, tooth_pass_truth, truth_variables
+from data_synth.vibration.free_vibration import Modes
 from data_synth.vibration.gear_lines import gear_lines
 from data_synth.vibration.mechanics import link_speeds, mechanics_truth, speed_truth
 from data_synth.vibration.meshes import Gears
@@ -105,6 +106,10 @@ def simulate(
         ``truth_line_change`` (truth_order)
             By how much halving its window changes a line of gears in motion, over its RMS; only in records with lines
             that are projected from the signal in varying motion. Left out, no line has a window.
+        ``truth_ringing`` (truth_channel, truth_mode, truth_ringing_time), complex
+            Z of the free vibration of natural modes after a jump of speed or torque, or of its rate, and in a start:
+            ``x = Re{Z exp(2 pi j f t)}``, f in Hz in truth_mode, linear between instants and zero beyond. Only where
+            it is at least a hundredth of the power there, and takes half of what lines leave.
         ``truth_chain_poles`` (truth_channel, truth_chain_pole), complex, ``truth_chain_gain`` (truth_channel)
             Filters and sensitivity, ``H(f) = gain prod p / (p - 2j pi f)``, a factor of truth_amplitude; where a
             channel has any. Shorter channels end in NaN.
@@ -334,7 +339,9 @@ def _with_gears(
     steps = motion.steps()
     gear_signal = _gear_vibration(replace(motion, steps_per_sample=steps), samples=prepared.scene.samples)
     signal += gear_signal
-    measured = gear_lines(prepared, gear_signal, expected=partial(expected_lines, motion))
+    measured = gear_lines(
+        prepared, gear_signal, expected=partial(expected_lines, motion), modes=partial(Modes.of, motion.system)
+    )
     for name, sources in parts.items():
         # meshes act on each other, so all gears in motion are one source
         coords = {"truth_channel": sources["truth_channel"], "truth_source_name": ["gears, motion"]}
@@ -588,8 +595,10 @@ def _drift(
         signal[:, here] *= factor
         for sources in parts.values():
             sources.values[..., here] *= factor
-    amplitude = truth["truth_amplitude"]
-    truth["truth_amplitude"] = amplitude.copy(data=amplitude.values * gain_drift(scene, prepared.instants_s))
+    for name, instants in (("truth_amplitude", "truth_time"), ("truth_ringing", "truth_ringing_time")):
+        if name in truth:
+            stated = truth[name]
+            truth[name] = stated.copy(data=stated.values * gain_drift(scene, stated[instants].to_numpy()))
 
 
 def _add_hum(

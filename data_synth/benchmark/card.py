@@ -120,10 +120,10 @@ each steady within 0.2 %, wandering by 3 % (RMS), in a ramp or in a step (column
 
 - Parallel spur gearboxes of one to three stages; no helical, bevel or planetary gears.
 - Ranges of paths, impacts, noise and loads are illustrative, not of a population of machines.
-- Where speed or torque varies, the lines of the truth leave out those at sums of the orders of different shafts and
-  what rings after a jump; where teeth part, they are projected from the signal, and `truth_line_change` says how far
-  each is known (without it, none is projected). `docs/benchmarks/truth.md` of the package has how much of the power
-  all of them add up to.
+- Where speed or torque varies, the lines of the truth leave out those at sums of the orders of different shafts; what
+  rings after a jump is in `truth_ringing`. Where teeth part, lines are projected from the signal, and
+  `truth_line_change` says how far each is known (without it, none is projected). `docs/benchmarks/truth.md` of the
+  package has how much of the power all of them add up to.
 - One sensor. No friction of teeth, no lubricant; backlash is the generator's default.
 - Faults come alone and do not grow.
 - Gear misalignment stands for all misalignment; couplings are not modelled.

@@ -36,7 +36,8 @@ from data_synth.fidelity.linear_response import Response, response_of, spectral_
 from data_synth.gears.transmission_error import SumOfErrors, TransmissionError
 from data_synth.kinematic.harmonics import ComplexArray
 from data_synth.operation.shaft_angle import Array
-from data_synth.vibration.gear_lines import LOWER_SPEEDS, ExpectedLines, lagrange
+from data_synth.vibration.expected_response import ExpectedLines, lagrange
+from data_synth.vibration.gear_lines import LOWER_SPEEDS
 from data_synth.vibration.run import Motion, contacts_in
 from data_synth.vibration.torques import static_tooth_forces
 

@@ -7,7 +7,7 @@ a projection finds what is left without them.
 
 from bisect import bisect_left
 from collections.abc import Callable
-from dataclasses import dataclass, field, replace
+from dataclasses import dataclass, replace
 from fractions import Fraction
 
 import numpy as np
@@ -15,7 +15,10 @@ from numpy.typing import NDArray
 
 from data_synth.kinematic.harmonics import ComplexArray
 from data_synth.operation.shaft_angle import Array
+from data_synth.scene.scene import Scene
 from data_synth.sources.prepared import PreparedScene
+from data_synth.vibration.expected_response import ExpectedLines
+from data_synth.vibration.free_vibration import FreeVibration, Modes, Span, free_vibration, ringing_spans
 from data_synth.vibration.line_candidates import Candidates, candidates_of
 from data_synth.vibration.order_projection import AngleSamples, Projection, Window, sum_of_lines
 
@@ -46,15 +49,15 @@ _MESH_FIRST = 3.0  # times its size a mesh's line counts beside others: what sta
 _LONGEST_SHARE = 1.25  # of which the record is at least as long as the longest window in varying motion
 _DETERMINED = 0.01  # of the RMS of a line
 _SMALL = 0.05
-"""Of the power: what expected lines may leave of it. What rings after a step of speed or a start is no line, and
-windows that find it elsewhere in sound than in damaged gears make more of it than a fault has."""
+"""Of the power: what expected lines may leave of it. Windows that find more elsewhere in sound than in damaged gears
+make more of it than a fault has."""
 _USELESS = 0.9  # of the power: lines that leave more of it are not what is there, and may be anything in between
 _RINGS, _SELDOM = 0.5, 0.125
 """Of the power, what expected lines may leave of it in few places, such a share of them: it rings, and is none."""
+_RUNG = 0.01  # of the power after a jump, from which what rings there is stated
+_STARTS = 2.0  # times the speed
 _NO_USE = 4.0  # times the least error: shorter windows are worse still
 _PERIODS = 0.75  # of the smallest base order: the shortest window that is halved
-_STENCIL = 0.25  # of the share of speed in which a mode is passed: the step of second differences
-_LAGS = 5e-3  # of the loudest line of a family: what others lag behind the speed is below 1e-4 of it
 
 
 @dataclass(frozen=True, kw_only=True)
@@ -82,117 +85,19 @@ class GearLine:
 
 @dataclass(frozen=True, kw_only=True)
 class GearLines:
-    """Lines of gears in motion, by rising order, and a sentence about their error."""
+    """Lines of gears in motion, by rising order, a sentence about their error, and what rings beside them."""
 
     lines: tuple[GearLine, ...]
     about: str
-
-
-@dataclass(frozen=True, kw_only=True)
-class ExpectedLines:
-    """Lines at the multiples of an order, from their exciting forces at some speeds.
-
-    Where the speed changes, Z lags behind the steady response by ``(j / 2) (domega / dt) d2Z / domega2``, omega the
-    angular frequency of the line: the first of the series of a response to a sweep (Carson and Fry 1937, Bell Syst.
-    Tech. J. 16, 513), here with all that a mesh makes of its own vibration as part of the response.
-
-    Attributes
-    ----------
-    base_order : Fraction
-        Order of the first; the others are its multiples.
-    forces : (node, input, mesh, k) complex array
-        Exciting force in each mesh per unit of each input, at some speeds.
-    speeds_hz : (node,) array
-        Of the reference in rev s-1.
-    slow_hz : float
-        With this added, speeds rise by one factor.
-    inputs_n : (input, instant) array
-        At the instants of the truth: static forces in N, and 1 for what is excited without any, whose forces are in N.
-    speed_hz, rates : (instant,) arrays
-        Speed of the reference in rev s-1, not below zero, and its rate in rev s-2.
-    damping : float
-        Least damping ratio of the modes: the share of the speed in which a line passes half the width of one.
-    frequency_hz : (f,) array
-        Even, from zero.
-    transfer : (mesh, channel, f) complex array
-        Complex amplitude in each channel per N of exciting force, in single precision as the forces.
-    """
-
-    base_order: Fraction
-    forces: NDArray[np.complex64] = field(repr=False)
-    speeds_hz: Array
-    slow_hz: float
-    inputs_n: Array = field(repr=False)
-    speed_hz: Array = field(repr=False)
-    rates: Array = field(repr=False)
-    damping: float
-    frequency_hz: Array = field(repr=False)
-    transfer: NDArray[np.complex64] = field(repr=False)
-
-    @property
-    def size(self) -> int:
-        """Number of lines."""
-        return int(self.forces.shape[-1])
-
-    def amplitudes(self, multiples: NDArray[np.int_], instants: NDArray[np.int_]) -> ComplexArray:
-        """Return Z (channel, line, instant) of some multiples of the base order, from 1, at some instants."""
-        found = self.steady(multiples, instants)
-        sizes = np.max(np.abs(found), axis=(0, 2), initial=0.0)
-        loud = np.flatnonzero(sizes > _LAGS * np.max(sizes, initial=0.0))
-        turning = (self.rates[instants] != 0) & (self.speed_hz[instants] >= self.speeds_hz[0])
-        moving = np.flatnonzero(turning & self.inputs_n[:, instants].any(axis=0))
-        if self.speeds_hz.size > 1 and loud.size and moving.size:
-            speed, inputs_n = self.speed_hz[instants[moving]], self.inputs_n[:, instants[moving]]
-            radians = 2 * np.pi * float(self.base_order) * multiples[loud, None]
-            # the width of modes that the speed passes while they ring; where it is not small the series says nothing
-            lag = self.rates[instants[moving]] / (radians * (self.damping * speed) ** 2)
-            step, bent = _STENCIL * self.damping * speed, -2 * found[:, loud[:, None], moving]
-            for side in (-1, 1):
-                bent += self._at(multiples[loud], speed + side * step, inputs_n)
-            found[:, loud[:, None], moving] -= 0.5j * lag / (1 + lag**2) * bent / _STENCIL**2
-        return found
-
-    def steady(self, multiples: NDArray[np.int_], instants: NDArray[np.int_]) -> ComplexArray:
-        """Return Z (channel, line, instant) as it were if the speed stayed what it is at each instant."""
-        driven = self.inputs_n[:, instants].any(axis=0)
-        found = np.zeros((self.transfer.shape[1], multiples.size, instants.size), dtype=np.complex128)
-        found[..., driven] = self._at(multiples, self.speed_hz[instants[driven]], self.inputs_n[:, instants[driven]])
-        return found
-
-    def _at(self, multiples: NDArray[np.int_], speed: Array, inputs_n: Array) -> ComplexArray:
-        from data_synth.vibration._projection_kernels import add_responses  # noqa: PLC0415  - numba is slow to load
-
-        weights = _cubic(speed + self.slow_hz, self.speeds_hz + self.slow_hz)
-        shares = (weights[:, None] * inputs_n).reshape(-1, speed.size).astype(np.float32)
-        place = np.multiply.outer(float(self.base_order) / self.frequency_hz[1] * multiples, speed)
-        total = np.zeros((self.transfer.shape[1], multiples.size, speed.size), dtype=np.complex128)
-        for mesh, transfer in enumerate(self.transfer):
-            some = self.forces[:, :, mesh, multiples - 1].reshape(shares.shape[0], -1)
-            add_responses(transfer, place, some.T @ shares, total)
-        return total
-
-
-def _cubic(speed: Array, nodes: Array) -> Array:
-    """Return the weights (node, n) of nodes that rise by one factor at speeds (n,): cubics in the speed's logarithm."""
-    if nodes.size == 1:
-        return np.ones((1, speed.size))
-    place = np.log(np.maximum(speed, nodes[0] / 2) / nodes[0]) / np.log(nodes[1] / nodes[0])
-    return lagrange(np.clip(place, -0.5, nodes.size - 0.5), nodes.size)
-
-
-def lagrange(place: Array, nodes: int) -> Array:
-    """Return the weights (node, n) of nodes 0, 1, ... at places (n,): Lagrange's, of the four about each or of all."""
-    few = min(4, nodes)
-    first = np.clip(np.floor(place).astype(np.int64) - 1, 0, nodes - few)
-    weights = np.zeros((nodes, place.size))
-    for i in range(few):
-        factors = [(place - first - j) / (i - j) for j in range(few) if j != i]
-        weights[first + i, np.arange(place.size)] = np.prod(factors, axis=0)
-    return weights
+    ringing: FreeVibration | None = None
 
 
 def gear_lines(
-    prepared: PreparedScene, signal: Array, *, expected: Callable[[], tuple[ExpectedLines, ...]] = tuple
+    prepared: PreparedScene,
+    signal: Array,
+    *,
+    expected: Callable[[], tuple[ExpectedLines, ...]] = tuple,
+    modes: Callable[[], Modes] | None = None,
 ) -> GearLines:
     """Return the loud lines in the channels of gears in motion, (channel, n), at the instants of the truth.
 
@@ -203,6 +108,9 @@ def gear_lines(
     several, with the least error: the share of the lines' power that is in lines which half the window changes by 1 %
     or more, plus the share of what the expected lines leave of the signal that all lines leave. The former alone would
     have long windows where all that a projection adds is below 1 %.
+
+    Where the natural `modes` ring, after a jump of speed or torque or of its rate, or anywhere if expected lines leave
+    more than 5 % of the power there, that is stated beside the lines; nothing is projected where both leave less.
     """
     scene, angle = prepared.scene, prepared.drive.angle
     turning = np.sign(prepared.speed_hz[prepared.speed_hz != 0])
@@ -217,7 +125,7 @@ def gear_lines(
         speed_hz=lambda times_s: np.maximum(sign * angle.speed_hz(times_s), 0.0),
         top_order=top,
     )
-    steady = is_steady(prepared)
+    steady, ringing = is_steady(prepared), None
     fastest, slowest = (float(each(np.abs(prepared.speed_hz[prepared.speed_hz != 0]))) for each in (np.max, np.min))
     candidates = candidates_of(scene, top=top * min(fastest / slowest, LOWER_SPEEDS), mixed=steady)
     if steady:
@@ -226,7 +134,13 @@ def gear_lines(
         prior = _prior(expected(), candidates, speeds=prepared.speed_hz, channels=signal.shape[0])
         # at constant speed and torque, sound gears have projected lines: of growing damage the difference counts
         most = 0.0 if _drive_is_steady(prepared) else _SMALL
-        found, about = _varying_lines(samples, candidates, prepared.instants_s, prior, most=most)
+        drive = _Drive(
+            changes_s=_changes_s(scene),
+            instants_s=prepared.instants_s,
+            speed_hz=np.abs(prepared.speed_hz),
+            modes=None if _drive_is_steady(prepared) else modes,
+        )
+        found, ringing, about = _varying_lines(samples, candidates, drive, prior, most=most)
         chosen, amplitudes, changes = found.chosen, found.amplitudes, found.changes
     if sign < 0:
         amplitudes = amplitudes.conj()
@@ -240,7 +154,7 @@ def gear_lines(
         )
         for row, number in enumerate(chosen.tolist())
     )
-    return GearLines(lines=lines, about=about)
+    return GearLines(lines=lines, about=about, ringing=ringing)
 
 
 def is_steady(prepared: PreparedScene) -> bool:
@@ -395,29 +309,118 @@ def _prior(expected: tuple[ExpectedLines, ...], candidates: Candidates, *, speed
     return _Lines(chosen=chosen, amplitudes=amplitudes, changes=np.zeros(chosen.size))
 
 
-def _varying_lines(
-    samples: AngleSamples, candidates: Candidates, instants_s: Array, prior: _Lines, *, most: float
-) -> tuple[_Lines, str]:
-    """Return the lines of a signal, of which `prior` are expected, and a sentence.
+@dataclass(frozen=True, kw_only=True)
+class _Drive:
+    """What may let modes ring.
 
-    They alone, where they leave at most a share of the power.
+    Attributes
+    ----------
+    changes_s : (i,) array
+        Times at which speed or torque, or the rate of one, jumps.
+    instants_s, speed_hz : (instant,) arrays
+        Of the truth, and the speed of the reference, not below zero.
+    modes : callable, or None
+        Gives the natural modes; None: none of them rings.
     """
-    begins = _begins(instants_s)
+
+    changes_s: Array
+    instants_s: Array
+    speed_hz: Array
+    modes: Callable[[], Modes] | None
+
+    def starts(self) -> bool:
+        """Return whether the speed rises by a factor while modes ring: resonances are passed, and ring on."""
+        if self.modes is None:
+            return False
+        later_hz = np.interp(self.instants_s + self.modes().longest_s, self.instants_s, self.speed_hz)
+        return bool(np.any(later_hz > _STARTS * self.speed_hz))
+
+
+def _changes_s(scene: Scene) -> Array:
+    """Return the times in s at which speed or torque, or the rate of one, jumps; a start is one."""
+    histories = [np.array(each.knots)[:, 0] for each in (scene.speed, scene.torque) if each and len(each.knots) > 1]
+    knots = [each for each in histories if each.size <= scene.truth_times]  # a measured history is knots alone
+    starts = [np.zeros(1)] if scene.speed.run_up is not None else []
+    times_s = np.unique(np.concatenate([*starts, *knots, np.zeros(0)]))
+    return np.asarray(times_s[((times_s > 0) | bool(starts)) & (times_s >= 0) & (times_s < scene.duration_s)])
+
+
+def _varying_lines(
+    samples: AngleSamples, candidates: Candidates, drive: _Drive, prior: _Lines, *, most: float
+) -> tuple[_Lines, FreeVibration | None, str]:
+    """Return the lines of a signal, of which `prior` are expected, what rings, and a sentence.
+
+    The expected lines alone, where they, or they and what rings, leave at most a share of the power.
+    """
+    instants_s, begins = drive.instants_s, _begins(drive.instants_s)
     places = np.add.outer(begins, [0, 1])
 
     ends = prior.amplitudes[:, :, places]
     left, whole = _powers(samples, candidates.values[prior.chosen], ends, instants_s=instants_s, begins=begins)
     alone = _share(left, whole)
-    rings = alone < _RINGS and np.mean(left > most * whole) <= _SELDOM
-    if alone > most and not rings:
+    everywhere = alone > most and not (alone < _RINGS and np.mean(left > most * whole) <= _SELDOM)
+    starts = everywhere and drive.starts()
+    fair = _where_fair(samples, candidates, instants_s, prior) if starts else prior
+    ringing, after = None, 0.0
+    if starts or not everywhere:
+        ringing, after = _ringing(samples, candidates, drive, fair, everywhere=starts)
+        after /= max(float(np.sum(samples.signal**2)), np.finfo(float).tiny)
+    if everywhere and (ringing is None or after > most):
         if alone > _USELESS:  # resonances are passed too fast for the lines that are expected
             prior = _Lines(chosen=prior.chosen[:0], amplitudes=prior.amplitudes[:, :0], changes=prior.changes[:0])
         fitted, window = _varying_fit(samples, candidates, instants_s, prior)
-        return fitted, _about_fit(fitted, window, prior)
-    return prior, (
+        return fitted, None, _about_fit(fitted, window, prior)
+    share = after if everywhere else alone + after
+    rung = "" if ringing is None else f"; beside them {ringing.frequencies_hz.size} modes ring (truth_ringing)"
+    about = (
         f"{prior.chosen.size} lines against time, of a quasi-static response and what it lags behind the speed, down "
-        f"to {EXPECTED_FLOOR:g} of the loudest; they leave {100 * alone:.2g} % of the power"
+        f"to {EXPECTED_FLOOR:g} of the loudest{rung}; they leave {100 * share:.2g} % of the power"
     )
+    return fair, ringing, about
+
+
+def _where_fair(samples: AngleSamples, candidates: Candidates, instants_s: Array, prior: _Lines) -> _Lines:
+    """Return lines without amplitude about instants between which they leave more than there is.
+
+    So they do where the speed passes a resonance faster than it rings, as in a start: it never has their amplitude.
+    """
+    pairs = np.lib.stride_tricks.sliding_window_view(prior.amplitudes, 2, axis=2)
+    orders, every = candidates.values[prior.chosen], np.arange(instants_s.size - 1)
+    left, whole = _powers(samples, orders, pairs, instants_s=instants_s, begins=every)
+    fair = np.ones(instants_s.size)
+    unfair = np.flatnonzero(left > whole)
+    fair[unfair] = fair[unfair + 1] = 0.0
+    return replace(prior, amplitudes=prior.amplitudes * fair)
+
+
+def _ringing(
+    samples: AngleSamples, candidates: Candidates, drive: _Drive, prior: _Lines, *, everywhere: bool
+) -> tuple[FreeVibration | None, float]:
+    """Return the free vibration after changes, or everywhere, and the sum of squares that is left there.
+
+    Only where expected lines leave a hundredth of the power.
+    """
+    if drive.modes is None or not (everywhere or drive.changes_s.size):
+        return None, 0.0
+    modes, instants_s = drive.modes(), drive.instants_s
+    count, rate_hz, spans, least = samples.signal.shape[1], samples.rate_hz, list[Span](), 0.0
+    for first, end in ringing_spans(drive.changes_s, modes, samples=count, rate_hz=rate_hz, everywhere=everywhere):
+        begin, last = np.searchsorted(instants_s, [first / rate_hz, (end - 1) / rate_hz])
+        near = slice(max(int(begin) - 1, 0), int(last) + 1)
+        lines = sum_of_lines(
+            candidates.values[prior.chosen],
+            prior.amplitudes[:, :, near],
+            instants_s=instants_s[near],
+            revolutions=samples.revolutions,
+            times_s=np.arange(first, end) / rate_hz,
+        )
+        left = samples.signal[:, first:end] - lines
+        if np.sum(left**2) > _RUNG * np.sum(samples.signal[:, first:end] ** 2):
+            spans.append(Span(first=first, left=left))
+        else:
+            least += float(np.sum(left**2))
+    found = free_vibration(spans, modes, rate_hz=rate_hz, top_hz=_BELOW_NYQUIST * rate_hz / 2) if spans else None
+    return found, least + (found.left if found else sum(float(np.sum(span.left**2)) for span in spans))
 
 
 def _begins(instants_s: Array) -> NDArray[np.int_]:
