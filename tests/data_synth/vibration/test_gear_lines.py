@@ -181,3 +181,25 @@ def test_lines_jump_with_the_torque():
     settled = (times_s < 1.03) | (times_s > 1.2)  # what rings behind the jump is no line
     error = (rebuilt(record) - record["a"].values)[settled]
     assert np.mean(error**2) < 1e-3 * np.mean(record["a"].values[settled] ** 2)
+
+
+def test_lines_of_planets_are_found_where_only_the_lower_speeds_have_them():
+    # at 240 rpm of the carrier the band ends at order 3388, at 100 rpm at 8132
+    speed = {"link": "carrier", "rpm": [[0, 100], [3, 240]]}
+    record = clean(load_scene("planets-in-motion").changed(speed=speed, duration_s=3.0, faults=()))
+    channel, found = record[record["truth_channel"].values[0]].to_numpy(), rebuilt(record)
+    first = slice(0, channel.size // 10)
+    assert explained(found[first], channel[first]) > 0.95
+    assert explained(found, channel) > 0.98
+    speed_hz, top_hz = record["truth_speed"].values, 0.5 / float(record["time"][1] - record["time"][0])
+    above = np.multiply.outer(record["truth_order"].values, speed_hz) > top_hz
+    assert np.all(record["truth_amplitude"].values[0][above] == 0)
+
+
+def test_more_lines_of_a_damaged_planet_than_two_thousand_are_stated():
+    planets = load_scene("planets-in-motion").changed(duration_s=6.0)
+    fault = {"kind": "spall", "component": "planet-ring/planet", "size_mm": 0.1}
+    faulty, sound = (clean(planets.changed(faults=each)) for each in ((fault,), ()))
+    channel = faulty["truth_channel"].values[0]
+    added = (faulty[channel] - sound[channel]).to_numpy()
+    assert explained(rebuilt(faulty) - rebuilt(sound), added) > 0.95
