@@ -123,7 +123,9 @@ class Explanation:
 
 
 @checked
-def explain(scene: Scene | str | Path) -> Explanation:
+def explain(
+    scene: Scene | str | Path, *, by_source: bool = False, phases: bool = False, mechanics: bool = False
+) -> Explanation:
     """Return the sources, lines and estimated cost of a scene without simulating it.
 
     Random events are counted in a preview of ten seconds, with the time histories of the scene compressed into it.
@@ -132,6 +134,8 @@ def explain(scene: Scene | str | Path) -> Explanation:
     ----------
     scene : Scene, path or catalogue name
         The scene.
+    by_source, phases, mechanics : bool
+        As for `simulate`: what they keep beside the channels counts as the record's.
 
     Returns
     -------
@@ -154,7 +158,9 @@ def explain(scene: Scene | str | Path) -> Explanation:
     counted = count(declared)
     parts = (*counted.gears, *_parts(counted.stage, declared, counted.time_factor))
     samples, channels = declared.samples, len(declared.sensors)
-    record_bytes = samples * channels * BYTES
+    rows = channels + _rows_beside(declared, phases=phases, mechanics=mechanics)
+    rows += channels * _sources(counted.stage) if by_source else 0
+    record_bytes = rows * samples * BYTES
     return Explanation(
         title=(
             f"{declared.gearbox.name}, {declared.fidelity}: {declared.duration_s:g} s of {channels} channel(s) at "
@@ -359,6 +365,17 @@ _SMALL_BYTES = 100_000_000  # any machine has this, so smaller records are not c
 _MEMINFO, _CGROUP = Path("/proc/meminfo"), Path("/sys/fs/cgroup")
 
 
+def _rows_beside(scene: Scene, *, phases: bool, mechanics: bool) -> int:
+    """Return the number of histories at every sample that a record keeps beside its channels."""
+    rows = 0
+    if phases:
+        rows += sum(scene.ratio(link) != 0 for link in scene.gearbox.links)
+        rows += 2 * sum(len(bearing.names) for bearing in scene.gearbox.bearings)
+    if mechanics:
+        rows += 4 * len(scene.gearbox.links) + 3 * len(scene.kinematics.contacts)
+    return rows
+
+
 def refuse_too_large(
     scene: Scene | str | Path,
     out: Path | None = None,
@@ -383,11 +400,7 @@ def refuse_too_large(
         With what it needs, what is free, and how long a record would fit.
     """
     declared = scene if isinstance(scene, Scene) else load_scene(scene)
-    rows = len(declared.sensors)
-    if phases:
-        rows += len(declared.gearbox.links) + 2 * sum(len(bearing.names) for bearing in declared.gearbox.bearings)
-    if mechanics:
-        rows += 4 * len(declared.gearbox.links) + 3 * len(declared.kinematics.contacts)
+    rows = len(declared.sensors) + _rows_beside(declared, phases=phases, mechanics=mechanics)
     if not by_source and rows * declared.samples * BYTES <= _SMALL_BYTES:
         return
     counted = count(declared)

@@ -227,6 +227,8 @@ class Plan:
     def variant_of(self, number: int) -> RecordClass:
         """Return the class of a record; the classes take turns, each as often in a cycle as its `share`.
 
+        With several machines in the plan's history each has all classes in turn.
+
         Parameters
         ----------
         number : int
@@ -245,7 +247,7 @@ class Plan:
         >>> plan.variant_of(1).name, plan.variant_of(9).name
         ('crack', 'crack')
         """
-        return self.variants[self._cycle[number % len(self._cycle)]]
+        return self.variants[self._cycle[self._turn(number) % len(self._cycle)]]
 
     def values(self, number: int) -> dict[str, Any]:
         """Return the values drawn for a record.
@@ -375,13 +377,21 @@ class Plan:
 
     def _sobol_point(self, number: int, variant: RecordClass) -> NDArray[np.float64]:
         """Return the point of the Sobol sequence that belongs to a record, a coordinate for each label."""
-        turns, place = divmod(number, len(self._cycle))
+        turns, place = divmod(self._turn(number), len(self._cycle))
         own = self.variants.index(variant)
         rank = turns * variant.share + self._cycle[:place].count(own)
         key = (self.seed, zlib.crc32(variant.name.encode()), len(variant.ranges))
-        points = -(-self.records // len(self._cycle)) * variant.share
+        machines = 1 if self.history is None else self.history.machines
+        points = -(-self.records // (machines * len(self._cycle))) * machines * variant.share
         shares: NDArray[np.float64] = _sobol_points(*key, power=(points - 1).bit_length())[rank]
         return shares
+
+    def _turn(self, number: int) -> int:
+        """Return which turn of the classes a record takes: each of several machines has all classes in turn."""
+        machines, classes = 1 if self.history is None else self.history.machines, len(self._cycle)
+        block, place = divmod(number, machines * classes)
+        turn, machine = divmod(place, machines)
+        return (block * machines + machine) * classes + (turn + machine) % classes
 
     @property
     def _cycle(self) -> tuple[int, ...]:

@@ -16,6 +16,8 @@ from data_synth.operation.shaft_angle import Array
 if TYPE_CHECKING:
     from hums.gearbox.bearing_orders import BearingOrders
 
+_AT_REST = 1e-9  # turns of a ring in the load zone to a turn of the reference: rounding
+
 
 # ---- Slip of a rolling bearing: impacts with independent random intervals, whose errors add up -----------------------
 # The impacts have no exact period: their times deviate like a random walk (Antoni and Randall 2003, J. Vib. Acoust.
@@ -330,8 +332,8 @@ def bearing_impacts(
         First and last revolution of the reference shaft.
     rng : numpy.random.Generator
     place_turns : float
-        Place of a defect of the outer ring at revolution zero, in turns from the middle of the load zone. That of a
-        defect of the inner ring or of an element is drawn.
+        Place of a defect of the outer ring at revolution zero, in turns from the middle of the load zone, or of one of
+        an inner ring that is at rest in the zone. That of a defect of another inner ring or of an element is drawn.
     inner_share : float
         Force of an impact on the inner race over one on the outer race, both at the housing (rolling element).
     zone_order : float
@@ -353,7 +355,7 @@ def bearing_impacts(
         rates=rates,
         impacts_rev=revolutions,
         first_number=first_number,
-        place_turns=place_turns if kind == "outer_race" else initial_turns,
+        place_turns=place_turns if kind == "outer_race" or rests_in_zone(kind, rates, zone_order) else initial_turns,
     )
     impacts_rev = revolutions[1:-1]
     place, cage_turns = rolling.at_impacts()
@@ -371,6 +373,11 @@ def bearing_impacts(
         rate=float((impacts_rev.size - 1) / span),
         expected_rate=order * (1 - slip.mean_slip),
     )
+
+
+def rests_in_zone(kind: str, rates: "BearingOrders", zone_order: float) -> bool:
+    """Return whether a defect is of an inner ring that does not turn in the load zone, as on the pin of a planet."""
+    return kind == "inner_race" and abs(rates.inner_ring - zone_order) < _AT_REST
 
 
 def passage_revolutions(

@@ -6,7 +6,7 @@ from dataclasses import replace
 import numpy as np
 
 from data_synth.bearings.five_dof import BearingModel, Spall, Support
-from data_synth.bearings.impacts import LoadZone, bearing_impacts, passage_revolutions
+from data_synth.bearings.impacts import LoadZone, bearing_impacts, passage_revolutions, rests_in_zone
 from data_synth.kinematic.gear_faults import ImpactTrain
 from data_synth.operation.drive import Drive
 from data_synth.operation.shaft_angle import Array
@@ -43,16 +43,22 @@ def bearing_impact_trains(
     fault = bearing_fault(scene, number)
     if _bearing(scene, fault).element_diameter_mm is not None:
         _radius_of_fault(scene, fault, size_mm=fault.size_mm * float(fault.relative_size(scene.duration_s)))
+    rates, turning = scene.bearing(fault.component), zone_order(scene, fault)
+    if fault.kind == "inner_race" and fault.place_deg and not rests_in_zone(fault.kind, rates, turning):
+        raise SceneError(
+            f"fault {number + 1}: place_deg = {fault.place_deg:g} is the place of a ring at rest in its load zone, and "
+            f'the inner ring of "{fault.component}" turns in it; leave it out.'
+        )
     impacts = bearing_impacts(
         fault.kind,
-        rates=scene.bearing(fault.component),
+        rates=rates,
         slip=fault,
         zone=LoadZone.of(distribution=fault.load_distribution, exponent=fault.load_exponent),
         span_rev=span_rev,
         rng=rng,
         place_turns=fault.place_deg / 360,
         inner_share=fault.inner_share,
-        zone_order=zone_order(scene, fault),
+        zone_order=turning,
         since_rev=since_rev if since_rev < span_rev[0] else None,
     )
     train = ImpactTrain(

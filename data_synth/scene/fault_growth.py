@@ -2,11 +2,11 @@
 
 import math
 from abc import abstractmethod
-from typing import Annotated, Literal
+from typing import Annotated, Literal, Self
 
 import numpy as np
 from numpy.typing import ArrayLike, NDArray
-from pydantic import Field
+from pydantic import Field, model_validator
 
 from hums.gearbox.components import Declared, Name, Positive
 
@@ -77,6 +77,15 @@ class GrowingFault(Declared):
     @abstractmethod
     def initial_mm(self) -> float:
         """Size at the beginning of the record, mm."""
+
+    @model_validator(mode="after")
+    def _check_largest(self) -> Self:
+        if self.growth is not None and self.growth.largest_mm < self.initial_mm:
+            raise ValueError(
+                f"growth: largest_mm = {self.growth.largest_mm:g} is less than the size at the beginning, "
+                f"{self.initial_mm:g} mm; give at least that"
+            )
+        return self
 
     def relative_size(self, times_s: ArrayLike) -> Array:
         """Return the size at times (n,) in s over the initial size."""

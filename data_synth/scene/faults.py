@@ -193,6 +193,10 @@ class GearFault(GrowingFault):
         most = math.inf if self.largest_effect_mm is None else self.largest_effect_mm
         return np.asarray(np.minimum(size_mm, most) ** self.size_exponent)
 
+    def most_mm(self, module_mm: float) -> float:  # noqa: ARG002 - some depend on it
+        """Return the size in mm beyond which nothing is left that a larger one could change."""
+        return math.inf
+
     def width_pitches(self) -> float:
         """Return the width of the modulation window, in tooth pitches."""
         return 1.0
@@ -276,6 +280,10 @@ class MissingTooth(SizedGearFault):
 
     kind: Literal["missing_tooth"]
     load_exponent: NotNegative = 0.0
+
+    def most_mm(self, module_mm: float) -> float:
+        """Return the height of a tooth in mm."""
+        return (1 + _DEDENDUM) * module_mm
 
     def impacts(self, gear: FaultyGear) -> ImpactPlaces:
         """Return one impact a turn, where the next tooth comes into contact."""

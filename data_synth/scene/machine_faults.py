@@ -80,7 +80,8 @@ class BearingFault(SizedFault):
     zone is stationary, as under weight and tooth forces, or rotates with the link `load_turns_with`, as under an
     imbalance. The impact amplitude at full load is `size_mm` times `impact_per_mm`, an illustrative factor.
 
-    A defect of the outer ring is at `place_deg` from the middle of the load zone. Impacts of an element on the inner
+    A defect of the outer ring, or of an inner ring at rest in the load zone, as on the pin of a planet, is at
+    `place_deg` from the middle of the zone. Impacts of an element on the inner
     race are `inner_share` of those on the outer race. An element that enters a spall of a race causes, before the
     impact at the far end, one of `entry_share`. An impact is an impulse, or a constant force for `pulse_share` of the
     time to pass the spall, which excites high modes less. With `five_dof` the impacts follow from the motion of the
@@ -114,7 +115,7 @@ _ONLY = {
     "load_distribution": _OF_ROLLING,
     "load_exponent": _OF_ROLLING,
     "load_turns_with": _OF_ROLLING,
-    "place_deg": ("outer_race",),
+    "place_deg": ("inner_race", "outer_race"),
     "inner_share": ("rolling_element",),
     "entry_share": ("inner_race", "outer_race"),
     "pulse_share": _OF_ROLLING,

@@ -131,6 +131,9 @@ class DropOuts(Declared):
     reads: Literal["nan", "zero", "hold"] = "nan"
 
 
+_TAKEN = ("time", "tachometer", "pulse_tachometer")
+
+
 class Sensor(Declared):
     """An accelerometer on a bearing, link or mesh, and its channel.
 
@@ -152,6 +155,17 @@ class Sensor(Declared):
     clipping: Clipping | None = None
     quantisation: Quantisation | None = None
     drop_outs: DropOuts | None = None
+
+    @model_validator(mode="after")
+    def _check(self) -> Self:
+        if self.direction is not None and not any(self.direction):
+            raise ValueError("direction = [0, 0, 0] is none; give [x, y, z] with at least one that is not zero")
+        if self.name.startswith("truth_") or self.name in _TAKEN or "/" in self.name:
+            raise ValueError(
+                f'name = "{self.name}": a record has other variables of this name, or no variable can have it; give a '
+                "name that has no slash, does not begin with truth_ and is not one of " + ", ".join(_TAKEN)
+            )
+        return self
 
     @property
     def channel_units(self) -> str:

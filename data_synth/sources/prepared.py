@@ -76,7 +76,7 @@ def harmonic_families(
     for number, (fault, offset, relative_size) in enumerate(zip(scene.faults, offsets, relative_sizes, strict=True)):
         size = fault.initial_mm * relative_size
         if isinstance(fault, GearFault):
-            effect = fault.effect_mm(size)
+            effect = fault.effect_mm(np.minimum(size, _most_mm(scene, fault)))
             mesh, tooth = meshes[mesh_name(fault.component)], teeth[fault.component]
             gear = faulty_gear(scene, number, teeth=float(mesh.base_order / tooth), rng_for=rng_for)
             if gear.face_width_m is not None or not isinstance(fault, Chipping | Misalignment):
@@ -121,6 +121,12 @@ _EXCITATIONS: dict[str, Callable[[], ShaftExcitation]] = {
     "bent_shaft": bent_shaft,
     "shaft_misalignment": shaft_misalignment,
 }
+
+
+def _most_mm(scene: Scene, fault: GearFault) -> float:
+    """Return the size in mm beyond which a fault does not change, infinite where no module is declared."""
+    module_mm = declared_size_mm(scene, mesh_name(fault.component), "module_mm")
+    return fault.most_mm(math.inf if module_mm is None else module_mm)
 
 
 def faulty_gear(scene: Scene, number: int, *, teeth: float, rng_for: RandomStreams) -> FaultyGear:
@@ -330,7 +336,9 @@ class PreparedScene:
         grown, exponent = fault.relative_size(times_s), self.scene.excitation.speed_exponent
         if isinstance(fault, GearFault):
             share, exponent = share**fault.load_exponent, exponent + fault.speed_exponent
-            grown = fault.effect_mm(fault.initial_mm * grown) / fault.effect_mm(fault.initial_mm)
+            most = _most_mm(self.scene, fault)
+            initial, later = (np.minimum(each, most) for each in (fault.initial_mm, fault.initial_mm * grown))
+            grown = fault.effect_mm(later) / fault.effect_mm(initial)
         return np.asarray(share * _speed_factor(exponent, self.scene, self.drive, times_s) * grown)
 
 

@@ -80,9 +80,10 @@ def steady_fit(
         if left < _LEFT_STEADY:
             break
     left, apart, chosen, lines = min(tried, key=lambda each: each[0])
+    capped = "the loudest " if chosen.size == _MOST else ""
     about = (
-        f"{'the loudest ' if chosen.size == _MOST else ''}{chosen.size} lines of the steady motion, in a window of {length_rev:.4g} rev: other lines add less than "
-        f"2e-5; {_floors()}; lines nearer than {apart / length_rev:.2g} orders count as one; they leave "
+        f"{capped}{chosen.size} lines of the steady motion, in a window of {length_rev:.4g} rev: other lines add less "
+        f"than 2e-5; {_floors()}; lines nearer than {apart / length_rev:.2g} orders count as one; they leave "
         f"{100 * left:.2g} % of the power"
     )
     return chosen, np.repeat(lines, instants_s.size, axis=2), np.zeros(chosen.size), about

@@ -32,7 +32,13 @@ from data_synth.sources.prepared import PreparedScene, mesh_name, prepare_scene
 from data_synth.transfer.housing import AHEAD
 from data_synth.vibration.meshes import Gears, Teeth, gears_of, kinematics_of, tooth_passes
 from data_synth.vibration.sensor_forces import SensorForces, sensor_forces_of
-from data_synth.vibration.torques import DriveLoad, drive_load_of, static_error_forces, static_tooth_forces
+from data_synth.vibration.torques import (
+    DriveLoad,
+    drive_load_of,
+    static_displacements,
+    static_error_forces,
+    static_tooth_forces,
+)
 from data_synth.vibration.weighted_forces import LAG, WeightedForces
 from hums.gearbox.kinematics import Kinematics
 
@@ -91,7 +97,10 @@ def assembly_of(
             rotating_frame="carriers",
         )
     except ValueError as caught:
-        raise SceneError(f"dynamics: {caught}") from None
+        words = str(caught)
+        for ours, declared_as in (("inertias", "links"), ("supports", "bearings")):
+            words = words.replace(f'{ours} names "', f'{declared_as} names "')
+        raise SceneError(f"dynamics: {words}") from None
 
 
 def has_crossed_axes(kinematics: Kinematics) -> bool:
@@ -410,6 +419,17 @@ def motion_of(
         shares = structure.response(np.zeros(1))[:, :, 0].real @ structure.maps["mesh_force"] @ static_n
         by_mesh |= {each.contact: by_mesh[each.contact] + shares[each.reading] for each in sensor_forces.passing}
     sensor_forces = replace(sensor_forces, static_n=by_mesh)
+    declared_paths = np.array([route.path is not None for route in sensor_forces.routes])
+    if declared_paths.any():
+        maps, count = sensor_forces.output.maps, declared_paths.size
+        displaced = static_displacements(stage, system, acting)
+        static = maps["displacement"][:count] @ displaced
+        if "mesh_force" in maps:
+            static = static + maps["mesh_force"][:count] @ static_n
+        if structure is not None:
+            shared = structure.response(np.zeros(1))[:, :, 0].real @ structure.maps["mesh_force"] @ static_n
+            static[: min(count, len(shared))] += shared[:count]
+        sensor_forces = replace(sensor_forces, static_readings=static * declared_paths[:, None])
     return Motion(
         stage=stage,
         system=replace(damped, damping=damped.damping + system.damping + acting.damping),

@@ -236,6 +236,9 @@ class SensorForces:
         Response of the motions that are not simulated. Its readings are the first of the output, its inputs the last.
     static_n : mapping of mesh to (instant,) array
         Static mesh forces under the load at the instants of the truth; none of a mesh that is left out.
+    static_readings : (route, instant) array, or None
+        Static part of the readings of routes of declared paths, zero of others, which is left out: an accelerometer has
+        none, and a mode of unit gain would pass it. None: no route has a declared path.
     """
 
     stage: PreparedScene = field(repr=False)
@@ -247,6 +250,7 @@ class SensorForces:
     carriers: dict[str, tuple[float, float]]
     structure: Structure | None = field(default=None, repr=False)
     static_n: Mapping[str, Array] = field(default_factory=dict, repr=False)
+    static_readings: Array | None = field(default=None, repr=False)
 
     @property
     def rotate(self) -> bool:
@@ -256,6 +260,10 @@ class SensorForces:
     def forces(self, readings: Array, *, times_s: Array) -> Array:
         """Return the forces (n, routes) in N from readings (n, readings)."""
         count = len(self.routes)
+        if self.static_readings is not None:
+            readings = readings.copy()
+            for route, static in enumerate(self.static_readings):
+                readings[:, route] -= np.interp(times_s, self.stage.instants_s, static)
         if not self.rotate:
             return readings
         sensed = readings[:, :count].copy()
@@ -330,9 +338,7 @@ def sensor_forces_of(
     of_each = [route_gains(scene, whole, route, every) for route in every]
     felt = [not r.elastic or window is not None or any(own.values()) for r, own in zip(every, of_each, strict=True)]
     routes, weights = tuple(compress(every, felt)), list(compress(of_each, felt))
-    directions_of_sensors = [
-        _sensitive_direction(stage, whole, sensor, passes=window is not None) for sensor in scene.sensors
-    ]
+    directions_of_sensors = [_sensitive_direction(stage, whole, sensor) for sensor in scene.sensors]
     directions = [directions_of_sensors[route.number] for route in routes]
     rings = [window is None or (route.source is None and not route.elastic) for route in routes]
     for along, gains, ring in zip(directions, weights, rings, strict=True):
@@ -544,13 +550,13 @@ class _Readings:
         return displacement, velocity
 
 
-def _sensitive_direction(stage: PreparedScene, whole: Assembly, sensor: Sensor, *, passes: bool) -> Array:
+def _sensitive_direction(stage: PreparedScene, whole: Assembly, sensor: Sensor) -> Array:
     """Return a sensor's direction with its cross-axis sensitivity, in x, y and z of the assembly, (3,)."""
     direction = sensitive_direction(sensor, rng_for=stage.rng_for)
     along = np.asarray(whole.parts.space @ direction)
     along[np.abs(along) < _ALONG] = 0.0
     moves = {motion for _, motion in whole.coordinates.index}
-    if not passes and not any(value and motion in moves for value, motion in zip(along, "xyz", strict=True)):
+    if not any(value and motion in moves for value, motion in zip(along, "xyz", strict=True)):
         raise SceneError(
             f'sensor "{sensor.name}" is directed along the shafts, where gears that move in a plane have no force; '
             'change its direction, or write fidelity = "full".'

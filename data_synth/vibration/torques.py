@@ -136,6 +136,13 @@ def static_tooth_forces(stage: PreparedScene, system: System, drive_load: DriveL
     With ``a = Phi (Phi' F / omega^2)`` over the elastic modes, so that loads which accelerate the rigid motion bear on
     the inertias.
     """
+    means = np.array([mesh.stiffness.mean for mesh in system.meshes])
+    directions = np.array([mesh.direction for mesh in system.meshes])
+    return np.asarray((means[:, None] * directions) @ static_displacements(stage, system, drive_load))
+
+
+def static_displacements(stage: PreparedScene, system: System, drive_load: DriveLoad) -> Array:
+    """Return the elastic displacements of bodies under the load at the instants of the truth, (dof, instant)."""
     load = drive_load.load
     speeds = 2 * np.pi * np.multiply.outer(stage.speed_hz, drive_load.rigid_motion * drive_load.full_rotation)
     force = load.constant - speeds @ drive_load.damping
@@ -146,9 +153,8 @@ def static_tooth_forces(stage: PreparedScene, system: System, drive_load: DriveL
     angular, shapes = undamped_modes(system, means)
     elastic = angular > 0
     modal = (force @ shapes[:, elastic]) / angular[elastic] ** 2
-    directions = np.array([mesh.direction for mesh in system.meshes])
-    static = np.asarray((means[:, None] * (directions @ shapes[:, elastic])) @ modal.T)
-    return np.asarray(np.broadcast_to(static, (means.size, stage.instants_s.size)))
+    static = shapes[:, elastic] @ np.atleast_2d(modal).T
+    return np.asarray(np.broadcast_to(static, (static.shape[0], stage.instants_s.size)))
 
 
 def static_error_forces(system: System) -> Array:
@@ -180,6 +186,11 @@ def _loaded(scene: Scene, kinematics: Kinematics, driving: str) -> str:
     for link in named if load_on is None else [load_on]:
         if link in bodies and bodies[link] not in (driving, frame):
             return link
+    if load_on is not None:
+        raise SceneError(
+            f'dynamics.load_on = "{load_on}" is at rest or is the reference, which drives; name the link that takes '
+            "the power out, or leave it out where that is the torque's."
+        )
     raise SceneError(
         f'torque acts on "{scene.torque.link}", and the reference "{scene.gearbox.reference}" drives; name the '
         "link that takes the power out as dynamics.load_on."

@@ -32,7 +32,7 @@ def synth(
     from hums.records.store import save_record  # noqa: PLC0415
 
     if explain:
-        typer.echo(str(explained(scene)))
+        typer.echo(str(explained(scene, by_source=by_source, phases=phases, mechanics=mechanics)))
     if out is None:
         if explain:
             return

@@ -109,3 +109,14 @@ def test_without_a_file_to_write_it_says_so(synth, scene):
     code, _, err = synth(scene)
     assert code == 2
     assert "--out is missing; name the record to write" in err
+
+
+def test_what_is_kept_beside_the_channels_counts(synth, scene):
+    _, alone, _ = synth(scene, "--explain")
+    kept = {"by_source": True, "phases": True}
+    _, beside, _ = synth(scene, "--explain", "--by-source", "--phases")
+    assert beside == f"{explain(scene, **kept)}\n"
+    assert beside != alone
+    record = simulate(scene, seed=1, **kept)
+    histories = [record[name] for name in ("a", "truth_source", "truth_shaft_revolutions", "truth_roller_revolutions")]
+    assert explain(scene, **kept).record_bytes == sum(each.nbytes for each in histories)

@@ -7,11 +7,12 @@ import pytest
 from numpy.testing import assert_allclose
 from scipy.special import ive
 
-from data_synth import load_scene
+from data_synth import load_scene, simulate
 from data_synth.kinematic.gear_faults import SIDEBAND_CUTOFF, gear_damage_family, tooth_window
 from data_synth.kinematic.harmonics import HarmonicFamily, add_lines, common_base
 from data_synth.scene.faults import FaultyGear, ToothCrack
 from data_synth.scene.random_streams import random_stream
+from data_synth.scene.scene import declared_size_mm
 from data_synth.sources.prepared import prepare_scene
 
 SCENE = load_scene("demo")
@@ -147,3 +148,16 @@ def test_a_fault_goes_with_a_power_of_the_speed():
     ]
     shown = np.abs(lines[0][0]) > 0
     assert_allclose((lines[1][0] / np.where(shown, lines[0][0], 1))[shown], (shown * expected)[shown], rtol=1e-9)
+
+
+def test_a_missing_tooth_has_no_more_to_lose_than_its_height():
+    scene = load_scene("gears-in-motion").changed(duration_s=0.2, fidelity="kinematic")
+    module_mm = declared_size_mm(scene, "stage 1", "module_mm")
+
+    def made(size_mm):
+        broken = {"kind": "missing_tooth", "component": "stage 1/pinion", "size_mm": size_mm}
+        return simulate(scene.changed(faults=(broken,)), seed=1)[scene.sensors[0].name].values
+
+    whole = made(2.25 * module_mm)
+    assert np.array_equal(made(30 * module_mm), whole)
+    assert not np.array_equal(made(2 * module_mm), whole)

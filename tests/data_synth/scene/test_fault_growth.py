@@ -5,6 +5,7 @@ import pytest
 from numpy.testing import assert_allclose
 from scipy.integrate import solve_ivp
 
+from data_synth import SceneError, load_scene
 from data_synth.scene.fault_growth import ExponentialGrowth, LinearGrowth, ParisGrowth, paris_rate
 from data_synth.scene.faults import ToothCrack
 
@@ -57,3 +58,11 @@ def test_a_crack_that_runs_away_stays_at_its_largest():
 def test_what_makes_no_sense_is_refused(changes):
     with pytest.raises(ValueError, match=next(iter(changes))):
         paris(**changes)
+
+
+def test_growth_to_less_than_the_size_is_refused():
+    grown = {"law": "linear", "rate_mm_per_s": 1.0, "largest_mm": 0.5}
+    with pytest.raises(SceneError, match=r"largest_mm = 0\.5 is less than the size at the beginning, 1 mm"):
+        load_scene("gears-in-motion").changed(
+            faults=({"kind": "tooth_crack", "component": "stage 1/pinion", "depth_mm": 1.0, "growth": grown},)
+        )

@@ -87,3 +87,15 @@ def test_records_of_one_machine_have_its_teeth():
     assert seeds[0] == seeds[2] != seeds[1] == seeds[3]
     assert plan.labels(2)["machine_seed"] == seeds[0]
     assert parse_plan(PLAN.replace("[history]", "")).machine_seed_of(0) is None
+
+
+@pytest.mark.parametrize(("machines", "shares"), [(2, (1, 1)), (4, (1, 1)), (3, (2, 1)), (1, (1, 2))])
+def test_every_machine_has_every_class(machines, shares):
+    classes = "".join(
+        f'[[class]]\nname = "{name}"\nshare = {share}\n' for name, share in zip("ab", shares, strict=True)
+    )
+    plan = parse_plan(PLAN + f"machines = {machines}\n" + classes)
+    found = [(plan.labels(number)["machine"], plan.variant_of(number).name) for number in range(12 * sum(shares))]
+    for machine in range(machines):
+        own = [name for at, name in found if at == machine]
+        assert own.count("a") * shares[1] == own.count("b") * shares[0], own

@@ -28,6 +28,17 @@ def changed(**changes):
             'and the reference "input" drives; name the link that takes the power out as dynamics.load_on',
         ),
         (
+            {"dynamics": {**DEMO["dynamics"], "load_on": "input"}},
+            'dynamics.load_on = "input" is at rest or is the reference, which drives; name the link that takes the',
+        ),
+        (
+            {"dynamics": {**DEMO["dynamics"], "links": {"q": {"mass_kg": 3}}}},
+            'dynamics: links names "q"',
+        ),
+        ({"sensor": [{**DEMO["sensor"][0], "direction": [0, 0, 0]}]}, "direction = [0, 0, 0] is none; give [x, y, z]"),
+        ({"sensor": [{**DEMO["sensor"][0], "name": "time"}]}, 'name = "time": a record has other variables'),
+        ({"sensor": [{**DEMO["sensor"][0], "name": "a/b"}]}, 'name = "a/b": a record has other variables'),
+        (
             {"dynamics": {**DEMO["dynamics"], "bearings": {"output": {"radial_n_m": -1e8}}}},
             "radial_n_m = -100000000.0: input should be greater than 0",
         ),

@@ -296,3 +296,14 @@ def test_a_sensor_in_motion_reads_a_share_of_what_is_across_it():
     share = float(added @ aside / (aside @ aside))
     assert 0 < abs(share) <= 0.1
     assert_allclose(added, share * aside, atol=1e-6 * np.max(np.abs(up)))
+
+
+@pytest.mark.parametrize("fidelity", ["torsional", "lateral"])
+def test_a_declared_way_passes_no_static_force(fidelity):
+    scene = load_scene("gears-in-motion").changed(duration_s=0.5, noise={"rms": 0}, faults=(), fidelity=fidelity)
+    sensor = scene.sensors[0].name
+    ways = [way(source, sensor, scene.sensors[0].units) for source in ("input", "output")]
+    torque = {"link": "output", "nm": [[0, 200], [0.5, 400]]}
+    values = simulate(scene.changed(transfers=ways, torque=torque), seed=1)[sensor].values
+    thirds = [np.mean(part) for part in np.array_split(values, 3)]
+    assert np.max(np.abs(thirds)) < 0.02 * np.std(values)

@@ -319,7 +319,7 @@ def test_the_declared_mean_stiffness_is_that_of_healthy_teeth():
         ({"dynamics": {"meshes": {"mesh": {"stiffness_n_m": -1e8}}}}, "stiffness_n_m.*greater than 0"),
         ({"dynamics": {"bearings": {"pinion": {"radial_n_m": -1.0}}}}, "radial_n_m.*greater than 0"),
         ({"dynamics": {"meshes": {"mash": {}}}}, 'names "mash", which is no mesh of gearbox "pair"'),
-        ({"dynamics": {"links": {"wheels": {"mass_kg": 1}}}}, 'inertias names "wheels".*did you mean "wheel"'),
+        ({"dynamics": {"links": {"wheels": {"mass_kg": 1}}}}, 'links names "wheels".*did you mean "wheel"'),
         ({"torque": None}, "without load there is no mesh force; add torque"),
         ({"torque": {"link": "pinion", "nm": 5}}, "name the link that takes the power out as dynamics.load_on"),
         ({"gearbox": "planetary-27-36-99"}, 'mesh "sun-planet" declares no module_mm'),
