@@ -134,7 +134,7 @@ def test_simulate_refuses_what_the_command_refuses(monkeypatch):
     monkeypatch.setattr("data_synth.cost.free_memory_bytes", lambda: 250_000_000)
     with pytest.raises(SceneError, match=r"needs 0\.60\d* GB of memory, but 0\.25 GB are free"):
         simulate(scene, seed=1)
-    with pytest.raises(SceneError, match=r"samples of 13 row\(s\)"):  # 5 links and 4 rollers' and cages' angles too
+    with pytest.raises(SceneError, match=r"samples of 13 row\(s\)"):  # 4 links and 4 rollers' and cages' angles too
         simulate(scene, seed=1, phases=True, by_source=True)
 
 
