@@ -43,10 +43,11 @@ What belongs to a gearbox, its teeth, imbalance and phases, is the same in all i
 which begins some turns later. Mount and calibration of the sensor belong to the path, all else to the record.
 
 2.6 has the scenes, labels and samples of 2.5, and a truth that states what rings after a jump (`truth_ringing`), and
-lines above the band at the highest speed where they are projected. 2.5 has the scenes of 2.4, and samples that differ by 0.1 % as a rule and up to 2 %: loads that vary and errors that
-jump are integrated more exactly. Versions 2.2 to 2.4 have the scenes, labels and samples of 2.1, each a more exact
-truth; 2.1 has other samples than 2.0. Version 2.0 has imperfections, sizes and places of faults of its own: none of its
-records is one of 1.x. Before it, 1.5 changed the truth of 1.4, 1.4 a label of 1.3, and 1.3 the last digits of 1.2.
+lines above the band at the highest speed where they are projected. 2.5 has the scenes of 2.4, and samples that differ
+by 0.1 % as a rule and up to 2 %: loads that vary and errors that jump are integrated more exactly. Versions 2.2 to 2.4
+have the scenes, labels and samples of 2.1, each a more exact truth; 2.1 has other samples than 2.0. Version 2.0 has
+imperfections, sizes and places of faults of its own: none of its records is one of 1.x. Before it, 1.5 changed the
+truth of 1.4, 1.4 a label of 1.3, and 1.3 the last digits of 1.2.
 
 ## Authors, licence, citation
 
