@@ -30,7 +30,7 @@ from data_synth.operation.shaft_angle import Array
 from data_synth.scene.faults import Pitting, Spall
 from data_synth.scene.scene import GearFault, Scene, SceneError
 from data_synth.simulation import NoiseFree, noise_free
-from data_synth.sources.prepared import mesh_name
+from data_synth.sources.families import mesh_name
 from data_synth.vibration.meshes import kinematics_of
 
 _TURNS = 2  # of the damaged gear that are simulated, or as many as it takes to meet all planets

@@ -9,8 +9,9 @@ import xarray as xr
 from data_synth.bearings.impacts import signed_cage_order
 from data_synth.kinematic.harmonics import ComplexArray
 from data_synth.operation.shaft_angle import Array
+from data_synth.sources.families import last_s
 from data_synth.sources.impact_lines import impact_lines
-from data_synth.sources.prepared import PreparedScene, last_s
+from data_synth.sources.prepared import PreparedScene
 from data_synth.vibration.gear_lines import GearLines
 from data_synth.vibration.run import Motion, fault_passes
 

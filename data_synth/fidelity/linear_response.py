@@ -25,7 +25,8 @@ from data_synth.kinematic.harmonics import ComplexArray, HarmonicFamily
 from data_synth.kinematic.imperfect_parts import imperfections_of
 from data_synth.operation.shaft_angle import Array
 from data_synth.scene.scene import SceneError
-from data_synth.sources.prepared import PreparedScene, mesh_name
+from data_synth.sources.families import mesh_name
+from data_synth.sources.prepared import PreparedScene
 from data_synth.vibration.run import Motion, contacts_in
 from data_synth.vibration.torques import static_tooth_forces
 

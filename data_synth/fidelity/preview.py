@@ -15,7 +15,8 @@ from data_synth.scene.fault_growth import ExponentialGrowth
 from data_synth.scene.faults import Fault
 from data_synth.scene.operation import Speed, Torque, Turbulence
 from data_synth.scene.scene import Scene
-from data_synth.sources.prepared import PreparedScene, ratio_of
+from data_synth.sources.families import ratio_of
+from data_synth.sources.prepared import PreparedScene
 
 HistoryT = TypeVar("HistoryT", Speed, Torque)
 

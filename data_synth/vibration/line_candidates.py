@@ -17,7 +17,7 @@ from data_synth.kinematic.imperfect_parts import imperfections_of
 from data_synth.kinematic.planet_pass import pass_orders
 from data_synth.operation.shaft_angle import Array
 from data_synth.scene.scene import Scene
-from data_synth.sources.prepared import mesh_name
+from data_synth.sources.families import mesh_name
 
 _MIXED = 4  # multiples of one order beside those of another
 

@@ -28,7 +28,8 @@ from data_synth.operation.shaft_angle import Array
 from data_synth.scene.dynamics import MeshDynamics
 from data_synth.scene.faults import GearDamage, GearFault, damaged_teeth, transmission_errors
 from data_synth.scene.scene import Scene, SceneError
-from data_synth.sources.prepared import PreparedScene, damage_of, faulty_gear, mesh_name
+from data_synth.sources.families import damage_of, faulty_gear, mesh_name
+from data_synth.sources.prepared import PreparedScene
 from hums.gearbox.kinematics import Kinematics, solve_kinematics
 
 _UM = 1e-6

@@ -28,7 +28,8 @@ from data_synth.kinematic.imperfect_parts import imperfections_of
 from data_synth.scene.faults import LOSING_CONTACT, Eccentricity
 from data_synth.scene.random_streams import random_stream
 from data_synth.scene.scene import Scene, SceneError
-from data_synth.sources.prepared import PreparedScene, mesh_name, prepare_scene
+from data_synth.sources.families import mesh_name
+from data_synth.sources.prepared import PreparedScene, prepare_scene
 from data_synth.transfer.housing import AHEAD
 from data_synth.vibration.meshes import Gears, Teeth, gears_of, kinematics_of, tooth_passes
 from data_synth.vibration.sensor_forces import SensorForces, sensor_forces_of

@@ -32,7 +32,7 @@ from hums.records.fields import (
 
 __all__ = ["check_record"]
 
-_MIN_SAMPLES_PER_PULSE = 1.5  # at 1 they are the sample times
+MIN_SAMPLES_PER_PULSE = 1.5  # at 1 they are the sample times
 _MIN_SAMPLES_PER_TURN = 4.0  # of the vibration: the shaft's second harmonic at half the rate
 _MOST_PULSES = 1_000_000  # of a revolution: no encoder has more
 _MIN_INTERVALS = 20  # for a meaningful median of their changes
@@ -200,7 +200,7 @@ def _check_spacing(name: str, times_s: NDArray[np.float64], per_rev: int, rate_h
     """Refuse pulse times that are too dense for `rate_hz` or too irregular for a shaft."""
     spacing_s = (times_s[-1] - times_s[0]) / (times_s.size - 1)
     what = f'tachometer "{name}": its pulses are {spacing_s:.3g} s apart on average'
-    if spacing_s * rate_hz < _MIN_SAMPLES_PER_PULSE:
+    if spacing_s * rate_hz < MIN_SAMPLES_PER_PULSE:
         raise RecordError(
             f"{what}, {spacing_s * rate_hz:.3g} samples at {rate_hz:g} Hz: a pulse about every sample, or more. Give "
             "the moments at which the pulses came, in seconds, not the times of the samples; or correct the rate."

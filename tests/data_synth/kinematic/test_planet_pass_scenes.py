@@ -7,7 +7,7 @@ from numpy.testing import assert_allclose
 from data_synth import Scene, SceneError, simulate
 from data_synth.dynamics.placement import contacts_of, planet_phase_lag
 from data_synth.scene.random_streams import random_stream
-from data_synth.sources.prepared import healthy_families
+from data_synth.sources.families import healthy_families
 from data_synth.vibration.meshes import kinematics_of
 from hums.gearbox.model import load_gearbox
 

@@ -36,6 +36,10 @@ def changed(**changes):
             'dynamics: links names "q"',
         ),
         ({"sensor": [{**DEMO["sensor"][0], "direction": [0, 0, 0]}]}, "direction = [0, 0, 0] is none; give [x, y, z]"),
+        (
+            {"tachometer": {"link": "input", "pulses_per_rev": 4096}},
+            "tachometer: pulses_per_rev = 4096 are ",
+        ),
         ({"sensor": [{**DEMO["sensor"][0], "name": "time"}]}, 'name = "time": a record has other variables'),
         ({"sensor": [{**DEMO["sensor"][0], "name": "a/b"}]}, 'name = "a/b": a record has other variables'),
         (
