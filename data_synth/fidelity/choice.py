@@ -21,7 +21,8 @@ from data_synth.scene.random_streams import random_stream
 from data_synth.scene.scene import Excitation, GearFault, Noise, Scene, SceneError
 from data_synth.sources.prepared import PreparedScene, prepare_scene
 from data_synth.vibration.meshes import Gears
-from data_synth.vibration.run import Motion, motion_of, prepare_gears, without_meshes
+from data_synth.vibration.rigid_meshes import without_meshes
+from data_synth.vibration.run import Motion, motion_of, prepare_gears
 
 # Models of the meshes of a scene at each level of fidelity: rigid, a spring, spectral lines, or time integration.
 

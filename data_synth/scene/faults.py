@@ -14,7 +14,8 @@ from data_synth.gears import transmission_error
 from data_synth.gears.geometry import GearPair
 from data_synth.gears.lost_contact import Gap, LoadSharing, LostContact, broken_tip_gap, spall_gap, wear_gap
 from data_synth.gears.mesh_stiffness import Array
-from data_synth.gears.tooth_compliance import CrackedSection, DamagedTooth, Tooth, ToothPair
+from data_synth.gears.root_crack import RootCrack
+from data_synth.gears.tooth_compliance import DamagedTooth
 from data_synth.gears.transmission_error import TransmissionError
 from data_synth.scene.fault_growth import GrowingFault
 from data_synth.scene.machine_faults import BearingFault, ShaftFault
@@ -35,8 +36,6 @@ Length = Annotated[float, Field(gt=0, le=1)]
 
 _CRACK_ANGLE_DEG = 45.0  # to the middle of the tooth; cracks of gears with a thick rim run at about this angle
 _DEDENDUM = 1.25  # modules: ISO 53
-_ROOT_TANGENT = math.radians(30)  # the critical section of ISO 6336-3
-_BISECTIONS = 60
 _CRACK_POINTS = 513  # along the path, between which the compliance of a cracked tooth is linear
 
 
@@ -457,55 +456,6 @@ GEAR_FAULTS = ToothCrack | Chipping | MissingTooth | Spall | Pitting | Eccentric
 # ---- what changes the compliance of a pair of teeth ------------------------------------------------------------------
 
 
-@dataclass(frozen=True, kw_only=True)
-class RootCrack:
-    """A crack through the whole face, from the fillet of the loaded flank into the tooth.
-
-    It starts where the fillet's tangent is at 30 degrees to the centre line of the tooth. Material between the surface
-    and a line through the crack tip, parallel to the centre line, carries neither bending nor shear (Wu, Zuo and Parey
-    2008, J. Sound Vib. 317; Chaari, Fakhfakh and Haddar 2009, Eur. J. Mech. A 28); compression closes the crack.
-
-    Attributes
-    ----------
-    depth_m : float
-        Length of the crack.
-    angle_rad : float
-        Between the crack and the centre line of the tooth.
-    """
-
-    depth_m: float
-    angle_rad: float
-
-    def added_compliance(self, pair: ToothPair, gear: int, phase_cycles: Array) -> Array:
-        """Return the added compliance of a pair, (n,) m/N."""
-        tooth = pair.teeth[gear]
-        angles = pair.angles_rad(phase_cycles)[gear]
-        return np.asarray(tooth.compliance(angles, remaining=self.section(tooth)) - tooth.compliance(angles))
-
-    def jump_phases(self, pair: ToothPair, gear: int) -> tuple[float, ...]:  # noqa: ARG002
-        """Return no phases: the compliance of a cracked tooth is continuous."""
-        return ()
-
-    def section(self, tooth: Tooth) -> CrackedSection:
-        """Return the cracked half of a tooth.
-
-        Raises
-        ------
-        ValueError
-            A crack through the tooth.
-        """
-        half, height = _critical_section(tooth)
-        remaining = half - self.depth_m * math.sin(self.angle_rad)
-        tip = height - self.depth_m * math.cos(self.angle_rad)
-        if self.depth_m < 0 or remaining <= -half:
-            raise ValueError(
-                f"{_mm(self.depth_m)} at {math.degrees(self.angle_rad):.3g} degrees leave nothing of a tooth "
-                f"{2e3 * half:.4g} mm thick; make it smaller, or let the tooth be missing"
-            )
-
-        return CrackedSection(remaining_m=remaining, tip_m=tip)
-
-
 def damaged_teeth(
     damage: GearDamage, *, gear: int, first: int, sharing: LoadSharing | None = None
 ) -> Iterator[DamagedTooth]:
@@ -573,18 +523,6 @@ def transmission_errors(
         yield transmission_error.Eccentricity(
             teeth=teeth, eccentricity_m=damage.runout_m, phase_rad=math.pi / 2 - 2 * math.pi * middle / teeth
         )
-
-
-def _critical_section(tooth: Tooth) -> tuple[float, float]:
-    """Return half thickness and height where the fillet's tangent is at 30 degrees, by bisection."""
-    low, high = tooth.pressure_angle_rad, math.pi / 2 - 1e-9
-    for _ in range(_BISECTIONS):
-        middle = (low + high) / 2
-        turn = (tooth._rack_tip[1] / math.tan(middle) + tooth._rack_tip[2]) / tooth.radius_m  # noqa: SLF001
-        # the rack's tip leans by `middle` in space, and the tooth has turned by `turn` meanwhile
-        low, high = (middle, high) if middle - turn < _ROOT_TANGENT else (low, middle)
-    half, height, _ = tooth.fillet_at(np.array(low))
-    return float(half), float(height)
 
 
 # ---- Faults ----------------------------------------------------------------------------------------------------------

@@ -13,7 +13,6 @@ from dataclasses import dataclass, field, replace
 from functools import cached_property, partial
 
 import numpy as np
-from numpy.typing import NDArray
 
 from data_synth.dynamics.active_dofs import active_dofs_of
 from data_synth.dynamics.assembly import Assembly, Inertia, SupportStiffness, assemble_parts
@@ -209,6 +208,24 @@ class Motion:
         """The integrator, and the reason of its choice."""
         return method_for(self.problem(0.0, self.stage.scene.duration_s))
 
+    @cached_property
+    def static_readings(self) -> Array | None:
+        """Static part of the readings of routes of declared paths, (route, instant), zero of others; None: no such."""
+        declared = np.array([route.path is not None for route in self.sensor_forces.routes])
+        if not declared.any():
+            return None
+        maps, system, structure = self.output.maps, self.system, self.sensor_forces.structure
+        displaced = static_displacements(self.stage, system, self.drive_load)
+        readings = maps["displacement"] @ displaced
+        if "mesh_force" in maps:
+            means = np.array([mesh.stiffness.mean for mesh in system.meshes])
+            directions = np.array([mesh.direction for mesh in system.meshes])
+            readings += maps["mesh_force"] @ (means[:, None] * (directions @ displaced))
+        if structure is not None:
+            inputs = readings[-len(structure.maps["mesh_force"]) :]
+            readings[: structure.readings] += structure.response(np.zeros(1))[:, :, 0].real @ inputs
+        return np.asarray(readings[: declared.size] * declared[:, None])
+
     def channels(self, *, samples: int) -> Iterator[Array]:
         """Yield the channels (sensor, n) from time zero in blocks, after the linear part of their chains.
 
@@ -221,7 +238,8 @@ class Motion:
 
         scene = self.stage.scene
         settling_samples = math.ceil(self.settling_time_s * scene.rate_hz)
-        routes = self.sensor_forces.routes
+        sensor_forces = replace(self.sensor_forces, static_readings=self.static_readings)
+        routes = sensor_forces.routes
         filters = [route.filter_at(scene, rate_hz=self.output.rate_hz) for route in routes]
         weighted, delay = WeightedForces.of(self.output), (lag := max(filter_.lag for filter_ in filters))
         if weighted is not None:
@@ -241,7 +259,7 @@ class Motion:
                 times_s = block.times_s - (delay - lag) / self.output.rate_hz
                 readings = (block.values, block.values) if weighted is None else weighted.push(block.values)
                 readings = readings if absent is None else absent.push(*readings)
-                forces, points = (self.sensor_forces.forces(each, times_s=times_s).T for each in readings)
+                forces, points = (sensor_forces.forces(each, times_s=times_s).T for each in readings)
                 outputs = np.zeros((len(scene.sensors), block.values.shape[0]))
                 for route, filter_, force, point in zip(routes, filters, forces, points, strict=True):
                     outputs[route.number] += filter_.filtered(force, at_once=point, lag=lag)
@@ -420,17 +438,6 @@ def motion_of(
         shares = structure.response(np.zeros(1))[:, :, 0].real @ structure.maps["mesh_force"] @ static_n
         by_mesh |= {each.contact: by_mesh[each.contact] + shares[each.reading] for each in sensor_forces.passing}
     sensor_forces = replace(sensor_forces, static_n=by_mesh)
-    declared_paths = np.array([route.path is not None for route in sensor_forces.routes])
-    if declared_paths.any():
-        maps, count = sensor_forces.output.maps, declared_paths.size
-        displaced = static_displacements(stage, system, acting)
-        static = maps["displacement"][:count] @ displaced
-        if "mesh_force" in maps:
-            static = static + maps["mesh_force"][:count] @ static_n
-        if structure is not None:
-            shared = structure.response(np.zeros(1))[:, :, 0].real @ structure.maps["mesh_force"] @ static_n
-            static[: min(count, len(shared))] += shared[:count]
-        sensor_forces = replace(sensor_forces, static_readings=static * declared_paths[:, None])
     return Motion(
         stage=stage,
         system=replace(damped, damping=damped.damping + system.damping + acting.damping),
@@ -502,116 +509,7 @@ def fault_passes(motion: Motion) -> dict[int, tuple[Array, float]]:
     return found
 
 
-# ---- Rigid meshes: gear stages whose teeth do not deflect, reduced to inertia and torque on the others ---------------
-
-
-Integers = NDArray[np.intp]
-
-_NEGLIGIBLE = 1e-12
-
-
 def contacts_in(system: System, mesh: str) -> list[int]:
     """Return the numbers of the contacts of a mesh in a system: one for each planet."""
     name = re.compile(rf"{re.escape(mesh)}( \d+)?")
     return [number for number, other in enumerate(system.meshes) if name.fullmatch(other.name)]
-
-
-def without_meshes(motion: Motion, meshes: Collection[str]) -> Motion:
-    """Return a motion in which these meshes are rigid and without transmission error.
-
-    With ``g . q = 0`` for each of them a rotation follows from the others: ``q = T r``, and ``T' M T`` replaces M,
-    likewise for damping, springs and loads. The statics of motions that are not simulated lose these mesh forces.
-    """
-    if not meshes:
-        return motion
-    system = motion.system
-    removed = [number for name in meshes for number in contacts_in(system, name)]
-    elimination, free = _elimination(motion, np.array([system.meshes[number].direction for number in removed]))
-    kept = [number for number in range(len(system.meshes)) if number not in removed]
-    drive_load = motion.drive_load
-    drag = motion.load.quadratic_drag
-    forces = motion.sensor_forces
-    names = {system.meshes[number].name for number in kept}
-    load = Load(
-        constant=motion.load.constant @ elimination,
-        quadratic_drag=None if drag is None else drag[free],
-        varying=motion.load.varying,
-        directions=None if motion.load.directions is None else motion.load.directions @ elimination,
-    )
-    return replace(
-        motion,
-        system=_reduced_system(system, elimination, free, kept),
-        drive_load=replace(
-            drive_load,
-            load=load,
-            damping=elimination.T @ drive_load.damping @ elimination,
-            rigid_motion=drive_load.rigid_motion[free],
-        ),
-        sensor_forces=replace(
-            forces, static_n={name: force for name, force in forces.static_n.items() if name in names}
-        ),
-        output=_reduced_output(motion.output, elimination, kept),
-        teeth={mesh.name: motion.teeth[mesh.name] for number, mesh in enumerate(system.meshes) if number in kept},
-    )
-
-
-def _elimination(motion: Motion, rows: Array) -> tuple[Array, Integers]:
-    """Return T (dof, remaining) and the numbers of the remaining degrees of freedom, by Gaussian elimination."""
-    system, drag = motion.system, motion.load.quadratic_drag
-    scene = motion.stage.scene
-    reference = scene.kinematics.bodies[str(scene.gearbox.reference)]
-    may_be_eliminated = np.array(
-        [name.endswith(" rotation") and name != f"{reference} rotation" for name in system.names]
-    )
-    if drag is not None:
-        may_be_eliminated &= drag == 0
-    elimination, remaining = np.eye(system.dof), np.ones(system.dof, dtype=bool)
-    for row in rows:
-        coefficients = row @ elimination
-        weight = np.where(may_be_eliminated & remaining, np.abs(coefficients), 0.0)
-        eliminated = int(np.argmax(weight))
-        if weight[eliminated] <= _NEGLIGIBLE * np.max(np.abs(row)):
-            continue
-        remaining[eliminated] = False
-        others = -coefficients / coefficients[eliminated]
-        others[eliminated] = 0.0
-        elimination = elimination + np.outer(elimination[:, eliminated], others)
-        elimination[:, eliminated] = 0.0
-    free = np.flatnonzero(remaining)
-    return elimination[:, free], free
-
-
-def _reduced_system(system: System, elimination: Array, free: Integers, kept: list[int]) -> System:
-    """Return a system in fewer degrees of freedom, ``T' M T`` and so on, T being `elimination`."""
-    gyroscopic = None if system.gyroscopic is None else elimination.T @ system.gyroscopic @ elimination
-    return System(
-        mass=_symmetric(elimination.T @ system.mass @ elimination),
-        damping=elimination.T @ system.damping @ elimination,
-        stiffness=_symmetric(elimination.T @ system.stiffness @ elimination),
-        gyroscopic=gyroscopic,
-        meshes=tuple(
-            system.meshes[number].in_coordinates(lambda direction: np.asarray(direction @ elimination))
-            for number in kept
-        ),
-        names=tuple(system.names[number] for number in free),
-        springs=tuple(
-            replace(spring, direction=spring.direction @ elimination)
-            for spring in system.springs
-            if (spring.direction @ elimination).any()
-        ),
-    )
-
-
-def _symmetric(matrix: Array) -> Array:
-    """Return a matrix made symmetric to the last digit."""
-    return np.asarray((matrix + matrix.T) / 2)
-
-
-def _reduced_output(output: Output, elimination: Array, kept: list[int]) -> Output:
-    """Return the output maps over the remaining degrees of freedom and meshes."""
-    maps = {
-        name: given[:, kept] if name == "mesh_force" else given @ elimination
-        for name, given in output.maps.items()
-        if name != "mesh_force" or kept
-    }
-    return Output(rate_hz=output.rate_hz, **maps)

@@ -13,7 +13,8 @@ from data_synth.fidelity.choice import chosen, decided, forget, simulated_motion
 from data_synth.scene.dynamics import Dynamics
 from data_synth.scene.random_streams import random_stream
 from data_synth.sources.prepared import prepare_scene
-from data_synth.vibration.run import motion_of, prepare_gears, without_meshes
+from data_synth.vibration.rigid_meshes import without_meshes
+from data_synth.vibration.run import motion_of, prepare_gears
 
 GEOMETRY = {
     "stage 1": {"module_mm": 3, "face_width_mm": 30, "pressure_angle_deg": 20},

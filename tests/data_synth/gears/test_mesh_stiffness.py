@@ -11,9 +11,9 @@ from scipy import integrate
 from data_synth.gears.geometry import GearPair
 from data_synth.gears.lost_contact import LoadSharing, LostContact
 from data_synth.gears.mesh_stiffness import Constant, Fourier, Rectangular, Shifted, Trapezoidal, fourier_series
+from data_synth.gears.root_crack import RootCrack
 from data_synth.gears.tooth_compliance import DamagedTooth, Tooth, ToothPair, helical, hertz_stiffness, teeth_in_mesh
 from data_synth.gears.transmission_error import Eccentricity, Misalignment, PitchError, ProfileError, SumOfErrors
-from data_synth.scene.faults import RootCrack
 
 ALPHA = math.radians(20)
 EQUAL = GearPair(teeth=(62, 62), module_m=2e-3, face_width_m=20e-3, pressure_angle_rad=ALPHA)

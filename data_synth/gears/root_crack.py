@@ -1,0 +1,73 @@
+"""A crack through the root of a tooth, and by how much it makes the tooth softer."""
+
+import math
+from dataclasses import dataclass
+
+import numpy as np
+
+from data_synth.gears.mesh_stiffness import Array
+from data_synth.gears.tooth_compliance import CrackedSection, Tooth, ToothPair
+
+_BISECTIONS = 60
+_ROOT_TANGENT = math.radians(30)  # the critical section of ISO 6336-3
+
+
+@dataclass(frozen=True, kw_only=True)
+class RootCrack:
+    """A crack through the whole face, from the fillet of the loaded flank into the tooth.
+
+    It starts where the fillet's tangent is at 30 degrees to the centre line of the tooth. Material between the surface
+    and a line through the crack tip, parallel to the centre line, carries neither bending nor shear (Wu, Zuo and Parey
+    2008, J. Sound Vib. 317; Chaari, Fakhfakh and Haddar 2009, Eur. J. Mech. A 28); compression closes the crack.
+
+    Attributes
+    ----------
+    depth_m : float
+        Length of the crack.
+    angle_rad : float
+        Between the crack and the centre line of the tooth.
+    """
+
+    depth_m: float
+    angle_rad: float
+
+    def added_compliance(self, pair: ToothPair, gear: int, phase_cycles: Array) -> Array:
+        """Return the added compliance of a pair, (n,) m/N."""
+        tooth = pair.teeth[gear]
+        angles = pair.angles_rad(phase_cycles)[gear]
+        return np.asarray(tooth.compliance(angles, remaining=self.section(tooth)) - tooth.compliance(angles))
+
+    def jump_phases(self, pair: ToothPair, gear: int) -> tuple[float, ...]:  # noqa: ARG002
+        """Return no phases: the compliance of a cracked tooth is continuous."""
+        return ()
+
+    def section(self, tooth: Tooth) -> CrackedSection:
+        """Return the cracked half of a tooth.
+
+        Raises
+        ------
+        ValueError
+            A crack through the tooth.
+        """
+        half, height = _critical_section(tooth)
+        remaining = half - self.depth_m * math.sin(self.angle_rad)
+        tip = height - self.depth_m * math.cos(self.angle_rad)
+        if self.depth_m < 0 or remaining <= -half:
+            raise ValueError(
+                f"{1e3 * self.depth_m:.6g} mm at {math.degrees(self.angle_rad):.3g} degrees leave nothing of a tooth "
+                f"{2e3 * half:.4g} mm thick; make it smaller, or let the tooth be missing"
+            )
+
+        return CrackedSection(remaining_m=remaining, tip_m=tip)
+
+
+def _critical_section(tooth: Tooth) -> tuple[float, float]:
+    """Return half thickness and height where the fillet's tangent is at 30 degrees, by bisection."""
+    low, high = tooth.pressure_angle_rad, math.pi / 2 - 1e-9
+    for _ in range(_BISECTIONS):
+        middle = (low + high) / 2
+        turn = (tooth._rack_tip[1] / math.tan(middle) + tooth._rack_tip[2]) / tooth.radius_m  # noqa: SLF001
+        # the rack's tip leans by `middle` in space, and the tooth has turned by `turn` meanwhile
+        low, high = (middle, high) if middle - turn < _ROOT_TANGENT else (low, middle)
+    half, height, _ = tooth.fillet_at(np.array(low))
+    return float(half), float(height)
