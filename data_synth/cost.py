@@ -23,6 +23,7 @@ from data_synth.kinematic.harmonics import HarmonicFamily
 from data_synth.scene.random_streams import random_stream
 from data_synth.scene.scene import BearingFault, Fault, Scene, SceneError, Sensor, load_scene
 from data_synth.scene.transfer_paths import Transfer
+from data_synth.sources.families import turning_ratios
 from data_synth.sources.impact_lines import impact_lines
 from data_synth.sources.impacts import bearing_simulation
 from data_synth.sources.prepared import PreparedScene, prepare_scene
@@ -369,7 +370,7 @@ def _rows_beside(scene: Scene, *, phases: bool, mechanics: bool) -> int:
     """Return the number of histories at every sample that a record keeps beside its channels."""
     rows = 0
     if phases:
-        rows += sum(scene.ratio(link) != 0 for link in scene.gearbox.links)
+        rows += len(turning_ratios(scene))
         rows += 2 * sum(len(bearing.names) for bearing in scene.gearbox.bearings)
     if mechanics:
         rows += 4 * len(scene.gearbox.links) + 3 * len(scene.kinematics.contacts)

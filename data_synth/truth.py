@@ -9,7 +9,7 @@ import xarray as xr
 from data_synth.bearings.impacts import signed_cage_order
 from data_synth.kinematic.harmonics import ComplexArray
 from data_synth.operation.shaft_angle import Array
-from data_synth.sources.families import last_s
+from data_synth.sources.families import last_s, turning_ratios
 from data_synth.sources.impact_lines import impact_lines
 from data_synth.sources.prepared import PreparedScene
 from data_synth.vibration.gear_lines import GearLines
@@ -64,15 +64,15 @@ def truth_variables(prepared: PreparedScene, *, measured: GearLines | None = Non
 def angle_truth(prepared: PreparedScene) -> dict[str, xr.DataArray]:
     """Return the exact angle of every shaft, cage and rolling element at every sample, in rev.
 
-    Each is relative to the frame and signed, but for the rotation of elements, which is about their own axis relative
-    to the cage; all are zero at the tachometer's first mark, under pure rolling. A bearing with a defect follows its
-    impacts, slip included: its cage is zero where element 1 has the largest load, and the phase of the defect itself,
-    whole at each impact, is stated too. Two defects of a bearing have independent slip; its cage and elements are then
-    those of the first.
+    Each is relative to the frame and signed, links whose axis is carried in another direction left out, but for the
+    rotation of elements, which is about their own axis relative to the cage; all are zero at the tachometer's first
+    mark, under pure rolling. A bearing with a defect follows its impacts, slip included: its cage is zero where element
+    1 has the largest load, and the phase of the defect itself, whole at each impact, is stated too. Two defects of a
+    bearing have independent slip; its cage and elements are then those of the first.
     """
     scene = prepared.scene
     revolutions = prepared.drive.angle.revolutions(np.arange(scene.samples) / scene.rate_hz)
-    shafts = {link: float(scene.ratio(link)) * revolutions for link in scene.gearbox.links if scene.ratio(link) != 0}
+    shafts = {link: ratio * revolutions for link, ratio in turning_ratios(scene).items()}
     rollers: dict[str, Array] = {}
     for _, train in prepared.trains:
         if train.bearing is None:

@@ -29,6 +29,7 @@ from data_synth.transfer.paths import (
     longest_ringing_s,
     ringing_time_s,
 )
+from hums.gearbox.model import GearboxError
 
 
 def last_s(scene: Scene) -> float:
@@ -207,3 +208,17 @@ def healthy_families(scene: Scene, *, rng_for: RandomStreams) -> list[HarmonicFa
 def ratio_of(scene: Scene, link: str) -> float:
     """Return the absolute speed ratio of a link to the reference shaft."""
     return float(abs(scene.ratio(link)))
+
+
+def turning_ratios(scene: Scene) -> dict[str, float]:
+    """Return the signed speed ratio to the reference of each link that turns relative to the frame.
+
+    A link whose axis is carried in another direction, as that of a bevel planet, has no such number and is left out.
+    """
+    found = {}
+    for link in scene.gearbox.links:
+        try:
+            found[link] = float(scene.ratio(link))
+        except GearboxError:
+            continue
+    return {link: ratio for link, ratio in found.items() if ratio != 0}

@@ -11,6 +11,7 @@ import xarray as xr
 from data_synth.dynamics.active_dofs import active_dofs_of
 from data_synth.integrators.problem import IntegrationError, Output, Steps
 from data_synth.operation.shaft_angle import Array
+from data_synth.sources.families import turning_ratios
 from data_synth.sources.prepared import PreparedScene
 from data_synth.vibration.meshes import Gears
 from data_synth.vibration.run import Motion, assembly_of, not_followed
@@ -23,7 +24,7 @@ def link_speeds(prepared: PreparedScene) -> dict[str, Array]:
     """Return the speed of every link that turns in the frame, by kinematics alone: rev s-1 at each sample, signed."""
     scene = prepared.scene
     speed_hz = prepared.drive.angle.speed_hz(np.arange(scene.samples) / scene.rate_hz)
-    return {link: float(scene.ratio(link)) * speed_hz for link in scene.gearbox.links if scene.ratio(link) != 0}
+    return {link: ratio * speed_hz for link, ratio in turning_ratios(scene).items()}
 
 
 def speed_truth(speeds: dict[str, Array]) -> dict[str, xr.DataArray]:

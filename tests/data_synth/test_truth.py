@@ -203,3 +203,18 @@ def test_what_is_in_memory_beside_the_channels_does_not_grow_with_the_record():
         beside.append(peak - 8 * scene.samples)
     # truth and impacts grow by some kilobytes a second, half a million samples more a second would by 12 MB
     assert beside[1] - beside[0] < 2e6
+
+
+def test_links_whose_axis_turns_in_space_have_no_angle():
+    scene = Scene.from_mapping(
+        {
+            "gearbox": "nelson-bevel-planet", "rate_hz": 5000, "duration_s": 0.5, "fidelity": "kinematic",
+            "speed": {"link": "ring", "rpm": 1200}, "tachometer": {"link": "ring", "pulses_per_rev": 1},
+            "sensor": [{"name": "a", "on": "ring", "units": "g"}],
+        }
+    )  # fmt: skip
+    made = simulate(scene, seed=1, phases=True, mechanics=True)
+    turning = set(made["truth_shaft"].values)
+    assert "ring" in turning
+    assert "planet" not in turning
+    assert set(made["truth_link"].values) == turning
