@@ -46,7 +46,7 @@ of what is missing of the fault of record 106, which is 66 dB below its record, 
 those of torsional gears in a ramp do. In a wide ramp of planets, which have no balance, a projection leaves a
 thousandth of the power where the speed is lowest, more than a fault has that is 38 dB below its record. A speed does
 not turn back in a scene: `rpm` is above zero. `benchmark-1` lines: its first record with a damaged gear whose speed is
-steady to 0.2 %, wanders by 3 %, rises or falls evenly, and steps; and the first of each with a severity of 0.4 to 0.6."""
+steady to 0.2 %, wanders by 3 %, rises or falls evenly, and steps; the first of each with a severity of 0.4 to 0.6."""
 HEADER = (
     "| scene | lines | record, % | healthy, % | fault, % | 1 %: lines, power, % | 10 %: lines, power, % | s |\n"
     "|---|---|---|---|---|---|---|---|"
