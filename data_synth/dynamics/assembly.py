@@ -511,14 +511,14 @@ def _refuse_unknown(
         known = {*(kinematics.links if word != "blocks" else ()), *(bearings if word in ("supports", "blocks") else ())}
         for name in names:
             if name not in known:
-                raise ValueError(f'{word} names "{name}", which is not in the gearbox{closest(name, sorted(known))}.')
+                raise ValueError(f'{word} names "{name}", which is not in the gearbox{closest(name, sorted(known))}')
             body = kinematics.bodies.get(name, name)
             if body not in (name, kinematics.mechanism.frame):
                 raise ValueError(f'{word} names "{name}", which is one body with "{body}"; write "{body}".')
     known = {*(mesh.name for mesh in gearbox.meshes), *contacts}
     for name in meshes:
         if name not in known:
-            raise ValueError(f'meshes names "{name}", which is not in the gearbox{closest(name, sorted(known))}.')
+            raise ValueError(f'meshes names "{name}", which is not in the gearbox{closest(name, sorted(known))}')
 
 
 def _refuse_crossed(kinematics: Kinematics) -> None:

@@ -197,9 +197,9 @@ def test_lines_of_planets_are_found_where_only_the_lower_speeds_have_them():
 
 
 def test_more_lines_of_a_damaged_planet_than_two_thousand_are_stated():
-    planets = load_scene("planets-in-motion").changed(duration_s=6.0)
     fault = {"kind": "spall", "component": "planet-ring/planet", "size_mm": 0.1}
-    faulty, sound = (clean(planets.changed(faults=each)) for each in ((fault,), ()))
-    channel = faulty["truth_channel"].values[0]
-    added = (faulty[channel] - sound[channel]).to_numpy()
-    assert explained(rebuilt(faulty) - rebuilt(sound), added) > 0.95
+    record = clean(load_scene("planets-in-motion").changed(duration_s=4.0, faults=(fault,)))
+    assert record.sizes["truth_order"] > 3000
+    of_fault = record["truth_kind"].values == "tooth"
+    sizes = np.abs(record["truth_amplitude"].values[0, of_fault, 0])
+    assert sizes.min() < 0.02 * sizes.max()  # down to a hundredth, as stated
