@@ -381,17 +381,21 @@ class Plan:
         own = self.variants.index(variant)
         rank = turns * variant.share + self._cycle[:place].count(own)
         key = (self.seed, zlib.crc32(variant.name.encode()), len(variant.ranges))
-        machines = 1 if self.history is None else self.history.machines
-        points = -(-self.records // (machines * len(self._cycle))) * machines * variant.share
+        points = -(-self.records // (self._machines * len(self._cycle))) * self._machines * variant.share
         shares: NDArray[np.float64] = _sobol_points(*key, power=(points - 1).bit_length())[rank]
         return shares
 
     def _turn(self, number: int) -> int:
         """Return which turn of the classes a record takes: each of several machines has all classes in turn."""
-        machines, classes = 1 if self.history is None else self.history.machines, len(self._cycle)
+        machines, classes = self._machines, len(self._cycle)
         block, place = divmod(number, machines * classes)
         turn, machine = divmod(place, machines)
         return (block * machines + machine) * classes + (turn + machine) % classes
+
+    @property
+    def _machines(self) -> int:
+        """Number of machines whose records take turns."""
+        return 1 if self.history is None else self.history.machines
 
     @property
     def _cycle(self) -> tuple[int, ...]:

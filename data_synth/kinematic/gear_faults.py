@@ -193,8 +193,8 @@ def damage_trains(
     list of ImpactTrain
         With the amplitudes of the initial size; where the damage grows, they are proportional to its effect.
     """
-    size_mm = min(fault.initial_mm, fault.most_mm(1e3 * gear.module_m))
-    trains, amplitude = [], float(fault.effect_mm(size_mm)) * fault.impact_per_mm
+    effect_mm = float(fault.effect_mm(fault.initial_mm, module_mm=1e3 * gear.module_m))
+    trains, amplitude = [], effect_mm * fault.impact_per_mm
     for at, share in fault.impacts(gear):
         first, last = (float(tooth) * rev + offset - at for rev in span_rev)
         turns = np.arange(np.ceil(first), np.floor(last) + 1)

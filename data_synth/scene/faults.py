@@ -187,9 +187,11 @@ class GearFault(GrowingFault):
     largest_effect_mm: Positive | None = None
     offset_rev: Turns | None = None
 
-    def effect_mm(self, size_mm: ArrayLike) -> Array:
-        """Return what the factors are multiplied by at sizes (n,) in mm."""
-        most = math.inf if self.largest_effect_mm is None else self.largest_effect_mm
+    def effect_mm(self, size_mm: ArrayLike, *, module_mm: float) -> Array:
+        """Return what the factors are multiplied by at sizes (n,) in mm; a module that is not known is infinite."""
+        most = self.most_mm(module_mm)
+        if self.largest_effect_mm is not None:
+            most = min(most, self.largest_effect_mm)
         return np.asarray(np.minimum(size_mm, most) ** self.size_exponent)
 
     def most_mm(self, module_mm: float) -> float:  # noqa: ARG002 - some depend on it

@@ -52,7 +52,7 @@ def harmonic_families(
     for number, (fault, offset, relative_size) in enumerate(zip(scene.faults, offsets, relative_sizes, strict=True)):
         size = fault.initial_mm * relative_size
         if isinstance(fault, GearFault):
-            effect = fault.effect_mm(np.minimum(size, most_mm(scene, fault)))
+            effect = fault.effect_mm(size, module_mm=module_mm_of(scene, fault))
             mesh, tooth = meshes[mesh_name(fault.component)], teeth[fault.component]
             gear = faulty_gear(scene, number, teeth=float(mesh.base_order / tooth), rng_for=rng_for)
             if gear.face_width_m is not None or not isinstance(fault, Chipping | Misalignment):
@@ -99,10 +99,10 @@ _EXCITATIONS: dict[str, Callable[[], ShaftExcitation]] = {
 }
 
 
-def most_mm(scene: Scene, fault: GearFault) -> float:
-    """Return the size in mm beyond which a fault does not change, infinite where no module is declared."""
+def module_mm_of(scene: Scene, fault: GearFault) -> float:
+    """Return the module of a damaged gear in mm, infinite where none is declared."""
     module_mm = declared_size_mm(scene, mesh_name(fault.component), "module_mm")
-    return fault.most_mm(math.inf if module_mm is None else module_mm)
+    return math.inf if module_mm is None else module_mm
 
 
 def faulty_gear(scene: Scene, number: int, *, teeth: float, rng_for: RandomStreams) -> FaultyGear:

@@ -24,7 +24,7 @@ from data_synth.scene.faults import ROW_OF, Fault, GearFault
 from data_synth.scene.random_streams import RandomStreams
 from data_synth.scene.scene import BearingFault, Scene, SceneError
 from data_synth.scene.sensors import Sensor
-from data_synth.sources.families import harmonic_families, impact_trains, last_s, most_mm, ratio_of
+from data_synth.sources.families import harmonic_families, impact_trains, last_s, module_mm_of, ratio_of
 from data_synth.transfer.acquisition import AllPoleFilter, linear_chain
 from data_synth.transfer.housing import force_response, sensitive_direction
 from data_synth.transfer.paths import (
@@ -150,9 +150,11 @@ class PreparedScene:
         grown, exponent = fault.relative_size(times_s), self.scene.excitation.speed_exponent
         if isinstance(fault, GearFault):
             share, exponent = share**fault.load_exponent, exponent + fault.speed_exponent
-            most = most_mm(self.scene, fault)
-            initial, later = (np.minimum(each, most) for each in (fault.initial_mm, fault.initial_mm * grown))
-            grown = fault.effect_mm(later) / fault.effect_mm(initial)
+            later, initial = fault.effect_mm(
+                np.stack([fault.initial_mm * grown, np.full_like(grown, fault.initial_mm)]),
+                module_mm=module_mm_of(self.scene, fault),
+            )
+            grown = later / initial
         return np.asarray(share * _speed_factor(exponent, self.scene, self.drive, times_s) * grown)
 
 

@@ -17,10 +17,10 @@ from data_synth.dynamics.system import System
 from data_synth.kinematic.harmonics import ComplexArray
 from data_synth.operation.shaft_angle import Array
 from data_synth.vibration.order_projection import AngleSamples, Projection, Window, sum_of_lines
+from data_synth.vibration.projected_lines import DEGREE, RIDGE
 
 _RUNG_OUT = 1e-3  # of its amplitude, to which a mode has decayed after the time that it rings
 _OVERDAMPED = 0.7  # ratio of damping from which nothing rings
-_DEGREE, _RIDGE = 2, 0.003  # of amplitudes in a window, as of lines
 _LONGEST = 16.0  # periods of the lowest mode
 _WIDTH, _SHARE = 4.0, 1 / 3
 """A mode takes a band as wide as 4 over the window (measured), and all together a third of it at most: of white noise
@@ -134,7 +134,7 @@ def free_vibration(spans: Sequence[Span], modes: Modes, *, rate_hz: float, top_h
     best, length_s = None, min(span.left.shape[1] for span in spans) / rate_hz
     length_s = min(length_s, _LONGEST / float(frequencies[0]))
     while (apart := _apart(frequencies, 1 / length_s)).size * _WIDTH / length_s < _SHARE * rate_hz / 2 and apart.size:
-        window = Window(length_rev=length_s, degree=_DEGREE, ridge=_RIDGE)
+        window = Window(length_rev=length_s, degree=DEGREE, ridge=RIDGE)
         fits = [_fitted(span, apart, window, rate_hz=rate_hz) for span in spans]
         left = sum(power for _, _, power in fits)
         if left < least:

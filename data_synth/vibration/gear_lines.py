@@ -8,6 +8,7 @@ a projection finds what is left without them.
 from collections.abc import Callable
 from dataclasses import dataclass, replace
 from fractions import Fraction
+from functools import cached_property
 
 import numpy as np
 from numpy.typing import NDArray
@@ -118,12 +119,12 @@ def gear_lines(
     else:
         prior = _prior(expected(), candidates, speeds=prepared.speed_hz, channels=signal.shape[0])
         # at constant speed and torque, sound gears have projected lines: of growing damage the difference counts
-        most = 0.0 if _drive_is_steady(prepared) else _SMALL
+        unchanging = _drive_is_steady(prepared)
+        most = 0.0 if unchanging else _SMALL
         drive = _Drive(
             changes_s=_changes_s(scene),
             instants_s=prepared.instants_s,
-            speed_hz=np.abs(prepared.speed_hz),
-            modes=None if _drive_is_steady(prepared) else modes,
+            solve=None if unchanging else modes,
         )
         found, ringing, about = _varying_lines(samples, candidates, drive, prior, most=most)
         chosen, amplitudes, changes = found.chosen, found.amplitudes, found.changes
@@ -191,23 +192,27 @@ class _Drive:
     ----------
     changes_s : (i,) array
         Times at which speed or torque, or the rate of one, jumps.
-    instants_s, speed_hz : (instant,) arrays
-        Of the truth, and the speed of the reference, not below zero.
-    modes : callable, or None
+    instants_s : (instant,) array
+        Of the truth.
+    solve : callable, or None
         Gives the natural modes; None: none of them rings.
     """
 
     changes_s: Array
     instants_s: Array
-    speed_hz: Array
-    modes: Callable[[], Modes] | None
+    solve: Callable[[], Modes] | None
 
-    def starts(self) -> bool:
-        """Return whether the speed rises by a factor while modes ring: resonances are passed, and ring on."""
+    @cached_property
+    def modes(self) -> Modes | None:
+        """Natural modes, solved where they are asked for."""
+        return self.solve() if self.solve is not None else None
+
+    def starts(self, speed_hz: Array) -> bool:
+        """Return whether the speed at the instants rises by a factor while modes ring: resonances ring on."""
         if self.modes is None:
             return False
-        later_hz = np.interp(self.instants_s + self.modes().longest_s, self.instants_s, self.speed_hz)
-        return bool(np.any(later_hz > _STARTS * self.speed_hz))
+        later_hz = np.interp(self.instants_s + self.modes.longest_s, self.instants_s, speed_hz)
+        return bool(np.any(later_hz > _STARTS * speed_hz))
 
 
 def _changes_s(scene: Scene) -> Array:
@@ -233,7 +238,7 @@ def _varying_lines(
     left, whole = powers(samples, candidates.values[prior.chosen], ends, instants_s=instants_s, begins=begins)
     alone = share_of_power(left, whole)
     everywhere = alone > most and not (alone < _RINGS and np.mean(left > most * whole) <= _SELDOM)
-    starts = everywhere and drive.starts()
+    starts = everywhere and drive.starts(samples.speed_hz(instants_s))
     fair = _where_fair(samples, candidates, instants_s, prior) if starts else prior
     ringing, after = None, 0.0
     if starts or not everywhere:
@@ -274,10 +279,10 @@ def _ringing(
 
     Only where expected lines leave a hundredth of the power.
     """
-    if drive.modes is None or not (everywhere or drive.changes_s.size):
+    if not (everywhere or drive.changes_s.size) or (modes := drive.modes) is None:
         return None, 0.0
-    modes, instants_s = drive.modes(), drive.instants_s
-    count, rate_hz, spans, least = samples.signal.shape[1], samples.rate_hz, list[Span](), 0.0
+    instants_s, count, rate_hz = drive.instants_s, samples.signal.shape[1], samples.rate_hz
+    spans, quiet = list[Span](), 0.0
     for first, end in ringing_spans(drive.changes_s, modes, samples=count, rate_hz=rate_hz, everywhere=everywhere):
         begin, last = np.searchsorted(instants_s, [first / rate_hz, (end - 1) / rate_hz])
         near = slice(max(int(begin) - 1, 0), int(last) + 1)
@@ -292,6 +297,6 @@ def _ringing(
         if np.sum(left**2) > _RUNG * np.sum(samples.signal[:, first:end] ** 2):
             spans.append(Span(first=first, left=left))
         else:
-            least += float(np.sum(left**2))
+            quiet += float(np.sum(left**2))
     found = free_vibration(spans, modes, rate_hz=rate_hz, top_hz=BELOW_NYQUIST * rate_hz / 2) if spans else None
-    return found, least + (found.left if found else sum(float(np.sum(span.left**2)) for span in spans))
+    return found, quiet + (found.left if found else sum(float(np.sum(span.left**2)) for span in spans))

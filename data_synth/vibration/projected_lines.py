@@ -24,12 +24,12 @@ _APART_STEADY = (1.5, 1.0)
 """Periods of the window that two lines of constant amplitude are apart to be fitted together: of nearer candidates that
 which is louder alone stands for both. Where that leaves much, it was the wrong one, and nearer ones are fitted."""
 _LEFT_STEADY = 1e-3  # of the power
-_APART, _RIDGE = 1.0, 0.003
+_APART, RIDGE = 1.0, 0.003
 """The same of amplitudes of second degree, and the ridge that keeps their least squares determined. Without it the
 condition number is 5 for lines 3.5 periods apart, 300 for 3 and 2e9 for 2.5; lines so far apart leave gaps between
 them, and what amplitudes that change within a window put there is lost. Lines 3 periods apart can represent any signal;
 nearer ones share it, the ridge preferring amplitudes that change little."""
-_DEGREE = 2  # of amplitudes in a window
+DEGREE = 2  # of amplitudes in a window
 _ALONE = 0.3  # of the floor, by which a candidate is loud where it stands alone
 _TRIALS = 17  # intervals between two instants at which windows are compared
 _MESH_FIRST = 3.0  # times its size a mesh's line counts beside others: what stands alone in a window is not separated
@@ -235,7 +235,7 @@ def varying_fit(samples: AngleSamples, candidates: Candidates, instants_s: Array
     places = np.searchsorted(trials, np.add.outer(begins, [0, 1]))
 
     def tried(length_rev: float) -> _Trial:
-        window = Window(length_rev=length_rev, degree=_DEGREE, ridge=_RIDGE)
+        window = Window(length_rev=length_rev, degree=DEGREE, ridge=RIDGE)
         apart = _APART / length_rev
         chosen = loud[
             np.sort(_separate(candidates.values[loud], weight, np.zeros_like(loud), np.arange(loud.size), apart))

@@ -214,13 +214,10 @@ class Motion:
         declared = np.array([route.path is not None for route in self.sensor_forces.routes])
         if not declared.any():
             return None
-        maps, system, structure = self.output.maps, self.system, self.sensor_forces.structure
-        displaced = static_displacements(self.stage, system, self.drive_load)
-        readings = maps["displacement"] @ displaced
+        maps, structure = self.output.maps, self.sensor_forces.structure
+        readings = maps["displacement"] @ static_displacements(self.stage, self.system, self.drive_load)
         if "mesh_force" in maps:
-            means = np.array([mesh.stiffness.mean for mesh in system.meshes])
-            directions = np.array([mesh.direction for mesh in system.meshes])
-            readings += maps["mesh_force"] @ (means[:, None] * (directions @ displaced))
+            readings += maps["mesh_force"] @ static_tooth_forces(self.stage, self.system, self.drive_load)
         if structure is not None:
             inputs = readings[-len(structure.maps["mesh_force"]) :]
             readings[: structure.readings] += structure.response(np.zeros(1))[:, :, 0].real @ inputs
