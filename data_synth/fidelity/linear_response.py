@@ -21,6 +21,7 @@ import numpy as np
 
 from data_synth.dynamics.modes import undamped_modes
 from data_synth.dynamics.system import Mesh
+from data_synth.fidelity.excitation import spectral_lines
 from data_synth.kinematic.harmonics import ComplexArray, HarmonicFamily
 from data_synth.kinematic.imperfect_parts import imperfections_of
 from data_synth.operation.shaft_angle import Array
@@ -92,14 +93,14 @@ class Response:
     motion : Motion
     poles : (pole,) complex array
         rad/s; rigid-body modes are left out: no mesh force excites them.
-    outputs : (route, pole) complex array
-        Contribution of each pole to the forces on the routes.
+    outputs : (reading, pole) complex array
+        Contribution of each pole to the readings, without planets the forces on the routes.
     deflections : (mesh, pole) complex array
         Contribution to the deflections of meshes.
     inputs : (pole, mesh) complex array
         Excitation of each pole per N of p.
-    direct : (route, mesh) array
-        Forces of gears of the frame per N of p.
+    direct : (reading, mesh) array
+        The readings per N of p: forces of gears of the frame, and of meshes that are read.
     absent : (input, pole) complex array
         Contribution of each pole to the inputs of the response of motions that are not simulated.
     absent_direct : (input, mesh) array
@@ -127,26 +128,31 @@ class Response:
         return self._channels(mesh, frequency_hz, self._resolvent(frequency_hz))
 
     def between(self, frequency_hz: Array) -> tuple[ComplexArray, ComplexArray]:
-        """Return for 1 N of p in a mesh at frequencies (line,) the deflections in m and the amplitudes in the channels.
+        """Return for 1 N of p in a mesh at frequencies (line,) the deflections in m and the readings in N.
 
-        (deflection, mesh, line) and (mesh, sensor, line).
+        (deflection, mesh, line) and (mesh, reading, line).
         """
         resolvent = self._resolvent(frequency_hz)
-        channels = [self._channels(mesh, frequency_hz, resolvent) for mesh in range(self.means.size)]
-        return self._deflections(resolvent), np.stack(channels)
+        readings = [self._readings(mesh, frequency_hz, resolvent).T for mesh in range(self.means.size)]
+        return self._deflections(resolvent), np.stack(readings)
 
     def _channels(self, mesh: int, frequency_hz: Array, resolvent: ComplexArray) -> ComplexArray:
         scene, routes = self.motion.stage.scene, self.motion.sensor_forces.routes
+        force = self._readings(mesh, frequency_hz, resolvent)
+        outputs = np.zeros((len(scene.sensors), *np.shape(frequency_hz)), dtype=np.complex128)
+        for route, deflections in zip(routes, force.T, strict=True):
+            outputs[route.number] += deflections * route.response(scene, frequency_hz)
+        return outputs
+
+    def _readings(self, mesh: int, frequency_hz: Array, resolvent: ComplexArray) -> ComplexArray:
+        """Return the complex amplitudes of the readings in N for 1 N of p, (line, reading)."""
         force = resolvent @ (self.outputs * self.inputs[:, mesh]).T + self.direct[:, mesh]
         structure = self.motion.sensor_forces.structure
         if structure is not None:
             inputs = resolvent @ (self.absent * self.inputs[:, mesh]).T + self.absent_direct[:, mesh]
             by_input = structure.response(frequency_hz).transpose(2, 0, 1)
             force = force + np.matmul(by_input, inputs[:, :, None])[..., 0]
-        outputs = np.zeros((len(scene.sensors), *np.shape(frequency_hz)), dtype=np.complex128)
-        for route, deflections in zip(routes, force.T, strict=True):
-            outputs[route.number] += deflections * route.response(scene, frequency_hz)
-        return outputs
+        return np.asarray(force)
 
     def deflection(self, mesh: int, frequency_hz: Array) -> ComplexArray:
         """Return the complex amplitudes of the mesh's own deflection in m for 1 N of p, (line,)."""
@@ -167,16 +173,8 @@ class Response:
 def response_of(motion: Motion) -> Response:
     """Return the linear response of gears from their equations of motion in elastic modes.
 
-    Raises
-    ------
-    SceneError
-        For planets, whose route to a sensor rotates with their carrier.
+    Of planets, whose routes to a sensor rotate with their carrier, that of the readings and not of the channels.
     """
-    if motion.sensor_forces.rotate:
-        raise SceneError(
-            "the routes from planets to a sensor rotate with their carrier, so no linear response exists; write "
-            'fidelity = "torsional" or more for every mesh.'
-        )
     system, output = motion.system, motion.output
     means = np.array([mesh.stiffness.mean for mesh in system.meshes])
     angular, shapes = undamped_modes(system, means)
@@ -194,18 +192,18 @@ def response_of(motion: Motion) -> Response:
     rows = rows if output.displacement is None else rows + output.displacement
     velocity_rows = np.zeros_like(rows) if output.velocity is None else output.velocity
     structure = motion.sensor_forces.structure
-    count_routes = output.channels if structure is None else structure.readings
+    count_readings = output.channels if structure is None else structure.readings
     readings = np.hstack([rows @ shapes, velocity_rows @ shapes]) @ vectors
     pushes = np.vstack([np.zeros((count, means.size)), -(shapes.T @ directions.T)])
     return Response(
         motion=motion,
         poles=poles.astype(np.complex128),
-        outputs=readings[:count_routes],
+        outputs=readings[:count_readings],
         deflections=(directions @ shapes) @ vectors[:count],
         inputs=np.linalg.solve(vectors, pushes.astype(np.complex128)),
-        direct=every[:count_routes],
-        absent=readings[count_routes:],
-        absent_direct=every[count_routes:],
+        direct=every[:count_readings],
+        absent=readings[count_readings:],
+        absent_direct=every[count_readings:],
         means=means,
     )
 
@@ -324,12 +322,6 @@ def with_lines(stage: PreparedScene, response: Response, meshes: list[str]) -> P
         families += more
         amplitudes += outputs
     return replace(stage, families=families, amplitudes=amplitudes)
-
-
-def spectral_lines(values: Array, count: int) -> ComplexArray:
-    """Return the first lines (count,) of values at the phases of `_phases`."""
-    cycles = np.arange(1, count + 1) / values.size
-    return np.asarray(np.fft.rfft(values)[1 : count + 1] * (2 / values.size) * np.exp(-1j * np.pi * cycles))
 
 
 def _waveform(lines: ComplexArray, points: int) -> Array:

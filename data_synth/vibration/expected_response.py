@@ -1,7 +1,8 @@
 """Lines that are expected of gears in motion: the response to their exciting forces against speed and time."""
 
-from dataclasses import dataclass, field
+from dataclasses import dataclass, field, replace
 from fractions import Fraction
+from functools import cached_property
 
 import numpy as np
 from numpy.typing import NDArray
@@ -14,8 +15,82 @@ _LAGS = 5e-3  # of the loudest line of a family: what others lag behind the spee
 
 
 @dataclass(frozen=True, kw_only=True)
+class Hearing:
+    """What the channels have of exciting forces at an order beside that of the forces, between even frequencies.
+
+    Attributes
+    ----------
+    shift : Fraction
+        Signed order that is added to that of a force.
+    frequency_hz : (f,) array
+        Even, from zero.
+    readings : (mesh, reading, f) complex array
+        Of the forces in the routes to the sensors, per N of exciting force.
+    gains : (route, reading) complex array
+        Of a reading in the routes.
+    channels : (route,) int array
+        Channel of each route.
+    routes : (route, f) complex array
+        Complex amplitude in that channel per N in the route.
+    """
+
+    shift: Fraction
+    frequency_hz: Array = field(repr=False)
+    readings: NDArray[np.complex64] = field(repr=False)
+    gains: NDArray[np.complexfloating] = field(repr=False)
+    channels: NDArray[np.int_]
+    routes: NDArray[np.complex64] = field(repr=False)
+
+    def of_meshes(self, meshes: NDArray[np.int_]) -> "Hearing":
+        """Return that of forces in some meshes."""
+        return replace(self, readings=self.readings[meshes])
+
+    @property
+    def count(self) -> int:
+        """Number of channels."""
+        return int(np.max(self.channels)) + 1
+
+    @cached_property
+    def unshifted(self) -> NDArray[np.complex64]:
+        """Complex amplitude in the channels per N of exciting force at the same order, (mesh, channel, f)."""
+        felt, shape = self._felt(), (self.readings.shape[0], self.count, self.frequency_hz.size)
+        found = np.zeros(shape, dtype=np.complex64)
+        for route, channel in enumerate(self.channels):
+            found[:, channel] += felt[:, route] * self.routes[route]
+        return found
+
+    def _felt(self) -> NDArray[np.complex64]:
+        """Return the force in the routes per N of exciting force, (mesh, route, f)."""
+        return np.asarray(self.gains.astype(np.complex64) @ self.readings)
+
+    def of(self, forces: list[NDArray[np.complex64]], orders: Array, speed: Array) -> ComplexArray:
+        """Return Z (channel, line, instant) of forces (line, instant) in each mesh, at their orders (line,).
+
+        Where the sum of an order and the shift is negative, Z is that at the positive order.
+        """
+        from data_synth.vibration._projection_kernels import add_responses  # noqa: PLC0415  - numba is slow to load
+
+        at = np.multiply.outer(orders / self.frequency_hz[1], speed)
+        total = np.zeros((self.count, *at.shape), dtype=np.complex128)
+        if not self.shift:
+            for transfer, force in zip(self.unshifted, forces, strict=True):
+                add_responses(transfer, at, force, total)
+            return total
+        felt = np.zeros((self.gains.shape[0], *at.shape), dtype=np.complex128)
+        rows = np.flatnonzero(self.gains.any(axis=1))
+        for transfer, force in zip(self._felt()[:, rows], forces, strict=True):
+            add_responses(transfer, at, force, felt[: rows.size])
+        beside = np.multiply.outer((orders + float(self.shift)) / self.frequency_hz[1], speed)
+        felt = np.where(beside < 0, felt.conj(), felt).astype(np.complex64)
+        for number, route in enumerate(rows):
+            channel = self.channels[route]
+            add_responses(self.routes[route : route + 1], np.abs(beside), felt[number], total[channel : channel + 1])
+        return total
+
+
+@dataclass(frozen=True, kw_only=True)
 class ExpectedLines:
-    """Lines at the multiples of an order, from their exciting forces at some speeds.
+    """Lines at the multiples of an order, or so much beside them, from their exciting forces at some speeds.
 
     Where the speed changes, Z lags behind the steady response by ``(j / 2) (domega / dt) d2Z / domega2``, omega the
     angular frequency of the line: the first of the series of a response to a sweep (Carson and Fry 1937, Bell Syst.
@@ -37,10 +112,8 @@ class ExpectedLines:
         Speed of the reference in rev s-1, not below zero, and its rate in rev s-2.
     damping : float
         Least damping ratio of the modes: the share of the speed in which a line passes half the width of one.
-    frequency_hz : (f,) array
-        Even, from zero.
-    transfer : (mesh, channel, f) complex array
-        Complex amplitude in each channel per N of exciting force, in single precision as the forces.
+    heard : Hearing
+        What the channels have of the exciting forces.
     """
 
     base_order: Fraction
@@ -51,8 +124,7 @@ class ExpectedLines:
     speed_hz: Array = field(repr=False)
     rates: Array = field(repr=False)
     damping: float
-    frequency_hz: Array = field(repr=False)
-    transfer: NDArray[np.complex64] = field(repr=False)
+    heard: Hearing = field(repr=False)
 
     @property
     def size(self) -> int:
@@ -80,21 +152,18 @@ class ExpectedLines:
     def steady(self, multiples: NDArray[np.int_], instants: NDArray[np.int_]) -> ComplexArray:
         """Return Z (channel, line, instant) as it were if the speed stayed what it is at each instant."""
         driven = self.inputs_n[:, instants].any(axis=0)
-        found = np.zeros((self.transfer.shape[1], multiples.size, instants.size), dtype=np.complex128)
+        found = np.zeros((self.heard.count, multiples.size, instants.size), dtype=np.complex128)
         found[..., driven] = self._at(multiples, self.speed_hz[instants[driven]], self.inputs_n[:, instants[driven]])
         return found
 
     def _at(self, multiples: NDArray[np.int_], speed: Array, inputs_n: Array) -> ComplexArray:
-        from data_synth.vibration._projection_kernels import add_responses  # noqa: PLC0415  - numba is slow to load
-
         weights = _cubic(speed + self.slow_hz, self.speeds_hz + self.slow_hz)
         shares = (weights[:, None] * inputs_n).reshape(-1, speed.size).astype(np.float32)
-        place = np.multiply.outer(float(self.base_order) / self.frequency_hz[1] * multiples, speed)
-        total = np.zeros((self.transfer.shape[1], multiples.size, speed.size), dtype=np.complex128)
-        for mesh, transfer in enumerate(self.transfer):
-            some = self.forces[:, :, mesh, multiples - 1].reshape(shares.shape[0], -1)
-            add_responses(transfer, place, some.T @ shares, total)
-        return total
+        forces = [
+            self.forces[:, :, mesh, multiples - 1].reshape(shares.shape[0], -1).T @ shares
+            for mesh in range(self.forces.shape[2])
+        ]
+        return self.heard.of(forces, np.multiply(multiples, float(self.base_order), dtype=np.float64), speed)
 
 
 def _cubic(speed: Array, nodes: Array) -> Array:

@@ -25,6 +25,7 @@ from data_synth.vibration.projected_lines import (
     BELOW_NYQUIST,
     EXPECTED_FLOOR,
     Lines,
+    about_expected,
     about_fit,
     compared_from,
     powers,
@@ -44,6 +45,7 @@ _RINGS, _SELDOM = 0.5, 0.125
 """Of the power, what expected lines may leave of it in few places, such a share of them: it rings, and is none."""
 _RUNG = 0.01  # of the power after a jump, from which what rings there is stated
 _STARTS = 2.0  # times the speed
+_SEPARATED = 1e-5  # of the power: where steady lines leave more, there may be some that the record does not separate
 
 
 @dataclass(frozen=True, kw_only=True)
@@ -87,13 +89,15 @@ def gear_lines(
 ) -> GearLines:
     """Return the loud lines in the channels of gears in motion, (channel, n), at the instants of the truth.
 
-    At constant speed, torque and damage the window is the whole record, and Z is constant. Else Z is that of the
-    expected lines, which has no window. Where they leave more than 5 % of the power, and not in few places, as what
-    rings after a step does, or anything where damage grows at constant speed and torque, what the signal without them
-    adds to all lines is fitted as well: polynomials of second degree in angle within windows; their length is that, of
-    several, with the least error: the share of the lines' power that is in lines which half the window changes by 1 %
-    or more, plus the share of what the expected lines leave of the signal that all lines leave. The former alone would
-    have long windows where all that a projection adds is below 1 %.
+    At constant speed, torque and damage the window is the whole record, and Z is constant; where that does not separate
+    all lines, as those of a damaged planet, and the expected ones leave less of the power, Z is theirs.
+
+    Else Z is that of the expected lines, which has no window. Where they leave more than 5 % of the power, and not in
+    few places, as what rings after a step does, or anything where damage grows at constant speed and torque, what the
+    signal without them adds to all lines is fitted as well: polynomials of second degree in angle within windows; their
+    length is that, of several, with the least error: the share of the lines' power that is in lines which half the
+    window changes by 1 % or more, plus the share of what the expected lines leave of the signal that all lines leave.
+    The former alone would have long windows where all that a projection adds is below 1 %.
 
     Where the natural `modes` ring, after a jump of speed or torque or of its rate, or anywhere if expected lines leave
     more than 5 % of the power there, that is stated beside the lines; nothing is projected where both leave less.
@@ -115,7 +119,7 @@ def gear_lines(
     fastest, slowest = (float(each(np.abs(prepared.speed_hz[prepared.speed_hz != 0]))) for each in (np.max, np.min))
     candidates = candidates_of(scene, top=top * min(fastest / slowest, LOWER_SPEEDS), mixed=steady)
     if steady:
-        chosen, amplitudes, changes, about = steady_fit(samples, candidates, prepared.instants_s)
+        found, about = _steady_lines(samples, candidates, prepared, expected)
     else:
         prior = _prior(expected(), candidates, speeds=prepared.speed_hz, channels=signal.shape[0])
         # at constant speed and torque, sound gears have projected lines: of growing damage the difference counts
@@ -127,20 +131,37 @@ def gear_lines(
             solve=None if unchanging else modes,
         )
         found, ringing, about = _varying_lines(samples, candidates, drive, prior, most=most)
-        chosen, amplitudes, changes = found.chosen, found.amplitudes, found.changes
-    if sign < 0:
-        amplitudes = amplitudes.conj()
+    amplitudes = found.amplitudes.conj() if sign < 0 else found.amplitudes
     lines = tuple(
         GearLine(
             order=candidates.order(number),
             component=candidates.sources[number][0],
             kind=candidates.sources[number][1],
             amplitude=amplitudes[:, row],
-            change=float(changes[row]),
+            change=float(found.changes[row]),
         )
-        for row, number in enumerate(chosen.tolist())
+        for row, number in enumerate(found.chosen.tolist())
     )
     return GearLines(lines=lines, about=about, ringing=ringing)
+
+
+def _steady_lines(
+    samples: AngleSamples,
+    candidates: Candidates,
+    prepared: PreparedScene,
+    expected: Callable[[], tuple[ExpectedLines, ...]],
+) -> tuple[Lines, str]:
+    """Return the lines of steady motion, or those that are expected if they leave less of it, and a sentence."""
+    found, left, about = steady_fit(samples, candidates, prepared.instants_s)
+    if left > _SEPARATED:
+        prior = _prior(expected(), candidates, speeds=prepared.speed_hz, channels=samples.signal.shape[0])
+        begins = compared_from(prepared.instants_s)
+        ends = prior.amplitudes[:, :, np.add.outer(begins, [0, 1])]
+        orders = candidates.values[prior.chosen]
+        alone = share_of_power(*powers(samples, orders, ends, instants_s=prepared.instants_s, begins=begins))
+        if alone < left:
+            return prior, about_expected(prior, alone)
+    return found, about
 
 
 def is_steady(prepared: PreparedScene) -> bool:
@@ -165,20 +186,23 @@ def _prior(expected: tuple[ExpectedLines, ...], candidates: Candidates, *, speed
     """Return the expected lines that are candidates and loud."""
     few = np.unique(np.linspace(0, speeds.size - 1, _LOOKED).round().astype(int))
     found = np.zeros((channels, candidates.numbers.size, few.size), dtype=np.complex128)
-    places = list[tuple[NDArray[np.int_], NDArray[np.int_]]]()
+    places = list[tuple[ExpectedLines, NDArray[np.int_], NDArray[np.int_]]]()
     for family in expected:
-        step = family.base_order / candidates.unit  # of candidates, only multiples of its denominator may be
+        step, shift = family.base_order / candidates.unit, family.heard.shift / candidates.unit
+        # of candidates, only whole multiples of their unit may be
         multiples = np.arange(step.denominator, family.size + 1, step.denominator)
-        numbers = multiples // step.denominator * step.numerator
-        place = np.minimum(np.searchsorted(candidates.numbers, numbers), candidates.numbers.size - 1)
-        there = candidates.numbers[place] == numbers
-        places.append((multiples[there], place[there]))
-        found[:, place[there]] += family.steady(multiples[there], few)
+        numbers = multiples // step.denominator * step.numerator + int(shift)
+        place = np.minimum(np.searchsorted(candidates.numbers, np.abs(numbers)), candidates.numbers.size - 1)
+        there = candidates.numbers[place] == np.abs(numbers)
+        for side in (numbers > 0, numbers < 0):  # in each, a candidate has one line
+            if np.any(there & side):
+                places.append((family, multiples[there & side], place[there & side]))
+                found[:, places[-1][2]] += family.steady(places[-1][1], few)
     sizes = np.max(np.abs(found), axis=(0, 2))
     # one floor for all: where sound and damaged gears have the same lines, those below it cancel in the difference
     chosen = np.flatnonzero(sizes > EXPECTED_FLOOR * np.max(sizes, initial=0.0))
     amplitudes, every = np.zeros((channels, chosen.size, speeds.size), dtype=np.complex128), np.arange(speeds.size)
-    for family, (multiples, place) in zip(expected, places, strict=True):
+    for family, multiples, place in places:
         here = np.isin(place, chosen)
         amplitudes[:, np.searchsorted(chosen, place[here])] += family.amplitudes(multiples[here], every)
     return Lines(chosen=chosen, amplitudes=amplitudes, changes=np.zeros(chosen.size))
@@ -250,12 +274,7 @@ def _varying_lines(
         fitted, window = varying_fit(samples, candidates, instants_s, prior)
         return fitted, None, about_fit(fitted, window, prior)
     share = after if everywhere else alone + after
-    rung = "" if ringing is None else f"; beside them {ringing.frequencies_hz.size} modes ring (truth_ringing)"
-    about = (
-        f"{prior.chosen.size} lines against time, of a quasi-static response and what it lags behind the speed, down "
-        f"to {EXPECTED_FLOOR:g} of the loudest{rung}; they leave {100 * share:.2g} % of the power"
-    )
-    return fair, ringing, about
+    return fair, ringing, about_expected(prior, share, ringing=0 if ringing is None else ringing.frequencies_hz.size)
 
 
 def _where_fair(samples: AngleSamples, candidates: Candidates, instants_s: Array, prior: Lines) -> Lines:

@@ -66,15 +66,12 @@ def candidates_of(scene: Scene, *, top: float, mixed: bool) -> Candidates:
     mixed : bool
         Whether sums and differences with orders of damaged gears are wanted as well, beside those of two meshes.
     """
-    meshes, teeth = scene.exact_orders("gear_mesh"), scene.exact_orders("tooth")
+    meshes, teeth = scene.exact_orders("gear_mesh"), turn_orders(scene)
     damaged = dict.fromkeys(fault.component for fault in scene.faults if fault.component in teeth)
     bases = [(order, 0, mesh, mesh, "gear_mesh") for mesh, order in meshes.items()]
-    # planets are not alike to a sensor: a tooth of a sun or a ring repeats once it has met all of them
-    bases += [(teeth[name] / _planets(scene, mesh_name(name)), 1, mesh_name(name), name, "tooth") for name in damaged]
+    bases += [(teeth[name], 1, mesh_name(name), name, "tooth") for name in damaged]
     uneven = [name for name in teeth if name not in damaged and imperfections_of(scene).gears is not None]
-    bases += [
-        (teeth[name] / _planets(scene, mesh_name(name)), 2, mesh_name(name), name, "pitch_deviation") for name in uneven
-    ]
+    bases += [(teeth[name], 2, mesh_name(name), name, "pitch_deviation") for name in uneven]
     passes = {mesh: pass_orders(scene, mesh) for mesh in meshes}
     # whole multiples of one fraction: sums of them are whole numbers
     unit = Fraction(
@@ -112,6 +109,15 @@ def _multiples(order: Fraction, harmonics: NDArray[np.int64], beside: Fraction, 
     return np.asarray(np.add.outer(harmonics * int(order), np.arange(-sides, sides + 1) * int(beside)), dtype=np.int64)
 
 
-def _planets(scene: Scene, mesh: str) -> int:
-    """Return the number of contacts of a mesh."""
-    return sum(contact.mesh == mesh for contact in scene.kinematics.contacts)
+def turn_orders(scene: Scene) -> dict[str, Fraction]:
+    """Return the order at which each gear meets another, or a planet's mates, by the same tooth again.
+
+    Planets are not alike to a sensor: a tooth of a sun or a ring repeats once it has met all of them.
+    """
+    meshes = scene.exact_orders("gear_mesh")
+    return {
+        f"{mesh.name}/{gear.link}": meshes[mesh.name] / abs(gear.teeth)
+        for mesh in scene.gearbox.meshes
+        if mesh.name in meshes
+        for gear in mesh.gears
+    }

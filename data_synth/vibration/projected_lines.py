@@ -58,10 +58,8 @@ class Lines:
 # ---- constant speed, torque and damage ---------------------------------------------------------------------------
 
 
-def steady_fit(
-    samples: AngleSamples, candidates: Candidates, instants_s: Array
-) -> tuple[NDArray[np.int_], ComplexArray, Array, str]:
-    """Return the numbers of the kept candidates, Z (channel, line, instant), no changes, and a sentence."""
+def steady_fit(samples: AngleSamples, candidates: Candidates, instants_s: Array) -> tuple[Lines, float, str]:
+    """Return the lines of steady motion, the share of the power that they leave, and a sentence."""
     begins = compared_from(instants_s)
     first, last = samples.span_rev
     length_rev = min(last - first, _LONGEST_CELLS / 4 / float(candidates.values[-1]))
@@ -86,7 +84,8 @@ def steady_fit(
         f"than 2e-5; {_floors()}; lines nearer than {apart / length_rev:.2g} orders count as one; they leave "
         f"{100 * left:.2g} % of the power"
     )
-    return chosen, np.repeat(lines, instants_s.size, axis=2), np.zeros(chosen.size), about
+    repeated = np.repeat(lines, instants_s.size, axis=2)
+    return Lines(chosen=chosen, amplitudes=repeated, changes=np.zeros(chosen.size)), left, about
 
 
 def _tiles(samples: AngleSamples, length_rev: float, most: float) -> Array:
@@ -262,6 +261,15 @@ def varying_fit(samples: AngleSamples, candidates: Candidates, instants_s: Array
     heard = np.multiply.outer(projection.orders, speed_hz) <= top_hz
     amplitudes[:, np.searchsorted(every, best.chosen)] += projection.amplitudes(instants_rev) * heard
     return Lines(chosen=every, amplitudes=amplitudes, changes=relative), best.window
+
+
+def about_expected(lines: Lines, left: float, *, ringing: int = 0) -> str:
+    """Return a sentence on expected lines, and on modes that ring beside them."""
+    rung = f"; beside them {ringing} modes ring (truth_ringing)" if ringing else ""
+    return (
+        f"{lines.chosen.size} lines against time, of a quasi-static response and what it lags behind the speed, down "
+        f"to {EXPECTED_FLOOR:g} of the loudest{rung}; they leave {100 * left:.2g} % of the power"
+    )
 
 
 def about_fit(lines: Lines, window: Window, prior: Lines) -> str:

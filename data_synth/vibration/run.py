@@ -36,6 +36,7 @@ from data_synth.vibration.torques import (
     DriveLoad,
     drive_load_of,
     static_displacements,
+    static_error_displacements,
     static_error_forces,
     static_tooth_forces,
 )
@@ -209,19 +210,27 @@ class Motion:
         return method_for(self.problem(0.0, self.stage.scene.duration_s))
 
     @cached_property
-    def static_readings(self) -> Array | None:
-        """Static part of the readings of routes of declared paths, (route, instant), zero of others; None: no such."""
-        declared = np.array([route.path is not None for route in self.sensor_forces.routes])
-        if not declared.any():
-            return None
+    def every_static_reading(self) -> Array:
+        """Static part of all readings, (reading, instant) N."""
         maps, structure = self.output.maps, self.sensor_forces.structure
-        readings = maps["displacement"] @ static_displacements(self.stage, self.system, self.drive_load)
+        displacements = static_displacements(self.stage, self.system, self.drive_load)
+        tooth_forces = static_tooth_forces(self.stage, self.system, self.drive_load)
+        if self.sensor_forces.rotate:  # planets that are not where they should be bear more or less of the load
+            displacements = displacements + static_error_displacements(self.system)[:, None]
+            tooth_forces = tooth_forces + static_error_forces(self.system)[:, None]
+        readings = maps["displacement"] @ displacements
         if "mesh_force" in maps:
-            readings += maps["mesh_force"] @ static_tooth_forces(self.stage, self.system, self.drive_load)
-        if structure is not None:
-            inputs = readings[-len(structure.maps["mesh_force"]) :]
-            readings[: structure.readings] += structure.response(np.zeros(1))[:, :, 0].real @ inputs
-        return np.asarray(readings[: declared.size] * declared[:, None])
+            readings += maps["mesh_force"] @ tooth_forces
+        if structure is None:
+            return np.asarray(readings)
+        pressed = structure.response(np.zeros(1))[:, :, 0].real @ readings[structure.readings :]
+        return np.asarray(readings[: structure.readings] + pressed)
+
+    @cached_property
+    def static_readings(self) -> Array | None:
+        """Those of routes of declared paths, (route, instant), zero of others; None: no route has one."""
+        declared = np.array([route.path is not None for route in self.sensor_forces.routes])
+        return self.every_static_reading[: declared.size] * declared[:, None] if declared.any() else None
 
     def channels(self, *, samples: int) -> Iterator[Array]:
         """Yield the channels (sensor, n) from time zero in blocks, after the linear part of their chains.

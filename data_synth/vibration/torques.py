@@ -163,11 +163,22 @@ def static_error_forces(system: System) -> Array:
     Not zero where meshes close a loop: a planet ahead of its place takes load from the others.
     """
     means = np.array([mesh.stiffness.mean for mesh in system.meshes])
-    errors = np.array([_mean_error_m(mesh.error) for mesh in system.meshes])
+    rows = np.array([mesh.direction for mesh in system.meshes])
+    return np.asarray(means * (rows @ static_error_displacements(system) - _mean_errors_m(system)))
+
+
+def static_error_displacements(system: System) -> Array:
+    """Return the elastic displacements of bodies by the means of transmission errors alone, (dof,)."""
+    means = np.array([mesh.stiffness.mean for mesh in system.meshes])
     rows = np.array([mesh.direction for mesh in system.meshes])
     angular, shapes = undamped_modes(system, means)
     elastic = shapes[:, angular > 0] / angular[angular > 0]
-    return np.asarray(means * (rows @ (elastic @ (elastic.T @ (rows.T @ (means * errors)))) - errors))
+    return np.asarray(elastic @ (elastic.T @ (rows.T @ (means * _mean_errors_m(system)))))
+
+
+def _mean_errors_m(system: System) -> Array:
+    """Return the mean transmission error of each mesh, (mesh,)."""
+    return np.array([_mean_error_m(mesh.error) for mesh in system.meshes])
 
 
 def _mean_error_m(error: TransmissionError | None) -> float:

@@ -1,5 +1,6 @@
 """Expected lines against the lines of gears that were integrated in time, at constant speed and load."""
 
+import tomllib
 from fractions import Fraction
 from functools import partial
 
@@ -8,9 +9,10 @@ import pytest
 from moving_pair import SEED, motion, scene, stage_of
 from truth import explained, rebuilt
 
-from data_synth import load_scene, simulate
-from data_synth.fidelity.expected_lines import _balanced, _Modes, _Varying, expected_lines
-from data_synth.vibration.gear_lines import gear_lines
+from data_synth import Scene, load_scene, simulate
+from data_synth.fidelity.expected_lines import expected_lines
+from data_synth.vibration.gear_lines import _prior, gear_lines
+from data_synth.vibration.line_candidates import candidates_of
 from data_synth.vibration.order_projection import AngleSamples, Projection, Window, sum_of_lines
 from data_synth.vibration.run import motion_of, prepare_gears
 
@@ -22,11 +24,13 @@ ERRORS = {"constant": 3e-4, "trapezoid": 2e-4, "teeth": 3e-3}
 
 def amplitude(families, order):
     """Z of all families at one order and the first instant, in the first channel."""
-    multiples = [(family, order / family.base_order) for family in families]
+    multiples = [
+        (family, (side * order - family.heard.shift) / family.base_order) for family in families for side in (1, -1)
+    ]
     return sum(
         family.amplitudes(np.array([int(multiple)]), np.array([0]))[0, 0, 0]
         for family, multiple in multiples
-        if multiple.denominator == 1
+        if multiple.denominator == 1 and 1 <= multiple <= family.size
     )
 
 
@@ -85,11 +89,77 @@ def test_gears_that_nothing_excites_have_no_expected_lines():
     assert expected_lines(motion(scene(mesh={"shape": "constant", "error_um": 0}))) == ()
 
 
-def test_planets_have_no_expected_lines():
-    planets = load_scene("planets-in-motion")
-    stage = stage_of(planets)
+@pytest.mark.parametrize(
+    ("faults", "changes", "error"),
+    [
+        ([], {}, 1e-4),
+        # a damaged tooth changes the mean load that its planet bears
+        ([{"kind": "tooth_crack", "component": "planet-ring/ring", "depth_mm": 2}], {}, 1e-3),
+        ([], {"imperfections": {"planets": {}}}, 1e-3),
+        ([], {"fidelity": "torsional"}, 2e-3),  # motions across the axes, left out, do not follow a varying stiffness
+    ],
+    ids=["sound", "ring", "unequal planets", "torsional"],
+)
+def test_expected_lines_of_planets_are_those_of_an_integration(faults, changes, error):
+    """Beside each line of the carrier's frame, where the gears are linear, those of the angle of the carrier."""
+    declared = load_scene("planets-in-motion").changed(
+        duration_s=0.5,  # two turns of the carrier
+        noise={"rms": 0},
+        excitation={"shaft_amplitude": 0},
+        faults=faults,
+        **changes,
+    )
+    lines = simulate(declared, seed=SEED)["truth_amplitude"].isel(truth_channel=0, truth_time=0)
+    stage = stage_of(declared)
     gears = prepare_gears(stage)
-    assert expected_lines(motion_of(stage, gears, levels=dict.fromkeys(gears.meshes.values(), "lateral"))) == ()
+    families = expected_lines(motion_of(stage, gears, levels=dict.fromkeys(gears.meshes.values(), declared.fidelity)))
+    candidates = candidates_of(declared, top=lines["truth_order"].values[-1] + 0.01, mixed=False)
+    found = _prior(families, candidates, speeds=stage.speed_hz[:1], channels=1)
+    expected = np.zeros(lines.size, dtype=complex)
+    own, place = np.nonzero(
+        np.abs(np.subtract.outer(lines["truth_order"].values, candidates.values[found.chosen])) < 1e-6
+    )
+    expected[own] = found.amplitudes[0, place, 0]
+    assert lines.size > 80
+    assert np.linalg.norm(expected - lines.values) < error * np.linalg.norm(lines.values)
+
+
+def test_static_forces_of_unequal_planets_turn_with_the_carrier():
+    """On a path that passes what is slow, with them 100.00 % of the record, 99.65 without."""
+    declared = tomllib.loads(load_scene("planets-in-motion").to_toml())
+    mode = {"frequency_hz": 700, "damping_ratio": 0.03, "gain": 1e-3}
+    declared["transfer"] = [{"source": "sun", "sensor": "ring", "units": "m s-2", "modes": [mode]}]
+    planets = Scene.from_mapping(declared).changed(
+        duration_s=2,
+        speed={"link": "carrier", "rpm": [[0, 200], [2, 240]]},
+        noise={"rms": 0},
+        excitation={"shaft_amplitude": 0},
+        imperfections={"planets": {}},
+        faults=[],
+    )
+    record = simulate(planets, seed=SEED, phases=True)
+    lines = record["truth_amplitude"].isel(truth_channel=0)
+    first = lines.sel(truth_order=float(planets.ratio("carrier")), method="nearest").values
+    assert np.mean(np.abs(first) ** 2) / 2 > 0.003 * np.mean(record["ring"].values ** 2)
+    assert explained(rebuilt(record), record["ring"].values) > 99.99
+    assert "truth_line_change" not in record
+
+
+@pytest.mark.parametrize("fault", ["sun-planet/sun", "sun-planet/planet"])
+def test_the_fault_of_planets_has_its_truth_where_speed_rises(fault):
+    """Of both 38 and 45 dB below the record; 99.9 and 98.7 % in 6 s."""
+    crack = {"kind": "tooth_crack", "component": fault, "depth_mm": 2}
+    planets = load_scene("planets-in-motion").changed(
+        duration_s=2,
+        speed={"link": "carrier", "rpm": [[0, 200], [2, 240]]},
+        noise={"rms": 0},
+        excitation={"shaft_amplitude": 0},
+        faults=(crack,),
+    )
+    damaged, sound = (simulate(each, seed=SEED, phases=True) for each in (planets, planets.changed(faults=())))
+    signal, lines = damaged["ring"].to_numpy(), rebuilt(damaged)
+    assert explained(lines, signal) > 99.98
+    assert explained(lines - rebuilt(sound), signal - sound["ring"].to_numpy()) > 97
 
 
 @pytest.mark.parametrize("rpm", [[[0, 500], [3, 900]], [[0, 500], [3, 900], [6, 500]]], ids=["up", "up and down"])
@@ -141,64 +211,6 @@ def test_lines_differ_on_the_way_up_and_down_through_a_resonance_by_what_lags_be
     lag, own = ((each - each[:, ::-1])[:, inner] for each in (loud, found))
     assert np.linalg.norm(lag) > 0.005 * np.linalg.norm(loud)
     assert np.linalg.norm(lag - own) < 0.15 * np.linalg.norm(own)
-
-
-STEP_HZ, SPEED_HZ = 0.5, 5.0
-
-
-def balance_of_one_mode(lines, *, varying, damping):
-    """Exciting force of two lines on one mode at 200 Hz, static gain -1, at base order 1; p, and its dense solution."""
-    pole = 2 * np.pi * 200 * (-damping + 1j * np.sqrt(1 - damping**2))
-    residue = -(abs(pole) ** 2) / (2j * pole.imag)  # of -w^2 / (s^2 + 2 damping w s + w^2)
-    s = 2j * np.pi * STEP_HZ * np.arange(4096)
-    gains = residue / (s - pole) - residue / (s - pole.conjugate())
-    spectrum = np.zeros(lines, dtype=np.complex64)
-    spectrum[[4, 9]] = 1 + 1j, -2
-    points = 3 * lines + 3
-    coefficients = np.zeros(points // 2 + 1, dtype=np.complex64)
-    coefficients[1 : varying.size + 1] = varying * points / 2
-    waves = np.fft.irfft(coefficients, points)[None].astype(np.float32)
-    found = _balanced(
-        spectrum[None, None],
-        np.zeros((1, 1, lines), dtype=np.complex64),
-        SPEED_HZ,
-        gains=gains[None, None],
-        varying_of=lambda _base, count: _Varying(waves=waves, lines=coefficients[None, 1 : count + 1]),
-        modes=_Modes(
-            poles=np.array([pole]), deflections=np.array([[2 * residue]]), inputs=np.ones((1, 1), dtype=complex)
-        ),
-        base=Fraction(1),
-        step_hz=STEP_HZ,
-        bound=1e-5,
-    )[0, 0]
-    # coefficients of exp(j n theta), n from -lines to lines, none at zero
-    n = np.r_[-lines:0, 1 : lines + 1]
-    two_sided = np.zeros(4 * lines + 1, dtype=complex)
-    two_sided[2 * lines + 1 : 2 * lines + 1 + varying.size] = varying / 2
-    two_sided += two_sided[::-1].conj()
-    v = two_sided[np.subtract.outer(n, n) + 2 * lines]
-    v = v - np.outer(two_sided[n + 2 * lines], two_sided[2 * lines - n])  # the mean force stays
-    one_sided = gains[(np.arange(1, lines + 1) * SPEED_HZ / STEP_HZ).astype(int)]
-    gain = np.concatenate([one_sided[::-1].conj(), one_sided])
-    right = np.concatenate([spectrum[::-1].conj(), spectrum]) / 2
-    return found, 2 * np.linalg.solve(np.eye(2 * lines) - v * gain, right)[lines:]
-
-
-@pytest.mark.parametrize("damping", [0.01, 0.05, 0.5])
-def test_sweeps_find_the_dense_solution(damping):
-    """Of lines up to three times the frequency of the mode, which the stiffness couples."""
-    found, dense = balance_of_one_mode(120, varying=np.array([0.1j, 0, 0.05, 0, 0.15]), damping=damping)
-    assert np.linalg.norm(found - dense) < 1e-4 * np.linalg.norm(dense)
-    assert np.linalg.norm(dense) > 1.05 * np.sqrt(6)  # the stiffness makes lines of its own
-
-
-@pytest.mark.parametrize("share", [0.4, 0.6])  # squares of the first leave the range of numbers, then all
-def test_a_stiffness_that_excites_vibration_which_grows_has_lines_within_the_range_of_numbers(share):
-    """At twice the mode's frequency, 80 orders, with 1 % of damping: no motion is periodic."""
-    varying = np.zeros(80, dtype=complex)
-    varying[-1] = share
-    found, _ = balance_of_one_mode(120, varying=varying, damping=0.01)
-    assert np.isfinite(found).all()
 
 
 @pytest.mark.parametrize(

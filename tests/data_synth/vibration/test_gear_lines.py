@@ -189,17 +189,19 @@ def test_lines_of_planets_are_found_where_only_the_lower_speeds_have_them():
     record = clean(load_scene("planets-in-motion").changed(speed=speed, duration_s=3.0, faults=()))
     channel, found = record[record["truth_channel"].values[0]].to_numpy(), rebuilt(record)
     first = slice(0, channel.size // 10)
-    assert explained(found[first], channel[first]) > 0.95
-    assert explained(found, channel) > 0.98
+    assert explained(found[first], channel[first]) > 0.9999
+    assert explained(found, channel) > 0.9999
     speed_hz, top_hz = record["truth_speed"].values, 0.5 / float(record["time"][1] - record["time"][0])
-    above = np.multiply.outer(record["truth_order"].values, speed_hz) > top_hz
-    assert np.all(record["truth_amplitude"].values[0][above] == 0)
+    above, sizes = np.multiply.outer(record["truth_order"].values, speed_hz) > top_hz, np.abs(record["truth_amplitude"])
+    assert np.max(sizes.values[0][above]) < 1e-3 * np.max(sizes.values)  # what the anti-aliasing filter leaves
 
 
-def test_more_lines_of_a_damaged_planet_than_two_thousand_are_stated():
+def test_lines_of_a_damaged_planet_that_a_short_record_does_not_separate_are_stated():
+    """A tooth meets the ring 82 / 31 times a turn, at all angles: its lines are a 31st of the carrier's order apart."""
     fault = {"kind": "spall", "component": "planet-ring/planet", "size_mm": 0.1}
-    record = clean(load_scene("planets-in-motion").changed(duration_s=4.0, faults=(fault,)))
-    assert record.sizes["truth_order"] > 3000
-    of_fault = record["truth_kind"].values == "tooth"
-    sizes = np.abs(record["truth_amplitude"].values[0, of_fault, 0])
-    assert sizes.min() < 0.02 * sizes.max()  # down to a hundredth, as stated
+    record = clean(load_scene("planets-in-motion").changed(duration_s=1.0, faults=(fault,)))
+    orders = record["truth_order"].values[record["truth_kind"].values == "tooth"]
+    assert orders.size > 3000
+    assert np.median(np.diff(orders)) < 1.5 / float(record["truth_shaft_revolutions"].sel(truth_shaft="sun")[-1])
+    channel = record[record["truth_channel"].values[0]].to_numpy()
+    assert explained(rebuilt(record), channel) > 0.9999  # 0.9980 of lines that the record separates
