@@ -20,9 +20,12 @@ def sweep(
     outputs: Array,
     at_once: Array,
     run_in: int,
+    static: Array,
     found: Singles,
 ) -> None:
     """Compute ``p = right + varying delta`` of meshes over a period that repeats, delta the deflections by p.
+
+    Where teeth part, their force ``static + delta + p`` is zero instead of having the other sign.
 
     Parameters
     ----------
@@ -38,13 +41,15 @@ def sweep(
         Deflections by p at the same instant, of the modes too.
     run_in : int
         Steps before the first instant, from rest.
+    static : (input, mesh) array
+        Mean tooth force; zero where teeth never part.
     found : (input, mesh, n) array
         Becomes p.
     """
     inputs, meshes, points = right.shape
     count = turns.shape[1]
     real, imaginary = np.zeros(count), np.zeros(count)
-    force, known, eased = np.zeros(meshes), np.zeros(meshes), np.zeros(meshes)
+    force, known, eased, eased_by = np.zeros(meshes), np.zeros(meshes), np.zeros(meshes), np.zeros(meshes)
     for row in range(inputs):
         for k in range(count):
             real[k] = 0.0
@@ -67,6 +72,7 @@ def sweep(
                     total += outputs[i, 0, k] * real[k] - outputs[i, 1, k] * imaginary[k]
                 eased[i] = 1.0 / (1.0 - varying[i, here] * at_once[i, i])
                 known[i] = right[row, i, here] + varying[i, here] * total
+                eased_by[i] = total
             for _ in range(_ROUNDS if meshes > 1 else 1):
                 for i in range(meshes):
                     total = 0.0
@@ -74,6 +80,9 @@ def sweep(
                         if j != i:
                             total += at_once[i, j] * force[j]
                     force[i] = (known[i] + varying[i, here] * total) * eased[i]
+                    carried = static[row, i] + eased_by[i] + total
+                    if static[row, i] * (carried + (1.0 + at_once[i, i]) * force[i]) < 0:
+                        force[i] = -carried / (1.0 + at_once[i, i])
             if step >= run_in:
                 for i in range(meshes):
                     found[row, i, here] = force[i]

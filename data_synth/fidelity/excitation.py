@@ -48,8 +48,7 @@ class Excitation:
         """Return the lines of a mesh up to an order."""
         mean, cycles = mesh.stiffness.mean, int(mesh.stiffness.period)
 
-        def lines_of(values: Callable[[Array], Array], jumps: Array, period: int, by_cycles: float) -> ComplexArray:
-            lines = max(1, math.floor(top / float(order) * period))
+        def sampled(values: Callable[[Array], Array], jumps: Array, period: int) -> Array:
             # to a mesh cycle as many for sound and for damaged gears, so that only damage makes them different
             points = period * max(_FEWEST, 1 << (_POINTS * math.ceil(top / float(order)) - 1).bit_length())
             known = values((np.arange(points) + 0.5) * period / points)
@@ -57,19 +56,24 @@ class Excitation:
             share, cell = np.modf(np.remainder(jumps / period, 1.0) * points)
             before, after = (values(jumps + side * _BESIDE * period) for side in (-1, 1))
             np.add.at(known, cell.astype(int), (np.round(share) - share) * (after - before))
-            found = spectral_lines(known, lines)
-            return np.asarray(found * np.exp(2j * np.pi * by_cycles / period * np.arange(1, lines + 1)))
+            return known
+
+        def lines_of(known: Array, period: int, by_cycles: float) -> ComplexArray:
+            lines = max(1, math.floor(top / float(order) * period))
+            turned = np.exp(2j * np.pi * by_cycles / period * np.arange(1, lines + 1))
+            return np.asarray(spectral_lines(known, lines) * turned)
 
         # contacts of planets at the same phases of their teeth, then shifted: where lines cancel, their errors do
         by_cycles = getattr(mesh.stiffness, "by_cycles", 0.0)
         jumps = np.array(mesh.stiffness.jumps) + by_cycles
-        varying = lines_of(lambda phases: mesh.stiffness(phases - by_cycles) / mean, jumps, cycles, by_cycles)
-        errors_n = dict[int, ComplexArray]()
+        varying = sampled(lambda phases: mesh.stiffness(phases - by_cycles) / mean, jumps, cycles)
+        alike, errors_n = dict[tuple[int, float], Array](), dict[int, ComplexArray]()
         for part, late in parts_of(mesh.error):
-            period = int(part.period)
-            lines = -mean * lines_of(part, np.array(getattr(part, "jumps", ())), period, late)
-            errors_n[period] = errors_n[period] + lines if period in errors_n else lines
-        return cls(order=order, cycles=cycles, varying=varying, errors_n=errors_n)
+            known = sampled(part, np.array(getattr(part, "jumps", ())), int(part.period))
+            alike[int(part.period), late] = alike.get((int(part.period), late), 0.0) + known
+        for (period, late), known in alike.items():
+            errors_n[period] = errors_n.get(period, 0.0) - mean * lines_of(known, period, late)
+        return cls(order=order, cycles=cycles, varying=lines_of(varying, cycles, by_cycles), errors_n=errors_n)
 
     def waveform(self, base: Fraction, points: int) -> Array:
         """Return ``k / k_mean - 1`` (points,) in a period of an order, of its lines at multiples of that."""

@@ -12,13 +12,14 @@ stiffness at such multiples, a damaged tooth's among them, couple them. At some 
 solved together (`data_synth.fidelity.harmonic_balance`). Between speeds p is interpolated.
 
 Sound and damaged gears have the same families, speeds, points and bounds, so that the errors of both are alike and the
-difference is the fault's, 60 dB below the record even. Left out are lines at sums of the order of a gear and that of a
-mesh on other shafts, what they make of others, loss of contact, and transients.
+difference is the fault's, 60 dB below the record even. Where a family's teeth would pull, they part, under some loads
+between which p is interpolated. Left out are lines at sums of the order of a gear and that of another, or of a mesh on
+other shafts, what they make of others, what parts in the sum of families alone, and transients.
 """
 
 import math
-from collections.abc import Callable, Iterator
-from dataclasses import dataclass, replace
+from collections.abc import Callable, Iterator, Sequence
+from dataclasses import dataclass, field, replace
 from fractions import Fraction
 from functools import cache, partial
 
@@ -27,7 +28,7 @@ from numpy.typing import NDArray
 
 from data_synth.dynamics.system import Mesh
 from data_synth.fidelity.excitation import Excitation, Family, families
-from data_synth.fidelity.harmonic_balance import Modes, Singles, Varying, balanced, real_rows
+from data_synth.fidelity.harmonic_balance import Balance, Modes, Singles, Varying, real_rows
 from data_synth.fidelity.linear_response import Response, response_of
 from data_synth.operation.shaft_angle import Array
 from data_synth.vibration.expected_response import ExpectedLines, Hearing, lagrange
@@ -54,6 +55,8 @@ And the steps in which a band is wider."""
 _ALIKE = 1.5  # times slower than the highest speed, speeds have the same lines; slower ones have more
 _INDEPENDENT = 1e-5  # of the largest of independent histories, below which one is left out
 _COUPLED = 0.02  # of the RMS of the stiffness that varies most at the orders of a family: less couples nothing
+_ONE_LOAD, _NO_LOAD, _LOADS = 0.01, 1e-6, 5
+"""Of the largest static force, by which others are the same, and which is none; and how many there are else."""
 _RESIDUAL = 2e-6  # of the equations, over the largest excitation: a fault may be 1e-3 of that
 
 
@@ -128,23 +131,135 @@ def _of_teeth(motion: Motion, shares: Array) -> tuple[ExpectedLines, ...]:
     at_speeds = partial(
         ExpectedLines, speeds_hz=speeds_hz, slow_hz=slow_hz, speed_hz=speed_hz, rates=rates, damping=damping
     )
+    may_part = np.array([mesh.backlash_m > 0 for mesh in system.meshes])
+    loads = _Loads.of(static_n)
     for family, each in zip(apart_families, driven, strict=True):
-        solved = partial(
-            balanced,
+        varying_of = cache(partial(Varying.of, [excitations[number] for number in each.meshes], family.base))
+        balance_at = partial(
+            Balance.at,
+            base=family.base,
             gains=gains[np.ix_(each.meshes, each.meshes)],
-            varying_of=cache(partial(Varying.of, [excitations[number] for number in each.meshes])),
             modes=_modes(response, each.meshes),
             step_hz=float(frequency_hz[1]),
             bound=_RESIDUAL * largest,
         )
         slowest_hz = np.maximum(lowest_hz, np.minimum(speeds_hz, highest_hz / _ALIKE))
-        sizes = np.floor(band_hz / slowest_hz / float(family.base)).astype(np.int64)
-        forces = family.sign * _over_speeds(partial(solved, base=family.base), each.excitation, speeds_hz, sizes)
+        sizes = np.minimum(np.floor(band_hz / slowest_hz / float(family.base)).astype(int), each.excitation.shape[-1])
+        balances = [
+            partial(balance_at, speed, varying=varying_of(size))
+            for speed, size in zip(speeds_hz.tolist(), sizes.tolist(), strict=True)
+        ]
+        parting = _Parting.of(loads.static_n if loads and may_part[each.meshes].any() else None, each, may_part)
+        forces, histories = _over_speeds(balances, each.excitation, sizes, then=parting.at), each.histories
+        if loads is not None and parting.found:
+            forces, histories = parting.forces(forces), shares * loads.weights
         found += [
-            at_speeds(base_order=family.base, forces=forces, inputs_n=each.histories, heard=one.of_meshes(each.meshes))
+            at_speeds(
+                base_order=family.base,
+                forces=family.sign * forces,
+                inputs_n=histories,
+                heard=one.of_meshes(each.meshes),
+            )
             for one in heard
         ]
     return tuple(found)
+
+
+@dataclass(frozen=True, kw_only=True)
+class _Loads:
+    """Loads between which what parting teeth do is interpolated, since it is not proportional to any.
+
+    Attributes
+    ----------
+    static_n : (load, mesh) array
+    weights : (load, instant) array
+        Of which the static forces at the instants are the sums: linear between two loads.
+    """
+
+    static_n: Array
+    weights: Array
+
+    @classmethod
+    def of(cls, static_n: Array) -> "_Loads | None":
+        """Return some of the static forces (mesh, instant); None where they do not rise and fall together."""
+        most = float(np.max(np.abs(static_n), initial=0.0))
+        course = static_n[np.argmax(np.ptp(static_n, axis=1))]
+        if np.ptp(course) <= _ONE_LOAD * most:
+            return cls(static_n=np.mean(static_n, axis=1)[None], weights=np.ones((1, static_n.shape[1])))
+        places = np.linspace(np.min(course), np.max(course), _LOADS)
+        weights = np.stack([np.interp(course, places, only) for only in np.eye(_LOADS)])
+        known = np.linalg.lstsq(weights.T, static_n.T, rcond=None)[0]
+        if np.max(np.abs(weights.T @ known - static_n.T)) > _ONE_LOAD * most:
+            return None
+        return cls(static_n=np.where(np.abs(known) > _NO_LOAD * most, known, 0.0), weights=weights)
+
+
+@dataclass(frozen=True, kw_only=True)
+class _Parting:
+    """A family's p under some loads, of teeth that part where they would pull.
+
+    Attributes
+    ----------
+    static_n : (load, mesh) array
+        Of the family's meshes; no load where teeth are not to part.
+    shares : (load, input) array
+        Of the family's inputs under each load.
+    excitation : (load, mesh, k) array
+    may_part : (mesh,) bool array
+    enough : int
+        Loads after which, where teeth part under none of them, they part under no other.
+    found : mapping of (node, load) to (mesh, k) array
+        Where teeth part.
+    """
+
+    static_n: Array
+    shares: Array
+    excitation: Singles
+    may_part: NDArray[np.bool_]
+    enough: int
+    found: dict[tuple[int, int], Singles] = field(default_factory=dict)
+
+    @classmethod
+    def of(cls, static_n: Array | None, driven: "_Driven", may_part: NDArray[np.bool_]) -> "_Parting":
+        """Return that of a family, with nothing found yet; under no load where static forces are None."""
+        known_n = np.zeros((0, may_part.size)) if static_n is None else static_n
+        shares = driven.shares_of(np.concatenate([np.ones((known_n.shape[0], 1)), known_n], axis=1))
+        enough = loads = known_n.shape[0]
+        if np.all(np.abs(np.sum(np.sign(known_n), axis=0)) == loads):
+            alike = shares.shape[1] == 1 and loads and np.ptp(known_n / known_n[0] * shares[0] / shares) < _ONE_LOAD
+            enough = 1 if alike else 2
+        return cls(
+            static_n=known_n[:, driven.meshes],
+            enough=enough,
+            shares=shares,
+            excitation=np.tensordot(shares, driven.excitation, axes=1).astype(np.complex64),
+            may_part=may_part[driven.meshes],
+        )
+
+    def at(self, node: int, balance: Balance, forces: Singles) -> None:
+        """Look whether p (input, mesh, k) of a node parts teeth: under the largest load, the least, and those between.
+
+        Under those between it does not where it does not under both, nor under others where all is proportional.
+        """
+        loads, lines, parts = self.static_n.shape[0], forces.shape[-1], False
+        for number, load in enumerate(dict.fromkeys([loads - 1, *range(loads - 1)]) if loads else ()):
+            if number >= self.enough and not parts:
+                break
+            now = balance.parted(
+                self.excitation[load, :, :lines],
+                np.tensordot(self.shares[load].astype(np.float32), forces, axes=1),
+                self.static_n[load],
+                may_part=self.may_part & (self.static_n[load] != 0),
+            )
+            if now is not None:
+                self.found[node, load], parts = now, True
+
+    def forces(self, forces: Singles) -> Singles:
+        """Return p under each load, (node, load, mesh, k), from that of teeth that pull."""
+        every = np.einsum("nimk,li->nlmk", forces, self.shares.astype(np.float32), optimize=True).astype(np.complex64)
+        for (node, load), found in self.found.items():
+            every[node, load, :, : found.shape[-1]] = found
+        return np.asarray(every)
 
 
 def _modes(response: Response, meshes: NDArray[np.int_]) -> Modes:
@@ -233,29 +348,32 @@ def _about(speeds_hz: Array, some_hz: Array) -> Array:
 
 
 def _over_speeds(
-    solved: Callable[[Singles, Singles, float], Singles],
+    balances: Sequence[Callable[[], Balance]],
     excitation: Singles,
-    speeds_hz: Array,
     sizes: NDArray[np.int_],
+    *,
+    then: Callable[[int, Balance, Singles], None],
 ) -> Singles:
-    """Return p at each speed, (node, input, mesh, k), zero beyond so many lines as that has.
+    """Return p at each speed, (node, input, mesh, k), zero beyond so many lines as that has, and do more with each.
 
     Speeds a stride apart are solved for one after the other, and those between from what lies beside them.
     """
-    forces = np.zeros((speeds_hz.size, *excitation.shape), dtype=np.complex64)
-    stride = _STRIDE if speeds_hz.size > _STRIDE + 1 else 1
+    nodes = len(balances)
+    forces = np.zeros((nodes, *excitation.shape), dtype=np.complex64)
+    stride = _STRIDE if nodes > _STRIDE + 1 else 1
 
     def at(number: int, nearby: Singles) -> Singles:
-        some = slice(sizes[number])
-        forces[number][..., some] = solved(excitation[..., some], nearby[..., some], float(speeds_hz[number]))
+        some, balance = slice(sizes[number]), balances[number]()
+        forces[number][..., some] = balance.solved(excitation[..., some], nearby[..., some])
+        then(number, balance, forces[number][..., some])
         return np.asarray(forces[number])
 
     nearby = np.zeros_like(excitation)
-    for number in range(0, speeds_hz.size, stride):
+    for number in range(0, nodes, stride):
         nearby = at(number, nearby)
     while stride > 1:
         known = forces[::stride]
-        for number in range(stride // 2, speeds_hz.size, stride):
+        for number in range(stride // 2, nodes, stride):
             weights = lagrange(np.array([number / stride]), known.shape[0])[:, 0]
             at(number, np.tensordot(weights.astype(np.float32), known, axes=1))
         stride //= 2
@@ -287,11 +405,21 @@ class _Driven:
         Independent ones, of which all inputs are sums.
     excitation : (input, mesh, k) array
         Its lines by them.
+    inputs : (some,) int array
+        Those of 1 and the static forces that drive it.
+    shares : (input, some) array
+        Of these in each history.
     """
 
     meshes: NDArray[np.int_]
     histories: Array
     excitation: Singles
+    inputs: NDArray[np.int_]
+    shares: Array
+
+    def shares_of(self, inputs_n: Array) -> Array:
+        """Return the shares (load, input) of histories in 1 and static forces, (load, 1 + mesh)."""
+        return np.asarray(np.linalg.lstsq(self.shares.T, inputs_n[:, self.inputs].T, rcond=None)[0].T)
 
     @classmethod
     def of(cls, family: Family, excitations: list[Excitation], inputs_n: Array) -> "_Driven":
@@ -305,4 +433,4 @@ class _Driven:
             lines[:1] += varying.times(lines[:1])
         histories, shares = _independent(inputs_n[inputs])
         excitation = np.tensordot(shares, lines, axes=1).astype(np.complex64)
-        return cls(meshes=meshes, histories=histories, excitation=excitation)
+        return cls(meshes=meshes, histories=histories, excitation=excitation, inputs=inputs, shares=shares)

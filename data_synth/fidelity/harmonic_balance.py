@@ -7,7 +7,7 @@ is smooth where the stiffness jumps. Were the tooth force the factor, of ``1 - k
 of a product of jumps converge slowly (Li 1996, J. Opt. Soc. Am. A 13, 1870).
 """
 
-from collections.abc import Callable
+import math
 from dataclasses import dataclass
 from fractions import Fraction
 from typing import TypeAlias
@@ -25,6 +25,8 @@ _MOST_SWEEPS = 16  # each leaves 2 to 15 per cent
 _NO_USE = 0.7  # of what the sweep before left: the stiffness excites vibration that grows
 _PART = 0.05  # of the force in a spring: less is not waited for, and modes with less deflect at once
 _FAST = 2.5  # rad in a step of a sweep, where the highest line has 2.1: modes that turn faster deflect at once
+_LITTLE = 1e-3  # of p: what teeth pull that hardly part
+_FLIGHT = 4  # times shorter steps where teeth part
 _LONGEST_RUN_IN = 1 << 15  # steps before the period of a sweep, where modes are hardly damped
 
 
@@ -48,6 +50,13 @@ class Varying:
         """Return that of some meshes."""
         return Varying(waves=self.waves[meshes], lines=self.lines[meshes])
 
+    def finer(self, times: int) -> "Varying":
+        """Return the same at so many times more points."""
+        from scipy.fft import irfft, rfft  # noqa: PLC0415
+
+        waves = times * irfft(rfft(self.waves), times * self.waves.shape[1])
+        return Varying(waves=np.asarray(waves, dtype=np.float32), lines=times * self.lines)
+
     def times(self, deflections: Singles) -> Singles:
         """Return the lines (input, mesh, k) of its product with deflections whose mean keeps that of tooth forces."""
         from scipy.fft import rfft  # noqa: PLC0415
@@ -69,64 +78,101 @@ class Varying:
         return np.asarray(irfft(spectrum, points, overwrite_x=True), dtype=np.float32)
 
 
-def balanced(
-    excitation: Singles,
-    start: Singles,
-    speed_hz: float,
-    *,
-    gains: ComplexArray,
-    varying_of: Callable[[Fraction, int], Varying],
-    modes: "Modes",
-    base: Fraction,
-    step_hz: float,
-    bound: float,
-) -> Singles:
-    """Return p, (input, mesh, k).
+@dataclass(frozen=True, kw_only=True)
+class Balance:
+    """The equations of all lines of p at the multiples of an order, at one speed.
 
-    Parameters
+    Attributes
     ----------
-    excitation : (input, mesh, k) array
-        p without the deflections that p makes.
-    start : (input, mesh, k) array
-        First guess.
-    speed_hz : float
-    gains : (mesh, mesh, f) array
-        Deflection of a mesh per N of p in another, times k_mean.
-    varying_of : callable
-        From base and number of lines to the varying stiffness of the meshes.
+    gain : (mesh, mesh, k) array
+        Deflection of a mesh per N of p in another, times k_mean, at the frequency of each line.
+    varying : Varying
     modes : Modes
         The same response as a sum over modes.
-    base : Fraction
-    step_hz : float
-        Between the responses.
+    period_s : float
+        Of the first line.
     bound : float
         Of the residual of each input.
     """
-    meshes, lines = excitation.shape[1:]
-    place = float(base) * speed_hz / step_hz * np.arange(1, lines + 1)
-    number = np.minimum(place.astype(np.int64), gains.shape[2] - 2)
-    share = np.minimum(place - number, 1.0)
-    gain = ((1 - share) * gains[:, :, number] + share * gains[:, :, number + 1]).astype(np.complex64)
-    varying = varying_of(base, lines)
 
-    def remainder(forces: Singles) -> Singles:
-        total = gain[:, 0] * forces[:, None, 0]
-        for mesh in range(1, meshes):  # in place of einsum, whose loop over lines is three times as slow
-            total += gain[:, mesh] * forces[:, None, mesh]
-        return np.asarray(forces - varying.times(total))
+    gain: Singles
+    varying: Varying
+    modes: "Modes"
+    period_s: float
+    bound: float
 
-    found, left, known = start, np.full(excitation.shape[0], np.inf), excitation - remainder(start)
-    with np.errstate(over="ignore", invalid="ignore"):  # where the stiffness excites vibration that grows
-        for _ in range(_MOST_SWEEPS):
-            size = np.linalg.norm(real_rows(known), axis=1)
-            if not np.any(size < _NO_USE * left):
-                break
-            found, left = start, size
-            if np.all(left <= bound):
-                break
-            start = found + modes.swept(known, varying, 1 / (float(base) * speed_hz))
-            known = excitation - remainder(start)
-    return found
+    @classmethod
+    def at(
+        cls,
+        speed_hz: float,
+        *,
+        base: Fraction,
+        gains: ComplexArray,
+        step_hz: float,
+        varying: Varying,
+        modes: "Modes",
+        bound: float,
+    ) -> "Balance":
+        """Return the equations at a speed of the reference, from gains (mesh, mesh, f), so many Hz from each other."""
+        place = float(base) * speed_hz / step_hz * np.arange(1, varying.lines.shape[1] + 1)
+        number = np.minimum(place.astype(np.int64), gains.shape[2] - 2)
+        share = np.minimum(place - number, 1.0)
+        gain = ((1 - share) * gains[:, :, number] + share * gains[:, :, number + 1]).astype(np.complex64)
+        return cls(gain=gain, varying=varying, modes=modes, period_s=1 / (float(base) * speed_hz), bound=bound)
+
+    def deflections(self, forces: Singles) -> Singles:
+        """Return the deflections times k_mean, (input, mesh, k), by p."""
+        total = self.gain[:, 0] * forces[:, None, 0]
+        for mesh in range(1, forces.shape[1]):  # in place of einsum, whose loop over lines is three times as slow
+            total += self.gain[:, mesh] * forces[:, None, mesh]
+        return np.asarray(total)
+
+    def solved(self, excitation: Singles, start: Singles) -> Singles:
+        """Return p (input, mesh, k), from what it is without the deflections that it makes, and a first guess."""
+
+        def missing(forces: Singles) -> Singles:
+            return np.asarray(excitation - forces + self.varying.times(self.deflections(forces)))
+
+        found, left, known = start, np.full(excitation.shape[0], np.inf), missing(start)
+        with np.errstate(over="ignore", invalid="ignore"):  # where the stiffness excites vibration that grows
+            for _ in range(_MOST_SWEEPS):
+                size = np.linalg.norm(real_rows(known), axis=1)
+                if not np.any(size < _NO_USE * left):
+                    break
+                found, left = start, size
+                if np.all(left <= self.bound):
+                    break
+                start = found + self.modes.swept(known, self.varying, self.period_s)
+                known = missing(start)
+        return found
+
+    def parted(
+        self, excitation: Singles, forces: Singles, static_n: Array, *, may_part: NDArray[np.bool_]
+    ) -> Singles | None:
+        """Return p (mesh, k) of teeth that part where they would pull; None where they hardly do, or without bound.
+
+        What parting makes of p is the difference of two sweeps, to a few per cent of it.
+
+        Parameters
+        ----------
+        excitation, forces : (mesh, k) arrays
+            p without the deflections that it makes, and of teeth that pull.
+        static_n : (mesh,) array
+            Mean tooth force.
+        may_part : (mesh,) bool array
+            Others hold together.
+        """
+        mean = static_n * 2 / self.varying.waves.shape[1]  # waves are n / 2 times as small
+        vibration = self.varying.waves_of(self.deflections(forces[None]) + forces)[0]
+        pulled = np.minimum((vibration + mean[:, None]) * np.sign(mean[:, None]), 0) * may_part[:, None]
+        if np.linalg.norm(pulled) <= _LITTLE * np.linalg.norm(forces) * math.sqrt(2 / vibration.shape[1]):
+            return None
+        # bodies in free flight, where the spring of a mesh is taken away again, need shorter steps
+        finer, mean = self.varying.finer(_FLIGHT), mean * may_part / _FLIGHT
+        both = np.stack([excitation, excitation])
+        held, free = self.modes.swept(both, finer, self.period_s, static=np.stack([0 * mean, mean]))
+        found = forces + free - held
+        return np.asarray(found) if np.isfinite(found).all() else None
 
 
 def real_rows(lines: Singles) -> NDArray[np.float32]:
@@ -162,8 +208,11 @@ class Modes:
         """Frequency of the highest mode that the stiffness brings into play."""
         return float(np.max(np.abs(self.poles[self.largest > 1]), initial=0.0)) / (2 * np.pi)
 
-    def swept(self, right: Singles, varying: Varying, period_s: float) -> Singles:
-        """Return about the p (input, mesh, k) of which ``p - varying delta`` is so much, delta their deflections."""
+    def swept(self, right: Singles, varying: Varying, period_s: float, *, static: Array | None = None) -> Singles:
+        """Return about the p (input, mesh, k) of which ``p - varying delta`` is so much, delta their deflections.
+
+        Under static tooth forces (input, mesh), n / 2 times as small, teeth part where they are not zero.
+        """
         from scipy.fft import rfft  # noqa: PLC0415
 
         from data_synth.fidelity._sweep_kernels import sweep  # noqa: PLC0415
@@ -191,6 +240,7 @@ class Modes:
             _real_and_imaginary(outputs),
             np.ascontiguousarray(at_once + ((outputs * after) @ inputs).real),
             int(run_in),
+            np.zeros(waves.shape[:2]) if static is None else static,
             found,
         )
         return np.asarray(rfft(found)[..., 1 : right.shape[-1] + 1], dtype=np.complex64)

@@ -32,6 +32,7 @@ from data_synth.vibration.projected_lines import (
     share_of_power,
     steady_fit,
     varying_fit,
+    without,
 )
 
 LOWER_SPEEDS = 6.0  # times the highest order at the highest speed are expected lines of lower speeds, at most
@@ -45,7 +46,9 @@ _RINGS, _SELDOM = 0.5, 0.125
 """Of the power, what expected lines may leave of it in few places, such a share of them: it rings, and is none."""
 _RUNG = 0.01  # of the power after a jump, from which what rings there is stated
 _STARTS = 2.0  # times the speed
-_SEPARATED = 1e-5  # of the power: where steady lines leave more, there may be some that the record does not separate
+_SEPARATED, _BETTER = 1e-5, 0.5
+"""Of the power: where steady lines leave more, there may be some that the record does not separate. And of what they
+leave, what expected ones may leave to stand for them."""
 
 
 @dataclass(frozen=True, kw_only=True)
@@ -152,14 +155,13 @@ def _steady_lines(
     expected: Callable[[], tuple[ExpectedLines, ...]],
 ) -> tuple[Lines, str]:
     """Return the lines of steady motion, or those that are expected if they leave less of it, and a sentence."""
-    found, left, about = steady_fit(samples, candidates, prepared.instants_s)
+    instants_s = prepared.instants_s
+    found, left, about = steady_fit(samples, candidates, instants_s)
     if left > _SEPARATED:
         prior = _prior(expected(), candidates, speeds=prepared.speed_hz, channels=samples.signal.shape[0])
-        begins = compared_from(prepared.instants_s)
-        ends = prior.amplitudes[:, :, np.add.outer(begins, [0, 1])]
-        orders = candidates.values[prior.chosen]
-        alone = share_of_power(*powers(samples, orders, ends, instants_s=prepared.instants_s, begins=begins))
-        if alone < left:
+        rest = without(prior, samples, candidates, instants_s)
+        alone = float(np.sum(rest.signal**2) / np.sum(samples.signal**2))
+        if alone < _BETTER * left:
             return prior, about_expected(prior, alone)
     return found, about
 

@@ -85,15 +85,21 @@ def candidates_of(scene: Scene, *, top: float, mixed: bool) -> Candidates:
             found.setdefault(number, (rank, component, kind))
 
     spacing = []
-    for order, rank, mesh, component, kind in bases:
-        carrier, sides = passes[mesh]
-        harmonics = np.arange(int((top + sides * float(carrier)) / float(order)) + 1)
-        add(_multiples(order / unit, harmonics, carrier / unit, sides), rank, component, kind)
-        spacing += [float(order), *([float(carrier)] if sides else [])]
+    # what vibrates in one mesh makes forces in others, whose planets pass the sensors too: those of its own come first
+    carriers = [each for each in dict.fromkeys(passes.values()) if each[1]]
+    for own in (True, False):
+        for order, rank, mesh, component, kind in bases:
+            for carrier, sides in [passes[mesh]] if own else carriers:
+                harmonics = np.arange(int((top + sides * float(carrier)) / float(order)) + 1)
+                add(_multiples(order / unit, harmonics, carrier / unit, sides), rank, component, kind)
+                spacing += [float(order), *([float(carrier)] if sides else [])]
     for (order, rank, _, component, kind), (beside, other, *_rest) in permutations(bases, 2):
         if max(rank, other) <= (1 if mixed else 0):
             harmonics = np.arange(int((top + _MIXED * float(beside)) / float(order)) + 1)
-            add(_multiples(order / unit, harmonics, beside / unit, _MIXED), 2, component, kind)
+            sums = _multiples(order / unit, harmonics, beside / unit, _MIXED)
+            for carrier, sides in carriers if rank == other == 0 and order != beside else ():
+                add(np.add.outer(sums, np.arange(-sides, sides + 1) * int(carrier / unit)), 2, component, kind)
+            add(sums, 2, component, kind)
     orders = sorted(found)
     return Candidates(
         numbers=np.array(orders, dtype=np.int64),

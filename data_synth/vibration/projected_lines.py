@@ -55,6 +55,20 @@ class Lines:
         return found
 
 
+def without(lines: Lines, samples: AngleSamples, candidates: Candidates, instants_s: Array) -> AngleSamples:
+    """Return samples less lines."""
+    if not lines.chosen.size:
+        return samples
+    signal = sum_of_lines(
+        candidates.values[lines.chosen],
+        lines.amplitudes,
+        instants_s=instants_s,
+        revolutions=samples.revolutions,
+        times_s=np.arange(samples.signal.shape[1]) / samples.rate_hz,
+    )
+    return replace(samples, signal=samples.signal - signal)
+
+
 # ---- constant speed, torque and damage ---------------------------------------------------------------------------
 
 
@@ -214,15 +228,7 @@ def varying_fit(samples: AngleSamples, candidates: Candidates, instants_s: Array
     """
     speed_hz, top_hz = samples.speed_hz(instants_s), BELOW_NYQUIST * samples.rate_hz / 2
     samples = replace(samples, top_order=max(samples.top_order, float(candidates.values[-1])))
-    if prior.chosen.size:
-        expected = sum_of_lines(
-            candidates.values[prior.chosen],
-            prior.amplitudes,
-            instants_s=instants_s,
-            revolutions=samples.revolutions,
-            times_s=np.arange(samples.signal.shape[1]) / samples.rate_hz,
-        )
-        samples = replace(samples, signal=samples.signal - expected)
+    samples = without(prior, samples, candidates, instants_s)
     first, last = samples.span_rev
     instants_rev = samples.revolutions(instants_s)
     longest = min((last - first) / _LONGEST_SHARE, _LONGEST_CELLS / 4 / samples.top_order)

@@ -236,3 +236,20 @@ def test_expected_lines_have_the_fault_where_speed_is_low_or_changes_fast(rpm, r
     signal, lines = damaged["a"].to_numpy(), rebuilt(damaged)
     assert explained(lines, signal) > record
     assert explained(lines - rebuilt(sound), signal - sound["a"].to_numpy()) > fault
+
+
+def test_teeth_that_part_for_moments_have_their_truth():
+    """Torsional gears as their speed rises to a resonance of 7 kHz: 98.6 %, of teeth that hold 93.7 %, in 10 s."""
+    gears = load_scene("gears-in-motion").changed(
+        duration_s=2,
+        fidelity="torsional",
+        speed={"link": "input", "rpm": [[0, 1440], [2, 1500]]},
+        noise={"rms": 0},
+        excitation={"shaft_amplitude": 0},
+    )
+    sensor = gears.sensors[0].name
+    damaged, sound = (simulate(each, seed=SEED, phases=True) for each in (gears, gears.changed(faults=())))
+    signal, lines = damaged[sensor].to_numpy(), rebuilt(damaged)
+    assert "truth_line_change" not in damaged
+    assert explained(lines, signal) > 99.7
+    assert explained(lines - rebuilt(sound), signal - sound[sensor].to_numpy()) > 97
