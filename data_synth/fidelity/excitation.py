@@ -17,8 +17,8 @@ from data_synth.gears.transmission_error import SumOfErrors, TransmissionError
 from data_synth.kinematic.harmonics import ComplexArray
 from data_synth.operation.shaft_angle import Array
 
-_POINTS = 32  # to a period of the highest line
-_FEWEST = 512  # points to a mesh cycle
+_POINTS = 16  # to a period of the highest line
+_FEWEST = 256  # points to a mesh cycle
 _BESIDE = 1e-9  # of a period: beside a jump
 
 
