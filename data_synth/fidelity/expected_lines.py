@@ -247,7 +247,7 @@ class _Parting:
                 break
             now = balance.parted(
                 self.excitation[load, :, :lines],
-                np.tensordot(self.shares[load].astype(np.float32), forces, axes=1),
+                sum(np.float32(share) * each for share, each in zip(self.shares[load], forces, strict=True)),
                 self.static_n[load],
                 may_part=self.may_part & (self.static_n[load] != 0),
             )

@@ -7,7 +7,6 @@ is smooth where the stiffness jumps. Were the tooth force the factor, of ``1 - k
 of a product of jumps converge slowly (Li 1996, J. Opt. Soc. Am. A 13, 1870).
 """
 
-import math
 from dataclasses import dataclass
 from fractions import Fraction
 from typing import TypeAlias
@@ -165,7 +164,8 @@ class Balance:
         mean = static_n * 2 / self.varying.waves.shape[1]  # waves are n / 2 times as small
         vibration = self.varying.waves_of(self.deflections(forces[None]) + forces)[0]
         pulled = np.minimum((vibration + mean[:, None]) * np.sign(mean[:, None]), 0) * may_part[:, None]
-        if np.linalg.norm(pulled) <= _LITTLE * np.linalg.norm(forces) * math.sqrt(2 / vibration.shape[1]):
+        # sums of squares: a norm is a product of BLAS, which waits for threads
+        if np.sum(pulled**2) <= _LITTLE**2 * np.sum(real_rows(forces[None]) ** 2) * 2 / vibration.shape[1]:
             return None
         # bodies in free flight, where the spring of a mesh is taken away again, need shorter steps
         finer, mean = self.varying.finer(_FLIGHT), mean * may_part / _FLIGHT
