@@ -68,7 +68,7 @@ class Excitation:
         jumps = np.array(mesh.stiffness.jumps) + by_cycles
         varying = sampled(lambda phases: mesh.stiffness(phases - by_cycles) / mean, jumps, cycles)
         alike, errors_n = dict[tuple[int, float], Array](), dict[int, ComplexArray]()
-        for part, late in parts_of(mesh.error):
+        for part, late in _parts_of(mesh.error):
             known = sampled(part, np.array(getattr(part, "jumps", ())), int(part.period))
             alike[int(part.period), late] = alike.get((int(part.period), late), 0.0) + known
         for (period, late), known in alike.items():
@@ -85,11 +85,11 @@ class Excitation:
         return np.asarray(np.fft.irfft(spectrum, points), dtype=np.float32)
 
 
-def parts_of(error: TransmissionError | None, by_cycles: float = 0.0) -> Iterator[tuple[TransmissionError, float]]:
+def _parts_of(error: TransmissionError | None, by_cycles: float = 0.0) -> Iterator[tuple[TransmissionError, float]]:
     """Yield the parts of an error, each of which has a period of its own, and the cycles by which it is shifted."""
     if isinstance(error, SumOfErrors):
         for part, by in zip(error.parts, error.by_cycles or (0.0,) * len(error.parts), strict=True):
-            yield from parts_of(part, by_cycles + by)
+            yield from _parts_of(part, by_cycles + by)
     elif error is not None:
         yield error, by_cycles
 
@@ -106,7 +106,7 @@ class Family:
     sign: int = 1
 
 
-def families(excitations: list[Excitation], teeth: tuple[Fraction, ...], *, top: float) -> list[Family]:
+def families_of(excitations: list[Excitation], teeth: tuple[Fraction, ...], *, top: float) -> list[Family]:
     """Return the families of the excitation.
 
     Harmonics of a mesh are among the multiples of an order that it shares with the mesh on its shaft, which has the

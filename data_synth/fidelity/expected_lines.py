@@ -27,7 +27,7 @@ import numpy as np
 from numpy.typing import NDArray
 
 from data_synth.dynamics.system import Mesh
-from data_synth.fidelity.excitation import Excitation, Family, families
+from data_synth.fidelity.excitation import Excitation, Family, families_of
 from data_synth.fidelity.harmonic_balance import Balance, Modes, Singles, Varying, real_rows
 from data_synth.fidelity.linear_response import Response, response_of
 from data_synth.operation.shaft_angle import Array
@@ -36,7 +36,6 @@ from data_synth.vibration.gear_lines import LOWER_SPEEDS
 from data_synth.vibration.line_candidates import turn_orders
 from data_synth.vibration.run import Motion, contacts_in
 from data_synth.vibration.sidebands import sidebands_of
-from data_synth.vibration.torques import static_error_forces, static_tooth_forces
 
 _RESPONSES = 1 << 14  # frequencies from zero to that of the highest line, between which a response is linear
 _APART, _ERROR = 0.7, 1e-2
@@ -112,10 +111,7 @@ def _of_teeth(motion: Motion, shares: Array) -> tuple[ExpectedLines, ...]:
     frequency_hz = np.linspace(0.0, band_hz * min(highest_hz / lowest_hz, _ALIKE), _RESPONSES)
     deflections, readings = response.between(frequency_hz)
     gains = response.means[:, None, None] * deflections
-    static_n = static_tooth_forces(stage, system, motion.drive_load)
-    if motion.sensor_forces.rotate:
-        static_n = static_n + static_error_forces(system)[:, None]
-    inputs_n = shares * np.concatenate([np.ones((1, shares.size)), static_n])
+    inputs_n = shares * np.concatenate([np.ones((1, shares.size)), motion.static_n])
     rates = np.gradient(speed_hz, stage.instants_s)
     damping = max(float(np.min(-response.poles.real / np.abs(response.poles))), _LEAST_DAMPING)
     apart = _APART * damping / finer**0.25
@@ -123,8 +119,8 @@ def _of_teeth(motion: Motion, shares: Array) -> tuple[ExpectedLines, ...]:
     slow_hz = _FINE_HZ / float(max(of_mesh.values())) / (_APART * damping)
     every_hz = _speeds(lowest_hz, highest_hz, apart=min(apart, _FAR), slow_hz=slow_hz)
     speeds_hz = _about(every_hz, speed_hz[shares > 0])
-    apart_families = families(excitations, tuple(turn_orders(stage.scene).values()), top=top)
-    driven = [_Driven.of(family, excitations, inputs_n) for family in apart_families]
+    families = families_of(excitations, tuple(turn_orders(stage.scene).values()), top=top)
+    driven = [_Driven.of(family, excitations, inputs_n) for family in families]
     # the same error in N for all: a family that is weak beside others need not be as exact by itself
     largest = max((float(np.max(np.linalg.norm(real_rows(each.excitation), axis=1))) for each in driven), default=0.0)
     heard, found = _hearings(motion, frequency_hz, readings.astype(np.complex64)), []
@@ -132,8 +128,8 @@ def _of_teeth(motion: Motion, shares: Array) -> tuple[ExpectedLines, ...]:
         ExpectedLines, speeds_hz=speeds_hz, slow_hz=slow_hz, speed_hz=speed_hz, rates=rates, damping=damping
     )
     may_part = np.array([mesh.backlash_m > 0 for mesh in system.meshes])
-    loads = _Loads.of(static_n)
-    for family, each in zip(apart_families, driven, strict=True):
+    loads = _Loads.of(motion.static_n)
+    for family, each in zip(families, driven, strict=True):
         varying_of = cache(partial(Varying.of, [excitations[number] for number in each.meshes], family.base))
         balance_at = partial(
             Balance.at,
@@ -150,7 +146,7 @@ def _of_teeth(motion: Motion, shares: Array) -> tuple[ExpectedLines, ...]:
             for speed, size in zip(speeds_hz.tolist(), sizes.tolist(), strict=True)
         ]
         parting = _Parting.of(loads.static_n if loads and may_part[each.meshes].any() else None, each, may_part)
-        forces, histories = _over_speeds(balances, each.excitation, sizes, then=parting.at), each.histories
+        forces, histories = _over_speeds(balances, each.excitation, then=parting.at), each.histories
         if loads is not None and parting.found:
             forces, histories = parting.forces(forces), shares * loads.weights
         found += [
@@ -297,6 +293,8 @@ def _routes(motion: Motion, frequency_hz: Array) -> tuple[Singles, NDArray[np.in
 
 def _of_static_forces(motion: Motion) -> Iterator[ExpectedLines]:
     """Yield the lines at multiples of a carrier's order that static forces make, which turn with it."""
+    if not motion.sensor_forces.rotate:
+        return
     stage, static_n = motion.stage, motion.every_static_reading
     for band in sidebands_of(motion.sensor_forces, readings=static_n.shape[0]):
         in_routes = 2 * (band.static_gains @ static_n + band.static_n)  # with those at the opposite order
@@ -350,7 +348,6 @@ def _about(speeds_hz: Array, some_hz: Array) -> Array:
 def _over_speeds(
     balances: Sequence[Callable[[], Balance]],
     excitation: Singles,
-    sizes: NDArray[np.int_],
     *,
     then: Callable[[int, Balance, Singles], None],
 ) -> Singles:
@@ -363,7 +360,8 @@ def _over_speeds(
     stride = _STRIDE if nodes > _STRIDE + 1 else 1
 
     def at(number: int, nearby: Singles) -> Singles:
-        some, balance = slice(sizes[number]), balances[number]()
+        balance = balances[number]()
+        some = slice(balance.gain.shape[-1])
         forces[number][..., some] = balance.solved(excitation[..., some], nearby[..., some])
         then(number, balance, forces[number][..., some])
         return np.asarray(forces[number])

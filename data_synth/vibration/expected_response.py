@@ -53,15 +53,18 @@ class Hearing:
     @cached_property
     def unshifted(self) -> NDArray[np.complex64]:
         """Complex amplitude in the channels per N of exciting force at the same order, (mesh, channel, f)."""
-        felt, shape = self._felt(), (self.readings.shape[0], self.count, self.frequency_hz.size)
+        felt, shape = (
+            self._felt(np.arange(self.channels.size)),
+            (self.readings.shape[0], self.count, self.frequency_hz.size),
+        )
         found = np.zeros(shape, dtype=np.complex64)
         for route, channel in enumerate(self.channels):
             found[:, channel] += felt[:, route] * self.routes[route]
         return found
 
-    def _felt(self) -> NDArray[np.complex64]:
-        """Return the force in the routes per N of exciting force, (mesh, route, f)."""
-        return np.asarray(self.gains.astype(np.complex64) @ self.readings)
+    def _felt(self, routes: NDArray[np.int_]) -> NDArray[np.complex64]:
+        """Return the force in some routes per N of exciting force, (mesh, route, f)."""
+        return np.asarray(self.gains[routes].astype(np.complex64) @ self.readings)
 
     def of(self, forces: list[NDArray[np.complex64]], orders: Array, speed: Array) -> ComplexArray:
         """Return Z (channel, line, instant) of forces (line, instant) in each mesh, at their orders (line,).
@@ -76,15 +79,15 @@ class Hearing:
             for transfer, force in zip(self.unshifted, forces, strict=True):
                 add_responses(transfer, at, force, total)
             return total
-        felt = np.zeros((self.gains.shape[0], *at.shape), dtype=np.complex128)
-        rows = np.flatnonzero(self.gains.any(axis=1))
-        for transfer, force in zip(self._felt()[:, rows], forces, strict=True):
-            add_responses(transfer, at, force, felt[: rows.size])
+        routes = np.flatnonzero(self.gains.any(axis=1))
+        felt = np.zeros((routes.size, *at.shape), dtype=np.complex128)
+        for transfer, force in zip(self._felt(routes), forces, strict=True):
+            add_responses(transfer, at, force, felt)
         beside = np.multiply.outer((orders + float(self.shift)) / self.frequency_hz[1], speed)
         felt = np.where(beside < 0, felt.conj(), felt).astype(np.complex64)
-        for number, route in enumerate(rows):
+        for route, force in zip(routes, felt, strict=True):
             channel = self.channels[route]
-            add_responses(self.routes[route : route + 1], np.abs(beside), felt[number], total[channel : channel + 1])
+            add_responses(self.routes[route : route + 1], np.abs(beside), force, total[channel : channel + 1])
         return total
 
 

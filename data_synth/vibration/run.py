@@ -210,17 +210,22 @@ class Motion:
         return method_for(self.problem(0.0, self.stage.scene.duration_s))
 
     @cached_property
+    def static_n(self) -> Array:
+        """Static force of each mesh at the instants of the truth, (mesh, instant) N."""
+        forces = static_tooth_forces(self.stage, self.system, self.drive_load)
+        # planets that are not where they should be bear more or less of the load
+        return forces + static_error_forces(self.system)[:, None] if self.sensor_forces.rotate else forces
+
+    @cached_property
     def every_static_reading(self) -> Array:
         """Static part of all readings, (reading, instant) N."""
         maps, structure = self.output.maps, self.sensor_forces.structure
         displacements = static_displacements(self.stage, self.system, self.drive_load)
-        tooth_forces = static_tooth_forces(self.stage, self.system, self.drive_load)
-        if self.sensor_forces.rotate:  # planets that are not where they should be bear more or less of the load
+        if self.sensor_forces.rotate:
             displacements = displacements + static_error_displacements(self.system)[:, None]
-            tooth_forces = tooth_forces + static_error_forces(self.system)[:, None]
         readings = maps["displacement"] @ displacements
         if "mesh_force" in maps:
-            readings += maps["mesh_force"] @ tooth_forces
+            readings += maps["mesh_force"] @ self.static_n
         if structure is None:
             return np.asarray(readings)
         pressed = structure.response(np.zeros(1))[:, :, 0].real @ readings[structure.readings :]
