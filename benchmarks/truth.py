@@ -43,10 +43,10 @@ Where damage grows, the balance is that of the teeth at some instants, and Z lin
 torque what is left is projected as well.
 
 Teeth of the balance part where those of a family would pull, as torsional gears do in a ramp. It leaves out lines at
-sums of the order of a damaged or uneven gear and that of another gear or of a mesh on other shafts, most of what is
-missing of the faults of record 106, which is 66 dB below its record, and of uneven planets. A speed does not
-turn back in a scene: `rpm` is above zero. `benchmark-1` lines: its first record with a damaged gear whose speed is
-steady to 0.2 %, wanders by 3 %, rises or falls evenly, and steps; the first of each with a severity of 0.4 to 0.6."""
+sums of the orders of meshes on different shafts, most of what is missing of the fault of record 106, which is 66 dB
+below its record. A speed does not turn back in a scene: `rpm` is above zero. `benchmark-1` lines: its first record with
+a damaged gear whose speed is steady to 0.2 %, wanders by 3 %, rises or falls evenly, and steps; the first of each with
+a severity of 0.4 to 0.6."""
 HEADER = (
     "| scene | lines | record, % | healthy, % | fault, % | 1 %: lines, power, % | 10 %: lines, power, % | s |\n"
     "|---|---|---|---|---|---|---|---|"

@@ -42,8 +42,9 @@ imbalance is a force that turns with its shaft and acts in its bearing. Each rec
 What belongs to a gearbox, its teeth, imbalance and phases, is the same in all its records (`machine_seed`), each of
 which begins some turns later. Mount and calibration of the sensor belong to the path, all else to the record.
 
-2.7 has the scenes, labels and samples of 2.5 and 2.6, and lines of a stiffness that jumps are more exact than in 2.6,
-which states what rings after a jump (`truth_ringing`) as well. 2.5 has the scenes of 2.4, and samples that differ
+2.8 has the scenes, labels and samples of 2.5 to 2.7, and states lines at sums of the orders of a damaged tooth and an
+uneven gear; in 2.7 lines of a stiffness that jumps are more exact than in 2.6, which states what rings after a jump
+(`truth_ringing`) as well. 2.5 has the scenes of 2.4, and samples that differ
 by 0.1 % as a rule and up to 2 %: loads that vary and errors that jump are integrated more exactly. Versions 2.2 to 2.4
 have the scenes, labels and samples of 2.1, each a more exact truth; 2.1 has other samples than 2.0. Version 2.0 has
 imperfections, sizes and places of faults of its own: none of its records is one of 1.x. Before it, 1.5 changed the
@@ -168,7 +169,7 @@ def data_card(plan: benchmark.BenchmarkRecords) -> str:
     >>> from data_synth import load_plan
     >>> from data_synth.benchmark.card import data_card
     >>> data_card(load_plan("benchmark-1")).splitlines()[0]
-    '# benchmark-1 2.7: synthetic gearbox vibration with labelled faults'
+    '# benchmark-1 2.8: synthetic gearbox vibration with labelled faults'
     """
     total = sum(split.share for split in benchmark.SPLITS.values())
     counts = Counter(plan.split_and_class(number) for number in range(plan.records))

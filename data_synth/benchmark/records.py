@@ -21,7 +21,7 @@ from data_synth.scene.scene import Scene
 
 __all__ = ["CLASSES", "FURTHER", "SPLITS", "BenchmarkRecords", "Split", "gearboxes", "paths"]
 
-NAME, VERSION = "benchmark-1", "2.7"
+NAME, VERSION = "benchmark-1", "2.8"
 RATE_HZ, DURATION_S = 25600.0, 10.0
 SENSOR = "input vertical"
 ERROR = 1e-2

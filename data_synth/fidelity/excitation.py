@@ -119,14 +119,13 @@ def families_of(excitations: list[Excitation], teeth: tuple[Fraction, ...], *, t
         for one, other in combinations(dict.fromkeys(orders), 2)
         if any((one / order).denominator == (other / order).denominator == 1 for order in teeth)
     ]
-    errors = [mesh.order / cycles for mesh in excitations for cycles in mesh.errors_n]
     damaged = [
         (number, order)
         for number, mesh in enumerate(excitations)
         for order in dict.fromkeys(teeth)
         if mesh.cycles > 1 and (order * mesh.cycles / mesh.order).denominator == (mesh.order / order).denominator == 1
     ]
-    bases = dict.fromkeys([*shared, *errors, *(order for _, order in damaged), *orders])
+    bases = dict.fromkeys([*shared, *(order for _, order in damaged), *orders])
 
     def home(order: Fraction) -> Fraction:
         """Return the base whose multiples the harmonics of a mesh are among."""
@@ -144,10 +143,11 @@ def families_of(excitations: list[Excitation], teeth: tuple[Fraction, ...], *, t
     for number, mesh in enumerate(excitations):
         own = [(1 + number, mesh.varying[mesh.cycles - 1 :: mesh.cycles])]
         for cycles, lines in mesh.errors_n.items():
-            if cycles == 1:
-                own.append((0, lines))
-            else:
-                add(mesh.order / cycles, 0, number, mesh.order / cycles, lines)
+            own.append((0, lines[cycles - 1 :: cycles]))
+            if cycles > 1:
+                beside = lines.copy()
+                beside[cycles - 1 :: cycles] = 0
+                add(mesh.order / cycles, 0, number, mesh.order / cycles, beside)
         of_mesh = home(mesh.order)
         for row, lines in own:
             add(of_mesh, row, number, mesh.order, lines)

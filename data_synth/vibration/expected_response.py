@@ -53,18 +53,20 @@ class Hearing:
     @cached_property
     def unshifted(self) -> NDArray[np.complex64]:
         """Complex amplitude in the channels per N of exciting force at the same order, (mesh, channel, f)."""
-        felt, shape = (
-            self._felt(np.arange(self.channels.size)),
-            (self.readings.shape[0], self.count, self.frequency_hz.size),
-        )
-        found = np.zeros(shape, dtype=np.complex64)
-        for route, channel in enumerate(self.channels):
-            found[:, channel] += felt[:, route] * self.routes[route]
+        found = np.zeros((self.readings.shape[0], self.count, self.frequency_hz.size), dtype=np.complex64)
+        for place, route in enumerate(self._felt_in):
+            found[:, self.channels[route]] += self._felt[:, place] * self.routes[route]
         return found
 
-    def _felt(self, routes: NDArray[np.int_]) -> NDArray[np.complex64]:
-        """Return the force in some routes per N of exciting force, (mesh, route, f)."""
-        return np.asarray(self.gains[routes].astype(np.complex64) @ self.readings)
+    @cached_property
+    def _felt_in(self) -> NDArray[np.int_]:
+        """Routes in which there is a force."""
+        return np.flatnonzero(self.gains.any(axis=1))
+
+    @cached_property
+    def _felt(self) -> NDArray[np.complex64]:
+        """Force in these routes per N of exciting force, (mesh, route, f)."""
+        return np.asarray(self.gains[self._felt_in].astype(np.complex64) @ self.readings)
 
     def of(self, forces: list[NDArray[np.complex64]], orders: Array, speed: Array) -> ComplexArray:
         """Return Z (channel, line, instant) of forces (line, instant) in each mesh, at their orders (line,).
@@ -79,13 +81,12 @@ class Hearing:
             for transfer, force in zip(self.unshifted, forces, strict=True):
                 add_responses(transfer, at, force, total)
             return total
-        routes = np.flatnonzero(self.gains.any(axis=1))
-        felt = np.zeros((routes.size, *at.shape), dtype=np.complex128)
-        for transfer, force in zip(self._felt(routes), forces, strict=True):
+        felt = np.zeros((self._felt_in.size, *at.shape), dtype=np.complex128)
+        for transfer, force in zip(self._felt, forces, strict=True):
             add_responses(transfer, at, force, felt)
         beside = np.multiply.outer((orders + float(self.shift)) / self.frequency_hz[1], speed)
         felt = np.where(beside < 0, felt.conj(), felt).astype(np.complex64)
-        for route, force in zip(routes, felt, strict=True):
+        for route, force in zip(self._felt_in, felt, strict=True):
             channel = self.channels[route]
             add_responses(self.routes[route : route + 1], np.abs(beside), force, total[channel : channel + 1])
         return total
@@ -102,7 +103,9 @@ class ExpectedLines:
     Attributes
     ----------
     base_order : Fraction
-        Order of the first; the others are its multiples.
+        Lines are at its multiples, from the first, plus `offset`.
+    offset : Fraction
+        Signed order.
     forces : (node, input, mesh, k) complex array
         Exciting force in each mesh per unit of each input, at some speeds.
     speeds_hz : (node,) array
@@ -128,11 +131,16 @@ class ExpectedLines:
     rates: Array = field(repr=False)
     damping: float
     heard: Hearing = field(repr=False)
+    offset: Fraction = Fraction(0)
 
     @property
     def size(self) -> int:
         """Number of lines."""
         return int(self.forces.shape[-1])
+
+    def orders(self, multiples: NDArray[np.int_]) -> Array:
+        """Return the orders of exciting forces."""
+        return np.asarray(np.multiply(multiples, float(self.base_order), dtype=np.float64) + float(self.offset))
 
     def amplitudes(self, multiples: NDArray[np.int_], instants: NDArray[np.int_]) -> ComplexArray:
         """Return Z (channel, line, instant) of some multiples of the base order, from 1, at some instants."""
@@ -143,7 +151,7 @@ class ExpectedLines:
         moving = np.flatnonzero(turning & self.inputs_n[:, instants].any(axis=0))
         if self.speeds_hz.size > 1 and loud.size and moving.size:
             speed, inputs_n = self.speed_hz[instants[moving]], self.inputs_n[:, instants[moving]]
-            radians = 2 * np.pi * float(self.base_order) * multiples[loud, None]
+            radians = 2 * np.pi * self.orders(multiples[loud, None])
             # the width of modes that the speed passes while they ring; where it is not small the series says nothing
             lag = self.rates[instants[moving]] / (radians * (self.damping * speed) ** 2)
             step, bent = _STENCIL * self.damping * speed, -2 * found[:, loud[:, None], moving]
@@ -166,7 +174,7 @@ class ExpectedLines:
             self.forces[:, :, mesh, multiples - 1].reshape(shares.shape[0], -1).T @ shares
             for mesh in range(self.forces.shape[2])
         ]
-        return self.heard.of(forces, np.multiply(multiples, float(self.base_order), dtype=np.float64), speed)
+        return self.heard.of(forces, self.orders(multiples), speed)
 
 
 def _cubic(speed: Array, nodes: Array) -> Array:

@@ -5,6 +5,7 @@ motion the lines that are expected of the drive and the drawing are the signal b
 a projection finds what is left without them.
 """
 
+import math
 from collections.abc import Callable
 from dataclasses import dataclass, replace
 from fractions import Fraction
@@ -190,10 +191,12 @@ def _prior(expected: tuple[ExpectedLines, ...], candidates: Candidates, *, speed
     found = np.zeros((channels, candidates.numbers.size, few.size), dtype=np.complex128)
     places = list[tuple[ExpectedLines, NDArray[np.int_], NDArray[np.int_]]]()
     for family in expected:
-        step, shift = family.base_order / candidates.unit, family.heard.shift / candidates.unit
+        step, beside = family.base_order / candidates.unit, (family.offset + family.heard.shift) / candidates.unit
         # of candidates, only whole multiples of their unit may be
-        multiples = np.arange(step.denominator, family.size + 1, step.denominator)
-        numbers = multiples // step.denominator * step.numerator + int(shift)
+        whole = math.lcm(step.denominator, beside.denominator)
+        multiples = np.arange(1, family.size + 1)
+        numbers = multiples * int(step * whole) + int(beside * whole)
+        multiples, numbers = multiples[numbers % whole == 0], numbers[numbers % whole == 0] // whole
         place = np.minimum(np.searchsorted(candidates.numbers, np.abs(numbers)), candidates.numbers.size - 1)
         there = candidates.numbers[place] == np.abs(numbers)
         for side in (numbers > 0, numbers < 0):  # in each, a candidate has one line
