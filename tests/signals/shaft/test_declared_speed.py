@@ -1,5 +1,7 @@
 """A declared speed is refined by lines that clearly show another within its tolerance, and by nothing else."""
 
+from functools import cache
+
 import numpy as np
 import pytest
 from scipy import io
@@ -19,7 +21,12 @@ def refined(x, *, speed_hz=25.0, tolerance=0.02):
     return refine_declared_speed(x, rate_hz=RATE_HZ, speed_hz=speed_hz, orders=ORDERS, tolerance=tolerance)
 
 
-@pytest.mark.parametrize("error", [-0.015, -0.01, -0.004, 0.002, 0.01, 0.018])
+@cache
+def refined_by_noise(seed):
+    return refined(np.random.default_rng(seed).standard_normal(T.size))
+
+
+@pytest.mark.parametrize("error", [-0.015, -0.004, 0.002, 0.018])
 def test_the_lines_show_the_speed(error):
     true = 25.0 / (1 + error)
     found = refined(record(true))
@@ -29,16 +36,16 @@ def test_the_lines_show_the_speed(error):
     assert set(found.orders) >= {23.0, 46.0}
 
 
-@pytest.mark.parametrize("height", [2.0, 20.0, 2000.0])
+@pytest.mark.parametrize("height", [2.0, 2000.0])
 def test_the_leakage_of_strong_lines_is_no_other_speed(height):
     found = refined(record(24.8, height=height))
     assert found.refined
     assert abs(found.speed_hz / 24.8 - 1) < 0.5 / 3 / (46 * 25)
 
 
-@pytest.mark.parametrize("seed", range(20))
+@pytest.mark.parametrize("seed", range(8))
 def test_noise_changes_nothing(seed):
-    found = refined(np.random.default_rng(seed).standard_normal(T.size))
+    found = refined_by_noise(seed)
     assert (found.refined, found.speed_hz) == (False, 25.0)
 
 
@@ -67,7 +74,7 @@ def test_lines_may_show_the_speed_as_it_was_declared():
     assert not shown.refined
     assert {1.0, 23.0} <= set(shown.orders)
     for seed in range(5):
-        assert not refined(np.random.default_rng(seed).standard_normal(T.size)).orders.size
+        assert not refined_by_noise(seed).orders.size
 
 
 @pytest.mark.parametrize(("name", "share"), [("InnerRaceFault_vload_1", 0.9894), ("OuterRaceFault_vload_1", 0.993)])
