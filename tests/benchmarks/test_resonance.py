@@ -18,8 +18,13 @@ def test_the_loud_lines_pass_a_resonance_twice(made):
     assert loudest[:middle].max() == pytest.approx(loudest[middle:].max(), rel=0.1)
 
 
-def test_the_smoother_finds_the_truth_and_knows_how_well(made):
-    _, tracks, std = resonance.tracked(made, "smoother", 2)
+@pytest.fixture(scope="module")
+def smoothed(made):
+    return resonance.tracked(made, "smoother", 2)
+
+
+def test_the_smoother_finds_the_truth_and_knows_how_well(made, smoothed):
+    _, tracks, std = smoothed
     found, true = tracks[:, made.inside], made.truth[:, made.inside]
     assert resonance.error(found, true) < 0.03  # silence is 1; what the noise leaves here is about 0.02
     # were a track late by a tenth of a second, it would be this wrong on a flank
@@ -30,8 +35,9 @@ def test_the_smoother_finds_the_truth_and_knows_how_well(made):
     assert inside > 0.95
 
 
-def test_the_page_and_its_picture_are_written(tmp_path, capsys, made, monkeypatch):
+def test_the_page_and_its_picture_are_written(tmp_path, capsys, made, smoothed, monkeypatch):
     monkeypatch.setattr(resonance, "case", lambda _: made)
+    monkeypatch.setattr(resonance, "tracked", lambda *how: {(made, "smoother", 2): smoothed}[how])
     monkeypatch.setattr(resonance, "TRACKERS", resonance.TRACKERS[1:2])
     assert resonance.main(tmp_path) == 0
     report = (tmp_path / "resonance.md").read_text(encoding="utf-8")

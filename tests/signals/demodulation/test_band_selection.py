@@ -10,7 +10,7 @@ from signals.demodulation.envelope import envelope_spectrum
 from signals.spectra.lines import find_line
 
 RATE_HZ = 20_000.0
-COUNT = 200_000
+COUNT = 100_000
 TIMES = np.arange(COUNT) / RATE_HZ
 NOISE = np.random.default_rng(7).standard_normal(COUNT)
 RING = np.exp(-2 * np.pi * 150 * TIMES[:600]) * np.sin(2 * np.pi * 7300 * TIMES[:600])
@@ -94,7 +94,7 @@ class TestChoice:
         assert band.by_negentropy.low_hz < 7300 < band.by_negentropy.high_hz
 
     def test_a_quieter_band_that_repeats_more_regularly_is_named(self):
-        at_random = np.random.default_rng(3).integers(0, COUNT - 600, 500)
+        at_random = np.random.default_rng(3).integers(0, COUNT - 600, 250)
         low = np.cos(2 * np.pi * 4800 * TIMES) * REGULAR  # 7300 Hz down to 2500 (and up to where it folds)
         band = choose_band(8 * impulses(at_random) + 4 * low + NOISE, rate_hz=RATE_HZ)
         assert band.low_hz < 7300 < band.high_hz
@@ -102,7 +102,7 @@ class TestChoice:
         assert any("Elsewhere the envelope repeats more regularly" in doubt for doubt in band.doubts)
 
     def test_impulses_at_random_are_said_to_be_such(self):
-        at = np.random.default_rng(3).integers(0, COUNT - 600, 500)
+        at = np.random.default_rng(3).integers(0, COUNT - 600, 250)
         band = choose_band(8 * impulses(at) + NOISE, rate_hz=RATE_HZ)
         assert band.low_hz < 7300 < band.high_hz
         assert any(doubt.startswith("Nothing repeats regularly") for doubt in band.doubts)

@@ -13,7 +13,7 @@ from signals.harmonics.model import HarmonicModel
 RATE = 1000.0
 
 
-def close_lines(*, seed=0, samples=60_000, apart_hz=0.1, gap=False):
+def close_lines(*, seed=0, samples=40_000, apart_hz=0.1, gap=False):
     rng = np.random.default_rng(seed)
     phase = 2 * np.pi * 25 / RATE * np.arange(samples)
     orders = np.array([3.0, 3.0 + apart_hz / 25])
@@ -24,14 +24,15 @@ def close_lines(*, seed=0, samples=60_000, apart_hz=0.1, gap=False):
     return x, {"phase_rad": phase, "orders": orders, "bandwidth_hz": 2.0, "rate_hz": RATE, "output_every": 100}
 
 
+# Each number of poles, and each distance, with gaps and without.
 @pytest.mark.parametrize("poles", [1, 2, 3, 4])
-@pytest.mark.parametrize("apart_hz", [0.1, 0.5, 1.5, 6.0])
-@pytest.mark.parametrize("gap", [False, True])
-def test_the_noise_of_close_lines_is_neither_doubled_nor_halved(poles, apart_hz, gap):
-    """Within the two per cent that the innovations of the exact filter leave it, and the scatter of 60,000 samples."""
+@pytest.mark.parametrize(("apart_hz", "odd"), [(0.1, False), (0.5, True), (1.5, False), (6.0, True)])
+def test_the_noise_of_close_lines_is_neither_doubled_nor_halved(poles, apart_hz, odd):
+    """Within the two per cent that the innovations of the exact filter leave it, and the scatter of 40,000 samples."""
+    gap = odd == (poles % 2 == 1)
     x, settings = close_lines(apart_hz=apart_hz, gap=gap)
     fast, exact = (track_orders(x, **settings, poles=poles, method=method) for method in ("fast", "exact"))
-    # The same record, but the samples after start-up of one, stretches of whole blocks of the other: 0.6 % each.
+    # The same record, but the samples after start-up of one, stretches of whole blocks of the other: 0.7 % each.
     assert fast.noise_variance == pytest.approx(exact.noise_variance, rel=0.02)
     assert fast.noise_variance == pytest.approx(1.0, abs=0.03)
 

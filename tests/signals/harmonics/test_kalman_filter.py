@@ -399,7 +399,7 @@ def test_settled_filter_shares_channels():
 
 @pytest.mark.slow
 def test_settled_filter_keeps_the_error_of_the_exact_one_on_the_standard_job():
-    job = standard_job("J3 angle")
+    job = standard_job("J3 angle", samples=400_000)
     errors = []
     for method in ("exact", "fast"):
         tracks = track_orders(**job.tracking(0.033), estimator="filter", method=method, output_every=64)

@@ -1,5 +1,6 @@
 """The compiled tracker against the same model on filterpy, and against least squares on all unknowns at once."""
 
+from functools import cache
 from math import comb
 
 import numpy as np
@@ -19,7 +20,7 @@ PROBLEMS = [
     (1200, 5, 1),
     (600, 6, 2),
     (1500, 8, 1),
-    (10000, 10, 1),
+    (4000, 10, 1),
 ]
 
 
@@ -49,6 +50,12 @@ def problem(samples, orders, poles, *, two_shafts=False):
     return x, settings
 
 
+@cache
+def by_filterpy(samples, orders, poles, estimator):
+    x, settings = problem(samples, orders, poles, two_shafts=orders % 2 == 0)
+    return track_orders(x, method="reference", estimator=estimator, **settings)
+
+
 @pytest.mark.parametrize(("samples", "orders", "poles"), PROBLEMS)
 @pytest.mark.parametrize("estimator", ["smoother", "single samples", "filter"])
 def test_exact_is_the_reference(samples, orders, poles, estimator, monkeypatch):
@@ -57,7 +64,7 @@ def test_exact_is_the_reference(samples, orders, poles, estimator, monkeypatch):
     if estimator == "single samples":
         monkeypatch.setattr(block_smoother, "exact_length", lambda *_: 1)
     exact = track_orders(x, method="exact", **settings)
-    reference = track_orders(x, method="reference", **settings)
+    reference = by_filterpy(samples, orders, poles, settings["estimator"])
     off = np.abs(exact.complex_amplitude - reference.complex_amplitude)
     if estimator == "smoother":
         # What short blocks may cost.

@@ -79,9 +79,12 @@ def away(now, then):
     return 0.0 if then is not None and now * then < 0 and max(abs(now), abs(then)) < 0.25 else abs(now)
 
 
-@pytest.mark.parametrize("motion", MOTIONS)
-@pytest.mark.parametrize("lag", [None, 20, 300])
-def test_flags_of_speeds_are_those_of_the_last_stretch_or_its_own(motion, lag):
+# A lag shorter than a stretch makes stretches shorter, whatever the motion: one that rests and one that turns round.
+@pytest.mark.parametrize(
+    ("lag", "motion"),
+    [*((lag, motion) for lag in (None, 300) for motion in MOTIONS), (20, "rests"), (20, "turns round")],
+)
+def test_flags_of_speeds_are_those_of_the_last_stretch_or_its_own(lag, motion):
     orders = [0, 1, 1.0001, 2.5, 10]
     phase = MOTIONS[motion]
     expected, shares = expected_unclear(phase, orders, lag=lag)

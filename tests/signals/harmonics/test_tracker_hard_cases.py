@@ -152,10 +152,11 @@ def normal(seed, std, size=SAMPLES.size):
 # A neighbour 60 dB up, one bandwidth off.
 
 
-def beside_a_strong_line(poles, *, swing=0.0):
-    phase = 2 * np.pi * 0.1 * SAMPLES
-    strong = 1000 * (1 + swing * np.sin(4 * np.pi * SAMPLES / SAMPLES.size))
-    x = strong * np.cos(phase + 1) + np.cos(1.02 * phase) + normal(0, 0.01)
+def beside_a_strong_line(poles, *, swing=0.0, samples=SAMPLES.size):
+    n = np.arange(samples)
+    phase = 2 * np.pi * 0.1 * n
+    strong = 1000 * (1 + swing * np.sin(4 * np.pi * n / samples))
+    x = strong * np.cos(phase + 1) + np.cos(1.02 * phase) + normal(0, 0.01, samples)
     return Case(
         x=x, phase=phase, orders=(1.0, 1.02), bandwidth=2e-3, poles=poles, noise=1e-4, initial_std=1e4, every=20
     )
@@ -163,7 +164,7 @@ def beside_a_strong_line(poles, *, swing=0.0):
 
 @ONE_AND_TWO_POLES
 def test_a_line_60_db_below_its_neighbour_keeps_its_amplitude(poles):
-    case = beside_a_strong_line(poles)
+    case = beside_a_strong_line(poles, samples=2000)
     answer = case.least_squares()
     exact, fast = case.track(), case.track("fast")
     assert_equal_to(exact, answer)
@@ -172,7 +173,7 @@ def test_a_line_60_db_below_its_neighbour_keeps_its_amplitude(poles):
     assert_allclose(fast.std, answer[1], rtol=5e-3)
     # The weak line is 1: known to 0.12 % and 0.08 % in the middle, and true to that.
     assert np.all(np.abs(exact.complex_amplitude[1] - 1) < 4.5 * exact.std[1])
-    assert exact.std[1, 75] < 1.3e-3
+    assert exact.std[1, 50] < 1.3e-3
     assert_filter_is_least_squares_on_the_past(case, [700])
 
 
@@ -200,10 +201,11 @@ def test_beside_a_strong_line_that_swings_blocks_err_by_a_part_of_the_strong_one
 
 @ONE_AND_TWO_POLES
 def test_an_order_that_fades_in(poles):
-    phase, bandwidth = 0.3 * SAMPLES, 4e-3
-    u = np.clip((SAMPLES - 1300) / 400, 0, 1)
+    n, bandwidth = SAMPLES[:2000], 4e-3
+    phase = 0.3 * n
+    u = np.clip((n - 800) / 400, 0, 1)
     envelope = u**2 * (3 - 2 * u) * np.exp(0.4j)
-    x = np.cos(phase) + (envelope * np.exp(2.3j * phase)).real + normal(1, 0.1)
+    x = np.cos(phase) + (envelope * np.exp(2.3j * phase)).real + normal(1, 0.1, n.size)
     case = Case(
         x=x, phase=phase, orders=(1.0, 2.3), bandwidth=bandwidth, poles=poles, noise=0.01, initial_std=10.0, every=20
     )
@@ -213,12 +215,12 @@ def test_an_order_that_fades_in(poles):
     # Blocks of 8 samples (two poles) take a thousandth off where the rise begins; one pole takes single samples.
     assert np.max(np.abs(fast.complex_amplitude - answer[0]) / answer[1]) < 0.1
     # Before and after the rise, two memories (1 / bandwidth is 250 samples) off, it is what it is; the other all along.
-    early, late = slice(0, 40), slice(110, None)
+    early, late = slice(0, 15), slice(85, None)
     for tracks in (exact, fast):
         assert np.all(np.abs(tracks.complex_amplitude[1, early]) < 4.5 * tracks.std[1, early])
         assert np.all(np.abs(tracks.complex_amplitude[1, late] - np.exp(0.4j)) < 4.5 * tracks.std[1, late])
         assert np.all(np.abs(tracks.complex_amplitude[0] - 1) < 4.5 * tracks.std[0])
-    assert_filter_is_least_squares_on_the_past(case, [1500])
+    assert_filter_is_least_squares_on_the_past(case, [1000])
 
 
 @ONE_AND_TWO_POLES
@@ -249,17 +251,17 @@ def test_a_step_in_speed_is_no_event_for_the_amplitudes(poles):
 
 
 def stopping(samples):
-    return 0.3 * np.minimum(samples, 1000) + 0.3 * np.maximum(samples - 1700, 0)
+    return 0.3 * np.minimum(samples, 700) + 0.3 * np.maximum(samples - 1300, 0)
 
 
 def reversing(samples):
     return 0.2 * (samples - samples**2 / samples.size)
 
 
-@pytest.mark.parametrize(("turn", "still", "poles"), [(stopping, 1350, 1), (stopping, 1350, 2), (reversing, 1500, 2)])
-def test_a_shaft_at_rest_or_reversing_is_least_squares_and_flagged(turn, still, poles):
-    phase = turn(SAMPLES)
-    x = 0.5 + np.cos(phase + 1) + 0.7 * np.cos(2 * phase) + normal(3, 0.1)
+@pytest.mark.parametrize(("turn", "poles"), [(stopping, 1), (stopping, 2), (reversing, 2)])
+def test_a_shaft_at_rest_or_reversing_is_least_squares_and_flagged(turn, poles):
+    still, phase = 1000, turn(SAMPLES[:2000])
+    x = 0.5 + np.cos(phase + 1) + 0.7 * np.cos(2 * phase) + normal(3, 0.1, phase.size)
     case = Case(
         x=x, phase=phase, orders=(0.0, 1.0, 2.0), bandwidth=4e-3, poles=poles, noise=0.01, initial_std=100.0, every=50
     )
@@ -269,7 +271,7 @@ def test_a_shaft_at_rest_or_reversing_is_least_squares_and_flagged(turn, still, 
     # Single samples with one pole; blocks of 8 with two.
     assert np.max(np.abs(fast.complex_amplitude - answer[0]) / answer[1]) < 0.02
     assert_allclose(fast.std, answer[1], rtol=1e-2)
-    at, turning = still // 50, 500 // 50
+    at, turning = still // 50, 350 // 50
     for tracks in (exact, fast):
         # At rest all orders are one number and there is one quadrature; far off, there is nothing to say.
         unclear = OutputFlag.NOT_SEPARABLE | OutputFlag.ONE_QUADRATURE
@@ -418,8 +420,8 @@ def test_a_walk_of_1e_minus_12_in_noise_of_1e_minus_8(estimator):
 
 @ONE_AND_TWO_POLES
 def test_at_half_the_rate_what_is_observed_is_found_beside_another_order(poles):
-    phase = np.pi * SAMPLES
-    x = np.cos(phase) + 0.5 * np.cos(0.2 * phase) + normal(8, 0.5)
+    phase = np.pi * SAMPLES[:2000]
+    x = np.cos(phase) + 0.5 * np.cos(0.2 * phase) + normal(8, 0.5, phase.size)
     case = Case(
         x=x, phase=phase, orders=(1.0, 0.2), bandwidth=2e-3, poles=poles, noise=0.25, initial_std=500.0, every=50
     )
@@ -559,15 +561,16 @@ def cases(draw, *, samples):
     )  # fmt: skip
 
 
-@settings(max_examples=50)
+@settings(max_examples=35)
 @given(case=cases(samples=60))
 def test_std_is_that_of_least_squares_whatever_the_record(case):
-    tracks, (amplitude, std) = case.track(), case.least_squares()
+    tracks, every_output = case.track(), case.least_squares([*range(0, 60, 7), 59])
+    amplitude, std = (values[:, :-1] for values in every_output)
     # Information matrices of four poles in wide bands, hardly observed: condition numbers of up to 1e13.
     assert_allclose(tracks.std, std, rtol=5e-3)
     off = np.abs(tracks.complex_amplitude - amplitude)
     assert np.sqrt(np.mean((off / (3e-3 * std + 1e-6 * np.abs(amplitude))) ** 2)) < 1
-    amplitude, std = case.least_squares([59])
+    amplitude, std = (values[:, -1:] for values in every_output)
     filtered = replace(case, every=59).track(estimator="filter")
     assert_allclose(filtered.std[:, 1:], std, rtol=1e-6)
     assert np.all(np.abs(filtered.complex_amplitude[:, 1:] - amplitude) < 1e-6 * np.maximum(np.abs(amplitude), std))

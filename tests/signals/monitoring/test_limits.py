@@ -52,9 +52,9 @@ def test_limits_are_wider_by_what_machines_have_shown():
 
 def test_the_factor_goes_with_the_drift():
     rows = ((30.0, 1e4, 0.0, 1.0), (30.0, 1e4, 1.0, 2.0), (300.0, 1e4, 1.0, 5.0))
-    half = replace(CARRIED_OVER, drift=0.5)
-    plain, wider = (chart_limits(30, 1e4, replace(half, widening=of)) for of in ((), rows))
-    assert np.divide(wider.limits, plain.limits) == pytest.approx(np.full(3, 1.5), rel=1e-12)
+    part = replace(CARRIED_OVER, drift=0.4)
+    plain, wider = (chart_limits(30, 1e4, replace(part, widening=of)) for of in ((), rows))
+    assert np.divide(wider.limits, plain.limits) == pytest.approx(np.full(3, 1.4), rel=1e-12)
 
 
 def test_what_drifts_less_has_lower_limits_and_holds_the_rate():
