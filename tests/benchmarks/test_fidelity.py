@@ -9,9 +9,7 @@ from hums.plots import save_figure
 
 # All but two of whose stages the chipped one has too, and whose choice is the same.
 CASES = {
-    name: scene
-    for name, scene in fidelity.cases().items()
-    if name not in ("two-stage demo", "with a cracked tooth")
+    name: scene for name, scene in fidelity.cases().items() if name not in ("two-stage demo", "with a cracked tooth")
 }
 
 

@@ -34,10 +34,10 @@ def tone(order=ORDER, amplitude=1.0, start=0.3):
 
 @pytest.fixture(scope="module")
 def noise_probabilities():
-    """Probabilities stated for 2,000 records of noise alone, by tolerance."""
+    """Probabilities stated for 1,200 records of noise alone, by tolerance."""
     rng = np.random.default_rng(2026)
     stated = {0.0: [], 0.2: []}
-    for _ in range(2000):
+    for _ in range(1200):
         lines = spectrum(rng.standard_normal(COUNT))
         for tolerance, probabilities in stated.items():
             line = find_line(lines, expected=ORDER, tolerance=tolerance)
