@@ -7,9 +7,11 @@ import pytest
 from data_synth.fidelity.choice import KINEMATIC
 from hums.plots import save_figure
 
-# All but two of whose stages the chipped one has too, and whose choice is the same.
+# All but two whose stages, and the choice for them, are those of the cracked one.
 CASES = {
-    name: scene for name, scene in fidelity.cases().items() if name not in ("two-stage demo", "with a cracked tooth")
+    name: scene
+    for name, scene in fidelity.cases().items()
+    if name not in ("two-stage demo", "with a chipped and a cracked tooth")
 }
 
 

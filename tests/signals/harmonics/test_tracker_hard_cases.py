@@ -561,7 +561,7 @@ def cases(draw, *, samples):
     )  # fmt: skip
 
 
-@settings(max_examples=35)
+@settings(max_examples=30)
 @given(case=cases(samples=60))
 def test_std_is_that_of_least_squares_whatever_the_record(case):
     tracks, every_output = case.track(), case.least_squares([*range(0, 60, 7), 59])

@@ -43,9 +43,9 @@ class TestTimeUntil:
         assert inside >= 8  # of 12 at 90 %: fewer has a probability of 0.4 %
 
     def test_intervals_of_several_laws_of_growth_hold_what_is_true(self):
-        # linear, quadratic, exponential by 3 e-foldings, and steps, which no clock of the model has; 64 series
+        # linear, quadratic, exponential by 3 e-foldings, and steps, which no clock of the model has; 48 series
         inside = given = 0
-        for seed in range(64):
+        for seed in range(48):
             rng = np.random.default_rng(seed)
             total = int(rng.integers(60, 160))
             share = np.arange(total + 1) / total
@@ -55,8 +55,8 @@ class TestTimeUntil:
             found = time_until(12.0, local_trend(seen, np.arange(now, dtype=float)), span=now - 1.0, seed=seed)
             given += not found.reason
             inside += found.low <= total - (now - 1) <= found.high
-        assert given >= 40
-        assert 0.80 <= inside / given <= 0.97  # of 50 at 90 %: outside has a probability of 6 %
+        assert given >= 30
+        assert 0.80 <= inside / given <= 0.97  # of 46 at 90 %: outside has a probability of 6 %
 
     def test_a_clock_in_which_exponential_growth_is_a_line(self):
         time, rate, span = np.linspace(0, 10, 21), 0.3, 10.0

@@ -96,7 +96,7 @@ class TestForetold:
         assert found.regressors == pytest.approx(2, rel=1e-5)
 
     def test_covariates_on_which_nothing_depends_have_no_slope(self):
-        found, away, leverage = self.drawn(0.0)
+        found, away, leverage = self.drawn(0.0, machines=200)
         assert np.mean(found.regressors > 0) < 0.2
         assert np.median(leverage) == 0
         assert away.std() == pytest.approx(1.05, abs=0.03)  # 1.05 without a regression: 30 records' mean and deviation

@@ -155,11 +155,11 @@ class TestAccuracy:
 
     def test_phase_turns_with_the_shaft(self):
         law, _, orders = LAWS["swing"]
-        _, x = vibration(law, duration=10, orders=orders, snr_db=0, seed=5)
+        _, x = vibration(law, duration=8, orders=orders, snr_db=0, seed=5)
         phase = estimate_speed(x, rate_hz=RATE_HZ, orders=orders, **RUN).phase
         t = np.linspace(phase.start_s, phase.stop_s, 4000)[200:-200]
         lag = phase.revolutions_at(t) - law.revolutions(t)
-        # order 60 stays within a quarter of its turn over 250 revolutions; modes turn it a little
+        # order 60 stays within a quarter of its turn over 200 revolutions; modes turn it a little
         assert np.ptp(lag) < 1 / 240
         assert 0 < phase.std_rad(t[:1])[0] < 0.01
 
