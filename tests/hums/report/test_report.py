@@ -151,8 +151,29 @@ def drawn_whole(browser, page, *, width, dark):
     assert not [name for name in buttons if "hare" in name or "loud" in name]  # nothing offers to send data away
 
 
-def test_report_on_a_narrow_dark_screen(browser, page):
+def paper_loses_nothing(browser, page):
+    text = text_of(printed(browser))
+    facts = json.loads((page.parent / "summary.json").read_text())
+    for finding in facts["findings"]:
+        assert with_hz(finding["evidence"], facts["speed_hz"]["mean"])[:60].lower() in text.lower()
+    assert "No bearing is declared on output" in text  # what the drawing lacks
+    order = facts["findings"][0]["order_found"]
+    assert f"{SPEED_HZ * order:.4g} Hz, {60 * SPEED_HZ * order:.5g} CPM at the mean speed" in text
+    for column in ("nominal order", "order found", "amplitude", "level", "units"):  # the whole components table
+        assert column in text
+    for words in (
+        "order, cycles per revolution of input",
+        "speed of input, rpm",
+        "tooth, counted from the start of the average",
+        "Raised by:",
+    ):
+        assert words in text
+    assert "Cursor on" not in text
+
+
+def test_report_on_a_narrow_dark_screen_and_from_there_on_paper(browser, page):
     drawn_whole(browser, page, width=400, dark=True)
+    paper_loses_nothing(browser, page)
 
 
 def test_report_on_a_desk_with_its_labels_units_and_cursors(browser, page):
@@ -177,24 +198,3 @@ def test_report_on_a_desk_with_its_labels_units_and_cursors(browser, page):
     assert browser.get_log("browser") == []
     readout = browser.find_element("id", "tool-readout").text
     assert f"{23 * speed_hz:.6g}"[:5] in readout
-
-
-def test_paper_loses_nothing(browser, page):
-    show(browser, page, dark=True)
-    text = text_of(printed(browser))
-    facts = json.loads((page.parent / "summary.json").read_text())
-    for finding in facts["findings"]:
-        assert with_hz(finding["evidence"], facts["speed_hz"]["mean"])[:60].lower() in text.lower()
-    assert "No bearing is declared on output" in text  # what the drawing lacks
-    order = facts["findings"][0]["order_found"]
-    assert f"{SPEED_HZ * order:.4g} Hz, {60 * SPEED_HZ * order:.5g} CPM at the mean speed" in text
-    for column in ("nominal order", "order found", "amplitude", "level", "units"):  # the whole components table
-        assert column in text
-    for words in (
-        "order, cycles per revolution of input",
-        "speed of input, rpm",
-        "tooth, counted from the start of the average",
-        "Raised by:",
-    ):
-        assert words in text
-    assert "Cursor on" not in text
