@@ -11,7 +11,7 @@ from hums.analysis.settings import AnalysisError
 from hums.gearbox.model import load_gearbox
 from hums.scoring import score
 
-RECORDS, PARTS = 60, 6  # parts that may run side by side; benchmarks/verdicts.py takes 2,000 of many machines
+RECORDS, PARTS = 32, 4  # parts that may run side by side; benchmarks/verdicts.py takes 2,000 of many machines
 BANDS = ((1900.0, 2900.0), "auto")
 HEALTHY = {
     "gearbox": "two-stage",
@@ -24,7 +24,8 @@ HEALTHY = {
     "noise": {"rms": 0.3},
     "sensor": [{"name": "housing", "on": "input bearing", "direction": [0, 0, 1], "units": "g"}],
 }
-DEMO_SETTINGS = AnalysisSettings(envelope_band_hz=(6000.0, 10000.0))
+SETTINGS = AnalysisSettings(false_alarm_probability=0.05, most_tracks=0, pictures=False)
+DEMO_SETTINGS = AnalysisSettings(envelope_band_hz=(6000.0, 10000.0), pictures=False)
 
 
 @pytest.mark.slow
@@ -47,9 +48,7 @@ def least_chances(part):
     chances = []
     for number, seed in enumerate(range(part, RECORDS, PARTS)):
         record = simulate(scene, seed=seed)
-        settings = AnalysisSettings(
-            envelope_band_hz=BANDS[number % len(BANDS)], false_alarm_probability=0.05, most_tracks=0
-        )
+        settings = SETTINGS.changed(envelope_band_hz=BANDS[number % len(BANDS)])
         found = findings_table(analyze(record, gearbox, settings=settings))
         chances.append(found["false_alarm_probability"].min() if len(found) else 1.0)
     return np.array(chances)
@@ -66,7 +65,7 @@ def together(folder, part, chances):
 
 
 @pytest.mark.slow
-@pytest.mark.parametrize("seed", [1, 2, 3])
+@pytest.mark.parametrize("seed", [1, 2])
 def test_uncertainty_of_the_demo_is_the_real_one(seed):
     record = simulate(load_scene("demo"), seed=seed)
     analysis = analyze(record, load_gearbox("two-stage"), settings=DEMO_SETTINGS)

@@ -58,7 +58,7 @@ def round_trip(kind, size_mm):
     record = simulate(Scene.from_mapping(MILL | {"fault": [fault(kind, size_mm)]}), seed=4)
     # a line that is left out disturbs those beside it; of a bearing nothing is tracked here
     tracks = 6 if kind in BEARINGS else 18
-    settings = AnalysisSettings(envelope_band_hz=BAND_HZ, most_tracks=tracks)
+    settings = AnalysisSettings(envelope_band_hz=BAND_HZ, most_tracks=tracks, pictures=False)
     return record, analyze(record, load_gearbox("two-stage"), settings=settings)
 
 
@@ -236,7 +236,7 @@ def test_a_bearing_that_moves_is_named_at_its_mean_rate(kind):
         heard.append(np.abs(tracked(record["housing"].to_numpy(), turns).complex_amplitude[0, 4:-4]).mean())
     assert heard[0] < heard[1]
     analysis = analyze(
-        record, load_gearbox("two-stage"), settings=AnalysisSettings(envelope_band_hz=BAND_HZ, most_tracks=6)
+        record, load_gearbox("two-stage"), settings=AnalysisSettings(envelope_band_hz=BAND_HZ, most_tracks=6, pictures=False)
     )
     # not alone: the passing of elements has lines at low orders too, and 4 of an outer race is near 22 of the shaft
     found = found_in(analysis)[BEARING, kind]
@@ -266,7 +266,7 @@ def ring_lines(spacing_deg=None, **changes):
     if spacing_deg is not None:
         gearbox["axes"] = [a | {"spacing_deg": spacing_deg} if "copies" in a else a for a in gearbox["axes"]]
     scene = Scene.from_mapping(PLANETARY | {"gearbox": gearbox} | changes)
-    settings = AnalysisSettings(envelope_band_hz=None, most_tracks=0, max_order=3 * RING_TEETH * CARRIER)
+    settings = AnalysisSettings(envelope_band_hz=None, most_tracks=0, pictures=False, max_order=3 * RING_TEETH * CARRIER)
     analysis = analyze(simulate(scene, seed=2), scene.gearbox, settings=settings)
     spectrum = group(analysis, "order_spectrum")
     orders, amplitude = spectrum["order"].to_numpy(), spectrum["amplitude"].to_numpy()[0]

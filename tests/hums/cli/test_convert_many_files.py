@@ -6,6 +6,13 @@ import numpy as np
 import pytest
 
 import hums
+from hums.jobs import Serial
+
+
+@pytest.fixture(autouse=True)
+def serial(monkeypatch):
+    """Processes cost seconds and have tests of their own."""
+    monkeypatch.setattr("hums.jobs.Processes", lambda **_: Serial())
 
 
 @pytest.fixture

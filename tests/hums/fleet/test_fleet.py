@@ -42,7 +42,7 @@ def record(amplitude, *, day=0.0, machine="mill", noise=0.01, seed=0):
     )
 
 
-SETTINGS = hums.AnalysisSettings(most_tracks=0, envelope_band_hz=None)
+SETTINGS = hums.AnalysisSettings(most_tracks=0, envelope_band_hz=None, pictures=False)
 
 
 def run(sources, folder, **more):

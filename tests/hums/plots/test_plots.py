@@ -26,7 +26,9 @@ from hums.plots.graph_layout import inside
 from hums.plots.labels import spread
 
 LOCKED = {"left wheel": 0, "right wheel": 1}
-SHOWN = ["two-stage", "planetary-27-36-99", "alouette-iii", "car-differential", "wind-turbine-3-stage", "ravigneaux"]
+# shafts, planets, planets in stages, bevel gears, planets that mesh with planets
+SHOWN = ["two-stage", "planetary-27-36-99", "alouette-iii", "car-differential", "ravigneaux"]
+CROWDED = ["alouette-iii", "car-differential", "wind-turbine-3-stage", "ravigneaux"]
 SPEEDS = {"car-differential": LOCKED, "ravigneaux": {"small sun": 1, "ring": 0}}
 
 
@@ -320,7 +322,7 @@ class TestSpeedOrderChart:
         orders = [order for _, order in named]
         assert orders == sorted(orders)
 
-    @pytest.mark.parametrize("name", SHOWN)
+    @pytest.mark.parametrize("name", CROWDED)
     def test_nothing_covers_a_text(self, name):
         ax, _ = chart(name, speeds=SPEEDS.get(name), revolutions=60)
         assert not overlapping(ax)
