@@ -6,6 +6,7 @@ import os
 import re
 import sys
 import warnings
+from dataclasses import replace
 from pathlib import Path
 from types import UnionType
 from typing import Literal, get_args, get_origin
@@ -24,12 +25,20 @@ from attacks.call_cases import (
 )
 from attacks.odd_calls import answers_that_differ, failure, odd_calls
 
-from signals import angular_blocks, angular_resample, cepstrum_prewhitening, stream_envelope, track_orders
+from signals import (
+    angular_blocks,
+    angular_resample,
+    cepstrum_prewhitening,
+    quadrature_direction,
+    stream_envelope,
+    track_orders,
+)
 
 ROOT = Path.cwd()
 SEED = 20
 SAMPLE = 200  # of some 8,000, and of some 2,500; benchmarks/attack.py makes all of them
 KILL_S = 60
+PAIR = ("first", "second")
 
 
 @pytest.fixture(scope="module")
@@ -80,8 +89,15 @@ def test_odd_calls_give_a_result_or_a_sentence(which, request):
     assert not wrong, "\n".join(wrong)
 
 
+def shorter(case):
+    """Return a call with a part of its signals, where each sample takes long."""
+    if case.function is not quadrature_direction:
+        return case
+    return replace(case, arguments={**case.arguments, **{name: case.arguments[name][:1000] for name in PAIR}})
+
+
 def test_types_layouts_and_units_do_not_change_the_answer(cases):
-    assert not [wrong for case in cases for wrong in answers_that_differ(case)]
+    assert not [wrong for case in cases for wrong in answers_that_differ(shorter(case))]
 
 
 @pytest.mark.parametrize("size", [1, 100, 1000, 6144])

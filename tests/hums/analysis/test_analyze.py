@@ -539,9 +539,7 @@ def test_jitter_of_the_tachometer_is_in_the_std_of_the_tracks(jitter_s):
     squares = []
     for seed in range(8):
         record = healthy(np.random.default_rng(seed), jitter_s=jitter_s)
-        settings = AnalysisSettings(
-            envelope_band_hz=None, most_tracks=1, track_bandwidth_orders=0.05, pictures=False
-        )
+        settings = AnalysisSettings(envelope_band_hz=None, most_tracks=1, track_bandwidth_orders=0.05, pictures=False)
         tracks = group(analyze(record, TWO_STAGE, settings=settings), "tracks")
         track = tracks.isel(track=0)
         assert float(track["track_order"]) == 23

@@ -1,7 +1,10 @@
 """The command line, in process: what it prints, what it writes, and how it fails."""
 
+import contextlib
+import io
 import json
 import logging
+import shutil
 import sys
 import warnings
 
@@ -9,20 +12,52 @@ import numpy as np
 import pytest
 from scipy.io import savemat, wavfile
 
+from hums.analysis.analyze import analyze
+from hums.analysis.result import summary
+from hums.cli import main
+from hums.gearbox.model import load_gearbox
 from hums.records.store import open_record
 
 RATE_HZ, SPEED_HZ, SECONDS = 5000, 20.0, 4.0
 RATIO = 67 / 23 * 61 / 19  # of the two-stage gearbox: turns of its input for one of its output
 
 
-@pytest.fixture
-def mat(tmp_path):
+def invoke(*words):
+    """Run `hums ...` and return exit code, standard output and standard error."""
+    out, err = io.StringIO(), io.StringIO()
+    with pytest.MonkeyPatch.context() as patch, contextlib.redirect_stdout(out), contextlib.redirect_stderr(err):
+        patch.setattr(sys, "argv", ["hums", *map(str, words)])
+        return main(), out.getvalue(), err.getvalue()
+
+
+@pytest.fixture(scope="module")
+def measured(tmp_path_factory):
     time = np.arange(round(SECONDS * RATE_HZ)) / RATE_HZ
     vibration = np.cos(2 * np.pi * 23 * SPEED_HZ * time) + np.random.default_rng(0).normal(0, 0.1, time.size)
-    path = tmp_path / "data.mat"
+    path = tmp_path_factory.mktemp("measured") / "data.mat"
     waveform = (np.mod(SPEED_HZ * time, 1) < 0.1).astype(float)
     savemat(path, {"vibration": vibration, "tach": np.arange(0, SECONDS, 1 / SPEED_HZ), "keyphasor": waveform})
     return path
+
+
+@pytest.fixture
+def mat(measured, tmp_path):
+    return shutil.copy(measured, tmp_path / measured.name)
+
+
+TACHOMETER = ("--tach-times", "tach", "--pulses-per-rev", 1, "--shaft", "input")
+WORDS = ("--no-envelope", "--units", "Hz", "--velocity-limits", 1.8, 4.5, 11.2, "--machine-class", "ours")
+
+
+@pytest.fixture(scope="module")
+def analysed(measured):
+    """The folder of a record and its report, and what the commands said."""
+    folder = measured.parent
+    told = [
+        invoke(*convert_words(measured, folder / "record.h5", *TACHOMETER)),
+        invoke("analyze", folder / "record.h5", "--gearbox", "two-stage", "-o", folder / "out", *WORDS),
+    ]
+    return folder, told
 
 
 def convert_words(mat, target, *more):
@@ -101,24 +136,33 @@ def test_orders_with_a_speed(run):
     assert json.loads(out)[2]["order"] == pytest.approx(1.0)
 
 
+def test_convert_info_analyze(run, analysed):
+    folder, told = analysed
+    # steps are told to a terminal alone
+    assert [(code, err) for code, _, err in told] == [(0, ""), (0, "")]
+    assert "speed of input: 20 Hz (1200 rpm)" in told[1][1]
+    code, out, _ = run("info", folder / "record.h5")
+    assert code == 0
+    assert "vibration: 20000 samples at 5000 Hz" in out
+    facts = json.loads((folder / "out" / "summary.json").read_text())
+    assert facts["record"] == "record.h5"
+    assert_mesh(facts)
+
+
 @pytest.mark.parametrize(
     "angle",
     [
-        ("--tach-times", "tach", "--pulses-per-rev", 1, "--shaft", "input"),
         ("--tach-waveform", "keyphasor", "--pulses-per-rev", 1, "--shaft", "input"),
         ("--shaft-rpm", 1200, "--shaft", "input"),
     ],
 )
-def test_convert_info_analyze(run, mat, tmp_path, angle):
+def test_convert_of_other_angles(run, mat, tmp_path, angle):
     record = tmp_path / "record.h5"
     assert run(*convert_words(mat, record, *angle))[0] == 0
-    code, out, _ = run("info", record)
-    assert code == 0
-    assert "vibration: 20000 samples at 5000 Hz" in out
-    code, out, err = run("analyze", record, "--gearbox", "two-stage", "-o", tmp_path / "out")
-    assert (code, err) == (0, "")
-    facts = json.loads((tmp_path / "out" / "summary.json").read_text())
-    assert facts["record"] == "record.h5"
+    assert_mesh(summary(analyze(record, load_gearbox("two-stage"))))
+
+
+def assert_mesh(facts):
     mesh = next(row for row in facts["orders"] if row["component"] == "stage 1" and row["harmonic"] == 1)
     assert mesh["claimed"]
     assert mesh["amplitude"] == pytest.approx(1.0, abs=0.03)
@@ -291,23 +335,17 @@ def test_analyze_without_a_tachometer(run, mat, tmp_path):
     assert "ambiguous" in err
 
 
-def test_analyze_passes_the_baseline_on(run, mat, tmp_path):
-    record = tmp_path / "record.h5"
-    run(*convert_words(mat, record, "--tach-times", "tach", "--pulses-per-rev", 1, "--shaft", "input"))
+def test_analyze_passes_the_baseline_on(run, analysed, tmp_path):
+    folder, _ = analysed
+    record = folder / "record.h5"
     words = ("analyze", record, "--gearbox", "two-stage", "--tachometer", "tachometer")
-    assert run(*words, "-o", tmp_path / "one")[0] == 0
-    assert run(*words, "-o", tmp_path / "two", "--baseline", tmp_path / "one" / "analysis.h5")[0] == 0
+    assert run(*words, "-o", tmp_path / "two", "--baseline", folder / "out" / "analysis.h5")[0] == 0
     assert "history of 2 records" in (tmp_path / "two" / "indicators.csv").read_text()
     assert run(*words, "-o", tmp_path / "three", "--freeze-baseline")[0] == 2
 
 
-def test_report_is_made_again(run, mat, tmp_path):
-    record, out = tmp_path / "record.h5", tmp_path / "out"
-    run(*convert_words(mat, record, "--tach-times", "tach", "--pulses-per-rev", 1, "--shaft", "input"))
-    words = ("--no-envelope", "--units", "Hz", "--velocity-limits", 1.8, 4.5, 11.2, "--machine-class", "ours")
-    code, shown, err = run("analyze", record, "--gearbox", "two-stage", "-o", out, *words)
-    assert (code, err) == (0, "")  # steps are told to a terminal alone
-    assert "speed of input: 20 Hz (1200 rpm)" in shown
+def test_report_is_made_again(run, analysed, tmp_path):
+    out = analysed[0] / "out"
     assert "ISO 20816, ours" in (out / "report.html").read_text()
     assert run("report", out / "analysis.h5", "-o", tmp_path / "again", "--units", "Hz")[0] == 0
     assert (tmp_path / "again" / "report.html").read_text() == (out / "report.html").read_text()

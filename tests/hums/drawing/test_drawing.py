@@ -12,7 +12,7 @@ from hums.gearbox.model import Gearbox, GearboxError, GearboxWarning, catalogue,
 from hums.gearbox.orders import defects
 
 NAMES = tuple(catalogue())
-POSITIONS = 100  # of the sliders, over all gearboxes of the catalogue
+POSITIONS = 48  # of the sliders, over all gearboxes of the catalogue
 
 
 @pytest.fixture(scope="module")

@@ -222,12 +222,12 @@ class TestGoingOn:
     def test_a_changed_record_that_is_appended_takes_the_place_of_the_earlier_one(self, tmp_path):
         (tmp_path / "records").mkdir()
         monitoring = hums.MonitorSettings(baseline_records=2)
-        for day in range(4):
+        for day in range(3):
             save_record(record(1.0, day=day), tmp_path / "records" / f"{day}.h5")
         run([tmp_path / "records"], tmp_path / "out", monitoring=monitoring)
         save_record(record(2.0, day=2), tmp_path / "records" / "2.h5")
         result = run([tmp_path / "records" / "2.h5"], tmp_path / "out", append=True, monitoring=monitoring)
-        assert (result.records, result.analysed, result.kept) == (4, 1, 3)
+        assert (result.records, result.analysed, result.kept) == (3, 1, 2)
         run([tmp_path / "records"], tmp_path / "anew", monitoring=monitoring)
         for name in ("fleet.csv", "components.csv", "alarms.csv", "trends.csv"):
             assert (tmp_path / "out" / name).read_bytes() == (tmp_path / "anew" / name).read_bytes()
@@ -366,7 +366,7 @@ class TestTrends:
         assert rms["machine"] == "mill"
 
     def test_machines_have_their_own_and_noise_has_none(self, tmp_path):
-        for day in range(9):
+        for day in range(7):
             save_record(record(1 + day / 20, day=day, machine="worn", seed=day), tmp_path / f"worn {day}.h5")
             save_record(record(1, day=day, machine="new", seed=100 + day), tmp_path / f"new {day}.h5")
         run([tmp_path], tmp_path / "out")
@@ -374,4 +374,4 @@ class TestTrends:
         assert trends["worn", "a: record channel rms"] == "rising"
         assert trends["worn", "a: order_spectrum: stage 1 gear_mesh harmonic 1"] == "rising"
         # the probability that any series of the new machine is called a trend is about one in a hundred
-        assert {word for (machine, _), word in trends.items() if machine == "new"} == {"none", "too few to test"}
+        assert {word for (machine, _), word in trends.items() if machine == "new"} - {"too few to test"} == {"none"}
