@@ -49,6 +49,14 @@ def cluster(tmp_path_factory):
             yield Cluster(address=address)
 
 
+@pytest.fixture(scope="module")
+def alone(tmp_path_factory):
+    """The dataset that one process makes."""
+    folder = tmp_path_factory.mktemp("alone") / "made"
+    make_dataset(parse_plan(PLAN), folder)
+    return folder
+
+
 def contents(folder):
     """Every file of a folder, byte for byte."""
     return {str(path.relative_to(folder)): path.read_bytes() for path in folder.rglob("*") if path.is_file()}
@@ -86,21 +94,19 @@ def test_a_cluster_without_the_package_is_named(tmp_path, cluster, monkeypatch):
         run_jobs(write, JOBS, folder=tmp_path / "out", workers=cluster)
 
 
-def test_the_command_dataset_leaves_the_same_bytes(tmp_path, cluster, monkeypatch, capsys):
-    make_dataset(parse_plan(PLAN), tmp_path / "alone")
+def test_the_command_dataset_leaves_the_same_bytes(tmp_path, alone, cluster, monkeypatch, capsys):
     (tmp_path / "plan.toml").write_text(PLAN)
     monkeypatch.chdir(tmp_path)
     monkeypatch.setattr(sys, "argv", ["hums", "dataset", "plan.toml", "-o", "out", "--scheduler", cluster.address])
     assert main() == 0
     assert "out: 3 records\nclasses: healthy, noisy\n" in capsys.readouterr().out
-    assert contents(tmp_path / "out") == contents(tmp_path / "alone")
+    assert contents(tmp_path / "out") == contents(alone)
 
 
-def test_a_fleet_has_the_same_tables(tmp_path, cluster):
-    make_dataset(parse_plan(PLAN), tmp_path / "records")
-    settings = hums.AnalysisSettings(most_tracks=0, envelope_band_hz=None)
+def test_a_fleet_has_the_same_tables(tmp_path, alone, cluster):
+    settings = hums.AnalysisSettings(most_tracks=0, envelope_band_hz=None, pictures=False)
     for folder, more in (("alone", {}), ("cluster", {"workers": cluster})):
-        result = analyze_fleet([tmp_path / "records"], "two-stage", tmp_path / folder, settings=settings, **more)
+        result = analyze_fleet([alone], "two-stage", tmp_path / folder, settings=settings, **more)
         assert (result.records, result.failed) == (3, 0)
     for name in ("fleet.h5", "fleet.csv", "trends.csv"):
         assert (tmp_path / "cluster" / name).read_bytes() == (tmp_path / "alone" / name).read_bytes()

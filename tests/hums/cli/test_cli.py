@@ -7,13 +7,14 @@ import logging
 import shutil
 import sys
 import warnings
+from functools import cache
 
 import numpy as np
 import pytest
 from scipy.io import savemat, wavfile
 
 from hums.analysis.analyze import analyze
-from hums.analysis.result import summary
+from hums.analysis.result import open_analysis, summary
 from hums.cli import main
 from hums.gearbox.model import load_gearbox
 from hums.records.store import open_record
@@ -339,13 +340,16 @@ def test_analyze_passes_the_baseline_on(run, analysed, tmp_path):
     folder, _ = analysed
     record = folder / "record.h5"
     words = ("analyze", record, "--gearbox", "two-stage", "--tachometer", "tachometer")
-    assert run(*words, "-o", tmp_path / "two", "--baseline", folder / "out" / "analysis.h5")[0] == 0
+    code, out, _ = run(*words, "-o", tmp_path / "two", "--baseline", folder / "out" / "analysis.h5")
+    assert code == 0
+    assert "speed of input: 1200 rpm (20 Hz)" in out
     assert "history of 2 records" in (tmp_path / "two" / "indicators.csv").read_text()
     assert run(*words, "-o", tmp_path / "three", "--freeze-baseline")[0] == 2
 
 
-def test_report_is_made_again(run, analysed, tmp_path):
+def test_report_is_made_again(run, analysed, tmp_path, monkeypatch):
     out = analysed[0] / "out"
+    monkeypatch.setattr("hums.analysis.result.open_analysis", cache(open_analysis))  # the same file each time
     assert "ISO 20816, ours" in (out / "report.html").read_text()
     assert run("report", out / "analysis.h5", "-o", tmp_path / "again", "--units", "Hz")[0] == 0
     assert (tmp_path / "again" / "report.html").read_text() == (out / "report.html").read_text()

@@ -12,7 +12,10 @@ from hums.gearbox.model import Gearbox, GearboxError, GearboxWarning, catalogue,
 from hums.gearbox.orders import defects
 
 NAMES = tuple(catalogue())
-POSITIONS = 48  # of the sliders, over all gearboxes of the catalogue
+# pairs, an idler and single planetary stages have what two-stage and planetary-27-36-99 have
+SIMPLE = {"glinsky-idler", "glinsky-parallel-pair", "glinsky-planetary-1", "glinsky-planetary-3", "wijianto-pair"}
+ASKED = tuple(name for name in NAMES if name not in SIMPLE)
+POSITIONS = 66  # of the sliders, over all these gearboxes
 
 
 @pytest.fixture(scope="module")
@@ -34,13 +37,13 @@ def test_pages_are_small_and_whole(pages):
         assert "http" not in text.replace("http-equiv", "")
 
 
-@pytest.mark.parametrize("name", NAMES)
+@pytest.mark.parametrize("name", ASKED)
 def test_numbers_are_those_of_python(browser, pages, name):
     kinematics, page = pages[name]
     assert show(browser, page) == []
     assert browser.get_log("browser") == []
     rng = np.random.default_rng(NAMES.index(name))
-    count = -(-POSITIONS // len(NAMES))
+    count = -(-POSITIONS // len(ASKED))
     settings = [[round(float(rpm), 3) for rpm in rng.uniform(-3000, 3000, kinematics.dof)] for _ in range(count)]
     answers = browser.execute_script(
         "return arguments[0].map(rpm => JSON.parse(JSON.stringify(setSpeeds(rpm))))", settings

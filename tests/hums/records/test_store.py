@@ -14,7 +14,7 @@ import h5py
 import numpy as np
 import pytest
 import xarray as xr
-from hypothesis import given
+from hypothesis import given, settings
 from hypothesis import strategies as st
 from xarray.indexes import RangeIndex
 
@@ -223,6 +223,7 @@ def test_a_stored_axis_that_was_thinned_is_refused(record, tmp_path):
     assert "does not run evenly at rate_hz=50000" in text
 
 
+@settings(max_examples=50)
 @given(
     text=st.text(st.characters(exclude_categories=["Cs"], exclude_characters="\0"), max_size=50),
     number=st.floats(allow_nan=False) | st.integers(-(2**63), 2**63 - 1),
