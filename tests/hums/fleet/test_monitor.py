@@ -137,12 +137,12 @@ class TestBaseline:
         assert [alarm["component"] for alarm in alarms(found)] == ["stage 1/pinion"]
 
     def test_of_a_span_and_of_names(self):
-        span = MonitorSettings(baseline_from="2026-03-05", baseline_until="2026-03-20T12:00:00Z")
+        span = MonitorSettings(baseline_from="2026-03-05", baseline_until="2026-03-24T12:00:00Z")
         state, _ = followed(HEALTHY, settings=span)
-        assert state.epochs[0].records == tuple(f"record {number}" for number in range(4, 20))
-        named = MonitorSettings(healthy=tuple(f"record {number}" for number in range(10)))
+        assert state.epochs[0].records == tuple(f"record {number}" for number in range(4, 24))
+        named = MonitorSettings(healthy=tuple(f"record {number}" for number in range(3, 23)))
         state, found = followed(HEALTHY, settings=named)
-        assert (len(state.epochs[0].records), found[10].judged) == (10, True)
+        assert (len(state.epochs[0].records), found[22].judged, found[23].judged) == (20, False, True)
 
     def test_the_identity_follows_from_what_was_learned(self):
         same, other = followed(HEALTHY)[0], followed([observed(number, seed=1) for number in range(40)])[0]

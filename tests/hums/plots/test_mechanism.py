@@ -50,7 +50,11 @@ def test_an_unknown_component_is_refused():
         figure("two-stage", colours={"stage 3": "red"})
 
 
-@pytest.mark.parametrize("name", catalogue())
+# pairs, an idler and single planetary stages have what two-stage and planetary-27-36-99 have
+SIMPLE = {"glinsky-idler", "glinsky-parallel-pair", "glinsky-planetary-1", "glinsky-planetary-3", "wijianto-pair"}
+
+
+@pytest.mark.parametrize("name", [name for name in catalogue() if name not in SIMPLE])
 def test_names_do_not_overlap(name):
     _, ax = figure(name)
     ax.figure.draw_without_rendering()
