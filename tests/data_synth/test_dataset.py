@@ -18,7 +18,7 @@ import hums
 from data_synth import PlanError, SceneError, make_dataset, simulate
 from data_synth.dataset import dataset_cost
 from data_synth.plan import parse_plan
-from hums.jobs import Processes, Serial, Tally
+from hums.jobs import Serial, Tally
 from hums.records.record import RecordError
 from hums.records.store import open_record, save_record
 
@@ -188,10 +188,6 @@ class TestOpened:
 
 
 class TestGoingOn:
-    def test_a_worker_leaves_the_same_bytes(self, plan, folder, tmp_path):
-        make_dataset(plan, tmp_path / "one", workers=Processes(count=1))  # two do in the test of kills
-        assert contents(tmp_path / "one") == contents(folder)
-
     def test_only_missing_files_are_made(self, plan, folder, copy):
         assert make_dataset(plan, copy) == Tally(done=0, kept=3)
         (copy / "shards" / "000001.h5").unlink()
@@ -202,12 +198,13 @@ class TestGoingOn:
     @pytest.mark.slow
     @pytest.mark.skipif(os.name != "posix", reason="kill -9")
     def test_killed_at_any_instant_the_result_is_the_same(self, tmp_path):
-        text = SMALL.replace("rate_hz = 5000", "rate_hz = 20000").replace("records = 7", "records = 36")
+        """One process makes the first files, two workers the next, and what is missing is made here."""
+        text = SMALL.replace("rate_hz = 5000", "rate_hz = 20000").replace("records = 7", "records = 18")
         (tmp_path / "plan.toml").write_text(text)
         alone = [sys.executable, "-c", "import data_synth; data_synth.make_dataset('plan.toml', 'killed')"]
         spread = [sys.executable, "-m", "hums", "dataset", "plan.toml", "-o", "killed", "--workers", "2"]
         killed, rng, found = tmp_path / "killed", np.random.default_rng(0), []
-        for command, files in ((alone, 2), (spread, 5)):
+        for command, files in ((alone, 1), (spread, 3)):
             quiet = {"cwd": tmp_path, "stdout": subprocess.DEVNULL, "stderr": subprocess.DEVNULL}
             run = subprocess.Popen(command, **quiet)
             give_up = time.monotonic() + 300  # on a busy machine
@@ -218,8 +215,8 @@ class TestGoingOn:
             run.send_signal(signal.SIGKILL)
             run.wait()
             found.append(len(list(killed.glob("shards/*.h5"))))
-        assert found == sorted(found)
-        assert any(0 < count < 12 for count in found)  # one at least was in the middle
+        assert found[0] < found[1]  # workers left some
+        assert any(0 < count < 6 for count in found)  # one at least was in the middle
         make_dataset(parse_plan(text), killed)
         make_dataset(parse_plan(text), tmp_path / "whole")
         assert contents(killed) == contents(tmp_path / "whole")
@@ -274,7 +271,7 @@ def test_the_example_for_torch(tmp_path, monkeypatch):
     page = (Path(__file__).parents[2] / "docs" / "datasets.md").read_text(encoding="utf-8")
     (plan,) = re.findall(r"```toml\n(.*?)```", page, flags=re.DOTALL)
     (example,) = (block for block in re.findall(r"```python\n(.*?)```", page, flags=re.DOTALL) if "torch" in block)
-    declared = parse_plan(plan.replace("records = 60", "records = 4"))
+    declared = parse_plan(plan.replace("records = 60", "records = 4").replace("duration_s = 8", "duration_s = 1"))
     make_dataset(declared, "faults", workers=Serial())
     names = {}
     exec(compile(example, "datasets.md", "exec"), names)  # noqa: S102

@@ -104,7 +104,7 @@ def test_an_error_that_jumps_needs_no_finer_steps(stiffness, sense):
     Backwards the first step leaves a jump behind: the value at its beginning is that of the other side.
     """
     turning = gear_pair.turning(sense * gear_pair.MESH_RAD_S)
-    problem = gear_pair.driven(gear_pair.pair(stiffness, error=JUMPING), duration_s=0.02, reference=turning)
+    problem = gear_pair.driven(gear_pair.pair(stiffness, error=JUMPING), duration_s=0.01, reference=turning)
     expected = gear_pair.by_scipy(problem, gear_pair.output(20_000), relative=1e-10)
     settings = {"method": Splitting(), "output": gear_pair.output(20_000)}
     errors = [
