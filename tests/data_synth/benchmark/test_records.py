@@ -216,7 +216,7 @@ class TestDataset:
 @pytest.mark.parametrize("name", [*CLASSES, *FURTHER])
 def test_every_class_can_be_simulated(name):
     number = next(n for n, labels in enumerate(every_label()) if (labels["class"], labels["gearbox"]) == (name, "g09"))
-    plan = replace(PLAN, duration_s=0.2)
+    plan = replace(PLAN, duration_s=0.1)
     faulty, healthy = (
         simulate(plan.scene(number, healthy=healthy), seed=1)["input vertical"].values for healthy in (False, True)
     )

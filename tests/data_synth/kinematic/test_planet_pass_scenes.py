@@ -48,7 +48,7 @@ def test_the_truth_is_what_three_planets_sound_like_one_by_one():
     # the turn at which planet 1 stands at the sensor is drawn: find it on a fine grid, then all samples have to agree
     kappa = np.log(2) / (1 - np.cos(np.radians(40)))
 
-    def heard(offset):
+    def heard(offset, turns=turns):
         total = np.zeros(turns.size)
         for place in (0, 1 / 3, 2 / 3):
             angle = turns + offset + place
@@ -59,7 +59,8 @@ def test_the_truth_is_what_three_planets_sound_like_one_by_one():
         return total
 
     offsets = np.arange(0, 1 / 3, 1 / 99 / 40)
-    errors = [np.std(heard(offset) - made["a"].values) for offset in offsets]
+    few = slice(None, None, 10)  # samples tell which of the grid is nearest
+    errors = [np.std(heard(offset, turns[few]) - made["a"].values[few]) for offset in offsets]
     best = offsets[np.argmin(errors)]
     fine = best + np.linspace(-1, 1, 201) / 99 / 40
     errors = [np.std(heard(offset) - made["a"].values) for offset in fine]

@@ -49,9 +49,9 @@ def test_the_force_is_stiffness_times_what_teeth_deflect(inside, error_um):
 
 @pytest.mark.parametrize("fidelity", ["torsional", "lateral"])
 def test_planets_have_them_too(fidelity):
-    # a record of 0.2 s on supports that damp its start
+    # a record of 0.1 s on supports that damp its start
     record = simulate(
-        load_scene("planets-in-motion").changed(duration_s=0.2, fidelity=fidelity), seed=1, mechanics=True
+        load_scene("planets-in-motion").changed(duration_s=0.1, fidelity=fidelity), seed=1, mechanics=True
     )
     forces = record["truth_mesh_force"]
     assert forces["truth_contact"].size == 6

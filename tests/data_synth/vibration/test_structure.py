@@ -8,6 +8,7 @@ from numpy.testing import assert_allclose
 
 from data_synth import Scene, load_scene, simulate
 from data_synth.scene.random_streams import random_stream
+from data_synth.simulation import noise_free
 from data_synth.sources.prepared import prepare_scene
 from data_synth.vibration.run import motion_of, prepare_gears
 
@@ -26,8 +27,7 @@ def scene(fidelity, *, name="gears-in-motion", dynamics=None, **changes):
 
 
 def channel(*args, **kwargs):
-    made = scene(*args, **kwargs)
-    return simulate(made, seed=1)[made.sensors[0].name].values
+    return noise_free(scene(*args, **kwargs), seed=1).signal[0]
 
 
 def motion(made):
