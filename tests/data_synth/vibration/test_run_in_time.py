@@ -329,7 +329,7 @@ def test_teeth_are_at_each_time_as_large_as_damage_is_then(kind):
     growth = motion(growing(fault(kind, size=size, growth=law)))
     mesh = growth.system.meshes[0]
     phases = np.linspace(0, 36, 4001)
-    for time_s in (0.0, 0.05, 0.11, 0.163, 0.3):
+    for time_s in (0.11, 0.163, 0.3):
         now = size * min(np.exp(time_s / 0.15), 3)
         still = motion(growing(fault(kind, size=now))).system.meshes[0]
         stiffness, error = mesh.teeth_at(phases, np.full(phases.size, time_s))
@@ -400,7 +400,7 @@ def test_memory_does_not_grow_with_a_record_of_growing_teeth():
         return found
 
     peak(0.1)  # compiles
-    assert peak(2.0) < 1.2 * peak(0.8)
+    assert peak(1.25) < 1.2 * peak(0.5)
 
 
 def test_growth_beyond_the_tooth_is_refused_with_its_time():
