@@ -2,6 +2,7 @@
 
 from dataclasses import dataclass
 from fractions import Fraction
+from operator import itemgetter
 
 import numpy as np
 import xarray as xr
@@ -118,17 +119,19 @@ def _line_truth(prepared: PreparedScene, instants: xr.DataArray, measured: GearL
     for line in measured.lines if measured is not None else ():
         part = _LineSource(component=line.component, kind=line.kind, amplitude=line.amplitude)
         every.setdefault(line.order, []).append(part)
-    lines = {order: every[order] for order in sorted(every, key=float)}  # exact ones compare ten times as slowly
-    for parts in lines.values():
+    # by numbers: exact orders compare ten times as slowly
+    rising = sorted(((float(order), parts) for order, parts in every.items()), key=itemgetter(0))
+    values, lines = [value for value, _ in rising], [parts for _, parts in rising]
+    for parts in lines:
         if len(parts) > 1:
             parts.sort(key=lambda part: -float(np.max(np.abs(part.amplitude))))
-    orders = {"truth_order": [float(order) for order in lines]}
+    orders = {"truth_order": values}
     sensors = prepared.scene.sensors
     channels = {"truth_channel": [sensor.name for sensor in sensors]}
     coords = {**channels, **orders, "truth_time": instants}
     dims = ("truth_channel", "truth_order", "truth_time")
     amplitude = xr.DataArray(
-        np.stack([_summed(parts) for parts in lines.values()], axis=1)
+        np.stack([_summed(parts) for parts in lines], axis=1)
         if lines
         else np.zeros((len(sensors), 0, instants.size), dtype=np.complex128),
         dims=dims,
@@ -136,19 +139,19 @@ def _line_truth(prepared: PreparedScene, instants: xr.DataArray, measured: GearL
         attrs={"units": sensors[0].channel_units, "convention": "x = Re{Z exp(j order phase)}, peak amplitude"},
     )
     changes = {
-        line.order: line.change * _rms(line.amplitude) / _rms(_summed(lines[line.order]))
+        float(line.order): line.change * _rms(line.amplitude) / _rms(_summed(every[line.order]))
         for line in (measured.lines if measured is not None else ())
         if line.change
     }
     change = xr.DataArray(
-        [changes.get(order, 0.0) for order in lines] if changes else np.zeros(len(lines)),
+        [changes.get(order, 0.0) for order in values] if changes else np.zeros(len(lines)),
         dims="truth_order",
         coords=orders,
         attrs={"about": "by how much halving its window changes a projected line, over its RMS"},
     )
     labels = {
         f"truth_{name}": xr.DataArray(
-            [" + ".join(dict.fromkeys(getattr(part, name) for part in parts)) for parts in lines.values()],
+            [" + ".join(dict.fromkeys(getattr(part, name) for part in parts)) for parts in lines],
             dims="truth_order",
             coords=orders,
         )

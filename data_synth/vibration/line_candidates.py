@@ -52,7 +52,7 @@ class Candidates:
 
     def order(self, number: int) -> Fraction:
         """Return the exact order of a candidate."""
-        return int(self.numbers[number]) * self.unit
+        return Fraction(int(self.numbers[number]) * self.unit.numerator, self.unit.denominator)
 
 
 def candidates_of(scene: Scene, *, top: float, mixed: bool) -> Candidates:
