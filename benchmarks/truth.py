@@ -33,8 +33,8 @@ less than this share of their RMS over time (`truth_line_change`); all of them w
 motion is steady or kinematic, and in varying motion where Z is the quasi-static response of each line at its exact
 order, less what it lags behind the speed: a harmonic balance with the varying stiffness of all meshes and damaged
 teeth, under planets in the frame of the carrier, with sidebands of its angle, whose lines are stated down to 5e-5 of
-the loudest. They stand for steady lines as well, where a record is too short to separate those, as of a damaged
-planet. Natural modes that ring after a jump or in a start have amplitudes against time at their own frequencies
+the loudest. They stand for steady lines as well, where a record is too short to separate those: what damage adds
+is expected then, and the rest as in the record of sound teeth. Natural modes that ring after a jump or in a start have amplitudes against time at their own frequencies
 (`truth_ringing`), which are part of the signal above. Where both leave more than 5 % of the power, with friction or
 where teeth rattle, a projection adds to all lines what the signal has beside it; they are fitted together,
 so that they add up to the signal, and how what is added is split among neighbours is uncertain.

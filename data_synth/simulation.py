@@ -37,6 +37,7 @@ from data_synth.sources.prepared import PreparedScene, prepare_scene
 from data_synth.transfer.acquisition import add_noise, clip, drop_outs, hum_lines, quantise
 from data_synth.transfer.detectability import matched_filter_snr_db
 from data_synth.truth import angle_truth, tooth_pass_truth, truth_variables
+from data_synth.vibration.expected_response import ExpectedLines
 from data_synth.vibration.free_vibration import Modes
 from data_synth.vibration.gear_lines import gear_lines
 from data_synth.vibration.mechanics import link_speeds, mechanics_truth, speed_truth
@@ -339,8 +340,13 @@ def _with_gears(
     steps = motion.steps()
     gear_signal = _gear_vibration(replace(motion, steps_per_sample=steps), samples=prepared.scene.samples)
     signal += gear_signal
+    damaged = any(isinstance(fault, GearFault) for fault in prepared.scene.faults)
     measured = gear_lines(
-        prepared, gear_signal, expected=partial(expected_lines, motion), modes=partial(Modes.of, motion.system)
+        prepared,
+        gear_signal,
+        expected=partial(expected_lines, motion),
+        sound=partial(_lines_of_sound_teeth, prepared, choice) if damaged else None,
+        modes=partial(Modes.of, motion.system),
     )
     for name, sources in parts.items():
         # meshes act on each other, so all gears in motion are one source
@@ -350,6 +356,13 @@ def _with_gears(
     attrs = {"truth_fidelity": str(choice), "truth_mesh_lines": measured.about}
     noise_free = NoiseFree(signal=signal[:, :kept].copy(), of_gears=gear_signal[:, :kept].copy(), steps=steps)
     return truth_variables(prepared, measured=measured) | passes, attrs, noise_free
+
+
+def _lines_of_sound_teeth(prepared: PreparedScene, choice: Choice) -> tuple[ExpectedLines, ...]:
+    """Return the expected lines of a scene without its faults."""
+    sound = replace(prepared, scene=prepared.scene.changed(faults=()), offsets=())
+    motion = simulated_motion(sound, prepare_gears(sound), choice.levels)
+    return expected_lines(motion) if motion is not None else ()
 
 
 def _by_source(prepared: PreparedScene, *, timing_errors_s: Array | None) -> dict[str, xr.DataArray]:

@@ -9,7 +9,7 @@ import math
 from collections.abc import Callable
 from dataclasses import dataclass, replace
 from fractions import Fraction
-from functools import cached_property
+from functools import cached_property, partial
 
 import numpy as np
 from numpy.typing import NDArray
@@ -89,12 +89,14 @@ def gear_lines(
     signal: Array,
     *,
     expected: Callable[[], tuple[ExpectedLines, ...]] = tuple,
+    sound: Callable[[], tuple[ExpectedLines, ...]] | None = None,
     modes: Callable[[], Modes] | None = None,
 ) -> GearLines:
     """Return the loud lines in the channels of gears in motion, (channel, n), at the instants of the truth.
 
-    At constant speed, torque and damage the window is the whole record, and Z is constant; where that does not separate
-    all lines, as those of a damaged planet, and the expected ones leave less of the power, Z is theirs.
+    At constant speed, torque and damage the window is the whole record, and Z is constant. Where that does not separate
+    all lines, as those of a damaged planet, and the expected ones leave less of the power, Z is theirs; or what they
+    are more than those expected of `sound` teeth, and lines of sound teeth in the rest, where that leaves less.
 
     Else Z is that of the expected lines, which has no window. Where they leave more than 5 % of the power, and not in
     few places, as what rings after a step does, or anything where damage grows at constant speed and torque, what the
@@ -123,7 +125,7 @@ def gear_lines(
     fastest, slowest = (float(each(np.abs(prepared.speed_hz[prepared.speed_hz != 0]))) for each in (np.max, np.min))
     candidates = candidates_of(scene, top=top * min(fastest / slowest, LOWER_SPEEDS), mixed=steady)
     if steady:
-        found, about = _steady_lines(samples, candidates, prepared, expected)
+        found, _, about = _steady_lines(samples, candidates, prepared, expected, sound)
     else:
         prior = _prior(expected(), candidates, speeds=prepared.speed_hz, channels=signal.shape[0])
         # at constant speed and torque, sound gears have projected lines: of growing damage the difference counts
@@ -154,17 +156,32 @@ def _steady_lines(
     candidates: Candidates,
     prepared: PreparedScene,
     expected: Callable[[], tuple[ExpectedLines, ...]],
-) -> tuple[Lines, str]:
-    """Return the lines of steady motion, or those that are expected if they leave less of it, and a sentence."""
+    sound: Callable[[], tuple[ExpectedLines, ...]] | None,
+) -> tuple[Lines, float, str]:
+    """Return the lines of steady motion, the share of the power that they leave, and a sentence.
+
+    What damage adds is as it is expected, and the rest as in the record of sound teeth, if that leaves less.
+    """
     instants_s = prepared.instants_s
     found, left, about = steady_fit(samples, candidates, instants_s)
-    if left > _SEPARATED:
-        prior = _prior(expected(), candidates, speeds=prepared.speed_hz, channels=samples.signal.shape[0])
+    if left <= _SEPARATED:
+        return found, left, about
+    prior_of = partial(_prior, candidates=candidates, speeds=prepared.speed_hz, channels=samples.signal.shape[0])
+    prior = prior_of(expected())
+    if sound is None:
         rest = without(prior, samples, candidates, instants_s)
         alone = float(np.sum(rest.signal**2) / np.sum(samples.signal**2))
         if alone < _BETTER * left:
-            return prior, about_expected(prior, alone)
-    return found, about
+            return prior, alone, about_expected(prior, alone)
+    else:
+        added = prior.plus(prior_of(sound()), times=-1.0)
+        fewer = candidates_of(prepared.scene.changed(faults=()), top=samples.top_order, mixed=True)
+        rest = without(added, samples, candidates, instants_s)
+        others, beside, of_others = _steady_lines(rest, fewer, prepared, sound, None)
+        if beside < left:
+            others = replace(others, chosen=candidates.places(fewer)[others.chosen])
+            return others.plus(added), beside, f"what damage adds is expected of the drawing; beside that {of_others}"
+    return found, left, about
 
 
 def is_steady(prepared: PreparedScene) -> bool:

@@ -54,6 +54,10 @@ class Candidates:
         """Return the exact order of a candidate."""
         return Fraction(int(self.numbers[number]) * self.unit.numerator, self.unit.denominator)
 
+    def places(self, others: "Candidates") -> NDArray[np.int_]:
+        """Return the numbers here of others that are all among these."""
+        return np.searchsorted(self.numbers, others.numbers * int(others.unit / self.unit))
+
 
 def candidates_of(scene: Scene, *, top: float, mixed: bool) -> Candidates:
     """Return the orders below `top` at which the gears of a scene may have lines.
