@@ -28,16 +28,16 @@ power of the difference over the power of the channel, in per cent. `fault`: the
 lines of the faulty and of the healthy record of the same seed; bearings with slip have no lines, and what they add is
 not in any. `lines` counts those of the faulty record. Time of the processor for the whole record, truth included.
 
-`1 %` and `10 %`: the share of the lines, and of their power, that halving the window of the projection changes by
-less than this share of their RMS over time (`truth_line_change`); all of them where Z has no window. That is so where
-motion is steady or kinematic, and in varying motion where Z is the quasi-static response of each line at its exact
-order, less what it lags behind the speed: a harmonic balance with the varying stiffness of all meshes and damaged
-teeth, under planets in the frame of the carrier, with sidebands of its angle, whose lines are stated down to 5e-5 of
-the loudest. They stand for steady lines as well, where a record is too short to separate those: what damage adds
-is expected then, and the rest as in the record of sound teeth. Natural modes that ring after a jump or in a start have amplitudes against time at their own frequencies
-(`truth_ringing`), which are part of the signal above. Where both leave more than 5 % of the power, with friction or
-where teeth rattle, a projection adds to all lines what the signal has beside it; they are fitted together,
-so that they add up to the signal, and how what is added is split among neighbours is uncertain.
+`1 %` and `10 %`: the share of the lines, and of their power, that halving the window of the projection changes by less
+than this share of their RMS over time (`truth_line_change`); all of them where Z has no window. That is so where motion
+is steady or kinematic, and in varying motion where Z is the quasi-static response of each line at its exact order, less
+what it lags behind the speed: a harmonic balance with the varying stiffness of all meshes and damaged teeth, under
+planets in the frame of the carrier, with sidebands of its angle, whose lines are stated down to 5e-5 of the loudest.
+They stand for steady lines as well, where a record is too short to separate those: what damage adds is expected then,
+and the rest as in the record of sound teeth. Natural modes that ring after a jump or in a start have amplitudes against
+time at their own frequencies (`truth_ringing`), which are part of the signal above. Where both leave more than 5 % of
+the power, with friction or where teeth rattle, a projection adds to all lines what the signal has beside it; they are
+fitted together, so that they add up to the signal, and how what is added is split among neighbours is uncertain.
 
 Where damage grows, the balance is that of the teeth at some instants, and Z linear between them; at constant speed and
 torque what is left is projected as well.

@@ -23,6 +23,11 @@ hypothesis.settings.register_profile(
 hypothesis.settings.load_profile("house")
 
 
+def pytest_xdist_auto_num_workers():
+    """One more than processors: now and then a test waits for processes of its own, a browser or the disk."""
+    return (os.cpu_count() or 1) + 1
+
+
 def pytest_collection_modifyitems(items):
     """Put the longest of the last tests first: workers would wait for the one that runs it."""
     items.sort(key=lambda item: item.path.name != "test_readme.py")
