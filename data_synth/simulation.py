@@ -360,7 +360,7 @@ def _with_gears(
 
 def _lines_of_sound_teeth(prepared: PreparedScene, choice: Choice) -> tuple[ExpectedLines, ...]:
     """Return the expected lines of a scene without its faults."""
-    sound = replace(prepared, scene=prepared.scene.changed(faults=()), offsets=())
+    sound = prepared.without_faults()
     motion = simulated_motion(sound, prepare_gears(sound), choice.levels)
     return expected_lines(motion) if motion is not None else ()
 

@@ -114,9 +114,7 @@ class Balance:
     ) -> "Balance":
         """Return the equations at a speed of the reference, from gains (mesh, mesh, f), so many Hz from each other."""
         place = float(base) * speed_hz / step_hz * np.arange(1, varying.lines.shape[1] + 1)
-        number = np.minimum(place.astype(np.int64), gains.shape[2] - 2)
-        share = np.minimum(place - number, 1.0)
-        gain = ((1 - share) * gains[:, :, number] + share * gains[:, :, number + 1]).astype(np.complex64)
+        gain = between(gains, place).astype(np.complex64)
         return cls(gain=gain, varying=varying, modes=modes, period_s=1 / (float(base) * speed_hz), bound=bound)
 
     def deflections(self, forces: Singles) -> Singles:
@@ -173,6 +171,13 @@ class Balance:
         held, free = self.modes.swept(both, finer, self.period_s, static=np.stack([0 * mean, mean]))
         found = forces + free - held
         return np.asarray(found) if np.isfinite(found).all() else None
+
+
+def between(gains: ComplexArray, place: Array) -> ComplexArray:
+    """Return gains (..., f) at places (...) from 0 to f - 1: linear between two, and beyond the last what that is."""
+    number = np.minimum(place.astype(np.int64), gains.shape[-1] - 2)
+    share = np.minimum(place - number, 1.0)
+    return np.asarray((1 - share) * gains[..., number] + share * gains[..., number + 1])
 
 
 def real_rows(lines: Singles) -> NDArray[np.float32]:

@@ -15,7 +15,7 @@ import numpy as np
 from numpy.typing import NDArray
 
 from data_synth.fidelity.excitation import Excitation
-from data_synth.fidelity.harmonic_balance import Singles
+from data_synth.fidelity.harmonic_balance import Singles, between
 from data_synth.kinematic.harmonics import ComplexArray
 from data_synth.operation.shaft_angle import Array
 
@@ -53,12 +53,9 @@ class Deflections:
     def of(self, mesh: int, lines: NDArray[np.int_], nodes: NDArray[np.int_]) -> Singles:
         """Return those of a mesh at some multiples, from 1, and nodes: (node, input, line)."""
         place = np.multiply.outer(self.steps_hz[nodes], lines)
-        number = np.minimum(place.astype(np.int64), self.gains.shape[2] - 2)
-        share = np.minimum(place - number, 1.0)
         found = np.tile(self.errors_n[:, mesh, lines - 1], (nodes.size, 1, 1))
         for row, other in enumerate(self.meshes):
-            gain = (1 - share) * self.gains[mesh, other][number] + share * self.gains[mesh, other][number + 1]
-            found += gain[:, None] * self.forces[nodes, :, row][..., lines - 1]
+            found += between(self.gains[mesh, other], place)[:, None] * self.forces[nodes, :, row][..., lines - 1]
         return found
 
 

@@ -129,6 +129,10 @@ class PreparedScene:
         for family, amplitudes in family_amplitudes:
             add_lines(signal, amplitudes, base_order=family.base_order, revolutions=revolutions, position=position)
 
+    def without_faults(self) -> "PreparedScene":
+        """Return the scene as its gears would be in motion without its faults."""
+        return replace(self, scene=self.scene.changed(faults=()), offsets=())
+
     def with_bending_rings(self, loads: Sequence[RingLoad]) -> "PreparedScene":
         """Return the scene with the lines of rings that their planets bend, in the channels of sensors on them."""
         lines = ring_bending_lines(self.scene, loads, speed_hz=self.speed_hz)

@@ -95,8 +95,9 @@ def gear_lines(
     """Return the loud lines in the channels of gears in motion, (channel, n), at the instants of the truth.
 
     At constant speed, torque and damage the window is the whole record, and Z is constant. Where that does not separate
-    all lines, as those of a damaged planet, and the expected ones leave less of the power, Z is theirs; or what they
-    are more than those expected of `sound` teeth, and lines of sound teeth in the rest, where that leaves less.
+    all lines, as those of a damaged planet, Z is that of the expected lines if they leave less than half of the power.
+    Of damaged teeth, for which `sound` gives the lines expected without the damage, it is the difference of both, and
+    lines of sound teeth in the rest, if that leaves less.
 
     Else Z is that of the expected lines, which has no window. Where they leave more than 5 % of the power, and not in
     few places, as what rings after a step does, or anything where damage grows at constant speed and torque, what the

@@ -387,7 +387,7 @@ def prepare_gears(stage: PreparedScene) -> Gears:
     check_supported(stage.scene)
     if not any(isinstance(fault, LOSING_CONTACT) for fault in stage.scene.faults):
         return gears_of(stage, kinematics)
-    healthy = replace(stage, scene=stage.scene.changed(faults=()), offsets=())
+    healthy = stage.without_faults()
     gears = gears_of(healthy, kinematics)
     levels = dict.fromkeys(gears.meshes.values(), "torsional")
     system = active_dofs_of(assembly_of(healthy, gears, levels=levels), levels).system
