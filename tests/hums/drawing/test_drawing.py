@@ -5,6 +5,7 @@ import warnings
 import numpy as np
 import pytest
 from browser import show
+from gearboxes import VARIED
 
 from hums.drawing import free_links, write_drawing
 from hums.gearbox.kinematics import solve_kinematics
@@ -12,9 +13,6 @@ from hums.gearbox.model import Gearbox, GearboxError, GearboxWarning, catalogue,
 from hums.gearbox.orders import defects
 
 NAMES = tuple(catalogue())
-# pairs, an idler and single planetary stages have what two-stage and planetary-27-36-99 have
-SIMPLE = {"glinsky-idler", "glinsky-parallel-pair", "glinsky-planetary-1", "glinsky-planetary-3", "wijianto-pair"}
-ASKED = tuple(name for name in NAMES if name not in SIMPLE)
 POSITIONS = 66  # of the sliders, over all these gearboxes
 
 
@@ -37,13 +35,13 @@ def test_pages_are_small_and_whole(pages):
         assert "http" not in text.replace("http-equiv", "")
 
 
-@pytest.mark.parametrize("name", ASKED)
+@pytest.mark.parametrize("name", VARIED)
 def test_numbers_are_those_of_python(browser, pages, name):
     kinematics, page = pages[name]
     assert show(browser, page) == []
     assert browser.get_log("browser") == []
     rng = np.random.default_rng(NAMES.index(name))
-    count = -(-POSITIONS // len(ASKED))
+    count = -(-POSITIONS // len(VARIED))
     settings = [[round(float(rpm), 3) for rpm in rng.uniform(-3000, 3000, kinematics.dof)] for _ in range(count)]
     answers = browser.execute_script(
         "return arguments[0].map(rpm => JSON.parse(JSON.stringify(setSpeeds(rpm))))", settings
