@@ -95,7 +95,7 @@ def gear_lines(
     """Return the loud lines in the channels of gears in motion, (channel, n), at the instants of the truth.
 
     At constant speed, torque and damage the window is the whole record, and Z is constant. Where that does not separate
-    all lines, as those of a damaged planet, Z is that of the expected lines if they leave less than half of the power.
+    all lines, as those of a damaged planet, Z is that of the expected lines if they leave less than half as much power.
     Of damaged teeth, for which `sound` gives the lines expected without the damage, it is the difference of both, and
     lines of sound teeth in the rest, if that leaves less.
 
