@@ -119,8 +119,8 @@ def _line_truth(prepared: PreparedScene, instants: xr.DataArray, measured: GearL
     for line in measured.lines if measured is not None else ():
         part = _LineSource(component=line.component, kind=line.kind, amplitude=line.amplitude)
         every.setdefault(line.order, []).append(part)
-    # by numbers: exact orders compare ten times as slowly
-    rising = sorted(((float(order), parts) for order, parts in every.items()), key=itemgetter(0))
+    # by numbers: exact orders compare ten times as slowly, and this is how they become numbers, without checks
+    rising = sorted(((order.numerator / order.denominator, parts) for order, parts in every.items()), key=itemgetter(0))
     values, lines = [value for value, _ in rising], [parts for _, parts in rising]
     for parts in lines:
         if len(parts) > 1:

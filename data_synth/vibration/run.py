@@ -270,7 +270,10 @@ class Motion:
                 times_s = block.times_s - (delay - lag) / self.output.rate_hz
                 readings = (block.values, block.values) if weighted is None else weighted.push(block.values)
                 readings = readings if absent is None else absent.push(*readings)
-                forces, points = (sensor_forces.forces(each, times_s=times_s).T for each in readings)
+                smooth, at_once = readings
+                forces = points = sensor_forces.forces(smooth, times_s=times_s).T
+                if at_once is not smooth:
+                    points = sensor_forces.forces(at_once, times_s=times_s).T
                 outputs = np.zeros((len(scene.sensors), block.values.shape[0]))
                 for route, filter_, force, point in zip(routes, filters, forces, points, strict=True):
                     outputs[route.number] += filter_.filtered(force, at_once=point, lag=lag)

@@ -334,9 +334,10 @@ def sensor_forces_of(
         whole, active, {name: scene.dynamics_or_default.mesh(mesh).damping_n_s_m for name, mesh in meshes.items()}
     )
     window, rotating, passing = pass_window(scene), [], []
-    every = routes_of(scene)
+    every, presses = routes_of(scene), pressing_bodies(whole)
     of_each = [route_gains(scene, whole, route, every) for route in every]
-    felt = [not r.elastic or window is not None or any(own.values()) for r, own in zip(every, of_each, strict=True)]
+    felt = [window is not None or any(own[body] for body in presses) for own in of_each]
+    felt[0] |= not any(felt)  # nothing presses on a housing without bearings, but it has a channel
     routes, weights = tuple(compress(every, felt)), list(compress(of_each, felt))
     directions_of_sensors = [_sensitive_direction(stage, whole, sensor) for sensor in scene.sensors]
     directions = [directions_of_sensors[route.number] for route in routes]
@@ -396,6 +397,18 @@ def sensor_forces_of(
             for carrier in frames
         },
     )
+
+
+def pressing_bodies(whole: Assembly) -> set[str]:
+    """Return the bodies that press on the frame: those on springs along x, y or z, and itself where it has gears."""
+    parts, index = whole.parts, whole.coordinates.index
+    held = np.any([spring.direction != 0 for spring in whole.grounded], axis=0) if whole.grounded else []
+    return {
+        body
+        for body in (*parts.kinematics.joints, *parts.elastic_links)
+        for piece in (parts.piece(body, frame) for frame in parts.frames(body))
+        if any((piece, motion) in index and held[index[piece, motion]] for motion in "xyz")
+    } | ({parts.frame} if whole.on_frame else set())
 
 
 def support_forces(

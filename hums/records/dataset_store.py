@@ -10,12 +10,14 @@ from collections.abc import Sequence
 from pathlib import Path
 from typing import Any
 
+import h5py
 import numpy as np
 import xarray as xr
 from numpy.typing import NDArray
 from xarray.backends import BackendArray
 from xarray.core import indexing
 
+from hums.records._netcdf import arrays_along, decoded
 from hums.records.fields import plain_cell
 from hums.records.record import RecordError, attach_time
 from hums.records.store import atomic_write, open_hdf5, open_shard, open_tree, record_of_shard, write_tree
@@ -185,16 +187,18 @@ def write_index(folder: Path, shards: Sequence[Path], *, plan: str) -> None:
     plan : str
         What it was made from, in words or TOML.
     """
-    tables, attrs = [], {}
-    arrays: dict[str, Any] = {}
+    tables, arrays = list[xr.Dataset](), dict[str, Any]()
+    attrs = dict[str, Any]()
     for path in shards:
-        with open_shard(path) as shard:
-            labels = [name for name, variable in shard.data_vars.items() if variable.attrs.get("role") == "label"]
-            tables.append(shard[labels].load())
-            for name, variable in shard.data_vars.items():
-                if name not in labels and variable.dims[0] == "record" and variable.dtype.kind == "f":
-                    _update_array_facts(arrays, str(name), variable)
-            attrs = json.loads(shard["attrs_of_record"][0].item())
+        with open_hdf5(path) as shard:
+            labels = dict[str, xr.Variable]()
+            for name, (item, dims, own) in arrays_along(shard, "record").items():
+                if own.get("role") == "label":
+                    labels[name] = decoded(item, dims, own)
+                elif item.dtype.kind == "f":
+                    _update_array_facts(arrays, name, item, dims, own)
+            tables.append(xr.Dataset(labels))
+            attrs = json.loads(shard["attrs_of_record"].asstr()[0])
     table = xr.concat(tables, "record")
     rows = {int(path.stem): len(one["record"]) for path, one in zip(shards, tables, strict=True)}
     each = [rows.get(number, 0) for number in range(max(rows) + 1)]
@@ -212,20 +216,14 @@ def write_index(folder: Path, shards: Sequence[Path], *, plan: str) -> None:
     write_tree(xr.DataTree(table), folder / INDEX)
 
 
-def _update_array_facts(arrays: dict[str, Any], name: str, variable: xr.DataArray) -> None:
+def _update_array_facts(
+    arrays: dict[str, Any], name: str, item: h5py.Dataset, dims: Sequence[str], attrs: dict[str, Any]
+) -> None:
     """Record dims, type and attributes of an array, and the largest shape among the files."""
-    facts = arrays.setdefault(
-        name,
-        {
-            "dims": list(variable.dims[1:]),
-            "width": [0] * (variable.ndim - 1),
-            "dtype": str(variable.dtype),
-            "attrs": {
-                key: value.tolist() if hasattr(value, "tolist") else value for key, value in variable.attrs.items()
-            },
-        },
-    )
-    facts["width"] = [max(a, b) for a, b in zip(facts["width"], variable.shape[1:], strict=True)]
+    plain = {key: value.tolist() if hasattr(value, "tolist") else value for key, value in attrs.items()}
+    layout = {"dims": list(dims[1:]), "width": [0] * (item.ndim - 1), "dtype": str(item.dtype), "attrs": plain}
+    facts = arrays.setdefault(name, layout)
+    facts["width"] = [max(a, b) for a, b in zip(facts["width"], item.shape[1:], strict=True)]
 
 
 def _starts(index: xr.Dataset, count: int) -> NDArray[np.int64]:

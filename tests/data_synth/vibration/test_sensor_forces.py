@@ -1,12 +1,17 @@
 """Forces inside a gearbox that balance do not move its housing, whatever a sensor feels of each through its walls."""
 
+from functools import partial
+
 import numpy as np
 import pytest
 
 from data_synth import Scene, load_scene, simulate
+from data_synth.scene.random_streams import random_stream
 from data_synth.scene.sensors import Mode, Sensor
 from data_synth.simulation import noise_free
+from data_synth.sources.prepared import prepare_scene
 from data_synth.transfer.housing import Housing
+from data_synth.vibration.run import motion_of, prepare_gears
 
 
 def channel(name, **changes):
@@ -149,3 +154,26 @@ def test_the_waviness_of_another_bearing_is_felt_through_the_elastic_housing():
     expected = np.where(near, 1.0, made.dynamics.elsewhere)
     np.testing.assert_allclose(abs(lines[0] / alike[0]), expected, rtol=0.01)  # the high pass is flat far above 1 Hz
     np.testing.assert_array_equal(lines[1], 0.0)  # along the shafts
+
+
+def test_a_housing_on_which_nothing_presses_is_no_route(monkeypatch):
+    sensor = load_scene("gears-in-motion").sensors[0].name
+    modes = [{"frequency_hz": 400, "damping_ratio": 0.05, "gain": 0.01}]
+    transfer = [
+        {"source": source, "sensor": sensor, "units": "g", "modes": modes} for source in ("pinion", "intermediate")
+    ]
+
+    def sources(transfer):
+        made, values = channel("gears-in-motion", transfer=transfer, duration_s=0.1)
+        stage = prepare_scene(made, rng_for=partial(random_stream, 1))
+        motion = motion_of(stage, prepare_gears(stage), levels=dict.fromkeys(("stage 1", "stage 2"), "lateral"))
+        return [route.source for route in motion.sensor_forces.routes], values
+
+    assert sources(transfer)[0] == [None, None, "pinion", "intermediate"]  # the output's way is the housing
+    every = [*transfer, {**transfer[0], "source": "output"}]
+    found, values = sources(every)
+    assert found == ["pinion", "intermediate", "output"]
+    monkeypatch.setattr("data_synth.vibration.sensor_forces.pressing_bodies", lambda whole: {whole.parts.frame})
+    kept, same = sources(every)
+    assert None in kept
+    np.testing.assert_array_equal(values, same)

@@ -9,7 +9,7 @@ import numpy as np
 import pytest
 import xarray as xr
 
-from hums.records._netcdf import write_netcdf
+from hums.records._netcdf import arrays_along, decoded, write_netcdf
 from hums.records.record import Channel, PulseTimes, detach_time, make_record
 
 DATASETS = {
@@ -139,3 +139,15 @@ def test_the_same_groups_make_the_same_bytes_in_every_process(tmp_path):
         for seed in ("1", "2")
     }
     assert len(made) == 1
+
+
+def test_arrays_along_a_dimension_are_those_that_xarray_reads(tmp_path):
+    rows = {name: DATASETS["/every kind"][name] for name in ("name", "flag", "whole", "missing", "light", "table")}
+    other = xr.DataArray(np.zeros(3), dims="angle")
+    dataset = xr.Dataset({**rows, "other": other}, attrs={"x": 1}).drop_vars(["order", "label", "place"])
+    dataset["missing"].attrs = {"units": "g", "direction": np.array([0.0, 1.0]), "number": 3}
+    write_netcdf(tmp_path / "file.h5", {"/": (dataset, {})})
+    with h5py.File(tmp_path / "file.h5") as file:
+        found = {name: decoded(*array) for name, array in arrays_along(file, "order").items()}
+    with xr.open_dataset(tmp_path / "file.h5", engine="h5netcdf") as opened:
+        xr.testing.assert_identical(xr.Dataset(found), opened.load().drop_vars("other").drop_attrs(deep=False))
