@@ -6,11 +6,10 @@ a dataset may be pickled, forked and read from many processes at once.
 """
 
 import json
-from collections.abc import Sequence
+from collections.abc import Mapping, Sequence
 from pathlib import Path
 from typing import Any
 
-import h5py
 import numpy as np
 import xarray as xr
 from numpy.typing import NDArray
@@ -196,7 +195,8 @@ def write_index(folder: Path, shards: Sequence[Path], *, plan: str) -> None:
                 if own.get("role") == "label":
                     labels[name] = decoded(item, dims, own)
                 elif item.dtype.kind == "f":
-                    _update_array_facts(arrays, name, item, dims, own)
+                    sizes = dict(zip(dims, item.shape, strict=True))
+                    _update_array_facts(arrays, name, sizes, item.dtype, own)
             tables.append(xr.Dataset(labels))
             attrs = json.loads(shard["attrs_of_record"].asstr()[0])
     table = xr.concat(tables, "record")
@@ -217,13 +217,13 @@ def write_index(folder: Path, shards: Sequence[Path], *, plan: str) -> None:
 
 
 def _update_array_facts(
-    arrays: dict[str, Any], name: str, item: h5py.Dataset, dims: Sequence[str], attrs: dict[str, Any]
+    arrays: dict[str, Any], name: str, sizes: Mapping[str, int], dtype: np.dtype[Any], attrs: dict[str, Any]
 ) -> None:
     """Record dims, type and attributes of an array, and the largest shape among the files."""
     plain = {key: value.tolist() if hasattr(value, "tolist") else value for key, value in attrs.items()}
-    layout = {"dims": list(dims[1:]), "width": [0] * (item.ndim - 1), "dtype": str(item.dtype), "attrs": plain}
-    facts = arrays.setdefault(name, layout)
-    facts["width"] = [max(a, b) for a, b in zip(facts["width"], item.shape[1:], strict=True)]
+    (_, *dims), (_, *width) = sizes, sizes.values()
+    facts = arrays.setdefault(name, {"dims": dims, "width": width, "dtype": str(dtype), "attrs": plain})
+    facts["width"] = [max(pair) for pair in zip(facts["width"], width, strict=True)]
 
 
 def _starts(index: xr.Dataset, count: int) -> NDArray[np.int64]:

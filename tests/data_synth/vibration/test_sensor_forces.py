@@ -173,7 +173,10 @@ def test_a_housing_on_which_nothing_presses_is_no_route(monkeypatch):
     every = [*transfer, {**transfer[0], "source": "output"}]
     found, values = sources(every)
     assert found == ["pinion", "intermediate", "output"]
-    monkeypatch.setattr("data_synth.vibration.sensor_forces.pressing_bodies", lambda whole: {whole.parts.frame})
+    monkeypatch.setattr(
+        "data_synth.vibration.sensor_forces.pressing_bodies",
+        lambda whole: {*whole.parts.kinematics.joints, whole.parts.frame},
+    )
     kept, same = sources(every)
     assert None in kept
     np.testing.assert_array_equal(values, same)
