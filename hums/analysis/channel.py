@@ -50,6 +50,7 @@ _MARGIN = 1.1  # end of a spectrum over (highest expected order + 1), so that th
 _HELD = 2**19  # samples of envelopes whose spectra, some 40 times as large, are made and held at once
 _TOGETHER = 2**21  # samples of envelopes resampled at once: their angles are found once, in 16 MB
 _SHORTEST = 64  # samples that a check of the sensor needs
+_SPEEDS = 256  # over the record, for that check: four in each part in which it looks for a change of level
 _POOLED_BINS = 12.0  # beside a line of a pooled spectrum: nine without its main lobe, of a record of three turns
 
 Values = NDArray[np.floating]  # samples, in the precision of their source
@@ -307,7 +308,14 @@ class _Envelope:
 def _health(stretch: Stretch, when: Sampling, units: str) -> SensorHealth | None:
     if stretch.values.size < _SHORTEST:
         return None
-    return sensor_health(stretch.values, rate_hz=when.rate_hz, units=units, transform=stretch.transform)
+    phase, times_s = stretch.phase, when.start_s + np.linspace(0, when.count / when.rate_hz, _SPEEDS)
+    return sensor_health(
+        stretch.values,
+        rate_hz=when.rate_hz,
+        units=units,
+        transform=stretch.transform,
+        speed_hz=phase.speed_hz(np.clip(times_s, phase.start_s, phase.stop_s)),
+    )
 
 
 def _usual_health(each: Sequence[SensorHealth | None]) -> SensorHealth | None:

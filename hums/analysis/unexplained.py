@@ -243,7 +243,8 @@ _PASSES = 12  # of a carrier: sidebands of planets that pass stand above their o
 _FEWEST_ORDERS = 5.0  # no gear has fewer teeth
 _HARMONICS = (2, 3)
 _STRANGE_SIDEBANDS = 3  # of a strange mesh, spaced by the reference: run-out and pitch deviations
-_STRIKES = 6  # multiples of a race's order on either side: a resonance carries as many at a similar size
+_STRIKES = 6  # multiples of a race's order, or a shaft's, on either side: a resonance carries as many at similar size
+_STRUCK = 5  # of these of a shaft; a mesh has sidebands of similar size up to the second on either side
 _SIMILAR = 4.0  # lines of a comb that a resonance carries
 _BY_CHANCE = 0.3  # of a harmonic: above it lines are so many, as of strikes while the speed changes, that any has one
 
@@ -279,20 +280,17 @@ def _unlike(spectrum: AmplitudeSpectrum, drawn: Drawn, setting: Setting) -> str:
 
     shafts = at(np.outer(drawn.shafts, np.arange(1, _SHAFT_HARMONICS + 1)).ravel())
     meshes = np.outer(drawn.meshes, np.arange(1, _OWN_HARMONICS + 1)).ravel()
-    own = at(np.concatenate([meshes, _shifted_meshes(drawn)]))
+    own = at(np.concatenate([meshes, _high_harmonics(drawn, float(orders[-1])), _shifted_meshes(drawn)]))
     floor = float(np.median(peaks.background))
     others = ~own & ~shafts & (orders > _FEWEST_ORDERS) & ~on_mains(orders, setting, width)
     strange = np.flatnonzero(others & (sizes > STRANGE_FACTOR * UNEXPLAINED_RATIO * floor))
     lines = _Lines(orders=orders, sizes=sizes, drawn=drawn, meshes=meshes, width=width)
-    place = next(
-        (
-            place
-            for place in strange[np.argsort(-sizes[strange])]
-            if lines.of_a_mesh(place) and not lines.explained(place)
-        ),
-        None,
-    )
-    if place is None:
+    for place in strange[np.argsort(-sizes[strange])]:
+        if lines.explained(place):
+            return ""  # a part that is drawn makes more than any that is not
+        if lines.of_a_mesh(place):
+            break
+    else:
         return ""
     order, size = float(orders[place]), float(sizes[place])
     beside = np.abs(np.abs(orders - order)[:, None] - np.arange(1, _STRANGE_SIDEBANDS + 1)) <= width  # of the reference
@@ -304,6 +302,18 @@ def _unlike(spectrum: AmplitudeSpectrum, drawn: Drawn, setting: Setting) -> str:
         f"this does not look like that gearbox: the line at {order:.3f} orders, which has harmonics as a mesh has and "
         f"is no mesh of the drawing, stands {than}; check the drawing, its reference, and the pulses per revolution"
     )
+
+
+def _high_harmonics(drawn: Drawn, last: float) -> Numbers:
+    """Return the higher harmonics of meshes, of which a resonance may carry any one.
+
+    None of a mesh so slow that they lie as densely as lines of shafts, or where the speed is only nominal.
+    """
+    if drawn.tolerance:
+        return np.zeros(0)
+    fast = [mesh for mesh in drawn.meshes if mesh >= _FEWEST_ORDERS]
+    every = [mesh * np.arange(_OWN_HARMONICS + 1, int(last / mesh) + 2) for mesh in fast]
+    return np.concatenate([np.zeros(0), *every])
 
 
 def _shifted_meshes(drawn: Drawn) -> Numbers:
@@ -343,7 +353,7 @@ class _Lines:
         return bool(np.any(near)) and -math.expm1(-density * tried) <= _BY_CHANCE
 
     def explained(self, place: int) -> bool:
-        """Return whether a line is a sideband of passing planets, or rung by strikes."""
+        """Return whether a line is a sideband of passing planets, or rung by strikes of teeth or rollers."""
         order, resolved = self.orders[place], 2 * self.width
         races = [race for race in self.drawn.bearings if race > resolved]
         for carrier in sorted({carrier for _, carrier, _ in self.drawn.planets}):
@@ -354,7 +364,20 @@ class _Lines:
             if carrier <= resolved or self._one_of(place, carrier, members=_PASSES, slip=0.0) <= _CHANCE:
                 return True
         chances = [self._one_of(place, race, members=_STRIKES, slip=self.drawn.slip) for race in races]
-        return min(chances, default=1.0) * len(races) <= _CHANCE and bool(races)
+        if min(chances, default=1.0) * len(races) <= _CHANCE and races:
+            return True
+        shafts = [shaft for shaft in self.drawn.shafts if shaft > resolved]
+        return any(self._struck(place, shaft) for shaft in shafts)
+
+    def _struck(self, place: int, shaft: float) -> bool:
+        """Return whether a line is a multiple of a shaft, and of those beside it most are of similar size."""
+        multiple = np.round(self.orders[place] / shaft)
+        if abs(self.orders[place] - multiple * shaft) > self.width:
+            return False
+        similar = self.orders[self.sizes > self.sizes[place] / _SIMILAR]
+        beside = (multiple + np.arange(-_STRIKES, _STRIKES + 1)) * shaft
+        held = (np.abs(similar[:, None] - beside) <= self.width).any(axis=0)
+        return int(held.sum()) - 1 >= _STRUCK
 
     def _one_of(self, place: int, spacing: float, *, members: int, slip: float) -> float:
         """Return the chance that as many of a line's neighbours in a comb have one of the lines of similar size.

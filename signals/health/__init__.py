@@ -7,7 +7,7 @@ from typing import TYPE_CHECKING, Literal
 
 import numpy as np
 
-from signals._validation import Samples, checked, positive, real_samples
+from signals._validation import Samples, checked, positive, real_samples, real_vector
 from signals.health.samples import SensorFault, clipping, dropouts, jumps, spikes
 from signals.health.spectrum import amplitudes, hum, ski_slope
 
@@ -72,7 +72,12 @@ class SensorHealth:
 
 @checked
 def sensor_health(
-    x: ArrayLike, *, rate_hz: float, units: str, transform: NDArray[np.complexfloating] | None = None
+    x: ArrayLike,
+    *,
+    rate_hz: float,
+    units: str,
+    transform: NDArray[np.complexfloating] | None = None,
+    speed_hz: ArrayLike | None = None,
 ) -> SensorHealth:
     """Detect clipping, drop-outs, stuck values, mains hum, ski slope, level jumps and spikes in a raw vibration record.
 
@@ -94,6 +99,9 @@ def sensor_health(
         Unit of `x`, for the sentences.
     transform : (n // 2 + 1,) array, optional
         The Fourier transform of the record without its mean, where it is known; used where no sample is missing.
+    speed_hz : (m,) array, optional
+        Speed of the machine in rev/s at even times over the record, where it is known: a level that jumps where the
+        speed changes is no sign of a sick sensor.
 
     Returns
     -------
@@ -102,7 +110,7 @@ def sensor_health(
     Raises
     ------
     ValueError
-        Fewer than 64 samples, or infinite ones.
+        Fewer than 64 samples, or infinite ones; a speed that is no finite vector.
 
     Examples
     --------
@@ -117,6 +125,7 @@ def sensor_health(
     """
     values = real_samples(x, name="the record", minimum=_SHORTEST, finite=False)
     rate = positive(rate_hz, name="rate_hz")
+    speeds = None if speed_hz is None else real_vector(speed_hz, name="speed_hz")
     gaps = np.isnan(values)
     if not np.all(np.isfinite(values) | gaps):
         raise ValueError("the record holds infinite values; no sensor gives them, so look at how it was converted.")
@@ -139,7 +148,7 @@ def sensor_health(
         checks = [
             hum(rest, spectrum, rate_hz=rate),
             ski_slope(rest, spectrum, rate_hz=rate),
-            jumps(rest, rate_hz=rate, units=units),
+            jumps(rest, rate_hz=rate, units=units, speed_hz=speeds),
         ]
     return SensorHealth(
         faults=(*clipping_faults, *dropout_faults, *spike_faults, *(fault for found, _ in checks for fault in found)),

@@ -61,16 +61,20 @@ _SIDE = 8  # parts on either side of a jump
 _FEWEST_IN_PART = 64
 _JUMP = 2.0  # smallest ratio of RMS
 _FAULTY_JUMP = 8.0
+_SPEED_CHANGE = 0.03  # of the speed: as much as half the width of a resonance with 3 % of damping
 _STEADY = 0.4  # largest range of the levels on either side, relative to the jump
 _OFFSET = 3.0  # smallest jump of the mean over the RMS about it
 _FAULTY_OFFSET = 30.0
 
 
-def jumps(x: Samples, *, rate_hz: float, units: str) -> tuple[list[SensorFault], str | None]:
+def jumps(
+    x: Samples, *, rate_hz: float, units: str, speed_hz: Array | None = None
+) -> tuple[list[SensorFault], str | None]:
     """Return faults for sudden, lasting changes of RMS or mean, or the reason why they cannot be judged.
 
     The record is cut into 64 parts. A run-up changes its level from part to part; around a jump the level of eight
-    parts on either side is steady.
+    parts on either side is steady. Where the machine's speed (m,), even over the record, changes with the level, a
+    resonance may be what changes it, by more than any sensor that comes loose.
     """
     if x.size < _PARTS * _FEWEST_IN_PART:
         return [], f"jumps of level need {_PARTS * _FEWEST_IN_PART} samples; the record has {x.size}"
@@ -84,11 +88,19 @@ def jumps(x: Samples, *, rate_hz: float, units: str) -> tuple[list[SensorFault],
         if jump > np.log(_JUMP):
             before, after = (float(np.exp(np.median(np.log(side)))) for side in _sides(level, at))
             factor = float(np.exp(jump))
+            slow, fast = _speeds_beside(speed_hz, at)
+            turns = abs(fast - slow) > _SPEED_CHANGE * abs(slow)
+            why = (
+                f", where the speed changes from {slow:.4g} to {fast:.4g} rev/s: a resonance may be passed. Check"
+                if turns
+                else ". Check mount and cable, or"
+            )
             sentence = (
                 f"its level jumps from {before:.4g} to {after:.4g} {units} RMS, {factor:.3g} times, about "
-                f"{at * part_s:.4g} s. Check mount and cable, or whether the load changed then."
+                f"{at * part_s:.4g} s{why} whether the load changed then."
             )
-            found.append(graded("level jump", sick=factor > _FAULTY_JUMP, size=factor, sentence=sentence))
+            sick = factor > _FAULTY_JUMP and not turns
+            found.append(graded("level jump", sick=sick, size=factor, sentence=sentence))
     at, jump = _largest_jump(mean)
     typical = float(np.median(level))
     if typical > 0 and jump > _OFFSET * typical:
@@ -99,6 +111,15 @@ def jumps(x: Samples, *, rate_hz: float, units: str) -> tuple[list[SensorFault],
         )
         found.append(graded("offset jump", sick=size > _FAULTY_OFFSET, size=size, sentence=sentence))
     return found, None
+
+
+def _speeds_beside(speed_hz: Array | None, at: int) -> tuple[float, float]:
+    """Return the median speed before and after a part; zero where none is known."""
+    if speed_hz is None:
+        return 0.0, 0.0
+    each = np.interp((np.arange(_PARTS) + 0.5) / _PARTS, np.linspace(0, 1, speed_hz.size), speed_hz)
+    before, after = _sides(each, at)
+    return float(np.median(before)), float(np.median(after))
 
 
 def _sides(values: Array, at: int) -> tuple[Array, Array]:

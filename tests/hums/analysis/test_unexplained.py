@@ -81,6 +81,26 @@ def test_a_damaged_race_is_no_other_gearbox():
     assert unlike_drawing([spectrum_of((23.0, 0.1), *struck)], DRAWN, SETTING) == ""
 
 
+def test_any_harmonic_of_a_drawn_mesh_that_a_resonance_carries_is_its_own():
+    carried = [(23.0, 0.05), (6.522, 0.03), (8 * 6.522, 0.3), (9 * 6.522, 1.0), (10 * 6.522, 0.2), (18 * 6.522, 0.2)]
+    assert unlike_drawing([spectrum_of(*carried)], DRAWN, SETTING) == ""
+    beside = [(order + 0.2 * (amplitude == 1.0), amplitude) for order, amplitude in carried]
+    assert "the line at 58.898 orders" in unlike_drawing([spectrum_of(*beside, (117.796, 0.4))], DRAWN, SETTING)
+
+
+@pytest.mark.parametrize("shaft", DRAWN.shafts)
+def test_teeth_that_differ_are_no_other_gearbox(shaft):
+    # a missing tooth strikes once a turn: multiples of its shaft, about where a resonance carries them
+    first = round(40 / shaft)
+    struck = [((first + k) * shaft, 1 - 0.05 * k**2) for k in range(-4, 5)]
+    struck += [((2 * first + k) * shaft, 0.3) for k in range(-4, 5)]
+    assert unlike_drawing([spectrum_of((23.0, 0.05), *struck)], DRAWN, SETTING) == ""
+    # the sidebands of a mesh that the drawing lacks are fewer
+    mesh = [line for line in struck if abs(line[0] / shaft - first) < 3 and line[1] > 0.3]
+    strange = [*mesh, (2 * first * shaft, 0.3), (23.0, 0.05)]
+    assert f"the line at {first * shaft:.3f} orders" in unlike_drawing([spectrum_of(*strange)], DRAWN, SETTING)
+
+
 def drawing(**changed):
     return replace(DRAWN, **changed)
 

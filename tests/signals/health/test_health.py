@@ -279,6 +279,24 @@ def test_a_jump_of_level(factor, status, at, up):
     assert abs(seconds - at * TIME[-1]) < 0.2  # two of the 64 parts of six seconds
 
 
+def test_a_jump_of_level_where_the_speed_changes_is_no_sick_sensor():
+    x = gear(14) * np.where(0.5 * TIME[-1] < TIME, 12, 1.0)
+    at = np.linspace(0, 1, 200)
+    stepping, steady, earlier = 20 + 6 * (at > 0.5), np.full(200, 20.0), 20 + 6 * (at > 0.2)  # at another time
+    found = sensor_health(x, rate_hz=RATE_HZ, units="g", speed_hz=stepping)
+    assert [fault.kind for fault in found.faults] == ["level jump"]
+    assert found.status == "suspect"
+    assert "where the speed changes from 20 to 26 rev/s: a resonance may be passed" in found.reasons[0]
+    for speed_hz in (steady, earlier, None):
+        assert sensor_health(x, rate_hz=RATE_HZ, units="g", speed_hz=speed_hz).status == "sick"
+
+
+@pytest.mark.parametrize("speed_hz", [[], [[1.0]], [1.0, np.nan]])
+def test_a_speed_that_is_none(speed_hz):
+    with pytest.raises(ValueError, match="speed_hz"):
+        sensor_health(noise(1), rate_hz=RATE_HZ, units="g", speed_hz=speed_hz)
+
+
 @pytest.mark.parametrize(("offset", "status"), [(5.0, "suspect"), (50.0, "sick")])
 def test_a_jump_of_the_mean(offset, status):
     verdict = judge(noise(15) + offset * (TIME > 2))
