@@ -24,7 +24,7 @@ from hums.analysis.lines import (
 from hums.analysis.reference_angle import Machine
 from hums.analysis.result import EnvelopeBand
 from hums.analysis.settings import AnalysisError, AnalysisSettings
-from hums.analysis.thresholds import MESH_SHARE, PEAK_RATIO
+from hums.analysis.thresholds import IN_TIME, MESH_SHARE, PEAK_RATIO
 from hums.analysis.unexplained import Drawn, UnexplainedLine, drawn_orders, unexplained_lines
 from hums.gearbox.bearing_orders import BearingOrders
 from hums.gearbox.components import closest
@@ -33,6 +33,7 @@ from hums.records.record import Sampling, channel_values, sampling, vibration_ch
 from signals._fft_plans import transform_of
 from signals.angle.averaging import SynchronousAverage
 from signals.demodulation.envelope_bank import bank_bands, bank_envelopes, level_normalised
+from signals.demodulation.time_or_angle import FEWEST_SAMPLES, power_in_time_and_angle
 from signals.health import SensorHealth, sensor_health
 from signals.resampling.resampling import PASSBAND, AngularSignal, angular_resample_all
 from signals.shaft.phase import ShaftPhase
@@ -51,6 +52,8 @@ _HELD = 2**19  # samples of envelopes whose spectra, some 40 times as large, are
 _TOGETHER = 2**21  # samples of envelopes resampled at once: their angles are found once, in 16 MB
 _SHORTEST = 64  # samples that a check of the sensor needs
 _SPEEDS = 256  # over the record, for that check: four in each part in which it looks for a change of level
+_LEAST_STRENGTH = 0.03  # of evidence that may name a part, half of the least that does in records of minutes
+_HARMONICS_IN_TIME = 4.5  # of a line that is looked for in time: the first four, and half of one to the filter's edge
 _POOLED_BINS = 12.0  # beside a line of a pooled spectrum: nine without its main lobe, of a record of three turns
 
 Values = NDArray[np.floating]  # samples, in the precision of their source
@@ -382,6 +385,36 @@ def _unresolved(
     return found
 
 
+def _unless_in_time(part: PartEvidence, stretch: Stretch, when: Sampling) -> PartEvidence:
+    """Return the evidence for a part, hidden where its line follows the clock and not the shaft."""
+    if part.hidden_by or part.strength < _LEAST_STRENGTH:
+        return part
+    band, phase = (part.band_low_hz, part.band_high_hz), stretch.phase
+    highest_hz = _HARMONICS_IN_TIME * part.found * float(np.max(phase.mean_speed_per_revolution_hz()))
+    bank = bank_envelopes(
+        stretch.values,
+        rate_hz=when.rate_hz,
+        bands_hz=[band],
+        highest_hz=min(highest_hz, _ENVELOPE_SHARE * (band[1] - band[0])),
+        transform=stretch.transform,
+    )
+    rate_hz, envelope = next(iter(bank))
+    times_s = when.start_s + np.arange(envelope.size) / rate_hz
+    inside = (times_s >= phase.start_s) & (times_s <= phase.stop_s)
+    if np.count_nonzero(inside) < FEWEST_SAMPLES:
+        return part
+    in_time, in_angle, frequency_hz = power_in_time_and_angle(
+        envelope[inside], rate_hz=rate_hz, revolutions=phase.revolutions_at(times_s[inside]), order=part.found
+    )
+    if not in_time > IN_TIME * in_angle:
+        return part
+    why = (
+        f"it follows the clock, at {frequency_hz:.2f} Hz {in_time / in_angle:.1f} times its power over the shaft's "
+        "angle, as the line of another machine does"
+    )
+    return replace(part, hidden_by=why)
+
+
 def _envelopes(
     stretches: Sequence[Stretch],
     record: xr.Dataset,
@@ -444,6 +477,8 @@ def _envelopes(
     evidence = bearing_evidence(seen, assessor.bearings, setting_of(machine))
     if len(stretches) > 1:
         evidence = _unresolved(evidence, expected, found[0].spectrum.resolution)
+    elif not machine.phase.nominal:
+        evidence = [_unless_in_time(part, stretches[0], when) for part in evidence]
     strongest = max(evidence, key=lambda part: (not part.hidden_by, part.strength), default=None)
     shown = [place for place, band in enumerate(seen) if band.clear] or [0]
     place = shown[0]
@@ -531,6 +566,7 @@ def setting_of(machine: Machine) -> Setting:
     speeds = machine.speeds_hz
     return Setting(
         shafts=tuple(sorted({row.order for row in machine.defect_orders if row.kind == "shaft" and row.order > 0})),
+        meshes=tuple(sorted({row.order for row in machine.defect_orders if row.kind == "gear_mesh"})),
         speed_hz=float(speeds.mean()),
         speed_range_hz=float(np.ptp(speeds)),
         measured=not machine.phase.nominal,

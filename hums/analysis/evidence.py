@@ -13,9 +13,9 @@ strikes are no sine. The strength of a part is that of its best band.
 
 A part is not counted for a line which another explains that is not its own: a multiple of a line, a sideband of a
 deeper one that is no harmonic of its own, or a part of a much deeper line's order, in whatever band that line is
-deepest; nor for a harmonic of the mains, nor for one of a comb of multiples of a shaft. Where its line stands at a
-multiple of a shaft of whose other multiples none does, it counts if healthy machines do not make lines there that are
-as strong.
+deepest; nor for a harmonic of the mains, a multiple of a mesh, or one of a comb of multiples of a shaft. Where its line
+stands at a multiple of a shaft of whose other multiples none does, it counts if healthy machines do not make lines
+there that are as strong.
 """
 
 import copy
@@ -60,6 +60,7 @@ _MULTIPLES = 3  # of a deeper line that may be looked at as the part's own
 _EXPLAINING_SIDEBANDS = 2  # of a deeper line: the third of a real defect is below its fundamental
 _PARTS = 5  # of a deeper line's order
 _STRIKES = 10  # multiples of a bearing's line that its strikes make; a tenth stands above half of a resonance's width
+_BEATS = 10  # distances of harmonics of a mesh that a band carries
 _COMB = 30  # multiples of a shaft that impacts once a turn make
 _LOAD_MULTIPLES = 4  # of a shaft that modulations once and twice a turn make: the second of the second
 _FULL_COMB = 0.7  # of eight multiples of a slow shaft that impacts once a turn; a defect with sidebands has fewer
@@ -70,12 +71,13 @@ Numbers = NDArray[np.float64]
 
 @dataclass(frozen=True, kw_only=True)
 class Setting:
-    """What of a machine explains lines: orders of its shafts, and its mean and range of speed in rev/s.
+    """What of a machine explains lines: orders of its shafts and meshes, and its mean and range of speed in rev/s.
 
     `measured` says that the speed is not merely declared.
     """
 
     shafts: tuple[float, ...]
+    meshes: tuple[float, ...] = ()
     speed_hz: float
     speed_range_hz: float = 0.0
     measured: bool = True
@@ -375,7 +377,7 @@ def _part(seen: Sequence[tuple[BandEvidence, AssessedLine]], bearing: BearingOrd
     both = 2 if main.expected.kind == "rolling_element" else 0  # its two races may be struck unequally
     at_shaft, comb = _comb_of_a_shaft(main.line.found, main.depth, band, others.setting)
     standing = [one.measured for one in _family(band, line) if one is line or _stands_out(one)]
-    hidden = comb or _mains(standing, others)
+    hidden = comb or _beat_of_a_mesh(main.line.found, band, others.setting) or _mains(standing, others)
     foreign = others.without(spacings)
     return replace(
         plain,
@@ -558,6 +560,19 @@ def _comb_of_a_shaft(order: float, depth: float, band: BandEvidence, setting: Se
         if exact and not slow and multiple <= _COMB:
             alone = alone or f"it stands at {name}"
     return alone, ""
+
+
+def _beat_of_a_mesh(order: float, band: BandEvidence, setting: Setting) -> str:
+    """Return of which mesh a line is a multiple, or an empty string: harmonics in a band beat at their distances.
+
+    They do so in sound machines, and a bearing stands there to a third of a bin by accident only.
+    """
+    for mesh in setting.meshes if setting.measured else ():
+        multiple = round(order / mesh)
+        exact = abs(order - multiple * mesh) <= EXACT_BINS * band.bin_width
+        if 1 <= multiple <= _BEATS and exact and mesh > _FAST_BINS * band.bin_width:
+            return f"it is {multiple} times the order {mesh:.4g} of a mesh, whose harmonics beat"
+    return ""
 
 
 def mains_multiples(orders: Numbers, setting: Setting, reach_hz: float) -> list[tuple[float, Numbers]]:

@@ -6,7 +6,7 @@ from scipy.stats import binom
 
 from data_synth import Scene, load_scene, simulate
 from hums.analysis.analyze import AnalysisSettings, analyze
-from hums.analysis.result import findings_table
+from hums.analysis.result import findings_table, verdict_table
 from hums.analysis.settings import AnalysisError
 from hums.gearbox.model import load_gearbox
 from hums.scoring import score
@@ -84,3 +84,27 @@ def test_a_record_without_truth_has_no_score():
     bare = record.drop_vars([name for name in record.data_vars if str(name).startswith("truth_")])
     with pytest.raises(AnalysisError, match="no truth_amplitude"):
         score(analysis, bare)
+
+
+def verdict_of_the_outer_race(**changes):
+    table = {**HEALTHY, "rate_hz": 20_000, "duration_s": 8, "torque": {"link": "output", "nm": 400}, **changes}
+    table |= {"noise": {"rms": 0.03}, "excitation": {"mesh_amplitude": 0.1}}
+    record = simulate(Scene.from_mapping(table), seed=2)
+    verdicts = verdict_table(analyze(record, load_gearbox("two-stage"), settings=SETTINGS))
+    return verdicts.set_index(["component", "kind"]).loc[("input bearing", "outer_race")]
+
+
+def test_a_neighbour_that_follows_the_clock_is_no_part():
+    rpm = 1450
+    order = float(Scene.from_mapping(HEALTHY).orders["input bearing", "outer_race"])
+    struck = {"speed_hz": 10.0, "impacts_per_rev": order * rpm / 60 / 10.0, "frequency_hz": 5000, "impact_m_s2": 3.0}
+    neighbour = {"imperfections": {"neighbour": struck}}
+    own = {"fault": [{"kind": "outer_race", "component": "input bearing", "size_mm": 0.5}]}
+    steady = {"link": "input", "rpm": rpm}
+    wandering = {**steady, "turbulence": {"rms": 6.0, "time_scale_s": 1.0}}  # by 0.4 %
+    found = verdict_of_the_outer_race(speed=wandering, **neighbour)
+    assert found.verdict == "not judged"
+    assert f"it follows the clock, at {order * rpm / 60:.2f} Hz" in found.doubts
+    assert verdict_of_the_outer_race(speed=wandering, **own).verdict == "diagnosed"
+    # at a constant speed one record cannot tell them apart
+    assert {verdict_of_the_outer_race(speed=steady, **each).verdict for each in (own, neighbour)} == {"diagnosed"}

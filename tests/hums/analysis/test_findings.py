@@ -802,6 +802,33 @@ def test_the_turns_of_a_race_are_no_comb_of_its_shaft(standing, hidden):
     assert ("6 times the order 0.9 of a shaft" in part.hidden_by) == hidden
 
 
+@pytest.mark.parametrize(
+    ("mesh", "hidden"),
+    [
+        (2.7, "2 times the order 2.7 of a mesh"),
+        (2.7 + 0.4 * BIN, ""),  # near, but meshes do not slip
+        (5.4 / 11, ""),  # of the eleventh healthy machines show nothing, and of a fast comb some line is near
+        (0.0, ""),
+    ],
+)
+def test_meshes_beat_at_their_multiples(mesh, hidden):
+    seen = [line("inner_race", 5.4, 10.0)]
+    band = BandEvidence(
+        band_hz=(1e3, 2e3),
+        lines=ASSESSOR.assess(seen),
+        orders=np.array([5.4, 10.8]),
+        depths=np.full(2, 0.5),
+        backgrounds=np.full(2, 0.01),
+        bin_width=BIN,
+    )
+    setting = Setting(shafts=(1.0,), meshes=(mesh, 23.0) if mesh else (), speed_hz=17.0)
+    (part,) = bearing_evidence([band], {"b": BEARING}, setting)
+    assert hidden in part.hidden_by
+    assert bool(part.hidden_by) == bool(hidden)
+    (part,) = bearing_evidence([band], {"b": BEARING}, replace(setting, measured=False))
+    assert not part.hidden_by
+
+
 @pytest.mark.parametrize(("deep", "hidden"), [(0.6, False), (0.3, True)])
 def test_a_line_is_compared_with_what_it_is_in_the_same_band(deep, hidden):
     # 4.824, at 32 turns of a slow shaft, is a sideband of 4.53, two turns below, if that is the deeper one in its band

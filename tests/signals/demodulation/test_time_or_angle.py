@@ -1,0 +1,86 @@
+"""A line that follows the shaft, and one that follows the clock, while the speed wanders, stands, or runs up."""
+
+import numpy as np
+import pytest
+
+from signals.demodulation.time_or_angle import power_in_time_and_angle
+
+RATE_HZ, SPEED_HZ, ORDER = 800.0, 20.0, 3.3
+TIMES_S = np.arange(8000) / RATE_HZ
+
+
+def wandering(share, seed=1):
+    """Return revolutions of a shaft whose speed wanders within a second by a share of it."""
+    steps = np.random.default_rng(seed).standard_normal(TIMES_S.size)
+    slow = np.exp(-np.arange(4000) / RATE_HZ)
+    speed = np.convolve(steps, slow)[: TIMES_S.size]
+    return np.cumsum(SPEED_HZ * (1 + share * speed / speed.std())) / RATE_HZ
+
+
+def struck(cycles, noise=0.5):
+    """Return an envelope of strikes, one a cycle, in noise."""
+    comb = sum(np.cos(2 * np.pi * k * cycles) / k for k in (1, 2, 3))
+    return 1 + 0.3 * comb + noise * np.abs(np.random.default_rng(2).standard_normal(TIMES_S.size))
+
+
+def ratio(envelope, turns):
+    in_time, in_angle, frequency_hz = power_in_time_and_angle(envelope, rate_hz=RATE_HZ, revolutions=turns, order=ORDER)
+    return in_time / in_angle, frequency_hz
+
+
+@pytest.mark.parametrize("share", [0.002, 0.005])
+@pytest.mark.parametrize("off", [0.0, 0.004])
+def test_another_machine_follows_the_clock(share, off):
+    hz = ORDER * SPEED_HZ * (1 + off * share / 0.005)
+    found, frequency_hz = ratio(struck(hz * TIMES_S), wandering(share))
+    assert found > 1.5
+    assert frequency_hz == pytest.approx(hz, abs=0.02)
+
+
+@pytest.mark.parametrize("share", [0.002, 0.005])
+@pytest.mark.parametrize("slip", [0.0, 0.002])
+def test_a_part_follows_the_shaft(share, slip):
+    turns = wandering(share)
+    strayed = slip * np.cumsum(np.random.default_rng(3).standard_normal(TIMES_S.size))  # cycles, of each strike
+    found, _ = ratio(struck(ORDER * turns + strayed), turns)
+    assert found < 0.8
+
+
+def test_at_constant_speed_both_are_one():
+    turns = SPEED_HZ * TIMES_S
+    found, frequency_hz = ratio(struck(ORDER * turns), turns)
+    assert found == pytest.approx(1.0, abs=1e-9)
+    assert frequency_hz == pytest.approx(ORDER * SPEED_HZ, abs=0.01)
+
+
+def test_a_load_that_steps_is_no_line():
+    turns, level = wandering(0.003), np.where(TIMES_S > 4, 3.0, 1.0)
+    for cycles in (ORDER * turns, ORDER * SPEED_HZ * TIMES_S):
+        plain, stepped = (ratio(struck(cycles) * gain, turns)[0] for gain in (1.0, level))
+        assert stepped == pytest.approx(plain, rel=0.1)
+
+
+def test_no_line_of_constant_frequency_is_one_in_a_run_up():
+    turns = 10 * TIMES_S + TIMES_S**2
+    in_time, in_angle, frequency_hz = power_in_time_and_angle(
+        struck(ORDER * turns), rate_hz=RATE_HZ, revolutions=turns, order=ORDER
+    )
+    assert np.isnan(in_time)
+    assert np.isnan(frequency_hz)
+    assert in_angle > 0
+
+
+@pytest.mark.parametrize(
+    ("change", "said"),
+    [
+        ({"revolutions": TIMES_S[:-1]}, "as many as the envelope"),
+        ({"revolutions": 0 * TIMES_S}, "a shaft that turns on"),
+        ({"order": 0.0}, "order"),
+        ({"rate_hz": np.nan}, "rate_hz"),
+        ({"envelope": TIMES_S[:500], "revolutions": TIMES_S[:500]}, "500 values; at least 512"),
+    ],
+)
+def test_what_is_refused(change, said):
+    given = {"envelope": 1 + TIMES_S, "rate_hz": RATE_HZ, "revolutions": TIMES_S, "order": ORDER} | change
+    with pytest.raises(ValueError, match=said):
+        power_in_time_and_angle(given.pop("envelope"), **given)
