@@ -11,9 +11,9 @@ if TYPE_CHECKING:
     from signals.harmonics.bandwidth_selection import likely_bandwidth as likely_bandwidth
     from signals.harmonics.stream import OrderTracker as OrderTracker
     from signals.harmonics.tracker import track_orders as track_orders
+    from signals.harmonics.tracker import vold_kalman_filter as vold_kalman_filter
     from signals.harmonics.tracks import OrderTracks as OrderTracks
     from signals.harmonics.tracks import OutputFlag as OutputFlag
-    from signals.harmonics.vold_kalman import vold_kalman_filter as vold_kalman_filter
     from signals.harmonics.waveform import order_waveform as order_waveform
     from signals.harmonics.waveform import residual_record as residual_record
     from signals.slipping_order.tracker import SlippingTrack as SlippingTrack
@@ -33,7 +33,7 @@ _HOME = {
     "smoother_bandwidth": "signals.harmonics.bandwidth",
     "track_orders": "signals.harmonics.tracker",
     "track_slipping_order": "signals.slipping_order.tracker",
-    "vold_kalman_filter": "signals.harmonics.vold_kalman",
+    "vold_kalman_filter": "signals.harmonics.tracker",
 }
 __all__ = sorted(_HOME)  # noqa: PLE0605
 

@@ -7,8 +7,7 @@ from scipy.sparse import block_array, block_diag, diags_array, eye_array
 from scipy.sparse.linalg import spsolve
 
 from signals.harmonics.bandwidth import Bandwidth
-from signals.harmonics.tracker import track_orders
-from signals.harmonics.vold_kalman import vold_kalman_filter
+from signals.harmonics.tracker import track_orders, vold_kalman_filter
 
 SAMPLES = 700
 N = np.arange(SAMPLES)
