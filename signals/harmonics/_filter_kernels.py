@@ -52,19 +52,6 @@ def _dot(a: Floats, b: Floats) -> float:
 
 
 @compiled_sums_in_place
-def add_lagged(values: Floats, products: Floats) -> None:
-    """Add to (channel, lag) sums the products of two values that lie 1, 2, ... places apart.
-
-    `values` is a (channel, sample) array; the first ones, as many as there are lags, come before those that count.
-    """
-    lags = products.shape[1]
-    for channel in range(len(values)):
-        late = values[channel, lags:]
-        for lag in range(1, lags + 1):
-            products[channel, lag - 1] += _dot(late, values[channel, lags - lag :])
-
-
-@compiled_sums_in_place
 def _update_diffuse(V: Floats, h: Floats, ph: Floats, known: float, a: Floats, covariance: Floats) -> float:
     """Update the factor V of the diffuse covariance; return the variance of the innovation.
 
@@ -423,7 +410,7 @@ def _filter_ahead(
 @compiled_sums_in_place
 def filter_steadily(
     x: Floats, phase: Floats, orders: Floats, shaft: Indices, turn: Floats, ahead: Floats, gains: Floats, state: Floats,
-    skip: int, every: int, work: Floats, rows: Floats, flat: Floats, innovations: Floats, levels: Floats,
+    skip: int, every: int, work: Floats, rows: Floats, innovations: Floats, levels: Floats,
 ) -> None:  # fmt: skip
     """Run the filter with steady-state gains over some samples.
 
@@ -434,14 +421,14 @@ def filter_steadily(
     `turn` holds cos and sin of what each order turns in a piece, for all of its samples: of shape (2, 0) where the
     shaft turns unsteadily. `ahead` holds these sums, none with more poles. The (pole, 2 order) gains times h are the
     Kalman gains; the (channel, pole, 2 order) state is the mean of `filter_covariance`, as the other arguments are its;
-    `work` and `rows` are scratch of (3, PIECE or 2 order) and (PIECE, 2 order), `flat` is the rows in one.
+    `work` and `rows` are scratch of (3, PIECE or 2 order) and (PIECE, 2 order).
     """
     samples, channels = x.shape
     poles, width = gains.shape
     cosine, sine, unused, steady = work[0], work[1], work[2], turn.size > 0
     for first in range(0, samples, PIECE):
         if steady and first:
-            _turn(flat, turn[0], turn[1])
+            _turn(rows.reshape(-1), turn[0], turn[1])
         else:
             _fill_regressors(phase, orders, shaft, first, cosine, sine, rows)
         begin = first

@@ -88,7 +88,7 @@ def marginalise(
 @compiled_in_place
 def filter_information(
     information: Floats, score: Floats, process: Floats, renewed: bool, steps: Indices, matrix: Floats, vector: Floats,
-    flat: Floats, row: Floats, column: Floats, matrices: Floats, vectors: Floats, squares: Floats,
+    column: Floats, matrices: Floats, vectors: Floats, squares: Floats,
 ) -> float:  # fmt: skip
     """Run the information filter over some nodes; return the sum over the increments of `log det(I + Q J)`.
 
@@ -101,14 +101,13 @@ def filter_information(
     steps : `FORWARD` or `BACKWARD`.
     matrix, vector : (state, state) and (state, lane) arrays J and j, at the node entered first before its data; updated
         to the node after the one left last.
-    flat, row : J and j in one dimension, the same memory.
     column : (state,) array, scratch.
     matrices, vectors : (node, state state) and (node, state lane) arrays, filled, or of no nodes.
     squares : (lane,) array, added to: `j_a^2 q / (1 + q J_aa)` of every increment.
     """
     forward = steps[0] == _UPDATE
     size, width = len(matrix), process.shape[1]
-    log_determinant = 0.0
+    flat, row, log_determinant = matrix.reshape(-1), vector.reshape(-1), 0.0
     for place in range(len(score)):
         node = place if forward else len(score) - 1 - place
         for step in steps:
@@ -146,7 +145,7 @@ def filter_information(
 @compiled_sums_in_place
 def combine(
     information: Floats, past: Floats, past_vectors: Floats, future: Floats, future_vectors: Floats, root: Floats,
-    flat: Floats, solved: Floats, row: Floats, inverse: Floats, levels: Floats, variances: Floats, explained: Floats,
+    solved: Floats, inverse: Floats, levels: Floats, variances: Floats, explained: Floats,
 ) -> bool:  # fmt: skip
     """Fill levels and variances of some nodes from the sum of past and future information; False if one is singular.
 
@@ -158,12 +157,12 @@ def combine(
     information : (node or 1, state state) array, that of each node's own data.
     past, past_vectors, future, future_vectors : as `filter_information` fills its matrices and vectors.
     root, solved, inverse : scratch, (state, state), (state, lane) and (width, width) arrays.
-    flat, row : the first two in one dimension, the same memory.
     levels, variances, explained : arrays as `SmoothedChain` has them, filled.
     """
     nodes, width, lanes = levels.shape
     size = past_vectors.shape[1] // lanes
     differences = size - width
+    flat, row = root.reshape(-1), solved.reshape(-1)
     last = root[differences:, differences:]
     for node in range(nodes):
         # J = J_past + J_future, j likewise

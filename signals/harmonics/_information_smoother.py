@@ -53,11 +53,6 @@ class Information(NamedTuple):
     def copy(self) -> "Information":
         return Information(self.matrix.copy(), self.vector.copy())
 
-    def unfolded(self) -> tuple[Floats, Floats, Floats, Floats, Floats]:
-        """Return J, j, both in one dimension, the same memory, and scratch: what `filter_information` updates."""
-        matrix, vector = self
-        return matrix, vector, matrix.reshape(-1), vector.reshape(-1), np.empty(len(matrix))
-
     def none(self) -> "Information":
         """Return no information on the same state."""
         return Information(np.zeros_like(self.matrix), np.zeros_like(self.vector))
@@ -102,8 +97,8 @@ class NodeChain:
         if len(process) > 1:
             place = np.arange(nodes.start, nodes.stop) - (steps is BACKWARD)
             process = np.ascontiguousarray(process[place.clip(0, len(process) - 1)])
-        squares = np.zeros(state.vector.shape[1])
-        return filter_information(*data, process, False, steps, *state.unfolded(), *stored, squares)
+        column, squares = np.empty(len(state.matrix)), np.zeros(state.vector.shape[1])
+        return filter_information(*data, process, False, steps, *state, column, *stored, squares)
 
     def measured(self, nodes: slice) -> "NodeInformation":
         """Return the information in the data of a range of nodes."""
@@ -222,8 +217,7 @@ def smooth_stretches(chain: NodeChain, *, first: int) -> Iterator[tuple[slice, S
         if is_kept:
             kept.append((data, past))
     log_variance += float(np.linalg.slogdet(state.matrix)[1])
-    later, root, solved = chain.after.copy(), np.empty_like(matrix), np.empty_like(vector)
-    scratch = root, root.reshape(-1), solved, solved.reshape(-1), np.empty((width, width))
+    later, scratch = chain.after.copy(), (np.empty_like(matrix), np.empty_like(vector), np.empty((width, width)))
     for stretch, start in zip(reversed(stretches), reversed(starts), strict=True):
         if kept:
             data, past = kept.pop()

@@ -115,16 +115,14 @@ class ChainLikelihood:
         ratio = variance_ratio(np.minimum(np.asarray(bandwidth) * self.length, 1.0), self.model.poles)
         columns = len(self.before.matrix) // max(2, self.model.poles)  # one where orders share it
         process = (ratio * self.noise)[self.model.order_of_column[:columns]][None]
-        state = self.before.copy()
-        matrix, vector = state
-        squares, unstored = np.zeros(vector.shape[1]), (np.empty((0, matrix.size)), np.empty((0, vector.size)))
+        matrix, vector = self.before.copy()
+        squares, column = np.zeros(vector.shape[1]), np.empty(len(matrix))
+        unstored = np.empty((0, matrix.size)), np.empty((0, vector.size))
         log_determinant = filter_information(
-            *self.measured, process, self.model.poles == 1, FORWARD, *state.unfolded(), *unstored, squares
+            *self.measured, process, self.model.poles == 1, FORWARD, matrix, vector, column, *unstored, squares
         )
         # 2 log L = j J^-1 j + the filter's completed squares - log det J - the sum of log det(I + Q J)
-        log_determinant += marginalise(
-            np.ones((1, len(matrix))), 0, True, matrix, vector, np.empty(len(matrix)), squares
-        )
+        log_determinant += marginalise(np.ones((1, len(matrix))), 0, True, matrix, vector, column, squares)
         if np.isnan(log_determinant):
             raise np.linalg.LinAlgError("information matrix is not positive definite")
         return np.asarray((squares - log_determinant) / 2)

@@ -6,7 +6,6 @@ from typing import Any
 import numpy as np
 from numpy.typing import NDArray
 
-from signals.harmonics._filter_kernels import add_lagged
 from signals.harmonics._validation import SMALLEST
 from signals.harmonics.model import LAGS, Complexes, Estimate, Floats, Patterns
 
@@ -67,18 +66,14 @@ class Innovations:
         if variances.size == 0:
             return
         seen = variances > 0
-        whole = bool(seen.all())
-        self.square += np.einsum("cn,cn->c", innovations, innovations)
-        self.log_variance += float(np.log(variances if whole else variances[seen]).sum())
-        self.count += int(np.count_nonzero(seen))
-        joined = np.ascontiguousarray(np.concatenate([self.recent, innovations], axis=1))
-        known = np.concatenate([self.recent_seen, seen[-LAGS:] if whole else seen])
-        stop, size = joined.shape[1], variances.size
-        add_lagged(joined, self.products)
-        if whole and size >= LAGS:  # all pairs within, and those with recent samples
-            self.pairs += size - np.arange(1, LAGS + 1) + np.cumsum(self.recent_seen[::-1])
-        else:
-            self.pairs += [np.sum(known[LAGS:] * known[LAGS - lag : stop - lag]) for lag in range(1, LAGS + 1)]
+        self.log_variance += float(np.log(variances if seen.all() else variances[seen]).sum())
+        joined = np.concatenate([self.recent, innovations], axis=1)
+        known = np.concatenate([self.recent_seen, seen])
+        *sums, pairs = (np.correlate(row, row[LAGS:])[::-1] for row in (*joined, known))  # at lags from 0 on
+        self.square += [own[0] for own in sums]
+        self.products += [own[1:] for own in sums]
+        self.count += int(pairs[0])
+        self.pairs += pairs[1:]
         self.recent, self.recent_seen = joined[:, -LAGS:].copy(), known[-LAGS:].copy()
 
 

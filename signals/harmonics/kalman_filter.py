@@ -105,38 +105,35 @@ def _paired(model: HarmonicModel, values: Floats) -> Floats:
     return paired
 
 
-def covariance_filter(
-    model: HarmonicModel, x: Floats, *, output_every: int, startup: int, keep: bool
-) -> tuple[Complexes, Floats, Innovations]:
-    """Return the estimates of all channels of a (channel, sample) record, NaN where missing in all channels at once.
+def covariance_filter(model: HarmonicModel, x: Floats, *, output_every: int, startup: int, keep: bool) -> Estimate:
+    """Filter all channels of a (channel, sample) record, NaN where missing in all channels at once.
 
-    They are (channel, order, output) amplitudes, (order, output) variances, and statistics of the innovations from
-    sample `startup` on, with those of all samples where `keep`.
+    The innovations count from sample `startup` on; those of all samples are in the estimate where `keep`.
     """
     state, innovations = FilterState.prior(model, channels=len(x)), Innovations.none(channels=len(x), keep=keep)
-    outputs = ceil(x.shape[1] / output_every)
-    levels, variances = np.empty((outputs, len(x), 2 * model.orders.size)), np.empty((outputs, model.orders.size))
-    filter_on(model, x, state, innovations, levels, variances, output_every=output_every, startup=startup)
-    return levels.view(np.complex128).transpose(1, 2, 0), variances.T, innovations
+    return innovations.estimate(*filter_on(model, x, state, innovations, output_every=output_every, startup=startup))
 
 
 def count_innovations(model: HarmonicModel, x: Floats, *, startup: int, keep: bool) -> Innovations:
     """Return the innovations of the covariance filter; parameters as for `covariance_filter`."""
-    return covariance_filter(model, x, output_every=x.shape[1], startup=startup, keep=keep)[2]
+    state, innovations = FilterState.prior(model, channels=len(x)), Innovations.none(channels=len(x), keep=keep)
+    filter_on(model, x, state, innovations, output_every=x.shape[1], startup=startup)
+    return innovations
 
 
 def filter_on(
-    model: HarmonicModel, x: Floats, state: FilterState, innovations: Innovations, levels: Floats, variances: Floats,
-    *, output_every: int, startup: int,
-) -> None:  # fmt: skip
+    model: HarmonicModel, x: Floats, state: FilterState, innovations: Innovations, *, output_every: int, startup: int
+) -> tuple[Complexes, Floats]:
     """Continue the covariance filter over further samples, (channel, sample), NaN where missing in all channels.
 
-    Updates the state and the sums of innovations; fills (output, channel, 2 order) levels and (output, order)
+    Updates the state and the sums of innovations; returns (channel, order, output) amplitudes and (order, output)
     variances, means over the quadratures. Outputs and `startup` are counted from the first sample of the record.
     Covariances are checked at sample numbers that do not depend on where a stream is cut into blocks; where one is no
     longer positive definite, FloatingPointError is raised.
     """
     channels, samples = x.shape
+    outputs = len(range(-state.count % output_every, samples, output_every))
+    levels, variances = np.empty((outputs, channels, 2 * model.orders.size)), np.empty((outputs, model.orders.size))
     longest = int(np.clip(LARGEST_GROWTH ** (0.5 / model.poles) / model.bandwidth.max(), 1, SAMPLES_AT_ONCE))
     orders, shaft = model.orders, model.shaft
     process = _paired(model, model.process_noise(slice(0, 1))) if model.bandwidth.shape[1] == 1 else None
@@ -168,6 +165,7 @@ def filter_on(
         if not variances[before:done].min(initial=np.inf) > 0:
             raise lost(model, "exact")
         innovations.add(normalised.T, innovation_variances, skip=startup - first - span.start)
+    return levels.view(np.complex128).transpose(1, 2, 0), variances.T
 
 
 def ripple(closeness: Closeness) -> float:
@@ -178,27 +176,14 @@ def ripple(closeness: Closeness) -> float:
     to instability. Measured with random walks of 2 to 20 equidistant orders, the estimates differed by 0.4 to 0.75 of
     this; from 1 on they may grow without bound.
     """
-    model, nearest = closeness.model, closeness.nearest
-    largest = 0.0
-    for band, own in _bands(model).items():
-        distance = nearest[own]
-        gain = np.abs(band.filter_gain(np.minimum(distance, 0.5)))
-        gain[np.isinf(distance)] = 0.0
-        largest = max(largest, float(np.linalg.norm(gain, axis=1).max()))
-    return sqrt(model.poles + 1) * largest
+    model = closeness.model
+    received = closeness.received(lambda band, distance: np.abs(band.filter_gain(distance)), np.ones(model.orders.size))
+    return sqrt(model.poles + 1) * float(np.linalg.norm(received, axis=1).max())
 
 
 def startup_samples(model: HarmonicModel) -> int:
     """Return the samples after which the variance is within `STEADY_RTOL` of its steady state."""
-    return ceil(log(2 / STEADY_RTOL) / (2 * min(band.filter_decay for band in _bands(model))))
-
-
-def _bands(model: HarmonicModel) -> dict[Bandwidth, list[int]]:
-    """Return the distinct bandwidths, each with the indices of its orders."""
-    found: dict[Bandwidth, list[int]] = {}
-    for order, width in enumerate(model.bandwidth[:, 0].tolist()):
-        found.setdefault(_band(width, model.poles), []).append(order)
-    return found
+    return ceil(log(2 / STEADY_RTOL) / (2 * _band(float(model.bandwidth.min()), model.poles).filter_decay))
 
 
 # The gains of a bandwidth are needed again for every record.
@@ -217,18 +202,19 @@ def steady_state_filter(
     """
     channels, samples = x.shape
     begin = min(startup_samples(model), samples)
-    exact = ceil(begin / output_every)
-    levels = np.empty((ceil(samples / output_every), channels, 2 * model.orders.size))
     state, innovations = FilterState.prior(model, channels=channels), Innovations.none(channels=channels)
-    variances = np.empty((min(exact + 1, len(levels)), model.orders.size))
-    head = levels[:exact], variances[:exact]
-    filter_on(model, x[:, :begin], state, innovations, *head, output_every=output_every, startup=startup)
+    head, variances = filter_on(model, x[:, :begin], state, innovations, output_every=output_every, startup=startup)
+    outputs, exact = ceil(samples / output_every), variances.shape[1]
+    amplitude = np.empty((outputs, channels, model.orders.size), dtype=np.complex128)
+    amplitude[:exact] = head.transpose(2, 0, 1)
+    levels = amplitude.view(np.float64)
     bands = [_band(width, model.poles) for width in model.bandwidth[:, 0].tolist()]
     noise = np.where(model.orders == 0, 1.0, 2.0)
     shares = noise * np.stack([band.filter_shares for band in bands], axis=1)
     variance = float(1 + np.sum(shares[0] / (1 - shares[0] / noise)))  # of the innovation, where R = 1
     gains = np.repeat(shares, 2, axis=1)  # (pole, 2 order)
-    variances[exact:] = gains[0, ::2]
+    if exact < outputs:
+        variances = np.column_stack([variances, shares[0]])
     predicted = state.mean.reshape(channels, model.poles, -1)
     work, rows = np.empty((3, max(PIECE, gains.shape[1]))), np.empty((PIECE, gains.shape[1]))
     turn, ahead = _steady_turn(model, gains)
@@ -237,7 +223,7 @@ def steady_state_filter(
         values, residuals = np.ascontiguousarray(x[:, span].T), np.empty((span.stop - first, channels))
         filter_steadily(
             values, model.phase(span), model.orders, model.shaft, turn, ahead, gains, predicted, -first % output_every,
-            output_every, work, rows, rows.reshape(-1), residuals, levels[ceil(first / output_every) :],
+            output_every, work, rows, residuals, levels[ceil(first / output_every) :],
         )  # fmt: skip
         counted = residuals.T[:, max(startup - first, 0) :]
         early, late = counted[:, :-CORRELATED], counted[:, -CORRELATED:] / sqrt(variance)
@@ -246,8 +232,7 @@ def steady_state_filter(
         innovations.log_variance += early.shape[1] * log(variance)
         innovations.separate()
         innovations.add(late, np.full(late.shape[1], variance))
-    amplitude = levels.view(np.complex128).transpose(1, 2, 0)
-    return innovations.estimate(amplitude, variances.T, error_bound=error_bound)
+    return innovations.estimate(amplitude.transpose(1, 2, 0), variances, error_bound=error_bound)
 
 
 def _steady_turn(model: HarmonicModel, gains: Floats) -> tuple[Floats, Floats]:

@@ -26,7 +26,7 @@ from signals.harmonics._information_smoother import Information, NodeChain, info
 from signals.harmonics.bandwidth import MOST_POLES
 from signals.harmonics.block_grid import Flags, Grid, at_outputs
 from signals.harmonics.block_smoother import exact_length
-from signals.harmonics.coupling import chain_together
+from signals.harmonics.coupling import by_order, chain_together
 from signals.harmonics.innovations import Innovations, statistics
 from signals.harmonics.kalman_filter import FilterState, filter_on
 from signals.harmonics.model import PRIOR_STD, Floats, HarmonicModel, Indices, Order, Patterns, lost
@@ -369,14 +369,12 @@ class OrderTracker:
         """Filter the first of these samples; later ones, where given, count for the flags alone."""
         model, first = self._model, now.state.count
         outputs = np.arange(first + -first % self._every, first + samples, self._every)
-        levels = np.empty((outputs.size, len(x), 2 * model.orders.size))
-        variances = np.empty((outputs.size, model.orders.size))
-        filter_on(
-            replace(model, phases=tuple(phase[:, :samples])), x[:, :samples], now.state, now.innovations, levels,
-            variances, output_every=self._every, startup=ceil(1 / float(model.bandwidth.min())) + model.state_size,
+        amplitude, variances = filter_on(
+            replace(model, phases=tuple(phase[:, :samples])), x[:, :samples], now.state, now.innovations,
+            output_every=self._every, startup=ceil(1 / float(model.bandwidth.min())) + model.state_size,
         )  # fmt: skip
         flags = now.flags.update(model, outputs, phase, ~np.isnan(x[0]), first, samples, self._lag)
-        return levels.view(np.complex128).transpose(1, 2, 0), variances.T, flags
+        return amplitude, variances, flags
 
     def _smooth(self, now: Progress, samples: int, *, known: int) -> Outputs:
         """Smooth the first of the stored samples, using the first `known` of them, and drop the smoothed ones."""
@@ -397,11 +395,10 @@ class OrderTracker:
             smoothed = smooth_chain(nodes, first=0)
         except np.linalg.LinAlgError as error:
             raise lost(model, "exact") from error
-        levels = np.stack([model.amplitude(own) for own in np.moveaxis(smoothed.levels, 2, 0)])
+        levels, variances = by_order(model, smoothed)
         amplitude = at_outputs(levels, grid, every=self._every, skip=skip, samples=samples)
         outputs, places = np.arange(skip, samples, self._every), self._block * np.arange(grid.nodes)
-        std = np.sqrt(model.variance(smoothed.variances))
-        variance = np.stack([np.interp(outputs, places, own) ** 2 for own in std])
+        variance = np.stack([np.interp(outputs, places, std) ** 2 for std in np.sqrt(variances)])
         if samples < known:
             now.known_matrix, now.known_vector = information_at_end(chain(samples)[1])
         *_, flags = self._filter(now, now.x[:, :known], now.phase[:, :known], samples)

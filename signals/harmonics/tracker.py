@@ -349,8 +349,7 @@ def _run(method: Method, task: _Task, x: Floats, seen: NDArray[np.bool_], startu
         if method == "fast" and task.estimator == "filter":
             return steady_state_filter(model, x, output_every=every, startup=startup, error_bound=task.ripple)
         if method == "exact" and task.estimator == "filter":
-            found = covariance_filter(model, x, output_every=every, startup=startup, keep=task.innovations)
-            return found[2].estimate(found[0], found[1])
+            return covariance_filter(model, x, output_every=every, startup=startup, keep=task.innovations)
         if method == "fast":
             length = block_length(model, seen.size, task.rtol)
             estimate: Estimate = fast(

@@ -176,11 +176,7 @@ def model_of(phase, *, orders=(0.0, 1.0, 2.5), bandwidth=0.01, poles=1, prior_st
 def carried(model, x, state, **more):
     """Filter some samples; return the innovations and their variances."""
     innovations = Innovations.none(channels=len(x), keep=True)
-    levels = np.empty((x.shape[1], len(x), 2 * model.orders.size))
-    filter_on(
-        model, x, state, innovations, levels, np.empty((x.shape[1], model.orders.size)), output_every=1, startup=0,
-        **more,
-    )  # fmt: skip
+    filter_on(model, x, state, innovations, output_every=1, startup=0, **more)
     return innovations
 
 
@@ -475,10 +471,9 @@ def test_a_settled_covariance_filters_as_a_textbook_does(count, channels, sample
     root = 0.3 * rng.standard_normal((2 * count, 2 * count))
     P, means = root @ root.T, rng.standard_normal((channels, 2 * count))
     state = FilterState(means.copy(), P.copy(), np.zeros_like(P), diffuse=False, count=0)
-    outputs = -(-samples // every)
-    levels, variances = np.empty((outputs, channels, 2 * count)), np.empty((outputs, count))
     innovations = Innovations.none(channels=channels, keep=True)
-    filter_on(model, x, state, innovations, levels, variances, output_every=every, startup=0)
+    amplitude, variances = filter_on(model, x, state, innovations, output_every=every, startup=0)
+    levels = np.ascontiguousarray(amplitude.transpose(2, 0, 1)).view(np.float64)
     q = np.broadcast_to(np.repeat(model.process_noise()[:, :count], 2, axis=1), (samples, 2 * count))
     angle = orders[:, None] * np.stack(phases)[shaft]
     rows = np.stack([np.cos(angle), -np.sin(angle)], axis=1).reshape(2 * count, samples).T
@@ -492,7 +487,7 @@ def test_a_settled_covariance_filters_as_a_textbook_does(count, channels, sample
         if n % every == 0:
             # Some hundred updates of matrices of condition 1e4, each rounded by 1e-16.
             assert_allclose(levels[n // every], means, rtol=0, atol=1e-11)
-            assert_allclose(variances[n // every], np.diag(P).reshape(count, 2).mean(axis=1), rtol=1e-10)
+            assert_allclose(variances[:, n // every], np.diag(P).reshape(count, 2).mean(axis=1), rtol=1e-10)
         P = P + np.diag(q[n])
     assert_allclose(state.mean, means, rtol=0, atol=1e-11)
     assert_allclose(state.covariance, P, rtol=0, atol=1e-11 * np.abs(P).max())
