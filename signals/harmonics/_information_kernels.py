@@ -20,27 +20,6 @@ BACKWARD = np.array([_STORE, _UPDATE, _PROPAGATE, _MARGINALISE])
 
 
 @compiled_in_place
-def weigh(gram: Floats, products: Floats, information: Floats) -> None:
-    """Fill (node, pole, width, pole, width) information on differences whose regressors are polynomials.
-
-    From (node, moment, width, width) moments of the products of the regressors of the levels, and the (pole, pole,
-    moment) coefficients of the products of two polynomials.
-    """
-    for node in range(len(gram)):
-        for i in range(len(products)):
-            for a in range(gram.shape[2]):
-                for j in range(len(products)):
-                    row = information[node, i, a, j]
-                    for b in range(row.size):
-                        row[b] = products[i, j, 0] * gram[node, 0, a, b]
-                    for moment in range(1, gram.shape[1]):
-                        factor = products[i, j, moment]
-                        if factor != 0.0:
-                            for b in range(row.size):
-                                row[b] += factor * gram[node, moment, a, b]
-
-
-@compiled_in_place
 def marginalise(
     process: Floats, at: int, renewed: bool, matrix: Floats, vector: Floats, column: Floats, squares: Floats
 ) -> float:

@@ -27,7 +27,7 @@ from typing import NamedTuple
 import numpy as np
 from numpy.typing import NDArray
 
-from signals.harmonics._information_kernels import BACKWARD, FORWARD, combine, filter_information, weigh
+from signals.harmonics._information_kernels import BACKWARD, FORWARD, combine, filter_information
 
 Floats = NDArray[np.float64]
 Indices = NDArray[np.int64]
@@ -62,36 +62,25 @@ class Information(NamedTuple):
 class NodeChain:
     """A random walk over nodes with its measurements.
 
-    Attributes
-    ----------
-    gram : (node or 1, moment, width, width) array, moments of the products of the regressors of the levels, one node
-        for all where they are equal; or a function from a range of nodes to such an array, to save memory.
-    data : (node, pole, width, lane) array, moments of regressors times data; or a function as for `gram`.
-    nodes : number of nodes.
-    process_noise : (node or 1, width) array, variances of the increments that follow each node.
-    before : information on the state at the first node before its data.
-    after : information on the state at the last node from data after it.
+    To save memory, `gram` and `data` may be functions from a range of nodes to such arrays.
     """
 
+    # (node or 1, moment, width, width) moments of the products of the regressors of the levels: one node stands for all
     gram: Gram
-    data: Floats | Callable[[slice], Floats]
-    nodes: int
-    process_noise: Floats
-    before: Information
-    after: Information
+    data: Floats | Callable[[slice], Floats]  # (node, pole, width, lane) moments of regressors times data
+    nodes: int  # how many
+    process_noise: Floats  # (node or 1, width) variances of the increments that follow each node
+    before: Information  # on the state at the first node before its data
+    after: Information  # on the state at the last node from data after it
 
     def filter(
         self, nodes: slice, steps: Indices, state: Information, data: "NodeInformation", stored: "NodeInformation"
     ) -> float:
         """Run the information filter over a range of nodes, in place; return the sum of `log det(I + Q J)`.
 
-        Parameters
-        ----------
-        nodes : the range.
-        steps : `FORWARD` or `BACKWARD`.
-        state : information at the node entered first, before its data; on return at the node after the one left last.
-        data : as `measured` returns it, of these nodes.
-        stored : filled with the information at every node, forward with its data, backward without; or of no nodes.
+        The state, before the data of the node entered first, becomes that at the node after the one left last; `data`
+        are those `measured` in this range. `stored`, unless of no nodes, is filled with the information at every node,
+        forward with its data, backward without.
         """
         process = self.process_noise
         if len(process) > 1:
@@ -105,12 +94,11 @@ class NodeChain:
         one = not callable(self.gram) and len(self.gram) == 1
         gram = self.gram(nodes) if callable(self.gram) else self.gram if one else self.gram[nodes]
         data = self.data(nodes) if callable(self.data) else self.data[nodes]
-        (known, _, width, _), (count, poles, _, lanes) = gram.shape, data.shape
-        basis, products = newton_basis(poles)
-        information = np.empty((known, poles, width, poles, width))
-        weigh(np.ascontiguousarray(gram), products, information)
+        (known, moments, width, _), (count, poles, _, lanes) = gram.shape, data.shape
+        (basis, products), size = newton_basis(poles), poles * width
+        pairs = products.reshape(poles**2, moments) @ gram.reshape(known, moments, width**2)
+        information = pairs.reshape(known, poles, poles, width, width).swapaxes(2, 3)
         score = basis @ data.reshape(count, poles, width * lanes)
-        size = poles * width
         return NodeInformation(information.reshape(known, size**2), score.reshape(count, size * lanes))
 
     def outside(self, nodes: slice) -> Outside:
@@ -140,21 +128,14 @@ class NodeInformation(NamedTuple):
 
 
 class SmoothedChain(NamedTuple):
-    """Estimates at the nodes of a chain.
+    """Estimates at the nodes of a chain."""
 
-    Attributes
-    ----------
-    levels : (node, width, lane) array.
-    variances : (node, width) array, where the noise has variance 1.
-    explained : (node,) array, variance of the fitted waveform summed over the samples of a node, in that unit: the
-        trace of the joint covariance of the levels times the information in the node's data.
-    log_variance : sum of the log variances of the innovations of one lane, from node `first` on.
-    """
-
-    levels: Floats
-    variances: Floats
+    levels: Floats  # (node, width, lane)
+    variances: Floats  # (node, width), where the noise has variance 1
+    # (node,) variance of the fitted waveform summed over the samples of a node, in that unit: the trace of the joint
+    # covariance of the levels times the information in the node's data
     explained: Floats
-    log_variance: float
+    log_variance: float  # sum of the log variances of the innovations of one lane, from node `first` on
 
 
 @lru_cache
@@ -186,17 +167,8 @@ def smooth_stretches(chain: NodeChain, *, first: int) -> Iterator[tuple[slice, S
     """Smooth a chain stretch by stretch, from the last one back, in memory that grows with the root of its length.
 
     The forward filter runs once for its state at the start of each stretch, then again stretch by stretch. Yields a
-    stretch and its estimates; the log variance is that of the whole chain.
-
-    Parameters
-    ----------
-    chain : the measurements.
-    first : first node whose innovations count.
-
-    Raises
-    ------
-    numpy.linalg.LinAlgError
-        An information matrix is not positive definite in double precision.
+    stretch and its estimates; the log variance is that of the whole chain, with innovations from node `first` on.
+    Raises `numpy.linalg.LinAlgError` of information that is not positive definite in double precision.
     """
     width, (matrix, vector) = chain.process_noise.shape[1], chain.before
     length = max(isqrt(chain.nodes), STRETCH_NUMBERS // (matrix.size + vector.size))

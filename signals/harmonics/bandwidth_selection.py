@@ -78,20 +78,13 @@ PRIOR_STD = 1e3
 
 @dataclass(frozen=True, kw_only=True, eq=False)
 class ChainLikelihood:
-    """The likelihood of data at nodes as a function of the bandwidths.
+    """The likelihood of data at nodes as a function of the bandwidths."""
 
-    Attributes
-    ----------
-    model : state-space model of the orders.
-    length : samples between nodes.
-    measured : information in the data, for noise of unit variance.
-    before : prior information on the state at the first node, of two poles at least: amplitudes of one pole are
-        straight lines between nodes too, with independent differences.
-    """
-
-    model: HarmonicModel
-    length: int
-    measured: NodeInformation
+    model: HarmonicModel  # of the orders
+    length: int  # samples between nodes
+    measured: NodeInformation  # in the data, for noise of unit variance
+    # Prior information on the state at the first node, of two poles at least: amplitudes of one pole are straight lines
+    # between nodes too, with independent differences.
     before: Information
 
     @cached_property

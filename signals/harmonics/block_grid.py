@@ -29,24 +29,14 @@ FEWEST_TABULATED, TABULATED_AT_ONCE = 8, 1 << 18
 
 @dataclass(frozen=True, kw_only=True, eq=False)
 class Grid:
-    """A record in blocks: nodes at the first sample of each, and one after the last.
+    """A record in blocks: nodes at the first sample of each, and one after the last."""
 
-    Attributes
-    ----------
-    model : state-space model of the record.
-    x : (channel, sample) array, the record, NaN where missing.
-    seen : (sample,) array, whether the sample is there.
-    length : samples in a block.
-    tolerance : largest relative leakage of an order that is not coupled.
-    shared : (order,) array, number of duplicate orders that each is the sum of.
-    """
-
-    model: HarmonicModel
-    x: Floats
-    seen: Flags
-    length: int
-    tolerance: float
-    shared: Indices
+    model: HarmonicModel  # of the record
+    x: Floats  # (channel, sample), the record, NaN where missing
+    seen: Flags  # (sample,), whether the sample is there
+    length: int  # samples in a block
+    tolerance: float  # largest relative leakage of an order that is not coupled
+    shared: Indices  # (order,), number of duplicate orders that each is the sum of
 
     @property
     def samples(self) -> int:

@@ -225,22 +225,13 @@ def _share_out(
 
 @dataclass(frozen=True, kw_only=True, eq=False)
 class BlockFit:
-    """Amplitudes at the nodes of a grid, of orders smoothed alone and in coupled groups.
+    """Amplitudes at the nodes of a grid, of orders smoothed alone and in coupled groups."""
 
-    Attributes
-    ----------
-    grid : the record.
-    smoothed : what is estimated.
-    coupling : which orders are smoothed together; None where all are, or none is.
-    closeness : how near orders come.
-    alike : whether orders stay within half a bandwidth of each other.
-    """
-
-    grid: Grid
-    smoothed: Smoothed
-    coupling: Coupling | None
-    closeness: Closeness
-    alike: bool
+    grid: Grid  # the record
+    smoothed: Smoothed  # what is estimated
+    coupling: Coupling | None  # which orders are smoothed together; None where all are, or none is
+    closeness: Closeness  # how near orders come
+    alike: bool  # whether orders stay within half a bandwidth of each other
 
     @classmethod
     def of(cls, grid: Grid, *, startup: int, coupled: bool) -> "BlockFit":

@@ -32,22 +32,13 @@ Chains = list[tuple[Indices, NodeChain]]
 
 @dataclass(kw_only=True, eq=False)
 class Smoothed:
-    """Estimated amplitudes and variances at the nodes of a grid.
+    """Estimated amplitudes and variances at the nodes of a grid."""
 
-    Attributes
-    ----------
-    levels : (channel, order, node) array.
-    variances : (order, node) array, of a quadrature where R = 1.
-    explained : (order, node) array, variance of the fitted waveform summed over the samples a node stands for.
-    log_variances : (order,) array, sums of the log variances of the innovations from node `first` on.
-    first : first node whose innovations count.
-    """
-
-    levels: Complexes
-    variances: Floats
-    explained: Floats
-    log_variances: Floats
-    first: int
+    levels: Complexes  # (channel, order, node)
+    variances: Floats  # (order, node), of a quadrature where R = 1
+    explained: Floats  # (order, node), variance of the fitted waveform summed over the samples a node stands for
+    log_variances: Floats  # (order,), sums of the log variances of the innovations from node `first` on
+    first: int  # first node whose innovations count
 
     @classmethod
     def empty(cls, grid: Grid, first: int) -> "Smoothed":
