@@ -25,12 +25,10 @@ from math import isqrt
 from typing import NamedTuple
 
 import numpy as np
-from numpy.typing import NDArray
 
 from signals.harmonics._information_kernels import BACKWARD, FORWARD, combine, filter_information
+from signals.harmonics.model import Floats, Indices
 
-Floats = NDArray[np.float64]
-Indices = NDArray[np.int64]
 Gram = Floats | Callable[[slice], Floats]
 Outside = tuple["Information", "Information"]  # on the first node of a range, and on the last
 

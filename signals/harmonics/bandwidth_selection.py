@@ -34,12 +34,11 @@ from signals.harmonics.coupling import (
     WithoutOthers,
     chain_alone,
     chain_together,
-    everywhere,
     inserted,
     smooth_alone,
     smooth_group,
 )
-from signals.harmonics.model import Complexes, Floats, HarmonicModel, Indices, Order, lost
+from signals.harmonics.model import Complexes, Flags, Floats, HarmonicModel, Indices, Order, lost
 from signals.harmonics.separability import Closeness, components
 
 if TYPE_CHECKING:
@@ -325,7 +324,7 @@ class _Chains:
         if noise is None:
             noise = np.full(model.orders.size, fit.residuals(startup).mean_square[0])
         std = np.sqrt(np.where(noise > 0, noise, 1.0))
-        others = WithoutOthers(grid, fit.smoothed.levels, everywhere(grid))
+        others = WithoutOthers(grid, fit.smoothed.levels)
         blocks = max(1, int(BLOCK / (width * grid.length)))
         alone, near = _groups(fit.closeness, seen, blocks * grid.length)
         for group in near:
@@ -423,7 +422,7 @@ def _maximise(log_likelihood: Callable[[Floats], Floats], start: Floats, values:
     return np.asarray(np.exp(found))
 
 
-def _groups(closeness: Closeness, seen: NDArray[np.bool_], block: int) -> tuple[Indices, list[Indices]]:
+def _groups(closeness: Closeness, seen: Flags, block: int) -> tuple[Indices, list[Indices]]:
     """Return the isolated orders, and groups of those that are near each other or their own image.
 
     No order is isolated where there are gaps within blocks, since they may be synchronous with a shaft.

@@ -11,14 +11,11 @@ from functools import cached_property
 from math import comb, pi, sin
 
 import numpy as np
-from numpy.typing import NDArray
 
 from signals.harmonics import _block_kernels
 from signals.harmonics._block_kernels import PIECE
 from signals.harmonics.bandwidth import HALF_POWER
-from signals.harmonics.model import Complexes, Floats, HarmonicModel, Indices
-
-Flags = NDArray[np.bool_]
+from signals.harmonics.model import Complexes, Flags, Floats, HarmonicModel, Indices
 
 SAMPLES_AT_ONCE = 1 << 16
 # Angle by which a jump of the speed may lead the highest order astray within a block.
@@ -35,8 +32,8 @@ class Grid:
     x: Floats  # (channel, sample), the record, NaN where missing
     seen: Flags  # (sample,), whether the sample is there
     length: int  # samples in a block
-    tolerance: float  # largest relative leakage of an order that is not coupled
     shared: Indices  # (order,), number of duplicate orders that each is the sum of
+    tolerance: float = 0.0  # largest relative leakage of an order that is not coupled
 
     @property
     def samples(self) -> int:
@@ -227,13 +224,6 @@ class Grid:
     def data(self, moments: Floats) -> Floats:
         """(node, pole, order, channel, 2) array from those of `project`, of all blocks in a row."""
         return self.at_nodes(moments[:, : max(self.model.poles, 2)])
-
-    def data_at(self, orders: Indices, nodes: slice) -> Floats:
-        """(node, pole, order, channel, 2) array of a range of nodes, made from the samples there."""
-        first, last = max(nodes.start - 1, 0), min(nodes.stop, self.blocks)
-        samples = slice(first * self.length, min(last * self.length, self.samples))
-        data = self.data(self.project(self.x[:, samples], slice(first, last), orders))
-        return data[nodes.start - first : nodes.stop - first]
 
     def at_nodes(self, moments: Floats) -> Floats:
         """(node, moment, ...) array from (block, moment, ...): of all blocks, in a row, what nodes stand for."""

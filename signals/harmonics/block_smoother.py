@@ -16,14 +16,13 @@ from dataclasses import dataclass, replace
 from math import inf, pi, sqrt
 
 import numpy as np
-from numpy.typing import NDArray
 
 from signals.harmonics._information_smoother import NodeChain, smooth_stretches
 from signals.harmonics.block_grid import Grid, at_outputs, evaluated, pieces_between
 from signals.harmonics.coupling import Coupling, Smoothed, by_order, chain_together, couple, inserted, smooth_apart
 from signals.harmonics.innovations import Innovations
 from signals.harmonics.kalman_filter import count_innovations
-from signals.harmonics.model import Complexes, Estimate, Floats, HarmonicModel, Indices
+from signals.harmonics.model import Complexes, Estimate, Flags, Floats, HarmonicModel, Indices
 from signals.harmonics.separability import Closeness
 
 FEWEST_BLOCKS = 64
@@ -63,7 +62,7 @@ def droop(model: HarmonicModel, length: int) -> float:
     return float((pi * model.bandwidth.max() * length) ** 2 / 12)
 
 
-def scattered_share(seen: NDArray[np.bool_], length: int) -> float:
+def scattered_share(seen: Flags, length: int) -> float:
     """Return the share of the samples that are missing in gaps shorter than a block.
 
     Where such gaps are synchronous with a shaft, as those of a clipped waveform are, orders leak into one another by up
@@ -83,15 +82,7 @@ def blurs(model: HarmonicModel) -> bool:
 
 
 def fast(
-    model: HarmonicModel,
-    x: Floats,
-    seen: NDArray[np.bool_],
-    *,
-    length: int,
-    output_every: int,
-    startup: int,
-    coupled: bool,
-    tolerance: float,
+    model: HarmonicModel, x: Floats, seen: Flags, *, rtol: float, output_every: int, startup: int, coupled: bool
 ) -> Estimate:
     """Smooth all channels of a record in long blocks.
 
@@ -100,13 +91,12 @@ def fast(
     model : what is estimated.
     x : (channel, sample) array, NaN where missing.
     seen : (sample,) array, whether the sample is there, in all channels alike.
-    length : samples in a block.
+    rtol : as for `track_orders`; orders that leak more into one another, or more than `LARGEST_LEAK`, are coupled.
     output_every : samples between outputs.
     startup : first sample whose residual and innovation count in the statistics.
     coupled : whether orders that leak into one another are smoothed jointly, or each alone.
-    tolerance : largest relative leakage of an order that is not coupled, at most `LARGEST_LEAK`.
     """
-    tolerance = min(tolerance, LARGEST_LEAK)
+    length, tolerance = block_length(model, seen.size, rtol), min(rtol, LARGEST_LEAK)
     every_order = np.arange(model.orders.size)
     kept, member = one_of_each(model) if coupled else (every_order, every_order)
     one_each = model if kept.size == member.size else model.subset(kept)
@@ -141,22 +131,13 @@ def fast(
 
 
 def exact(
-    model: HarmonicModel,
-    x: Floats,
-    seen: NDArray[np.bool_],
-    *,
-    output_every: int,
-    startup: int,
-    keep: bool,
+    model: HarmonicModel, x: Floats, seen: Flags, *, output_every: int, startup: int, keep: bool,
     noise_variance: float | None,
-) -> Estimate:
+) -> Estimate:  # fmt: skip
     """Smooth all channels of a record in short blocks, all orders together; statistics are those of the filter.
 
-    Parameters
-    ----------
-    model, x, seen, output_every, startup : as for `fast`.
-    keep : whether the innovations of all samples are wanted.
-    noise_variance : R; None where it is estimated.
+    Parameters as for `fast`; `keep` says whether the innovations of all samples are wanted, `noise_variance` is R, None
+    where it is estimated.
     """
     kept, member = one_of_each(model)
     one_each = model if kept.size == member.size else model.subset(kept)
@@ -164,7 +145,7 @@ def exact(
     std = np.sqrt(innovations.mean_square if noise_variance is None else np.full(len(x), noise_variance))
     length, group = exact_length(model, seen.size), np.arange(kept.size)
     while True:
-        grid = Grid(model=one_each, x=x, seen=seen, length=length, tolerance=0.0, shared=np.bincount(member))
+        grid = Grid(model=one_each, x=x, seen=seen, length=length, shared=np.bincount(member))
         chain = chain_together(grid, group, slice(0, grid.nodes), None, inserted(grid, group, 0, []))
         amplitude, variance, bend = _outputs(grid, chain, every=output_every)
         # A triangular weight takes a twelfth of its second difference off an envelope: root mean square, over `std`.

@@ -6,7 +6,6 @@ there more orders are smoothed jointly, and the waveforms of the others, as esti
 samples under incomplete weights. Where amplitudes are far above `std`, they are subtracted from all samples.
 """
 
-from collections.abc import Callable
 from dataclasses import dataclass
 from math import log, pi
 
@@ -14,9 +13,9 @@ import numpy as np
 
 from signals.harmonics._information_smoother import Gram, Information, NodeChain, Outside, SmoothedChain, smooth_chain
 from signals.harmonics.bandwidth import Bandwidth
-from signals.harmonics.block_grid import Flags, Grid, pieces_between
-from signals.harmonics.model import Complexes, Floats, HarmonicModel, Indices
-from signals.harmonics.separability import Closeness, coupled, leaks, left_over
+from signals.harmonics.block_grid import Grid, pieces_between
+from signals.harmonics.model import Complexes, Flags, Floats, HarmonicModel, Indices
+from signals.harmonics.separability import Closeness, Gain, coupled, leaks, left_over
 
 # ---- Information smoothers over the nodes of a grid: of each order alone, and of coupled groups of orders ------------
 
@@ -76,11 +75,6 @@ def smooth_apart(grid: Grid, first: int) -> Smoothed:
     return smoothed
 
 
-def everywhere(grid: Grid) -> Flags:
-    """(node,) array, true throughout."""
-    return np.ones(grid.nodes, dtype=np.bool_)
-
-
 def smooth_alone(
     grid: Grid, orders: Indices, data: Floats, counts: Floats, smoothed: Smoothed, *, together: Flags | None = None
 ) -> Chains:
@@ -97,7 +91,7 @@ def smooth_alone(
         levels = found[..., 0].astype(np.complex128)
         if parts > 1:
             levels.imag = found[..., 1]
-        where = everywhere(grid) if together is None else ~together[group]
+        where = True if together is None else ~together[group]
         smoothed.levels[:, group] = np.where(where, levels, smoothed.levels[:, group])
         smoothed.variances[group] = np.where(where, variance[:, 0], smoothed.variances[group])
         smoothed.explained[group] = np.where(where, parts * explained, smoothed.explained[group])
@@ -196,21 +190,24 @@ def chain_together(
     """
     nonzero = grid.model.subset(group).nonzero
 
-    def within(some: slice) -> slice:
-        return slice(nodes.start + some.start, nodes.start + some.stop)
-
     def products(some: slice) -> Floats:
-        return grid.gram(group, within(some))
+        return grid.gram(group, slice(nodes.start + some.start, nodes.start + some.stop))
 
     def columns(values: Floats) -> Floats:
         parts = values.transpose(0, 1, 4, 2, 3)
         return np.concatenate([parts[:, :, 0], parts[:, :, 1, nonzero]], axis=2)
 
+    def made(some: slice) -> Floats:
+        before, last = nodes.start + some.start - 1, min(nodes.start + some.stop, grid.blocks)
+        first = max(before, 0)
+        moments = grid.project(grid.x[:, first * grid.length : last * grid.length], slice(first, last), group)
+        return columns(grid.data(moments)[before + 1 - first : nodes.start + some.stop - first])
+
     process, count = grid.process_noise(group), nodes.stop - nodes.start
     few = data is not None and count * grid.squares * (group.size + nonzero.size) ** 2 <= MOST_KEPT
     return NodeChain(
         gram=gram if gram is not None else products(slice(0, count)) if few else products,
-        data=(lambda some: columns(grid.data_at(group, within(some)))) if data is None else columns(data),
+        data=made if data is None else columns(data),
         nodes=count,
         process_noise=process if len(process) == 1 else process[nodes],
         before=known[0],
@@ -226,8 +223,6 @@ def by_order(model: HarmonicModel, found: SmoothedChain) -> tuple[Complexes, Flo
 
 # ---- Coupling --------------------------------------------------------------------------------------------------------
 
-
-Gain = Callable[[Bandwidth, Floats], Floats]
 
 # After so many time constants an end or gap has a hundredth of its effect; where more leaks, as many more as it takes
 # to fall to the tolerance.
@@ -319,7 +314,7 @@ class Coupling:
 
     def smooth_all(self, smoothed: Smoothed, *, ends: bool = True) -> None:
         """Subtract the others from all samples, and smooth again, at ends and gaps more of them together or not."""
-        others = WithoutOthers(self.grid, smoothed.levels, everywhere(self.grid))
+        others = WithoutOthers(self.grid, smoothed.levels)
         lone = self._smooth_lone(others, smoothed)
         self.chains = [
             (group, smooth_group(self.grid, group, others.together(group), smoothed, chain.gram))
@@ -351,12 +346,13 @@ class Coupling:
 
 
 class WithoutOthers:
-    """Moments of a record less the estimated waveforms of other orders, near some nodes.
+    """Moments of a record less the estimated waveforms of other orders, near some nodes, all by default.
 
     The waveforms are weighted with the sum of the triangular weights of these nodes.
     """
 
-    def __init__(self, grid: Grid, levels: Complexes, nodes: Flags) -> None:
+    def __init__(self, grid: Grid, levels: Complexes, nodes: Flags | None = None) -> None:
+        nodes = np.ones(grid.nodes, dtype=np.bool_) if nodes is None else nodes
         self._grid, self._nodes = grid, nodes
         self._pieces = pieces_between(levels, cubic=grid.model.poles > 1)
         orders = np.arange(grid.model.orders.size)

@@ -19,6 +19,7 @@ from signals.harmonics.bandwidth import quadrature_noise, variance_ratio
 Floats = NDArray[np.float64]
 Complexes = NDArray[np.complex128]
 Indices = NDArray[np.int64]
+Flags = NDArray[np.bool_]
 Order = tuple[str, float] | float
 Estimator = Literal["smoother", "filter"]
 Method = Literal["exact", "fast", "reference"]
@@ -154,14 +155,14 @@ class Patterns:
     """The patterns of missing samples in a record; results are computed per pattern and assigned to its channels."""
 
     record: Floats  # (channel, sample), NaN where a sample is missing
-    seen: list[NDArray[np.bool_]]  # of each pattern, (sample,), true where its samples are observed
+    seen: list[Flags]  # of each pattern, (sample,), true where its samples are observed
     of_channel: Indices  # (channel,), index of each channel's pattern
 
     @classmethod
     def of(cls, record: Floats) -> "Patterns":
         """Find the patterns of a record."""
         numbers: dict[bytes, int] = {}
-        masks: list[NDArray[np.bool_]] = []
+        masks: list[Flags] = []
         of_channel = np.empty(len(record), dtype=np.int64)
         for channel, values in enumerate(record):
             whole = not np.isnan(values.max())

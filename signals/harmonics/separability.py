@@ -7,11 +7,10 @@ import numpy as np
 from numpy.typing import NDArray
 
 from signals.harmonics.bandwidth import Bandwidth
-from signals.harmonics.model import Estimator, Floats, HarmonicModel, Indices
+from signals.harmonics.model import Estimator, Flags, Floats, HarmonicModel, Indices
 from signals.harmonics.tracks import OutputFlag, UnresolvedPair
 
 Gain = Callable[[Bandwidth, Floats], Floats]
-Seen = NDArray[np.bool_]
 FlagArray = NDArray[np.uint8]
 
 _NEAR_END, _NEAR_GAP = np.uint8(OutputFlag.NEAR_END), np.uint8(OutputFlag.NEAR_GAP)
@@ -151,7 +150,7 @@ def unresolved_pairs(shares: Floats) -> tuple[UnresolvedPair, ...]:
     return tuple(map(UnresolvedPair, first.tolist(), second.tolist(), shares[first, second].tolist()))
 
 
-def flag_close(close: Seen, orders: Floats, frequency: Floats, bandwidth: Floats) -> FlagArray:
+def flag_close(close: Flags, orders: Floats, frequency: Floats, bandwidth: Floats) -> FlagArray:
     """Return (order, stretch) flags: NOT_SEPARABLE where `close`, ONE_QUADRATURE near the order's own image."""
     return np.asarray(
         _NOT_SEPARABLE * close | _ONE_QUADRATURE * (distances_to_images(orders, frequency) < bandwidth / 2)
@@ -167,7 +166,7 @@ def distances_to_images(orders: Floats, frequency: Floats) -> Floats:
 
 
 def flag_outputs(
-    closeness: Closeness, patterns: list[Seen], *, every: int, estimator: Estimator
+    closeness: Closeness, patterns: list[Flags], *, every: int, estimator: Estimator
 ) -> tuple[list[FlagArray], tuple[UnresolvedPair, ...]]:
     """Return (order, output) flags of a record's outputs for each pattern, and the pairs that are not separable.
 
@@ -199,7 +198,7 @@ def output_range(bandwidth: Floats) -> Floats:
     return np.asarray(np.maximum(0.5 / bandwidth, 1.0))
 
 
-def flag_gaps(flags: FlagArray, outputs: Indices, reach: Floats, seen: Seen, *, first: float, later: bool) -> None:
+def flag_gaps(flags: FlagArray, outputs: Indices, reach: Floats, seen: Flags, *, first: float, later: bool) -> None:
     """Add NEAR_END and NEAR_GAP to (order, output) flags.
 
     Parameters
@@ -252,7 +251,7 @@ def left_over(received: Floats, amplitude: Floats, groups: list[Indices]) -> flo
     return 2 * float(part.sum(axis=1).max()) / largest if largest > 0 else 0.0
 
 
-def components(linked: NDArray[np.bool_]) -> list[Indices]:
+def components(linked: Flags) -> list[Indices]:
     """Return the connected components of a graph, as index arrays; isolated nodes only with a link to themselves."""
     groups, left = [], set(np.flatnonzero(linked.any(axis=1)).tolist())
     while left:

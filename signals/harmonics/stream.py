@@ -24,12 +24,12 @@ from signals._validation import whole
 from signals.harmonics import _validation
 from signals.harmonics._information_smoother import Information, NodeChain, information_at_end, smooth_chain
 from signals.harmonics.bandwidth import MOST_POLES
-from signals.harmonics.block_grid import Flags, Grid, at_outputs
+from signals.harmonics.block_grid import Grid, at_outputs
 from signals.harmonics.block_smoother import exact_length
 from signals.harmonics.coupling import by_order, chain_together
 from signals.harmonics.innovations import Innovations, statistics
 from signals.harmonics.kalman_filter import FilterState, filter_on
-from signals.harmonics.model import PRIOR_STD, Floats, HarmonicModel, Indices, Order, Patterns, lost
+from signals.harmonics.model import PRIOR_STD, Flags, Floats, HarmonicModel, Indices, Order, Patterns, lost
 from signals.harmonics.separability import FlagArray, distances, flag_close, flag_gaps, output_range, unresolved_pairs
 from signals.harmonics.tracker import squeeze
 from signals.harmonics.tracks import OrderTracks, UnresolvedPair
@@ -77,15 +77,9 @@ class StreamFlags:
         return unresolved_pairs(np.triu(np.where(self.turns < 1, 1.0, self.together / max(self.end, 1)), k=1))
 
     def update(
-        self,
-        model: HarmonicModel,
-        outputs: Indices,
-        phase: Floats,
-        seen: Flags,
-        first: int,
-        count: int,
+        self, model: HarmonicModel, outputs: Indices, phase: Floats, seen: Flags, first: int, count: int,
         lag: int | None,
-    ) -> FlagArray:
+    ) -> FlagArray:  # fmt: skip
         """Update with `count` samples, all where a stream with a lag has ended; return the (order, output) flags.
 
         Given are the sample numbers of the outputs, the (shaft, sample) angles and whether each sample is observed, of
@@ -383,10 +377,8 @@ class OrderTracker:
         def chain(stop: int) -> tuple[Grid, NodeChain]:
             """Return the stored samples up to `stop` in blocks, and their chain."""
             x, phases = now.x[:, :stop], tuple(now.phase[:, :stop])
-            grid = Grid(
-                model=replace(model, phases=phases), x=x, seen=~np.isnan(x[0]), length=self._block, tolerance=0.0,
-                shared=np.ones(size, dtype=np.int64),
-            )  # fmt: skip
+            given, shared = replace(model, phases=phases), np.ones(size, dtype=np.int64)
+            grid = Grid(model=given, x=x, seen=~np.isnan(x[0]), length=self._block, shared=shared)
             before = Information(now.known_matrix, now.known_vector).copy()
             return grid, chain_together(grid, np.arange(size), slice(0, grid.nodes), None, (before, before.none()))
 

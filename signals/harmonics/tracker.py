@@ -15,7 +15,7 @@ from signals.harmonics.bandwidth import MOST_POLES, Bandwidth
 from signals.harmonics.block_smoother import block_length, blurs, exact, exact_length, fast, scattered_share
 from signals.harmonics.innovations import statistics
 from signals.harmonics.kalman_filter import covariance_filter, ripple, steady_state_filter
-from signals.harmonics.model import PRIOR_STD, Estimate, Estimator, Floats, HarmonicModel, Method, Order, Patterns, lost
+from signals.harmonics.model import PRIOR_STD, Estimator, HarmonicModel, Method, Order, Patterns, lost
 from signals.harmonics.separability import Closeness, flag_outputs
 from signals.harmonics.tracks import OrderTracks
 
@@ -23,6 +23,8 @@ if TYPE_CHECKING:
     from collections.abc import Mapping, Sequence
 
     from numpy.typing import ArrayLike, NDArray
+
+    from signals.harmonics.model import Estimate, Flags, Floats
 
 # With fewer samples a block, condensing them gains nothing.
 SHORTEST_BLOCK = 4
@@ -280,7 +282,7 @@ class _Task:
         return ripple(self.closeness)
 
 
-def _startup(task: _Task, seen: NDArray[np.bool_], *, name: str) -> int:
+def _startup(task: _Task, seen: Flags, *, name: str) -> int:
     """Return the first sample whose innovation counts: after one time constant, or half of a short record."""
     model = task.model
     observed = int(np.count_nonzero(seen))
@@ -295,7 +297,7 @@ def _startup(task: _Task, seen: NDArray[np.bool_], *, name: str) -> int:
     return skipped if observed in (0, seen.size) else int(np.flatnonzero(seen)[skipped])
 
 
-def _choose(method: Method | Literal["auto"], task: _Task, patterns: list[NDArray[np.bool_]]) -> Method:
+def _choose(method: Method | Literal["auto"], task: _Task, patterns: list[Flags]) -> Method:
     """Return the method to run, or refuse a method that cannot do what is asked."""
     model, samples = task.model, task.model.phases[0].size
     if not task.coupled and (task.estimator == "filter" or method in ("exact", "reference")):
@@ -342,7 +344,7 @@ def _why_unsteady(task: _Task, *, whole: bool) -> str:
     return ""
 
 
-def _run(method: Method, task: _Task, x: Floats, seen: NDArray[np.bool_], startup: int) -> Estimate:
+def _run(method: Method, task: _Task, x: Floats, seen: Flags, startup: int) -> Estimate:
     """Return the estimate of one method for the channels that share a pattern of missing samples."""
     model, every = task.model, task.output_every
     try:
@@ -351,11 +353,9 @@ def _run(method: Method, task: _Task, x: Floats, seen: NDArray[np.bool_], startu
         if method == "exact" and task.estimator == "filter":
             return covariance_filter(model, x, output_every=every, startup=startup, keep=task.innovations)
         if method == "fast":
-            length = block_length(model, seen.size, task.rtol)
             estimate: Estimate = fast(
-                model, x, seen, length=length, output_every=every, startup=startup, coupled=task.coupled,
-                tolerance=task.rtol,
-            )  # fmt: skip
+                model, x, seen, rtol=task.rtol, output_every=every, startup=startup, coupled=task.coupled
+            )
         elif method == "exact":
             estimate = exact(
                 model, x, seen, output_every=every, startup=startup, keep=task.innovations,

@@ -22,13 +22,9 @@ from math import ceil, pi
 from typing import Self
 
 import numpy as np
-from numpy.typing import NDArray
 
 from signals.harmonics._block_kernels import phasors
-
-Floats = NDArray[np.float64]
-Complexes = NDArray[np.complex128]
-Whole = NDArray[np.int64]
+from signals.harmonics.model import Complexes, Floats, Indices
 
 
 @dataclass(frozen=True, kw_only=True, eq=False)
@@ -82,7 +78,7 @@ class Demodulated:
     parts: tuple[slice, ...]  # the blocks of each segment
 
     @classmethod
-    def of(cls, record: SlipRecord, *, order: float, harmonics: int, block: int, cuts: Whole) -> Self:
+    def of(cls, record: SlipRecord, *, order: float, harmonics: int, block: int, cuts: Indices) -> Self:
         """Sum over blocks of `block` samples, within segments that begin and end at the cuts."""
         n = record.x.size
         begins = np.zeros(n + 1, dtype=np.bool_)
@@ -168,7 +164,7 @@ def search(record: SlipRecord, line: Line, *, width: Floats, noise_variance: flo
     )
 
 
-def _cuts(record: SlipRecord, line: Line, width: Floats) -> Whole:
+def _cuts(record: SlipRecord, line: Line, width: Floats) -> Indices:
     """Return the first samples of segments with nearly constant amplitude and slip, and the end of the last one."""
     turning = record.turning
     mean = width[0] if width.size == 1 else np.average(width[1:], weights=np.diff(turning))
