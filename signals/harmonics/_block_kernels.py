@@ -88,17 +88,11 @@ def _add_moments(even: Floats, odd: Floats, cosine: Floats, sine: Floats, even_s
 
 @compiled_sums_in_place
 def project(x: Floats, phase: Floats, orders: Floats, shaft: Indices, length: int, work: Floats, sums: Floats) -> None:
-    """Fill the moments of a record against each order, block by block.
+    """Fill the moments of a record against each order, block by block of `length` samples.
 
-    Parameters
-    ----------
-    x : (channel, sample) array, 0 where missing; the first sample starts a block.
-    phase : (shaft, sample) array in rad.
-    orders, shaft : (order,) arrays, cycles per revolution and the shaft they count.
-    length : samples in a block.
-    work : scratch, (2 + channel moment, 2 PIECE) array.
-    sums : (block, moment, order, channel, 2) array of zeros, filled: sums of u^moment x cos and of -u^moment x sin, for
-        an even number of moments.
+    Given are the (channel, sample) record, 0 where missing, whose first sample starts a block; (shaft, sample) angles;
+    (order,) orders and the shaft each counts; scratch of (2 + channel moment, 2 PIECE). Of an even number of moments,
+    sums, (block, moment, order, channel, 2) zeros, are filled with those of u^moment x cos and of -u^moment x sin.
     """
     blocks, moments, _, channels, _ = sums.shape
     cosine, sine, weights, size = work[0], work[1], work[2:], work.shape[1]
@@ -170,15 +164,11 @@ def _mirror(matrix: Floats) -> None:
 def correlate(
     seen: Floats, phase: Floats, orders: Floats, shaft: Indices, length: int, work: Floats, sums: Floats
 ) -> None:
-    """Fill the moments of the products of every two regressors, block by block.
+    """Fill the moments of the products of every two regressors, block by block, given what `project` is.
 
-    Parameters
-    ----------
-    seen : (sample,) array, 0 where missing, else 1; the first sample starts a block.
-    phase, orders, shaft, length : as for `project`.
-    work : scratch, (2 + 2 order, 2 PIECE) array.
-    sums : (block, moment, 2 order, 2 order) array of zeros, filled: sums of u^moment times the products of cos and
-        -sin of all orders (all cos first).
+    In place of the record, `seen`, (sample,), is 1, and 0 where samples are missing; scratch is (2 + 2 order, 2 PIECE).
+    Sums, (block, moment, 2 order, 2 order) zeros, are filled with those of u^moment times the products of cos and -sin
+    of all orders (all cos first).
     """
     blocks, moments, width, _ = sums.shape
     count, size = orders.size, work.shape[1]
@@ -224,12 +214,9 @@ def correlate(
 def evaluate(pieces: Floats, length: int, skip: int, every: int, values: Floats) -> None:
     """Fill the values of pairs of piecewise cubics, the real and imaginary parts, at samples evenly apart.
 
-    Parameters
-    ----------
-    pieces : (line, block, 2, 4) array, coefficients of 1, u, u^2, u^3 in each block.
-    length : samples in a block.
-    skip, every : samples before the first value, and from one to the next.
-    values : (line, 2 output) array, filled with both in turn; the last block takes all outputs that follow it.
+    Pieces, (line, block, 2, 4), are coefficients of 1, u, u^2, u^3 in blocks of `length` samples; `skip` samples lie
+    before the first value, `every` from one to the next. Values, (line, 2 output), are filled with both parts in turn;
+    the last block takes all outputs that follow it.
     """
     lines, blocks, _, _ = pieces.shape
     outputs = values.shape[1] // 2
@@ -251,16 +238,9 @@ def evaluate(pieces: Floats, length: int, skip: int, every: int, values: Floats)
 def remodulate(
     pieces: Floats, length: int, phase: Floats, orders: Floats, shaft: Indices, start: int, work: Floats, wave: Floats
 ) -> None:
-    """Add the waveform of amplitudes given as piecewise cubics.
+    """Add to a (sample,) wave, from sample `start` on, that of amplitudes given as pieces, as `evaluate` has them.
 
-    Parameters
-    ----------
-    pieces : (order, block, 2, 4) array, as for `evaluate`: of the real and the imaginary parts.
-    length : samples in a block.
-    phase, orders, shaft : as for `project`, from sample `start` on.
-    start : place of the first sample.
-    work : scratch, (2, PIECE) array.
-    wave : (sample,) array, added to.
+    Angles, of the samples of the wave, orders and their shafts are given as to `project`; scratch is (2, PIECE).
     """
     cosine, sine = work[0], work[1]
     first = 0

@@ -71,18 +71,12 @@ def filter_information(
 ) -> float:  # fmt: skip
     """Run the information filter over some nodes; return the sum over the increments of `log det(I + Q J)`.
 
-    Parameters
-    ----------
-    information : (node or 1, state state) array, H^T H.
-    score : (node, state lane) array, H^T y.
-    process : (node or 1, width) array, variances of the increments that follow each node, or backward precede it.
-    renewed : whether increments replace the highest differences instead of adding to them.
-    steps : `FORWARD` or `BACKWARD`.
-    matrix, vector : (state, state) and (state, lane) arrays J and j, at the node entered first before its data; updated
-        to the node after the one left last.
-    column : (state,) array, scratch.
-    matrices, vectors : (node, state state) and (node, state lane) arrays, filled, or of no nodes.
-    squares : (lane,) array, added to: `j_a^2 q / (1 + q J_aa)` of every increment.
+    The data of the nodes are (node or 1, state state) information H^T H and (node, state lane) score H^T y. `process`,
+    (node or 1, width), holds the variances of the increments that follow each node, or backward precede it. The
+    (state, state) matrix J and the (state, lane) vector j are those at the node entered first before its data, and
+    become those at the node after the one left last. `steps` are `FORWARD` or `BACKWARD`; `renewed`, `column` and
+    `squares` are those of `marginalise`. Matrices, (node, state state), and vectors, (node, state lane), unless of no
+    nodes, are filled with J and j at every node, forward with its data, backward without.
     """
     forward = steps[0] == _UPDATE
     size, width = len(matrix), process.shape[1]
@@ -131,12 +125,9 @@ def combine(
     The sum is factored, J = U^T U, with the levels last: the last block of U is the root of the information on them.
     Rows of U are subtracted from those below as soon as they are known, so that all loops run along rows.
 
-    Parameters
-    ----------
-    information : (node or 1, state state) array, that of each node's own data.
-    past, past_vectors, future, future_vectors : as `filter_information` fills its matrices and vectors.
-    root, solved, inverse : scratch, (state, state), (state, lane) and (width, width) arrays.
-    levels, variances, explained : arrays as `SmoothedChain` has them, filled.
+    Given are the information of the nodes' own data, and the past and the future as `filter_information` fills its
+    matrices and vectors; `root`, `solved` and `inverse` are scratch of (state, state), (state, lane) and
+    (width, width). What is filled has the shapes that `SmoothedChain` has.
     """
     nodes, width, lanes = levels.shape
     size = past_vectors.shape[1] // lanes

@@ -84,17 +84,10 @@ def blurs(model: HarmonicModel) -> bool:
 def fast(
     model: HarmonicModel, x: Floats, seen: Flags, *, rtol: float, output_every: int, startup: int, coupled: bool
 ) -> Estimate:
-    """Smooth all channels of a record in long blocks.
+    """Smooth all channels of a (channel, sample) record, NaN where not `seen`, (sample,), in long blocks.
 
-    Parameters
-    ----------
-    model : what is estimated.
-    x : (channel, sample) array, NaN where missing.
-    seen : (sample,) array, whether the sample is there, in all channels alike.
-    rtol : as for `track_orders`; orders that leak more into one another, or more than `LARGEST_LEAK`, are coupled.
-    output_every : samples between outputs.
-    startup : first sample whose residual and innovation count in the statistics.
-    coupled : whether orders that leak into one another are smoothed jointly, or each alone.
+    Orders that leak into one another by more than `rtol`, or `LARGEST_LEAK`, are smoothed jointly where `coupled`.
+    Residuals and innovations count in the statistics from sample `startup` on.
     """
     length, tolerance = block_length(model, seen.size, rtol), min(rtol, LARGEST_LEAK)
     every_order = np.arange(model.orders.size)

@@ -28,11 +28,8 @@ DISTANCES_AT_ONCE = 1 << 13
 def distances(one: Floats, others: Floats, *, both_sides: bool = True) -> Floats:
     """Return (..., stretch) distances in cycles per sample from an order to others or their images; 0 at crossings.
 
-    Parameters
-    ----------
-    one : (stretch,) or (..., stretch) array, frequency of an order in cycles per sample.
-    others : (..., stretch) array, frequencies of other orders.
-    both_sides : whether a crossing counts in the stretch before it too, or only in the one after.
+    From the frequencies of the order, (stretch,) or (..., stretch), and of the others, in the same unit. A crossing
+    counts in the stretch after it, with `both_sides` in the one before it too.
     """
     nearest = np.full(np.broadcast_shapes(one.shape, others.shape), 0.5)
     for apart in (others - one, others + one):
@@ -98,10 +95,7 @@ class Closeness:
     def received(self, gain: Gain, amplitude: Floats) -> Floats:
         """Return (order, order) leakage: the amplitude of another order, or of its own image, in an order's estimate.
 
-        Parameters
-        ----------
-        gain : gain of the estimator of a bandwidth at an array of distances in cycles per sample.
-        amplitude : (order,) array.
+        From the (order,) amplitudes, and the gain of the estimator of a bandwidth at distances in cycles per sample.
         """
         received = np.empty((len(self.frequency), len(self.frequency)))
         widths, group = np.unique(self.bandwidth.max(axis=1), return_inverse=True)
@@ -170,12 +164,8 @@ def flag_outputs(
 ) -> tuple[list[FlagArray], tuple[UnresolvedPair, ...]]:
     """Return (order, output) flags of a record's outputs for each pattern, and the pairs that are not separable.
 
-    Parameters
-    ----------
-    closeness : distances of the orders over the whole record.
-    patterns : (sample,) arrays, true where observed, one for each pattern of missing samples.
-    every : samples between outputs.
-    estimator : "smoother" or "filter", which uses no later samples.
+    Patterns of missing samples are (sample,) arrays, true where observed; outputs are `every` samples apart. A "filter"
+    uses no later samples.
     """
     samples = patterns[0].size
     outputs = np.arange(0, samples, every)
@@ -201,14 +191,9 @@ def output_range(bandwidth: Floats) -> Floats:
 def flag_gaps(flags: FlagArray, outputs: Indices, reach: Floats, seen: Flags, *, first: float, later: bool) -> None:
     """Add NEAR_END and NEAR_GAP to (order, output) flags.
 
-    Parameters
-    ----------
-    flags : updated.
-    outputs : (output,) array, ascending, indices into `seen`.
-    reach : (order, 1 or output) array, of `output_range`.
-    seen : (sample,) array, true where observed.
-    first : index of the first observed sample of the record; negative where it came before these.
-    later : whether outputs use later samples too.
+    The (output,) outputs are ascending indices into `seen`, (sample,), which is true where observed; `first` is the
+    index of the record's first observed sample, negative where it came before these. The reach, (order, 1 or output),
+    is that of `output_range`; `later` says whether outputs use later samples too.
     """
     if not outputs.size:
         return

@@ -2,13 +2,10 @@
 
 Without a lag this is the causal Kalman filter of `track_orders(..., estimator="filter", method="exact")`. With a lag it
 is a fixed-lag smoother: once a segment of `lag` samples and a second one have arrived, both are smoothed as by
-`track_orders(..., method="exact")`, given the information of all earlier samples [1]_, and the outputs of the first are
+`track_orders(..., method="exact")`, given the information of all earlier samples, and the outputs of the first are
 returned. Each uses `lag` to `2 lag` later samples; further ones would change it by some `std exp(-decay lag)`, with the
 slowest decay in the smoother's response, `decay = sin(pi / (2 poles)) (sqrt(2) - 1)^(-1 / (2 poles)) pi bandwidth /
 rate`: for one pole 4.9 bandwidth / rate, for four 1.3.
-
-.. [1] D. C. Fraser, J. E. Potter, "The optimum linear smoother as a combination of two optimum linear filters",
-   IEEE Trans. Automatic Control 14, 1969.
 """
 
 from __future__ import annotations
