@@ -23,8 +23,6 @@ Indices = NDArray[np.int64]
 Complexes = NDArray[np.complex128]
 
 PIECE = 256
-# Samples in a block up to which products are added sample by sample: a loop over so few takes less than its start.
-SHORT = 4
 
 
 def _leading_bits(value: Fraction, bits: int) -> float:
@@ -137,22 +135,6 @@ def _add_products(weights: Floats, one: Floats, other: Floats, sums: Floats, col
 
 
 @compiled_in_place
-def _add_outer_products(columns: Floats, first: int, last: int, u: float, step: float, sums: Floats) -> None:
-    """Add to (moment, 2 order, 2 order) sums, below their diagonals, the products of regressors sample by sample.
-
-    `columns` is a (2 order, sample) array; the place in the block is `u` at sample `first`, and grows by `step`.
-    """
-    for n in range(first, last):
-        for a in range(len(columns)):
-            value = columns[a, n]
-            for moment in range(len(sums)):
-                for b in range(a + 1):
-                    sums[moment, a, b] += value * columns[b, n]
-                value *= u
-        u += step
-
-
-@compiled_in_place
 def _mirror(matrix: Floats) -> None:
     """Fill the upper triangle of a symmetric matrix with the lower one."""
     for a in range(len(matrix)):
@@ -190,9 +172,6 @@ def correlate(
                 part = slice(max(block * length, first) - first, min((block + 1) * length, last) - first)
                 u, weights = places[part], weighted[part]
                 start = (first + part.start) / length - block
-                if length <= SHORT:
-                    _add_outer_products(columns, part.start, part.stop, start, 1.0 / length, sums[block])
-                    continue
                 for n in range(u.size):
                     u[n] = start + n / length
                 for a in range(width):

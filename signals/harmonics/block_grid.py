@@ -154,8 +154,7 @@ class Grid:
         """(sample, moment, order) array of the first block: powers of u times exp(-j angle), the angle from 0 on."""
         assert self.model.steady_step is not None  # noqa: S101  (the caller's choice)
         angle = self.model.steady_step * np.arange(self.length)[:, None] * self.model.orders
-        moments = self.model.poles + self.model.poles % 2
-        return np.asarray(self._powers(moments)[:, :, None] * _block_kernels.phasors(angle)[:, None])
+        return np.asarray(self._powers(self.squares)[:, :, None] * _block_kernels.phasors(angle)[:, None])
 
     def _tabulated(self, first: int, last: int, moments: int, orders: Indices) -> tuple[int, Floats]:
         """Return the end of those of some blocks that a table serves, and the (sample, 2 moment order) table."""
@@ -244,10 +243,7 @@ class Grid:
         """
         name = orders.tobytes()
         if name not in self._known_products:
-            step = self.model.steady_step
-            assert step is not None  # noqa: S101  (the caller's choice)
-            one = _block_kernels.phasors(step * np.arange(self.length)[:, None] * self.model.orders[orders])
-            weighted = 0.5 * (self._powers(self.squares)[:, :, None] * one[:, None]).transpose(1, 2, 0)
+            one, weighted = self._table[:, 0, orders], 0.5 * self._table[:, :, orders].transpose(1, 2, 0)
             self._known_products[name] = weighted @ one.conj(), weighted @ one
         turn, count = self._turn(blocks, orders)[:, None, :, None], orders.size
         for known, other, sign in zip(self._known_products[name], (turn.conj(), turn), (1.0, -1.0), strict=True):

@@ -30,7 +30,6 @@ from signals.harmonics._filter_kernels import (
 from signals.harmonics.bandwidth import Bandwidth
 from signals.harmonics.innovations import Innovations
 from signals.harmonics.model import Complexes, Estimate, Floats, HarmonicModel, lost
-from signals.harmonics.separability import Closeness
 
 # Samples filtered at a time.
 SAMPLES_AT_ONCE = 1 << 14
@@ -166,19 +165,6 @@ def filter_on(
             raise lost(model, "exact")
         innovations.add(normalised.T, innovation_variances, skip=startup - first - span.start)
     return levels.view(np.complex128).transpose(1, 2, 0), variances.T
-
-
-def ripple(closeness: Closeness) -> float:
-    """Return the error of steady-state gains, as a part of the error of the exact filter.
-
-    Other orders, and an order's own image, modulate its gain, each by the causal filter's gain at its least distance
-    in the record and at a beat frequency of its own: their squares add up. With more poles the closed loop is closer
-    to instability. Measured with random walks of 2 to 20 equidistant orders, the estimates differed by 0.4 to 0.75 of
-    this; from 1 on they may grow without bound.
-    """
-    model = closeness.model
-    received = closeness.received(lambda band, distance: np.abs(band.filter_gain(distance)), np.ones(model.orders.size))
-    return sqrt(model.poles + 1) * float(np.linalg.norm(received, axis=1).max())
 
 
 def startup_samples(model: HarmonicModel) -> int:
