@@ -139,21 +139,11 @@ def likely_bandwidth(
     ----------
     x : (sample,) array
         The record in any unit; NaN marks a missing sample.
-    phase_rad : (sample,) array
-        Shaft angle in rad, or a mapping from shaft name to such an array.
-    orders
-        Orders in cycles per revolution, one number each; with a mapping, (shaft, order) pairs. Order 0 is the mean.
-    rate_hz
-        Sampling rate in Hz; with `largest_bandwidth_hz`.
-    samples_per_rev
-        Samples per revolution, for a record sampled in angle; with `largest_bandwidth_orders`.
-    largest_bandwidth_hz
-        Upper bound of the search in Hz. Orders within 2.5 times of it of one another are estimated jointly, at a cost
-        that grows with the cube of their number.
-    largest_bandwidth_orders
-        The same in cycles per revolution.
-    poles
-        Number of integrations of the random walk of the amplitudes, 1 to 4.
+    phase_rad, orders, rate_hz, samples_per_rev, poles
+        As for `track_orders`.
+    largest_bandwidth_hz, largest_bandwidth_orders
+        Upper bound of the search in Hz, with `rate_hz`, or in cycles per revolution, with `samples_per_rev`. Orders
+        within 2.5 times of it of one another are estimated jointly, at a cost that grows with the cube of their number.
     noise_variance
         Variance of white noise as dense as the noise beside each order, one number or (order,) array; by default as a
         tracker with the largest bandwidth estimates it.

@@ -19,7 +19,6 @@ from signals.harmonics.separability import Closeness, Gain, coupled, leaks, left
 
 # ---- Information smoothers over the nodes of a grid: of each order alone, and of coupled groups of orders ------------
 
-
 # The first round leaves out a triangular weight of which less than this share is seen, of the share of the fuller of
 # its neighbours.
 SMALLEST_SHARE = 0.6
@@ -29,7 +28,7 @@ MOST_KEPT = 1 << 21
 Chains = list[tuple[Indices, NodeChain]]
 
 
-@dataclass(kw_only=True, eq=False)
+@dataclass(eq=False)
 class Smoothed:
     """Estimated amplitudes and variances at the nodes of a grid."""
 
@@ -42,14 +41,9 @@ class Smoothed:
     @classmethod
     def empty(cls, grid: Grid, first: int) -> "Smoothed":
         """Return arrays for a grid."""
-        orders = grid.model.orders.size
-        return cls(
-            levels=np.zeros((len(grid.x), orders, grid.nodes), dtype=np.complex128),
-            variances=np.empty((orders, grid.nodes)),
-            explained=np.zeros((orders, grid.nodes)),
-            log_variances=np.empty(orders),
-            first=first,
-        )
+        shape = grid.model.orders.size, grid.nodes
+        levels = np.zeros((len(grid.x), *shape), dtype=np.complex128)
+        return cls(levels, np.empty(shape), np.zeros(shape), np.empty(shape[0]), first)
 
     @property
     def size(self) -> Floats:
@@ -117,15 +111,9 @@ def chain_alone(grid: Grid, group: Indices, data: Floats, counts: Floats) -> Nod
     """
     parts = 2 if grid.model.orders[group[0]] else 1
     lanes = np.ascontiguousarray(data[..., :parts].reshape(*data.shape[:2], 1, -1))
+    gram, process = counts[:, :, None, None] / parts, grid.process_noise(group[:1])[:, :1].copy()
     before = Information.prior(grid.prior_variance(group[:1])[:, :1], lanes.shape[3])
-    return NodeChain(
-        gram=np.ascontiguousarray(counts[:, :, None, None] / parts),
-        data=lanes,
-        nodes=len(lanes),
-        process_noise=grid.process_noise(group[:1])[:, :1].copy(),
-        before=before,
-        after=before.none(),
-    )
+    return NodeChain(gram=gram, data=lanes, nodes=len(lanes), process_noise=process, before=before, after=before.none())
 
 
 def smooth_group(grid: Grid, group: Indices, data: Floats, smoothed: Smoothed, gram: Gram | None = None) -> NodeChain:
@@ -222,7 +210,6 @@ def by_order(model: HarmonicModel, found: SmoothedChain) -> tuple[Complexes, Flo
 
 
 # ---- Coupling --------------------------------------------------------------------------------------------------------
-
 
 # After so many time constants an end or gap has a hundredth of its effect; where more leaks, as many more as it takes
 # to fall to the tolerance.

@@ -20,13 +20,7 @@ from math import ceil, log, sqrt
 
 import numpy as np
 
-from signals.harmonics._filter_kernels import (
-    LOOK_AHEAD,
-    PIECE,
-    filter_covariance,
-    filter_pairs,
-    filter_steadily,
-)
+from signals.harmonics._filter_kernels import LOOK_AHEAD, PIECE, filter_covariance, filter_pairs, filter_steadily
 from signals.harmonics.bandwidth import Bandwidth
 from signals.harmonics.innovations import Innovations
 from signals.harmonics.model import Complexes, Estimate, Floats, HarmonicModel, lost

@@ -173,11 +173,6 @@ class Patterns:
         return cls(record=record, seen=masks, of_channel=of_channel)
 
     @property
-    def first_channels(self) -> list[int]:
-        """The first channel of each pattern."""
-        return [self.of_channel.tolist().index(number) for number in range(len(self.seen))]
-
-    @property
     def records(self) -> list[Floats]:
         """The channels of each pattern."""
         if len(self.seen) == 1:

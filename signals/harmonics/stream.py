@@ -162,23 +162,13 @@ class OrderTracker:
         Orders in cycles per revolution, one number each, or (shaft, order) pairs. Order 0 is the mean.
     noise_variance
         Variance R of the white noise in the record, in its unit squared.
-    bandwidth_hz
-        Full -3 dB width of the smoother in Hz, one for all orders or one each; with `rate_hz`.
-    bandwidth_orders
-        The same in cycles per revolution; with `samples_per_rev`.
-    rate_hz
-        Sampling rate in Hz.
-    samples_per_rev
-        Samples per revolution, for a record sampled in angle.
-    poles
-        Number of integrations of the random walk of the amplitudes, 1 to 4.
-    initial_std
-        Prior standard deviation of the real and imaginary part of each amplitude, in the unit of the record. Default
-        1000 standard deviations of the noise.
+    bandwidth_hz, bandwidth_orders
+        Full -3 dB width of the smoother, one for all orders or one each: in Hz, with `rate_hz`, or in cycles per
+        revolution, with `samples_per_rev`.
+    rate_hz, samples_per_rev, poles, initial_std, output_every
+        As for `track_orders`.
     lag
         None for the causal filter; else the least number of later samples that the smoother uses for an output.
-    output_every
-        Samples from one output to the next.
 
     Examples
     --------

@@ -172,10 +172,9 @@ def track_orders(
     patterns = Patterns.of(record)
     chosen = _choose(method, task, patterns.seen)
     one = np.ndim(x) == 1
-    startups = [
-        _startup(task, seen, name="x" if one else f"x[{channel}]")
-        for seen, channel in zip(patterns.seen, patterns.first_channels, strict=True)
-    ]
+    firsts = np.unique(patterns.of_channel, return_index=True)[1]  # the first channel of each pattern
+    names = ["x"] if one else [f"x[{channel}]" for channel in firsts]
+    startups = [_startup(task, seen, name=name) for seen, name in zip(patterns.seen, names, strict=True)]
     estimates = [_run(chosen, task, *part) for part in zip(patterns.records, patterns.seen, startups, strict=True)]
     flags, pairs = flag_outputs(task.closeness, patterns.seen, every=task.output_every, estimator=estimator)
     return OrderTracks(

@@ -22,10 +22,7 @@ if TYPE_CHECKING:
 
 @checked
 def order_waveform(
-    tracks: OrderTracks,
-    *,
-    phase_rad: ArrayLike | Mapping[str, ArrayLike],
-    places: Sequence[int] | None = None,
+    tracks: OrderTracks, *, phase_rad: ArrayLike | Mapping[str, ArrayLike], places: Sequence[int] | None = None
 ) -> Floats:
     """Return the waveform `sum_k Re{ Z_k exp(j order_k phase) }` of some of the tracked orders.
 
