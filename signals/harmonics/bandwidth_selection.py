@@ -187,18 +187,11 @@ def likely_bandwidth(
 
 @dataclass(frozen=True, kw_only=True, eq=False)
 class LikelyTracks:
-    """Amplitudes of orders at their maximum-likelihood bandwidths.
+    """Amplitudes of orders at their maximum-likelihood bandwidths."""
 
-    Attributes
-    ----------
-    bandwidth : (order,) array, as of `likely_bandwidth`.
-    complex_amplitude : (order, output) array in the unit of the record, relative to `order phase`.
-    std : (order, output) array, of the real and of the imaginary part.
-    """
-
-    bandwidth: Floats
-    complex_amplitude: Complexes
-    std: Floats
+    bandwidth: Floats  # (order,), as of `likely_bandwidth`
+    complex_amplitude: Complexes  # (order, output) in the unit of the record, relative to `order phase`
+    std: Floats  # (order, output), of the real and of the imaginary part
 
 
 @checked

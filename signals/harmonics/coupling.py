@@ -264,9 +264,11 @@ class Coupling:
         worst = float(parts[np.isfinite(parts)].max()) / grid.tolerance
         self.cut = (grid.shares < 1 - grid.tolerance) | grid.jumps
         fading = log(max(worst, 1.0))
-        memories = max(FEWEST_MEMORIES, fading)
-        reach = grid.reach(max(MARGIN, fading - 1))
-        self.runs = _disturbed_runs(grid, memories=memories, margin=reach)
+        margin = grid.reach(max(MARGIN, fading - 1))
+        self.runs = _disturbed_runs(grid, memories=max(FEWEST_MEMORIES, fading), margin=margin)
+        grouped = np.isin(np.arange(size.size), np.concatenate([[], *groups]))
+        self.lone = np.flatnonzero(~grouped)
+        self.together = np.repeat(grouped[:, None], grid.nodes, axis=1)  # where orders are smoothed with others
         self.local_groups: list[list[Indices]] = []
         self.left = left_over(received, size, groups)
         for nodes, _ in self.runs:
@@ -274,14 +276,8 @@ class Coupling:
             here = nearby.received(gain, size)
             self.local_groups.append(_split(nearby, coupled(here, size, grid.tolerance)))
             self.left = max(self.left, left_over(here, size, self.local_groups[-1]))
-        # Where orders are smoothed with others.
-        self.together = np.zeros((size.size, grid.nodes), dtype=np.bool_)
-        for group in groups:
-            self.together[group] = True
-        for (nodes, _), local in zip(self.runs, self.local_groups, strict=True):
-            for group in local:
+            for group in self.local_groups[-1]:
                 self.together[group, nodes] = True
-        self.lone = np.setdiff1d(np.arange(size.size), np.concatenate([[], *groups]).astype(np.int64))
 
     def smooth_ends(self, smoothed: Smoothed) -> None:
         """Subtract the others under incomplete weights and smooth again, until amplitudes of lone orders converge."""

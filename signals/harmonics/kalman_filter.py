@@ -197,7 +197,12 @@ def steady_state_filter(
         variances = np.column_stack([variances, shares[0]])
     predicted = state.mean.reshape(channels, model.poles, -1)
     work, rows = np.empty((3, max(PIECE, gains.shape[1]))), np.empty((PIECE, gains.shape[1]))
-    turn, ahead = _steady_turn(model, gains)
+    turn, ahead = np.empty((2, 0)), np.empty(0)  # of no use where the shaft turns unsteadily
+    if model.steady_step is not None:
+        angle = model.orders * model.steady_step
+        turn = np.tile([np.cos(angle * PIECE), np.sin(angle * PIECE)], PIECE)
+        if model.poles == 1:
+            ahead = shares[0] @ np.cos(np.outer(angle, np.arange(LOOK_AHEAD)))
     for first in range(begin, samples, STEADY_AT_ONCE):
         span = slice(first, min(first + STEADY_AT_ONCE, samples))
         values, residuals = np.ascontiguousarray(x[:, span].T), np.empty((span.stop - first, channels))
@@ -213,13 +218,3 @@ def steady_state_filter(
         innovations.separate()
         innovations.add(late, np.full(late.shape[1], variance))
     return innovations.estimate(amplitude.transpose(1, 2, 0), variances, error_bound=error_bound)
-
-
-def _steady_turn(model: HarmonicModel, gains: Floats) -> tuple[Floats, Floats]:
-    """Return `turn` and `ahead` of `filter_steadily`: empty where they are of no use."""
-    if model.steady_step is None:
-        return np.empty((2, 0)), np.empty(0)
-    angle = model.orders * model.steady_step
-    turn = np.tile([np.cos(angle * PIECE), np.sin(angle * PIECE)], PIECE)
-    sums = gains[0, ::2] @ np.cos(np.outer(angle, np.arange(LOOK_AHEAD)))
-    return turn, np.asarray(sums if model.poles == 1 else sums[:0])

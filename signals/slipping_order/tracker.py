@@ -174,15 +174,9 @@ def track_slipping_order(
     slip_change_per_rev
         Standard deviation of the change of the slip in one revolution, sqrt(m) times that in m; 0.001 lets a line at 1
         % drift by another per cent in a hundred revolutions.
-    bandwidth_hz
-        Full -3 dB width of the smoother of the amplitude in Hz, one number, or a (1, sample) array where it varies;
-        with `rate_hz`.
-    bandwidth_orders
-        The same in cycles per revolution; with `samples_per_rev` or `rate_hz`.
-    rate_hz
-        Sampling rate in Hz.
-    samples_per_rev
-        Samples per revolution, for a record sampled in angle.
+    bandwidth_hz, bandwidth_orders, rate_hz, samples_per_rev
+        Full -3 dB width of the smoother of the amplitude, one number, or a (1, sample) array where it varies, with the
+        units and rates of `track_orders`.
     harmonics
         Number of harmonics, from the fundamental on, which share one slip and one noise variance.
     estimator
