@@ -5,9 +5,6 @@ other. So the diffuse part of the covariance is a factor V: the covariance is `P
 that of an exactly known initial state. Once V V^T is small it is added to P. Where samples are missing for long, or a
 shaft rests, P grows again: then V becomes its Cholesky factor, and P zero.
 
-With one pole, once V is zero, samples are taken in pairs: their updates of P, and the products of P with the next two
-regressors, are made in one pass over P.
-
 The effect of the initial covariance vanishes within some time constants. In the frame that rotates with an order the
 covariance is then constant but for a ripple at the frequency distances between orders, and so are the gains: those of
 a random walk in noise of variance 2R (R for the mean), which `Bandwidth.filter_shares` gives exactly. An order's
@@ -20,7 +17,7 @@ from math import ceil, log, sqrt
 
 import numpy as np
 
-from signals.harmonics._filter_kernels import LOOK_AHEAD, PIECE, filter_covariance, filter_pairs, filter_steadily
+from signals.harmonics._filter_kernels import LOOK_AHEAD, PIECE, filter_covariance, filter_steadily
 from signals.harmonics.bandwidth import Bandwidth
 from signals.harmonics.innovations import Innovations
 from signals.harmonics.model import Complexes, Estimate, Floats, HarmonicModel, lost
@@ -143,13 +140,11 @@ def filter_on(
             end = min(begin + interval - state.count % interval, span.stop)
             part = slice(begin - span.start, end - span.start)
             skip = -state.count % output_every
-            given = values[part], np.ascontiguousarray(phase[:, part]), orders, shaft, q if len(q) == 1 else q[part]
-            found = normalised[part], innovation_variances[part], levels[done:], variances[done:]
-            own = state.mean, state.covariance, (skip, output_every)
-            if model.poles == 1 and not state.diffuse:
-                filter_pairs(*given, *own, *found)
-            else:
-                filter_covariance(*given, *own, *found, state.factor, state.diffuse, *scratch)
+            filter_covariance(
+                values[part], np.ascontiguousarray(phase[:, part]), orders, shaft, q if len(q) == 1 else q[part],
+                state.mean, state.covariance, (skip, output_every), normalised[part], innovation_variances[part],
+                levels[done:], variances[done:], state.factor, state.diffuse, *scratch,
+            )  # fmt: skip
             done += len(range(skip, end - begin, output_every))
             state.count, begin = state.count + end - begin, end
             if state.count % interval == 0:
