@@ -15,7 +15,6 @@ Floats = NDArray[np.float64]
 Indices = NDArray[np.int64]
 
 PIECE = 128  # samples whose phasors are made at a time: they stay in the nearest cache
-LOOK_AHEAD = 4  # samples whose innovations are found together
 
 
 @compiled_sums_in_place
@@ -184,62 +183,16 @@ def on_line(phase: Floats, step: float, most: float) -> bool:
 
 
 @compiled_sums_in_place
-def _filter_ahead(
-    x: Floats, first: int, rows: Floats, gains: Floats, ahead: Floats, state: Floats, skip: int, every: int,
-    innovations: Floats, levels: Floats, unused: Floats,
-) -> int:  # fmt: skip
-    """Run the filter with one pole over the piece from sample `first` on; return the first sample left over.
-
-    The products of `LOOK_AHEAD` regressors with the levels before the first of them do not wait for one another.
-    `ahead` is what an innovation adds to the prediction so many samples on; the others as for `filter_steadily`.
-    """
-    width, samples = gains.shape[1], min(first + len(rows), len(x)) - first
-    samples -= samples % LOOK_AHEAD
-    output = -((skip - first) // every)
-    for begin in range(0, samples, LOOK_AHEAD):
-        h0, h1, h2, h3 = rows[begin], rows[begin + 1], rows[begin + 2], rows[begin + 3]
-        at = first + begin
-        for channel in range(len(state)):
-            own = state[channel, 0]
-            a, b, c, d = 0.0, 0.0, 0.0, 0.0
-            for i in range(width):
-                a += h0[i] * own[i]
-                b += h1[i] * own[i]
-                c += h2[i] * own[i]
-                d += h3[i] * own[i]
-            e0 = x[at, channel] - a
-            e1 = x[at + 1, channel] - b - ahead[1] * e0
-            e2 = x[at + 2, channel] - c - ahead[2] * e0 - ahead[1] * e1
-            e3 = x[at + 3, channel] - d - ahead[3] * e0 - ahead[2] * e1 - ahead[1] * e2
-            innovations[at, channel], innovations[at + 1, channel] = e0, e1
-            innovations[at + 2, channel], innovations[at + 3, channel] = e2, e3
-        for n in range(begin, begin + LOOK_AHEAD):
-            h, due = rows[n], first + n == skip + output * every
-            for channel in range(len(state)):
-                own, innovation = state[channel, 0], innovations[first + n, channel]
-                level = levels[output, channel] if due else unused
-                for i in range(width):
-                    own[i] += gains[0, i] * innovation * h[i]
-                    level[i] = own[i]
-            output += due
-    return first + samples
-
-
-@compiled_sums_in_place
 def filter_steadily(
-    x: Floats, phase: Floats, orders: Floats, shaft: Indices, turn: Floats, ahead: Floats, gains: Floats, state: Floats,
-    skip: int, every: int, work: Floats, rows: Floats, innovations: Floats, levels: Floats,
+    x: Floats, phase: Floats, orders: Floats, shaft: Indices, turn: Floats, gains: Floats, state: Floats, skip: int,
+    every: int, work: Floats, rows: Floats, innovations: Floats, levels: Floats,
 ) -> None:  # fmt: skip
     """Run the filter with steady-state gains over some samples.
 
-    Where the only shaft turns steadily, each piece has the regressors of the last one, turned by one angle.
-    With one pole an innovation e then adds `e sum_k g_k cos(m order_k step)` to the prediction m samples on, and
-    `_filter_ahead` finds `LOOK_AHEAD` innovations at a time.
-
-    `turn` holds cos and sin of what each order turns in a piece, for all of its samples: of shape (2, 0) where the
-    shaft turns unsteadily. `ahead` holds these sums, none with more poles. The (pole, 2 order) gains times h are the
-    Kalman gains; the (channel, pole, 2 order) state is the mean of `filter_covariance`, as the other arguments are its;
-    `work` and `rows` are scratch of (3, PIECE or 2 order) and (PIECE, 2 order).
+    Where the only shaft turns steadily, each piece has the regressors of the last one, turned by one angle, of which
+    `turn` holds cos and sin of each order, for all samples of a piece; it is of shape (2, 0) elsewhere. The (pole,
+    2 order) gains times h are the Kalman gains; the (channel, pole, 2 order) state is the mean of `filter_covariance`,
+    as the other arguments are its; `work` and `rows` are scratch of (3, PIECE or 2 order) and (PIECE, 2 order).
     """
     samples, channels = x.shape
     poles, width = gains.shape
@@ -249,21 +202,18 @@ def filter_steadily(
             _turn(rows.reshape(-1), turn[0], turn[1])
         else:
             _fill_regressors(phase, orders, shaft, first, cosine, sine, rows)
-        begin = first
-        if steady and ahead.size:
-            begin = _filter_ahead(x, first, rows, gains, ahead, state, skip, every, innovations, levels, unused)
-        output = -((skip - begin) // every)
-        for i in range(begin, min(first + PIECE, samples)):
+        output = -((skip - first) // every)
+        for i in range(first, min(first + PIECE, samples)):
             h, due = rows[i - first], i == skip + output * every
             for channel in range(channels):
-                own = state[channel]
+                own, top, top_gains = state[channel], state[channel, 0], gains[0]
                 level = levels[output, channel] if due else unused
                 # Innovation e = x - h . level; update each difference by its gain h e.
-                innovation = x[i, channel] - _dot(h, own[0])
+                innovation = x[i, channel] - _dot(h, top)
                 innovations[i, channel] = innovation
                 for b in range(width):
-                    own[0, b] += gains[0, b] * innovation * h[b]
-                    level[b] = own[0, b]
+                    top[b] += top_gains[b] * innovation * h[b]
+                    level[b] = top[b]
                 for j in range(1, poles):
                     for b in range(width):
                         own[j, b] += gains[j, b] * innovation * h[b]

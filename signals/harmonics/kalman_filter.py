@@ -17,7 +17,7 @@ from math import ceil, log, sqrt
 
 import numpy as np
 
-from signals.harmonics._filter_kernels import LOOK_AHEAD, PIECE, filter_covariance, filter_steadily
+from signals.harmonics._filter_kernels import PIECE, filter_covariance, filter_steadily
 from signals.harmonics.bandwidth import Bandwidth
 from signals.harmonics.innovations import Innovations
 from signals.harmonics.model import Complexes, Estimate, Floats, HarmonicModel, lost
@@ -192,17 +192,15 @@ def steady_state_filter(
         variances = np.column_stack([variances, shares[0]])
     predicted = state.mean.reshape(channels, model.poles, -1)
     work, rows = np.empty((3, max(PIECE, gains.shape[1]))), np.empty((PIECE, gains.shape[1]))
-    turn, ahead = np.empty((2, 0)), np.empty(0)  # of no use where the shaft turns unsteadily
+    turn = np.empty((2, 0))  # of no use where the shaft turns unsteadily
     if model.steady_step is not None:
-        angle = model.orders * model.steady_step
-        turn = np.tile([np.cos(angle * PIECE), np.sin(angle * PIECE)], PIECE)
-        if model.poles == 1:
-            ahead = shares[0] @ np.cos(np.outer(angle, np.arange(LOOK_AHEAD)))
+        angle = model.orders * model.steady_step * PIECE
+        turn = np.tile([np.cos(angle), np.sin(angle)], PIECE)
     for first in range(begin, samples, STEADY_AT_ONCE):
         span = slice(first, min(first + STEADY_AT_ONCE, samples))
         values, residuals = np.ascontiguousarray(x[:, span].T), np.empty((span.stop - first, channels))
         filter_steadily(
-            values, model.phase(span), model.orders, model.shaft, turn, ahead, gains, predicted, -first % output_every,
+            values, model.phase(span), model.orders, model.shaft, turn, gains, predicted, -first % output_every,
             output_every, work, rows, residuals, levels[ceil(first / output_every) :],
         )  # fmt: skip
         counted = residuals.T[:, max(startup - first, 0) :]
