@@ -36,6 +36,14 @@ Array = NDArray[np.float64]
 PENALTIES = (1e-3, 3e-3, 1e-2, 3e-2, 1e-1, 3e-1, 1.0)
 SEVERITIES = ((0.0, 1 / 3), (1 / 3, 2 / 3), (2 / 3, 1.01))
 DETECTABLE_DB = (-np.inf, 15.0, 30.0, 50.0, np.inf)
+NAMED_DB = 40.0  # as on the page of verdicts
+KINDS = dict.fromkeys(("crack", "chipping", "missing tooth", "spall"), "tooth") | {
+    "inner race": "inner_race",
+    "outer race": "outer_race",
+    "element": "rolling_element",
+    "cage": "cage",
+}
+Findings = list[tuple[str, str, str]]  # component, kind, verdict
 
 NOTE = """\
 Made by `python benchmarks/dataset.py --records {records} --workers 2`: the first {records:,} records of {name}
@@ -48,12 +56,19 @@ the mean over the parts of the gearbox, so that gearboxes of one and of three st
 multinomial logistic regression with an L2 penalty on standardised features, classes weighted equally. A recall of n
 records has a standard deviation of up to 0.5 / sqrt(n)."""
 
+VERDICTS = """\
+What the same analyses say by themselves, of all records, without a baseline. *Named first*: of faults of at least
+{detectable:.0f} dB, those whose part leads the findings; *of its shaft*: those where another gear of the shaft does.
+*Diagnosed wrongly*: records in which another part is diagnosed than the damaged one. What changes a whole gear or shaft
+alike is named by limits or a baseline alone. The matched filter of the detectability knows the fault, and the noise is
+all it has against it: a fault of 40 dB may lie far below the meshes."""
+
 
 # ---- Features ----------------------------------------------------------------------------------------------------
 
 
-def features_of(record: "object") -> dict[str, float]:
-    """Return the features of a record, by name; NaN where an indicator is withheld."""
+def features_of(record: "object") -> tuple[dict[str, float], Findings]:
+    """Return the features of a record, by name, NaN where an indicator is withheld, and its findings."""
     gearbox = hums.Gearbox.from_mapping(tomllib.loads(record.attrs["truth_scene"])["gearbox"])  # type: ignore[attr-defined]
     tree = hums.analyze(record, gearbox, settings=hums.AnalysisSettings(most_tracks=0))  # type: ignore[arg-type]
     found: dict[str, float] = {}
@@ -66,7 +81,8 @@ def features_of(record: "object") -> dict[str, float]:
         for (kind, harmonic, side), rows in lines.groupby(["kind", "harmonic", "side"]):
             where = f"{spectrum}, {kind} {harmonic}{', sidebands' if side else ''}"
             _add(found, where, rows["snr"].to_numpy(dtype=float))
-    return found
+    findings = hums.findings_table(tree)
+    return found, [*zip(findings["component"], findings["kind"], findings["verdict"], strict=True)]
 
 
 def _add(found: dict[str, float], name: str, values: Array) -> None:
@@ -129,15 +145,19 @@ def page(folder: Path, plan: "object", cost: str, *, workers: int) -> str:
     labels = pd.DataFrame({name: opened[name].to_numpy() for name in opened.coords if opened[name].dims == ("record",)})
     with ProcessPoolExecutor(workers, mp_context=get_context("spawn")) as pool:
         rows = [*pool.map(partial(_features, folder), range(len(labels)), chunksize=10)]
-    return page_of(labels, pd.DataFrame(rows), tomllib.loads(plan.text), cost)  # type: ignore[attr-defined]
+    table, findings = pd.DataFrame([features for features, _ in rows]), [found for _, found in rows]
+    return page_of(labels, table, findings, tomllib.loads(plan.text), cost)  # type: ignore[attr-defined]
 
 
-def _features(folder: Path, number: int) -> dict[str, float]:
+def _features(folder: Path, number: int) -> tuple[dict[str, float], Findings]:
     return features_of(hums.dataset_record(folder, number))
 
 
-def page_of(labels: pd.DataFrame, table: pd.DataFrame, plan: dict[str, Any], cost: str) -> str:
-    """Return the page of labels and features, a row for each record, of a plan as TOML has it."""
+def page_of(
+    labels: pd.DataFrame, table: pd.DataFrame, findings: list[Findings], plan: dict[str, Any], cost: str
+) -> str:
+    """Return the page of labels, features and findings, a row for each record, of a plan as TOML has it."""
+    said = verdicts_of(labels, findings)
     scored = (labels["class_number"] >= 0).to_numpy()
     labels, table = labels[scored].reset_index(drop=True), table[scored].reset_index(drop=True)
     split = {name: (labels["split"] == name).to_numpy() for name in ("train", "validation", "test")}
@@ -189,7 +209,39 @@ def page_of(labels: pd.DataFrame, table: pd.DataFrame, plan: dict[str, Any], cos
         here = faulty & (test["detectability_db"] >= low) & (test["detectability_db"] < high)
         span = f"below {high:g}" if low == -np.inf else f"above {low:g}" if high == np.inf else f"{low:g} to {high:g}"
         lines.append(f"| detectability {span} dB | {here.sum()} | {_share(right[here])} |")
-    return "\n".join([*lines, *(["", cost] if cost else [])]) + "\n"
+    return "\n".join([*lines, "", *said, *(["", cost] if cost else [])]) + "\n"
+
+
+def verdicts_of(labels: pd.DataFrame, findings: list[Findings]) -> list[str]:
+    """Return the lines of the table of verdicts, a row for each class."""
+    lines = ["## Verdicts", "", VERDICTS.format(detectable=NAMED_DB), ""]
+    lines.append("| class | records | of them detectable | named first | of its shaft | diagnosed wrongly |")
+    lines.append("|---|---|---|---|---|---|")
+    for name in (*CLASSES, *FURTHER):
+        mine = [
+            (row, found) for (_, row), found in zip(labels.iterrows(), findings, strict=True) if row["class"] == name
+        ]
+        detectable = [(row, found) for row, found in mine if row["detectability_db"] >= NAMED_DB]
+        kind, first, beside = KINDS.get(name), 0, 0
+        for row, found in detectable:
+            component = found[0][0] if found else ""
+            first += bool(found) and (component, found[0][1]) == (row["component"], kind)
+            beside += (
+                kind == "tooth"
+                and component not in ("", row["component"])
+                and _shaft(component) == _shaft(row["component"])
+            )
+        wrong = sum(
+            any(verdict == "diagnosed" and (part, what) != (row["component"], kind) for part, what, verdict in found)
+            for row, found in mine
+        )
+        counts = (len(detectable), first, beside if kind == "tooth" else "") if kind else ("", "", "")
+        lines.append(f"| {name} | {len(mine)} | {' | '.join(map(str, counts))} | {wrong} |")
+    return lines
+
+
+def _shaft(component: str) -> str:
+    return component.rpartition("/")[2]
 
 
 def _share(right: pd.Series) -> str:

@@ -53,6 +53,7 @@ _TOGETHER = 2**21  # samples of envelopes resampled at once: their angles are fo
 _SHORTEST = 64  # samples that a check of the sensor needs
 _SPEEDS = 256  # over the record, for that check: four in each part in which it looks for a change of level
 _LEAST_STRENGTH = 0.03  # of evidence that may name a part, half of the least that does in records of minutes
+_OF_THE_LINE = 0.5  # of a line in angle, which one in time must leave there: another line that is larger leaves nothing
 _HARMONICS_IN_TIME = 4.5  # of a line that is looked for in time: the first four, and half of one to the filter's edge
 _POOLED_BINS = 12.0  # beside a line of a pooled spectrum: nine without its main lobe, of a record of three turns
 
@@ -403,14 +404,14 @@ def _unless_in_time(part: PartEvidence, stretch: Stretch, when: Sampling) -> Par
     inside = (times_s >= phase.start_s) & (times_s <= phase.stop_s)
     if np.count_nonzero(inside) < FEWEST_SAMPLES:
         return part
-    in_time, in_angle, frequency_hz = power_in_time_and_angle(
+    of = power_in_time_and_angle(
         envelope[inside], rate_hz=rate_hz, revolutions=phase.revolutions_at(times_s[inside]), order=part.found
     )
-    if not in_time > IN_TIME * in_angle:
+    if not (of.in_time > IN_TIME * of.in_angle and of.left_in_angle > _OF_THE_LINE * of.in_angle):
         return part
     why = (
-        f"it follows the clock, at {frequency_hz:.2f} Hz {in_time / in_angle:.1f} times its power over the shaft's "
-        "angle, as the line of another machine does"
+        f"it follows the clock, at {of.frequency_hz:.2f} Hz {of.in_time / of.in_angle:.1f} times its power over the "
+        "shaft's angle, as the line of another machine does"
     )
     return replace(part, hidden_by=why)
 

@@ -10,33 +10,61 @@ are largest, through a Hann window over the whole record: with e the envelope ov
     P_\text{angle} = \max_\delta \sum_{k=1}^{K} \Bigl|\sum_n w_n e_n
     e^{-2 \pi j k (o \theta_n + \delta t_n)}\Bigr|^2,
 
-and :math:`P_\text{time}` the same with the frequency :math:`o \langle\dot\theta\rangle` in place of the order. At
-a constant speed both are one.
+and :math:`P_\text{time}` the same with a frequency in place of the order. At a constant speed both are one. A line in
+time is that in angle only if it leaves as much there: of harmonic k
+
+.. math::
+
+    P_{\text{time},k} \Bigl|\sum_n w_n e^{2 \pi j k (f t_n - o \theta_n)} \Bigr|^2 \Big/ \Bigl(\sum_n w_n\Bigr)^2.
 """
 
 import math
+from typing import NamedTuple
 
 import numpy as np
 from numpy.typing import ArrayLike, NDArray
 
 from signals._validation import positive, real_vector
 
-__all__ = ["FEWEST_SAMPLES", "power_in_time_and_angle"]
+__all__ = ["FEWEST_SAMPLES", "LinePower", "power_in_time_and_angle"]
 
-FEWEST_SAMPLES = 512  # of an envelope: one a block
-_BLOCKS = FEWEST_SAMPLES  # means of a line turned to zero frequency: one 60 bins off, the furthest, loses 2 % of itself
-_LEVEL_BLOCKS = 8  # on either side that are the level: a thirtieth of the record
+FEWEST_SAMPLES = 512  # of an envelope
+_BLOCKS = 8  # to a bin by which a line is off: its means over them lose 2 % of it
+_FEWEST_BLOCKS = 512
+_LEVEL_BLOCKS, _LEVEL_SIDE = 512, 8  # on either side that are the level: a thirtieth of the record
 _FINE = 4  # places to a bin of the highest harmonic: the worst has lost 2 % of its power
 _REACH_BINS = 2.5  # that a line may be beside its order: half the main lobe of a Hann window and half a bin
-_FURTHEST_BINS = 60.0
+_FURTHEST_BINS = 500.0  # by the change of the speed: 20 ms for a line and its harmonics
 
 Array = NDArray[np.float64]
 
 
+class LinePower(NamedTuple):
+    """Power of a line and its harmonics, in one unit.
+
+    Attributes
+    ----------
+    in_angle : float
+        At the order.
+    in_time : float
+        At the frequency; NaN where the speed changes so far that hardly a line of constant frequency is one in angle:
+        by 500 bins of the record at this order on either side of the middle.
+    left_in_angle : float
+        What the line at the frequency leaves at the order.
+    frequency_hz : float
+        Where the line stands in time.
+    """
+
+    in_angle: float
+    in_time: float = math.nan
+    left_in_angle: float = math.nan
+    frequency_hz: float = math.nan
+
+
 def power_in_time_and_angle(
     envelope: ArrayLike, *, rate_hz: float, revolutions: ArrayLike, order: float, harmonics: int = 4
-) -> tuple[float, float, float]:
-    """Return the power of a line and its harmonics in time and in angle, and its frequency in time.
+) -> LinePower:
+    """Return the power of a line and its harmonics in angle and in time.
 
     Parameters
     ----------
@@ -53,11 +81,7 @@ def power_in_time_and_angle(
 
     Returns
     -------
-    in_time, in_angle : float
-        Powers of one unit. NaN in time where the speed changes so far that no line of constant frequency is one in
-        angle: by 60 bins of the record at this order.
-    frequency_hz : float
-        Where the line stands in time.
+    LinePower
 
     Raises
     ------
@@ -74,17 +98,17 @@ def power_in_time_and_angle(
     >>> t = np.arange(8000) / 800
     >>> turns = 20 * t + 0.1 * np.sin(2 * np.pi * 0.2 * t)
     >>> others = 1 + 0.3 * np.cos(2 * np.pi * 66 * t)
-    >>> time, angle, hz = power_in_time_and_angle(others, rate_hz=800, revolutions=turns, order=3.3)
-    >>> round(time / angle, 1), round(hz, 2)
-    (2.9, 66.0)
+    >>> of_others = power_in_time_and_angle(others, rate_hz=800, revolutions=turns, order=3.3)
+    >>> round(of_others.in_time / of_others.in_angle, 1), round(of_others.frequency_hz, 2)
+    (3.0, 66.0)
     >>> own = 1 + 0.3 * np.cos(2 * np.pi * 3.3 * turns)
-    >>> time, angle, _ = power_in_time_and_angle(own, rate_hz=800, revolutions=turns, order=3.3)
-    >>> round(time / angle, 1)
+    >>> of_own = power_in_time_and_angle(own, rate_hz=800, revolutions=turns, order=3.3)
+    >>> round(of_own.in_time / of_own.in_angle, 1)
     0.3
     """
     rate, first = positive(rate_hz, name="rate_hz"), positive(order, name="order")
     values, turns = (
-        real_vector(each, name=name, minimum=_BLOCKS)
+        real_vector(each, name=name, minimum=FEWEST_SAMPLES)
         for each, name in ((envelope, "envelope"), (revolutions, "revolutions"))
     )
     if values.size != turns.size or not turns[-1] > turns[0]:
@@ -92,36 +116,54 @@ def power_in_time_and_angle(
             f"revolutions has {turns.size} values from {turns[0]:g} to {turns[-1]:g}; as many as the envelope has, "
             f"{values.size}, are needed, and a shaft that turns on."
         )
-    kept = values.size // _BLOCKS * _BLOCKS
-    even, turns = _over_level(values[:kept]), turns[:kept]
-    times_s = np.arange(kept) / rate
-    steps = np.diff(turns[:: kept // _BLOCKS])
-    mean_hz = (turns[-1] - turns[0]) / (times_s[-1] - times_s[0])
-    spread_bins = first * float(np.ptp(steps)) * _BLOCKS / 2
-    count = max(1, min(harmonics, math.floor(rate / 2 / (first * mean_hz))))
-    in_angle, _ = _largest_power(even, first * turns, count, _REACH_BINS)
+    even, times_s = _over_level(values), np.arange(values.size) / rate
+    starts = _edges(values.size, _LEVEL_BLOCKS)[:-1]
+    speeds_hz = rate * np.diff(turns[starts]) / np.diff(starts)
+    slowest_hz, fastest_hz = float(speeds_hz.min()), float(speeds_hz.max())
+    middle_hz, spread_bins = (slowest_hz + fastest_hz) / 2, first * (fastest_hz - slowest_hz) / 2 * values.size / rate
+    count = max(1, min(harmonics, math.floor(rate / 2 / (first * fastest_hz))))
+    in_angle, angle_off = _largest_power(even, first * turns, count, _REACH_BINS)
     if spread_bins > _FURTHEST_BINS:
-        return math.nan, in_angle, math.nan
-    reach = max(_REACH_BINS, spread_bins)
-    in_time, offset_bins = _largest_power(even, first * mean_hz * times_s, count, reach)
-    return in_time, in_angle, float(first * mean_hz + offset_bins * rate / kept)
+        return LinePower(float(in_angle.sum()))
+    in_time, time_off = _largest_power(even, first * middle_hz * times_s, count, max(_REACH_BINS, spread_bins))
+    bin_hz = rate / values.size
+    frequency_hz = first * middle_hz + time_off * bin_hz
+    apart = (frequency_hz - angle_off * bin_hz) * times_s - first * turns
+    window = np.hanning(values.size)
+    left = [
+        power * abs(window @ np.exp(2j * np.pi * harmonic * apart)) ** 2 / window.sum() ** 2
+        for harmonic, power in enumerate(in_time, start=1)
+    ]
+    return LinePower(float(in_angle.sum()), float(in_time.sum()), float(np.sum(left)), float(frequency_hz))
+
+
+def _edges(size: int, blocks: int) -> NDArray[np.int_]:
+    """Return where each of nearly equal blocks begins, and the end of the last."""
+    return np.linspace(0, size, blocks + 1).astype(np.int_)
+
+
+def _means(values: NDArray[np.inexact], blocks: int) -> NDArray[np.inexact]:
+    """Return the means over blocks."""
+    edges = _edges(values.size, blocks)
+    return np.asarray(np.add.reduceat(values, edges[:-1]) / np.diff(edges))
 
 
 def _over_level(values: Array) -> Array:
     """Return values over their slowly varying level, less one."""
-    blocks = np.pad(values.reshape(_BLOCKS, -1).mean(axis=1), _LEVEL_BLOCKS, mode="edge")
-    level = np.convolve(blocks, np.full(2 * _LEVEL_BLOCKS + 1, 1 / (2 * _LEVEL_BLOCKS + 1)), mode="valid")
-    return np.asarray(values / np.repeat(level, values.size // _BLOCKS) - 1.0)
+    means = np.pad(_means(values, _LEVEL_BLOCKS), _LEVEL_SIDE, mode="edge")
+    level = np.convolve(means, np.full(2 * _LEVEL_SIDE + 1, 1 / (2 * _LEVEL_SIDE + 1)), mode="valid")
+    return np.asarray(values / np.repeat(level, np.diff(_edges(values.size, _LEVEL_BLOCKS))) - 1.0)
 
 
-def _largest_power(values: Array, cycles: Array, harmonics: int, reach_bins: float) -> tuple[float, float]:
-    """Return the largest power of a line and its harmonics within a reach of its cycles, and its distance in bins."""
-    window, fine = np.hanning(_BLOCKS), _FINE * harmonics
+def _largest_power(values: Array, cycles: Array, harmonics: int, reach_bins: float) -> tuple[Array, float]:
+    """Return the powers of a line and its harmonics, largest within a reach of its cycles, and its distance in bins."""
+    needed = 2 ** math.ceil(math.log2(_BLOCKS * harmonics * reach_bins))
+    blocks, fine = min(max(_FEWEST_BLOCKS, needed), values.size), _FINE * harmonics
     offsets = np.arange(-math.ceil(reach_bins * fine), math.ceil(reach_bins * fine) + 1)
-    power = np.zeros(offsets.size)
-    for harmonic in range(1, harmonics + 1):
+    window, powers = np.hanning(blocks) / blocks, np.zeros((harmonics, offsets.size))
+    for harmonic, power in enumerate(powers, start=1):
         turned = values * np.exp(-2j * np.pi * harmonic * cycles)
-        spectrum = np.fft.fft(turned.reshape(_BLOCKS, -1).mean(axis=1) * window, fine * _BLOCKS)
-        power += np.abs(spectrum[harmonic * offsets % spectrum.size]) ** 2
-    best = int(np.argmax(power))
-    return float(power[best]), float(offsets[best] / fine)
+        spectrum = np.fft.fft(_means(turned, blocks) * window, fine * blocks)
+        power[:] = np.abs(spectrum[harmonic * offsets % spectrum.size]) ** 2
+    best = int(np.argmax(powers.sum(axis=0)))
+    return powers[:, best], float(offsets[best] / fine)

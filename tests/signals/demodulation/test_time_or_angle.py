@@ -23,9 +23,13 @@ def struck(cycles, noise=0.5):
     return 1 + 0.3 * comb + noise * np.abs(np.random.default_rng(2).standard_normal(TIMES_S.size))
 
 
+def power(envelope, turns):
+    return power_in_time_and_angle(envelope, rate_hz=RATE_HZ, revolutions=turns, order=ORDER)
+
+
 def ratio(envelope, turns):
-    in_time, in_angle, frequency_hz = power_in_time_and_angle(envelope, rate_hz=RATE_HZ, revolutions=turns, order=ORDER)
-    return in_time / in_angle, frequency_hz
+    found = power(envelope, turns)
+    return found.in_time / found.in_angle, found.frequency_hz
 
 
 @pytest.mark.parametrize("share", [0.002, 0.005])
@@ -35,6 +39,8 @@ def test_another_machine_follows_the_clock(share, off):
     found, frequency_hz = ratio(struck(hz * TIMES_S), wandering(share))
     assert found > 1.5
     assert frequency_hz == pytest.approx(hz, abs=0.02)
+    of = power(struck(hz * TIMES_S), wandering(share))
+    assert of.left_in_angle == pytest.approx(of.in_angle, rel=0.3)
 
 
 @pytest.mark.parametrize("share", [0.002, 0.005])
@@ -60,14 +66,26 @@ def test_a_load_that_steps_is_no_line():
         assert stepped == pytest.approx(plain, rel=0.1)
 
 
-def test_no_line_of_constant_frequency_is_one_in_a_run_up():
-    turns = 10 * TIMES_S + TIMES_S**2
-    in_time, in_angle, frequency_hz = power_in_time_and_angle(
-        struck(ORDER * turns), rate_hz=RATE_HZ, revolutions=turns, order=ORDER
-    )
-    assert np.isnan(in_time)
-    assert np.isnan(frequency_hz)
-    assert in_angle > 0
+def test_another_machine_is_a_line_at_each_of_two_speeds():
+    turns = np.cumsum(np.where(TIMES_S < 5.5, 17.0, 23.0)) / RATE_HZ
+    others = power(struck(17.0 * ORDER * TIMES_S), turns)  # in angle at 3.3 orders until 5.5 s
+    assert others.in_time > 2 * others.in_angle
+    assert others.left_in_angle == pytest.approx(others.in_angle, rel=0.1)
+    assert others.frequency_hz == pytest.approx(17.0 * ORDER, abs=0.02)
+    own, _ = ratio(struck(ORDER * turns), turns)  # and what follows the shaft, in time, at 56 Hz until then
+    assert own < 0.5
+    # a larger line of another machine in between, at no speed of the shaft, is none of the part's
+    between = struck(ORDER * turns) + np.cos(2 * np.pi * 20.0 * ORDER * TIMES_S)
+    beside = power(between, turns)
+    assert beside.in_time > 1.5 * beside.in_angle
+    assert beside.left_in_angle < 0.1 * beside.in_angle
+
+
+def test_a_run_up_is_too_far():
+    turns = 10 * TIMES_S + 1.8 * TIMES_S**2
+    found = power(struck(ORDER * turns), turns)
+    assert np.isnan(found[1:]).all()
+    assert found.in_angle > 0
 
 
 @pytest.mark.parametrize(
