@@ -410,8 +410,8 @@ def _unless_in_time(part: PartEvidence, stretch: Stretch, when: Sampling) -> Par
     if not (of.in_time > IN_TIME * of.in_angle and of.left_in_angle > _OF_THE_LINE * of.in_angle):
         return part
     why = (
-        f"it follows the clock, at {of.frequency_hz:.2f} Hz {of.in_time / of.in_angle:.1f} times its power over the "
-        "shaft's angle, as the line of another machine does"
+        f"it follows the clock: at {of.frequency_hz:.2f} Hz it has {of.in_time / of.in_angle:.1f} times the power that "
+        "it has over the shaft's angle, as the line of another machine does"
     )
     return replace(part, hidden_by=why)
 

@@ -32,6 +32,7 @@ FEWEST_SAMPLES = 512  # of an envelope
 _BLOCKS = 8  # to a bin by which a line is off: its means over them lose 2 % of it
 _FEWEST_BLOCKS = 512
 _LEVEL_BLOCKS, _LEVEL_SIDE = 512, 8  # on either side that are the level: a thirtieth of the record
+_LEAST_LEVEL = 0.05  # of the mean: in a gap a level near zero would make its noise the largest values of all
 _FINE = 4  # places to a bin of the highest harmonic: the worst has lost 2 % of its power
 _REACH_BINS = 2.5  # that a line may be beside its order: half the main lobe of a Hann window and half a bin
 _FURTHEST_BINS = 500.0  # by the change of the speed: 20 ms for a line and its harmonics
@@ -152,6 +153,7 @@ def _over_level(values: Array) -> Array:
     """Return values over their slowly varying level, less one."""
     means = np.pad(_means(values, _LEVEL_BLOCKS), _LEVEL_SIDE, mode="edge")
     level = np.convolve(means, np.full(2 * _LEVEL_SIDE + 1, 1 / (2 * _LEVEL_SIDE + 1)), mode="valid")
+    level = np.maximum(level, _LEAST_LEVEL * max(float(means.mean()), np.finfo(float).tiny))
     return np.asarray(values / np.repeat(level, np.diff(_edges(values.size, _LEVEL_BLOCKS))) - 1.0)
 
 

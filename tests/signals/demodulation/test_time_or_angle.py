@@ -81,6 +81,15 @@ def test_another_machine_is_a_line_at_each_of_two_speeds():
     assert beside.left_in_angle < 0.1 * beside.in_angle
 
 
+def test_a_gap_is_no_line():
+    turns = wandering(0.005)
+    whole, gap = struck(ORDER * turns), (TIMES_S > 2) & (TIMES_S < 3)
+    noise = 1e-6 * np.random.default_rng(4).standard_normal(TIMES_S.size)
+    cut = power(np.where(gap, noise, whole), turns)
+    assert cut.in_angle == pytest.approx(power(whole, turns).in_angle, rel=0.4)  # a tenth is lost
+    assert cut.in_time < 0.8 * cut.in_angle
+
+
 def test_a_run_up_is_too_far():
     turns = 10 * TIMES_S + 1.8 * TIMES_S**2
     found = power(struck(ORDER * turns), turns)
