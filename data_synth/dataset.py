@@ -7,6 +7,7 @@ whole, so an interrupted run continues with the files that are missing.
 import hashlib
 import math
 import shutil
+from concurrent.futures import ThreadPoolExecutor
 from dataclasses import dataclass
 from functools import lru_cache, partial
 from importlib.metadata import version
@@ -112,10 +113,14 @@ def make_dataset(
 
 def _write_checksums(folder: Path) -> None:
     """Write the SHA-256 of every file of a dataset, as ``sha256sum -c`` reads them."""
-    lines = []
-    for path in sorted(path for path in folder.rglob("*") if path.is_file() and path.name != CHECKSUMS):
+
+    def line(path: Path) -> str:
         with path.open("rb") as file:
-            lines.append(f"{hashlib.file_digest(file, 'sha256').hexdigest()}  {path.relative_to(folder).as_posix()}\n")
+            return f"{hashlib.file_digest(file, 'sha256').hexdigest()}  {path.relative_to(folder).as_posix()}\n"
+
+    files = sorted(path for path in folder.rglob("*") if path.is_file() and path.name != CHECKSUMS)
+    with ThreadPoolExecutor() as pool:  # hashing releases the interpreter
+        lines = [*pool.map(line, files)]
     with atomic_write(folder / CHECKSUMS) as part:
         part.write_text("".join(lines), encoding="utf-8")
 

@@ -1,8 +1,8 @@
 """Truth of a synthetic record: its variables ``truth_...``."""
 
-from dataclasses import dataclass
 from fractions import Fraction
 from operator import itemgetter
+from typing import NamedTuple
 
 import numpy as np
 import xarray as xr
@@ -17,8 +17,7 @@ from data_synth.vibration.gear_lines import GearLines
 from data_synth.vibration.run import Motion, fault_passes
 
 
-@dataclass(frozen=True, kw_only=True)
-class _LineSource:
+class _LineSource(NamedTuple):
     """The part of one source in the line at one order: Z (sensor, instant)."""
 
     component: str
@@ -117,10 +116,8 @@ def _line_truth(prepared: PreparedScene, instants: xr.DataArray, measured: GearL
     """Return complex amplitude, component and kind of every line, and poles and gain of the chain."""
     every = _lines(prepared)
     for line in measured.lines if measured is not None else ():
-        part = _LineSource(component=line.component, kind=line.kind, amplitude=line.amplitude)
-        every.setdefault(line.order, []).append(part)
-    # by numbers: exact orders compare ten times as slowly, and this is how they become numbers, without checks
-    rising = sorted(((order.numerator / order.denominator, parts) for order, parts in every.items()), key=itemgetter(0))
+        every.setdefault(line.order, []).append(_LineSource(line.component, line.kind, line.amplitude))
+    rising = sorted(every.items(), key=itemgetter(0))
     values, lines = [value for value, _ in rising], [parts for _, parts in rising]
     for parts in lines:
         if len(parts) > 1:
@@ -139,7 +136,7 @@ def _line_truth(prepared: PreparedScene, instants: xr.DataArray, measured: GearL
         attrs={"units": sensors[0].channel_units, "convention": "x = Re{Z exp(j order phase)}, peak amplitude"},
     )
     changes = {
-        float(line.order): line.change * _rms(line.amplitude) / _rms(_summed(every[line.order]))
+        line.order: line.change * _rms(line.amplitude) / _rms(_summed(every[line.order]))
         for line in (measured.lines if measured is not None else ())
         if line.change
     }
@@ -211,18 +208,23 @@ def _rms(amplitude: ComplexArray) -> float:
     return float(np.sqrt(np.mean(np.abs(amplitude) ** 2)))
 
 
-def _lines(prepared: PreparedScene) -> dict[Fraction, list[_LineSource]]:
-    """Return the sources of the line at each order: harmonic families, then the impacts at the same orders."""
-    lines: dict[Fraction, list[_LineSource]] = {}
+def _lines(prepared: PreparedScene) -> dict[float, list[_LineSource]]:
+    """Return the sources of the line at each order: harmonic families, then the impacts at the same orders.
+
+    By numbers, correctly rounded: exact orders are compared ten times as slowly.
+    """
+    lines: dict[float, list[_LineSource]] = {}
+    listed = set[Fraction]()
     for family, amplitudes in zip(prepared.families, prepared.amplitudes, strict=True):
         for index, (order, nonzero) in enumerate(zip(family.orders, family.nonzero, strict=True)):
             if nonzero:
                 part = _LineSource(component=family.component, kind=family.kind, amplitude=amplitudes[:, index])
-                lines.setdefault(order, []).append(part)
-    for train, orders, amplitudes in impact_lines(prepared, listed=frozenset(lines)):
+                lines.setdefault(float(order), []).append(part)
+                listed.add(order)
+    for train, orders, amplitudes in impact_lines(prepared, listed=frozenset(listed)):
         for index, order in enumerate(orders):
             part = _LineSource(component=train.component, kind=train.kind, amplitude=amplitudes[:, index])
-            lines.setdefault(order, []).append(part)
+            lines.setdefault(float(order), []).append(part)
     return lines
 
 

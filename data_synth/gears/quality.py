@@ -9,7 +9,6 @@ from data_synth.gears.mesh_stiffness import Array
 _GRADES = 1, 11
 _DIAMETER_MM, _MODULE_MM = (5.0, 15_000.0), (0.5, 70.0)
 _UM = 1e-6
-_HALVINGS = 60
 
 
 def single_pitch_tolerance_m(*, diameter_m: float, module_m: float, grade: int) -> float:
@@ -95,17 +94,12 @@ def cumulative_pitch_m(*, teeth: int, runout_m: float, single_pitch_m: float, rn
     scatter = np.fft.irfft(spectrum, teeth)
     eccentric = runout_m / 2 * np.sin(2 * np.pi * (np.arange(teeth) / teeth + start))
 
-    def largest(size: float) -> float:
-        deviation = eccentric + size * scatter
-        return float(np.max(np.abs(deviation - np.roll(deviation, 1))))
-
-    low, high = 0.0, 0.0
-    if np.any(scatter) and largest(0.0) < single_pitch_m:
-        high = 2 * single_pitch_m / float(np.max(np.abs(scatter - np.roll(scatter, 1))))
-    for _ in range(_HALVINGS if high else 0):
-        middle = (low + high) / 2
-        low, high = (middle, high) if largest(middle) < single_pitch_m else (low, middle)
-    return np.asarray(eccentric + high * scatter)
+    own, more = (each - np.roll(each, 1) for each in (eccentric, scatter))
+    size = 0.0
+    if np.any(more) and np.max(np.abs(own)) < single_pitch_m:  # the first pitch that gets there as the scatter grows
+        rising = more[more != 0]
+        size = float(np.min((np.copysign(single_pitch_m, rising) - own[more != 0]) / rising))
+    return np.asarray(eccentric + size * scatter)
 
 
 def _step(grade: int) -> float:

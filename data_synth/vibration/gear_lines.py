@@ -8,8 +8,8 @@ a projection finds what is left without them.
 import math
 from collections.abc import Callable
 from dataclasses import dataclass, replace
-from fractions import Fraction
 from functools import cached_property, partial
+from typing import NamedTuple
 
 import numpy as np
 from numpy.typing import NDArray
@@ -52,13 +52,13 @@ _SEPARATED, _BETTER = 1e-5, 0.5
 leave, what expected ones may leave to stand for them."""
 
 
-@dataclass(frozen=True, kw_only=True)
-class GearLine:
+class GearLine(NamedTuple):
     """A line of gears in motion.
 
     Attributes
     ----------
-    order : Fraction
+    order : float
+        Correctly rounded.
     component, kind : str
     amplitude : (channel, instant) complex array
     change : float
@@ -68,7 +68,7 @@ class GearLine:
         line that is not expected.
     """
 
-    order: Fraction
+    order: float
     component: str
     kind: str
     amplitude: ComplexArray
@@ -139,15 +139,13 @@ def gear_lines(
         )
         found, ringing, about = _varying_lines(samples, candidates, drive, prior, most=most)
     amplitudes = found.amplitudes.conj() if sign < 0 else found.amplitudes
+    sources = [candidates.sources[number] for number in found.chosen.tolist()]
+    orders, changes = candidates.values[found.chosen].tolist(), found.changes.tolist()
     lines = tuple(
-        GearLine(
-            order=candidates.order(number),
-            component=candidates.sources[number][0],
-            kind=candidates.sources[number][1],
-            amplitude=amplitudes[:, row],
-            change=float(found.changes[row]),
+        GearLine(order, component, kind, amplitude, change)
+        for order, (component, kind), amplitude, change in zip(
+            orders, sources, amplitudes.swapaxes(0, 1), changes, strict=True
         )
-        for row, number in enumerate(found.chosen.tolist())
     )
     return GearLines(lines=lines, about=about, ringing=ringing)
 

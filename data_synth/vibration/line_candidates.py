@@ -50,10 +50,6 @@ class Candidates:
         """The orders as numbers, (k,), correctly rounded."""
         return np.asarray(self.numbers * self.unit.numerator / self.unit.denominator)
 
-    def order(self, number: int) -> Fraction:
-        """Return the exact order of a candidate."""
-        return Fraction(int(self.numbers[number]) * self.unit.numerator, self.unit.denominator)
-
     def places(self, others: "Candidates") -> NDArray[np.int_]:
         """Return the numbers here of others that are all among these."""
         return np.searchsorted(self.numbers, others.numbers * int(others.unit / self.unit))

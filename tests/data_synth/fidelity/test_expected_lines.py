@@ -217,7 +217,7 @@ def test_lines_differ_on_the_way_up_and_down_through_a_resonance_by_what_lags_be
         speed_hz=angle.speed_hz,
         top_order=declared.rate_hz / 2 / angle.top_speed_hz(0.0, 6.0),
     )
-    orders = np.array([float(line.order) for line in stated])[sizes > 0.01 * sizes.max()]
+    orders = np.array([line.order for line in stated])[sizes > 0.01 * sizes.max()]
     projection = Projection(samples=samples, orders=orders, window=Window(length_rev=0.5, degree=2))
     instants_s = moving.stage.instants_s
     assert np.allclose(instants_s, 6 - instants_s[::-1])

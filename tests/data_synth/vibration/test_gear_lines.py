@@ -1,6 +1,7 @@
 """Lines of gears in motion: how much of the clean signal they are, and whether a tracker finds them."""
 
 from dataclasses import replace
+from fractions import Fraction
 from functools import cache
 
 import numpy as np
@@ -125,7 +126,7 @@ def test_halving_the_window_changes_the_lines_by_less_than_one_percent():
         top_order=declared.rate_hz / 2 / angle.top_speed_hz(0.0, 3.0),
     )
     lines = gear_lines(stage_of(declared), signal).lines
-    orders = np.array([float(line.order) for line in lines])
+    orders = np.array([line.order for line in lines])
     truth = np.stack([line.amplitude for line in lines], axis=1)
     for length_rev in (0.5, 0.25):
         again = Projection(samples=samples, orders=orders, window=Window(length_rev=length_rev, degree=2))
@@ -164,10 +165,10 @@ def test_the_truth_states_by_how_much_halving_its_window_changes_each_line():
     change = truth["truth_line_change"].values
     assert np.sum(power[change < 0.01]) > 0.99 * np.sum(power)
     loudest = max(measured.lines, key=lambda line: np.mean(np.abs(line.amplitude) ** 2))
-    families = [replace(moving.stage.families[0], base_order=loudest.order, coefficients=np.ones(1))]
+    families = [replace(moving.stage.families[0], base_order=Fraction(loudest.order), coefficients=np.ones(1))]
     amplitudes = [9 * loudest.amplitude[:, None]]
     with_source = replace(moving.stage, families=families, amplitudes=amplitudes)
-    louder = truth_variables(with_source, measured=measured)["truth_line_change"].sel(truth_order=float(loudest.order))
+    louder = truth_variables(with_source, measured=measured)["truth_line_change"].sel(truth_order=loudest.order)
     assert np.isclose(louder, loudest.change / 10)
     steady = simulate(scene(duration_s=0.5), seed=SEED)
     assert "truth_line_change" not in steady
