@@ -61,7 +61,8 @@ What the same analyses say by themselves, of all records, without a baseline. *N
 {detectable:.0f} dB, those whose part leads the findings; *of its shaft*: those where another gear of the shaft does.
 *Diagnosed wrongly*: records in which another part is diagnosed than the damaged one. What changes a whole gear or shaft
 alike is named by limits or a baseline alone. The matched filter of the detectability knows the fault, and the noise is
-all it has against it: a fault of 40 dB may lie far below the meshes."""
+all it has against it: a fault of 40 dB may lie far below the meshes. Some 215 of the records were looked at while the
+rules were made."""
 
 
 # ---- Features ----------------------------------------------------------------------------------------------------
