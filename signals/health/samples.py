@@ -88,10 +88,11 @@ def jumps(
         if jump > np.log(_JUMP):
             before, after = (float(np.exp(np.median(np.log(side)))) for side in _sides(level, at))
             factor = float(np.exp(jump))
-            slow, fast = _speeds_beside(speed_hz, at)
-            turns = abs(fast - slow) > _SPEED_CHANGE * abs(slow)
+            earlier_hz, later_hz = _speeds_beside(speed_hz, at)
+            turns = abs(later_hz - earlier_hz) > _SPEED_CHANGE * abs(earlier_hz)
             why = (
-                f", where the speed changes from {slow:.4g} to {fast:.4g} rev/s: a resonance may be passed. Check"
+                f", where the speed changes from {earlier_hz:.4g} to {later_hz:.4g} rev/s: a resonance may be passed. "
+                "Check"
                 if turns
                 else ". Check mount and cable, or"
             )
