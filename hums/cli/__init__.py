@@ -27,6 +27,8 @@ from hums.cli import (
 
 __all__ = ["main"]
 
+INTERRUPTED = 130  # 128 + SIGINT, as shells have it
+
 app = typer.Typer(
     name="hums",
     help="Order tracking for gearboxes: kinematics, records, analyses, reports, synthetic data.",
@@ -81,11 +83,9 @@ def main() -> int:
     with warnings.catch_warnings():
         warnings.showwarning = _print_warning
         try:
-            app(standalone_mode=False)
-        except typer.Exit as stop:
-            return stop.exit_code
+            status = app(standalone_mode=False)  # what typer.Exit carries, 130 after Ctrl-C; else None
         except typer.Abort:
-            return 130
+            return INTERRUPTED
         except (ValueError, OSError) as error:
             typer.echo(f"hums: {error}", err=True)
             return 2
@@ -94,7 +94,7 @@ def main() -> int:
                 raise
             error.show()  # type: ignore[attr-defined]
             return 2
-    return 0
+    return status or 0
 
 
 def _show_steps() -> None:
