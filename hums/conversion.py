@@ -27,6 +27,7 @@ from hums.readers import SUFFIXES
 from hums.readers.process import ReaderProcess
 from hums.records.dataset_store import INDEX, SHARD, write_index
 from hums.records.fields import RecordError, plain_cell, utc_text
+from hums.records.outputs import check_outputs
 from hums.records.snapshots import join_snapshots
 from hums.records.store import atomic_write, remove_partial_files, write_record, write_shard
 
@@ -278,6 +279,7 @@ def convert_files(
         _refuse_same_names(sources, snapshots)
     task = json.loads(json.dumps({"snapshots": snapshots, **declared}, default=str))
     _begin(folder, form, task)
+    check_outputs([folder], inputs=[file.path for file in sources])
     layout = _first_layout(sources, declared) if form == "packed" else None
     jobs = [_job(files, number, form, task, layout) for number, files in enumerate(_pieces(sources, snapshots))]
     notes = folder / _PIECES
@@ -511,6 +513,7 @@ def _write_records(folder: Path, item: Mapping[str, Any], made: Sequence[tuple[l
         write_shard([record for _, record in made], folder / name, labels=labels, dtype=_DTYPE)
         return [name]
     names = [f"{Path(paths[0]).stem}.h5" for paths, _ in made]
+    check_outputs(folder / name for name in names)
     for name, (_, record) in zip(names, made, strict=True):
         write_record(record, folder / name, tidy=False)
     return names

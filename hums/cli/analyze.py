@@ -85,7 +85,7 @@ def analyze(
         reader.open_record(record) as opened,
         _past(reader, baseline) if baseline else nullcontext() as past,
     ):
-        prepare_folder(out)
+        prepare_folder(out, inputs=[record, gearbox, *([baseline] if baseline else [])])
         declared = load_gearbox(gearbox)
         analysis = run(opened, declared, settings=settings, baseline=past)
         say("writing the report")

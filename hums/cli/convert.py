@@ -7,11 +7,10 @@ from typing import Annotated, Any, Literal
 import typer
 
 from hums.cli.info import print_record
-from hums.cli.options import Scheduler, WorkerCount, say, workers_of
+from hums.cli.options import RECORD_SUFFIXES, Scheduler, WorkerCount, check_record_target, say, workers_of
 
 __all__ = ["convert"]
 
-RECORD_SUFFIXES = (".h5", ".hdf5")
 SHOWN_REFUSALS = 5
 FEW_FILES = 200  # which one process converts in the time in which others start
 
@@ -195,10 +194,7 @@ def _convert_one(source: Path, target: Path, declared: Mapping[str, Any]) -> Non
     from hums.readers.process import ReaderProcess  # noqa: PLC0415
     from hums.records.store import save_record  # noqa: PLC0415
 
-    if source.exists() and target.exists() and source.samefile(target):
-        raise ValueError(f"{target}: the record would overwrite its own source, {source}; name another target.")
-    if target.suffix.lower() not in RECORD_SUFFIXES:
-        raise ValueError(f"{target}: a record is HDF5, so name it so: {target.with_suffix('.h5')}.")
+    check_record_target(target, inputs=[source])
     say(f"reading {source}")
     with ReaderProcess() as reader:
         record = reader.convert(source, **declared)

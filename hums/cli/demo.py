@@ -22,12 +22,14 @@ def demo(
     from hums.analysis.analyze import analyze as run  # noqa: PLC0415
     from hums.analysis.result import findings_table  # noqa: PLC0415
     from hums.gearbox.model import load_gearbox  # noqa: PLC0415
+    from hums.records.outputs import check_outputs  # noqa: PLC0415
     from hums.records.store import open_record, save_record  # noqa: PLC0415
     from hums.report import prepare_folder, write_report  # noqa: PLC0415
     from hums.scoring import score  # noqa: PLC0415
 
     scene = load_scene("demo")
     prepare_folder(out)
+    check_outputs([out / "record.h5"])
     say("simulating a gearbox with two faults")
     save_record(simulate(scene, seed=seed), out / "record.h5")
     with open_record(out / "record.h5") as record:

@@ -34,7 +34,10 @@ def drawing(
     from hums.drawing import write_drawing  # noqa: PLC0415
     from hums.gearbox.kinematics import solve_kinematics  # noqa: PLC0415
     from hums.gearbox.model import load_gearbox  # noqa: PLC0415
+    from hums.records.outputs import check_outputs  # noqa: PLC0415
 
+    if out is not None and out.suffix:
+        check_outputs([out], inputs=[gearbox])
     given = parse_speeds(speed)
     kinematics = solve_kinematics(load_gearbox(gearbox))
     if html or (out is not None and out.suffix.lower() == ".html"):

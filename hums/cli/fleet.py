@@ -58,7 +58,7 @@ def fleet(  # noqa: PLR0917 - each option is one
     scheduler: Scheduler = None,
 ) -> None:
     """Analyse many records into one table with trends and alarms; the same again goes on, with new records too."""
-    from hums.fleet.fleet import analyze_fleet  # noqa: PLC0415
+    from hums.fleet.fleet import FILES, analyze_fleet  # noqa: PLC0415
     from hums.fleet.parquet import NO_PYARROW  # noqa: PLC0415
     from hums.fleet.settings import MonitorSettings  # noqa: PLC0415
 
@@ -110,7 +110,7 @@ def fleet(  # noqa: PLR0917 - each option is one
             f"not judged: {machine or 'the machine'}, whose baseline is not learned yet: it takes {baseline_records} "
             "records (--baseline-records)"
         )
-    for name in ("fleet.html", "fleet.csv", "fleet.h5", "trends.csv", "alarms.csv", "components.csv", "baseline.h5"):
+    for name in FILES:
         typer.echo(f"wrote {result.folder / name}")
     parquet = result.folder / "indicators.parquet"
     typer.echo(f"wrote {parquet}" if parquet.is_file() else NO_PYARROW)

@@ -2,7 +2,7 @@
 
 import logging
 import os
-from collections.abc import Callable
+from collections.abc import Callable, Iterable
 from pathlib import Path
 from typing import TYPE_CHECKING, Annotated, Any, Literal, Optional
 
@@ -13,6 +13,7 @@ if TYPE_CHECKING:
     from hums.jobs import Workers
 
 __all__ = [
+    "RECORD_SUFFIXES",
     "Band",
     "Channels",
     "FigureFormat",
@@ -26,6 +27,7 @@ __all__ = [
     "Tachometer",
     "VelocityLimits",
     "WorkerCount",
+    "check_record_target",
     "parse_speeds",
     "save_picture",
     "say",
@@ -118,6 +120,18 @@ def workers_of(count: int | None, scheduler: str | None) -> "Workers":
     if scheduler is not None:
         return Cluster(address=scheduler)
     return Processes(count=os.cpu_count() or 1 if count is None else count)
+
+
+RECORD_SUFFIXES = (".h5", ".hdf5")
+
+
+def check_record_target(target: Path, *, inputs: Iterable[str | Path]) -> None:
+    """Refuse a file for a record that is no HDF5 by its name, is read, or was written by another program."""
+    from hums.records.outputs import check_outputs  # noqa: PLC0415
+
+    check_outputs([target], inputs=inputs)
+    if target.suffix.lower() not in RECORD_SUFFIXES:
+        raise ValueError(f"{target}: a record is HDF5, so name it so: {target.with_suffix('.h5')}.")
 
 
 def say(step: str) -> None:

@@ -43,9 +43,11 @@ def orders(
     from hums.gearbox.model import load_gearbox  # noqa: PLC0415
     from hums.gearbox.orders import defect_orders  # noqa: PLC0415
     from hums.gearbox.undeclared import undeclared_parts  # noqa: PLC0415
+    from hums.records.outputs import check_outputs  # noqa: PLC0415
 
     if csv and json:
         raise ValueError("--csv and --json are both given; keep one.")
+    check_outputs([plot] if plot else [], inputs=[gearbox])
     if plot_rpm and not plot:
         raise ValueError("--plot-rpm says which speeds to draw; add --plot FILE.")
     if rpm is not None and not (math.isfinite(rpm) and rpm):

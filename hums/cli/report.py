@@ -25,7 +25,7 @@ def report(
     from hums.report import prepare_folder, write_report  # noqa: PLC0415
     from hums.report.pdf import write_pdf  # noqa: PLC0415
 
-    prepare_folder(out)
+    prepare_folder(out, inputs=[analysis, *([baseline] if baseline else [])])
     with open_analysis(analysis) as opened, open_analysis(baseline) if baseline else nullcontext() as past:
         say("writing the report")
         page = write_report(opened.load(), out, baseline=past, units=units)

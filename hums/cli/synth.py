@@ -6,7 +6,7 @@ from typing import Annotated
 import typer
 
 from hums.cli.info import print_record
-from hums.cli.options import say
+from hums.cli.options import check_record_target, say
 
 __all__ = ["synth"]
 
@@ -37,8 +37,7 @@ def synth(
         if explain:
             return
         raise ValueError("--out is missing; name the record to write, as in -o record.h5, or ask with --explain.")
-    if out.exists() and Path(scene).exists() and out.samefile(scene):
-        raise ValueError(f"{out}: the record would overwrite its own scene; name another file, as in -o record.h5.")
+    check_record_target(out, inputs=[scene])
     refuse_too_large(scene, out, by_source=by_source, phases=phases, mechanics=mechanics)
     say(f"simulating {scene}")
     record = simulate(

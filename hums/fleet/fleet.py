@@ -29,6 +29,7 @@ from hums.fleet.table import WrittenTables, write_tables
 from hums.gearbox.model import Gearbox, load_gearbox
 from hums.jobs import Job, Serial, Workers, cpu_limit, run_jobs
 from hums.records.dataset_store import dataset_files, dataset_record, is_begun, open_dataset
+from hums.records.outputs import check_outputs
 from hums.records.store import atomic_write, open_record
 from signals._validation import SentenceError, checked
 
@@ -179,11 +180,15 @@ def analyze_fleet(
     (1, 0)
     """
     named = gearbox.name if isinstance(gearbox, Gearbox) else str(gearbox)
+    declared = None if isinstance(gearbox, Gearbox) else gearbox
     gearbox = gearbox if isinstance(gearbox, Gearbox) else load_gearbox(gearbox)
     settings = (settings or AnalysisSettings(most_tracks=0)).model_copy(update={"pictures": False})  # it draws none
     work = read_maintenance(maintenance) if maintenance is not None else ()
-    found = _sources(sources)
     folder = Path(folder).resolve()
+    outputs = [folder / name for name in (*FILES, _INDICATORS, _LIST, _TASK)]
+    found = _sources(sources, written=outputs)
+    hand_written = [path for path in (declared, maintenance) if path is not None]
+    check_outputs(outputs, inputs=[*(source.file for source in found), *hand_written])
     task = {
         "gearbox": gearbox.model_dump_json(exclude_none=True),
         "settings": settings.model_dump_json(),
@@ -195,7 +200,7 @@ def analyze_fleet(
         results_folder.mkdir(parents=True, exist_ok=True)
     except OSError as error:
         raise FleetError(f"{folder} cannot be made ({error.strerror}); name a folder of yours.") from None
-    _check_task(folder / "task.json", task)
+    _check_task(folder / _TASK, task)
     earlier = _listed(folder) if append else {}
     jobs = [Job(name=_result_name(source), item=source) for source in found]
     tally = run_jobs(
@@ -226,7 +231,9 @@ def analyze_fleet(
     )
 
 
-_LIST, _FORMAT = "records.json", "hums-results/2"
+FILES = ("fleet.html", "fleet.csv", "fleet.h5", "trends.csv", "alarms.csv", "components.csv", "baseline.h5")
+"""What `analyze_fleet` writes for its readers into the folder."""
+_INDICATORS, _LIST, _TASK, _FORMAT = "indicators.parquet", "records.json", "task.json", "hums-results/2"
 
 
 def _listed(folder: Path) -> dict[str, str]:
@@ -285,7 +292,7 @@ def _tables(
         health={one["record"]: one for history in histories for one in history.records},
         limits={history.state.machine: history.severe_score for history in histories},
     )
-    write_indicators(records, folder / "indicators.parquet")
+    write_indicators(records, folder / _INDICATORS)
     write_page(histories, records, folder / "fleet.html", gearbox=gearbox)
     return histories, written
 
@@ -308,19 +315,19 @@ def _check_task(path: Path, task: dict[str, str]) -> None:
 # ---- the records -------------------------------------------------------------------------------------------
 
 
-def _sources(given: Sequence[str | Path]) -> list[_Source]:
+def _sources(given: Sequence[str | Path], *, written: Sequence[Path]) -> list[_Source]:
     found: dict[tuple[Path, int | None], _Source] = {}
     for path in map(Path, given):
         if not path.exists():
             raise FleetError(f"{path}: there is no such file or folder; check the path.")
-        for source in _sources_in_folder(path) if path.is_dir() else [_of_file(path)]:
+        for source in _sources_in_folder(path, written) if path.is_dir() else [_of_file(path)]:
             found[source.path, source.number] = source
     if not found:
         raise FleetError("no records were named; name files, or folders that hold some.")
     return list(found.values())
 
 
-def _sources_in_folder(folder: Path) -> list[_Source]:
+def _sources_in_folder(folder: Path, written: Sequence[Path]) -> list[_Source]:
     whole = folder.resolve()
     if is_begun(folder):
         files, labels = dataset_files(folder), open_dataset(folder)
@@ -329,7 +336,7 @@ def _sources_in_folder(folder: Path) -> list[_Source]:
             _Source(name=f"{folder}/{n}", path=whole, file=file, number=n, label=str(label))
             for n, (file, label) in enumerate(zip(files, classes, strict=True))
         ]
-    there = [_of_file(path) for path in sorted(folder.rglob("*.h5"))]
+    there = [_of_file(path) for path in sorted(folder.rglob("*.h5")) if path.resolve() not in written]
     if not there:
         raise FleetError(f"{folder} holds no record, no file that ends in .h5; make records with hums convert.")
     return there

@@ -44,6 +44,7 @@ __all__ = [
     "refuse_size",
     "remove_partial_files",
     "save_record",
+    "schema_of",
     "write_record",
     "write_shard",
     "write_tree",
@@ -252,6 +253,15 @@ def open_hdf5(path: str | os.PathLike[str]) -> h5py.File:
 def _close(contents: h5py.File | None) -> None:
     if contents is not None:
         contents.close()
+
+
+def schema_of(path: str | os.PathLike[str]) -> str:
+    """Return the schema that a file of this toolkit states; empty where another program wrote it, or it is damaged."""
+    try:
+        with h5py.File(path) as contents:
+            return str(contents.attrs.get("schema", ""))
+    except _READ_ERRORS:
+        return ""
 
 
 def is_array(item: object) -> bool:

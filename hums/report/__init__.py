@@ -1,7 +1,7 @@
 """Report of an analysis: one self-contained HTML page, and tables as files."""
 
 import json
-from collections.abc import Mapping
+from collections.abc import Iterable, Mapping
 from importlib.resources import files
 from pathlib import Path
 from tempfile import NamedTemporaryFile
@@ -18,6 +18,7 @@ from hums.gearbox.undeclared import undeclared_parts
 from hums.pages.page import stand_alone_page
 from hums.plots import coloured_components, draw_mechanism, svg
 from hums.records.fields import plain_cell
+from hums.records.outputs import check_outputs
 from hums.records.store import atomic_write
 from hums.report.figures import Pictures, cursor_choices, sections
 from hums.report.indicators import indicator_tables, velocity_zones
@@ -28,19 +29,22 @@ Units: TypeAlias = Literal["rpm", "Hz"]
 # on the white ground of the drawing, in every light
 _PART_COLOURS = {"alarm": "#b4380a", "watch": "#e0a526", "unknown": "#8b95a1", "calm": "#a9d5b8"}
 _FAULT_KINDS = {*BEARING_KINDS, "tooth"}
+_FILES = ("report.html", "analysis.h5", "orders.csv", "indicators.csv", "summary.json", "report.pdf")
 
 
-def prepare_folder(folder: str | Path) -> Path:
+def prepare_folder(folder: str | Path, *, inputs: Iterable[str | Path] = ()) -> Path:
     """Create a folder if necessary and return its path; called before an analysis, so that no work is lost.
 
     Raises
     ------
     ValueError
-        If it is a file, or cannot be created or written.
+        If it is a file, cannot be created or written, or if the report would replace one of the files that are read,
+        `inputs`, or a file of another program.
     """
     folder = Path(folder)
     if folder.exists() and not folder.is_dir():
         raise ValueError(f"{folder} is a file; name a folder for the report.")
+    check_outputs((folder / name for name in _FILES), inputs=inputs)
     try:
         folder.mkdir(parents=True, exist_ok=True)
         with NamedTemporaryFile(dir=folder):

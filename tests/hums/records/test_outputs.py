@@ -1,0 +1,149 @@
+"""What may be written: by the library, and by each command that writes."""
+
+import os
+
+import h5py
+import numpy as np
+import pytest
+
+from hums.analysis.analyze import AnalysisSettings, analyze
+from hums.analysis.result import save_analysis
+from hums.conversion import convert_files, find_sources
+from hums.fleet.fleet import analyze_fleet
+from hums.gearbox.model import load_gearbox
+from hums.records.outputs import check_outputs
+from hums.records.record import NominalSpeed, RecordError, make_record
+from hums.records.store import save_record
+
+READ, FOREIGN = "what is read is never written", "was not written by hums"
+
+
+@pytest.fixture
+def raw(tmp_path):
+    """Another program's file."""
+    with h5py.File(tmp_path / "raw.h5", "w") as file:
+        file["vib"] = np.random.default_rng(0).normal(size=8000)
+    return tmp_path / "raw.h5"
+
+
+@pytest.fixture(scope="module")
+def made(tmp_path_factory):
+    """A record and its analysis."""
+    folder = tmp_path_factory.mktemp("made")
+    noise = np.random.default_rng(0).normal(size=8000)
+    record = make_record({"vib": noise}, rate_hz=4000, units="g", angle=NominalSpeed(rpm=1200, shaft="input"))
+    save_record(record, folder / "record.h5")
+    settings = AnalysisSettings(envelope_band_hz=None, pictures=False)
+    save_analysis(analyze(record, load_gearbox("two-stage"), settings=settings), folder / "analysis.h5")
+    return folder
+
+
+@pytest.fixture
+def refused(run, tmp_path):
+    """Run a command that has to be refused with a sentence, and leave every file of the folder as it was."""
+
+    def command(*words, because):
+        def contents():
+            return {path: path.read_bytes() for path in tmp_path.rglob("*") if path.is_file()}
+
+        before = contents()
+        code, _, err = run(*words)
+        assert code == 2
+        assert because in err
+        assert contents() == before
+
+    return command
+
+
+def convert_words(*paths):
+    return ("convert", *paths, "--channel", "vib", "--units", "g", "--rate-hz", 4000, "--no-tachometer")
+
+
+@pytest.mark.parametrize("link", [os.symlink, os.link])
+def test_other_names_of_an_input_are_not_written(link, raw, tmp_path):
+    link(raw, tmp_path / "other.h5")
+    with pytest.raises(RecordError, match=READ):
+        check_outputs([tmp_path / "other.h5"], inputs=[raw])
+    with pytest.raises(RecordError, match=READ):
+        check_outputs([tmp_path / "folder" / ".." / "raw.h5"], inputs=[raw])
+
+
+def test_what_is_new_empty_or_ours_may_be_written(made, tmp_path):
+    (tmp_path / "reserved.h5").touch()
+    check_outputs([tmp_path / "new.h5", tmp_path / "reserved.h5", made / "record.h5", made / "analysis.h5"])
+
+
+@pytest.mark.parametrize("content", [b"\x89HDF\r\n\x1a\n", b"time,vib\n0,1\n"])
+def test_what_cannot_be_told_is_not_replaced(content, tmp_path):
+    (tmp_path / "there.h5").write_bytes(content)
+    with pytest.raises(RecordError, match=FOREIGN):
+        check_outputs([tmp_path / "there.h5"])
+
+
+def test_convert_replaces_neither_its_source_nor_a_foreign_file(refused, run, raw, tmp_path):
+    (tmp_path / "second.h5").write_bytes(raw.read_bytes())
+    refused(*convert_words(raw, raw), because=READ)
+    refused(*convert_words(raw, tmp_path / "second.h5"), because=FOREIGN)
+    assert run(*convert_words(raw, tmp_path / "record.h5"))[0] == 0
+    assert run(*convert_words(raw, tmp_path / "record.h5"))[0] == 0  # its own record it replaces
+
+
+def test_convert_writes_no_folder_that_it_reads(raw, tmp_path):
+    declared = {"channels": ["vib"], "units": "g", "rate_hz": 4000, "no_tachometer": True}
+    np.savetxt(tmp_path / "a.csv", np.ones(100), header="vib", comments="")
+    convert_files(find_sources([tmp_path / "a.csv"]), tmp_path / "out", form="files", **declared)
+    inside = raw.rename(tmp_path / "out" / "raw.h5")
+    before = inside.read_bytes()
+    with pytest.raises(RecordError, match=READ):
+        convert_files(find_sources([tmp_path / "a.csv", inside]), tmp_path / "out", form="files", **declared)
+    np.savetxt(tmp_path / "raw.csv", np.ones(100), header="vib", comments="")
+    sources = find_sources([tmp_path / "a.csv", tmp_path / "raw.csv"])
+    with pytest.raises(RecordError, match=FOREIGN):
+        convert_files(sources, tmp_path / "out", form="files", **declared)
+    assert inside.read_bytes() == before
+
+
+def test_analyze_and_report_write_no_input(refused, made, raw, tmp_path):
+    for name in ("record.h5", "analysis.h5"):
+        (tmp_path / name).write_bytes((made / name).read_bytes())
+    (tmp_path / "analysis.h5").rename(tmp_path / "baseline.h5")
+    (tmp_path / "record.h5").rename(tmp_path / "analysis.h5")  # a record of that name
+    words = ("--gearbox", "two-stage", "-o", tmp_path)
+    refused("analyze", tmp_path / "analysis.h5", *words, because=READ)
+    (tmp_path / "analysis.h5").rename(tmp_path / "record.h5")
+    (tmp_path / "baseline.h5").rename(tmp_path / "analysis.h5")
+    refused("analyze", tmp_path / "record.h5", *words, "--baseline", tmp_path / "analysis.h5", because=READ)
+    refused("report", tmp_path / "analysis.h5", "-o", tmp_path, because=READ)
+    raw.rename(tmp_path / "analysis.h5")
+    refused("analyze", tmp_path / "record.h5", *words, because=FOREIGN)
+
+
+def test_fleet_writes_no_input(refused, made, raw, tmp_path):
+    for name in ("fleet.h5", "record.h5"):
+        (tmp_path / name).write_bytes((made / "record.h5").read_bytes())
+    (tmp_path / "alarms.csv").write_text("date,component,machine,serial,action\n")
+    words = ("--gearbox", "two-stage", "-o", tmp_path, "--no-envelope")
+    refused("fleet", tmp_path / "fleet.h5", *words, because=READ)
+    refused("fleet", tmp_path / "record.h5", *words, "--maintenance", tmp_path / "alarms.csv", because=READ)
+    raw.rename(tmp_path / "fleet.h5")
+    refused("fleet", tmp_path / "record.h5", *words, because=FOREIGN)
+
+
+def test_a_fleet_beside_its_records_goes_on(made, tmp_path):
+    (tmp_path / "record.h5").write_bytes((made / "record.h5").read_bytes())
+    settings = AnalysisSettings(envelope_band_hz=None, most_tracks=0)
+    for _ in range(2):
+        fleet = analyze_fleet([tmp_path], "two-stage", tmp_path / "fleet", settings=settings)
+        assert (fleet.records, fleet.failed) == (1, 0)
+
+
+def test_synth_replaces_no_foreign_file(refused, raw, tmp_path):
+    (tmp_path / "scene.toml").write_text('gearbox = "two-stage"\n')
+    refused("synth", "demo", "-o", raw, because=FOREIGN)
+    refused("synth", tmp_path / "scene.toml", "-o", tmp_path / "scene.toml", because=READ)
+    refused("synth", "demo", "-o", tmp_path / "record.csv", because="a record is HDF5")
+
+
+def test_pictures_do_not_replace_the_drawing(refused, tmp_path):
+    (tmp_path / "gearbox.svg").write_text('frame = "housing"\n')
+    refused("drawing", tmp_path / "gearbox.svg", "-o", tmp_path / "gearbox.svg", because=READ)
