@@ -24,7 +24,7 @@ import xarray as xr
 
 from data_synth import Scene, simulate
 from data_synth.benchmark.gearboxes import draw_bearing, draw_gearbox
-from hums import AnalysisError, AnalysisSettings, analyze, findings_table
+from hums import AnalysisError, AnalysisSettings, analyze, findings_table, summary
 from hums.analysis.result import group
 from hums.gearbox.components import Bearing, frozen
 from hums.gearbox.model import Gearbox, load_gearbox
@@ -252,7 +252,7 @@ def strengths(number: int, *, held_out: bool, deviations: bool = False) -> dict[
         try:
             analysis = analyze(data, gearbox, settings=SETTINGS)
         except AnalysisError as error:
-            return of | {"rows": [], "named": [], "refused": str(error)}
+            return of | {"rows": [], "named": [], "notes": [], "refused": str(error)}
     rows = [
         (str(kind), float(value), str(hidden), str(verdict))
         for name in ("findings", "verdicts")
@@ -264,6 +264,7 @@ def strengths(number: int, *, held_out: bool, deviations: bool = False) -> dict[
     return of | {
         "rows": rows,
         "named": named[["component", "kind", "verdict", "evidence"]].to_numpy().tolist(),
+        "notes": summary(analysis)["notes"],
         "refused": "",
     }
 

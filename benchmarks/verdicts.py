@@ -252,7 +252,7 @@ def planetary_rows(records: int) -> list[dict[str, Any]]:
             row |= dict.fromkeys(("right gear first", "other parts named", "wrong diagnosed"), 0)
             for seed in range(1, records + 1):
                 found = findings_table(analyze(simulate(scene, seed=seed), scene.gearbox, settings=SETTINGS))
-                right = _right(found, "tooth", component)
+                right = names_part(found, "tooth", component)
                 row["n"] += 1
                 row["right gear first"] += bool(right.size and right[0])
                 row["other parts named"] += int((~right).sum())
@@ -261,7 +261,7 @@ def planetary_rows(records: int) -> list[dict[str, Any]]:
     return rows
 
 
-def _right(found: pd.DataFrame, kind: str, component: str) -> np.ndarray:
+def names_part(found: pd.DataFrame, kind: str, component: str) -> np.ndarray:
     """Return which findings name a component, of a tooth also as one that cannot be told from it."""
     return np.array(
         [
@@ -335,15 +335,18 @@ def faulty_row(number: int) -> dict[str, Any]:
         except ValueError as error:  # a fault that this drive or gearbox cannot have, or a tachometer beyond repair
             return {"kind": kind, "refused": str(error)}
     found, every = findings_table(analysis), verdict_table(analysis)
-    right = _right(found, finding, component)
+    right = names_part(found, finding, component)
     own = every[(every["component"] == component) & (every["kind"] == finding)]
+    diagnosed = found["verdict"] == "diagnosed"
     return {
         "kind": kind,
         "refused": "",
         "detectability_db": float(record["truth_fault_detectability_db"].max()),
         "named": bool(right.any()),
         "first": bool(right.size and right[0]),
-        "wrong diagnosed": bool(((found["verdict"] == "diagnosed") & ~right).any()),
+        "diagnosed": bool((diagnosed & right).any()),
+        "wrong diagnosed": bool((diagnosed & ~right).any()),
+        "sound": bool((own["verdict"] == "nothing found").any()),
         "not judged": bool((own["verdict"] == "not judged").any() and not right.any()),
         "too short": bool(own["doubts"].str.contains(TOO_FEW).any() and not right.any()),
     }

@@ -11,6 +11,7 @@ from dataclasses import dataclass
 from functools import cache
 from pathlib import Path
 
+import code_size
 import pytest
 
 ROOT = Path(__file__).resolve().parents[1]
@@ -61,6 +62,58 @@ ONE_DOOR = {
     "pyarrow": ("hums.fleet.parquet",),
     "filterpy": ("signals.harmonics.reference",),
     "numba": ("signals._compile", "data_synth._compile"),
+}
+
+# Code lines of folders ("(root)": without the folders in it), then of everything: when the reduction began, the ceiling
+# of today, and what is to be reached. Ceilings only fall: `python benchmarks/code_size.py --lower` brings them down.
+BUDGETS = """
+    signals (root)                                              560    560    400
+    signals/angle                                              1111   1111    900
+    signals/demodulation                                        905    905    750
+    signals/harmonics, signals/slipping_order                  4012   4012   2500
+    signals/health, signals/indicators                          955    955    800
+    signals/monitoring                                         1135   1135    700
+    signals/resampling                                          799    799    600
+    signals/shaft                                              3006   3006   2000
+    signals/spectra                                             866    866    700
+    hums (root)                                                 830    830    600
+    hums/analysis                                              5359   5359   3000
+    hums/cli                                                   1120   1120    700
+    hums/fleet                                                 2161   2161   1300
+    hums/gearbox                                               3541   3541   2600
+    hums/plots, hums/drawing, hums/pages                       1667   1667   1200
+    hums/readers                                               1267   1267   1000
+    hums/records                                               1831   1831   1200
+    hums/report                                                 977    977    800
+    data_synth (root), data_synth/benchmark                    2400   2400   1300
+    data_synth/dynamics, data_synth/integrators                4106   4106   2600
+    data_synth/fidelity, data_synth/vibration                  4287   4287   2000
+    data_synth/gears, data_synth/bearings                      1478   1478   1300
+    data_synth/kinematic, data_synth/operation, data_synth/scene  2873   2873   2200
+    data_synth/sources, data_synth/transfer                    1545   1545   1200
+    all code lines                                            48791  48791  33500
+    all modules                                                 345    345    240
+    all constants                                              1492   1492    750
+    tests                                                     35938  35938  23000
+    benchmarks                                                 7891   7891   6000
+"""
+SLACK, SLACK_LINES = 0.02, 10  # by which a ceiling may stand above the count, and at least so many
+
+# What a row may have above its ceiling for a while: how much, why, and what ends it.
+MENDS = "mends of faults that users meet", "when the package is reduced"
+ALLOWANCES = {
+    "signals/shaft": (20, *MENDS),
+    "hums (root)": (150, *MENDS),
+    "hums/analysis": (100, *MENDS),
+    "hums/cli": (100, *MENDS),
+    "hums/fleet": (40, *MENDS),
+    "hums/records": (60, *MENDS),
+    "hums/report": (20, *MENDS),
+    "all code lines": (400, *MENDS),
+    "all modules": (4, *MENDS),
+    "all constants": (12, *MENDS),
+    "benchmarks": (900, "the scoreboard beside the scripts that it replaces", "when those are removed"),
+    "tests": (600, "tests of mends and of the scoreboard", "when those that pin internal rules are removed"),
 }
 HEAVY = ["scipy.signal", "scipy.stats", "filterpy", "numba", "dask", "h5py", "matplotlib", "pyarrow", "jinja2", "typer"]
 
@@ -314,6 +367,66 @@ class TestOrder:
     def test_no_folder_is_too_large(self):
         sizes = Counter(path.parent for path in MODULES.values() if path.name != "__init__.py")
         assert not {str(folder): size for folder, size in sizes.items() if size > LARGEST_FOLDER}
+
+
+@dataclass(frozen=True, kw_only=True)
+class Budget:
+    """A row of BUDGETS with today's count."""
+
+    row: str
+    start: int
+    ceiling: int
+    count: int
+
+    @property
+    def allowance(self):
+        return ALLOWANCES.get(self.row, (0,))[0]
+
+    def complaint(self):
+        """Say what is wrong with the count or the ceiling, or nothing."""
+        if self.count > self.ceiling + self.allowance:
+            return (
+                f"{self.row}: {self.count} are {self.count - self.ceiling - self.allowance} more than the ceiling of "
+                f"{self.ceiling} and an allowance of {self.allowance}; remove as many, here or, with an allowance that "
+                "names it, in another folder."
+            )
+        if self.ceiling > self.start:
+            return f"{self.row}: the ceiling of {self.ceiling} is above {self.start}, where it began; ceilings fall."
+        if self.ceiling - self.count > max(SLACK * self.count, SLACK_LINES):
+            lower = "`python benchmarks/code_size.py --lower` does"
+            return (
+                f"{self.row}: {self.count} stand under a ceiling of {self.ceiling}: lower it to {self.count}; {lower}."
+            )
+        return ""
+
+
+class TestBudgets:
+    """Rows above what is to be reached stand with today's number, which may only fall."""
+
+    ROWS = tuple(
+        Budget(row=m["row"], start=int(m["start"]), ceiling=int(m["ceiling"]), count=code_size.count(m["row"]))
+        for m in code_size.ROW.finditer(BUDGETS)
+    )
+
+    @pytest.mark.parametrize("budget", ROWS, ids=lambda budget: budget.row)
+    def test_each_row_is_within_its_ceiling(self, budget):
+        assert not budget.complaint()
+
+    def test_every_folder_has_one_row(self):
+        assert len(self.ROWS) == len(BUDGETS.strip().splitlines())
+        of_folders = [budget.count for budget in self.ROWS if budget.row not in code_size.WHOLE]
+        assert sum(of_folders) == code_size.count("all code lines")
+
+    def test_allowances_name_a_row_a_reason_and_an_end(self):
+        assert set(ALLOWANCES) <= {budget.row for budget in self.ROWS}
+        assert all(more > 0 and why and end for more, why, end in ALLOWANCES.values())
+
+    def test_what_is_said(self):
+        at = {"row": "signals/angle", "start": 2000}
+        assert not Budget(**at, ceiling=1500, count=1490).complaint()
+        assert "11 more than the ceiling" in Budget(**at, ceiling=1500, count=1511).complaint()
+        assert "lower it to 1400" in Budget(**at, ceiling=1500, count=1400).complaint()
+        assert "ceilings fall" in Budget(**at, ceiling=2001, count=2001).complaint()
 
 
 class TestMirror:

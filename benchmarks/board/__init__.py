@@ -1,0 +1,1 @@
+"""Parts of the scoreboard: its rows, and what is measured for them."""

@@ -1,0 +1,295 @@
+"""Errors of estimates against what is known exactly: trackers, resampling, integration, and the truth of records."""
+
+import inspect
+import sys
+import time
+from collections.abc import Callable, Mapping, Sequence
+from functools import partial
+from pathlib import Path
+from statistics import median
+from typing import Any, get_args
+
+import numpy as np
+from jobs import Envelopes, Floats, JobName, standard_job
+from scipy.signal import lfilter
+
+import hums
+from board.sections import Effort, Section, Task
+from board.table import Figure, Row, averaged, fixed, times
+from data_synth import load_scene, simulate
+from signals import angular_resample, likely_bandwidth, track_orders
+
+TREE = Path(hums.__file__).resolve().parents[1]  # the working tree that is measured
+
+# ---- trackers --------------------------------------------------------------------------------------------------------
+
+EVERY = 200
+SMOOTHER_HZ: Mapping[JobName, float] = {"J1 run-up": 1.19, "J2 crossing": 1.02, "J3 angle": 0.0122}  # best, 2 poles
+FILTER_HZ: Mapping[JobName, float] = {"J1 run-up": 4.01, "J2 crossing": 3.49, "J3 angle": 0.0406}  # best, 1 pole
+CAUSAL_TIME = 45.0  # rffts: J1 by a textbook covariance filter takes 35, and a time in the run of others a quarter more
+
+
+def _seconds(run: Callable[[], object]) -> float:
+    start = time.process_time()
+    run()
+    return time.process_time() - start
+
+
+def rfft_s(x: Floats) -> float:
+    """Return the median processor time of five transforms of a record in s."""
+    return median(_seconds(lambda: np.fft.rfft(x)) for _ in range(5))
+
+
+def in_rffts(call: Callable[[], object], x: Floats, rounds: int = 3) -> float:
+    """Return the processor time of a call that has run before as a multiple of an rfft, both measured in turn."""
+    both = [(_seconds(call), rfft_s(x)) for _ in range(rounds)]
+    return median(mine for mine, _ in both) / median(unit for _, unit in both)
+
+
+def tracked(name: JobName, *, causal: bool) -> tuple[float, float]:
+    """Return the error on a standard job, and the time in rffts: all outputs of the filter, of the smoother a few."""
+    job = standard_job(name)
+    settings: dict[str, Any] = {"estimator": "smoother", "poles": 2, "output_every": EVERY}
+    width = SMOOTHER_HZ[name]
+    if causal:
+        settings, width = {"estimator": "filter", "poles": 1, "output_every": 1}, FILTER_HZ[name]
+
+    def run() -> Any:  # noqa: ANN401
+        return track_orders(**job.tracking(width), **settings)
+
+    tracks = run()
+    return job.error(tracks.complex_amplitude, tracks.sample_index), in_rffts(run, job.x)
+
+
+def tracker_tasks(_: Effort) -> list[Task]:
+    """Return a task for each job and estimator."""
+    return [partial(tracked, name, causal=causal) for name in get_args(JobName) for causal in (False, True)]
+
+
+def tracker_figures(found: Sequence[tuple[float, float]]) -> dict[str, Figure]:
+    """Return errors and times."""
+    ways = [(name[:2], way) for name in get_args(JobName) for way in ("smoother", "filter")]
+    figures = {}
+    for (job, way), (error, rffts) in zip(ways, found, strict=True):
+        figures |= {f"{job} {way}: error": Figure(value=error), f"{job} {way}: time": Figure(value=rffts)}
+    return figures
+
+
+TRACKERS = Section(
+    name="trackers",
+    rows=tuple(
+        Row(
+            name=f"{job} {way}: {key}",
+            what=f"{words}, {'relative error' if key == 'error' else 'rffts of the record'}",
+            limit=times(1.01) if key == "error" else fixed(CAUSAL_TIME) if way == "filter" else times(2.0),
+        )
+        for job in ("J1", "J2", "J3")
+        for way, words in (("smoother", "2 poles, every 200th output"), ("filter", "1 pole, all outputs"))
+        for key in ("error", "time")
+    ),
+    tasks=tracker_tasks,
+    figures=tracker_figures,
+    alone=True,
+)
+
+# ---- coverage of `std` -----------------------------------------------------------------------------------------------
+
+WITHIN = 1.645  # standard deviations: 90 % of a normal distribution
+SAMPLES, RATE_HZ, TURN_HZ, ORDERS = 60_000, 5000.0, 20.0, (3.0, 7.3, 19.0)
+
+
+def _pink(rng: np.random.Generator) -> Floats:
+    lines = np.fft.rfft(rng.standard_normal(SAMPLES))
+    lines[1:] /= np.sqrt(np.arange(1, lines.size))
+    x = np.fft.irfft(lines, SAMPLES)
+    return np.asarray(x / x.std())
+
+
+def _resonant(rng: np.random.Generator) -> Floats:
+    w = 2 * np.pi * ORDERS[2] * TURN_HZ / RATE_HZ  # a mode with 3 % of damping under the last order
+    r = np.exp(-0.03 * w)
+    y = lfilter([1.0], [1, -2 * r * np.cos(w), r * r], rng.standard_normal(SAMPLES))
+    return np.asarray(y / y.std())
+
+
+NOISES: Mapping[str, Callable[[np.random.Generator], Floats]] = {
+    "white": lambda rng: rng.standard_normal(SAMPLES),
+    "pink": _pink,
+    "resonance": _resonant,
+    "clipped": lambda rng: rng.standard_normal(SAMPLES),
+}
+
+
+def covered(noise: str, number: int) -> float:
+    """Return the share of true quadratures within a nominal 90 % of estimates, noise and bandwidth estimated too."""
+    rng = np.random.default_rng([90, number])
+    envelopes = Envelopes.drawn(rng, orders=len(ORDERS), samples=SAMPLES)
+    at = np.arange(SAMPLES)
+    turn = 2 * np.pi * TURN_HZ * at / RATE_HZ
+    x = 0.5 * NOISES[noise](rng)
+    for place, order in enumerate(ORDERS):
+        x = x + (envelopes.of(place, at) * np.exp(1j * order * turn)).real
+    if noise == "clipped":
+        x = np.clip(x, -1.5, 1.5)
+    given: dict[str, Any] = {"phase_rad": turn, "orders": ORDERS, "rate_hz": RATE_HZ, "poles": 2}
+    widths = likely_bandwidth(x, **given, largest_bandwidth_hz=3.0)
+    tracks = track_orders(x, **given, bandwidth_hz=widths, output_every=EVERY)
+    truth = np.stack([envelopes.of(place, tracks.sample_index) for place in range(len(ORDERS))])
+    wrong = (tracks.complex_amplitude - truth) / tracks.std
+    return float(np.mean(np.abs(np.concatenate([wrong.real, wrong.imag])) < WITHIN))
+
+
+def coverage_figures(found: Sequence[float]) -> dict[str, Figure]:
+    """Return the mean share for each kind of noise."""
+    each = len(found) // len(NOISES)
+    return {
+        f"coverage: {noise}": Figure.mean(found[place * each : (place + 1) * each])
+        for place, noise in enumerate(NOISES)
+    }
+
+
+COVERAGE = Section(
+    name="coverage",
+    rows=tuple(
+        Row(
+            name=f"coverage: {noise}",
+            what=f"share of true quadratures within a nominal 90 % by `std`, {words}",
+            better="more",
+            limit=averaged("more"),
+        )
+        for noise, words in zip(
+            NOISES, ("white noise", "pink noise", "a resonance under a line", "clipped"), strict=True
+        )
+    ),
+    tasks=lambda effort: [partial(covered, noise, n) for noise in NOISES for n in effort.numbers(6, 30, 200)],
+    figures=coverage_figures,
+)
+
+# ---- resampling ------------------------------------------------------------------------------------------------------
+
+
+def resampled(samples: int) -> tuple[float, ...]:
+    """Return relative errors at orders 1 and 400, and what is left of a tone that would fold, relative."""
+    import resampling  # noqa: PLC0415 - draws as well
+
+    record = resampling.Record.made(samples)
+
+    def run(order: float, per_rev: int) -> Floats:
+        found = angular_resample(
+            record.tone(order), rate_hz=resampling.RATE_HZ, phase=record.phase, samples_per_rev=per_rev, method="sinc"
+        )
+        return np.asarray(found.values)
+
+    errors = []
+    for order in (1, 400):
+        values = run(order, resampling.SAMPLES_PER_REV)
+        truth = np.cos(2 * np.pi * order * np.arange(values.size) / resampling.SAMPLES_PER_REV)
+        errors.append(float(np.std(resampling.middle(values - truth)) / np.std(resampling.middle(truth))))
+    left = np.std(resampling.middle(run(resampling.FOLDING[0], resampling.COARSE))) * np.sqrt(2)
+    return (*errors, float(left))
+
+
+RESAMPLING = Section(
+    name="resampling",
+    rows=tuple(
+        Row(name=f"resampling: {name}", what=what, limit=times(1.5))
+        for name, what in (
+            ("order 1", "relative error of a tone, to 1,024 a revolution"),
+            ("order 400", "the same"),
+            ("folding", "what is left of order 313, to 512 a revolution"),
+        )
+    ),
+    tasks=lambda effort: [partial(resampled, effort.pick(200_000, 1_000_000, 1_000_000))],
+    figures=lambda found: {
+        f"resampling: {name}": Figure(value=value)
+        for name, value in zip(("order 1", "order 400", "folding"), found[0], strict=True)
+    },
+)
+
+# ---- integration -----------------------------------------------------------------------------------------------------
+
+# State of the gear pair [x1, x2, q, x2', w2] of fifty digits, after 2,652 mesh periods of constant and 100 of
+# rectangular stiffness.
+ORACLES = {
+    "constant": (2652, 1.158291726597e-5, -1.244479508671e-5, 1.199957237219e-3, 1.505469885551e-4, 132.1547571565),
+    "rectangular": (100, 1.235130893838e-5, -1.235230154837e-5, 1.311545438764e-3, -2.275943771227e-3, 53.56034784742),
+}
+STEPS = 20  # a mesh period
+
+
+def integrated(name: str) -> float:
+    """Return the largest relative error of the state of the gear pair, x2' relative to its largest value."""
+    if str(TREE / "tests") not in sys.path:
+        sys.path.insert(0, str(TREE / "tests"))
+    import gear_pair  # noqa: PLC0415 - the tests' own, of the tree that is measured
+
+    from data_synth.integrators import driver, problem  # noqa: PLC0415
+
+    periods, *state = ORACLES[name]
+    stiffness = gear_pair.constant() if name == "constant" else gear_pair.rectangle()
+    damping = np.diag([0, 0, 0, gear_pair.LINEAR_DRAG])
+    posed = gear_pair.driven(gear_pair.pair(stiffness, damping=damping), duration_s=periods * gear_pair.PERIOD_S)
+    more: dict[str, Any] = {}
+    if "method" in inspect.signature(driver.integrate).parameters:
+        from data_synth.integrators.splitting import Splitting  # noqa: PLC0415
+
+        more["method"] = Splitting()
+    read = gear_pair.state_output(1 / gear_pair.PERIOD_S)
+    found = driver.integrate(posed, output=read, tolerance=problem.Steps(per_sample=STEPS), **more).checked()
+    scale = np.abs(state)
+    scale[3] = np.max(np.abs(found.values[:, 3]))
+    return float(np.max(np.abs(found.values[-1] - state) / scale))
+
+
+INTEGRATION = Section(
+    name="integration",
+    rows=tuple(
+        Row(
+            name=f"integrator: {name}",
+            what=f"gear pair of {name} stiffness, largest relative error",
+            limit=times(2.0, least=1e-9),
+        )
+        for name in ORACLES
+    ),
+    tasks=lambda _: [partial(integrated, name) for name in ORACLES],
+    figures=lambda found: {
+        f"integrator: {name}": Figure(value=error) for name, error in zip(ORACLES, found, strict=True)
+    },
+)
+
+# ---- truth -----------------------------------------------------------------------------------------------------------
+
+RISE_RPM_S = {"steady": 0.0, "ramp": 30.0}
+LEFT = {"steady": (0.1, 1.0), "ramp": (0.24, 1.0)}  # per cent: of a record, and of what its fault adds
+
+
+def left_by_truth(motion: str, seconds: float) -> tuple[float, float]:
+    """Return the power of gears in motion that the lines of the truth leave: of the record, and of its fault, %."""
+    import truth  # noqa: PLC0415 - imports more than other sections need
+
+    rpm = [[0, 1200], [seconds, 1200 + RISE_RPM_S[motion] * seconds]]
+    scene = load_scene("gears-in-motion").changed(speed={"link": "input", "rpm": rpm}, duration_s=seconds)
+    scene = truth.plain(scene)
+    records = [simulate(one, seed=1, phases=True) for one in (scene, scene.changed(faults=()))]
+    (signal, reference), (lines, own) = (
+        [record[scene.sensors[0].name].to_numpy() for record in records],
+        [truth.rebuilt(record) for record in records],
+    )
+    return 100 - truth.explained(lines, signal), 100 - truth.explained(lines - own, signal - reference)
+
+
+TRUTH = Section(
+    name="truth",
+    rows=tuple(
+        Row(name=f"truth: {motion}, {of}", what=f"power that the truth leaves, of {words}, %", limit=fixed(most))
+        for motion, limits in LEFT.items()
+        for (of, words), most in zip((("record", "the record"), ("fault", "its fault")), limits, strict=True)
+    ),
+    tasks=lambda effort: [partial(left_by_truth, motion, effort.pick(4.0, 10.0, 10.0)) for motion in RISE_RPM_S],
+    figures=lambda found: {
+        f"truth: {motion}, {of}": Figure(value=value)
+        for motion, pair in zip(RISE_RPM_S, found, strict=True)
+        for of, value in zip(("record", "fault"), pair, strict=True)
+    },
+)
+SECTIONS = (COVERAGE, RESAMPLING, INTEGRATION, TRUTH, TRACKERS)
