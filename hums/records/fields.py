@@ -35,7 +35,7 @@ __all__ = [
     "utc_text",
 ]
 
-SCHEMA = "hums-record/1"
+SCHEMA = "hums-record/2"
 
 UNITS: Mapping[str, tuple[str, ...]] = {
     "g": ("g0", "g_n", "gn"),

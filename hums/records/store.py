@@ -1,7 +1,7 @@
 """Records and results on disk: HDF5 in netCDF4 layout, checksummed, written atomically.
 
-``xarray.open_dataset(path, engine="h5netcdf")`` reads every file written here. `open_record` adds the time axis,
-which is computed and not stored, and validates the record.
+``xarray.open_dataset(path, engine="h5netcdf")`` reads every file written here, and h5py its arrays; ``time`` is in
+seconds for both. `open_record` computes the time axis from start and rate instead, and validates the record.
 """
 
 import math
@@ -21,9 +21,11 @@ from uuid import uuid4
 import h5py
 import numpy as np
 import xarray as xr
+from xarray.indexes import RangeIndex
 
 from hums.records._contained import fingerprint, objects, refuse_reaching_out, refuse_size, refuse_too_large
 from hums.records._netcdf import Chunks, DiskError, write_netcdf
+from hums.records.channels import ANGLE
 from hums.records.fields import RecordWarning, is_utf8, plain_repr
 from hums.records.packing import packed, unpacked
 from hums.records.record import SCHEMA, RecordError, attach_time, check_record, detach_time
@@ -102,7 +104,7 @@ def save_record(record: xr.Dataset, path: str | os.PathLike[str]) -> None:
 def write_record(record: xr.Dataset, path: str | os.PathLike[str], *, tidy: bool = True) -> None:
     """Write a record as `save_record` does; `tidy` is that of `atomic_write`."""
     check_record(record)
-    plain = _writable(detach_time(record), where="record")
+    plain = _with_axes(_writable(detach_time(record), where="record"), record)
     _write({"/": (plain, _all_chunks(plain))}, path, tidy=tidy)
 
 
@@ -139,9 +141,12 @@ def open_record(path: str | os.PathLike[str]) -> xr.Dataset:
     """
     file = existing_file(path)
     _check_schema(file)
-    opened = _opened(file, xr.open_dataset)
+    opened = _opened(file, partial(xr.open_dataset, create_default_indexes=False))  # which would load the time axes
     try:
         record = attach_time(opened)
+        for dim in record.dims:
+            if dim in record.coords and dim not in record.xindexes:
+                record = record.set_xindex([dim])
         check_record(record)
     except RecordError as error:
         opened.close()
@@ -186,7 +191,7 @@ def write_shard(
     dtype : {"float32", "float64"}
         Type of the stored samples and of amplitudes of lines, which are compressed.
     """
-    shard = _writable(packed(records, labels, dtype=dtype), where="shard")
+    shard = _with_axes(_writable(packed(records, labels, dtype=dtype), where="shard"), records[0])
     chunks = _all_chunks(shard)
     for name in chunks:
         _, *row = shard.variables[name].shape
@@ -205,7 +210,7 @@ def open_shard(path: str | os.PathLike[str]) -> xr.Dataset:
     RecordError
         If the file is missing, damaged or not HDF5.
     """
-    return _checked_and_opened(path, xr.open_dataset)
+    return _checked_and_opened(path, partial(xr.open_dataset, create_default_indexes=False))
 
 
 def record_of_shard(shard: xr.Dataset, row: int) -> xr.Dataset:
@@ -345,7 +350,7 @@ def _check_schema(file: Path) -> None:
             f"{file} is HDF5 but not a record: it carries no schema. If it holds signals, make a record of "
             f"them: hums convert {quote(file.name)} record.h5 ..."
         )
-    hint = "open it with what wrote it"
+    hint = "convert or simulate it again, or open it with the version that wrote it"
     if str(schema).startswith("hums-shard/"):
         hint = "it is a part of a dataset: hums.open_dataset(folder) opens that, hums.dataset_record a record of it"
     raise RecordError(f"{file} holds {schema}, where a record holds {SCHEMA}; {hint}.")
@@ -467,6 +472,17 @@ def _sync(path: Path) -> None:
         os.fsync(descriptor)
     finally:
         os.close(descriptor)
+
+
+def _with_axes(plain: xr.Dataset, record: xr.Dataset) -> xr.Dataset:
+    """Return the dataset to write with the time axes of a record as coordinates, which compress to nearly nothing."""
+    axes = {}
+    for dim, index in record.xindexes.items():
+        if isinstance(index, RangeIndex):
+            axes[dim] = record.variables[dim].copy(deep=False)
+            axes[dim].attrs["units"] = "revolutions" if dim == ANGLE else "s"
+            axes[dim].encoding["zlib"] = True
+    return plain.assign_coords(xr.Coordinates(axes, indexes={}))
 
 
 def _all_chunks(dataset: xr.Dataset) -> dict[str, tuple[int, ...]]:

@@ -60,7 +60,7 @@ def test_a_record_of_pulse_times():
         attrs={"site": "north"},
     )
     assert record.attrs == {
-        "schema": "hums-record/1",
+        "schema": "hums-record/2",
         "machine": "turbine 4",
         "recorded_at": "2013-03-11T03:00:24Z",
         "rate_hz": 1000.0,
