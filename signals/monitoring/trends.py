@@ -16,7 +16,7 @@ from typing import Any
 import numpy as np
 from numpy.typing import NDArray
 
-__all__ = ["FEWEST", "FORMS", "TrendTests", "trend_tests"]
+__all__ = ["FEWEST", "FORMS", "TrendTests", "grouped", "trend_tests"]
 
 Array = NDArray[np.float64]
 Floats = NDArray[np.floating[Any]]
@@ -73,7 +73,7 @@ def trend_tests(values: Array, times: Array, *, seed: int = 1) -> TrendTests:
     """
     if len(times) < FEWEST:
         raise ValueError(f"{len(times)} records are too few to test; a trend needs {FEWEST}.")
-    values, times = _grouped(values[np.argsort(times, kind="stable")], np.sort(times))
+    values, times = grouped(values[np.argsort(times, kind="stable")], np.sort(times))
     count, block = len(times), 1
     if count >= _BLOCKS_FROM:
         block = math.ceil(count ** (1 / 3))  # the rate of blocks for the variance of a mean (Kuensch 1989)
@@ -178,8 +178,8 @@ def _ranks(values: Array) -> Array:
     return np.where(np.isfinite(values), ranks, np.nan)
 
 
-def _grouped(values: Array, times: Array) -> tuple[Array, Array]:
-    """Return the medians of consecutive records where there are many."""
+def grouped(values: Array, times: Array) -> tuple[Array, Array]:
+    """Return `values` (records, series) and ascending `times`; of more than 100 records, medians of groups."""
     if len(times) <= _MOST_GROUPS:
         return values, times
     groups = np.array_split(np.arange(len(times)), _MOST_GROUPS)
