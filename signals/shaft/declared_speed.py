@@ -22,7 +22,7 @@ if TYPE_CHECKING:
 
 _LONGEST_FRAME_S = 4.0  # lines of a speed that is constant within a thousandth keep together up to order 100 at 2 Hz
 _STILL_HZ_S = 1e-6  # the search does without changes of speed
-_RIVAL = 0.5  # of the evidence at the best speed, which another speed must not reach by lines of its own
+_RIVAL = 0.5  # of the evidence at the best speed, which a speed beyond its wander must not reach by lines of its own
 _WANDER = 0.005  # relative change of a steady speed (our choice); lines of high orders smear over so many speeds
 _FEWEST_REVOLUTIONS = 20.0
 
@@ -65,9 +65,9 @@ def refine_declared_speed(
     """Refine a declared constant speed by the lines of a record, where they clearly show another within its tolerance.
 
     The speed stays as declared unless at least two lines show the other one; its evidence exceeds that of the declared
-    speed by a factor of a thousand for each speed tried; no third speed has half of it; and it lies within the
-    tolerance, not at its edge. Otherwise the lines show the speed as it was declared where the best one is as near as a
-    motor's speed changes, its evidence exceeds that of the median speed so, and no speed farther away has half of it.
+    speed by a factor of a thousand for each speed tried; no speed farther from it than a steady one wanders has half of
+    it; and it lies within the tolerance, not at its edge. Of a speed that is as declared the lines are given where the
+    best one is as near as a motor's speed changes, and its evidence exceeds that of the median speed so.
 
     Parameters
     ----------
@@ -124,15 +124,13 @@ def refine_declared_speed(
     # orders whose line at another speed is neither the line that the best one has nor its leakage
     own = np.abs(np.outer(speeds - speeds[best], listed)) * frame_s > leakage_bins(search, float(speeds[best]))
     rival = (scores * own).sum(axis=1) > _RIVAL * np.maximum((shown * own).sum(axis=1), CERTAIN)
+    # within the wander of a steady speed the evidence is of the same lines, smeared
+    contested = rival[np.abs(speeds / speeds[best] - 1) > _WANDER].any()
+    if contested or single_line(search, float(speeds[best]), shown):
+        return unchanged
     needed = CERTAIN + np.log(speeds.size)
-    if gain < needed or rival.any() or single_line(search, float(speeds[best]), shown):
-        wander = np.abs(speeds / speeds[best] - 1) <= _WANDER
-        as_declared = (
-            abs(speeds[best] / declared - 1) <= _WANDER / 2
-            and evidence[best] - np.median(evidence) >= needed
-            and not rival[~wander].any()
-            and not single_line(search, float(speeds[best]), shown)
-        )
+    if gain < needed:
+        as_declared = abs(speeds[best] / declared - 1) <= _WANDER / 2 and evidence[best] - np.median(evidence) >= needed
         return replace(unchanged, orders=listed[shown > SHOWS]) if as_declared else unchanged
     before, at, after = evidence[best - 1 : best + 2]
     bend = before - 2 * at + after

@@ -77,6 +77,30 @@ def test_lines_may_show_the_speed_as_it_was_declared():
         assert not refined_by_noise(seed).orders.size
 
 
+@pytest.mark.parametrize("wander", [0.0, 0.001, 0.003])
+def test_a_speed_that_wanders_is_found_within_that_or_left_as_declared(wander):
+    swing = wander / (2 * np.pi * 0.4)
+    turns = 24.75 * (T - swing * np.cos(2 * np.pi * 0.4 * T))
+    x = np.sum([np.cos(2 * np.pi * order * turns + order) for order in range(1, 11)], axis=0)
+    x = x + np.random.default_rng(2).standard_normal(T.size)
+    for declared in (24.75, 24.75 * 1.01, 24.75 * 0.985):
+        found = refine_declared_speed(x, rate_hz=RATE_HZ, speed_hz=declared, orders=range(1, 11), tolerance=0.02)
+        assert found.speed_hz == pytest.approx(24.75, rel=1e-3 + wander) or found.speed_hz == declared
+        assert found.refined or wander > 0.002 or declared == 24.75
+
+
+@pytest.mark.parametrize("name", ["B007_0", "B021_0", "IR007_0", "IR014_0", "IR021_0"])
+def test_harmonics_of_a_measured_motor_show_its_speed(real_data, name):
+    data = io.loadmat(real_data / "cwru" / f"{name}.mat")
+    x = next(value for key, value in data.items() if key.endswith("DE_time")).ravel()
+    stated = next(float(value.ravel()[0]) for key, value in data.items() if key.endswith("RPM")) / 60
+    for error in (-0.018, -0.005, 0.0, 0.01, 0.018):
+        declared = stated * (1 + error)
+        found = refine_declared_speed(x, rate_hz=12000, speed_hz=declared, orders=range(1, 11), tolerance=0.02)
+        assert found.speed_hz == pytest.approx(stated, rel=0.002)  # it is stated to 1 rpm, and wanders by a thousandth
+        assert set(found.orders) >= {1.0, 2.0}
+
+
 @pytest.mark.parametrize(("name", "share"), [("InnerRaceFault_vload_1", 0.9894), ("OuterRaceFault_vload_1", 0.993)])
 def test_a_measured_record(real_data, name, share):
     """Shaft lines of the MFPT rig stand below the declared 25 Hz: peaks of the whole record's spectrum at 4x and 2x."""
