@@ -20,7 +20,7 @@ import subprocess
 import sys
 import time
 import warnings
-from collections.abc import Sequence
+from collections.abc import Iterator, Sequence
 from concurrent.futures import ProcessPoolExecutor
 from pathlib import Path
 from typing import Any
@@ -30,7 +30,7 @@ if __name__ == "__main__":  # the libraries read these once, when they are impor
         ("OMP_NUM_THREADS", "OPENBLAS_NUM_THREADS", "MKL_NUM_THREADS", "NUMBA_NUM_THREADS"), "1"
     )
 
-from board import costs, estimates, verdicts_of_records
+from board import costs, declarations, estimates, fleets, speeds, verdicts_of_records
 from board.sections import Effort, Section, Task
 from board.table import Figure, saved, table
 
@@ -61,6 +61,9 @@ declarations, the limit says no more than that it gets no worse.
 """
 SECTIONS: tuple[Section, ...] = (
     *verdicts_of_records.SECTIONS,
+    declarations.SECTION,
+    *speeds.SECTIONS,
+    fleets.SECTION,
     *estimates.SECTIONS,
     *costs.SECTIONS,
 )
@@ -76,19 +79,17 @@ def _tried(task: Task) -> Any:  # noqa: ANN401
             return RuntimeError(f"{type(error).__name__}: {error}")
 
 
-def measured(sections: Sequence[Section], effort: Effort, *, jobs: int) -> dict[str, Figure | str]:
-    """Return the figure of each row, or the sentence that ended its measurement."""
-    found: dict[str, Figure | str] = {}
+def measured(sections: Sequence[Section], effort: Effort, *, jobs: int) -> Iterator[dict[str, Figure | str]]:
+    """Yield the figures of each section, or for its rows the sentence that ended their measurement."""
     together = [section for section in sections if not section.alone]
     tasks = {section.name: list(section.tasks(effort)) for section in sections}
     with ProcessPoolExecutor(jobs) as pool:
         running = {section.name: [pool.submit(_tried, task) for task in tasks[section.name]] for section in together}
         for section in together:
-            found |= _figures(section, [each.result() for each in running[section.name]])
+            yield _figures(section, [each.result() for each in running[section.name]])
     for section in sections:
         if section.alone:
-            found |= _figures(section, [_tried(task) for task in tasks[section.name]])
-    return found
+            yield _figures(section, [_tried(task) for task in tasks[section.name]])
 
 
 def _figures(section: Section, results: list[Any]) -> dict[str, Figure | str]:
@@ -101,10 +102,11 @@ def _figures(section: Section, results: list[Any]) -> dict[str, Figure | str]:
 
 
 def baseline(size: str) -> dict[str, Figure]:
-    """Return the figures of the baseline at a size, or at the size below where that is all there is."""
+    """Return the figures of the baseline at a size, and at those below it of rows that were not measured at it."""
     sizes = json.loads(BASELINE.read_text(encoding="utf-8"))["sizes"] if BASELINE.exists() else {}
-    held = sizes.get(size) or sizes.get("plain") or sizes.get("quick") or {"figures": {}}
-    return {name: Figure(**figure) for name, figure in held["figures"].items()}
+    order = ("quick", "plain", "full")
+    held = [sizes.get(name, {"figures": {}})["figures"] for name in order[: order.index(size) + 1]]
+    return {name: Figure(**figure) for figures in held for name, figure in figures.items()}
 
 
 def save(size: str, first: int, figures: dict[str, Figure | str]) -> None:
@@ -142,9 +144,11 @@ def main(arguments: Sequence[str] | None = None, sections: Sequence[Section] = S
     begun = time.perf_counter()
     chosen = [section for section in sections if not given.only or section.name in given.only]
     data = None if given.data is None else Path(given.data)
-    figures = measured(chosen, Effort(size=given.size, first=given.first, data=data), jobs=given.jobs)
-    if given.save:
-        save(given.size, given.first, figures)
+    figures: dict[str, Figure | str] = {}
+    for found in measured(chosen, Effort(size=given.size, first=given.first, data=data), jobs=given.jobs):
+        figures |= found
+        if given.save:
+            save(given.size, given.first, found)
     rows = [row for section in sections for row in section.rows]
     lines, holds = table(rows, figures, baseline(given.size), baseline=COMMIT)
     if given.page:

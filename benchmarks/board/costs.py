@@ -4,14 +4,13 @@ import json
 import tempfile
 from collections.abc import Sequence
 from pathlib import Path
-from typing import Any
 
 import code_size
 import numpy as np
 import startup
 
 from board.estimates import TREE, in_rffts, rfft_s
-from board.sections import Effort, Section
+from board.sections import Section
 from board.table import Figure, Row, times
 from data_synth import load_scene, simulate
 from hums import AnalysisSettings, analyze, load_gearbox
@@ -89,14 +88,10 @@ COSTS = Section(
 # ---- size ------------------------------------------------------------------------------------------------------------
 
 
-def sizes(_: Effort) -> list[Any]:
-    """Return a task that counts."""
-    return [
-        lambda: (
-            {row: code_size.count(row, TREE) for row in code_size.WHOLE}
-            | {"test functions": code_size.total(TREE, "tests").test_functions}
-        )
-    ]
+def sizes() -> dict[str, int]:
+    """Return the counts of the tree that is measured."""
+    found = {row: code_size.count(row, TREE) for row in code_size.WHOLE}
+    return found | {"test functions": code_size.total(TREE, "tests").test_functions}
 
 
 def size_figures(found: Sequence[dict[str, int]]) -> dict[str, Figure]:
@@ -114,8 +109,7 @@ SIZE = Section(
         Row(name="size: test functions", what="functions that test"),
         Row(name="size: benchmarks", what="code lines of the benchmarks", limit=times(1.15)),
     ),
-    tasks=sizes,
+    tasks=lambda _: [sizes],
     figures=size_figures,
-    alone=True,
 )
 SECTIONS = (COSTS, SIZE)
