@@ -1,12 +1,11 @@
-"""Time against error of every way to track orders: python benchmarks/trackers.py [--against CHECKOUT] [FOLDER].
+"""Time against error of every way to track orders: python benchmarks/trackers.py [FOLDER].
 
 Writes trackers.md and trackers.svg into FOLDER (default docs/benchmarks). Every estimator runs on the standard jobs
 (jobs.py) at the bandwidth that suits it best there, beside the usual ways on other packages (peers.py; statsmodels
-comes with the extra `bench`); with `--against`, beside another checkout of this project, too. The package `tracking`
-has the parts.
+comes with the extra `bench`). The package `tracking` has the parts; what changes from one tree to the next is on the
+scoreboard.
 """
 
-import argparse
 import os
 import sys
 
@@ -18,17 +17,14 @@ if __name__ == "__main__":  # the libraries read these once, when they are impor
 from functools import partial
 from pathlib import Path
 
-from tracking.against import ROUNDS, against
 from tracking.channels import channels
 from tracking.clock import ONCE_S, SLOW_S, Effort
 from tracking.coverage import coverage
 from tracking.measuring import Row, measure, only
-from tracking.options import options
 from tracking.picture import draw
 from tracking.scaling import FITTED, SAMPLE_BY_SAMPLE, scaling
 from tracking.settings import EVERYWHERE, our_settings, peer_settings
 from tracking.slipping import slipping
-from tracking.speedups import speedups
 from tracking.tables import job_table, table
 from tracking.targets import Target, targets
 
@@ -42,19 +38,6 @@ Error: `sqrt(sum |Z' - Z|^2 / sum |Z|^2)` over all orders and the middle 90 % of
 search on the job itself, one number for all orders, in Hz (J3: in orders). Memory: how far the process grew. Records:
 J1 ten orders of a shaft that runs up from 10 to 40 Hz in 20 s; J2 orders 20 and 20.2 of it, crossed by a line at
 300 Hz; J3 the ten orders at 512 samples a turn; a million samples each, in noise of variance 1 (`jobs.py`)."""
-
-SPEEDUPS = """\
-Of an excerpt, two fifths and more are start-up, in which the filter with steady-state gains is the exact one, and a
-call has checks to make, however short the record. Difference: root of the mean square over all outputs, from the first
-on, as a part of theirs."""
-
-AGAINST = """\
-Processor time in seconds, the least of calls in {rounds} processes of each checkout in turn, one thread; compiling: of
-the first call in an empty cache of kernels, less the second. RMS: of the differences of amplitudes over `std`, between
-the exact smoother and that of the other checkout."""
-
-OPTIONS = """\
-On J1, outputs every 200: the fast smoother with 2 poles and the exact filter with 1, each with one setting more."""
 
 CHANNELS = """\
 Records of one channel and of {channels}, which share their phases; outputs every 200, in rffts of one channel."""
@@ -75,12 +58,12 @@ they lie in a record of {grown:,} samples at 512 a turn, {exact:,} for the exact
 apart."""
 
 
-def main(folder: Path, *, other: Path | None = None, effort: Effort | None = None) -> int:
-    """Measure, beside another checkout or alone, and write the tables and the picture."""
+def main(folder: Path, *, effort: Effort | None = None) -> int:
+    """Measure, and write the tables and the picture."""
     effort = effort or Effort()
     settings = our_settings() + (peer_settings() if effort.with_peers else [])
     rows, refusals = measure(EVERYWHERE, settings, effort)
-    lines = _report(rows, refusals, other, effort)
+    lines = _report(rows, refusals, effort)
     folder.mkdir(parents=True, exist_ok=True)
     (folder / "trackers.md").write_text("\n".join(lines).rstrip() + "\n", encoding="utf-8")
     save_figure(partial(draw, rows), folder / "trackers.svg", width=11, height=5.4)
@@ -88,23 +71,16 @@ def main(folder: Path, *, other: Path | None = None, effort: Effort | None = Non
     return 0
 
 
-def _report(rows: list[Row], refusals: list[str], other: Path | None, effort: Effort) -> list[str]:
-    faster, fast_enough = speedups(rows, effort)
+def _report(rows: list[Row], refusals: list[str], effort: Effort) -> list[str]:
     honest, held = coverage(effort)
     widths = {row.setting.family: row.bandwidth for row in only(rows, "J1")}
     grown, straight = scaling((widths.get("smoother 2", 1.0), widths.get("filter 1", 1.0)), effort)
-    beside, kept = against(other, samples=effort.compared)
     about = SCALING.format(fitted=FITTED, grown=effort.grown, exact=SAMPLE_BY_SAMPLE)
     note = NOTE.format(repeats=effort.repeats, slow_repeats=effort.slow_repeats, slow_s=SLOW_S, once_s=ONCE_S)
     lines = ["# Trackers: time against error", "", note, "", "![Time against error](trackers.svg)", ""]
-    lines += ["## Targets", "", *_verdicts([*targets(rows), *fast_enough, *held, *straight, *kept])]
+    lines += ["## Targets", "", *_verdicts([*targets(rows), *held, *straight])]
     for name in EVERYWHERE:
         lines += [f"## {name}", "", *job_table(only(rows, name))]
-    if effort.with_peers:
-        lines += ["## Times as fast as other packages", "", *faster, SPEEDUPS, ""]
-    head = ("call", "RMS, std", "other checkout, s", "this one, s", "ratio")
-    lines += ["## Compiling, and beside another checkout", "", AGAINST.format(rounds=ROUNDS), "", *table(head, beside)]
-    lines += ["## Other settings", "", OPTIONS, "", *options(effort)]
     lines += ["## Several channels", "", CHANNELS.format(channels=effort.channels), "", *channels(effort)]
     lines += ["## What `std` holds", "", COVERAGE, "", *honest]
     lines += ["## A line that slips", "", SLIPPING, "", *slipping(effort)]
@@ -119,8 +95,4 @@ def _verdicts(found: list[Target]) -> list[str]:
 
 
 if __name__ == "__main__":
-    arguments = argparse.ArgumentParser()
-    arguments.add_argument("folder", type=Path, nargs="?", default=Path("docs/benchmarks"))
-    arguments.add_argument("--against", type=Path, metavar="CHECKOUT")
-    given = arguments.parse_args()
-    sys.exit(main(given.folder, other=given.against and given.against.resolve()))
+    sys.exit(main(Path(sys.argv[1]) if len(sys.argv) > 1 else Path("docs/benchmarks")))

@@ -32,7 +32,6 @@ class Effort:
     lengths : numbers of samples, for the scaling with samples.
     separable, coupled : numbers of orders, for the scaling with orders.
     grown : samples in a record where orders grow, for the smoother on blocks.
-    compared : samples in the records that two checkouts track.
     """
 
     samples: int | None = None
@@ -48,7 +47,6 @@ class Effort:
     separable: tuple[int, ...] = (10, 20, 50, 100, 200)
     coupled: tuple[int, ...] = (5, 10, 20, 40, 60, 80)
     grown: int = 250_000
-    compared: int = 250_000
 
     def repeats_of(self, took: float) -> int:
         """How often a call of so many seconds is timed."""

@@ -1,28 +1,17 @@
-"""The benchmarks run: the report on jobs cut short, every asv suite once; and the jobs are what they say."""
+"""The benchmarks run: the report on jobs cut short; and the jobs are what they say."""
 
 import dataclasses
-import importlib
-import inspect
-import itertools
-import pkgutil
-import subprocess
-import sys
-from pathlib import Path
 
 import numpy as np
 import peers
 import pytest
-import suites
 import trackers
 from jobs import standard_job
-from tracking import against as against_module
 from tracking import scaling, settings
-from tracking.against import against
 from tracking.clock import Effort
 from tracking.measuring import Row, measure
 from tracking.settings import our_settings, ours, peer_settings, streams
 from tracking.slipping import ORDER, Slipping
-from tracking.speedups import speedups
 from tracking.targets import targets
 
 from signals.harmonics import track_orders
@@ -113,7 +102,6 @@ def test_vold_kalman_alone_is_the_coupled_one_for_a_single_order():
 
 
 def test_the_report_is_written(tmp_path, capsys, monkeypatch):
-    monkeypatch.setattr(trackers, "against", lambda *_, **__: ([], []))  # processes of its own, see below
     # Other poles make rows of the same kinds.
     few = [setting for setting in our_settings() if setting.poles == (2 if setting.label.startswith("smoother") else 1)]
     monkeypatch.setattr(trackers, "our_settings", lambda: few)
@@ -137,7 +125,7 @@ def test_the_report_is_written(tmp_path, capsys, monkeypatch):
     rows = [line for line in report.splitlines() if line.startswith(("| smoother |", "| filter |"))]
     assert {row.split(" | ")[1] for row in rows} >= {"exact", "fast"}
     assert all(f"## {name}" in report for name in JOBS)
-    sections = "Compiling, and", "Other settings", "Several channels", "What `std` holds", "A line that", "Scaling"
+    sections = "Several channels", "What `std` holds", "A line that", "Scaling"
     for section in sections:
         assert f"## {section}" in report
     # Every estimator and setting has its row, and no number that is none gets into the report.
@@ -230,66 +218,3 @@ def test_the_record_that_slips_turns_as_its_slip_says():
     turned = np.cumsum(ORDER * 0.5 * (record.slip[1:] + record.slip[:-1]) * np.diff(record.phase_rad))
     # Trapezia miss a twelfth of the change of the slope, 1e-7 a sample, and 50 rad are rounded at each of 50,000 steps.
     np.testing.assert_allclose(record.turn_rad[1:], turned, rtol=0, atol=1e-7)
-
-
-def test_speedups_are_those_of_the_same_samples():
-    job = standard_job("J3 angle", samples=3000)
-    theirs = next(s for s in peer_settings() if s.label == "filterpy")
-    slow = ours("filter", "exact", poles=1)
-    rows = [row_of(job, setting, bandwidth=0.04) for setting in (slow, theirs)]
-    effort = Effort(excerpt=300, repeats=1, slow_repeats=1)
-    lines, (found,) = speedups(rows, effort)
-    assert found.what == "J3 causal, 1 pole, against filterpy, both on 300 samples"
-    assert sum(line.startswith("| J3 angle | filterpy | exact |") for line in lines) == 1
-    # A way as slow as theirs is not 300 times as fast.
-    rows[0] = row_of(job, dataclasses.replace(slow, run=theirs.run), bandwidth=0.04)
-    assert not speedups(rows, effort)[1][0].passed
-
-
-def test_a_checkout_beside_itself_differs_by_nothing(monkeypatch):
-    def in_process(_root, _kernels, what, samples):
-        return {"filter": 0.5} if what == "compile" else against_module.calls(Path(what), samples)
-
-    monkeypatch.setattr(against_module, "_run", in_process)
-    monkeypatch.setattr(against_module, "ROUNDS", 1)
-    lines, verdicts = against(against_module.ROOT, samples=5_000)
-    apart = [line[1] for line in lines if line[1]]
-    assert len(apart) == len(against_module.exact_cases(5_000))
-    assert set(apart) == {"0.0e+00"}
-    assert all("RMS 0.0e+00 std" in target.measured for target in verdicts if target.what.startswith("exact"))
-    assert any(target.what.startswith("all tracker paths compiled") for target in verdicts)
-
-
-KINDS = ("time_", "timeraw_", "peakmem_", "track_")
-
-
-def _suites():
-    for found in pkgutil.iter_modules(suites.__path__, "suites."):
-        yield importlib.import_module(found.name)
-
-
-def _benchmarks():
-    for module in _suites():
-        for name, suite in inspect.getmembers(module, inspect.isclass):
-            if suite.__module__ == module.__name__ and not name.startswith("_"):
-                methods = [method for method in dir(suite) if method.startswith(KINDS)]
-                yield from (pytest.param(module, suite, m, id=f"{module.__name__}.{name}.{m}") for m in methods)
-
-
-@pytest.mark.parametrize("module", list(_suites()), ids=lambda module: module.__name__)
-def test_asv_takes_no_imported_function_for_a_benchmark(module):
-    assert [name for name, _ in inspect.getmembers(module, inspect.isfunction) if name.startswith(KINDS)] == []
-
-
-@pytest.mark.parametrize(("module", "suite", "method"), list(_benchmarks()))
-def test_suite(module, suite, method, monkeypatch):
-    monkeypatch.setattr(module, "SAMPLES", 20_000, raising=False)
-    params = getattr(suite, "params", ())
-    lists = params if params and isinstance(params[0], tuple) else [params] if params else []
-    case = next(itertools.product(*lists))
-    instance = suite()
-    if hasattr(instance, "setup"):
-        instance.setup(*case)
-    code = getattr(instance, method)(*case)
-    if method.startswith("timeraw_"):
-        subprocess.run([sys.executable, "-c", code], check=True)
