@@ -74,7 +74,7 @@ BUDGETS = """
     signals/health, signals/indicators                          955    955    800
     signals/monitoring                                         1135   1020    700
     signals/resampling                                          799    799    600
-    signals/shaft                                              3006   3006   2000
+    signals/shaft                                              3006   3003   2000
     signals/spectra                                             866    866    700
     hums (root)                                                 830    830    600
     hums/analysis                                              5359   5359   3000
