@@ -72,7 +72,7 @@ BUDGETS = """
     signals/demodulation                                        905    905    750
     signals/harmonics, signals/slipping_order                  4012   4012   2500
     signals/health, signals/indicators                          955    955    800
-    signals/monitoring                                         1135   1020    700
+    signals/monitoring                                         1135   1022    700
     signals/resampling                                          799    799    600
     signals/shaft                                              3006   3003   2000
     signals/spectra                                             866    866    700
