@@ -1,11 +1,12 @@
 """Graph of a mechanism, drawn as by Penaud, Alazard and Amiez (2012, figures 3 and 7)."""
 
-from collections.abc import Iterator
+from collections import Counter
 from dataclasses import dataclass
+from itertools import combinations
 
 import numpy as np
-from matplotlib.artist import Artist
 from matplotlib.axes import Axes
+from matplotlib.colors import to_rgba
 from matplotlib.lines import Line2D
 from matplotlib.patches import Patch, PathPatch, Polygon
 from matplotlib.path import Path
@@ -14,15 +15,14 @@ from matplotlib.text import Text
 from matplotlib.transforms import Bbox
 
 from hums.gearbox.kinematics import Kinematics
-from hums.plots.graph_layout import LayoutProblem, inside, place, ring
 from hums.plots.labels import LabelSpace, apply_layout, point_size
 from hums.plots.style import FAINT, INK, TRACK_COLOURS, minus
 
 _SHADE = "#64748b"
+_FILL = to_rgba(_SHADE, 0.18)
+_DASHES = (0, (4, 2.5))
 _SIZE = 8.0  # of names in boxes, in points
 _PAD = 0.45  # between a name and its box, of the font's size
-_BENDS = (0.0, 0.12, -0.12, 0.22, -0.22, 0.35, -0.35, 0.5, -0.5)
-_ALONG = np.linspace(0, 1, 41)
 
 
 @dataclass(frozen=True, kw_only=True)
@@ -66,8 +66,11 @@ def mechanism_graph(kinematics: Kinematics, *, ax: Axes, copies: bool = False) -
 
     A vertex is a link, or several links that are rigid with each other. A solid edge is a turning pair, a shaded
     polygon a level of more than two links, and a dashed edge a gear pair with the teeth of each gear at its end, in
-    the colour of its carrier, the link in which the contact point is at rest. The frame is dark. An unknown mate is
-    a question mark.
+    the colour of its carrier, the link in which the contact point is at rest. The frame is dark, at the bottom. An
+    unknown mate is a question mark.
+
+    The vertices stand on an ellipse, so that no edge runs behind a vertex and no polygon holds one of another level,
+    in an order with few crossings.
 
     Parameters
     ----------
@@ -96,40 +99,35 @@ def mechanism_graph(kinematics: Kinematics, *, ax: Axes, copies: bool = False) -
     graph = _graph(kinematics, copies=copies)
     colours = {vertex: TRACK_COLOURS[k % len(TRACK_COLOURS)] for k, vertex in enumerate(graph.carriers)}
     ax.set_axis_off()
-    ax.legend(**_legend(graph, colours), loc="upper center", bbox_to_anchor=(0.5, 0.0), frameon=False, fontsize=7)
-    apply_layout(ax)
-    _narrow(ax)
-    apply_layout(ax)
+    _add_legend(graph, colours, ax=ax)
     unit = point_size(ax)
-    width, height = ax.bbox.width / unit, ax.bbox.height / unit
-    ax.set(xlim=(0, width), ylim=(0, height))  # one data unit is one typographic point
+    area = np.array([ax.bbox.width, ax.bbox.height]) / unit
+    ax.set(xlim=(0, area[0]), ylim=(0, area[1]))  # one data unit is one typographic point
     texts = _boxes(graph, colours, ax=ax)
-    sizes = np.array(
-        [[extent.width / unit, extent.height / unit] for extent in (_extent(text, unit) for text in texts)]
-    )
-    edges = (*graph.pairs, *(gears.ends for gears in graph.gears))
-    groups = tuple(members for _, members in graph.polygons)
-    at = place(LayoutProblem(sizes=sizes, edges=edges, groups=groups, area=(width, height)))
-    for text, position in zip(texts, at, strict=True):
-        text.set_position((float(position[0]), float(position[1])))
+    largest = np.max([_extent(text, unit).size for text in texts], axis=0) / unit
+    order = _circular_order(graph)
+    at = np.empty((len(order), 2))
+    angle = 2 * np.pi * np.arange(len(order)) / len(order) - np.pi / 2
+    at[order] = area / 2 + (area - largest) / 2 * np.column_stack([np.cos(angle), np.sin(angle)])
+    for text, (x, y) in zip(texts, at, strict=True):
+        text.set_position((float(x), float(y)))
     space = LabelSpace([_extent(text, unit).padded(2 * unit) for text in texts], inside=ax.bbox.padded(2 * unit))
-    corners = [at[ring(at, members)] for members in groups]
-    for polygon in corners:
-        ax.add_patch(Polygon(polygon, fc=(*_rgb(_SHADE), 0.18), ec=_SHADE, lw=1.0, joinstyle="round", zorder=1))
-    curves = _curves(edges, at, sizes, corners)
-    for pair in curves[: len(graph.pairs)]:
-        ax.add_patch(PathPatch(_path(pair), fc="none", ec=INK, lw=1.3, zorder=2))
-    for gears, curve in zip(graph.gears, curves[len(graph.pairs) :], strict=True):
-        edge = PathPatch(_path(curve), fc="none", ec=colours[gears.carrier], lw=1.3, zorder=2)
-        edge.set_linestyle((0, (4, 2.5)))
-        ax.add_patch(edge)
-    lines = [_bezier(curve) for curve in curves]
-    for gears, curve, line in zip(graph.gears, curves[len(graph.pairs) :], lines[len(graph.pairs) :], strict=True):
-        others = [other for other in lines if other is not line]
-        for end, teeth in enumerate(gears.teeth):
+    for _, members in graph.polygons:
+        corners = at[sorted(members, key=order.index)]
+        ax.add_patch(Polygon(corners, fc=_FILL, ec=_SHADE, lw=1.0, joinstyle="round", zorder=1))
+    for i, j in graph.pairs:
+        ax.add_patch(PathPatch(Path(at[[i, j]]), fc="none", ec=INK, lw=1.3, zorder=2))
+    curves = _curves(graph, at)
+    for gears, curve in zip(graph.gears, curves, strict=True):
+        path = Path(curve, [Path.MOVETO, Path.CURVE3, Path.CURVE3])
+        ax.add_patch(PathPatch(path, fc="none", ec=colours[gears.carrier], lw=1.3, ls=_DASHES, zorder=2))
+    straight = [np.array([at[i], (at[i] + at[j]) / 2, at[j]]) for i, j in graph.pairs]
+    lines = [_bezier(curve, np.linspace(0, 1, 41)) for curve in (*curves, *straight)]
+    for number, (gears, curve) in enumerate(zip(graph.gears, curves, strict=True)):
+        others = np.concatenate([np.empty((0, 2)), *lines[:number], *lines[number + 1 :]])
+        for teeth, outward in zip(gears.teeth, (curve, curve[::-1]), strict=True):
             if teeth is not None:
-                here = curve if end == 0 else curve[::-1]
-                _write_teeth(teeth, here, others, colour=colours[gears.carrier], space=space, ax=ax)
+                _write_teeth(teeth, outward, others, colour=colours[gears.carrier], space=space, ax=ax)
     _name_levels(graph, at, space=space, ax=ax)
     return ax
 
@@ -188,24 +186,16 @@ def _wrapped(names: list[str]) -> str:
     return "\n".join(lines)
 
 
-def _legend(graph: _Graph, colours: dict[int, str]) -> dict[str, list[Artist]]:
-    handles: list[Artist] = [Line2D([], [], color=INK, lw=1.3, label="turning pair")]
+def _add_legend(graph: _Graph, colours: dict[int, str], *, ax: Axes) -> None:
+    """Draw the legend below the graph, in as many columns as the Axes are wide, and lay out the figure."""
+    handles: list[Line2D | Patch] = [Line2D([], [], color=INK, lw=1.3, label="turning pair")]
     if graph.polygons:
-        handles.append(Patch(fc=(*_rgb(_SHADE), 0.18), ec=_SHADE, label="links on one level"))
+        handles.append(Patch(fc=_FILL, ec=_SHADE, label="links on one level"))
     for vertex, colour in colours.items():
         name = graph.labels[vertex].split("\n")[0].split(" = ")[0]
-        label = f"gear pair, carrier: {name}"
-        handles.append(Line2D([], [], color=colour, lw=1.3, ls=(0, (4, 2.5)), label=label))
+        handles.append(Line2D([], [], color=colour, lw=1.3, ls=_DASHES, label=f"gear pair, carrier: {name}"))
     handles.append(Patch(fc=INK, ec=INK, label="frame, at rest"))
-    return {"handles": handles}
-
-
-def _narrow(ax: Axes) -> None:
-    """Give the legend as many columns as the figure is wide."""
-    legend = ax.get_legend()
-    if legend is None:
-        return
-    handles = legend.legend_handles
+    apply_layout(ax)
     for columns in range(len(handles), 0, -1):
         legend = ax.legend(
             handles=handles,
@@ -216,7 +206,8 @@ def _narrow(ax: Axes) -> None:
             fontsize=7,
         )
         if legend.get_window_extent().width <= ax.bbox.width:
-            return
+            break
+    apply_layout(ax)
 
 
 def _boxes(graph: _Graph, colours: dict[int, str], *, ax: Axes) -> list[Text]:
@@ -241,87 +232,87 @@ def _extent(text: Text, unit: float) -> Bbox:
     return text.get_window_extent().padded(_PAD * _SIZE * unit)
 
 
-def _curves(
-    edges: tuple[tuple[int, int], ...], at: np.ndarray, sizes: np.ndarray, corners: list[np.ndarray]
-) -> list[np.ndarray]:
-    """Return Bezier control points (3, 2) of every edge, bent where a straight one would meet a box or an edge."""
-    chosen: list[np.ndarray] = []
-    for i, j in edges:
-        others = np.setdiff1d(np.arange(len(at)), [i, j])
-        best, least = np.empty(0), np.inf
-        for bend in _BENDS:
-            span = at[j] - at[i]
-            curve = np.array([at[i], (at[i] + at[j]) / 2 + 2 * bend * np.array([-span[1], span[0]]), at[j]])
-            line = _bezier(curve)
-            off = (np.abs(line[:, None] - at[others]) - sizes[others] / 2).max(axis=2)
-            cost = 4 * abs(bend) + 1.5 * float(np.clip(1 - off / 6, 0, 1).sum())
-            for other in chosen:
-                between = np.linalg.norm(line[:, None] - _bezier(other)[None], axis=2).min(axis=1)
-                cost += 0.3 * max(0, int(np.count_nonzero(between[6:-6] < 5)) - 5)  # noqa: PLR2004
-            cost += sum(0.03 * int(np.count_nonzero(inside(line, polygon))) for polygon in corners)
-            if cost < least - 1e-9:
-                best, least = curve, cost
-        chosen.append(best)
-    return chosen
+def _circular_order(graph: _Graph) -> list[int]:
+    """Return the vertices in the order on a circle in which few edges cross, the frame first.
+
+    Vertices change places, or the order between two turns round, as long as there are fewer crossings or, at as many,
+    shorter edges.
+    """
+    order = list(range(len(graph.labels) + graph.unknown))
+    fewest = _crossings(graph, order)
+    searching = True
+    while searching:
+        searching = False
+        for i, j in combinations(range(len(order)), 2):
+            swapped = [*order[:i], order[j], *order[i + 1 : j], order[i], *order[j + 1 :]]
+            turned = [*order[:i], *order[i : j + 1][::-1], *order[j + 1 :]]
+            for other in (swapped, turned):
+                count = _crossings(graph, other)
+                if count < fewest:
+                    order, fewest, searching = other, count, True
+    first = order.index(graph.frame)
+    return order[first:] + order[:first]
 
 
-def _bezier(curve: np.ndarray, where: np.ndarray = _ALONG) -> np.ndarray:
+def _crossings(graph: _Graph, order: list[int]) -> tuple[int, int]:
+    """Return the number of crossings of edges and sides of polygons, and the sum of the steps that they span."""
+    place = np.argsort(order)
+    rings = [sorted(members, key=order.index) for _, members in graph.polygons]
+    sides = [(ring[k - 1], ring[k]) for ring in rings for k in range(len(ring))]
+    chords = np.sort(place[np.array([*graph.pairs, *(gears.ends for gears in graph.gears), *sides], dtype=int)])
+    first, last = chords.reshape(-1, 2).T
+    crossing = (first[:, None] < first) & (first < last[:, None]) & (last[:, None] < last)
+    steps = np.minimum(last - first, len(order) - (last - first))
+    return int(crossing.sum()), int(steps.sum())
+
+
+def _curves(graph: _Graph, at: np.ndarray) -> list[np.ndarray]:
+    """Return Bezier control points (3, 2) of every gear pair, bent where an edge already joins the two vertices."""
+    before = Counter(frozenset(pair) for pair in graph.pairs)
+    curves = []
+    for gears in graph.gears:
+        start, end = at[list(gears.ends)]
+        bend = 0.3 * before[frozenset(gears.ends)] * (1 if gears.ends[0] < gears.ends[1] else -1)
+        before[frozenset(gears.ends)] += 1
+        across = np.array([start[1] - end[1], end[0] - start[0]])
+        curves.append(np.array([start, (start + end) / 2 + bend * across, end]))
+    return curves
+
+
+def _bezier(curve: np.ndarray, where: np.ndarray) -> np.ndarray:
     t = where[:, None]
-    points_on: np.ndarray = (1 - t) ** 2 * curve[0] + 2 * t * (1 - t) * curve[1] + t**2 * curve[2]
-    return points_on
-
-
-def _path(curve: np.ndarray) -> Path:
-    return Path(curve, [Path.MOVETO, Path.CURVE3, Path.CURVE3])
+    points: np.ndarray = (1 - t) ** 2 * curve[0] + 2 * t * (1 - t) * curve[1] + t**2 * curve[2]
+    return points
 
 
 def _write_teeth(
-    teeth: int, curve: np.ndarray, others: list[np.ndarray], *, colour: str, space: LabelSpace, ax: Axes
+    teeth: int, curve: np.ndarray, others: np.ndarray, *, colour: str, space: LabelSpace, ax: Axes
 ) -> None:
     """Write a gear's teeth on its edge, as close to the gear as other texts and edges allow."""
     text = ax.text(
         0, 0, minus(str(teeth)), ha="center", va="center", fontsize=7.5, color=colour, weight="bold", zorder=5
     )
     text.set_path_effects([withStroke(linewidth=2.5, foreground="white")])
-    rest = np.concatenate(others) if others else np.empty((0, 2))
-    best, least = (0.0, 0.0), np.inf
-    for t in np.linspace(0.08, 0.48, 41):
-        x, y = _bezier(curve, np.array([t]))[0]
-        text.set_position((x, y))
+
+    def cost(t: float) -> float:
+        text.set_position(tuple(_bezier(curve, np.array([t]))[0]))
         extent = text.get_window_extent().padded(point_size(ax))
-        box = ax.transData.inverted().transform(extent)
-        across = np.all((rest > box[0]) & (rest < box[1]), axis=1)
-        cost = space.overlap_area(extent) + 3.0 * np.count_nonzero(across) + 20 * t
-        if cost < least:
-            best, least = (x, y), cost
-    text.set_position(best)
+        low, high = ax.transData.inverted().transform(extent)
+        across = np.all((others > low) & (others < high), axis=1)
+        return space.overlap_area(extent) + 3.0 * int(np.count_nonzero(across)) + 20 * t
+
+    cost(min(np.linspace(0.08, 0.48, 41).tolist(), key=cost))  # moves the text there
     space.occupy(text.get_window_extent().padded(point_size(ax)))
 
 
 def _name_levels(graph: _Graph, at: np.ndarray, *, space: LabelSpace, ax: Axes) -> None:
-    """Write the names of levels that differ from the names of their links, where there is free space."""
+    """Write the names of levels that differ from the names of their links."""
+    circles = [(r * np.cos(a), r * np.sin(a)) for r in (0, 6, 12, 18, 24) for a in np.arange(8) * np.pi / 4]
     for name, members in graph.levels:
         said = any(name in graph.labels[vertex] for vertex in members)
         if said and len(members) == 2:  # noqa: PLR2004
             continue
-        middle = at[list(members)].mean(axis=0)
         text = ax.text(0, 0, name, ha="center", va="center", fontsize=7, style="italic", color=_SHADE, zorder=5)
         text.set_path_effects([withStroke(linewidth=2.0, foreground="white")])
-        for x, y in _around(middle):
-            text.set_position((x, y))
-            if space.free(text.get_window_extent()):
-                space.occupy(text.get_window_extent())
-                break
-        else:
-            text.remove()
-
-
-def _around(middle: np.ndarray) -> Iterator[tuple[float, float]]:
-    for radius in (0, 6, 12, 18, 24):
-        for angle in np.arange(8 if radius else 1) * np.pi / 4:
-            yield float(middle[0] + radius * np.cos(angle)), float(middle[1] + radius * np.sin(angle))
-
-
-def _rgb(colour: str) -> tuple[float, float, float]:
-    red, green, blue = (int(colour[k : k + 2], 16) / 255 for k in (1, 3, 5))
-    return red, green, blue
+        x, y = at[list(members)].mean(axis=0)
+        space.place_text(text, [(float(x + right), float(y + up)) for right, up in circles])

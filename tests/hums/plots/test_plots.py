@@ -13,7 +13,6 @@ from hypothesis import strategies as st
 from matplotlib.colors import same_color
 from matplotlib.figure import Figure
 from matplotlib.patches import PathPatch, Polygon
-from matplotlib.path import Path
 from matplotlib.text import Annotation
 from scipy.optimize import isotonic_regression
 
@@ -22,7 +21,6 @@ from hums.gearbox.model import Gearbox, GearboxError, load_gearbox
 from hums.gearbox.order_families import collisions
 from hums.gearbox.orders import defect_orders
 from hums.plots import mechanism_graph, plot_spectrum, save_figure, speed_order_chart, svg, velocity_diagram
-from hums.plots.graph_layout import inside
 from hums.plots.labels import spread
 
 LOCKED = {"left wheel": 0, "right wheel": 1}
@@ -171,6 +169,23 @@ class TestMechanismGraph:
     def test_nothing_covers_a_text(self, graph):
         _, ax = graph
         assert not overlapping(ax)
+
+    def test_no_edge_runs_behind_a_vertex_at_which_it_does_not_end(self, graph):
+        _, ax = graph
+        ax.figure.draw_without_rendering()
+        boxes = {text.get_position(): text.get_bbox_patch().get_window_extent() for text in vertices(ax).values()}
+        for edge in [*edges(ax, dashed=True), *edges(ax, dashed=False)]:
+            path = edge.get_path()
+            ends = {tuple(path.vertices[k]) for k in (0, -1)}
+            drawn = path.transformed(ax.transData)
+            assert not [box for at, box in boxes.items() if at not in ends and drawn.intersects_bbox(box, filled=False)]
+
+    def test_no_polygon_holds_a_vertex_of_another_level(self, graph):
+        _, ax = graph
+        places = {text.get_position() for text in vertices(ax).values()}
+        for polygon in polygons(ax):
+            corners = {tuple(map(float, corner)) for corner in polygon.get_xy()}
+            assert not polygon.get_path().contains_points(sorted(places - corners)).any()
 
     def test_everything_is_in_the_figure(self, graph):
         _, ax = graph
@@ -469,12 +484,6 @@ class TestPlaces:
         assert np.all(np.diff(kept) >= gap - 1e-9)
         assert kept[0] >= 0
         assert kept[-1] <= 100 + 1e-9  # 12 gaps of 8 fit into 100
-
-    def test_inside_agrees_with_matplotlib(self):
-        rng = np.random.default_rng(5)
-        polygon = np.array([[0, 0], [4, 0], [4, 3], [2, 1], [0, 3]], dtype=float)  # with a dent
-        where = rng.uniform(-1, 5, size=(500, 2))
-        assert np.array_equal(inside(where, polygon), Path(polygon).contains_points(where))
 
 
 def test_a_dollar_in_a_name_is_a_dollar():
