@@ -95,6 +95,8 @@ def _api_page(package: str, about: str) -> str:
         else:
             kinds["Functions" if callable(thing) else "Data"].append(name)
     lines = [package, "=" * len(package), "", about, "", f".. currentmodule:: {package}", ""]
+    _, _, examples = (module.__doc__ or "").partition("Examples\n--------\n")
+    lines += [examples, ""]
     if elsewhere:
         lines += [f"Also here: {', '.join(f'``{name}``' for name in elsewhere)}.", ""]
     for kind, names in kinds.items():

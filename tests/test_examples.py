@@ -4,6 +4,7 @@ import doctest
 import importlib
 import inspect
 import pydoc
+from functools import cache
 from typing import Any
 
 import pytest
@@ -38,11 +39,21 @@ def _exports() -> list[Any]:
     return found
 
 
+@cache
+def _namespace(package: str) -> dict[str, Any]:
+    """Return what the examples of a package's own docstring define: the set-up of those of its members."""
+    names: dict[str, Any] = {}
+    for example in doctest.DocTestParser().get_examples(importlib.import_module(package).__doc__):
+        exec(example.source, names)  # noqa: S102
+    return names
+
+
 @pytest.mark.parametrize(("package", "name"), _exports())
 def test_the_example_runs(package: str, name: str, tmp_path: Any, monkeypatch: pytest.MonkeyPatch) -> None:
     thing = getattr(importlib.import_module(package), name)
     home = importlib.import_module(thing.__module__)
-    tests = doctest.DocTestFinder(exclude_empty=True).find(thing, name, module=home, globs={})
+    given = _namespace(package)
+    tests = doctest.DocTestFinder(exclude_empty=True).find(thing, name, module=home, globs=given)
     assert tests, "no docstring"
     assert tests[0].name == name
     assert tests[0].examples, "the docstring has no example"

@@ -6,6 +6,8 @@ pitting fatigue failure data", NASA TM-105950. Martin (1989), "Statistical momen
 detection", 7th IMAC, 1016-1021. Lebold et al. (2000), "Review of vibration analysis methods for gearbox diagnostics and
 prognostics", MFPG 54, 623-634. Večeř, Kreidl & Šmíd (2005), "Condition indicators for gearbox condition monitoring
 systems", Acta Polytechnica 45(6).
+
+The examples start from what the docstring of `signals.indicators` defines.
 """
 
 import numpy as np
@@ -41,13 +43,8 @@ def fm0(average: SynchronousAverage, *, teeth: int, harmonics: int) -> float:
 
     Examples
     --------
-    >>> import numpy as np
-    >>> from signals import SynchronousAverage
     >>> from signals.indicators import fm0
-    >>> angle = 2 * np.pi * np.arange(360) / 360
-    >>> x = 3 * np.cos(20 * angle)
-    >>> average = SynchronousAverage(values=x, standard_error=0 * x, revolutions=1)
-    >>> round(fm0(average, teeth=20, harmonics=1), 6)
+    >>> round(fm0(average_of(3 * np.cos(20 * angle)), teeth=20, harmonics=1), 6)
     2.0
     """
     expect(average, SynchronousAverage, indicator="FM0")
@@ -74,13 +71,7 @@ def fm4(difference: DifferenceSignal) -> float:
     --------
     A sine that is no mesh harmonic, far below the 3 of noise:
 
-    >>> import numpy as np
-    >>> from signals import SynchronousAverage, difference_signal
     >>> from signals.indicators import fm4
-    >>> angle = 2 * np.pi * np.arange(360) / 360
-    >>> x = np.cos(20 * angle) + 0.1 * np.cos(7 * angle)
-    >>> average = SynchronousAverage(values=x, standard_error=0 * x, revolutions=1)
-    >>> difference = difference_signal(average, teeth=20, harmonics=1, shaft_orders=[1, 2])
     >>> round(fm4(difference), 6)
     1.5
     """
@@ -100,13 +91,7 @@ def m6a(difference: DifferenceSignal) -> float:
     --------
     A sine that is no mesh harmonic, far below the 15 of noise:
 
-    >>> import numpy as np
-    >>> from signals import SynchronousAverage, difference_signal
     >>> from signals.indicators import m6a
-    >>> angle = 2 * np.pi * np.arange(360) / 360
-    >>> x = np.cos(20 * angle) + 0.1 * np.cos(7 * angle)
-    >>> average = SynchronousAverage(values=x, standard_error=0 * x, revolutions=1)
-    >>> difference = difference_signal(average, teeth=20, harmonics=1, shaft_orders=[1, 2])
     >>> round(m6a(difference), 6)
     2.5
     """
@@ -126,13 +111,7 @@ def m8a(difference: DifferenceSignal) -> float:
     --------
     A sine that is no mesh harmonic, far below the 105 of noise:
 
-    >>> import numpy as np
-    >>> from signals import SynchronousAverage, difference_signal
     >>> from signals.indicators import m8a
-    >>> angle = 2 * np.pi * np.arange(360) / 360
-    >>> x = np.cos(20 * angle) + 0.1 * np.cos(7 * angle)
-    >>> average = SynchronousAverage(values=x, standard_error=0 * x, revolutions=1)
-    >>> difference = difference_signal(average, teeth=20, harmonics=1, shaft_orders=[1, 2])
     >>> round(m8a(difference), 6)
     4.375
     """
@@ -160,13 +139,7 @@ def na4(residual: ResidualSignal, *, history: VarianceHistory) -> float:
 
     Examples
     --------
-    >>> import numpy as np
-    >>> from signals import SynchronousAverage, residual_signal
     >>> from signals.indicators import VarianceHistory, na4
-    >>> angle = 2 * np.pi * np.arange(360) / 360
-    >>> x = np.cos(20 * angle) + 0.1 * np.cos(7 * angle)
-    >>> average = SynchronousAverage(values=x, standard_error=0 * x, revolutions=1)
-    >>> residual = residual_signal(average, teeth=20, harmonics=1, shaft_orders=[1, 2])
     >>> round(na4(residual, history=VarianceHistory().update(residual)), 6)  # the kurtosis of a sine
     1.5
     """
@@ -194,13 +167,7 @@ def energy_ratio(difference: DifferenceSignal, regular: RegularSignal) -> float:
 
     Examples
     --------
-    >>> import numpy as np
-    >>> from signals import SynchronousAverage, difference_signal, regular_signal
     >>> from signals.indicators import energy_ratio
-    >>> angle = 2 * np.pi * np.arange(360) / 360
-    >>> x = np.cos(20 * angle) + 0.1 * np.cos(7 * angle)
-    >>> average = SynchronousAverage(values=x, standard_error=0 * x, revolutions=1)
-    >>> difference = difference_signal(average, teeth=20, harmonics=1, shaft_orders=[1, 2])
     >>> round(energy_ratio(difference, regular_signal(average, left=difference)), 6)
     0.1
     """
@@ -237,13 +204,9 @@ def energy_operator(residual: ResidualSignal) -> float:
     --------
     The Teager energy of two tones is a mean and a sine at their beat frequency, which has kurtosis 1.5:
 
-    >>> import numpy as np
-    >>> from signals import SynchronousAverage, residual_signal
     >>> from signals.indicators import energy_operator
-    >>> angle = 2 * np.pi * np.arange(360) / 360
-    >>> x = np.cos(7 * angle) + np.cos(9 * angle)
-    >>> average = SynchronousAverage(values=x, standard_error=0 * x, revolutions=1)
-    >>> residual = residual_signal(average, teeth=20, harmonics=1, shaft_orders=[1, 2])
+    >>> two_tones = average_of(np.cos(7 * angle) + np.cos(9 * angle))
+    >>> residual = residual_signal(two_tones, teeth=20, harmonics=1, shaft_orders=[1, 2])
     >>> round(energy_operator(residual), 2)
     1.5
     """
@@ -269,13 +232,8 @@ def sideband_index(average: SynchronousAverage, *, teeth: int) -> float:
 
     Examples
     --------
-    >>> import numpy as np
-    >>> from signals import SynchronousAverage
     >>> from signals.indicators import sideband_index
-    >>> angle = 2 * np.pi * np.arange(360) / 360
-    >>> x = (1 + 0.2 * np.cos(angle)) * np.cos(20 * angle)
-    >>> average = SynchronousAverage(values=x, standard_error=0 * x, revolutions=1)
-    >>> round(sideband_index(average, teeth=20), 6)  # each sideband has half of the modulation
+    >>> round(sideband_index(modulated, teeth=20), 6)  # each sideband has half of the modulation
     0.1
     """
     expect(average, SynchronousAverage, indicator="the sideband index")
@@ -302,13 +260,8 @@ def sideband_level_factor(average: SynchronousAverage, *, teeth: int) -> float:
 
     Examples
     --------
-    >>> import numpy as np
-    >>> from signals import SynchronousAverage
     >>> from signals.indicators import sideband_level_factor
-    >>> angle = 2 * np.pi * np.arange(360) / 360
-    >>> x = (1 + 0.2 * np.cos(angle)) * np.cos(20 * angle)
-    >>> average = SynchronousAverage(values=x, standard_error=0 * x, revolutions=1)
-    >>> round(sideband_level_factor(average, teeth=20), 4)  # 0.2 / sqrt(0.51)
+    >>> round(sideband_level_factor(modulated, teeth=20), 4)  # 0.2 / sqrt(0.51)
     0.2801
     """
     expect(average, SynchronousAverage, indicator="the sideband level factor")

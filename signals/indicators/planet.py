@@ -1,4 +1,7 @@
-"""Indicators of a planet carrier: sidebands of the ring mesh, at orders that equal planets cause or cancel."""
+"""Indicators of a planet carrier: sidebands of the ring mesh, at orders that equal planets cause or cancel.
+
+The examples start from what the docstring of `signals.indicators` defines.
+"""
 
 from dataclasses import dataclass, field
 
@@ -28,12 +31,8 @@ class CarrierSidebands:
     --------
     Lines at orders 39 and 40 about the mesh order 40 of a ring of 40 teeth; three planets add up at multiples of 3:
 
-    >>> import numpy as np
-    >>> from signals import SynchronousAverage
     >>> from signals.indicators import carrier_sidebands
-    >>> angle = 2 * np.pi * np.arange(360) / 360
-    >>> x = np.cos(39 * angle) + 0.5 * np.cos(40 * angle)
-    >>> average = SynchronousAverage(values=x, standard_error=0 * x, revolutions=1)
+    >>> average = average_of(np.cos(39 * angle) + 0.5 * np.cos(40 * angle))
     >>> lines = carrier_sidebands(average, ring_teeth=40, planets=3, harmonic=1, sidebands=3)
     >>> lines.amplitude.round(6).tolist(), lines.orders[lines.expected].tolist()  # orders 37 to 43
     ([0.0, 0.0, 1.0, 0.5, 0.0, 0.0, 0.0], [39, 42])
@@ -93,12 +92,8 @@ def carrier_sidebands(
     --------
     Three planets on a ring of 40 teeth give lines at 39 and 42 about the mesh order 40:
 
-    >>> import numpy as np
-    >>> from signals import SynchronousAverage
     >>> from signals.indicators import carrier_sidebands
-    >>> angle = 2 * np.pi * np.arange(360) / 360
-    >>> x = 2 * np.cos(39 * angle) + np.cos(42 * angle)
-    >>> average = SynchronousAverage(values=x, standard_error=0 * x, revolutions=1)
+    >>> average = average_of(2 * np.cos(39 * angle) + np.cos(42 * angle))
     >>> lines = carrier_sidebands(average, ring_teeth=40, planets=3, harmonic=1, sidebands=3)
     >>> lines.orders[lines.expected].tolist(), round(lines.ratio, 6)
     ([39, 42], 0.0)
@@ -127,12 +122,8 @@ def carrier_sideband_ratio(
 
     Examples
     --------
-    >>> import numpy as np
-    >>> from signals import SynchronousAverage
     >>> from signals.indicators import carrier_sideband_ratio
-    >>> angle = 2 * np.pi * np.arange(360) / 360
-    >>> x = np.cos(39 * angle) + 0.5 * np.cos(40 * angle)  # RMS 0.5 / sqrt(5) over 1 / sqrt(2)
-    >>> average = SynchronousAverage(values=x, standard_error=0 * x, revolutions=1)
+    >>> average = average_of(np.cos(39 * angle) + 0.5 * np.cos(40 * angle))  # RMS 0.5 / sqrt(5) over 1 / sqrt(2)
     >>> round(carrier_sideband_ratio(average, ring_teeth=40, planets=3, harmonic=1, sidebands=3), 4)
     0.3162
     """

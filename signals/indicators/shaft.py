@@ -1,6 +1,8 @@
 """Indicators of a shaft: the amplitudes of its first orders in its time synchronous average.
 
 Večeř, Kreidl & Šmíd (2005), "Condition indicators for gearbox condition monitoring systems", Acta Polytechnica 45(6).
+
+The examples start from what the docstring of `signals.indicators` defines.
 """
 
 from signals._validation import checked, whole
@@ -26,13 +28,8 @@ def shaft_order(average: SynchronousAverage, *, order: int) -> float:
 
     Examples
     --------
-    >>> import numpy as np
-    >>> from signals import SynchronousAverage
     >>> from signals.indicators import shaft_order
-    >>> angle = 2 * np.pi * np.arange(360) / 360
-    >>> x = 3 * np.cos(angle) + np.cos(2 * angle)
-    >>> average = SynchronousAverage(values=x, standard_error=0 * x, revolutions=1)
-    >>> round(shaft_order(average, order=1), 6)
+    >>> round(shaft_order(average_of(3 * np.cos(angle) + np.cos(2 * angle)), order=1), 6)
     3.0
     """
     expect(average, SynchronousAverage, indicator=f"SO{order}")
@@ -50,13 +47,8 @@ def so1(average: SynchronousAverage) -> float:
 
     Examples
     --------
-    >>> import numpy as np
-    >>> from signals import SynchronousAverage
     >>> from signals.indicators import so1
-    >>> angle = 2 * np.pi * np.arange(360) / 360
-    >>> x = 2 * np.cos(angle)
-    >>> average = SynchronousAverage(values=x, standard_error=0 * x, revolutions=1)
-    >>> round(so1(average), 6)
+    >>> round(so1(average_of(2 * np.cos(angle))), 6)
     2.0
     """
     return shaft_order(average, order=1)
@@ -73,13 +65,8 @@ def so2(average: SynchronousAverage) -> float:
 
     Examples
     --------
-    >>> import numpy as np
-    >>> from signals import SynchronousAverage
     >>> from signals.indicators import so2
-    >>> angle = 2 * np.pi * np.arange(360) / 360
-    >>> x = 2 * np.cos(2 * angle)
-    >>> average = SynchronousAverage(values=x, standard_error=0 * x, revolutions=1)
-    >>> round(so2(average), 6)
+    >>> round(so2(average_of(2 * np.cos(2 * angle))), 6)
     2.0
     """
     return shaft_order(average, order=2)
@@ -96,13 +83,8 @@ def so3(average: SynchronousAverage) -> float:
 
     Examples
     --------
-    >>> import numpy as np
-    >>> from signals import SynchronousAverage
     >>> from signals.indicators import so3
-    >>> angle = 2 * np.pi * np.arange(360) / 360
-    >>> x = 2 * np.cos(3 * angle)
-    >>> average = SynchronousAverage(values=x, standard_error=0 * x, revolutions=1)
-    >>> round(so3(average), 6)
+    >>> round(so3(average_of(2 * np.cos(3 * angle))), 6)
     2.0
     """
     return shaft_order(average, order=3)
