@@ -133,7 +133,6 @@ class Tooth:
 
     @property
     def _base_half_angle(self) -> float:
-        """Half the angle of the tooth at the base circle."""
         angle = self.pressure_angle_rad
         return math.pi / (2 * self.teeth) + math.tan(angle) - angle
 

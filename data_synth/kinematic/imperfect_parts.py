@@ -97,7 +97,6 @@ def gear_deviations_m(scene: Scene, mesh: Mesh, gear: int, *, instance: str, rng
 
 
 def _modules_m(scene: Scene, mesh: Mesh) -> tuple[float, float]:
-    """Return normal and transverse module of a mesh, m."""
     module_mm = declared_size_mm(scene, mesh.name, "module_mm")
     if module_mm is None:
         raise SceneError(
@@ -301,7 +300,6 @@ def _waviness_families(scene: Scene, *, rng_for: RandomStreams) -> Iterator[Harm
 
 
 def _turning_ring(scene: Scene, bearing: Bearing) -> str:
-    """Return the first ring of a bearing that turns, or is carried by what turns, in the frame."""
     bodies = scene.kinematics.bodies
     return next(link for link in scene.gearbox.ring_links(bearing) if bodies[link] != bodies[str(scene.gearbox.frame)])
 

@@ -89,7 +89,6 @@ def build_drive(
 
 
 def _with_torque(drive: Drive, scene: Scene, torque: PiecewiseLinear | None) -> Drive:
-    """Return the drive with the scene's torque, where it has one."""
     if scene.torque is None:
         return drive
     full = scene.torque.full_load_nm or max(abs(nm) for _, nm in scene.torque.rows)
@@ -97,7 +96,6 @@ def _with_torque(drive: Drive, scene: Scene, torque: PiecewiseLinear | None) -> 
 
 
 def _time_history(history: TimeHistory, scene: Scene, rng: np.random.Generator) -> PiecewiseLinear:
-    """Return a declared time history, with its turbulence."""
     times, values = np.array(history.knots).T
     declared = PiecewiseLinear(times_s=times, values=values)
     if history.turbulence is None:
@@ -112,7 +110,6 @@ def _turbulence(turbulence: Turbulence, duration_s: float, rng: np.random.Genera
 
 
 def _run_up_angle(scene: Scene, torque: PiecewiseLinear | None) -> PolynomialAngle:
-    """Return the angle of the reference shaft in a run-up, counted from time zero."""
     law, declared = scene.speed.run_up, scene.torque
     if law is None or declared is None or torque is None:  # the scene's own check holds them together
         raise SceneError("a run-up needs speed.run_up and torque.")

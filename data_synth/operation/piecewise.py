@@ -99,7 +99,6 @@ def sum_of(first: PiecewiseLinear, second: PiecewiseLinear) -> PiecewiseLinear:
 
 
 def _left_limits(knots: PiecewiseLinear, times: Array) -> Array:
-    """Return the left-hand limits of the values at `times`."""
     mirrored = PiecewiseLinear(times_s=-knots.times_s[::-1], values=knots.values[::-1])
     return mirrored.at(-times)
 

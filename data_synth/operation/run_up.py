@@ -217,7 +217,6 @@ def _step(series: Array, *, longest: float, load: LoadLaw) -> tuple[float, float
 
 
 def _sign_change(series: Array, low: float, high: float) -> float:
-    """Return where a series changes its sign between two times."""
     from scipy.optimize import brentq  # noqa: PLC0415
 
     return float(brentq(lambda t: float(np.polyval(series[::-1], t)), low, high, xtol=1e-300, rtol=1e-15))

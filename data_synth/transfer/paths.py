@@ -348,7 +348,6 @@ def longest_ringing_s(scene: Scene, source: str) -> float:
 
 
 def _transfer_path(transfer: Transfer, units: str) -> TransferPath:
-    """Return a declared path in the units of the sensors."""
     one = {("m s-2", "g"): 1 / _STANDARD_GRAVITY, ("g", "m s-2"): _STANDARD_GRAVITY}
     factor = one.get((transfer.units, units), 1.0)
     if transfer.lines is not None:

@@ -57,7 +57,6 @@ def write_indicators(records: Sequence[KeptRecord], path: Path) -> str:
 
 
 def _rows(pa: Any, schema: Any, records: Sequence[KeptRecord]) -> Any:  # noqa: ANN401 - pyarrow is loaded in use alone
-    """Return the rows of some records."""
     counts = [len(one.indicators.keys) for one in records]
     keys: dict[Any, int] = {}
     places: dict[int, np.ndarray[Any, Any]] = {}

@@ -166,7 +166,6 @@ def _plan(indicators: _Same, lines: _Same, joint: tuple[tuple[str, str], ...], w
 
 @lru_cache(maxsize=4096)
 def _some(series: _Same, kept: bytes) -> tuple[Series, ...]:
-    """Return the series that are kept, the same tuple for the same ones."""
     return tuple(key for key, keep in zip(series.thing, np.frombuffer(kept, dtype=np.bool_), strict=True) if keep)
 
 

@@ -97,7 +97,6 @@ class _Columns:
                 self.conditions.setdefault((component, kind), len(self.conditions))
 
     def _new(self, keys: tuple[Key, ...], columns: dict[Key, int]) -> bool:
-        """Give the keys columns; return whether they are new."""
         if id(keys) in self._places:
             return False
         self._places[id(keys)] = np.array([columns.setdefault(key, len(columns)) for key in keys], dtype=np.int64)
@@ -203,7 +202,6 @@ def _titles(table: xr.Dataset, dim: str) -> list[str]:
 
 
 def _write_csv(table: xr.Dataset, stream: TextIO) -> None:
-    """Write the table as CSV, one row per record."""
     lines = _titles(table, "line")
     line_units, units = table["line_units"].to_numpy(), table["indicator_units"].to_numpy()
     watched = [f"health: {name}" for name in table["watched"].to_numpy()]
@@ -361,7 +359,6 @@ def _forecast(series: Array, days: Array, limit: float) -> dict[str, Any]:
 
 
 def _reason_for_no_trends(table: xr.Dataset) -> str:
-    """Return the reason why the analysed records have no trends."""
     dated = np.isfinite(_days_since_1970(table["recorded_at"].to_numpy()))
     if table.sizes["record"] and not dated.any():
         return "no trends: no record says when it was made; give recorded_at (hums convert --recorded-at)"

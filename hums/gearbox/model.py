@@ -525,7 +525,6 @@ def _links_on(gearbox: Gearbox, axis: Axis) -> set[str]:
 
 
 def _is_parallel(gearbox: Gearbox, axis: Axis, gear: Gear) -> bool:
-    """Return whether a gear's axis is parallel to another one."""
     group = next((group for group in gearbox.rigid if gear.link in group), (gear.link,))
     directions = {gearbox.direction(other.name) for other in gearbox.axes if set(group) & set(other.links)}
     return gearbox.direction(axis.name) in directions

@@ -127,7 +127,6 @@ def _stage(kinematics: Kinematics, carrier: str, rings: _Meshes, suns: _Meshes) 
 
 
 def _parallel(kinematics: Kinematics, carrier: str, planet: str) -> bool:
-    """Whether the axis of a planet is parallel to that of its carrier."""
     directions = kinematics.mechanism.directions
     one, other = (directions[kinematics.joints[kinematics.bodies[link]].axis] for link in (carrier, planet))
     return abs(float(np.dot(one, other))) > 1 - 1e-9  # of unit vectors

@@ -269,7 +269,6 @@ def _efficiencies(kinematics: Kinematics, given: float | Mapping[str, float]) ->
 
 
 def _result(solution: Solution) -> Torques:
-    """Return the torques, powers and loads of a solution in floats."""
     statics, mechanism = solution.statics, solution.statics.kinematics.mechanism
     torques = {link: solution.values[link] if given is None else given for link, given in statics.torques.items()}
     powers = {link: torque * statics.speed(link) for link, torque in torques.items()}

@@ -189,7 +189,6 @@ def plot_tracks(
 
 
 def _group(data: xr.Dataset | xr.DataTree, name: str) -> xr.Dataset:
-    """Return a group of an analysis, or the group itself."""
     return data[name].to_dataset() if isinstance(data, xr.DataTree) else data
 
 

@@ -304,7 +304,6 @@ def _serve(pipe: Connection, other_end: Connection | None, memory_bytes: int | N
 def _answer(
     request: Mapping[str, Any], opened: dict[int, tuple[xr.Dataset | xr.DataTree, dict[str, xr.Dataset]]]
 ) -> tuple[dict[str, Any], np.ndarray[Any, Any] | None]:
-    """Return the answer to a request, and the values that follow it."""
     match request["do"]:
         case "close":
             if request["number"] in opened:

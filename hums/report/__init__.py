@@ -117,7 +117,6 @@ def render(analysis: Analysis, *, baseline: Analysis | None = None, units: Units
 
 
 def _page(analysis: Analysis, facts: dict[str, Any], baseline: Analysis | None, units: Units) -> str:
-    """Return the HTML page of an analysis."""
     past = None if baseline is None else summary(baseline)
     past_name = "" if past is None else f"baseline {past['recorded_at'] or past['record']}".strip()
     styles = component_styles(facts)
@@ -199,7 +198,6 @@ _UNITS = {"hz": "Hz", "hz_s": "Hz/s", "mm_s": "mm/s"}
 
 
 def _words(name: str) -> str:
-    """Return the name of a setting in words, its unit in brackets."""
     for ending, unit in sorted(_UNITS.items(), key=lambda pair: -len(pair[0])):
         if name.endswith(f"_{ending}"):
             return f"{name.removesuffix(f'_{ending}').replace('_', ' ')} ({unit})"

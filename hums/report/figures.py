@@ -165,7 +165,6 @@ def _label(line: Mapping[Any, Any]) -> str:
 
 
 def _orders(pictures: Pictures, width: float) -> str:
-    """Return a width in orders and in Hz at the mean speed."""
     return with_hz(f"{width:.2g} orders", pictures.speed_hz)
 
 

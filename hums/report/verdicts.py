@@ -293,7 +293,6 @@ def _before(past: Facts) -> str:
 
 
 def _line_of(finding: Mapping[str, Any], lines: Sequence[Mapping[str, Any]]) -> Mapping[str, Any] | None:
-    """Return the measured line that a finding names."""
     for line in lines:
         if (line["component"], line["kind"], line["channel"]) == (
             finding["component"],

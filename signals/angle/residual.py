@@ -389,7 +389,6 @@ def _removed_orders(
 
 
 def _without(average: SynchronousAverage, orders: tuple[int, ...]) -> Array:
-    """Return the values of an average without some of its orders."""
     values = real_vector(average.values, name="the average", minimum=4)
     lines = np.asarray(fft.rfft(values))
     lines[list(orders)] = 0

@@ -179,7 +179,6 @@ def _filtered(blocks: Iterable[ArrayLike], taps: NDArray[np.complex128]) -> Iter
 
 
 def _band(band_hz: tuple[float, float], rate: float) -> tuple[float, float]:
-    """Return the checked edges of a band in Hz."""
     low, high = (float(edge) for edge in band_hz)
     if not 0 <= low < high <= rate / 2:
         raise ValueError(
@@ -189,7 +188,6 @@ def _band(band_hz: tuple[float, float], rate: float) -> tuple[float, float]:
 
 
 def _modulation(magnitude: Samples, *, squared: bool, relative: bool) -> Samples:
-    """Return the envelope or its square, over its mean where `relative`."""
     values = magnitude**2 if squared else magnitude
     if not relative:
         return values

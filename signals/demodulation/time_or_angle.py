@@ -144,7 +144,6 @@ def _edges(size: int, blocks: int) -> NDArray[np.int_]:
 
 
 def _means(values: NDArray[np.inexact], blocks: int) -> NDArray[np.inexact]:
-    """Return the means over blocks."""
     edges = _edges(values.size, blocks)
     return np.asarray(np.add.reduceat(values, edges[:-1]) / np.diff(edges))
 

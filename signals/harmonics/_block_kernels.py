@@ -26,7 +26,6 @@ PIECE = 256
 
 
 def _leading_bits(value: Fraction, bits: int) -> float:
-    """Return the number with the leading bits of a value."""
     exponent = frexp(float(value))[1]
     return ldexp(int(value * Fraction(2) ** (bits - exponent)), exponent - bits)
 

@@ -150,7 +150,6 @@ def newton_basis(poles: int) -> tuple[Floats, Floats]:
 
 
 def smooth_chain(chain: NodeChain, *, first: int) -> SmoothedChain:
-    """Smooth a whole chain; parameters and errors as for `smooth_stretches`."""
     width, lanes = chain.process_noise.shape[1], chain.before.vector.shape[1]
     found = np.empty((chain.nodes, width, lanes)), np.empty((chain.nodes, width)), np.empty(chain.nodes)
     log_variance = 0.0

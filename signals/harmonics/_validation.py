@@ -41,7 +41,6 @@ def check_record(x: ArrayLike) -> Floats:
 
 
 def check_noise_variance(value: object) -> float:
-    """Return the variance of the noise, or refuse it."""
     noise = number(value, name="noise_variance")
     if noise <= 0:
         raise ValueError(f"noise_variance={value!r} must be above zero; give a positive number.")

@@ -11,7 +11,6 @@ _MADE_BY = {
 
 
 def expect(signal: object, kind: type, *, indicator: str) -> None:
-    """Raise TypeError where `signal` is not of the one `kind` that `indicator` is defined on."""
     if not isinstance(signal, kind):
         raise TypeError(
             f"{indicator} takes a {kind.__name__}, not a {type(signal).__name__}: it is defined for that signal alone. "

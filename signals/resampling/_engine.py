@@ -281,7 +281,6 @@ class Warp:
         return self._advance(np.concatenate([self._samples, np.zeros((self._rows, _HALO))], axis=1), ended=True)
 
     def whole(self, x: Samples) -> Outputs:
-        """Process a whole record; return all outputs."""
         return self._joined([*self._pushed(x), self.finish()])
 
     def _pushed(self, x: Samples) -> list[Outputs]:
@@ -297,7 +296,6 @@ class Warp:
         return parts
 
     def _joined(self, parts: list[Outputs]) -> Outputs:
-        """Concatenate outputs."""
         if not parts:
             return np.empty((self._rows, 0)), np.empty(0, dtype=bool)
         return np.concatenate([values for values, _ in parts], axis=1), np.concatenate([beyond for _, beyond in parts])

@@ -230,6 +230,5 @@ def _regrouped(signals: Iterable[AngularSignal], size: int) -> Iterator[AngularS
 
 
 def _following(before: AngularSignal, values: Array, beyond: Flags) -> AngularSignal:
-    """Return the block of these values that follows `before`."""
     start = before.start_rev + before.values.size / before.samples_per_rev
     return replace(before, values=values, start_rev=start, unsettled=unsettled(beyond))

@@ -499,7 +499,6 @@ def _real_lines(length: int) -> NDArray[np.bool_]:
 
 
 def _chi_square(degrees: Array, probability: float) -> Array:
-    """Return the quantile of the chi-square distribution."""
     from scipy.special import gammaincinv  # noqa: PLC0415
 
     return np.asarray(2 * gammaincinv(degrees / 2, probability))
