@@ -57,13 +57,6 @@ class TestAverage:
         # the mean of 256 such, each known to 1 / sqrt(800)
         assert average.standard_error.mean() == pytest.approx(0.15, rel=4 / np.sqrt(800 * 256) + 1 / 400)
 
-    def test_two_revolutions_err_by_half_their_difference(self):
-        first, second = np.random.default_rng(9).standard_normal((2, PER_REV))
-        average = synchronous_average(over_angle(lambda _: np.append(first, second), revolutions=2))
-        # a few operations on values of up to 4, each rounded to 4e-16
-        np.testing.assert_allclose(average.values, (first + second) / 2, rtol=0, atol=1e-14)
-        np.testing.assert_allclose(average.standard_error, np.abs(first - second) / 2, rtol=0, atol=1e-14)
-
     def test_one_revolution_has_no_standard_error(self):
         average = synchronous_average(over_angle(np.cos, revolutions=1))
         assert np.isnan(average.standard_error).all()
@@ -134,24 +127,10 @@ class TestOtherShafts:
         with pytest.raises(ValueError, match=r"is not exact.*give the teeth"):
             synchronous_average(over_angle(np.cos, revolutions=3), ratio=ratio)
 
-    @pytest.mark.parametrize("ratio", [0, -1, Fraction(-1, 2)])
-    def test_a_ratio_is_above_zero(self, ratio):
-        with pytest.raises(ValueError, match="must be above zero"):
-            synchronous_average(over_angle(np.cos, revolutions=3), ratio=ratio)
-
     @pytest.mark.parametrize(("ratio", "revolutions"), [(1, 4), (Fraction(1, 5), None), (Fraction(21, 41), 2)])
     def test_too_few_revolutions_are_counted(self, ratio, revolutions):
         with pytest.raises(ValueError, match=r"holds \d whole revolutions of the shaft.*are needed; record longer"):
             synchronous_average(over_angle(np.cos, revolutions=3), ratio=ratio, revolutions=revolutions)
-
-    @pytest.mark.parametrize("revolutions", [0, 1.5, "2", True])
-    def test_a_count_is_a_whole_number(self, revolutions):
-        with pytest.raises(ValueError, match="must be a whole number of at least 1"):
-            synchronous_average(over_angle(np.cos, revolutions=3), revolutions=revolutions)
-
-    def test_nan_does_not_pass(self):
-        with pytest.raises(ValueError, match="not finite"):
-            synchronous_average(over_angle(lambda angle: np.where(angle > 9, np.nan, 1.0), revolutions=3))
 
 
 class TestRunningAverage:
@@ -186,24 +165,6 @@ class TestRunningAverage:
         np.testing.assert_allclose(left.average().standard_error, whole.standard_error, rtol=1e-12)
         assert left.average().passband_orders == 7.0  # of both
 
-    def test_an_average_given_out_does_not_change(self):
-        running = RunningAverage(samples_per_rev=4)
-        running.update([1.0, 2, 3, 4])
-        first = running.average()
-        assert np.isnan(first.standard_error).all()
-        running.update([3.0, 4, 5, 6])
-        np.testing.assert_array_equal(first.values, [1, 2, 3, 4])
-        np.testing.assert_array_equal(running.average().values, [2, 3, 4, 5])
-        np.testing.assert_allclose(running.average().standard_error, 1)  # |1 - 3| / 2
-
-    def test_memory_does_not_grow(self):
-        running = RunningAverage(samples_per_rev=64)
-        for _ in range(50):
-            running.update(np.ones(1000))
-        held = sum(part.nbytes for part in vars(running).values() if isinstance(part, np.ndarray))
-        assert held <= 3 * 64 * 8
-        assert (running.revolutions, running.waiting) == (50_000 // 64, 50_000 % 64)
-
     def test_no_average_before_a_revolution(self):
         running = RunningAverage(samples_per_rev=4)
         running.update([1.0, 2, 3])
@@ -213,13 +174,3 @@ class TestRunningAverage:
     def test_unlike_averages_do_not_join(self):
         with pytest.raises(ValueError, match="cannot join"):
             RunningAverage(samples_per_rev=4).merge(RunningAverage(samples_per_rev=4, ratio=Fraction(1, 2)))
-
-    def test_parts_of_revolutions_are_not_lost_in_joining(self):
-        waiting = RunningAverage(samples_per_rev=4)
-        waiting.update([1.0])
-        with pytest.raises(ValueError, match="0 and 1 samples wait"):
-            RunningAverage(samples_per_rev=4).merge(waiting)
-
-    def test_nan_does_not_pass(self):
-        with pytest.raises(ValueError, match="not finite"):
-            RunningAverage(samples_per_rev=4).update([1.0, np.nan])

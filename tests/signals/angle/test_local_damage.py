@@ -5,12 +5,11 @@ import pytest
 from scipy import special, stats
 
 from signals import AngularSignal
-from signals.angle.local_damage import _independent, _rotated_maxima, _tail, folded, local_damage
+from signals.angle.local_damage import folded, local_damage
 from signals.angle.residual_energies import (
     BandEnergies,
     mesh_contrast,
     residual_energies,
-    tapered_transform,
     whitened_residual,
 )
 
@@ -63,32 +62,6 @@ def test_pits_on_several_teeth_differ_and_noise_does_not():
     assert judged(pitted).differing == 0.01  # none of 99 rotations is as alike
 
 
-def test_one_exponential_energy_among_others_is_as_far_out_as_stated():
-    # whatever its scale and what all have in common: the largest of many draws of `_tail` against their share
-    rng = np.random.default_rng(12)
-    for others in (10, 40):
-        energy = 3 + 0.2 * rng.exponential(size=(20000, others + 1))
-        one, rest = energy[:, 0], energy[:, 1:]
-        mean, lowest = rest.mean(axis=1), rest.min(axis=1)
-        by_spread = _tail(1 + (one - mean) / rest.std(axis=1, ddof=1), others / 2)
-        by_mean = _tail((one - lowest) / (mean - lowest) * (others - 1) / others, others - 1)
-        for probability in (0.1, 0.01):
-            expected = probability * one.size
-            # exact above the lowest, where all but one of m + 1 are: within three deviations of a binomial
-            above = expected * others / (others + 1)
-            assert abs(np.count_nonzero(by_mean <= probability) - above) < 3 * above**0.5
-            found = np.count_nonzero(by_spread <= probability)
-            assert 0.4 * expected <= found <= share_of_the_first(probability, one.size)
-
-
-def test_a_tooth_of_few_stands_out_by_the_mean_though_one_other_is_large():
-    # eight others, of which a large one decides the standard deviation
-    others = np.array([1.0, 1.1, 1.2, 1.3, 1.4, 1.5, 1.7, 4.0])
-    by_spread = _tail(1 + (20 - others.mean()) / others.std(ddof=1), 4)
-    scale = (others.mean() - 1) * 8 / 7
-    assert _tail((20 - 1) / scale, 7) < by_spread / 5
-
-
 def test_the_least_rise_is_the_one_at_which_the_tooth_is_as_improbable_as_stated():
     # the probability that one rise gives is stated as that of the least: the same rise comes back
     turns = noise(np.random.default_rng(4))
@@ -103,18 +76,6 @@ def test_the_least_rise_is_the_one_at_which_the_tooth_is_as_improbable_as_stated
     assert again.least_rise == pytest.approx(found.rise, rel=0.02)  # interpolated between steps of an eighth
     strict = local_damage(folds, rotations=99, rng=np.random.default_rng(1), stated=found.local / 100)
     assert strict.least_rise > again.least_rise
-
-
-def test_the_peak_has_no_share_in_what_it_is_compared_with():
-    # without noise but for the second order of the turn: the others are equal, whatever the peak
-    angle = 4 * np.pi * (np.arange(CELLS) + 0.5) / CELLS
-    turns = np.exp(0.3 * np.cos(angle)) * np.exp(0.3 * np.random.default_rng(13).standard_normal((1, TURNS, CELLS)))
-    found = []
-    for factor in (10.0, 100.0):
-        damaged = turns.copy()
-        damaged[:, :, 20:22] *= factor
-        found.append(judged(damaged).outlier)
-    assert found[1] > 8 * found[0]
 
 
 @pytest.mark.parametrize("tooth", [0, 7, 19])
@@ -140,22 +101,6 @@ def test_a_tooth_that_repeats_in_one_band_may_stand_out_in_another():
     assert (both.band, both.repeats) == (1, 0.005)
     assert both.local < 1e-3
     assert alone.probability > 0.1
-
-
-def test_bands_in_which_sound_teeth_differ_alike_count_as_one():
-    # four copies of one band say no more than the band; four independent ones of the same size do
-    rng = np.random.default_rng(22)
-    one = (0.2 + np.repeat(rng.exponential(size=TEETH), 2)) * rng.exponential(size=(1, TURNS, CELLS)).mean(axis=0)
-    one = one * np.exp(0.05 * rng.standard_normal((1, TURNS, CELLS)))
-    one[:, :, 10:12] *= 8
-    alone, copies = judged(one).local, judged(np.repeat(one, 4, axis=0)).local
-    assert alone / 4 < copies < 16 * alone  # a factor for either of two tests, and one for the number of bands
-    other = np.repeat(one, 4, axis=0)
-    for band in range(1, 4):
-        order = rng.permutation(np.r_[0:5, 6:TEETH])
-        for to, of in zip(np.r_[0:5, 6:TEETH], order, strict=True):
-            other[band, :, 2 * to : 2 * to + 2] = one[0, :, 2 * of : 2 * of + 2]
-    assert judged(other).local < copies / 10
 
 
 def test_a_planet_that_meets_sun_and_ring_is_compared_with_its_sound_teeth():
@@ -293,14 +238,6 @@ def test_too_few_samples_in_a_turn_are_refused():
         judged(np.ones((1, 32, 8)), teeth=4)
 
 
-def test_values_equal_over_a_tooth_count_once():
-    tooth = np.random.default_rng(11).standard_normal(2000)
-    assert _independent(tooth, 2000, pitch=1, width=1) == 2000
-    four = np.repeat(tooth, 4)
-    # correlation of a boxcar of 4: 1 + 2 (3/4 + 2/4 + 1/4) = 4
-    assert _independent(four, four.size, pitch=4, width=1) == pytest.approx(2000, rel=0.05)
-
-
 @pytest.mark.parametrize("samples", [64 * 128, 8191])  # the second is prime: its transform has zeros behind it
 def test_a_tone_beside_the_mesh_keeps_its_amplitude(samples):
     rev = np.arange(samples) / 128
@@ -327,44 +264,3 @@ def test_nothing_above_the_shafts_is_refused():
     signal = AngularSignal(values=np.ones(640), samples_per_rev=64, start_rev=0.0, passband_orders=28.0)
     with pytest.raises(ValueError, match="lowest_order=30 is not below 28"):
         residual_energies(signal, meshes={}, lowest_order=30.0)
-
-
-@pytest.mark.parametrize("cells", [30, 31])
-def test_rotations_have_the_statistic_of_the_rotated_blocks(cells):
-    # (width, band, block, cell); the definition, with the error of the mean from scipy
-    values = np.random.default_rng(12).standard_normal((2, 3, 9, cells))
-    values -= values.mean(axis=-1, keepdims=True)
-    found = _rotated_maxima(list(values), 120, np.inf, np.random.default_rng(13))
-    rng = np.random.default_rng(13)
-    for largest in found:
-        shifts = rng.integers(0, cells, size=9)
-        turned = np.stack([np.roll(values[:, :, block], -shift, axis=-1) for block, shift in enumerate(shifts)], axis=2)
-        error = stats.sem(turned, axis=2)
-        error = np.maximum(error, np.median(error, axis=-1, keepdims=True))
-        # sums in single precision: 1e-7 (1 + t^2 / n) with t up to 5 and n = 9, and some of it for each of the two sums
-        assert largest == pytest.approx(np.max(turned.mean(axis=2) / error), rel=1e-6)
-    assert found.size == 120
-
-
-def test_rotations_stop_at_the_eighth_that_exceeds():
-    values = np.random.default_rng(14).standard_normal((1, 1, 9, 31))
-    every = _rotated_maxima(list(values), 400, np.inf, np.random.default_rng(15))
-    observed = np.quantile(every, 0.95)
-    stopped = _rotated_maxima(list(values), 400, observed, np.random.default_rng(15))
-    assert np.count_nonzero(stopped >= observed) == 8
-    assert stopped[-1] >= observed
-    assert 99 <= stopped.size < 400
-    np.testing.assert_array_equal(stopped, every[: stopped.size])
-
-
-def test_a_known_transform_changes_nothing():
-    x = np.random.default_rng(7).standard_normal(64 * 128)
-    signal = AngularSignal(values=x, samples_per_rev=128, start_rev=0.0, passband_orders=56.0)
-    left_out = {"meshes": {20.0: 2.5, 17.0: 1.0}, "lowest_order": 3.0}
-    lines = tapered_transform(signal)
-    known = lines.copy()
-    energies = residual_energies(signal, **left_out, transform=known)
-    assert np.array_equal(energies.values, residual_energies(signal, **left_out).values)
-    ratios = [mesh_contrast(signal, order=1, teeth=(20, 17), **left_out, transform=one) for one in (known, None)]
-    assert np.array_equal(*ratios)
-    assert np.array_equal(known, lines)

@@ -7,7 +7,7 @@ import numpy as np
 import pytest
 from hypothesis import strategies as st
 
-from signals.angle.planets import PassWindow, PlanetaryTeeth, WindowedAverage, pass_angle, planet_average, sun_average
+from signals.angle.planets import PassWindow, PlanetaryTeeth, pass_angle, planet_average, sun_average
 from signals.angle.residual import residual_signal
 from signals.resampling.resampling import AngularSignal
 
@@ -76,12 +76,6 @@ class TestTeeth:
         assert teeth.planet_reset * teeth.ring % teeth.planet == 0
         assert teeth.sun_reset * teeth.ring % teeth.sun == 0
 
-    def test_resets_by_hand(self):
-        assert HUNTING.planet_reset == 21  # no common divisor: every tooth passes
-        assert HUNTING.sun_reset == 19
-        assert TEETH.planet_reset == 4  # gcd(99, 36) = 9
-        assert TEETH.sun_reset == 3  # gcd(99, 27) = 9
-
     @pytest.mark.parametrize(
         ("wrong", "sentence"),
         [
@@ -113,13 +107,6 @@ class TestWindow:
         added = sum(window.weight(place + k) for k in range(-8, 9))
         np.testing.assert_allclose(added, total, rtol=0, atol=1e-14)
 
-    @pytest.mark.parametrize("window", WINDOWS)
-    def test_is_even_and_one_in_the_middle(self, window):
-        place = np.linspace(0, window.width_teeth / 2, 50)[:-1]
-        np.testing.assert_allclose(window.weight(place), window.weight(-place), rtol=0, atol=1e-15)
-        assert window.weight(0.0) == 1
-        assert not window.weight([window.width_teeth / 2, 1e6]).any()
-
     def test_a_taper_must_fit(self):
         with pytest.raises(ValueError, match=r"taper_teeth=3 must lie between 0 and 2\.5"):
             PassWindow.tukey(5, taper_teeth=3)
@@ -142,13 +129,6 @@ class TestPlanet:
         assert (average.teeth, average.samples_per_rev) == (21, 21 * PER_TOOTH)
         assert average.revolutions == average.passes // 21
         assert average.ratio == Fraction(62, 21)
-
-    def test_weights_of_whole_sequences_are_even(self):
-        signal = ring_sensor(HUNTING, 64, 0.3, [silence] * 3, path=near)
-        average = planet_average(signal, teeth=HUNTING, planet=0, first_pass_rev=0.3, window=PassWindow.hann(5))
-        # three sequences of 21 passes, each of Hann windows a tooth apart
-        assert average.passes == 63
-        np.testing.assert_allclose(average.weights, 3 * 2.5, rtol=1e-12)
 
     @pytest.mark.parametrize("faulty", [0, 5, 20])
     def test_a_fault_on_one_tooth_is_at_that_tooth(self, faulty):
@@ -242,24 +222,6 @@ class TestPlanet:
         with pytest.raises(ValueError, match=sentence):
             planet_average(signal, **wanted)
 
-    def test_the_last_pass_may_end_with_the_record(self):
-        known = [periodic(np.random.default_rng(k), 21, 60) for k in range(3)]
-        whole = ring_sensor(HUNTING, 22, 0.0, known, path=near).values
-        # passes 1 to 21, each of 40 samples before its middle and 40 from it on
-        length = 21 * 62 * PER_TOOTH + 40
-
-        def averaged(samples):
-            signal = AngularSignal(
-                values=whole[:samples], samples_per_rev=62 * PER_TOOTH, start_rev=0.0, passband_orders=100.0
-            )
-            return planet_average(signal, teeth=HUNTING, planet=0, first_pass_rev=0.0, window=PassWindow.rectangular(5))
-
-        np.testing.assert_allclose(
-            averaged(length).values, known[0](np.arange(21 * PER_TOOTH) / PER_TOOTH), rtol=0, atol=1e-9
-        )
-        with pytest.raises(ValueError, match="20 passes of a planet lie whole"):
-            averaged(length - 1)
-
     def test_too_short_a_record(self):
         signal = ring_sensor(HUNTING, 20, 0.5, [silence] * 3, path=near)
         with pytest.raises(ValueError, match=r"20 passes of a planet lie whole.*once in 21; record 22 carrier"):
@@ -300,40 +262,6 @@ class TestToothBoundaries:
         # a weighted mean of numbers alike; a pass that rounding puts 1e-13 of a sample beside one turns steps of 20
         np.testing.assert_allclose(average.by_tooth, expected, rtol=0, atol=1e-9)
 
-    @pytest.mark.parametrize("per_tooth", [1, 4, 5, 16])
-    def test_a_tooth_goes_from_half_a_tooth_before_its_middle_on(self, per_tooth):
-        place = np.arange(7 * per_tooth)
-        average = WindowedAverage(
-            values=place.astype(float), standard_error=place, revolutions=1, ratio=Fraction(62, 7), start_rev=0.0,
-            passband_orders=1.0, weights=np.ones(place.size), teeth=7, passes=7, window=PassWindow.hann(5),
-        )  # fmt: skip
-        for number, samples in enumerate(average.by_tooth):
-            # before and after the middle in exact numbers: -1/2 <= (sample - middle) / per_tooth < 1/2
-            around = range(number * per_tooth - per_tooth, number * per_tooth + per_tooth)
-            own = [k % place.size for k in around if -per_tooth <= 2 * (k - number * per_tooth) < per_tooth]
-            assert samples.tolist() == own
-
-    @pytest.mark.parametrize("width", [1, 3, 4.5, 5, 7.25])
-    @pytest.mark.parametrize("gear", ["planet", "sun"])
-    def test_weights_count_the_samples_of_every_window(self, width, gear):
-        # 48 samples to a tooth: 4.5 and 7.25 teeth are whole numbers of samples, of which the later edge is out
-        reset = 21 if gear == "planet" else 19
-        signal = AngularSignal(
-            values=np.zeros(45 * 62 * 48), samples_per_rev=62 * 48, start_rev=0.0, passband_orders=100.0
-        )
-        window = PassWindow.rectangular(width)
-        if gear == "planet":
-            average, passes = planet_average(signal, teeth=HUNTING, planet=0, first_pass_rev=0.0, window=window), [0]
-        else:
-            # 62 + 19 teeth of both gears: a planet a third of a turn on meets the sun 27 teeth behind
-            average, passes = sun_average(signal, teeth=HUNTING, first_pass_rev=0.0, window=window), [0, -27, -54]
-        counts = np.zeros(reset * 48)
-        for first in passes:
-            for revolution in range(reset * average.revolutions):
-                middle = 48 * (62 * revolution + first)
-                counts[[(middle + k) % counts.size for k in range(-200, 200) if -width * 48 <= 2 * k < width * 48]] += 1
-        np.testing.assert_array_equal(average.weights, counts)
-
 
 class TestSun:
     @pytest.mark.parametrize(
@@ -354,17 +282,6 @@ class TestSun:
         # two sequences of 19 passes of three planets: 2.5 for each
         assert (average.revolutions, average.passes, average.teeth) == (2, 114, 19)
         assert average.weights.mean() == pytest.approx(2 * 3 * 2.5, rel=1e-12)
-
-    def test_what_planets_say_of_themselves_falls(self):
-        # a planet's own vibration has another period than the sun's, and is averaged over three planets and sequences
-        rng = np.random.default_rng(6)
-        planets = [periodic(rng, 21, 20) for _ in range(3)]
-        for k, source in enumerate(planets):
-            planets[k] = lambda tooth, source=source: source(tooth) - source(np.arange(21)).mean()
-        alone = ring_sensor(HUNTING, 21 * 19 + 1, 0.0, planets, path=near)
-        average = sun_average(alone, teeth=HUNTING, first_pass_rev=0.0, window=PassWindow.rectangular(1))
-        # each sun tooth meets each of the 21 planet teeth equally often: their mean is left
-        assert np.abs(average.by_tooth[:, PER_TOOTH // 2]).max() < 1e-9
 
 
 class TestPassAngle:

@@ -5,7 +5,6 @@ import pytest
 
 from signals import AngularSignal
 from signals.angle.repeated_waveform import repeated_waveform
-from signals.angle.residual_energies import whitened_residual
 
 TEETH, PER_TURN, AT = 40, 4000, 1300
 
@@ -73,13 +72,3 @@ def test_what_is_left_out_repeats_nowhere():
 def test_one_turn_is_refused():
     with pytest.raises(ValueError, match="1 turns cannot repeat; record two or more"):
         probability(np.zeros(int(1.9 * PER_TURN)))
-
-
-def test_bands_are_scaled_to_the_same_power():
-    rng = np.random.default_rng(4)
-    x = np.cumsum(rng.normal(size=64 * 128))  # power falls as the square of the order
-    signal = AngularSignal(values=x, samples_per_rev=128, start_rev=0.0, passband_orders=56.0)
-    white = whitened_residual(signal, meshes={}, edges=np.array([4.0, 20.0, 36.0, 52.0]))
-    power = np.abs(np.fft.rfft(white.values)) ** 2
-    by_band = [power[int(low * 64) : int((low + 16) * 64)].sum() for low in (4, 20, 36)]
-    assert by_band == pytest.approx([by_band[0]] * 3, rel=1e-9)  # by construction

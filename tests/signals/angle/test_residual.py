@@ -45,11 +45,6 @@ class TestResidual:
         assert isinstance(difference, DifferenceSignal)
         assert not isinstance(difference, ResidualSignal)
 
-    def test_every_gear_on_the_shaft(self):
-        residual = residual_signal(average(parts(*PARTS)), teeth=[27, 50], harmonics=2, shaft_orders=[])
-        assert set(residual.removed_orders) >= {27, 54, 50, 100}
-        np.testing.assert_allclose(residual.values, parts(1, 2, 3, 26, 28, 53, 55), rtol=0, atol=1e-12)
-
     def test_what_the_average_does_not_pass_is_removed_too(self):
         made = average(parts(*PARTS), passband_orders=54.9)
         residual = residual_signal(made, teeth=27, harmonics=1, shaft_orders=[])
@@ -70,11 +65,6 @@ class TestResidual:
         assert set(regular.removed_orders) | set(left.removed_orders) == set(range(129))
         assert not set(regular.removed_orders) & set(left.removed_orders)
 
-    def test_a_large_mean_costs_no_more_than_its_own_rounding(self):
-        small = residual_signal(average(parts(*PARTS)), teeth=27, harmonics=2, shaft_orders=[1])
-        large = residual_signal(average(1e6 + parts(*PARTS)), teeth=27, harmonics=2, shaft_orders=[1])
-        np.testing.assert_allclose(large.values, small.values, rtol=0, atol=1e-9)  # 1e6 is known to 1.2e-10
-
     def test_a_short_impact_outlives_the_removal_of_the_mesh(self):
         mesh = 2.0 * np.cos(27 * ANGLE)
         impact = np.exp(-0.5 * ((ANGLE - 3) / 0.05) ** 2)
@@ -86,10 +76,6 @@ class TestResidual:
     def test_sidebands_of_a_coarse_gear_may_reach_below_zero(self):
         left = difference_signal(average(parts(*PARTS)), teeth=2, harmonics=1, shaft_orders=[], sidebands=4)
         assert left.removed_orders[:7] == (0, 1, 2, 3, 4, 5, 6)
-
-    def test_no_number_passes_silently(self):
-        with pytest.raises(ValueError, match="not finite"):
-            residual_signal(average(np.array([1.0, np.nan, 2, 3, 4])), teeth=2, harmonics=1, shaft_orders=[])
 
     @pytest.mark.parametrize(
         ("wrong", "sentence"),
@@ -127,12 +113,6 @@ class TestMeshBand:
         assert band.kept_orders == tuple(range(40, 81))
         assert set(band.kept_orders) | set(band.removed_orders) == set(range(129))
         assert band.samples_per_rev == PER_REV
-
-    def test_the_phase_is_continuous(self):
-        swing = 5 * np.sin(ANGLE)
-        band = mesh_band(average(np.cos(60 * ANGLE + swing)), mesh_order=60, sidebands=40)
-        # lines beyond 40 sidebands: J_41(5) = 3e-34; the image below order zero as little
-        np.testing.assert_allclose(band.phase_rad, swing, rtol=0, atol=1e-11)
 
     @pytest.mark.parametrize(("order", "sidebands"), [(5, 5), (125, 3)])
     def test_must_lie_in_the_passband(self, order, sidebands):

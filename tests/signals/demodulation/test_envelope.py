@@ -32,11 +32,6 @@ class TestEnvelope:
         signal = cosine(2000) + 5 * cosine(1400, 0.3) + 7 * cosine(2600) + 9
         np.testing.assert_allclose(envelope(signal, rate_hz=RATE_HZ, band_hz=(1401, 2599)), 1, rtol=0, atol=ROUNDING)
 
-    def test_edges_belong_to_the_band(self):
-        signal = cosine(1500) + cosine(2500)
-        beat = np.abs(1 + np.exp(2j * np.pi * 1000 * TIMES))
-        np.testing.assert_allclose(envelope(signal, rate_hz=RATE_HZ, band_hz=(1500, 2500)), beat, rtol=0, atol=ROUNDING)
-
     def test_two_tones_beat(self):
         beat = np.abs(1 + 0.4 * np.exp(1j * (2 * np.pi * 55 * TIMES + 0.2)))
         signal = cosine(2000) + 0.4 * cosine(2055, 0.2)
@@ -60,10 +55,6 @@ class TestEnvelope:
     def test_bands(self, band, words):
         with pytest.raises(ValueError, match=words):
             envelope(cosine(2000), rate_hz=RATE_HZ, band_hz=band)
-
-    def test_no_number_passes_silently(self):
-        with pytest.raises(ValueError, match="index 3"):
-            envelope([0.0, 1, 2, np.nan, 4], rate_hz=RATE_HZ, band_hz=(1, 2))
 
 
 class TestOverAngle:
@@ -120,14 +111,6 @@ class TestStream:
         # 1e-4 of the line and 1e-4 of its image, of gain 2 and half the height
         assert self.streamed(cosine(frequency))[self.SETTLED].max() < 2e-4
 
-    @pytest.mark.parametrize("sizes", [[1, 0, 7, 300], [5000], [100] * 99])
-    def test_blocks_do_not_matter(self, sizes):
-        x = np.random.default_rng(1).standard_normal(TIMES.size)
-        x -= x[: sizes[0]].mean() if sizes[0] > 1 else x[0]  # what is taken from the first block is nothing
-        whole = self.streamed(x)
-        # the first block's mean is another constant: the filter passes none of it, but the ends see its step
-        np.testing.assert_allclose(self.streamed(x, sizes)[self.SETTLED], whole[self.SETTLED], rtol=0, atol=1e-12)
-
     def test_agrees_with_the_whole_record_away_from_the_edges_of_the_band(self):
         x = cosine(1800) + 0.7 * cosine(2100, 0.3) + 0.4 * cosine(2300, 2)
         np.testing.assert_allclose(
@@ -154,23 +137,6 @@ class TestStream:
             tracemalloc.stop()
         assert peaks[1] < 1.2 * peaks[0]
 
-    def test_offset_a_million_times_the_signal(self):
-        found = self.streamed(1e6 + cosine(2000))
-        # 1e6 is rounded to 1e-10; the filter passes none of what is left of it
-        np.testing.assert_allclose(found[self.SETTLED], 1, rtol=0, atol=2.1e-4)
-        second = self.streamed(
-            np.concatenate([[0.0], 1e6 + cosine(2000)[1:]]), [1]
-        )  # the first block misses the offset
-        np.testing.assert_allclose(second[self.SETTLED], 1, rtol=0, atol=2.1e-4)
-
-    def test_constant_and_integers(self):
-        assert self.streamed(np.full(5000, 7.0)).max() < 1e-14
-        counts = np.round(20_000 * cosine(2000)).astype(np.int16)
-        np.testing.assert_array_equal(self.streamed(counts), self.streamed(counts.astype(float)))
-
-    def test_a_record_shorter_than_the_filter(self):
-        assert self.streamed(cosine(2000)[:20]).size == 20
-
     @pytest.mark.parametrize(
         ("changes", "words"),
         [
@@ -184,12 +150,6 @@ class TestStream:
     def test_refusals(self, changes, words):
         with pytest.raises(ValueError, match=words):
             self.streamed(cosine(2000), **changes)
-
-    def test_no_number_passes_silently(self):
-        with pytest.raises(ValueError, match="a block has 1 values that are not finite, the first at index 2"):
-            self.streamed(np.array([1.0, 2, np.nan]))
-        with pytest.raises(ValueError, match="no samples"):
-            self.streamed(np.array([]))
 
 
 class TestSpectrum:
@@ -220,27 +180,6 @@ class TestSpectrum:
         # 0.6 of the samples are independent, of relative variance 1: a line scatters by 2/sqrt(2.4e5) = 0.4 %, times 4
         assert self.height(found, 40) == pytest.approx(2 * self.M / (1 + self.M**2 / 2), rel=0.016)
 
-    def test_of_a_modulation_over_angle(self, swinging):
-        rate_hz, order = 51_200.0, 3.5848
-        times = np.arange(150_000) / rate_hz
-        turned = swinging.revolutions(times).astype(float)
-        signal = (1 + self.M * np.cos(2 * np.pi * order * turned)) * np.cos(2 * np.pi * 9000 * times)
-        phase = ShaftPhase(times_s=swinging.times_at(np.arange(200)), revolutions=np.arange(200.0))
-        found = envelope_order_spectrum(
-            signal,
-            rate_hz=rate_hz,
-            band_hz=(8000, 10_000),
-            phase=phase,
-            samples_per_rev=128,
-            squared=True,
-            relative=True,
-            max_order=20,
-        )
-        top = np.argmax(found.amplitude)
-        assert abs(found.axis[top] - order) < found.bin_width / 8
-        # between two points of the grid 0.25 %; the mean over whole turns of a modulation that is not whole, 1e-3
-        assert found.amplitude[top] == pytest.approx(2 * self.M / (1 + self.M**2 / 2), rel=5e-3)
-
     def test_an_empty_band_is_refused_where_it_would_divide(self):
         with pytest.raises(ValueError, match="the envelope of the band is zero"):
             envelope_spectrum(np.full(1000, 3.0), rate_hz=RATE_HZ, band_hz=(1000.0, 2000.0), relative=True)
@@ -250,11 +189,6 @@ class TestHardCases:
     def test_offset_a_million_times_the_signal(self):
         found = envelope(1e6 + cosine(2000), rate_hz=RATE_HZ, band_hz=(1500, 2500))
         np.testing.assert_allclose(found, 1, rtol=0, atol=1e-9)  # 1e6 is rounded to 1e-10
-
-    def test_constant_and_integers(self):
-        assert envelope(np.full(1000, 0.1), rate_hz=RATE_HZ, band_hz=(1500, 2500)).max() < 1e-15
-        counts = np.round(20_000 * cosine(2000)).astype(np.int16)
-        np.testing.assert_allclose(envelope(counts, rate_hz=RATE_HZ, band_hz=(1500, 2500)), 20_000, atol=5)
 
     def test_half_the_sampling_rate_has_no_mirror_image(self):
         alternating = 3 * (-1.0) ** np.arange(1000)

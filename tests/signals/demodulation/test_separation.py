@@ -49,25 +49,6 @@ class TestBothParts:
         # the mean of a thousand numbers alike: in pairs, as numpy adds, twenty roundings of 1e-16
         np.testing.assert_allclose(found.deterministic, level, rtol=1e-14)
 
-    @pytest.mark.parametrize("which", range(3))
-    def test_a_large_mean_changes_nothing_but_rounding(self, which):
-        x = np.cos(0.3 * np.arange(2000)) + np.random.default_rng(2).standard_normal(2000)
-        small, large = separations(x)[which], separations(x + 1e6)[which]
-        # 1e6 is known to 1.2e-10, the sums of the filters amplify that less than a hundred times
-        np.testing.assert_allclose(large.random, small.random, rtol=0, atol=1e-8)
-
-    @pytest.mark.parametrize("which", range(3))
-    @pytest.mark.parametrize("scale", [1e-150, 1e140])
-    def test_the_unit_does_not_matter(self, which, scale):
-        x = np.cos(0.3 * np.arange(1000)) + np.random.default_rng(2).standard_normal(1000)
-        small, large = separations(x)[which], separations(x * scale)[which]
-        np.testing.assert_allclose(large.random / scale, small.random, rtol=0, atol=1e-12)
-
-    @pytest.mark.parametrize("separate", [cepstrum_prewhitening, lambda x: linear_prediction(x, order=1)])
-    def test_nan_does_not_pass(self, separate):
-        with pytest.raises(ValueError, match="not finite"):
-            separate([1.0, 2, np.nan, 4, 5])
-
 
 class TestLinearPrediction:
     def test_solves_the_yule_walker_equations(self):
@@ -82,12 +63,6 @@ class TestLinearPrediction:
         backwards = np.array([dense @ x[n + 1 : n + 7] for n in range(6)])
         np.testing.assert_allclose(found.deterministic[:6], backwards, rtol=0, atol=1e-9)
         assert (found.start, found.order) == (0, 6)
-
-    def test_finds_the_process(self):
-        found = linear_prediction(autoregressive(np.random.default_rng(4), 100_000), order=2)
-        # each known to sqrt((1 - 0.81^2) / n) = 0.002
-        np.testing.assert_allclose(found.coefficients, TWO_POLES, rtol=0, atol=0.008)
-        assert found.random.std() == pytest.approx(1, abs=4 / np.sqrt(2e5))
 
     def test_impulses_that_ringing_hides_come_out(self):
         rng = np.random.default_rng(5)
@@ -108,11 +83,6 @@ class TestLinearPrediction:
         # the best predictor of order p leaves 1 / (1 + p A^2 / 4 sigma^2) of the tone and adds noise of 2 sigma^2 / p
         assert np.sqrt(np.mean((found.deterministic - tone) ** 2)) < 2 * 0.2 * np.sqrt(2 / 400 + 400 / 50_000)
         assert found.random.std() == pytest.approx(0.2, rel=0.02)
-
-    def test_a_clean_tone_is_foretold(self):
-        # without any noise the equations are all but singular
-        tone = np.cos(0.2 * np.pi * np.arange(100_000) + 1)
-        assert linear_prediction(tone, order=100).random.std() < 1e-3
 
     @pytest.mark.parametrize("samples", [4, 16])
     def test_too_short(self, samples):
@@ -141,10 +111,6 @@ class TestOrders:
 
     def test_a_constant_needs_no_model(self):
         assert prediction_orders(np.ones(50), most=5).order == 0
-
-    def test_a_limit_beyond_the_record(self):
-        with pytest.raises(ValueError, match="most=30 must be a whole number from 1 to 24"):
-            prediction_orders(np.arange(50.0), most=30)
 
 
 class TestDiscreteRandom:
@@ -183,15 +149,6 @@ class TestDiscreteRandom:
         assert kurtosis(found.random) > 0.8 * kurtosis(ringing)
         assert np.std(found.deterministic - gears[middle]) < 0.15 * gears.std()
 
-    def test_says_what_was_done(self):
-        x = np.random.default_rng(10).standard_normal(4000)
-        found = discrete_random_separation(x, window_length=128, delay=200)
-        assert (found.window_length, found.delay, found.start) == (128, 200, 64)
-        assert found.blocks == (4000 - 200 - 128) // 32 + 1
-        assert found.frequency[-1] == 0.5
-        assert found.frequency.size == found.gain.size == 129
-        assert found.gain.max() <= 1
-
     def test_a_record_that_swells_is_not_amplified(self):
         x = np.cos(0.4 * np.arange(4000)) * np.exp(np.arange(4000) / 400)
         found = discrete_random_separation(x, window_length=128, delay=128)
@@ -204,10 +161,6 @@ class TestDiscreteRandom:
     def test_too_short(self):
         with pytest.raises(ValueError, match=r"1000 samples are too few for windows of 128 .* below 1152"):
             discrete_random_separation(np.arange(1000.0), window_length=128, delay=128)
-
-    def test_an_odd_window_has_no_middle(self):
-        with pytest.raises(ValueError, match="window_length=65 must be even; take 66"):
-            discrete_random_separation(np.arange(1000.0), window_length=65, delay=65)
 
 
 class TestCepstrumPrewhitening:

@@ -52,13 +52,6 @@ def test_a_part_follows_the_shaft(share, slip):
     assert found < 0.8
 
 
-def test_at_constant_speed_both_are_one():
-    turns = SPEED_HZ * TIMES_S
-    found, frequency_hz = ratio(struck(ORDER * turns), turns)
-    assert found == pytest.approx(1.0, abs=1e-9)
-    assert frequency_hz == pytest.approx(ORDER * SPEED_HZ, abs=0.01)
-
-
 def test_a_load_that_steps_is_no_line():
     turns, level = wandering(0.003), np.where(TIMES_S > 4, 3.0, 1.0)
     for cycles in (ORDER * turns, ORDER * SPEED_HZ * TIMES_S):

@@ -83,11 +83,6 @@ def test_a_constant_has_no_shape():
             indicator(np.full(10, 3.0))
 
 
-def test_not_a_number_does_not_pass():
-    with pytest.raises(ValueError, match="not finite"):
-        ci.rms([1.0, np.nan, 2.0])
-
-
 # ---- shafts ------------------------------------------------------------------------------------------------
 
 
@@ -144,13 +139,6 @@ def test_one_bad_tooth_raises_fm4(rng):
     settings = {"teeth": TEETH, "harmonics": 3, "shaft_orders": (1, 2)}
     assert ci.fm4(difference_signal(average(sound), **settings)) < 3.5
     assert ci.fm4(difference_signal(average(cracked), **settings)) > 6
-
-
-def test_na4_with_a_constant_history_is_the_kurtosis(rng):
-    signal, history = residual(rng.exponential(size=500)), VarianceHistory()
-    for _ in range(5):
-        history = history.update(signal)
-    assert ci.na4(signal, history=history) == pytest.approx(stats.kurtosis(signal.values, fisher=False), rel=EXACT)
 
 
 def test_na4_against_a_frozen_history(rng):
@@ -264,13 +252,6 @@ def test_a_history_freezes_itself_at_the_first_record_beyond_its_limit(rng):
     assert history.frozen
     assert history.records == 30
     assert history.mean_variance == before
-
-
-def test_a_history_learns_before_it_freezes():
-    history = VarianceHistory(limit_std=4.0, learning=10)
-    for level in (1.0, 1.0, 1.0, 9.0):
-        history = history.update(residual(level * NOISE))
-    assert not history.frozen
 
 
 def test_a_history_keeps_to_one_signal():
@@ -387,12 +368,6 @@ def settings_of(indicator, given):
 class TestEach:
     values = np.cos(TEETH * ANGLE) + 0.1 * np.cos(ANGLE) + 0.1 * NOISE[:N]
 
-    def test_computes_from_what_it_says_it_takes(self, indicator):
-        signals = signals_of(self.values)
-        given = [signals[kind] for kind in indicator.takes]
-        found = indicator(*given, **settings_of(indicator, given))
-        assert np.isfinite(found.energy if indicator.part == "bearing" else found)
-
     def test_grows_with_the_signal_as_its_unit_says(self, indicator):
         ones, twos = signals_of(self.values), signals_of(2 * self.values)
         found = []
@@ -411,9 +386,3 @@ class TestEach:
         for kind in signals.keys() - set(indicator.takes[:1]) - also:
             with pytest.raises((TypeError, ValueError), match=r"takes (a|the) |must be one real"):
                 indicator(signals[kind], *given[1:], **settings)
-
-    def test_names_its_source_and_what_raises_it(self, indicator):
-        assert indicator.source
-        assert indicator.raised_by
-        assert indicator.function.__doc__
-        assert getattr(ci, indicator.name) is indicator.function
