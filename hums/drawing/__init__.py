@@ -1,7 +1,7 @@
 """A page on which a mechanism turns: its drawing, velocity vectors, and every defect order at speeds set by hand."""
 
 import json
-from collections.abc import Mapping, Sequence
+from collections.abc import Mapping
 from dataclasses import asdict
 from fractions import Fraction
 from importlib.resources import files
@@ -124,7 +124,7 @@ def _data(kinematics: Kinematics, speeds_rpm: Mapping[str, float] | None) -> dic
         )
     at_one = [kinematics.rates({link: Fraction(link == name) for link in start}) for name in start]
     layout = layout_of(gearbox)
-    normal = _normal(layout.across, layout.up)
+    normal = layout.normal
     shapes = asdict(layout)
     for gear in shapes["gears"]:
         gear["e1"], gear["e2"] = transverse_axes(gear["axis"], normal)
@@ -163,11 +163,3 @@ def _data(kinematics: Kinematics, speeds_rpm: Mapping[str, float] | None) -> dic
 def _number(value: Fraction | float) -> str | float:
     """Return a fraction as text, ``437/4087``, which the page computes with exactly; a float as it is."""
     return str(value) if isinstance(value, Fraction) else value
-
-
-def _normal(one: Sequence[float], two: Sequence[float]) -> tuple[float, float, float]:
-    return (
-        one[1] * two[2] - one[2] * two[1],
-        one[2] * two[0] - one[0] * two[2],
-        one[0] * two[1] - one[1] * two[0],
-    )

@@ -7,7 +7,7 @@ from typing import Protocol
 
 import numpy as np
 from matplotlib.axes import Axes
-from matplotlib.colors import ListedColormap
+from matplotlib.colors import ListedColormap, to_rgb
 from numpy.typing import ArrayLike, NDArray
 
 from hums.plots.style import FAINT, INK, LINE, MARK, TRACK_COLOURS
@@ -359,16 +359,9 @@ def plot_stability_map(map_: StabilityMap, *, ax: Axes, cycles_per_rev: float = 
         return ax
     excess = np.where(map_.growth > 1 + _GROWTH_TOLERANCE, map_.growth - 1, np.nan)
     ax.set_facecolor("white")
-    drawn = ax.pcolormesh(
-        rates, map_.parameters, excess, cmap=_single_hue(), shading="nearest", rasterized=True, vmin=0
-    )
+    full = np.array(to_rgb(MARK))
+    single_hue = ListedColormap(1 - np.linspace(0.25, 1, 64)[:, None] * (1 - full))  # of rising saturation
+    drawn = ax.pcolormesh(rates, map_.parameters, excess, cmap=single_hue, shading="nearest", rasterized=True, vmin=0)
     ax.figure.colorbar(drawn, ax=ax, label="growth in a period")
     ax.set_ylabel(parameter or "parameter")
     return ax
-
-
-def _single_hue() -> ListedColormap:
-    """Return a colour map of one hue with rising saturation."""
-    share = np.linspace(0.25, 1, 64)[:, None]
-    full = np.array([int(MARK[place : place + 2], 16) / 255 for place in (1, 3, 5)])
-    return ListedColormap(1 - share * (1 - full))

@@ -77,7 +77,10 @@ def draw_mechanism(
     ['input bearing', 'intermediate bearing']
     """
     layout, chosen = layout_of(gearbox), dict(colours or {})
-    _check_components(layout, chosen)
+    known = _components(layout)
+    for name in chosen:
+        if name not in known:
+            raise ValueError(f'colours: the drawing has no "{name}"; it has {", ".join(sorted(known))}.')
     if view == "axial" and not layout.planar:
         raise ValueError(f'gearbox "{gearbox.name}": its axes are not parallel; draw view="section".')
     drawing = _Drawing(ax, layout, gearbox, chosen)
@@ -114,13 +117,6 @@ def _components(layout: Layout) -> frozenset[str]:
     bodies = {rod.body for rod in layout.rods} | {pair.body for pair in layout.pairs}
     meshes = {point.mesh for point in layout.meshes}
     return frozenset(gears | bodies | meshes | {bearing.name for bearing in layout.bearings})
-
-
-def _check_components(layout: Layout, colours: Mapping[str, str]) -> None:
-    known = _components(layout)
-    for name in colours:
-        if name not in known:
-            raise ValueError(f'colours: the drawing has no "{name}"; it has {", ".join(sorted(known))}.')
 
 
 def _names_of(gear: GearShape) -> tuple[str, ...]:
@@ -212,7 +208,7 @@ class _Drawing:
         """Draw a cylinder, a cone, or the two halves of a ring."""
         centre, axis = self.flat(gear.centre), self.flat(gear.axis)
         length = float(np.linalg.norm(axis))
-        aside = self.flat(transverse_axes(gear.axis, _cross(self.across, self.up))[0])
+        aside = self.flat(transverse_axes(gear.axis, self.layout.normal)[0])
         colour = self.colour(_names_of(gear), _FRAME if gear.body in self.frame else _STEEL)
         style = {"fc": colour, "ec": INK, "lw": 0.8, "zorder": 3, "hatch": "////" if gear.body in self.frame else None}
         if gear.cone_rad:
@@ -241,7 +237,7 @@ class _Drawing:
     def _bearing_section(self, bearing: BearingShape) -> None:
         """Draw a bearing as two squares with crosses, above and below its axis."""
         centre, axis = self.flat(bearing.centre), self.flat(bearing.axis)
-        aside = self.flat(transverse_axes(bearing.axis, _cross(self.across, self.up))[0])
+        aside = self.flat(transverse_axes(bearing.axis, self.layout.normal)[0])
         half = 1.4 * bearing.element_radius
         colour = self.colour((bearing.name,), "white")
         for sign in (1, -1):
@@ -294,16 +290,13 @@ class _Drawing:
         angles = gear.tooth_rad + 2 * math.pi * np.arange(gear.teeth) / gear.teeth
         depth = math.pi * gear.radius / gear.teeth / 2  # a quarter of the pitch on either side of the pitch circle
         ends = gear.radius + np.array([-depth, depth, math.nan])
-        e1, e2 = (self.flat(axis) for axis in transverse_axes(gear.axis, _cross(*map(np.array, self._plane()))))
+        e1, e2 = (self.flat(axis) for axis in transverse_axes(gear.axis, self.layout.normal))
         rays = np.cos(angles)[:, None] * e1 + np.sin(angles)[:, None] * e2
         ticks = np.array([x, y]) + ends[None, :, None] * rays[:, None, :]
         self.ax.plot(*ticks.reshape(-1, 2).T, color=INK, lw=0.6, zorder=4)
         place = np.array([x, y + (1 + _RIM / 2) * gear.radius]) if gear.internal else np.array([x, y])
         half = 0.07 * gear.radius if gear.internal else 0.35 * gear.radius
         self.labels.append(_Name(f"{gear.link}  {gear.teeth}", place, half, self.given(_names_of(gear))))
-
-    def _plane(self) -> tuple[Vector, Vector]:
-        return self.layout.across, self.layout.up
 
     # ---- names -----------------------------------------------------------------------------------------------
 
@@ -369,8 +362,3 @@ class _Drawing:
             bbox={"fc": label.colour or "white", "ec": "none", "alpha": 0.4 if label.colour else 0.7, "pad": 0.6},
             **where,
         )
-
-
-def _cross(one: Array, two: Array) -> Vector:
-    x, y, z = np.cross(one, two)
-    return (float(x), float(y), float(z))

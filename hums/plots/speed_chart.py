@@ -108,7 +108,8 @@ def speed_order_chart(
     for line in lines:
         first, *others = line.kinds
         width = 1.6 if len(line.sources) > 1 else 1.0
-        ax.plot(rpm, line.order * rpm / 60, color=KIND_COLOURS[first], lw=width, ls="-" if others else _dashes(first))
+        style = "-." if first in BEARING_KINDS and not others else "-"
+        ax.plot(rpm, line.order * rpm / 60, color=KIND_COLOURS[first], lw=width, ls=style)
         if others:
             second = (0, (4, 4))
             ax.plot(rpm, line.order * rpm / 60, color=KIND_COLOURS[others[0]], lw=width, ls=second)
@@ -168,10 +169,6 @@ def _legend(lines: list[_Line], revolutions: float | None, *, ax: Axes) -> None:
     ax.legend(
         handles=handles, fontsize=6.5, ncols=4, frameon=False, loc="lower left", bbox_to_anchor=(0, 1), borderaxespad=0
     )
-
-
-def _dashes(kind: str) -> str:
-    return "-." if kind in BEARING_KINDS else "-"
 
 
 def _name(lines: list[_Line], high: float, *, ax: Axes) -> None:

@@ -75,7 +75,7 @@ def velocity_diagram(kinematics: Kinematics, speeds: Mapping[str, float | Fracti
     lines = {arrow.line for arrow in arrows}
     unit = lines.pop() if len(lines) == 1 else None  # one line holds them all
     turn = unit.conjugate() if unit else 1.0 + 0.0j
-    shifts = _rows(arrows) if unit else _lanes(arrows)
+    shifts = [-1j * row for row in range(len(arrows))] if unit else _lanes(arrows)
     starts = [arrow.start * turn + shift for arrow, shift in zip(arrows, shifts, strict=True)]
     ends = [arrow.end * turn + shift for arrow, shift in zip(arrows, shifts, strict=True)]
     (_prepare_rows if unit else _prepare_plane)(ax, np.array([0j, *starts, *ends]))
@@ -132,11 +132,6 @@ def _arrows(kinematics: Kinematics, velocity: Mapping[str, complex]) -> list[_Ar
         if link in carrier and abs(velocity[carrier[link]]) > small:
             add(link, velocity[carrier[link]], value, carrier[link])
     return arrows
-
-
-def _rows(arrows: list[_Arrow]) -> list[complex]:
-    """Return the offset of each arrow to its own row, from the top."""
-    return [-1j * number for number in range(len(arrows))]
 
 
 def _lanes(arrows: list[_Arrow]) -> list[complex]:

@@ -270,7 +270,10 @@ def fast_kurtogram(
     >>> bool(gram.low_hz[best] <= 3000 <= gram.high_hz[best])
     True
     """
-    signal, largest = _in_single_precision(_vibration(x, minimum=2 * FEWEST_SAMPLES))
+    vibration = _vibration(x, minimum=2 * FEWEST_SAMPLES)
+    largest = _largest(vibration)
+    vibration /= vibration.dtype.type(largest)  # so that fourth powers stay in the range of single precision
+    signal = np.asarray(vibration, dtype=np.float32)
     known = None if transform is None else transform_of(signal, transform)
     rate = positive(rate_hz, name="rate_hz")
     most = int(np.log2(signal.size / FEWEST_SAMPLES))
@@ -290,7 +293,8 @@ def fast_kurtogram(
     kurtosis = _kurtosis(second.sum(axis=1), fourth.sum(axis=1), count)
     steady = _kurtosis(least, of_least, count * (1 - LEFT_OUT / PARTS))
     power = second.sum(axis=1) / count
-    std = 2 * np.sqrt(np.array([_samples_per_independent(_split_into(one)) for one in level.tolist()]) / count)
+    last_filter = np.where(level == 0, 1, np.where(level % 1 > 0, 3, 2)).tolist()  # bands that it made
+    std = 2 * np.sqrt(np.array([_samples_per_independent(factor) for factor in last_filter]) / count)
     share = power / power[0]
     empty = share < _LEAKAGE
     return Kurtogram(
@@ -317,13 +321,6 @@ def _vibration(x: ArrayLike, *, minimum: int) -> Samples:
 
 def _largest(x: Samples) -> float:
     return max(float(x.max()), -float(x.min()))
-
-
-def _in_single_precision(x: Samples) -> tuple[Single, float]:
-    """Return the signal over its largest value (in place), so that fourth powers stay in range, and that value."""
-    largest = _largest(x)
-    x /= x.dtype.type(largest)
-    return np.asarray(x, dtype=np.float32), largest
 
 
 def _bands(signal: Single, imaginary: Single, depth: int) -> Iterator[tuple[float, int, float, Single, Single]]:
@@ -377,13 +374,6 @@ def _lowpass(factor: int) -> Single:
     offset = np.arange(count) - (count - 1) / 2
     taps = np.sinc(2 * cutoff * offset) * np.kaiser(count, _KAISER_BETA)
     return np.asarray(taps / taps.sum(), dtype=np.float32)
-
-
-def _split_into(level: float) -> int:
-    """Return the number of bands that the last filter of a level made: 1, 2 or 3."""
-    if level == 0:
-        return 1
-    return 3 if level % 1 > 0 else 2
 
 
 @lru_cache(maxsize=3)

@@ -304,6 +304,8 @@ def discrete_random_separation(x: ArrayLike, *, window_length: int, delay: int) 
     >>> bool(np.corrcoef(parts.deterministic, tone[128:-128])[0, 1] > 0.95)
     True
     """
+    from scipy.signal import oaconvolve  # noqa: PLC0415
+
     signal, mean = _centred(x)
     length = whole(window_length, name="window_length", least=8)
     if length % 2:
@@ -315,8 +317,9 @@ def discrete_random_separation(x: ArrayLike, *, window_length: int, delay: int) 
             f"{lag + _FEWEST_BLOCKS * length} chance looks like repetition; record longer, or shorten the windows."
         )
     gain, blocks = _transfer(signal, length, lag)
-    filtered = _filtered(signal, gain, length)
     half = length // 2
+    response = np.fft.fftshift(fft.irfft(gain, 2 * length))[half : half + length + 1] * np.hanning(length + 3)[1:-1]
+    filtered = np.asarray(oaconvolve(signal, response, mode="valid"), dtype=np.float64)  # (n - length,)
     return DiscreteRandomSeparation(
         deterministic=filtered + mean,
         random=signal[half:-half] - filtered,
@@ -420,11 +423,3 @@ def _transfer(signal: Array, length: int, lag: int) -> tuple[Array, int]:
         power += np.sum(np.abs(before) ** 2 + np.abs(after) ** 2, axis=0) / 2
     silent = power <= 0
     return np.where(silent, 0.0, np.abs(cross) / np.where(silent, 1.0, power)), past.shape[0]
-
-
-def _filtered(signal: Array, gain: Array, length: int) -> Array:
-    """Filter by a real gain, its response tapered to `length` + 1 samples: (n - length,)."""
-    from scipy.signal import oaconvolve  # noqa: PLC0415
-
-    response = np.fft.fftshift(fft.irfft(gain, 2 * length))[length // 2 : length + length // 2 + 1]
-    return np.asarray(oaconvolve(signal, response * np.hanning(length + 3)[1:-1], mode="valid"), dtype=np.float64)

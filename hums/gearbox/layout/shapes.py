@@ -138,7 +138,11 @@ class Layout:
     notes: tuple[str, ...]
 
     @property
+    def normal(self) -> Vector:
+        """Direction out of the section, towards the viewer."""
+        return vector(np.cross(self.across, self.up))
+
+    @property
     def axial(self) -> tuple[Vector, Vector]:
         """Directions to the right and upwards of the view along the axes."""
-        direction = self.pairs[0].direction
-        return transverse_axes(direction, vector(np.cross(self.across, self.up)))
+        return transverse_axes(self.pairs[0].direction, self.normal)
