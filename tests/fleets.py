@@ -4,7 +4,7 @@ from datetime import UTC, datetime, timedelta
 
 import numpy as np
 
-from hums.fleet.kept import KeptRecord
+from hums.fleet.kept import StoredRecord
 from hums.fleet.monitor import MachineState, update
 from hums.fleet.numbers import Numbers
 from hums.fleet.observation import Observation
@@ -50,7 +50,7 @@ LINES = tuple((name, "order_spectrum", "stage 1/pinion", "gear", n, 0, "g") for 
 def kept(seen, *, growth=1.0):
     """The results of an observation's record; its lines grow."""
     keys = tuple(seen.values)
-    return KeptRecord(
+    return StoredRecord(
         record=seen.record,
         machine=seen.machine,
         recorded_at=seen.recorded_at,

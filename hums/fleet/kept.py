@@ -18,13 +18,13 @@ from hums.fleet.observation import Observation, observation
 from hums.fleet.series import Series, SeriesValues
 from hums.records.store import atomic_write
 
-__all__ = ["KeptRecord", "packed_row", "read_results", "read_row", "write_row"]
+__all__ = ["StoredRecord", "packed_row", "read_results", "read_row", "write_row"]
 
 _NUMBERS = ("lines", "indicators")  # of a row
 
 
 @dataclass(frozen=True, kw_only=True)
-class KeptRecord:
+class StoredRecord:
     """One record: its facts, and what it has of lines, indicators and findings.
 
     ``lines`` has amplitude, what it is over its surroundings, and 1 where it is claimed; ``orders`` are those of the
@@ -87,19 +87,19 @@ def _keys(names: str) -> tuple[Any, ...]:
     return tuple(map(tuple, json.loads(names)))
 
 
-def read_results(paths: Iterable[Path]) -> list[KeptRecord]:
+def read_results(paths: Iterable[Path]) -> list[StoredRecord]:
     """Return the results of all records, in their order; each file is read once.
 
     Memory holds 8 bytes for each number that is watched and 4 for the others, and every set of names once.
     """
     shared: dict[Any, Any] = {}
-    return [_kept(read_row(path), shared) for path in paths]
+    return [_stored(read_row(path), shared) for path in paths]
 
 
-def _kept(row: Mapping[str, Any], shared: dict[Any, Any]) -> KeptRecord:
+def _stored(row: Mapping[str, Any], shared: dict[Any, Any]) -> StoredRecord:
     seen = observation(row)
     lines, indicators = (row.get(name, NOTHING) for name in _NUMBERS)
-    return KeptRecord(
+    return StoredRecord(
         **{name: row[name] for name in ("record", "machine", "recorded_at", "error")},
         speed_hz=row.get("speed_hz", np.nan),
         lines=Numbers(keys=lines.keys, values=lines.values[:, 1:].astype(np.float32)),

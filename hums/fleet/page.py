@@ -14,7 +14,7 @@ import numpy as np
 from numpy.typing import NDArray
 
 from hums.fleet.history import MachineHistory
-from hums.fleet.kept import KeptRecord
+from hums.fleet.kept import StoredRecord
 from hums.fleet.monitor import Epoch, driving_series
 from hums.fleet.numbers import LINE
 from hums.fleet.observation import seconds_since_1970
@@ -42,7 +42,7 @@ _STYLES = {"raised": "alarm", "acknowledged": "watch", "normal": "calm"}
 class _Course:
     """Records of a machine in the order of time: the result of each, and its time in days from the first."""
 
-    records: Sequence[KeptRecord]
+    records: Sequence[StoredRecord]
     days: Array
     start_ms: float | None
 
@@ -58,7 +58,7 @@ class _Course:
 
 
 def write_page(
-    histories: Sequence[MachineHistory], records: Sequence[KeptRecord], path: Path, *, gearbox: str = "GEARBOX"
+    histories: Sequence[MachineHistory], records: Sequence[StoredRecord], path: Path, *, gearbox: str = "GEARBOX"
 ) -> None:
     """Write ``fleet.html``: one page that needs no other file, the worst machine first.
 
@@ -66,7 +66,7 @@ def write_page(
     ----------
     histories : sequence of MachineHistory
         The machines as they were followed.
-    records : sequence of KeptRecord
+    records : sequence of StoredRecord
         Results of all records.
     path : Path
         The page. A report of a record is linked where it stands beside it: ``reports/MACHINE RECORD/report.html``.
@@ -128,7 +128,7 @@ def _state(history: MachineHistory) -> str:
 
 
 def _machine(
-    history: MachineHistory, found: dict[str, KeptRecord], number: int, folder: Path, gearbox: str
+    history: MachineHistory, found: dict[str, StoredRecord], number: int, folder: Path, gearbox: str
 ) -> dict[str, Any]:
     """Return what the page's template needs of a machine."""
     state, (component, index) = history.state, _worst(history)
@@ -209,7 +209,7 @@ def _sentence(history: MachineHistory, component: str, index: float, driver: str
 # ---- figures ---------------------------------------------------------------------------------------------------------
 
 
-def _figures(history: MachineHistory, found: dict[str, KeptRecord], component: str, name: str) -> Iterator[str]:
+def _figures(history: MachineHistory, found: dict[str, StoredRecord], component: str, name: str) -> Iterator[str]:
     """Yield the figures of a machine: its health, the series that drove it, lines of two records."""
     kept = [found[one["record"]] for one in history.records]
     if not component or not kept:
@@ -229,7 +229,7 @@ def _figures(history: MachineHistory, found: dict[str, KeptRecord], component: s
             yield figure_html(lines)
 
 
-def _course(kept: Sequence[KeptRecord]) -> _Course:
+def _course(kept: Sequence[StoredRecord]) -> _Course:
     seconds = np.array([seconds_since_1970(one.recorded_at) for one in kept])
     if np.isfinite(seconds).all():
         return _Course(records=kept, days=(seconds - seconds[0]) / _DAY_S, start_ms=1e3 * float(seconds[0]))
@@ -293,7 +293,7 @@ def _panels(epoch: Epoch, course: _Course, drivers: tuple[Series, ...], componen
     )  # fmt: skip
 
 
-def _stems(judged: Sequence[KeptRecord], channel: str, spectrum: str, name: str) -> Figure | None:
+def _stems(judged: Sequence[StoredRecord], channel: str, spectrum: str, name: str) -> Figure | None:
     """Return the lines of a channel in its first judged and its last record over each other, None without lines."""
     pairs, unit = [], ""
     for one in (judged[0], judged[-1]):

@@ -7,7 +7,7 @@ from typing import Any
 
 import numpy as np
 
-from hums.fleet.kept import KeptRecord
+from hums.fleet.kept import StoredRecord
 from hums.records.store import atomic_write
 
 __all__ = ["NO_PYARROW", "write_indicators"]
@@ -18,12 +18,12 @@ _FACTS = ("record", "machine", "recorded_at")
 _ROWS = 500_000  # of a group: 10 MB of memory while it is written
 
 
-def write_indicators(records: Sequence[KeptRecord], path: Path) -> str:
+def write_indicators(records: Sequence[StoredRecord], path: Path) -> str:
     """Write ``indicators.parquet``: a row for each record, channel, component and indicator.
 
     Parameters
     ----------
-    records : sequence of KeptRecord
+    records : sequence of StoredRecord
         All records.
     path : Path
         Columns ``record, machine, recorded_at, channel, component, kind, indicator, units, value``; names are stored
@@ -44,7 +44,7 @@ def write_indicators(records: Sequence[KeptRecord], path: Path) -> str:
     fields = [(name, names) for name in (*_FACTS, *_COLUMNS)]
     schema = pa.schema([*fields, ("value", pa.float32())])
     with atomic_write(path) as part, ParquetWriter(part, schema) as writer:
-        waiting: list[KeptRecord] = []
+        waiting: list[StoredRecord] = []
         rows = 0
         for one in records:
             waiting.append(one)
@@ -56,7 +56,7 @@ def write_indicators(records: Sequence[KeptRecord], path: Path) -> str:
     return ""
 
 
-def _rows(pa: Any, schema: Any, records: Sequence[KeptRecord]) -> Any:  # noqa: ANN401 - pyarrow is loaded in use alone
+def _rows(pa: Any, schema: Any, records: Sequence[StoredRecord]) -> Any:  # noqa: ANN401 - pyarrow is loaded in use alone
     counts = [len(one.indicators.keys) for one in records]
     keys: dict[Any, int] = {}
     places: dict[int, np.ndarray[Any, Any]] = {}

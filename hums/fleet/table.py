@@ -13,7 +13,7 @@ import numpy as np
 import xarray as xr
 from numpy.typing import NDArray
 
-from hums.fleet.kept import KeptRecord
+from hums.fleet.kept import StoredRecord
 from hums.fleet.numbers import INDICATOR, LINE
 from hums.fleet.observation import seconds_since_1970
 from hums.records.fields import plain_cell
@@ -51,7 +51,7 @@ class WrittenTables:
 
 
 def write_tables(
-    records: Sequence[KeptRecord],
+    records: Sequence[StoredRecord],
     folder: Path,
     *,
     health: Mapping[str, Mapping[str, Any]] | None = None,
@@ -82,7 +82,7 @@ def write_tables(
 class _Columns:
     """Columns of the table, numbered in the order in which the records first fill them."""
 
-    def __init__(self, records: Sequence[KeptRecord]) -> None:
+    def __init__(self, records: Sequence[StoredRecord]) -> None:
         self.lines: dict[Key, int] = {}
         self.indicators: dict[Key, int] = {}
         self.conditions: dict[Key, int] = {}
@@ -107,7 +107,7 @@ class _Columns:
         return self._places[id(keys)]
 
 
-def _table(records: Sequence[KeptRecord], columns: _Columns) -> xr.Dataset:
+def _table(records: Sequence[StoredRecord], columns: _Columns) -> xr.Dataset:
     """Return the table of all records, NaN where a record lacks a column."""
     count = len(records)
     facts = {name: [getattr(one, name) for one in records] for name in _FACTS}

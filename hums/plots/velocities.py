@@ -206,7 +206,7 @@ def _name_tips(arrows: list[_Arrow], starts: list[complex], ends: list[complex],
         outwards = np.angle(end - start) - (0 if tip else np.pi / 2)
         turns = np.array([0, 0.5, -0.5, 1, -1, 1.3, -1.3, 1.57, -1.57, 1.9, -1.9, 2.2, -2.2, 3.14])
         space.place_text(
-            text, [_beside(size, outwards + angle, gap) for gap in (6, 10, 16, 26, 38, 52) for angle in turns]
+            text, [_centre_at(size, outwards + angle, gap) for gap in (6, 10, 16, 26, 38, 52) for angle in turns]
         )
 
 
@@ -228,7 +228,7 @@ def _write(arrow: _Arrow, size: float, at: complex, style: dict[str, Any], *, ax
     )
 
 
-def _beside(half: np.ndarray, angle: float, gap: float) -> tuple[float, float]:
+def _centre_at(half: np.ndarray, angle: float, gap: float) -> tuple[float, float]:
     """Return the centre of a text that touches a circle of radius `gap` at an angle."""
     c, s = np.cos(angle), np.sin(angle)
     return float(c * gap + np.round(c, 1) * half[0]), float(s * gap + np.round(s, 1) * half[1])

@@ -35,7 +35,7 @@ class _Part:
         return int(self.values.size)
 
     @property
-    def kept_orders(self) -> tuple[int, ...]:
+    def remaining_orders(self) -> tuple[int, ...]:
         """Whole orders not removed, up to half the samples per revolution."""
         removed = set(self.removed_orders)
         return tuple(order for order in range(self.values.size // 2 + 1) if order not in removed)
@@ -56,7 +56,7 @@ class ResidualSignal(_Part):
     --------
     >>> import numpy as np
     >>> from signals import ResidualSignal
-    >>> ResidualSignal(values=np.zeros(8), removed_orders=(0, 2)).kept_orders
+    >>> ResidualSignal(values=np.zeros(8), removed_orders=(0, 2)).remaining_orders
     (1, 3, 4)
     """
 
@@ -76,7 +76,7 @@ class DifferenceSignal(_Part):
     --------
     >>> import numpy as np
     >>> from signals import DifferenceSignal
-    >>> DifferenceSignal(values=np.zeros(8), removed_orders=(0, 1, 2, 3)).kept_orders
+    >>> DifferenceSignal(values=np.zeros(8), removed_orders=(0, 1, 2, 3)).remaining_orders
     (4,)
     """
 
@@ -96,7 +96,7 @@ class RegularSignal(_Part):
     --------
     >>> import numpy as np
     >>> from signals import RegularSignal
-    >>> RegularSignal(values=np.zeros(8), removed_orders=(1, 3)).kept_orders
+    >>> RegularSignal(values=np.zeros(8), removed_orders=(1, 3)).remaining_orders
     (0, 2, 4)
     """
 
@@ -108,7 +108,7 @@ class MeshBand:
     Attributes
     ----------
     analytic : (angle,) complex array
-        ``sum_k Z_k exp(j k angle)`` over ``kept_orders``, Z_k being the complex peak amplitudes.
+        ``sum_k Z_k exp(j k angle)`` over ``remaining_orders``, Z_k being the complex peak amplitudes.
     mesh_order : int
         Order of the mesh harmonic.
     sidebands : int
@@ -120,7 +120,7 @@ class MeshBand:
     >>> from signals import MeshBand
     >>> angle = 2 * np.pi * np.arange(256) / 256
     >>> band = MeshBand(analytic=3 * np.exp(1j * (30 * angle + 0.2)), mesh_order=30, sidebands=4)
-    >>> round(float(band.amplitude[7]), 6), round(float(band.phase_rad[7]), 6), band.kept_orders[0]
+    >>> round(float(band.amplitude[7]), 6), round(float(band.phase_rad[7]), 6), band.remaining_orders[0]
     (3.0, 0.2, 26)
     """
 
@@ -153,14 +153,14 @@ class MeshBand:
         return int(self.analytic.size)
 
     @property
-    def kept_orders(self) -> tuple[int, ...]:
+    def remaining_orders(self) -> tuple[int, ...]:
         """Orders of the band: the mesh harmonic and its sidebands."""
         return tuple(range(self.mesh_order - self.sidebands, self.mesh_order + self.sidebands + 1))
 
     @property
     def removed_orders(self) -> tuple[int, ...]:
         """All other orders, up to half the samples per revolution."""
-        kept = set(self.kept_orders)
+        kept = set(self.remaining_orders)
         return tuple(order for order in range(self.analytic.size // 2 + 1) if order not in kept)
 
 
@@ -297,7 +297,7 @@ def regular_signal(average: SynchronousAverage, *, left: ResidualSignal | Differ
             "give the average it was taken from."
         )
     whole_signal = real_vector(average.values, name="the average")
-    return RegularSignal(values=np.asarray(whole_signal - left.values), removed_orders=left.kept_orders)
+    return RegularSignal(values=np.asarray(whole_signal - left.values), removed_orders=left.remaining_orders)
 
 
 @checked

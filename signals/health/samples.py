@@ -88,7 +88,7 @@ def jumps(
         if jump > np.log(_JUMP):
             before, after = (float(np.exp(np.median(np.log(side)))) for side in _sides(level, at))
             factor = float(np.exp(jump))
-            earlier_hz, later_hz = _speeds_beside(speed_hz, at)
+            earlier_hz, later_hz = _adjacent_speeds(speed_hz, at)
             turns = abs(later_hz - earlier_hz) > _SPEED_CHANGE * abs(earlier_hz)
             why = (
                 f", where the speed changes from {earlier_hz:.4g} to {later_hz:.4g} rev/s: a resonance may be passed. "
@@ -114,7 +114,7 @@ def jumps(
     return found, None
 
 
-def _speeds_beside(speed_hz: Array | None, at: int) -> tuple[float, float]:
+def _adjacent_speeds(speed_hz: Array | None, at: int) -> tuple[float, float]:
     """Return the median speed before and after a part; zero where none is known."""
     if speed_hz is None:
         return 0.0, 0.0

@@ -80,10 +80,10 @@ def trend_tests(values: Array, times: Array, *, seed: int = 1) -> TrendTests:
     varies = np.nanmax(values, axis=0, initial=-np.inf) > np.nanmin(values, axis=0, initial=np.inf)
     with np.errstate(invalid="ignore", divide="ignore"):
         ranks, logs = _standardised(_ranks(values)), _standardised(values)
-    courses = _courses(times)
+    shapes = _trend_shapes(times)
     orders = _block_orders(count, block, seed)
-    signed = _correlations(ranks, logs, courses[None])[0]
-    permuted = np.moveaxis(courses.astype(np.float32)[:, orders], 0, 1)
+    signed = _correlations(ranks, logs, shapes[None])[0]
+    permuted = np.moveaxis(shapes.astype(np.float32)[:, orders], 0, 1)
     drawn = _sizes(ranks.astype(np.float32), logs.astype(np.float32), permuted)  # (orders, 3, series)
     alike = np.maximum(np.quantile(drawn[:, :, varies], _LEVEL, axis=(0, 2)) if varies.any() else np.ones(3), 1e-12)
     found = (np.abs(signed) / alike[:, None]).max(axis=0)
@@ -113,33 +113,33 @@ def _discovery_rate(found: Array, null: Array, varies: NDArray[np.bool_], slack:
     return np.asarray(np.minimum(rates, 1.0))
 
 
-def _courses(times: Array) -> Array:
-    """Return courses over time of mean square 1 (2 + steps, records): ranks, steps after some records, and time."""
+def _trend_shapes(times: Array) -> Array:
+    """Return shapes over time of mean square 1 (2 + steps, records): ranks, steps after some records, and time."""
     count = len(times)
     least = 1 if count < _BLOCKS_FROM else 3
     after = np.unique(np.linspace(least, count - least, min(_MOST_STEPS, count - 2 * least + 1)).round().astype(int))
     steps = (np.arange(count) >= after[:, None]).astype(np.float64)
-    return np.stack([_standardised(course) for course in (np.arange(count, dtype=np.float64), *steps, times)])
+    return np.stack([_standardised(shape) for shape in (np.arange(count, dtype=np.float64), *steps, times)])
 
 
-def _correlations(ranks: Floats, logs: Floats, courses: Floats) -> Floats:
-    """Return the signed correlations (orders, 3, series) with courses (orders, courses, records)."""
+def _correlations(ranks: Floats, logs: Floats, shapes: Floats) -> Floats:
+    """Return the signed correlations (orders, 3, series) with shapes (orders, shapes, records)."""
     count = len(ranks)
-    monotone = courses[:, 0] @ ranks / count
-    others = (courses[:, 1:].reshape(-1, count) @ logs / count).reshape(len(courses), -1, logs.shape[1])
+    monotone = shapes[:, 0] @ ranks / count
+    others = (shapes[:, 1:].reshape(-1, count) @ logs / count).reshape(len(shapes), -1, logs.shape[1])
     steps, growth = others[:, :-1], others[:, -1]
     largest = np.abs(steps).argmax(axis=1)[:, None]
     return np.stack([monotone, np.take_along_axis(steps, largest, axis=1)[:, 0], growth], axis=1)
 
 
-def _sizes(ranks: Floats, logs: Floats, courses: Floats) -> Floats:
-    """Return the sizes of the `_correlations`: of the steps course by course, for all at once leave the cache."""
+def _sizes(ranks: Floats, logs: Floats, shapes: Floats) -> Floats:
+    """Return the sizes of the `_correlations`: of the steps shape by shape, for all at once leave the cache."""
     count = len(ranks)
-    steps = np.abs(courses[:, 1] @ logs)
-    for number in range(2, courses.shape[1] - 1):
-        one = courses[:, number] @ logs
+    steps = np.abs(shapes[:, 1] @ logs)
+    for number in range(2, shapes.shape[1] - 1):
+        one = shapes[:, number] @ logs
         np.maximum(steps, np.abs(one, out=one), out=steps)
-    return np.stack([np.abs(courses[:, 0] @ ranks), steps, np.abs(courses[:, -1] @ logs)], axis=1) / count
+    return np.stack([np.abs(shapes[:, 0] @ ranks), steps, np.abs(shapes[:, -1] @ logs)], axis=1) / count
 
 
 @lru_cache(maxsize=8)

@@ -137,7 +137,7 @@ def search(record: SlipRecord, line: Line, *, width: Floats, noise_variance: flo
     cuts = _cuts(record, line, width)
     # Where the shaft turns back, the angle covers less than the total rotation.
     cell = 2 * pi / float(np.median([np.ptp(record.phase[a : b + 1]) for a, b in pairwise(cuts)]))
-    cells = cells_beside(record, line, width=cell, segments=cuts.size - 1)
+    cells = adjacent_cells(record, line, width=cell, segments=cuts.size - 1)
     farthest = 0.0 if noise_variance is not None else float(np.abs(np.concatenate(cells)).max(initial=0.0))
     reach = max(farthest, line.top * line.largest_slip + cell)
     block = max(1, int(_TURN_OF_BLOCK * record.per_rev / reach))
@@ -147,7 +147,7 @@ def search(record: SlipRecord, line: Line, *, width: Floats, noise_variance: flo
     data = Demodulated.of(turned, order=line.order, harmonics=line.harmonics, block=block, cuts=cuts)
     seen = replace(turned, x=np.where(np.isnan(turned.x), np.nan, 1.0))
     ones = Demodulated.of(seen, order=line.order, harmonics=2 * line.harmonics, block=block, cuts=cuts)
-    noise, counted = (noise_variance, None) if noise_variance else noise_beside(data, cells, order=line.order)
+    noise, counted = (noise_variance, None) if noise_variance else adjacent_noise(data, cells, order=line.order)
 
     slip_width = cell / line.top
     half = max(1, ceil(_CELLS_PER_WIDTH * line.largest_slip / slip_width))
@@ -174,7 +174,7 @@ def _cuts(record: SlipRecord, line: Line, width: Floats) -> Indices:
     return np.unique(np.concatenate([[0], inner, [turning.size]]))
 
 
-def cells_beside(record: SlipRecord, line: Line, *, width: float, segments: int) -> list[Floats]:
+def adjacent_cells(record: SlipRecord, line: Line, *, width: float, segments: int) -> list[Floats]:
     """Return the noise cells nearest to the searched bands, away from these, order 0 and half of the rate.
 
     One array for each harmonic, of order differences from it: those of the cells that it is nearest to.
@@ -191,7 +191,7 @@ def cells_beside(record: SlipRecord, line: Line, *, width: float, segments: int)
     return [away[nearest == k, k] for k in range(line.harmonics)]
 
 
-def noise_beside(data: Demodulated, cells: list[Floats], *, order: float) -> tuple[float, int]:
+def adjacent_noise(data: Demodulated, cells: list[Floats], *, order: float) -> tuple[float, int]:
     """Return the variance of white noise with the power density in the cells, and the number of powers averaged."""
     powers = []
     for part in data.parts:

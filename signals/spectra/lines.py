@@ -242,8 +242,8 @@ def find_lines(
     peaks = _peaks(axis, spectrum.amplitude, (orders - half)[inside], (orders + half)[inside])
     lobe = _lobe(spectrum, peaks[0])
     reaches = np.asarray(closer, dtype=np.float64)[inside]
-    wide = _beside(spectrum, peaks[0], np.full(places.size, surroundings), lobe)
-    close = _beside(spectrum, peaks[0], reaches, lobe)
+    wide = _adjacent_points(spectrum, peaks[0], np.full(places.size, surroundings), lobe)
+    close = _adjacent_points(spectrum, peaks[0], reaches, lobe)
     found: list[Line | ValueError] = [
         ValueError(f"a line at {order:g} +- {beside:g} lies beyond the end of the spectrum, {axis[-1]:g}.")
         for order, beside in zip(orders.tolist(), half.tolist(), strict=True)
@@ -297,9 +297,9 @@ def _line(
     expected, half, found, amplitude, at_edge, has_closer = place
     points, bin_width = spectrum.amplitude, spectrum.bin_width
     first, last, begin, end = wide
-    background, noise, kept = _medians(np.concatenate((points[first:last], points[begin:end])))
+    background, noise, count = _medians(np.concatenate((points[first:last], points[begin:end])))
     per_point = float(spectrum.axis[1] - spectrum.axis[0]) / bin_width
-    bins = kept * per_point
+    bins = count * per_point
     if bins < _FEWEST_BINS:
         return ValueError(
             f"only {bins:.1f} bins surround the line at {expected:g}, too few to judge it; the record is too short."
@@ -311,8 +311,8 @@ def _line(
         size = below.size + above.size
         least = _significant(noise, size * per_point, spectrum)  # fewer bins, without lines, scatter more
         if 2 * (np.count_nonzero(below <= least) + np.count_nonzero(above <= least)) <= size:  # the median is above
-            _, near, kept = _medians(np.concatenate((below, above)))
-            close_bins = kept * per_point
+            _, near, count = _medians(np.concatenate((below, above)))
+            close_bins = count * per_point
             if close_bins >= _FEWEST_BINS and near > _significant(noise, close_bins, spectrum):
                 noise, used_bins = near, close_bins
     degrees, width_bins = _MEDIAN_EFFICIENCY * used_bins / spectrum.noise_bandwidth_bins, 2 * half / bin_width
@@ -352,7 +352,7 @@ def _lobe(spectrum: AmplitudeSpectrum, found: Array) -> tuple[Places, Places]:
     return ends[0], ends[1] + 1
 
 
-def _beside(
+def _adjacent_points(
     spectrum: AmplitudeSpectrum, found: Array, reach: Array, lobe: tuple[Places, Places]
 ) -> list[tuple[int, int, int, int]]:
     """Return the points up to `reach` below and above each line, without its main lobe: first and last of both."""
@@ -381,11 +381,11 @@ def _medians(values: Array) -> tuple[float, float, int]:
     values.partition(half)
     lower = values[: half + 1]
     median = _largest_mean(lower, values.size)
-    kept = half + 1 + int(np.count_nonzero(values[half + 1 :] <= _LINE * median))
-    if kept == values.size:
-        return median, median, kept
-    lower.partition(kept // 2)
-    return median, _largest_mean(lower[: kept // 2 + 1], kept), kept
+    count = half + 1 + int(np.count_nonzero(values[half + 1 :] <= _LINE * median))
+    if count == values.size:
+        return median, median, count
+    lower.partition(count // 2)
+    return median, _largest_mean(lower[: count // 2 + 1], count), count
 
 
 def _largest_mean(lower: Array, count: int) -> float:

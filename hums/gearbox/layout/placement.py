@@ -45,7 +45,7 @@ def _place_contact(stages: Stages, pair: Pair, waiting: list[Pair]) -> None:
     if len(lines) == 1 or pair.parallel:
         unplaced = [line for line in lines if line.origin is None]
         if unplaced:
-            _place_beside(stages, unplaced[0], pair, waiting)
+            _place_adjacent(stages, unplaced[0], pair, waiting)
         _give_slot(stages, pair)
         return
     if lines[0].origin is None or lines[1].origin is None:
@@ -85,7 +85,7 @@ def _free_place(stages: Stages, pair: Pair, line: Line) -> float:
     return line.end + _GAP * stages.face(pair) - low
 
 
-def _place_beside(stages: Stages, line: Line, pair: Pair, waiting: list[Pair]) -> None:
+def _place_adjacent(stages: Stages, line: Line, pair: Pair, waiting: list[Pair]) -> None:
     """Place a line parallel to the other one of a contact, or at the two distances that two contacts give."""
     others = [p for p in [pair, *waiting] if p.parallel and len(p.lines) > 1 and line.name in p.lines]
     bounds: dict[str, tuple[Line, float]] = {}

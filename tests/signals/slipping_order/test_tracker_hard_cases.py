@@ -10,9 +10,9 @@ from signals.slipping_order.detection import (
     Demodulated,
     Line,
     SlipRecord,
-    cells_beside,
+    adjacent_cells,
+    adjacent_noise,
     chance,
-    noise_beside,
     power_spreads,
     search,
 )
@@ -180,9 +180,9 @@ def test_the_measured_noise_has_the_law_it_is_taken_for():
     for x in noise_records(samples, 1000):
         record = SlipRecord(x=x, phase=phase)
         cuts = np.array([0, samples // 2, samples])
-        cells = cells_beside(record, line, width=64 / samples, segments=2)
+        cells = adjacent_cells(record, line, width=64 / samples, segments=2)
         data = Demodulated.of(record, order=3.3, harmonics=harmonics, block=1, cuts=cuts)
-        noise, counted = noise_beside(data, cells, order=3.3)
+        noise, counted = adjacent_noise(data, cells, order=3.3)
         ratios.append(noise)
     assert kstest(ratios, "gamma", args=(counted, 0, 1 / counted)).pvalue > 1e-3
 
