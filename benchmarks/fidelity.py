@@ -28,7 +28,7 @@ from data_synth import Plan, Scene, load_scene, make_dataset, simulate
 from data_synth.dynamics.active_dofs import LEVELS
 from data_synth.fidelity.choice import KINEMATIC, LADDER, decided, forget
 from data_synth.plan import parse_plan
-from data_synth.scene.dynamics import Dynamics
+from data_synth.scene.gear_dynamics import Dynamics
 from hums.plots import save_figure
 from hums.records.store import save_record
 

@@ -347,8 +347,9 @@ Made by `python benchmarks/fleet.py ANALYSES`, or section by section with `--onl
 faults with `--machines 1000`, forecasts with `--forecasts 300`, cost with `--run-records 1000`.
 
 **Fleets** are resampled from analyses of one gearbox: each series of indicators is its mean, its slopes on gain, noise,
-temperature and load, which carry over as `data_synth.scene.history` declares (5 and 50 records, a season of 365), and a
-residual drawn together for all series. A slope that is the error of its fit alone would make machines drift that do
+temperature and load, which carry over as `data_synth.scene.machine_history` declares (5 and 50 records, a season of
+365), and a residual drawn together for all series.
+A slope that is the error of its fit alone would make machines drift that do
 not: slopes are shrunk by twice their standard errors (nonnegative garrote; Breiman 1995), as which slopes of half of
 the machines miss those of the others by {risk:.4f} of a residual's variance, as they are by {raw_risk:.4f}. Temperature
 and load are measured where a table says so, with a tenth of their deviations as an error.

@@ -14,9 +14,9 @@ import numpy as np
 from hums import AnalysisSettings, NominalSpeed, analyze, load_gearbox, make_record, save_record
 from hums.conversion import convert_files, find_sources
 from hums.fleet.fleet import _tables, analyze_fleet
-from hums.fleet.kept import packed_row, read_row
+from hums.fleet.monitor_settings import MonitorSettings
+from hums.fleet.result_files import packed_row, read_row
 from hums.fleet.results import results
-from hums.fleet.settings import MonitorSettings
 from hums.jobs import Processes
 
 FIRST = datetime(2020, 1, 1, tzinfo=UTC)

@@ -9,12 +9,12 @@ import numpy as np
 from fleet_analyses import Array
 
 from hums import AnalysisSettings, analyze, load_gearbox
-from hums.fleet.history import MachineHistory
 from hums.fleet.monitor import MachineState, update
+from hums.fleet.monitor_settings import MonitorSettings
 from hums.fleet.observation import Observation, observation
 from hums.fleet.results import results
 from hums.fleet.series import Series
-from hums.fleet.settings import MonitorSettings
+from hums.fleet.watched_machines import MachineHistory
 from hums.readers import convert
 
 ROOT = Path(__file__).resolve().parents[1]

@@ -25,7 +25,7 @@ from data_synth.scene.scene import BearingFault, Fault, Scene, SceneError, Senso
 from data_synth.scene.transfer_paths import Transfer
 from data_synth.sources.families import turning_ratios
 from data_synth.sources.impact_lines import impact_lines
-from data_synth.sources.impacts import bearing_simulation
+from data_synth.sources.impact_responses import bearing_simulation
 from data_synth.sources.prepared import PreparedScene, prepare_scene
 from data_synth.vibration.gear_lines import is_steady
 from data_synth.vibration.line_candidates import candidates_of

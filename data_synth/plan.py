@@ -22,7 +22,7 @@ from numpy.typing import NDArray
 from pydantic import AfterValidator, Field
 
 from data_synth.benchmark.records import DURATION_S, NAME, VERSION, BenchmarkRecords
-from data_synth.scene.history import History
+from data_synth.scene.machine_history import History
 from data_synth.scene.random_streams import derived_seed, random_stream
 from data_synth.scene.scene import Scene, SceneError, load_scene
 from hums.gearbox.components import (

@@ -32,7 +32,7 @@ from data_synth.sources.disturbances import (
     recorder_filter,
     sensor_truth,
 )
-from data_synth.sources.impacts import add_impacts
+from data_synth.sources.impact_responses import add_impacts
 from data_synth.sources.prepared import PreparedScene, prepare_scene
 from data_synth.transfer.acquisition import add_noise, clip, drop_outs, hum_lines, quantise
 from data_synth.transfer.detectability import matched_filter_snr_db

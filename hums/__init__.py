@@ -25,8 +25,8 @@ if TYPE_CHECKING:
     from hums.fleet.maintenance import Work as Work
     from hums.fleet.maintenance import read_maintenance as read_maintenance
     from hums.fleet.monitor import Judgement as Judgement
-    from hums.fleet.settings import MonitorError as MonitorError
-    from hums.fleet.settings import MonitorSettings as MonitorSettings
+    from hums.fleet.monitor_settings import MonitorError as MonitorError
+    from hums.fleet.monitor_settings import MonitorSettings as MonitorSettings
     from hums.fleet.watch import watch as watch
     from hums.gearbox.adjacency import from_adjacency_table as from_adjacency_table
     from hums.gearbox.kinematics import Kinematics as Kinematics
@@ -83,8 +83,8 @@ _HOME = {
     "Kinematics": "hums.gearbox.kinematics",
     "MaintenanceError": "hums.fleet.maintenance",
     "Measured": "hums.records.quantities",
-    "MonitorError": "hums.fleet.settings",
-    "MonitorSettings": "hums.fleet.settings",
+    "MonitorError": "hums.fleet.monitor_settings",
+    "MonitorSettings": "hums.fleet.monitor_settings",
     "NominalSpeed": "hums.records.record",
     "Processes": "hums.jobs",
     "PulseTimes": "hums.records.record",

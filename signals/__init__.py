@@ -55,12 +55,12 @@ if TYPE_CHECKING:
     from signals.health import sensor_health as sensor_health
     from signals.indicators import INDICATORS as INDICATORS
     from signals.indicators import VarianceHistory as VarianceHistory
+    from signals.resampling.angular_stream import AngularStream as AngularStream
+    from signals.resampling.angular_stream import angular_blocks as angular_blocks
     from signals.resampling.resampling import AngularSignal as AngularSignal
     from signals.resampling.resampling import TimeSignal as TimeSignal
     from signals.resampling.resampling import angular_resample as angular_resample
     from signals.resampling.resampling import time_resample as time_resample
-    from signals.resampling.stream import AngularStream as AngularStream
-    from signals.resampling.stream import angular_blocks as angular_blocks
     from signals.shaft.declared_speed import DeclaredSpeed as DeclaredSpeed
     from signals.shaft.declared_speed import refine_declared_speed as refine_declared_speed
     from signals.shaft.phase import ShaftPhase as ShaftPhase
@@ -98,7 +98,7 @@ if TYPE_CHECKING:
 _HOME = {
     "AmplitudeSpectrum": "signals.spectra.spectra",
     "AngularSignal": "signals.resampling.resampling",
-    "AngularStream": "signals.resampling.stream",
+    "AngularStream": "signals.resampling.angular_stream",
     "AveragedSpectrum": "signals.spectra.spectra",
     "Band": "signals.demodulation.band_selection",
     "CepstrumPrewhitening": "signals.demodulation.separation",
@@ -140,7 +140,7 @@ _HOME = {
     "VarianceHistory": "signals.indicators",
     "WindowedAverage": "signals.angle.planets",
     "amplitude_spectrum": "signals.spectra.spectra",
-    "angular_blocks": "signals.resampling.stream",
+    "angular_blocks": "signals.resampling.angular_stream",
     "angular_resample": "signals.resampling.resampling",
     "averaged_order_spectrum": "signals.spectra.spectra",
     "averaged_spectrum": "signals.spectra.spectra",

@@ -4,12 +4,12 @@ from datetime import UTC, datetime, timedelta
 
 import numpy as np
 
-from hums.fleet.kept import StoredRecord
 from hums.fleet.monitor import MachineState, update
+from hums.fleet.monitor_settings import MonitorSettings
 from hums.fleet.numbers import Numbers
 from hums.fleet.observation import Observation
+from hums.fleet.result_files import StoredRecord
 from hums.fleet.series import Series
-from hums.fleet.settings import MonitorSettings
 
 FIRST = datetime(2026, 3, 1, tzinfo=UTC)
 KEYS = tuple(

@@ -28,8 +28,8 @@ from data_synth.operation.shaft_angle import Array
 from data_synth.scene.scene import SceneError
 from data_synth.sources.families import mesh_name
 from data_synth.sources.prepared import PreparedScene
+from data_synth.vibration.gear_torques import static_tooth_forces
 from data_synth.vibration.run import Motion, contacts_in
-from data_synth.vibration.torques import static_tooth_forces
 
 _POINTS = 64  # to a period of the highest line, which is then right to half a percent for a stiffness that jumps
 _MIN_POINTS = 512  # points to a mesh cycle

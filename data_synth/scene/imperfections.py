@@ -21,7 +21,7 @@ from data_synth.scene.operation import ByName, NotNegative, Share
 from hums.gearbox.components import Declared, Name, Positive
 
 DEFAULTS_VERSION = "1.1"
-"""Of the defaults of this module and of `data_synth.scene.history.History`."""
+"""Of the defaults of this module and of `data_synth.scene.machine_history.History`."""
 
 Ratio = Annotated[float, Field(gt=0, lt=1)]
 

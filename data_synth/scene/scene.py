@@ -13,8 +13,8 @@ from typing import Annotated, Any, Self
 
 from pydantic import Field, ValidationError, field_validator, model_validator
 
-from data_synth.scene.dynamics import Dynamics
 from data_synth.scene.faults import FAULT_KINDS, ROW_OF, Fault, GearFault, ToothCrack
+from data_synth.scene.gear_dynamics import Dynamics
 from data_synth.scene.imperfections import Imperfections
 from data_synth.scene.machine_faults import BearingFault, ShaftFault
 from data_synth.scene.operation import ByName, NotNegative, Share, Speed, Tachometer, Torque

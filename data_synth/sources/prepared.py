@@ -19,7 +19,7 @@ from data_synth.kinematic.ring_bending import RingLoad, kinematic_ring_loads, ri
 from data_synth.operation.drive import Drive, build_drive
 from data_synth.operation.piecewise import PiecewiseLinear
 from data_synth.operation.shaft_angle import Array
-from data_synth.operation.tachometer import Pulses, recorded_pulses, with_pick_up
+from data_synth.operation.tachometer_pulses import Pulses, recorded_pulses, with_pick_up
 from data_synth.scene.faults import ROW_OF, Fault, GearFault
 from data_synth.scene.random_streams import RandomStreams
 from data_synth.scene.scene import BearingFault, Scene, SceneError

@@ -25,8 +25,8 @@ from data_synth.gears.tooth_compliance import DamagedTooth, TeethInMesh, ToothPa
 from data_synth.gears.transmission_error import PitchError, ProfileError, SumOfErrors, TransmissionError
 from data_synth.kinematic.imperfect_parts import gear_deviations_m, planet_displacements_m
 from data_synth.operation.shaft_angle import Array
-from data_synth.scene.dynamics import MeshDynamics
 from data_synth.scene.faults import GearDamage, GearFault, damaged_teeth, transmission_errors
+from data_synth.scene.gear_dynamics import MeshDynamics
 from data_synth.scene.scene import Scene, SceneError
 from data_synth.sources.families import damage_of, faulty_gear, mesh_name
 from data_synth.sources.prepared import PreparedScene

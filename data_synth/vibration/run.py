@@ -30,9 +30,7 @@ from data_synth.scene.scene import Scene, SceneError
 from data_synth.sources.families import mesh_name
 from data_synth.sources.prepared import PreparedScene, prepare_scene
 from data_synth.transfer.housing import AHEAD
-from data_synth.vibration.meshes import Gears, Teeth, gears_of, kinematics_of, tooth_passes
-from data_synth.vibration.sensor_forces import SensorForces, sensor_forces_of
-from data_synth.vibration.torques import (
+from data_synth.vibration.gear_torques import (
     DriveLoad,
     drive_load_of,
     static_displacements,
@@ -40,6 +38,8 @@ from data_synth.vibration.torques import (
     static_error_forces,
     static_tooth_forces,
 )
+from data_synth.vibration.meshes import Gears, Teeth, gears_of, kinematics_of, tooth_passes
+from data_synth.vibration.sensor_forces import SensorForces, sensor_forces_of
 from data_synth.vibration.weighted_forces import LAG, WeightedForces
 from hums.gearbox.kinematics import Kinematics
 

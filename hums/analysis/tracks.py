@@ -22,7 +22,7 @@ from signals.demodulation.envelope_bank import bank_envelopes
 from signals.harmonics import track_orders
 from signals.harmonics.bandwidth_selection import LikelyTracks, likely_bandwidth, likely_tracks
 from signals.resampling.resampling import AngularSignal
-from signals.slipping_order.tracker import SlippingTrack, track_slipping_order
+from signals.slipping_order.slip_tracking import SlippingTrack, track_slipping_order
 from signals.spectra.lines import find_line
 from signals.spectra.spectra import AmplitudeSpectrum, amplitude_spectrum
 

@@ -64,7 +64,7 @@ def analyze(
     from hums.gearbox.undeclared import undeclared_parts  # noqa: PLC0415
     from hums.readers.process import ReaderProcess  # noqa: PLC0415
     from hums.report import prepare_folder, speed_text, write_report  # noqa: PLC0415
-    from hums.report.verdicts import with_hz  # noqa: PLC0415
+    from hums.report.verdict_strip import with_hz  # noqa: PLC0415
 
     settings = settings_of(
         channels=tuple(channel) if channel else None,

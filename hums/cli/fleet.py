@@ -59,8 +59,8 @@ def fleet(  # noqa: PLR0917 - each option is one
 ) -> None:
     """Analyse many records into one table with trends and alarms; the same again goes on, with new records too."""
     from hums.fleet.fleet import FILES, analyze_fleet  # noqa: PLC0415
+    from hums.fleet.monitor_settings import MonitorSettings  # noqa: PLC0415
     from hums.fleet.parquet import NO_PYARROW  # noqa: PLC0415
-    from hums.fleet.settings import MonitorSettings  # noqa: PLC0415
 
     if baseline_span and healthy:
         raise ValueError("--baseline-span and --healthy are both given; keep one.")

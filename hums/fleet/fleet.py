@@ -17,15 +17,22 @@ from typing import Any
 import xarray as xr
 
 from hums.analysis.analyze import AnalysisSettings, analyze
-from hums.fleet.history import Fact, MachineHistory, watch_machines, write_alarms, write_baselines, write_components
-from hums.fleet.kept import read_results, write_row
+from hums.fleet.fleet_page import write_page
 from hums.fleet.maintenance import Work, read_maintenance
+from hums.fleet.monitor_settings import MonitorSettings
 from hums.fleet.observation import order_key
-from hums.fleet.page import write_page
 from hums.fleet.parquet import write_indicators
+from hums.fleet.result_files import read_results, write_row
 from hums.fleet.results import results
-from hums.fleet.settings import MonitorSettings
 from hums.fleet.table import WrittenTables, write_tables
+from hums.fleet.watched_machines import (
+    Fact,
+    MachineHistory,
+    watch_machines,
+    write_alarms,
+    write_baselines,
+    write_components,
+)
 from hums.gearbox.model import Gearbox, load_gearbox
 from hums.jobs import Job, Serial, Workers, cpu_limit, run_jobs
 from hums.records.dataset_store import dataset_files, dataset_record, is_begun, open_dataset

@@ -18,10 +18,10 @@ from numpy.typing import NDArray
 
 from hums.fleet.alarms import SEVERE, alarm_row, life_word
 from hums.fleet.maintenance import ACKNOWLEDGED, Work
+from hums.fleet.monitor_settings import MonitorError, MonitorSettings
 from hums.fleet.observation import Observation, seconds_since_1970
 from hums.fleet.prior import healthy_scores, prior_of
 from hums.fleet.series import Series, component_parts, layout_of, vector, watched_component
-from hums.fleet.settings import MonitorError, MonitorSettings
 from signals.monitoring.alarm_life import AlarmState, Life, stacked
 from signals.monitoring.charts import ChartState
 from signals.monitoring.health import Normal, Reading, learn_normal, regime

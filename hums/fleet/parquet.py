@@ -7,7 +7,7 @@ from typing import Any
 
 import numpy as np
 
-from hums.fleet.kept import StoredRecord
+from hums.fleet.result_files import StoredRecord
 from hums.records.store import atomic_write
 
 __all__ = ["NO_PYARROW", "write_indicators"]

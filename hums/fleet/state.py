@@ -11,9 +11,9 @@ from typing import Any
 import numpy as np
 
 from hums.fleet.monitor import Epoch, MachineState
+from hums.fleet.monitor_settings import MonitorError, MonitorSettings
 from hums.fleet.observation import Observation
 from hums.fleet.series import Series
-from hums.fleet.settings import MonitorError, MonitorSettings
 from hums.records.store import atomic_write
 from signals.monitoring.alarm_life import AlarmRule, AlarmState
 from signals.monitoring.charts import Charts, ChartState

@@ -13,9 +13,9 @@ import numpy as np
 import xarray as xr
 from numpy.typing import NDArray
 
-from hums.fleet.kept import StoredRecord
 from hums.fleet.numbers import INDICATOR, LINE
 from hums.fleet.observation import seconds_since_1970
+from hums.fleet.result_files import StoredRecord
 from hums.records.fields import plain_cell
 from hums.records.store import atomic_write, write_tree
 from signals.monitoring.forecast import local_trend, time_until

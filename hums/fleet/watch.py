@@ -6,9 +6,9 @@ from pathlib import Path
 from hums.analysis.result import Analysis
 from hums.fleet.maintenance import Work
 from hums.fleet.monitor import Judgement, MachineState, update
+from hums.fleet.monitor_settings import MonitorSettings
 from hums.fleet.observation import observation
 from hums.fleet.results import results
-from hums.fleet.settings import MonitorSettings
 from hums.fleet.state import read_state, write_state
 from signals._validation import checked
 

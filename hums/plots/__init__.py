@@ -1,7 +1,7 @@
 """Figures: functions that draw on given matplotlib Axes, and functions that write a figure as SVG text or a file."""
 
 from hums.plots.analysis import plot_spectrum, plot_speed, plot_tracks
-from hums.plots.dynamics import (
+from hums.plots.dynamics_figures import (
     plot_campbell,
     plot_frequencies,
     plot_mesh_stiffness,
@@ -11,7 +11,7 @@ from hums.plots.dynamics import (
 )
 from hums.plots.export import save_figure, svg
 from hums.plots.graph import mechanism_graph
-from hums.plots.mechanism import coloured_components, draw_mechanism
+from hums.plots.mechanism_drawing import coloured_components, draw_mechanism
 from hums.plots.speed_chart import speed_order_chart
 from hums.plots.style import KIND_COLOURS
 from hums.plots.velocities import velocity_diagram

@@ -21,8 +21,8 @@ from hums.records.fields import plain_cell
 from hums.records.outputs import check_outputs
 from hums.records.store import atomic_write
 from hums.report.figures import Pictures, cursor_choices, sections
-from hums.report.indicators import indicator_tables, velocity_zones
-from hums.report.verdicts import CLASSES, answer, component_styles, probability_words, verdict_rows, with_hz
+from hums.report.indicator_tables import indicator_tables, velocity_zones
+from hums.report.verdict_strip import CLASSES, answer, component_styles, probability_words, verdict_rows, with_hz
 from signals._validation import checked
 
 Units: TypeAlias = Literal["rpm", "Hz"]

@@ -12,7 +12,7 @@ from hums.analysis.lines import ENVELOPE, ORDER_SPECTRUM
 from hums.analysis.pictures import AVERAGES, KURTOGRAM, ORDER_MAP, WAVEFORM, pictures_of
 from hums.analysis.result import Analysis, envelope_bands, group
 from hums.pages.page import Figure, figure_html, least_and_largest, packed, packed_codes
-from hums.report.verdicts import frequency_words, with_hz
+from hums.report.verdict_strip import frequency_words, with_hz
 
 Floats = NDArray[np.floating[Any]]
 

@@ -12,19 +12,19 @@ if TYPE_CHECKING:
     from signals.harmonics.stream import OrderTracker as OrderTracker
     from signals.harmonics.tracker import track_orders as track_orders
     from signals.harmonics.tracker import vold_kalman_filter as vold_kalman_filter
-    from signals.harmonics.tracks import OrderTracks as OrderTracks
-    from signals.harmonics.tracks import OutputFlag as OutputFlag
+    from signals.harmonics.tracking_results import OrderTracks as OrderTracks
+    from signals.harmonics.tracking_results import OutputFlag as OutputFlag
     from signals.harmonics.waveform import order_waveform as order_waveform
     from signals.harmonics.waveform import residual_record as residual_record
-    from signals.slipping_order.tracker import SlippingTrack as SlippingTrack
-    from signals.slipping_order.tracker import track_slipping_order as track_slipping_order
+    from signals.slipping_order.slip_tracking import SlippingTrack as SlippingTrack
+    from signals.slipping_order.slip_tracking import track_slipping_order as track_slipping_order
 
 _HOME = {
     "Bandwidth": "signals.harmonics.bandwidth",
-    "OrderTracks": "signals.harmonics.tracks",
+    "OrderTracks": "signals.harmonics.tracking_results",
     "OrderTracker": "signals.harmonics.stream",
-    "OutputFlag": "signals.harmonics.tracks",
-    "SlippingTrack": "signals.slipping_order.tracker",
+    "OutputFlag": "signals.harmonics.tracking_results",
+    "SlippingTrack": "signals.slipping_order.slip_tracking",
     "isolated_std": "signals.harmonics.bandwidth",
     "likely_bandwidth": "signals.harmonics.bandwidth_selection",
     "order_waveform": "signals.harmonics.waveform",
@@ -32,7 +32,7 @@ _HOME = {
     "residual_record": "signals.harmonics.waveform",
     "smoother_bandwidth": "signals.harmonics.bandwidth",
     "track_orders": "signals.harmonics.tracker",
-    "track_slipping_order": "signals.slipping_order.tracker",
+    "track_slipping_order": "signals.slipping_order.slip_tracking",
     "vold_kalman_filter": "signals.harmonics.tracker",
 }
 __all__ = sorted(_HOME)  # noqa: PLE0605

@@ -27,7 +27,7 @@ from typing import NamedTuple
 import numpy as np
 
 from signals.harmonics._information_kernels import BACKWARD, FORWARD, combine, filter_information
-from signals.harmonics.model import Floats, Indices
+from signals.harmonics.state_space import Floats, Indices
 
 Gram = Floats | Callable[[slice], Floats]
 Outside = tuple["Information", "Information"]  # on the first node of a range, and on the last

@@ -8,7 +8,7 @@ import numpy as np
 from numpy.typing import ArrayLike, NDArray
 
 from signals._validation import nearest, number, positive, real_array, writable
-from signals.harmonics.model import BandwidthUnits, Floats, Indices, Order
+from signals.harmonics.state_space import BandwidthUnits, Floats, Indices, Order
 
 SAMPLES_AT_ONCE = 1 << 15  # so that temporary arrays stay in the cache
 # Largest turn between samples in rad. Half the rate itself is allowed; angles of exactly that round to either side.

@@ -38,8 +38,8 @@ from signals.harmonics.coupling import (
     smooth_alone,
     smooth_group,
 )
-from signals.harmonics.model import Complexes, Flags, Floats, HarmonicModel, Indices, Order, lost
 from signals.harmonics.separability import Closeness, components
+from signals.harmonics.state_space import Complexes, Flags, Floats, HarmonicModel, Indices, Order, lost
 
 if TYPE_CHECKING:
     from collections.abc import Callable, Mapping, Sequence

@@ -15,7 +15,7 @@ import numpy as np
 from signals.harmonics import _block_kernels
 from signals.harmonics._block_kernels import PIECE
 from signals.harmonics.bandwidth import HALF_POWER
-from signals.harmonics.model import Complexes, Flags, Floats, HarmonicModel, Indices
+from signals.harmonics.state_space import Complexes, Flags, Floats, HarmonicModel, Indices
 
 SAMPLES_AT_ONCE = 1 << 16
 # Angle by which a jump of the speed may lead the highest order astray within a block.

@@ -22,8 +22,8 @@ from signals.harmonics.block_grid import Grid, at_outputs, evaluated, pieces_bet
 from signals.harmonics.coupling import Coupling, Smoothed, by_order, chain_together, couple, inserted, smooth_apart
 from signals.harmonics.innovations import Innovations
 from signals.harmonics.kalman_filter import count_innovations
-from signals.harmonics.model import Complexes, Estimate, Flags, Floats, HarmonicModel, Indices
 from signals.harmonics.separability import Closeness
+from signals.harmonics.state_space import Complexes, Estimate, Flags, Floats, HarmonicModel, Indices
 
 FEWEST_BLOCKS = 64
 # A one-pole walk moves as much within a block as the noise of the block: measured, at this part of 1 / bandwidth the

@@ -14,8 +14,8 @@ import numpy as np
 from signals.harmonics._information_smoother import Gram, Information, NodeChain, Outside, SmoothedChain, smooth_chain
 from signals.harmonics.bandwidth import Bandwidth
 from signals.harmonics.block_grid import Grid, pieces_between
-from signals.harmonics.model import Complexes, Flags, Floats, HarmonicModel, Indices
 from signals.harmonics.separability import Closeness, Gain, coupled, leaks, left_over
+from signals.harmonics.state_space import Complexes, Flags, Floats, HarmonicModel, Indices
 
 # ---- Information smoothers over the nodes of a grid: of each order alone, and of coupled groups of orders ------------
 

@@ -7,7 +7,7 @@ import numpy as np
 from numpy.typing import NDArray
 
 from signals.harmonics._validation import SMALLEST
-from signals.harmonics.model import LAGS, Complexes, Estimate, Floats, Patterns
+from signals.harmonics.state_space import LAGS, Complexes, Estimate, Floats, Patterns
 
 
 @dataclass

@@ -9,7 +9,7 @@ References
 import numpy as np
 from filterpy.kalman import KalmanFilter
 
-from signals.harmonics.model import LAGS, Estimate, Estimator, Floats, HarmonicModel
+from signals.harmonics.state_space import LAGS, Estimate, Estimator, Floats, HarmonicModel
 
 
 def track(model: HarmonicModel, x: Floats, *, estimator: Estimator, output_every: int, startup: int) -> Estimate:

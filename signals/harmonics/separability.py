@@ -7,8 +7,8 @@ import numpy as np
 from numpy.typing import NDArray
 
 from signals.harmonics.bandwidth import Bandwidth
-from signals.harmonics.model import Estimator, Flags, Floats, HarmonicModel, Indices
-from signals.harmonics.tracks import OutputFlag, UnresolvedPair
+from signals.harmonics.state_space import Estimator, Flags, Floats, HarmonicModel, Indices
+from signals.harmonics.tracking_results import OutputFlag, UnresolvedPair
 
 Gain = Callable[[Bandwidth, Floats], Floats]
 FlagArray = NDArray[np.uint8]

@@ -26,10 +26,10 @@ from signals.harmonics.block_smoother import exact_length
 from signals.harmonics.coupling import by_order, chain_together
 from signals.harmonics.innovations import Innovations, statistics
 from signals.harmonics.kalman_filter import FilterState, filter_on
-from signals.harmonics.model import PRIOR_STD, Flags, Floats, HarmonicModel, Indices, Order, Patterns, lost
 from signals.harmonics.separability import FlagArray, distances, flag_close, flag_gaps, output_range, unresolved_pairs
+from signals.harmonics.state_space import PRIOR_STD, Flags, Floats, HarmonicModel, Indices, Order, Patterns, lost
 from signals.harmonics.tracker import squeeze
-from signals.harmonics.tracks import OrderTracks, UnresolvedPair
+from signals.harmonics.tracking_results import OrderTracks, UnresolvedPair
 
 if TYPE_CHECKING:
     from collections.abc import Iterator, Mapping, Sequence

@@ -15,16 +15,16 @@ from signals.harmonics.bandwidth import MOST_POLES, Bandwidth
 from signals.harmonics.block_smoother import block_length, blurs, exact, exact_length, fast, scattered_share
 from signals.harmonics.innovations import statistics
 from signals.harmonics.kalman_filter import covariance_filter, steady_state_filter
-from signals.harmonics.model import PRIOR_STD, Estimator, HarmonicModel, Method, Order, Patterns, lost
 from signals.harmonics.separability import Closeness, flag_outputs
-from signals.harmonics.tracks import OrderTracks
+from signals.harmonics.state_space import PRIOR_STD, Estimator, HarmonicModel, Method, Order, Patterns, lost
+from signals.harmonics.tracking_results import OrderTracks
 
 if TYPE_CHECKING:
     from collections.abc import Mapping, Sequence
 
     from numpy.typing import ArrayLike, NDArray
 
-    from signals.harmonics.model import Estimate, Flags, Floats
+    from signals.harmonics.state_space import Estimate, Flags, Floats
 
 # With fewer samples a block, condensing them gains nothing.
 SHORTEST_BLOCK = 4
@@ -59,7 +59,7 @@ def track_orders(
     """Estimate the complex amplitude of every shaft order at every output sample, with its standard deviation.
 
     A Kalman filter or smoother estimates all orders jointly: close and crossing orders are separated, and `std` grows
-    where the record does not determine them separately. `signals.harmonics.model` states the model.
+    where the record does not determine them separately. `signals.harmonics.state_space` states the model.
 
     Parameters
     ----------

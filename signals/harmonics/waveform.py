@@ -16,8 +16,8 @@ if TYPE_CHECKING:
 
     from numpy.typing import ArrayLike
 
-    from signals.harmonics.model import Floats
-    from signals.harmonics.tracks import OrderTracks
+    from signals.harmonics.state_space import Floats
+    from signals.harmonics.tracking_results import OrderTracks
 
 
 @checked

@@ -34,7 +34,6 @@ from signals.indicators.gear import (
     sideband_index,
     sideband_level_factor,
 )
-from signals.indicators.history import VarianceHistory
 from signals.indicators.mesh import (
     amplitude_modulation,
     amplitude_modulation_kurtosis,
@@ -48,6 +47,7 @@ from signals.indicators.planet import CarrierSidebands, carrier_sideband_ratio, 
 from signals.indicators.registry import INDICATORS, Indicator
 from signals.indicators.shaft import shaft_order, so1, so2, so3
 from signals.indicators.statistics import crest_factor, kurtosis, peak, rms, teager_energy
+from signals.indicators.variance_history import VarianceHistory
 
 __all__ = [
     "INDICATORS",

@@ -16,9 +16,9 @@ from signals._validation import Array, checked, whole
 from signals.angle.averaging import SynchronousAverage
 from signals.angle.residual import DifferenceSignal, MeshBand, RegularSignal, ResidualSignal
 from signals.indicators._kinds import expect
-from signals.indicators.history import VarianceHistory
 from signals.indicators.shaft import line_amplitude
 from signals.indicators.statistics import normalized_moment, teager_energy
+from signals.indicators.variance_history import VarianceHistory
 
 
 @checked

@@ -6,9 +6,9 @@ from typing import Literal, NamedTuple
 import numpy as np
 
 from signals.harmonics.bandwidth import process_variance
-from signals.harmonics.model import PRIOR_STD, Floats
+from signals.harmonics.state_space import PRIOR_STD, Floats
 from signals.slipping_order._kernels import SlipChain, backward, condense, forward
-from signals.slipping_order.detection import Line, Ridge, SlipRecord
+from signals.slipping_order.slip_detection import Line, Ridge, SlipRecord
 
 Status = Literal["converged", "not converged", "single pass", "no line"]
 

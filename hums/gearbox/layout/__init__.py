@@ -11,10 +11,10 @@ from collections.abc import Iterator
 import numpy as np
 
 from hums.gearbox.components import Vector
-from hums.gearbox.layout.bearings import bearing_shapes
+from hums.gearbox.layout.axis_geometry import PARALLEL, transverse_axes, vector
+from hums.gearbox.layout.axis_placement import place
 from hums.gearbox.layout.gears import gear_shapes, mesh_points
-from hums.gearbox.layout.geometry import PARALLEL, transverse_axes, vector
-from hums.gearbox.layout.placement import place
+from hums.gearbox.layout.placed_bearings import bearing_shapes
 from hums.gearbox.layout.rods import rods_of
 from hums.gearbox.layout.shapes import BearingShape, GearShape, Layout, MeshPoint, Rod, TurningPair
 from hums.gearbox.layout.stages import Stages

@@ -6,7 +6,7 @@ from dataclasses import replace
 
 import numpy as np
 
-from hums.gearbox.layout.geometry import Array, nearest_place, transverse_axes, vector
+from hums.gearbox.layout.axis_geometry import Array, nearest_place, transverse_axes, vector
 from hums.gearbox.layout.shapes import GearShape, MeshPoint
 from hums.gearbox.layout.stages import Pair, Stages
 from hums.gearbox.model import Gearbox

@@ -6,7 +6,7 @@ from statistics import median
 
 import numpy as np
 
-from hums.gearbox.layout.geometry import PARALLEL, Line, nearest_place, vector
+from hums.gearbox.layout.axis_geometry import PARALLEL, Line, nearest_place, vector
 from hums.gearbox.layout.shapes import GearShape, Rod
 from hums.gearbox.layout.stages import Stages
 

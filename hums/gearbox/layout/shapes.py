@@ -5,7 +5,7 @@ from dataclasses import dataclass
 import numpy as np
 
 from hums.gearbox.components import Vector
-from hums.gearbox.layout.geometry import Line, transverse_axes, vector
+from hums.gearbox.layout.axis_geometry import Line, transverse_axes, vector
 
 _SAME = 1e-6  # of a length: far above rounding, far below any gear
 

@@ -7,7 +7,7 @@ from statistics import median
 import numpy as np
 
 from hums.gearbox.components import Mesh, Vector, planet_angles
-from hums.gearbox.layout.geometry import PARALLEL, Array, Line, orthogonal, rotated, transverse_axes, vector
+from hums.gearbox.layout.axis_geometry import PARALLEL, Array, Line, orthogonal, rotated, transverse_axes, vector
 from hums.gearbox.mechanism import Contact, Mechanism
 
 _FACE_MODULES = 10.0  # face width over module where none is declared: usual for spur gears

@@ -10,7 +10,7 @@ from scipy.linalg import eigh
 
 from data_synth import Scene, SceneError, explain, load_scene, simulate
 from data_synth.fidelity.choice import chosen, decided, forget, simulated_motion
-from data_synth.scene.dynamics import Dynamics
+from data_synth.scene.gear_dynamics import Dynamics
 from data_synth.scene.random_streams import random_stream
 from data_synth.simulation import noise_free
 from data_synth.sources.prepared import prepare_scene

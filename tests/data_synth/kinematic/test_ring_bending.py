@@ -10,8 +10,8 @@ from data_synth import Scene, SceneError, simulate
 from data_synth.kinematic.ring_bending import ElasticRing
 from data_synth.scene.random_streams import random_stream
 from data_synth.sources.prepared import prepare_scene
+from data_synth.vibration.gear_torques import static_error_forces
 from data_synth.vibration.run import motion_of, prepare_gears
-from data_synth.vibration.torques import static_error_forces
 
 THIN = ElasticRing(radius_m=0.2, tooth_radius_m=0.2, rim_m=4e-4, width_m=0.03)  # waves up to 1570
 FLEXIBILITY = THIN.radius_m**3 / (THIN.young_pa * THIN.width_m * THIN.rim_m**3 / 12)  # R^3 / (E I)

@@ -7,7 +7,7 @@ from numpy.testing import assert_allclose
 from data_synth.operation.drive import Drive
 from data_synth.operation.piecewise import PiecewiseLinear
 from data_synth.operation.shaft_angle import ShaftAngle
-from data_synth.operation.tachometer import pulse_times
+from data_synth.operation.tachometer_pulses import pulse_times
 
 ANGLE = ShaftAngle(times_s=np.array([0.5, 2.0, 3.0]), speeds_hz=np.array([10.0, 25.0, 20.0]), datum_rev=0.3)
 

@@ -6,9 +6,9 @@ from pathlib import Path
 
 import pytest
 
-from data_synth.scene import history, imperfections
-from data_synth.scene.history import History
+from data_synth.scene import imperfections, machine_history
 from data_synth.scene.imperfections import DEFAULTS_VERSION, Imperfections
+from data_synth.scene.machine_history import History
 
 SOURCE = re.compile(r"\bours\b|\bISO \d|\b(?:IEC|EN) \d|\((18|19|20)\d\d\b")  # a standard, a year, or our own choice
 
@@ -83,7 +83,7 @@ def numbers_without_source(module):
     return missing
 
 
-@pytest.mark.parametrize("module", [imperfections, history])
+@pytest.mark.parametrize("module", [imperfections, machine_history])
 def test_every_default_has_a_source(module):
     assert numbers_without_source(module) == []
 

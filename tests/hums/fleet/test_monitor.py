@@ -6,10 +6,10 @@ import pytest
 from fleets import FIRST, HEALTHY, PINION, alarms, followed, observed
 
 from hums.fleet.maintenance import Work
+from hums.fleet.monitor_settings import MonitorError, MonitorSettings
 from hums.fleet.observation import Observation
 from hums.fleet.prior import prior_of
 from hums.fleet.series import Series
-from hums.fleet.settings import MonitorError, MonitorSettings
 from signals.monitoring.alarm_life import Life
 
 JOINT = {"stage 1/pinion": "one of A, B"}

@@ -4,7 +4,7 @@ import pytest
 from fleets import HEALTHY, PINION, followed, observed
 
 from hums.fleet.monitor import update
-from hums.fleet.settings import MonitorError
+from hums.fleet.monitor_settings import MonitorError
 from hums.fleet.state import read_state, write_state
 
 LATER = [observed(number, **PINION) for number in range(40, 50)]

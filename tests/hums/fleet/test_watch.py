@@ -2,7 +2,7 @@ import numpy as np
 import pytest
 
 import hums
-from hums.fleet.settings import MonitorError, MonitorSettings
+from hums.fleet.monitor_settings import MonitorError, MonitorSettings
 from hums.fleet.watch import watch
 
 

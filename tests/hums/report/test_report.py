@@ -18,7 +18,7 @@ from hums.gearbox.model import load_gearbox
 from hums.pages.page import stand_alone_page
 from hums.records.record import Channel, PulseTimes, make_record
 from hums.report import render, write_report
-from hums.report.verdicts import with_hz
+from hums.report.verdict_strip import with_hz
 from signals.indicators import INDICATORS
 
 RATE_HZ, SPEED_HZ, SECONDS = 5000.0, 20.0, 6.0

@@ -10,7 +10,7 @@ from signals.harmonics.bandwidth import process_variance
 from signals.harmonics.bandwidth_selection import ChainLikelihood, joined, likely_bandwidth, likely_tracks
 from signals.harmonics.block_grid import Grid
 from signals.harmonics.coupling import chain_alone, chain_together, inserted
-from signals.harmonics.model import HarmonicModel
+from signals.harmonics.state_space import HarmonicModel
 from signals.harmonics.tracker import track_orders
 
 POLES = [1, 2, 3, 4]

@@ -8,7 +8,7 @@ from numpy.testing import assert_allclose
 
 from signals.harmonics import block_smoother, process_variance, track_orders
 from signals.harmonics.block_grid import Grid
-from signals.harmonics.model import HarmonicModel
+from signals.harmonics.state_space import HarmonicModel
 
 RATE = 1000.0
 

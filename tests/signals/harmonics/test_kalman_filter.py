@@ -15,7 +15,7 @@ from signals.harmonics import process_variance, smoother_bandwidth, track_orders
 from signals.harmonics.bandwidth import Bandwidth, isolated_std
 from signals.harmonics.innovations import Innovations
 from signals.harmonics.kalman_filter import FilterState, filter_on, startup_samples, steady_state_filter
-from signals.harmonics.model import HarmonicModel
+from signals.harmonics.state_space import HarmonicModel
 
 exact_number = np.vectorize(Decimal, otypes=[object])
 

@@ -6,8 +6,8 @@ from numpy.testing import assert_allclose, assert_array_equal
 
 from signals.harmonics import OrderTracker, OutputFlag, track_orders
 from signals.harmonics.bandwidth import Bandwidth
-from signals.harmonics.model import HarmonicModel
 from signals.harmonics.separability import STRETCHES, Closeness, components, coupled, distances, leaks, left_over
+from signals.harmonics.state_space import HarmonicModel
 
 LENGTH = 20  # samples in a stretch of a record of STRETCHES of them
 WIDTH = 0.004  # bandwidth in cycles a sample: lines are close within 0.002, for 250 samples or 12.5 stretches

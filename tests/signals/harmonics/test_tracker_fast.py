@@ -7,7 +7,7 @@ from numpy.testing import assert_allclose
 
 from signals.harmonics import block_smoother, track_orders, tracker
 from signals.harmonics.block_grid import LARGEST_JUMP_RAD, Grid
-from signals.harmonics.model import HarmonicModel
+from signals.harmonics.state_space import HarmonicModel
 
 RATE = 10_000.0
 

@@ -8,6 +8,7 @@ from scipy.optimize import brentq
 
 from signals.resampling._engine import Track, weight_rows, windowed_sinc
 from signals.resampling._engine_kernels import add_moments, filter_moments, interpolate, invert
+from signals.resampling.angular_stream import AngularStream
 from signals.resampling.resampling import (
     AngularSignal,
     angle_map,
@@ -16,7 +17,6 @@ from signals.resampling.resampling import (
     time_resample,
     whole_revolutions,
 )
-from signals.resampling.stream import AngularStream
 from signals.shaft.phase import ShaftPhase, constant_speed
 
 RATE_HZ = 51200.0

@@ -34,14 +34,14 @@ import numpy as np
 
 from signals._validation import checked, choice, positive, real_vector, whole
 from signals.harmonics._validation import check_bandwidth, check_phase, check_record
-from signals.harmonics.model import Estimator
+from signals.harmonics.state_space import Estimator
 from signals.slipping_order.block_chain import Status, extended_filter, in_blocks, iterate, starts
-from signals.slipping_order.detection import Line, SlipRecord, search
+from signals.slipping_order.slip_detection import Line, SlipRecord, search
 
 if TYPE_CHECKING:
     from numpy.typing import ArrayLike
 
-    from signals.harmonics.model import BandwidthUnits, Complexes, Floats, Indices
+    from signals.harmonics.state_space import BandwidthUnits, Complexes, Floats, Indices
 
 MOST_HARMONICS = 16
 _LEAST_CHANGE = 1e-12  # the square of less is lost beside the digits of a slip

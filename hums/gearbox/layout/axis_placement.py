@@ -4,7 +4,7 @@ import math
 
 import numpy as np
 
-from hums.gearbox.layout.geometry import PARALLEL, Line, nearest_place
+from hums.gearbox.layout.axis_geometry import PARALLEL, Line, nearest_place
 from hums.gearbox.layout.stages import Pair, Stages
 
 _GAP = 1.0  # between stages on one axis, of the face width

@@ -16,7 +16,7 @@ if TYPE_CHECKING:
 
     from numpy.typing import NDArray
 
-    from signals.harmonics.model import BandwidthUnits, Complexes, Estimator, Floats, Indices, Method
+    from signals.harmonics.state_space import BandwidthUnits, Complexes, Estimator, Floats, Indices, Method
 
 
 class OutputFlag(IntFlag):

@@ -6,7 +6,7 @@ from numpy.testing import assert_allclose, assert_array_equal
 
 from signals.harmonics import OrderTracker, OutputFlag, order_waveform, residual_record, track_orders
 from signals.harmonics._block_kernels import fill_phasors
-from signals.harmonics.model import HarmonicModel
+from signals.harmonics.state_space import HarmonicModel
 
 RATE = 1000.0
 N = 20_000

@@ -105,7 +105,7 @@ def coloured_components(gearbox: Gearbox) -> frozenset[str]:
     Examples
     --------
     >>> import hums
-    >>> from hums.plots.mechanism import coloured_components
+    >>> from hums.plots.mechanism_drawing import coloured_components
     >>> sorted(coloured_components(hums.load_gearbox("glinsky-parallel-pair")))[:3]
     ['gear 1', 'gear 1-gear 2', 'gear 1-gear 2/gear 1']
     """

@@ -10,9 +10,9 @@ import pytest
 from browser import draw_all, drawn_s, printed, show, text_of, violations
 from fleets import FIRST, HEALTHY, PINION, followed, kept, observed
 
-from hums.fleet.history import MachineHistory
+from hums.fleet.fleet_page import write_page
 from hums.fleet.monitor import MachineState
-from hums.fleet.page import write_page
+from hums.fleet.watched_machines import MachineHistory
 
 RECORDS = 1_826  # five years of days
 

@@ -24,7 +24,7 @@ from typing import Self
 import numpy as np
 
 from signals.harmonics._block_kernels import phasors
-from signals.harmonics.model import Complexes, Floats, Indices
+from signals.harmonics.state_space import Complexes, Floats, Indices
 
 
 @dataclass(frozen=True, kw_only=True, eq=False)

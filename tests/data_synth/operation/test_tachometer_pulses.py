@@ -4,7 +4,7 @@ from numpy.testing import assert_allclose
 
 from data_synth import Scene, SceneError, simulate
 from data_synth.operation.shaft_angle import ShaftAngle
-from data_synth.operation.tachometer import recorded_pulses
+from data_synth.operation.tachometer_pulses import recorded_pulses
 from data_synth.scene.operation import Tachometer
 from hums.records.record import check_record
 

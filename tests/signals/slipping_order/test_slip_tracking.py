@@ -10,7 +10,7 @@ from signals.demodulation.envelope import envelope
 from signals.harmonics import block_smoother, process_variance, track_orders
 from signals.resampling.resampling import angular_resample
 from signals.shaft.tachometer import shaft_phase
-from signals.slipping_order.tracker import track_slipping_order
+from signals.slipping_order.slip_tracking import track_slipping_order
 from signals.spectra.spectra import order_spectrum
 
 ORDER = 9.46

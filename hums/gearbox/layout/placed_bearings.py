@@ -5,7 +5,7 @@ from collections.abc import Iterator
 import numpy as np
 
 from hums.gearbox.components import Bearing
-from hums.gearbox.layout.geometry import vector
+from hums.gearbox.layout.axis_geometry import vector
 from hums.gearbox.layout.rods import usual_face
 from hums.gearbox.layout.shapes import BearingShape, GearShape, Rod
 from hums.gearbox.layout.stages import Stages

@@ -48,7 +48,7 @@ def with_hz(text: str, speed_hz: float | None) -> str:
 
     Examples
     --------
-    >>> from hums.report.verdicts import with_hz
+    >>> from hums.report.verdict_strip import with_hz
     >>> with_hz("line at 2.557 orders; supported by harmonic 2 at 5.113.", 25.0)
     'line at 2.557 orders = 63.92 Hz; supported by harmonic 2 at 5.113 = 127.8 Hz.'
     """

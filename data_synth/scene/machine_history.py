@@ -36,7 +36,7 @@ class History(Declared):
 
     Examples
     --------
-    >>> from data_synth.scene.history import History
+    >>> from data_synth.scene.machine_history import History
     >>> history = History(gain_db=0, machines=2)
     >>> sorted(history.state(5, seed=1)), history.state(5, seed=1) == history.state(5, seed=1)
     (['load', 'noise_db', 'temperature_k'], True)

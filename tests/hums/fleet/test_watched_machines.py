@@ -6,9 +6,16 @@ import pytest
 from fleets import HEALTHY, PINION, observed
 
 from hums.fleet.alarms import ALARM_COLUMNS
-from hums.fleet.history import Fact, MachineHistory, watch_machines, write_alarms, write_baselines, write_components
 from hums.fleet.monitor import MachineState
-from hums.fleet.settings import MonitorSettings
+from hums.fleet.monitor_settings import MonitorSettings
+from hums.fleet.watched_machines import (
+    Fact,
+    MachineHistory,
+    watch_machines,
+    write_alarms,
+    write_baselines,
+    write_components,
+)
 from hums.records.store import open_tree
 
 SETTINGS = MonitorSettings(baseline_records=20)

@@ -13,12 +13,12 @@ from urllib.parse import quote
 import numpy as np
 from numpy.typing import NDArray
 
-from hums.fleet.history import MachineHistory
-from hums.fleet.kept import StoredRecord
 from hums.fleet.monitor import Epoch, driving_series
 from hums.fleet.numbers import LINE
 from hums.fleet.observation import seconds_since_1970
+from hums.fleet.result_files import StoredRecord
 from hums.fleet.series import Series, vector
+from hums.fleet.watched_machines import MachineHistory
 from hums.pages.page import Figure, figure_html, least_and_largest, packed, stand_alone_page
 from hums.records.store import atomic_write
 from signals.monitoring.alarm_life import Life

@@ -2,7 +2,7 @@
 
 import pytest
 
-from hums.report.indicators import indicator_tables, velocity_zones
+from hums.report.indicator_tables import indicator_tables, velocity_zones
 
 
 def row(component, value, *, indicator="fm4", limit=4.0, kind="gear"):

@@ -16,8 +16,8 @@ import xarray as xr
 from hums.fleet.alarms import ALARM_COLUMNS, SEVERE
 from hums.fleet.maintenance import Work
 from hums.fleet.monitor import Judgement, MachineState, update
+from hums.fleet.monitor_settings import MonitorError, MonitorSettings
 from hums.fleet.observation import Observation, order_key, seconds_since_1970
-from hums.fleet.settings import MonitorError, MonitorSettings
 from hums.fleet.state import read_state, write_state
 from hums.records.fields import plain_cell
 from hums.records.store import atomic_write, write_tree

@@ -6,7 +6,7 @@ from numpy.testing import assert_allclose
 
 from data_synth import SceneError, load_scene
 from data_synth.plan import parse_plan
-from data_synth.scene.history import History
+from data_synth.scene.machine_history import History
 
 PLAN = """
 scene = "demo"

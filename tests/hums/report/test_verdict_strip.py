@@ -2,7 +2,7 @@
 
 import pytest
 
-from hums.report.verdicts import answer, component_styles, probability_words, verdict_rows, with_hz
+from hums.report.verdict_strip import answer, component_styles, probability_words, verdict_rows, with_hz
 
 LINE = {
     "component": "bearing",

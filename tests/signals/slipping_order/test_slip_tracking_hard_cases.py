@@ -6,7 +6,7 @@ from numpy.testing import assert_allclose
 from scipy.stats import binom, chi2, kstest
 
 from signals.harmonics import process_variance
-from signals.slipping_order.detection import (
+from signals.slipping_order.slip_detection import (
     Demodulated,
     Line,
     SlipRecord,
@@ -16,7 +16,7 @@ from signals.slipping_order.detection import (
     power_spreads,
     search,
 )
-from signals.slipping_order.tracker import track_slipping_order
+from signals.slipping_order.slip_tracking import track_slipping_order
 
 ORDER, PER_REV, CHANGE, WIDTH = 9.46, 64, 5e-4, 0.05
 SETTING = {

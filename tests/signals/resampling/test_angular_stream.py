@@ -8,8 +8,8 @@ from pathlib import Path
 import numpy as np
 import pytest
 
+from signals.resampling.angular_stream import AngularStream, angular_blocks
 from signals.resampling.resampling import angular_resample
-from signals.resampling.stream import AngularStream, angular_blocks
 from signals.shaft.phase import ShaftPhase, constant_speed
 
 RATE_HZ = 51_200.0
