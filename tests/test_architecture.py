@@ -69,7 +69,7 @@ ONE_DOOR = {
 BUDGETS = """
     signals (root)                                              560    560    400
     signals/angle                                              1111   1111    900
-    signals/demodulation                                        905    905    750
+    signals/demodulation                                        905    899    750
     signals/harmonics, signals/slipping_order                  4012   4012   2500
     signals/health, signals/indicators                          955    955    800
     signals/monitoring                                         1135   1022    700
@@ -81,7 +81,7 @@ BUDGETS = """
     hums/cli                                                   1120   1120    700
     hums/fleet                                                 2161   2161   1300
     hums/gearbox                                               3541   3541   2600
-    hums/plots, hums/drawing, hums/pages                       1667   1667   1200
+    hums/plots, hums/drawing, hums/pages                       1667   1426   1200
     hums/readers                                               1267   1267   1000
     hums/records                                               1831   1831   1200
     hums/report                                                 977    977    800
@@ -91,10 +91,10 @@ BUDGETS = """
     data_synth/gears, data_synth/bearings                      1478   1478   1300
     data_synth/kinematic, data_synth/operation, data_synth/scene  2873   2873   2200
     data_synth/sources, data_synth/transfer                    1545   1545   1200
-    all code lines                                            48791  48734  33500
+    all code lines                                            48791  48512  33500
     all modules                                                 345    345    240
-    all constants                                              1492   1492    750
-    tests                                                     35938  35938  23000
+    all constants                                              1492   1481    750
+    tests                                                     35938  35657  23000
     benchmarks                                                 7891   7891   6000
 """
 SLACK, SLACK_LINES = 0.02, 10  # by which a ceiling may stand above the count, and at least so many
