@@ -306,11 +306,7 @@ def local_damage(
     (0.001, True)
     """
     most = whole(rotations, name="rotations", least=_FIRST)
-    # circular means over so many cells from each cell on
-    smoothed = [
-        np.asarray(sum(np.roll(energies.values, -shift, axis=-1) for shift in range(width)) / width)
-        for width in _WIDTHS
-    ]
+    smoothed = [_smoothed(energies.values, width) for width in _WIDTHS]
     observed = np.stack([_t_statistic(values) for values in smoothed]).max(axis=(0, 1))  # by cell
     places, compared = [], []
     for values, width in zip(smoothed, _WIDTHS, strict=True):
@@ -474,6 +470,11 @@ def _independent(deviations: Array, count: int, *, pitch: int, width: int) -> Ar
         products = np.sum(deviations * np.roll(deviations, lag, axis=-1), axis=-1)
         alike += np.maximum(0.0, np.divide(products, power, out=np.zeros(power.shape), where=power > 0))
     return np.where(power > 0, np.maximum(2.0, count / (1 + 2 * alike)), float(count))
+
+
+def _smoothed(values: Array, width: int) -> Array:
+    """Return circular means over `width` cells from each cell on."""
+    return np.asarray(sum(np.roll(values, -shift, axis=-1) for shift in range(width)) / width)
 
 
 def _t_statistic(values: Array) -> Array:

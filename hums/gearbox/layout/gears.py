@@ -9,7 +9,6 @@ import numpy as np
 from hums.gearbox.layout.axis_geometry import Array, nearest_place, transverse_axes, vector
 from hums.gearbox.layout.shapes import GearShape, MeshPoint
 from hums.gearbox.layout.stages import Pair, Stages
-from hums.gearbox.model import Gearbox
 
 _Key = tuple[str, int, str, str]  # of `Pair.key`
 
@@ -42,7 +41,7 @@ def _shapes(stages: Stages, pair: Pair) -> Iterator[GearShape]:
             centre = line.at(nearest_place(line, lines[1 - which]))
         yield GearShape(
             link=link,
-            declared=_declared(stages.gearbox, link),
+            declared=stages.gearbox.copy_links.get(link, link),
             body=stages.mechanism.bodies[link],
             teeth=abs(teeth),
             internal=internal,
@@ -157,7 +156,3 @@ def _joined(shapes: list[GearShape]) -> GearShape:
         radius=float(np.mean([shape.radius for shape in shapes])),
         face=high - low if not first.cone_rad else first.face,
     )
-
-
-def _declared(gearbox: Gearbox, instance: str) -> str:
-    return gearbox.copy_links.get(instance, instance)
