@@ -48,7 +48,7 @@ def in_units() -> dict[str, float]:
     return found
 
 
-def in_processes(samples: int) -> dict[str, float]:
+def in_processes(samples: int = 5_000_000) -> dict[str, float]:
     """Return memory and time of the analysis of a long record, and the time to start, in processes of their own."""
     with tempfile.TemporaryDirectory() as room:
         tree = Tree(root=TREE, room=Path(room))
@@ -79,7 +79,7 @@ COSTS = Section(
         Row(name="start: help", what="`hums --help` against `import typer`, time of the processor", limit=times(1.5)),
         Row(name="start: analysis", what="import for an analysis against `xarray, scipy.signal`", limit=times(1.5)),
     ),
-    tasks=lambda effort: [in_units, lambda: in_processes(effort.pick(5_000_000, 20_000_000, 100_000_000))],
+    tasks=lambda _: [in_units, in_processes],
     figures=lambda found: {name: Figure(value=value) for part in found for name, value in part.items()},
     alone=True,
 )

@@ -130,7 +130,7 @@ def covered(noise: str, number: int) -> float:
     for place, order in enumerate(ORDERS):
         x = x + (envelopes.of(place, at) * np.exp(1j * order * turn)).real
     if noise == "clipped":
-        x = np.clip(x, -1.5, 1.5)
+        x = np.clip(x, -2.0, 2.0)
     given: dict[str, Any] = {"phase_rad": turn, "orders": ORDERS, "rate_hz": RATE_HZ, "poles": 2}
     widths = likely_bandwidth(x, **given, largest_bandwidth_hz=3.0)
     tracks = track_orders(x, **given, bandwidth_hz=widths, output_every=EVERY)
