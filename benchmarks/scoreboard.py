@@ -29,6 +29,11 @@ if __name__ == "__main__":  # the libraries read these once, when they are impor
     os.environ |= dict.fromkeys(
         ("OMP_NUM_THREADS", "OPENBLAS_NUM_THREADS", "MKL_NUM_THREADS", "NUMBA_NUM_THREADS"), "1"
     )
+    if "--tree" in sys.argv[:-1]:  # before anything of this tree is imported
+        place = sys.argv.index("--tree")
+        os.environ["PYTHONPATH"] = str(Path(sys.argv[place + 1]).resolve())
+        words = [sys.executable, __file__, *sys.argv[1:place], *sys.argv[place + 2 :]]
+        sys.exit(subprocess.run(words, check=False).returncode)  # noqa: S603
 
 from board import costs, declarations, estimates, fleets, speeds, verdicts_of_records
 from board.sections import Effort, Section, Task
@@ -135,12 +140,6 @@ def main(arguments: Sequence[str] | None = None, sections: Sequence[Section] = S
     parser.add_argument("--save", action="store_true", help="save the figures as those of the baseline")
     parser.add_argument("--page", action="store_true", help="write the table to docs/benchmarks/scoreboard.md")
     given = parser.parse_args(arguments)
-    if given.tree is not None:
-        words = list(sys.argv[1:] if arguments is None else arguments)
-        place = words.index("--tree")
-        command = [sys.executable, __file__, *words[:place], *words[place + 2 :]]
-        environment = os.environ | {"PYTHONPATH": str(given.tree.resolve())}
-        return subprocess.run(command, env=environment, check=False).returncode  # noqa: S603
     begun = time.perf_counter()
     chosen = [section for section in sections if not given.only or section.name in given.only]
     data = None if given.data is None else Path(given.data)
