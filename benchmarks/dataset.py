@@ -14,7 +14,6 @@ import tempfile
 import time
 import tomllib
 from concurrent.futures import ProcessPoolExecutor
-from dataclasses import replace
 from functools import partial
 from itertools import pairwise
 from multiprocessing import get_context
@@ -29,10 +28,11 @@ from scipy.special import logsumexp, softmax
 
 import hums
 from data_synth import load_plan, make_dataset
-from data_synth.benchmark.records import CLASSES, FURTHER
+from data_synth.plan import plans
 
 Array = NDArray[np.float64]
 
+CLASSES = tuple(each["name"] for each in tomllib.loads(plans()["benchmark-1"].read_text("utf-8"))["class"])
 PENALTIES = (1e-3, 3e-3, 1e-2, 3e-2, 1e-1, 3e-1, 1.0)
 SEVERITIES = ((0.0, 1 / 3), (1 / 3, 2 / 3), (2 / 3, 1.01))
 DETECTABLE_DB = (-np.inf, 15.0, 30.0, 50.0, np.inf)
@@ -46,9 +46,9 @@ KINDS = dict.fromkeys(("crack", "chipping", "missing tooth", "spall"), "tooth") 
 Findings = list[tuple[str, str, str]]  # component, kind, verdict
 
 NOTE = """\
-Made by `python benchmarks/dataset.py --records {records} --workers 2`: the first {records:,} records of {name}
-{version}, seed {seed}; {train} for training, {validation} for the penalty ({penalty:g}), {test} for the score, from
-four gearboxes and eight paths that training has not seen. Records of the further labels {further} are left out.
+Made by `python benchmarks/dataset.py --records {records} --workers 2`: the first {records:,} records of {name},
+seed {seed}; {train} for training, {validation} for the penalty ({penalty:g}), {test} for the score, from four gearboxes
+that training has not seen.
 
 Features are those of one `hums.analyze` with the record's own drawing, {features} of them: each indicator, and the
 signal-to-noise ratio of each kind of line in the order spectrum and in the envelope, in the logarithm, the largest and
@@ -61,8 +61,7 @@ What the same analyses say by themselves, of all records, without a baseline. *N
 {detectable:.0f} dB, those whose part leads the findings; *of its shaft*: those where another gear of the shaft does.
 *Diagnosed wrongly*: records in which another part is diagnosed than the damaged one. What changes a whole gear or shaft
 alike is named by limits or a baseline alone. The matched filter of the detectability knows the fault, and the noise is
-all it has against it: a fault of 40 dB may lie far below the meshes. Some 215 of the records were looked at while the
-rules were made."""
+all it has against it: a fault of 40 dB may lie far below the meshes."""
 
 
 # ---- Features ----------------------------------------------------------------------------------------------------
@@ -159,10 +158,8 @@ def page_of(
 ) -> str:
     """Return the page of labels, features and findings, a row for each record, of a plan as TOML has it."""
     said = verdicts_of(labels, findings)
-    scored = (labels["class_number"] >= 0).to_numpy()
-    labels, table = labels[scored].reset_index(drop=True), table[scored].reset_index(drop=True)
     split = {name: (labels["split"] == name).to_numpy() for name in ("train", "validation", "test")}
-    x, classes = standardised(table, split["train"]), labels["class_number"].to_numpy(dtype=np.int64)
+    x, classes = standardised(table, split["train"]), np.array([CLASSES.index(name) for name in labels["class"]])
 
     def score(penalty: float) -> float:
         weights = fitted(x[split["train"]], classes[split["train"]], penalty=penalty)
@@ -174,12 +171,10 @@ def page_of(
     own = predicted(x[split["train"]], weights)
     note = NOTE.format(
         records=plan["records"],
-        name=plan["benchmark"],
-        version=plan["version"],
+        name=plan["title"].partition(":")[0],
         seed=plan["seed"],
         penalty=penalty,
         features=x.shape[1],
-        further=" and ".join(FURTHER),
         **{name: int(mask.sum()) for name, mask in split.items()},
     )
     right = test["true"] == test["guess"]
@@ -204,7 +199,7 @@ def page_of(
     faulty = test["true"] > 0
     lines += ["", "| faults of | test records | right class |", "|---|---|---|"]
     for low, high in SEVERITIES:
-        here = faulty & (test["class"] != "missing tooth") & (test["severity"] >= low) & (test["severity"] < high)
+        here = faulty & (test["severity"] >= low) & (test["severity"] < high)
         lines.append(f"| severity {low:.2f} to {min(high, 1):.2f} | {here.sum()} | {_share(right[here])} |")
     for low, high in pairwise(DETECTABLE_DB):
         here = faulty & (test["detectability_db"] >= low) & (test["detectability_db"] < high)
@@ -218,7 +213,7 @@ def verdicts_of(labels: pd.DataFrame, findings: list[Findings]) -> list[str]:
     lines = ["## Verdicts", "", VERDICTS.format(detectable=NAMED_DB), ""]
     lines.append("| class | records | of them detectable | named first | of its shaft | diagnosed wrongly |")
     lines.append("|---|---|---|---|---|---|")
-    for name in (*CLASSES, *FURTHER):
+    for name in CLASSES:
         mine = [
             (row, found) for (_, row), found in zip(labels.iterrows(), findings, strict=True) if row["class"] == name
         ]
@@ -263,7 +258,7 @@ def main(arguments: list[str]) -> int:
     parser.add_argument("--data", type=Path)
     parser.add_argument("--out", type=Path, default=Path("docs/benchmarks"))
     chosen = parser.parse_args(arguments)
-    plan = replace(load_plan("benchmark-1"), records=chosen.records)  # type: ignore[type-var]
+    plan = load_plan("benchmark-1").changed(records=chosen.records)
     with tempfile.TemporaryDirectory() as scratch:
         folder = chosen.data or Path(scratch) / "benchmark-1"
         begun, used = time.perf_counter(), _cpu_s()

@@ -11,6 +11,7 @@ The even half of the gearboxes and two thirds of the drives are in the library; 
 
 import argparse
 import json
+import math
 import sys
 import warnings
 from collections.abc import Callable, Iterable, Iterator, Mapping
@@ -23,7 +24,6 @@ import numpy as np
 import xarray as xr
 
 from data_synth import Scene, simulate
-from data_synth.benchmark.gearboxes import draw_bearing, draw_gearbox
 from hums import AnalysisError, AnalysisSettings, analyze, findings_table, summary
 from hums.analysis.result import group
 from hums.gearbox.components import Bearing, frozen
@@ -45,7 +45,9 @@ CATALOGUE: Mapping[str, tuple[str, ...]] = {
     "glinsky-idler": (),
     "glinsky-compound": (),
 }
-DRAWN = 12  # gearboxes drawn from the benchmark's family, one to three stages
+DRAWN = 12  # spur gearboxes of one to three stages, drawn
+MODULES_MM = (2.0, 2.5, 3.0, 4.0, 5.0, 6.0)  # series I of ISO 54
+RATIOS = {1: (1.6, 4.5), 2: (1.6, 4.0), 3: (1.5, 3.2)}  # of a stage, by the number of stages
 IMPERFECTIONS = (
     "gears",
     "planets",
@@ -75,13 +77,58 @@ def gearboxes(held_out: bool) -> tuple[Gearbox, ...]:
                 warnings.simplefilter("ignore")  # planets that need profile shift
                 gearbox = load_gearbox(name)
             found.append(_with_bearings(gearbox, links, np.random.default_rng([7, number])))
-    for number in range(DRAWN):
-        if (number % 2 == 1) == held_out:
-            rng = np.random.default_rng([8, number])
-            drawn = draw_gearbox(f"drawn {number}", stages=1 + number % 3, rng=rng)
-            bearings = {link: draw_bearing(rng) for link in drawn.links}
-            found.append(Gearbox.model_validate(frozen(drawn.table(bearings))))
+    drawn = range(1 if held_out else 0, DRAWN, 2)
+    found += [_drawn(f"drawn {number}", 1 + number % 3, np.random.default_rng([8, number])) for number in drawn]
     return tuple(found)
+
+
+def _drawn(name: str, stages: int, rng: np.random.Generator) -> Gearbox:
+    """Return a spur gearbox of teeth without a common factor, its shafts in bearings."""
+    between = ["intermediate"] if stages == 2 else [f"intermediate {number}" for number in range(1, stages)]  # noqa: PLR2004
+    links = ["input", *between, "output"]
+    size, meshes, through = int(rng.integers(0, len(MODULES_MM) - stages)), [], [np.zeros(2)]
+    for number in range(stages):
+        pinion = int(rng.integers(18, 30))
+        wheel = round(pinion * rng.uniform(*RATIOS[stages]))
+        while math.gcd(pinion, wheel) > 1:
+            wheel += 1
+        module_mm = MODULES_MM[size + number]
+        meshes.append(
+            {
+                "name": f"stage {number + 1}",
+                "teeth": {links[number]: pinion, links[number + 1]: wheel},
+                "module_mm": module_mm,
+                "face_width_mm": float(round(rng.uniform(3, 5) * math.pi * module_mm)),
+                "pressure_angle_deg": 20.0,
+            }
+        )
+    rng.uniform()  # of the load, which this library does not need
+    for mesh, angle_deg in zip(meshes, np.round(rng.uniform(-60, 60, stages), 1), strict=True):
+        centre_mm, angle = mesh["module_mm"] * sum(mesh["teeth"].values()) / 2, math.radians(angle_deg)
+        through.append(through[-1] + centre_mm * np.array([math.cos(angle), math.sin(angle)]))
+    rng.uniform()  # of the top speed
+    axes = {
+        link: {"links": ["housing", link], "through": [0.0, *map(float, at)]}
+        for link, at in zip(links, through, strict=True)
+    }
+    declared = {"name": name, "frame": "housing", "reference": "input", "axes": axes, "mesh": meshes}
+    bearings = [_bearing(link, "housing", rng) for link in links]
+    return Gearbox.model_validate(frozen(declared | {"bearing": bearings}))
+
+
+def _bearing(link: str, frame: str, rng: np.random.Generator) -> dict[str, Any]:
+    """Return a bearing of a geometry within what the ball bearings of the catalogue span."""
+    share, pitch_mm = rng.uniform(0.115, 0.24), rng.uniform(28, 72)
+    elements = round(rng.uniform(0.55, 0.61) * math.pi / share)
+    return {
+        "names": (f"{link} bearing",),
+        "inner_ring": link,
+        "outer_ring": frame,
+        "elements": elements,
+        "element_diameter_mm": float(round(share * pitch_mm, 2)),
+        "pitch_diameter_mm": float(round(pitch_mm, 2)),
+        "contact_angle_deg": float(rng.choice((0.0, 0.0, 0.0, 15.0))),
+    }
 
 
 def _with_bearings(gearbox: Gearbox, links: tuple[str, ...], rng: np.random.Generator) -> Gearbox:
@@ -97,20 +144,7 @@ def _with_bearings(gearbox: Gearbox, links: tuple[str, ...], rng: np.random.Gene
             if gearbox.frame in axis.links and link != gearbox.frame
         )[:3]
     )
-    made = []
-    for link in on_frame:
-        drawn = draw_bearing(rng)
-        made.append(
-            {
-                "names": (f"{link} bearing",),
-                "inner_ring": link,
-                "outer_ring": gearbox.frame,
-                "elements": drawn.elements,
-                "element_diameter_mm": drawn.element_diameter_mm,
-                "pitch_diameter_mm": drawn.pitch_diameter_mm,
-                "contact_angle_deg": drawn.contact_angle_deg,
-            }
-        )
+    made = [_bearing(link, gearbox.frame, rng) for link in on_frame]
     return gearbox.changed(bearings=tuple(Bearing.model_validate(one) for one in made))
 
 

@@ -14,9 +14,7 @@ import numpy as np
 import xarray as xr
 from numpy.typing import NDArray
 
-from data_synth import Scene, load_scene, simulate
-from data_synth.benchmark.conditions import FAULTS
-from data_synth.benchmark.records import BenchmarkRecords
+from data_synth import Scene, load_plan, load_scene, simulate
 
 Array = NDArray[np.float64]
 
@@ -96,8 +94,8 @@ def cases() -> Iterator[tuple[str, Scene]]:
     pitted = planets.changed(faults=({"kind": "spall", "component": "sun-planet/planet", "size_mm": 0.02},))
     yield "the same, a planet's tooth spalled, 1 s at 240 rpm", pitted.changed(duration_s=1)
     yield "`wijianto`", load_scene("wijianto")
-    plan = BenchmarkRecords(records=1000, seed=SEED)
-    damaged = {name for name, family in FAULTS.items() if family.of == "gear"}
+    plan = load_plan("benchmark-1").changed(seed=SEED)
+    damaged = {*plan.classes[1 : plan.classes.index("imbalance")]}
     for kind, medium in product(KINDS, (False, True)):
         for number in range(plan.records):
             labels = plan.labels(number)

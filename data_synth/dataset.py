@@ -12,13 +12,12 @@ from dataclasses import dataclass
 from functools import lru_cache, partial
 from importlib.metadata import version
 from pathlib import Path
-from typing import Any, TypeAlias
+from typing import Any
 
 import numpy as np
 import xarray as xr
 
-from data_synth.benchmark.card import data_card
-from data_synth.benchmark.records import DURATION_S, TRIAL_S, BenchmarkRecords
+from data_synth.card import data_card
 from data_synth.cost import BYTES, explain
 from data_synth.plan import Plan, PlanError, load_plan, parse_plan
 from data_synth.scene.scene import SceneError
@@ -28,8 +27,6 @@ from hums.records.dataset_store import SHARD, write_index
 from hums.records.store import atomic_write, remove_partial_files, write_shard
 from signals._validation import checked
 
-AnyPlan: TypeAlias = Plan | BenchmarkRecords
-
 CHECKSUMS = "checksums.sha256"
 _AMPLE = 20  # times the samples: no truth needs as much, so that it is not estimated, which takes seconds
 _MADE_BY = "# made by hums-toolkit {}; the plan with its scene and every default written out\n"
@@ -38,18 +35,17 @@ _EXPLAINED = 9  # records from which size and time follow: their truth differs b
 
 @checked
 def make_dataset(
-    plan: AnyPlan | str | Path, folder: str | Path, *, workers: Workers | None = None, progress: bool = False
+    plan: Plan | str | Path, folder: str | Path, *, workers: Workers | None = None, progress: bool = False
 ) -> Tally:
     """Make the dataset of a plan in a folder, or continue one that was interrupted.
 
     Parameters
     ----------
-    plan : Plan, BenchmarkRecords, str or Path
+    plan : Plan, str or Path
         A plan, the path of its file, or its name in the catalogue.
     folder : str or Path
         New, empty, or begun with the same plan. It receives ``plan.toml``, ``shards/``, ``index.h5`` (which
-        `hums.open_dataset` reads), ``labels.csv`` and ``checksums.sha256``, written last; of a benchmark
-        ``data-card.md``, too.
+        `hums.open_dataset` reads), ``labels.csv``, ``data-card.md`` and, written last, ``checksums.sha256``.
     workers : Serial, Processes or Cluster of `hums.jobs`, optional
         What computes the files; one process if left out. The files do not depend on it.
     progress : bool
@@ -103,9 +99,8 @@ def make_dataset(
     )
     remove_partial_files(folder)
     if tally.done or not _is_indexed(folder):
-        if isinstance(plan, BenchmarkRecords):
-            with atomic_write(folder / "data-card.md") as part:
-                part.write_text(data_card(plan), encoding="utf-8")
+        with atomic_write(folder / "data-card.md") as part:
+            part.write_text(data_card(plan), encoding="utf-8")
         write_index(folder, [shards / job.name for job in jobs], plan=plan.text)
         _write_checksums(folder)
     return tally
@@ -142,12 +137,12 @@ class DatasetCost:
     seconds: float
 
 
-def dataset_cost(plan: AnyPlan) -> DatasetCost:
+def dataset_cost(plan: Plan) -> DatasetCost:
     """Return size, truth and time of a dataset as `data_synth.explain` estimates the latter two for some records.
 
     Parameters
     ----------
-    plan : Plan or BenchmarkRecords
+    plan : Plan
 
     Returns
     -------
@@ -201,37 +196,34 @@ def write_records(plan_text: str, shard: int, path: Path) -> None:
 
 
 @lru_cache(maxsize=4)
-def _parsed(text: str) -> AnyPlan:
+def _parsed(text: str) -> Plan:
     return parse_plan(text)
 
 
-def _record_numbers(plan: AnyPlan, shard: int) -> range:
+def _record_numbers(plan: Plan, shard: int) -> range:
     return range(shard * plan.records_per_shard, min((shard + 1) * plan.records_per_shard, plan.records))
 
 
-def _simulated(plan: AnyPlan, number: int) -> tuple[xr.Dataset, dict[str, Any]]:
+def _simulated(plan: Plan, number: int) -> tuple[xr.Dataset, dict[str, Any]]:
     """Return a record and its labels."""
     labels = plan.labels(number)
     try:
         scene = plan.scene(number)
         seed, machine_seed = plan.seed_of(number), plan.machine_seed_of(number)
-        if not isinstance(plan, BenchmarkRecords):
-            record = simulate(scene, seed=seed, machine_seed=machine_seed)
-        elif labels["class"] == "healthy":
-            record = simulate(scene, seed=seed, machine_seed=machine_seed)
-            labels["detectability_db"] = math.nan
-        else:
-            record, found_db = simulate_with_detectability(scene, seed=seed, machine_seed=machine_seed, trial_s=TRIAL_S)
-            labels["detectability_db"] = found_db + 10 * math.log10(DURATION_S / scene.duration_s)
+        trial_s = plan.table.detectability_s
+        if trial_s is not None and scene.faults:
+            record, found_db = simulate_with_detectability(scene, seed=seed, machine_seed=machine_seed, trial_s=trial_s)
+            return record, labels | {"detectability_db": found_db}
+        record = simulate(scene, seed=seed, machine_seed=machine_seed)
     except SceneError as error:
         raise SceneError(f'record {number}, class "{labels["class"]}": {error}') from None
-    return record, labels
+    return record, labels | ({} if trial_s is None else {"detectability_db": math.nan})
 
 
 # ---- the folder --------------------------------------------------------------------------------------------
 
 
-def _begin_folder(folder: Path, plan: AnyPlan) -> None:
+def _begin_folder(folder: Path, plan: Plan) -> None:
     """Write the plan into a new folder; refuse a folder begun with another plan."""
     mark = folder / "plan.toml"
     own = _MADE_BY.format(version("hums-toolkit")) + plan.text
@@ -259,7 +251,7 @@ def _require_same_plan(folder: Path, there: str, own: str) -> None:
     )
 
 
-def _check_space(plan: AnyPlan, shards: Path, *, missing: int) -> None:
+def _check_space(plan: Plan, shards: Path, *, missing: int) -> None:
     """Refuse a disk with less free space than the missing records need with their truth."""
     shards.mkdir(exist_ok=True)
     free = shutil.disk_usage(shards).free

@@ -1,30 +1,40 @@
-"""The plan of a dataset: a scene, what varies from record to record, and the classes. Frozen, read from TOML.
+"""The plan of a dataset: a scene, what varies from record to record, machines and classes. Frozen, read from TOML.
 
-Wherever the scene has a value, a plan may have a distribution: ``{ uniform = [low, high] }``, ``{ log = [low, high] }``
-(uniform in the logarithm) or ``{ choice = [a, b, c] }``. The value drawn is a label, named after its place in the scene
-(``speed.rpm``, ``fault.1.depth_mm``) or by ``label = "..."`` in the distribution.
+Wherever the scene has a value, a plan may have a distribution (`data_synth.draws`). The value drawn is a label, named
+after its place in the scene (``speed.rpm``, ``fault.1.depth_mm``) or by ``label = "..."`` in the distribution. The
+scene of a record is that of the plan, changed by ``[change]``, then by its machine, then by its class.
 """
 
-import difflib
-import json
 import tomllib
 import zlib
 from collections.abc import Iterator, Mapping
-from dataclasses import dataclass
-from datetime import date, time
-from functools import lru_cache
+from dataclasses import dataclass, field
+from functools import cached_property, lru_cache
 from importlib.resources import files
 from pathlib import Path
-from typing import Annotated, Any, Literal, TypeAlias
+from typing import Annotated, Any, Literal
 
 import numpy as np
 from numpy.typing import NDArray
-from pydantic import AfterValidator, Field
+from pydantic import Field
 
-from data_synth.benchmark.records import DURATION_S, NAME, VERSION, BenchmarkRecords
+from data_synth.draws import (
+    DISTRIBUTIONS,
+    Choice,
+    Distribution,
+    Drawn,
+    Draws,
+    Named,
+    PlanError,
+    Tree,
+    Uniform,
+    labels_of,
+    parsed,
+    reached,
+)
 from data_synth.scene.machine_history import History
 from data_synth.scene.random_streams import derived_seed, random_stream
-from data_synth.scene.scene import Scene, SceneError, load_scene
+from data_synth.scene.scene import Scene, load_scene
 from hums.gearbox.components import (
     MOST_PARTS,
     Declared,
@@ -37,138 +47,96 @@ from hums.gearbox.components import (
     read_toml,
     validated,
 )
-from signals._validation import SentenceError, checked
+from hums.gearbox.model import load_gearbox
+from signals._validation import checked
 
-__all__ = [
-    "RANGES",
-    "BenchmarkTable",
-    "Choice",
-    "Log",
-    "Plan",
-    "PlanError",
-    "PlanTable",
-    "Range",
-    "Uniform",
-    "load_plan",
-    "parse_plan",
-    "plans",
-]
+__all__ = ["Plan", "PlanError", "PlanTable", "load_plan", "parse_plan", "plans"]
 
-
-# ---- Distributions that a plan may have where the scene has a value --------------------------------------------------
-
-
-def _rising(ends: tuple[float, float]) -> tuple[float, float]:
-    low, high = ends
-    if not low < high:
-        raise ValueError(f"[{low:g}, {high:g}] does not rise; give [low, high]")
-    return ends
-
-
-class Uniform(Declared):
-    """A uniform distribution from low to high."""
-
-    uniform: Annotated[tuple[float, float], AfterValidator(_rising)]
-    label: Name | None = None
-
-    def at(self, share: float) -> float:
-        """Return the quantile at probability `share`."""
-        low, high = self.uniform
-        return low + share * (high - low)
-
-
-class Log(Declared):
-    """A log-uniform distribution from low to high."""
-
-    log: Annotated[tuple[Positive, Positive], AfterValidator(_rising)]
-    label: Name | None = None
-
-    def at(self, share: float) -> float:
-        """Return the quantile at probability `share`."""
-        low, high = self.log
-        return float(low * (high / low) ** share)
-
-
-class Choice(Declared):
-    """A discrete distribution over listed values, equally likely; a value named twice is twice as likely."""
-
-    choice: Annotated[tuple[Any, ...], Field(min_length=1)]
-    label: Name | None = None
-
-    def at(self, share: float) -> Any:  # noqa: ANN401
-        """Return the quantile at probability `share`, in the order of the list."""
-        return self.choice[min(int(share * len(self.choice)), len(self.choice) - 1)]
-
-
-Range: TypeAlias = Uniform | Log | Choice
-
-RANGES: dict[str, type[Range]] = {"uniform": Uniform, "log": Log, "choice": Choice}
-"""By the key that a range is written with."""
-
-
-# ---- Plan ------------------------------------------------------------------------------------------------------------
-
-
-Place: TypeAlias = tuple[str | int, ...]
-_OWN_LABELS = ("record", "class", "seed", "time")
-_COMMON = ("rate_hz", "duration_s", "sensor")
+_OWN_LABELS = ("record", "class", "seed", "time", "machine", "machine_seed", "split", "detectability_db")
 _SHARD_BYTES = 32_000_000  # of samples in one file, which a worker holds in memory
 _MOST_IN_SHARD, _FEWEST_SHARDS = 64, 16  # little is lost with a kill, and several workers have something to do
 
 
-class PlanError(SentenceError):
-    """A plan that cannot be read, or a dataset that cannot be made.
-
-    Examples
-    --------
-    >>> from data_synth import PlanError, load_plan
-    >>> try:
-    ...     load_plan("clasification")
-    ... except PlanError as error:
-    ...     print('"classification"' in str(error))
-    True
-    """
-
-
-class RecordClass(Declared):
-    """One class of records: a scene written as JSON, and the distributions of the values that vary."""
-
-    name: Name
-    share: Annotated[int, Field(ge=1)]
-    template: str
-    ranges: tuple[tuple[str, Place, Range], ...]
-
-    def scene(self, values: Mapping[str, Any], *, where: str = "scene") -> Scene:
-        """Return the scene with the given values, one for each label."""
-        table = json.loads(self.template)
-        for label, path, _ in self.ranges:
-            place: Any = table
-            for part in path[:-1]:
-                place = place[part]
-            place[path[-1]] = values[label]
-        return Scene.from_mapping(table, where=where)
+# ---- The plan file ---------------------------------------------------------------------------------------------------
 
 
 class ClassTable(Declared):
-    """A class as a plan file declares it; `share` records of it come in each cycle of the classes."""
+    """A class of records; `share` records of it come in each cycle of the classes."""
 
     name: Name
     share: Annotated[int, Field(ge=1)] = 1
     change: dict[str, Any] = Field(default={})
 
 
+class MachineTable(Declared):
+    """Machines of one design; what they draw here, each of them draws once.
+
+    `splits` has the number of machines by split, so that no machine is in two of them; left out, there is one, in none.
+    """
+
+    name: Name
+    splits: dict[Name, Annotated[int, Field(ge=1, le=MOST_PARTS)]] | None = None
+    draw: dict[Name, dict[str, Any]] = Field(default={})
+    change: dict[str, Any] = Field(default={})
+
+
 class PlanTable(Declared):
     """The content of a plan file."""
 
+    title: str = ""
     scene: str | dict[str, Any]
     records: Annotated[int, Field(ge=1)]
     seed: Annotated[int, Field(ge=0)]
+    machine_seed: Annotated[int, Field(ge=0)] | None = None
     sampling: Literal["random", "sobol"] = "random"
     dtype: Literal["float32", "float64"] = "float32"
     records_per_shard: Annotated[int, Field(ge=1)] | None = None
+    labels: tuple[Name, ...] | None = None
+    detectability_s: Positive | None = None
+    about: str = ""
     history: History | None = None
+    draw: dict[Name, dict[str, Any]] = Field(default={})
     change: dict[str, Any] = Field(default={})
+    machines: tuple[MachineTable, ...] = Field(default=(), alias="machine", max_length=MOST_PARTS)
     classes: tuple[ClassTable, ...] = Field(default=(), alias="class", max_length=MOST_PARTS)
+
+
+@dataclass(frozen=True, kw_only=True)
+class Machine:
+    """One machine of a plan.
+
+    Attributes
+    ----------
+    name, split : str
+    design : MachineTable
+    """
+
+    name: str
+    split: str
+    design: MachineTable
+
+
+@dataclass(frozen=True, kw_only=True)
+class _Template:
+    """The scene of one design and one class, with distributions; and the draws that it may refer to."""
+
+    tree: Tree
+    named: Named
+    of_class: Tree
+
+    @cached_property
+    def distributions(self) -> tuple[Distribution, ...]:
+        """What a record may draw from, each once."""
+        return tuple({id(draw): draw for draw, _ in reached(self.tree, self.named)}.values())
+
+    @cached_property
+    def sobol_labels(self) -> tuple[str, ...]:
+        """Labels of the draws with a probability of their own in every record."""
+        own = (d for d in self.distributions if d.each == "record" and d.by is None and not isinstance(d, Drawn))
+        return tuple(dict.fromkeys(str(draw.label) for draw in own))
+
+
+# ---- Plan ------------------------------------------------------------------------------------------------------------
 
 
 @dataclass(frozen=True, kw_only=True)
@@ -179,55 +147,82 @@ class Plan:
     ----------
     text : str
         The plan as TOML, its scene and every default written out; plans of equal text are equal.
-    records : int
-        Number of records.
-    seed : int
-        Seed of the dataset, from which those of the records follow.
-    sampling : "random" or "sobol"
-        Independent draws, or for each class the points of a scrambled Sobol sequence, which fill its ranges more evenly
-        (Owen 1998, J. Complexity 14, 466-489).
-    dtype : "float32" or "float64"
-        Type in which samples are stored.
-    records_per_shard : int
-        Records in one file.
-    record_bytes : int
-        Size of the samples of one record on disk, in bytes.
-    variants : tuple of RecordClass
-        The classes, in the order of the plan.
-    history : History or None
-        What carries over from record to record.
+    table : PlanTable
+        What the text declares.
 
     Examples
     --------
     >>> from data_synth import load_plan
     >>> plan = load_plan("classification")
-    >>> plan.records, [variant.name for variant in plan.variants[:3]]
-    (1000, ['healthy', 'crack', 'spall'])
+    >>> plan.records, plan.classes[:3]
+    (1000, ('healthy', 'crack', 'spall'))
     """
 
     text: str
-    records: int
-    seed: int
-    sampling: str
-    dtype: str
-    records_per_shard: int
-    record_bytes: int
-    variants: tuple[RecordClass, ...]
-    history: History | None = None
+    table: PlanTable = field(repr=False, compare=False)
+
+    @property
+    def records(self) -> int:
+        """Number of records."""
+        return self.table.records
+
+    @property
+    def seed(self) -> int:
+        """Seed of the dataset, from which those of the records follow."""
+        return self.table.seed
+
+    @property
+    def dtype(self) -> str:
+        """Type in which samples are stored."""
+        return self.table.dtype
+
+    @cached_property
+    def record_bytes(self) -> int:
+        """Size of the samples of one record on disk, in bytes."""
+        scene = self.scene(0)
+        return len(scene.sensors) * scene.samples * np.dtype(self.dtype).itemsize
+
+    @property
+    def records_per_shard(self) -> int:
+        """Records in one file."""
+        fitting = min(_SHARD_BYTES // self.record_bytes, _MOST_IN_SHARD, -(-self.records // _FEWEST_SHARDS))
+        return self.table.records_per_shard or max(1, fitting)
 
     @property
     def classes(self) -> tuple[str, ...]:
         """Names of the classes, in the order of the plan."""
-        return tuple(variant.name for variant in self.variants)
+        return tuple(each.name for each in self.table.classes)
 
-    def scenes_of(self, number: int) -> tuple[Scene, ...]:
-        """Return the scenes that are simulated for a record."""
-        return (self.scene(number),)
+    def changed(self, **keys: object) -> "Plan":
+        """Return the plan with other keys of its file, such as `records` or `seed`.
 
-    def variant_of(self, number: int) -> RecordClass:
+        Examples
+        --------
+        >>> from data_synth import load_plan
+        >>> load_plan("classification").changed(records=8).records
+        8
+        """
+        return _plan(tomllib.loads(self.text) | keys, where="plan")
+
+    @cached_property
+    def machines(self) -> tuple[Machine, ...]:
+        """The machines that the plan declares, whose records take turns; empty without any."""
+        found = list[Machine]()
+        for design in self.table.machines:
+            splits = [split for split, count in (design.splits or {"": 1}).items() for _ in range(count)]
+            for number, split in enumerate(splits, start=1):
+                name = design.name if len(splits) == 1 else f"{design.name} {number}"
+                found.append(Machine(name=name, split=split, design=design))
+        return tuple(found)
+
+    def machine_of(self, number: int) -> Machine | None:
+        """Return the machine of a record; None where the plan declares none."""
+        return self.machines[number % len(self.machines)] if self.machines else None
+
+    def class_of(self, number: int) -> str:
         """Return the class of a record; the classes take turns, each as often in a cycle as its `share`.
 
-        With several machines in the plan's history each has all classes in turn.
+        With several machines each has all classes in turn.
 
         Parameters
         ----------
@@ -236,7 +231,7 @@ class Plan:
 
         Returns
         -------
-        RecordClass
+        str
 
         Examples
         --------
@@ -244,13 +239,13 @@ class Plan:
 
         >>> from data_synth import load_plan
         >>> plan = load_plan("classification")
-        >>> plan.variant_of(1).name, plan.variant_of(9).name
+        >>> plan.class_of(1), plan.class_of(9)
         ('crack', 'crack')
         """
-        return self.variants[self._cycle[self._turn(number) % len(self._cycle)]]
+        return self.table.classes[self._class_index(number)].name
 
     def values(self, number: int) -> dict[str, Any]:
-        """Return the values drawn for a record.
+        """Return the values drawn for a record, by label.
 
         Parameters
         ----------
@@ -260,7 +255,6 @@ class Plan:
         Returns
         -------
         dict
-            Value by label.
 
         Examples
         --------
@@ -268,20 +262,17 @@ class Plan:
         >>> 100 <= load_plan("classification").values(0)["torque_nm"] <= 500
         True
         """
-        variant = self.variant_of(number)
-        if self.sampling == "sobol" and variant.ranges:
-            shares = self._sobol_point(number, variant)
-        else:
-            shares = np.array([random_stream(self.seed, number, label).random() for label, _, _ in variant.ranges])
-        return {label: r.at(float(share)) for (label, _, r), share in zip(variant.ranges, shares, strict=True)}
+        return self._resolved(number)[1]
 
-    def scene(self, number: int) -> Scene:
+    def scene(self, number: int, given: Mapping[str, Any] | None = None) -> Scene:
         """Return the scene of a record.
 
         Parameters
         ----------
         number : int
             Number of the record, from 0.
+        given : mapping of str to value, optional
+            Values of the plan's named draws to take in place of those drawn.
 
         Returns
         -------
@@ -294,9 +285,16 @@ class Plan:
         >>> plan.scene(1).faults[0].kind, plan.scene(0).faults
         ('tooth_crack', ())
         """
-        variant = self.variant_of(number)
-        scene = variant.scene(self.values(number), where=f'record {number}, class "{variant.name}"')
-        return scene if self.history is None else self.history.scene(scene, number, seed=self.seed)
+        table, _ = self._resolved(number, given)
+        scene = Scene.from_mapping(table, where=f'record {number}, class "{self.class_of(number)}"')
+        return scene if self._history is None else self._history.scene(scene, number, seed=self.seed)
+
+    def scenes_of(self, number: int) -> tuple[Scene, ...]:
+        """Return the scenes that are simulated for a record: its own, and a short healthy one for the detectability."""
+        scene, trial_s = self.scene(number), self.table.detectability_s
+        if trial_s is None or not scene.faults:
+            return (scene,)
+        return scene, scene.changed(faults=(), duration_s=min(trial_s, scene.duration_s))
 
     def seed_of(self, number: int) -> int:
         """Return the seed with which a record is simulated.
@@ -338,12 +336,13 @@ class Plan:
         >>> load_plan("classification").machine_seed_of(0) is None
         True
         """
-        if self.history is None:
-            return None
-        return derived_seed(self.seed, "machine", self.history.machine(number))
+        machine = self.machine_of(number)
+        if machine is not None:
+            return derived_seed(self._machine_seed, machine.name)
+        return None if self._history is None else derived_seed(self.seed, "machine", self._history.machine(number))
 
     def labels(self, number: int) -> dict[str, Any]:
-        """Return the class, the seed and all labels of a record.
+        """Return the class, the seed and all labels of a record but ``detectability_db``, which takes a simulation.
 
         Parameters
         ----------
@@ -353,7 +352,7 @@ class Plan:
         Returns
         -------
         dict
-            The same keys for every record: NaN or "" where the record's class does not draw that label.
+            The same keys for every record: NaN or "" where the record does not draw that label.
 
         Examples
         --------
@@ -362,49 +361,126 @@ class Plan:
         >>> labels["class"], labels["component"], labels["severity_mm"]
         ('healthy', '', nan)
         """
-        values = self.values(number)
-        found: dict[str, Any] = {"class": self.variant_of(number).name, "seed": self.seed_of(number)}
-        for label, (kind, choices) in self._label_kinds().items():
-            if label not in values:
-                found[label] = "" if kind is str else float("nan")
+        values, machine = self.values(number), self.machine_of(number)
+        found: dict[str, Any] = {"class": self.class_of(number), "seed": self.seed_of(number)}
+        if machine is not None:
+            found |= {"machine": machine.name, "machine_seed": self.machine_seed_of(number)}
+        if any(each.split for each in self.machines):
+            found["split"] = machine.split if machine is not None else ""
+        for label, is_text in self.label_is_text.items():
+            if label in values:
+                found[label] = values[label] if is_text else float(values[label])
             else:
-                found[label] = kind(choices.index(values[label]) + 1 if choices else values[label])
-        if self.history is not None:
-            state = self.history.state(number, seed=self.seed)
-            found["machine"], found["machine_seed"] = self.history.machine(number), self.machine_seed_of(number)
+                found[label] = "" if is_text else float("nan")
+        if self._history is not None:
+            state = self._history.state(number, seed=self.seed)
+            found |= {"machine": self._history.machine(number)} if machine is None else {}
+            found["machine_seed"] = self.machine_seed_of(number)
             found |= {f"history.{key}": x for key, x in state.items()}
         return found
 
-    def _sobol_point(self, number: int, variant: RecordClass) -> NDArray[np.float64]:
-        """Return the point of the Sobol sequence that belongs to a record, a coordinate for each label."""
+    @cached_property
+    def label_is_text(self) -> dict[str, bool]:
+        """Whether the values of each label that records draw are text."""
+        found = dict[str, bool]()
+        for template in self.templates.values():
+            for draw in template.distributions:
+                source = draw
+                while isinstance(source, Drawn):
+                    source = template.named[source.drawn]
+                is_text = source.is_text and not draw.factors
+                if draw.label is not None and found.setdefault(draw.label, is_text) != is_text:
+                    raise PlanError(
+                        f'the label "{draw.label}" is a number in one class and not in another; rename one.'
+                    )
+        for label in self.table.labels or ():
+            if label not in found:
+                raise PlanError(f'labels: nothing drawn has the label "{label}"{closest(label, set(found))}')
+        return found if self.table.labels is None else {label: found[label] for label in self.table.labels}
+
+    @cached_property
+    def templates(self) -> dict[tuple[str, str], _Template]:
+        """The scene of each design and class, by their names."""
+        found, plan = dict[tuple[str, str], _Template](), self.table
+        for design in plan.machines or (_NO_MACHINE,):
+            named = parsed(plan.draw, "", each="record") | parsed(design.draw, "", each="machine")
+            for name, draw in named.items():
+                if not isinstance(draw, Distribution):
+                    raise PlanError(f"draw.{name} is no range{closest(name, set(DISTRIBUTIONS))}")
+            base = plan.scene if isinstance(plan.scene, dict) else {}  # reading has written it out
+            tree = _merged(base, parsed(plan.change, "", each="record"))
+            tree = _merged(tree, parsed(design.change, "", each="machine"))
+            for each in self.table.classes:
+                try:
+                    own = parsed(each.change, "", each="record")
+                    template = _Template(tree=_merged(tree, own), named=named, of_class=own)
+                    found[design.name, each.name] = _checked(template)
+                except PlanError as error:
+                    raise PlanError(f'class "{each.name}": {error}') from None
+        return found
+
+    def _resolved(self, number: int, given: Mapping[str, Any] | None = None) -> tuple[dict[str, Any], dict[str, Any]]:
+        """Return the table of a record's scene, and what it drew by label."""
+        if not 0 <= number < self.records:
+            raise ValueError(f"no record {number}; the {self.records} of this plan count from 0.")
+        machine = self.machine_of(number)
+        template = self.templates[(machine.design if machine else _NO_MACHINE).name, self.class_of(number)]
+        of_machine = machine.name if machine else self._history.machine(number) if self._history else 0
+        points = self._sobol_point(number, template) if self.table.sampling == "sobol" else {}
+
+        def probability(draw: Distribution) -> float:
+            label = str(draw.label)
+            if draw.each == "machine":
+                return float(random_stream(self._machine_seed, "machine", of_machine, label).random())
+            return points[label] if label in points else float(random_stream(self.seed, number, label).random())
+
+        draws = Draws(template.named, probability, given)
+        return draws.resolved(template.tree), draws.labels
+
+    def _sobol_point(self, number: int, template: _Template) -> dict[str, float]:
+        """Return the point of the Sobol sequence that belongs to a record, by label."""
         turns, place = divmod(self._turn(number), len(self._cycle))
-        own = self.variants.index(variant)
-        rank = turns * variant.share + self._cycle[:place].count(own)
-        key = (self.seed, zlib.crc32(variant.name.encode()), len(variant.ranges))
-        points = -(-self.records // (self._machines * len(self._cycle))) * self._machines * variant.share
-        shares: NDArray[np.float64] = _sobol_points(*key, power=(points - 1).bit_length())[rank]
-        return shares
+        own = self._class_index(number)
+        share = self.table.classes[own].share
+        rank = turns * share + self._cycle[:place].count(own)
+        labels = template.sobol_labels
+        key = (self.seed, zlib.crc32(self.class_of(number).encode()), len(labels))
+        points = -(-self.records // (self._machines * len(self._cycle))) * self._machines * share
+        found = _sobol_points(*key, power=(points - 1).bit_length())[rank] if labels else ()
+        return dict(zip(labels, map(float, found), strict=True))
+
+    def _class_index(self, number: int) -> int:
+        return self._cycle[self._turn(number) % len(self._cycle)]
 
     def _turn(self, number: int) -> int:
         """Return which turn of the classes a record takes: each of several machines has all classes in turn."""
         machines, classes = self._machines, len(self._cycle)
-        block, place = divmod(number, machines * classes)
+        block, place = divmod(int(number), machines * classes)
         turn, machine = divmod(place, machines)
         return (block * machines + machine) * classes + (turn + machine) % classes
 
     @property
-    def _machines(self) -> int:
-        """Number of machines whose records take turns."""
-        return 1 if self.history is None else self.history.machines
+    def _history(self) -> History | None:
+        history = self.table.history
+        return history.changed(machines=len(self.machines)) if history is not None and self.machines else history
 
     @property
+    def _machines(self) -> int:
+        """Number of machines whose records take turns."""
+        return len(self.machines) or (1 if self._history is None else self._history.machines)
+
+    @property
+    def _machine_seed(self) -> int:
+        return self.seed if self.table.machine_seed is None else self.table.machine_seed
+
+    @cached_property
     def _cycle(self) -> tuple[int, ...]:
         """One cycle of classes, by index, in the order in which records take them."""
-        rounds = range(max(variant.share for variant in self.variants))
-        return tuple(i for turn in rounds for i, variant in enumerate(self.variants) if variant.share > turn)
+        rounds = range(max(each.share for each in self.table.classes))
+        return tuple(i for turn in rounds for i, each in enumerate(self.table.classes) if each.share > turn)
 
-    def _label_kinds(self) -> dict[str, tuple[type, tuple[Any, ...]]]:
-        return _label_kinds(self.variants)
+
+_NO_MACHINE = MachineTable(name="machine")
 
 
 @lru_cache(maxsize=64)
@@ -415,48 +491,55 @@ def _sobol_points(seed: int, stream: int, dimensions: int, *, power: int) -> NDA
     return np.asarray(Sobol(dimensions, scramble=True, seed=rng).random_base2(power))
 
 
-@lru_cache(maxsize=16)
-def _label_kinds(variants: tuple[RecordClass, ...]) -> dict[str, tuple[type, tuple[Any, ...]]]:
-    """Return, by label, its type; and the choices where the label is the number of the one drawn."""
-    kinds: dict[str, tuple[type, tuple[Any, ...]]] = {}
-    for variant in variants:
-        for label, _, drawn in variant.ranges:
-            choices = drawn.choice if isinstance(drawn, Choice) else (0.0,)
-            text = all(isinstance(value, str) for value in choices)
-            number = all(isinstance(value, int | float) for value in choices)
-            kind = (str, ()) if text else (float, () if number else choices)
-            if kinds.setdefault(label, kind) != kind:
-                raise PlanError(f'the label "{label}" is a number in one class and not in another; rename one.')
-    return kinds
+def _merged(base: Mapping[str, Any], change: Mapping[str, Any]) -> dict[str, Any]:
+    """Return `base` with the values of `change`: nested tables are merged, everything else is replaced.
+
+    A gearbox with a name replaces the other one.
+    """
+    result = dict(base)
+    for key, value in change.items():
+        there = base.get(key)
+        inner = isinstance(there, Mapping) and isinstance(value, Mapping) and not (key == "gearbox" and "name" in value)
+        result[key] = _merged(there, value) if inner else value  # type: ignore[arg-type]
+    return result
 
 
-# ---- reading -----------------------------------------------------------------------------------------------
+def _checked(template: _Template) -> _Template:
+    """Refuse labels that are taken twice or have a meaning of their own, and quantiles by what is none."""
+    counts = labels_of(template.tree)
+    for draw in template.named.values():
+        if any(draw is other for other in template.distributions):
+            counts += labels_of(draw)
+    for label, times in counts.items():
+        if times > 1:
+            raise PlanError(f'two ranges have the label "{label}"; give each its own.')
+        if label in _OWN_LABELS or label.startswith(("truth_", "pulse_", "time_")):
+            raise PlanError(f'the label "{label}" has a meaning of its own; choose another.')
+    for draw in template.distributions:
+        source = template.named[draw.by] if draw.by is not None else None
+        if source is not None and not (
+            isinstance(source, Uniform) and not source.factors and 0 <= source.uniform[0] <= source.uniform[1] <= 1
+        ):
+            raise PlanError(f'{draw.label}: by = "{draw.by}", which is no uniform draw within [0, 1]; make it one.')
+    return template
 
 
-class BenchmarkTable(Declared):
-    """The content of a plan file that names a versioned benchmark."""
-
-    benchmark: Literal["benchmark-1"]
-    version: str
-    records: Annotated[int, Field(ge=1)] = 1000
-    seed: Annotated[int, Field(ge=0)] = 1
-    duration_s: Positive = DURATION_S
+# ---- Reading ---------------------------------------------------------------------------------------------------------
 
 
 @checked
-def load_plan(name_or_path: str | Path) -> Plan | BenchmarkRecords:
+def load_plan(name_or_path: str | Path) -> Plan:
     """Load a plan from a TOML file, or from the catalogue by its name.
 
     Parameters
     ----------
     name_or_path : str or Path
-        Path of a ``.toml`` file, or the name of a plan that ships with the package. A relative path of the scene in the
-        file is looked up beside it first.
+        Path of a ``.toml`` file, or the name of a plan that ships with the package. A relative path of the scene or of
+        a machine's gearbox in the file is looked up beside it first.
 
     Returns
     -------
-    Plan or BenchmarkRecords
-        The latter where the file names a versioned benchmark.
+    Plan
 
     Raises
     ------
@@ -466,18 +549,22 @@ def load_plan(name_or_path: str | Path) -> Plan | BenchmarkRecords:
     Examples
     --------
     >>> from data_synth import load_plan
-    >>> load_plan("classification").sampling
-    'sobol'
+    >>> load_plan("classification").records
+    1000
     """
     path = named_file(name_or_path, shipped=plans(), thing="plan", error=PlanError)
     table = read_toml(path, error=PlanError)
-    scene = table.get("scene")
+    scene, machines = table.get("scene"), table.get("machine")
     if isinstance(scene, str):
         table["scene"] = file_beside(path, scene)
+    for machine in machines if isinstance(machines, list) else ():
+        change = machine.get("change") if isinstance(machine, dict) else None
+        if isinstance(change, dict) and isinstance(change.get("gearbox"), str):
+            change["gearbox"] = file_beside(path, change["gearbox"])
     return _plan(table, where=str(path))
 
 
-def parse_plan(text: str, *, where: str = "plan") -> Plan | BenchmarkRecords:
+def parse_plan(text: str, *, where: str = "plan") -> Plan:
     """Return the plan of a TOML text; `where` names it in error sentences."""
     return _plan(parsed_toml(text, where=where, error=PlanError), where=where)
 
@@ -488,139 +575,74 @@ def plans() -> dict[str, Path]:
     return {path.stem: path for path in sorted(folder.glob("*.toml"))}
 
 
-def _benchmark(table: Mapping[str, Any], *, where: str) -> BenchmarkRecords:
-    """Return a benchmark; refuse another version than that of this program."""
-    declared = validated(BenchmarkTable, dict(table), where=where, error=PlanError)
-    if declared.version != VERSION:
-        raise PlanError(
-            f'{where}: version = "{declared.version}" of {NAME}, but this program makes {VERSION}; '
-            "install the release that has the other one, or name this one."
-        )
-    return BenchmarkRecords(records=declared.records, seed=declared.seed, duration_s=declared.duration_s)
-
-
-def _plan(table: Mapping[str, Any], *, where: str) -> Plan | BenchmarkRecords:
+def _plan(table: Mapping[str, Any], *, where: str) -> Plan:
     """Return the plan of a parsed plan file, after a check of every class."""
     import tomli_w  # noqa: PLC0415 - a plan is read seldom
 
-    if "benchmark" in table:
-        return _benchmark(table, where=where)
     declared = validated(PlanTable, dict(table), where=where, error=PlanError)
-    base = _base(declared.scene, where)
     try:
-        variants = tuple(_variants(declared, base))
-        _label_kinds(variants)
-        first = _checked(variants)
+        scene = load_scene(declared.scene) if isinstance(declared.scene, str) else Scene.from_mapping(declared.scene)
+        resolved = declared.model_dump(by_alias=True, exclude_none=True) | {"scene": tomllib.loads(scene.to_toml())}
+        for design in resolved["machine"]:
+            if isinstance(name := design["change"].get("gearbox"), str):
+                design["change"]["gearbox"] = tomllib.loads(load_gearbox(name).to_toml())
+        if not declared.classes:  # named after its faults
+            faults = _merged(resolved["scene"], declared.change).get("fault")
+            listed = faults if isinstance(faults, list | tuple) else ()
+            kinds = [str(table.get("kind", "fault")) for table in listed if isinstance(table, Mapping)]
+            resolved["class"] = [{"name": " + ".join(kinds) or "healthy"}]
+        text = tomli_w.dumps(dict(sorted(resolved.items(), key=lambda item: isinstance(item[1], dict | tuple))))
+        plan = Plan(text=text, table=PlanTable.model_validate(resolved))
+        _refuse_repeated("class", plan.classes)
+        _refuse_repeated("machine", [machine.name for machine in plan.machines])
+        first = _check_scenes(plan)
         if declared.history is not None:
             declared.history.scene(first, 0, seed=declared.seed)
-    except (PlanError, SceneError) as error:
-        raise PlanError(f"{where}: {error}") from None
-    size = len(first.sensors) * first.samples * np.dtype(declared.dtype).itemsize
-    fitting = min(_SHARD_BYTES // size, _MOST_IN_SHARD, -(-declared.records // _FEWEST_SHARDS))
-    resolved = declared.model_dump(by_alias=True, exclude_none=True) | {"scene": base}
-    resolved["records_per_shard"] = declared.records_per_shard or max(1, fitting)
-    return Plan(
-        text=tomli_w.dumps(dict(sorted(resolved.items(), key=lambda item: isinstance(item[1], dict | tuple)))),
-        records=declared.records,
-        seed=declared.seed,
-        sampling=declared.sampling,
-        dtype=declared.dtype,
-        records_per_shard=resolved["records_per_shard"],
-        record_bytes=size,
-        variants=variants,
-        history=declared.history,
-    )
-
-
-def _base(scene: str | Mapping[str, Any], where: str) -> dict[str, Any]:
-    """Return the scene with every default written out."""
-    try:
-        loaded = load_scene(scene) if isinstance(scene, str) else Scene.from_mapping(scene)
     except ValueError as error:
         raise PlanError(f"{where}: {error}") from None
-    return tomllib.loads(loaded.to_toml())
+    return plan
 
 
-def _variants(declared: PlanTable, base: Mapping[str, Any]) -> Iterator[RecordClass]:
-    """Yield the classes of a plan."""
-    changed = _merged(base, declared.change)
-    kinds = [table.get("kind", "fault") for table in changed.get("fault", ()) if isinstance(table, Mapping)]
-    classes = declared.classes or (ClassTable(name=" + ".join(map(str, kinds)) or "healthy"),)
-    names = [table.name for table in classes]
-    for table in classes:
-        if names.count(table.name) > 1:
-            raise PlanError(f'two classes are called "{table.name}"; give each a name of its own.')
-        found: list[tuple[str, Place, Range]] = []
-        try:
-            template = _split(_merged(changed, table.change), (), found)
-        except PlanError as error:
-            raise PlanError(f'class "{table.name}": {error}') from None
-        _check_labels(table.name, found)
-        yield RecordClass(name=table.name, share=table.share, template=json.dumps(template), ranges=tuple(found))
+def _refuse_repeated(what: str, names: tuple[str, ...] | list[str]) -> None:
+    for name in names:
+        if names.count(name) > 1:
+            raise PlanError(f'two of {what} are called "{name}"; give each a name of its own.')
 
 
-def _merged(base: Mapping[str, Any], change: Mapping[str, Any]) -> dict[str, Any]:
-    """Return `base` with the values of `change`: nested tables are merged, everything else is replaced."""
-    result = dict(base)
-    for key, value in change.items():
-        there = base.get(key)
-        inner = isinstance(there, Mapping) and isinstance(value, Mapping) and not RANGES.keys() & value.keys()
-        result[key] = _merged(there, value) if inner and isinstance(there, Mapping) else value
-    return result
+def _check_scenes(plan: Plan) -> Scene:
+    """Validate scenes at both ends of all ranges and of every choice, so that a plan fails early; return the first."""
+    plan.label_is_text  # noqa: B018 - refuses labels that are not alike
+    found, seen = list[tuple[Scene, dict[str, object]]](), set[str]()
+    for (design, name), template in plan.templates.items():
+        where = f'class "{name}"' + (f', machine "{design}"' if plan.machines else "")
+        for table in _extremes(template, template.tree if design not in seen else template.of_class):
+            scene = Scene.from_mapping(table, where=where)
+            sensors = [(each.name, each.channel_units, each.sensitivity) for each in scene.sensors]
+            alike = {"rate_hz": scene.rate_hz, "duration_s": scene.duration_s, "sensor": sensors}
+            found.append((scene, alike))
+            for key, own in alike.items():
+                if own != found[0][1][key]:
+                    raise PlanError(
+                        f"{where} changes {key}, but all records of a dataset have the same {key}; give one value, in "
+                        "[change]."
+                    )
+        seen.add(design)
+    return found[0][0]
 
 
-def _split(value: Any, path: Place, found: list[tuple[str, Place, Range]]) -> Any:  # noqa: ANN401
-    """Return `value` with None in place of each distribution, and append those to `found`."""
-    if isinstance(value, list | tuple):
-        return [_split(item, (*path, number), found) for number, item in enumerate(value)]
-    if isinstance(value, date | time):
-        raise PlanError(f"{'.'.join(map(str, path))} = {value}: a date or a time is no value of a scene; leave it out.")
-    if not isinstance(value, Mapping):
-        return value
-    place = ".".join(str(part + 1) if isinstance(part, int) else part for part in path)
-    kinds = RANGES.keys() & value.keys()
-    if not kinds:
-        for key in value:
-            near = difflib.get_close_matches(key, RANGES, n=1)
-            if near and isinstance(value[key], list | tuple):
-                raise PlanError(f'{place}: unknown kind of range "{key}"{closest(key, set(RANGES))}')
-        return {key: _split(item, (*path, key), found) for key, item in value.items()}
-    if len(kinds) > 1:
-        raise PlanError(f"{place}: {' and '.join(sorted(kinds))} are both given; keep one.")
-    if not path:
-        raise PlanError(f"change: {kinds.pop()} is a kind of range, of a value; name the value, as in noise.rms.")
-    if path[0] in _COMMON:
-        raise PlanError(f"{place}: a range, but all records of a dataset have the same {path[0]}; give one value.")
-    drawn = validated(RANGES[kinds.pop()], dict(value), where=place, error=PlanError)
-    found.append((drawn.label or place, path, drawn))
-    return None
-
-
-def _check_labels(name: str, ranges: list[tuple[str, Place, Range]]) -> None:
-    """Refuse a label that occurs twice in a class, or that the dataset uses itself."""
-    labels = [label for label, _, _ in ranges]
-    for label in labels:
-        if labels.count(label) > 1:
-            raise PlanError(f'class "{name}": two ranges have the label "{label}"; give each its own.')
-        if label in _OWN_LABELS or label.startswith(("truth_", "pulse_", "time_")):
-            raise PlanError(f'class "{name}": the label "{label}" has a meaning of its own; choose another.')
-
-
-def _checked(variants: tuple[RecordClass, ...]) -> Scene:
-    """Validate the scenes at both ends of all ranges, so that a plan fails before it is begun; return the first."""
-    for variant in variants:
-        where = f'class "{variant.name}"'
-        for share in (0.0, 1.0):
-            variant.scene({label: drawn.at(share) for label, _, drawn in variant.ranges}, where=where)
-        lowest = {label: drawn.at(0.0) for label, _, drawn in variant.ranges}
-        for label, _, drawn in variant.ranges:
-            for value in drawn.choice if isinstance(drawn, Choice) else ():
-                variant.scene(lowest | {label: value}, where=where)
-        here, first = json.loads(variant.template), json.loads(variants[0].template)
-        for field in _COMMON:
-            if here[field] != first[field]:
-                raise PlanError(
-                    f'class "{variant.name}" changes {field}, but all records of a dataset have the same; '
-                    "change it for all, in [change]."
-                )
-    return variants[0].scene({label: drawn.at(0.0) for label, _, drawn in variants[0].ranges})
+def _extremes(template: _Template, of: Tree) -> Iterator[dict[str, Any]]:
+    """Yield tables of the scene at both ends of its ranges, and with every option of the choices in a part of it."""
+    taken: list[dict[str, float]] = []
+    once = {(id(draw), *chosen.items()): (draw, chosen) for draw, chosen in reached(of, template.named)}
+    for draw, chosen in once.values():
+        for number in range(1, len(draw.choice) if isinstance(draw, Choice) else 0):
+            option = {str(draw.label): (number + 0.5) / len(draw.choice)}  # type: ignore[attr-defined]
+            # options of choices that do not depend on each other are taken together
+            free = (each for each in taken if chosen.items() <= each.items() and not option.keys() & each.keys())
+            if (there := next(free, None)) is None:
+                taken.append(chosen | option)
+            else:
+                there |= option
+    for end, options in [(0.0, {}), (1.0, {}), *((0.0, each) for each in taken)]:
+        draws = Draws(template.named, lambda draw: options.get(str(draw.label), end))  # noqa: B023 - called at once
+        yield draws.resolved(template.tree)

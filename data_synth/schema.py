@@ -3,9 +3,7 @@
 from collections.abc import Mapping
 from typing import Any
 
-from pydantic import TypeAdapter
-
-from data_synth.plan import BenchmarkTable, PlanTable
+from data_synth.plan import PlanTable
 from data_synth.scene.scene import FIDELITIES, Scene
 
 _DRAFT = "https://json-schema.org/draft/2020-12/schema"
@@ -59,11 +57,9 @@ def plan_schema() -> dict[str, Any]:
     --------
     >>> from data_synth.schema import plan_schema
     >>> sorted(plan_schema()["$defs"])
-    ['BenchmarkTable', 'ClassTable', 'PlanTable']
+    ['ClassTable', 'History', 'MachineTable']
     """
-    schema: dict[str, Any] = TypeAdapter(PlanTable | BenchmarkTable).json_schema(by_alias=True)
-    # what both have is alike; an editor completes by it
-    return {**_without_null(schema | {"properties": schema["$defs"]["PlanTable"]["properties"]}), "$schema": _DRAFT}
+    return {**_without_null(PlanTable.model_json_schema(by_alias=True)), "$schema": _DRAFT}
 
 
 def _as_table(pairs: dict[str, Any]) -> None:

@@ -191,7 +191,7 @@ class NoiseFree:
 def simulate_with_detectability(
     scene: Scene, *, seed: int, machine_seed: int | None = None, trial_s: float
 ) -> tuple[xr.Dataset, float]:
-    """Return the record of a scene with one fault, and the detectability in its first channel from its beginning.
+    """Return the record of a scene, and the detectability of its first fault in its first channel from the beginning.
 
     Parameters
     ----------
@@ -210,7 +210,8 @@ def simulate_with_detectability(
     """
     samples = min(scene.samples, round(trial_s * scene.rate_hz))
     record, noise_free = _simulated(scene, Streams(seed=seed, machine_seed=machine_seed), samples)
-    ratio_db = fault_detectability(scene, seed=seed, machine_seed=machine_seed, own=noise_free, samples=samples)
+    own = noise_free if len(scene.faults) == 1 else None
+    ratio_db = fault_detectability(scene, seed=seed, machine_seed=machine_seed, own=own, samples=samples)
     return record, float(ratio_db[0, 0]) + 10 * math.log10(scene.samples / samples)
 
 

@@ -39,7 +39,7 @@ ORDER = {
         gears < scene < operation < bearings < kinematic < transfer < sources
         gears < dynamics < integrators
         sources, integrators < vibration < fidelity < truth, cost < simulation < plan, kinematic_fit < dataset, schema
-        scene < benchmark < plan
+        scene < draws < plan < card < dataset
     """,
 }
 LARGEST_FOLDER = 20  # modules, the __init__ not among them
@@ -80,21 +80,21 @@ BUDGETS = """
     hums/analysis                                              5359   5359   3000
     hums/cli                                                   1120   1120    700
     hums/fleet                                                 2161   2161   1300
-    hums/gearbox                                               3541   3541   2600
+    hums/gearbox                                               3541   3540   2600
     hums/plots, hums/drawing, hums/pages                       1667   1426   1200
     hums/readers                                               1267   1267   1000
     hums/records                                               1831   1831   1200
     hums/report                                                 977    977    800
-    data_synth (root), data_synth/benchmark                    2400   2400   1300
+    data_synth (root)                                          2400   1897   1300
     data_synth/dynamics, data_synth/integrators                4106   4106   2600
     data_synth/fidelity, data_synth/vibration                  4287   4287   2000
     data_synth/gears, data_synth/bearings                      1478   1478   1300
     data_synth/kinematic, data_synth/operation, data_synth/scene  2873   2873   2200
     data_synth/sources, data_synth/transfer                    1545   1545   1200
-    all code lines                                            48791  48512  33500
-    all modules                                                 345    345    240
-    all constants                                              1492   1481    750
-    tests                                                     35938  35657  23000
+    all code lines                                            48791  48002  33500
+    all modules                                                 345    341    240
+    all constants                                              1492   1435    750
+    tests                                                     35938  35410  23000
     benchmarks                                                 7891   7891   6000
 """
 SLACK, SLACK_LINES = 0.02, 10  # by which a ceiling may stand above the count, and at least so many

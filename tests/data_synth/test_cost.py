@@ -2,8 +2,7 @@ import sys
 
 import pytest
 
-from data_synth import SceneError, explain, load_scene, simulate
-from data_synth.benchmark.records import BenchmarkRecords
+from data_synth import SceneError, explain, load_plan, load_scene, simulate
 from data_synth.scene.scene import catalogue
 from hums.cli import main
 from hums.records.store import open_record
@@ -64,7 +63,7 @@ def test_cost_goes_with_samples_and_lines():
 
 
 def test_the_truth_of_gears_in_motion_is_about_as_large_as_estimated():
-    plan = BenchmarkRecords(seed=3)
+    plan = load_plan("benchmark-1")
     numbers = (2, 3)
     estimated = sum(explain(plan.scene(number)).truth_bytes for number in numbers)
     made = sum(simulate(plan.scene(number), seed=plan.seed_of(number))["truth_amplitude"].nbytes for number in numbers)

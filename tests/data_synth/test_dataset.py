@@ -1,3 +1,4 @@
+import hashlib
 import os
 import pickle
 import re
@@ -15,10 +16,11 @@ import pytest
 import xarray as xr
 
 import hums
-from data_synth import PlanError, SceneError, make_dataset, simulate
+from data_synth import PlanError, SceneError, load_plan, make_dataset, simulate
+from data_synth.card import data_card
 from data_synth.dataset import dataset_cost
 from data_synth.plan import parse_plan
-from hums.jobs import Serial, Tally
+from hums.jobs import Tally
 from hums.records.record import RecordError
 from hums.records.store import open_record, save_record
 
@@ -26,6 +28,7 @@ SMALL = """
 records = 7
 seed = 3
 records_per_shard = 3
+detectability_s = 0.3
 [scene]
 gearbox = "two-stage"
 rate_hz = 5000
@@ -110,6 +113,12 @@ class TestOpened:
             assert {"class", "seed", "speed.rpm", "fault.1.depth_mm"} == labels.keys()
             for name, value in labels.items():
                 assert np.array_equal(opened.coords[name][number].item(), value, equal_nan=name == "fault.1.depth_mm")
+            assert np.isnan(opened["detectability_db"][number].item()) == (labels["class"] == "healthy")
+
+    def test_a_crack_is_as_detectable_as_its_whole_record_says(self, plan, folder):
+        # of 0.3 s of a stationary record, scaled to 0.5 s: within what its five or so impacts of a fixed crack differ
+        whole = simulate(plan.scene(1), seed=plan.seed_of(1), detectability=True)["truth_fault_detectability_db"]
+        assert hums.open_dataset(folder)["detectability_db"][1].item() == pytest.approx(whole.values[0, 0], abs=1)
 
     def test_channels_are_those_of_the_records(self, folder, single):
         opened = hums.open_dataset(folder)
@@ -120,8 +129,7 @@ class TestOpened:
             for name in ("a", "b"):
                 assert np.array_equal(opened[name][number], record[name])
 
-    def test_pulses_end_in_nan(self, folder, single):
-        opened = hums.open_dataset(folder)["tachometer"]
+        opened = opened["tachometer"]  # ends in NaN where a record has fewer pulses
         rows = [record["tachometer"].values for record in single]
         assert opened.sizes["pulse_tachometer"] == max(map(len, rows)) > min(map(len, rows))
         for whole, row in zip(opened.values, rows, strict=True):
@@ -222,6 +230,34 @@ class TestGoingOn:
         assert contents(killed) == contents(tmp_path / "whole")
 
 
+class TestFolder:
+    def test_the_card_has_every_label_class_and_machine(self, plan, folder):
+        card = (folder / "data-card.md").read_text(encoding="utf-8")
+        rows = {line.split(" | ")[0].removeprefix("| ").strip("`"): line for line in card.splitlines()}
+        assert {*plan.labels(0), "detectability_db", *plan.classes} <= rows.keys()
+        assert "| tooth_crack | depth from the root's flank |" in rows["crack"]
+        assert "500 to 1.5e+03" not in rows["speed.rpm"]  # what was drawn
+        assert "## Machines" not in card
+        shipped = load_plan("benchmark-1").changed(records=20)
+        benchmark = data_card(shipped)
+        assert all(f"| {machine.name} | {machine.split} |" in benchmark for machine in shipped.machines)
+        assert max(len(line) for line in benchmark.splitlines() if not line.startswith("|")) <= 120
+
+    def test_it_says_what_its_files_add_up_to(self, folder):
+        rows = [line.split("  ") for line in (folder / "checksums.sha256").read_text(encoding="utf-8").splitlines()]
+        files = sorted(path for path in folder.rglob("*") if path.is_file() and path.name != "checksums.sha256")
+        assert [name for _, name in rows] == [path.relative_to(folder).as_posix() for path in files]
+        assert [hashlib.sha256(path.read_bytes()).hexdigest() for path in files] == [own for own, _ in rows]
+
+    def test_its_cost_is_known_before(self, plan, monkeypatch):
+        monkeypatch.setattr("data_synth.dataset.explain", lambda _: SimpleNamespace(seconds=2.0, truth_bytes=1000))
+        cost = dataset_cost(plan)
+        assert cost.truth_bytes == 7 * 500  # single precision
+        assert cost.size_bytes == 7 * 2 * 2500 * 4
+        # of a crack, a short healthy record as well
+        assert cost.seconds == pytest.approx(2.0 * (4 + 2 * 3))
+
+
 class TestRefusals:
     def test_a_folder_of_another_plan(self, copy):
         other = parse_plan(SMALL.replace("seed = 3", "seed = 4"))
@@ -263,22 +299,3 @@ class TestRefusals:
         plan = parse_plan(SMALL.replace("[500, 1500]", '[500, 1500], label = "b"'))
         with pytest.raises(ValueError, match='the label "b" has the name of a channel; give the range another label'):
             make_dataset(plan, tmp_path / "named")
-
-
-@pytest.mark.slow
-def test_the_example_for_torch(tmp_path, monkeypatch):
-    monkeypatch.chdir(tmp_path)
-    page = (Path(__file__).parents[2] / "docs" / "datasets.md").read_text(encoding="utf-8")
-    (plan,) = re.findall(r"```toml\n(.*?)```", page, flags=re.DOTALL)
-    (example,) = (block for block in re.findall(r"```python\n(.*?)```", page, flags=re.DOTALL) if "torch" in block)
-    declared = parse_plan(plan.replace("records = 60", "records = 4").replace("duration_s = 8", "duration_s = 1"))
-    make_dataset(declared, "faults", workers=Serial())
-    names = {}
-    exec(compile(example, "datasets.md", "exec"), names)  # noqa: S102
-    records = names["records"]
-    assert len(records) == 4
-    for index in range(4):
-        signal, label = records[index]
-        assert isinstance(signal, np.ndarray)
-        assert np.array_equal(signal, hums.dataset_record("faults", index)["input vertical"])
-        assert records.classes[label] == declared.labels(index)["class"]

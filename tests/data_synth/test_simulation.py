@@ -8,7 +8,6 @@ from data_synth import Scene, SceneError, load_scene, simulate
 from data_synth.kinematic._harmonics_kernels import add_series
 from data_synth.transfer._acquisition_kernels import add_pole_responses
 from hums.records.record import check_record, tachometers
-from hums.records.store import open_record, save_record
 
 HEALTHY = {
     "gearbox": "two-stage",
@@ -301,14 +300,3 @@ def test_a_planetary_gearbox_is_simulated():
 def test_what_cannot_be_simulated_is_refused(changes, seed, sentence):
     with pytest.raises(SceneError, match=sentence):
         simulate(scene(HEALTHY, **changes), seed=seed)
-
-
-@pytest.mark.parametrize("faulty", [True, False])
-def test_the_record_survives_a_file(tmp_path, faulty):
-    demo = load_scene("demo").changed(duration_s=0.2)
-    record = simulate(demo if faulty else demo.changed(faults=()), seed=5)
-    save_record(record, tmp_path / "demo.h5")
-    with open_record(tmp_path / "demo.h5") as back:
-        for name in record.data_vars:
-            assert np.array_equal(back[name].values, record[name].values), name
-        assert back.attrs["truth_scene"] == record.attrs["truth_scene"]

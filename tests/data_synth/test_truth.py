@@ -7,11 +7,10 @@ from functools import cache
 
 import numpy as np
 import pytest
-from counting import calls, recorded
+from counting import calls
 from numpy.testing import assert_allclose
 
 from data_synth import Scene, load_scene, simulate
-from data_synth.kinematic import _harmonics_kernels
 from data_synth.scene.faults import FAULT_KINDS
 from hums.records.store import save_record
 
@@ -173,16 +172,6 @@ def test_a_longer_demo_is_made_and_written_with_hardly_more_calls(tmp_path):
         work[duration_s] = calls(made)
     # two seconds more have 100,000 samples, and some dozens of pulses, impacts and blocks on the way to the disk
     assert work[3.0] - work[1.0] < demo.rate_hz / 50
-
-
-def test_the_lines_of_the_demo_are_summed_once_a_sample_by_compiled_code(monkeypatch):
-    assert hasattr(_harmonics_kernels.add_series, "nopython_signatures")  # a function that numba compiled
-    demo = load_scene("demo").changed(duration_s=1.0, speed={"link": "input", "rpm": [[0, 1200]]})
-    summed = recorded(monkeypatch, _harmonics_kernels, "add_series")
-    record = simulate(demo, seed=1)
-    # three shafts, two meshes and a damaged tooth; no line is summed twice, and none anywhere else
-    samples = [channel.size for (channel, *_), _ in summed]
-    assert sum(samples) == 6 * record.sizes["time"]
 
 
 def test_what_is_in_memory_beside_the_channels_does_not_grow_with_the_record():

@@ -95,7 +95,7 @@ def test_every_machine_has_every_class(machines, shares):
         f'[[class]]\nname = "{name}"\nshare = {share}\n' for name, share in zip("ab", shares, strict=True)
     )
     plan = parse_plan(PLAN + f"machines = {machines}\n" + classes)
-    found = [(plan.labels(number)["machine"], plan.variant_of(number).name) for number in range(12 * sum(shares))]
+    found = [(plan.labels(number)["machine"], plan.class_of(number)) for number in range(12 * sum(shares))]
     for machine in range(machines):
         own = [name for at, name in found if at == machine]
         assert own.count("a") * shares[1] == own.count("b") * shares[0], own

@@ -1,0 +1,126 @@
+"""The data card of a dataset: what is in the folder, how it was made, and what it is not."""
+
+from collections import Counter
+from importlib.metadata import version
+
+import numpy as np
+
+from data_synth.plan import Plan
+from data_synth.scene.faults import DIMENSIONS
+
+_TEXT = """\
+# {title}
+
+{records:,} records of {duration:g} s at {rate:g} Hz: {channels}, and a tachometer of {pulses} pulse(s) per revolution
+of "{link}". Seed {seed}. All of it is simulated; no machine was measured.
+{about}
+`shards/*.h5` hold the records (HDF5 in netCDF4 layout) with their truth, `index.h5` and `labels.csv` the labels of all
+of them. `plan.toml` has every range and every default; `hums dataset plan.toml` of hums-toolkit {package} makes the
+same bytes again. `checksums.sha256` has the SHA-256 of every file, as `sha256sum -c` reads them.
+
+## Labels
+
+| label | what | unit | values |
+|---|---|---|---|
+{labels}
+
+## Classes
+
+| class | {splits} | fault | size |
+|---|{rule}---|---|
+{classes}
+"""
+
+_MACHINES = """
+## Machines
+
+Records of a machine share its gears, their errors and damage (`machine_seed`).{in_splits}
+
+| machine | split | records | teeth | modules, mm |
+|---|---|---|---|---|
+{machines}
+"""
+_IN_SPLITS = " No machine is in two splits."
+
+_MEANINGS = {
+    "class": "what is wrong",
+    "seed": "of the record",
+    "machine": "which of the machines below",
+    "machine_seed": "of what all records of a machine share",
+    "split": "for training, validation or test",
+    "detectability_db": "signal-to-noise ratio of the filter matched to what the fault adds behind the measurement "
+    "chain, against the sensor's noise, from the beginning of the record, scaled to its length; NaN without a fault",
+}
+_UNITS = {
+    "db": "dB",
+    "deg": "deg",
+    "hz": "Hz",
+    "kg": "kg",
+    "mm": "mm",
+    "nm": "N m",
+    "rpm": "rev min-1",
+    "s": "s",
+    "um": "um",
+}
+
+
+def data_card(plan: Plan) -> str:
+    """Return the data card of a plan, in Markdown.
+
+    Examples
+    --------
+    >>> from data_synth import load_plan
+    >>> from data_synth.card import data_card
+    >>> data_card(load_plan("benchmark-1").changed(records=20)).splitlines()[0]
+    '# benchmark-1 3.0: synthetic gearbox vibration with labelled faults'
+    """
+    scene = plan.scene(0)
+    rows = [plan.labels(number) for number in range(plan.records)]
+    values = {name: [row[name] for row in rows] for name in rows[0]}
+    if plan.table.detectability_s is not None:
+        values["detectability_db"] = []
+    splits = tuple(dict.fromkeys(machine.split for machine in plan.machines)) or ("",)
+    counts = Counter((row["class"], row.get("split", "")) for row in rows)
+    text = _TEXT.format(
+        title=plan.table.title or "Synthetic gearbox vibration",
+        records=plan.records,
+        duration=scene.duration_s,
+        rate=scene.rate_hz,
+        channels=", ".join(f"`{sensor.name}` ({sensor.channel_units})" for sensor in scene.sensors),
+        pulses=scene.tachometer.pulses_per_rev,
+        link=scene.tachometer.link,
+        seed=plan.seed,
+        about=f"\n{plan.table.about.strip()}\n" if plan.table.about else "",
+        package=version("hums-toolkit"),
+        labels="\n".join(_label_row(name, column) for name, column in values.items()),
+        splits=" | ".join(split or "records" for split in splits),
+        rule="---|" * len(splits),
+        classes="\n".join(_class_row(plan, name, [counts[name, split] for split in splits]) for name in plan.classes),
+    )
+    if not plan.machines:
+        return text
+    own = Counter(row["machine"] for row in rows)
+    machines = "\n".join(_machine_row(plan, n, own) for n in range(min(plan.records, len(plan.machines))))
+    return text + _MACHINES.format(machines=machines, in_splits=_IN_SPLITS if any(splits) else "")
+
+
+def _label_row(name: str, column: list[object]) -> str:
+    unit = _UNITS.get(name.replace(".", "_").rpartition("_")[2], "")
+    numbers = np.array([value for value in column if isinstance(value, float) and value == value])  # noqa: PLR0124
+    texts = dict.fromkeys(str(value) for value in column if isinstance(value, str) and value)
+    shown = f"{numbers.min():.3g} to {numbers.max():.3g}" if numbers.size else ", ".join(texts)
+    return f"| `{name}` | {_MEANINGS.get(name, 'as drawn; empty where it is not')} | {unit} | {shown} |"
+
+
+def _class_row(plan: Plan, name: str, counts: list[int]) -> str:
+    number = next((n for n in range(plan.records) if plan.class_of(n) == name), None)
+    faults = plan.scene(number).faults if number is not None else ()
+    kinds, sizes = [fault.kind for fault in faults], [DIMENSIONS[fault.kind] for fault in faults]
+    return f"| {name} | {' | '.join(map(str, counts))} | {', '.join(kinds)} | {', '.join(sizes)} |"
+
+
+def _machine_row(plan: Plan, number: int, counts: Counter[str]) -> str:
+    machine, gearbox = plan.machines[number], plan.scene(number).gearbox
+    teeth = ", ".join("/".join(str(gear.teeth) for gear in mesh.gears) for mesh in gearbox.meshes)
+    modules = ", ".join("" if mesh.module_mm is None else f"{mesh.module_mm:g}" for mesh in gearbox.meshes)
+    return f"| {machine.name} | {machine.split} | {counts[machine.name]} | {teeth} | {modules} |"

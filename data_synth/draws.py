@@ -1,0 +1,278 @@
+"""Distributions that a plan may have wherever a scene has a value, and how a record draws from them.
+
+``{ uniform = [low, high] }``, ``{ log = [low, high] }`` (uniform in the logarithm), ``{ choice = [a, b, c] }`` and
+``{ drawn = "name" }``, the value of a named distribution of the plan's ``[draw]``. Choices may be tables that contain
+distributions.
+"""
+
+import difflib
+from collections import Counter
+from collections.abc import Callable, Iterator, Mapping
+from datetime import date, time
+from typing import Annotated, Any, Literal, Self, TypeAlias
+
+from pydantic import AfterValidator, Field, model_validator
+
+from hums.gearbox.components import Declared, Name, Positive, closest, validated
+from signals._validation import SentenceError
+
+__all__ = ["DISTRIBUTIONS", "Choice", "Drawn", "Draws", "Log", "PlanError", "Uniform", "labels_of", "parsed", "reached"]
+
+
+class PlanError(SentenceError):
+    """A plan that cannot be read, or a dataset that cannot be made.
+
+    Examples
+    --------
+    >>> from data_synth import PlanError, load_plan
+    >>> try:
+    ...     load_plan("clasification")
+    ... except PlanError as error:
+    ...     print('"classification"' in str(error))
+    True
+    """
+
+
+def _rising(ends: tuple[float, float]) -> tuple[float, float]:
+    low, high = ends
+    if not low < high:
+        raise ValueError(f"[{low:g}, {high:g}] does not rise; give [low, high]")
+    return ends
+
+
+class Distribution(Declared):
+    """What every distribution may have beside its range.
+
+    `label` names the value drawn in the labels of the dataset (left out: its place in the scene). `each` says whether
+    every record draws, or every machine once. The quantile is that of the named draw `by` where one is given, so that
+    several values rise together. `times` multiplies the value by named draws and numbers.
+    """
+
+    label: Name | None = None
+    each: Literal["record", "machine"] | None = None
+    by: Name | None = None
+    times: Name | float | tuple[Name | float, ...] = ()
+
+    @property
+    def factors(self) -> tuple[str | float, ...]:
+        """Names and numbers of `times`."""
+        return self.times if isinstance(self.times, tuple) else (self.times,)
+
+    @property
+    def is_text(self) -> bool:
+        """Whether the label of a value is text."""
+        return False
+
+    def at(self, probability: float) -> Any:  # noqa: ANN401
+        """Return the quantile at a probability."""
+        raise NotImplementedError
+
+    def label_at(self, probability: float) -> Any:  # noqa: ANN401
+        """Return what the label says of the quantile at a probability, before its factors."""
+        return self.at(probability)
+
+
+class Uniform(Distribution):
+    """A uniform distribution from low to high."""
+
+    uniform: Annotated[tuple[float, float], AfterValidator(_rising)]
+
+    def at(self, probability: float) -> float:
+        """Return the quantile at a probability."""
+        low, high = self.uniform
+        return low + probability * (high - low)
+
+
+class Log(Distribution):
+    """A log-uniform distribution from low to high."""
+
+    log: Annotated[tuple[Positive, Positive], AfterValidator(_rising)]
+
+    def at(self, probability: float) -> float:
+        """Return the quantile at a probability."""
+        low, high = self.log
+        return float(low * (high / low) ** probability)
+
+
+class Choice(Distribution):
+    """A discrete distribution over listed values, equally likely; a value listed twice is twice as likely.
+
+    The label is the value; of tables and lists it is the name among `names`, or the place in the list, from 1.
+    """
+
+    choice: Annotated[tuple[Any, ...], Field(min_length=1)]
+    names: tuple[Name, ...] | None = None
+
+    @model_validator(mode="after")
+    def _check(self) -> Self:
+        if self.names is not None and len(self.names) != len(self.choice):
+            raise ValueError(f"{len(self.names)} names for {len(self.choice)} choices; name each")
+        return self
+
+    def index(self, probability: float) -> int:
+        """Return the place of the quantile at a probability, in the order of the list."""
+        return min(int(probability * len(self.choice)), len(self.choice) - 1)
+
+    @property
+    def is_text(self) -> bool:
+        """Whether the label of a value is text."""
+        return self.names is not None or all(isinstance(value, str) for value in self.choice)
+
+    def at(self, probability: float) -> Any:  # noqa: ANN401
+        """Return the quantile at a probability."""
+        return self.choice[self.index(probability)]
+
+    def label_at(self, probability: float) -> Any:  # noqa: ANN401
+        """Return the value chosen; its name or number where values are not alike text or numbers."""
+        if self.names is not None:
+            return self.names[self.index(probability)]
+        plain = self.is_text or all(isinstance(value, int | float) for value in self.choice)
+        return self.at(probability) if plain else self.index(probability) + 1
+
+
+class Drawn(Distribution):
+    """The value of a named draw."""
+
+    drawn: Name
+
+
+DISTRIBUTIONS: dict[str, type[Distribution]] = {"uniform": Uniform, "log": Log, "choice": Choice, "drawn": Drawn}
+"""By the key that a distribution is written with."""
+
+Tree: TypeAlias = Any  # tables and lists with distributions in the place of values
+Named: TypeAlias = Mapping[str, Distribution]
+
+
+def parsed(value: Any, place: str, *, each: str) -> Tree:  # noqa: ANN401
+    """Return tables and lists with a distribution in place of each table that declares one.
+
+    Raises
+    ------
+    PlanError
+        A distribution that is not valid, with its place.
+    """
+    if isinstance(value, list | tuple):
+        return [parsed(item, f"{place}.{number}", each=each) for number, item in enumerate(value, start=1)]
+    if not isinstance(value, Mapping):
+        if isinstance(value, date | time):
+            raise PlanError(f"{place} = {value}: a date or a time is no value of a scene; leave it out.")
+        return value
+    kinds = DISTRIBUTIONS.keys() & value.keys()
+    if not kinds:
+        for key in (key for key, item in value.items() if isinstance(item, list | tuple)):
+            if difflib.get_close_matches(key, DISTRIBUTIONS, n=1):
+                raise PlanError(f'{place}: unknown kind of range "{key}"{closest(key, set(DISTRIBUTIONS))}')
+        return {key: parsed(item, f"{place}.{key}" if place else key, each=each) for key, item in value.items()}
+    if len(kinds) > 1:
+        raise PlanError(f"{place}: {' and '.join(sorted(kinds))} are both given; keep one.")
+    if not place:
+        raise PlanError(f"change: {kinds.pop()} is a kind of range, of a value; name the value, as in noise.rms.")
+    found = validated(DISTRIBUTIONS[kinds.pop()], dict(value), where=place, error=PlanError)
+    own: dict[str, Any] = {
+        "each": found.each or each,
+        "label": found.label or (None if isinstance(found, Drawn) else place),
+    }
+    if isinstance(found, Choice):
+        own |= {"choice": tuple(parsed(item, place, each=each) for item in found.choice)}
+    return found.model_copy(update=own)
+
+
+def _children(tree: Tree) -> tuple[Tree, ...]:
+    if isinstance(tree, Choice):
+        return tree.choice
+    return tuple(tree.values() if isinstance(tree, Mapping) else tree if isinstance(tree, list) else ())
+
+
+def labels_of(tree: Tree) -> Counter[str]:
+    """Return how many draws of one record may have each label; options of a choice exclude one another."""
+    counts = Counter[str]()
+    for child in _children(tree):
+        counts = counts | labels_of(child) if isinstance(tree, Choice) else counts + labels_of(child)
+    if isinstance(tree, Distribution) and tree.label is not None:
+        counts[tree.label] += 1
+    return counts
+
+
+def reached(tree: Tree, named: Named) -> Iterator[tuple[Distribution, dict[str, float]]]:
+    """Yield each distribution that a record may draw from, with the probabilities of the choices that lead to it.
+
+    Raises
+    ------
+    PlanError
+        A name without a draw, or a draw that needs itself.
+    """
+    done = set[tuple[str, frozenset[tuple[str, float]]]]()
+
+    def within(tree: Tree, chosen: dict[str, float], path: tuple[str, ...]) -> Iterator[tuple[Distribution, Any]]:
+        if not isinstance(tree, Distribution):
+            for child in _children(tree):
+                yield from within(child, chosen, path)
+            return
+        yield tree, chosen
+        for name in (tree.by, getattr(tree, "drawn", None), *tree.factors):
+            if not isinstance(name, str) or (name, frozenset(chosen.items())) in done:
+                continue
+            if name not in named:
+                raise PlanError(f'"{name}" is no draw{closest(name, set(named))}')
+            if name in path:
+                raise PlanError(f'the draw "{name}" needs itself; give it a range of its own.')
+            yield from within(named[name], chosen, (*path, name))
+            done.add((name, frozenset(chosen.items())))
+        for number, option in enumerate(tree.choice if isinstance(tree, Choice) else ()):
+            yield from within(option, chosen | {str(tree.label): (number + 0.5) / len(tree.choice)}, path)  # type: ignore[attr-defined]
+
+    yield from within(tree, {}, ())
+
+
+class Draws:
+    """The values of one record: drawn when they are first needed, each named draw once.
+
+    Parameters
+    ----------
+    named : mapping of str to Distribution
+        The draws that others refer to.
+    probability : callable
+        Returns the probability at which a distribution is drawn, from 0 to 1.
+    given : mapping of str to value
+        Values of named draws that are not drawn.
+
+    Attributes
+    ----------
+    labels : dict of str to value
+        What was drawn so far, by label.
+    """
+
+    def __init__(
+        self, named: Named, probability: Callable[[Distribution], float], given: Mapping[str, Any] | None = None
+    ) -> None:
+        self.labels: dict[str, Any] = {}
+        self._named, self._probability, self._values = named, probability, dict(given or {})
+        self.labels |= self._values
+
+    def resolved(self, tree: Tree) -> Any:  # noqa: ANN401
+        """Return tables and lists with values in place of their distributions."""
+        if isinstance(tree, Mapping):
+            return {key: self.resolved(item) for key, item in tree.items()}
+        if isinstance(tree, list):
+            return [self.resolved(item) for item in tree]
+        return self._value(tree) if isinstance(tree, Distribution) else tree
+
+    def _of(self, name: str) -> Any:  # noqa: ANN401
+        if name not in self._values:
+            self._values[name] = self._value(self._named[name])
+        return self._values[name]
+
+    def _value(self, distribution: Distribution) -> Any:  # noqa: ANN401
+        if isinstance(distribution, Drawn):
+            value = shown = self._of(distribution.drawn)
+        else:
+            at = self._of(distribution.by) if distribution.by is not None else self._probability(distribution)
+            value, shown = self.resolved(distribution.at(at)), distribution.label_at(at)
+        for factor in distribution.factors:
+            other = self._of(factor) if isinstance(factor, str) else factor
+            if not (isinstance(value, int | float) and isinstance(other, int | float)):
+                raise PlanError(f"times = {factor!r}: only numbers are multiplied, not {value!r} by {other!r}.")
+            value *= other
+        if distribution.label is not None:
+            self.labels[distribution.label] = value if distribution.factors else shown
+        return value
