@@ -24,7 +24,7 @@ from dataclasses import dataclass, replace
 from typing import Any
 
 from hums.analysis.evidence import PartEvidence, strength
-from hums.analysis.healthy_machines import HealthyMachines, healthy_machines
+from hums.analysis.healthy_machines import RAREST_STATED, HealthyMachines, healthy_machines, healthy_share_words
 from hums.analysis.thresholds import (
     FASTEST_SPIN,
     FAULTY_DEPTH,
@@ -253,27 +253,29 @@ def _bearing_verdict(
     """Return the verdict on one kind of defect of a bearing in one channel."""
     probability = library.probability(part.strength, parts=searches)
     needed = max(LEAST_STRENGTH, library.strength_at(stated, parts=searches))
+    shown = max(probability, RAREST_STATED)
     if probability > stated or part.strength < LEAST_STRENGTH:
-        return _unnamed(part, probability, needed)
+        return _unnamed(part, shown, needed)
     if part.hidden_by:
         least_change = "indicated, if no other line explained its own"
-        return _not_judged(part, _hidden(part.hidden_by), probability=probability, least_change=least_change)
+        return _not_judged(part, _hidden(part.hidden_by), probability=shown, least_change=least_change)
     if part.at_shaft:
         probability = at_shafts.probability(part.strength, parts=searches)
+        shown = max(probability, RAREST_STATED)
         if probability > stated:
             least = at_shafts.strength_at(stated, parts=searches)
             least_change = f"indicated from a strength of {least:.3g} on (now {part.strength:.3g})"
-            return _not_judged(part, _hidden(part.at_shaft), probability=probability, least_change=least_change)
+            return _not_judged(part, _hidden(part.at_shaft), probability=shown, least_change=least_change)
     rivals = [other for other in evidence if other.channel not in faulty and other is not part]
     if eclipsed := _eclipsed(part, rivals):
         why, least_change = eclipsed
         step = f"Take a longer record at the same speed and load, and compare the line of {_kind_text(part.kind)}."
-        return replace(_not_judged(part, why, probability=probability, least_change=least_change), next_step=step)
+        return replace(_not_judged(part, why, probability=shown, least_change=least_change), next_step=step)
     doubts = _doubts(part, rivals)
     if probability > CERTAIN * stated and not doubts:
-        doubts.append(f"one in {1 / probability:.0f} healthy machines shows as much")
+        doubts.append(f"{healthy_share_words(probability)} healthy machines show as much")
     certain = library.strength_at(CERTAIN * stated, parts=searches)
-    return _named(part, doubts, probability, _least_of(_changes(part, rivals, doubts, needed, certain)))
+    return _named(part, doubts, shown, _least_of(_changes(part, rivals, doubts, needed, certain)))
 
 
 def _eclipsed(part: PartEvidence, others: Sequence[PartEvidence]) -> tuple[str, str] | None:
@@ -481,7 +483,7 @@ def _unnamed(part: PartEvidence, probability: float, needed: float) -> Finding:
         least_change = f"nothing found, if that line were below {FAULTY_DEPTH:.0%}"
         return _not_judged(part, why, least_change=least_change)
     seen = (
-        f"{_line_text(part)}: healthy machines show as much in one of {1 / probability:.0f} records"
+        f"{_line_text(part)}: {healthy_share_words(probability)} records of healthy machines show as much"
         if part.strength > 0
         else "no line of its own stands where it would make one"
     )

@@ -23,7 +23,7 @@ from numpy.typing import NDArray
 
 from hums.analysis.channel import Values, resample_in_angle
 from hums.analysis.findings import INDICATED, NOT_JUDGED, NOTHING_FOUND, Finding
-from hums.analysis.healthy_machines import HealthyMachines, healthy_machines
+from hums.analysis.healthy_machines import RAREST_STATED, HealthyMachines, healthy_machines
 from hums.analysis.reference_angle import Machine
 from hums.analysis.result import IndicatorValue
 from hums.analysis.thresholds import DIFFERING_TEETH, FEWEST_CYCLES, GRAVE_RISE, HIGHEST_TOOTH, MODULATED_MESH
@@ -458,7 +458,7 @@ def gear_verdicts(judged: Sequence[GearJudgement], *, false_alarm_probability: f
 
 
 def _indicated(row: GearJudgement, stated: float) -> Finding:
-    low, high = row.band_orders
+    (low, high), shown = row.band_orders, max(row.probability, RAREST_STATED)
     alike = f", or of {' or '.join(row.also)}, which this record cannot tell from it," if row.also else ""
     doubt = "a single pitch deviation of a sound gear does the same"
     evidence = (
@@ -473,7 +473,7 @@ def _indicated(row: GearJudgement, stated: float) -> Finding:
         evidence=evidence,
         doubts=doubt,
         next_step="Compare with an earlier record at the same speed and load, or inspect the tooth.",
-        least_change=f"nothing found above a probability of {stated:.3g} (now {row.probability:.3g})",
+        least_change=f"nothing found above a probability of {stated:.3g} (now {shown:.3g})",
     )
 
 
@@ -537,7 +537,7 @@ def _blank(row: GearJudgement) -> Finding:
         channel=row.channel,
         verdict=NOT_JUDGED,
         evidence="",
-        false_alarm_probability=row.probability if row.judgeable else math.nan,
+        false_alarm_probability=max(row.probability, RAREST_STATED) if row.judgeable else math.nan,
         snr=row.outlier if math.isfinite(row.outlier) else 1e9,
         strength=row.strength if row.judgeable else math.nan,
         order_found=row.order,

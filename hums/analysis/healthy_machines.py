@@ -3,7 +3,8 @@
 A line that noise alone would not make is no defect: sound bearings have waviness, loads wander, other machines
 show. The distribution is that of the strength of the evidence over all parts of a library of healthy synthetic records
 with every drive and imperfection of the generator; ``benchmarks/healthy_library.py`` makes it, from synthetic records
-only. It is empirical: nothing below one in the number of its records plus one is stated.
+only. It is empirical up to its largest strength. Beyond, it goes on as the upper 95 % bound of a generalised Pareto
+tail, so that a gross defect stays one among any number of parts; but nothing below `RAREST_STATED` is stated.
 
 Bearings (`hums.analysis.evidence`) and teeth (`hums.analysis.gear_damage`) have a distribution each. That of teeth is
 over the records whose gears have pitch deviations, since every gear has some. Bearings whose line stands at a multiple
@@ -18,14 +19,15 @@ import math
 from dataclasses import dataclass
 from functools import cache, cached_property
 from importlib import resources
-from typing import Literal
+from typing import Any, Literal
 
 import numpy as np
 from numpy.typing import NDArray
 
-__all__ = ["HealthyMachines", "healthy_machines"]
+__all__ = ["RAREST_STATED", "HealthyMachines", "healthy_machines", "healthy_share_words", "read_library"]
 
 _FILE = "healthy_machines.json"
+RAREST_STATED = 1 / 2000  # of the library's records; what is rarer is an extrapolation, on which only verdicts rest
 
 
 @dataclass(frozen=True, kw_only=True)
@@ -40,31 +42,40 @@ class HealthyMachines:
         Number of parts in all of them.
     strengths : tuple of float
         The largest strengths of parts, falling.
+    tail_strengths, tail_bounds : tuple of float
+        Strengths beyond the largest, rising, and the upper 95 % bound of the probability that a part is as strong.
     """
 
     records: int
     parts: int
     strengths: tuple[float, ...]
+    tail_strengths: tuple[float, ...] = ()
+    tail_bounds: tuple[float, ...] = ()
 
     def probability(self, strength: float, *, parts: int = 1) -> float:
         """Return the probability that any of `parts` parts of a healthy record shows this strength or more.
 
-        Between two strengths of the library the probability is interpolated in its logarithm; above its largest it is
-        one over the number of records plus one.
+        Between two strengths of the library the probability is interpolated in its logarithm. Above its largest that of
+        a part is one over their number plus one, or the bound of the tail where that is smaller.
 
         Examples
         --------
+        >>> from dataclasses import replace
         >>> from hums.analysis.healthy_machines import HealthyMachines
         >>> library = HealthyMachines(records=99, parts=99, strengths=(0.4, 0.2, 0.1))
         >>> [round(library.probability(s), 4) for s in (0.5, 0.2, 0.1)]
         [0.01, 0.03, 0.04]
+        >>> tailed = replace(library, tail_strengths=(0.4, 4.0), tail_bounds=(2e-2, 2e-4))
+        >>> [round(tailed.probability(s), 6) for s in (0.4, 0.5, 4.0)]
+        [0.02, 0.01, 0.0002]
         """
         if not strength > 0:
             return 1.0
-        many = math.exp(float(np.interp(strength, *self._curve)))
-        single = many / (self.parts + 1)
-        whole = -math.expm1(parts * math.log1p(-min(single, 1 - 1e-12)))
-        return min(1.0, max(whole, 1 / (self.records + 1)))
+        single = math.exp(float(np.interp(strength, *self._curve))) / (self.parts + 1)
+        if self.tail_strengths and strength > self.strengths[0]:
+            bounds = np.interp(math.log(strength), np.log(self.tail_strengths), np.log(self.tail_bounds))
+            single = min(single, math.exp(float(bounds)))
+        return -math.expm1(parts * math.log1p(-min(single, 1 - 1e-12)))
 
     @cached_property
     def _curve(self) -> tuple[NDArray[np.float64], NDArray[np.float64]]:
@@ -76,7 +87,7 @@ class HealthyMachines:
 
     def strength_at(self, probability: float, *, parts: int = 1) -> float:
         """Return the least strength whose `probability` is at most that stated; inf where no strength reaches it."""
-        low, high = 0.0, 2.0 * max(self.strengths, default=1.0)
+        low, high = 0.0, 2.0 * max(*self.strengths, *self.tail_strengths, 1.0)
         if self.probability(high, parts=parts) > probability:
             return math.inf
         for _ in range(60):  # halvings of a double's range
@@ -85,8 +96,27 @@ class HealthyMachines:
         return high
 
 
+def healthy_share_words(probability: float) -> str:
+    """Return how many healthy machines show as much, in words.
+
+    Examples
+    --------
+    >>> from hums.analysis.healthy_machines import healthy_share_words
+    >>> healthy_share_words(0.004), healthy_share_words(1e-9)
+    ('1 in 250', 'fewer than 1 in 2,000')
+    """
+    share = f"1 in {1 / max(probability, RAREST_STATED):,.0f}"
+    return share if probability > RAREST_STATED else f"fewer than {share}"
+
+
+def read_library(text: str) -> HealthyMachines:
+    """Return a distribution from the JSON text of its fields."""
+    read: dict[str, Any] = json.loads(text)
+    return HealthyMachines(**read | {name: tuple(value) for name, value in read.items() if isinstance(value, list)})
+
+
 @cache
 def healthy_machines(parts: Literal["bearings", "bearings_at_shafts", "teeth"]) -> HealthyMachines:
     """Return the distribution over some parts that is shipped with the package."""
-    read = json.loads(resources.files("hums.analysis").joinpath(_FILE).read_text(encoding="utf-8"))[parts]
-    return HealthyMachines(records=read["records"], parts=read["parts"], strengths=tuple(read["strengths"]))
+    every = json.loads(resources.files("hums.analysis").joinpath(_FILE).read_text(encoding="utf-8"))
+    return read_library(json.dumps(every[parts]))

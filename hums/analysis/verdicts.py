@@ -31,7 +31,7 @@ from hums.analysis.findings import (
     judging_nothing,
 )
 from hums.analysis.gear_damage import GearJudgement, gear_verdicts, healthy_probability
-from hums.analysis.healthy_machines import HealthyMachines, healthy_machines
+from hums.analysis.healthy_machines import HealthyMachines, healthy_machines, read_library
 from hums.analysis.lines import ORDER_SPECTRUM, MeasuredLine
 from hums.analysis.reference_angle import Machine
 from hums.analysis.result import Analysis, group, rows_dataset, rows_of
@@ -243,8 +243,7 @@ def _library(dataset: xr.Dataset, name: str = _LIBRARY) -> HealthyMachines:
 
 @lru_cache(maxsize=8)  # most analyses have the libraries that are shipped
 def _read(library: str) -> HealthyMachines:
-    read = json.loads(library)
-    return HealthyMachines(**read | {"strengths": tuple(read["strengths"])})
+    return read_library(library)
 
 
 # ---- Parts of which no line was measured ---------------------------------------------------------------------------

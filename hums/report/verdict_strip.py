@@ -12,6 +12,7 @@ from hums.analysis.findings import (
     not_judged_words,
     where_none_is_named,
 )
+from hums.analysis.healthy_machines import healthy_share_words
 from hums.analysis.thresholds import FAULTY_DEPTH
 from hums.gearbox.orders import BEARING_KINDS
 
@@ -207,7 +208,7 @@ def _sure(finding: Mapping[str, Any]) -> str:
         elif finding.get("strength") is None:
             said.append(f"{probability_words(value)} records of sound gears show as much")
         else:
-            said.append(f"{probability_words(value)} records of healthy machines show as much")
+            said.append(f"{healthy_share_words(value)} records of healthy machines show as much")
     return "; ".join(said)
 
 

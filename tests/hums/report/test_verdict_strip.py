@@ -63,6 +63,8 @@ def test_gravest_first_and_unknown_words_are_shown():
 def test_every_probability_of_a_finding_is_said():
     sure = verdict_rows(facts(finding("diagnosed", healthy_machine_probability=0.02)))[0]["sure"]
     assert sure == "1 in 250 records of sound gears show as much; healthy machine probability 1 in 50"
+    rare = verdict_rows(facts(finding("diagnosed", strength=0.8, false_alarm_probability=0.0005)))[0]["sure"]
+    assert rare == "fewer than 1 in 2,000 records of healthy machines show as much"
 
 
 @pytest.mark.parametrize(
