@@ -1,27 +1,7 @@
 import numpy as np
 import pytest
 
-from signals.monitoring.forecast import _clock, _filtered, _gains, local_trend, time_until
-
-
-def test_the_filter_is_generalised_least_squares():
-    # y = level + noise with the integrated random walk's covariance, level and slope at the end unknown and diffuse
-    rng, q = np.random.default_rng(1), 0.3
-    t = np.cumsum(rng.uniform(0.5, 2, 12))
-    y = rng.standard_normal(12) + 0.5 * t
-    s = t[-1] - t  # back from the end: the covariance of the integrated walk is q (a^2 b / 2 - a^3 / 6), a <= b
-    a, b = np.minimum.outer(s, s), np.maximum.outer(s, s)
-    covariance = np.eye(12) + q * (a**2 * b / 2 - a**3 / 6)
-    design = np.column_stack([np.ones(12), -s])
-    inverse = np.linalg.inv(covariance)
-    expected = np.linalg.inv(design.T @ inverse @ design)
-    gains = _gains(t[:, None], np.array([q]))
-    (mean, square), found = (one[0] for one in _filtered(y, gains)), gains.covariance[0]
-    beta = expected @ design.T @ inverse @ y
-    assert mean == pytest.approx(beta, rel=1e-9)
-    assert found == pytest.approx(expected, rel=1e-9)
-    left = y - design @ beta
-    assert square == pytest.approx(left @ inverse @ left, rel=1e-9)
+from signals.monitoring.forecast import local_trend, time_until
 
 
 class TestTimeUntil:
@@ -57,12 +37,6 @@ class TestTimeUntil:
             inside += found.low <= total - (now - 1) <= found.high
         assert given >= 30
         assert 0.80 <= inside / given <= 0.97  # of 46 at 90 %: outside has a probability of 6 %
-
-    def test_a_clock_in_which_exponential_growth_is_a_line(self):
-        time, rate, span = np.linspace(0, 10, 21), 0.3, 10.0
-        clock = _clock(time[:, None], np.array([0.0, rate * span]), span)
-        np.testing.assert_allclose(clock[:, 0], time)
-        np.testing.assert_allclose(clock[:, 1], span * np.expm1(rate * time) / np.expm1(rate * span), rtol=1e-12)
 
     def test_none_without_a_rise(self):
         found = time_until(8.0, local_trend(self.series(2, slope=0.0), self.TIMES), span=59)

@@ -7,12 +7,10 @@ import pytest
 from hypothesis import assume, given, settings
 from hypothesis import strategies as st
 
-from signals.shaft import _pulse_repair_kernels, pulse_repair
 from signals.shaft.pulse_repair import number_pulses, possible_stops
 from signals.shaft.tachometer import shaft_phase
 
 RECORD_S = 1e6 / 51_200
-BEST_NUMBERING = _pulse_repair_kernels.best_numbering
 
 
 def spoilt(times, rng, *, missing=0.05, spurious=0.05, margin=6):
@@ -132,45 +130,6 @@ class TestSingleFaults:
 
 
 class TestSearchedInPart:
-    """Around what is doubtful alone, the search finds what one through all pulses finds."""
-
-    @staticmethod
-    def numbers(pulses, stripes):
-        try:
-            kept, counts = number_pulses(pulses, stripes=stripes)
-        except ValueError as refusal:
-            return str(refusal)
-        return kept.tolist(), counts.tolist()
-
-    @pytest.mark.parametrize("seed", range(24))
-    def test_same_as_everywhere(self, swinging, monkeypatch, seed):
-        rng = np.random.default_rng([9, seed])
-        stripes = int(rng.choice([1, 2, 4]))
-        places = np.append(0, (np.arange(1, stripes) + rng.uniform(-0.3, 0.3, stripes - 1)) / stripes)
-        true = (np.arange(400 // stripes)[:, None] + places).ravel()
-        times = swinging.times_at(true) if seed % 2 else np.sqrt(true / 4 + 2)  # or a run-up of 4 Hz a second
-        jitter = rng.choice([0, 1e-4, 3e-3, 1e-2])  # of an interval
-        times = np.sort(times + jitter * np.gradient(times) * rng.standard_normal(times.size))
-        share = rng.choice([0.003, 0.01, 0.05])
-        pulses, *_ = spoilt(times, rng, missing=share, spurious=share)
-        found = self.numbers(pulses, stripes)
-        monkeypatch.setattr(pulse_repair, "_searches", lambda doubtful, after: [(0, doubtful.size + 1)])  # noqa: ARG005
-        assert found == self.numbers(pulses, stripes)
-
-    def test_little_of_a_long_list_is_searched(self, swinging, monkeypatch):
-        times = np.delete(swinging.times_at(np.arange(3000)), [700, 2000])
-        searched = []
-        monkeypatch.setattr(
-            _pulse_repair_kernels,
-            "best_numbering",
-            lambda part, *others: (searched.append(part.size), BEST_NUMBERING(part, *others))[1],
-        )
-        kept, counts = number_pulses(times, stripes=1)
-        assert kept.size == times.size
-        np.testing.assert_array_equal(counts, np.delete(np.arange(3000), [700, 2000]))
-        # two faults and both ends, in two rounds, each 8 pulses before and 19 after what is doubted
-        assert sum(searched) < 2 * 4 * 50
-
     def test_a_search_goes_on_until_it_has_settled(self):
         # from the first doubtful interval on, every fifth pulse is missing to the end
         true = np.arange(400)

@@ -4,7 +4,6 @@ import numpy as np
 import pytest
 from scipy.signal import lfilter
 
-from signals.shaft._steady_lines import _families, _in_tune
 from signals.shaft.tacholess import estimate_speed
 
 RATE_HZ, SECONDS = 4096.0, 4.0
@@ -98,19 +97,3 @@ class TestSteadyShaft:
         )
         assert found.status == status
         assert np.median(found.speed_hz) == pytest.approx(21.3, rel=1e-3)
-
-
-class TestParts:
-    def test_lines_out_of_tune_are_left_out(self):
-        """Over 4 s a bin is a quarter of a hertz; half of it is more than the error of a strong line."""
-        rng = np.random.default_rng(3)
-        t = np.arange(int(RATE_HZ * SECONDS)) / RATE_HZ
-        x = sum(np.cos(2 * np.pi * hz * t + hz) for hz in (400.0, 460.125, 800.0)) + 0.1 * rng.standard_normal(t.size)
-        assert list(_in_tune(x, RATE_HZ, np.array([20.0, 23.0, 40.0]), 20.0)) == [20.0, 40.0]
-
-    @pytest.mark.parametrize(
-        ("orders", "families"),
-        [([20, 40], 1), ([40, 60], 1), ([20, 40, 46], 2), ([19, 20, 21], 3), ([1, 20], 2), ([], 0)],
-    )
-    def test_families(self, orders, families):
-        assert _families(np.array(orders, dtype=float), 100.0) == families

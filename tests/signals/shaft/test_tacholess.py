@@ -1,17 +1,15 @@
 """Speed without a tachometer, on records whose angle is known in closed form and on a turbine beside its tachometer."""
 
-from dataclasses import dataclass, replace
+from dataclasses import dataclass
 
 import numpy as np
 import pytest
 import scipy.io
 from scipy.signal import lfilter
 
-from signals.shaft._line_likelihood import short_time_evidence, without_steady_lines
-from signals.shaft._speed_search import search_speeds
 from signals.shaft.phase import ShaftPhase, constant_speed
 from signals.shaft.phase_demodulation import refine_phase
-from signals.shaft.tacholess import Alternative, _confirmed, estimate_speed
+from signals.shaft.tacholess import estimate_speed
 
 RATE_HZ = 12_800.0
 
@@ -285,57 +283,6 @@ class TestDoubt:
         )
         assert found.status == "ok"
         assert np.nanmax(np.abs(error(found, law))) < 0.005
-
-    def test_steady_lines_are_noise_and_moving_ones_stay(self):
-        """Noise over its mean is exponential, of mean 1 and variance 1; a line of constant level has no variance."""
-        rate, t = 4000.0, np.arange(40_000) / 4000
-        chirp = np.cos(2 * np.pi * (600 * t + 40 * t**2))  # 600 to 1,400 Hz
-        x = chirp + 3 * np.cos(2 * np.pi * 300 * t) + 0.3 * np.random.default_rng(2).standard_normal(t.size)
-        evidence = short_time_evidence(x, rate_hz=rate, frame_s=0.1)
-        moving = without_steady_lines(evidence)
-        hum = round(300 * evidence.bins_per_hz)
-        assert evidence.ratios[hum].min() > 1000
-        assert moving.ratios[hum].max() < 2
-        at = np.rint((600 + 80 * evidence.times_s) * evidence.bins_per_hz).astype(int), np.arange(evidence.times_s.size)
-        # each of its bins is its own for one of ten seconds' frames in a hundred, and noise in the rest
-        assert np.median(moving.ratios[at] / evidence.ratios[at]) > 0.75
-        assert moving.foreign < evidence.foreign
-
-    def test_two_orders_of_one_line_count_once(self):
-        x = np.cos(2 * np.pi * 25 * np.arange(8000) / 1000) + np.random.default_rng(1).standard_normal(8000)
-        span = {"low": 20.0, "high": 30.0, "acceleration": 1.0, "frame_s": 0.5}
-        one, two = (search_speeds(x, 1000.0, np.array(orders), **span) for orders in ([1.0, 3.0], [1.0, 1.002, 3.0]))
-        path, seen = np.full(one.evidence.times_s.size, 25.0), np.ones(one.evidence.times_s.size, dtype=bool)
-        assert one.score(path, seen)[0] > 10
-        # 0.05 Hz of 25 are 0.025 bins of half a second, over which its likelihood changes by less than 1 %
-        assert two.score(path, seen).sum() == pytest.approx(one.score(path, seen).sum(), rel=0.01)
-        assert two.votes.max() == pytest.approx(one.votes.max(), rel=0.01)
-
-    def test_frames_that_are_sure_of_different_speeds_contradict_each_other(self):
-        slow, fast = (
-            estimate_speed(
-                vibration(ramp(f, f + 1e-9, 5), duration=5, orders=MESH, snr_db=10, seed=1)[1],
-                rate_hz=RATE_HZ,
-                orders=MESH,
-                speed_range_hz=(20, 40),
-                max_acceleration_hz_s=2,
-                frame_s=length,
-            )
-            for f, length in ((25, 0.3), (31.7, 0.15))
-        )
-        assert (slow.status, fast.status) == ("ok", "ok")
-        one = _confirmed({0.3: slow, 0.15: fast}.__getitem__, 0.3, [0.15])
-        assert one.status == "ambiguous"
-        assert one.confidence.max() <= 0.5
-        assert one.alternatives[0].ratio == pytest.approx(31.7 / 25, rel=1e-3)
-        assert _confirmed({0.3: slow, 0.15: slow}.__getitem__, 0.3, [0.15]) is slow
-        unsure = replace(fast, status="ambiguous")
-        assert _confirmed({0.3: slow, 0.15: unsure}.__getitem__, 0.3, [0.15]).status == "ambiguous"
-        rival = Alternative(speed_hz=1.5 * slow.speed_hz, ratio=1.5, probability=0.4)
-        for probability, status in ((0.4, "ok"), (0.8, "ambiguous")):
-            outweighed = replace(slow, status="ambiguous", alternatives=(replace(rival, probability=probability),))
-            for one in ({0.3: slow, 0.15: outweighed}, {0.3: outweighed, 0.15: slow}):
-                assert _confirmed(one.__getitem__, 0.3, [0.15]).status == status
 
     def test_two_machines(self):
         # a pump at another speed, its lines as strong: two answers, or none
