@@ -152,6 +152,7 @@ def main(arguments: Sequence[str] | None = None, sections: Sequence[Section] = S
     lines, holds = table(rows, figures, baseline(given.size), baseline=COMMIT)
     if given.page:
         flag = "" if given.size == "plain" else f" --{given.size}"
+        flag += "" if Path(__file__).resolve().parents[1] == estimates.TREE else " --tree ../baseline"
         note = NOTE.format(flag=flag, first=given.first, commit=COMMIT)
         PAGE.write_text(note + "\n".join(lines) + "\n", encoding="utf-8")
     print("\n".join(lines))  # noqa: T201

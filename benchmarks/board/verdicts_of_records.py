@@ -24,7 +24,7 @@ SETS = {
     "wind turbine": "wind turbine",
     "UESTC": "UESTC, one race",
     "MFS": "MFS",
-    "hard": "CWRU, hard",
+    "hard": "balls, and OR014 of CWRU",
 }
 HARD = ("CWRU, hard", "UESTC, ball")
 SLOW = "Wolfrom"  # whose records take ten times as long to simulate
