@@ -49,8 +49,8 @@ def write_netcdf(path: str | PathLike[str], groups: Mapping[str, tuple[xr.Datase
     path : str or Path
         File to write; an existing one is replaced.
     groups : mapping of str to (Dataset, mapping of str to tuple of int)
-        By the path of the group, parents before their children, which inherit their dimensions: the dataset, and the
-        chunk shape of each variable that is stored in chunks with a checksum (fletcher32) each.
+        By the path of the group, parents before their children: the dataset, and the chunk shape of each variable that
+        is stored in chunks with a checksum (fletcher32) each.
 
     Raises
     ------
@@ -123,30 +123,17 @@ def _write_group(group: h5py.Group, dataset: xr.Dataset, chunks: Chunks, numbers
     """Write a dataset into an HDF5 group in the layout of netCDF4, with a dimension scale for each dimension."""
     variables, attrs = conventions.encode_dataset_coordinates(dataset)
     _write_attrs(group, attrs)
-    scales: dict[Any, h5py.Dataset] = {}
-    sizes = {dim: size for variable in variables.values() for dim, size in variable.sizes.items()}
-    for dim, size in sizes.items():  # in the order of the variables: that of `dataset.sizes` differs between processes
-        above = _scale_above(group, dim, size)
-        scales[dim] = _new_scale(group, str(dim), dataset, chunks, next(numbers)) if above is None else above
+    dims = dict.fromkeys(dim for variable in variables.values() for dim in variable.dims)  # `sizes` has no fixed order
+    scales = {dim: _new_scale(group, str(dim), dataset, chunks, next(numbers)) for dim in dims}
     for name, variable in variables.items():
         coded = conventions.encode_cf_variable(variable, name=name)
-        if name in scales and scales[name].parent == group:
+        if name in scales:
             _write_attrs(scales[name], coded.attrs)
             continue
         target = _new_dataset(group, str(name), coded, chunks.get(str(name)))
         _write_attrs(target, coded.attrs)
         for axis, dim in enumerate(variable.dims):
             h5py.h5ds.attach_scale(target.id, scales[dim].id, axis)
-
-
-def _scale_above(group: h5py.Group, dim: object, size: int) -> h5py.Dataset | None:
-    """Return the scale of a dimension that a group above declares, if there is one."""
-    while group.name != "/":
-        group = group.parent
-        found = group.get(str(dim))
-        if isinstance(found, h5py.Dataset) and found.is_scale and found.shape == (size,):
-            return found
-    return None
 
 
 def _new_scale(group: h5py.Group, dim: str, dataset: xr.Dataset, chunks: Chunks, number: int) -> h5py.Dataset:

@@ -28,7 +28,6 @@ __all__ = [
     "SHARD",
     "dataset_files",
     "dataset_record",
-    "dataset_size",
     "is_begun",
     "is_dataset",
     "open_dataset",
@@ -97,7 +96,7 @@ def open_dataset(folder: str | Path) -> xr.Dataset:
         values = _Rows(
             folder=folder,
             pattern=index.attrs["shards"],
-            starts=_starts(index, rows),
+            starts=_starts(index),
             name=name,
             shape=(rows, *layout["width"]),
             dtype=np.dtype(layout["dtype"]),
@@ -110,17 +109,12 @@ def open_dataset(folder: str | Path) -> xr.Dataset:
     return dataset.assign_coords(times).assign_coords(index.data_vars).assign_coords(record=np.arange(rows))
 
 
-def dataset_size(folder: str | Path) -> int:
-    """Return the number of records in a dataset."""
-    return int(_index(Path(folder).resolve(), labels=False).attrs["records"])
-
-
 def dataset_files(folder: str | Path) -> list[Path]:
     """Return the file that holds each record of a dataset."""
     folder = Path(folder).resolve()
     index = _index(folder, labels=False)
     count, pattern = int(index.attrs["records"]), index.attrs["shards"]
-    starts = _starts(index, count)
+    starts = _starts(index)
     return [folder / pattern.format(_place(starts, number)[0]) for number in range(count)]
 
 
@@ -166,7 +160,7 @@ def dataset_record(folder: str | Path, number: int) -> xr.Dataset:
     count = index.attrs["records"]
     if not isinstance(number, int | np.integer) or not 0 <= number < count:
         raise RecordError(f"{folder} has no record {brief(number)}; its {count} records count from 0 to {count - 1}.")
-    shard, row = _place(_starts(index, int(count)), number)
+    shard, row = _place(_starts(index), number)
     with open_shard(folder / index.attrs["shards"].format(shard)) as opened:
         try:
             return record_of_shard(opened, row)
@@ -226,11 +220,9 @@ def _update_array_facts(
     facts["width"] = [max(pair) for pair in zip(facts["width"], width, strict=True)]
 
 
-def _starts(index: xr.Dataset, count: int) -> NDArray[np.int64]:
+def _starts(index: xr.Dataset) -> NDArray[np.int64]:
     """Return the number of the first record of each file; two are equal where a file has none."""
-    if "shard_starts" in index.attrs:
-        return np.atleast_1d(np.asarray(index.attrs["shard_starts"], dtype=np.int64))
-    return np.arange(0, max(count, 1), int(index.attrs["records_per_shard"]))  # of an older version
+    return np.atleast_1d(np.asarray(index.attrs["shard_starts"], dtype=np.int64))
 
 
 def _place(starts: NDArray[np.int64], number: int) -> tuple[int, int]:

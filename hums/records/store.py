@@ -436,18 +436,10 @@ def remove_partial_files(folder: Path, *, of: str | None = None) -> None:
     The name of a temporary file states its target, and the host, number and start of the process that writes it. A
     file of another host stays, as its writer cannot be asked; so does one of a living process.
     """
-    for part in folder.glob(".hums-*.part" if of is None else f".hums-{_short(of)}-*.part"):
-        fields = part.name.removesuffix(".part").split("-")
-        if len(fields) != _PARTS_OF_NAME:  # of an older version
-            alive = of is not None
-        else:
-            _, _, host, number, began, _ = fields
-            alive = host != _short(gethostname()) or _writer(int(number)) == f"{host}-{number}-{began}"
-        if not alive:
+    for part in folder.glob(f".hums-{'*' if of is None else _short(of)}-*-*-*-*.part"):
+        _, _, host, number, began, _ = part.name.split("-")  # .hums, target, host, process, its start, random
+        if host == _short(gethostname()) and _writer(int(number)) != f"{host}-{number}-{began}":
             part.unlink(missing_ok=True)
-
-
-_PARTS_OF_NAME = 6  # .hums, target, host, process, its start, random
 
 
 def _short(text: str) -> str:
