@@ -169,20 +169,6 @@ def assert_mesh(facts):
     assert mesh["amplitude"] == pytest.approx(1.0, abs=0.03)
 
 
-@pytest.mark.parametrize("way", ["name", "path", "symlink", "hardlink"])
-def test_convert_does_not_overwrite_its_source(run, mat, way):
-    before, link = mat.read_bytes(), mat.with_name("link.h5")
-    if way == "symlink":
-        link.symlink_to(mat)
-    elif way == "hardlink":
-        link.hardlink_to(mat)
-    target = {"name": mat, "path": mat.parent / ".." / mat.parent.name / mat.name}.get(way, link)
-    code, _, err = run(*convert_words(mat, target, "--shaft-rpm", 1200, "--shaft", "input"))
-    assert code == 2
-    assert "what is read is never written" in err
-    assert mat.read_bytes() == before
-
-
 def test_convert_without_a_channel_lists_them(run, mat, tmp_path):
     code, _, err = run("convert", mat, tmp_path / "record.h5")
     assert code == 2
