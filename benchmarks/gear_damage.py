@@ -16,10 +16,8 @@ from verdicts import DRIVES, HEALTHY, STAGES, measured, planetary_scene, table_o
 
 from data_synth import Scene, load_scene, simulate
 from hums import AnalysisSettings, Gearbox
-from hums.analysis.channel import varying_values
 from hums.analysis.gear_damage import GearJudgement, gear_damage
-from hums.analysis.reference_angle import prepare_machine
-from hums.records.record import sampling, vibration_channels
+from hums.analysis.segments import segmented
 
 STATED = 0.01
 IMPERFECT: Mapping[str, Any] = {
@@ -37,20 +35,12 @@ MODULES = {"dynamics": {"meshes": {"stage 1": {"module_mm": 3}, "stage 2": {"mod
 
 def judgements(record: xr.Dataset, gearbox: Gearbox) -> list[GearJudgement]:
     """Return the judgement of every gear in every channel, named ones first."""
-    machine = prepare_machine(record, gearbox, AnalysisSettings())
-    channels = vibration_channels(record)
+    channels = segmented(record, gearbox, AnalysisSettings()).channels
     rows = [
         row
-        for name in channels
-        for row in gear_damage(
-            varying_values(record, name),
-            sampling(record, name),
-            machine,
-            channel=name,
-            units=record[name].attrs["units"],
-            false_alarm_probability=STATED,
-            channels=len(channels),
-        )
+        for channel in channels.values()
+        for segment in channel.segments
+        for row in gear_damage(segment, false_alarm_probability=STATED, channels=len(channels))
     ]
     return sorted(rows, key=lambda row: (row.probability > STATED or bool(row.explained_by), row.local))
 

@@ -75,7 +75,7 @@ BUDGETS = """
     signals/monitoring                                         1135   1022    700
     signals/resampling                                          799    799    600
     signals/shaft                                              3006   3003   2000
-    signals/spectra                                             866    866    700
+    signals/spectra                                             866    863    700
     hums (root)                                                 830    830    600
     hums/analysis                                              5359   5359   3000
     hums/cli                                                   1120   1120    700
@@ -94,7 +94,7 @@ BUDGETS = """
     all code lines                                            48791  48002  33500
     all modules                                                 345    341    240
     all constants                                              1492   1435    750
-    tests                                                     35938  35410  23000
+    tests                                                     35938  34777  23000
     benchmarks                                                 7891   7891   6000
 """
 SLACK, SLACK_LINES = 0.02, 10  # by which a ceiling may stand above the count, and at least so many

@@ -7,32 +7,27 @@ alone.
 """
 
 import logging
-from collections.abc import Mapping, Sequence
+from collections.abc import Sequence
 from os import PathLike
-from typing import Any
 
 import numpy as np
 import xarray as xr
 
-from hums.analysis.averages import analyse_average
+from hums.analysis.averages import average_channel, average_segments, no_speed, parts_of_average
 from hums.analysis.caveats import notes
 from hums.analysis.channel import (
     AnalysedChannel,
-    Stretch,
     analyse_channel,
     drawn_by,
-    excluded_channels,
-    selected_channels,
+    read_anew,
     setting_of,
-    varying_values,
 )
 from hums.analysis.detection import AssessedLine, LineAssessor
 from hums.analysis.findings import Finding, findings
-from hums.analysis.gear_damage import GearJudgement, ToothEnvelope, gear_damage, gear_indicators
-from hums.analysis.indicators import HISTORIES, Baseline, channel_indicators, read_baseline, snapshot_indicators
+from hums.analysis.indicators import HISTORIES, read_baseline
 from hums.analysis.lines import ENVELOPE, ORDER_SPECTRUM, SearchPlan, expected_lines
-from hums.analysis.pictures import ChannelPictures, channel_pictures, picture_groups
-from hums.analysis.reference_angle import Machine, prepare_machine, prepare_snapshots
+from hums.analysis.pictures import picture_groups
+from hums.analysis.reference_angle import Machine
 from hums.analysis.result import (
     Analysis,
     IndicatorValue,
@@ -43,19 +38,25 @@ from hums.analysis.result import (
     spectrum_dataset,
     tree_of,
 )
-from hums.analysis.settings import AnalysisError, AnalysisSettings
-from hums.analysis.stretches import analyse_stretches, is_long
-from hums.analysis.tracks import bearing_line, lines_to_track, tooth_line, track_envelope_lines, track_lines
+from hums.analysis.segments import SegmentedRecord, segmented
+from hums.analysis.settings import AnalysisSettings
+from hums.analysis.tracks import (
+    EnvelopeLine,
+    bearing_line,
+    joined_tracks,
+    lines_to_track,
+    output_step_rev,
+    track_envelope_lines,
+    track_lines,
+)
 from hums.analysis.unexplained import UnexplainedLine, not_named, unlike_drawing
 from hums.analysis.verdicts import UNLIKE, evidence_groups, verdicts_from
 from hums.gearbox.model import Gearbox
 from hums.gearbox.orders import BEARING_KINDS
 from hums.records.channels import is_average
-from hums.records.record import channel_values, check_record, sampling
-from hums.records.snapshots import is_snapshots, snapshots_of
+from hums.records.record import check_record
 from hums.records.store import open_record
 from signals._validation import checked
-from signals.health import SensorHealth
 
 __all__ = ["AnalysisSettings", "analyze"]
 
@@ -77,8 +78,7 @@ def analyze(
     record : xarray.Dataset, str or Path
         Vibration channels and tachometer, from `hums.open_record` or `hums.make_record`; or the path of a record. Of
         an average in angle (`hums.AngularAverage`) the indicators are made that it allows, and nothing is judged.
-        Snapshots (`hums.join_snapshots`) are pooled: their spectra are averaged in power, and the whole stretch is
-        judged.
+        Snapshots (`hums.join_snapshots`) are segments: their spectra are averaged in power, and judged once.
     gearbox : Gearbox
         The gearbox, with one degree of freedom; the record's tachometer or declared speed is that of one of its links.
     settings : AnalysisSettings, optional
@@ -96,14 +96,14 @@ def analyze(
 
     Notes
     -----
-    A record of more than 4,000,000 samples a channel is analysed in stretches of equal length, which are joined:
-    spectra are averaged by power, each row of a table is that of the stretch with its median, and a part is named by
-    what at least half of the stretches show (`hums.analysis.stretches`). A gap costs its stretch alone.
+    A record is analysed in segments (`hums.analysis.segments`): one of more than 4,000,000 samples a channel is cut
+    into equal parts, and a gap ends a segment. Spectra are averaged by power, lines and parts judged once; of
+    indicators and gears the median segment is taken, weighted by turns (`hums.analysis.channel`).
 
     Raises
     ------
     AnalysisError
-        If a channel or shaft does not exist, every channel is constant or has NaN, the speed cannot be estimated, or
+        If a channel or shaft does not exist, no channel varies between gaps, the speed cannot be estimated, or
         the record is shorter than one revolution of the reference.
 
     Examples
@@ -126,213 +126,78 @@ def analyze(
             return analyze(opened, gearbox, settings=settings, baseline=baseline)
     settings = settings or AnalysisSettings()
     check_record(record)
-    if is_average(record):
-        return analyse_average(record, gearbox, settings, baseline)
-    if is_snapshots(record):
-        return _analyse_snapshots(record.compute(), gearbox, settings, baseline)
-    chosen = selected_channels(record, settings)
-    if is_long(record, chosen):
-
-        def analyse(part: xr.Dataset, pictures: bool) -> Analysis:
-            own = settings.model_copy(update={"pictures": settings.pictures and pictures})
-            return analyze(part, gearbox, settings=own, baseline=baseline)
-
-        return analyse_stretches(record, chosen, analyse)
-    gapped, constant = excluded_channels(record, chosen)
-    names = [name for name in chosen if name not in gapped and name not in constant]
-    histories = read_baseline(baseline, settings, units={name: record[name].attrs["units"] for name in names})
-    _log.info("angle of the reference shaft")
-    machine = prepare_machine(record, gearbox, settings.model_copy(update={"channels": tuple(names)}))
+    average = str(record.attrs["average_of"]) if is_average(record) else ""
+    there = (average_segments if average else segmented)(record, gearbox, settings)
+    usable = {name: one for name, one in there.channels.items() if one.segments}
+    units = {name: one.segments[0].units for name, one in usable.items()}
+    histories, machine = read_baseline(baseline, settings, units=units), there.machine
     expected = expected_lines(machine.kinematics, _plan(machine, settings))
     channels: list[AnalysedChannel] = []
-    indicators: list[IndicatorValue] = []
-    gears: list[GearJudgement] = []
-    teeth: dict[str, dict[str, ToothEnvelope]] = {}
-    pictures: list[ChannelPictures] = []
-    for number, name in enumerate(names, start=1):
-        _log.info("channel %s, %d of %d", name, number, len(names))
-        values = varying_values(record, name)
-        stretch = Stretch(values=values, phase=machine.phase)
-        channel = analyse_channel(record, name, [stretch], machine, expected, settings)
-        channels.append(channel)
-        indicators += channel_indicators(record, channel, stretch, machine, settings, histories)
-        of_gears = gear_damage(
-            values,
-            sampling(record, name),
-            machine,
-            channel=name,
-            units=channel.units,
-            false_alarm_probability=settings.false_alarm_probability,
-            channels=len(names),
-            faulty=channel.faulty,
-            envelopes=teeth.setdefault(name, {}) if settings.most_tracks else None,
-        )
-        indicators += [] if channel.faulty else gear_indicators(of_gears)
-        gears += of_gears
-        if settings.pictures:
-            pictures.append(channel_pictures(channel, stretch, sampling(record, name), machine, settings))
-    excluded = [f'Channel "{name}" is dead and left out: it has the same value throughout.' for name in constant]
-    excluded += [f'Channel "{name}" is left out: it has {gaps}.' for name, gaps in gapped.items()]
-    conditions = _sensor_conditions(record, channels, gapped, constant, machine)
-    assessed = _assessed(channels, machine, settings)
-    groups = _without_verdicts(
-        record, gearbox, machine, settings, channels, assessed, gears, baseline, notes=excluded, conditions=conditions
-    )
-    _log.info("amplitude tracks")
-    groups |= {
-        "/speed": _speed_dataset(machine),
-        "/tracks": _tracks_dataset(record, channels, machine, assessed, settings),
-        "/indicators": _indicator_rows(indicators, histories),
-    }
-    groups |= picture_groups(pictures) if pictures else {}
-    found = _judge(groups, channels)
-    groups["/envelope_tracks"] = _envelope_tracks(record, channels, teeth, machine, found, settings)
-    tree = tree_of(groups)
-    check_analysis(tree)
-    return tree
-
-
-def _analyse_snapshots(
-    record: xr.Dataset, gearbox: Gearbox, settings: AnalysisSettings, baseline: Analysis | None
-) -> Analysis:
-    """Return the analysis of a record of snapshots, whose spectra are pooled by power.
-
-    Tracks, averages over turns and what one tooth shows need the angle from snapshot to snapshot, and are left out.
-    """
-    parts = list(snapshots_of(record))
-    chosen = selected_channels(record, settings)
-    usable = {name: [n for n, part in enumerate(parts) if _is_usable(part, name)] for name in chosen}
-    names = [name for name in chosen if usable[name]]
-    if not names:
-        raise AnalysisError(
-            f'channel "{chosen[0]}" has samples that are not finite, or the same value throughout, in every snapshot; '
-            "check the sensor, or choose other channels."
-        )
-    histories = read_baseline(baseline, settings, units={name: record[name].attrs["units"] for name in names})
-    _log.info("angle of the reference shaft")
-    machines = prepare_snapshots(parts, gearbox, settings.model_copy(update={"channels": tuple(names)}))
-    machine = max(machines, key=lambda one: one.top_speed_hz)
-    expected = expected_lines(machine.kinematics, _plan(machine, settings))
-    channels, indicators = [], []
-    for number, name in enumerate(names, start=1):
-        _log.info("channel %s, %d of %d", name, number, len(names))
-        rows = {n: channel_values(parts[n], name) for n in usable[name]}
-        stretches = [
-            Stretch(values=values, phase=machines[n].phase.scaled(_PARTS), parts=_PARTS) for n, values in rows.items()
-        ]
-        channel = analyse_channel(parts[usable[name][0]], name, stretches, machine, expected, settings)
-        channels.append(channel)
-        indicators += snapshot_indicators(channel, list(rows.values()), machine, settings)
-    left = [
-        f'Channel "{name}": {len(parts) - len(some)} of {len(parts)} snapshots are left out, which have gaps or the '
-        "same value throughout."
-        for name, some in usable.items()
-        if len(some) < len(parts)
-    ]
-    conditions = [
-        SensorCondition(name=name, sensor="vibration", status="sick", reasons="No snapshot of it can be used.")
-        for name in chosen
-        if not usable[name]
-    ]
-    conditions += _sensor_conditions(record, channels, {}, {}, machine)
-    assessed = _assessed(channels, machine, settings)
-    notes = [_pooled_note(channels, len(parts)), *left]
-    groups = _without_verdicts(
-        record, gearbox, machine, settings, channels, assessed, [], baseline, notes=notes, conditions=conditions
-    )
-    groups |= {
-        "/speed": _speeds_of_snapshots(record, machines),
-        "/tracks": xr.Dataset(),
-        "/indicators": _indicator_rows(indicators, histories),
-    }
-    _judge(groups, channels)
-    tree = tree_of(groups | {"/envelope_tracks": xr.Dataset()})
-    check_analysis(tree)
-    return tree
-
-
-_PARTS = 8  # of a turn, to whole ones of which a snapshot is cut: of three turns an eighth is lost, not one
-
-
-def _is_usable(part: xr.Dataset, name: str) -> bool:
-    values = channel_values(part, name)
-    return bool(np.isfinite(values).all() and values.min() != values.max())
-
-
-def _pooled_note(channels: Sequence[AnalysedChannel], count: int) -> str:
-    spectrum = channels[0].spectra.get(ENVELOPE, channels[0].spectra[ORDER_SPECTRUM])
-    return (
-        f"{count} snapshots of {1 / spectrum.bin_width:.3g} turns were pooled by power. Lines nearer to each other "
-        f"than {spectrum.resolution:.2g} orders are one, whatever the number of snapshots; probabilities are those of "
-        "records in one piece, which pooled noise does not exceed."
-    )
-
-
-def _speeds_of_snapshots(record: xr.Dataset, machines: Sequence[Machine]) -> xr.Dataset:
-    """Return the mean speed over each revolution of all snapshots, against time from the first."""
-    starts_s = record["snapshot_s"].values if "snapshot_s" in record.coords else np.zeros(len(machines))
-    each = [_speed_dataset(machine) for machine in machines]
-    shifted = [one.assign_coords(time_s=one["time_s"] + start) for one, start in zip(each, starts_s, strict=True)]
-    return xr.concat(shifted, dim="revolution", combine_attrs="override")
-
-
-def _assessed(channels: Sequence[AnalysedChannel], machine: Machine, settings: AnalysisSettings) -> list[AssessedLine]:
+    for number, (name, channel) in enumerate(usable.items(), start=1):
+        _log.info("channel %s, %d of %d", name, number, len(usable))
+        if average:
+            channels.append(average_channel(channel, settings, histories))
+        else:
+            channels.append(analyse_channel(channel, machine, expected, settings, histories, channels=len(usable)))
     assessor = LineAssessor(
         {bearing.name: bearing for bearing in machine.bearings},
         settings.false_alarm_probability,
         _healthy_spacings(machine),
     )
-    return assessor.assess([line for channel in channels for line in channel.lines])
-
-
-def _judge(groups: dict[str, xr.Dataset], channels: Sequence[AnalysedChannel]) -> list[Finding]:
-    """Add the verdicts that the groups of an analysis, by path, allow, and return the findings among them."""
+    assessed = assessor.assess([line for channel in channels for line in channel.lines])
+    unlike = unlike_drawing(
+        [channel.spectra[ORDER_SPECTRUM] for channel in channels if not (channel.faulty or average)],
+        drawn_by(machine, settings),
+        setting_of(machine),
+    )
+    described = [
+        {"name": one.name, "units": one.units}
+        | (
+            {"revolutions": one.revolutions, "samples_per_rev": int(record.attrs["samples_per_rev"])}
+            if average
+            else {"rate_hz": one.rate_hz, "duration_s": one.duration_s}
+        )
+        | {key: str(record[one.name].attrs[key]) for key in ("sensor", "direction") if key in record[one.name].attrs}
+        for one in channels
+    ]
+    caveats = notes(there, settings, channels, unlike)
+    indicators = [row for channel in channels for row in channel.indicators]
+    groups = {
+        "/": xr.Dataset(
+            attrs=root_attributes(record, gearbox, machine.reference, settings, channels=described, notes=caveats)
+            | {UNLIKE: unlike}
+        ),
+        "/speed": no_speed(machine) if average else _speeds(there),
+        "/health": rows_dataset(_sensor_conditions(there, channels), SensorCondition, dim="item"),
+        f"/{ORDER_SPECTRUM}": _spectra(channels, ORDER_SPECTRUM, assessed),
+        f"/{ENVELOPE}": _spectra(channels, ENVELOPE, assessed),
+        "/indicators": rows_dataset(indicators, IndicatorValue, dim="row").assign_attrs(
+            {HISTORIES: histories.to_json()}
+        ),
+    } | evidence_groups(channels, machine, settings, baseline, parts_of_average(machine, average) if average else None)
+    pictures = [channel.pictures for channel in channels if channel.pictures is not None]
+    groups |= picture_groups(pictures) if pictures else {}
     judged = verdicts_from(groups, groups["/"].attrs)
     found = findings(judged)
-    groups["/findings"] = rows_dataset(found, Finding, dim="finding")
-    groups["/verdicts"] = rows_dataset([one for one in judged if one not in found], Finding, dim="part")
     left = not_named(
         [line for channel in channels for line in channel.unexplained],
         [one.order_found for one in found if one.kind in BEARING_KINDS],
         bin_width=groups[f"/{ORDER_SPECTRUM}"].attrs["bin_width_orders"],
     )
-    groups["/unexplained"] = rows_dataset(left, UnexplainedLine, dim="line")
-    return found
-
-
-def _without_verdicts(
-    record: xr.Dataset,
-    gearbox: Gearbox,
-    machine: Machine,
-    settings: AnalysisSettings,
-    channels: Sequence[AnalysedChannel],
-    assessed: Sequence[AssessedLine],
-    gears: Sequence[GearJudgement],
-    baseline: Analysis | None,
-    *,
-    notes: Sequence[str],
-    conditions: Sequence[SensorCondition],
-) -> dict[str, xr.Dataset]:
-    """Return the groups of an analysis that records in one piece and snapshots have alike."""
-    unlike = unlike_drawing(
-        [channel.spectra[ORDER_SPECTRUM] for channel in channels if not channel.faulty],
-        drawn_by(machine, settings),
-        setting_of(machine),
+    _log.info("amplitude tracks")
+    tracks, envelope_tracks = _tracks(channels, there, assessed, found, settings)
+    tree = tree_of(
+        groups
+        | {
+            "/findings": rows_dataset(found, Finding, dim="finding"),
+            "/verdicts": rows_dataset([one for one in judged if one not in found], Finding, dim="part"),
+            "/unexplained": rows_dataset(left, UnexplainedLine, dim="line"),
+            "/tracks": tracks,
+            "/envelope_tracks": envelope_tracks,
+        }
     )
-    doubts = [unlike[0].upper() + unlike[1:] + "."] if unlike else []
-    return {
-        "/": xr.Dataset(
-            attrs=_root_attrs(record, gearbox, machine, settings, channels, [*doubts, *notes]) | {UNLIKE: unlike}
-        ),
-        "/health": rows_dataset(conditions, SensorCondition, dim="item"),
-        f"/{ORDER_SPECTRUM}": _spectra(channels, ORDER_SPECTRUM, assessed),
-        f"/{ENVELOPE}": _spectra(channels, ENVELOPE, assessed),
-    } | evidence_groups(channels, gears, machine, settings, baseline)
-
-
-def _indicator_rows(indicators: Sequence[IndicatorValue], histories: Baseline) -> xr.Dataset:
-    rows = rows_dataset(indicators, IndicatorValue, dim="row")
-    return rows.assign_attrs({HISTORIES: histories.to_json()})
+    check_analysis(tree)
+    return tree
 
 
 def _plan(machine: Machine, settings: AnalysisSettings) -> SearchPlan:
@@ -358,62 +223,31 @@ def _healthy_spacings(machine: Machine) -> dict[str, tuple[float, ...]]:
     }
 
 
-def _sensor_conditions(
-    record: xr.Dataset,
-    channels: Sequence[AnalysedChannel],
-    gapped: Mapping[str, str],
-    constant: Mapping[str, SensorHealth],
-    machine: Machine,
-) -> list[SensorCondition]:
-    """Return the condition of every sensor: channels with gaps first, the tachometer last."""
-    rows = [
-        SensorCondition(
-            name=name,
-            sensor="vibration",
-            status="sick",
-            reasons=f"It drops out: it has {gaps}.",
-            missing=float(np.mean(~np.isfinite(channel_values(record, name)))),
-        )
-        for name, gaps in gapped.items()
-    ]
-    checked = {channel.name: channel.health for channel in channels if channel.health is not None}
-    rows += [
-        SensorCondition(
-            name=name,
-            sensor="vibration",
-            status=health.status,
-            reasons=" ".join(reason[0].upper() + reason[1:] for reason in health.reasons),
-            missing=float(health.missing.mean()),
-            not_judged="; ".join(health.not_judged),
-        )
-        for name, health in (*checked.items(), *constant.items())
-    ]
-    if machine.source.tachometer:
-        status, reasons = machine.tachometer_condition
-        rows.append(
-            SensorCondition(
-                name=machine.source.tachometer, sensor="tachometer", status=status, reasons=" ".join(reasons)
-            )
-        )
+def _sensor_conditions(there: SegmentedRecord, channels: Sequence[AnalysedChannel]) -> list[SensorCondition]:
+    """Return the condition of every sensor that can be told, the tachometer last."""
+    known = {name: one.condition for name, one in there.channels.items() if not one.segments}
+    known |= {channel.name: channel.condition for channel in channels}
+    rows = [row for name in there.channels if (row := known[name]) is not None]
+    tachometer = there.machine.source.tachometer
+    if tachometer:
+        status, reasons = there.machine.tachometer_condition
+        rows.append(SensorCondition(name=tachometer, sensor="tachometer", status=status, reasons=" ".join(reasons)))
     return rows
 
 
-def _root_attrs(
-    record: xr.Dataset,
-    gearbox: Gearbox,
-    machine: Machine,
-    settings: AnalysisSettings,
-    channels: Sequence[AnalysedChannel],
-    excluded: Sequence[str],
-) -> dict[str, Any]:
-    """Return the attributes of the analysis: its inputs, settings and caveats."""
-    described = [
-        {"name": c.name, "units": c.units, "rate_hz": c.rate_hz, "duration_s": c.duration_s}
-        | {key: str(record[c.name].attrs[key]) for key in ("sensor", "direction") if key in record[c.name].attrs}
-        for c in channels
+def _speeds(there: SegmentedRecord) -> xr.Dataset:
+    """Return the mean speed of the reference over each revolution of all parts, with the worst doubt of any."""
+    speeds = [
+        one.assign_coords(time_s=one["time_s"] + there.starts_s[part]) if there.starts_s[part] else one
+        for part, one in ((part, _speed_dataset(machine)) for part, machine in there.machines.items())
     ]
-    caveats = [*notes(machine, settings, channels), *excluded]
-    return root_attributes(record, gearbox, machine.reference, settings, channels=described, notes=caveats)
+    if len(speeds) == 1:
+        return speeds[0]
+    whole = xr.concat(speeds, dim="revolution", combine_attrs="override")
+    for name, worst in (("confidence", min), ("phase_std_rev", max)):
+        if name in whole.attrs:
+            whole.attrs[name] = worst(one.attrs[name] for one in speeds)
+    return whole
 
 
 def _speed_dataset(machine: Machine) -> xr.Dataset:
@@ -452,44 +286,61 @@ def _spectra(channels: Sequence[AnalysedChannel], name: str, assessed: Sequence[
     return spectrum_dataset(spectra, lines, bands=bands if name == ENVELOPE else None)
 
 
-def _tracks_dataset(
-    record: xr.Dataset,
+def _tracks(
     channels: Sequence[AnalysedChannel],
-    machine: Machine,
+    there: SegmentedRecord,
     assessed: Sequence[AssessedLine],
-    settings: AnalysisSettings,
-) -> xr.Dataset:
-    """Return the amplitude tracks of the strongest significant lines of every channel."""
-    tracks = []
-    for channel in channels:
-        own = [line for line in assessed if line.measured.channel == channel.name]
-        lines = lines_to_track(own, most=settings.most_tracks)
-        if lines:
-            bandwidth = settings.track_bandwidth_orders
-            tracks.append(track_lines(record, channel, machine, lines, bandwidth_orders=bandwidth))
-    if not tracks:
-        return xr.Dataset()
-    # channels of other rates may end a revolution earlier
-    shared = min(track.sizes["output"] for track in tracks)
-    tracks = [track.isel(output=slice(shared)) for track in tracks]
-    return xr.concat(tracks, dim="track", data_vars="minimal", coords="minimal", compat="override", join="override")
-
-
-def _envelope_tracks(
-    record: xr.Dataset,
-    channels: Sequence[AnalysedChannel],
-    teeth: Mapping[str, Mapping[str, ToothEnvelope]],
-    machine: Machine,
     found: Sequence[Finding],
     settings: AnalysisSettings,
-) -> xr.Dataset:
-    """Return the amplitude tracks of the lines of named bearings and gears in the envelopes that show them."""
-    by_name, lines = {channel.name: channel for channel in channels}, []
-    for one in found[: settings.most_tracks]:
-        channel = by_name[one.channel]
-        if one.kind in BEARING_KINDS:
-            part = next(part for part in channel.evidence if (part.component, part.kind) == (one.component, one.kind))
-            lines.append(bearing_line(record, channel, machine, part, slip=settings.slip))
-        elif one.kind == "tooth":
-            lines.append(tooth_line(channel, machine, one.component, teeth[one.channel][one.component]))
-    return track_envelope_lines(lines, machine, bandwidth_orders=settings.track_bandwidth_orders)
+) -> tuple[xr.Dataset, xr.Dataset]:
+    """Return the amplitude tracks of the strongest significant lines of every channel, and of named parts in envelopes.
+
+    Of several segments the samples are read once more.
+    """
+    turns: dict[int, float] = {}
+    for segment in (segment for channel in channels for segment in channel.segments):
+        turns[segment.part] = max(segment.turns, turns.get(segment.part, 0.0))
+    origins: dict[int, float] = {}
+    tables: list[tuple[int, xr.Dataset]] = []
+    envelopes: dict[int, dict[int, list[EnvelopeLine]]] = {}
+    named = list(enumerate(found[: settings.most_tracks]))
+    for channel in channels:
+        lines = lines_to_track(
+            [line for line in assessed if line.measured.channel == channel.name], most=settings.most_tracks
+        )
+        own = [(rank, one) for rank, one in named if one.channel == channel.name]
+        parts = {(part.component, part.kind): part for part in channel.evidence}
+        if not (lines or own) or channel.segments[0].parts_per_turn > 1:
+            continue
+        for number, segment in enumerate(read_anew(channel.segments)):
+            if lines:
+                origin = origins.setdefault(segment.part, segment.signal.start_rev)
+                table = track_lines(
+                    segment,
+                    channel.spectra[ORDER_SPECTRUM],
+                    lines,
+                    noise_left=channel.noise_left,
+                    bandwidth_orders=settings.track_bandwidth_orders,
+                    step_rev=output_step_rev(turns[segment.part]),
+                    origin_rev=origin,
+                )
+                tables.append((segment.part, table))
+            for rank, one in own:
+                into = envelopes.setdefault(segment.part, {}).setdefault(rank, [])
+                if one.kind in BEARING_KINDS:
+                    into.append(bearing_line(segment, parts[one.component, one.kind], slip=settings.slip))
+                elif one.component in channel.teeth[number]:
+                    into.append(channel.teeth[number][one.component])
+    of_envelopes = [
+        (
+            part,
+            track_envelope_lines(
+                [line for rank in sorted(by_rank) for line in by_rank[rank]],
+                there.machines.get(part, there.machine),
+                bandwidth_orders=settings.track_bandwidth_orders,
+            ),
+        )
+        for part, by_rank in sorted(envelopes.items())
+        if any(by_rank.values())
+    ]
+    return joined_tracks(tables), joined_tracks(of_envelopes)

@@ -7,6 +7,7 @@ be taken: nothing is diagnosed, and every part says why.
 
 import math
 from collections.abc import Iterator, Sequence
+from dataclasses import replace
 from fractions import Fraction
 from functools import partial
 from typing import Any
@@ -15,43 +16,34 @@ import numpy as np
 import xarray as xr
 from scipy import fft
 
-from hums.analysis.channel import Values, excluded_channels, selected_channels, varying_values
-from hums.analysis.findings import NOT_JUDGED, Finding
+from hums.analysis.channel import AnalysedChannel
 from hums.analysis.indicators import (
-    HISTORIES,
     SHAFT_ORDERS,
     Baseline,
     Gear,
     MonitoredComponent,
     carrier_sideband_ratio,
     gear_indicators,
-    read_baseline,
     unavailable,
 )
-from hums.analysis.lines import ENVELOPE, ORDER_SPECTRUM
+from hums.analysis.lines import ORDER_SPECTRUM
 from hums.analysis.reference_angle import AngleSource, Machine, solved
-from hums.analysis.result import (
-    Analysis,
-    IndicatorValue,
-    SensorCondition,
-    check_analysis,
-    root_attributes,
-    rows_dataset,
-    spectrum_dataset,
-    tree_of,
-)
+from hums.analysis.result import IndicatorValue, SensorCondition
+from hums.analysis.segments import ChannelSegments, Scan, Segment, SegmentedRecord, Values, scanned, selected_channels
 from hums.analysis.settings import AnalysisError, AnalysisSettings
+from hums.analysis.verdicts import Unmeasured
 from hums.gearbox.components import closest
 from hums.gearbox.model import Gearbox
 from hums.gearbox.orders import BEARING_KINDS
 from hums.gearbox.planetary_stages import planetary_stages
+from hums.records.record import channel_values
 from signals.angle.averaging import SynchronousAverage
 from signals.angle.residual import residual_signal
 from signals.indicators import INDICATORS, kurtosis, rms
 from signals.shaft.phase import constant_speed
 from signals.spectra.spectra import AmplitudeSpectrum, amplitude_spectrum
 
-__all__ = ["analyse_average", "envelope_depths"]
+__all__ = ["average_channel", "average_segments", "envelope_depths", "no_speed", "parts_of_average"]
 
 _RAW = ("rms", "peak", "crest_factor", "kurtosis")
 _STANDARDISED = 1e-2  # how near one the deviation of a signal without unit is, of which it is taken for the unit
@@ -59,74 +51,34 @@ _NO_TIME = "an average in angle has no time, and its speed is not known"
 _NOT_SYNCHRONOUS = "a bearing's lines are no multiples of a revolution, so that averaging removed them"
 
 
-def analyse_average(
-    record: xr.Dataset, gearbox: Gearbox, settings: AnalysisSettings, previous: Analysis | None
-) -> Analysis:
-    """Return the analysis of an average in angle: spectra over whole orders, and the indicators that it allows.
-
-    Parameters
-    ----------
-    record : xarray.Dataset
-        Declared with `hums.AngularAverage`.
-    gearbox : Gearbox
-        With a link named as the average's component.
-    settings : AnalysisSettings
-        Channels, harmonics and the freezing of the baseline are used.
-    previous : xarray.DataTree, optional
-        Analysis of the previous average of this machine, for NA4 and NB4.
-
-    Raises
-    ------
-    AnalysisError
-        If the gearbox has no such link, or every channel is constant or has gaps.
-    """
-    machine, component = _machine(gearbox, record.attrs["average_of"]), record.attrs["average_of"]
-    chosen = selected_channels(record, settings)
-    gapped, constant = excluded_channels(record, chosen)
-    names = [name for name in chosen if name not in gapped and name not in constant]
-    units = {name: str(record[name].attrs["units"]) for name in names}
-    baseline = read_baseline(previous, settings, units=units)
-    indicators: list[IndicatorValue] = []
-    spectra: list[tuple[str, str, AmplitudeSpectrum]] = []
-    for name in names:
-        values = varying_values(record, name)
-        average = _average(values, record)
-        monitored = MonitoredComponent(channel=name, units=units[name], component=component, kind="shaft")
-        indicators += _indicators(monitored, values, average, machine, settings, baseline)
-        spectra.append((name, units[name], _spectrum(values, record, machine, component)))
-    per_rev = int(record.attrs["samples_per_rev"])
-    described = [
-        {"name": name, "units": units[name], "revolutions": record[name].size // per_rev, "samples_per_rev": per_rev}
-        for name in names
-    ]
-    excluded = [f'Channel "{name}" is dead and left out: it has the same value throughout.' for name in constant]
-    excluded += [f'Channel "{name}" is left out: it has {gaps}.' for name, gaps in gapped.items()]
-    tree = tree_of(
-        {
-            "/": xr.Dataset(
-                attrs=root_attributes(
-                    record,
-                    gearbox,
-                    machine.reference,
-                    settings,
-                    channels=described,
-                    notes=[_note(record), *excluded],
-                )
-            ),
-            "/speed": _no_speed(machine),
-            "/health": rows_dataset(_conditions([*names, *constant], gapped), SensorCondition, dim="item"),
-            f"/{ORDER_SPECTRUM}": spectrum_dataset(spectra, []),
-            f"/{ENVELOPE}": spectrum_dataset([], []),
-            "/tracks": xr.Dataset(),
-            "/indicators": rows_dataset(indicators, IndicatorValue, dim="row").assign_attrs(
-                {HISTORIES: baseline.to_json()}
-            ),
-            "/findings": rows_dataset([], Finding, dim="finding"),
-            "/verdicts": rows_dataset(list(_verdicts(machine, component, names, units)), Finding, dim="part"),
-        }
+def average_channel(channel: ChannelSegments, settings: AnalysisSettings, baseline: Baseline) -> AnalysedChannel:
+    """Return the analysis of a channel of an average in angle: spectrum over whole orders, and indicators."""
+    (segment,) = channel.segments
+    component = segment.record.attrs["average_of"]
+    monitored = MonitoredComponent(channel=segment.name, units=segment.units, component=component, kind="shaft")
+    average = _average(segment)
+    return AnalysedChannel(
+        name=segment.name,
+        units=segment.units,
+        rate_hz=math.nan,
+        segments=(segment,),
+        duration_s=math.nan,
+        analysed_s=math.nan,
+        revolutions=int(segment.turns),
+        left_out="",
+        failed=(),
+        spectra={ORDER_SPECTRUM: _spectrum(segment, component)},
+        blocks=1,
+        noise_left=1.0,
+        lines=(),
+        out_of_range=(),
+        crest_factor=math.nan,
+        condition=SensorCondition(
+            name=segment.name, sensor="vibration", status="ok", not_judged="the sensor, from an average"
+        ),
+        band=None,
+        indicators=tuple(_indicators(monitored, segment.values, average, segment.machine, settings, baseline)),
     )
-    check_analysis(tree)
-    return tree
 
 
 def envelope_depths(values: Values, *, harmonics: int) -> list[float]:
@@ -171,9 +123,15 @@ def envelope_depths(values: Values, *, harmonics: int) -> list[float]:
 # ---- the component ---------------------------------------------------------------------------------------------------
 
 
-def _machine(gearbox: Gearbox, component: str) -> Machine:
-    """Return the kinematics of the gearbox, with the reference at one revolution a second: no speed is known."""
-    mechanism = solved(gearbox)
+def average_segments(record: xr.Dataset, gearbox: Gearbox, settings: AnalysisSettings) -> SegmentedRecord:
+    """Return an average in angle as one segment of each channel, the reference at one revolution a second.
+
+    Raises
+    ------
+    AnalysisError
+        If the gearbox has no such link, or every channel is constant or has gaps.
+    """
+    mechanism, component = solved(gearbox), record.attrs["average_of"]
     kinematics = mechanism.kinematics
     if component not in kinematics.links:
         raise AnalysisError(
@@ -181,7 +139,7 @@ def _machine(gearbox: Gearbox, component: str) -> Machine:
             f"{closest(component, list(kinematics.links))}"
         )
     phase = constant_speed(1.0, start_s=0.0, stop_s=1.0)
-    return Machine(
+    machine = Machine(
         kinematics=kinematics,
         reference=mechanism.reference,
         defect_orders=mechanism.defect_orders,
@@ -190,6 +148,16 @@ def _machine(gearbox: Gearbox, component: str) -> Machine:
         source=AngleSource(shaft=mechanism.reference, phase=phase),
         ratio=1.0,
     )
+    names = selected_channels(record, settings)
+    channels = {name: scanned([record], name, [Scan.of(channel_values(record, name))]) for name in names}
+    for name, one in channels.items():
+        if not one.why:
+            turns = record[name].size / int(record.attrs["samples_per_rev"])
+            segment = Segment(record=record, name=name, machine=machine, part=0, turns=turns)
+            channels[name] = replace(one, segments=(segment,))
+    if all(one.why for one in channels.values()):
+        raise AnalysisError(next(iter(channels.values())).why)
+    return SegmentedRecord(machine=machine, machines={}, starts_s={}, channels=channels, left_out=[_note(record)])
 
 
 def _gears_on(machine: Machine, component: str) -> dict[str, int]:
@@ -209,10 +177,11 @@ def _gears_on(machine: Machine, component: str) -> dict[str, int]:
     }
 
 
-def _average(values: Values, record: xr.Dataset) -> SynchronousAverage:
+def _average(segment: Segment) -> SynchronousAverage:
     """Return one revolution, the mean of those that the record holds."""
+    record = segment.record
     per_rev = int(record.attrs["samples_per_rev"])
-    turns = np.asarray(values, dtype=np.float64).reshape(-1, per_rev)
+    turns = np.asarray(segment.values, dtype=np.float64).reshape(-1, per_rev)
     spread = turns.std(axis=0, ddof=1) / math.sqrt(len(turns)) if len(turns) > 1 else np.full(per_rev, np.nan)
     return SynchronousAverage(
         values=turns.mean(axis=0),
@@ -223,14 +192,14 @@ def _average(values: Values, record: xr.Dataset) -> SynchronousAverage:
     )
 
 
-def _spectrum(values: Values, record: xr.Dataset, machine: Machine, component: str) -> AmplitudeSpectrum:
+def _spectrum(segment: Segment, component: str) -> AmplitudeSpectrum:
     """Return the spectrum over the orders of the reference; the average repeats, so that no window is needed."""
-    per_rev, kinematics = int(record.attrs["samples_per_rev"]), machine.kinematics
+    per_rev, kinematics = int(segment.record.attrs["samples_per_rev"]), segment.machine.kinematics
     body = kinematics.bodies[component]
     joint = kinematics.joints.get(body)
     seen_from = kinematics.gearbox.frame if joint is None else joint.carried_by
     ratio = abs(float(kinematics.relative_speed(component, seen_from=seen_from))) if joint is not None else 1.0
-    return amplitude_spectrum(values, rate=per_rev * (ratio or 1.0), window="boxcar", padding=1)
+    return amplitude_spectrum(segment.values, rate=per_rev * (ratio or 1.0), window="boxcar", padding=1)
 
 
 # ---- indicators ------------------------------------------------------------------------------------------------------
@@ -336,7 +305,8 @@ def _note(record: xr.Dataset) -> str:
     )
 
 
-def _no_speed(machine: Machine) -> xr.Dataset:
+def no_speed(machine: Machine) -> xr.Dataset:
+    """Return the group `/speed` of a record without a time."""
     empty = np.zeros(0)
     attrs = {"shaft": machine.reference, "measured_on": "", "tachometer": "", "nominal": 0}
     return xr.Dataset(
@@ -346,40 +316,19 @@ def _no_speed(machine: Machine) -> xr.Dataset:
     )
 
 
-def _conditions(names: Sequence[str], gapped: dict[str, str]) -> list[SensorCondition]:
-    rows = [
-        SensorCondition(name=name, sensor="vibration", status="sick", reasons=f"It drops out: it has {gaps}.")
-        for name, gaps in gapped.items()
-    ]
-    return rows + [
-        SensorCondition(name=name, sensor="vibration", status="ok", not_judged="the sensor, from an average")
-        for name in names
-    ]
-
-
-def _verdicts(machine: Machine, component: str, names: Sequence[str], units: dict[str, str]) -> Iterator[Finding]:
-    """Yield for every part why an average does not judge it."""
+def parts_of_average(machine: Machine, component: str) -> list[Unmeasured]:
+    """Return for every part why an average over a component does not judge it."""
     bodies = machine.kinematics.bodies
     own = {component, component.rpartition(" ")[0], *(link for link in bodies if bodies[link] == bodies[component])}
+    found = []
     for row in machine.defect_orders:
-        if row.kind not in {*BEARING_KINDS, "tooth"} or not names:
+        if row.kind not in {*BEARING_KINDS, "tooth"}:
             continue
         why = _NOT_SYNCHRONOUS
         if row.kind == "tooth":
             why = "one average has no spread from turn to turn by which teeth could be judged"
             if row.component.rpartition("/")[2] not in own:
                 why = f"the record is an average over {component}, in which this gear does not repeat"
-        yield Finding(
-            component=row.component,
-            kind=row.kind,
-            channel=names[0],
-            verdict=NOT_JUDGED,
-            evidence=f"not judged: {why}.",
-            false_alarm_probability=math.nan,
-            snr=0.0,
-            order_found=float(row.order),
-            amplitude=0.0,
-            units=units[names[0]],
-            doubts=why,
-            next_step="Give the record from which the average was made.",
-        )
+        change = "judged in the record from which the average was made"
+        found.append(Unmeasured(component=row.component, kind=row.kind, why=why, least_change=change))
+    return found

@@ -2,19 +2,24 @@
 
 from collections.abc import Iterator, Sequence
 
-import numpy as np
-
 from hums.analysis.channel import AnalysedChannel
 from hums.analysis.lines import ORDER_SPECTRUM
 from hums.analysis.reference_angle import Machine
+from hums.analysis.segments import SegmentedRecord
 from hums.analysis.settings import AnalysisSettings
 
 _MOST_OF = 0.9  # of a record, below which the analysed part has a note
 _SPIKE = 100.0  # crest factor; Gaussian noise of a million samples reaches 5, bearing impacts some 30
 
 
-def notes(machine: Machine, settings: AnalysisSettings, channels: Sequence[AnalysedChannel]) -> list[str]:
-    """Return the caveats, those on speed and tachometer first."""
+def notes(
+    record: SegmentedRecord, settings: AnalysisSettings, channels: Sequence[AnalysedChannel], unlike: str
+) -> list[str]:
+    """Return the caveats, those on speed and tachometer first; `unlike` is why the record is not like its drawing."""
+    machine = record.machine
+    left_out = [f"Left out: {one.why}" for one in record.channels.values() if not one.segments]
+    if not record.machines:  # an average in angle has no speed
+        return [*record.left_out, *left_out]
     return [
         *_speed_notes(machine, settings),
         *machine.tachometer_condition[1],
@@ -23,7 +28,28 @@ def notes(machine: Machine, settings: AnalysisSettings, channels: Sequence[Analy
         *(note for channel in channels for note in _channel_notes(channel, machine)),
         *(note for channel in channels for note in _spectrum_end_notes(channel, settings)),
         *(note for channel in channels for note in _out_of_range_notes(channel)),
+        *([unlike[0].upper() + unlike[1:] + "."] if unlike else []),
+        *dict.fromkeys(note for channel in channels for note in _pooled_notes(channel)),
+        *record.left_out,
+        *(f"A segment is left out: {why}" for channel in channels for why in channel.failed),
+        *left_out,
     ]
+
+
+def _pooled_notes(channel: AnalysedChannel) -> Iterator[str]:
+    """Yield what the average over segments is of."""
+    if len(channel.segments) == 1:
+        return
+    spectrum = channel.spectra[ORDER_SPECTRUM]
+    snapshots = channel.segments[0].parts_per_turn > 1
+    pieces = "snapshots" if snapshots else "segments"
+    yield (
+        f"{len(channel.segments)} {pieces} were analysed together: spectra are averages of power over "
+        f"{channel.blocks} blocks of {1 / spectrum.bin_width:.4g} turns. Lines nearer to each other than "
+        f"{spectrum.resolution:.2g} orders are one, whatever the number of {pieces}; probabilities are those of "
+        "records in one piece, which pooled noise does not exceed."
+        + ("" if snapshots else " Indicators and gears are those of the median segment, pictures those of the first.")
+    )
 
 
 def _speed_notes(machine: Machine, settings: AnalysisSettings) -> Iterator[str]:
@@ -90,16 +116,20 @@ def _jitter_notes(machine: Machine, channels: Sequence[AnalysedChannel]) -> Iter
 
 
 def _channel_notes(channel: AnalysedChannel, machine: Machine) -> Iterator[str]:
-    analysed = _analysed_s(channel, machine)
     if channel.faulty:
         yield (
             f'Channel "{channel.name}" is sick (see sensor health): its indicators are withheld but for the raw RMS, '
             "and nothing it shows is diagnosed."
         )
-    if analysed < _MOST_OF * channel.duration_s:
+    if channel.left_out:
+        yield (
+            f'Channel "{channel.name}" has {channel.left_out}: {channel.analysed_s:.3g} of {channel.duration_s:.3g} s '
+            f"are analysed, whole revolutions in {len(channel.segments)} segments between gaps."
+        )
+    elif channel.analysed_s < _MOST_OF * channel.duration_s:
         where = "the tachometer covers" if machine.source.tachometer else "the shaft's angle is known for"
         yield (
-            f'Channel "{channel.name}": {analysed:.3g} of {channel.duration_s:.3g} s are analysed, the whole '
+            f'Channel "{channel.name}": {channel.analysed_s:.3g} of {channel.duration_s:.3g} s are analysed, the whole '
             f"revolutions that {where}; the rest is not analysed."
         )
     if channel.crest_factor > _SPIKE:
@@ -125,11 +155,3 @@ def _out_of_range_notes(channel: AnalysedChannel) -> Iterator[str]:
             f'Channel "{channel.name}": {len(channel.out_of_range)} lines are out of reach, above what the sampling '
             f"rate or the envelope's band carries or in too short a record to judge: {', '.join(names)}."
         )
-
-
-def _analysed_s(channel: AnalysedChannel, machine: Machine) -> float:
-    """Return the duration in s of the whole revolutions of a channel."""
-    signal = channel.signal
-    turns = signal.values.size / signal.samples_per_rev
-    ends = machine.phase.times_at(np.array([signal.start_rev, signal.start_rev + turns]))
-    return float(ends[1] - ends[0])

@@ -1,17 +1,27 @@
-"""Analysis of one channel: sensor health, angle-domain signal, order and envelope spectrum, measured lines."""
+"""Analysis of one channel over its segments: spectra averaged by power, lines measured once.
+
+Spectra are averaged over blocks of one number of turns. Of the levels in the table of indicators (RMS) the root mean
+square over the segments is taken, of the others and of the judgement of gears the median, both weighted by turns.
+"""
 
 import math
 from collections.abc import Iterable, Iterator, Mapping, Sequence
 from dataclasses import dataclass, field, replace
-from functools import cached_property
 from itertools import islice
 
 import numpy as np
-import xarray as xr
 from numpy.typing import NDArray
 
 from hums.analysis.detection import LineAssessor
 from hums.analysis.evidence import BandEvidence, PartEvidence, Setting, bearing_evidence
+from hums.analysis.gear_damage import GearJudgement, ToothEnvelope, gear_damage, gear_indicators, most_conspicuous
+from hums.analysis.indicators import (
+    Baseline,
+    averaged_indicators,
+    bearing_indicators,
+    not_averaged,
+    raw_indicators,
+)
 from hums.analysis.lines import (
     ENVELOPE,
     ORDER_SPECTRUM,
@@ -21,25 +31,23 @@ from hums.analysis.lines import (
     narrowed,
     search,
 )
+from hums.analysis.pictures import ChannelPictures, channel_pictures
 from hums.analysis.reference_angle import Machine
-from hums.analysis.result import EnvelopeBand
+from hums.analysis.result import EnvelopeBand, IndicatorValue, SensorCondition
+from hums.analysis.segments import ChannelSegments, Segment, capitalised
 from hums.analysis.settings import AnalysisError, AnalysisSettings
 from hums.analysis.thresholds import IN_TIME, MESH_SHARE, PEAK_RATIO
+from hums.analysis.tracks import EnvelopeLine, tooth_line
 from hums.analysis.unexplained import Drawn, UnexplainedLine, drawn_orders, unexplained_lines
 from hums.gearbox.bearing_orders import BearingOrders
-from hums.gearbox.components import closest
 from hums.gearbox.orders import BEARING_KINDS
-from hums.records.record import Sampling, channel_values, sampling, vibration_channels
-from signals._fft_plans import transform_of
-from signals.angle.averaging import SynchronousAverage
 from signals.demodulation.envelope_bank import bank_bands, bank_envelopes, level_normalised
 from signals.demodulation.time_or_angle import FEWEST_SAMPLES, power_in_time_and_angle
-from signals.health import SensorHealth, sensor_health
-from signals.resampling.resampling import PASSBAND, AngularSignal, angular_resample_all
-from signals.shaft.phase import ShaftPhase
+from signals.health import SensorHealth
+from signals.resampling.resampling import PASSBAND, AngularSignal, whole_revolutions
 from signals.spectra.lines import SURROUNDINGS, has_background
 from signals.spectra.peaks import spectral_peaks
-from signals.spectra.pooling import pooled_spectrum
+from signals.spectra.pooling import noise_left, pooled_spectrum
 from signals.spectra.spectra import AmplitudeSpectrum, order_spectra, order_spectrum
 
 _ENVELOPE_SHARE = 0.5
@@ -50,251 +58,344 @@ _LEAST_ORDERS = 20.0  # of a spectrum
 _MARGIN = 1.1  # end of a spectrum over (highest expected order + 1), so that the background of its lines fits
 _HELD = 2**19  # samples of envelopes whose spectra, some 40 times as large, are made and held at once
 _TOGETHER = 2**21  # samples of envelopes resampled at once: their angles are found once, in 16 MB
-_SHORTEST = 64  # samples that a check of the sensor needs
-_SPEEDS = 256  # over the record, for that check: four in each part in which it looks for a change of level
 _LEAST_STRENGTH = 0.03  # of evidence that may name a part, half of the least that does in records of minutes
 _OF_THE_LINE = 0.5  # of a line in angle, which one in time must leave there: another line that is larger leaves nothing
 _HARMONICS_IN_TIME = 4.5  # of a line that is looked for in time: the first four, and half of one to the filter's edge
-_POOLED_BINS = 12.0  # beside a line of a pooled spectrum: nine without its main lobe, of a record of three turns
-
-Values = NDArray[np.floating]  # samples, in the precision of their source
+_POOLED_BINS = 12.0  # next to a line of a pooled spectrum: nine without its main lobe, of a record of three turns
+_FAULTY_SHARE = 0.5  # of the turns
+_LEVELS = ("rms", "velocity_rms")  # indicators of which the mean square is averaged
 
 
 @dataclass(frozen=True, kw_only=True)
 class AnalysedChannel:
-    """Angle-domain signal, spectra, measured lines and sensor health of one channel."""
+    """Spectra, measured lines, indicators, gears and sensor health of one channel, over all of its segments.
+
+    `analysed_s` of `duration_s` are in whole revolutions, of which the longest segment has `revolutions`; `left_out`
+    has the gaps in words, `failed` why segments were left out. Spectra of so many `blocks` were averaged, which left
+    the share `noise_left` of the power of noise.
+    `teeth` has the envelopes of gears whose teeth stand out, of each segment by component.
+    """
 
     name: str
     units: str
-    signal: AngularSignal
+    rate_hz: float
+    segments: tuple[Segment, ...]
+    duration_s: float
+    analysed_s: float
+    revolutions: int
+    left_out: str
+    failed: tuple[str, ...]
     spectra: Mapping[str, AmplitudeSpectrum]
+    blocks: int
+    noise_left: float
     lines: tuple[MeasuredLine, ...]
     out_of_range: tuple[ExpectedLine, ...]
-    duration_s: float
-    rate_hz: float
     crest_factor: float
-    health: SensorHealth | None
+    condition: SensorCondition | None
     band: EnvelopeBand | None
     no_band: str = ""
     evidence: tuple[PartEvidence, ...] = ()
     unexplained: tuple[UnexplainedLine, ...] = ()
     envelope_reach: float = 0.0  # highest order of any envelope's spectrum
-    transform: NDArray[np.complexfloating] | None = field(
-        default=None, repr=False
-    )  # of its samples, missing ones filled
-    averages: dict[str, SynchronousAverage] = field(
-        default_factory=dict, repr=False
-    )  # of shafts, as they are asked for
+    indicators: tuple[IndicatorValue, ...] = ()
+    gears: tuple[GearJudgement, ...] = ()
+    teeth: tuple[Mapping[str, EnvelopeLine], ...] = field(default=(), repr=False)
+    pictures: ChannelPictures | None = field(default=None, repr=False)
 
     @property
     def faulty(self) -> bool:
         """Whether the sensor is faulty, so that nothing estimated from it is reliable."""
-        return self.health is not None and self.health.status == "sick"
-
-
-def selected_channels(record: xr.Dataset, settings: AnalysisSettings) -> tuple[str, ...]:
-    """Return the names of the channels to analyse; raise AnalysisError for one that the record does not have."""
-    there = vibration_channels(record)
-    for name in settings.channels or ():
-        if name not in there:
-            raise AnalysisError(f'the record has no vibration channel "{name}"{closest(name, there)}')
-    return tuple(there) if settings.channels is None else tuple(dict.fromkeys(settings.channels))
-
-
-def excluded_channels(record: xr.Dataset, names: Sequence[str]) -> tuple[dict[str, str], dict[str, SensorHealth]]:
-    """Return the channels that are not analysed: those with samples that are not finite, and constant ones.
-
-    Returns
-    -------
-    gapped : dict of str to str
-        Number and place of the samples that are not finite, in words.
-    constant : dict of str to SensorHealth
-        Empty where all channels without gaps are constant: `varying_values` then raises for the first one.
-
-    Raises
-    ------
-    AnalysisError
-        If every channel has gaps.
-    """
-    gapped, constant = {}, {}
-    for name in names:
-        values = channel_values(record, name)
-        if gaps := _gaps(values, sampling(record, name)):
-            gapped[name] = gaps
-        elif values.size >= _SHORTEST and values.min() == values.max():
-            units = record[name].attrs["units"]
-            constant[name] = sensor_health(values, rate_hz=sampling(record, name).rate_hz, units=units)
-    if gapped and len(gapped) == len(names):
-        name = next(iter(gapped))
-        others = "" if len(names) == 1 else f", and none of the {len(names)} channels is without such samples"
-        raise AnalysisError(
-            f'channel "{name}" has {gapped[name]}{others}. Cut the record to a part without them, with '
-            "record.isel(time=slice(...)) or in the source file before hums convert, or choose a channel without them: "
-            "channels=(...), on the command line --channel NAME."
-        )
-    return gapped, constant if len(constant) < len(names) - len(gapped) else {}
-
-
-def _gaps(values: Values, when: Sampling) -> str:
-    """Return in words how many samples are not finite, in how many gaps and where; empty if all are finite."""
-    bad = np.flatnonzero(~np.isfinite(values))
-    if not bad.size:
-        return ""
-    count = 1 + np.count_nonzero(np.diff(bad) > 1)
-    where = f"{count} gaps, the first" if count > 1 else "one gap,"
-    samples = f"{bad.size} samples that are" if bad.size > 1 else "1 sample that is"
-    return f"{samples} not finite in {where} at index {bad[0]} ({when.start_s + bad[0] / when.rate_hz:g} s)"
-
-
-def varying_values(record: xr.Dataset, name: str) -> Values:
-    """Return the samples of a channel; raise AnalysisError if they are constant."""
-    values = channel_values(record, name)
-    if values.size and values.min() == values.max():
-        raise AnalysisError(
-            f'channel "{name}" has the same value {values[0]:g} throughout: a dead sensor or a wrong channel. Leave it '
-            "out with channels=(...), on the command line --channel NAME."
-        )
-    return values
+        return self.condition is not None and self.condition.status == "sick"
 
 
 @dataclass(frozen=True, kw_only=True)
-class Stretch:
-    """Samples of a channel in one stretch of time, and the reference's angle in it: of a record, or of a snapshot.
+class _Part:
+    """What one segment gives besides its spectra."""
 
-    A snapshot of few turns is cut to whole parts of one, `parts` of which are a turn: `phase` counts these.
-    """
+    turns: float
+    analysed_s: float
+    crest_factor: float
+    health: SensorHealth | None
+    faulty: bool
+    indicators: list[IndicatorValue]
+    gears: list[GearJudgement]
+    teeth: dict[str, EnvelopeLine]
+    histories: Baseline
 
-    values: Values
-    phase: ShaftPhase
-    parts: int = 1
 
-    @cached_property
-    def transform(self) -> NDArray[np.complexfloating]:
-        """Fourier transform of the samples without their mean."""
-        return transform_of(self.values)
+def read_anew(segments: Sequence[Segment]) -> Iterator[Segment]:
+    """Yield segments; of several each a new one, so that its samples leave the memory with it."""
+    yield from segments if len(segments) == 1 else (replace(one, averages={}) for one in segments)
 
-    def over_angle(
-        self, rows: Sequence[Values], when: Sampling, name: str, last_order: float, *, highest_hz: float | None = None
-    ) -> list[AngularSignal]:
-        """Return signals of this stretch, which end at `highest_hz`, at equal increments of the reference's angle."""
-        last, multiple = last_order / self.parts, 8 if self.parts == 1 else 1
-        signals = resample_all_in_angle(rows, when, name, self.phase, last, multiple_of=multiple, highest_hz=highest_hz)
-        if self.parts == 1:
-            return signals
-        return [
-            replace(
-                signal,
-                samples_per_rev=self.parts * signal.samples_per_rev,
-                start_rev=signal.start_rev / self.parts,
-                passband_orders=self.parts * signal.passband_orders,
-            )
-            for signal in signals
-        ]
+
+def _analysable(segments: Sequence[Segment], failed: dict[int, str]) -> Iterator[Segment]:
+    """Yield the segments that can be resampled over angle; raise where none can, such as of a shaft at rest."""
+    for number, segment in enumerate(read_anew(segments)):
+        try:
+            _ = segment.signal
+        except AnalysisError as error:
+            failed[number] = str(error)
+            if len(failed) == len(segments):
+                raise
+            continue
+        yield segment
 
 
 def analyse_channel(
-    record: xr.Dataset,
-    name: str,
-    stretches: Sequence[Stretch],
+    channel: ChannelSegments,
     machine: Machine,
     expected: Sequence[ExpectedLine],
     settings: AnalysisSettings,
+    baseline: Baseline,
+    *,
+    channels: int,
 ) -> AnalysedChannel:
-    """Return the sensor health, spectra and measured lines of a channel, those of snapshots pooled.
+    """Return the analysis of a channel, one of `channels`; `machine` is that of all parts of the record.
 
-    `record` is that of one stretch; `machine` is that of the fastest.
+    The histories in `baseline` are updated by those of the segments whose indicators are taken.
     """
-    when, units = sampling(record, name), record[name].attrs["units"]
-    conditions = [_health(one, when, units) for one in stretches]
-    health = _usual_health(conditions)
+    first = channel.segments[0]
+    name, units, rate_hz = first.name, first.units, first.when.rate_hz
     searched = [line for line in expected if line.spectrum == ORDER_SPECTRUM]
-    last = _spectrum_end(searched, settings.max_order, PASSBAND / 2 * when.rate_hz / machine.top_speed_hz)
-    signals = _equally_long([one.over_angle([one.values], when, name, last)[0] for one in stretches])
-    spectrum = pooled_spectrum([order_spectrum(one, max_order=last) for one in signals])
-    signal = signals[0]
-    values = stretches[0].values if len(stretches) == 1 else np.concatenate([one.values for one in stretches])
-    spectra = {ORDER_SPECTRUM: spectrum}
-    beside = surroundings_of(spectrum, len(stretches))
-    seen = settings.false_alarm_probability
-    lines, out_of_range = search(spectrum, searched, channel=name, units=units, surroundings=beside, seen=seen)
+    last = _spectrum_end(searched, settings.max_order, PASSBAND / 2 * rate_hz / machine.top_speed_hz)
+    segments = tuple(replace(one, last_order=last) for one in channel.segments)
+    in_envelopes = [line for line in expected if line.spectrum == ENVELOPE]
+    bands, no_band = _bands_to_search(rate_hz, machine, in_envelopes, settings)
+    envelopes = _Envelopes.of(bands, in_envelopes, machine)
+    block = _block_turns(segments, early_s=envelopes.end_s)
+    surroundings = SURROUNDINGS if len(segments) == 1 else max(SURROUNDINGS, _POOLED_BINS / block)
+    if not has_background(1 / block, surroundings=surroundings):
+        envelopes = replace(envelopes, bands=bands[:1])  # no line is evidence: one band to show
+    pool: _Pool | None = None
+    parts, pictures = list[_Part](), None
+    failed: dict[int, str] = {}
+    for segment in _analysable(segments, failed):
+        for signal in _blocks(segment.signal, block, single=len(segments) == 1):
+            pool = _Pool.add(pool, order_spectrum(signal, max_order=last))
+        envelopes.add(segment, block, single=len(segments) == 1)
+        parts.append(_part(segment, settings, baseline, channels=channels))
+        if settings.pictures and segment.parts_per_turn == 1 and pictures is None:
+            pictures = channel_pictures(segment, settings)
+    segments = tuple(one for number, one in enumerate(segments) if number not in failed)
+    if pool is None:  # the others hold no block
+        left = replace(channel, segments=segments)
+        return analyse_channel(left, machine, expected, settings, baseline, channels=channels)
+    spectrum, blocks = pool.spectrum(), pool.count
+    lines, out_of_range = search(
+        spectrum,
+        searched,
+        channel=name,
+        units=units,
+        surroundings=surroundings,
+        seen=settings.false_alarm_probability,
+    )
+    in_envelopes = narrowed(in_envelopes, lines)
+    best, evidence = _assessed_envelopes(
+        envelopes, segments, machine, in_envelopes, lines, settings, searches=len(bands), surroundings=surroundings
+    )
     unexplained = unexplained_lines(
-        spectra[ORDER_SPECTRUM], drawn_by(machine, settings), setting_of(machine), channel=name, units=units
+        spectrum, drawn_by(machine, settings), setting_of(machine), channel=name, units=units
     )
-    filled = [
-        one if (whole := whole_values(one.values, own)) is one.values else replace(one, values=whole)
-        for one, own in zip(stretches, conditions, strict=True)
-    ]
-    searched = narrowed((line for line in expected if line.spectrum == ENVELOPE), lines)
-    measurable = has_background(spectrum.bin_width, surroundings=beside)
-    best, evidence, no_band = _envelopes(
-        filled, record, name, machine, searched, lines, settings, measurable=measurable
-    )
+    spectra = {ORDER_SPECTRUM: spectrum} | ({ENVELOPE: best.spectrum} if best is not None else {})
     if best is not None:
-        spectra[ENVELOPE] = best.spectrum
         lines = [*lines, *best.lines, *_with_sidebands(best, machine.bearings)]
         out_of_range = [*out_of_range, *best.out_of_range]
     elif no_band:
-        out_of_range = [*out_of_range, *searched]
+        out_of_range = [*out_of_range, *in_envelopes]
+    state = _pooled_condition(name, channel, parts)
+    faulty = state is not None and state.status == "sick"
+    alike = [part for part in parts if part.faulty == faulty]
+    gears, indicators = _pooled_gears(alike), _pooled_indicators(alike, baseline)
+    if best is not None and not faulty:
+        indicators += bearing_indicators(name, units, evidence, best.band.band_hz, best.spectrum, machine, settings)
+    if not faulty:
+        indicators += not_averaged(name, units, indicators) if first.parts_per_turn > 1 else gear_indicators(gears)
     return AnalysedChannel(
         name=name,
         units=units,
-        signal=signal,
+        rate_hz=rate_hz,
+        segments=segments,
+        duration_s=channel.duration_s,
+        analysed_s=sum(part.analysed_s for part in parts),
+        revolutions=int(max(one.turns for one in segments)),
+        left_out=channel.gaps,
+        failed=tuple(failed.values()),
         spectra=spectra,
+        blocks=blocks,
+        noise_left=noise_left(pool.count),
         lines=tuple(lines),
         out_of_range=tuple(out_of_range),
-        duration_s=when.count / when.rate_hz,
-        rate_hz=when.rate_hz,
-        crest_factor=_crest_factor(values),
-        health=health,
+        crest_factor=max(part.crest_factor for part in parts),
+        condition=state,
         band=None if best is None else best.band,
+        no_band=no_band,
         evidence=evidence,
         unexplained=tuple(unexplained),
-        no_band=no_band,
         envelope_reach=0.0 if best is None else best.reach,
-        transform=filled[0].transform if len(filled) == 1 and settings.most_tracks else None,
+        indicators=tuple(indicators),
+        gears=tuple(gears),
+        teeth=tuple(part.teeth for part in parts),
+        pictures=pictures,
     )
 
 
-def _crest_factor(values: Values) -> float:
-    mean = values.mean(dtype=np.float64)
-    return float(max(values.max() - mean, mean - values.min()) / values.std(dtype=np.float64))
+def _block_turns(segments: Sequence[Segment], *, early_s: float) -> float:
+    """Return the turns in each block whose spectra are averaged: those with which a weak line stands out most.
+
+    With K blocks of M turns the power of a line over the scatter of the noise's grows as ``M sqrt(K)``. Envelopes end
+    up to `early_s` before their segment.
+    """
+    if len(segments) == 1:
+        return segments[0].turns
+    turns = []
+    for one in segments:
+        when, parts = one.when, one.parts_per_turn
+        phase = one.machine.phase if parts == 1 else one.machine.phase.scaled(parts)
+        stop_s = when.start_s + (when.count - 1) / when.rate_hz - early_s
+        try:
+            turns.append(whole_revolutions(phase, start_s=when.start_s, stop_s=stop_s)[1] / parts)
+        except ValueError:  # not one of them
+            continue
+    longest = np.array(turns or [1.0])
+    return float(max(np.unique(longest), key=lambda block: block * math.sqrt(np.sum(longest // block))))
 
 
-def resample_in_angle(
-    values: Values,
-    when: Sampling,
-    name: str,
-    phase: ShaftPhase,
-    last_order: float,
-    *,
-    multiple_of: int = 8,
-) -> AngularSignal:
-    """Return samples of a channel at equal angle increments of `phase`, with a passband up to `last_order`."""
-    return resample_all_in_angle([values], when, name, phase, last_order, multiple_of=multiple_of)[0]
+def _blocks(signal: AngularSignal, turns: float, *, single: bool) -> Iterator[AngularSignal]:
+    """Yield the blocks of so many turns that a signal holds, evenly spread over it; all of a `single` segment."""
+    size = signal.values.size if single else round(turns * signal.samples_per_rev)
+    count = signal.values.size // size
+    for start in np.linspace(0, signal.values.size - size, count).astype(int).tolist() if count > 1 else [0] * count:
+        begin = signal.start_rev + start / signal.samples_per_rev
+        yield replace(signal, values=signal.values[start : start + size], start_rev=begin)
 
 
-def resample_all_in_angle(
-    rows: Sequence[Values],
-    when: Sampling,
-    name: str,
-    phase: ShaftPhase,
-    last_order: float,
-    *,
-    multiple_of: int = 8,
-    highest_hz: float | None = None,
-) -> list[AngularSignal]:
-    """Return what `resample_in_angle` does of each of several signals of a channel, of the same times."""
-    try:
-        return angular_resample_all(
-            rows,
-            rate_hz=when.rate_hz,
-            phase=phase,
-            samples_per_rev=multiple_of * math.ceil(2 * last_order / (multiple_of * PASSBAND)),
-            start_s=when.start_s,
-            highest_hz=highest_hz,
+def _part(segment: Segment, settings: AnalysisSettings, baseline: Baseline, *, channels: int) -> _Part:
+    """Return what one segment gives besides its spectra."""
+    signal, phase, values = segment.signal, segment.machine.phase, segment.values
+    turns = signal.values.size / signal.samples_per_rev
+    ends = phase.times_at(np.array([signal.start_rev, signal.start_rev + turns]))
+    mean, histories = values.mean(dtype=np.float64), baseline.copy()
+    indicators = list(raw_indicators(segment))
+    gears: list[GearJudgement] = []
+    teeth: dict[str, EnvelopeLine] = {}
+    if segment.parts_per_turn == 1:
+        indicators += [] if segment.faulty else averaged_indicators(segment, settings, histories)
+        envelopes: dict[str, ToothEnvelope] | None = {} if settings.most_tracks else None
+        gears = gear_damage(
+            segment,
+            false_alarm_probability=settings.false_alarm_probability,
+            channels=channels,
+            envelopes=envelopes,
         )
-    except ValueError as error:
-        raise AnalysisError(f'channel "{name}": {error}') from None
+        teeth = {component: tooth_line(segment, component, tooth) for component, tooth in (envelopes or {}).items()}
+    return _Part(
+        turns=segment.turns,
+        analysed_s=float(ends[1] - ends[0]),
+        crest_factor=float(max(values.max() - mean, mean - values.min()) / values.std(dtype=np.float64)),
+        health=segment.health,
+        faulty=segment.faulty,
+        indicators=indicators,
+        gears=gears,
+        teeth=teeth,
+        histories=histories,
+    )
+
+
+def weighted_median(values: Sequence[float], weights: Sequence[float]) -> int:
+    """Return the place of the lower weighted median: the least of which, and below, half of the weight is."""
+    order = np.argsort(values, kind="stable")
+    total = np.cumsum(np.asarray(weights)[order])
+    return int(order[np.searchsorted(total, total[-1] / 2)])
+
+
+def _pooled_indicators(parts: Sequence[_Part], baseline: Baseline) -> list[IndicatorValue]:
+    """Return one row for each indicator of any segment, and add its history to the baseline."""
+    rows: dict[tuple[str, str, str], list[tuple[IndicatorValue, _Part]]] = {}
+    for part in parts:
+        for row in part.indicators:
+            rows.setdefault((row.component, row.kind, row.indicator), []).append((row, part))
+    pooled = []
+    for (component, _, indicator), some in rows.items():
+        known = [(row, part) for row, part in some if not row.withheld] or some[:1]
+        weights = [part.turns for _, part in known]
+        values = [row.value for row, _ in known]
+        row, part = known[weighted_median(values, weights)]
+        baseline.take((row.channel, component, indicator), part.histories)
+        if len(known) > 1:
+            how = "median"
+            if indicator in _LEVELS:
+                how, level = "root mean square", math.sqrt(np.average(np.square(values), weights=weights))
+                row = replace(row, value=level)
+            row = replace(row, takes=f"{row.takes}; {how} of {len(known)} segments")
+        pooled.append(row)
+    return pooled
+
+
+def _pooled_gears(parts: Sequence[_Part]) -> list[GearJudgement]:
+    """Return the judgement of each gear in the segment with its median strength, of those that can be judged."""
+    if len(parts) == 1:
+        return parts[0].gears
+    rows: dict[str, list[tuple[GearJudgement, float]]] = {}
+    for part in parts:
+        for row in part.gears:
+            rows.setdefault(row.component, []).append((row, part.turns))
+    pooled = []
+    for some in rows.values():
+        judged = [(row, turns) for row, turns in some if row.judgeable] or some[:1]
+        place = weighted_median([row.strength for row, _ in judged], [turns for _, turns in judged])
+        pooled.append(judged[place][0])
+    return most_conspicuous(pooled)
+
+
+def _pooled_condition(name: str, channel: ChannelSegments, parts: Sequence[_Part]) -> SensorCondition | None:
+    """Return the condition of a sensor: the worst of any segment, but faulty only where it is for half of the turns."""
+    known = [(part.health, part.turns) for part in parts if part.health is not None]
+    if not known:
+        return None
+    rank = ("ok", "suspect", "sick").index
+    worst = max((health for health, _ in known), key=lambda health: rank(health.status))
+    faulty = sum(turns for health, turns in known if health.status == "sick")
+    status: str = worst.status
+    if faulty < _FAULTY_SHARE * sum(turns for _, turns in known):
+        status = min(status, "suspect", key=rank)
+    more = []
+    if len(known) > 1 and worst.reasons:
+        alike = sum(health.status == worst.status for health, _ in known)
+        more.append(f"So it is in {alike} of {len(known)} segments.")
+    if channel.gaps:
+        status = max(status, "suspect", key=rank)
+        more.append(f"It drops out: it has {channel.gaps}.")
+    lost = float(np.average([health.missing.mean() for health, _ in known], weights=[turns for _, turns in known]))
+    return SensorCondition(
+        name=name,
+        sensor="vibration",
+        status=status,
+        reasons=" ".join([*capitalised(worst.reasons), *more]),
+        missing=channel.missing + (1 - channel.missing) * lost,
+        not_judged="; ".join(worst.not_judged),
+    )
+
+
+# ---- Envelopes of all bands ------------------------------------------------------------------------------------------
+
+
+@dataclass
+class _Pool:
+    """Sum of the power of spectra on one axis."""
+
+    first: AmplitudeSpectrum
+    power: NDArray[np.float64]
+    count: int = 1
+
+    @staticmethod
+    def add(pool: "_Pool | None", spectrum: AmplitudeSpectrum) -> "_Pool":
+        """Return the pool with another spectrum."""
+        power = spectrum.amplitude**2
+        return _Pool(spectrum, power) if pool is None else _Pool(pool.first, pool.power + power, pool.count + 1)
+
+    def spectrum(self) -> AmplitudeSpectrum:
+        """Return the pooled spectrum."""
+        return pooled_spectrum(self.first, power=self.power, count=self.count)
 
 
 @dataclass(frozen=True, kw_only=True)
@@ -309,60 +410,161 @@ class _Envelope:
     reach: float = 0.0  # of all bands
 
 
-def _health(stretch: Stretch, when: Sampling, units: str) -> SensorHealth | None:
-    if stretch.values.size < _SHORTEST:
-        return None
-    phase, times_s = stretch.phase, when.start_s + np.linspace(0, when.count / when.rate_hz, _SPEEDS)
-    return sensor_health(
-        stretch.values,
-        rate_hz=when.rate_hz,
-        units=units,
-        transform=stretch.transform,
-        speed_hz=phase.speed_hz(np.clip(times_s, phase.start_s, phase.stop_s)),
-    )
+@dataclass(frozen=True, kw_only=True)
+class _Envelopes:
+    """Pooled spectra of the envelopes of bands, up to the order `last`; parts make lines from the order `slowest` on.
+
+    The envelopes of several segments are pooled relative to their levels.
+    """
+
+    bands: Sequence[tuple[float, float]]
+    last: float
+    slowest: float
+    highest_hz: float
+    pools: dict[tuple[float, float], _Pool] = field(default_factory=dict)
+    levels: dict[tuple[float, float], list[tuple[float, float]]] = field(default_factory=dict)
+
+    @classmethod
+    def of(
+        cls, bands: Sequence[tuple[float, float]], expected: Sequence[ExpectedLine], machine: Machine
+    ) -> "_Envelopes":
+        # the envelope spectrum of noise in a band of width B falls to zero at B, and is nearly flat up to B / 2
+        widest = _ENVELOPE_SHARE * min((high - low for low, high in bands), default=0.0) / machine.top_speed_hz
+        last = _spectrum_end(expected, None, widest)
+        return cls(
+            bands=bands,
+            last=last,
+            slowest=min((line.order for line in expected if line.fundamental), default=1.0),
+            highest_hz=last * machine.top_speed_hz,
+        )
+
+    @property
+    def end_s(self) -> float:
+        """Time in s by which envelopes end before the samples at most: half of a cycle of their highest frequency."""
+        return 1 / (2 * self.highest_hz) if self.bands else 0.0
+
+    def add(self, segment: Segment, block: float, *, single: bool) -> None:
+        """Add the envelopes of a segment, some at once, in blocks of so many turns."""
+        if not self.bands:
+            return
+        try:
+            self._add(segment, block, single=single)
+        except ValueError as error:
+            raise AnalysisError(
+                f'envelope of channel "{segment.name}": {error} Or leave the channel out with channels=(...), on the '
+                "command line --channel NAME."
+            ) from None
+
+    def _add(self, segment: Segment, block: float, *, single: bool) -> None:
+        signals = zip(self.bands, self._over_angle(segment), strict=True)
+        for first in signals:
+            some = [first, *islice(signals, _HELD // first[1].values.size)]
+            flat = []
+            for band, signal in some:
+                level = float(signal.values.mean())
+                self.levels.setdefault(band, []).append((level, segment.turns))
+                even = level_normalised(signal, revolutions=_LEVEL_PERIODS / self.slowest)
+                flat.append(even if single else replace(even, values=even.values / level if level > 0 else even.values))
+            for signals_of in zip(*(_blocks(one, block, single=single) for one in flat), strict=True):
+                # envelopes of a bank are in single precision already
+                spectra = order_spectra(signals_of, max_order=self.last, single=True)
+                for (band, _), spectrum in zip(some, spectra, strict=True):
+                    self.pools[band] = _Pool.add(self.pools.get(band), spectrum)
+
+    def _over_angle(self, segment: Segment) -> Iterator[AngularSignal]:
+        """Yield the envelope of each band over angle; some are resampled together."""
+        when = segment.when
+        envelopes = bank_envelopes(
+            segment.filled,
+            rate_hz=when.rate_hz,
+            bands_hz=self.bands,
+            highest_hz=self.highest_hz,
+            transform=segment.filled_transform,
+        )
+        for rate_hz, first in envelopes:
+            some = [first, *(values for _, values in islice(envelopes, _TOGETHER // first.size))]
+            at = replace(when, rate_hz=rate_hz, count=first.size)
+            yield from segment.over_angle(some, at, self.last, highest_hz=self.highest_hz)
+
+    def spectrum(self, band: tuple[float, float]) -> tuple[float, AmplitudeSpectrum]:
+        """Return the mean level of a band's envelope, and its spectrum."""
+        levels, turns = zip(*self.levels[band], strict=True)
+        pooled = self.pools[band].spectrum()
+        if len(levels) == 1:
+            return levels[0], pooled
+        level = float(np.average(levels, weights=turns))
+        amplitude = pooled.amplitude * level
+        return level, replace(pooled, amplitude=amplitude, complex_amplitude=amplitude.astype(np.complex128))
 
 
-def _usual_health(each: Sequence[SensorHealth | None]) -> SensorHealth | None:
-    """Return the health that half of the stretches have at least, of their statuses from ok to sick."""
-    known = sorted(
-        (one for one in each if one is not None), key=lambda one: ("ok", "suspect", "sick").index(one.status)
-    )
-    return known[(len(known) - 1) // 2] if known else None
+def _assessed_envelopes(
+    envelopes: _Envelopes,
+    segments: Sequence[Segment],
+    machine: Machine,
+    expected: Sequence[ExpectedLine],
+    shaft_locked: Sequence[MeasuredLine],
+    settings: AnalysisSettings,
+    *,
+    searches: int,
+    surroundings: float,
+) -> tuple[_Envelope | None, tuple[PartEvidence, ...]]:
+    """Return the envelope with the strongest evidence, and the evidence of all bands.
 
-
-def _equally_long(signals: Sequence[AngularSignal]) -> list[AngularSignal]:
-    """Return signals cut to the length of the shortest, so that their spectra have one axis."""
-    size = min(one.values.size for one in signals)
-    return [one if one.values.size == size else replace(one, values=one.values[:size]) for one in signals]
-
-
-def surroundings_of(spectrum: AmplitudeSpectrum, stretches: int) -> float:
-    """Return the orders on either side of a line within which its background is measured: more in pooled spectra."""
-    return SURROUNDINGS if stretches == 1 else max(SURROUNDINGS, _POOLED_BINS * spectrum.bin_width)
-
-
-def _pooled_envelopes(
-    rows: Sequence[Sequence[AngularSignal]], last: float, slowest: float
-) -> list[tuple[float, AmplitudeSpectrum]]:
-    """Return of each row, a band's envelopes in some stretches, the mean level and the spectrum, pooled over levels."""
-    levels = [[float(one.values.mean()) for one in row] for row in rows]
-    flat = []
-    for row, own in zip(rows, levels, strict=True):
-        even = [level_normalised(one, revolutions=_LEVEL_PERIODS / slowest) for one in row]
-        if len(row) > 1:
-            gains = [np.mean(own) / level if level > 0 else 0.0 for level in own]
-            even = [replace(one, values=one.values * gain) for one, gain in zip(even, gains, strict=True)]
-        flat.append(_equally_long(even))
-    # envelopes of a bank are in single precision already
-    spectra = [order_spectra(stretch, max_order=last, single=True) for stretch in zip(*flat, strict=True)]
-    pooled = [pooled_spectrum(band) for band in zip(*spectra, strict=True)]
-    return [(float(np.mean(own)), spectrum) for own, spectrum in zip(levels, pooled, strict=True)]
+    Bands whose power is mostly that of meshes and shafts are left to others: their lines beat with one another.
+    """
+    name, units = segments[0].name, segments[0].units
+    if not envelopes.bands:
+        return None, ()
+    assessor = LineAssessor({bearing.name: bearing for bearing in machine.bearings}, settings.false_alarm_probability)
+    loud = [line for line in shaft_locked if line.line.false_alarm_probability < _SEEN]
+    found: list[_Envelope] = []
+    seen: list[BandEvidence] = []
+    for band in envelopes.bands:
+        level, spectrum = envelopes.spectrum(band)
+        lines, out_of_range = search(
+            spectrum,
+            expected,
+            channel=name,
+            units=units,
+            level=level,
+            searches=searches,
+            surroundings=surroundings,
+            seen=settings.false_alarm_probability,
+        )
+        chosen = EnvelopeBand(low_hz=band[0], high_hz=band[1], chosen=not isinstance(settings.envelope_band_hz, tuple))
+        found.append(_Envelope(band=chosen, spectrum=spectrum, lines=lines, out_of_range=out_of_range, level=level))
+        peaks = spectral_peaks(spectrum, ratio=PEAK_RATIO)
+        seen.append(
+            BandEvidence(
+                band_hz=band,
+                lines=assessor.assess(lines),
+                orders=peaks.position,
+                depths=peaks.amplitude / level if level > 0 else np.zeros(peaks.position.size),
+                backgrounds=peaks.background / level if level > 0 else np.zeros(peaks.position.size),
+                bin_width=spectrum.bin_width,
+                clear=not chosen.chosen or _mesh_share(found[-1], loud, machine) < MESH_SHARE,
+                line_probability=assessor.single_probability(lines),
+            )
+        )
+    evidence = bearing_evidence(seen, assessor.bearings, setting_of(machine))
+    if len(segments) > 1:
+        evidence = _unresolved(evidence, expected, found[0].spectrum.resolution)
+    if segments[0].parts_per_turn == 1 and not machine.phase.nominal:
+        longest = max(read_anew(segments), key=lambda one: one.turns)
+        evidence = [_unless_in_time(part, longest) for part in evidence]
+    strongest = max(evidence, key=lambda part: (not part.hidden_by, part.strength), default=None)
+    place = next((place for place, band in enumerate(seen) if band.clear), 0)
+    if strongest is not None and strongest.strength > 0:
+        place = [band.band_hz for band in seen].index((strongest.band_low_hz, strongest.band_high_hz))
+    best = found[place]
+    reach = max(float(one.spectrum.axis[-1]) for one in found)
+    return replace(best, band=_explained(best.band, strongest, searches), reach=reach), tuple(evidence)
 
 
 def _unresolved(
     evidence: Iterable[PartEvidence], expected: Sequence[ExpectedLine], resolution: float
 ) -> list[PartEvidence]:
-    """Return the evidence of pooled snapshots: of parts whose lines are not resolved each may have made that of all."""
+    """Return the evidence of pooled segments: of parts whose lines are not resolved each may have made that of all."""
     orders = {(line.component, line.kind): line.order for line in expected if line.fundamental}
     parts, found = list(evidence), []
     for part in parts:
@@ -377,7 +579,7 @@ def _unresolved(
         if near and strength > 0 and not part.hidden_by:
             other, order = near[0], orders[near[0].component, near[0].kind]
             why = (
-                f"snapshots this short resolve {resolution:.2g} orders, and {other.kind.replace('_', ' ')} of "
+                f"segments this short resolve {resolution:.2g} orders, and {other.kind.replace('_', ' ')} of "
                 f"{other.component}, at {order:.3f}, is nearer than that to {orders[own]:.3f}"
             )
             found.append(replace(part, hidden_by=why, strength=strength))
@@ -386,18 +588,18 @@ def _unresolved(
     return found
 
 
-def _unless_in_time(part: PartEvidence, stretch: Stretch, when: Sampling) -> PartEvidence:
+def _unless_in_time(part: PartEvidence, segment: Segment) -> PartEvidence:
     """Return the evidence for a part, hidden where its line follows the clock and not the shaft."""
     if part.hidden_by or part.strength < _LEAST_STRENGTH:
         return part
-    band, phase = (part.band_low_hz, part.band_high_hz), stretch.phase
+    band, when, phase = (part.band_low_hz, part.band_high_hz), segment.when, segment.machine.phase
     highest_hz = _HARMONICS_IN_TIME * part.found * float(np.max(phase.mean_speed_per_revolution_hz()))
     bank = bank_envelopes(
-        stretch.values,
+        segment.filled,
         rate_hz=when.rate_hz,
         bands_hz=[band],
         highest_hz=min(highest_hz, _ENVELOPE_SHARE * (band[1] - band[0])),
-        transform=stretch.transform,
+        transform=segment.filled_transform,
     )
     rate_hz, envelope = next(iter(bank))
     times_s = when.start_s + np.arange(envelope.size) / rate_hz
@@ -414,125 +616,6 @@ def _unless_in_time(part: PartEvidence, stretch: Stretch, when: Sampling) -> Par
         "it has over the shaft's angle, as the line of another machine does"
     )
     return replace(part, hidden_by=why)
-
-
-def _envelopes(
-    stretches: Sequence[Stretch],
-    record: xr.Dataset,
-    name: str,
-    machine: Machine,
-    expected: Sequence[ExpectedLine],
-    shaft_locked: Sequence[MeasuredLine],
-    settings: AnalysisSettings,
-    *,
-    measurable: bool,
-) -> tuple[_Envelope | None, tuple[PartEvidence, ...], str]:
-    """Return the envelope with the strongest evidence, the evidence of all bands, and why there is none.
-
-    Bands whose power is mostly that of meshes and shafts are left to others: their lines beat with one another. Where
-    no line is `measurable`, in a record of few turns, none is evidence, and the first band is the one to show.
-    """
-    when = sampling(record, name)
-    bands, no_band = _bands_to_search(when.rate_hz, machine, expected, settings)
-    if not bands:
-        return None, (), no_band
-    assessor = LineAssessor({bearing.name: bearing for bearing in machine.bearings}, settings.false_alarm_probability)
-    loud = [line for line in shaft_locked if line.line.false_alarm_probability < _SEEN]
-    found: list[_Envelope] = []
-    seen: list[BandEvidence] = []
-    try:
-        most = len(bands) if measurable else 1
-        for band, level, spectrum in _envelope_spectra(stretches, when, name, machine, expected, bands, most):
-            lines, out_of_range = search(
-                spectrum,
-                expected,
-                channel=name,
-                units=record[name].attrs["units"],
-                level=level,
-                searches=len(bands),
-                surroundings=surroundings_of(spectrum, len(stretches)),
-                seen=settings.false_alarm_probability,
-            )
-            chosen = EnvelopeBand(
-                low_hz=band[0], high_hz=band[1], chosen=not isinstance(settings.envelope_band_hz, tuple)
-            )
-            found.append(_Envelope(band=chosen, spectrum=spectrum, lines=lines, out_of_range=out_of_range, level=level))
-            peaks = spectral_peaks(spectrum, ratio=PEAK_RATIO)
-            seen.append(
-                BandEvidence(
-                    band_hz=band,
-                    lines=assessor.assess(lines),
-                    orders=peaks.position,
-                    depths=peaks.amplitude / level if level > 0 else np.zeros(peaks.position.size),
-                    backgrounds=peaks.background / level if level > 0 else np.zeros(peaks.position.size),
-                    bin_width=spectrum.bin_width,
-                    clear=not chosen.chosen or _mesh_share(found[-1], loud, machine) < MESH_SHARE,
-                    line_probability=assessor.single_probability(lines),
-                )
-            )
-    except ValueError as error:
-        raise AnalysisError(
-            f'envelope of channel "{name}": {error} Or leave the channel out with channels=(...), on the command line '
-            "--channel NAME."
-        ) from None
-    evidence = bearing_evidence(seen, assessor.bearings, setting_of(machine))
-    if len(stretches) > 1:
-        evidence = _unresolved(evidence, expected, found[0].spectrum.resolution)
-    elif not machine.phase.nominal:
-        evidence = [_unless_in_time(part, stretches[0], when) for part in evidence]
-    strongest = max(evidence, key=lambda part: (not part.hidden_by, part.strength), default=None)
-    shown = [place for place, band in enumerate(seen) if band.clear] or [0]
-    place = shown[0]
-    if strongest is not None and strongest.strength > 0:
-        place = next(
-            place
-            for place in range(len(seen))
-            if seen[place].band_hz == (strongest.band_low_hz, strongest.band_high_hz)
-        )
-    best = found[place]
-    reach = max(float(one.spectrum.axis[-1]) for one in found)
-    return replace(best, band=_explained(best.band, strongest, len(bands)), reach=reach), tuple(evidence), ""
-
-
-def _envelope_spectra(
-    stretches: Sequence[Stretch],
-    when: Sampling,
-    name: str,
-    machine: Machine,
-    expected: Sequence[ExpectedLine],
-    bands: Sequence[tuple[float, float]],
-    most: int,
-) -> Iterator[tuple[tuple[float, float], float, AmplitudeSpectrum]]:
-    """Yield each of the first `most` bands, the mean level of its envelope, and its order spectrum of all stretches."""
-    # the envelope spectrum of noise in a band of width B falls to zero at B, and is nearly flat up to B / 2
-    widest = _ENVELOPE_SHARE * min(high - low for low, high in bands) / machine.top_speed_hz
-    last = _spectrum_end(expected, None, widest)
-    slowest = min((line.order for line in expected if line.fundamental), default=1.0)
-    each = (_over_angle(one, when, name, machine, bands[:most], last) for one in stretches)
-    pairs = zip(bands[:most], zip(*each, strict=True), strict=True)
-    for first in pairs:
-        some = [first, *islice(pairs, _HELD // sum(row.values.size for row in first[1]))]
-        pooled = _pooled_envelopes([row for _, row in some], last, slowest)
-        yield from ((band, *own) for (band, _), own in zip(some, pooled, strict=True))
-
-
-def _over_angle(
-    stretch: Stretch,
-    when: Sampling,
-    name: str,
-    machine: Machine,
-    bands: Sequence[tuple[float, float]],
-    last: float,
-) -> Iterator[AngularSignal]:
-    """Yield the envelope of each band over angle, up to the order `last`; some are resampled together."""
-    highest_hz = last * machine.top_speed_hz
-    envelopes = bank_envelopes(
-        stretch.values, rate_hz=when.rate_hz, bands_hz=bands, highest_hz=highest_hz, transform=stretch.transform
-    )
-    for rate_hz, first in envelopes:
-        some = [first, *(values for _, values in islice(envelopes, _TOGETHER // first.size))]
-        at = replace(when, rate_hz=rate_hz, count=first.size)
-        yield from stretch.over_angle(some, at, name, last, highest_hz=highest_hz)
 
 
 def _bands_to_search(
@@ -599,15 +682,6 @@ def _explained(band: EnvelopeBand, strongest: PartEvidence | None, count: int) -
     return replace(band, why=why + ".", doubts=doubts)
 
 
-def whole_values(values: Values, health: SensorHealth | None) -> Values:
-    """Return samples with those that the sensor misses replaced by linear interpolation."""
-    if health is None or not health.missing.any():
-        return values
-    missing = health.missing
-    places = np.arange(values.size)
-    return np.where(missing, np.interp(places, places[~missing], values[~missing]).astype(values.dtype), values)
-
-
 def _spectrum_end(expected: Iterable[ExpectedLine], stated: float | None, highest: float) -> float:
     """Return the highest order of a spectrum: as stated, or sufficient for all expected lines; at most `highest`."""
     needed = _MARGIN * (max((line.order + line.tolerance for line in expected), default=0.0) + 1.0)
@@ -617,7 +691,7 @@ def _spectrum_end(expected: Iterable[ExpectedLine], stated: float | None, highes
 def _with_sidebands(envelope: _Envelope, bearings: Iterable[BearingOrders]) -> list[MeasuredLine]:
     """Return the measured sidebands of every bearing fundamental, spaced as its kind of defect modulates it."""
     by_name = {bearing.name: bearing for bearing in bearings}
-    beside: list[MeasuredLine] = []
+    sidebands: list[MeasuredLine] = []
     for line in envelope.lines:
         if not line.expected.fundamental:
             continue
@@ -629,5 +703,7 @@ def _with_sidebands(envelope: _Envelope, bearings: Iterable[BearingOrders]) -> l
         }.get(line.expected.kind, 0.0)
         spacings = dict.fromkeys(abs(x) for x in (spacing, bearing.carried) if x)
         expected = envelope_sidebands(line, spacings)
-        beside += search(envelope.spectrum, expected, channel=line.channel, units=line.units, level=envelope.level)[0]
-    return beside
+        sidebands += search(envelope.spectrum, expected, channel=line.channel, units=line.units, level=envelope.level)[
+            0
+        ]
+    return sidebands

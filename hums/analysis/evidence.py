@@ -154,7 +154,7 @@ class PartEvidence:
     other_order, other_depth, other_strength : float
         The strongest line in any band, no slower than the slowest part, that this part does not explain, and its
         strength as one alone; 0 if there is none.
-    beside : tuple of float
+    sibling_depths : tuple of float
         In the band of its strength, how deep the significant lines of the bearing's parts are, in the order of
         `BEARING_KINDS`, 0 where there is none; empty where it has no strength.
     modulation : float
@@ -187,7 +187,7 @@ class PartEvidence:
     other_order: float = 0.0
     other_depth: float = 0.0
     other_strength: float = 0.0
-    beside: tuple[float, ...] = ()
+    sibling_depths: tuple[float, ...] = ()
     modulation: float = 0.0
 
 
@@ -236,11 +236,13 @@ def bearing_evidence(
                 families.setdefault(line.measured.family, []).append((band, line))
     others = _Others(usable, setting)
     parts = [_part(seen, bearings[component], others) for (component, _), seen in families.items()]
-    parts = [replace(part, beside=_beside(part, families)) if part.strength > 0 else part for part in parts]
+    parts = [
+        replace(part, sibling_depths=_sibling_depths(part, families)) if part.strength > 0 else part for part in parts
+    ]
     return [replace(part, hidden_by=part.hidden_by or _of_a_stronger_part(part, parts, bearings)) for part in parts]
 
 
-def _beside(
+def _sibling_depths(
     part: PartEvidence, families: Mapping[tuple[str, str], Sequence[tuple[BandEvidence, AssessedLine]]]
 ) -> tuple[float, ...]:
     """Return how deep the lines of a bearing's parts are in the band of one of them."""
@@ -294,10 +296,10 @@ class _Others:
         orders = np.concatenate([np.zeros(0), *(band.orders for band in bands)])
         depths = np.concatenate([np.zeros(0), *(band.depths for band in bands)])
         backgrounds = np.concatenate([np.zeros(0), *(band.backgrounds for band in bands)])
-        kept = ~self.of_shafts(orders)
+        selected = ~self.of_shafts(orders)
         self.every_order, self.every_depth = orders, depths
-        self.orders, self.depths = orders[kept], depths[kept]
-        self.strengths = self.depths**3 / (self.depths**2 + (TRUSTED_SNR * backgrounds[kept]) ** 2)  # each alone
+        self.orders, self.depths = orders[selected], depths[selected]
+        self.strengths = self.depths**3 / (self.depths**2 + (TRUSTED_SNR * backgrounds[selected]) ** 2)  # each alone
         searched = [
             line.measured.expected for band in bands for line in band.lines if line.measured.expected.fundamental
         ]
@@ -322,9 +324,13 @@ class _Others:
 
         They are the modulation of its lines by itself, and not what these are sidebands of.
         """
-        kept = ~_of_spacings(self.orders, spacings, self.width)
+        selected = ~_of_spacings(self.orders, spacings, self.width)
         found = copy.copy(self)
-        found.orders, found.depths, found.strengths = self.orders[kept], self.depths[kept], self.strengths[kept]
+        found.orders, found.depths, found.strengths = (
+            self.orders[selected],
+            self.depths[selected],
+            self.strengths[selected],
+        )
         return found
 
     def deepest(self, order: float) -> float:
@@ -553,9 +559,9 @@ def _comb_of_a_shaft(order: float, depth: float, band: BandEvidence, setting: Se
             if sum(stands(k * shaft) for k in far) >= _FULL_COMB * len(far):
                 return "", f"it is {name}, of whose multiples most stand out"
         elif multiple <= _LOAD_MULTIPLES:
-            beside = [k for k in (1, 2, multiple - 1, multiple + 1) if k % multiple and stands(k * shaft)]
-            if beside:
-                return "", f"it is {name}, of which {beside[0]} times stands out, too"
+            standing = [k for k in (1, 2, multiple - 1, multiple + 1) if k % multiple and stands(k * shaft)]
+            if standing:
+                return "", f"it is {name}, of which {standing[0]} times stands out, too"
         exact = multiple == 1 or (off <= EXACT_BINS * width and setting.measured)
         if exact and not slow and multiple <= _COMB:
             alone = alone or f"it stands at {name}"
@@ -579,7 +585,7 @@ def mains_multiples(orders: Numbers, setting: Setting, reach_hz: float) -> list[
     """Return for each frequency of the mains of which harmonic each order is a line; 0 where it is none.
 
     Lines of the mains are narrow in orders only where the speed is steady: elsewhere all are 0. `reach_hz` is the
-    uncertainty of a line's frequency beside the tolerance of the mains.
+    uncertainty of a line's frequency next to the tolerance of the mains.
     """
     found = []
     for mains in MAINS_HZ:
@@ -666,7 +672,7 @@ def _together(order: float, depth: float, others: _Others) -> float:
 
 
 def _about_as_deep(order: float, depth: float, others: _Others) -> Iterable[tuple[float, float]]:
-    """Return order and depth of the lines beside one that have half its depth or more."""
+    """Return order and depth of the lines next to one that have half its depth or more."""
     apart = (np.abs(others.orders - order) > others.width) & (others.depths >= _HARMONIC_SHARE * depth)
     return zip(others.orders[apart], others.depths[apart], strict=True)
 
@@ -674,9 +680,9 @@ def _about_as_deep(order: float, depth: float, others: _Others) -> Iterable[tupl
 def _sideband(order: float, carrier: float, others: _Others) -> tuple[float, float] | None:
     """Return which sideband of a carrier a line is, and the shaft's order that spaces them; None where it is none."""
     spacings = np.array(others.spacings)
-    beside = (order - carrier) / spacings
-    sides = np.round(beside)
-    near = np.abs(beside - sides) * spacings <= others.width
+    offsets = (order - carrier) / spacings
+    sides = np.round(offsets)
+    near = np.abs(offsets - sides) * spacings <= others.width
     near &= (sides != 0) & (np.abs(sides) <= _EXPLAINING_SIDEBANDS)
     if not near.any():
         return None

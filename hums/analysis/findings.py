@@ -178,10 +178,10 @@ def bearing_verdicts(
             for part in sound
         ]
         results.append(min(judged, key=lambda one: (RANK[one.verdict], -one.strength)))
-    return _with_twins(results, {(part.component, part.kind): part.order for part in evidence})
+    return _with_equal_bearings(results, {(part.component, part.kind): part.order for part in evidence})
 
 
-def _with_twins(results: Sequence[Finding], orders: Mapping[tuple[str, str], float]) -> list[Finding]:
+def _with_equal_bearings(results: Sequence[Finding], orders: Mapping[tuple[str, str], float]) -> list[Finding]:
     """Return the verdicts, where bearings of the same orders are not distinguished.
 
     Their lines are the same: the one with the strongest evidence is named, with the others, and they are not judged.
@@ -193,28 +193,28 @@ def _with_twins(results: Sequence[Finding], orders: Mapping[tuple[str, str], flo
     for one in results:
         order = orders[one.component, one.kind]
         first = stronger[one.kind, round(order, 9)]
-        twins = [
+        equal = [
             name
             for name, kind in orders
             if kind == one.kind and name != one.component and _same_order(orders[name, kind], order)
         ]
-        if twins and first.verdict in {DIAGNOSED, INDICATED}:
-            made.append(_also(one, twins) if one is first else _of_another_bearing(one, first.component))
+        if equal and first.verdict in {DIAGNOSED, INDICATED}:
+            made.append(_also(one, equal) if one is first else _of_another_bearing(one, first.component))
         else:
             made.append(one)
     return made
 
 
-def _also(one: Finding, twins: Sequence[str]) -> Finding:
+def _also(one: Finding, equal: Sequence[str]) -> Finding:
     """Return a finding that may be of bearings with the same orders as well."""
-    doubt = f"it may be {' or '.join(twins)}, which {'has' if len(twins) == 1 else 'have'} the same orders"
+    doubt = f"it may be {' or '.join(equal)}, which {'has' if len(equal) == 1 else 'have'} the same orders"
     joint = "; " if one.doubts else "; not certain: "
     return replace(
         one,
         verdict=INDICATED,
         evidence=f"{one.evidence.removesuffix('.')}{joint}{doubt}.",
         doubts="; ".join(filter(None, [one.doubts, doubt])),
-        next_step=f"Inspect {one.component} and {' and '.join(twins)}.",
+        next_step=f"Inspect {one.component} and {' and '.join(equal)}.",
         least_change=f"diagnosed without this doubt: {doubt}" if not one.doubts else one.least_change,
     )
 
@@ -267,8 +267,8 @@ def _bearing_verdict(
             least_change = f"indicated from a strength of {least:.3g} on (now {part.strength:.3g})"
             return _not_judged(part, _hidden(part.at_shaft), probability=shown, least_change=least_change)
     rivals = [other for other in evidence if other.channel not in faulty and other is not part]
-    if eclipsed := _eclipsed(part, rivals):
-        why, least_change = eclipsed
+    if masked := _masked(part, rivals):
+        why, least_change = masked
         step = f"Take a longer record at the same speed and load, and compare the line of {_kind_text(part.kind)}."
         return replace(_not_judged(part, why, probability=shown, least_change=least_change), next_step=step)
     doubts = _doubts(part, rivals)
@@ -278,7 +278,7 @@ def _bearing_verdict(
     return _named(part, doubts, shown, _least_of(_changes(part, rivals, doubts, needed, certain)))
 
 
-def _eclipsed(part: PartEvidence, others: Sequence[PartEvidence]) -> tuple[str, str] | None:
+def _masked(part: PartEvidence, others: Sequence[PartEvidence]) -> tuple[str, str] | None:
     """Return why a line that few healthy machines show is no evidence for its part, and what would change that.
 
     A much larger line of the same bearing leaves traces at the places of its other parts. Where something else that
@@ -370,9 +370,9 @@ def _where_it_is(part: PartEvidence, rival: PartEvidence) -> float:
 
     Strikes of parts of one bearing ring the same structure: what is as strong a source as a part shows where it does.
     """
-    if rival.channel != part.channel or not part.beside:
+    if rival.channel != part.channel or not part.sibling_depths:
         return rival.depth
-    return part.beside[BEARING_KINDS.index(rival.kind)]
+    return part.sibling_depths[BEARING_KINDS.index(rival.kind)]
 
 
 def _as_near(part: PartEvidence, other: PartEvidence) -> bool:

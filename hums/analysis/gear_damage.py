@@ -21,15 +21,14 @@ from typing import Any
 import numpy as np
 from numpy.typing import NDArray
 
-from hums.analysis.channel import Values, resample_in_angle
 from hums.analysis.findings import INDICATED, NOT_JUDGED, NOTHING_FOUND, Finding
 from hums.analysis.healthy_machines import RAREST_STATED, HealthyMachines, healthy_machines
 from hums.analysis.reference_angle import Machine
 from hums.analysis.result import IndicatorValue
+from hums.analysis.segments import Segment, resample_in_angle
 from hums.analysis.thresholds import DIFFERING_TEETH, FEWEST_CYCLES, GRAVE_RISE, HIGHEST_TOOTH, MODULATED_MESH
 from hums.gearbox.orders import DefectOrder
 from hums.gearbox.planetary_stages import planetary_stages
-from hums.records.record import Sampling
 from signals.angle.local_damage import PERMUTED_TURNS, LocalDamage, folded, local_damage
 from signals.angle.repeated_waveform import repeated_waveform
 from signals.angle.residual_energies import (
@@ -151,54 +150,45 @@ class _Tooth:
 
 
 def gear_damage(
-    values: Values,
-    when: Sampling,
-    machine: Machine,
+    segment: Segment,
     *,
-    channel: str,
-    units: str,
     false_alarm_probability: float,
     channels: int = 1,
-    faulty: bool = False,
     library: HealthyMachines | None = None,
     envelopes: dict[str, ToothEnvelope] | None = None,
 ) -> list[GearJudgement]:
-    """Return the judgement of every gear of a gearbox in one channel, the most conspicuous first.
+    """Return the judgement of every gear of a gearbox in one segment, the most conspicuous first.
 
     Parameters
     ----------
-    values : (n,) array
-        Samples of the channel.
-    when : Sampling
-        Rate and start.
-    machine : Machine
-        Gearbox and angle of its reference.
-    channel, units : str
-        Name and unit.
+    segment : Segment
+        Samples of a channel; of a faulty sensor nothing is judged.
     false_alarm_probability : float
         Of a record: gears below it are significant, and explain weaker ones.
     channels : int
         Number of channels judged, over which the probability is taken.
-    faulty : bool
-        Whether the sensor is, so that nothing is judged.
     library : HealthyMachines, optional
         Default the shipped one.
     envelopes : dict, optional
         Filled, by component, for the gears below that probability.
     """
-    gears = _gears(machine)
+    gears = _gears(segment.machine)
     if not gears:
         return []
     judged = [
         GearJudgement(
-            channel=channel, units=units, component=gear.row.component, order=gear.row.order, teeth=gear.teeth
+            channel=segment.name,
+            units=segment.units,
+            component=gear.row.component,
+            order=gear.row.order,
+            teeth=gear.teeth,
         )
         for gear in gears
     ]
-    if faulty:
+    if segment.faulty:
         return [replace(row, not_judged=_SICK) for row in judged]
     try:
-        residual = _residual(values, when, machine, channel)
+        residual = _residual(segment)
         energies = residual_energies(
             residual.signal,
             meshes=residual.meshes,
@@ -261,7 +251,7 @@ def _gears(machine: Machine) -> list[_Tooth]:
 
 @dataclass(frozen=True, kw_only=True)
 class _Residual:
-    """A channel over angle, and what is to be removed: orders beside harmonics of meshes, and all below the lowest."""
+    """A channel over angle, and what is to be removed: orders next to harmonics of meshes, and all below the lowest."""
 
     signal: AngularSignal
     meshes: dict[float, float]
@@ -273,13 +263,14 @@ class _Residual:
         return tapered_transform(self.signal)
 
 
-def _residual(values: Values, when: Sampling, machine: Machine, channel: str) -> _Residual:
+def _residual(segment: Segment) -> _Residual:
+    when, machine = segment.when, segment.machine
     last = PASSBAND / 2 * when.rate_hz / machine.top_speed_hz
-    signal = resample_in_angle(values, when, channel, machine.phase, last)
+    (signal,) = resample_in_angle([segment.values], when, segment.name, machine.phase, last)
     meshes: dict[float, float] = {}
     for row in (row for row in machine.defect_orders if row.kind == "gear_mesh"):
-        beside = _SIDEBANDS * max((float(spacing) for spacing in row.sidebands), default=0.0)
-        meshes[row.order] = max(beside, meshes.get(row.order, 0.0))
+        removed = _SIDEBANDS * max((float(spacing) for spacing in row.sidebands), default=0.0)
+        meshes[row.order] = max(removed, meshes.get(row.order, 0.0))
     fastest = max(row.order for row in machine.defect_orders if row.kind == "shaft")
     return _Residual(signal=signal, meshes=meshes, lowest_order=_SHAFT_ORDERS * fastest)
 
@@ -362,9 +353,9 @@ class _Judge:
         named: list[GearJudgement] = []
         others = [row for row in judged if row.probability > self.threshold or not row.judgeable]
         for row in sorted((row for row in judged if row not in others), key=_evidence):
-            twin = next((one for one in named if row.component in {one.component, *one.also}), None)
-            if twin is not None:
-                others.append(replace(row, explained_by=twin.component))
+            equal = next((one for one in named if row.component in {one.component, *one.also}), None)
+            if equal is not None:
+                others.append(replace(row, explained_by=equal.component))
                 continue
             gear = gears[row.component]
             again = self.of(row, gear, keep) if named else row
@@ -427,6 +418,11 @@ class _Judge:
         return np.asarray(np.abs(apart) < gear.contacts * _MASKED_TEETH / gear.per_turn)
 
 
+def most_conspicuous(judged: Sequence[GearJudgement]) -> list[GearJudgement]:
+    """Return judgements with the most conspicuous first, those explained by others last."""
+    return sorted(judged, key=lambda row: (bool(row.explained_by), _evidence(row)))
+
+
 def _evidence(row: GearJudgement) -> tuple[bool, float, float]:
     return (not row.judgeable, row.local, -row.statistic)
 
@@ -442,8 +438,8 @@ def gear_verdicts(judged: Sequence[GearJudgement], *, false_alarm_probability: f
     named: dict[str, GearJudgement] = {}
     for row in judged:
         if row.probability <= false_alarm_probability and not row.explained_by:
-            twins = {row.component, *row.also}
-            name = next((name for name in named if name in twins), row.component)
+            alike = {row.component, *row.also}
+            name = next((name for name in named if name in alike), row.component)
             if name not in named or _evidence(row) < _evidence(named[name]):
                 named[name] = row
     best: dict[str, GearJudgement] = {}

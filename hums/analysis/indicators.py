@@ -15,17 +15,15 @@ from functools import cache, partial
 from typing import Any
 
 import numpy as np
-import xarray as xr
 from scipy import fft
 
-from hums.analysis.channel import AnalysedChannel, Stretch, Values, resample_in_angle
-from hums.analysis.lines import ENVELOPE
+from hums.analysis.evidence import PartEvidence
 from hums.analysis.reference_angle import Machine
 from hums.analysis.result import Analysis, IndicatorValue, check_analysis, group
+from hums.analysis.segments import Segment, resample_in_angle
 from hums.analysis.settings import AnalysisError, AnalysisSettings
 from hums.gearbox.orders import BEARING_KINDS
 from hums.gearbox.planetary_stages import PlanetaryStage, planetary_stages
-from hums.records.record import sampling
 from signals.angle.averaging import SynchronousAverage, synchronous_average
 from signals.angle.planets import PassWindow, pass_angle, planet_average, sun_average
 from signals.angle.residual import (
@@ -39,6 +37,7 @@ from signals.angle.residual import (
 from signals.indicators import INDICATORS, DefectEnergy, VarianceHistory
 from signals.resampling.resampling import PASSBAND, AngularSignal
 from signals.spectra.integration import ISO_20816_HZ, ISO_20816_SLOW_HZ, velocity
+from signals.spectra.spectra import AmplitudeSpectrum
 
 # ---- Variances of earlier records of a machine, to which NA4 and NB4 refer -------------------------------------------
 
@@ -63,6 +62,15 @@ class Baseline:
         history = history.update(signal)
         self.histories[key] = history
         return history
+
+    def copy(self) -> "Baseline":
+        """Return the same histories, which a segment may update by itself."""
+        return replace(self, histories=dict(self.histories))
+
+    def take(self, key: Key, other: "Baseline") -> None:
+        """Replace one history by that of another copy."""
+        if key in other.histories:
+            self.histories[key] = other.histories[key]
 
     def to_json(self) -> str:
         """Return the histories as JSON, for the attributes of `/indicators`."""
@@ -254,9 +262,9 @@ def _mesh_band_indicators(
     monitored: MonitoredComponent, average: SynchronousAverage, gear: Gear, of: str, baseline: Baseline
 ) -> Iterator[IndicatorValue]:
     """Yield the indicators of the modulation of the first mesh harmonic, the same one in every record."""
-    beside = gear.sidebands
-    takes = f"mesh order {gear.teeth} with {beside} sidebands {of}"
-    band = cache(partial(mesh_band, average, mesh_order=gear.teeth, sidebands=beside))
+    sidebands = gear.sidebands
+    takes = f"mesh order {gear.teeth} with {sidebands} sidebands {of}"
+    band = cache(partial(mesh_band, average, mesh_order=gear.teeth, sidebands=sidebands))
     for name, indicator in INDICATORS.items():
         if indicator.takes == INDICATORS["nb4"].takes and not indicator.needs:
             yield monitored.evaluate(name, takes, lambda indicator=indicator: indicator(band()))  # type: ignore[misc]
@@ -285,22 +293,16 @@ def _history_indicator(
 _WINDOW_TEETH = 5.0  # least width of the window around a planet pass
 
 
-def planetary_indicators(
-    record: xr.Dataset,
-    channel: AnalysedChannel,
-    values: Values,
-    machine: Machine,
-    settings: AnalysisSettings,
-    baseline: Baseline,
-) -> Iterator[IndicatorValue]:
-    """Yield the indicators of all planetary stages in one channel."""
+def planetary_indicators(segment: Segment, settings: AnalysisSettings, baseline: Baseline) -> Iterator[IndicatorValue]:
+    """Yield the indicators of all planetary stages in one segment."""
+    machine = segment.machine
     for stage in planetary_stages(machine.kinematics):
         of_carrier = MonitoredComponent(
-            channel=channel.name, units=channel.units, component=stage.carrier, kind="planetary"
+            channel=segment.name, units=segment.units, component=stage.carrier, kind="planetary"
         )
-        make = partial(synchronous_average, channel.signal, ratio=machine.order_of(stage.carrier))
+        make = partial(synchronous_average, segment.signal, ratio=machine.order_of(stage.carrier))
         yield carrier_sideband_ratio(of_carrier, stage, make)
-        yield from _planet_indicators(record, channel, values, machine, stage, settings, baseline)
+        yield from _planet_indicators(segment, stage, settings, baseline)
 
 
 def carrier_sideband_ratio(
@@ -324,36 +326,24 @@ def carrier_sideband_ratio(
 
 
 def _planet_indicators(
-    record: xr.Dataset,
-    channel: AnalysedChannel,
-    values: Values,
-    machine: Machine,
-    stage: PlanetaryStage,
-    settings: AnalysisSettings,
-    baseline: Baseline,
+    segment: Segment, stage: PlanetaryStage, settings: AnalysisSettings, baseline: Baseline
 ) -> Iterator[IndicatorValue]:
     """Yield the indicators of each planet and of the sun, from averages windowed at the planet passes."""
-    teeth = stage.teeth
+    teeth, machine, when = stage.teeth, segment.machine, segment.when
     ratio = float(machine.order_of(stage.carrier))
-    highest = PASSBAND / 2 * channel.rate_hz / (machine.top_speed_hz * ratio)
+    highest = PASSBAND / 2 * when.rate_hz / (machine.top_speed_hz * ratio)
     window = PassWindow.hann(max(_WINDOW_TEETH, 2.0 * math.gcd(teeth.ring, teeth.planet)))
     named = [f"{stage.ring_mesh}/{planet}" for planet in stage.planets]
     monitored_gears = [
-        MonitoredComponent(channel=channel.name, units=channel.units, component=name, kind="gear")
+        MonitoredComponent(channel=segment.name, units=segment.units, component=name, kind="gear")
         for name in (*named, f"{stage.sun_mesh}/{stage.sun}")
     ]
     try:
         if stage.misfit:
             raise ValueError(stage.misfit)  # noqa: TRY301
         last = min((settings.harmonics + 0.5) * teeth.ring, highest)
-        signal = resample_in_angle(
-            values,
-            sampling(record, channel.name),
-            channel.name,
-            machine.phase.scaled(ratio),
-            last,
-            multiple_of=teeth.ring,
-        )
+        phase = machine.phase.scaled(ratio)
+        (signal,) = resample_in_angle([segment.values], when, segment.name, phase, last, multiple_of=teeth.ring)
         first = pass_angle(_mesh_band_signal(signal, teeth.ring), teeth=teeth).first_pass_rev
     except ValueError as error:
         for monitored in monitored_gears:
@@ -395,56 +385,13 @@ _LEAST_KEPT = 0.75  # share of the revolutions that an average must keep when it
 _INTEGRABLE = ("g", "m s-2", "mm s-2", "m s-1", "mm s-1")
 
 
-def channel_indicators(
-    record: xr.Dataset,
-    channel: AnalysedChannel,
-    stretch: Stretch,
-    machine: Machine,
-    settings: AnalysisSettings,
-    baseline: Baseline,
-) -> list[IndicatorValue]:
-    """Return all indicators of one channel with the samples of `stretch`; the raw RMS only if its sensor is faulty."""
-    rows = [*_raw_signal_indicators(stretch, channel, machine)]
-    if channel.faulty:
-        return rows
-    rows += _fixed_axis_indicators(channel, machine, settings, baseline)
-    rows += planetary_indicators(record, channel, stretch.values, machine, settings, baseline)
-    rows += _bearing_indicators(channel, machine, settings)
-    return rows
-
-
-def snapshot_indicators(
-    channel: AnalysedChannel, stretches: Sequence[Values], machine: Machine, settings: AnalysisSettings
-) -> list[IndicatorValue]:
-    """Return the indicators of a channel of pooled snapshots: of all samples, and of bearings; of the others why not.
-
-    Averages over turns need the angle from snapshot to snapshot, which is not known.
-    """
-    whole = MonitoredComponent(channel=channel.name, units=channel.units, component="record", kind="channel")
-    values = np.concatenate(stretches)
-    takes = f"all samples of {len(stretches)} snapshots"
-    names = ("rms",) if channel.faulty else ("rms", "peak", "crest_factor", "kurtosis")
-    rows = [whole.evaluate(name, takes, partial(INDICATORS[name], values)) for name in names]
-    if channel.faulty:
-        return rows
-    rows += _bearing_indicators(channel, machine, settings)
-    made = {row.indicator for row in rows}
-    why = "the angle from one snapshot to the next is not known, so that turns of several cannot be averaged."
-    rows += [
-        whole.evaluate(name, "pooled snapshots", unavailable(why))
-        for name, indicator in INDICATORS.items()
-        if name not in made and indicator.part != "bearing"
-    ]
-    return rows
-
-
-def _raw_signal_indicators(stretch: Stretch, channel: AnalysedChannel, machine: Machine) -> Iterator[IndicatorValue]:
-    """Yield the indicators of the samples themselves and the velocity RMS."""
-    values = stretch.values
-    monitored = MonitoredComponent(channel=channel.name, units=channel.units, component="record", kind="channel")
-    for name in ("rms",) if channel.faulty else ("rms", "peak", "crest_factor", "kurtosis"):
+def raw_indicators(segment: Segment) -> Iterator[IndicatorValue]:
+    """Yield the indicators of the samples themselves and the velocity RMS; the RMS only if the sensor is faulty."""
+    values, units, machine = segment.values, segment.units, segment.machine
+    monitored = MonitoredComponent(channel=segment.name, units=units, component="record", kind="channel")
+    for name in ("rms",) if segment.faulty else ("rms", "peak", "crest_factor", "kurtosis"):
         yield monitored.evaluate(name, "raw signal", partial(INDICATORS[name], values))
-    if channel.faulty or channel.units not in _INTEGRABLE:
+    if segment.faulty or units not in _INTEGRABLE or segment.parts_per_turn > 1:
         return
     band = ISO_20816_HZ if machine.mean_speed_hz >= _SLOW_HZ else ISO_20816_SLOW_HZ
     yield monitored.evaluate(
@@ -453,10 +400,10 @@ def _raw_signal_indicators(stretch: Stretch, channel: AnalysedChannel, machine: 
         lambda: (
             velocity(
                 values,
-                rate_hz=channel.rate_hz,
-                units=channel.units,
+                rate_hz=segment.when.rate_hz,
+                units=units,
                 band_hz=band,
-                transform=stretch.transform,
+                transform=segment.transform,
                 reduced=True,
             ).rms
         ),
@@ -465,14 +412,32 @@ def _raw_signal_indicators(stretch: Stretch, channel: AnalysedChannel, machine: 
     )
 
 
+def averaged_indicators(segment: Segment, settings: AnalysisSettings, baseline: Baseline) -> list[IndicatorValue]:
+    """Return the indicators that come from averages over turns: of shafts, gears and planetary stages."""
+    rows = [*_fixed_axis_indicators(segment, settings, baseline)]
+    return [*rows, *planetary_indicators(segment, settings, baseline)]
+
+
+def not_averaged(name: str, units: str, made: Sequence[IndicatorValue]) -> list[IndicatorValue]:
+    """Return the other indicators of a channel of snapshots, withheld: turns of several cannot be averaged."""
+    whole = MonitoredComponent(channel=name, units=units, component="record", kind="channel")
+    why = "the angle from one snapshot to the next is not known, so that turns of several cannot be averaged."
+    known = {row.indicator for row in made}
+    return [
+        whole.evaluate(name, "pooled snapshots", unavailable(why))
+        for name, indicator in INDICATORS.items()
+        if name not in known and indicator.part != "bearing"
+    ]
+
+
 def _fixed_axis_indicators(
-    channel: AnalysedChannel, machine: Machine, settings: AnalysisSettings, baseline: Baseline
+    segment: Segment, settings: AnalysisSettings, baseline: Baseline
 ) -> Iterator[IndicatorValue]:
     """Yield the indicators of all shafts on axes fixed in the frame, and of their gears."""
-    for body, gears in gears_on_shafts(machine).items():
-        monitored = MonitoredComponent(channel=channel.name, units=channel.units, component=body, kind="shaft")
+    for body, gears in gears_on_shafts(segment.machine).items():
+        monitored = MonitoredComponent(channel=segment.name, units=segment.units, component=body, kind="shaft")
         try:
-            average = shaft_average(channel, machine, body)
+            average = shaft_average(segment, body)
         except ValueError as error:
             for name in ("so1", "so2", "so3"):
                 yield monitored.evaluate(name, "average", unavailable(str(error)))
@@ -482,24 +447,21 @@ def _fixed_axis_indicators(
             yield monitored.evaluate(name, takes, partial(INDICATORS[name], average))
         for component, teeth in gears.items():
             gear = Gear(component=component, teeth=teeth, on_shaft=tuple(gears.values()), harmonics=settings.harmonics)
-            of_gear = MonitoredComponent(channel=channel.name, units=channel.units, component=component, kind="gear")
+            of_gear = MonitoredComponent(channel=segment.name, units=segment.units, component=component, kind="gear")
             yield from gear_indicators(of_gear, average, gear, baseline)
 
 
-def shaft_average(channel: AnalysedChannel, machine: Machine, body: str) -> SynchronousAverage:
+def shaft_average(segment: Segment, body: str) -> SynchronousAverage:
     """Return the synchronous average of a shaft, over a number of revolutions that cancels the shafts in mesh with it.
 
     An average over a multiple of b revolutions has nulls at all orders of a mate that turns a/b times as fast. Mates
-    for which that would discard too many revolutions are not cancelled. It is made once for a channel.
+    for which that would discard too many revolutions are not cancelled. It is made once for a segment.
     """
-    if body not in channel.averages:
-        channel.averages[body] = _shaft_average(channel, machine, body)
-    return channel.averages[body]
-
-
-def _shaft_average(channel: AnalysedChannel, machine: Machine, body: str) -> SynchronousAverage:
+    if body in segment.averages:
+        return segment.averages[body]
+    machine = segment.machine
     ratio, kinematics = machine.order_of(body), machine.kinematics
-    average = synchronous_average(channel.signal, ratio=ratio)
+    average = synchronous_average(segment.signal, ratio=ratio)
     mates = {
         (machine.order_of(link) / ratio).denominator
         for contact in kinematics.contacts
@@ -513,7 +475,10 @@ def _shaft_average(channel: AnalysedChannel, machine: Machine, body: str) -> Syn
         if average.revolutions // both * both >= _LEAST_KEPT * average.revolutions:
             every = both
     count = average.revolutions // every * every
-    return average if every == 1 else synchronous_average(channel.signal, ratio=ratio, revolutions=count)
+    if every > 1:
+        average = synchronous_average(segment.signal, ratio=ratio, revolutions=count)
+    segment.averages[body] = average
+    return average
 
 
 def gears_on_shafts(machine: Machine) -> dict[str, dict[str, int]]:
@@ -530,27 +495,27 @@ def gears_on_shafts(machine: Machine) -> dict[str, dict[str, int]]:
     return found
 
 
-def _bearing_indicators(
-    channel: AnalysedChannel, machine: Machine, settings: AnalysisSettings
+def bearing_indicators(
+    name: str,
+    units: str,
+    evidence: Sequence[PartEvidence],
+    band_hz: tuple[float, float],
+    spectrum: AmplitudeSpectrum,
+    machine: Machine,
+    settings: AnalysisSettings,
 ) -> Iterator[IndicatorValue]:
     """Yield the modulation by each bearing defect over all bands, and the energy of its lines in the band shown.
 
     That energy is relative to the background, too. The modulation is what verdicts are made from, of records in which
     nothing is significant as well.
     """
-    if channel.band is None:
-        return
-    for part in channel.evidence:
-        of_part = MonitoredComponent(
-            channel=channel.name, units=channel.units, component=part.component, kind=part.kind
-        )
+    for part in evidence:
+        of_part = MonitoredComponent(channel=name, units=units, component=part.component, kind=part.kind)
         yield of_part.evaluate("modulation", "envelopes of all bands", partial(float, part.modulation))
-    spectrum, slip = channel.spectra[ENVELOPE], settings.slip
-    unit = f"({channel.units})2" if " " in channel.units else f"{channel.units}2"
+    slip = settings.slip
+    unit = f"({units})2" if " " in units else f"{units}2"
     for line in (row for row in machine.defect_orders if row.kind in BEARING_KINDS):
-        monitored = MonitoredComponent(
-            channel=channel.name, units=channel.units, component=line.component, kind=line.kind
-        )
+        monitored = MonitoredComponent(channel=name, units=units, component=line.component, kind=line.kind)
         count = max(1, min(settings.harmonics, int(spectrum.axis[-1] / (line.order * (1 + slip)))))
         energy: Callable[[], DefectEnergy] = cache(
             partial(
@@ -562,10 +527,7 @@ def _bearing_indicators(
                 surroundings=_SURROUNDINGS + count * line.order * slip,
             )
         )
-        takes = (
-            f"{count} line{'s' if count > 1 else ''} of the envelope, "
-            f"{channel.band.low_hz:.6g} to {channel.band.high_hz:.6g} Hz"
-        )
+        takes = f"{count} line{'s' if count > 1 else ''} of the envelope, {band_hz[0]:.6g} to {band_hz[1]:.6g} Hz"
         yield monitored.evaluate(
             "defect_energy",
             takes,

@@ -1,4 +1,4 @@
-"""What pictures need beside spectra and tracks: waveforms, order maps, synchronous averages and kurtograms.
+"""What pictures need besides spectra and tracks: waveforms, order maps, synchronous averages and kurtograms.
 
 They are made while a channel's samples are in memory, at the resolution of a screen, and enter no verdict.
 """
@@ -11,9 +11,8 @@ from typing import TYPE_CHECKING, Any
 import numpy as np
 import xarray as xr
 
-from hums.analysis.channel import AnalysedChannel, Stretch, Values
 from hums.analysis.indicators import SHAFT_ORDERS, Gear, gears_on_shafts, shaft_average
-from hums.analysis.reference_angle import Machine
+from hums.analysis.segments import Segment, Values
 from hums.analysis.settings import AnalysisSettings
 from hums.records.record import Sampling
 from signals.angle.residual import difference_signal
@@ -25,7 +24,7 @@ if TYPE_CHECKING:
 
 WAVEFORM, ORDER_MAP, AVERAGES, KURTOGRAM = "waveform", "order_map", "averages", "kurtogram"
 _COLUMNS = 2000  # of a waveform, each with its least and largest sample: the pixels of a wide screen
-_STRETCH = 8192  # samples around the largest, in full
+_EXCERPT = 8192  # samples around the largest, in full
 _ROWS = 120  # of a map
 _CELLS = 800  # orders of a map
 _TURNS = 8  # of the reference in a row of a map: a sixth of an order resolved, and speed nearly steady
@@ -40,22 +39,20 @@ class ChannelPictures:
     datasets: Mapping[str, xr.Dataset]
 
 
-def channel_pictures(
-    channel: AnalysedChannel, stretch: Stretch, when: Sampling, machine: Machine, settings: AnalysisSettings
-) -> ChannelPictures:
-    """Return the pictures of a channel with the samples of `stretch`."""
-    made = {WAVEFORM: _waveform(stretch.values, when)}
+def channel_pictures(segment: Segment, settings: AnalysisSettings) -> ChannelPictures:
+    """Return the pictures of a segment of a channel."""
+    made = {WAVEFORM: _waveform(segment.values, segment.when)}
     makers: dict[str, Callable[[], xr.Dataset]] = {
-        ORDER_MAP: partial(_order_map, channel, machine),
-        AVERAGES: partial(_averages, channel, machine, settings),
-        KURTOGRAM: partial(_kurtogram, stretch, when),
+        ORDER_MAP: partial(_order_map, segment),
+        AVERAGES: partial(_averages, segment, settings),
+        KURTOGRAM: partial(_kurtogram, segment),
     }
     for name, make in makers.items():
         try:
             made[name] = make()
         except ValueError:  # too short, or constant: the verdicts and indicators say so where it matters
             continue
-    return ChannelPictures(channel=channel.name, datasets=made)
+    return ChannelPictures(channel=segment.name, datasets=made)
 
 
 def picture_groups(pictures: Sequence[ChannelPictures]) -> dict[str, xr.Dataset]:
@@ -78,30 +75,30 @@ def _waveform(values: Values, when: Sampling) -> xr.Dataset:
     starts = np.arange(0, values.size, -(-values.size // _COLUMNS))
     mean = values.mean(dtype=np.float64)
     peak = int(np.argmax(values)) if values.max() - mean >= mean - values.min() else int(np.argmin(values))
-    first = max(0, min(peak - _STRETCH // 2, values.size - _STRETCH))
-    stretch = values[first : first + _STRETCH]
+    first = max(0, min(peak - _EXCERPT // 2, values.size - _EXCERPT))
+    excerpt = values[first : first + _EXCERPT]
     return xr.Dataset(
         {
             "least": ("column", np.minimum.reduceat(values, starts)),
             "largest": ("column", np.maximum.reduceat(values, starts)),
-            "stretch": ("sample", np.array(stretch)),
+            "excerpt": ("sample", np.array(excerpt)),
         },
         coords={
             "time_s": ("column", when.start_s + starts / when.rate_hz, {"units": "s"}),
-            "stretch_time_s": ("sample", when.start_s + (first + np.arange(stretch.size)) / when.rate_hz),
+            "excerpt_time_s": ("sample", when.start_s + (first + np.arange(excerpt.size)) / when.rate_hz),
         },
         attrs={"column_s": float(starts[1] / when.rate_hz if starts.size > 1 else values.size / when.rate_hz)},
     )
 
 
-def _order_map(channel: AnalysedChannel, machine: Machine) -> xr.Dataset:
-    """Return spectra over orders of stretches of whole revolutions, spread evenly over the record."""
-    signal = channel.signal
+def _order_map(segment: Segment) -> xr.Dataset:
+    """Return spectra over orders of blocks of whole revolutions, spread evenly over the segment."""
+    signal, machine = segment.signal, segment.machine
     turns = min(_TURNS, signal.revolutions)
     starts = np.unique(np.linspace(0, signal.revolutions - turns, _ROWS).astype(int))
     length = turns * signal.samples_per_rev
-    stretches = np.lib.stride_tricks.sliding_window_view(signal.values, length)[starts * signal.samples_per_rev]
-    one_by_one = (stretches - stretches.mean(axis=1, keepdims=True)).ravel()
+    blocks = np.lib.stride_tricks.sliding_window_view(signal.values, length)[starts * signal.samples_per_rev]
+    one_by_one = (blocks - blocks.mean(axis=1, keepdims=True)).ravel()
     rows = map_orders(replace(signal, values=one_by_one, unsettled=(0, 0)), revolutions=turns, overlap=0.0)
     times = machine.phase.times_at(signal.start_rev + starts + turns / 2)
     amplitude = rows.value
@@ -121,14 +118,14 @@ def _order_map(channel: AnalysedChannel, machine: Machine) -> xr.Dataset:
     )
 
 
-def _averages(channel: AnalysedChannel, machine: Machine, settings: AnalysisSettings) -> xr.Dataset:
+def _averages(segment: Segment, settings: AnalysisSettings) -> xr.Dataset:
     """Return the synchronous average and the difference signal of every gear on a fixed axis, one after the other."""
     rows: list[dict[str, Any]] = []
     averages: list[NDArray[np.float64]] = []
     differences: list[NDArray[np.float64]] = []
-    for shaft, gears in gears_on_shafts(machine).items() if not channel.faulty else ():
+    for shaft, gears in gears_on_shafts(segment.machine).items() if not segment.faulty else ():
         try:
-            average = shaft_average(channel, machine, shaft)
+            average = shaft_average(segment, shaft)
         except ValueError:
             continue
         for component, teeth in gears.items():
@@ -162,10 +159,10 @@ def _averages(channel: AnalysedChannel, machine: Machine, settings: AnalysisSett
     )
 
 
-def _kurtogram(stretch: Stretch, when: Sampling) -> xr.Dataset:
+def _kurtogram(segment: Segment) -> xr.Dataset:
     """Return the bands of the kurtogram with the kurtosis of each."""
-    values = stretch.values
-    transform = stretch.transform if values.size <= _KURTOGRAM_SAMPLES else None
+    values, when = segment.values, segment.when
+    transform = segment.transform if values.size <= _KURTOGRAM_SAMPLES else None
     gram = fast_kurtogram(values[:_KURTOGRAM_SAMPLES], rate_hz=when.rate_hz, transform=transform)
     return xr.Dataset(
         {name: ("band", getattr(gram, name)) for name in ("level", "low_hz", "high_hz", "kurtosis", "noise_std")},

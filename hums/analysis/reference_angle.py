@@ -68,7 +68,8 @@ class AngleSource:
 class Machine:
     """Kinematics and defect orders of a gearbox, with the angle `phase` of its reference.
 
-    `ratio` is the number of turns of the reference per turn of the shaft in `source`.
+    `ratio` is the number of turns of the reference per turn of the shaft in `source`. Of a record in parts, whose
+    angles are not connected, `phase` is that of the fastest, and `parts` has the machine in each.
     """
 
     kinematics: Kinematics
@@ -78,10 +79,13 @@ class Machine:
     phase: ShaftPhase
     source: AngleSource
     ratio: float
+    parts: tuple["Machine", ...] = ()
 
     @cached_property
     def speeds_hz(self) -> NDArray[np.float64]:
         """Mean speed of the reference over each revolution, in rev/s."""
+        if self.parts:
+            return np.concatenate([part.speeds_hz for part in self.parts])
         return self.phase.mean_speed_per_revolution_hz()
 
     @cached_property
@@ -92,7 +96,9 @@ class Machine:
     @property
     def mean_speed_hz(self) -> float:
         """Mean speed of the reference, in rev/s."""
-        return float(self.phase.revolutions[-1] - self.phase.revolutions[0]) / (self.phase.stop_s - self.phase.start_s)
+        phases = [part.phase for part in self.parts or (self,)]
+        turns = sum(float(phase.revolutions[-1] - phase.revolutions[0]) for phase in phases)
+        return turns / sum(phase.stop_s - phase.start_s for phase in phases)
 
     @property
     def jitter_s(self) -> float:
@@ -163,26 +169,7 @@ def prepare_machine(record: xr.Dataset, gearbox: Gearbox, settings: AnalysisSett
         If the gearbox has several degrees of freedom or no reference, a shaft does not exist, the tachometer pulses
         cannot be repaired, the speed cannot be estimated, or the record holds less than one revolution.
     """
-    return _machine(record, solved(gearbox), settings)
-
-
-def prepare_snapshots(parts: Sequence[xr.Dataset], gearbox: Gearbox, settings: AnalysisSettings) -> list[Machine]:
-    """Return the machine with the angle of its reference in each of several short records; see `prepare_machine`.
-
-    A declared speed is taken as it is: a few turns do not refine it.
-    """
-    mechanism, plain = solved(gearbox), settings.model_copy(update={"nominal_speed_tolerance": 0.0})
-    machines = []
-    for number, part in enumerate(parts):
-        try:
-            machines.append(_machine(part, mechanism, plain))
-        except AnalysisError as error:
-            raise AnalysisError(f"snapshot {number}: {error}") from None
-    return machines
-
-
-def _machine(record: xr.Dataset, mechanism: "SolvedGearbox", settings: AnalysisSettings) -> Machine:
-    """Return a solved gearbox with the angle of its reference in a record."""
+    mechanism = solved(gearbox)
     kinematics, reference = mechanism.kinematics, mechanism.reference
     source = _angle_source(record, kinematics, mechanism.defect_orders, reference, settings)
     ratio = _ratio(kinematics, source.shaft, reference)
@@ -204,6 +191,13 @@ def _machine(record: xr.Dataset, mechanism: "SolvedGearbox", settings: AnalysisS
         source=source,
         ratio=abs(ratio),
     )
+
+
+def together(machines: Sequence[Machine]) -> Machine:
+    """Return the machine over all parts of a record: the angle of the fastest, and the speeds of all."""
+    if len(machines) == 1:
+        return machines[0]
+    return replace(max(machines, key=lambda one: one.top_speed_hz), parts=tuple(machines))
 
 
 @dataclass(frozen=True, kw_only=True)

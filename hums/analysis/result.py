@@ -166,7 +166,7 @@ def open_analysis(path: str | Path) -> Analysis:
             raise
         raise AnalysisError(
             f"{path}: not an HDF5 file that can be read, so no analysis; give the analysis.h5 that the earlier "
-            "analysis wrote beside its report."
+            "analysis wrote next to its report."
         ) from None
     try:
         check_analysis(tree)

@@ -60,13 +60,13 @@ class AnalysisSettings(Declared):
     most_tracks : int
         Largest number of lines tracked in each channel, the strongest first; 0 for none.
     pictures : bool
-        Whether to keep what the report draws beside spectra and tracks: waveforms, order maps, synchronous averages
+        Whether to keep what the report draws besides spectra and tracks: waveforms, order maps, synchronous averages
         and kurtograms.
     velocity_limits_mm_s : (float, float, float), optional
         Largest RMS velocity in mm/s of the zones A, B and C of ISO 20816 for this machine, by its class in the part of
         the standard that covers it or by agreement; without it no zone is stated.
     machine_class : str
-        That class and part in words, which stand beside the zone.
+        That class and part in words, which stand next to the zone.
     freeze_baseline : bool
         Leave the variances of the baseline unchanged, so that NA4 and NB4 become NA4* and NB4*.
     baseline_limit_std : float, optional

@@ -10,14 +10,13 @@ import xarray as xr
 from numpy.typing import NDArray
 from scipy import fft
 
-from hums.analysis.channel import AnalysedChannel, resample_in_angle, varying_values, whole_values
 from hums.analysis.detection import AssessedLine
 from hums.analysis.evidence import PartEvidence
 from hums.analysis.gear_damage import ToothEnvelope
 from hums.analysis.lines import ORDER_SPECTRUM, MeasuredLine
 from hums.analysis.reference_angle import Machine
+from hums.analysis.segments import Segment, resample_in_angle
 from hums.gearbox.orders import BEARING_KINDS
-from hums.records.record import sampling
 from signals.demodulation.envelope_bank import bank_envelopes
 from signals.harmonics import track_orders
 from signals.harmonics.bandwidth_selection import LikelyTracks, likely_bandwidth, likely_tracks
@@ -37,7 +36,10 @@ _SLIP_CHANGE = 1e-3  # a revolution; as `track_slipping_order` advises for rolli
 # steps of the smoother: to choose the bandwidth along a first path, where more change the amplitude by less than 1e-3
 # of its largest, and at it
 _FIRST_STEPS, _MOST_STEPS = 2, 100
-_MARGIN_ORDERS = 1.5  # above a line, for the noise beside it
+_MARGIN_ORDERS = 1.5  # above a line, for the noise next to it
+_OF_A_SEGMENT = ("track_order", "bandwidth_orders", "level", "method")  # what differs between segments of one track
+_ENDS = 8  # outputs, a turn in steps of an eighth, that not all channels have
+_DECIMALS = 6  # of a revolution, to which outputs of channels of one part agree
 _SURROUNDINGS_SHARE = 0.4  # of a line's order: the next harmonic of its family stays out
 
 Numbers = NDArray[np.float64]
@@ -58,27 +60,33 @@ def lines_to_track(assessed: Iterable[AssessedLine], *, most: int) -> list[Measu
 
 
 def track_lines(
-    record: xr.Dataset,
-    channel: AnalysedChannel,
-    machine: Machine,
+    segment: Segment,
+    spectrum: AmplitudeSpectrum,
     lines: Sequence[MeasuredLine],
     *,
+    noise_left: float = 1.0,
     bandwidth_orders: float | None,
+    step_rev: float,
+    origin_rev: float | None = None,
 ) -> xr.Dataset:
-    """Return the complex amplitude of lines of one channel from the Kalman smoother, with its standard deviation.
+    """Return the complex amplitude of lines in one segment from the Kalman smoother, with its standard deviation.
 
     Parameters
     ----------
-    record : xarray.Dataset
-        The record, whose samples in time are used where some are missing.
-    channel : AnalysedChannel
-        The channel in the angle domain, with its order spectrum and sensor health.
-    machine : Machine
-        Kinematics and angle of the reference.
+    segment : Segment
+        Its samples in time are used where the sensor lost some.
+    spectrum : AmplitudeSpectrum
+        Order spectrum of the channel, in which the lines were measured.
     lines : sequence of MeasuredLine
         Lines to track, at their expected orders; at their measured orders where the speed is nominal.
+    noise_left : float
+        Share of the power of noise that is left in the spectrum.
     bandwidth_orders : float, optional
         Full -3 dB width of the smoother in orders; None for the maximum-likelihood one of each line.
+    step_rev : float
+        Revolutions between outputs.
+    origin_rev : float, optional
+        Outputs are whole steps from here; default the begin of the segment.
 
     Returns
     -------
@@ -86,14 +94,22 @@ def track_lines(
         ``complex_amplitude`` and ``std`` (track, output), with the identity of each track as coordinates. ``std``
         contains the noise around the line and the effect of the shaft angle's uncertainty on its amplitude.
     """
-    signal, phase = channel.signal, machine.phase
+    signal, machine, phase = segment.signal, segment.machine, segment.machine.phase
     orders = np.array([line.line.found if phase.nominal else line.expected.order for line in lines])
-    noise = _local_noise(signal, channel.spectra[ORDER_SPECTRUM], lines)
-    every = _output_every(signal)
+    # white noise of variance R has the mean square amplitude 4 R ENBW / n in a windowed spectrum of n samples
+    samples = signal.samples_per_rev / spectrum.bin_width
+    power = np.array([2 * line.line.amplitude_std**2 for line in lines]) / noise_left
+    noise = power * samples / (4 * spectrum.noise_bandwidth_bins)
+    every = round(step_rev * signal.samples_per_rev)
+    if origin_rev is not None:
+        late = round((signal.start_rev - origin_rev) * signal.samples_per_rev) % every
+        cut = (every - late) % every
+        begin = signal.start_rev + cut / signal.samples_per_rev
+        signal = replace(signal, values=signal.values[cut:], start_rev=begin)
     revolution = signal.start_rev + np.arange(0, signal.values.size, every) / signal.samples_per_rev
     times = phase.times_at(np.minimum(revolution, phase.revolutions[-1]))
-    if channel.health is not None and (missing := channel.health.missing).any():
-        found = _track_in_time(record, channel, missing, machine, orders, noise, bandwidth_orders, times)
+    if segment.health is not None and segment.health.missing.any():
+        found = _track_in_time(segment, signal, orders, noise, bandwidth_orders, times)
     else:
         values = signal.values - signal.values.mean()
         found = _tracked(values, signal.angle_rad, signal.samples_per_rev, orders, noise, bandwidth_orders, every)
@@ -143,10 +159,8 @@ def _tracked(
 
 
 def _track_in_time(
-    record: xr.Dataset,
-    channel: AnalysedChannel,
-    missing: NDArray[np.bool_],
-    machine: Machine,
+    segment: Segment,
+    signal: AngularSignal,
     orders: Numbers,
     noise: Numbers,
     bandwidth: float | None,
@@ -158,7 +172,8 @@ def _track_in_time(
     inverse bandwidth apart, so that linear interpolation to the times of the other channels errs by at most 0.5 % of
     the change.
     """
-    signal, phase = channel.signal, machine.phase
+    machine, when = segment.machine, segment.when
+    phase, missing = machine.phase, segment.health.missing if segment.health is not None else False
     width: Numbers | float | None = bandwidth
     if width is None:
         width = likely_bandwidth(
@@ -170,10 +185,9 @@ def _track_in_time(
             largest_bandwidth_orders=_LARGEST_BANDWIDTH,
             poles=_POLES,
         )
-    when = sampling(record, channel.name)
     taken = when.start_s + np.arange(when.count) / when.rate_hz
     inside = (taken >= max(phase.start_s, times[0])) & (taken <= phase.stop_s)
-    values = np.where(missing, np.float64(np.nan), varying_values(record, channel.name))[inside]
+    values = np.where(missing, np.float64(np.nan), segment.values)[inside]
     widest = max(float(np.max(width)), 1 / _SLOWEST_OUTPUT_REV)
     tracks = track_orders(
         values - np.nanmean(values),
@@ -192,22 +206,55 @@ def _track_in_time(
     return LikelyTracks(bandwidth=tracks.bandwidth, complex_amplitude=amplitude, std=std)
 
 
-def _output_every(signal: AngularSignal) -> int:
-    """Return the number of samples between outputs: a step in revolutions that all channels share, at least 1/8."""
-    enough = signal.revolutions / _MOST_OUTPUTS
-    step = next((step for step in _STEPS_REV if step >= enough), math.ceil(enough))
-    return round(step * signal.samples_per_rev)
+def output_step_rev(revolutions: float) -> float:
+    """Return the revolutions between outputs, a step that all channels of a part share, at least 1/8."""
+    enough = revolutions / _MOST_OUTPUTS
+    return next((step for step in _STEPS_REV if step >= enough), math.ceil(enough))
 
 
-def _local_noise(
-    signal: AngularSignal, spectrum: AmplitudeSpectrum, lines: Sequence[MeasuredLine]
-) -> NDArray[np.float64]:
-    """Return the variance of white noise whose density is that of the background of each line.
-
-    White noise of variance R has the mean square amplitude 4 R ENBW / n in a windowed spectrum of n samples.
-    """
-    power = np.array([2 * line.line.amplitude_std**2 for line in lines])
-    return power * signal.values.size / (4 * spectrum.noise_bandwidth_bins)
+def joined_tracks(tables: Sequence[tuple[int, xr.Dataset]]) -> xr.Dataset:
+    """Return tracks of segments, each with the number of its part, on one axis; NaN where a line is not followed."""
+    if not tables:
+        return xr.Dataset()
+    first = tables[0][1]
+    about = [str(name) for name in first.coords if first[name].dims == ("track",)]
+    own = [name for name in about if name not in _OF_A_SEGMENT]
+    revolutions: dict[int, Numbers] = {}
+    rows: dict[tuple[Any, ...], list[dict[str, Any]]] = {}
+    for part, table in tables:
+        there = np.round(table["revolution"].to_numpy(), _DECIMALS)
+        revolutions[part] = np.union1d(revolutions.get(part, there[:0]), there)
+        for place in range(table.sizes["track"]):
+            described = {name: table[name].to_numpy()[place] for name in about}
+            rows.setdefault(tuple(described[name] for name in own), []).append(described)
+    if len(tables) == 1 and len(rows) == first.sizes["track"]:
+        return first
+    revolutions = dict(sorted(revolutions.items()))
+    starts = dict(zip(revolutions, np.cumsum([0, *(one.size for one in revolutions.values())]), strict=False))
+    size = sum(one.size for one in revolutions.values())
+    values = {str(name): np.full((len(rows), size), np.nan, dtype=first[name].dtype) for name in first.data_vars}
+    revolution, times = np.concatenate(list(revolutions.values())), np.full(size, np.nan)
+    names = list(rows)
+    for part, table in tables:
+        at = starts[part] + np.searchsorted(revolutions[part], np.round(table["revolution"].to_numpy(), _DECIMALS))
+        times[at] = table["time_s"].to_numpy()
+        for place in range(table.sizes["track"]):
+            row = names.index(tuple(table[name].to_numpy()[place] for name in own))
+            known = ~np.isnan(table["complex_amplitude"].to_numpy()[place])
+            for name, into in values.items():
+                into[row, at[known]] = table[name].to_numpy()[place][known]
+    coords: dict[str, Any] = {}
+    for name in about:
+        given = [np.array([one[name] for one in some]) for some in rows.values()]
+        middle = [np.median(one) if one.dtype.kind == "f" else one[0] for one in given]
+        coords[name] = ("track", np.array(middle), first[name].attrs)
+    coords |= {"revolution": ("output", revolution), "time_s": ("output", times, {"units": "s"})}
+    data = {name: (("track", "output"), into, first[name].attrs) for name, into in values.items()}
+    # channels of other rates begin or end some outputs later or earlier
+    complete = np.flatnonzero(~np.isnan(values["complex_amplitude"]).any(axis=0))
+    begin, end = (complete[0], complete[-1] + 1) if complete.size else (0, size)
+    shared = slice(begin if begin <= _ENDS else 0, end if size - end <= _ENDS else size)
+    return xr.Dataset(data, coords=coords, attrs=first.attrs).isel(output=shared)
 
 
 # ---- Lines of diagnosed and indicated parts in an envelope ---------------------------------------------------------
@@ -234,22 +281,20 @@ class EnvelopeLine:
     start_rev: float
 
 
-def bearing_line(
-    record: xr.Dataset, channel: AnalysedChannel, machine: Machine, part: PartEvidence, *, slip: float
-) -> EnvelopeLine:
+def bearing_line(segment: Segment, part: PartEvidence, *, slip: float) -> EnvelopeLine:
     """Return the fundamental of a bearing's part in the envelope of its band, sampled as densely as it needs."""
-    when = sampling(record, channel.name)
-    band = part.band_low_hz, part.band_high_hz
-    values = whole_values(varying_values(record, channel.name), channel.health)
-    ((rate_hz, envelope),) = bank_envelopes(values, rate_hz=when.rate_hz, bands_hz=[band], transform=channel.transform)
+    when, band = segment.when, (part.band_low_hz, part.band_high_hz)
+    ((rate_hz, envelope),) = bank_envelopes(
+        segment.filled, rate_hz=when.rate_hz, bands_hz=[band], transform=segment.filled_transform
+    )
     at = replace(when, rate_hz=rate_hz, count=envelope.size)
     last = (1 + slip) * part.order + _MARGIN_ORDERS
-    signal = resample_in_angle(envelope, at, channel.name, machine.phase, last, multiple_of=1)
+    (signal,) = resample_in_angle([envelope], at, segment.name, segment.machine.phase, last, multiple_of=1)
     return EnvelopeLine(
         component=part.component,
         kind=part.kind,
-        channel=channel.name,
-        units=channel.units,
+        channel=segment.name,
+        units=segment.units,
         order=part.order,
         harmonic=1,
         band_hz=band,
@@ -260,7 +305,7 @@ def bearing_line(
     )
 
 
-def tooth_line(channel: AnalysedChannel, machine: Machine, component: str, tooth: ToothEnvelope) -> EnvelopeLine:
+def tooth_line(segment: Segment, component: str, tooth: ToothEnvelope) -> EnvelopeLine:
     """Return the line of a tooth in the envelope of what is left without meshes and shafts.
 
     It is the lowest harmonic of the tooth's meetings that run-out of a sound gear does not make, too.
@@ -270,12 +315,12 @@ def tooth_line(channel: AnalysedChannel, machine: Machine, component: str, tooth
     lines = np.asarray(fft.rfft(envelope))
     turns = envelope.size / energies.samples_per_rev
     size = min(envelope.size, 2 * math.ceil((order + _MARGIN_ORDERS) * turns))
-    low, high = energies.edges * machine.mean_speed_hz
+    low, high = energies.edges * segment.machine.mean_speed_hz
     return EnvelopeLine(
         component=component,
         kind="tooth",
-        channel=channel.name,
-        units=channel.units,
+        channel=segment.name,
+        units=segment.units,
         order=order,
         harmonic=tooth.harmonic,
         band_hz=(float(low), float(high)),
@@ -311,8 +356,8 @@ def track_envelope_lines(
     """
     if not lines:
         return xr.Dataset()
-    first = max(line.start_rev for line in lines)
-    last = min(line.start_rev + (line.values.size - 1) / line.samples_per_rev for line in lines)
+    first = min(line.start_rev for line in lines)
+    last = max(line.start_rev + (line.values.size - 1) / line.samples_per_rev for line in lines)
     revolution = np.linspace(first, last, _MOST_OUTPUTS)
     phase = machine.phase
     times = phase.times_at(np.clip(revolution, phase.revolutions[0], phase.revolutions[-1]))
@@ -326,12 +371,15 @@ def _track_envelope_line(line: EnvelopeLine, revolution: Numbers, bandwidth: flo
     values = line.values - level
     angle = 2 * np.pi * (line.start_rev + np.arange(values.size) / line.samples_per_rev)
     grid = (revolution - line.start_rev) * line.samples_per_rev
+    beyond = line.samples_per_rev  # a turn at most is missing at the ends of channels of other rates
+    outside = (grid < -beyond) | (grid > values.size - 1 + beyond)
     largest = min(_LARGEST_BANDWIDTH, line.order / _CYCLES_A_BANDWIDTH)
     if line.largest_slip:
         amplitude, std, slip, slip_std, bandwidth, method = _followed(line, values, angle, grid, largest, bandwidth)
     else:
         amplitude, std, bandwidth, method = _smoothed(line, values, angle, grid, largest, bandwidth)
         slip = slip_std = np.zeros(grid.size)
+    amplitude, std, slip, slip_std = (np.where(outside, np.nan, row) for row in (amplitude, std, slip, slip_std))
     of = {name: getattr(line, name) for name in ("component", "kind", "harmonic")}
     of |= {"track_channel": line.channel, "track_units": line.units, "track_order": line.order, "sideband": 0}
     of |= {"band_low_hz": line.band_hz[0], "band_high_hz": line.band_hz[1], "method": method}
@@ -389,8 +437,8 @@ def _smoothed(
 ) -> tuple[NDArray[np.complex128], Numbers, float, str]:
     """Track a line that is locked to a shaft."""
     spectrum = amplitude_spectrum(values, rate=line.samples_per_rev)
-    beside = find_line(spectrum, expected=line.order, surroundings=min(1.0, _SURROUNDINGS_SHARE * line.order))
-    noise = 2 * beside.amplitude_std**2 * values.size / (4 * spectrum.noise_bandwidth_bins)
+    near = find_line(spectrum, expected=line.order, surroundings=min(1.0, _SURROUNDINGS_SHARE * line.order))
+    noise = 2 * near.amplitude_std**2 * values.size / (4 * spectrum.noise_bandwidth_bins)
     every = max(1, int(line.samples_per_rev / (_OUTPUTS_A_BANDWIDTH * largest)))
     orders, noises = np.array([line.order]), np.array([noise])
     tracks = _tracked(values, angle, line.samples_per_rev, orders, noises, bandwidth, every, largest)

@@ -79,10 +79,10 @@ def unexplained_lines(
     """Return the lines of an order spectrum that the drawing does not explain, the largest first."""
     peaks = spectral_peaks(spectrum, ratio=UNEXPLAINED_RATIO)
     width = MATCH_BINS * spectrum.bin_width
-    kept = ~flanks(peaks.position, peaks.amplitude, spectrum.bin_width)
-    kept &= ~_explained(peaks.position, drawn, width)
+    selected = ~flanks(peaks.position, peaks.amplitude, spectrum.bin_width)
+    selected &= ~_explained(peaks.position, drawn, width)
     mains = on_mains(peaks.position, setting, width)
-    left = np.flatnonzero(kept & ~mains)
+    left = np.flatnonzero(selected & ~mains)
     left = left[np.argsort(-peaks.amplitude[left])][:_MOST]
     orders = peaks.position[left]
     spacings = _families(orders, spectrum.bin_width)
@@ -269,8 +269,8 @@ def _unlike(spectrum: AmplitudeSpectrum, drawn: Drawn, setting: Setting) -> str:
     peaks = spectral_peaks(spectrum, ratio=UNEXPLAINED_RATIO)
     if not peaks.position.size:
         return ""
-    kept = ~flanks(peaks.position, peaks.amplitude, spectrum.bin_width)
-    orders, sizes = peaks.position[kept], peaks.amplitude[kept]
+    selected = ~flanks(peaks.position, peaks.amplitude, spectrum.bin_width)
+    orders, sizes = peaks.position[selected], peaks.amplitude[selected]
     width = MATCH_BINS * spectrum.bin_width
 
     def at(places: Numbers, relative: float = 0.0) -> NDArray[np.bool_]:
@@ -293,8 +293,10 @@ def _unlike(spectrum: AmplitudeSpectrum, drawn: Drawn, setting: Setting) -> str:
     else:
         return ""
     order, size = float(orders[place]), float(sizes[place])
-    beside = np.abs(np.abs(orders - order)[:, None] - np.arange(1, _STRANGE_SIDEBANDS + 1)) <= width  # of the reference
-    largest_own = float(sizes[own & ~shafts & ~(beside.any(axis=1) & (sizes < size))].max(initial=0.0))
+    sidebands = (
+        np.abs(np.abs(orders - order)[:, None] - np.arange(1, _STRANGE_SIDEBANDS + 1)) <= width
+    )  # of the reference
+    largest_own = float(sizes[own & ~shafts & ~(sidebands.any(axis=1) & (sizes < size))].max(initial=0.0))
     if size < STRANGE_FACTOR * largest_own:
         return ""
     than = f"{size / largest_own:.0f} times the largest mesh line of the drawing" if largest_own else "alone"
@@ -370,13 +372,13 @@ class _Lines:
         return any(self._struck(place, shaft) for shaft in shafts)
 
     def _struck(self, place: int, shaft: float) -> bool:
-        """Return whether a line is a multiple of a shaft, and of those beside it most are of similar size."""
+        """Return whether a line is a multiple of a shaft, and of its neighbours most are of similar size."""
         multiple = np.round(self.orders[place] / shaft)
         if abs(self.orders[place] - multiple * shaft) > self.width:
             return False
         similar = self.orders[self.sizes > self.sizes[place] / _SIMILAR]
-        beside = (multiple + np.arange(-_STRIKES, _STRIKES + 1)) * shaft
-        held = (np.abs(similar[:, None] - beside) <= self.width).any(axis=0)
+        neighbours = (multiple + np.arange(-_STRIKES, _STRIKES + 1)) * shaft
+        held = (np.abs(similar[:, None] - neighbours) <= self.width).any(axis=0)
         return int(held.sum()) - 1 >= _STRUCK
 
     def _one_of(self, place: int, spacing: float, *, members: int, slip: float) -> float:

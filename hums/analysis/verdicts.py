@@ -65,7 +65,7 @@ EVIDENCE, GEARS, SHAFTS, UNMEASURED = "evidence", "gears", "shafts", "unmeasured
 UNLIKE = "unlike_drawing"  # attribute of the root: why the record does not look like its gearbox, or empty
 _LIBRARY = "library_json"
 _AT_SHAFTS = "library_at_shafts_json"
-_FEWEST_TURNS = 8.0  # of the reference, whose lines one order apart are the noise beside a line
+_FEWEST_TURNS = 8.0  # of the reference, whose lines one order apart are the noise next to a line
 _SHAFT_KIND = "shaft"
 _MM_S = "mm s-1"
 
@@ -93,7 +93,7 @@ class ShaftLevel:
     levels : tuple of float
         RMS of its first lines.
     level, std : float
-        RMS of all of them together, and its standard deviation from the noise beside them.
+        RMS of all of them together, and its standard deviation from the noise next to them.
     baseline_level, baseline_std, baseline_speed_hz : float
         Those of the first record of the baseline; NaN without one.
     """
@@ -113,13 +113,19 @@ class ShaftLevel:
 
 def evidence_groups(
     channels: Sequence[AnalysedChannel],
-    gears: Sequence[GearJudgement],
     machine: Machine,
     settings: AnalysisSettings,
     baseline: Analysis | None,
+    unmeasured: Sequence[Unmeasured] | None = None,
 ) -> dict[str, xr.Dataset]:
-    """Return the groups of an analysis from which `derive_verdicts` makes its verdicts."""
+    """Return the groups of an analysis from which `derive_verdicts` makes its verdicts.
+
+    `unmeasured` are the parts that cannot be judged, default `unmeasured_parts`.
+    """
     evidence = [part for channel in channels for part in channel.evidence]
+    gears = [row for channel in channels for row in channel.gears]
+    if unmeasured is None:
+        unmeasured = unmeasured_parts(channels, gears, machine, settings)
     return {
         f"/{EVIDENCE}": rows_dataset(evidence, PartEvidence, dim="part").assign_attrs(
             {
@@ -129,7 +135,7 @@ def evidence_groups(
         ),
         f"/{GEARS}": rows_dataset(gears, GearJudgement, dim="gear").assign_attrs({_LIBRARY: _written("teeth")}),
         f"/{SHAFTS}": rows_dataset(shaft_levels(channels, machine, baseline), ShaftLevel, dim="shaft"),
-        f"/{UNMEASURED}": rows_dataset(unmeasured_parts(channels, gears, machine, settings), Unmeasured, dim="part"),
+        f"/{UNMEASURED}": rows_dataset(unmeasured, Unmeasured, dim="part"),
     }
 
 
@@ -198,7 +204,7 @@ def verdicts_from(groups: Mapping[str, xr.Dataset], attrs: Mapping[Any, Any]) ->
     teeth_named = [row for row in gears if row.probability <= of_gears and not row.explained_by]
     judged = [
         *bearing_verdicts(
-            [_beside_teeth(part, teeth_named) for part in parts],
+            [_unless_of_a_tooth(part, teeth_named) for part in parts],
             false_alarm_probability=of_bearings,
             faulty=faulty,
             library=_library(evidence),
@@ -217,7 +223,7 @@ def verdicts_from(groups: Mapping[str, xr.Dataset], attrs: Mapping[Any, Any]) ->
     return judged
 
 
-def _beside_teeth(part: PartEvidence, named: Sequence[GearJudgement]) -> PartEvidence:
+def _unless_of_a_tooth(part: PartEvidence, named: Sequence[GearJudgement]) -> PartEvidence:
     """Return the evidence for a bearing's part, hidden where impacts of one of the teeth that are named make its line.
 
     They come once a turn and make lines at all multiples of their rate, exactly. A race does not make a tooth: impacts
@@ -279,7 +285,7 @@ def unmeasured_parts(
 def _why_too_short(
     order: float, channels: Sequence[AnalysedChannel], _machine: Machine, _settings: AnalysisSettings
 ) -> tuple[str, str]:
-    cycles = order * max(float(channel.signal.revolutions) for channel in channels)
+    cycles = order * max(float(channel.revolutions) for channel in channels)
     return (
         f"too short: {cycles:.2g} turns of it in the record, of the {FEWEST_CYCLES:g} needed",
         f"judged in a record {FEWEST_CYCLES / cycles:.2g} times as long",
@@ -292,7 +298,7 @@ def _why_no_line(
     """Return why the line of a bearing's part is in no envelope, and what would change that."""
     if settings.envelope_band_hz is None:
         return "out of band: no envelope was asked for", "judged with an envelope band (envelope_band_hz)"
-    turns = max(float(channel.signal.revolutions) for channel in channels)
+    turns = max(float(channel.revolutions) for channel in channels)
     cycles, line_hz = order * turns, order * machine.top_speed_hz
     if cycles < FEWEST_CYCLES:
         return (
@@ -306,7 +312,7 @@ def _why_no_line(
         return f"out of band: its line at {line_hz:.4g} Hz is above {carries}", f"judged with {remedy}"
     if turns < _FEWEST_TURNS:
         return (
-            f"too short: {turns:.3g} turns are too few to know the noise beside its line",
+            f"too short: {turns:.3g} turns are too few to know the noise next to its line",
             f"judged in a record of {_FEWEST_TURNS:g} turns or more",
         )
     return (
@@ -316,20 +322,23 @@ def _why_no_line(
 
 
 def _not_measured(row: Unmeasured) -> Finding:
+    change = {"least_change": row.least_change}
+    if row.why.startswith("too short"):
+        change["next_step"] = "Take a longer record at a steady speed and load."
+    return _not_judged(row.component, row.kind, row.why, **change)
+
+
+def _not_judged(component: str, kind: str, why: str, **known: Any) -> Finding:  # noqa: ANN401
+    nothing: dict[str, Any] = {"channel": "", "units": "", "order_found": math.nan, "amplitude": math.nan}
     return Finding(
-        component=row.component,
-        kind=row.kind,
-        channel="",
+        component=component,
+        kind=kind,
         verdict=NOT_JUDGED,
-        evidence=f"not judged: {row.why}.",
+        evidence=f"not judged: {why}.",
         false_alarm_probability=math.nan,
         snr=math.nan,
-        order_found=math.nan,
-        amplitude=math.nan,
-        units="",
-        doubts=row.why,
-        next_step="Take a longer record at a steady speed and load." if row.why.startswith("too short") else "",
-        least_change=row.least_change,
+        doubts=why,
+        **nothing | known,
     )
 
 
@@ -483,17 +492,5 @@ def _lines_text(row: ShaftLevel) -> str:
 
 
 def _shaft_not_judged(row: ShaftLevel, why: str, needs: str) -> Finding:
-    return Finding(
-        component=row.component,
-        kind=_SHAFT_KIND,
-        channel=row.channel,
-        verdict=NOT_JUDGED,
-        evidence=f"not judged: {why}.",
-        false_alarm_probability=math.nan,
-        snr=math.nan,
-        order_found=row.order,
-        amplitude=row.level,
-        units=f"{row.units} RMS",
-        doubts=why,
-        least_change=f"judged with {needs}",
-    )
+    measured = {"channel": row.channel, "order_found": row.order, "amplitude": row.level, "units": f"{row.units} RMS"}
+    return _not_judged(row.component, _SHAFT_KIND, why, least_change=f"judged with {needs}", **measured)

@@ -415,9 +415,9 @@ def _waveforms(pictures: Pictures) -> Iterator[str]:
         least = np.minimum.reduceat(dataset["least"].to_numpy(), starts)
         largest = np.maximum.reduceat(dataset["largest"].to_numpy(), starts)
         both = np.stack([least, largest], axis=1).ravel()
-        stretch = dataset["stretch"].to_numpy()[: dataset.sizes["sample"] // every]
-        first = float(dataset["stretch_time_s"][0])
-        step = float(dataset["stretch_time_s"][1]) - first if stretch.size > 1 else 0.0
+        excerpt = dataset["excerpt"].to_numpy()[: dataset.sizes["sample"] // every]
+        first = float(dataset["excerpt_time_s"][0])
+        step = float(dataset["excerpt_time_s"][1]) - first if excerpt.size > 1 else 0.0
         line = {"type": "scatter", "mode": "lines", "line": {"color": "--line", "width": 0.8}, "showlegend": False}
         figure = Figure(
             name=f"waveform-{number}",
@@ -425,7 +425,7 @@ def _waveforms(pictures: Pictures) -> Iterator[str]:
             traces=[
                 line | {"x": packed(times), "y": packed(both), "hovertemplate": "%{x:.4f} s: %{y:.4g}<extra></extra>"},
                 line
-                | {"x0": first, "dx": step, "y": packed(stretch), "xaxis": "x2", "yaxis": "y2"}
+                | {"x0": first, "dx": step, "y": packed(excerpt), "xaxis": "x2", "yaxis": "y2"}
                 | {"hovertemplate": "%{x:.6f} s: %{y:.4g}<extra></extra>"},
             ],
             height_px=460,

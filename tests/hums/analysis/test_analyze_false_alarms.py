@@ -32,7 +32,7 @@ DEMO_SETTINGS = AnalysisSettings(envelope_band_hz=(6000.0, 10000.0), pictures=Fa
 @pytest.mark.parametrize("part", range(PARTS))
 def test_false_alarm_rate_of_healthy_records(part, shared_folder, monkeypatch):
     # a quarter of the time, and of a finding they only change what it says besides
-    monkeypatch.setattr("hums.analysis.analyze.channel_indicators", lambda *_: [])
+    monkeypatch.setattr("hums.analysis.channel.averaged_indicators", lambda *_: [])
     chances = together(shared_folder / "chances of false alarms", part, least_chances(part))
     if chances is None:
         return  # the part that ends last judges all of them

@@ -72,7 +72,7 @@ def test_many_show_what_one_does_not(gearbox, outer):
 def test_lines_nearer_than_a_snapshot_resolves_are_not_judged(gearbox):
     found = verdicts(snapshots(100, order=INNER, depth=0.3), gearbox)
     assert set(found["verdict"][["inner_race", "rolling_element"]]) == {"not judged"}
-    assert found["doubts"].str.contains("snapshots this short resolve 0.5 orders").sum() == 2
+    assert found["doubts"].str.contains("segments this short resolve 0.5 orders").sum() == 2
 
 
 def test_noise_names_nothing(gearbox):
@@ -85,8 +85,8 @@ def test_noise_names_nothing(gearbox):
 
 
 def test_the_resolution_is_stated_and_the_rest_is_withheld(outer):
-    (note,) = [note for note in hums.summary(outer)["notes"] if "pooled by power" in note]
-    assert "100 snapshots of 2.88 turns" in note
+    (note,) = [note for note in hums.summary(outer)["notes"] if "analysed together" in note]
+    assert "100 blocks of 2.875 turns" in note
     assert "nearer to each other than 0.5 orders are one" in note
     table = hums.indicator_table(outer).set_index("indicator")
     assert "cannot be averaged" in table["withheld"]["fm4"]
@@ -99,8 +99,8 @@ def test_snapshots_with_gaps_are_left_out(gearbox):
     values = record.h.values.copy()
     values[3, 7], values[5] = np.nan, 0.0
     notes = hums.summary(hums.analyze(record.assign(h=record.h.copy(data=values)), gearbox))["notes"]
-    assert any("2 of 12 snapshots are left out" in note for note in notes)
-    with pytest.raises(AnalysisError, match="in every snapshot"):
+    assert any("11 segments between gaps" in note and "1 sample that is not finite" in note for note in notes)
+    with pytest.raises(AnalysisError, match="same value -0 throughout"):
         hums.analyze(record.assign(h=record.h.copy(data=0 * values)), gearbox)
 
 
@@ -109,7 +109,7 @@ def test_a_fleet_and_a_report_take_them(gearbox, outer, tmp_path):
     fleet = hums.analyze_fleet([tmp_path / "a.h5"], gearbox, tmp_path / "fleet")
     assert (fleet.records, fleet.failed) == (1, 0)
     page = hums.write_report(outer, tmp_path / "report").read_text(encoding="utf-8")
-    assert "pooled by power" in page
+    assert "analysed together" in page
 
 
 def test_the_end_of_a_measured_run_to_failure(gearbox):

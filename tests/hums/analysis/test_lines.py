@@ -1,7 +1,5 @@
 """Which lines are looked for, how far about their nominal order, and what they are weighed against: drawn spectra."""
 
-from dataclasses import replace
-
 import numpy as np
 import pytest
 from drawn_spectrum import PER_REV, REVOLUTIONS, drawn_spectrum, level_spectrum, typical_amplitude
@@ -13,9 +11,7 @@ from hums.analysis.lines import (
     ORDER_SPECTRUM,
     ExpectedLine,
     SearchPlan,
-    envelope_sidebands,
     expected_lines,
-    narrowed,
     search,
 )
 from hums.gearbox.kinematics import solve_kinematics
@@ -85,37 +81,6 @@ class TestBackground:
                 # Nine times the power of the surroundings: of its exponential law half are above 6 times theirs.
                 assert alarms["gear_mesh"] > 60
 
-    def test_only_sidebands_in_the_order_spectrum_are_weighed_against_what_is_close(self):
-        # Three times the noise about it, and twelve times that of the order on either side.
-        spectrum = level_spectrum(hump(0.4, height=4), lines=[(23.1, 12.0)])
-        expected = {
-            (kind, name): kind == "tooth" and name == ORDER_SPECTRUM
-            for kind in ("tooth", "gear_mesh", "shaft", "inner_race", "planet_tooth")
-            for name in (ORDER_SPECTRUM, ENVELOPE)
-        }
-        for (kind, name), close in expected.items():
-            line = found_one(spectrum, line_at(23.1, kind, name))
-            # exp(-9 ln 2) is 0.002 with no width; exp(-144 ln 2) is nothing.
-            assert (line.false_alarm_probability > 1e-3) == close
-            assert (line.false_alarm_probability < 1e-8) == (not close)
-            # Its height is told against the wide surroundings throughout.
-            assert line.background == 1.0
-            assert line.snr == 12.0
-
-    @pytest.mark.parametrize(("half_width", "close"), [(0.12, False), (0.17, True)])
-    def test_close_is_a_quarter_of_an_order(self, half_width, close):
-        # Three bins, 0.047 orders, are the line's own. Of the 0.203 from there to 0.25, the hump fills 0.073 or 0.123.
-        spectrum = level_spectrum(hump(half_width, height=4, at=23.1), lines=[(23.1, 12.0)])
-        probability = found_one(spectrum, line_at(23.1, "tooth")).false_alarm_probability
-        assert (probability > 1e-3) == close
-        assert (probability < 1e-8) == (not close)
-
-    def test_louder_surroundings_farther_off_count_all_the_more(self):
-        # Quiet close to the line, loud from 0.3 orders on: the wide median is the larger one, and is kept.
-        spectrum = level_spectrum(lambda orders: np.where(np.abs(orders - 23.1) < 0.3, 1.0, 4.0), lines=[(23.1, 12.0)])
-        for kind in ("tooth", "gear_mesh"):
-            assert found_one(spectrum, line_at(23.1, kind)).false_alarm_probability > 1e-3
-
     def test_a_sideband_above_the_noise_about_it_is_found(self):
         rng, size = np.random.default_rng(1), 6 * typical_amplitude(3.0)
         for _ in range(20):
@@ -179,45 +144,6 @@ class TestTolerance:
                 assert line.order == pytest.approx(MESH * line.harmonic + line.sideband * spacing[line.component])
                 widest = min(0.01 * MESH * line.harmonic, spacing[line.component] / 4)
                 assert line.tolerance == pytest.approx(widest, rel=1e-9)
-
-
-class TestDeclaredSpeed:
-    """Shafts and meshes of one machine are equally far from nominal."""
-
-    SEARCHED = line_at(1.2, "planet_tooth", ENVELOPE, tolerance=0.024)
-
-    def measured(self, offsets):
-        lines = [line_at(order, "gear_mesh", tolerance=0.02 * order) for order in range(20, 20 + len(offsets))]
-        spectrum = level_spectrum(np.ones_like)
-        found, _ = search(spectrum, lines, channel="x", units="g")
-        return [
-            replace(one, line=replace(one.line, found=one.expected.order * (1 + off), false_alarm_probability=1e-6))
-            for one, off in zip(found, offsets, strict=True)
-        ]
-
-    def test_meshes_that_agree_narrow_the_search_of_teeth(self):
-        # median deviation 0.001 about 0.003; the last line is another's
-        (one,) = narrowed([self.SEARCHED], self.measured([0.002, 0.003, 0.003, 0.004, 0.002, 0.004, -0.019]))
-        assert one.tolerance == pytest.approx(1.2 * 0.008)
-
-    def test_few_lines_state_no_speed_and_scattered_ones_leave_the_tolerance(self):
-        for offsets in ([0.001] * 5, [-0.018, 0.012, -0.005, 0.019, 0.004, -0.011, 0.015]):
-            assert narrowed([self.SEARCHED], self.measured(offsets)) == [self.SEARCHED]
-
-    def test_a_bearing_slips_on_its_own(self):
-        race = line_at(3.6, "outer_race", ENVELOPE, tolerance=0.07)
-        assert narrowed([race], self.measured([0.001] * 9)) == [race]
-
-
-def test_sidebands_in_the_envelope_are_beside_the_line_that_was_found():
-    (found,), _ = search(
-        level_spectrum(lambda axis: np.ones(axis.size), lines=[(5.34375, 12.0)]),
-        [line_at(5.4, "inner_race", ENVELOPE, tolerance=0.1)], channel="x", units="g",
-    )  # fmt: skip
-    beside = envelope_sidebands(found, [1.0, 0.4, 6.0])
-    assert [line.order for line in beside] == pytest.approx([4.34375, 6.34375, 4.94375, 5.74375, 11.34375], rel=1e-9)
-    assert [line.sideband for line in beside] == [-1, 1, -1, 1, 1]
-    assert all(line.spectrum == ENVELOPE and not line.fundamental for line in beside)
 
 
 def test_lines_past_the_end_are_out_of_reach():

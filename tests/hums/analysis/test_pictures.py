@@ -40,9 +40,9 @@ def test_no_sample_is_beyond_the_waveform(analysis, record):
     picture, values = first(analysis, WAVEFORM), record["a b"].to_numpy()
     assert (float(picture["least"].min()), float(picture["largest"].max())) == (values.min(), values.max())
     peak = np.abs(values - values.mean()).max() + values.mean()
-    assert peak in picture["stretch"].to_numpy()
-    middle = picture["stretch_time_s"].to_numpy()
-    np.testing.assert_array_equal(picture["stretch"], values[np.rint(middle * RATE_HZ).astype(int)])
+    assert peak in picture["excerpt"].to_numpy()
+    middle = picture["excerpt_time_s"].to_numpy()
+    np.testing.assert_array_equal(picture["excerpt"], values[np.rint(middle * RATE_HZ).astype(int)])
 
 
 def test_a_row_of_the_map_holds_the_amplitude_and_the_speed(analysis):

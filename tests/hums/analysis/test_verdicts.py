@@ -25,7 +25,7 @@ from hums.analysis.result import (
     verdict_table,
 )
 from hums.analysis.settings import AnalysisError, AnalysisSettings
-from hums.analysis.verdicts import _beside_teeth, derive_verdicts
+from hums.analysis.verdicts import derive_verdicts
 from hums.gearbox.kinematics import solve_kinematics
 from hums.gearbox.model import load_gearbox
 from hums.gearbox.orders import BEARING_KINDS, defects
@@ -231,8 +231,8 @@ def test_an_analysis_without_its_evidence_derives_nothing(opened):
     with pytest.raises(AnalysisError, match="lacks the groups evidence, from which verdicts are derived"):
         derive_verdicts(opened.drop_nodes("evidence"))
     older = opened.copy()
-    older["evidence"] = xr.DataTree(opened["evidence"].to_dataset().drop_vars("beside"))
-    with pytest.raises(AnalysisError, match="lacks beside, from which verdicts are derived; make it again"):
+    older["evidence"] = xr.DataTree(opened["evidence"].to_dataset().drop_vars("sibling_depths"))
+    with pytest.raises(AnalysisError, match="lacks sibling_depths, from which verdicts are derived; make it again"):
         derive_verdicts(older)
 
 
@@ -280,31 +280,6 @@ def test_a_change_against_zones_counts_by_a_quarter_of_zone_b():
     for velocity, verdict in ((1.5, "nothing found"), (1.9, "indicated")):
         table = rows(shaken(add=shaking(velocity), limits=LIMITS, baseline=first))
         assert table.loc[("input", "shaft"), "verdict"] == verdict
-
-
-def beside_a_tooth(found, *, order=0.2, probability=0.001, bin_width=0.01):
-    given = {"component": "input bearing", "channel": "a", "units": "g", "amplitude": 1.0, "snr": 90.0, "depth": 0.5}
-    part = PartEvidence(
-        kind="inner_race",
-        order=5.0,
-        found=found,
-        bin_width=bin_width,
-        band_low_hz=1e3,
-        band_high_hz=2e3,
-        strength=0.5,
-        **given,
-    )
-    tooth = GearJudgement(
-        channel="a", units="g", component="stage 1/pinion", order=order, teeth=21, turns=20, probability=probability
-    )
-    return _beside_teeth(part, [tooth])
-
-
-def test_a_line_at_a_multiple_of_the_rate_of_a_damaged_tooth_is_no_race():
-    assert "26 times the rate at which the tooth of stage 1/pinion" in beside_a_tooth(5.2).hidden_by
-    assert "26 times" in beside_a_tooth(5.203).hidden_by
-    assert not beside_a_tooth(5.204).hidden_by  # more than a third of a bin beside it
-    assert not beside_a_tooth(5.2, bin_width=0.03).hidden_by  # of fewer than seven turns, any line is near a multiple
 
 
 def test_the_parts_of_a_machine_with_a_damaged_tooth_are_judged_beside_it():

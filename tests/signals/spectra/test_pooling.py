@@ -10,6 +10,10 @@ from signals.spectra.spectra import amplitude_spectrum
 SIZE, RATE = 512, 64.0  # eight revolutions
 
 
+def pooled(each):
+    return pooled_spectrum(each[0], power=sum(one.amplitude**2 for one in each), count=len(each))
+
+
 def spectra(count, rng, *, amplitude=0.0, order=10.0):
     turns = np.arange(SIZE) / RATE
     lines = amplitude * np.cos(2 * np.pi * (order * turns + rng.uniform(size=(count, 1))))
@@ -18,14 +22,14 @@ def spectra(count, rng, *, amplitude=0.0, order=10.0):
 
 def test_one_is_itself():
     (one,) = spectra(1, np.random.default_rng(0))
-    assert pooled_spectrum([one]) is one
+    assert pooled([one]) is one
 
 
 @pytest.mark.parametrize("count", [9, 100])
 def test_the_noise_that_is_left_falls_with_the_root_of_their_number(count):
     rng = np.random.default_rng(count)
     away = slice(200, -200)
-    noise = np.mean(pooled_spectrum(spectra(count, rng)).amplitude[away] ** 2)
+    noise = np.mean(pooled(spectra(count, rng)).amplitude[away] ** 2)
     mean = 4 * 1.5 / SIZE  # power of white noise of variance one in a line of a Hann window: 4 ENBW / n
     # some 130 independent bins are averaged, the power of each with a scatter of 1 / sqrt(K); what falls below zero is
     # raised to the floor, which lifts the mean of what is left, K^-1/2 with a scatter as large, by 8 % (Gaussian)
@@ -35,8 +39,8 @@ def test_the_noise_that_is_left_falls_with_the_root_of_their_number(count):
 
 def test_a_line_keeps_its_power():
     rng = np.random.default_rng(3)
-    pooled = pooled_spectrum(spectra(400, rng, amplitude=0.3))
-    power = find_line(pooled, expected=10.0, tolerance=0.2, surroundings=4).amplitude ** 2
+    found = pooled(spectra(400, rng, amplitude=0.3))
+    power = find_line(found, expected=10.0, tolerance=0.2, surroundings=4).amplitude ** 2
     mean = 4 * 1.5 / SIZE
     # A^2 + N / 10 (a tenth of the noise is left at 400), and the scatter of a mean of noncentral chi-squares
     std = np.sqrt((2 * 0.09 * mean + mean**2) / 400)
@@ -48,16 +52,14 @@ def test_noise_raises_no_more_false_alarms_than_stated(count):
     rng = np.random.default_rng(count)
     found = []
     for _ in range(30):
-        pooled = pooled_spectrum(spectra(count, rng))
-        found += [find_line(pooled, expected=order, tolerance=0.3, surroundings=4) for order in np.arange(5.0, 28, 2)]
+        whole = pooled(spectra(count, rng))
+        found += [find_line(whole, expected=order, tolerance=0.3, surroundings=4) for order in np.arange(5.0, 28, 2)]
     probabilities = np.array([line.false_alarm_probability for line in found])
     # binomial: 360 searches at one in 20
     assert np.mean(probabilities < 0.05) < 0.05 + 3 * np.sqrt(0.05 / probabilities.size)
 
 
 def test_what_cannot_be_pooled():
-    rng = np.random.default_rng(0)
-    with pytest.raises(ValueError, match="no spectrum"):
-        pooled_spectrum([])
-    with pytest.raises(ValueError, match="different axes"):
-        pooled_spectrum([*spectra(1, rng), amplitude_spectrum(rng.normal(size=500), rate=RATE)])
+    (one,) = spectra(1, np.random.default_rng(0))
+    with pytest.raises(ValueError, match="power has 7 lines"):
+        pooled_spectrum(one, power=np.ones(7), count=2)

@@ -1,0 +1,444 @@
+"""A record as a sequence of segments: parts of a channel without gaps, in which the angle of the reference is known.
+
+- A record in one piece is one segment. One with more than `LONGEST` samples a channel is cut into equal parts.
+- A gap, samples that are not finite, ends a segment, and the next begins after it.
+- Snapshots are given; of a few turns each, they are cut to whole eighths of one.
+
+A segment reads its samples when it is first asked for them.
+"""
+
+import math
+from collections.abc import Iterable, Iterator, Mapping, Sequence
+from dataclasses import dataclass, field, replace
+from functools import cached_property
+from itertools import pairwise
+
+import numpy as np
+import xarray as xr
+from numpy.typing import NDArray
+
+from hums.analysis.reference_angle import Machine, prepare_machine, together
+from hums.analysis.result import SensorCondition
+from hums.analysis.settings import AnalysisError, AnalysisSettings
+from hums.gearbox.components import closest
+from hums.gearbox.model import Gearbox
+from hums.records.channels import names_of
+from hums.records.record import Sampling, channel_values, sampling, tachometers, vibration_channels
+from hums.records.snapshots import is_snapshots, snapshots_of
+from signals._fft_plans import transform_of
+from signals.angle.averaging import SynchronousAverage
+from signals.health import SensorHealth, sensor_health
+from signals.resampling.resampling import PASSBAND, AngularSignal, angular_resample_all, whole_revolutions
+from signals.shaft.phase import ShaftPhase
+
+__all__ = ["LONGEST", "Segment", "SegmentedRecord", "resample_in_angle", "segmented", "selected_channels"]
+
+LONGEST = 4_000_000  # samples of a channel at once: a gigabyte besides the record, two minutes at 33 kHz
+SHORTEST = 64  # samples that a check of the sensor needs
+_PARTS = 8  # of a turn, to whole ones of which a snapshot is cut: of three turns an eighth is lost, not one
+_LEAST_SHARE = 0.05  # of the longest segment's turns: what is shorter shows nothing that the longest does not
+_SPEEDS = 256  # over the record, for the check of the sensor: four in each part in which it looks for a change of level
+
+Values = NDArray[np.floating]  # samples, in the precision of their source
+
+
+@dataclass(frozen=True, kw_only=True)
+class Segment:
+    """Samples of a channel without gaps, and the reference's angle while they were taken.
+
+    Attributes
+    ----------
+    record : xarray.Dataset
+        The part of the record that holds them.
+    name : str
+        Of the channel.
+    machine : Machine
+        With the angle of the reference in this part.
+    part : int
+        Number of the part of the record, counted from 0, which segments of other channels share.
+    turns : float
+        Of the reference, whole ones or whole eighths.
+    parts_per_turn : int
+        8 of a snapshot, which is cut to whole eighths of a turn, else 1.
+    last_order : float
+        End of its order spectrum.
+    averages : dict
+        Synchronous averages of shafts that were asked for.
+    """
+
+    record: xr.Dataset
+    name: str
+    machine: Machine
+    part: int
+    turns: float
+    parts_per_turn: int = 1
+    last_order: float = 0.0
+    averages: dict[str, SynchronousAverage] = field(default_factory=dict, repr=False)
+
+    @property
+    def when(self) -> Sampling:
+        """Rate, start and number of the samples."""
+        return sampling(self.record, self.name)
+
+    @property
+    def units(self) -> str:
+        """Unit of the samples."""
+        return str(self.record[self.name].attrs["units"])
+
+    @cached_property
+    def values(self) -> Values:
+        """The samples."""
+        return read(self.record, self.name)
+
+    @cached_property
+    def transform(self) -> NDArray[np.complexfloating]:
+        """Fourier transform of the samples without their mean."""
+        return transform_of(self.values)
+
+    @cached_property
+    def health(self) -> SensorHealth | None:
+        """Condition of the sensor; None of too few samples to tell."""
+        when, phase = self.when, self.machine.phase
+        if when.count < SHORTEST:
+            return None
+        times_s = when.start_s + np.linspace(0, when.count / when.rate_hz, _SPEEDS)
+        return sensor_health(
+            self.values,
+            rate_hz=when.rate_hz,
+            units=self.units,
+            transform=self.transform,
+            speed_hz=phase.speed_hz(np.clip(times_s, phase.start_s, phase.stop_s)),
+        )
+
+    @property
+    def faulty(self) -> bool:
+        """Whether the sensor is faulty, so that nothing estimated from it is reliable."""
+        return self.health is not None and self.health.status == "sick"
+
+    @cached_property
+    def filled(self) -> Values:
+        """The samples, linearly interpolated where the sensor lost them."""
+        if self.health is None or not self.health.missing.any():
+            return self.values
+        missing, places = self.health.missing, np.arange(self.values.size)
+        between = np.interp(places, places[~missing], self.values[~missing]).astype(self.values.dtype)
+        return np.where(missing, between, self.values)
+
+    @cached_property
+    def filled_transform(self) -> NDArray[np.complexfloating]:
+        """Fourier transform of `filled` without its mean."""
+        return self.transform if self.filled is self.values else transform_of(self.filled)
+
+    @cached_property
+    def signal(self) -> AngularSignal:
+        """The samples over the angle of the reference, up to `last_order`."""
+        return self.over_angle([self.values], self.when, self.last_order)[0]
+
+    def over_angle(
+        self, rows: Sequence[Values], when: Sampling, last_order: float, *, highest_hz: float | None = None
+    ) -> list[AngularSignal]:
+        """Return signals of this segment, which end at `highest_hz`, at equal increments of the reference's angle."""
+        parts = self.parts_per_turn
+        phase = self.machine.phase if parts == 1 else self.machine.phase.scaled(parts)
+        multiple = 8 if parts == 1 else 1
+        signals = resample_in_angle(
+            rows, when, self.name, phase, last_order / parts, multiple_of=multiple, highest_hz=highest_hz
+        )
+        if parts == 1:
+            return signals
+        return [
+            replace(
+                signal,
+                samples_per_rev=parts * signal.samples_per_rev,
+                start_rev=signal.start_rev / parts,
+                passband_orders=parts * signal.passband_orders,
+            )
+            for signal in signals
+        ]
+
+
+def resample_in_angle(
+    rows: Sequence[Values],
+    when: Sampling,
+    name: str,
+    phase: ShaftPhase,
+    last_order: float,
+    *,
+    multiple_of: int = 8,
+    highest_hz: float | None = None,
+) -> list[AngularSignal]:
+    """Return signals of a channel at equal angle increments of `phase`, with a passband up to `last_order`."""
+    try:
+        return angular_resample_all(
+            rows,
+            rate_hz=when.rate_hz,
+            phase=phase,
+            samples_per_rev=multiple_of * math.ceil(2 * last_order / (multiple_of * PASSBAND)),
+            start_s=when.start_s,
+            highest_hz=highest_hz,
+        )
+    except ValueError as error:
+        raise AnalysisError(f'channel "{name}": {error}') from None
+
+
+@dataclass(frozen=True, kw_only=True)
+class ChannelSegments:
+    """The segments of a channel, and what of it is left out.
+
+    Attributes
+    ----------
+    segments : tuple of Segment
+        Those that can be analysed.
+    duration_s : float
+        Of all samples.
+    gaps : str
+        Number and place of samples that are not finite, in words; empty if there are none.
+    missing : float
+        Share of the samples that are not finite.
+    condition : SensorCondition or None
+        Of a channel without segments.
+    why : str
+        Why no segment can be analysed; empty if one can.
+    """
+
+    segments: tuple[Segment, ...]
+    duration_s: float
+    gaps: str = ""
+    missing: float = 0.0
+    condition: SensorCondition | None = None
+    why: str = ""
+
+
+@dataclass(frozen=True, kw_only=True)
+class SegmentedRecord:
+    """Segments by channel, the machine over all parts and in each, where each begins in s, and what is left out."""
+
+    machine: Machine
+    machines: Mapping[int, Machine]
+    starts_s: Mapping[int, float]
+    channels: Mapping[str, ChannelSegments]
+    left_out: Sequence[str]
+
+
+def read(record: xr.Dataset, name: str) -> Values:
+    """Return the samples of a channel; a record that is open does not keep them."""
+    return channel_values(record.isel({record[name].dims[-1]: slice(None)}), name)
+
+
+def selected_channels(record: xr.Dataset, settings: AnalysisSettings) -> tuple[str, ...]:
+    """Return the names of the channels to analyse; raise AnalysisError for one that the record does not have."""
+    there = vibration_channels(record)
+    for name in settings.channels or ():
+        if name not in there:
+            raise AnalysisError(f'the record has no vibration channel "{name}"{closest(name, there)}')
+    return tuple(there) if settings.channels is None else tuple(dict.fromkeys(settings.channels))
+
+
+def segmented(record: xr.Dataset, gearbox: Gearbox, settings: AnalysisSettings) -> SegmentedRecord:
+    """Return the segments of every channel of a record, with the angle of the reference in each.
+
+    The angle of a tachometer is that of the whole record. A declared speed is refined, and an unknown one estimated, in
+    each part, from a channel without gaps in it; a part in which that fails is left out. A declared speed of snapshots
+    is taken as it is: a few turns do not refine it.
+
+    Raises
+    ------
+    AnalysisError
+        If no channel has a segment, or the angle is known in no part.
+    """
+    names, snapshots = selected_channels(record, settings), is_snapshots(record)
+    if snapshots:
+        settings = settings.model_copy(update={"nominal_speed_tolerance": 0.0})
+    parts = [(f"Snapshot {n}", part) for n, part in enumerate(snapshots_of(record.compute()))] if snapshots else None
+    parts = parts or list(_parts(record, names))
+    scans = {name: [Scan.of(read(part, name)) for _, part in parts] for name in names}
+    usable = [name for name in names if not all(scan.constant for scan in scans[name])] or list(names)
+    shared = None if snapshots or not tachometers(record) else prepare_machine(record, gearbox, settings)
+    machines: dict[int, Machine] = {}
+    left_out: list[str] = []
+    for number, (label, part) in enumerate(parts):
+        whole = [name for name in usable if scans[name][number].whole]
+        own = settings.model_copy(update={"channels": tuple(whole or usable)})
+        try:
+            machines[number] = shared or prepare_machine(part, gearbox, own)
+        except AnalysisError as error:
+            if len(parts) == 1:
+                raise
+            left_out.append(f"{label}: nothing is analysed: {error}")
+    if not machines:
+        raise AnalysisError(left_out[0])
+    pieces, parts_per_turn = [part for _, part in parts], _PARTS if snapshots else 1
+    channels = {name: _channel_segments(pieces, name, scans[name], machines, parts_per_turn) for name in names}
+    if not any(one.segments for one in channels.values()):
+        raise AnalysisError(next(iter(channels.values())).why)
+    given = record["snapshot_s"].to_numpy().tolist() if "snapshot_s" in record.coords else [0.0] * len(parts)
+    return SegmentedRecord(
+        machine=shared or together(list(machines.values())),
+        machines={0: shared} if shared else machines,
+        starts_s=dict(enumerate(given)),
+        channels=channels,
+        left_out=left_out,
+    )
+
+
+def _parts(record: xr.Dataset, names: Sequence[str]) -> Iterator[tuple[str, xr.Dataset]]:
+    """Yield the parts of a record, with a name for each.
+
+    Where the speed is to be found in a channel, a part ends at each gap of the channel with the fewest lost samples.
+    """
+    whens = [sampling(record, name) for name in names]
+    count = max(math.ceil(when.count / LONGEST) for when in whens)
+    first, last = min(when.start_s for when in whens), max(when.start_s + when.count / when.rate_hz for when in whens)
+    for begin, end in pairwise(np.linspace(first, last, count + 1).tolist()):
+        part = record if count == 1 else _between(record, begin, end)
+        scans = {} if tachometers(record) else {name: Scan.of(read(part, name)) for name in names}
+        name = min(scans, key=lambda name: scans[name].lost, default="")
+        if not name or scans[name].whole or not scans[name].runs:
+            yield f"From {begin:.6g} to {end:.6g} s", part
+            continue
+        when = sampling(part, name)
+        for run in scans[name].runs:
+            begin_s, end_s = (when.start_s + edge / when.rate_hz for edge in run)
+            yield f"From {begin_s:.6g} to {end_s:.6g} s", _between(part, begin_s, end_s)
+
+
+def _between(record: xr.Dataset, start_s: float, stop_s: float) -> xr.Dataset:
+    """Return what a record has from `start_s` to before `stop_s`, with all pulses of its tachometers."""
+    slices = {}
+    for name in names_of(record, "vibration", "waveform"):
+        when = sampling(record, name)
+        ends = (math.ceil(round((moment - when.start_s) * when.rate_hz, 3)) for moment in (start_s, stop_s))
+        slices[record[name].dims[0]] = slice(*(min(max(end, 0), when.count) for end in ends))
+    return record.isel(slices)
+
+
+@dataclass(frozen=True, kw_only=True)
+class Scan:
+    """The runs of finite samples of a channel in one part, and whether all of these are one value."""
+
+    count: int
+    lost: int
+    first_lost: int
+    runs: tuple[tuple[int, int], ...]
+    constant: bool
+
+    @classmethod
+    def of(cls, values: Values) -> "Scan":
+        finite = np.isfinite(values)
+        lost = finite.size - int(np.count_nonzero(finite))
+        if lost:
+            edges = np.flatnonzero(np.diff(finite, prepend=False, append=False)).reshape(-1, 2)
+            runs, some = tuple((int(a), int(b)) for a, b in edges), values[finite]
+        else:
+            runs, some = ((0, finite.size),) if finite.size else (), values
+        return cls(
+            count=finite.size,
+            lost=lost,
+            first_lost=int(np.argmin(finite)) if lost else -1,
+            runs=runs,
+            constant=some.size == 0 or bool(some.min() == some.max()),
+        )
+
+    @property
+    def whole(self) -> bool:
+        """Whether no sample is lost, and the samples vary."""
+        return not self.lost and not self.constant
+
+
+def _channel_segments(
+    parts: Sequence[xr.Dataset],
+    name: str,
+    scans: Sequence[Scan],
+    machines: Mapping[int, Machine],
+    parts_per_turn: int,
+) -> ChannelSegments:
+    """Return the segments of a channel: its runs of finite samples that vary and hold a turn of the reference."""
+    segments: list[Segment] = []
+    whole = len(parts) == 1 and not scans[0].lost
+    why = ""
+    for number, machine in machines.items():
+        scan, part = scans[number], parts[number]
+        for first, stop in scan.runs if not scan.constant else ():
+            piece = part if not scan.lost else part.isel({part[name].dims[0]: slice(first, stop)})
+            when = sampling(piece, name)
+            if when.count < SHORTEST and not whole:
+                continue
+            phase = machine.phase if parts_per_turn == 1 else machine.phase.scaled(parts_per_turn)
+            stop_s = when.start_s + (when.count - 1) / when.rate_hz
+            try:
+                _, turns = whole_revolutions(phase, start_s=when.start_s, stop_s=stop_s)
+            except ValueError as error:
+                why = why or f'channel "{name}": {error}'
+                continue
+            segments.append(
+                Segment(
+                    record=piece,
+                    name=name,
+                    machine=machine,
+                    part=number,
+                    turns=turns / parts_per_turn,
+                    parts_per_turn=parts_per_turn,
+                )
+            )
+    longest = max((one.turns for one in segments), default=0.0)
+    found = scanned(parts, name, scans)
+    return replace(
+        found,
+        segments=tuple(one for one in segments if one.turns >= _LEAST_SHARE * longest),
+        why="" if segments else found.why or why,
+    )
+
+
+def scanned(parts: Sequence[xr.Dataset], name: str, scans: Sequence[Scan]) -> ChannelSegments:
+    """Return what is known of a channel from its samples alone, without segments.
+
+    Its `why` holds if no segment between its gaps can be used, and where it has the same value throughout.
+    """
+    when = sampling(parts[0], name)
+    lost, count = sum(scan.lost for scan in scans), sum(scan.count for scan in scans)
+    gaps, why = _gaps(scans, when) if lost else "", ""
+    status, reasons = "sick", f"It drops out: it has {gaps}."
+    if gaps:
+        why = (
+            f'channel "{name}" has {gaps}, and no segment between gaps that can be used. Choose another channel, '
+            "channels=(...), on the command line --channel NAME, or restore the samples."
+        )
+    if all(scan.constant for scan in scans) and any(scan.runs for scan in scans):
+        part, first = next((part, scan.runs[0][0]) for part, scan in zip(parts, scans, strict=True) if scan.runs)
+        values = read(part, name)
+        why = (
+            f'channel "{name}" has the same value {values[first]:g} throughout: a dead sensor or a wrong channel. '
+            "Leave it out with channels=(...), on the command line --channel NAME."
+        )
+        if not lost and values.size >= SHORTEST:
+            health = sensor_health(values, rate_hz=when.rate_hz, units=part[name].attrs["units"])
+            status, reasons = health.status, " ".join(capitalised(health.reasons))
+    missing = lost / max(count, 1)
+    return ChannelSegments(
+        segments=(),
+        duration_s=count / when.rate_hz,
+        gaps=gaps,
+        missing=missing,
+        condition=SensorCondition(name=name, sensor="vibration", status=status, reasons=reasons, missing=missing),
+        why=why,
+    )
+
+
+def capitalised(reasons: Iterable[str]) -> list[str]:
+    """Return sentences that begin with a capital letter."""
+    return [reason[0].upper() + reason[1:] for reason in reasons]
+
+
+def _gaps(scans: Sequence[Scan], when: Sampling) -> str:
+    """Return in words how many samples are not finite, in how many gaps, and where the first is."""
+    lost = sum(scan.lost for scan in scans)
+    gaps = sum(
+        len(scan.runs) - 1 + (scan.runs[0][0] > 0) + (scan.runs[-1][1] < scan.count) if scan.runs else 1
+        for scan in scans
+        if scan.lost
+    )
+    part = next(number for number, scan in enumerate(scans) if scan.lost)
+    index = sum(scan.count for scan in scans[:part]) + scans[part].first_lost
+    where = f"{gaps} gaps, the first" if gaps > 1 else "one gap,"
+    samples = f"{lost} samples that are" if lost > 1 else "1 sample that is"
+    return f"{samples} not finite in {where} at index {index} ({when.start_s + index / when.rate_hz:g} s)"
