@@ -5,9 +5,6 @@ other. So the diffuse part of the covariance is a factor V: the covariance is `P
 that of an exactly known initial state. Once V V^T is small it is added to P. Where samples are missing for long, or a
 shaft rests, P grows again: then V becomes its Cholesky factor, and P zero.
 
-With one pole, once V is zero, samples are taken in pairs: their updates of P, and the products of P with the next two
-regressors, are made in one pass over P.
-
 The effect of the initial covariance vanishes within some time constants. In the frame that rotates with an order the
 covariance is then constant but for a ripple at the frequency distances between orders, and so are the gains: those of
 a random walk in noise of variance 2R (R for the mean), which `Bandwidth.filter_shares` gives exactly. An order's
@@ -20,7 +17,7 @@ from math import ceil, log, sqrt
 
 import numpy as np
 
-from signals.harmonics._filter_kernels import LOOK_AHEAD, PIECE, filter_covariance, filter_pairs, filter_steadily
+from signals.harmonics._filter_kernels import PIECE, filter_covariance, filter_steadily
 from signals.harmonics.bandwidth import Bandwidth
 from signals.harmonics.innovations import Innovations
 from signals.harmonics.state_space import Complexes, Estimate, Floats, HarmonicModel, lost
@@ -146,10 +143,7 @@ def filter_on(
             given = values[part], np.ascontiguousarray(phase[:, part]), orders, shaft, q if len(q) == 1 else q[part]
             found = normalised[part], innovation_variances[part], levels[done:], variances[done:]
             own = state.mean, state.covariance, (skip, output_every)
-            if model.poles == 1 and not state.diffuse:
-                filter_pairs(*given, *own, *found)
-            else:
-                filter_covariance(*given, *own, *found, state.factor, state.diffuse, *scratch)
+            filter_covariance(*given, *own, *found, state.factor, state.diffuse, *scratch)
             done += len(range(skip, end - begin, output_every))
             state.count, begin = state.count + end - begin, end
             if state.count % interval == 0:
@@ -197,18 +191,12 @@ def steady_state_filter(
         variances = np.column_stack([variances, shares[0]])
     predicted = state.mean.reshape(channels, model.poles, -1)
     work, rows = np.empty((3, max(PIECE, gains.shape[1]))), np.empty((PIECE, gains.shape[1]))
-    turn, ahead = np.empty((2, 0)), np.empty(0)  # of no use where the shaft turns unsteadily
-    if model.steady_step is not None:
-        angle = model.orders * model.steady_step
-        turn = np.tile([np.cos(angle * PIECE), np.sin(angle * PIECE)], PIECE)
-        if model.poles == 1:
-            ahead = shares[0] @ np.cos(np.outer(angle, np.arange(LOOK_AHEAD)))
     for first in range(begin, samples, STEADY_AT_ONCE):
         span = slice(first, min(first + STEADY_AT_ONCE, samples))
         values, residuals = np.ascontiguousarray(x[:, span].T), np.empty((span.stop - first, channels))
         filter_steadily(
-            values, model.phase(span), model.orders, model.shaft, turn, ahead, gains, predicted, -first % output_every,
-            output_every, work, rows, residuals, levels[ceil(first / output_every) :],
+            values, model.phase(span), model.orders, model.shaft, gains, predicted, -first % output_every, output_every,
+            work, rows, residuals, levels[ceil(first / output_every) :],
         )  # fmt: skip
         counted = residuals.T[:, max(startup - first, 0) :]
         early, late = counted[:, :-CORRELATED], counted[:, -CORRELATED:] / sqrt(variance)

@@ -65,7 +65,7 @@ class HarmonicModel:
     @cached_property
     def steady_step(self) -> float | None:
         """Angle of one sample in rad, where it is the same throughout and there is one shaft; None elsewhere."""
-        from signals.harmonics._filter_kernels import on_line  # noqa: PLC0415 - loads numba
+        from signals.harmonics._block_kernels import on_line  # noqa: PLC0415 - loads numba
 
         phase = self.phases[0]
         if len(self.phases) > 1 or phase.size == 1:

@@ -316,7 +316,7 @@ def test_amplitudes_follow_the_recursion_sample_by_sample(poles, kind):
     phases = turning(kind, n), 3.1 * turning("even", n) + 0.3
     orders, shaft = np.array([0.0, 1.0, 2.1, 1.0, 1.7]), np.array([0, 0, 0, 1, 1])
     x = np.random.default_rng(4).standard_normal((2, n)) + np.cos(phases[0]) + 2 * np.cos(1.7 * phases[1] + 1)
-    if kind == "one shaft":  # whose regressors are turned from piece to piece
+    if kind == "one shaft":
         phases, shaft, orders = phases[:1], np.zeros(5, dtype=np.int64), np.array([0.0, 1.0, 2.1, 3.3, 8.2])
     model = HarmonicModel(
         orders=orders, shaft=shaft, phases=phases, bandwidth=np.full((5, 1), width), poles=poles, prior_std=1e3
