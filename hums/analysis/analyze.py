@@ -26,7 +26,7 @@ from hums.analysis.detection import AssessedLine, LineAssessor
 from hums.analysis.findings import Finding, findings
 from hums.analysis.indicators import HISTORIES, read_baseline
 from hums.analysis.lines import ENVELOPE, ORDER_SPECTRUM, SearchPlan, expected_lines
-from hums.analysis.pictures import picture_groups
+from hums.analysis.pictures import channel_pictures, picture_groups
 from hums.analysis.reference_angle import Machine
 from hums.analysis.result import (
     Analysis,
@@ -138,7 +138,10 @@ def analyze(
         if average:
             channels.append(average_channel(channel, settings, histories))
         else:
-            channels.append(analyse_channel(channel, machine, expected, settings, histories, channels=len(usable)))
+            analysed = analyse_channel(
+                channel, machine, expected, settings, histories, channels=len(usable), draw=channel_pictures
+            )
+            channels.append(analysed)
     assessor = LineAssessor(
         {bearing.name: bearing for bearing in machine.bearings},
         settings.false_alarm_probability,

@@ -28,10 +28,9 @@ from hums.analysis.indicators import (
 )
 from hums.analysis.lines import ORDER_SPECTRUM
 from hums.analysis.reference_angle import AngleSource, Machine, solved
-from hums.analysis.result import IndicatorValue, SensorCondition
+from hums.analysis.result import IndicatorValue, SensorCondition, Unmeasured
 from hums.analysis.segments import ChannelSegments, Scan, Segment, SegmentedRecord, Values, scanned, selected_channels
 from hums.analysis.settings import AnalysisError, AnalysisSettings
-from hums.analysis.verdicts import Unmeasured
 from hums.gearbox.components import closest
 from hums.gearbox.model import Gearbox
 from hums.gearbox.orders import BEARING_KINDS

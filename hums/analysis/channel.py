@@ -5,7 +5,7 @@ square over the segments is taken, of the others and of the judgement of gears t
 """
 
 import math
-from collections.abc import Iterable, Iterator, Mapping, Sequence
+from collections.abc import Callable, Iterable, Iterator, Mapping, Sequence
 from dataclasses import dataclass, field, replace
 from itertools import islice
 
@@ -31,9 +31,8 @@ from hums.analysis.lines import (
     narrowed,
     search,
 )
-from hums.analysis.pictures import ChannelPictures, channel_pictures
 from hums.analysis.reference_angle import Machine
-from hums.analysis.result import EnvelopeBand, IndicatorValue, SensorCondition
+from hums.analysis.result import ChannelPictures, EnvelopeBand, IndicatorValue, SensorCondition
 from hums.analysis.segments import ChannelSegments, Segment, capitalised
 from hums.analysis.settings import AnalysisError, AnalysisSettings
 from hums.analysis.thresholds import IN_TIME, MESH_SHARE, PEAK_RATIO
@@ -149,9 +148,11 @@ def analyse_channel(
     baseline: Baseline,
     *,
     channels: int,
+    draw: Callable[[Segment, AnalysisSettings], ChannelPictures],
 ) -> AnalysedChannel:
     """Return the analysis of a channel, one of `channels`; `machine` is that of all parts of the record.
 
+    `draw` makes the pictures, those of the first segment.
     The histories in `baseline` are updated by those of the segments whose indicators are taken.
     """
     first = channel.segments[0]
@@ -175,11 +176,11 @@ def analyse_channel(
         envelopes.add(segment, block, single=len(segments) == 1)
         parts.append(_part(segment, settings, baseline, channels=channels))
         if settings.pictures and segment.parts_per_turn == 1 and pictures is None:
-            pictures = channel_pictures(segment, settings)
+            pictures = draw(segment, settings)
     segments = tuple(one for number, one in enumerate(segments) if number not in failed)
     if pool is None:  # the others hold no block
         left = replace(channel, segments=segments)
-        return analyse_channel(left, machine, expected, settings, baseline, channels=channels)
+        return analyse_channel(left, machine, expected, settings, baseline, channels=channels, draw=draw)
     spectrum, blocks = pool.spectrum(), pool.count
     lines, out_of_range = search(
         spectrum,

@@ -3,8 +3,8 @@
 They are made while a channel's samples are in memory, at the resolution of a screen, and enter no verdict.
 """
 
-from collections.abc import Callable, Iterator, Mapping, Sequence
-from dataclasses import dataclass, replace
+from collections.abc import Callable, Iterator, Sequence
+from dataclasses import replace
 from functools import partial
 from typing import TYPE_CHECKING, Any
 
@@ -12,6 +12,7 @@ import numpy as np
 import xarray as xr
 
 from hums.analysis.indicators import SHAFT_ORDERS, Gear, gears_on_shafts, shaft_average
+from hums.analysis.result import ChannelPictures
 from hums.analysis.segments import Segment, Values
 from hums.analysis.settings import AnalysisSettings
 from hums.records.record import Sampling
@@ -29,14 +30,6 @@ _ROWS = 120  # of a map
 _CELLS = 800  # orders of a map
 _TURNS = 8  # of the reference in a row of a map: a sixth of an order resolved, and speed nearly steady
 _KURTOGRAM_SAMPLES = 2**21  # 42 s at 50 kHz: enough for 7 levels, in bounded time and memory
-
-
-@dataclass(frozen=True, kw_only=True)
-class ChannelPictures:
-    """Datasets of one channel, by the name of their group; one that cannot be made is left out."""
-
-    channel: str
-    datasets: Mapping[str, xr.Dataset]
 
 
 def channel_pictures(segment: Segment, settings: AnalysisSettings) -> ChannelPictures:

@@ -87,6 +87,24 @@ class IndicatorValue:
     withheld: str = ""
 
 
+@dataclass(frozen=True, kw_only=True)
+class Unmeasured:
+    """A part of the drawing of which no line was measured, and what would have let it be judged."""
+
+    component: str
+    kind: str
+    why: str
+    least_change: str
+
+
+@dataclass(frozen=True, kw_only=True)
+class ChannelPictures:
+    """Datasets of one channel, by the name of their group; one that cannot be made is left out."""
+
+    channel: str
+    datasets: Mapping[str, xr.Dataset]
+
+
 @checked
 def save_analysis(analysis: Analysis, path: str | Path) -> None:
     """Write an analysis to one HDF5 file; an existing file is replaced only when the new one is complete.

@@ -34,7 +34,7 @@ from hums.analysis.gear_damage import GearJudgement, gear_verdicts, healthy_prob
 from hums.analysis.healthy_machines import HealthyMachines, healthy_machines, read_library
 from hums.analysis.lines import ORDER_SPECTRUM, MeasuredLine
 from hums.analysis.reference_angle import Machine
-from hums.analysis.result import Analysis, group, rows_dataset, rows_of
+from hums.analysis.result import Analysis, Unmeasured, group, rows_dataset, rows_of
 from hums.analysis.settings import AnalysisError, AnalysisSettings
 from hums.analysis.thresholds import (
     EXACT_BINS,
@@ -53,7 +53,6 @@ from signals.spectra.integration import line_velocity
 
 __all__ = [
     "ShaftLevel",
-    "Unmeasured",
     "derive_verdicts",
     "evidence_groups",
     "shaft_levels",
@@ -68,16 +67,6 @@ _AT_SHAFTS = "library_at_shafts_json"
 _FEWEST_TURNS = 8.0  # of the reference, whose lines one order apart are the noise next to a line
 _SHAFT_KIND = "shaft"
 _MM_S = "mm s-1"
-
-
-@dataclass(frozen=True, kw_only=True)
-class Unmeasured:
-    """A part of the drawing of which no line was measured, and what would have let it be judged."""
-
-    component: str
-    kind: str
-    why: str
-    least_change: str
 
 
 @dataclass(frozen=True, kw_only=True)
