@@ -140,7 +140,7 @@ def draw_splitting(figure: Figure, page: dict[str, Any]) -> None:
     steps, errors = 20 * np.array(page["steps"]), np.array(page["errors"])
     axes.loglog(steps, errors, "o-", ms=3, label="splitting")
     axes.loglog(steps[:4], 3 * errors[0] * (steps[0] / steps[:4]) ** 4, color="0.5", ls="--", label="fourth order")
-    axes.set(xlabel="steps to a mesh period", ylabel="relative RMS error, worst channel")
+    axes.set(xlabel="steps to a mesh period", ylabel="relative error of the state, worst entry")
     axes.set_xticks(steps, [str(each) for each in steps])
     axes.minorticks_off()
     axes.legend(fontsize=7, frameon=False)

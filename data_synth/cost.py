@@ -315,17 +315,13 @@ def _gears(stage: PreparedScene, gears: Gears, choice: Choice) -> Iterator[Part]
     if motion is None:
         yield Part(name="fidelity", what="lines of the linear response", why=str(choice), seconds=_TEETH_S)
     else:
-        steps, chosen = motion.steps() * motion.oversampling, motion.method
-        how, why = f"exact transitions, {steps} a sample", chosen.reason
-        if chosen.method.order is not None:
-            how = f"{steps} step(s) a sample"
-            why = f"splitting, for {chosen.reason}, with an error below {motion.error:g}"
+        steps = motion.steps() * motion.oversampling
         running = scene.samples + motion.settling_time_s * scene.rate_hz
         dof, meshes = motion.system.dof, len(motion.system.meshes)
         yield Part(
             name="fidelity",
-            what=f"{dof} degrees of freedom, {how}",
-            why=f"{choice}; {why}",
+            what=f"{dof} degrees of freedom, {steps} step(s) a sample",
+            why=f"{choice}; with an error below {motion.error:g}",
             seconds=_TEETH_S
             + running * steps * (_PER_STEP + _PER_DEGREE * dof + _PER_PAIR * meshes**2)
             + scene.samples * len(scene.sensors) * _PER_PROJECTED,

@@ -6,12 +6,14 @@ frequencies round to every printed one.
 
 from collections.abc import Callable
 from dataclasses import dataclass
+from itertools import pairwise
 
 import numpy as np
 from scipy.integrate import solve_ivp
+from scipy.linalg import expm
 
 from data_synth.dynamics.system import Mesh, System
-from data_synth.integrators.problem import CoupledReference, Load, Output, Problem
+from data_synth.integrators.problem import Load, Output, Problem
 from data_synth.operation.shaft_angle import ShaftAngle
 
 MASSES = np.array([5.4221023337128938, 0.011246309345072218, 16.605188396995737, 0.10547808100593123])
@@ -123,13 +125,13 @@ def by_scipy(problem, read, *, relative=1e-9, absolute=1e-14, method="DOP853"):
     It knows nothing of modes, jumps or contacts, and finds its way by making its steps smaller.
     """
     system, load, turns = problem.system, problem.load, problem.reference
-    dof, tied = len(system.names), isinstance(turns, CoupledReference)
+    dof = len(system.names)
     damping = system.damping if system.gyroscopic is None else system.damping + system.gyroscopic
     drag = np.zeros(dof) if load.quadratic_drag is None else load.quadratic_drag
 
     def rates(t, y):
         q, v = y[:dof], y[dof:]
-        angle = turns.rev_per_unit * q[system.names.index(turns.name)] if tied else turns.revolutions([t])[0]
+        angle = turns.revolutions([t])[0]
         force = load.constant - damping @ v - system.stiffness @ q - drag * v * np.abs(v)
         if load.varying is not None:
             force = force + load.varying(np.array([t]))[0]
@@ -144,10 +146,9 @@ def by_scipy(problem, read, *, relative=1e-9, absolute=1e-14, method="DOP853"):
         return np.concatenate([v, np.linalg.solve(system.mass, force)])
 
     times_s = problem.start_s + np.arange(round(problem.duration_s * read.rate_hz) + 1) / read.rate_hz
-    longest = np.inf
-    if not tied:  # no solver may step over a mesh cycle unseen
-        fastest = np.max(np.abs(np.diff(turns.revolutions(times_s)))) * read.rate_hz
-        longest = 0.25 / (fastest * max(mesh.cycles_per_rev for mesh in system.meshes))
+    # no solver may step over a mesh cycle unseen
+    fastest = np.max(np.abs(np.diff(turns.revolutions(times_s)))) * read.rate_hz
+    longest = 0.25 / (fastest * max(mesh.cycles_per_rev for mesh in system.meshes))
     start = np.zeros(2 * dof)
     if problem.start is not None:
         start = np.concatenate([problem.start.displacement, problem.start.velocity])
@@ -158,3 +159,30 @@ def by_scipy(problem, read, *, relative=1e-9, absolute=1e-14, method="DOP853"):
     for rows, states in ((read.displacement, found.y[:dof]), (read.velocity, found.y[dof:])):
         values = values if rows is None else values + states.T @ rows.T
     return values
+
+
+def by_exponentials(problem, read):
+    """Read displacements and velocities of stiffness that is constant between jumps, by `expm` from jump to jump."""
+    system, turns, dof = problem.system, problem.reference, len(problem.system.names)
+    times_s = problem.start_s + np.arange(round(problem.duration_s * read.rate_hz) + 1) / read.rate_hz
+    jumps_s = []
+    for mesh in system.meshes:
+        first, last = mesh.cycles_per_rev * turns.revolutions(times_s[[0, -1]])
+        phases = np.add.outer(np.arange(np.floor(first), np.ceil(last)), mesh.stiffness.jumps).ravel()
+        jumps_s.append(turns.times(phases[(phases > first) & (phases < last)] / mesh.cycles_per_rev))
+    edges = np.union1d(times_s, np.concatenate(jumps_s))
+    y, states = np.append(np.zeros(2 * dof), 1.0), [np.zeros(2 * dof)]
+    for start, stop in pairwise(edges):
+        rates = np.zeros((2 * dof + 1, 2 * dof + 1))
+        stiffness = system.stiffness.astype(float)
+        for mesh in system.meshes:
+            phase = mesh.cycles_per_rev * turns.revolutions([(start + stop) / 2])
+            stiffness += mesh.stiffness(phase)[0] * np.outer(mesh.direction, mesh.direction)
+        rates[:dof, dof:-1] = np.eye(dof)
+        rates[dof:-1] = np.linalg.solve(
+            system.mass, np.column_stack([-stiffness, -system.damping, problem.load.constant])
+        )
+        y = expm(rates * (stop - start)) @ y
+        states.append(y[:-1])
+    states = np.array(states)[np.searchsorted(edges, times_s)]
+    return states[:, :dof] @ read.displacement.T + states[:, dof:] @ read.velocity.T

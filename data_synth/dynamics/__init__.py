@@ -50,14 +50,10 @@ if TYPE_CHECKING:
     from data_synth.gears.mesh_stiffness import Trapezoidal as Trapezoidal
     from data_synth.gears.mesh_stiffness import fourier_series as fourier_series
     from data_synth.gears.transmission_error import ProfileError as ProfileError
-    from data_synth.integrators.choice import MethodChoice as MethodChoice
-    from data_synth.integrators.choice import method_for as method_for
     from data_synth.integrators.driver import Block as Block
     from data_synth.integrators.driver import integrate as integrate
     from data_synth.integrators.driver import integrate_blocks as integrate_blocks
-    from data_synth.integrators.exact_transition import Transition as Transition
     from data_synth.integrators.problem import Accuracy as Accuracy
-    from data_synth.integrators.problem import CoupledReference as CoupledReference
     from data_synth.integrators.problem import Integration as Integration
     from data_synth.integrators.problem import IntegrationError as IntegrationError
     from data_synth.integrators.problem import Load as Load
@@ -66,7 +62,6 @@ if TYPE_CHECKING:
     from data_synth.integrators.problem import Problem as Problem
     from data_synth.integrators.problem import State as State
     from data_synth.integrators.problem import Steps as Steps
-    from data_synth.integrators.splitting import Splitting as Splitting
     from data_synth.operation.shaft_angle import ShaftAngle as ShaftAngle
     from data_synth.vibration.steady_state import PeriodicState as PeriodicState
     from data_synth.vibration.steady_state import periodic_state as periodic_state
@@ -80,7 +75,6 @@ _HOME = {
     "Body": "data_synth.dynamics.system",
     "Campbell": "data_synth.dynamics.modes",
     "Constant": "data_synth.gears.mesh_stiffness",
-    "CoupledReference": "data_synth.integrators.problem",
     "Coupling": "data_synth.dynamics.elements",
     "Fourier": "data_synth.gears.mesh_stiffness",
     "FrictionForce": "data_synth.dynamics.system",
@@ -94,7 +88,6 @@ _HOME = {
     "Mesh": "data_synth.dynamics.system",
     "MeshHistory": "data_synth.dynamics.system",
     "MeshProperties": "data_synth.dynamics.parts",
-    "MethodChoice": "data_synth.integrators.choice",
     "Modes": "data_synth.dynamics.modes",
     "Multipliers": "data_synth.dynamics.stability",
     "Outcome": "data_synth.integrators.problem",
@@ -106,7 +99,6 @@ _HOME = {
     "Shaft": "data_synth.dynamics.elements",
     "ShaftAngle": "data_synth.operation.shaft_angle",
     "Shifted": "data_synth.gears.mesh_stiffness",
-    "Splitting": "data_synth.integrators.splitting",
     "Spring": "data_synth.dynamics.system",
     "StabilityMap": "data_synth.dynamics.stability",
     "State": "data_synth.integrators.problem",
@@ -115,7 +107,6 @@ _HOME = {
     "SupportStiffness": "data_synth.dynamics.parts",
     "System": "data_synth.dynamics.system",
     "Tongue": "data_synth.dynamics.stability",
-    "Transition": "data_synth.integrators.exact_transition",
     "Trapezoidal": "data_synth.gears.mesh_stiffness",
     "assemble": "data_synth.dynamics.assembly",
     "build_system": "data_synth.dynamics.system",
@@ -127,7 +118,6 @@ _HOME = {
     "integrate": "data_synth.integrators.driver",
     "integrate_blocks": "data_synth.integrators.driver",
     "line_of_action": "data_synth.dynamics.elements",
-    "method_for": "data_synth.integrators.choice",
     "periodic_state": "data_synth.vibration.steady_state",
     "solve_modes": "data_synth.dynamics.modes",
     "stability_map": "data_synth.dynamics.stability",

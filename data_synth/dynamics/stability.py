@@ -1,10 +1,9 @@
 """Parametric stability of a gearbox under its own mesh stiffness: Floquet multipliers at constant speed.
 
 Over one period of all meshes the state becomes ``z(T) = P z(0)``; the motion is unbounded where an eigenvalue of the
-monodromy matrix P, a Floquet multiplier, lies outside of the unit circle. Where every stiffness is constant between
-its jumps and there are no velocity terms, P is a product of exact transition matrices: in the modes of each interval,
-cosines and sines. Otherwise it is a product of matrix exponentials, exact again between jumps, else of fourth order in
-their length (the commutator-free method of Blanes and Moan 2006, Appl. Numer. Math. 56) and refined to convergence.
+monodromy matrix P, a Floquet multiplier, lies outside of the unit circle. P is a product of matrix exponentials: exact
+where every stiffness is constant between its jumps, else of fourth order in their length (the commutator-free method of
+Blanes and Moan 2006, Appl. Numer. Math. 56) and refined to convergence.
 
 The state is taken in the modes of mean stiffness, velocities over their frequency. Rigid-body modes are left out,
 because their double multiplier of 1 would be found to half the digits only; the other modes are scaled alike, however
@@ -338,9 +337,6 @@ class _Periodic:
         self.revolutions = _revolutions(system)
         self.exact = all(mesh.stiffness.constant_between_jumps and not mesh.friction for mesh in system.meshes)
         self.breaks = self._breaks()
-        self.undamped = self.exact and not self.velocity.any() and bool(np.all(self.angular > 0))
-        middles = (self.breaks[1:] + self.breaks[:-1]) / 2
-        self.intervals = [self._modes_at(middle) for middle in middles] if self.undamped else []
 
     def _breaks(self) -> Array:
         """Return revolutions of the reference, from 0 to the end of the period, between which no stiffness jumps."""
@@ -355,39 +351,16 @@ class _Periodic:
         points = np.array(sorted(found))
         return np.asarray(points[np.concatenate([[True], np.diff(points) > _RATIO_TOLERANCE * points[-1]])])
 
-    def _modes_at(self, revolutions: float) -> tuple[Array, Array]:
-        """Return frequencies and shapes of one interval, in the modes of mean stiffness."""
-        constants = [float(mesh.stiffness(mesh.cycles_per_rev * revolutions)) for mesh in self.system.meshes]
-        angular, shapes = undamped_modes(self.system, constants)
-        return angular, np.asarray(self.shapes.T @ self.system.mass @ shapes)
-
     def multipliers(self, speed: float) -> Multipliers:
         """Return the multipliers at a speed in rad/s."""
         period_s = 2 * math.pi / speed  # of the reference shaft
-        if self.undamped:
-            product = self._exact(period_s)
-        elif self.exact:
-            product = self._product(period_s, 0)
-        else:
-            product = self._refined(period_s)
+        product = self._product(period_s, 0) if self.exact else self._refined(period_s)
         values = np.asarray(np.linalg.eigvals(product), dtype=np.complex128)
         return Multipliers(
             period_s=float(self.revolutions) * period_s,
             multipliers=values[np.argsort(-np.abs(values), kind="stable")],
             monodromy=product,
         )
-
-    def _exact(self, period_s: float) -> Array:
-        """Return the monodromy matrix of free undamped vibration, its stiffness constant in each interval."""
-        size = self.angular.size
-        product, rows = np.eye(2 * size), self.scale[:, None]
-        for (angular, shapes), time_s in zip(self.intervals, np.diff(self.breaks) * period_s, strict=True):
-            cosine = (shapes * np.cos(angular * time_s)) @ shapes.T
-            sine = (shapes * (time_s * np.sinc(angular * time_s / np.pi))) @ shapes.T
-            restoring = (shapes * (-angular * np.sin(angular * time_s))) @ shapes.T
-            step = np.block([[cosine, sine * self.scale], [restoring / rows, cosine * self.scale / rows]])
-            product = step @ product
-        return product
 
     def _refined(self, period_s: float) -> Array:
         """Return the monodromy matrix of a smooth stiffness, with steps halved until it converges."""

@@ -36,7 +36,7 @@ class Stiffness(Protocol):
 
     @property
     def constant_between_jumps(self) -> bool:
-        """Whether it is constant between discontinuities, so that exact transition matrices exist."""
+        """Whether it is constant between discontinuities."""
 
     @property
     def harmonics(self) -> ComplexArray | None:

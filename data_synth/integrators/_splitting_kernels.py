@@ -145,13 +145,6 @@ def legendre_of_step(waves: Waves, which: int, begin: float, end: float, known: 
     return legendre(waves, which, begin, end, before, after)
 
 
-@compiled_inside
-def forget(known: Array) -> None:
-    """Say that no integrals are known (`legendre_of_step`)."""
-    for which in range(known.shape[0]):
-        known[which, 0] = np.nan
-
-
 @compiled
 def read_jump(equations: Equations, m: int, begin: float, end: float, position: float, jump: Array) -> None:
     """Fill `jump` (6,) with Legendre coefficients over a step in which the error of a force jumps.
@@ -282,7 +275,6 @@ def split_steps(
     step: float,
     flow: StepFlow,
     equations: Equations,
-    coupled_speed: Array,
     revolutions: Array,
     loads: Array,
     history_positions: Array,
@@ -305,7 +297,7 @@ def split_steps(
     at the sample; `next_weighted` (meshes,) is the known part of the next weighted force; (0, 2 meshes) where the
     output has none. All cases share one compilation: absent parts are empty arrays.
     """
-    deflection_rows, reference_row, coupling = equations.deflection_rows, equations.reference_row, equations.coupling
+    deflection_rows, coupling = equations.deflection_rows, equations.coupling
     drags, drag_factors, speed_changes = equations.drags, equations.drag_factors, flow.speed_changes
     columns, added, directions, from_middle = flow.columns, flow.added, flow.directions, flow.from_middle
     size, meshes = deflection_rows.shape
@@ -323,30 +315,22 @@ def split_steps(
         teeth[m, MEAN], teeth[m, OFFSET] = equations.mean_stiffnesses[m], equations.offsets[m]
         for i in range(size):
             force[m, DEFLECTION] += deflection_rows[i, m] * x[i]
-    weighting, coupled = weighted_forces.shape[0] > 0, reference_row.size > 0
+    weighting = weighted_forces.shape[0] > 0
     sixth, two_thirds, cube = step / 6, step * 2 / 3, step**3
     steps = outputs.shape[0] * per_sample
-    tile = 1 if coupled else min(steps, TILE)
+    tile = min(steps, TILE)
     stiffness, errors = np.empty((tile, meshes, 3)), np.empty((tile, meshes, 3))
     jumping, jumps = np.empty((tile, meshes), dtype=np.bool_), np.empty((tile, meshes, 6))
-    known, turns = np.empty((equations.stiffnesses.means.size, 3)), np.zeros(2)
-    forget(known)
+    known = np.empty((equations.stiffnesses.means.size, 3))
+    for which in range(known.shape[0]):
+        known[which, 0] = np.nan  # no integrals are known
     for number in range(steps):
         sample, sub, here = number // per_sample, number % per_sample, number % tile
         if weighting and sub == 0:
             for m in range(next_weighted.size):
                 weighted_forces[sample, m] = next_weighted[m]
                 next_weighted[m] = 0.0
-        if coupled:  # the angle at the end by the Adams-Bashforth formula of order 2
-            turns[0] = speed = 0.0
-            for i in range(size):
-                turns[0] += reference_row[i] * x[i]
-                speed += reference_row[size + i] * x[size + i]
-            turns[1] = turns[0] + step * (speed + 0.5 * (speed - coupled_speed[0]))
-            coupled_speed[0] = speed
-            forget(known)
-            read_teeth(equations, turns, history_positions, number, known, stiffness, errors, jumping, jumps)
-        elif here == 0:
+        if here == 0:
             some = revolutions[number : min(number + tile, steps) + 1]
             read_teeth(equations, some, history_positions, number, known, stiffness, errors, jumping, jumps)
         for m in range(meshes):
@@ -430,12 +414,12 @@ def split_steps(
             let_act(x, pending, directions)
             speeds_with_drag(x, drags, speeds)
             brake(sixth, speeds, pending, drag_factors, speed_changes, meshes, False)
-        if coupled or braked or sub + 1 == per_sample:
+        if braked or sub + 1 == per_sample:
             let_act(x, pending, directions)
         if sub + 1 < per_sample:
             continue
         if weighting:
-            end = turns[1] if coupled else revolutions[number + 1]
+            end = revolutions[number + 1]
             for m in range(next_weighted.size):
                 position = history_positions[number, m] if history_positions.shape[0] > 0 else 0.0
                 now, then, share = history_tables(m, equations.later_stiffnesses[m], position)

@@ -13,7 +13,7 @@ from scipy import linalg
 from data_synth.dynamics.system import Mesh, PhaseFunction, errors_at
 from data_synth.gears.mesh_stiffness import Stiffness
 from data_synth.integrators.periodic_tables import FIT_ERROR, Integers, Wave, Waves, tabulated
-from data_synth.integrators.problem import CoupledReference, Problem, State
+from data_synth.integrators.problem import Problem, State
 
 # Modes to the relative precision of the stiffnesses, and the exact flow of constant matrices in modal coordinates.
 # A gearbox that rotates freely has a rigid-body mode, whose angle grows without bound while meshes deflect by microns;
@@ -184,8 +184,7 @@ class Equations(NamedTuple):
     ``error_of`` (forces,): number of the transmission error in `errors`, -1 for none. ``later_stiffnesses`` and
     ``later_errors`` (forces,): number of the second table of a mesh with a history, -1 for none; the first is at its
     own number, or at ``error_of``. ``drags`` (drags, n): rows of the velocities with drag, and ``drag_factors``
-    (drags,). ``reference_row`` (2 n,): revolutions of the reference per displacement and its speed per velocity; empty
-    where its angle is prescribed.
+    (drags,).
     """
 
     force_columns: Array
@@ -203,7 +202,6 @@ class Equations(NamedTuple):
     cycles: Array
     drags: Array
     drag_factors: Array
-    reference_row: Array
     later_stiffnesses: Integers
     later_errors: Integers
 
@@ -234,8 +232,6 @@ class Assembled:
         Half the backlash in m, and mesh cycles per revolution of the reference.
     drags : (drags, n) array
         Rows of the velocities with quadratic drag; `drag_factors` (drags,).
-    reference_row : (n,) array
-        Revolutions of the reference per modal displacement; empty where its angle is prescribed.
     """
 
     problem: Problem
@@ -252,7 +248,6 @@ class Assembled:
     cycles: Array
     drags: Array
     drag_factors: Array
-    reference_row: Array
 
     @property
     def means(self) -> Array:
@@ -267,7 +262,6 @@ class Assembled:
     @cached_property
     def equations(self) -> Equations:
         """The same equations for compiled code."""
-        scaled = self.reference_row / self.flow.modes.scales if self.reference_row.size else self.reference_row
         of, none = self.mesh_of_force, np.zeros(self.friction_mesh.size)
         deflection_rows, force_columns = self.deflections[of], np.vstack([self.deflections, -self.friction_rows])
         return Equations(
@@ -286,7 +280,6 @@ class Assembled:
             cycles=self.cycles[of],
             drags=self.drags,
             drag_factors=self.drag_factors,
-            reference_row=np.concatenate([scaled, self.reference_row]),
             later_stiffnesses=self.later_stiffnesses,
             later_errors=self.later_errors[of],
         )
@@ -302,8 +295,7 @@ class Assembled:
         if start is None:
             return np.zeros(self.backlashes.size)
         gaps = np.array([mesh.direction @ start.displacement for mesh in meshes])
-        if not isinstance(reference, CoupledReference):
-            gaps -= errors_at(meshes, revolutions=float(reference.revolutions([time_s])[0]), time_s=time_s)
+        gaps -= errors_at(meshes, revolutions=float(reference.revolutions([time_s])[0]), time_s=time_s)
         return np.where(2 * np.abs(gaps) > self.backlashes, self.backlashes * np.sign(gaps), 0.0)
 
     @cached_property
@@ -357,13 +349,8 @@ class Assembled:
         return max(swings)
 
     def revolutions(self, times_s: Array) -> Array:
-        """Return the angle of the reference in revolutions (times,); empty where it is coupled to the motion."""
-        reference = self.problem.reference
-        return (
-            np.zeros(0)
-            if isinstance(reference, CoupledReference)
-            else np.ascontiguousarray(reference.revolutions(times_s))
-        )
+        """Return the angle of the reference in revolutions (times,)."""
+        return np.ascontiguousarray(self.problem.reference.revolutions(times_s))
 
     @cached_property
     def load_rows(self) -> Array:
@@ -434,9 +421,6 @@ def assemble(problem: Problem) -> Assembled:
     more, later_errors = _later_tables(errors, [m.history.errors if m.history else () for m in erring])
     error_of = _running_numbers([m.error is not None for m in system.meshes])
     dragged = np.flatnonzero(load.quadratic_drag if load.quadratic_drag is not None else np.zeros(dof))
-    reference_row = np.zeros((0, dof))
-    if isinstance(problem.reference, CoupledReference):
-        reference_row = problem.reference.rev_per_unit * np.eye(dof)[[system.names.index(problem.reference.name)]]
     return Assembled(
         problem=problem,
         flow=flow,
@@ -454,7 +438,6 @@ def assemble(problem: Problem) -> Assembled:
         cycles=np.array([float(m.cycles_per_rev) for m in system.meshes]),
         drags=np.ascontiguousarray(np.eye(dof)[dragged] @ modes.shapes),
         drag_factors=np.asarray(load.quadratic_drag)[dragged] if dragged.size else np.zeros(0),
-        reference_row=np.ascontiguousarray((reference_row @ modes.shapes).ravel()),
     )
 
 

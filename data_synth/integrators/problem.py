@@ -25,31 +25,6 @@ class ReferenceAngle(Protocol):
     def revolutions(self, times_s: ArrayLike) -> Array:
         """Return the angle in revolutions at times in s (n,)."""
 
-    def times(self, revolutions: ArrayLike) -> Array:
-        """Return the times in s at which the shaft reaches revolutions (n,)."""
-
-
-@dataclass(frozen=True, kw_only=True)
-class CoupledReference:
-    """Angle of the reference shaft that is a degree of freedom: the mesh phase then follows the vibration.
-
-    Attributes
-    ----------
-    name : str
-        Degree of freedom, one of ``system.names``.
-    rev_per_unit : float
-        Revolutions of the reference per unit of displacement; 1 / (2 pi) for a rotation in rad.
-
-    Examples
-    --------
-    >>> from data_synth.dynamics import CoupledReference
-    >>> round(CoupledReference(name="pinion rotation").rev_per_unit, 6)
-    0.159155
-    """
-
-    name: str
-    rev_per_unit: float = 1 / (2 * np.pi)
-
 
 @dataclass(frozen=True, kw_only=True)
 class Load:
@@ -121,8 +96,8 @@ class Problem:
     ----------
     system : System
         Equations of motion.
-    reference : ReferenceAngle or CoupledReference
-        Angle of the reference shaft, which the mesh phases follow: prescribed, or a degree of freedom.
+    reference : ReferenceAngle
+        Prescribed angle of the reference shaft, which the mesh phases follow.
     load : Load
         External forces.
     duration_s : float
@@ -145,7 +120,7 @@ class Problem:
     """
 
     system: System
-    reference: ReferenceAngle | CoupledReference
+    reference: ReferenceAngle
     load: Load
     duration_s: float
     start: State | None = None
@@ -167,10 +142,6 @@ class Problem:
                 raise ValueError(f"{name}={value} must hold {dof} finite numbers, one per degree of freedom.")
         if drag is not None and np.any(drag < 0):
             raise ValueError(f"load.quadratic_drag={drag} feeds energy in where it is below zero; give the magnitude.")
-        if isinstance(self.reference, CoupledReference) and self.reference.name not in self.system.names:
-            raise ValueError(
-                f"the reference is coupled to {self.reference.name!r}, which is none of {', '.join(self.system.names)}."
-            )
 
 
 @dataclass(frozen=True, kw_only=True)
@@ -309,28 +280,23 @@ class Outcome(Enum):
 
 
 class IntegrationError(ArithmeticError):
-    """An integration that failed, with the numbers and the remedy of its outcome.
+    """An integration that failed, with its outcome, the numbers behind it (`detail`) and the remedy.
 
     Examples
     --------
     `Integration.checked` and `integrate_blocks` raise it:
 
-    >>> import numpy as np
-    >>> from data_synth.dynamics import Integration, IntegrationError, Outcome
-    >>> failed = Integration(
-    ...     times_s=np.zeros(0),
-    ...     values=np.zeros((0, 1)),
-    ...     outcome=Outcome.UNSTABLE_STEP,
-    ...     detail="A step of 0.1 s is unstable.",
-    ...     final=None,
-    ...     steps_per_sample=1,
-    ... )
-    >>> try:
-    ...     failed.checked()
-    ... except IntegrationError as error:
-    ...     print(error)
+    >>> from data_synth.dynamics import IntegrationError, Outcome
+    >>> print(IntegrationError(Outcome.UNSTABLE_STEP, "A step of 0.1 s is unstable."))
     A step of 0.1 s is unstable. To do: take more steps to a sample.
     """
+
+    def __init__(self, outcome: Outcome, detail: str) -> None:
+        super().__init__(outcome, detail)
+        self.outcome, self.detail = outcome, detail
+
+    def __str__(self) -> str:
+        return f"{self.detail} To do: {self.outcome.value}."
 
 
 @dataclass(frozen=True, kw_only=True)
@@ -350,9 +316,9 @@ class Integration:
     final : State or None
         State at the last sample.
     steps_per_sample : int
-        Steps taken to each sample.
+        Steps taken to each sample; 0 where none was.
     estimated_error : float
-        RMS error over RMS of the worst channel; NaN where the number of steps was given.
+        RMS error over RMS of the worst channel; NaN where the number of steps was given, or refused.
 
     Examples
     --------
@@ -360,13 +326,13 @@ class Integration:
 
     >>> import numpy as np
     >>> from data_synth.dynamics import (
-    ...     Body, Load, Output, Problem, ShaftAngle, Steps, Transition, build_system, integrate,
+    ...     Body, Load, Output, Problem, ShaftAngle, Steps, build_system, integrate,
     ... )
     >>> free = build_system([Body(name="mass", mass_kg=1.0, motions=("x",))], [])
     >>> steady = ShaftAngle(times_s=np.zeros(1), speeds_hz=np.ones(1))
     >>> problem = Problem(system=free, reference=steady, load=Load(constant=np.ones(1)), duration_s=2.0)
     >>> output = Output(rate_hz=10.0, displacement=np.eye(1))
-    >>> found = integrate(problem, method=Transition(), output=output, tolerance=Steps(per_sample=1))
+    >>> found = integrate(problem, output=output, tolerance=Steps(per_sample=1))
     >>> found.values.shape, round(float(found.values[-1, 0]), 9), found.outcome.name
     ((21, 1), 2.0, 'DONE')
     """
@@ -382,5 +348,5 @@ class Integration:
     def checked(self) -> Integration:
         """Return the result itself, or raise IntegrationError with outcome and remedy where it is not DONE."""
         if self.outcome is not Outcome.DONE:
-            raise IntegrationError(f"{self.detail} To do: {self.outcome.value}.")
+            raise IntegrationError(self.outcome, self.detail)
         return self

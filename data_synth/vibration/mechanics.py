@@ -114,13 +114,8 @@ def _integrated(motion: Motion, output: Output) -> Array:
     problem = motion.problem(-settling / scene.rate_hz, duration_s)
     values, number = np.empty((output.channels, scene.samples)), -settling * motion.oversampling
     try:
-        for block in integrate_blocks(
-            problem,
-            method=motion.method.method,
-            output=output,
-            tolerance=Steps(per_sample=motion.steps()),
-            block=_BLOCK,
-        ):
+        steps = Steps(per_sample=motion.steps())
+        for block in integrate_blocks(problem, output=output, tolerance=steps, block=_BLOCK):
             at = number + np.arange(block.values.shape[0])
             kept = (at >= 0) & (at % motion.oversampling == 0) & (at < scene.samples * motion.oversampling)
             values[:, at[kept] // motion.oversampling] = block.values[kept].T

@@ -21,7 +21,6 @@ from data_synth.dynamics.parts import MeshProperties
 from data_synth.dynamics.placement import direction_of
 from data_synth.dynamics.system import Array, System, errors_at
 from data_synth.gears.mesh_stiffness import Constant
-from data_synth.integrators.choice import MethodChoice, method_for
 from data_synth.integrators.problem import Accuracy, IntegrationError, Load, Output, Problem, Steps
 from data_synth.kinematic.imperfect_parts import imperfections_of
 from data_synth.scene.faults import LOSING_CONTACT, Eccentricity
@@ -205,11 +204,6 @@ class Motion:
         return self.drive_load.load
 
     @cached_property
-    def method(self) -> MethodChoice:
-        """The integrator, and the reason of its choice."""
-        return method_for(self.problem(0.0, self.stage.scene.duration_s))
-
-    @cached_property
     def static_n(self) -> Array:
         """Static force of each mesh at the instants of the truth, (mesh, instant) N."""
         forces = static_tooth_forces(self.stage, self.system, self.drive_load)
@@ -264,9 +258,8 @@ class Motion:
         steps = Steps(per_sample=self.steps())
         output = self.output if weighted is None else weighted.output
         dropped = settling_samples * self.oversampling + delay
-        method = self.method.method
         try:
-            for block in integrate_blocks(problem, method=method, output=output, tolerance=steps, block=_BLOCK):
+            for block in integrate_blocks(problem, output=output, tolerance=steps, block=_BLOCK):
                 times_s = block.times_s - (delay - lag) / self.output.rate_hz
                 readings = (block.values, block.values) if weighted is None else weighted.push(block.values)
                 readings = readings if absent is None else absent.push(*readings)
@@ -290,8 +283,6 @@ class Motion:
 
         if self.steps_per_sample is not None:
             return self.steps_per_sample
-        if self.method.method.order is None:
-            return 1
         scene, output = self.stage.scene, self.output
         # forces of planets may cancel in the sum, and supports that follow the mesh forces have no steps of their own
         if self.sensor_forces.rotate or self.sensor_forces.structure is not None:
@@ -311,7 +302,6 @@ class Motion:
         try:
             return steps_to_a_sample(
                 self.problem(start_s, long_s),
-                method=self.method.method,
                 output=trial_output if weighted is None else weighted.trial_output,
                 tolerance=Accuracy(relative=self.error, trial=1.0, about_mean=True),
             )

@@ -3,22 +3,23 @@
 from __future__ import annotations
 
 from dataclasses import dataclass, field, replace
+from functools import partial
 from typing import TYPE_CHECKING
 
 import numpy as np
 from scipy import linalg
 
 from data_synth.integrators.driver import integrate
-from data_synth.integrators.method import Readings
 from data_synth.integrators.modal_problem import assemble
-from data_synth.integrators.problem import CoupledReference, Outcome, State, Steps
+from data_synth.integrators.problem import Outcome, State, Steps
+from data_synth.integrators.readings import Readings
+from data_synth.integrators.splitting import Stepper, refusal
 
 if TYPE_CHECKING:
     from collections.abc import Callable
 
     from numpy.typing import NDArray
 
-    from data_synth.integrators.method import Method, Stepper
     from data_synth.integrators.modal_problem import Assembled
     from data_synth.integrators.problem import Array, Integration, Output, Problem
 
@@ -43,7 +44,7 @@ class PeriodicState:
     residual : float
         Norm of the change of the state over a period, over the norm of the state.
     outcome : Outcome
-        DONE, NOT_CONVERGED, or why the method refuses the step size.
+        DONE, NOT_CONVERGED, or why the step size is refused.
     detail : str
         The numbers behind the outcome.
 
@@ -53,14 +54,14 @@ class PeriodicState:
 
     >>> import numpy as np
     >>> from data_synth.dynamics import (
-    ...     Body, Load, Output, Problem, ShaftAngle, Support, Transition, build_system, periodic_state,
+    ...     Body, Load, Output, Problem, ShaftAngle, Support, build_system, periodic_state,
     ... )
     >>> spring = Support(between=("mass", None), x=100.0, damping_s=0.01)  # c = 0.01 s x 100 N/m
     >>> system = build_system([Body(name="mass", mass_kg=1.0, motions=("x",))], [spring])
     >>> steady = ShaftAngle(times_s=np.zeros(1), speeds_hz=np.ones(1))
     >>> problem = Problem(system=system, reference=steady, load=Load(constant=np.ones(1)), duration_s=0.5)
     >>> output = Output(rate_hz=1.0, displacement=np.eye(1))
-    >>> state = periodic_state(problem, method=Transition(), output=output, samples=8)
+    >>> state = periodic_state(problem, output=output, samples=8)
     >>> state.start.displacement.round(9).tolist(), bool(np.isclose(np.prod(state.multipliers), np.exp(-0.5)))
     ([0.01], True)
     """
@@ -79,9 +80,7 @@ class PeriodicState:
         return bool(np.all(np.abs(self.multipliers) <= 1 + 1e-9))
 
 
-def periodic_state(
-    problem: Problem, *, method: Method, output: Output, samples: int, steps: Steps | None = None
-) -> PeriodicState:
+def periodic_state(problem: Problem, *, output: Output, samples: int, steps: Steps | None = None) -> PeriodicState:
     """Return the periodic steady state of a problem by shooting: Newton's method on the map over one period.
 
     Parameters
@@ -90,8 +89,6 @@ def periodic_state(
         Its duration is the period in s: a whole number of periods of every mesh. Its start, if given, is the first
         estimate, and selects one of several periodic motions; else the static equilibrium under mean mesh stiffness
         and drag is.
-    method : Method
-        `Splitting` or `Transition`.
     output : Output
         Channels of the waveform; its rate is replaced by `samples` to the period.
     samples : int
@@ -103,12 +100,6 @@ def periodic_state(
     -------
     PeriodicState
 
-    Raises
-    ------
-    ValueError
-        If the reference is coupled to the motion, so that the period is unknown, or `method` cannot integrate the
-        problem.
-
     Examples
     --------
     A mass on a mesh whose transmission error of 1 um excites it at its natural frequency of 10 rad/s: the amplitude
@@ -116,7 +107,7 @@ def periodic_state(
 
     >>> import numpy as np
     >>> from data_synth.dynamics import (
-    ...     Constant, Load, Mesh, Output, Problem, ProfileError, ShaftAngle, Splitting, Steps, System, periodic_state,
+    ...     Constant, Load, Mesh, Output, Problem, ProfileError, ShaftAngle, Steps, System, periodic_state,
     ... )
     >>> one, error = np.eye(1), ProfileError(harmonics_m=np.array([1e-6]))
     >>> mesh = Mesh(name="m", direction=np.ones(1), stiffness=Constant(mean=100.0), error=error)
@@ -124,30 +115,25 @@ def periodic_state(
     >>> turning = ShaftAngle(times_s=np.zeros(1), speeds_hz=np.array([10 / (2 * np.pi)]))
     >>> problem = Problem(system=system, reference=turning, load=Load(constant=np.zeros(1)), duration_s=np.pi / 5)
     >>> read = Output(rate_hz=1.0, displacement=one)
-    >>> state = periodic_state(problem, method=Splitting(), output=read, samples=64, steps=Steps(per_sample=2))
+    >>> state = periodic_state(problem, output=read, samples=64, steps=Steps(per_sample=2))
     >>> f"{np.ptp(state.waveform.values) / 2:.3e}", state.stable
     ('1.000e-05', True)
     """
-    if isinstance(problem.reference, CoupledReference):
-        raise ValueError("a reference coupled to the motion has no period known beforehand; prescribe its angle.")  # noqa: TRY004
     assembled = assemble(problem)
     output = replace(output, rate_hz=samples / problem.duration_s)
     tolerance = steps or Steps(per_sample=1)
     readings = Readings.of(assembled, output)
     periodic = _periodic_entries(assembled)
     linear = not assembled.drag_factors.size and not np.any(assembled.backlashes > 0)
-    refusal = method.refusal(assembled, problem.duration_s / samples / tolerance.per_sample)
+    refused = refusal(assembled, problem.duration_s / samples / tolerance.per_sample)
     start = assembled.modal(problem.start) if problem.start is not None else equilibrium(assembled)
     x, residual, jacobian, iterations = start, np.inf, np.zeros((0, 0)), 0
-    if refusal is None:
-
-        def stepper() -> Stepper:
-            return method.stepper(readings, tolerance.per_sample)
-
+    if refused is None:
+        stepper = partial(Stepper.of, readings, tolerance.per_sample)
         x, residual, jacobian, iterations = _newton(stepper, start, periodic, samples, linear)
     state = assembled.physical(x)
-    waveform = integrate(replace(problem, start=state), method=method, output=output, tolerance=tolerance)
-    outcome = waveform.outcome if residual <= _TOLERANCE or refusal is not None else Outcome.NOT_CONVERGED
+    waveform = integrate(replace(problem, start=state), output=output, tolerance=tolerance)
+    outcome = waveform.outcome if residual <= _TOLERANCE or refused is not None else Outcome.NOT_CONVERGED
     if outcome is Outcome.DONE:
         detail = f"The state is periodic to {residual:.2g} of its norm after {iterations} iterations."
     elif outcome is not Outcome.NOT_CONVERGED:

@@ -30,7 +30,6 @@ from data_synth.gears.mesh_stiffness import Constant
 from data_synth.gears.transmission_error import ProfileError
 from data_synth.integrators.driver import integrate
 from data_synth.integrators.problem import Load, Output, Problem, State, Steps
-from data_synth.integrators.splitting import Splitting
 from data_synth.operation.shaft_angle import ShaftAngle
 from hums.gearbox.components import read_toml
 from hums.gearbox.kinematics import solve_kinematics
@@ -538,7 +537,7 @@ def test_force_takes_gap_and_error_off_the_deflection():
             start=start,
         )
         read = Output(rate_hz=1e5, mesh_force=np.ones((1, 1)))
-        return float(integrate(problem, method=Splitting(), output=read, tolerance=Steps(per_sample=1)).values[0, 0])
+        return float(integrate(problem, output=read, tolerance=Steps(per_sample=1)).values[0, 0])
 
     sign = system.meshes[0].direction[0]
     drives = sign * np.array([15e-6, 5e-6, -5e-6, -30e-6])

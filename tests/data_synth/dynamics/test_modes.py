@@ -11,7 +11,7 @@ from scipy import integrate, linalg
 
 from data_synth.dynamics.elements import GeneralMesh, Support
 from data_synth.dynamics.modes import campbell, eigenvalues, solve_modes, with_modal_damping
-from data_synth.dynamics.stability import chained, exponentials, floquet, instability_tongues, stability_map
+from data_synth.dynamics.stability import floquet, instability_tongues, stability_map
 from data_synth.dynamics.system import Body, System, build_system
 from data_synth.gears.mesh_stiffness import Fourier, Rectangular, Shifted, Trapezoidal
 
@@ -95,16 +95,6 @@ class TestCampbell:
         assert np.all(split[1:] > 1)
         # to first order a pair splits by 2 Omega times its share of angular momentum, so by no more than that
         assert np.all(split < 2 * 200 / (2 * np.pi) * 1.1)
-
-
-@pytest.mark.parametrize("size", [0.01, 1.0, 40.0])
-def test_exponentials_and_products_of_stacks_are_those_of_each(size):
-    stack = np.random.default_rng(5).standard_normal((7, 4, 4)) * size / 4
-    single = [linalg.expm(matrix) for matrix in stack]
-    for found, exact in zip(exponentials(stack), single, strict=True):
-        # squaring loses a digit for each factor of ten in the norm
-        assert_allclose(found, exact, atol=1e-13 * max(1, size) * np.abs(exact).max())
-    assert_allclose(chained(stack), np.linalg.multi_dot(stack[::-1]), atol=1e-13 * size**7)
 
 
 class TestFloquet:

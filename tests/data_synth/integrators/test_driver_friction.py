@@ -18,9 +18,7 @@ from data_synth.gears.friction import SlidingFriction
 from data_synth.gears.geometry import GearPair
 from data_synth.gears.mesh_stiffness import Fourier, Rectangular
 from data_synth.integrators.driver import integrate
-from data_synth.integrators.exact_transition import Transition
 from data_synth.integrators.problem import IntegrationError, Load, Output, Problem, Steps
-from data_synth.integrators.splitting import Splitting
 from data_synth.vibration.steady_state import periodic_state
 
 GEARS = GearPair(
@@ -104,8 +102,8 @@ def heard(rate_hz):
     return Output(rate_hz=rate_hz, displacement=q, velocity=v)
 
 
-def run(problem, method, *, steps=1, rate_hz=200e3, read=everything):
-    return integrate(problem, method=method, output=read(rate_hz), tolerance=Steps(per_sample=steps)).checked().values
+def run(problem, *, steps=1, rate_hz=200e3, read=everything):
+    return integrate(problem, output=read(rate_hz), tolerance=Steps(per_sample=steps)).checked().values
 
 
 def by_hand(system, *, duration_s, rate_hz, half_gap):
@@ -181,7 +179,7 @@ def test_the_layout_has_its_printed_modes():
 def test_both_engines_solve_the_equations_of_the_layout(half_gap):
     system = sixteen(backlash_m=half_gap)
     problem = started(system)
-    split = run(problem, Splitting(), steps=8)
+    split = run(problem, steps=8)
     written = by_hand(system, duration_s=0.004, rate_hz=200e3, half_gap=half_gap)
     deflections = split[:, :16] @ system.meshes[0].direction
     assert not half_gap or np.min(deflections[200:]) < half_gap  # teeth part after they have met
@@ -193,8 +191,8 @@ def test_both_engines_solve_the_equations_of_the_layout(half_gap):
 
 def test_the_splitting_keeps_its_order_with_friction():
     problem = started(sixteen(damping_s=1e-6), duration_s=0.02)
-    fine = run(problem, Splitting(), steps=64, rate_hz=13e3, read=heard)
-    errors = [worst(run(problem, Splitting(), steps=steps, rate_hz=13e3, read=heard), fine) for steps in (4, 8, 16)]
+    fine = run(problem, steps=64, rate_hz=13e3, read=heard)
+    errors = [worst(run(problem, steps=steps, rate_hz=13e3, read=heard), fine) for steps in (4, 8, 16)]
     # 2^4, less a fifth for the next order's share, though friction jumps within steps
     assert errors[0] > 12.8 * errors[1] > 12.8**2 * errors[2]
 
@@ -204,7 +202,7 @@ def test_accelerations_hold_the_friction():
     eye, zero = np.eye(16), np.zeros((16, 16))
     read = Output(rate_hz=1e6, velocity=np.vstack([eye, zero]), acceleration=np.vstack([zero, eye]))
     load = replace(started(system), duration_s=0.001)
-    values = integrate(load, method=Splitting(), output=read, tolerance=Steps(per_sample=1)).checked().values
+    values = integrate(load, output=read, tolerance=Steps(per_sample=1)).checked().values
     v, a = values[:, :16], values[:, 16:]
     rise = (v[2:] - v[:-2]) * 0.5e6
     # seven jumps of the friction and as many contacts lie between neighbours
@@ -214,8 +212,8 @@ def test_accelerations_hold_the_friction():
 
 def test_what_rubs_wears_down_the_motion():
     # the loss of a pair of gears in mesh is what the equations lose: torques balanced without friction slow the gears
-    slowed = run(started(sixteen(damping_s=1e-5), duration_s=0.05), Splitting(), rate_hz=50e3)
-    free = run(started(sixteen(friction=None, damping_s=1e-5), duration_s=0.05), Splitting(), rate_hz=50e3)
+    slowed = run(started(sixteen(damping_s=1e-5), duration_s=0.05), rate_hz=50e3)
+    free = run(started(sixteen(friction=None, damping_s=1e-5), duration_s=0.05), rate_hz=50e3)
     at = sixteen().names.index("motor rotation")
     assert slowed[-1, 16 + at] < -0.01 < free[-1, 16 + at] + 0.005
 
@@ -227,19 +225,19 @@ def test_teeth_that_change_rub_with_what_they_have():
     )
     system = sixteen()
     system = replace(system, meshes=(replace(system.meshes[0], history=history),))
-    early = run(started(system, duration_s=0.002), Splitting())
+    early = run(started(system, duration_s=0.002))
     # sums in another order: of motions that cancel, 1e-18 m beside 1e-7 m of the gears is left
-    assert_allclose(early, run(started(sixteen(), duration_s=0.002), Splitting()), rtol=1e-12, atol=1e-16)
-    late = run(started(system, duration_s=0.002, start_s=2.0), Splitting())
+    assert_allclose(early, run(started(sixteen(), duration_s=0.002)), rtol=1e-12, atol=1e-16)
+    late = run(started(system, duration_s=0.002, start_s=2.0))
     stiff = replace(system.meshes[0], stiffness=replace(WAVE, mean=2e9), history=None)
-    same = run(started(replace(system, meshes=(stiff,)), duration_s=0.002, start_s=2.0), Splitting())
+    same = run(started(replace(system, meshes=(stiff,)), duration_s=0.002, start_s=2.0))
     assert worst(late, same) < 1e-5  # flows of different constant parts, by fourth-order steps
 
 
 def test_floquet_s_multipliers_are_those_of_shooting():
     system = sixteen(stiffness=Rectangular(low=0.7e9, high=1.2e9, duty=0.4), damping_s=1e-5)
     problem = started(system, duration_s=1 / MESH_HZ)
-    shot = periodic_state(problem, method=Splitting(), output=heard(1.0), samples=200)
+    shot = periodic_state(problem, output=heard(1.0), samples=200)
     found = floquet(system, speed_rad_s=2 * math.pi * MESH_HZ).multipliers
     largest = np.sort(np.abs(shot.multipliers[np.abs(np.abs(shot.multipliers) - 1) > 1e-6]))[::-1][:8]
     assert_allclose(np.sort(np.abs(found[np.abs(np.abs(found) - 1) > 1e-6]))[::-1][:8], largest, rtol=1e-6)
@@ -251,7 +249,5 @@ def test_friction_of_other_gears_or_without_a_driver_is_refused():
     other = SlidingFriction(gears=replace(GEARS, module_m=4e-3), coefficient=0.08)
     with pytest.raises(ValueError, match=r"passes \"pinion\" at 0\.0603639 m.*base radius of 0\.0689873 m"):
         sixteen(friction=other)
-    with pytest.raises(ValueError, match=r"mesh 'mesh' has friction.*Use Splitting"):
-        run(started(sixteen(stiffness=Rectangular(low=7e8, high=1.2e9, duty=0.4))), Transition())
     with pytest.raises(IntegrationError, match="s is unstable: the variation"):
-        run(started(sixteen()), Splitting(), rate_hz=2e3)
+        run(started(sixteen()), rate_hz=2e3)

@@ -4,7 +4,7 @@ from dataclasses import replace
 
 import numpy as np
 import pytest
-from gear_pair import DRAG, RADII, TOP_RAD_S, constant, driven, output, pair, rectangle, ten_harmonics
+from gear_pair import DRAG, RADII, TOP_RAD_S, constant, driven, output, pair
 from scipy.optimize import least_squares
 
 from data_synth.dynamics.elements import GearMesh, Support
@@ -12,8 +12,7 @@ from data_synth.dynamics.modes import eigenvalues, solve_modes
 from data_synth.dynamics.system import Body, build_system
 from data_synth.gears.mesh_stiffness import Constant
 from data_synth.integrators.driver import integrate
-from data_synth.integrators.problem import CoupledReference, Steps
-from data_synth.integrators.splitting import Splitting
+from data_synth.integrators.problem import Steps
 from data_synth.vibration.steady_state import periodic_state
 
 TORQUE_NM, TAU_S = 75.0, 0.141026
@@ -24,7 +23,6 @@ def start_up():
     """Return times and q, x2', w2 over 2 s."""
     found = integrate(
         driven(pair(constant()), duration_s=2.0, drag=DRAG),
-        method=Splitting(),
         output=output(20e3),
         tolerance=Steps(per_sample=2),
     ).checked()
@@ -88,7 +86,7 @@ def test_the_ripple_near_half_a_second(start_up):
 
 def test_the_steady_transmission_error():
     problem = driven(pair(constant()), duration_s=1e-3, drag=DRAG)
-    found = periodic_state(problem, method=Splitting(), output=output(1.0), samples=20)
+    found = periodic_state(problem, output=output(1.0), samples=20)
     q = found.waveform.checked().values[:, 0]
     np.testing.assert_allclose(q, 1.1877506580e-3, rtol=1e-9)  # eleven digits are given
     assert pytest.approx(1.1877506580e-3, rel=1e-10) == TORQUE_NM / RADII[0] * (1 / 1e6 + 2 / 1e8)
@@ -116,16 +114,3 @@ def test_modes_three_and_four_still_ring_after_two_seconds(start_up):
             sizes.append(abs(np.sum(window * values[part, 1] * np.exp(-1j * rate * times_s[part]))))
         # 1.9 s of so little damping take 0.4 % and 0.1 %; neighbours leak as much through the window
         assert sizes[1] / sizes[0] == pytest.approx(np.exp(-1.9 * decay), abs=0.02)
-
-
-def test_tied_to_the_pinion_the_start_up_parts_the_teeth():
-    # 36 cycles a turn sweep the tongue at twice 692 rad/s, and the motion grows until contact is lost
-    settings = {"duration_s": 0.5, "drag": DRAG}
-    system = pair(rectangle(), backlash_m=5e-5)
-    system = replace(system, meshes=(replace(system.meshes[0], cycles_per_rev=36.0),))
-    tied = driven(system, **settings, reference=CoupledReference(name="pinion rotation"))
-    smooth = replace(tied, system=replace(system, meshes=(replace(system.meshes[0], stiffness=ten_harmonics()),)))
-    for problem in (tied, smooth):
-        found = integrate(problem, method=Splitting(), output=output(20e3), tolerance=Steps(per_sample=4)).checked()
-        later = found.values[found.times_s > 0.01, 0]
-        assert np.min(later) < 5e-5

@@ -13,7 +13,6 @@ from scipy.linalg import eigh
 from data_synth import Scene, SceneError, load_scene, simulate
 from data_synth.integrators.driver import integrate
 from data_synth.integrators.problem import Output, Steps
-from data_synth.integrators.splitting import Splitting
 from data_synth.scene.random_streams import random_stream
 from data_synth.vibration.gear_torques import static_deflection
 from hums.analysis.analyze import AnalysisSettings, analyze
@@ -129,7 +128,6 @@ def test_wijianto_s_start_up_to_every_printed_digit():
     rows[0, [2, 5]], speeds[1, 5] = BASE, -1.0
     found = integrate(
         ready.problem(0.0, 2.0),
-        method=Splitting(),
         output=Output(rate_hz=20_000, displacement=rows, velocity=speeds),
         tolerance=Steps(per_sample=4),
     ).checked()
@@ -285,7 +283,6 @@ def test_teeth_that_follow_their_error_start_without_a_shock():
     ready = motion(scene(mesh={"error_um": 30, "backlash_um": 50}))
     found = integrate(
         ready.problem(0.0, 0.3),
-        method=Splitting(),
         output=Output(rate_hz=20_000, mesh_force=np.eye(1)),
         tolerance=Steps(per_sample=4),
     ).checked()

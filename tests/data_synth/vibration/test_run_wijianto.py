@@ -9,7 +9,6 @@ from data_synth import load_scene
 from data_synth.dynamics.modes import solve_modes
 from data_synth.integrators.driver import integrate
 from data_synth.integrators.problem import Output, Steps
-from data_synth.integrators.splitting import Splitting
 
 SCENE = load_scene("wijianto")
 
@@ -25,7 +24,6 @@ def in_motion(scene, seed=1):
     rows[0, [2, 5]], speeds[1, 5] = BASE, -1.0
     found = integrate(
         motion(scene, seed).problem(0.0, scene.duration_s),
-        method=Splitting(),
         output=Output(rate_hz=20_000, displacement=rows, velocity=speeds),
         tolerance=Steps(per_sample=2),
     ).checked()
@@ -43,7 +41,6 @@ def test_its_frequencies_are_the_paper_s():
 
 
 def test_it_starts_through_the_tongue_and_settles():
-    assert isinstance(motion(SCENE).method.method, Splitting)
     times_s, q, speed = in_motion(SCENE)
     # the rigid law of the start: w_inf tanh(t / tau), about which the teeth ripple
     rigid = 132.28756555 * np.tanh(times_s / 0.141026)

@@ -1,14 +1,11 @@
-"""Protocols of an integrator: a method makes a stepper, which integrates over a block of samples."""
+"""Output equation: readings of the state at each sample, and the output channels computed from them."""
 
 from dataclasses import dataclass
-from typing import Protocol
 
 import numpy as np
 
 from data_synth.integrators.modal_problem import Assembled
-from data_synth.integrators.problem import Array, Outcome, Output
-
-# ---- Output equation: readings of the state at each sample, and the output channels computed from them ---------------
+from data_synth.integrators.problem import Array, Output
 
 
 @dataclass(frozen=True, kw_only=True)
@@ -16,7 +13,7 @@ class Readings:
     """Linear readings ``rows @ x + constant`` that a stepper computes, and the output channels that follow from them.
 
     ``rows`` (readings, 2 n) and ``constant`` (readings,): the linear part of the channels, then, where these contain
-    accelerations or mesh forces, the deflections, the velocities with drag and the angle of a coupled reference.
+    accelerations or mesh forces, the deflections and the velocities with drag.
     """
 
     assembled: Assembled
@@ -51,7 +48,6 @@ class Readings:
             further = [
                 assembled.displacement_rows(assembled.deflections),
                 assembled.velocity_rows(assembled.drags),
-                assembled.displacement_rows(assembled.reference_row.reshape(-1, size)),
             ]
             rows = np.vstack([rows, *further])
         constant = np.concatenate([constant, np.zeros(rows.shape[0] - channels)])
@@ -82,15 +78,8 @@ class Readings:
         a = self.assembled
         deflections = x[: a.size] @ a.equations.deflection_rows[:, : a.backlashes.size]
         now = np.array([time_s])
-        revolutions = (
-            a.reference_row @ (x[: a.size] / a.flow.modes.scales) if a.reference_row.size else a.revolutions(now)
-        )
-        weighted = _mesh_forces(a, deflections[None], np.atleast_1d(revolutions), now)
+        weighted = _mesh_forces(a, deflections[None], a.revolutions(now), now)
         return np.hstack([read, weighted, weighted])
-
-    def forces_at(self, deflections: Array, times_s: Array) -> Array:
-        """Return mesh forces (times, meshes) at deflections, for a prescribed angle of the reference."""
-        return _mesh_forces(self.assembled, deflections, self.assembled.revolutions(times_s), times_s)
 
     def channels(self, readings: Array, times_s: Array) -> Array:
         """Return the channels (times, channels) from readings (times, readings)."""
@@ -110,7 +99,7 @@ class Readings:
         meshes, drags = a.backlashes.size, a.drag_factors.size
         values, deflections = readings[:, :count].copy(), readings[:, count : count + meshes]
         speeds = readings[:, count + meshes : count + meshes + drags]
-        revolutions = readings[:, -1] if a.reference_row.size else a.revolutions(times_s)
+        revolutions = a.revolutions(times_s)
         force = _mesh_forces(a, deflections, revolutions, times_s)
         nonlinear = force - a.means * deflections
         values += force @ self.forces.T - nonlinear @ (self.accelerations @ a.deflections.T).T
@@ -140,58 +129,3 @@ def _friction_forces(a: Assembled, forces: Array, revolutions: Array) -> Array:
         driving = np.maximum(forces[:, number], 0.0) if mesh.backlash_m > 0 else forces[:, number]
         columns += [driving * force.factor(mesh.cycles_per_rev * revolutions) for force in mesh.friction]
     return np.stack(columns, axis=1)
-
-
-# ---- Method ----------------------------------------------------------------------------------------------------------
-
-
-@dataclass(frozen=True, kw_only=True)
-class Refusal:
-    """Why a step size is refused: outcome, and the numbers behind it."""
-
-    outcome: Outcome
-    detail: str
-
-
-class Stepper(Protocol):
-    """Integrates from sample to sample, and may keep a state of its own beside x."""
-
-    def advance(self, x: Array, first: int, samples: int) -> Array:
-        """Return readings (samples, readings) at the samples after number `first`; x is updated in place."""
-
-
-class Method(Protocol):
-    """An integrator and its settings: `Splitting`, `Transition`, or one with the same members."""
-
-    @property
-    def order(self) -> int | None:
-        """Order of the global error in the step size for smooth motion; None without discretisation error."""
-
-    def refusal(self, assembled: Assembled, step_s: float) -> Refusal | None:
-        """Return why a step size is refused; None where it is not."""
-
-    def stepper(self, readings: Readings, per_sample: int) -> Stepper:
-        """Return a stepper for a number of steps to each sample."""
-
-
-@dataclass(frozen=True, kw_only=True)
-class Grid:
-    """Times of samples and steps."""
-
-    assembled: Assembled
-    rate_hz: float
-    per_sample: int
-
-    @property
-    def step_s(self) -> float:
-        """Length of a step."""
-        return 1.0 / (self.rate_hz * self.per_sample)
-
-    def at(self, sample: int) -> float:
-        """Return the time of a sample."""
-        return self.assembled.problem.start_s + sample * self.per_sample * self.step_s
-
-    def edges(self, first: int, samples: int) -> Array:
-        """Return the times (steps + 1,) at which steps begin, and the last ends."""
-        steps = first * self.per_sample + np.arange(samples * self.per_sample + 1)
-        return np.asarray(self.assembled.problem.start_s + steps * self.step_s)
