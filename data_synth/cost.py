@@ -21,11 +21,10 @@ from data_synth.fidelity.preview import preview_factor, preview_of, with_full_du
 from data_synth.kinematic.gear_faults import ImpactTrain
 from data_synth.kinematic.harmonics import HarmonicFamily
 from data_synth.scene.random_streams import random_stream
-from data_synth.scene.scene import BearingFault, Fault, Scene, SceneError, Sensor, load_scene
+from data_synth.scene.scene import Fault, Scene, SceneError, Sensor, load_scene
 from data_synth.scene.transfer_paths import Transfer
 from data_synth.sources.families import turning_ratios
 from data_synth.sources.impact_lines import impact_lines
-from data_synth.sources.impact_responses import bearing_simulation
 from data_synth.sources.prepared import PreparedScene, prepare_scene
 from data_synth.vibration.gear_lines import is_steady
 from data_synth.vibration.line_candidates import candidates_of
@@ -36,7 +35,6 @@ from signals._validation import checked
 # Seconds on one core of a 2020s server, from runs of the demo and of scenes with many lines; a rough guide elsewhere.
 _SETUP_S, _WRITE_S, _WRITE_S_PER_BYTE = 0.02, 0.05, 2e-9
 _PER_LINE, _PER_SOURCE, _PER_POLE, _PER_NOISE = 0.5e-9, 8e-9, 5e-9, 12e-9  # s a sample and channel
-_PER_CONTACT = 0.14e-6  # s a step and element of a bearing that moves
 _TEETH_S = 0.3  # s for teeth of gears that vibrate, and s a step of time, for each motion, and each pair of meshes:
 _PER_STEP, _PER_DEGREE, _PER_PAIR = 0.09e-6, 0.018e-6, 0.02e-6
 _PER_PROJECTED = 1.4e-6  # s a sample and channel, for the lines of gears in motion
@@ -283,19 +281,13 @@ def _outside(scene: Scene) -> Iterator[Part]:
 
 
 def _struck(stage: PreparedScene, scene: Scene, number: int, train: ImpactTrain, time_factor: float) -> Part:
-    """Return a train of impacts, or a simulated bearing, as a part."""
+    """Return a train of impacts as a part."""
     fault, poles = scene.faults[number], sum(2 + chain.poles.size for chain in stage.chains) / 2
     what = _counted(train.revolutions.size, time_factor, "entries" if train.is_entry else "impacts")
     by_paths = all((train.source, sensor.name) in stage.paths for sensor in scene.sensors)
     rings = "by its measured transfer paths" if by_paths else f"rings {scene.resonance.frequency_hz:g} Hz"
     why = f"fault {number + 1}, {fault.kind}: {rings}"
     seconds = scene.samples * poles * _PER_POLE
-    if isinstance(fault, BearingFault) and fault.five_dof is not None:
-        bearing = bearing_simulation(stage, number, train)
-        steps, elements = bearing.per_sample, scene.bearing(fault.component).elements
-        what = f"5 degrees of freedom, {steps} steps a sample, {what}"
-        why = why.replace("rings", "five_dof, its resonator rings")
-        seconds = (scene.samples * steps + bearing.settling_steps) * elements * _PER_CONTACT + seconds * steps
     return Part(name=train.component, what=what, why=why, seconds=seconds)
 
 

@@ -38,7 +38,7 @@ ORDER = {
     "data_synth": """
         gears < scene < operation < bearings < kinematic < transfer < sources
         gears < dynamics < integrators
-        sources, integrators < vibration < fidelity < truth, cost < simulation < plan, kinematic_fit < dataset, schema
+        sources, integrators < vibration < fidelity < truth, cost < simulation < plan < dataset, schema
         scene < draws < plan < card < dataset
     """,
 }

@@ -1,1 +1,1 @@
-"""What a damaged bearing does: strikes with slip and load zone, or a model that moves."""
+"""What a damaged bearing does: it strikes, with slip and load zone."""

@@ -1,21 +1,18 @@
-"""Impacts of a declared bearing fault, and the parameters of a bearing with its own dynamics."""
+"""Impacts of a declared bearing fault."""
 
 import math
 from dataclasses import replace
 
 import numpy as np
 
-from data_synth.bearings.five_dof import BearingModel, Spall, Support
 from data_synth.bearings.impacts import LoadZone, bearing_impacts, passage_revolutions, rests_in_zone
 from data_synth.kinematic.gear_faults import ImpactTrain
 from data_synth.operation.drive import Drive
 from data_synth.operation.shaft_angle import Array
-from data_synth.scene.machine_faults import FiveDof, Suspended
 from data_synth.scene.scene import BearingFault, Scene, SceneError
 from hums.gearbox.components import Bearing
 
-_MM, _UM = 1e-3, 1e-6
-_SETTLED_FRACTION = 1e-6  # of the start from rest when the record begins
+_MM = 1e-3
 
 
 def bearing_impact_trains(
@@ -42,7 +39,7 @@ def bearing_impact_trains(
     """
     fault = bearing_fault(scene, number)
     if _bearing(scene, fault).element_diameter_mm is not None:
-        _radius_of_fault(scene, fault, size_mm=fault.size_mm * float(fault.relative_size(scene.duration_s)))
+        _check_size(scene, fault, size_mm=fault.size_mm * float(fault.relative_size(scene.duration_s)))
     rates, turning = scene.bearing(fault.component), zone_order(scene, fault)
     if fault.kind == "inner_race" and fault.place_deg and not rests_in_zone(fault.kind, rates, turning):
         raise SceneError(
@@ -69,7 +66,7 @@ def bearing_impact_trains(
         amplitudes=fault.size_mm * fault.impact_per_mm * impacts.weights,
         bearing=impacts,
     )
-    if fault.five_dof is not None or not (fault.entry_share or fault.pulse_share):
+    if not (fault.entry_share or fault.pulse_share):
         return [train]
     sizes_m = _MM * fault.size_mm * fault.relative_size(drive.angle.times(impacts.revolutions))
     passage_rev = _passage_rev(scene, number, sizes_m)
@@ -138,15 +135,9 @@ def _bearing(scene: Scene, fault: BearingFault) -> Bearing:
     return next(declared for declared in scene.gearbox.bearings if fault.component in declared.names)
 
 
-def _radius_of_fault(scene: Scene, fault: BearingFault, *, size_mm: float) -> float:
-    """Return the radius in m on which a fault of `size_mm` is, shorter than from one contact to the next.
-
-    Raises
-    ------
-    SceneError
-        A bearing without diameters, or a fault longer than that.
-    """
-    bearing, element_m, pitch_m = _bearing_geometry(scene, fault, f"five_dof of {fault.kind}")
+def _check_size(scene: Scene, fault: BearingFault, *, size_mm: float) -> None:
+    """Raise SceneError for a fault that is longer than from one contact to the next."""
+    bearing, element_m, pitch_m = _bearing_geometry(scene, fault, f"size_mm of {fault.kind}")
     across = element_m * math.cos(math.radians(bearing.contact_angle_deg))
     diameters_m = {"outer_race": pitch_m + across, "inner_race": pitch_m - across, "cage": pitch_m}
     radius_m = diameters_m.get(fault.kind, element_m) / 2
@@ -156,54 +147,3 @@ def _radius_of_fault(scene: Scene, fault: BearingFault, *, size_mm: float) -> fl
             f'{fault.kind} of "{fault.component}": {size_mm:g} mm reach from one contact to the next, '
             f"{spacing_rad * radius_m / _MM:.3g} mm on; lower the size."
         )
-    return radius_m
-
-
-# ---- a bearing that moves --------------------------------------------------------------------------------------
-
-
-def settling_time_s(scene: Scene, fault: BearingFault) -> float:
-    """Return the time before the record after which 1e-6 is left of the start from rest; 0 without `five_dof`."""
-    if fault.five_dof is None:
-        return 0.0
-    model = bearing_model(scene, fault, size_mm=fault.size_mm)
-    supports = (model.shaft, model.pedestal, model.resonator)
-    return math.log(1 / _SETTLED_FRACTION) / min(support.damping_n_s_m / (2 * support.mass_kg) for support in supports)
-
-
-def bearing_model(scene: Scene, fault: BearingFault, *, size_mm: float) -> BearingModel:
-    """Return the parameters of a bearing with its own dynamics and a fault of `size_mm`.
-
-    Raises
-    ------
-    SceneError
-        A bearing without diameters, or a spall longer than the distance of two elements.
-    """
-    declared = fault.five_dof or FiveDof()
-    radius_m = _radius_of_fault(scene, fault, size_mm=size_mm)
-    _, element_m, _ = _bearing_geometry(scene, fault, f"five_dof of {fault.kind}")
-    elements, width_rad = scene.bearing(fault.component).elements, _MM * size_mm / radius_m
-    depth_m = _UM * declared.depth_um if declared.depth_um is not None else (_MM * size_mm) ** 2 / (4 * element_m)
-    mode = scene.resonance
-    return BearingModel(
-        elements=elements,
-        contact_n_m=declared.contact_n_m,
-        exponent=fault.load_exponent,
-        clearance_m=_UM * declared.clearance_um,
-        shaft=_support(declared.shaft),
-        pedestal=_support(declared.pedestal),
-        resonator=Support.resonant(
-            mass_kg=declared.resonator_kg, frequency_hz=mode.frequency_hz, damping_ratio=mode.damping_ratio
-        ),
-        spall=Spall(of="element" if fault.kind == "rolling_element" else "ring", width_rad=width_rad, depth_m=depth_m),
-    )
-
-
-def _support(declared: Suspended) -> Support:
-    return Support(mass_kg=declared.mass_kg, damping_n_s_m=declared.damping_n_s_m, stiffness_n_m=declared.stiffness_n_m)
-
-
-def shaft_load_n(fault: BearingFault, *, load: Array, turns: Array) -> Array:
-    """Return the force on the shaft in x and y, (2, n) N, by relative tooth load and direction in turns."""
-    size = (fault.five_dof or FiveDof()).load_n * load
-    return np.stack([size * np.cos(2 * np.pi * turns), size * np.sin(2 * np.pi * turns)])

@@ -173,9 +173,9 @@ class GearFault(GrowingFault):
     gives the relative rise of the mesh amplitude, the phase lag of the first mesh harmonic (harmonic h: h times), and
     the amplitude of the impact, at full load and top speed; impacts go with the load to the power `load_exponent`, and
     all of it with the speed to the power `speed_exponent`. The factors are illustrative, but for how crack and chipping
-    compare and what the load does, which `data_synth.kinematic_fit` found in gears in motion: it fits factors and
-    exponents to any such scene. The worst place of the gear was in mesh `offset_rev` of its turns before the angle of
-    the reference is zero; left out, that is drawn.
+    compare and what the load does, which were fitted to gears in motion (docs/benchmarks/kinematic_fit.md). The
+    worst place of the gear was in mesh `offset_rev` of its turns before the angle of the reference is zero; left out,
+    that is drawn.
     """
 
     amplitude_per_mm: NotNegative = 0.2

@@ -6,7 +6,7 @@ from pydantic import Field, model_validator
 
 from data_synth.scene.fault_growth import GrowingFault
 from data_synth.scene.operation import NotNegative, Share, Turns
-from hums.gearbox.components import Declared, Name, Positive
+from hums.gearbox.components import Name, Positive
 
 
 class SizedFault(GrowingFault):
@@ -43,33 +43,6 @@ class ShaftFault(SizedFault):
         return self
 
 
-class Suspended(Declared):
-    """A mass on a spring and a damper to the ground."""
-
-    mass_kg: Positive
-    damping_n_s_m: Positive
-    stiffness_n_m: NotNegative
-
-
-class FiveDof(Declared):
-    """A bearing with five degrees of freedom, after Sawalhi and Randall (2008, Mech. Syst. Signal Process. 22).
-
-    The equations are in `data_synth.bearings.five_dof`. `load_n` presses the shaft down at full load. The contact force
-    of an element is `contact_n_m` times its compression to the power `load_exponent` of the fault, after half the
-    diametral clearance, `clearance_um`, is closed. A spall of `size_mm` is `depth_um` deep in the middle; if left out,
-    as deep as an element that bridges it can sink in, ``size^2 / (4 d)``. The acceleration of `resonator_kg` on the
-    pedestal, which has the scene's `resonance`, is what the sensors measure.
-    """
-
-    load_n: Positive = 500.0
-    contact_n_m: Positive = 8e9
-    clearance_um: float = 2.0
-    depth_um: Positive | None = None
-    shaft: Suspended = Suspended(mass_kg=3.0, damping_n_s_m=800.0, stiffness_n_m=1e5)
-    pedestal: Suspended = Suspended(mass_kg=7.0, damping_n_s_m=2500.0, stiffness_n_m=1.5e7)
-    resonator_kg: Positive = 0.5
-
-
 class BearingFault(SizedFault):
     """A localised defect of a rolling bearing, with slip.
 
@@ -84,8 +57,7 @@ class BearingFault(SizedFault):
     `place_deg` from the middle of the zone. Impacts of an element on the inner
     race are `inner_share` of those on the outer race. An element that enters a spall of a race causes, before the
     impact at the far end, one of `entry_share`. An impact is an impulse, or a constant force for `pulse_share` of the
-    time to pass the spall, which excites high modes less. With `five_dof` the impacts follow from the motion of the
-    bearing instead: `load_distribution`, `inner_share`, `entry_share`, `pulse_share` and `impact_per_mm` are not used.
+    time to pass the spall, which excites high modes less.
     """
 
     kind: Literal["inner_race", "outer_race", "rolling_element", "cage"]
@@ -99,7 +71,6 @@ class BearingFault(SizedFault):
     entry_share: Annotated[float, Field(ge=-1, le=1)] = 0.0
     pulse_share: Share = 0.0
     impact_per_mm: NotNegative = 1.0
-    five_dof: FiveDof | None = None
 
     @model_validator(mode="after")
     def _check(self) -> Self:
@@ -119,6 +90,5 @@ _ONLY = {
     "inner_share": ("rolling_element",),
     "entry_share": ("inner_race", "outer_race"),
     "pulse_share": _OF_ROLLING,
-    "five_dof": _OF_ROLLING,
 }
 """The kinds of bearing fault that have a key."""

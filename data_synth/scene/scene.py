@@ -269,10 +269,10 @@ class Scene(Declared):
         check_transfers(self.transfers, sources=sources, sensors=[sensor.name for sensor in self.sensors])
         if self.sampling_jitter is None:
             return
-        moves = any(isinstance(fault, BearingFault) and fault.five_dof is not None for fault in self.faults)
-        if moves or any(transfer.lines is not None for transfer in self.transfers):
-            what = "a bearing with five_dof" if moves else "a measured transfer"
-            raise ValueError(f"sampling_jitter does not go with {what}, which is sampled evenly; leave one of them out")
+        if any(transfer.lines is not None for transfer in self.transfers):
+            raise ValueError(
+                "sampling_jitter does not go with a measured transfer, which is sampled evenly; leave one of them out"
+            )
 
     def _check_sensors(self) -> None:
         places = self._places

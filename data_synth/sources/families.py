@@ -5,7 +5,7 @@ from collections.abc import Callable, Sequence
 
 import numpy as np
 
-from data_synth.kinematic.bearing_faults import bearing_impact_trains, settling_time_s
+from data_synth.kinematic.bearing_faults import bearing_impact_trains
 from data_synth.kinematic.gear_faults import ImpactTrain, damage_trains, gear_damage_family
 from data_synth.kinematic.harmonics import HarmonicFamily
 from data_synth.kinematic.imperfect_parts import (
@@ -152,7 +152,7 @@ def impact_trains(
     trains: list[tuple[int, ImpactTrain]] = []
     for number, (fault, offset) in enumerate(zip(scene.faults, offsets, strict=True)):
         if isinstance(fault, BearingFault):
-            before_s = max(longest_ringing_s(scene, fault.component), settling_time_s(scene, fault))
+            before_s = longest_ringing_s(scene, fault.component)
             found = bearing_impact_trains(
                 scene,
                 number,

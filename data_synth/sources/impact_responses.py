@@ -1,134 +1,25 @@
-"""Response of the channels to impacts: by a mode, by a measured path, or by the dynamics of a bearing."""
+"""Response of the channels to impacts, by a mode or by a measured path."""
 
 import math
-from collections.abc import Callable, Iterator
-from dataclasses import dataclass
 
 import numpy as np
 
-from data_synth.bearings.five_dof import BearingModel, integrate_bearing
-from data_synth.bearings.impacts import BearingImpacts
-from data_synth.kinematic.bearing_faults import bearing_fault, bearing_model, settling_time_s, shaft_load_n, zone_order
 from data_synth.kinematic.gear_faults import ImpactTrain
 from data_synth.kinematic.harmonics import ComplexArray
 from data_synth.operation.shaft_angle import Array
-from data_synth.scene.scene import BearingFault, SceneError
 from data_synth.sources.prepared import PreparedScene
 from data_synth.transfer.acquisition import (
     add_ringing,
     measured_filter,
-    partial_fractions,
     path_residues,
     ringing_residues,
 )
-from data_synth.transfer.housing import AHEAD, PoleFilter
 from data_synth.transfer.paths import FirPath, MeasuredPath
-
-# ---- Time integration of a bearing in a scene, build_drive by its speed and load, in blocks of bounded memory --------
-
-
-_PER_RADIAN = (
-    2.5  # steps to a radian of the fastest mode: the classical Runge-Kutta method then loses 1e-5 of it in a step
-)
-_BLOCK_STEPS = 16384  # steps in memory at a time
-_GROWS_S = 0.01  # between updates of the size of a growing spall
-_DOWN = 0.25  # of a revolution
-
-
-@dataclass(frozen=True, kw_only=True)
-class BearingSimulation:
-    """A bearing model of a scene, ready to be integrated.
-
-    Attributes
-    ----------
-    stage : PreparedScene
-    number : int
-        Number of its fault, from 0.
-    impacts : BearingImpacts
-    per_sample : int
-        Integration steps to a sample of the channels.
-    settling_steps : int
-        Steps before time zero, in which the transient of the start from rest decays.
-    """
-
-    stage: PreparedScene
-    number: int
-    impacts: BearingImpacts
-    per_sample: int
-    settling_steps: int
-
-    def blocks(self, *, steps: int) -> Iterator[dict[str, Array]]:
-        """Yield acceleration and force of the pedestal, from `settling_steps` steps before time zero, `steps` in all.
-
-        ``acceleration`` (n,) of its resonator, upwards in m s-2; ``force`` (n,) of the elements on it, upwards in N.
-
-        Raises
-        ------
-        SceneError
-            If the integration diverges.
-        """
-        scene, state = self.stage.scene, None
-        step_s = 1 / (self.per_sample * scene.rate_hz)
-        fault = bearing_fault(scene, self.number)
-        grows = math.ceil(_GROWS_S / step_s) if fault.growth is not None else _BLOCK_STEPS
-        for begin in range(-self.settling_steps, steps - self.settling_steps, block := min(grows, _BLOCK_STEPS)):
-            count = min(block, steps - self.settling_steps - begin)
-            middle_s = max((begin + count / 2) * step_s, 0.0)
-            model = bearing_model(scene, fault, size_mm=fault.size_mm * float(fault.relative_size(middle_s)))
-            cage, spot, load_n = self._driven((begin + np.arange(2 * count + 1) / 2) * step_s)
-            try:
-                motion = integrate_bearing(
-                    model, cage_turns=cage, defect_turns=spot, load_n=load_n, step_s=step_s, state=state
-                )
-            except ValueError as caught:
-                raise SceneError(
-                    f"fault {self.number + 1}: the bearing cannot be followed in time: {caught}."
-                ) from None
-            state, shaft = motion.state, model.shaft
-            force = load_n[1, :-1:2] - shaft.mass_kg * motion.acceleration_m_s2[:-1, 1]
-            force -= shaft.damping_n_s_m * motion.velocity_m_s[:-1, 1]
-            force -= shaft.stiffness_n_m * motion.displacement_m[:-1, 1]
-            yield {"acceleration": np.ascontiguousarray(motion.acceleration_m_s2[:-1, 4]), "force": force}
-
-    def _driven(self, times_s: Array) -> tuple[Array, Array, Array]:
-        """Return revolutions of cage and defect (n,), and the load in N (2, n)."""
-        stage, rolling = self.stage, self.impacts.rolling
-        fault = bearing_fault(stage.scene, self.number)
-        times = np.clip(times_s, stage.drive.start_s, stage.scene.duration_s)
-        revolutions = stage.drive.angle.revolutions(times)
-        on_element = fault.kind == "rolling_element"
-        spot = rolling.defect_phase(revolutions) / 2 if on_element else rolling.defect_turns(revolutions) - _DOWN
-        zone = zone_order(stage.scene, fault) * revolutions - _DOWN
-        load_n = shaft_load_n(fault, load=stage.drive.load(times), turns=zone)
-        return rolling.cage_turns(revolutions) - _DOWN, spot, load_n
-
-
-def bearing_simulation(stage: PreparedScene, number: int, train: ImpactTrain) -> BearingSimulation:
-    """Return the bearing model of fault `number` (from 0), at rest, rolling as the impacts of `train` do."""
-    scene = stage.scene
-    fault = bearing_fault(scene, number)
-    assert fault.five_dof is not None and train.bearing is not None  # noqa: S101, PT018 - only such bearings run
-    model = bearing_model(scene, fault, size_mm=fault.size_mm)
-    steps = steps_per_sample(model, force_n=fault.five_dof.load_n, rate_hz=scene.rate_hz)
-    settling_steps = math.ceil(settling_time_s(scene, fault) * scene.rate_hz) * steps
-    return BearingSimulation(
-        stage=stage, number=number, impacts=train.bearing, per_sample=steps, settling_steps=settling_steps
-    )
-
-
-def steps_per_sample(model: BearingModel, *, force_n: float, rate_hz: float) -> int:
-    """Return the integration steps to a sample for a bearing under a load."""
-    return max(2, math.ceil(_PER_RADIAN * model.highest_rad_s(force_n) / rate_hz))
-
-
-# ---- Impacts ---------------------------------------------------------------------------------------------------------
-
 
 _BLOCK = 65536
 _HALF = 32  # samples on either side over which an impact between samples is spread
 _FINE = 256  # points to a sample, between which the sum of a sinc is linear
 _KAISER = 10.0  # 1e-5 of error up to nine tenths of half the rate
-_STANDARD_GRAVITY = 9.80665
 
 
 def add_impacts(
@@ -138,17 +29,6 @@ def add_impacts(
 
     `timing_errors_s` (n,) are errors of the sampling instants.
     """
-    fault = prepared.scene.faults[number]
-    if isinstance(fault, BearingFault) and fault.five_dof is not None:
-        _add_motion(prepared, number, train, signal)
-    else:
-        _add_impacts(prepared, number, train, signal, timing_errors_s=timing_errors_s)
-
-
-def _add_impacts(
-    prepared: PreparedScene, number: int, train: ImpactTrain, signal: Array, *, timing_errors_s: Array | None
-) -> None:
-    """Add the response of every sensor to a train of impacts, by way of its path and measurement chain."""
     times_s, strength = prepared.impacts_at_source(number, train)
     scene, duration_s = prepared.scene, None
     if train.duration_rev is not None:
@@ -242,56 +122,3 @@ def _sinc(at: Array) -> Array:
     """Return the sinc function under a Kaiser window of 2 * _HALF samples."""
     window = np.i0(_KAISER * np.sqrt(np.maximum(1 - (at / _HALF) ** 2, 0.0))) / np.i0(_KAISER)
     return np.asarray(np.sinc(at) * window * (np.abs(at) < _HALF))
-
-
-# ---- a bearing that moves ---------------------------------------------------------------------------------------
-
-
-@dataclass(frozen=True, kw_only=True)
-class _ChannelFilter:
-    """Filter from the motion of a bearing to a channel: its input signal, its delay in samples and a gain."""
-
-    input_name: str
-    push: Callable[[Array], Array]
-    lag: int
-    gain: float = 1.0
-
-
-def _add_motion(prepared: PreparedScene, number: int, train: ImpactTrain, signal: Array) -> None:
-    """Add the response of every sensor to the simulated motion of a faulty bearing, integrated block by block."""
-    bearing = bearing_simulation(prepared, number, train)
-    filters = [_channel_filter(prepared, bearing, train, index) for index in range(len(signal))]
-    samples, each = signal.shape[1], bearing.per_sample
-    steps = bearing.settling_steps + (samples - 1) * each + 1 + max(filter_.lag for filter_ in filters)
-    begun = -bearing.settling_steps
-    for block in bearing.blocks(steps=steps):
-        for filter_, values in zip(filters, signal, strict=True):
-            response = filter_.push(block[filter_.input_name])
-            # the step of each sample, as late as the filter
-            first = begun - filter_.lag
-            skipped = -first if first < 0 else -first % each
-            now = response[skipped::each]
-            at = (first + skipped) // each
-            count = min(now.size, samples - at)
-            values[at : at + count] += filter_.gain * now[:count]
-        begun += block["force"].size
-
-
-def _channel_filter(
-    prepared: PreparedScene, bearing: BearingSimulation, train: ImpactTrain, index: int
-) -> _ChannelFilter:
-    """Return the filter of a channel: from the resonator's acceleration, or from the force on a declared path."""
-    scene, chain, sensor = prepared.scene, prepared.chains[index], prepared.scene.sensors[index]
-    rate_hz = bearing.per_sample * scene.rate_hz
-    path = prepared.paths.get((train.source, sensor.name))
-    if isinstance(path, MeasuredPath):
-        fir = measured_filter(path, chain, rate_hz=rate_hz, sensor=sensor)
-        return _ChannelFilter(input_name="force", push=fir.filter().push, lag=round(fir.delay_s * rate_hz))
-    if path is not None:
-        poles, residues = path_residues(path, chain, sensor=sensor.name)
-        filter_ = PoleFilter(poles=poles, residues=residues, direct=0.0, rate_hz=rate_hz)
-        return _ChannelFilter(input_name="force", push=filter_.push, lag=AHEAD)
-    poles, residues, direct = partial_fractions(chain)
-    filter_ = PoleFilter(poles=poles, residues=residues, direct=direct, rate_hz=rate_hz)
-    gain = abs(complex(prepared.gains[train.source][index])) / (_STANDARD_GRAVITY if sensor.units == "g" else 1.0)
-    return _ChannelFilter(input_name="acceleration", push=filter_.push, lag=AHEAD, gain=gain)

@@ -133,13 +133,6 @@ def path_residues(path: ModalPath, chain: AllPoleFilter, *, sensor: str = "") ->
     return every[kept], np.array(passed)[kept] * np.where(every[kept].imag > 0, 2, 1)
 
 
-def partial_fractions(chain: AllPoleFilter) -> tuple[ComplexArray, ComplexArray, float]:
-    """Return poles (p,) and residues (p,) of a chain as `path_residues` does, and its direct feedthrough."""
-    kept = np.flatnonzero(chain.poles.imag >= 0)
-    residues = [chain.residue(index) * (2 if chain.poles[index].imag > 0 else 1) for index in kept.tolist()]
-    return chain.poles[kept], np.array(residues, dtype=np.complex128), 0.0 if chain.poles.size else chain.gain
-
-
 def _require_distinct_poles(poles: ComplexArray, size: float, what: str, *, sensor: str) -> None:
     """Raise SceneError where two poles are nearer to each other than `_APART` times `size`."""
     gaps = np.abs(poles[:, None] - poles) + np.diag(np.full(poles.size, np.inf))

@@ -62,7 +62,6 @@ def broken():
         (("tachometer", "pulses_per_rev"), 0),
         (("noize",), {"rms": 1}),
         (("transfer",), [{"source": "output", "sensor": "input vertical", "units": "g"}]),
-        (("fault", 1, "five_dof"), {"load_n": 0}),
     ]:
         table = copy.deepcopy(scene)
         place = table

@@ -233,7 +233,6 @@ def test_an_impact_may_press_as_long_as_a_share_of_the_spall_is_passed():
         (fault("outer_race", inner_share=0.5), "inner_share is a matter of rolling_element"),
         (fault("cage", entry_share=-0.5), "entry_share is a matter of inner_race and outer_race, not of cage"),
         (fault("cage", load_distribution=0.4), "load_distribution is a matter of inner_race, outer_race and"),
-        (fault("cage", five_dof={}), "five_dof is a matter of"),
         (fault("outer_race", load_turns_with="output shaft"), 'load_turns_with names "output shaft"; did you mean'),
     ],
 )

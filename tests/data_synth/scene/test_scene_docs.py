@@ -31,7 +31,7 @@ def models(model, found):
 
 
 def test_the_page_has_scenes():
-    assert len(SCENES) == 8
+    assert len(SCENES) == 7
 
 
 @pytest.mark.parametrize("number", range(len(SCENES)))
