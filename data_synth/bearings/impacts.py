@@ -232,10 +232,6 @@ class RollingKinematics:
             np.interp(np.asarray(revolutions), self.impacts_rev, self.first_number + np.arange(self.impacts_rev.size))
         )
 
-    def defect_turns(self, revolutions: ArrayLike) -> Array:
-        """Return the place of the defect in turns (n,), from the largest load."""
-        return self._spot(np.asarray(revolutions, dtype=np.float64), self.defect_phase(revolutions))
-
     def cage_turns(self, revolutions: ArrayLike) -> Array:
         """Return the turns of the cage (n,): at whole ones element 1 of Z has the largest load."""
         return self._cage(np.asarray(revolutions, dtype=np.float64), self.defect_phase(revolutions))

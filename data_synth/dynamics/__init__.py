@@ -17,7 +17,6 @@ if TYPE_CHECKING:
     from data_synth.dynamics.elements import GeneralMesh as GeneralMesh
     from data_synth.dynamics.elements import Shaft as Shaft
     from data_synth.dynamics.elements import Support as Support
-    from data_synth.dynamics.elements import line_of_action as line_of_action
     from data_synth.dynamics.modes import Campbell as Campbell
     from data_synth.dynamics.modes import Modes as Modes
     from data_synth.dynamics.modes import campbell as campbell
@@ -117,7 +116,6 @@ _HOME = {
     "instability_tongues": "data_synth.dynamics.stability",
     "integrate": "data_synth.integrators.driver",
     "integrate_blocks": "data_synth.integrators.driver",
-    "line_of_action": "data_synth.dynamics.elements",
     "periodic_state": "data_synth.vibration.steady_state",
     "solve_modes": "data_synth.dynamics.modes",
     "stability_map": "data_synth.dynamics.stability",

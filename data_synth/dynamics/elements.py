@@ -247,8 +247,8 @@ class Shaft:
 class GearMesh:
     """A mesh in space: a line of action through a point of contact.
 
-    The deflection is ``n . (u_a(P) - u_b(P))``, the approach of the flanks; `line_of_action` gives n and P for gears
-    on parallel axes. With gear a driving counter-clockwise, ``n`` points from a to b.
+    The deflection is ``n . (u_a(P) - u_b(P))``, the approach of the flanks. With gear a driving counter-clockwise,
+    ``n`` points from a to b.
 
     Attributes
     ----------
@@ -273,10 +273,8 @@ class GearMesh:
     Along a line of action at the base radius, the deflection is ``r_b theta``:
 
     >>> import math
-    >>> from data_synth.dynamics import Body, Constant, GearMesh, build_system, line_of_action
-    >>> n, point = line_of_action(
-    ...     centre_m=(0, 0, 0), pitch_radius_m=0.1, azimuth_rad=0.0, pressure_angle_rad=math.radians(20)
-    ... )
+    >>> from data_synth.dynamics import Body, Constant, GearMesh, build_system
+    >>> n, point = (math.sin(math.radians(20)), math.cos(math.radians(20)), 0.0), (0.1, 0.0, 0.0)
     >>> gear = Body(name="gear", mass_kg=1.0, inertia_kgm2=0.01, motions=("x", "y", "rotation"))
     >>> mesh = GearMesh(name="m", gears=("gear", None), direction=n, point_m=point, stiffness=Constant(mean=1e8))
     >>> build_system([gear], [mesh]).meshes[0].direction.round(6).tolist()  # sin 20, cos 20, r_b
@@ -335,87 +333,31 @@ class GearMesh:
         )
 
 
-def line_of_action(
-    *,
-    centre_m: Vector,
-    pitch_radius_m: float,
-    azimuth_rad: float,
-    pressure_angle_rad: float,
-    flank: int = 1,
-    base_helix_rad: float = 0.0,
-    hand: str | None = None,
-) -> tuple[Vector, Vector]:
-    """Return direction of the line of action and pitch point for gear a on an axis along z.
-
-    With e from the centre of gear a to the pitch point and t = z x e the direction is
-    ``flank cos(alpha) t + sin(alpha) e``: flanks in contact push gears apart, and an internal gear outwards. The helix
-    adds ``-+ flank tan(beta_b)`` along z for a right- or left-handed gear a (thrust on a right-handed driver follows
-    the thumb of the right hand whose fingers follow its rotation).
-
-    Parameters
-    ----------
-    centre_m : vector of 3
-        Centre of gear a in m.
-    pitch_radius_m : float
-        Working pitch radius of gear a in m.
-    azimuth_rad : float
-        Direction from the centre of gear a to the pitch point, counted from x: towards the centre of gear b, but away
-        from it where a is external and b internal.
-    pressure_angle_rad : float
-        Transverse working pressure angle in rad.
-    flank : 1 or -1
-        1 where gear a drives counter-clockwise or is driven clockwise.
-    base_helix_rad : float
-        Base helix angle in rad.
-    hand : {"left", "right"} or None
-        Hand of gear a's helix; needed where `base_helix_rad` is not zero.
-
-    Returns
-    -------
-    direction, point_m : vectors of 3
-        For `GearMesh`.
-
-    Raises
-    ------
-    ValueError
-        If a helix has no hand.
-
-    Examples
-    --------
-    >>> import math
-    >>> from data_synth.dynamics import line_of_action
-    >>> direction, point = line_of_action(
-    ...     centre_m=(0, 0, 0), pitch_radius_m=0.1, azimuth_rad=0.0, pressure_angle_rad=math.radians(20)
-    ... )
-    >>> [round(value, 4) for value in direction], point  # sin 20, cos 20
-    ([0.342, 0.9397, 0.0], (0.1, 0.0, 0.0))
-    """
-    away = np.array([math.cos(azimuth_rad), math.sin(azimuth_rad), 0.0])
-    direction = line_of_action_direction(
-        along=np.array([0.0, 0.0, 1.0]),
-        away=away,
-        pressure_angle_rad=pressure_angle_rad,
-        flank=flank,
-        base_helix_rad=base_helix_rad,
-        hand=hand,
-    )
-    point = np.asarray(centre_m) + pitch_radius_m * away
-    return as_vector(direction), as_vector(point)
-
-
 def line_of_action_direction(
     *, along: Array, away: Array, pressure_angle_rad: float, flank: int, base_helix_rad: float, hand: str | None
 ) -> Array:
-    """Return the direction (3,) of the force of gear a on gear b; see `line_of_action`.
+    """Return the direction (3,) of the force of gear a on gear b.
+
+    With z the direction `along`, e the direction `away` and t = z x e it is ``flank cos(alpha) t + sin(alpha) e``:
+    flanks in contact push gears apart, and an internal gear outwards. The helix adds ``-+ flank tan(beta_b)`` along z
+    for a right- or left-handed gear a (thrust on a right-handed driver follows the thumb of the right hand whose
+    fingers follow its rotation).
 
     Parameters
     ----------
     along, away : (3,) arrays
         Unit vectors along the line where the pitch surfaces touch, and across it from gear a into gear b.
-    pressure_angle_rad, base_helix_rad, hand
-        As in `line_of_action`.
+    pressure_angle_rad, base_helix_rad : float
+        Transverse working pressure angle and base helix angle in rad.
     flank : 1 or -1
         1 where gear a drives with a positive rotation about `along`.
+    hand : {"left", "right"} or None
+        Hand of gear a's helix; needed where `base_helix_rad` is not zero.
+
+    Raises
+    ------
+    ValueError
+        If a helix has no hand.
     """
     sense = {"right": -1.0, "left": 1.0}.get(hand or "", 0.0)
     if base_helix_rad and not sense:

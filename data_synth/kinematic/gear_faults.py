@@ -9,7 +9,7 @@ from numpy.typing import ArrayLike, NDArray
 from data_synth.bearings.impacts import BearingImpacts
 from data_synth.kinematic.harmonics import ComplexArray, HarmonicFamily, common_base
 from data_synth.operation.shaft_angle import Array
-from data_synth.scene.faults import FaultyGear, GearFault, von_mises_window
+from data_synth.scene.faults import FaultyGear, GearFault
 
 SIDEBAND_CUTOFF = 1e-4
 """Sidebands below this share of the largest are not in the signal at all, so the truth lists every one."""
@@ -54,19 +54,6 @@ class ImpactTrain:
     bearing: BearingImpacts | None = None
     duration_rev: Array | None = None
     is_entry: bool = False
-
-
-def tooth_window(angle_rad: ArrayLike, *, teeth: float) -> Array:
-    """Return ``exp(kappa (cos angle - 1))``: 1 where the tooth is in mesh, 1/2 half a tooth pitch away.
-
-    Parameters
-    ----------
-    angle_rad : (n,) array
-        Angle between two contacts of the tooth, 2 pi from one to the next, in rad.
-    teeth : float
-        Tooth pitches between two contacts.
-    """
-    return von_mises_window(np.asarray(angle_rad, dtype=np.float64) / (2 * np.pi), width_turns=1 / teeth)
 
 
 def gear_damage_family(

@@ -158,20 +158,6 @@ class MovingPath:
         return np.asarray(turns @ np.asarray(self.strengths))
 
 
-def mesh_phases_rad(places_rad: ArrayLike, *, teeth: int) -> Array:
-    """Return the phase of each planet's mesh relative to the first's, ``teeth (psi_n - psi_0)``, within a turn, (N,).
-
-    Parameters
-    ----------
-    places_rad : (N,) array
-        Angles of the planets on the carrier, in its sense of rotation.
-    teeth : int
-        Of the ring gear; for the meshes with the sun, minus its teeth.
-    """
-    places = np.asarray(places_rad, dtype=np.float64)
-    return np.asarray(np.remainder(teeth * (places - places[0]), 2 * np.pi))
-
-
 def planet_pass_family(
     path: MovingPath,
     *,

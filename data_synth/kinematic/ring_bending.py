@@ -17,7 +17,6 @@ from collections.abc import Mapping, Sequence
 from dataclasses import dataclass, field
 
 import numpy as np
-from numpy.typing import ArrayLike
 
 from data_synth.kinematic.harmonics import ComplexArray, HarmonicFamily
 from data_synth.operation.shaft_angle import Array
@@ -62,12 +61,6 @@ class ElasticRing:
         stiffness_n_m2 = self.young_pa * self.width_m * self.rim_m**3 / 12
         radial = self.radius_m**3 / (math.pi * stiffness_n_m2) / (n**2 - 1) ** 2
         return radial, radial * ((1 - offset) / n + n * offset)
-
-    def displacement_m(self, angle_rad: ArrayLike, *, radial_n: float, tangential_n: float) -> Array:
-        """Return w in m, of any shape, at angles from the place of one load in its positive sense."""
-        turns = np.multiply.outer(np.asarray(angle_rad, dtype=np.float64), self.waves)
-        radial, tangential = self.compliances
-        return np.asarray(np.cos(turns) @ (radial * radial_n) + np.sin(turns) @ (tangential * tangential_n))
 
 
 @dataclass(frozen=True, kw_only=True)

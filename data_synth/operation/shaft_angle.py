@@ -180,14 +180,6 @@ class ShaftAngle:
         """Return the angle of a shaft with the signed speed ratio `ratio` to this one."""
         return ShaftAngle(times_s=self.times_s, speeds_hz=self.speeds_hz * ratio, datum_rev=self.datum_rev * ratio)
 
-    def travelled(self) -> ShaftAngle:
-        """Return the accumulated revolutions since time zero in either sense, by which parts wear, roll and slip."""
-        zeros = np.setdiff1d(self.turning_points_s(), self.times_s)
-        at = np.searchsorted(self.times_s, zeros)
-        return ShaftAngle(
-            times_s=np.insert(self.times_s, at, zeros), speeds_hz=np.abs(np.insert(self.speeds_hz, at, 0.0))
-        )
-
 
 # ---- Times at which a shaft passes given angles, through standstill and reversal -------------------------------------
 

@@ -1,6 +1,5 @@
 """Growth of a fault's size with time: laws that a scene declares, and the size that follows."""
 
-import math
 from abc import abstractmethod
 from typing import Annotated, Literal, Self
 
@@ -44,10 +43,10 @@ class ParisGrowth(Declared):
     """Fatigue crack growth by Paris' law, from `rate_mm_per_s` at the beginning, up to `largest_mm`.
 
     ``da/dN = C (dK)^m`` with ``dK = Y dS sqrt(pi a)`` and m = `exponent`, at a constant number of load cycles a second
-    (Paris and Erdogan 1963, J. Basic Eng. 85, 528-533): ``da/dt = rate (a / a0) ** (m / 2)``. `paris_rate` gives the
-    rate of the initial crack. In closed form ``a0 (1 - (m/2 - 1) rate t / a0) ** (-1 / (m/2 - 1))``, for m = 2 an
-    exponential. For m > 2 the closed form diverges after ``a0 / ((m/2 - 1) rate)``; the size stays at `largest_mm` once
-    it is there.
+    (Paris and Erdogan 1963, J. Basic Eng. 85, 528-533): ``da/dt = rate (a / a0) ** (m / 2)``, where the rate of the
+    initial crack is ``f C (Y dS sqrt(pi a0)) ** m`` at f load cycles a second. In closed form ``a0 (1 - (m/2 - 1) rate
+    t / a0) ** (-1 / (m/2 - 1))``, for m = 2 an exponential. For m > 2 the closed form diverges after ``a0 / ((m/2 - 1)
+    rate)``; the size stays at `largest_mm` once it is there.
     """
 
     law: Literal["paris"]
@@ -92,27 +91,3 @@ class GrowingFault(Declared):
         if self.growth is None:
             return np.ones(np.shape(times_s))
         return self.growth.relative_size(times_s, initial_mm=self.initial_mm)
-
-
-def paris_rate(
-    *, size_m: float, coefficient: float, exponent: float, stress_range_pa: float, geometry: float, cycles_hz: float
-) -> float:
-    """Return the growth rate of a crack of `size_m`, m s-1: ``f C (Y dS sqrt(pi a)) ** m``.
-
-    Parameters
-    ----------
-    size_m : float
-        Crack length a, m.
-    coefficient : float
-        C, in m per cycle and (Pa sqrt(m)) ** m.
-    exponent : float
-        m.
-    stress_range_pa : float
-        Stress range dS of one load cycle, Pa.
-    geometry : float
-        Geometry factor Y.
-    cycles_hz : float
-        Load cycles a second, f: for a tooth, its contacts a second.
-    """
-    intensity = geometry * stress_range_pa * math.sqrt(math.pi * size_m)
-    return cycles_hz * coefficient * math.pow(intensity, exponent)

@@ -161,11 +161,6 @@ def von_mises_window(turns: ArrayLike, *, width_turns: float) -> Array:
     return np.asarray(np.exp(kappa * (np.cos(2 * np.pi * np.asarray(turns, dtype=np.float64)) - 1)))
 
 
-def phase_of_error(error_m: float, *, module_m: float, pressure_angle_rad: float) -> float:
-    """Return the phase lag in rad of the first mesh harmonic by an error along the line of action."""
-    return 2 * math.pi * error_m / (math.pi * module_m * math.cos(pressure_angle_rad))
-
-
 class GearFault(GrowingFault):
     """A fault of a gear: of one tooth, active while that tooth is in mesh, unless its class says otherwise.
 

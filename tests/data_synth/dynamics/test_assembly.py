@@ -20,7 +20,7 @@ from data_synth.dynamics.assembly import (
     assemble,
     assemble_parts,
 )
-from data_synth.dynamics.elements import Coupling, GearMesh, Shaft, Support, line_of_action
+from data_synth.dynamics.elements import Coupling, GearMesh, Shaft, Support, line_of_action_direction
 from data_synth.dynamics.modes import eigenvalues, solve_modes
 from data_synth.dynamics.placement import contacts_of, direction_of, planet_angle
 from data_synth.dynamics.system import SPACE, Body, build_system
@@ -312,10 +312,11 @@ def test_a_helical_mesh_follows_the_rules_of_the_thumb_and_of_conjugate_motion(f
         teeth=(36, 63), module_m=3.5e-3, face_width_m=0.05, pressure_angle_rad=ALPHA, helix_angle_rad=math.radians(12)
     )
     radius, towards = pair.working_radii_m[0], 0.7
-    direction, point = line_of_action(
-        centre_m=(0, 0, 0),
-        pitch_radius_m=radius,
-        azimuth_rad=towards,
+    away = np.array([math.cos(towards), math.sin(towards), 0])
+    point, axis = tuple(radius * away), np.array([0.0, 0, 1])
+    direction = line_of_action_direction(
+        along=axis,
+        away=away,
         pressure_angle_rad=pair.working_angle_rad,
         flank=flank,
         base_helix_rad=pair.base_helix_rad,
@@ -348,7 +349,7 @@ def test_a_helical_mesh_follows_the_rules_of_the_thumb_and_of_conjugate_motion(f
     screw[[2, 5]] = lead, 1.0
     assert abs(row @ screw) < 1e-12
     with pytest.raises(ValueError, match="hand = None"):
-        line_of_action(centre_m=(0, 0, 0), pitch_radius_m=1, azimuth_rad=0, pressure_angle_rad=0.3, base_helix_rad=0.1)
+        line_of_action_direction(along=axis, away=away, pressure_angle_rad=0.3, flank=1, base_helix_rad=0.1, hand=None)
 
 
 # ---- from a gearbox alone ----------------------------------------------------------------------------------------

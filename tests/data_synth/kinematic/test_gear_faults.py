@@ -8,9 +8,9 @@ from numpy.testing import assert_allclose
 from scipy.special import ive
 
 from data_synth import load_scene, simulate
-from data_synth.kinematic.gear_faults import SIDEBAND_CUTOFF, gear_damage_family, tooth_window
+from data_synth.kinematic.gear_faults import SIDEBAND_CUTOFF, gear_damage_family
 from data_synth.kinematic.harmonics import HarmonicFamily, add_lines, common_base
-from data_synth.scene.faults import FaultyGear, ToothCrack
+from data_synth.scene.faults import FaultyGear, ToothCrack, von_mises_window
 from data_synth.scene.random_streams import random_stream
 from data_synth.scene.scene import declared_size_mm
 from data_synth.sources.prepared import prepare_scene
@@ -46,12 +46,6 @@ def mesh(coefficients, base_order=23):
     )
 
 
-def test_the_window_is_one_tooth_wide():
-    half_pitch = np.pi / 23
-    assert_allclose(tooth_window([0.0, half_pitch, -half_pitch], teeth=23), [1, 0.5, 0.5], rtol=1e-12)
-    assert tooth_window(3 * half_pitch, teeth=23) < 0.003  # 2 ** -9 in the limit of many teeth
-
-
 def test_sidebands_are_bessel_functions():
     # exp(kappa (cos t - 1)) = sum_k exp(-kappa) I_k(kappa) exp(j k t) (Abramowitz and Stegun 9.6.34), and
     # (1 + a w) exp(-j b w) = sum_n (-j b)^n / n! (w^n + a w^(n + 1)), where w^n has kappa n in place of kappa
@@ -84,7 +78,7 @@ def test_the_comb_is_the_modulated_mesh_less_the_healthy_one():
     signal = np.zeros((1, rev.size))
     lines = np.repeat(family.coefficients[None, :, None], 2, axis=2)
     add_lines(signal, lines, base_order=family.base_order, revolutions=rev, position=rev)
-    window = tooth_window(2 * np.pi * (rev + 0.15), teeth=23)
+    window = von_mises_window(rev + 0.15, width_turns=1 / 23)
     change = np.zeros(rev.size)
     for h, value in enumerate(healthy.coefficients, start=1):
         modulation = (1 + 0.3 * window) * np.exp(-1j * 0.2 * h * window) - 1

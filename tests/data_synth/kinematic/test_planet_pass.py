@@ -6,7 +6,7 @@ import pytest
 from numpy.testing import assert_allclose
 from scipy.special import ive
 
-from data_synth.kinematic.planet_pass import DistanceWindow, MovingPath, PassWindow, even_places_rad, mesh_phases_rad
+from data_synth.kinematic.planet_pass import DistanceWindow, MovingPath, PassWindow, even_places_rad
 from data_synth.kinematic.planet_pass import planet_pass_family as pass_comb
 
 RING = 99
@@ -114,13 +114,6 @@ def test_distance_is_by_the_law_of_cosines():
     lines = window.coefficients()
     series = lines[0] + 2 * np.cos(np.outer(angle, np.arange(1, lines.size))) @ lines[1:]
     assert_allclose(series, window.gain(angle), atol=1e-5)
-
-
-def test_meshes_are_phased_by_the_ring_s_teeth():
-    # 3 planets on 99 teeth: in phase; 4: a quarter of a cycle less each, 99 / 4 = 24.75
-    assert_allclose(np.exp(1j * mesh_phases_rad(even_places_rad(3), teeth=99)), 1, atol=1e-12)
-    quarters = np.exp(1j * mesh_phases_rad(even_places_rad(4), teeth=99))
-    assert_allclose(quarters, np.exp(-0.5j * np.pi * np.arange(4)), atol=1e-12)
 
 
 def test_blocks_make_one_record():

@@ -1,4 +1,3 @@
-import math
 from dataclasses import replace
 from fractions import Fraction
 from pathlib import Path
@@ -22,7 +21,6 @@ from data_synth.scene.faults import (
     Spall,
     ToothCrack,
     Wear,
-    phase_of_error,
     von_mises_window,
 )
 
@@ -257,11 +255,6 @@ def test_drawn_pits_lie_among_neighbours():
     assert max(places) <= 5
     assert shares[0] == max(shares)
     assert min(shares) >= 0.5
-
-
-def test_an_error_of_a_base_pitch_is_a_cycle():
-    pitch = math.pi * 3e-3 * math.cos(math.radians(20))
-    assert phase_of_error(pitch / 4, module_m=3e-3, pressure_angle_rad=math.radians(20)) == pytest.approx(math.pi / 2)
 
 
 def test_the_window_is_half_at_half_its_width():
