@@ -13,9 +13,8 @@ solved together (`data_synth.fidelity.harmonic_balance`). Between speeds p is in
 
 Sound and damaged gears have the same families, speeds, points and bounds, so that the errors of both are alike and the
 difference is the fault's, 60 dB below the record even. Where a family's teeth would pull, they part, under some loads
-between which p is interpolated. What a damaged tooth makes of lines of another gear, at sums of both orders, is added
-(`data_synth.fidelity.sums_of_orders`). Left out are lines at sums of the orders of meshes on different shafts, what
-sums make of others, what parts in the sum of families alone, and transients.
+between which p is interpolated. Left out are lines at sums of the orders of two families, as of a damaged tooth and
+another gear or of meshes on different shafts, what parts in the sum of families alone, and transients.
 """
 
 import math
@@ -31,7 +30,6 @@ from data_synth.dynamics.system import Mesh
 from data_synth.fidelity.excitation import Excitation, Family, families_of
 from data_synth.fidelity.harmonic_balance import Balance, Modes, Singles, Varying, real_rows
 from data_synth.fidelity.linear_response import Response, response_of
-from data_synth.fidelity.sums_of_orders import Deflections, sums_of
 from data_synth.operation.shaft_angle import Array
 from data_synth.vibration.expected_response import ExpectedLines, Hearing, lagrange
 from data_synth.vibration.gear_lines import LOWER_SPEEDS
@@ -132,7 +130,6 @@ def _of_teeth(motion: Motion, shares: Array) -> tuple[ExpectedLines, ...]:
     )
     may_part = np.array([mesh.backlash_m > 0 for mesh in system.meshes])
     loads = _Loads.of(motion.static_n)
-    largest_n = np.max(np.abs(motion.static_n), axis=1)
     for family, each in zip(families, driven, strict=True):
         varying_of = cache(partial(Varying.of, [excitations[number] for number in each.meshes], family.base))
         balance_at = partial(
@@ -151,23 +148,8 @@ def _of_teeth(motion: Motion, shares: Array) -> tuple[ExpectedLines, ...]:
         ]
         parting = _Parting.of(loads.static_n if loads and may_part[each.meshes].any() else None, each, may_part)
         forces, histories = _over_speeds(balances, each.excitation, then=parting.at), each.histories
-        errors_in = each.errors_in
         if loads is not None and parting.found:
             forces, histories = parting.forces(forces), shares * loads.weights
-            errors_in = np.ones(histories.shape[0])
-        known = Deflections(
-            base=family.base,
-            meshes=each.meshes,
-            forces=family.sign * forces,
-            errors_n=np.multiply.outer(family.sign * errors_in, family.lines[0]).astype(np.complex64),
-            gains=gains,
-            steps_hz=float(family.base) * speeds_hz / frequency_hz[1],
-        )
-        found += [
-            at_speeds(base_order=sums.base, offset=sums.offset, forces=sums.forces, inputs_n=histories, heard=one)
-            for sums in sums_of(known, excitations, largest_n)
-            for one in heard_of(*sums.meshes)
-        ]
         found += [
             at_speeds(base_order=family.base, forces=family.sign * forces, inputs_n=histories, heard=one)
             for one in heard_of(*each.meshes.tolist())
@@ -428,11 +410,6 @@ class _Driven:
     excitation: Singles
     inputs: NDArray[np.int_]
     shares: Array
-
-    @property
-    def errors_in(self) -> Array:
-        """Share of the errors of teeth in each history, (input,)."""
-        return self.shares[:, 0] if self.inputs[0] == 0 else np.zeros(self.shares.shape[0])
 
     def shares_of(self, inputs_n: Array) -> Array:
         """Return the shares (load, input) of histories in 1 and static forces, (load, 1 + mesh)."""

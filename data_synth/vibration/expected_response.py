@@ -94,7 +94,7 @@ class Hearing:
 
 @dataclass(frozen=True, kw_only=True)
 class ExpectedLines:
-    """Lines at the multiples of an order, or so much beside them, from their exciting forces at some speeds.
+    """Lines at the multiples of an order, from their exciting forces at some speeds.
 
     Where the speed changes, Z lags behind the steady response by ``(j / 2) (domega / dt) d2Z / domega2``, omega the
     angular frequency of the line: the first of the series of a response to a sweep (Carson and Fry 1937, Bell Syst.
@@ -103,9 +103,7 @@ class ExpectedLines:
     Attributes
     ----------
     base_order : Fraction
-        Lines are at its multiples, from the first, plus `offset`.
-    offset : Fraction
-        Signed order.
+        Lines are at its multiples, from the first.
     forces : (node, input, mesh, k) complex array
         Exciting force in each mesh per unit of each input, at some speeds.
     speeds_hz : (node,) array
@@ -131,7 +129,6 @@ class ExpectedLines:
     rates: Array = field(repr=False)
     damping: float
     heard: Hearing = field(repr=False)
-    offset: Fraction = Fraction(0)
 
     @property
     def size(self) -> int:
@@ -140,7 +137,7 @@ class ExpectedLines:
 
     def orders(self, multiples: NDArray[np.int_]) -> Array:
         """Return the orders of exciting forces."""
-        return np.asarray(np.multiply(multiples, float(self.base_order), dtype=np.float64) + float(self.offset))
+        return np.multiply(multiples, float(self.base_order), dtype=np.float64)
 
     def amplitudes(self, multiples: NDArray[np.int_], instants: NDArray[np.int_]) -> ComplexArray:
         """Return Z (channel, line, instant) of some multiples of the base order, from 1, at some instants."""

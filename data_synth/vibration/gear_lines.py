@@ -207,7 +207,7 @@ def _prior(expected: tuple[ExpectedLines, ...], candidates: Candidates, *, speed
     found = np.zeros((channels, candidates.numbers.size, few.size), dtype=np.complex128)
     places = list[tuple[ExpectedLines, NDArray[np.int_], NDArray[np.int_]]]()
     for family in expected:
-        step, beside = family.base_order / candidates.unit, (family.offset + family.heard.shift) / candidates.unit
+        step, beside = family.base_order / candidates.unit, family.heard.shift / candidates.unit
         # of candidates, only whole multiples of their unit may be
         whole = math.lcm(step.denominator, beside.denominator)
         multiples = np.arange(1, family.size + 1)
