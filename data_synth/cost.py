@@ -10,8 +10,6 @@ from pathlib import Path
 
 from data_synth.fidelity.choice import (
     KINEMATIC,
-    LEFT_OUT,
-    SPRING,
     Choice,
     decided,
     simulated_motion,
@@ -42,10 +40,7 @@ _PROJECTED_STEADY, _PROJECTED = 22, 39
 """Lines of gears in motion that are loud, over the root of the number of orders at which they may be: at constant speed
 and torque, and else the mean of 72 records of `benchmark-1`, of which either half predicts the mean of the other to
 1 %; a single one is within a factor of two or three, since what is loud depends on resonances."""
-_TEETH = {LEFT_OUT: "nothing", SPRING: "a spring", KINEMATIC: "lines"}
 _LEVELS = {
-    LEFT_OUT: "below the floor at every sensor: what is behind its teeth turns along",
-    SPRING: "its teeth are below the floor at every sensor",
     KINEMATIC: "amplitudes of the linear response at each speed",
 }
 BYTES = 8  # of a sample in memory
@@ -319,8 +314,8 @@ def _gears(stage: PreparedScene, gears: Gears, choice: Choice) -> Iterator[Part]
             + scene.samples * len(scene.sensors) * _PER_PROJECTED,
         )
     for name, level in choice.levels.items():
-        if level in _TEETH or motion is None:
-            yield Part(name=name, what=_TEETH[level], why=_LEVELS[level])
+        if level == KINEMATIC or motion is None:
+            yield Part(name=name, what="lines", why=_LEVELS[KINEMATIC])
             continue
         stiffness = motion.system.meshes[contacts_in(motion.system, name)[0]].stiffness
         yield Part(name=name, what=f"teeth, mean {stiffness.mean:.4g} N/m", why=f"{level} motion")

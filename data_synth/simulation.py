@@ -12,7 +12,6 @@ import xarray as xr
 from data_synth.cost import refuse_too_large
 from data_synth.dynamics.active_dofs import LEVELS
 from data_synth.fidelity.choice import (
-    LEFT_OUT,
     Choice,
     decided,
     most_detailed_motion,
@@ -331,10 +330,7 @@ def _with_gears(
     harmonics, and the first `kept` samples.
     """
     motion = simulated_motion(prepared, gears, choice.levels)
-    all_move = motion is not None and LEFT_OUT not in choice.levels.values()
-    passes = tooth_pass_truth(
-        motion if motion is not None and all_move else most_detailed_motion(prepared, gears, choice.levels)
-    )
+    passes = tooth_pass_truth(motion or most_detailed_motion(prepared, gears, choice.levels))
     if motion is None:
         attrs = {"truth_fidelity": str(choice), "truth_mesh_lines": "exact"}
         return truth_variables(prepared) | passes, attrs, NoiseFree(signal=signal[:, :kept].copy())

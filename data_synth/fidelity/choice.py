@@ -21,14 +21,13 @@ from data_synth.scene.random_streams import random_stream
 from data_synth.scene.scene import Excitation, GearFault, Noise, Scene, SceneError
 from data_synth.sources.prepared import PreparedScene, prepare_scene
 from data_synth.vibration.meshes import Gears
-from data_synth.vibration.rigid_meshes import without_meshes
 from data_synth.vibration.run import Motion, motion_of, prepare_gears
 
-# Models of the meshes of a scene at each level of fidelity: rigid, a spring, spectral lines, or time integration.
+# Models of the meshes of a scene at each level of fidelity: spectral lines, or time integration.
 
 
-LEFT_OUT, SPRING, KINEMATIC = "left out", "a spring", "kinematic"
-LADDER = (LEFT_OUT, SPRING, KINEMATIC, *LEVELS)  # from the least to the most
+KINEMATIC = "kinematic"
+LADDER = (KINEMATIC, *LEVELS)  # from the least to the most
 
 
 def simulated_motion(stage: PreparedScene, gears: Gears, levels: Mapping[str, str]) -> Motion | None:
@@ -37,8 +36,7 @@ def simulated_motion(stage: PreparedScene, gears: Gears, levels: Mapping[str, st
         return None
     still = [name for name, level in levels.items() if level not in LEVELS]
     moving = {name: "torsional" if name in still else level for name, level in levels.items()}
-    motion = motion_of(stage, gears, levels=moving, springs=still)
-    return without_meshes(motion, [name for name, level in levels.items() if level == LEFT_OUT])
+    return motion_of(stage, gears, levels=moving, springs=still)
 
 
 def with_kinematic_lines(stage: PreparedScene, gears: Gears, levels: Mapping[str, str]) -> PreparedScene:
@@ -75,7 +73,7 @@ class Trial:
     run: bool
 
     def __str__(self) -> str:
-        """Return as in ``torsional about 16 dB``."""
+        """Return as in ``kinematic about -3 dB``."""
         if math.isinf(self.decibels):
             return f"{named(self.levels)} out of the question"
         return f"{named(self.levels)} {'' if self.run else 'about '}{self.decibels:.0f} dB"
@@ -88,8 +86,7 @@ class Choice:
     Attributes
     ----------
     levels : mapping of mesh to one of `LADDER`
-        "left out": rigid teeth; "a spring": constant mean stiffness; "kinematic": the lines of the linear response;
-        else time integration.
+        "kinematic": the lines of the linear response; else time integration.
     tried : tuple of Trial
         All candidates compared with the full motion; none where `floor_db` is None.
     floor_db : float or None
@@ -115,13 +112,8 @@ class Choice:
         if self.floor_db is None:
             return f"{self.name}, as declared"
         uniform = ", ".join(str(trial) for trial in self.tried if len(set(trial.levels.values())) == 1)
-        quiet = "".join(
-            f'; teeth of "{mesh}" {level if level == LEFT_OUT else "left out but for their mean"}, below the floor'
-            for mesh, level in self.levels.items()
-            if level in (LEFT_OUT, SPRING)
-        )
         apart = "nothing is lost" if self.decibels < _SAME_DB else f"apart by {self.decibels:.0f} dB"
-        return f"{self.name}: within {self.floor_db:g} dB of full, {apart} (from full: {uniform or 'nothing'}){quiet}"
+        return f"{self.name}: within {self.floor_db:g} dB of full, {apart} (from full: {uniform or 'nothing'})"
 
 
 def named(levels: Mapping[str, str]) -> str:
@@ -135,9 +127,8 @@ def chosen(stage: PreparedScene, gears: Gears) -> Choice:
     """Return the fidelity of each mesh of a scene.
 
     With "auto", equal levels for all stages are compared with the full motion, kinematic first; the first whose worst
-    channel differs by less than `floor_db`, RMS of the difference over RMS, is chosen. Then each stage, that with the
-    weakest lines first, is reduced by itself: left out, a spring, kinematic, fewer motions, as long as the channels
-    stay within the floor. A stage that declares a fidelity keeps it.
+    channel differs by less than `floor_db`, RMS of the difference over RMS, is chosen. A stage that declares a fidelity
+    keeps it.
 
     The linear response decides where it can: a candidate that differs by 10 dB more than the floor at instants all
     over the scene is rejected, and one equal to the full motion is accepted. Others are simulated over the first
@@ -162,14 +153,10 @@ def chosen(stage: PreparedScene, gears: Gears) -> Choice:
             tried.append(known := comparison.compare(levels))
         return known.decibels <= floor_db
 
-    uniform = ({name: level or common for name, level in own.items()} for common in (KINEMATIC, *LEVELS[:-1]))
+    uniform = ({name: level or common for name, level in own.items()} for common in (KINEMATIC, "lateral"))
     levels = next(
         (candidate for candidate in uniform if candidate != comparison.top and fits(candidate)), comparison.top
     )
-    for name in comparison.by_line_power() if len(own) > 1 else ():
-        if own[name] is None:
-            less = ({**levels, name: level} for level in LADDER[: LADDER.index(levels[name])])
-            levels = next((candidate for candidate in less if fits(candidate)), levels)
     return Choice(levels=levels, tried=tuple(tried), floor_db=floor_db)
 
 
@@ -247,13 +234,6 @@ class _Comparison:
         same = prediction.linear or (whole and all(level in LEVELS for level in levels.values()))
         return estimate_db if estimate_db > floor_db + _MARGIN_DB or (same and estimate_db < _SAME_DB) else None
 
-    def by_line_power(self) -> list[str]:
-        """Return the meshes in order of the power of their lines."""
-        if self._linear_prediction is None:
-            return [*self.top]
-        line_power = self._linear_prediction.line_power
-        return sorted(self.top, key=lambda name: float(np.max(line_power[name])))
-
     # ---- as linear systems
 
     @cached_property
@@ -288,9 +268,7 @@ class _Comparison:
         """Return the predicted error in dB, above `floor_db` only a lower bound, and the motion where it was needed."""
         error_power = np.zeros(len(self.stage.scene.sensors))
         for name, level in levels.items():
-            if level in (LEFT_OUT, SPRING):
-                error_power += prediction.line_power[name]
-            elif level == KINEMATIC != self.top[name]:
+            if level == KINEMATIC != self.top[name]:
                 error_power += prediction.parametric_error[name]
         motion = (
             simulated_motion(self.stage, self.gears, levels)
