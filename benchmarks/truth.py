@@ -32,10 +32,10 @@ is steady or kinematic, and in varying motion where Z is the quasi-static respon
 what it lags behind the speed: a harmonic balance with the varying stiffness of all meshes and damaged teeth, under
 planets in the frame of the carrier, with sidebands of its angle, whose lines are stated down to 5e-5 of the loudest.
 They stand for steady lines as well, where a record is too short to separate those: what damage adds is expected then,
-and the rest as in the record of sound teeth. Natural modes that ring after a jump or in a start have amplitudes against
-time at their own frequencies (`truth_ringing`), which are part of the signal above. Where both leave more than 5 % of
-the power, with friction or where teeth rattle, a projection adds to all lines what the signal has beside it; they are
-fitted together, so that they add up to the signal, and how what is added is split among neighbours is uncertain.
+and the rest as in the record of sound teeth. Free vibration after a jump or in a start is no line. Where lines leave
+more than 5 % of the power, with friction or where teeth rattle, a projection adds to all lines what the signal has
+beside it; they are fitted together, so that they add up to the signal, and how what is added is split among neighbours
+is uncertain.
 
 Where damage grows, the balance is that of the teeth at some instants, and Z linear between them; at constant speed and
 torque what is left is projected as well.
@@ -132,11 +132,6 @@ def rebuilt(record: xr.Dataset) -> Array:
         both = z.real @ np.cos(phase) - z.imag @ np.sin(phase)
         share = (times_s[first:last] - instants_s[number]) / (instants_s[number + 1] - instants_s[number])
         signal[first:last] = (1 - share) * both[0] + share * both[1]
-    if "truth_ringing" in record:
-        modes = record["truth_ringing"].isel(truth_channel=0)
-        for frequency, amplitude in zip(modes["truth_mode"].to_numpy(), modes.to_numpy(), strict=True):
-            z = np.interp(times_s, modes["truth_ringing_time"].to_numpy(), amplitude)
-            signal += (z * np.exp(2j * np.pi * frequency * times_s)).real
     return signal
 
 

@@ -37,7 +37,6 @@ from data_synth.transfer.acquisition import add_noise, clip, drop_outs, hum_line
 from data_synth.transfer.detectability import matched_filter_snr_db
 from data_synth.truth import angle_truth, tooth_pass_truth, truth_variables
 from data_synth.vibration.expected_response import ExpectedLines
-from data_synth.vibration.free_vibration import Modes
 from data_synth.vibration.gear_lines import gear_lines
 from data_synth.vibration.mechanics import link_speeds, mechanics_truth, speed_truth
 from data_synth.vibration.meshes import Gears
@@ -106,10 +105,6 @@ def simulate(
         ``truth_line_change`` (truth_order)
             By how much halving its window changes a line of gears in motion, over its RMS; only in records with lines
             that are projected from the signal in varying motion. Left out, no line has a window.
-        ``truth_ringing`` (truth_channel, truth_mode, truth_ringing_time), complex
-            Z of the free vibration of natural modes after a jump of speed or torque, or of its rate, and in a start:
-            ``x = Re{Z exp(2 pi j f t)}``, f in Hz in truth_mode, linear between instants and zero beyond. Only where
-            it is at least a hundredth of the power there, and takes half of what lines leave.
         ``truth_chain_poles`` (truth_channel, truth_chain_pole), complex, ``truth_chain_gain`` (truth_channel)
             Filters and sensitivity, ``H(f) = gain prod p / (p - 2j pi f)``, a factor of truth_amplitude; where a
             channel has any. Shorter channels end in NaN.
@@ -343,7 +338,6 @@ def _with_gears(
         gear_signal,
         expected=partial(expected_lines, motion),
         sound=partial(_lines_of_sound_teeth, prepared, choice) if damaged else None,
-        modes=partial(Modes.of, motion.system),
     )
     for name, sources in parts.items():
         # meshes act on each other, so all gears in motion are one source
@@ -605,10 +599,9 @@ def _drift(
         signal[:, here] *= factor
         for sources in parts.values():
             sources.values[..., here] *= factor
-    for name, instants in (("truth_amplitude", "truth_time"), ("truth_ringing", "truth_ringing_time")):
-        if name in truth:
-            stated = truth[name]
-            truth[name] = stated.copy(data=stated.values * gain_drift(scene, stated[instants].to_numpy()))
+    if "truth_amplitude" in truth:
+        stated = truth["truth_amplitude"]
+        truth["truth_amplitude"] = stated.copy(data=stated.values * gain_drift(scene, stated["truth_time"].to_numpy()))
 
 
 def _add_hum(

@@ -55,7 +55,6 @@ def truth_variables(prepared: PreparedScene, *, measured: GearLines | None = Non
         **truth,
         **_torque_truth(prepared, instants),
         **_line_truth(prepared, instants, measured),
-        **_ringing_truth(prepared, measured),
         **_fault_truth(prepared, instants),
         **_pulse_truth(prepared),
     }
@@ -177,25 +176,6 @@ def _line_truth(prepared: PreparedScene, instants: xr.DataArray, measured: GearL
         }
     changed = {"truth_line_change": change} if any(changes.values()) else {}
     return {"truth_amplitude": amplitude, **labels, **changed, **chain}
-
-
-def _ringing_truth(prepared: PreparedScene, measured: GearLines | None) -> dict[str, xr.DataArray]:
-    """Return complex amplitudes against time of the natural modes that ring."""
-    if measured is None or measured.ringing is None:
-        return {}
-    sensors, ringing = prepared.scene.sensors, measured.ringing
-    return {
-        "truth_ringing": xr.DataArray(
-            ringing.amplitude,
-            dims=("truth_channel", "truth_mode", "truth_ringing_time"),
-            coords={
-                "truth_channel": [sensor.name for sensor in sensors],
-                "truth_mode": ("truth_mode", ringing.frequencies_hz, {"units": "Hz"}),
-                "truth_ringing_time": ("truth_ringing_time", ringing.times_s, {"units": "s"}),
-            },
-            attrs={"units": sensors[0].channel_units, "convention": "x = Re{Z exp(2 pi j f t)}, peak amplitude"},
-        )
-    }
 
 
 def _summed(parts: list[_LineSource]) -> ComplexArray:

@@ -8,7 +8,7 @@ a projection finds what is left without them.
 import math
 from collections.abc import Callable
 from dataclasses import dataclass, replace
-from functools import cached_property, partial
+from functools import partial
 from typing import NamedTuple
 
 import numpy as np
@@ -16,12 +16,10 @@ from numpy.typing import NDArray
 
 from data_synth.kinematic.harmonics import ComplexArray
 from data_synth.operation.shaft_angle import Array
-from data_synth.scene.scene import Scene
 from data_synth.sources.prepared import PreparedScene
 from data_synth.vibration.expected_response import ExpectedLines
-from data_synth.vibration.free_vibration import FreeVibration, Modes, Span, free_vibration, ringing_spans
 from data_synth.vibration.line_candidates import Candidates, candidates_of
-from data_synth.vibration.order_projection import AngleSamples, sum_of_lines
+from data_synth.vibration.order_projection import AngleSamples
 from data_synth.vibration.projected_lines import (
     BELOW_NYQUIST,
     EXPECTED_FLOOR,
@@ -45,8 +43,6 @@ make more of it than a fault has."""
 _USELESS = 0.9  # of the power: lines that leave more of it are not what is there, and may be anything in between
 _RINGS, _SELDOM = 0.5, 0.125
 """Of the power, what expected lines may leave of it in few places, such a share of them: it rings, and is none."""
-_RUNG = 0.01  # of the power after a jump, from which what rings there is stated
-_STARTS = 2.0  # times the speed
 _SEPARATED, _BETTER = 1e-5, 0.5
 """Of the power: where steady lines leave more, there may be some that the record does not separate. And of what they
 leave, what expected ones may leave to stand for them."""
@@ -77,11 +73,10 @@ class GearLine(NamedTuple):
 
 @dataclass(frozen=True, kw_only=True)
 class GearLines:
-    """Lines of gears in motion, by rising order, a sentence about their error, and what rings beside them."""
+    """Lines of gears in motion, by rising order, and a sentence about their error."""
 
     lines: tuple[GearLine, ...]
     about: str
-    ringing: FreeVibration | None = None
 
 
 def gear_lines(
@@ -90,7 +85,6 @@ def gear_lines(
     *,
     expected: Callable[[], tuple[ExpectedLines, ...]] = tuple,
     sound: Callable[[], tuple[ExpectedLines, ...]] | None = None,
-    modes: Callable[[], Modes] | None = None,
 ) -> GearLines:
     """Return the loud lines in the channels of gears in motion, (channel, n), at the instants of the truth.
 
@@ -106,8 +100,8 @@ def gear_lines(
     window changes by 1 % or more, plus the share of what the expected lines leave of the signal that all lines leave.
     The former alone would have long windows where all that a projection adds is below 1 %.
 
-    Where the natural `modes` ring, after a jump of speed or torque or of its rate, or anywhere if expected lines leave
-    more than 5 % of the power there, that is stated beside the lines; nothing is projected where both leave less.
+    Free vibration, after a jump of speed or torque and in a start, is no line: the sentence has the share of the power
+    that lines leave.
     """
     scene, angle = prepared.scene, prepared.drive.angle
     turning = np.sign(prepared.speed_hz[prepared.speed_hz != 0])
@@ -122,7 +116,7 @@ def gear_lines(
         speed_hz=lambda times_s: np.maximum(sign * angle.speed_hz(times_s), 0.0),
         top_order=top,
     )
-    steady, ringing = is_steady(prepared), None
+    steady = is_steady(prepared)
     fastest, slowest = (float(each(np.abs(prepared.speed_hz[prepared.speed_hz != 0]))) for each in (np.max, np.min))
     candidates = candidates_of(scene, top=top * min(fastest / slowest, LOWER_SPEEDS), mixed=steady)
     if steady:
@@ -132,12 +126,7 @@ def gear_lines(
         # at constant speed and torque, sound gears have projected lines: of growing damage the difference counts
         unchanging = _drive_is_steady(prepared)
         most = 0.0 if unchanging else _SMALL
-        drive = _Drive(
-            changes_s=_changes_s(scene),
-            instants_s=prepared.instants_s,
-            solve=None if unchanging else modes,
-        )
-        found, ringing, about = _varying_lines(samples, candidates, drive, prior, most=most)
+        found, about = _varying_lines(samples, candidates, prepared.instants_s, prior, most=most)
     amplitudes = found.amplitudes.conj() if sign < 0 else found.amplitudes
     sources = [candidates.sources[number] for number in found.chosen.tolist()]
     orders, changes = candidates.values[found.chosen].tolist(), found.changes.tolist()
@@ -147,7 +136,7 @@ def gear_lines(
             orders, sources, amplitudes.swapaxes(0, 1), changes, strict=True
         )
     )
-    return GearLines(lines=lines, about=about, ringing=ringing)
+    return GearLines(lines=lines, about=about)
 
 
 def _steady_lines(
@@ -229,114 +218,25 @@ def _prior(expected: tuple[ExpectedLines, ...], candidates: Candidates, *, speed
     return Lines(chosen=chosen, amplitudes=amplitudes, changes=np.zeros(chosen.size))
 
 
-@dataclass(frozen=True, kw_only=True)
-class _Drive:
-    """What may let modes ring.
-
-    Attributes
-    ----------
-    changes_s : (i,) array
-        Times at which speed or torque, or the rate of one, jumps.
-    instants_s : (instant,) array
-        Of the truth.
-    solve : callable, or None
-        Gives the natural modes; None: none of them rings.
-    """
-
-    changes_s: Array
-    instants_s: Array
-    solve: Callable[[], Modes] | None
-
-    @cached_property
-    def modes(self) -> Modes | None:
-        """Natural modes, solved where they are asked for."""
-        return self.solve() if self.solve is not None else None
-
-    def starts(self, speed_hz: Array) -> bool:
-        """Return whether the speed at the instants rises by a factor while modes ring: resonances ring on."""
-        if self.modes is None:
-            return False
-        later_hz = np.interp(self.instants_s + self.modes.longest_s, self.instants_s, speed_hz)
-        return bool(np.any(later_hz > _STARTS * speed_hz))
-
-
-def _changes_s(scene: Scene) -> Array:
-    """Return the times in s at which speed or torque, or the rate of one, jumps; a start is one."""
-    histories = [np.array(each.knots)[:, 0] for each in (scene.speed, scene.torque) if each and len(each.knots) > 1]
-    knots = [each for each in histories if each.size <= scene.truth_times]  # a measured history is knots alone
-    starts = [np.zeros(1)] if scene.speed.run_up is not None else []
-    times_s = np.unique(np.concatenate([*starts, *knots, np.zeros(0)]))
-    return np.asarray(times_s[((times_s > 0) | bool(starts)) & (times_s >= 0) & (times_s < scene.duration_s)])
-
-
 def _varying_lines(
-    samples: AngleSamples, candidates: Candidates, drive: _Drive, prior: Lines, *, most: float
-) -> tuple[Lines, FreeVibration | None, str]:
-    """Return the lines of a signal, of which `prior` are expected, what rings, and a sentence.
+    samples: AngleSamples, candidates: Candidates, instants_s: Array, prior: Lines, *, most: float
+) -> tuple[Lines, str]:
+    """Return the lines of a signal, of which `prior` are expected, and a sentence.
 
-    The expected lines alone, where they, or they and what rings, leave at most a share of the power.
+    The expected lines alone, where they leave at most a share of the power, or more in few places.
     """
-    instants_s, begins = drive.instants_s, compared_from(drive.instants_s)
-    places = np.add.outer(begins, [0, 1])
 
-    ends = prior.amplitudes[:, :, places]
-    left, whole = powers(samples, candidates.values[prior.chosen], ends, instants_s=instants_s, begins=begins)
+    def left_by(lines: Lines) -> tuple[Array, Array]:
+        """Return the power between some instants without the lines, and all of it."""
+        begins = compared_from(instants_s)
+        ends = lines.amplitudes[:, :, np.add.outer(begins, [0, 1])]
+        return powers(samples, candidates.values[lines.chosen], ends, instants_s=instants_s, begins=begins)
+
+    left, whole = left_by(prior)
     alone = share_of_power(left, whole)
-    everywhere = alone > most and not (alone < _RINGS and np.mean(left > most * whole) <= _SELDOM)
-    starts = everywhere and drive.starts(samples.speed_hz(instants_s))
-    fair = _where_fair(samples, candidates, instants_s, prior) if starts else prior
-    ringing, after = None, 0.0
-    if starts or not everywhere:
-        ringing, after = _ringing(samples, candidates, drive, fair, everywhere=starts)
-        after /= max(float(np.sum(samples.signal**2)), np.finfo(float).tiny)
-    if everywhere and (ringing is None or after > most):
-        if alone > _USELESS:  # resonances are passed too fast for the lines that are expected
-            prior = Lines(chosen=prior.chosen[:0], amplitudes=prior.amplitudes[:, :0], changes=prior.changes[:0])
-        fitted, window = varying_fit(samples, candidates, instants_s, prior)
-        return fitted, None, about_fit(fitted, window, prior)
-    share = after if everywhere else alone + after
-    return fair, ringing, about_expected(prior, share, ringing=0 if ringing is None else ringing.frequencies_hz.size)
-
-
-def _where_fair(samples: AngleSamples, candidates: Candidates, instants_s: Array, prior: Lines) -> Lines:
-    """Return lines without amplitude about instants between which they leave more than there is.
-
-    So they do where the speed passes a resonance faster than it rings, as in a start: it never has their amplitude.
-    """
-    pairs = np.lib.stride_tricks.sliding_window_view(prior.amplitudes, 2, axis=2)
-    orders, every = candidates.values[prior.chosen], np.arange(instants_s.size - 1)
-    left, whole = powers(samples, orders, pairs, instants_s=instants_s, begins=every)
-    fair = np.ones(instants_s.size)
-    unfair = np.flatnonzero(left > whole)
-    fair[unfair] = fair[unfair + 1] = 0.0
-    return replace(prior, amplitudes=prior.amplitudes * fair)
-
-
-def _ringing(
-    samples: AngleSamples, candidates: Candidates, drive: _Drive, prior: Lines, *, everywhere: bool
-) -> tuple[FreeVibration | None, float]:
-    """Return the free vibration after changes, or everywhere, and the sum of squares that is left there.
-
-    Only where expected lines leave a hundredth of the power.
-    """
-    if not (everywhere or drive.changes_s.size) or (modes := drive.modes) is None:
-        return None, 0.0
-    instants_s, count, rate_hz = drive.instants_s, samples.signal.shape[1], samples.rate_hz
-    spans, quiet = list[Span](), 0.0
-    for first, end in ringing_spans(drive.changes_s, modes, samples=count, rate_hz=rate_hz, everywhere=everywhere):
-        begin, last = np.searchsorted(instants_s, [first / rate_hz, (end - 1) / rate_hz])
-        near = slice(max(int(begin) - 1, 0), int(last) + 1)
-        lines = sum_of_lines(
-            candidates.values[prior.chosen],
-            prior.amplitudes[:, :, near],
-            instants_s=instants_s[near],
-            revolutions=samples.revolutions,
-            times_s=np.arange(first, end) / rate_hz,
-        )
-        left = samples.signal[:, first:end] - lines
-        if np.sum(left**2) > _RUNG * np.sum(samples.signal[:, first:end] ** 2):
-            spans.append(Span(first=first, left=left))
-        else:
-            quiet += float(np.sum(left**2))
-    found = free_vibration(spans, modes, rate_hz=rate_hz, top_hz=BELOW_NYQUIST * rate_hz / 2) if spans else None
-    return found, quiet + (found.left if found else sum(float(np.sum(span.left**2)) for span in spans))
+    if alone <= most or (alone < _RINGS and np.mean(left > most * whole) <= _SELDOM):
+        return prior, about_expected(prior, alone)
+    if alone > _USELESS:  # resonances are passed too fast for the lines that are expected
+        prior = Lines(chosen=prior.chosen[:0], amplitudes=prior.amplitudes[:, :0], changes=prior.changes[:0])
+    fitted, window = varying_fit(samples, candidates, instants_s, prior)
+    return fitted, about_fit(fitted, window, prior, left=share_of_power(*left_by(fitted)))

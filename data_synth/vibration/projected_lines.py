@@ -276,17 +276,16 @@ def varying_fit(samples: AngleSamples, candidates: Candidates, instants_s: Array
     return Lines(chosen=every, amplitudes=amplitudes, changes=relative), best.window
 
 
-def about_expected(lines: Lines, left: float, *, ringing: int = 0) -> str:
-    """Return a sentence on expected lines, and on modes that ring beside them."""
-    rung = f"; beside them {ringing} modes ring (truth_ringing)" if ringing else ""
+def about_expected(lines: Lines, left: float) -> str:
+    """Return a sentence on expected lines, which leave a share of the power."""
     return (
         f"{lines.chosen.size} lines against time, of a quasi-static response and what it lags behind the speed, down "
-        f"to {EXPECTED_FLOOR:g} of the loudest{rung}; they leave {100 * left:.2g} % of the power"
+        f"to {EXPECTED_FLOOR:g} of the loudest; they leave {100 * left:.2g} % of the power"
     )
 
 
-def about_fit(lines: Lines, window: Window, prior: Lines) -> str:
-    """Return a sentence on lines that are not all determined."""
+def about_fit(lines: Lines, window: Window, prior: Lines, *, left: float) -> str:
+    """Return a sentence on lines that are not all determined, and leave a share of the power."""
     powers = np.mean(np.abs(lines.amplitudes) ** 2, axis=(0, 2))
     share = 100 * powers[lines.changes < _DETERMINED].sum() / powers.sum()
     return (
@@ -295,7 +294,8 @@ def about_fit(lines: Lines, window: Window, prior: Lines) -> str:
         f"fitted together; halving the window changes a line by truth_line_change, lines of {share:.2f} % of the power "
         f"by less than {100 * _DETERMINED:g} %; {_floors()}, each by itself in what is left, expected ones to "
         f"{EXPECTED_FLOOR:g}; of lines nearer than "
-        f"{_APART / window.length_rev:.3g} orders the louder has what is added"
+        f"{_APART / window.length_rev:.3g} orders the louder has what is added; they leave {100 * left:.2g} % of the "
+        "power"
     )
 
 
