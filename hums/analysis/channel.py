@@ -172,7 +172,7 @@ def analyse_channel(
     failed: dict[int, str] = {}
     for segment in _analysable(segments, failed):
         for signal in _blocks(segment.signal, block, single=len(segments) == 1):
-            pool = _Pool.add(pool, order_spectrum(signal, max_order=last))
+            pool = _Pool.add(pool, order_spectrum(signal, max_order=last), single=len(segments) == 1)
         envelopes.add(segment, block, single=len(segments) == 1)
         parts.append(_part(segment, settings, baseline, channels=channels))
         if settings.pictures and segment.parts_per_turn == 1 and pictures is None:
@@ -389,14 +389,23 @@ class _Pool:
     count: int = 1
 
     @staticmethod
-    def add(pool: "_Pool | None", spectrum: AmplitudeSpectrum) -> "_Pool":
-        """Return the pool with another spectrum."""
+    def add(pool: "_Pool | None", spectrum: AmplitudeSpectrum, *, single: bool) -> "_Pool":
+        """Return the pool with another spectrum, of which only the power is kept unless it is a `single` one."""
         power = spectrum.amplitude**2
-        return _Pool(spectrum, power) if pool is None else _Pool(pool.first, pool.power + power, pool.count + 1)
+        if pool is None:
+            empty = replace(spectrum, amplitude=power[:0], complex_amplitude=np.zeros(0, dtype=np.complex128))
+            return _Pool(spectrum if single else empty, power)
+        np.add(pool.power, power, out=pool.power)
+        pool.count += 1
+        return pool
 
     def spectrum(self) -> AmplitudeSpectrum:
         """Return the pooled spectrum."""
-        return pooled_spectrum(self.first, power=self.power, count=self.count)
+        first = self.first
+        if self.count == 1 and not first.amplitude.size:
+            amplitude = np.sqrt(self.power)
+            first = replace(first, amplitude=amplitude, complex_amplitude=amplitude.astype(np.complex128))
+        return pooled_spectrum(first, power=self.power, count=self.count)
 
 
 @dataclass(frozen=True, kw_only=True)
@@ -470,7 +479,7 @@ class _Envelopes:
                 # envelopes of a bank are in single precision already
                 spectra = order_spectra(signals_of, max_order=self.last, single=True)
                 for (band, _), spectrum in zip(some, spectra, strict=True):
-                    self.pools[band] = _Pool.add(self.pools.get(band), spectrum)
+                    self.pools[band] = _Pool.add(self.pools.get(band), spectrum, single=single)
 
     def _over_angle(self, segment: Segment) -> Iterator[AngularSignal]:
         """Yield the envelope of each band over angle; some are resampled together."""
