@@ -12,6 +12,7 @@ from types import SimpleNamespace
 
 import h5py
 import numpy as np
+import partial_files
 import pytest
 import xarray as xr
 
@@ -199,7 +200,7 @@ class TestGoingOn:
     def test_only_missing_files_are_made(self, plan, folder, copy):
         assert make_dataset(plan, copy) == Tally(done=0, kept=3)
         (copy / "shards" / "000001.h5").unlink()
-        (copy / ".hums-77.part").touch()
+        partial_files.of_a_dead_writer(copy)
         assert make_dataset(plan, copy) == Tally(done=1, kept=2)
         assert contents(copy) == contents(folder)
 

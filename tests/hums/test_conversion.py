@@ -1,11 +1,10 @@
 """Many files to records: names and times, resumption, refusals, one packed dataset or a file each."""
 
 import os
-from hashlib import sha256
 from pathlib import Path
-from socket import gethostname
 
 import numpy as np
+import partial_files
 import pytest
 
 import hums
@@ -188,9 +187,7 @@ def test_what_killed_writers_left_is_removed_once(tmp_path, monkeypatch):
     def listings(files):
         out = tmp_path / f"{files} files"
         out.mkdir()
-        host = sha256(gethostname().encode()).hexdigest()[:8]
-        part = out / f".hums-0-{host}-{2**30}-1-0.part"  # of a process that is none
-        part.touch()
+        part = partial_files.of_a_dead_writer(out)
         sources = [write(tmp_path, f"s{number}.csv", number) for number in range(files)]
         convert_files(find_sources(sources), out, form="files", **DECLARED)
         assert not part.exists()

@@ -10,6 +10,7 @@ from multiprocessing import get_context
 from pathlib import Path
 
 import clusters
+import partial_files
 import pytest
 
 from hums import jobs
@@ -64,8 +65,9 @@ class TestGoingOn:
         assert contents(tmp_path) == WRITTEN
 
     def test_half_written_files_of_a_killed_run_are_removed(self, tmp_path):
-        (tmp_path / ".hums-0123.part").write_text("half")
+        part = partial_files.of_a_dead_writer(tmp_path)
         run_jobs(clusters.write_item, JOBS, folder=tmp_path, workers=Serial())
+        assert not part.exists()
         assert contents(tmp_path) == WRITTEN
 
     @posix
