@@ -14,7 +14,7 @@ from signals import refine_declared_speed
 GEARBOXES, DRIVES = speed_verdicts.PARTS["scoring"]
 OFF = (-0.018, -0.01, -0.005, 0.005, 0.01, 0.018)  # of the true speed, all within the tolerance
 TOLERANCE = 0.02
-LAWS = {"constant": ("constant", 0.001), "wandering": ("constant with turbulence", 0.003)}  # and how near is right
+LAWS = {"constant": ("constant", 0.001), "wandering": ("constant with turbulence", 0.002)}  # and how near is right
 
 
 def refined(gearbox: str, law: str, number: int, *, quick: bool = False) -> list[tuple[bool, bool]]:
@@ -58,7 +58,7 @@ DECLARED = Section(
         count_row(f"declared speed, {law}: {key}", f"{what} 0.5 to 1.8 % off, {words}", better)
         for law, what in (("constant", "speeds"), ("wandering", "speeds that wander by 0.2 %,"))
         for key, words, better in (
-            ("right", "refined to the mean within 0.1 %, or 0.3 % of one that wanders", "more"),
+            ("right", "refined to the mean within 0.1 %, or 0.2 % of one that wanders", "more"),
             ("wrong", "refined to another", "less"),
         )
     ),
