@@ -40,9 +40,6 @@ _PROJECTED_STEADY, _PROJECTED = 22, 39
 """Lines of gears in motion that are loud, over the root of the number of orders at which they may be: at constant speed
 and torque, and else the mean of 72 records of `benchmark-1`, of which either half predicts the mean of the other to
 1 %; a single one is within a factor of two or three, since what is loud depends on resonances."""
-_LEVELS = {
-    KINEMATIC: "amplitudes of the linear response at each speed",
-}
 BYTES = 8  # of a sample in memory
 _LINE_COPIES, _FIXED_BYTES = 3, 40_000_000  # what was measured beside the channels of the demo of 1 s to 200 s
 _OUTSIDE = ("electrical", "neighbour", "knocks", "noise", "mounts", "gains", "temperature")
@@ -315,7 +312,7 @@ def _gears(stage: PreparedScene, gears: Gears, choice: Choice) -> Iterator[Part]
         )
     for name, level in choice.levels.items():
         if level == KINEMATIC or motion is None:
-            yield Part(name=name, what="lines", why=_LEVELS[KINEMATIC])
+            yield Part(name=name, what="lines", why="amplitudes of the linear response at each speed")
             continue
         stiffness = motion.system.meshes[contacts_in(motion.system, name)[0]].stiffness
         yield Part(name=name, what=f"teeth, mean {stiffness.mean:.4g} N/m", why=f"{level} motion")

@@ -144,20 +144,16 @@ def chosen(stage: PreparedScene, gears: Gears) -> Choice:
         return _as_declared(scene)
     own = _declared(scene)
     floor_db = scene.dynamics_or_default.floor_db
-    comparison = _Comparison(stage=stage, gears=gears, top={name: level or "full" for name, level in own.items()})
+    top = {name: level or "full" for name, level in own.items()}
+    comparison = _Comparison(stage=stage, gears=gears, top=top)
     tried: list[Trial] = []
-
-    def fits(levels: Mapping[str, str]) -> bool:
-        known = next((trial for trial in tried if trial.levels == levels), None)
-        if known is None:
-            tried.append(known := comparison.compare(levels))
-        return known.decibels <= floor_db
-
-    uniform = ({name: level or common for name, level in own.items()} for common in (KINEMATIC, "lateral"))
-    levels = next(
-        (candidate for candidate in uniform if candidate != comparison.top and fits(candidate)), comparison.top
-    )
-    return Choice(levels=levels, tried=tuple(tried), floor_db=floor_db)
+    for common in (KINEMATIC, "lateral"):
+        levels = {name: level or common for name, level in own.items()}
+        if levels != top:
+            tried.append(comparison.compare(levels))
+            if tried[-1].decibels <= floor_db:
+                return Choice(levels=levels, tried=tuple(tried), floor_db=floor_db)
+    return Choice(levels=top, tried=tuple(tried), floor_db=floor_db)
 
 
 def decided(scene: Scene) -> Choice:

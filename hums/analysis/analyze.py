@@ -227,7 +227,7 @@ def _healthy_spacings(machine: Machine) -> dict[str, tuple[float, ...]]:
 
 
 def _sensor_conditions(there: SegmentedRecord, channels: Sequence[AnalysedChannel]) -> list[SensorCondition]:
-    """Return the condition of every sensor that can be told, the tachometer last."""
+    """Return the condition of every sensor that was checked, the tachometer last."""
     known = {name: one.condition for name, one in there.channels.items() if not one.segments}
     known |= {channel.name: channel.condition for channel in channels}
     rows = [row for name in there.channels if (row := known[name]) is not None]

@@ -123,7 +123,7 @@ def envelope_depths(values: Values, *, harmonics: int) -> list[float]:
 
 
 def average_segments(record: xr.Dataset, gearbox: Gearbox, settings: AnalysisSettings) -> SegmentedRecord:
-    """Return an average in angle as one segment of each channel, the reference at one revolution a second.
+    """Return an average in angle as one segment of each channel, the reference at one revolution per second.
 
     Raises
     ------

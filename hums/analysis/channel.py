@@ -43,7 +43,7 @@ from hums.gearbox.orders import BEARING_KINDS
 from signals.demodulation.envelope_bank import bank_bands, bank_envelopes, level_normalised
 from signals.demodulation.time_or_angle import FEWEST_SAMPLES, power_in_time_and_angle
 from signals.health import SensorHealth
-from signals.resampling.resampling import PASSBAND, AngularSignal, whole_revolutions
+from signals.resampling.resampling import PASSBAND, AngularSignal
 from signals.spectra.lines import SURROUNDINGS, has_background
 from signals.spectra.peaks import spectral_peaks
 from signals.spectra.pooling import noise_left, pooled_spectrum
@@ -164,16 +164,17 @@ def analyse_channel(
     bands, no_band = _bands_to_search(rate_hz, machine, in_envelopes, settings)
     envelopes = _Envelopes.of(bands, in_envelopes, machine)
     block = _block_turns(segments, early_s=envelopes.end_s)
-    surroundings = SURROUNDINGS if len(segments) == 1 else max(SURROUNDINGS, _POOLED_BINS / block)
+    single = len(segments) == 1
+    surroundings = SURROUNDINGS if single else max(SURROUNDINGS, _POOLED_BINS / block)
     if not has_background(1 / block, surroundings=surroundings):
         envelopes = replace(envelopes, bands=bands[:1])  # no line is evidence: one band to show
     pool: _Pool | None = None
     parts, pictures = list[_Part](), None
     failed: dict[int, str] = {}
     for segment in _analysable(segments, failed):
-        for signal in _blocks(segment.signal, block, single=len(segments) == 1):
-            pool = _Pool.add(pool, order_spectrum(signal, max_order=last), single=len(segments) == 1)
-        envelopes.add(segment, block, single=len(segments) == 1)
+        for signal in _blocks(segment.signal, block, single=single):
+            pool = _Pool.add(pool, order_spectrum(signal, max_order=last), single=single)
+        envelopes.add(segment, block, single=single)
         parts.append(_part(segment, settings, baseline, channels=channels))
         if settings.pictures and segment.parts_per_turn == 1 and pictures is None:
             pictures = draw(segment, settings)
@@ -250,11 +251,8 @@ def _block_turns(segments: Sequence[Segment], *, early_s: float) -> float:
         return segments[0].turns
     turns = []
     for one in segments:
-        when, parts = one.when, one.parts_per_turn
-        phase = one.machine.phase if parts == 1 else one.machine.phase.scaled(parts)
-        stop_s = when.start_s + (when.count - 1) / when.rate_hz - early_s
         try:
-            turns.append(whole_revolutions(phase, start_s=when.start_s, stop_s=stop_s)[1] / parts)
+            turns.append(one.machine.whole_turns(one.when, parts_per_turn=one.parts_per_turn, early_s=early_s))
         except ValueError:  # not one of them
             continue
     longest = np.array(turns or [1.0])

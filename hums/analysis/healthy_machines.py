@@ -109,14 +109,13 @@ def healthy_share_words(probability: float) -> str:
     return share if probability > RAREST_STATED else f"fewer than {share}"
 
 
-def read_library(text: str) -> HealthyMachines:
-    """Return a distribution from the JSON text of its fields."""
-    read: dict[str, Any] = json.loads(text)
-    return HealthyMachines(**read | {name: tuple(value) for name, value in read.items() if isinstance(value, list)})
+def read_library(fields: dict[str, Any]) -> HealthyMachines:
+    """Return a distribution from its fields as JSON holds them."""
+    return HealthyMachines(**fields | {key: tuple(value) for key, value in fields.items() if isinstance(value, list)})
 
 
 @cache
 def healthy_machines(parts: Literal["bearings", "bearings_at_shafts", "teeth"]) -> HealthyMachines:
     """Return the distribution over some parts that is shipped with the package."""
     every = json.loads(resources.files("hums.analysis").joinpath(_FILE).read_text(encoding="utf-8"))
-    return read_library(json.dumps(every[parts]))
+    return read_library(every[parts])

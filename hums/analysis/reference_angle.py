@@ -18,6 +18,7 @@ from hums.gearbox.kinematics import Kinematics, solve_kinematics
 from hums.gearbox.model import Gearbox
 from hums.gearbox.orders import DefectOrder, bearing_orders, defects
 from hums.records.record import Sampling, channel_values, nominal_speed, sampling, tachometers, vibration_channels
+from signals.resampling.resampling import whole_revolutions
 from signals.shaft.declared_speed import DeclaredSpeed, refine_declared_speed
 from signals.shaft.phase import ShaftPhase, constant_speed
 from signals.shaft.phase_demodulation import refine_phase
@@ -80,6 +81,15 @@ class Machine:
     source: AngleSource
     ratio: float
     parts: tuple["Machine", ...] = ()
+
+    def phase_in_parts(self, parts_per_turn: int) -> ShaftPhase:
+        """Return the angle of the reference in equal parts of a turn."""
+        return self.phase if parts_per_turn == 1 else self.phase.scaled(parts_per_turn)
+
+    def whole_turns(self, when: Sampling, *, parts_per_turn: int, early_s: float = 0.0) -> float:
+        """Return the turns in whole parts of a turn, up to `early_s` before the last sample; ValueError for none."""
+        phase, stop_s = self.phase_in_parts(parts_per_turn), when.start_s + (when.count - 1) / when.rate_hz - early_s
+        return whole_revolutions(phase, start_s=when.start_s, stop_s=stop_s)[1] / parts_per_turn
 
     @cached_property
     def speeds_hz(self) -> NDArray[np.float64]:

@@ -28,7 +28,7 @@ from hums.records.snapshots import is_snapshots, snapshots_of
 from signals._fft_plans import transform_of
 from signals.angle.averaging import SynchronousAverage
 from signals.health import SensorHealth, sensor_health
-from signals.resampling.resampling import PASSBAND, AngularSignal, angular_resample_all, whole_revolutions
+from signals.resampling.resampling import PASSBAND, AngularSignal, angular_resample_all
 from signals.shaft.phase import ShaftPhase
 
 __all__ = ["LONGEST", "Segment", "SegmentedRecord", "resample_in_angle", "segmented", "selected_channels"]
@@ -97,7 +97,7 @@ class Segment:
 
     @cached_property
     def health(self) -> SensorHealth | None:
-        """Condition of the sensor; None of too few samples to tell."""
+        """Condition of the sensor; None with too few samples for a check."""
         when, phase = self.when, self.machine.phase
         if when.count < SHORTEST:
             return None
@@ -139,8 +139,7 @@ class Segment:
     ) -> list[AngularSignal]:
         """Return signals of this segment, which end at `highest_hz`, at equal increments of the reference's angle."""
         parts = self.parts_per_turn
-        phase = self.machine.phase if parts == 1 else self.machine.phase.scaled(parts)
-        multiple = 8 if parts == 1 else 1
+        phase, multiple = self.machine.phase_in_parts(parts), 8 if parts == 1 else 1
         signals = resample_in_angle(
             rows, when, self.name, phase, last_order / parts, multiple_of=multiple, highest_hz=highest_hz
         )
@@ -363,10 +362,8 @@ def _channel_segments(
             when = sampling(piece, name)
             if when.count < SHORTEST and not whole:
                 continue
-            phase = machine.phase if parts_per_turn == 1 else machine.phase.scaled(parts_per_turn)
-            stop_s = when.start_s + (when.count - 1) / when.rate_hz
             try:
-                _, turns = whole_revolutions(phase, start_s=when.start_s, stop_s=stop_s)
+                turns = machine.whole_turns(when, parts_per_turn=parts_per_turn)
             except ValueError as error:
                 why = why or f'channel "{name}": {error}'
                 continue
@@ -376,7 +373,7 @@ def _channel_segments(
                     name=name,
                     machine=machine,
                     part=number,
-                    turns=turns / parts_per_turn,
+                    turns=turns,
                     parts_per_turn=parts_per_turn,
                 )
             )

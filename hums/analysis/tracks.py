@@ -39,7 +39,7 @@ _FIRST_STEPS, _MOST_STEPS = 2, 100
 _MARGIN_ORDERS = 1.5  # above a line, for the noise next to it
 _OF_A_SEGMENT = ("track_order", "bandwidth_orders", "level", "method")  # what differs between segments of one track
 _ENDS = 8  # outputs, a turn in steps of an eighth, that not all channels have
-_DECIMALS = 6  # of a revolution, to which outputs of channels of one part agree
+_DECIMALS = 6  # of a revolution, to which outputs of several channels are matched
 _SURROUNDINGS_SHARE = 0.4  # of a line's order: the next harmonic of its family stays out
 
 Numbers = NDArray[np.float64]

@@ -238,7 +238,7 @@ def _library(dataset: xr.Dataset, name: str = _LIBRARY) -> HealthyMachines:
 
 @lru_cache(maxsize=8)  # most analyses have the libraries that are shipped
 def _read(library: str) -> HealthyMachines:
-    return read_library(library)
+    return read_library(json.loads(library))
 
 
 # ---- Parts of which no line was measured ---------------------------------------------------------------------------
