@@ -167,7 +167,9 @@ def _watch_one(analyses: list[hums.Analysis], number: int, state: Path) -> None:
 
 
 def _most_bytes() -> int:
-    return resource.getrusage(resource.RUSAGE_SELF).ru_maxrss * 1024  # kB on Linux
+    # ru_maxrss would be that of the parent where that was larger: getrusage(2)
+    status = Path("/proc/self/status").read_text(encoding="ascii").splitlines()
+    return 1024 * next(int(line.split()[1]) for line in status if line.startswith("VmHWM"))
 
 
 def _held_bytes() -> int:

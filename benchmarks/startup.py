@@ -27,7 +27,6 @@ ROOT = Path(__file__).resolve().parents[1]
 _KEPT_BYTES = 32_000_000  # just below the most by which glibc's allocator learns what it is to keep (mallopt(3))
 ONE_THREAD = dict.fromkeys(("OMP_NUM_THREADS", "OPENBLAS_NUM_THREADS", "MKL_NUM_THREADS", "NUMBA_NUM_THREADS"), "1")
 os.environ.pop("PYTHONDONTWRITEBYTECODE", None)  # an installed program keeps its compiled modules
-UNIT = 1 if sys.platform == "darwin" else 1024  # of ru_maxrss, in bytes
 
 NOTE = """\
 Made by `python benchmarks/startup.py`, one thread. Time is that of the processor, user and system, and the least of
@@ -98,7 +97,10 @@ def counted(array):
 xarray.DataArray.values = property(counted, values.fset)
 with open_record(sys.argv[1]) as record:
     analyze(record, load_gearbox("two-stage"), settings=AnalysisSettings(most_tracks=0))
-    print(json.dumps({"reads": read[0] / record["case"].size}))
+    reads = read[0] / record["case"].size
+with open("/proc/self/status") as status:  # ru_maxrss would be that of the parent where that was larger: getrusage(2)
+    kilobytes = next(int(line.split()[1]) for line in status if line.startswith("VmHWM"))
+print(json.dumps({"reads": reads, "memory": 1.024e-3 * kilobytes}))
 """
 
 SAVING = """
@@ -185,8 +187,8 @@ class Checkout:
         own = {"PYTHONPATH": str(self.root), "NUMBA_CACHE_DIR": str(self.room / "kernels")}
         return {**os.environ, **ONE_THREAD, **own}
 
-    def run(self, *words: str) -> tuple[float, float, str]:
-        """Run Python; return processor time in s, peak memory in MB, and what it printed."""
+    def run(self, *words: str) -> tuple[float, str]:
+        """Run Python; return processor time in s, and what it printed."""
         with subprocess.Popen(  # noqa: S603
             [sys.executable, *words], env=self.environment, cwd=self.room, stdout=subprocess.PIPE, text=True
         ) as process:
@@ -196,7 +198,7 @@ class Checkout:
             process.returncode = os.waitstatus_to_exitcode(status)
         if process.returncode:
             raise RuntimeError(f"{' '.join(words)[:200]} in {self.root} ended with {process.returncode}.")
-        return usage.ru_utime + usage.ru_stime, usage.ru_maxrss * UNIT / 1e6, printed
+        return usage.ru_utime + usage.ru_stime, printed
 
     def ratios(self, record: str, samples: int, rounds: int) -> dict[str, float]:
         """Return the cost of analyses of a record in transforms of so many samples, both measured in turn."""
@@ -221,10 +223,9 @@ class Checkout:
             process.stdin.close()
         return found
 
-    def figures(self, code: str, *words: str) -> tuple[float, dict[str, float]]:
-        """Run code that prints figures as JSON; return its peak memory in MB, and the figures."""
-        _, peak, printed = self.run("-c", code, *words)
-        return peak, json.loads(printed)
+    def figures(self, code: str, *words: str) -> dict[str, float]:
+        """Run code that prints figures as JSON; return them."""
+        return dict(json.loads(self.run("-c", code, *words)[1]))
 
 
 def first_demo(checkout: Checkout) -> dict[str, float]:
@@ -242,8 +243,8 @@ def measure(checkout: Checkout, effort: Effort) -> dict[str, float]:
     long = checkout.room / "long.h5"
     if not long.exists():
         checkout.run("-c", LONG, str(long), str(effort.samples))
-    peak, read = checkout.figures(MEMORY, str(long))
-    return found | read | {"memory": peak, "bytes": peak * 1e6 / effort.samples} | checkout.figures(SAVING, "s.h5")[1]
+    read = checkout.figures(MEMORY, str(long))
+    return found | read | {"bytes": read["memory"] * 1e6 / effort.samples} | checkout.figures(SAVING, "s.h5")
 
 
 def measure_analyses(checkout: Checkout, effort: Effort) -> dict[str, float]:

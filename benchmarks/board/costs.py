@@ -54,12 +54,13 @@ def in_processes(samples: int = 5_000_000) -> dict[str, float]:
         tree = Tree(root=TREE, room=Path(room))
         path = str(Path(room) / "long.h5")
         tree.run("-c", startup.LONG, path, str(samples))
-        seconds, peak, printed = tree.run("-c", startup.MEMORY, path)
+        seconds, printed = tree.run("-c", startup.MEMORY, path)
+        found = json.loads(printed)
         imports = tree.least("-c", "import hums; hums.analyze")
         unit = rfft_s(np.random.default_rng(1).standard_normal(samples))
         return {
-            "long record, MB": peak,
-            "long record, reads": float(json.loads(printed)["reads"]),
+            "long record, MB": found["memory"],
+            "long record, reads": found["reads"],
             "long record, rffts": (seconds - imports) / unit,
             "start: help": tree.least("-m", "hums", "--help") / tree.least("-c", "import typer"),
             "start: analysis": imports / tree.least("-c", "import xarray, scipy.signal"),
