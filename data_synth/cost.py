@@ -8,13 +8,7 @@ from dataclasses import dataclass
 from functools import partial
 from pathlib import Path
 
-from data_synth.fidelity.choice import (
-    KINEMATIC,
-    Choice,
-    decided,
-    simulated_motion,
-    with_kinematic_lines,
-)
+from data_synth.fidelity.choice import Choice, chosen, with_gear_lines
 from data_synth.fidelity.preview import preview_factor, preview_of, with_full_duration
 from data_synth.kinematic.gear_faults import ImpactTrain
 from data_synth.kinematic.harmonics import HarmonicFamily
@@ -26,8 +20,7 @@ from data_synth.sources.impact_lines import impact_lines
 from data_synth.sources.prepared import PreparedScene, prepare_scene
 from data_synth.vibration.gear_lines import is_steady
 from data_synth.vibration.line_candidates import candidates_of
-from data_synth.vibration.meshes import Gears
-from data_synth.vibration.run import contacts_in, prepare_gears
+from data_synth.vibration.run import Motion, contacts_in, motion_of, prepare_gears
 from signals._validation import checked
 
 # Seconds on one core of a 2020s server, from runs of the demo and of scenes with many lines; a rough guide elsewhere.
@@ -172,7 +165,7 @@ class Counted:
     Attributes
     ----------
     stage : PreparedScene
-        With the lines of kinematic meshes.
+        With the lines of a linear response.
     time_factor : float
         Factor of compression.
     gears : tuple of Part
@@ -200,9 +193,10 @@ def count(scene: Scene) -> Counted:
         projected = 0
     else:
         stage = with_full_duration(stage, scene)
-        gears, choice = prepare_gears(stage), decided(scene)
-        parts, vibrating = tuple(_gears(stage, gears, choice)), BYTES * scene.samples * len(scene.sensors)
-        stage = with_kinematic_lines(stage, gears, choice.levels)
+        motion = motion_of(stage, prepare_gears(stage))
+        choice = chosen(motion)
+        parts, vibrating = tuple(_gears(motion, choice)), BYTES * scene.samples * len(scene.sensors)
+        stage = with_gear_lines(stage, motion, choice)
         candidates = len(candidates_of(scene, top=_top_order(stage), mixed=False).numbers)
         loud = _PROJECTED_STEADY if is_steady(stage) else _PROJECTED
         projected = min(candidates, round(loud * math.sqrt(candidates)))
@@ -293,29 +287,25 @@ def _counted(number: int, time_factor: float, things: str) -> str:
     return f"{number} {things}" if time_factor == 1 else f"about {number * time_factor:.3g} {things}"
 
 
-def _gears(stage: PreparedScene, gears: Gears, choice: Choice) -> Iterator[Part]:
-    """Yield the fidelity and the model of each mesh as parts."""
-    scene, motion = stage.scene, simulated_motion(stage, gears, choice.levels)
-    if motion is None:
+def _gears(motion: Motion, choice: Choice) -> Iterator[Part]:
+    """Yield the model of the gears and the teeth of each mesh as parts."""
+    scene, dof, meshes = motion.stage.scene, motion.system.dof, motion.system.meshes
+    if choice.linear:
         yield Part(name="fidelity", what="lines of the linear response", why=str(choice), seconds=_TEETH_S)
     else:
         steps = motion.steps() * motion.oversampling
         running = scene.samples + motion.settling_time_s * scene.rate_hz
-        dof, meshes = motion.system.dof, len(motion.system.meshes)
         yield Part(
             name="fidelity",
             what=f"{dof} degrees of freedom, {steps} step(s) a sample",
             why=f"{choice}; with an error below {motion.error:g}",
             seconds=_TEETH_S
-            + running * steps * (_PER_STEP + _PER_DEGREE * dof + _PER_PAIR * meshes**2)
+            + running * steps * (_PER_STEP + _PER_DEGREE * dof + _PER_PAIR * len(meshes) ** 2)
             + scene.samples * len(scene.sensors) * _PER_PROJECTED,
         )
-    for name, level in choice.levels.items():
-        if level == KINEMATIC or motion is None:
-            yield Part(name=name, what="lines", why="amplitudes of the linear response at each speed")
-            continue
-        stiffness = motion.system.meshes[contacts_in(motion.system, name)[0]].stiffness
-        yield Part(name=name, what=f"teeth, mean {stiffness.mean:.4g} N/m", why=f"{level} motion")
+    for mesh in scene.gearbox.meshes:
+        stiffness = meshes[contacts_in(motion.system, mesh.name)[0]].stiffness
+        yield Part(name=mesh.name, what=f"teeth, mean {stiffness.mean:.4g} N/m", why="gears in mesh")
 
 
 def _first(family: HarmonicFamily) -> float:

@@ -1,7 +1,6 @@
 """Simulate a scene: sum the sources, apply the measurement chain, and state the truth beside the record."""
 
 import math
-from collections.abc import Mapping
 from dataclasses import dataclass, replace
 from functools import partial
 from pathlib import Path
@@ -10,14 +9,7 @@ import numpy as np
 import xarray as xr
 
 from data_synth.cost import refuse_too_large
-from data_synth.dynamics.active_dofs import LEVELS
-from data_synth.fidelity.choice import (
-    Choice,
-    decided,
-    most_detailed_motion,
-    simulated_motion,
-    with_kinematic_lines,
-)
+from data_synth.fidelity.choice import Choice, chosen, with_gear_lines
 from data_synth.fidelity.expected_lines import expected_lines
 from data_synth.kinematic.harmonics import ComplexArray
 from data_synth.operation.shaft_angle import Array
@@ -40,7 +32,7 @@ from data_synth.vibration.expected_response import ExpectedLines
 from data_synth.vibration.gear_lines import gear_lines
 from data_synth.vibration.mechanics import link_speeds, mechanics_truth, speed_truth
 from data_synth.vibration.meshes import Gears
-from data_synth.vibration.run import Motion, prepare_gears
+from data_synth.vibration.run import Motion, motion_of, prepare_gears
 from hums.records.record import Channel, PulseTimes, make_record
 from signals._validation import checked
 
@@ -130,7 +122,7 @@ def simulate(
         Where gears vibrate, truth_amplitude has every loud line of meshes, of damaged gears and of what they make
         with each other, against time: in varying motion as a harmonic balance gives them, in steady motion and where
         the balance leaves much projected from their clean signal (`data_synth.vibration.gear_lines.gear_lines`).
-        Attribute ``truth_mesh_lines`` states window, floor and error, ``truth_fidelity`` which motions were simulated.
+        Attribute ``truth_mesh_lines`` states window, floor and error, ``truth_fidelity`` the model of gears and why.
         Attribute ``truth_scene`` holds the scene with every default written out, ``truth_seed`` the seed,
         ``truth_machine_seed`` that of the machine if it has one.
 
@@ -221,14 +213,15 @@ def _simulated(
     """Return the record of a scene, and the first `kept` samples after the linear part of its channels' chains."""
     prepared = prepare_scene(declared, rng_for=streams, turns_before=streams.turns_before)
     gears = prepare_gears(prepared) if declared.fidelity != "kinematic" else None
-    choice = decided(declared) if gears is not None else None
-    if gears is not None and choice is not None:
-        prepared = with_kinematic_lines(prepared, gears, choice.levels)
+    motion = motion_of(prepared, gears) if gears is not None else None
+    choice = chosen(motion) if motion is not None else None
+    if motion is not None and choice is not None:
+        prepared = with_gear_lines(prepared, motion, choice)
     timing_errors_s = _timing_errors_s(prepared)
     parts = _by_source(prepared, timing_errors_s=timing_errors_s) if by_source else {}
     signal = _clean(prepared, timing_errors_s=timing_errors_s)
-    if gears is not None and choice is not None:
-        truth, attrs, noise_free = _with_gears(prepared, gears, choice, signal, parts, kept=kept)
+    if motion is not None and choice is not None:
+        truth, attrs, noise_free = _with_gears(prepared, motion, choice, signal, parts, kept=kept)
     else:
         truth, attrs = truth_variables(prepared), dict[str, str]()
         noise_free = NoiseFree(signal=signal[:, :kept].copy())
@@ -242,7 +235,7 @@ def _simulated(
     truth |= parts
     truth |= angle_truth(prepared) if phases else {}
     if mechanics:
-        truth |= _mechanics(prepared, gears, choice)
+        truth |= _mechanics(prepared, gears, motion, choice)
     record = make_record(
         {sensor.name: _channel(sensor, values) for sensor, values in zip(declared.sensors, signal, strict=True)},
         rate_hz=declared.rate_hz,
@@ -317,16 +310,15 @@ def _gear_vibration(motion: Motion, *, samples: int) -> Array:
 
 
 def _with_gears(
-    prepared: PreparedScene, gears: Gears, choice: Choice, signal: Array, parts: dict[str, xr.DataArray], *, kept: int
+    prepared: PreparedScene, motion: Motion, choice: Choice, signal: Array, parts: dict[str, xr.DataArray], *, kept: int
 ) -> tuple[dict[str, xr.DataArray], dict[str, str], NoiseFree]:
     """Add the vibration of the gears to a signal (sensor, n) and to `parts`.
 
-    Return the truth, attributes that state which motions were simulated and the error of the amplitudes of the mesh
-    harmonics, and the first `kept` samples.
+    Return the truth, attributes that state the model and the error of the amplitudes of the mesh harmonics, and the
+    first `kept` samples.
     """
-    motion = simulated_motion(prepared, gears, choice.levels)
-    passes = tooth_pass_truth(motion or most_detailed_motion(prepared, gears, choice.levels))
-    if motion is None:
+    passes = tooth_pass_truth(motion)
+    if choice.linear:
         attrs = {"truth_fidelity": str(choice), "truth_mesh_lines": "exact"}
         return truth_variables(prepared) | passes, attrs, NoiseFree(signal=signal[:, :kept].copy())
     steps = motion.steps()
@@ -337,7 +329,7 @@ def _with_gears(
         prepared,
         gear_signal,
         expected=partial(expected_lines, motion),
-        sound=partial(_lines_of_sound_teeth, prepared, choice) if damaged else None,
+        sound=partial(_lines_of_sound_teeth, prepared) if damaged else None,
     )
     for name, sources in parts.items():
         # meshes act on each other, so all gears in motion are one source
@@ -349,11 +341,10 @@ def _with_gears(
     return truth_variables(prepared, measured=measured) | passes, attrs, noise_free
 
 
-def _lines_of_sound_teeth(prepared: PreparedScene, choice: Choice) -> tuple[ExpectedLines, ...]:
+def _lines_of_sound_teeth(prepared: PreparedScene) -> tuple[ExpectedLines, ...]:
     """Return the expected lines of a scene without its faults."""
     sound = prepared.without_faults()
-    motion = simulated_motion(sound, prepare_gears(sound), choice.levels)
-    return expected_lines(motion) if motion is not None else ()
+    return expected_lines(motion_of(sound, prepare_gears(sound)))
 
 
 def _by_source(prepared: PreparedScene, *, timing_errors_s: Array | None) -> dict[str, xr.DataArray]:
@@ -382,16 +373,16 @@ def _by_source(prepared: PreparedScene, *, timing_errors_s: Array | None) -> dic
 # ---- on request ----------------------------------------------------------------------------------------------
 
 
-def _mechanics(prepared: PreparedScene, gears: Gears | None, choice: Choice | None) -> dict[str, xr.DataArray]:
+def _mechanics(
+    prepared: PreparedScene, gears: Gears | None, motion: Motion | None, choice: Choice | None
+) -> dict[str, xr.DataArray]:
     """Return the speeds of all links and, where gears vibrate, what is inside the gearbox."""
-    if gears is None or choice is None:
+    if gears is None or motion is None or choice is None:
         return speed_truth(link_speeds(prepared))
-    still = [name for name, level in choice.levels.items() if level not in LEVELS]
-    motion = simulated_motion(prepared, gears, choice.levels)
-    if still or motion is None:
+    if choice.linear:
         raise SceneError(
-            f'mechanics: mesh "{still[0]}" is {choice.levels[still[0]]}, so it has no deflection or force of its own; '
-            'write fidelity = "torsional", "lateral" or "full".'
+            'mechanics: with fidelity = "auto" this record is a linear response, which has no motion in time; write '
+            'fidelity = "dynamic".'
         )
     return mechanics_truth(prepared, gears, motion)
 
@@ -434,14 +425,14 @@ def fault_detectability(
     SceneError
         A scene that cannot be simulated.
     """
-    levels = None if scene.fidelity == "kinematic" else decided(scene).levels
     streams = Streams(seed=seed, machine_seed=machine_seed)
+    choice = _choice(scene, streams)
     # with the steps of one motion, whose error is nearly the same in the other and leaves the difference
     count = scene.samples if samples is None else samples
     healthy = _noise_free(
         scene.changed(faults=()),
         streams,
-        levels,
+        choice,
         turns_before=streams.turns_before,
         samples=count,
         steps=own.steps if own is not None else None,
@@ -458,7 +449,7 @@ def fault_detectability(
         if faulty is None:
             alone = scene.changed(faults=(fault,))
             faulty = _noise_free(
-                alone, rng_for, levels, turns_before=streams.turns_before, samples=count, steps=healthy.steps
+                alone, rng_for, choice, turns_before=streams.turns_before, samples=count, steps=healthy.steps
             )
         added = faulty.signal[:, :count] - healthy.signal
         for row, whole in enumerate(variances):
@@ -495,14 +486,22 @@ def noise_free(scene: Scene, *, seed: int, steps: int | None = None) -> NoiseFre
     >>> noise_free(load_scene("demo").changed(duration_s=0.1), seed=1).signal.shape
     (1, 5000)
     """
-    levels, streams = None if scene.fidelity == "kinematic" else decided(scene).levels, Streams(seed=seed)
-    return _noise_free(scene, streams, levels, turns_before=streams.turns_before, samples=scene.samples, steps=steps)
+    streams = Streams(seed=seed)
+    return _noise_free(scene, streams, None, turns_before=streams.turns_before, samples=scene.samples, steps=steps)
+
+
+def _choice(scene: Scene, streams: Streams) -> Choice | None:
+    """Return the model of the gears of a scene that leaves it open."""
+    if scene.fidelity != "auto":
+        return None
+    stage = prepare_scene(scene, rng_for=streams, turns_before=streams.turns_before)
+    return chosen(motion_of(stage, prepare_gears(stage)))
 
 
 def _noise_free(
     scene: Scene,
     rng_for: RandomStreams,
-    levels: Mapping[str, str] | None,
+    choice: Choice | None,
     *,
     turns_before: int,
     samples: int,
@@ -511,18 +510,20 @@ def _noise_free(
 ) -> NoiseFree:
     """Return the beginning of the channels of a scene after the linear part of their chains.
 
-    `of_gears` is the vibration of the gears, where that of another fault of no gear is known.
+    `choice` is the model of the gears; None: that of the scene. `of_gears` is their vibration, where that of another
+    fault of no gear is known.
     """
     prepared = prepare_scene(scene, rng_for=rng_for, turns_before=turns_before)
-    gears = prepare_gears(prepared) if levels is not None else None
-    if gears is not None and levels is not None:
-        prepared = with_kinematic_lines(prepared, gears, levels)
+    motion = None
+    if scene.fidelity != "kinematic":
+        motion = motion_of(prepared, prepare_gears(prepared))
+        choice = chosen(motion) if choice is None else choice
+        prepared = with_gear_lines(prepared, motion, choice)
     jitter_s = _timing_errors_s(prepared)
     signal = _clean(prepared, timing_errors_s=None if jitter_s is None else jitter_s[:samples], samples=samples)
     if of_gears is not None:
         return NoiseFree(signal=signal + of_gears, of_gears=of_gears, steps=steps)
-    motion = simulated_motion(prepared, gears, levels) if gears is not None and levels is not None else None
-    if motion is None:
+    if motion is None or (choice is not None and choice.linear):
         return NoiseFree(signal=signal)
     steps = motion.steps() if steps is None else steps
     of_gears = _gear_vibration(replace(motion, steps_per_sample=steps), samples=samples)

@@ -19,7 +19,7 @@ SCENE = {
     "gearbox": declared_pair(teeth=(36, 63), wheel="gear", module_mm=MODULE_MM),
     "rate_hz": 20_000,
     "duration_s": 0.3,
-    "fidelity": "lateral",
+    "fidelity": "dynamic",
     "speed": {"link": "pinion", "rpm": 600},
     "torque": {"link": "gear", "nm": 130},
     "tachometer": {"link": "pinion", "pulses_per_rev": 12, "offset_rev": 0.03},
@@ -55,4 +55,4 @@ def stage_of(declared, seed=SEED):
 
 def motion(declared, seed=SEED):
     stage = stage_of(declared, seed)
-    return motion_of(stage, prepare_gears(stage), levels={"mesh": declared.fidelity})
+    return motion_of(stage, prepare_gears(stage))

@@ -1,321 +1,268 @@
-"""Fidelity of each mesh of a scene: as declared or, for "auto", the cheapest within a tolerance of the full motion."""
+"""Model of gears that vibrate: integrated in time, or the lines of their linear response where these come near enough.
+
+What the linear response lacks is estimated from that response itself: the first term of the vibration times the change
+of stiffness, how lines lag behind a speed that changes, and the vibration by torques that change.
+"""
 
 import math
-from collections.abc import Mapping
-from dataclasses import dataclass, replace
-from functools import cached_property, lru_cache, partial
+from dataclasses import dataclass
+from functools import cached_property
 
 import numpy as np
 
-from data_synth.dynamics.active_dofs import LEVELS
+from data_synth.fidelity.excitation import spectral_lines
 from data_synth.fidelity.linear_response import (
-    LinearPrediction,
-    check_lines_possible,
+    MIN_STIFFNESS,
+    Response,
+    ToothForces,
+    obstacle,
     response_of,
     tooth_forces,
     with_lines,
 )
-from data_synth.fidelity.preview import preview_factor, preview_of, with_full_duration
+from data_synth.kinematic.harmonics import ComplexArray
 from data_synth.operation.shaft_angle import Array
-from data_synth.scene.random_streams import random_stream
-from data_synth.scene.scene import Excitation, GearFault, Noise, Scene, SceneError
-from data_synth.sources.prepared import PreparedScene, prepare_scene
-from data_synth.vibration.meshes import Gears
-from data_synth.vibration.run import Motion, motion_of, prepare_gears
+from data_synth.sources.prepared import PreparedScene
+from data_synth.vibration.run import Motion
 
-# Models of the meshes of a scene at each level of fidelity: spectral lines, or time integration.
-
-
-KINEMATIC = "kinematic"
-LADDER = (KINEMATIC, *LEVELS)  # from the least to the most
-
-
-def simulated_motion(stage: PreparedScene, gears: Gears, levels: Mapping[str, str]) -> Motion | None:
-    """Return the motion to integrate at these levels; None where no mesh needs time integration."""
-    if not set(LEVELS) & set(levels.values()):
-        return None
-    still = [name for name, level in levels.items() if level not in LEVELS]
-    moving = {name: "torsional" if name in still else level for name, level in levels.items()}
-    return motion_of(stage, gears, levels=moving, springs=still)
-
-
-def with_kinematic_lines(stage: PreparedScene, gears: Gears, levels: Mapping[str, str]) -> PreparedScene:
-    """Return the stage with the lines of its kinematic meshes and bending rings, from the most detailed motion."""
-    kinematic = [name for name, level in levels.items() if level == KINEMATIC]
-    if stage.scene.planet_pass is not None and stage.scene.planet_pass.ring is not None:
-        stage = stage.with_bending_rings(most_detailed_motion(stage, gears, levels).sensor_forces.ring_loads())
-    return with_lines(stage, response_of(most_detailed_motion(stage, gears, levels)), kinematic) if kinematic else stage
-
-
-def most_detailed_motion(stage: PreparedScene, gears: Gears, levels: Mapping[str, str]) -> Motion:
-    """Return the motion in which meshes without time integration have the highest fidelity that the scene allows."""
-    most = stage.scene.fidelity if stage.scene.fidelity in LEVELS else "full"
-    moving = {name: level if level in LEVELS else most for name, level in levels.items()}
-    return motion_of(stage, gears, levels=moving)
-
-
-# ---- Choice ----------------------------------------------------------------------------------------------------------
-
-
-_MARGIN_DB = 10.0  # beyond the floor: the linear response decides without a simulation
-_SAME_DB = -150.0
-_SILENT_DB = -400.0
 _COARSE = 8  # values of a stiffness to a period of its highest line
-_INSTANTS = 9  # of a scene at which its linear response is evaluated
-
-
-@dataclass(frozen=True, kw_only=True)
-class Trial:
-    """A candidate compared with the full motion: difference of its worst channel in dB, simulated or predicted."""
-
-    levels: Mapping[str, str]
-    decibels: float
-    run: bool
-
-    def __str__(self) -> str:
-        """Return as in ``kinematic about -3 dB``."""
-        if math.isinf(self.decibels):
-            return f"{named(self.levels)} out of the question"
-        return f"{named(self.levels)} {'' if self.run else 'about '}{self.decibels:.0f} dB"
+_INSTANTS = 17  # of a scene at which its linear response is evaluated
+_FEWEST_FREQUENCIES, _MOST_FREQUENCIES = 1 << 10, 1 << 14  # between which a response is linear
+_BINS = 512  # of a spectrum, up to the Nyquist frequency
+_TORQUE_RATE_HZ, _MOST_POINTS, _NEGLIGIBLE = 4096.0, 1 << 17, 1e-6  # of a torque against time; of its largest line
+_STEADY = 1e-9  # of a speed or a force: what rounding may change
+_NOTHING_DB = -150.0
+_MARGIN_DB, _MODES_PASSED = 3.0, 4.0
+"""Below the floor, since terms are left out; and the power of lines that lag over that at some instants, between which
+speeds may pass modes."""
+_STENCIL = 0.25  # of the share of speed in which a mode is passed: the step of second differences
 
 
 @dataclass(frozen=True, kw_only=True)
 class Choice:
-    """The fidelity of each mesh.
+    """Whether gears are rendered as lines of their linear response, and why."""
 
-    Attributes
-    ----------
-    levels : mapping of mesh to one of `LADDER`
-        "kinematic": the lines of the linear response; else time integration.
-    tried : tuple of Trial
-        All candidates compared with the full motion; none where `floor_db` is None.
-    floor_db : float or None
-        Tolerated difference; None where the scene declares its fidelity.
-    """
-
-    levels: Mapping[str, str]
-    tried: tuple[Trial, ...] = ()
-    floor_db: float | None = None
-
-    @property
-    def name(self) -> str:
-        """Return the levels in words."""
-        return named(self.levels)
-
-    @property
-    def decibels(self) -> float:
-        """Difference of the worst channel from the full motion in dB."""
-        return next((trial.decibels for trial in self.tried if trial.levels == self.levels), _SILENT_DB)
+    linear: bool
+    why: str
 
     def __str__(self) -> str:
-        """Return the choice and its reason as text."""
-        if self.floor_db is None:
-            return f"{self.name}, as declared"
-        uniform = ", ".join(str(trial) for trial in self.tried if len(set(trial.levels.values())) == 1)
-        apart = "nothing is lost" if self.decibels < _SAME_DB else f"apart by {self.decibels:.0f} dB"
-        return f"{self.name}: within {self.floor_db:g} dB of full, {apart} (from full: {uniform or 'nothing'})"
+        """Return the model and the reason."""
+        return f"{'linear response' if self.linear else 'dynamic'}: {self.why}"
 
 
-def named(levels: Mapping[str, str]) -> str:
-    """Return the levels as text: ``lateral``, or ``stage 1 lateral, stage 2 torsional`` where stages differ."""
-    if len(set(levels.values())) == 1:
-        return next(iter(levels.values()))
-    return ", ".join(f"{mesh} {level}" for mesh, level in levels.items())
+def chosen(motion: Motion) -> Choice:
+    """Return the model of gears: with "auto" their linear response where it differs by less than `floor_db`.
 
-
-def chosen(stage: PreparedScene, gears: Gears) -> Choice:
-    """Return the fidelity of each mesh of a scene.
-
-    With "auto", equal levels for all stages are compared with the full motion, kinematic first; the first whose worst
-    channel differs by less than `floor_db`, RMS of the difference over RMS, is chosen. A stage that declares a fidelity
-    keeps it.
-
-    The linear response decides where it can: a candidate that differs by 10 dB more than the floor at instants all
-    over the scene is rejected, and one equal to the full motion is accepted. Others are simulated over the first
-    `decide_s` of the scene.
-
-    Raises
-    ------
-    SceneError
-        If a stage declares a higher fidelity than the scene, or the scene cannot be integrated.
+    The difference is an RMS over that of the worst channel, estimated at instants all over the scene.
     """
-    scene = stage.scene
+    scene = motion.stage.scene
     if scene.fidelity != "auto":
-        return _as_declared(scene)
-    own = _declared(scene)
+        return Choice(linear=False, why="as declared")
+    why = obstacle(motion)
+    estimate = _Estimate(motion=motion)
+    if not why and estimate.teeth_part():
+        why = "teeth part"
+    if why:
+        return Choice(linear=False, why=f"{why}, so the response is not linear")
     floor_db = scene.dynamics_or_default.floor_db
-    top = {name: level or "full" for name, level in own.items()}
-    comparison = _Comparison(stage=stage, gears=gears, top=top)
-    tried: list[Trial] = []
-    for common in (KINEMATIC, "lateral"):
-        levels = {name: level or common for name, level in own.items()}
-        if levels != top:
-            tried.append(comparison.compare(levels))
-            if tried[-1].decibels <= floor_db:
-                return Choice(levels=levels, tried=tuple(tried), floor_db=floor_db)
-    return Choice(levels=top, tried=tuple(tried), floor_db=floor_db)
-
-
-def decided(scene: Scene) -> Choice:
-    """Return the fidelity of each mesh of a scene, independent of its seed: `chosen` for its gears and seed 0.
-
-    Scenes with equal gears, sensors, speed and torque share the cached result.
-    """
-    if scene.fidelity != "auto":
-        return _as_declared(scene)
-    gears = tuple(fault for fault in scene.faults if isinstance(fault, GearFault))
-    return _decided(scene.model_copy(update={"faults": gears, "noise": Noise(), "excitation": Excitation()}))
-
-
-@lru_cache(maxsize=64)
-def _decided(scene: Scene) -> Choice:
-    stage = with_full_duration(
-        prepare_scene(preview_of(scene, preview_factor(scene)), rng_for=partial(random_stream, 0)), scene
+    error_db = estimate.error_db(enough_db=floor_db - _MARGIN_DB)
+    apart = f"about {error_db:.0f} dB" if error_db > _NOTHING_DB else "nothing"
+    return Choice(
+        linear=error_db <= floor_db - _MARGIN_DB, why=f"both differ by {apart}, where {floor_db:g} dB are allowed"
     )
-    return chosen(stage, prepare_gears(stage))
 
 
-def forget() -> None:
-    """Clear the cache of `decided`, as before a measurement of time."""
-    _decided.cache_clear()
-
-
-def _declared(scene: Scene) -> dict[str, str | None]:
-    """Return the fidelity that each mesh declares for itself."""
-    return {mesh.name: scene.dynamics_or_default.mesh(mesh.name).fidelity for mesh in scene.gearbox.meshes}
-
-
-def _as_declared(scene: Scene) -> Choice:
-    """Return the fidelities of a scene that does not leave them open."""
-    levels = {mesh.name: scene.fidelity_of(mesh.name) for mesh in scene.gearbox.meshes}
-    for mesh, level in levels.items():
-        if LADDER.index(level) > LADDER.index(scene.fidelity):
-            raise SceneError(
-                f'dynamics.meshes: "{mesh}" has fidelity = "{level}", more than the scene\'s "{scene.fidelity}"; write '
-                f'fidelity = "{level}" for the scene, and less for the other stages.'
-            )
-    return Choice(levels=levels)
+def with_gear_lines(stage: PreparedScene, motion: Motion, choice: Choice) -> PreparedScene:
+    """Return the stage with the lines that are not integrated: of bending rings, and of a linear response."""
+    if stage.scene.planet_pass is not None and stage.scene.planet_pass.ring is not None:
+        stage = stage.with_bending_rings(motion.sensor_forces.ring_loads())
+    return with_lines(stage, motion) if choice.linear else stage
 
 
 @dataclass(frozen=True, kw_only=True)
-class _Comparison:
-    """Comparison of candidates with `top`, the highest levels that the scene allows."""
+class _Estimate:
+    """What the linear response of gears lacks, as powers in the channels, (sensor,), means over the scene."""
 
-    stage: PreparedScene
-    gears: Gears
-    top: Mapping[str, str]
-
-    def compare(self, levels: Mapping[str, str]) -> Trial:
-        """Return a candidate with its difference from the full motion."""
-        try:
-            estimate_db = self._linear_estimate(levels)
-            if estimate_db is None:
-                return Trial(
-                    levels=levels, decibels=_difference_db(self._channels(levels), self._reference_channels), run=True
-                )
-        except SceneError:  # as of a sensor along the shafts, where a lower level has no force
-            estimate_db = math.inf
-        return Trial(levels=levels, decibels=estimate_db, run=False)
-
-    def _linear_estimate(self, levels: Mapping[str, str]) -> float | None:
-        """Return the predicted difference in dB where it is decisive; None where a simulation is needed."""
-        if any(level == KINEMATIC and name in self._no_lines for name, level in levels.items()):
-            return math.inf
-        prediction, floor_db = self._linear_prediction, self.stage.scene.dynamics_or_default.floor_db
-        if prediction is None:
-            return None
-        estimate_db, motion = self._predicted(prediction, levels, floor_db)
-        # motions that are left out follow by linear equations, which lack what they do to a stiffness that varies
-        whole = motion is not None and motion.sensor_forces.structure is None
-        same = prediction.linear or (whole and all(level in LEVELS for level in levels.values()))
-        return estimate_db if estimate_db > floor_db + _MARGIN_DB or (same and estimate_db < _SAME_DB) else None
-
-    # ---- as linear systems
+    motion: Motion
 
     @cached_property
-    def _whole(self) -> Motion:
-        return most_detailed_motion(self.stage, self.gears, self.top)
+    def _response(self) -> Response:
+        return response_of(self.motion)
 
     @cached_property
-    def _no_lines(self) -> set[str]:
-        """Names of the meshes that cannot be kinematic."""
-        found = set()
-        for name in self.top:
-            try:
-                check_lines_possible(self._whole, name)
-            except SceneError:
-                found.add(name)
+    def _forces(self) -> list[ToothForces]:
+        return [tooth_forces(self.motion, mesh.name, points=_COARSE) for mesh in self.motion.system.meshes]
+
+    @cached_property
+    def _instants(self) -> list[int]:
+        """Numbers of instants all over the scene; one where all are alike."""
+        stage = self.motion.stage
+        if all(np.ptp(each) <= _STEADY * np.max(np.abs(each)) for each in (stage.speed_hz, *self.motion.static_n)):
+            return [0]
+        return sorted({*np.linspace(0, stage.instants_s.size - 1, _INSTANTS).round().astype(int).tolist()})
+
+    @cached_property
+    def _places(self) -> list[tuple[int, ToothForces, int, Array]]:
+        """Every mesh at every instant: its number, its force, the instant, and the frequencies of its lines in Hz."""
+        speed_hz = self.motion.stage.speed_hz
+        return [
+            (mesh, force, instant, force.orders * speed_hz[instant])
+            for mesh, force in enumerate(self._forces)
+            for instant in self._instants
+        ]
+
+    @cached_property
+    def _tables(self) -> tuple[float, ComplexArray, ComplexArray]:
+        """Step of even frequencies in Hz, and deflections (mesh, by mesh, f) and channels (mesh, sensor, f) per N."""
+        top_hz, modes_hz = 0.51 * self.motion.stage.scene.rate_hz, -self._response.poles.real / (2 * np.pi)
+        points = min(2 * math.ceil(top_hz / float(np.min(modes_hz))), _MOST_FREQUENCIES)
+        frequency_hz = np.linspace(0.0, top_hz, max(points, _FEWEST_FREQUENCIES))
+        deflections, readings = self._response.between(frequency_hz)
+        channels = self._response.in_channels(readings, frequency_hz)
+        return float(frequency_hz[1]), deflections, channels
+
+    def _channels(self, mesh: int, frequency_hz: Array) -> ComplexArray:
+        """Return the lines in the channels, (sensor, line), per N of force in a mesh."""
+        if len(self._instants) == 1:
+            return self._response.channels(mesh, frequency_hz)
+        step_hz, _, channels = self._tables
+        return _between(channels[mesh], frequency_hz / step_hz)
+
+    @cached_property
+    def _transfers(self) -> list[ComplexArray]:
+        """Lines in the channels per N of force of each mesh at each instant."""
+        return [self._channels(mesh, frequency_hz) for mesh, _, _, frequency_hz in self._places]
+
+    @cached_property
+    def _deflections(self) -> list[ComplexArray]:
+        """Lines of the deflections of all meshes in m, (mesh, line), by the force of each mesh at each instant."""
+        if len(self._instants) == 1:
+            per_n = [self._response.deflections_by(mesh, frequency_hz) for mesh, _, _, frequency_hz in self._places]
+        else:
+            step_hz, table, _ = self._tables
+            per_n = [_between(table[:, mesh], frequency_hz / step_hz) for mesh, _, _, frequency_hz in self._places]
+        return [each * force.at(instant) for each, (_, force, instant, _) in zip(per_n, self._places, strict=True)]
+
+    def _mean(self, lines: list[ComplexArray]) -> Array:
+        """Return the power of lines (sensor, line) of all meshes at all instants, a mean over the latter."""
+        powers = [np.sum(np.abs(each) ** 2, axis=1) / 2 for each in lines]
+        return np.asarray(np.sum(powers, axis=0) / len(self._instants))
+
+    def teeth_part(self) -> bool:
+        """Return whether teeth with play may part: a stiffness near zero, or lines that exceed the static force."""
+        softest = [np.min(force.stiffness) for force in self._forces]
+        if np.any(softest < MIN_STIFFNESS * self._response.means):
+            return True
+        static_n = np.abs(self.motion.static_n)
+        total = np.zeros(static_n.shape)
+        for (mesh, force, instant, _), deflections in zip(self._places, self._deflections, strict=True):
+            lines = self._response.means[:, None] * deflections
+            lines[mesh] += force.at(instant)  # k (delta - e) = k_mean delta + p
+            total[:, instant] += np.sum(np.abs(lines), axis=1)
+        free = [mesh.backlash_m > 0 for mesh in self.motion.system.meshes]
+        return bool(np.any((total >= static_n)[free][:, self._instants]))
+
+    def error_db(self, *, enough_db: float) -> float:
+        """Return the error of the worst channel over its RMS in dB; above `enough_db` only a lower bound."""
+        power = self._mean(
+            [
+                each * force.at(instant)
+                for each, (_, force, instant, _) in zip(self._transfers, self._places, strict=True)
+            ]
+        )
+        error, error_db = np.zeros(power.size), -math.inf
+        for part in (self._own_variation, self._lag, self._torque, self._other_variation):
+            error = error + part()
+            with np.errstate(divide="ignore"):
+                ratio = math.sqrt(np.max(error[error > 0] / power[error > 0], initial=0.0))
+            # terms that follow are those of a geometric series
+            ratio = ratio / (1 - ratio) if ratio < 1 else math.inf
+            error_db = 20 * math.log10(ratio) if ratio > 0 else -math.inf
+            if error_db > enough_db:
+                break
+        return error_db
+
+    def _own_variation(self) -> Array:
+        """Return what the stiffness of a mesh makes of the vibration by its own force."""
+        means, found = self._response.means, []
+        for (mesh, force, instant, _), transfer, deflections in zip(
+            self._places, self._transfers, self._deflections, strict=True
+        ):
+            more = force.parametric_force(deflections[mesh], instant, mean=float(means[mesh]))
+            found.append(transfer * more)
+        return self._mean(found)
+
+    def _other_variation(self) -> Array:
+        """Return what the stiffness of a mesh makes of the vibration by other meshes.
+
+        Lines at unlike orders: the spectrum of the product is the convolution of both.
+        """
+        nyquist_hz, found = self.motion.stage.scene.rate_hz / 2, np.zeros(len(self.motion.stage.scene.sensors))
+        for other, force in enumerate(self._forces):
+            if len(self._forces) == 1 or not np.ptp(force.stiffness):
+                continue
+            varying = spectral_lines(force.stiffness, force.orders.size)
+            grid_hz = np.arange(2.0 * _BINS - 1) * (nyquist_hz / _BINS)
+            gain = np.abs(self._response.channels(other, grid_hz)) ** 2
+            for (mesh, _, instant, frequency_hz), deflections in zip(self._places, self._deflections, strict=True):
+                if mesh != other:
+                    own_hz = force.orders * self.motion.stage.speed_hz[instant]
+                    product = _product(
+                        _spectrum(varying, own_hz, nyquist_hz), _spectrum(deflections[other], frequency_hz, nyquist_hz)
+                    )
+                    found += gain @ product / len(self._instants)
         return found
 
-    @cached_property
-    def _linear_prediction(self) -> LinearPrediction | None:
-        """Prediction from linear responses; None with planets, whose routes to sensors rotate, and with friction."""
-        if self._whole.sensor_forces.rotate or any(mesh.friction for mesh in self._whole.system.meshes):
-            return None
-        last = self.stage.instants_s.size - 1
-        steady = np.ptp(self.stage.speed_hz) == 0 and np.ptp(self.stage.load) == 0
-        instants = (0,) if steady else tuple(np.unique(np.linspace(0, last, _INSTANTS).round().astype(int)).tolist())
-        forces = {name: tooth_forces(self._whole, name, points=_COARSE) for name in self.top}
-        return LinearPrediction(whole=response_of(self._whole), forces=forces, instants=instants)
+    def _lag(self) -> Array:
+        """Return how lines lag behind a speed that changes, as `data_synth.vibration.expected_response` has it."""
+        stage, poles = self.motion.stage, self._response.poles
+        rates = np.gradient(stage.speed_hz, stage.instants_s)
+        share = _STENCIL * float(np.min(-poles.real / np.abs(poles)))
+        if len(self._instants) == 1:
+            return np.zeros(len(stage.scene.sensors))
+        found = []
+        for (mesh, force, instant, frequency_hz), middle in zip(self._places, self._transfers, strict=True):
+            low, high = (self._channels(mesh, frequency_hz * factor) for factor in (1 - share, 1 + share))
+            late = rates[instant] / (2 * np.pi * frequency_hz * stage.speed_hz[instant] * share**2)
+            found.append(late / 2 * (low - 2 * middle + high) * force.at(instant))
+        return _MODES_PASSED * self._mean(found)
 
-    def _predicted(
-        self, prediction: LinearPrediction, levels: Mapping[str, str], floor_db: float
-    ) -> tuple[float, Motion | None]:
-        """Return the predicted error in dB, above `floor_db` only a lower bound, and the motion where it was needed."""
-        error_power = np.zeros(len(self.stage.scene.sensors))
-        for name, level in levels.items():
-            if level == KINEMATIC != self.top[name]:
-                error_power += prediction.parametric_error[name]
-        motion = (
-            simulated_motion(self.stage, self.gears, levels)
-            if _ratio_db(error_power, prediction.total_power) < floor_db
-            else None
-        )
-        if motion is not None:
-            response = response_of(motion)
-            for name in [name for name, level in levels.items() if level in LEVELS]:
-                error_power += prediction.motion_error(name, response)
-        return _ratio_db(error_power, prediction.total_power), motion
-
-    # ---- in time
-
-    @cached_property
-    def _reference_channels(self) -> Array:
-        return self._channels(self.top)
-
-    @cached_property
-    def _trial_stage(self) -> PreparedScene:
-        """The first `decide_s` of the scene, with its gears alone."""
-        scene, drive = self.stage.scene, self.stage.drive
-        scene = scene.changed(duration_s=min(scene.duration_s, scene.dynamics_or_default.decide_s))
-        times_s = np.linspace(0.0, scene.duration_s, scene.truth_times)
-        return replace(
-            self.stage,
-            scene=scene,
-            instants_s=times_s,
-            speed_hz=drive.angle.speed_hz(times_s),
-            load=drive.load(times_s),
-            families=(),
-            amplitudes=(),
-        )
-
-    def _channels(self, levels: Mapping[str, str]) -> Array:
-        scene = self._trial_stage.scene
-        signal = np.zeros((len(scene.sensors), scene.samples))
-        with_kinematic_lines(self._trial_stage, self.gears, levels).add_lines(signal)
-        motion = simulated_motion(self._trial_stage, self.gears, levels)
-        if motion is not None:
-            signal += np.concatenate([*motion.channels(samples=scene.samples)], axis=1)
-        return signal
+    def _torque(self) -> Array:
+        """Return the vibration by torques that change, inertia torques included."""
+        scene, load = self.motion.stage.scene, self.motion.load
+        found = np.zeros(len(scene.sensors))
+        if load.varying is None:
+            return found
+        points = min(max(2, math.ceil(scene.duration_s * min(scene.rate_hz, _TORQUE_RATE_HZ))), _MOST_POINTS)
+        times_s = np.linspace(0.0, scene.duration_s, points)
+        factors = load.varying(times_s)
+        # a steady rise vibrates nothing, and without it the ends meet
+        factors = factors - factors[0] - np.multiply.outer(np.linspace(0, 1, points), factors[-1] - factors[0])
+        lines = np.fft.rfft(factors[:-1], axis=0)[1:] * 2 / (points - 1)
+        loud = np.abs(lines) > _NEGLIGIBLE * np.max(np.abs(lines), initial=0.0)
+        frequency_hz = np.arange(1, lines.shape[0] + 1) / scene.duration_s
+        total = np.zeros((found.size, lines.shape[0]), dtype=np.complex128)
+        for number, heard in enumerate(loud.T):
+            total[:, heard] += self._response.channels_by_load(number, frequency_hz[heard]) * lines[heard, number]
+        return np.asarray(np.sum(np.abs(total) ** 2, axis=1) / 2)
 
 
-def _difference_db(found: Array, reference: Array) -> float:
-    """Return the RMS of the difference over the RMS of the worst channel, in dB."""
-    return _ratio_db(np.mean((found - reference) ** 2, axis=1), np.mean(reference**2, axis=1))
+def _between(table: ComplexArray, places: Array) -> ComplexArray:
+    """Return a table (row, f) at places among its columns, (row, place)."""
+    low = np.minimum(places.astype(int), table.shape[1] - 2)
+    return np.asarray(table[:, low] + (places - low) * (table[:, low + 1] - table[:, low]))
 
 
-def _ratio_db(error_power: Array, total: Array) -> float:
-    ratios = np.divide(error_power, total, out=np.full(total.size, np.inf), where=total > 0)
-    ratios[error_power == 0] = 0.0
-    worst = float(np.max(ratios))
-    return max(10 * math.log10(worst), _SILENT_DB) if worst > 0 else _SILENT_DB
+def _spectrum(lines: ComplexArray, frequency_hz: Array, nyquist_hz: float) -> Array:
+    """Return the power of lines in even bands up to the Nyquist frequency."""
+    bands = np.minimum((frequency_hz / nyquist_hz * _BINS).astype(int), _BINS - 1)
+    return np.asarray(np.bincount(bands, weights=np.abs(lines) ** 2 / 2, minlength=_BINS), dtype=np.float64)
+
+
+def _product(one: Array, two: Array) -> Array:
+    """Return the spectrum of the product of two signals at unlike frequencies, at their sums and differences."""
+    differences = np.correlate(one, two, "full")
+    product = np.convolve(one, two)
+    product[: one.size] += differences[one.size - 1 :]
+    product[1 : one.size] += differences[one.size - 2 :: -1]
+    return product / 2

@@ -283,7 +283,7 @@ def _hearings(motion: Motion, frequency_hz: Array, readings: Singles) -> tuple[H
 def _routes(motion: Motion, frequency_hz: Array) -> tuple[Singles, NDArray[np.int_]]:
     """Return the complex amplitude in the channel of each route per N, (route, f), and its channel."""
     routes = motion.sensor_forces.routes
-    responses = np.stack([route.response(motion.stage.scene, frequency_hz) for route in routes])
+    responses = np.stack([route.response_in(motion.stage.scene)(frequency_hz) for route in routes])
     return responses.astype(np.complex64), np.array([route.number for route in routes])
 
 

@@ -12,7 +12,7 @@ Vib. 125, 71). It leaves out the parametric excitation by k times the vibration,
 """
 
 import math
-from collections.abc import Callable, Mapping
+from collections.abc import Callable
 from dataclasses import dataclass, field, replace
 from fractions import Fraction
 from functools import cached_property
@@ -23,16 +23,14 @@ from data_synth.dynamics.modes import undamped_modes
 from data_synth.dynamics.system import Mesh
 from data_synth.fidelity.excitation import spectral_lines
 from data_synth.kinematic.harmonics import ComplexArray, HarmonicFamily
-from data_synth.kinematic.imperfect_parts import imperfections_of
 from data_synth.operation.shaft_angle import Array
-from data_synth.scene.scene import SceneError
 from data_synth.sources.families import mesh_name
 from data_synth.sources.prepared import PreparedScene
 from data_synth.vibration.gear_torques import static_tooth_forces
 from data_synth.vibration.run import Motion, contacts_in
 
 _POINTS = 64  # to a period of the highest line, which is then right to half a percent for a stiffness that jumps
-_MIN_POINTS = 512  # points to a mesh cycle
+_LINES_OF_CYCLE = 8  # of a mesh cycle, at least, that points are for
 MIN_STIFFNESS = 0.25  # of the mean stiffness: softer teeth are losing contact
 _LONGEST = 256  # mesh cycles of a period: each is a line apart
 _NEGLIGIBLE = 1e-5  # of the largest line of a mesh: -100 dB
@@ -99,12 +97,10 @@ class Response:
         Contribution to the deflections of meshes.
     inputs : (pole, mesh) complex array
         Excitation of each pole per N of p.
+    load_inputs : (pole, load) complex array
+        The same per unit of each load that varies.
     direct : (reading, mesh) array
         The readings per N of p: forces of gears of the frame, and of meshes that are read.
-    absent : (input, pole) complex array
-        Contribution of each pole to the inputs of the response of motions that are not simulated.
-    absent_direct : (input, mesh) array
-        The same inputs per N of p.
     means : (mesh,) array
         Mean mesh stiffness in N/m.
     """
@@ -114,9 +110,8 @@ class Response:
     outputs: ComplexArray = field(repr=False, metadata={"dims": ("listener", "pole"), "units": "N"})
     deflections: ComplexArray = field(repr=False, metadata={"dims": ("mesh", "pole"), "units": "m"})
     inputs: ComplexArray = field(repr=False, metadata={"dims": ("pole", "mesh"), "units": "N-1"})
+    load_inputs: ComplexArray = field(repr=False, metadata={"dims": ("pole", "load")})
     direct: Array = field(repr=False, metadata={"dims": ("listener", "mesh"), "units": "1"})
-    absent: ComplexArray = field(repr=False, metadata={"dims": ("input", "pole"), "units": "input"})
-    absent_direct: Array = field(repr=False, metadata={"dims": ("input", "mesh"), "units": "input N-1"})
     means: Array = field(repr=False, metadata={"dims": ("mesh",), "units": "N/m"})
 
     def number(self, name: str) -> int:
@@ -125,45 +120,50 @@ class Response:
 
     def channels(self, mesh: int, frequency_hz: Array) -> ComplexArray:
         """Return the complex amplitudes in the channels for 1 N of p at frequencies (line,), (sensor, line)."""
-        return self._channels(mesh, frequency_hz, self._resolvent(frequency_hz))
+        return self.in_channels(self._readings(mesh, self._resolvent(frequency_hz)).T, frequency_hz)
+
+    def channels_by_load(self, load: int, frequency_hz: Array) -> ComplexArray:
+        """Return the complex amplitudes in the channels for a unit of a load that varies, (sensor, line).
+
+        Declared paths lack the static force, which is known at the instants of the truth.
+        """
+        by_pole = (self.outputs * self.load_inputs[:, load]).T
+        force = self._resolvent(frequency_hz) @ by_pole
+        spacing_s = float(np.max(np.diff(self.motion.stage.instants_s)))
+        without = np.array([route.path is not None for route in self.motion.sensor_forces.routes])
+        force[np.ix_(frequency_hz < 0.5 / spacing_s, without)] += ((1 / self.poles) @ by_pole)[without]
+        return self.in_channels(force.T, frequency_hz)
+
+    def in_channels(self, readings: ComplexArray, frequency_hz: Array) -> ComplexArray:
+        """Return the complex amplitudes in the channels, (..., sensor, line), of readings (..., reading, line) in N."""
+        sensors = len(self.motion.stage.scene.sensors)
+        outputs = np.zeros((*readings.shape[:-2], sensors, frequency_hz.size), dtype=np.complex128)
+        for number, (channel, response) in enumerate(self._routes):
+            outputs[..., channel, :] += readings[..., number, :] * response(frequency_hz)
+        return outputs
+
+    @cached_property
+    def _routes(self) -> list[tuple[int, Callable[[Array], ComplexArray]]]:
+        """Channel and response of each route to a sensor."""
+        scene = self.motion.stage.scene
+        return [(route.number, route.response_in(scene)) for route in self.motion.sensor_forces.routes]
 
     def between(self, frequency_hz: Array) -> tuple[ComplexArray, ComplexArray]:
         """Return for 1 N of p in a mesh at frequencies (line,) the deflections in m and the readings in N.
 
         (deflection, mesh, line) and (mesh, reading, line).
         """
-        resolvent = self._resolvent(frequency_hz)
-        readings = [self._readings(mesh, frequency_hz, resolvent).T for mesh in range(self.means.size)]
-        return self._deflections(resolvent), np.stack(readings)
+        resolvent, meshes = self._resolvent(frequency_hz), range(self.means.size)
+        deflections = np.stack([(self.deflections * self.inputs[:, mesh]) @ resolvent.T for mesh in meshes], axis=1)
+        return deflections, np.stack([self._readings(mesh, resolvent).T for mesh in meshes])
 
-    def _channels(self, mesh: int, frequency_hz: Array, resolvent: ComplexArray) -> ComplexArray:
-        scene, routes = self.motion.stage.scene, self.motion.sensor_forces.routes
-        force = self._readings(mesh, frequency_hz, resolvent)
-        outputs = np.zeros((len(scene.sensors), *np.shape(frequency_hz)), dtype=np.complex128)
-        for route, deflections in zip(routes, force.T, strict=True):
-            outputs[route.number] += deflections * route.response(scene, frequency_hz)
-        return outputs
+    def deflections_by(self, mesh: int, frequency_hz: Array) -> ComplexArray:
+        """Return the complex amplitudes of the deflections of all meshes in m for 1 N of p in one, (mesh, line)."""
+        return np.asarray((self.deflections * self.inputs[:, mesh]) @ self._resolvent(frequency_hz).T)
 
-    def _readings(self, mesh: int, frequency_hz: Array, resolvent: ComplexArray) -> ComplexArray:
+    def _readings(self, mesh: int, resolvent: ComplexArray) -> ComplexArray:
         """Return the complex amplitudes of the readings in N for 1 N of p, (line, reading)."""
-        force = resolvent @ (self.outputs * self.inputs[:, mesh]).T + self.direct[:, mesh]
-        structure = self.motion.sensor_forces.structure
-        if structure is not None:
-            inputs = resolvent @ (self.absent * self.inputs[:, mesh]).T + self.absent_direct[:, mesh]
-            by_input = structure.response(frequency_hz).transpose(2, 0, 1)
-            force = force + np.matmul(by_input, inputs[:, :, None])[..., 0]
-        return np.asarray(force)
-
-    def deflection(self, mesh: int, frequency_hz: Array) -> ComplexArray:
-        """Return the complex amplitudes of the mesh's own deflection in m for 1 N of p, (line,)."""
-        return np.asarray(self._resolvent(frequency_hz) @ (self.deflections[mesh] * self.inputs[:, mesh]))
-
-    def deflections_by(self, frequency_hz: Array) -> ComplexArray:
-        """Return the complex amplitudes of the deflections in m for 1 N of p in a mesh, (deflection, mesh, line)."""
-        return self._deflections(self._resolvent(frequency_hz))
-
-    def _deflections(self, resolvent: ComplexArray) -> ComplexArray:
-        return np.stack([(self.deflections * each) @ resolvent.T for each in self.inputs.T], axis=1)
+        return np.asarray(resolvent @ (self.outputs * self.inputs[:, mesh]).T + self.direct[:, mesh])
 
     def _resolvent(self, frequency_hz: Array) -> ComplexArray:
         """Return the response (line, pole) of each pole to a unit of its excitation."""
@@ -191,51 +191,43 @@ def response_of(motion: Motion) -> Response:
     rows = (every * means) @ directions
     rows = rows if output.displacement is None else rows + output.displacement
     velocity_rows = np.zeros_like(rows) if output.velocity is None else output.velocity
-    structure = motion.sensor_forces.structure
-    count_readings = output.channels if structure is None else structure.readings
     readings = np.hstack([rows @ shapes, velocity_rows @ shapes]) @ vectors
-    pushes = np.vstack([np.zeros((count, means.size)), -(shapes.T @ directions.T)])
+    loads = motion.load.directions
+    pushes = np.concatenate([-directions, np.zeros((0, system.dof)) if loads is None else loads]) @ shapes
+    inputs = np.linalg.solve(vectors, np.vstack([np.zeros_like(pushes.T), pushes.T]).astype(np.complex128))
     return Response(
         motion=motion,
         poles=poles.astype(np.complex128),
-        outputs=readings[:count_readings],
+        outputs=readings,
         deflections=(directions @ shapes) @ vectors[:count],
-        inputs=np.linalg.solve(vectors, pushes.astype(np.complex128)),
-        direct=every[:count_readings],
-        absent=readings[count_readings:],
-        absent_direct=every[count_readings:],
+        inputs=inputs[:, : means.size],
+        load_inputs=inputs[:, means.size :],
+        direct=every,
         means=means,
     )
 
 
-def check_lines_possible(motion: Motion, name: str) -> None:
-    """Raise SceneError, with a remedy, for a mesh that is not periodic with linear response."""
-    mesh = motion.system.meshes[contacts_in(motion.system, name)[0]]
+def obstacle(motion: Motion) -> str:
+    """Return why gears do not answer their excitation linearly and periodically; empty where they may."""
     if motion.sensor_forces.rotate:
-        why = "planets rotate with their carrier"
-    elif mesh.history is not None:
-        why = "its teeth change with time"
-    elif _has_pitch_deviations(motion) and mesh.error is not None and mesh.error.period > _LONGEST:
-        why = f"its pitch deviations repeat after {mesh.error.period} cycles only"
-    elif mesh.friction:
-        why = "friction follows the force of its teeth"
-    elif not np.min(mesh.stiffness(_phases(mesh, _MIN_POINTS * int(mesh.stiffness.period)))) > 0:
-        why = "its teeth lose contact"
-    else:
-        return
-    raise SceneError(
-        f'mesh "{name}": {why}, so it has no linear response; write fidelity = "torsional" or more for it.'
-    )
-
-
-def _has_pitch_deviations(motion: Motion) -> bool:
-    return imperfections_of(motion.stage.scene).gears is not None
+        return "planets rotate with their carrier"
+    if motion.drive_load.full_rotation:
+        return "speed follows from torque"
+    for mesh in motion.system.meshes:
+        period, why = _period(mesh), ""
+        if mesh.history is not None:
+            why = "change with time"
+        elif period > _LONGEST:
+            why = f"repeat after {period} cycles only"
+        elif mesh.friction:
+            why = "rub"
+        if why:
+            return f'the teeth of "{mesh.name}" {why}'
+    return ""
 
 
 def tooth_forces(motion: Motion, name: str, *, points: int = _POINTS) -> ToothForces:
     """Return the exciting force p of a mesh, with all lines below half the sampling rate at top speed.
-
-    Teeth that change in time are taken as they are at first, a stiffness below a quarter of the mean as a quarter.
 
     Parameters
     ----------
@@ -248,13 +240,13 @@ def tooth_forces(motion: Motion, name: str, *, points: int = _POINTS) -> ToothFo
     stage = motion.stage
     number = contacts_in(motion.system, name)[0]
     mesh = motion.system.meshes[number]
-    period = math.lcm(int(mesh.stiffness.period), int(mesh.error.period) if mesh.error is not None else 1)
+    period = _period(mesh)
     base_order = stage.scene.exact_orders("gear_mesh")[name] / period
     top_hz = stage.drive.angle.top_speed_hz(0.0, stage.scene.duration_s)
     lines = max(0, math.ceil(stage.scene.rate_hz / 2 / (float(base_order) * top_hz)) - 1)
-    phases = _phases(mesh, max(_MIN_POINTS * period, 1 << (points * max(lines, 1) - 1).bit_length()))
+    phases = _phases(mesh, max(points * _LINES_OF_CYCLE * period, 1 << (points * max(lines, 1) - 1).bit_length()))
     mean = mesh.stiffness.mean
-    stiffness = np.maximum(mesh.stiffness(phases), MIN_STIFFNESS * mean)
+    stiffness = mesh.stiffness(phases)
     error = mesh.error(phases) if mesh.error is not None else np.zeros(phases.size)
     return ToothForces(
         mesh=name,
@@ -267,10 +259,14 @@ def tooth_forces(motion: Motion, name: str, *, points: int = _POINTS) -> ToothFo
     )
 
 
+def _period(mesh: Mesh) -> int:
+    """Return the mesh cycles after which stiffness and transmission error both repeat."""
+    return math.lcm(int(mesh.stiffness.period), int(mesh.error.period) if mesh.error is not None else 1)
+
+
 def _phases(mesh: Mesh, points: int) -> Array:
     """Return equidistant phases of a period of a mesh, in cycles, half a step from its ends."""
-    period = math.lcm(int(mesh.stiffness.period), int(mesh.error.period) if mesh.error is not None else 1)
-    return np.asarray((np.arange(points) + 0.5) * period / points)
+    return np.asarray((np.arange(points) + 0.5) * _period(mesh) / points)
 
 
 def lines_of(response: Response, forces: ToothForces) -> tuple[list[HarmonicFamily], list[ComplexArray]]:
@@ -313,12 +309,12 @@ def lines_of(response: Response, forces: ToothForces) -> tuple[list[HarmonicFami
     return families, amplitudes
 
 
-def with_lines(stage: PreparedScene, response: Response, meshes: list[str]) -> PreparedScene:
-    """Return a stage with the lines of these meshes added."""
+def with_lines(stage: PreparedScene, motion: Motion) -> PreparedScene:
+    """Return a stage with the lines of all meshes added."""
     families, amplitudes = [*stage.families], [*stage.amplitudes]
-    for mesh in meshes:
-        check_lines_possible(response.motion, mesh)
-        more, outputs = lines_of(response, tooth_forces(response.motion, mesh))
+    response = response_of(motion)
+    for mesh in stage.scene.gearbox.meshes:
+        more, outputs = lines_of(response, tooth_forces(motion, mesh.name))
         families += more
         amplitudes += outputs
     return replace(stage, families=families, amplitudes=amplitudes)
@@ -330,98 +326,3 @@ def _waveform(lines: ComplexArray, points: int) -> Array:
     spectrum = np.zeros(points // 2 + 1, dtype=np.complex128)
     spectrum[1 : lines.size + 1] = lines * np.exp(1j * np.pi * cycles) * points / 2
     return np.asarray(np.fft.irfft(spectrum, n=points))
-
-
-# ---- Error of reduced models against the full motion, predicted from their linear responses without integration ------
-
-
-@dataclass(frozen=True, kw_only=True)
-class LinearPrediction:
-    """Powers in the channels, (sensor,) in squares of their units, means over some instants of the scene.
-
-    Attributes
-    ----------
-    whole : Response
-        Linear response of the full motion.
-    forces : mapping of mesh to ToothForces
-        Exciting force of each mesh.
-    instants : tuple of int
-        Numbers of the instants of the truth.
-    """
-
-    whole: Response
-    forces: Mapping[str, ToothForces] = field(repr=False)
-    instants: tuple[int, ...]
-
-    @cached_property
-    def line_power(self) -> dict[str, Array]:
-        """Power of the lines of each mesh."""
-        return {name: self._power(name, lambda lines_of_mesh, _force, _instant: lines_of_mesh) for name in self.forces}
-
-    @cached_property
-    def parametric_error(self) -> dict[str, Array]:
-        """Power of the parametric excitation, which the linear response lacks: deflection times varying stiffness."""
-        return {name: self._power(name, self._parametric_lines) for name in self.forces}
-
-    @property
-    def total_power(self) -> Array:
-        """Power of the lines of all meshes."""
-        return np.asarray(np.sum([*self.line_power.values()], axis=0))
-
-    @property
-    def linear(self) -> bool:
-        """Whether every stiffness is constant, and teeth with backlash stay in contact."""
-        constant = all(np.ptp(force.stiffness) <= 1e-12 * np.max(force.stiffness) for force in self.forces.values())
-        glued = all(mesh.backlash_m == 0 for mesh in self.whole.motion.system.meshes)
-        return constant and (glued or all(self._in_contact(instant) for instant in self.instants))
-
-    def _in_contact(self, instant: int) -> bool:
-        """Whether static forces are larger than all lines of the mesh forces of constant stiffness together."""
-        total, static = np.zeros(self.whole.means.size), np.zeros(self.whole.means.size)
-        for name, force in self.forces.items():
-            number, p = self.whole.number(name), force.at(instant)
-            deflections = self.whole.deflections_by(self._frequencies_hz(force, instant))[:, number]
-            lines = self.whole.means[:, None] * deflections * p
-            lines[number] += p  # k (delta - e), and p is -k e
-            total += np.sum(np.abs(lines), axis=1)
-            static[number] = abs(force.static_n[instant])
-        return bool(np.all(total < static))
-
-    def motion_error(self, name: str, other: Response) -> Array:
-        """Return the power of the difference between the lines of a mesh in this motion and in another."""
-        number = other.number(name)
-
-        def difference(lines_of_mesh: ComplexArray, force: ToothForces, instant: int) -> ComplexArray:
-            return np.asarray(
-                other.channels(number, self._frequencies_hz(force, instant)) * force.at(instant) - lines_of_mesh
-            )
-
-        return self._power(name, difference)
-
-    def _parametric_lines(self, _lines_of_mesh: ComplexArray, force: ToothForces, instant: int) -> ComplexArray:
-        number, frequencies = self.whole.number(force.mesh), self._frequencies_hz(force, instant)
-        deflection = self.whole.deflection(number, frequencies) * force.at(instant)
-        remainder = force.parametric_force(deflection, instant, mean=float(self.whole.means[number]))
-        return np.asarray(self.whole.channels(number, frequencies) * remainder)
-
-    def _power(self, name: str, lines: Callable[[ComplexArray, ToothForces, int], ComplexArray]) -> Array:
-        force = self.forces[name]
-        powers = [
-            np.sum(np.abs(lines(lines_of_mesh, force, instant)) ** 2, axis=1) / 2
-            for instant, lines_of_mesh in zip(self.instants, self._lines[name], strict=True)
-        ]
-        return np.asarray(np.mean(powers, axis=0))
-
-    @cached_property
-    def _lines(self) -> dict[str, list[ComplexArray]]:
-        """Lines of each mesh in the channels at each instant: every reduced model is compared with them."""
-        return {
-            name: [
-                self.whole.channels(self.whole.number(name), self._frequencies_hz(force, instant)) * force.at(instant)
-                for instant in self.instants
-            ]
-            for name, force in self.forces.items()
-        }
-
-    def _frequencies_hz(self, force: ToothForces, instant: int) -> Array:
-        return np.asarray(force.orders * self.whole.motion.stage.speed_hz[instant])

@@ -36,7 +36,7 @@ class MeshDynamics(Declared):
     geometry allows, else `trapezoid`. `backlash_um` is the play between the flanks along the line of action (left out:
     the least that ISO/TR 10064-2 recommends; 0: teeth pull as well as push). `error_um` is the amplitude of the first
     mesh harmonic of the transmission error; `friction_coefficient` that of sliding between the flanks (external gears
-    on parallel axes); `fidelity` that of this mesh, where it is lower than the scene's.
+    on parallel axes).
 
     A rectangular stiffness is high for the fractional part of `contact_ratio` (left out: of the geometry) of each
     cycle, and `step_n_m` lower for the rest (left out: the stiffness of one of `contact_ratio` equal pairs of teeth).
@@ -59,7 +59,6 @@ class MeshDynamics(Declared):
     error_um: NotNegative = 0.0
     friction_coefficient: Annotated[float, Field(ge=0, lt=1)] = 0.0
     bore_share: Annotated[float, Field(gt=0, lt=0.8)] = 0.4
-    fidelity: Literal["kinematic", "torsional", "lateral", "full"] | None = None
 
     @model_validator(mode="after")
     def _check_shape(self) -> Self:
@@ -116,7 +115,7 @@ class Dynamics(Declared):
     reference itself; the reference shaft drives.
 
     `error` is the relative RMS error of the channels that time stepping may cause. ``fidelity = "auto"`` allows
-    differences up to `floor_db` from the full motion, determined on the first `decide_s` of the scene.
+    the linear response differences up to `floor_db` from the motion in time.
     """
 
     links: ByName[LinkDynamics] = ()
@@ -131,7 +130,6 @@ class Dynamics(Declared):
     sensor_weights: tuple[SensorWeights, ...] = ()
     error: Annotated[float, Field(gt=0, lt=0.1)] = 1e-3
     floor_db: Annotated[float, Field(lt=0)] = -40.0
-    decide_s: Positive = 0.25
 
     def mesh(self, name: str) -> MeshDynamics:
         """Return the declaration of a mesh, or the defaults."""

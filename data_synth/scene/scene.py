@@ -87,7 +87,7 @@ class Excitation(Declared):
 
 
 _DEVIATIONS = 8  # that a Gaussian error never goes beyond: once in 1e15
-FIDELITIES = ("kinematic", "torsional", "lateral", "full", "auto")
+FIDELITIES = ("kinematic", "dynamic", "auto")
 
 
 class SceneError(SentenceError):
@@ -243,18 +243,7 @@ class Scene(Declared):
         """Return whether a fault has impacts that ring the resonance: not where the teeth of its gear vibrate."""
         if isinstance(fault, BearingFault | ShaftFault):
             return isinstance(fault, BearingFault)
-        return self.fidelity_of(fault.component.rpartition("/")[0]) in {"kinematic", "auto"}
-
-    def fidelity_of(self, mesh: str) -> str:
-        """Return the fidelity of a mesh: its own, or else that of the scene.
-
-        Examples
-        --------
-        >>> from data_synth import load_scene
-        >>> load_scene("gears-in-motion").fidelity_of("stage 1")
-        'lateral'
-        """
-        return (self.dynamics.mesh(mesh).fidelity if self.dynamics is not None else None) or self.fidelity
+        return self.fidelity == "kinematic"
 
     @property
     def _places(self) -> set[str]:

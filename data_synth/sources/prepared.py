@@ -307,7 +307,7 @@ def _ring_torque(scene: Scene, mesh: str) -> float:
     torque = max(load.torques_nm, key=abs)  # the ring has more teeth than the planet
     if not math.isfinite(torque):
         raise SceneError(
-            f'planet_pass.ring: statics does not determine the load of mesh "{mesh}"; write fidelity = "lateral".'
+            f'planet_pass.ring: statics does not determine the load of mesh "{mesh}"; write fidelity = "dynamic".'
         )
     return torque
 

@@ -8,7 +8,7 @@ import math
 import numpy as np
 import xarray as xr
 
-from data_synth.dynamics.active_dofs import active_dofs_of
+from data_synth.dynamics.excited_dofs import excited_dofs_of
 from data_synth.integrators.problem import IntegrationError, Output, Steps
 from data_synth.operation.shaft_angle import Array
 from data_synth.sources.families import turning_ratios
@@ -39,9 +39,8 @@ def mechanics_truth(prepared: PreparedScene, gears: Gears, motion: Motion) -> di
     from where their driving flanks touch; ``truth_tooth_error`` in m, how far their unloaded teeth do;
     ``truth_mesh_stiffness`` in N m-1 and ``truth_mesh_force`` in N, positive where teeth are pressed together: the
     stiffness times the difference of both, as long as the teeth do not part. ``truth_bearing_force`` (truth_support,
-    time) in N, what the bearings of a link press on the frame along an axis of the scene: of motions that are not
-    simulated the static part, what meshes press on the link (none under planets); ``truth_link_speed`` (truth_link,
-    time) in rev s-1, vibration included. All are values at the sampling instants, not filtered.
+    time) in N, what the bearings of a link press on the frame along an axis of the scene; ``truth_link_speed``
+    (truth_link, time) in rev s-1, vibration included. All are values at the sampling instants, not filtered.
 
     Raises
     ------
@@ -49,10 +48,8 @@ def mechanics_truth(prepared: PreparedScene, gears: Gears, motion: Motion) -> di
         If the integration fails.
     """
     scene, system = prepared.scene, motion.system
-    whole = assembly_of(prepared, gears, levels=motion.levels)
-    active = active_dofs_of(whole, motion.levels)
-    damping = {name: scene.dynamics_or_default.mesh(mesh).damping_n_s_m for name, mesh in gears.meshes.items()}
-    supports, displacement, velocity, force = support_forces(whole, active, damping)
+    whole = assembly_of(prepared, gears)
+    supports, displacement, velocity = support_forces(whole, excited_dofs_of(whole))
     turning = [link for link in link_speeds(prepared) if _rotation(prepared, link) in system.names]
     rotations = np.eye(system.dof)[[system.names.index(_rotation(prepared, link)) for link in turning]]
     contacts = len(system.meshes)
@@ -62,7 +59,7 @@ def mechanics_truth(prepared: PreparedScene, gears: Gears, motion: Motion) -> di
         displacement=np.vstack([[m.direction for m in system.meshes], none, 0 * rotations, displacement]),
         velocity=np.vstack([none, none, rotations / (2 * math.pi), velocity]),
         mesh_force=np.vstack(
-            [np.zeros((contacts, contacts)), np.eye(contacts), np.zeros((len(turning), contacts)), force]
+            [np.zeros((contacts, contacts)), np.eye(contacts), np.zeros((len(turning) + len(supports), contacts))]
         ),
     )
     values = _integrated(motion, output)

@@ -1,34 +1,27 @@
 """Vibration of a scene's gears: equations of motion, external torques, and forces towards the sensors.
 
-At every fidelity the gearbox is assembled in the plane or in space, and degrees of freedom that a fidelity lacks are
-constrained. Bearing forces are those of the springs along active degrees of freedom, and follow from the mesh forces by
-the response of bodies on their supports along constrained ones: so a mesh force reaches a sensor alike at every
-fidelity.
+The gearbox is assembled in the plane, or in space where axes cross or teeth are helical, and degrees of freedom that
+nothing excites are left out. Bearing forces are those of their springs.
 """
 
 import math
 import re
-from collections.abc import Callable, Collection, Iterator, Mapping
+from collections.abc import Callable, Iterator, Mapping
 from dataclasses import dataclass, field, replace
 from functools import cached_property, partial
 
 import numpy as np
 
-from data_synth.dynamics.active_dofs import active_dofs_of
 from data_synth.dynamics.assembly import Assembly, Inertia, SupportStiffness, assemble_parts
+from data_synth.dynamics.excited_dofs import excited_dofs_of
 from data_synth.dynamics.modes import undamped_modes, with_modal_damping
-from data_synth.dynamics.parts import MeshProperties
 from data_synth.dynamics.placement import direction_of
 from data_synth.dynamics.system import Array, System, errors_at
-from data_synth.gears.mesh_stiffness import Constant
 from data_synth.integrators.problem import Accuracy, IntegrationError, Load, Output, Problem, Steps
-from data_synth.kinematic.imperfect_parts import imperfections_of
-from data_synth.scene.faults import LOSING_CONTACT, Eccentricity
+from data_synth.scene.faults import LOSING_CONTACT
 from data_synth.scene.random_streams import random_stream
 from data_synth.scene.scene import Scene, SceneError
-from data_synth.sources.families import mesh_name
 from data_synth.sources.prepared import PreparedScene, prepare_scene
-from data_synth.transfer.housing import AHEAD
 from data_synth.vibration.gear_torques import (
     DriveLoad,
     drive_load_of,
@@ -48,17 +41,8 @@ from hums.gearbox.kinematics import Kinematics
 _PARALLEL = 1e-9
 
 
-def assembly_of(
-    stage: PreparedScene,
-    gears: Gears,
-    *,
-    levels: Mapping[str, str],
-    springs: Collection[str] = (),
-    speed_rad_s: float | None = None,
-) -> Assembly:
-    """Return the gearbox of a scene in the plane, or in space where axes cross, teeth are helical or motion is full.
-
-    Axial and tilting motions of helical gears that are not simulated answer the mesh forces by linear equations.
+def assembly_of(stage: PreparedScene, gears: Gears, *, speed_rad_s: float | None = None) -> Assembly:
+    """Return the gearbox of a scene in the plane, or in space where axes cross or teeth are helical.
 
     Bodies in mesh with planets have coordinates that rotate with the carrier, with the gyroscopic terms of the mean
     speed; a run-up, which has no mean speed, leaves them out.
@@ -67,9 +51,6 @@ def assembly_of(
     ----------
     stage : PreparedScene
     gears : Gears
-    levels : mapping of mesh to "torsional", "lateral" or "full"
-    springs : collection of mesh
-        Meshes of constant mean stiffness without transmission error.
     speed_rad_s : float, optional
         Speed of the reference in rad/s for the gyroscopic terms; default the scene's mean.
 
@@ -79,21 +60,20 @@ def assembly_of(
         If `data_synth.dynamics.assembly.assemble` raises ValueError.
     """
     scene, kinematics = stage.scene, gears.kinematics
-    speed = _speed_rad_s(stage, kinematics) if speed_rad_s is None else speed_rad_s
-    declared, full = scene.dynamics_or_default, "full" in levels.values()
+    declared = scene.dynamics_or_default
     has_helix = any(mesh.helix_angle_deg for mesh in scene.gearbox.meshes)
     try:
         return assemble_parts(
             kinematics,
-            motions="space" if full or has_helix or has_crossed_axes(kinematics) else "plane",
+            motions="space" if has_helix or has_crossed_axes(kinematics) else "plane",
             inertias={
                 name: Inertia(mass_kg=item.mass_kg, inertia_kgm2=item.inertia_kg_m2)
                 for link, item in declared.links
                 for name in _copies(scene, link)
             },
             supports=dict(_supports(scene, kinematics)),
-            meshes=dict(_meshes(gears, springs)),
-            speed_rad_s=speed if full or has_planets(kinematics) else 0.0,
+            meshes={name: teeth.properties for name, teeth in gears.teeth.items()},
+            speed_rad_s=_speed_rad_s(stage, kinematics) if speed_rad_s is None else speed_rad_s,
             rotating_frame="carriers",
         )
     except ValueError as caught:
@@ -143,14 +123,6 @@ def _supports(scene: Scene, kinematics: Kinematics) -> Iterator[tuple[str, Suppo
         yield from ((name, hold) for name in _copies(scene, link))
 
 
-def _meshes(gears: Gears, springs: Collection[str]) -> Iterator[tuple[str, MeshProperties]]:
-    for name, teeth in gears.teeth.items():
-        given = teeth.properties
-        if gears.meshes[name] in springs and given.stiffness is not None:
-            given = replace(given, stiffness=Constant(mean=given.stiffness.mean), error=None, friction_coefficient=0.0)
-        yield name, given
-
-
 # ---- Run -------------------------------------------------------------------------------------------------------------
 
 
@@ -181,7 +153,6 @@ class Motion:
         Duration before time zero in which the transient of the start decays below the error; zero for a run-up.
     error : float
         Tolerated relative RMS error of the forces.
-    levels : mapping of mesh to "torsional", "lateral" or "full"
     steps_per_sample : int or None
         Of the integration; None: as many as a trial needs for the error.
     """
@@ -195,7 +166,6 @@ class Motion:
     oversampling: int
     settling_time_s: float
     error: float
-    levels: Mapping[str, str]
     steps_per_sample: int | None = None
 
     @property
@@ -213,17 +183,14 @@ class Motion:
     @cached_property
     def every_static_reading(self) -> Array:
         """Static part of all readings, (reading, instant) N."""
-        maps, structure = self.output.maps, self.sensor_forces.structure
+        maps = self.output.maps
         displacements = static_displacements(self.stage, self.system, self.drive_load)
         if self.sensor_forces.rotate:
             displacements = displacements + static_error_displacements(self.system)[:, None]
         readings = maps["displacement"] @ displacements
         if "mesh_force" in maps:
             readings += maps["mesh_force"] @ self.static_n
-        if structure is None:
-            return np.asarray(readings)
-        pressed = structure.response(np.zeros(1))[:, :, 0].real @ readings[structure.readings :]
-        return np.asarray(readings[: structure.readings] + pressed)
+        return np.asarray(readings)
 
     @cached_property
     def static_readings(self) -> Array | None:
@@ -249,10 +216,6 @@ class Motion:
         weighted, delay = WeightedForces.of(self.output), (lag := max(filter_.lag for filter_ in filters))
         if weighted is not None:
             delay += LAG
-        structure = self.sensor_forces.structure
-        absent = structure.filter_at(self.output.rate_hz) if structure is not None else None
-        if absent is not None:
-            delay += AHEAD
         last = (settling_samples + samples - 1) * self.oversampling + delay
         problem = self.problem(-settling_samples / scene.rate_hz, last / self.output.rate_hz)
         steps = Steps(per_sample=self.steps())
@@ -262,7 +225,6 @@ class Motion:
             for block in integrate_blocks(problem, output=output, tolerance=steps, block=_BLOCK):
                 times_s = block.times_s - (delay - lag) / self.output.rate_hz
                 readings = (block.values, block.values) if weighted is None else weighted.push(block.values)
-                readings = readings if absent is None else absent.push(*readings)
                 smooth, at_once = readings
                 forces = points = sensor_forces.forces(smooth, times_s=times_s).T
                 if at_once is not smooth:
@@ -284,8 +246,7 @@ class Motion:
         if self.steps_per_sample is not None:
             return self.steps_per_sample
         scene, output = self.stage.scene, self.output
-        # forces of planets may cancel in the sum, and supports that follow the mesh forces have no steps of their own
-        if self.sensor_forces.rotate or self.sensor_forces.structure is not None:
+        if self.sensor_forces.rotate:  # forces of planets may cancel in the sum
             trial_output = Output(rate_hz=output.rate_hz, mesh_force=np.eye(len(self.system.meshes)))
         else:  # forces on a rigid housing nearly cancel, too: those that a sensor feels above its first mode do not
             felt = np.array([route.number for route in self.sensor_forces.routes])
@@ -344,7 +305,7 @@ def scene_system(scene: Scene) -> Callable[[float], System]:
     Parameters
     ----------
     scene : Scene
-        Its fidelity says which motions the bodies have; lateral where it is kinematic or automatic.
+        Its bodies have the motions that teeth and torques excite, as with `fidelity = "dynamic"`.
 
     Returns
     -------
@@ -358,11 +319,9 @@ def scene_system(scene: Scene) -> Callable[[float], System]:
     """
     stage = prepare_scene(scene, rng_for=partial(random_stream, 0))
     gears = prepare_gears(stage)
-    level = scene.fidelity if scene.fidelity in {"torsional", "full"} else "lateral"
-    levels = dict.fromkeys(gears.meshes.values(), level)
 
     def system_at(speed_rad_s: float) -> System:
-        system = active_dofs_of(assembly_of(stage, gears, levels=levels, speed_rad_s=speed_rad_s), levels).system
+        system = excited_dofs_of(assembly_of(stage, gears, speed_rad_s=speed_rad_s)).system
         return with_modal_damping(system, ratio=scene.dynamics_or_default.damping_ratio)
 
     return system_at
@@ -382,26 +341,19 @@ def prepare_gears(stage: PreparedScene) -> Gears:
         return gears_of(stage, kinematics)
     healthy = stage.without_faults()
     gears = gears_of(healthy, kinematics)
-    levels = dict.fromkeys(gears.meshes.values(), "torsional")
-    system = active_dofs_of(assembly_of(healthy, gears, levels=levels), levels).system
+    system = excited_dofs_of(assembly_of(healthy, gears)).system
     forces = static_tooth_forces(healthy, system, drive_load_of(healthy, kinematics, system))
     named = zip(system.meshes, forces, strict=True)
     return gears_of(stage, kinematics, static_n={mesh.name: float(np.mean(np.abs(each))) for mesh, each in named})
 
 
-def motion_of(
-    stage: PreparedScene, gears: Gears, *, levels: Mapping[str, str], springs: Collection[str] = ()
-) -> Motion:
+def motion_of(stage: PreparedScene, gears: Gears) -> Motion:
     """Return the motion of a scene's gears.
 
     Parameters
     ----------
     stage : PreparedScene
     gears : Gears
-    levels : mapping of mesh to "torsional", "lateral" or "full"
-        A body has the motions of the highest level of its meshes.
-    springs : collection of mesh
-        Meshes of constant mean stiffness without transmission error.
 
     Raises
     ------
@@ -410,14 +362,11 @@ def motion_of(
     """
     scene, kinematics, teeth = stage.scene, gears.kinematics, gears.teeth
     declared = scene.dynamics_or_default
-    whole = assembly_of(stage, gears, levels=levels, springs=springs)
-    active = active_dofs_of(whole, levels)
+    whole = assembly_of(stage, gears)
+    excited = excited_dofs_of(whole)
     system = replace(
-        active.system,
-        meshes=tuple(
-            mesh if gears.meshes[mesh.name] in springs else replace(mesh, history=teeth[mesh.name].history_of(mesh))
-            for mesh in active.system.meshes
-        ),
+        excited.system,
+        meshes=tuple(replace(mesh, history=teeth[mesh.name].history_of(mesh)) for mesh in excited.system.meshes),
     )
     damped = with_modal_damping(system, ratio=declared.damping_ratio)
     angular, _ = undamped_modes(system, [mesh.stiffness.mean for mesh in system.meshes])
@@ -426,11 +375,8 @@ def motion_of(
         2 * math.pi * declared.mounts.frequency_hz * declared.mounts.damping_ratio,
     )
     acting = drive_load_of(stage, kinematics, system)
-    sensor_forces = sensor_forces_of(stage, gears.meshes, whole, active, damping=damped.damping + system.damping)
+    sensor_forces = sensor_forces_of(stage, whole, excited)
     fastest = float(np.max(angular))
-    if sensor_forces.structure is not None:
-        poles = sensor_forces.structure.poles
-        slowest, fastest = min(slowest, float(np.min(-poles.real))), max(fastest, float(np.max(np.abs(poles))))
     oversampling = _FEWEST_DENSE if any(sensor.anti_alias != "none" for sensor in scene.sensors) else 1
     while oversampling < _MOST_DENSE and fastest / (2 * math.pi) > oversampling * scene.rate_hz / 4:
         oversampling *= 2
@@ -438,9 +384,6 @@ def motion_of(
     if sensor_forces.passing:
         static_n = static_n + static_error_forces(system)[:, None]
     by_mesh = {mesh.name: force for mesh, force in zip(system.meshes, static_n, strict=True)}
-    if (structure := sensor_forces.structure) is not None:  # supports share the load between planets
-        shares = structure.response(np.zeros(1))[:, :, 0].real @ structure.maps["mesh_force"] @ static_n
-        by_mesh |= {each.contact: by_mesh[each.contact] + shares[each.reading] for each in sensor_forces.passing}
     sensor_forces = replace(sensor_forces, static_n=by_mesh)
     return Motion(
         stage=stage,
@@ -452,7 +395,6 @@ def motion_of(
         oversampling=oversampling,
         settling_time_s=0.0 if acting.full_rotation else math.log(1 / declared.error) / slowest,
         error=declared.error,
-        levels=dict(levels),
     )
 
 
@@ -467,25 +409,6 @@ def check_supported(scene: Scene) -> None:
     for sensor in scene.sensors:
         if sensor.direction is None:
             raise SceneError(f'{what}: sensor "{sensor.name}" needs a direction, as [x, y, z] across the shafts.')
-    _check_planets_share(scene)
-
-
-def _check_planets_share(scene: Scene) -> None:
-    """Refuse planets that only turn and have unequal errors: held so, they do not share the load but fight it out."""
-    imperfect = imperfections_of(scene)
-    frame = scene.kinematics.mechanism.frame
-    for mesh in dict.fromkeys(contact.mesh for contact in scene.kinematics.contacts if contact.carrier != frame):
-        eccentric = [
-            f'the eccentricity of "{fault.component}"'
-            for fault in scene.faults
-            if isinstance(fault, Eccentricity) and mesh_name(fault.component) == mesh
-        ]
-        uneven = [*eccentric, *(f"imperfections.{name}" for name in ("planets", "gears") if getattr(imperfect, name))]
-        if uneven and scene.fidelity_of(mesh) == "torsional":
-            raise SceneError(
-                f'mesh "{mesh}", fidelity = "torsional": {uneven[0]} makes planets unequal, which share their load by '
-                'motions across their axes; write fidelity = "lateral", or leave it out.'
-            )
 
 
 def not_followed(caught: IntegrationError) -> SceneError:

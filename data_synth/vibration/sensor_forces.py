@@ -1,9 +1,7 @@
 """Forces on the housing in the direction of each sensor, from the motion of the gears and the mesh forces.
 
-The force of a bearing is that of its springs; along a degree of freedom that is not simulated it follows from the mesh
-forces by the response of the body on its supports (`data_synth.vibration.structure`). Mesh forces on gears of the
-frame, as a ring in its housing, act on it directly. Forces in coordinates that rotate with a carrier are resolved in
-the fixed direction of the sensor.
+The force of a bearing is that of its springs. Mesh forces on gears of the frame, as a ring in its housing, act on it
+directly. Forces in coordinates that rotate with a carrier are resolved in the fixed direction of the sensor.
 
 All these forces add up to that on a rigid housing, along their own directions: those inside of the gearbox that balance
 move nothing. What is nearer to a sensor, or further, is felt by it through the elastic housing alone, above its first
@@ -22,10 +20,10 @@ from itertools import compress
 
 import numpy as np
 
-from data_synth.dynamics.active_dofs import ActiveDofs
 from data_synth.dynamics.assembly import Assembly
+from data_synth.dynamics.excited_dofs import ExcitedDofs
 from data_synth.dynamics.placement import planet_angle, planet_of
-from data_synth.dynamics.system import Array, System
+from data_synth.dynamics.system import Array
 from data_synth.integrators.problem import Output
 from data_synth.kinematic.harmonics import ComplexArray
 from data_synth.kinematic.planet_pass import PassWindow, pass_window
@@ -36,7 +34,6 @@ from data_synth.sources.prepared import PreparedScene
 from data_synth.transfer.acquisition import linear_chain, measured_filter, path_residues
 from data_synth.transfer.housing import AHEAD, PoleFilter, body_weights, housing_of, sensitive_direction
 from data_synth.transfer.paths import FirPath, MeasuredPath, TransferPath, transfer_paths
-from data_synth.vibration.structure import Structure, structure_of
 
 # ---- Transfer routes from vibrating gears to sensors: through the housing, or by declared paths from single links ----
 # A declared path starts from the supports of a link, in the direction of its sensor; the housing transfers the rest.
@@ -62,13 +59,13 @@ class Route:
     path: TransferPath | None = field(default=None, repr=False)
     elastic: bool = False
 
-    def response(self, scene: Scene, frequency_hz: Array) -> ComplexArray:
-        """Return the complex amplitude in the channel for 1 N at frequencies, any shape."""
+    def response_in(self, scene: Scene) -> Callable[[Array], ComplexArray]:
+        """Return the complex amplitude in the channel for 1 N as a function of frequencies in Hz, any shape."""
         sensor = scene.sensors[self.number]
         if self.path is None:
-            return housing_of(scene, sensor, rate_hz=scene.rate_hz, elastic=self.elastic).response(frequency_hz)
-        chain = linear_chain(sensor, rate_hz=scene.rate_hz)
-        return np.asarray(self.path.response(frequency_hz) * chain.response(frequency_hz))
+            return housing_of(scene, sensor, rate_hz=scene.rate_hz, elastic=self.elastic).response
+        path, chain = self.path, linear_chain(sensor, rate_hz=scene.rate_hz)
+        return lambda frequency_hz: np.asarray(path.response(frequency_hz) * chain.response(frequency_hz))
 
     def filter_at(self, scene: Scene, *, rate_hz: float) -> "RouteFilter":
         """Return the filter of the route at rest, for a force at `rate_hz`."""
@@ -232,8 +229,6 @@ class SensorForces:
         Transfer routes.
     carriers : mapping of carrier to (ratio, offset)
         Revolutions per revolution of the reference, and at its revolution zero.
-    structure : Structure or None
-        Response of the motions that are not simulated. Its readings are the first of the output, its inputs the last.
     static_n : mapping of mesh to (instant,) array
         Static mesh forces under the load at the instants of the truth; none of a mesh that is left out.
     static_readings : (route, instant) array, or None
@@ -248,7 +243,6 @@ class SensorForces:
     passing: tuple[PassingMesh, ...] = ()
     window: PassWindow | None = None
     carriers: dict[str, tuple[float, float]]
-    structure: Structure | None = field(default=None, repr=False)
     static_n: Mapping[str, Array] = field(default_factory=dict, repr=False)
     static_readings: Array | None = field(default=None, repr=False)
 
@@ -312,27 +306,20 @@ class SensorForces:
         return loads
 
 
-def sensor_forces_of(
-    stage: PreparedScene, meshes: Mapping[str, str], whole: Assembly, active: ActiveDofs, *, damping: Array
-) -> SensorForces:
+def sensor_forces_of(stage: PreparedScene, whole: Assembly, excited: ExcitedDofs) -> SensorForces:
     """Return the forces of a scene's gears towards its sensors.
 
     Parameters
     ----------
     stage : PreparedScene
-    meshes : mapping of contact to mesh
     whole : Assembly
         With all degrees of freedom.
-    active : Kept
-        Those that are simulated.
-    damping : (active, active) array
-        Damping of the simulated motions, without that of drive and load.
+    excited : ExcitedDofs
+        Those that are integrated.
     """
     scene, parts = stage.scene, whole.parts
     frames = list(dict.fromkeys(contact.carrier for contact in parts.contacts if contact.carrier != parts.frame))
-    rows = _Readings(
-        whole, active, {name: scene.dynamics_or_default.mesh(mesh).damping_n_s_m for name, mesh in meshes.items()}
-    )
+    rows = _Readings(whole, excited)
     window, rotating, passing = pass_window(scene), [], []
     every, presses = routes_of(scene), pressing_bodies(whole)
     of_each = [route_gains(scene, whole, route, every) for route in every]
@@ -379,10 +366,8 @@ def sensor_forces_of(
                         axial=float(force @ [0.0, 0.0, z]),
                     )
                 )
-    structure = rows.structure(damping, damping_ratio=scene.dynamics_or_default.damping_ratio)
     return SensorForces(
         stage=stage,
-        structure=structure,
         output=rows.output(scene.rate_hz),
         routes=routes,
         rotating=tuple(rotating),
@@ -411,59 +396,36 @@ def pressing_bodies(whole: Assembly) -> set[str]:
     } | ({parts.frame} if whole.on_frame else set())
 
 
-def support_forces(
-    whole: Assembly, active: ActiveDofs, damping: dict[str, float]
-) -> tuple[list[str], Array, Array, Array]:
+def support_forces(whole: Assembly, excited: ExcitedDofs) -> tuple[list[str], Array, Array]:
     """Return the forces of the supports of each body on the frame along x, y and z of the gearbox, as output maps.
-
-    Of motions that are not simulated they are those of statics: what the meshes press on the body. Where planets turn
-    there are none of these, since planets and carrier share their forces.
 
     Returns
     -------
     names : list of str
         As ``"input, x"``; forces that are always zero have no row.
-    displacement, velocity : (row, active dof) arrays
-    mesh_force : (row, contact) array
+    displacement, velocity : (row, dof) arrays
     """
-    names, rows, parts = [], _Readings(whole, active, damping), whole.parts
-    meshes, index = whole.system.meshes, whole.coordinates.index
-    rigid = np.ones(len(whole.coordinates.names), dtype=bool)
-    rigid[active.numbers] = False
-    if any(contact.carrier != parts.frame for contact in parts.contacts):
-        rigid[:] = False
-    statics = []
-    for body in (*parts.kinematics.joints, *parts.elastic_links):
+    names, rows, parts = [], _Readings(whole, excited), whole.parts
+    bodies = (*parts.kinematics.joints, *parts.elastic_links)
+    for body in bodies:
         if parts.frame not in parts.frames(body):
             continue
         for axis, unit in zip("xyz", np.eye(3), strict=True):
             along = np.asarray(parts.space @ unit)
             along[np.abs(along) < _ALONG] = 0.0
-            gains = {other: float(other == body) for other in (*parts.kinematics.joints, *parts.elastic_links)}
-            rows.add(along, gains, frame=parts.frame, ring=False)
-            numbers = [index.get((parts.piece(body, parts.frame), motion)) for motion in "xyz"]
-            held = [(share, number) for share, number in zip(along, numbers, strict=True) if number is not None]
-            statics.append(
-                [-sum(share * mesh.direction[number] for share, number in held if rigid[number]) for mesh in meshes]
-            )
+            rows.add(along, {other: float(other == body) for other in bodies}, frame=parts.frame, ring=False)
             names.append(f"{body}, {axis}")
-    displacement, velocity, mesh_force = rows.maps
-    mesh_force = mesh_force + np.reshape(statics, mesh_force.shape)
-    nonzero = np.any(np.hstack([displacement, velocity, mesh_force]) != 0, axis=1)
-    kept = [names[row] for row in np.flatnonzero(nonzero)]
-    return kept, displacement[nonzero], velocity[nonzero], mesh_force[nonzero]
+    displacement, velocity, _ = rows.maps
+    nonzero = np.any(np.hstack([displacement, velocity]) != 0, axis=1)
+    return [names[row] for row in np.flatnonzero(nonzero)], displacement[nonzero], velocity[nonzero]
 
 
 class _Readings:
     """Output maps of motion and mesh forces, added one by one."""
 
-    def __init__(self, whole: Assembly, active: ActiveDofs, damping: dict[str, float]) -> None:
-        self._whole, self._active, self._coordinates = whole, active, whole.coordinates
-        system: System = whole.system
-        self._names = [mesh.name for mesh in system.meshes]
-        self._meshes = np.array([mesh.direction for mesh in system.meshes])
-        self._damping = np.array([damping[name] for name in self._names])
-        self._absent: list[tuple[Array, Array]] = []
+    def __init__(self, whole: Assembly, excited: ExcitedDofs) -> None:
+        self._whole, self._numbers, self._coordinates = whole, excited.numbers, whole.coordinates
+        self._names = [mesh.name for mesh in whole.system.meshes]
         self._displacement: list[Array] = []
         self._velocity: list[Array] = []
         self._mesh_force: list[Array] = []
@@ -490,40 +452,12 @@ class _Readings:
             if sensed is not None and contact.name in self._whole.on_frame:
                 projection = float(np.array(self._whole.on_frame[contact.name]) @ sensed)
                 mesh_force[self._names.index(contact.name)] += weights[parts.frame] * projection
-        moving = self._active.expansion
-        self._absent.append((displacement, velocity))
-        return self._append(displacement @ moving, velocity @ moving, mesh_force)
+        return self._append(displacement[self._numbers], velocity[self._numbers], mesh_force)
 
     def mesh(self, name: str) -> int:
         """Add the force of a mesh, and return its number."""
-        none = np.zeros(self._active.numbers.size)
-        self._absent.append((np.zeros(len(self._coordinates.names)), np.zeros(len(self._coordinates.names))))
+        none = np.zeros(self._numbers.size)
         return self._append(none, none, np.eye(len(self._names))[self._names.index(name)])
-
-    def structure(self, damping: Array, *, damping_ratio: float) -> Structure | None:
-        """Return the response of the motions that are not simulated, in the readings so far, and add its inputs."""
-        displacement, velocity = (np.array(rows) for rows in zip(*self._absent, strict=True))
-        # they deflect the meshes whose forces are read, too
-        means = np.array([mesh.stiffness.mean for mesh in self._whole.system.meshes])
-        displacement += (np.array(self._mesh_force) * means) @ self._meshes
-        structure = structure_of(
-            self._whole,
-            self._active,
-            displacement=displacement,
-            velocity=velocity,
-            damping=damping,
-            damping_ratio=damping_ratio,
-        )
-        if structure is not None:
-            for number in range(structure.readings):
-                self._displacement[number] = self._displacement[number] + structure.beside["displacement"][number]
-                self._velocity[number] = self._velocity[number] + structure.beside["velocity"][number]
-            at_rest = np.zeros(self._active.numbers.size)
-            for displacement, mesh_force in zip(
-                structure.maps["displacement"], structure.maps["mesh_force"], strict=True
-            ):
-                self._append(displacement, at_rest, mesh_force)
-        return structure
 
     def output(self, rate_hz: float) -> Output:
         """Return the output with all maps."""
@@ -538,7 +472,7 @@ class _Readings:
     @property
     def maps(self) -> tuple[Array, Array, Array]:
         """The maps of displacement, velocity and mesh force, a row for each reading."""
-        dofs, count = self._active.numbers.size, len(self._displacement)
+        dofs, count = self._numbers.size, len(self._displacement)
         rows = (self._displacement, dofs), (self._velocity, dofs), (self._mesh_force, len(self._names))
         return tuple(np.reshape(found, (count, width)) for found, width in rows)  # type: ignore[return-value]
 
@@ -568,10 +502,4 @@ def _sensitive_direction(stage: PreparedScene, whole: Assembly, sensor: Sensor) 
     direction = sensitive_direction(sensor, rng_for=stage.rng_for)
     along = np.asarray(whole.parts.space @ direction)
     along[np.abs(along) < _ALONG] = 0.0
-    moves = {motion for _, motion in whole.coordinates.index}
-    if not any(value and motion in moves for value, motion in zip(along, "xyz", strict=True)):
-        raise SceneError(
-            f'sensor "{sensor.name}" is directed along the shafts, where gears that move in a plane have no force; '
-            'change its direction, or write fidelity = "full".'
-        )
     return along

@@ -191,7 +191,7 @@ def _system_source(source: str, motions: Literal["torsion", "plane", "space"] | 
     is_file = source not in catalogue() and Path(source).suffix == ".toml"
     if source in scene_catalogue() or (is_file and "gearbox" in read_toml(Path(source), error=GearboxError)):
         if motions is not None:
-            raise ValueError(f"--motions {motions}: a scene declares its own motions as its fidelity; leave it out.")
+            raise ValueError(f"--motions {motions}: a scene has all motions that its teeth excite; leave it out.")
         return scene_system(load_scene(source))
     gearbox = load_gearbox(source)
     chosen = motions or ("plane" if layout_of(gearbox).planar else "space")

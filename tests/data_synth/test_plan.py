@@ -230,7 +230,7 @@ class TestBenchmark:
         for kind in ("speed_kind", "torque_kind"):
             # four ways of a quarter each: 250 of 1,000, +- 14
             assert min(Counter(row[kind] for row in labels).values()) > 200
-        assert {plan.scene(number).fidelity for number in range(16)} == {"lateral"}
+        assert {plan.scene(number).fidelity for number in range(16)} == {"dynamic"}
 
     def test_teeth_hunt_and_are_not_undercut_and_loads_are_those_of_their_size(self):
         for number in range(16):

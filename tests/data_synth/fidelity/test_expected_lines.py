@@ -2,7 +2,7 @@
 
 import tomllib
 from fractions import Fraction
-from functools import cache, partial
+from functools import cache
 
 import numpy as np
 import pytest
@@ -11,9 +11,9 @@ from truth import explained, rebuilt
 
 from data_synth import Scene, load_scene, simulate
 from data_synth.fidelity.expected_lines import expected_lines
-from data_synth.vibration.gear_lines import _prior, gear_lines
+from data_synth.vibration.gear_lines import _prior
 from data_synth.vibration.line_candidates import candidates_of
-from data_synth.vibration.order_projection import AngleSamples, Projection, Window, sum_of_lines
+from data_synth.vibration.order_projection import sum_of_lines
 from data_synth.vibration.run import motion_of, prepare_gears
 
 UNEVEN = {"imperfections": {"gears": {"runout_um": 20, "single_pitch_um": 6}}}
@@ -62,7 +62,7 @@ def test_meshes_and_a_damaged_tooth_are_coupled(depth_mm):
     lines = simulate(declared, seed=SEED)["truth_amplitude"].isel(truth_channel=0, truth_time=0)
     stage = stage_of(declared)
     gears = prepare_gears(stage)
-    families = expected_lines(motion_of(stage, gears, levels=dict.fromkeys(gears.meshes.values(), "lateral")))
+    families = expected_lines(motion_of(stage, gears))
     repeats = 67 * lines["truth_order"].values
     lines = lines[np.abs(repeats - np.round(repeats)) < 1e-6]
     expected = np.array([amplitude(families, Fraction(round(67 * order), 67)) for order in lines["truth_order"].values])
@@ -96,9 +96,8 @@ def test_gears_that_nothing_excites_have_no_expected_lines():
         # a damaged tooth changes the mean load that its planet bears
         ([{"kind": "tooth_crack", "component": "planet-ring/ring", "depth_mm": 2}], {}, 1e-3),
         ([], {"imperfections": {"planets": {}}}, 1e-3),
-        ([], {"fidelity": "torsional"}, 2e-3),  # motions across the axes, left out, do not follow a varying stiffness
     ],
-    ids=["sound", "ring", "unequal planets", "torsional"],
+    ids=["sound", "ring", "unequal planets"],
 )
 def test_expected_lines_of_planets_are_those_of_an_integration(faults, changes, error):
     """Beside each line of the carrier's frame, where the gears are linear, those of the angle of the carrier."""
@@ -112,7 +111,7 @@ def test_expected_lines_of_planets_are_those_of_an_integration(faults, changes, 
     lines = simulate(declared, seed=SEED)["truth_amplitude"].isel(truth_channel=0, truth_time=0)
     stage = stage_of(declared)
     gears = prepare_gears(stage)
-    families = expected_lines(motion_of(stage, gears, levels=dict.fromkeys(gears.meshes.values(), declared.fidelity)))
+    families = expected_lines(motion_of(stage, gears))
     candidates = candidates_of(declared, top=lines["truth_order"].values[-1] + 0.01, mixed=False)
     found = _prior(families, candidates, speeds=stage.speed_hz[:1], channels=1)
     expected = np.zeros(lines.size, dtype=complex)
@@ -154,12 +153,11 @@ def with_phases(declared):
 @pytest.mark.parametrize(
     ("fault", "changes"),
     [
-        ("sun-planet/sun", {}),
         ("sun-planet/planet", {}),
         # the damaged tooth and the run-out of the ring make lines at sums of their orders: 80 % without
         ("sun-planet/sun", {"imperfections": {"gears": {"runout_um": 25, "single_pitch_um": 0}}}),
     ],
-    ids=["sun", "planet", "sun among uneven gears"],
+    ids=["planet", "sun among uneven gears"],
 )
 def test_the_fault_of_planets_has_its_truth_where_speed_rises(fault, changes):
     """Of sun and planet 38 and 45 dB below the record; 99.9 and 98.7 % in 6 s."""
@@ -197,46 +195,13 @@ def test_expected_lines_are_the_signal_of_a_run_through_a_resonance(rpm):
     assert "truth_line_change" not in record  # no line has a window
 
 
-def test_lines_differ_on_the_way_up_and_down_through_a_resonance_by_what_lags_behind_the_speed():
-    """The signal's own lines, whose windows know nothing of what is expected, are and differ as much.
-
-    To an eighth of what they differ by: a mesh's line that lags makes others lag by more or less than their own order.
-    """
-    declared = scene(duration_s=6.0, speed={"link": "pinion", "rpm": [[0, 500], [3, 900], [6, 500]]})
-    moving = motion(declared)
-    signal, angle = np.concatenate([*moving.channels(samples=declared.samples)], axis=1), moving.stage.drive.angle
-    stated = gear_lines(stage_of(declared), signal, expected=partial(expected_lines, moving)).lines
-    truth = np.stack([line.amplitude[0] for line in stated])
-    sizes = np.max(np.abs(truth), axis=1)
-    loud = truth[sizes > 0.01 * sizes.max()]
-    assert np.max(np.max(np.abs(loud), axis=1) / np.min(np.abs(loud), axis=1)) > 10  # some line passes a resonance
-    samples = AngleSamples(
-        signal=signal,
-        rate_hz=declared.rate_hz,
-        revolutions=angle.revolutions,
-        speed_hz=angle.speed_hz,
-        top_order=declared.rate_hz / 2 / angle.top_speed_hz(0.0, 6.0),
-    )
-    orders = np.array([line.order for line in stated])[sizes > 0.01 * sizes.max()]
-    projection = Projection(samples=samples, orders=orders, window=Window(length_rev=0.5, degree=2))
-    instants_s = moving.stage.instants_s
-    assert np.allclose(instants_s, 6 - instants_s[::-1])
-    inner = np.abs(instants_s % 3 - 1.5) < 1.3  # beside the ends and the corner, over which windows reach
-    found = projection.amplitudes(angle.revolutions(instants_s))[0]
-    assert np.linalg.norm((found - loud)[:, inner]) < 0.001 * np.linalg.norm(loud[:, inner])
-    lag, own = ((each - each[:, ::-1])[:, inner] for each in (loud, found))
-    assert np.linalg.norm(lag) > 0.005 * np.linalg.norm(loud)
-    assert np.linalg.norm(lag - own) < 0.15 * np.linalg.norm(own)
-
-
 @pytest.mark.parametrize(
     ("rpm", "record", "fault"),
     [
         ([[0, 60], [2, 120]], 99.9, 99.5),  # 100.00, 99.87: slow all along
-        ([[0, 15], [1, 400]], 99, 90),  # 99.45, 94.25: a start, the fault 34 dB below the record
         ([[0, 500], [0.5, 500], [0.51, 600], [1, 600]], 95, 98),  # 96.34, 99.45: what rings after the step is no line
     ],
-    ids=["slow", "start", "step"],
+    ids=["slow", "step"],
 )
 def test_expected_lines_have_the_fault_where_speed_is_low_or_changes_fast(rpm, record, fault):
     crack = {"kind": "tooth_crack", "component": "mesh/pinion", "depth_mm": 1.0}
@@ -252,20 +217,3 @@ def test_expected_lines_have_the_fault_where_speed_is_low_or_changes_fast(rpm, r
     signal, lines = damaged["a"].to_numpy(), rebuilt(damaged)
     assert explained(lines, signal) > record
     assert explained(lines - rebuilt(sound), signal - sound["a"].to_numpy()) > fault
-
-
-def test_teeth_that_part_for_moments_have_their_truth():
-    """Torsional gears as their speed rises to a resonance of 7 kHz: 98.6 %, of teeth that hold 93.7 %, in 10 s."""
-    gears = load_scene("gears-in-motion").changed(
-        duration_s=1,
-        fidelity="torsional",
-        speed={"link": "input", "rpm": [[0, 1470], [1, 1500]]},
-        noise={"rms": 0},
-        excitation={"shaft_amplitude": 0},
-    )
-    sensor = gears.sensors[0].name
-    damaged, sound = (simulate(each, seed=SEED, phases=True) for each in (gears, gears.changed(faults=())))
-    signal, lines = damaged[sensor].to_numpy(), rebuilt(damaged)
-    assert "truth_line_change" not in damaged
-    assert explained(lines, signal) > 99.7
-    assert explained(lines - rebuilt(sound), signal - sound[sensor].to_numpy()) > 97

@@ -207,7 +207,7 @@ def test_planets_that_no_line_shows_are_refused():
 
 
 def test_gears_in_motion_have_their_pitch_deviations():
-    declared = scene({"gears": {"grade": 7}}, fidelity="lateral")
+    declared = scene({"gears": {"grade": 7}}, fidelity="dynamic")
     stage = prepare_scene(declared, rng_for=partial(random_stream, 2))
     error = prepare_gears(stage).teeth["stage 1"].properties.error
     assert error.period == 23 * 67
@@ -221,7 +221,7 @@ def test_gears_in_motion_have_their_pitch_deviations():
 
 
 def test_sidebands_of_deviations_in_motion_are_those_of_both_gears():
-    short = {"fidelity": "torsional", "rate_hz": 8000, "duration_s": 0.1}
+    short = {"fidelity": "dynamic", "rate_hz": 8000, "duration_s": 0.1}
     plain, deviating = (values(table, **short) for table in (None, {"gears": {"grade": 8}}))
     assert 1e-3 < np.std(deviating - plain) / np.std(plain) < 2
 

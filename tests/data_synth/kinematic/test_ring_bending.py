@@ -150,12 +150,11 @@ def test_unequal_planets_bring_the_other_lines_back():
     assert set(lines % 3) == {0, 1, 2}
 
 
-@pytest.mark.parametrize("fidelity", ["torsional", "lateral", "full"])
-def test_gears_in_motion_bend_the_ring_as_statics_says(fidelity):
+def test_gears_in_motion_bend_the_ring_as_statics_says():
     _, kinematic = bending_lines(simulate(scene(), seed=1))
-    stage = prepare_scene(scene(fidelity=fidelity), rng_for=partial(random_stream, 1))
+    stage = prepare_scene(scene(fidelity="dynamic"), rng_for=partial(random_stream, 1))
     gears = prepare_gears(stage)
-    motion = motion_of(stage, gears, levels=dict.fromkeys(["sun-planet", "planet-ring"], fidelity))
+    motion = motion_of(stage, gears)
     moving = stage.with_bending_rings(motion.sensor_forces.ring_loads())
     kinds = [family.kind for family in moving.families]
     sizes = np.abs(moving.amplitudes[kinds.index("ring_bending")][0, :, 0])
@@ -164,17 +163,21 @@ def test_gears_in_motion_bend_the_ring_as_statics_says(fidelity):
 
 
 def test_a_displaced_planet_takes_load_from_the_others():
-    declared = scene(fidelity="lateral", imperfections={"planets": {"position_um": 5}})
-    stage = prepare_scene(declared, rng_for=partial(random_stream, 1))
-    gears = prepare_gears(stage)
-    motion = motion_of(stage, gears, levels=dict.fromkeys(["sun-planet", "planet-ring"], "torsional"))
+    def ready(radial_n_m):
+        bearings = {name: {"radial_n_m": radial_n_m} for name in ("sun", "carrier", "planet")}
+        uneven = {"imperfections": {"planets": {"position_um": 5}}, "dynamics": {"bearings": bearings}}
+        stage = prepare_scene(scene(fidelity="dynamic", **uneven), rng_for=partial(random_stream, 1))
+        gears = prepare_gears(stage)
+        return gears, motion_of(stage, gears)
+
+    gears, motion = ready(1e13)
     found = static_error_forces(motion.system)
     ahead = np.array([float(gears.teeth[f"planet-ring {number}"].properties.error(0.5)) for number in (1, 2, 3)])
     # sun and carrier turn alone: each planet is two springs in series, displaced by the errors of both its meshes
     sun, ring = (motion.system.meshes[number].stiffness.mean for number in (0, 3))
     expected = -2 * (ahead - np.mean(ahead)) * sun * ring / (sun + ring)
-    assert_allclose(found, np.tile(expected, 2), rtol=1e-9)
-    static_n = motion.sensor_forces.static_n
+    assert_allclose(found, np.tile(expected, 2), rtol=1e-3)  # bearings are 1e4 times as stiff as teeth
+    static_n = ready(1e8)[1].sensor_forces.static_n
     # sun and planets on their bearings give way to it
     assert 100 < np.ptp([static_n[f"planet-ring {number}"][0] for number in (1, 2, 3)]) < np.ptp(expected)
 

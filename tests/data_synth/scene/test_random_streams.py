@@ -24,7 +24,7 @@ def kinematic(**changes):
     return table("demo", fault=fault, rate_hz=12_000, **steady, **mesh, **changes)
 
 
-def lateral(**changes):
+def dynamic(**changes):
     fault = [{"kind": "tooth_crack", "component": "stage 1/intermediate", "depth_mm": 2.0}]
     return table("gears-in-motion", fault=fault, speed={"link": "input", "rpm": 1200}, rate_hz=12_000, **changes)
 
@@ -38,10 +38,10 @@ def planets(**changes):
     ("made", "error"),
     [
         (kinematic(imperfections=IMPERFECT), 1e-9),
-        (lateral(imperfections=IMPERFECT), 3e-3),
+        (dynamic(imperfections=IMPERFECT), 3e-3),
         (planets(imperfections={"planets": {}, **IMPERFECT}), 5e-3),
     ],
-    ids=["kinematic", "lateral", "planets"],
+    ids=["kinematic", "dynamic", "planets"],
 )
 def test_a_record_some_turns_later_is_the_later_part_of_a_longer_one(monkeypatch, made, error):
     scene, turns, samples = Scene.from_mapping(made | {"duration_s": 1}), 7, 600  # to a turn of the reference

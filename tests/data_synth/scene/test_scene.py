@@ -10,7 +10,7 @@ PLAN = """
 gearbox = "two-stage"
 rate_hz = 50000
 duration_s = 10
-fidelity = "kinematic"          # or torsional, lateral, full, auto
+fidelity = "kinematic"          # or dynamic, auto
 speed  = { link = "input", rpm = [[0, 600], [10, 1200]] }     # s, rpm; or csv = "..."
 torque = { link = "output", nm = [[0, 500]] }
 tachometer = { link = "input", pulses_per_rev = 1 }

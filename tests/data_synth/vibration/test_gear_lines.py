@@ -1,19 +1,14 @@
 """Lines of gears in motion: how much of the clean signal they are, and whether a tracker finds them."""
 
-from dataclasses import replace
-from fractions import Fraction
 from functools import cache
 
 import numpy as np
 import pytest
-from moving_pair import SEED, motion, scene, stage_of
+from moving_pair import SEED, scene
 from numpy.testing import assert_allclose
 from truth import rebuilt
 
 from data_synth import Scene, load_scene, simulate
-from data_synth.truth import truth_variables
-from data_synth.vibration.gear_lines import gear_lines
-from data_synth.vibration.order_projection import AngleSamples, Projection, Window
 from hums.records.validation import check_record
 from signals import track_orders
 
@@ -28,45 +23,30 @@ def clean(declared, seed=SEED):
     return simulate(declared.changed(noise={"rms": 0}), seed=seed, phases=True)
 
 
-@pytest.mark.parametrize(
-    ("changes", "least"),
-    [
-        ({"duration_s": 2.7}, 0.95),  # the period of the two-stage gearbox is 67 turns of its input, 2.68 s
-        # 50 turns do not separate all sidebands, and windows do not reach over the ends
-        ({"duration_s": 2.0, "speed": {"link": "input", "rpm": [[0, 1400], [2, 1500]]}}, 0.9),
-    ],
-    ids=["steady", "speeding up"],
-)
-def test_lines_are_the_signal_of_the_shipped_gears_and_of_their_fault(changes, least):
-    cracked = load_scene("gears-in-motion").changed(**changes)
+def test_lines_are_the_signal_of_the_shipped_gears_and_of_their_fault():
+    # the period of the two-stage gearbox is 67 turns of its input, 2.68 s
+    cracked = load_scene("gears-in-motion").changed(duration_s=2.7)
     faulty, healthy = clean(cracked), clean(cracked.changed(faults=()))
     name = cracked.sensors[0].name
     signals, lines = [made[name].values for made in (faulty, healthy)], [rebuilt(made) for made in (faulty, healthy)]
     assert explained(lines[0], signals[0]) > 0.99
     assert explained(lines[1], signals[1]) > 0.99
-    assert explained(lines[0] - lines[1], signals[0] - signals[1]) > least
+    assert explained(lines[0] - lines[1], signals[0] - signals[1]) > 0.95
     assert {"gear_mesh", "tooth"} <= set(faulty["truth_kind"].values)
     assert "tooth" not in healthy["truth_kind"].values
     assert 322 in faulty["truth_order"].values  # the loudest, at 14 times the first mesh
     check_record(faulty)
 
 
-@pytest.mark.parametrize(
-    ("duration_s", "rpm", "least"),
-    # at constant speed what the integration errs in a line at 8 kHz is projected too, of sound gears as of these;
-    # in a ramp the balance has it in neither, and the same speeds for the teeth of all instants
-    [(2.7, 1500, 0.98), (2.0, [[0, 1400], [2, 1500]], 0.99)],
-    ids=["steady", "speeding up"],
-)
-def test_lines_follow_damage_that_grows(duration_s, rpm, least):
-    growth = {"law": "linear", "rate_mm_per_s": 1.0 / duration_s, "largest_mm": 1.5}
+def test_lines_follow_damage_that_grows():
+    growth = {"law": "linear", "rate_mm_per_s": 0.5, "largest_mm": 1.5}
     crack = {"kind": "tooth_crack", "component": "stage 1/pinion", "depth_mm": 0.5, "growth": growth}
-    speed = {"link": "input", "rpm": rpm}
-    grown = load_scene("gears-in-motion").changed(duration_s=duration_s, speed=speed, faults=(crack,))
+    speed = {"link": "input", "rpm": [[0, 1400], [2, 1500]]}
+    grown = load_scene("gears-in-motion").changed(duration_s=2.0, speed=speed, faults=(crack,))
     faulty, healthy = clean(grown), clean(grown.changed(faults=()))
     name = grown.sensors[0].name
     added, found = faulty[name].values - healthy[name].values, rebuilt(faulty) - rebuilt(healthy)
-    assert explained(found, added) > least
+    assert explained(found, added) > 0.99
     third = added.size // 3
     sizes = [np.std(each[part]) for each in (added, found) for part in (slice(0, third), slice(-third, None))]
     assert sizes[1] > 2 * sizes[0]  # it grows
@@ -112,29 +92,6 @@ def run_through_resonance():
     return simulate(scene(**RUN), seed=SEED, phases=True)
 
 
-def test_halving_the_window_changes_the_lines_by_less_than_one_percent():
-    declared = scene(**RUN)
-    moving = motion(declared)
-    signal = np.concatenate([*moving.channels(samples=declared.samples)], axis=1)
-    angle = moving.stage.drive.angle
-    instants_rev = angle.revolutions(moving.stage.instants_s)
-    samples = AngleSamples(
-        signal=signal,
-        rate_hz=declared.rate_hz,
-        revolutions=angle.revolutions,
-        speed_hz=angle.speed_hz,
-        top_order=declared.rate_hz / 2 / angle.top_speed_hz(0.0, 3.0),
-    )
-    lines = gear_lines(stage_of(declared), signal).lines
-    orders = np.array([line.order for line in lines])
-    truth = np.stack([line.amplitude for line in lines], axis=1)
-    for length_rev in (0.5, 0.25):
-        again = Projection(samples=samples, orders=orders, window=Window(length_rev=length_rev, degree=2))
-        found = again.amplitudes(instants_rev)
-        change = np.sqrt(np.mean(np.abs(found - truth) ** 2, axis=2) / np.mean(np.abs(truth) ** 2))
-        assert np.max(change) < 0.01
-
-
 def test_a_tracker_finds_the_lines_of_a_run_through_a_resonance(run_through_resonance):
     record = run_through_resonance
     turns = record["truth_shaft_revolutions"].sel(truth_shaft="pinion").values
@@ -152,26 +109,6 @@ def test_a_tracker_finds_the_lines_of_a_run_through_a_resonance(run_through_reso
     error = tracks.complex_amplitude[:, at] - truth.values[:, inner]
     # a line changes by a tenth of itself in 1 / bandwidth: the smoother's own blur, and the lines beside those tracked
     assert np.sqrt(np.mean(np.abs(error) ** 2)) < 0.02 * np.sqrt(np.mean(np.abs(truth.values[:, inner]) ** 2))
-
-
-def test_the_truth_states_by_how_much_halving_its_window_changes_each_line():
-    """Relative to the whole line, with what a source of constant amplitude has of it."""
-    declared = scene(**RUN)
-    moving = motion(declared)
-    signal = np.concatenate([*moving.channels(samples=declared.samples)], axis=1)
-    measured = gear_lines(moving.stage, signal)
-    truth = truth_variables(moving.stage, measured=measured)
-    power = np.mean(np.abs(truth["truth_amplitude"].values) ** 2, axis=(0, 2))
-    change = truth["truth_line_change"].values
-    assert np.sum(power[change < 0.01]) > 0.99 * np.sum(power)
-    loudest = max(measured.lines, key=lambda line: np.mean(np.abs(line.amplitude) ** 2))
-    families = [replace(moving.stage.families[0], base_order=Fraction(loudest.order), coefficients=np.ones(1))]
-    amplitudes = [9 * loudest.amplitude[:, None]]
-    with_source = replace(moving.stage, families=families, amplitudes=amplitudes)
-    louder = truth_variables(with_source, measured=measured)["truth_line_change"].sel(truth_order=loudest.order)
-    assert np.isclose(louder, loudest.change / 10)
-    steady = simulate(scene(duration_s=0.5), seed=SEED)
-    assert "truth_line_change" not in steady
 
 
 def test_lines_jump_with_the_torque():
@@ -225,7 +162,7 @@ def test_a_crack_of_a_planet_below_bevel_gears_has_its_lines_in_a_short_steady_r
             "gearbox": "oh-58",
             "rate_hz": 12000,
             "duration_s": 0.4,
-            "fidelity": "lateral",
+            "fidelity": "dynamic",
             "speed": {"link": "input", "rpm": 3600},
             "torque": {"link": "carrier", "nm": 300},
             "noise": {"rms": 0.0},

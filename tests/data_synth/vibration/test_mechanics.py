@@ -5,15 +5,15 @@ import pytest
 from moving_pair import ALPHA, BASE, SCENE, SEED, scene
 from numpy.testing import assert_allclose
 
-from data_synth import Scene, SceneError, load_scene, simulate
+from data_synth import Scene, load_scene, simulate
 from hums.records.validation import check_record
 
 FORCE_N = 130 / BASE[1]  # the torque of the gear over its base radius
 
 
-@pytest.fixture(scope="module", params=["torsional", "lateral"])
-def inside(request):
-    declared = scene(fidelity=request.param, mesh={"shape": "teeth", "error_um": 0})
+@pytest.fixture(scope="module")
+def inside():
+    declared = scene(mesh={"shape": "teeth", "error_um": 0})
     return simulate(declared, seed=SEED, mechanics=True)
 
 
@@ -27,18 +27,10 @@ def test_mean_forces_are_those_of_statics(inside):
     assert_allclose(pressed.values.mean(axis=1), [*across, -across[0], -across[1]], rtol=2e-3)
 
 
-def test_forces_on_the_frame_are_action_and_reaction(inside):
-    pressed, mesh = inside["truth_bearing_force"].values, inside["truth_mesh_force"].values[0]
-    if 'fidelity = "torsional"' not in inside.attrs["truth_scene"]:
-        return  # masses on their bearings take a part
-    assert_allclose(pressed[:2], -pressed[2:], rtol=1e-12)
-    assert_allclose(np.hypot(*pressed[:2]), np.abs(mesh), rtol=1e-12)
-
-
 @pytest.mark.parametrize("error_um", [0, 5])
 def test_the_force_is_stiffness_times_what_teeth_deflect(inside, error_um):
     if error_um:
-        declared = scene(fidelity="torsional", mesh={"shape": "teeth", "error_um": error_um})
+        declared = scene(mesh={"shape": "teeth", "error_um": error_um})
         inside = simulate(declared, seed=SEED, mechanics=True)
         assert inside["truth_tooth_error"].values.std() == pytest.approx(5e-6 / np.sqrt(2), rel=0.01)
     deflection = inside["truth_transmission_error"] - inside["truth_tooth_error"]
@@ -47,12 +39,9 @@ def test_the_force_is_stiffness_times_what_teeth_deflect(inside, error_um):
     assert inside["truth_mesh_force"].attrs["units"] == "N"
 
 
-@pytest.mark.parametrize("fidelity", ["torsional", "lateral"])
-def test_planets_have_them_too(fidelity):
+def test_planets_have_them_too():
     # a record of 0.1 s on supports that damp its start
-    record = simulate(
-        load_scene("planets-in-motion").changed(duration_s=0.1, fidelity=fidelity), seed=1, mechanics=True
-    )
+    record = simulate(load_scene("planets-in-motion").changed(duration_s=0.1), seed=1, mechanics=True)
     forces = record["truth_mesh_force"]
     assert forces["truth_contact"].size == 6
     turned = {str(name): speed for name, speed in record["truth_link_speed"].mean("time").groupby("truth_link")}
@@ -95,9 +84,3 @@ def test_a_kinematic_scene_has_speeds_alone():
     speeds = made["truth_link_speed"].sel(truth_link="gear").values
     assert_allclose(speeds, -36 / 63 * (10 + 10 * made["time"].values / 0.3), rtol=1e-12)
     assert "truth_mesh_force" not in made
-
-
-def test_a_mesh_without_motion_is_refused_by_name():
-    declared = scene(fidelity="auto", mesh={"fidelity": "kinematic"}, dynamics={"floor_db": -3})
-    with pytest.raises(SceneError, match='mesh "mesh" is kinematic'):
-        simulate(declared, seed=SEED, mechanics=True)

@@ -1,4 +1,4 @@
-"""Helical gears that vibrate in full: forces, frequencies and motion against equations written down anew here."""
+"""Helical gears that vibrate: forces, frequencies and motion against equations written down anew here."""
 
 from functools import partial
 
@@ -10,7 +10,6 @@ from scipy.integrate import solve_ivp
 from scipy.linalg import eigh
 
 from data_synth import Scene, simulate
-from data_synth.fidelity.choice import chosen
 from data_synth.scene.random_streams import random_stream
 from data_synth.sources.prepared import prepare_scene
 from data_synth.vibration.run import motion_of, prepare_gears
@@ -24,7 +23,7 @@ MESH, LOAD = 3e8, np.array([150.0, 300.0])
 SEED = 3
 
 
-def scene(fidelity="full", *, hand="right", shape="constant", direction=(0, 0, 1), **changes):
+def scene(fidelity="dynamic", *, hand="right", shape="constant", direction=(0, 0, 1), **changes):
     table = {
         "gearbox": declared_pair(name="helical pair", helix_angle_deg=15, hand=hand),
         "rate_hz": 20_000,
@@ -64,7 +63,7 @@ def ready(declared):
 
 def motion(declared):
     stage, gears = ready(declared)
-    return motion_of(stage, gears, levels={"mesh": "full"})
+    return motion_of(stage, gears)
 
 
 def normal(sign=1.0):
@@ -129,7 +128,7 @@ def _tangential(hand):
     return np.sum(ready_.output.displacement @ ready_.problem(0.0, 1.0).start.displacement)
 
 
-def test_kinematic_lines_are_those_of_twelve_equations():
+def test_lines_of_the_linear_response_are_those_of_twelve_equations():
     mass, stiffness, damping, gyroscopic = matrices()
     w, mounts = 2 * np.pi * 200, 2 * np.pi * 150
     q = np.linalg.solve(stiffness - w**2 * mass + 1j * w * (damping + gyroscopic), MESH * 3e-6 * direction(-1.0))
@@ -139,7 +138,7 @@ def test_kinematic_lines_are_those_of_twelve_equations():
         for way in ([0, 0, 1], [1, 0, 0], [0, 1, 0])
     ]
     record = simulate(scene("auto", sensor=sensors), seed=SEED)
-    assert record.attrs["truth_fidelity"].startswith("kinematic: within -40 dB of full, nothing is lost")
+    assert record.attrs["truth_fidelity"].startswith("linear response: both differ by nothing")
     found = record["truth_amplitude"].sel(truth_order=20).values[:, 0]
     expected = np.array([q[1] * 4e7, q[2] * 3e7, q[0] * 4e7]) * housing
     assert_allclose(np.abs(found), np.abs(expected), rtol=1e-8)
@@ -178,22 +177,3 @@ def test_the_other_hand_pushes_the_other_way():
     # a mirror image but for gyroscopic moments, which do not mirror
     assert np.std(right + left) < 1e-2 * np.std(right)
     assert np.std(right) > 0.01
-
-
-def test_motion_along_the_shafts_is_not_left_out():
-    stage, gears = ready(scene("auto", shape="trapezoid"))
-    choice = chosen(stage, gears)
-    even, gears = ready(scene("auto"))
-    assert chosen(even, gears).name == "kinematic"
-    full, auto = (simulate(scene(fidelity, shape="trapezoid"), seed=SEED)["a"] for fidelity in ("full", "auto"))
-    # what is simulated is as little as the floor of -40 dB allows: the rest answers by linear equations
-    assert choice.name != "kinematic"
-    assert np.std(auto - full) < 10 ** (-40 / 20) * np.std(full)
-
-
-def test_helical_gears_of_constant_stiffness_are_as_loud_at_every_fidelity():
-    """All equations are linear: axial motion and tilt answer the mesh forces alike, simulated or not."""
-    signals = {level: simulate(scene(level), seed=SEED)["a"].values for level in ("full", "lateral", "torsional")}
-    for level in ("lateral", "torsional"):
-        difference = np.std(signals[level] - signals["full"])
-        assert difference < 5e-3 * np.std(signals["full"]), level  # filters of absent motions are good to 5e-3
