@@ -5,7 +5,6 @@ import pytest
 from numpy.testing import assert_allclose
 
 from data_synth.operation.shaft_angle import ShaftAngle
-from data_synth.vibration._projection_kernels import factorise
 from data_synth.vibration.order_projection import AngleSamples, Projection, Window, sum_of_lines
 
 RATE_HZ = 20_000.0
@@ -43,29 +42,6 @@ def test_amplitudes_of_second_degree_in_angle_come_back_at_any_speed_and_at_both
     assert np.max(np.abs(found - expected)[:, :, within]) < 4e-5 * np.abs(expected).max()  # -98 dB of three lines
 
 
-@pytest.mark.parametrize(("apart", "determined"), [(3.5, True), (2.5, False)])
-def test_lines_three_and_a_half_periods_of_the_window_apart_are_determined(apart, determined):
-    window = Window(length_rev=10.0, degree=2)
-    lower = window.normal_matrix(100 + apart / 10 * np.arange(9))
-    size = lower.shape[1]
-    matrix = sum(np.diag(lower[below, : size - below], -below) for below in range(min(lower.shape[0], size)))
-    matrix = matrix + np.tril(matrix, -1).conj().T
-    scale = 1 / np.sqrt(np.diag(matrix).real)
-    # 1 over the square of the condition of the columns w^(1/2) u^d exp(2 pi j c k u), by singular values 5 and 2e9
-    assert (np.min(np.linalg.eigvalsh(matrix * scale * scale[:, None])) > 0.01) == determined
-
-
-def test_the_factor_by_bands_is_that_of_the_whole_matrix():
-    rng = np.random.default_rng(5)
-    factor = np.tril(np.triu(rng.standard_normal((9, 9)) + 1j * rng.standard_normal((9, 9)), -3))
-    np.fill_diagonal(factor, 1 + rng.random(9))
-    matrix = factor @ factor.conj().T
-    lower = np.array([np.append(np.diag(matrix, -below), np.zeros(below)) for below in range(4)])
-    factorise(lower)
-    for below in range(4):
-        assert_allclose(lower[below, : 9 - below], np.diag(factor, -below), atol=1e-12)  # condition of some hundred
-
-
 def test_lines_of_constant_amplitude_come_back_from_one_window():
     angle = ShaftAngle(times_s=np.zeros(1), speeds_hz=np.array([20.0]))
     samples = samples_of(angle, Z, growth=np.ones_like)
@@ -93,16 +69,6 @@ def test_lines_that_the_window_does_not_separate_add_up_to_the_signal_at_its_end
         assert np.mean(error[:, here] ** 2) < 0.05 * np.mean(expected[:, here] ** 2)  # 95 % of the power
     # the signal bounds what they share: without the ridge, two that nearly cancel are as good
     assert np.max(np.abs(found)) < 2 * np.max(np.abs(Z)) * growth(instants_rev[-1])
-
-
-def test_blocks_do_not_show(monkeypatch):
-    angle = ShaftAngle(times_s=np.array([0.0, 4.0]), speeds_hz=np.array([10.0, 25.0]))
-    instants_rev = angle.revolutions(np.linspace(0, 4, 81))
-    projection = Projection(samples=samples_of(angle, Z), orders=ORDERS, window=Window(length_rev=8.0, degree=2))
-    whole = projection.amplitudes(instants_rev)
-    monkeypatch.setattr("data_synth.vibration.order_projection._BLOCK", 1000)
-    monkeypatch.setattr("data_synth.vibration.order_projection._CELLS", 1)
-    assert_allclose(projection.amplitudes(instants_rev), whole, atol=1e-12)
 
 
 def test_a_record_s_ends_are_fitted_with_weight_on_their_last_samples():
