@@ -55,7 +55,7 @@ def real_samples(
         bad = np.flatnonzero(~np.isfinite(vector))
         raise ValueError(
             f"{name} has {bad.size} values that are not finite, the first at index {bad[0]}; "
-            "repair or leave out that part of the record."
+            "repair or leave out that part of the record (masked values count as NaN)."
         )
     least, most = _PEAKS[vector.dtype.name]
     if not any_unit and ((peak > most and math.isfinite(peak)) or 0 < peak < least):
@@ -67,9 +67,10 @@ def real_samples(
 
 
 def real_array(values: ArrayLike, *, name: str) -> NDArray[Any]:
-    """Return anything like an array of numbers as an array, or raise ValueError."""
+    """Return anything like an array of numbers as an array, masked values as NaN, or raise ValueError."""
     try:
-        array = np.asarray(values)
+        masked = np.ma.is_masked(values)
+        array = np.ma.filled(np.ma.asarray(values, dtype=np.float64), np.nan) if masked else np.asarray(values)
     except (ValueError, TypeError):
         raise ValueError(f"{name} is no array of numbers; give rows of one length.") from None
     if array.dtype.kind == "O" and all(isinstance(item, Real) for item in array.flat):  # fractions, large integers

@@ -20,8 +20,8 @@ def convert(  # noqa: PLR0917 - each option is one
         list[Path] | None,
         typer.Argument(
             show_default=False,
-            help="A .mat, .wav, .csv, .txt, .tdms, .uff, .h5, .npy or .npz file; or many: files, folders, patterns as "
-            '"acc_*.csv", and names that state the time as "data-%Y%m%dT%H%M%SZ.mat".',
+            help="A .mat, .wav, .csv, .txt, .tdms, .uff, .h5, .nc, .npy or .npz file; or many: files, folders, "
+            'patterns as "acc_*.csv", and names that state the time as "data-%Y%m%dT%H%M%SZ.mat".',
         ),
     ] = None,
     target: Annotated[
@@ -34,10 +34,8 @@ def convert(  # noqa: PLR0917 - each option is one
         ),
     ] = None,
     units: Annotated[
-        str | None,
-        typer.Option(
-            help='Units of the channels, such as g or "m s-2"; a header "DE [g]", .tdms or .uff may state them.'
-        ),
+        list[str] | None,
+        typer.Option(help='Units of all channels, such as g or "m s-2"; or repeat, in the order of the channels.'),
     ] = None,
     rate_hz: Annotated[
         float | None,
@@ -101,6 +99,13 @@ def convert(  # noqa: PLR0917 - each option is one
     most_bytes: Annotated[
         int | None, typer.Option(help="Bytes that one array may take. Default 100 times the file's size.")
     ] = None,
+    decimal: Annotated[
+        Literal[".", ","] | None, typer.Option(help="Decimal sign of text whose numbers do not show which it is.")
+    ] = None,
+    trust: Annotated[
+        Literal["declared", "file"] | None,
+        typer.Option(help="Which holds where the file contradicts an option. Else that is refused."),
+    ] = None,
 ) -> None:
     """Turn other programs' files into records: one into a record, many into a dataset or a record each.
 
@@ -110,7 +115,7 @@ def convert(  # noqa: PLR0917 - each option is one
     declared = {
         "channels": channel or [],
         "rate_hz": rate_hz,
-        "units": units,
+        "units": _units_of(channel or [], units or []),
         "tach_times": tach_times,
         "tach_waveform": tach_waveform,
         "pulses_per_rev": pulses_per_rev,
@@ -128,6 +133,8 @@ def convert(  # noqa: PLR0917 - each option is one
         "machine": machine,
         "time_column": time_column,
         "most_bytes": most_bytes,
+        "decimal": decimal,
+        "trust": trust,
     }
     if not source or target is None:
         named = f"{target} alone is named" if target else "no file is named"
@@ -178,6 +185,17 @@ def convert(  # noqa: PLR0917 - each option is one
 
 def _is_pattern(source: Path) -> bool:
     return any(sign in source.name for sign in "*?[%")
+
+
+def _units_of(channels: list[str], units: list[str]) -> str | dict[str, str] | None:
+    """Return one unit for all channels, or that of each."""
+    if len(units) <= 1:
+        return units[0] if units else None
+    if len(units) != len(channels):
+        raise ValueError(
+            f"--units {' --units '.join(units)}: give one for all {len(channels)} channels, or one for each."
+        )
+    return dict(zip(channels, units, strict=True))
 
 
 def _units_by_column(texts: list[str]) -> dict[str, str]:

@@ -7,16 +7,19 @@ does not state (units, rate, shaft) the caller declares; nothing is guessed.
 from __future__ import annotations
 
 import math
-from collections.abc import Callable, Mapping, Sequence
+import warnings
+from collections.abc import Mapping, Sequence
+from dataclasses import replace
 from datetime import UTC, datetime
-from functools import partial
+from importlib import import_module
 from types import MappingProxyType
-from typing import TYPE_CHECKING
+from typing import TYPE_CHECKING, Any, Literal
 
 import numpy as np
 
-from hums.readers.columns import ArraysOnDisk, Field, ForeignFile, Stated, canonical_units
-from hums.readers.time_axis import TimeUnit, check_time_column, rate_hz_of, start_and_epoch
+from hums.readers.columns import ArraysOnDisk, ForeignFile, Stated, canonical_units
+from hums.readers.time_axis import Agreement, Clocks, TimeUnit, Trust, seconds_of
+from hums.records.fields import RecordWarning, utc_text
 from hums.records.quantities import AngularAverage, Measured, quantity_units
 from hums.records.record import (
     Angle,
@@ -39,22 +42,35 @@ if TYPE_CHECKING:
 
 __all__ = ["SUFFIXES", "ForeignFile", "Stated", "convert", "read_file"]
 
-TEXT = (".csv", ".txt", ".tsv", ".asc")
-SUFFIXES = (".mat", ".wav", *TEXT, ".tdms", ".uff", ".unv", ".h5", ".hdf5", ".npy", ".npz")
+# The module that reads each suffix, and the options of `read_file` that it takes.
+_READERS: Mapping[str, tuple[str, tuple[str, ...]]] = {
+    ".mat": ("matlab", ("most_bytes",)),
+    ".wav": ("wav", ()),
+    **dict.fromkeys((".csv", ".txt", ".tsv", ".asc"), ("csv", ("decimal",))),
+    ".tdms": ("tdms", ()),
+    **dict.fromkeys((".uff", ".unv"), ("uff", ())),
+    **dict.fromkeys((".h5", ".hdf5", ".nc"), ("hdf5", ("most_bytes",))),
+    **dict.fromkeys((".npy", ".npz"), ("numpy_files", ("most_bytes",))),
+}
+SUFFIXES = tuple(_READERS)
 _STEADY = 0.02  # largest deviation of a measured speed from its mean: that of lines from a declared one, by default
 
 
 @checked
-def read_file(path: str | PathLike[str], *, most_bytes: int | None = None) -> ForeignFile:
+def read_file(
+    path: str | PathLike[str], *, most_bytes: int | None = None, decimal: Literal[".", ","] | None = None
+) -> ForeignFile:
     r"""Return the contents of another program's file, read by the reader of its suffix.
 
     Parameters
     ----------
     path : str or Path
-        A .mat, .wav, .csv, .txt, .tsv, .asc, .tdms, .uff, .unv, .h5, .hdf5, .npy or .npz file.
+        A .mat, .wav, .csv, .txt, .tsv, .asc, .tdms, .uff, .unv, .h5, .hdf5, .nc, .npy or .npz file.
     most_bytes : int, optional
         Bytes that one array of an HDF5, .mat or .npz file may take; default a hundred times the
         size of the file, or 64 MB.
+    decimal : {".", ","}, optional
+        Decimal sign of a text file; needed where its numbers do not show which it is, as "1.485" alone.
 
     Returns
     -------
@@ -77,47 +93,21 @@ def read_file(path: str | PathLike[str], *, most_bytes: int | None = None) -> Fo
     [1.5, 2.5]
     """
     file = existing_file(path)
-    rate_hz: float | None = None
-    fields: Mapping[str, Field]
-    stated: Mapping[str, Stated] = {}
-    match file.suffix.lower():
-        case ".mat":
-            from hums.readers import matlab  # noqa: PLC0415 - each reader loads only its own library
-
-            fields = matlab.read(file, most_bytes=most_bytes)
-        case ".wav":
-            from hums.readers import wav  # noqa: PLC0415
-
-            rate_hz, fields = wav.read(file)
-        case suffix if suffix in TEXT or suffix[1:].isdigit():  # as of 2003.10.22.12.06.24, a time and no suffix
-            from hums.readers import csv  # noqa: PLC0415
-
-            fields, stated = csv.read(file)
-        case ".tdms":
-            from hums.readers import tdms  # noqa: PLC0415
-
-            fields, stated = tdms.read(file)
-        case ".uff" | ".unv":
-            from hums.readers import uff  # noqa: PLC0415
-
-            fields, stated = uff.read(file)
-        case ".h5" | ".hdf5":
-            from hums.readers import hdf5  # noqa: PLC0415
-
-            fields, stated = hdf5.read(file, most_bytes=most_bytes)
-        case ".npy" | ".npz":
-            from hums.readers import numpy_files  # noqa: PLC0415
-
-            fields = numpy_files.read(file, most_bytes=most_bytes)
-        case suffix:
-            raise RecordError(
-                f'{file}: no reader for the suffix "{suffix}"; known are {", ".join(SUFFIXES)}. Export the signals '
-                "to one of them, or build the record in Python with make_record."
-            )
+    suffix = file.suffix.lower()
+    if suffix[1:].isdigit():  # as of 2003.10.22.12.06.24, a time and no suffix
+        suffix = ".txt"
+    if suffix not in _READERS:
+        raise RecordError(
+            f'{file}: no reader for the suffix "{suffix}"; known are {", ".join(SUFFIXES)}. Export the signals '
+            "to one of them, or build the record in Python with make_record."
+        )
+    module, options = _READERS[suffix]
+    given = {"most_bytes": most_bytes, "decimal": decimal}
+    read = import_module(f"hums.readers.{module}").read  # each reader loads only its own library
+    fields, stated = read(file, **{name: given[name] for name in options})
     return ForeignFile(
         path=file,
         fields=fields if isinstance(fields, ArraysOnDisk) else MappingProxyType(dict(fields)),
-        rate_hz=rate_hz,
         stated=MappingProxyType(dict(stated)),
     )
 
@@ -146,20 +136,25 @@ def convert(
     recorded_at: datetime | str | None = None,
     time_column: str | None = None,
     most_bytes: int | None = None,
+    decimal: Literal[".", ","] | None = None,
+    trust: Trust | None = None,
 ) -> xr.Dataset:
     """Convert another program's file to a record.
+
+    What the file states is compared with what is declared: rates, times of samples, starts and units. Samples that its
+    times leave out become NaN.
 
     Parameters
     ----------
     source : str or Path
-        A .mat, .wav, .csv, .txt, .tsv, .asc, .tdms, .uff, .unv, .h5, .hdf5, .npy or .npz file.
+        A .mat, .wav, .csv, .txt, .tsv, .asc, .tdms, .uff, .unv, .h5, .hdf5, .nc, .npy or .npz file.
     channels : sequence of str
         Names of the vibration channels in the file; a member of a struct or a group by its path, ``bearing.gs`` or
         ``bearing/gs``. In the record the parts of a name are joined by dots.
     units : str or mapping of str to str, optional
         Units of the channels after `scale`; needed where the file states none.
     rate_hz : float, optional
-        Samples per second; needed where the file states none. A .wav file does, a .tdms or .uff file may.
+        Samples per second; needed where neither the file nor a column of times states them.
     tach_times, tach_waveform : str, optional
         Name of the pulse times in s, or of the sampled tachometer signal.
     pulses_per_rev : int, optional
@@ -184,11 +179,14 @@ def convert(
     time_unit : {"s", "ms", "us"}, optional
         Unit of a column of times whose header states none, as "time" alone; such a column states the rate.
     machine, recorded_at
-        As in `make_record`; a .tdms file may state when it was recorded.
+        As in `make_record`; the file may state when it was recorded.
     time_column : str, optional
         Name of the times of the samples, whose first one is `recorded_at`: in s since 1970, or ISO 8601 with an offset.
-    most_bytes : int, optional
+    most_bytes, decimal : optional
         As in `read_file`.
+    trust : {"declared", "file"}, optional
+        Which holds where the file contradicts a declaration: the attribute ``notes`` of the record says where. Without
+        it a contradiction is refused.
 
     Returns
     -------
@@ -212,131 +210,163 @@ def convert(
     >>> float(record.vib[0]), float(record.nominal_speed), record.attrs["source"]
     (1.0, 10.0, 'log.csv')
     """
-    file = read_file(source, most_bytes=most_bytes)
+    file = read_file(source, most_bytes=most_bytes, decimal=decimal)
     if isinstance(channels, str) or not np.iterable(channels) or not all(isinstance(name, str) for name in channels):
         raise RecordError(f"channels={brief(channels)}: names of channels are needed, one or more (--channel).")
     if not isinstance(units, str | Mapping | None):
         raise RecordError(f"units={brief(units)}: a word, or words by the names of channels, are needed (--units).")
+    if trust not in {None, "declared", "file"}:
+        raise RecordError(f'trust={brief(trust)}: "declared" or "file" is needed (--trust).')
     channels = tuple(channels)
     if not channels:
         raise RecordError(f"channels: none named (--channel). {file.path.name}: {file.contents()}")
     factor = _scale(scale)
-    rate_of = partial(rate_hz_of, file, declared=rate_hz, time_unit=time_unit)
     if isinstance(units, Mapping) and (unknown := [name for name in units if name not in channels]):
         raise RecordError(f'units: no channel "{unknown[0]}"; the channels are {", ".join(channels)}.')
+    agreement = Agreement(file=file, trust=trust)
     average = _average(file, average_of, samples_per_rev, averaged_over, rate_hz=rate_hz)
-    if average is not None:
-        given: dict[str, object] = {"--speed-column": speed_column, "--tach-times": tach_times}
-        given |= {
-            "--tach-waveform": tach_waveform,
-            "--shaft-rpm": shaft_rpm,
-            "--shaft": shaft,
-            "--pulses-per-rev": pulses_per_rev,
-        }
-        if named := [option for option, value in given.items() if value is not None]:
-            raise RecordError(f"{named[0]} has no meaning for an average in angle (--average-of); leave it out.")
-        return make_record(
-            {
-                file.name(name): Channel(
-                    values=_scaled(file.vector(name), factor), units=_units(file, name, units, scale=factor)
-                )
-                for name in channels
-            },
-            angle=average,
-            measured=_measured(file, measured or {}, count=0),
-            machine=machine,
-            recorded_at=_moment(file, time_column) if recorded_at is None and time_column else recorded_at,
-            attrs={"source": file.path.name},
-        )
-    values = {
-        file.name(name): Channel(
-            values=_scaled(file.vector(name), factor),
-            units=_units(file, name, units, scale=factor),
-            rate_hz=rate_of(name),
-        )
-        for name in channels
-    }
-    rate = rate_of(channels[0])
-    sampled = [*channels, *([tach_waveform] if tach_waveform else [])]
-    start_s, epoch = start_and_epoch(file, sampled, rate_hz=rate)
-    used = [file.name(name) for name in (*sampled, tach_times, time_column) if name]
-    check_time_column(file, rate, count=file.vector(channels[0]).size, used=used, time_unit=time_unit)
-    return make_record(
-        values,
-        rate_hz=rate,
-        angle=_angle(
-            file,
-            tach_times=tach_times,
-            tach_waveform=tach_waveform,
-            pulses_per_rev=pulses_per_rev,
-            shaft=shaft,
-            shaft_rpm=shaft_rpm,
-            speed=(speed_column, speed_units),
-            no_tachometer=no_tachometer,
-            rate_of=rate_of,
-        ),
-        measured=_measured(file, measured or {}, count=file.vector(channels[0]).size),
-        machine=machine,
-        recorded_at=recorded_at if recorded_at is not None else (_moment(file, time_column) if time_column else epoch),
-        start_s=start_s,
-        attrs={"source": file.path.name},
-    )
-
-
-def _angle(
-    file: ForeignFile,
-    *,
-    tach_times: str | None,
-    tach_waveform: str | None,
-    pulses_per_rev: int | None,
-    shaft: str | None,
-    shaft_rpm: float | None,
-    speed: tuple[str | None, str],
-    no_tachometer: bool,
-    rate_of: Callable[[str], float],
-) -> Angle | None:
-    """Return the declared source of shaft angle, None where there is no declaration."""
-    options: dict[str, object] = {
+    given = {
         "--tach-times": tach_times,
         "--tach-waveform": tach_waveform,
         "--shaft-rpm": shaft_rpm,
-        "--speed-column": speed[0],
+        "--speed-column": speed_column,
         "--no-tachometer": no_tachometer or None,
+        "--shaft": shaft,
+        "--pulses-per-rev": pulses_per_rev,
     }
-    given = [option for option, value in options.items() if value is not None]
-    if not given:
-        return None  # make_record raises the error
-    if len(given) > 1:
-        raise RecordError(f"{' and '.join(given)}: the shaft angle has one source; give one of them.")
-    if no_tachometer:
-        return UnknownAngle()
-    if not isinstance(shaft, str) or not shaft:
-        raise RecordError(f'{given[0]} needs the shaft it belongs to: shaft="..." (--shaft).')
-    if shaft_rpm is not None or speed[0] is not None:
-        if pulses_per_rev is not None:
-            raise RecordError(f"--pulses-per-rev has no meaning with {given[0]}; leave one of them out.")
-        if speed[0] is not None:
-            return NominalSpeed(rpm=60 * _steady_speed_hz(file, speed[0], speed[1]), shaft=shaft)
-        return NominalSpeed(rpm=0.0 if shaft_rpm is None else shaft_rpm, shaft=shaft)
-    if pulses_per_rev is None:
-        raise RecordError(
-            f'{given[0]} needs the pulses in one revolution of "{shaft}": pulses_per_rev=... (--pulses-per-rev).'
-        )
-    if tach_times is not None:
-        times_s = _unpadded(file.vector(tach_times))
-        return PulseTimes(times_s=times_s, shaft=shaft, pulses_per_rev=pulses_per_rev)
-    name = str(tach_waveform)
-    return TachometerWaveform(
-        values=file.vector(name),
-        shaft=shaft,
-        pulses_per_rev=pulses_per_rev,
-        rate_hz=rate_of(name),
+    given = {option: value for option, value in given.items() if value is not None}
+    source = _angle_source(given, is_average=average is not None)
+    sampled = [*channels, *([tach_waveform] if tach_waveform else [])]
+    clocks = Clocks(
+        agreement=agreement,
+        rate_hz=rate_hz,
+        time_unit=time_unit,
+        time_column=file.name(time_column) if time_column else None,
+        used={file.name(name) for name in (*sampled, tach_times) if name},
+    )
+    found = {name: _channel(agreement, name, units, scale=factor) for name in channels}
+    start_s, epoch = 0.0, None
+    if average is None:
+        start_s, epoch = clocks.start_and_epoch(sampled)
+        each = {name: clocks.of(name) for name in channels}
+        found = {
+            name: replace(channel, values=each[name].filled(channel.values), rate_hz=each[name].rate_hz)
+            for name, channel in found.items()
+        }
+    began = _moment(file, time_column) if time_column else epoch
+    if recorded_at is not None and began is not None:
+        recorded_at = _settled_moment(agreement, recorded_at, began, start_s=start_s)
+    angle = average or (_angle(clocks, source, given, speed_units=speed_units, epoch=epoch) if source else None)
+    quantities = _measured(agreement, measured or {}, clocks=None if average else clocks, channel=channels[0])
+    for name in channels:
+        agreement.notes.extend(f'"{name}" states {text}, which is not applied' for text in file.metadata(name).unread)
+    if agreement.notes:
+        warnings.warn(f"{file.path.name}: {'. '.join(agreement.notes)}.", RecordWarning, stacklevel=2)
+    return make_record(
+        {file.label(name): channel for name, channel in found.items()},
+        rate_hz=None if average else clocks.of(channels[0]).rate_hz,
+        angle=angle,
+        measured=quantities,
+        machine=machine,
+        recorded_at=recorded_at if recorded_at is not None else began,
+        start_s=start_s,
+        attrs={"source": file.path.name} | ({"notes": ". ".join(agreement.notes)} if agreement.notes else {}),
     )
 
 
-def _steady_speed_hz(file: ForeignFile, name: str, units: str) -> float:
+def _channel(agreement: Agreement, name: str, units: str | Mapping[str, str] | None, *, scale: float) -> Channel:
+    """Return a field as a channel in its units, with what the file states about its sensor."""
+    stated = agreement.file.metadata(name)
+    return Channel(
+        values=_scaled(agreement.file.vector(name), scale),
+        units=_units(agreement, name, units, scale=scale),
+        sensitivity=stated.sensitivity,
+        measures=stated.measures,
+        delay_s=stated.delay_s,
+    )
+
+
+def _settled_moment(
+    agreement: Agreement, declared: datetime | str, stated: datetime, *, start_s: float
+) -> datetime | str:
+    """Return when a file was recorded; the time that is declared may be that of its end, to the minute."""
+    late_s = (datetime.fromisoformat(utc_text(declared)) - stated).total_seconds() - start_s
+    if abs(late_s) <= _MINUTES_S:
+        return declared
+    contradiction = f"recorded_at={declared} contradicts {agreement.file.path.name}, which states {utc_text(stated)}"
+    settled: datetime | str = agreement.settle(contradiction, declared, stated)
+    return settled
+
+
+_MINUTES_S = 300.0
+
+
+def _angle_source(given: Mapping[str, Any], *, is_average: bool) -> str | None:
+    """Return the option that declares the source of shaft angle, None where none does: make_record raises the error."""
+    if is_average:
+        if meaningless := [option for option in given if option != "--no-tachometer"]:
+            raise RecordError(f"{meaningless[0]} has no meaning for an average in angle (--average-of); leave it out.")
+        return None
+    sources = [option for option in given if option not in {"--shaft", "--pulses-per-rev"}]
+    if len(sources) > 1:
+        raise RecordError(f"{' and '.join(sources)}: the shaft angle has one source; give one of them.")
+    shaft = given.get("--shaft")
+    if sources and sources != ["--no-tachometer"] and (not isinstance(shaft, str) or not shaft):
+        raise RecordError(f'{sources[0]} needs the shaft it belongs to: shaft="..." (--shaft).')
+    return sources[0] if sources else None
+
+
+def _angle(clocks: Clocks, source: str, given: Mapping[str, Any], *, speed_units: str, epoch: datetime | None) -> Angle:
+    """Return the declared source of shaft angle."""
+    file, agreement = clocks.agreement.file, clocks.agreement
+    shaft, per_rev = given.get("--shaft", ""), given.get("--pulses-per-rev")
+    if source == "--no-tachometer":
+        return UnknownAngle()
+    if source in {"--shaft-rpm", "--speed-column"}:
+        if per_rev is not None:
+            raise RecordError(f"--pulses-per-rev has no meaning with {source}; leave one of them out.")
+        if source == "--shaft-rpm":
+            return NominalSpeed(rpm=given[source], shaft=shaft)
+        return NominalSpeed(rpm=60 * _steady_speed_hz(agreement, given[source], speed_units), shaft=shaft)
+    name = str(given[source])
+    stated = file.metadata(name).pulses_per_rev
+    per_rev = int(stated) if per_rev is None and stated is not None and float(stated).is_integer() else per_rev
+    if per_rev is None:
+        raise RecordError(
+            f'{source} needs the pulses in one revolution of "{shaft}": pulses_per_rev=... (--pulses-per-rev).'
+        )
+    if stated is not None and stated != per_rev:
+        contradiction = f'pulses_per_rev={per_rev} contradicts {file.path.name}, which states {stated:g} for "{name}"'
+        per_rev = agreement.settle(contradiction, per_rev, int(stated))
+    if source == "--tach-times":
+        times_s = _unpadded(seconds_of(file, name, epoch=epoch))
+        return PulseTimes(times_s=times_s, shaft=shaft, pulses_per_rev=per_rev)
+    clock = clocks.of(name)
+    return TachometerWaveform(
+        values=clock.filled(file.vector(name)), shaft=shaft, pulses_per_rev=per_rev, rate_hz=clock.rate_hz
+    )
+
+
+def _quantity_units(agreement: Agreement, name: str, declared: str, what: str) -> str:
+    """Return the units of a measured quantity, declared or stated by the file."""
+    stated = agreement.file.metadata(name).units
+    if stated is None or not declared:
+        return stated or declared
+    try:
+        if quantity_units(declared, what) == quantity_units(stated, what):
+            return declared
+    except RecordError:
+        return declared
+    contradiction = f'{what}: units="{declared}" contradict {agreement.file.path.name}, which states "{stated}"'
+    settled: str = agreement.settle(contradiction, declared, stated)
+    return settled
+
+
+def _steady_speed_hz(agreement: Agreement, name: str, units: str) -> float:
     """Return the mean of a measured speed in rev/s; refuse one that is not steady."""
-    unit, factor = quantity_units(units, f'speed "{name}" (--speed-units)')
+    file, what = agreement.file, f'speed "{name}" (--speed-units)'
+    units = _quantity_units(agreement, name, units, what)
+    unit, factor = quantity_units(units, what)
     values = np.asarray(file.vector(name), dtype=np.float64) * factor
     values = np.abs(values[np.isfinite(values)])
     if unit != "rev s-1" or not values.size or not values.mean() > 0:
@@ -352,23 +382,29 @@ def _steady_speed_hz(file: ForeignFile, name: str, units: str) -> float:
     return mean
 
 
-def _measured(file: ForeignFile, units: Mapping[str, str], *, count: int) -> dict[str, Measured]:
+def _measured(
+    agreement: Agreement, units: Mapping[str, str], *, clocks: Clocks | None, channel: str
+) -> dict[str, Measured]:
     """Return the quantities measured with a record: a number each, or samples at its rate or at one of their own."""
-    found = {}
-    for name, unit in units.items():
+    found, file = {}, agreement.file
+    count = file.vector(channel).size
+    for name, declared in units.items():
         values = np.asarray(file.vector(name), dtype=np.float64)
-        if count == 0 or values.size == 1:
+        unit = _quantity_units(agreement, name, declared, f'measured "{name}"')
+        if clocks is None or values.size == 1:
             if not np.isfinite(values).any():
                 raise RecordError(f'{file.path.name}: "{name}" holds no number; leave it out of --measured.')
-            found[file.name(name)] = Measured(values=float(np.nanmean(values)), units=unit)
+            found[file.label(name)] = Measured(values=float(np.nanmean(values)), units=unit)
             continue
         rate_hz = file.metadata(name).rate_hz
-        if values.size != count and rate_hz is None:
+        if values.size == count:
+            values, rate_hz = clocks.of(channel).filled(values), None
+        elif rate_hz is None:
             raise RecordError(
                 f'{file.path.name}: "{name}" has {values.size} values beside {count} samples, and states no rate; '
                 "build the record in Python, Measured(values=..., units=..., rate_hz=...)."
             )
-        found[file.name(name)] = Measured(values=values, units=unit, rate_hz=None if values.size == count else rate_hz)
+        found[file.label(name)] = Measured(values=values, units=unit, rate_hz=rate_hz)
     return found
 
 
@@ -407,8 +443,9 @@ def _moment(file: ForeignFile, name: str) -> datetime:
 _YEAR_9999 = 253370764800.0  # s
 
 
-def _units(file: ForeignFile, name: str, units: str | Mapping[str, str] | None, *, scale: float) -> str:
+def _units(agreement: Agreement, name: str, units: str | Mapping[str, str] | None, *, scale: float) -> str:
     """Return the units of a channel, declared or stated by the file; stated units hold only at scale 1."""
+    file = agreement.file
     declared = units.get(name) if isinstance(units, Mapping) else units
     stated = file.metadata(name).units
     if stated is None:
@@ -420,16 +457,12 @@ def _units(file: ForeignFile, name: str, units: str | Mapping[str, str] | None, 
                 'declare it, units="..." (--units).'
             )
         return declared
-    if (
-        declared is not None
-        and None not in (canonical_units(declared), canonical_units(stated))
-        and canonical_units(declared) != canonical_units(stated)
-    ):
-        raise RecordError(
-            f'units="{declared}" contradict {file.path.name}, which states "{stated}" for "{name}". Give the factor '
-            f'from "{stated}" to "{declared}", scale=... (--scale), or leave --units out; if the file is wrong, take '
-            "its arrays from read_file and build the record with make_record."
-        )
+    known = {canonical_units(one) for one in (declared or stated, stated)}
+    if len(known) > 1 and None not in known:
+        contradiction = f'units="{declared}" contradict {file.path.name}, which states "{stated}" for "{name}"'
+        remedy = f'Give the factor from "{stated}" to "{declared}", scale=... (--scale), or leave --units out. '
+        settled: str = agreement.settle(contradiction, declared, stated, remedy=remedy)
+        return settled
     return declared or stated
 
 

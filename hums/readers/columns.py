@@ -1,20 +1,30 @@
 """Contents of another program's file: arrays, and the units, rates and times that the file states."""
 
 import difflib
+import re
 from collections.abc import Callable, Iterator, Mapping
-from dataclasses import dataclass, field, replace
-from datetime import datetime
+from dataclasses import dataclass, field, fields, replace
+from datetime import UTC, datetime
 from functools import lru_cache
 from pathlib import Path
 from types import MappingProxyType
+from typing import Any
 
 import numpy as np
 from numpy.typing import NDArray
 
+from hums.records.clock import TIMES_S, time_scale, words_of
 from hums.records.fields import is_utf8
 from hums.records.record import UNITS, RecordError
 
-__all__ = ["Field", "ForeignFile", "Stated", "canonical_units", "rate_of_step"]
+__all__ = [
+    "Field",
+    "ForeignFile",
+    "Stated",
+    "canonical_units",
+    "rate_of_step",
+    "stated_of",
+]
 
 Field = NDArray[np.generic] | str
 """An array of numbers, or a phrase that describes what is not numeric, such as "text"."""
@@ -78,17 +88,40 @@ class Stated:
         Samples per second.
     start_s : float or None
         Time of the first sample in s after `epoch`.
-    began : datetime or None
-        Time from which `start_s` counts, with its offset from UTC.
+    epoch : datetime or None
+        Time from which `start_s` and `times_s` count, with its offset from UTC.
+    times_s : (n,) array or None
+        Time of each sample, where the file states more than a rate.
     title : str or None
         Name as the file prints it, where that holds the units, too.
+    pulses_per_rev : float or None
+        Of a tachometer.
+    delay_s : float or None
+        Delay of the channel, in s.
+    sensitivity : float or None
+        Output of the sensor in the units of the channel for one unit of `measures`.
+    measures : str or None
+        Units of the measured quantity.
+    unread : tuple of str
+        What may change the numbers and is not applied, as "gain=10".
     """
 
     units: str | None = None
     rate_hz: float | None = None
     start_s: float | None = None
     epoch: datetime | None = None
+    times_s: NDArray[np.float64] | None = None
     title: str | None = None
+    pulses_per_rev: float | None = None
+    delay_s: float | None = None
+    sensitivity: float | None = None
+    measures: str | None = None
+    unread: tuple[str, ...] = ()
+
+    def over(self, general: "Stated") -> "Stated":
+        """Return these metadata, with those of what contains the channel where it has none of its own."""
+        own = {one.name: value for one in fields(self) if (value := getattr(self, one.name)) is not None}
+        return replace(general, **own | {"unread": self.unread + general.unread})
 
 
 @dataclass(frozen=True, kw_only=True)
@@ -102,30 +135,51 @@ class ForeignFile:
     fields : mapping of str to array or str
         By name, an array of numbers, or a phrase such as "text". Parts of a name are joined by dots, as in
         "bearing.gs", also where the file has slashes.
-    rate_hz : float or None
-        Samples per second, where the file states them for all fields.
     stated : mapping of str to Stated
-        Metadata of single fields.
+        Metadata of fields, of what contains them ("bearing" of "bearing.gs"), and under "" of the whole file.
     """
 
     path: Path
     fields: Mapping[str, Field]
-    rate_hz: float | None = None
     stated: Mapping[str, Stated] = field(default_factory=lambda: MappingProxyType({}))
 
     def name(self, name: str) -> str:
         """Return the key in `fields` of a name: as printed, with slashes for dots, or a channel or column by number."""
-        if titled := next((key for key, stated in self.stated.items() if stated.title == name), None):
-            return titled
+        titled = {key for key, stated in self.stated.items() if stated.title == name}
+        found = [key for key in self.fields if key in titled or key.rpartition(".")[0] in titled - {""}]
+        found = [key for key in found if not isinstance(descriptions(self.fields)[key], str)]
+        if len(found) == 1:
+            return found[0]
+        if name in self.fields:
+            return name
+        dotted_name = name.strip("/").replace("/", ".")
+        ends = [key for key in self.fields if key.endswith(f".{dotted_name}")]
         numbered = (f"{kind} {name}" for kind in ("channel", "column"))
-        if name not in self.fields and (found := next((key for key in numbered if key in self.fields), None)):
-            return found
-        return name if name in self.fields else name.strip("/").replace("/", ".")
+        found = next((key for key in numbered if key in self.fields), dotted_name)
+        return ends[0] if found not in self.fields and len(ends) == 1 else found
+
+    def label(self, name: str) -> str:
+        """Return the name of a field in a record: what was asked for where that is the end of a longer name."""
+        asked, key = name.strip("/").replace("/", "."), self.name(name)
+        of_container = self.stated.get(key.rpartition(".")[0], Stated()).title == name
+        return asked if of_container or key.endswith(f".{asked}") else key
 
     def metadata(self, name: str) -> Stated:
-        """Return the metadata of a field, with the rate of the file where it has none of its own."""
-        own = self.stated.get(self.name(name), Stated())
-        return own if own.rate_hz is not None else replace(own, rate_hz=self.rate_hz)
+        """Return the metadata of a field, with those of its containers where it has none of its own."""
+        key = self.name(name)
+        found = self.stated.get(key, Stated())
+        while key:
+            key = key.rpartition(".")[0]
+            found = found.over(self.stated.get(key, Stated()))
+        return found
+
+    def time_scale(self, name: str) -> tuple[float, datetime | None] | None:
+        """Return the seconds in the unit of a field of times and its epoch, by its units or a word of its name."""
+        stated = self.stated.get(self.name(name), Stated())
+        if (scale := time_scale(stated.units)) is not None:
+            return scale[0], stated.epoch or scale[1]
+        units = (time_scale(word) for word in words_of(stated.title or name)[1:])
+        return next((scale for scale in units if scale is not None), None)
 
     def vector(self, name: str) -> NDArray[np.generic]:
         """Return a field that is a row or a column of numbers as an array (n,)."""
@@ -167,6 +221,88 @@ def rate_of_step(step_s: object) -> float | None:
         return None
     rate_hz = 1 / float(step_s)
     return float(round(rate_hz)) if abs(rate_hz - round(rate_hz)) <= _INTEGER_TOLERANCE * rate_hz else rate_hz
+
+
+# ---- what attributes, properties, scalars beside an array and lines above a table state --------------------------
+
+_WORDS = {
+    name: frozenset(words.split())
+    for name, words in {
+        "rate_hz": "fs sr sfreq fsamp fsample samplerate samplingrate samplefrequency samplingfrequency "
+        "samplingfreq samplespersecond abtastrate acquisitionrate scanrate",
+        "step_s": "dt ts deltat wfincrement samplinginterval sampleinterval samplingperiod sampleperiod timestep "
+        "xincrement",
+        "units": "unit units unitstring einheit yunit yunits",
+        "start_s": "wfstartoffset t0 start starttime tstart xstart",
+        "epoch": "wfstarttime recordedat start starttime recorded startdate measurementstart",
+        "title": "name channelname",
+        "pulses_per_rev": "pulsesperrev pulsesperrevolution ppr",
+        "delay_s": "delay",
+        "sensitivity": "sensitivity",
+        "measures": "sensitivityunit sensitivityunits",
+        "unread": "gain scale factor slope offset intercept calibration calibrationfactor multiplier",
+    }.items()
+}
+_FACTORS = {"hz": 1.0, "khz": 1e3, "mhz": 1e6}
+
+
+def stated_of(attributes: Mapping[str, object]) -> Stated:
+    """Return what named values state about a channel; what may change its numbers and is not applied is `unread`."""
+    found: dict[str, Any] = {}
+    unread = []
+    for key, value in attributes.items():
+        *words, last = words_of(str(key)) or [""]
+        factor = _FACTORS.get(last, TIMES_S.get(last)) if words else None
+        word = "".join([*words, "" if factor else last])
+        for name in (name for name, known in _WORDS.items() if word in known):
+            stated = _value(name, value, factor)
+            if name == "unread" and stated not in {None, 0.0, 1.0}:
+                unread.append(f"{key}={stated:g}")
+            elif name != "unread" and stated is not None:
+                found.setdefault(name, stated)
+    measures, sensitivity = found.pop("measures", ""), found.pop("sensitivity", None)
+    output, _, measured = (part.strip() for part in measures.partition("/"))
+    if sensitivity is not None and canonical_units(measured) and output in _VOLTS:
+        found |= {"sensitivity": sensitivity * _VOLTS[output], "measures": measured}
+    elif sensitivity is not None:
+        unread.append(f"sensitivity={sensitivity:g} {measures}".strip())
+    step_s = found.pop("step_s", None)
+    return Stated(**{"rate_hz": rate_of_step(step_s)} | found, unread=tuple(unread))
+
+
+_VOLTS = {"V": 1.0, "mV": 1e-3}
+
+
+def _value(name: str, value: object, factor: float | None) -> Any:  # noqa: ANN401
+    """Return the value of one statement: text, a moment or a number; None where it is none."""
+    text = value.decode(errors="replace") if isinstance(value, bytes) else value
+    text = text.strip() if isinstance(text, str) else text
+    if name in {"units", "title", "measures"}:
+        return text or None if isinstance(text, str) else None
+    if name == "epoch":
+        return _moment(text)
+    if isinstance(text, str):
+        printed = re.fullmatch(r"([-+]?\d+(?:[.,]\d+)?(?:[eE][-+]?\d+)?)\s*(\w+)?", text)
+        if printed is None:
+            return None
+        unit = (printed[2] or "").lower()
+        text, factor = float(printed[1].replace(",", ".")), _FACTORS.get(unit, TIMES_S.get(unit, factor))
+    if isinstance(text, bool) or not isinstance(text, int | float | np.number) or not np.isfinite(float(text)):
+        return None
+    number = float(text) * (factor or 1.0)
+    return number if number > 0 or name in {"start_s", "delay_s", "sensitivity", "unread"} else None
+
+
+def _moment(value: object) -> datetime | None:
+    """Return a moment with its offset from UTC; a TDMS time stamp is in UTC, and in 1904 where it was not set."""
+    try:
+        if isinstance(value, np.datetime64) and not np.isnat(value):
+            found = datetime.fromisoformat(str(value.astype("datetime64[us]"))).replace(tzinfo=UTC)
+        else:
+            found = datetime.fromisoformat(value) if isinstance(value, str) else None
+    except ValueError:
+        return None
+    return found if found is not None and found.tzinfo is not None and found.year > 1904 else None  # noqa: PLR2004
 
 
 def _shape(shape: tuple[int, ...]) -> str:

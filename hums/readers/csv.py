@@ -5,7 +5,8 @@ import csv
 import re
 import warnings
 from collections import Counter
-from datetime import datetime
+from dataclasses import replace
+from datetime import UTC, datetime
 from itertools import islice
 from pathlib import Path
 from typing import TYPE_CHECKING
@@ -13,7 +14,9 @@ from typing import TYPE_CHECKING
 import numpy as np
 from numpy.typing import NDArray
 
-from hums.readers.columns import Stated, canonical_units
+from hums.readers.columns import Stated, canonical_units, stated_of
+from hums.records.clock import time_scale
+from hums.records.quantities import MEASURED_UNITS
 from hums.records.record import RecordError
 
 if TYPE_CHECKING:
@@ -21,17 +24,23 @@ if TYPE_CHECKING:
 
 __all__ = ["read"]
 
-_ENCODING = "utf-8-sig"  # spreadsheets begin with a byte order mark
 _HEAD = 100  # lines from which the format is detected
+_BLOCK_BYTES = 1 << 20
+_NEVER_IN_CP1252 = b"\x81\x8d\x8f\x90\x9d"
 
 
-def read(path: Path) -> tuple[dict[str, NDArray[np.generic] | str], dict[str, Stated]]:
+def read(path: Path, *, decimal: str | None = None) -> tuple[dict[str, NDArray[np.generic] | str], dict[str, Stated]]:
     """Return the columns, (n,) each, under the names of the header or as "column 1", "column 2", ..., and their units.
 
-    Separators are semicolons, tabs, commas or, without any of them, blanks; with the first two a comma in a number is
-    its decimal point. Text is UTF-8, or UTF-16 as some spreadsheets and loggers write it. Blank cells are NaN; rows
-    with fewer cells than the first are refused. A header such as "DE [m/s²]" states units, which are then no part of
-    the name; so does a line of units below it. Lines of a logger above the header are left out.
+    Separators are semicolons, tabs, commas or, without any of them, blanks. One sign is the decimal sign of the whole
+    file; the other one, blanks and apostrophes may separate thousands. Text is UTF-8, UTF-16 or Windows-1252. Blank
+    cells are NaN; rows with fewer cells than the first are refused. A header such as "DE [m/s²]" states units, which
+    are then no part of the name; so does a line of units below it. Lines above the header may state the rate.
+
+    Raises
+    ------
+    RecordError
+        If the rows are no table, or do not show which sign is the decimal one.
     """
     import pandas as pd  # noqa: PLC0415
 
@@ -42,10 +51,8 @@ def read(path: Path) -> tuple[dict[str, NDArray[np.generic] | str], dict[str, St
     if separator == " " and others and _separator(others[0]) != " ":
         separator = ","  # one column, whose name has blanks
     parts = first.split(separator) if separator != " " else first.split()
-    cells = [cell.replace(",", ".") for cell in parts if cell.strip()]  # a value may be blank
-    without_header = bool(cells) and all(_is_number(cell) for cell in cells)
-    rows = [first, *others] if without_header else others
-    decimal = "," if separator in ";\t" and any("," in row for row in rows) else "."
+    without_header = bool(titles) or _are_numbers([parts])
+    decimal = decimal or _decimal(path, encoding, separator, above)
     try:
         with warnings.catch_warnings():
             warnings.simplefilter("error", pd.errors.ParserWarning)  # rows longer than the header: data lost
@@ -59,7 +66,6 @@ def read(path: Path) -> tuple[dict[str, NDArray[np.generic] | str], dict[str, St
                 skipinitialspace=True,
                 low_memory=False,
                 encoding=encoding,
-                encoding_errors="replace",
             )
     except (ValueError, pd.errors.ParserWarning) as error:
         raise RecordError(
@@ -77,10 +83,20 @@ def read(path: Path) -> tuple[dict[str, NDArray[np.generic] | str], dict[str, St
     for place, name in enumerate(names):
         short, units = split[name]
         key = short if bare[short] == 1 else name  # "DE [g]" beside "DE [mm/s]": the units tell the columns apart
-        fields[key] = _column(table.iloc[:, place])
-        if units:
-            stated[key] = Stated(units=units, title=name)
+        fields[key], times = _column(table.iloc[:, place], decimal)
+        if times or units:
+            stated[key] = replace(times or Stated(units=units), title=name)
+    if (general := _stated_above(path, encoding, above)) != Stated():
+        stated[""] = general
     return fields, stated
+
+
+def _stated_above(path: Path, encoding: str, above: int) -> Stated:
+    """Return what lines above a table state, as "Sampling rate [Hz];25600" or "Rate: 25.6 kHz"."""
+    with path.open(encoding=encoding) as stream:
+        lines = [re.split(r"[:=;,\t]", line.strip(), maxsplit=1) for line in islice(stream, above)]
+    pairs = [(line[0].strip(' "#'), re.split(r"[;\t]", line[1])) for line in lines if len(line) > 1]
+    return stated_of({key: " ".join(cell.strip(' "') for cell in cells).strip() for key, cells in pairs})
 
 
 def _name_and_units(title: str) -> tuple[str, str | None]:
@@ -93,25 +109,80 @@ def _name_and_units(title: str) -> tuple[str, str | None]:
         return title, None
     name, square, round_ = found.groups()
     units = (square or round_).strip()
-    known = canonical_units(units) is not None and units != "1"
+    known = units != "1" and (canonical_units(units) is not None or units in _QUANTITY_UNITS)
     return (name, units) if known and (square or len(units) > 1 or units == "g") else (title, None)
 
 
+_QUANTITY_UNITS = {spelling for spellings in MEASURED_UNITS.values() for spelling in spellings}
+
+
 def _encoding(path: Path) -> str:
-    """Return the encoding: UTF-16 by its byte order mark, or without one where every other byte is zero."""
+    """Return the encoding: UTF-16 by its mark or its zeros, UTF-8 where all of it is, else Windows-1252 or Latin-1."""
     with path.open("rb") as stream:
         start = stream.read(2 * _HEAD)
-    if start.startswith((codecs.BOM_UTF16_LE, codecs.BOM_UTF16_BE)):
-        return "utf-16"
-    even, odd = start[::2].count(0), start[1::2].count(0)
-    if max(even, odd) > 0.9 * len(start) / 2:  # nearly all of one half
-        return "utf-16-le" if odd > even else "utf-16-be"
-    return _ENCODING
+        if start.startswith((codecs.BOM_UTF16_LE, codecs.BOM_UTF16_BE)):
+            return "utf-16"
+        even, odd = start[::2].count(0), start[1::2].count(0)
+        if max(even, odd) > 0.9 * len(start) / 2:  # nearly all of one half
+            return "utf-16-le" if odd > even else "utf-16-be"
+        stream.seek(0)
+        decoder = codecs.getincrementaldecoder("utf-8")()
+        high = set[int]()
+        is_utf8 = True
+        while block := stream.read(_BLOCK_BYTES):
+            if block.isascii():
+                is_utf8 = is_utf8 and not decoder.getstate()[0]
+                continue
+            high.update(block)
+            try:
+                decoder.decode(block)
+            except UnicodeDecodeError:
+                is_utf8 = False
+        if is_utf8 and not decoder.getstate()[0]:
+            return "utf-8-sig"  # spreadsheets begin with a byte order mark
+    return "latin-1" if high & set(_NEVER_IN_CP1252) else "cp1252"
+
+
+# ---- which sign is the decimal one ---------------------------------------------------------------------------------
+
+_OTHER = {".": ",", ",": "."}
+_GROUPS = " '\N{RIGHT SINGLE QUOTATION MARK}\N{NO-BREAK SPACE}\N{NARROW NO-BREAK SPACE}"
+_EXPONENT = r"(?:[eE][-+]?\d+)?"
+_PLAIN = {sign: re.compile(rf"[-+]?(?:\d+\{sign}?\d*|\{sign}\d+){_EXPONENT}") for sign in ".,"}
+_THOUSANDS = {sign: re.compile(rf"[-+]?[1-9]\d{{0,2}}(?:\{sign}\d{{3}})+") for sign in ".,"}
+_GROUPED = {
+    sign: re.compile(rf"[-+]?[1-9]\d{{0,2}}(?:[{_GROUPS}{other}]\d{{3}})+(?:\{sign}\d*)?{_EXPONENT}")
+    for sign, other in _OTHER.items()
+}
+
+
+def _decimal(path: Path, encoding: str, separator: str, above: int) -> str:
+    """Return the decimal sign, that of the first number which shows it; refuse a file where each might be either."""
+    doubtful = ""
+    with path.open(encoding=encoding, newline="") as stream:
+        lines = (line for line in islice(stream, above, None) if "." in line or "," in line)
+        rows = (line.split() for line in lines) if separator == " " else csv.reader(lines, delimiter=separator)
+        for cell in (cell.strip() for row in rows for cell in row if "." in cell or "," in cell):
+            for sign, other in _OTHER.items():
+                if _THOUSANDS[sign].fullmatch(cell):
+                    if cell.count(sign) > 1:
+                        return other
+                    doubtful = doubtful or cell
+                elif _PLAIN[sign].fullmatch(cell) or (
+                    sign in cell and other in cell and _GROUPED[sign].fullmatch(cell)
+                ):
+                    return sign
+    if doubtful and (separator in ";\t " or "," in doubtful):
+        raise RecordError(
+            f'{path}: nothing shows whether "{doubtful}" is a decimal number or has a sign between thousands; say '
+            'which sign is decimal, decimal="." or decimal="," (--decimal).'
+        )
+    return "."
 
 
 def _head(path: Path, encoding: str, above: int) -> list[str]:
     """Return the first lines that are not blank below those above the table."""
-    with path.open(encoding=encoding, errors="replace") as stream:
+    with path.open(encoding=encoding) as stream:
         return [line.strip("\r\n") for line in islice(filter(str.strip, islice(stream, above, None)), _HEAD)]
 
 
@@ -120,7 +191,7 @@ def _above_numbers(path: Path, encoding: str) -> tuple[int, list[str]]:
 
     A table begins where three lines in a row are as many numbers each. One line above it is its header, as ever.
     """
-    with path.open(encoding=encoding, errors="replace") as stream:
+    with path.open(encoding=encoding) as stream:
         lines = [line.strip("\r\n") for line in islice(stream, _HEAD)]
     rows = [_cells(line) for line in lines]
     begin = next((at for at in range(len(rows) - 2) if _are_numbers(rows[at : at + 3])), 0)
@@ -128,15 +199,27 @@ def _above_numbers(path: Path, encoding: str) -> tuple[int, list[str]]:
     if len(texts) <= 1:
         return 0, []
     names, units = (rows[at] if len(rows[at]) == len(rows[begin]) else [] for at in texts[-2:])
-    if names and units and all(canonical_units(unit.strip(" []()")) is not None for unit in units):
-        return begin, [f"{name.strip()} [{unit.strip(' []()')}]" for name, unit in zip(names, units, strict=True)]
+    if names and units and all(_is_unit(unit.strip(" []()")) for unit in units) and any(units):
+        pairs = ((name.strip(), unit.strip(" []()")) for name, unit in zip(names, units, strict=True))
+        return begin, [f"{name} [{unit}]" if unit else name for name, unit in pairs]
     return (texts[-1] if units else begin), []
 
 
+def _is_unit(text: str) -> bool:
+    return not text or canonical_units(text) is not None or text in _QUANTITY_UNITS or time_scale(text) is not None
+
+
 def _are_numbers(rows: list[list[str]]) -> bool:
-    """Return whether rows have as many cells each, numbers or blank."""
-    filled = [[cell.replace(",", ".") for cell in row if cell.strip()] for row in rows]
-    return len({len(row) for row in rows}) == 1 and all(row and all(map(_is_number, row)) for row in filled)
+    """Return whether rows have as many cells each: numbers, moments as text or blank, and numbers among them."""
+    filled = [[cell.replace(",", ".").strip(' "') for cell in row if cell.strip()] for row in rows]
+    numbers = [[cell for cell in row if not _STAMP.fullmatch(cell)] for row in filled]
+    return len({len(row) for row in rows}) == 1 and all(row and all(map(_is_number, row)) for row in numbers)
+
+
+_DATE, _TIME = r"\d+([-/.])\d+\1\d+", r"\d{1,2}:\d{2}(?::[\d.]+)?\s*(?:Z|[AP]M|[-+]\d{2}:?\d{2})?"
+_STAMP = re.compile(rf"{_DATE}|(?:{_DATE.replace('1', '2')}[ T])?{_TIME}")
+_STAMPS = ("ISO8601", "%d.%m.%Y %H:%M:%S.%f", "%m/%d/%Y %H:%M:%S.%f", "%d/%m/%Y %H:%M:%S.%f", "%H:%M:%S.%f")
+_SINCE_1970 = datetime.fromtimestamp(0, UTC)
 
 
 def _separator(line: str) -> str:
@@ -150,7 +233,7 @@ def _cells(line: str) -> list[str]:
 
 def _refuse_short_rows(path: Path, encoding: str, separator: str, above: int) -> None:
     """Refuse a row with fewer cells than the first, which pandas pads like blank cells at its end."""
-    with path.open(encoding=encoding, errors="replace", newline="") as stream:
+    with path.open(encoding=encoding, newline="") as stream:
         rows = csv.reader(islice(stream, above, None), delimiter=separator, skipinitialspace=True)
         expected = 0
         for row in rows:
@@ -181,21 +264,26 @@ def _is_moment(cell: object) -> bool:
         return False
 
 
-def _column(column: "pd.Series") -> NDArray[np.generic] | str:
-    """Return a column as numbers, times as seconds since 1970, or a phrase that describes what is not numeric."""
+def _column(column: "pd.Series", decimal: str) -> tuple[NDArray[np.generic] | str, Stated | None]:
+    """Return a column as numbers or a phrase that says what it is, and what times as text state."""
     import pandas as pd  # noqa: PLC0415
 
     if column.empty:
-        return "empty"
+        return "empty", None
     if column.dtype.kind in "iuf":
-        return column.to_numpy()
-    numbers = pd.to_numeric(column, errors="coerce")
-    booleans = column.map(lambda cell: isinstance(cell, bool | np.bool))
-    invalid = column[column.notna() & (numbers.isna() | booleans)]
-    if not column.isna().iloc[0] and _is_moment(column.iloc[0]):
-        moments = pd.to_datetime(column, utc=True, format="ISO8601", errors="coerce")
-        if moments.notna().all():
-            return (moments - pd.Timestamp(0, tz="UTC")).dt.total_seconds().to_numpy()
-    if invalid.empty:  # whole numbers of more than 64 bits
-        return numbers.to_numpy(dtype=np.float64)
-    return f'text, "{invalid.iloc[0]}" in row {invalid.index[0] + 1}'
+        return column.to_numpy(), None
+    texts = column.dropna().astype(str).str.strip()
+    if texts.size and _STAMP.fullmatch(texts.iloc[0].replace("T", " ").replace(",", ".")):
+        plain = texts.str.replace(",", ".")
+        for pattern in _STAMPS:
+            moments = pd.to_datetime(plain, utc=True, format=pattern, errors="coerce")
+            if moments.notna().all():
+                since_1970 = (moments - pd.Timestamp(0, tz="UTC")).dt.total_seconds().reindex(column.index)
+                epoch = _SINCE_1970 if _is_moment(texts.iloc[0]) else None  # else at an unknown distance from UTC
+                return since_1970.to_numpy(), Stated(units="s", epoch=epoch)
+    is_number = texts.str.fullmatch(_PLAIN[decimal]) | texts.str.fullmatch(_GROUPED[decimal])
+    if is_number.all():  # with signs between thousands, or whole numbers of more than 64 bits
+        plain = texts.str.replace(rf"[{_GROUPS}{_OTHER[decimal]}]", "", regex=True).str.replace(decimal, ".")
+        return plain.astype(np.float64).reindex(column.index).to_numpy(), None
+    invalid = texts[~is_number]
+    return f'text, "{invalid.iloc[0]}" in row {invalid.index[0] + 1}', None

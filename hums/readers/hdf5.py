@@ -1,4 +1,4 @@
-"""HDF5 files of other programs: every array under its path, with the units of its attribute."""
+"""HDF5 files of other programs: every array under its path, with what its attributes state."""
 
 from collections.abc import Mapping
 from pathlib import Path
@@ -7,30 +7,34 @@ from typing import Any
 import numpy as np
 from numpy.typing import NDArray
 
-from hums.readers.columns import ArraysOnDisk, Field, Stated, dotted
+from hums.readers.columns import ArraysOnDisk, Field, Stated, dotted, stated_of
 from hums.records.record import SCHEMA, RecordError
-from hums.records.store import is_array, objects, open_hdf5, read_array
+from hums.records.store import is_array, objects, open_hdf5, read_array, refuse_size
 
 __all__ = ["read"]
 
 
 def read(path: Path, *, most_bytes: int | None = None) -> tuple[Mapping[str, Field], dict[str, Stated]]:
-    """Return every array under its path, with dots for slashes, and the units of its attribute ``units``.
+    """Return every array under its path, with dots for slashes, and what attributes of it and of its groups state.
 
-    An array is read when it is asked for.
+    Arrays are unpacked as the CF conventions have it: ``scale_factor`` and ``add_offset``, values that are missing or
+    not valid as NaN. An array is read when it is asked for. A netCDF file of version 3 is read by scipy.
 
     Raises
     ------
     RecordError
-        If it is damaged, no HDF5 file, a record already, or reaches into other files.
+        If it is damaged, neither HDF5 nor netCDF, a record already, or reaches into other files.
     """
+    with path.open("rb") as stream:
+        if stream.read(3) == b"CDF":
+            return _read_netcdf3(path, most_bytes)
     with open_hdf5(path) as contents:
         try:
             schema = contents.attrs.get("schema")
-            arrays = [] if schema == SCHEMA else [where for where, item in objects(contents) if is_array(item)]
-            found = {dotted(where): where for where in arrays}
+            items = {"": contents} | ({} if schema == SCHEMA else dict(objects(contents)))
+            found = {dotted(where): where for where, item in items.items() if where and is_array(item)}
             described = {name: _described(contents[where]) for name, where in found.items()}
-            stated = {name: _units(contents[where]) for name, where in found.items()}
+            attributes = {dotted(where): _plain(item.attrs) for where, item in items.items()}
         except RecordError:
             raise
         except (OSError, RuntimeError, KeyError, ValueError, TypeError) as error:
@@ -40,9 +44,68 @@ def read(path: Path, *, most_bytes: int | None = None) -> tuple[Mapping[str, Fie
 
     def values(name: str) -> NDArray[np.generic]:
         read_values = np.asarray(read_array(path, found[name], most_bytes=most_bytes))
-        return read_values if read_values.shape else read_values.reshape(1)
+        return _unpacked(np.atleast_1d(read_values), attributes[name])
 
-    return ArraysOnDisk(described, values), stated
+    return ArraysOnDisk(described, values), {name: stated_of(own) for name, own in attributes.items()}
+
+
+def _read_netcdf3(path: Path, most_bytes: int | None) -> tuple[dict[str, Field], dict[str, Stated]]:
+    from scipy.io import netcdf_file  # noqa: PLC0415
+
+    refuse_size(path.stat().st_size, str(path), path.stat().st_size, most_bytes=most_bytes)
+    try:
+        with netcdf_file(path, mmap=False) as contents:
+            attributes = {name: dict(one._attributes) for name, one in contents.variables.items()}  # noqa: SLF001
+            general = dict(contents._attributes)  # noqa: SLF001
+            arrays = {name: np.array(one[...]) for name, one in contents.variables.items()}
+    except Exception as error:  # a parser may fail in any way on damaged bytes
+        raise RecordError(f"{path} is damaged ({error}). Copy it again from where it came.") from error
+    fields = {
+        name: "empty"
+        if not array.size
+        else "text"
+        if array.dtype.kind not in "biuf"
+        else _unpacked(np.atleast_1d(array.astype(array.dtype.newbyteorder("="))), attributes[name])
+        for name, array in arrays.items()
+    }
+    return fields, {name: stated_of(_plain(own)) for name, own in (attributes | {"": general}).items()}
+
+
+_VALID = ("valid_min", "valid_max", "valid_range")
+
+
+def _unpacked(values: NDArray[np.generic], attributes: Mapping[str, Any]) -> NDArray[np.generic]:
+    """Return values as the CF conventions have them: missing ones as NaN, the others scaled."""
+    if str(attributes.get("_Unsigned", "")).lower() == "true" and values.dtype.kind == "i":
+        values = values.view(f"u{values.dtype.itemsize}")
+    missing = np.zeros(values.shape, dtype=bool)
+    for key in ("_FillValue", "missing_value"):
+        for fill in np.atleast_1d(np.asarray(attributes.get(key, []))):
+            missing |= values == fill
+    low, high = attributes.get("valid_range", (attributes.get("valid_min"), attributes.get("valid_max")))
+    missing |= (values < low) if low is not None else False
+    missing |= (values > high) if high is not None else False
+    scale, offset = attributes.get("scale_factor"), attributes.get("add_offset")
+    if scale is None and offset is None and not missing.any():
+        return values
+    unpacked = values.astype(np.float32 if values.dtype == np.float32 and scale is None is offset else np.float64)
+    unpacked = unpacked * np.float64(1.0 if scale is None else scale) + np.float64(0.0 if offset is None else offset)
+    unpacked[missing] = np.nan
+    return unpacked
+
+
+def _plain(attributes: Any) -> dict[str, Any]:  # noqa: ANN401
+    """Return attributes, of which arrays of one value are that value."""
+    plain = {}
+    for key in attributes:
+        if key in {"CLASS", "NAME"}:  # of dimension scales
+            continue
+        try:
+            value = attributes[key]
+        except (OSError, RuntimeError, KeyError, TypeError):  # of a type that h5py does not read
+            continue
+        plain[str(key)] = value.reshape(-1)[0] if isinstance(value, np.ndarray) and value.size == 1 else value
+    return plain
 
 
 def _described(item: Any) -> tuple[int, ...] | str:  # noqa: ANN401
@@ -53,9 +116,3 @@ def _described(item: Any) -> tuple[int, ...] | str:  # noqa: ANN401
     if item.dtype.kind not in "biuf":
         return {"O": "text", "S": "text", "c": "complex numbers"}.get(item.dtype.kind, f"of type {item.dtype}")
     return tuple(item.shape) or (1,)
-
-
-def _units(item: Any) -> Stated:  # noqa: ANN401
-    units = item.attrs.get("units")
-    text = units.decode(errors="replace") if isinstance(units, bytes) else units
-    return Stated(units=text.strip() or None if isinstance(text, str) else None)

@@ -4,13 +4,14 @@ import struct
 import zlib
 from collections.abc import Iterator, Mapping
 from contextlib import suppress
+from dataclasses import replace
 from pathlib import Path
 from typing import Any
 
 import numpy as np
 from numpy.typing import NDArray
 
-from hums.readers.columns import ArraysOnDisk, Field, dotted
+from hums.readers.columns import ArraysOnDisk, Field, Stated, descriptions, dotted, stated_of
 from hums.records.record import RecordError
 from hums.records.store import is_array, is_hdf5, objects, open_hdf5, read_array, refuse_size
 
@@ -25,25 +26,46 @@ _CLASSES = {
 }
 _HEADER_BYTES, _COMPRESSED = 128, 15  # of version 5: the text before the first variable; its type miCOMPRESSED
 _TAG_BYTES = 1024  # of a compressed variable: more than enough for the first eight of what it unpacks to
+_LONGEST_TEXT = 1000  # characters, or cells, that may state something
 _NUMBERS = ("", "double", "single", "logical", *(f"{sign}int{bits}" for sign in ("", "u") for bits in (8, 16, 32, 64)))
 
 
-def read(path: Path, *, most_bytes: int | None = None) -> Mapping[str, Field]:
-    """Return every variable by name, the fields of structs under dotted names.
+def read(path: Path, *, most_bytes: int | None = None) -> tuple[Mapping[str, Field], dict[str, Stated]]:
+    """Return every variable by name, the fields of structs under dotted names, and what scalars beside arrays state.
+
+    An element of a struct array is "Y(3)". A scalar `fs`, `SampleRate` or `dt`, and a text `units`, hold for the arrays
+    of its struct; `VariableUnits` for those that `VariableNames` lists, or for all in their order.
 
     Returns
     -------
-    mapping of str to array or str
+    fields : mapping of str to array or str
         An array in MATLAB's shape, or a phrase that describes what is not numeric.
+    stated : mapping of str to Stated
+        By struct, "" for the file, or by array.
     """
-    return _read_hdf5(path, most_bytes) if is_hdf5(path) else _read_classic(path, most_bytes)
+    fields, values = _read_hdf5(path, most_bytes) if is_hdf5(path) else _read_classic(path, most_bytes)
+    scopes: dict[str, dict[str, Any]] = {}
+    for name, value in values.items():
+        scope, _, leaf = name.rpartition(".")
+        scopes.setdefault(scope.removesuffix("Properties").removesuffix("."), {})[leaf] = value
+    stated = {}
+    for scope, named in scopes.items():
+        stated[scope] = stated_of(named)
+        units = named.get("VariableUnits", ())
+        inside = [name for name in descriptions(fields) if name.rpartition(".")[0] == scope and name not in values]
+        names = [f"{scope}.{name}".strip(".") for name in named.get("VariableNames", ())] or inside
+        if len(names) == len(units):
+            stated |= {name: Stated(units=unit or None) for name, unit in zip(names, units, strict=True)}
+        elif units:
+            stated[scope] = replace(stated[scope], unread=(*stated[scope].unread, f"VariableUnits={units}"))
+    return fields, stated
 
 
 # ---- v4 to v7 ----------------------------------------------------------------------------------------------
 
 
-def _read_classic(path: Path, most_bytes: int | None) -> dict[str, Field]:
-    """Return every variable of a MATLAB file before version 7.3, read by scipy."""
+def _read_classic(path: Path, most_bytes: int | None) -> tuple[dict[str, Field], dict[str, Any]]:
+    """Return every variable of a MATLAB file before version 7.3, and its scalars and texts."""
     from scipy.io import loadmat  # noqa: PLC0415
 
     for declared in _packed_sizes(path):
@@ -54,12 +76,14 @@ def _read_classic(path: Path, most_bytes: int | None) -> dict[str, Field]:
         raise RecordError(
             f"{path} is no MATLAB file, or damaged ({error}). Copy it again, or save it again in MATLAB."
         ) from error
-    return {
-        name: field
+    leaves = {
+        name: leaf
         for key, value in contents.items()
         if not key.startswith("__")
-        for name, field in _classic_fields(key, value)
+        for name, leaf in _classic_leaves(key, value)
     }
+    values = {name: plain for name, leaf in leaves.items() if (plain := _classic_value(leaf)) is not None}
+    return {name: _classic_field(leaf) for name, leaf in leaves.items()}, values
 
 
 def _packed_sizes(path: Path) -> Iterator[int]:
@@ -78,49 +102,94 @@ def _packed_sizes(path: Path) -> Iterator[int]:
             stream.seek(start + count)
 
 
-def _classic_fields(name: str, value: Any) -> Iterator[tuple[str, Field]]:  # noqa: ANN401
-    if not isinstance(value, np.ndarray):
-        yield name, "a sparse matrix" if hasattr(value, "tocsc") else "an object"
-    elif value.dtype.names and value.size == 1 and value.dtype.hasobject:
+def _classic_leaves(name: str, value: Any) -> Iterator[tuple[str, Any]]:  # noqa: ANN401
+    """Yield what a variable holds: each field of each struct, others as they are."""
+    if not (isinstance(value, np.ndarray) and value.dtype.names and value.dtype.hasobject and value.size):
+        yield name, value
+        return
+    for number, element in enumerate(value.reshape(-1, order="F"), start=1):
+        where = name if value.size == 1 else f"{name}({number})"
         for field in value.dtype.names:
-            yield from _classic_fields(f"{name}.{field}", value.reshape(-1)[0][field])
-    elif value.dtype.names:
-        yield name, "a struct array"
-    else:
-        other = {"O": "a cell array", "U": "text", "S": "text", "c": "complex numbers"}
-        yield name, other.get(value.dtype.kind, "empty" if value.size == 0 else value)
+            yield from _classic_leaves(f"{where}.{field}", element[field])
+
+
+def _classic_field(value: Any) -> Field:  # noqa: ANN401
+    if not isinstance(value, np.ndarray):
+        return "a sparse matrix" if hasattr(value, "tocsc") else "an object"
+    if value.dtype.names:
+        return "a struct array"
+    other = {"O": "a cell array", "U": "text", "S": "text", "c": "complex numbers"}
+    return other.get(value.dtype.kind, "empty" if value.size == 0 else value)
+
+
+def _classic_value(value: Any) -> Any:  # noqa: ANN401
+    """Return a scalar, a text or a cell array of texts as Python has it; None for anything else."""
+    if not isinstance(value, np.ndarray) or value.dtype.names or not value.size:
+        return None
+    if value.dtype.kind == "O":
+        texts = tuple(_classic_value(cell) if np.size(cell) else "" for cell in value.reshape(-1))
+        return texts if all(isinstance(text, str) for text in texts) else None
+    return value.reshape(-1)[0].item() if value.size == 1 and value.dtype.kind in "biufU" else None
 
 
 # ---- v7.3 --------------------------------------------------------------------------------------------------
 
 
-def _read_hdf5(path: Path, most_bytes: int | None) -> Mapping[str, Field]:
-    """Return every variable of a MATLAB v7.3 file; arrays are read when they are asked for."""
+def _read_hdf5(path: Path, most_bytes: int | None) -> tuple[Mapping[str, Field], dict[str, Any]]:
+    """Return every variable of a MATLAB v7.3 file, and its scalars and texts."""
     places: dict[str, str] = {}
     described: dict[str, tuple[int, ...] | str] = {}
+    values: dict[str, Any] = {}
     try:
         with open_hdf5(path) as contents:
             inside: list[str] = []  # groups whose members are no variables: sparse matrices, contents of cells
             for where, item in objects(contents):
                 if any(where.startswith(f"{group}/") for group in inside):
                     continue
-                name = dotted(where)
                 sparse = "MATLAB_sparse" in item.attrs
                 if sparse or "/#" in where:
                     inside.append(where)
                 if sparse:
-                    described[name] = "a sparse matrix"
+                    described[dotted(where)] = "a sparse matrix"
                 elif is_array(item) and "/#" not in where:
-                    places[name], described[name] = where, _hdf5_field(item)
+                    for name, element in _hdf5_elements(contents, dotted(where), item):
+                        places[name], described[name] = element.name, _hdf5_field(element)
+                        values[name] = _hdf5_value(contents, element)
     except RecordError:
         raise
     except (OSError, RuntimeError, KeyError, ValueError, TypeError, AttributeError) as error:
         raise RecordError(f"{path} is damaged ({error}). Copy it again, or save it again in MATLAB.") from error
 
-    def values(name: str) -> NDArray[np.generic]:
+    def read_values(name: str) -> NDArray[np.generic]:
         return np.asarray(read_array(path, places[name], most_bytes=most_bytes)).T  # arrays are in column-major order
 
-    return ArraysOnDisk(described, values)
+    plain = {name: value for name, value in values.items() if value is not None}
+    return ArraysOnDisk(described, read_values), plain
+
+
+def _hdf5_elements(contents: Any, name: str, item: Any) -> Iterator[tuple[str, Any]]:  # noqa: ANN401
+    """Yield an array, or one field of each element of a struct array, which is an array of references."""
+    group, _, field = name.rpartition(".")
+    if not group or item.dtype.kind != "O" or "MATLAB_class" in item.attrs:
+        yield name, item
+        return
+    for number, reference in enumerate(item[()].T.reshape(-1), start=1):
+        if is_array(element := contents[reference]):
+            yield f"{group}({number}).{field}", element
+
+
+def _hdf5_value(contents: Any, item: Any) -> Any:  # noqa: ANN401
+    """Return a scalar, a text or a cell array of texts as Python has it; None for anything else, or longer ones."""
+    matlab_class = item.attrs.get("MATLAB_class", b"")
+    if item.shape is None or not 0 < item.size <= _LONGEST_TEXT or item.attrs.get("MATLAB_empty", 0):
+        return None
+    if matlab_class == b"char":
+        return "".join(map(chr, item[()].T.reshape(-1)))
+    if matlab_class == b"cell":
+        cells = [contents[reference] for reference in item[()].T.reshape(-1)]
+        texts = tuple(_hdf5_value(contents, cell) or "" for cell in cells if is_array(cell))
+        return texts if all(isinstance(text, str) for text in texts) else None
+    return item[()].reshape(-1)[0].item() if item.size == 1 and item.dtype.kind in "biuf" else None
 
 
 def _hdf5_field(item: Any) -> tuple[int, ...] | str:  # noqa: ANN401

@@ -1,5 +1,6 @@
 """NumPy files: an array, or several by name; a table is columns by number."""
 
+import math
 import zipfile
 from collections.abc import Mapping
 from functools import partial
@@ -10,32 +11,35 @@ import numpy as np
 from numpy.lib import format as npy
 from numpy.typing import NDArray
 
-from hums.readers.columns import ArraysOnDisk, Field
+from hums.readers.columns import ArraysOnDisk, Field, Stated, stated_of
 from hums.records.record import RecordError
 from hums.records.store import refuse_size
 
 __all__ = ["read"]
 
 _TABLE = 2  # dimensions
+_LONGEST_TEXT = 1000  # bytes
 
 
-def read(path: Path, *, most_bytes: int | None = None) -> Mapping[str, Field]:
+def read(path: Path, *, most_bytes: int | None = None) -> tuple[Mapping[str, Field], dict[str, Stated]]:
     """Return the arrays of a .npz by name, or the columns of the array of a .npy as "column 1", "column 2", ...
+
+    Scalars and texts in a .npz, as `fs` or `units`, state what holds for its arrays.
 
     Objects are not unpickled: unpickling runs code that the file states. An array of a .npz is read when it is asked
     for.
     """
     try:
         if not zipfile.is_zipfile(path):
-            return _columns(np.load(path, allow_pickle=False))
+            return _columns(np.load(path, allow_pickle=False)), {}
         with zipfile.ZipFile(path) as archive:
             described = {name.removesuffix(".npy"): _described(archive, name) for name in archive.namelist()}
     except Exception as error:  # a parser may fail in any way on damaged bytes
         raise _damaged(path, error) from error
-    return ArraysOnDisk(
-        {name: phrase or shape for name, (shape, _, phrase) in described.items()},
-        partial(_member, path, {name: size for name, (_, size, _) in described.items()}, most_bytes),
-    )
+    read_member = partial(_member, path, {name: size for name, (_, size, _) in described.items()}, most_bytes)
+    fields = ArraysOnDisk({name: phrase or shape for name, (shape, _, phrase) in described.items()}, read_member)
+    scalars = (name for name, (shape, size, _) in described.items() if math.prod(shape) == 1 and size < _LONGEST_TEXT)
+    return fields, {"": stated_of({name: read_member(name).reshape(-1)[0].item() for name in scalars})}
 
 
 def _columns(array: NDArray[Any]) -> dict[str, Field]:

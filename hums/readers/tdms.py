@@ -1,13 +1,13 @@
 """TDMS files of LabVIEW and its loggers: channels in groups, each with properties."""
 
 from collections.abc import Mapping
-from datetime import UTC, datetime
+from dataclasses import replace
 from pathlib import Path
 from typing import Any
 
 import numpy as np
 
-from hums.readers.columns import Field, Stated, rate_of_step
+from hums.readers.columns import Field, Stated, stated_of
 from hums.records.record import RecordError
 
 __all__ = ["read"]
@@ -33,7 +33,8 @@ def read(path: Path) -> tuple[dict[str, Field], dict[str, Stated]]:
     try:
         contents = nptdms.TdmsFile.read(path)
         channels = [channel for group in contents.groups() for channel in group.channels()]
-        found = [(_name(channel), channel[:], dict(channel.properties)) for channel in channels]
+        found = [(_name(channel), channel[:], channel) for channel in channels]
+        pieces = _pieces(path)
     except Exception as error:  # a parser may fail in any way on damaged bytes
         raise RecordError(f"{path} is no TDMS file, or damaged ({error}). Copy it again from where it came.") from error
     if contents.file_status.incomplete_final_segment or not channels:
@@ -41,7 +42,37 @@ def read(path: Path) -> tuple[dict[str, Field], dict[str, Stated]]:
     fields = {name: _field(values) for name, values, _ in found}
     if len(fields) < len(found):
         raise RecordError(f"{path}: two of its channels have one name once slashes are dots; rename one of them.")
-    return fields, {name: _stated(properties) for name, _, properties in found}
+    stated = {name: _stated(channel, pieces.get(channel.path, [])) for name, _, channel in found}
+    for group in contents.groups():
+        stated[group.name.replace("/", ".").strip()] = stated_of(_numbers_and_words(group.properties))
+    return fields, stated | {"": stated_of(_numbers_and_words(contents.properties))}
+
+
+def _pieces(path: Path) -> dict[str, list[tuple[int, dict[str, Any]]]]:
+    """Return, by channel, the number of samples before each segment that states properties, and those.
+
+    npTDMS keeps the last ones alone, of which a start would be that of the last segment.
+    """
+    from nptdms.reader import TdmsReader  # noqa: PLC0415
+
+    found: dict[str, list[tuple[int, dict[str, Any]]]] = {}
+
+    class Reader(TdmsReader):  # type: ignore[misc] - npTDMS has no types
+        def _update_object_metadata(self, segment: Any) -> None:  # noqa: ANN401
+            self.before = {name: data.num_values for name, data in self.object_metadata.items()}
+            super()._update_object_metadata(segment)
+
+        def _update_object_properties(self, stated: Any) -> None:  # noqa: ANN401
+            for name, properties in (stated or {}).items():
+                found.setdefault(name, []).append((self.before.get(name, 0), dict(properties)))
+            super()._update_object_properties(stated)
+
+    reader = Reader(path)
+    try:
+        reader.read_metadata()
+    finally:
+        reader.close()
+    return found
 
 
 def _name(channel: Any) -> str:  # noqa: ANN401
@@ -56,20 +87,38 @@ def _field(values: Any) -> Field:  # noqa: ANN401
     return phrases.get(array.dtype.kind, array)
 
 
-def _stated(properties: Mapping[str, Any]) -> Stated:
-    units, offset, start_time = (properties.get(key) for key in ("unit_string", "wf_start_offset", "wf_start_time"))
-    rate_hz = rate_of_step(properties.get("wf_increment"))
-    return Stated(
-        units=str(units).strip() or None if units is not None else None,
-        rate_hz=rate_hz,
-        start_s=float(offset) if rate_hz and isinstance(offset, int | float | np.number) else None,
-        epoch=_utc_time(start_time) if rate_hz else None,
-    )
+def _stated(channel: Any, pieces: list[tuple[int, dict[str, Any]]]) -> Stated:  # noqa: ANN401
+    """Return what a channel states: its clock as its first segment has it, and times where a later one differs."""
+    stated = stated_of(_numbers_and_words(channel.properties))
+    if stated.rate_hz is None:
+        return replace(stated, epoch=None, start_s=None)
+    clock: dict[str, Any] = {}
+    starts = list[tuple[int, float, float]]()
+    for first, properties in pieces:
+        before, clock = clock, clock | {key: properties[key] for key in _CLOCK if key in properties}
+        if clock != before:
+            began = clock.get("wf_start_time")
+            since_s = (began.as_datetime64("us").astype(np.int64) / 1e6) if began is not None else 0.0
+            starts.append((first, since_s + clock.get("wf_start_offset", 0.0), clock.get("wf_increment", np.nan)))
+            own = stated_of(_numbers_and_words(clock))
+            stated = own.over(stated) if len(starts) == 1 else stated
+    if len({first for first, _, _ in starts}) < 2:  # noqa: PLR2004 - one clock
+        return stated
+    ends = [first for first, _, _ in starts[1:]] + [len(channel)]
+    parts = [
+        start_s - starts[0][1] + step_s * np.arange(end - first)
+        for (first, start_s, step_s), end in zip(starts, ends, strict=True)
+    ]
+    return replace(stated, times_s=(stated.start_s or 0.0) + np.concatenate(parts))
 
 
-def _utc_time(stamp: object) -> datetime | None:
-    """Return a TDMS time stamp, which is in UTC; None for LabVIEW's zero, in 1904."""
-    if not isinstance(stamp, np.datetime64) or np.isnat(stamp):
-        return None
-    time = datetime.fromisoformat(str(stamp.astype("datetime64[us]"))).replace(tzinfo=UTC)
-    return time if time.year > 1904 else None  # noqa: PLR2004
+_CLOCK = ("wf_start_time", "wf_start_offset", "wf_increment")
+
+
+def _numbers_and_words(properties: Mapping[str, Any]) -> dict[str, object]:
+    """Return properties with time stamps as numpy has them, without those of the scaling that npTDMS applies."""
+    return {
+        key: value.as_datetime64("us") if hasattr(value, "as_datetime64") else value
+        for key, value in properties.items()
+        if not key.startswith("NI_")
+    }

@@ -1,140 +1,208 @@
-"""Sampling rates and start times of foreign files: declared values against those that the file states."""
+"""What is declared of a foreign file against what the file states: rates, times of samples, starts, units."""
 
-import math
-import re
-from collections.abc import Sequence
-from datetime import datetime
-from typing import Literal, TypeAlias
+from collections.abc import Collection
+from dataclasses import dataclass, field
+from datetime import UTC, datetime, timedelta
+from typing import Any, Literal, TypeAlias
 
 import numpy as np
 from numpy.typing import NDArray
 
-from hums.readers.columns import ForeignFile, descriptions, rate_of_step
-from hums.records.record import RecordError
+from hums.readers.columns import ForeignFile, Stated, descriptions
+from hums.records.clock import SampleTimes, is_time_name, rates_agree, sample_times, time_scale
+from hums.records.fields import RecordError
 from signals._validation import is_float
 
-__all__ = ["TimeUnit", "check_time_column", "rate_hz_of", "start_and_epoch"]
+__all__ = ["Agreement", "Clock", "Clocks", "TimeUnit", "Trust"]
 
 TimeUnit: TypeAlias = Literal["s", "ms", "us"]
+Trust: TypeAlias = Literal["declared", "file"]
 
-_TIME_COLUMNS = {"t", "time", "t_s", "time_s", "t_sec", "time_sec", "time_seconds"}  # also "Time [s]" and "time (s)"
-_SECONDS = {"s": 1.0, "sec": 1.0, "second": 1.0, "seconds": 1.0, "ms": 1e-3, "us": 1e-6, "µs": 1e-6}
-_UNEVEN = 0.25  # of a step: one missing sample in the middle moves the times by half of one
-_RATE_TOLERANCE = 0.01
-_STEP_TOLERANCE = 1e-5  # a step printed with six digits
+_LONGEST_START_S = 1e8  # three years: more seconds count from a date
+_SINCE_1970 = datetime(1970, 1, 1, tzinfo=UTC)
 
 
-def rate_hz_of(file: ForeignFile, name: str, *, declared: float | None, time_unit: TimeUnit | None = None) -> float:
-    """Return the samples per second of a channel, declared or stated by the file; refuse a contradiction.
+@dataclass(frozen=True, kw_only=True)
+class Agreement:
+    """What decides between a file and what is declared of it, and notes of what was decided."""
 
-    The declared rate has precedence within 1 Hz, as a header of whole numbers drops a fraction, or within 1e-5, as a
-    printed time step drops digits.
+    file: ForeignFile
+    trust: Trust | None
+    notes: list[str] = field(default_factory=list)
+
+    def settle(self, contradiction: str, declared: Any, stated: Any, *, remedy: str = "") -> Any:  # noqa: ANN401
+        """Return the one of two values that is trusted; raise RecordError where nobody says which."""
+        if self.trust is None:
+            raise RecordError(
+                f'{contradiction}. {remedy}{"Or say" if remedy else "Say"} which is right, trust="declared" or '
+                'trust="file" (--trust).'
+            )
+        note = f"{contradiction}; {'the file' if self.trust == 'file' else 'the declaration'} was trusted"
+        if note not in self.notes:
+            self.notes.append(note)
+        return declared if self.trust == "declared" else stated
+
+
+@dataclass(frozen=True, kw_only=True)
+class Clock:
+    """Sampling of a field: its rate, the time of its first sample in s after `epoch`, and its times where stated."""
+
+    rate_hz: float
+    start_s: float
+    epoch: datetime | None
+    times: SampleTimes | None
+
+    def filled(self, values: NDArray[Any]) -> NDArray[Any]:
+        """Return samples with NaN where the times of the file leave some out."""
+        return values if self.times is None else self.times.filled(values)
+
+
+@dataclass(frozen=True, kw_only=True)
+class Clocks:
+    """The clocks of the fields of a file.
+
+    Attributes
+    ----------
+    agreement : Agreement
+        Of the file, and what decides where it contradicts a declaration.
+    rate_hz, time_unit
+        As declared to `hums.convert`.
+    time_column : str or None
+        Declared column of times, in s since 1970 where it states nothing else.
+    used : collection of str
+        Fields that are no times of samples.
+    found, clocks : dict
+        What was found already, by column of times and by field.
     """
-    stated = file.metadata(name).rate_hz
-    if declared is None:
-        if stated is None:
-            stated = _rate_of_time_column(file, name, time_unit)
-        if stated is None:
+
+    agreement: Agreement
+    rate_hz: float | None
+    time_unit: TimeUnit | None
+    time_column: str | None
+    used: Collection[str]
+
+    found: dict[str, tuple[SampleTimes, datetime | None] | None] = field(default_factory=dict)
+    clocks: dict[str, Clock] = field(default_factory=dict)
+
+    def of(self, name: str) -> Clock:
+        """Return the clock of a field; raise RecordError where no rate is known, or two contradict each other."""
+        if name not in self.clocks:
+            self.clocks[name] = self._clock(name)
+        return self.clocks[name]
+
+    def _clock(self, name: str) -> Clock:
+        file, declared = self.agreement.file, self.rate_hz
+        stated = file.metadata(name)
+        columns = [(title, found) for title in self._columns(name) if (found := self._times(title)) is not None]
+        if stated.times_s is not None and (times := self._sample_times(stated.times_s, 1.0, f'the times of "{name}"')):
+            columns.append((name, (times, stated.epoch)))
+        rates = [] if stated.rate_hz is None else [(stated.rate_hz, 0.0, f"which states {stated.rate_hz:g} Hz")]
+        for title, (times, _) in columns:
+            step = f'whose "{title}" goes in steps of {1 / times.rate_hz:.6g} s, {times.rate_hz:.6g} Hz'
+            rates.append((times.rate_hz, max(times.resolution, 1e-9), step))
+        if not rates and declared is None:
             raise RecordError(
                 f"{file.path.name} does not state its samples per second: rate_hz=... (--rate-hz) is needed."
             )
-        return stated
-    if stated is not None and is_float(declared):
-        difference = abs(declared - stated)
-        if difference >= max(min(1.0, _RATE_TOLERANCE * stated), _STEP_TOLERANCE * stated):
-            raise RecordError(
-                f"rate_hz={declared:g} contradicts {file.path.name}, which states {stated:g} Hz; leave "
-                "--rate-hz out, or correct the file."
-            )
-    return declared
+        rate_hz = rates[0][0] if declared is None else declared
+        for other_hz, resolution, phrase in rates[declared is None :]:
+            if is_float(rate_hz) and not rates_agree(rate_hz, other_hz, resolution=resolution):
+                contradiction = f"{file.path.name} states {rate_hz:g} Hz, but {phrase[6:]}"
+                if declared is not None:
+                    contradiction = f"rate_hz={rate_hz:g} contradicts {file.path.name}, {phrase}"
+                remedy = (
+                    "Correct --rate-hz or leave it out; of times that are not in seconds state the unit, --time-unit. "
+                )
+                rate_hz = self.agreement.settle(contradiction, rate_hz, other_hz, remedy=remedy)
+        times, epoch = columns[0][1] if columns else (None, None)
+        start_s = times.start_s if times is not None and stated.start_s is None else stated.start_s or 0.0
+        epoch = stated.epoch or epoch
+        if abs(start_s) > _LONGEST_START_S:
+            start_s, epoch = 0.0, None if epoch is None else epoch + timedelta(seconds=start_s)
+        trusted = times is not None and rates_agree(rate_hz, times.rate_hz, resolution=max(times.resolution, 1e-9))
+        return Clock(rate_hz=rate_hz, start_s=start_s, epoch=epoch, times=times if trusted else None)
+
+    def _columns(self, name: str) -> list[str]:
+        """Return the columns of times of as many values as a field, in the innermost group that has some."""
+        file = self.agreement.file
+        count, key = file.vector(name).size, file.name(name)
+        found = [
+            title
+            for title, shape in descriptions(file.fields).items()
+            if not isinstance(shape, str)
+            and int(np.prod(shape)) == count > 1
+            and title not in self.used
+            and (title == self.time_column or self._is_time(title))
+        ]
+        groups = {title: title.rpartition(".")[0] for title in found}
+        around = [group for group in groups.values() if not group or key.startswith(f"{group}.")]
+        return [title for title in found if groups[title] == max(around, key=len)] if around else []
+
+    def _is_time(self, title: str) -> bool:
+        stated = self.agreement.file.stated.get(title, Stated())
+        if time_scale(stated.units) is not None:
+            return stated.epoch is not None or is_time_name(stated.title or title)
+        return stated.units is None and is_time_name(stated.title or title)
+
+    def _times(self, title: str) -> tuple[SampleTimes, datetime | None] | None:
+        """Return what a column of times states, and the moment from which it counts."""
+        if title not in self.found:
+            file = self.agreement.file
+            scale = file.time_scale(title)
+            if title == self.time_column:
+                scale = scale or (1.0, _SINCE_1970)
+            elif self.time_unit is not None:
+                unit = (time_scale(self.time_unit) or (1.0, None))[0]
+                if scale is not None and scale[0] != unit:
+                    header = f'whose header says "{title}"' if title not in file.stated else f'whose "{title}" states'
+                    contradiction = f'time_unit="{self.time_unit}" contradicts {file.path.name}, {header}, in units of '
+                    unit = self.agreement.settle(f"{contradiction}{scale[0]:g} s", unit, scale[0])
+                scale = unit, None if scale is None else scale[1]
+            if scale is None and self.rate_hz is None:
+                raise RecordError(
+                    f'{file.path.name}: the header "{title}" does not say the unit of its times; give it, '
+                    'time_unit="ms" (--time-unit ms), or write it as in "time (s)", or give rate_hz=... (--rate-hz).'
+                )
+            unit, epoch = scale or (1.0, None)
+            times = None
+            values = file.vector(title)
+            if len(title) > 1 or np.all(np.diff(values) >= 0):  # "T" may be a torque or a temperature
+                times = self._sample_times(values, unit, f'the times in "{title}"')
+            self.found[title] = None if times is None else (times, epoch)
+        return self.found[title]
+
+    def _sample_times(self, values: NDArray[Any], unit_s: float, what: str) -> SampleTimes | None:
+        try:
+            found = sample_times(values, unit_s=unit_s, what=f"{self.agreement.file.path.name}: {what}")
+        except RecordError as error:
+            if self.agreement.trust != "declared" or self.rate_hz is None:
+                raise
+            self.agreement.notes.append(f"{str(error).partition('. ')[0]}; the declared rate was trusted")
+            return None
+        if found is not None and found.places is not None:
+            missing = int(found.places[-1]) + 1 - found.places.size
+            self.agreement.notes.append(f"{what} leave out {missing} samples, which are NaN")
+        return found
+
+    def start_and_epoch(self, names: Collection[str]) -> tuple[float, datetime | None]:
+        """Return the start and the epoch that some fields share; refuse starts over half a sample apart."""
+        clocks = {name: self.of(name) for name in names}
+        (first, clock), *others = clocks.items()
+        for name, other in others:
+            late_s = other.start_s - clock.start_s
+            if clock.epoch is not None and other.epoch is not None:
+                late_s += (other.epoch - clock.epoch).total_seconds()
+            if late_s and is_float(clock.rate_hz) and abs(late_s) * clock.rate_hz > 0.5:  # noqa: PLR2004
+                raise RecordError(
+                    f'{self.agreement.file.path.name}: "{name}" begins {late_s:g} s after "{first}"; a record has one '
+                    "clock. Convert them one by one, or cut them to the same span."
+                )
+        return clock.start_s, clock.epoch
 
 
-def _rate_of_time_column(file: ForeignFile, name: str, declared: TimeUnit | None) -> float | None:
-    """Return the samples per second of a column of evenly spaced times whose unit is stated or declared, else None.
-
-    Raises
-    ------
-    RecordError
-        If its unit is neither stated nor declared, or both and differ, or the times are not even: a sample may be
-        missing.
-    """
-    count = file.vector(name).size
-    for title, shape in descriptions(file.fields).items():
-        words = re.sub(r"[\W_]+", " ", title.lower()).split()
-        if isinstance(shape, str) or math.prod(shape) != count or count < 2 or words[:1] not in (["t"], ["time"]):  # noqa: PLR2004
-            continue
-        unit = next((_SECONDS[word] for word in words[1:] if word in _SECONDS), None)
-        if declared is not None and unit not in (None, _SECONDS[declared]):
-            raise RecordError(
-                f'time_unit="{declared}" contradicts {file.path.name}, whose header says "{title}"; leave --time-unit '
-                "out, or correct the header."
-            )
-        unit = _SECONDS[declared] if declared else unit
-        if unit is None:
-            raise RecordError(
-                f'{file.path.name}: the header "{title}" does not say the unit of its times; give it, '
-                'time_unit="ms" (--time-unit ms), or write it as in "time (s)", or give rate_hz=... (--rate-hz).'
-            )
-        times_s = unit * np.asarray(file.fields[title]).reshape(-1).astype(np.float64)
-        step_s = (times_s[-1] - times_s[0]) / (count - 1)
-        off = np.abs(times_s - np.linspace(times_s[0], times_s[-1], count))
-        if not (step_s > 0 and np.max(off) < _UNEVEN * step_s):
-            raise RecordError(
-                f'{file.path.name}: the times in "{title}" are not evenly spaced, so they state no rate: row '
-                f"{int(np.argmax(off)) + 1} is {np.max(off) / abs(step_s or 1):.3g} steps from where it should be. "
-                "Resample the record, or give rate_hz=... (--rate-hz) where only the printed times are rounded."
-            )
-        return rate_of_step(step_s)
-    return None
-
-
-def start_and_epoch(file: ForeignFile, names: Sequence[str], *, rate_hz: float) -> tuple[float, datetime | None]:
-    """Return the time of the first sample of some channels in s and the epoch it counts from, as the file states.
-
-    Raises
-    ------
-    RecordError
-        If their first samples are more than half a sample apart.
-    """
-    metadata = [file.metadata(name) for name in names]
-    starts = [stated.start_s or 0.0 for stated in metadata]
-    epochs_s = [stated.epoch.timestamp() if stated.epoch else 0.0 for stated in metadata]
-    for name, start, epoch_s in zip(names, starts, epochs_s, strict=True):
-        late = (start - starts[0]) + (epoch_s - epochs_s[0])
-        if late and is_float(rate_hz) and abs(late) * rate_hz > 0.5:  # noqa: PLR2004 - make_record checks the rate
-            raise RecordError(
-                f'{file.path.name}: "{name}" begins {late:g} s after "{names[0]}"; a record has one clock. '
-                "Convert them one by one, or cut them to the same span."
-            )
-    return starts[0], metadata[0].epoch
-
-
-def check_time_column(
-    file: ForeignFile, rate_hz: float, *, count: int, used: Sequence[str], time_unit: TimeUnit | None = None
-) -> None:
-    """Check the rate against a column of evenly spaced times of `count` samples, if the file has one."""
-    for name, shape in descriptions(file.fields).items():
-        normalized = re.sub(r"[\W_]+", "_", name.rpartition(".")[2].lower()).strip("_")
-        if name in used or normalized not in _TIME_COLUMNS or isinstance(shape, str) or max(shape, default=1) != count:
-            continue
-        field = np.asarray(file.fields[name])
-        step_s = _even_step(field.reshape(-1)) if field.size == count else None
-        if step_s and time_unit and normalized in ("t", "time"):
-            step_s *= _SECONDS[time_unit]
-        if step_s and is_float(rate_hz) and abs(step_s * rate_hz - 1) > _RATE_TOLERANCE:
-            raise RecordError(
-                f'rate_hz={rate_hz:g} contradicts {file.path.name}, whose "{name}" goes in steps of {step_s:.6g} s, '
-                f"{1 / step_s:.6g} Hz. Correct --rate-hz; if that column is not in seconds, say so (--time-unit)."
-            )
-
-
-def _even_step(times: NDArray[np.generic]) -> float | None:
-    """Return the step of evenly spaced times, also coarsely rounded ones, else None."""
-    if times.size < 2 or times.dtype.kind not in "iuf":  # noqa: PLR2004
-        return None
-    numbers = times.astype(np.float64)
-    span = numbers[-1] - numbers[0]
-    if not (span > 0 and np.isfinite(numbers).all()):
-        return None
-    linear = np.linspace(numbers[0], numbers[-1], numbers.size)
-    return float(span / (numbers.size - 1)) if np.max(np.abs(numbers - linear)) < _RATE_TOLERANCE * span else None
+def seconds_of(file: ForeignFile, name: str, *, epoch: datetime | None) -> NDArray[Any]:
+    """Return times of events in s: of the unit that their name or an attribute states, and after the same epoch."""
+    values = file.vector(name)
+    unit_s, since = file.time_scale(name) or (1.0, None)
+    late_s = 0.0 if epoch is None or since is None else (since - epoch).total_seconds()
+    return values if unit_s == 1.0 and not late_s else values * unit_s + late_s

@@ -8,6 +8,7 @@ from typing import Any
 import numpy as np
 
 from hums.readers.columns import Field, Stated, rate_of_step
+from hums.records.clock import time_scale
 from hums.records.record import RecordError
 
 __all__ = ["read"]
@@ -23,8 +24,8 @@ def read(path: Path) -> tuple[dict[str, Field], dict[str, Stated]]:
     """Return every function by its response degree of freedom, entity where named, node and direction: "case 3+Z".
 
     Functions of one degree of freedom are numbered by data set, as "3+Z (2)". The rate and the first time are those
-    of an even abscissa in seconds; a text file prints its step with six digits, so a declared rate may be more precise.
-    Units are the label of the ordinate.
+    of an even abscissa of times; a text file prints its step with six digits, so a declared rate may be more precise.
+    An uneven abscissa states the time of each sample. Units are the label of the ordinate.
 
     Raises
     ------
@@ -85,12 +86,15 @@ def _field(entry: Mapping[str, Any]) -> Field:
 
 
 def _stated(entry: Mapping[str, Any]) -> Stated:
-    even_time = entry["abscissa_spacing"] == 1 and entry["abscissa_spec_data_type"] == _TIME
-    rate_hz = rate_of_step(entry["abscissa_inc"]) if even_time else None
+    units = _label(entry["ordinate_axis_units_lab"])
+    if entry["abscissa_spec_data_type"] != _TIME:
+        return Stated(units=units)
+    step_s, epoch = time_scale(_label(entry["abscissa_axis_units_lab"])) or (1.0, None)
+    if entry["abscissa_spacing"] != 1:
+        return Stated(units=units, times_s=step_s * np.asarray(entry["x"], dtype=np.float64), epoch=epoch)
+    rate_hz = rate_of_step(step_s * entry["abscissa_inc"])
     return Stated(
-        units=_label(entry["ordinate_axis_units_lab"]),
-        rate_hz=rate_hz,
-        start_s=float(entry["abscissa_min"]) if rate_hz else None,
+        units=units, rate_hz=rate_hz, start_s=step_s * float(entry["abscissa_min"]) if rate_hz else None, epoch=epoch
     )
 
 

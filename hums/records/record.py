@@ -7,7 +7,7 @@ from __future__ import annotations
 
 from collections import Counter
 from collections.abc import Mapping, Sequence
-from dataclasses import dataclass
+from dataclasses import dataclass, replace
 from typing import TYPE_CHECKING, Any
 
 import numpy as np
@@ -25,6 +25,7 @@ from hums.records.channels import (
     tachometers,
     vibration_channels,
 )
+from hums.records.clock import own_times, rates_agree
 from hums.records.fields import (
     ANGLE_REMEDY,
     RATE_REMEDY,
@@ -43,6 +44,7 @@ from hums.records.fields import (
 )
 from hums.records.quantities import AngularAverage, Measured, measured_variable
 from hums.records.validation import check_record
+from signals._validation import is_float
 
 if TYPE_CHECKING:
     from collections.abc import Iterable
@@ -256,9 +258,10 @@ def make_record(
     Parameters
     ----------
     channels : mapping of str to Channel or (n,) array_like
-        Vibration channels by name.
+        Vibration channels by name. An `xarray.DataArray` states its units in the attribute ``units``, and its rate and
+        start by a coordinate of times; NaN fills its gaps.
     rate_hz : float, optional
-        Samples per second; needed but for an average in angle, which has none.
+        Samples per second; needed but for an average in angle, which has none, and where a channel states them.
     angle : PulseTimes, TachometerWaveform, NominalSpeed, a sequence of tachometers of one kind, or UnknownAngle
         Source of shaft angle; or `AngularAverage`, where the channels are averages in angle already.
     units : str or mapping of str to str, optional
@@ -306,11 +309,11 @@ def make_record(
         return _average_record(
             declared, angle, machine=machine, recorded_at=recorded_at, attrs=attrs, measured=measured or {}
         )
-    rate = positive_number(rate_hz, "rate_hz", RATE_REMEDY)
     start = finite_number(start_s, "start_s")
+    declared, rate_hz, start = _with_own_times(_declared_channels(channels, units), rate_hz=rate_hz, start_s=start)
+    rate = positive_number(rate_hz, "rate_hz", RATE_REMEDY)
     variables = {
-        name: _channel_variable(channel, name=name, rate_hz=rate, start_s=start)
-        for name, channel in _declared_channels(channels, units).items()
+        name: _channel_variable(channel, name=name, rate_hz=rate, start_s=start) for name, channel in declared.items()
     }
     for name, quantity in (measured or {}).items():
         check_name(name, "measured")
@@ -396,12 +399,46 @@ def _declared_channels(
     declared = {}
     for name, channel in channels.items():
         check_name(name, "channel")
-        if isinstance(channel, Channel):
-            declared[name] = channel
-        else:
-            stated = units if isinstance(units, str) else per_channel.get(name, "")
-            declared[name] = Channel(values=channel, units=stated)
+        if not isinstance(channel, Channel):
+            channel = Channel(  # noqa: PLW2901
+                values=channel, units=units if isinstance(units, str) else per_channel.get(name, "")
+            )
+        what = f'channel "{name}"'
+        own = channel.values.attrs.get("units") if isinstance(channel.values, xr.DataArray) else None
+        if own and channel.units and known_units(own, what) != known_units(channel.units, what):
+            raise RecordError(f'{what}: units="{channel.units}" contradict its DataArray, which states "{own}".')
+        declared[name] = replace(channel, units=channel.units or own or "")
     return declared
+
+
+def _with_own_times(
+    channels: dict[str, Channel], *, rate_hz: float | None, start_s: float
+) -> tuple[dict[str, Channel], float | None, float]:
+    """Return channels, their rate and start; those of a DataArray are held against what is declared."""
+    found = dict(channels)
+    for name, channel in channels.items():
+        if not isinstance(channel.values, xr.DataArray):
+            continue
+        what = f'channel "{name}": the times of its DataArray'
+        times = own_times(channel.values, what)
+        if times is None:
+            continue
+        declared = channel.rate_hz if channel.rate_hz is not None else rate_hz
+        if is_float(declared) and not rates_agree(declared, times.rate_hz, resolution=max(times.resolution, 1e-9)):
+            raise RecordError(
+                f"{what} state {times.rate_hz:g} Hz, which rate_hz={declared:g} contradicts; leave it out, or pass the "
+                "values alone."
+            )
+        start_s = start_s or times.start_s
+        if abs(times.start_s - start_s) * times.rate_hz > 0.5:  # noqa: PLR2004
+            raise RecordError(
+                f"{what} begin at {times.start_s:g} s, which start_s={start_s:g} contradicts; a record has one clock."
+            )
+        rate_hz = times.rate_hz if rate_hz is None else rate_hz
+        found[name] = replace(
+            channel, values=times.filled(channel.values.values), rate_hz=times.rate_hz if declared is None else declared
+        )
+    return found, rate_hz, start_s
 
 
 def _channel_variable(

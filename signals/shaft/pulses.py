@@ -8,7 +8,7 @@ from typing import TYPE_CHECKING, Literal
 
 import numpy as np
 
-from signals._validation import Array, checked, choice, number, positive, real_vector
+from signals._validation import Array, checked, choice, number, positive, real_array, real_vector
 
 if TYPE_CHECKING:
     from numpy.typing import ArrayLike, NDArray
@@ -419,7 +419,7 @@ def quadrature_direction(
     >>> edges.direction[[0, -1]].tolist()
     [1, -1]
     """
-    a, b = np.asarray(first), np.asarray(second)
+    a, b = (real_array(values, name="the tachometer waveform") for values in (first, second))
     if a.shape != b.shape:
         raise ValueError(f"the channels have {a.shape} and {b.shape} samples; both must cover the same time.")
     found = []

@@ -4,17 +4,18 @@ import struct
 import sys
 import warnings
 import zlib
-from datetime import datetime
 
 import h5py
 import numpy as np
 import pytest
 import pyuff
+import xarray as xr
 from nptdms import ChannelObject, GroupObject, RootObject, TdmsWriter
 from numpy.testing import assert_allclose, assert_array_equal
 from scipy.io import savemat
 
 from hums.readers import convert, read_file
+from hums.records.fields import RecordWarning
 from hums.records.record import NominalSpeed, RecordError, make_record, sampling, tachometers, vibration_channels
 from hums.records.store import open_record, save_record
 
@@ -116,10 +117,57 @@ def test_what_is_no_channel_of_a_tdms_file(logged):
     assert '"Log.nothing" is empty' in refusal(logged, channels=["Log.nothing"])
 
 
-def test_what_was_declared_goes_before_when_a_tdms_file_began(logged):
-    when = datetime.fromisoformat("2020-01-01T00:00:00+00:00")
-    record = convert(logged, channels=["Log.Dev1.ai0"], recorded_at=when, **NOMINAL)
-    assert record.attrs["recorded_at"] == "2020-01-01T00:00:00Z"
+def test_a_declared_time_against_that_of_a_tdms_file(logged):
+    near, far = "2026-03-01T13:00+01:00", "2026-03-01T12:00+02:00"
+    assert convert(logged, channels=["Log.Dev1.ai0"], recorded_at=near, **NOMINAL).recorded_at == "2026-03-01T12:00:00Z"
+    assert "which states 2026-03-01T12:00:00.5" in refusal(logged, channels=["Log.Dev1.ai0"], recorded_at=far)
+    for trust, when in (("declared", "2026-03-01T10:00:00Z"), ("file", "2026-03-01T12:00:00.500000Z")):
+        with pytest.warns(RecordWarning, match="was trusted"):
+            record = convert(logged, channels=["Log.Dev1.ai0"], recorded_at=far, trust=trust, **NOMINAL)
+        assert record.attrs["recorded_at"] == when
+        assert "recorded_at" in record.attrs["notes"]
+
+
+def segments(path, *parts):
+    """Write samples and properties of one channel, a segment each."""
+    with TdmsWriter(str(path)) as writer:
+        for values, properties in parts:
+            writer.write_segment([ChannelObject("Log", "x", values, properties=properties)])
+    return path
+
+
+@pytest.mark.parametrize(
+    ("later", "missing"),
+    [
+        ({"wf_start_time": np.datetime64("2026-03-01T12:00:01")}, 0),  # goes on
+        ({}, 0),
+        ({"wf_start_time": np.datetime64("2026-03-01T12:00:01.3")}, 300),
+        ({"wf_start_offset": 1.02}, 20),
+    ],
+)
+def test_segments_of_a_tdms_file_have_their_own_starts(tmp_path, later, missing):
+    first = waveform(1000.0, unit_string="g", wf_start_time=np.datetime64("2026-03-01T12:00:00"), wf_start_offset=0.0)
+    path = segments(tmp_path / "a.tdms", (np.arange(1000.0), first), (np.arange(1000.0, 2000.0), first | later))
+    with warnings.catch_warnings():
+        warnings.simplefilter("ignore", RecordWarning)
+        record = convert(path, channels=["x"], **NOMINAL)
+    assert record.attrs["recorded_at"] == "2026-03-01T12:00:00Z"
+    assert_array_equal(record.x, np.r_[np.arange(1000.0), np.full(missing, np.nan), np.arange(1000.0, 2000.0)])
+
+
+@pytest.mark.parametrize(
+    ("later", "why"),
+    [
+        ({"wf_start_time": np.datetime64("2026-03-01T11:00:00")}, "run backwards"),
+        ({"wf_start_time": np.datetime64("2026-03-01T13:00:00")}, "Split the file"),
+        ({"wf_start_time": np.datetime64("2026-03-01T12:00:01"), "wf_increment": 1 / 1008}, "not evenly spaced"),
+    ],
+)
+def test_segments_of_a_tdms_file_that_are_no_record(tmp_path, later, why):
+    first = waveform(1000.0, unit_string="g", wf_start_time=np.datetime64("2026-03-01T12:00:00"), wf_start_offset=0.0)
+    path = segments(tmp_path / "a.tdms", (np.zeros(1000), first), (np.zeros(1000), first | later))
+    assert why in refusal(path, channels=["x"])
+    assert why in refusal(path, channels=["x"], rate_hz=1000)
 
 
 def test_two_channels_of_one_dotted_name(tmp_path):
@@ -162,7 +210,7 @@ def uff(path, **changes):
         "abscissa_axis_units_lab": "s",
         "id1": "test",
     } | changes
-    settings["x"] = settings["abscissa_min"] + np.arange(values.size) * settings["abscissa_inc"]
+    settings.setdefault("x", settings["abscissa_min"] + np.arange(values.size) * settings["abscissa_inc"])
     with warnings.catch_warnings():  # pyuff leaves a file open that it writes; what it reads it closes
         warnings.simplefilter("ignore", ResourceWarning)
         pyuff.UFF(str(path)).write_sets(pyuff.prepare_58(data=values, **settings), mode="add")
@@ -204,6 +252,15 @@ def test_a_step_of_six_digits_may_be_refined(tmp_path):
     assert abs(stated / 65537 - 1) < 5e-6  # half of the last digit of 1.52586e-05
     assert convert(path, channels=["3+Z"], rate_hz=65537, **NOMINAL).attrs["rate_hz"] == 65537
     assert "rate_hz=65540 contradicts" in refusal(path, channels=["3+Z"], rate_hz=65540)
+
+
+def test_an_uneven_abscissa_is_refused(tmp_path):
+    step_s = np.where(np.arange(500) % 7 == 3, 3e-3, 1e-3)
+    path = uff(tmp_path / "a.uff", abscissa_spacing=0, x=np.cumsum(step_s))
+    for rate in ({}, {"rate_hz": 1000}):
+        assert "not evenly spaced" in refusal(path, channels=["3+Z"], **rate)
+    with pytest.warns(RecordWarning, match="the declared rate was trusted"):
+        assert convert(path, channels=["3+Z"], rate_hz=1000, trust="declared", **NOMINAL).attrs["rate_hz"] == 1000
 
 
 def test_a_frequency_response_is_no_channel(tmp_path):
@@ -262,6 +319,53 @@ def test_what_is_no_channel_of_a_foreign_hdf5_file(foreign):
     assert '"empty" is empty' in why("empty")
     assert "does not state its samples per second" in refusal(foreign, channels=["run 1/acc"])
     assert "--units g" in refusal(foreign, channels=["run 1.column"], rate_hz=1000.0)
+
+
+@pytest.mark.parametrize("engine", ["h5netcdf", "scipy"])
+def test_packed_values_and_times_of_a_netcdf_file(tmp_path, engine):
+    """As xarray writes them by the CF conventions."""
+    truth = np.round(np.sin(0.3 * np.arange(500)), 3)
+    truth[7] = np.nan
+    packing = {"dtype": "int16", "scale_factor": 1e-3, "add_offset": 0.25, "_FillValue": -32768}
+    when = np.datetime64("2026-03-01T12:00:00.5", "ns") + 40_000 * np.arange(500)
+    dataset = xr.Dataset({"DE": ("time", truth, {"units": "g"})}, coords={"time": when})
+    dataset.to_netcdf(tmp_path / "a.nc", engine=engine, encoding={"DE": packing})
+    record = convert(tmp_path / "a.nc", channels=["DE"], **NOMINAL)
+    assert_allclose(record.DE, truth, rtol=0, atol=1e-12)
+    assert (record.attrs["rate_hz"], record.attrs["recorded_at"]) == (25000.0, "2026-03-01T12:00:00.500000Z")
+    assert "rate_hz=25200 contradicts" in refusal(tmp_path / "a.nc", channels=["DE"], rate_hz=25200)
+
+
+def test_attributes_of_an_hdf5_file(tmp_path):
+    with h5py.File(tmp_path / "a.h5", "w") as file:
+        file["run/DE"], file["run/ND"] = NOISE, NOISE
+        file["run"].attrs.update({"sample_rate": 25.6e3, "start_time": "2026-03-01T14:00:00+02:00"})
+        file["run/DE"].attrs.update({"units": "V", "sensitivity": 100.0, "sensitivity_units": "mV/g"})
+        file["run/ND"].attrs.update({"units": "g", "gain": 10.0})
+    record = convert(tmp_path / "a.h5", channels=["run.DE"], **NOMINAL)
+    assert (record.attrs["rate_hz"], record.attrs["recorded_at"]) == (25600.0, "2026-03-01T12:00:00Z")
+    assert (record["run.DE"].attrs["sensitivity"], record["run.DE"].attrs["measures"]) == (0.1, "g")
+    with pytest.warns(RecordWarning, match="gain=10, which is not applied"):
+        assert "gain=10" in convert(tmp_path / "a.h5", channels=["run.ND"], **NOMINAL).attrs["notes"]
+
+
+@pytest.mark.parametrize("kind", ["mat", "npz"])
+def test_scalars_beside_an_array_state_its_rate_and_units(tmp_path, kind):
+    for key, value in {"fs": 12000.0, "SampleRate": 12000, "dt": 1 / 12000, "Fs_kHz": 12.0}.items():
+        contents = {"DE": NOISE, key: value, "units": "g"}
+        path = tmp_path / f"a.{kind}"
+        savemat(path, contents) if kind == "mat" else np.savez(path, **contents)
+        record = convert(path, channels=["DE"], **NOMINAL)
+        assert (record.attrs["rate_hz"], record.DE.attrs["units"]) == (12000.0, "g")
+        assert "which states 12000 Hz" in refusal(path, channels=["DE"], rate_hz=12800)
+
+
+def test_variable_units_of_a_mat_file(tmp_path):
+    about = {"VariableUnits": np.array(["g", "V"], dtype=object), "SampleRate": 5000.0}
+    savemat(tmp_path / "a.mat", {"data": {"DE": NOISE, "tacho": NOISE, "Properties": about}})
+    record = convert(tmp_path / "a.mat", channels=["DE", "tacho"], **NOMINAL)
+    assert [record[name].attrs["units"] for name in ("DE", "tacho")] == ["g", "V"]
+    assert record.attrs["rate_hz"] == 5000
 
 
 def test_a_record_is_no_foreign_file(tmp_path):

@@ -1,11 +1,14 @@
 """The rate that a column of times states, and channels by number."""
 
+from datetime import UTC, datetime, timedelta
+
 import h5py
 import numpy as np
 import pytest
-from scipy.io import wavfile
+from scipy.io import savemat, wavfile
 
 from hums.readers import convert
+from hums.records.fields import RecordWarning
 from hums.records.record import RecordError, sampling
 
 DECLARED = {"units": "g", "shaft": "input", "shaft_rpm": 600}
@@ -34,10 +37,102 @@ def test_no_array_is_read_but_the_channel_and_its_times(tmp_path, name):
     assert sampling(convert(tmp_path / name, channels=["vib"], **DECLARED), "vib").rate_hz == 8000
 
 
-def test_a_missing_sample_is_refused(tmp_path):
-    path = csv(tmp_path, np.delete(np.arange(2001), 1000) / 8000, "time (s),vib")
-    with pytest.raises(RecordError, match="not evenly spaced"):
-        convert(path, channels=["vib"], **DECLARED)
+def at_gap(jump_s, count=3000):
+    return np.arange(count) / 1000 + jump_s * (np.arange(count) >= count // 2)
+
+
+@pytest.mark.parametrize("name", ["log.csv", "log.mat", "log.h5", "log.npz"])
+@pytest.mark.parametrize("rate", [{}, {"rate_hz": 1000}])
+@pytest.mark.parametrize("missing", [1, 20])
+def test_samples_that_the_times_leave_out_are_nan(tmp_path, name, rate, missing):
+    path = table(tmp_path / name, at_gap(missing / 1000))
+    with pytest.warns(RecordWarning, match=f"leave out {missing} samples"):
+        record = convert(path, channels=["vib"], measured={"force": "kN"}, **rate, **DECLARED)
+    expected = np.r_[np.arange(1500.0), np.full(missing, np.nan), np.arange(1500.0, 3000.0)]
+    np.testing.assert_array_equal(record.vib, expected)
+    np.testing.assert_allclose(record.force, 1000 * expected)
+    assert record.attrs["rate_hz"] == 1000
+
+
+@pytest.mark.parametrize("name", ["log.csv", "log.mat", "log.h5", "log.npz"])
+@pytest.mark.parametrize("rate", [{}, {"rate_hz": 1000}])
+@pytest.mark.parametrize(
+    ("times_s", "why"),
+    [
+        (at_gap(5), "leave out 5000 samples beside 3000"),
+        (at_gap(-0.8), "run backwards: row 1501"),
+        (np.arange(3000) / 1000 * (1 + 1e-3 * np.linspace(0, 1, 3000)), "not evenly spaced"),  # a clock that drifts
+    ],
+)
+def test_times_that_are_no_record(tmp_path, name, rate, times_s, why):
+    path = table(tmp_path / name, times_s)
+    with pytest.raises(RecordError, match=why):
+        convert(path, channels=["vib"], **rate, **DECLARED)
+    with pytest.warns(RecordWarning, match="the declared rate was trusted"):
+        record = convert(path, channels=["vib"], rate_hz=1000, trust="declared", **DECLARED)
+    assert record.sizes["time"] == 3000
+    assert why.split(":")[0] in record.attrs["notes"]
+
+
+def table(path, times_s):
+    """Write times, vibration and a force by the suffix of a path."""
+    columns = {"time_s": times_s, "vib": np.arange(float(times_s.size)), "force": np.arange(float(times_s.size))}
+    match path.suffix:
+        case ".csv":
+            text = "".join(f"{t:.9g},{vib},{force}\n" for t, vib, force in zip(*columns.values(), strict=True))
+            path.write_text(",".join(columns) + "\n" + text)
+        case ".mat":
+            savemat(path, columns)
+        case ".npz":
+            np.savez(path, **columns)
+        case ".h5":
+            with h5py.File(path, "w") as file:
+                for name, values in columns.items():
+                    file[name] = values
+    return path
+
+
+@pytest.mark.parametrize(("trust", "rate_hz"), [("declared", 1000.0), ("file", 1008.0)])
+def test_a_contradiction_is_refused_or_decided(tmp_path, trust, rate_hz):
+    path = table(tmp_path / "log.npz", np.arange(3000) / 1008)
+    with pytest.raises(RecordError, match=r"rate_hz=1000 contradicts log\.npz.* 1008 Hz.*--trust"):
+        convert(path, channels=["vib"], rate_hz=1000, **DECLARED)
+    with pytest.warns(RecordWarning, match="was trusted"):
+        record = convert(path, channels=["vib"], rate_hz=1000, trust=trust, **DECLARED)
+    assert record.attrs["rate_hz"] == pytest.approx(rate_hz, rel=1e-9)
+    assert "rate_hz=1000 contradicts log.npz" in record.attrs["notes"]
+
+
+@pytest.mark.parametrize(
+    "stamp", ["%Y-%m-%dT%H:%M:%S.%f%z", "%Y-%m-%d %H:%M:%S.%f", "%d.%m.%Y %H:%M:%S.%f", "%H:%M:%S.%f"]
+)
+def test_times_as_text_need_no_unit(tmp_path, stamp):
+    began = datetime(2026, 2, 28, 10, 59, 59, 500_000, tzinfo=UTC)
+    rows = [f"{began + timedelta(milliseconds=k):{stamp}},{k}\n" for k in range(3000)]
+    (tmp_path / "log.csv").write_text("time,vib\n" + "".join(rows))
+    record = convert(tmp_path / "log.csv", channels=["vib"], **DECLARED)
+    assert (record.attrs["rate_hz"], record.attrs["start_s"]) == (1000, 0)
+    assert record.attrs["recorded_at"] == ("2026-02-28T10:59:59.500000Z" if "%z" in stamp else "")
+    with pytest.raises(RecordError, match='time_unit="ms" contradicts'):
+        convert(tmp_path / "log.csv", channels=["vib"], time_unit="ms", **DECLARED)
+
+
+def test_one_time_for_many_samples(tmp_path):
+    """Times rounded to a second are no gaps, and state the rate to the second in thirty."""
+    (tmp_path / "log.csv").write_text("time (s),vib\n" + "".join(f"{k // 100},{k}\n" for k in range(3000)))
+    assert convert(tmp_path / "log.csv", channels=["vib"], rate_hz=100, **DECLARED).vib.notnull().all()
+    with pytest.raises(RecordError, match="contradicts"):
+        convert(tmp_path / "log.csv", channels=["vib"], rate_hz=110, **DECLARED)
+
+
+def test_pulse_times_are_in_the_unit_that_the_file_states(tmp_path):
+    columns = {"time (s)": np.arange(2000) / 1000, "vib": np.ones(2000), "pulse (ms)": 100.0 * np.arange(20)}
+    with h5py.File(tmp_path / "log.h5", "w") as file:
+        for name, values in columns.items():
+            file[name] = values
+    tach = {"tach_times": "pulse (ms)", "pulses_per_rev": 1, "shaft": "input"}
+    record = convert(tmp_path / "log.h5", channels=["vib"], units="g", **tach)
+    np.testing.assert_allclose(record.tachometer, 0.1 * np.arange(20))
 
 
 def test_times_without_a_unit_state_no_rate(tmp_path):

@@ -1,0 +1,225 @@
+"""What the times of samples state: a rate, a start, and where samples are missing."""
+
+import re
+from collections.abc import Mapping
+from dataclasses import dataclass
+from datetime import UTC, datetime
+from typing import Any
+
+import numpy as np
+import xarray as xr
+from numpy.typing import NDArray
+
+from hums.records.fields import RecordError
+
+__all__ = [
+    "TIMES_S",
+    "SampleTimes",
+    "is_time_name",
+    "own_times",
+    "rates_agree",
+    "sample_times",
+    "time_scale",
+    "words_of",
+]
+
+_OFF = 0.25  # of a step, which a sample may be off an even grid beside the rounding of its time
+_ROUNDING = (
+    0.6  # of the rounding, which times that are cut off are from the line through them: half and an error of slope
+)
+_GAP = 0.5  # of a step, from which a longer interval is a gap
+_LAGS = 64  # steps of rounding in the interval from which the rate is first estimated
+_RATE_TOLERANCE = 1e-5  # a step printed with six digits
+_WHOLE_TOLERANCE = 1e-3  # a whole number drops a fraction: less than 1 Hz, and at most this share of the rate
+_MOST_GAPS = 0.01  # of the intervals: more are no gaps, the samples are uneven
+_WRONG = 'if these times are wrong, give the rate with trust="declared" (--rate-hz ... --trust declared)'
+_LOOKED_AT = 4096  # times from which their rounding is found
+
+
+TIMES_S: Mapping[str, float] = {
+    **dict.fromkeys(("s", "sec", "secs", "second", "seconds", "sekunden"), 1.0),
+    **dict.fromkeys(("ms", "msec", "millisecond", "milliseconds"), 1e-3),
+    **dict.fromkeys(("us", "µs", "\N{GREEK SMALL LETTER MU}s", "usec", "microsecond", "microseconds"), 1e-6),
+    **dict.fromkeys(("ns", "nanosecond", "nanoseconds"), 1e-9),
+    **dict.fromkeys(("min", "minute", "minutes"), 60.0),
+    **dict.fromkeys(("h", "hour", "hours"), 3600.0),
+    **dict.fromkeys(("d", "day", "days"), 86400.0),
+}
+"""Seconds in units of time."""
+_TIME_NAMES = {"t", "time", "times", "timestamp", "timestamps", "datetime", "zeit", "temps", "tiempo", "tempo", "tijd"}
+_BESIDE_TIME = {"elapsed", "relative", "rel", "absolute", "abs", "date", "stamp", "utc", "axis", "in", "seconds"}
+
+
+@dataclass(frozen=True, kw_only=True)
+class SampleTimes:
+    """What times of samples state.
+
+    Attributes
+    ----------
+    rate_hz : float
+        Samples per second, of the pieces between gaps.
+    resolution : float
+        Uncertainty of the rate by the rounding of the times, as a share of it.
+    start_s : float
+        Time of the first sample in s.
+    places : (n,) array of int or None
+        Number of each sample on an even grid; None where no sample is missing.
+    """
+
+    rate_hz: float
+    resolution: float
+    start_s: float
+    places: NDArray[np.intp] | None
+
+    def filled(self, values: NDArray[Any]) -> NDArray[Any]:
+        """Return samples on the even grid, with NaN where samples are missing."""
+        if self.places is None:
+            return values
+        grid = np.full(int(self.places[-1]) + 1, np.nan, dtype=np.float32 if values.dtype == np.float32 else np.float64)
+        grid[self.places] = values
+        return grid
+
+
+def rates_agree(declared: float, stated: float, *, resolution: float = 0.0) -> bool:
+    """Return whether two rates agree within what is known: a whole number may lack a fraction, a step some digits."""
+    tolerance = max(_RATE_TOLERANCE, resolution)
+    if not resolution and (float(declared).is_integer() != float(stated).is_integer()):
+        tolerance = max(tolerance, min(1 / stated, _WHOLE_TOLERANCE))
+    return abs(declared - stated) < tolerance * stated
+
+
+def sample_times(times: NDArray[Any], *, unit_s: float, what: str) -> SampleTimes | None:
+    """Return what times of samples state, None where all are equal or unknown.
+
+    The first estimate of the rate is the median over intervals much longer than the rounding of the times. Against it,
+    an interval that is longer by half a step or more is a gap; the rate is then that of the line of least squares
+    through the times without the gaps.
+
+    Parameters
+    ----------
+    times : (n,) array
+        In units of `unit_s`; NaN where a time is not known.
+    unit_s : float
+        Seconds in a unit.
+    what : str
+        The times in words, for errors.
+
+    Raises
+    ------
+    RecordError
+        If times run backwards, are not even between gaps, or more is missing than was recorded.
+    """
+    known = np.flatnonzero(np.isfinite(times.astype(np.float64)))
+    seconds = unit_s * times[known].astype(np.float64)
+    if known.size < 2 or seconds.min() == seconds.max():  # noqa: PLR2004
+        return None
+    number = known - known[0]
+    quantum_s = unit_s * _quantum(times[known])
+    steps_s = np.diff(seconds)
+    if (repeated := steps_s == 0).mean() > 0.1:  # one time for several samples  # noqa: PLR2004
+        quantum_s = max(quantum_s, float(np.median(steps_s[~repeated & (steps_s > 0)])))
+    lag = 1
+    while lag < known.size // 4 and np.median(seconds[lag:] - seconds[:-lag]) < _LAGS * quantum_s:
+        lag *= 2
+    backwards = np.flatnonzero(steps_s < 0)
+    if backwards.size:
+        at = int(backwards[0])
+        raise RecordError(
+            f"{what} run backwards: row {known[at + 1] + 1} is {-steps_s[at]:.6g} s before row {known[at] + 1}. Split "
+            f"the file there; or, {_WRONG}."
+        )
+    median_s = float(np.median((seconds[lag:] - seconds[:-lag]) / (number[lag:] - number[:-lag])))
+    rate_hz = 1 / (median_s or (seconds[-1] - seconds[0]) / number[-1])
+    longer = steps_s * rate_hz - np.diff(number)
+    rounding = quantum_s * rate_hz
+    usual = float(np.quantile(np.abs(longer), 0.9))
+    gaps = np.flatnonzero(longer > _GAP + (min(rounding, usual) if rounding < 2 else rounding))  # noqa: PLR2004
+    missing = np.zeros(known.size)
+    missing[gaps + 1] = longer[gaps]
+    missing = np.cumsum(missing)
+    joined_s = seconds - seconds[0] - missing / rate_hz
+    step_s, first_s = np.polyfit(number, joined_s, 1)
+    off = np.abs(joined_s - first_s - step_s * number) / step_s
+    if off.max() > _OFF + _ROUNDING * quantum_s / step_s or gaps.size > max(1, _MOST_GAPS * known.size):
+        raise RecordError(
+            f"{what} are not evenly spaced: {gaps.size} are longer than the others by half a step or more, and row "
+            f"{known[off.argmax()] + 1} is {off.max():.3g} steps from where {1 / step_s:.6g} Hz have it. Resample the "
+            f"record onto even times; or, {_WRONG}."
+        )
+    lost = round(missing[-1])
+    if lost > times.size:
+        at = int(gaps[np.argmax(longer[gaps])])
+        raise RecordError(
+            f"{what} leave out {lost} samples beside {times.size}: from row {known[at] + 1} to row "
+            f"{known[at + 1] + 1} they advance by {steps_s[at]:.6g} s. Split the file there and convert its "
+            "parts one by one."
+        )
+    whole = round(1 / step_s)
+    return SampleTimes(
+        rate_hz=float(whole) if abs(whole * step_s - 1) < 1e-9 else float(1 / step_s),  # noqa: PLR2004
+        resolution=quantum_s / (step_s * known.size),
+        start_s=float(seconds[0] - known[0] * step_s),
+        places=None if lost < 1 else _places(times.size, known, missing),
+    )
+
+
+def _places(count: int, known: NDArray[np.intp], missing: NDArray[np.float64]) -> NDArray[np.intp]:
+    """Return the number of each sample on the even grid; a sample without a time follows the one before it."""
+    before = np.searchsorted(known, np.arange(count), side="right") - 1
+    return np.asarray(np.arange(count) + np.rint(missing[np.maximum(before, 0)]).astype(np.intp))
+
+
+def _quantum(times: NDArray[Any]) -> float:
+    """Return the rounding of times: the decimal place of the last digit, or the spacing of their floats."""
+    few = times[:: max(1, times.size // _LOOKED_AT)]
+    kind = few.dtype if few.dtype.kind == "f" else np.dtype(np.float64)
+    spacing = float(np.spacing(np.abs(few).max().astype(kind)))
+    for places in range(13):
+        scaled = few.astype(np.float64) * 10.0**places
+        if 10.0**-places <= spacing:
+            break
+        if np.max(np.abs(scaled - np.rint(scaled))) < max(1e-6, 2 * spacing * 10.0**places):
+            return 10.0**-places
+    return spacing
+
+
+def time_scale(units: str | None) -> tuple[float, datetime | None] | None:
+    """Return the seconds in a unit of time and the moment from which it counts, "ms since 2024-01-01"; else None.
+
+    A moment without an offset from UTC is in UTC, as the CF conventions have it.
+    """
+    unit, _, since = (units or "").strip().partition(" since ")
+    seconds = TIMES_S.get(unit.strip().lower())
+    if seconds is None:
+        return None
+    try:
+        epoch = datetime.fromisoformat(since.strip().removesuffix(" UTC")) if since else None
+    except ValueError:
+        return None
+    return seconds, epoch.replace(tzinfo=UTC) if epoch is not None and epoch.tzinfo is None else epoch
+
+
+def words_of(name: str) -> list[str]:
+    """Return the words of a name in lower case."""
+    return [word for word in re.split(r"[\W_]+", name.lower()) if word]
+
+
+def is_time_name(name: str) -> bool:
+    """Return whether a name is that of the times of samples: "t", "Time [ms]", "time_s", "elapsed time"."""
+    words = words_of(name.rpartition(".")[2])
+    others = set(words) - _TIME_NAMES
+    return len(others) < len(words) and all(word in _BESIDE_TIME or word in TIMES_S for word in others)
+
+
+def own_times(array: xr.DataArray, what: str) -> SampleTimes | None:
+    """Return what the coordinate of a row of samples states, in s; None where it has none that is a time."""
+    dim = str(array.dims[0]) if array.ndim == 1 else ""
+    if dim not in array.coords:
+        return None
+    axis = array[dim]
+    scale = time_scale(axis.attrs.get("units"))
+    if axis.dtype.kind in "mM":
+        return sample_times((axis.values - axis.values[0]) / np.timedelta64(1, "s"), unit_s=1.0, what=what)
+    if axis.dtype.kind not in "iuf" or (scale is None and not is_time_name(dim)):
+        return None
+    return sample_times(axis.values, unit_s=scale[0] if scale else 1.0, what=what)
