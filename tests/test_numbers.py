@@ -100,6 +100,26 @@ def test_types_layouts_and_units_do_not_change_the_answer(cases):
     assert not [wrong for case in cases for wrong in answers_that_differ(shorter(case))]
 
 
+def test_a_masked_value_is_as_one_that_is_not_a_number(cases):
+    """Whether refused or not; what lies beneath a mask is often -999."""
+
+    def outcome(case, **changed):
+        try:
+            return case.function(**(case.arguments | changed)) and ""
+        except ValueError as error:
+            return str(error)
+
+    wrong = []
+    for case in map(shorter, cases):
+        for name, values in case.arguments.items():
+            if isinstance(values, np.ndarray) and values.dtype.kind == "f" and values.size > SAMPLE:
+                mask = np.arange(values.size) == values.size // 2
+                masked = np.ma.array(np.where(mask, -999, values), mask=mask)
+                if outcome(case, **{name: masked}) != outcome(case, **{name: masked.filled(np.nan)}):
+                    wrong.append(f"{case.function.__name__}, {name}")
+    assert not wrong
+
+
 @pytest.mark.parametrize("size", [1, 100, 1000, 6144])
 def test_streams_equal_whole_records(size):
     # ends included, and at every size of block

@@ -1,5 +1,6 @@
 """Command `hums convert`."""
 
+import inspect
 from collections.abc import Mapping
 from pathlib import Path
 from typing import Annotated, Any, Literal
@@ -112,29 +113,14 @@ def convert(  # noqa: PLR0917 - each option is one
     The same again goes on with what was stopped, and with files that are new or changed. What cannot be read is a row
     of refused.csv.
     """
-    declared = {
+    given = locals()
+    from hums.readers import convert as convert_file  # noqa: PLC0415
+
+    of_convert = given.keys() & inspect.signature(convert_file).parameters.keys() - {"source", "recorded_at"}
+    declared = {name: given[name] for name in sorted(of_convert)} | {
         "channels": channel or [],
-        "rate_hz": rate_hz,
         "units": _units_of(channel or [], units or []),
-        "tach_times": tach_times,
-        "tach_waveform": tach_waveform,
-        "pulses_per_rev": pulses_per_rev,
-        "shaft": shaft,
-        "shaft_rpm": shaft_rpm,
-        "speed_column": speed_column,
-        "speed_units": speed_units,
-        "no_tachometer": no_tachometer,
         "measured": _units_by_column(measured or []),
-        "average_of": average_of,
-        "samples_per_rev": samples_per_rev,
-        "averaged_over": averaged_over,
-        "scale": scale,
-        "time_unit": time_unit,
-        "machine": machine,
-        "time_column": time_column,
-        "most_bytes": most_bytes,
-        "decimal": decimal,
-        "trust": trust,
     }
     if not source or target is None:
         named = f"{target} alone is named" if target else "no file is named"

@@ -39,7 +39,7 @@ def print_record(record: "xr.Dataset") -> None:
     from hums.records.record import nominal_speed, sampling, tachometers, vibration_channels  # noqa: PLC0415
     from hums.records.snapshots import is_snapshots  # noqa: PLC0415
 
-    for label, key in (("machine", "machine"), ("recorded at", "recorded_at")):
+    for label, key in (("machine", "machine"), ("recorded at", "recorded_at"), ("notes", "notes")):
         if record.attrs.get(key):
             typer.echo(f"{label:<12} {record.attrs[key]}")
     if is_snapshots(record):

@@ -61,8 +61,8 @@ def join_snapshots(records: Sequence[xr.Dataset]) -> xr.Dataset:
         check_record(record)
         if is_snapshots(record) or "samples_per_rev" in record.attrs:
             raise RecordError("a snapshot is a record of one stretch of time, neither of snapshots nor an average.")
-    plain = [detach_time(record) for record in records]
-    first = plain[0]
+    first = detach_time(records[0])
+    plain = [_starting_at(detach_time(record), first.attrs["start_s"]) for record in records]
     for number, record in enumerate(plain[1:], start=1):
         _refuse_other_layout(first, record, number)
     variables = {
@@ -133,7 +133,22 @@ def snapshots_of(record: xr.Dataset) -> Iterator[xr.Dataset]:
         yield snapshot_record(record, number)
 
 
-_OWN = ("recorded_at", "source")  # attributes in which snapshots differ
+def _starting_at(record: xr.Dataset, start_s: float) -> xr.Dataset:
+    """Return a record on a clock that shows another time at its first sample."""
+    late_s = record.attrs["start_s"] - start_s
+    if not late_s:
+        return record
+    moved = record.assign_attrs(start_s=start_s)
+    for name, variable in record.variables.items():
+        if kind_of(str(name), variable) == "tachometer":
+            moved[name] = variable.copy(data=variable.to_numpy() - late_s)
+        elif "start_s" in variable.attrs:
+            moved[name] = variable.copy(deep=False)
+            moved[name].attrs["start_s"] = variable.attrs["start_s"] - late_s
+    return moved
+
+
+_OWN = ("recorded_at", "source", "notes")  # attributes in which snapshots differ
 
 
 def _refuse_other_layout(first: xr.Dataset, record: xr.Dataset, number: int) -> None:

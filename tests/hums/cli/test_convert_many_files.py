@@ -105,6 +105,22 @@ def test_a_time_column_and_a_measured_speed(run, tmp_path):
     assert 'the speed "rpm" departs by 6.6% from its mean' in err
 
 
+def test_units_of_each_channel_and_what_decides_a_contradiction(run, tmp_path):
+    rows = "".join(f"{k / 1008:.6f},{k},{-k}\n" for k in range(3000))
+    (tmp_path / "a.csv").write_text(f"time (s),DE,ND\n{rows}")
+    words = ("convert", tmp_path / "a.csv", tmp_path / "a.h5", "--channel", "DE", "--channel", "ND", "--no-tachometer")
+    assert run(*words, "--units", "g", "--units", "mm/s")[0] == 0
+    with hums.open_record(tmp_path / "a.h5") as record:
+        assert [record[name].attrs["units"] for name in ("DE", "ND")] == ["g", "mm s-1"]
+    code, _, err = run(*words, "--channel", "3", "--units", "g", "--units", "V")
+    assert code == 2
+    assert "give one for all 3 channels" in err
+    code, _, err = run(*words, "--units", "g", "--rate-hz", 1000)
+    assert (code, "--trust" in err) == (2, True)
+    code, out, err = run(*words, "--units", "g", "--rate-hz", 1000, "--trust", "file")
+    assert (code, "1008 Hz; the file was trusted" in out, "the file was trusted" in err) == (0, True, True)
+
+
 def test_a_target_that_is_missing_and_times_that_no_name_states(run, folder, tmp_path):
     code, _, err = run("convert", folder / "acc_00001.csv")
     assert code == 2

@@ -18,6 +18,7 @@ from hums.records.record import (
     PulseTimes,
     RecordError,
     TachometerWaveform,
+    UnknownAngle,
     attach_time,
     channel_values,
     check_record,
@@ -603,3 +604,34 @@ def test_pulses_are_all_that_is_asked_of_signals(monkeypatch):
     monkeypatch.setitem(sys.modules, "signals.shaft.tachometer", None)
     build()
     build(angle=NOMINAL)
+
+
+# ---- channels that state their own sampling ----------------------------------------------------------------
+
+
+def labelled(times, units="g", time_units="s"):
+    axis = ("time", times, {"units": time_units})
+    return xr.DataArray(np.arange(float(len(times))), dims="time", coords={"time": axis}, attrs={"units": units})
+
+
+@pytest.mark.parametrize("time_units", ["s", "ms"])
+def test_a_data_array_states_units_rate_start_and_gaps(time_units):
+    times_s = 5 + np.delete(np.arange(1003), [500, 501, 502]) / 1000
+    channel = labelled(times_s * {"s": 1, "ms": 1000}[time_units], time_units=time_units)
+    record = make_record({"vib": channel}, angle=UnknownAngle())
+    assert (record.attrs["rate_hz"], record.vib.attrs["units"]) == (1000, "g")
+    assert record.attrs["start_s"] == pytest.approx(5)
+    assert_array_equal(record.vib, np.insert(np.arange(1000.0), 500, [np.nan] * 3))
+
+
+@pytest.mark.parametrize(
+    ("declared", "why"),
+    [
+        ({"rate_hz": 1008}, "state 1000 Hz, which rate_hz=1008 contradicts"),
+        ({"units": "V"}, 'units="V" contradict its DataArray, which states "g"'),
+        ({"start_s": 3.0}, "begin at 5 s, which start_s=3 contradicts"),
+    ],
+)
+def test_a_data_array_that_contradicts_a_declaration(declared, why):
+    with pytest.raises(RecordError, match=why):
+        make_record({"vib": labelled(5 + np.arange(1000) / 1000)}, angle=UnknownAngle(), **declared)

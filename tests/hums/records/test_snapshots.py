@@ -97,3 +97,12 @@ def test_checks_hold_for_each_snapshot(parts):
     slow = join_snapshots([short(0), short(1)])
     with pytest.raises(RecordError, match=r"nominal_speed=0.0"):
         check_record(slow.assign(nominal_speed=slow.nominal_speed.copy(data=[30.0, 0.0])))
+
+
+def test_snapshots_of_a_clock_that_runs_on():
+    times_s = np.arange(5) * 0.04
+    pulses = [PulseTimes(times_s=start_s + times_s, shaft="input", pulses_per_rev=1) for start_s in (0.0, 30.0)]
+    parts = [short(0, angle=angle, start_s=start_s) for angle, start_s in zip(pulses, (0.0, 30.0), strict=True)]
+    joined = join_snapshots(parts)
+    np.testing.assert_allclose(joined.tachometer, [times_s, times_s], atol=1e-12)
+    assert joined.attrs["start_s"] == 0
