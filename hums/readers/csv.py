@@ -5,6 +5,7 @@ import csv
 import re
 import warnings
 from collections import Counter
+from contextlib import suppress
 from dataclasses import replace
 from datetime import UTC, datetime
 from itertools import islice
@@ -25,8 +26,6 @@ if TYPE_CHECKING:
 __all__ = ["read"]
 
 _HEAD = 100  # lines from which the format is detected
-_BLOCK_BYTES = 1 << 20
-_NEVER_IN_CP1252 = b"\x81\x8d\x8f\x90\x9d"
 
 
 def read(path: Path, *, decimal: str | None = None) -> tuple[dict[str, NDArray[np.generic] | str], dict[str, Stated]]:
@@ -118,29 +117,18 @@ _QUANTITY_UNITS = {spelling for spellings in MEASURED_UNITS.values() for spellin
 
 def _encoding(path: Path) -> str:
     """Return the encoding: UTF-16 by its mark or its zeros, UTF-8 where all of it is, else Windows-1252 or Latin-1."""
-    with path.open("rb") as stream:
-        start = stream.read(2 * _HEAD)
-        if start.startswith((codecs.BOM_UTF16_LE, codecs.BOM_UTF16_BE)):
-            return "utf-16"
-        even, odd = start[::2].count(0), start[1::2].count(0)
-        if max(even, odd) > 0.9 * len(start) / 2:  # nearly all of one half
-            return "utf-16-le" if odd > even else "utf-16-be"
-        stream.seek(0)
-        decoder = codecs.getincrementaldecoder("utf-8")()
-        high = set[int]()
-        is_utf8 = True
-        while block := stream.read(_BLOCK_BYTES):
-            if block.isascii():
-                is_utf8 = is_utf8 and not decoder.getstate()[0]
-                continue
-            high.update(block)
-            try:
-                decoder.decode(block)
-            except UnicodeDecodeError:
-                is_utf8 = False
-        if is_utf8 and not decoder.getstate()[0]:
-            return "utf-8-sig"  # spreadsheets begin with a byte order mark
-    return "latin-1" if high & set(_NEVER_IN_CP1252) else "cp1252"
+    data = path.read_bytes()
+    start = data[: 2 * _HEAD]
+    if start.startswith((codecs.BOM_UTF16_LE, codecs.BOM_UTF16_BE)):
+        return "utf-16"
+    even, odd = start[::2].count(0), start[1::2].count(0)
+    if max(even, odd) > 0.9 * len(start) / 2:  # nearly all of one half
+        return "utf-16-le" if odd > even else "utf-16-be"
+    for encoding in ("utf-8-sig", "cp1252"):  # spreadsheets begin with a byte order mark
+        with suppress(UnicodeDecodeError):
+            data.decode(encoding)
+            return encoding
+    return "latin-1"  # which has a meaning for every byte
 
 
 # ---- which sign is the decimal one ---------------------------------------------------------------------------------

@@ -299,19 +299,21 @@ def make_record(
     >>> float(record.time[-1]), record.vib.units
     (1.999, 'g')
     """
+    start = finite_number(start_s, "start_s")
+    declared = _declared_channels(channels, units)
+    required: dict[str, Any]
     if isinstance(angle, AngularAverage):
         if rate_hz is not None or start_s or truth:
             raise RecordError(
                 "an average in angle has neither samples per second nor a start in time nor truth; leave out rate_hz "
                 "(--rate-hz), start_s and truth, or give the record it was averaged from."
             )
-        declared = _declared_channels(channels, units)
-        return _average_record(
-            declared, angle, machine=machine, recorded_at=recorded_at, attrs=attrs, measured=measured or {}
-        )
-    start = finite_number(start_s, "start_s")
-    declared, rate_hz, start = _with_own_times(_declared_channels(channels, units), rate_hz=rate_hz, start_s=start)
-    rate = positive_number(rate_hz, "rate_hz", RATE_REMEDY)
+        _refuse_own_rates(declared)
+        rate, required = 1.0, dict(angle.attrs)
+    else:
+        declared, rate_hz, start = _with_own_times(declared, rate_hz=rate_hz, start_s=start)
+        rate = positive_number(rate_hz, "rate_hz", RATE_REMEDY)
+        required = {"rate_hz": rate, "start_s": start}
     variables = {
         name: _channel_variable(channel, name=name, rate_hz=rate, start_s=start) for name, channel in declared.items()
     }
@@ -319,20 +321,21 @@ def make_record(
         check_name(name, "measured")
         _check_new(name, variables)
         variables[name] = measured_variable(quantity, name=name, rate_hz=rate, start_s=start)
-    _check_lengths(variables)
-    for name, variable in _angle_variables(angle, rate_hz=rate, start_s=start):
-        _check_new(name, variables)
-        _check_not_vibration(name, variable, variables)
-        variables[name] = variable
+        if isinstance(angle, AngularAverage) and variables[name].ndim:
+            raise RecordError(f'measured "{name}": an average in angle has no time; give one number, its mean.')
+    if isinstance(angle, AngularAverage):
+        variables = {
+            name: xr.Variable(ANGLE, one.values, one.attrs) if one.ndim else one for name, one in variables.items()
+        }
+    else:
+        _check_lengths(variables)
+        for name, variable in _angle_variables(angle, rate_hz=rate, start_s=start):
+            _check_new(name, variables)
+            _check_not_vibration(name, variable, variables)
+            variables[name] = variable
     _check_lengths(variables)
     _check_dimensions(variables)
-    required: dict[str, Any] = {
-        "schema": SCHEMA,
-        "machine": machine,
-        "recorded_at": utc_text(recorded_at),
-        "rate_hz": rate,
-        "start_s": start,
-    }
+    required |= {"schema": SCHEMA, "machine": machine, "recorded_at": utc_text(recorded_at)}
     _refuse_clash(required, attrs)
     if isinstance(angle, UnknownAngle):
         required["angle"] = UNKNOWN_ANGLE
@@ -342,44 +345,19 @@ def make_record(
     return record
 
 
-def _refuse_clash(required: Mapping[str, Any], attrs: Mapping[str, Any] | None) -> None:
-    if attrs is not None and not isinstance(attrs, Mapping):
-        raise RecordError(f"attrs={plain_repr(attrs)}; give a mapping of names to words and numbers.")
-    if clash := sorted(required.keys() & (attrs or {}).keys()):
-        raise RecordError(f'attrs: "{clash[0]}" is written by make_record itself; give it as an argument.')
-
-
-def _average_record(
-    channels: Mapping[str, Channel],
-    average: AngularAverage,
-    *,
-    machine: str,
-    recorded_at: datetime | str | None,
-    attrs: Mapping[str, Any] | None,
-    measured: Mapping[str, Measured],
-) -> xr.Dataset:
-    """Return the record of an average in angle: channels over ``angle``, in revolutions of its component."""
-    variables = {}
+def _refuse_own_rates(channels: Mapping[str, Channel]) -> None:
     for name, channel in channels.items():
         if channel.rate_hz is not None:
             raise RecordError(
                 f'channel "{name}": rate_hz={channel.rate_hz!r}; an average in angle has none, leave it out.'
             )
-        made = _channel_variable(channel, name=name, rate_hz=1.0, start_s=0.0)
-        variables[name] = xr.Variable(ANGLE, made.values, made.attrs)
-    for name, quantity in measured.items():
-        check_name(name, "measured")
-        _check_new(name, variables)
-        variables[name] = measured_variable(quantity, name=name, rate_hz=1.0, start_s=0.0)
-        if variables[name].ndim:
-            raise RecordError(f'measured "{name}": an average in angle has no time; give one number, its mean.')
-    _check_lengths(variables)
-    _check_dimensions(variables)
-    required = {"schema": SCHEMA, "machine": machine, "recorded_at": utc_text(recorded_at), **average.attrs}
-    _refuse_clash(required, attrs)
-    record = attach_time(xr.Dataset(variables, attrs={**required, **(attrs or {})}))
-    check_record(record)
-    return record
+
+
+def _refuse_clash(required: Mapping[str, Any], attrs: Mapping[str, Any] | None) -> None:
+    if attrs is not None and not isinstance(attrs, Mapping):
+        raise RecordError(f"attrs={plain_repr(attrs)}; give a mapping of names to words and numbers.")
+    if clash := sorted(required.keys() & (attrs or {}).keys()):
+        raise RecordError(f'attrs: "{clash[0]}" is written by make_record itself; give it as an argument.')
 
 
 def _declared_channels(
