@@ -9,6 +9,7 @@ import csv
 import hashlib
 import json
 import math
+import os
 import re
 import warnings
 from collections import Counter
@@ -289,7 +290,8 @@ def convert_files(
     tally = run_jobs(_write_piece, jobs, folder=notes, workers=workers or Serial(), title="files" if progress else None)
     _reader().close()
     done = [json.loads((notes / job.name).read_text(encoding="utf-8")) for job in jobs]
-    refused = {file: reason for note in done for file, reason in note["refused"]}
+    shown = {file: os.fsencode(file).decode(errors="backslashreplace") for note in done for file, _ in note["refused"]}
+    refused = {shown[file]: reason for note in done for file, reason in note["refused"]}
     _write_refused(folder, refused)
     shards = [folder / SHARD.format(number) for number, note in enumerate(done) if form == "packed" and note["records"]]
     if not any(note["records"] for note in done):

@@ -209,3 +209,15 @@ def test_the_fleet_takes_it(folder, tmp_path):
     settings = hums.AnalysisSettings(most_tracks=0, pictures=False, envelope_band_hz=None)
     fleet = hums.analyze_fleet([made.folder], "two-stage", tmp_path / "fleet", settings=settings)
     assert (fleet.records, fleet.failed) == (2, 0)
+
+
+@pytest.mark.skipif(os.name != "posix", reason="elsewhere names of files are text")
+def test_a_name_that_is_no_utf8_is_one_refusal(tmp_path):
+    source = tmp_path / "in"
+    source.mkdir()
+    for name in (b"a.csv", b"pr\xfcf.csv"):
+        write(source, os.fsdecode(name), 1)
+    made = convert_files(find_sources([source]), tmp_path / "out", **DECLARED)
+    assert made.records == 1
+    assert [Path(file).name for file in made.refused] == ["pr\\xfcf.csv"]
+    assert "not UTF-8 text" in (tmp_path / "out" / "refused.csv").read_text(encoding="utf-8")
