@@ -18,7 +18,7 @@ from typing import TYPE_CHECKING, Any, Literal
 import numpy as np
 
 from hums.readers.columns import ArraysOnDisk, ForeignFile, Stated, canonical_units
-from hums.readers.time_axis import Agreement, Clocks, TimeUnit, Trust, seconds_of
+from hums.readers.time_axis import SINCE_1970, Agreement, Clocks, TimeUnit, Trust, seconds_of
 from hums.records.fields import RecordWarning, utc_text
 from hums.records.quantities import AngularAverage, Measured, quantity_units
 from hums.records.record import (
@@ -277,13 +277,15 @@ def convert(
 def _channel(agreement: Agreement, name: str, units: str | Mapping[str, str] | None, *, scale: float) -> Channel:
     """Return a field as a channel in its units, with what the file states about its sensor."""
     stated = agreement.file.metadata(name)
-    return Channel(
+    channel = Channel(
         values=_scaled(agreement.file.vector(name), scale),
         units=_units(agreement, name, units, scale=scale),
-        sensitivity=stated.sensitivity,
-        measures=stated.measures,
         delay_s=stated.delay_s,
     )
+    volts = {"V": 1.0, "mV": 1e-3}.get(canonical_units(channel.units) or "")
+    if stated.sensitivity is None or volts is None or scale != 1:
+        return channel
+    return replace(channel, sensitivity=stated.sensitivity / volts, measures=stated.measures)
 
 
 def _settled_moment(
@@ -431,7 +433,7 @@ def _average(
 
 def _moment(file: ForeignFile, name: str) -> datetime:
     """Return the first of the times of a column, which are seconds since 1970."""
-    values = np.asarray(file.vector(name), dtype=np.float64)
+    values = np.asarray(seconds_of(file, name, epoch=SINCE_1970), dtype=np.float64)
     if not (values.size and math.isfinite(values[0]) and 0 < values[0] < _YEAR_9999):
         raise RecordError(
             f'{file.path.name}: "{name}" begins with {values[0] if values.size else "nothing"}, which is no time in s '

@@ -99,7 +99,7 @@ class Stated:
     delay_s : float or None
         Delay of the channel, in s.
     sensitivity : float or None
-        Output of the sensor in the units of the channel for one unit of `measures`.
+        Output of the sensor in V for one unit of `measures`.
     measures : str or None
         Units of the measured quantity.
     unread : tuple of str

@@ -266,9 +266,10 @@ def _column(column: "pd.Series", decimal: str) -> tuple[NDArray[np.generic] | st
         for pattern in _STAMPS:
             moments = pd.to_datetime(plain, utc=True, format=pattern, errors="coerce")
             if moments.notna().all():
-                since_1970 = (moments - pd.Timestamp(0, tz="UTC")).dt.total_seconds().reindex(column.index)
-                epoch = _SINCE_1970 if _is_moment(texts.iloc[0]) else None  # else at an unknown distance from UTC
-                return since_1970.to_numpy(), Stated(units="s", epoch=epoch)
+                seconds = (moments - pd.Timestamp(0, tz="UTC")).dt.total_seconds().reindex(column.index).to_numpy()
+                if _is_moment(texts.iloc[0]):
+                    return seconds, Stated(units="s", epoch=_SINCE_1970)
+                return seconds - seconds[0], Stated(units="s")  # their distance from UTC is not known
     is_number = texts.str.fullmatch(_PLAIN[decimal]) | texts.str.fullmatch(_GROUPED[decimal])
     if is_number.all():  # with signs between thousands, or whole numbers of more than 64 bits
         plain = texts.str.replace(rf"[{_GROUPS}{_OTHER[decimal]}]", "", regex=True).str.replace(decimal, ".")

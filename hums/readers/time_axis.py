@@ -13,13 +13,13 @@ from hums.records.clock import SampleTimes, is_time_name, rates_agree, sample_ti
 from hums.records.fields import RecordError
 from signals._validation import is_float
 
-__all__ = ["Agreement", "Clock", "Clocks", "TimeUnit", "Trust"]
+__all__ = ["SINCE_1970", "Agreement", "Clock", "Clocks", "TimeUnit", "Trust"]
 
 TimeUnit: TypeAlias = Literal["s", "ms", "us"]
 Trust: TypeAlias = Literal["declared", "file"]
 
 _LONGEST_START_S = 1e8  # three years: more seconds count from a date
-_SINCE_1970 = datetime(1970, 1, 1, tzinfo=UTC)
+SINCE_1970 = datetime(1970, 1, 1, tzinfo=UTC)
 
 
 @dataclass(frozen=True, kw_only=True)
@@ -150,7 +150,7 @@ class Clocks:
             file = self.agreement.file
             scale = file.time_scale(title)
             if title == self.time_column:
-                scale = scale or (1.0, _SINCE_1970)
+                scale = scale or (1.0, SINCE_1970)
             elif self.time_unit is not None:
                 unit = (time_scale(self.time_unit) or (1.0, None))[0]
                 if scale is not None and scale[0] != unit:

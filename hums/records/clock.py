@@ -11,12 +11,13 @@ import xarray as xr
 from numpy.typing import NDArray
 
 from hums.records.fields import RecordError
+from signals._validation import is_float
 
 __all__ = [
     "TIMES_S",
     "SampleTimes",
+    "held_times",
     "is_time_name",
-    "own_times",
     "rates_agree",
     "sample_times",
     "time_scale",
@@ -211,7 +212,47 @@ def is_time_name(name: str) -> bool:
     return len(others) < len(words) and all(word in _BESIDE_TIME or word in TIMES_S for word in others)
 
 
-def own_times(array: xr.DataArray, what: str) -> SampleTimes | None:
+def held_times(
+    values: Any,  # noqa: ANN401
+    *,
+    what: str,
+    rate_hz: float | None,
+    start_s: float,
+) -> tuple[Any, float | None, float]:
+    """Return samples with their rate and start; those of a DataArray with times are held against what is declared.
+
+    Returns
+    -------
+    values : (n,) array
+        With NaN where times leave samples out.
+    rate_hz : float or None
+        As declared, or else as the times state.
+    start_s : float
+        Time of the first sample in s.
+
+    Raises
+    ------
+    RecordError
+        If times contradict the rate or a start other than zero, or state none.
+    """
+    times = _own_times(values, f"{what}: the times of its DataArray") if isinstance(values, xr.DataArray) else None
+    if times is None:
+        return values, rate_hz, start_s
+    if is_float(rate_hz) and not rates_agree(rate_hz, times.rate_hz, resolution=max(times.resolution, 1e-9)):
+        raise RecordError(
+            f"{what}: the times of its DataArray state {times.rate_hz:g} Hz, which rate_hz={rate_hz:g} contradicts; "
+            "leave it out, or pass the values alone."
+        )
+    start_s = start_s or times.start_s
+    if abs(times.start_s - start_s) * times.rate_hz > 0.5:  # noqa: PLR2004
+        raise RecordError(
+            f"{what}: the times of its DataArray begin at {times.start_s:g} s, which start_s={start_s:g} contradicts; "
+            "a record has one clock."
+        )
+    return times.filled(values.values), times.rate_hz if rate_hz is None else rate_hz, start_s
+
+
+def _own_times(array: xr.DataArray, what: str) -> SampleTimes | None:
     """Return what the coordinate of a row of samples states, in s; None where it has none that is a time."""
     dim = str(array.dims[0]) if array.ndim == 1 else ""
     if dim not in array.coords:

@@ -10,6 +10,7 @@ import numpy as np
 import xarray as xr
 
 from hums.records.channels import measured_quantities
+from hums.records.clock import held_times
 from hums.records.fields import RATE_REMEDY, RecordError, positive_number, real_vector
 
 if TYPE_CHECKING:
@@ -141,7 +142,9 @@ def measured_variable(measured: Measured, *, name: str, rate_hz: float, start_s:
     if np.ndim(measured.values) == 0:
         number = float(real_vector(np.atleast_1d(np.asarray(measured.values)), what)[0])
         return xr.Variable((), number * factor, attrs)
-    values = real_vector(measured.values, what)
+    own = rate_hz if measured.rate_hz is None else measured.rate_hz
+    held, *_ = held_times(measured.values, what=what, rate_hz=own, start_s=start_s)
+    values = real_vector(held, what)
     values = values if factor == 1 else np.multiply(values, values.dtype.type(factor))
     rate = rate_hz if measured.rate_hz is None else positive_number(measured.rate_hz, f"{what}: rate_hz", RATE_REMEDY)
     if rate == rate_hz:

@@ -25,7 +25,7 @@ from hums.records.channels import (
     tachometers,
     vibration_channels,
 )
-from hums.records.clock import own_times, rates_agree
+from hums.records.clock import held_times, time_scale
 from hums.records.fields import (
     ANGLE_REMEDY,
     RATE_REMEDY,
@@ -44,7 +44,6 @@ from hums.records.fields import (
 )
 from hums.records.quantities import AngularAverage, Measured, measured_variable
 from hums.records.validation import check_record
-from signals._validation import is_float
 
 if TYPE_CHECKING:
     from collections.abc import Iterable
@@ -393,30 +392,13 @@ def _with_own_times(
     channels: dict[str, Channel], *, rate_hz: float | None, start_s: float
 ) -> tuple[dict[str, Channel], float | None, float]:
     """Return channels, their rate and start; those of a DataArray are held against what is declared."""
-    found = dict(channels)
+    found, rates = {}, [rate_hz]
     for name, channel in channels.items():
-        if not isinstance(channel.values, xr.DataArray):
-            continue
-        what = f'channel "{name}": the times of its DataArray'
-        times = own_times(channel.values, what)
-        if times is None:
-            continue
         declared = channel.rate_hz if channel.rate_hz is not None else rate_hz
-        if is_float(declared) and not rates_agree(declared, times.rate_hz, resolution=max(times.resolution, 1e-9)):
-            raise RecordError(
-                f"{what} state {times.rate_hz:g} Hz, which rate_hz={declared:g} contradicts; leave it out, or pass the "
-                "values alone."
-            )
-        start_s = start_s or times.start_s
-        if abs(times.start_s - start_s) * times.rate_hz > 0.5:  # noqa: PLR2004
-            raise RecordError(
-                f"{what} begin at {times.start_s:g} s, which start_s={start_s:g} contradicts; a record has one clock."
-            )
-        rate_hz = times.rate_hz if rate_hz is None else rate_hz
-        found[name] = replace(
-            channel, values=times.filled(channel.values.values), rate_hz=times.rate_hz if declared is None else declared
-        )
-    return found, rate_hz, start_s
+        values, own, start_s = held_times(channel.values, what=f'channel "{name}"', rate_hz=declared, start_s=start_s)
+        rates.append(own)
+        found[name] = replace(channel, values=values, rate_hz=own)
+    return found, next((rate for rate in rates if rate is not None), None), start_s
 
 
 def _channel_variable(
@@ -478,6 +460,8 @@ def _angle_variables(
         attrs = {"units": "s", "shaft": source.shaft, "pulses_per_rev": source.pulses_per_rev}
         if isinstance(source, PulseTimes):
             times_s = real_vector(source.times_s, f'tachometer "{source.name}"').astype(np.float64)
+            scale = time_scale(source.times_s.attrs.get("units")) if isinstance(source.times_s, xr.DataArray) else None
+            times_s = times_s * scale[0] if scale is not None else times_s
         else:
             waveform = _waveform_variable(source, rate_hz=rate_hz, start_s=start_s)
             yield f"{source.name}_waveform", waveform
@@ -502,8 +486,9 @@ def _angle_sources(angle: Angle | Sequence[Angle] | None) -> list[Angle]:
 
 
 def _waveform_variable(source: TachometerWaveform, *, rate_hz: float, start_s: float) -> xr.Variable:
-    channel = Channel(values=source.values, units=source.units, rate_hz=source.rate_hz)
-    name = f"{source.name}_waveform"
+    name, own = f"{source.name}_waveform", source.rate_hz if source.rate_hz is not None else rate_hz
+    values, *_ = held_times(source.values, what=f'tachometer "{source.name}"', rate_hz=own, start_s=start_s)
+    channel = Channel(values=values, units=source.units, rate_hz=source.rate_hz)
     return _channel_variable(channel, name=name, rate_hz=rate_hz, start_s=start_s, role="tachometer")
 
 
