@@ -9,7 +9,6 @@ import csv
 import hashlib
 import json
 import math
-import os
 import re
 import warnings
 from collections import Counter
@@ -290,8 +289,7 @@ def convert_files(
     tally = run_jobs(_write_piece, jobs, folder=notes, workers=workers or Serial(), title="files" if progress else None)
     _reader().close()
     done = [json.loads((notes / job.name).read_text(encoding="utf-8")) for job in jobs]
-    shown = {file: os.fsencode(file).decode(errors="backslashreplace") for note in done for file, _ in note["refused"]}
-    refused = {shown[file]: reason for note in done for file, reason in note["refused"]}
+    refused = {file: reason for note in done for file, reason in note["refused"]}
     _write_refused(folder, refused)
     shards = [folder / SHARD.format(number) for number, note in enumerate(done) if form == "packed" and note["records"]]
     if not any(note["records"] for note in done):
@@ -392,14 +390,16 @@ def _drop_stale(folder: Path, jobs: Sequence[Job[dict[str, Any]]]) -> bool:
 
 def _read_note(note: Path) -> dict[str, Any]:
     try:
-        there: dict[str, Any] = json.loads(note.read_text(encoding="utf-8"))
+        return dict(json.loads(note.read_text(encoding="utf-8")))
     except ValueError:
         return {}
-    return there
 
 
 def _write_refused(folder: Path, refused: Mapping[str, str]) -> None:
-    with atomic_write(folder / _REFUSED) as part, part.open("w", encoding="utf-8", newline="") as stream:
+    with (
+        atomic_write(folder / _REFUSED) as part,
+        part.open("w", encoding="utf-8", errors="backslashreplace", newline="") as stream,
+    ):
         table = csv.writer(stream)
         table.writerow(["file", "reason"])
         table.writerows([plain_cell(file), plain_cell(reason)] for file, reason in refused.items())

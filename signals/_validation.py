@@ -69,8 +69,7 @@ def real_samples(
 def real_array(values: ArrayLike, *, name: str) -> NDArray[Any]:
     """Return anything like an array of numbers as an array, masked values as NaN, or raise ValueError."""
     try:
-        masked = np.ma.is_masked(values)
-        array = np.ma.filled(np.ma.asarray(values, dtype=np.float64), np.nan) if masked else np.asarray(values)
+        array = np.ma.filled(np.ma.asarray(values, float), np.nan) if np.ma.is_masked(values) else np.asarray(values)
     except (ValueError, TypeError):
         raise ValueError(f"{name} is no array of numbers; give rows of one length.") from None
     if array.dtype.kind == "O" and all(isinstance(item, Real) for item in array.flat):  # fractions, large integers

@@ -9,6 +9,7 @@ import typer
 
 from hums.cli.info import print_record
 from hums.cli.options import RECORD_SUFFIXES, Scheduler, WorkerCount, check_record_target, say, workers_of
+from signals._validation import plain_message
 
 __all__ = ["convert"]
 
@@ -129,8 +130,8 @@ def convert(  # noqa: PLR0917 - each option is one
     of_many = {"--time-pattern": time_pattern, "--utc-offset": utc_offset, "--every": every, "--files": files}
     of_many |= {"--snapshots": snapshots if snapshots != 1 else None}
     if one is not None and not one.is_dir() and (one.exists() or not _is_pattern(one)):
-        if given := [option for option, value in of_many.items() if value]:
-            raise ValueError(f"{given[0]} is for many files, and {one} is one; leave it out, or name a folder.")
+        if meaningless := [option for option, value in of_many.items() if value]:
+            raise ValueError(f"{meaningless[0]} is for many files, and {one} is one; leave it out, or name a folder.")
         _convert_one(one, target, declared | {"recorded_at": recorded_at})
         return
     if recorded_at is not None and every is None:
@@ -158,7 +159,7 @@ def convert(  # noqa: PLR0917 - each option is one
         f"{result.records} records; {result.done} files read now, {result.kept} before, {len(result.refused)} refused"
     )
     for file, reason in list(result.refused.items())[:SHOWN_REFUSALS]:
-        typer.echo(f"refused {file}: {reason}")
+        typer.echo(plain_message(f"refused {file}: {reason}"))
     if len(result.refused) > SHOWN_REFUSALS:
         typer.echo(f"and {len(result.refused) - SHOWN_REFUSALS} more: see refused.csv")
     if not any((time_pattern, time_column, every)) and not all(file.recorded_at for file in found):

@@ -235,7 +235,7 @@ def convert(
         "--pulses-per-rev": pulses_per_rev,
     }
     given = {option: value for option, value in given.items() if value is not None}
-    source = _angle_source(given, is_average=average is not None)
+    angle_source = _angle_source(given, is_average=average is not None)
     sampled = [*channels, *([tach_waveform] if tach_waveform else [])]
     clocks = Clocks(
         agreement=agreement,
@@ -250,13 +250,13 @@ def convert(
         start_s, epoch = clocks.start_and_epoch(sampled)
         each = {name: clocks.of(name) for name in channels}
         found = {
-            name: replace(channel, values=each[name].filled(channel.values), rate_hz=each[name].rate_hz)
+            name: replace(channel, values=each[name].filled(np.asarray(channel.values)), rate_hz=each[name].rate_hz)
             for name, channel in found.items()
         }
     began = _moment(file, time_column) if time_column else epoch
     if recorded_at is not None and began is not None:
         recorded_at = _settled_moment(agreement, recorded_at, began, start_s=start_s)
-    angle = average or (_angle(clocks, source, given, speed_units=speed_units, epoch=epoch) if source else None)
+    angle = average or _angle(clocks, angle_source, given, speed_units=speed_units, epoch=epoch)
     quantities = _measured(agreement, measured or {}, clocks=None if average else clocks, channel=channels[0])
     for name in channels:
         agreement.notes.extend(f'"{name}" states {text}, which is not applied' for text in file.metadata(name).unread)
@@ -322,15 +322,15 @@ def _angle(clocks: Clocks, source: str, given: Mapping[str, Any], *, speed_units
     """Return the declared source of shaft angle."""
     file, agreement = clocks.agreement.file, clocks.agreement
     shaft, per_rev = given.get("--shaft", ""), given.get("--pulses-per-rev")
-    if source == "--no-tachometer":
-        return UnknownAngle()
+    if source in {None, "--no-tachometer"}:
+        return UnknownAngle() if source else None
     if source in {"--shaft-rpm", "--speed-column"}:
         if per_rev is not None:
             raise RecordError(f"--pulses-per-rev has no meaning with {source}; leave one of them out.")
         if source == "--shaft-rpm":
             return NominalSpeed(rpm=given[source], shaft=shaft)
         return NominalSpeed(rpm=60 * _steady_speed_hz(agreement, given[source], speed_units), shaft=shaft)
-    name = str(given[source])
+    name = given[str(source)]
     stated = file.metadata(name).pulses_per_rev
     per_rev = int(stated) if per_rev is None and stated is not None and float(stated).is_integer() else per_rev
     if per_rev is None:

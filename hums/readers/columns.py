@@ -4,7 +4,7 @@ import difflib
 import re
 from collections.abc import Callable, Iterator, Mapping
 from dataclasses import dataclass, field, fields, replace
-from datetime import UTC, datetime
+from datetime import datetime
 from functools import lru_cache
 from pathlib import Path
 from types import MappingProxyType
@@ -146,17 +146,16 @@ class ForeignFile:
     def name(self, name: str) -> str:
         """Return the key in `fields` of a name: as printed, with slashes for dots, or a channel or column by number."""
         titled = {key for key, stated in self.stated.items() if stated.title == name}
-        found = [key for key in self.fields if key in titled or key.rpartition(".")[0] in titled - {""}]
-        found = [key for key in found if not isinstance(descriptions(self.fields)[key], str)]
-        if len(found) == 1:
-            return found[0]
-        if name in self.fields:
-            return name
-        dotted_name = name.strip("/").replace("/", ".")
-        ends = [key for key in self.fields if key.endswith(f".{dotted_name}")]
-        numbered = (f"{kind} {name}" for kind in ("channel", "column"))
-        found = next((key for key in numbered if key in self.fields), dotted_name)
-        return ends[0] if found not in self.fields and len(ends) == 1 else found
+        arrays = [key for key, shape in descriptions(self.fields).items() if not isinstance(shape, str)]
+        found = [key for key in arrays if key in titled or key.rpartition(".")[0] in titled - {""}]
+        if len(found) == 1 or name in self.fields:
+            return found[0] if len(found) == 1 else name
+        asked = name.strip("/").replace("/", ".")
+        ends = [key for key in self.fields if key.endswith(f".{asked}")]
+        numbered = [key for kind in ("channel", "column") if (key := f"{kind} {name}") in self.fields]
+        if asked in self.fields or not (numbered or len(ends) == 1):
+            return asked
+        return (numbered or ends)[0]
 
     def label(self, name: str) -> str:
         """Return the name of a field in a record: what was asked for where that is the end of a longer name."""
@@ -297,9 +296,8 @@ def _moment(value: object) -> datetime | None:
     """Return a moment with its offset from UTC; a TDMS time stamp is in UTC, and in 1904 where it was not set."""
     try:
         if isinstance(value, np.datetime64) and not np.isnat(value):
-            found = datetime.fromisoformat(str(value.astype("datetime64[us]"))).replace(tzinfo=UTC)
-        else:
-            found = datetime.fromisoformat(value) if isinstance(value, str) else None
+            value = f"{value.astype('datetime64[us]')}Z"
+        found = datetime.fromisoformat(value) if isinstance(value, str) else None
     except ValueError:
         return None
     return found if found is not None and found.tzinfo is not None and found.year > 1904 else None  # noqa: PLR2004

@@ -5,6 +5,7 @@ from pathlib import Path
 from typing import Any
 
 import numpy as np
+import xarray as xr
 from numpy.typing import NDArray
 
 from hums.readers.columns import ArraysOnDisk, Field, Stated, dotted, stated_of
@@ -50,28 +51,20 @@ def read(path: Path, *, most_bytes: int | None = None) -> tuple[Mapping[str, Fie
 
 
 def _read_netcdf3(path: Path, most_bytes: int | None) -> tuple[dict[str, Field], dict[str, Stated]]:
-    from scipy.io import netcdf_file  # noqa: PLC0415
-
-    refuse_size(path.stat().st_size, str(path), path.stat().st_size, most_bytes=most_bytes)
     try:
-        with netcdf_file(path, mmap=False) as contents:
-            attributes = {name: dict(one._attributes) for name, one in contents.variables.items()}  # noqa: SLF001
-            general = dict(contents._attributes)  # noqa: SLF001
-            arrays = {name: np.array(one[...]) for name, one in contents.variables.items()}
+        with xr.open_dataset(path, engine="scipy", decode_cf=False) as contents:
+            refuse_size(contents.nbytes, str(path), path.stat().st_size, most_bytes=most_bytes)
+            attributes = {str(name): _plain(one.attrs) for name, one in contents.variables.items()}
+            fields = {
+                str(name): _described(one) if isinstance(_described(one), str) else _unpacked(one.values, one.attrs)
+                for name, one in contents.variables.items()
+            }
+            general = _plain(contents.attrs)
+    except RecordError:
+        raise
     except Exception as error:  # a parser may fail in any way on damaged bytes
         raise RecordError(f"{path} is damaged ({error}). Copy it again from where it came.") from error
-    fields = {
-        name: "empty"
-        if not array.size
-        else "text"
-        if array.dtype.kind not in "biuf"
-        else _unpacked(np.atleast_1d(array.astype(array.dtype.newbyteorder("="))), attributes[name])
-        for name, array in arrays.items()
-    }
-    return fields, {name: stated_of(_plain(own)) for name, own in (attributes | {"": general}).items()}
-
-
-_VALID = ("valid_min", "valid_max", "valid_range")
+    return fields, {name: stated_of(own) for name, own in (attributes | {"": general}).items()}
 
 
 def _unpacked(values: NDArray[np.generic], attributes: Mapping[str, Any]) -> NDArray[np.generic]:
@@ -88,8 +81,9 @@ def _unpacked(values: NDArray[np.generic], attributes: Mapping[str, Any]) -> NDA
     scale, offset = attributes.get("scale_factor"), attributes.get("add_offset")
     if scale is None and offset is None and not missing.any():
         return values
-    unpacked = values.astype(np.float32 if values.dtype == np.float32 and scale is None is offset else np.float64)
-    unpacked = unpacked * np.float64(1.0 if scale is None else scale) + np.float64(0.0 if offset is None else offset)
+    kind = np.float32 if values.dtype == np.float32 and scale is None is offset else np.float64
+    unpacked: NDArray[np.floating] = values.astype(kind)
+    unpacked = unpacked * kind(1 if scale is None else scale) + kind(0 if offset is None else offset)
     unpacked[missing] = np.nan
     return unpacked
 

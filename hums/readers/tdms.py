@@ -57,7 +57,7 @@ def _pieces(path: Path) -> dict[str, list[tuple[int, dict[str, Any]]]]:
 
     found: dict[str, list[tuple[int, dict[str, Any]]]] = {}
 
-    class Reader(TdmsReader):  # type: ignore[misc] - npTDMS has no types
+    class Reader(TdmsReader):  # type: ignore[misc]
         def _update_object_metadata(self, segment: Any) -> None:  # noqa: ANN401
             self.before = {name: data.num_values for name, data in self.object_metadata.items()}
             super()._update_object_metadata(segment)
@@ -93,21 +93,22 @@ def _stated(channel: Any, pieces: list[tuple[int, dict[str, Any]]]) -> Stated:  
     if stated.rate_hz is None:
         return replace(stated, epoch=None, start_s=None)
     clock: dict[str, Any] = {}
-    starts = list[tuple[int, float, float]]()
+    starts: dict[int, tuple[float, float, Stated]] = {}
     for first, properties in pieces:
         before, clock = clock, clock | {key: properties[key] for key in _CLOCK if key in properties}
         if clock != before:
-            began = clock.get("wf_start_time")
-            since_s = (began.as_datetime64("us").astype(np.int64) / 1e6) if began is not None else 0.0
-            starts.append((first, since_s + clock.get("wf_start_offset", 0.0), clock.get("wf_increment", np.nan)))
-            own = stated_of(_numbers_and_words(clock))
-            stated = own.over(stated) if len(starts) == 1 else stated
-    if len({first for first, _, _ in starts}) < 2:  # noqa: PLR2004 - one clock
+            began = _numbers_and_words(clock).get("wf_start_time", np.datetime64(0, "us"))
+            start_s = began.astype(np.int64) / 1e6 + clock.get("wf_start_offset", 0.0)
+            starts[first] = start_s, clock.get("wf_increment", np.nan), stated_of(_numbers_and_words(clock))
+    if not starts:
         return stated
-    ends = [first for first, _, _ in starts[1:]] + [len(channel)]
+    origin_s, _, own = next(iter(starts.values()))
+    stated = own.over(stated)
+    if len(starts) == 1:
+        return stated
     parts = [
-        start_s - starts[0][1] + step_s * np.arange(end - first)
-        for (first, start_s, step_s), end in zip(starts, ends, strict=True)
+        start_s - origin_s + step_s * np.arange(end - first)
+        for (first, (start_s, step_s, _)), end in zip(starts.items(), [*list(starts)[1:], len(channel)], strict=True)
     ]
     return replace(stated, times_s=(stated.start_s or 0.0) + np.concatenate(parts))
 
@@ -115,7 +116,7 @@ def _stated(channel: Any, pieces: list[tuple[int, dict[str, Any]]]) -> Stated:  
 _CLOCK = ("wf_start_time", "wf_start_offset", "wf_increment")
 
 
-def _numbers_and_words(properties: Mapping[str, Any]) -> dict[str, object]:
+def _numbers_and_words(properties: Mapping[str, Any]) -> dict[str, Any]:
     """Return properties with time stamps as numpy has them, without those of the scaling that npTDMS applies."""
     return {
         key: value.as_datetime64("us") if hasattr(value, "as_datetime64") else value

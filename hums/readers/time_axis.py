@@ -205,4 +205,4 @@ def seconds_of(file: ForeignFile, name: str, *, epoch: datetime | None) -> NDArr
     values = file.vector(name)
     unit_s, since = file.time_scale(name) or (1.0, None)
     late_s = 0.0 if epoch is None or since is None else (since - epoch).total_seconds()
-    return values if unit_s == 1.0 and not late_s else values * unit_s + late_s
+    return values if unit_s == 1.0 and not late_s else values.astype(np.float64) * unit_s + late_s
