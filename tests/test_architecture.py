@@ -101,13 +101,19 @@ SLACK, SLACK_LINES = 0.02, 10  # by which a ceiling may stand above the count, a
 
 # What a row may have above its ceiling for a while: how much, why, and what ends it.
 MENDS = "mends of faults that users meet", "when the package is reduced"
+READ = "reading and comparing all that files state", "when readers and records are reduced"
 ALLOWANCES = {
-    "hums (root)": (3, *MENDS),
+    "hums (root)": (5, *MENDS),
     "hums/analysis": (35, *MENDS),
-    "hums/cli": (9, *MENDS),
+    "hums/cli": (10, *MENDS),
     "hums/fleet": (13, *MENDS),
-    "hums/records": (29, *MENDS),
+    "hums/readers": (410, *READ),
+    "hums/records": (216, *READ),
     "hums/report": (4, *MENDS),
+    "all code lines": (592, *READ),
+    "all modules": (1, *READ),
+    "all constants": (26, *READ),
+    "tests": (320, *READ),
     "benchmarks": (881, "the scoreboard beside the scripts that it replaces", "when those are removed"),
 }
 HEAVY = ["scipy.signal", "scipy.stats", "filterpy", "numba", "dask", "h5py", "matplotlib", "pyarrow", "jinja2", "typer"]

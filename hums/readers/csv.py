@@ -94,7 +94,7 @@ def _stated_above(path: Path, encoding: str, above: int) -> Stated:
     """Return what lines above a table state, as "Sampling rate [Hz];25600" or "Rate: 25.6 kHz"."""
     with path.open(encoding=encoding) as stream:
         lines = [re.split(r"[:=;,\t]", line.strip(), maxsplit=1) for line in islice(stream, above)]
-    pairs = [(line[0].strip(' "#'), re.split(r"[;\t]", line[1])) for line in lines if len(line) > 1]
+    pairs = [(line[0].strip(' "#%'), re.split(r"[;\t]|,(?!\d)", line[1])) for line in lines if len(line) > 1]
     return stated_of({key: " ".join(cell.strip(' "') for cell in cells).strip() for key, cells in pairs})
 
 

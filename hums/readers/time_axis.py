@@ -1,5 +1,6 @@
 """What is declared of a foreign file against what the file states: rates, times of samples, starts, units."""
 
+import math
 from collections.abc import Collection
 from dataclasses import dataclass, field
 from datetime import UTC, datetime, timedelta
@@ -96,6 +97,7 @@ class Clocks:
         columns = [(title, found) for title in self._columns(name) if (found := self._times(title)) is not None]
         if stated.times_s is not None and (times := self._sample_times(stated.times_s, 1.0, f'the times of "{name}"')):
             columns.append((name, (times, stated.epoch)))
+        columns.sort(key=lambda column: column[1][0].resolution)
         rates = [] if stated.rate_hz is None else [(stated.rate_hz, 0.0, f"which states {stated.rate_hz:g} Hz")]
         for title, (times, _) in columns:
             step = f'whose "{title}" goes in steps of {1 / times.rate_hz:.6g} s, {times.rate_hz:.6g} Hz'
@@ -117,6 +119,9 @@ class Clocks:
         times, epoch = columns[0][1] if columns else (None, None)
         start_s = times.start_s if times is not None and stated.start_s is None else stated.start_s or 0.0
         epoch = stated.epoch or epoch
+        for _, (other, since) in columns:
+            if epoch is None and since is not None:  # a column of dates beside a finer one of seconds
+                epoch = since + timedelta(seconds=other.start_s - start_s)
         if abs(start_s) > _LONGEST_START_S:
             start_s, epoch = 0.0, None if epoch is None else epoch + timedelta(seconds=start_s)
         trusted = times is not None and rates_agree(rate_hz, times.rate_hz, resolution=max(times.resolution, 1e-9))
@@ -130,7 +135,7 @@ class Clocks:
             title
             for title, shape in descriptions(file.fields).items()
             if not isinstance(shape, str)
-            and int(np.prod(shape)) == count > 1
+            and max(shape, default=0) == math.prod(shape) == count > 1
             and title not in self.used
             and (title == self.time_column or self._is_time(title))
         ]
@@ -166,7 +171,9 @@ class Clocks:
             unit, epoch = scale or (1.0, None)
             times = None
             values = file.vector(title)
-            if len(title) > 1 or np.all(np.diff(values) >= 0):  # "T" may be a torque or a temperature
+            if len(title.rpartition(".")[2]) > 1 or np.all(
+                np.diff(values) >= 0
+            ):  # "T" may be a torque or a temperature
                 times = self._sample_times(values, unit, f'the times in "{title}"')
             self.found[title] = None if times is None else (times, epoch)
         return self.found[title]

@@ -437,11 +437,6 @@ def test_a_column_of_times_that_contradicts_the_rate(tmp_path, name):
     assert sampling(read(path, channels=["acc"], rate_hz=512), "acc").start_s == pytest.approx(0.5)
 
 
-def test_times_in_a_mat_file_that_contradict_the_rate(tmp_path):
-    savemat(tmp_path / "a.mat", {"test": {"time": np.arange(100.0) / 50, "acc": np.arange(100.0)}})
-    assert 'whose "test.time" goes in steps of 0.02 s, 50 Hz' in refusal(tmp_path / "a.mat", channels=["test.acc"])
-
-
 @pytest.mark.parametrize(
     ("name", "times"),
     [
@@ -543,6 +538,22 @@ def test_a_logger_s_table_takes_one_try(tmp_path):
     text = path.read_text(encoding="cp1252").replace("[kHz];1\n", "[kHz];2\n")
     path = write(tmp_path, text, "cp1252")
     assert "states 2000 Hz, but" in refusal(path, channels=["DE"], rate_hz=None, units=None)  # its times say 1000 Hz
+
+
+@pytest.mark.parametrize(
+    "line",
+    [
+        "Sample rate, 25600, Hz",
+        "# fs = 25600",
+        "Sampling frequency: 25.6 kHz",
+        '"dt [ms]";0,0390625',
+        "Delta_X\t3.90625E-5",
+    ],
+)
+def test_lines_above_a_table_state_its_rate(tmp_path, line):
+    path = write(tmp_path, f"Logger\n{line}\nDE,ND\n" + "1,2\n" * 9)
+    assert read(path, channels=["DE"], rate_hz=None).attrs["rate_hz"] == 25600
+    assert "which states 25600 Hz" in refusal(path, channels=["DE"], rate_hz=25000)
 
 
 def logger_row(k):

@@ -117,6 +117,14 @@ def test_times_as_text_need_no_unit(tmp_path, stamp):
         convert(tmp_path / "log.csv", channels=["vib"], time_unit="ms", **DECLARED)
 
 
+def test_dates_to_the_second_beside_times_to_the_millisecond(tmp_path):
+    rows = [f"2026-02-28T11:00:{k // 1000:02d}+01:00,{5 + k / 1000:.3f},{k}\n" for k in range(10_000)]
+    (tmp_path / "log.csv").write_text("Date,time (s),vib\n" + "".join(rows))
+    record = convert(tmp_path / "log.csv", channels=["vib"], **DECLARED)
+    assert (record.attrs["rate_hz"], record.attrs["start_s"]) == (1000, 5)
+    assert record.attrs["recorded_at"] == "2026-02-28T09:59:55Z"  # from which the times count
+
+
 def test_one_time_for_many_samples(tmp_path):
     """Times rounded to a second are no gaps, and state the rate to the second in thirty."""
     (tmp_path / "log.csv").write_text("time (s),vib\n" + "".join(f"{k // 100},{k}\n" for k in range(3000)))
