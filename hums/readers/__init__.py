@@ -318,19 +318,21 @@ def _angle_source(given: Mapping[str, Any], *, is_average: bool) -> str | None:
     return sources[0] if sources else None
 
 
-def _angle(clocks: Clocks, source: str, given: Mapping[str, Any], *, speed_units: str, epoch: datetime | None) -> Angle:
-    """Return the declared source of shaft angle."""
+def _angle(
+    clocks: Clocks, source: str | None, given: Mapping[str, Any], *, speed_units: str, epoch: datetime | None
+) -> Angle | None:
+    """Return the declared source of shaft angle, None where there is none."""
     file, agreement = clocks.agreement.file, clocks.agreement
     shaft, per_rev = given.get("--shaft", ""), given.get("--pulses-per-rev")
-    if source in {None, "--no-tachometer"}:
-        return UnknownAngle() if source else None
+    if source is None or source == "--no-tachometer":
+        return None if source is None else UnknownAngle()
     if source in {"--shaft-rpm", "--speed-column"}:
         if per_rev is not None:
             raise RecordError(f"--pulses-per-rev has no meaning with {source}; leave one of them out.")
         if source == "--shaft-rpm":
             return NominalSpeed(rpm=given[source], shaft=shaft)
         return NominalSpeed(rpm=60 * _steady_speed_hz(agreement, given[source], speed_units), shaft=shaft)
-    name = given[str(source)]
+    name = given[source]
     stated = file.metadata(name).pulses_per_rev
     per_rev = int(stated) if per_rev is None and stated is not None and float(stated).is_integer() else per_rev
     if per_rev is None:

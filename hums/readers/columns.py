@@ -229,8 +229,8 @@ _WORDS = {
     for name, words in {
         "rate_hz": "fs sr sfreq fsamp fsample samplerate samplingrate samplefrequency samplingfrequency "
         "samplingfreq samplespersecond abtastrate acquisitionrate scanrate",
-        "step_s": "dt ts deltat deltax interval wfincrement samplinginterval sampleinterval samplingperiod sampleperiod "
-        "timestep xincrement",
+        "step_s": "dt ts deltat deltax interval wfincrement samplinginterval sampleinterval samplingperiod "
+        "sampleperiod timestep xincrement",
         "units": "unit units unitstring einheit yunit yunits",
         "start_s": "wfstartoffset t0 start starttime tstart xstart",
         "epoch": "wfstarttime recordedat start starttime recorded startdate measurementstart",

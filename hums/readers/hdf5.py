@@ -55,10 +55,11 @@ def _read_netcdf3(path: Path, most_bytes: int | None) -> tuple[dict[str, Field],
         with xr.open_dataset(path, engine="scipy", decode_cf=False) as contents:
             refuse_size(contents.nbytes, str(path), path.stat().st_size, most_bytes=most_bytes)
             attributes = {str(name): _plain(one.attrs) for name, one in contents.variables.items()}
-            fields = {
-                str(name): _described(one) if isinstance(_described(one), str) else _unpacked(one.values, one.attrs)
-                for name, one in contents.variables.items()
-            }
+            fields = dict[str, Field]()
+            for name, one in contents.variables.items():
+                phrase = _described(one)
+                values = np.atleast_1d(one.to_numpy())
+                fields[str(name)] = phrase if isinstance(phrase, str) else _unpacked(values, attributes[str(name)])
             general = _plain(contents.attrs)
     except RecordError:
         raise
