@@ -229,10 +229,10 @@ _WORDS = {
     for name, words in {
         "rate_hz": "fs sr sfreq fsamp fsample samplerate samplingrate samplefrequency samplingfrequency "
         "samplingfreq samplespersecond abtastrate acquisitionrate scanrate",
-        "step_s": "dt ts deltat deltax interval wfincrement samplinginterval sampleinterval samplingperiod "
+        "step_s": "dt ts deltat deltax wfincrement samplinginterval sampleinterval samplingperiod "
         "sampleperiod timestep xincrement",
         "units": "unit units unitstring einheit yunit yunits",
-        "start_s": "wfstartoffset t0 start starttime tstart xstart",
+        "start_s": "wfstartoffset t0 starttime tstart xstart",
         "epoch": "wfstarttime recordedat start starttime recorded startdate measurementstart",
         "title": "name channelname",
         "pulses_per_rev": "pulsesperrev pulsesperrevolution ppr",
@@ -282,13 +282,15 @@ def _value(name: str, value: object, factor: float | None) -> Any:  # noqa: ANN4
         return _moment(text)
     if isinstance(text, str):
         printed = re.fullmatch(r"([-+]?\d+(?:[.,]\d+)?(?:[eE][-+]?\d+)?)\s*(\w+)?", text)
-        if printed is None:
+        if printed is None or re.fullmatch(r"[-+]?[1-9]\d{0,2}[.,]\d{3}", printed[1]):  # "25,600": of thousands or not
             return None
         unit = (printed[2] or "").lower()
         text, factor = float(printed[1].replace(",", ".")), _FACTORS.get(unit, TIMES_S.get(unit, factor))
     if isinstance(text, bool) or not isinstance(text, int | float | np.number) or not np.isfinite(float(text)):
         return None
     number = float(text) * (factor or 1.0)
+    if name == "step_s":
+        return number if 0 < number < 1 else None  # `ts` may be a time stamp
     return number if number > 0 or name in {"start_s", "delay_s", "sensitivity", "unread"} else None
 
 

@@ -556,6 +556,12 @@ def test_lines_above_a_table_state_its_rate(tmp_path, line):
     assert "which states 25600 Hz" in refusal(path, channels=["DE"], rate_hz=25000)
 
 
+@pytest.mark.parametrize("line", ["Sample rate: 25,600 Hz", "Ts: 1700000000", "Rate of the shaft: 25", "fs: fast"])
+def test_lines_above_a_table_that_state_no_rate(tmp_path, line):
+    path = write(tmp_path, f"Logger\n{line}\nDE,ND\n" + "1,2\n" * 9)
+    assert "does not state its samples per second" in refusal(path, channels=["DE"], rate_hz=None)
+
+
 def logger_row(k):
     return f"27.10.2024 10:27:0{k // 1000},{k % 1000:03d};{k // 8},{125 * (k % 8):03d};-0,5;1.485\n"
 
