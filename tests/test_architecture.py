@@ -107,13 +107,13 @@ ALLOWANCES = {
     "hums/analysis": (35, *MENDS),
     "hums/cli": (10, *MENDS),
     "hums/fleet": (13, *MENDS),
-    "hums/readers": (413, *READ),
+    "hums/readers": (415, *READ),
     "hums/records": (216, *READ),
     "hums/report": (4, *MENDS),
-    "all code lines": (598, *READ),
+    "all code lines": (600, *READ),
     "all modules": (1, *READ),
     "all constants": (26, *READ),
-    "tests": (327, *READ),
+    "tests": (331, *READ),
     "benchmarks": (881, "the scoreboard beside the scripts that it replaces", "when those are removed"),
 }
 HEAVY = ["scipy.signal", "scipy.stats", "filterpy", "numba", "dask", "h5py", "matplotlib", "pyarrow", "jinja2", "typer"]

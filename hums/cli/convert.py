@@ -9,7 +9,6 @@ import typer
 
 from hums.cli.info import print_record
 from hums.cli.options import RECORD_SUFFIXES, Scheduler, WorkerCount, check_record_target, say, workers_of
-from signals._validation import plain_message
 
 __all__ = ["convert"]
 
@@ -143,6 +142,7 @@ def convert(  # noqa: PLR0917 - each option is one
         raise ValueError(f"{target}: many files make a folder of records; name one, as {target.with_suffix('')}.")
     from hums.conversion import convert_files, find_sources  # noqa: PLC0415
     from hums.jobs import Serial  # noqa: PLC0415
+    from signals._validation import plain_message  # noqa: PLC0415
 
     found = find_sources(source, time_pattern=time_pattern, utc_offset=utc_offset, every_s=every, first_at=recorded_at)
     few = len(found) <= FEW_FILES and workers is None and scheduler is None
