@@ -110,10 +110,10 @@ ALLOWANCES = {
     "hums/readers": (415, *READ),
     "hums/records": (216, *READ),
     "hums/report": (4, *MENDS),
-    "all code lines": (600, *READ),
+    "all code lines": (605, *READ),
     "all modules": (1, *READ),
-    "all constants": (26, *READ),
-    "tests": (331, *READ),
+    "all constants": (27, *READ),
+    "tests": (336, *READ),
     "benchmarks": (881, "the scoreboard beside the scripts that it replaces", "when those are removed"),
 }
 HEAVY = ["scipy.signal", "scipy.stats", "filterpy", "numba", "dask", "h5py", "matplotlib", "pyarrow", "jinja2", "typer"]
