@@ -21,9 +21,9 @@ TURBINE = {
     "0425": "data-20130425T232202Z.mat",
 }
 RATE_HZ = 97656
-TURBINE_SETTINGS = AnalysisSettings(envelope_band_hz=(9000.0, 11000.0), pictures=False)
-RIG_SETTINGS = AnalysisSettings(envelope_band_hz=(2000.0, 4000.0), pictures=False)
 CHOOSING = AnalysisSettings(most_tracks=0, pictures=False)
+TURBINE_SETTINGS = CHOOSING.changed(envelope_band_hz=(9000.0, 11000.0))
+RIG_SETTINGS = CHOOSING.changed(envelope_band_hz=(2000.0, 4000.0))
 CWRU = {
     "IR007_0": ("X105_DE_time", 12000, 1797),
     "OR007@6_0": ("X130_DE_time", 12000, 1796),

@@ -14,6 +14,7 @@ from hums.records.store import save_record
 
 RATE_HZ, COUNT, RPM = 25600.0, 2560, 1800.0  # three turns
 OUTER, INNER = 13 / 2 * (1 - 3.5 / 25.6), 13 / 2 * (1 + 3.5 / 25.6)
+SETTINGS = hums.AnalysisSettings(most_tracks=0, pictures=False)
 RIG = """
 name = "rig"
 frame = "housing"
@@ -52,7 +53,7 @@ def snapshots(count, *, order, depth, seed=0):
 
 
 def verdicts(record, gearbox):
-    return hums.verdict_table(hums.analyze(record, gearbox)).set_index("kind")
+    return hums.verdict_table(hums.analyze(record, gearbox, settings=SETTINGS)).set_index("kind")
 
 
 @pytest.fixture(scope="module")
@@ -98,7 +99,8 @@ def test_snapshots_with_gaps_are_left_out(gearbox):
     record = snapshots(12, order=OUTER, depth=0.3)
     values = record.h.values.copy()
     values[3, 7], values[5] = np.nan, 0.0
-    notes = hums.summary(hums.analyze(record.assign(h=record.h.copy(data=values)), gearbox))["notes"]
+    gapped = record.assign(h=record.h.copy(data=values))
+    notes = hums.summary(hums.analyze(gapped, gearbox, settings=SETTINGS))["notes"]
     assert any("11 segments between gaps" in note and "1 sample that is not finite" in note for note in notes)
     with pytest.raises(AnalysisError, match="same value -0 throughout"):
         hums.analyze(record.assign(h=record.h.copy(data=0 * values)), gearbox)

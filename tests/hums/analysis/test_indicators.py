@@ -15,7 +15,7 @@ from hums.records.record import Channel, PulseTimes, make_record
 
 RATE_HZ, SPEED_HZ, SECONDS = 5000.0, 20.0, 8.0
 INTERMEDIATE = 23 / 67  # turns of the intermediate shaft to one of the input
-BARE = AnalysisSettings(most_tracks=0, envelope_band_hz=None)
+BARE = AnalysisSettings(most_tracks=0, envelope_band_hz=None, pictures=False)
 
 
 def record_of(values, *, units="g", shaft="input", speed_hz=SPEED_HZ, rate_hz=RATE_HZ, name="housing"):
@@ -126,44 +126,42 @@ def test_fm4_shows_one_bad_tooth_and_noise_its_limit(gearbox):
     assert loud.noise_limit == pytest.approx(3 + 4 * np.sqrt(24 / 160))
 
 
+@pytest.fixture(scope="module")
+def values():
+    return over_turns(lambda t: cosine(23, 0.5, t) + struck_tooth(t), noise=0.1)
+
+
+@pytest.fixture(scope="module")
+def first(gearbox, values):
+    return analyze(record_of(values), gearbox, settings=BARE)
+
+
 class TestBaseline:
     @staticmethod
     def na4(analysis):
         return value(analysis, "stage 1/pinion", "na4").value
 
-    @pytest.fixture
-    def values(self):
-        return over_turns(lambda t: cosine(23, 0.5, t) + struck_tooth(t), noise=0.1)
-
-    def test_history_of_records_of_known_scale(self, gearbox, values):
+    def test_history_of_records_of_known_scale_in_a_file(self, gearbox, values, first, tmp_path):
         # x, then 2x: fourth moments m and 16 m, mean variances v and (v + 4v) / 2
-        first = analyze(record_of(values), gearbox, settings=BARE)
-        second = analyze(record_of(2 * values), gearbox, settings=BARE, baseline=first)
+        save_analysis(first, tmp_path / "analysis.h5")
+        with open_analysis(tmp_path / "analysis.h5") as reopened:
+            second = analyze(record_of(2 * values), gearbox, settings=BARE, baseline=reopened)
         assert self.na4(second) / self.na4(first) == pytest.approx(16 / 2.5**2, rel=1e-9)
         assert value(second, "stage 1/pinion", "na4").takes.endswith("history of 2 records")
 
-    def test_a_frozen_baseline(self, gearbox, values):
-        first = analyze(record_of(values), gearbox, settings=BARE)
+    def test_a_frozen_baseline(self, gearbox, values, first):
         frozen = BARE.changed(freeze_baseline=True)
         second = analyze(record_of(2 * values), gearbox, settings=frozen, baseline=first)
         assert self.na4(second) / self.na4(first) == pytest.approx(16, rel=1e-9)
         assert value(second, "stage 1/pinion", "nb4").takes.endswith("frozen history of 1 record")
 
-    def test_the_state_survives_the_file(self, gearbox, values, tmp_path):
-        first = analyze(record_of(values), gearbox, settings=BARE)
-        save_analysis(first, tmp_path / "analysis.h5")
-        with open_analysis(tmp_path / "analysis.h5") as reopened:
-            second = analyze(record_of(2 * values), gearbox, settings=BARE, baseline=reopened)
-        assert self.na4(second) / self.na4(first) == pytest.approx(16 / 2.5**2, rel=1e-9)
-
     def test_nothing_to_freeze(self, gearbox, values):
         with pytest.raises(AnalysisError, match="there is no baseline to freeze"):
             analyze(record_of(values), gearbox, settings=BARE.changed(freeze_baseline=True))
 
-    def test_a_baseline_in_other_units(self, gearbox, values):
-        first = analyze(record_of(values, units="m s-2"), gearbox, settings=BARE)
-        with pytest.raises(AnalysisError, match=r'channel "housing" was in m s-2 and is in g now'):
-            analyze(record_of(values), gearbox, settings=BARE, baseline=first)
+    def test_a_baseline_in_other_units(self, gearbox, values, first):
+        with pytest.raises(AnalysisError, match=r'channel "housing" was in g and is in m s-2 now'):
+            analyze(record_of(values, units="m s-2"), gearbox, settings=BARE, baseline=first)
 
 
 def test_defect_energy_of_a_known_envelope(gearbox):
@@ -172,7 +170,7 @@ def test_defect_energy_of_a_known_envelope(gearbox):
     time = np.arange(round(SECONDS * RATE_HZ)) / RATE_HZ
     values = 0.8 * (1 + 0.3 * np.cos(2 * np.pi * race.order * SPEED_HZ * time)) * np.cos(2 * np.pi * 1700 * time)
     values += np.random.default_rng(0).normal(0, 0.01, time.size)
-    settings = AnalysisSettings(most_tracks=0, envelope_band_hz=(1200.0, 2200.0), harmonics=1)
+    settings = BARE.changed(envelope_band_hz=(1200.0, 2200.0), harmonics=1)
     analysis = analyze(record_of(values), gearbox, settings=settings)
     row = value(analysis, race.component, "defect_energy", kind="inner_race")
     assert row.value == pytest.approx((0.3 * 0.8) ** 2 / 2, rel=0.05)  # a Hann line between two bins loses some

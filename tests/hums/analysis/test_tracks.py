@@ -62,9 +62,8 @@ def test_amplitude_and_slip_are_within_their_std_of_the_truth(slips, noise):
         assert np.mean(np.abs(np.array(off)) < 2) > 0.85
 
 
-@pytest.mark.parametrize("noise", [0.15, 0.5])
-def test_more_steps_along_the_first_path_change_little(noise, monkeypatch):
-    line, *_ = envelope(0, slips=True, noise=noise)
+def test_more_steps_along_the_first_path_change_little(monkeypatch):
+    line, *_ = envelope(0, slips=True, noise=0.5)
     tracks = track_envelope_lines([line], MACHINE)
     monkeypatch.setattr("hums.analysis.tracks._FIRST_STEPS", 20)
     exact = track_envelope_lines([line], MACHINE)
@@ -99,7 +98,7 @@ def modulated():
     x = (1 + depth) * np.cos(2 * np.pi * 3000 * time) + np.random.default_rng(1).normal(0, 0.2, time.size)
     pulses = PulseTimes(times_s=np.arange(0.0, seconds, 1 / speed_hz), shaft="input", pulses_per_rev=1)
     record = make_record({"housing": x}, rate_hz=rate_hz, units="g", angle=pulses)
-    settings = AnalysisSettings(envelope_band_hz=(2500.0, 3500.0), pictures=False)
+    settings = AnalysisSettings(envelope_band_hz=(2500.0, 3500.0), most_tracks=1, pictures=False)
     return analyze(record, gearbox, settings=settings)
 
 
