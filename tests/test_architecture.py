@@ -156,7 +156,6 @@ def _modules():
 MODULES = _modules()
 
 
-@cache
 def _tree(module):
     return ast.parse(MODULES[module].read_text(encoding="utf-8"))
 
