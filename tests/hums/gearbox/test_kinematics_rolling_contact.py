@@ -172,6 +172,7 @@ CASES = {
 @pytest.mark.parametrize("name", CASES)
 def test_the_catalogue_rolls_without_slip(name):
     case = CASES[name]
+    duration = case.duration / 2
     with warnings.catch_warnings():
         warnings.simplefilter("ignore", GearboxWarning)  # of tooth numbers that fit no centre distance
         kinematics = solve_kinematics(load_gearbox(name))
@@ -182,9 +183,9 @@ def test_the_catalogue_rolls_without_slip(name):
         hinges=case.hinges(),
         contacts=case.contacts,
         drives=case.drives(),
-        duration=case.duration,
+        duration=duration,
         # 0.05 rad a step: Runge-Kutta errs by 0.05^5 / 120 in each, less than 1e-6 in 300 of them
-        steps=int(np.ceil(case.duration * fastest / 0.05)),
+        steps=int(np.ceil(duration * fastest / 0.05)),
     )
     assert motion.open == 0
     assert motion.slip < 1e-9  # what least squares leaves, in teeth per unit of time
@@ -194,7 +195,7 @@ def test_the_catalogue_rolls_without_slip(name):
     # at the end: every turning pair has turned by its constant rate, planets round their moving axes
     poses = {case.links[0]: np.eye(3)}
     for link, (direction, carrier, _) in case.axes.items():
-        turned = float(kinematics.relative_speed(link, seen_from=carrier, speeds=case.speeds)) * case.duration
+        turned = float(kinematics.relative_speed(link, seen_from=carrier, speeds=case.speeds)) * duration
         poses[link] = poses[carrier] @ Rotation.from_rotvec(turned * np.array(direction)).as_matrix()
     for number, link in enumerate(case.links):
         np.testing.assert_allclose(motion.poses[number], poses[link], rtol=0, atol=1e-6, err_msg=link)
@@ -215,7 +216,7 @@ def _apart(one, other):
 
 
 @given(axes=st.lists(directions, min_size=2, max_size=5), counts=st.lists(teeth, min_size=8, max_size=8))
-@settings(max_examples=40)
+@settings(max_examples=20)
 def test_a_bevel_train_round_one_apex(axes, counts):
     axes = [_axis(vector) for vector in axes]
     for one, other in pairwise(axes):
@@ -248,7 +249,7 @@ def test_a_bevel_train_round_one_apex(axes, counts):
 
 
 @given(main=directions, slanted=directions, counts=st.tuples(teeth, teeth, teeth, teeth), carrier=st.booleans())
-@settings(max_examples=40)
+@settings(max_examples=20)
 def test_any_bevel_planet_with_two_wheels(main, slanted, counts, carrier):
     main, slanted = _axis(main), _axis(slanted)
     _apart(main, slanted)

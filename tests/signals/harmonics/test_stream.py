@@ -52,8 +52,8 @@ def test_however_it_is_cut_the_filter_is_that_of_the_whole_record(sizes, poles):
 
 
 @pytest.mark.compiles
-@settings(deadline=None, max_examples=8)
-@given(sizes=CUTS, poles=st.integers(1, 4), lag=st.sampled_from([40, 250]))
+@settings(deadline=None, max_examples=6)
+@given(sizes=CUTS, poles=st.sampled_from([1, 4]), lag=st.sampled_from([40, 250]))
 def test_however_it_is_cut_a_fixed_lag_smoother_is_the_same(sizes, poles, lag):
     x, phase = record()
     pieces, whole = (

@@ -53,8 +53,8 @@ def troubled(seed, *, size):
     return x, {"phase_rad": phase, "orders": orders, "bandwidth_hz": 1e-3, "rate_hz": 1.0, "noise_variance": 1.0}
 
 
-@pytest.mark.parametrize("poles", [1, 2, 3, 4])
-@pytest.mark.parametrize("size", [0, 1, 1e4])
+@pytest.mark.parametrize("poles", [1, 2, 4])
+@pytest.mark.parametrize("size", [0, 1e4])
 def test_error_bound_holds_everywhere_but_for_a_small_part_of_std(poles, size):
     """At all outputs: ends, gaps and the jump among them. Of signals it is the bound that holds, of noise the part."""
     x, settings = troubled(poles, size=size)
@@ -66,8 +66,8 @@ def test_error_bound_holds_everywhere_but_for_a_small_part_of_std(poles, size):
     assert_allclose(fast.std, exact.std, rtol=6e-3)
 
 
-@pytest.mark.parametrize("poles", [1, 2, 3, 4])
-@pytest.mark.parametrize(("share", "order"), [(0.45, 1.01), (0.8, 1.01), (0.8, 1.05)])
+@pytest.mark.parametrize("poles", [1, 2, 4])
+@pytest.mark.parametrize(("share", "order"), [(0.45, 1.01), (0.8, 1.05)])
 def test_lines_are_told_apart_by_few_of_the_samples(poles, share, order):
     """Under no hat is more there than some half, or a fifth, of the samples."""
     rng = np.random.default_rng(0)
