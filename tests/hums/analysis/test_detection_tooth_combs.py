@@ -73,7 +73,7 @@ def test_gears_about_fixed_axes_add_no_line():
 def test_a_spalled_planet_leaves_a_sound_bearing_alone():
     gearbox = Gearbox.from_mapping(GEARBOX)
     record = simulate(Scene.from_mapping(SPALLED_PLANET | {"gearbox": GEARBOX}), seed=1)
-    analysis = analyze(record, gearbox, settings=AnalysisSettings(most_tracks=0))
+    analysis = analyze(record, gearbox, settings=AnalysisSettings(most_tracks=0, pictures=False))
     assert set(findings_table(analysis)["component"]) == {"planetary sun/planet"}
     assert set(findings_table(analysis)["kind"]) == {"tooth"}
     lines = line_table(analysis, ENVELOPE)

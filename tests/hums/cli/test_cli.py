@@ -19,7 +19,7 @@ from hums.cli import main
 from hums.gearbox.model import load_gearbox
 from hums.records.store import open_record
 
-RATE_HZ, SPEED_HZ, SECONDS = 3000, 20.0, 2.0
+RATE_HZ, SPEED_HZ, SECONDS = 2500, 20.0, 4.0
 RATIO = 67 / 23 * 61 / 19  # of the two-stage gearbox: turns of its input for one of its output
 
 
@@ -144,7 +144,7 @@ def test_convert_info_analyze(run, analysed):
     assert "speed of input: 20 Hz (1200 rpm)" in told[1][1]
     code, out, _ = run("info", folder / "record.h5")
     assert code == 0
-    assert "vibration: 6000 samples at 3000 Hz" in out
+    assert "vibration: 10000 samples at 2500 Hz" in out
     facts = json.loads((folder / "out" / "summary.json").read_text())
     assert facts["record"] == "record.h5"
     assert_mesh(facts)
@@ -172,7 +172,7 @@ def assert_mesh(facts):
 def test_convert_without_a_channel_lists_them(run, mat, tmp_path):
     code, _, err = run("convert", mat, tmp_path / "record.h5")
     assert code == 2
-    assert err.startswith("hums: channels: none named (--channel). data.mat: It holds vibration (1 x 6000), tach")
+    assert err.startswith("hums: channels: none named (--channel). data.mat: It holds vibration (1 x 10000), tach")
 
 
 def test_no_source_of_angle_names_all_three(run, mat, tmp_path):
@@ -258,7 +258,7 @@ def test_a_wav_states_its_rate(run, tmp_path):
         "--shaft-rpm", 1200, "--shaft", "input",
     )  # fmt: skip
     assert (code, err) == (0, "")
-    assert "at 3000 Hz" in out
+    assert "at 2500 Hz" in out
     with open_record(tmp_path / "a.h5") as record:
         assert float(abs(record["channel 1"]).max()) == pytest.approx(10 * 8000 / 32768, rel=1e-3)
 
