@@ -1,14 +1,10 @@
 """What blocks cost, fast and exact: the noise they leave, lines that are close, many coupled orders."""
 
-from dataclasses import replace
-
 import numpy as np
 import pytest
 from numpy.testing import assert_allclose
 
 from signals.harmonics import block_smoother, process_variance, track_orders
-from signals.harmonics.block_grid import Grid
-from signals.harmonics.state_space import HarmonicModel
 
 RATE = 1000.0
 
@@ -125,70 +121,3 @@ def test_what_a_record_hardly_determines_is_finite_and_sure_of_little(name):
     tracks = track_orders(x, **settings, method="fast")
     assert np.all(np.isfinite(tracks.complex_amplitude))
     assert np.all(tracks.std > 0)
-
-
-def four_orders(swing_rad):
-    """Return the grid of a record in eight blocks and a part of one, whose angle grows steadily or swings."""
-    samples, orders = 60, np.array([0.0, 1.0, 1.3, 4.0])
-    phase = 0.4 + 0.3 * np.arange(samples) + swing_rad * np.sin(0.2 * np.arange(samples))
-    model = HarmonicModel(
-        orders=orders, shaft=np.zeros(4, dtype=np.int64), phases=(phase,), bandwidth=np.full((4, 1), 0.01), poles=2,
-        prior_std=1.0,
-    )  # fmt: skip
-    x = np.random.default_rng(0).standard_normal((2, samples))
-    x[:, 20:25] = np.nan
-    grid = Grid(model=model, x=x, seen=~np.isnan(x[0]), length=7, tolerance=0.0, shared=np.ones(4, dtype=np.int64))
-    assert (grid.model.steady_step is None) == (swing_rad > 0)
-    return grid
-
-
-@pytest.mark.parametrize("swing_rad", [0.0, 1e-3])
-@pytest.mark.parametrize("some", [[0, 1, 2, 3], [1, 3]])
-def test_moments_of_a_record_are_its_sums(swing_rad, some):
-    """Of a steady turn, from a table of one block, and of one that swings: samples times columns, added up."""
-    grid, orders = four_orders(swing_rad), np.array(some)
-    found = grid.project(grid.x, slice(0, grid.blocks), orders)
-    angle = grid.model.orders[orders] * grid.model.phases[0][:, None]
-    for block in range(grid.blocks):
-        own = np.arange(block * grid.length, min((block + 1) * grid.length, grid.samples))
-        own = own[grid.seen[own]]
-        for moment in range(2):
-            weighted = grid.x[:, own] * (own / grid.length - block) ** moment
-            expected = np.einsum("cn,nk->kc", weighted, np.exp(-1j * angle[own]))
-            # Seven samples of unit size, and angles of up to 80 rad, whose rounding is 1e-14.
-            assert_allclose(found[block, moment], np.stack([expected.real, expected.imag], axis=-1), atol=1e-12)
-
-
-@pytest.mark.parametrize("swing_rad", [0.0, 1e-3])
-@pytest.mark.parametrize("some", [[0, 1, 2, 3], [1, 3]])
-def test_waveforms_are_those_of_amplitudes_that_are_cubics(swing_rad, some):
-    """Of a steady turn, from a table of one block, and of one that swings: `Re{A(u) exp(j angle)}`, added up."""
-    grid, orders = four_orders(swing_rad), np.array(some)
-    pieces = np.random.default_rng(1).standard_normal((2, 4, grid.blocks, 2, 4))
-    found = grid.waveforms(pieces, orders, slice(0, grid.samples))
-    block, at = np.divmod(np.arange(grid.samples), grid.length)
-    powers = (at / grid.length)[:, None] ** np.arange(4)
-    parts = np.einsum("cknpm,nm->cknp", pieces[:, orders][:, :, block], powers)
-    angle = grid.model.orders[orders, None] * grid.model.phases[0]
-    expected = np.sum((parts[..., 0] + 1j * parts[..., 1]) * np.exp(1j * angle), axis=1).real
-    # Amplitudes of a few units, and angles of up to 80 rad, whose rounding is 1e-14.
-    assert_allclose(found, expected, atol=1e-11)
-    late = slice(2 * grid.length, grid.samples - 5)  # fewer blocks than a table is worth
-    assert_allclose(grid.waveforms(pieces, orders, late), expected[:, late], atol=1e-11)
-
-
-@pytest.mark.parametrize(("swing_rad", "length"), [(0.0, 7), (1e-3, 7), (1e-3, 4), (1e-3, 1)])
-def test_products_of_regressors_are_their_sums(swing_rad, length):
-    """Of a steady turn, in closed form, and of one that swings, in long and short blocks: columns multiplied, added."""
-    grid = four_orders(swing_rad)
-    grid = replace(grid, seen=np.ones(grid.samples, dtype=bool), length=length)
-    model, samples = grid.model, grid.samples
-    some, nodes = np.array([0, 1, 3]), slice(2, grid.nodes)  # of seven samples, the last block is not full
-    found = grid.gram(some, nodes)
-    columns = model.subset(some).regressors(slice(None))
-    for node in range(nodes.start, nodes.stop):  # of two poles a node has the block before it
-        own = np.arange((node - 1) * length, min(node * length, samples))
-        for moment in range(3):
-            weights = ((own - own[0]) / length) ** moment
-            expected = np.einsum("n,na,nb->ab", weights, columns[own], columns[own])
-            assert_allclose(found[node - nodes.start, moment], expected, atol=1e-12)

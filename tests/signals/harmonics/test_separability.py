@@ -1,12 +1,11 @@
-"""Distances between lines, how long lines stay close, and the flag of a line near its image: against definitions."""
+"""How long lines stay close, and the flag of a line near its image: against definitions."""
 
 import numpy as np
 import pytest
-from numpy.testing import assert_allclose, assert_array_equal
+from numpy.testing import assert_array_equal
 
 from signals.harmonics import OrderTracker, OutputFlag, track_orders
-from signals.harmonics.bandwidth import Bandwidth
-from signals.harmonics.separability import STRETCHES, Closeness, components, coupled, distances, leaks, left_over
+from signals.harmonics.separability import STRETCHES, Closeness
 from signals.harmonics.state_space import HarmonicModel
 
 LENGTH = 20  # samples in a stretch of a record of STRETCHES of them
@@ -59,84 +58,6 @@ def closeness_of(frequency, bandwidth=WIDTH):
 
 def steady(*frequencies):
     return np.repeat(np.array(frequencies)[:, None], STRETCHES, axis=1)
-
-
-class TestDistances:
-    def test_they_fold_at_the_rate_and_at_zero(self):
-        rng = np.random.default_rng(0)
-        compared = 0
-        for _ in range(50):
-            one, other = rng.uniform(-0.5, 0.5, (2, 1)) + rng.uniform(0, 1e-3, (2, 50))
-            expected = between(one, other)
-            if expected.min() > 2e-3:  # no crossing
-                # Sums of up to 3 cycles, each rounded to half of eps.
-                assert_allclose(distances(one, other), expected, rtol=0, atol=4e-15)
-                compared += 1
-        assert compared > 25
-
-    def test_lines_that_cross_between_stretches_touch_in_both(self):
-        one, other = np.full(50, 0.1), 0.1 + 0.004 * (np.arange(50) - 20.5)
-        nearest = distances(one, other)
-        assert_array_equal(np.flatnonzero(nearest == 0), [20, 21])
-        assert nearest[10] == pytest.approx(10.5 * 0.004, rel=1e-12)
-        # At half the rate the nearest image changes its side; the lines are as far apart as can be.
-        assert distances(np.full(50, 0.3), 0.79 + 0.001 * np.arange(50)).min() > 0.05
-
-    def test_a_line_against_many_is_that_against_each(self):
-        rng = np.random.default_rng(1)
-        # In steps below a quarter of the rate, so that what passes is nearer than that on either side.
-        paths = rng.uniform(-0.5, 0.5, (8, 1)) + np.cumsum(rng.uniform(-0.05, 0.05, (8, 400)), axis=1)
-        found = distances(paths[0], paths[1:])
-        expected = np.array([by_definition(paths[0], other) for other in paths[1:]])
-        assert (expected == 0).any(axis=1).all()
-        assert_allclose(found, expected, rtol=0, atol=4e-15)  # as above
-
-
-def test_leaks_are_gains_at_the_least_distance_and_add_up_to_what_is_left_over():
-    samples = 10_000
-    phase = 2 * np.pi * 0.01 * np.arange(samples)
-    orders, bandwidth = np.array([1.0, 3.0, 7.0]), np.array([[2e-3], [2e-3], [4e-3]])
-    model = HarmonicModel(
-        orders=orders, shaft=np.zeros(3, dtype=int), phases=(phase,), bandwidth=bandwidth, poles=2, prior_std=1e3
-    )
-    closeness, size = Closeness(model, samples), np.array([1.0, 0.5, 2.0])
-
-    def gain(width, distance):
-        return width.smoother_gain(distance)
-
-    distance = 0.01 * np.array([[2, 2, 6], [2, 6, 4], [6, 4, 14]])
-    each = [Bandwidth(width=float(width), poles=2) for width in bandwidth[:, 0]]
-    got = np.stack([own.smoother_gain(row) for own, row in zip(each, distance, strict=True)]) * size
-    # A distance is the difference of angles of 600 rad over 20 samples: 1e-15 of it in 0.02 cycles.
-    assert_allclose(closeness.received(gain, size), got, rtol=1e-9)
-    # A quotient, and a sum of three.
-    assert_allclose(leaks(got, size), got / size[:, None], rtol=1e-14)
-    # The first two are smoothed together; a line counts twice, for its image.
-    apart = max(got[0, 2], got[1, 2], got[2].sum())
-    assert_allclose(left_over(got, size, [np.array([0, 1])]), 2 * apart / 2.0, rtol=1e-14)
-
-
-def test_a_gain_is_taken_at_half_the_rate_at_most_and_the_mean_has_no_image():
-    phase = 2 * np.pi * 0.25 * np.arange(1000)
-    model = HarmonicModel(
-        orders=np.array([0.0, 1.0]), shaft=np.zeros(2, dtype=int), phases=(phase,), bandwidth=np.full((2, 1), 0.01),
-        poles=1, prior_std=1e3,
-    )  # fmt: skip
-    received = Closeness(model, 1000).received(lambda _width, distance: distance, np.array([1.0, 2.0]))
-    # The mean is a quarter of the rate from order 1, whose image at -0.25 is half of it off.
-    assert_allclose(received, [[0.0, 0.5], [0.25, 1.0]], rtol=1e-12)
-
-
-def test_groups_are_those_linked_through_others():
-    received = np.zeros((5, 5))
-    received[0, 3] = received[4, 3] = 0.2
-    received[1, 1] = 0.3
-    groups = coupled(received, np.ones(5), 0.1)
-    assert sorted(map(list, groups)) == [[0, 3, 4], [1]]
-    assert coupled(received, np.ones(5), 0.4) == []
-    linked = np.zeros((4, 4), dtype=bool)
-    linked[0, 1] = linked[1, 0] = linked[2, 3] = linked[3, 2] = True
-    assert sorted(map(list, components(linked))) == [[0, 1], [2, 3]]
 
 
 class TestDwell:

@@ -5,7 +5,6 @@ import pytest
 from numpy.testing import assert_allclose, assert_array_equal
 
 from signals.harmonics import OrderTracker, OutputFlag, order_waveform, residual_record, track_orders
-from signals.harmonics._block_kernels import fill_phasors
 from signals.harmonics.state_space import HarmonicModel
 
 RATE = 1000.0
@@ -66,16 +65,6 @@ def reference_innovations(x, *, noise, poles):
                 state, spread = state + gain * left[channel, n], spread - np.outer(gain, gain) * variance
             state, spread = step @ state, step @ spread @ step.T + walk
     return left, squared
-
-
-def test_phasors_are_those_of_the_library():
-    rng = np.random.default_rng(0)
-    angle = np.concatenate([rng.uniform(-1e5, 1e5, 5000), np.arange(-20, 21) * np.pi / 2, [0.0]])
-    cosine, sine = np.empty_like(angle), np.empty_like(angle)
-    fill_phasors(1.0, angle, cosine, sine)
-    # What is left of the angle, up to pi / 2, and ten terms of Horner's rule, each rounded to 1.1e-16 or less of 1.
-    assert_allclose(cosine, np.cos(angle), rtol=0, atol=2e-15)
-    assert_allclose(sine, np.sin(angle), rtol=0, atol=2e-15)
 
 
 @pytest.mark.parametrize(("method", "estimator"), [("exact", "smoother"), ("fast", "smoother"), ("exact", "filter")])
