@@ -93,7 +93,7 @@ BUDGETS = """
     data_synth/sources, data_synth/transfer                    1545   1427   1200
     all code lines                                            48791  45659  33500
     all modules                                                 345    331    240
-    all constants                                              1492   1373    750
+    all constants                                              1492   1372    750
     tests                                                     35938  32944  23000
     benchmarks                                                 7891   7891   6000
 """
@@ -412,13 +412,6 @@ class TestBudgets:
     def test_allowances_name_a_row_a_reason_and_an_end(self):
         assert set(ALLOWANCES) <= {budget.row for budget in self.ROWS}
         assert all(more > 0 and why and end for more, why, end in ALLOWANCES.values())
-
-    def test_what_is_said(self):
-        budget = Budget(row="signals/angle", start=2000, ceiling=1500)
-        assert not budget.complaint(1490)
-        assert "11 more than the ceiling" in budget.complaint(1511)
-        assert "lower it to 1400" in budget.complaint(1400)
-        assert "ceilings fall" in Budget(row="signals/angle", start=2000, ceiling=2001).complaint(2001)
 
 
 class TestMirror:

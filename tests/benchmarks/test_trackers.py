@@ -7,12 +7,11 @@ import peers
 import pytest
 import trackers
 from jobs import standard_job
-from tracking import scaling, settings
+from tracking import settings
 from tracking.clock import Effort
-from tracking.measuring import Row, measure
+from tracking.measuring import measure
 from tracking.settings import our_settings, ours, peer_settings, streams
 from tracking.slipping import ORDER, Slipping
-from tracking.targets import targets
 
 from signals.harmonics import track_orders
 
@@ -156,40 +155,6 @@ def test_regressors_given_are_those_of_the_record():
         np.testing.assert_allclose(run(job, 4.0)[0], peers.compiled_filter(job, 4.0)[0], atol=1e-6)
 
 
-def row_of(job, setting, *, time=1.0, error=0.05, bandwidth=1.0):
-    return Row(job=job, setting=setting, bandwidth=bandwidth, time=time, error=error, memory=0.0)
-
-
-@pytest.mark.parametrize(
-    ("error", "time", "reached"), [(0.0155, 4.0, True), (0.01551, 4.0, False), (0.0155, 4.01, False)]
-)
-def test_a_target_missed_by_little_is_not_reached(error, time, reached):
-    job = standard_job("J1 run-up", samples=100)
-    row = row_of(job, ours("smoother", "fast", poles=2, every=200), error=error, time=time)
-    assert [target.passed for target in targets([row])] == [reached]
-
-
-def test_other_poles_say_nothing_of_the_target_for_two():
-    job = standard_job("J1 run-up", samples=100)
-    two, four = (ours("smoother", "fast", poles=poles, every=200) for poles in (2, 4))
-    (found,) = targets([row_of(job, four, error=0.01), row_of(job, two, error=0.02)])
-    assert not found.passed
-    assert "0.02000" in found.measured
-
-
-@pytest.mark.parametrize(("off", "reached"), [(0.0, True), (2e-6, False)])
-def test_the_exact_filter_is_held_against_one_of_other_make(off, reached):
-    job = standard_job("J1 run-up", samples=6000)
-    setting = ours("filter", "exact", poles=1)
-
-    def run(job, bandwidth):
-        amplitude, at = setting.run(job, bandwidth)
-        return amplitude * (1 + off), at
-
-    row = row_of(job, dataclasses.replace(setting, run=run), error=0.0486, time=12.0, bandwidth=4.0)
-    assert [target.passed for target in targets([row])] == [reached]
-
-
 def test_a_stream_in_blocks_is_the_filter_of_the_record(monkeypatch):
     monkeypatch.setattr(settings, "FED", 700)
     job = standard_job("J2 crossing", samples=3000)
@@ -199,18 +164,6 @@ def test_a_stream_in_blocks_is_the_filter_of_the_record(monkeypatch):
     np.testing.assert_array_equal(at, tracks.sample_index)
     np.testing.assert_allclose(amplitude, tracks.complex_amplitude, atol=1e-9)  # of order 1, priors of 1e6
     np.testing.assert_array_equal(lagged.run(job, 4.0)[1], np.arange(0, 3000, 200))
-
-
-@pytest.mark.parametrize(("power", "reached"), [(1.0, True), (2.0, True), (3.0, False)])
-def test_growth_is_judged_by_its_largest_sizes(power, reached, monkeypatch):
-    # What grows as this power only beyond a size of 10, as what a fixed cost hides does.
-    monkeypatch.setattr(scaling, "time_in_ffts", lambda call, *_, **__: max(call(), 10.0) ** power)
-    growth = scaling.Growth(what="", bound=2.1, sizes=(1, 5, 10, 20, 40), make=lambda n: lambda: float(n))
-    monkeypatch.setattr(scaling, "_growths", lambda *_: [growth])
-    lines, (found,) = scaling.scaling((1.0, 1.0), Effort(repeats=1))
-    assert found.passed == reached
-    assert f"exponent {power:.2f} from 10 to 40" in found.measured
-    assert sum(line.startswith("|  |") for line in lines) == 5
 
 
 def test_the_record_that_slips_turns_as_its_slip_says():

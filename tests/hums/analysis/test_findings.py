@@ -276,11 +276,3 @@ def test_a_rival_is_one_where_the_part_shows(beside, verdict):
     evidence = bearing_evidence([first, second], BEARINGS, SETTING)
     found = {one.kind: one for one in bearing_verdicts(evidence, false_alarm_probability=0.01, library=LIBRARY)}
     assert found["inner_race"].verdict == verdict
-
-
-def test_a_verdict_turns_smoothly_with_the_strength():
-    library = HealthyMachines(records=999, parts=999, strengths=tuple(np.linspace(0.5, 0.01, 400)))
-    chances = [library.probability(s) for s in np.linspace(0.001, 0.6, 2000)]
-    steps = np.abs(np.diff(np.log(chances)))
-    assert np.all(np.diff(chances) <= 0)
-    assert steps[5:1600].max() < 0.5  # from one strength of the library to the next it is halved at most
