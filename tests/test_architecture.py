@@ -93,8 +93,8 @@ BUDGETS = """
     data_synth/sources, data_synth/transfer                    1545   1427   1200
     all code lines                                            48791  45659  33500
     all modules                                                 345    331    240
-    all constants                                              1492   1372    750
-    tests                                                     35938  32944  23000
+    all constants                                              1492   1373    750
+    tests                                                     35938  32620  23000
     benchmarks                                                 7891   7891   6000
 """
 SLACK, SLACK_LINES = 0.02, 10  # by which a ceiling may stand above the count, and at least so many

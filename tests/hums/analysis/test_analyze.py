@@ -7,9 +7,7 @@ import pytest
 import xarray as xr
 
 from hums.analysis.analyze import AnalysisSettings, analyze
-from hums.analysis.pictures import AVERAGES, KURTOGRAM, ORDER_MAP, WAVEFORM
 from hums.analysis.result import (
-    GROUPS,
     envelope_bands,
     group,
     health_table,
@@ -57,15 +55,6 @@ def test_the_path_of_a_record_is_as_good_as_the_record(tmp_path):
     with open_record(tmp_path / "record.h5") as record:
         # transforms of memory that lies elsewhere may round differently
         xr.testing.assert_allclose(from_path, analyze(record, TWO_STAGE, settings=settings), rtol=1e-9)
-
-
-def test_layout(analysis):
-    assert set(analysis.children) == {
-        *GROUPS,
-        *(WAVEFORM, ORDER_MAP, AVERAGES, KURTOGRAM),
-        *("unexplained", "verdicts", "evidence", "gears", "shafts", "unmeasured", "envelope_tracks"),
-    }
-    assert isinstance(analysis, xr.DataTree)
 
 
 def test_mesh_line_is_found_and_tracked(analysis):

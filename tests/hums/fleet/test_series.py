@@ -4,7 +4,7 @@ import numpy as np
 import pytest
 
 from hums.fleet.numbers import INDICATOR, LINE, named
-from hums.fleet.series import Series, component_parts, joint_names, layout_of, series_of, vector
+from hums.fleet.series import Series, component_parts, joint_names, layout_of, series_of
 from signals.monitoring.scores import fused_scores
 
 
@@ -29,22 +29,6 @@ def test_logarithms_of_indicators_and_of_the_mean_square_of_lines():
         "envelope line_level": (pytest.approx(math.log(math.sqrt(12.5))), 1),
         "envelope line_over_surroundings": (pytest.approx(math.log(math.sqrt(1250))), 0),
     }
-
-
-def test_units_have_powers():
-    def power(unit):
-        return Series(channel="a", component="b", kind="c", indicator="d", unit=unit).power
-
-    assert [power(unit) for unit in ("g", "g2", "m s-2", "(m s-2)2", "1", "mm s-1", "rad")] == [1, 2, 1, 2, 0, 1, 0]
-
-
-def test_series_by_component_and_level_of_a_channel():
-    keys = tuple(sorted(series_of(ROW)))
-    names, channels, layout = layout_of(keys)
-    assert (names, channels, layout.scores) == (("bearing",), (), 1)  # two series with a unit are no level
-    assert np.isnan(vector({}, keys)).all()
-    gear = (*keys, *(Series(channel="a", component="bearing", kind="cage", indicator="rms", unit="1"),))
-    assert [[kind.tolist() for kind in kinds] for kinds in layout_of(gear)[2].components] == [[[3], [0, 1, 2]]]
 
 
 def test_bearings_of_the_same_orders_are_one_component():

@@ -2,7 +2,7 @@
 
 import pytest
 
-from hums.report.verdict_strip import answer, component_styles, probability_words, verdict_rows, with_hz
+from hums.report.verdict_strip import answer, component_styles, verdict_rows, with_hz
 
 LINE = {
     "component": "bearing",
@@ -43,14 +43,6 @@ def facts(*findings, lines=(LINE,), recorded_at="2026-01-02", status="ok"):
         "recorded_at": recorded_at,
         "settings": {"false_alarm_probability": 0.01},
     }
-
-
-@pytest.mark.parametrize(
-    ("probability", "words"),
-    [(1e-9, "fewer than 1 in 1,000,000"), (0.004, "1 in 250"), (0.5, "50 in 100")],
-)
-def test_probabilities_in_words(probability, words):
-    assert probability_words(probability) == words
 
 
 def test_gravest_first_and_unknown_words_are_shown():
@@ -120,10 +112,6 @@ def test_severity_of_a_bearing_in_words(depth, word):
     severity = verdict_rows(facts(finding("diagnosed", depth=depth)))[0]["severity"]
     assert severity.startswith(f"{word.lower()}: its impacts modulate the band by {depth:.1%}")
     assert severity.endswith("0.3 g, 12 times its surroundings")
-
-
-def test_severity_of_a_tooth_has_no_scale():
-    assert verdict_rows(facts(finding("indicated", kind="tooth")))[0]["severity"].startswith("no scale: ")
 
 
 def two_sensors(ratio, status="ok"):

@@ -7,7 +7,7 @@ import pytest
 from numpy.testing import assert_allclose
 
 from signals.harmonics.bandwidth import process_variance
-from signals.harmonics.bandwidth_selection import ChainLikelihood, joined, likely_bandwidth, likely_tracks
+from signals.harmonics.bandwidth_selection import ChainLikelihood, likely_bandwidth, likely_tracks
 from signals.harmonics.block_grid import Grid
 from signals.harmonics.coupling import chain_alone, chain_together, inserted
 from signals.harmonics.state_space import HarmonicModel
@@ -122,22 +122,6 @@ def test_orders_alone_have_the_likelihood_of_all_columns(poles):
     # Twice its frequency turns five times in a block: what is left of it in products of columns is at most
     # 1 / (5 pi) of them, of either sign from block to block.
     assert_allclose(own - own.max(), all_columns - all_columns.max(), rtol=0.02, atol=0.3)
-
-
-@pytest.mark.parametrize("poles", POLES)
-def test_short_blocks_join_to_long_ones(poles):
-    rng = np.random.default_rng(0)
-    # The last long block has one short one and a part; a steady turn would have its moments from a table of angles,
-    # whose rounding is other than that of the samples' own.
-    phase = 2 * np.pi * 0.21 * np.arange(205) + 0.01 * np.sin(np.arange(205))
-    model = HarmonicModel(
-        orders=np.array([1.0, 1.7]), shaft=np.zeros(2, int), phases=(phase,), bandwidth=np.full((2, 1), 0.01),
-        poles=poles, prior_std=300.0,
-    )  # fmt: skip
-    x = rng.standard_normal(phase.size)
-    short, long = nodes(model, x, 12), nodes(model, x, 48)
-    # Sums of 48 samples of unit size in another order.
-    assert_allclose(joined(short.data(short.moments), 4), long.data(long.moments), rtol=0, atol=48 * 4e-16 * 3)
 
 
 def drawn(rng, *, orders, phase, bandwidth, poles, noise=0.25):
