@@ -12,7 +12,7 @@ from gear_pair import PERIOD_S, by_scipy, output, worst
 def cases():
     """Return the page's cases, cut short."""
     return {
-        case.name: replace(case, problem=replace(case.problem, duration_s=6 * PERIOD_S)) for case in integrators.CASES
+        case.name: replace(case, problem=replace(case.problem, duration_s=3 * PERIOD_S)) for case in integrators.CASES
     }
 
 

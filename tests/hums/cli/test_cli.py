@@ -324,7 +324,7 @@ def test_analyze_without_a_tachometer(run, mat, tmp_path):
 def test_analyze_passes_the_baseline_on(run, analysed, tmp_path):
     folder, _ = analysed
     record = folder / "record.h5"
-    words = ("analyze", record, "--gearbox", "two-stage", "--tachometer", "tachometer")
+    words = ("analyze", record, "--gearbox", "two-stage", "--tachometer", "tachometer", "--no-envelope")
     code, out, _ = run(*words, "-o", tmp_path / "two", "--baseline", folder / "out" / "analysis.h5")
     assert code == 0
     assert "speed of input: 1200 rpm (20 Hz)" in out
