@@ -465,9 +465,9 @@ def _converted(
 
 
 def _without_thresholds(record: xr.Dataset) -> xr.Dataset:
-    """Return a record without the thresholds of its tachometers, found in each waveform: attributes have to agree."""
+    """Return a record without the levels of its tachometers, found in each waveform: attributes have to agree."""
     for variable in record.variables.values():
-        variable.attrs.pop("threshold", None)
+        variable.attrs = {key: value for key, value in variable.attrs.items() if key not in ("threshold", "hysteresis")}
     return record
 
 

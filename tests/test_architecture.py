@@ -101,19 +101,21 @@ SLACK, SLACK_LINES = 0.02, 10  # by which a ceiling may stand above the count, a
 
 # What a row may have above its ceiling for a while: how much, why, and what ends it.
 MENDS = "mends of faults that users meet", "when the package is reduced"
+TACHOMETERS = "tachometers compared, narrow pulses, lost quadrature pulses", "when pulse repair is one search"
 READ = "reading and comparing all that files state", "when readers and records are reduced"
 ALLOWANCES = {
     "hums (root)": (5, *MENDS),
-    "hums/analysis": (35, *MENDS),
+    "hums/analysis": (125, *TACHOMETERS),
     "hums/cli": (10, *MENDS),
     "hums/fleet": (13, *MENDS),
     "hums/readers": (415, *READ),
-    "hums/records": (216, *READ),
+    "hums/records": (226, *READ),
     "hums/report": (4, *MENDS),
-    "all code lines": (605, *READ),
+    "signals/shaft": (114, *TACHOMETERS),
+    "all code lines": (819, *READ),
     "all modules": (1, *READ),
-    "all constants": (27, *READ),
-    "tests": (336, *READ),
+    "all constants": (40, *READ),
+    "tests": (441, *READ),
     "benchmarks": (881, "the scoreboard beside the scripts that it replaces", "when those are removed"),
 }
 HEAVY = ["scipy.signal", "scipy.stats", "filterpy", "numba", "dask", "h5py", "matplotlib", "pyarrow", "jinja2", "typer"]
@@ -125,6 +127,7 @@ NO_MIRROR = {
     "test_numbers.py": "of all public functions",
     "test_reach.py": "of analysis and report together",
     "test_readme.py": "of the README",
+    "hums/analysis/test_tachometers_together.py": "of several tachometers in one record",
     "data_synth/test_fault_effects.py": "of every fault in every fidelity",
 }
 

@@ -148,7 +148,7 @@ def analyze(
         _healthy_spacings(machine),
     )
     assessed = assessor.assess([line for channel in channels for line in channel.lines])
-    unlike = unlike_drawing(
+    unlike = machine.source.contradiction or unlike_drawing(
         [channel.spectra[ORDER_SPECTRUM] for channel in channels if not (channel.faulty or average)],
         drawn_by(machine, settings),
         setting_of(machine),

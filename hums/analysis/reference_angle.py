@@ -5,6 +5,7 @@ from collections.abc import Sequence
 from dataclasses import dataclass, replace
 from fractions import Fraction
 from functools import cached_property, lru_cache
+from itertools import combinations
 
 import numpy as np
 import xarray as xr
@@ -31,6 +32,12 @@ _FEWEST_SAMPLES = 64  # to look for lines in
 # as exactly as the first; of the orders that do not show none costs more than the chance that one does
 _SHAFT_HARMONICS = 10
 _FASTEST_HZ = 750.0  # 45,000 rpm, our choice: faster input shafts are of small turbines alone, and declare a range
+_INSTANTS = 400  # of the time that two tachometers share, at which their angles are compared
+_LEAST_RATIO = 1e-3  # by which speeds have to differ from the drawing's ratio: both have the clock of the record
+_LEAST_PULSES = 0.5  # of the coarser tachometer by which angles have to differ
+_LEAST_TURNS = 0.01  # of the reference that a delay shifts its angle over a change of speed: half a cycle of order 50
+_CERTAIN = 5.0  # standard deviations of a delay
+_CHANGE = 0.02  # of the speed, below which no delay shows
 _FAULTY_PULSES = 0.05  # share of repaired pulses from which a tachometer is faulty
 
 
@@ -53,7 +60,8 @@ class AngleSource:
     """Shaft whose angle is known, and its source: a tachometer, a declared speed, or the vibration.
 
     `declared` is the declared speed with what the lines of the first channel say of it; `followed` says that they show
-    its changes, too.
+    its changes, too. `contradiction` is what the record's other tachometers say against this one, `unusable` why some
+    are not used at all.
     """
 
     shaft: str
@@ -63,6 +71,8 @@ class AngleSource:
     estimated: SpeedFromVibration | None = None
     declared: DeclaredSpeed | None = None
     followed: bool = False
+    contradiction: str = ""
+    unusable: tuple[str, ...] = ()
 
 
 @dataclass(frozen=True, kw_only=True)
@@ -145,7 +155,7 @@ class Machine:
     @property
     def tachometer_condition(self) -> tuple[str, tuple[str, ...]]:
         """Status of the tachometer, "ok", "suspect" or "sick" (faulty), and a sentence for each reason."""
-        phase, reasons = self.source.phase, []
+        phase, reasons = self.source.phase, list(self.source.unusable)
         repairs = phase.repairs
         if repairs.total:
             reasons.append(
@@ -287,7 +297,7 @@ def _angle_source(
         there = closest(settings.tachometer, names) if names else "; it has none"
         raise AnalysisError(f'the record has no tachometer "{settings.tachometer}"{there}')
     if names:
-        return _tachometer_angle(record, settings.tachometer or names[0])
+        return _best_tachometer(record, names, kinematics, reference, settings)
     declared = nominal_speed(record)
     if declared is not None:
         shaft = declared.attrs["shaft"]
@@ -355,6 +365,108 @@ def _followed(
     except ValueError:  # too short, or no order low enough
         return None
     return None if found.phase is None else replace(found.phase, nominal=True)
+
+
+def _best_tachometer(
+    record: xr.Dataset, names: Sequence[str], kinematics: Kinematics, reference: str, settings: AnalysisSettings
+) -> AngleSource:
+    """Return the angle by the tachometer asked for, else by the best, with what the others say against it."""
+    sources, unusable = {}, []
+    for name in names:
+        try:
+            sources[name] = _tachometer_angle(record, name)
+        except AnalysisError as error:
+            if len(names) == 1 or name == settings.tachometer:
+                raise
+            unusable.append(f"Not used: {error}")
+    if not sources:
+        raise AnalysisError(" ".join(unusable))
+    ratios = {name: abs(_ratio(kinematics, source.shaft, reference)) for name, source in sources.items()}
+    compared = [
+        _Tachometer(
+            name=name,
+            shaft=source.shaft,
+            phase=source.phase.scaled(ratios[name]),
+            pulses_per_turn=source.pulses_per_rev / ratios[name],
+        )
+        for name, source in sources.items()
+    ]
+    used = sources[settings.tachometer or min(compared, key=lambda one: one.std_rev).name]
+    return replace(used, contradiction=_contradictions(compared, reference), unusable=tuple(unusable))
+
+
+@dataclass(frozen=True, kw_only=True)
+class _Tachometer:
+    """Angle of the reference by one tachometer, and its pulses per revolution of the reference."""
+
+    name: str
+    shaft: str
+    phase: ShaftPhase
+    pulses_per_turn: float
+
+    @property
+    def std_rev(self) -> float:
+        """Standard deviation of the angle of the reference, averaged over a revolution."""
+        speed = abs(self.phase.revolutions[-1] - self.phase.revolutions[0]) / (self.phase.stop_s - self.phase.start_s)
+        jitter = self.phase.jitter_s
+        wrong = (1 + self.phase.repairs.total) / self.phase.times_s.size
+        return float((jitter * speed if math.isfinite(jitter) else 1.0) + wrong / self.pulses_per_turn) / math.sqrt(
+            self.pulses_per_turn
+        )
+
+
+def _contradictions(found: Sequence[_Tachometer], reference: str) -> str:
+    """Return a sentence for each two tachometers that contradict each other by the drawing, joined.
+
+    With A and B the angles of the reference by both and v its speed, ``A - B = c + r B + d v`` is solved by least
+    squares: r is what their ratio is off, d the delay of B after A, which shows where the speed changes.
+    """
+    said = (_contradiction(one, other, reference) for one, other in combinations(found, 2))
+    return "; ".join(filter(None, said))
+
+
+def _contradiction(one: _Tachometer, other: _Tachometer, reference: str) -> str:
+    begin, end = max(one.phase.start_s, other.phase.start_s), min(one.phase.stop_s, other.phase.stop_s)
+    if not end > begin:
+        return ""
+    at = np.linspace(begin, end, _INSTANTS)
+    first, second = (np.abs(tach.phase.revolutions_at(at) - tach.phase.revolutions[0]) for tach in (one, other))
+    speed = np.abs(other.phase.speed_hz(at))
+    turns = float(second[-1] - second[0])
+    names = f'the tachometers "{one.name}" ({one.shaft}) and "{other.name}" ({other.shaft})'
+    changes = float(np.ptp(speed)) > _CHANGE * float(speed.mean())
+    ratio, delay, std, left = _fitted(first - second, second, speed if changes else None)
+    least = max(_LEAST_PULSES / min(one.pulses_per_turn, other.pulses_per_turn), _LEAST_RATIO * turns)
+    if abs(ratio) * turns > least or left > least:
+        speeds = [float(np.abs(tach[-1] - tach[0])) / (end - begin) for tach in (first, second)]
+        return (
+            f"{names} contradict each other: by the drawing they give {speeds[0]:.5g} and {speeds[1]:.5g} Hz as the "
+            f'speed of "{reference}", a ratio of {speeds[0] / speeds[1]:.4g} where 1 is right. Correct pulses_per_rev, '
+            "the shaft or the drawing, or leave the wrong one out of the record"
+        )
+    if abs(delay) * float(np.ptp(speed)) > _LEAST_TURNS and abs(delay) > _CERTAIN * std:
+        late, early = (other, one) if delay > 0 else (one, other)
+        return (
+            f'{names} contradict each other: "{late.name}" is {1e3 * abs(delay):.3g} ms later than "{early.name}" '
+            f"(standard deviation {1e3 * std:.2g} ms), and at most one of them has the time of the channels. Correct "
+            "the pulse times of the other, or leave it out of the record"
+        )
+    return ""
+
+
+def _fitted(
+    difference: NDArray[np.float64], angle: NDArray[np.float64], speed: NDArray[np.float64] | None
+) -> tuple[float, float, float, float]:
+    """Return ratio less one, delay and its standard deviation in s, and the largest residual in turns."""
+    columns = [np.ones(angle.size), angle, *([] if speed is None else [speed])]
+    matrix = np.stack(columns, axis=1)
+    solution = np.linalg.lstsq(matrix, difference, rcond=None)[0]
+    left = difference - matrix @ solution
+    if speed is None:
+        return float(solution[1]), 0.0, math.inf, float(np.abs(left).max())
+    variance = float(left @ left) / (angle.size - matrix.shape[1])
+    std = math.sqrt(variance * float(np.linalg.inv(matrix.T @ matrix)[2, 2]))
+    return float(solution[1]), float(solution[2]), std, float(np.abs(left).max())
 
 
 def _tachometer_angle(record: xr.Dataset, name: str) -> AngleSource:

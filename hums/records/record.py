@@ -49,7 +49,9 @@ if TYPE_CHECKING:
     from collections.abc import Iterable
     from datetime import datetime
 
-    from numpy.typing import ArrayLike, NDArray
+    from numpy.typing import ArrayLike
+
+    from signals.shaft.pulses import PulseTrain
 
 __all__ = [
     "SCHEMA",
@@ -176,6 +178,9 @@ class TachometerWaveform:
         Range of the channel in `units`; a waveform that swings by less than a hundredth of it is refused as hum. By
         default 1 for volts, since pulses of conditioned tachometers are of volts and inputs of 1 V and more; none for
         other units, whose range cannot be supposed.
+    threshold, hysteresis : float or None
+        Level in `units` whose crossing upwards is a pulse, and the distance on either side of it that the waveform has
+        to pass; found in the waveform where left out, and written into the record.
 
     Examples
     --------
@@ -195,6 +200,8 @@ class TachometerWaveform:
     name: str = "tachometer"
     rate_hz: float | None = None
     full_scale: float | None = None
+    threshold: float | None = None
+    hysteresis: float | None = None
 
 
 @dataclass(frozen=True, kw_only=True)
@@ -465,8 +472,9 @@ def _angle_variables(
         else:
             waveform = _waveform_variable(source, rate_hz=rate_hz, start_s=start_s)
             yield f"{source.name}_waveform", waveform
-            times_s, threshold = _detected_pulses(source, waveform, rate_hz=rate_hz, start_s=start_s)
-            attrs["threshold"] = threshold
+            train = _detected_pulses(source, waveform, rate_hz=rate_hz, start_s=start_s)
+            times_s = train.times_s
+            attrs |= {"threshold": train.threshold, "hysteresis": train.hysteresis}
         yield source.name, xr.Variable(f"pulse_{source.name}", times_s, attrs)
 
 
@@ -497,17 +505,22 @@ _VOLTS = 1.0  # the least range of inputs for tachometers, in V
 
 def _detected_pulses(
     source: TachometerWaveform, waveform: xr.Variable, *, rate_hz: float, start_s: float
-) -> tuple[NDArray[np.float64], float]:
-    """Return the pulse times of a tachometer waveform in s, and the detection threshold."""
+) -> PulseTrain:
     from signals.shaft.tachometer import pulse_times  # noqa: PLC0415 - only a waveform needs signal processing
 
     own_rate = waveform.attrs.get("rate_hz", rate_hz)
     full_scale = _VOLTS if source.full_scale is None and source.units == "V" else source.full_scale
     try:
-        train = pulse_times(waveform.values, rate_hz=own_rate, start_s=start_s, full_scale=full_scale)
+        return pulse_times(
+            waveform.values,
+            rate_hz=own_rate,
+            start_s=start_s,
+            full_scale=full_scale,
+            threshold=source.threshold,
+            hysteresis=source.hysteresis,
+        )
     except ValueError as error:
         raise RecordError(f'tachometer "{source.name}": no pulses found in its waveform: {error}') from error
-    return np.asarray(train.times_s, dtype=np.float64), float(train.threshold)
 
 
 def _with_truth(record: xr.Dataset, truth: Mapping[str, xr.DataArray]) -> xr.Dataset:

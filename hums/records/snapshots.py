@@ -176,7 +176,7 @@ def _refuse_other_layout(first: xr.Dataset, record: xr.Dataset, number: int) -> 
 
 
 def _alike(one: Any, other: Any) -> bool:  # noqa: ANN401
-    keys = (one.keys() | other.keys()) - {"threshold"}  # of a tachometer's waveform, found in each
+    keys = (one.keys() | other.keys()) - {"threshold", "hysteresis"}  # of a tachometer's waveform, found in each
     return all(np.array_equal(one.get(key), other.get(key)) for key in keys)
 
 

@@ -217,11 +217,11 @@ _FEWEST_SOUND = 4  # consecutive pulses to begin from
 _CALIBRATION_REVS = 3  # sound ones that suffice to estimate the angles of the stripes
 _MOST_MISSING = 8  # consecutive pulses; a longer gap cannot be counted with certainty
 _MOST_WRONG = 0.3
-_FEW_STRIPES = 8  # up to here stripes may be uneven; with more the intervals are taken as even
-_STOP_RATIO = 1.7  # of an interval with a stop to the longer of its neighbours, at least
+_STOP_INTERVALS = 4  # on either side that are fitted
+_STOP_RATIO = 1.4  # of the longest of them to the shortest, at least
 _STOP_REACH = 1.5  # intervals within which a constant deceleration must end for a stop
-_STOP_REVS = 4  # intervals on either side that are fitted
-_STOP_RESIDUAL = 0.2  # of that fit at most, over the largest squared speed
+_STOP_EARLY = 0.25  # of the nearest interval by which it may end outside the two pulses
+_STOP_RESIDUAL = 0.25  # of that fit at most, in intervals
 
 
 def _no_times() -> Array:
@@ -443,30 +443,39 @@ def all_repairs(parts: list[PulseRepairs]) -> PulseRepairs:
 def possible_stops(times: Array, *, stripes: int) -> Counts:
     """Return the intervals in which the shaft may have stopped: it decelerates before and accelerates after.
 
-    The squared speed is extrapolated over the angle from either side, linearly as at constant acceleration; where both
-    lines reach zero near the interval, the shaft may have stopped there, and may have reversed.
+    The angle is extrapolated from either side at constant acceleration, from all pulses, else from those of one
+    stripe; where both parabolas come to rest between the two pulses, the shaft may have stopped, and may have reversed.
     """
-    stride = stripes if stripes <= _FEW_STRIPES else 1
-    intervals = np.diff(times)
-    beside = np.maximum(np.concatenate([[np.inf], intervals[:-1]]), np.concatenate([intervals[1:], [np.inf]]))
-    found = [
-        i
-        for i in np.flatnonzero(intervals > _STOP_RATIO * beside)
-        if _stops_near(times[: i + 1][::-1], stride) and _stops_near(times[i + 1 :], stride)
-    ]
-    return np.array(found, dtype=np.int64)
+    found = _stops_by(times, 1)
+    return found if found.size or stripes == 1 else _stops_by(times, stripes)
 
 
-def _stops_near(times: Array, stride: int) -> bool:
-    """Return whether pulses, in order of distance from an interval, extrapolate to zero speed near it."""
-    intervals = np.abs(np.diff(times[::stride][: _STOP_REVS + 1]))
-    if intervals.size < _STOP_REVS or not np.all(np.diff(intervals) < 0):
+def _stops_by(times: Array, stride: int) -> Counts:
+    """Return the intervals with a possible stop, by every `stride`-th pulse on either side."""
+    reach = _STOP_INTERVALS * stride
+    at = np.arange(reach, times.size - 1 - reach)
+    before = times[at[:, None] - stride * np.arange(_STOP_INTERVALS + 1)] - times[at, None]
+    after = times[at[:, None] + 1 + stride * np.arange(_STOP_INTERVALS + 1)] - times[at + 1, None]
+    sides = [np.abs(np.diff(side, axis=1)) for side in (before, after)]
+    slowing = [np.all(np.diff(side, axis=1) < 0, axis=1) & (side[:, 0] > _STOP_RATIO * side[:, -1]) for side in sides]
+    rows = np.flatnonzero(slowing[0] & slowing[1])
+    gap = times[at + 1] - times[at]
+    return np.array(
+        [at[row] for row in rows if all(_rests(np.abs(side[row]), gap[row]) for side in (before, after))],
+        dtype=np.int64,
+    )
+
+
+def _rests(distances: Array, gap: float) -> bool:
+    """Return whether pulses, by their time from the nearest one, extrapolate to rest within a gap beside that."""
+    near = distances[1]
+    angle = np.arange(distances.size)
+    bend, speed, level = np.polyfit(distances / near, angle, 2)
+    if bend <= 0:
         return False
-    squared_speed, angle = intervals**-2, np.arange(_STOP_REVS) + 0.5
-    slope, level = np.polyfit(angle, squared_speed, 1)
-    residual = np.max(np.abs(squared_speed - level - slope * angle))
-    fits = residual < _STOP_RESIDUAL * squared_speed.max()
-    return bool(fits and slope > 0 and -level / slope > -_STOP_REACH)
+    rest, turned = speed / (2 * bend), speed**2 / (4 * bend)  # beyond the nearest pulse, in its interval and in turns
+    fits = np.max(np.abs(np.polyval((bend, speed, level), distances / near) - angle)) < _STOP_RESIDUAL
+    return bool(fits and -_STOP_EARLY <= rest <= gap / near + _STOP_EARLY and turned <= _STOP_REACH)
 
 
 def _longest_sound_run(times: Array, wrong: NDArray[np.bool_]) -> tuple[int, Array]:

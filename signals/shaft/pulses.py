@@ -2,7 +2,8 @@
 
 from __future__ import annotations
 
-from dataclasses import dataclass, field
+import warnings
+from dataclasses import dataclass, field, replace
 from itertools import pairwise
 from typing import TYPE_CHECKING, Literal
 
@@ -15,10 +16,12 @@ if TYPE_CHECKING:
 
 
 _HYSTERESIS = 0.25  # of the swing, either side of the middle
-_SWING_PERCENTILES = (1.0, 99.0)
+_TAIL = 0.01  # of the samples, beyond the levels on either side
+_NARROWER = 2.0  # times the swing of the rest of the wave: pulses so high are no outliers if they come in order
+_IN_ORDER, _MOST_STRIPES, _FEWEST_IN_ORDER = 1.5, 8, 4  # ratio of intervals a turn apart; random ones have 3
 _SECTIONS = 32  # of the record, in each of which one threshold must be crossed both ways to serve all of it
 _MOST_BLOCKS = 1024  # with a threshold each
-_PULSES_PER_BLOCK = 8
+_PULSES_PER_BLOCK = 2
 _LEAST_SWING = 0.1  # of the largest of all blocks: less is a shaft at rest
 _LEAST_SNR = 8.0  # swing over the standard deviation of the noise
 _SHARPER = 0.8
@@ -77,6 +80,8 @@ def pulse_times(
     min_interval_s: float = 0.0,
     on_gap: Literal["refuse", "mark"] = "refuse",
     full_scale: float | None = None,
+    threshold: float | None = None,
+    hysteresis: float | None = None,
 ) -> PulseTrain:
     """Return the times of the edges of a tachometer waveform, interpolated linearly between samples.
 
@@ -98,6 +103,11 @@ def pulse_times(
     full_scale : float, optional
         Range of the channel, its largest value, in the unit of the waveform. A waveform that swings by less than a
         hundredth of it is hum or noise of a shaft at rest, or of a sensor that is not there, and raises.
+    threshold : float, optional
+        Level whose crossing is the edge, in the unit of the waveform; found in the waveform if left out.
+    hysteresis : float, optional
+        Distance on either side of the threshold that the waveform has to pass for an edge, in its unit; found in the
+        waveform if left out.
 
     Returns
     -------
@@ -111,15 +121,20 @@ def pulse_times(
 
     Notes
     -----
-    The threshold is half-way between the 1st and 99th percentile, the hysteresis a quarter of their difference on
-    either side, so that noise on an edge makes one pulse. Where noise crosses the threshold several times in one edge,
-    its time is the sum of the upward crossings less that of the downward ones: that of a single edge with as much time
-    below. On a sine of 20 Hz at 51.2 kHz with noise of 5 % of its amplitude this has a bias of 0.1 samples and a
-    standard deviation of 3.2; the first crossing comes 31 samples early, with 11 (measured).
+    The threshold is half-way between the two levels of the waveform, the hysteresis a quarter of their difference on
+    either side, so that noise on an edge makes one pulse. The levels are quantiles that leave out a hundredth of the
+    samples on either side. Pulses narrower than that would be left out as well: where half-way between the extremes
+    separates fewer samples, the quantiles are those of half their share, provided that such pulses are twice as
+    high as the rest swings and come in order, as those of a shaft do and outliers do not.
+
+    Where noise crosses the threshold several times in one edge, its time is the sum of the upward crossings less that
+    of the downward ones: that of a single edge with as much time below. On a sine of 20 Hz at 51.2 kHz with noise of
+    5 % of its amplitude this has a bias of 0.1 samples and a standard deviation of 3.2; the first crossing comes 31
+    samples early, with 11 (measured).
 
     Where baseline or amplitude drift so far that one threshold does not serve the whole record, each block has its own,
     relative to a baseline through the means of the blocks, and both are interpolated between. The number of blocks is
-    doubled while that finds more pulses and each block holds eight. A block whose swing is below a tenth of the
+    doubled while that finds more pulses and each block holds two. A block whose swing is below a tenth of the
     largest, or within the noise, is a shaft at rest and uses the thresholds of its neighbours.
 
     Examples
@@ -138,7 +153,11 @@ def pulse_times(
     rate = positive(rate_hz, name="rate_hz")
     start, closest = number(start_s, name="start_s"), number(min_interval_s, name="min_interval_s")
     _refuse_non_waveform(wave)
-    wave, edge_found, found = _edges(wave, edge)
+    levels = _Levels(
+        threshold=None if threshold is None else number(threshold, name="threshold"),
+        hysteresis=None if hysteresis is None else positive(hysteresis, name="hysteresis"),
+    )
+    wave, edge_found, found = _edges(wave, edge, levels)
     sign = -1.0 if edge_found == "falling" else 1.0
     if full_scale is not None:
         _refuse_faint(found, positive(full_scale, name="full_scale"))
@@ -164,21 +183,21 @@ def pulse_times(
 
 @dataclass(frozen=True, kw_only=True)
 class _Edges:
-    """Rising edges: positions and durations in samples, and the thresholds with their centres in samples."""
+    """Rising edges: positions and durations in samples, the thresholds with their centres in samples, and the swing."""
 
     positions: Array
     durations: NDArray[np.int64]
     centres: Array
     levels: Array
     margins: Array
+    swing: float
 
 
 def _refuse_faint(found: _Edges, full_scale: float) -> None:
     """Raise where the waveform swings by far less than the range of its channel."""
-    swing = float(np.median(found.margins)) / _HYSTERESIS
-    if swing < _LEAST_OF_RANGE * full_scale:
+    if found.swing < _LEAST_OF_RANGE * full_scale:
         raise ValueError(
-            f"the waveform swings by {swing:.3g}, below {_LEAST_OF_RANGE:.0%} of the range of its channel, "
+            f"the waveform swings by {found.swing:.3g}, below {_LEAST_OF_RANGE:.0%} of the range of its channel, "
             f"{full_scale:g}: hum or noise, not pulses. Check that the shaft turns and the sensor is connected; if it "
             "is so faint, state the range it was recorded with (full_scale)."
         )
@@ -201,12 +220,23 @@ def _refuse_non_waveform(wave: Array) -> None:
         )
 
 
-def _edges(wave: Array, edge: Edge) -> tuple[Array, Literal["rising", "falling"], _Edges]:
+@dataclass(frozen=True, kw_only=True)
+class _Levels:
+    """Threshold and hysteresis as stated, None where they are to be found; `sign` is -1 for the negative of a wave."""
+
+    threshold: float | None
+    hysteresis: float | None
+    sign: int = 1
+
+
+def _edges(wave: Array, edge: Edge, stated: _Levels) -> tuple[Array, Literal["rising", "falling"], _Edges]:
     """Return the waveform (its negative for falling edges), the edge chosen, and the edges found."""
-    if edge != "auto":
-        signed = wave if edge == "rising" else -wave
-        return signed, edge, _rising_edges(signed)
-    rising, falling = _rising_edges(wave), _rising_edges(-wave)
+    if edge == "falling":
+        return -wave, edge, _rising_edges(-wave, replace(stated, sign=-1))
+    rising = _rising_edges(wave, stated)
+    if edge == "rising":
+        return wave, edge, rising
+    falling = _rising_edges(-wave, replace(stated, sign=-1))
     up = float(np.mean(rising.durations)) if rising.durations.size else np.inf
     down = float(np.mean(falling.durations)) if falling.durations.size else np.inf
     if min(up, down) > _SHARPER * max(up, down):
@@ -217,16 +247,56 @@ def _edges(wave: Array, edge: Edge) -> tuple[Array, Literal["rising", "falling"]
     return (wave, "rising", rising) if rises else (-wave, "falling", falling)
 
 
-def _rising_edges(wave: Array) -> _Edges:
-    """Return the rising edges by one threshold, or by as many blocks as the drift of the waveform needs."""
-    best = _edges_by_blocks(wave, 1)
+def _rising_edges(wave: Array, stated: _Levels) -> _Edges:
+    """Return the rising edges at the levels stated, else at those of narrow pulses if there are any, else at others."""
+    if stated.threshold is not None:
+        low, high = _levels(wave, narrow=True)
+        level = stated.sign * stated.threshold
+        margin = stated.hysteresis or 2 * _HYSTERESIS * min(high - level, level - low)
+        if not low < level - margin < level + margin < high:
+            raise ValueError(
+                f"threshold={stated.threshold:g} with a hysteresis of {margin:.4g} on either side is not within the "
+                f"levels of the waveform, {stated.sign * low:.4g} and {stated.sign * high:.4g}."
+            )
+        return _crossings(
+            wave,
+            level,
+            margin,
+            np.array([(wave.size - 1) / 2]),
+            np.array([level]),
+            np.array([margin]),
+            swing=high - low,
+        )
+    found = _edges_at_levels(wave, stated.hysteresis, narrow=False)
+    narrow = _edges_at_levels(wave, stated.hysteresis, narrow=True)
+    best = found
+    if narrow is not None and (found is None or _is_pulse_train(narrow, than=found)):
+        best = narrow
     if best is None:
         raise ValueError("the tachometer waveform does not swing; check the channel.")
-    if _crossed_everywhere(wave, best):
+    return best
+
+
+def _is_pulse_train(found: _Edges, *, than: _Edges) -> bool:
+    """Return whether edges are of pulses far above the rest of the wave that come in order, as outliers do not."""
+    if found.swing < _NARROWER * than.swing:
+        return False
+    intervals = np.log(np.diff(found.positions))
+    changes = [
+        np.quantile(np.abs(intervals[stripes:] - intervals[:-stripes]), 0.75)
+        for stripes in range(1, min(_MOST_STRIPES, intervals.size // _FEWEST_IN_ORDER) + 1)
+    ]
+    return bool(changes and min(changes) < np.log(_IN_ORDER))
+
+
+def _edges_at_levels(wave: Array, hysteresis: float | None, *, narrow: bool) -> _Edges | None:
+    """Return the rising edges by one threshold, or by as many blocks as the drift of the waveform needs."""
+    best = _edges_by_blocks(wave, 1, hysteresis, narrow=narrow)
+    if best is None or _crossed_everywhere(wave, best):
         return best
     blocks = 2
     while blocks <= min(_MOST_BLOCKS, wave.size // 16):
-        finer = _edges_by_blocks(wave, blocks)
+        finer = _edges_by_blocks(wave, blocks, hysteresis, narrow=narrow)
         if finer is None or finer.positions.size < _PULSES_PER_BLOCK * blocks:
             if best.positions.size > _PULSES_PER_BLOCK * blocks * 2:
                 break
@@ -255,12 +325,12 @@ def _drifts(wave: Array) -> bool:
     return bool(np.median(swings) < 0.5 * np.ptp(wave[np.isfinite(wave)]) and np.median(swings) > 0)
 
 
-def _edges_by_blocks(wave: Array, blocks: int) -> _Edges | None:
+def _edges_by_blocks(wave: Array, blocks: int, hysteresis: float | None, *, narrow: bool) -> _Edges | None:
     """Return the rising edges with one threshold per block; None where no block swings."""
     bounds = np.linspace(0, wave.size, blocks + 1).astype(np.int64)
     base = _baseline(wave, bounds)
     detrended = wave - base if base is not None else wave
-    low, high = np.array([_levels(detrended[a:b]) for a, b in pairwise(bounds.tolist())]).T
+    low, high = np.array([_levels(detrended[a:b], narrow=narrow) for a, b in pairwise(bounds.tolist())]).T
     swing = high - low
     noise = _noise(wave) if blocks > 1 else 0.0
     with np.errstate(invalid="ignore"):  # blocks without a value
@@ -268,13 +338,15 @@ def _edges_by_blocks(wave: Array, blocks: int) -> _Edges | None:
     if not rotating.any():
         return None
     centres = ((bounds[:-1] + bounds[1:] - 1) / 2)[rotating]
-    levels, margins = ((low + high) / 2)[rotating], (_HYSTERESIS * swing)[rotating]
+    levels, swing = ((low + high) / 2)[rotating], swing[rotating]
+    margins = _HYSTERESIS * swing if hysteresis is None else np.full(swing.size, hysteresis)
     if base is None:
-        return _crossings(wave, levels[0], margins[0], centres, levels, margins)
+        return _crossings(wave, levels[0], margins[0], centres, levels, margins, swing=float(swing[0]))
     at = np.arange(wave.size)
     level = base + np.interp(at, centres, levels)
     margin = np.interp(at, centres, margins)
-    return _crossings(wave, level, margin, centres, level[np.rint(centres).astype(int)], margins)
+    levels = level[np.rint(centres).astype(int)]
+    return _crossings(wave, level, margin, centres, levels, margins, swing=float(np.median(swing)))
 
 
 def _baseline(wave: Array, bounds: NDArray[np.int64]) -> Array | None:
@@ -291,14 +363,17 @@ def _baseline(wave: Array, bounds: NDArray[np.int64]) -> Array | None:
     return np.asarray(np.interp(np.arange(wave.size), centres, np.concatenate([ends[:1], means, ends[1:]])))
 
 
-def _levels(part: Array) -> tuple[float, float]:
-    """Return the low and high level of a block, NaN where it holds no value."""
+def _levels(part: Array, *, narrow: bool) -> tuple[float, float]:
+    """Return the low and high level of a block, NaN where it holds no value; `narrow` for pulses of any width."""
     finite = part[np.isfinite(part)]
     if finite.size == 0:
         return np.nan, np.nan
-    low, high = np.percentile(finite, _SWING_PERCENTILES)
-    # pulses narrower than 1 % leave the percentiles equal
-    return (float(low), float(high)) if high > low else (float(finite.min()), float(finite.max()))
+    tail = _TAIL
+    if narrow:
+        above = float(np.mean(finite > (finite.min() + finite.max()) / 2))
+        tail = min(tail, above / 2, (1 - above) / 2)
+    low, high = np.quantile(finite, (tail, 1 - tail))
+    return float(low), float(high)
 
 
 def _noise(wave: Array) -> float:
@@ -308,7 +383,14 @@ def _noise(wave: Array) -> float:
 
 
 def _crossings(
-    wave: Array, level: Array | float, margin: Array | float, centres: Array, levels: Array, margins: Array
+    wave: Array,
+    level: Array | float,
+    margin: Array | float,
+    centres: Array,
+    levels: Array,
+    margins: Array,
+    *,
+    swing: float,
 ) -> _Edges:
     """Return the edges at which `wave` rises through `level`, each from below the margin to above it.
 
@@ -328,7 +410,14 @@ def _crossings(
     sign = np.where(above[before + 1], 1.0, -1.0)  # upward, downward, ... upward
     part = before - last_low[edge] + height[before] / (height[before] - height[before + 1])
     positions = last_low.astype(np.float64) + np.bincount(edge, weights=sign * part, minlength=rises.size)
-    return _Edges(positions=positions, durations=first_high - last_low, centres=centres, levels=levels, margins=margins)
+    return _Edges(
+        positions=positions,
+        durations=first_high - last_low,
+        centres=centres,
+        levels=levels,
+        margins=margins,
+        swing=swing,
+    )
 
 
 def _debounced(times: Array, closest: float) -> tuple[Array, int]:
@@ -365,6 +454,8 @@ class QuadratureEdges:
         Times of the edges in s.
     direction : (edge,) array
         +1 where the first channel leads the second, else -1.
+    missing_times_s : (missing,) array
+        Times in s of the edges among them that one channel lost, half-way between those of the other.
 
     Examples
     --------
@@ -378,6 +469,7 @@ class QuadratureEdges:
 
     times_s: Array = field(metadata={"dims": ("edge",), "units": "s"})
     direction: NDArray[np.int64] = field(metadata={"dims": ("edge",), "units": "1"})
+    missing_times_s: Array = field(default_factory=lambda: np.zeros(0), metadata={"dims": ("missing",), "units": "s"})
 
 
 @checked
@@ -388,6 +480,11 @@ def quadrature_direction(
 
     The two channels have four states per stripe, whose order gives the direction. Where the shaft reverses, the same
     edge passes twice, once in each direction.
+
+    Where one channel loses a pulse, the other's next two edges look like the shaft turning back and forth over one
+    edge. A shaft that does so has all but stopped: where the other channel goes on at the pace of the stripes before or
+    after, the pulse is lost, and its edges are put in and listed in `missing_times_s`; where it does not, as next to a
+    reversal, a warning says that the angle may be wrong.
 
     Parameters
     ----------
@@ -405,8 +502,8 @@ def quadrature_direction(
     Raises
     ------
     ValueError
-        Channels of unequal length; two consecutive edges of one channel with the same sign, so that one is missing; or
-        too few edges.
+        Channels of unequal length; two consecutive edges of one channel with the same sign, so that one is missing; a
+        channel that loses more than a twentieth of its edges; or too few edges.
 
     Examples
     --------
@@ -428,11 +525,53 @@ def quadrature_direction(
             times = pulse_times(wave, rate_hz=rate_hz, start_s=start_s, edge=edge).times_s  # type: ignore[arg-type]
             found.append(np.stack([times, np.full(times.size, channel), np.full(times.size, level)]))
     edges = np.concatenate(found, axis=1)
+    edges = edges[:, np.argsort(edges[0], kind="stable")]
+    lost = _lost_edges(*edges)
+    if lost.shape[1] > _MOST_LOST * edges.shape[1]:
+        raise ValueError(
+            f"the two channels contradict each other: {lost.shape[1]} edges of {edges.shape[1]} are lost while the "
+            f"other channel goes on, the first of channel {int(lost[1, 0]) + 1} at {lost[0, 0]:g} s. Check its signal."
+        )
+    edges = np.concatenate([edges, lost], axis=1)
     times, channel, level = edges[:, np.argsort(edges[0], kind="stable")]
     states = _states(channel.astype(np.int64), level.astype(np.int64), times)
     quarter = np.array([[0, 3], [1, 2]])[states[:, 0], states[:, 1]]  # forward: 00, 10, 11, 01
     steps = (np.diff(quarter) + 1) % 4 - 1
-    return QuadratureEdges(times_s=times[1:], direction=steps)
+    return QuadratureEdges(times_s=times[1:], direction=steps, missing_times_s=lost[0])
+
+
+_MOST_LOST = 0.05  # of the edges
+_PACE = 0.3  # by which the time of a stripe may differ from that before or after
+_PER_STRIPE = 4  # edges
+
+
+def _lost_edges(times: Array, channel: Array, level: Array) -> Array:
+    """Return time, channel and level of the edges that one channel lost while the other went on, (3, lost)."""
+    found, doubtful = [], []
+    turns = np.flatnonzero(np.diff(channel) != 0)
+    for first, last in zip(np.append(0, turns + 1).tolist(), np.append(turns, channel.size - 1).tolist(), strict=True):
+        stripes = (last - first) // 2
+        if stripes == 0:
+            continue
+        spans = [(first - _PER_STRIPE, first), (last, last + _PER_STRIPE)]
+        paces = [times[end] - times[begin] for begin, end in spans if begin >= 0 and end < times.size]
+        taken = times[first + 2 * stripes] - times[first]
+        if any(abs(taken / stripes / pace - 1) < _PACE for pace in paces):
+            other = 1 - channel[first]
+            before = np.flatnonzero(channel[:first] == other)
+            high = level[before[-1]] if before.size else 1 - level[first]
+            middles = (times[first : first + 2 * stripes] + times[first + 1 : first + 2 * stripes + 1]) / 2
+            found += [(time, other, (high + 1 + number) % 2) for number, time in enumerate(middles.tolist())]
+        else:
+            doubtful.append(times[first])
+    if doubtful:
+        warnings.warn(
+            f"one channel has several edges on end, without the other, {len(doubtful)} times, first at "
+            f"{doubtful[0]:g} s: counted as a shaft that turns back and forth over an edge. If it did not, the other "
+            "channel lost pulses there, and the angle is wrong from then on by a stripe for each.",
+            stacklevel=4,
+        )
+    return np.array(found).T.reshape(3, -1)
 
 
 def _states(channel: NDArray[np.int64], level: NDArray[np.int64], times: Array) -> NDArray[np.int64]:

@@ -102,8 +102,9 @@ def shaft_phase(
     `ShaftPhase.repairs` lists both; no pulse is inserted. In the first and last revolution the side that exists is
     extrapolated at constant acceleration; between very unequal stripes a wrong pulse may remain undetected there.
 
-    Stops. Where the shaft decelerates into an interval and accelerates after it, it may have stopped and reversed:
-    that interval is listed in `stops_s`, and `direction_unknown` is true unless the direction is declared.
+    Stops. Where the shaft decelerates into an interval and accelerates after it, so that parabolas through the pulses
+    before and after come to rest within it, it may have stopped and reversed, however short the interval is. It is
+    listed in `stops_s`, and `direction_unknown` is true unless the direction is declared.
 
     Smoothing. See `PhaseSmoothing`: the gain is 0.707 at the bandwidth.
 

@@ -168,6 +168,18 @@ class TestStops:
         assert not shaft_phase(times, direction=1).direction_unknown
         assert phase.speed_hz(np.linspace(times[0], times[-1], 5001)).min() >= 0
 
+    @pytest.mark.parametrize("stripes", [1, 4])
+    @pytest.mark.parametrize("past", [0.003, 0.05, 0.2, 0.5, 0.9])
+    def test_a_reversal_is_flagged_wherever_it_is(self, past, stripes):
+        # from 10 Hz to -10 Hz in 10 s: both passes of the last stripe are true
+        distance = np.arange(24 * stripes, -1, -1) + past
+        before = 5 - np.sqrt(distance / stripes)
+        times = np.concatenate([before, 10 - before[::-1]])
+        phase = shaft_phase(times, pulses_per_rev=stripes)
+        assert phase.stops_s.tolist() == [[before[-1], 10 - before[-1]]]
+        assert phase.direction_unknown
+        assert phase.repairs.total == 0
+
     def test_a_declared_sign(self):
         phase = shaft_phase(self.TIMES + 10, direction=-1)
         assert phase.revolutions[-1] == -(self.TIMES.size - 1)

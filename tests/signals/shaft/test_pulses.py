@@ -154,12 +154,41 @@ class TestBouncing:
         assert train.debounced == clean.times_s.size
 
 
-def test_a_wave_of_many_pulses_takes_no_loop():
-    # a thousand pulses and one crossing each: the sums of several crossings are those of the one
-    rng = np.random.default_rng(9)
-    wave = np.repeat(np.tile([0.0, 1.0], 1000), rng.integers(3, 9, 2000))
-    edges = np.flatnonzero(np.diff(wave) > 0) + 0.5
-    np.testing.assert_allclose(pulse_times(wave, rate_hz=1.0).times_s, edges, rtol=1e-15)
+class TestNarrowPulses:
+    """A twentieth of a percent to a percent of a turn, 5 V high."""
+
+    @staticmethod
+    def turns(t, rise):
+        return SPEED_HZ * (t + rise * t**2) + 0.5
+
+    @pytest.mark.parametrize("rise", [0.0, 0.04])
+    @pytest.mark.parametrize("disturbance", ["hum", "noise", "drift"])
+    @pytest.mark.parametrize("width", [0.004, 0.009, 0.011])
+    def test_each_passage_is_found(self, t, rise, disturbance, width):
+        angle = self.turns(t, rise)
+        added = {
+            "hum": 0.05 * np.sin(2 * np.pi * 50 * t),
+            "noise": 0.05 * np.random.default_rng(2).standard_normal(t.size),
+            "drift": 8 * np.sin(2 * np.pi * 0.07 * t),
+        }[disturbance]
+        train = pulse_times(5.0 * (angle % 1 < width) + added, rate_hz=RATE_HZ)
+        passes = t[1:][np.diff(np.floor(angle)) > 0]
+        assert train.times_s.size == passes.size
+        np.testing.assert_allclose(train.times_s, passes, rtol=0, atol=1 / RATE_HZ)
+
+    def test_outliers_are_no_pulses(self, t, turn):
+        wave = smooth_pulse(turn, 0.3)
+        clean = pulse_times(wave, rate_hz=RATE_HZ).times_s
+        wave[np.random.default_rng(5).choice(t.size, 9, replace=False)] += 40
+        assert abs(pulse_times(wave, rate_hz=RATE_HZ).times_s.size - clean.size) <= 9
+
+    def test_levels_that_are_stated(self, turn):
+        wave = 5.0 * np.clip(4 * np.minimum(turn, 0.5 - turn), 0, 1)
+        train = pulse_times(wave, rate_hz=RATE_HZ, threshold=1.0, hysteresis=0.5)
+        assert (train.threshold, train.hysteresis) == (1.0, 0.5)
+        np.testing.assert_allclose(train.times_s, expected(0.05)[: train.times_s.size], rtol=0, atol=1 / RATE_HZ)
+        with pytest.raises(ValueError, match="is not within the levels of the waveform"):
+            pulse_times(wave, rate_hz=RATE_HZ, threshold=7.0)
 
 
 class TestRangeOfTheChannel:
