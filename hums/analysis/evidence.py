@@ -31,6 +31,7 @@ from hums.analysis.detection import AssessedLine
 from hums.analysis.lines import MeasuredLine, supports
 from hums.analysis.thresholds import (
     EXACT_BINS,
+    FAULTY_DEPTH,
     FEWEST_CYCLES,
     HINT,
     JUDGED_SNR,
@@ -64,6 +65,8 @@ _BEATS = 10  # distances of harmonics of a mesh that a band carries
 _COMB = 30  # multiples of a shaft that impacts once a turn make
 _LOAD_MULTIPLES = 4  # of a shaft that modulations once and twice a turn make: the second of the second
 _FULL_COMB = 0.7  # of eight multiples of a slow shaft that impacts once a turn; a defect with sidebands has fewer
+_DRAWN = 0.02  # relative: a line as near to one that is drawn is that
+_MISDECLARED = 0.2  # relative: an element more or less moves the lines of a bearing of seven or more by less
 _FAST_BINS = 20  # multiples of a slower shaft lie so densely that any line is near one
 
 Numbers = NDArray[np.float64]
@@ -239,7 +242,37 @@ def bearing_evidence(
     parts = [
         replace(part, sibling_depths=_sibling_depths(part, families)) if part.strength > 0 else part for part in parts
     ]
-    return [replace(part, hidden_by=part.hidden_by or _of_a_stronger_part(part, parts, bearings)) for part in parts]
+    parts = [replace(part, hidden_by=part.hidden_by or _of_a_stronger_part(part, parts, bearings)) for part in parts]
+    strange = max((_stranger(band, parts, others) for band in usable), default=(0.0, 0.0))
+    return [part if part.strength > 0 else _unless_misdeclared(part, *strange) for part in parts]
+
+
+def _stranger(band: BandEvidence, parts: Sequence[PartEvidence], others: "_Others") -> tuple[float, float]:
+    """Return depth and order of the deepest line with a harmonic that nothing drawn and no mains make, or zeros."""
+    multiples = np.arange(1, _MULTIPLES + 1)
+    drawn = np.outer([part.order for part in parts], multiples).ravel()
+    shown = np.outer([part.found for part in parts if part.strength > 0], multiples).ravel()
+    sidebands = np.add.outer(shown, np.outer(others.spacings, (-2, -1, 1, 2)).ravel()).ravel()
+    about = np.concatenate([drawn, sidebands])
+    deep = (band.depths >= FAULTY_DEPTH) & (band.orders >= others.slowest) & ~others.of_shafts(band.orders)
+    reach_hz = 0.5 * others.width * others.setting.speed_hz
+    for _, multiple in mains_multiples(band.orders, others.setting, reach_hz):
+        deep &= multiple == 0
+    for place in np.flatnonzero(deep)[np.argsort(-band.depths[deep])]:
+        order = float(band.orders[place])
+        near = (np.abs(about - order) <= np.maximum(others.width, _DRAWN * about)).any()
+        harmonic = (np.abs(band.orders - 2 * order) <= others.width).any()
+        if harmonic and not near and not _beat_of_a_mesh(order, band, others.setting):
+            return float(band.depths[place]), order
+    return 0.0, 0.0
+
+
+def _unless_misdeclared(part: PartEvidence, depth: float, order: float) -> PartEvidence:
+    """Return the evidence of a part without a line, which a line near its order may be that nothing drawn makes."""
+    if not depth or abs(order / part.order - 1) > _MISDECLARED or depth <= part.unsure_depth:
+        return part
+    why = f"the line at {order:.3f}, which modulates by {depth:.0%}, is of no part that is drawn; check the bearing"
+    return replace(part, unsure_depth=depth, hidden_by=why)
 
 
 def _sibling_depths(

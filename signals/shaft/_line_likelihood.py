@@ -11,6 +11,7 @@ evidence: it adds only the logarithm of its amplitude.
 """
 
 from dataclasses import dataclass, replace
+from functools import lru_cache
 
 import numpy as np
 from scipy import fft
@@ -48,6 +49,7 @@ def _scale_mixture(u: Array, power: float) -> Array:
     return np.asarray(power * gamma(power + 1) * gammainc(power + 1, u) / u ** (power + 1))
 
 
+@lru_cache(maxsize=8)  # a search asks for that of one record at every speed
 def _log_ratio(foreign: float) -> Array:
     """Return the table of log p_1 / p_0 over the power ratio."""
     u = np.exp(_TABLE)
