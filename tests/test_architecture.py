@@ -102,20 +102,22 @@ SLACK, SLACK_LINES = 0.02, 10  # by which a ceiling may stand above the count, a
 # What a row may have above its ceiling for a while: how much, why, and what ends it.
 MENDS = "mends of faults that users meet", "when the package is reduced"
 TACHOMETERS = "tachometers compared, narrow pulses, lost quadrature pulses", "when pulse repair is one search"
+FRAME = "the declared frame is tested, tachometers are compared", "with one score for every part"
+INPUTS = "what was declared is held against what was measured", "when signals/shaft, readers and verdicts are reduced"
 READ = "reading and comparing all that files state", "when readers and records are reduced"
 ALLOWANCES = {
     "hums (root)": (5, *MENDS),
-    "hums/analysis": (125, *TACHOMETERS),
+    "hums/analysis": (417, *FRAME),
     "hums/cli": (10, *MENDS),
     "hums/fleet": (13, *MENDS),
     "hums/readers": (415, *READ),
     "hums/records": (226, *READ),
     "hums/report": (4, *MENDS),
-    "signals/shaft": (114, *TACHOMETERS),
-    "all code lines": (819, *READ),
-    "all modules": (1, *READ),
-    "all constants": (40, *READ),
-    "tests": (441, *READ),
+    "signals/shaft": (116, *TACHOMETERS),
+    "all code lines": (1113, *INPUTS),
+    "all modules": (1, *INPUTS),
+    "all constants": (62, *INPUTS),
+    "tests": (508, *INPUTS),
     "benchmarks": (881, "the scoreboard beside the scripts that it replaces", "when those are removed"),
 }
 HEAVY = ["scipy.signal", "scipy.stats", "filterpy", "numba", "dask", "h5py", "matplotlib", "pyarrow", "jinja2", "typer"]

@@ -7,14 +7,14 @@ alone.
 """
 
 import logging
-from collections.abc import Sequence
+from collections.abc import Iterator, Sequence
+from dataclasses import replace
 from os import PathLike
 
 import numpy as np
 import xarray as xr
 
 from hums.analysis.averages import average_channel, average_segments, no_speed, parts_of_average
-from hums.analysis.caveats import notes
 from hums.analysis.channel import (
     AnalysedChannel,
     analyse_channel,
@@ -24,7 +24,8 @@ from hums.analysis.channel import (
 )
 from hums.analysis.detection import AssessedLine, LineAssessor
 from hums.analysis.findings import Finding, findings
-from hums.analysis.indicators import HISTORIES, read_baseline
+from hums.analysis.frame import Frame, judged_frame
+from hums.analysis.indicators import HISTORIES, Baseline, read_baseline
 from hums.analysis.lines import ENVELOPE, ORDER_SPECTRUM, SearchPlan, expected_lines
 from hums.analysis.pictures import channel_pictures, picture_groups
 from hums.analysis.reference_angle import Machine
@@ -50,7 +51,7 @@ from hums.analysis.tracks import (
     track_lines,
 )
 from hums.analysis.unexplained import UnexplainedLine, not_named, unlike_drawing
-from hums.analysis.verdicts import UNLIKE, evidence_groups, verdicts_from
+from hums.analysis.verdicts import CONTRADICTION, DOUBT, evidence_groups, verdicts_from
 from hums.gearbox.model import Gearbox
 from hums.gearbox.orders import BEARING_KINDS
 from hums.records.channels import is_average
@@ -61,6 +62,8 @@ from signals._validation import checked
 __all__ = ["AnalysisSettings", "analyze"]
 
 _log = logging.getLogger("hums")
+_MOST_OF = 0.9  # of a record, below which the analysed part has a note
+_SPIKE = 100.0  # crest factor; Gaussian noise of a million samples reaches 5, bearing impacts some 30
 
 
 @checked
@@ -128,31 +131,27 @@ def analyze(
     check_record(record)
     average = str(record.attrs["average_of"]) if is_average(record) else ""
     there = (average_segments if average else segmented)(record, gearbox, settings)
-    usable = {name: one for name, one in there.channels.items() if one.segments}
-    units = {name: one.segments[0].units for name, one in usable.items()}
-    histories, machine = read_baseline(baseline, settings, units=units), there.machine
-    expected = expected_lines(machine.kinematics, _plan(machine, settings))
-    channels: list[AnalysedChannel] = []
-    for number, (name, channel) in enumerate(usable.items(), start=1):
-        _log.info("channel %s, %d of %d", name, number, len(usable))
-        if average:
-            channels.append(average_channel(channel, settings, histories))
-        else:
-            analysed = analyse_channel(
-                channel, machine, expected, settings, histories, channels=len(usable), draw=channel_pictures
-            )
-            channels.append(analysed)
+    histories, channels = _analysed(there, settings, baseline, record=record)
+    frame = Frame() if average else _frame(channels, there.machine, settings)
+    if frame.speed_ratio != 1:
+        record = record.assign(
+            nominal_speed=record["nominal_speed"].copy(data=record["nominal_speed"] * frame.speed_ratio)
+        )
+        note = _note_of_speed(there.machine, frame.speed_ratio)
+        there = segmented(record, gearbox, settings)
+        histories, channels = _analysed(there, settings, baseline, record=record)
+        frame = replace(_frame(channels, there.machine, settings), note=note)
+    machine = there.machine
     assessor = LineAssessor(
         {bearing.name: bearing for bearing in machine.bearings},
         settings.false_alarm_probability,
         _healthy_spacings(machine),
     )
     assessed = assessor.assess([line for channel in channels for line in channel.lines])
-    unlike = machine.source.contradiction or unlike_drawing(
-        [channel.spectra[ORDER_SPECTRUM] for channel in channels if not (channel.faulty or average)],
-        drawn_by(machine, settings),
-        setting_of(machine),
-    )
+    if not frame.contradiction:
+        spectra = [channel.spectra[ORDER_SPECTRUM] for channel in channels if not (channel.faulty or average)]
+        unlike = unlike_drawing(spectra, drawn_by(machine, settings), setting_of(machine))
+        frame = replace(frame, contradiction=unlike)
     described = [
         {"name": one.name, "units": one.units}
         | (
@@ -163,12 +162,12 @@ def analyze(
         | {key: str(record[one.name].attrs[key]) for key in ("sensor", "direction") if key in record[one.name].attrs}
         for one in channels
     ]
-    caveats = notes(there, settings, channels, unlike)
+    caveats = _notes(there, settings, channels, frame)
     indicators = [row for channel in channels for row in channel.indicators]
     groups = {
         "/": xr.Dataset(
             attrs=root_attributes(record, gearbox, machine.reference, settings, channels=described, notes=caveats)
-            | {UNLIKE: unlike}
+            | {CONTRADICTION: frame.contradiction, DOUBT: frame.doubt}
         ),
         "/speed": no_speed(machine) if average else _speeds(there),
         "/health": rows_dataset(_sensor_conditions(there, channels), SensorCondition, dim="item"),
@@ -201,6 +200,44 @@ def analyze(
     )
     check_analysis(tree)
     return tree
+
+
+def _analysed(
+    there: SegmentedRecord, settings: AnalysisSettings, baseline: Analysis | None, *, record: xr.Dataset
+) -> tuple[Baseline, list[AnalysedChannel]]:
+    """Return the analysis of every channel that has segments, and the histories with what they add."""
+    usable = {name: one for name, one in there.channels.items() if one.segments}
+    units = {name: one.segments[0].units for name, one in usable.items()}
+    histories = read_baseline(baseline, settings, units=units)
+    expected = expected_lines(there.machine.kinematics, _plan(there.machine, settings))
+    channels: list[AnalysedChannel] = []
+    for number, (name, channel) in enumerate(usable.items(), start=1):
+        _log.info("channel %s, %d of %d", name, number, len(usable))
+        if is_average(record):
+            channels.append(average_channel(channel, settings, histories))
+        else:
+            analysed = analyse_channel(
+                channel, there.machine, expected, settings, histories, channels=len(usable), draw=channel_pictures
+            )
+            channels.append(analysed)
+    return histories, channels
+
+
+def _frame(channels: Sequence[AnalysedChannel], machine: Machine, settings: AnalysisSettings) -> Frame:
+    if machine.source.contradiction:
+        return Frame(contradiction=machine.source.contradiction)
+    heard = [(one.spectra[ORDER_SPECTRUM], one.bands) for one in channels if not one.faulty]
+    return judged_frame(heard, machine, slip=settings.slip)
+
+
+def _note_of_speed(machine: Machine, ratio: float) -> str:
+    source = machine.source
+    assert source.declared is not None  # noqa: S101 - a nominal speed has one
+    declared_hz = source.declared.declared_hz
+    return (
+        f"The speed of {source.shaft} is declared as {60 * declared_hz:.5g} rpm, and the lines of shafts, meshes and "
+        f"bearings show {60 * ratio * declared_hz:.5g} rpm: the record is analysed at that speed."
+    )
 
 
 def _plan(machine: Machine, settings: AnalysisSettings) -> SearchPlan:
@@ -347,3 +384,152 @@ def _tracks(
         if any(by_rank.values())
     ]
     return joined_tracks(tables), joined_tracks(of_envelopes)
+
+
+# ---- Caveats: limits of speed, bands, channels and spectra ----------------------------------------------------------
+
+
+def _notes(
+    record: SegmentedRecord, settings: AnalysisSettings, channels: Sequence[AnalysedChannel], frame: Frame
+) -> list[str]:
+    """Return the caveats, those on speed and tachometer first."""
+    machine = record.machine
+    left_out = [f"Left out: {one.why}" for one in record.channels.values() if not one.segments]
+    if not record.machines:  # an average in angle has no speed
+        return [*record.left_out, *left_out]
+    return [
+        *(one[0].upper() + one[1:] + "." for one in (frame.contradiction, frame.doubt) if one),
+        *([frame.note] if frame.note else []),
+        *_speed_notes(machine, settings),
+        *machine.tachometer_condition[1],
+        *_band_notes(machine, settings, channels),
+        *_jitter_notes(machine, channels),
+        *(note for channel in channels for note in _channel_notes(channel, machine)),
+        *(note for channel in channels for note in _spectrum_end_notes(channel, settings)),
+        *(note for channel in channels for note in _out_of_range_notes(channel)),
+        *dict.fromkeys(note for channel in channels for note in _pooled_notes(channel)),
+        *record.left_out,
+        *(f"A segment is left out: {why}" for channel in channels for why in channel.failed),
+        *left_out,
+    ]
+
+
+def _pooled_notes(channel: AnalysedChannel) -> Iterator[str]:
+    """Yield what the average over segments is of."""
+    if len(channel.segments) == 1:
+        return
+    spectrum = channel.spectra[ORDER_SPECTRUM]
+    snapshots = channel.segments[0].parts_per_turn > 1
+    pieces = "snapshots" if snapshots else "segments"
+    yield (
+        f"{len(channel.segments)} {pieces} were analysed together: spectra are averages of power over "
+        f"{channel.blocks} blocks of {1 / spectrum.bin_width:.4g} turns. Lines nearer to each other than "
+        f"{spectrum.resolution:.2g} orders are one, whatever the number of {pieces}; probabilities are those of "
+        "records in one piece, which pooled noise does not exceed."
+        + ("" if snapshots else " Indicators and gears are those of the median segment, pictures those of the first.")
+    )
+
+
+def _speed_notes(machine: Machine, settings: AnalysisSettings) -> Iterator[str]:
+    shaft, found = machine.source.shaft, machine.source.estimated
+    if settings.speed_range_hz is not None and found is None:
+        known = f'tachometer "{machine.source.tachometer}"' if machine.source.tachometer else "a declared speed"
+        yield (
+            f"The record has {known}, which tells the angle: the range and acceleration given for estimating the speed "
+            "(speed_range_hz, --speed-range; max_acceleration_hz_s, --max-acceleration) were not used to estimate it."
+        )
+    declared = machine.source.declared
+    if declared is not None and declared.refined:
+        lines = ", ".join(f"{order:.4g}" for order in declared.orders[:6])
+        yield (
+            f"The declared speed of {shaft} was refined from {declared.declared_hz:.5g} to {declared.speed_hz:.5g} Hz "
+            f"by lines of orders {lines} per turn of it, which show that speed within the tolerance."
+        )
+    if machine.phase.nominal:
+        known = "refined" if declared is not None and declared.refined else "declared"
+        yield (
+            f"The speed is nominal: {known} for {shaft}, not measured. Lines are searched within "
+            f"{settings.nominal_speed_tolerance:.1%} of their nominal order"
+            + (
+                "; its changes were followed by the lines of shafts and meshes."
+                if machine.source.followed
+                else " and smear if the speed changed."
+            )
+        )
+    if found is not None:
+        yield (
+            f'The speed is estimated from the vibration of channel "{found.channel}", without a tachometer: mean '
+            f"confidence {found.confidence:.3g}. It rests on the orders of the gearbox being right."
+        )
+
+
+def _band_notes(machine: Machine, settings: AnalysisSettings, channels: Sequence[AnalysedChannel]) -> Iterator[str]:
+    if settings.envelope_band_hz is None and machine.bearings:
+        yield (
+            "No envelope band was given, so no bearing line was searched. Choose a band with a resonance that the "
+            "bearing excites (envelope_band_hz, on the command line --envelope-band LOW HIGH)."
+        )
+    for channel in channels:
+        if channel.no_band:
+            yield (
+                f'Channel "{channel.name}": no envelope band can be chosen, so no bearing line was searched in it: '
+                f"{channel.no_band}"
+            )
+
+
+def _jitter_notes(machine: Machine, channels: Sequence[AnalysedChannel]) -> Iterator[str]:
+    blurred = machine.jitter_limit_order
+    if not any(blurred < channel.spectra[ORDER_SPECTRUM].axis[-1] for channel in channels):
+        return
+    if machine.source.tachometer:
+        yield (
+            f"The tachometer's pulses jitter by {machine.jitter_s * 1e6:.3g} us: lines above {blurred:.3g} orders are "
+            "blurred and read low."
+        )
+    elif machine.source.estimated is not None:
+        yield (
+            f"The angle estimated from the vibration is uncertain by about {machine.jitter_s * 1e6:.3g} us: "
+            f"lines above {blurred:.3g} orders are blurred and read low."
+        )
+
+
+def _channel_notes(channel: AnalysedChannel, machine: Machine) -> Iterator[str]:
+    if channel.faulty:
+        yield (
+            f'Channel "{channel.name}" is sick (see sensor health): its indicators are withheld but for the raw RMS, '
+            "and nothing it shows is diagnosed."
+        )
+    if channel.left_out:
+        yield (
+            f'Channel "{channel.name}" has {channel.left_out}: {channel.analysed_s:.3g} of {channel.duration_s:.3g} s '
+            f"are analysed, whole revolutions in {len(channel.segments)} segments between gaps."
+        )
+    elif channel.analysed_s < _MOST_OF * channel.duration_s:
+        where = "the tachometer covers" if machine.source.tachometer else "the shaft's angle is known for"
+        yield (
+            f'Channel "{channel.name}": {channel.analysed_s:.3g} of {channel.duration_s:.3g} s are analysed, the whole '
+            f"revolutions that {where}; the rest is not analysed."
+        )
+    if channel.crest_factor > _SPIKE:
+        yield (
+            f'Channel "{channel.name}": one sample stands {channel.crest_factor:.0f} times above the RMS, as a spike '
+            "of the electronics does; it can hide everything else."
+        )
+
+
+def _spectrum_end_notes(channel: AnalysedChannel, settings: AnalysisSettings) -> Iterator[str]:
+    stated, last = settings.max_order, float(channel.spectra[ORDER_SPECTRUM].axis[-1])
+    if stated is not None and last + channel.spectra[ORDER_SPECTRUM].bin_width < stated:
+        yield (
+            f'Channel "{channel.name}": its order spectrum ends at {last:.4g} orders, not at the {stated:g} asked for '
+            f"(max_order, --max-order): at the highest speed its rate of {channel.rate_hz:g} Hz carries no more."
+        )
+
+
+def _out_of_range_notes(channel: AnalysedChannel) -> Iterator[str]:
+    if channel.out_of_range:
+        names = sorted({f"{w.component} {w.kind}" for w in channel.out_of_range})
+        yield (
+            f'Channel "{channel.name}": {len(channel.out_of_range)} lines are out of reach, above what the sampling '
+            f"rate or the envelope's band carries or in too short a record to judge: {', '.join(names)}."
+        )

@@ -93,6 +93,7 @@ class AnalysedChannel:
     condition: SensorCondition | None
     band: EnvelopeBand | None
     no_band: str = ""
+    bands: tuple[BandEvidence, ...] = field(default=(), repr=False)
     evidence: tuple[PartEvidence, ...] = ()
     unexplained: tuple[UnexplainedLine, ...] = ()
     envelope_reach: float = 0.0  # highest order of any envelope's spectrum
@@ -192,7 +193,7 @@ def analyse_channel(
         seen=settings.false_alarm_probability,
     )
     in_envelopes = narrowed(in_envelopes, lines)
-    best, evidence = _assessed_envelopes(
+    best, seen, evidence = _assessed_envelopes(
         envelopes, segments, machine, in_envelopes, lines, settings, searches=len(bands), surroundings=surroundings
     )
     unexplained = unexplained_lines(
@@ -231,6 +232,7 @@ def analyse_channel(
         condition=state,
         band=None if best is None else best.band,
         no_band=no_band,
+        bands=seen,
         evidence=evidence,
         unexplained=tuple(unexplained),
         envelope_reach=0.0 if best is None else best.reach,
@@ -515,14 +517,14 @@ def _assessed_envelopes(
     *,
     searches: int,
     surroundings: float,
-) -> tuple[_Envelope | None, tuple[PartEvidence, ...]]:
-    """Return the envelope with the strongest evidence, and the evidence of all bands.
+) -> tuple[_Envelope | None, tuple[BandEvidence, ...], tuple[PartEvidence, ...]]:
+    """Return the envelope with the strongest evidence, what all bands show, and the evidence of it.
 
     Bands whose power is mostly that of meshes and shafts are left to others: their lines beat with one another.
     """
     name, units = segments[0].name, segments[0].units
     if not envelopes.bands:
-        return None, ()
+        return None, (), ()
     assessor = LineAssessor({bearing.name: bearing for bearing in machine.bearings}, settings.false_alarm_probability)
     loud = [line for line in shaft_locked if line.line.false_alarm_probability < _SEEN]
     found: list[_Envelope] = []
@@ -566,7 +568,7 @@ def _assessed_envelopes(
         place = [band.band_hz for band in seen].index((strongest.band_low_hz, strongest.band_high_hz))
     best = found[place]
     reach = max(float(one.spectrum.axis[-1]) for one in found)
-    return replace(best, band=_explained(best.band, strongest, searches), reach=reach), tuple(evidence)
+    return replace(best, band=_explained(best.band, strongest, searches), reach=reach), tuple(seen), tuple(evidence)
 
 
 def _unresolved(

@@ -48,6 +48,7 @@ _SIDEBANDS = 2.5
 _SHAFT_ORDERS = 3  # of the fastest shaft: below it all is removed
 _SMOOTH_ORDERS = 2  # of a turn that run-out, misalignment or passing planets modulate; 0 for a sun, folded by planet
 _MASKED_TEETH = 1.5  # on either side of a damaged tooth, taken out before weaker gears are judged again
+_NO_ANGLE = "the speed is nominal and its changes show in no line, so that the angle is not known to a tooth"
 _SICK = "the sensor is sick"
 _COMPARE = "Compare with an earlier record at the same speed and load, or inspect the teeth."
 _LONGER = "Take a longer record at a steady speed and load."
@@ -92,6 +93,9 @@ class GearJudgement:
         A gear whose damaged tooth makes this gear's appearance; empty where there is none.
     not_judged : str
         Reason, empty where judged.
+    unmeasured_angle : int
+        1 where the speed is nominal and its changes were not followed: a tooth that stands out all the same is one,
+        but none that does not is sound.
     """
 
     channel: str
@@ -115,6 +119,7 @@ class GearJudgement:
     band_orders: tuple[float, float] = (math.nan, math.nan)
     explained_by: str = ""
     not_judged: str = ""
+    unmeasured_angle: int = 0
 
     @property
     def judgeable(self) -> bool:
@@ -182,6 +187,7 @@ def gear_damage(
             component=gear.row.component,
             order=gear.row.order,
             teeth=gear.teeth,
+            unmeasured_angle=int(segment.machine.phase.nominal and not segment.machine.source.followed),
         )
         for gear in gears
     ]
@@ -501,9 +507,9 @@ def _unnamed(row: GearJudgement, stated: float) -> Finding:
 def _why_not_judged(row: GearJudgement, stated: float) -> tuple[str, str, str]:
     """Return why an unnamed gear is not judged, empty where it is, what to do next, and what would change it."""
     longer = "judged in a longer record, or a faster sampled one"
-    if row.not_judged:
-        change = "judged with a sound sensor" if row.not_judged == _SICK else longer
-        return row.not_judged, _LONGER if row.not_judged.startswith("too short") else "", change
+    if why := row.not_judged or (_NO_ANGLE if row.unmeasured_angle else ""):
+        change = {_SICK: "judged with a sound sensor", _NO_ANGLE: "judged with a tachometer"}.get(why, longer)
+        return why, _LONGER if why.startswith("too short") else "", change
     if row.explained_by and row.probability <= stated:
         by = row.explained_by
         return f"what it shows may be that of {by}", "", f"indicated without the tooth of {by}"

@@ -38,6 +38,7 @@ _LEAST_PULSES = 0.5  # of the coarser tachometer by which angles have to differ
 _LEAST_TURNS = 0.01  # of the reference that a delay shifts its angle over a change of speed: half a cycle of order 50
 _CERTAIN = 5.0  # standard deviations of a delay
 _CHANGE = 0.02  # of the speed, below which no delay shows
+_FOLLOWED = 4.0  # times the change of a steady speed, for the error of the speed over one revolution
 _FAULTY_PULSES = 0.05  # share of repaired pulses from which a tachometer is faulty
 
 
@@ -364,7 +365,11 @@ def _followed(
         )
     except ValueError:  # too short, or no order low enough
         return None
-    return None if found.phase is None else replace(found.phase, nominal=True)
+    if found.phase is None:
+        return None
+    turning = found.phase.mean_speed_per_revolution_hz() / phase.speed_hz(np.array([phase.start_s]))
+    # one that turns much further has followed something else
+    return replace(found.phase, nominal=True) if np.abs(turning - 1).max() <= _FOLLOWED * STEADY_SPEED else None
 
 
 def _best_tachometer(

@@ -61,7 +61,8 @@ __all__ = [
 ]
 
 EVIDENCE, GEARS, SHAFTS, UNMEASURED = "evidence", "gears", "shafts", "unmeasured"
-UNLIKE = "unlike_drawing"  # attribute of the root: why the record does not look like its gearbox, or empty
+# attributes of the root: what contradicts the declared frame, and why it is not sure; empty where nothing does
+CONTRADICTION, DOUBT = "frame_contradiction", "frame_doubt"
 _LIBRARY = "library_json"
 _AT_SHAFTS = "library_at_shafts_json"
 _FEWEST_TURNS = 8.0  # of the reference, whose lines one order apart are the noise next to a line
@@ -152,9 +153,11 @@ def derive_verdicts(analysis: Analysis) -> list[Finding]:
     --------
     >>> import numpy as np
     >>> import hums
-    >>> noise = np.random.default_rng(0).normal(size=80000)
-    >>> angle = hums.NominalSpeed(rpm=1200, shaft="input")
-    >>> record = hums.make_record({"housing": noise}, rate_hz=4000, units="g", angle=angle)
+    >>> times_s = np.arange(80_000) / 4000
+    >>> meshes = sum(np.cos(2 * np.pi * order * 20 * times_s) for order in (23, 46, 23 * 19 / 67))
+    >>> x = meshes + np.random.default_rng(0).normal(size=times_s.size)
+    >>> angle = hums.PulseTimes(times_s=np.arange(0, 20, 1 / 20), shaft="input", pulses_per_rev=1)
+    >>> record = hums.make_record({"housing": x}, rate_hz=4000, units="g", angle=angle)
     >>> analysis = hums.analyze(record, hums.load_gearbox("two-stage"))
     >>> sorted({(one.kind, one.verdict) for one in hums.derive_verdicts(analysis)})[:2]
     [('cage', 'nothing found'), ('inner_race', 'nothing found')]
@@ -203,12 +206,15 @@ def verdicts_from(groups: Mapping[str, xr.Dataset], attrs: Mapping[Any, Any]) ->
         *_shaft_verdicts(rows_of(groups[f"/{SHAFTS}"], ShaftLevel), settings["velocity_limits_mm_s"], faulty),
         *(_not_measured(row) for row in unmeasured),
     ]
-    if unlike := str(attrs[UNLIKE]):
-        change = "judged with the drawing of the machine that was recorded"
-        return [judging_nothing(one, unlike, change) for one in judged]
+    if contradiction := str(attrs[CONTRADICTION]):
+        change = "judged with the speed and drawing of the machine that was recorded"
+        return [judging_nothing(one, contradiction, change) for one in judged]
     if any(sensor == "tachometer" for sensor, _ in sick):
         why = "speed: the tachometer is faulty, so that no order is sure"
         return [judging_nothing(one, why, "judged with a sound tachometer") for one in judged]
+    if doubt := str(attrs[DOUBT]):
+        change = "judged with a speed or tachometer whose lines the record shows"
+        return [judging_nothing(one, doubt, change) if one.verdict == NOTHING_FOUND else one for one in judged]
     return judged
 
 

@@ -37,6 +37,7 @@ PARTS = {
     for row in defects(solve_kinematics(GEARBOX))
     if row.kind in {*BEARING_KINDS, "tooth", "shaft"}
 }
+MESHES = (23, 23 * 19 / 67)
 SPEED_HZ = 20.0
 PLAIN = AnalysisSettings(most_tracks=0, pictures=False)
 
@@ -44,6 +45,8 @@ PLAIN = AnalysisSettings(most_tracks=0, pictures=False)
 def analysed(seconds=6.0, *, rate_hz=5000, settings=PLAIN, add=None, speed_hz=SPEED_HZ, baseline=None, noise=0.1):
     time = np.arange(int(rate_hz * seconds)) / rate_hz
     values = np.random.default_rng(1).normal(0, noise, time.size) + (0 if add is None else add(time))
+    for order in MESHES:  # without any line nothing confirms the speed
+        values += 0.2 * noise * sum(np.cos(2 * np.pi * k * order * speed_hz * time) for k in (1, 2))
     pulses = PulseTimes(times_s=np.arange(0.0, seconds, 1 / speed_hz), shaft="input", pulses_per_rev=1)
     record = make_record({"a": values}, rate_hz=rate_hz, units="g", angle=pulses)
     return analyze(record, GEARBOX, settings=settings, baseline=baseline)

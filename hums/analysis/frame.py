@@ -1,0 +1,314 @@
+"""Whether a record shows the frame that was declared for it: speed, pulses per revolution, shaft, synchronous clock.
+
+Under a frame every shaft and mesh is a family of lines at harmonics of its order, and every bearing one in an envelope.
+What speaks for a line is how seldom a window like its own, laid at random beside the families, holds a peak as large,
+the chance ``p``, turned into evidence against chance by ``e = (1 - p + p ln p) / (p ln^2 p)`` (Vovk and Wang 2021,
+"E-values: calibration, combination and applications", eq. 1 integrated over its exponent), whose mean is one where
+chance alone decides. A line that a family has with probability ``q`` then speaks for it with ``1 - q + q (2 e - 1)``,
+and a family that shows at all with probability `_VISIBLE` with their product. Families multiply.
+
+Rivals of the declared frame are those that a wrong declaration makes: the true speed is another by a whole number or
+the ratio of two shafts, or a nominal one by some per cent; or the frame follows the shaft with a delay or by another
+clock, so that in a record whose speed changes lines spread in proportion to their order.
+"""
+
+import math
+from collections.abc import Callable, Iterator, Sequence
+from dataclasses import dataclass
+from functools import cached_property
+
+import numpy as np
+from numpy.typing import NDArray
+
+from hums.analysis.evidence import BandEvidence
+from hums.analysis.reference_angle import Machine
+from hums.gearbox.orders import BEARING_KINDS
+from signals.spectra.peaks import spectral_peaks
+from signals.spectra.spectra import AmplitudeSpectrum
+
+__all__ = ["Frame", "judged_frame"]
+
+CONFIRMED = math.log(20)
+"""Evidence from which on a frame is confirmed: odds of twenty against chance."""
+
+CONTRADICTED = math.log(1000)
+"""Evidence that another frame needs, for itself and over the declared one, to be taken for what the record shows."""
+
+_MESH = (0.95, 0.7, 0.5, 0.35, 0.25, 0.2)  # of a mesh that shows: the share of machines whose harmonic does
+_SHAFT = (0.95, 0.6, 0.4, 0.3, 0.25, 0.2)
+_BEARING = (0.95, 0.9, 0.7)
+_VISIBLE = 0.8  # share of shafts and meshes that show
+_DAMAGED = 0.5  # of records: a bearing shows where it is damaged
+_FACTORS = (2, 3, 4)  # of pulses per revolution, and one over them
+_SPREADS = (0.0, 3e-4, 1e-3, 3e-3)  # of a line, relative to its order
+_NOMINAL = 0.1  # relative: how far off a nominal speed may be
+_MOST_SPEEDS = 20_000  # that are tried
+_SAME_SPEED = 0.005  # relative
+_BEARINGS_AT_MOST = 15.0  # evidence of a bearing in an envelope
+_HALF_BINS = 1.5  # half width of a line's window
+_FEWEST_BINS = 8.0  # of an order, below which harmonics of its family are not apart
+_OWN_MULTIPLES, _OWN_SIDEBANDS = 10, 3  # of a shaft and about a mesh, which are no strangers
+
+Numbers = NDArray[np.float64]
+
+
+@dataclass(frozen=True, kw_only=True)
+class Frame:
+    """What a record says of the declared frame.
+
+    `contradiction` says what it shows instead, `doubt` why the frame is not sure; both are empty where it is confirmed.
+    `speed_ratio` is that of the speed which the record shows to a nominal one, 1 where it shows none.
+    """
+
+    contradiction: str = ""
+    doubt: str = ""
+    speed_ratio: float = 1.0
+    note: str = ""
+    """How the speed was declared, and which the record shows."""
+
+
+@dataclass(frozen=True, kw_only=True)
+class _Peaks:
+    """Peaks of a spectrum from 0 to `end`: places and sizes over their background."""
+
+    places: Numbers
+    sizes: Numbers
+    bin_width: float
+    end: float
+
+    @classmethod
+    def of(cls, spectrum: AmplitudeSpectrum) -> "_Peaks":
+        found = spectral_peaks(spectrum)
+        reach = _FEWEST_BINS / 2 * spectrum.bin_width  # of the window of a larger one
+        first, last = (np.searchsorted(found.position, found.position + side) for side in (-reach, reach))
+        largest = [found.amplitude[a:b].max() for a, b in zip(first, last, strict=True)]
+        own = found.amplitude >= np.array(largest)
+        sizes = found.amplitude[own] / np.maximum(found.background[own], np.finfo(float).tiny)
+        return cls(places=found.position[own], sizes=sizes, bin_width=spectrum.bin_width, end=float(spectrum.axis[-1]))
+
+    @classmethod
+    def of_band(cls, band: BandEvidence) -> "_Peaks":
+        sizes = band.depths / np.maximum(band.backgrounds, np.finfo(float).tiny)
+        return cls(places=band.orders, sizes=sizes, bin_width=band.bin_width, end=float(max(band.orders, default=0.0)))
+
+    def half(self, orders: Numbers, spread: float) -> Numbers:
+        """Return half the width of the windows of lines."""
+        return np.maximum(_HALF_BINS * self.bin_width, spread * orders)
+
+    def largest(self, orders: Numbers, half: Numbers) -> NDArray[np.intp]:
+        """Return the largest peak in each window, -1 for none."""
+        inside = np.abs(self.places - orders[:, None]) <= half[:, None]
+        at = np.argmax(np.where(inside, self.sizes, 0.0), axis=1) if self.places.size else np.zeros(orders.size, int)
+        return np.where(inside.any(axis=1), at, -1)
+
+    def log_evidence(self, orders: Numbers, half: Numbers, shares: Numbers, own: tuple[Numbers, Numbers]) -> float:
+        """Return the logarithm of the evidence of lines; the peaks in the windows `own` are no strangers."""
+        at = self.largest(orders, half)
+        chance = np.ones(orders.size)
+        shown = at >= 0
+        if shown.any():
+            margin = 100 * self.bin_width
+            low, high = np.maximum(orders / 2 - margin, 0)[shown], np.minimum(2 * orders + margin, self.end)[shown]
+            centre, reach = own
+            strange = ~(np.abs(self.places[:, None] - centre) <= reach).any(axis=1)
+            near = strange & (self.places > low[:, None]) & (self.places < high[:, None])
+            as_large = (near & (self.sizes >= self.sizes[at[shown]][:, None])).sum(axis=1)
+            within = (centre > low[:, None]) & (centre < high[:, None])
+            room = np.maximum(high - low - (2 * reach * within).sum(axis=1), (high - low) / 2)
+            chance[shown] = -np.expm1(-(as_large + 1) * 2 * half[shown] / room)
+        return float(np.log1p(shares * (2 * _calibrated(chance) - 2)).sum())
+
+
+def _calibrated(chance: Numbers) -> Numbers:
+    """Return the evidence against chance of a probability."""
+    p = np.clip(chance, 1e-12, 1 - 1e-6)
+    log = np.log(p)
+    return np.where(chance > 1 - 1e-3, 0.5, (1 - p + p * log) / (p * log**2))
+
+
+def judged_frame(
+    channels: Sequence[tuple[AmplitudeSpectrum, Sequence[BandEvidence]]], machine: Machine, *, slip: float
+) -> Frame:
+    """Return what the order spectra and envelopes of channels say of the frame of a machine's record."""
+    comb = _Comb(machine, slip)
+    heard = [(_Peaks.of(one), [_Peaks.of_band(band) for band in bands if band.orders.size]) for one, bands in channels]
+    if not heard:
+        return Frame()
+
+    def of_lines(ratio: float, spread: float = 0.0) -> float:
+        """Return the evidence of shafts and meshes that the true speed has this ratio to the declared one."""
+        return max(comb.of_lines(peaks, ratio, spread) for peaks, _ in heard)
+
+    def of_bearings(ratio: float) -> float:
+        return max(comb.of_bearings(bands, ratio) for _, bands in heard)
+
+    bearings = of_bearings(1.0)
+    declared = of_lines(1.0) + bearings
+    nominal = machine.source.declared is not None
+    best, words = max(_likely_rivals(machine, of_lines, of_bearings, declared), default=(-math.inf, ""))
+    if not nominal and min(best, best - declared) >= CONTRADICTED:
+        odds = f"{math.exp(min(best - declared, 40.0)):.2g} to 1"
+        return Frame(contradiction=f"the record contradicts the speed: its lines are those of {words} ({odds})")
+    spreads = {spread: of_lines(1.0, spread) + bearings for spread in _SPREADS[1:]}
+    spread = max(spreads, key=spreads.__getitem__)
+    # nothing but its own lines says that a nominal speed does not wander
+    spreading = min(spreads[spread], spreads[spread] - declared) >= (CONFIRMED if nominal else CONTRADICTED)
+    source = machine.source
+    # a nominal speed was chosen among many, by lines that are few where it is wrong
+    sure = declared >= CONFIRMED + (CONTRADICTED if nominal else 0.0) and not spreading
+    if not sure and source.declared is not None and (ratio := comb.nominal_ratio(heard, declared)) is not None:
+        return Frame(speed_ratio=ratio * source.declared.speed_hz / source.declared.declared_hz)
+    if declared >= CONFIRMED and not spreading:
+        return Frame()
+    if spreading:
+        return Frame(doubt=_spread_words(machine, spread))
+    known = f'tachometer "{source.tachometer}"' if source.tachometer else "declared" if nominal else "estimated"
+    return Frame(
+        doubt=f"lines of shafts, meshes and bearings do not confirm the speed of {machine.reference}, "
+        f"{machine.mean_speed_hz:.4g} Hz ({known})"
+    )
+
+
+def _likely_rivals(
+    machine: Machine, of_lines: Callable[[float], float], of_bearings: Callable[[float], float], declared: float
+) -> Iterator[tuple[float, str]]:
+    """Yield the evidence of each rival with its words; bearings alone lift none that shafts and meshes leave behind."""
+    for words, ratio in _rivals(machine):
+        lines = of_lines(ratio)
+        if lines > declared - _BEARINGS_AT_MOST:
+            yield lines + of_bearings(ratio), words
+
+
+def _rivals(machine: Machine) -> Iterator[tuple[str, float]]:
+    """Yield the frames that a wrong declaration makes, in words, with the ratio of their speed to the declared one."""
+    source = machine.source
+    orders = {row.component: row.order for row in machine.defect_orders if row.kind == "shaft" and row.order > 0}
+    for factor in (*_FACTORS, *(1 / one for one in _FACTORS)):
+        pulses = source.pulses_per_rev / factor
+        as_declared = (
+            f"pulses_per_rev={pulses:g} in place of {source.pulses_per_rev}"
+            if source.tachometer and pulses == round(pulses)
+            else f"{factor:.3g} times the speed of {machine.reference}"
+        )
+        yield as_declared, float(factor)
+    for shaft, order in orders.items():
+        ratio = orders.get(source.shaft, 0.0) / order
+        if ratio and abs(ratio - 1) > _NOMINAL and shaft != source.shaft:
+            yield f'a speed that is declared for shaft "{source.shaft}" and is that of "{shaft}"', ratio
+
+
+def _spread_words(machine: Machine, spread: float) -> str:
+    speeds = machine.speeds_hz
+    change = float(np.ptp(speeds))
+    duration_s = speeds.size / machine.mean_speed_hz
+    late = spread * machine.mean_speed_hz * duration_s / change if change else math.inf
+    cause = (
+        f"as of a tachometer that is some {1000 * late:.2g} ms late, or whose clock is off"
+        if machine.source.tachometer and late < duration_s
+        else "as of a speed that wanders"
+    )
+    return f"the lines of shafts and meshes spread over {spread:.2%} of their order, {cause}"
+
+
+class _Comb:
+    """The families of lines of a machine: of meshes and shafts in its spectrum, of bearings in its envelopes."""
+
+    def __init__(self, machine: Machine, slip: float) -> None:
+        rows = machine.defect_orders
+        self.slip = slip
+        self.meshes = sorted({row.order for row in rows if row.kind == "gear_mesh"}, reverse=True)
+        self.shafts = sorted({row.order for row in rows if row.kind == "shaft" and row.order > 0}, reverse=True)
+        self.bearings = sorted({row.order for row in rows if row.kind in BEARING_KINDS and row.order > 0})
+
+    @cached_property
+    def own(self) -> Numbers:
+        """Orders at which shafts and meshes may have lines, sidebands among them."""
+        sidebands = np.outer(self.shafts, np.arange(-_OWN_SIDEBANDS, _OWN_SIDEBANDS + 1)).ravel()
+        meshes = np.outer(self.meshes, np.arange(1, len(_MESH) + 1)).ravel()
+        shafts = np.outer(self.shafts, np.arange(1, _OWN_MULTIPLES + 1)).ravel()
+        return np.unique(np.concatenate([shafts, np.add.outer(meshes, [0.0, *sidebands]).ravel()]))
+
+    def of_lines(self, peaks: _Peaks, ratio: float, spread: float) -> float:
+        """Return the logarithm of the evidence of shafts and meshes in an order spectrum."""
+        own = self.own[(self.own > 0) & (self.own * ratio < peaks.end)] * ratio
+        windows = own, peaks.half(own, spread)
+        total = 0.0
+        for lines, shares in self._families(peaks, ratio, spread):
+            shown = peaks.log_evidence(lines, peaks.half(lines, spread), shares, windows)
+            total += float(np.logaddexp(math.log(1 - _VISIBLE), math.log(_VISIBLE) + shown))
+        return total
+
+    def _families(self, peaks: _Peaks, ratio: float, spread: float) -> Iterator[tuple[Numbers, Numbers]]:
+        """Yield the lines of each mesh and shaft that a spectrum holds apart from those before, and their shares."""
+        taken = np.zeros(0)
+        for order, shares in [*((one, _MESH) for one in self.meshes), *((one, _SHAFT) for one in self.shafts)]:
+            lines: Numbers = order * ratio * np.arange(1.0, len(shares) + 1, dtype=np.float64)
+            apart = (np.abs(lines[:, None] - taken) > 2 * peaks.half(lines, spread)[:, None]).all(axis=1)
+            used = apart & (lines < peaks.end) & (order * ratio >= _FEWEST_BINS * peaks.bin_width)
+            if used.any():
+                taken = np.concatenate([taken, lines[used]])
+                yield lines[used], np.array(shares, dtype=np.float64)[used]
+
+    def of_bearings(self, bands: Sequence[_Peaks], ratio: float) -> float:
+        """Return the logarithm of the evidence of a damaged bearing in any one of the envelopes."""
+        found = [self._of_bearing(peaks, order * ratio, ratio) for peaks in bands for order in self.bearings]
+        if not found:
+            return 0.0
+        mean = float(np.logaddexp.reduce(found)) - math.log(len(found))
+        return float(np.logaddexp(math.log(1 - _DAMAGED), math.log(_DAMAGED) + mean))
+
+    def nominal_ratio(self, heard: Sequence[tuple[_Peaks, list[_Peaks]]], declared: float) -> float | None:
+        """Return the ratio to a nominal speed of the one that shows, within `_NOMINAL`; None where none is sure.
+
+        It has to show in spite of the number of speeds that are tried, and no other may be as likely.
+        """
+        finest = min(_HALF_BINS * peaks.bin_width / min(peaks.end, float(self.own[-1])) for peaks, _ in heard)
+        ratios = 1 + np.arange(-_NOMINAL, _NOMINAL, max(finest, 2 * _NOMINAL / _MOST_SPEEDS))
+        coarse = np.linspace(1 - _NOMINAL, 1 + _NOMINAL, 1 + round(4 * _NOMINAL / self.slip))
+        bearings = [max(self.of_bearings(bands, ratio) for _, bands in heard) for ratio in coarse.tolist()]
+        of_bearings = np.interp(ratios, coarse, bearings)
+        found = {
+            spread: of_bearings + np.max([self._of_ratios(peaks, ratios, spread) for peaks, _ in heard], axis=0)
+            for spread in _SPREADS
+        }
+        spread = max(found, key=lambda one: float(found[one].max()))
+        total = found[spread]
+        best = int(np.argmax(total))
+        others = total[np.abs(ratios / ratios[best] - 1) > max(2 * spread, _SAME_SPEED)]
+        shows = total[best] - math.log(ratios.size) >= CONFIRMED and total[best] - declared >= CONTRADICTED
+        another = abs(ratios[best] - 1) > spread / 2
+        return float(ratios[best]) if shows and another and total[best] - others.max() >= CONFIRMED else None
+
+    def _of_ratios(self, peaks: _Peaks, ratios: Numbers, spread: float) -> Numbers:
+        """Return `of_lines` at many ratios, with every peak a stranger to all others."""
+        margin = 100 * peaks.bin_width
+        low, high = np.maximum(peaks.places / 2 - margin, 0), np.minimum(2 * peaks.places + margin, peaks.end)
+        near = (peaks.places > low[:, None]) & (peaks.places < high[:, None])
+        rates = (near & (peaks.sizes >= peaks.sizes[:, None])).sum(axis=1) / (high - low)
+        total = np.zeros(ratios.size)
+        for lines, shares in self._families(peaks, 1.0, spread):
+            places = np.outer(ratios, lines)
+            half = peaks.half(places, spread)
+            first, last = np.searchsorted(peaks.places, places - half), np.searchsorted(peaks.places, places + half)
+            rarest = np.full(places.shape, np.inf)
+            for step in range(int((last - first).max(initial=0))):
+                at = np.minimum(first + step, rates.size - 1)
+                rarest = np.where(first + step < last, np.minimum(rarest, rates[at]), rarest)
+            shown = np.log1p(shares * (2 * _calibrated(-np.expm1(-rarest * 2 * half)) - 2)).sum(axis=1)
+            total += np.logaddexp(math.log(1 - _VISIBLE), math.log(_VISIBLE) + shown)
+        return total
+
+    def _of_bearing(self, peaks: _Peaks, order: float, ratio: float) -> float:
+        shares = np.array(_BEARING)
+        nothing = float(np.log1p(-shares).sum())
+        place = np.array([order])
+        half = peaks.half(place, self.slip)
+        at = int(peaks.largest(place, half)[0])
+        if order > peaks.end or at < 0:
+            return nothing
+        lines: Numbers = float(peaks.places[at]) * np.arange(1.0, shares.size + 1, dtype=np.float64)
+        comb = np.add.outer(lines, np.outer(self.shafts, (-2, -1, 0, 1, 2)).ravel() * ratio).ravel()
+        windows = comb, peaks.half(comb, 0.0)
+        used = lines < peaks.end
+        half = np.where(lines == lines[0], half, peaks.half(lines, 0.0))
+        return peaks.log_evidence(lines[used], half[used], shares[used], windows)

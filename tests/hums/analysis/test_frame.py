@@ -1,0 +1,92 @@
+"""What is said of a sound drive whose speed, tachometer or drawing is declared wrongly: never that all is sound."""
+
+import numpy as np
+import pytest
+
+import hums
+
+RATE_HZ, SECONDS = 6000, 10
+GEARBOX = hums.load_gearbox("two-stage")
+SETTINGS = hums.AnalysisSettings(most_tracks=0, pictures=False)
+TEETH = (23, 23 * 19 / 67)  # orders of the two meshes
+SHAFTS = (1, 23 / 67, 23 * 19 / 67 / 61)
+
+
+def turns_at(times_s: np.ndarray, *, change: float) -> np.ndarray:
+    """Return the turns of a shaft at 20 Hz on average, whose speed rises by this share over the record."""
+    return 20 * (times_s * (1 - change / 2) + change * times_s**2 / (2 * SECONDS))
+
+
+def vibration(*, change: float = 0.0, seed: int = 0) -> np.ndarray:
+    """Return lines of shafts and meshes in noise, in the phase of their shaft."""
+    t = np.arange(RATE_HZ * SECONDS) / RATE_HZ
+    turns, rng = turns_at(t, change=change), np.random.default_rng(seed)
+    x = rng.normal(0, 0.5, t.size)
+    for orders, sizes in ((TEETH, (1.0, 0.5, 0.25)), (SHAFTS, (0.2, 0.1))):
+        for order in orders:
+            for harmonic, size in enumerate(sizes, start=1):
+                x += size * np.cos(2 * np.pi * (harmonic * order * turns + rng.uniform()))
+    return x
+
+
+def pulses(*, change: float = 0.0, per_rev: int = 1, late_s: float = 0.0, declared: int = 1) -> hums.PulseTimes:
+    t = np.linspace(0, SECONDS, 100_001)
+    at = np.interp(np.arange(1, 20 * SECONDS * per_rev) / per_rev, turns_at(t, change=change), t)
+    return hums.PulseTimes(times_s=at + late_s, shaft="input", pulses_per_rev=declared)
+
+
+def analysed(x: np.ndarray, angle: object) -> hums.Analysis:
+    record = hums.make_record({"case": x}, rate_hz=RATE_HZ, units="g", angle=angle)
+    return hums.analyze(record, GEARBOX, settings=SETTINGS)
+
+
+def sound_parts(analysis: hums.Analysis) -> int:
+    return int((hums.verdict_table(analysis)["verdict"] == "nothing found").sum())
+
+
+@pytest.mark.parametrize("change", [0.0, 0.4])
+def test_the_right_declaration_is_confirmed(change):
+    analysis = analysed(vibration(change=change), pulses(change=change))
+    assert sound_parts(analysis) > 0
+    assert not [note for note in hums.summary(analysis)["notes"] if "contradict" in note or "confirm" in note]
+
+
+@pytest.mark.parametrize(("true", "declared"), [(1, 2), (1, 3), (2, 1), (4, 1)])
+def test_a_wrong_number_of_pulses_is_named_with_the_right_one(true, declared):
+    analysis = analysed(vibration(), pulses(per_rev=true, declared=declared))
+    assert sound_parts(analysis) == 0
+    assert f"pulses_per_rev={true} in place of {declared}" in hums.summary(analysis)["notes"][0]
+
+
+def test_pulses_of_another_shaft_are_named_with_it():
+    angle = hums.PulseTimes(times_s=pulses().times_s, shaft="intermediate", pulses_per_rev=1)
+    analysis = analysed(vibration(), angle)
+    assert sound_parts(analysis) == 0
+    assert 'is that of "input"' in hums.summary(analysis)["notes"][0]
+
+
+@pytest.mark.parametrize("off", [-0.08, -0.03, 0.05, 0.09])
+def test_a_nominal_speed_some_per_cent_off_is_replaced_by_that_of_the_lines(off):
+    analysis = analysed(vibration(), hums.NominalSpeed(rpm=1200 * (1 + off), shaft="input"))
+    assert float(analysis["speed"]["speed_hz"].mean()) == pytest.approx(20, rel=1e-3)
+    assert "is declared as" in hums.summary(analysis)["notes"][0]
+
+
+@pytest.mark.parametrize("late_s", [0.03, -0.1])
+def test_nothing_is_sound_where_the_tachometer_is_late_in_a_run_up(late_s):
+    analysis = analysed(vibration(change=0.4), pulses(change=0.4, late_s=late_s))
+    assert sound_parts(analysis) == 0
+
+
+def test_a_clock_that_is_off_spreads_the_lines_of_a_run_up():
+    angle = pulses(change=0.4)
+    angle = hums.PulseTimes(times_s=angle.times_s * 1.002, shaft="input", pulses_per_rev=1)
+    assert sound_parts(analysed(vibration(change=0.4), angle)) == 0
+
+
+@pytest.mark.parametrize("seed", range(3))
+def test_nothing_is_sound_at_a_nominal_speed_in_noise_alone(seed):
+    noise = np.random.default_rng(seed).normal(size=RATE_HZ * SECONDS)
+    analysis = analysed(noise, hums.NominalSpeed(rpm=1200, shaft="input"))
+    assert sound_parts(analysis) == 0
+    assert "do not confirm the speed of input" in hums.summary(analysis)["notes"][0]
