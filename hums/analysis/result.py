@@ -28,7 +28,7 @@ if TYPE_CHECKING:
 
 Analysis: TypeAlias = xr.DataTree
 Row = TypeVar("Row")
-SCHEMA = "hums-analysis/1"
+SCHEMA = "hums-analysis/2"
 _version = cache(version)  # which reads the package's files
 _NUMBERS = (float, "float")  # types of a field that is a number, as annotated
 GROUPS = ("speed", "health", ORDER_SPECTRUM, ENVELOPE, "tracks", "indicators", "findings")
@@ -484,9 +484,11 @@ def verdict_table(analysis: Analysis) -> "pd.DataFrame":
     --------
     >>> import numpy as np
     >>> import hums
-    >>> noise = np.random.default_rng(0).normal(size=80000)
-    >>> angle = hums.NominalSpeed(rpm=1200, shaft="input")
-    >>> record = hums.make_record({"housing": noise}, rate_hz=4000, units="g", angle=angle)
+    >>> times_s = np.arange(80_000) / 4000
+    >>> meshes = sum(np.cos(2 * np.pi * order * 20 * times_s) for order in (23, 46, 23 * 19 / 67))
+    >>> x = meshes + np.random.default_rng(0).normal(size=times_s.size)
+    >>> angle = hums.PulseTimes(times_s=np.arange(0, 20, 1 / 20), shaft="input", pulses_per_rev=1)
+    >>> record = hums.make_record({"housing": x}, rate_hz=4000, units="g", angle=angle)
     >>> verdicts = hums.verdict_table(hums.analyze(record, hums.load_gearbox("two-stage")))
     >>> set(verdicts.loc[verdicts["kind"] != "shaft", "verdict"])
     {'nothing found'}
