@@ -102,12 +102,12 @@ SLACK, SLACK_LINES = 0.02, 10  # by which a ceiling may stand above the count, a
 # What a row may have above its ceiling for a while: how much, why, and what ends it.
 MENDS = "mends of faults that users meet", "when the package is reduced"
 TACHOMETERS = "tachometers compared, narrow pulses, lost quadrature pulses", "when pulse repair is one search"
-FRAME = "the declared frame is tested, tachometers are compared", "with one score for every part"
+ANGLE = "the declared angle is tested, tachometers are compared", "with one score for every part"
 INPUTS = "what was declared is held against what was measured", "when signals/shaft, readers and verdicts are reduced"
 READ = "reading and comparing all that files state", "when readers and records are reduced"
 ALLOWANCES = {
     "hums (root)": (5, *MENDS),
-    "hums/analysis": (417, *FRAME),
+    "hums/analysis": (417, *ANGLE),
     "hums/cli": (10, *MENDS),
     "hums/fleet": (13, *MENDS),
     "hums/readers": (415, *READ),

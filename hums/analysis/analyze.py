@@ -22,9 +22,9 @@ from hums.analysis.channel import (
     read_anew,
     setting_of,
 )
+from hums.analysis.declaration import Declaration, judged_declaration
 from hums.analysis.detection import AssessedLine, LineAssessor
 from hums.analysis.findings import Finding, findings
-from hums.analysis.frame import Frame, judged_frame
 from hums.analysis.indicators import HISTORIES, Baseline, read_baseline
 from hums.analysis.lines import ENVELOPE, ORDER_SPECTRUM, SearchPlan, expected_lines
 from hums.analysis.pictures import channel_pictures, picture_groups
@@ -132,15 +132,15 @@ def analyze(
     average = str(record.attrs["average_of"]) if is_average(record) else ""
     there = (average_segments if average else segmented)(record, gearbox, settings)
     histories, channels = _analysed(there, settings, baseline, record=record)
-    frame = Frame() if average else _frame(channels, there.machine, settings)
-    if frame.speed_ratio != 1:
+    declaration = Declaration() if average else _declaration(channels, there.machine, settings)
+    if declaration.speed_ratio != 1:
         record = record.assign(
-            nominal_speed=record["nominal_speed"].copy(data=record["nominal_speed"] * frame.speed_ratio)
+            nominal_speed=record["nominal_speed"].copy(data=record["nominal_speed"] * declaration.speed_ratio)
         )
-        note = _note_of_speed(there.machine, frame.speed_ratio)
+        note = _note_of_speed(there.machine, declaration.speed_ratio)
         there = segmented(record, gearbox, settings)
         histories, channels = _analysed(there, settings, baseline, record=record)
-        frame = replace(_frame(channels, there.machine, settings), note=note)
+        declaration = replace(_declaration(channels, there.machine, settings), note=note)
     machine = there.machine
     assessor = LineAssessor(
         {bearing.name: bearing for bearing in machine.bearings},
@@ -148,10 +148,10 @@ def analyze(
         _healthy_spacings(machine),
     )
     assessed = assessor.assess([line for channel in channels for line in channel.lines])
-    if not frame.contradiction:
+    if not declaration.contradiction:
         spectra = [channel.spectra[ORDER_SPECTRUM] for channel in channels if not (channel.faulty or average)]
         unlike = unlike_drawing(spectra, drawn_by(machine, settings), setting_of(machine))
-        frame = replace(frame, contradiction=unlike)
+        declaration = replace(declaration, contradiction=unlike)
     described = [
         {"name": one.name, "units": one.units}
         | (
@@ -162,12 +162,12 @@ def analyze(
         | {key: str(record[one.name].attrs[key]) for key in ("sensor", "direction") if key in record[one.name].attrs}
         for one in channels
     ]
-    caveats = _notes(there, settings, channels, frame)
+    caveats = _notes(there, settings, channels, declaration)
     indicators = [row for channel in channels for row in channel.indicators]
     groups = {
         "/": xr.Dataset(
             attrs=root_attributes(record, gearbox, machine.reference, settings, channels=described, notes=caveats)
-            | {CONTRADICTION: frame.contradiction, DOUBT: frame.doubt}
+            | {CONTRADICTION: declaration.contradiction, DOUBT: declaration.doubt}
         ),
         "/speed": no_speed(machine) if average else _speeds(there),
         "/health": rows_dataset(_sensor_conditions(there, channels), SensorCondition, dim="item"),
@@ -223,11 +223,11 @@ def _analysed(
     return histories, channels
 
 
-def _frame(channels: Sequence[AnalysedChannel], machine: Machine, settings: AnalysisSettings) -> Frame:
+def _declaration(channels: Sequence[AnalysedChannel], machine: Machine, settings: AnalysisSettings) -> Declaration:
     if machine.source.contradiction:
-        return Frame(contradiction=machine.source.contradiction)
+        return Declaration(contradiction=machine.source.contradiction)
     heard = [(one.spectra[ORDER_SPECTRUM], one.bands) for one in channels if not one.faulty]
-    return judged_frame(heard, machine, slip=settings.slip)
+    return judged_declaration(heard, machine, slip=settings.slip)
 
 
 def _note_of_speed(machine: Machine, ratio: float) -> str:
@@ -390,7 +390,7 @@ def _tracks(
 
 
 def _notes(
-    record: SegmentedRecord, settings: AnalysisSettings, channels: Sequence[AnalysedChannel], frame: Frame
+    record: SegmentedRecord, settings: AnalysisSettings, channels: Sequence[AnalysedChannel], declaration: Declaration
 ) -> list[str]:
     """Return the caveats, those on speed and tachometer first."""
     machine = record.machine
@@ -398,8 +398,8 @@ def _notes(
     if not record.machines:  # an average in angle has no speed
         return [*record.left_out, *left_out]
     return [
-        *(one[0].upper() + one[1:] + "." for one in (frame.contradiction, frame.doubt) if one),
-        *([frame.note] if frame.note else []),
+        *(one[0].upper() + one[1:] + "." for one in (declaration.contradiction, declaration.doubt) if one),
+        *([declaration.note] if declaration.note else []),
         *_speed_notes(machine, settings),
         *machine.tachometer_condition[1],
         *_band_notes(machine, settings, channels),

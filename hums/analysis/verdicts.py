@@ -61,8 +61,8 @@ __all__ = [
 ]
 
 EVIDENCE, GEARS, SHAFTS, UNMEASURED = "evidence", "gears", "shafts", "unmeasured"
-# attributes of the root: what contradicts the declared frame, and why it is not sure; empty where nothing does
-CONTRADICTION, DOUBT = "frame_contradiction", "frame_doubt"
+# attributes of the root: what contradicts the declared angle, and why it is not sure; empty where nothing does
+CONTRADICTION, DOUBT = "declaration_contradiction", "declaration_doubt"
 _LIBRARY = "library_json"
 _AT_SHAFTS = "library_at_shafts_json"
 _FEWEST_TURNS = 8.0  # of the reference, whose lines one order apart are the noise next to a line

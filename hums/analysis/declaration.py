@@ -1,15 +1,16 @@
-"""Whether a record shows the frame that was declared for it: speed, pulses per revolution, shaft, synchronous clock.
+"""Whether a record shows what was declared of its angle: speed, pulses per revolution, shaft, synchronous clock.
 
-Under a frame every shaft and mesh is a family of lines at harmonics of its order, and every bearing one in an envelope.
-What speaks for a line is how seldom a window like its own, laid at random beside the families, holds a peak as large,
-the chance ``p``, turned into evidence against chance by ``e = (1 - p + p ln p) / (p ln^2 p)`` (Vovk and Wang 2021,
-"E-values: calibration, combination and applications", eq. 1 integrated over its exponent), whose mean is one where
-chance alone decides. A line that a family has with probability ``q`` then speaks for it with ``1 - q + q (2 e - 1)``,
-and a family that shows at all with probability `_VISIBLE` with their product. Families multiply.
+Under a declaration every shaft and mesh is a family of lines at harmonics of its order, every bearing one in an
+envelope. What speaks for a line is how seldom a window like its own, laid at random beside the families, holds a peak
+as large, the chance ``p``, turned into evidence against chance by ``e = (1 - p + p ln p) / (p ln^2 p)`` (Vovk and Wang
+2021, "E-values: calibration, combination and applications", the mean over all exponents of their calibrators), whose
+mean is one where chance alone decides. A line that a family has with probability ``q`` then speaks for it with
+``1 - q + q (2 e - 1)``, and a family that shows at all with probability
+`_VISIBLE` with their product. Families multiply.
 
-Rivals of the declared frame are those that a wrong declaration makes: the true speed is another by a whole number or
-the ratio of two shafts, or a nominal one by some per cent; or the frame follows the shaft with a delay or by another
-clock, so that in a record whose speed changes lines spread in proportion to their order.
+Its rivals are what is true where it is wrong: the speed is another by a whole number or the ratio of two shafts, or a
+nominal one by some per cent; or the angle follows the shaft with a delay or by another clock, so that in a record whose
+speed changes lines spread in proportion to their order.
 """
 
 import math
@@ -26,13 +27,13 @@ from hums.gearbox.orders import BEARING_KINDS
 from signals.spectra.peaks import spectral_peaks
 from signals.spectra.spectra import AmplitudeSpectrum
 
-__all__ = ["Frame", "judged_frame"]
+__all__ = ["Declaration", "judged_declaration"]
 
 CONFIRMED = math.log(20)
-"""Evidence from which on a frame is confirmed: odds of twenty against chance."""
+"""Evidence from which on a declaration is confirmed: odds of twenty against chance."""
 
 CONTRADICTED = math.log(1000)
-"""Evidence that another frame needs, for itself and over the declared one, to be taken for what the record shows."""
+"""Evidence that a rival needs, for itself and over the declared one, to be taken for what the record shows."""
 
 _MESH = (0.95, 0.7, 0.5, 0.35, 0.25, 0.2)  # of a mesh that shows: the share of machines whose harmonic does
 _SHAFT = (0.95, 0.6, 0.4, 0.3, 0.25, 0.2)
@@ -53,10 +54,10 @@ Numbers = NDArray[np.float64]
 
 
 @dataclass(frozen=True, kw_only=True)
-class Frame:
-    """What a record says of the declared frame.
+class Declaration:
+    """What a record says of the declared angle.
 
-    `contradiction` says what it shows instead, `doubt` why the frame is not sure; both are empty where it is confirmed.
+    `contradiction` says what it shows instead, `doubt` why it is not sure; both are empty where it is confirmed.
     `speed_ratio` is that of the speed which the record shows to a nominal one, 1 where it shows none.
     """
 
@@ -126,14 +127,14 @@ def _calibrated(chance: Numbers) -> Numbers:
     return np.where(chance > 1 - 1e-3, 0.5, (1 - p + p * log) / (p * log**2))
 
 
-def judged_frame(
+def judged_declaration(
     channels: Sequence[tuple[AmplitudeSpectrum, Sequence[BandEvidence]]], machine: Machine, *, slip: float
-) -> Frame:
-    """Return what the order spectra and envelopes of channels say of the frame of a machine's record."""
+) -> Declaration:
+    """Return what the order spectra and envelopes of channels say of the declared angle of a machine."""
     comb = _Comb(machine, slip)
     heard = [(_Peaks.of(one), [_Peaks.of_band(band) for band in bands if band.orders.size]) for one, bands in channels]
     if not heard:
-        return Frame()
+        return Declaration()
 
     def of_lines(ratio: float, spread: float = 0.0) -> float:
         """Return the evidence of shafts and meshes that the true speed has this ratio to the declared one."""
@@ -148,7 +149,7 @@ def judged_frame(
     best, words = max(_likely_rivals(machine, of_lines, of_bearings, declared), default=(-math.inf, ""))
     if not nominal and min(best, best - declared) >= CONTRADICTED:
         odds = f"{math.exp(min(best - declared, 40.0)):.2g} to 1"
-        return Frame(contradiction=f"the record contradicts the speed: its lines are those of {words} ({odds})")
+        return Declaration(contradiction=f"the record contradicts the speed: its lines are those of {words} ({odds})")
     spreads = {spread: of_lines(1.0, spread) + bearings for spread in _SPREADS[1:]}
     spread = max(spreads, key=spreads.__getitem__)
     # nothing but its own lines says that a nominal speed does not wander
@@ -157,13 +158,13 @@ def judged_frame(
     # a nominal speed was chosen among many, by lines that are few where it is wrong
     sure = declared >= CONFIRMED + (CONTRADICTED if nominal else 0.0) and not spreading
     if not sure and source.declared is not None and (ratio := comb.nominal_ratio(heard, declared)) is not None:
-        return Frame(speed_ratio=ratio * source.declared.speed_hz / source.declared.declared_hz)
+        return Declaration(speed_ratio=ratio * source.declared.speed_hz / source.declared.declared_hz)
     if declared >= CONFIRMED and not spreading:
-        return Frame()
+        return Declaration()
     if spreading:
-        return Frame(doubt=_spread_words(machine, spread))
+        return Declaration(doubt=_spread_words(machine, spread))
     known = f'tachometer "{source.tachometer}"' if source.tachometer else "declared" if nominal else "estimated"
-    return Frame(
+    return Declaration(
         doubt=f"lines of shafts, meshes and bearings do not confirm the speed of {machine.reference}, "
         f"{machine.mean_speed_hz:.4g} Hz ({known})"
     )
@@ -180,7 +181,7 @@ def _likely_rivals(
 
 
 def _rivals(machine: Machine) -> Iterator[tuple[str, float]]:
-    """Yield the frames that a wrong declaration makes, in words, with the ratio of their speed to the declared one."""
+    """Yield what may be true where a declaration is wrong, in words, with its speed over the declared one."""
     source = machine.source
     orders = {row.component: row.order for row in machine.defect_orders if row.kind == "shaft" and row.order > 0}
     for factor in (*_FACTORS, *(1 / one for one in _FACTORS)):
