@@ -17,7 +17,7 @@ from data_synth import Scene, simulate
 from hums import Gearbox, NominalSpeed, analyze, findings_table, load_gearbox, make_record, verdict_table
 
 # notes that doubt what was declared
-DOUBTED = re.compile("does not look like that gearbox|contradict|spread over|do not confirm")
+DOUBTED = re.compile("does not look like that gearbox|contradict|spread over|do not confirm|rather those of")
 SETS = {
     "CWRU": "CWRU, one race",
     "HIT": "HIT, one race",

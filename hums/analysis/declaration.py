@@ -147,7 +147,8 @@ def judged_declaration(
     declared = of_lines(1.0) + bearings
     nominal = machine.source.declared is not None
     best, words = max(_likely_rivals(machine, of_lines, of_bearings, declared), default=(-math.inf, ""))
-    if not nominal and min(best, best - declared) >= CONTRADICTED:
+    rival = min(best, best - declared)
+    if not nominal and rival >= CONTRADICTED:
         odds = f"{math.exp(min(best - declared, 40.0)):.2g} to 1"
         return Declaration(contradiction=f"the record contradicts the speed: its lines are those of {words} ({odds})")
     spreads = {spread: of_lines(1.0, spread) + bearings for spread in _SPREADS[1:]}
@@ -159,15 +160,16 @@ def judged_declaration(
     sure = declared >= CONFIRMED + (CONTRADICTED if nominal else 0.0) and not spreading
     if not sure and source.declared is not None and (ratio := comb.nominal_ratio(heard, declared)) is not None:
         return Declaration(speed_ratio=ratio * source.declared.speed_hz / source.declared.declared_hz)
-    if declared >= CONFIRMED and not spreading:
+    if declared >= CONFIRMED and not spreading and rival < CONFIRMED:
         return Declaration()
-    if spreading:
-        return Declaration(doubt=_spread_words(machine, spread))
     known = f'tachometer "{source.tachometer}"' if source.tachometer else "declared" if nominal else "estimated"
-    return Declaration(
-        doubt=f"lines of shafts, meshes and bearings do not confirm the speed of {machine.reference}, "
+    doubt = (
+        f"lines of shafts, meshes and bearings do not confirm the speed of {machine.reference}, "
         f"{machine.mean_speed_hz:.4g} Hz ({known})"
     )
+    if rival >= CONFIRMED:
+        doubt = f"the lines of the record are rather those of {words}"
+    return Declaration(doubt=_spread_words(machine, spread) if spreading else doubt)
 
 
 def _likely_rivals(
