@@ -137,10 +137,9 @@ def analyze(
         record = record.assign(
             nominal_speed=record["nominal_speed"].copy(data=record["nominal_speed"] * declaration.speed_ratio)
         )
-        note = _note_of_speed(there.machine, declaration.speed_ratio)
         there = segmented(record, gearbox, settings)
         histories, channels = _analysed(there, settings, baseline, record=record)
-        declaration = replace(_declaration(channels, there.machine, settings), note=note)
+        declaration = replace(_declaration(channels, there.machine, settings), note=declaration.note)
     machine = there.machine
     assessor = LineAssessor(
         {bearing.name: bearing for bearing in machine.bearings},
@@ -228,16 +227,6 @@ def _declaration(channels: Sequence[AnalysedChannel], machine: Machine, settings
         return Declaration(contradiction=machine.source.contradiction)
     heard = [(one.spectra[ORDER_SPECTRUM], one.bands) for one in channels if not one.faulty]
     return judged_declaration(heard, machine, slip=settings.slip)
-
-
-def _note_of_speed(machine: Machine, ratio: float) -> str:
-    source = machine.source
-    assert source.declared is not None  # noqa: S101 - a nominal speed has one
-    declared_hz = source.declared.declared_hz
-    return (
-        f"The speed of {source.shaft} is declared as {60 * declared_hz:.5g} rpm, and the lines of shafts, meshes and "
-        f"bearings show {60 * ratio * declared_hz:.5g} rpm: the record is analysed at that speed."
-    )
 
 
 def _plan(machine: Machine, settings: AnalysisSettings) -> SearchPlan:

@@ -159,7 +159,12 @@ def judged_declaration(
     # a nominal speed was chosen among many, by lines that are few where it is wrong
     sure = declared >= CONFIRMED + (CONTRADICTED if nominal else 0.0) and not spreading
     if not sure and source.declared is not None and (ratio := comb.nominal_ratio(heard, declared)) is not None:
-        return Declaration(speed_ratio=ratio * source.declared.speed_hz / source.declared.declared_hz)
+        shown, rpm = ratio * source.declared.speed_hz / source.declared.declared_hz, 60 * source.declared.declared_hz
+        note = (
+            f"The speed of {source.shaft} is declared as {rpm:.5g} rpm, and lines of shafts, meshes and bearings show "
+            f"{shown * rpm:.5g} rpm: the record is analysed at that speed."
+        )
+        return Declaration(speed_ratio=shown, note=note)
     if declared >= CONFIRMED and not spreading and rival < CONFIRMED:
         return Declaration()
     known = f'tachometer "{source.tachometer}"' if source.tachometer else "declared" if nominal else "estimated"
