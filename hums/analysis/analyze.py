@@ -225,8 +225,8 @@ def _analysed(
 def _declaration(channels: Sequence[AnalysedChannel], machine: Machine, settings: AnalysisSettings) -> Declaration:
     if machine.source.contradiction:
         return Declaration(contradiction=machine.source.contradiction)
-    heard = [(one.spectra[ORDER_SPECTRUM], one.bands) for one in channels if not one.faulty]
-    return judged_declaration(heard, machine, slip=settings.slip)
+    sound = [(one.spectra[ORDER_SPECTRUM], one.bands) for one in channels if not one.faulty]
+    return judged_declaration(sound, machine, slip=settings.slip)
 
 
 def _plan(machine: Machine, settings: AnalysisSettings) -> SearchPlan:

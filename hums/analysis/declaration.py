@@ -23,6 +23,7 @@ from numpy.typing import NDArray
 
 from hums.analysis.evidence import BandEvidence
 from hums.analysis.reference_angle import Machine
+from hums.analysis.unexplained import flanks
 from hums.gearbox.orders import BEARING_KINDS
 from signals.spectra.peaks import spectral_peaks
 from signals.spectra.spectra import AmplitudeSpectrum
@@ -80,10 +81,7 @@ class _Peaks:
     @classmethod
     def of(cls, spectrum: AmplitudeSpectrum) -> "_Peaks":
         found = spectral_peaks(spectrum)
-        reach = _FEWEST_BINS / 2 * spectrum.bin_width  # of the window of a larger one
-        first, last = (np.searchsorted(found.position, found.position + side) for side in (-reach, reach))
-        largest = [found.amplitude[a:b].max() for a, b in zip(first, last, strict=True)]
-        own = found.amplitude >= np.array(largest)
+        own = ~flanks(found.position, found.amplitude, spectrum.bin_width)
         sizes = found.amplitude[own] / np.maximum(found.background[own], np.finfo(float).tiny)
         return cls(places=found.position[own], sizes=sizes, bin_width=spectrum.bin_width, end=float(spectrum.axis[-1]))
 
@@ -95,6 +93,11 @@ class _Peaks:
     def half(self, orders: Numbers, spread: float) -> Numbers:
         """Return half the width of the windows of lines."""
         return np.maximum(_HALF_BINS * self.bin_width, spread * orders)
+
+    def neighbourhood(self, orders: Numbers) -> tuple[Numbers, Numbers]:
+        """Return where the octaves about orders begin and end, whose peaks tell how seldom a large one is."""
+        margin = 100 * self.bin_width
+        return np.maximum(orders / 2 - margin, 0), np.minimum(2 * orders + margin, self.end)
 
     def largest(self, orders: Numbers, half: Numbers) -> NDArray[np.intp]:
         """Return the largest peak in each window, -1 for none."""
@@ -108,8 +111,7 @@ class _Peaks:
         chance = np.ones(orders.size)
         shown = at >= 0
         if shown.any():
-            margin = 100 * self.bin_width
-            low, high = np.maximum(orders / 2 - margin, 0)[shown], np.minimum(2 * orders + margin, self.end)[shown]
+            low, high = self.neighbourhood(orders[shown])
             centre, reach = own
             strange = ~(np.abs(self.places[:, None] - centre) <= reach).any(axis=1)
             near = strange & (self.places > low[:, None]) & (self.places < high[:, None])
@@ -117,14 +119,20 @@ class _Peaks:
             within = (centre > low[:, None]) & (centre < high[:, None])
             room = np.maximum(high - low - (2 * reach * within).sum(axis=1), (high - low) / 2)
             chance[shown] = -np.expm1(-(as_large + 1) * 2 * half[shown] / room)
-        return float(np.log1p(shares * (2 * _calibrated(chance) - 2)).sum())
+        return float(_of_family(chance, shares))
 
 
-def _calibrated(chance: Numbers) -> Numbers:
-    """Return the evidence against chance of a probability."""
+def _of_family(chance: Numbers, shares: Numbers) -> Numbers:
+    """Return the logarithm of the evidence of lines together, along the last axis, from the chance of each."""
     p = np.clip(chance, 1e-12, 1 - 1e-6)
     log = np.log(p)
-    return np.where(chance > 1 - 1e-3, 0.5, (1 - p + p * log) / (p * log**2))
+    against_chance = np.where(chance > 1 - 1e-3, 0.5, (1 - p + p * log) / (p * log**2))
+    return np.asarray(np.log1p(shares * (2 * against_chance - 2)).sum(axis=-1))
+
+
+def _if_it_shows(share: float, evidence: float | Numbers) -> Numbers:
+    """Return the logarithm of the evidence of what a share of machines shows, from that of its showing."""
+    return np.asarray(np.logaddexp(math.log(1 - share), math.log(share) + evidence))
 
 
 def judged_declaration(
@@ -132,16 +140,18 @@ def judged_declaration(
 ) -> Declaration:
     """Return what the order spectra and envelopes of channels say of the declared angle of a machine."""
     comb = _Comb(machine, slip)
-    heard = [(_Peaks.of(one), [_Peaks.of_band(band) for band in bands if band.orders.size]) for one, bands in channels]
-    if not heard:
+    spectra = [
+        (_Peaks.of(one), [_Peaks.of_band(band) for band in bands if band.orders.size]) for one, bands in channels
+    ]
+    if not spectra:
         return Declaration()
 
     def of_lines(ratio: float, spread: float = 0.0) -> float:
         """Return the evidence of shafts and meshes that the true speed has this ratio to the declared one."""
-        return max(comb.of_lines(peaks, ratio, spread) for peaks, _ in heard)
+        return max(comb.of_lines(peaks, ratio, spread) for peaks, _ in spectra)
 
     def of_bearings(ratio: float) -> float:
-        return max(comb.of_bearings(bands, ratio) for _, bands in heard)
+        return max(comb.of_bearings(bands, ratio) for _, bands in spectra)
 
     bearings = of_bearings(1.0)
     declared = of_lines(1.0) + bearings
@@ -158,7 +168,7 @@ def judged_declaration(
     source = machine.source
     # a nominal speed was chosen among many, by lines that are few where it is wrong
     sure = declared >= CONFIRMED + (CONTRADICTED if nominal else 0.0) and not spreading
-    if not sure and source.declared is not None and (ratio := comb.nominal_ratio(heard, declared)) is not None:
+    if not sure and source.declared is not None and (ratio := comb.nominal_ratio(spectra, declared)) is not None:
         shown, rpm = ratio * source.declared.speed_hz / source.declared.declared_hz, 60 * source.declared.declared_hz
         note = (
             f"The speed of {source.shaft} is declared as {rpm:.5g} rpm, and lines of shafts, meshes and bearings show "
@@ -243,7 +253,7 @@ class _Comb:
         total = 0.0
         for lines, shares in self._families(peaks, ratio, spread):
             shown = peaks.log_evidence(lines, peaks.half(lines, spread), shares, windows)
-            total += float(np.logaddexp(math.log(1 - _VISIBLE), math.log(_VISIBLE) + shown))
+            total += float(_if_it_shows(_VISIBLE, shown))
         return total
 
     def _families(self, peaks: _Peaks, ratio: float, spread: float) -> Iterator[tuple[Numbers, Numbers]]:
@@ -263,20 +273,20 @@ class _Comb:
         if not found:
             return 0.0
         mean = float(np.logaddexp.reduce(found)) - math.log(len(found))
-        return float(np.logaddexp(math.log(1 - _DAMAGED), math.log(_DAMAGED) + mean))
+        return float(_if_it_shows(_DAMAGED, mean))
 
-    def nominal_ratio(self, heard: Sequence[tuple[_Peaks, list[_Peaks]]], declared: float) -> float | None:
+    def nominal_ratio(self, spectra: Sequence[tuple[_Peaks, list[_Peaks]]], declared: float) -> float | None:
         """Return the ratio to a nominal speed of the one that shows, within `_NOMINAL`; None where none is sure.
 
         It has to show in spite of the number of speeds that are tried, and no other may be as likely.
         """
-        finest = min(_HALF_BINS * peaks.bin_width / min(peaks.end, float(self.own[-1])) for peaks, _ in heard)
+        finest = min(_HALF_BINS * peaks.bin_width / min(peaks.end, float(self.own[-1])) for peaks, _ in spectra)
         ratios = 1 + np.arange(-_NOMINAL, _NOMINAL, max(finest, 2 * _NOMINAL / _MOST_SPEEDS))
         coarse = np.linspace(1 - _NOMINAL, 1 + _NOMINAL, 1 + round(4 * _NOMINAL / self.slip))
-        bearings = [max(self.of_bearings(bands, ratio) for _, bands in heard) for ratio in coarse.tolist()]
+        bearings = [max(self.of_bearings(bands, ratio) for _, bands in spectra) for ratio in coarse.tolist()]
         of_bearings = np.interp(ratios, coarse, bearings)
         found = {
-            spread: of_bearings + np.max([self._of_ratios(peaks, ratios, spread) for peaks, _ in heard], axis=0)
+            spread: of_bearings + np.max([self._of_ratios(peaks, ratios, spread) for peaks, _ in spectra], axis=0)
             for spread in _SPREADS
         }
         spread = max(found, key=lambda one: float(found[one].max()))
@@ -289,8 +299,7 @@ class _Comb:
 
     def _of_ratios(self, peaks: _Peaks, ratios: Numbers, spread: float) -> Numbers:
         """Return `of_lines` at many ratios, with every peak a stranger to all others."""
-        margin = 100 * peaks.bin_width
-        low, high = np.maximum(peaks.places / 2 - margin, 0), np.minimum(2 * peaks.places + margin, peaks.end)
+        low, high = peaks.neighbourhood(peaks.places)
         near = (peaks.places > low[:, None]) & (peaks.places < high[:, None])
         rates = (near & (peaks.sizes >= peaks.sizes[:, None])).sum(axis=1) / (high - low)
         total = np.zeros(ratios.size)
@@ -302,21 +311,17 @@ class _Comb:
             for step in range(int((last - first).max(initial=0))):
                 at = np.minimum(first + step, rates.size - 1)
                 rarest = np.where(first + step < last, np.minimum(rarest, rates[at]), rarest)
-            shown = np.log1p(shares * (2 * _calibrated(-np.expm1(-rarest * 2 * half)) - 2)).sum(axis=1)
-            total += np.logaddexp(math.log(1 - _VISIBLE), math.log(_VISIBLE) + shown)
+            total += _if_it_shows(_VISIBLE, _of_family(-np.expm1(-rarest * 2 * half), shares))
         return total
 
     def _of_bearing(self, peaks: _Peaks, order: float, ratio: float) -> float:
-        shares = np.array(_BEARING)
-        nothing = float(np.log1p(-shares).sum())
-        place = np.array([order])
+        shares, place = np.array(_BEARING), np.array([order])
         half = peaks.half(place, self.slip)
         at = int(peaks.largest(place, half)[0])
         if order > peaks.end or at < 0:
-            return nothing
+            return float(np.log1p(-shares).sum())
         lines: Numbers = float(peaks.places[at]) * np.arange(1.0, shares.size + 1, dtype=np.float64)
         comb = np.add.outer(lines, np.outer(self.shafts, (-2, -1, 0, 1, 2)).ravel() * ratio).ravel()
-        windows = comb, peaks.half(comb, 0.0)
         used = lines < peaks.end
         half = np.where(lines == lines[0], half, peaks.half(lines, 0.0))
-        return peaks.log_evidence(lines[used], half[used], shares[used], windows)
+        return peaks.log_evidence(lines[used], half[used], shares[used], (comb, peaks.half(comb, 0.0)))

@@ -243,28 +243,29 @@ def bearing_evidence(
         replace(part, sibling_depths=_sibling_depths(part, families)) if part.strength > 0 else part for part in parts
     ]
     parts = [replace(part, hidden_by=part.hidden_by or _of_a_stronger_part(part, parts, bearings)) for part in parts]
-    strange = max((_stranger(band, parts, others) for band in usable), default=(0.0, 0.0))
+    strange = _stranger(usable, parts, others)
     return [part if part.strength > 0 else _unless_misdeclared(part, *strange) for part in parts]
 
 
-def _stranger(band: BandEvidence, parts: Sequence[PartEvidence], others: "_Others") -> tuple[float, float]:
+def _stranger(bands: Sequence[BandEvidence], parts: Sequence[PartEvidence], others: "_Others") -> tuple[float, float]:
     """Return depth and order of the deepest line with a harmonic that nothing drawn and no mains make, or zeros."""
     multiples = np.arange(1, _MULTIPLES + 1)
     drawn = np.outer([part.order for part in parts], multiples).ravel()
     shown = np.outer([part.found for part in parts if part.strength > 0], multiples).ravel()
     sidebands = np.add.outer(shown, np.outer(others.spacings, (-2, -1, 1, 2)).ravel()).ravel()
     about = np.concatenate([drawn, sidebands])
-    deep = (band.depths >= FAULTY_DEPTH) & (band.orders >= others.slowest) & ~others.of_shafts(band.orders)
-    reach_hz = 0.5 * others.width * others.setting.speed_hz
-    for _, multiple in mains_multiples(band.orders, others.setting, reach_hz):
-        deep &= multiple == 0
-    for place in np.flatnonzero(deep)[np.argsort(-band.depths[deep])]:
-        order = float(band.orders[place])
-        near = (np.abs(about - order) <= np.maximum(others.width, _DRAWN * about)).any()
-        harmonic = (np.abs(band.orders - 2 * order) <= others.width).any()
-        if harmonic and not near and not _beat_of_a_mesh(order, band, others.setting):
-            return float(band.depths[place]), order
-    return 0.0, 0.0
+    reach_hz, found = 0.5 * others.width * others.setting.speed_hz, (0.0, 0.0)
+    for band in bands:
+        deep = (band.depths >= FAULTY_DEPTH) & (band.orders >= others.slowest) & ~others.of_shafts(band.orders)
+        for _, multiple in mains_multiples(band.orders, others.setting, reach_hz):
+            deep &= multiple == 0
+        for place in np.flatnonzero(deep):
+            order = float(band.orders[place])
+            near = (np.abs(about - order) <= np.maximum(others.width, _DRAWN * about)).any()
+            harmonic = (np.abs(band.orders - 2 * order) <= others.width).any()
+            if harmonic and not near and not _beat_of_a_mesh(order, band, others.setting):
+                found = max(found, (float(band.depths[place]), order))
+    return found
 
 
 def _unless_misdeclared(part: PartEvidence, depth: float, order: float) -> PartEvidence:
