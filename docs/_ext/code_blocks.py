@@ -1,5 +1,7 @@
 """Run the code blocks of the pages: a page is a session, its blocks run from top to bottom in an empty folder.
 
+Pages run in processes of their own, while the gallery runs in the process of Sphinx.
+
 ``python`` blocks share a namespace, ``sh`` blocks are given to bash. What fails is a warning, so that
 ``sphinx-build -W`` fails, too. A block within a comment of HTML runs unseen: it makes the files that a reader has. A
 block after the comment ``<!-- not run: reason -->`` is left out. Scenes and other tables in TOML run in the tests. What
@@ -16,6 +18,7 @@ import sys
 import tempfile
 import textwrap
 import traceback
+from concurrent.futures import Future, ProcessPoolExecutor
 from dataclasses import dataclass
 from pathlib import Path
 from typing import Any
@@ -39,6 +42,8 @@ class Shown:
     pictures: tuple[str, ...]
 
 
+POOL = ProcessPoolExecutor()
+RUNNING: dict[str, Future[tuple[dict[str, Shown], str]]] = {}  # page -> what its blocks show, and what went wrong
 SHOWN: dict[str, dict[str, Shown]] = {}  # page -> source of a block -> what stands below it
 
 
@@ -55,41 +60,51 @@ def _run_shell(source: str) -> str:
     return done.stdout
 
 
-def run_page(page: Path, root: Path, shown: dict[str, Shown]) -> str:
-    """Run the blocks of a page, enter what each shows, and return what went wrong."""
-    blocks = BLOCK.findall(page.read_text(encoding="utf-8"))
+def run_page(page: Path, root: Path) -> tuple[dict[str, Shown], str]:
+    """Run the blocks of a page, and return what each shows and what went wrong."""
     names: dict[str, Any] = {"__name__": "__main__"}
+    shown: dict[str, Shown] = {}
     with tempfile.TemporaryDirectory() as folder, contextlib.chdir(folder):
-        for left_out, language, source in blocks:
+        for left_out, language, source in BLOCK.findall(page.read_text(encoding="utf-8")):
             if left_out:
                 continue
             before = set(Path().glob("*.svg"))
             try:
                 said = _run_python(source, page, names) if language == "python" else _run_shell(source)
             except subprocess.CalledProcessError as error:
-                return f"{source}{error.stderr}"
+                return shown, f"{source}{error.stderr}"
             except Exception:  # noqa: BLE001 - a page may fail in any way
-                return traceback.format_exc()
+                return shown, traceback.format_exc()
             pictures = [_kept(picture, page, root) for picture in sorted(set(Path().glob("*.svg")) - before)]
             shown[source] = Shown(said.replace(f"{Path.cwd()}{os.sep}", ""), tuple(pictures))
-    return ""
+    return shown, ""
 
 
 def _kept(picture: Path, page: Path, root: Path) -> str:
     kept = root / MADE / f"{page.parent.name}-{page.stem}-{picture.name}"
-    kept.parent.mkdir(exist_ok=True)
     shutil.copyfile(picture, kept)
     return f"/{MADE}/{kept.name}"
 
 
-def run_pages(app: Sphinx) -> None:
-    """Run every page."""
+def start_pages(app: Sphinx) -> None:
+    """Start to run the pages that have blocks, those with the most commands first."""
     root = Path(app.srcdir)
+    (root / MADE).mkdir(exist_ok=True)
     SHOWN.clear()
-    for page in sorted(found for pattern in PAGES for found in root.glob(pattern)):
-        name = str(page.relative_to(root).with_suffix(""))
-        if trouble := run_page(page, root, SHOWN.setdefault(name, {})):
+    texts = {page: page.read_text(encoding="utf-8") for pattern in PAGES for page in root.glob(pattern)}
+    for page in sorted(texts, key=lambda page: -texts[page].count("\nhums ")):
+        if BLOCK.search(texts[page]):
+            name = str(page.relative_to(root).with_suffix(""))
+            RUNNING[name] = POOL.submit(run_page, page, root)
+
+
+def end_pages(_app: Sphinx) -> None:
+    """Wait for the pages, and enter what they show."""
+    for name, page in sorted(RUNNING.items()):
+        SHOWN[name], trouble = page.result()
+        if trouble:
             logger.warning("a code block fails: %s", trouble, location=name)
+    POOL.shutdown()
 
 
 def _wrapped(line: str) -> list[str]:
@@ -114,6 +129,7 @@ def show_below(_app: Sphinx, page: str, content: list[str]) -> None:
 
 def setup(app: Sphinx) -> dict[str, bool]:
     """Connect to Sphinx."""
-    app.connect("builder-inited", run_pages)
+    app.connect("builder-inited", start_pages, priority=100)  # before the gallery, which has 500
+    app.connect("builder-inited", end_pages, priority=900)
     app.connect("source-read", show_below)
     return {"parallel_read_safe": True, "parallel_write_safe": True}
