@@ -56,7 +56,6 @@ OPEN = {
 # What only one module may import.
 ONE_DOOR = {
     "h5py": ("hums.records.store", "hums.records._netcdf", "hums.records._contained"),
-    "h5netcdf": ("hums.records.store",),
     "matplotlib": ("hums.plots",),
     "dask": ("hums.jobs",),
     "pyarrow": ("hums.fleet.parquet",),
@@ -111,10 +110,10 @@ ALLOWANCES = {
     "hums/cli": (10, *MENDS),
     "hums/fleet": (13, *MENDS),
     "hums/readers": (415, *READ),
-    "hums/records": (226, *READ),
+    "hums/records": (263, *READ),
     "hums/report": (4, *MENDS),
     "signals/shaft": (116, *TACHOMETERS),
-    "all code lines": (1113, *INPUTS),
+    "all code lines": (1150, *INPUTS),
     "all modules": (1, *INPUTS),
     "all constants": (62, *INPUTS),
     "tests": (508, *INPUTS),

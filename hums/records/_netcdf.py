@@ -19,8 +19,10 @@ import h5py
 import numpy as np
 import xarray as xr
 from xarray import conventions
+from xarray.backends import AbstractDataStore, BackendArray, CachingFileManager
+from xarray.core.indexing import ExplicitIndexer, IndexingSupport, LazilyIndexedArray, explicit_indexing_adapter
 
-from hums.records._contained import fingerprint
+from hums.records._contained import fingerprint, objects
 
 if TYPE_CHECKING:
     from _typeshed import ReadableBuffer as Buffer
@@ -34,7 +36,8 @@ _OF_LAYOUT = {
     "NAME",
     "DIMENSION_LIST",
     "REFERENCE_LIST",
-    "_FillValue",
+    "_NCProperties",
+    "_Netcdf4Coordinates",
     "_Netcdf4Dimid",
 }  # no attributes of ours
 _UNLIMITED = 1024  # chunk length along a dimension of length 0, which netCDF reads as unlimited
@@ -66,28 +69,91 @@ def write_netcdf(path: str | PathLike[str], groups: Mapping[str, tuple[xr.Datase
         file.attrs.create("_NCProperties", np.bytes_(version))
 
 
-def arrays_along(file: h5py.File, dim: str) -> dict[str, tuple[h5py.Dataset, tuple[str, ...], dict[str, Any]]]:
-    """Return the arrays at the top of a file whose first dimension is `dim`, each with its dimensions and attributes.
+def open_netcdf(files: CachingFileManager[h5py.File], **options: Any) -> dict[str, xr.Dataset]:  # noqa: ANN401
+    """Return the datasets of a file by the path of their group, as `xarray.open_datatree` does in five times as long.
 
-    Xarray opens all arrays of a file, in a fifth of a second for some fifty.
+    Parameters
+    ----------
+    files : CachingFileManager of h5py.File
+        Of a file in netCDF4 layout; it is open until a dataset is closed, and values are read on access.
+    **options
+        To `xarray.open_dataset`.
+
+    Raises
+    ------
+    OSError, RuntimeError, LookupError, ValueError, TypeError, AttributeError
+        On broken bytes.
     """
-    found = {}
-    for name, item in file.items():
-        if isinstance(item, h5py.Dataset) and "DIMENSION_LIST" in item.attrs:
-            dims = tuple(str(scales[0].name).rpartition("/")[2] for scales in item.dims)
-            if dims[0] == dim:
-                attrs = {key: value for key, value in item.attrs.items() if key not in _OF_LAYOUT}
-                single = {key: value[0] for key, value in attrs.items() if np.shape(value) == (1,)}
-                found[name] = item, dims, attrs | single
+    with files.acquire_context() as file:
+        items = dict(objects(file))
+        addresses = {h5py.h5o.get_info(item.id).addr: where for where, item in items.items()}
+        stores = {"": _Store(files, file)}
+        for where, item in items.items():
+            if isinstance(item, h5py.Group):
+                stores[where] = _Store(files, item)
+            elif not item.attrs.get("NAME", b"").startswith(_NO_VARIABLE.encode()):
+                group, _, name = where.rpartition("/")
+                text = h5py.check_dtype(vlen=item.dtype) is str
+                values = np.asarray(item.asstr()[()]).astype(np.str_) if text else _Array(files, where, item)
+                data = values if text else LazilyIndexedArray(values)
+                stores[group].variables[name] = xr.Variable(_dims(item, name, addresses), data, _attrs(item))
+    return {where or "/": xr.open_dataset(store, **options) for where, store in stores.items()}
+
+
+def _dims(item: h5py.Dataset, name: str, addresses: Mapping[int, str]) -> list[str]:
+    """Return the dimensions of an array: the names of its scales, or its own where it is one."""
+    if item.attrs.get("CLASS") == b"DIMENSION_SCALE":
+        return [name]
+    scales = [item.file[references[0]] for references in item.attrs["DIMENSION_LIST"]] if item.ndim else []
+    return [addresses[h5py.h5o.get_info(scale.id).addr].rpartition("/")[2] for scale in scales]
+
+
+def _attrs(item: h5py.Group | h5py.Dataset) -> dict[str, Any]:
+    """Return the attributes: an array of one as its element, rows of text as lists."""
+    found = {name: item.attrs[name] for name in item.attrs if name not in _OF_LAYOUT}
+    for name, value in found.items():
+        if isinstance(value, bytes):
+            found[name] = value.decode()
+        elif isinstance(value, h5py.Empty):
+            found[name] = np.zeros(0, dtype=value.dtype)
+        elif isinstance(value, np.ndarray):
+            row = value.tolist() if value.dtype.kind == "O" else value
+            found[name] = row[0] if len(row) == 1 else row
     return found
 
 
-def decoded(item: h5py.Dataset, dims: tuple[str, ...], attrs: dict[str, Any]) -> xr.Variable:
-    """Return an array of `arrays_along` in memory."""
-    text = h5py.check_string_dtype(item.dtype) is not None
-    return conventions.decode_cf_variable(
-        item.name, xr.Variable(dims, item.asstr()[()].astype(np.str_) if text else item[()], attrs)
-    ).load()
+class _Store(AbstractDataStore):
+    """One group of a file, as `xarray.open_dataset` takes it."""
+
+    def __init__(self, files: CachingFileManager[h5py.File], group: h5py.Group) -> None:
+        self.files, self.file_name, self.attrs = files, group.file.filename, _attrs(group)
+        self.variables = dict[str, xr.Variable]()
+
+    def get_variables(self) -> dict[str, xr.Variable]:
+        return self.variables
+
+    def get_attrs(self) -> dict[str, Any]:
+        return self.attrs
+
+    def get_encoding(self) -> dict[str, str]:
+        return {"source": self.file_name}
+
+    def close(self) -> None:
+        self.files.close()
+
+
+class _Array(BackendArray):
+    """An array of a file, read on access."""
+
+    def __init__(self, files: CachingFileManager[h5py.File], where: str, item: h5py.Dataset) -> None:
+        self.files, self.where, self.shape, self.dtype = files, where, item.shape, item.dtype
+
+    def __getitem__(self, key: ExplicitIndexer) -> Any:  # noqa: ANN401
+        return explicit_indexing_adapter(key, self.shape, IndexingSupport.OUTER_1VECTOR, self._values)
+
+    def _values(self, key: tuple[Any, ...]) -> Any:  # noqa: ANN401
+        with self.files.acquire_context() as file:
+            return file[self.where][key]
 
 
 class DiskError(OSError):

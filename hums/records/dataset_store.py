@@ -6,7 +6,7 @@ a dataset may be pickled, forked and read from many processes at once.
 """
 
 import json
-from collections.abc import Mapping, Sequence
+from collections.abc import Sequence
 from pathlib import Path
 from typing import Any
 
@@ -16,7 +16,6 @@ from numpy.typing import NDArray
 from xarray.backends import BackendArray
 from xarray.core import indexing
 
-from hums.records._netcdf import arrays_along, decoded
 from hums.records.fields import plain_cell
 from hums.records.record import RecordError, attach_time
 from hums.records.store import atomic_write, open_hdf5, open_shard, open_tree, record_of_shard, write_tree
@@ -183,16 +182,15 @@ def write_index(folder: Path, shards: Sequence[Path], *, plan: str) -> None:
     tables, arrays = list[xr.Dataset](), dict[str, Any]()
     attrs = dict[str, Any]()
     for path in shards:
-        with open_hdf5(path) as shard:
+        with open_shard(path) as shard:
             labels = dict[str, xr.Variable]()
-            for name, (item, dims, own) in arrays_along(shard, "record").items():
-                if own.get("role") == "label":
-                    labels[name] = decoded(item, dims, own)
-                elif item.dtype.kind == "f":
-                    sizes = dict(zip(dims, item.shape, strict=True))
-                    _update_array_facts(arrays, name, sizes, item.dtype, own)
+            for name, variable in shard.variables.items():
+                if variable.attrs.get("role") == "label":
+                    labels[str(name)] = variable.load()
+                elif variable.dims[:1] == ("record",) and variable.dtype.kind == "f":
+                    _update_array_facts(arrays, str(name), variable)
             tables.append(xr.Dataset(labels))
-            attrs = json.loads(shard["attrs_of_record"].asstr()[0])
+            attrs = json.loads(str(shard["attrs_of_record"].values[0]))
     table = xr.concat(tables, "record")
     rows = {int(path.stem): len(one["record"]) for path, one in zip(shards, tables, strict=True)}
     each = [rows.get(number, 0) for number in range(max(rows) + 1)]
@@ -210,13 +208,11 @@ def write_index(folder: Path, shards: Sequence[Path], *, plan: str) -> None:
     write_tree(xr.DataTree(table), folder / INDEX)
 
 
-def _update_array_facts(
-    arrays: dict[str, Any], name: str, sizes: Mapping[str, int], dtype: np.dtype[Any], attrs: dict[str, Any]
-) -> None:
+def _update_array_facts(arrays: dict[str, Any], name: str, array: xr.Variable) -> None:
     """Record dims, type and attributes of an array, and the largest shape among the files."""
-    plain = {key: value.tolist() if hasattr(value, "tolist") else value for key, value in attrs.items()}
-    (_, *dims), (_, *width) = sizes, sizes.values()
-    facts = arrays.setdefault(name, {"dims": dims, "width": width, "dtype": str(dtype), "attrs": plain})
+    plain = {key: value.tolist() if hasattr(value, "tolist") else value for key, value in array.attrs.items()}
+    (_, *dims), (_, *width) = array.dims, array.shape
+    facts = arrays.setdefault(name, {"dims": dims, "width": width, "dtype": str(array.dtype), "attrs": plain})
     facts["width"] = [max(pair) for pair in zip(facts["width"], width, strict=True)]
 
 

@@ -7,7 +7,7 @@ seconds for both. `open_record` computes the time axis from start and rate inste
 import math
 import os
 import warnings
-from collections.abc import Callable, Iterator, Mapping, Sequence
+from collections.abc import Iterator, Mapping, Sequence
 from contextlib import contextmanager
 from datetime import datetime
 from functools import partial
@@ -15,16 +15,17 @@ from hashlib import sha256
 from pathlib import Path
 from shlex import quote
 from socket import gethostname
-from typing import Any, Final, TypeVar
+from typing import Any
 from uuid import uuid4
 
 import h5py
 import numpy as np
 import xarray as xr
+from xarray.backends import CachingFileManager
 from xarray.indexes import RangeIndex
 
 from hums.records._contained import fingerprint, objects, refuse_reaching_out, refuse_size, refuse_too_large
-from hums.records._netcdf import Chunks, DiskError, write_netcdf
+from hums.records._netcdf import Chunks, DiskError, open_netcdf, write_netcdf
 from hums.records.channels import ANGLE
 from hums.records.fields import RecordWarning, is_utf8, plain_repr
 from hums.records.packing import packed, unpacked
@@ -53,7 +54,6 @@ __all__ = [
 ]
 
 
-_ENGINE: Final = "h5netcdf"
 _SIGNATURE = b"\x89HDF\r\n\x1a\n"
 _CHUNK = 65536  # values: half a megabyte of float64, which HDF5's own cache of a megabyte holds
 _READ_ERRORS = (
@@ -64,8 +64,6 @@ _READ_ERRORS = (
     TypeError,
     AttributeError,
 )  # what HDF5 and its readers raise on broken bytes
-
-Opened = TypeVar("Opened", xr.Dataset, xr.DataTree)
 
 
 @checked
@@ -141,7 +139,7 @@ def open_record(path: str | os.PathLike[str]) -> xr.Dataset:
     """
     file = existing_file(path)
     _check_schema(file)
-    opened = _opened(file, partial(xr.open_dataset, create_default_indexes=False))  # which would load the time axes
+    opened = _opened(file, create_default_indexes=False)["/"]  # indexes would load the time axes
     try:
         record = attach_time(opened)
         for dim in record.dims:
@@ -172,7 +170,10 @@ def open_tree(path: str | os.PathLike[str]) -> xr.DataTree:
     RecordError
         If the file is missing, damaged or not HDF5.
     """
-    return _checked_and_opened(path, xr.open_datatree)
+    groups = _opened(path)
+    tree = xr.DataTree.from_dict(groups)
+    tree.set_close(groups["/"].close)
+    return tree
 
 
 def write_shard(
@@ -210,7 +211,7 @@ def open_shard(path: str | os.PathLike[str]) -> xr.Dataset:
     RecordError
         If the file is missing, damaged or not HDF5.
     """
-    return _checked_and_opened(path, partial(xr.open_dataset, create_default_indexes=False))
+    return _opened(path, create_default_indexes=False)["/"]
 
 
 def record_of_shard(shard: xr.Dataset, row: int) -> xr.Dataset:
@@ -322,17 +323,15 @@ def existing_file(path: str | os.PathLike[str]) -> Path:
 # ---- reading -----------------------------------------------------------------------------------------------
 
 
-def _checked_and_opened(path: str | os.PathLike[str], open_with: Callable[..., Opened]) -> Opened:
-    file = existing_file(path)
-    open_hdf5(file).close()
-    return _opened(file, open_with)
-
-
-def _opened(file: Path, open_with: Callable[..., Opened]) -> Opened:
+def _opened(path: str | os.PathLike[str], **options: Any) -> dict[str, xr.Dataset]:  # noqa: ANN401
+    files = CachingFileManager(open_hdf5, existing_file(path))
     try:
-        return open_with(file, engine=_ENGINE)
+        return open_netcdf(files, **options)
+    except RecordError:
+        raise
     except _READ_ERRORS as error:
-        raise _damaged(file, error) from error
+        files.close()
+        raise _damaged(Path(path), error) from error
 
 
 def _check_schema(file: Path) -> None:
