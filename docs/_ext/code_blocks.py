@@ -2,7 +2,7 @@
 
 Pages run in processes of their own, while the gallery runs in the process of Sphinx.
 
-``python`` blocks share a namespace, ``sh`` blocks are given to bash. What fails is a warning, so that
+``python`` blocks share a namespace, ``sh`` blocks are commands, a line each. What fails is a warning, so that
 ``sphinx-build -W`` fails, too. A block within a comment of HTML runs unseen: it makes the files that a reader has. A
 block after the comment ``<!-- not run: reason -->`` is left out. Scenes and other tables in TOML run in the tests. What
 a block prints, and the pictures (``.svg``) that it leaves in the folder, stand below it.
@@ -12,6 +12,7 @@ import contextlib
 import io
 import os
 import re
+import shlex
 import shutil
 import subprocess
 import sys
@@ -25,6 +26,9 @@ from typing import Any
 
 from sphinx.application import Sphinx
 from sphinx.util import logging
+
+import hums.jobs
+from hums.cli import main
 
 logger = logging.getLogger(__name__)
 PAGES = ("*.md", "tutorials/*.md", "howto/*.md", "methods/*.md")
@@ -54,16 +58,29 @@ def _run_python(source: str, page: Path, names: dict[str, Any]) -> str:
 
 
 def _run_shell(source: str) -> str:
-    path = os.pathsep.join([str(Path(sys.executable).parent), os.environ.get("PATH", "")])
-    words = ["bash", "-euo", "pipefail", "-c", source]
-    done = subprocess.run(words, env=os.environ | {"PATH": path}, check=True, capture_output=True, text=True)  # noqa: S603
-    return done.stdout
+    """Run a block line by line, the commands of the toolkit in this process, which has its modules and kernels."""
+    lines = [shlex.split(line, comments=True) for line in source.replace("\\\n", " ").splitlines()]
+    return "".join(_run_hums(words) if words[0] == "hums" else _run_other(words) for words in lines if words)
+
+
+def _run_hums(words: list[str]) -> str:
+    with contextlib.redirect_stdout(io.StringIO()) as said, contextlib.redirect_stderr(io.StringIO()) as complaint:
+        sys.argv = words
+        status = main()
+    if status:
+        raise subprocess.CalledProcessError(status, words, stderr=complaint.getvalue())
+    return said.getvalue()
+
+
+def _run_other(words: list[str]) -> str:
+    return subprocess.run(words, check=True, capture_output=True, text=True).stdout  # noqa: S603
 
 
 def run_page(page: Path, root: Path) -> tuple[dict[str, Shown], str]:
     """Run the blocks of a page, and return what each shows and what went wrong."""
     names: dict[str, Any] = {"__name__": "__main__"}
     shown: dict[str, Shown] = {}
+    hums.jobs.Processes = lambda **_: hums.jobs.Serial()  # each process would load all that this one has
     with tempfile.TemporaryDirectory() as folder, contextlib.chdir(folder):
         for left_out, language, source in BLOCK.findall(page.read_text(encoding="utf-8")):
             if left_out:
@@ -72,7 +89,7 @@ def run_page(page: Path, root: Path) -> tuple[dict[str, Shown], str]:
             try:
                 said = _run_python(source, page, names) if language == "python" else _run_shell(source)
             except subprocess.CalledProcessError as error:
-                return shown, f"{source}{error.stderr}"
+                return shown, f"{shlex.join(error.cmd)}\n{error.stderr}"
             except Exception:  # noqa: BLE001 - a page may fail in any way
                 return shown, traceback.format_exc()
             pictures = [_kept(picture, page, root) for picture in sorted(set(Path().glob("*.svg")) - before)]
