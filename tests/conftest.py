@@ -11,11 +11,12 @@ from browser import start_browser
 for name in ("OMP_NUM_THREADS", "OPENBLAS_NUM_THREADS", "MKL_NUM_THREADS"):
     os.environ.setdefault(name, "1")
 
-# The same examples in every run: a test that fails does so for everyone, and no database is left behind. Nothing is
-# judged by the clock, which on a busy machine says nothing of the test.
+# The same examples in every run: a test that fails does so for everyone, and no database is left behind; more of them
+# would say the same again each time. Nothing is judged by the clock, which on a busy machine says nothing of the test.
 hypothesis.settings.register_profile(
     "house",
     derandomize=True,
+    max_examples=40,
     database=None,
     deadline=None,
     suppress_health_check=[hypothesis.HealthCheck.too_slow],

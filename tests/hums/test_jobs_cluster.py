@@ -45,7 +45,7 @@ change = { noise = { rms = 1.0 } }
 def cluster(tmp_path_factory):
     with pytest.MonkeyPatch.context() as patch:
         patch.setattr(jobs, "_TIMEOUT_S", clusters.START_S)
-        with clusters.dask_cluster(tmp_path_factory.mktemp("cluster")) as address:
+        with clusters.dask_cluster(tmp_path_factory.mktemp("cluster"), nanny=True) as address:
             yield Cluster(address=address)
 
 
@@ -72,16 +72,12 @@ def test_jobs_are_done_in_other_processes(tmp_path, cluster):
     assert str(os.getpid()).encode() not in contents(tmp_path).values()
 
 
-def test_a_job_that_kills_its_worker_is_found_and_the_rest_is_done(tmp_path):
-    (tmp_path / "out").mkdir()
+def test_a_job_that_kills_its_worker_is_found_and_the_rest_is_done(tmp_path, cluster):
     killed = []
-    with clusters.dask_cluster(tmp_path, nanny=True) as address:
-        run_jobs(
-            clusters.die_at_three, JOBS, folder=tmp_path / "out", workers=Cluster(address=address),
-            when_killed=lambda item, _: killed.append(item),
-        )  # fmt: skip
+    found = {"folder": tmp_path, "workers": cluster, "when_killed": lambda item, _: killed.append(item)}
+    run_jobs(clusters.die_at_three, JOBS, **found)
     assert killed == [3]
-    assert contents(tmp_path / "out") == {f"{item}.txt": f"item {item}".encode() for item in range(6) if item != 3}
+    assert contents(tmp_path) == {f"{item}.txt": f"item {item}".encode() for item in range(6) if item != 3}
 
 
 def test_a_cluster_without_the_package_is_named(tmp_path, cluster, monkeypatch):

@@ -22,11 +22,11 @@ def states(name, count, *, seed=1, **declared):
     return np.array([history.state(number, seed=seed)[name] for number in range(count)])
 
 
-@pytest.mark.parametrize("records", [5, 50])
-def test_states_are_correlated_over_the_declared_records(records):
+def test_states_are_correlated_over_the_declared_records():
+    records = 5
     found = states("gain_db", 3000, gain_db=0.5, short_records=records, long_records=records, season_share=0)
-    # 3000 / (2 x 50) independent values: the variance is known to 25 %, a correlation to 0.2 (4 deviations or so)
-    assert np.std(found) == pytest.approx(0.5, rel=0.25)
+    # 3000 / (2 x 5) independent values: the deviation is known to 4 %, a correlation to 0.06
+    assert np.std(found) == pytest.approx(0.5, rel=0.15)
     about = found - np.mean(found)
     correlation = np.mean(about[records:] * about[:-records]) / np.var(found)
     assert correlation == pytest.approx(np.exp(-1), abs=0.2)

@@ -44,6 +44,7 @@ VERDICTS = dict.fromkeys(LOCAL, "indicated") | dict.fromkeys(ALL_ROUND, "measure
 BEARINGS = ("inner_race", "outer_race", "rolling_element", "cage")
 SHAFTS = {"imbalance": 1, "bent_shaft": 1, "shaft_misalignment": 2}  # and the harmonic that rises most
 SIZES_MM = (2.0, 4.0)
+GROWN = ("tooth_crack", "eccentricity", "imbalance", "inner_race", "cage")  # analysed in both sizes, the others in one
 COMPONENT = dict.fromkeys((*VERDICTS, "wear"), PINION) | dict.fromkeys(SHAFTS, SHAFT)
 COMPONENT |= dict.fromkeys(BEARINGS, BEARING)
 
@@ -112,7 +113,7 @@ def test_every_kind_of_fault_is_here():
 @pytest.mark.slow
 @pytest.mark.parametrize("kind", VERDICTS)
 def test_a_damaged_gear_is_named_and_its_sideband_tracked(kind):
-    trips = [round_trip(kind, size_mm) for size_mm in SIZES_MM]
+    trips = [round_trip(kind, size_mm) for size_mm in (SIZES_MM if kind in GROWN else SIZES_MM[1:])]
     sidebands = []
     for record, analysis in trips:
         found = found_in(analysis)
@@ -125,9 +126,9 @@ def test_a_damaged_gear_is_named_and_its_sideband_tracked(kind):
         assert 0.6 < result.tracks["normalised_rms"].median() < 1.25
         tracks = result.tracks[result.tracks["component"] == PINION]
         sidebands.append(tracks.set_index("order")["true_amplitude"])
-    order = sidebands[1].loc[sidebands[0].index.intersection(sidebands[1].index)].idxmax()
-    small, large = (assert_tracked(record, analysis, order) for record, analysis in trips)
-    assert small < large
+    order = sidebands[-1].loc[sidebands[0].index.intersection(sidebands[-1].index)].idxmax()
+    heard = [assert_tracked(record, analysis, order) for record, analysis in trips]
+    assert np.all(np.diff(heard) > 0)
 
 
 @pytest.mark.slow
@@ -148,7 +149,7 @@ def test_wear_raises_the_mesh_and_names_no_tooth():
 @pytest.mark.parametrize(("kind", "harmonic"), list(SHAFTS.items()))
 def test_the_lines_of_a_faulty_shaft_are_claimed_and_tracked(kind, harmonic):
     order, heard = harmonic * 23 / 67, []
-    for size_mm in SIZES_MM:
+    for size_mm in SIZES_MM if kind in GROWN else SIZES_MM[1:]:
         record, analysis = round_trip(kind, size_mm)
         # what every shaft has some of raises no finding; the line is claimed, and only its trend accuses the shaft
         assert found_in(analysis) == {}
@@ -157,7 +158,7 @@ def test_the_lines_of_a_faulty_shaft_are_claimed_and_tracked(kind, harmonic):
         (row,) = lines[(lines["component"] == SHAFT) & (lines["harmonic"] == harmonic)].itertuples()
         assert row.claimed
         heard.append(assert_tracked(record, analysis, order))
-    assert heard[0] < heard[1]
+    assert np.all(np.diff(heard) > 0)
 
 
 def struck_a_rev(record):
@@ -171,7 +172,7 @@ def struck_a_rev(record):
 @pytest.mark.parametrize("kind", BEARINGS)
 def test_a_bearing_defect_is_named_at_its_mean_rate(kind):
     heard = []
-    for size_mm in SIZES_MM:
+    for size_mm in SIZES_MM if kind in GROWN else SIZES_MM[1:]:
         record, analysis = round_trip(kind, size_mm)
         found = found_in(analysis)
         if kind != "cage" or size_mm == max(SIZES_MM):
@@ -184,7 +185,7 @@ def test_a_bearing_defect_is_named_at_its_mean_rate(kind):
     # an element makes the line of the cage, too
     assert found[BEARING, kind].verdict == ("indicated" if kind == "cage" else "diagnosed")
     assert score(analysis, record).false_findings == ()
-    assert heard[0] < heard[1]
+    assert np.all(np.diff(heard) > 0)
 
 
 def tracked(values, turns):

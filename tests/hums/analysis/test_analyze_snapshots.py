@@ -79,7 +79,7 @@ def test_lines_nearer_than_a_snapshot_resolves_are_not_judged(gearbox):
 def test_noise_names_nothing(gearbox):
     named = [
         verdict
-        for seed in range(4)
+        for seed in range(2)
         for verdict in verdicts(snapshots(20, order=OUTER, depth=0.0, seed=seed), gearbox)["verdict"]
     ]
     assert not {"indicated", "diagnosed"} & set(named)

@@ -1,6 +1,5 @@
 """`hums convert` of many files, of averages in angle, and what `hums info` says of such records."""
 
-import csv
 import warnings
 
 import numpy as np
@@ -134,27 +133,3 @@ def test_a_target_that_is_missing_and_times_that_no_name_states(run, folder, tmp
     assert "no time is known" not in run("convert", folder, tmp_path / "timed", *MANY, *TIMED)[1]
     assert "dataset      4 records; the first:" in run("info", tmp_path / "out")[1]
     assert "measured is a folder, and no dataset" in run("info", folder)[2]
-
-
-def test_from_a_folder_of_files_to_an_alarm(run, tmp_path):
-    """The how-to's path: nine files of a sound machine, then two with an impact a turn."""
-    (tmp_path / "measured").mkdir()
-    time_s = np.arange(4096) / 4096
-    since_impact_s = time_s % (1 / 20)
-    impacts = 5 * np.exp(-300 * since_impact_s) * np.cos(2 * np.pi * 1000 * since_impact_s)
-    for day in range(11):
-        signal = np.cos(2 * np.pi * 23 * 20 * time_s) + np.random.default_rng(day).normal(0, 0.3, time_s.size)
-        signal += (day >= 9) * impacts
-        np.savetxt(tmp_path / "measured" / f"acc_{day}.csv", signal, header="housing", comments="")
-    source, records = tmp_path / "measured" / "acc_*.csv", tmp_path / "records"
-    channel = ("--channel", "housing", "--rate-hz", 4096, "--units", "g", "--shaft-rpm", 1200, "--shaft", "input")
-    daily = ("--machine", "mill 3", "--every", 86400, "--recorded-at", "2024-05-01T12:00:00Z")
-    assert run("convert", source, records, *channel, *daily)[0] == 0
-    options = ("--gearbox", "two-stage", "--baseline-records", 8, "--no-envelope", "--workers", 1)
-    code, out, _ = run("fleet", records, "-o", tmp_path / "fleet", *options)
-    assert code == 0
-    assert "one in 10000 records of a machine would be false" in out
-    with (tmp_path / "fleet" / "alarms.csv").open(encoding="utf-8") as stream:
-        (first, *_) = csv.DictReader(stream)
-    assert (first["machine"], first["recorded_at"][:10], first["state"]) == ("mill 3", "2024-05-11", "raised")
-    assert first["since"][:10] == "2024-05-10"
