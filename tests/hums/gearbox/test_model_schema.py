@@ -127,7 +127,7 @@ def damaged(draw):
     return table
 
 
-@settings(max_examples=300)
+@settings(max_examples=100)
 @given(damaged())
 def test_damaged_files_end_in_a_solution_or_a_sentence(table):
     sentence = None
