@@ -404,9 +404,9 @@ class TestBudgets:
         Budget(row=m["row"], start=int(m["start"]), ceiling=int(m["ceiling"])) for m in code_size.ROW.finditer(BUDGETS)
     )
 
-    @pytest.mark.parametrize("budget", ROWS, ids=lambda budget: budget.row)
-    def test_each_row_is_within_its_ceiling(self, budget):
-        assert not budget.complaint(code_size.count(budget.row))
+    def test_each_row_is_within_its_ceiling(self):
+        complaints = [budget.complaint(code_size.count(budget.row)) for budget in self.ROWS]
+        assert not list(filter(None, complaints))
 
     def test_every_folder_has_one_row(self):
         assert len(self.ROWS) == len(BUDGETS.strip().splitlines())

@@ -18,16 +18,12 @@ def cases():
 @pytest.fixture(scope="module")
 def expected(cases):
     """Return what scipy makes of them."""
-    return {
-        name: by_scipy(cases[name].problem, output(cases[name].rate_hz))
-        for name in ("rectangular", "smooth", "parting")
-    }
+    return {name: by_scipy(cases[name].problem, output(cases[name].rate_hz)) for name in ("smooth", "parting")}
 
 
 @pytest.mark.parametrize(
     ("name", "method", "steps", "tolerance"),
     [
-        ("rectangular", "RK4, aligned", 4, 1e-6),
         ("smooth", "Dormand-Prince 8", 1, 1e-7),
         ("parting", "Newmark 1/4", 32, 0.05),
     ],

@@ -285,14 +285,6 @@ def test_warnings_reach_the_user_as_a_line(run, request):
     assert "16.18" in err
 
 
-@pytest.mark.slow
-def test_demo(run, tmp_path):
-    code, out, err = run("demo", "-o", tmp_path / "demo")
-    assert (code, err) == (0, "")
-    assert "Truth against estimate" in out
-    assert (tmp_path / "demo" / "report.html").exists()
-
-
 def test_convert_writes_no_hdf5_under_another_suffix(run, mat, tmp_path):
     code, _, err = run(*convert_words(mat, tmp_path / "a6.txt", "--no-tachometer"))
     assert code == 2
