@@ -5,9 +5,11 @@ import gc
 import logging
 import sys
 import warnings
-from typing import Annotated
+from collections import Counter
+from typing import Annotated, Any
 
 import typer
+from typer.core import TyperCommand, TyperOption
 
 from hums.cli import (
     analyze,
@@ -55,6 +57,17 @@ def common(
     """Order tracking for gearboxes: kinematics, records, analyses, reports, synthetic data."""
 
 
+class _EachOptionOnce(TyperCommand):
+    """A command that refuses an option given twice; click would take the last in silence."""
+
+    def parse_args(self, ctx: Any, args: list[str]) -> list[str]:  # noqa: ANN401 - typer brings its own click or not
+        *_, given = self.make_parser(ctx).parse_args(args=list(args))
+        for option, times in Counter(given).items():
+            if times > 1 and isinstance(option, TyperOption) and not option.multiple:
+                raise typer.BadParameter(f"given {times} times; it takes one value, keep one.", ctx, option)
+        return list(super().parse_args(ctx, args))
+
+
 for command in (
     drawing.drawing,
     dynamics.dynamics,
@@ -70,7 +83,7 @@ for command in (
     fleet.fleet,
     demo.demo,
 ):
-    app.command()(command)
+    app.command(cls=_EachOptionOnce)(command)
 
 
 def main() -> int:

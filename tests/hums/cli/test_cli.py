@@ -204,6 +204,20 @@ def test_mistakes_end_in_a_sentence(run, words, sentence):
     assert "Traceback" not in err
 
 
+@pytest.mark.parametrize(
+    ("words", "option"),
+    [
+        (("orders", "two-stage", "--rpm", 100, "--rpm", 200), "--rpm"),
+        (("orders", "two-stage", "--json", "--json"), "--json"),
+        (("convert", "a.csv", "a.h5", "--rate-hz", 1, "--channel", "a", "--channel", "b", "--rate-hz", 2), "--rate-hz"),
+        (("synth", "demo", "-o", "a.h5", "--out", "b.h5"), "--out"),
+    ],
+)
+def test_an_option_given_twice_is_refused(run, words, option):
+    code, _, err = run(*words)
+    assert (code, option in err, "given 2 times" in err) == (2, True, True)
+
+
 def test_a_rate_of_zero(run, mat, tmp_path):
     words = convert_words(mat, tmp_path / "r.h5", "--shaft-rpm", 1200, "--shaft", "input")
     code, _, err = run(*(0 if word == RATE_HZ else word for word in words))
