@@ -8,7 +8,6 @@ piece whose files changed is made again. A file that cannot be read is a row of 
 import csv
 import hashlib
 import json
-import math
 import re
 import warnings
 from collections import Counter
@@ -16,6 +15,7 @@ from collections.abc import Iterator, Mapping, Sequence
 from dataclasses import dataclass
 from datetime import UTC, datetime, timedelta
 from functools import cache
+from os import PathLike
 from pathlib import Path
 from typing import Any, Literal
 
@@ -24,6 +24,8 @@ import xarray as xr
 
 from hums.jobs import Job, Serial, Workers, run_jobs
 from hums.readers import SUFFIXES
+from hums.readers.columns import in_zone
+from hums.readers.description import OF_MANY_FILES, ImportDescription, describe
 from hums.readers.process import ReaderProcess
 from hums.records.dataset_store import INDEX, SHARD, write_index
 from hums.records.fields import RecordError, plain_cell, utc_text
@@ -76,27 +78,20 @@ class Conversion:
 
 def find_sources(
     given: Sequence[str | Path],
-    *,
-    time_pattern: str | None = None,
-    utc_offset: str | None = None,
-    every_s: float | None = None,
-    first_at: str | None = None,
+    description: ImportDescription | Mapping[str, Any] | str | PathLike[str] | None = None,
+    **declared: Any,  # noqa: ANN401 - the keys of an ImportDescription, each with its type
 ) -> list[SourceFile]:
     """Return the files that names, folders and patterns stand for, in the order of their times or numbers.
 
     Parameters
     ----------
     given : sequence of path
-        Files; folders, whose files with a suffix that can be read are taken; patterns with ``*`` and ``?``; and names
-        with the directives of `datetime.strptime`, as ``data-%Y%m%dT%H%M%SZ.mat``, which state the time.
-    time_pattern : str, optional
-        Such a pattern for the names of all files.
-    utc_offset : str, optional
-        Offset of those times from UTC, as "+01:00"; a pattern with ``%z``, or with ``Z`` after a directive, states it.
-    every_s : float, optional
-        Seconds from one number in the names to the next; without it numbers are an order only.
-    first_at : str, optional
-        When the file with the lowest number was recorded, ISO 8601 with its offset; needed with `every_s`.
+        Files; folders, whose files with a suffix that can be read are taken; and patterns with ``*`` and ``?``.
+    description : ImportDescription, mapping or path, optional
+        Used are ``time_in_names``, with ``time_zone`` unless the pattern states it by ``%z``, or by ``Z`` after a
+        directive; and ``every_s`` with ``recorded_at``.
+    **declared
+        Keys that take the place of those of `description`.
 
     Returns
     -------
@@ -113,51 +108,42 @@ def find_sources(
     >>> import pathlib, tempfile
     >>> from hums.conversion import find_sources
     >>> with tempfile.TemporaryDirectory() as folder:
-    ...     for name in ("data-20130326T014150Z.mat", "data-20130311T030024Z.mat", "data-notes.mat"):
+    ...     for name in ("data-20130326T014150Z.mat", "data-20130311T030024Z.mat"):
     ...         _ = pathlib.Path(folder, name).write_bytes(b"...")
-    ...     [file.recorded_at for file in find_sources([f"{folder}/data-%Y%m%dT%H%M%SZ.mat"])]
+    ...     [file.recorded_at for file in find_sources([folder], time_in_names="data-%Y%m%dT%H%M%SZ")]
     ['2013-03-11T03:00:24Z', '2013-03-26T01:41:50Z']
     """
-    found: dict[Path, SourceFile] = {}
-    for name in map(Path, given):
-        for path, pattern in _matching(name):
-            used = pattern or time_pattern
-            when = "" if used is None else _time_of(path.name, used, utc_offset)
-            found.setdefault(path.resolve(), SourceFile(path=path, recorded_at=when))
+    told, found = describe(description, **declared), dict[Path, SourceFile]()
+    for path in (path for name in given for path in _matching(Path(name))):
+        when = _time_of(path.name, told.time_in_names, told.time_zone) if told.time_in_names else ""
+        found.setdefault(path.resolve(), SourceFile(path=path, recorded_at=when))
     if not found:
         raise RecordError("no file was named; name files, folders or patterns.")
     files = sorted(found.values(), key=lambda file: _natural(str(file.path)))
-    if every_s is not None:
-        return _numbered(files, every_s, first_at)
+    if told.every_s is not None and told.moment is not None:
+        return _numbered(files, told.every_s, told.moment)
     if all(file.recorded_at for file in files):
         files.sort(key=lambda file: datetime.fromisoformat(file.recorded_at))
     return files
 
 
-def _matching(given: Path) -> Iterator[tuple[Path, str | None]]:
-    """Yield the files that a name stands for, each with its pattern of time if the name is one."""
+def _matching(given: Path) -> list[Path]:
+    """Return the files that a name stands for."""
     if given.is_file():
-        yield given, None
-        return
+        return [given]
     if given.is_dir():
         there = [path for path in given.iterdir() if path.is_file() and path.suffix.lower() in SUFFIXES]
         if not there:
             raise RecordError(f"{given} holds no file that ends in {', '.join(SUFFIXES)}; name the files.")
-        yield from ((path, None) for path in there)
-        return
-    wild = re.sub(r"\*+", "*", _DIRECTIVE.sub("*", given.name))
-    if not re.search(r"[*?\[]", wild):
+        return there
+    if not re.search(r"[*?\[]", given.name):
         raise RecordError(f"{given}: there is no such file or folder; check the path.")
-    there = [path for path in given.parent.glob(wild) if path.is_file()]
-    timed = _DIRECTIVE.search(given.name) is not None
-    fitting = [path for path in there if not timed or _parsed(path.name, given.name) is not None]
-    if not fitting:
-        example = f'; "{there[0].name}" does not fit' if there else ""
-        raise RecordError(f"{given}: no file has such a name{example}. Check the pattern, and quote it in a shell.")
-    yield from ((path, given.name if timed else None) for path in fitting)
+    there = [path for path in given.parent.glob(given.name) if path.is_file()]
+    if not there:
+        raise RecordError(f"{given}: no file has such a name. Check the pattern, and quote it in a shell.")
+    return there
 
 
-_DIRECTIVE = re.compile(r"%[A-Za-z]")
 _STATES_UTC = re.compile(r"%[A-Za-z]Z")
 
 
@@ -168,24 +154,22 @@ def _parsed(name: str, pattern: str) -> datetime | None:
         return None
 
 
-def _time_of(name: str, pattern: str, utc_offset: str | None) -> str:
+def _time_of(name: str, pattern: str, time_zone: str | None) -> str:
     """Return the time that a file's name states, ISO 8601 in UTC."""
     moment = _parsed(name, pattern) or _parsed(Path(name).stem, pattern)
     if moment is None:
         raise RecordError(
-            f'{name} does not fit the pattern "{pattern}" of its time; write it as in "data-%Y%m%dT%H%M%SZ.mat", with '
-            "the directives of strptime."
+            f'{name} does not fit time_in_names = "{pattern}"; write it as in "data-%Y%m%dT%H%M%SZ", with the '
+            "directives of strptime."
         )
     if moment.tzinfo is None and _STATES_UTC.search(pattern):
         moment = moment.replace(tzinfo=UTC)
-    if moment.tzinfo is None:
-        if utc_offset is None:
-            raise RecordError(
-                f'"{pattern}" does not say how far {moment.isoformat()} is from UTC: add --utc-offset, as +01:00 or '
-                "+00:00, or write %z in the pattern, or Z after the time where it is UTC."
-            )
-        return utc_text(moment.isoformat() + utc_offset)
-    return utc_text(moment)
+    if moment.tzinfo is None and time_zone is None:
+        raise RecordError(
+            f'"{pattern}" does not say how far {moment.isoformat()} is from UTC: state time_zone, as "Europe/Berlin", '
+            '"+01:00" or "UTC", in an import description (-d); or write %z in the pattern, or Z where it is UTC.'
+        )
+    return utc_text(in_zone(moment, time_zone) if moment.tzinfo is None and time_zone else moment)
 
 
 def _natural(text: str) -> tuple[Any, ...]:
@@ -193,17 +177,11 @@ def _natural(text: str) -> tuple[Any, ...]:
     return tuple((int(part), "") if part.isdigit() else (-1, part) for part in re.split(r"(\d+)", text))
 
 
-def _numbered(files: Sequence[SourceFile], every_s: float, first_at: str | None) -> list[SourceFile]:
+def _numbered(files: Sequence[SourceFile], every_s: float, began: datetime) -> list[SourceFile]:
     """Return files with the times that the last numbers of their names say."""
-    if not (math.isfinite(every_s) and every_s > 0) or not first_at:
-        raise RecordError(
-            f"--every {every_s:g}: a number of seconds above zero is needed, and when the first file was recorded, "
-            "--recorded-at."
-        )
-    began = datetime.fromisoformat(utc_text(first_at))
     numbers = [re.findall(r"\d+", file.path.stem) for file in files]
     if bare := [file.path.name for file, number in zip(files, numbers, strict=True) if not number]:
-        raise RecordError(f"--every {every_s:g}: {bare[0]} has no number in its name; leave the file out.")
+        raise RecordError(f"every_s={every_s:g}: {bare[0]} has no number in its name; leave the file out.")
     each = [int(number[-1]) for number in numbers]
     moments = [began + timedelta(seconds=every_s * (number - min(each))) for number in each]
     timed = [
@@ -219,11 +197,11 @@ def convert_files(
     sources: Sequence[SourceFile],
     folder: str | Path,
     *,
+    description: ImportDescription | Mapping[str, Any] | str | PathLike[str] | None = None,
     form: Form = "packed",
-    snapshots: int = 1,
     workers: Workers | None = None,
     progress: bool = False,
-    **declared: Any,  # noqa: ANN401 - those of `hums.convert`
+    **declared: Any,  # noqa: ANN401 - the keys of an ImportDescription, each with its type
 ) -> Conversion:
     """Convert many files to records in a folder, or go on with a conversion that was stopped.
 
@@ -233,17 +211,18 @@ def convert_files(
         From `find_sources`, in their order.
     folder : str or Path
         New, empty, or begun with the same declarations.
+    description : ImportDescription, mapping or path, optional
+        What the files hold and do not state, and how many successive ones are joined to a record of snapshots; as in
+        `hums.convert`.
     form : {"packed", "files"}
         One dataset, which `hums.open_dataset` reads: records of one layout, samples of 32 bits. Or a record each, under
         the name of its file.
-    snapshots : int
-        Number of successive files that are joined to one record of snapshots; 1: none are.
     workers : Serial, Processes or Cluster of `hums.jobs`, optional
         Where the files are read; one process if left out.
     progress : bool
         Whether to show a progress bar on standard error.
     **declared
-        Channels, units, rates and the rest, as in `hums.convert`.
+        Keys that take the place of those of `description`.
 
     Returns
     -------
@@ -273,15 +252,16 @@ def convert_files(
     3 4 1 [1.0, 2.0, 10.0]
     """
     folder = Path(folder).resolve()
-    if snapshots < 1:
-        raise RecordError(f"snapshots={snapshots}: at least one file makes a record (--snapshots).")
-    if form == "files":
-        _refuse_same_names(sources, snapshots)
-    task = json.loads(json.dumps({"snapshots": snapshots, **declared}, default=str))
+    told = describe(description, **declared)
+    names = Counter(file.path.stem for file in sources[:: told.snapshots])
+    if form == "files" and (twice := [name for name, count in names.items() if count > 1]):
+        raise RecordError(f'two of the files are named "{twice[0]}"; convert one folder after the other, or packed.')
+    task = told.keys()
     _begin(folder, form, task)
     check_outputs([folder], inputs=[file.path for file in sources])
-    layout = _first_layout(sources, declared) if form == "packed" else None
-    jobs = [_job(files, number, form, task, layout) for number, files in enumerate(_pieces(sources, snapshots))]
+    readable = (record for file in sources for _, record in _converted([[str(file.path), file.recorded_at]], task, []))
+    layout = next(map(_layout, readable), None) if form == "packed" else None
+    jobs = [_job(files, number, form, task, layout) for number, files in enumerate(_pieces(sources, told.snapshots))]
     notes = folder / _PIECES
     if _drop_stale(folder, jobs):
         (folder / INDEX).unlink(missing_ok=True)
@@ -307,12 +287,6 @@ def convert_files(
     )
 
 
-def _refuse_same_names(sources: Sequence[SourceFile], snapshots: int) -> None:
-    names = Counter(file.path.stem for file in sources[::snapshots])
-    if twice := [name for name, count in names.items() if count > 1]:
-        raise RecordError(f'two of the files are named "{twice[0]}"; convert one folder after the other, or packed.')
-
-
 def _begin(folder: Path, form: Form, task: Mapping[str, Any]) -> None:
     """Write the declarations into a new folder; refuse one that holds other ones, or something else."""
     mark = folder / _MARKS[form]
@@ -322,7 +296,7 @@ def _begin(folder: Path, form: Form, task: Mapping[str, Any]) -> None:
             name = different[0]
             raise RecordError(
                 f"{folder} was begun with {name} = {there.get(name)!r}, here it is {task.get(name)!r}; name another "
-                "folder, or go on with the same options."
+                "folder, or go on with the same description."
             )
     elif folder.exists() and (not folder.is_dir() or any(path.suffix != ".part" for path in folder.iterdir())):
         raise RecordError(f"{folder} holds files that belong to no such conversion; name a new or empty folder.")
@@ -344,8 +318,12 @@ def _job(
     task: Mapping[str, Any],
     layout: Any,  # noqa: ANN401
 ) -> Job[dict[str, Any]]:
+    stats = [file.path.stat() for file in files]
     item: dict[str, Any] = {
-        "files": [[str(file.path.resolve()), file.recorded_at, *_size_and_time(file.path)] for file in files],
+        "files": [
+            [str(file.path.resolve()), file.recorded_at, stat.st_size, stat.st_mtime_ns]
+            for file, stat in zip(files, stats, strict=True)
+        ],
         "number": number,
         "form": form,
         "task": dict(task),
@@ -353,14 +331,6 @@ def _job(
     }
     item["key"] = hashlib.sha256(json.dumps(item).encode()).hexdigest()
     return Job(name=f"{number:06d}.json", item=item | {"new": True}, size=len(files))
-
-
-def _size_and_time(path: Path) -> tuple[int, int]:
-    try:
-        stat = path.stat()
-    except OSError:
-        return 0, 0
-    return stat.st_size, stat.st_mtime_ns
 
 
 def _drop_stale(folder: Path, jobs: Sequence[Job[dict[str, Any]]]) -> bool:
@@ -416,11 +386,10 @@ def _reader() -> ReaderProcess:
 
 def _write_piece(item: Mapping[str, Any], note: Path) -> None:
     """Convert the files of a piece; write its records, then the note of what was done."""
-    folder = note.parent.parent
-    declared = {name: value for name, value in item["task"].items() if name != "snapshots"}
+    folder, declared = note.parent.parent, item["task"]
     refused: list[tuple[str, str]] = []
     made: list[tuple[list[str], xr.Dataset]] = []
-    several = item["task"]["snapshots"]
+    several = item["task"].get("snapshots", 1)
     for first in range(0, len(item["files"]), several):
         group = [
             (path, record)
@@ -450,33 +419,22 @@ def _converted(
     files: Sequence[Sequence[Any]], declared: Mapping[str, Any], refused: list[tuple[str, str]]
 ) -> Iterator[tuple[str, xr.Dataset]]:
     """Yield each file that can be read with its record, in memory; add the others to `refused`."""
+    of_each = {name: value for name, value in declared.items() if name not in OF_MANY_FILES}
     for path, recorded_at, *_ in files:
         stated = {"recorded_at": recorded_at} if recorded_at else {}
         try:
             with warnings.catch_warnings():
                 warnings.simplefilter("ignore")  # of each of many files
-                record = _reader().convert(path, **(dict(declared) | stated))
+                record = _reader().convert(path, **(of_each | stated))
                 loaded = record.load()
                 record.close()
         except (ValueError, OSError) as error:
             refused.append((path, str(error)))
         else:
-            yield path, _without_thresholds(loaded)
-
-
-def _without_thresholds(record: xr.Dataset) -> xr.Dataset:
-    """Return a record without the levels of its tachometers, found in each waveform: attributes have to agree."""
-    for variable in record.variables.values():
-        variable.attrs = {key: value for key, value in variable.attrs.items() if key not in ("threshold", "hysteresis")}
-    return record
-
-
-def _first_layout(sources: Sequence[SourceFile], declared: Mapping[str, Any]) -> Any:  # noqa: ANN401
-    """Return the layout of the first file that can be read, which those of a dataset have to share."""
-    for file in sources:
-        for _, record in _converted([[str(file.path), file.recorded_at]], declared, []):
-            return _layout(record)
-    return None
+            for variable in loaded.variables.values():
+                for level in ("threshold", "hysteresis"):  # found in each waveform, but attributes have to agree
+                    variable.attrs.pop(level, None)
+            yield path, loaded
 
 
 def _layout(record: xr.Dataset) -> Any:  # noqa: ANN401

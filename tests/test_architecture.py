@@ -75,9 +75,9 @@ BUDGETS = """
     signals/resampling                                          799    799    600
     signals/shaft                                              3006   3003   2000
     signals/spectra                                             866    863    700
-    hums (root)                                                 830    830    600
+    hums (root)                                                 830    774    600
     hums/analysis                                              5359   5359   3000
-    hums/cli                                                   1120   1120    700
+    hums/cli                                                   1120   1039    700
     hums/fleet                                                 2161   2161   1300
     hums/gearbox                                               3541   3540   2600
     hums/plots, hums/drawing, hums/pages                       1667   1426   1200
@@ -104,19 +104,21 @@ TACHOMETERS = "tachometers compared, narrow pulses, lost quadrature pulses", "wh
 ANGLE = "the declared angle is tested, tachometers are compared", "with one score for every part"
 INPUTS = "what was declared is held against what was measured", "when signals/shaft, readers and verdicts are reduced"
 READ = "reading and comparing all that files state", "when readers and records are reduced"
+FORMATS = (
+    "import descriptions, LabVIEW and MDF files, for code removed in hums/cli and hums",
+    "when readers are reduced",
+)
 ALLOWANCES = {
-    "hums (root)": (5, *MENDS),
     "hums/analysis": (417, *ANGLE),
-    "hums/cli": (10, *MENDS),
     "hums/fleet": (13, *MENDS),
-    "hums/readers": (415, *READ),
+    "hums/readers": (566, *FORMATS),
     "hums/records": (263, *READ),
     "hums/report": (4, *MENDS),
     "signals/shaft": (116, *TACHOMETERS),
     "all code lines": (1150, *INPUTS),
-    "all modules": (1, *INPUTS),
+    "all modules": (5, *FORMATS),
     "all constants": (62, *INPUTS),
-    "tests": (508, *INPUTS),
+    "tests": (820, *FORMATS),
     "benchmarks": (881, "the scoreboard beside the scripts that it replaces", "when those are removed"),
 }
 HEAVY = ["scipy.signal", "scipy.stats", "filterpy", "numba", "dask", "h5py", "matplotlib", "pyarrow", "jinja2", "typer"]
@@ -170,7 +172,7 @@ def _homes(module):
     if MODULES[module].name == "__init__.py":
         for node in _tree(module).body:
             if isinstance(node, ast.Assign) and ast.unparse(node.targets[0]) == "_HOME":
-                return ast.literal_eval(node.value)
+                return importlib.import_module(module)._HOME
     return {}
 
 

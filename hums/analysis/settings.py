@@ -133,6 +133,7 @@ class AnalysisSettings(Declared):
         if (speeds is None) != (self.max_acceleration_hz_s is None):
             raise ValueError(
                 f"speed_range_hz = {speeds} and max_acceleration_hz_s = {self.max_acceleration_hz_s} belong together: "
-                "the range the speed lies in, and how fast it may change, in Hz a second; give both, or neither"
+                "where the reference's speed lies in rev/s, --speed-range LOW HIGH, and how fast it may change, "
+                "--max-acceleration HZ_PER_S; give both, or neither"
             )
         return self

@@ -6,26 +6,11 @@ import logging
 import sys
 import warnings
 from collections import Counter
+from importlib import import_module
 from typing import Annotated, Any
 
 import typer
 from typer.core import TyperCommand, TyperOption
-
-from hums.cli import (
-    analyze,
-    bearings,
-    convert,
-    dataset,
-    demo,
-    drawing,
-    dynamics,
-    fleet,
-    info,
-    orders,
-    report,
-    schema,
-    synth,
-)
 
 __all__ = ["main"]
 
@@ -68,22 +53,9 @@ class _EachOptionOnce(TyperCommand):
         return list(super().parse_args(ctx, args))
 
 
-for command in (
-    drawing.drawing,
-    dynamics.dynamics,
-    bearings.bearings,
-    orders.orders,
-    schema.schema,
-    convert.convert,
-    info.info,
-    analyze.analyze,
-    report.report,
-    synth.synth,
-    dataset.dataset,
-    fleet.fleet,
-    demo.demo,
-):
-    app.command(cls=_EachOptionOnce)(command)
+_NAMES = "drawing dynamics bearings orders schema convert info analyze report synth dataset fleet demo"
+for name in _NAMES.split():
+    app.command(cls=_EachOptionOnce)(getattr(import_module(f"hums.cli.{name}"), name))
 
 
 def main() -> int:

@@ -1,12 +1,13 @@
 """Command `hums drawing`."""
 
 from collections.abc import Callable, Mapping
+from functools import partial
 from pathlib import Path
 from typing import TYPE_CHECKING, Annotated, Any, Literal
 
 import typer
 
-from hums.cli.options import FigureFormat, parse_speeds, save_picture, say
+from hums.cli.options import FigureFormat, parse_speeds, save_picture, say, several
 
 if TYPE_CHECKING:
     from hums.gearbox.kinematics import Kinematics
@@ -76,15 +77,8 @@ def _pictures_of(kinematics: "Kinematics", speeds: Mapping[str, float]) -> dict[
 
     gearbox = kinematics.gearbox
 
-    def mechanism(ax: Any) -> None:  # noqa: ANN401  - matplotlib stays in hums.plots
-        if not layout_of(gearbox).planar:
-            draw_mechanism(gearbox, ax=ax)
-            return
-        figure = ax.figure
-        ax.remove()
-        section, axial = figure.subplots(1, 2)
-        draw_mechanism(gearbox, ax=section, view="section")
-        draw_mechanism(gearbox, ax=axial, view="axial")
+    views: tuple[Any, ...] = ("section", "axial") if layout_of(gearbox).planar else (None,)
+    mechanism = several([partial(draw_mechanism, gearbox, view=view) for view in views], columns=len(views))
 
     def orders(ax: Any) -> None:  # noqa: ANN401
         reference = gearbox.reference or next(iter(speeds))

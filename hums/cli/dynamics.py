@@ -3,12 +3,13 @@
 import math
 import sys
 from dataclasses import dataclass
+from functools import partial
 from pathlib import Path
 from typing import TYPE_CHECKING, Annotated, Any, Literal
 
 import typer
 
-from hums.cli.options import FigureFormat, save_picture, say
+from hums.cli.options import FigureFormat, save_picture, say, several
 
 if TYPE_CHECKING:
     from collections.abc import Callable
@@ -57,14 +58,7 @@ def dynamics(
     save_picture(lambda ax: plot_frequencies(modes, ax=ax), out / f"frequencies.{kind}", (8.0, 3.0))
     elastic = [number for number, frequency in enumerate(modes.frequencies_hz) if frequency > 0][:_SHOWN_MODES]
 
-    def shapes(ax: Any) -> None:  # noqa: ANN401
-        figure = ax.figure
-        ax.remove()
-        for number, place in zip(
-            elastic, figure.subplots(-(-len(elastic) // 3), 3, squeeze=False).ravel(), strict=False
-        ):
-            plot_mode_shape(modes, number, ax=place)
-
+    shapes = several([partial(plot_mode_shape, modes, number) for number in elastic], columns=3)
     save_picture(shapes, out / f"modes.{kind}", (14.0, 2.0 + 0.32 * system.dof * -(-len(elastic) // 3)))
     say(f"natural frequencies at {_SPEEDS} speeds")
     diagram = campbell(system_at, speeds_rad_s=speeds)
@@ -111,16 +105,13 @@ def _draw_stability(system: "System", top_rad_s: float, count: int, path: Path) 
         unstable = [f"{30 * speed / math.pi:.4g}" for speed in speeds[growth.unstable[0]]]
         typer.echo(f"stiffness of {names} makes unstable at, rpm: {', '.join(unstable) or 'none of these speeds'}")
 
-    def pictures(ax: Any) -> None:  # noqa: ANN401
-        figure = ax.figure
-        ax.remove()
-        for place, (names, (rate, growth)) in zip(
-            figure.subplots(len(growths), 1, squeeze=False).ravel(), growths.items(), strict=True
-        ):
-            plot_stability_map(growth, ax=place, cycles_per_rev=rate)
-            place.set_title(names, loc="left", fontsize=8)
+    def picture(names: str, *, ax: Any) -> None:  # noqa: ANN401
+        rate, growth = growths[names]
+        plot_stability_map(growth, ax=ax, cycles_per_rev=rate)
+        ax.set_title(names, loc="left", fontsize=8)
 
     if growths:
+        pictures = several([partial(picture, names) for names in growths], columns=1)
         save_picture(pictures, path, (8.0, 2.6 * len(growths) + 0.4))
 
 

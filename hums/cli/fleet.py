@@ -15,13 +15,12 @@ from hums.cli.options import (
     SpeedRange,
     Tachometer,
     WorkerCount,
+    print_refusals,
     settings_of,
     workers_of,
 )
 
 __all__ = ["fleet"]
-
-SHOWN_FAILURES = 5
 
 
 def fleet(  # noqa: PLR0917 - each option is one
@@ -98,10 +97,7 @@ def fleet(  # noqa: PLR0917 - each option is one
     typer.echo(
         f"{result.records} records: {result.analysed} analysed now, {result.kept} before, {result.failed} failed"
     )
-    for name, reason in list(result.errors.items())[:SHOWN_FAILURES]:
-        typer.echo(f"failed {name}: {reason}")
-    if result.failed > SHOWN_FAILURES:
-        typer.echo(f"and {result.failed - SHOWN_FAILURES} more: see the column error of fleet.csv")
+    print_refusals("failed", result.errors, "the column error of fleet.csv")
     if result.no_trends:
         typer.echo(result.no_trends)
     typer.echo(f"{result.alarms} alarms; one in {false_alarm_every:g} records of a machine would be false")

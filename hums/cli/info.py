@@ -11,15 +11,38 @@ if TYPE_CHECKING:
 __all__ = ["info", "print_record"]
 
 
-def info(record: Annotated[Path, typer.Argument(help="A record, .h5, or a folder of records.")]) -> None:
+def info(
+    record: Annotated[Path, typer.Argument(help="A record, .h5, or a folder of records; with --draft other files.")],
+    draft: Annotated[
+        Path | None,
+        typer.Option(
+            metavar="TOML",
+            help="Import description to write for a file of another program: what it states, and what it still needs.",
+        ),
+    ] = None,
+) -> None:
     """Print what is inside a record; of a folder of records, their number and the first."""
     from hums.readers.process import ReaderProcess  # noqa: PLC0415
 
+    if draft is not None:
+        _write_draft(record, draft)
+        return
     if record.is_dir():
         _print_dataset(record)
         return
     with ReaderProcess() as reader, reader.open_record(record) as opened:
         print_record(opened)
+
+
+def _write_draft(source: Path, target: Path) -> None:
+    from hums.conversion import find_sources  # noqa: PLC0415
+    from hums.readers.process import ReaderProcess  # noqa: PLC0415
+
+    if target.exists():
+        raise ValueError(f"{target} exists, and may have been filled in; name another file, or remove it.")
+    with ReaderProcess() as reader:
+        target.write_text(reader.draft(find_sources([source])[0].path), encoding="utf-8")
+    typer.echo(f"wrote {target}; fill in what it asks for, then: hums convert {source} ... -d {target}")
 
 
 def _print_dataset(folder: Path) -> None:

@@ -2,7 +2,7 @@
 
 import logging
 import os
-from collections.abc import Callable, Iterable
+from collections.abc import Callable, Iterable, Mapping, Sequence
 from pathlib import Path
 from typing import TYPE_CHECKING, Annotated, Any, Literal, Optional
 
@@ -29,9 +29,11 @@ __all__ = [
     "WorkerCount",
     "check_record_target",
     "parse_speeds",
+    "print_refusals",
     "save_picture",
     "say",
     "settings_of",
+    "several",
     "workers_of",
 ]
 
@@ -102,11 +104,6 @@ def settings_of(*, no_envelope: bool, **chosen: Any) -> "AnalysisSettings":  # n
 
     if chosen["envelope_band_hz"] and no_envelope:
         raise ValueError("--envelope-band and --no-envelope are both given; keep one.")
-    if (chosen["speed_range_hz"] is None) != (chosen["max_acceleration_hz_s"] is None):
-        given, missing = "--speed-range", "--max-acceleration HZ_PER_S: how fast that speed may change"
-        if chosen["speed_range_hz"] is None:
-            given, missing = "--max-acceleration", "--speed-range LOW HIGH: where the reference's speed lies, in rev/s"
-        raise ValueError(f"{given} is given alone; add {missing}.")
     stated = {name: value for name, value in chosen.items() if value is not None}
     return AnalysisSettings(**stated, **({"envelope_band_hz": None} if no_envelope else {}))
 
@@ -123,6 +120,7 @@ def workers_of(count: int | None, scheduler: str | None) -> "Workers":
 
 
 RECORD_SUFFIXES = (".h5", ".hdf5")
+SHOWN_REFUSALS = 5
 
 
 def check_record_target(target: Path, *, inputs: Iterable[str | Path]) -> None:
@@ -137,6 +135,29 @@ def check_record_target(target: Path, *, inputs: Iterable[str | Path]) -> None:
 def say(step: str) -> None:
     """Say what begins, as the packages do through the logger "hums"."""
     logging.getLogger("hums").info(step)
+
+
+def print_refusals(word: str, reasons: Mapping[str, str], table: str) -> None:
+    """Print the first of many refusals, and which table has the others."""
+    from signals._validation import plain_message  # noqa: PLC0415
+
+    for name, reason in list(reasons.items())[:SHOWN_REFUSALS]:
+        typer.echo(plain_message(f"{word} {name}: {reason}"))
+    if len(reasons) > SHOWN_REFUSALS:
+        typer.echo(f"and {len(reasons) - SHOWN_REFUSALS} more: see {table}")
+
+
+def several(draws: Sequence[Callable[..., object]], *, columns: int) -> Callable[[Any], None]:
+    """Return what draws several pictures in rows of some columns, each on axes of its own."""
+
+    def draw(ax: Any) -> None:  # noqa: ANN401 - matplotlib stays in hums.plots
+        figure = ax.figure
+        ax.remove()
+        places = figure.subplots(-(-len(draws) // columns), columns, squeeze=False).ravel()
+        for one, place in zip(draws, places, strict=False):
+            one(ax=place)
+
+    return draw
 
 
 def save_picture(draw: Callable[[Any], object], path: Path, size: tuple[float, float]) -> None:

@@ -2,13 +2,15 @@
 
 import difflib
 import re
-from collections.abc import Callable, Iterator, Mapping
+from collections.abc import Callable, Iterator, Mapping, Sequence
+from contextlib import contextmanager
 from dataclasses import dataclass, field, fields, replace
-from datetime import datetime
+from datetime import datetime, tzinfo
 from functools import lru_cache
 from pathlib import Path
 from types import MappingProxyType
 from typing import Any
+from zoneinfo import ZoneInfo, available_timezones
 
 import numpy as np
 from numpy.typing import NDArray
@@ -16,14 +18,20 @@ from numpy.typing import NDArray
 from hums.records.clock import TIMES_S, time_scale, words_of
 from hums.records.fields import is_utf8
 from hums.records.record import UNITS, RecordError
+from signals._validation import nearest
 
 __all__ = [
     "Field",
     "ForeignFile",
     "Stated",
     "canonical_units",
+    "in_zone",
+    "joined",
+    "located",
+    "parsing",
     "rate_of_step",
     "stated_of",
+    "zone_of",
 ]
 
 Field = NDArray[np.generic] | str
@@ -64,6 +72,22 @@ class ArraysOnDisk(Mapping[str, Field]):
         return len(self.described)
 
 
+@contextmanager
+def parsing(path: Path, kind: str, package: str = "") -> Iterator[None]:
+    """Turn whatever a parser raises on damaged bytes, or for lack of its package, into a sentence."""
+    try:
+        yield
+    except (RecordError, MemoryError):
+        raise
+    except ImportError as error:
+        raise RecordError(
+            f"{path}: a {kind} is read with {package or error.name}, which is not installed: "
+            'pip install "hums-toolkit[readers]".'
+        ) from error
+    except Exception as error:
+        raise RecordError(f"{path} is no {kind}, or damaged ({error}). Copy or export it again.") from error
+
+
 def dotted(where: str) -> str:
     """Return the name of an array from its place in an HDF5 file."""
     return where.strip("/").replace("/", ".")
@@ -89,7 +113,7 @@ class Stated:
     start_s : float or None
         Time of the first sample in s after `epoch`.
     epoch : datetime or None
-        Time from which `start_s` and `times_s` count, with its offset from UTC.
+        Time from which `start_s` and `times_s` count; without an offset from UTC it is a local time.
     times_s : (n,) array or None
         Time of each sample, where the file states more than a rate.
     title : str or None
@@ -102,8 +126,8 @@ class Stated:
         Output of the sensor in V for one unit of `measures`.
     measures : str or None
         Units of the measured quantity.
-    unread : tuple of str
-        What may change the numbers and is not applied, as "gain=10".
+    notes : tuple of str
+        What a user has to know of the channel, as "states gain=10, which is not applied".
     """
 
     units: str | None = None
@@ -116,12 +140,12 @@ class Stated:
     delay_s: float | None = None
     sensitivity: float | None = None
     measures: str | None = None
-    unread: tuple[str, ...] = ()
+    notes: tuple[str, ...] = ()
 
     def over(self, general: "Stated") -> "Stated":
         """Return these metadata, with those of what contains the channel where it has none of its own."""
         own = {one.name: value for one in fields(self) if (value := getattr(self, one.name)) is not None}
-        return replace(general, **own | {"unread": self.unread + general.unread})
+        return replace(general, **own | {"notes": self.notes + general.notes})
 
 
 @dataclass(frozen=True, kw_only=True)
@@ -137,11 +161,14 @@ class ForeignFile:
         "bearing.gs", also where the file has slashes.
     stated : mapping of str to Stated
         Metadata of fields, of what contains them ("bearing" of "bearing.gs"), and under "" of the whole file.
+    text_format : mapping of str to str or int
+        Separator, decimal sign, encoding and header lines of a text file, as recognised or declared.
     """
 
     path: Path
     fields: Mapping[str, Field]
     stated: Mapping[str, Stated] = field(default_factory=lambda: MappingProxyType({}))
+    text_format: Mapping[str, str | int] = field(default_factory=lambda: MappingProxyType({}))
 
     def name(self, name: str) -> str:
         """Return the key in `fields` of a name: as printed, with slashes for dots, or a channel or column by number."""
@@ -222,6 +249,59 @@ def rate_of_step(step_s: object) -> float | None:
     return float(round(rate_hz)) if abs(rate_hz - round(rate_hz)) <= _INTEGER_TOLERANCE * rate_hz else rate_hz
 
 
+def joined(parts: Sequence[tuple[int, Stated]]) -> Stated:
+    """Return what successive segments of a channel state together, of which each has a number of samples.
+
+    Several segments state the time of each sample, after the epoch of the first.
+    """
+    _, first = parts[0]
+    if len(parts) == 1 or first.rate_hz is None:
+        return first
+    times_s = []
+    for count, own in parts:
+        late_s = 0.0 if first.epoch is None or own.epoch is None else (own.epoch - first.epoch).total_seconds()
+        even_s = (own.start_s or 0.0) + np.arange(count) / (own.rate_hz or np.nan)
+        times_s.append(late_s + (even_s if own.times_s is None else own.times_s))
+    return replace(first, times_s=np.concatenate(times_s))
+
+
+# ---- time zones ------------------------------------------------------------------------------------------------------
+
+
+def zone_of(name: str) -> tzinfo:
+    """Return a time zone by its name, "Europe/Berlin", or its offset from UTC, "+01:00"."""
+    try:
+        if (offset := datetime.fromisoformat(f"2000-01-01T00:00:00{name}").tzinfo) is not None:
+            return offset
+    except ValueError:
+        pass
+    try:
+        return ZoneInfo(name)
+    except (KeyError, ValueError, OSError):
+        likely = nearest(name, sorted(available_timezones()))
+        raise RecordError(f'time_zone="{name}": a name as "Europe/Berlin" or "+01:00" is needed.{likely}') from None
+
+
+def in_zone(moment: datetime, name: str) -> datetime:
+    """Return a local time with its offset from UTC; raise RecordError where the clocks change: it has two or none."""
+    first, second = (moment.replace(tzinfo=zone_of(name), fold=fold) for fold in (0, 1))
+    if first.utcoffset() != second.utcoffset():
+        raise RecordError(
+            f'{moment.isoformat()} has two offsets from UTC or none in time_zone="{name}", where clocks change then; '
+            'state the offset instead, as "+01:00".'
+        )
+    return first
+
+
+def located(file: ForeignFile, zone: str | None) -> ForeignFile:
+    """Return a file with its local times in a time zone; without one they are not known."""
+    epochs = {name: one.epoch for name, one in file.stated.items() if one.epoch is not None}
+    local = {name: epoch for name, epoch in epochs.items() if epoch.tzinfo is None}
+    known = {name: in_zone(epoch, zone) if zone else None for name, epoch in local.items()}
+    stated = {name: replace(file.stated[name], epoch=epoch) for name, epoch in known.items()}
+    return replace(file, stated={**file.stated, **stated})
+
+
 # ---- what attributes, properties, scalars beside an array and lines above a table state --------------------------
 
 _WORDS = {
@@ -246,7 +326,7 @@ _FACTORS = {"hz": 1.0, "khz": 1e3, "mhz": 1e6}
 
 
 def stated_of(attributes: Mapping[str, object]) -> Stated:
-    """Return what named values state about a channel; what may change its numbers and is not applied is `unread`."""
+    """Return what named values state about a channel; a note names what may change its numbers and is not applied."""
     found: dict[str, Any] = {}
     unread = []
     for key, value in attributes.items():
@@ -266,7 +346,8 @@ def stated_of(attributes: Mapping[str, object]) -> Stated:
     elif sensitivity is not None:
         unread.append(f"sensitivity={sensitivity:g} {measures}".strip())
     step_s = found.pop("step_s", None)
-    return Stated(**{"rate_hz": rate_of_step(step_s)} | found, unread=tuple(unread))
+    notes = tuple(f"states {text}, which is not applied" for text in unread)
+    return Stated(**{"rate_hz": rate_of_step(step_s)} | found, notes=notes)
 
 
 _VOLTS = {"V": 1.0, "mV": 1e-3}
@@ -295,14 +376,14 @@ def _value(name: str, value: object, factor: float | None) -> Any:  # noqa: ANN4
 
 
 def _moment(value: object) -> datetime | None:
-    """Return a moment with its offset from UTC; a TDMS time stamp is in UTC, and in 1904 where it was not set."""
+    """Return a moment; a TDMS time stamp is in UTC, and in 1904 where it was not set."""
     try:
         if isinstance(value, np.datetime64) and not np.isnat(value):
             value = f"{value.astype('datetime64[us]')}Z"
         found = datetime.fromisoformat(value) if isinstance(value, str) else None
     except ValueError:
         return None
-    return found if found is not None and found.tzinfo is not None and found.year > 1904 else None  # noqa: PLR2004
+    return found if found is not None and found.year > 1904 else None  # noqa: PLR2004
 
 
 def _shape(shape: tuple[int, ...]) -> str:

@@ -7,7 +7,7 @@ import warnings
 from collections import Counter
 from contextlib import suppress
 from dataclasses import replace
-from datetime import UTC, datetime
+from datetime import UTC
 from itertools import islice
 from pathlib import Path
 from typing import TYPE_CHECKING
@@ -15,7 +15,8 @@ from typing import TYPE_CHECKING
 import numpy as np
 from numpy.typing import NDArray
 
-from hums.readers.columns import Stated, canonical_units, stated_of
+from hums.readers.columns import ForeignFile, Stated, canonical_units, stated_of
+from hums.readers.description import ImportDescription
 from hums.records.clock import time_scale
 from hums.records.quantities import MEASURED_UNITS
 from hums.records.record import RecordError
@@ -23,18 +24,19 @@ from hums.records.record import RecordError
 if TYPE_CHECKING:
     import pandas as pd
 
-__all__ = ["read"]
+__all__ = ["encoding_of", "read"]
 
 _HEAD = 100  # lines from which the format is detected
 
 
-def read(path: Path, *, decimal: str | None = None) -> tuple[dict[str, NDArray[np.generic] | str], dict[str, Stated]]:
+def read(path: Path, told: ImportDescription) -> ForeignFile:
     """Return the columns, (n,) each, under the names of the header or as "column 1", "column 2", ..., and their units.
 
-    Separators are semicolons, tabs, commas or, without any of them, blanks. One sign is the decimal sign of the whole
-    file; the other one, blanks and apostrophes may separate thousands. Text is UTF-8, UTF-16 or Windows-1252. Blank
-    cells are NaN; rows with fewer cells than the first are refused. A header such as "DE [m/s²]" states units, which
-    are then no part of the name; so does a line of units below it. Lines above the header may state the rate.
+    What is not declared is recognised. Separators are semicolons, tabs, commas or, without any of them, blanks. One
+    sign is the decimal sign of the whole file; the other one, blanks and apostrophes may separate thousands. Text is
+    UTF-8, UTF-16 or Windows-1252. Blank cells are NaN; rows with fewer cells than the first are refused. A header such
+    as "DE [m/s²]" states units, which are then no part of the name; so does a line of units below it. Lines above the
+    header may state the rate.
 
     Raises
     ------
@@ -43,33 +45,30 @@ def read(path: Path, *, decimal: str | None = None) -> tuple[dict[str, NDArray[n
     """
     import pandas as pd  # noqa: PLC0415
 
-    encoding = _encoding(path)
-    above, titles = _above_numbers(path, encoding)
-    first, *others = _head(path, encoding, above) or [""]
-    separator = _separator(first)
-    if separator == " " and others and _separator(others[0]) != " ":
-        separator = ","  # one column, whose name has blanks
-    parts = first.split(separator) if separator != " " else first.split()
-    without_header = bool(titles) or _are_numbers([parts])
-    decimal = decimal or _decimal(path, encoding, separator, above)
-    try:
-        with warnings.catch_warnings():
-            warnings.simplefilter("error", pd.errors.ParserWarning)  # rows longer than the header: data lost
-            table = pd.read_csv(
-                path,
-                sep=separator if separator != " " else r"\s+",
-                skiprows=above,
-                decimal=decimal,
-                header=None if without_header else 0,
-                index_col=False,
-                skipinitialspace=True,
-                low_memory=False,
-                encoding=encoding,
-            )
-    except (ValueError, pd.errors.ParserWarning) as error:
-        raise RecordError(
-            f"{path} does not read as a table ({error}). Every row needs the columns of the first."
-        ) from error
+    encoding, separator = told.encoding or encoding_of(path), told.separator
+    with path.open(encoding=encoding) as stream:
+        lines = [line.strip("\r\n") for line in islice(stream, _HEAD + (told.header_lines or 0))]
+    begin, above, titles = _above_numbers(lines, separator, told.header_lines)
+    first, *others = [line for line in lines[above:] if line.strip()] or [""]
+    if separator is None:
+        separator = _separator(first)
+        if separator == " " and others and _separator(others[0]) != " ":
+            separator = ","  # one column, whose name has blanks
+    without_header = bool(titles) or _are_numbers([_cells(first, separator)])
+    decimal = told.decimal or _decimal(path, encoding, separator, above)
+    with warnings.catch_warnings():
+        warnings.simplefilter("error", pd.errors.ParserWarning)  # rows longer than the header: data lost
+        table = pd.read_csv(
+            path,
+            sep=separator if separator != " " else r"\s+",
+            skiprows=above,
+            decimal=decimal,
+            header=None if without_header else 0,
+            index_col=False,
+            skipinitialspace=True,
+            low_memory=False,
+            encoding=encoding,
+        )
     if table.shape[1] > 1 and table.iloc[:, -1].isna().any():  # a short row leaves its last cells blank
         _refuse_short_rows(path, encoding, separator, above)
     names = [f"column {number}" if without_header else str(name).strip() for number, name in enumerate(table, 1)]
@@ -85,15 +84,20 @@ def read(path: Path, *, decimal: str | None = None) -> tuple[dict[str, NDArray[n
         fields[key], times = _column(table.iloc[:, place], decimal)
         if times or units:
             stated[key] = replace(times or Stated(units=units), title=name)
-    if (general := _stated_above(path, encoding, above)) != Stated():
+    if (general := _stated_above(lines[:above])) != Stated():
         stated[""] = general
-    return fields, stated
+    recognised: dict[str, str | int] = {
+        "separator": separator,
+        "decimal": decimal,
+        "encoding": encoding,
+        "header_lines": begin,
+    }
+    return ForeignFile(path=path, fields=fields, stated=stated, text_format=recognised)
 
 
-def _stated_above(path: Path, encoding: str, above: int) -> Stated:
+def _stated_above(above: list[str]) -> Stated:
     """Return what lines above a table state, as "Sampling rate [Hz];25600" or "Rate: 25.6 kHz"."""
-    with path.open(encoding=encoding) as stream:
-        lines = [re.split(r"[:=;,\t]", line.strip(), maxsplit=1) for line in islice(stream, above)]
+    lines = [re.split(r"[:=;,\t]", line.strip(), maxsplit=1) for line in above]
     pairs = [(line[0].strip(' "#%'), re.split(r"[;\t]|,(?!\d)", line[1])) for line in lines if len(line) > 1]
     return stated_of({key: " ".join(cell.strip(' "') for cell in cells).strip() for key, cells in pairs})
 
@@ -115,7 +119,7 @@ def _name_and_units(title: str) -> tuple[str, str | None]:
 _QUANTITY_UNITS = {spelling for spellings in MEASURED_UNITS.values() for spelling in spellings}
 
 
-def _encoding(path: Path) -> str:
+def encoding_of(path: Path) -> str:
     """Return the encoding: UTF-16 by its mark or its zeros, UTF-8 where all of it is, else Windows-1252 or Latin-1."""
     data = path.read_bytes()
     start = data[: 2 * _HEAD]
@@ -163,34 +167,30 @@ def _decimal(path: Path, encoding: str, separator: str, above: int) -> str:
     if doubtful and (separator in ";\t " or "," in doubtful):
         raise RecordError(
             f'{path}: nothing shows whether "{doubtful}" is a decimal number or has a sign between thousands; say '
-            'which sign is decimal, decimal="." or decimal="," (--decimal).'
+            'which sign is decimal, decimal = "." or decimal = ",", in an import description (-d).'
         )
     return "."
 
 
-def _head(path: Path, encoding: str, above: int) -> list[str]:
-    """Return the first lines that are not blank below those above the table."""
-    with path.open(encoding=encoding) as stream:
-        return [line.strip("\r\n") for line in islice(filter(str.strip, islice(stream, above, None)), _HEAD)]
+def _above_numbers(lines: list[str], separator: str | None, header_lines: int | None) -> tuple[int, int, list[str]]:
+    """Return the line where numbers begin, how many stand above the header, and titles where units have a line.
 
-
-def _above_numbers(path: Path, encoding: str) -> tuple[int, list[str]]:
-    """Return how many lines stand above a table and its header, and the titles where units have a line of their own.
-
-    A table begins where three lines in a row are as many numbers each. One line above it is its header, as ever.
+    Numbers begin where three lines in a row are as many numbers each, or from where on all lines have numbers and texts
+    in the same columns. One line above them is their header, as ever.
     """
-    with path.open(encoding=encoding) as stream:
-        lines = [line.strip("\r\n") for line in islice(stream, _HEAD)]
-    rows = [_cells(line) for line in lines]
-    begin = next((at for at in range(len(rows) - 2) if _are_numbers(rows[at : at + 3])), 0)
+    rows = [_cells(line, separator or _separator(line)) for line in lines]
+    kinds = [tuple(_are_numbers([["0", cell]]) for cell in row) for row in rows]
+    alike = (len(set(filter(None, kinds[at:]))) == 1 and any(kinds[at]) for at in range(len(rows) - 2))
+    numbers = (at for at, same in enumerate(alike) if same or _are_numbers(rows[at : at + 3]))
+    begin = next(numbers, 0) if header_lines is None else min(header_lines, len(rows) - 1)
     texts = [at for at in range(begin) if lines[at].strip()]
     if len(texts) <= 1:
-        return 0, []
+        return begin, 0, []
     names, units = (rows[at] if len(rows[at]) == len(rows[begin]) else [] for at in texts[-2:])
     if names and units and all(_is_unit(unit.strip(" []()")) for unit in units) and any(units):
         pairs = ((name.strip(), unit.strip(" []()")) for name, unit in zip(names, units, strict=True))
-        return begin, [f"{name} [{unit}]" if unit else name for name, unit in pairs]
-    return (texts[-1] if units else begin), []
+        return begin, begin, [f"{name} [{unit}]" if unit else name for name, unit in pairs]
+    return begin, (texts[-1] if units else begin), []
 
 
 def _is_unit(text: str) -> bool:
@@ -201,21 +201,20 @@ def _are_numbers(rows: list[list[str]]) -> bool:
     """Return whether rows have as many cells each: numbers, moments as text or blank, and numbers among them."""
     filled = [[cell.replace(",", ".").strip(' "') for cell in row if cell.strip()] for row in rows]
     numbers = [[cell for cell in row if not _STAMP.fullmatch(cell)] for row in filled]
-    return len({len(row) for row in rows}) == 1 and all(row and all(map(_is_number, row)) for row in numbers)
+    return len({len(row) for row in rows}) == 1 and all(row and all(map(_NUMBER.fullmatch, row)) for row in numbers)
 
 
+_NUMBER = re.compile(rf"{_PLAIN['.'].pattern}|[-+]?(nan|inf)", re.IGNORECASE)
 _DATE, _TIME = r"\d+([-/.])\d+\1\d+", r"\d{1,2}:\d{2}(?::[\d.]+)?\s*(?:Z|[AP]M|[-+]\d{2}:?\d{2})?"
 _STAMP = re.compile(rf"{_DATE}|(?:{_DATE.replace('1', '2')}[ T])?{_TIME}")
 _STAMPS = ("ISO8601", "%d.%m.%Y %H:%M:%S.%f", "%m/%d/%Y %H:%M:%S.%f", "%d/%m/%Y %H:%M:%S.%f", "%H:%M:%S.%f")
-_SINCE_1970 = datetime.fromtimestamp(0, UTC)
 
 
 def _separator(line: str) -> str:
     return next((sign for sign in ";\t," if sign in line), " " if len(line.split()) > 1 else ",")
 
 
-def _cells(line: str) -> list[str]:
-    separator = _separator(line)
+def _cells(line: str, separator: str) -> list[str]:
     return line.split() if separator == " " else line.split(separator) if line.strip() else []
 
 
@@ -236,22 +235,6 @@ def _refuse_short_rows(path: Path, encoding: str, separator: str, above: int) ->
                 )
 
 
-def _is_number(cell: str) -> bool:
-    try:
-        float(cell.strip().strip('"'))
-    except ValueError:
-        return False
-    return True
-
-
-def _is_moment(cell: object) -> bool:
-    """Return whether a cell is a time in ISO 8601 with its offset from UTC."""
-    try:
-        return isinstance(cell, str) and datetime.fromisoformat(cell).tzinfo is not None
-    except ValueError:
-        return False
-
-
 def _column(column: "pd.Series", decimal: str) -> tuple[NDArray[np.generic] | str, Stated | None]:
     """Return a column as numbers or a phrase that says what it is, and what times as text state."""
     import pandas as pd  # noqa: PLC0415
@@ -266,10 +249,14 @@ def _column(column: "pd.Series", decimal: str) -> tuple[NDArray[np.generic] | st
         for pattern in _STAMPS:
             moments = pd.to_datetime(plain, utc=True, format=pattern, errors="coerce")
             if moments.notna().all():
-                seconds = (moments - pd.Timestamp(0, tz="UTC")).dt.total_seconds().reindex(column.index).to_numpy()
-                if _is_moment(texts.iloc[0]):
-                    return seconds, Stated(units="s", epoch=_SINCE_1970)
-                return seconds - seconds[0], Stated(units="s")  # their distance from UTC is not known
+                first = moments.iloc[0]
+                seconds = (moments - first).dt.total_seconds().reindex(column.index).to_numpy()
+                others = (pd.to_datetime(plain.iloc[:1], utc=True, format=one, errors="coerce") for one in _STAMPS)
+                dates = {other.iloc[0] for other in others if other.notna().all()}
+                if len(dates) > 1 or pattern == _STAMPS[-1]:  # 03/04/2024 may be in March or April
+                    return seconds, Stated(units="s")
+                offset = UTC if pattern == _STAMPS[0] and re.search(r"(Z|[-+]\d\d:?\d\d)$", plain.iloc[0]) else None
+                return seconds, Stated(units="s", epoch=first.to_pydatetime().replace(tzinfo=offset))
     is_number = texts.str.fullmatch(_PLAIN[decimal]) | texts.str.fullmatch(_GROUPED[decimal])
     if is_number.all():  # with signs between thousands, or whole numbers of more than 64 bits
         plain = texts.str.replace(rf"[{_GROUPS}{_OTHER[decimal]}]", "", regex=True).str.replace(decimal, ".")

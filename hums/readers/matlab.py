@@ -11,8 +11,8 @@ from typing import Any
 import numpy as np
 from numpy.typing import NDArray
 
-from hums.readers.columns import ArraysOnDisk, Field, Stated, descriptions, dotted, stated_of
-from hums.records.record import RecordError
+from hums.readers.columns import ArraysOnDisk, Field, ForeignFile, Stated, descriptions, dotted, stated_of
+from hums.readers.description import ImportDescription
 from hums.records.store import is_array, is_hdf5, objects, open_hdf5, read_array, refuse_size
 
 __all__ = ["read"]
@@ -30,20 +30,13 @@ _LONGEST_TEXT = 1000  # characters, or cells, that may state something
 _NUMBERS = ("", "double", "single", "logical", *(f"{sign}int{bits}" for sign in ("", "u") for bits in (8, 16, 32, 64)))
 
 
-def read(path: Path, *, most_bytes: int | None = None) -> tuple[Mapping[str, Field], dict[str, Stated]]:
+def read(path: Path, told: ImportDescription) -> ForeignFile:
     """Return every variable by name, the fields of structs under dotted names, and what scalars beside arrays state.
 
     An element of a struct array is "Y(3)". A scalar `fs`, `SampleRate` or `dt`, and a text `units`, hold for the arrays
     of its struct; `VariableUnits` for those that `VariableNames` lists, or for all in their order.
-
-    Returns
-    -------
-    fields : mapping of str to array or str
-        An array in MATLAB's shape, or a phrase that describes what is not numeric.
-    stated : mapping of str to Stated
-        By struct, "" for the file, or by array.
     """
-    fields, values = _read_hdf5(path, most_bytes) if is_hdf5(path) else _read_classic(path, most_bytes)
+    fields, values = (_read_hdf5 if is_hdf5(path) else _read_classic)(path, told.most_bytes)
     scopes: dict[str, dict[str, Any]] = {}
     for name, value in values.items():
         scope, _, leaf = name.rpartition(".")
@@ -57,8 +50,10 @@ def read(path: Path, *, most_bytes: int | None = None) -> tuple[Mapping[str, Fie
         if len(names) == len(units):
             stated |= {name: Stated(units=unit or None) for name, unit in zip(names, units, strict=True)}
         elif units:
-            stated[scope] = replace(stated[scope], unread=(*stated[scope].unread, f"VariableUnits={units}"))
-    return fields, stated
+            stated[scope] = replace(
+                stated[scope], notes=(*stated[scope].notes, f"states VariableUnits={units}, which is not applied")
+            )
+    return ForeignFile(path=path, fields=fields, stated=stated)
 
 
 # ---- v4 to v7 ----------------------------------------------------------------------------------------------
@@ -70,12 +65,7 @@ def _read_classic(path: Path, most_bytes: int | None) -> tuple[dict[str, Field],
 
     for declared in _packed_sizes(path):
         refuse_size(declared, f"{path}: a compressed variable", path.stat().st_size, most_bytes=most_bytes)
-    try:
-        contents = loadmat(path)
-    except Exception as error:  # a parser may fail in any way on damaged bytes
-        raise RecordError(
-            f"{path} is no MATLAB file, or damaged ({error}). Copy it again, or save it again in MATLAB."
-        ) from error
+    contents = loadmat(path)
     leaves = {
         name: leaf
         for key, value in contents.items()
@@ -140,25 +130,20 @@ def _read_hdf5(path: Path, most_bytes: int | None) -> tuple[Mapping[str, Field],
     places: dict[str, str] = {}
     described: dict[str, tuple[int, ...] | str] = {}
     values: dict[str, Any] = {}
-    try:
-        with open_hdf5(path) as contents:
-            inside: list[str] = []  # groups whose members are no variables: sparse matrices, contents of cells
-            for where, item in objects(contents):
-                if any(where.startswith(f"{group}/") for group in inside):
-                    continue
-                sparse = "MATLAB_sparse" in item.attrs
-                if sparse or "/#" in where:
-                    inside.append(where)
-                if sparse:
-                    described[dotted(where)] = "a sparse matrix"
-                elif is_array(item) and "/#" not in where:
-                    for name, element in _hdf5_elements(contents, dotted(where), item):
-                        places[name], described[name] = element.name, _hdf5_field(element)
-                        values[name] = _hdf5_value(contents, element)
-    except RecordError:
-        raise
-    except (OSError, RuntimeError, KeyError, ValueError, TypeError, AttributeError) as error:
-        raise RecordError(f"{path} is damaged ({error}). Copy it again, or save it again in MATLAB.") from error
+    with open_hdf5(path) as contents:
+        inside: list[str] = []  # groups whose members are no variables: sparse matrices, contents of cells
+        for where, item in objects(contents):
+            if any(where.startswith(f"{group}/") for group in inside):
+                continue
+            sparse = "MATLAB_sparse" in item.attrs
+            if sparse or "/#" in where:
+                inside.append(where)
+            if sparse:
+                described[dotted(where)] = "a sparse matrix"
+            elif is_array(item) and "/#" not in where:
+                for name, element in _hdf5_elements(contents, dotted(where), item):
+                    places[name], described[name] = element.name, _hdf5_field(element)
+                    values[name] = _hdf5_value(contents, element)
 
     def read_values(name: str) -> NDArray[np.generic]:
         return np.asarray(read_array(path, places[name], most_bytes=most_bytes)).T  # arrays are in column-major order

@@ -11,8 +11,8 @@ import numpy as np
 from numpy.lib import format as npy
 from numpy.typing import NDArray
 
-from hums.readers.columns import ArraysOnDisk, Field, Stated, stated_of
-from hums.records.record import RecordError
+from hums.readers.columns import ArraysOnDisk, Field, ForeignFile, parsing, stated_of
+from hums.readers.description import ImportDescription
 from hums.records.store import refuse_size
 
 __all__ = ["read"]
@@ -21,7 +21,7 @@ _TABLE = 2  # dimensions
 _LONGEST_TEXT = 1000  # bytes
 
 
-def read(path: Path, *, most_bytes: int | None = None) -> tuple[Mapping[str, Field], dict[str, Stated]]:
+def read(path: Path, told: ImportDescription) -> ForeignFile:
     """Return the arrays of a .npz by name, or the columns of the array of a .npy as "column 1", "column 2", ...
 
     Scalars and texts in a .npz, as `fs` or `units`, state what holds for its arrays.
@@ -29,17 +29,15 @@ def read(path: Path, *, most_bytes: int | None = None) -> tuple[Mapping[str, Fie
     Objects are not unpickled: unpickling runs code that the file states. An array of a .npz is read when it is asked
     for.
     """
-    try:
-        if not zipfile.is_zipfile(path):
-            return _columns(np.load(path, allow_pickle=False)), {}
-        with zipfile.ZipFile(path) as archive:
-            described = {name.removesuffix(".npy"): _described(archive, name) for name in archive.namelist()}
-    except Exception as error:  # a parser may fail in any way on damaged bytes
-        raise _damaged(path, error) from error
-    read_member = partial(_member, path, {name: size for name, (_, size, _) in described.items()}, most_bytes)
+    if not zipfile.is_zipfile(path):
+        return ForeignFile(path=path, fields=_columns(np.load(path, allow_pickle=False)))
+    with zipfile.ZipFile(path) as archive:
+        described = {name.removesuffix(".npy"): _described(archive, name) for name in archive.namelist()}
+    read_member = partial(_member, path, {name: size for name, (_, size, _) in described.items()}, told.most_bytes)
     fields = ArraysOnDisk({name: phrase or shape for name, (shape, _, phrase) in described.items()}, read_member)
     scalars = (name for name, (shape, size, _) in described.items() if math.prod(shape) == 1 and size < _LONGEST_TEXT)
-    return fields, {"": stated_of({name: read_member(name).reshape(-1)[0].item() for name in scalars})}
+    stated = {"": stated_of({name: read_member(name).reshape(-1)[0].item() for name in scalars})}
+    return ForeignFile(path=path, fields=fields, stated=stated)
 
 
 def _columns(array: NDArray[Any]) -> dict[str, Field]:
@@ -71,13 +69,6 @@ def _header(stream: IO[bytes]) -> tuple[tuple[int, ...], np.dtype[Any]]:
 
 def _member(path: Path, sizes: Mapping[str, int], most_bytes: int | None, name: str) -> NDArray[np.generic]:
     refuse_size(sizes[name], f'{path}: "{name}"', path.stat().st_size, most_bytes=most_bytes)
-    try:
-        with np.load(path, allow_pickle=False) as contents:
-            values: NDArray[np.generic] = contents[name]
-    except Exception as error:  # as above
-        raise _damaged(path, error) from error
+    with parsing(path, "NumPy file of numbers"), np.load(path, allow_pickle=False) as contents:
+        values: NDArray[np.generic] = contents[name]
     return values if values.shape else values.reshape(1)
-
-
-def _damaged(path: Path, why: Exception) -> RecordError:
-    return RecordError(f"{path} is no NumPy file of numbers, or damaged ({why}). Write it again with numpy.save.")

@@ -17,6 +17,7 @@ import signal
 import sys
 import warnings
 from contextlib import suppress
+from dataclasses import dataclass
 from typing import TYPE_CHECKING, Any, Self
 
 import numpy as np
@@ -24,7 +25,8 @@ import xarray as xr
 from xarray.backends import BackendArray
 from xarray.core.indexing import IndexingSupport, LazilyIndexedArray, explicit_indexing_adapter
 
-from hums.readers import convert
+from hums.readers import convert, read_file
+from hums.readers.draft import draft
 from hums.records.fields import RecordWarning
 from hums.records.record import RecordError, attach_time, detach_time
 from hums.records.store import open_record, open_tree
@@ -105,6 +107,16 @@ class ReaderProcess:
         """
         return self._record("convert", source, declared)
 
+    def draft(self, path: str | PathLike[str]) -> str:
+        """Return the draft of an import description of another program's file.
+
+        Raises
+        ------
+        RecordError
+            If the file cannot be read, or ends the process.
+        """
+        return str(self._ask({"do": "draft"}, os.fspath(path))["text"])
+
     def open_tree(self, path: str | PathLike[str]) -> xr.DataTree:
         """Open a tree of datasets that `hums.save_analysis` wrote; values are read on access, in the process.
 
@@ -146,11 +158,12 @@ class ReaderProcess:
         return record
 
     def _dataset(self, handle: tuple[int, int], where: str, group: Mapping[str, Any], file: str) -> xr.Dataset:
+        entries = group["coords"] | group["data_vars"]
         variables = {
-            name: xr.Variable(entry["dims"], self._values(handle, (where, name), entry, file), _decoded(entry["attrs"]))
-            for name, entry in group["variables"].items()
+            name: xr.Variable(entry["dims"], self._values(handle, (where, name), entry, file), entry["attrs"])
+            for name, entry in entries.items()
         }
-        return xr.Dataset(variables, attrs=_decoded(group["attrs"])).set_coords(group["coordinates"])
+        return xr.Dataset(variables, attrs=group["attrs"]).set_coords(group["coords"])
 
     def _values(self, handle: tuple[int, int], name: tuple[str, str], entry: Mapping[str, Any], file: str) -> Any:  # noqa: ANN401
         if "text" in entry:
@@ -234,21 +247,16 @@ class ReaderProcess:
         return f"crashed ({signal.Signals(-code).name})" if code is not None and code < 0 else "ended"
 
 
+@dataclass(eq=False)
 class _ArrayThere(BackendArray):
     """An array that the process holds; a part is fetched when it is indexed."""
 
-    def __init__(
-        self,
-        reader: ReaderProcess,
-        handle: tuple[int, int],
-        name: tuple[str, str],
-        shape: tuple[int, ...],
-        dtype: np.dtype[Any],
-        file: str,
-    ) -> None:
-        self.reader, self.handle, self.name, self.shape, self.dtype, self.file = (
-            reader, handle, name, shape, dtype, file,
-        )  # fmt: skip
+    reader: ReaderProcess
+    handle: tuple[int, int]
+    name: tuple[str, str]
+    shape: tuple[int, ...]
+    dtype: np.dtype[Any]
+    file: str
 
     def __getitem__(self, key: Any) -> Any:  # noqa: ANN401 - an indexer of xarray
         """Return a part of the array."""
@@ -305,6 +313,8 @@ def _answer(
     request: Mapping[str, Any], opened: dict[int, tuple[xr.Dataset | xr.DataTree, dict[str, xr.Dataset]]]
 ) -> tuple[dict[str, Any], np.ndarray[Any, Any] | None]:
     match request["do"]:
+        case "draft":
+            return {"text": draft(read_file(request["path"]))}, None
         case "close":
             if request["number"] in opened:
                 opened.pop(request["number"])[0].close()
@@ -338,45 +348,18 @@ def _answer(
 
 
 def _described(dataset: xr.Dataset) -> dict[str, Any]:
-    return {
-        "variables": {str(name): _entry(variable) for name, variable in dataset.variables.items()},
-        "coordinates": [str(name) for name in dataset.coords],
-        "attrs": _encoded(dataset.attrs),
-    }
+    """Return names, dimensions, types and attributes of variables as JSON types, and the values of those of text."""
+    found = dataset.to_dict(data=False)
+    for name, entry in (found["coords"] | found["data_vars"]).items():
+        if np.dtype(entry["dtype"]).kind in "OUS":
+            entry["text"] = [str(one) for one in dataset.variables[name].to_numpy().ravel()]
+    return found
 
 
 def _bytes_of(values: np.ndarray[Any, Any]) -> memoryview:
     """Return the memory of a contiguous array."""
     flat: Any = values.reshape(-1).view(np.uint8) if values.size else b""
     return memoryview(flat)
-
-
-def _entry(variable: xr.Variable) -> dict[str, Any]:
-    about = {"dims": variable.dims, "shape": variable.shape, "attrs": _encoded(variable.attrs)}
-    if variable.dtype.kind in "OUS":
-        return about | {"text": [str(one) for one in variable.to_numpy().ravel()]}
-    return about | {"dtype": variable.dtype.str}
-
-
-def _encoded(attrs: Mapping[Any, Any]) -> list[list[Any]]:
-    """Return attributes as JSON has them: each a name, a type of numbers or None, and the value."""
-    rows: list[list[Any]] = []
-    for name, value in attrs.items():
-        numbers = isinstance(value, np.ndarray | np.generic) and np.asarray(value).dtype.kind in "biufc"
-        if numbers:
-            array = np.asarray(value)
-            rows.append([str(name), [array.dtype.str, list(array.shape)], array.tobytes().hex()])
-        else:
-            plain = value.tolist() if isinstance(value, np.ndarray | np.generic) else value
-            rows.append([str(name), None, plain])
-    return rows
-
-
-def _decoded(rows: list[list[Any]]) -> dict[str, Any]:
-    return {
-        name: value if kind is None else np.frombuffer(bytes.fromhex(value), kind[0]).reshape(kind[1])[()]
-        for name, kind, value in rows
-    }
 
 
 def _limit(what: str, amount: int) -> None:

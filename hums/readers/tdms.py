@@ -7,13 +7,14 @@ from typing import Any
 
 import numpy as np
 
-from hums.readers.columns import Field, Stated, stated_of
+from hums.readers.columns import Field, ForeignFile, Stated, joined, stated_of
+from hums.readers.description import ImportDescription
 from hums.records.record import RecordError
 
 __all__ = ["read"]
 
 
-def read(path: Path) -> tuple[dict[str, Field], dict[str, Stated]]:
+def read(path: Path, _: ImportDescription) -> ForeignFile:
     """Return every channel as "group.channel", scaled as the file states, and the metadata of each.
 
     The metadata are LabVIEW's waveform properties ``unit_string``, ``wf_increment`` (s), ``wf_start_time`` (UTC) and
@@ -22,21 +23,14 @@ def read(path: Path) -> tuple[dict[str, Field], dict[str, Stated]]:
     Raises
     ------
     RecordError
-        If npTDMS is not installed, or the file is no TDMS file or cut off.
+        If the file is cut off.
     """
-    try:
-        import nptdms  # noqa: PLC0415
-    except ImportError as error:
-        raise RecordError(
-            f'{path}: TDMS files are read with npTDMS, which is not installed: pip install "hums-toolkit[readers]".'
-        ) from error
-    try:
-        contents = nptdms.TdmsFile.read(path)
-        channels = [channel for group in contents.groups() for channel in group.channels()]
-        found = [(_name(channel), channel[:], channel) for channel in channels]
-        pieces = _pieces(path)
-    except Exception as error:  # a parser may fail in any way on damaged bytes
-        raise RecordError(f"{path} is no TDMS file, or damaged ({error}). Copy it again from where it came.") from error
+    import nptdms  # noqa: PLC0415
+
+    contents = nptdms.TdmsFile.read(path)
+    channels = [channel for group in contents.groups() for channel in group.channels()]
+    found = [(_name(channel), channel[:], channel) for channel in channels]
+    pieces = _pieces(path)
     if contents.file_status.incomplete_final_segment or not channels:
         raise RecordError(f"{path} is damaged: its last part is cut off. Copy it again from where it came.")
     fields = {name: _field(values) for name, values, _ in found}
@@ -45,7 +39,8 @@ def read(path: Path) -> tuple[dict[str, Field], dict[str, Stated]]:
     stated = {name: _stated(channel, pieces.get(channel.path, [])) for name, _, channel in found}
     for group in contents.groups():
         stated[group.name.replace("/", ".").strip()] = stated_of(_numbers_and_words(group.properties))
-    return fields, stated | {"": stated_of(_numbers_and_words(contents.properties))}
+    stated[""] = stated_of(_numbers_and_words(contents.properties))
+    return ForeignFile(path=path, fields=fields, stated=stated)
 
 
 def _pieces(path: Path) -> dict[str, list[tuple[int, dict[str, Any]]]]:
@@ -93,24 +88,13 @@ def _stated(channel: Any, pieces: list[tuple[int, dict[str, Any]]]) -> Stated:  
     if stated.rate_hz is None:
         return replace(stated, epoch=None, start_s=None)
     clock: dict[str, Any] = {}
-    starts: dict[int, tuple[float, float, Stated]] = {}
+    starts: dict[int, Stated] = {}
     for first, properties in pieces:
         before, clock = clock, clock | {key: properties[key] for key in _CLOCK if key in properties}
         if clock != before:
-            began = _numbers_and_words(clock).get("wf_start_time", np.datetime64(0, "us"))
-            start_s = began.astype(np.int64) / 1e6 + clock.get("wf_start_offset", 0.0)
-            starts[first] = start_s, clock.get("wf_increment", np.nan), stated_of(_numbers_and_words(clock))
-    if not starts:
-        return stated
-    origin_s, _, own = next(iter(starts.values()))
-    stated = own.over(stated)
-    if len(starts) == 1:
-        return stated
-    parts = [
-        start_s - origin_s + step_s * np.arange(end - first)
-        for (first, (start_s, step_s, _)), end in zip(starts.items(), [*list(starts)[1:], len(channel)], strict=True)
-    ]
-    return replace(stated, times_s=(stated.start_s or 0.0) + np.concatenate(parts))
+            starts[first] = stated_of(_numbers_and_words(clock))
+    counts = np.diff([*starts, len(channel)]).tolist()
+    return joined(list(zip(counts, starts.values(), strict=True))).over(stated) if starts else stated
 
 
 _CLOCK = ("wf_start_time", "wf_start_offset", "wf_increment")

@@ -1,47 +1,22 @@
 """What is declared of a foreign file against what the file states: rates, times of samples, starts, units."""
 
 import math
-from collections.abc import Collection
 from dataclasses import dataclass, field
 from datetime import UTC, datetime, timedelta
-from typing import Any, Literal, TypeAlias
+from typing import Any
 
 import numpy as np
 from numpy.typing import NDArray
 
 from hums.readers.columns import ForeignFile, Stated, descriptions
+from hums.readers.description import ImportDescription
 from hums.records.clock import SampleTimes, is_time_name, rates_agree, sample_times, time_scale
 from hums.records.fields import RecordError
-from signals._validation import is_float
 
-__all__ = ["SINCE_1970", "Agreement", "Clock", "Clocks", "TimeUnit", "Trust"]
-
-TimeUnit: TypeAlias = Literal["s", "ms", "us"]
-Trust: TypeAlias = Literal["declared", "file"]
+__all__ = ["Clock", "Import", "is_time", "seconds_of"]
 
 _LONGEST_START_S = 1e8  # three years: more seconds count from a date
-SINCE_1970 = datetime(1970, 1, 1, tzinfo=UTC)
-
-
-@dataclass(frozen=True, kw_only=True)
-class Agreement:
-    """What decides between a file and what is declared of it, and notes of what was decided."""
-
-    file: ForeignFile
-    trust: Trust | None
-    notes: list[str] = field(default_factory=list)
-
-    def settle(self, contradiction: str, declared: Any, stated: Any, *, remedy: str = "") -> Any:  # noqa: ANN401
-        """Return the one of two values that is trusted; raise RecordError where nobody says which."""
-        if self.trust is None:
-            raise RecordError(
-                f'{contradiction}. {remedy}{"Or say" if remedy else "Say"} which is right, trust="declared" or '
-                'trust="file" (--trust).'
-            )
-        note = f"{contradiction}; {'the file' if self.trust == 'file' else 'the declaration'} was trusted"
-        if note not in self.notes:
-            self.notes.append(note)
-        return declared if self.trust == "declared" else stated
+_SINCE_1970 = datetime(1970, 1, 1, tzinfo=UTC)
 
 
 @dataclass(frozen=True, kw_only=True)
@@ -59,31 +34,43 @@ class Clock:
 
 
 @dataclass(frozen=True, kw_only=True)
-class Clocks:
-    """The clocks of the fields of a file.
+class Import:
+    """A file, what is declared of it, and notes of what was decided between the two.
 
     Attributes
     ----------
-    agreement : Agreement
-        Of the file, and what decides where it contradicts a declaration.
-    rate_hz, time_unit
-        As declared to `hums.convert`.
-    time_column : str or None
-        Declared column of times, in s since 1970 where it states nothing else.
-    used : collection of str
-        Fields that are no times of samples.
+    file : ForeignFile
+        What is read.
+    told : ImportDescription
+        What is declared.
+    notes : list of str
+        For the record.
     found, clocks : dict
         What was found already, by column of times and by field.
     """
 
-    agreement: Agreement
-    rate_hz: float | None
-    time_unit: TimeUnit | None
-    time_column: str | None
-    used: Collection[str]
-
+    file: ForeignFile
+    told: ImportDescription
+    notes: list[str] = field(default_factory=list)
     found: dict[str, tuple[SampleTimes, datetime | None] | None] = field(default_factory=dict)
     clocks: dict[str, Clock] = field(default_factory=dict)
+
+    def settle(self, contradiction: str, declared: Any, stated: Any, *, remedy: str = "") -> Any:  # noqa: ANN401
+        """Return the one of two values that is trusted; raise RecordError where nobody says which."""
+        if self.told.trust is None:
+            raise RecordError(
+                f'{contradiction}. {remedy}{"Or say" if remedy else "Say"} which is right, trust="declared" or '
+                'trust="file" (--trust).'
+            )
+        note = f"{contradiction}; {'the file' if self.told.trust == 'file' else 'the declaration'} was trusted"
+        if note not in self.notes:
+            self.notes.append(note)
+        return declared if self.told.trust == "declared" else stated
+
+    @property
+    def sampled(self) -> list[str]:
+        """Names of the channels, and of a tachometer that is sampled."""
+        return [*self.told.channels, *([self.told.tach_waveform] if self.told.tach_waveform else [])]
 
     def of(self, name: str) -> Clock:
         """Return the clock of a field; raise RecordError where no rate is known, or two contradict each other."""
@@ -92,7 +79,7 @@ class Clocks:
         return self.clocks[name]
 
     def _clock(self, name: str) -> Clock:
-        file, declared = self.agreement.file, self.rate_hz
+        file, declared = self.file, self.told.rate_hz
         stated = file.metadata(name)
         columns = [(title, found) for title in self._columns(name) if (found := self._times(title)) is not None]
         if stated.times_s is not None and (times := self._sample_times(stated.times_s, 1.0, f'the times of "{name}"')):
@@ -108,14 +95,14 @@ class Clocks:
             )
         rate_hz = rates[0][0] if declared is None else declared
         for other_hz, resolution, phrase in rates[declared is None :]:
-            if is_float(rate_hz) and not rates_agree(rate_hz, other_hz, resolution=resolution):
+            if not rates_agree(rate_hz, other_hz, resolution=resolution):
                 contradiction = f"{file.path.name} states {rate_hz:g} Hz, but {phrase[6:]}"
                 if declared is not None:
                     contradiction = f"rate_hz={rate_hz:g} contradicts {file.path.name}, {phrase}"
                 remedy = (
-                    "Correct --rate-hz or leave it out; of times that are not in seconds state the unit, --time-unit. "
+                    "Correct --rate-hz or leave it out; of times that are not in seconds state the unit, time_unit. "
                 )
-                rate_hz = self.agreement.settle(contradiction, rate_hz, other_hz, remedy=remedy)
+                rate_hz = self.settle(contradiction, rate_hz, other_hz, remedy=remedy)
         times, epoch = columns[0][1] if columns else (None, None)
         start_s = times.start_s if times is not None and stated.start_s is None else stated.start_s or 0.0
         epoch = stated.epoch or epoch
@@ -129,48 +116,44 @@ class Clocks:
 
     def _columns(self, name: str) -> list[str]:
         """Return the columns of times of as many values as a field, in the innermost group that has some."""
-        file = self.agreement.file
+        file, told = self.file, self.told
         count, key = file.vector(name).size, file.name(name)
+        used = {file.name(one) for one in (*self.sampled, told.tach_times) if one}
+        declared = told.time_column and file.name(told.time_column)
         found = [
             title
             for title, shape in descriptions(file.fields).items()
             if not isinstance(shape, str)
             and max(shape, default=0) == math.prod(shape) == count > 1
-            and title not in self.used
-            and (title == self.time_column or self._is_time(title))
+            and title not in used
+            and (title == declared or is_time(file, title))
         ]
         groups = {title: title.rpartition(".")[0] for title in found}
         around = [group for group in groups.values() if not group or key.startswith(f"{group}.")]
         return [title for title in found if groups[title] == max(around, key=len)] if around else []
 
-    def _is_time(self, title: str) -> bool:
-        stated = self.agreement.file.stated.get(title, Stated())
-        if time_scale(stated.units) is not None:
-            return stated.epoch is not None or is_time_name(stated.title or title)
-        return stated.units is None and is_time_name(stated.title or title)
-
     def _times(self, title: str) -> tuple[SampleTimes, datetime | None] | None:
         """Return what a column of times states, and the moment from which it counts."""
         if title not in self.found:
-            file = self.agreement.file
+            file, told = self.file, self.told
             scale = file.time_scale(title)
-            if title == self.time_column:
-                scale = scale or (1.0, SINCE_1970)
-            elif self.time_unit is not None:
-                unit = (time_scale(self.time_unit) or (1.0, None))[0]
+            values = file.vector(title)
+            if scale is None and told.time_column is not None and values[0] > _LONGEST_START_S:
+                scale = 1.0, _SINCE_1970
+            elif told.time_unit is not None:
+                unit = (time_scale(told.time_unit) or (1.0, None))[0]
                 if scale is not None and scale[0] != unit:
                     header = f'whose header says "{title}"' if title not in file.stated else f'whose "{title}" states'
-                    contradiction = f'time_unit="{self.time_unit}" contradicts {file.path.name}, {header}, in units of '
-                    unit = self.agreement.settle(f"{contradiction}{scale[0]:g} s", unit, scale[0])
+                    contradiction = f'time_unit="{told.time_unit}" contradicts {file.path.name}, {header}, in units of '
+                    unit = self.settle(f"{contradiction}{scale[0]:g} s", unit, scale[0])
                 scale = unit, None if scale is None else scale[1]
-            if scale is None and self.rate_hz is None:
+            if scale is None and told.rate_hz is None:
                 raise RecordError(
                     f'{file.path.name}: the header "{title}" does not say the unit of its times; give it, '
-                    'time_unit="ms" (--time-unit ms), or write it as in "time (s)", or give rate_hz=... (--rate-hz).'
+                    'time_unit="ms", or write it as in "time (s)", or give rate_hz=... (--rate-hz).'
                 )
             unit, epoch = scale or (1.0, None)
             times = None
-            values = file.vector(title)
             if len(title.rpartition(".")[2]) > 1 or np.all(
                 np.diff(values) >= 0
             ):  # "T" may be a torque or a temperature
@@ -180,31 +163,39 @@ class Clocks:
 
     def _sample_times(self, values: NDArray[Any], unit_s: float, what: str) -> SampleTimes | None:
         try:
-            found = sample_times(values, unit_s=unit_s, what=f"{self.agreement.file.path.name}: {what}")
+            found = sample_times(values, unit_s=unit_s, what=f"{self.file.path.name}: {what}")
         except RecordError as error:
-            if self.agreement.trust != "declared" or self.rate_hz is None:
+            if self.told.trust != "declared" or self.told.rate_hz is None:
                 raise
-            self.agreement.notes.append(f"{str(error).partition('. ')[0]}; the declared rate was trusted")
+            self.notes.append(f"{str(error).partition('. ')[0]}; the declared rate was trusted")
             return None
         if found is not None and found.places is not None:
             missing = int(found.places[-1]) + 1 - found.places.size
-            self.agreement.notes.append(f"{what} leave out {missing} samples, which are NaN")
+            self.notes.append(f"{what} leave out {missing} samples, which are NaN")
         return found
 
-    def start_and_epoch(self, names: Collection[str]) -> tuple[float, datetime | None]:
-        """Return the start and the epoch that some fields share; refuse starts over half a sample apart."""
-        clocks = {name: self.of(name) for name in names}
+    def start_and_epoch(self) -> tuple[float, datetime | None]:
+        """Return the start and the epoch that what is sampled shares; refuse starts over half a sample apart."""
+        clocks = {name: self.of(name) for name in self.sampled}
         (first, clock), *others = clocks.items()
         for name, other in others:
             late_s = other.start_s - clock.start_s
             if clock.epoch is not None and other.epoch is not None:
                 late_s += (other.epoch - clock.epoch).total_seconds()
-            if late_s and is_float(clock.rate_hz) and abs(late_s) * clock.rate_hz > 0.5:  # noqa: PLR2004
+            if abs(late_s) * clock.rate_hz > 0.5:  # noqa: PLR2004
                 raise RecordError(
-                    f'{self.agreement.file.path.name}: "{name}" begins {late_s:g} s after "{first}"; a record has one '
+                    f'{self.file.path.name}: "{name}" begins {late_s:g} s after "{first}"; a record has one '
                     "clock. Convert them one by one, or cut them to the same span."
                 )
         return clock.start_s, clock.epoch
+
+
+def is_time(file: ForeignFile, title: str) -> bool:
+    """Return whether a field holds the times of samples, by its name and units."""
+    stated = file.stated.get(title, Stated())
+    if time_scale(stated.units) is not None:
+        return stated.epoch is not None or is_time_name(stated.title or title)
+    return stated.units is None and is_time_name(stated.title or title)
 
 
 def seconds_of(file: ForeignFile, name: str, *, epoch: datetime | None) -> NDArray[Any]:

@@ -1,5 +1,6 @@
 """Universal files (UFF): the time histories in their data sets of type 58."""
 
+import os
 from collections import Counter
 from collections.abc import Mapping
 from pathlib import Path
@@ -7,7 +8,8 @@ from typing import Any
 
 import numpy as np
 
-from hums.readers.columns import Field, Stated, rate_of_step
+from hums.readers.columns import Field, ForeignFile, Stated, rate_of_step
+from hums.readers.description import ImportDescription
 from hums.records.clock import time_scale
 from hums.records.record import RecordError
 
@@ -17,10 +19,10 @@ _FUNCTION = 58
 _TIME_RESPONSE = 1
 _TIME = 17  # specific data type of an abscissa in seconds
 _DIRECTIONS = ("", "+X", "+Y", "+Z", "+RX", "+RY", "+RZ")
-_END = b"-1"
+_END_BYTES = 4096
 
 
-def read(path: Path) -> tuple[dict[str, Field], dict[str, Stated]]:
+def read(path: Path, _: ImportDescription) -> ForeignFile:
     """Return every function by its response degree of freedom, entity where named, node and direction: "case 3+Z".
 
     Functions of one degree of freedom are numbered by data set, as "3+Z (2)". The rate and the first time are those
@@ -30,37 +32,26 @@ def read(path: Path) -> tuple[dict[str, Field], dict[str, Stated]]:
     Raises
     ------
     RecordError
-        If pyuff is not installed, or the file is no universal file or cut off.
+        If the file is cut off.
     """
-    try:
-        import pyuff  # noqa: PLC0415
-    except ImportError as error:
-        raise RecordError(
-            f'{path}: universal files are read with pyuff, which is not installed: pip install "hums-toolkit[readers]".'
-        ) from error
-    try:
-        found = pyuff.UFF(str(path)).read_sets()
-    except Exception as error:  # a parser may fail in any way on damaged text
-        raise RecordError(
-            f"{path} is no universal file, or damaged ({error}). Copy it again from where it came."
-        ) from error
+    import pyuff  # noqa: PLC0415
+
+    found = pyuff.UFF(str(path)).read_sets()
     sets = [entry for entry in (found if isinstance(found, list) else [found]) if entry]
     if not sets:
         raise RecordError(f"{path} is no whole universal file: no data set in it is complete.")
     functions = [entry for entry in sets if entry.get("type") == _FUNCTION]
-    if not _is_complete(path) or any(entry["num_pts"] != len(entry["data"]) for entry in functions):
+    with path.open("rb") as stream:
+        stream.seek(-min(path.stat().st_size, _END_BYTES), os.SEEK_END)
+        complete = stream.read().rstrip().endswith(b"-1")
+    if not complete or any(entry["num_pts"] != len(entry["data"]) for entry in functions):
         raise RecordError(f"{path} is damaged: its last part is cut off. Copy it again from where it came.")
     names = _names(functions)
-    return (
-        {name: _field(entry) for name, entry in zip(names, functions, strict=True)},
-        {name: _stated(entry) for name, entry in zip(names, functions, strict=True)},
+    return ForeignFile(
+        path=path,
+        fields={name: _field(entry) for name, entry in zip(names, functions, strict=True)},
+        stated={name: _stated(entry) for name, entry in zip(names, functions, strict=True)},
     )
-
-
-def _is_complete(path: Path) -> bool:
-    with path.open("rb") as stream:
-        stream.seek(-min(path.stat().st_size, 4096), 2)
-        return stream.read().rstrip().endswith(_END)
 
 
 def _names(functions: list[Mapping[str, Any]]) -> list[str]:

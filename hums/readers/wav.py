@@ -9,30 +9,30 @@ from typing import BinaryIO
 import numpy as np
 from numpy.typing import NDArray
 
-from hums.readers.columns import Stated
-from hums.records.record import RecordError
+from hums.readers.columns import Field, ForeignFile, Stated
+from hums.readers.description import ImportDescription
 
 __all__ = ["read"]
 
 
-def read(path: Path) -> tuple[dict[str, NDArray[np.generic]], dict[str, Stated]]:
+def read(path: Path, _: ImportDescription) -> ForeignFile:
     """Return the channels, (n,) each, as "channel 1", "channel 2", ..., and the rate of the file.
 
     Integers become float64 with full scale at 1; floats are not changed. Where a recorder was stopped before it wrote
-    the sizes into the header, which are 0 or 0xFFFFFFFF then, the samples reach to the end of the file.
+    the sizes into the header, which are 0 or 0xFFFFFFFF then, the samples reach to the end of the file, and a note says
+    so.
     """
     from scipy.io import wavfile  # noqa: PLC0415
 
-    try:
-        with warnings.catch_warnings():
-            warnings.simplefilter("ignore", wavfile.WavFileWarning)  # chunks without sound
-            warnings.filterwarnings("error", "Reached EOF prematurely", wavfile.WavFileWarning)
-            rate_hz, samples = wavfile.read(_with_sizes(path))
-    except Exception as error:  # a parser may fail in any way on damaged bytes
-        raise RecordError(f"{path} is no whole WAV file ({error}). Copy it again from where it came.") from error
+    source = _with_sizes(path)
+    with warnings.catch_warnings():
+        warnings.simplefilter("ignore", wavfile.WavFileWarning)  # chunks without sound
+        warnings.filterwarnings("error", "Reached EOF prematurely", wavfile.WavFileWarning)
+        rate_hz, samples = wavfile.read(source)
     columns = _full_scale(np.atleast_2d(samples.T))
-    fields = {f"channel {number}": column for number, column in enumerate(columns, start=1)}
-    return fields, {"": Stated(rate_hz=float(rate_hz))}
+    fields: dict[str, Field] = {f"channel {number}": column for number, column in enumerate(columns, start=1)}
+    notes = () if source is path else ("is read to the end of the file, since its header states no length",)
+    return ForeignFile(path=path, fields=fields, stated={"": Stated(rate_hz=float(rate_hz), notes=notes)})
 
 
 def _with_sizes(path: Path) -> Path | BytesIO:

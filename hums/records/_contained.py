@@ -93,7 +93,7 @@ def refuse_size(declared: int, what: str, file_bytes: int, *, most_bytes: int | 
     if declared > most:
         raise RecordError(
             f"{what} declares {declared:.3g} bytes in a file of {file_bytes:.3g}; "
-            f"at most {most:.3g} are read. If it is right, allow them, most_bytes=... (--most-bytes)."
+            f"at most {most:.3g} are read. If it is right, allow them, most_bytes=... in an import description (-d)."
         )
 
 

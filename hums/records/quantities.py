@@ -101,17 +101,13 @@ class AngularAverage:
     def __post_init__(self) -> None:
         """Refuse what is no average."""
         if not isinstance(self.component, str) or not self.component:
-            raise RecordError(
-                f"component={self.component!r}: name the link whose revolution is averaged (--average-of)."
-            )
+            raise RecordError(f"component={self.component!r}: name the link whose revolution is averaged.")
         for name, least in (("samples_per_rev", _FEWEST_SAMPLES), ("averaged_over", 1)):
             value = getattr(self, name)
             if value is None and name == "averaged_over":
                 continue
             if isinstance(value, bool) or not isinstance(value, int | np.integer) or value < least:
-                raise RecordError(
-                    f"{name}={value!r}: a whole number of at least {least} is needed (--{name.replace('_', '-')})."
-                )
+                raise RecordError(f"{name}={value!r}: a whole number of at least {least} is needed.")
 
     @property
     def attrs(self) -> dict[str, Any]:

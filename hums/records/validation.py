@@ -76,7 +76,7 @@ def _check_average(record: xr.Dataset) -> None:
     if not isinstance(per_rev, Integral) or per_rev < 1:
         raise RecordError(f"attribute samples_per_rev={plain_repr(per_rev)}: a positive whole number is needed.")
     if not isinstance(record.attrs.get("average_of"), str) or not record.attrs["average_of"]:
-        raise RecordError("attribute average_of: name the component whose revolution is averaged (--average-of).")
+        raise RecordError("attribute average_of: name the component whose revolution is averaged.")
     if tachometers(record) or nominal_speed(record) is not None:
         raise RecordError("an average in angle has no tachometer and no speed of its own; leave them out.")
     for name in vibration_channels(record):
@@ -88,7 +88,7 @@ def _check_average(record: xr.Dataset) -> None:
         if count % per_rev:
             raise RecordError(
                 f'channel "{name}": {count} samples are {count / per_rev:.6g} revolutions of {per_rev} samples; an '
-                "average has whole revolutions. Correct samples_per_rev (--samples-per-rev), or cut the samples."
+                "average has whole revolutions. Correct samples_per_rev, or cut the samples."
             )
 
 

@@ -4,7 +4,6 @@ import os
 from pathlib import Path
 
 import numpy as np
-import partial_files
 import pytest
 
 import hums
@@ -61,11 +60,10 @@ def test_numbers_are_an_order(folder):
 @pytest.mark.parametrize(
     ("pattern", "options", "when"),
     [
-        ("d-%Y%m%dT%H%M%SZ.csv", {}, "2013-03-11T03:00:24Z"),
-        ("d-%Y%m%dT%H%M%S*.csv", {}, None),
-        ("*.csv", {"time_pattern": "d-%Y%m%dT%H%M%SZ"}, "2013-03-11T03:00:24Z"),
-        ("*.csv", {"time_pattern": "e-%Y"}, None),
-        ("nothing-%Y.csv", {}, None),
+        ("*.csv", {"time_in_names": "d-%Y%m%dT%H%M%SZ.csv"}, "2013-03-11T03:00:24Z"),
+        ("*.csv", {"time_in_names": "d-%Y%m%dT%H%M%SZ"}, "2013-03-11T03:00:24Z"),
+        ("*.csv", {"time_in_names": "e-%Y"}, None),
+        ("nothing-*.csv", {}, None),
     ],
 )
 def test_times_in_names(tmp_path, pattern, options, when):
@@ -79,16 +77,24 @@ def test_times_in_names(tmp_path, pattern, options, when):
 
 def test_a_time_without_offset_needs_one(tmp_path):
     (tmp_path / "d_20130311_030024.csv").write_text("x")
-    with pytest.raises(RecordError, match="--utc-offset"):
-        find_sources([tmp_path / "d_%Y%m%d_%H%M%S.csv"])
-    (found,) = find_sources([tmp_path / "d_%Y%m%d_%H%M%S.csv"], utc_offset="+01:00")
-    assert found.recorded_at == "2013-03-11T02:00:24Z"
+    with pytest.raises(RecordError, match='state time_zone, as "Europe/Berlin"'):
+        find_sources([tmp_path], time_in_names="d_%Y%m%d_%H%M%S")
+    for zone, hour in {"+01:00": "02", "Europe/Berlin": "02", "UTC": "03", "America/New_York": "07"}.items():
+        (found,) = find_sources([tmp_path], time_in_names="d_%Y%m%d_%H%M%S", time_zone=zone)
+        assert found.recorded_at == f"2013-03-11T{hour}:00:24Z"
+
+
+def test_a_time_when_the_clocks_change_has_two_offsets(tmp_path):
+    for hour, zone, why in ((2, "Europe/Berlin", "two offsets"), (2, "Europe/Berln", "did you mean|Did you mean")):
+        (tmp_path / f"d_20241027_{hour:02d}3000.csv").write_text("x")
+        with pytest.raises(RecordError, match=why):
+            find_sources([tmp_path], time_in_names="d_%Y%m%d_%H%M%S", time_zone=zone)
 
 
 def test_times_from_numbers_and_their_distance(folder):
-    found = find_sources([f"{folder}/acc_?.csv"], every_s=10, first_at="2010-12-01T23:59:50Z")
+    found = find_sources([f"{folder}/acc_?.csv"], every_s=10, recorded_at="2010-12-01T23:59:50Z")
     assert [file.recorded_at for file in found[:2]] == ["2010-12-01T23:59:50Z", "2010-12-02T00:00:00Z"]
-    with pytest.raises(RecordError, match="--recorded-at"):
+    with pytest.raises(RecordError, match=r"every_s = 10 needs recorded_at"):
         find_sources([folder], every_s=10)
 
 
@@ -168,7 +174,7 @@ def test_a_file_each_of_snapshots_with_measured_columns(tmp_path):
         write(tmp_path, f"s{number}.csv", number, torque=10.0 * number)
     declared = {key: value for key, value in DECLARED.items() if key != "shaft_rpm"}
     declared |= {"speed_column": "rpm", "speed_units": "rpm", "measured": {"torque": "N m"}}
-    sources = find_sources([tmp_path], every_s=10, first_at="2020-01-01T00:00:00Z")
+    sources = find_sources([tmp_path], every_s=10, recorded_at="2020-01-01T00:00:00Z")
     result = convert_files(sources, tmp_path / "out", form="files", snapshots=2, **declared)
     assert result.records == 3
     assert sorted(path.name for path in result.folder.glob("*.h5")) == ["s0.h5", "s2.h5", "s4.h5"]
@@ -177,23 +183,6 @@ def test_a_file_each_of_snapshots_with_measured_columns(tmp_path):
         assert record.snapshot_s.values.tolist() == [0, 10]
         np.testing.assert_allclose(60 * record.nominal_speed, [1502, 1503])
         assert record.torque.mean("time").values.tolist() == [20, 30]
-
-
-def test_what_killed_writers_left_is_removed_once(tmp_path, monkeypatch):
-    """The folder is not listed for each file: the time would grow with the square of their number."""
-    listed, glob = [], Path.glob
-    monkeypatch.setattr(Path, "glob", lambda folder, pattern: listed.append(folder) or glob(folder, pattern))
-
-    def listings(files):
-        out = tmp_path / f"{files} files"
-        out.mkdir()
-        part = partial_files.of_a_dead_writer(out)
-        sources = [write(tmp_path, f"s{number}.csv", number) for number in range(files)]
-        convert_files(find_sources(sources), out, form="files", **DECLARED)
-        assert not part.exists()
-        return listed.count(out)
-
-    assert listings(5) == listings(1)
 
 
 def test_two_files_of_one_name(tmp_path):

@@ -20,7 +20,6 @@ from hums.gearbox.model import load_gearbox
 from hums.records.store import open_record
 
 RATE_HZ, SPEED_HZ, SECONDS = 2500, 20.0, 4.0
-RATIO = 67 / 23 * 61 / 19  # of the two-stage gearbox: turns of its input for one of its output
 
 
 def invoke(*words):
@@ -93,37 +92,6 @@ def test_orders_of_several_degrees_of_freedom(run):
     assert rows["drive shaft-cage", "gear_mesh"] * 28 == pytest.approx(1820)  # table A, cage at 28
 
 
-@pytest.mark.parametrize(
-    ("words", "low_high"),
-    [
-        ((), (300, 3000)),
-        (("--speed", "output=100"), pytest.approx((10 * RATIO, 100 * RATIO))),
-        (("--reference", "output", "--speed", "output=100"), (10, 100)),
-        (("--plot-rpm", 500, 600), (500, 600)),
-        (("--rpm", 1500), (150, 1500)),
-    ],
-)
-def test_speeds_of_an_orders_plot(run, tmp_path, monkeypatch, words, low_high):
-    drawn = []
-
-    def chart(table, *, reference_rpm, ax):
-        drawn.append((len(table), reference_rpm))
-        return ax.plot(reference_rpm, reference_rpm)
-
-    monkeypatch.setattr("hums.plots.speed_order_chart", chart)
-    target = tmp_path / "orders.svg"
-    code, out, err = run("orders", "two-stage", "--json", "--plot", target, *words)
-    assert (code, err) == (0, f"wrote {target}\n")
-    assert drawn == [(len(json.loads(out)), low_high)]
-    assert "<svg" in target.read_text()
-
-
-def test_orders_plot_draws_the_chart(run, tmp_path):
-    target = tmp_path / "orders.svg"
-    assert run("orders", "planetary-27-36-99", "--plot", target)[0] == 0
-    assert target.read_text().rstrip().endswith("</svg>")
-
-
 def test_schema(run):
     code, out, _ = run("schema", "gearbox")
     assert code == 0
@@ -189,9 +157,7 @@ def test_no_source_of_angle_names_all_three(run, mat, tmp_path):
         (("orders", "two-stag"), 'did you mean "two-stage"?'),
         (("orders", "two-stage", "--speed", "fast"), "write LINK=RPM"),
         (("orders", "two-stage", "--csv", "--json"), "keep one"),
-        (("orders", "two-stage", "--plot-rpm", "0", "100"), "add --plot"),
         (("orders", "two-stage", "--rpm", "0"), "other than 0"),
-        (("orders", "two-stage", "--plot", "orders.txt"), "orders.txt"),
         (("schema", "scenery"), "gearbox"),
         (("ordrs",), "ordrs"),
         (("synth", "no-such-scene", "-o", "x.h5"), "no-such-scene"),
@@ -268,13 +234,13 @@ def test_a_wav_states_its_rate(run, tmp_path):
     samples = (8000 * np.sin(np.arange(20000))).astype(np.int16)
     wavfile.write(tmp_path / "a.wav", RATE_HZ, samples)
     code, out, err = run(
-        "convert", tmp_path / "a.wav", tmp_path / "a.h5", "--channel", "channel 1", "--units", "g", "--scale", 10,
+        "convert", tmp_path / "a.wav", tmp_path / "a.h5", "--channel", "channel 1", "--units", "g",
         "--shaft-rpm", 1200, "--shaft", "input",
     )  # fmt: skip
     assert (code, err) == (0, "")
     assert "at 2500 Hz" in out
     with open_record(tmp_path / "a.h5") as record:
-        assert float(abs(record["channel 1"]).max()) == pytest.approx(10 * 8000 / 32768, rel=1e-3)
+        assert float(abs(record["channel 1"]).max()) == pytest.approx(8000 / 32768, rel=1e-3)
 
 
 def test_synth_writes_a_record_with_truth(run, tmp_path):
@@ -314,13 +280,10 @@ def test_analyze_without_a_tachometer(run, mat, tmp_path):
     assert code == 2
     assert "--speed-range LOW HIGH --max-acceleration HZ_PER_S" in err
     code, _, err = run(*words, "--speed-range", 5, 40)
-    assert (code, err) == (
-        2,
-        "hums: --speed-range is given alone; add --max-acceleration HZ_PER_S: how fast that speed may change.\n",
-    )
+    assert (code, "how fast it may change, --max-acceleration HZ_PER_S" in err) == (2, True)
     code, _, err = run("fleet", *words[1:], "--max-acceleration", 1)
     assert code == 2
-    assert "--max-acceleration is given alone; add --speed-range LOW HIGH" in err
+    assert "where the reference's speed lies in rev/s, --speed-range LOW HIGH" in err
     # one tone may be any of the orders, and that is said
     code, _, err = run(*words, "--speed-range", 5, 40, "--max-acceleration", 1)
     assert code == 2

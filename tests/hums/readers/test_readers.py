@@ -13,6 +13,7 @@ from scipy.io import savemat, wavfile
 from scipy.sparse import eye_array
 
 from hums.readers import convert, read_file
+from hums.records.fields import RecordWarning
 from hums.records.record import RecordError, check_record, nominal_speed, sampling, tachometers, vibration_channels
 from hums.records.store import open_record, save_record
 
@@ -253,13 +254,14 @@ def test_undeclared_rate_units_and_angle(mat):
 @pytest.mark.parametrize(
     ("changes", "sentence"),
     [
-        ({"shaft": None}, "--tach-times needs the shaft"),
-        ({"pulses_per_rev": None}, '--tach-times needs the pulses in one revolution of "high speed"'),
-        ({"tach_waveform": "wave"}, "--tach-times and --tach-waveform: the shaft angle has one source"),
-        ({"shaft_rpm": 1500.0}, "--tach-times and --shaft-rpm: the shaft angle has one source"),
+        ({"shaft": None}, "tach_times needs the shaft"),
+        ({"pulses_per_rev": None}, 'the tachometer "tach" needs the pulses in one revolution of "high speed"'),
+        ({"tach_waveform": "wave"}, "tach_times and tach_waveform: the shaft angle has one source"),
+        ({"shaft_rpm": 1500.0}, "tach_times and shaft_rpm: the shaft angle has one source"),
         ({"tach_times": "tacho"}, 'did you mean "tach"?'),
         ({"tach_times": "row"}, "--tach-waveform"),
-        ({"pulses_per_rev": 0}, "--pulses-per-rev"),
+        ({"pulses_per_rev": 0}, "pulses_per_rev = 0"),
+        ({"threshold": 2.0}, "threshold = 2 belongs to a tach_waveform"),
     ],
 )
 def test_mistakes_about_the_tachometer(mat, changes, sentence):
@@ -267,14 +269,14 @@ def test_mistakes_about_the_tachometer(mat, changes, sentence):
 
 
 def test_mistakes_about_a_declared_speed(mat):
-    assert "--shaft-rpm needs the shaft" in refusal(mat, shaft_rpm=1500.0, shaft=None)
-    assert "no meaning with --shaft-rpm" in refusal(mat, pulses_per_rev=1)
-    assert "rpm=-3" in refusal(mat, shaft_rpm=-3, shaft="input")
+    assert "shaft_rpm needs the shaft" in refusal(mat, shaft_rpm=1500.0, shaft=None)
+    assert "no meaning with shaft_rpm" in refusal(mat, pulses_per_rev=1)
+    assert "shaft_rpm = -3" in refusal(mat, shaft_rpm=-3, shaft="input")
 
 
 @pytest.mark.parametrize("scale", [0, np.nan, np.inf, True, "2"])
 def test_a_scale_is_a_number(mat, scale):
-    assert f"scale={scale!r}" in refusal(mat, scale=scale)
+    assert f"scale: {scale!r} is no finite number" in refusal(mat, scale=scale)
 
 
 # ---- WAV ---------------------------------------------------------------------------------------------------
@@ -327,8 +329,8 @@ def test_a_rate_that_contradicts_the_wav(tmp_path):
 @pytest.mark.parametrize("rate_hz", ["48000", 0, -48000, np.nan, True])
 def test_a_rate_that_is_none(mat, tmp_path, rate_hz):
     wavfile.write(tmp_path / "a.wav", 48000, np.zeros(100, dtype=np.int16))
-    assert "rate_hz=" in refusal(tmp_path / "a.wav", channels=["channel 1"], rate_hz=rate_hz)
-    assert f"rate_hz={rate_hz!r}: a positive, finite number" in refusal(mat, rate_hz=rate_hz)
+    for path, channel in ((tmp_path / "a.wav", "channel 1"), (mat, "vibration")):
+        assert f"rate_hz = {rate_hz!r}: input should be" in refusal(path, channels=[channel], rate_hz=rate_hz)
 
 
 def test_chunks_that_are_not_sound_are_passed_over(tmp_path):
@@ -510,7 +512,7 @@ def test_blank_cells_are_no_short_rows(tmp_path):
 
 @pytest.mark.parametrize("text", ["acc,b\n1,2,3\n4,5,6\n", "acc,b\n1,2\n4,5,6\n", "\n\n"])
 def test_what_is_no_table(tmp_path, text):
-    assert "does not read as a table" in refusal(write(tmp_path, text), channels=["acc"])
+    assert "a.csv is no table of text, or damaged" in refusal(write(tmp_path, text), channels=["acc"])
 
 
 @pytest.mark.parametrize("encoding", ["latin-1", "cp1252", "utf-8", "utf-16"])
@@ -604,8 +606,10 @@ def test_a_wav_whose_recorder_wrote_no_sizes(tmp_path, size):
     data = bytearray((tmp_path / "a.wav").read_bytes())
     data[4:8] = data[40:44] = struct.pack("<I", size)
     (tmp_path / "a.wav").write_bytes(data)
-    record = read(tmp_path / "a.wav", channels=["1"], rate_hz=None)
+    with pytest.warns(RecordWarning, match="read to the end of the file"):
+        record = read(tmp_path / "a.wav", channels=["1"], rate_hz=None)
     assert_array_equal(record["channel 1"] * 2**15, range(100))
+    assert "its header states no length" in record.attrs["notes"]
 
 
 # ---- any file ----------------------------------------------------------------------------------------------

@@ -106,7 +106,7 @@ def test_what_contradicts_a_tdms_file(logged):
     assert 'states "Volts" for "Log.slow", which scale=10' in refusal(logged, channels=["Log.slow"], scale=10.0)
     assert "rate_hz=48000 contradicts log.tdms" in refusal(logged, channels=["Log.Dev1.ai0"], rate_hz=48000)
     assert '"Log.late" begins 0.05 s after "Log.Dev1.ai0"' in refusal(logged, channels=["Log.Dev1.ai0", "Log.late"])
-    assert 'no channel "Log.x"' in refusal(logged, channels=["Log.slow"], units={"Log.x": "g"})
+    assert 'has no "Log.x"' in refusal(logged, channels=["Log.slow"], units={"Log.x": "g"})
 
 
 def test_what_is_no_channel_of_a_tdms_file(logged):
@@ -384,7 +384,10 @@ def test_a_wrong_suffix(tmp_path, suffix):
     assert "is no" in text
 
 
-@pytest.mark.parametrize(("suffix", "module", "package"), [(".tdms", "nptdms", "npTDMS"), (".uff", "pyuff", "pyuff")])
+@pytest.mark.parametrize(
+    ("suffix", "module", "package"),
+    [(".tdms", "nptdms", "npTDMS"), (".uff", "pyuff", "pyuff"), (".mf4", "asammdf", "asammdf")],
+)
 def test_a_library_that_is_missing(tmp_path, monkeypatch, suffix, module, package):
     (tmp_path / f"data{suffix}").write_bytes(b"x")
     monkeypatch.setitem(sys.modules, module, None)

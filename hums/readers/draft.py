@@ -1,0 +1,68 @@
+"""Draft of an import description: what a file states, and what it still needs, as lines to fill in."""
+
+import math
+from pathlib import Path
+
+from hums.readers.columns import ForeignFile, canonical_units, descriptions, located
+from hums.readers.description import ImportDescription
+from hums.readers.time_axis import Import, is_time
+from hums.records.fields import UNITS, RecordError, utc_text
+from hums.records.quantities import MEASURED_UNITS
+
+__all__ = ["draft"]
+
+
+def draft(file: ForeignFile) -> str:
+    r"""Return an import description of a file as TOML; what it does not state is a comment to fill in.
+
+    Examples
+    --------
+    >>> import pathlib, tempfile
+    >>> from hums.readers import read_file
+    >>> from hums.readers.draft import draft
+    >>> with tempfile.TemporaryDirectory() as folder:
+    ...     path = pathlib.Path(folder, "log.csv")
+    ...     _ = path.write_text("time (s),DE (g)\n" + "".join(f"{k / 100},{k}\n" for k in range(9)), encoding="utf-8")
+    ...     print(draft(read_file(path)).partition("[units]")[2].split()[:3])
+    ['DE', '=', '"g"']
+    """
+    import tomli_w  # noqa: PLC0415
+    from jinja2 import Environment, StrictUndefined  # noqa: PLC0415 - heavy
+
+    rows = {
+        name: math.prod(shape)
+        for name, shape in descriptions(file.fields).items()
+        if not isinstance(shape, str) and math.prod(shape) == max(shape) > 1 and name.isprintable()
+    }
+    longest = max(rows.values(), default=0)
+    units = {name: file.metadata(name).units or "" for name in rows if not is_time(file, name)}
+    known = {name: unit for name, unit in units.items() if canonical_units(unit) and rows[name] == longest}
+    quantities = {spelling for spellings in MEASURED_UNITS.values() for spelling in spellings}
+    measured = {name: unit for name, unit in units.items() if unit in quantities and name not in known}
+    unknown = {
+        name: unit for name, unit in units.items() if rows[name] == longest and name not in {**known, **measured}
+    }
+    channels = [*known, *unknown]
+    rate_hz, recorded_at, no_rate = None, "", ""
+    clocks = Import(file=located(file, None), told=ImportDescription())
+    try:
+        for clock in map(clocks.of, channels[:1]):
+            rate_hz, recorded_at = clock.rate_hz, utc_text(clock.epoch)
+    except RecordError as error:
+        no_rate = " ".join(str(error).split())
+    page = Environment(autoescape=False, trim_blocks=True, undefined=StrictUndefined)  # noqa: S701 - no HTML
+    return page.from_string(Path(__file__).with_name("draft.toml.jinja").read_text(encoding="utf-8")).render(
+        file=file,
+        channels=channels,
+        known=known,
+        unknown=unknown,
+        measured=measured,
+        rows=rows,
+        others=[name for name in rows if name not in {**known, **unknown, **measured}],
+        rate_hz=rate_hz,
+        no_rate=no_rate,
+        recorded_at=recorded_at,
+        local=[one.epoch.isoformat() for one in file.stated.values() if one.epoch and one.epoch.tzinfo is None],
+        valid_units=", ".join(UNITS),
+        line=lambda key, value: tomli_w.dumps({key: value}).strip(),
+    )
