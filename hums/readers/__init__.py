@@ -166,7 +166,8 @@ def convert(
     file = located(read_file(source, told), told.time_zone)
     if not told.channels:
         raise RecordError(f"channels: none named (--channel). {file.path.name}: {file.contents()}")
-    for name in told.named:
+    tables = [table for table in (told.units, told.scale) if isinstance(table, dict)]
+    for name in (name for table in tables for name in table):
         file.vector(name)
     if told.time_column and (count := file.vector(told.time_column).size) != file.vector(told.channels[0]).size:
         raise RecordError(

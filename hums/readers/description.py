@@ -172,11 +172,6 @@ class ImportDescription(Declared):
         """Return the keys that are not left at their defaults, as JSON types."""
         return self.model_dump(mode="json", exclude_defaults=True)
 
-    @property
-    def named(self) -> list[str]:
-        """Names in the tables of units and scales, each of which the file has to have."""
-        return [name for table in (self.units, self.scale) if isinstance(table, dict) for name in table]
-
     @model_validator(mode="after")
     def _check(self) -> Self:
         if isinstance(self.units, tuple) and len(self.units) != len(self.channels):

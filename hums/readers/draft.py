@@ -3,7 +3,7 @@
 import math
 from pathlib import Path
 
-from hums.readers.columns import ForeignFile, canonical_units, descriptions, located
+from hums.readers.columns import ForeignFile, Stated, canonical_units, descriptions, located
 from hums.readers.description import ImportDescription
 from hums.readers.time_axis import Import, is_time
 from hums.records.fields import UNITS, RecordError, utc_text
@@ -30,23 +30,23 @@ def draft(file: ForeignFile) -> str:
     from jinja2 import Environment, StrictUndefined  # noqa: PLC0415 - heavy
 
     rows = {
-        name: math.prod(shape)
+        _named(file, name): math.prod(shape)
         for name, shape in descriptions(file.fields).items()
         if not isinstance(shape, str) and math.prod(shape) == max(shape) > 1 and name.isprintable()
     }
     longest = max(rows.values(), default=0)
-    units = {name: file.metadata(name).units or "" for name in rows if not is_time(file, name)}
-    known = {name: unit for name, unit in units.items() if canonical_units(unit) and rows[name] == longest}
+    stated = {name: file.metadata(name) for name in rows if not is_time(file, name)}
+    units = {name: one.units or "" for name, one in stated.items()}
+    full = {name: unit for name, unit in units.items() if rows[name] == longest}
+    own = [name for name, one in stated.items() if one.rate_hz is not None or one.times_s is not None]
+    known = {name: unit for name, unit in full.items() if canonical_units(unit)}
     quantities = {spelling for spellings in MEASURED_UNITS.values() for spelling in spellings}
-    measured = {name: unit for name, unit in units.items() if unit in quantities and name not in known}
-    unknown = {
-        name: unit for name, unit in units.items() if rows[name] == longest and name not in {**known, **measured}
-    }
+    measured = {name: units[name] for name in (*full, *own) if units.get(name) in quantities and name not in known}
+    unknown = {name: unit for name, unit in full.items() if name not in {**known, **measured}}
     channels = [*known, *unknown]
     rate_hz, recorded_at, no_rate = None, "", ""
-    clocks = Import(file=located(file, None), told=ImportDescription())
     try:
-        for clock in map(clocks.of, channels[:1]):
+        for clock in map(Import(file=located(file, None), told=ImportDescription()).of, channels[:1]):
             rate_hz, recorded_at = clock.rate_hz, utc_text(clock.epoch)
     except RecordError as error:
         no_rate = " ".join(str(error).split())
@@ -58,7 +58,7 @@ def draft(file: ForeignFile) -> str:
         unknown=unknown,
         measured=measured,
         rows=rows,
-        others=[name for name in rows if name not in {**known, **unknown, **measured}],
+        others=[name for name in rows if name not in {**known, **measured, **unknown}],
         rate_hz=rate_hz,
         no_rate=no_rate,
         recorded_at=recorded_at,
@@ -66,3 +66,9 @@ def draft(file: ForeignFile) -> str:
         valid_units=", ".join(UNITS),
         line=lambda key, value: tomli_w.dumps({key: value}).strip(),
     )
+
+
+def _named(file: ForeignFile, name: str) -> str:
+    """Return the title of the struct that holds an array alone, as "vibration_1" of "K001.Y(3).Data"; else the name."""
+    title = file.stated.get(name.rpartition(".")[0], Stated()).title
+    return title if title and file.name(title) == name else name

@@ -19,7 +19,6 @@ _FUNCTION = 58
 _TIME_RESPONSE = 1
 _TIME = 17  # specific data type of an abscissa in seconds
 _DIRECTIONS = ("", "+X", "+Y", "+Z", "+RX", "+RY", "+RZ")
-_END_BYTES = 4096
 
 
 def read(path: Path, _: ImportDescription) -> ForeignFile:
@@ -42,7 +41,7 @@ def read(path: Path, _: ImportDescription) -> ForeignFile:
         raise RecordError(f"{path} is no whole universal file: no data set in it is complete.")
     functions = [entry for entry in sets if entry.get("type") == _FUNCTION]
     with path.open("rb") as stream:
-        stream.seek(-min(path.stat().st_size, _END_BYTES), os.SEEK_END)
+        stream.seek(-min(path.stat().st_size, 4096), os.SEEK_END)
         complete = stream.read().rstrip().endswith(b"-1")
     if not complete or any(entry["num_pts"] != len(entry["data"]) for entry in functions):
         raise RecordError(f"{path} is damaged: its last part is cut off. Copy it again from where it came.")

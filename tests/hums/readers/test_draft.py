@@ -20,8 +20,10 @@ def wav(path):
 
 def mat(path):
     """As in the files of the Paderborn bearing data: Y(3).Data beside slower quantities."""
-    rows = [("force", NOISE[:40]), ("speed", NOISE[:40]), ("vibration_1", NOISE)]
-    savemat(path, {"K001": {"Y": np.array(rows, dtype=[("Name", "O"), ("Data", "O")])}, "Serial": "4711"})
+    rows = [("force", NOISE[:40], "kN"), ("speed", NOISE[:40], ""), ("vibration_1", NOISE, "")]
+    savemat(
+        path, {"K001": {"Y": np.array(rows, dtype=[("Name", "O"), ("Data", "O"), ("Unit", "O")])}, "Serial": "4711"}
+    )
 
 
 @pytest.mark.parametrize(
@@ -35,7 +37,7 @@ def mat(path):
             "channel 1",
             8000,
         ),
-        ("K001.mat", mat, ("rate_hz = ", '"K001.Y(3).Data" = "g"'), "K001.Y(3).Data", 25600),
+        ("K001.mat", mat, ("rate_hz = ", 'vibration_1 = "g"'), "vibration_1", 25600),
         ("a.npz", lambda path: np.savez(path, DE=NOISE, fs=12_000, units="g"), (), "DE", 12000),
     ],
 )
