@@ -281,6 +281,7 @@ def _serve(pipe: Connection, other_end: Connection | None, memory_bytes: int | N
         other_end.close()  # inherited by the fork: else the pipe would stay open
     signal.signal(signal.SIGINT, signal.SIG_IGN)  # the other process handles interrupts
     logging.disable()  # of the libraries
+    sys.unraisablehook = lambda _: None  # what their destructors raise after damaged bytes
     faulthandler.disable()  # a sentence takes the place of its page
     _limit("RLIMIT_CORE", 0)
     if memory_bytes is not None:

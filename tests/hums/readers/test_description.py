@@ -62,7 +62,7 @@ def test_what_is_refused_with_its_key(tmp_path, told, said):
     assert f"{tmp_path}/none.toml: there is no such file" in refusal(tmp_path / "none.toml")
 
 
-def test_keywords_take_precedence_and_the_file_is_heard(tmp_path):
+def test_keywords_take_precedence_and_what_the_file_states_is_compared(tmp_path):
     (tmp_path / "a.csv").write_text("DE (g),ND\n" + "".join(f"{k},{-k}\n" for k in range(100)))
     told = {"channels": ["DE", "ND"], "units": {"ND": "mm/s"}, "scale": {"ND": 2.0}, "rate_hz": 100.0}
     record = hums.convert(tmp_path / "a.csv", told, rate_hz=np.int64(200), no_tachometer=np.True_)
