@@ -17,7 +17,6 @@ from hums.records.store import refuse_size
 
 __all__ = ["read"]
 
-_TABLE = 2  # dimensions
 _LONGEST_TEXT = 1000  # bytes
 
 
@@ -41,7 +40,7 @@ def read(path: Path, told: ImportDescription) -> ForeignFile:
 
 
 def _columns(array: NDArray[Any]) -> dict[str, Field]:
-    if array.ndim == _TABLE:
+    if array.ndim == 2:  # noqa: PLR2004 - a table
         return {f"column {number}": column for number, column in enumerate(array.T, start=1)}
     return {"column 1": _phrase(array.dtype, array.size) or array}
 
