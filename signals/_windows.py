@@ -19,11 +19,6 @@ class Window:
     weights: Array
 
     @property
-    def coherent_gain(self) -> float:
-        """Mean weight: the gain of a tone on the grid."""
-        return float(self.weights.mean())
-
-    @property
     def noise_bandwidth_bins(self) -> float:
         """Equivalent noise bandwidth in bins, ``n sum(w^2) / sum(w)^2``."""
         return float(self.weights.size * np.sum(self.weights**2) / self.weights.sum() ** 2)

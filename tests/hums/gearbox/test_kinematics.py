@@ -7,6 +7,7 @@ from itertools import pairwise
 
 import numpy as np
 import pytest
+from gearboxes import STEPPED
 from hypothesis import given
 from hypothesis import strategies as st
 
@@ -61,18 +62,6 @@ BEVEL_PLANET = {
         "planet": {"direction": [math.cos(math.pi / 3), math.sin(math.pi / 3), 0], "links": ["carrier", "planet"]},
     },
     "mesh": [{"teeth": {"sun": 15, "planet": 10}}, {"teeth": {"ring": -25, "planet": 10}}],
-}
-
-STEPPED = {
-    "name": "stepped planets",
-    "frame": "housing",
-    "reference": "sun",
-    "rigid": [["housing", "ring"], ["big", "small"]],
-    "axes": {
-        "main": ["housing", "sun", "ring", "carrier"],
-        "planets": {"links": ["carrier", "big", "small"], "copies": 3},
-    },
-    "mesh": [{"teeth": {"sun": 20, "big": 40}}, {"teeth": {"small": 18, "ring": -78}}],
 }
 
 

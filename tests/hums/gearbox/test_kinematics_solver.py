@@ -4,6 +4,7 @@ import math
 import warnings
 from fractions import Fraction
 
+import gearboxes
 import numpy as np
 import pytest
 from hypothesis import assume, given
@@ -12,16 +13,7 @@ from hypothesis import strategies as st
 from hums.gearbox.kinematics import solve_kinematics
 from hums.gearbox.model import Gearbox, GearboxError, GearboxWarning, catalogue, load_gearbox
 
-PLANETARY = {
-    "name": "p",
-    "frame": "housing",
-    "reference": "sun",
-    "axes": {
-        "main": ["housing", "sun", "ring", "carrier"],
-        "planet": {"links": ["carrier", "planet"], "copies": 3},
-    },
-    "mesh": [{"teeth": {"sun": 27, "planet": 36}}, {"teeth": {"planet": 36, "ring": -99}}],
-}
+PLANETARY = {"name": "p"} | gearboxes.PLANETARY
 
 
 SHEET = {"inner": 9.5, "outer": 6.5, "cage": 0.4, "element_spin": 3.0}

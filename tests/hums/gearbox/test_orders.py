@@ -8,6 +8,7 @@ from fractions import Fraction as F  # noqa: N817
 from typing import ClassVar
 
 import pytest
+from gearboxes import STEPPED
 from hypothesis import given
 from hypothesis import strategies as st
 
@@ -59,16 +60,6 @@ teeth = { sun = 15, planet = 10 }
 teeth = { ring = -25, planet = 10 }
 """
 TURNING = {"left wheel": F(26), "right wheel": F(30)}  # rad/s
-STEPPED = {
-    "frame": "housing",
-    "reference": "sun",
-    "rigid": [["housing", "ring"], ["big", "small"]],
-    "axes": {
-        "main": ["housing", "sun", "ring", "carrier"],
-        "planets": {"links": ["carrier", "big", "small"], "copies": 3},
-    },
-    "mesh": [{"teeth": {"sun": 20, "big": 40}}, {"teeth": {"small": 18, "ring": -78}}],
-}
 PAIR = {
     "frame": "h",
     "reference": "a",

@@ -8,6 +8,7 @@ from itertools import pairwise
 
 import numpy as np
 import pytest
+from gearboxes import PLANETARY
 from hypothesis import assume, given
 from hypothesis import strategies as st
 
@@ -16,15 +17,6 @@ from hums.gearbox.model import Gearbox, GearboxError, load_gearbox
 from hums.gearbox.torques import TorqueError, solve_torques
 
 TURN = 2 * math.pi  # W by 1 N m at one turn a second
-PLANETARY = {
-    "frame": "housing",
-    "reference": "sun",
-    "axes": {
-        "main": ["housing", "sun", "ring", "carrier"],
-        "planet": {"links": ["carrier", "planet"], "copies": 3},
-    },
-    "mesh": [{"teeth": {"sun": 27, "planet": 36}}, {"teeth": {"planet": 36, "ring": -99}}],
-}
 RING_FIXED = PLANETARY | {"rigid": [["housing", "ring"]]}
 DIFFERENTIAL = {
     "frame": "housing",
