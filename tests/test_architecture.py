@@ -66,7 +66,7 @@ ONE_DOOR = {
 # Code lines of folders ("(root)": without the folders in it), then of everything: when the reduction began, the ceiling
 # of today, and what is to be reached. Ceilings only fall: `python benchmarks/code_size.py --lower` brings them down.
 BUDGETS = """
-    signals (root)                                              560    560    400
+    signals (root)                                              560    557    400
     signals/angle                                              1111   1111    900
     signals/demodulation                                        905    899    750
     signals/harmonics, signals/slipping_order                  4012   3813   2500
