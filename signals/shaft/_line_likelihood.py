@@ -120,20 +120,6 @@ def _normalised(power: Array, *, first: int) -> Array:
     return np.where(silent[low] | silent[high], 1.0, power / noise)
 
 
-def order_scores(log_ratios: Array) -> Array:
-    """Return the log evidence for each order along one path, (frames, orders) to (orders,).
-
-    The fraction p of frames in which an order is present is unknown; it has Jeffreys' prior,
-    ``p^-1/2 (1 - p)^-1/2 / pi``, and is integrated out. An order that is never present then costs about half the
-    logarithm of the number of frames.
-    """
-    nodes = np.sin((np.arange(64) + 0.5) / 64 * np.pi / 2) ** 2  # equal steps of Jeffreys' probability
-    excess = np.expm1(np.minimum(log_ratios, 60.0))
-    logs = np.array([np.log1p(share * excess).sum(axis=0) for share in nodes])
-    top = logs.max(axis=0)
-    return np.asarray(top + np.log(np.mean(np.exp(logs - top), axis=0)))
-
-
 def log_line_ratio(ratios: Array, *, foreign: float) -> Array:
     """Return log p_1 / p_0 for normalised powers of any shape."""
     return np.asarray(np.interp(np.log(np.maximum(ratios, 1e-9)), _TABLE, _log_ratio(foreign)))

@@ -1,18 +1,21 @@
-"""Refinement of a declared constant speed by the lines of shafts and meshes, within its tolerance.
+"""Refinement of a declared speed by the lines of shafts and meshes, within its tolerance.
 
-The evidence of a speed is the sum over all orders of the logarithm of their likelihood ratio, a line at order times
-speed against noise (`signals.shaft._line_likelihood`), in long frames. It is scanned over the tolerance.
+The candidates are the courses within the tolerance; the evidence ratio of `signals.shaft.tacholess` decides between
+them and the declared speed (`signals.shaft._speed_evidence`).
 """
 
 from __future__ import annotations
 
-from dataclasses import dataclass, field, replace
+from dataclasses import dataclass, field
 from typing import TYPE_CHECKING
 
 import numpy as np
 
 from signals._validation import Array, checked, positive, real_vector
-from signals.shaft._speed_search import CERTAIN, SHOWS, Search, leakage_bins, search_speeds, single_line
+from signals.shaft._angle_following import SHOWS
+from signals.shaft._speed_evidence import evidence, judged, likeliest_constant
+from signals.shaft._speed_search import CERTAIN, courses, search_speeds
+from signals.shaft.phase import constant_speed
 from signals.shaft.phase_demodulation import listed_orders
 
 if TYPE_CHECKING:
@@ -20,10 +23,9 @@ if TYPE_CHECKING:
 
     from numpy.typing import ArrayLike
 
-_LONGEST_FRAME_S = 4.0  # lines of a speed that is constant within a thousandth keep together up to order 100 at 2 Hz
-_STILL_HZ_S = 1e-6  # the search does without changes of speed
-_RIVAL = 0.5  # of the evidence at the best speed, which a speed beyond its wander must not reach by lines of its own
-_WANDER = 0.005  # relative change of a steady speed (our choice); lines of high orders smear over so many speeds
+_FRAMES, _LONGEST_FRAME_S = 8, 2.0
+_WANDER_PER_S = 0.005  # relative change of a steady speed (our choice)
+_AS_DECLARED = 1e-3  # of the speed: a motor's slip changes by as much
 _FEWEST_REVOLUTIONS = 20.0
 
 
@@ -64,10 +66,9 @@ def refine_declared_speed(
 ) -> DeclaredSpeed:
     """Refine a declared constant speed by the lines of a record, where they clearly show another within its tolerance.
 
-    The speed stays as declared unless at least two lines show the other one; its evidence exceeds that of the declared
-    speed by a factor of a thousand for each speed tried; no speed farther from it than a steady one wanders has half of
-    it; and it lies within the tolerance, not at its edge. Of a speed that is as declared the lines are given where the
-    best one is as near as a motor's speed changes, and its evidence exceeds that of the median speed so.
+    The speed stays as declared unless the evidence of another, beside its strongest line, exceeds that of the declared
+    speed, of every other one and of chance by a factor of a thousand. It may wander by half a per cent a second; its
+    mean is given. Of a speed that is as declared, within a thousandth, the lines are given.
 
     Parameters
     ----------
@@ -110,35 +111,21 @@ def refine_declared_speed(
     duration, unchanged = signal.size / rate, DeclaredSpeed(declared_hz=declared, speed_hz=declared)
     if duration * declared < _FEWEST_REVOLUTIONS or not listed.size:
         return unchanged
-    frame_s = min(_LONGEST_FRAME_S, duration / 2)
     low, high = declared * (1 - tolerance), declared * (1 + tolerance)
-    search = search_speeds(signal, rate, listed, low, high, _STILL_HZ_S, frame_s)
-    speeds = search.speeds[search.speeds <= high]
-    scores = np.array([_scores(search, speed) for speed in speeds])
-    evidence = scores.sum(axis=1)
-    best = int(np.argmax(evidence))
-    if best in (0, speeds.size - 1):
+    stop_s = (signal.size - 1) / rate
+    as_declared = constant_speed(declared, start_s=0.0, stop_s=stop_s)
+    steady = likeliest_constant(signal, rate, as_declared, listed, (low, high))
+    frame_s = min(_LONGEST_FRAME_S, duration / _FRAMES)
+    search = search_speeds(signal, rate, listed, low, high, _WANDER_PER_S * declared, frame_s)
+    rough = [one.phase(stop_s) for one in courses(search)]
+    verdict = judged(signal, rate, rough, listed, (low, high), steady=steady)
+    phase = verdict.best.phase
+    speed_hz = float(np.ptp(phase.revolutions) / np.ptp(phase.times_s))
+    sure = min(verdict.beyond_chance, verdict.against_others) >= CERTAIN
+    if not sure or not low < speed_hz < high:
         return unchanged
-    shown = scores[best]
-    gain = float(evidence[best] - _scores(search, declared).sum())
-    # orders whose line at another speed is neither the line that the best one has nor its leakage
-    own = np.abs(np.outer(speeds - speeds[best], listed)) * frame_s > leakage_bins(search, float(speeds[best]))
-    rival = (scores * own).sum(axis=1) > _RIVAL * np.maximum((shown * own).sum(axis=1), CERTAIN)
-    # within the wander of a steady speed the evidence is of the same lines, smeared
-    contested = rival[np.abs(speeds / speeds[best] - 1) > _WANDER].any()
-    if contested or single_line(search, float(speeds[best]), shown):
-        return unchanged
-    needed = CERTAIN + np.log(speeds.size)
-    if gain < needed:
-        as_declared = abs(speeds[best] / declared - 1) <= _WANDER / 2 and evidence[best] - np.median(evidence) >= needed
-        return replace(unchanged, orders=listed[shown > SHOWS]) if as_declared else unchanged
-    before, at, after = evidence[best - 1 : best + 2]
-    bend = before - 2 * at + after
-    peak = speeds[best] + (search.spacing * 0.5 * (before - after) / bend if bend < 0 else 0.0)
-    return DeclaredSpeed(declared_hz=declared, speed_hz=float(peak), gain=gain, orders=listed[shown > SHOWS])
-
-
-def _scores(search: Search, speed_hz: float) -> Array:
-    """Return the logarithm of the evidence for each order at a constant speed."""
-    frames = search.evidence.times_s.size
-    return search.score(np.full(frames, speed_hz), np.ones(frames, dtype=np.bool_))
+    shown = listed[verdict.shown > SHOWS]
+    gain = verdict.best.evidence[0] - evidence(signal, rate, as_declared, listed)[0]
+    if abs(speed_hz / declared - 1) < _AS_DECLARED or gain < CERTAIN:
+        return DeclaredSpeed(declared_hz=declared, speed_hz=declared, orders=shown)
+    return DeclaredSpeed(declared_hz=declared, speed_hz=speed_hz, gain=gain, orders=shown)

@@ -98,7 +98,7 @@ def test_harmonics_of_a_measured_motor_show_its_speed(real_data, name):
         declared = stated * (1 + error)
         found = refine_declared_speed(x, rate_hz=12000, speed_hz=declared, orders=range(1, 11), tolerance=0.02)
         assert found.speed_hz == pytest.approx(stated, rel=0.002)  # it is stated to 1 rpm, and wanders by a thousandth
-        assert set(found.orders) >= {1.0, 2.0}
+        assert 1.0 in found.orders  # twice it may be the mains at 60 Hz
 
 
 @pytest.mark.parametrize(("name", "share"), [("InnerRaceFault_vload_1", 0.9894), ("OuterRaceFault_vload_1", 0.993)])

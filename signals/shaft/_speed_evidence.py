@@ -1,0 +1,333 @@
+"""Evidence ratio of a speed: lines of the listed orders in the order spectrum of a record, against every rival.
+
+Over many turns a bin is some hundredths of an order. There a line of the shaft stands in the bin of its order; that of
+another machine stands beside it, and along a wrong course of the speed all lines are smeared (Fyfe and Munck 1997,
+"Analysis of computed order tracking"). Each peak has the likelihood ratio of a line against noise and lines of other
+sources, which are as dense as all peaks (`signals.shaft._line_likelihood`). The share of the orders that show is
+unknown, and integrated out with Jeffreys' prior; so is that of their sidebands.
+
+Any one line may be any order of some speed: what fixes the speed is no evidence for it, neither the strongest line nor
+what chance finds among as many speeds. A rival is another course, another speed in a constant ratio, or one tone with
+harmonics that keep their frequencies. A course is as sure as the quarter of the record that shows it least, so that a
+rival that is right in one quarter wins there.
+"""
+
+from __future__ import annotations
+
+from dataclasses import dataclass
+from typing import TYPE_CHECKING
+
+import numpy as np
+from scipy.ndimage import maximum_filter1d, median_filter
+from scipy.signal.windows import blackmanharris
+
+from signals.shaft._angle_following import SHOWS, fastest_hz, followed, in_angle, refinements
+from signals.shaft._line_likelihood import log_line_ratio
+from signals.shaft._speed_search import CERTAIN, SAME_SPEED
+from signals.shaft.phase import ShaftPhase, constant_speed
+
+if TYPE_CHECKING:
+    from collections.abc import Sequence
+
+    from numpy.typing import NDArray
+
+    from signals._validation import Array
+    from signals.shaft.phase_demodulation import RefinedPhase
+
+_ODDS = np.log(20.0)  # of a speed against chance, another speed, and none in a quarter of the record
+_ODDS_OF_TONE = np.log(100.0)  # since any machine nearby, and electronics, make tones
+
+_DEPENDENT = 0.1  # of the evidence: lines of one source come and go together, so that more of them say less
+_PARTS = 4
+_AROUND_BINS = 81
+_LOBE_BINS = 3  # half the main lobe of a Blackman-Harris window, whose side lobes are 92 dB down
+_HIGH = 10.0  # over the noise, which exceeds it in one bin of 20,000
+_FOREIGN = (0.005, 0.3)
+_SIDEBANDS = (-2.0, -1.0, 1.0, 2.0)
+_HARMONICS = 7  # of one tone, as of the mains: hum above the seventh is seldom louder than the machine (our choice)
+_MAINS_HZ = (50.0, 60.0)
+_MOST_RATIOS, _SCORED = 20_000, 30
+_REFINED = 2  # best courses whose phase is refined
+_KEPT = 0.5  # of the evidence, by a refinement that follows the same lines
+_POINTS = 400  # at which two courses are compared
+_SHARES = np.sin((np.arange(16) + 0.5) / 16 * np.pi / 2) ** 2  # equal steps of Jeffreys' probability
+
+
+def _presence(log_ratios: Array) -> Array:
+    """Return the log evidence of lines, (..., lines) to (...,), of which an unknown share is present."""
+    excess = np.expm1(np.minimum(log_ratios, 60.0))
+    logs = np.stack([np.log1p(share * excess).sum(axis=-1) for share in _SHARES])
+    return np.asarray(np.logaddexp.reduce(logs, axis=0) - np.log(_SHARES.size))
+
+
+@dataclass(frozen=True, kw_only=True)
+class _Spectrum:
+    """Log likelihood ratio of a line within a bin of each place of an order spectrum, and its bins per order."""
+
+    log_ratios: Array
+    turns: float
+
+    def at(self, orders: Array) -> Array:
+        """Return the log likelihood ratio at orders, of any shape; zero beyond the spectrum."""
+        bins = np.minimum(np.rint(orders * self.turns), self.log_ratios.size - 1).astype(np.int64)
+        return self.log_ratios[bins]
+
+    def separate(self, orders: Array, beside: Array) -> Array:
+        """Return the orders that are more than half a main lobe from those before them, and from others."""
+        kept = beside.tolist()
+        for order in orders.tolist():
+            if all(abs(order - other) * self.turns > _LOBE_BINS for other in kept):
+                kept.append(order)
+        return np.array(kept[beside.size :])
+
+    def log_evidence(self, orders: Array, ratios: Array) -> Array:
+        """Return the log evidence of orders and their sidebands at each ratio to the speed of the spectrum."""
+        own = self.separate(orders, np.zeros(0))
+        sides = np.add.outer(own[own > max(_SIDEBANDS)], np.array(_SIDEBANDS)).ravel()
+        sides = self.separate(np.unique(sides), own)
+        beside = _presence(self.at(np.outer(ratios, sides))) if sides.size else np.zeros(ratios.size)
+        return np.asarray(_presence(self.at(np.outer(ratios, own))) + np.logaddexp(0.0, beside) - np.log(2))
+
+    def tone_evidence(self, orders: Array) -> float:
+        """Return the log evidence of one tone with up to seven harmonics for what stands at orders and sidebands."""
+        places = np.unique(np.add.outer(orders, np.array([0.0, *_SIDEBANDS])))
+        bins = np.unique(np.rint(np.add.outer(places[places > 0] * self.turns, np.arange(-2, 3))).astype(np.int64))
+        bins = bins[bins < self.log_ratios.size]
+        masked = np.minimum(self.log_ratios, 0.0)
+        masked[bins] = self.log_ratios[bins]
+        lines = np.add.outer(orders[self.at(orders) > SHOWS], np.arange(-1.5, 2.0, 0.5) / self.turns).ravel()
+        harmonics = np.arange(1.0, _HARMONICS + 1)
+        if not lines.size:
+            return 0.0
+        levels = _Spectrum(log_ratios=masked, turns=self.turns).at(
+            np.outer(np.divide.outer(lines, harmonics), harmonics)
+        )
+        return float(max(_presence(levels[:, : count + 1]).max() for count in range(_HARMONICS)))
+
+
+def _spectra(signal: Array, rate: float, phase: ShaftPhase, top: float) -> tuple[_Spectrum, list[_Spectrum]]:
+    """Return the order spectrum of a phase, up to an order, and those of its quarters."""
+    top = min(top, rate / 2 / fastest_hz(phase))
+    values, times, per_rev = in_angle(signal, rate, phase, top)
+    whole, *parts = (
+        _spectrum(part, per_rev, phase.speed_hz(np.linspace(at[0], at[-1], 64)), top)
+        for part, at in zip(
+            [values, *np.array_split(values, _PARTS)], [times, *np.array_split(times, _PARTS)], strict=True
+        )
+    )
+    return whole, parts
+
+
+def _spectrum(values: Array, per_rev: float, speed_hz: Array, top: float) -> _Spectrum:
+    turns = values.size / per_rev
+    power = np.abs(np.fft.rfft((values - values.mean()) * blackmanharris(values.size, sym=False))) ** 2
+    noise = np.maximum(median_filter(power, _AROUND_BINS) / np.log(2), 1e-20 * power.max() + np.finfo(float).tiny)
+    ratio = (power / noise)[: int(top * turns) + 2 * _LOBE_BINS]
+    peaks = np.where(ratio >= maximum_filter1d(ratio, 2 * _LOBE_BINS + 1), ratio, 0.0)
+    peaks = maximum_filter1d(peaks, 3)  # modes turn a line that crosses them by half a turn, half a bin
+    found = log_line_ratio(peaks, foreign=float(np.clip(np.mean(peaks > _HIGH), *_FOREIGN)))
+    found[: _LOBE_BINS + 2] = 0.0
+    found[-1] = 0.0
+    for hum in {number * mains for mains in _MAINS_HZ for number in range(1, _HARMONICS + 1)}:
+        low, high = hum / speed_hz.max() * turns, hum / speed_hz.min() * turns
+        if high - low < _LOBE_BINS:  # else it is smeared
+            found[int(max(low - _LOBE_BINS, 0)) : int(high + _LOBE_BINS) + 1] = 0.0
+    return _Spectrum(log_ratios=found, turns=turns)
+
+
+@dataclass(frozen=True, kw_only=True)
+class Followed:
+    """A course followed in angle: its phase, refined where it can be, and its log evidence.
+
+    `evidence` is that over the whole record and in the quarter that shows it least; `place` is that of the course among
+    those followed.
+    """
+
+    place: int
+    phase: ShaftPhase
+    refined: RefinedPhase | None
+    evidence: tuple[float, float]
+
+    @property
+    def total(self) -> float:
+        """Sum of both."""
+        return sum(self.evidence)
+
+
+@dataclass(frozen=True, kw_only=True)
+class Rival:
+    """Another speed, as a ratio to the best at even times of it, and the log odds of the best against it."""
+
+    ratio: Array
+    log_odds: float
+
+
+@dataclass(frozen=True, kw_only=True)
+class Verdict:
+    """The most likely course, its rivals, and the log likelihood ratio of each order.
+
+    `beyond_chance` is the log evidence beside the strongest line, and beyond what chance finds among as many speeds;
+    `against_others` and `against_tone` are the log odds against the most likely other speed, and against one tone.
+    """
+
+    best: Followed
+    rivals: tuple[Rival, ...]
+    shown: Array
+    beyond_chance: float
+    against_others: float
+    against_tone: float
+
+    @property
+    def doubt(self) -> str:
+        """Why the speed is in doubt, in a clause; empty where it is not."""
+        if self.beyond_chance < _ODDS:
+            return "its lines are no more than chance puts at the orders of some speed: any one line may be any order"
+        if self.best.evidence[1] < _ODDS:
+            return "its lines do not show in every part of the record"
+        if self.rivals:
+            return "another speed explains the record about as well"
+        if self.against_tone < _ODDS_OF_TONE:
+            return "its lines keep one frequency, and may be one tone with harmonics, of no shaft"
+        return "" if self.best.refined else "the phase of its harmonics cannot be followed through the record"
+
+
+def judged(
+    signal: Array,
+    rate: float,
+    rough: Sequence[ShaftPhase],
+    orders: Array,
+    range_hz: tuple[float, float],
+    *,
+    steady: ShaftPhase | None = None,
+) -> Verdict:
+    """Return the most likely of approximate courses, followed and refined, with the evidence against its rivals.
+
+    A `steady` speed stands as it is, unless one of the courses shows more lines in every part: they are free to wander.
+    """
+    every = [_followed(signal, rate, phase, orders, place) for place, phase in enumerate(rough)]
+    every.sort(key=lambda one: -one.total)
+    every[:_REFINED] = [_refined(signal, rate, one, orders) for one in every[:_REFINED]]
+    if steady is not None:
+        constant = Followed(place=-1, phase=steady, refined=None, evidence=evidence(signal, rate, steady, orders))
+        gains = [np.subtract(one.evidence, constant.evidence) for one in every]
+        every = [one for one, gain in zip(every, gains, strict=True) if gain[0] > CERTAIN and gain[1] > 0] or [constant]
+    best = max(every[:_REFINED], key=lambda one: one.total)
+    times = np.linspace(best.phase.start_s, best.phase.stop_s, _POINTS)
+    speed = best.phase.speed_hz(times)
+    low = min(float(range_hz[0] / np.quantile(speed, 0.1)), 1.0)
+    high = max(float(range_hz[1] / np.quantile(speed, 0.9)), 1.0)
+    whole, parts = _spectra(signal, rate, best.phase, (float(orders[-1]) + 3) * high)
+    ratios = _rival_ratios(parts, orders, low, high)
+    rivals = [
+        Rival(ratio=np.full(_POINTS, ratio), log_odds=_log_odds(best, (total, least)))
+        for ratio, total, least in zip(ratios, *_evidence(whole, parts, orders, ratios), strict=True)
+    ]
+    for one in every:
+        ratio = _ratio(one.phase, times, speed)
+        if np.nanquantile(np.abs(ratio - 1), 0.8) > SAME_SPEED:
+            rivals.append(Rival(ratio=ratio, log_odds=_log_odds(best, one.evidence)))
+    against_others = min((one.log_odds for one in rivals), default=np.inf)
+    rivals = _likely(rivals, max(_ODDS, _DEPENDENT * best.evidence[0]))
+    mean_hz, shown = float(speed.mean()), whole.at(orders)
+    tried = max((high - low) * min(float(orders[-1]), rate / 2 / mean_hz), 1 / whole.turns)
+    beyond_chance = best.evidence[0] - max(np.log(tried * whole.turns), float(shown.max()))
+    still = constant_speed(mean_hz, start_s=best.phase.start_s, stop_s=best.phase.stop_s)
+    fixed, _ = _spectra(signal, rate, still, float(orders[-1]) + 3)
+    # a tone may have any frequency, and so as many more than the shaft in its range
+    tone = fixed.tone_evidence(orders) - max(np.log(rate / 2 / mean_hz / tried), 0.0)
+    return Verdict(
+        best=best,
+        rivals=tuple(rivals),
+        shown=shown,
+        beyond_chance=beyond_chance,
+        against_others=against_others,
+        against_tone=best.evidence[0] - tone,
+    )
+
+
+def evidence(signal: Array, rate: float, phase: ShaftPhase, orders: Array) -> tuple[float, float]:
+    """Return the log evidence of orders along a phase over the whole record, and in its weakest part."""
+    whole, parts = _spectra(signal, rate, phase, float(orders[-1]) + 3)
+    total, least = _evidence(whole, parts, orders, np.ones(1))
+    return float(total[0]), float(least[0])
+
+
+def _evidence(whole: _Spectrum, parts: Sequence[_Spectrum], orders: Array, ratios: Array) -> tuple[Array, Array]:
+    if not ratios.size:
+        return np.zeros(0), np.zeros(0)
+    return whole.log_evidence(orders, ratios), np.min([part.log_evidence(orders, ratios) for part in parts], axis=0)
+
+
+def _log_odds(best: Followed, rival: tuple[float, float]) -> float:
+    """Return the log odds of the best against a rival, which has to be as likely over the whole and in every part."""
+    return max(mine - its for mine, its in zip(best.evidence, rival, strict=True))
+
+
+def _followed(signal: Array, rate: float, rough: ShaftPhase, orders: Array, place: int) -> Followed:
+    """Return a course followed in angle, or as it is where that shows no more."""
+    tried = [
+        Followed(place=place, phase=phase, refined=None, evidence=evidence(signal, rate, phase, orders))
+        for phase in (rough, followed(signal, rate, rough, orders))
+    ]
+    return max(tried, key=lambda one: one.total)
+
+
+def _refined(signal: Array, rate: float, one: Followed, orders: Array) -> Followed:
+    """Return a course with its phase refined, in the first windows that keep its lines; as it is where none do."""
+    _, parts = _spectra(signal, rate, one.phase, float(orders[-1]) + 3)
+    shown = np.mean([part.at(orders) for part in parts], axis=0)
+    for phase, refined in refinements(signal, rate, one.phase, orders, shown):
+        found = Followed(place=one.place, phase=phase, refined=refined, evidence=evidence(signal, rate, phase, orders))
+        if found.total > _KEPT * one.total:
+            return found
+    return one
+
+
+def likeliest_constant(
+    signal: Array, rate: float, phase: ShaftPhase, orders: Array, range_hz: tuple[float, float]
+) -> ShaftPhase:
+    """Return the constant speed within a range whose lines are the most likely over the whole record of a phase."""
+    mean_hz = float(np.ptp(phase.revolutions) / np.ptp(phase.times_s))
+    low, high = range_hz[0] / mean_hz, range_hz[1] / mean_hz
+    whole, _ = _spectra(signal, rate, phase, (float(orders[-1]) + 3) * high)
+    ratios = _grid(whole, orders, low, high)
+    found = whole.log_evidence(orders, ratios)
+    near = np.abs(ratios / ratios[np.argmax(found)] - 1) < SAME_SPEED
+    return phase.scaled(float(np.average(ratios[near], weights=np.exp(found[near] - found.max()))))
+
+
+def _grid(spectrum: _Spectrum, orders: Array, low: float, high: float) -> Array:
+    """Return ratios half a bin of the highest order apart."""
+    return np.arange(low, high, max(0.5 / (spectrum.turns * float(orders[-1])), (high - low) / _MOST_RATIOS))
+
+
+def _rival_ratios(parts: Sequence[_Spectrum], orders: Array, low: float, high: float) -> Array:
+    """Return the constant ratios to a speed at which most lines stand, octaves among them."""
+    own = parts[0].separate(orders, np.zeros(0))
+    shown = np.maximum(np.mean([part.at(own) for part in parts], axis=0), 1e-3)
+    width = max(SAME_SPEED, _LOBE_BINS / (parts[0].turns * float(np.average(own, weights=shown))))
+    ratios = _grid(parts[0], orders, low, high)
+    ratios = ratios[np.abs(ratios - 1) > width]
+    if not ratios.size:
+        return ratios
+    total = np.min([_presence(part.at(np.outer(ratios, own))) for part in parts], axis=0)
+    return ratios[np.argsort(-total)[:_SCORED]]
+
+
+def _ratio(phase: ShaftPhase, times: Array, speed: Array) -> Array:
+    """Return the speed of a phase over another at times, NaN where it has none."""
+    inside = (times >= phase.start_s) & (times <= phase.stop_s)
+    return np.where(inside, phase.speed_hz(np.clip(times, phase.start_s, phase.stop_s)) / speed, np.nan)
+
+
+def _likely(rivals: Sequence[Rival], log_odds: float) -> list[Rival]:
+    """Return the rivals within the odds, each speed once, the most likely first."""
+    kept: list[Rival] = []
+    for one in sorted(rivals, key=lambda rival: rival.log_odds):
+        if one.log_odds < log_odds and not any(_same(one.ratio, other.ratio) for other in kept):
+            kept.append(one)
+    return kept
+
+
+def _same(one: Array, other: Array) -> NDArray[np.bool_]:
+    return np.asarray(np.nanmedian(np.abs(one / other - 1)) < SAME_SPEED)
