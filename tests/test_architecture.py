@@ -113,11 +113,11 @@ ALLOWANCES = {
     "hums/readers": (566, *FORMATS),
     "hums/records": (263, *READ),
     "hums/report": (4, *MENDS),
-    "all code lines": (1150, *INPUTS),
-    "all modules": (5, *FORMATS),
-    "all constants": (62, *INPUTS),
-    "tests": (820, *FORMATS),
-    "benchmarks": (881, "the scoreboard beside the scripts that it replaces", "when those are removed"),
+    "all code lines": (710, *INPUTS),
+    "all modules": (4, *FORMATS),
+    "all constants": (32, *INPUTS),
+    "tests": (600, *FORMATS),
+    "benchmarks": (860, "the scoreboard beside the scripts that it replaces", "when those are removed"),
 }
 HEAVY = ["scipy.signal", "scipy.stats", "filterpy", "numba", "dask", "h5py", "matplotlib", "pyarrow", "jinja2", "typer"]
 

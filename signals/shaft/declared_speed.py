@@ -95,9 +95,9 @@ def refine_declared_speed(
     >>> import numpy as np
     >>> from signals import refine_declared_speed
     >>> t = np.arange(8000) / 1000
-    >>> x = np.sin(2 * np.pi * 24.8 * t) + np.sin(2 * np.pi * 7 * 24.8 * t)
+    >>> x = sum(np.sin(2 * np.pi * order * 24.8 * t) for order in (1, 7, 14))
     >>> x = x + np.random.default_rng(1).standard_normal(t.size)
-    >>> found = refine_declared_speed(x, rate_hz=1000, speed_hz=25.0, orders=[1, 7], tolerance=0.02)
+    >>> found = refine_declared_speed(x, rate_hz=1000, speed_hz=25.0, orders=[1, 7, 14], tolerance=0.02)
     >>> found.refined, round(found.speed_hz, 1)
     (True, 24.8)
     """
