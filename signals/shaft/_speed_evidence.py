@@ -14,7 +14,7 @@ rival that is right in one quarter wins there.
 
 from __future__ import annotations
 
-from dataclasses import dataclass
+from dataclasses import dataclass, replace
 from typing import TYPE_CHECKING
 
 import numpy as np
@@ -105,17 +105,15 @@ class _Spectrum:
         return float(max(_presence(levels[:, : count + 1]).max() for count in range(_HARMONICS)))
 
 
-def _spectra(signal: Array, rate: float, phase: ShaftPhase, top: float) -> tuple[_Spectrum, list[_Spectrum]]:
-    """Return the order spectrum of a phase, up to an order, and those of its quarters."""
+def _spectra(signal: Array, rate: float, phase: ShaftPhase, top: float, *counts: int) -> list[_Spectrum]:
+    """Return the order spectra of a phase, up to an order, of the parts of the record in each of these counts."""
     top = min(top, rate / 2 / fastest_hz(phase))
     values, times, per_rev = in_angle(signal, rate, phase, top)
-    whole, *parts = (
+    return [
         _spectrum(part, per_rev, phase.speed_hz(np.linspace(at[0], at[-1], 64)), top)
-        for part, at in zip(
-            [values, *np.array_split(values, _PARTS)], [times, *np.array_split(times, _PARTS)], strict=True
-        )
-    )
-    return whole, parts
+        for count in counts
+        for part, at in zip(np.array_split(values, count), np.array_split(times, count), strict=True)
+    ]
 
 
 def _spectrum(values: Array, per_rev: float, speed_hz: Array, top: float) -> _Spectrum:
@@ -139,14 +137,15 @@ def _spectrum(values: Array, per_rev: float, speed_hz: Array, top: float) -> _Sp
 class Followed:
     """A course followed in angle: its phase, refined where it can be, and its log evidence.
 
-    `evidence` is that over the whole record and in the quarter that shows it least; `place` is that of the course among
-    those followed.
+    `evidence` is that over the whole record and in the quarter that shows it least, `shown` the log likelihood ratio of
+    each order, a mean over the quarters; `place` is that of the course among those followed.
     """
 
     place: int
     phase: ShaftPhase
-    refined: RefinedPhase | None
+    refined: RefinedPhase | None = None
     evidence: tuple[float, float]
+    shown: Array
 
     @property
     def total(self) -> float:
@@ -208,7 +207,7 @@ def judged(
     every.sort(key=lambda one: -one.total)
     every[:_REFINED] = [_refined(signal, rate, one, orders) for one in every[:_REFINED]]
     if steady is not None:
-        constant = Followed(place=-1, phase=steady, refined=None, evidence=evidence(signal, rate, steady, orders))
+        constant = along(signal, rate, steady, orders)
         gains = [np.subtract(one.evidence, constant.evidence) for one in every]
         every = [one for one, gain in zip(every, gains, strict=True) if gain[0] > CERTAIN and gain[1] > 0] or [constant]
     best = max(every[:_REFINED], key=lambda one: one.total)
@@ -216,7 +215,7 @@ def judged(
     speed = best.phase.speed_hz(times)
     low = min(float(range_hz[0] / np.quantile(speed, 0.1)), 1.0)
     high = max(float(range_hz[1] / np.quantile(speed, 0.9)), 1.0)
-    whole, parts = _spectra(signal, rate, best.phase, (float(orders[-1]) + 3) * high)
+    whole, *parts = _spectra(signal, rate, best.phase, (float(orders[-1]) + 3) * high, 1, _PARTS)
     ratios = _rival_ratios(parts, orders, low, high)
     rivals = [
         Rival(ratio=np.full(_POINTS, ratio), log_odds=_log_odds(best, (total, least)))
@@ -232,7 +231,7 @@ def judged(
     tried = max((high - low) * min(float(orders[-1]), rate / 2 / mean_hz), 1 / whole.turns)
     beyond_chance = best.evidence[0] - max(np.log(tried * whole.turns), float(shown.max()))
     still = constant_speed(mean_hz, start_s=best.phase.start_s, stop_s=best.phase.stop_s)
-    fixed, _ = _spectra(signal, rate, still, float(orders[-1]) + 3)
+    (fixed,) = _spectra(signal, rate, still, float(orders[-1]) + 3, 1)
     # a tone may have any frequency, and so as many more than the shaft in its range
     tone = fixed.tone_evidence(orders) - max(np.log(rate / 2 / mean_hz / tried), 0.0)
     return Verdict(
@@ -245,11 +244,12 @@ def judged(
     )
 
 
-def evidence(signal: Array, rate: float, phase: ShaftPhase, orders: Array) -> tuple[float, float]:
-    """Return the log evidence of orders along a phase over the whole record, and in its weakest part."""
-    whole, parts = _spectra(signal, rate, phase, float(orders[-1]) + 3)
+def along(signal: Array, rate: float, phase: ShaftPhase, orders: Array, place: int = -1) -> Followed:
+    """Return a phase as a course, with the log evidence of orders along it."""
+    whole, *parts = _spectra(signal, rate, phase, float(orders[-1]) + 3, 1, _PARTS)
     total, least = _evidence(whole, parts, orders, np.ones(1))
-    return float(total[0]), float(least[0])
+    shown = np.mean([part.at(orders) for part in parts], axis=0)
+    return Followed(place=place, phase=phase, evidence=(float(total[0]), float(least[0])), shown=shown)
 
 
 def _evidence(whole: _Spectrum, parts: Sequence[_Spectrum], orders: Array, ratios: Array) -> tuple[Array, Array]:
@@ -265,19 +265,14 @@ def _log_odds(best: Followed, rival: tuple[float, float]) -> float:
 
 def _followed(signal: Array, rate: float, rough: ShaftPhase, orders: Array, place: int) -> Followed:
     """Return a course followed in angle, or as it is where that shows no more."""
-    tried = [
-        Followed(place=place, phase=phase, refined=None, evidence=evidence(signal, rate, phase, orders))
-        for phase in (rough, followed(signal, rate, rough, orders))
-    ]
+    tried = [along(signal, rate, phase, orders, place) for phase in (rough, followed(signal, rate, rough, orders))]
     return max(tried, key=lambda one: one.total)
 
 
 def _refined(signal: Array, rate: float, one: Followed, orders: Array) -> Followed:
     """Return a course with its phase refined, in the first windows that keep its lines; as it is where none do."""
-    _, parts = _spectra(signal, rate, one.phase, float(orders[-1]) + 3)
-    shown = np.mean([part.at(orders) for part in parts], axis=0)
-    for phase, refined in refinements(signal, rate, one.phase, orders, shown):
-        found = Followed(place=one.place, phase=phase, refined=refined, evidence=evidence(signal, rate, phase, orders))
+    for phase, refined in refinements(signal, rate, one.phase, orders, one.shown):
+        found = replace(along(signal, rate, phase, orders, one.place), refined=refined)
         if found.total > _KEPT * one.total:
             return found
     return one
@@ -289,7 +284,7 @@ def likeliest_constant(
     """Return the constant speed within a range whose lines are the most likely over the whole record of a phase."""
     mean_hz = float(np.ptp(phase.revolutions) / np.ptp(phase.times_s))
     low, high = range_hz[0] / mean_hz, range_hz[1] / mean_hz
-    whole, _ = _spectra(signal, rate, phase, (float(orders[-1]) + 3) * high)
+    (whole,) = _spectra(signal, rate, phase, (float(orders[-1]) + 3) * high, 1)
     ratios = _grid(whole, orders, low, high)
     found = whole.log_evidence(orders, ratios)
     near = np.abs(ratios / ratios[np.argmax(found)] - 1) < SAME_SPEED

@@ -13,7 +13,7 @@ import numpy as np
 
 from signals._validation import Array, checked, positive, real_vector
 from signals.shaft._angle_following import SHOWS
-from signals.shaft._speed_evidence import evidence, judged, likeliest_constant
+from signals.shaft._speed_evidence import along, judged, likeliest_constant
 from signals.shaft._speed_search import CERTAIN, courses, search_speeds
 from signals.shaft.phase import constant_speed
 from signals.shaft.phase_demodulation import listed_orders
@@ -67,8 +67,8 @@ def refine_declared_speed(
     """Refine a declared constant speed by the lines of a record, where they clearly show another within its tolerance.
 
     The speed stays as declared unless the evidence of another, beside its strongest line, exceeds that of the declared
-    speed, of every other one and of chance by a factor of a thousand. It may wander by half a per cent a second; its
-    mean is given. Of a speed that is as declared, within a thousandth, the lines are given.
+    speed, of every other one and of chance by a factor of a thousand. It may wander by 0.5 % per second; its mean is
+    returned. Of a speed that is as declared, within a thousandth, the lines are given.
 
     Parameters
     ----------
@@ -125,7 +125,7 @@ def refine_declared_speed(
     if not sure or not low < speed_hz < high:
         return unchanged
     shown = listed[verdict.shown > SHOWS]
-    gain = verdict.best.evidence[0] - evidence(signal, rate, as_declared, listed)[0]
+    gain = verdict.best.evidence[0] - along(signal, rate, as_declared, listed).evidence[0]
     if abs(speed_hz / declared - 1) < _AS_DECLARED or gain < CERTAIN:
         return DeclaredSpeed(declared_hz=declared, speed_hz=declared, orders=shown)
     return DeclaredSpeed(declared_hz=declared, speed_hz=speed_hz, gain=gain, orders=shown)
