@@ -26,22 +26,22 @@ def info(
 
     if draft is not None:
         _write_draft(record, draft)
-        return
-    if record.is_dir():
+    elif record.is_dir():
         _print_dataset(record)
-        return
-    with ReaderProcess() as reader, reader.open_record(record) as opened:
-        print_record(opened)
+    else:
+        with ReaderProcess() as reader, reader.open_record(record) as opened:
+            print_record(opened)
 
 
 def _write_draft(source: Path, target: Path) -> None:
     from hums.conversion import find_sources  # noqa: PLC0415
     from hums.readers.process import ReaderProcess  # noqa: PLC0415
+    from hums.records.store import atomic_write  # noqa: PLC0415
 
     if target.exists():
         raise ValueError(f"{target} exists, and may have been filled in; name another file, or remove it.")
-    with ReaderProcess() as reader:
-        target.write_text(reader.draft(find_sources([source])[0].path), encoding="utf-8")
+    with ReaderProcess() as reader, atomic_write(target) as part:
+        part.write_text(reader.draft(find_sources([source])[0].path), encoding="utf-8")
     typer.echo(f"wrote {target}; fill in what it asks for, then: hums convert {source} ... -d {target}")
 
 
