@@ -113,15 +113,15 @@ def find_sources(
     ...     [file.recorded_at for file in find_sources([folder], time_in_names="data-%Y%m%dT%H%M%SZ")]
     ['2013-03-11T03:00:24Z', '2013-03-26T01:41:50Z']
     """
-    told, found = describe(description, **declared), dict[Path, SourceFile]()
+    spec, found = describe(description, **declared), dict[Path, SourceFile]()
     for path in (path for name in given for path in _matching(Path(name))):
-        when = _time_of(path.name, told.time_in_names, told.time_zone) if told.time_in_names else ""
+        when = _time_of(path.name, spec.time_in_names, spec.time_zone) if spec.time_in_names else ""
         found.setdefault(path.resolve(), SourceFile(path=path, recorded_at=when))
     if not found:
         raise RecordError("no file was named; name files, folders or patterns.")
     files = sorted(found.values(), key=lambda file: _natural(str(file.path)))
-    if told.every_s is not None and told.moment is not None:
-        return _numbered(files, told.every_s, told.moment)
+    if spec.every_s is not None and spec.moment is not None:
+        return _numbered(files, spec.every_s, spec.moment)
     if all(file.recorded_at for file in files):
         files.sort(key=lambda file: datetime.fromisoformat(file.recorded_at))
     return files
@@ -252,16 +252,16 @@ def convert_files(
     3 4 1 [1.0, 2.0, 10.0]
     """
     folder = Path(folder).resolve()
-    told = describe(description, **declared)
-    names = Counter(file.path.stem for file in sources[:: told.snapshots])
+    spec = describe(description, **declared)
+    names = Counter(file.path.stem for file in sources[:: spec.snapshots])
     if form == "files" and (twice := [name for name, count in names.items() if count > 1]):
         raise RecordError(f'two of the files are named "{twice[0]}"; convert one folder after the other, or packed.')
-    task = told.keys()
+    task = spec.keys()
     _begin(folder, form, task)
     check_outputs([folder], inputs=[file.path for file in sources])
     readable = (record for file in sources for _, record in _converted([[str(file.path), file.recorded_at]], task, []))
     layout = next(map(_layout, readable), None) if form == "packed" else None
-    jobs = [_job(files, number, form, task, layout) for number, files in enumerate(_pieces(sources, told.snapshots))]
+    jobs = [_job(files, number, form, task, layout) for number, files in enumerate(_pieces(sources, spec.snapshots))]
     notes = folder / _PIECES
     if _drop_stale(folder, jobs):
         (folder / INDEX).unlink(missing_ok=True)

@@ -93,17 +93,17 @@ def convert(  # noqa: PLR0917 - each option is one
     declared = {name: given[name] for name in ImportDescription.model_fields if name in given}
     declared |= {"channels": channel or None, "no_tachometer": no_tachometer or None}
     declared |= {"units": (units if len(units) > 1 else units[0]) if units else None}
-    told = describe(description, **declared)
-    found = find_sources(source, told)
+    spec = describe(description, **declared)
+    found = find_sources(source, spec)
     one = source[0] if len(source) == 1 and source[0].is_file() else None
     if one is not None:
-        declared = told.keys() | ({"recorded_at": found[0].recorded_at} if told.time_in_names else {})
+        declared = spec.keys() | ({"recorded_at": found[0].recorded_at} if spec.time_in_names else {})
         declared.pop("time_in_names", None)
         _convert_one(one, target, declared)
         return
-    if told.recorded_at is not None and told.every_s is None:
+    if spec.recorded_at is not None and spec.every_s is None:
         raise ValueError(
-            f"recorded_at={told.recorded_at} would be the time of every file; add every_s, the seconds from one to the "
+            f"recorded_at={spec.recorded_at} would be the time of every file; add every_s, the seconds from one to the "
             "next, to the description, or let the names state their times."
         )
     if target.suffix.lower() in RECORD_SUFFIXES:
@@ -112,7 +112,7 @@ def convert(  # noqa: PLR0917 - each option is one
     result = convert_files(
         found,
         target,
-        description=told,
+        description=spec,
         form="files" if files else "packed",
         workers=Serial() if few else workers_of(workers, scheduler),
         progress=True,

@@ -99,7 +99,7 @@ def read_file(
     """
     from hums.readers.description import describe  # noqa: PLC0415 - it loads pydantic
 
-    told, file = describe(description, **declared), existing_file(path)
+    spec, file = describe(description, **declared), existing_file(path)
     suffix = file.suffix.lower()
     if suffix[1:].isdigit():  # as of 2003.10.22.12.06.24, a time and no suffix
         suffix = ".txt"
@@ -110,7 +110,7 @@ def read_file(
         )
     module, kind, package = _READERS[suffix]
     with parsing(file, kind, package):
-        found: ForeignFile = import_module(f"hums.readers.{module}").read(file, told)
+        found: ForeignFile = import_module(f"hums.readers.{module}").read(file, spec)
     return found
 
 
@@ -160,42 +160,42 @@ def convert(
     """
     from hums.readers.description import OF_MANY_FILES, describe  # noqa: PLC0415 - it loads pydantic
 
-    told = describe(description, **declared)
-    if of_many := sorted(told.model_fields_set.intersection(OF_MANY_FILES)):
+    spec = describe(description, **declared)
+    if of_many := sorted(spec.model_fields_set.intersection(OF_MANY_FILES)):
         raise RecordError(f"{of_many[0]} is for many files, and {source} is one; leave it out, or see convert_files.")
-    file = located(read_file(source, told), told.time_zone)
-    if not told.channels:
+    file = located(read_file(source, spec), spec.time_zone)
+    if not spec.channels:
         raise RecordError(f"channels: none named (--channel). {file.path.name}: {file.contents()}")
-    tables = [table for table in (told.units, told.scale) if isinstance(table, dict)]
+    tables = [table for table in (spec.units, spec.scale) if isinstance(table, dict)]
     for name in (name for table in tables for name in table):
         file.vector(name)
-    if told.time_column and (count := file.vector(told.time_column).size) != file.vector(told.channels[0]).size:
+    if spec.time_column and (count := file.vector(spec.time_column).size) != file.vector(spec.channels[0]).size:
         raise RecordError(
-            f'{file.path.name}: time_column="{told.time_column}" has {count} values, others than "{told.channels[0]}"; '
+            f'{file.path.name}: time_column="{spec.time_column}" has {count} values, others than "{spec.channels[0]}"; '
             "name the column of the times of the samples."
         )
-    one = Import(file=file, told=told)
-    found = {name: _channel(one, name) for name in told.channels}
+    one = Import(file=file, spec=spec)
+    found = {name: _channel(one, name) for name in spec.channels}
     start_s, began, angle = 0.0, None, None
-    if told.average is None:
+    if spec.average is None:
         start_s, began = one.start_and_epoch()
         angle = _angle(one, epoch=began)
-        each = {name: one.of(name) for name in told.channels}
+        each = {name: one.of(name) for name in spec.channels}
         found = {
             name: replace(channel, values=each[name].filled(np.asarray(channel.values)), rate_hz=each[name].rate_hz)
             for name, channel in found.items()
         }
     recorded_at = _recorded_at(one, began, start_s=start_s)
     quantities = _measured(one)
-    one.notes.extend(f'"{name}" {note}' for name in told.channels for note in file.metadata(name).notes)
+    one.notes.extend(f'"{name}" {note}' for name in spec.channels for note in file.metadata(name).notes)
     if one.notes:
         warnings.warn(f"{file.path.name}: {'. '.join(one.notes)}.", RecordWarning, stacklevel=2)
     return make_record(
         {file.label(name): channel for name, channel in found.items()},
-        rate_hz=None if told.average else one.of(told.channels[0]).rate_hz,
-        angle=told.average or angle,
+        rate_hz=None if spec.average else one.of(spec.channels[0]).rate_hz,
+        angle=spec.average or angle,
         measured=quantities,
-        machine=told.machine,
+        machine=spec.machine,
         recorded_at=recorded_at,
         start_s=start_s,
         attrs={"source": file.path.name} | ({"notes": ". ".join(one.notes)} if one.notes else {}),
@@ -204,7 +204,7 @@ def convert(
 
 def _channel(source: Import, name: str) -> Channel:
     """Return a field as a channel in its units, with what the file states about its sensor."""
-    stated, scale = source.file.metadata(name), source.told.scale_of(name)
+    stated, scale = source.file.metadata(name), source.spec.scale_of(name)
     values = source.file.vector(name)
     channel = Channel(
         values=values if scale == 1 else np.multiply(values, scale),
@@ -219,7 +219,7 @@ def _channel(source: Import, name: str) -> Channel:
 
 def _recorded_at(source: Import, stated: datetime | None, *, start_s: float) -> datetime | None:
     """Return when a file was recorded, as declared or stated by the file; the declared time may be that of its end."""
-    declared = source.told.moment
+    declared = source.spec.moment
     if declared is None or stated is None or abs((declared - stated).total_seconds() - start_s) <= _MINUTES_S:
         return declared or stated
     contradiction = f"recorded_at={declared.isoformat()} contradicts {source.file.path.name}, which states "
@@ -229,38 +229,38 @@ def _recorded_at(source: Import, stated: datetime | None, *, start_s: float) -> 
 
 def _angle(source: Import, *, epoch: datetime | None) -> Angle | None:
     """Return the declared source of shaft angle, None where there is none: make_record raises the error."""
-    file, told = source.file, source.told
-    if told.no_tachometer:
+    file, spec = source.file, source.spec
+    if spec.no_tachometer:
         return UnknownAngle()
-    if told.shaft_rpm is not None:
-        return NominalSpeed(rpm=told.shaft_rpm, shaft=told.shaft)
-    if told.speed_column is not None:
-        speed_hz = _steady_speed_hz(source, told.speed_column, told.speed_units)
-        return NominalSpeed(rpm=60 * speed_hz, shaft=told.shaft)
-    name = told.tach_times or told.tach_waveform
+    if spec.shaft_rpm is not None:
+        return NominalSpeed(rpm=spec.shaft_rpm, shaft=spec.shaft)
+    if spec.speed_column is not None:
+        speed_hz = _steady_speed_hz(source, spec.speed_column, spec.speed_units)
+        return NominalSpeed(rpm=60 * speed_hz, shaft=spec.shaft)
+    name = spec.tach_times or spec.tach_waveform
     if name is None:
         return None
-    stated, per_rev = file.metadata(name).pulses_per_rev, told.pulses_per_rev
+    stated, per_rev = file.metadata(name).pulses_per_rev, spec.pulses_per_rev
     per_rev = int(stated) if per_rev is None and stated is not None and float(stated).is_integer() else per_rev
     if per_rev is None:
         raise RecordError(
-            f'the tachometer "{name}" needs the pulses in one revolution of "{told.shaft}": pulses_per_rev=... '
+            f'the tachometer "{name}" needs the pulses in one revolution of "{spec.shaft}": pulses_per_rev=... '
             "(--pulses-per-rev)."
         )
     if stated is not None and stated != per_rev:
         contradiction = f'pulses_per_rev={per_rev} contradicts {file.path.name}, which states {stated:g} for "{name}"'
         per_rev = source.settle(contradiction, per_rev, int(stated))
-    if told.tach_times:
+    if spec.tach_times:
         times_s = _unpadded(seconds_of(file, name, epoch=epoch))
-        return PulseTimes(times_s=times_s, shaft=told.shaft, pulses_per_rev=per_rev)
+        return PulseTimes(times_s=times_s, shaft=spec.shaft, pulses_per_rev=per_rev)
     clock = source.of(name)
     return TachometerWaveform(
         values=clock.filled(file.vector(name)),
-        shaft=told.shaft,
+        shaft=spec.shaft,
         pulses_per_rev=per_rev,
         rate_hz=clock.rate_hz,
-        threshold=told.threshold,
-        hysteresis=told.hysteresis,
+        threshold=spec.threshold,
+        hysteresis=spec.hysteresis,
     )
 
 
@@ -304,13 +304,13 @@ def _steady_speed_hz(source: Import, name: str, units: str) -> float:
 
 def _measured(source: Import) -> dict[str, Measured]:
     """Return the quantities measured with a record: a number each, or samples at its rate or at one of their own."""
-    found, file, told = {}, source.file, source.told
-    channel = told.channels[0]
+    found, file, spec = {}, source.file, source.spec
+    channel = spec.channels[0]
     count = file.vector(channel).size
-    for name, declared in told.measured.items():
+    for name, declared in spec.measured.items():
         values = np.asarray(file.vector(name), dtype=np.float64)
         unit = _agreed_units(source, name, declared, _quantity)
-        if told.average or values.size == 1:
+        if spec.average or values.size == 1:
             if not np.isfinite(values).any():
                 raise RecordError(f'{file.path.name}: "{name}" holds no number; leave it out of what is measured.')
             found[file.label(name)] = Measured(values=float(np.nanmean(values)), units=unit)
@@ -322,14 +322,14 @@ def _measured(source: Import) -> dict[str, Measured]:
                 "build the record in Python, Measured(values=..., units=..., rate_hz=...)."
             )
         if values.size != count:  # at a rate of its own, of which nothing is declared
-            clock = replace(source, told=told.changed(rate_hz=None), clocks={}).of(name)
+            clock = replace(source, spec=spec.changed(rate_hz=None), clocks={}).of(name)
         found[file.label(name)] = Measured(values=clock.filled(values), units=unit, rate_hz=clock.rate_hz)
     return found
 
 
 def _units(source: Import, name: str) -> str:
     """Return the units of a channel, declared or stated by the file; stated units hold only at scale 1."""
-    scale, declared, stated = source.told.scale_of(name), source.told.units_of(name), source.file.metadata(name).units
+    scale, declared, stated = source.spec.scale_of(name), source.spec.units_of(name), source.file.metadata(name).units
     if scale == 1:
         remedy = f'Give the factor from "{stated}" to "{declared}", scale=..., or leave the units out. '
         return _agreed_units(source, name, declared, canonical_units, remedy)

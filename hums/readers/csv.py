@@ -29,7 +29,7 @@ __all__ = ["encoding_of", "read"]
 _HEAD = 100  # lines from which the format is detected
 
 
-def read(path: Path, told: ImportDescription) -> ForeignFile:
+def read(path: Path, spec: ImportDescription) -> ForeignFile:
     """Return the columns, (n,) each, under the names of the header or as "column 1", "column 2", ..., and their units.
 
     What is not declared is recognised. Separators are semicolons, tabs, commas or, without any of them, blanks. One
@@ -45,17 +45,17 @@ def read(path: Path, told: ImportDescription) -> ForeignFile:
     """
     import pandas as pd  # noqa: PLC0415
 
-    encoding, separator = told.encoding or encoding_of(path), told.separator
+    encoding, separator = spec.encoding or encoding_of(path), spec.separator
     with path.open(encoding=encoding) as stream:
-        lines = [line.strip("\r\n") for line in islice(stream, _HEAD + (told.header_lines or 0))]
-    begin, above, titles = _above_numbers(lines, separator, told.header_lines)
+        lines = [line.strip("\r\n") for line in islice(stream, _HEAD + (spec.header_lines or 0))]
+    begin, above, titles = _above_numbers(lines, separator, spec.header_lines)
     first, *others = [line for line in lines[above:] if line.strip()] or [""]
     if separator is None:
         separator = _separator(first)
         if separator == " " and others and _separator(others[0]) != " ":
             separator = ","  # one column, whose name has blanks
     without_header = bool(titles) or _are_numbers([_cells(first, separator)])
-    decimal = told.decimal or _decimal(path, encoding, separator, above)
+    decimal = spec.decimal or _decimal(path, encoding, separator, above)
     with warnings.catch_warnings():
         warnings.simplefilter("error", pd.errors.ParserWarning)  # rows longer than the header: data lost
         table = pd.read_csv(

@@ -46,7 +46,7 @@ def draft(file: ForeignFile) -> str:
     channels = [*known, *unknown]
     rate_hz, recorded_at, no_rate = None, "", ""
     try:
-        for clock in map(Import(file=located(file, None), told=ImportDescription()).of, channels[:1]):
+        for clock in map(Import(file=located(file, None), spec=ImportDescription()).of, channels[:1]):
             rate_hz, recorded_at = clock.rate_hz, utc_text(clock.epoch)
     except RecordError as error:
         no_rate = " ".join(str(error).split())

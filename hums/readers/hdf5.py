@@ -16,7 +16,7 @@ from hums.records.store import is_array, objects, open_hdf5, read_array, refuse_
 __all__ = ["read"]
 
 
-def read(path: Path, told: ImportDescription) -> ForeignFile:
+def read(path: Path, spec: ImportDescription) -> ForeignFile:
     """Return every array under its path, with dots for slashes, and what attributes of it and of its groups state.
 
     Arrays are unpacked as the CF conventions have it: ``scale_factor`` and ``add_offset``, values that are missing or
@@ -29,7 +29,7 @@ def read(path: Path, told: ImportDescription) -> ForeignFile:
     """
     with path.open("rb") as stream:
         if stream.read(3) == b"CDF":
-            return _read_netcdf3(path, told.most_bytes)
+            return _read_netcdf3(path, spec.most_bytes)
     with open_hdf5(path) as contents:
         if contents.attrs.get("schema") == SCHEMA:
             raise RecordError(f"{path} is a record already: open it with open_record, or hums analyze.")
@@ -39,7 +39,7 @@ def read(path: Path, told: ImportDescription) -> ForeignFile:
         attributes = {dotted(where): _plain(item.attrs) for where, item in items.items()}
 
     def values(name: str) -> NDArray[np.generic]:
-        read_values = np.asarray(read_array(path, found[name], most_bytes=told.most_bytes))
+        read_values = np.asarray(read_array(path, found[name], most_bytes=spec.most_bytes))
         return _unpacked(np.atleast_1d(read_values), attributes[name])
 
     stated = {name: stated_of(own) for name, own in attributes.items()}

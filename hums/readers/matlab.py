@@ -30,13 +30,13 @@ _LONGEST_TEXT = 1000  # characters, or cells, that may state something
 _NUMBERS = ("", "double", "single", "logical", *(f"{sign}int{bits}" for sign in ("", "u") for bits in (8, 16, 32, 64)))
 
 
-def read(path: Path, told: ImportDescription) -> ForeignFile:
+def read(path: Path, spec: ImportDescription) -> ForeignFile:
     """Return every variable by name, the fields of structs under dotted names, and what scalars beside arrays state.
 
     An element of a struct array is "Y(3)". A scalar `fs`, `SampleRate` or `dt`, and a text `units`, hold for the arrays
     of its struct; `VariableUnits` for those that `VariableNames` lists, or for all in their order.
     """
-    fields, values = (_read_hdf5 if is_hdf5(path) else _read_classic)(path, told.most_bytes)
+    fields, values = (_read_hdf5 if is_hdf5(path) else _read_classic)(path, spec.most_bytes)
     scopes: dict[str, dict[str, Any]] = {}
     for name, value in values.items():
         scope, _, leaf = name.rpartition(".")

@@ -20,7 +20,7 @@ __all__ = ["read"]
 _LONGEST_TEXT = 1000  # bytes
 
 
-def read(path: Path, told: ImportDescription) -> ForeignFile:
+def read(path: Path, spec: ImportDescription) -> ForeignFile:
     """Return the arrays of a .npz by name, or the columns of the array of a .npy as "column 1", "column 2", ...
 
     Scalars and texts in a .npz, as `fs` or `units`, state what holds for its arrays.
@@ -32,7 +32,7 @@ def read(path: Path, told: ImportDescription) -> ForeignFile:
         return ForeignFile(path=path, fields=_columns(np.load(path, allow_pickle=False)))
     with zipfile.ZipFile(path) as archive:
         described = {name.removesuffix(".npy"): _described(archive, name) for name in archive.namelist()}
-    read_member = partial(_member, path, {name: size for name, (_, size, _) in described.items()}, told.most_bytes)
+    read_member = partial(_member, path, {name: size for name, (_, size, _) in described.items()}, spec.most_bytes)
     fields = ArraysOnDisk({name: phrase or shape for name, (shape, _, phrase) in described.items()}, read_member)
     scalars = (name for name, (shape, size, _) in described.items() if math.prod(shape) == 1 and size < _LONGEST_TEXT)
     stated = {"": stated_of({name: read_member(name).reshape(-1)[0].item() for name in scalars})}

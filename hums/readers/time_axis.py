@@ -41,7 +41,7 @@ class Import:
     ----------
     file : ForeignFile
         What is read.
-    told : ImportDescription
+    spec : ImportDescription
         What is declared.
     notes : list of str
         For the record.
@@ -50,27 +50,27 @@ class Import:
     """
 
     file: ForeignFile
-    told: ImportDescription
+    spec: ImportDescription
     notes: list[str] = field(default_factory=list)
     found: dict[str, tuple[SampleTimes, datetime | None] | None] = field(default_factory=dict)
     clocks: dict[str, Clock] = field(default_factory=dict)
 
     def settle(self, contradiction: str, declared: Any, stated: Any, *, remedy: str = "") -> Any:  # noqa: ANN401
         """Return the one of two values that is trusted; raise RecordError where nobody says which."""
-        if self.told.trust is None:
+        if self.spec.trust is None:
             raise RecordError(
                 f'{contradiction}. {remedy}{"Or say" if remedy else "Say"} which is right, trust="declared" or '
                 'trust="file" (--trust).'
             )
-        note = f"{contradiction}; {'the file' if self.told.trust == 'file' else 'the declaration'} was trusted"
+        note = f"{contradiction}; {'the file' if self.spec.trust == 'file' else 'the declaration'} was trusted"
         if note not in self.notes:
             self.notes.append(note)
-        return declared if self.told.trust == "declared" else stated
+        return declared if self.spec.trust == "declared" else stated
 
     @property
     def sampled(self) -> list[str]:
         """Names of the channels, and of a tachometer that is sampled."""
-        return [*self.told.channels, *([self.told.tach_waveform] if self.told.tach_waveform else [])]
+        return [*self.spec.channels, *([self.spec.tach_waveform] if self.spec.tach_waveform else [])]
 
     def of(self, name: str) -> Clock:
         """Return the clock of a field; raise RecordError where no rate is known, or two contradict each other."""
@@ -79,7 +79,7 @@ class Import:
         return self.clocks[name]
 
     def _clock(self, name: str) -> Clock:
-        file, declared = self.file, self.told.rate_hz
+        file, declared = self.file, self.spec.rate_hz
         stated = file.metadata(name)
         columns = [(title, found) for title in self._columns(name) if (found := self._times(title)) is not None]
         if stated.times_s is not None and (times := self._sample_times(stated.times_s, 1.0, f'the times of "{name}"')):
@@ -116,10 +116,10 @@ class Import:
 
     def _columns(self, name: str) -> list[str]:
         """Return the columns of times of as many values as a field, in the innermost group that has some."""
-        file, told = self.file, self.told
+        file, spec = self.file, self.spec
         count, key = file.vector(name).size, file.name(name)
-        used = {file.name(one) for one in (*self.sampled, told.tach_times) if one}
-        declared = told.time_column and file.name(told.time_column)
+        used = {file.name(one) for one in (*self.sampled, spec.tach_times) if one}
+        declared = spec.time_column and file.name(spec.time_column)
         found = [
             title
             for title, shape in descriptions(file.fields).items()
@@ -135,19 +135,19 @@ class Import:
     def _times(self, title: str) -> tuple[SampleTimes, datetime | None] | None:
         """Return what a column of times states, and the moment from which it counts."""
         if title not in self.found:
-            file, told = self.file, self.told
+            file, spec = self.file, self.spec
             scale = file.time_scale(title)
             values = file.vector(title)
-            if scale is None and told.time_column is not None and values[0] > _LONGEST_START_S:
+            if scale is None and spec.time_column is not None and values[0] > _LONGEST_START_S:
                 scale = 1.0, _SINCE_1970
-            elif told.time_unit is not None:
-                unit = (time_scale(told.time_unit) or (1.0, None))[0]
+            elif spec.time_unit is not None:
+                unit = (time_scale(spec.time_unit) or (1.0, None))[0]
                 if scale is not None and scale[0] != unit:
                     header = f'whose header says "{title}"' if title not in file.stated else f'whose "{title}" states'
-                    contradiction = f'time_unit="{told.time_unit}" contradicts {file.path.name}, {header}, in units of '
+                    contradiction = f'time_unit="{spec.time_unit}" contradicts {file.path.name}, {header}, in units of '
                     unit = self.settle(f"{contradiction}{scale[0]:g} s", unit, scale[0])
                 scale = unit, None if scale is None else scale[1]
-            if scale is None and told.rate_hz is None:
+            if scale is None and spec.rate_hz is None:
                 raise RecordError(
                     f'{file.path.name}: the header "{title}" does not say the unit of its times; give it, '
                     'time_unit="ms", or write it as in "time (s)", or give rate_hz=... (--rate-hz).'
@@ -165,7 +165,7 @@ class Import:
         try:
             found = sample_times(values, unit_s=unit_s, what=f"{self.file.path.name}: {what}")
         except RecordError as error:
-            if self.told.trust != "declared" or self.told.rate_hz is None:
+            if self.spec.trust != "declared" or self.spec.rate_hz is None:
                 raise
             self.notes.append(f"{str(error).partition('. ')[0]}; the declared rate was trusted")
             return None
