@@ -6,16 +6,21 @@ from hums.gearbox.model import catalogue
 _SIMPLE = {"glinsky-idler", "glinsky-parallel-pair", "glinsky-planetary-1", "glinsky-planetary-3", "wijianto-pair"}
 VARIED = tuple(name for name in catalogue() if name not in _SIMPLE)
 
-# free but for the frame: sun, ring and carrier on one line
-PLANETARY = {
-    "frame": "housing",
-    "reference": "sun",
-    "axes": {
-        "main": ["housing", "sun", "ring", "carrier"],
-        "planet": {"links": ["carrier", "planet"], "copies": 3},
-    },
-    "mesh": [{"teeth": {"sun": 27, "planet": 36}}, {"teeth": {"planet": 36, "ring": -99}}],
-}
+
+def planetary(sun, planet, ring, *, copies):
+    """A stage that is free but for the frame: sun, ring and carrier on one line."""
+    return {
+        "frame": "housing",
+        "reference": "sun",
+        "axes": {
+            "main": ["housing", "sun", "ring", "carrier"],
+            "planet": {"links": ["carrier", "planet"], "copies": copies},
+        },
+        "mesh": [{"teeth": {"sun": sun, "planet": planet}}, {"teeth": {"planet": planet, "ring": -ring}}],
+    }
+
+
+PLANETARY = planetary(27, 36, 99, copies=3)
 # two gears on each planet, the ring held
 STEPPED = {
     "frame": "housing",

@@ -5,6 +5,7 @@ from itertools import pairwise
 
 import numpy as np
 import pytest
+from gearboxes import planetary
 from scipy.linalg import null_space
 
 from hums.gearbox.kinematics import solve_kinematics
@@ -80,15 +81,7 @@ class TestWolfrom:
 
 
 class TestRedundantPlanets:
-    TABLE = {  # noqa: RUF012
-        "frame": "housing",
-        "reference": "sun",
-        "axes": {
-            "main": ["housing", "sun", "ring", "carrier"],
-            "planet": {"links": ["carrier", "planet"], "copies": 20},
-        },
-        "mesh": [{"teeth": {"sun": 200, "planet": 20}}, {"teeth": {"planet": 20, "ring": -240}}],
-    }
+    TABLE = planetary(200, 20, 240, copies=20)
 
     def test_twenty_planets_are_no_constraint(self):
         kinematics = solved(self.TABLE)  # (200 + 240) / 20 is whole, so no warning either
