@@ -73,7 +73,7 @@ BUDGETS = """
     signals/health, signals/indicators                          955    955    800
     signals/monitoring                                         1135   1022    700
     signals/resampling                                          799    799    600
-    signals/shaft                                              3006   2685   2000
+    signals/shaft                                              3006   2680   2000
     signals/spectra                                             866    863    700
     hums (root)                                                 830    774    600
     hums/analysis                                              5359   5359   3000

@@ -95,7 +95,7 @@ class _Peaks:
         return np.maximum(_HALF_BINS * self.bin_width, spread * orders)
 
     def neighbourhood(self, orders: Numbers) -> tuple[Numbers, Numbers]:
-        """Return where the octaves about orders begin and end, whose peaks tell how seldom a large one is."""
+        """Return the limits of the octaves about orders, in which the rate of large peaks is counted."""
         margin = 100 * self.bin_width
         return np.maximum(orders / 2 - margin, 0), np.minimum(2 * orders + margin, self.end)
 
