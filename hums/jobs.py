@@ -21,7 +21,7 @@ from typing import Any, Generic, TypeVar
 
 from signals._validation import SentenceError
 
-__all__ = ["Cluster", "Job", "JobError", "Processes", "Serial", "Tally", "Workers", "cpu_limit", "run_jobs"]
+__all__ = ["Cluster", "Job", "JobError", "Processes", "Serial", "Tally", "Workers", "cpu_limit", "locked", "run_jobs"]
 
 Item = TypeVar("Item")
 _JOBS_PER_WORKER = 2  # submitted at a time, so that no worker waits for the next
@@ -164,7 +164,7 @@ def run_jobs(
     from hums.records.store import remove_partial_files  # noqa: PLC0415 - xarray, which a worker may do without
 
     folder = folder.resolve()
-    with _locked(folder):
+    with locked(folder):
         remove_partial_files(folder)
         finished = {path.name for path in folder.iterdir()}
         missing = [job for job in jobs if job.name not in finished]
@@ -379,7 +379,7 @@ def cpu_limit(seconds: float) -> Iterator[None]:
 
 
 @contextmanager
-def _locked(folder: Path) -> Iterator[None]:
+def locked(folder: Path) -> Iterator[None]:
     """Lock the folder against a second run; the system releases the lock of a process that dies."""
     if os.name != "posix":  # no lock elsewhere: the user has to avoid two runs at once
         yield

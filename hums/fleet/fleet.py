@@ -34,7 +34,7 @@ from hums.fleet.watched_machines import (
     write_components,
 )
 from hums.gearbox.model import Gearbox, load_gearbox
-from hums.jobs import Job, Serial, Workers, cpu_limit, run_jobs
+from hums.jobs import Job, Serial, Workers, cpu_limit, locked, run_jobs
 from hums.records.dataset_store import dataset_files, dataset_record, is_begun, open_dataset
 from hums.records.outputs import check_outputs
 from hums.records.store import atomic_write, open_record
@@ -207,24 +207,24 @@ def analyze_fleet(
         results_folder.mkdir(parents=True, exist_ok=True)
     except OSError as error:
         raise FleetError(f"{folder} cannot be made ({error.strerror}); name a folder of yours.") from None
-    _check_task(folder / _TASK, task)
-    earlier = _listed(folder) if append else {}
-    jobs = [Job(name=_result_name(source), item=source) for source in found]
-    tally = run_jobs(
-        partial(_analyse_to_file, task["gearbox"], task["settings"]),
-        jobs,
-        folder=results_folder,
-        workers=workers or Serial(),
-        title="records" if progress else None,
-        when_killed=partial(_killed_to_file, killed),
-    )
-    names = earlier | {source.whole_name: _result_name(source) for source in found}
-    with atomic_write(folder / _LIST) as part:
-        part.write_text(json.dumps(names), encoding="utf-8")
-    paths = [done if (done := results_folder / name).exists() else killed / name for name in names.values()]
-    for stale in set(killed.glob("*.json.gz")) - set(paths):  # tried again with success, or the file is another one
-        stale.unlink()
-    histories, written = _tables(paths, folder, monitoring or MonitorSettings(), work, append=append, gearbox=named)
+    with locked(folder):  # from the list that is read to the one that is written
+        _check_task(folder / _TASK, task)
+        names = (_listed(folder) if append else {}) | {source.whole_name: _result_name(source) for source in found}
+        jobs = [Job(name=_result_name(source), item=source) for source in found]
+        tally = run_jobs(
+            partial(_analyse_to_file, task["gearbox"], task["settings"]),
+            jobs,
+            folder=results_folder,
+            workers=workers or Serial(),
+            title="records" if progress else None,
+            when_killed=partial(_killed_to_file, killed),
+        )
+        with atomic_write(folder / _LIST) as part:
+            part.write_text(json.dumps(names), encoding="utf-8")
+        paths = [done if (done := results_folder / name).exists() else killed / name for name in names.values()]
+        for stale in set(killed.glob("*.json.gz")) - set(paths):  # tried again with success, or the file is another one
+            stale.unlink()
+        histories, written = _tables(paths, folder, monitoring or MonitorSettings(), work, append=append, gearbox=named)
     return Fleet(
         folder=folder,
         records=len(paths),

@@ -245,6 +245,14 @@ class TestGoingOn:
         with pytest.raises(FleetError, match=r"run all records once without append\.$"):
             run(new, tmp_path / "out", append=True, monitoring=monitoring)
 
+    def test_a_run_that_begins_while_another_writes_its_tables_is_refused(self, records, tmp_path, monkeypatch):
+        def meanwhile(*_, **__):
+            run([records / "1.h5"], tmp_path, append=True)
+
+        monkeypatch.setattr(fleet_room, "write_page", meanwhile)
+        with pytest.raises(hums.JobError, match="another run is at work"):
+            run([records / "0.h5"], tmp_path)
+
     def test_another_gearbox_or_other_settings_are_refused(self, records, done):
         with pytest.raises(
             FleetError, match=r"analysed with another settings; a table mixes none\. Name another folder"
