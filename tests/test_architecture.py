@@ -107,16 +107,18 @@ FORMATS = (
     "import descriptions, LabVIEW and MDF files, for code removed in hums/cli and hums",
     "when readers are reduced",
 )
+OWNED = "files of the user's own are kept, and exits say what happened", "when hums/cli is reduced"
 ALLOWANCES = {
     "hums/analysis": (417, *ANGLE),
+    "hums/cli": (30, *OWNED),
     "hums/fleet": (13, *MENDS),
     "hums/readers": (566, *FORMATS),
     "hums/records": (263, *READ),
     "hums/report": (4, *MENDS),
-    "all code lines": (710, *INPUTS),
+    "all code lines": (740, *INPUTS),
     "all modules": (4, *FORMATS),
-    "all constants": (32, *INPUTS),
-    "tests": (600, *FORMATS),
+    "all constants": (35, *INPUTS),
+    "tests": (670, *FORMATS),
     "benchmarks": (860, "the scoreboard beside the scripts that it replaces", "when those are removed"),
 }
 HEAVY = ["scipy.signal", "scipy.stats", "filterpy", "numba", "dask", "h5py", "matplotlib", "pyarrow", "jinja2", "typer"]

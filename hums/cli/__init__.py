@@ -12,9 +12,11 @@ from typing import Annotated, Any
 import typer
 from typer.core import TyperCommand, TyperOption
 
+from hums.cli.options import UsageError
+
 __all__ = ["main"]
 
-INTERRUPTED = 130  # 128 + SIGINT, as shells have it
+REFUSED, WRONG_USAGE, INTERRUPTED = 1, 2, 130  # the last 128 + SIGINT, as shells have it
 
 app = typer.Typer(
     name="hums",
@@ -59,7 +61,7 @@ for name in _NAMES.split():
 
 
 def main() -> int:
-    """Run the command and return its exit code; an error of the user prints one sentence and returns 2."""
+    """Run the command and return its exit status: 0 done, 1 refused or failed, 2 wrong usage, 3 members, 130 Ctrl-C."""
     _show_steps()
     # Imports make objects that stay: a short run ends before any are collected, and none are at its end, where the
     # interpreter would go through all of them. Both were a fifth of a short run.
@@ -69,16 +71,18 @@ def main() -> int:
         warnings.showwarning = _print_warning
         try:
             status = app(standalone_mode=False)  # what typer.Exit carries, 130 after Ctrl-C; else None
+            sys.stdout.flush()
         except typer.Abort:
             return INTERRUPTED
         except (ValueError, OSError) as error:
-            typer.echo(f"hums: {error}", err=True)
-            return 2
+            unnamed = isinstance(error, OSError) and error.errno is not None and error.filename is None
+            typer.echo(f"hums: {'standard output: ' if unnamed else ''}{error}", err=True)
+            return WRONG_USAGE if isinstance(error, UsageError) else REFUSED
         except Exception as error:
             if error.__class__.__module__.split(".")[0] not in {"click", "typer"}:
                 raise
             error.show()  # type: ignore[attr-defined]
-            return 2
+            return WRONG_USAGE
     return status or 0
 
 

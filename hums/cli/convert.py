@@ -1,5 +1,6 @@
 """Command `hums convert`."""
 
+from contextlib import nullcontext
 from pathlib import Path
 from typing import Annotated, Any, Literal
 
@@ -9,9 +10,11 @@ from hums.cli.info import print_record
 from hums.cli.options import (
     RECORD_SUFFIXES,
     Scheduler,
+    UsageError,
     WorkerCount,
     check_record_target,
-    print_refusals,
+    end_with_refusals,
+    option_values,
     say,
     workers_of,
 )
@@ -22,16 +25,17 @@ FEW_FILES = 200  # which one process converts in the time in which others start
 
 
 def convert(  # noqa: PLR0917 - each option is one
-    source: Annotated[
+    paths: Annotated[
         list[Path] | None,
         typer.Argument(
+            metavar="SOURCE... [TARGET]",
             show_default=False,
-            help="A .mat, .wav, .csv, .txt, .tdms, .lvm, .mf4, .uff, .h5, .nc, .npy or .npz file; or many: files, "
-            'folders, patterns as "acc_*.csv".',
+            help="A .mat, .wav, .csv, .txt, .tdms, .lvm, .mf4, .uff, .h5, .nc, .npy or .npz file, a folder, or a "
+            'pattern as "acc_*.csv"; then what to write, or several sources with -o.',
         ),
     ] = None,
-    target: Annotated[
-        Path | None, typer.Argument(show_default=False, help="The record to write, .h5; of many files a folder.")
+    out: Annotated[
+        Path | None, typer.Option("--out", "-o", help="The record to write, .h5; of many files a folder.")
     ] = None,
     description: Annotated[
         Path | None,
@@ -83,9 +87,13 @@ def convert(  # noqa: PLR0917 - each option is one
     refused.csv.
     """
     given = locals()
-    if not source or target is None:
-        named = f"{target} alone is named" if target else "no file is named"
-        raise ValueError(f"{named}; name the files to read and, last, the record or folder to write.")
+    paths = paths or []
+    if out is None and len(paths) != 2:  # noqa: PLR2004 - SOURCE TARGET
+        named = "no file is" if not paths else f"{paths[0]} alone is" if len(paths) == 1 else f"{len(paths)} paths are"
+        raise UsageError(f"{named} named; name one source and the record or folder to write, or several and -o FOLDER.")
+    *source, target = [*paths, *([out] if out else [])]
+    if not source:
+        raise UsageError(f"{target} alone is named; name the files to read.")
     from hums.conversion import convert_files, find_sources  # noqa: PLC0415
     from hums.jobs import Serial  # noqa: PLC0415
     from hums.readers.description import ImportDescription, describe  # noqa: PLC0415
@@ -93,7 +101,8 @@ def convert(  # noqa: PLR0917 - each option is one
     declared = {name: given[name] for name in ImportDescription.model_fields if name in given}
     declared |= {"channels": channel or None, "no_tachometer": no_tachometer or None}
     declared |= {"units": (units if len(units) > 1 else units[0]) if units else None}
-    spec = describe(description, **declared)
+    with nullcontext() if description else option_values():
+        spec = describe(description, **declared)
     found = find_sources(source, spec)
     one = source[0] if len(source) == 1 and source[0].is_file() else None
     if one is not None:
@@ -102,12 +111,12 @@ def convert(  # noqa: PLR0917 - each option is one
         _convert_one(one, target, declared)
         return
     if spec.recorded_at is not None and spec.every_s is None:
-        raise ValueError(
+        raise UsageError(
             f"recorded_at={spec.recorded_at} would be the time of every file; add every_s, the seconds from one to the "
             "next, to the description, or let the names state their times."
         )
     if target.suffix.lower() in RECORD_SUFFIXES:
-        raise ValueError(f"{target}: many files make a folder of records; name one, as {target.with_suffix('')}.")
+        raise UsageError(f"{target}: many files make a folder of records; name one, as {target.with_suffix('')}.")
     few = len(found) <= FEW_FILES and workers is None and scheduler is None
     result = convert_files(
         found,
@@ -120,8 +129,8 @@ def convert(  # noqa: PLR0917 - each option is one
     typer.echo(
         f"{result.records} records; {result.done} files read now, {result.kept} before, {len(result.refused)} refused"
     )
-    print_refusals("refused", result.refused, "refused.csv")
     typer.echo(f"wrote {target}")
+    end_with_refusals("refused", result.refused, len(found), "refused.csv")
 
 
 def _convert_one(source: Path, target: Path, declared: dict[str, Any]) -> None:

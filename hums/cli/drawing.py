@@ -7,7 +7,7 @@ from typing import TYPE_CHECKING, Annotated, Any, Literal
 
 import typer
 
-from hums.cli.options import FigureFormat, parse_speeds, save_picture, say, several
+from hums.cli.options import FigureFormat, UsageError, parse_speeds, save_picture, say, several
 
 if TYPE_CHECKING:
     from hums.gearbox.kinematics import Kinematics
@@ -47,7 +47,7 @@ def drawing(
         typer.echo(f"wrote {page}")
         return
     if out is None:
-        raise ValueError("--out is missing; name a folder, a picture as in -o mechanism.svg, or ask for --html.")
+        raise UsageError("--out is missing; name a folder, a picture as in -o mechanism.svg, or ask for --html.")
     pictures = _pictures_of(kinematics, _drawn_speeds(kinematics, given))
     if out.suffix.lower() in _FIGURES:
         save_picture(pictures[picture], out, _SIZES[picture])

@@ -9,7 +9,7 @@ from typing import TYPE_CHECKING, Annotated, Any, Literal
 
 import typer
 
-from hums.cli.options import FigureFormat, save_picture, say, several
+from hums.cli.options import FigureFormat, UsageError, save_picture, say, several
 
 if TYPE_CHECKING:
     from collections.abc import Callable
@@ -45,7 +45,7 @@ def dynamics(
     from hums.plots import plot_campbell, plot_frequencies, plot_mode_shape  # noqa: PLC0415
 
     if not (math.isfinite(top_rpm) and top_rpm > 0):
-        raise ValueError(f"--rpm {top_rpm:g}: give the highest speed of the reference, in rpm, above 0.")
+        raise UsageError(f"--rpm {top_rpm:g}: give the highest speed of the reference, in rpm, above 0.")
     say("natural frequencies")
     system_at = _system_source(source, motions)
     speeds = np.linspace(0, top_rpm * math.pi / 30, _SPEEDS)
@@ -182,7 +182,7 @@ def _system_source(source: str, motions: Literal["torsion", "plane", "space"] | 
     is_file = source not in catalogue() and Path(source).suffix == ".toml"
     if source in scene_catalogue() or (is_file and "gearbox" in read_toml(Path(source), error=GearboxError)):
         if motions is not None:
-            raise ValueError(f"--motions {motions}: a scene has all motions that its teeth excite; leave it out.")
+            raise UsageError(f"--motions {motions}: a scene has all motions that its teeth excite; leave it out.")
         return scene_system(load_scene(source))
     gearbox = load_gearbox(source)
     chosen = motions or ("plane" if layout_of(gearbox).planar else "space")

@@ -14,8 +14,10 @@ from hums.cli.options import (
     Scheduler,
     SpeedRange,
     Tachometer,
+    UsageError,
     WorkerCount,
-    print_refusals,
+    end_with_refusals,
+    option_values,
     settings_of,
     workers_of,
 )
@@ -62,16 +64,16 @@ def fleet(  # noqa: PLR0917 - each option is one
     from hums.fleet.parquet import NO_PYARROW  # noqa: PLC0415
 
     if baseline_span and healthy:
-        raise ValueError("--baseline-span and --healthy are both given; keep one.")
+        raise UsageError("--baseline-span and --healthy are both given; keep one.")
     span = baseline_span or ("", "")
-    monitoring = MonitorSettings(
-        baseline_records=baseline_records,
-        baseline_from=span[0],
-        baseline_until=span[1],
-        healthy=tuple(healthy or ()),
-        false_alarm_every=false_alarm_every,
-    )
-
+    with option_values():
+        monitoring = MonitorSettings(
+            baseline_records=baseline_records,
+            baseline_from=span[0],
+            baseline_until=span[1],
+            healthy=tuple(healthy or ()),
+            false_alarm_every=false_alarm_every,
+        )
     settings = settings_of(
         channels=tuple(channel) if channel else None,
         tachometer=tachometer,
@@ -97,7 +99,6 @@ def fleet(  # noqa: PLR0917 - each option is one
     typer.echo(
         f"{result.records} records: {result.analysed} analysed now, {result.kept} before, {result.failed} failed"
     )
-    print_refusals("failed", result.errors, "the column error of fleet.csv")
     if result.no_trends:
         typer.echo(result.no_trends)
     typer.echo(f"{result.alarms} alarms; one in {false_alarm_every:g} records of a machine would be false")
@@ -110,5 +111,4 @@ def fleet(  # noqa: PLR0917 - each option is one
         typer.echo(f"wrote {result.folder / name}")
     parquet = result.folder / "indicators.parquet"
     typer.echo(f"wrote {parquet}" if parquet.is_file() else NO_PYARROW)
-    if result.failed == result.records:
-        raise ValueError("no record could be analysed; the column error of fleet.csv says why.")
+    end_with_refusals("failed", result.errors, result.records, "the column error of fleet.csv")

@@ -2,7 +2,8 @@
 
 import logging
 import os
-from collections.abc import Callable, Iterable, Mapping, Sequence
+from collections.abc import Callable, Iterable, Iterator, Mapping, Sequence
+from contextlib import contextmanager
 from pathlib import Path
 from typing import TYPE_CHECKING, Annotated, Any, Literal, Optional
 
@@ -25,11 +26,13 @@ __all__ = [
     "SpeedRange",
     "SpeedUnits",
     "Tachometer",
+    "UsageError",
     "VelocityLimits",
     "WorkerCount",
     "check_record_target",
+    "end_with_refusals",
+    "option_values",
     "parse_speeds",
-    "print_refusals",
     "save_picture",
     "say",
     "settings_of",
@@ -82,6 +85,23 @@ Scheduler = Annotated[
 FigureFormat = Annotated[Literal["svg", "png"], typer.Option("--format", help="Format of the pictures in a folder.")]
 
 
+SHOWN_REFUSALS = 5
+SOME_REFUSED = 3  # exit status: done, but for members that were refused
+
+
+class UsageError(ValueError):
+    """Options or arguments that are missing, contradict each other, or have no valid value: exit status 2."""
+
+
+@contextmanager
+def option_values() -> Iterator[None]:
+    """Turn the refusal of a value into one of the option that gave it."""
+    try:
+        yield
+    except ValueError as error:
+        raise UsageError(str(error)) from None
+
+
 def parse_speeds(texts: list[str] | None) -> dict[str, float] | None:
     """Return the speeds of options ``--speed LINK=RPM`` by link, in rpm; None without one."""
     return dict(_parse_speed(text) for text in texts) if texts else None
@@ -94,7 +114,7 @@ def _parse_speed(text: str) -> tuple[str, float]:
     except ValueError:
         separator = ""
     if not separator:
-        raise ValueError(f'--speed "{text}": write LINK=RPM, as in --speed "sun=1500".')
+        raise UsageError(f'--speed "{text}": write LINK=RPM, as in --speed "sun=1500".')
     return link, 0.0
 
 
@@ -103,9 +123,10 @@ def settings_of(*, no_envelope: bool, **chosen: Any) -> "AnalysisSettings":  # n
     from hums.analysis.settings import AnalysisSettings  # noqa: PLC0415
 
     if chosen["envelope_band_hz"] and no_envelope:
-        raise ValueError("--envelope-band and --no-envelope are both given; keep one.")
+        raise UsageError("--envelope-band and --no-envelope are both given; keep one.")
     stated = {name: value for name, value in chosen.items() if value is not None}
-    return AnalysisSettings(**stated, **({"envelope_band_hz": None} if no_envelope else {}))
+    with option_values():
+        return AnalysisSettings(**stated, **({"envelope_band_hz": None} if no_envelope else {}))
 
 
 def workers_of(count: int | None, scheduler: str | None) -> "Workers":
@@ -113,14 +134,14 @@ def workers_of(count: int | None, scheduler: str | None) -> "Workers":
     from hums.jobs import Cluster, Processes  # noqa: PLC0415
 
     if count is not None and scheduler is not None:
-        raise ValueError("--workers and --scheduler are both given; keep one.")
-    if scheduler is not None:
-        return Cluster(address=scheduler)
-    return Processes(count=os.cpu_count() or 1 if count is None else count)
+        raise UsageError("--workers and --scheduler are both given; keep one.")
+    with option_values():
+        if scheduler is not None:
+            return Cluster(address=scheduler)
+        return Processes(count=os.cpu_count() or 1 if count is None else count)
 
 
 RECORD_SUFFIXES = (".h5", ".hdf5")
-SHOWN_REFUSALS = 5
 
 
 def check_record_target(target: Path, *, inputs: Iterable[str | Path]) -> None:
@@ -129,7 +150,7 @@ def check_record_target(target: Path, *, inputs: Iterable[str | Path]) -> None:
 
     check_outputs([target], inputs=inputs)
     if target.suffix.lower() not in RECORD_SUFFIXES:
-        raise ValueError(f"{target}: a record is HDF5, so name it so: {target.with_suffix('.h5')}.")
+        raise UsageError(f"{target}: a record is HDF5, so name it so: {target.with_suffix('.h5')}.")
 
 
 def say(step: str) -> None:
@@ -137,14 +158,24 @@ def say(step: str) -> None:
     logging.getLogger("hums").info(step)
 
 
-def print_refusals(word: str, reasons: Mapping[str, str], table: str) -> None:
-    """Print the first of many refusals, and which table has the others."""
+def end_with_refusals(word: str, reasons: Mapping[str, str], total: int, table: str) -> None:
+    """Print the first of the members that were refused and, last, their number; end with status 3 where there are any.
+
+    Raises
+    ------
+    ValueError
+        Where all were refused.
+    """
     from signals._validation import plain_message  # noqa: PLC0415
 
     for name, reason in list(reasons.items())[:SHOWN_REFUSALS]:
         typer.echo(plain_message(f"{word} {name}: {reason}"))
-    if len(reasons) > SHOWN_REFUSALS:
-        typer.echo(f"and {len(reasons) - SHOWN_REFUSALS} more: see {table}")
+    told = f"{len(reasons)} of {total} {word}: {table} says why"
+    if reasons and len(reasons) == total:
+        raise ValueError(f"{told}.")
+    if reasons:
+        typer.echo(told)
+        raise typer.Exit(SOME_REFUSED)
 
 
 def several(draws: Sequence[Callable[..., object]], *, columns: int) -> Callable[[Any], None]:

@@ -5,7 +5,7 @@ from typing import TYPE_CHECKING, Annotated
 
 import typer
 
-from hums.cli.options import parse_speeds
+from hums.cli.options import UsageError, parse_speeds
 
 if TYPE_CHECKING:
     import pandas as pd
@@ -35,9 +35,9 @@ def orders(
     from hums.gearbox.undeclared import undeclared_parts  # noqa: PLC0415
 
     if csv and json:
-        raise ValueError("--csv and --json are both given; keep one.")
+        raise UsageError("--csv and --json are both given; keep one.")
     if rpm is not None and not (math.isfinite(rpm) and rpm):
-        raise ValueError(f"--rpm {rpm:g}: give the speed of the reference, in rpm, other than 0.")
+        raise UsageError(f"--rpm {rpm:g}: give the speed of the reference, in rpm, other than 0.")
     kinematics = solve_kinematics(load_gearbox(gearbox))
     table = defect_orders(kinematics, reference=reference, speeds=parse_speeds(speed))
     if rpm is not None:

@@ -6,7 +6,7 @@ from typing import Annotated
 import typer
 
 from hums.cli.info import print_record
-from hums.cli.options import check_record_target, say
+from hums.cli.options import UsageError, check_record_target, say
 
 __all__ = ["synth"]
 
@@ -36,7 +36,7 @@ def synth(
     if out is None:
         if explain:
             return
-        raise ValueError("--out is missing; name the record to write, as in -o record.h5, or ask with --explain.")
+        raise UsageError("--out is missing; name the record to write, as in -o record.h5, or ask with --explain.")
     check_record_target(out, inputs=[scene])
     refuse_too_large(scene, out, by_source=by_source, phases=phases, mechanics=mechanics)
     say(f"simulating {scene}")

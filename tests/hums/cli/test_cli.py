@@ -139,33 +139,33 @@ def assert_mesh(facts):
 
 def test_convert_without_a_channel_lists_them(run, mat, tmp_path):
     code, _, err = run("convert", mat, tmp_path / "record.h5")
-    assert code == 2
+    assert code == 1
     assert err.startswith("hums: channels: none named (--channel). data.mat: It holds vibration (1 x 10000), tach")
 
 
 def test_no_source_of_angle_names_all_three(run, mat, tmp_path):
     code, _, err = run(*convert_words(mat, tmp_path / "record.h5"))
-    assert code == 2
+    assert code == 1
     assert all(option in err for option in ("--tach-times", "--tach-waveform", "--shaft-rpm"))
     assert not (tmp_path / "record.h5").exists()
 
 
 @pytest.mark.parametrize(
-    ("words", "sentence"),
+    ("status", "words", "sentence"),
     [
-        (("info", "nowhere.h5"), "nowhere.h5"),
-        (("orders", "two-stag"), 'did you mean "two-stage"?'),
-        (("orders", "two-stage", "--speed", "fast"), "write LINK=RPM"),
-        (("orders", "two-stage", "--csv", "--json"), "keep one"),
-        (("orders", "two-stage", "--rpm", "0"), "other than 0"),
-        (("schema", "scenery"), "gearbox"),
-        (("ordrs",), "ordrs"),
-        (("synth", "no-such-scene", "-o", "x.h5"), "no-such-scene"),
+        (1, ("info", "nowhere.h5"), "nowhere.h5"),
+        (1, ("orders", "two-stag"), 'did you mean "two-stage"?'),
+        (2, ("orders", "two-stage", "--speed", "fast"), "write LINK=RPM"),
+        (2, ("orders", "two-stage", "--csv", "--json"), "keep one"),
+        (2, ("orders", "two-stage", "--rpm", "0"), "other than 0"),
+        (2, ("schema", "scenery"), "gearbox"),
+        (2, ("ordrs",), "ordrs"),
+        (1, ("synth", "no-such-scene", "-o", "x.h5"), "no-such-scene"),
     ],
 )
-def test_mistakes_end_in_a_sentence(run, words, sentence):
+def test_mistakes_end_in_a_sentence(run, status, words, sentence):
     code, _, err = run(*words)
-    assert code == 2
+    assert code == status
     assert sentence in err
     assert "Traceback" not in err
 
@@ -194,22 +194,8 @@ def test_a_rate_of_zero(run, mat, tmp_path):
 def test_a_channel_that_is_not_there(run, mat, tmp_path):
     words = convert_words(mat, tmp_path / "r.h5", "--shaft-rpm", 1200, "--shaft", "input")
     code, _, err = run(*("vibratoin" if word == "vibration" else word for word in words))
-    assert code == 2
+    assert code == 1
     assert "vibration" in err
-
-
-@pytest.mark.parametrize("content", [b"", b"\x89HDF\r\n\x1a\n" + b"\0" * 100, b"not a record"])
-def test_files_that_are_no_records(run, tmp_path, content):
-    (tmp_path / "bad.h5").write_bytes(content)
-    code, _, err = run("analyze", tmp_path / "bad.h5", "--gearbox", "two-stage", "-o", tmp_path / "out")
-    assert code == 2
-    assert "bad.h5" in err
-
-
-def test_a_directory_in_place_of_a_file(run, tmp_path):
-    code, _, err = run("info", tmp_path)
-    assert code == 2
-    assert "is a folder, and no dataset" in err
 
 
 def test_a_dataset_states_its_size_and_time_before_it_starts(run, monkeypatch, tmp_path):
@@ -225,7 +211,7 @@ def test_a_dataset_states_its_size_and_time_before_it_starts(run, monkeypatch, t
         lambda plan: DatasetCost(size_bytes=plan.records * plan.record_bytes, truth_bytes=12_000_000, seconds=1200.0),
     )
     code, out, err = run("dataset", "classification", "-o", tmp_path / "made")
-    assert (code, "not started" in err) == (2, True)
+    assert (code, "not started" in err) == (1, True)
     assert out.startswith("1000 records of ")
     assert "are 200 MB of samples and up to 12 MB of truth; about 20 minutes of one core" in out
 
@@ -277,7 +263,7 @@ def test_analyze_without_a_tachometer(run, mat, tmp_path):
     assert run(*convert_words(mat, record, "--no-tachometer"))[0] == 0
     words = ("analyze", record, "--gearbox", "two-stage", "-o", tmp_path / "out", "--no-envelope")
     code, _, err = run(*words)
-    assert code == 2
+    assert code == 1
     assert "--speed-range LOW HIGH --max-acceleration HZ_PER_S" in err
     code, _, err = run(*words, "--speed-range", 5, 40)
     assert (code, "how fast it may change, --max-acceleration HZ_PER_S" in err) == (2, True)
@@ -286,7 +272,7 @@ def test_analyze_without_a_tachometer(run, mat, tmp_path):
     assert "where the reference's speed lies in rev/s, --speed-range LOW HIGH" in err
     # one tone may be any of the orders, and that is said
     code, _, err = run(*words, "--speed-range", 5, 40, "--max-acceleration", 1)
-    assert code == 2
+    assert code == 1
     assert "ambiguous" in err
 
 
@@ -298,7 +284,7 @@ def test_analyze_passes_the_baseline_on(run, analysed, tmp_path):
     assert code == 0
     assert "speed of input: 1200 rpm (20 Hz)" in out
     assert "history of 2 records" in (tmp_path / "two" / "indicators.csv").read_text()
-    assert run(*words, "-o", tmp_path / "three", "--freeze-baseline")[0] == 2
+    assert run(*words, "-o", tmp_path / "three", "--freeze-baseline")[0] == 1
 
 
 def test_report_is_made_again(run, analysed, tmp_path, monkeypatch):

@@ -35,10 +35,6 @@ def test_pictures_say_what_they_draw_on_a_terminal(run, tmp_path, monkeypatch):
     assert run("drawing", "two-stage", "-o", tmp_path / "x.svg")[2] == ""
 
 
-def test_drawing_without_a_file(run):
-    assert "--out is missing" in run("drawing", "two-stage")[2]
-
-
 def test_dynamics_of_a_gearbox(run, tmp_path):
     code, out, err = run("dynamics", "wijianto-pair", "-o", tmp_path, "--motions", "torsion")
     assert (code, err) == (0, "")
@@ -48,7 +44,7 @@ def test_dynamics_of_a_gearbox(run, tmp_path):
 
 def test_dynamics_without_dimensions(run, tmp_path):
     code, _, err = run("dynamics", "two-stage", "-o", tmp_path / "d")
-    assert code == 2
+    assert code == 1
     assert "declares no module_mm" in err
     assert not (tmp_path / "d").exists()
 
@@ -86,7 +82,3 @@ def test_stability_of_wijianto(run, tmp_path):
     assert all(1256.6497 < frequency < 1502.8244 for frequency in mesh_rad_s)
     assert min(abs(frequency - 2 * 692.22774872) for frequency in mesh_rad_s) < 1  # four figures are printed
     assert (tmp_path / "stability.svg").exists()
-
-
-def test_no_stability_without_speeds(run, tmp_path):
-    assert run("dynamics", "wijianto", "--stability", "--stability-speeds", 1, "-o", tmp_path)[0] == 2
