@@ -22,7 +22,7 @@ from typing import Any, Literal
 import numpy as np
 import xarray as xr
 
-from hums.jobs import Job, Serial, Workers, run_jobs
+from hums.jobs import Job, Serial, Workers, locked, run_jobs
 from hums.readers import SUFFIXES
 from hums.readers.columns import in_zone
 from hums.readers.description import OF_MANY_FILES, ImportDescription, describe
@@ -201,6 +201,7 @@ def convert_files(
     form: Form = "packed",
     workers: Workers | None = None,
     progress: bool = False,
+    force: bool = False,
     **declared: Any,  # noqa: ANN401 - the keys of an ImportDescription, each with its type
 ) -> Conversion:
     """Convert many files to records in a folder, or go on with a conversion that was stopped.
@@ -221,6 +222,8 @@ def convert_files(
         Where the files are read; one process if left out.
     progress : bool
         Whether to show a progress bar on standard error.
+    force : bool
+        Whether a folder that holds other files is used, and files of other programs in it are replaced.
     **declared
         Keys that take the place of those of `description`.
 
@@ -257,26 +260,40 @@ def convert_files(
     if form == "files" and (twice := [name for name, count in names.items() if count > 1]):
         raise RecordError(f'two of the files are named "{twice[0]}"; convert one folder after the other, or packed.')
     task = spec.keys()
-    _begin(folder, form, task)
-    check_outputs([folder], inputs=[file.path for file in sources])
-    readable = (record for file in sources for _, record in _converted([[str(file.path), file.recorded_at]], task, []))
-    layout = next(map(_layout, readable), None) if form == "packed" else None
-    jobs = [_job(files, number, form, task, layout) for number, files in enumerate(_pieces(sources, spec.snapshots))]
-    notes = folder / _PIECES
-    if _drop_stale(folder, jobs):
-        (folder / INDEX).unlink(missing_ok=True)
-    remove_partial_files(folder)
-    tally = run_jobs(_write_piece, jobs, folder=notes, workers=workers or Serial(), title="files" if progress else None)
-    _reader().close()
-    done = [json.loads((notes / job.name).read_text(encoding="utf-8")) for job in jobs]
-    refused = {file: reason for note in done for file, reason in note["refused"]}
-    _write_refused(folder, refused)
-    shards = [folder / SHARD.format(number) for number, note in enumerate(done) if form == "packed" and note["records"]]
-    if not any(note["records"] for note in done):
-        reason = next(iter(refused.values()))
-        raise RecordError(f"none of {len(sources)} files could be converted; the first: {reason}")
-    if form == "packed" and (tally.done or not (folder / INDEX).is_file()):
-        write_index(folder, shards, plan=json.dumps(task))
+    check_outputs([], inputs=[file.path for file in sources], folder=folder)
+    try:
+        folder.mkdir(parents=True, exist_ok=True)
+    except OSError as error:
+        raise RecordError(f"{folder} cannot be made ({error.strerror}); name a folder of yours.") from None
+    with locked(folder):  # from the notes that are read to the index that is written
+        _begin(folder, form, task, force=force)
+        readable = (
+            record for file in sources for _, record in _converted([[str(file.path), file.recorded_at]], task, [])
+        )
+        layout = next(map(_layout, readable), None) if form == "packed" else None
+        jobs = [
+            _job(files, number, form, task, layout, force=force)
+            for number, files in enumerate(_pieces(sources, spec.snapshots))
+        ]
+        notes = folder / _PIECES
+        if _drop_stale(folder, jobs):
+            (folder / INDEX).unlink(missing_ok=True)
+        remove_partial_files(folder)
+        tally = run_jobs(
+            _write_piece, jobs, folder=notes, workers=workers or Serial(), title="files" if progress else None
+        )
+        _reader().close()
+        done = [json.loads((notes / job.name).read_text(encoding="utf-8")) for job in jobs]
+        refused = {file: reason for note in done for file, reason in note["refused"]}
+        _write_refused(folder, refused)
+        shards = [
+            folder / SHARD.format(number) for number, note in enumerate(done) if form == "packed" and note["records"]
+        ]
+        if not any(note["records"] for note in done):
+            reason = next(iter(refused.values()))
+            raise RecordError(f"none of {len(sources)} files could be converted; the first: {reason}")
+        if form == "packed" and (tally.done or not (folder / INDEX).is_file()):
+            write_index(folder, shards, plan=json.dumps(task))
     kept = sum(job.size for job in jobs if not job.item["new"])
     return Conversion(
         folder=folder,
@@ -287,7 +304,7 @@ def convert_files(
     )
 
 
-def _begin(folder: Path, form: Form, task: Mapping[str, Any]) -> None:
+def _begin(folder: Path, form: Form, task: Mapping[str, Any], *, force: bool) -> None:
     """Write the declarations into a new folder; refuse one that holds other ones, or something else."""
     mark = folder / _MARKS[form]
     if mark.is_file():
@@ -298,9 +315,12 @@ def _begin(folder: Path, form: Form, task: Mapping[str, Any]) -> None:
                 f"{folder} was begun with {name} = {there.get(name)!r}, here it is {task.get(name)!r}; name another "
                 "folder, or go on with the same description."
             )
-    elif folder.exists() and (not folder.is_dir() or any(path.suffix != ".part" for path in folder.iterdir())):
-        raise RecordError(f"{folder} holds files that belong to no such conversion; name a new or empty folder.")
-    for place in (folder, folder / _PIECES, folder / Path(SHARD).parent if form == "packed" else folder):
+    elif not force and any(path.suffix != ".part" for path in folder.iterdir()):
+        raise RecordError(
+            f"{folder} holds files that belong to no such conversion; name a new or empty folder, or use --force "
+            "(force=True)."
+        )
+    for place in (folder / _PIECES, folder / Path(SHARD).parent if form == "packed" else folder):
         place.mkdir(parents=True, exist_ok=True)
     with atomic_write(mark) as part:
         part.write_text(json.dumps(task, indent=1), encoding="utf-8")
@@ -317,6 +337,8 @@ def _job(
     form: Form,
     task: Mapping[str, Any],
     layout: Any,  # noqa: ANN401
+    *,
+    force: bool,
 ) -> Job[dict[str, Any]]:
     stats = [file.path.stat() for file in files]
     item: dict[str, Any] = {
@@ -330,7 +352,7 @@ def _job(
         "layout": layout,
     }
     item["key"] = hashlib.sha256(json.dumps(item).encode()).hexdigest()
-    return Job(name=f"{number:06d}.json", item=item | {"new": True}, size=len(files))
+    return Job(name=f"{number:06d}.json", item=item | {"new": True, "force": force}, size=len(files))
 
 
 def _drop_stale(folder: Path, jobs: Sequence[Job[dict[str, Any]]]) -> bool:
@@ -473,7 +495,7 @@ def _write_records(folder: Path, item: Mapping[str, Any], made: Sequence[tuple[l
         write_shard([record for _, record in made], folder / name, labels=labels, dtype=_DTYPE)
         return [name]
     names = [f"{Path(paths[0]).stem}.h5" for paths, _ in made]
-    check_outputs(folder / name for name in names)
+    check_outputs((folder / name for name in names), force=item["force"])
     for name, (_, record) in zip(names, made, strict=True):
         write_record(record, folder / name, tidy=False)
     return names

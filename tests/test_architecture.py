@@ -29,6 +29,7 @@ ORDER = {
     """,
     "hums": """
         gearbox, records < readers, plots, drawing, jobs, analysis
+        records < pages < drawing
         plots, analysis, pages < report
         jobs, analysis, pages < fleet
         jobs, readers < conversion
@@ -109,16 +110,18 @@ FORMATS = (
 )
 OWNED = "files of the user's own are kept, and exits say what happened", "when hums/cli is reduced"
 ALLOWANCES = {
-    "hums/analysis": (417, *ANGLE),
-    "hums/cli": (30, *OWNED),
-    "hums/fleet": (13, *MENDS),
+    "hums/analysis": (419, *ANGLE),
+    "hums (root)": (25, *OWNED),
+    "hums/cli": (55, *OWNED),
+    "hums/fleet": (14, *MENDS),
+    "hums/plots, hums/drawing, hums/pages": (24, *OWNED),
     "hums/readers": (566, *FORMATS),
-    "hums/records": (263, *READ),
-    "hums/report": (4, *MENDS),
-    "all code lines": (740, *INPUTS),
+    "hums/records": (290, *READ),
+    "hums/report": (14, *MENDS),
+    "all code lines": (850, *INPUTS),
     "all modules": (4, *FORMATS),
-    "all constants": (35, *INPUTS),
-    "tests": (670, *FORMATS),
+    "all constants": (40, *INPUTS),
+    "tests": (725, *FORMATS),
     "benchmarks": (860, "the scoreboard beside the scripts that it replaces", "when those are removed"),
 }
 HEAVY = ["scipy.signal", "scipy.stats", "filterpy", "numba", "dask", "h5py", "matplotlib", "pyarrow", "jinja2", "typer"]

@@ -15,6 +15,7 @@ from hums.analysis.detection import AssessedLine
 from hums.analysis.lines import ENVELOPE, ORDER_SPECTRUM
 from hums.analysis.settings import AnalysisError, AnalysisSettings
 from hums.gearbox.model import Gearbox
+from hums.records.outputs import check_outputs
 from hums.records.quantities import mean_quantities
 from hums.records.record import RecordError
 from hums.records.store import open_tree, write_tree
@@ -106,7 +107,7 @@ class ChannelPictures:
 
 
 @checked
-def save_analysis(analysis: Analysis, path: str | Path) -> None:
+def save_analysis(analysis: Analysis, path: str | Path, *, force: bool = False) -> None:
     """Write an analysis to one HDF5 file; an existing file is replaced only when the new one is complete.
 
     Parameters
@@ -115,11 +116,15 @@ def save_analysis(analysis: Analysis, path: str | Path) -> None:
         Result of `analyze` or `open_analysis`.
     path : str or Path
         File to write, ``.h5``.
+    force : bool
+        Whether a file that another program wrote is replaced.
 
     Raises
     ------
     AnalysisError
         If `analysis` lacks the schema or a group of an analysis.
+    RecordError
+        If `path` is a file of another program.
 
     Examples
     --------
@@ -137,6 +142,7 @@ def save_analysis(analysis: Analysis, path: str | Path) -> None:
     True
     """
     check_analysis(analysis)
+    check_outputs([Path(path)], force=force)
     write_tree(analysis, path)
 
 

@@ -9,6 +9,7 @@ import typer
 from hums.cli.options import (
     Band,
     Channels,
+    Force,
     MachineClass,
     MaxAcceleration,
     NoEnvelope,
@@ -55,6 +56,7 @@ def analyze(
     velocity_limits: VelocityLimits = None,
     machine_class: MachineClass = "",
     units: SpeedUnits = "rpm",
+    force: Force = False,
 ) -> None:
     """Analyse a record and write the report."""
     from hums.analysis.analyze import analyze as run  # noqa: PLC0415
@@ -85,11 +87,11 @@ def analyze(
         reader.open_record(record) as opened,
         _past(reader, baseline) if baseline else nullcontext() as past,
     ):
-        prepare_folder(out, inputs=[record, gearbox, *([baseline] if baseline else [])])
+        prepare_folder(out, inputs=[record, gearbox, *([baseline] if baseline else [])], force=force)
         declared = load_gearbox(gearbox)
         analysis = run(opened, declared, settings=settings, baseline=past)
         say("writing the report")
-        page = write_report(analysis, out, baseline=past, units=units)
+        page = write_report(analysis, out, baseline=past, units=units, force=force)
     facts = summary(analysis)
     typer.echo(f"speed of {facts['reference']}: {speed_text(facts, units=units)}")
     for note in facts["notes"]:

@@ -9,6 +9,7 @@ import typer
 from hums.cli.info import print_record
 from hums.cli.options import (
     RECORD_SUFFIXES,
+    Force,
     Scheduler,
     UsageError,
     WorkerCount,
@@ -80,6 +81,7 @@ def convert(  # noqa: PLR0917 - each option is one
     files: Annotated[bool, typer.Option("--files", help="Many: a record each, not one packed dataset.")] = False,
     workers: WorkerCount = None,
     scheduler: Scheduler = None,
+    force: Force = False,
 ) -> None:
     """Turn other programs' files into records: one into a record, many into a dataset or a record each.
 
@@ -108,7 +110,7 @@ def convert(  # noqa: PLR0917 - each option is one
     if one is not None:
         declared = spec.keys() | ({"recorded_at": found[0].recorded_at} if spec.time_in_names else {})
         declared.pop("time_in_names", None)
-        _convert_one(one, target, declared)
+        _convert_one(one, target, declared, force=force)
         return
     if spec.recorded_at is not None and spec.every_s is None:
         raise UsageError(
@@ -125,6 +127,7 @@ def convert(  # noqa: PLR0917 - each option is one
         form="files" if files else "packed",
         workers=Serial() if few else workers_of(workers, scheduler),
         progress=True,
+        force=force,
     )
     typer.echo(
         f"{result.records} records; {result.done} files read now, {result.kept} before, {len(result.refused)} refused"
@@ -133,14 +136,14 @@ def convert(  # noqa: PLR0917 - each option is one
     end_with_refusals("refused", result.refused, len(found), "refused.csv")
 
 
-def _convert_one(source: Path, target: Path, declared: dict[str, Any]) -> None:
+def _convert_one(source: Path, target: Path, declared: dict[str, Any], *, force: bool) -> None:
     from hums.readers.process import ReaderProcess  # noqa: PLC0415
     from hums.records.store import save_record  # noqa: PLC0415
 
-    check_record_target(target, inputs=[source])
+    check_record_target(target, inputs=[source], force=force)
     say(f"reading {source}")
     with ReaderProcess() as reader:
         record = reader.convert(source, **declared)
-        save_record(record, target)
+        save_record(record, target, force=force)
         typer.echo(f"wrote {target}")
         print_record(record)

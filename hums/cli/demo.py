@@ -5,7 +5,7 @@ from typing import Annotated
 
 import typer
 
-from hums.cli.options import Out, say
+from hums.cli.options import Force, Out, say
 
 __all__ = ["demo"]
 
@@ -15,6 +15,7 @@ DEMO_BAND_HZ = (6000.0, 10000.0)
 def demo(
     out: Out = Path("hums-demo"),
     seed: Annotated[int, typer.Option(help="Seed of everything random.")] = 1,
+    force: Force = False,
 ) -> None:
     """Simulate a gearbox with a cracked tooth and an inner-race fault, analyse it, and compare with the truth."""
     from data_synth import load_scene, simulate  # noqa: PLC0415
@@ -28,15 +29,15 @@ def demo(
     from hums.scoring import score  # noqa: PLC0415
 
     scene = load_scene("demo")
-    prepare_folder(out)
-    check_outputs([out / "record.h5"])
+    prepare_folder(out, force=force)
+    check_outputs([out / "record.h5"], force=force)
     say("simulating a gearbox with two faults")
-    save_record(simulate(scene, seed=seed), out / "record.h5")
+    save_record(simulate(scene, seed=seed), out / "record.h5", force=force)
     with open_record(out / "record.h5") as record:
         analysis = run(record, load_gearbox("two-stage"), settings=AnalysisSettings(envelope_band_hz=DEMO_BAND_HZ))
         result = score(analysis, record)
     say("writing the report")
-    page = write_report(analysis, out)
+    page = write_report(analysis, out, force=force)
     typer.echo("Truth against estimate, peak amplitudes in g:")
     columns = ["component", "kind", "order", "true_amplitude", "amplitude", "std", "normalised_rms"]
     typer.echo(result.tracks[columns].to_string(index=False, float_format="{:.4f}".format))

@@ -7,7 +7,7 @@ from typing import TYPE_CHECKING, Annotated, Any, Literal
 
 import typer
 
-from hums.cli.options import FigureFormat, UsageError, parse_speeds, save_picture, say, several
+from hums.cli.options import FigureFormat, Force, UsageError, parse_speeds, save_picture, say, several
 
 if TYPE_CHECKING:
     from hums.gearbox.kinematics import Kinematics
@@ -30,6 +30,7 @@ def drawing(
     html: Annotated[bool, typer.Option("--html", help="One offline page on which the mechanism turns.")] = False,
     speed: Annotated[list[str] | None, typer.Option(metavar="LINK=RPM", help="Speed of a link; repeat.")] = None,
     kind: FigureFormat = "svg",
+    force: Force = False,
 ) -> None:
     """Draw a gearbox: the mechanism, velocity vectors, orders against speed; or a page on which it turns."""
     from hums.drawing import write_drawing  # noqa: PLC0415
@@ -38,23 +39,24 @@ def drawing(
     from hums.records.outputs import check_outputs  # noqa: PLC0415
 
     if out is not None and out.suffix:
-        check_outputs([out], inputs=[gearbox])
+        check_outputs([out], inputs=[gearbox], force=force)
     given = parse_speeds(speed)
     kinematics = solve_kinematics(load_gearbox(gearbox))
     if html or (out is not None and out.suffix.lower() == ".html"):
         say("drawing a page on which the mechanism turns")
-        page = write_drawing(kinematics, out or Path(f"{Path(gearbox).stem}.html"), speeds_rpm=given)
+        page = write_drawing(kinematics, out or Path(f"{Path(gearbox).stem}.html"), speeds_rpm=given, force=force)
         typer.echo(f"wrote {page}")
         return
     if out is None:
         raise UsageError("--out is missing; name a folder, a picture as in -o mechanism.svg, or ask for --html.")
     pictures = _pictures_of(kinematics, _drawn_speeds(kinematics, given))
     if out.suffix.lower() in _FIGURES:
-        save_picture(pictures[picture], out, _SIZES[picture])
+        save_picture(pictures[picture], out, _SIZES[picture], force=force)
         return
+    check_outputs((out / f"{name}.{kind}" for name in pictures), inputs=[gearbox], force=force)
     out.mkdir(parents=True, exist_ok=True)
     for name, draw in pictures.items():
-        save_picture(draw, out / f"{name}.{kind}", _SIZES[name])
+        save_picture(draw, out / f"{name}.{kind}", _SIZES[name], force=force)
 
 
 def _drawn_speeds(kinematics: "Kinematics", given: dict[str, float] | None) -> dict[str, float]:

@@ -9,7 +9,7 @@ from typing import TYPE_CHECKING, Annotated, Any, Literal
 
 import typer
 
-from hums.cli.options import FigureFormat, UsageError, save_picture, say, several
+from hums.cli.options import FigureFormat, Force, UsageError, save_picture, say, several
 
 if TYPE_CHECKING:
     from collections.abc import Callable
@@ -19,6 +19,7 @@ if TYPE_CHECKING:
 
 __all__ = ["dynamics"]
 
+_PICTURES = ("frequencies", "modes", "campbell", "stability")
 _SHOWN_MODES = 6
 _SPEEDS = 31  # of a Campbell diagram
 _STEPS = 64  # of a mesh cycle, for the stability
@@ -37,15 +38,18 @@ def dynamics(
     stability: Annotated[bool, typer.Option("--stability", help="Also the parametric stability of each mesh.")] = False,
     stability_speeds: Annotated[int, typer.Option(metavar="N", min=2, help="Speeds at which stability is found.")] = 40,
     kind: FigureFormat = "svg",
+    force: Force = False,
 ) -> None:
     """Draw natural frequencies, mode shapes, Campbell diagram and, asked for, stability of a gearbox or a scene."""
     import numpy as np  # noqa: PLC0415
 
     from data_synth.dynamics import campbell, solve_modes  # noqa: PLC0415
     from hums.plots import plot_campbell, plot_frequencies, plot_mode_shape  # noqa: PLC0415
+    from hums.records.outputs import check_outputs  # noqa: PLC0415
 
     if not (math.isfinite(top_rpm) and top_rpm > 0):
         raise UsageError(f"--rpm {top_rpm:g}: give the highest speed of the reference, in rpm, above 0.")
+    check_outputs((out / f"{name}.{kind}" for name in _PICTURES), inputs=[source], force=force)
     say("natural frequencies")
     system_at = _system_source(source, motions)
     speeds = np.linspace(0, top_rpm * math.pi / 30, _SPEEDS)
@@ -55,19 +59,21 @@ def dynamics(
     for number, (frequency, of) in enumerate(zip(modes.frequencies_hz, modes.kinds, strict=True)):
         typer.echo(f"{number + 1:4d} {frequency:12.3f}  {of}")
     out.mkdir(parents=True, exist_ok=True)
-    save_picture(lambda ax: plot_frequencies(modes, ax=ax), out / f"frequencies.{kind}", (8.0, 3.0))
+    save_picture(lambda ax: plot_frequencies(modes, ax=ax), out / f"frequencies.{kind}", (8.0, 3.0), force=force)
     elastic = [number for number, frequency in enumerate(modes.frequencies_hz) if frequency > 0][:_SHOWN_MODES]
 
     shapes = several([partial(plot_mode_shape, modes, number) for number in elastic], columns=3)
-    save_picture(shapes, out / f"modes.{kind}", (14.0, 2.0 + 0.32 * system.dof * -(-len(elastic) // 3)))
+    save_picture(shapes, out / f"modes.{kind}", (14.0, 2.0 + 0.32 * system.dof * -(-len(elastic) // 3)), force=force)
     say(f"natural frequencies at {_SPEEDS} speeds")
     diagram = campbell(system_at, speeds_rad_s=speeds)
-    save_picture(lambda ax: plot_campbell(diagram, ax=ax, harmonics=2), out / f"campbell.{kind}", (8.0, 5.0))
+    save_picture(
+        lambda ax: plot_campbell(diagram, ax=ax, harmonics=2), out / f"campbell.{kind}", (8.0, 5.0), force=force
+    )
     if stability:
-        _draw_stability(system, float(speeds[-1]), stability_speeds, out / f"stability.{kind}")
+        _draw_stability(system, float(speeds[-1]), stability_speeds, out / f"stability.{kind}", force=force)
 
 
-def _draw_stability(system: "System", top_rad_s: float, count: int, path: Path) -> None:
+def _draw_stability(system: "System", top_rad_s: float, count: int, path: Path, *, force: bool) -> None:
     """Draw the largest Floquet multiplier against speed, the meshes of one rate varying and all others at their mean.
 
     Meshes of unlike rates have a common period of thousands of cycles, which nobody could draw.
@@ -112,7 +118,7 @@ def _draw_stability(system: "System", top_rad_s: float, count: int, path: Path) 
 
     if growths:
         pictures = several([partial(picture, names) for names in growths], columns=1)
-        save_picture(pictures, path, (8.0, 2.6 * len(growths) + 0.4))
+        save_picture(pictures, path, (8.0, 2.6 * len(growths) + 0.4), force=force)
 
 
 def _stability_speeds(system: "System", rate: float, top_rad_s: float, count: int) -> Any:  # noqa: ANN401  - an array

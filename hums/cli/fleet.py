@@ -8,6 +8,7 @@ import typer
 from hums.cli.options import (
     Band,
     Channels,
+    Force,
     MaxAcceleration,
     NoEnvelope,
     Out,
@@ -57,6 +58,7 @@ def fleet(  # noqa: PLR0917 - each option is one
     ] = False,
     workers: WorkerCount = None,
     scheduler: Scheduler = None,
+    force: Force = False,
 ) -> None:
     """Analyse many records into one table with trends and alarms; the same again goes on, with new records too."""
     from hums.fleet.fleet import FILES, analyze_fleet  # noqa: PLC0415
@@ -95,6 +97,7 @@ def fleet(  # noqa: PLR0917 - each option is one
         monitoring=monitoring,
         maintenance=maintenance,
         append=append,
+        force=force,
     )
     typer.echo(
         f"{result.records} records: {result.analysed} analysed now, {result.kept} before, {result.failed} failed"

@@ -5,6 +5,8 @@ from typing import TYPE_CHECKING, Annotated
 
 import typer
 
+from hums.cli.options import Force
+
 if TYPE_CHECKING:
     import xarray as xr
 
@@ -20,12 +22,13 @@ def info(
             help="Import description to write for a file of another program: what it states, and what it still needs.",
         ),
     ] = None,
+    force: Force = False,
 ) -> None:
     """Print what is inside a record; of a folder of records, their number and the first."""
     from hums.readers.process import ReaderProcess  # noqa: PLC0415
 
     if draft is not None:
-        _write_draft(record, draft)
+        _write_draft(record, draft, force=force)
     elif record.is_dir():
         _print_dataset(record)
     else:
@@ -33,13 +36,13 @@ def info(
             print_record(opened)
 
 
-def _write_draft(source: Path, target: Path) -> None:
+def _write_draft(source: Path, target: Path, *, force: bool) -> None:
     from hums.conversion import find_sources  # noqa: PLC0415
     from hums.readers.process import ReaderProcess  # noqa: PLC0415
+    from hums.records.outputs import check_outputs  # noqa: PLC0415
     from hums.records.store import atomic_write  # noqa: PLC0415
 
-    if target.exists():
-        raise ValueError(f"{target} exists, and may have been filled in; name another file, or remove it.")
+    check_outputs([target], inputs=[source], force=force)  # a draft has no mark: it is filled in
     with ReaderProcess() as reader, atomic_write(target) as part:
         part.write_text(reader.draft(find_sources([source])[0].path), encoding="utf-8")
     typer.echo(f"wrote {target}; fill in what it asks for, then: hums convert {source} ... -d {target}")

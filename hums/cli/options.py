@@ -18,6 +18,7 @@ __all__ = [
     "Band",
     "Channels",
     "FigureFormat",
+    "Force",
     "MachineClass",
     "MaxAcceleration",
     "NoEnvelope",
@@ -82,6 +83,7 @@ WorkerCount = Annotated[
 Scheduler = Annotated[
     str | None, typer.Option(metavar="ADDRESS", help="Scheduler of a Dask cluster to work on, tcp://HOST:PORT.")
 ]
+Force = Annotated[bool, typer.Option("--force", help="Replace files that another program wrote.")]
 FigureFormat = Annotated[Literal["svg", "png"], typer.Option("--format", help="Format of the pictures in a folder.")]
 
 
@@ -144,11 +146,11 @@ def workers_of(count: int | None, scheduler: str | None) -> "Workers":
 RECORD_SUFFIXES = (".h5", ".hdf5")
 
 
-def check_record_target(target: Path, *, inputs: Iterable[str | Path]) -> None:
+def check_record_target(target: Path, *, inputs: Iterable[str | Path], force: bool) -> None:
     """Refuse a file for a record that is no HDF5 by its name, is read, or was written by another program."""
     from hums.records.outputs import check_outputs  # noqa: PLC0415
 
-    check_outputs([target], inputs=inputs)
+    check_outputs([target], inputs=inputs, force=force)
     if target.suffix.lower() not in RECORD_SUFFIXES:
         raise UsageError(f"{target}: a record is HDF5, so name it so: {target.with_suffix('.h5')}.")
 
@@ -191,10 +193,10 @@ def several(draws: Sequence[Callable[..., object]], *, columns: int) -> Callable
     return draw
 
 
-def save_picture(draw: Callable[[Any], object], path: Path, size: tuple[float, float]) -> None:
+def save_picture(draw: Callable[[Any], object], path: Path, size: tuple[float, float], *, force: bool) -> None:
     """Draw into a file of a size in inches and say so."""
     say(f"drawing {path.name}")
     from hums.plots import save_figure  # noqa: PLC0415
 
-    save_figure(draw, path, width=size[0], height=size[1])
+    save_figure(draw, path, width=size[0], height=size[1], force=force)
     typer.echo(f"wrote {path}")

@@ -6,7 +6,7 @@ from typing import Annotated
 import typer
 
 from hums.cli.info import print_record
-from hums.cli.options import UsageError, check_record_target, say
+from hums.cli.options import Force, UsageError, check_record_target, say
 
 __all__ = ["synth"]
 
@@ -24,6 +24,7 @@ def synth(
     detectability: Annotated[
         bool, typer.Option("--detectability", help="Also state how detectable each fault is, in dB.")
     ] = False,
+    force: Force = False,
 ) -> None:
     """Make a synthetic record with its truth."""
     from data_synth import explain as explained  # noqa: PLC0415
@@ -37,12 +38,12 @@ def synth(
         if explain:
             return
         raise UsageError("--out is missing; name the record to write, as in -o record.h5, or ask with --explain.")
-    check_record_target(out, inputs=[scene])
+    check_record_target(out, inputs=[scene], force=force)
     refuse_too_large(scene, out, by_source=by_source, phases=phases, mechanics=mechanics)
     say(f"simulating {scene}")
     record = simulate(
         scene, seed=seed, by_source=by_source, phases=phases, mechanics=mechanics, detectability=detectability
     )
-    save_record(record, out)
+    save_record(record, out, force=force)
     typer.echo(f"wrote {out}")
     print_record(record)

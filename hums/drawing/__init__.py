@@ -16,6 +16,8 @@ from hums.gearbox.layout import layout_of, transverse_axes
 from hums.gearbox.model import Gearbox, GearboxError
 from hums.gearbox.orders import rate_forms
 from hums.gearbox.rational import Form, add_pivot, evaluate, reduced
+from hums.pages.page import page_head
+from hums.records.outputs import check_outputs
 from hums.records.store import atomic_write
 
 __all__ = ["START_RPM", "free_links", "write_drawing"]
@@ -24,7 +26,11 @@ START_RPM = 1500  # the synchronous speed of a four-pole motor on 50 Hz: a usual
 
 
 def write_drawing(
-    gearbox: Gearbox | Kinematics, path: str | Path, *, speeds_rpm: Mapping[str, float] | None = None
+    gearbox: Gearbox | Kinematics,
+    path: str | Path,
+    *,
+    speeds_rpm: Mapping[str, float] | None = None,
+    force: bool = False,
 ) -> Path:
     """Write one page, usable without a network, on which the mechanism turns at speeds set by sliders.
 
@@ -40,6 +46,8 @@ def write_drawing(
     speeds_rpm : mapping of link to rpm, optional
         Links with a slider, as many as there are degrees of freedom, and where the sliders begin. Default the
         reference at 1500 rpm and, of several degrees of freedom, further shafts at rest.
+    force : bool
+        Whether a file that another program wrote is replaced.
 
     Returns
     -------
@@ -49,7 +57,7 @@ def write_drawing(
     Raises
     ------
     ValueError
-        A suffix other than .html, speeds that are too many, or a gearbox without a reference.
+        A suffix other than .html, speeds that are too many, a gearbox without a reference, or another program's file.
     GearboxError
         Speeds that do not determine all others.
 
@@ -66,6 +74,7 @@ def write_drawing(
     path = Path(path)
     if path.suffix.lower() not in {".html", ".htm"}:
         raise ValueError(f'"{path}" ends in "{path.suffix}"; end the page in .html.')
+    check_outputs([path], force=force)
     kinematics = gearbox if isinstance(gearbox, Kinematics) else solve_kinematics(gearbox)
     text = _page(kinematics, speeds_rpm)
     with atomic_write(path) as part:
@@ -100,11 +109,13 @@ def _page(kinematics: Kinematics, speeds_rpm: Mapping[str, float] | None) -> str
     environment = Environment(autoescape=True, undefined=StrictUndefined, trim_blocks=True, lstrip_blocks=True)
     template = environment.from_string((folder / "page.html").read_text(encoding="utf-8"))
     data = _data(kinematics, speeds_rpm)
+    script = (folder / "page.js").read_text(encoding="utf-8")
     return template.render(
         data=data,
         # "<" is escaped so that no name can end the script
         json=Markup(json.dumps(data, allow_nan=False).replace("<", "\\u003c")),  # noqa: S704
-        script=Markup((folder / "page.js").read_text(encoding="utf-8")),  # noqa: S704  - ours
+        script=Markup(script),  # noqa: S704  - ours
+        head=Markup(page_head(script)),  # noqa: S704  - ours
     )
 
 

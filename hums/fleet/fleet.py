@@ -36,7 +36,7 @@ from hums.fleet.watched_machines import (
 from hums.gearbox.model import Gearbox, load_gearbox
 from hums.jobs import Job, Serial, Workers, cpu_limit, locked, run_jobs
 from hums.records.dataset_store import dataset_files, dataset_record, is_begun, open_dataset
-from hums.records.outputs import check_outputs
+from hums.records.outputs import MARK, check_outputs
 from hums.records.store import atomic_write, open_record
 from signals._validation import SentenceError, checked
 
@@ -135,6 +135,7 @@ def analyze_fleet(
     monitoring: MonitorSettings | None = None,
     maintenance: str | Path | None = None,
     append: bool = False,
+    force: bool = False,
 ) -> Fleet:
     """Analyse many records of one gearbox type; write their table, trends, alarms and baselines into a folder.
 
@@ -159,6 +160,8 @@ def analyze_fleet(
         CSV file of components replaced and alarms acknowledged; `read_maintenance`.
     append : bool
         Whether the records that the folder holds from earlier runs belong to the fleet, too.
+    force : bool
+        Whether files of the fleet's names that another program wrote are replaced.
 
     Returns
     -------
@@ -169,6 +172,8 @@ def analyze_fleet(
     ------
     FleetError
         If there are no records, a path does not exist, or the folder belongs to another gearbox or other settings.
+    RecordError
+        If the folder holds a file of another program that would be replaced.
     JobError
         See `hums.jobs.run_jobs`.
 
@@ -195,11 +200,11 @@ def analyze_fleet(
     outputs = [folder / name for name in (*FILES, _INDICATORS, _LIST, _TASK)]
     found = _sources(sources, written=outputs)
     hand_written = [path for path in (declared, maintenance) if path is not None]
-    check_outputs(outputs, inputs=[*(source.file for source in found), *hand_written])
+    check_outputs(outputs, inputs=[*(source.file for source in found), *hand_written], force=force)
     task = {
         "gearbox": gearbox.model_dump_json(exclude_none=True),
         "settings": settings.model_dump_json(),
-        "version": version("hums-toolkit"),
+        "version": f"{MARK} {version(MARK)}",
         "format": _FORMAT,
     }
     results_folder, killed = folder / "records", folder / "killed"

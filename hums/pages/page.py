@@ -7,6 +7,7 @@ published for npm only and stands here as it came (``npm pack plotly.js-basic-di
 """
 
 import base64
+import hashlib
 import html
 import json
 from collections.abc import Mapping, Sequence
@@ -16,6 +17,8 @@ from typing import Any
 
 import numpy as np
 from numpy.typing import ArrayLike, NDArray
+
+from hums.records.outputs import MARK
 
 _CODES = 254  # of a byte; 255 is no value
 
@@ -168,6 +171,35 @@ def _json(content: object) -> str:
     return json.dumps(content, separators=(",", ":"), allow_nan=False).replace("<", "\\u003c")
 
 
+def page_head(*scripts: str) -> str:
+    """Return the first elements of a page's head: who made it, and a policy that allows its own scripts alone.
+
+    Parameters
+    ----------
+    *scripts : str
+        The page's scripts, each exactly as it stands between its tags.
+
+    Returns
+    -------
+    str
+        HTML. Nothing is loaded from outside, images and fonts stand in the page, and no other script runs.
+
+    Examples
+    --------
+    >>> from hums.pages.page import page_head
+    >>> "default-src 'none'" in page_head("pages.begin();")
+    True
+    """
+    digests = (base64.b64encode(hashlib.sha256(script.encode()).digest()).decode() for script in scripts)
+    allowed = " ".join(f"'sha256-{digest}'" for digest in digests)
+    return (
+        f'<meta charset="utf-8">\n<meta name="generator" content="{MARK}">\n'
+        f'<meta http-equiv="Content-Security-Policy" content="default-src \'none\'; script-src {allowed}; '
+        "style-src 'unsafe-inline'; img-src data: blob:; font-src data:; base-uri 'none'; form-action 'none'\">\n"
+        '<meta name="viewport" content="width=device-width, initial-scale=1">\n<link rel="icon" href="data:,">\n'
+    )
+
+
 def stand_alone_page(*, title: str, body: str, style: str = "", script: str = "", curves_alone: bool = False) -> str:
     """Return a whole HTML page that needs no other file and asks for none.
 
@@ -193,13 +225,13 @@ def stand_alone_page(*, title: str, body: str, style: str = "", script: str = ""
     """
     ours = files("hums.pages")
     css = (ours / "page.css").read_text(encoding="utf-8") + style
-    js = "\n".join([(ours / "page.js").read_text(encoding="utf-8"), script, "pages.begin();"])
+    js = "\n".join(["", (ours / "page.js").read_text(encoding="utf-8"), script, "pages.begin();\n"])
+    plotly = _plotly_script(basic=curves_alone)
     return (
-        '<!DOCTYPE html>\n<html lang="en">\n<head>\n<meta charset="utf-8">\n'
-        '<meta name="viewport" content="width=device-width, initial-scale=1">\n'
-        '<meta name="color-scheme" content="light dark">\n<link rel="icon" href="data:,">\n'
+        f'<!DOCTYPE html>\n<html lang="en">\n<head>\n{page_head(plotly, js)}'
+        '<meta name="color-scheme" content="light dark">\n'
         f"<title>{html.escape(title)}</title>\n<style>\n{css}</style>\n</head>\n<body>\n{body}\n"
-        f"<script>{_plotly_script(basic=curves_alone)}</script>\n<script>\n{js}\n</script>\n</body>\n</html>\n"
+        f"<script>{plotly}</script>\n<script>{js}</script>\n</body>\n</html>\n"
     )
 
 

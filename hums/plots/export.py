@@ -13,6 +13,7 @@ from matplotlib.ticker import LogFormatter, LogFormatterMathtext
 
 from hums.plots.labels import apply_layout
 from hums.plots.style import FAINT, INK, power_of_ten
+from hums.records.outputs import MARK, check_outputs
 from hums.records.store import atomic_write
 
 _STYLE: dict[str, Any] = {
@@ -29,9 +30,9 @@ _STYLE: dict[str, Any] = {
 }
 # Dates and versions are left out, so that equal figures are equal files.
 _METADATA: dict[str, dict[str, Any]] = {
-    "svg": {"Date": None, "Creator": None},
-    "png": {"Software": None},
-    "pdf": {"CreationDate": None, "Creator": None, "Producer": None},
+    "svg": {"Date": None, "Creator": MARK},
+    "png": {"Software": MARK},
+    "pdf": {"CreationDate": None, "Creator": MARK, "Producer": None},
 }
 _DPI = 160  # of PNG; SVG and PDF are vector graphics
 
@@ -63,7 +64,9 @@ def svg(draw: Callable[[Axes], object], *, width: float = 6.4, height: float = 3
     return page[page.index("<svg") :]
 
 
-def save_figure(draw: Callable[[Axes], object], path: str | Path, *, width: float = 6.4, height: float = 3.4) -> Path:
+def save_figure(
+    draw: Callable[[Axes], object], path: str | Path, *, width: float = 6.4, height: float = 3.4, force: bool = False
+) -> Path:
     """Write a figure to a ``.svg``, ``.png`` or ``.pdf`` file and return its path.
 
     Parameters
@@ -74,6 +77,8 @@ def save_figure(draw: Callable[[Axes], object], path: str | Path, *, width: floa
         File to write; its suffix selects the format. An existing file is replaced when the new one is complete.
     width, height : float
         Size in inches.
+    force : bool
+        Whether a file that another program wrote is replaced.
 
     Returns
     -------
@@ -83,7 +88,7 @@ def save_figure(draw: Callable[[Axes], object], path: str | Path, *, width: floa
     Raises
     ------
     ValueError
-        If the suffix is another one or a size is not positive; nothing is written.
+        If the suffix is another one, a size is not positive, or `path` is another program's file.
 
     Examples
     --------
@@ -100,6 +105,7 @@ def save_figure(draw: Callable[[Axes], object], path: str | Path, *, width: floa
         raise ValueError(f'"{path}" ends in "{path.suffix}"; end it in .svg, .png or .pdf.')
     if not (width > 0 and height > 0):
         raise ValueError(f"width = {width:g}, height = {height:g}: give the figure a positive size in inches.")
+    check_outputs([path], force=force)
     with atomic_write(path) as part, part.open("wb") as file:
         _save(draw, file, kind=kind, width=width, height=height)
     return path

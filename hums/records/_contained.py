@@ -2,6 +2,7 @@
 
 import hashlib
 from collections.abc import Iterator
+from os import PathLike
 from typing import Any
 
 import h5py
@@ -9,7 +10,7 @@ import numpy as np
 
 from hums.records.fields import RecordError
 
-__all__ = ["fingerprint", "objects", "refuse_reaching_out", "refuse_size", "refuse_too_large"]
+__all__ = ["fingerprint", "objects", "refuse_reaching_out", "refuse_size", "refuse_too_large", "schema_of"]
 
 _MOST_OBJECTS = 100_000  # a record has some dozens
 _PLAUSIBLE = 100  # times the size of the file: more is possible only where values hardly vary
@@ -46,6 +47,15 @@ def objects(file: h5py.File) -> Iterator[tuple[str, h5py.Group | h5py.Dataset]]:
             yield path, item
             if isinstance(item, h5py.Group):
                 waiting.append((path, item))
+
+
+def schema_of(path: str | PathLike[str]) -> str:
+    """Return the schema that a file of this toolkit states; empty where another program wrote it, or it is damaged."""
+    try:
+        with h5py.File(path) as contents:
+            return str(contents.attrs.get("schema", ""))
+    except (OSError, RuntimeError, LookupError, ValueError, TypeError, AttributeError):
+        return ""
 
 
 def _utf8(name: str | bytes, filename: str) -> str:

@@ -1,28 +1,36 @@
-"""What may be written: never what is read, and no file of another program."""
+"""What may be written: never what is read, no device or pipe, and no file that this toolkit did not write."""
 
 from collections.abc import Iterable, Iterator
 from pathlib import Path
 
+from hums.records._contained import schema_of
 from hums.records.fields import RecordError
-from hums.records.store import schema_of
 
-__all__ = ["check_outputs"]
+__all__ = ["MARK", "check_outputs"]
 
-_MARKED = (".h5", ".hdf5")  # formats in which every file of this toolkit states its schema
+MARK = "hums-toolkit"  # near the beginning or end of files whose format has a place for it; HDF5 states a schema
+_HEAD, _TAIL = 2048, 16384  # bytes: a PDF ends in its metadata and a table of its objects
+_TABLES = {".csv", ".json", ".parquet"}  # without such a place: the folder's own marked files speak for them
+_FOLDER_MARKS = ("analysis.h5", "task.json")  # written before any table
 
 
-def check_outputs(outputs: Iterable[Path], *, inputs: Iterable[str | Path] = ()) -> None:
-    """Refuse to write a file that is read, or one that exists and was written by another program.
+def check_outputs(
+    outputs: Iterable[Path], *, inputs: Iterable[str | Path] = (), folder: Path | None = None, force: bool = False
+) -> None:
+    """Refuse to write what is read, what is no regular file, and what exists and was not written by this toolkit.
 
-    Call it before the work begins. Of HDF5 files the schema says who wrote them; files of other formats carry no mark,
-    and are refused only where they are read.
+    Call it before the work begins.
 
     Parameters
     ----------
     outputs : iterable of Path
-        Files that are to be written, and folders of which every file may be.
+        Files that are to be written.
     inputs : iterable of str or Path
         Files that are read; names of the catalogue do no harm.
+    folder : Path, optional
+        Folder in which any file may be written, so that it holds no input.
+    force : bool
+        Whether files of other programs are replaced.
 
     Raises
     ------
@@ -30,18 +38,25 @@ def check_outputs(outputs: Iterable[Path], *, inputs: Iterable[str | Path] = ())
         With the file and what to do.
     """
     read = {identity: path for path in inputs for identity in _identities(Path(path))}
-    read |= {folder: path for path in inputs for folder in Path(path).resolve().parents}
-    for output in outputs:
+    parents = {parent: path for path in inputs for parent in Path(path).resolve().parents}
+    for output, known in [*((output, read) for output in outputs), *([(folder, read | parents)] if folder else [])]:
         for identity in _identities(output):
-            if identity in read:
+            if identity in known:
                 raise RecordError(
-                    f"{output} would be overwritten: {read[identity]} is read here, and what is read is never written; "
-                    "name another output."
+                    f"{output} would be overwritten: {known[identity]} is read here, and what is read is never "
+                    "written; name another output."
                 )
-        if output.suffix.lower() in _MARKED and output.is_file() and not _is_own(output):
+        if not output.exists() or (output == folder and output.is_dir()):
+            continue
+        if output == folder:
+            raise RecordError(f"{output} is a file; name a folder.")
+        if not output.is_file():
+            kind = "a directory" if output.is_dir() else "a device or pipe"
+            raise RecordError(f"{output} is {kind}, where a file is written; name another output.")
+        if not (force or _is_own(output)):
             raise RecordError(
-                f"{output} exists and was not written by hums, so it is not replaced; name another output, or move "
-                "that file away."
+                f"{output} exists and was not written by hums, so it is not replaced; name another output, move that "
+                "file away, or replace it with --force (force=True)."
             )
 
 
@@ -54,6 +69,15 @@ def _identities(path: Path) -> Iterator[object]:
 
 
 def _is_own(path: Path) -> bool:
-    if path.stat().st_size == 0:
+    size = path.stat().st_size
+    if size == 0:
         return True  # reserved by whoever named it: there is nothing to lose
-    return schema_of(path).startswith("hums-")
+    marks = (path.with_name(name) for name in _FOLDER_MARKS) if path.suffix in _TABLES else ()
+    if any(mark != path and mark.is_file() and _is_own(mark) for mark in marks):
+        return True
+    if schema_of(path).startswith("hums-"):
+        return True
+    with path.open("rb") as file:
+        head = file.read(_HEAD)
+        file.seek(max(0, size - _TAIL))
+        return MARK.encode() in head + b"\n" + file.read(_TAIL)

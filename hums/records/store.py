@@ -28,6 +28,7 @@ from hums.records._contained import fingerprint, objects, refuse_reaching_out, r
 from hums.records._netcdf import Chunks, DiskError, open_netcdf, write_netcdf
 from hums.records.channels import ANGLE
 from hums.records.fields import RecordWarning, is_utf8, plain_repr
+from hums.records.outputs import check_outputs
 from hums.records.packing import packed, unpacked
 from hums.records.record import SCHEMA, RecordError, attach_time, check_record, detach_time
 from signals._validation import checked
@@ -47,7 +48,6 @@ __all__ = [
     "refuse_size",
     "remove_partial_files",
     "save_record",
-    "schema_of",
     "write_record",
     "write_shard",
     "write_tree",
@@ -67,7 +67,7 @@ _READ_ERRORS = (
 
 
 @checked
-def save_record(record: xr.Dataset, path: str | os.PathLike[str]) -> None:
+def save_record(record: xr.Dataset, path: str | os.PathLike[str], *, force: bool = False) -> None:
     """Write a record to a file, which replaces an existing one only once it is complete.
 
     Parameters
@@ -76,11 +76,13 @@ def save_record(record: xr.Dataset, path: str | os.PathLike[str]) -> None:
         Record from `make_record`, or a slice of one: its time axis is stored as start, count and rate.
     path : str or Path
         File to write.
+    force : bool
+        Whether a file that another program wrote is replaced.
 
     Raises
     ------
     RecordError
-        If it is not a record, or contains values that HDF5 cannot store.
+        If it is not a record, contains values that HDF5 cannot store, or `path` is a file of another program.
     OSError
         If the disk refuses the write.
 
@@ -96,6 +98,7 @@ def save_record(record: xr.Dataset, path: str | os.PathLike[str]) -> None:
     ...         print(float(half.time[0]), half.sizes["time"])
     0.5 500
     """
+    check_outputs([Path(path)], force=force)
     write_record(record, path)
 
 
@@ -261,15 +264,6 @@ def _close(contents: h5py.File | None) -> None:
         contents.close()
 
 
-def schema_of(path: str | os.PathLike[str]) -> str:
-    """Return the schema that a file of this toolkit states; empty where another program wrote it, or it is damaged."""
-    try:
-        with h5py.File(path) as contents:
-            return str(contents.attrs.get("schema", ""))
-    except _READ_ERRORS:
-        return ""
-
-
 def is_array(item: object) -> bool:
     """Return whether an object of an HDF5 file is a dataset, not a group."""
     return isinstance(item, h5py.Dataset)
@@ -411,8 +405,8 @@ def atomic_write(path: str | os.PathLike[str], *, tidy: bool = True) -> Iterator
     target = Path(path).resolve()  # so that a symbolic link remains one
     if not is_utf8(target.name):
         raise RecordError(f"{path}: this name is not UTF-8 text, and what it names would not be opened; give another.")
-    if target.is_dir():
-        raise RecordError(f"{path} is a directory; name a file in it.")
+    if target.exists() and not target.is_file():
+        raise RecordError(f"{path} is {'a directory' if target.is_dir() else 'a device or pipe'}; name a file.")
     if not target.parent.is_dir():
         raise RecordError(f"{path}: there is no directory {target.parent}; create it first.")
     if tidy:
@@ -422,8 +416,10 @@ def atomic_write(path: str | os.PathLike[str], *, tidy: bool = True) -> Iterator
         yield part
         _sync(part)
         part.replace(target)
-    except BaseException:
+    except BaseException as error:
         part.unlink(missing_ok=True)
+        if isinstance(error, OSError) and error.errno and error.filename in {None, str(part)}:
+            raise OSError(error.errno, error.strerror, str(path)) from error
         raise
     if os.name == "posix":  # elsewhere a directory cannot be opened, and need not be
         _sync(target.parent)

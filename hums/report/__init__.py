@@ -32,19 +32,19 @@ _FAULT_KINDS = {*BEARING_KINDS, "tooth"}
 _FILES = ("report.html", "analysis.h5", "orders.csv", "indicators.csv", "summary.json", "report.pdf")
 
 
-def prepare_folder(folder: str | Path, *, inputs: Iterable[str | Path] = ()) -> Path:
+def prepare_folder(folder: str | Path, *, inputs: Iterable[str | Path] = (), force: bool = False) -> Path:
     """Create a folder if necessary and return its path; called before an analysis, so that no work is lost.
 
     Raises
     ------
     ValueError
         If it is a file, cannot be created or written, or if the report would replace one of the files that are read,
-        `inputs`, or a file of another program.
+        `inputs`, or, without `force`, a file of another program.
     """
     folder = Path(folder)
     if folder.exists() and not folder.is_dir():
         raise ValueError(f"{folder} is a file; name a folder for the report.")
-    check_outputs((folder / name for name in _FILES), inputs=inputs)
+    check_outputs((folder / name for name in _FILES), inputs=inputs, force=force)
     try:
         folder.mkdir(parents=True, exist_ok=True)
         with NamedTemporaryFile(dir=folder):
@@ -56,7 +56,12 @@ def prepare_folder(folder: str | Path, *, inputs: Iterable[str | Path] = ()) -> 
 
 @checked
 def write_report(
-    analysis: Analysis, folder: str | Path, *, baseline: Analysis | None = None, units: Units = "rpm"
+    analysis: Analysis,
+    folder: str | Path,
+    *,
+    baseline: Analysis | None = None,
+    units: Units = "rpm",
+    force: bool = False,
 ) -> Path:
     """Write ``report.html``, ``analysis.h5``, ``orders.csv``, ``indicators.csv`` and ``summary.json`` into a folder.
 
@@ -71,6 +76,8 @@ def write_report(
         drawn beneath those of this record.
     units : {"rpm", "Hz"}
         In which speeds are given first.
+    force : bool
+        Whether files of these names that another program wrote are replaced.
 
     Returns
     -------
@@ -80,7 +87,7 @@ def write_report(
     Raises
     ------
     ValueError
-        If `folder` is a file, or cannot be created or written.
+        If `folder` is a file, cannot be created or written, or holds files of another program of these names.
 
     Examples
     --------
@@ -97,8 +104,8 @@ def write_report(
     ...     print(page.name, sorted(path.name for path in page.parent.iterdir())[:2])
     report.html ['analysis.h5', 'indicators.csv']
     """
-    folder = prepare_folder(folder)
-    save_analysis(analysis, folder / "analysis.h5")
+    folder = prepare_folder(folder, force=force)
+    save_analysis(analysis, folder / "analysis.h5", force=force)
     facts = summary(analysis)
     _write_text(folder / "summary.json", json.dumps(facts, indent=1, allow_nan=False) + "\n")
     tables = [line_table(analysis, name).assign(spectrum=name) for name in (ORDER_SPECTRUM, ENVELOPE)]

@@ -5,6 +5,7 @@ import shutil
 import subprocess
 from pathlib import Path
 
+from hums.records.outputs import MARK, check_outputs
 from hums.records.store import atomic_write
 
 _BROWSERS = ("chromium", "chromium-browser", "google-chrome", "google-chrome-stable", "chrome", "msedge")
@@ -12,13 +13,15 @@ _DRAWING_MS = 20_000  # of the page's own clock, which runs as fast as its scrip
 _TIMEOUT_S = 180.0  # a page of 16 channels takes 20 s on one core
 
 
-def write_pdf(page: str | Path) -> Path:
+def write_pdf(page: str | Path, *, force: bool = False) -> Path:
     """Print a page to a PDF beside it, through Chromium, Chrome or Edge.
 
     Parameters
     ----------
     page : str or Path
         A page of `hums.write_report`.
+    force : bool
+        Whether a PDF of another program is replaced.
 
     Returns
     -------
@@ -28,16 +31,17 @@ def write_pdf(page: str | Path) -> Path:
     Raises
     ------
     ValueError
-        If there is no such browser on the PATH, or it prints nothing.
+        If there is no such browser on the PATH, it prints nothing, or the PDF is one of another program.
     """
     page = Path(page).resolve()
+    target = page.with_suffix(".pdf")
+    check_outputs([target], inputs=[page], force=force)
     browser = next((found for name in _BROWSERS if (found := shutil.which(name))), None)
     if browser is None:
         raise ValueError(
             f"a PDF is printed by Chromium, Chrome or Edge, and none of {', '.join(_BROWSERS)} is on the PATH; install "
             f"one, or open {page} and print it from there."
         )
-    target = page.with_suffix(".pdf")
     as_root = ["--no-sandbox"] if hasattr(os, "geteuid") and os.geteuid() == 0 else []  # its sandbox refuses root
     with atomic_write(target) as part:
         command = [
@@ -54,4 +58,6 @@ def write_pdf(page: str | Path) -> Path:
         if done.returncode or not part.exists():
             last = (done.stderr.strip().splitlines() or ["no reason was given"])[-1]
             raise ValueError(f"{browser} did not print {page}: {last}; open the page and print it from there.")
+        with part.open("ab") as file:
+            file.write(f"% {MARK}\n".encode())  # a comment, behind the end
     return target

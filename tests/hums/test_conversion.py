@@ -157,8 +157,12 @@ def test_what_a_folder_refuses(folder, packed, tmp_path):
     sources = find_sources([f"{folder}/acc_*.csv"])
     with pytest.raises(RecordError, match="begun with rate_hz = 2000"):
         convert_files(sources, packed.folder, **(DECLARED | {"rate_hz": 1000.0}))
-    with pytest.raises(RecordError, match="files that belong to no such conversion"):
+    with pytest.raises(RecordError, match="what is read is never written"):
         convert_files(sources, folder, **DECLARED)
+    (tmp_path / "other").mkdir()
+    (tmp_path / "other" / "notes.txt").write_text("mine")
+    with pytest.raises(RecordError, match="files that belong to no such conversion"):
+        convert_files(sources, tmp_path / "other", **DECLARED)
     with pytest.raises(RecordError, match="not named now"):
         convert_files(sources[:3], packed.folder, **DECLARED)
     (tmp_path / "a.csv").write_text("")

@@ -1,19 +1,24 @@
 """What may be written: by the library, and by each command that writes."""
 
 import os
+import shutil
 
 import h5py
 import numpy as np
 import pytest
 
 from hums.analysis.analyze import AnalysisSettings, analyze
-from hums.analysis.result import save_analysis
+from hums.analysis.result import open_analysis, save_analysis
 from hums.conversion import convert_files, find_sources
+from hums.drawing import write_drawing
 from hums.fleet.fleet import analyze_fleet
 from hums.gearbox.model import load_gearbox
+from hums.jobs import Serial
+from hums.plots import save_figure
 from hums.records.outputs import check_outputs
 from hums.records.record import NominalSpeed, RecordError, make_record
-from hums.records.store import save_record
+from hums.records.store import open_record, save_record
+from hums.report import write_report
 
 READ, FOREIGN = "what is read is never written", "was not written by hums"
 
@@ -137,13 +142,61 @@ def test_a_fleet_beside_its_records_goes_on(made, tmp_path):
         assert (fleet.records, fleet.failed) == (1, 0)
 
 
-def test_synth_replaces_no_foreign_file(refused, raw, tmp_path):
-    (tmp_path / "scene.toml").write_text('gearbox = "two-stage"\n')
-    refused("synth", "demo", "-o", raw, because=FOREIGN)
-    refused("synth", tmp_path / "scene.toml", "-o", tmp_path / "scene.toml", because=READ)
+ANALYZE = "analyze record.h5 --gearbox two-stage -o . --no-envelope"
+FLEET = "fleet record.h5 --gearbox two-stage -o . --no-envelope"
+WRITERS = [
+    ("analysis.h5", ANALYZE), ("report.html", ANALYZE), ("orders.csv", ANALYZE), ("summary.json", ANALYZE),
+    ("fleet.csv", FLEET), ("fleet.html", FLEET), ("fleet.h5", FLEET),
+    ("new.h5", "convert raw.h5 new.h5 --channel vib --units g --rate-hz 4000 --no-tachometer"),
+    ("new.h5", "synth scene.toml -o new.h5"), ("m.svg", "drawing two-stage -o m.svg"),
+    ("m.png", "drawing two-stage -o m.png"), ("m.pdf", "drawing two-stage -o m.pdf"),
+    ("orders.svg", "drawing two-stage -o ."), ("p.html", "drawing two-stage -o p.html"),
+    ("campbell.svg", "dynamics wijianto-pair --motions torsion -o ."),
+]  # fmt: skip
+
+
+@pytest.mark.parametrize(("name", "words"), WRITERS, ids=[f"{name} of {words.split()[0]}" for name, words in WRITERS])
+def test_a_command_replaces_only_its_own_files(run, refused, made, raw, tmp_path, monkeypatch, name, words):  # noqa: ARG001 - convert reads raw.h5
+    monkeypatch.setattr("hums.jobs.Processes", lambda **_: Serial())
+    monkeypatch.chdir(tmp_path)
+    shutil.copy(made / "record.h5", "record.h5")
+    scene = 'speed = { link = "input", rpm = 600 }\ntachometer = { link = "input", pulses_per_rev = 1 }\n'
+    sensor = '[[sensor]]\nname = "a"\non = "input bearing"\nunits = "g"\n'
+    frame = 'gearbox = "two-stage"\nrate_hz = 5000\nduration_s = 0.2\nfidelity = "kinematic"\n'
+    (tmp_path / "scene.toml").write_text(frame + scene + sensor)
+    (tmp_path / name).write_text("the user's own")
+    refused(*words.split(), because=FOREIGN)
+    assert run(*words.split(), "--force")[0] == 0
+    assert run(*words.split())[0] == 0  # which it wrote itself
+    assert (tmp_path / name).read_bytes() != b"the user's own"
+    (tmp_path / name).unlink()
+    os.mkfifo(name)
+    refused(*words.split(), "--force", because="a device or pipe")
+
+
+@pytest.mark.parametrize("write", [
+    lambda made, path: save_record(open_record(made / "record.h5"), path),
+    lambda made, path: save_analysis(open_analysis(made / "analysis.h5"), path),
+    lambda made, path: write_report(open_analysis(made / "analysis.h5"), path.parent),
+    lambda _, path: write_drawing(load_gearbox("two-stage"), path.with_suffix(".html")),
+    lambda _, path: save_figure(lambda ax: ax.plot([0, 1]), path.with_suffix(".svg")),
+])  # fmt: skip
+def test_a_function_replaces_only_its_own_files(write, made, tmp_path):
+    for suffix in (".h5", ".html", ".svg"):
+        (tmp_path / f"analysis{suffix}").write_text("the user's own")
+    with pytest.raises(RecordError, match=FOREIGN):
+        write(made, tmp_path / "analysis.h5")
+    assert {path.read_text() for path in tmp_path.iterdir()} == {"the user's own"}
+
+
+def test_a_draft_that_was_filled_in_stays(run, refused, raw, tmp_path):
+    assert run("info", raw, "--draft", tmp_path / "import.toml")[0] == 0
+    refused("info", raw, "--draft", tmp_path / "import.toml", because=FOREIGN)
+    assert run("info", raw, "--draft", tmp_path / "import.toml", "--force")[0] == 0
+
+
+def test_what_is_read_is_not_written_by_force(refused, raw, tmp_path):
+    refused("convert", raw, raw, "--channel", "vib", "--force", because=READ)
     refused("synth", "demo", "-o", tmp_path / "record.csv", because="a record is HDF5", status=2)
-
-
-def test_pictures_do_not_replace_the_drawing(refused, tmp_path):
     (tmp_path / "gearbox.svg").write_text('frame = "housing"\n')
-    refused("drawing", tmp_path / "gearbox.svg", "-o", tmp_path / "gearbox.svg", because=READ)
+    refused("drawing", tmp_path / "gearbox.svg", "-o", tmp_path / "gearbox.svg", "--force", because=READ)
