@@ -18,7 +18,6 @@ from data_synth.scene.transfer_paths import Transfer
 from data_synth.sources.families import turning_ratios
 from data_synth.sources.impact_lines import impact_lines
 from data_synth.sources.prepared import PreparedScene, prepare_scene
-from data_synth.vibration.gear_lines import is_steady
 from data_synth.vibration.line_candidates import candidates_of
 from data_synth.vibration.run import Motion, contacts_in, motion_of, prepare_gears
 from signals._validation import checked
@@ -29,12 +28,13 @@ _PER_LINE, _PER_SOURCE, _PER_POLE, _PER_NOISE = 0.5e-9, 8e-9, 5e-9, 12e-9  # s a
 _TEETH_S = 0.3  # s for teeth of gears that vibrate, and s a step of time, for each motion, and each pair of meshes:
 _PER_STEP, _PER_DEGREE, _PER_PAIR = 0.09e-6, 0.018e-6, 0.02e-6
 _PER_PROJECTED = 1.4e-6  # s a sample and channel, for the lines of gears in motion
-_PROJECTED_STEADY, _PROJECTED = 22, 39
-"""Lines of gears in motion that are loud, over the root of the number of orders at which they may be: at constant speed
-and torque, and else the mean of 72 records of `benchmark-1`, of which either half predicts the mean of the other to
-1 %; a single one is within a factor of two or three, since what is loud depends on resonances."""
+_PROJECTED = 15
+"""Lines of gears in motion that are loud, over the root of the number of orders at which they may be: the mean of 24
+records of `benchmark-1`, of which either half predicts the mean of the other to 15 %; a single one is within a factor
+of two to four, since what is loud depends on resonances."""
 BYTES = 8  # of a sample in memory
 _LINE_COPIES, _FIXED_BYTES = 3, 40_000_000  # what was measured beside the channels of the demo of 1 s to 200 s
+_GEAR_COPIES = 11  # of a channel, while the lines of gears in motion are projected
 _OUTSIDE = ("electrical", "neighbour", "knocks", "noise", "mounts", "gains", "temperature")
 _CHAIN = ("cross_axis", "resonance", "sensitivity", "hum", "anti_alias", "clipping", "quantisation", "drop_outs")
 
@@ -195,11 +195,11 @@ def count(scene: Scene) -> Counted:
         stage = with_full_duration(stage, scene)
         motion = motion_of(stage, prepare_gears(stage))
         choice = chosen(motion)
-        parts, vibrating = tuple(_gears(motion, choice)), BYTES * scene.samples * len(scene.sensors)
+        copies = 0 if choice.linear else _GEAR_COPIES
+        parts, vibrating = tuple(_gears(motion, choice)), copies * BYTES * scene.samples * len(scene.sensors)
         stage = with_gear_lines(stage, motion, choice)
-        candidates = len(candidates_of(scene, top=_top_order(stage), mixed=False).numbers)
-        loud = _PROJECTED_STEADY if is_steady(stage) else _PROJECTED
-        projected = min(candidates, round(loud * math.sqrt(candidates)))
+        candidates = candidates_of(scene, top=_top_order(stage), mixed=False).orders.size
+        projected = min(candidates, round(_PROJECTED * math.sqrt(candidates)))
     lines = sum(amplitudes[:, :, 0].size for amplitudes in stage.amplitudes)
     lines += sum(amplitudes[:, :, 0].size for _, _, amplitudes in impact_lines(stage))
     lines += len(scene.sensors) * projected

@@ -2,7 +2,6 @@
 
 import math
 from dataclasses import dataclass, replace
-from functools import partial
 from pathlib import Path
 
 import numpy as np
@@ -10,7 +9,6 @@ import xarray as xr
 
 from data_synth.cost import refuse_too_large
 from data_synth.fidelity.choice import Choice, chosen, with_gear_lines
-from data_synth.fidelity.expected_lines import expected_lines
 from data_synth.kinematic.harmonics import ComplexArray
 from data_synth.operation.shaft_angle import Array
 from data_synth.scene.random_streams import RandomStreams, Streams
@@ -28,8 +26,7 @@ from data_synth.sources.prepared import PreparedScene, prepare_scene
 from data_synth.transfer.acquisition import add_noise, clip, drop_outs, hum_lines, quantise
 from data_synth.transfer.detectability import matched_filter_snr_db
 from data_synth.truth import angle_truth, tooth_pass_truth, truth_variables
-from data_synth.vibration.expected_response import ExpectedLines
-from data_synth.vibration.gear_lines import gear_lines
+from data_synth.vibration.gear_lines import gear_lines, samples_compared
 from data_synth.vibration.mechanics import link_speeds, mechanics_truth, speed_truth
 from data_synth.vibration.meshes import Gears
 from data_synth.vibration.run import Motion, motion_of, prepare_gears
@@ -94,9 +91,9 @@ def simulate(
             slip has no line.
         ``truth_component``, ``truth_kind`` (truth_order)
             The sources at that order, largest first, joined by " + ".
-        ``truth_line_change`` (truth_order)
-            By how much halving its window changes a line of gears in motion, over its RMS; only in records with lines
-            that are projected from the signal in varying motion. Left out, no line has a window.
+        ``truth_left``, ``truth_fault_left`` (truth_channel)
+            Share of the power of gears in motion that their lines leave, and of what damaged teeth add to it: free
+            vibration, and what lies between lines. Left out, the lines are the signal.
         ``truth_chain_poles`` (truth_channel, truth_chain_pole), complex, ``truth_chain_gain`` (truth_channel)
             Filters and sensitivity, ``H(f) = gain prod p / (p - 2j pi f)``, a factor of truth_amplitude; where a
             channel has any. Shorter channels end in NaN.
@@ -120,9 +117,9 @@ def simulate(
             attribute ``half_width_rev`` is half the time it is in mesh, in rev of the reference shaft.
 
         Where gears vibrate, truth_amplitude has every loud line of meshes, of damaged gears and of what they make
-        with each other, against time: in varying motion as a harmonic balance gives them, in steady motion and where
-        the balance leaves much projected from their clean signal (`data_synth.vibration.gear_lines.gear_lines`).
-        Attribute ``truth_mesh_lines`` states window, floor and error, ``truth_fidelity`` the model of gears and why.
+        with each other, projected from their clean signal; what damage adds is the difference to sound teeth
+        (`data_synth.vibration.gear_lines.gear_lines`). Attribute ``truth_mesh_lines`` states their resolution,
+        ``truth_fidelity`` the model of gears and why.
         Attribute ``truth_scene`` holds the scene with every default written out, ``truth_seed`` the seed,
         ``truth_machine_seed`` that of the machine if it has one.
 
@@ -166,11 +163,12 @@ def simulate(
 class NoiseFree:
     """Channels after the linear part of their chains, (sensor, n), and what gears in motion add to them, if any.
 
-    `steps` are those of their integration to a sample.
+    `of_sound_gears` is the same with sound teeth, and `steps` those of both integrations to a sample.
     """
 
     signal: Array
     of_gears: Array | None = None
+    of_sound_gears: Array | None = None
     steps: int | None = None
 
 
@@ -321,30 +319,27 @@ def _with_gears(
     if choice.linear:
         attrs = {"truth_fidelity": str(choice), "truth_mesh_lines": "exact"}
         return truth_variables(prepared) | passes, attrs, NoiseFree(signal=signal[:, :kept].copy())
-    steps = motion.steps()
-    gear_signal = _gear_vibration(replace(motion, steps_per_sample=steps), samples=prepared.scene.samples)
+    steps, samples = motion.steps(), prepared.scene.samples
+    gear_signal = sound_signal = _gear_vibration(replace(motion, steps_per_sample=steps), samples=samples)
     signal += gear_signal
-    damaged = any(isinstance(fault, GearFault) for fault in prepared.scene.faults)
-    measured = gear_lines(
-        prepared,
-        gear_signal,
-        expected=partial(expected_lines, motion),
-        sound=partial(_lines_of_sound_teeth, prepared) if damaged else None,
-    )
+    if damaged := any(isinstance(fault, GearFault) for fault in prepared.scene.faults):
+        sound = prepared.without_faults()
+        sound_motion = replace(motion_of(sound, prepare_gears(sound)), steps_per_sample=steps)
+        sound_signal = _gear_vibration(sound_motion, samples=max(kept, samples_compared(prepared, prepared.scene)))
+    measured = gear_lines(prepared, gear_signal, sound=sound_signal if damaged else None)
     for name, sources in parts.items():
         # meshes act on each other, so all gears in motion are one source
         coords = {"truth_channel": sources["truth_channel"], "truth_source_name": ["gears, motion"]}
         own = xr.DataArray(gear_signal[:, None], dims=sources.dims, coords=coords)
         parts[name] = xr.concat([sources, own], dim="truth_source_name").assign_attrs(sources.attrs)
     attrs = {"truth_fidelity": str(choice), "truth_mesh_lines": measured.about}
-    noise_free = NoiseFree(signal=signal[:, :kept].copy(), of_gears=gear_signal[:, :kept].copy(), steps=steps)
+    noise_free = NoiseFree(
+        signal=signal[:, :kept].copy(),
+        of_gears=gear_signal[:, :kept].copy(),
+        of_sound_gears=sound_signal[:, :kept].copy(),
+        steps=steps,
+    )
     return truth_variables(prepared, measured=measured) | passes, attrs, noise_free
-
-
-def _lines_of_sound_teeth(prepared: PreparedScene) -> tuple[ExpectedLines, ...]:
-    """Return the expected lines of a scene without its faults."""
-    sound = prepared.without_faults()
-    return expected_lines(motion_of(sound, prepare_gears(sound)))
 
 
 def _by_source(prepared: PreparedScene, *, timing_errors_s: Array | None) -> dict[str, xr.DataArray]:
@@ -436,7 +431,7 @@ def fault_detectability(
         turns_before=streams.turns_before,
         samples=count,
         steps=own.steps if own is not None else None,
-        of_gears=own.of_gears if own is not None and not isinstance(scene.faults[0], GearFault) else None,
+        of_gears=own.of_sound_gears if own is not None else None,
     )
     variances = [_noise_variance(scene, sensor, streams) for sensor in scene.sensors]
     ratios_db = np.empty((len(scene.sensors), len(scene.faults)))
@@ -510,8 +505,7 @@ def _noise_free(
 ) -> NoiseFree:
     """Return the beginning of the channels of a scene after the linear part of their chains.
 
-    `choice` is the model of the gears; None: that of the scene. `of_gears` is their vibration, where that of another
-    fault of no gear is known.
+    `choice` is the model of the gears; None: that of the scene. `of_gears` is their vibration, where it is known.
     """
     prepared = prepare_scene(scene, rng_for=rng_for, turns_before=turns_before)
     motion = None

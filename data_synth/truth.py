@@ -126,24 +126,13 @@ def _line_truth(prepared: PreparedScene, instants: xr.DataArray, measured: GearL
     channels = {"truth_channel": [sensor.name for sensor in sensors]}
     coords = {**channels, **orders, "truth_time": instants}
     dims = ("truth_channel", "truth_order", "truth_time")
+    summed = [_summed(parts) for parts in lines] or [np.zeros((len(sensors), instants.size), dtype=np.complex128)]
     amplitude = xr.DataArray(
-        np.stack([_summed(parts) for parts in lines], axis=1)
-        if lines
-        else np.zeros((len(sensors), 0, instants.size), dtype=np.complex128),
+        # lines of gears in motion are not known to more digits
+        np.stack(summed, axis=1, dtype=np.complex64 if measured is not None else np.complex128)[:, : len(lines)],
         dims=dims,
         coords=coords,
         attrs={"units": sensors[0].channel_units, "convention": "x = Re{Z exp(j order phase)}, peak amplitude"},
-    )
-    changes = {
-        line.order: line.change * _rms(line.amplitude) / _rms(_summed(every[line.order]))
-        for line in (measured.lines if measured is not None else ())
-        if line.change
-    }
-    change = xr.DataArray(
-        [changes.get(order, 0.0) for order in values] if changes else np.zeros(len(lines)),
-        dims="truth_order",
-        coords=orders,
-        attrs={"about": "by how much halving its window changes a projected line, over its RMS"},
     )
     labels = {
         f"truth_{name}": xr.DataArray(
@@ -174,18 +163,21 @@ def _line_truth(prepared: PreparedScene, instants: xr.DataArray, measured: GearL
                 attrs={"units": units, "about": about},
             ),
         }
-    changed = {"truth_line_change": change} if any(changes.values()) else {}
-    return {"truth_amplitude": amplitude, **labels, **changed, **chain}
+    left = (
+        {
+            f"truth_{name}": xr.DataArray(share, dims="truth_channel", coords=channels, attrs={"units": "1"})
+            for name, share in (("left", measured.left), ("fault_left", measured.fault_left))
+            if share is not None
+        }
+        if measured is not None
+        else {}
+    )
+    return {"truth_amplitude": amplitude, **labels, **left, **chain}
 
 
 def _summed(parts: list[_LineSource]) -> ComplexArray:
     """Return the amplitude of all sources at one order."""
     return parts[0].amplitude if len(parts) == 1 else np.sum([part.amplitude for part in parts], axis=0)
-
-
-def _rms(amplitude: ComplexArray) -> float:
-    """Return the RMS of a line over channels and time."""
-    return float(np.sqrt(np.mean(np.abs(amplitude) ** 2)))
 
 
 def _lines(prepared: PreparedScene) -> dict[float, list[_LineSource]]:

@@ -260,11 +260,16 @@ INTEGRATION = Section(
 # ---- truth -----------------------------------------------------------------------------------------------------------
 
 RISE_RPM_S = {"steady": 0.0, "ramp": 30.0}
-LEFT = {"steady": (0.1, 1.0), "ramp": (0.24, 1.0)}  # per cent: of a record, and of what its fault adds
+OF_TRUTH = {
+    "record": "power that the truth leaves, of the record, %",
+    "fault": "power that the truth leaves, of its fault, %",
+    "size": "amplitudes of the truth over the samples, bytes",
+}
+LEFT = {"steady": (0.1, 1.0, 1.0), "ramp": (0.24, 1.0, 1.0)}
 
 
-def left_by_truth(motion: str, seconds: float) -> tuple[float, float]:
-    """Return the power of gears in motion that the lines of the truth leave: of the record, and of its fault, %."""
+def left_by_truth(motion: str, seconds: float) -> tuple[float, float, float]:
+    """Return the power that the lines of gears in motion leave of the record and of its fault, %, and their size."""
     import truth  # noqa: PLC0415 - imports more than other sections need
 
     rpm = [[0, 1200], [seconds, 1200 + RISE_RPM_S[motion] * seconds]]
@@ -275,21 +280,22 @@ def left_by_truth(motion: str, seconds: float) -> tuple[float, float]:
         [record[scene.sensors[0].name].to_numpy() for record in records],
         [truth.rebuilt(record) for record in records],
     )
-    return 100 - truth.explained(lines, signal), 100 - truth.explained(lines - own, signal - reference)
+    size = records[0]["truth_amplitude"].nbytes / signal.nbytes
+    return 100 - truth.explained(lines, signal), 100 - truth.explained(lines - own, signal - reference), size
 
 
 TRUTH = Section(
     name="truth",
     rows=tuple(
-        Row(name=f"truth: {motion}, {of}", what=f"power that the truth leaves, of {words}, %", limit=fixed(most))
+        Row(name=f"truth: {motion}, {of}", what=words, limit=fixed(most))
         for motion, limits in LEFT.items()
-        for (of, words), most in zip((("record", "the record"), ("fault", "its fault")), limits, strict=True)
+        for (of, words), most in zip(OF_TRUTH.items(), limits, strict=True)
     ),
     tasks=lambda effort: [partial(left_by_truth, motion, effort.pick(4.0, 10.0, 10.0)) for motion in RISE_RPM_S],
     figures=lambda found: {
         f"truth: {motion}, {of}": Figure(value=value)
-        for motion, pair in zip(RISE_RPM_S, found, strict=True)
-        for of, value in zip(("record", "fault"), pair, strict=True)
+        for motion, found_of in zip(RISE_RPM_S, found, strict=True)
+        for of, value in zip(OF_TRUTH, found_of, strict=True)
     },
 )
 SECTIONS = (COVERAGE, RESAMPLING, INTEGRATION, TRUTH, TRACKERS)

@@ -10,13 +10,13 @@ from functools import cached_property
 
 import numpy as np
 
-from data_synth.fidelity.excitation import spectral_lines
 from data_synth.fidelity.linear_response import (
     MIN_STIFFNESS,
     Response,
     ToothForces,
     obstacle,
     response_of,
+    spectral_lines,
     tooth_forces,
     with_lines,
 )
@@ -214,7 +214,11 @@ class _Estimate:
         return found
 
     def _lag(self) -> Array:
-        """Return how lines lag behind a speed that changes, as `data_synth.vibration.expected_response` has it."""
+        """Return how lines lag behind a speed that changes.
+
+        By ``(j / 2) (domega / dt) d2Z / domega2``, the first term of the response to a sweep (Carson and Fry 1937, Bell
+        Syst. Tech. J. 16, 513).
+        """
         stage, poles = self.motion.stage, self._response.poles
         rates = np.gradient(stage.speed_hz, stage.instants_s)
         share = _STENCIL * float(np.min(-poles.real / np.abs(poles)))

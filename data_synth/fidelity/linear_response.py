@@ -21,7 +21,6 @@ import numpy as np
 
 from data_synth.dynamics.modes import undamped_modes
 from data_synth.dynamics.system import Mesh
-from data_synth.fidelity.excitation import spectral_lines
 from data_synth.kinematic.harmonics import ComplexArray, HarmonicFamily
 from data_synth.operation.shaft_angle import Array
 from data_synth.sources.families import mesh_name
@@ -267,6 +266,12 @@ def _period(mesh: Mesh) -> int:
 def _phases(mesh: Mesh, points: int) -> Array:
     """Return equidistant phases of a period of a mesh, in cycles, half a step from its ends."""
     return np.asarray((np.arange(points) + 0.5) * _period(mesh) / points)
+
+
+def spectral_lines(values: Array, count: int) -> ComplexArray:
+    """Return the first lines (count,) of values at equidistant phases of a period, half a step from its ends."""
+    cycles = np.arange(1, count + 1) / values.size
+    return np.asarray(np.fft.rfft(values)[1 : count + 1] * (2 / values.size) * np.exp(-1j * np.pi * cycles))
 
 
 def lines_of(response: Response, forces: ToothForces) -> tuple[list[HarmonicFamily], list[ComplexArray]]:

@@ -26,11 +26,12 @@ class ShaftFault(SizedFault):
     `imbalance` (size: the eccentricity) excites the first harmonic with the square of speed; `bent_shaft` mostly the
     first and `shaft_misalignment` mostly the second, independent of speed. The heavy or bent side has turned by
     `offset_rev` where the angle of the reference is zero; left out, that is drawn. An imbalance with `rotor_kg` is the
-    force m e w^2 of that mass, which acts as that of `imperfections.imbalance` does.
+    force m e w^2 of that mass, which acts as that of `imperfections.imbalance` does, and has no `amplitude_per_mm`;
+    left out elsewhere, that is 1.
     """
 
     kind: Literal["imbalance", "bent_shaft", "shaft_misalignment"]
-    amplitude_per_mm: NotNegative = 1.0
+    amplitude_per_mm: NotNegative | None = None
     rotor_kg: Positive | None = None
     offset_rev: Turns | None = None
 
@@ -38,7 +39,7 @@ class ShaftFault(SizedFault):
     def _check(self) -> Self:
         if self.rotor_kg is not None and self.kind != "imbalance":
             raise ValueError(f"rotor_kg is a matter of imbalance, not of {self.kind}; leave it out")
-        if self.rotor_kg is not None and "amplitude_per_mm" in self.model_fields_set:
+        if self.rotor_kg is not None and self.amplitude_per_mm is not None:
             raise ValueError("rotor_kg and amplitude_per_mm both say how strong the imbalance is; keep one")
         return self
 

@@ -83,7 +83,7 @@ def harmonic_families(
                 _EXCITATIONS[fault.kind](),
                 component=fault.component,
                 order=scene.exact_orders("shaft")[fault.component],
-                amplitude=size * fault.amplitude_per_mm,
+                amplitude=size if fault.amplitude_per_mm is None else size * fault.amplitude_per_mm,
                 reference_speed_hz=top_speed_hz,
                 offset=offset,
             )

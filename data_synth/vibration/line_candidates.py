@@ -7,7 +7,6 @@ passes of planets, and what two meshes, or in steady motion damaged gears as wel
 import math
 from dataclasses import dataclass
 from fractions import Fraction
-from functools import cached_property
 from itertools import permutations
 
 import numpy as np
@@ -20,39 +19,15 @@ from data_synth.scene.scene import Scene
 from data_synth.sources.families import mesh_name
 
 _MIXED = 4  # multiples of one order beside those of another
+_MESH, _DAMAGED, _DEVIATION = range(3)  # a line that several make is that of the first of these
 
 
 @dataclass(frozen=True, kw_only=True)
 class Candidates:
-    """Orders at which lines may be, rising, with their source and rank.
+    """Orders (k,) at which lines may be, rising and correctly rounded, and (component, kind) of each."""
 
-    Attributes
-    ----------
-    numbers : (k,) int array
-        The orders in units of `unit`.
-    unit : Fraction
-    sources : tuple of (component, kind)
-    ranks : (k,) int array
-        0 of meshes, 1 of damaged gears, 2 of pitch deviations and of what two others make: where a window cannot
-        separate two lines, that of the lower rank stands for both.
-    spacing : float
-        Smallest order of which all multiples are candidates.
-    """
-
-    numbers: NDArray[np.int64]
-    unit: Fraction
+    orders: Array
     sources: tuple[tuple[str, str], ...]
-    ranks: NDArray[np.int_]
-    spacing: float
-
-    @cached_property
-    def values(self) -> Array:
-        """The orders as numbers, (k,), correctly rounded."""
-        return np.asarray(self.numbers * self.unit.numerator / self.unit.denominator)
-
-    def places(self, others: "Candidates") -> NDArray[np.int_]:
-        """Return the numbers here of others that are all among these."""
-        return np.searchsorted(self.numbers, others.numbers * int(others.unit / self.unit))
 
 
 def candidates_of(scene: Scene, *, top: float, mixed: bool) -> Candidates:
@@ -66,48 +41,52 @@ def candidates_of(scene: Scene, *, top: float, mixed: bool) -> Candidates:
     mixed : bool
         Whether sums and differences with orders of damaged gears are wanted as well, beside those of two meshes.
     """
-    meshes, teeth = scene.exact_orders("gear_mesh"), turn_orders(scene)
-    damaged = dict.fromkeys(fault.component for fault in scene.faults if fault.component in teeth)
-    bases = [(order, 0, mesh, mesh, "gear_mesh") for mesh, order in meshes.items()]
-    bases += [(teeth[name], 1, mesh_name(name), name, "tooth") for name in damaged]
-    uneven = [name for name in teeth if name not in damaged and imperfections_of(scene).gears is not None]
-    bases += [(teeth[name], 2, mesh_name(name), name, "pitch_deviation") for name in uneven]
-    passes = {mesh: pass_orders(scene, mesh) for mesh in meshes}
-    # whole multiples of one fraction: sums of them are whole numbers
-    unit = Fraction(
-        1, math.lcm(*(order.denominator for order in [*(base[0] for base in bases), *(c for c, _ in passes.values())]))
-    )
-    found: dict[int, tuple[int, str, str]] = {}
+    bases, passes = _bases_of(scene)
+    unit = repetition_order(scene)
+    found: dict[int, tuple[str, str]] = {}
 
-    def add(numbers: NDArray[np.int64], rank: int, component: str, kind: str) -> None:
+    def add(numbers: NDArray[np.int64], component: str, kind: str) -> None:
         sizes = np.abs(numbers.ravel())
         for number in sizes[(sizes > 0) & (sizes <= top / unit)].tolist():
-            found.setdefault(number, (rank, component, kind))
+            found.setdefault(number, (component, kind))
 
-    spacing = []
     # what vibrates in one mesh makes forces in others, whose planets pass the sensors too: those of its own come first
     carriers = [each for each in dict.fromkeys(passes.values()) if each[1]]
     for own in (True, False):
-        for order, rank, mesh, component, kind in bases:
+        for order, _, mesh, component, kind in bases:
             for carrier, sides in [passes[mesh]] if own else carriers:
                 harmonics = np.arange(int((top + sides * float(carrier)) / float(order)) + 1)
-                add(_multiples(order / unit, harmonics, carrier / unit, sides), rank, component, kind)
-                spacing += [float(order), *([float(carrier)] if sides else [])]
+                add(_multiples(order / unit, harmonics, carrier / unit, sides), component, kind)
     for (order, rank, _, component, kind), (beside, other, *_rest) in permutations(bases, 2):
-        if max(rank, other) <= (1 if mixed else 0):
+        if max(rank, other) <= (_DAMAGED if mixed else _MESH):
             harmonics = np.arange(int((top + _MIXED * float(beside)) / float(order)) + 1)
             sums = _multiples(order / unit, harmonics, beside / unit, _MIXED)
-            for carrier, sides in carriers if rank == other == 0 and order != beside else ():
-                add(np.add.outer(sums, np.arange(-sides, sides + 1) * int(carrier / unit)), 2, component, kind)
-            add(sums, 2, component, kind)
-    orders = sorted(found)
-    return Candidates(
-        numbers=np.array(orders, dtype=np.int64),
-        unit=unit,
-        sources=tuple(found[order][1:] for order in orders),
-        ranks=np.array([found[order][0] for order in orders], dtype=np.int64),
-        spacing=min(spacing, default=1.0),
-    )
+            for carrier, sides in carriers if rank == other == _MESH and order != beside else ():
+                add(np.add.outer(sums, np.arange(-sides, sides + 1) * int(carrier / unit)), component, kind)
+            add(sums, component, kind)
+    numbers = sorted(found)
+    orders = np.array(numbers, dtype=np.int64) * unit.numerator / unit.denominator
+    return Candidates(orders=orders, sources=tuple(found[number] for number in numbers))
+
+
+def repetition_order(scene: Scene) -> Fraction:
+    """Return the order of which all candidates are whole multiples: steady motion repeats itself at it."""
+    bases, passes = _bases_of(scene)
+    orders = [*(base[0] for base in bases), *(carrier for carrier, _ in passes.values())]
+    return Fraction(1, math.lcm(*(order.denominator for order in orders)))
+
+
+def _bases_of(
+    scene: Scene,
+) -> tuple[list[tuple[Fraction, int, str, str, str]], dict[str, tuple[Fraction, int]]]:
+    """Return (order, rank, mesh, component, kind) of what repeats itself, and the passes of planets by mesh."""
+    meshes, teeth = scene.exact_orders("gear_mesh"), _turn_orders(scene)
+    damaged = dict.fromkeys(fault.component for fault in scene.faults if fault.component in teeth)
+    bases = [(order, _MESH, mesh, mesh, "gear_mesh") for mesh, order in meshes.items()]
+    bases += [(teeth[name], _DAMAGED, mesh_name(name), name, "tooth") for name in damaged]
+    uneven = [name for name in teeth if name not in damaged and imperfections_of(scene).gears is not None]
+    bases += [(teeth[name], _DEVIATION, mesh_name(name), name, "pitch_deviation") for name in uneven]
+    return bases, {mesh: pass_orders(scene, mesh) for mesh in meshes}
 
 
 def _multiples(order: Fraction, harmonics: NDArray[np.int64], beside: Fraction, sides: int) -> NDArray[np.int64]:
@@ -115,7 +94,7 @@ def _multiples(order: Fraction, harmonics: NDArray[np.int64], beside: Fraction, 
     return np.asarray(np.add.outer(harmonics * int(order), np.arange(-sides, sides + 1) * int(beside)), dtype=np.int64)
 
 
-def turn_orders(scene: Scene) -> dict[str, Fraction]:
+def _turn_orders(scene: Scene) -> dict[str, Fraction]:
     """Return the order at which each gear meets another, or a planet's mates, by the same tooth again.
 
     Planets are not alike to a sensor: a tooth of a sun or a ring repeats once it has met all of them.

@@ -67,8 +67,8 @@ def test_the_truth_of_gears_in_motion_is_about_as_large_as_estimated():
     numbers = (2, 3)
     estimated = sum(explain(plan.scene(number)).truth_bytes for number in numbers)
     made = sum(simulate(plan.scene(number), seed=plan.seed_of(number))["truth_amplitude"].nbytes for number in numbers)
-    # the logarithm of one record's lines scatters by 0.45: 1.9 is two standard deviations of the mean of two
-    assert 1 / 1.9 < estimated / made < 1.9
+    # the logarithm of one record's lines scatters by 0.7: 2.7 is two standard deviations of the mean of two
+    assert 1 / 2.7 < estimated / made < 2.7
 
 
 def test_what_cannot_be_simulated_is_refused_here_too():

@@ -129,10 +129,10 @@ def test_the_limit_is_what_is_free(monkeypatch, tmp_path):
 def test_simulate_refuses_what_the_command_refuses(monkeypatch):
     with pytest.raises(SceneError, match=r"has 432000000000 samples of 1 row\(s\) and needs .* GB of memory, but"):
         simulate(load_scene("demo").changed(duration_s=100 * DAY_S), seed=1)
-    # 120 MB of samples, as much for the gears, the rest for their lines
+    # 120 MB of samples, eleven times as much while the lines of the gears are projected, the rest for these
     scene = load_scene("gears-in-motion").changed(duration_s=300.0)
     monkeypatch.setattr("data_synth.cost.free_memory_bytes", lambda: 250_000_000)
-    with pytest.raises(SceneError, match=r"needs 0\.60\d* GB of memory, but 0\.25 GB are free"):
+    with pytest.raises(SceneError, match=r"needs 1\.\d* GB of memory, but 0\.25 GB are free"):
         simulate(scene, seed=1)
     with pytest.raises(SceneError, match=r"samples of 13 row\(s\)"):  # 4 links and 4 rollers' and cages' angles too
         simulate(scene, seed=1, phases=True, by_source=True)

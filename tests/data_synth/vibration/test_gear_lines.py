@@ -53,25 +53,12 @@ def test_lines_follow_damage_that_grows():
     assert_allclose(sizes[2:], sizes[:2], rtol=0.15)
 
 
-def test_damage_that_is_known_at_more_instants_than_the_truth_has_lines():
-    """In 0.15 s the truth has four instants, and a crack that grows nine."""
-    growth = {"law": "linear", "rate_mm_per_s": 10.0, "largest_mm": 3.0}
-    crack = {"kind": "tooth_crack", "component": "stage 1/pinion", "depth_mm": 0.5, "growth": growth}
-    record = clean(load_scene("gears-in-motion").changed(duration_s=0.15, faults=(crack,)))
-    assert record.sizes["truth_time"] < 9
-    assert record.sizes["truth_order"] > 100
-
-
 def test_lines_of_a_short_steady_record_are_told_apart_as_far_as_it_lets_them_be():
-    """Sums of the orders of planets and gears lie within 1.5 periods of the 3 s beside lines that there are.
-
-    Were that which is louder alone taken for both, 9 % of the power would be left.
-    """
+    """Sums of the orders of planets and gears lie within 1.5 periods of the 3 s beside lines that there are."""
     runout = {"kind": "eccentricity", "component": "sun-planet/sun", "size_mm": 0.05}
     record = clean(load_scene("planets-in-motion").changed(duration_s=3.0, faults=(runout,)))
-    assert explained(rebuilt(record), record["ring"].values) > 0.9999
-    about = record.attrs["truth_mesh_lines"]
-    assert 0 < float(about.rpartition("they leave ")[2].partition(" %")[0]) < 0.01
+    assert explained(rebuilt(record), record["ring"].values) > 0.999
+    assert 0 < record["truth_left"].item() < 1e-3
 
 
 def test_pitch_deviations_of_sound_gears_have_lines():
@@ -111,53 +98,42 @@ def test_a_tracker_finds_the_lines_of_a_run_through_a_resonance(run_through_reso
     assert np.sqrt(np.mean(np.abs(error) ** 2)) < 0.02 * np.sqrt(np.mean(np.abs(truth.values[:, inner]) ** 2))
 
 
-def test_lines_jump_with_the_torque():
+def test_what_rings_after_a_jump_of_the_torque_is_no_line_and_the_record_says_how_much_of_it_that_is():
     loads = {"link": "gear", "steps": [[0, 90], [1.03, 130]]}
     record = clean(scene(duration_s=2.0, torque=loads))
-    times_s, at_s = record["time"].values, record["truth_time"].values
-    lines = record["truth_amplitude"].isel(truth_channel=0).values
-    before, after = np.searchsorted(at_s, 1.03) - 1, np.searchsorted(at_s, 1.03)
-    assert at_s[after] - at_s[before] < 1e-6
-    assert_allclose(lines[:, before], lines[:, 0], rtol=1e-9)
-    assert_allclose(lines[:, after], lines[:, -1], rtol=1e-9)
-    settled = (times_s < 1.03) | (times_s > 1.2)  # what rings behind the jump is no line
+    times_s = record["time"].values
+    assert_allclose(100 * record["truth_left"], 100 * (1 - explained(rebuilt(record), record["a"].values)), rtol=0.2)
+    settled = (times_s < 0.9) | (times_s > 1.2)
     error = (rebuilt(record) - record["a"].values)[settled]
-    assert np.mean(error**2) < 1e-3 * np.mean(record["a"].values[settled] ** 2)
+    assert np.mean(error**2) < 3e-3 * np.mean(record["a"].values[settled] ** 2)
 
 
-def test_lines_of_planets_are_found_where_only_the_lower_speeds_have_them():
-    # at 240 rpm of the carrier the band ends at order 3388, at 100 rpm at 8132
-    speed = {"link": "carrier", "rpm": [[0, 100], [1.5, 240]]}
-    record = clean(load_scene("planets-in-motion").changed(speed=speed, duration_s=1.5, faults=()))
-    channel, found = record[record["truth_channel"].values[0]].to_numpy(), rebuilt(record)
-    first = slice(0, channel.size // 10)
-    assert explained(found[first], channel[first]) > 0.9999
-    assert explained(found, channel) > 0.9999
-    speed_hz, top_hz = record["truth_speed"].values, 0.5 / float(record["time"][1] - record["time"][0])
-    above, sizes = np.multiply.outer(record["truth_order"].values, speed_hz) > top_hz, np.abs(record["truth_amplitude"])
-    assert np.max(sizes.values[0][above]) < 1e-3 * np.max(sizes.values)  # what the anti-aliasing filter leaves
+@pytest.mark.parametrize("steady", [True, False])
+def test_a_small_fault_has_its_lines_far_below_the_record_s_and_a_record_says_what_they_leave(steady):
+    fault = {"kind": "tooth_crack", "component": "stage 1/pinion", "depth_mm": 0.02}
+    speed = {"link": "input", "rpm": [[0, 1200], [3, 1200 if steady else 1290]]}
+    cracked = load_scene("gears-in-motion").changed(duration_s=3.0, speed=speed, faults=(fault,))
+    faulty, sound = clean(cracked), clean(cracked.changed(faults=()))
+    name = cracked.sensors[0].name
+    added = faulty[name].values - sound[name].values
+    assert np.mean(added**2) < 1e-5 * np.mean(sound[name].values ** 2)
+    left = 1 - explained(rebuilt(faulty) - rebuilt(sound), added)
+    assert left < 0.03
+    assert faulty["truth_fault_left"].item() == pytest.approx(left, abs=0.02)
+    assert "truth_fault_left" not in sound
 
 
-def test_lines_of_a_damaged_planet_that_a_short_record_does_not_separate_are_stated():
+def spalled_planet():
     """A tooth meets the ring 82 / 31 times a turn, at all angles: its lines are a 31st of the carrier's order apart."""
     fault = {"kind": "spall", "component": "planet-ring/planet", "size_mm": 0.1}
-    record = clean(load_scene("planets-in-motion").changed(duration_s=1.0, faults=(fault,)))
-    orders = record["truth_order"].values[record["truth_kind"].values == "tooth"]
-    assert orders.size > 3000
-    assert np.median(np.diff(orders)) < 1.5 / float(record["truth_shaft_revolutions"].sel(truth_shaft="sun")[-1])
-    channel = record[record["truth_channel"].values[0]].to_numpy()
-    assert explained(rebuilt(record), channel) > 0.9999  # 0.9980 of lines that the record separates
+    return load_scene("planets-in-motion").changed(duration_s=1.0, faults=(fault,))
 
 
-@pytest.mark.filterwarnings("ignore::hums.GearboxWarning")
-def test_a_crack_of_a_planet_below_bevel_gears_has_its_lines_in_a_short_steady_record():
-    """48 dB below the record, less than what the expected lines of two stages leave.
-
-    No line of it stands apart from all others: a fit with them differs from that of sound teeth by more than it adds.
-    """
+def cracked_planet_below_bevel_gears():
+    """48 dB below the record; no line of it stands apart from all others."""
     teeth = {"face_width_mm": 30, "pressure_angle_deg": 20}
     modules = {"bevel": 2.5, "sun-planet": 2.5, "planet-ring": 2.5 * 31 / 32}
-    cracked = Scene.from_mapping(
+    return Scene.from_mapping(
         {
             "gearbox": "oh-58",
             "rate_hz": 12000,
@@ -177,6 +153,15 @@ def test_a_crack_of_a_planet_below_bevel_gears_has_its_lines_in_a_short_steady_r
             "fault": [{"kind": "tooth_crack", "component": "sun-planet/planet", "depth_mm": 1.5}],
         }
     )
-    damaged, sound = (simulate(each, seed=1, phases=True) for each in (cracked, cracked.changed(faults=())))
-    added = damaged["a"].to_numpy() - sound["a"].to_numpy()
-    assert explained(rebuilt(damaged) - rebuilt(sound), added) > 0.98  # -3.3 of that fit
+
+
+@pytest.mark.filterwarnings("ignore::hums.GearboxWarning")
+@pytest.mark.parametrize("damaged", [spalled_planet, cracked_planet_below_bevel_gears])
+def test_of_more_lines_than_a_short_record_has_room_for_the_loudest_are_kept_and_it_says_what_they_leave(damaged):
+    record, sound = clean(damaged()), clean(damaged().changed(faults=()))
+    channel = record["truth_channel"].values[0]
+    assert record["truth_amplitude"].nbytes <= record[channel].nbytes
+    added = record[channel].to_numpy() - sound[channel].to_numpy()
+    left = 1 - explained(rebuilt(record) - rebuilt(sound), added)
+    assert 0 < left < 0.5
+    assert record["truth_fault_left"].item() == pytest.approx(left, rel=0.3)
