@@ -27,7 +27,8 @@ lines of the faulty and of the healthy record of the same seed; bearings with sl
 not in any. `lines` counts those of the faulty record. Time of the processor for the whole record, truth included.
 
 `stated`: what the record says that its lines leave, of gears in motion and of what damaged teeth add, per cent.
-`size`: of the truth's amplitudes over that of the samples.
+`size`: bytes of the truth's amplitudes over those of the samples, at most one: a record of many close lines, as of a
+planet's tooth, keeps the loudest.
 
 Lines are splines of the shaft angle, constant where speed, torque and damage are; free vibration after a jump or in a
 start is no line. Where the speed changes so fast that a mode is passed while neighbouring lines are not told apart,

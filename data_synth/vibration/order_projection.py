@@ -59,7 +59,14 @@ class Projection:
 
 
 def projection(
-    signal: Array, revolutions: Array, orders: Array, *, at_rev: Array, top_order: float, intervals: int, most: int
+    signal: Array,
+    revolutions: Array,
+    orders: Array,
+    *,
+    at_rev: Array,
+    top_order: float,
+    intervals: int,
+    most: int | None = None,
 ) -> Projection:
     """Return the lines of a signal at given orders, the weakest left out, and all but the `most` loudest.
 
@@ -93,7 +100,7 @@ def projection(
     return replace(best, chosen=places[best.chosen], amplitudes=best.amplitudes * from_zero[:, None])
 
 
-def _fitted(spectrum: "_Spectrum", orders: Array, intervals: int, at_rev: Array, most: int) -> Projection:
+def _fitted(spectrum: "_Spectrum", orders: Array, intervals: int, at_rev: Array, most: int | None) -> Projection:
     """Return the lines as splines of so many intervals, with phases that are zero at the first sample."""
     interval_rev = spectrum.span_rev / max(intervals, 1)
     apart = (_APART if intervals else _APART_OF_CONSTANTS) / interval_rev
