@@ -24,7 +24,7 @@ from data_synth.scene.scene import SceneError
 from data_synth.simulation import simulate, simulate_with_detectability
 from hums.jobs import Job, Serial, Tally, Workers, run_jobs
 from hums.records.dataset_store import SHARD, write_index
-from hums.records.store import atomic_write, remove_partial_files, write_shard
+from hums.records.store import remove_partial_files, write_shard, write_text
 from signals._validation import checked
 
 CHECKSUMS = "checksums.sha256"
@@ -99,8 +99,7 @@ def make_dataset(
     )
     remove_partial_files(folder)
     if tally.done or not _is_indexed(folder):
-        with atomic_write(folder / "data-card.md") as part:
-            part.write_text(data_card(plan), encoding="utf-8")
+        write_text(folder / "data-card.md", data_card(plan))
         write_index(folder, [shards / job.name for job in jobs], plan=plan.text)
         _write_checksums(folder)
     return tally
@@ -116,8 +115,7 @@ def _write_checksums(folder: Path) -> None:
     files = sorted(path for path in folder.rglob("*") if path.is_file() and path.name != CHECKSUMS)
     with ThreadPoolExecutor() as pool:  # hashing releases the interpreter
         lines = [*pool.map(line, files)]
-    with atomic_write(folder / CHECKSUMS) as part:
-        part.write_text("".join(lines), encoding="utf-8")
+    write_text(folder / CHECKSUMS, "".join(lines))
 
 
 @dataclass(frozen=True, kw_only=True)
@@ -235,8 +233,7 @@ def _begin_folder(folder: Path, plan: Plan) -> None:
     if folder.is_dir() and any(path.suffix != ".part" for path in folder.iterdir()):
         raise PlanError(f"{folder} holds files that belong to no dataset; name a new or empty folder.")
     folder.mkdir(parents=True, exist_ok=True)
-    with atomic_write(mark) as part:
-        part.write_text(own, encoding="utf-8")
+    write_text(mark, own)
 
 
 def _require_same_plan(folder: Path, there: str, own: str) -> None:

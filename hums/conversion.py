@@ -31,7 +31,7 @@ from hums.records.dataset_store import INDEX, SHARD, write_index
 from hums.records.fields import RecordError, plain_cell, utc_text
 from hums.records.outputs import check_outputs
 from hums.records.snapshots import join_snapshots
-from hums.records.store import atomic_write, remove_partial_files, write_record, write_shard
+from hums.records.store import atomic_write, remove_partial_files, write_record, write_shard, write_text
 
 __all__ = ["Conversion", "SourceFile", "convert_files", "find_sources"]
 
@@ -322,8 +322,7 @@ def _begin(folder: Path, form: Form, task: Mapping[str, Any], *, force: bool) ->
         )
     for place in (folder / _PIECES, folder / Path(SHARD).parent if form == "packed" else folder):
         place.mkdir(parents=True, exist_ok=True)
-    with atomic_write(mark) as part:
-        part.write_text(json.dumps(task, indent=1), encoding="utf-8")
+    write_text(mark, json.dumps(task, indent=1))
 
 
 def _pieces(sources: Sequence[SourceFile], snapshots: int) -> list[Sequence[SourceFile]]:

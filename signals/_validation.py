@@ -11,6 +11,7 @@ from os import PathLike
 from pathlib import PurePath
 from types import UnionType
 from typing import Any, Literal, ParamSpec, TypeGuard, TypeVar, get_args, get_origin
+from unicodedata import category
 
 import numpy as np
 from numpy.typing import ArrayLike, NDArray
@@ -161,11 +162,24 @@ class SentenceError(ValueError):
         super().__init__(plain_message(str(message)))
 
 
+def plain_text(text: str, *, keep: str = "") -> str:
+    r"""Return a text as terminals, tables and pages show it: other signs than printable ones, and `keep`, as escapes.
+
+    A byte of a file's name that was no UTF-8, and is a lone surrogate in Python, becomes \xNN.
+    """
+    if text.isprintable():
+        return text
+    return "".join(
+        sign if sign.isprintable() or sign in keep or category(sign) == "Zs" else
+        f"\\x{ord(sign) - 0xDC00:02x}" if "\udc80" <= sign <= "\udcff" else
+        sign.encode("unicode_escape").decode()
+        for sign in text
+    )  # fmt: skip
+
+
 def plain_message(text: str) -> str:
     """Return a message with control characters escaped, cut in its middle to at most 1,000 characters."""
-    shown = "".join(
-        sign if sign.isprintable() or sign in "\n\t" else sign.encode("unicode_escape").decode() for sign in text
-    )
+    shown = plain_text(text, keep="\n\t")
     half = _LONGEST_MESSAGE // 2 - 3
     return shown if len(shown) <= _LONGEST_MESSAGE else f"{shown[:half]} ... {shown[-half:]}"
 

@@ -12,7 +12,7 @@ from typing import Annotated, Any
 import typer
 from typer.core import TyperCommand, TyperOption
 
-from hums.cli.options import UsageError
+from hums.cli.options import UsageError, echo
 
 __all__ = ["main"]
 
@@ -31,7 +31,7 @@ def _print_version(requested: bool) -> None:
     if requested:
         from importlib.metadata import version  # noqa: PLC0415
 
-        typer.echo(f"hums {version('hums-toolkit')}")
+        echo(f"hums {version('hums-toolkit')}")
         raise typer.Exit
 
 
@@ -55,9 +55,27 @@ class _EachOptionOnce(TyperCommand):
         return list(super().parse_args(ctx, args))
 
 
-_NAMES = "drawing dynamics bearings orders schema convert info analyze report synth dataset fleet demo"
-for name in _NAMES.split():
-    app.command(cls=_EachOptionOnce)(getattr(import_module(f"hums.cli.{name}"), name))
+_COMMANDS = {
+    "drawing": "Draw a gearbox: the mechanism, velocity vectors, orders against speed; or a page on which it turns.",
+    "dynamics": "Draw natural frequencies, mode shapes, Campbell diagram and, asked for, stability.",
+    "bearings": "Print the catalogue of bearings by designation, with the source of each geometry.",
+    "orders": "Print the defect orders of a gearbox.\n\nOrders count per revolution of the reference. A rolling "
+    "element strikes both races, twice per turn of its own (2 BSF); a tooth's order is how often it meets its mates; "
+    "assembly_phase is the mesh over the common divisor of the teeth.",
+    "schema": "Print the JSON schema of a hand-written file, for editors that check and complete it.",
+    "convert": "Turn other programs' files into records: one into a record, many into a dataset or a record each.\n\n"
+    "Re-running resumes where it stopped, and reads files that are new or changed. What cannot be read is a row of "
+    "refused.csv.",
+    "info": "Print what is inside a record; of a folder of records, their number and the first.",
+    "analyze": "Analyse a record and write the report.",
+    "report": "Make the report again from a saved analysis.",
+    "synth": "Make a synthetic record with its truth.",
+    "dataset": "Make a labelled dataset of synthetic records, or go on with one that was stopped.",
+    "fleet": "Analyse many records into one table with trends and alarms, or go on with new records.",
+    "demo": "Simulate a gearbox with a cracked tooth and an inner-race fault, analyse it, and compare with the truth.",
+}  # in the order of the help
+for name, said in _COMMANDS.items():
+    app.command(cls=_EachOptionOnce, help=said)(getattr(import_module(f"hums.cli.{name}"), name))
 
 
 def main() -> int:
@@ -76,7 +94,7 @@ def main() -> int:
             return INTERRUPTED
         except (ValueError, OSError) as error:
             unnamed = isinstance(error, OSError) and error.errno is not None and error.filename is None
-            typer.echo(f"hums: {'standard output: ' if unnamed else ''}{error}", err=True)
+            echo(f"hums: {'standard output: ' if unnamed else ''}{error}", err=True)
             return WRONG_USAGE if isinstance(error, UsageError) else REFUSED
         except Exception as error:
             if error.__class__.__module__.split(".")[0] not in {"click", "typer"}:
@@ -105,4 +123,4 @@ def _show_steps() -> None:
 
 
 def _print_warning(message: Warning | str, *_: object, **__: object) -> None:
-    typer.echo(f"warning: {message}", err=True)
+    echo(f"warning: {message}", err=True)

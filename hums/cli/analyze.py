@@ -18,6 +18,7 @@ from hums.cli.options import (
     SpeedUnits,
     Tachometer,
     VelocityLimits,
+    echo,
     say,
     settings_of,
 )
@@ -58,7 +59,7 @@ def analyze(
     units: SpeedUnits = "rpm",
     force: Force = False,
 ) -> None:
-    """Analyse a record and write the report."""
+    """Run the command."""
     from hums.analysis.analyze import analyze as run  # noqa: PLC0415
     from hums.analysis.findings import not_judged_words, where_none_is_named  # noqa: PLC0415
     from hums.analysis.result import summary  # noqa: PLC0415
@@ -93,23 +94,23 @@ def analyze(
         say("writing the report")
         page = write_report(analysis, out, baseline=past, units=units, force=force)
     facts = summary(analysis)
-    typer.echo(f"speed of {facts['reference']}: {speed_text(facts, units=units)}")
+    echo(f"speed of {facts['reference']}: {speed_text(facts, units=units)}")
     for note in facts["notes"]:
-        typer.echo(f"note: {note}")
+        echo(f"note: {note}")
     for item in facts["health"]:
         if item["status"] != "ok":
-            typer.echo(f"{item['status']} {item['sensor']} {item['name']}: {item['reasons']}")
+            echo(f"{item['status']} {item['sensor']} {item['name']}: {item['reasons']}")
     for finding in facts["findings"]:
         kind = finding["kind"].replace("_", " ")
         evidence = with_hz(finding["evidence"], facts["speed_hz"]["mean"])
-        typer.echo(f"{finding['verdict']}: {finding['component']}, {kind}: {evidence}")
+        echo(f"{finding['verdict']}: {finding['component']}, {kind}: {evidence}")
     if not facts["findings"]:
-        typer.echo(": ".join(where_none_is_named(facts["verdicts"])))
+        echo(": ".join(where_none_is_named(facts["verdicts"])))
     elif unjudged := not_judged_words(facts["verdicts"]):
-        typer.echo(f"not judged: {unjudged}")
+        echo(f"not judged: {unjudged}")
     for sentence in undeclared_parts(declared):
-        typer.echo(f"not in the drawing: {sentence}")
-    typer.echo(f"report: {page}")
+        echo(f"not in the drawing: {sentence}")
+    echo(f"report: {page}")
 
 
 @contextmanager

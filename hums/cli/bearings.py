@@ -4,13 +4,15 @@ from typing import Annotated, Optional
 
 import typer
 
+from hums.cli.options import echo
+
 __all__ = ["bearings"]
 
 
 def bearings(
     designation: Annotated[Optional[str], typer.Argument(help="Designation, or a part of one.")] = None,  # noqa: UP045
 ) -> None:
-    """Print the catalogue of bearings by designation, with the source of each geometry."""
+    """Run the command."""
     from hums.gearbox.bearings import bearing_catalogue  # noqa: PLC0415
 
     rows = bearing_catalogue()
@@ -18,7 +20,7 @@ def bearings(
     if not shown:
         raise ValueError(f'no bearing "{designation}" in the catalogue; it has {", ".join(row.name for row in rows)}.')
     for row in shown:
-        typer.echo(
+        echo(
             f"{row.name}: {row.elements} elements of {row.element_diameter_mm:g} mm on {row.pitch_diameter_mm:g} mm, "
             f"contact angle {row.contact_angle_deg:g} degrees. {row.source}"
         )

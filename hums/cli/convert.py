@@ -14,6 +14,7 @@ from hums.cli.options import (
     UsageError,
     WorkerCount,
     check_record_target,
+    echo,
     end_with_refusals,
     option_values,
     say,
@@ -83,11 +84,7 @@ def convert(  # noqa: PLR0917 - each option is one
     scheduler: Scheduler = None,
     force: Force = False,
 ) -> None:
-    """Turn other programs' files into records: one into a record, many into a dataset or a record each.
-
-    Re-running resumes where it stopped, and reads files that are new or changed. What cannot be read is a row of
-    refused.csv.
-    """
+    """Run the command."""
     given = locals()
     paths = paths or []
     if out is None and len(paths) != 2:  # noqa: PLR2004 - SOURCE TARGET
@@ -129,10 +126,8 @@ def convert(  # noqa: PLR0917 - each option is one
         progress=True,
         force=force,
     )
-    typer.echo(
-        f"{result.records} records; {result.done} files read now, {result.kept} before, {len(result.refused)} refused"
-    )
-    typer.echo(f"wrote {target}")
+    echo(f"{result.records} records; {result.done} files read now, {result.kept} before, {len(result.refused)} refused")
+    echo(f"wrote {target}")
     end_with_refusals("refused", result.refused, len(found), "refused.csv")
 
 
@@ -145,5 +140,5 @@ def _convert_one(source: Path, target: Path, declared: dict[str, Any], *, force:
     with ReaderProcess() as reader:
         record = reader.convert(source, **declared)
         save_record(record, target, force=force)
-        typer.echo(f"wrote {target}")
+        echo(f"wrote {target}")
         print_record(record)

@@ -5,7 +5,7 @@ from typing import Annotated
 
 import typer
 
-from hums.cli.options import Scheduler, WorkerCount, workers_of
+from hums.cli.options import Scheduler, WorkerCount, echo, workers_of
 
 __all__ = ["dataset"]
 
@@ -16,19 +16,19 @@ def dataset(
     workers: WorkerCount = None,
     scheduler: Scheduler = None,
 ) -> None:
-    """Make a labelled dataset of synthetic records, or go on with one that was stopped."""
+    """Run the command."""
     from data_synth import load_plan, make_dataset  # noqa: PLC0415
     from data_synth.dataset import dataset_cost  # noqa: PLC0415
 
     declared, chosen = load_plan(plan), workers_of(workers, scheduler)
     cost = dataset_cost(declared)
-    typer.echo(
+    echo(
         f"{declared.records} records of {declared.record_bytes / 1e6:.3g} MB are {cost.size_bytes / 1e6:.3g} MB of "
         f"samples and up to {cost.truth_bytes / 1e6:.3g} MB of truth; about {cost.seconds / 60:.2g} minutes of one "
         "core."
     )
     tally = make_dataset(declared, out, workers=chosen, progress=True)
     before = f", {tally.kept} of their {tally.kept + tally.done} files made before" if tally.kept else ""
-    typer.echo(f"{out}: {declared.records} records{before}")
-    typer.echo(f"classes: {', '.join(declared.classes)}")
-    typer.echo(f'open it: hums.open_dataset("{out}")')
+    echo(f"{out}: {declared.records} records{before}")
+    echo(f"classes: {', '.join(declared.classes)}")
+    echo(f'open it: hums.open_dataset("{out}")')

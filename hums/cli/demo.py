@@ -5,7 +5,7 @@ from typing import Annotated
 
 import typer
 
-from hums.cli.options import Force, Out, say
+from hums.cli.options import Force, Out, echo, say
 
 __all__ = ["demo"]
 
@@ -17,7 +17,7 @@ def demo(
     seed: Annotated[int, typer.Option(help="Seed of everything random.")] = 1,
     force: Force = False,
 ) -> None:
-    """Simulate a gearbox with a cracked tooth and an inner-race fault, analyse it, and compare with the truth."""
+    """Run the command."""
     from data_synth import load_scene, simulate  # noqa: PLC0415
     from hums.analysis.analyze import AnalysisSettings  # noqa: PLC0415
     from hums.analysis.analyze import analyze as run  # noqa: PLC0415
@@ -38,13 +38,13 @@ def demo(
         result = score(analysis, record)
     say("writing the report")
     page = write_report(analysis, out, force=force)
-    typer.echo("Truth against estimate, peak amplitudes in g:")
+    echo("Truth against estimate, peak amplitudes in g:")
     columns = ["component", "kind", "order", "true_amplitude", "amplitude", "std", "normalised_rms"]
-    typer.echo(result.tracks[columns].to_string(index=False, float_format="{:.4f}".format))
-    typer.echo(f"\nError of each quadrature over its std, RMS of all: {result.normalised_rms:.3f} (1 is honest)\n")
-    typer.echo("Faults of the scene, and the verdict on each:")
-    typer.echo(result.faults.to_string(index=False))
-    typer.echo("\nFindings:")
+    echo(result.tracks[columns].to_string(index=False, float_format="{:.4f}".format))
+    echo(f"\nError of each quadrature over its std, RMS of all: {result.normalised_rms:.3f} (1 is honest)\n")
+    echo("Faults of the scene, and the verdict on each:")
+    echo(result.faults.to_string(index=False))
+    echo("\nFindings:")
     for finding in findings_table(analysis).itertuples():
-        typer.echo(f"  {finding.verdict}: {finding.component}, {str(finding.kind).replace('_', ' ')}")
-    typer.echo(f"\nreport: {page.resolve()}")
+        echo(f"  {finding.verdict}: {finding.component}, {str(finding.kind).replace('_', ' ')}")
+    echo(f"\nreport: {page.resolve()}")

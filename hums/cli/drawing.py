@@ -7,7 +7,7 @@ from typing import TYPE_CHECKING, Annotated, Any, Literal
 
 import typer
 
-from hums.cli.options import FigureFormat, Force, UsageError, parse_speeds, save_picture, say, several
+from hums.cli.options import FigureFormat, Force, UsageError, echo, parse_speeds, save_picture, say, several
 
 if TYPE_CHECKING:
     from hums.gearbox.kinematics import Kinematics
@@ -32,7 +32,7 @@ def drawing(
     kind: FigureFormat = "svg",
     force: Force = False,
 ) -> None:
-    """Draw a gearbox: the mechanism, velocity vectors, orders against speed; or a page on which it turns."""
+    """Run the command."""
     from hums.drawing import write_drawing  # noqa: PLC0415
     from hums.gearbox.kinematics import solve_kinematics  # noqa: PLC0415
     from hums.gearbox.model import load_gearbox  # noqa: PLC0415
@@ -45,7 +45,7 @@ def drawing(
     if html or (out is not None and out.suffix.lower() == ".html"):
         say("drawing a page on which the mechanism turns")
         page = write_drawing(kinematics, out or Path(f"{Path(gearbox).stem}.html"), speeds_rpm=given, force=force)
-        typer.echo(f"wrote {page}")
+        echo(f"wrote {page}")
         return
     if out is None:
         raise UsageError("--out is missing; name a folder, a picture as in -o mechanism.svg, or ask for --html.")
@@ -68,7 +68,7 @@ def _drawn_speeds(kinematics: "Kinematics", given: dict[str, float] | None) -> d
     first, *others = free_links(kinematics)
     chosen = {first: float(START_RPM)} | dict.fromkeys(others, 0.0)
     if others:
-        typer.echo(f"speeds: {', '.join(f'{link} {rpm:g} rpm' for link, rpm in chosen.items())}", err=True)
+        echo(f"speeds: {', '.join(f'{link} {rpm:g} rpm' for link, rpm in chosen.items())}", err=True)
     return chosen
 
 

@@ -9,7 +9,7 @@ from typing import TYPE_CHECKING, Annotated, Any, Literal
 
 import typer
 
-from hums.cli.options import FigureFormat, Force, UsageError, save_picture, say, several
+from hums.cli.options import FigureFormat, Force, UsageError, echo, save_picture, say, several
 
 if TYPE_CHECKING:
     from collections.abc import Callable
@@ -40,7 +40,7 @@ def dynamics(
     kind: FigureFormat = "svg",
     force: Force = False,
 ) -> None:
-    """Draw natural frequencies, mode shapes, Campbell diagram and, asked for, stability of a gearbox or a scene."""
+    """Run the command."""
     import numpy as np  # noqa: PLC0415
 
     from data_synth.dynamics import campbell, solve_modes  # noqa: PLC0415
@@ -55,9 +55,9 @@ def dynamics(
     speeds = np.linspace(0, top_rpm * math.pi / 30, _SPEEDS)
     system = system_at(0.0)
     modes = solve_modes(system)
-    typer.echo("natural frequencies, Hz")
+    echo("natural frequencies, Hz")
     for number, (frequency, of) in enumerate(zip(modes.frequencies_hz, modes.kinds, strict=True)):
-        typer.echo(f"{number + 1:4d} {frequency:12.3f}  {of}")
+        echo(f"{number + 1:4d} {frequency:12.3f}  {of}")
     out.mkdir(parents=True, exist_ok=True)
     save_picture(lambda ax: plot_frequencies(modes, ax=ax), out / f"frequencies.{kind}", (8.0, 3.0), force=force)
     elastic = [number for number, frequency in enumerate(modes.frequencies_hz) if frequency > 0][:_SHOWN_MODES]
@@ -104,12 +104,12 @@ def _draw_stability(system: "System", top_rad_s: float, count: int, path: Path, 
                     one = stability_map(lambda _, system=varying: system, parameters=[0.0], speeds_rad_s=[speed])  # type: ignore[misc]
                     rows.append(one.growth[0, 0])
         except (ValueError, ArithmeticError) as error:
-            typer.echo(f"note: no stability of {names}: {error}", err=True)
+            echo(f"note: no stability of {names}: {error}", err=True)
             continue
         growth = StabilityMap(speeds_rad_s=speeds, parameters=np.zeros(1), growth=np.array([rows]))
         growths[names] = (rate, growth)
         unstable = [f"{30 * speed / math.pi:.4g}" for speed in speeds[growth.unstable[0]]]
-        typer.echo(f"stiffness of {names} makes unstable at, rpm: {', '.join(unstable) or 'none of these speeds'}")
+        echo(f"stiffness of {names} makes unstable at, rpm: {', '.join(unstable) or 'none of these speeds'}")
 
     def picture(names: str, *, ax: Any) -> None:  # noqa: ANN401
         rate, growth = growths[names]

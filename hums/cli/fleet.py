@@ -17,6 +17,7 @@ from hums.cli.options import (
     Tachometer,
     UsageError,
     WorkerCount,
+    echo,
     end_with_refusals,
     option_values,
     settings_of,
@@ -60,7 +61,7 @@ def fleet(  # noqa: PLR0917 - each option is one
     scheduler: Scheduler = None,
     force: Force = False,
 ) -> None:
-    """Analyse many records into one table with trends and alarms; the same again goes on, with new records too."""
+    """Run the command."""
     from hums.fleet.fleet import FILES, analyze_fleet  # noqa: PLC0415
     from hums.fleet.monitor_settings import MonitorSettings  # noqa: PLC0415
     from hums.fleet.parquet import NO_PYARROW  # noqa: PLC0415
@@ -99,19 +100,17 @@ def fleet(  # noqa: PLR0917 - each option is one
         append=append,
         force=force,
     )
-    typer.echo(
-        f"{result.records} records: {result.analysed} analysed now, {result.kept} before, {result.failed} failed"
-    )
+    echo(f"{result.records} records: {result.analysed} analysed now, {result.kept} before, {result.failed} failed")
     if result.no_trends:
-        typer.echo(result.no_trends)
-    typer.echo(f"{result.alarms} alarms; one in {false_alarm_every:g} records of a machine would be false")
+        echo(result.no_trends)
+    echo(f"{result.alarms} alarms; one in {false_alarm_every:g} records of a machine would be false")
     for machine in result.learning:
-        typer.echo(
+        echo(
             f"not judged: {machine or 'the machine'}, whose baseline is not learned yet: it takes {baseline_records} "
             "records (--baseline-records)"
         )
     for name in FILES:
-        typer.echo(f"wrote {result.folder / name}")
+        echo(f"wrote {result.folder / name}")
     parquet = result.folder / "indicators.parquet"
-    typer.echo(f"wrote {parquet}" if parquet.is_file() else NO_PYARROW)
+    echo(f"wrote {parquet}" if parquet.is_file() else NO_PYARROW)
     end_with_refusals("failed", result.errors, result.records, "the column error of fleet.csv")

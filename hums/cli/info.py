@@ -5,7 +5,7 @@ from typing import TYPE_CHECKING, Annotated
 
 import typer
 
-from hums.cli.options import Force
+from hums.cli.options import Force, echo
 
 if TYPE_CHECKING:
     import xarray as xr
@@ -24,7 +24,7 @@ def info(
     ] = None,
     force: Force = False,
 ) -> None:
-    """Print what is inside a record; of a folder of records, their number and the first."""
+    """Run the command."""
     from hums.readers.process import ReaderProcess  # noqa: PLC0415
 
     if draft is not None:
@@ -45,7 +45,7 @@ def _write_draft(source: Path, target: Path, *, force: bool) -> None:
     check_outputs([target], inputs=[source], force=force)  # a draft has no mark: it is filled in
     with ReaderProcess() as reader, atomic_write(target) as part:
         part.write_text(reader.draft(find_sources([source])[0].path), encoding="utf-8")
-    typer.echo(f"wrote {target}; fill in what it asks for, then: hums convert {source} ... -d {target}")
+    echo(f"wrote {target}; fill in what it asks for, then: hums convert {source} ... -d {target}")
 
 
 def _print_dataset(folder: Path) -> None:
@@ -53,7 +53,7 @@ def _print_dataset(folder: Path) -> None:
 
     if not is_begun(folder):
         raise ValueError(f"{folder} is a folder, and no dataset (hums dataset, hums convert); name a record in it.")
-    typer.echo(f"{'dataset':<12} {len(dataset_files(folder))} records; the first:")
+    echo(f"{'dataset':<12} {len(dataset_files(folder))} records; the first:")
     with dataset_record(folder, 0) as first:
         print_record(first)
 
@@ -67,13 +67,13 @@ def print_record(record: "xr.Dataset") -> None:
 
     for label, key in (("machine", "machine"), ("recorded at", "recorded_at"), ("notes", "notes")):
         if record.attrs.get(key):
-            typer.echo(f"{label:<12} {record.attrs[key]}")
+            echo(f"{label:<12} {record.attrs[key]}")
     if is_snapshots(record):
-        typer.echo(f"{'snapshots':<12} {_snapshots_text(record)}")
+        echo(f"{'snapshots':<12} {_snapshots_text(record)}")
     if is_average(record):
         attrs = record.attrs
         over = f", over {attrs['averaged_over']} revolutions" if "averaged_over" in attrs else ""
-        typer.echo(f"{'average of':<12} {attrs['average_of']}, {attrs['samples_per_rev']} samples a revolution{over}")
+        echo(f"{'average of':<12} {attrs['average_of']}, {attrs['samples_per_rev']} samples a revolution{over}")
     for name in vibration_channels(record):
         when, attrs = sampling(record, name), record[name].attrs
         where = "".join(f", {attrs[key]}" for key in ("sensor", "direction") if key in attrs)
@@ -83,19 +83,19 @@ def print_record(record: "xr.Dataset") -> None:
             else f"{when.count} samples at {when.rate_hz:g} Hz, {when.count / when.rate_hz:.3f} s "
             f"from {when.start_s:g} s"
         )
-        typer.echo(f"{'channel':<12} {name}: {span}, in {attrs['units']}{where}")
+        echo(f"{'channel':<12} {name}: {span}, in {attrs['units']}{where}")
     for name in tachometers(record):
-        typer.echo(f"{'tachometer':<12} {name}: {_pulses_text(record[name])}")
+        echo(f"{'tachometer':<12} {name}: {_pulses_text(record[name])}")
     declared = nominal_speed(record)
     if declared is not None:
         rpm = 60 * declared.values
         span = f"{float(rpm.min()):g}" + (f" to {float(rpm.max()):g}" if rpm.min() < rpm.max() else "")
-        typer.echo(f"{'speed':<12} {span} rpm of {declared.attrs['shaft']}, declared (nominal)")
+        echo(f"{'speed':<12} {span} rpm of {declared.attrs['shaft']}, declared (nominal)")
     for name, (mean, units) in mean_quantities(record).items():
-        typer.echo(f"{'measured':<12} {name}: {mean:.5g} {units}{' on average' if record[name].ndim else ''}")
+        echo(f"{'measured':<12} {name}: {mean:.5g} {units}{' on average' if record[name].ndim else ''}")
     truth = [str(name) for name in record.data_vars if str(name).startswith("truth_")]
     if truth:
-        typer.echo(f"{'truth':<12} {', '.join(truth)}")
+        echo(f"{'truth':<12} {', '.join(truth)}")
 
 
 def _snapshots_text(record: "xr.Dataset") -> str:

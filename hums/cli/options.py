@@ -31,6 +31,7 @@ __all__ = [
     "VelocityLimits",
     "WorkerCount",
     "check_record_target",
+    "echo",
     "end_with_refusals",
     "option_values",
     "parse_speeds",
@@ -155,6 +156,13 @@ def check_record_target(target: Path, *, inputs: Iterable[str | Path], force: bo
         raise UsageError(f"{target}: a record is HDF5, so name it so: {target.with_suffix('.h5')}.")
 
 
+def echo(text: str, *, err: bool = False, nl: bool = True) -> None:
+    """Print a text, whatever stands in the names of files: control characters and bytes that are no text as escapes."""
+    from signals._validation import plain_text  # noqa: PLC0415
+
+    typer.echo(plain_text(text, keep="\n\t"), err=err, nl=nl)
+
+
 def say(step: str) -> None:
     """Say what begins, as the packages do through the logger "hums"."""
     logging.getLogger("hums").info(step)
@@ -171,12 +179,12 @@ def end_with_refusals(word: str, reasons: Mapping[str, str], total: int, table: 
     from signals._validation import plain_message  # noqa: PLC0415
 
     for name, reason in list(reasons.items())[:SHOWN_REFUSALS]:
-        typer.echo(plain_message(f"{word} {name}: {reason}"))
+        echo(plain_message(f"{word} {name}: {reason}"))
     told = f"{len(reasons)} of {total} {word}: {table} says why"
     if reasons and len(reasons) == total:
         raise ValueError(f"{told}.")
     if reasons:
-        typer.echo(told)
+        echo(told)
         raise typer.Exit(SOME_REFUSED)
 
 
@@ -199,4 +207,4 @@ def save_picture(draw: Callable[[Any], object], path: Path, size: tuple[float, f
     from hums.plots import save_figure  # noqa: PLC0415
 
     save_figure(draw, path, width=size[0], height=size[1], force=force)
-    typer.echo(f"wrote {path}")
+    echo(f"wrote {path}")

@@ -5,7 +5,7 @@ from typing import TYPE_CHECKING, Annotated
 
 import typer
 
-from hums.cli.options import UsageError, parse_speeds
+from hums.cli.options import UsageError, echo, parse_speeds
 
 if TYPE_CHECKING:
     import pandas as pd
@@ -23,12 +23,7 @@ def orders(
         float | None, typer.Option(help="Speed of the reference: adds the frequencies in Hz and CPM.")
     ] = None,
 ) -> None:
-    """Print the defect orders of a gearbox.
-
-    Orders count per revolution of the reference. A rolling element strikes both races, twice per turn of its own
-    (2 BSF); a tooth's order is how often it meets its mates; assembly_phase is the mesh over the common divisor of the
-    teeth.
-    """
+    """Run the command."""
     from hums.gearbox.kinematics import solve_kinematics  # noqa: PLC0415
     from hums.gearbox.model import load_gearbox  # noqa: PLC0415
     from hums.gearbox.orders import defect_orders  # noqa: PLC0415
@@ -45,22 +40,24 @@ def orders(
         table.insert(list(table.columns).index("exact"), "cpm", table["order"] * abs(rpm))
     _print_orders(table, csv=csv, json=json)
     for sentence in () if csv or json else undeclared_parts(kinematics.gearbox):
-        typer.echo(f"note: {sentence.split(':')[0]}.", err=True)
+        echo(f"note: {sentence.split(':')[0]}.", err=True)
 
 
 def _print_orders(table: "pd.DataFrame", *, csv: bool, json: bool) -> None:
     """Print a table of orders as text, CSV or JSON."""
     fractions = table["exact"].map(str, na_action="ignore")
     if csv:
+        from hums.records.fields import plain_cell  # noqa: PLC0415
+
         spacings = table["sidebands"].map(lambda row: " ".join(map(str, row)))
-        typer.echo(table.assign(sidebands=spacings).to_csv(index=False), nl=False)
+        echo(table.assign(sidebands=spacings).map(plain_cell).to_csv(index=False), nl=False)
     elif json:
         spacings = table["sidebands"].map(lambda row: [float(spacing) for spacing in row])
         plain = table.assign(exact=fractions, sidebands=spacings)
-        typer.echo(plain.to_json(orient="records", double_precision=15))
+        echo(plain.to_json(orient="records", double_precision=15))
     else:
         plain = table.assign(exact=fractions.fillna("")).drop(columns="sidebands")
-        typer.echo(
+        echo(
             plain.to_string(
                 index=False, formatters={"order": "{:.6f}".format, "hz": "{:.6g}".format, "cpm": "{:.6g}".format}
             )

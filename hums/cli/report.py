@@ -6,7 +6,7 @@ from typing import Annotated
 
 import typer
 
-from hums.cli.options import Force, Out, SpeedUnits, say
+from hums.cli.options import Force, Out, SpeedUnits, echo, say
 
 __all__ = ["report"]
 
@@ -21,7 +21,7 @@ def report(
     pdf: Annotated[bool, typer.Option("--pdf", help="Print the page to report.pdf, too, through Chromium.")] = False,
     force: Force = False,
 ) -> None:
-    """Make the report again from a saved analysis."""
+    """Run the command."""
     from hums.analysis.result import open_analysis  # noqa: PLC0415
     from hums.report import prepare_folder, write_report  # noqa: PLC0415
     from hums.report.pdf import write_pdf  # noqa: PLC0415
@@ -30,7 +30,7 @@ def report(
     with open_analysis(analysis) as opened, open_analysis(baseline) if baseline else nullcontext() as past:
         say("writing the report")
         page = write_report(opened.load(), out, baseline=past, units=units, force=force)
-    typer.echo(f"report: {page}")
+    echo(f"report: {page}")
     if pdf:
         say("printing")
-        typer.echo(f"printed: {write_pdf(page, force=force)}")
+        echo(f"printed: {write_pdf(page, force=force)}")

@@ -4,6 +4,8 @@ from typing import Annotated, Literal
 
 import typer
 
+from hums.cli.options import echo
+
 __all__ = ["schema"]
 
 
@@ -13,7 +15,7 @@ def schema(
         typer.Argument(metavar="KIND", help="The kind of file: gearbox, scene or plan (of a dataset)."),
     ],
 ) -> None:
-    """Print the JSON schema of a hand-written file, for editors that check and complete it."""
+    """Run the command."""
     import json  # noqa: PLC0415
 
     from data_synth.schema import plan_schema, scene_schema  # noqa: PLC0415
@@ -21,4 +23,4 @@ def schema(
 
     gearbox = gearbox_schema()
     schemas = {"gearbox": lambda: gearbox, "scene": lambda: scene_schema(gearbox), "plan": plan_schema}
-    typer.echo(json.dumps(schemas[of](), indent=2))
+    echo(json.dumps(schemas[of](), indent=2))

@@ -6,7 +6,7 @@ from typing import Annotated
 import typer
 
 from hums.cli.info import print_record
-from hums.cli.options import Force, UsageError, check_record_target, say
+from hums.cli.options import Force, UsageError, check_record_target, echo, say
 
 __all__ = ["synth"]
 
@@ -26,14 +26,14 @@ def synth(
     ] = False,
     force: Force = False,
 ) -> None:
-    """Make a synthetic record with its truth."""
+    """Run the command."""
     from data_synth import explain as explained  # noqa: PLC0415
     from data_synth import simulate  # noqa: PLC0415
     from data_synth.cost import refuse_too_large  # noqa: PLC0415
     from hums.records.store import save_record  # noqa: PLC0415
 
     if explain:
-        typer.echo(str(explained(scene, by_source=by_source, phases=phases, mechanics=mechanics)))
+        echo(str(explained(scene, by_source=by_source, phases=phases, mechanics=mechanics)))
     if out is None:
         if explain:
             return
@@ -45,5 +45,5 @@ def synth(
         scene, seed=seed, by_source=by_source, phases=phases, mechanics=mechanics, detectability=detectability
     )
     save_record(record, out, force=force)
-    typer.echo(f"wrote {out}")
+    echo(f"wrote {out}")
     print_record(record)

@@ -8,7 +8,6 @@ from importlib.resources import files
 from pathlib import Path
 from typing import Any
 
-from jinja2 import Environment, StrictUndefined
 from markupsafe import Markup
 
 from hums.gearbox.kinematics import Kinematics, solve_kinematics
@@ -16,9 +15,9 @@ from hums.gearbox.layout import layout_of, transverse_axes
 from hums.gearbox.model import Gearbox, GearboxError
 from hums.gearbox.orders import rate_forms
 from hums.gearbox.rational import Form, add_pivot, evaluate, reduced
-from hums.pages.page import page_head
+from hums.pages.page import page_environment, page_head
 from hums.records.outputs import check_outputs
-from hums.records.store import atomic_write
+from hums.records.store import write_text
 
 __all__ = ["START_RPM", "free_links", "write_drawing"]
 
@@ -77,8 +76,7 @@ def write_drawing(
     check_outputs([path], force=force)
     kinematics = gearbox if isinstance(gearbox, Kinematics) else solve_kinematics(gearbox)
     text = _page(kinematics, speeds_rpm)
-    with atomic_write(path) as part:
-        part.write_text(text, encoding="utf-8")
+    write_text(path, text)
     return path
 
 
@@ -106,17 +104,18 @@ def free_links(kinematics: Kinematics) -> tuple[str, ...]:
 
 def _page(kinematics: Kinematics, speeds_rpm: Mapping[str, float] | None) -> str:
     folder = files("hums.drawing")
-    environment = Environment(autoescape=True, undefined=StrictUndefined, trim_blocks=True, lstrip_blocks=True)
+    environment = page_environment()
     template = environment.from_string((folder / "page.html").read_text(encoding="utf-8"))
     data = _data(kinematics, speeds_rpm)
     script = (folder / "page.js").read_text(encoding="utf-8")
-    return template.render(
+    text: str = template.render(
         data=data,
         # "<" is escaped so that no name can end the script
         json=Markup(json.dumps(data, allow_nan=False).replace("<", "\\u003c")),  # noqa: S704
         script=Markup(script),  # noqa: S704  - ours
         head=Markup(page_head(script)),  # noqa: S704  - ours
     )
+    return text
 
 
 def _data(kinematics: Kinematics, speeds_rpm: Mapping[str, float] | None) -> dict[str, Any]:

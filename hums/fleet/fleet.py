@@ -37,8 +37,8 @@ from hums.gearbox.model import Gearbox, load_gearbox
 from hums.jobs import Job, Serial, Workers, cpu_limit, locked, run_jobs
 from hums.records.dataset_store import dataset_files, dataset_record, is_begun, open_dataset
 from hums.records.outputs import MARK, check_outputs
-from hums.records.store import atomic_write, open_record
-from signals._validation import SentenceError, checked
+from hums.records.store import open_record, write_text
+from signals._validation import SentenceError, checked, plain_text
 
 __all__ = ["Fleet", "FleetError", "analyze_fleet"]
 
@@ -224,8 +224,7 @@ def analyze_fleet(
             title="records" if progress else None,
             when_killed=partial(_killed_to_file, killed),
         )
-        with atomic_write(folder / _LIST) as part:
-            part.write_text(json.dumps(names), encoding="utf-8")
+        write_text(folder / _LIST, json.dumps(names))
         paths = [done if (done := results_folder / name).exists() else killed / name for name in names.values()]
         for stale in set(killed.glob("*.json.gz")) - set(paths):  # tried again with success, or the file is another one
             stale.unlink()
@@ -312,8 +311,7 @@ def _tables(
 def _check_task(path: Path, task: dict[str, str]) -> None:
     """Write gearbox, settings and version into the folder; raise where it already holds other ones."""
     if not path.is_file():
-        with atomic_write(path) as part:
-            part.write_text(json.dumps(task, indent=1), encoding="utf-8")
+        write_text(path, json.dumps(task, indent=1))
         return
     there = json.loads(path.read_text(encoding="utf-8"))
     differing = [name for name in task if there.get(name) != task[name]]
@@ -386,12 +384,7 @@ def _killed_to_file(folder: Path, source: _Source, path: Path) -> None:
 
 def _write_row(source: _Source, row: Mapping[str, Any], path: Path) -> None:
     whole = {"record": source.name, "class": source.label} | dict(row)
-    write_row({name: _unicode(text) if isinstance(text, str) else text for name, text in whole.items()}, path)
-
-
-def _unicode(text: str) -> str:
-    r"""Return a text with the bytes of file names that are no UTF-8 as \xNN: no table could hold them."""
-    return text.encode("utf-8", "surrogateescape").decode("utf-8", "backslashreplace")
+    write_row({name: plain_text(text) if isinstance(text, str) else text for name, text in whole.items()}, path)
 
 
 @lru_cache(maxsize=4)

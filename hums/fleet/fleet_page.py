@@ -4,7 +4,6 @@ import math
 import shlex
 from collections.abc import Iterator, Sequence
 from dataclasses import dataclass
-from hashlib import sha256
 from importlib.resources import files
 from pathlib import Path
 from typing import Any
@@ -19,14 +18,14 @@ from hums.fleet.observation import seconds_since_1970
 from hums.fleet.result_files import StoredRecord
 from hums.fleet.series import Series, vector
 from hums.fleet.watched_machines import MachineHistory
-from hums.pages.page import Figure, figure_html, least_and_largest, packed, stand_alone_page
-from hums.records.store import atomic_write
+from hums.pages.page import Figure, figure_html, least_and_largest, packed, page_environment, stand_alone_page
+from hums.records.fields import file_name
+from hums.records.store import write_text
 from signals.monitoring.alarm_life import Life
 
 __all__ = ["write_page"]
 
 Array = NDArray[np.float64]
-_LONGEST_FOLDER_BYTES = 200  # file systems take 255
 _DRAWN = 50  # machines with figures, 0.3 MB of each with 2,000 records; all of them are in the table
 _COLUMNS = 1_000  # of a course in colour: two values for each pixel of the widest figure
 _COARSE_COLUMNS = 500  # of a thin course, and of a panel, of which page.js draws none wider than 500 pixels
@@ -73,15 +72,13 @@ def write_page(
     gearbox : str
         Path or name of the gearbox, for the command that makes such a report.
     """
-    from jinja2 import Environment, StrictUndefined  # noqa: PLC0415 - heavy
-
     found = {one.record: one for one in records}
     ranked = sorted(histories, key=_rank)
     machines = [
         _machine(history, found, number, path.parent, gearbox) | {"drawn": number < _DRAWN}
         for number, history in enumerate(ranked)
     ]
-    environment = Environment(autoescape=True, undefined=StrictUndefined, trim_blocks=True, lstrip_blocks=True)
+    environment = page_environment()
     environment.filters["short"] = _short
     ours = files("hums.fleet")
     body = environment.from_string((ours / "page.html").read_text(encoding="utf-8")).render(
@@ -97,8 +94,7 @@ def write_page(
         script=(ours / "page.js").read_text(encoding="utf-8"),
         curves_alone=True,
     )
-    with atomic_write(path) as part:
-        part.write_text(page, encoding="utf-8")
+    write_text(path, page)
 
 
 def _rank(history: MachineHistory) -> tuple[bool, float, str]:
@@ -137,7 +133,7 @@ def _machine(
     reported = standing[-1]["record"] if standing else last
     channel, driver, _ = history.last.growth[component] if history.last and component else ("", "", 0.0)
     seen = state.judged + state.refused
-    report = folder / "reports" / _folder_name(state.machine, reported) / "report.html"
+    report = folder / "reports" / file_name(f"{state.machine} {Path(reported).stem}") / "report.html"
     words = {
         "name": f"machine-{number}",
         "machine": state.machine,
@@ -164,15 +160,6 @@ def _machine(
 def _short(moment: str) -> str:
     """Return an ISO 8601 time without what is zero: midnight, and UTC as Z."""
     return moment.replace("+00:00", "Z").removesuffix("T00:00:00Z")
-
-
-def _folder_name(machine: str, record: str) -> str:
-    """Return a name for the folder of a record's report, made of letters that file systems take."""
-    name = f"{machine} {Path(record).stem}".strip()
-    plain = "".join(letter if letter.isalnum() or letter in " -_." else "_" for letter in name)
-    if len(plain.encode()) <= _LONGEST_FOLDER_BYTES:
-        return plain
-    return f"{plain[:40]} {sha256(plain.encode()).hexdigest()[:16]}"  # 40 letters have at most 160 bytes
 
 
 def _command(record: str, gearbox: str, folder: Path) -> str:

@@ -537,8 +537,7 @@ def gearbox_schema() -> dict[str, Any]:
     """Return the JSON schema (2020-12) of a gearbox file as it is written by hand."""
     schema: dict[str, Any] = Gearbox.model_json_schema(by_alias=True)
     parts = schema["$defs"]
-    # of the class's docstring only what describes a file, not its sections for Python
-    schema["description"] = schema["description"].split("\n\n")[0]
+    schema["description"] = "A gearbox as declared: links on axes, meshes and bearings."
     axis, mesh, bearing = parts["Axis"], parts["Mesh"], parts["Bearing"]
     # in a file an axis is a table under its name or, in short form, the list of its links
     del axis["properties"]["name"]

@@ -19,6 +19,7 @@ import numpy as np
 from numpy.typing import ArrayLike, NDArray
 
 from hums.records.outputs import MARK
+from signals._validation import plain_text
 
 _CODES = 254  # of a byte; 255 is no value
 
@@ -155,12 +156,12 @@ def figure_html(figure: Figure, *, caption: str = "") -> str:
         "data": dict(figure.data),
         "alt": figure.alt,
     }
-    above = f'<p class="title">{html.escape(figure.title)}</p>' if figure.title else ""
-    below = f"<figcaption>{html.escape(caption)}</figcaption>" if caption else ""
+    above = f'<p class="title">{html.escape(plain_text(figure.title))}</p>' if figure.title else ""
+    below = f"<figcaption>{html.escape(plain_text(caption))}</figcaption>" if caption else ""
     return (
         f'<figure class="plot" id="figure-{html.escape(figure.name)}">{above}'
         '<div class="canvas" tabindex="0" role="group" '
-        f'aria-label="{html.escape(figure.alt)} Arrow keys move, plus and minus zoom, 0 shows all." '
+        f'aria-label="{html.escape(plain_text(figure.alt))} Arrow keys move, plus and minus zoom, 0 shows all." '
         f'style="height:{figure.height_px}px"></div>'
         f'<script type="application/json">{_json(content)}</script>{below}</figure>'
     )
@@ -200,6 +201,19 @@ def page_head(*scripts: str) -> str:
     )
 
 
+def page_environment() -> Any:  # noqa: ANN401 - jinja2 is heavy
+    """Return the template environment of all pages: what is no markup is escaped, control characters too."""
+    from jinja2 import Environment, StrictUndefined  # noqa: PLC0415
+
+    return Environment(
+        autoescape=True,
+        undefined=StrictUndefined,
+        trim_blocks=True,
+        lstrip_blocks=True,
+        finalize=lambda value: plain_text(value, keep="\n\t") if type(value) is str else value,
+    )
+
+
 def stand_alone_page(*, title: str, body: str, style: str = "", script: str = "", curves_alone: bool = False) -> str:
     """Return a whole HTML page that needs no other file and asks for none.
 
@@ -230,7 +244,7 @@ def stand_alone_page(*, title: str, body: str, style: str = "", script: str = ""
     return (
         f'<!DOCTYPE html>\n<html lang="en">\n<head>\n{page_head(plotly, js)}'
         '<meta name="color-scheme" content="light dark">\n'
-        f"<title>{html.escape(title)}</title>\n<style>\n{css}</style>\n</head>\n<body>\n{body}\n"
+        f"<title>{html.escape(plain_text(title))}</title>\n<style>\n{css}</style>\n</head>\n<body>\n{body}\n"
         f"<script>{plotly}</script>\n<script>{js}</script>\n</body>\n</html>\n"
     )
 

@@ -9,12 +9,14 @@ import matplotlib as mpl
 from matplotlib.axes import Axes
 from matplotlib.backends.backend_agg import FigureCanvasAgg
 from matplotlib.figure import Figure
+from matplotlib.text import Text
 from matplotlib.ticker import LogFormatter, LogFormatterMathtext
 
 from hums.plots.labels import apply_layout
 from hums.plots.style import FAINT, INK, power_of_ten
 from hums.records.outputs import MARK, check_outputs
 from hums.records.store import atomic_write
+from signals._validation import plain_text
 
 _STYLE: dict[str, Any] = {
     "font.size": 9,
@@ -124,4 +126,6 @@ def _save(draw: Callable[[Axes], object], file: IO[Any], *, kind: str, width: fl
         if ax in figure.axes:  # else `draw` replaced it by others
             apply_layout(ax)
             figure.set_layout_engine(None)  # which would run it twice more, and draw twice
+        for text in figure.findobj(Text):
+            text.set_text(plain_text(text.get_text(), keep="\n"))  # others are no XML
         figure.savefig(file, format=kind, metadata=_METADATA[kind], dpi=_DPI)

@@ -18,7 +18,7 @@ from numpy.typing import NDArray
 from hums.records.clock import TIMES_S, time_scale, words_of
 from hums.records.fields import is_utf8
 from hums.records.record import UNITS, RecordError
-from signals._validation import nearest
+from signals._validation import nearest, plain_text
 
 __all__ = [
     "Field",
@@ -392,10 +392,7 @@ def _shape(shape: tuple[int, ...]) -> str:
 
 def _listed(names: list[str]) -> str:
     """Return the first names in a row, each as a terminal shows it."""
-    shown = [
-        name.encode("unicode_escape", "backslashreplace").decode() if not name.isprintable() else name for name in names
-    ]
-    row = ", ".join(name[:_LONGEST_NAME] for name in shown[:_MOST_LISTED])
+    row = ", ".join(plain_text(name)[:_LONGEST_NAME] for name in names[:_MOST_LISTED])
     return f"{row} and {len(names) - _MOST_LISTED} more" if len(names) > _MOST_LISTED else row
 
 

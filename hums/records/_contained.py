@@ -9,6 +9,7 @@ import h5py
 import numpy as np
 
 from hums.records.fields import RecordError
+from signals._validation import plain_text
 
 __all__ = ["fingerprint", "objects", "refuse_reaching_out", "refuse_size", "refuse_too_large", "schema_of"]
 
@@ -126,5 +127,4 @@ def _text(value: Any) -> str:  # noqa: ANN401
 
 
 def _shown(path: str) -> str:
-    """Return a path as text that a terminal shows as it is."""
-    return path.encode("unicode_escape", errors="backslashreplace").decode("ascii")[:200]
+    return plain_text(path)[:200]

@@ -13,7 +13,7 @@ import xarray as xr
 from numpy.typing import NDArray
 from xarray.indexes import RangeIndex
 
-from hums.records.fields import RATE_REMEDY, RecordError, finite_number, positive_number
+from hums.records.fields import RATE_REMEDY, RecordError, positive_number, start_number
 
 __all__ = [
     "ANGLE",
@@ -173,7 +173,8 @@ def attach_time(dataset: xr.Dataset) -> xr.Dataset:
             start = _stored_start(dataset[dim], name=name, rate_hz=rate)
             dataset = dataset.drop_vars(dim)
         else:
-            start = finite_number(sampling_attrs(dataset, variable).get("start_s"), f'channel "{name}": start_s')
+            stated = sampling_attrs(dataset, variable).get("start_s")
+            start = start_number(stated, f'channel "{name}": start_s', rate_hz=rate)
         count = variable.sizes[dim]
         index = RangeIndex.linspace(start, start + count / rate, num=count, endpoint=False, dim=dim)
         dataset = dataset.assign_coords(xr.Coordinates.from_xindex(index))

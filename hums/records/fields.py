@@ -4,11 +4,12 @@ from __future__ import annotations
 
 import math
 from datetime import UTC, datetime
+from hashlib import sha256
 from typing import TYPE_CHECKING, Any
 
 import numpy as np
 
-from signals._validation import SentenceError, brief, is_float
+from signals._validation import SentenceError, brief, is_float, plain_text
 
 if TYPE_CHECKING:
     from collections.abc import Mapping, Sequence
@@ -25,6 +26,7 @@ __all__ = [
     "RecordWarning",
     "check_name",
     "direction_of",
+    "file_name",
     "finite_number",
     "is_utf8",
     "known_units",
@@ -32,6 +34,7 @@ __all__ = [
     "plain_repr",
     "positive_number",
     "real_vector",
+    "start_number",
     "utc_text",
 ]
 
@@ -64,18 +67,34 @@ ANGLE_REMEDY = (
     "then estimated from the vibration."
 )
 UNKNOWN_ANGLE = "unknown"
+_LONGEST_NAME_BYTES = 200  # file systems take 255
+_RESERVED = {"CON", "PRN", "AUX", "NUL", *(f"{port}{number}" for port in ("COM", "LPT") for number in range(10))}
+_LEAST_RESOLUTION = 0.5  # of a sample, in a time of 64 bits: seconds since 1970 do for 2 MHz
 RATE_REMEDY = "state the samples per second, rate_hz=... (on the command line --rate-hz)"
 
 
 def plain_cell(value: Any) -> Any:  # noqa: ANN401
-    """Return a cell of a CSV file: text that a spreadsheet would run as a formula gets an apostrophe before it."""
-    if not isinstance(value, str) or not value.startswith(("=", "+", "-", "@", "\t", "\r")):
+    """Return a cell of a CSV file: text in one line, with an apostrophe where a spreadsheet would run it."""
+    if not isinstance(value, str):
+        return value
+    value = plain_text(value)
+    if not value.startswith(("=", "+", "-", "@")):
         return value
     try:
         float(value)
     except ValueError:
         return f"'{value}"
     return value
+
+
+def file_name(text: str) -> str:
+    """Return a name for a file or folder that every file system takes, of letters, digits, blanks and ``-_.``."""
+    plain = "".join(sign if sign.isalnum() or sign in " -_." else "_" for sign in text).strip(" .") or "_"
+    if plain.split(".")[0].strip().upper() in _RESERVED:
+        plain = f"_{plain}"
+    if len(plain.encode()) <= _LONGEST_NAME_BYTES:
+        return plain
+    return f"{plain[:40].strip(' .')} {sha256(plain.encode()).hexdigest()[:16]}"  # 40 letters have at most 160 bytes
 
 
 class RecordError(SentenceError):
@@ -172,6 +191,17 @@ def finite_number(value: object, what: str, kind: str = "number of seconds") -> 
     if is_float(value) and math.isfinite(value):
         return float(value)
     raise RecordError(f"{what}={plain_repr(value)}: a finite {kind} is needed.")
+
+
+def start_number(value: object, what: str, *, rate_hz: float) -> float:
+    """Return the time of a first sample; refuse one so large that the samples after it have the same time."""
+    start = finite_number(value, what)
+    if np.spacing(abs(start)) * rate_hz > _LEAST_RESOLUTION:
+        raise RecordError(
+            f"{what}={start:g}: times so large are {np.spacing(abs(start)):.2g} s apart, samples at {rate_hz:g} Hz "
+            f"{1 / rate_hz:.2g} s; count from the record's begin, start_s=0, and state when that was as recorded_at."
+        )
+    return start
 
 
 def plain_repr(value: object) -> str:

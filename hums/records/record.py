@@ -40,10 +40,12 @@ from hums.records.fields import (
     plain_repr,
     positive_number,
     real_vector,
+    start_number,
     utc_text,
 )
 from hums.records.quantities import AngularAverage, Measured, measured_variable
 from hums.records.validation import check_record
+from signals._validation import plain_text
 
 if TYPE_CHECKING:
     from collections.abc import Iterable
@@ -319,7 +321,7 @@ def make_record(
     else:
         declared, rate_hz, start = _with_own_times(declared, rate_hz=rate_hz, start_s=start)
         rate = positive_number(rate_hz, "rate_hz", RATE_REMEDY)
-        required = {"rate_hz": rate, "start_s": start}
+        required = {"rate_hz": rate, "start_s": start_number(start, "start_s", rate_hz=rate)}
     variables = {
         name: _channel_variable(channel, name=name, rate_hz=rate, start_s=start) for name, channel in declared.items()
     }
@@ -341,7 +343,7 @@ def make_record(
             variables[name] = variable
     _check_lengths(variables)
     _check_dimensions(variables)
-    required |= {"schema": SCHEMA, "machine": machine, "recorded_at": utc_text(recorded_at)}
+    required |= {"schema": SCHEMA, "machine": plain_text(machine), "recorded_at": utc_text(recorded_at)}
     _refuse_clash(required, attrs)
     if isinstance(angle, UnknownAngle):
         required["angle"] = UNKNOWN_ANGLE
@@ -418,7 +420,7 @@ def _channel_variable(
     if not isinstance(channel.sensor, str):
         raise RecordError(f"{what}: sensor={plain_repr(channel.sensor)}; its name is a word.")
     if channel.sensor:
-        attrs["sensor"] = channel.sensor
+        attrs["sensor"] = plain_text(channel.sensor)
     if channel.direction is not None:
         attrs["direction"] = direction_of(channel.direction, what)
     attrs |= _calibration(channel, what)

@@ -31,7 +31,7 @@ from hums.records.fields import RecordWarning, is_utf8, plain_repr
 from hums.records.outputs import check_outputs
 from hums.records.packing import packed, unpacked
 from hums.records.record import SCHEMA, RecordError, attach_time, check_record, detach_time
-from signals._validation import checked
+from signals._validation import checked, plain_text
 
 __all__ = [
     "atomic_write",
@@ -50,6 +50,7 @@ __all__ = [
     "save_record",
     "write_record",
     "write_shard",
+    "write_text",
     "write_tree",
 ]
 
@@ -145,6 +146,8 @@ def open_record(path: str | os.PathLike[str]) -> xr.Dataset:
     opened = _opened(file, create_default_indexes=False)["/"]  # indexes would load the time axes
     try:
         record = attach_time(opened)
+        if isinstance(record.attrs.get("machine"), str):
+            record.attrs["machine"] = plain_text(record.attrs["machine"])
         for dim in record.dims:
             if dim in record.coords and dim not in record.xindexes:
                 record = record.set_xindex([dim])
@@ -393,6 +396,12 @@ def _write(groups: Mapping[str, tuple[xr.Dataset, Chunks]], path: str | os.PathL
             write_netcdf(part, groups)
         except (DiskError, RuntimeError) as error:  # the latter where HDF5 misses a refused write
             raise OSError(f"{path} could not be written ({error}); check the space on its disk.") from error
+
+
+def write_text(path: str | os.PathLike[str], text: str) -> None:
+    """Write a text file by `atomic_write`, in UTF-8; what is no text in it, lone surrogates, as escapes."""
+    with atomic_write(path) as part:
+        part.write_text(text, encoding="utf-8", errors="backslashreplace")
 
 
 @contextmanager

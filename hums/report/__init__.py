@@ -7,19 +7,17 @@ from pathlib import Path
 from tempfile import NamedTemporaryFile
 from typing import Any, Literal, TypeAlias
 
-from jinja2 import Environment, StrictUndefined
-
 from hums.analysis.findings import NOTHING_FOUND
 from hums.analysis.lines import ENVELOPE, ORDER_SPECTRUM
 from hums.analysis.result import Analysis, check_analysis, indicator_table, line_table, save_analysis, summary
 from hums.gearbox.model import Gearbox
 from hums.gearbox.orders import BEARING_KINDS
 from hums.gearbox.undeclared import undeclared_parts
-from hums.pages.page import stand_alone_page
+from hums.pages.page import page_environment, stand_alone_page
 from hums.plots import coloured_components, draw_mechanism, svg
 from hums.records.fields import plain_cell
 from hums.records.outputs import check_outputs
-from hums.records.store import atomic_write
+from hums.records.store import write_text
 from hums.report.figures import Pictures, cursor_choices, sections
 from hums.report.indicator_tables import indicator_tables, velocity_zones
 from hums.report.verdict_strip import CLASSES, answer, component_styles, probability_words, verdict_rows, with_hz
@@ -107,13 +105,13 @@ def write_report(
     folder = prepare_folder(folder, force=force)
     save_analysis(analysis, folder / "analysis.h5", force=force)
     facts = summary(analysis)
-    _write_text(folder / "summary.json", json.dumps(facts, indent=1, allow_nan=False) + "\n")
+    write_text(folder / "summary.json", json.dumps(facts, indent=1, allow_nan=False) + "\n")
     tables = [line_table(analysis, name).assign(spectrum=name) for name in (ORDER_SPECTRUM, ENVELOPE)]
     rows = [table.map(plain_cell).to_csv(index=False, header=number == 0) for number, table in enumerate(tables)]
-    _write_text(folder / "orders.csv", "".join(rows))
-    _write_text(folder / "indicators.csv", indicator_table(analysis).map(plain_cell).to_csv(index=False))
+    write_text(folder / "orders.csv", "".join(rows))
+    write_text(folder / "indicators.csv", indicator_table(analysis).map(plain_cell).to_csv(index=False))
     page = folder / "report.html"
-    _write_text(page, _page(analysis, facts, baseline, units))
+    write_text(page, _page(analysis, facts, baseline, units))
     return page
 
 
@@ -132,7 +130,7 @@ def _page(analysis: Analysis, facts: dict[str, Any], baseline: Analysis | None, 
     drawn = sections(pictures)
     choices = cursor_choices(facts)
     template = (files("hums.report") / "page.html").read_text(encoding="utf-8")
-    environment = Environment(autoescape=True, undefined=StrictUndefined, trim_blocks=True, lstrip_blocks=True)
+    environment = page_environment()
     environment.filters["words"] = lambda kind: str(kind).replace("_", " ")
     environment.filters["chance"] = probability_words
     environment.filters["first_upper"] = _first_upper
@@ -277,8 +275,3 @@ def _unexplained_bearing_lines(facts: dict[str, Any]) -> list[dict[str, Any]]:
         and not row["claimed"]
         and (row["explained_by"] or row["false_alarm_probability"] < 0.5)  # noqa: PLR2004
     ]
-
-
-def _write_text(path: Path, text: str) -> None:
-    with atomic_write(path) as part:
-        part.write_text(text, encoding="utf-8")

@@ -28,6 +28,33 @@ _OURS = {
         "one damaged tooth, a single pitch deviation",
     ),
 }
+_MEANINGS = {
+    "rms": "Root mean square about the mean",
+    "peak": "Largest deviation from the mean",
+    "crest_factor": "Peak over the RMS: sqrt 2 for a sine",
+    "kurtosis": "Fourth moment about the mean over the variance squared: 3 for Gaussian noise, 1.5 for a sine",
+    "so1": "Peak amplitude at order 1 of a shaft's average",
+    "so2": "Peak amplitude at order 2 of a shaft's average",
+    "so3": "Peak amplitude at order 3 of a shaft's average",
+    "fm0": "Peak-to-peak value of the average over the sum of its mesh harmonics",
+    "fm4": "Kurtosis of the difference signal",
+    "m6a": "Sixth moment of the difference signal over its variance cubed",
+    "m8a": "Eighth moment of the difference signal over its variance to the fourth",
+    "na4": "Fourth moment of the residual signal over the squared mean variance of its history",
+    "nb4": "Fourth moment of the band's envelope over the squared mean variance of its history",
+    "energy_ratio": "RMS of the difference signal over that of the regular signal",
+    "energy_operator": "Kurtosis of the residual signal's Teager energy",
+    "sideband_index": "Mean amplitude of the first sidebands of the mesh",
+    "sideband_level_factor": "Sum of the first sidebands' amplitudes over the standard deviation of the average",
+    "narrowband_kurtosis": "Kurtosis of the band as a real signal: 1.5 for an unmodulated mesh",
+    "amplitude_modulation": "Depth of the amplitude modulation: m for a mesh of 1 + m cos",
+    "phase_modulation": "Index of the phase modulation in rad: b for a mesh of phase b sin",
+    "frequency_modulation": "Relative frequency deviation of the mesh",
+    "amplitude_modulation_kurtosis": "Kurtosis of the envelope: 1.5 for a sine, high for one tooth",
+    "frequency_modulation_kurtosis": "Kurtosis of the derivative of the phase: 1.5 for a sine",
+    "defect_energy": "Energy at the harmonics of a defect frequency in an envelope spectrum",
+    "carrier_sideband_ratio": "RMS of the sidebands that equal planets cancel over that of the others",
+}
 _UNIT_WORDS = {"1": "", "mm s-1": "mm/s", "g2": "g\N{SUPERSCRIPT TWO}", "m s-2": "m/s\N{SUPERSCRIPT TWO}"}
 _ZONES = (
     ("A", "calm", "as of a newly commissioned machine"),
@@ -106,15 +133,13 @@ def _table(channel: str, kind: str, rows: Rows, findings: Rows) -> dict[str, Any
 
 
 def _meaning(name: str) -> str:
-    """Return one sentence on an indicator: what it is, from its function, and what raises it."""
-    known = INDICATORS.get(name) or INDICATORS.get(name.removesuffix("_ratio"))
-    if known is None:
-        what, raised_by = _OURS.get(name) or (_words(name), "")
+    """Return a sentence on an indicator, and one on what raises it."""
+    known = name if name in INDICATORS else name.removesuffix("_ratio")
+    if known in INDICATORS:
+        what, raised_by = _MEANINGS[known], INDICATORS[known].raised_by
     else:
-        what = (known.function.__doc__ or "").splitlines()[0].removeprefix("Return ").rstrip(".")
-        raised_by = known.raised_by
-    what = what.removeprefix("the ").split(" (")[0].split(", in the unit of")[0].split(": `")[0].replace("`", "")
-    return f"{what[:1].upper()}{what[1:]}." + (f" Raised by: {raised_by}." if raised_by else "")
+        what, raised_by = _OURS.get(name) or (_words(name).capitalize(), "")
+    return f"{what}." + (f" Raised by: {raised_by}." if raised_by else "")
 
 
 def _words(name: str) -> str:
