@@ -110,13 +110,14 @@ FORMATS = (
 OWNED = "files of the user's own are kept, and exits say what happened", "when hums/cli is reduced"
 ALLOWANCES = {
     "hums/analysis": (419, *ANGLE),
+    "signals (root)": (8, *OWNED),
     "hums (root)": (25, *OWNED),
-    "hums/cli": (55, *OWNED),
+    "hums/cli": (80, *OWNED),
     "hums/fleet": (14, *MENDS),
-    "hums/plots, hums/drawing, hums/pages": (24, *OWNED),
+    "hums/plots, hums/drawing, hums/pages": (37, *OWNED),
     "hums/readers": (566, *FORMATS),
-    "hums/records": (290, *READ),
-    "hums/report": (14, *MENDS),
+    "hums/records": (319, *READ),
+    "hums/report": (35, *MENDS),
     "all code lines": (170, *OWNED),
     "all modules": (3, *FORMATS),
     "all constants": (10, *OWNED),

@@ -96,7 +96,9 @@ def test_no_command_reaches_out_or_shows_a_control_character(tmp_path):
     assert not [line for line in said.splitlines() if line.startswith(("AUDIT", "STATUS", "hums:"))], said
     written = [path for path in tmp_path.rglob("*") if path.suffix in {".csv", ".html", ".svg"}]
     assert len(written) > 10
-    texts = {str(path): path.read_bytes().decode() for path in written} | {"standard output": done.stdout.decode()}
+    texts = {str(path): path.read_bytes().decode().replace("\r\n", "\n") for path in written} | {
+        "standard output": done.stdout.decode()
+    }
     for name, text in texts.items():
         assert not set(text) & {"\r", "\x1b", "\x07"}, name
     for path in (Path(name) for name in texts if name.endswith(".csv") and "raw" not in name):

@@ -23,7 +23,7 @@ def test_a_cell_is_one_line_of_text(cell):
 
 
 @pytest.mark.parametrize(
-    "name", ["../../etc/passwd", "con", "aux.h5", "a" * 300, "pr\udcfcf", "\r\n", "..", "", "C:\\a", "ü" * 150]
+    "name", ["../../etc/passwd", "con", "aux.h5", "a" * 300, "pr\udcfcf", "..", "", "C:\\a", "ü" * 150]
 )
 def test_a_name_of_a_file_stays_in_its_folder(name, tmp_path):
     plain = file_name(name)
