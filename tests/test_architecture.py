@@ -118,10 +118,10 @@ ALLOWANCES = {
     "hums/readers": (566, *FORMATS),
     "hums/records": (319, *READ),
     "hums/report": (35, *MENDS),
-    "all code lines": (170, *OWNED),
+    "all code lines": (246, *OWNED),
     "all modules": (3, *FORMATS),
-    "all constants": (10, *OWNED),
-    "tests": (570, *FORMATS),
+    "all constants": (13, *OWNED),
+    "tests": (683, *FORMATS),
     "benchmarks": (850, "the scoreboard beside the scripts that it replaces", "when those are removed"),
 }
 HEAVY = ["scipy.signal", "scipy.stats", "filterpy", "numba", "dask", "h5py", "matplotlib", "pyarrow", "jinja2", "typer"]
