@@ -1,4 +1,11 @@
-"""Least-cost numbering of pulses of which some are missing and some are extra: a beam search."""
+"""Most likely numbering of pulses of which some are missing and some are extra: multiple-hypothesis tracking.
+
+Every hypothesis is a Kalman filter of angle, speed and acceleration, in stripes, with discounted covariances and an
+unknown scale of its errors (West and Harrison 1997, "Bayesian forecasting and dynamic models", chapters 4 and 6): the
+angle of a pulse has a Student's t distribution about its prediction.
+"""
+
+import math
 
 import numpy as np
 from numpy.typing import NDArray
@@ -8,128 +15,175 @@ from signals._validation import Array
 
 Indices = NDArray[np.int64]
 
-# columns of a partial numbering: its cost, its last number, its node, the last three times and angles, latest first
-_COST, _NUMBER, _NODE, _T, _A = 0, 1, 2, 3, 6
-_COLUMNS = 9
-_SEEDS = 3  # pulses that begin every numbering
-_MISSING = 0.8  # cost of a missing over that of an extra pulse: at the ends one of each is likelier than two extra
-_MOST_COST = 2.5  # in extra pulses: one outlier must not cost more than leaving out all pulses after it
-_HUBER = 2.0  # standard deviations beyond which the cost of an error grows linearly
-_SAME = 1e-9  # revolutions
+_BEAM = 16  # hypotheses
+_WINDOW = 25.0  # of log likelihood below the best
+_DISCOUNT = 0.5  # of the information, per stripe: the memory is two intervals
+_LONGEST = 8.0  # stripes of discount in a gap
+_DEGREES = 10.0  # of freedom: the memory of the scale
+_STD, _LEAST_STD = 0.05, 0.001  # of the errors in stripes: at first, and at least
+_LOOSE = 0.3  # relative std of the first speed and acceleration
+_MISSING = 5.5  # negative log probabilities
+_MOST_COUNTED = 4  # missing on end: a sensor that drops out does so for any time
+_EXTRA = 8.5
+_DOUBLE = 6.0
+_LIKE = 2  # pulses before the last that make two hypotheses one, where both number them alike
 
 
 @compiled
 def _angle(number: int, positions: Array) -> float:
-    """Return the shaft angle in revolutions at the pulse of a number."""
+    """Return the shaft angle in stripes at the pulse of a number."""
     revolution = number // positions.size
-    return float(revolution + positions[number - revolution * positions.size])
+    return float((revolution + positions[number - revolution * positions.size]) * positions.size)
 
 
 @compiled
-def _prediction_error(row: Array, time: float, angle: float, steps: int, between: bool) -> float:
-    """Return the error of a pulse time, in intervals, against its prediction from the last three pulses.
+def _predict(state: Array, covariance: Array, step: float, predicted: Array, spread: Array) -> None:
+    """Write the state and covariance a time `step` later: ``F x`` and ``F P F' / discount^stripes``.
 
-    The prediction is that of constant acceleration; with `between`, any time from it to that of constant speed.
+    A shaft that decelerates to rest before stays there.
     """
-    speed = (row[_A] - row[_A + 1]) / (row[_T] - row[_T + 1])
-    earlier = (row[_A + 1] - row[_A + 2]) / (row[_T + 1] - row[_T + 2])
-    ahead = angle - row[_A]
-    at_speed = row[_T] + ahead / speed
-    acceleration = 2 * (speed - earlier) / (row[_T] - row[_T + 2])
-    now = speed + acceleration * (row[_T] - row[_T + 1]) / 2
-    squared_speed = now * now + 2 * acceleration * ahead  # at that angle
-    if now <= 0 or squared_speed <= 0:  # the shaft would stop before: up to three times as late is no error
-        low, high = at_speed, row[_T] + 3 * ahead / speed
-    else:
-        accelerated = row[_T] + 2 * ahead / (now + np.sqrt(squared_speed))
-        low, high = (min(at_speed, accelerated), max(at_speed, accelerated)) if between else (accelerated, accelerated)
-    error = time - low if time < low else (time - high if time > high else 0.0)
-    return float(error * steps / (at_speed - row[_T]))
+    speed, acceleration = state[1], state[2]
+    moving = step
+    if acceleration < 0 and speed + acceleration * step < 0:
+        moving = max(-speed / acceleration, 0.0)
+    predicted[0] = state[0] + (speed + acceleration * moving / 2) * moving
+    predicted[1], predicted[2] = speed + acceleration * step, acceleration
+    growth = _DISCOUNT ** -min(step * abs(speed), _LONGEST)
+    rows = np.empty((3, 3))
+    half = step * step / 2
+    for j in range(3):
+        rows[0, j] = covariance[0, j] + step * covariance[1, j] + half * covariance[2, j]
+        rows[1, j] = covariance[1, j] + step * covariance[2, j]
+        rows[2, j] = covariance[2, j]
+    for i in range(3):
+        spread[i, 0] = growth * (rows[i, 0] + step * rows[i, 1] + half * rows[i, 2])
+        spread[i, 1] = growth * (rows[i, 1] + step * rows[i, 2])
+        spread[i, 2] = growth * rows[i, 2]
 
 
 @compiled
-def _same_state(one: Array, other: Array, stripes: int) -> bool:
-    """Return whether two numberings predict alike: same last three pulses, same angles between, same stripe."""
-    for k in range(_SEEDS):
-        if one[_T + k] != other[_T + k]:
+def _update(predicted: Array, spread: Array, innovation: float, state: Array, covariance: Array) -> None:
+    """Write the state and covariance after a pulse, the angle counted from it: ``x + K e`` and ``P - K S K'``."""
+    for i in range(3):
+        gain = spread[i, 0] / (1 + spread[0, 0])
+        state[i] = gain * innovation + (predicted[i] if i else -innovation)
+        for j in range(3):
+            covariance[i, j] = spread[i, j] - gain * spread[0, j]
+
+
+@compiled
+def _surprise(innovation: float, variance: float) -> float:
+    """Return the negative log likelihood of an innovation, Student's t, up to a constant near zero."""
+    tail = (_DEGREES + 1) / 2 * math.log1p(innovation * innovation / (_DEGREES * variance))
+    return float(tail + math.log(2 * math.pi * variance) / 2)
+
+
+@compiled
+def _alike(one: int, other: int, apart: int, pulses: Indices, numbers: Indices, before: Indices) -> bool:
+    """Return whether two hypotheses have the same pulses before the last, with numbers a fixed distance apart."""
+    for _ in range(_LIKE):
+        if one < 0 or other < 0:
+            return one == other
+        if pulses[one] != pulses[other] or numbers[one] - numbers[other] != apart:
             return False
-    near = abs((one[_A] - one[_A + 1]) - (other[_A] - other[_A + 1])) < _SAME
-    far = abs((one[_A + 1] - one[_A + 2]) - (other[_A + 1] - other[_A + 2])) < _SAME
-    return near and far and int(one[_NUMBER] - other[_NUMBER]) % stripes == 0
+        one, other = before[one], before[other]
+    return True
 
 
 @compiled
-def best_numbering(
-    times: Array, positions: Array, first: int, beam: int, std: float, between: bool, fault_cost: float
-) -> tuple[Indices, Indices]:
-    """Return the indices of the pulses kept, and their numbers; the first three are sound, numbered from `first`.
+def best_numbering(times: Array, since: Array, positions: Array, soon: float) -> tuple[Indices, Indices]:
+    """Return the indices of the pulses kept, and their numbers; the first two are sound, and the first has number zero.
 
-    Each partial numbering is extended by leaving the next pulse out, or by giving it one of the three numbers nearest
-    to its time. Of numberings with the same state the cheapest is kept, and of all the `beam` cheapest. The cost of a
-    prediction error is Huber's, in standard deviations `std`; `between` as in `_prediction_error`.
+    Each pulse is extra, or one of the two numbers on either side of the angle predicted. One less than `soon` stripes
+    after the pulse before it in the list, at a time `since` from it, may be its double. Of hypotheses with the same
+    last pulses the likeliest is kept, and of all the `_BEAM` likeliest.
     """
-    n = times.size
-    rows = np.empty((4 * beam, _COLUMNS))
-    pulse = np.empty(4 * beam, dtype=np.int64)  # -1 where the pulse is left out
-    best = np.empty((beam, _COLUMNS))
-    node_pulse = np.empty(_SEEDS + n * beam, dtype=np.int64)
-    node_number = np.empty(_SEEDS + n * beam, dtype=np.int64)
-    node_before = np.empty(_SEEDS + n * beam, dtype=np.int64)
-    for k in range(_SEEDS):
-        node_pulse[k], node_number[k], node_before[k] = k, first + k, k - 1
-        best[0, _T + _SEEDS - 1 - k] = times[k]
-        best[0, _A + _SEEDS - 1 - k] = _angle(first + k, positions)
-    best[0, _COST], best[0, _NUMBER], best[0, _NODE] = 0.0, first + _SEEDS - 1, _SEEDS - 1
-    alive, nodes = 1, _SEEDS
-    for i in range(_SEEDS, n):
+    n, stripes = times.size, positions.size
+    cost, node, scale = np.zeros(_BEAM), np.zeros(_BEAM, dtype=np.int64), np.empty(_BEAM)
+    state, covariance = np.zeros((_BEAM, 3)), np.zeros((_BEAM, 3, 3))
+    next_cost, next_node, next_scale = cost.copy(), node.copy(), scale.copy()
+    next_state, next_covariance = state.copy(), covariance.copy()
+    predicted, spread = np.empty((_BEAM, 3)), np.empty((_BEAM, 3, 3))
+    likelihood = np.empty(3 * _BEAM)  # of candidates, with the hypothesis that each extends, and its number
+    parent, number = np.empty(3 * _BEAM, dtype=np.int64), np.empty(3 * _BEAM, dtype=np.int64)
+    pulses = np.zeros(1 + n * _BEAM, dtype=np.int64)
+    numbers, before = np.zeros_like(pulses), np.full_like(pulses, -1)
+    speed = _angle(1, positions) / (times[1] - times[0])
+    state[0, 1], scale[0] = speed, _STD * _STD
+    covariance[0, 0, 0] = 1.0
+    covariance[0, 1, 1] = (_LOOSE * speed / _STD) ** 2
+    covariance[0, 2, 2] = (_LOOSE * speed * speed / _STD) ** 2
+    alive, nodes = 1, 1
+    for i in range(1, n):
         found = 0
         for b in range(alive):
-            rows[found] = best[b]
-            rows[found, _COST] += fault_cost
-            pulse[found] = -1
+            last = numbers[node[b]]
+            _predict(state[b], covariance[b], times[i] - times[pulses[node[b]]], predicted[b], spread[b])
+            variance = scale[b] * (1 + spread[b, 0, 0])
+            double = since[i] * state[b, 1] < soon
+            likelihood[found], parent[found], number[found] = cost[b] + (_DOUBLE if double else _EXTRA), b, last
             found += 1
-            speed = (best[b, _A] - best[b, _A + 1]) / (best[b, _T] - best[b, _T + 1])
-            about = int(speed * (times[i] - best[b, _T]) * positions.size)
-            for m in range(max(about - 1, 1), max(about, 1) + 2):
-                number = int(best[b, _NUMBER]) + m
-                angle = _angle(number, positions)
-                error = abs(_prediction_error(best[b], times[i], angle, m, between)) / std
-                cost = 0.5 * error * error if error <= _HUBER else _HUBER * (error - _HUBER / 2)
-                cost = min(cost + _MISSING * fault_cost * (m - 1), _MOST_COST * fault_cost)
-                rows[found, _COST] = best[b, _COST] + cost
-                rows[found, _NUMBER] = number
-                rows[found, _NODE] = best[b, _NODE]
-                rows[found, _T], rows[found, _A] = times[i], angle
-                for k in range(1, _SEEDS):
-                    rows[found, _T + k], rows[found, _A + k] = best[b, _T + k - 1], best[b, _A + k - 1]
-                pulse[found] = i
+            angle = predicted[b, 0] + _angle(last, positions)
+            above = last + max(int(predicted[b, 0]), 1)
+            while _angle(above, positions) < angle:
+                above += 1
+            while above > last + 1 and _angle(above - 1, positions) > angle:
+                above -= 1
+            for candidate in range(max(above - 1, last + 1), above + 1):
+                surprise = _surprise(_angle(candidate, positions) - angle, variance)
+                likelihood[found] = cost[b] + surprise + _MISSING * min(candidate - last - 1, _MOST_COUNTED)
+                parent[found], number[found] = b, candidate
                 found += 1
-        alive = 0
-        for c in np.argsort(rows[:found, _COST]):
+        order = np.argsort(likelihood[:found])
+        kept = 0
+        for c in order:
+            if kept == _BEAM or likelihood[c] > likelihood[order[0]] + _WINDOW:
+                break
+            b = parent[c]
+            left_out = number[c] == numbers[node[b]]
             new = True
-            for b in range(alive):
-                if _same_state(rows[c], best[b], positions.size):
+            for k in range(kept):
+                apart = number[c] - numbers[next_node[k]]
+                if left_out:
+                    same = pulses[next_node[k]] == pulses[node[b]]
+                    other = before[node[b]]
+                else:
+                    same = pulses[next_node[k]] == i
+                    other = node[b]
+                if (
+                    same
+                    and apart % stripes == 0
+                    and _alike(other, before[next_node[k]], apart, pulses, numbers, before)
+                ):
                     new = False
                     break
-            if new:
-                best[alive] = rows[c]
-                if pulse[c] >= 0:
-                    node_pulse[nodes], node_number[nodes] = i, int(rows[c, _NUMBER])
-                    node_before[nodes] = int(rows[c, _NODE])
-                    best[alive, _NODE] = nodes
-                    nodes += 1
-                alive += 1
-                if alive == beam:
-                    break
-    last = int(best[0, _NODE])
-    length, at = 0, last
+            if not new:
+                continue
+            next_cost[kept] = likelihood[c]
+            if left_out:
+                next_node[kept], next_scale[kept] = node[b], scale[b]
+                next_state[kept], next_covariance[kept] = state[b], covariance[b]
+            else:
+                step = _angle(number[c], positions) - _angle(numbers[node[b]], positions)
+                error = step - predicted[b, 0]
+                _update(predicted[b], spread[b], error, next_state[kept], next_covariance[kept])
+                squared = error * error / (1 + spread[b, 0, 0])
+                next_scale[kept] = max((_DEGREES * scale[b] + squared) / (_DEGREES + 1), _LEAST_STD * _LEAST_STD)
+                pulses[nodes], numbers[nodes], before[nodes] = i, number[c], node[b]
+                next_node[kept] = nodes
+                nodes += 1
+            kept += 1
+        alive = kept
+        cost, next_cost = next_cost, cost
+        node, next_node = next_node, node
+        scale, next_scale = next_scale, scale
+        state, next_state = next_state, state
+        covariance, next_covariance = next_covariance, covariance
+    path = np.empty(n, dtype=np.int64)
+    length, at = 0, node[0]
     while at >= 0:
+        path[length] = at
         length += 1
-        at = node_before[at]
-    kept = np.empty(length, dtype=np.int64)
-    counts = np.empty(length, dtype=np.int64)
-    at = last
-    for k in range(length - 1, -1, -1):
-        kept[k], counts[k] = node_pulse[at], node_number[at]
-        at = node_before[at]
-    return kept, counts
+        at = before[at]
+    backwards = path[:length][::-1]
+    return pulses[backwards], numbers[backwards]

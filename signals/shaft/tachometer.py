@@ -14,12 +14,11 @@ from signals.shaft.phase import ShaftPhase
 from signals.shaft.phase_smoothing import PhaseSmoothing, joined, smooth_phase, with_rest
 from signals.shaft.pulse_repair import (
     Counts,
-    PulseRepairs,
-    all_repairs,
     number_pulses,
     possible_stops,
     refuse_faults,
     repairs_of,
+    stripe_positions,
 )
 from signals.shaft.pulses import PulseTrain, pulse_times
 
@@ -40,11 +39,11 @@ _JITTER_FEWEST = 6  # differences
 
 @dataclass(frozen=True, kw_only=True)
 class _Stretch:
-    """Pulses between two stops: the times of those kept, and their numbers."""
+    """Pulses between two stops: the indices and times of those kept, and their numbers."""
 
+    kept: Counts
     times: Array
     counts: Counts
-    repairs: PulseRepairs
 
 
 @checked
@@ -97,10 +96,12 @@ def shaft_phase(
     the first); below eight revolutions they are taken as evenly spaced. A speed fluctuation that repeats every
     revolution cannot be distinguished from uneven stripes, and is attributed to them.
 
-    Faults. Each interval is compared with those of the same stripe in the five revolutions before and the five after
-    (below five revolutions, with its neighbours). Extra pulses are left out, missing ones are counted, and
-    `ShaftPhase.repairs` lists both; no pulse is inserted. In the first and last revolution the side that exists is
-    extrapolated at constant acceleration; between very unequal stripes a wrong pulse may remain undetected there.
+    Faults. Pulses are numbered by multiple-hypothesis tracking: each hypothesis is a Kalman filter of angle, speed and
+    acceleration, for which a pulse is the next, one after some that are missing, or extra; of all hypotheses the
+    likeliest is taken, forwards and backwards from the steadiest part. Extra pulses are left out, missing ones are
+    counted, and `ShaftPhase.repairs` lists both; no pulse is inserted. A spurious pulse beside a missing one may be
+    taken for that pulse, early or late. Where no interval differs from that of the same stripe a
+    revolution before by a factor of 1.65 (the exponential of a half), no pulse is in doubt.
 
     Stops. Where the shaft decelerates into an interval and accelerates after it, so that parabolas through the pulses
     before and after come to rest within it, it may have stopped and reversed, however short the interval is. It is
@@ -132,16 +133,17 @@ def shaft_phase(
     stripes = per_rev if isinstance(per_rev, int) else 1
     stops, declared = _stops(times, stripes, standstill_s)
     stretches = _stretches(times, stops, stripes, repair=on_fault == "repair")
-    kept = np.concatenate([stretch.times for stretch in stretches])
-    counts = np.concatenate([stretch.counts for stretch in stretches])
-    positions = _stripe_positions(kept, counts, stripes)
+    true = np.concatenate([stretch.kept for stretch in stretches])
+    kept, counts = times[true], np.concatenate([stretch.counts for stretch in stretches])
+    few = kept.size < _CALIBRATION_REVOLUTIONS * stripes
+    positions = np.arange(stripes) / stripes if few else stripe_positions(kept, counts, stripes)
     whole_stripes = counts // stripes + positions[counts % stripes]
     phase = ShaftPhase(
         times_s=kept,
         revolutions=whole_stripes if isinstance(per_rev, int) else counts / float(per_rev),
         stripe_positions_rev=positions,
         jitter_s=_jitter(stretches, stripes),
-        repairs=all_repairs([stretch.repairs for stretch in stretches]),
+        repairs=repairs_of(times, true, counts),
         stops_s=np.stack([times[stops], times[stops + 1]], axis=1),
         direction_declared=signs is not None,
     )
@@ -210,35 +212,12 @@ def _stretches(times: Array, stops: Counts, stripes: int, *, repair: bool) -> li
     bounds = [0, *(stops + 1).tolist(), times.size]
     for begin, end in pairwise(bounds):
         part = times[begin:end]
-        if repair:
-            kept, counts = number_pulses(part, stripes=stripes)
-        else:
-            refuse_faults(part, stripes=stripes, offset=begin)
-            kept = counts = np.arange(part.size)
-        stretches.append(
-            _Stretch(
-                times=part[kept],
-                counts=counts + number_of_next,
-                repairs=repairs_of(part, kept, counts, offset=begin),
-            )
-        )
+        kept, counts = number_pulses(part, stripes=stripes)
+        if not repair:
+            refuse_faults(part, kept, counts, offset=begin)
+        stretches.append(_Stretch(kept=begin + kept, times=part[kept], counts=counts + number_of_next))
         number_of_next += int(counts[-1]) + 1
     return stretches
-
-
-def _stripe_positions(times: Array, counts: Counts, stripes: int) -> Array:
-    """Return the angle of each stripe in revolutions, (stripes,), the first at zero."""
-    even = np.arange(stripes) / stripes
-    if stripes == 1 or times.size < _CALIBRATION_REVOLUTIONS * stripes:
-        return even
-    first = counts % stripes == 0
-    reference = ShaftPhase(times_s=times[first], revolutions=(counts[first] // stripes).astype(np.float64))
-    inside = (times >= reference.start_s) & (times <= reference.stop_s)
-    fraction = reference.revolutions_at(times[inside]) - counts[inside] // stripes
-    stripe = counts[inside] % stripes
-    found = np.array([np.median(fraction[stripe == s]) if np.any(stripe == s) else even[s] for s in range(stripes)])
-    found[0] = 0.0
-    return found
 
 
 def _jitter(stretches: list[_Stretch], stripes: int) -> float:
