@@ -49,6 +49,7 @@ if TYPE_CHECKING:
     from signals.demodulation.separation import linear_prediction as linear_prediction
     from signals.demodulation.separation import prediction_orders as prediction_orders
     from signals.harmonics import OrderTracks as OrderTracks
+    from signals.harmonics import harmonic_model as harmonic_model
     from signals.harmonics import track_orders as track_orders
     from signals.harmonics.bandwidth_selection import likely_bandwidth as likely_bandwidth
     from signals.health import SensorHealth as SensorHealth
@@ -133,6 +134,7 @@ _HOME = {
     "SpectralCorrelation": "signals.spectra.cyclostationary",
     "SpectralKurtosis": "signals.demodulation.kurtogram",
     "DeclaredSpeed": "signals.shaft.declared_speed",
+    "harmonic_model": "signals.harmonics",
     "refine_declared_speed": "signals.shaft.declared_speed",
     "SpeedEstimate": "signals.shaft.tacholess",
     "SynchronousAverage": "signals.angle.averaging",

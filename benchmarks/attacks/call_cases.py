@@ -185,6 +185,8 @@ def signal_cases() -> Iterator[Case]:
             "noise_variance": 1e4, "initial_std": 1e3, "phase_std_rad": 0.01, "innovations": True,
         },
     )  # fmt: skip
+    modelled = {"phase_rad": angle, "orders": [1.0, 12.0], "bandwidth_hz": 1.0, **rate, "noise_variance": 1e4}
+    yield Case(function=signals.harmonic_model, arguments=modelled, also={"poles": 2, "initial_std": 1e3})
     yield Case(
         function=signals.likely_bandwidth,
         arguments={**tracked, **rate, "largest_bandwidth_hz": 4.0},

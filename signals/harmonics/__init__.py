@@ -9,6 +9,8 @@ if TYPE_CHECKING:
     from signals.harmonics.bandwidth import process_variance as process_variance
     from signals.harmonics.bandwidth import smoother_bandwidth as smoother_bandwidth
     from signals.harmonics.bandwidth_selection import likely_bandwidth as likely_bandwidth
+    from signals.harmonics.reference import HarmonicMatrices as HarmonicMatrices
+    from signals.harmonics.reference import harmonic_model as harmonic_model
     from signals.harmonics.stream import OrderTracker as OrderTracker
     from signals.harmonics.tracker import track_orders as track_orders
     from signals.harmonics.tracker import vold_kalman_filter as vold_kalman_filter
@@ -21,10 +23,12 @@ if TYPE_CHECKING:
 
 _HOME = {
     "Bandwidth": "signals.harmonics.bandwidth",
+    "HarmonicMatrices": "signals.harmonics.reference",
     "OrderTracks": "signals.harmonics.tracking_results",
     "OrderTracker": "signals.harmonics.stream",
     "OutputFlag": "signals.harmonics.tracking_results",
     "SlippingTrack": "signals.slipping_order.slip_tracking",
+    "harmonic_model": "signals.harmonics.reference",
     "isolated_std": "signals.harmonics.bandwidth",
     "likely_bandwidth": "signals.harmonics.bandwidth_selection",
     "order_waveform": "signals.harmonics.waveform",

@@ -1,4 +1,4 @@
-"""The same model on filterpy: slow and transparent, an independent check of the compiled estimators.
+"""The state-space model of the trackers as matrices, and on filterpy: slow and transparent, a check of all others.
 
 References
 ----------
@@ -6,10 +6,150 @@ References
    AIAA J. 3, 1965.
 """
 
+from __future__ import annotations
+
+from collections.abc import Mapping
+from dataclasses import dataclass
+from typing import TYPE_CHECKING
+
 import numpy as np
 from filterpy.kalman import KalmanFilter
 
-from signals.harmonics.state_space import LAGS, Estimate, Estimator, Floats, HarmonicModel
+from signals._validation import checked, whole
+from signals.harmonics import _validation
+from signals.harmonics.bandwidth import MOST_POLES
+from signals.harmonics.state_space import (
+    LAGS,
+    PRIOR_STD,
+    Complexes,
+    Estimate,
+    Estimator,
+    Floats,
+    HarmonicModel,
+    Order,
+)
+
+if TYPE_CHECKING:
+    from collections.abc import Sequence
+
+    from numpy.typing import ArrayLike, NDArray
+
+
+@dataclass(frozen=True, kw_only=True, eq=False)
+class HarmonicMatrices:
+    """The linear state-space model of shaft orders: ``x[n+1] = F x[n] + w[n]``, ``y[n] = H[n] x[n] + v[n]``.
+
+    The state holds the levels of all quadratures, real parts of all orders and then imaginary parts of those above
+    zero, then their first differences, and so on to `poles`.
+
+    Attributes
+    ----------
+    F : (state, state) array
+        Transition from one sample to the next.
+    R : float
+        Variance of v.
+    P0 : (state, state) array
+        Covariance of the first state, whose mean is zero.
+    """
+
+    F: Floats
+    R: float
+    P0: Floats
+    _model: HarmonicModel
+
+    def H(self, sample: int) -> Floats:  # noqa: N802 - as in the textbooks
+        """Return the measurement matrix (1, state) at a sample."""
+        found = np.zeros((1, len(self.F)))
+        found[:, : self._model.order_of_column.size] = self._model.regressors(np.array([sample]))
+        return found
+
+    def Q(self, sample: int = 0) -> Floats:  # noqa: N802
+        """Return the covariance (state, state) of w at a sample; the same for all where the bandwidth is constant."""
+        noise = self._model.process_noise(slice(sample, sample + 1))[0]
+        return np.asarray(self.R * np.kron(np.ones((self._model.poles, self._model.poles)), np.diag(noise)))
+
+    def amplitude(self, x: Floats) -> Complexes:
+        """Return the complex amplitudes (order, n) of states (n, state), ``y = Re sum Z exp(j order phase)``."""
+        return self._model.amplitude(np.atleast_2d(x)[:, : self._model.order_of_column.size])
+
+    def as_filterpy(self) -> KalmanFilter:
+        """Return a filter before the first sample: for sample n ``update(y[n], H=H(n))``, then ``predict(Q=Q(n))``."""
+        kalman = KalmanFilter(dim_x=len(self.F), dim_z=1)
+        kalman.x = np.zeros((len(self.F), 1))
+        kalman.P, kalman.F, kalman.Q, kalman.R = self.P0.copy(), self.F.copy(), self.Q(), np.array([[self.R]])
+        kalman.H = self.H(0)
+        return kalman
+
+
+@checked
+def harmonic_model(
+    *,
+    phase_rad: ArrayLike | Mapping[str, ArrayLike],
+    orders: Sequence[Order] | NDArray[np.float64],
+    noise_variance: float,
+    bandwidth_hz: ArrayLike | None = None,
+    bandwidth_orders: ArrayLike | None = None,
+    rate_hz: float | None = None,
+    samples_per_rev: float | None = None,
+    poles: int = 1,
+    initial_std: float | None = None,
+) -> HarmonicMatrices:
+    """Return the model of `track_orders` as matrices, for a Kalman filter of one's own.
+
+    Parameters
+    ----------
+    phase_rad, orders, bandwidth_hz, bandwidth_orders, rate_hz, samples_per_rev, poles, noise_variance, initial_std
+        As for `signals.harmonics.track_orders`.
+
+    Returns
+    -------
+    HarmonicMatrices
+
+    Raises
+    ------
+    ValueError
+        As `signals.harmonics.track_orders` does.
+
+    Examples
+    --------
+    A tone of amplitude 2, filtered by filterpy step by step:
+
+    >>> import numpy as np
+    >>> from signals.harmonics import harmonic_model
+    >>> phase_rad = 2 * np.pi * 25 * np.arange(1000) / 1000
+    >>> y = 2 * np.cos(3 * phase_rad)
+    >>> model = harmonic_model(phase_rad=phase_rad, orders=[1, 3], bandwidth_hz=2, rate_hz=1000, noise_variance=1e-4)
+    >>> kalman = model.as_filterpy()
+    >>> for n in range(1000):
+    ...     kalman.update(y[n], H=model.H(n))
+    ...     z = model.amplitude(kalman.x[:, 0])
+    ...     kalman.predict()
+    >>> print(np.abs(z[:, 0]).round(3))
+    [0. 2.]
+    """
+    phases_of = phase_rad.values() if isinstance(phase_rad, Mapping) else [phase_rad]
+    samples = min((np.shape(each)[0] for each in phases_of if np.ndim(each)), default=0)
+    numbers, _, shaft, phases = _validation.check_orders(orders, phase_rad, samples=samples)
+    bandwidth = _validation.check_bandwidth(
+        bandwidth_hz=bandwidth_hz, bandwidth_orders=bandwidth_orders, rate_hz=rate_hz,
+        samples_per_rev=samples_per_rev, shaft=shaft, phases=phases,
+    )  # fmt: skip
+    noise = _validation.check_noise_variance(noise_variance)
+    model = HarmonicModel(
+        orders=numbers, shaft=shaft, phases=phases, bandwidth=bandwidth.cycles,
+        poles=whole(poles, name="poles", least=1, most=MOST_POLES),
+        prior_std=PRIOR_STD if initial_std is None else _validation.check_initial_std(initial_std, noise=noise),
+    )  # fmt: skip
+    return _matrices(model, noise)
+
+
+def _matrices(model: HarmonicModel, noise_variance: float) -> HarmonicMatrices:
+    return HarmonicMatrices(
+        F=np.asarray(np.kron(np.tri(model.poles).T, np.eye(model.order_of_column.size)), dtype=np.float64),
+        R=noise_variance,
+        P0=noise_variance * np.diag(model.prior_variance().ravel()),
+        _model=model,
+    )
 
 
 def track(model: HarmonicModel, x: Floats, *, estimator: Estimator, output_every: int, startup: int) -> Estimate:
@@ -19,22 +159,15 @@ def track(model: HarmonicModel, x: Floats, *, estimator: Estimator, output_every
     """
     columns = model.order_of_column.size
     channels, samples = x.shape
-    measurement = np.zeros((samples, 1, model.state_size))
-    measurement[:, 0, :columns] = model.regressors(slice(None))
-    q = np.broadcast_to(model.process_noise(), (samples, columns))
-    # filterpy predicts before each update: the first transition is the identity without process noise.
-    transitions = [np.kron(np.triu(np.ones((model.poles, model.poles))), np.eye(columns))] * samples
-    ones = np.ones((model.poles, model.poles))
-    noises = [np.kron(ones, np.diag(before)) for before in q[[0, *range(samples - 1)]]]
-    transitions[0] = np.eye(model.state_size)
-    noises[0] = np.zeros_like(noises[0])
+    matrices = _matrices(model, 1.0)
+    measurement = np.stack([matrices.H(n) for n in range(samples)])
+    # batch_filter predicts before each update: the first transition is the identity without process noise
+    transitions = [np.eye(model.state_size)] + [matrices.F] * (samples - 1)
+    noises = [np.zeros_like(matrices.F)] + [matrices.Q(n) for n in range(samples - 1)]
 
     tracks, squares, products = [], [], []
     for values in x:
-        kalman = KalmanFilter(dim_x=model.state_size, dim_z=1)
-        kalman.x = np.zeros((model.state_size, 1))
-        kalman.P = np.diag(model.prior_variance().ravel())
-        kalman.R = np.eye(1)
+        kalman = matrices.as_filterpy()
         # None is filterpy's missing measurement.
         data = [None if np.isnan(sample) else np.array([[sample]]) for sample in values]
         mean, covariance, predicted, predicted_covariance = kalman.batch_filter(

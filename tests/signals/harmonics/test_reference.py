@@ -7,7 +7,7 @@ import numpy as np
 import pytest
 from numpy.testing import assert_allclose
 
-from signals.harmonics import _information_smoother, block_smoother, process_variance, track_orders
+from signals.harmonics import _information_smoother, block_smoother, harmonic_model, process_variance, track_orders
 
 # Samples, orders, poles: ten problems, many small ones for the corners and one as large as filterpy allows.
 PROBLEMS = [
@@ -193,3 +193,35 @@ def test_stretches_do_not_show(poles, every, monkeypatch):
     cut = track_orders(x, method="exact", output_every=every, **settings)
     assert_allclose(cut.complex_amplitude, whole.complex_amplitude, rtol=1e-11)
     assert_allclose(cut.std, whole.std, rtol=1e-11)
+
+
+@pytest.mark.parametrize("poles", [1, 2, 3])
+def test_the_matrices_step_by_step_on_filterpy_are_the_causal_filter(poles):
+    x, settings = problem(300, 3, poles)
+    x = np.nan_to_num(x)
+    settings |= {"bandwidth_hz": np.linspace(1, 3, 300)[None]}
+    model = harmonic_model(**settings)
+    kalman, found = model.as_filterpy(), []
+    for n, value in enumerate(x):
+        kalman.update(value, H=model.H(n))
+        found.append(model.amplitude(kalman.x[:, 0])[:, 0])
+        kalman.predict(Q=model.Q(n))
+    tracks = track_orders(x, **settings, estimator="filter", method="exact")
+    assert_allclose(np.transpose(found), tracks.complex_amplitude, atol=1e-11)
+
+
+def test_the_state_of_the_matrices_makes_the_record():
+    """A state with levels and differences: y[n] = H[n] x[n] is Re sum Z exp(j order phase) of its amplitudes."""
+    phase = 0.3 * np.arange(40)
+    model = harmonic_model(
+        phase_rad=phase, orders=[0, 2.5], bandwidth_hz=0.1, rate_hz=1, noise_variance=4.0, initial_std=3.0, poles=2
+    )
+    state, measured, rebuilt = np.random.default_rng(0).standard_normal(6), [], []
+    for n in range(40):
+        measured.append((model.H(n) @ state)[0])
+        mean, z = model.amplitude(state)[:, 0]
+        rebuilt.append(mean.real + (z * np.exp(2.5j * phase[n])).real)
+        state = model.F @ state
+    assert_allclose(measured, rebuilt, atol=1e-12)
+    assert_allclose(np.diag(model.P0)[:3], 9.0)
+    assert model.R == 4.0
