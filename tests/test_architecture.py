@@ -87,7 +87,7 @@ BUDGETS = """
     hums/report                                                 977    977    800
     data_synth (root)                                          2400   1679   1300
     data_synth/dynamics, data_synth/integrators                4106   3339   2600
-    data_synth/fidelity, data_synth/vibration                  4287   2326   2000
+    data_synth/fidelity, data_synth/vibration                  4287   2333   2000
     data_synth/gears, data_synth/bearings                      1478   1227   1300
     data_synth/kinematic, data_synth/operation, data_synth/scene  2873   2797   2200
     data_synth/sources, data_synth/transfer                    1545   1427   1200
@@ -110,7 +110,8 @@ FORMATS = (
 OWNED = "files of the user's own are kept, and exits say what happened", "when hums/cli is reduced"
 ALLOWANCES = {
     "hums/analysis": (419, *ANGLE),
-    "signals (root)": (8, *OWNED),
+    "signals (root)": (10, *OWNED),
+    "signals/harmonics, signals/slipping_order": (72, "the model as matrices and on filterpy", "with textbook engines"),
     "hums (root)": (25, *OWNED),
     "hums/cli": (80, *OWNED),
     "hums/fleet": (14, *MENDS),
@@ -122,7 +123,7 @@ ALLOWANCES = {
     "all modules": (3, *FORMATS),
     "all constants": (13, *OWNED),
     "tests": (683, *FORMATS),
-    "benchmarks": (850, "the scoreboard beside the scripts that it replaces", "when those are removed"),
+    "benchmarks": (851, "the scoreboard beside the scripts that it replaces", "when those are removed"),
 }
 HEAVY = ["scipy.signal", "scipy.stats", "filterpy", "numba", "dask", "h5py", "matplotlib", "pyarrow", "jinja2", "typer"]
 

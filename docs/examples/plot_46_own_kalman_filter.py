@@ -2,8 +2,8 @@
 A Kalman filter of your own
 ===========================
 
-`signals.harmonic_model` gives the matrices of the tracker's state-space model, and with them a filter of `filterpy`: for
-what `track_orders` does not do, such as a noise variance that follows a second channel.
+`signals.harmonic_model` gives the matrices of the tracker's state-space model, and a filter of filterpy with them, for
+what `track_orders` does not do: here a noise variance that is known for each sample.
 """
 
 import matplotlib.pyplot as plt
