@@ -85,7 +85,7 @@ BUDGETS = """
     hums/readers                                               1267   1267   1000
     hums/records                                               1831   1831   1200
     hums/report                                                 977    977    800
-    data_synth (root)                                          2400   1679   1300
+    data_synth (root)                                          2400   1676   1300
     data_synth/dynamics, data_synth/integrators                4106   3339   2600
     data_synth/fidelity, data_synth/vibration                  4287   2333   2000
     data_synth/gears, data_synth/bearings                      1478   1227   1300

@@ -40,16 +40,10 @@ KINDS = {
     "cage": (BEARINGS, "size_mm", {"growth": GROWTHS, "impact_per_mm": SHARES}),
 }
 IMPERFECTIONS = {
+    **dict.fromkeys(("bearings", "neighbour", "knocks", "noise", "mounts", "gains", "temperature"), st.just({})),
     "gears": st.just({"grade": 7}),
     "imbalance": st.fixed_dictionaries({"rotor_kg": SHARES | st.just(dict.fromkeys(SHAFTS, 2.0))}),
-    "bearings": st.just({}),
     "electrical": st.sampled_from([{}, {"inverter": {"output_hz": 40.0}}, {"inverter": {"link": "input"}}]),
-    "neighbour": st.just({}),
-    "knocks": st.just({}),
-    "noise": st.just({}),
-    "mounts": st.just({}),
-    "gains": st.just({}),
-    "temperature": st.just({}),
 }
 SPEEDS = [
     {"link": "input", "rpm": 1485.5},

@@ -7,7 +7,7 @@ import numpy as np
 import pytest
 from numpy.testing import assert_allclose
 
-from signals.harmonics import _information_smoother, block_smoother, harmonic_model, process_variance, track_orders
+from signals.harmonics import harmonic_model, process_variance, track_orders
 
 # Samples, orders, poles: ten problems, many small ones for the corners and one as large as filterpy allows.
 PROBLEMS = [
@@ -57,14 +57,11 @@ def by_filterpy(samples, orders, poles, estimator):
 
 
 @pytest.mark.parametrize(("samples", "orders", "poles"), PROBLEMS)
-@pytest.mark.parametrize("estimator", ["smoother", "single samples", "filter"])
-def test_exact_is_the_reference(samples, orders, poles, estimator, monkeypatch):
+@pytest.mark.parametrize("estimator", ["smoother", "filter"])
+def test_exact_is_the_reference(samples, orders, poles, estimator):
     x, settings = problem(samples, orders, poles, two_shafts=orders % 2 == 0)
-    settings |= {"estimator": "filter" if estimator == "filter" else "smoother"}
-    if estimator == "single samples":
-        monkeypatch.setattr(block_smoother, "exact_length", lambda *_: 1)
-    exact = track_orders(x, method="exact", **settings)
-    reference = by_filterpy(samples, orders, poles, settings["estimator"])
+    exact = track_orders(x, method="exact", estimator=estimator, **settings)
+    reference = by_filterpy(samples, orders, poles, estimator)
     off = np.abs(exact.complex_amplitude - reference.complex_amplitude)
     if estimator == "smoother":
         # What short blocks may cost.
@@ -181,18 +178,6 @@ def test_outputs_are_a_subset():
     # The same nodes; only the outputs between them differ.
     assert_allclose(few.complex_amplitude, full.complex_amplitude[:, ::37], rtol=1e-11)
     assert_allclose(few.std, full.std[:, ::37], rtol=1e-11)
-
-
-@pytest.mark.parametrize("every", [1, 37])
-@pytest.mark.parametrize("poles", [1, 2, 3])
-def test_stretches_do_not_show(poles, every, monkeypatch):
-    x, settings = problem(1200, 3, poles)
-    whole = track_orders(x, method="exact", output_every=every, **settings)
-    monkeypatch.setattr(_information_smoother, "STRETCH_NUMBERS", 1)
-    # Some hundred nodes now come in ten stretches and more, the last one shorter, instead of one.
-    cut = track_orders(x, method="exact", output_every=every, **settings)
-    assert_allclose(cut.complex_amplitude, whole.complex_amplitude, rtol=1e-11)
-    assert_allclose(cut.std, whole.std, rtol=1e-11)
 
 
 @pytest.mark.parametrize("poles", [1, 2, 3])
