@@ -115,6 +115,7 @@ ALLOWANCES = {
     "hums (root)": (25, *OWNED),
     "hums/cli": (80, *OWNED),
     "hums/fleet": (14, *MENDS),
+    "hums/gearbox": (28, "what cannot be assembled is refused", "when the package is reduced"),
     "hums/plots, hums/drawing, hums/pages": (37, *OWNED),
     "hums/readers": (566, *FORMATS),
     "hums/records": (319, *READ),

@@ -518,6 +518,12 @@ def _check_bearings(unsolved: Kinematics) -> None:
                 f'bearing "{bearing.names[0]}": inner_ring = "{inner}" and outer_ring = "{outer}" {why}, so it cannot '
                 "turn; name a link on either side of it, or leave the bearing out."
             )
+        if unsolved.mechanism.shared_axis(*bodies) is None:
+            on = [", ".join(unsolved.mechanism.axes_of[body]) or "no axis" for body in bodies]
+            raise GearboxError(
+                f'bearing "{bearing.names[0]}": inner_ring = "{inner}" turns on {on[0]} and outer_ring = "{outer}" on '
+                f"{on[1]}, so no line goes through both; name two links of one axis, or list them on one."
+            )
 
 
 def _equations(

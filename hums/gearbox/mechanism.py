@@ -245,11 +245,29 @@ def _check_axes(mechanism: Mechanism) -> None:
             problem = f"its axes neither meet nor are parallel (they pass at {gap:.4g})" if gap > _MEET_MM else ""
         else:
             problem = ""
+        if kind is None and parallel:
+            _check_inside(contact, same_sense=sum(a * b for a, b in zip(one, two, strict=True)) > 0)
         if problem:
             raise GearboxError(
                 f'mesh "{contact.mesh}": {problem} (axes {" and ".join(axes)}). Correct direction or through, or '
                 'declare kind = "worm" or "crossed_helical" for axes that cross, "belt" or "chain" for parallel ones.'
             )
+
+
+def _check_inside(contact: Contact, *, same_sense: bool) -> None:
+    """Refuse two gears of which none can turn inside of the other; minus is an internal gear where axes point alike."""
+    (one, few), (other, many) = sorted(contact.gears, key=lambda gear: abs(gear[1]))
+    if same_sense and few < 0 and many < 0:
+        raise GearboxError(
+            f'mesh "{contact.mesh}": {one} = {few} and {other} = {many} are both internal gears, which cannot meet; '
+            "leave out the minus of the gear with outer teeth."
+        )
+    if (few * many < 0) == same_sense and (abs(few) == abs(many) or (same_sense and few < 0)):
+        ring, pinion = ((one, few), (other, many)) if few < 0 else ((other, many), (one, few))
+        raise GearboxError(
+            f'mesh "{contact.mesh}": the internal gear {ring[0]} = {ring[1]} has no room for {pinion[0]} = '
+            f"{pinion[1]}, which needs more than {pinion[1]} teeth about it. Correct the teeth, or the minus."
+        )
 
 
 def _cross(a: Vector, b: Vector) -> Vector:

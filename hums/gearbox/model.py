@@ -476,7 +476,10 @@ def _designation_warnings(gearbox: Gearbox) -> Iterator[str]:
 
 
 def _planet_warnings(gearbox: Gearbox) -> Iterator[str]:
-    """Yield a warning for each set of planets that cannot be assembled between its one sun and its one ring."""
+    """Yield a warning for each set of planets that does not fit between its one sun and its one ring.
+
+    A ring that is no larger than the sun has no room for any, whatever the profile shift.
+    """
     for axis in gearbox.axes:
         for link in axis.links if axis.copies is not None else ():
             meshes = [mesh for mesh in gearbox.meshes if link in [gear.link for gear in mesh.gears]]
@@ -489,7 +492,13 @@ def _planet_warnings(gearbox: Gearbox) -> Iterator[str]:
             )
             if len(pairs) == 2 and len(suns) == len(rings) == len(own) == 1 and spur and min(own) > 0:  # noqa: PLR2004
                 angles_deg = planet_angles(axis.copies or 1, axis.spacing_deg)
-                for sentence in assembly_warnings(suns.pop(), own.pop(), rings.pop(), angles_deg):
+                sun, planet, ring = suns.pop(), own.pop(), rings.pop()
+                if ring <= sun:
+                    raise GearboxError(
+                        f'{gearbox.name}: planets "{link}": between a sun of {sun} and a ring of {ring} teeth is no '
+                        "room for any; correct the teeth, or the minus of the internal gear."
+                    )
+                for sentence in assembly_warnings(sun, planet, ring, angles_deg):
                     yield f'planets "{link}": {sentence}'
 
 

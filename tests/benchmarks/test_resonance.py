@@ -33,14 +33,3 @@ def test_the_smoother_finds_the_truth_and_knows_how_well(made, smoothed):
     difference = found - true
     inside = np.mean(np.abs([difference.real, difference.imag]) < resonance.INSIDE * std[:, made.inside])
     assert inside > 0.95
-
-
-def test_the_page_and_its_picture_are_written(tmp_path, capsys, made, smoothed, monkeypatch):
-    monkeypatch.setattr(resonance, "case", lambda _: made)
-    monkeypatch.setattr(resonance, "tracked", lambda *how: {(made, "smoother", 2): smoothed}[how])
-    monkeypatch.setattr(resonance, "TRACKERS", resonance.TRACKERS[1:2])
-    assert resonance.main(tmp_path) == 0
-    report = (tmp_path / "resonance.md").read_text(encoding="utf-8")
-    assert capsys.readouterr().out.strip() == report.strip()
-    assert report.count("| smoother | 2 |") == 1
-    assert 'id="axes_1"' in (tmp_path / "resonance.svg").read_text(encoding="utf-8")

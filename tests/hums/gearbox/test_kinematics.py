@@ -105,6 +105,7 @@ class TestParallel:
     )
     def test_any_train_is_the_product_of_its_stages(self, stages):
         # stage k: a wheel of b teeth driven by a pinion of a teeth; cut inside (minus) it turns the same way
+        stages = [(a, a + b if internal else b, internal) for a, b, internal in stages]
         table = {
             "frame": "h",
             "reference": "s0",
@@ -337,6 +338,43 @@ class TestSpeeds:
 class TestNoMechanism:
     BASE = planetary(rigid=[["housing", "ring"]])
 
+    @pytest.mark.parametrize(
+        ("teeth", "directions", "words"),
+        [
+            ((-20, -40), (1, 1), 'mesh "a-b": a = -20 and b = -40 are both internal gears'),
+            ((40, -20), (1, 1), 'mesh "a-b": the internal gear b = -20 has no room for a = 40'),
+            ((40, -40), (1, 1), "the internal gear b = -40 has no room for a = 40"),
+            ((40, 40), (1, -1), "has no room for"),
+        ],
+    )
+    def test_gears_that_cannot_stand_inside_each_other(self, teeth, directions, words):
+        table = {
+            "frame": "h",
+            "reference": "a",
+            "axes": {
+                name: {"links": ["h", name], "direction": [sense, 0, 0]}
+                for name, sense in zip("ab", directions, strict=True)
+            },
+            "mesh": [{"teeth": dict(zip("ab", teeth, strict=True))}],
+        }
+        with pytest.raises(GearboxError, match=words):
+            solved(table)
+
+    def test_a_ring_without_room_for_planets(self):
+        with pytest.raises(GearboxError, match="between a sun of 60 and a ring of 50 teeth is no room for any"):
+            solved(planetary(sun=60, planet=20, ring=50))
+
+    def test_a_bearing_between_shafts_side_by_side(self):
+        table = {
+            "frame": "h",
+            "reference": "a",
+            "axes": {name: ["h", name] for name in "ab"},
+            "mesh": [{"teeth": {"a": 20, "b": 41}}],
+            "bearing": [{"names": ["c"], "inner_ring": "a", "outer_ring": "b", "bearing": "SKF 6205-2RS JEM"}],
+        }
+        with pytest.raises(GearboxError, match='inner_ring = "a" turns on a and outer_ring = "b" on b, so no line'):
+            solved(table)
+
     def test_no_carrier(self):
         axes = {"main": ["housing", "sun", "ring", "carrier"], "arm": ["carrier", "arm"], "planet": ["arm", "planet"]}
         with pytest.raises(GearboxError) as caught:
@@ -384,8 +422,9 @@ class TestNoMechanism:
         }
         with pytest.raises(GearboxError, match='cannot move: it is locked by mesh "b-c", mesh "a-b", mesh "c-a"'):
             solved(table)
-        # with one internal mesh the ring turns
-        table["mesh"][2]["teeth"]["a"] = -20
+        # four of them turn
+        table |= {"axes": {name: ["h", name] for name in "abcd"}}
+        table |= {"mesh": [{"teeth": {x: 20, y: 20}} for x, y in pairwise("abcda")]}
         assert speed(solved(table), "c") == 1
 
 

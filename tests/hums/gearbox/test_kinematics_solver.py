@@ -227,7 +227,8 @@ def coplanar(draw):
         angle += draw(st.sampled_from([0.0, math.pi / 2, math.pi / 3, -0.7]))
         name = f"s{number}"
         axes[name] = {"links": ["h", name], "direction": [math.cos(angle), math.sin(angle), 0.0]}
-        meshes.append({"teeth": {f"s{number - 1}": draw(TEETH), name: draw(TEETH) * draw(st.sampled_from([1, -1]))}})
+        driver, driven = draw(TEETH), draw(TEETH)
+        meshes.append({"teeth": {f"s{number - 1}": driver, name: draw(st.sampled_from([driven, -driver - driven]))}})
     last = f"s{len(axes) - 1}"
     axes[last]["links"] += ["arm", "ring"]
     axes["planets"] = {"links": ["arm", "planet"], "parallel_to": last, "copies": draw(st.integers(2, 4))}
