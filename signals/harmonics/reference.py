@@ -50,6 +50,16 @@ class HarmonicMatrices:
         Variance of v.
     P0 : (state, state) array
         Covariance of the first state, whose mean is zero.
+
+    Examples
+    --------
+    >>> from signals.harmonics import harmonic_model
+    >>> model = harmonic_model(phase_rad=[0.0, 0.5], orders=[2], bandwidth_hz=1, rate_hz=100, noise_variance=1, poles=2)
+    >>> print(model.F)
+    [[1. 0. 1. 0.]
+     [0. 1. 0. 1.]
+     [0. 0. 1. 0.]
+     [0. 0. 0. 1.]]
     """
 
     F: Floats

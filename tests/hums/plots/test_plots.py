@@ -427,10 +427,11 @@ class TestSaveFigure:
 
     def test_a_drawing_that_fails_leaves_the_file_that_was_there(self, tmp_path):
         path = tmp_path / "a.png"
-        path.write_bytes(b"before")
+        save_figure(lambda ax: ax.plot([0, 1]), path, width=3, height=2)
+        before = path.read_bytes()
         with pytest.raises(ZeroDivisionError):
             save_figure(lambda _: 1 / 0, path, width=3, height=2)
-        assert path.read_bytes() == b"before"
+        assert path.read_bytes() == before
         assert [each.name for each in tmp_path.iterdir()] == ["a.png"]
 
 

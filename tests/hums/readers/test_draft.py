@@ -84,7 +84,7 @@ def test_the_command_writes_and_does_not_overwrite(run, tmp_path):
     assert (code, "fill in what it asks for" in out) == (0, True)
     assert tomllib.loads((tmp_path / "import.toml").read_text(encoding="utf-8"))["header_lines"] == 12
     code, _, err = run("info", tmp_path / "log.csv", "--draft", tmp_path / "import.toml")
-    assert (code, "may have been filled in" in err) == (2, True)
+    assert (code, "is not replaced" in err) == (1, True)
     words = ("convert", tmp_path / "log.csv", tmp_path / "r.h5", "-d", tmp_path / "import.toml", "--no-tachometer")
     assert run(*words)[0] == 0
     assert "in mm s-1" in run("info", tmp_path / "r.h5")[1]
