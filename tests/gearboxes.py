@@ -1,4 +1,4 @@
-"""Gearboxes of the catalogue that tests of drawings and pictures go through, and planetary stages of several tests."""
+"""Gearboxes of the catalogue that tests of drawings go through, planetary stages of several tests, a short scene."""
 
 from hums.gearbox.model import catalogue
 
@@ -32,3 +32,14 @@ STEPPED = {
     },
     "mesh": [{"teeth": {"sun": 20, "big": 40}}, {"teeth": {"small": 18, "ring": -78}}],
 }
+SHORT_SCENE = """gearbox = "two-stage"
+rate_hz = 5000
+duration_s = 0.2
+fidelity = "kinematic"
+speed = { link = "input", rpm = 1200 }
+tachometer = { link = "input", pulses_per_rev = 1 }
+[[sensor]]
+name = "a"
+on = "input bearing"
+units = "g"
+"""

@@ -19,6 +19,7 @@ from data_synth.scene.scene import Scene
 from data_synth.sources.families import mesh_name
 
 _MIXED = 4  # multiples of one order beside those of another
+_Base = tuple[Fraction, int, str, str, str]
 _MESH, _DAMAGED, _DEVIATION = range(3)  # a line that several make is that of the first of these
 
 
@@ -42,7 +43,7 @@ def candidates_of(scene: Scene, *, top: float, mixed: bool) -> Candidates:
         Whether sums and differences with orders of damaged gears are wanted as well, beside those of two meshes.
     """
     bases, passes = _bases_of(scene)
-    unit = repetition_order(scene)
+    unit = _unit_of(bases, passes)
     found: dict[int, tuple[str, str]] = {}
 
     def add(numbers: NDArray[np.int64], component: str, kind: str) -> None:
@@ -71,14 +72,15 @@ def candidates_of(scene: Scene, *, top: float, mixed: bool) -> Candidates:
 
 def repetition_order(scene: Scene) -> Fraction:
     """Return the order of which all candidates are whole multiples: steady motion repeats itself at it."""
-    bases, passes = _bases_of(scene)
+    return _unit_of(*_bases_of(scene))
+
+
+def _unit_of(bases: list[_Base], passes: dict[str, tuple[Fraction, int]]) -> Fraction:
     orders = [*(base[0] for base in bases), *(carrier for carrier, _ in passes.values())]
     return Fraction(1, math.lcm(*(order.denominator for order in orders)))
 
 
-def _bases_of(
-    scene: Scene,
-) -> tuple[list[tuple[Fraction, int, str, str, str]], dict[str, tuple[Fraction, int]]]:
+def _bases_of(scene: Scene) -> tuple[list[_Base], dict[str, tuple[Fraction, int]]]:
     """Return (order, rank, mesh, component, kind) of what repeats itself, and the passes of planets by mesh."""
     meshes, teeth = scene.exact_orders("gear_mesh"), _turn_orders(scene)
     damaged = dict.fromkeys(fault.component for fault in scene.faults if fault.component in teeth)

@@ -1,25 +1,14 @@
 import sys
 
 import pytest
+from gearboxes import SHORT_SCENE
 
 from data_synth import SceneError, explain, load_plan, load_scene, simulate
 from data_synth.scene.scene import catalogue
 from hums.cli import main
 from hums.records.store import open_record
 
-SCENE = """
-gearbox = "two-stage"
-rate_hz = 5000
-duration_s = 1
-fidelity = "kinematic"
-speed = { link = "input", rpm = 1200 }
-tachometer = { link = "input", pulses_per_rev = 1 }
-[[sensor]]
-name = "a"
-on = "input bearing"
-units = "g"
-hum = { amplitude = 0.1 }
-"""
+SCENE = SHORT_SCENE.replace("duration_s = 0.2", "duration_s = 1") + "hum = { amplitude = 0.1 }\n"
 
 
 @pytest.fixture

@@ -6,6 +6,7 @@ import sys
 from pathlib import Path
 
 import numpy as np
+from gearboxes import SHORT_SCENE
 
 from hums.records.record import NominalSpeed, make_record
 from hums.records.store import save_record
@@ -60,15 +61,6 @@ axes = { input = ["housing", "input"], output = ["housing", "output"] }
 mesh = [{ name = "=stage\\r1\\u001b[2J", teeth = { input = 23, output = 67 } }]
 bearing = [{ name = "<b>DE\\u0007", inner_ring = "input", outer_ring = "housing", bearing = "SKF 6203-2RS JEM" }]
 """
-SCENE = """
-gearbox = "two-stage"
-rate_hz = 5000
-duration_s = 0.2
-fidelity = "kinematic"
-speed = { link = "input", rpm = 1200 }
-tachometer = { link = "input", pulses_per_rev = 1 }
-sensor = [{ name = "a", on = "input bearing", units = "g" }]
-"""
 
 
 def test_no_command_reaches_out_or_shows_a_control_character(tmp_path):
@@ -79,7 +71,7 @@ def test_no_command_reaches_out_or_shows_a_control_character(tmp_path):
     save_record(made, tmp_path / "record.h5")
     np.savetxt(tmp_path / "raw.csv", noise, header="vib", comments="")
     (tmp_path / "odd.toml").write_text(GEARBOX)
-    (tmp_path / "scene.toml").write_text(SCENE)
+    (tmp_path / "scene.toml").write_text(SHORT_SCENE)
     (tmp_path / "plan.toml").write_text(
         'scene = "demo"\nrecords = 1\nseed = 7\n[change]\nduration_s = 0.2\nfault = []\n'
     )

@@ -9,22 +9,12 @@ from pathlib import Path
 
 import numpy as np
 import pytest
+from gearboxes import SHORT_SCENE
 
 from hums.jobs import Serial
 from hums.records.record import NominalSpeed, make_record
 from hums.records.store import save_record
 
-SCENE = """gearbox = "two-stage"
-rate_hz = 5000
-duration_s = 0.2
-fidelity = "kinematic"
-speed = { link = "input", rpm = 1200 }
-tachometer = { link = "input", pulses_per_rev = 1 }
-[[sensor]]
-name = "a"
-on = "input bearing"
-units = "g"
-"""
 PLAN = 'scene = "demo"\nrecords = 1\nseed = 7\n[change]\nduration_s = 0.2\nfault = []\n'
 READ = "--channel vib --units g --rate-hz 5000 --no-tachometer"
 BOX = "--gearbox two-stage -o out --no-envelope"
@@ -42,7 +32,7 @@ def material(tmp_path_factory):
         np.savetxt(folder / "raw" / f"{name}.csv", noise, header="vib", comments="")
     (folder / "raw" / "damaged.csv").write_text("vib\n1\n2,3\n")
     (folder / "damaged.h5").write_text("nothing of the kind")
-    (folder / "scene.toml").write_text(SCENE)
+    (folder / "scene.toml").write_text(SHORT_SCENE)
     (folder / "plan.toml").write_text(PLAN)
     return folder
 
