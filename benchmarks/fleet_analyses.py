@@ -15,10 +15,10 @@ from data_synth import make_dataset
 from data_synth.plan import parse_plan
 from data_synth.scene.machine_history import History
 from hums import open_dataset
-from hums.fleet.fleet import analyze_fleet
+from hums.fleet.fleet_analysis import analyze_fleet
 from hums.fleet.result_files import read_row
 from hums.fleet.series import Series, series_of, vector
-from hums.gearbox.orders import BEARING_KINDS
+from hums.gearbox.defect_orders import BEARING_KINDS
 from hums.jobs import Processes
 
 Array = NDArray[np.float64]

@@ -5,7 +5,7 @@ from typing import TYPE_CHECKING, Any
 
 if TYPE_CHECKING:
     from data_synth.cost import explain as explain
-    from data_synth.dataset import make_dataset as make_dataset
+    from data_synth.dataset_folder import make_dataset as make_dataset
     from data_synth.plan import Plan as Plan
     from data_synth.plan import PlanError as PlanError
     from data_synth.plan import load_plan as load_plan
@@ -22,7 +22,7 @@ _HOME = {
     "explain": "data_synth.cost",
     "load_plan": "data_synth.plan",
     "load_scene": "data_synth.scene.scene",
-    "make_dataset": "data_synth.dataset",
+    "make_dataset": "data_synth.dataset_folder",
     "simulate": "data_synth.simulation",
 }
 __all__ = sorted(_HOME)  # noqa: PLE0605

@@ -4,8 +4,8 @@ from importlib import import_module
 from typing import TYPE_CHECKING, Any
 
 if TYPE_CHECKING:
-    from hums.analysis.analyze import AnalysisSettings as AnalysisSettings
-    from hums.analysis.analyze import analyze as analyze
+    from hums.analysis.record_analysis import AnalysisSettings as AnalysisSettings
+    from hums.analysis.record_analysis import analyze as analyze
     from hums.analysis.result import Analysis as Analysis
     from hums.analysis.result import findings_table as findings_table
     from hums.analysis.result import health_table as health_table
@@ -18,9 +18,9 @@ if TYPE_CHECKING:
     from hums.analysis.result import verdict_table as verdict_table
     from hums.analysis.settings import AnalysisError as AnalysisError
     from hums.analysis.verdicts import derive_verdicts as derive_verdicts
-    from hums.fleet.fleet import Fleet as Fleet
-    from hums.fleet.fleet import FleetError as FleetError
-    from hums.fleet.fleet import analyze_fleet as analyze_fleet
+    from hums.fleet.fleet_analysis import Fleet as Fleet
+    from hums.fleet.fleet_analysis import FleetError as FleetError
+    from hums.fleet.fleet_analysis import analyze_fleet as analyze_fleet
     from hums.fleet.maintenance import MaintenanceError as MaintenanceError
     from hums.fleet.maintenance import Work as Work
     from hums.fleet.maintenance import read_maintenance as read_maintenance
@@ -29,6 +29,7 @@ if TYPE_CHECKING:
     from hums.fleet.monitor_settings import MonitorSettings as MonitorSettings
     from hums.fleet.watch import watch as watch
     from hums.gearbox.adjacency import from_adjacency_table as from_adjacency_table
+    from hums.gearbox.defect_orders import defect_orders as defect_orders
     from hums.gearbox.kinematics import Kinematics as Kinematics
     from hums.gearbox.kinematics import solve_kinematics as solve_kinematics
     from hums.gearbox.model import Gearbox as Gearbox
@@ -37,7 +38,6 @@ if TYPE_CHECKING:
     from hums.gearbox.model import load_gearbox as load_gearbox
     from hums.gearbox.order_families import collisions as collisions
     from hums.gearbox.order_families import order_families as order_families
-    from hums.gearbox.orders import defect_orders as defect_orders
     from hums.gearbox.torques import TorqueError as TorqueError
     from hums.gearbox.torques import Torques as Torques
     from hums.gearbox.torques import solve_torques as solve_torques
@@ -68,12 +68,12 @@ if TYPE_CHECKING:
     from hums.scoring import score as score
 
 _NAMES = {
-    "hums.analysis.analyze": "AnalysisSettings analyze",
+    "hums.analysis.record_analysis": "AnalysisSettings analyze",
     "hums.analysis.result": "Analysis findings_table health_table indicator_table line_table open_analysis "
     "save_analysis summary unexplained_table verdict_table",
     "hums.analysis.settings": "AnalysisError",
     "hums.analysis.verdicts": "derive_verdicts",
-    "hums.fleet.fleet": "Fleet FleetError analyze_fleet",
+    "hums.fleet.fleet_analysis": "Fleet FleetError analyze_fleet",
     "hums.fleet.maintenance": "MaintenanceError Work read_maintenance",
     "hums.fleet.monitor": "Judgement",
     "hums.fleet.monitor_settings": "MonitorError MonitorSettings",
@@ -82,7 +82,7 @@ _NAMES = {
     "hums.gearbox.kinematics": "Kinematics solve_kinematics",
     "hums.gearbox.model": "Gearbox GearboxError GearboxWarning load_gearbox",
     "hums.gearbox.order_families": "collisions order_families",
-    "hums.gearbox.orders": "defect_orders",
+    "hums.gearbox.defect_orders": "defect_orders",
     "hums.gearbox.torques": "TorqueError Torques solve_torques",
     "hums.jobs": "Cluster JobError Processes Serial",
     "hums.readers": "convert",

@@ -6,8 +6,8 @@ from typing import TYPE_CHECKING
 import numpy as np
 import xarray as xr
 
+from hums.analysis.expected_lines import ORDER_SPECTRUM
 from hums.analysis.findings import DIAGNOSED
-from hums.analysis.lines import ORDER_SPECTRUM
 from hums.analysis.result import Analysis, group
 from hums.analysis.settings import AnalysisError
 from signals._validation import checked

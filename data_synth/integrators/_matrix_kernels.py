@@ -3,12 +3,12 @@
 import numpy as np
 from numpy.typing import NDArray
 
-from data_synth._compile import compiled_inside
+from signals._compile import compiled_inline
 
 Array = NDArray[np.float64]
 
 
-@compiled_inside
+@compiled_inline
 def add_columns(columns: Array, x: Array, out: Array, first: int) -> None:
     """Add the product with a matrix whose columns are the rows of `columns`, from the first on: four at a time."""
     width = out.size
@@ -19,7 +19,7 @@ def add_columns(columns: Array, x: Array, out: Array, first: int) -> None:
             out[i] += (one[i] * a + two[i] * b) + (three[i] * c + four[i] * d)
 
 
-@compiled_inside
+@compiled_inline
 def apply_columns(columns: Array, added: Array, x: Array, out: Array) -> None:
     """Multiply by a matrix whose columns are the rows of `columns`, and add. The number of columns is even."""
     size, width = x.size, out.size

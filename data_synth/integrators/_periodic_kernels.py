@@ -8,8 +8,8 @@ import math
 import numpy as np
 from numpy.typing import NDArray
 
-from data_synth._compile import compiled, compiled_inside
 from data_synth.integrators.periodic_tables import Waves
+from signals._compile import compiled_exactly, compiled_inline
 
 Array = NDArray[np.float64]
 
@@ -24,7 +24,7 @@ SLOPE_WEIGHT = 5 / 6 * math.sqrt(0.6)
 WEIGHT0, WEIGHT1, WEIGHT2, WEIGHT3 = (float(w) for w in _WEIGHTS)
 
 
-@compiled_inside
+@compiled_inline
 def locate(waves: Waves, which: int, phase: float) -> tuple[int, float]:
     """Return the segment of a phase, and the phase within the period."""
     period = waves.periods[which]
@@ -39,7 +39,7 @@ def locate(waves: Waves, which: int, phase: float) -> tuple[int, float]:
     return low, x
 
 
-@compiled_inside
+@compiled_inline
 def cell_at(waves: Waves, segment: int, x: float) -> tuple[int, float]:
     """Return the cell at x, and the position in it from 0 to 1."""
     u = (x - waves.starts[segment]) * waves.densities[segment]
@@ -47,7 +47,7 @@ def cell_at(waves: Waves, segment: int, x: float) -> tuple[int, float]:
     return waves.firsts[segment] + inside, u - inside
 
 
-@compiled_inside
+@compiled_inline
 def value_in(waves: Waves, segment: int, x: float) -> float:
     """Return the function at x, by the polynomial of a known segment."""
     cell, u = cell_at(waves, segment, x)
@@ -56,14 +56,14 @@ def value_in(waves: Waves, segment: int, x: float) -> float:
     return value
 
 
-@compiled_inside
+@compiled_inline
 def value_at(waves: Waves, which: int, phase: float) -> float:
     """Return the function at a phase in cycles."""
     segment, x = locate(waves, which, phase)
     return value_in(waves, segment, x)
 
 
-@compiled_inside
+@compiled_inline
 def edge_of(waves: Waves, which: int, segment: int) -> float:
     """Return where a segment ends."""
     last = segment + 1 == waves.segments[which + 1]
@@ -71,14 +71,14 @@ def edge_of(waves: Waves, which: int, segment: int) -> float:
     return edge
 
 
-@compiled_inside
+@compiled_inline
 def following(waves: Waves, which: int, segment: int) -> int:
     """Return the segment after one, or the first after the last."""
     after: int = waves.segments[which] if segment + 1 == waves.segments[which + 1] else segment + 1
     return after
 
 
-@compiled_inside
+@compiled_inline
 def jumps_within(waves: Waves, which: int, start: float, stop: float) -> bool:
     """Return whether the function jumps, or runs steeply, in an interval, of which the lower end does not count."""
     low, left = min(start, stop), abs(stop - start)
@@ -94,7 +94,7 @@ def jumps_within(waves: Waves, which: int, start: float, stop: float) -> bool:
         x = waves.starts[segment]
 
 
-@compiled
+@compiled_exactly
 def legendre_of_product(
     one: Waves, first: int, other: Waves, second: int, start: float, stop: float
 ) -> tuple[float, float, float]:
@@ -133,7 +133,7 @@ def legendre_of_product(
     return sum0, 3 * sum1, 5 * sum2
 
 
-@compiled
+@compiled_exactly
 def legendre_across(
     waves: Waves, which: int, start: float, stop: float, segment: int, x: float
 ) -> tuple[float, float, float]:
@@ -164,7 +164,7 @@ def legendre_across(
     return sum0, 3 * sum1, 5 * sum2
 
 
-@compiled_inside
+@compiled_inline
 def legendre_short(waves: Waves, which: int, start: float, stop: float) -> tuple[float, float, float]:
     """Return what `legendre` does, interval by interval between jumps, by Gauss's rule with four points."""
     low, high = min(start, stop), max(start, stop)
@@ -183,7 +183,7 @@ def legendre_short(waves: Waves, which: int, start: float, stop: float) -> tuple
     return legendre_across(waves, which, start, stop, segment, x)
 
 
-@compiled_inside
+@compiled_inline
 def integrals_at(waves: Waves, which: int, phase: float) -> tuple[float, float, float]:
     """Return the three periodic integrals of the function less its mean."""
     segment, x = locate(waves, which, phase)
@@ -205,7 +205,7 @@ def integrals_at(waves: Waves, which: int, phase: float) -> tuple[float, float, 
     return first, second, third
 
 
-@compiled_inside
+@compiled_inline
 def legendre(
     waves: Waves,
     which: int,

@@ -9,7 +9,6 @@ from typing import NamedTuple
 import numpy as np
 from numpy.typing import NDArray
 
-from data_synth._compile import compiled, compiled_inside
 from data_synth.integrators._matrix_kernels import add_columns, apply_columns
 from data_synth.integrators._periodic_kernels import (
     SHORT,
@@ -22,6 +21,7 @@ from data_synth.integrators._periodic_kernels import (
 )
 from data_synth.integrators.modal_problem import Equations
 from data_synth.integrators.periodic_tables import Waves
+from signals._compile import compiled_exactly, compiled_inline
 
 Array = NDArray[np.float64]
 Booleans = NDArray[np.bool_]
@@ -52,7 +52,7 @@ class StepFlow(NamedTuple):
     speed_changes: Array
 
 
-@compiled_inside
+@compiled_inline
 def dead_zone(deflection: float, half_gap: float, back_half_gap: float) -> tuple[float, float]:
     """Return the elastic compression of the teeth, negative on the back flanks, and 1 in contact, else 0."""
     if half_gap <= 0.0:
@@ -64,7 +64,7 @@ def dead_zone(deflection: float, half_gap: float, back_half_gap: float) -> tuple
     return 0.0, 0.0
 
 
-@compiled_inside
+@compiled_inline
 def let_act(x: Array, impulses: Array, directions: Array) -> None:
     """Add impulses to the modal velocities, and set them to zero."""
     size = directions.shape[1]
@@ -74,7 +74,7 @@ def let_act(x: Array, impulses: Array, directions: Array) -> None:
         impulses[k] = 0.0
 
 
-@compiled_inside
+@compiled_inline
 def speeds_with_drag(x: Array, drags: Array, speeds: Array) -> None:
     """Compute the speeds with drag."""
     for d in range(speeds.size):
@@ -83,7 +83,7 @@ def speeds_with_drag(x: Array, drags: Array, speeds: Array) -> None:
             speeds[d] += drags[d, i] * x[drags.shape[1] + i]
 
 
-@compiled_inside
+@compiled_inline
 def brake(
     time: float, speeds: Array, impulses: Array, factors: Array, speed_changes: Array, first: int, forward: bool
 ) -> None:
@@ -101,7 +101,7 @@ def brake(
             speeds[e] += speed_changes[e, first + d] * change
 
 
-@compiled_inside
+@compiled_inline
 def history_tables(first: int, later: int, position: float) -> tuple[int, int, float]:
     """Return the tables before and after a position in the history of a mesh, and the weight of the second.
 
@@ -115,7 +115,7 @@ def history_tables(first: int, later: int, position: float) -> tuple[int, int, f
     return before, before if share == 0.0 else later + number, share
 
 
-@compiled_inside
+@compiled_inline
 def interpolated(waves: Waves, now: int, then: int, share: float, phase: float) -> float:
     """Return the value interpolated between two tables, by the weight of the second."""
     value = 0.0
@@ -128,7 +128,7 @@ def interpolated(waves: Waves, now: int, then: int, share: float, phase: float) 
     return value
 
 
-@compiled_inside
+@compiled_inline
 def legendre_of_step(waves: Waves, which: int, begin: float, end: float, known: Array) -> tuple[float, float, float]:
     """Return the Legendre coefficients of a function over a step.
 
@@ -145,7 +145,7 @@ def legendre_of_step(waves: Waves, which: int, begin: float, end: float, known: 
     return legendre(waves, which, begin, end, before, after)
 
 
-@compiled
+@compiled_exactly
 def read_jump(equations: Equations, m: int, begin: float, end: float, position: float, jump: Array) -> None:
     """Fill `jump` (6,) with Legendre coefficients over a step in which the error of a force jumps.
 
@@ -174,7 +174,7 @@ def read_jump(equations: Equations, m: int, begin: float, end: float, position: 
         e, e_part = e_then, e_share
 
 
-@compiled
+@compiled_exactly
 def read_teeth(
     equations: Equations, turns: Array, positions: Array, first: int, known: Array,
     stiffness: Array, errors: Array, jumping: Booleans, jumps: Array,
@@ -237,7 +237,7 @@ def read_teeth(
                     errors[step, m, node] = interpolated(equations.errors, now, then, share, cycles * turned)
 
 
-@compiled_inside
+@compiled_inline
 def at_node(node: int, a0: float, a1: float, a2: float) -> float:
     """Return the mean of a function over a step under the Lagrange polynomial of node 0, 1 or 2, which may be negative.
 
@@ -248,7 +248,7 @@ def at_node(node: int, a0: float, a1: float, a2: float) -> float:
     return a0 + (node - 1) * a1 + 0.4 * a2
 
 
-@compiled_inside
+@compiled_inline
 def triangular_weights(node: int, sub: int, per_sample: int, a0: float, a1: float, a2: float) -> tuple[float, float]:
     """Return how much the compression at a node of a step adds to the triangular means of a mesh force.
 
@@ -265,7 +265,7 @@ def triangular_weights(node: int, sub: int, per_sample: int, a0: float, a1: floa
     return (moment * (sub + 0.5) + 0.5 * first_moment) / per_sample**2, moment / per_sample
 
 
-@compiled
+@compiled_exactly
 def split_steps(
     start: Array,
     outputs: Array,

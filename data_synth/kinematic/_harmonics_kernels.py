@@ -3,14 +3,14 @@
 import numpy as np
 from numpy.typing import NDArray
 
-from data_synth._compile import compiled
+from signals._compile import compiled_exactly
 
 Array = NDArray[np.float64]
 
 _BLOCK = 256  # samples whose sums stay in the nearest cache
 
 
-@compiled
+@compiled_exactly
 def add_series(
     signal: Array, real: Array, imaginary: Array, turns: Array, position: Array, edges: NDArray[np.int64]
 ) -> None:
@@ -58,7 +58,7 @@ def add_series(
                 signal[start + i] += sum_real[i]
 
 
-@compiled
+@compiled_exactly
 def _cosine(x: float) -> float:
     """Return the Taylor series of the cosine, to rounding up to an eighth of a turn; no branches, so it vectorises."""
     y = x * x
@@ -66,7 +66,7 @@ def _cosine(x: float) -> float:
     return 1.0 + y * (-1 / 2 + y * (1 / 24 + y * (-1 / 720 + y * (1 / 40320 + y * (-1 / 3628800 + y * tail)))))
 
 
-@compiled
+@compiled_exactly
 def _sine(x: float) -> float:
     """Return the Taylor series of the sine, likewise."""
     y = x * x

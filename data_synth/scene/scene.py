@@ -32,9 +32,9 @@ from hums.gearbox.components import (
     shipped_files,
     validated,
 )
+from hums.gearbox.defect_orders import bearing_orders, defect_orders
 from hums.gearbox.kinematics import Kinematics, solve_kinematics
 from hums.gearbox.model import Gearbox, load_gearbox
-from hums.gearbox.orders import bearing_orders, defect_orders
 from signals._validation import SentenceError, checked
 
 __all__ = [
@@ -457,7 +457,7 @@ class Scene(Declared):
 
         Returns
         -------
-        hums.gearbox.orders.BearingOrders
+        hums.gearbox.defect_orders.BearingOrders
 
         Examples
         --------

@@ -3,13 +3,13 @@
 import numpy as np
 from numpy.typing import NDArray
 
-from data_synth._compile import compiled
+from signals._compile import compiled_exactly
 
 Array = NDArray[np.float64]
 ComplexArray = NDArray[np.complex128]
 
 
-@compiled
+@compiled_exactly
 def add_decays(
     signal: Array,
     firsts: NDArray[np.int64],
@@ -50,7 +50,7 @@ def add_decays(
         signal[sample] += total
 
 
-@compiled
+@compiled_exactly
 def add_pole_responses(
     out: Array,
     drive: Array,

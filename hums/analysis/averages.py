@@ -17,6 +17,7 @@ import xarray as xr
 from scipy import fft
 
 from hums.analysis.channel import AnalysedChannel
+from hums.analysis.expected_lines import ORDER_SPECTRUM
 from hums.analysis.indicators import (
     SHAFT_ORDERS,
     Baseline,
@@ -26,14 +27,13 @@ from hums.analysis.indicators import (
     gear_indicators,
     unavailable,
 )
-from hums.analysis.lines import ORDER_SPECTRUM
 from hums.analysis.reference_angle import AngleSource, Machine, solved
 from hums.analysis.result import IndicatorValue, SensorCondition, Unmeasured
 from hums.analysis.segments import ChannelSegments, Scan, Segment, SegmentedRecord, Values, scanned, selected_channels
 from hums.analysis.settings import AnalysisError, AnalysisSettings
 from hums.gearbox.components import closest
+from hums.gearbox.defect_orders import BEARING_KINDS
 from hums.gearbox.model import Gearbox
-from hums.gearbox.orders import BEARING_KINDS
 from hums.gearbox.planetary_stages import planetary_stages
 from hums.records.record import channel_values
 from signals.angle.averaging import SynchronousAverage

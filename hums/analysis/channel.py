@@ -14,15 +14,7 @@ from numpy.typing import NDArray
 
 from hums.analysis.detection import LineAssessor
 from hums.analysis.evidence import BandEvidence, PartEvidence, Setting, bearing_evidence
-from hums.analysis.gear_damage import GearJudgement, ToothEnvelope, gear_damage, gear_indicators, most_conspicuous
-from hums.analysis.indicators import (
-    Baseline,
-    averaged_indicators,
-    bearing_indicators,
-    not_averaged,
-    raw_indicators,
-)
-from hums.analysis.lines import (
+from hums.analysis.expected_lines import (
     ENVELOPE,
     ORDER_SPECTRUM,
     ExpectedLine,
@@ -30,6 +22,14 @@ from hums.analysis.lines import (
     envelope_sidebands,
     narrowed,
     search,
+)
+from hums.analysis.gear_damage import GearJudgement, ToothEnvelope, gear_damage, gear_indicators, most_conspicuous
+from hums.analysis.indicators import (
+    Baseline,
+    averaged_indicators,
+    bearing_indicators,
+    not_averaged,
+    raw_indicators,
 )
 from hums.analysis.reference_angle import Machine
 from hums.analysis.result import ChannelPictures, EnvelopeBand, IndicatorValue, SensorCondition
@@ -39,7 +39,7 @@ from hums.analysis.thresholds import IN_TIME, MESH_SHARE, PEAK_RATIO
 from hums.analysis.tracks import EnvelopeLine, tooth_line
 from hums.analysis.unexplained import Drawn, UnexplainedLine, drawn_orders, unexplained_lines
 from hums.gearbox.bearing_orders import BearingOrders
-from hums.gearbox.orders import BEARING_KINDS
+from hums.gearbox.defect_orders import BEARING_KINDS
 from signals.demodulation.envelope_bank import bank_bands, bank_envelopes, level_normalised
 from signals.demodulation.time_or_angle import FEWEST_SAMPLES, power_in_time_and_angle
 from signals.health import SensorHealth

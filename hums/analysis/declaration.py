@@ -24,7 +24,7 @@ from numpy.typing import NDArray
 from hums.analysis.evidence import BandEvidence
 from hums.analysis.reference_angle import Machine
 from hums.analysis.unexplained import flanks
-from hums.gearbox.orders import BEARING_KINDS
+from hums.gearbox.defect_orders import BEARING_KINDS
 from signals.spectra.peaks import spectral_peaks
 from signals.spectra.spectra import AmplitudeSpectrum
 

@@ -31,10 +31,10 @@ import math
 from collections.abc import Callable, Iterable, Mapping, Sequence
 from dataclasses import dataclass, field, replace
 
-from hums.analysis.lines import ENVELOPE, LOBE_BINS, TOOTH_KINDS, MeasuredLine, is_support, supports
+from hums.analysis.expected_lines import ENVELOPE, LOBE_BINS, TOOTH_KINDS, MeasuredLine, is_support, supports
 from hums.analysis.thresholds import RIVAL_FACTOR
 from hums.gearbox.bearing_orders import BearingOrders
-from hums.gearbox.orders import BEARING_KINDS
+from hums.gearbox.defect_orders import BEARING_KINDS
 from signals.spectra.lines import record_probability
 
 __all__ = ["OF_CAGE", "AssessedLine", "LineAssessor", "implied_cage"]

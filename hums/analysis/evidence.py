@@ -28,7 +28,7 @@ import numpy as np
 from numpy.typing import NDArray
 
 from hums.analysis.detection import AssessedLine
-from hums.analysis.lines import MeasuredLine, supports
+from hums.analysis.expected_lines import MeasuredLine, supports
 from hums.analysis.thresholds import (
     EXACT_BINS,
     FAULTY_DEPTH,
@@ -45,7 +45,7 @@ from hums.analysis.thresholds import (
     TRUSTED_SNR,
 )
 from hums.gearbox.bearing_orders import BearingOrders
-from hums.gearbox.orders import BEARING_KINDS
+from hums.gearbox.defect_orders import BEARING_KINDS
 from signals.spectra.lines import record_probability
 
 __all__ = ["BandEvidence", "PartEvidence", "Setting", "bearing_evidence", "mains_multiples", "strength"]

@@ -33,7 +33,7 @@ from hums.analysis.thresholds import (
     RIVAL_FACTOR,
     SLIP_SCATTER,
 )
-from hums.gearbox.orders import BEARING_KINDS
+from hums.gearbox.defect_orders import BEARING_KINDS
 
 __all__ = [
     "DIAGNOSED",

@@ -27,7 +27,7 @@ from hums.analysis.reference_angle import Machine
 from hums.analysis.result import IndicatorValue
 from hums.analysis.segments import Segment, resample_in_angle
 from hums.analysis.thresholds import DIFFERING_TEETH, FEWEST_CYCLES, GRAVE_RISE, HIGHEST_TOOTH, MODULATED_MESH
-from hums.gearbox.orders import DefectOrder
+from hums.gearbox.defect_orders import DefectOrder
 from hums.gearbox.planetary_stages import planetary_stages
 from signals.angle.local_damage import PERMUTED_TURNS, LocalDamage, folded, local_damage
 from signals.angle.repeated_waveform import repeated_waveform

@@ -22,7 +22,7 @@ from hums.analysis.reference_angle import Machine
 from hums.analysis.result import Analysis, IndicatorValue, check_analysis, group
 from hums.analysis.segments import Segment, resample_in_angle
 from hums.analysis.settings import AnalysisError, AnalysisSettings
-from hums.gearbox.orders import BEARING_KINDS
+from hums.gearbox.defect_orders import BEARING_KINDS
 from hums.gearbox.planetary_stages import PlanetaryStage, planetary_stages
 from signals.angle.averaging import SynchronousAverage, synchronous_average
 from signals.angle.planets import PassWindow, pass_angle, planet_average, sun_average

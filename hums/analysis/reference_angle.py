@@ -15,9 +15,9 @@ from hums.analysis.settings import AnalysisError, AnalysisSettings
 from hums.analysis.thresholds import STEADY_SPEED
 from hums.gearbox.bearing_orders import BearingOrders
 from hums.gearbox.components import closest
+from hums.gearbox.defect_orders import DefectOrder, bearing_orders, defects
 from hums.gearbox.kinematics import Kinematics, solve_kinematics
 from hums.gearbox.model import Gearbox
-from hums.gearbox.orders import DefectOrder, bearing_orders, defects
 from hums.records.record import Sampling, channel_values, nominal_speed, sampling, tachometers, vibration_channels
 from signals.resampling.resampling import whole_revolutions
 from signals.shaft.declared_speed import DeclaredSpeed, refine_declared_speed

@@ -12,7 +12,7 @@ import numpy as np
 import xarray as xr
 
 from hums.analysis.detection import AssessedLine
-from hums.analysis.lines import ENVELOPE, ORDER_SPECTRUM
+from hums.analysis.expected_lines import ENVELOPE, ORDER_SPECTRUM
 from hums.analysis.settings import AnalysisError, AnalysisSettings
 from hums.gearbox.model import Gearbox
 from hums.records.outputs import check_outputs

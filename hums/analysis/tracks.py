@@ -12,11 +12,11 @@ from scipy import fft
 
 from hums.analysis.detection import AssessedLine
 from hums.analysis.evidence import PartEvidence
+from hums.analysis.expected_lines import ORDER_SPECTRUM, MeasuredLine
 from hums.analysis.gear_damage import ToothEnvelope
-from hums.analysis.lines import ORDER_SPECTRUM, MeasuredLine
 from hums.analysis.reference_angle import Machine
 from hums.analysis.segments import Segment, resample_in_angle
-from hums.gearbox.orders import BEARING_KINDS
+from hums.gearbox.defect_orders import BEARING_KINDS
 from signals.demodulation.envelope_bank import bank_envelopes
 from signals.harmonics import track_orders
 from signals.harmonics.bandwidth_selection import LikelyTracks, likely_bandwidth, likely_tracks

@@ -17,7 +17,7 @@ from scipy.special import bdtrc
 
 from hums.analysis.evidence import Setting, mains_multiples
 from hums.analysis.thresholds import MATCH_BINS, STRANGE_FACTOR, UNEXPLAINED_RATIO
-from hums.gearbox.orders import DefectOrder
+from hums.gearbox.defect_orders import DefectOrder
 from signals.spectra.peaks import spectral_peaks
 from signals.spectra.spectra import AmplitudeSpectrum
 

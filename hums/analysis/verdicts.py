@@ -21,6 +21,7 @@ import xarray as xr
 
 from hums.analysis.channel import AnalysedChannel
 from hums.analysis.evidence import PartEvidence
+from hums.analysis.expected_lines import ORDER_SPECTRUM, MeasuredLine
 from hums.analysis.findings import (
     INDICATED,
     NOT_JUDGED,
@@ -32,7 +33,6 @@ from hums.analysis.findings import (
 )
 from hums.analysis.gear_damage import GearJudgement, gear_verdicts, healthy_probability
 from hums.analysis.healthy_machines import HealthyMachines, healthy_machines, read_library
-from hums.analysis.lines import ORDER_SPECTRUM, MeasuredLine
 from hums.analysis.reference_angle import Machine
 from hums.analysis.result import Analysis, Unmeasured, group, rows_dataset, rows_of
 from hums.analysis.settings import AnalysisError, AnalysisSettings
@@ -47,7 +47,7 @@ from hums.analysis.thresholds import (
     TOOTH_ACCIDENT,
     ZONE_SHARE,
 )
-from hums.gearbox.orders import BEARING_KINDS
+from hums.gearbox.defect_orders import BEARING_KINDS
 from signals._validation import checked
 from signals.spectra.integration import line_velocity
 

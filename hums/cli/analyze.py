@@ -60,8 +60,8 @@ def analyze(
     force: Force = False,
 ) -> None:
     """Run the command."""
-    from hums.analysis.analyze import analyze as run  # noqa: PLC0415
     from hums.analysis.findings import not_judged_words, where_none_is_named  # noqa: PLC0415
+    from hums.analysis.record_analysis import analyze as run  # noqa: PLC0415
     from hums.analysis.result import summary  # noqa: PLC0415
     from hums.gearbox.model import load_gearbox  # noqa: PLC0415
     from hums.gearbox.undeclared import undeclared_parts  # noqa: PLC0415

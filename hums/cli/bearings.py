@@ -13,7 +13,7 @@ def bearings(
     designation: Annotated[Optional[str], typer.Argument(help="Designation, or a part of one.")] = None,  # noqa: UP045
 ) -> None:
     """Run the command."""
-    from hums.gearbox.bearings import bearing_catalogue  # noqa: PLC0415
+    from hums.gearbox.bearing_catalogue import bearing_catalogue  # noqa: PLC0415
 
     rows = bearing_catalogue()
     shown = [row for row in rows if designation is None or designation.lower() in row.name.lower()]

@@ -18,7 +18,7 @@ def dataset(
 ) -> None:
     """Run the command."""
     from data_synth import load_plan, make_dataset  # noqa: PLC0415
-    from data_synth.dataset import dataset_cost  # noqa: PLC0415
+    from data_synth.dataset_folder import dataset_cost  # noqa: PLC0415
 
     declared, chosen = load_plan(plan), workers_of(workers, scheduler)
     cost = dataset_cost(declared)

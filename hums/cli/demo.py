@@ -19,8 +19,8 @@ def demo(
 ) -> None:
     """Run the command."""
     from data_synth import load_scene, simulate  # noqa: PLC0415
-    from hums.analysis.analyze import AnalysisSettings  # noqa: PLC0415
-    from hums.analysis.analyze import analyze as run  # noqa: PLC0415
+    from hums.analysis.record_analysis import AnalysisSettings  # noqa: PLC0415
+    from hums.analysis.record_analysis import analyze as run  # noqa: PLC0415
     from hums.analysis.result import findings_table  # noqa: PLC0415
     from hums.gearbox.model import load_gearbox  # noqa: PLC0415
     from hums.records.outputs import check_outputs  # noqa: PLC0415

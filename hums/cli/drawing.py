@@ -73,8 +73,8 @@ def _drawn_speeds(kinematics: "Kinematics", given: dict[str, float] | None) -> d
 
 
 def _pictures_of(kinematics: "Kinematics", speeds: Mapping[str, float]) -> dict[str, Callable[[Any], object]]:
+    from hums.gearbox.defect_orders import defect_orders  # noqa: PLC0415
     from hums.gearbox.layout import layout_of  # noqa: PLC0415
-    from hums.gearbox.orders import defect_orders  # noqa: PLC0415
     from hums.plots import draw_mechanism, speed_order_chart, velocity_diagram  # noqa: PLC0415
 
     gearbox = kinematics.gearbox

@@ -62,7 +62,7 @@ def fleet(  # noqa: PLR0917 - each option is one
     force: Force = False,
 ) -> None:
     """Run the command."""
-    from hums.fleet.fleet import FILES, analyze_fleet  # noqa: PLC0415
+    from hums.fleet.fleet_analysis import FILES, analyze_fleet  # noqa: PLC0415
     from hums.fleet.monitor_settings import MonitorSettings  # noqa: PLC0415
     from hums.fleet.parquet import NO_PYARROW  # noqa: PLC0415
 

@@ -24,9 +24,9 @@ def orders(
     ] = None,
 ) -> None:
     """Run the command."""
+    from hums.gearbox.defect_orders import defect_orders  # noqa: PLC0415
     from hums.gearbox.kinematics import solve_kinematics  # noqa: PLC0415
     from hums.gearbox.model import load_gearbox  # noqa: PLC0415
-    from hums.gearbox.orders import defect_orders  # noqa: PLC0415
     from hums.gearbox.undeclared import undeclared_parts  # noqa: PLC0415
 
     if csv and json:

@@ -18,7 +18,7 @@ def schema(
     """Run the command."""
     import json  # noqa: PLC0415
 
-    from data_synth.schema import plan_schema, scene_schema  # noqa: PLC0415
+    from data_synth.scene_schema import plan_schema, scene_schema  # noqa: PLC0415
     from hums.gearbox.model import gearbox_schema  # noqa: PLC0415
 
     gearbox = gearbox_schema()

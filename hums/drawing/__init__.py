@@ -10,10 +10,10 @@ from typing import Any
 
 from markupsafe import Markup
 
+from hums.gearbox.defect_orders import rate_forms
 from hums.gearbox.kinematics import Kinematics, solve_kinematics
 from hums.gearbox.layout import layout_of, transverse_axes
 from hums.gearbox.model import Gearbox, GearboxError
-from hums.gearbox.orders import rate_forms
 from hums.gearbox.rational import Form, add_pivot, evaluate, reduced
 from hums.pages.page import page_environment, page_head
 from hums.records.outputs import check_outputs

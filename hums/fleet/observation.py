@@ -48,7 +48,7 @@ class Observation:
 
 
 def observation(row: Mapping[str, Any]) -> Observation:
-    """Return the observation in the results of one record, as `hums.fleet.fleet` stores them."""
+    """Return the observation in the results of one record, as `hums.fleet.fleet_analysis` stores them."""
     sick = {name: reasons for name, _, status, reasons in row.get("health", ()) if status == "sick"}
     tachometers = [name for name, sensor, *_ in row.get("health", ()) if sensor == "tachometer" and name in sick]
     unjudged = "not analysed" if row["error"] else "sick tachometer" if tachometers else ""

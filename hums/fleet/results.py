@@ -5,8 +5,8 @@ import math
 from collections.abc import Iterator, Sequence
 from typing import Any
 
+from hums.analysis.expected_lines import ENVELOPE, ORDER_SPECTRUM
 from hums.analysis.findings import NOT_JUDGED, not_judged_words
-from hums.analysis.lines import ENVELOPE, ORDER_SPECTRUM
 from hums.analysis.result import Analysis, group
 from hums.fleet.numbers import INDICATOR, LINE, named
 

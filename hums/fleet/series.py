@@ -10,7 +10,7 @@ import numpy as np
 from numpy.typing import NDArray
 
 from hums.fleet.numbers import NOTHING, Numbers
-from hums.gearbox.orders import BEARING_KINDS
+from hums.gearbox.defect_orders import BEARING_KINDS
 from signals.monitoring.health import FEWEST_LEVELS, Layout
 
 __all__ = [

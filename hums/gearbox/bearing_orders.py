@@ -1,4 +1,4 @@
-"""Rotation and defect orders of one bearing, as `hums.gearbox.orders` finds them."""
+"""Rotation and defect orders of one bearing, as `hums.gearbox.defect_orders` finds them."""
 
 from dataclasses import dataclass
 

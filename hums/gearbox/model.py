@@ -15,7 +15,7 @@ from typing import Annotated, Any, Self
 
 from pydantic import Field, model_validator
 
-from hums.gearbox.bearings import bearing_catalogue, bearings_named
+from hums.gearbox.bearing_catalogue import bearing_catalogue, bearings_named
 from hums.gearbox.components import (
     MOST_PARTS,
     X_AXIS,

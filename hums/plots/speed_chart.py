@@ -9,8 +9,8 @@ from matplotlib.lines import Line2D
 from matplotlib.patches import Patch
 from matplotlib.ticker import LogFormatter
 
+from hums.gearbox.defect_orders import BEARING_KINDS, KINDS
 from hums.gearbox.order_families import HANN_HALF_LOBE
-from hums.gearbox.orders import BEARING_KINDS, KINDS
 from hums.plots.labels import apply_layout, point_size, spread
 from hums.plots.style import FAINT, INK, KIND_COLOURS
 

@@ -7,11 +7,11 @@ from pathlib import Path
 from tempfile import NamedTemporaryFile
 from typing import Any, Literal, TypeAlias
 
+from hums.analysis.expected_lines import ENVELOPE, ORDER_SPECTRUM
 from hums.analysis.findings import NOTHING_FOUND
-from hums.analysis.lines import ENVELOPE, ORDER_SPECTRUM
 from hums.analysis.result import Analysis, check_analysis, indicator_table, line_table, save_analysis, summary
+from hums.gearbox.defect_orders import BEARING_KINDS
 from hums.gearbox.model import Gearbox
-from hums.gearbox.orders import BEARING_KINDS
 from hums.gearbox.undeclared import undeclared_parts
 from hums.pages.page import page_environment, stand_alone_page
 from hums.plots import coloured_components, draw_mechanism, svg

@@ -8,7 +8,7 @@ import numpy as np
 import xarray as xr
 from numpy.typing import NDArray
 
-from hums.analysis.lines import ENVELOPE, ORDER_SPECTRUM
+from hums.analysis.expected_lines import ENVELOPE, ORDER_SPECTRUM
 from hums.analysis.pictures import AVERAGES, KURTOGRAM, ORDER_MAP, WAVEFORM, pictures_of
 from hums.analysis.result import Analysis, envelope_bands, group
 from hums.pages.page import Figure, figure_html, least_and_largest, packed, packed_codes

@@ -14,7 +14,7 @@ from hums.analysis.findings import (
 )
 from hums.analysis.healthy_machines import healthy_share_words
 from hums.analysis.thresholds import FAULTY_DEPTH
-from hums.gearbox.orders import BEARING_KINDS
+from hums.gearbox.defect_orders import BEARING_KINDS
 
 CLASSES = {DIAGNOSED: "alarm", INDICATED: "watch", NOT_JUDGED: "unknown", NOTHING_FOUND: "calm"}
 """Class of the page's style sheet for each verdict; a word that is not here is shown as unknown."""

@@ -23,9 +23,9 @@ from typing import TYPE_CHECKING
 import numpy as np
 
 from signals._validation import checked, positive, real_array, whole
+from signals.harmonics._arguments import check_noise_variance, check_orders, check_record
 from signals.harmonics._information_kernels import FORWARD, filter_information, marginalise
 from signals.harmonics._information_smoother import Information, NodeChain, NodeInformation
-from signals.harmonics._validation import check_noise_variance, check_orders, check_record
 from signals.harmonics.bandwidth import MOST_POLES, quadrature_noise, variance_ratio
 from signals.harmonics.block_grid import Grid, at_outputs
 from signals.harmonics.block_smoother import BlockFit, block_length, one_of_each, scattered_share

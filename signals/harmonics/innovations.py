@@ -6,7 +6,7 @@ from typing import Any
 import numpy as np
 from numpy.typing import NDArray
 
-from signals.harmonics._validation import SMALLEST
+from signals.harmonics._arguments import SMALLEST
 from signals.harmonics.state_space import LAGS, Complexes, Estimate, Floats, Patterns
 
 

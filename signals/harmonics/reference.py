@@ -16,7 +16,7 @@ import numpy as np
 from filterpy.kalman import KalmanFilter
 
 from signals._validation import checked, whole
-from signals.harmonics import _validation
+from signals.harmonics import _arguments
 from signals.harmonics.bandwidth import MOST_POLES
 from signals.harmonics.state_space import (
     LAGS,
@@ -139,16 +139,16 @@ def harmonic_model(
     """
     phases_of = phase_rad.values() if isinstance(phase_rad, Mapping) else [phase_rad]
     samples = min((np.shape(each)[0] for each in phases_of if np.ndim(each)), default=0)
-    numbers, _, shaft, phases = _validation.check_orders(orders, phase_rad, samples=samples)
-    bandwidth = _validation.check_bandwidth(
+    numbers, _, shaft, phases = _arguments.check_orders(orders, phase_rad, samples=samples)
+    bandwidth = _arguments.check_bandwidth(
         bandwidth_hz=bandwidth_hz, bandwidth_orders=bandwidth_orders, rate_hz=rate_hz,
         samples_per_rev=samples_per_rev, shaft=shaft, phases=phases,
     )  # fmt: skip
-    noise = _validation.check_noise_variance(noise_variance)
+    noise = _arguments.check_noise_variance(noise_variance)
     model = HarmonicModel(
         orders=numbers, shaft=shaft, phases=phases, bandwidth=bandwidth.cycles,
         poles=whole(poles, name="poles", least=1, most=MOST_POLES),
-        prior_std=PRIOR_STD if initial_std is None else _validation.check_initial_std(initial_std, noise=noise),
+        prior_std=PRIOR_STD if initial_std is None else _arguments.check_initial_std(initial_std, noise=noise),
     )  # fmt: skip
     return _matrices(model, noise)
 

@@ -18,7 +18,7 @@ import numpy as np
 from numpy.typing import NDArray
 
 from signals._validation import whole
-from signals.harmonics import _validation
+from signals.harmonics import _arguments
 from signals.harmonics._information_smoother import Information, NodeChain, information_at_end, smooth_chain
 from signals.harmonics.bandwidth import MOST_POLES
 from signals.harmonics.block_grid import Grid, at_outputs
@@ -199,12 +199,12 @@ class OrderTracker:
         lag: int | None = None,
         output_every: int = 1,
     ) -> None:
-        self._noise = _validation.check_noise_variance(noise_variance)
+        self._noise = _arguments.check_noise_variance(noise_variance)
         std = PRIOR_STD * np.sqrt(self._noise) if initial_std is None else initial_std
         pairs = [item for item in orders if isinstance(item, tuple | list) and item] if np.iterable(orders) else []
         # Zero angles, so that orders are checked before angles are known.
         rest = {pair[0]: [0.0] for pair in pairs if isinstance(pair[0], str)} or [0.0]
-        numbers, self._names, shaft, _ = _validation.check_orders(orders, rest, samples=1)
+        numbers, self._names, shaft, _ = _arguments.check_orders(orders, rest, samples=1)
         self._orders = list(zip(self._names, numbers.tolist(), strict=True)) if self._names else numbers
         self._shafts = list(dict.fromkeys(self._names)) or [""]
         if bandwidth_orders is not None and rate_hz is not None and bandwidth_hz is None:
@@ -217,14 +217,14 @@ class OrderTracker:
             raise ValueError(
                 f"bandwidth of shape {given.shape}: a stream's does not vary in time; pass one number, or one an order."
             )
-        self._width = _validation.check_bandwidth(
+        self._width = _arguments.check_bandwidth(
             bandwidth_hz=bandwidth_hz, bandwidth_orders=bandwidth_orders, rate_hz=rate_hz,
             samples_per_rev=samples_per_rev, shaft=shaft, phases=(np.zeros(2),),
         )  # fmt: skip
         self._model = HarmonicModel(
             orders=numbers, shaft=shaft, phases=(), bandwidth=self._width.cycles,
             poles=whole(poles, name="poles", least=1, most=MOST_POLES),
-            prior_std=_validation.check_initial_std(std, noise=self._noise),
+            prior_std=_arguments.check_initial_std(std, noise=self._noise),
         )  # fmt: skip
         self._lag = None if lag is None else whole(lag, name="lag", least=1)
         self._every = whole(output_every, name="output_every", least=1)
@@ -323,7 +323,7 @@ class OrderTracker:
 
     def _check_block(self, x: ArrayLike, phase_rad: ArrayLike | Mapping[str, ArrayLike]) -> tuple[Floats, Floats]:
         """Return (channel, sample) and (shaft, sample) arrays that continue the last block, or refuse them."""
-        block, now = _validation.check_record(x), self._progress
+        block, now = _arguments.check_record(x), self._progress
         if now is not None and (len(block) != len(now.x) or (np.ndim(x) == 1) != now.one_channel):
             began = "one plain channel" if now.one_channel else f"{len(now.x)} channels"
             raise ValueError(
@@ -335,11 +335,11 @@ class OrderTracker:
                 "x misses different samples in different channels; a stream's channels share one covariance: mark a "
                 "sample missing in all of them, or use one OrderTracker for each."
             )
-        *_, angles = _validation.check_orders(self._orders, phase_rad, samples=block.shape[1])
+        *_, angles = _arguments.check_orders(self._orders, phase_rad, samples=block.shape[1])
         last_phase = np.full(len(angles), np.nan) if now is None else now.last_phase
         for number, (name, last) in enumerate(zip(self._shafts, last_phase.tolist(), strict=True)):
             highest, jump = self._model.orders[self._model.shaft == number].max(), angles[number][0] - last
-            if highest * abs(jump) > _validation.MOST_TURN:
+            if highest * abs(jump) > _arguments.MOST_TURN:
                 raise ValueError(
                     f"{f'phase_rad[{name!r}]' if name else 'phase_rad'} jumps by {jump:.4g} rad from the last block to "
                     f"this one, order {highest:g} by more than pi; go on from the last block's angle, {last:.6g} rad."

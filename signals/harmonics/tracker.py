@@ -10,7 +10,7 @@ from typing import TYPE_CHECKING, Any, Literal
 import numpy as np
 
 from signals._validation import checked, choice, positive, real_array, whole
-from signals.harmonics import _validation
+from signals.harmonics import _arguments
 from signals.harmonics.bandwidth import MOST_POLES, Bandwidth
 from signals.harmonics.block_smoother import block_length, blurs, exact, exact_length, fast, scattered_share
 from signals.harmonics.innovations import statistics
@@ -135,16 +135,16 @@ def track_orders(
     >>> print(np.abs(tracks.complex_amplitude[:, 2500]).round(3))
     [0. 2.]
     """
-    record = _validation.check_record(x)
+    record = _arguments.check_record(x)
     samples = record.shape[1]
-    order_numbers, shafts, shaft, phases = _validation.check_orders(orders, phase_rad, samples=samples)
-    bandwidth = _validation.check_bandwidth(
+    order_numbers, shafts, shaft, phases = _arguments.check_orders(orders, phase_rad, samples=samples)
+    bandwidth = _arguments.check_bandwidth(
         bandwidth_hz=bandwidth_hz, bandwidth_orders=bandwidth_orders, rate_hz=rate_hz,
         samples_per_rev=samples_per_rev, shaft=shaft, phases=phases,
     )  # fmt: skip
     choice(estimator, name="estimator", choices=("smoother", "filter"))
     choice(method, name="method", choices=("auto", "exact", "fast", "reference"))
-    noise_variance = None if noise_variance is None else _validation.check_noise_variance(noise_variance)
+    noise_variance = None if noise_variance is None else _arguments.check_noise_variance(noise_variance)
     prior_std = PRIOR_STD
     if initial_std is not None:
         if noise_variance is None:
@@ -152,7 +152,7 @@ def track_orders(
                 f"initial_std={positive(initial_std, name='initial_std'):g} weighs against the noise, whose variance "
                 "is not given; pass noise_variance too, or neither."
             )
-        prior_std = _validation.check_initial_std(initial_std, noise=noise_variance)
+        prior_std = _arguments.check_initial_std(initial_std, noise=noise_variance)
     model = HarmonicModel(
         orders=order_numbers, shaft=shaft, phases=phases, bandwidth=bandwidth.cycles,
         poles=whole(poles, name="poles", least=1, most=MOST_POLES), prior_std=prior_std,
@@ -167,7 +167,7 @@ def track_orders(
         model=model, estimator=estimator, output_every=whole(output_every, name="output_every", least=1),
         coupled=coupled, rtol=rtol, noise_variance=noise_variance, innovations=innovations,
     )  # fmt: skip
-    phase_std = _validation.check_phase_std(phase_std_rad, shafts=shafts, samples=samples)
+    phase_std = _arguments.check_phase_std(phase_std_rad, shafts=shafts, samples=samples)
     phase_every = task.output_every if phase_std is not None and phase_std.shape[1] > 1 else 1
     patterns = Patterns.of(record)
     chosen = _choose(method, task, patterns.seen)

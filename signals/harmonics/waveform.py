@@ -8,7 +8,7 @@ import numpy as np
 
 from signals._validation import checked, whole
 from signals.harmonics import _block_kernels
-from signals.harmonics._validation import check_orders, check_record
+from signals.harmonics._arguments import check_orders, check_record
 from signals.harmonics.block_grid import pieces_between
 
 if TYPE_CHECKING:

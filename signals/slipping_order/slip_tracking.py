@@ -33,7 +33,7 @@ from typing import TYPE_CHECKING, get_args
 import numpy as np
 
 from signals._validation import checked, choice, positive, real_vector, whole
-from signals.harmonics._validation import check_bandwidth, check_phase, check_record
+from signals.harmonics._arguments import check_bandwidth, check_phase, check_record
 from signals.harmonics.state_space import Estimator
 from signals.slipping_order.block_chain import Status, extended_filter, in_blocks, iterate, starts
 from signals.slipping_order.slip_detection import Line, SlipRecord, search

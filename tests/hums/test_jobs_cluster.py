@@ -13,7 +13,7 @@ from data_synth import make_dataset
 from data_synth.plan import parse_plan
 from hums import jobs
 from hums.cli import main
-from hums.fleet.fleet import analyze_fleet
+from hums.fleet.fleet_analysis import analyze_fleet
 from hums.jobs import Cluster, Job, JobError, Tally, run_jobs
 
 # Found and not imported, which takes each worker of pytest a second.

@@ -3,8 +3,7 @@
 import pytest
 from numba.core import caching
 
-from data_synth import _compile as of_data_synth
-from signals import _compile as of_signals
+from signals import _compile
 
 
 def halved(x):
@@ -14,11 +13,12 @@ def halved(x):
 @pytest.mark.parametrize(
     "compiled",
     [
-        of_signals.compiled,
-        of_signals.compiled_sums,
-        of_signals.compiled_in_place,
-        of_signals.compiled_sums_in_place,
-        of_data_synth.compiled,
+        _compile.compiled,
+        _compile.compiled_sums,
+        _compile.compiled_in_place,
+        _compile.compiled_sums_in_place,
+        _compile.compiled_exactly,
+        _compile.compiled_inline,
     ],
 )
 def test_without_a_folder_for_compiled_code(compiled, monkeypatch):

@@ -15,7 +15,7 @@ from data_synth.integrators.driver import integrate
 from data_synth.integrators.problem import Output, Steps
 from data_synth.scene.random_streams import random_stream
 from data_synth.vibration.gear_torques import static_deflection
-from hums.analysis.analyze import AnalysisSettings, analyze
+from hums.analysis.record_analysis import AnalysisSettings, analyze
 from hums.analysis.result import findings_table, group
 
 ONE = INERTIAS[1] + 1.75**2 * INERTIAS[0]  # all that turns, as the gear feels it

@@ -6,7 +6,7 @@ import pytest
 import hums
 from hums.analysis.averages import envelope_depths
 from hums.analysis.settings import AnalysisError
-from hums.fleet.fleet import analyze_fleet
+from hums.fleet.fleet_analysis import analyze_fleet
 from hums.records.quantities import AngularAverage
 from hums.records.record import make_record
 from hums.records.store import save_record

@@ -5,8 +5,8 @@ from fractions import Fraction
 import pytest
 
 from data_synth import Scene, simulate
-from hums.analysis.analyze import AnalysisSettings, analyze
-from hums.analysis.lines import ENVELOPE, SearchPlan, expected_lines
+from hums.analysis.expected_lines import ENVELOPE, SearchPlan, expected_lines
+from hums.analysis.record_analysis import AnalysisSettings, analyze
 from hums.analysis.result import findings_table, line_table
 from hums.gearbox.kinematics import solve_kinematics
 from hums.gearbox.model import Gearbox, load_gearbox

@@ -7,9 +7,9 @@ import pytest
 
 from hums.analysis.detection import LineAssessor
 from hums.analysis.evidence import BandEvidence, Setting, bearing_evidence
+from hums.analysis.expected_lines import ENVELOPE, ORDER_SPECTRUM, ExpectedLine, MeasuredLine
 from hums.analysis.findings import bearing_verdicts
 from hums.analysis.healthy_machines import HealthyMachines
-from hums.analysis.lines import ENVELOPE, ORDER_SPECTRUM, ExpectedLine, MeasuredLine
 from hums.gearbox.bearing_orders import BearingOrders
 from signals.spectra.lines import Line
 

@@ -6,11 +6,11 @@ import numpy as np
 import pytest
 from scipy.stats import kurtosis
 
-from hums.analysis.analyze import AnalysisSettings, analyze
+from hums.analysis.record_analysis import AnalysisSettings, analyze
 from hums.analysis.result import health_table, indicator_table, open_analysis, save_analysis, summary
 from hums.analysis.settings import AnalysisError
+from hums.gearbox.defect_orders import defects
 from hums.gearbox.model import Gearbox, GearboxWarning, load_gearbox
-from hums.gearbox.orders import defects
 from hums.records.record import Channel, PulseTimes, make_record
 
 RATE_HZ, SPEED_HZ, SECONDS = 5000.0, 20.0, 8.0

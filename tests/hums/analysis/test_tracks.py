@@ -5,13 +5,13 @@ from types import SimpleNamespace
 import numpy as np
 import pytest
 
-from hums.analysis.analyze import analyze
+from hums.analysis.record_analysis import analyze
 from hums.analysis.result import findings_table, group, open_analysis, save_analysis
 from hums.analysis.settings import AnalysisSettings
 from hums.analysis.tracks import EnvelopeLine, track_envelope_lines
+from hums.gearbox.defect_orders import defects
 from hums.gearbox.kinematics import solve_kinematics
 from hums.gearbox.model import load_gearbox
-from hums.gearbox.orders import defects
 from hums.records.record import PulseTimes, make_record
 from signals.shaft.phase import constant_speed
 

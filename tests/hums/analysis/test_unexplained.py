@@ -7,8 +7,8 @@ import pytest
 
 from hums.analysis.evidence import Setting
 from hums.analysis.unexplained import Drawn, drawn_orders, not_named, unexplained_lines, unlike_drawing
+from hums.gearbox.defect_orders import defects
 from hums.gearbox.model import load_gearbox
-from hums.gearbox.orders import defects
 from signals import amplitude_spectrum
 
 SPEED_HZ = 20.0

@@ -10,10 +10,10 @@ import numpy as np
 import pytest
 import xarray as xr
 
-from hums.analysis.analyze import analyze
 from hums.analysis.evidence import PartEvidence
 from hums.analysis.findings import where_none_is_named
 from hums.analysis.gear_damage import GearJudgement
+from hums.analysis.record_analysis import analyze
 from hums.analysis.result import (
     findings_table,
     group,
@@ -26,9 +26,9 @@ from hums.analysis.result import (
 )
 from hums.analysis.settings import AnalysisError, AnalysisSettings
 from hums.analysis.verdicts import derive_verdicts
+from hums.gearbox.defect_orders import BEARING_KINDS, defects
 from hums.gearbox.kinematics import solve_kinematics
 from hums.gearbox.model import load_gearbox
-from hums.gearbox.orders import BEARING_KINDS, defects
 from hums.records.record import PulseTimes, make_record
 
 GEARBOX = load_gearbox("two-stage")

@@ -13,7 +13,7 @@ import numpy as np
 import pytest
 from scipy.io import savemat, wavfile
 
-from hums.analysis.analyze import analyze
+from hums.analysis.record_analysis import analyze
 from hums.analysis.result import open_analysis, summary
 from hums.cli import main
 from hums.gearbox.model import load_gearbox
@@ -200,14 +200,14 @@ def test_a_channel_that_is_not_there(run, mat, tmp_path):
 
 def test_a_dataset_states_its_size_and_time_before_it_starts(run, monkeypatch, tmp_path):
     from data_synth import PlanError  # noqa: PLC0415
-    from data_synth.dataset import DatasetCost  # noqa: PLC0415
+    from data_synth.dataset_folder import DatasetCost  # noqa: PLC0415
 
     def refused(*_, **__):
         raise PlanError("not started.")
 
     monkeypatch.setattr("data_synth.make_dataset", refused, raising=False)
     monkeypatch.setattr(
-        "data_synth.dataset.dataset_cost",
+        "data_synth.dataset_folder.dataset_cost",
         lambda plan: DatasetCost(size_bytes=plan.records * plan.record_bytes, truth_bytes=12_000_000, seconds=1200.0),
     )
     code, out, err = run("dataset", "classification", "-o", tmp_path / "made")

@@ -8,9 +8,9 @@ from browser import show
 from gearboxes import VARIED
 
 from hums.drawing import free_links, write_drawing
+from hums.gearbox.defect_orders import defects
 from hums.gearbox.kinematics import solve_kinematics
 from hums.gearbox.model import Gearbox, GearboxError, GearboxWarning, catalogue, load_gearbox
-from hums.gearbox.orders import defects
 
 NAMES = tuple(catalogue())
 POSITIONS = 66  # of the sliders, over all these gearboxes

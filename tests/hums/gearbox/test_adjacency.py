@@ -4,9 +4,9 @@ import numpy as np
 import pytest
 
 from hums.gearbox.adjacency import from_adjacency_table
+from hums.gearbox.defect_orders import defect_orders
 from hums.gearbox.kinematics import solve_kinematics
 from hums.gearbox.model import GearboxError, load_gearbox
-from hums.gearbox.orders import defect_orders
 
 
 def entry(teeth, angle=0.0):

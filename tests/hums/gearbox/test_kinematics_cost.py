@@ -5,10 +5,10 @@ import tracemalloc
 import pytest
 from counting import calls, recorded
 
-from hums.gearbox import orders
+from hums.gearbox import defect_orders as orders
+from hums.gearbox.defect_orders import defect_orders
 from hums.gearbox.kinematics import solve_kinematics
 from hums.gearbox.model import Gearbox, load_gearbox
-from hums.gearbox.orders import defect_orders
 
 
 def train(links):

@@ -10,9 +10,9 @@ from hypothesis import given, settings
 from hypothesis import strategies as st
 from jsonschema import Draft202012Validator
 
+from hums.gearbox.defect_orders import defect_orders
 from hums.gearbox.kinematics import solve_kinematics
 from hums.gearbox.model import Gearbox, GearboxError, GearboxWarning, catalogue, gearbox_schema, load_gearbox
-from hums.gearbox.orders import defect_orders
 
 FILES = {name: tomllib.loads(path.read_text(encoding="utf-8")) for name, path in catalogue().items()}
 VALIDATOR = Draft202012Validator(gearbox_schema())

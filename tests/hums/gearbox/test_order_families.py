@@ -10,9 +10,9 @@ import pytest
 from hypothesis import given
 from hypothesis import strategies as st
 
+from hums.gearbox.defect_orders import defect_orders
 from hums.gearbox.model import Gearbox, load_gearbox
 from hums.gearbox.order_families import collisions, order_families
-from hums.gearbox.orders import defect_orders
 
 BALL = {"elements": 10, "element_diameter_mm": 10, "pitch_diameter_mm": 50}
 

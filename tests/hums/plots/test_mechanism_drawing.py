@@ -10,9 +10,9 @@ from matplotlib.colors import same_color
 from matplotlib.figure import Figure
 from matplotlib.patches import Polygon
 
+from hums.gearbox.defect_orders import defects
 from hums.gearbox.layout import layout_of
 from hums.gearbox.model import GearboxWarning, load_gearbox
-from hums.gearbox.orders import defects
 from hums.plots import coloured_components, draw_mechanism, svg
 
 

@@ -16,10 +16,10 @@ from matplotlib.patches import PathPatch, Polygon
 from matplotlib.text import Annotation
 from scipy.optimize import isotonic_regression
 
+from hums.gearbox.defect_orders import defect_orders
 from hums.gearbox.kinematics import solve_kinematics
 from hums.gearbox.model import Gearbox, GearboxError, load_gearbox
 from hums.gearbox.order_families import collisions
-from hums.gearbox.orders import defect_orders
 from hums.plots import mechanism_graph, plot_spectrum, save_figure, speed_order_chart, svg, velocity_diagram
 from hums.plots.labels import spread
 

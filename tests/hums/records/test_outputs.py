@@ -7,11 +7,11 @@ import h5py
 import numpy as np
 import pytest
 
-from hums.analysis.analyze import AnalysisSettings, analyze
+from hums.analysis.record_analysis import AnalysisSettings, analyze
 from hums.analysis.result import open_analysis, save_analysis
 from hums.conversion import convert_files, find_sources
 from hums.drawing import write_drawing
-from hums.fleet.fleet import analyze_fleet
+from hums.fleet.fleet_analysis import analyze_fleet
 from hums.gearbox.model import load_gearbox
 from hums.jobs import Serial
 from hums.plots import save_figure

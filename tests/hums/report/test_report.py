@@ -12,7 +12,7 @@ import pytest
 import xarray as xr
 from browser import draw_all, printed, screenshot, show, text_of, violations
 
-from hums.analysis.analyze import AnalysisSettings, analyze
+from hums.analysis.record_analysis import AnalysisSettings, analyze
 from hums.analysis.result import group, indicator_table, open_analysis
 from hums.gearbox.model import load_gearbox
 from hums.pages.page import stand_alone_page

@@ -7,8 +7,8 @@ from functools import lru_cache
 
 import numpy as np
 
+from hums.gearbox.defect_orders import BEARING_KINDS, DefectOrder, defects
 from hums.gearbox.kinematics import Kinematics
-from hums.gearbox.orders import BEARING_KINDS, DefectOrder, defects
 from signals.spectra.lines import SURROUNDINGS, Line, find_lines
 from signals.spectra.spectra import AmplitudeSpectrum
 

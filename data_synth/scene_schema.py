@@ -55,7 +55,7 @@ def plan_schema() -> dict[str, Any]:
 
     Examples
     --------
-    >>> from data_synth.schema import plan_schema
+    >>> from data_synth.scene_schema import plan_schema
     >>> sorted(plan_schema()["$defs"])
     ['ClassTable', 'History', 'MachineTable']
     """

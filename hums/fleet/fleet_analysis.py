@@ -16,7 +16,7 @@ from typing import Any
 
 import xarray as xr
 
-from hums.analysis.analyze import AnalysisSettings, analyze
+from hums.analysis.record_analysis import AnalysisSettings, analyze
 from hums.fleet.fleet_page import write_page
 from hums.fleet.maintenance import Work, read_maintenance
 from hums.fleet.monitor_settings import MonitorSettings

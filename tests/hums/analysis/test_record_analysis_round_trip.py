@@ -11,7 +11,7 @@ from numpy.testing import assert_allclose
 
 from data_synth import Scene, simulate
 from data_synth.scene.scene import FAULT_KINDS
-from hums.analysis.analyze import AnalysisSettings, analyze
+from hums.analysis.record_analysis import AnalysisSettings, analyze
 from hums.analysis.result import findings_table, group, line_table
 from hums.gearbox.model import load_gearbox
 from hums.scoring import score

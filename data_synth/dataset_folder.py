@@ -156,7 +156,7 @@ def dataset_cost(plan: Plan) -> DatasetCost:
     A thousand records of 50,000 samples of 4 bytes:
 
     >>> from data_synth import load_plan
-    >>> from data_synth.dataset import dataset_cost
+    >>> from data_synth.dataset_folder import dataset_cost
     >>> dataset_cost(load_plan("classification")).size_bytes
     200000000
     """

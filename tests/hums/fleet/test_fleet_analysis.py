@@ -20,8 +20,8 @@ from data_synth import make_dataset
 from data_synth.plan import parse_plan
 from hums.analysis.result import findings_table, indicator_table, line_table
 from hums.cli import main
-from hums.fleet import fleet as fleet_room
-from hums.fleet.fleet import FleetError, analyze_fleet
+from hums.fleet import fleet_analysis
+from hums.fleet.fleet_analysis import FleetError, analyze_fleet
 from hums.fleet.numbers import Numbers
 from hums.fleet.table import write_tables
 from hums.jobs import Processes, Serial
@@ -182,7 +182,7 @@ class TestTable:
         def analyze(*_, **__):
             raise IndexError("out of bounds")
 
-        monkeypatch.setattr(fleet_room, "analyze", analyze)
+        monkeypatch.setattr(fleet_analysis, "analyze", analyze)
         assert run([records / "0.h5"], tmp_path).failed == 1
         assert rows(tmp_path / "fleet.csv")[0]["error"] == "IndexError: out of bounds"
 
@@ -190,8 +190,8 @@ class TestTable:
 class TestGoingOn:
     def test_a_record_that_kills_its_process_is_a_row(self, records, done, tmp_path, monkeypatch):
         folder = shutil.copytree(done, tmp_path / "fleet")
-        (folder / "records" / fleet_room._result_name(fleet_room._of_file(records / "2.h5"))).unlink()
-        monkeypatch.setattr(fleet_room, "_analyse_to_file", clusters.die_at_record)
+        (folder / "records" / fleet_analysis._result_name(fleet_analysis._of_file(records / "2.h5"))).unlink()
+        monkeypatch.setattr(fleet_analysis, "_analyse_to_file", clusters.die_at_record)
         result = run([records], folder, workers=Processes(count=1))
         assert (result.records, result.failed, result.analysed) == (6, 1, 1)
         assert "2.h5 killed its reader" in result.errors[str(records / "2.h5")]
@@ -205,14 +205,14 @@ class TestGoingOn:
         assert tables(folder) == tables(done)
 
     def test_stopped_and_run_again_the_tables_are_the_same(self, records, done, tmp_path, monkeypatch):
-        analyze, calls = fleet_room.analyze, itertools.count()
+        analyze, calls = fleet_analysis.analyze, itertools.count()
 
         def stopping(*args, **kwargs):
             if next(calls) == 3:
                 raise KeyboardInterrupt
             return analyze(*args, **kwargs)
 
-        monkeypatch.setattr(fleet_room, "analyze", stopping)
+        monkeypatch.setattr(fleet_analysis, "analyze", stopping)
         with pytest.raises(KeyboardInterrupt):
             run([records], tmp_path)
         result = run([records], tmp_path)
@@ -249,7 +249,7 @@ class TestGoingOn:
         def meanwhile(*_, **__):
             run([records / "1.h5"], tmp_path, append=True)
 
-        monkeypatch.setattr(fleet_room, "write_page", meanwhile)
+        monkeypatch.setattr(fleet_analysis, "write_page", meanwhile)
         with pytest.raises(hums.JobError, match="another run is at work"):
             run([records / "0.h5"], tmp_path)
 

@@ -3,7 +3,7 @@
 import numpy as np
 import pytest
 
-from hums.analysis.analyze import AnalysisSettings, analyze
+from hums.analysis.record_analysis import AnalysisSettings, analyze
 from hums.analysis.result import findings_table, group, health_table, line_table, summary, verdict_table
 from hums.gearbox.model import GearboxWarning, load_gearbox
 from hums.readers import convert

@@ -19,7 +19,7 @@ import xarray as xr
 import hums
 from data_synth import PlanError, SceneError, load_plan, make_dataset, simulate
 from data_synth.card import data_card
-from data_synth.dataset import dataset_cost
+from data_synth.dataset_folder import dataset_cost
 from data_synth.plan import parse_plan
 from hums.jobs import Tally
 from hums.records.record import RecordError
@@ -248,7 +248,9 @@ class TestFolder:
         assert [hashlib.sha256(path.read_bytes()).hexdigest() for path in files] == [own for own, _ in rows]
 
     def test_its_cost_is_known_before(self, plan, monkeypatch):
-        monkeypatch.setattr("data_synth.dataset.explain", lambda _: SimpleNamespace(seconds=2.0, truth_bytes=1000))
+        monkeypatch.setattr(
+            "data_synth.dataset_folder.explain", lambda _: SimpleNamespace(seconds=2.0, truth_bytes=1000)
+        )
         cost = dataset_cost(plan)
         assert cost.truth_bytes == 7 * 500  # single precision
         assert cost.size_bytes == 7 * 2 * 2500 * 4

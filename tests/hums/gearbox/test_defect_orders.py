@@ -12,9 +12,9 @@ from gearboxes import STEPPED
 from hypothesis import given
 from hypothesis import strategies as st
 
+from hums.gearbox.defect_orders import BEARING_KINDS, KINDS, bearing_multiples, bearing_orders, defect_orders, defects
 from hums.gearbox.kinematics import solve_kinematics
 from hums.gearbox.model import Gearbox, GearboxError, GearboxWarning, load_gearbox
-from hums.gearbox.orders import BEARING_KINDS, KINDS, bearing_multiples, bearing_orders, defect_orders, defects
 
 # Penaud and Alazard 2010, section 3 and table A, link numbers in brackets: the car's frame (1), drive shaft (2),
 # wheels (3, 4), pinions (5, 6) each on its own radial axis, and the cage (7). Pinions face outwards, so the left

@@ -6,7 +6,7 @@ import numpy as np
 import pytest
 import xarray as xr
 
-from hums.analysis.analyze import AnalysisSettings, analyze
+from hums.analysis.record_analysis import AnalysisSettings, analyze
 from hums.analysis.result import (
     envelope_bands,
     group,
@@ -17,8 +17,8 @@ from hums.analysis.result import (
     summary,
 )
 from hums.analysis.settings import AnalysisError
+from hums.gearbox.defect_orders import BEARING_KINDS, defects
 from hums.gearbox.model import Gearbox, load_gearbox
-from hums.gearbox.orders import BEARING_KINDS, defects
 from hums.records.record import Channel, NominalSpeed, PulseTimes, RecordError, UnknownAngle, make_record
 from hums.records.store import open_record, save_record, write_tree
 from hums.report import render

@@ -5,7 +5,7 @@ import sys
 import numpy as np
 import pytest
 
-from hums.analysis.analyze import AnalysisSettings, analyze
+from hums.analysis.record_analysis import AnalysisSettings, analyze
 from hums.analysis.result import health_table, line_table, open_analysis, summary
 from hums.analysis.settings import AnalysisError
 from hums.cli import main

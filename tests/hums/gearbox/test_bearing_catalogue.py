@@ -4,9 +4,9 @@ import warnings
 
 import pytest
 
-from hums.gearbox.bearings import bearing_catalogue, bearings_named
+from hums.gearbox.bearing_catalogue import bearing_catalogue, bearings_named
+from hums.gearbox.defect_orders import bearing_orders
 from hums.gearbox.model import Gearbox, GearboxError, GearboxWarning
-from hums.gearbox.orders import bearing_orders
 
 
 def gearbox(**bearing):

@@ -13,7 +13,7 @@ from jsonschema import Draft202012Validator
 from data_synth import PlanError, SceneError, load_plan, load_scene
 from data_synth.plan import plans
 from data_synth.scene.scene import catalogue
-from data_synth.schema import plan_schema, scene_schema
+from data_synth.scene_schema import plan_schema, scene_schema
 from hums.cli import main
 from hums.gearbox.model import catalogue as gearboxes
 from hums.gearbox.model import gearbox_schema

@@ -171,7 +171,7 @@ def rate_forms(kinematics: Kinematics, inputs: Sequence[str]) -> tuple[RateForm,
     Examples
     --------
     >>> import hums
-    >>> from hums.gearbox.orders import rate_forms
+    >>> from hums.gearbox.defect_orders import rate_forms
     >>> kinematics = hums.solve_kinematics(hums.load_gearbox("glinsky-planetary-1"))
     >>> mesh = next(row for row in rate_forms(kinematics, ["sun", "carrier"]) if row.kind == "gear_mesh")
     >>> [str(factor) for factor in mesh.factors]  # 24 teeth, seen from the carrier

@@ -41,7 +41,7 @@ def bearing_catalogue() -> tuple[CatalogueBearing, ...]:
 
     Examples
     --------
-    >>> from hums.gearbox.bearings import bearing_catalogue
+    >>> from hums.gearbox.bearing_catalogue import bearing_catalogue
     >>> bearing = bearing_catalogue()[0]
     >>> bearing.name, bearing.elements, round(bearing.pitch_diameter_mm, 2)
     ('SKF 6205-2RS JEM', 9, 39.04)
@@ -58,7 +58,7 @@ def bearings_named(designation: str) -> tuple[CatalogueBearing, ...]:
 
     Examples
     --------
-    >>> from hums.gearbox.bearings import bearings_named
+    >>> from hums.gearbox.bearing_catalogue import bearings_named
     >>> [bearing.name for bearing in bearings_named("6203")]
     ['SKF 6203-2RS JEM', '6203 (Paderborn)']
     >>> [bearing.name for bearing in bearings_named("skf 6203-2rs jem")]

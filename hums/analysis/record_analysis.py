@@ -24,9 +24,9 @@ from hums.analysis.channel import (
 )
 from hums.analysis.declaration import Declaration, judged_declaration
 from hums.analysis.detection import AssessedLine, LineAssessor
+from hums.analysis.expected_lines import ENVELOPE, ORDER_SPECTRUM, SearchPlan, expected_lines
 from hums.analysis.findings import Finding, findings
 from hums.analysis.indicators import HISTORIES, Baseline, read_baseline
-from hums.analysis.lines import ENVELOPE, ORDER_SPECTRUM, SearchPlan, expected_lines
 from hums.analysis.pictures import channel_pictures, picture_groups
 from hums.analysis.reference_angle import Machine
 from hums.analysis.result import (
@@ -52,8 +52,8 @@ from hums.analysis.tracks import (
 )
 from hums.analysis.unexplained import UnexplainedLine, not_named, unlike_drawing
 from hums.analysis.verdicts import CONTRADICTION, DOUBT, evidence_groups, verdicts_from
+from hums.gearbox.defect_orders import BEARING_KINDS
 from hums.gearbox.model import Gearbox
-from hums.gearbox.orders import BEARING_KINDS
 from hums.records.channels import is_average
 from hums.records.record import check_record
 from hums.records.store import open_record

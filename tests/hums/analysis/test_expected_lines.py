@@ -6,7 +6,7 @@ from drawn_spectrum import PER_REV, REVOLUTIONS, drawn_spectrum, level_spectrum,
 from numpy.testing import assert_allclose
 from scipy import stats
 
-from hums.analysis.lines import (
+from hums.analysis.expected_lines import (
     ENVELOPE,
     ORDER_SPECTRUM,
     ExpectedLine,

@@ -3,7 +3,7 @@
 import pytest
 
 from data_synth import Scene, load_scene, simulate
-from hums.analysis.analyze import AnalysisSettings, analyze
+from hums.analysis.record_analysis import AnalysisSettings, analyze
 from hums.analysis.result import verdict_table
 from hums.analysis.settings import AnalysisError
 from hums.gearbox.model import load_gearbox
