@@ -261,7 +261,7 @@ def measure(case: Case, *, repeats: int = REPEATS) -> tuple[float, list[tuple[st
 
 
 def scipys(case: Case, reference: Array) -> tuple[str, str, float, float]:
-    """Measure `solve_ivp` over a shorter stretch."""
+    """Measure `solve_ivp` over a shorter segment."""
     short = replace(case, problem=replace(case.problem, duration_s=min(SLOW_S, case.problem.duration_s)))
     unit, _ = timed(short.baseline, 1)
     seconds, values = timed(lambda: np.asarray(by_scipy(short.problem, output(case.rate_hz), relative=1e-8)), 1)

@@ -31,7 +31,7 @@ ACCELERATION_HZ_S = 5.0
 HARMONICS = 3
 WRONG = 0.005  # of the speed
 CLEAR_DB = 10.0
-WINDOW_REV = 32  # of the spectrum in which a line has its surroundings
+WINDOW_REV = 32  # of the spectrum in which a line has its background
 
 # Gearboxes and drives that the constants of the search were chosen on, and those that score.
 PARTS: Mapping[str, tuple[tuple[str, ...], tuple[str, ...]]] = {
@@ -49,7 +49,7 @@ Records of {seconds:g} s at {rate:g} Hz: meshes of the drawing with {harmonics} 
 sidebands, shafts up to order three, through two random resonances, in coloured noise; mains hum in half, another
 machine's family in a third. The range searched is 1:2 to 1:5 about the speed. Wrong: "ok", and the median or one in
 twenty of the speeds is more than {wrong:.1%} or {rough:.1%} off. Clear: at least two of the orders searched stand
-{clear:g} dB above their surroundings in a spectrum over {window} turns."""
+{clear:g} dB above their background in a spectrum over {window} turns."""
 
 
 @dataclass(frozen=True, kw_only=True)
@@ -150,7 +150,7 @@ def made(gearbox: str, drive: str, seed: int) -> Record:  # noqa: C901 - a list 
 
 
 def clear_lines(record: Record) -> int:
-    """Count the orders searched that stand clear of their surroundings, by the true angle."""
+    """Count the orders searched that stand clear of their background, by the true angle."""
     turns = np.cumsum(record.speed_hz) / RATE_HZ
     per_turn = 2 ** int(np.ceil(np.log2(RATE_HZ / record.speed_hz.min())))
     even = np.interp(np.arange(turns[0], turns[-1], 1 / per_turn), turns, record.samples)

@@ -9,7 +9,7 @@ from functools import partial
 from pathlib import Path
 
 from data_synth.fidelity.choice import Choice, chosen, with_gear_lines
-from data_synth.fidelity.preview import preview_factor, preview_of, with_full_duration
+from data_synth.fidelity.time_compression import compressed, compression_factor, with_full_duration
 from data_synth.kinematic.gear_faults import ImpactTrain
 from data_synth.kinematic.harmonics import HarmonicFamily
 from data_synth.scene.random_streams import random_stream
@@ -112,7 +112,7 @@ def explain(
 ) -> Explanation:
     """Return the sources, lines and estimated cost of a scene without simulating it.
 
-    Random events are counted in a preview of ten seconds, with the time histories of the scene compressed into it.
+    Random events are counted in a scene of ten seconds with the compressed time histories.
 
     Parameters
     ----------
@@ -142,7 +142,7 @@ def explain(
     counted = count(declared)
     parts = (*counted.gears, *_parts(counted.stage, declared, counted.time_factor))
     samples, channels = declared.samples, len(declared.sensors)
-    rows = channels + _rows_beside(declared, phases=phases, mechanics=mechanics)
+    rows = channels + _further_rows(declared, phases=phases, mechanics=mechanics)
     rows += channels * _sources(counted.stage) if by_source else 0
     record_bytes = rows * samples * BYTES
     return Explanation(
@@ -160,7 +160,7 @@ def explain(
 
 @dataclass(frozen=True, kw_only=True)
 class Counted:
-    """Contents of a preview of a scene, in which time is compressed by `time_factor`.
+    """Contents of a compressed scene, in which time is compressed by `time_factor`.
 
     Attributes
     ----------
@@ -184,9 +184,9 @@ class Counted:
 
 
 def count(scene: Scene) -> Counted:
-    """Return the contents of a scene, counted in a preview of it."""
-    time_factor = preview_factor(scene)
-    stage, vibrating = prepare_scene(preview_of(scene, time_factor), rng_for=partial(random_stream, 0)), 0
+    """Return the contents of a scene, counted in a time-compressed copy."""
+    time_factor = compression_factor(scene)
+    stage, vibrating = prepare_scene(compressed(scene, time_factor), rng_for=partial(random_stream, 0)), 0
     if scene.fidelity == "kinematic":
         why = "kinematic: amplitudes are declared, so no mass, stiffness or resonance of a gear is simulated"
         parts: tuple[Part, ...] = (Part(name="fidelity", what="phases and modulations", why=why),)
@@ -220,7 +220,7 @@ def _top_order(stage: PreparedScene) -> float:
 
 
 def _parts(stage: PreparedScene, scene: Scene, time_factor: float) -> Iterator[Part]:
-    """Yield the parts of a scene other than its gears, from a preview compressed by `time_factor`."""
+    """Yield the parts of a scene other than its gears, from a copy compressed by `time_factor`."""
     top = stage.drive.angle.top_speed_hz(0.0, stage.scene.duration_s)
     yield Part(
         name="speed",
@@ -336,7 +336,7 @@ _SMALL_BYTES = 100_000_000  # any machine has this, so smaller records are not c
 _MEMINFO, _CGROUP = Path("/proc/meminfo"), Path("/sys/fs/cgroup")
 
 
-def _rows_beside(scene: Scene, *, phases: bool, mechanics: bool) -> int:
+def _further_rows(scene: Scene, *, phases: bool, mechanics: bool) -> int:
     """Return the number of histories at every sample that a record keeps beside its channels."""
     rows = 0
     if phases:
@@ -371,7 +371,7 @@ def refuse_too_large(
         With what it needs, what is free, and how long a record would fit.
     """
     declared = scene if isinstance(scene, Scene) else load_scene(scene)
-    rows = len(declared.sensors) + _rows_beside(declared, phases=phases, mechanics=mechanics)
+    rows = len(declared.sensors) + _further_rows(declared, phases=phases, mechanics=mechanics)
     if not by_source and rows * declared.samples * BYTES <= _SMALL_BYTES:
         return
     counted = count(declared)

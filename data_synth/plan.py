@@ -41,10 +41,10 @@ from hums.gearbox.components import (
     Name,
     Positive,
     closest,
-    file_beside,
     named_file,
     parsed_toml,
     read_toml,
+    sibling_file,
     validated,
 )
 from hums.gearbox.model import load_gearbox
@@ -556,11 +556,11 @@ def load_plan(name_or_path: str | Path) -> Plan:
     table = read_toml(path, error=PlanError)
     scene, machines = table.get("scene"), table.get("machine")
     if isinstance(scene, str):
-        table["scene"] = file_beside(path, scene)
+        table["scene"] = sibling_file(path, scene)
     for machine in machines if isinstance(machines, list) else ():
         change = machine.get("change") if isinstance(machine, dict) else None
         if isinstance(change, dict) and isinstance(change.get("gearbox"), str):
-            change["gearbox"] = file_beside(path, change["gearbox"])
+            change["gearbox"] = sibling_file(path, change["gearbox"])
     return _plan(table, where=str(path))
 
 

@@ -288,7 +288,7 @@ def angle_cases() -> Iterator[Case]:
     yield Case(
         function=signals.find_line,
         arguments={"spectrum": parts["spectrum"], "expected": 12.0},
-        also={"tolerance": 0.01, "surroundings": 1.0, "closer": 0.5},
+        also={"tolerance": 0.01, "background_width": 1.0, "closer": 0.5},
     )
     correlation = signals.spectral_correlation(waveform(), rate_hz=RATE_HZ, max_cyclic_hz=60.0)
     yield Case(function=signals.enhanced_envelope_spectrum, arguments={"correlation": correlation})
@@ -331,7 +331,7 @@ def angle_cases() -> Iterator[Case]:
     yield Case(
         function=indicators.defect_energy,
         arguments={
-            "spectrum": parts["spectrum"], "order": 12.0, "harmonics": 2, "tolerance": 0.01, "surroundings": 1.0,
+            "spectrum": parts["spectrum"], "order": 12.0, "harmonics": 2, "tolerance": 0.01, "background_width": 1.0,
         },
     )  # fmt: skip
 

@@ -344,11 +344,11 @@ class LostContact:
         with np.errstate(divide="ignore"):
             share = shared.pair_n_m * healthy
         edges = np.array(self.jump_phases(pair, gear))
-        # on either side of a jump that of its own stretch
-        found, stretch = np.empty(phase_cycles.shape), np.searchsorted(edges, phase_cycles, side="right")
+        # on either side of a jump that of its own segment
+        found, segment = np.empty(phase_cycles.shape), np.searchsorted(edges, phase_cycles, side="right")
         of = np.searchsorted(edges, since, side="right")
-        for number in np.unique(stretch):
-            here, known = stretch == number, of == number
+        for number in np.unique(segment):
+            here, known = segment == number, of == number
             found[here] = np.interp(phase_cycles[here], since[known], share[known])
         with np.errstate(divide="ignore"):
             return np.asarray((1 / found - 1) * self.sharing.pair_compliance(phase_cycles))

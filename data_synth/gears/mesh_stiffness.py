@@ -16,7 +16,7 @@ from numpy.typing import ArrayLike, NDArray
 
 Array = NDArray[np.float64]
 ComplexArray = NDArray[np.complex128]
-_NODES = 24  # of Gauss and Legendre, each third of a harmonic's cycle or each smooth stretch
+_NODES = 24  # of Gauss and Legendre, each third of a harmonic's cycle or each smooth segment
 
 
 class Stiffness(Protocol):

@@ -472,9 +472,9 @@ def lost_contacts(damage: GearDamage, *, gear: int, sharing: LoadSharing | None)
     for place in np.flatnonzero(damage.crack_m):
         crack = RootCrack(depth_m=float(damage.crack_m[place]), angle_rad=damage.crack_angle_rad)
         yield int(place), LostContact(sharing=sharing, added=_crack_compliance(crack, gear=gear, sharing=sharing))
-    beside = (np.roll(damage.contact_fraction, 1) + np.roll(damage.contact_fraction, -1)) / 2
+    neighbours = (np.roll(damage.contact_fraction, 1) + np.roll(damage.contact_fraction, -1)) / 2
     for place in np.flatnonzero(damage.contact_fraction < 1):
-        share, others = float(damage.contact_fraction[place]), float(beside[place])
+        share, others = float(damage.contact_fraction[place]), float(neighbours[place])
         yield int(place), LostContact(sharing=sharing, face_share=share, others_share=others)
     for place in np.flatnonzero(damage.broken_m):
         gap = broken_tip_gap(pair, gear, height_m=float(damage.broken_m[place]))

@@ -25,11 +25,11 @@ from hums.gearbox.components import (
     Declared,
     Positive,
     closest,
-    file_beside,
     named_file,
     read_toml,
     sentences,
     shipped_files,
+    sibling_file,
     validated,
 )
 from hums.gearbox.defect_orders import bearing_orders, defect_orders
@@ -351,7 +351,7 @@ class Scene(Declared):
         table = read_toml(path, error=SceneError)
         gearbox = table.get("gearbox")
         if isinstance(gearbox, str):
-            table["gearbox"] = file_beside(path, gearbox)
+            table["gearbox"] = sibling_file(path, gearbox)
         for history in ("speed", "torque"):
             if isinstance(table.get(history), dict):
                 table[history] = _with_file(table[history], path)
@@ -568,7 +568,7 @@ def _with_file(table: Any, path: Path) -> Any:  # noqa: ANN401
     """Return a table whose csv file, where it is beside the scene, has its full path."""
     if not isinstance(table, dict) or not isinstance(file := table.get("csv"), str):
         return table
-    return table | {"csv": file_beside(path, file)}
+    return table | {"csv": sibling_file(path, file)}
 
 
 @checked

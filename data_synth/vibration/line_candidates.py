@@ -58,11 +58,11 @@ def candidates_of(scene: Scene, *, top: float, mixed: bool) -> Candidates:
             for carrier, sides in [passes[mesh]] if own else carriers:
                 harmonics = np.arange(int((top + sides * float(carrier)) / float(order)) + 1)
                 add(_multiples(order / unit, harmonics, carrier / unit, sides), component, kind)
-    for (order, rank, _, component, kind), (beside, other, *_rest) in permutations(bases, 2):
+    for (order, rank, _, component, kind), (partner, other, *_rest) in permutations(bases, 2):
         if max(rank, other) <= (_DAMAGED if mixed else _MESH):
-            harmonics = np.arange(int((top + _MIXED * float(beside)) / float(order)) + 1)
-            sums = _multiples(order / unit, harmonics, beside / unit, _MIXED)
-            for carrier, sides in carriers if rank == other == _MESH and order != beside else ():
+            harmonics = np.arange(int((top + _MIXED * float(partner)) / float(order)) + 1)
+            sums = _multiples(order / unit, harmonics, partner / unit, _MIXED)
+            for carrier, sides in carriers if rank == other == _MESH and order != partner else ():
                 add(np.add.outer(sums, np.arange(-sides, sides + 1) * int(carrier / unit)), component, kind)
             add(sums, component, kind)
     numbers = sorted(found)
@@ -91,9 +91,9 @@ def _bases_of(scene: Scene) -> tuple[list[_Base], dict[str, tuple[Fraction, int]
     return bases, {mesh: pass_orders(scene, mesh) for mesh in meshes}
 
 
-def _multiples(order: Fraction, harmonics: NDArray[np.int64], beside: Fraction, sides: int) -> NDArray[np.int64]:
+def _multiples(order: Fraction, harmonics: NDArray[np.int64], partner: Fraction, sides: int) -> NDArray[np.int64]:
     """Return whole multiples of an order, with sidebands at multiples of another, (harmonic, side)."""
-    return np.asarray(np.add.outer(harmonics * int(order), np.arange(-sides, sides + 1) * int(beside)), dtype=np.int64)
+    return np.asarray(np.add.outer(harmonics * int(order), np.arange(-sides, sides + 1) * int(partner)), dtype=np.int64)
 
 
 def _turn_orders(scene: Scene) -> dict[str, Fraction]:

@@ -179,8 +179,8 @@ class _Spectrum:
         grid, power = np.zeros((self.signal.shape[0], self.cells)), np.zeros(self.signal.shape[0])
         for start in range(0, self.revolutions.size, _BLOCK):
             here = slice(start, start + _BLOCK)
-            beside = self.revolutions[max(start - 1, 0) : start + _BLOCK + 1]
-            steps_rev = np.gradient(beside)[min(start, 1) :][: self.revolutions[here].size]
+            revolutions = self.revolutions[max(start - 1, 0) : start + _BLOCK + 1]
+            steps_rev = np.gradient(revolutions)[min(start, 1) :][: self.revolutions[here].size]
             angle_rev = self.revolutions[here] - self.revolutions[0]
             weighted = self.signal[:, here] * self.weight(angle_rev)
             power += 2 / self.period_rev * np.sum(weighted**2 * steps_rev, axis=1)

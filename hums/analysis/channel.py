@@ -44,7 +44,7 @@ from signals.demodulation.envelope_bank import bank_bands, bank_envelopes, level
 from signals.demodulation.time_or_angle import FEWEST_SAMPLES, power_in_time_and_angle
 from signals.health import SensorHealth
 from signals.resampling.resampling import PASSBAND, AngularSignal
-from signals.spectra.lines import SURROUNDINGS, has_background
+from signals.spectra.lines import BACKGROUND_WIDTH, has_background
 from signals.spectra.peaks import spectral_peaks
 from signals.spectra.pooling import noise_left, pooled_spectrum
 from signals.spectra.spectra import AmplitudeSpectrum, order_spectra, order_spectrum
@@ -166,8 +166,8 @@ def analyse_channel(
     envelopes = _Envelopes.of(bands, in_envelopes, machine)
     block = _block_turns(segments, early_s=envelopes.end_s)
     single = len(segments) == 1
-    surroundings = SURROUNDINGS if single else max(SURROUNDINGS, _POOLED_BINS / block)
-    if not has_background(1 / block, surroundings=surroundings):
+    width = BACKGROUND_WIDTH if single else max(BACKGROUND_WIDTH, _POOLED_BINS / block)
+    if not has_background(1 / block, background_width=width):
         envelopes = replace(envelopes, bands=bands[:1])  # no line is evidence: one band to show
     pool: _Pool | None = None
     parts, pictures = list[_Part](), None
@@ -189,12 +189,12 @@ def analyse_channel(
         searched,
         channel=name,
         units=units,
-        surroundings=surroundings,
+        background_width=width,
         seen=settings.false_alarm_probability,
     )
     in_envelopes = narrowed(in_envelopes, lines)
     best, seen, evidence = _assessed_envelopes(
-        envelopes, segments, machine, in_envelopes, lines, settings, searches=len(bands), surroundings=surroundings
+        envelopes, segments, machine, in_envelopes, lines, settings, searches=len(bands), background_width=width
     )
     unexplained = unexplained_lines(
         spectrum, drawn_by(machine, settings), setting_of(machine), channel=name, units=units
@@ -516,7 +516,7 @@ def _assessed_envelopes(
     settings: AnalysisSettings,
     *,
     searches: int,
-    surroundings: float,
+    background_width: float,
 ) -> tuple[_Envelope | None, tuple[BandEvidence, ...], tuple[PartEvidence, ...]]:
     """Return the envelope with the strongest evidence, what all bands show, and the evidence of it.
 
@@ -538,7 +538,7 @@ def _assessed_envelopes(
             units=units,
             level=level,
             searches=searches,
-            surroundings=surroundings,
+            background_width=background_width,
             seen=settings.false_alarm_probability,
         )
         chosen = EnvelopeBand(low_hz=band[0], high_hz=band[1], chosen=not isinstance(settings.envelope_band_hz, tuple))

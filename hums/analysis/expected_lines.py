@@ -9,7 +9,7 @@ import numpy as np
 
 from hums.gearbox.defect_orders import BEARING_KINDS, DefectOrder, defects
 from hums.gearbox.kinematics import Kinematics
-from signals.spectra.lines import SURROUNDINGS, Line, find_lines
+from signals.spectra.lines import BACKGROUND_WIDTH, Line, find_lines
 from signals.spectra.spectra import AmplitudeSpectrum
 
 ORDER_SPECTRUM, ENVELOPE = "order_spectrum", "envelope"
@@ -213,12 +213,12 @@ def search(
     units: str,
     level: float = 0.0,
     searches: int = 1,
-    surroundings: float = SURROUNDINGS,
+    background_width: float = BACKGROUND_WIDTH,
     seen: float = 1.0,
 ) -> tuple[list[MeasuredLine], list[ExpectedLine]]:
     """Return the lines measured in one spectrum, and the expected ones out of its range.
 
-    The background of a line is measured within `surroundings` orders on either side of it; the leakage of others to it
+    The background of a line is measured within `background_width` orders on either side; the leakage of others to it
     where noise makes it with a probability up to `seen`.
 
     Out of range are lines above the end of the spectrum, and those with too few bins for a background.
@@ -229,7 +229,7 @@ def search(
         expected=[line.order for line in looked_for],
         tolerance=[line.tolerance for line in looked_for],
         closer=[_closer(line) for line in looked_for],
-        surroundings=surroundings,
+        background_width=background_width,
         seen=seen,
     )
     for line, result in zip(looked_for, results, strict=True):

@@ -543,7 +543,7 @@ def _line_text(part: PartEvidence) -> str:
     off = f", {offset:+.1%}" if abs(offset) > 5e-4 else ""  # noqa: PLR2004  (what one decimal can show)
     return (
         f"envelope line at {part.found:.3f} orders (nominal {part.order:.3f}{off}), {part.amplitude:.3g} "
-        f"{part.units}, {part.snr:.1f} times its surroundings"
+        f"{part.units}, {part.snr:.1f} times its background"
     )
 
 

@@ -380,7 +380,7 @@ def _mesh_band_signal(signal: AngularSignal, ring: int) -> AngularSignal:
 
 
 _SLOW_HZ = 10.0  # 600 rpm, below which ISO 20816 begins at 2 Hz
-_SURROUNDINGS = 1.0  # orders on either side of a bearing line, for its background
+_BACKGROUND_WIDTH = 1.0  # orders on either side of a bearing line, for its background
 _LEAST_KEPT = 0.75  # share of the revolutions that an average must keep when it is shortened to cancel other shafts
 _INTEGRABLE = ("g", "m s-2", "mm s-2", "m s-1", "mm s-1")
 
@@ -524,7 +524,7 @@ def bearing_indicators(
                 order=line.order,
                 harmonics=count,
                 tolerance=slip,
-                surroundings=_SURROUNDINGS + count * line.order * slip,
+                background_width=_BACKGROUND_WIDTH + count * line.order * slip,
             )
         )
         takes = f"{count} line{'s' if count > 1 else ''} of the envelope, {band_hz[0]:.6g} to {band_hz[1]:.6g} Hz"

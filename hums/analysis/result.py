@@ -521,7 +521,7 @@ def unexplained_table(analysis: Analysis) -> "pd.DataFrame":
     -------
     pandas.DataFrame
         channel; order in cycles per revolution of the reference and frequency_hz at the mean speed; amplitude (peak) in
-        units; ratio to the median of the surroundings; spacing, the order of which it and others are multiples, NaN
+        units; ratio to the median of the background; spacing, the order of which it and others are multiples, NaN
         where it stands alone; might_be, what the family might be.
 
     Examples

@@ -73,13 +73,13 @@ Halved, bands with a weak mesh line are lost; doubled, beats of a mesh and a sha
 """
 
 PEAK_RATIO = 4.0
-"""Ratio to the surroundings from which any point of an envelope's spectrum counts as a line.
+"""Ratio to the background from which any point of an envelope's spectrum counts as a line.
 
 Halved, noise explains real lines; doubled, weak families of other sources explain nothing.
 """
 
 UNEXPLAINED_RATIO = 6.0
-"""Ratio to the surroundings from which a line of the order spectrum that nothing explains is listed.
+"""Ratio to the background from which a line of the order spectrum that nothing explains is listed.
 
 Noise reaches it at one point of 10^11. Halved, noise fills the list and makes families; doubled, a neighbouring
 machine goes unnoticed and its impacts count as evidence.

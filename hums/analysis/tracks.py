@@ -40,7 +40,7 @@ _MARGIN_ORDERS = 1.5  # above a line, for the noise next to it
 _OF_A_SEGMENT = ("track_order", "bandwidth_orders", "level", "method")  # what differs between segments of one track
 _ENDS = 8  # outputs, a turn in steps of an eighth, that not all channels have
 _DECIMALS = 6  # of a revolution, to which outputs of several channels are matched
-_SURROUNDINGS_SHARE = 0.4  # of a line's order: the next harmonic of its family stays out
+_BACKGROUND_SHARE = 0.4  # of a line's order: the next harmonic of its family stays out
 
 Numbers = NDArray[np.float64]
 
@@ -437,7 +437,7 @@ def _smoothed(
 ) -> tuple[NDArray[np.complex128], Numbers, float, str]:
     """Track a line that is locked to a shaft."""
     spectrum = amplitude_spectrum(values, rate=line.samples_per_rev)
-    near = find_line(spectrum, expected=line.order, surroundings=min(1.0, _SURROUNDINGS_SHARE * line.order))
+    near = find_line(spectrum, expected=line.order, background_width=min(1.0, _BACKGROUND_SHARE * line.order))
     noise = 2 * near.amplitude_std**2 * values.size / (4 * spectrum.noise_bandwidth_bins)
     every = max(1, int(line.samples_per_rev / (_OUTPUTS_A_BANDWIDTH * largest)))
     orders, noises = np.array([line.order]), np.array([noise])

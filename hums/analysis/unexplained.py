@@ -60,7 +60,7 @@ class UnexplainedLine:
     """A line that nothing in the drawing explains.
 
     `frequency_hz` is its order times the mean speed; `spacing` the order of which it and others are multiples, NaN
-    where it stands alone; `ratio` its amplitude over the median of its surroundings.
+    where it stands alone; `ratio` its amplitude over the median of its background.
     """
 
     channel: str

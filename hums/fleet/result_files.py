@@ -27,7 +27,7 @@ _NUMBERS = ("lines", "indicators")  # of a row
 class StoredRecord:
     """One record: its facts, and what it has of lines, indicators and findings.
 
-    ``lines`` has amplitude, what it is over its surroundings, and 1 where it is claimed; ``orders`` are those of the
+    ``lines`` has amplitude, what it is over its background, and 1 where it is claimed; ``orders`` are those of the
     first record with such lines; ``indicators`` has their values; ``findings`` component, kind and verdict;
     ``not_judged`` component and kind of what could not be judged, ``parts_not_judged`` how many and why; ``label`` is
     the class of a record of a dataset.

@@ -23,7 +23,7 @@ _MEASURED = ("line_order", "line_amplitude", "snr", "claimed")
 def results(analysis: Analysis) -> dict[str, Any]:
     """Return speed, what else was measured, findings, unjudged parts and sensors as JSON types, and the numbers.
 
-    ``lines`` are `Numbers` under `LINE`: order, amplitude, what it is over its surroundings, and 1 where it is claimed;
+    ``lines`` are `Numbers` under `LINE`: order, amplitude, what it is over its background, and 1 where it is claimed;
     ``indicators`` those under `INDICATOR`: the value.
     """
     speed = group(analysis, "speed").variables["speed_hz"].to_numpy()

@@ -26,7 +26,7 @@ __all__ = [
     "watched_component",
 ]
 
-LINE_LEVEL, LINE_RATIO = "line_level", "line_over_surroundings"
+LINE_LEVEL, LINE_RATIO = "line_level", "line_over_background"
 _JOINT, _AND = "one of ", ", "
 _WHOLE_SIGNAL = "record"
 _IMPULSES = "record (impulses)"
@@ -85,7 +85,7 @@ def series_of(row: Mapping[str, Any], *, without: Collection[str] = ()) -> Serie
     """Return the logarithms of the positive indicators and lines of one record's results, `without` some channels.
 
     The lines of a component in a spectrum are two series: the logarithm of the root mean square of their amplitudes,
-    and of what they are over their surroundings. Bearings whose lines have the same orders are one component.
+    and of what they are over their background. Bearings whose lines have the same orders are one component.
     """
     indicators, lines = (row.get(name, NOTHING) for name in ("indicators", "lines"))
     joint = tuple(sorted(joint_names(row).items()))
@@ -123,7 +123,7 @@ class _Plan:
     """Series of all rows with the same indicators and lines.
 
     ``of_indicators`` is the place of the series of each indicator, -1 of none; ``of_lines`` the group of each line, and
-    ``line_places`` (groups, 2) those of its level and of what it is over its surroundings; ``watched`` is false for
+    ``line_places`` (groups, 2) those of its level and of what it is over its background; ``watched`` is false for
     channels that are left out.
     """
 

@@ -132,7 +132,7 @@ def _table(records: Sequence[StoredRecord], columns: _Columns) -> xr.Dataset:
             **{name: ("record", np.array(texts, dtype=np.str_)) for name, texts in facts.items() if name != "record"},
             "speed_hz": ("record", speed, {"units": "rev s-1", "long_name": "mean speed of the reference"}),
             "amplitude": (("record", "line"), amplitude, {"long_name": "peak amplitude"}),
-            "snr": (("record", "line"), snr, {"units": "1", "long_name": "amplitude over its surroundings"}),
+            "snr": (("record", "line"), snr, {"units": "1", "long_name": "amplitude over its background"}),
             "claimed": (("record", "line"), claimed, {"long_name": "1 where the line is real"}),
             "value": (("record", "indicator"), value),
             "verdict": (
@@ -217,7 +217,7 @@ def _write_csv(table: xr.Dataset, stream: TextIO) -> None:
     ]
     header += [f"{title} [{unit}]" for title, unit in zip(_titles(table, "indicator"), units, strict=True)]
     header += [f"{title} [{unit}]" for title, unit in zip(lines, line_units, strict=True)]
-    header += [f"{title} over surroundings" for title in lines]
+    header += [f"{title} over background" for title in lines]
     writer = csv.writer(stream, lineterminator="\n")
     writer.writerow(map(plain_cell, header))
     facts = [table[name].to_numpy() for name in (*_FACTS, "class", "speed_hz")]

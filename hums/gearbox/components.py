@@ -34,7 +34,6 @@ __all__ = [
     "closest",
     "coaxial_warning",
     "count",
-    "file_beside",
     "named_file",
     "parsed_toml",
     "planet_angles",
@@ -42,6 +41,7 @@ __all__ = [
     "read_toml",
     "sentences",
     "shipped_files",
+    "sibling_file",
     "unit_vector",
     "validated",
 ]
@@ -140,10 +140,10 @@ def named_file(name_or_path: str | Path, *, shipped: dict[str, Path], thing: str
     raise error(f'"{name}" is neither a .toml file nor a {thing} of the catalogue{closest(name, set(shipped))}')
 
 
-def file_beside(path: Path, name: str) -> str:
+def sibling_file(path: Path, name: str) -> str:
     """Return the path of a file that another one beside it names; the name itself where there is no such file."""
-    beside = path.parent / name
-    return str(beside) if os.path.isfile(beside) else name  # noqa: PTH113 - False, too, of what no file can be named
+    sibling = path.parent / name
+    return str(sibling) if os.path.isfile(sibling) else name  # noqa: PTH113 - False, too, of what no file can be named
 
 
 def shipped_files(package: str) -> dict[str, Path]:

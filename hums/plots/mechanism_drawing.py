@@ -95,7 +95,7 @@ def draw_mechanism(
     notes = "\n".join(line for note in layout.notes for line in textwrap.wrap(note, _LINE))
     ax.set_title(notes, loc="center", ma="left", fontsize=_TEXT, color=INK, y=-0.02, va="top")
     if names:
-        drawing.write_names(beside=view != "axial")
+        drawing.write_names(outside=view != "axial")
     return ax
 
 
@@ -300,11 +300,11 @@ class _Drawing:
 
     # ---- names -----------------------------------------------------------------------------------------------
 
-    def write_names(self, *, beside: bool) -> None:
+    def write_names(self, *, outside: bool) -> None:
         """Write the names in two columns beside the drawing with leaders, or on the parts where space is free."""
         apply_layout(self.ax)
         labels = list({label.text: label for label in self.labels}.values())
-        if beside:
+        if outside:
             points = np.array([label.at for label in labels])
             middle = float(points[:, 0].mean()) - _IN_PLANE
             self.ax.plot(*points.T, ".", ls="", ms=3, color=INK, zorder=9)

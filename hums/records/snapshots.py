@@ -1,4 +1,4 @@
-"""Records of snapshots: many short stretches of the same channels, each with its time."""
+"""Records of snapshots: many short segments of the same channels, each with its time."""
 
 from collections.abc import Iterator, Sequence
 from datetime import datetime
@@ -60,7 +60,7 @@ def join_snapshots(records: Sequence[xr.Dataset]) -> xr.Dataset:
     for record in records:
         check_record(record)
         if is_snapshots(record) or "samples_per_rev" in record.attrs:
-            raise RecordError("a snapshot is a record of one stretch of time, neither of snapshots nor an average.")
+            raise RecordError("a snapshot is a record of one segment of time, neither of snapshots nor an average.")
     first = detach_time(records[0])
     plain = [_starting_at(detach_time(record), first.attrs["start_s"]) for record in records]
     for number, record in enumerate(plain[1:], start=1):

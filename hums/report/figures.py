@@ -170,8 +170,8 @@ def _orders(pictures: Pictures, width: float) -> str:
 
 def _order(pictures: Pictures, order: float) -> str:
     """Return a place in orders and in Hz at the mean speed."""
-    beside = "" if pictures.speed_hz is None else f", {frequency_words(order * pictures.speed_hz)}"
-    return f"order {order:.5g}{beside}"
+    frequency = "" if pictures.speed_hz is None else f", {frequency_words(order * pictures.speed_hz)}"
+    return f"order {order:.5g}{frequency}"
 
 
 def _band_caption(band: Mapping[str, Any]) -> str:

@@ -65,7 +65,7 @@ const report = (() => {
       marker: {color: style, size: 6}, customdata: lines.map((line) => [line.label, line.nominal, line.snr, line.order, line.order * mean, 60 * line.order * mean]),
       hovertemplate: `%{customdata[0]}<br>order %{customdata[3]:.5g} (nominal %{customdata[1]:.5g})` +
         (mean ? `, %{customdata[4]:.5g} Hz, %{customdata[5]:.5g} CPM` : "") + `<br>%{y:.4g}, ` +
-        `%{customdata[2]:.3g} times its surroundings<extra></extra>`});
+        `%{customdata[2]:.3g} times its background<extra></extra>`});
     const claimed = data.lines.filter((line) => line.claimed);
     group("claimed lines", "--ink", claimed.filter((line) => !line.style));
     for (const style of ["unknown", "watch", "alarm"]) {

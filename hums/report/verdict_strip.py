@@ -56,11 +56,11 @@ def with_hz(text: str, speed_hz: float | None) -> str:
     if speed_hz is None:
         return text
 
-    def beside(match: re.Match[str]) -> str:
+    def with_frequency(match: re.Match[str]) -> str:
         ends = [frequency_words(float(order) * speed_hz) for order in match.groups() if order]
         return f"{match.group(0)} = {' to '.join(ends)}"
 
-    said = _ORDERS.sub(beside, text)
+    said = _ORDERS.sub(with_frequency, text)
     return _NUMBERED.sub(lambda match: f"{match.group(1)} = {frequency_words(float(match.group(2)) * speed_hz)}", said)
 
 
@@ -235,7 +235,7 @@ def _severity(finding: Mapping[str, Any]) -> str:
     else:
         said = [part for part in finding.get("severity", "").split("; ") if part and not part.startswith("unknown")]
     if finding.get("amplitude") is not None:
-        said.append(f"{finding['amplitude']:.3g} {finding['units']}, {finding['snr']:.3g} times its surroundings")
+        said.append(f"{finding['amplitude']:.3g} {finding['units']}, {finding['snr']:.3g} times its background")
     return "; ".join(said) or "not measured"
 
 

@@ -69,16 +69,16 @@ def comb_gain(orders: ArrayLike, *, revolutions: int) -> Array:
         raise ValueError(f"orders of type {given.dtype} must be real numbers or Fractions.")
     if given.dtype.kind == "O":
         exact = [_exact(order) for order in given.ravel()]
-        beside = np.array([float(order - round(order)) for order in exact]).reshape(given.shape)
+        fraction = np.array([float(order - round(order)) for order in exact]).reshape(given.shape)
         phase = np.array([float(count * order - round(count * order)) for order in exact]).reshape(given.shape)
     else:
         if not np.all(np.isfinite(given)):
             raise ValueError("some of the orders are not finite; leave them out.")
         given = given.astype(np.float64)
-        beside = given - np.rint(given)
-        phase = count * beside - np.rint(count * beside)
-    passing = np.abs(beside) < _WHOLE
-    below = count * np.sin(np.pi * np.where(passing, 0.5, beside))
+        fraction = given - np.rint(given)
+        phase = count * fraction - np.rint(count * fraction)
+    passing = np.abs(fraction) < _WHOLE
+    below = count * np.sin(np.pi * np.where(passing, 0.5, fraction))
     return np.asarray(np.where(passing, 1.0, np.abs(np.sin(np.pi * phase) / below)), dtype=np.float64)
 
 
@@ -169,9 +169,9 @@ def quietest_revolutions(orders: Iterable[Fraction | float], *, most: int) -> Co
     counts = np.arange(1, limit + 1)
     worst = np.zeros(limit)
     for order in exact:
-        beside = float(order - round(order))
-        phase = counts * beside
-        gain = np.abs(np.sin(np.pi * (phase - np.rint(phase))) / (counts * math.sin(math.pi * beside)))
+        fraction = float(order - round(order))
+        phase = counts * fraction
+        gain = np.abs(np.sin(np.pi * (phase - np.rint(phase))) / (counts * math.sin(math.pi * fraction)))
         worst = np.maximum(worst, gain)
     best = int(limit - 1 - np.argmin(worst[::-1]))
     return CombAdvice(revolutions=best + 1, gain=float(worst[best]), null_every=every)

@@ -218,8 +218,8 @@ def _padded(size: int) -> int:
 def _of_meshes(size: int, per_order: float, meshes: Mapping[float, float]) -> NDArray[np.bool_]:
     """Return which of `size` lines, `per_order` of them in an order, are harmonics of meshes or stand beside them."""
     on = np.zeros(size, dtype=bool)
-    for mesh, beside in meshes.items():
-        width = min(beside, mesh / 4)
+    for mesh, spread in meshes.items():
+        width = min(spread, mesh / 4)
         for harmonic in range(1, min(_HARMONICS, int((size / per_order + width) / mesh)) + 1):
             first, last = (round((harmonic * mesh + side) * per_order) for side in (-width, width))
             on[first : last + 1] = True
@@ -285,8 +285,8 @@ def mesh_contrast(
     number = np.arange(max(1, math.ceil(max(lowest_order / rate, min(pitches) / 2))), highest + 1)
     at = np.rint(number * spacing).astype(int)
     apart = max(1, round(spacing / 4))
-    beside = np.arange(apart, max(apart + 1, round(3 * spacing / 4)))
-    noise = median(power[at[:, None] + beside]) / math.log(2) if at.size else np.empty(0)
+    between = np.arange(apart, max(apart + 1, round(3 * spacing / 4)))
+    noise = median(power[at[:, None] + between]) / math.log(2) if at.size else np.empty(0)
     above = np.maximum(power[at] - noise, 0.0)
     return np.array([_contrast(above, number / pitch, ~left_out[at]) for pitch in pitches])
 

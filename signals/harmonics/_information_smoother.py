@@ -32,7 +32,7 @@ from signals.harmonics.state_space import Floats, Indices
 Gram = Floats | Callable[[slice], Floats]
 Outside = tuple["Information", "Information"]  # on the first node of a range, and on the last
 
-# Size of the matrices and vectors of a stretch of nodes, which stay in a near cache, and of those at the record's end
+# Size of the matrices and vectors of a segment of nodes, which stay in a near cache, and of those at the record's end
 # whose data and past are kept, some 60 MB, so that the way back need not make them again.
 STRETCH_NUMBERS, KEPT_NUMBERS = 1 << 16, 1 << 22
 
@@ -153,53 +153,53 @@ def smooth_chain(chain: NodeChain, *, first: int) -> SmoothedChain:
     width, lanes = chain.process_noise.shape[1], chain.before.vector.shape[1]
     found = np.empty((chain.nodes, width, lanes)), np.empty((chain.nodes, width)), np.empty(chain.nodes)
     log_variance = 0.0
-    for nodes, part in smooth_stretches(chain, first=first):
+    for nodes, part in smooth_segments(chain, first=first):
         for values, own in zip(found, part[:3], strict=True):
             values[nodes] = own
         log_variance = part.log_variance
     return SmoothedChain(*found, log_variance)
 
 
-def smooth_stretches(chain: NodeChain, *, first: int) -> Iterator[tuple[slice, SmoothedChain]]:
-    """Smooth a chain stretch by stretch, from the last one back, in memory that grows with the root of its length.
+def smooth_segments(chain: NodeChain, *, first: int) -> Iterator[tuple[slice, SmoothedChain]]:
+    """Smooth a chain segment by segment, from the last one back, in memory that grows with the root of its length.
 
-    The forward filter runs once for its state at the start of each stretch, then again stretch by stretch. Yields a
-    stretch and its estimates; the log variance is that of the whole chain, with innovations from node `first` on.
+    The forward filter runs once for its state at the start of each segment, then again segment by segment. Yields a
+    segment and its estimates; the log variance is that of the whole chain, with innovations from node `first` on.
     Raises `numpy.linalg.LinAlgError` of information that is not positive definite in double precision.
     """
     width, (matrix, vector) = chain.process_noise.shape[1], chain.before
     length = max(isqrt(chain.nodes), STRETCH_NUMBERS // (matrix.size + vector.size))
-    stretches = [slice(begin, min(begin + length, chain.nodes)) for begin in range(0, chain.nodes, length)]
+    segments = [slice(begin, min(begin + length, chain.nodes)) for begin in range(0, chain.nodes, length)]
     state, starts, log_variance = chain.before.copy(), [], 0.0
     kept: list[tuple[NodeInformation, NodeInformation]] = []
     unstored, late = chain.buffer(slice(0, 0)), chain.nodes - max(length, KEPT_NUMBERS // (matrix.size + vector.size))
-    for stretch in stretches:
+    for segment in segments:
         starts.append(state.copy())
-        is_kept = stretch.start >= late or stretch is stretches[-1]
-        data, past = chain.measured(stretch), chain.buffer(stretch) if is_kept else unstored
-        for part in (slice(stretch.start, min(first, stretch.stop)), slice(max(first, stretch.start), stretch.stop)):
+        is_kept = segment.start >= late or segment is segments[-1]
+        data, past = chain.measured(segment), chain.buffer(segment) if is_kept else unstored
+        for part in (slice(segment.start, min(first, segment.stop)), slice(max(first, segment.start), segment.stop)):
             if part.start == first < part.stop:
                 log_variance = -float(np.linalg.slogdet(state.matrix)[1])
             if part.stop > part.start:
-                own = slice(part.start - stretch.start, part.stop - stretch.start)
+                own = slice(part.start - segment.start, part.stop - segment.start)
                 log_variance += chain.filter(part, FORWARD, state, data.part(own), past.part(own))
         if is_kept:
             kept.append((data, past))
     log_variance += float(np.linalg.slogdet(state.matrix)[1])
     later, scratch = chain.after.copy(), (np.empty_like(matrix), np.empty_like(vector), np.empty((width, width)))
-    for stretch, start in zip(reversed(stretches), reversed(starts), strict=True):
+    for segment, start in zip(reversed(segments), reversed(starts), strict=True):
         if kept:
             data, past = kept.pop()
         else:
-            data, past = chain.measured(stretch), chain.buffer(stretch)
-            chain.filter(stretch, FORWARD, start, data, past)
-        future = chain.buffer(stretch)
-        chain.filter(stretch, BACKWARD, later, data, future)
-        count = stretch.stop - stretch.start
+            data, past = chain.measured(segment), chain.buffer(segment)
+            chain.filter(segment, FORWARD, start, data, past)
+        future = chain.buffer(segment)
+        chain.filter(segment, BACKWARD, later, data, future)
+        count = segment.stop - segment.start
         found = np.empty((count, width, vector.shape[1])), np.empty((count, width)), np.empty(count)
         if not combine(data.matrices, *past, *future, *scratch, *found):
             raise np.linalg.LinAlgError("information matrix is not positive definite")
-        yield stretch, SmoothedChain(*found, log_variance)
+        yield segment, SmoothedChain(*found, log_variance)
 
 
 def information_at_end(chain: NodeChain) -> Information:

@@ -17,7 +17,7 @@ from math import inf, pi, sqrt
 
 import numpy as np
 
-from signals.harmonics._information_smoother import NodeChain, smooth_stretches
+from signals.harmonics._information_smoother import NodeChain, smooth_segments
 from signals.harmonics.block_grid import Grid, at_outputs, evaluated, pieces_between
 from signals.harmonics.coupling import Coupling, Smoothed, by_order, chain_together, couple, inserted, smooth_apart
 from signals.harmonics.innovations import Innovations
@@ -29,9 +29,9 @@ FEWEST_BLOCKS = 64
 # A one-pole walk moves as much within a block as the noise of the block: measured, at this part of 1 / bandwidth the
 # estimates lie a hundredth of `std` from the exact ones.
 LONGEST_ONE_POLE = 1 / 200
-# Samples whose residuals are summed up, in evenly spread stretches: enough to estimate the noise variance to 0.6 %.
+# Samples whose residuals are summed up, in evenly spread segments: enough to estimate the noise variance to 0.6 %.
 RESIDUAL_SAMPLES = 1 << 16
-STRETCHES = 16
+SEGMENTS = 16
 # Neighbours that leak more are coupled, whatever tolerance is given: to subtract more of them later costs more.
 LARGEST_LEAK = 1e-3
 # Where a tolerance of the largest amplitude is more than this part of a standard deviation, the others are subtracted
@@ -45,7 +45,7 @@ LONGEST_EXACT = 1 / 150, 1 / 64
 # What moving amplitudes may lose between nodes in the exact setting, as a part of `std`: the error measured is up to
 # twice as large.
 LARGEST_DROOP = 1.2e-3
-# Nodes of the stretch after that a cubic reaches: the first of them, and one more on either side of the next block.
+# Nodes of the segment after that a cubic reaches: the first of them, and one more on either side of the next block.
 AHEAD = 3
 
 
@@ -218,7 +218,7 @@ class BlockFit:
         return cls(grid=grid, smoothed=smoothed, coupling=coupling, closeness=closeness, alike=closeness.dwell())
 
     def residuals(self, startup: int) -> Innovations:
-        """Return statistics of the residuals in stretches of the record from sample `startup` on.
+        """Return statistics of the residuals in segments of the record from sample `startup` on.
 
         Where the model holds, the variance of a residual is R less that of the fitted waveform, the trace of the joint
         covariance of the amplitudes times their regressors. Orders that stay within half a bandwidth of each other may
@@ -236,24 +236,24 @@ class BlockFit:
         # With one pole half of a node's samples lie on either side, else all before it.
         explained = (explained[:-1] + explained[1:]) / 2 if model.poles == 1 else explained[1:]
         first = min(-(-startup // grid.length), grid.blocks - 1)
-        count = min(max(1, RESIDUAL_SAMPLES // STRETCHES // grid.length), grid.blocks - first)
-        stretches, lost, orders = [], 0.0, np.arange(model.orders.size)
-        for start in np.unique(np.linspace(first, grid.blocks - count, STRETCHES).astype(np.int64)).tolist():
+        count = min(max(1, RESIDUAL_SAMPLES // SEGMENTS // grid.length), grid.blocks - first)
+        segments, lost, orders = [], 0.0, np.arange(model.orders.size)
+        for start in np.unique(np.linspace(first, grid.blocks - count, SEGMENTS).astype(np.int64)).tolist():
             samples = slice(start * grid.length, min((start + count) * grid.length, grid.samples))
             rest = grid.x[:, samples] - grid.waveforms(pieces, orders, samples)
-            stretches.append((np.where(grid.seen[samples], rest, 0.0), grid.seen[samples]))
+            segments.append((np.where(grid.seen[samples], rest, 0.0), grid.seen[samples]))
             lost += float(explained[start : start + count].sum())
-        seen = sum(int(np.count_nonzero(there)) for _, there in stretches)
+        seen = sum(int(np.count_nonzero(there)) for _, there in segments)
         left = max(seen - lost, 1.0) / max(seen, 1)
         found = Innovations.none(channels=len(grid.x))
-        for rest, there in stretches:
+        for rest, there in segments:
             found.separate()
             found.add(rest / sqrt(left), left * there.astype(np.float64))
         return found
 
 
 def _outputs(grid: Grid, chain: NodeChain, *, every: int) -> tuple[Complexes, Floats, Floats]:
-    """Smooth a chain of all orders stretch by stretch, in memory that does not grow with nodes where outputs are fewer.
+    """Smooth a chain of all orders segment by segment, in memory that does not grow with nodes where outputs are fewer.
 
     Returns (channel, order, output) amplitudes; (order, output) variances, (order, node) where there are more outputs
     than nodes; and (channel, order) sums of the squared second differences of the amplitudes at the nodes.
@@ -263,7 +263,7 @@ def _outputs(grid: Grid, chain: NodeChain, *, every: int) -> tuple[Complexes, Fl
     variance = np.empty((model.orders.size, grid.nodes if every <= length else places.size))
     bend, end = np.zeros(amplitude.shape[:2]), grid.blocks
     levels, variances = amplitude[..., :0], variance[:, :0]
-    for nodes, part in smooth_stretches(chain, first=0):
+    for nodes, part in smooth_segments(chain, first=0):
         own = by_order(model, part)
         levels = np.concatenate([own[0], levels[..., :AHEAD]], axis=-1)
         variances = np.concatenate([own[1], variances[:, :AHEAD]], axis=-1)

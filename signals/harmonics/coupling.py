@@ -22,7 +22,7 @@ from signals.harmonics.state_space import Complexes, Flags, Floats, HarmonicMode
 # The first round leaves out a triangular weight of which less than this share is seen, of the share of the fuller of
 # its neighbours.
 SMALLEST_SHARE = 0.6
-# Numbers in the products of columns of all nodes that are kept; more are made again, stretch by stretch.
+# Numbers in the products of columns of all nodes that are kept; more are made again, segment by segment.
 MOST_KEPT = 1 << 21
 
 Chains = list[tuple[Indices, NodeChain]]
@@ -173,7 +173,7 @@ def chain_together(
 
     Parameters
     ----------
-    data : (node, pole, order, channel, 2) array; None to compute it from the samples, stretch by stretch.
+    data : (node, pole, order, channel, 2) array; None to compute it from the samples, segment by segment.
     known : information on the first node before its data, and on the last one after it.
     """
     nonzero = grid.model.subset(group).nonzero

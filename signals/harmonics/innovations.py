@@ -22,7 +22,7 @@ class Innovations:
     recent_seen: Floats  # (LAGS,), 1.0 where not missing
     log_variance: float = 0.0  # sum of the logarithms of their variances
     count: int = 0
-    # All of them in stretches, (channel, sample), with their (sample,) variances, 0 where missing.
+    # All of them in segments, (channel, sample), with their (sample,) variances, 0 where missing.
     kept: list[tuple[Floats, Floats]] | None = None
 
     @classmethod
@@ -52,7 +52,7 @@ class Innovations:
         )  # fmt: skip
 
     def separate(self) -> None:
-        """Begin a stretch that is not adjacent to the last one: no products across the gap."""
+        """Begin a segment that is not adjacent to the last one: no products across the gap."""
         self.recent[:] = self.recent_seen[:] = 0.0
 
     def add(self, innovations: Floats, variances: Floats, *, skip: int = 0) -> None:

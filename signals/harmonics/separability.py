@@ -18,18 +18,18 @@ _NOT_SEPARABLE, _ONE_QUADRATURE = np.uint8(OutputFlag.NOT_SEPARABLE), np.uint8(O
 
 # In cycles per sample: a sign change between two larger distances is the fold at half the rate, not a crossing.
 NEAR = 0.25
-# Stretches of the record over which speeds are averaged when orders are compared; fewer for more orders than these.
-STRETCHES = 512
+# Segments of the record over which speeds are averaged when orders are compared; fewer for more orders than these.
+SEGMENTS = 512
 ORDERS_OF_ALL = 40
 # Distances that are computed at a time: they stay in a near cache.
 DISTANCES_AT_ONCE = 1 << 13
 
 
 def distances(one: Floats, others: Floats, *, both_sides: bool = True) -> Floats:
-    """Return (..., stretch) distances in cycles per sample from an order to others or their images; 0 at crossings.
+    """Return (..., segment) distances in cycles per sample from an order to others or their images; 0 at crossings.
 
-    From the frequencies of the order, (stretch,) or (..., stretch), and of the others, in the same unit. A crossing
-    counts in the stretch after it, with `both_sides` in the one before it too.
+    From the frequencies of the order, (segment,) or (..., segment), and of the others, in the same unit. A crossing
+    counts in the segment after it, with `both_sides` in the one before it too.
     """
     nearest = np.full(np.broadcast_shapes(one.shape, others.shape), 0.5)
     for apart in (others - one, others + one):
@@ -44,23 +44,23 @@ def distances(one: Floats, others: Floats, *, both_sides: bool = True) -> Floats
 
 
 class Closeness:
-    """Frequency distances of every order from the others and from its own image, stretch by stretch.
+    """Frequency distances of every order from the others and from its own image, segment by segment.
 
     An order of a real record has an image at minus its frequency, and both repeat at every multiple of the rate; the
     distance is that to the nearest of these.
 
     Attributes
     ----------
-    edges : (stretch + 1,) array, first samples of the stretches and the end of the last one.
-    frequency : (order, stretch) array, cycles per sample.
-    bandwidth : (order, stretch) array, cycles per sample.
+    edges : (segment + 1,) array, first samples of the segments and the end of the last one.
+    frequency : (order, segment) array, cycles per sample.
+    bandwidth : (order, segment) array, cycles per sample.
     """
 
     def __init__(self, model: HarmonicModel, samples: int) -> None:
         self.model = model
-        most = max(STRETCHES * ORDERS_OF_ALL // max(model.orders.size, ORDERS_OF_ALL), 1)
-        stretches = max(min(most, samples - 1), 1)
-        self.edges = np.arange(stretches + 1) * max(samples - 1, 1) // stretches
+        most = max(SEGMENTS * ORDERS_OF_ALL // max(model.orders.size, ORDERS_OF_ALL), 1)
+        segments = max(min(most, samples - 1), 1)
+        self.edges = np.arange(segments + 1) * max(samples - 1, 1) // segments
         angle = model.phase(np.minimum(self.edges, samples - 1))
         speed = (angle[:, 1:] - angle[:, :-1]) / (2 * np.pi * self.lengths)
         self.frequency = model.orders[:, None] * speed[model.shaft]
@@ -69,16 +69,16 @@ class Closeness:
         self.bandwidth = np.broadcast_to(width, self.frequency.shape)
 
     def within(self, samples: slice) -> "Closeness":
-        """Return the same for the stretches that a range of samples touches."""
+        """Return the same for the segments that a range of samples touches."""
         first, last = (np.searchsorted(self.edges[:-1], [samples.start, samples.stop - 1], side="right") - 1).tolist()
-        part = object.__new__(Closeness)  # without the distances of all stretches
+        part = object.__new__(Closeness)  # without the distances of all segments
         part.model, part.edges = self.model, self.edges[first : last + 2]
         part.frequency, part.bandwidth = self.frequency[:, first : last + 1], self.bandwidth[:, first : last + 1]
         return part
 
     @property
     def lengths(self) -> Floats:
-        """(stretch,) array, samples in each."""
+        """(segment,) array, samples in each."""
         return (self.edges[1:] - self.edges[:-1]).astype(np.float64)
 
     @cached_property
@@ -145,14 +145,14 @@ def unresolved_pairs(shares: Floats) -> tuple[UnresolvedPair, ...]:
 
 
 def flag_close(close: Flags, orders: Floats, frequency: Floats, bandwidth: Floats) -> FlagArray:
-    """Return (order, stretch) flags: NOT_SEPARABLE where `close`, ONE_QUADRATURE near the order's own image."""
+    """Return (order, segment) flags: NOT_SEPARABLE where `close`, ONE_QUADRATURE near the order's own image."""
     return np.asarray(
         _NOT_SEPARABLE * close | _ONE_QUADRATURE * (distances_to_images(orders, frequency) < bandwidth / 2)
     )
 
 
 def distances_to_images(orders: Floats, frequency: Floats) -> Floats:
-    """Return (order, stretch) distances from the order's own image, in cycles per sample; infinite for the mean."""
+    """Return (order, segment) distances from the order's own image, in cycles per sample; infinite for the mean."""
     twice = 2 * frequency
     distance = np.abs(twice - np.rint(twice))
     distance[orders == 0] = np.inf
@@ -172,8 +172,8 @@ def flag_outputs(
     pairs, flags = closeness.unresolved()
     close = np.zeros((len(flags), outputs.size), dtype=np.uint8)
     places = np.searchsorted(outputs, np.append(closeness.edges[:-1], samples))
-    for stretch in np.flatnonzero(flags.any(axis=0)):
-        close[:, places[stretch] : places[stretch + 1]] = flags[:, stretch, None]
+    for segment in np.flatnonzero(flags.any(axis=0)):
+        close[:, places[segment] : places[segment + 1]] = flags[:, segment, None]
     bandwidth = closeness.model.bandwidth
     reach = output_range(np.maximum(bandwidth if bandwidth.shape[1] == 1 else bandwidth[:, ::every], 0.5 / samples))
     found = [close if len(patterns) == 1 else close.copy() for _ in patterns]

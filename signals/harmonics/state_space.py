@@ -130,7 +130,7 @@ class Estimate:
     innovation_samples: int  # number of innovations in it
     # Largest error relative to an amplitude; of a steady-state filter, relative to the exact filter's error.
     error_bound: float = 0.0
-    # Where asked for, stretches of normalised innovations, (channel, sample), and their variances, 0 where missing.
+    # Where asked for, segments of normalised innovations, (channel, sample), and their variances, 0 where missing.
     innovations: list[tuple[Floats, Floats]] | None = None
     # Samples between the nodes where `variance` is that of nodes, the last one after the last sample: standard
     # deviations are linear in between. None where it is that of outputs.

@@ -36,8 +36,8 @@ if TYPE_CHECKING:
 
     from numpy.typing import ArrayLike
 
-# Least number of stretches, over which speeds are averaged, in one over the largest bandwidth.
-STRETCHES = 4
+# Least number of segments, over which speeds are averaged, in one over the largest bandwidth.
+SEGMENTS = 4
 # Smallest bandwidth in cycles per sample for flags: below it, 1 / bandwidth overflows a count of samples.
 NARROWEST = 2.0**-48
 
@@ -46,10 +46,10 @@ NARROWEST = 2.0**-48
 class StreamFlags:
     """What the flags of later outputs need of the samples so far."""
 
-    end: int  # sample at which the last whole stretch ended
+    end: int  # sample at which the last whole segment ended
     phase: Floats  # (shaft,) angles in rad at that sample
-    frequency: Floats  # (order,) means of that stretch in cycles a sample
-    flags: FlagArray  # (order,) of that stretch
+    frequency: Floats  # (order,) means of that segment in cycles a sample
+    flags: FlagArray  # (order,) of that segment
     # (order, order) arrays, filled above the diagonal: turns of one order relative to another so far, and samples in
     # which they were within half a bandwidth.
     turns: Floats
@@ -85,7 +85,7 @@ class StreamFlags:
         if first == 0:
             self.phase = phase[:, 0].copy()
         stop, last = first + count, first + seen.size - 1
-        length = max(1.0, 1 / (STRETCHES * max(float(model.bandwidth.max()), NARROWEST)))
+        length = max(1.0, 1 / (SEGMENTS * max(float(model.bandwidth.max()), NARROWEST)))
         length = 1 << int(np.log2(min(length, lag or length)))
         steady = np.arange(length * max(self.end // length, 1), last + 1, length)
         ends = np.append(1 << np.arange(length.bit_length() - 1), steady)
@@ -93,11 +93,11 @@ class StreamFlags:
         if lag is not None:
             ends = np.union1d(ends, last) if stop > last > self.end else ends
             ends = ends[: np.searchsorted(ends, stop) + 1]
-        # A filter's output has the flags of the last stretch that has ended by then, else of the first one after it.
+        # A filter's output has the flags of the last segment that has ended by then, else of the first one after it.
         place = np.searchsorted(np.append(self.end, ends), outputs, side="right") - (lag is None)
         flags = self.flags[:, None]
         if ends.size:
-            flags = np.concatenate([flags, self._update_stretches(model, ends, phase[:, ends - first])], axis=1)
+            flags = np.concatenate([flags, self._update_segments(model, ends, phase[:, ends - first])], axis=1)
         self.flags, found = flags[:, -1].copy(), flags[:, np.minimum(place, flags.shape[1] - 1)]
         if seen.any():
             self.first_seen = min(self.first_seen, float(first + seen.argmax()))
@@ -112,8 +112,8 @@ class StreamFlags:
         self.missing = missing[missing >= stop - farthest]
         return found
 
-    def _update_stretches(self, model: HarmonicModel, ends: Indices, phase: Floats) -> FlagArray:
-        """Update with whole stretches, given the (shaft, stretch) angles at their ends; return their flags."""
+    def _update_segments(self, model: HarmonicModel, ends: Indices, phase: Floats) -> FlagArray:
+        """Update with whole segments, given the (shaft, segment) angles at their ends; return their flags."""
         lengths = np.diff(ends, prepend=self.end).astype(np.float64)
         speed = np.diff(phase, prepend=self.phase[:, None]) / (2 * np.pi * lengths)
         frequency = np.concatenate([self.frequency[:, None], model.orders[:, None] * speed[model.shaft]], axis=1)
@@ -254,8 +254,8 @@ class OrderTracker:
         -------
         OrderTracks
             `sample_index` counts from the start of the stream; innovations and `unresolved` pairs are those of all
-            samples so far. Flags use mean speeds over stretches of at most a quarter of 1 / bandwidth, in a filter of
-            the last whole stretch; orders are not separable until a turn apart. With a lag, the last later sample
+            samples so far. Flags use mean speeds over segments of at most a quarter of 1 / bandwidth, in a filter of
+            the last whole segment; orders are not separable until a turn apart. With a lag, the last later sample
             that an output uses counts as an end of the record.
         """
         block, phase = self._check_block(x, phase_rad)

@@ -32,7 +32,7 @@ class SensorHealth:
     clipped : (n,) array
         True at samples on a flat top.
     lost : (n,) array
-        True in gaps and constant stretches.
+        True in gaps and constant segments.
     spiked : (n,) array
         True at isolated spikes and their neighbours.
 

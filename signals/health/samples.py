@@ -1,4 +1,4 @@
-"""Faults in single samples: flat tops, stretches of one value, and isolated spikes.
+"""Faults in single samples: flat tops, segments of one value, and isolated spikes.
 
 The thresholds depend on the record's own resolution, since a coarse converter repeats values too.
 """
@@ -150,7 +150,7 @@ _NEAR = 4096
 _FAULTY_CLIPPED = 0.01
 _CHANCE = 1e-6  # probability of a run this long in a healthy record
 _SHORTEST_RUN = 5
-_STEPS = 2.0  # smallest step at an end of a faulty stretch, in resolutions
+_STEPS = 2.0  # smallest step at an end of a faulty segment, in resolutions
 _FAULTY_LOST = 0.01
 _STUCK = 0.1  # of the record
 _SPIKE = 8.0  # robust standard deviations
@@ -196,11 +196,11 @@ def _usual_count(x: Samples, extreme: float) -> float:
 
 
 def dropouts(x: Samples, *, missing: Mask, rate_hz: float, units: str) -> tuple[list[SensorFault], Mask]:
-    """Return faults for constant stretches longer than the record's resolution explains, and gaps; and an (n,) mask.
+    """Return faults for constant segments longer than the record's resolution explains, and gaps; and an (n,) mask.
 
     Runs of equal values in a healthy record have a geometric distribution; its parameter gives the length that one in
     a million records reaches. A slow oscillation on a coarse converter has longer runs on its crests, but enters and
-    leaves them by one step of the resolution: a stretch counts only with steps above two.
+    leaves them by one step of the resolution: a segment counts only with steps above two.
     """
     lost = missing.copy()
     alike = x[1:] == x[:-1]
@@ -232,14 +232,14 @@ def _dropout_fault(x: Samples, lost: Mask, *, rate_hz: float, units: str) -> Sen
         sentence = f"it is stuck at {value:.6g} {units} to the end, for {where}. Check sensor, cable and supply."
         return graded("stuck", sick=True, size=share, sentence=sentence)
     sentence = (
-        f"it drops out {start.size} times, {share:.3%} of the samples; the longest stretch, at {value:.6g} {units}, "
+        f"it drops out {start.size} times, {share:.3%} of the samples; the longest segment, at {value:.6g} {units}, "
         f"lasts {where}. Check cable and logger, or leave those samples out."
     )
     return graded("drop-out", sick=share > _FAULTY_LOST, size=share, sentence=sentence)
 
 
 def _runs(mask: Mask) -> tuple[NDArray[np.intp], NDArray[np.intp]]:
-    """Return the starts and lengths of stretches of True."""
+    """Return the starts and lengths of segments of True."""
     edges = np.flatnonzero(mask[1:] != mask[:-1]) + 1
     edges = np.concatenate([[0] if mask[0] else [], edges, [mask.size] if mask[-1] else []]).astype(np.intp)
     return edges[::2], edges[1::2] - edges[::2]
@@ -287,9 +287,9 @@ def spikes(x: Samples, *, rate_hz: float, units: str) -> tuple[list[SensorFault]
 
 def _is_isolated(height: Samples, at: int) -> bool:
     """Return whether a sample is the largest of three with low RMS on either side of these."""
-    beside = np.concatenate((height[max(at - _BESIDE, 0) : max(at - 1, 0)], height[at + 2 : at + 1 + _BESIDE]))
+    neighbours = np.concatenate((height[max(at - _BESIDE, 0) : max(at - 1, 0)], height[at + 2 : at + 1 + _BESIDE]))
     top = bool(height[at] == height[max(at - 1, 0) : at + 2].max())
-    return top and float(np.sqrt(np.mean(beside**2))) < _ISOLATED * height[at]
+    return top and float(np.sqrt(np.mean(neighbours**2))) < _ISOLATED * height[at]
 
 
 def _with_neighbours(places: NDArray[np.intp], size: int) -> Mask:

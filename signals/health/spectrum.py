@@ -49,9 +49,9 @@ def hum(x: Samples, amplitude: Samples, *, rate_hz: float) -> tuple[list[SensorF
         base = _strongest(amplitude, step, mains)
         harmonics = [k for k in _HARMONICS if k * (mains + _STRAY_HZ) + _REACH_HZ < rate_hz / 2]
         heights = {k: _line(amplitude, step, k * base) for k in harmonics}
-        standing = {k: line for k, (line, beside) in heights.items() if line > _ABOVE * beside}
+        standing = {k: line for k, (line, background) in heights.items() if line > _ABOVE * background}
         between = [base * part for part in (1 / 2, 3 / 2, 1 / 3, 2 / 3, 4 / 3)]
-        others = sum(line > _ABOVE * beside for line, beside in (_line(amplitude, step, f) for f in between))
+        others = sum(line > _ABOVE * background for line, background in (_line(amplitude, step, f) for f in between))
         share = float(np.sqrt(sum(line**2 for line in standing.values()) / 2)) / level
         if 1 in standing and len(standing) >= _FEWEST_HARMONICS and others == 0 and share > _HUM_SHARE:
             sentence = (
@@ -96,10 +96,10 @@ def _line(amplitude: Samples, step: float, at: float) -> tuple[float, float]:
     lobe = int(np.ceil(_LOBE_BINS))
     centre, reach = round(at / step), max(int(_REACH_HZ / step), 4 * lobe)
     inside = amplitude[max(centre - lobe, 0) : centre + lobe + 1]
-    beside = np.concatenate(
+    background = np.concatenate(
         (amplitude[max(centre - reach, lobe) : max(centre - lobe, lobe)], amplitude[centre + lobe + 1 : centre + reach])
     )
-    return float(np.sqrt(np.sum(inside**2) / 1.5)), float(median(beside))
+    return float(np.sqrt(np.sum(inside**2) / 1.5)), float(median(background))
 
 
 def ski_slope(x: Samples, amplitude: Samples, *, rate_hz: float) -> tuple[list[SensorFault], str | None]:

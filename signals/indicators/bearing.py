@@ -32,7 +32,7 @@ class DefectEnergy:
     >>> from signals.indicators import defect_energy
     >>> envelope = 1 + 0.3 * np.cos(2 * np.pi * 3.6 * np.arange(3600) / 360)  # a line at the order 3.6
     >>> spectrum = amplitude_spectrum(envelope, rate=360)
-    >>> found = defect_energy(spectrum, order=3.6, harmonics=1, tolerance=0.02, surroundings=2)
+    >>> found = defect_energy(spectrum, order=3.6, harmonics=1, tolerance=0.02, background_width=2)
     >>> found.orders.round(3).tolist(), found.amplitude.round(3).tolist()
     ([3.6], [0.3])
     """
@@ -54,7 +54,7 @@ class DefectEnergy:
 
 @checked
 def defect_energy(
-    spectrum: AmplitudeSpectrum, *, order: float, harmonics: int, tolerance: float, surroundings: float
+    spectrum: AmplitudeSpectrum, *, order: float, harmonics: int, tolerance: float, background_width: float
 ) -> DefectEnergy:
     """Return the energy at the harmonics of a defect frequency in an envelope spectrum.
 
@@ -72,7 +72,7 @@ def defect_energy(
         Number of harmonics, the fundamental included.
     tolerance : float
         Largest relative deviation from ``order``: 0.01 to 0.02, since rolling elements slip.
-    surroundings : float
+    background_width : float
         Width of the background on either side of a line, in the axis' unit.
 
     Returns
@@ -94,14 +94,14 @@ def defect_energy(
     >>> angle = np.arange(3600) / 360  # ten revolutions
     >>> envelope = 1 + 0.3 * np.cos(2 * np.pi * 3.6 * angle)
     >>> spectrum = amplitude_spectrum(envelope, rate=360)
-    >>> round(defect_energy(spectrum, order=3.6, harmonics=1, tolerance=0.02, surroundings=2).energy, 4)
+    >>> round(defect_energy(spectrum, order=3.6, harmonics=1, tolerance=0.02, background_width=2).energy, 4)
     0.045
     """
     expect(spectrum, AmplitudeSpectrum, indicator="the defect energy")
     first = positive(order, name="order")
     count = whole(harmonics, name="harmonics", least=1)
     slack = positive(tolerance, name="tolerance")
-    reach = positive(surroundings, name="surroundings")
+    reach = positive(background_width, name="background_width")
     last = count * first * (1 + slack)
     if last > spectrum.axis[-1]:
         raise ValueError(
@@ -122,10 +122,10 @@ def _line(spectrum: AmplitudeSpectrum, centre: float, half: float, reach: float)
     low, high = np.searchsorted(axis, [centre - half, centre + half])
     top = int(low) + int(np.argmax(amplitude[low : max(high, low + 1)]))
     lobe = _LOBE_BINS * spectrum.bin_width
-    beside = (np.abs(axis - centre) <= reach) & (np.abs(axis - centre) > half + lobe) & (axis > lobe)
-    if np.count_nonzero(beside) < _FEWEST:
+    background = (np.abs(axis - centre) <= reach) & (np.abs(axis - centre) > half + lobe) & (axis > lobe)
+    if np.count_nonzero(background) < _FEWEST:
         raise ValueError(
-            f"only {np.count_nonzero(beside)} points of the spectrum lie within {reach:g} of the line at {centre:g}, "
-            "too few to tell its background; widen the surroundings or record longer."
+            f"only {np.count_nonzero(background)} points of the spectrum lie within {reach:g} of the line at "
+            f"{centre:g}, too few to tell its background; widen background_width or record longer."
         )
-    return float(axis[top]), float(amplitude[top]), float(np.median(amplitude[beside]))
+    return float(axis[top]), float(amplitude[top]), float(np.median(amplitude[background]))

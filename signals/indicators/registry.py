@@ -66,7 +66,7 @@ _DIFFERENCE, _RESIDUAL = (DifferenceSignal,), (ResidualSignal,)
 _BECHHOEFER = "Bechhoefer & Kingsley 2009"
 _VECER = "Večeř, Kreidl & Šmíd 2005"
 _CARRIER = ("ring_teeth", "planets", "harmonic", "sidebands")
-_DEFECT = ("order", "harmonics", "tolerance", "surroundings")
+_DEFECT = ("order", "harmonics", "tolerance", "background_width")
 
 _ROWS: tuple[tuple[str, Part, tuple[type, ...], tuple[str, ...], str, str, str, Callable[..., Any]], ...] = (
     ("rms", "channel", _RAW, (), "signal", "the baseline of all", "any louder machine, also more load", statistics.rms),

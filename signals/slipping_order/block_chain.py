@@ -12,7 +12,7 @@ from signals.slipping_order.slip_detection import Line, Ridge, SlipRecord
 
 Status = Literal["converged", "not converged", "single pass", "no line"]
 
-# Length of a block times the bandwidth, and over the stretch in which the random walk of the slip turns the line by a
+# Length of a block times the bandwidth, and over the segment in which the random walk of the slip turns the line by a
 # radian: holding amplitude and slip constant in a block changes the estimates by a few 1e-4 of their std.
 _BLOCK = 1 / 200
 _SLIP_BLOCK = 1 / 50

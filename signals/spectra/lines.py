@@ -7,7 +7,7 @@ of W bins exceeds u times that mean with probability
 
 the second term being the rate of upward level crossings of the envelope of a Gaussian process (Rice 1945,
 eq. 3.8-15), here along frequency, with `spread` the second moment of the squared window. The local mean is itself
-estimated, from the median of the surroundings; that estimate is taken as Gamma distributed with K degrees of freedom,
+estimated, from the median of the background; that estimate is taken as Gamma distributed with K degrees of freedom,
 and both terms are averaged over it in closed form, which raises the probability for short records.
 
 The window spreads a strong line into main lobe and side lobes, which may be the maximum of a searched band beside it.
@@ -34,7 +34,7 @@ if TYPE_CHECKING:
 
     from signals.spectra.spectra import AmplitudeSpectrum
 
-SURROUNDINGS = 1.0  # on either side, in the axis' unit (orders)
+BACKGROUND_WIDTH = 1.0  # on either side, in the axis' unit (orders)
 _LOBE_BINS = 3.0  # left out on either side of the line
 # measured: the median power of Hann- or box-windowed noise has the variance of the mean of this many independent bins,
 # per bin and equivalent noise bandwidth
@@ -62,7 +62,7 @@ class Line:
     amplitude_std : float
         Standard deviation of the real part of the complex amplitude due to noise, equally of its imaginary part.
     background : float
-        Median amplitude of the surroundings.
+        Median amplitude of the background.
     leakage : float
         Largest amplitude that the window spreads to this position from a larger line.
     false_alarm_probability : float
@@ -133,7 +133,7 @@ class Line:
 
     @property
     def snr(self) -> float:
-        """Ratio of the amplitude to the median amplitude of the surroundings."""
+        """Ratio of the amplitude to the median amplitude of the background."""
         if self.background > 0:
             return self.amplitude / self.background
         return math.inf if self.amplitude > 0 else 0.0
@@ -145,7 +145,7 @@ def find_line(
     *,
     expected: float,
     tolerance: float = 0.0,
-    surroundings: float = SURROUNDINGS,
+    background_width: float = BACKGROUND_WIDTH,
     closer: float | None = None,
 ) -> Line:
     """Return the largest line within ``expected +- tolerance``, with its false-alarm probability.
@@ -158,8 +158,8 @@ def find_line(
         Expected position, in the unit of the axis.
     tolerance : float
         Half the width of the searched band, which is at least one bin wide.
-    surroundings : float
-        Width of the surroundings on either side, from which the noise is estimated.
+    background_width : float
+        Width of the background on either side, from which the noise is estimated.
     closer : float, optional
         A second, smaller width. Noise about strong lines, as tachometer jitter causes it, is underestimated by the
         wide median; where the close one is larger the false-alarm probability is computed from it.
@@ -172,7 +172,7 @@ def find_line(
     Raises
     ------
     ValueError
-        A line beyond the end of the spectrum, or fewer than eight bins of surroundings.
+        A line beyond the end of the spectrum, or fewer than eight bins of background.
 
     Examples
     --------
@@ -191,7 +191,7 @@ def find_line(
         raise ValueError(f"tolerance = {tolerance!r} must be a finite number of at least 0.")
     near = math.nan if closer is None else closer
     (found,) = find_lines(
-        spectrum, expected=[expected], tolerance=[tolerance], surroundings=surroundings, closer=[near]
+        spectrum, expected=[expected], tolerance=[tolerance], background_width=background_width, closer=[near]
     )
     if isinstance(found, ValueError):
         raise found
@@ -204,14 +204,14 @@ def find_lines(
     expected: Sequence[float],
     tolerance: Sequence[float],
     closer: Sequence[float],
-    surroundings: float = SURROUNDINGS,
+    background_width: float = BACKGROUND_WIDTH,
     seen: float = 1.0,
 ) -> list[Line | ValueError]:
     """Return what `find_line` does of each of several lines of one spectrum, with an error in place of one it refuses.
 
     Parameters
     ----------
-    spectrum, surroundings
+    spectrum, background_width
         As in `find_line`.
     expected, tolerance, closer : sequences of float
         As in `find_line`, of each line; `closer` is NaN where there is none.
@@ -234,7 +234,7 @@ def find_lines(
     (1.0, 'a line at 99 +- 0.015625 lies beyond the end of the spectrum, 32.')
     """
     axis, bin_width = spectrum.axis, spectrum.bin_width
-    surroundings = positive(surroundings, name="surroundings")
+    background_width = positive(background_width, name="background_width")
     orders = np.asarray(expected, dtype=np.float64)
     half = np.maximum(tolerance, bin_width / 2)
     inside = orders + half <= axis[-1]
@@ -242,11 +242,11 @@ def find_lines(
     peaks = _peaks(axis, spectrum.amplitude, (orders - half)[inside], (orders + half)[inside])
     lobe = _lobe(spectrum, peaks[0])
     reaches = np.asarray(closer, dtype=np.float64)[inside]
-    wide = _adjacent_points(spectrum, peaks[0], np.full(places.size, surroundings), lobe)
+    wide = _adjacent_points(spectrum, peaks[0], np.full(places.size, background_width), lobe)
     close = _adjacent_points(spectrum, peaks[0], reaches, lobe)
     found: list[Line | ValueError] = [
-        ValueError(f"a line at {order:g} +- {beside:g} lies beyond the end of the spectrum, {axis[-1]:g}.")
-        for order, beside in zip(orders.tolist(), half.tolist(), strict=True)
+        ValueError(f"a line at {order:g} +- {reach:g} lies beyond the end of the spectrum, {axis[-1]:g}.")
+        for order, reach in zip(orders.tolist(), half.tolist(), strict=True)
     ]
     columns = (orders[inside], half[inside], *peaks, np.isfinite(reaches))
     rows = zip(*(each.tolist() for each in columns), strict=True)
@@ -255,14 +255,14 @@ def find_lines(
     return found
 
 
-def has_background(bin_width: float, *, surroundings: float = SURROUNDINGS) -> bool:
+def has_background(bin_width: float, *, background_width: float = BACKGROUND_WIDTH) -> bool:
     """Return whether enough bins may surround a line of a spectrum, False where `find_lines` refuses every one.
 
     Parameters
     ----------
     bin_width : float
         `AmplitudeSpectrum.bin_width`.
-    surroundings : float
+    background_width : float
         As in `find_line`, in the same unit.
 
     Examples
@@ -271,8 +271,8 @@ def has_background(bin_width: float, *, surroundings: float = SURROUNDINGS) -> b
     >>> has_background(1 / 2), has_background(1 / 20)  # records of 2 and of 20 turns
     (False, True)
     """
-    # a point more on either side, of a bin at most, may lie within the surroundings
-    return 2 * (surroundings / bin_width - _LOBE_BINS + 1) >= _FEWEST_BINS
+    # a point more on either side, of a bin at most, may lie within the background
+    return 2 * (background_width / bin_width - _LOBE_BINS + 1) >= _FEWEST_BINS
 
 
 class _Place(NamedTuple):

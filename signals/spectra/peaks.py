@@ -1,7 +1,7 @@
-"""All lines of a spectrum, wherever they stand: local maxima well above the median of their surroundings.
+"""All lines of a spectrum, wherever they stand: local maxima well above the median of their background.
 
 `signals.spectra.lines` answers what stands at an expected order, with its probability; this is for what nobody
-expected. The median of the surroundings is taken over blocks and interpolated between them: a moving median over
+expected. The median of the background is taken over blocks and interpolated between them: a moving median over
 hundreds of bins costs a hundred times as much and differs by some per cent.
 """
 
@@ -19,7 +19,7 @@ from signals._validation import Array, positive
 if TYPE_CHECKING:
     from signals.spectra.spectra import AmplitudeSpectrum
 
-_BLOCK = 0.5  # width in the axis' unit (orders) over which the surroundings count as alike
+_BLOCK = 0.5  # width in the axis' unit (orders) over which the background is taken as constant
 _FEWEST_BINS = 16  # in a block: the median of fewer scatters by more than a quarter
 _SMOOTHED_BLOCKS = 5  # whose median is taken again: a block full of sidebands does not raise its own background
 _LOBE_BINS = 3.0  # below this the constant part leaks
@@ -34,7 +34,7 @@ class SpectralPeaks:
     position : (n,) array
         Rising, in the unit of the axis.
     amplitude, background : (n,) array
-        Peak amplitude and median amplitude of the surroundings, in the unit of the spectrum.
+        Peak amplitude and median amplitude of the background, in the unit of the spectrum.
 
     Examples
     --------
@@ -50,7 +50,7 @@ class SpectralPeaks:
 
 
 def spectral_peaks(spectrum: AmplitudeSpectrum, *, ratio: float = 4.0) -> SpectralPeaks:
-    """Return the local maxima of a spectrum above `ratio` times the median amplitude of their surroundings.
+    """Return the local maxima of a spectrum above `ratio` times the median amplitude of their background.
 
     Parameters
     ----------

@@ -91,7 +91,7 @@ class TestShapes:
         assert not bends[~np.any(near, axis=0)].any()
 
     def test_the_series_of_a_shifted_trapezium_is_its_own_turned(self):
-        # integrated to rounding only where no stretch goes across a corner: else to 1e-4
+        # integrated to rounding only where no segment goes across a corner: else to 1e-4
         wave, by = Trapezoidal(low=1.0, high=3.0, duty=0.6, ramp=0.15), 0.2345
         order = np.arange(1, 13)
         # a trapezium is a rectangle's series, 2 (high - low) / (pi h) sin(pi h duty), smoothed over the ramp

@@ -152,7 +152,7 @@ def by_hand(system, *, duration_s, rate_hz, half_gap):
     for start, stop in itertools.pairwise(edges):
         inside = times_s[(times_s >= start) & (times_s < stop)]
         path = solve_ivp(
-            # a jump belongs to the stretch that follows it, as in the model; just before it, what was before
+            # a jump belongs to the segment that follows it, as in the model; just before it, what was before
             lambda t, z, stop=stop: np.concatenate([z[16:], accelerations(min(t, stop - 1e-12), z[:16])]),
             (start, stop),
             state,

@@ -79,7 +79,7 @@ def test_the_ripple_near_half_a_second(start_up):
         return whole @ np.linalg.lstsq(whole, speed, rcond=None)[0] - speed
 
     rate_hz, decay = least_squares(apart, [110.0, 2.0], x_scale=[1.0, 1.0], xtol=1e-12, ftol=1e-12).x
-    # 110.164 Hz is printed; the load's damping still grows a little over the stretch
+    # 110.164 Hz is printed; the load's damping still grows a little over the segment
     assert rate_hz == pytest.approx(110.164, abs=1e-3)
     assert decay == pytest.approx(2.31, abs=0.02)
 

@@ -23,7 +23,7 @@ CURVES = {
     "rectangle": Wave(rectangle(), 1, (0.0, 0.4)),
     "three cycles": Wave(lambda p: ten_harmonics()(p / 3) + rectangle()(p), 3, (0.0, 0.4, 1.0, 1.4, 2.0, 2.4)),
 }
-STRETCHES = [
+INTERVALS = [
     (5.1, 5.15),
     (5.3, 5.9),
     (0.95, 2.5),
@@ -36,9 +36,9 @@ STRETCHES = [
 ]
 
 
-def by_quadrature(curves, stretch):
-    """Legendre coefficients of a product of functions over a stretch of phase."""
-    (start, stop), (low, high) = stretch, sorted(stretch)
+def by_quadrature(curves, interval):
+    """Legendre coefficients of a product of functions over a interval of phase."""
+    (start, stop), (low, high) = interval, sorted(interval)
     jumps = {j + curve.period * cycle for curve in curves for j in curve.jumps for cycle in range(-5, 7)}
     edges = [low, *sorted(j for j in jumps if low < j < high), high]
     nodes, weights = polynomials.leggauss(60)
@@ -60,22 +60,22 @@ class TestTables:
         # cells are halved until the polynomial of degree five fits to 1e-11 of the largest value
         np.testing.assert_allclose(found, curve.value(at), rtol=1e-10)
 
-    @pytest.mark.parametrize("stretch", STRETCHES)
+    @pytest.mark.parametrize("interval", INTERVALS)
     @pytest.mark.parametrize("name", CURVES)
-    def test_moments_by_quadrature(self, name, stretch):
-        curve, (start, stop) = CURVES[name], stretch
-        wanted, table = by_quadrature([curve], stretch), tabulated([curve])
+    def test_moments_by_quadrature(self, name, interval):
+        curve, (start, stop) = CURVES[name], interval
+        wanted, table = by_quadrature([curve], interval), tabulated([curve])
         found = legendre(table, 0, start, stop, integrals_at(table, 0, start), integrals_at(table, 0, stop))
-        # differences of integrals over a stretch d lose eps / d^2
+        # differences of integrals over a interval d lose eps / d^2
         np.testing.assert_allclose(found, wanted, rtol=0, atol=1e-10 * MEAN)
 
-    @pytest.mark.parametrize("stretch", STRETCHES)
+    @pytest.mark.parametrize("interval", INTERVALS)
     @pytest.mark.parametrize("name", CURVES)
-    def test_moments_of_a_product_by_quadrature(self, name, stretch):
+    def test_moments_of_a_product_by_quadrature(self, name, interval):
         saw, smooth = Wave(lambda p: np.mod(p, 2) - 0.3, 2, (0.0,)), CURVES["smooth"]
         tables, other = tabulated([smooth, CURVES[name]]), tabulated([saw], integrals=False)
-        found = legendre_of_product(tables, 1, other, 0, *stretch)
-        wanted = by_quadrature([CURVES[name], saw], stretch)
+        found = legendre_of_product(tables, 1, other, 0, *interval)
+        wanted = by_quadrature([CURVES[name], saw], interval)
         # Gauss's rule of four points, over an eighth of a cycle of ten harmonics or less
         np.testing.assert_allclose(found, wanted, rtol=0, atol=(1e-10 if name == "rectangle" else 2e-3) * MEAN)
 

@@ -78,7 +78,7 @@ class TestBackground:
             if level(np.array([MESH])) == 1:
                 assert low <= alarms["gear_mesh"] <= high
             else:
-                # Nine times the power of the surroundings: of its exponential law half are above 6 times theirs.
+                # Nine times the power of the background: of its exponential law half are above 6 times theirs.
                 assert alarms["gear_mesh"] > 29
 
     def test_a_sideband_above_the_noise_about_it_is_found(self):

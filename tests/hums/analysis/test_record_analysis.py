@@ -70,7 +70,7 @@ def test_mesh_line_is_found_and_tracked(analysis):
     assert np.abs(error.imag).max() < 5
 
 
-def test_level_is_amplitude_over_the_median_of_the_surroundings(analysis):
+def test_level_is_amplitude_over_the_median_of_the_background(analysis):
     dataset = group(analysis, "order_spectrum")
     orders, amplitude = dataset["order"].to_numpy(), dataset["amplitude"].sel(channel="housing").to_numpy()
     table = line_table(analysis, "order_spectrum")

@@ -118,9 +118,9 @@ def test_the_end_of_a_measured_run_to_failure(gearbox):
     path = Path(os.environ.get("HUMS_REAL_DATA", "")) / "pronostia" / "bearing1_1.npz"
     if not path.is_file():
         pytest.skip("no measured records; name their folder in HUMS_REAL_DATA")
-    stretch = np.load(path)["milli_g"][-40:] / 1000
+    segment = np.load(path)["milli_g"][-40:] / 1000
     angle = NominalSpeed(rpm=RPM, shaft="shaft")
-    parts = [make_record({"h": h, "v": v}, rate_hz=RATE_HZ, units="g", angle=angle) for h, v in stretch]
+    parts = [make_record({"h": h, "v": v}, rate_hz=RATE_HZ, units="g", angle=angle) for h, v in segment]
     found = verdicts(join_snapshots(parts), gearbox)
     assert found["depth"].max() > 0.2  # something modulates the level, at the line of inner race or rolling element
     assert set(found["verdict"][["inner_race", "rolling_element"]]) == {"not judged"}

@@ -76,7 +76,7 @@ def test_weak_evidence_of_one_part_of_a_bearing_adds_up_to_one_alarm():
         Series(channel=channel, component="bearing", kind=kind, indicator=indicator, unit="1")
         for channel in "ab"
         for kind in ("inner_race", "outer_race")
-        for indicator in ("defect_energy_ratio", "envelope line_over_surroundings", "modulation")
+        for indicator in ("defect_energy_ratio", "envelope line_over_background", "modulation")
     ]
     usual = dict.fromkeys(keys, 0.3)
     seen = []

@@ -27,7 +27,7 @@ def test_logarithms_of_indicators_and_of_the_mean_square_of_lines():
     assert found == {
         "defect_energy": (pytest.approx(math.log(4)), 2),
         "envelope line_level": (pytest.approx(math.log(math.sqrt(12.5))), 1),
-        "envelope line_over_surroundings": (pytest.approx(math.log(math.sqrt(1250))), 0),
+        "envelope line_over_background": (pytest.approx(math.log(math.sqrt(1250))), 0),
     }
 
 
@@ -65,7 +65,7 @@ def test_how_far_one_tooth_stands_out_is_scored_with_the_teeth_and_not_with_the_
         return Series(channel="a", component="pinion", kind=kind, indicator=indicator, unit="1")
 
     gear = [key("gear", f"statistic {number}") for number in range(9)]
-    keys = (*gear, key("gear", "tooth_outlier"), key("tooth", "order_spectrum line_over_surroundings"))
+    keys = (*gear, key("gear", "tooth_outlier"), key("tooth", "order_spectrum line_over_background"))
     (_, _, layout) = layout_of(keys)
     departures = np.zeros((1, len(keys)))
     departures[0, 9] = 8.0  # what a spall raises

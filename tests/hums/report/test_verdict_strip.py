@@ -111,7 +111,7 @@ def test_a_sick_sensor_comes_first():
 def test_severity_of_a_bearing_in_words(depth, word):
     severity = verdict_rows(facts(finding("diagnosed", depth=depth)))[0]["severity"]
     assert severity.startswith(f"{word.lower()}: its impacts modulate the band by {depth:.1%}")
-    assert severity.endswith("0.3 g, 12 times its surroundings")
+    assert severity.endswith("0.3 g, 12 times its background")
 
 
 def two_sensors(ratio, status="ok"):

@@ -28,7 +28,7 @@ REGULAR = impulses(np.arange(500, COUNT - 600, 400))  # 50 Hz
 
 def line_at_50(x, band):
     spectrum = envelope_spectrum(x, rate_hz=RATE_HZ, band_hz=band.band_hz, maximum_hz=300)
-    return find_line(spectrum, expected=50.0, surroundings=30)
+    return find_line(spectrum, expected=50.0, background_width=30)
 
 
 class TestChoice:
@@ -133,11 +133,11 @@ def test_the_benchmark_writes_its_page(tmp_path):
 
 
 def lines_of(x, rate_hz, shaft_hz, races, tolerance):
-    """Each race's false-alarm probability and height over the surroundings, in the band chosen."""
+    """Each race's false-alarm probability and height over the background, in the band chosen."""
     band = choose_band(x, rate_hz=rate_hz, modulation_hz=3 * shaft_hz * max(races.values()))
     spectrum = envelope_spectrum(x, rate_hz=rate_hz, band_hz=band.band_hz, maximum_hz=1000)
     return band, {
-        race: find_line(spectrum, expected=at * shaft_hz, tolerance=tolerance * at * shaft_hz, surroundings=30)
+        race: find_line(spectrum, expected=at * shaft_hz, tolerance=tolerance * at * shaft_hz, background_width=30)
         for race, at in races.items()
     }
 

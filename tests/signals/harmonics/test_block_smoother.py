@@ -28,7 +28,7 @@ def test_the_noise_of_close_lines_is_neither_doubled_nor_halved(poles, apart_hz,
     gap = odd == (poles % 2 == 1)
     x, settings = close_lines(apart_hz=apart_hz, gap=gap)
     fast, exact = (track_orders(x, **settings, poles=poles, method=method) for method in ("fast", "exact"))
-    # The same record, but the samples after start-up of one, stretches of whole blocks of the other: 0.7 % each.
+    # The same record, but the samples after start-up of one, segments of whole blocks of the other: 0.7 % each.
     assert fast.noise_variance == pytest.approx(exact.noise_variance, rel=0.02)
     assert fast.noise_variance == pytest.approx(1.0, abs=0.03)
 

@@ -226,7 +226,7 @@ def test_channels_share_a_covariance():
 
 
 def test_innovations_are_kept_and_correlated():
-    """Against plain sums over the innovations that were kept, in stretches that end anywhere."""
+    """Against plain sums over the innovations that were kept, in segments that end anywhere."""
     rng = np.random.default_rng(0)
     values, variances = rng.standard_normal((1, 700)), rng.uniform(0.5, 2, 700)
     variances[[30, 31, 400]] = values[:, [30, 31, 400]] = 0.0

@@ -5,11 +5,11 @@ import pytest
 from numpy.testing import assert_array_equal
 
 from signals.harmonics import OrderTracker, OutputFlag, track_orders
-from signals.harmonics.separability import STRETCHES, Closeness
+from signals.harmonics.separability import SEGMENTS, Closeness
 from signals.harmonics.state_space import HarmonicModel
 
-LENGTH = 20  # samples in a stretch of a record of STRETCHES of them
-WIDTH = 0.004  # bandwidth in cycles a sample: lines are close within 0.002, for 250 samples or 12.5 stretches
+LENGTH = 20  # samples in a segment of a record of SEGMENTS of them
+WIDTH = 0.004  # bandwidth in cycles a sample: lines are close within 0.002, for 250 samples or 12.5 segments
 
 
 def between(one, other):
@@ -19,7 +19,7 @@ def between(one, other):
 
 
 def crossed(one, other):
-    """(stretch - 1,) array, whether a line passed another, or an image of it, from one stretch to the next."""
+    """(segment - 1,) array, whether a line passed another, or an image of it, from one segment to the next."""
     # A line that moves passes where the difference is a whole number: the integers below it are not the same ones.
     passed = np.zeros(one.size - 1, dtype=bool)
     for apart in (other - one, other + one):
@@ -29,14 +29,14 @@ def crossed(one, other):
 
 
 def by_definition(one, other):
-    """(stretch,) distances, 0 on both sides of a crossing."""
+    """(segment,) distances, 0 on both sides of a crossing."""
     nearest, passed = between(one, other), crossed(one, other)
     nearest[:-1][passed] = nearest[1:][passed] = 0.0
     return nearest
 
 
 def model_of(frequency, bandwidth):
-    """Return a model of orders 1, each of a shaft of its own, whose frequency is constant in every stretch."""
+    """Return a model of orders 1, each of a shaft of its own, whose frequency is constant in every segment."""
     turns = np.cumsum(np.repeat(frequency, LENGTH, axis=1), axis=1)
     phases = 2 * np.pi * np.pad(turns, ((0, 0), (1, 0)))
     count = len(frequency)
@@ -53,17 +53,17 @@ def model_of(frequency, bandwidth):
 def closeness_of(frequency, bandwidth=WIDTH):
     frequency = np.asarray(frequency, dtype=float)
     width = np.broadcast_to(np.reshape(bandwidth, (-1, 1)), (len(frequency), 1))
-    return Closeness(model_of(frequency, width), STRETCHES * LENGTH + 1)
+    return Closeness(model_of(frequency, width), SEGMENTS * LENGTH + 1)
 
 
 def steady(*frequencies):
-    return np.repeat(np.array(frequencies)[:, None], STRETCHES, axis=1)
+    return np.repeat(np.array(frequencies)[:, None], SEGMENTS, axis=1)
 
 
 class TestDwell:
-    """Lines dwell that stay within half a bandwidth for 1 / bandwidth: 13 stretches of 20 samples are 260, 12 are 240.
+    """Lines dwell that stay within half a bandwidth for 1 / bandwidth: 13 segments of 20 samples are 260, 12 are 240.
 
-    Where one line moves off, the angle between stretches is that of their lengths, so frequencies are exact.
+    Where one line moves off, the angle between segments is that of their lengths, so frequencies are exact.
     """
 
     def apart_but_for(self, *ranges):
@@ -72,7 +72,7 @@ class TestDwell:
             frequency[1, start:stop] = 0.1015
         return frequency
 
-    @pytest.mark.parametrize("start", [0, 200, STRETCHES - 13])
+    @pytest.mark.parametrize("start", [0, 200, SEGMENTS - 13])
     def test_wherever_in_the_record_they_stay(self, start):
         assert closeness_of(self.apart_but_for((start, start + 13))).dwell()
         assert not closeness_of(self.apart_but_for((start, start + 12))).dwell()
@@ -106,7 +106,7 @@ class TestDwell:
         answers = []
         for _ in range(60):
             count = int(rng.integers(2, 5))
-            walk = rng.choice([0.0003, 0.0006]) * np.cumsum(rng.standard_normal((count, STRETCHES)), axis=1)
+            walk = rng.choice([0.0003, 0.0006]) * np.cumsum(rng.standard_normal((count, SEGMENTS)), axis=1)
             frequency = 0.2 + rng.uniform(0, 0.02, (count, 1)) + walk
             width = rng.choice([0.001, 0.002, 0.004], count)
             expected = any(
@@ -118,7 +118,7 @@ class TestDwell:
         assert 10 < sum(answers) < 50
 
     def longest_stay(self, one, other, width):
-        """In memories of 1 / bandwidth: stretch by stretch, begun anew after each that is too far."""
+        """In memories of 1 / bandwidth: segment by segment, begun anew after each that is too far."""
         longest, stay = 0.0, 0.0
         for distance in by_definition(one, other):
             stay = stay + width * LENGTH if distance < width / 2 else 0.0
@@ -149,7 +149,7 @@ class TestImageFlag:
         frequency[0, 100:200], frequency[1, 300:] = 0.001, 0.4995
         _, flags = closeness_of(frequency, [0.005, 0.003]).unresolved()
         image = flags & OutputFlag.ONE_QUADRATURE > 0
-        stretch = np.arange(STRETCHES)
+        segment = np.arange(SEGMENTS)
         # 0.002 is within half of 0.005, 0.001 within half of 0.003.
-        assert_array_equal(image[0], (stretch >= 100) & (stretch < 200))
-        assert_array_equal(image[1], stretch >= 300)
+        assert_array_equal(image[0], (segment >= 100) & (segment < 200))
+        assert_array_equal(image[1], segment >= 300)

@@ -18,7 +18,7 @@ MOTIONS = {
     "steady": 2 * np.pi * 0.05 * n,
     "runs up": 2 * np.pi * (0.002 * n + 6e-6 * n**2),
     "rests": 2 * np.pi * 0.05 * np.where(n < 900, n, np.maximum(n - 600, 900)),
-    "turns round": 2 * np.pi * 0.02 * np.abs(n - 1216),  # where a stretch ends
+    "turns round": 2 * np.pi * 0.02 * np.abs(n - 1216),  # where a segment ends
     "reverses": 2 * np.pi * 1e-5 * (n - 1200) ** 2,
 }
 
@@ -34,8 +34,8 @@ def tracked(x, phase, sizes, *, orders, lag=None, every=1):
     return np.concatenate([tracks.flags for tracks in found], axis=-1), found[-1]
 
 
-def stretches(*, lag):
-    """Where the stretches of a stream end, as the module says: at powers of two, then as far apart as the longest."""
+def segments(*, lag):
+    """Where the segments of a stream end, as the module says: at powers of two, then as far apart as the longest."""
     longest = 16 if lag == 20 else STRETCH  # no longer than the lag
     ends = [0, *(2**k for k in range(12) if 2**k < longest), *range(longest, SAMPLES, longest)]
     return ends if lag is None or ends[-1] == SAMPLES - 1 else [*ends, SAMPLES - 1]
@@ -43,7 +43,7 @@ def stretches(*, lag):
 
 def expected_unclear(phase, orders, *, lag):
     """(order, sample) flags of lines too close and of rest, and the shares of the pairs, by the definition."""
-    ends, size = stretches(lag=lag), len(orders)
+    ends, size = segments(lag=lag), len(orders)
     flags = np.zeros((size, len(ends)), dtype=int)
     parted, together = np.zeros((size, size)), np.zeros((size, size))
     before = None
@@ -79,7 +79,7 @@ def away(now, then):
     return 0.0 if then is not None and now * then < 0 and max(abs(now), abs(then)) < 0.25 else abs(now)
 
 
-# A lag shorter than a stretch makes stretches shorter, whatever the motion: one that rests and one that turns round.
+# A lag shorter than a segment makes segments shorter, whatever the motion: one that rests and one that turns round.
 @pytest.mark.parametrize(
     ("lag", "motion"),
     [*((lag, motion) for lag in (None, 300) for motion in MOTIONS), (20, "rests"), (20, "turns round")],
@@ -99,14 +99,14 @@ def test_twins_are_never_told_apart_and_others_once_they_have_parted_by_a_turn()
     flags, last = tracked(NOISE, MOTIONS["steady"], [100], orders=[1, 1.0001, 3])
     close = (flags & OutputFlag.NOT_SEPARABLE) > 0
     assert close[:2].all()
-    # Order 3 is 0.1 cycles a sample off: a turn in ten samples, known at the next end of a stretch, sample 16.
+    # Order 3 is 0.1 cycles a sample off: a turn in ten samples, known at the next end of a segment, sample 16.
     assert_array_equal(close[2], n < 16)
     assert last.unresolved == ((0, 1, 1.0),)
 
 
 def test_a_shaft_at_rest_is_flagged_as_long_as_it_rests():
     flags, _ = tracked(NOISE, MOTIONS["rests"], [61], orders=[0, 1])
-    # It stops at sample 900 and goes on at 1500. The mean over a stretch, 32 samples long, is slower than half a
+    # It stops at sample 900 and goes on at 1500. The mean over a segment, 32 samples long, is slower than half a
     # bandwidth, or less than that off the image, where it rests but for a sample or two.
     rests = (flags & UNCLEAR) > 0
     assert_array_equal(rests[0], rests[1])

@@ -241,7 +241,7 @@ def test_half_the_rate_and_rest_leave_one_quadrature():
     tracks = track_orders(
         np.cos(phase), phase_rad=phase, orders=[1], bandwidth_hz=0.01, rate_hz=1.0, output_every=100, noise_variance=1.0
     )
-    # All but the stretch in which the shaft starts.
+    # All but the segment in which the shaft starts.
     assert np.count_nonzero(tracks.flags & OutputFlag.ONE_QUADRATURE) >= tracks.flags.size - 1
     assert_allclose(tracks.complex_amplitude[0, 5:-5].real, 1.0, atol=1e-3)
     # The other quadrature keeps its prior of 1000; the mean of the two squares is half of that.

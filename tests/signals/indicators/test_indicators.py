@@ -277,7 +277,7 @@ def test_energy_at_defect_lines(rng):
     heights = [0.5, 0.3, 0.2]
     lines = sum(a * np.cos(2 * np.pi * 3.57 * k * revolutions) for k, a in enumerate(heights, start=1))
     spectrum = amplitude_spectrum(lines + 1e-3 * rng.normal(size=lines.size), rate=per_rev)
-    found = ci.defect_energy(spectrum, order=3.6, harmonics=3, tolerance=0.02, surroundings=2.0)
+    found = ci.defect_energy(spectrum, order=3.6, harmonics=3, tolerance=0.02, background_width=2.0)
     assert_allclose(found.orders, [3.57, 7.14, 10.71], atol=spectrum.axis[1])
     assert_allclose(found.amplitude, heights, rtol=3e-3)  # the padded grid meets a Hann line within 0.25 %
     assert found.energy == pytest.approx(sum(a**2 for a in heights) / 2, rel=6e-3)
@@ -287,7 +287,7 @@ def test_energy_at_defect_lines(rng):
 def test_background_of_defect_lines_in_noise(rng):
     sigma, n = 0.4, 200_000
     spectrum = amplitude_spectrum(sigma * rng.normal(size=n), rate=64)
-    found = ci.defect_energy(spectrum, order=3.57, harmonics=4, tolerance=0.01, surroundings=2.0)
+    found = ci.defect_energy(spectrum, order=3.57, harmonics=4, tolerance=0.01, background_width=2.0)
     # a squared amplitude of noise is exponential about 4 sigma^2 1.5 / n; its median is ln 2 of that
     wanted = 4 * 0.5 * np.log(2) * 4 * sigma**2 * 1.5 / n
     # some 4 * 12000 bins beside the lines, a median scatters by 1 / (ln 2 sqrt(bins / 1.5)): 0.8 %
@@ -297,9 +297,9 @@ def test_background_of_defect_lines_in_noise(rng):
 def test_defect_lines_that_cannot_be_judged(rng):
     spectrum = amplitude_spectrum(rng.normal(size=640), rate=64)
     with pytest.raises(ValueError, match=r"harmonic 9 of 3\.6 reaches to 32\.724, beyond the end"):
-        ci.defect_energy(spectrum, order=3.6, harmonics=9, tolerance=0.01, surroundings=2.0)
+        ci.defect_energy(spectrum, order=3.6, harmonics=9, tolerance=0.01, background_width=2.0)
     with pytest.raises(ValueError, match="only 0 points of the spectrum"):
-        ci.defect_energy(spectrum, order=3.6, harmonics=1, tolerance=0.01, surroundings=0.1)
+        ci.defect_energy(spectrum, order=3.6, harmonics=1, tolerance=0.01, background_width=0.1)
 
 
 @pytest.mark.parametrize("ring_teeth", [98, 99])
@@ -336,7 +336,7 @@ SETTINGS = {
     "history": None,
     "order": 3.6,
     "tolerance": 0.01,
-    "surroundings": 2.0,
+    "background_width": 2.0,
     "ring_teeth": 30,
     "planets": 3,
     "harmonic": 1,

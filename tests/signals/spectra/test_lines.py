@@ -163,8 +163,8 @@ class TestRefusals:
             ({"expected": float("nan")}, "the expected order"),
             ({"expected": 5.0, "tolerance": -0.1}, "tolerance = -0.1"),
             ({"expected": 5.0, "tolerance": float("nan")}, "tolerance = nan"),
-            ({"expected": 5.0, "surroundings": 0.0}, "surroundings=0.0"),
-            ({"expected": 5.0, "surroundings": 0.05}, "bins surround the line at 5, too few"),
+            ({"expected": 5.0, "background_width": 0.0}, "background_width=0.0"),
+            ({"expected": 5.0, "background_width": 0.05}, "bins surround the line at 5, too few"),
         ],
     )
     def test_arguments(self, arguments, words):

@@ -40,7 +40,7 @@ def test_the_noise_that_is_left_falls_with_the_root_of_their_number(count):
 def test_a_line_keeps_its_power():
     rng = np.random.default_rng(3)
     found = pooled(spectra(400, rng, amplitude=0.3))
-    power = find_line(found, expected=10.0, tolerance=0.2, surroundings=4).amplitude ** 2
+    power = find_line(found, expected=10.0, tolerance=0.2, background_width=4).amplitude ** 2
     mean = 4 * 1.5 / SIZE
     # A^2 + N / 10 (a tenth of the noise is left at 400), and the scatter of a mean of noncentral chi-squares
     std = np.sqrt((2 * 0.09 * mean + mean**2) / 400)
@@ -53,7 +53,8 @@ def test_noise_raises_no_more_false_alarms_than_stated(count):
     found = []
     for _ in range(30):
         whole = pooled(spectra(count, rng))
-        found += [find_line(whole, expected=order, tolerance=0.3, surroundings=4) for order in np.arange(5.0, 28, 2)]
+        orders = np.arange(5.0, 28, 2)
+        found += [find_line(whole, expected=order, tolerance=0.3, background_width=4) for order in orders]
     probabilities = np.array([line.false_alarm_probability for line in found])
     # binomial: 360 searches at one in 20
     assert np.mean(probabilities < 0.05) < 0.05 + 3 * np.sqrt(0.05 / probabilities.size)

@@ -10,7 +10,7 @@ from counting import calls, recorded
 
 from data_synth import SceneError, cost, explain, load_scene, simulate
 from data_synth.cost import free_memory_bytes, refuse_too_large
-from data_synth.fidelity.preview import preview_factor, preview_of
+from data_synth.fidelity.time_compression import compressed, compression_factor
 from data_synth.scene.random_streams import random_stream
 from data_synth.sources.prepared import prepare_scene
 from hums.cli import main
@@ -41,9 +41,9 @@ def scenes():
 @pytest.mark.parametrize("name", scenes())
 def test_a_hastened_scene_has_the_lines_and_speeds_of_the_scene_and_its_share_of_turns(name):
     scene = scenes()[name]
-    factor = preview_factor(scene)
+    factor = compression_factor(scene)
     assert factor == 6
-    whole, short = built(scene), built(preview_of(scene, factor))
+    whole, short = built(scene), built(compressed(scene, factor))
     # the same formulas at the same shares of the duration; a run-up is integrated to 1e-9 or so
     moments = np.linspace(0.0, 1.0, 101)
     speeds = whole.drive.angle.speed_hz(moments * scene.duration_s)
@@ -61,7 +61,7 @@ def test_a_hastened_scene_has_the_lines_and_speeds_of_the_scene_and_its_share_of
 
 def test_growth_reaches_the_same_sizes():
     scene = scenes()["growth"]
-    whole, short = built(scene), built(preview_of(scene, 6.0))
+    whole, short = built(scene), built(compressed(scene, 6.0))
     moments = np.linspace(0.0, 1.0, 11)
     sizes = [stage.scene.faults[0].relative_size(moments * stage.scene.duration_s) for stage in (short, whole)]
     np.testing.assert_allclose(*sizes, rtol=1e-12)
@@ -88,7 +88,7 @@ def test_a_day_is_explained_with_the_work_of_minutes_and_in_little_memory(name, 
 def test_a_slow_shaft_is_hastened_only_as_far_as_its_tachometer_allows():
     demo = load_scene("demo")
     slow = demo.changed(duration_s=3600.0, speed=demo.speed.changed(rpm=((0.0, 1.0),)), faults=())
-    assert preview_factor(slow) == pytest.approx(60 / 16)
+    assert compression_factor(slow) == pytest.approx(60 / 16)
     pulses = next(part for part in explain(slow).parts if part.name == "tachometer").what
     assert abs(float(pulses.split()[1]) - 60) <= 60 / 16
 

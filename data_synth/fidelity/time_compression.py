@@ -1,4 +1,4 @@
-"""Time-compressed preview of a long scene, for cost and fidelity.
+"""Time compression of a long scene, for estimates of cost and fidelity.
 
 Speeds, torques and fault sizes take the values of the scene itself, so lines, top speed and errors are the same;
 revolutions, pulses and impacts are fewer by the factor of compression. Fluctuations are the same too, except that
@@ -20,25 +20,25 @@ from data_synth.sources.prepared import PreparedScene
 
 HistoryT = TypeVar("HistoryT", Speed, Torque)
 
-_PREVIEW_S = 10.0  # duration of a preview
+_COMPRESSED_S = 10.0  # duration of a compressed scene
 _MIN_PULSES = 16.0  # of the tachometer, at least, where the scene itself has them
 _MAX_POINTS = 2**18  # of a fluctuation; one with more loses its fastest part
 _POINTS_PER_CYCLE, _SPARE_SCALES = 8, 20  # as `data_synth.operation.piecewise.fluctuation` uses them
 
 
-def preview_factor(scene: Scene) -> float:
+def compression_factor(scene: Scene) -> float:
     """Return the factor by which time is compressed: 1 for a scene of ten seconds or less."""
-    factor = max(1.0, scene.duration_s / _PREVIEW_S)
+    factor = max(1.0, scene.duration_s / _COMPRESSED_S)
     if factor == 1:
         return factor
-    short = preview_of(scene, factor)
+    short = compressed(scene, factor)
     rng = np.random.default_rng(0)
     angle = build_drive(short, datum_turn=0.0, speed_rng=rng, torque_rng=rng).angle
     turns = float(angle.revolutions([short.duration_s])[0]) * float(abs(scene.ratio(scene.tachometer.link)))
     return max(1.0, factor * min(1.0, turns * scene.tachometer.pulses_per_rev / _MIN_PULSES))
 
 
-def preview_of(scene: Scene, factor: float) -> Scene:
+def compressed(scene: Scene, factor: float) -> Scene:
     """Return the scene with all time histories and growth `factor` times as fast, and as much shorter."""
     if factor == 1:
         return scene
@@ -52,7 +52,7 @@ def preview_of(scene: Scene, factor: float) -> Scene:
 
 
 def with_full_duration(stage: PreparedScene, scene: Scene) -> PreparedScene:
-    """Return a preview's stage with the scene's own speed, torque and duration, for the simulation of its gears."""
+    """Return a compressed stage with the scene's own speed, torque and duration, for the simulation of its gears."""
     if scene is stage.scene:
         return stage
     datum_turn = stage.drive.angle.datum_rev * ratio_of(scene, scene.tachometer.link)
