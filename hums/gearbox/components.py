@@ -39,6 +39,7 @@ __all__ = [
     "planet_angles",
     "quoted",
     "read_toml",
+    "refuse_unknown_keys",
     "sentences",
     "shipped_files",
     "sibling_file",
@@ -69,10 +70,7 @@ class Declared(BaseModel):
     def _refuse_unknown_keys(cls, table: Any) -> Any:  # noqa: ANN401
         if not isinstance(table, dict):
             return table
-        valid = {field.alias or name for name, field in cls.model_fields.items()} | set(cls.model_fields)
-        for key in table:
-            if key not in valid:
-                raise ValueError(f'unknown key "{key}"{closest(str(key), valid)}')
+        refuse_unknown_keys(table, {field.alias or name for name, field in cls.model_fields.items()}, cls.model_fields)
         return frozen(table)
 
     def changed(self, **values: object) -> Self:
@@ -103,6 +101,15 @@ def closest(word: str, valid: set[str] | list[str]) -> str:
     if matches:
         return f'; did you mean "{matches[0]}"?'
     return f"; valid: {first_of(sorted(valid), _MOST_SHOWN)}"
+
+
+def refuse_unknown_keys(table: Mapping[str, Any], allowed: set[str], others: Iterable[str] = ()) -> None:
+    """Refuse a key that is neither in `allowed`, which the message lists, nor in `others`, with its value."""
+    for key in (key for key in table if key not in allowed.union(others)):
+        matches = difflib.get_close_matches(str(key), sorted(allowed), n=1)
+        meant = f'; did you mean "{matches[0]}"?' if matches else "."
+        keys = ", ".join(sorted(allowed))
+        raise ValueError(f'unknown key "{key}"{meant} Its value is {brief(table[key])}; allowed keys: {keys}')
 
 
 def frozen(value: Any) -> Any:  # noqa: ANN401
@@ -424,10 +431,7 @@ class Mesh(Declared):
         if not isinstance(table, dict) or "gears" in table:
             return table
         table = dict(table)
-        valid = {*cls.model_fields, "teeth"} - {"gears"}
-        for key in table:
-            if key not in valid:
-                raise ValueError(f'unknown key "{key}"{closest(str(key), valid)}')
+        refuse_unknown_keys(table, {*cls.model_fields, "teeth"} - {"gears"})
         teeth = table.pop("teeth", None)
         if not isinstance(teeth, dict) or not teeth:
             raise ValueError(f"teeth = {teeth!r}: write teeth = {{ pinion = 20, wheel = 41 }}")
