@@ -5,6 +5,7 @@ import csv
 import re
 import warnings
 from collections import Counter
+from collections.abc import Iterator
 from contextlib import suppress
 from dataclasses import replace
 from datetime import UTC
@@ -81,7 +82,12 @@ def read(path: Path, spec: ImportDescription) -> ForeignFile:
     for place, name in enumerate(names):
         short, units = split[name]
         key = short if bare[short] == 1 else name  # "DE [g]" beside "DE [mm/s]": the units tell the columns apart
-        fields[key], times = _column(table.iloc[:, place], decimal)
+        values, times = _column(table.iloc[:, place], decimal)
+        if isinstance(values, tuple):
+            what, row = values
+            line, _ = next(islice(_rows(path, encoding, separator, above), row + (not without_header), None))
+            values = f"text, {what} in line {line}"
+        fields[key] = values
         if times or units:
             stated[key] = replace(times or Stated(units=units), title=name)
     if (general := _stated_above(lines[:above])) != Stated():
@@ -220,46 +226,63 @@ def _cells(line: str, separator: str) -> list[str]:
 
 def _refuse_short_rows(path: Path, encoding: str, separator: str, above: int) -> None:
     """Refuse a row with fewer cells than the first, which pandas pads like blank cells at its end."""
+    expected = 0
+    for line, row in _rows(path, encoding, separator, above):
+        expected = expected or len(row)
+        if len(row) < expected:
+            raise RecordError(
+                f"{path}: the row in line {line} has {len(row)} of {expected} cells. Every row needs the columns "
+                f'of the first; end a blank one with its separator, "{separator}".'
+            )
+
+
+def _rows(path: Path, encoding: str, separator: str, above: int) -> Iterator[tuple[int, list[str]]]:
+    """Yield the last line of each row that is not blank, counted from 1, and its cells."""
     with path.open(encoding=encoding, newline="") as stream:
         rows = csv.reader(islice(stream, above, None), delimiter=separator, skipinitialspace=True)
-        expected = 0
         for row in rows:
-            if len(row) <= 1 and not "".join(row).strip():
-                continue
-            expected = expected or len(row)
-            if len(row) < expected:
-                line = above + rows.line_num
-                raise RecordError(
-                    f"{path}: the row in line {line} has {len(row)} of {expected} cells. Every row needs the columns "
-                    f'of the first; end a blank one with its separator, "{separator}".'
-                )
+            if len(row) > 1 or "".join(row).strip():
+                yield above + rows.line_num, row
 
 
-def _column(column: "pd.Series", decimal: str) -> tuple[NDArray[np.generic] | str, Stated | None]:
-    """Return a column as numbers or a phrase that says what it is, and what times as text state."""
-    import pandas as pd  # noqa: PLC0415
-
+def _column(column: "pd.Series", decimal: str) -> tuple[NDArray[np.generic] | str | tuple[str, int], Stated | None]:
+    """Return a column as numbers, or "empty", or its first cell that is none and the row; and what times state."""
     if column.empty:
         return "empty", None
     if column.dtype.kind in "iuf":
         return column.to_numpy(), None
     texts = column.dropna().astype(str).str.strip()
     if texts.size and _STAMP.fullmatch(texts.iloc[0].replace("T", " ").replace(",", ".")):
-        plain = texts.str.replace(",", ".")
-        for pattern in _STAMPS:
-            moments = pd.to_datetime(plain, utc=True, format=pattern, errors="coerce")
-            if moments.notna().all():
-                first = moments.iloc[0]
-                seconds = (moments - first).dt.total_seconds().reindex(column.index).to_numpy()
-                others = (pd.to_datetime(plain.iloc[:1], utc=True, format=one, errors="coerce") for one in _STAMPS)
-                dates = {other.iloc[0] for other in others if other.notna().all()}
-                if len(dates) > 1 or pattern == _STAMPS[-1]:  # 03/04/2024 may be in March or April
-                    return seconds, Stated(units="s")
-                offset = UTC if pattern == _STAMPS[0] and re.search(r"(Z|[-+]\d\d:?\d\d)$", plain.iloc[0]) else None
-                return seconds, Stated(units="s", epoch=first.to_pydatetime().replace(tzinfo=offset))
+        moments, stated = _stamps(texts.str.replace(",", "."))
+        odd = texts[moments.isna()]
+        if odd.empty:
+            return (moments - moments.iloc[0]).dt.total_seconds().reindex(column.index).to_numpy(), stated
+        if odd.size < texts.size:
+            return (f'time stamps but for "{odd.iloc[0]}"', odd.index[0]), None
     is_number = texts.str.fullmatch(_PLAIN[decimal]) | texts.str.fullmatch(_GROUPED[decimal])
     if is_number.all():  # with signs between thousands, or whole numbers of more than 64 bits
         plain = texts.str.replace(rf"[{_GROUPS}{_OTHER[decimal]}]", "", regex=True).str.replace(decimal, ".")
         return plain.astype(np.float64).reindex(column.index).to_numpy(), None
     invalid = texts[~is_number]
-    return f'text, "{invalid.iloc[0]}" in row {invalid.index[0] + 1}', None
+    return (f'"{invalid.iloc[0]}"', invalid.index[0]), None
+
+
+def _stamps(plain: "pd.Series") -> "tuple[pd.Series, Stated | None]":
+    """Return moments in the format that most have, NaT for the others, and what they state if there are no others."""
+    import pandas as pd  # noqa: PLC0415
+
+    moments, pattern = pd.Series(pd.NaT, plain.index), ""
+    for one in _STAMPS:
+        parsed = pd.to_datetime(plain, utc=True, format=one, errors="coerce")
+        if parsed.count() > moments.count():
+            moments, pattern = parsed, one
+        if moments.notna().all():
+            break
+    else:
+        return moments, None
+    others = (pd.to_datetime(plain.iloc[:1], utc=True, format=one, errors="coerce") for one in _STAMPS)
+    dates = {other.iloc[0] for other in others if other.notna().all()}
+    if len(dates) > 1 or pattern == _STAMPS[-1]:  # 03/04/2024 may be in March or April
+        return moments, Stated(units="s")
+    offset = UTC if pattern == _STAMPS[0] and re.search(r"(Z|[-+]\d\d:?\d\d)$", plain.iloc[0]) else None
+    return moments, Stated(units="s", epoch=moments.iloc[0].to_pydatetime().replace(tzinfo=offset))

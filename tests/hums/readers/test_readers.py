@@ -403,15 +403,15 @@ def test_a_blank_among_the_pulse_times_is_no_padding(tmp_path):
 
 def test_a_column_of_text(tmp_path):
     path = write(tmp_path, "acc,state\n1,ok\n2,ok\n")
-    assert '"state" is text, "ok" in row 1, not numbers' in refusal(path, channels=["state"])
+    assert '"state" is text, "ok" in line 2, not numbers' in refusal(path, channels=["state"])
     path = write(tmp_path, "acc\n1\n2\nOVLD\n")
-    assert '"acc" is text, "OVLD" in row 3' in refusal(path, channels=["acc"])
+    assert '"acc" is text, "OVLD" in line 4' in refusal(path, channels=["acc"])
 
 
 def test_truth_values_are_text(tmp_path):
     for cells in ("True\nFalse", "True\n"):  # alone, and with a blank
         path = write(tmp_path, f"state,acc\n{cells.replace(chr(10), ',1' + chr(10))},2\n")
-        assert '"state" is text, "True" in row 1' in refusal(path, channels=["state"], scale=2.0)
+        assert '"state" is text, "True" in line 2' in refusal(path, channels=["state"], scale=2.0)
 
 
 def test_a_header_and_nothing_else(tmp_path):

@@ -117,6 +117,17 @@ def test_times_as_text_need_no_unit(tmp_path, stamp):
         convert(tmp_path / "log.csv", channels=["vib"], time_unit="ms", **DECLARED)
 
 
+@pytest.mark.parametrize("damaged", ["2026-02-28 11:00:0x", "2026-02-31 11:00:01", "OVLD"])
+@pytest.mark.parametrize("at", [5, 40])
+def test_a_damaged_time_stamp_is_named_with_its_line(tmp_path, damaged, at):
+    stamps = [f"2026-02-28 11:00:{k:02d}" for k in range(50)]
+    stamps[at] = damaged
+    rows = "\n".join(f"{stamp};{k}" for k, stamp in enumerate(stamps))
+    (tmp_path / "log.csv").write_text(f"Logger;A\nRun;7\ntime;vib\n\n{rows}\n")
+    with pytest.raises(RecordError, match=f'"time" is text, .*"{damaged}" in line {5 + at}, not numbers'):
+        convert(tmp_path / "log.csv", channels=["vib"], time_column="time", **DECLARED)
+
+
 def test_dates_to_the_second_beside_times_to_the_millisecond(tmp_path):
     rows = [f"2026-02-28T11:00:{k // 1000:02d}+01:00,{5 + k / 1000:.3f},{k}\n" for k in range(10_000)]
     (tmp_path / "log.csv").write_text("Date,time (s),vib\n" + "".join(rows))
