@@ -111,7 +111,7 @@ OWNED = "files of the user's own are kept, and exits say what happened", "when h
 ALLOWANCES = {
     "hums/analysis": (419, *ANGLE),
     "signals (root)": (17, "compilation for data_synth too, names through one function", "when hums/cli is reduced"),
-    "signals/harmonics, signals/slipping_order": (72, "the model as matrices and on filterpy", "with textbook engines"),
+    "signals/harmonics, signals/slipping_order": (120, "the density of noise about orders", "with textbook engines"),
     "hums (root)": (25, *OWNED),
     "hums/cli": (80, *OWNED),
     "hums/fleet": (14, *MENDS),

@@ -181,7 +181,7 @@ def signal_cases() -> Iterator[Case]:
         function=signals.track_orders,
         arguments={**tracked, "bandwidth_hz": 1.0, **rate},
         also={
-            "poles": 2, "estimator": "filter", "method": "auto", "output_every": 4, "coupled": False, "rtol": 1e-2,
+            "poles": 2, "estimator": "filter", "method": "auto", "output_every": 4, "rtol": 1e-2,
             "noise_variance": 1e4, "initial_std": 1e3, "phase_std_rad": 0.01, "innovations": True,
         },
     )  # fmt: skip

@@ -83,21 +83,6 @@ def ours(
     )
 
 
-def apart(*, poles: int) -> Setting:
-    """Return the smoother that takes every order for the only one."""
-    return Setting(
-        kind="smoother",
-        label=f"smoother {poles}, each alone",
-        estimator="smoother, each alone",
-        method="fast, coupled=False",
-        poles=poles,
-        outputs=f"every {DECIMATED}",
-        run=partial(_track, method="fast", poles=poles, output_every=DECIMATED, coupled=False),
-        family=f"smoother {poles}",
-        search=partial(_track, poles=poles, output_every=DECIMATED),
-    )
-
-
 def stream(job: Job, bandwidth: float, *, poles: int, lag: int | None = None, output_every: int = 1) -> Tracks:
     """Feed a job to an `OrderTracker`, block by block; the lag is a third of the record at most."""
     late = None if lag is None else min(lag, job.samples // 3)
@@ -154,7 +139,6 @@ def our_settings() -> list[Setting]:
         for rtol in (1e-2, None, 1e-4)
     ]
     smoothers += [ours("smoother", "fast", poles=poles) for poles in (1, 2)]
-    smoothers += [apart(poles=2)]
     smoothers += [ours("smoother", "exact", poles=poles, every=DECIMATED) for poles in (1, 2)]
     filters = [ours("filter", method, poles=poles) for method in ("exact", "fast") for poles in (1, 2, 3, 4)]
     fed, lagged = streams()

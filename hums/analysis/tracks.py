@@ -19,7 +19,7 @@ from hums.analysis.segments import Segment, resample_in_angle
 from hums.gearbox.defect_orders import BEARING_KINDS
 from signals.demodulation.envelope_bank import bank_envelopes
 from signals.harmonics import track_orders
-from signals.harmonics.bandwidth_selection import LikelyTracks, likely_bandwidth, likely_tracks
+from signals.harmonics.bandwidth_selection import likely_bandwidth
 from signals.resampling.resampling import AngularSignal
 from signals.slipping_order.slip_tracking import SlippingTrack, track_slipping_order
 from signals.spectra.lines import find_line
@@ -43,6 +43,7 @@ _DECIMALS = 6  # of a revolution, to which outputs of several channels are match
 _BACKGROUND_SHARE = 0.4  # of a line's order: the next harmonic of its family stays out
 
 Numbers = NDArray[np.float64]
+_Tracked = tuple[Numbers, NDArray[np.complex128], Numbers]  # bandwidths, amplitudes and their standard deviations
 
 
 def lines_to_track(assessed: Iterable[AssessedLine], *, most: int) -> list[MeasuredLine]:
@@ -113,9 +114,9 @@ def track_lines(
     else:
         values = signal.values - signal.values.mean()
         found = _tracked(values, signal.angle_rad, signal.samples_per_rev, orders, noise, bandwidth_orders, every)
-    amplitude = found.complex_amplitude
-    turn = [machine.phase_std_rad(times, bandwidth_orders=float(width)) for width in found.bandwidth]
-    std = np.sqrt(found.std**2 + (orders[:, None] * np.array(turn) * np.abs(amplitude)) ** 2 / 2)
+    bandwidth, amplitude, std = found
+    turn = [machine.phase_std_rad(times, bandwidth_orders=float(width)) for width in bandwidth]
+    std = np.sqrt(std**2 + (orders[:, None] * np.array(turn) * np.abs(amplitude)) ** 2 / 2)
     return xr.Dataset(
         {
             "complex_amplitude": (("track", "output"), amplitude),
@@ -125,7 +126,7 @@ def track_lines(
             "track_channel": ("track", [line.channel for line in lines]),
             "track_units": ("track", [line.units for line in lines]),
             "track_order": ("track", orders),
-            "bandwidth_orders": ("track", found.bandwidth),
+            "bandwidth_orders": ("track", bandwidth),
             "component": ("track", [line.expected.component for line in lines]),
             "kind": ("track", [line.expected.kind for line in lines]),
             "harmonic": ("track", [line.expected.harmonic for line in lines]),
@@ -146,16 +147,14 @@ def _tracked(
     bandwidth: float | None,
     every: int,
     largest: float = _LARGEST_BANDWIDTH,
-) -> LikelyTracks:
+) -> _Tracked:
     """Track lines over angle, by default at the maximum-likelihood bandwidth of each; of each the noise is known."""
-    setting: dict[str, Any] = {"phase_rad": angle, "samples_per_rev": samples_per_rev, "orders": orders}
-    setting |= {"output_every": every, "poles": _POLES}
-    if bandwidth is None:
-        return likely_tracks(values, **setting, noise_variance=noise, largest_bandwidth_orders=largest)
-    tracks = track_orders(values, **setting, bandwidth_orders=bandwidth)
-    # the tracker's std assumes the mean noise over all orders; each line has the noise of its own background
-    std = tracks.std * np.sqrt(noise / tracks.noise_variance)[:, None]
-    return LikelyTracks(bandwidth=tracks.bandwidth, complex_amplitude=tracks.complex_amplitude, std=std)
+    given: dict[str, Any] = {"phase_rad": angle, "samples_per_rev": samples_per_rev, "orders": orders, "poles": _POLES}
+    width: Numbers | float | None = bandwidth
+    if width is None:
+        width = likely_bandwidth(values, **given, noise_variance=noise, largest_bandwidth_orders=largest)
+    found = track_orders(values, **given, bandwidth_orders=width, output_every=every, noise_variance=1.0, method="fast")
+    return found.bandwidth, found.complex_amplitude, found.std * np.sqrt(noise)[:, None]
 
 
 def _track_in_time(
@@ -165,7 +164,7 @@ def _track_in_time(
     noise: Numbers,
     bandwidth: float | None,
     times: Numbers,
-) -> LikelyTracks:
+) -> _Tracked:
     """Track lines in the time domain, where the tracker can leave out the missing samples.
 
     Resampling would spread each missing sample over the length of its filter. Outputs are at most a sixteenth of the
@@ -197,13 +196,13 @@ def _track_in_time(
         rate_hz=when.rate_hz,
         output_every=max(1, int(when.rate_hz / (_OUTPUTS_A_BANDWIDTH * widest * machine.top_speed_hz))),
         poles=_POLES,
+        noise_variance=1.0,
     )
     at = taken[inside][tracks.sample_index]
     amplitude = np.array([np.interp(times, at, row) for row in tracks.complex_amplitude])
     std = np.array([np.interp(times, at, row) for row in tracks.std])
     density = np.count_nonzero(inside) / signal.values.size  # samples here to one over angle
-    std *= np.sqrt(noise * density / tracks.noise_variance)[:, None]
-    return LikelyTracks(bandwidth=tracks.bandwidth, complex_amplitude=amplitude, std=std)
+    return tracks.bandwidth, amplitude, std * np.sqrt(noise * density)[:, None]
 
 
 def output_step_rev(revolutions: float) -> float:
@@ -438,10 +437,9 @@ def _smoothed(
     """Track a line that is locked to a shaft."""
     spectrum = amplitude_spectrum(values, rate=line.samples_per_rev)
     near = find_line(spectrum, expected=line.order, background_width=min(1.0, _BACKGROUND_SHARE * line.order))
-    noise = 2 * near.amplitude_std**2 * values.size / (4 * spectrum.noise_bandwidth_bins)
+    noise = np.array([2 * near.amplitude_std**2 * values.size / (4 * spectrum.noise_bandwidth_bins)])
     every = max(1, int(line.samples_per_rev / (_OUTPUTS_A_BANDWIDTH * largest)))
-    orders, noises = np.array([line.order]), np.array([noise])
-    tracks = _tracked(values, angle, line.samples_per_rev, orders, noises, bandwidth, every, largest)
+    orders = np.array([line.order])
+    widths, tracked, std = _tracked(values, angle, line.samples_per_rev, orders, noise, bandwidth, every, largest)
     at = np.arange(0, values.size, every)
-    amplitude = np.interp(grid, at, tracks.complex_amplitude[0])
-    return amplitude, np.asarray(np.interp(grid, at, tracks.std[0])), float(tracks.bandwidth[0]), "smoother"
+    return np.interp(grid, at, tracked[0]), np.asarray(np.interp(grid, at, std[0])), float(widths[0]), "smoother"

@@ -27,19 +27,17 @@ from signals.harmonics._arguments import check_noise_variance, check_orders, che
 from signals.harmonics._information_kernels import FORWARD, filter_information, marginalise
 from signals.harmonics._information_smoother import Information, NodeChain, NodeInformation
 from signals.harmonics.bandwidth import MOST_POLES, quadrature_noise, variance_ratio
-from signals.harmonics.block_grid import Grid, at_outputs
+from signals.harmonics.block_grid import Grid
 from signals.harmonics.block_smoother import BlockFit, block_length, one_of_each, scattered_share
 from signals.harmonics.coupling import (
-    Smoothed,
     WithoutOthers,
     chain_alone,
     chain_together,
     inserted,
-    smooth_alone,
-    smooth_group,
 )
+from signals.harmonics.noise_density import noise_density
 from signals.harmonics.separability import Closeness, components
-from signals.harmonics.state_space import Complexes, Flags, Floats, HarmonicModel, Indices, Order, lost
+from signals.harmonics.state_space import Flags, Floats, HarmonicModel, Indices, Order, lost
 
 if TYPE_CHECKING:
     from collections.abc import Callable, Mapping, Sequence
@@ -145,8 +143,8 @@ def likely_bandwidth(
         Upper bound of the search in Hz, with `rate_hz`, or in cycles per revolution, with `samples_per_rev`. Orders
         within 2.5 times of it of one another are estimated jointly, at a cost that grows with the cube of their number.
     noise_variance
-        Variance of white noise as dense as the noise beside each order, one number or (order,) array; by default as a
-        tracker with the largest bandwidth estimates it.
+        Variance of white noise as dense as the noise about each order, one number or (order,) array; by default found
+        on both sides of the order, outside the largest bandwidth.
 
     Returns
     -------
@@ -183,67 +181,6 @@ def likely_bandwidth(
         return chains.most_likely()[member] * rate
     except np.linalg.LinAlgError as error:
         raise lost(model, "fast") from error
-
-
-@dataclass(frozen=True, kw_only=True, eq=False)
-class LikelyTracks:
-    """Amplitudes of orders at their maximum-likelihood bandwidths."""
-
-    bandwidth: Floats  # (order,), as of `likely_bandwidth`
-    complex_amplitude: Complexes  # (order, output) in the unit of the record, relative to `order phase`
-    std: Floats  # (order, output), of the real and of the imaginary part
-
-
-@checked
-def likely_tracks(
-    x: ArrayLike,
-    *,
-    phase_rad: ArrayLike,
-    orders: Sequence[float] | NDArray[np.float64],
-    samples_per_rev: float,
-    largest_bandwidth_orders: float,
-    noise_variance: ArrayLike,
-    output_every: int,
-    poles: int = 2,
-) -> LikelyTracks:
-    """Return the smoothed amplitudes of orders, each at its maximum-likelihood bandwidth.
-
-    They are those of `track_orders` at the bandwidths of `likely_bandwidth`; orders are separated once for both, at the
-    largest bandwidth. A change at the edge of that band is smoothed by 0.3 % more than sample by sample.
-
-    Parameters are those of `likely_bandwidth`, with orders that differ and 2 to 4 poles; `output_every` is in samples.
-    It raises what `likely_bandwidth` does, and ValueError of an order that is given twice.
-
-    Examples
-    --------
-    >>> import numpy as np
-    >>> from signals.harmonics.bandwidth_selection import likely_tracks
-    >>> phase_rad = 2 * np.pi * np.arange(5000) / 50
-    >>> x = 2 * np.cos(3 * phase_rad) + 0.1 * np.random.default_rng(1).standard_normal(5000)
-    >>> setting = dict(samples_per_rev=50, largest_bandwidth_orders=0.1, noise_variance=0.01, output_every=500)
-    >>> tracks = likely_tracks(x, phase_rad=phase_rad, orders=[3], **setting)
-    >>> print(tracks.bandwidth.round(4), np.abs(tracks.complex_amplitude[0, 5]).round(2))
-    [0.001] 2.0
-    """
-    model, record, noise, rate = _checked(
-        x, phase_rad, orders, poles=whole(poles, name="poles", least=2, most=MOST_POLES), noise_variance=noise_variance,
-        largest_bandwidth_orders=largest_bandwidth_orders, samples_per_rev=samples_per_rev,
-    )  # fmt: skip
-    if np.unique(model.orders).size < model.orders.size:
-        raise ValueError(f"orders={model.orders.tolist()} has one twice, of which only the sum shows; give it once.")
-    every = whole(output_every, name="output_every", least=1)
-    try:
-        chains = _Chains.of(model, record, noise)
-        bandwidth = chains.most_likely()
-        levels, std = chains.smoothed(bandwidth)
-    except np.linalg.LinAlgError as error:
-        raise lost(model, "fast") from error
-    places, outputs = chains.grid.length * np.arange(chains.grid.nodes), np.arange(0, record.size, every)
-    return LikelyTracks(
-        bandwidth=bandwidth * rate,
-        complex_amplitude=at_outputs(levels, chains.grid, every=every)[0],
-        std=np.array([np.interp(outputs, places, row) for row in std]),
-    )
 
 
 def _checked(
@@ -299,13 +236,16 @@ class _Chains:
             shared=np.ones(model.orders.size, dtype=np.int64),
         )  # fmt: skip
         startup = min(ceil(1 / width) + smooth.state_size, x.size // 2)
-        fit = BlockFit.of(grid, startup=startup, coupled=True)
+        fit = BlockFit.of(grid, startup=startup)
         if fit.coupling and model.poles >= MANY_POLES:
             fit.coupling.smooth_ends(fit.smoothed)
         elif fit.coupling:
             fit.coupling.smooth_all(fit.smoothed, ends=False)
         if noise is None:
-            noise = np.full(model.orders.size, fit.residuals(startup).mean_square[0])
+            white = np.full(1, np.nan) if fit.alike else fit.residuals(startup).mean_square
+            noise = noise_density(x[None], seen, model, white)[0].mean(axis=-1)
+            if np.isnan(noise).any():
+                noise = np.where(np.isnan(noise), fit.residuals(startup).mean_square, noise)
         std = np.sqrt(np.where(noise > 0, noise, 1.0))
         others = WithoutOthers(grid, fit.smoothed.levels)
         blocks = max(1, int(BLOCK / (width * grid.length)))
@@ -340,16 +280,6 @@ class _Chains:
             values = np.array([likelihood.log_likelihood(np.exp(b)).sum() for b in tried])
             found[group] = _maximise(likelihood.log_likelihood, tried, values, orders=group.size)
         return found
-
-    def smoothed(self, bandwidth: Floats) -> tuple[Complexes, Floats]:
-        """Return the (1, order, node) amplitudes at (order,) bandwidths, and the (order, node) standard deviations."""
-        grid = replace(self.grid, model=replace(self.grid.model, bandwidth=bandwidth[:, None]))
-        smoothed, counts = Smoothed.empty(grid, 0), grid.at_nodes(grid.seen_counts)
-        alone, data = self.alone
-        smooth_alone(grid, alone, data, counts, smoothed)
-        for group, data in self.groups:
-            smooth_group(grid, group, data, smoothed)
-        return smoothed.levels * self.std[:, None], np.sqrt(smoothed.variances) * self.std[:, None]
 
 
 def joined(data: Floats, blocks: int) -> Floats:

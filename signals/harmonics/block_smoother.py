@@ -81,20 +81,17 @@ def blurs(model: HarmonicModel) -> bool:
     return Closeness(model.subset(kept), model.phases[0].size).dwell()
 
 
-def fast(
-    model: HarmonicModel, x: Floats, seen: Flags, *, rtol: float, output_every: int, startup: int, coupled: bool
-) -> Estimate:
+def fast(model: HarmonicModel, x: Floats, seen: Flags, *, rtol: float, output_every: int, startup: int) -> Estimate:
     """Smooth all channels of a (channel, sample) record, NaN where not `seen`, (sample,), in long blocks.
 
-    Orders that leak into one another by more than `rtol`, or `LARGEST_LEAK`, are smoothed jointly where `coupled`.
+    Orders that leak into one another by more than `rtol`, or `LARGEST_LEAK`, are smoothed jointly.
     Residuals and innovations count in the statistics from sample `startup` on.
     """
     length, tolerance = block_length(model, seen.size, rtol), min(rtol, LARGEST_LEAK)
-    every_order = np.arange(model.orders.size)
-    kept, member = one_of_each(model) if coupled else (every_order, every_order)
+    kept, member = one_of_each(model)
     one_each = model if kept.size == member.size else model.subset(kept)
     grid = Grid(model=one_each, x=x, seen=seen, length=length, tolerance=tolerance, shared=np.bincount(member))
-    fit = BlockFit.of(grid, startup=startup, coupled=coupled)
+    fit = BlockFit.of(grid, startup=startup)
     smoothed, residuals = fit.smoothed, fit.residuals(startup)
     if fit.coupling:
         least = np.sqrt(smoothed.variances.min() * residuals.mean_square)
@@ -104,9 +101,8 @@ def fast(
         for number in range(FULL_ROUNDS if far else 0):
             fit.coupling.smooth_all(smoothed, ends=number == FULL_ROUNDS - 1)
         residuals = fit.residuals(startup) if far and not fit.alike else residuals
-    bound = max(droop(model, length), scattered_share(seen, length))
-    if coupled:
-        bound = max(bound, tolerance, fit.coupling.left if fit.coupling else 0.0)
+    leaked = fit.coupling.left if fit.coupling else 0.0
+    bound = max(droop(model, length), scattered_share(seen, length), tolerance, leaked)
     if fit.coupling and model.poles > 1 and fit.alike:
         bound = inf  # what others leave in their difference does not fade in a memory
     observed = int(np.count_nonzero(grid.seen[startup:]))
@@ -208,12 +204,10 @@ class BlockFit:
     alike: bool  # whether orders stay within half a bandwidth of each other
 
     @classmethod
-    def of(cls, grid: Grid, *, startup: int, coupled: bool) -> "BlockFit":
+    def of(cls, grid: Grid, *, startup: int) -> "BlockFit":
         """Smooth a record; its innovations count from sample `startup` on."""
         smoothed = smooth_apart(grid, startup // grid.length)
         closeness = Closeness(grid.model, grid.samples)
-        if not coupled:
-            return cls(grid=grid, smoothed=smoothed, coupling=None, closeness=closeness, alike=False)
         coupling = couple(grid, closeness, smoothed)
         return cls(grid=grid, smoothed=smoothed, coupling=coupling, closeness=closeness, alike=closeness.dwell())
 

@@ -92,6 +92,7 @@ def statistics(patterns: Patterns, estimates: list[Estimate], given: float | Non
     autocorrelation = patterns.joined([estimate.innovation_autocorrelation for estimate in estimates])
     found = {
         "noise_variance": noise,
+        "noise_density": np.broadcast_to(noise[:, None, None], (noise.size, estimates[0].amplitude.shape[-2], 1)),
         "innovation_variance": noise * growth + none,
         "innovation_mean_square": np.ones(noise.size) if given is None else mean_square / noise + none,
         "innovation_autocorrelation": autocorrelation + none[:, None],

@@ -15,6 +15,7 @@ from signals.harmonics.bandwidth import MOST_POLES, Bandwidth
 from signals.harmonics.block_smoother import block_length, blurs, exact, exact_length, fast, scattered_share
 from signals.harmonics.innovations import statistics
 from signals.harmonics.kalman_filter import covariance_filter, steady_state_filter
+from signals.harmonics.noise_density import noise_density
 from signals.harmonics.separability import Closeness, flag_outputs
 from signals.harmonics.state_space import PRIOR_STD, Estimator, HarmonicModel, Method, Order, Patterns, lost
 from signals.harmonics.tracking_results import OrderTracks
@@ -49,7 +50,6 @@ def track_orders(
     estimator: Estimator = "smoother",
     method: Method | Literal["auto"] = "auto",
     output_every: int = 1,
-    coupled: bool = True,
     rtol: float = 1e-3,
     noise_variance: float | None = None,
     initial_std: float | None = None,
@@ -94,13 +94,12 @@ def track_orders(
         stay within half a bandwidth of each other; else "fast". `OrderTracks.method` is the one that ran.
     output_every
         Samples from one output to the next.
-    coupled
-        False estimates each order as if there were no others; with the fast smoother only.
     rtol
         Largest error of "fast": of the smoother, relative to the amplitude of an envelope at the edge of the bandwidth;
         of the filter where "auto" chooses it, the relative growth of the exact filter's error.
     noise_variance
-        Variance R of the white noise in `x`, in its unit squared; estimated from the record by default.
+        Variance R of white noise in `x`, in its unit squared; by default the density of the noise about each order is
+        estimated from the record.
     initial_std
         Prior standard deviation of the real and imaginary part of each amplitude, in the unit of `x`; needs
         `noise_variance`. Of the i-th difference it is `initial_std (2 pi bandwidth / rate)^i`. Default 1000 standard
@@ -165,7 +164,7 @@ def track_orders(
         )
     task = _Task(
         model=model, estimator=estimator, output_every=whole(output_every, name="output_every", least=1),
-        coupled=coupled, rtol=rtol, noise_variance=noise_variance, innovations=innovations,
+        rtol=rtol, noise_variance=noise_variance, innovations=innovations,
     )  # fmt: skip
     phase_std = _arguments.check_phase_std(phase_std_rad, shafts=shafts, samples=samples)
     phase_every = task.output_every if phase_std is not None and phase_std.shape[1] > 1 else 1
@@ -176,6 +175,11 @@ def track_orders(
     names = ["x"] if one else [f"x[{channel}]" for channel in firsts]
     startups = [_startup(task, seen, name=name) for seen, name in zip(patterns.seen, names, strict=True)]
     estimates = [_run(chosen, task, *part) for part in zip(patterns.records, patterns.seen, startups, strict=True)]
+    found = statistics(patterns, estimates, noise_variance)
+    if noise_variance is None:
+        white = [found["noise_variance"][patterns.of_channel == number] for number in range(len(patterns.seen))]
+        parts = zip(patterns.records, patterns.seen, white, strict=True)
+        found["noise_density"] = patterns.joined([noise_density(x, seen, model, r) for x, seen, r in parts])
     flags, pairs = flag_outputs(task.closeness, patterns.seen, every=task.output_every, estimator=estimator)
     return OrderTracks(
         complex_amplitude=squeeze(patterns.joined([estimate.amplitude for estimate in estimates]), one),
@@ -186,7 +190,7 @@ def track_orders(
         bandwidth=bandwidth.given, bandwidth_units=bandwidth.units, bandwidth_cycles=bandwidth.cycles.mean(axis=1),
         poles=model.poles, estimator=estimator, method=chosen, samples=samples, output_every=task.output_every,
         error_bound=max(estimate.error_bound for estimate in estimates),
-        **{name: squeeze(value, one) for name, value in statistics(patterns, estimates, noise_variance).items()},
+        **{name: squeeze(value, one) for name, value in found.items()},
     )  # fmt: skip
 
 
@@ -265,7 +269,6 @@ class _Task:
     model: HarmonicModel
     estimator: Estimator
     output_every: int
-    coupled: bool
     rtol: float
     noise_variance: float | None
     innovations: bool
@@ -307,11 +310,6 @@ def _startup(task: _Task, seen: Flags, *, name: str) -> int:
 def _choose(method: Method | Literal["auto"], task: _Task, patterns: list[Flags]) -> Method:
     """Return the method to run, or refuse a method that cannot do what is asked."""
     model, samples = task.model, task.model.phases[0].size
-    if not task.coupled and (task.estimator == "filter" or method in ("exact", "reference")):
-        raise ValueError(
-            f"coupled=False with estimator={task.estimator!r} and method={method!r}: orders are estimated one by one "
-            "by the fast smoother only; leave coupled out, or track one order a call."
-        )
     whole = all(seen.all() for seen in patterns)
     unsteady = _why_unsteady(task, whole=whole) if task.estimator == "filter" and method in ("auto", "fast") else ""
     if method == "fast" and unsteady:
@@ -324,8 +322,6 @@ def _choose(method: Method | Literal["auto"], task: _Task, patterns: list[Flags]
         return method
     if task.innovations:
         return "exact"
-    if not task.coupled:
-        return "fast"
     if task.estimator == "filter":
         # Steady-state gains add an independent error, some 0.7 times the ripple: squares add up.
         return "exact" if unsteady or task.ripple**2 / 4 > task.rtol else "fast"
@@ -360,9 +356,7 @@ def _run(method: Method, task: _Task, x: Floats, seen: Flags, startup: int) -> E
         if method == "exact" and task.estimator == "filter":
             return covariance_filter(model, x, output_every=every, startup=startup, keep=task.innovations)
         if method == "fast":
-            estimate: Estimate = fast(
-                model, x, seen, rtol=task.rtol, output_every=every, startup=startup, coupled=task.coupled
-            )
+            estimate: Estimate = fast(model, x, seen, rtol=task.rtol, output_every=every, startup=startup)
         elif method == "exact":
             estimate = exact(
                 model, x, seen, output_every=every, startup=startup, keep=task.innovations,

@@ -10,6 +10,7 @@ from typing import TYPE_CHECKING, NamedTuple
 import numpy as np
 
 from signals.harmonics.bandwidth import Bandwidth
+from signals.harmonics.noise_density import at_outputs
 
 if TYPE_CHECKING:
     from collections.abc import Callable
@@ -91,6 +92,9 @@ class OrderTracks:
         with them. Filter: relative to the error of the exact filter, noise and lag.
     noise_variance
         ([channel,]) R, as given or as estimated from the record.
+    noise_density
+        ([channel,] order, interval) array, variance of white noise as dense as that on both sides of each order, in
+        equal intervals of the record: `std` rests on it. R where it was given or the record shows too little noise.
     innovation_variance
         ([channel,]) R times the geometric mean, after start-up, of the variance of the innovation (the error of the
         one-step prediction) where R = 1.
@@ -141,6 +145,7 @@ class OrderTracks:
     method: Method
     error_bound: float
     noise_variance: float | Floats
+    noise_density: Floats = field(metadata={"dims": ("channel", "order", "interval"), "units": "signal^2"})
     innovation_variance: float | Floats
     innovation_mean_square: float | Floats
     whiteness: float | Floats
@@ -184,8 +189,7 @@ class OrderTracks:
     @cached_property
     def std(self) -> Floats:
         """([channel,] order, output) array, `sqrt(E|Zhat - Z|^2 / 2)`; for order 0 that of the real part."""
-        std: Floats = self.settling_variance * np.asarray(self.noise_variance)[..., None, None]
-        np.sqrt(std, out=std)
+        std: Floats = np.sqrt(self.settling_variance)
         outputs, known = self.sample_index, std.shape[-1]
         if self.std_spacing is not None:
             nodes = self.std_spacing * np.arange(known)
@@ -193,6 +197,7 @@ class OrderTracks:
         elif known < outputs.size:
             steady = np.broadcast_to(std[..., -1:], (*std.shape[:-1], outputs.size - known))
             std = np.concatenate([std, steady], axis=-1)
+        std = std * np.sqrt(at_outputs(self.noise_density, outputs, self.samples))
         if self.angle_std is not None:
             np.sqrt(std**2 + (self.angle_std * np.abs(self.complex_amplitude)) ** 2 / 2, out=std)
         return std

@@ -7,7 +7,7 @@ import pytest
 from numpy.testing import assert_allclose
 
 from signals.harmonics.bandwidth import process_variance
-from signals.harmonics.bandwidth_selection import ChainLikelihood, likely_bandwidth, likely_tracks
+from signals.harmonics.bandwidth_selection import ChainLikelihood, likely_bandwidth
 from signals.harmonics.block_grid import Grid
 from signals.harmonics.coupling import chain_alone, chain_together, inserted
 from signals.harmonics.state_space import HarmonicModel
@@ -260,32 +260,6 @@ def test_silence_has_the_smallest_bandwidth():
         np.zeros(2000), phase_rad=phase, orders=[1], rate_hz=1.0, largest_bandwidth_hz=0.01, noise_variance=1.0
     )
     assert_allclose(found, 0.1 / 2000)
-
-
-def test_likely_tracks_are_those_of_the_exact_smoother():
-    rng = np.random.default_rng(3)
-    turn = np.arange(8000) / 50
-    phase = 2 * np.pi * turn
-    orders, size = [0.4, 3.0, 3.12, 7.0, 8.0, 20.0], [0.2, 1.0, 0.6, 5.0, 0.1, 2.0]  # two share a chain; 50 beside 1
-    swing = 1 + 0.4 * np.sin(2 * np.pi * turn / np.array([[1e9], [40], [60], [25], [1e9], [90]]))
-    x = np.sum(np.array(size)[:, None] * swing * np.cos(np.outer(orders, phase) + 1), axis=0)
-    x += 0.3 * rng.standard_normal(x.size)
-    setting = {"phase_rad": phase, "orders": orders, "samples_per_rev": 50, "poles": 2}
-    largest = {"largest_bandwidth_orders": 0.1, "noise_variance": 0.09}
-    tracks = likely_tracks(x, **setting, **largest, output_every=100)
-    assert_allclose(tracks.bandwidth, likely_bandwidth(x, **setting, **largest), rtol=1e-12)
-    exact = track_orders(
-        x, **setting, bandwidth_orders=tracks.bandwidth, method="exact", output_every=100, noise_variance=0.09
-    )
-    apart = np.abs(tracks.complex_amplitude - exact.complex_amplitude) / exact.std
-    # Of others is left what leaks of their error at the largest bandwidth, whose std is up to ten times an order's own:
-    # a tenth of it or less, and more at the ends, where half of the passband's neighbours are missing.
-    assert np.sqrt(np.mean(apart**2)) < 0.1
-    assert apart.max() < 0.5
-    # Straight lines between nodes lose 0.3 % at the edge of the largest band, in variance twice that.
-    assert_allclose(tracks.std, exact.std, rtol=0.01)
-    with pytest.raises(ValueError, match="has one twice"):
-        likely_tracks(x, **setting | {"orders": [3.0, 3.0]}, **largest, output_every=100)
 
 
 def job(seed, phases):

@@ -225,25 +225,6 @@ def test_channels_share_a_covariance():
         assert_allclose(together.autocorrelation[k], own.autocorrelation[0], rtol=1e-11, atol=1e-14)
 
 
-def test_innovations_are_kept_and_correlated():
-    """Against plain sums over the innovations that were kept, in segments that end anywhere."""
-    rng = np.random.default_rng(0)
-    values, variances = rng.standard_normal((1, 700)), rng.uniform(0.5, 2, 700)
-    variances[[30, 31, 400]] = values[:, [30, 31, 400]] = 0.0
-    innovations = Innovations.none(channels=1, keep=True)
-    for first, last in ((0, 3), (3, 110), (110, 700)):
-        innovations.add(values[:, first:last], variances[first:last], skip=100 - first)
-    assert_array_equal(np.concatenate([own for own, _ in innovations.kept], axis=1), values)
-    counted, seen = values[0, 100:], variances[100:] > 0
-    assert innovations.count == seen.sum() == 599
-    assert_allclose(innovations.mean_square[0], np.sum(counted**2) / 599, rtol=1e-12)
-    assert_allclose(innovations.log_variance / 599, np.log(variances[100:][seen]).mean(), rtol=1e-12)
-    for lag in (1, 2, 20):
-        pairs = seen[lag:] & seen[:-lag]
-        expected = np.sum(counted[lag:] * counted[:-lag]) / pairs.sum() / np.mean(counted[seen] ** 2)
-        assert_allclose(innovations.autocorrelation[0, lag - 1], expected, rtol=1e-10)
-
-
 # Fixed gains.
 
 

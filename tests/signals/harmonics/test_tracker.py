@@ -80,7 +80,7 @@ def test_noise_and_innovations(method):
     assert free.innovation_mean_square == 1.0
     # A variance four times too large doubles std and shows in the innovations; the estimates do not change.
     assert_allclose(given.complex_amplitude, free.complex_amplitude, rtol=1e-12)
-    assert_allclose(given.std / free.std, 0.6 / np.sqrt(free.noise_variance), rtol=1e-12)
+    assert_allclose(given.std / free.std, 0.6 / np.sqrt(free.noise_density[0, 0]), rtol=1e-12)
     assert_allclose(given.innovation_mean_square, free.noise_variance / 0.36, rtol=1e-12)
     assert given.noise_variance == 0.36
     # The filter is wider than the smoother: its prediction adds about pi / 2 * 1.5 bandwidths of noise.
@@ -205,7 +205,7 @@ def test_silence_is_silence():
 def test_fields_are_labelled():
     x, phase = tone(900)
     tracks = track_orders(x, phase_rad=phase, orders=[3, 1], bandwidth_hz=0.01, rate_hz=1.0, output_every=100)
-    sizes = {"order": 2, "output": 9, "settling": 9, "lag": 20}
+    sizes = {"order": 2, "output": 9, "settling": 9, "lag": 20, "interval": 8}
     for field in fields(OrderTracks):
         value = getattr(tracks, field.name)
         if isinstance(value, np.ndarray):

@@ -87,7 +87,6 @@ REFUSED = [
         {"bandwidth_hz": np.zeros((1, 100))},
         "bandwidth_hz is 0 cycles a sample at most for order number 0; it must reach",
     ),
-    ({"coupled": False, "method": "exact"}, "coupled=False .* by the fast smoother only"),
     ({"rtol": 0.5}, "rtol=0.5 is above 0.1"),
     ({"phase_std_rad": -0.1}, "phase_std_rad=-0.1 must be zero or more"),
     ({"phase_std_rad": [0.1, 0.2]}, "phase_std_rad has 2 values for 100 samples"),

@@ -248,19 +248,6 @@ def test_half_the_rate_and_rest_leave_one_quadrature():
     assert np.all(tracks.std > 600)
 
 
-def test_uncoupled_orders_take_each_others_energy():
-    n = np.arange(N)
-    phase = 2 * np.pi * 0.02 * n
-    x = np.cos(phase) + np.cos(1.05 * phase)
-    settings = {"phase_rad": phase, "orders": [1, 1.05], "bandwidth_hz": 1.0, "rate_hz": RATE, "output_every": 100}
-    together = track_orders(x, method="fast", **settings)
-    apart = track_orders(x, coupled=False, **settings)
-    middle = slice(50, 150)
-    assert np.abs(together.complex_amplitude[:, middle] - 1).max() < 1e-3
-    # One pole lets the neighbour through, one bandwidth off: 1 / (1 + 4 (sqrt(2) - 1)) = 0.38.
-    assert np.abs(apart.complex_amplitude[:, middle] - 1).max() == pytest.approx(0.38, abs=0.02)
-
-
 @METHODS
 def test_waveforms_add_up_to_the_record(method):
     x, _, waves = record(3)

@@ -1,0 +1,160 @@
+"""Density of the noise on both sides of each order, from periodograms of short segments of the record.
+
+The variance of an estimate is the integral of the squared gain times the spectral density of the noise. Within a
+passband the density is taken as constant, so that the covariance for white noise holds with the density S at the order
+in place of R. The record does not show S at the order itself, where the line is and where the tracker's residual has a
+notch: it is interpolated from both sides, at frequencies that no other tracked order passes. Each side contributes the
+median of its periodogram bins, over ln 2 as for the exponential distribution of noise [1]_, which a line that is not
+tracked does not raise.
+
+References
+----------
+.. [1] D. B. Percival, A. T. Walden, "Spectral Analysis for Physical Applications", Cambridge 1993, section 6.6.
+"""
+
+import math
+from functools import lru_cache
+
+import numpy as np
+
+from signals.harmonics.state_space import Flags, Floats, HarmonicModel, Indices
+
+# Length of a segment in units of one over the largest bandwidth, and change of a frequency over it in bins.
+_LENGTH, _SWEEP = 8.0, 2.0
+_SHORTEST = 64  # samples of a segment
+_OVERLAPPING, _MOST_SEGMENTS = 4, 64  # segments, fewer of which overlap by half, and the most, evenly spread
+_LOBE = 4  # bins, half of the main lobe of the window
+_SIDE, _SEARCHED = 12, 48  # bins taken on either side, from so many
+_INTERVALS = 8  # of the record, in which densities are found where each has so many bins, else one
+_POOLED, _FEWEST = 96, 8  # and the fewest of which a median is taken
+# Relative variance of the median of n exponential values times n, 1 / ln(2)^2, of which the window makes two dependent.
+_CHANCE = 2 / math.log(2) ** 2
+
+
+def noise_density(record: Floats, seen: Flags, model: HarmonicModel, white: Floats) -> Floats:
+    """Return the variance of white noise as dense as that about each order.
+
+    Parameters
+    ----------
+    record : (channel, sample) array
+        Channels that miss the same samples.
+    seen : (sample,) array
+        Whether a sample is not missing.
+    model : HarmonicModel
+        Orders, phases and bandwidths.
+    white : (channel,) array
+        Variance of the noise if it is white; NaN where unknown.
+
+    Returns
+    -------
+    (channel, order, interval) array
+        In the unit of the record squared, in equal intervals of the record. Differences between intervals, and from
+        `white`, are shrunk by what chance explains of them. It is `white` where the record shows too little: in a
+        record shorter than 64 samples, with gaps everywhere, or where orders are side by side.
+    """
+    known = np.broadcast_to(white[:, None, None], (white.size, model.orders.size, _INTERVALS))
+    starts, length = _segments(seen, model)
+    if not starts.size:
+        return known
+    window = _window(length)
+    bins, taken = _bins(starts, length, model)
+    values = np.empty((*bins.shape, len(record)))  # segment, order, side, bin, channel
+    for segment, at in enumerate(starts):
+        spectrum = np.fft.rfft(record[:, at : at + length] * window)
+        values[segment] = np.moveaxis(np.abs(spectrum[:, bins[segment]]) ** 2, 0, -1)
+    values[~taken] = np.nan
+    whole, chance = _pooled(values)
+    density = np.repeat(_shrunk(whole, chance, known.transpose(2, 1, 0)[0])[None], _INTERVALS, axis=0)
+    if values[..., 0].size * _SIDE >= _INTERVALS * _POOLED * model.orders.size * _SEARCHED:
+        of_interval = (starts + length / 2) * _INTERVALS // seen.size
+        for interval in range(_INTERVALS):
+            density[interval] = _shrunk(*_pooled(values[of_interval == interval]), density[interval])
+    return density.transpose(2, 1, 0)
+
+
+def _pooled(values: Floats) -> tuple[Floats, Floats]:
+    """Return (order, channel) densities, and the relative variances that chance gives them; NaN where unknown."""
+    segments, orders, _, _, channels = values.shape
+    joined = np.sort(np.moveaxis(values, 0, 2).reshape(orders, 2, -1, channels), axis=2)  # NaN last
+    count = np.count_nonzero(~np.isnan(joined), axis=2)
+    if segments == 0:
+        return np.full((orders, channels), np.nan), np.ones((orders, channels))
+    lower, upper = (np.take_along_axis(joined, np.maximum(count + k, 0)[:, :, None] // 2, axis=2) for k in (-1, 0))
+    sides = np.where(count < _FEWEST, np.nan, (lower + upper)[:, :, 0] / 2) / math.log(2)
+    sides = np.where(np.isnan(sides), sides[:, ::-1], sides)
+    return np.asarray(np.sqrt(sides).prod(axis=1)), _CHANCE / np.maximum(count.sum(axis=1), 1)
+
+
+def _shrunk(found: Floats, chance: Floats, towards: Floats) -> Floats:
+    """Return what was found, its logarithm shrunk towards another by the part that chance explains twice over."""
+    known = (found > 0) & (towards > 0)
+    away = np.log(np.where(known, found, 1.0) / np.where(known, towards, 1.0))
+    part = np.maximum(0.0, 1 - 2 * chance / np.maximum(away**2, chance))
+    return np.where(known, towards * np.exp(part * away), np.where(np.isnan(found), towards, found))
+
+
+def at_outputs(density: Floats, outputs: Indices, samples: int) -> Floats:
+    """Return a density in intervals of the record, (..., order, interval), at outputs; a constant one unchanged."""
+    intervals = density.shape[-1]
+    if intervals == 1:
+        return density
+    middles = (np.arange(intervals) + 0.5) * samples / intervals
+    return np.apply_along_axis(lambda row: np.interp(outputs, middles, row), -1, density)
+
+
+def _segments(seen: Flags, model: HarmonicModel) -> tuple[Indices, int]:
+    """Return the starts of segments without missing samples, and their length."""
+    if seen.size < _SHORTEST:
+        return np.empty(0, dtype=int), 0
+    edges = np.linspace(0, seen.size - 1, _SHORTEST).astype(int)
+    turns = np.array([phase[edges] for phase in model.phases])[model.shaft] * model.orders[:, None] / (2 * np.pi)
+    rates = np.diff(turns) / np.diff(edges)
+    change = np.quantile(np.abs(np.diff(rates)) / np.diff(edges)[1:], 0.9, axis=-1)  # of a frequency, in a sample
+    longest = min(_LENGTH / model.bandwidth.max(), seen.size, math.sqrt(_SWEEP / max(change.max(initial=0.0), 1e-12)))
+    missing = np.zeros(seen.size + 1, dtype=int)
+    if not seen.all():
+        np.cumsum(~seen, out=missing[1:])
+    length = 1 << int(math.log2(max(longest, 1)))
+    while length >= _SHORTEST:
+        apart = seen.size // length
+        count = min(_MOST_SEGMENTS, apart if apart > _OVERLAPPING else 2 * apart - 1)
+        starts = np.linspace(0, seen.size - length, count).astype(int)
+        whole = missing[starts + length] == missing[starts]
+        if 2 * np.count_nonzero(whole) >= count:
+            return starts[whole], length
+        length //= 2
+    return np.empty(0, dtype=int), 0
+
+
+def _bins(starts: Indices, length: int, model: HarmonicModel) -> tuple[Indices, Flags]:
+    """Return (segment, order, side, bin) numbers of bins beside each order, and which of them show noise alone."""
+    ends = np.stack([starts, starts + length // 2, starts + length - 1])
+    turns = np.array([phase[ends] for phase in model.phases])[model.shaft] * model.orders[:, None, None] / (2 * np.pi)
+    first, second = np.diff(turns, axis=1).transpose(1, 2, 0)  # (segment, order) cycles in each half
+    cycles = (first + second) * length / (length - 1)
+    position = np.abs(cycles - length * np.rint(cycles / length))  # in bins, folded at half of the rate
+    width = model.bandwidth.mean(axis=1) if model.bandwidth.shape[1] == 1 else model.bandwidth.max(axis=1)
+    guard = _LOBE + length * width + 2 * np.abs(second - first)
+    last = length // 2
+    edges = np.clip(np.stack([np.floor(position - guard), np.ceil(position + guard) + 1]), 0, last + 1).astype(int)
+    covered = np.zeros((starts.size, last + 2), dtype=int)
+    rows = np.broadcast_to(np.arange(starts.size)[:, None], position.shape)
+    np.add.at(covered, (rows, edges[0]), 1)
+    np.add.at(covered, (rows, edges[1]), -1)
+    free = np.cumsum(covered, axis=1)[:, :-1] == 0
+    free[:, : _LOBE + 1] = free[:, last:] = False  # the mean, and half of the rate
+    away = (guard[:, :, None] + np.arange(1, _SEARCHED + 1))[:, :, None, :] * np.array([-1, 1])[:, None]
+    bins = np.rint(position[:, :, None, None] + away).astype(int)
+    inside = (bins >= 0) & (bins <= last)
+    bins = np.clip(bins, 0, last)
+    taken = inside & free[np.arange(starts.size)[:, None, None, None], bins]
+    return bins, taken & (np.cumsum(taken, axis=-1) <= _SIDE)
+
+
+@lru_cache(maxsize=4)
+def _window(length: int) -> Floats:
+    """Return a four-term Blackman-Harris window, side lobes at -92 dB, of unit energy."""
+    from scipy.signal.windows import blackmanharris  # noqa: PLC0415
+
+    window = np.asarray(blackmanharris(length, sym=False), dtype=np.float64)
+    return np.asarray(window / np.sqrt(np.sum(window**2)))
