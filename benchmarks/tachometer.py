@@ -26,7 +26,6 @@ STOP_S = 1_000_000 / 51_200
 INSTANTS = 200_001
 JITTER_S = 1e-6
 FAULTS = 0.05
-BANDWIDTH_HZ = 5.0
 REPEATS = 5
 LONG = 60_000  # pulses of a long record
 
@@ -71,18 +70,12 @@ def of_knots(build: Callable[[Array, Array], Callable[[Array], Array]]) -> Metho
     return lambda times, at: build(times, np.arange(times.size, dtype=np.float64))(at)
 
 
-def ours(bandwidth_hz: float | None = None) -> Method:
-    """Return this package's phase."""
-    return lambda times, at: shaft_phase(times, bandwidth_hz=bandwidth_hz).revolutions_at(at)
-
-
 METHODS: dict[str, Method] = {
     "linear": lambda times, at: np.interp(at, times, np.arange(times.size)),
     "PCHIP": of_knots(PchipInterpolator),
     "cubic spline": of_knots(CubicSpline),
     "quintic spline": of_knots(lambda t, r: make_interp_spline(t, r, k=5)),
-    "ours": ours(),
-    f"ours, {BANDWIDTH_HZ:g} Hz": ours(BANDWIDTH_HZ),
+    "ours": lambda times, at: shaft_phase(times).revolutions_at(at),
 }
 
 

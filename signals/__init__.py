@@ -68,7 +68,6 @@ if TYPE_CHECKING:
     from signals.shaft.phase import constant_speed as constant_speed
     from signals.shaft.phase_demodulation import RefinedPhase as RefinedPhase
     from signals.shaft.phase_demodulation import refine_phase as refine_phase
-    from signals.shaft.phase_smoothing import PhaseSmoothing as PhaseSmoothing
     from signals.shaft.pulse_repair import PulseRepairs as PulseRepairs
     from signals.shaft.pulses import PulseTrain as PulseTrain
     from signals.shaft.pulses import QuadratureEdges as QuadratureEdges
@@ -118,7 +117,6 @@ _HOME = {
     "OrderTracks": "signals.harmonics",
     "PassAngle": "signals.angle.planets",
     "PassWindow": "signals.angle.planets",
-    "PhaseSmoothing": "signals.shaft.phase_smoothing",
     "PlanetaryTeeth": "signals.angle.planets",
     "PredictionOrders": "signals.demodulation.separation",
     "PulseRepairs": "signals.shaft.pulse_repair",

@@ -141,15 +141,13 @@ class Machine:
 
         Errors of single pulses are independent: of white errors at p pulses per revolution, the first-order smoother
         of full -3 dB width B passes the share ``1.22 B / p`` of the variance (its equivalent noise bandwidth is
-        1.22 B). Errors of an estimated or smoothed angle are slow, and pass in full.
+        1.22 B). Errors of an estimated angle are slow, and pass in full.
         """
         if self.source.estimated is not None:
             return np.full(times_s.size, 2 * math.pi * self.source.estimated.speed.phase_std_rev)
         if self.phase.nominal or not math.isfinite(self.phase.jitter_s):
             return np.zeros(times_s.size)
         std = self.phase.std_rad(np.clip(times_s, self.phase.start_s, self.phase.stop_s))
-        if self.phase.smoothing is not None:
-            return std
         pulses = self.source.pulses_per_rev / self.ratio
         return np.asarray(std * math.sqrt(min(1.0, _NOISE_BANDWIDTH * bandwidth_orders / pulses)))
 

@@ -17,8 +17,6 @@ from signals.shaft.pulse_repair import PulseRepairs
 if TYPE_CHECKING:
     from numpy.typing import ArrayLike, NDArray
 
-    from signals.shaft.phase_smoothing import PhaseSmoothing
-
 
 # ---- Interpolation of a shaft's angle: a quintic spline, with monotone pieces where it would reverse -----------------
 
@@ -29,9 +27,7 @@ _ROUNDING = 1e-12
 _FEWEST = 4  # knots between two broken cells for a spline
 
 
-def build_curve(
-    times: Array, revolutions: Array, *, breaks: NDArray[np.bool_], states: tuple[Array, Array] | None
-) -> tuple[PPoly, NDArray[np.bool_]]:
+def build_curve(times: Array, revolutions: Array, *, breaks: NDArray[np.bool_]) -> tuple[PPoly, NDArray[np.bool_]]:
     """Return the curve, and which cells between knots are not splines but monotone pieces ("broken").
 
     Each run of cells between broken ones has a spline of its own. Cells in which a spline reverses are broken, and the
@@ -42,8 +38,6 @@ def build_curve(
     times, revolutions : (n,) arrays
     breaks : (n - 1,) array
         Cells broken from the start, as those in which the shaft stands.
-    states : ((n,), (n,)) arrays, optional
-        Speed in rev/s and acceleration in rev/s^2 at the knots, for quintic Hermite cells instead of splines.
     """
     broken = breaks.copy()
     rises = np.diff(revolutions)
@@ -55,10 +49,7 @@ def build_curve(
         coefficients = np.zeros((_DEGREE + 1, steps.size))
         for first, last in _spline_runs(broken):
             part = slice(first, last + 1)
-            if states is None:
-                coefficients[:, first:last] = _spline(times[part], revolutions[part])
-            else:
-                coefficients[:, first:last] = _hermite(times[part], revolutions[part], states[0][part], states[1][part])
+            coefficients[:, first:last] = _spline(times[part], revolutions[part])
         reversed_ = _reverses(coefficients, steps, rises) & ~broken
         if not reversed_.any():
             break
@@ -81,24 +72,6 @@ def _spline(times: Array, revolutions: Array) -> Array:
         coefficients[_DEGREE - power] = spline(times[:-1], nu=power) / factorial(power)
     coefficients[_DEGREE] = revolutions[:-1]
     return coefficients
-
-
-def _hermite(times: Array, revolutions: Array, speed: Array, acceleration: Array) -> Array:
-    """Return the quintic Hermite coefficients of each cell, highest power first, (6, cells)."""
-    h = np.diff(times)
-    angle = np.diff(revolutions) - (speed[:-1] + acceleration[:-1] * h / 2) * h
-    slope = (np.diff(speed) - acceleration[:-1] * h) * h
-    bend = np.diff(acceleration) * h**2
-    return np.stack(
-        [
-            (6 * angle - 3 * slope + bend / 2) / h**5,
-            (-15 * angle + 7 * slope - bend) / h**4,
-            (10 * angle - 4 * slope + bend / 2) / h**3,
-            acceleration[:-1] / 2,
-            speed[:-1],
-            revolutions[:-1],
-        ]
-    )
 
 
 def _reverses(coefficients: Array, steps: Array, rises: Array) -> NDArray[np.bool_]:
@@ -269,11 +242,10 @@ _BISECTIONS = 60  # down to rounding
 class ShaftPhase:
     """Angle of a shaft against time, interpolated between known angles at known times.
 
-    A quintic spline through the knots (lower degree for fewer than six); with `smoothing`, through the smoothed
-    angles. Where the spline would reverse between two knots, as in a sudden stop, that interval alone becomes a
-    monotone cubic (Fritsch and Carlson 1980), or one of constant deceleration, constant speed and constant
-    acceleration, and the spline is fitted separately on either side of it. The error of a quintic spline falls with
-    the sixth power of the time between knots.
+    A quintic spline through the knots (lower degree for fewer than six). Where the spline would reverse between two
+    knots, as in a sudden stop, that interval alone becomes a monotone cubic (Fritsch and Carlson 1980), or one of
+    constant deceleration, constant speed and constant acceleration, and the spline is fitted separately on either side
+    of it. The error of a quintic spline falls with the sixth power of the time between knots.
 
     Attributes
     ----------
@@ -292,8 +264,6 @@ class ShaftPhase:
     direction_declared : bool
         Whether the direction of rotation is known, from a sign or a second channel. If not, it is unknown after each
         of `stops_s`.
-    smoothing : PhaseSmoothing, optional
-        States and covariances of the smoother, where the jitter was smoothed.
 
     Examples
     --------
@@ -317,7 +287,6 @@ class ShaftPhase:
     repairs: PulseRepairs = field(default_factory=PulseRepairs)
     stops_s: Array = field(default_factory=lambda: np.zeros((0, 2)), metadata={"dims": ("stop", "side"), "units": "s"})
     direction_declared: bool = False
-    smoothing: PhaseSmoothing | None = None
 
     @property
     def start_s(self) -> float:
@@ -346,9 +315,7 @@ class ShaftPhase:
         breaks = np.zeros(middles.size, dtype=np.bool_)
         for begin, end in self.stops_s:
             breaks |= (middles > begin) & (middles < end)
-        smooth = self.smoothing
-        states = None if smooth is None else (smooth.speed_hz, smooth.acceleration)
-        return build_curve(self.times_s, self.revolutions, breaks=breaks, states=states)
+        return build_curve(self.times_s, self.revolutions, breaks=breaks)
 
     @cached_property
     def _curve(self) -> PPoly:
@@ -383,9 +350,8 @@ class ShaftPhase:
     def std_rad(self, times_s: ArrayLike) -> Array:
         """Return the standard deviation of the angle in rad at `times_s` (m,).
 
-        With smoothing: that of the smoother, from the jitter and from the process noise between pulses. Without: the
-        jitter of one pulse times the speed, exact at the pulses and approximate between them. The interpolation error
-        of the spline is not included, nor the unknown angle of a standstill.
+        The jitter of one pulse times the speed, exact at the pulses and approximate between them. The interpolation
+        error of the spline is not included, nor the unknown angle of a standstill.
 
         Raises
         ------
@@ -393,8 +359,6 @@ class ShaftPhase:
             A phase whose jitter is not known: nominal, or of too few pulses.
         """
         times = self._checked_times(times_s)
-        if self.smoothing is not None:
-            return 2 * np.pi * self.smoothing.std_rev(times, knots_s=self.times_s)
         if not math.isfinite(self.jitter_s):
             why = (
                 "its speed is declared, not measured"
@@ -507,7 +471,6 @@ class ShaftPhase:
             self,
             revolutions=self.revolutions * factor,
             stripe_positions_rev=np.zeros(1),
-            smoothing=None if self.smoothing is None else self.smoothing.scaled(factor),
         )
 
 

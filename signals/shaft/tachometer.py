@@ -11,7 +11,6 @@ import numpy as np
 
 from signals._validation import Array, checked, choice, number, positive, real_vector, whole
 from signals.shaft.phase import ShaftPhase
-from signals.shaft.phase_smoothing import PhaseSmoothing, joined, smooth_phase, with_rest
 from signals.shaft.pulse_repair import (
     Counts,
     number_pulses,
@@ -54,8 +53,6 @@ def shaft_phase(
     on_fault: Literal["repair", "refuse"] = "repair",
     direction: int | ArrayLike | None = None,
     delay_s: float = 0.0,
-    bandwidth_hz: float | None = None,
-    bandwidth_orders: float | None = None,
     standstill_s: float | None = None,
 ) -> ShaftPhase:
     """Return the phase of a shaft from the pulse times of its tachometer; the angle is zero at the first pulse.
@@ -74,9 +71,6 @@ def shaft_phase(
         counted up and down, nothing is repaired, and angles may fall.
     delay_s : float
         Delay in s of the tachometer channel after the vibration channel; it is subtracted from the times.
-    bandwidth_hz, bandwidth_orders : float, optional
-        -3 dB bandwidth of the smoothing, in Hz or in orders; at most one of them. Without it the curve passes through
-        every pulse.
     standstill_s : float, optional
         Intervals longer than this many seconds are standstills, half-way between two stripes.
 
@@ -107,8 +101,6 @@ def shaft_phase(
     before and after come to rest within it, it may have stopped and reversed, however short the interval is. It is
     listed in `stops_s`, and `direction_unknown` is true unless the direction is declared.
 
-    Smoothing. See `PhaseSmoothing`: the gain is 0.707 at the bandwidth.
-
     Examples
     --------
     One pulse every 40 ms is a speed of 25 Hz; the missing pulse at 0.4 s is bridged:
@@ -126,10 +118,9 @@ def shaft_phase(
             f"delay_s={delay_s:g} is so large that pulse times less it are equal; give the delay in seconds."
         )
     per_rev = _per_rev(pulses_per_rev)
-    smoothing = _Bandwidth.of(bandwidth_hz, bandwidth_orders)
     signs = _signs(direction, times.size)
     if signs is not None and signs.size > 1:
-        return _counted_phase(times, signs, per_rev, smoothing)
+        return _counted_phase(times, signs, per_rev)
     stripes = per_rev if isinstance(per_rev, int) else 1
     stops, declared = _stops(times, stripes, standstill_s)
     stretches = _stretches(times, stops, stripes, repair=on_fault == "repair")
@@ -147,8 +138,6 @@ def shaft_phase(
         stops_s=np.stack([times[stops], times[stops + 1]], axis=1),
         direction_declared=signs is not None,
     )
-    if smoothing is not None:
-        phase = _smoothed(phase, stretches, smoothing)
     for begin, end in phase.stops_s[declared]:
         phase = _with_standstill(phase, begin, end)
     return phase.scaled(-1) if signs is not None and signs[0] < 0 else phase
@@ -240,55 +229,6 @@ def _jitter(stretches: list[_Stretch], stripes: int) -> float:
     return float(np.sqrt(np.mean(differences**2) / math.comb(2 * _JITTER_ORDER, _JITTER_ORDER)))
 
 
-@dataclass(frozen=True, kw_only=True)
-class _Bandwidth:
-    """-3 dB bandwidth of the smoothing, in Hz or in orders."""
-
-    value: float
-    in_orders: bool
-
-    @classmethod
-    def of(cls, hertz: float | None, orders: float | None) -> _Bandwidth | None:
-        """Return the bandwidth from its two arguments, None where neither is given; raise where both are."""
-        if hertz is not None and orders is not None:
-            raise ValueError(f"bandwidth_hz={hertz} and bandwidth_orders={orders} are both given; state one of them.")
-        if hertz is None and orders is None:
-            return None
-        in_orders = hertz is None
-        name = "bandwidth_orders" if in_orders else "bandwidth_hz"
-        return cls(value=positive(orders if in_orders else hertz, name=name), in_orders=in_orders)
-
-    def at(self, times: Array, revolutions: Array) -> Array:
-        """Return the bandwidth in Hz at each knot."""
-        speed = np.abs(np.gradient(revolutions, times)) if self.in_orders else np.ones(times.size)
-        return self.value * speed
-
-
-def _smoothed(phase: ShaftPhase, stretches: list[_Stretch], bandwidth: _Bandwidth) -> ShaftPhase:
-    """Return the phase with each stretch between stops smoothed separately."""
-    angles: list[Array] = []
-    parts: list[PhaseSmoothing] = []
-    squares = weight = 0.0
-    begin = 0
-    for stretch in stretches:
-        part = slice(begin, begin + stretch.times.size)
-        revolutions = phase.revolutions[part]
-        angle, smoothing, jitter = smooth_phase(
-            stretch.times,
-            revolutions,
-            counts=stretch.counts,
-            bandwidth_hz=bandwidth.at(stretch.times, revolutions),
-            jitter_s=phase.jitter_s,
-        )
-        angles.append(angle)
-        parts.append(smoothing)
-        squares, weight = squares + jitter**2 * angle.size, weight + angle.size
-        begin = part.stop
-    return replace(
-        phase, revolutions=np.concatenate(angles), smoothing=joined(parts), jitter_s=math.sqrt(squares / weight)
-    )
-
-
 def _with_standstill(phase: ShaftPhase, begin: float, end: float) -> ShaftPhase:
     """Insert a standstill between the pulses at `begin` and `end`, with constant deceleration and acceleration.
 
@@ -306,18 +246,11 @@ def _with_standstill(phase: ShaftPhase, begin: float, end: float) -> ShaftPhase:
         phase,
         times_s=np.insert(times, here + 1, rest),
         revolutions=np.insert(turns, here + 1, [turns[here] + half] * 2),
-        smoothing=None if phase.smoothing is None else with_rest(phase.smoothing, here, float(half)),
     )
 
 
-def _counted_phase(
-    times: Array, signs: NDArray[np.int64], per_rev: float | Fraction, smoothing: _Bandwidth | None
-) -> ShaftPhase:
+def _counted_phase(times: Array, signs: NDArray[np.int64], per_rev: float | Fraction) -> ShaftPhase:
     """Return the phase from an up-down count of pulses: after a reversal the same stripe passes again."""
-    if smoothing is not None:
-        raise ValueError(
-            "smoothing needs a shaft that keeps its direction; leave out the bandwidth, or smooth the parts separately."
-        )
     after = np.cumsum(signs)
     count = np.maximum(after, after - signs)
     return ShaftPhase(
