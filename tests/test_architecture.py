@@ -93,7 +93,7 @@ BUDGETS = """
     data_synth/sources, data_synth/transfer                    1545   1427   1200
     all code lines                                            48791  44989  33500
     all modules                                                 345    324    240
-    all constants                                              1492   1337    750
+    all constants                                              1492   1339    750
     tests                                                     35938  32620  23000
     benchmarks                                                 7891   7891   6000
 """
@@ -109,7 +109,7 @@ FORMATS = (
 )
 OWNED = "files of the user's own are kept, and exits say what happened", "when hums/cli is reduced"
 ALLOWANCES = {
-    "hums/analysis": (419, *ANGLE),
+    "hums/analysis": (485, *ANGLE),
     "signals (root)": (17, "compilation for data_synth too, names through one function", "when hums/cli is reduced"),
     "signals/harmonics, signals/slipping_order": (120, "the density of noise about orders", "with textbook engines"),
     "hums (root)": (25, *OWNED),

@@ -37,7 +37,7 @@ from hums.analysis.segments import ChannelSegments, Segment, capitalised
 from hums.analysis.settings import AnalysisError, AnalysisSettings
 from hums.analysis.thresholds import IN_TIME, MESH_SHARE, PEAK_RATIO
 from hums.analysis.tracks import EnvelopeLine, tooth_line
-from hums.analysis.unexplained import Drawn, UnexplainedLine, drawn_orders, unexplained_lines
+from hums.analysis.unexplained import Drawn, PulseVariation, UnexplainedLine, drawn_orders, unexplained_lines
 from hums.gearbox.bearing_orders import BearingOrders
 from hums.gearbox.defect_orders import BEARING_KINDS
 from signals.demodulation.envelope_bank import bank_bands, bank_envelopes, level_normalised
@@ -96,6 +96,7 @@ class AnalysedChannel:
     bands: tuple[BandEvidence, ...] = field(default=(), repr=False)
     evidence: tuple[PartEvidence, ...] = ()
     unexplained: tuple[UnexplainedLine, ...] = ()
+    of_pulses: int = 0  # lines that are sidebands by the tachometer's jitter
     envelope_reach: float = 0.0  # highest order of any envelope's spectrum
     indicators: tuple[IndicatorValue, ...] = ()
     gears: tuple[GearJudgement, ...] = ()
@@ -196,8 +197,14 @@ def analyse_channel(
     best, seen, evidence = _assessed_envelopes(
         envelopes, segments, machine, in_envelopes, lines, settings, searches=len(bands), background_width=width
     )
-    unexplained = unexplained_lines(
-        spectrum, drawn_by(machine, settings), setting_of(machine), channel=name, units=units
+    angle = machine.phase
+    unexplained, of_pulses = unexplained_lines(
+        spectrum,
+        drawn_by(machine, settings),
+        setting_of(machine),
+        channel=name,
+        units=units,
+        pulses=PulseVariation.of(angle.times_s, angle.revolutions, machine.jitter_s) if machine.jitter_s else None,
     )
     spectra = {ORDER_SPECTRUM: spectrum} | ({ENVELOPE: best.spectrum} if best is not None else {})
     if best is not None:
@@ -235,6 +242,7 @@ def analyse_channel(
         bands=seen,
         evidence=evidence,
         unexplained=tuple(unexplained),
+        of_pulses=of_pulses,
         envelope_reach=0.0 if best is None else best.reach,
         indicators=tuple(indicators),
         gears=tuple(gears),

@@ -44,6 +44,7 @@ _DAMAGED = 0.5  # of records: a bearing shows where it is damaged
 _FACTORS = (2, 3, 4)  # of pulses per revolution, and one over them
 _SPREADS = (0.0, 3e-4, 1e-3, 3e-3)  # of a line, relative to its order
 _NOMINAL = 0.1  # relative: how far off a nominal speed may be
+_LATE = 0.01  # relative: how far a delay, or the clock, of a tachometer may move lines
 _MOST_SPEEDS = 20_000  # that are tried
 _SAME_SPEED = 0.005  # relative
 _BEARINGS_AT_MOST = 15.0  # evidence of a bearing in an envelope
@@ -59,11 +60,13 @@ class Declaration:
     """What a record says of the declared angle.
 
     `contradiction` says what it shows instead, `doubt` why it is not sure; both are empty where it is confirmed.
+    `explained` says that what it shows is known, so that it may look like another drawing in spite of the right one.
     `speed_ratio` is that of the speed which the record shows to a nominal one, 1 where it shows none.
     """
 
     contradiction: str = ""
     doubt: str = ""
+    explained: bool = False
     speed_ratio: float = 1.0
     note: str = ""
     """How the speed was declared, and which the record shows."""
@@ -166,25 +169,34 @@ def judged_declaration(
     # nothing but its own lines says that a nominal speed does not wander
     spreading = min(spreads[spread], spreads[spread] - declared) >= (CONFIRMED if nominal else CONTRADICTED)
     source = machine.source
-    # a nominal speed was chosen among many, by lines that are few where it is wrong
-    sure = declared >= CONFIRMED + (CONTRADICTED if nominal else 0.0) and not spreading
-    if not sure and source.declared is not None and (ratio := comb.nominal_ratio(spectra, declared)) is not None:
+    weak = declared < CONFIRMED + CONTRADICTED or spreading
+    reach = _NOMINAL if nominal else _LATE
+    ratio = comb.shown_ratio(spectra, declared, reach=reach) if weak and (nominal or source.tachometer) else None
+    if source.declared is not None and ratio is not None:
         shown, rpm = ratio * source.declared.speed_hz / source.declared.declared_hz, 60 * source.declared.declared_hz
         note = (
             f"The speed of {source.shaft} is declared as {rpm:.5g} rpm, and lines of shafts, meshes and bearings show "
             f"{shown * rpm:.5g} rpm: the record is analysed at that speed."
         )
         return Declaration(speed_ratio=shown, note=note)
-    if declared >= CONFIRMED and not spreading and rival < CONFIRMED:
-        return Declaration()
-    known = f'tachometer "{source.tachometer}"' if source.tachometer else "declared" if nominal else "estimated"
-    doubt = (
-        f"lines of shafts, meshes and bearings do not confirm the speed of {machine.reference}, "
-        f"{machine.mean_speed_hz:.4g} Hz ({known})"
+    doubt, known = (
+        "",
+        f'tachometer "{source.tachometer}"' if source.tachometer else "declared" if nominal else "estimated",
     )
-    if rival >= CONFIRMED:
+    if ratio is not None:
+        doubt = _late_words(machine, ratio)
+    elif spreading:
+        cause = "a tachometer whose delay or clock is wrong" if source.tachometer else "a speed that wanders"
+        doubt = f"the lines of shafts and meshes spread over {spread:.2%} of their order, as of {cause}"
+    elif rival >= CONFIRMED:
         doubt = f"the lines of the record are rather those of {words}"
-    return Declaration(doubt=_spread_words(machine, spread) if spreading else doubt)
+    elif declared < (0.0 if source.tachometer else CONFIRMED):  # a tachometer has prior odds of as much
+        doubt = (
+            f"lines of shafts, meshes and bearings do not confirm the speed of {machine.reference}, "
+            f"{machine.mean_speed_hz:.4g} Hz ({known})"
+        )
+    explained = ratio is not None or spreading or rival >= CONFIRMED
+    return Declaration(doubt=doubt, explained=explained)
 
 
 def _likely_rivals(
@@ -215,17 +227,16 @@ def _rivals(machine: Machine) -> Iterator[tuple[str, float]]:
             yield f'a speed that is declared for shaft "{source.shaft}" and is that of "{shaft}"', ratio
 
 
-def _spread_words(machine: Machine, spread: float) -> str:
-    speeds = machine.speeds_hz
-    change = float(np.ptp(speeds))
-    duration_s = speeds.size / machine.mean_speed_hz
-    late = spread * machine.mean_speed_hz * duration_s / change if change else math.inf
-    cause = (
-        f"as of a tachometer that is some {1000 * late:.2g} ms late, or whose clock is off"
-        if machine.source.tachometer and late < duration_s
-        else "as of a speed that wanders"
-    )
-    return f"the lines of shafts and meshes spread over {spread:.2%} of their order, {cause}"
+def _late_words(machine: Machine, ratio: float) -> str:
+    """Return what moves lines to a ratio of their order: a delay by ``delay * (change of speed) / turns``."""
+    speeds, words = machine.speeds_hz, f"the lines of shafts and meshes stand at {ratio:.6g} times their order, as of "
+    clock = f"a clock that is {1e6 * abs(ratio - 1):.0f} ppm off"
+    change = float(speeds[-1] - speeds[0])
+    late_s = (ratio - 1) * speeds.size / change if change else math.inf
+    if not machine.source.tachometer or abs(late_s) > speeds.size / machine.mean_speed_hz:
+        return words + clock
+    which = "late" if late_s > 0 else "early"
+    return f"{words}a tachometer that is {1000 * abs(late_s):.2g} ms {which} against the channel, or {clock}"
 
 
 class _Comb:
@@ -275,14 +286,16 @@ class _Comb:
         mean = float(np.logaddexp.reduce(found)) - math.log(len(found))
         return float(_if_it_shows(_DAMAGED, mean))
 
-    def nominal_ratio(self, spectra: Sequence[tuple[_Peaks, list[_Peaks]]], declared: float) -> float | None:
-        """Return the ratio to a nominal speed of the one that shows, within `_NOMINAL`; None where none is sure.
+    def shown_ratio(
+        self, spectra: Sequence[tuple[_Peaks, list[_Peaks]]], declared: float, *, reach: float
+    ) -> float | None:
+        """Return the ratio to the declared speed of the one that shows, within a reach; None where none is sure.
 
         It has to show in spite of the number of speeds that are tried, and no other may be as likely.
         """
         finest = min(_HALF_BINS * peaks.bin_width / min(peaks.end, float(self.own[-1])) for peaks, _ in spectra)
-        ratios = 1 + np.arange(-_NOMINAL, _NOMINAL, max(finest, 2 * _NOMINAL / _MOST_SPEEDS))
-        coarse = np.linspace(1 - _NOMINAL, 1 + _NOMINAL, 1 + round(4 * _NOMINAL / self.slip))
+        ratios = 1 + np.arange(-reach, reach, max(finest, 2 * reach / _MOST_SPEEDS))
+        coarse = np.linspace(1 - reach, 1 + reach, 2 + round(4 * reach / self.slip))
         bearings = [max(self.of_bearings(bands, ratio) for _, bands in spectra) for ratio in coarse.tolist()]
         of_bearings = np.interp(ratios, coarse, bearings)
         found = {

@@ -147,7 +147,7 @@ def analyze(
         _healthy_spacings(machine),
     )
     assessed = assessor.assess([line for channel in channels for line in channel.lines])
-    if not declaration.contradiction:
+    if not (declaration.contradiction or declaration.explained):
         spectra = [channel.spectra[ORDER_SPECTRUM] for channel in channels if not (channel.faulty or average)]
         unlike = unlike_drawing(spectra, drawn_by(machine, settings), setting_of(machine))
         declaration = replace(declaration, contradiction=unlike)
@@ -468,13 +468,16 @@ def _band_notes(machine: Machine, settings: AnalysisSettings, channels: Sequence
 
 def _jitter_notes(machine: Machine, channels: Sequence[AnalysedChannel]) -> Iterator[str]:
     blurred = machine.jitter_limit_order
-    if not any(blurred < channel.spectra[ORDER_SPECTRUM].axis[-1] for channel in channels):
-        return
-    if machine.source.tachometer:
-        yield (
-            f"The tachometer's pulses jitter by {machine.jitter_s * 1e6:.3g} us: lines above {blurred:.3g} orders are "
-            "blurred and read low."
+    jitter = f"The tachometer's pulses jitter by {machine.jitter_s * 1e6:.3g} us"
+    if of_pulses := sum(channel.of_pulses for channel in channels):
+        jitter += (
+            f", as where a coarse clock samples them: {of_pulses} lines that nothing else explains are sidebands which "
+            "this makes of larger ones"
         )
+    if not any(blurred < channel.spectra[ORDER_SPECTRUM].axis[-1] for channel in channels):
+        yield from [f"{jitter}."] if of_pulses else []
+    elif machine.source.tachometer:
+        yield f"{jitter}; lines above {blurred:.3g} orders are blurred and read low."
     elif machine.source.estimated is not None:
         yield (
             f"The angle estimated from the vibration is uncertain by about {machine.jitter_s * 1e6:.3g} us: "

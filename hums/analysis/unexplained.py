@@ -13,6 +13,8 @@ from dataclasses import dataclass
 
 import numpy as np
 from numpy.typing import NDArray
+from scipy.ndimage import maximum_filter1d
+from scipy.signal.windows import blackmanharris
 from scipy.special import bdtrc
 
 from hums.analysis.evidence import Setting, mains_multiples
@@ -21,7 +23,16 @@ from hums.gearbox.defect_orders import DefectOrder
 from signals.spectra.peaks import spectral_peaks
 from signals.spectra.spectra import AmplitudeSpectrum
 
-__all__ = ["Drawn", "UnexplainedLine", "drawn_orders", "not_named", "on_mains", "unexplained_lines", "unlike_drawing"]
+__all__ = [
+    "Drawn",
+    "PulseVariation",
+    "UnexplainedLine",
+    "drawn_orders",
+    "not_named",
+    "on_mains",
+    "unexplained_lines",
+    "unlike_drawing",
+]
 
 _FEWEST = 4  # members of a family: three multiples of one order among tens of lines happen by chance
 _CHANCE = 1e-3
@@ -36,6 +47,8 @@ _SIDEBANDS = 8  # on either side of a mesh harmonic: run-out, pitch deviations, 
 _MESH_HARMONICS = 12
 _MOST = 60  # lines that are listed, the largest first
 _LOBE_BINS = 4.0
+_AS_MADE = 2.0  # times what pulses make: lines of several carriers add up
+_FEWEST_PULSES = 64
 
 Numbers = NDArray[np.float64]
 
@@ -73,20 +86,65 @@ class UnexplainedLine:
     might_be: str
 
 
+@dataclass(frozen=True, kw_only=True)
+class PulseVariation:
+    """Amplitudes in turns by which pulse times vary about even motion, at orders 0 to `last` of so many turns.
+
+    A clock that samples the pulses coarsely makes them periodic where the speed is steady. A line at order c of
+    amplitude A then has sidebands of ``pi c A a`` at the distance of an order where they vary by a; none come from a
+    variation of the speed, which the pulses follow.
+    """
+
+    amplitudes: Numbers
+    last: float
+
+    @classmethod
+    def of(cls, times_s: Numbers, turns: Numbers, jitter_s: float) -> "PulseVariation | None":
+        """Return the variation by second differences, within what pulses of such a jitter have; None of few pulses."""
+        if turns.size < _FEWEST_PULSES or not (np.diff(turns) > 0).all():
+            return None
+        even = np.linspace(turns[0], turns[-1], turns.size)
+        curved = np.diff(np.interp(even, turns, times_s), 2)
+        window = blackmanharris(curved.size, sym=False)
+        response = 4 * np.sin(np.pi * np.maximum(np.fft.rfftfreq(curved.size), 1 / curved.size)) ** 2
+        found = 2 * np.abs(np.fft.rfft(curved * window)) / window.sum() / response
+        turned = float(turns[-1] - turns[0])
+        largest = np.minimum(maximum_filter1d(found, 2 * int(_LOBE_BINS) - 3), math.sqrt(2) * jitter_s)
+        return cls(amplitudes=largest * turned / float(times_s[-1] - times_s[0]), last=(turns.size - 1) / turned / 2)
+
+    def makes(self, orders: Numbers, amplitudes: Numbers) -> NDArray[np.bool_]:
+        """Return which lines are sidebands of larger ones."""
+        distance = np.abs(orders[:, None] - orders)
+        folded = np.abs(distance - 2 * self.last * np.round(distance / (2 * self.last)))
+        at = np.rint(folded / self.last * (self.amplitudes.size - 1)).astype(np.int64)
+        made = np.where(distance < 3 * self.last, np.pi * orders * amplitudes * self.amplitudes[at], 0.0)
+        larger = amplitudes > amplitudes[:, None]
+        return np.asarray((larger & (amplitudes[:, None] <= _AS_MADE * made)).any(axis=1))
+
+
 def unexplained_lines(
-    spectrum: AmplitudeSpectrum, drawn: Drawn, setting: Setting, *, channel: str, units: str
-) -> list[UnexplainedLine]:
-    """Return the lines of an order spectrum that the drawing does not explain, the largest first."""
+    spectrum: AmplitudeSpectrum,
+    drawn: Drawn,
+    setting: Setting,
+    *,
+    channel: str,
+    units: str,
+    pulses: PulseVariation | None = None,
+) -> tuple[list[UnexplainedLine], int]:
+    """Return the lines that the drawing does not explain, the largest first, and how many more the tachometer makes."""
     peaks = spectral_peaks(spectrum, ratio=UNEXPLAINED_RATIO)
     width = MATCH_BINS * spectrum.bin_width
     selected = ~flanks(peaks.position, peaks.amplitude, spectrum.bin_width)
     selected &= ~_explained(peaks.position, drawn, width)
     mains = on_mains(peaks.position, setting, width)
-    left = np.flatnonzero(selected & ~mains)
+    selected &= ~mains
+    made = np.zeros_like(selected) if pulses is None else selected & pulses.makes(peaks.position, peaks.amplitude)
+    made &= made.sum() >= _FEWEST  # random errors of pulses make a line or two
+    left = np.flatnonzero(selected & ~made)
     left = left[np.argsort(-peaks.amplitude[left])][:_MOST]
     orders = peaks.position[left]
     spacings = _families(orders, spectrum.bin_width)
-    return [
+    lines = [
         UnexplainedLine(
             channel=channel,
             order=float(order),
@@ -99,6 +157,7 @@ def unexplained_lines(
         )
         for place, order, spacing in zip(left, orders, spacings, strict=True)
     ]
+    return lines, int(made.sum())
 
 
 def not_named(lines: Sequence[UnexplainedLine], found: Sequence[float], *, bin_width: float) -> list[UnexplainedLine]:

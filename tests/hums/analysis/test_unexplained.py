@@ -6,7 +6,7 @@ import numpy as np
 import pytest
 
 from hums.analysis.evidence import Setting
-from hums.analysis.unexplained import Drawn, drawn_orders, not_named, unexplained_lines, unlike_drawing
+from hums.analysis.unexplained import Drawn, PulseVariation, drawn_orders, not_named, unexplained_lines, unlike_drawing
 from hums.gearbox.defect_orders import defects
 from hums.gearbox.model import load_gearbox
 from signals import amplitude_spectrum
@@ -25,7 +25,7 @@ def spectrum_of(*lines):
 
 
 def unexplained(*lines, setting=SETTING):
-    return unexplained_lines(spectrum_of(*lines), DRAWN, setting, channel="x", units="g")
+    return unexplained_lines(spectrum_of(*lines), DRAWN, setting, channel="x", units="g")[0]
 
 
 def test_what_the_drawing_makes_is_explained():
@@ -59,6 +59,26 @@ def test_a_family_of_a_race_is_called_that():
     lines = unexplained(*[(3.6 * k, 0.1) for k in (1, 2, 3, 4, 6, 7)])
     assert lines
     assert all("a bearing's defect of order 3.585" in line.might_be for line in lines)
+
+
+@pytest.mark.parametrize("per_turn", [1, 8])
+def test_sidebands_of_a_coarsely_sampled_tachometer_are_told_from_other_lines(per_turn):
+    """The true turns at even turns by pulses at whole fifths of a millisecond carry the lines."""
+    speed_hz, number = 20.013, np.arange(128 * per_turn + 1)
+    times_s = np.ceil(5000 * number / per_turn / speed_hz) / 5000
+    turns = speed_hz * np.interp(TURNS, number / per_turn, times_s)
+    x = 0.2 * np.random.default_rng(5).standard_normal(TURNS.size)
+    for order, size in ((23.0, 1.0), (46.0, 0.5), (16.65, 0.3)):
+        x += size * np.cos(2 * np.pi * order * turns)
+    pulses = PulseVariation.of(times_s, number / per_turn, 2e-4 / np.sqrt(12))
+    spectrum = amplitude_spectrum(x, rate=256.0)
+    before, _ = unexplained_lines(spectrum, DRAWN, SETTING, channel="x", units="g")
+    after, made = unexplained_lines(spectrum, DRAWN, SETTING, channel="x", units="g", pulses=pulses)
+    assert len(before) > 4
+    assert made == len(before) - 1 == len(before) - len(after)
+    assert after[0].order == pytest.approx(16.65, abs=1e-2)
+    even = PulseVariation.of(number / per_turn / speed_hz, number / per_turn, 1e-9)  # makes none of them
+    assert unexplained_lines(spectrum, DRAWN, SETTING, channel="x", units="g", pulses=even)[1] == 0
 
 
 OWN = [(1.0, 0.1), (23.0, 1.0), (46.0, 0.4), (6.522, 0.3)]
@@ -169,6 +189,6 @@ def test_harmonics_of_a_named_bearing_are_explained_by_it():
 def test_a_family_is_guessed_to_be_the_bearing_of_the_lowest_multiple():
     cage_and_race = drawing(bearings=(0.3983, 3.585))
     heard = [(k * 3.585, 0.1) for k in range(5, 15)]
-    lines = unexplained_lines(spectrum_of(*heard), cage_and_race, SETTING, channel="x", units="g")
+    lines, _ = unexplained_lines(spectrum_of(*heard), cage_and_race, SETTING, channel="x", units="g")
     assert lines
     assert all("order 3.585" in line.might_be for line in lines)
