@@ -43,9 +43,24 @@ tachometer = { link = "input", pulses_per_rev = 1 }
 resonance = { frequency_hz = 500, damping_ratio = 0.05 }
 sensor = [{ name = "vib", on = "output", units = "g" }]
 """
+LVM = """\
+LabVIEW Measurement\t
+Separator\tTab
+X_Columns\tOne
+Decimal_Separator\t.
+***End_of_Header***\t
+Channels\t1
+Samples\t400
+Y_Unit_Label\tg
+X_Dimension\tTime
+X0\t0.0
+Delta_X\t0.001
+***End_of_Header***\t
+X_Value\tvib\tComment
+"""
 WORK = "date,component,work\n2026-03-01,input bearing,replaced\n2026-04-02T10:00:00Z,gear 2,oil\n"
 
-FOREIGN = ("csv", "wav", "mat v5", "mat v5, packed", "mat v7.3", "hdf5", "tdms", "uff", "npy", "npz")
+FOREIGN = ("csv", "wav", "mat v5", "mat v5, packed", "mat v7.3", "hdf5", "tdms", "lvm", "mf4", "uff", "npy", "npz")
 STORED = ("record", "analysis")  # by us, read in the process for readers
 TEXTS: Mapping[str, Callable[[Path], object]] = {  # read in the calling process, by code of ours and of Python
     "gearbox": lambda path: hums.defect_orders(hums.load_gearbox(path)),
@@ -57,6 +72,7 @@ KINDS = (*FOREIGN, *STORED, *TEXTS)
 CHANNELS = {"wav": "channel 1", "mat v5, packed": "box.vib", "tdms": "group.vib", "uff": "1", "npy": "column 1"}
 SUFFIXES = {
     "csv": ".csv", "wav": ".wav", "mat v5": ".mat", "mat v5, packed": ".mat", "mat v7.3": ".mat", "tdms": ".tdms",
+    "lvm": ".lvm", "mf4": ".mf4",
     "uff": ".uff", "npy": ".npy", "npz": ".npz", "gearbox": ".toml", "scene": ".toml", "maintenance": ".csv",
     "state": ".state",
 }  # fmt: skip
@@ -82,6 +98,10 @@ def write_valid(kind: str, path: Path) -> None:  # noqa: C901, PLR0912 - a list 
                 file.create_dataset("vib", data=NOISE, chunks=(100,), compression="gzip", shuffle=True)
         case "tdms":
             _write_tdms(path)
+        case "lvm":
+            path.write_text(LVM + "\n".join(f"\t{value:.5f}\t" for value in NOISE) + "\n", encoding="utf-8")
+        case "mf4":
+            _write_mf4(path)
         case "uff":
             _write_uff(path)
         case "npy":
@@ -91,7 +111,7 @@ def write_valid(kind: str, path: Path) -> None:  # noqa: C901, PLR0912 - a list 
         case "record":
             hums.save_record(_record(), path)
         case "analysis":
-            few = {where: _analysis()[where].to_dataset() for where in ("/health", "/speed", "/gears")}
+            few = {where: small_analysis()[where].to_dataset() for where in ("/health", "/speed", "/gears")}
             write_tree(xr.DataTree.from_dict(few), path)
         case "gearbox":
             unnamed = hums.load_gearbox("two-stage").to_toml().partition("\n")[2]  # its file names it, as do errors
@@ -101,7 +121,7 @@ def write_valid(kind: str, path: Path) -> None:  # noqa: C901, PLR0912 - a list 
         case "maintenance":
             path.write_text(WORK, encoding="utf-8")
         case "state":
-            hums.watch(_analysis(), path)
+            hums.watch(small_analysis(), path)
 
 
 @cache
@@ -110,8 +130,9 @@ def _record() -> xr.Dataset:
 
 
 @cache
-def _analysis() -> xr.DataTree:
-    noise = np.random.default_rng(20).normal(size=4000)
+def small_analysis(seed: int = 20) -> xr.DataTree:
+    """Return the analysis of a record of noise."""
+    noise = np.random.default_rng(seed).normal(size=4000)
     angle = hums.NominalSpeed(rpm=1200, shaft="input")
     record = hums.make_record({"vib": noise}, rate_hz=2000, units="g", angle=angle)
     settings = hums.AnalysisSettings(pictures=False, most_tracks=0, envelope_band_hz=None)
@@ -122,7 +143,17 @@ def _write_tdms(path: Path) -> None:
     import nptdms  # noqa: PLC0415 - an optional part
 
     with nptdms.TdmsWriter(path) as writer:
-        writer.write_segment([nptdms.ChannelObject("group", "vib", NOISE, properties={"unit_string": "g"})])
+        writer.write_segment(
+            [nptdms.ChannelObject("group", "vib", NOISE, properties={"unit_string": "g", "wf_increment": 1e-3})]
+        )
+
+
+def _write_mf4(path: Path) -> None:
+    import asammdf  # noqa: PLC0415 - an optional part
+
+    with asammdf.MDF(version="4.10") as file:
+        file.append([asammdf.Signal(NOISE, np.arange(COUNT) * 1e-3, name="vib", unit="g")])
+        file.save(path, overwrite=True)
 
 
 def _write_uff(path: Path) -> None:

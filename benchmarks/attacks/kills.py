@@ -12,6 +12,7 @@ import numpy as np
 import xarray as xr
 
 import hums
+from attacks.damaged_files import small_analysis
 from hums.fleet.state import read_state, write_state
 from hums.jobs import Job, Processes, run_jobs
 from hums.records.store import open_tree, write_tree
@@ -32,14 +33,7 @@ def _writer(kind: str, folder: Path) -> tuple[list[Any], Callable[[Any, Path], N
             hums.make_record({"a": np.full(200_000, k)}, rate_hz=1000, units="g", angle=hums.UnknownAngle())
             for k in (1.0, 2.0)
         ], hums.save_record
-    angle = hums.NominalSpeed(rpm=1200, shaft="input")
-    settings = hums.AnalysisSettings(pictures=False, most_tracks=0, envelope_band_hz=None)
-    analyses = [
-        hums.analyze(
-            hums.make_record({"a": np.random.default_rng(seed).normal(size=4000)}, rate_hz=2000, units="g",
-                             angle=angle), hums.load_gearbox("two-stage"), settings=settings)
-        for seed in (1, 2)
-    ]  # fmt: skip
+    analyses = [small_analysis(seed) for seed in (1, 2)]
     if kind == "analysis":
         few = [{where: one[where].to_dataset() for where in ("/health", "/speed", "/gears")} for one in analyses]
         return [xr.DataTree.from_dict(groups) for groups in few], write_tree

@@ -280,7 +280,8 @@ def _serve(pipe: Connection, other_end: Connection | None, memory_bytes: int | N
     if other_end is not None:
         other_end.close()  # inherited by the fork: else the pipe would stay open
     signal.signal(signal.SIGINT, signal.SIG_IGN)  # the other process handles interrupts
-    logging.disable()  # of the libraries
+    logging.disable()  # of the libraries, which print, too
+    sys.stdout = open(os.devnull, "w", encoding="utf-8")  # noqa: PTH123, SIM115
     sys.unraisablehook = lambda _: None  # what their destructors raise after damaged bytes
     faulthandler.disable()  # a sentence takes the place of its page
     _limit("RLIMIT_CORE", 0)
@@ -292,8 +293,7 @@ def _serve(pipe: Connection, other_end: Connection | None, memory_bytes: int | N
             request = json.loads(pipe.recv_bytes())
         except (EOFError, OSError):
             return
-        times = os.times()
-        _limit("RLIMIT_CPU", math.ceil(times.user + times.system + request["cpu_s"]))
+        _limit("RLIMIT_CPU", math.ceil(sum(os.times()[:2]) + request["cpu_s"]))
         try:
             answer, values = _answer(request, opened)
         except MemoryError:

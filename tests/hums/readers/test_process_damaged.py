@@ -25,6 +25,11 @@ def test_damaged_files_give_a_result_or_a_sentence(tmp_path, kind):
     assert not attack_kind(kind, tmp_path, count=FILES, seed=[7])["wrong"]
 
 
+def test_what_a_library_prints_of_a_damaged_file_is_not_seen(tmp_path, capfd):
+    attack_kind("mf4", tmp_path, count=100, seed=(20, 3))
+    assert capfd.readouterr().out == ""
+
+
 def valid_file(tmp_path, kind):
     pytest.importorskip("nptdms")
     path = tmp_path / f"a{SUFFIXES.get(kind, '.h5')}"
