@@ -69,7 +69,7 @@ def write_netcdf(path: str | PathLike[str], groups: Mapping[str, tuple[xr.Datase
         file.attrs.create("_NCProperties", np.bytes_(version))
 
 
-def open_netcdf(files: CachingFileManager[h5py.File], **options: Any) -> dict[str, xr.Dataset]:  # noqa: ANN401
+def open_netcdf(files: "CachingFileManager[h5py.File]", **options: Any) -> dict[str, xr.Dataset]:  # noqa: ANN401
     """Return the datasets of a file by the path of their group, as `xarray.open_datatree` does in five times as long.
 
     Parameters
@@ -125,7 +125,7 @@ def _attrs(item: h5py.Group | h5py.Dataset) -> dict[str, Any]:
 class _Store(AbstractDataStore):
     """One group of a file, as `xarray.open_dataset` takes it."""
 
-    def __init__(self, files: CachingFileManager[h5py.File], group: h5py.Group) -> None:
+    def __init__(self, files: "CachingFileManager[h5py.File]", group: h5py.Group) -> None:
         self.files, self.file_name, self.attrs = files, group.file.filename, _attrs(group)
         self.variables = dict[str, xr.Variable]()
 
@@ -145,7 +145,7 @@ class _Store(AbstractDataStore):
 class _Array(BackendArray):
     """An array of a file, read on access."""
 
-    def __init__(self, files: CachingFileManager[h5py.File], where: str, item: h5py.Dataset) -> None:
+    def __init__(self, files: "CachingFileManager[h5py.File]", where: str, item: h5py.Dataset) -> None:
         self.files, self.where, self.shape, self.dtype = files, where, item.shape, item.dtype
 
     def __getitem__(self, key: ExplicitIndexer) -> Any:  # noqa: ANN401
