@@ -81,7 +81,7 @@ def make_dataset(
     (2, 2)
     """
     plan = load_plan(plan) if isinstance(plan, str | Path) else plan
-    folder = Path(folder).resolve()
+    folder = Path(folder).absolute()
     _begin_folder(folder, plan)
     count = math.ceil(plan.records / plan.records_per_shard)
     jobs = [

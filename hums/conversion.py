@@ -254,7 +254,7 @@ def convert_files(
     ...     print(made.records, made.done, len(made.refused), hums.open_dataset(made.folder).vib[:, 0].values.tolist())
     3 4 1 [1.0, 2.0, 10.0]
     """
-    folder = Path(folder).resolve()
+    folder = Path(folder).absolute()
     spec = describe(description, **declared)
     names = Counter(file.path.stem for file in sources[:: spec.snapshots])
     if form == "files" and (twice := [name for name, count in names.items() if count > 1]):

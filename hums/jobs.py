@@ -163,7 +163,7 @@ def run_jobs(
     """
     from hums.records.store import remove_partial_files  # noqa: PLC0415 - xarray, which a worker may do without
 
-    folder = folder.resolve()
+    folder = Path(os.path.realpath(folder))
     with locked(folder):
         remove_partial_files(folder)
         finished = {path.name for path in folder.iterdir()}

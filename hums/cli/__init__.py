@@ -90,7 +90,7 @@ def main() -> int:
         try:
             status = app(standalone_mode=False)  # what typer.Exit carries, 130 after Ctrl-C; else None
             sys.stdout.flush()
-        except typer.Abort:
+        except (typer.Abort, KeyboardInterrupt):  # typer sees the latter but in callbacks of C and at its own end
             return INTERRUPTED
         except (ValueError, OSError) as error:
             unnamed = isinstance(error, OSError) and error.errno is not None and error.filename is None

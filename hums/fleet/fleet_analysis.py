@@ -7,6 +7,7 @@ that cannot be analysed, or kills its worker process, becomes a row with its err
 
 import hashlib
 import json
+import os
 from collections.abc import Mapping, Sequence
 from dataclasses import dataclass, field
 from functools import lru_cache, partial
@@ -196,7 +197,7 @@ def analyze_fleet(
     gearbox = gearbox if isinstance(gearbox, Gearbox) else load_gearbox(gearbox)
     settings = (settings or AnalysisSettings(most_tracks=0)).model_copy(update={"pictures": False})  # it draws none
     work = read_maintenance(maintenance) if maintenance is not None else ()
-    folder = Path(folder).resolve()
+    folder = Path(os.path.realpath(folder))
     outputs = [folder / name for name in (*FILES, _INDICATORS, _LIST, _TASK)]
     found = _sources(sources, written=outputs)
     hand_written = [path for path in (declared, maintenance) if path is not None]
@@ -338,7 +339,7 @@ def _sources(given: Sequence[str | Path], *, written: Sequence[Path]) -> list[_S
 
 
 def _sources_in_folder(folder: Path, written: Sequence[Path]) -> list[_Source]:
-    whole = folder.resolve()
+    whole = Path(os.path.realpath(folder))
     if is_begun(folder):
         files, labels = dataset_files(folder), open_dataset(folder)
         classes = labels["class"].to_numpy() if "class" in labels else [""] * len(files)
@@ -346,14 +347,14 @@ def _sources_in_folder(folder: Path, written: Sequence[Path]) -> list[_Source]:
             _Source(name=f"{folder}/{n}", path=whole, file=file, number=n, label=str(label))
             for n, (file, label) in enumerate(zip(files, classes, strict=True))
         ]
-    there = [_of_file(path) for path in sorted(folder.rglob("*.h5")) if path.resolve() not in written]
+    there = [_of_file(path) for path in sorted(folder.rglob("*.h5")) if Path(os.path.realpath(path)) not in written]
     if not there:
         raise FleetError(f"{folder} holds no record, no file that ends in .h5; make records with hums convert.")
     return there
 
 
 def _of_file(path: Path) -> _Source:
-    return _Source(name=str(path), path=path.resolve(), file=path.resolve())
+    return _Source(name=str(path), path=Path(os.path.realpath(path)), file=Path(os.path.realpath(path)))
 
 
 def _result_name(source: _Source) -> str:

@@ -87,7 +87,7 @@ def open_dataset(folder: str | Path) -> xr.Dataset:
     ...     print(dict(dataset.vib.sizes), dataset["class"].values.tolist(), dataset.tachometer.shape)
     {'record': 2, 'time': 2000} ['healthy', 'healthy'] (2, 10)
     """
-    folder = Path(folder).resolve()
+    folder = Path(folder).absolute()
     index = _index(folder, labels=True)
     rows = index.sizes["record"]
     variables = {}
@@ -110,7 +110,7 @@ def open_dataset(folder: str | Path) -> xr.Dataset:
 
 def dataset_files(folder: str | Path) -> list[Path]:
     """Return the file that holds each record of a dataset."""
-    folder = Path(folder).resolve()
+    folder = Path(folder).absolute()
     index = _index(folder, labels=False)
     count, pattern = int(index.attrs["records"]), index.attrs["shards"]
     starts = _starts(index)
@@ -154,7 +154,7 @@ def dataset_record(folder: str | Path, number: int) -> xr.Dataset:
     >>> record.sizes["time"], record.vib.units, any(name.startswith("truth_") for name in record)
     (2000, 'g', True)
     """
-    folder = Path(folder).resolve()
+    folder = Path(folder).absolute()
     index = _index(folder, labels=False)
     count = index.attrs["records"]
     if not isinstance(number, int | np.integer) or not 0 <= number < count:

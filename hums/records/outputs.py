@@ -1,5 +1,6 @@
 """What may be written: never what is read, no device or pipe, and no file that this toolkit did not write."""
 
+import os
 from collections.abc import Iterable, Iterator
 from pathlib import Path
 
@@ -11,7 +12,6 @@ __all__ = ["MARK", "check_outputs"]
 MARK = "hums-toolkit"  # near the beginning or end of files whose format has a place for it; HDF5 states a schema
 _HEAD, _TAIL = 2048, 16384  # bytes: a PDF ends in its metadata and a table of its objects
 _TABLES = {".csv", ".json", ".parquet"}  # without such a place: the folder's own marked files speak for them
-_FOLDER_MARKS = ("analysis.h5", "task.json")  # written before any table
 
 
 def check_outputs(
@@ -38,7 +38,7 @@ def check_outputs(
         With the file and what to do.
     """
     read = {identity: path for path in inputs for identity in _identities(Path(path))}
-    parents = {parent: path for path in inputs for parent in Path(path).resolve().parents}
+    parents = {parent: path for path in inputs for parent in Path(os.path.realpath(path)).parents}
     for output, known in [*((output, read) for output in outputs), *([(folder, read | parents)] if folder else [])]:
         for identity in _identities(output):
             if identity in known:
@@ -62,22 +62,21 @@ def check_outputs(
 
 def _identities(path: Path) -> Iterator[object]:
     """Yield the resolved path and, of a file that exists, its device and inode, which its other names share."""
-    yield path.resolve()
+    yield Path(os.path.realpath(path))
     if path.exists():
         stat = path.stat()
         yield stat.st_dev, stat.st_ino
 
 
 def _is_own(path: Path) -> bool:
-    size = path.stat().st_size
-    if size == 0:
+    if path.stat().st_size == 0:
         return True  # reserved by whoever named it: there is nothing to lose
-    marks = (path.with_name(name) for name in _FOLDER_MARKS) if path.suffix in _TABLES else ()
-    if any(mark != path and mark.is_file() and _is_own(mark) for mark in marks):
+    marks = ("analysis.h5", "task.json") if path.suffix in _TABLES else ()  # written before any table
+    if any(mark != path.name and path.with_name(mark).is_file() and _is_own(path.with_name(mark)) for mark in marks):
         return True
     if schema_of(path).startswith("hums-"):
         return True
     with path.open("rb") as file:
         head = file.read(_HEAD)
-        file.seek(max(0, size - _TAIL))
+        file.seek(max(0, path.stat().st_size - _TAIL))
         return MARK.encode() in head + b"\n" + file.read(_TAIL)

@@ -411,7 +411,7 @@ def atomic_write(path: str | os.PathLike[str], *, tidy: bool = True) -> Iterator
     What dead writers of `path` left is removed, for which the folder is listed; not with `tidy` false: the time of as
     many files in one folder would grow with their square. Who writes them tidies the folder before the first.
     """
-    target = Path(path).resolve()  # so that a symbolic link remains one
+    target = Path(os.path.realpath(path))  # so that a symbolic link remains one
     if not is_utf8(target.name):
         raise RecordError(f"{path}: this name is not UTF-8 text, and what it names would not be opened; give another.")
     if target.exists() and not target.is_file():

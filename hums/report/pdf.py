@@ -33,7 +33,7 @@ def write_pdf(page: str | Path, *, force: bool = False) -> Path:
     ValueError
         If there is no such browser on the PATH, it prints nothing, or the PDF is one of another program.
     """
-    page = Path(page).resolve()
+    page = Path(os.path.realpath(page))
     target = page.with_suffix(".pdf")
     check_outputs([target], inputs=[page], force=force)
     browser = next((found for name in _BROWSERS if (found := shutil.which(name))), None)

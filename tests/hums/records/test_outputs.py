@@ -134,6 +134,12 @@ def test_fleet_writes_no_input(refused, made, raw, tmp_path):
     refused("fleet", tmp_path / "record.h5", *words, because=FOREIGN)
 
 
+def test_a_link_to_itself_is_refused_in_a_sentence(run, made, tmp_path):
+    (tmp_path / "loop").symlink_to("loop")
+    code, _, err = run("fleet", made / "record.h5", "--gearbox", "two-stage", "-o", tmp_path / "loop")
+    assert (code, "loop" in err) == (1, True)
+
+
 def test_a_fleet_beside_its_records_goes_on(made, tmp_path):
     (tmp_path / "record.h5").write_bytes((made / "record.h5").read_bytes())
     settings = AnalysisSettings(envelope_band_hz=None, most_tracks=0)
