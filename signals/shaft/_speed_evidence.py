@@ -8,8 +8,8 @@ unknown, and integrated out with Jeffreys' prior; so is that of their sidebands.
 
 Any one line may be any order of some speed: what fixes the speed is no evidence for it, neither the strongest line nor
 what chance finds among as many speeds. A rival is another course, another speed in a constant ratio, or one tone with
-harmonics that keep their frequencies. A course is as sure as the quarter of the record that shows it least, so that a
-rival that is right in one quarter wins there.
+harmonics that keep their frequencies. A course is as sure as the sixth of the record that shows it least, so that a
+rival that is right in one sixth wins there.
 """
 
 from __future__ import annotations
@@ -34,11 +34,11 @@ if TYPE_CHECKING:
     from signals._validation import Array
     from signals.shaft.phase_demodulation import RefinedPhase
 
-_ODDS = np.log(20.0)  # of a speed against chance, another speed, and none in a quarter of the record
+_ODDS = np.log(20.0)  # of a speed against chance, another speed, and none in a sixth of the record
 _ODDS_OF_TONE = np.log(100.0)  # since any machine nearby, and electronics, make tones
 
 _DEPENDENT = 0.1  # of the evidence: lines of one source come and go together, so that more of them say less
-_PARTS = 4
+_PARTS = 6
 _AROUND_BINS = 81
 _LOBE_BINS = 3  # half the main lobe of a Blackman-Harris window, whose side lobes are 92 dB down
 _HIGH = 10.0  # over the noise, which exceeds it in one bin of 20,000
@@ -137,8 +137,8 @@ def _spectrum(values: Array, per_rev: float, speed_hz: Array, top: float) -> _Sp
 class Followed:
     """A course followed in angle: its phase, refined where it can be, and its log evidence.
 
-    `evidence` is that over the whole record and in the quarter that shows it least, `shown` the log likelihood ratio of
-    each order, a mean over the quarters; `place` is that of the course among those followed.
+    `evidence` is that over the whole record and in the sixth that shows it least, `shown` the log likelihood ratio of
+    each order, a mean over the sixths; `place` is that of the course among those followed.
     """
 
     place: int
