@@ -198,8 +198,6 @@ def tachometer_cases() -> Iterator[Case]:
             "on_fault": "refuse",
             "direction": -1,
             "delay_s": 0.01,
-            "bandwidth_hz": 0.5,
-            "bandwidth_orders": 0.1,
             "standstill_s": 3.0,
         },
     )

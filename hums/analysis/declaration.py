@@ -179,10 +179,8 @@ def judged_declaration(
             f"{shown * rpm:.5g} rpm: the record is analysed at that speed."
         )
         return Declaration(speed_ratio=shown, note=note)
-    doubt, known = (
-        "",
-        f'tachometer "{source.tachometer}"' if source.tachometer else "declared" if nominal else "estimated",
-    )
+    doubt = ""
+    known = f'tachometer "{source.tachometer}"' if source.tachometer else "declared" if nominal else "estimated"
     if ratio is not None:
         doubt = _late_words(machine, ratio)
     elif spreading:

@@ -37,7 +37,7 @@ _JITTER_FEWEST = 6  # differences
 
 
 @dataclass(frozen=True, kw_only=True)
-class _Stretch:
+class _Segment:
     """Pulses between two stops: the indices and times of those kept, and their numbers."""
 
     kept: Counts
@@ -123,9 +123,9 @@ def shaft_phase(
         return _counted_phase(times, signs, per_rev)
     stripes = per_rev if isinstance(per_rev, int) else 1
     stops, declared = _stops(times, stripes, standstill_s)
-    stretches = _stretches(times, stops, stripes, repair=on_fault == "repair")
-    true = np.concatenate([stretch.kept for stretch in stretches])
-    kept, counts = times[true], np.concatenate([stretch.counts for stretch in stretches])
+    segments = _segments(times, stops, stripes, repair=on_fault == "repair")
+    true = np.concatenate([segment.kept for segment in segments])
+    kept, counts = times[true], np.concatenate([segment.counts for segment in segments])
     few = kept.size < _CALIBRATION_REVOLUTIONS * stripes
     positions = np.arange(stripes) / stripes if few else stripe_positions(kept, counts, stripes)
     whole_stripes = counts // stripes + positions[counts % stripes]
@@ -133,7 +133,7 @@ def shaft_phase(
         times_s=kept,
         revolutions=whole_stripes if isinstance(per_rev, int) else counts / float(per_rev),
         stripe_positions_rev=positions,
-        jitter_s=_jitter(stretches, stripes),
+        jitter_s=_jitter(segments, stripes),
         repairs=repairs_of(times, true, counts),
         stops_s=np.stack([times[stops], times[stops + 1]], axis=1),
         direction_declared=signs is not None,
@@ -195,21 +195,21 @@ def _stops(times: Array, stripes: int, standstill_s: float | None) -> tuple[Coun
     return stops, np.isin(stops, stood)
 
 
-def _stretches(times: Array, stops: Counts, stripes: int, *, repair: bool) -> list[_Stretch]:
+def _segments(times: Array, stops: Counts, stripes: int, *, repair: bool) -> list[_Segment]:
     """Return the numbered pulses between stops, repaired or refused; across a stop the number rises by one."""
-    stretches, number_of_next = [], 0
+    segments, number_of_next = [], 0
     bounds = [0, *(stops + 1).tolist(), times.size]
     for begin, end in pairwise(bounds):
         part = times[begin:end]
         kept, counts = number_pulses(part, stripes=stripes)
         if not repair:
             refuse_faults(part, kept, counts, offset=begin)
-        stretches.append(_Stretch(kept=begin + kept, times=part[kept], counts=counts + number_of_next))
+        segments.append(_Segment(kept=begin + kept, times=part[kept], counts=counts + number_of_next))
         number_of_next += int(counts[-1]) + 1
-    return stretches
+    return segments
 
 
-def _jitter(stretches: list[_Stretch], stripes: int) -> float:
+def _jitter(segments: list[_Segment], stripes: int) -> float:
     """Return the standard deviation of pulse times about a smooth motion, from sixth differences of each stripe.
 
     Independent errors of variance s^2 give sixth differences of variance 924 s^2; a quintic in time gives none.
@@ -217,9 +217,9 @@ def _jitter(stretches: list[_Stretch], stripes: int) -> float:
     analysis of time series", section 3.4).
     """
     found = []
-    for stretch in stretches:
-        full = np.full(int(stretch.counts[-1] - stretch.counts[0]) + 1, np.nan)
-        full[stretch.counts - stretch.counts[0]] = stretch.times
+    for segment in segments:
+        full = np.full(int(segment.counts[-1] - segment.counts[0]) + 1, np.nan)
+        full[segment.counts - segment.counts[0]] = segment.times
         for _ in range(_JITTER_ORDER):
             full = full[stripes:] - full[:-stripes]
         found.append(full[np.isfinite(full)])
