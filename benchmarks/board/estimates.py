@@ -194,9 +194,9 @@ RESAMPLING = Section(
     rows=tuple(
         Row(name=f"resampling: {name}", what=what, limit=times(1.5))
         for name, what in (
-            ("order 1", "relative error of a tone, to 1,024 a revolution"),
+            ("order 1", "relative error of a tone, 1,024 samples per revolution"),
             ("order 400", "the same"),
-            ("folding", "what is left of order 313, to 512 a revolution"),
+            ("folding", "residual of order 313, 512 samples per revolution"),
         )
     ),
     tasks=lambda effort: [partial(resampled, effort.pick(200_000, 1_000_000, 1_000_000))],

@@ -354,7 +354,8 @@ def _sources_in_folder(folder: Path, written: Sequence[Path]) -> list[_Source]:
 
 
 def _of_file(path: Path) -> _Source:
-    return _Source(name=str(path), path=Path(os.path.realpath(path)), file=Path(os.path.realpath(path)))
+    real = Path(os.path.realpath(path))
+    return _Source(name=str(path), path=real, file=real)
 
 
 def _result_name(source: _Source) -> str:

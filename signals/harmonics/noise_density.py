@@ -93,22 +93,12 @@ def _shrunk(found: Floats, chance: Floats, towards: Floats) -> Floats:
     return np.where(known, towards * np.exp(part * away), np.where(np.isnan(found), towards, found))
 
 
-def at_outputs(density: Floats, outputs: Indices, samples: int) -> Floats:
-    """Return a density in intervals of the record, (..., order, interval), at outputs; a constant one unchanged."""
-    intervals = density.shape[-1]
-    if intervals == 1:
-        return density
-    middles = (np.arange(intervals) + 0.5) * samples / intervals
-    return np.apply_along_axis(lambda row: np.interp(outputs, middles, row), -1, density)
-
-
 def _segments(seen: Flags, model: HarmonicModel) -> tuple[Indices, int]:
     """Return the starts of segments without missing samples, and their length."""
     if seen.size < _SHORTEST:
         return np.empty(0, dtype=int), 0
     edges = np.linspace(0, seen.size - 1, _SHORTEST).astype(int)
-    turns = np.array([phase[edges] for phase in model.phases])[model.shaft] * model.orders[:, None] / (2 * np.pi)
-    rates = np.diff(turns) / np.diff(edges)
+    rates = np.diff(_turns(model, edges)) / np.diff(edges)
     change = np.quantile(np.abs(np.diff(rates)) / np.diff(edges)[1:], 0.9, axis=-1)  # of a frequency, in a sample
     longest = min(_LENGTH / model.bandwidth.max(), seen.size, math.sqrt(_SWEEP / max(change.max(initial=0.0), 1e-12)))
     missing = np.zeros(seen.size + 1, dtype=int)
@@ -126,15 +116,19 @@ def _segments(seen: Flags, model: HarmonicModel) -> tuple[Indices, int]:
     return np.empty(0, dtype=int), 0
 
 
+def _turns(model: HarmonicModel, samples: Indices) -> Floats:
+    """Return the (order, ...) cycles of each order at some samples."""
+    turns = model.phase(samples)[model.shaft] / (2 * np.pi)
+    return np.asarray(model.orders.reshape(-1, *[1] * samples.ndim) * turns)
+
+
 def _bins(starts: Indices, length: int, model: HarmonicModel) -> tuple[Indices, Flags]:
     """Return (segment, order, side, bin) numbers of bins beside each order, and which of them show noise alone."""
     ends = np.stack([starts, starts + length // 2, starts + length - 1])
-    turns = np.array([phase[ends] for phase in model.phases])[model.shaft] * model.orders[:, None, None] / (2 * np.pi)
-    first, second = np.diff(turns, axis=1).transpose(1, 2, 0)  # (segment, order) cycles in each half
+    first, second = np.diff(_turns(model, ends), axis=1).transpose(1, 2, 0)  # (segment, order) cycles in each half
     cycles = (first + second) * length / (length - 1)
     position = np.abs(cycles - length * np.rint(cycles / length))  # in bins, folded at half of the rate
-    width = model.bandwidth.mean(axis=1) if model.bandwidth.shape[1] == 1 else model.bandwidth.max(axis=1)
-    guard = _LOBE + length * width + 2 * np.abs(second - first)
+    guard = _LOBE + length * model.bandwidth.max(axis=1) + 2 * np.abs(second - first)
     last = length // 2
     edges = np.clip(np.stack([np.floor(position - guard), np.ceil(position + guard) + 1]), 0, last + 1).astype(int)
     covered = np.zeros((starts.size, last + 2), dtype=int)

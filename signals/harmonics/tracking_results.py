@@ -10,7 +10,6 @@ from typing import TYPE_CHECKING, NamedTuple
 import numpy as np
 
 from signals.harmonics.bandwidth import Bandwidth
-from signals.harmonics.noise_density import at_outputs
 
 if TYPE_CHECKING:
     from collections.abc import Callable
@@ -192,12 +191,18 @@ class OrderTracks:
         std: Floats = np.sqrt(self.settling_variance)
         outputs, known = self.sample_index, std.shape[-1]
         if self.std_spacing is not None:
-            nodes = self.std_spacing * np.arange(known)
-            std = np.apply_along_axis(lambda row: np.interp(outputs, nodes, row), -1, std)
+            std = _interpolated(std, self.std_spacing * np.arange(known), outputs)
         elif known < outputs.size:
             steady = np.broadcast_to(std[..., -1:], (*std.shape[:-1], outputs.size - known))
             std = np.concatenate([std, steady], axis=-1)
-        std = std * np.sqrt(at_outputs(self.noise_density, outputs, self.samples))
+        intervals = self.noise_density.shape[-1]
+        middles = (np.arange(intervals) + 0.5) * self.samples / intervals
+        std = std * np.sqrt(_interpolated(self.noise_density, middles, outputs))
         if self.angle_std is not None:
             np.sqrt(std**2 + (self.angle_std * np.abs(self.complex_amplitude)) ** 2 / 2, out=std)
         return std
+
+
+def _interpolated(values: Floats, places: Floats | Indices, outputs: Indices) -> Floats:
+    """Return rows of values at some samples, linearly interpolated to those of the outputs."""
+    return np.asarray(np.apply_along_axis(lambda row: np.interp(outputs, places, row), -1, values))
