@@ -28,7 +28,7 @@ from signals.harmonics._information_kernels import FORWARD, filter_information, 
 from signals.harmonics._information_smoother import Information, NodeChain, NodeInformation
 from signals.harmonics.bandwidth import MOST_POLES, quadrature_noise, variance_ratio
 from signals.harmonics.block_grid import Grid
-from signals.harmonics.block_smoother import BlockFit, block_length, one_of_each, scattered_share
+from signals.harmonics.block_smoother import BlockFit, block_length, scattered_share
 from signals.harmonics.coupling import (
     WithoutOthers,
     chain_alone,
@@ -175,10 +175,8 @@ def likely_bandwidth(
         largest_bandwidth_hz=largest_bandwidth_hz, rate_hz=rate_hz,
         largest_bandwidth_orders=largest_bandwidth_orders, samples_per_rev=samples_per_rev,
     )  # fmt: skip
-    kept, member = one_of_each(model)
     try:
-        chains = _Chains.of(model.subset(kept), record, None if noise is None else noise[kept])
-        return chains.most_likely()[member] * rate
+        return _Chains.of(model, record, noise).most_likely() * rate
     except np.linalg.LinAlgError as error:
         raise lost(model, "fast") from error
 
@@ -211,7 +209,7 @@ def _checked(
 
 @dataclass(frozen=True, kw_only=True, eq=False)
 class _Chains:
-    """Distinct orders without all others, each over the standard deviation of its noise.
+    """Orders without all others, each over the standard deviation of its noise.
 
     The model is of all orders, at the largest bandwidth; the grid has blocks short enough to subtract orders, and to
     smooth them, of which `blocks` are one of the likelihood. `std`, (order,), is of the noise, one for all of a group;
@@ -232,9 +230,8 @@ class _Chains:
         # Amplitudes of one pole are straight lines between nodes here, also those that are subtracted.
         smooth = replace(model, poles=max(2, model.poles))
         grid = Grid(
-            model=smooth, x=x[None], seen=seen, length=block_length(smooth, x.size, DROOP), tolerance=SUBTRACTED,
-            shared=np.ones(model.orders.size, dtype=np.int64),
-        )  # fmt: skip
+            model=smooth, x=x[None], seen=seen, length=block_length(smooth, x.size, DROOP), tolerance=SUBTRACTED
+        )
         startup = min(ceil(1 / width) + smooth.state_size, x.size // 2)
         fit = BlockFit.of(grid, startup=startup)
         if fit.coupling and model.poles >= MANY_POLES:

@@ -32,7 +32,6 @@ class Grid:
     x: Floats  # (channel, sample), the record, NaN where missing
     seen: Flags  # (sample,), whether the sample is there
     length: int  # samples in a block
-    shared: Indices  # (order,), number of duplicate orders that each is the sum of
     tolerance: float = 0.0  # largest relative leakage of an order that is not coupled
 
     @property
@@ -117,32 +116,18 @@ class Grid:
     def process_noise(self, orders: Indices) -> Floats:
         """(node or 1, column) array, process-noise variances from node to node of some orders."""
         model = self.model.subset(orders)
-        process = model.process_noise(slice(0, None, self.length), step=self.length)
-        return process * self.shared[orders][model.order_of_column]
+        return model.process_noise(slice(0, None, self.length), step=self.length)
 
     def prior_variance(self, orders: Indices, node: int = 0) -> Floats:
         """(pole, column) array, prior variances of some orders at a node, from the prior at the first one."""
         model = self.model.subset(orders)
-        variance = model.prior_variance(step=self.length) * self.shared[orders][model.order_of_column]
+        variance = model.prior_variance(step=self.length)
         if node == 0:
             return variance
         grown = [
             sum(comb(node, i - j) ** 2 * variance[i] for i in range(j, len(variance))) for j in range(len(variance))
         ]
         return np.stack(grown)
-
-    def unmeasured_variance(self, order: int) -> Floats:
-        """(node,) array, prior variance of a quadrature of one of the duplicates of an order."""
-        place = np.array([order])
-        process = np.broadcast_to(self.process_noise(place)[:, 0] / self.shared[order], self.nodes)
-        covariance = np.diag(self.prior_variance(place)[:, 0] / self.shared[order])
-        step = np.triu(np.ones(covariance.shape))
-        variance = np.empty(self.nodes)
-        for node in range(self.nodes):
-            variance[node] = covariance[0, 0]
-            covariance[-1, -1] += process[node]
-            covariance = step @ covariance @ step.T
-        return variance
 
     @cached_property
     def moments(self) -> Floats:

@@ -23,7 +23,7 @@ from signals.harmonics.coupling import Coupling, Smoothed, by_order, chain_toget
 from signals.harmonics.innovations import Innovations
 from signals.harmonics.kalman_filter import count_innovations
 from signals.harmonics.separability import Closeness
-from signals.harmonics.state_space import Complexes, Estimate, Flags, Floats, HarmonicModel, Indices
+from signals.harmonics.state_space import Complexes, Estimate, Flags, Floats, HarmonicModel
 
 FEWEST_BLOCKS = 64
 # A one-pole walk moves as much within a block as the noise of the block: measured, at this part of 1 / bandwidth the
@@ -77,8 +77,7 @@ def blurs(model: HarmonicModel) -> bool:
     """Return whether orders stay so close that long blocks, with several poles, may not separate them."""
     if model.poles == 1:
         return False
-    kept, _ = one_of_each(model)
-    return Closeness(model.subset(kept), model.phases[0].size).dwell()
+    return Closeness(model, model.phases[0].size).dwell()
 
 
 def fast(model: HarmonicModel, x: Floats, seen: Flags, *, rtol: float, output_every: int, startup: int) -> Estimate:
@@ -88,9 +87,7 @@ def fast(model: HarmonicModel, x: Floats, seen: Flags, *, rtol: float, output_ev
     Residuals and innovations count in the statistics from sample `startup` on.
     """
     length, tolerance = block_length(model, seen.size, rtol), min(rtol, LARGEST_LEAK)
-    kept, member = one_of_each(model)
-    one_each = model if kept.size == member.size else model.subset(kept)
-    grid = Grid(model=one_each, x=x, seen=seen, length=length, tolerance=tolerance, shared=np.bincount(member))
+    grid = Grid(model=model, x=x, seen=seen, length=length, tolerance=tolerance)
     fit = BlockFit.of(grid, startup=startup)
     smoothed, residuals = fit.smoothed, fit.residuals(startup)
     if fit.coupling:
@@ -106,10 +103,9 @@ def fast(model: HarmonicModel, x: Floats, seen: Flags, *, rtol: float, output_ev
     if fit.coupling and model.poles > 1 and fit.alike:
         bound = inf  # what others leave in their difference does not fade in a memory
     observed = int(np.count_nonzero(grid.seen[startup:]))
-    levels, variances = _share_out(grid, member, smoothed.levels, smoothed.variances, every=length)
     return Estimate(
-        amplitude=at_outputs(levels, grid, every=output_every),
-        variance=variances,
+        amplitude=at_outputs(smoothed.levels, grid, every=output_every),
+        variance=smoothed.variances,
         std_spacing=length,
         innovation_mean_square=residuals.mean_square,
         innovation_log_variance=float(smoothed.log_variances.sum()) / max(observed, 1),
@@ -128,13 +124,11 @@ def exact(
     Parameters as for `fast`; `keep` says whether the innovations of all samples are wanted, `noise_variance` is R, None
     where it is estimated.
     """
-    kept, member = one_of_each(model)
-    one_each = model if kept.size == member.size else model.subset(kept)
     innovations = count_innovations(model, x, startup=startup, keep=keep)
     std = np.sqrt(innovations.mean_square if noise_variance is None else np.full(len(x), noise_variance))
-    length, group = exact_length(model, seen.size), np.arange(kept.size)
+    length, group = exact_length(model, seen.size), np.arange(model.orders.size)
     while True:
-        grid = Grid(model=one_each, x=x, seen=seen, length=length, shared=np.bincount(member))
+        grid = Grid(model=model, x=x, seen=seen, length=length)
         chain = chain_together(grid, group, slice(0, grid.nodes), None, inserted(grid, group, 0, []))
         amplitude, variance, bend = _outputs(grid, chain, every=output_every)
         # A triangular weight takes a twelfth of its second difference off an envelope: root mean square, over `std`.
@@ -145,7 +139,6 @@ def exact(
             break
         # The loss grows with the square of the length.
         length = max(1, min(int(length * sqrt(LARGEST_DROOP / lost)), length - 1))
-    amplitude, variance = _share_out(grid, member, amplitude, variance, every=max(output_every, length))
     return innovations.estimate(amplitude, variance, std_spacing=None if output_every > length else length)
 
 
@@ -155,42 +148,6 @@ def exact_length(model: HarmonicModel, samples: int | None = None) -> int:
     most = 6 * model.state_size
     most = most if samples is None else min(most, samples // FEWEST_BLOCKS)
     return max(1, min(int(LONGEST_EXACT[model.poles > 1] / model.bandwidth.max()), most))
-
-
-def one_of_each(model: HarmonicModel) -> tuple[Indices, Indices]:
-    """Return one order of each set of duplicates, and the index of each order's set among these.
-
-    Of duplicates a record determines only the sum, a random walk with the sum of their variances.
-    """
-    kept: list[int] = []
-    named: dict[tuple[float, int], list[int]] = {}
-    member = np.empty(model.orders.size, dtype=np.int64)
-    for k, name in enumerate(zip(model.orders.tolist(), model.shaft.tolist(), strict=True)):
-        known = named.setdefault(name, [])
-        same = [place for place in known if np.array_equal(model.bandwidth[k], model.bandwidth[kept[place]])]
-        member[k] = same[0] if same else len(kept)
-        if not same:
-            known.append(len(kept))
-            kept.append(k)
-    return np.array(kept), member
-
-
-def _share_out(
-    grid: Grid, member: Indices, levels: Complexes, variances: Floats, *, every: int
-) -> tuple[Complexes, Floats]:
-    """Return the amplitudes and variances of duplicates from those of their sums.
-
-    Each duplicate is an equal part of the sum and a rest independent of it, which no data determine. Variances are
-    `every` samples apart.
-    """
-    if member.size == len(variances):
-        return levels, variances
-    count = grid.shared[member]
-    shared = variances[member] / count[:, None] ** 2
-    nodes, at = grid.length * np.arange(grid.nodes), every * np.arange(variances.shape[1])
-    for k in np.flatnonzero(count > 1):
-        shared[k] += (1 - 1 / count[k]) * np.interp(at, nodes, grid.unmeasured_variance(member[k]))
-    return levels[:, member] / count[:, None], shared
 
 
 @dataclass(frozen=True, kw_only=True, eq=False)

@@ -95,11 +95,11 @@ def smooth_alone(
 
 
 def alike(grid: Grid, orders: Indices) -> list[Indices]:
-    """Return groups of orders with equal process noise: of one bandwidth and multiplicity, the mean apart."""
+    """Return groups of orders with equal process noise: of one bandwidth, the mean apart."""
     model = grid.model
-    groups: dict[tuple[bool, int, bytes], list[int]] = {}
+    groups: dict[tuple[bool, bytes], list[int]] = {}
     for k in orders.tolist():
-        walk = bool(model.orders[k]), int(grid.shared[k]), model.bandwidth[k].tobytes()
+        walk = bool(model.orders[k]), model.bandwidth[k].tobytes()
         groups.setdefault(walk, []).append(k)
     return [np.array(group) for group in groups.values()]
 

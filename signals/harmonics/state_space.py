@@ -142,8 +142,8 @@ def lost(model: HarmonicModel, method: Method) -> FloatingPointError:
     return FloatingPointError(
         f"method={method!r}: the covariance is not positive definite in double precision, with poles={model.poles}, "
         f"a narrowest bandwidth of {model.bandwidth.max(axis=1).min():.3g} cycles a sample and a prior of "
-        f"{model.prior_std:.3g} standard deviations of the noise; take fewer poles, a lower rate, a wider bandwidth or "
-        "a smaller initial_std."
+        f"{model.prior_std:.3g} standard deviations of the noise; take fewer poles, a lower rate, a wider bandwidth, a "
+        "smaller initial_std or, of orders that coincide, one."
     )
 
 

@@ -364,8 +364,7 @@ class OrderTracker:
         def chain(stop: int) -> tuple[Grid, NodeChain]:
             """Return the stored samples up to `stop` in blocks, and their chain."""
             x, phases = now.x[:, :stop], tuple(now.phase[:, :stop])
-            given, shared = replace(model, phases=phases), np.ones(size, dtype=np.int64)
-            grid = Grid(model=given, x=x, seen=~np.isnan(x[0]), length=self._block, shared=shared)
+            grid = Grid(model=replace(model, phases=phases), x=x, seen=~np.isnan(x[0]), length=self._block)
             before = Information(now.known_matrix, now.known_vector).copy()
             return grid, chain_together(grid, np.arange(size), slice(0, grid.nodes), None, (before, before.none()))
 

@@ -65,8 +65,7 @@ def dense_log_density(x, model, block, bandwidth):
 def nodes(model, x, length):
     """Return the grid of a chain, with straight lines between nodes for one pole too."""
     two = replace(model, poles=max(2, model.poles))
-    shared = np.ones(model.orders.size, dtype=np.int64)
-    return Grid(model=two, x=x[None], seen=~np.isnan(x), length=length, tolerance=1e-3, shared=shared)
+    return Grid(model=two, x=x[None], seen=~np.isnan(x), length=length, tolerance=1e-3)
 
 
 def together(grid):

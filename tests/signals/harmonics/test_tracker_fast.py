@@ -283,19 +283,18 @@ def test_whole_orders_are_those_tracked_alone_where_they_leak_nothing(several):
     assert difference.max() < 1e-4
 
 
-@pytest.mark.parametrize(("poles", "orders"), [(2, [1, 1, 2.3]), *((poles, [0, 1, 0, 1, 1]) for poles in (1, 2, 3, 4))])
+@pytest.mark.parametrize(("poles", "orders"), [(2, [1, 1, 2.3]), *((poles, [0, 1, 0, 1, 1]) for poles in (1, 2))])
 def test_orders_that_are_one_and_the_same_share_their_sum(poles, orders):
     n = np.arange(30_000)
     phase = 0.3 * n
     x = 0.4 + np.cos(phase + 1) + 0.7 * np.cos(2.3 * phase) + 0.1 * np.random.default_rng(0).standard_normal(n.size)
     settings = {"phase_rad": phase, "bandwidth_hz": 4e-4, "rate_hz": 1.0, "poles": poles, "noise_variance": 0.01}
     exact, fast = (track_orders(x, orders=orders, method=m, output_every=50, **settings) for m in ("exact", "fast"))
-    assert np.isfinite(fast.error_bound)
     sums = [[np.sum(t.complex_amplitude[np.equal(orders, o)], axis=0) for o in set(orders)] for t in (exact, fast)]
     # The sum is as sure as if it were alone: to some hundredths of 0.003; of its parts nothing is known but a prior,
     # which grows faster in a walk from knot to knot than from sample to sample while both are in their first steps.
     assert np.abs(np.subtract(*sums)).max() < 2e-3
-    assert_allclose(fast.std, exact.std, rtol={1: 1e-3, 2: 0.02, 3: 0.06, 4: 0.15}[poles])
+    assert_allclose(fast.std, exact.std, rtol={1: 1e-3, 2: 0.02}[poles])
 
 
 @pytest.mark.parametrize("poles", [1, 2, 4])
@@ -327,9 +326,6 @@ def test_a_jump_of_the_speed_counts_by_the_highest_order_of_its_shaft(fan, sun):
         orders=np.array([0.0, 7.0, 1.0, 0.3, 2.5]), shaft=np.array([0, 0, 0, 1, 1]), phases=phases,
         bandwidth=np.full((5, 1), 0.001), poles=1, prior_std=1e3,
     )  # fmt: skip
-    grid = Grid(
-        model=model, x=np.zeros((1, n.size)), seen=np.ones(n.size, dtype=bool), length=length, tolerance=0.0,
-        shared=np.ones(5, dtype=int),
-    )  # fmt: skip
+    grid = Grid(model=model, x=np.zeros((1, n.size)), seen=np.ones(n.size, dtype=bool), length=length, tolerance=0.0)
     expected = ([3, 4] if fan > 1 else []) + ([6, 7] if sun > 1 else [])
     assert np.flatnonzero(grid.jumps).tolist() == expected
