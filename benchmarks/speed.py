@@ -92,15 +92,14 @@ def _mode(x: Floats, hz: float, damping: float) -> Floats:
     return np.asarray(lfilter([a.sum()], a, x))
 
 
-def ours(x: Floats, frame_s: float | None) -> Answer:
-    """`estimate_speed` at one length of frames."""
+def ours(x: Floats) -> Answer:
+    """`estimate_speed`."""
     found = estimate_speed(
         x,
         rate_hz=RATE_HZ,
         orders=ORDERS,
         speed_range_hz=RANGE_HZ,
         max_acceleration_hz_s=ACCELERATION_HZ_S,
-        frame_s=frame_s,
     )
     return found.status, found.times_s, found.speed_hz
 
@@ -144,8 +143,8 @@ def false_alarms() -> tuple[int, int]:
     samples, counts = int(5 * RATE_HZ), [0, 0]
     for seed in range(100):
         noise = np.random.default_rng(seed).standard_normal(samples)
-        counts[0] += ours(noise, None)[0] == "ok"
-        counts[1] += ours(noise + _mode(noise, 700, 0.03), None)[0] == "ok"
+        counts[0] += ours(noise)[0] == "ok"
+        counts[1] += ours(noise + _mode(noise, 700, 0.03))[0] == "ok"
     return counts[0], counts[1]
 
 
@@ -153,9 +152,7 @@ def rows(record: Record) -> list[str]:
     """Run all ways on one record; return lines of a table."""
     x = record.samples(seed=1)
     ways: dict[str, Callable[[], Answer]] = {
-        "`estimate_speed`": lambda: ours(x, None),
-        "`estimate_speed`, frames of 0.1 s": lambda: ours(x, 0.1),
-        "`estimate_speed`, frames of 0.4 s": lambda: ours(x, 0.4),
+        "`estimate_speed`": lambda: ours(x),
         "`refine_phase` from 0.5 % off": lambda: refined(x, record),
         "tallest peak of a spectrogram": lambda: tallest_peak(x),
     }

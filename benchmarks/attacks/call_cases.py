@@ -124,7 +124,7 @@ def signal_cases() -> Iterator[Case]:
     yield Case(
         signals.estimate_speed,
         {"x": x, **rate, "orders": [1.0, 12.0, 13.0], "speed_range_hz": (6.0, 11.0), "max_acceleration_hz_s": 0.5},
-        {"frame_s": 0.5, "start_s": 1.0},
+        {"start_s": 1.0},
     )
     yield Case(signals.fast_kurtogram, {"x": x, **rate}, {"levels": 3, "with_negentropy": True})
     yield Case(signals.spectral_kurtosis, {"x": x, **rate, "window_length": 128}, {"window": "hann", "overlap": 0.5})
@@ -187,7 +187,7 @@ def tachometer_cases() -> Iterator[Case]:
     yield Case(
         signals.pulse_times,
         {"waveform": wave, **rate},
-        {"start_s": 1.0, "edge": "falling", "min_interval_s": 0.01, "on_gap": "mark"},
+        {"start_s": 1.0, "edge": "falling"},
     )
     yield Case(signals.quadrature_direction, {"first": wave, "second": np.roll(wave, 64), **rate}, {"start_s": 1.0})
     yield Case(
@@ -195,10 +195,8 @@ def tachometer_cases() -> Iterator[Case]:
         {"times_s": np.arange(60) / SPEED_HZ},
         {
             "pulses_per_rev": 2,
-            "on_fault": "refuse",
             "direction": -1,
             "delay_s": 0.01,
-            "standstill_s": 3.0,
         },
     )
     yield Case(signals.constant_speed, {"speed_hz": 8.0, "start_s": 0.0, "stop_s": 3.0})

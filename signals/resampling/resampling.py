@@ -22,7 +22,7 @@ import numpy as np
 
 from signals._validation import Array, Missing, checked, choice, number, positive, samples, whole
 from signals.resampling._engine import FEWEST, METHODS, NODE_STEP, Flags, Map, Method, Track, Warp
-from signals.shaft.phase import direction_of, refuse_rest
+from signals.shaft.phase import refuse_rest
 
 if TYPE_CHECKING:
     from collections.abc import Sequence
@@ -367,7 +367,7 @@ def forwards(phase: ShaftPhase) -> ShaftPhase:
     ValueError
         A shaft that reverses.
     """
-    return phase if direction_of(phase.times_s, phase.revolutions) > 0 else phase.scaled(-1)
+    return phase if phase.direction > 0 else phase.scaled(-1)
 
 
 def whole_revolutions(phase: ShaftPhase, *, start_s: float, stop_s: float) -> tuple[float, int]:

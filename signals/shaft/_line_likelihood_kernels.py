@@ -1,9 +1,9 @@
-"""Compiled kernels of the speed search: likelihoods, forward-backward and Viterbi algorithms, demodulation."""
+"""Compiled kernels of the speed search: likelihoods, Viterbi algorithm, demodulation."""
 
 import numpy as np
 from numpy.typing import NDArray
 
-from signals._compile import compiled, compiled_sums
+from signals._compile import compiled
 
 Array = NDArray[np.float64]
 Indices = NDArray[np.int64]
@@ -32,87 +32,6 @@ def add_votes(
             above = levels[low + 1]
             for t in range(frames):
                 row[t] += weights[h] * (below[t] + part * (above[t] - below[t]))
-
-
-@compiled_sums
-def _predict(before: Array, kernel: Array, after: Array) -> None:
-    """``after[s] = sum_d kernel[d] before[s - d]``, the kernel centred; probability beyond the range is lost."""
-    half = kernel.size // 2
-    n = before.size
-    for s in range(n):
-        low = max(0, s - half)
-        high = min(n - 1, s + half)
-        total = 0.0
-        for r in range(low, high + 1):
-            total += kernel[s - r + half] * before[r]
-        after[s] = total
-
-
-@compiled
-def posterior(likelihood: Array, kernel: Array, switch: float) -> tuple[Array, Array, float]:
-    """Forward-backward algorithm of the hidden Markov model: posterior probabilities and evidence.
-
-    `likelihood` (frames, speeds) is relative to that of an absent shaft. From one frame to the next the shaft appears
-    or disappears with probability `switch`; while present, its speed has the transition probabilities `kernel`.
-
-    Returns the posterior of each speed in each frame (frames, speeds), that of an absent shaft (frames,), and the
-    logarithm of the evidence relative to a shaft that is always absent.
-    """
-    frames, n = likelihood.shape
-    forward = np.empty((frames, n))
-    absent = np.empty(frames)
-    predicted = np.empty(n)
-    evidence = 0.0
-    for t in range(frames):
-        if t == 0:
-            row = forward[0]
-            for s in range(n):
-                row[s] = 0.5 / n * likelihood[0, s]
-            absent[0] = 0.5
-        else:
-            _predict(forward[t - 1], kernel, predicted)
-            row = forward[t]
-            present = 0.0
-            for s in range(n):
-                present += forward[t - 1, s]
-            appeared = switch * absent[t - 1] / n
-            for s in range(n):
-                row[s] = ((1 - switch) * predicted[s] + appeared) * likelihood[t, s]
-            absent[t] = (1 - switch) * absent[t - 1] + switch * present
-        total = absent[t]
-        for s in range(n):
-            total += row[s]
-        for s in range(n):
-            row[s] /= total
-        absent[t] /= total
-        evidence += np.log(total)
-    back = np.ones(n)
-    back_absent = 1.0
-    weighted = np.empty(n)
-    for t in range(frames - 2, -1, -1):
-        mean = 0.0
-        for s in range(n):
-            weighted[s] = back[s] * likelihood[t + 1, s]
-            mean += weighted[s] / n
-        _predict(weighted, kernel[::-1].copy(), predicted)
-        largest = 0.0
-        next_absent = (1 - switch) * back_absent + switch * mean
-        for s in range(n):
-            back[s] = (1 - switch) * predicted[s] + switch * back_absent
-            largest = max(largest, back[s])
-        back_absent = next_absent
-        largest = max(largest, back_absent)
-        back_absent /= largest
-        row = forward[t]
-        total = absent[t] * back_absent
-        for s in range(n):
-            back[s] /= largest
-            row[s] *= back[s]
-            total += row[s]
-        for s in range(n):
-            row[s] /= total
-        absent[t] *= back_absent / total
-    return forward, absent, evidence
 
 
 @compiled

@@ -12,6 +12,7 @@ from typing import TYPE_CHECKING
 
 import numpy as np
 from scipy.interpolate import PchipInterpolator
+from scipy.ndimage import convolve1d
 
 from signals.shaft._line_likelihood import (
     DC_BINS,
@@ -146,10 +147,7 @@ def courses(search: Search) -> Iterator[Course]:
     For white noise in independent frames the mean of the evidence ratio is one, so that it exceeds 1000 in at most one
     record in a thousand (Markov's inequality).
     """
-    from signals.shaft._line_likelihood_kernels import posterior  # noqa: PLC0415
-
-    frames = search.evidence.times_s.size
-    probability, absent, evidence = posterior(np.exp(np.minimum(search.votes, 300.0)), search.kernel, 1 / frames)
+    probability, absent, evidence = _posterior(np.exp(np.minimum(search.votes, 300.0)), search.kernel)
     seen = _longest_run(absent < 0.5)  # noqa: PLR2004
     if evidence < CERTAIN or np.count_nonzero(seen) < _SHORTEST_RUN:
         return
@@ -173,6 +171,42 @@ def courses(search: Search) -> Iterator[Course]:
             probability=np.where(seen, 1 - absent, 0.0),
             frame_s=search.frame_s,
         )
+
+
+def _posterior(likelihood: Array, kernel: Array) -> tuple[Array, Array, float]:
+    """Forward-backward algorithm of the hidden Markov model: posterior probabilities and evidence.
+
+    `likelihood` (frames, speeds) is relative to that of an absent shaft. From one frame to the next the shaft appears
+    or disappears, once a record on average; while present, its speed has the transition probabilities `kernel`, and
+    probability beyond the range is lost.
+
+    Returns the posterior of each speed in each frame (frames, speeds), that of an absent shaft (frames,), and the
+    logarithm of the evidence relative to a shaft that is always absent.
+    """
+    frames, n = likelihood.shape
+    switch, evidence = 1 / frames, 0.0
+    present, absent = np.empty_like(likelihood), np.empty(frames)
+    prior, none = np.full(n, 0.5 / n), 0.5
+    for t in range(frames):
+        joint = prior * likelihood[t]
+        total = joint.sum() + none
+        present[t], absent[t] = joint / total, none / total
+        evidence += float(np.log(total))
+        prior = (1 - switch) * convolve1d(present[t], kernel, mode="constant") + switch * absent[t] / n
+        none = (1 - switch) * absent[t] + switch * present[t].sum()
+    later, later_absent = np.ones(n), 1.0
+    for t in range(frames - 2, -1, -1):
+        seen, gone = later * likelihood[t + 1], later_absent
+        later = (1 - switch) * convolve1d(seen, kernel, mode="constant") + switch * gone
+        later_absent = (1 - switch) * gone + switch * seen.mean()
+        largest = max(later.max(), later_absent)
+        later, later_absent = later / largest, later_absent / largest
+        present[t] *= later
+        absent[t] *= later_absent
+        total = present[t].sum() + absent[t]
+        present[t] /= total
+        absent[t] /= total
+    return present, absent, evidence
 
 
 def _placed(values: Array, seen: NDArray[np.bool_]) -> Array:

@@ -22,13 +22,12 @@ if TYPE_CHECKING:
 
 
 _DEGREE = 5
-_CELL_HALVINGS = 4  # of a cell, before its slope is bounded by its Bernstein coefficients
 _ROUNDING = 1e-12
 _FEWEST = 4  # knots between two broken cells for a spline
 
 
-def build_curve(times: Array, revolutions: Array, *, breaks: NDArray[np.bool_]) -> tuple[PPoly, NDArray[np.bool_]]:
-    """Return the curve, and which cells between knots are not splines but monotone pieces ("broken").
+def build_curve(times: Array, revolutions: Array, *, breaks: NDArray[np.bool_]) -> PPoly:
+    """Return the curve, in some cells between knots not of splines but of monotone pieces ("broken").
 
     Each run of cells between broken ones has a spline of its own. Cells in which a spline reverses are broken, and the
     splines fitted again, until none reverses.
@@ -54,7 +53,7 @@ def build_curve(times: Array, revolutions: Array, *, breaks: NDArray[np.bool_]) 
         if not reversed_.any():
             break
         broken |= reversed_
-    return _joined(times, revolutions, coefficients, broken), broken
+    return _joined(times, revolutions, coefficients, broken)
 
 
 def _spline_runs(broken: NDArray[np.bool_]) -> list[tuple[int, int]]:
@@ -77,7 +76,7 @@ def _spline(times: Array, revolutions: Array) -> Array:
 def _reverses(coefficients: Array, steps: Array, rises: Array) -> NDArray[np.bool_]:
     """Return whether each cell's slope may have the sign opposite to its rise, or the cell has no rise.
 
-    A polynomial lies between the extremes of its Bernstein coefficients; halving the cells tightens these bounds.
+    A polynomial lies between the extremes of its Bernstein coefficients.
     """
     sign = np.sign(rises)
     powers = np.arange(_DEGREE, 0, -1)
@@ -92,46 +91,26 @@ def _reverses(coefficients: Array, steps: Array, rises: Array) -> NDArray[np.boo
     )  # fmt: skip
     bounds = to_bernstein @ slope
     limit = -_ROUNDING * np.abs(bounds).max(axis=0)
-    doubtful = np.flatnonzero(bounds.min(axis=0) < limit)
-    found = np.zeros(steps.size, dtype=np.bool_)
-    pieces = bounds[:, doubtful][:, None]
-    for _ in range(_CELL_HALVINGS):
-        pieces = np.concatenate(_halved(pieces), axis=1)
-    found[doubtful] = pieces.min(axis=(0, 1)) < limit[doubtful]
+    found: NDArray[np.bool_] = bounds.min(axis=0) < limit
     # a cell without a rise is a standstill, except between opposite directions, where the shaft reverses
     before, after = np.concatenate([[0], sign[:-1]]), np.concatenate([sign[1:], [0]])
     found[(sign == 0) & (before * after >= 0)] = True
     return found
 
 
-def _halved(bounds: Array) -> tuple[Array, Array]:
-    """Return the Bernstein coefficients of both halves (de Casteljau)."""
-    left, right = [bounds[0]], [bounds[-1]]
-    while bounds.shape[0] > 1:
-        bounds = (bounds[:-1] + bounds[1:]) / 2
-        left.append(bounds[0])
-        right.append(bounds[-1])
-    return np.stack(left), np.stack(right[::-1])
-
-
 def _joined(times: Array, revolutions: Array, coefficients: Array, broken: NDArray[np.bool_]) -> PPoly:
-    """Return the curve of the splines, with monotone pieces of continuous slope in the broken cells."""
-    if not broken.any():
-        return PPoly(coefficients, times, extrapolate=True)
+    """Return the curve of the splines, with monotone cubics in the broken cells (Fritsch and Carlson 1980).
+
+    Their slopes are those of the adjacent splines, but at most three times the mean of the cell.
+    """
     steps, rises = np.diff(times), np.diff(revolutions)
-    slopes = _knot_slopes(times, revolutions, coefficients, broken)
-    breakpoints, pieces = [], []
-    for cell in range(steps.size):
-        if broken[cell]:
-            widths, found = _monotone_piece(
-                float(revolutions[cell]), float(rises[cell]), float(steps[cell]), *slopes[cell : cell + 2].tolist()
-            )
-            breakpoints += [float(times[cell]) + w for w in widths]
-            pieces += found
-        else:
-            breakpoints.append(float(times[cell]))
-            pieces.append(coefficients[:, cell])
-    return PPoly(np.array(pieces).T, np.array([*breakpoints, float(times[-1])]), extrapolate=True)
+    slopes, mean = _knot_slopes(times, revolutions, coefficients, broken), rises / steps
+    before, after = (np.sign(rises) * np.clip(np.sign(rises) * s, 0, 3 * abs(mean)) for s in (slopes[:-1], slopes[1:]))
+    cubics = np.zeros_like(coefficients)
+    cubics[2] = (before + after - 2 * mean) / steps**2
+    cubics[3] = (3 * mean - 2 * before - after) / steps
+    cubics[4], cubics[5] = before, revolutions[:-1]
+    return PPoly(np.where(broken, cubics, coefficients), times, extrapolate=True)
 
 
 def _knot_slopes(times: Array, revolutions: Array, coefficients: Array, broken: NDArray[np.bool_]) -> Array:
@@ -148,59 +127,7 @@ def _knot_slopes(times: Array, revolutions: Array, coefficients: Array, broken: 
     return slopes
 
 
-def _monotone_piece(
-    start: float, rise: float, step: float, before: float, after: float
-) -> tuple[list[float], list[Array]]:
-    """Return the times from the left knot at which the pieces of a broken cell begin, and their coefficients.
-
-    The monotone cubic where both slopes are at most three times the mean (Fritsch and Carlson 1980). Else constant
-    deceleration, constant speed and constant acceleration, each ramp at most a third of the cell.
-    """
-    sign = np.sign(rise)
-    before, after = max(sign * before, 0.0) * sign, max(sign * after, 0.0) * sign
-    mean = rise / step
-    if max(abs(before), abs(after)) <= 3 * abs(mean):
-        cubic = (before + after - 2 * mean) / step**2
-        square = (3 * mean - 2 * before - after) / step
-        return [0.0], [np.array([0, 0, cubic, square, before, start])]
-    slowing, gaining = (min(step / 3, 2 * rise / (3 * s)) if s else step / 3 for s in (before, after))
-    steady = (rise - before * slowing / 2 - after * gaining / 2) / (step - slowing / 2 - gaining / 2)
-    ramps = [
-        (0.0, slowing, before, steady),
-        (slowing, step - gaining, steady, steady),
-        (step - gaining, step, steady, after),
-    ]
-    starts, pieces, angle = [], [], start
-    for begin, end, v0, v1 in ramps:
-        if end > begin:
-            starts.append(begin)
-            pieces.append(np.array([0, 0, 0, (v1 - v0) / (2 * (end - begin)), v0, angle]))
-            angle += (v0 + v1) / 2 * (end - begin)
-    return starts, pieces
-
-
-# ---- Direction of rotation and standstills of a shaft, from the knots of its phase -----------------------------------
-
-
-def direction_of(times_s: Array, revolutions: Array) -> int:
-    """Return the direction of rotation, +1 or -1; the angle may also stay.
-
-    Raises
-    ------
-    ValueError
-        A shaft that reverses.
-    """
-    steps = np.diff(revolutions)
-    moving = np.flatnonzero(steps)
-    signs = np.sign(steps[moving])
-    reversals = np.flatnonzero(np.diff(signs))
-    if reversals.size:
-        time = times_s[moving[reversals[0] + 1]]
-        raise ValueError(
-            f"the shaft turns back at {time:g} s, so an angle has several times; resample the record before and after "
-            "separately, each with a phase of its own pulses."
-        )
-    return -1 if np.any(signs < 0) else 1
+# ---- Standstills of a shaft, from the knots of its phase -------------------------------------------------------------
 
 
 def refuse_rest(
@@ -243,9 +170,9 @@ class ShaftPhase:
     """Angle of a shaft against time, interpolated between known angles at known times.
 
     A quintic spline through the knots (lower degree for fewer than six). Where the spline would reverse between two
-    knots, as in a sudden stop, that interval alone becomes a monotone cubic (Fritsch and Carlson 1980), or one of
-    constant deceleration, constant speed and constant acceleration, and the spline is fitted separately on either side
-    of it. The error of a quintic spline falls with the sixth power of the time between knots.
+    knots, as in a sudden stop, that interval alone becomes a monotone cubic (Fritsch and Carlson 1980), whose speed may
+    jump at its ends, and the spline is fitted separately on either side of it. The error of a quintic spline falls with
+    the sixth power of the time between knots.
 
     Attributes
     ----------
@@ -303,23 +230,13 @@ class ShaftPhase:
         """Whether the shaft may have reversed at a stop, the direction after it being unknown."""
         return bool(self.stops_s.size) and not self.direction_declared
 
-    @property
-    def monotone_spans_s(self) -> Array:
-        """Begin and end, (span, 2), of the intervals in which a monotone piece replaces the spline."""
-        cells = np.flatnonzero(self._built[1])
-        return np.stack([self.times_s[cells], self.times_s[cells + 1]], axis=1)
-
     @cached_property
-    def _built(self) -> tuple[PPoly, NDArray[np.bool_]]:
+    def _curve(self) -> PPoly:
         middles = (self.times_s[:-1] + self.times_s[1:]) / 2
         breaks = np.zeros(middles.size, dtype=np.bool_)
         for begin, end in self.stops_s:
             breaks |= (middles > begin) & (middles < end)
         return build_curve(self.times_s, self.revolutions, breaks=breaks)
-
-    @cached_property
-    def _curve(self) -> PPoly:
-        return self._built[0]
 
     @cached_property
     def _slope(self) -> PPoly:
@@ -390,11 +307,11 @@ class ShaftPhase:
             Revolutions outside those of the knots, a shaft that stands among them, or one that reverses.
         """
         choice(at_rest, name="at_rest", choices=("refuse", "arrival", "departure"))
-        targets = self._sign * real_vector(revolutions, name="revolutions")
-        knots = self._sign * self.revolutions
+        targets = self.direction * real_vector(revolutions, name="revolutions")
+        knots = self.direction * self.revolutions
         if targets.min() < knots[0] - 1e-9 or targets.max() > knots[-1] + 1e-9:
             low, high = sorted((float(self.revolutions[0]), float(self.revolutions[-1])))
-            given = np.sort(self._sign * targets)
+            given = np.sort(self.direction * targets)
             raise ValueError(f"revolutions {given[0]:g} to {given[-1]:g} are outside the known {low:g} to {high:g}.")
         arrival = np.searchsorted(knots, targets, side="left")
         departure = np.searchsorted(knots, targets, side="right") - 1
@@ -409,7 +326,7 @@ class ShaftPhase:
     def _refuse_rest(self, low: float, high: float) -> None:
         """Raise where the shaft stands at an angle from `low` to `high`, both times the sign of rotation."""
         rest = np.flatnonzero(np.diff(self.revolutions) == 0)
-        angles = self._sign * self.revolutions[rest]
+        angles = self.direction * self.revolutions[rest]
         hit = rest[(angles >= low) & (angles <= high)]
         if hit.size:
             i = int(hit[0])
@@ -420,25 +337,27 @@ class ShaftPhase:
             )
 
     @cached_property
-    def _sign(self) -> float:
-        """Sign of the direction of rotation, +1 or -1; raise where the shaft reverses."""
+    def direction(self) -> float:
+        """Direction of rotation, +1 or -1; the angle may also stay. Raise ValueError where the shaft reverses."""
         steps = np.diff(self.revolutions)
-        if np.any(steps > 0) and np.any(steps < 0):
-            reversal = int(np.flatnonzero(np.sign(steps) == -np.sign(steps[steps != 0][0]))[0])
+        moving = np.flatnonzero(steps)
+        signs = np.sign(steps[moving])
+        reversals = np.flatnonzero(np.diff(signs))
+        if reversals.size:
             raise ValueError(
-                f"the shaft turns back at {self.times_s[reversal]:g} s, so an angle has several times; use the "
-                "part of the record before or after."
+                f"the shaft turns back at {self.times_s[moving[reversals[0] + 1]]:g} s, so an angle has several times; "
+                "use the parts of the record before and after separately, each with a phase of its own pulses."
             )
-        return -1.0 if np.any(steps < 0) else 1.0
+        return -1.0 if np.any(signs < 0) else 1.0
 
     def _inverse(self, targets: Array, cell: NDArray[np.int64]) -> Array:
         """Return the times at which sign times angle equals `targets`, each between the knots of its cell."""
         low, high = self.times_s[cell], self.times_s[cell + 1]
-        times = np.clip(np.interp(targets, self._sign * self.revolutions, self.times_s), low, high)
+        times = np.clip(np.interp(targets, self.direction * self.revolutions, self.times_s), low, high)
         step = high - low
         for _ in range(_NEWTON_STEPS):
             with np.errstate(all="ignore"):  # where the slope is zero there is no step: bisected below
-                step = (self._curve(times) - self._sign * targets) / self._slope(times)
+                step = (self._curve(times) - self.direction * targets) / self._slope(times)
             times = np.clip(times - step, low, high)
             converged = np.abs(step) < 1e-13 * max(1.0, abs(self.stop_s))
             if converged.all():
@@ -447,7 +366,7 @@ class ShaftPhase:
         low, high, target = low[rest], high[rest], targets[rest]
         for _ in range(_BISECTIONS):
             middle = low + (high - low) / 2
-            late = self._sign * self._curve(middle) > target
+            late = self.direction * self._curve(middle) > target
             low, high = np.where(late, low, middle), np.where(late, middle, high)
         times[rest] = high
         return times
@@ -457,7 +376,7 @@ class ShaftPhase:
         first, last = float(self.revolutions[0]), float(self.revolutions[-1])
         span = abs(last - first)
         whole_turns = np.minimum(np.arange(np.floor(span + 1e-9) + 1), span)
-        return self._sign / np.diff(self.times_at(first + self._sign * whole_turns, at_rest="departure"))
+        return self.direction / np.diff(self.times_at(first + self.direction * whole_turns, at_rest="departure"))
 
     def scaled(self, ratio: float) -> ShaftPhase:
         """Return the phase of a shaft that turns `ratio` times as fast, in the opposite direction where `ratio` < 0.

@@ -37,10 +37,6 @@ def _no_times() -> Array:
     return np.zeros(0)
 
 
-def _no_indices() -> Counts:
-    return np.zeros(0, dtype=np.int64)
-
-
 @dataclass(frozen=True, kw_only=True)
 class PulseRepairs:
     """Missing, double and spurious pulses of a tachometer.
@@ -54,9 +50,9 @@ class PulseRepairs:
         Numbers of such pulses.
     missing_times_s : (missing,) array
         Approximate times of the missing pulses in s.
-    double_index, double_times_s : (double,) arrays
-        Index in the list of pulses as given, and time in s.
-    spurious_index, spurious_times_s : (spurious,) arrays
+    double_times_s : (double,) array
+        Times of the double pulses in s.
+    spurious_times_s : (spurious,) array
         The same of the spurious pulses.
 
     Examples
@@ -72,37 +68,13 @@ class PulseRepairs:
     double: int = 0
     spurious: int = 0
     missing_times_s: Array = field(default_factory=_no_times, metadata={"dims": ("missing",), "units": "s"})
-    double_index: Counts = field(default_factory=_no_indices, metadata={"dims": ("double",), "units": "1"})
     double_times_s: Array = field(default_factory=_no_times, metadata={"dims": ("double",), "units": "s"})
-    spurious_index: Counts = field(default_factory=_no_indices, metadata={"dims": ("spurious",), "units": "1"})
     spurious_times_s: Array = field(default_factory=_no_times, metadata={"dims": ("spurious",), "units": "s"})
 
     @property
     def total(self) -> int:
         """Number of missing and extra pulses."""
         return self.missing + self.double + self.spurious
-
-
-def refuse_faults(times: Array, kept: Counts, counts: Counts, *, offset: int = 0) -> None:
-    """Raise ValueError at the first missing, else the first extra pulse; indices in it count from `offset`."""
-    steps = np.diff(counts)
-    gaps = np.flatnonzero(steps > 1)
-    remedy = 'let them be repaired (on_fault="repair"), or use the part of the record without'
-    if gaps.size:
-        i, after = kept[gaps[0]], kept[gaps[0] + 1]
-        raise ValueError(
-            f"a tachometer pulse is missing: the interval after pulse {offset + i} at {times[i]:g} s lasts "
-            f"{times[after] - times[i]:.3g} s, that of {steps[gaps[0]]} pulses ({gaps.size} such gaps). Check the "
-            f"sensor and its threshold, {remedy} the gap."
-        )
-    extra = np.setdiff1d(np.arange(times.size), kept, assume_unique=True)
-    if extra.size:
-        i = int(extra[0])
-        raise ValueError(
-            f"there is an extra tachometer pulse: pulse {offset + i} at {times[i]:g} s, which is not where the others "
-            f"lead one to expect a pulse ({extra.size} such pulses). Take false and double pulses out of the list, "
-            f"{remedy} them."
-        )
 
 
 def number_pulses(times: Array, *, stripes: int) -> tuple[Counts, Counts]:
@@ -181,8 +153,7 @@ def _refuse_too_many(times: Array, kept: Counts, counts: Counts) -> None:
         i = int(np.argmax(steps))
         raise ValueError(
             f"no tachometer pulse comes from {times[kept[i]]:g} to {times[kept[i + 1]]:g} s, about {steps[i] - 1} are "
-            f"missing on end: too many to count for certain. Use the record before or after; if the shaft stood, say "
-            "so with standstill_s."
+            f"missing on end: too many to count for certain. Use the parts of the record before and after."
         )
     if missing + extra > _MOST_WRONG * times.size:
         raise ValueError(
@@ -205,9 +176,7 @@ def repairs_of(times: Array, kept: Counts, counts: Counts) -> PulseRepairs:
         double=int(double.sum()),
         spurious=int(extra.size - double.sum()),
         missing_times_s=np.interp(missing, counts, times[kept]),
-        double_index=extra[double],
         double_times_s=times[extra[double]],
-        spurious_index=extra[~double],
         spurious_times_s=times[extra[~double]],
     )
 

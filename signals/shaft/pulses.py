@@ -39,16 +39,9 @@ class PulseTrain:
     times_s : (pulse,) array
         Times of the pulses in s.
     threshold, hysteresis : float
-        Medians of `levels` and `margins`, in the unit of the waveform.
+        Threshold, and hysteresis on either side of it, in the unit of the waveform; their medians where it drifts.
     edge : {"rising", "falling"}
         The edge that makes the pulse.
-    level_times_s, levels, margins : (level,) arrays
-        Times in s, thresholds and hysteresis on either side of them, linear between these times; one of each where the
-        waveform does not drift.
-    gaps_s : (gap, 2) array
-        Begin and end in s of the intervals without values, in which no edge is found.
-    debounced : int
-        Edges left out as too close to the one before.
 
     Examples
     --------
@@ -63,11 +56,6 @@ class PulseTrain:
     threshold: float
     hysteresis: float
     edge: Literal["rising", "falling"] = "rising"
-    level_times_s: Array = field(default_factory=lambda: np.zeros(1), metadata={"dims": ("level",), "units": "s"})
-    levels: Array = field(default_factory=lambda: np.zeros(1), metadata={"dims": ("level",), "units": "as waveform"})
-    margins: Array = field(default_factory=lambda: np.zeros(1), metadata={"dims": ("level",), "units": "as waveform"})
-    gaps_s: Array = field(default_factory=lambda: np.zeros((0, 2)), metadata={"dims": ("gap", "side"), "units": "s"})
-    debounced: int = 0
 
 
 @checked
@@ -77,8 +65,6 @@ def pulse_times(
     rate_hz: float,
     start_s: float = 0.0,
     edge: Edge = "rising",
-    min_interval_s: float = 0.0,
-    on_gap: Literal["refuse", "mark"] = "refuse",
     full_scale: float | None = None,
     threshold: float | None = None,
     hysteresis: float | None = None,
@@ -96,10 +82,6 @@ def pulse_times(
     edge : {"rising", "falling", "auto"}
         The edge that makes the pulse. "auto" chooses the sharper one, with fewer samples between the two sides of the
         hysteresis; where neither has less than 0.8 of the other's, the leading edge of the narrower side.
-    min_interval_s : float
-        An edge less than this many seconds after the one before is left out, and counted.
-    on_gap : {"refuse", "mark"}
-        Whether values that are not finite raise, or are listed in `gaps_s`, no edge being found across them.
     full_scale : float, optional
         Range of the channel, its largest value, in the unit of the waveform. A waveform that swings by less than a
         hundredth of it is hum or noise of a shaft at rest, or of a sensor that is not there, and raises.
@@ -116,8 +98,8 @@ def pulse_times(
     Raises
     ------
     ValueError
-        Fewer than two edges, a constant waveform, a swing far below `full_scale`, gaps, or a waveform that looks like a
-        list of times.
+        Fewer than two edges, a constant waveform, a swing far below `full_scale`, values that are not finite, or a
+        waveform that looks like a list of times.
 
     Notes
     -----
@@ -148,10 +130,8 @@ def pulse_times(
     [0.2, 0.4, 0.6, 0.8]
     """
     choice(edge, name="edge", choices=("rising", "falling", "auto"))
-    choice(on_gap, name="on_gap", choices=("refuse", "mark"))
-    wave = real_vector(waveform, name="the tachometer waveform", minimum=3, finite=on_gap == "refuse")
-    rate = positive(rate_hz, name="rate_hz")
-    start, closest = number(start_s, name="start_s"), number(min_interval_s, name="min_interval_s")
+    wave = real_vector(waveform, name="the tachometer waveform", minimum=3)
+    rate, start = positive(rate_hz, name="rate_hz"), number(start_s, name="start_s")
     _refuse_non_waveform(wave)
     levels = _Levels(
         threshold=None if threshold is None else number(threshold, name="threshold"),
@@ -161,35 +141,29 @@ def pulse_times(
     sign = -1.0 if edge_found == "falling" else 1.0
     if full_scale is not None:
         _refuse_faint(found, positive(full_scale, name="full_scale"))
-    times, debounced = _debounced(start + found.positions / rate, closest)
+    times = start + found.positions / rate
     if times.size < 2:  # noqa: PLR2004
         sense = "downwards" if edge_found == "falling" else "upwards"
         raise ValueError(
-            f"the tachometer waveform crosses {sign * np.median(found.levels):.4g} {sense} {times.size} times; at "
+            f"the tachometer waveform crosses {sign * found.level:.4g} {sense} {times.size} times; at "
             "least 2 pulses are needed. Check the channel."
         )
     return PulseTrain(
         times_s=times,
-        threshold=float(sign * np.median(found.levels)),
-        hysteresis=float(np.median(found.margins)),
+        threshold=sign * found.level,
+        hysteresis=found.margin,
         edge=edge_found,
-        level_times_s=start + found.centres / rate,
-        levels=sign * found.levels,
-        margins=found.margins,
-        gaps_s=start + _gaps(wave) / rate,
-        debounced=debounced,
     )
 
 
 @dataclass(frozen=True, kw_only=True)
 class _Edges:
-    """Rising edges: positions and durations in samples, the thresholds with their centres in samples, and the swing."""
+    """Rising edges: positions and durations in samples, threshold and hysteresis, and the swing of the waveform."""
 
     positions: Array
     durations: NDArray[np.int64]
-    centres: Array
-    levels: Array
-    margins: Array
+    level: float
+    margin: float
     swing: float
 
 
@@ -205,17 +179,14 @@ def _refuse_faint(found: _Edges, full_scale: float) -> None:
 
 def _refuse_non_waveform(wave: Array) -> None:
     """Raise where the values are constant, missing, or a list of pulse times."""
-    finite = wave[np.isfinite(wave)]
-    if finite.size < 3:  # noqa: PLR2004
-        raise ValueError(f"the tachometer waveform has {finite.size} finite values; at least 3 are needed.")
-    if np.all(np.diff(finite) > 0):
+    if np.all(np.diff(wave) > 0):
         raise ValueError(
             "the tachometer waveform only ever rises: it looks like a list of pulse times, not a waveform; "
             "hand it over as pulse times (on the command line: --tach-times)."
         )
-    if finite.min() == finite.max():
+    if wave.min() == wave.max():
         raise ValueError(
-            f"the tachometer waveform is constant, {finite[0]:.6g} at every sample: at least 2 "
+            f"the tachometer waveform is constant, {wave[0]:.6g} at every sample: at least 2 "
             "pulses are needed. Check the channel and its cable."
         )
 
@@ -239,11 +210,8 @@ def _edges(wave: Array, edge: Edge, stated: _Levels) -> tuple[Array, Literal["ri
     falling = _rising_edges(-wave, replace(stated, sign=-1))
     up = float(np.mean(rising.durations)) if rising.durations.size else np.inf
     down = float(np.mean(falling.durations)) if falling.durations.size else np.inf
-    if min(up, down) > _SHARPER * max(up, down):
-        finite = wave[np.isfinite(wave)]
-        rises = bool(np.mean(finite > np.median(rising.levels)) <= 0.5)  # noqa: PLR2004 - high for less than half
-    else:
-        rises = up < down
+    alike = min(up, down) > _SHARPER * max(up, down)
+    rises = bool(np.mean(wave > rising.level) <= 0.5) if alike else up < down  # noqa: PLR2004 - high for less than half
     return (wave, "rising", rising) if rises else (-wave, "falling", falling)
 
 
@@ -258,15 +226,7 @@ def _rising_edges(wave: Array, stated: _Levels) -> _Edges:
                 f"threshold={stated.threshold:g} with a hysteresis of {margin:.4g} on either side is not within the "
                 f"levels of the waveform, {stated.sign * low:.4g} and {stated.sign * high:.4g}."
             )
-        return _crossings(
-            wave,
-            level,
-            margin,
-            np.array([(wave.size - 1) / 2]),
-            np.array([level]),
-            np.array([margin]),
-            swing=high - low,
-        )
+        return _crossings(wave, level, margin, swing=high - low)
     found = _edges_at_levels(wave, stated.hysteresis, narrow=False)
     narrow = _edges_at_levels(wave, stated.hysteresis, narrow=True)
     best = found
@@ -312,17 +272,15 @@ def _crossed_everywhere(wave: Array, found: _Edges) -> bool:
     if length == 0 or found.positions.size < 2 * _SECTIONS:
         return found.positions.size <= _PULSES_PER_BLOCK and not _drifts(wave)
     rows = wave[: length * _SECTIONS].reshape(_SECTIONS, length)
-    filled = np.isfinite(rows).all(axis=1)
-    level, margin = found.levels[0], found.margins[0]
+    level, margin = found.level, found.margin
     crossed = (rows.max(axis=1) > level + margin) & (rows.min(axis=1) < level - margin)
-    return bool(np.all(crossed | ~filled))
+    return bool(crossed.all())
 
 
 def _drifts(wave: Array) -> bool:
     """Return whether the eighths of a record swing less than half as far as all of it."""
-    eighths = np.array_split(wave[np.isfinite(wave)], 8)
-    swings = [np.ptp(part) for part in eighths if part.size]
-    return bool(np.median(swings) < 0.5 * np.ptp(wave[np.isfinite(wave)]) and np.median(swings) > 0)
+    swings = [np.ptp(part) for part in np.array_split(wave, 8) if part.size]
+    return bool(0 < np.median(swings) < 0.5 * np.ptp(wave))
 
 
 def _edges_by_blocks(wave: Array, blocks: int, hysteresis: float | None, *, narrow: bool) -> _Edges | None:
@@ -333,30 +291,26 @@ def _edges_by_blocks(wave: Array, blocks: int, hysteresis: float | None, *, narr
     low, high = np.array([_levels(detrended[a:b], narrow=narrow) for a, b in pairwise(bounds.tolist())]).T
     swing = high - low
     noise = _noise(wave) if blocks > 1 else 0.0
-    with np.errstate(invalid="ignore"):  # blocks without a value
-        rotating = (swing > 0) & (swing >= _LEAST_SWING * np.nanmax(swing)) & (swing > _LEAST_SNR * noise)
+    rotating = (swing > 0) & (swing >= _LEAST_SWING * swing.max()) & (swing > _LEAST_SNR * noise)
     if not rotating.any():
         return None
     centres = ((bounds[:-1] + bounds[1:] - 1) / 2)[rotating]
     levels, swing = ((low + high) / 2)[rotating], swing[rotating]
     margins = _HYSTERESIS * swing if hysteresis is None else np.full(swing.size, hysteresis)
     if base is None:
-        return _crossings(wave, levels[0], margins[0], centres, levels, margins, swing=float(swing[0]))
+        return _crossings(wave, levels[0], margins[0], swing=float(swing[0]))
     at = np.arange(wave.size)
     level = base + np.interp(at, centres, levels)
     margin = np.interp(at, centres, margins)
-    levels = level[np.rint(centres).astype(int)]
-    return _crossings(wave, level, margin, centres, levels, margins, swing=float(np.median(swing)))
+    return _crossings(wave, level, margin, swing=float(np.median(swing)))
 
 
 def _baseline(wave: Array, bounds: NDArray[np.int64]) -> Array | None:
     """Return the block means, interpolated and extrapolated linearly, (n,); None for a single block."""
-    finite = [part[np.isfinite(part)] for part in (wave[a:b] for a, b in pairwise(bounds.tolist()))]
-    means = np.array([part.mean() if part.size else np.nan for part in finite])
-    centres = ((bounds[:-1] + bounds[1:] - 1) / 2)[np.isfinite(means)]
-    means = means[np.isfinite(means)]
-    if bounds.size == 2 or means.size < 2:  # noqa: PLR2004
+    if bounds.size == 2:  # noqa: PLR2004
         return None
+    means = np.array([wave[a:b].mean() for a, b in pairwise(bounds.tolist())])
+    centres = (bounds[:-1] + bounds[1:] - 1) / 2
     first, last = np.diff(means)[[0, -1]] / np.diff(centres)[[0, -1]]
     centres = np.concatenate([[0.0], centres, [wave.size - 1.0]])
     ends = means[0] - first * centres[1], means[-1] + last * (centres[-1] - centres[-2])
@@ -364,41 +318,28 @@ def _baseline(wave: Array, bounds: NDArray[np.int64]) -> Array | None:
 
 
 def _levels(part: Array, *, narrow: bool) -> tuple[float, float]:
-    """Return the low and high level of a block, NaN where it holds no value; `narrow` for pulses of any width."""
-    finite = part[np.isfinite(part)]
-    if finite.size == 0:
-        return np.nan, np.nan
+    """Return the low and high level of a block; `narrow` for pulses of any width."""
     tail = _TAIL
     if narrow:
-        above = float(np.mean(finite > (finite.min() + finite.max()) / 2))
+        above = float(np.mean(part > (part.min() + part.max()) / 2))
         tail = min(tail, above / 2, (1 - above) / 2)
-    low, high = np.quantile(finite, (tail, 1 - tail))
+    low, high = np.quantile(part, (tail, 1 - tail))
     return float(low), float(high)
 
 
 def _noise(wave: Array) -> float:
     """Return the standard deviation of the noise from the median second difference, which edges hardly change."""
     differences = np.abs(np.diff(wave, 2))
-    return float(1.4826 * np.nanmedian(differences) / np.sqrt(6))
+    return float(1.4826 * np.median(differences) / np.sqrt(6))
 
 
-def _crossings(
-    wave: Array,
-    level: Array | float,
-    margin: Array | float,
-    centres: Array,
-    levels: Array,
-    margins: Array,
-    *,
-    swing: float,
-) -> _Edges:
+def _crossings(wave: Array, level: Array | float, margin: Array | float, *, swing: float) -> _Edges:
     """Return the edges at which `wave` rises through `level`, each from below the margin to above it.
 
     Several crossings in one edge count as the single one that leaves as much time below the level.
     """
     height = wave - level
     state = np.where(height > margin, 1, np.where(height < -margin, -1, 0))
-    state[~np.isfinite(wave)] = 2  # neither low nor high: no edge crosses a gap
     decided = np.flatnonzero(state)
     rises = np.flatnonzero((state[decided][:-1] == -1) & (state[decided][1:] == 1))
     last_low, first_high = decided[rises], decided[rises + 1]
@@ -413,30 +354,10 @@ def _crossings(
     return _Edges(
         positions=positions,
         durations=first_high - last_low,
-        centres=centres,
-        levels=levels,
-        margins=margins,
+        level=float(np.median(level)),
+        margin=float(np.median(margin)),
         swing=swing,
     )
-
-
-def _debounced(times: Array, closest: float) -> tuple[Array, int]:
-    """Return the times at least `closest` after the last one kept, and how many were left out."""
-    if closest <= 0 or times.size == 0 or np.diff(times).min(initial=np.inf) >= closest:
-        return times, 0
-    kept, last = [], -np.inf
-    for time in times.tolist():
-        if time - last >= closest:
-            kept.append(time)
-            last = time
-    return np.array(kept), times.size - len(kept)
-
-
-def _gaps(wave: Array) -> Array:
-    """Return the last sample before and the first after each run of values that are not finite, (gap, 2)."""
-    bad = np.concatenate([[False], ~np.isfinite(wave), [False]]).astype(np.int8)
-    change = np.diff(bad)
-    return np.stack([np.flatnonzero(change > 0) - 1.0, np.flatnonzero(change < 0) + 0.0], axis=1)
 
 
 # ---- Edges and direction of rotation from two tachometer channels in quadrature --------------------------------------

@@ -108,7 +108,6 @@ def estimate_speed(
     orders: Sequence[float],
     speed_range_hz: tuple[float, float],
     max_acceleration_hz_s: float,
-    frame_s: float | None = None,
     start_s: float = 0.0,
 ) -> SpeedEstimate:
     """Estimate the speed of a shaft from a vibration record and the orders of the gearbox.
@@ -126,9 +125,6 @@ def estimate_speed(
         Range of the speed in Hz.
     max_acceleration_hz_s : float
         Largest rate of change of the speed in Hz/s.
-    frame_s : float, optional
-        Length of the frames in s. Default: the median order moves by at most 4 bins within one, and at most an eighth
-        of the record or 2 s; the speed is searched in frames of a half and a quarter of it as well.
     start_s : float
         Time of the first sample in s.
 
@@ -170,25 +166,15 @@ def estimate_speed(
             f"the lowest order, {listed[0]:g}, lies at {listed[0] * low:.4g} Hz or higher, beyond half of "
             f"rate_hz={rate:g}; list lower orders, or use a record of a higher rate."
         )
-    if frame_s is None:
-        most = min(duration / _FEWEST_FRAMES, max(_LONGEST_FRAME_S, _FEWEST_SAMPLES / rate))
-        frame = min(max(np.sqrt(_SMEAR / (acceleration * np.median(listed))), _FEWEST_SAMPLES / rate), most)
-    else:
-        frame = positive(frame_s, name="frame_s")
-        if frame > duration / _FEWEST_FRAMES:
-            raise ValueError(
-                f"frame_s={frame:g} leaves fewer than {_FEWEST_FRAMES} frames of a record of {duration:.3g} s; "
-                f"give at most {duration / _FEWEST_FRAMES:.3g}."
-            )
+    most = min(duration / _FEWEST_FRAMES, max(_LONGEST_FRAME_S, _FEWEST_SAMPLES / rate))
+    frame = min(max(np.sqrt(_SMEAR / (acceleration * np.median(listed))), _FEWEST_SAMPLES / rate), most)
     if frame * rate < _FEWEST_SAMPLES:
         raise ValueError(
             f"frames of {frame:.3g} s hold {frame * rate:.3g} samples at rate_hz={rate:g}; at least {_FEWEST_SAMPLES} "
-            "are needed. Record longer, or give a longer frame_s."
+            "are needed. Record longer."
         )
 
-    lengths = (
-        [frame] if frame_s is not None else [part * frame for part in _FRAMES if part * frame * rate >= _FEWEST_SAMPLES]
-    )
+    lengths = [part * frame for part in _FRAMES if part * frame * rate >= _FEWEST_SAMPLES]
     stop_s = (signal.size - 1) / rate
     first: SpeedEstimate | None = None
     for moving in (False, True):

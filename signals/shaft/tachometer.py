@@ -3,19 +3,18 @@
 from __future__ import annotations
 
 import math
-from dataclasses import dataclass, replace
+from dataclasses import dataclass
 from itertools import pairwise
-from typing import TYPE_CHECKING, Literal
+from typing import TYPE_CHECKING
 
 import numpy as np
 
-from signals._validation import Array, checked, choice, number, positive, real_vector, whole
+from signals._validation import Array, checked, number, positive, real_vector, whole
 from signals.shaft.phase import ShaftPhase
 from signals.shaft.pulse_repair import (
     Counts,
     number_pulses,
     possible_stops,
-    refuse_faults,
     repairs_of,
     stripe_positions,
 )
@@ -50,10 +49,8 @@ def shaft_phase(
     times_s: ArrayLike,
     *,
     pulses_per_rev: float | Fraction = 1,
-    on_fault: Literal["repair", "refuse"] = "repair",
     direction: int | ArrayLike | None = None,
     delay_s: float = 0.0,
-    standstill_s: float | None = None,
 ) -> ShaftPhase:
     """Return the phase of a shaft from the pulse times of its tachometer; the angle is zero at the first pulse.
 
@@ -64,15 +61,11 @@ def shaft_phase(
     pulses_per_rev : int, Fraction or float
         Pulses per revolution: an int for the stripes of this shaft, a Fraction or float for pulses of another shaft
         through gears.
-    on_fault : {"repair", "refuse"}
-        Whether missing and extra pulses are repaired or raise.
     direction : +1, -1 or (n,) array of them, optional
         Direction of rotation, of all pulses or of each, as from `quadrature_direction`. With an array the pulses are
         counted up and down, nothing is repaired, and angles may fall.
     delay_s : float
         Delay in s of the tachometer channel after the vibration channel; it is subtracted from the times.
-    standstill_s : float, optional
-        Intervals longer than this many seconds are standstills, half-way between two stripes.
 
     Returns
     -------
@@ -81,8 +74,8 @@ def shaft_phase(
     Raises
     ------
     ValueError
-        Times that do not increase or are a waveform; missing or extra pulses that are to be refused, or too many of
-        them to repair: with time, size and number.
+        Times that do not increase or are a waveform; too many missing or extra pulses to repair: with time, size and
+        number.
 
     Notes
     -----
@@ -111,7 +104,6 @@ def shaft_phase(
     >>> float(phase.speed_hz([0.4])[0].round(6)), phase.repairs.missing
     (25.0, 1)
     """
-    choice(on_fault, name="on_fault", choices=("repair", "refuse"))
     times = _pulse_list(times_s) - number(delay_s, name="delay_s")
     if not np.all(np.diff(times) > 0):
         raise ValueError(
@@ -122,8 +114,8 @@ def shaft_phase(
     if signs is not None and signs.size > 1:
         return _counted_phase(times, signs, per_rev)
     stripes = per_rev if isinstance(per_rev, int) else 1
-    stops, declared = _stops(times, stripes, standstill_s)
-    segments = _segments(times, stops, stripes, repair=on_fault == "repair")
+    stops = possible_stops(times, stripes=stripes)
+    segments = _segments(times, stops, stripes)
     true = np.concatenate([segment.kept for segment in segments])
     kept, counts = times[true], np.concatenate([segment.counts for segment in segments])
     few = kept.size < _CALIBRATION_REVOLUTIONS * stripes
@@ -138,8 +130,6 @@ def shaft_phase(
         stops_s=np.stack([times[stops], times[stops + 1]], axis=1),
         direction_declared=signs is not None,
     )
-    for begin, end in phase.stops_s[declared]:
-        phase = _with_standstill(phase, begin, end)
     return phase.scaled(-1) if signs is not None and signs[0] < 0 else phase
 
 
@@ -184,26 +174,13 @@ def _signs(direction: int | ArrayLike | None, pulses: int) -> NDArray[np.int64] 
     return signs.astype(np.int64)
 
 
-def _stops(times: Array, stripes: int, standstill_s: float | None) -> tuple[Counts, NDArray[np.bool_]]:
-    """Return the intervals in which the shaft stood or may have stood, and whether each is a declared standstill."""
-    found = possible_stops(times, stripes=stripes)
-    if standstill_s is None:
-        return found, np.zeros(found.size, dtype=np.bool_)
-    longest = positive(standstill_s, name="standstill_s")
-    stood = np.flatnonzero(np.diff(times) > longest)
-    stops = np.union1d(found, stood)
-    return stops, np.isin(stops, stood)
-
-
-def _segments(times: Array, stops: Counts, stripes: int, *, repair: bool) -> list[_Segment]:
-    """Return the numbered pulses between stops, repaired or refused; across a stop the number rises by one."""
+def _segments(times: Array, stops: Counts, stripes: int) -> list[_Segment]:
+    """Return the numbered pulses between stops, repaired; across a stop the number rises by one."""
     segments, number_of_next = [], 0
     bounds = [0, *(stops + 1).tolist(), times.size]
     for begin, end in pairwise(bounds):
         part = times[begin:end]
         kept, counts = number_pulses(part, stripes=stripes)
-        if not repair:
-            refuse_faults(part, kept, counts, offset=begin)
         segments.append(_Segment(kept=begin + kept, times=part[kept], counts=counts + number_of_next))
         number_of_next += int(counts[-1]) + 1
     return segments
@@ -227,26 +204,6 @@ def _jitter(segments: list[_Segment], stripes: int) -> float:
     if differences.size < _JITTER_FEWEST:
         return math.nan
     return float(np.sqrt(np.mean(differences**2) / math.comb(2 * _JITTER_ORDER, _JITTER_ORDER)))
-
-
-def _with_standstill(phase: ShaftPhase, begin: float, end: float) -> ShaftPhase:
-    """Insert a standstill between the pulses at `begin` and `end`, with constant deceleration and acceleration.
-
-    The angle is half-way between the two stripes, and uncertain by half their distance.
-    """
-    times, turns = phase.times_s, phase.revolutions
-    here = int(np.searchsorted(times, begin))
-    half = (turns[here + 1] - turns[here]) / 2
-    span = end - begin
-    before = span / 3 if here == 0 else 2 * half / abs(turns[here] - turns[here - 1]) * (begin - times[here - 1])
-    last = here + 2 >= times.size
-    after = span / 3 if last else 2 * half / abs(turns[here + 2] - turns[here + 1]) * (times[here + 2] - end)
-    rest = [begin + min(before, span / 3), end - min(after, span / 3)]
-    return replace(
-        phase,
-        times_s=np.insert(times, here + 1, rest),
-        revolutions=np.insert(turns, here + 1, [turns[here] + half] * 2),
-    )
 
 
 def _counted_phase(times: Array, signs: NDArray[np.int64], per_rev: float | Fraction) -> ShaftPhase:

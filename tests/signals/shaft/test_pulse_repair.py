@@ -52,8 +52,6 @@ class TestJitterWithFaults:
         np.testing.assert_allclose(repairs.missing_times_s, pulses[np.sort(lost)], rtol=0, atol=2e-3)
         found = np.sort(np.concatenate([repairs.double_times_s, repairs.spurious_times_s]))
         np.testing.assert_array_equal(found, np.sort(extra))
-        named = np.sort(np.concatenate([repairs.double_index, repairs.spurious_index]))
-        np.testing.assert_array_equal(bad[named], np.sort(extra))
         grid = middle(np.linspace(phase.start_s, phase.stop_s, 100_001))
         exact = swinging.revolutions(grid).astype(float)
         alone = shaft_phase(jittered)
@@ -82,8 +80,6 @@ class TestSingleFaults:
         np.testing.assert_array_equal(phase.times_s, times)
         double = share < 0.1
         assert (phase.repairs.double, phase.repairs.spurious) == (double, not double)
-        index = phase.repairs.double_index if double else phase.repairs.spurious_index
-        assert index.tolist() == [41]
 
     @pytest.mark.parametrize("positions", [[0, 0.53], [0, 0.2], [0, 0.8], [0, 0.32, 0.655]])
     @pytest.mark.parametrize("fault", ["missing", "extra"])
@@ -122,13 +118,6 @@ class TestSingleFaults:
         np.testing.assert_array_equal(phase.revolutions, np.delete(np.arange(100), missing))
         assert (phase.repairs.missing, phase.repairs.spurious) == (len(missing), len(extra))
 
-    def test_refused_when_asked(self, swinging):
-        times = np.delete(swinging.times_at(np.arange(120)), 40)
-        with pytest.raises(ValueError, match=r"pulse is missing: the interval after pulse 39 .*on_fault=\"repair\""):
-            shaft_phase(times, on_fault="refuse")
-        with pytest.raises(ValueError, match="on_fault='ignore' is unknown"):
-            shaft_phase(times, on_fault="ignore")
-
 
 class TestAtTheEnds:
     @pytest.mark.parametrize("end", ["first", "last"])
@@ -157,7 +146,7 @@ class TestHopeless:
 
     def test_too_long_a_gap(self, swinging):
         times = swinging.times_at(np.arange(300))
-        with pytest.raises(ValueError, match=r"missing on end: too many to count for certain.*standstill_s") as caught:
+        with pytest.raises(ValueError, match=r"missing on end: too many to count for certain") as caught:
             shaft_phase(np.delete(times, np.arange(100, 140)))
         assert f"from {times[99]:g} to {times[140]:g} s, about " in str(caught.value)
 
@@ -192,29 +181,6 @@ class TestStops:
         phase = shaft_phase(self.TIMES + 10, direction=-1)
         assert phase.revolutions[-1] == -(self.TIMES.size - 1)
         assert not phase.direction_unknown
-
-    def test_a_declared_standstill_is_constant(self, swinging):
-        # a brake that holds within a turn, three seconds, and off again
-        first, second = np.arange(200.0), np.arange(200.0, 401.0)
-        times = np.concatenate([swinging.times_at(first), swinging.times_at(second) + 3])
-        with pytest.raises(ValueError, match="if the shaft stood, say so with standstill_s"):
-            shaft_phase(times)
-        phase = shaft_phase(times, standstill_s=1.0)
-        rest = np.linspace(times[199] + 0.05, times[200] - 0.05, 1001)
-        assert np.ptp(phase.revolutions_at(rest)) == 0
-        assert np.all(phase.speed_hz(rest) == 0)
-        assert abs(phase.revolutions_at([rest[0]])[0] - 199.5) < 1e-4
-        at = np.linspace(times[0], times[-1], 20_001)
-        assert phase.speed_hz(at).min() >= 0
-        assert np.all(np.diff(phase.revolutions_at(at)) >= -1e-12)
-        assert phase.direction_unknown
-        with pytest.raises(ValueError, match="stands still from"):
-            phase.times_at([150.0, 250.0])
-        arrival, departure = (
-            phase.times_at([phase.revolutions_at([rest[0]])[0]], at_rest=s)[0] for s in ("arrival", "departure")
-        )
-        assert times[199] < arrival < times[199] + 0.05
-        assert times[200] - 0.05 < departure < times[200]
 
     def test_faults_on_either_side_of_a_stop(self):
         times = np.delete(self.TIMES + 10, [10, 60])

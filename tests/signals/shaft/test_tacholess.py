@@ -125,7 +125,6 @@ class TestAccuracy:
             orders=orders,
             speed_range_hz=(0.6 * speed, 10),  # half of the speed would have the same lines
             max_acceleration_hz_s=0.1,
-            frame_s=1.0,
         )
         assert found.status == "ok"
         assert found.alternatives == ()
@@ -350,8 +349,6 @@ class TestInput:
             ({"orders": (20, -1)}, "an order=-1 must be above zero"),
             ({"orders": (2000,)}, "beyond half of rate_hz=12800"),
             ({"max_acceleration_hz_s": 0}, "max_acceleration_hz_s=0 must be above zero"),
-            ({"frame_s": 2.0}, "fewer than 8 frames"),
-            ({"frame_s": 0.001}, "hold 12.8 samples at rate_hz=12800; at least 64"),
         ],
     )
     def test_refusals(self, changes, sentence):
