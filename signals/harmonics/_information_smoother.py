@@ -18,7 +18,7 @@ References
 .. [2] M. Abramowitz, I. A. Stegun, "Handbook of mathematical functions", National Bureau of Standards 1964, 25.2.
 """
 
-from collections.abc import Callable, Iterator
+from collections.abc import Callable
 from dataclasses import dataclass
 from functools import lru_cache
 from math import isqrt
@@ -150,22 +150,11 @@ def newton_basis(poles: int) -> tuple[Floats, Floats]:
 
 
 def smooth_chain(chain: NodeChain, *, first: int) -> SmoothedChain:
-    width, lanes = chain.process_noise.shape[1], chain.before.vector.shape[1]
-    found = np.empty((chain.nodes, width, lanes)), np.empty((chain.nodes, width)), np.empty(chain.nodes)
-    log_variance = 0.0
-    for nodes, part in smooth_segments(chain, first=first):
-        for values, own in zip(found, part[:3], strict=True):
-            values[nodes] = own
-        log_variance = part.log_variance
-    return SmoothedChain(*found, log_variance)
+    """Smooth a chain; the log variance is that of innovations from node `first` on.
 
-
-def smooth_segments(chain: NodeChain, *, first: int) -> Iterator[tuple[slice, SmoothedChain]]:
-    """Smooth a chain segment by segment, from the last one back, in memory that grows with the root of its length.
-
-    The forward filter runs once for its state at the start of each segment, then again segment by segment. Yields a
-    segment and its estimates; the log variance is that of the whole chain, with innovations from node `first` on.
-    Raises `numpy.linalg.LinAlgError` of information that is not positive definite in double precision.
+    Beside the result the memory grows with the root of the chain's length: the forward filter runs once for its state
+    at the start of each segment, then again segment by segment, from the last one back. Raises
+    `numpy.linalg.LinAlgError` of information that is not positive definite in double precision.
     """
     width, (matrix, vector) = chain.process_noise.shape[1], chain.before
     length = max(isqrt(chain.nodes), STRETCH_NUMBERS // (matrix.size + vector.size))
@@ -187,6 +176,7 @@ def smooth_segments(chain: NodeChain, *, first: int) -> Iterator[tuple[slice, Sm
             kept.append((data, past))
     log_variance += float(np.linalg.slogdet(state.matrix)[1])
     later, scratch = chain.after.copy(), (np.empty_like(matrix), np.empty_like(vector), np.empty((width, width)))
+    found = np.empty((chain.nodes, width, vector.shape[1])), np.empty((chain.nodes, width)), np.empty(chain.nodes)
     for segment, start in zip(reversed(segments), reversed(starts), strict=True):
         if kept:
             data, past = kept.pop()
@@ -195,11 +185,9 @@ def smooth_segments(chain: NodeChain, *, first: int) -> Iterator[tuple[slice, Sm
             chain.filter(segment, FORWARD, start, data, past)
         future = chain.buffer(segment)
         chain.filter(segment, BACKWARD, later, data, future)
-        count = segment.stop - segment.start
-        found = np.empty((count, width, vector.shape[1])), np.empty((count, width)), np.empty(count)
-        if not combine(data.matrices, *past, *future, *scratch, *found):
+        if not combine(data.matrices, *past, *future, *scratch, *(values[segment] for values in found)):
             raise np.linalg.LinAlgError("information matrix is not positive definite")
-        yield segment, SmoothedChain(*found, log_variance)
+    return SmoothedChain(*found, log_variance)
 
 
 def information_at_end(chain: NodeChain) -> Information:

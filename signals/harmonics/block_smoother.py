@@ -17,13 +17,12 @@ from math import inf, pi, sqrt
 
 import numpy as np
 
-from signals.harmonics._information_smoother import NodeChain, smooth_segments
-from signals.harmonics.block_grid import Grid, at_outputs, evaluated, pieces_between
-from signals.harmonics.coupling import Coupling, Smoothed, by_order, chain_together, couple, inserted, smooth_apart
+from signals.harmonics.block_grid import Grid, at_outputs, pieces_between
+from signals.harmonics.coupling import Coupling, Smoothed, couple, smooth_apart, smooth_together
 from signals.harmonics.innovations import Innovations
 from signals.harmonics.kalman_filter import count_innovations
 from signals.harmonics.separability import Closeness
-from signals.harmonics.state_space import Complexes, Estimate, Flags, Floats, HarmonicModel
+from signals.harmonics.state_space import Estimate, Flags, Floats, HarmonicModel
 
 FEWEST_BLOCKS = 64
 # A one-pole walk moves as much within a block as the noise of the block: measured, at this part of 1 / bandwidth the
@@ -45,8 +44,6 @@ LONGEST_EXACT = 1 / 150, 1 / 64
 # What moving amplitudes may lose between nodes in the exact setting, as a part of `std`: the error measured is up to
 # twice as large.
 LARGEST_DROOP = 1.2e-3
-# Nodes of the segment after that a cubic reaches: the first of them, and one more on either side of the next block.
-AHEAD = 3
 
 
 def block_length(model: HarmonicModel, samples: int, rtol: float) -> int:
@@ -102,44 +99,31 @@ def fast(model: HarmonicModel, x: Floats, seen: Flags, *, rtol: float, output_ev
     bound = max(droop(model, length), scattered_share(seen, length), tolerance, leaked)
     if fit.coupling and model.poles > 1 and fit.alike:
         bound = inf  # what others leave in their difference does not fade in a memory
-    observed = int(np.count_nonzero(grid.seen[startup:]))
-    return Estimate(
-        amplitude=at_outputs(smoothed.levels, grid, every=output_every),
-        variance=smoothed.variances,
-        std_spacing=length,
-        innovation_mean_square=residuals.mean_square,
-        innovation_log_variance=float(smoothed.log_variances.sum()) / max(observed, 1),
-        innovation_autocorrelation=residuals.autocorrelation,
-        innovation_samples=min(residuals.count, observed),
-        error_bound=bound,
-    )
+    return fit.estimate(residuals, output_every=output_every, startup=startup, error_bound=bound)
 
 
 def exact(
-    model: HarmonicModel, x: Floats, seen: Flags, *, output_every: int, startup: int, keep: bool,
-    noise_variance: float | None,
-) -> Estimate:  # fmt: skip
-    """Smooth all channels of a record in short blocks, all orders together; statistics are those of the filter.
+    model: HarmonicModel, x: Floats, seen: Flags, *, output_every: int, startup: int, noise_variance: float | None
+) -> Estimate:
+    """Smooth all channels of a record in short blocks, all orders together.
 
-    Parameters as for `fast`; `keep` says whether the innovations of all samples are wanted, `noise_variance` is R, None
-    where it is estimated.
+    Parameters as for `fast`; `noise_variance` is R, None where it is estimated.
     """
-    innovations = count_innovations(model, x, startup=startup, keep=keep)
-    std = np.sqrt(innovations.mean_square if noise_variance is None else np.full(len(x), noise_variance))
-    length, group = exact_length(model, seen.size), np.arange(model.orders.size)
+    length, alike = exact_length(model, seen.size), Closeness(model, seen.size).dwell()
     while True:
         grid = Grid(model=model, x=x, seen=seen, length=length)
-        chain = chain_together(grid, group, slice(0, grid.nodes), None, inserted(grid, group, 0, []))
-        amplitude, variance, bend = _outputs(grid, chain, every=output_every)
+        smoothed = smooth_together(grid, startup // length)
+        fit = BlockFit(grid=grid, smoothed=smoothed, coupling=None, alike=alike)
+        residuals = fit.residuals(startup)
+        std = np.sqrt(residuals.mean_square if noise_variance is None else np.full(len(x), noise_variance))
         # A triangular weight takes a twelfth of its second difference off an envelope: root mean square, over `std`.
-        loss = np.sqrt(bend / max(grid.nodes - 2, 1)) / 12
-        noise = np.sqrt(variance.mean(axis=1)) * std[:, None]
-        lost = float(np.max(np.divide(loss, noise, out=np.zeros_like(loss), where=noise > 0)))
+        bend = np.sum(np.abs(np.diff(smoothed.levels, 2)) ** 2, axis=-1) / max(grid.nodes - 2, 1)
+        loss, noise = np.sqrt(bend) / 12, np.sqrt(smoothed.variances.mean(axis=1)) * std[:, None]
+        lost = float(np.max(np.divide(loss, noise, out=np.zeros_like(noise), where=noise > 0)))
         if length == 1 or lost <= LARGEST_DROOP:
-            break
+            return fit.estimate(residuals, output_every=output_every, startup=startup, error_bound=0.0)
         # The loss grows with the square of the length.
         length = max(1, min(int(length * sqrt(LARGEST_DROOP / lost)), length - 1))
-    return innovations.estimate(amplitude, variance, std_spacing=None if output_every > length else length)
 
 
 def exact_length(model: HarmonicModel, samples: int | None = None) -> int:
@@ -157,7 +141,6 @@ class BlockFit:
     grid: Grid  # the record
     smoothed: Smoothed  # what is estimated
     coupling: Coupling | None  # which orders are smoothed together; None where all are, or none is
-    closeness: Closeness  # how near orders come
     alike: bool  # whether orders stay within half a bandwidth of each other
 
     @classmethod
@@ -166,7 +149,22 @@ class BlockFit:
         smoothed = smooth_apart(grid, startup // grid.length)
         closeness = Closeness(grid.model, grid.samples)
         coupling = couple(grid, closeness, smoothed)
-        return cls(grid=grid, smoothed=smoothed, coupling=coupling, closeness=closeness, alike=closeness.dwell())
+        return cls(grid=grid, smoothed=smoothed, coupling=coupling, alike=closeness.dwell())
+
+    def estimate(self, residuals: Innovations, *, output_every: int, startup: int, error_bound: float) -> Estimate:
+        """Return the estimate at the outputs, with the statistics of `residuals`."""
+        grid, smoothed = self.grid, self.smoothed
+        observed = int(np.count_nonzero(grid.seen[startup:]))
+        return Estimate(
+            amplitude=at_outputs(smoothed.levels, grid, every=output_every),
+            variance=smoothed.variances,
+            std_spacing=grid.length,
+            innovation_mean_square=residuals.mean_square,
+            innovation_log_variance=float(smoothed.log_variances.sum()) / max(observed, 1),
+            innovation_autocorrelation=residuals.autocorrelation,
+            innovation_samples=min(residuals.count, observed),
+            error_bound=error_bound,
+        )
 
     def residuals(self, startup: int) -> Innovations:
         """Return statistics of the residuals in segments of the record from sample `startup` on.
@@ -181,7 +179,7 @@ class BlockFit:
             part = slice(0, startup + RESIDUAL_SAMPLES)
             width = model.bandwidth if model.bandwidth.shape[1] == 1 else model.bandwidth[:, part]
             head = replace(model, phases=tuple(phase[part] for phase in model.phases), bandwidth=width)
-            return count_innovations(head, grid.x[:, part], startup=startup, keep=False)
+            return count_innovations(head, grid.x[:, part], startup=startup)
         pieces = pieces_between(self.smoothed.levels, cubic=model.poles > 1)
         explained = self.smoothed.explained.sum(axis=0)
         # With one pole half of a node's samples lie on either side, else all before it.
@@ -201,37 +199,3 @@ class BlockFit:
             found.separate()
             found.add(rest / sqrt(left), left * there.astype(np.float64))
         return found
-
-
-def _outputs(grid: Grid, chain: NodeChain, *, every: int) -> tuple[Complexes, Floats, Floats]:
-    """Smooth a chain of all orders segment by segment, in memory that does not grow with nodes where outputs are fewer.
-
-    Returns (channel, order, output) amplitudes; (order, output) variances, (order, node) where there are more outputs
-    than nodes; and (channel, order) sums of the squared second differences of the amplitudes at the nodes.
-    """
-    model, length, places = grid.model, grid.length, np.arange(0, grid.samples, every)
-    amplitude = np.empty((len(grid.x), model.orders.size, places.size), dtype=np.complex128)
-    variance = np.empty((model.orders.size, grid.nodes if every <= length else places.size))
-    bend, end = np.zeros(amplitude.shape[:2]), grid.blocks
-    levels, variances = amplitude[..., :0], variance[:, :0]
-    for nodes, part in smooth_segments(chain, first=0):
-        own = by_order(model, part)
-        levels = np.concatenate([own[0], levels[..., :AHEAD]], axis=-1)
-        variances = np.concatenate([own[1], variances[:, :AHEAD]], axis=-1)
-        count = nodes.stop - nodes.start
-        bend += np.sum(np.abs(np.diff(levels[..., : count + 2], 2, axis=-1)) ** 2, axis=-1)
-        if every <= length:
-            variance[:, nodes] = own[1]
-        else:
-            some = slice(*np.searchsorted(places, [nodes.start * length, nodes.stop * length]))
-            at = length * np.arange(nodes.start, nodes.start + variances.shape[1])
-            for k, std in enumerate(np.sqrt(variances)):  # as `OrderTracks.std` does it between nodes
-                variance[k, some] = np.interp(places[some], at, std) ** 2
-        begin = nodes.start + (nodes.start > 0)  # a cubic needs the node before its block
-        if begin < end:
-            pieces = pieces_between(levels, cubic=model.poles > 1)[:, :, begin - nodes.start : end - nodes.start]
-            some = slice(*np.searchsorted(places, [begin * length, end * length]))
-            skip, count = some.start * every - begin * length, some.stop - some.start
-            amplitude[..., some] = evaluated(pieces, length, every, skip, count)
-            end = begin
-    return amplitude, variance, bend

@@ -116,8 +116,20 @@ def chain_alone(grid: Grid, group: Indices, data: Floats, counts: Floats) -> Nod
     return NodeChain(gram=gram, data=lanes, nodes=len(lanes), process_noise=process, before=before, after=before.none())
 
 
-def smooth_group(grid: Grid, group: Indices, data: Floats, smoothed: Smoothed, gram: Gram | None = None) -> NodeChain:
-    """Smooth a group together, in place, over the whole record; return its chain. `gram` is that of an earlier one."""
+def smooth_together(grid: Grid, first: int) -> Smoothed:
+    """Smooth all orders jointly; innovations count from node `first` on."""
+    smoothed = Smoothed.empty(grid, first)
+    smooth_group(grid, np.arange(grid.model.orders.size), None, smoothed)
+    return smoothed
+
+
+def smooth_group(
+    grid: Grid, group: Indices, data: Floats | None, smoothed: Smoothed, gram: Gram | None = None
+) -> NodeChain:
+    """Smooth a group together, in place, over the whole record; return its chain.
+
+    `data` and `gram` are those of `chain_together`, the products those of an earlier chain.
+    """
     chain = chain_together(grid, group, slice(0, grid.nodes), data, inserted(grid, group, 0, []), gram)
     found = smooth_chain(chain, first=smoothed.first)
     smoothed.levels[:, group], smoothed.variances[group] = by_order(grid.model.subset(group), found)

@@ -104,9 +104,9 @@ def covariance_filter(model: HarmonicModel, x: Floats, *, output_every: int, sta
     return innovations.estimate(*filter_on(model, x, state, innovations, output_every=output_every, startup=startup))
 
 
-def count_innovations(model: HarmonicModel, x: Floats, *, startup: int, keep: bool) -> Innovations:
+def count_innovations(model: HarmonicModel, x: Floats, *, startup: int) -> Innovations:
     """Return the innovations of the covariance filter; parameters as for `covariance_filter`."""
-    state, innovations = FilterState.prior(model, channels=len(x)), Innovations.none(channels=len(x), keep=keep)
+    state, innovations = FilterState.prior(model, channels=len(x)), Innovations.none(channels=len(x))
     filter_on(model, x, state, innovations, output_every=x.shape[1], startup=startup)
     return innovations
 

@@ -108,7 +108,7 @@ def track_orders(
         Standard deviation of errors of the shaft angle that are slow against 1 / bandwidth, in rad: one number,
         (sample,) array, or a mapping as `phase_rad`. It adds ``(order phase_std |Z|)^2 / 2`` to `std` squared.
     innovations
-        Whether the result holds the innovation of every sample, which only "exact" computes.
+        Whether the result holds the innovation of every sample, which the "exact" filter computes.
 
     Returns
     -------
@@ -314,9 +314,10 @@ def _choose(method: Method | Literal["auto"], task: _Task, patterns: list[Flags]
     unsteady = _why_unsteady(task, whole=whole) if task.estimator == "filter" and method in ("auto", "fast") else ""
     if method == "fast" and unsteady:
         raise ValueError(f'method="fast" with estimator="filter": {unsteady}; use method="exact".')
-    if task.innovations and method in ("fast", "reference"):
+    if task.innovations and (task.estimator, method) not in (("filter", "auto"), ("filter", "exact")):
         raise ValueError(
-            f'innovations=True with method={method!r}, which gives none for each sample; use method="exact".'
+            f"innovations=True with estimator={task.estimator!r} and method={method!r}, which give none for each "
+            'sample; use estimator="filter" with method="exact".'
         )
     if method != "auto":
         return method
@@ -325,9 +326,9 @@ def _choose(method: Method | Literal["auto"], task: _Task, patterns: list[Flags]
     if task.estimator == "filter":
         # Steady-state gains add an independent error, some 0.7 times the ripple: squares add up.
         return "exact" if unsteady or task.ripple**2 / 4 > task.rtol else "fast"
-    # Measured cost: the filter of the innovations, the products of regressors, a smoother cubic in the state a node.
+    # Measured cost: the phasors, the products of regressors, a smoother cubic in the state a node.
     products = model.order_of_column.size**2 * (2 * model.poles - 1)
-    work = samples * (700 + products + 5 * model.state_size**3 / exact_length(model, samples))
+    work = samples * (50 * model.orders.size + products + 5 * model.state_size**3 / exact_length(model, samples))
     length = block_length(model, samples, task.rtol)
     scattered = not whole and max(scattered_share(seen, length) for seen in patterns) > task.rtol
     return "exact" if work <= EXACT_WORK or length < SHORTEST_BLOCK or scattered or blurs(model) else "fast"
@@ -358,10 +359,7 @@ def _run(method: Method, task: _Task, x: Floats, seen: Flags, startup: int) -> E
         if method == "fast":
             estimate: Estimate = fast(model, x, seen, rtol=task.rtol, output_every=every, startup=startup)
         elif method == "exact":
-            estimate = exact(
-                model, x, seen, output_every=every, startup=startup, keep=task.innovations,
-                noise_variance=task.noise_variance,
-            )  # fmt: skip
+            estimate = exact(model, x, seen, output_every=every, startup=startup, noise_variance=task.noise_variance)
         else:
             from signals.harmonics import reference  # noqa: PLC0415  (filterpy is for the oracle alone)
 

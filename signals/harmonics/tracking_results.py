@@ -101,8 +101,7 @@ class OrderTracks:
         ([channel,]) mean, after start-up, of the squared innovations over their variances: near 1 when a given R and
         the bandwidths suit the record, 1 by construction where R was estimated.
     innovation_autocorrelation
-        ([channel,] lag) array, of the innovations at lags from one sample on; "fast" takes the smoother's residuals
-        instead.
+        ([channel,] lag) array, of the innovations at lags from one sample on; a smoother takes its residuals instead.
     whiteness
         ([channel,]) mean of the squared autocorrelation times the samples it was taken from: near 1 where the
         innovations are white, above where the record holds lines or bands that no order explains. Statistics of

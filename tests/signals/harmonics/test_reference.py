@@ -72,9 +72,9 @@ def test_exact_is_the_reference(samples, orders, poles, estimator):
         # which subtracts one from the other, keeps ten digits of it; of the amplitudes fewer are lost.
         assert np.max(off) < 1e-10 * np.abs(reference.complex_amplitude).max()
         assert_allclose(exact.std, reference.std, rtol=1e-8)
-    # Both are those of the filter: sums of thousands of squares.
-    assert_allclose(exact.innovation_variance, reference.innovation_variance, rtol=1e-11)
-    assert_allclose(exact.innovation_mean_square, reference.innovation_mean_square, rtol=1e-11)
+        # Sums of thousands of squares.
+        assert_allclose(exact.innovation_variance, reference.innovation_variance, rtol=1e-11)
+        assert_allclose(exact.innovation_mean_square, reference.innovation_mean_square, rtol=1e-11)
     assert exact.shafts == reference.shafts
 
 
