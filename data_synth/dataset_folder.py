@@ -23,7 +23,8 @@ from data_synth.plan import Plan, PlanError, load_plan, parse_plan
 from data_synth.scene.scene import SceneError
 from data_synth.simulation import simulate, simulate_with_detectability
 from hums.jobs import Job, Serial, Tally, Workers, run_jobs
-from hums.records.dataset_store import SHARD, write_index
+from hums.records.dataset_store import INDEX, LABELS, SHARD, write_index
+from hums.records.outputs import SEALS, check_outputs
 from hums.records.store import remove_partial_files, write_shard, write_text
 from signals._validation import checked
 
@@ -35,7 +36,12 @@ _EXPLAINED = 9  # records from which size and time follow: their truth differs b
 
 @checked
 def make_dataset(
-    plan: Plan | str | Path, folder: str | Path, *, workers: Workers | None = None, progress: bool = False
+    plan: Plan | str | Path,
+    folder: str | Path,
+    *,
+    workers: Workers | None = None,
+    progress: bool = False,
+    force: bool = False,
 ) -> Tally:
     """Make the dataset of a plan in a folder, or continue one that was interrupted.
 
@@ -50,6 +56,8 @@ def make_dataset(
         What computes the files; one process if left out. The files do not depend on it.
     progress : bool
         Whether to show a progress bar on standard error.
+    force : bool
+        Whether a folder that holds other files is used, and files of other programs in it are replaced.
 
     Returns
     -------
@@ -60,6 +68,8 @@ def make_dataset(
     ------
     PlanError
         If the disk is too small, or the folder holds something else.
+    RecordError
+        If a table or the card in the folder is another program's, or was edited.
     SceneError
         If a record cannot be simulated; the sentence has its number and class.
     JobError
@@ -82,7 +92,9 @@ def make_dataset(
     """
     plan = load_plan(plan) if isinstance(plan, str | Path) else plan
     folder = Path(folder).absolute()
-    _begin_folder(folder, plan)
+    written = [folder / name for name in (INDEX, LABELS, CHECKSUMS, "data-card.md")]
+    check_outputs(written, folder=folder, force=force)
+    _begin_folder(folder, plan, force=force)
     count = math.ceil(plan.records / plan.records_per_shard)
     jobs = [
         Job(name=Path(SHARD.format(shard)).name, item=shard, size=len(_record_numbers(plan, shard)))
@@ -98,7 +110,7 @@ def make_dataset(
         title="records" if progress else None,
     )
     remove_partial_files(folder)
-    if tally.done or not _is_indexed(folder):
+    if tally.done or force or not all(path.is_file() for path in written):
         write_text(folder / "data-card.md", data_card(plan))
         write_index(folder, [shards / job.name for job in jobs], plan=plan.text)
         _write_checksums(folder)
@@ -112,7 +124,7 @@ def _write_checksums(folder: Path) -> None:
         with path.open("rb") as file:
             return f"{hashlib.file_digest(file, 'sha256').hexdigest()}  {path.relative_to(folder).as_posix()}\n"
 
-    files = sorted(path for path in folder.rglob("*") if path.is_file() and path.name != CHECKSUMS)
+    files = sorted(path for path in folder.rglob("*") if path.is_file() and path.name not in {CHECKSUMS, SEALS})
     with ThreadPoolExecutor() as pool:  # hashing releases the interpreter
         lines = [*pool.map(line, files)]
     write_text(folder / CHECKSUMS, "".join(lines))
@@ -221,18 +233,16 @@ def _simulated(plan: Plan, number: int) -> tuple[xr.Dataset, dict[str, Any]]:
 # ---- the folder --------------------------------------------------------------------------------------------
 
 
-def _begin_folder(folder: Path, plan: Plan) -> None:
+def _begin_folder(folder: Path, plan: Plan, *, force: bool) -> None:
     """Write the plan into a new folder; refuse a folder begun with another plan."""
     mark = folder / "plan.toml"
     own = _MADE_BY.format(version("hums-toolkit")) + plan.text
     if mark.is_file():
         _require_same_plan(folder, mark.read_text(encoding="utf-8"), own)
         return
-    if folder.exists() and not folder.is_dir():
-        raise PlanError(f"{folder} is a file; name a folder.")
-    if folder.is_dir() and any(path.suffix != ".part" for path in folder.iterdir()):
-        raise PlanError(f"{folder} holds files that belong to no dataset; name a new or empty folder.")
     folder.mkdir(parents=True, exist_ok=True)
+    if not force and any(not path.name.startswith(".hums-") for path in folder.iterdir()):
+        raise PlanError(f"{folder} holds files that belong to no dataset; name a new one, or use --force (force=True).")
     write_text(mark, own)
 
 
@@ -262,7 +272,3 @@ def _check_space(plan: Plan, shards: Path, *, missing: int) -> None:
             f"{need / 1e9:.3g} GB, but {free / 1e9:.3g} GB are free at {shards}. Lower records, duration_s or rate_hz, "
             "keep float32, or choose another disk."
         )
-
-
-def _is_indexed(folder: Path) -> bool:
-    return all((folder / name).is_file() for name in ("index.h5", "labels.csv", CHECKSUMS))

@@ -27,9 +27,9 @@ from hums.readers import SUFFIXES
 from hums.readers.columns import in_zone
 from hums.readers.description import OF_MANY_FILES, ImportDescription, describe
 from hums.readers.process import ReaderProcess
-from hums.records.dataset_store import INDEX, SHARD, write_index
+from hums.records.dataset_store import INDEX, LABELS, SHARD, write_index
 from hums.records.fields import RecordError, plain_cell, utc_text
-from hums.records.outputs import check_outputs
+from hums.records.outputs import check_outputs, own_json
 from hums.records.snapshots import join_snapshots
 from hums.records.store import atomic_write, remove_partial_files, write_record, write_shard, write_text
 
@@ -260,7 +260,9 @@ def convert_files(
     if form == "files" and (twice := [name for name, count in names.items() if count > 1]):
         raise RecordError(f'two of the files are named "{twice[0]}"; convert one folder after the other, or packed.')
     task = spec.keys()
-    check_outputs([], inputs=[file.path for file in sources], folder=folder)
+    written = (_MARKS[form], _REFUSED, *((INDEX, LABELS) if form == "packed" else ()))
+    inputs = [file.path for file in sources]
+    check_outputs((folder / name for name in written), inputs=inputs, folder=folder, force=force)
     try:
         folder.mkdir(parents=True, exist_ok=True)
     except OSError as error:
@@ -276,7 +278,7 @@ def convert_files(
             for number, files in enumerate(_pieces(sources, spec.snapshots))
         ]
         notes = folder / _PIECES
-        if _drop_stale(folder, jobs):
+        if _drop_stale(folder, jobs, force=force):
             (folder / INDEX).unlink(missing_ok=True)
         remove_partial_files(folder)
         tally = run_jobs(
@@ -292,7 +294,7 @@ def convert_files(
         if not any(note["records"] for note in done):
             reason = next(iter(refused.values()))
             raise RecordError(f"none of {len(sources)} files could be converted; the first: {reason}")
-        if form == "packed" and (tally.done or not (folder / INDEX).is_file()):
+        if form == "packed" and (tally.done or force or not (folder / INDEX).is_file()):
             write_index(folder, shards, plan=json.dumps(task))
     kept = sum(job.size for job in jobs if not job.item["new"])
     return Conversion(
@@ -307,15 +309,14 @@ def convert_files(
 def _begin(folder: Path, form: Form, task: Mapping[str, Any], *, force: bool) -> None:
     """Write the declarations into a new folder; refuse one that holds other ones, or something else."""
     mark = folder / _MARKS[form]
-    if mark.is_file():
-        there = json.loads(mark.read_text(encoding="utf-8"))
+    if there := own_json(mark):
         if different := sorted(name for name in there.keys() | task.keys() if there.get(name) != task.get(name)):
             name = different[0]
             raise RecordError(
                 f"{folder} was begun with {name} = {there.get(name)!r}, here it is {task.get(name)!r}; name another "
                 "folder, or go on with the same description."
             )
-    elif not force and any(path.suffix != ".part" for path in folder.iterdir()):
+    elif not force and any(not path.name.startswith(".hums-") for path in folder.iterdir()):
         raise RecordError(
             f"{folder} holds files that belong to no such conversion; name a new or empty folder, or use --force "
             "(force=True)."
@@ -354,7 +355,7 @@ def _job(
     return Job(name=f"{number:06d}.json", item=item | {"new": True, "force": force}, size=len(files))
 
 
-def _drop_stale(folder: Path, jobs: Sequence[Job[dict[str, Any]]]) -> bool:
+def _drop_stale(folder: Path, jobs: Sequence[Job[dict[str, Any]]], *, force: bool) -> bool:
     """Remove the notes of pieces that changed or are none any more, and mark those that are kept; whether any went."""
     names = {job.name: job for job in jobs}
     given = {file[0] for job in jobs for file in job.item["files"]}
@@ -373,6 +374,7 @@ def _drop_stale(folder: Path, jobs: Sequence[Job[dict[str, Any]]]) -> bool:
             job.item["new"] = False
             continue
         gone = True
+        check_outputs(outputs, force=force)
         note.unlink()
         for path in outputs:
             path.unlink(missing_ok=True)
@@ -485,16 +487,16 @@ def _write_records(folder: Path, item: Mapping[str, Any], made: Sequence[tuple[l
     """Write the records of a piece, and return the names of the files."""
     if not made:
         return []
-    if item["form"] == "packed":
-        name = SHARD.format(item["number"])
+    packed = item["form"] == "packed"
+    names = [SHARD.format(item["number"])] if packed else [f"{Path(paths[0]).stem}.h5" for paths, _ in made]
+    check_outputs((folder / name for name in names), force=item["force"])
+    if packed:
         labels = {
             "file": [Path(paths[0]).name for paths, _ in made],
             "recorded_at": [record.attrs["recorded_at"] for _, record in made],
         }
-        write_shard([record for _, record in made], folder / name, labels=labels, dtype=_DTYPE)
-        return [name]
-    names = [f"{Path(paths[0]).stem}.h5" for paths, _ in made]
-    check_outputs((folder / name for name in names), force=item["force"])
+        write_shard([record for _, record in made], folder / names[0], labels=labels, dtype=_DTYPE)
+        return names
     for name, (_, record) in zip(names, made, strict=True):
         write_record(record, folder / name, tidy=False)
     return names

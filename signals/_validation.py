@@ -25,7 +25,7 @@ Float = TypeVar("Float", bound=np.floating)
 # Largest and smallest peak of a signal: the squares of a record's spectrum overflow beyond, or lose digits below.
 _PEAKS = {"float32": (1e-15, 1e15), "float64": (1e-152, 1e145)}
 _LEAST_NUMBER = 1e-250  # of a positive argument: products with smaller ones underflow
-_LONGEST_VALUE = 80  # characters of a value in a message
+_LONGEST_VALUE, _MOST_ITEMS = 80, 20  # characters, and members, of a value in a message
 _LONGEST_MESSAGE = 1000  # characters: a page of a terminal; more comes of names in a damaged file
 _LARGEST_WHOLE = 2**53  # above, doubles skip whole numbers
 
@@ -148,6 +148,8 @@ def brief(value: object) -> str:
     """Return the `repr` of a value for a message, cut where it is long."""
     if isinstance(value, int) and abs(value) > _LARGEST_WHOLE:
         return f"{'-' * (value < 0)}2**{abs(value).bit_length() - 1} or more"
+    if isinstance(value, dict | list | tuple) and len(value) > _MOST_ITEMS:
+        return f"a {type(value).__name__} of {len(value)}"
     text = repr(value)
     return text if len(text) <= _LONGEST_VALUE else f"{text[: _LONGEST_VALUE - 3]}..."
 

@@ -109,17 +109,17 @@ FORMATS = (
 )
 OWNED = "files of the user's own are kept, and exits say what happened", "when hums/cli is reduced"
 ALLOWANCES = {
+    "data_synth (root)": (4, *OWNED),
     "hums/analysis": (485, *ANGLE),
     "signals (root)": (17, "compilation for data_synth too, names through one function", "when hums/cli is reduced"),
     "signals/harmonics, signals/slipping_order": (120, "the density of noise about orders", "with textbook engines"),
     "hums (root)": (25, *OWNED),
     "hums/cli": (80, *OWNED),
-    "hums/fleet": (14, *MENDS),
     "hums/gearbox": (28, "what cannot be assembled is refused", "when the package is reduced"),
     "hums/plots, hums/drawing, hums/pages": (37, *OWNED),
     "hums/readers": (580, *FORMATS),
-    "hums/records": (319, *READ),
-    "hums/report": (35, *MENDS),
+    "hums/records": (345, *READ),
+    "hums/report": (32, *MENDS),
     "all code lines": (246, *OWNED),
     "all modules": (3, *FORMATS),
     "all constants": (13, *OWNED),

@@ -5,7 +5,7 @@ from typing import Annotated
 
 import typer
 
-from hums.cli.options import Scheduler, WorkerCount, echo, workers_of
+from hums.cli.options import Force, Scheduler, WorkerCount, echo, workers_of
 
 __all__ = ["dataset"]
 
@@ -15,6 +15,7 @@ def dataset(
     out: Annotated[Path, typer.Option("--out", "-o", help="Folder of the dataset; the same again goes on with it.")],
     workers: WorkerCount = None,
     scheduler: Scheduler = None,
+    force: Force = False,
 ) -> None:
     """Run the command."""
     from data_synth import load_plan, make_dataset  # noqa: PLC0415
@@ -27,7 +28,7 @@ def dataset(
         f"samples and up to {cost.truth_bytes / 1e6:.3g} MB of truth; about {cost.seconds / 60:.2g} minutes of one "
         "core."
     )
-    tally = make_dataset(declared, out, workers=chosen, progress=True)
+    tally = make_dataset(declared, out, workers=chosen, progress=True, force=force)
     before = f", {tally.kept} of their {tally.kept + tally.done} files made before" if tally.kept else ""
     echo(f"{out}: {declared.records} records{before}")
     echo(f"classes: {', '.join(declared.classes)}")

@@ -37,7 +37,7 @@ from hums.fleet.watched_machines import (
 from hums.gearbox.model import Gearbox, load_gearbox
 from hums.jobs import Job, Serial, Workers, cpu_limit, locked, run_jobs
 from hums.records.dataset_store import dataset_files, dataset_record, is_begun, open_dataset
-from hums.records.outputs import MARK, check_outputs
+from hums.records.outputs import check_outputs, own_json
 from hums.records.store import open_record, write_text
 from signals._validation import SentenceError, checked, plain_text
 
@@ -205,7 +205,7 @@ def analyze_fleet(
     task = {
         "gearbox": gearbox.model_dump_json(exclude_none=True),
         "settings": settings.model_dump_json(),
-        "version": f"{MARK} {version(MARK)}",
+        "version": f"hums-toolkit {version('hums-toolkit')}",
         "format": _FORMAT,
     }
     results_folder, killed = folder / "records", folder / "killed"
@@ -215,7 +215,8 @@ def analyze_fleet(
         raise FleetError(f"{folder} cannot be made ({error.strerror}); name a folder of yours.") from None
     with locked(folder):  # from the list that is read to the one that is written
         _check_task(folder / _TASK, task)
-        names = (_listed(folder) if append else {}) | {source.whole_name: _result_name(source) for source in found}
+        listed = own_json(folder / _LIST) if append else {}  # in the order of the runs
+        names = listed | {source.whole_name: _result_name(source) for source in found}
         jobs = [Job(name=_result_name(source), item=source) for source in found]
         tally = run_jobs(
             partial(_analyse_to_file, task["gearbox"], task["settings"]),
@@ -227,7 +228,7 @@ def analyze_fleet(
         )
         write_text(folder / _LIST, json.dumps(names))
         paths = [done if (done := results_folder / name).exists() else killed / name for name in names.values()]
-        for stale in set(killed.glob("*.json.gz")) - set(paths):  # tried again with success, or the file is another one
+        for stale in set(killed.glob(f"{'?' * 24}.json.gz")) - set(paths):  # done now, or the record's file changed
             stale.unlink()
         histories, written = _tables(paths, folder, monitoring or MonitorSettings(), work, append=append, gearbox=named)
     return Fleet(
@@ -246,18 +247,6 @@ def analyze_fleet(
 FILES = ("fleet.html", "fleet.csv", "fleet.h5", "trends.csv", "alarms.csv", "components.csv", "baseline.h5")
 """What `analyze_fleet` writes for its readers into the folder."""
 _INDICATORS, _LIST, _TASK, _FORMAT = "indicators.parquet", "records.json", "task.json", "hums-results/2"
-
-
-def _listed(folder: Path) -> dict[str, str]:
-    """Return the result file of each record that an earlier run had, by the record's name, in their order."""
-    path = folder / _LIST
-    names: dict[str, str] = json.loads(path.read_text(encoding="utf-8")) if path.is_file() else {}
-    if not isinstance(names, dict):
-        raise FleetError(
-            f"{path} is a list of an earlier version, which does not say whose results its files are; run all records "
-            "once without append."
-        )
-    return names
 
 
 def _is_learning(history: MachineHistory) -> bool:
@@ -311,12 +300,11 @@ def _tables(
 
 def _check_task(path: Path, task: dict[str, str]) -> None:
     """Write gearbox, settings and version into the folder; raise where it already holds other ones."""
-    if not path.is_file():
-        write_text(path, json.dumps(task, indent=1))
-        return
-    there = json.loads(path.read_text(encoding="utf-8"))
+    there = own_json(path)
     differing = [name for name in task if there.get(name) != task[name]]
-    if differing:
+    if not there:
+        write_text(path, json.dumps(task, indent=1))
+    elif differing:
         raise FleetError(
             f"{path.parent} holds records analysed with another {' and another '.join(differing)}; a table mixes none. "
             "Name another folder."

@@ -1,6 +1,8 @@
 """The parts of a declared gearbox, axes, gears, meshes and bearings, and the checks of their numbers."""
 
+import ast
 import difflib
+import inspect
 import json
 import math
 import os
@@ -14,8 +16,10 @@ from math import radians, sin
 from pathlib import Path
 from typing import Annotated, Any, Literal, Self, TypeVar
 
-from pydantic import BaseModel, ConfigDict, Field, ValidationError, model_validator
-from pydantic_core import ErrorDetails
+from pydantic import BaseModel, ConfigDict, Field, GetJsonSchemaHandler, ValidationError, model_validator
+from pydantic_core import CoreSchema, ErrorDetails
+
+from signals._validation import brief
 
 __all__ = [
     "MOST_PARTS",
@@ -30,7 +34,6 @@ __all__ = [
     "Positive",
     "Vector",
     "assembly_warnings",
-    "brief",
     "closest",
     "coaxial_warning",
     "count",
@@ -56,7 +59,6 @@ _MOST_BYTES = 1_000_000  # of a hand-written file: the largest of the catalogues
 _DEEPEST = 50  # tables and lists in each other: ours have 6
 _LONGEST_MESSAGE = 800  # characters, so that with the name of a file it stays below 1,000
 _LONGEST_VALUE = 120
-_LARGEST_WHOLE = 2**63
 _MOST_SHOWN = 20
 
 
@@ -72,6 +74,13 @@ class Declared(BaseModel):
             return table
         refuse_unknown_keys(table, {field.alias or name for name, field in cls.model_fields.items()}, cls.model_fields)
         return frozen(table)
+
+    @classmethod
+    def __get_pydantic_json_schema__(cls, core: CoreSchema, handler: GetJsonSchemaHandler) -> dict[str, Any]:
+        schema = handler.resolve_ref_schema(found := handler(core))
+        if cls.__doc__ is None:  # python -OO
+            schema["description"] = ast.get_docstring(ast.parse(inspect.getsource(cls)).body[0])  # type: ignore[arg-type]
+        return found
 
     def changed(self, **values: object) -> Self:
         """Return a validated copy with some fields replaced."""
@@ -211,16 +220,6 @@ def _refuse_deep(tables: dict[str, Any], *, where: str, error: type[ValueError])
         if not level:
             return
     raise error(f"{where} nests tables or lists over {_DEEPEST} deep; no file of ours does.")
-
-
-def brief(value: object) -> str:
-    """Return the `repr` of a value for a message, cut where it is long."""
-    if isinstance(value, int) and abs(value) > _LARGEST_WHOLE:
-        return f"{'-' * (value < 0)}2**{abs(value).bit_length() - 1} or more"
-    if isinstance(value, dict | list | tuple) and len(value) > _MOST_SHOWN:
-        return f"a {type(value).__name__} of {len(value)}"
-    text = repr(value)
-    return text if len(text) <= _LONGEST_VALUE else f"{text[: _LONGEST_VALUE - 3]}..."
 
 
 def _causes(errors: list[ErrorDetails]) -> list[ErrorDetails]:

@@ -10,8 +10,7 @@ import numpy as np
 import pandas as pd
 from numpy.typing import NDArray
 
-from hums.gearbox.components import brief
-from signals._validation import checked
+from signals._validation import brief, checked
 
 HANN_HALF_LOBE = 2.0  # bins of 1 / revolutions from the peak of a Hann line to its first zero
 _MOST_LINES = 10_000_000  # of a table: some gigabytes

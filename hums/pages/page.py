@@ -18,7 +18,6 @@ from typing import Any
 import numpy as np
 from numpy.typing import ArrayLike, NDArray
 
-from hums.records.outputs import MARK
 from signals._validation import plain_text
 
 _CODES = 254  # of a byte; 255 is no value
@@ -194,7 +193,7 @@ def page_head(*scripts: str) -> str:
     digests = (base64.b64encode(hashlib.sha256(script.encode()).digest()).decode() for script in scripts)
     allowed = " ".join(f"'sha256-{digest}'" for digest in digests)
     return (
-        f'<meta charset="utf-8">\n<meta name="generator" content="{MARK}">\n'
+        f'<meta charset="utf-8">\n<meta name="generator" content="hums-toolkit">\n'
         f'<meta http-equiv="Content-Security-Policy" content="default-src \'none\'; script-src {allowed}; '
         "style-src 'unsafe-inline'; img-src data: blob:; font-src data:; base-uri 'none'; form-action 'none'\">\n"
         '<meta name="viewport" content="width=device-width, initial-scale=1">\n<link rel="icon" href="data:,">\n'

@@ -14,7 +14,7 @@ from matplotlib.ticker import LogFormatter, LogFormatterMathtext
 
 from hums.plots.labels import apply_layout
 from hums.plots.style import FAINT, INK, power_of_ten
-from hums.records.outputs import MARK, check_outputs
+from hums.records.outputs import check_outputs
 from hums.records.store import atomic_write
 from signals._validation import plain_text
 
@@ -32,9 +32,9 @@ _STYLE: dict[str, Any] = {
 }
 # Dates and versions are left out, so that equal figures are equal files.
 _METADATA: dict[str, dict[str, Any]] = {
-    "svg": {"Date": None, "Creator": MARK},
-    "png": {"Software": MARK},
-    "pdf": {"CreationDate": None, "Creator": MARK, "Producer": None},
+    "svg": {"Date": None, "Creator": None},
+    "png": {"Software": None},
+    "pdf": {"CreationDate": None, "Creator": None, "Producer": None},
 }
 _DPI = 160  # of PNG; SVG and PDF are vector graphics
 

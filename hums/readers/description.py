@@ -10,11 +10,11 @@ from typing import Annotated, Any, Literal, Self, cast
 import numpy as np
 from pydantic import BeforeValidator, Field, PlainValidator, model_validator
 
-from hums.gearbox.components import Declared, Positive, brief, read_toml, validated
+from hums.gearbox.components import Declared, Positive, read_toml, validated
 from hums.readers.columns import in_zone, zone_of
 from hums.records.fields import RecordError, utc_text
 from hums.records.quantities import AngularAverage
-from signals._validation import is_float
+from signals._validation import brief, is_float
 
 __all__ = ["OF_MANY_FILES", "ImportDescription", "describe"]
 

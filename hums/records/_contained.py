@@ -11,7 +11,7 @@ import numpy as np
 from hums.records.fields import RecordError
 from signals._validation import plain_text
 
-__all__ = ["fingerprint", "objects", "refuse_reaching_out", "refuse_size", "refuse_too_large", "schema_of"]
+__all__ = ["fingerprint", "is_own", "is_unchanged", "objects", "refuse_reaching_out", "refuse_size", "refuse_too_large"]
 
 _MOST_OBJECTS = 100_000  # a record has some dozens
 _PLAUSIBLE = 100  # times the size of the file: more is possible only where values hardly vary
@@ -50,13 +50,20 @@ def objects(file: h5py.File) -> Iterator[tuple[str, h5py.Group | h5py.Dataset]]:
                 waiting.append((path, item))
 
 
-def schema_of(path: str | PathLike[str]) -> str:
-    """Return the schema that a file of this toolkit states; empty where another program wrote it, or it is damaged."""
+def is_own(path: str | PathLike[str]) -> bool:
+    """Return whether a file states a schema of this toolkit, and names, shapes and attributes are as it wrote them."""
     try:
         with h5py.File(path) as contents:
-            return str(contents.attrs.get("schema", ""))
+            return str(contents.attrs.get("schema", "")).startswith("hums-") and bool(is_unchanged(contents))
     except (OSError, RuntimeError, LookupError, ValueError, TypeError, AttributeError):
-        return ""
+        return False
+
+
+def is_unchanged(file: h5py.File) -> bool | None:
+    """Return whether names, shapes and attributes have the checksum that this toolkit wrote; None without one."""
+    stated = file.attrs.get("_NCProperties", b"")
+    text = stated.decode(errors="replace") if isinstance(stated, bytes) else str(stated)
+    return text.endswith(f",hums={fingerprint(file)}") if ",hums=" in text else None
 
 
 def _utf8(name: str | bytes, filename: str) -> str:

@@ -23,6 +23,7 @@ from signals._validation import brief, checked
 
 __all__ = [
     "INDEX",
+    "LABELS",
     "SCHEMA",
     "SHARD",
     "dataset_files",
@@ -33,7 +34,7 @@ __all__ = [
     "write_index",
 ]
 
-INDEX, SCHEMA = "index.h5", "hums-dataset/1"
+INDEX, LABELS, SCHEMA = "index.h5", "labels.csv", "hums-dataset/1"
 SHARD = "shards/{:06d}.h5"
 
 
@@ -203,7 +204,7 @@ def write_index(folder: Path, shards: Sequence[Path], *, plan: str) -> None:
         "shard_starts": np.concatenate([[0], np.cumsum(each)[:-1]]),
         "arrays_json": json.dumps(arrays),
     }
-    with atomic_write(folder / "labels.csv") as part:
+    with atomic_write(folder / LABELS) as part:
         table.to_dataframe().map(plain_cell).to_csv(part)
     write_tree(xr.DataTree(table), folder / INDEX)
 

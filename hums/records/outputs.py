@@ -1,17 +1,28 @@
-"""What may be written: never what is read, no device or pipe, and no file that this toolkit did not write."""
+"""What may be written: never what is read, no device or pipe, and no file that this toolkit did not write.
 
+Each file is sealed by the SHA-256 of its bytes: in a comment at its end where its format has comments, else in a line
+of a hidden list in its folder. A file that was edited since is its editor's. HDF5 files state a schema and a checksum.
+"""
+
+import hashlib
+import json
 import os
 from collections.abc import Iterable, Iterator
 from pathlib import Path
+from typing import Any
 
-from hums.records._contained import schema_of
+from hums.records._contained import is_own
 from hums.records.fields import RecordError
 
-__all__ = ["MARK", "check_outputs"]
+__all__ = ["SEALS", "check_outputs", "own_json", "seal"]
 
-MARK = "hums-toolkit"  # near the beginning or end of files whose format has a place for it; HDF5 states a schema
-_HEAD, _TAIL = 2048, 16384  # bytes: a PDF ends in its metadata and a table of its objects
-_TABLES = {".csv", ".json", ".parquet"}  # without such a place: the folder's own marked files speak for them
+SEALS = ".hums-written"  # the list, in the form of sha256sum; it only grows, so that writers need no lock
+_LISTED = {".csv", ".json", ".parquet", ".sha256"}
+_MARKUP = "<!-- {} hums-toolkit -->\n"
+_COMMENTS = {  # PNG: behind its last chunk, where readers stop
+    ".htm": _MARKUP, ".html": _MARKUP, ".md": _MARKUP, ".svg": _MARKUP, ".pdf": "% {} hums-toolkit\n",
+    ".png": "{} hums-toolkit\n",
+}  # fmt: skip
 
 
 def check_outputs(
@@ -53,10 +64,10 @@ def check_outputs(
         if not output.is_file():
             kind = "a directory" if output.is_dir() else "a device or pipe"
             raise RecordError(f"{output} is {kind}, where a file is written; name another output.")
-        if not (force or _is_own(output)):
+        if not (force or _is_own(Path(os.path.realpath(output)))):
             raise RecordError(
-                f"{output} exists and was not written by hums, so it is not replaced; name another output, move that "
-                "file away, or replace it with --force (force=True)."
+                f"{output} exists and was not written by hums, or edited since, so it is not replaced; name another "
+                "output, move that file away, or replace it with --force (force=True)."
             )
 
 
@@ -68,15 +79,43 @@ def _identities(path: Path) -> Iterator[object]:
         yield stat.st_dev, stat.st_ino
 
 
+def seal(part: Path, target: Path) -> None:
+    """Mark a complete file, before it takes its name, as one of this toolkit."""
+    if comment := _COMMENTS.get(target.suffix.lower()):
+        with part.open("ab") as file:
+            file.write(comment.format(_digest(part)).encode())
+    elif target.suffix.lower() in _LISTED and (line := f"{_digest(part)}  {target.name}") not in _sealed(target.parent):
+        with (target.parent / SEALS).open("a", encoding="utf-8") as file:
+            file.write(f"{line}\n")
+            file.flush()
+            os.fsync(file.fileno())
+
+
+def own_json(path: Path) -> dict[str, Any]:
+    """Return what a JSON file of this toolkit holds; empty where there is none, or another program's."""
+    return dict(json.loads(path.read_bytes() or b"{}")) if path.is_file() and _is_own(path) else {}
+
+
 def _is_own(path: Path) -> bool:
     if path.stat().st_size == 0:
         return True  # reserved by whoever named it: there is nothing to lose
-    marks = ("analysis.h5", "task.json") if path.suffix in _TABLES else ()  # written before any table
-    if any(mark != path.name and path.with_name(mark).is_file() and _is_own(path.with_name(mark)) for mark in marks):
-        return True
-    if schema_of(path).startswith("hums-"):
-        return True
+    if comment := _COMMENTS.get(path.suffix.lower()):
+        whole = path.read_bytes()
+        body = whole[: -len(comment.format("0" * 64))]
+        return whole == body + comment.format(hashlib.sha256(body).hexdigest()).encode()
+    if path.suffix.lower() in _LISTED:
+        return f"{_digest(path)}  {path.name}" in _sealed(path.parent)
+    return is_own(path)
+
+
+def _digest(path: Path) -> str:
     with path.open("rb") as file:
-        head = file.read(_HEAD)
-        file.seek(max(0, path.stat().st_size - _TAIL))
-        return MARK.encode() in head + b"\n" + file.read(_TAIL)
+        return hashlib.file_digest(file, "sha256").hexdigest()
+
+
+def _sealed(folder: Path) -> list[str]:
+    """Return the lines of the list in a folder."""
+    seals = folder / SEALS
+    if seals.is_symlink() or (seals.exists() and not seals.is_file()):
+        raise RecordError(f"{seals} lists what hums wrote here, and is no file; remove it.")
+    return seals.read_text(encoding="utf-8", errors="replace").splitlines() if seals.exists() else []

@@ -24,11 +24,11 @@ import xarray as xr
 from xarray.backends import CachingFileManager
 from xarray.indexes import RangeIndex
 
-from hums.records._contained import fingerprint, objects, refuse_reaching_out, refuse_size, refuse_too_large
+from hums.records._contained import is_unchanged, objects, refuse_reaching_out, refuse_size, refuse_too_large
 from hums.records._netcdf import Chunks, DiskError, open_netcdf, write_netcdf
 from hums.records.channels import ANGLE
 from hums.records.fields import RecordWarning, is_utf8, plain_repr
-from hums.records.outputs import check_outputs
+from hums.records.outputs import check_outputs, seal
 from hums.records.packing import packed, unpacked
 from hums.records.record import SCHEMA, RecordError, attach_time, check_record, detach_time
 from signals._validation import checked, plain_text
@@ -354,16 +354,14 @@ def _check_schema(file: Path) -> None:
 
 def _warn_if_changed(file: Path, contents: h5py.File) -> None:
     """Warn where names, shapes or attributes are not those that were written."""
-    stated = contents.attrs.get("_NCProperties", b"")
-    text = stated.decode(errors="replace") if isinstance(stated, bytes) else str(stated)
-    written = text.rpartition(",hums=")[2] if ",hums=" in text else None
-    if written is None:
+    unchanged = is_unchanged(contents)
+    if unchanged is None:
         warnings.warn(
             f"{file} was written by another program or an older version: its attributes have no checksum.",
             RecordWarning,
             stacklevel=3,
         )
-    elif written != fingerprint(contents):
+    elif not unchanged:
         warnings.warn(
             f"{file} was changed after it was written: names, shapes or attributes disagree with their checksum; "
             "compare it with the original.",
@@ -408,8 +406,9 @@ def write_text(path: str | os.PathLike[str], text: str) -> None:
 def atomic_write(path: str | os.PathLike[str], *, tidy: bool = True) -> Iterator[Path]:
     """Yield a temporary file to write, which replaces `path` on success and is removed on failure.
 
-    What dead writers of `path` left is removed, for which the folder is listed; not with `tidy` false: the time of as
-    many files in one folder would grow with their square. Who writes them tidies the folder before the first.
+    The file is sealed as one of this toolkit. What dead writers of `path` left is removed, for which the folder is
+    listed; not with `tidy` false: the time of as many files in one folder would grow with their square. Who writes
+    them tidies the folder before the first.
     """
     target = Path(os.path.realpath(path))  # so that a symbolic link remains one
     if not is_utf8(target.name):
@@ -423,6 +422,7 @@ def atomic_write(path: str | os.PathLike[str], *, tidy: bool = True) -> Iterator
     part = target.with_name(f".hums-{_short(target.name)}-{_writer(os.getpid())}-{uuid4().hex[:8]}.part")
     try:
         yield part
+        seal(part, target)
         _sync(part)
         part.replace(target)
     except BaseException as error:

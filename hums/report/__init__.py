@@ -100,7 +100,7 @@ def write_report(
     >>> with TemporaryDirectory() as folder:
     ...     page = hums.write_report(analysis, folder)
     ...     print(page.name, sorted(path.name for path in page.parent.iterdir())[:2])
-    report.html ['analysis.h5', 'indicators.csv']
+    report.html ['.hums-written', 'analysis.h5']
     """
     folder = prepare_folder(folder, force=force)
     save_analysis(analysis, folder / "analysis.h5", force=force)

@@ -5,7 +5,7 @@ import shutil
 import subprocess
 from pathlib import Path
 
-from hums.records.outputs import MARK, check_outputs
+from hums.records.outputs import check_outputs
 from hums.records.store import atomic_write
 
 _BROWSERS = ("chromium", "chromium-browser", "google-chrome", "google-chrome-stable", "chrome", "msedge")
@@ -58,6 +58,4 @@ def write_pdf(page: str | Path, *, force: bool = False) -> Path:
         if done.returncode or not part.exists():
             last = (done.stderr.strip().splitlines() or ["no reason was given"])[-1]
             raise ValueError(f"{browser} did not print {page}: {last}; open the page and print it from there.")
-        with part.open("ab") as file:
-            file.write(f"% {MARK}\n".encode())  # a comment, behind the end
     return target

@@ -243,7 +243,7 @@ class TestFolder:
 
     def test_it_says_what_its_files_add_up_to(self, folder):
         rows = [line.split("  ") for line in (folder / "checksums.sha256").read_text(encoding="utf-8").splitlines()]
-        files = sorted(path for path in folder.rglob("*") if path.is_file() and path.name != "checksums.sha256")
+        files = sorted(path for path in folder.rglob("[!.]*") if path.is_file() and path.name != "checksums.sha256")
         assert [name for _, name in rows] == [path.relative_to(folder).as_posix() for path in files]
         assert [hashlib.sha256(path.read_bytes()).hexdigest() for path in files] == [own for own, _ in rows]
 
@@ -274,7 +274,7 @@ class TestRefusals:
         (tmp_path / "thesis.tex").touch()
         with pytest.raises(PlanError, match="holds files that belong to no dataset"):
             make_dataset(plan, tmp_path)
-        with pytest.raises(PlanError, match=r"thesis\.tex is a file; name a folder"):
+        with pytest.raises(RecordError, match=r"thesis\.tex is a file; name a folder"):
             make_dataset(plan, tmp_path / "thesis.tex")
 
     def test_a_disk_that_is_too_small(self, tmp_path, monkeypatch):

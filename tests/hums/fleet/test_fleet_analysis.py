@@ -241,9 +241,6 @@ class TestGoingOn:
         run([tmp_path / "records"], tmp_path / "anew", monitoring=monitoring)
         for name in ("fleet.csv", "components.csv", "alarms.csv", "trends.csv"):
             assert (tmp_path / "out" / name).read_bytes() == (tmp_path / "anew" / name).read_bytes()
-        (tmp_path / "out" / "records.json").write_text("[]")  # as earlier versions had it
-        with pytest.raises(FleetError, match=r"run all records once without append\.$"):
-            run(new, tmp_path / "out", append=True, monitoring=monitoring)
 
     def test_a_run_that_begins_while_another_writes_its_tables_is_refused(self, records, tmp_path, monkeypatch):
         def meanwhile(*_, **__):

@@ -2,10 +2,12 @@
 
 import os
 import shutil
+from pathlib import Path
 
 import h5py
 import numpy as np
 import pytest
+from gearboxes import SHORT_SCENE
 
 from hums.analysis.record_analysis import AnalysisSettings, analyze
 from hums.analysis.result import open_analysis, save_analysis
@@ -148,36 +150,53 @@ def test_a_fleet_beside_its_records_goes_on(made, tmp_path):
         assert (fleet.records, fleet.failed) == (1, 0)
 
 
-ANALYZE = "analyze record.h5 --gearbox two-stage -o . --no-envelope"
-FLEET = "fleet record.h5 --gearbox two-stage -o . --no-envelope"
-WRITERS = [
-    ("analysis.h5", ANALYZE), ("report.html", ANALYZE), ("orders.csv", ANALYZE), ("summary.json", ANALYZE),
-    ("fleet.csv", FLEET), ("fleet.html", FLEET), ("fleet.h5", FLEET),
-    ("new.h5", "convert raw.h5 new.h5 --channel vib --units g --rate-hz 4000 --no-tachometer"),
-    ("new.h5", "synth scene.toml -o new.h5"), ("m.svg", "drawing two-stage -o m.svg"),
-    ("m.png", "drawing two-stage -o m.png"), ("m.pdf", "drawing two-stage -o m.pdf"),
-    ("orders.svg", "drawing two-stage -o ."), ("p.html", "drawing two-stage -o p.html"),
-    ("campbell.svg", "dynamics wijianto-pair --motions torsion -o ."),
-]  # fmt: skip
+PLAN = 'scene = "demo"\nrecords = 1\nseed = 7\nchange = { duration_s = 0.2, fault = [] }\n'
+READ_RAW = "--channel vib --units g --rate-hz 4000 --no-tachometer"
+WRITERS = {  # and the files of each
+    "analyze record.h5 --gearbox two-stage -o out --no-envelope":
+        "out/analysis.h5 out/indicators.csv out/orders.csv out/report.html out/summary.json",
+    "fleet record.h5 --gearbox two-stage -o out --no-envelope":
+        "out/alarms.csv out/baseline.h5 out/components.csv out/fleet.csv out/fleet.h5 out/fleet.html "
+        "out/indicators.parquet out/records.json out/task.json out/trends.csv",
+    "dataset plan.toml -o out": "out/checksums.sha256 out/data-card.md out/index.h5 out/labels.csv",
+    f"convert raw.h5 new.h5 {READ_RAW}": "new.h5",
+    f"convert raw.h5 raw.h5 -o out {READ_RAW}": "out/conversion.json out/index.h5 out/labels.csv out/refused.csv",
+    f"convert raw.h5 raw.h5 -o out --files {READ_RAW}": "out/conversion-files.json out/refused.csv",
+    "synth scene.toml -o new.h5": "new.h5",
+    "drawing two-stage -o m.pdf": "m.pdf",
+    "drawing two-stage -o p.html": "p.html",
+    "dynamics wijianto-pair --motions torsion -o out --format png": "out/campbell.png out/modes.png",
+}  # fmt: skip
 
 
-@pytest.mark.parametrize(("name", "words"), WRITERS, ids=[f"{name} of {words.split()[0]}" for name, words in WRITERS])
-def test_a_command_replaces_only_its_own_files(run, refused, made, raw, tmp_path, monkeypatch, name, words):  # noqa: ARG001 - convert reads raw.h5
+@pytest.mark.parametrize("words", WRITERS)
+def test_a_command_replaces_only_what_it_wrote_file_by_file(run, refused, made, raw, tmp_path, monkeypatch, words):  # noqa: ARG001 - convert reads raw.h5
     monkeypatch.setattr("hums.jobs.Processes", lambda **_: Serial())
     monkeypatch.chdir(tmp_path)
     shutil.copy(made / "record.h5", "record.h5")
-    scene = 'speed = { link = "input", rpm = 600 }\ntachometer = { link = "input", pulses_per_rev = 1 }\n'
-    sensor = '[[sensor]]\nname = "a"\non = "input bearing"\nunits = "g"\n'
-    frame = 'gearbox = "two-stage"\nrate_hz = 5000\nduration_s = 0.2\nfidelity = "kinematic"\n'
-    (tmp_path / "scene.toml").write_text(frame + scene + sensor)
-    (tmp_path / name).write_text("the user's own")
-    refused(*words.split(), because=FOREIGN)
+    (tmp_path / "scene.toml").write_text(SHORT_SCENE)
+    (tmp_path / "plan.toml").write_text(PLAN)
+    (tmp_path / "out").mkdir()
+    assert run(*words.split())[0] == 0
+    written = [*map(Path, WRITERS[words].split())]
+    for path in written:
+        whole = path.read_bytes()
+        if path.suffix == ".h5":
+            with h5py.File(path, "r+") as file:
+                file.attrs["mine"] = 1
+        else:
+            path.write_bytes(whole + b"\n")
+        refused(*words.split(), because=FOREIGN)
+        path.unlink()
+        os.mkfifo(path)
+        refused(*words.split(), "--force", because="a device or pipe")
+        path.unlink()
+        path.write_bytes(whole)
+    for path in written:
+        path.write_text("the user's own")
     assert run(*words.split(), "--force")[0] == 0
     assert run(*words.split())[0] == 0  # which it wrote itself
-    assert (tmp_path / name).read_bytes() != b"the user's own"
-    (tmp_path / name).unlink()
-    os.mkfifo(name)
-    refused(*words.split(), "--force", because="a device or pipe")
+    assert not [path for path in written if path.read_bytes() == b"the user's own"]
 
 
 @pytest.mark.parametrize("write", [
