@@ -1,10 +1,4 @@
-"""The state-space model of the trackers as matrices, and on filterpy: slow and transparent, a check of all others.
-
-References
-----------
-.. [1] H. E. Rauch, F. Tung, C. T. Striebel, "Maximum likelihood estimates of linear dynamic systems",
-   AIAA J. 3, 1965.
-"""
+"""The state-space model of the trackers as matrices, and on filterpy: slow and transparent, a check of all others."""
 
 from __future__ import annotations
 
@@ -18,16 +12,7 @@ from filterpy.kalman import KalmanFilter
 from signals._validation import checked, whole
 from signals.harmonics import _arguments
 from signals.harmonics.bandwidth import MOST_POLES
-from signals.harmonics.state_space import (
-    LAGS,
-    PRIOR_STD,
-    Complexes,
-    Estimate,
-    Estimator,
-    Floats,
-    HarmonicModel,
-    Order,
-)
+from signals.harmonics.state_space import PRIOR_STD, Complexes, Floats, HarmonicModel, Order
 
 if TYPE_CHECKING:
     from collections.abc import Sequence
@@ -150,58 +135,9 @@ def harmonic_model(
         poles=whole(poles, name="poles", least=1, most=MOST_POLES),
         prior_std=PRIOR_STD if initial_std is None else _arguments.check_initial_std(initial_std, noise=noise),
     )  # fmt: skip
-    return _matrices(model, noise)
-
-
-def _matrices(model: HarmonicModel, noise_variance: float) -> HarmonicMatrices:
     return HarmonicMatrices(
         F=np.asarray(np.kron(np.tri(model.poles).T, np.eye(model.order_of_column.size)), dtype=np.float64),
-        R=noise_variance,
-        P0=noise_variance * np.diag(model.prior_variance().ravel()),
+        R=noise,
+        P0=noise * np.diag(model.prior_variance().ravel()),
         _model=model,
-    )
-
-
-def track(model: HarmonicModel, x: Floats, *, estimator: Estimator, output_every: int, startup: int) -> Estimate:
-    """Filter, and smooth by the recursion of Rauch, Tung and Striebel [1]_, every sample with dense matrices.
-
-    Parameters as for `kalman_filter.covariance_filter`; `estimator` is "smoother" or "filter".
-    """
-    columns = model.order_of_column.size
-    channels, samples = x.shape
-    matrices = _matrices(model, 1.0)
-    measurement = np.stack([matrices.H(n) for n in range(samples)])
-    # batch_filter predicts before each update: the first transition is the identity without process noise
-    transitions = [np.eye(model.state_size)] + [matrices.F] * (samples - 1)
-    noises = [np.zeros_like(matrices.F)] + [matrices.Q(n) for n in range(samples - 1)]
-
-    tracks, squares, products = [], [], []
-    for values in x:
-        kalman = matrices.as_filterpy()
-        # None is filterpy's missing measurement.
-        data = [None if np.isnan(sample) else np.array([[sample]]) for sample in values]
-        mean, covariance, predicted, predicted_covariance = kalman.batch_filter(
-            data, Fs=transitions, Qs=noises, Hs=list(measurement)
-        )
-        innovation = values - (measurement @ predicted)[:, 0, 0]
-        variance = 1 + (measurement @ predicted_covariance @ measurement.transpose(0, 2, 1))[:, 0, 0]
-        if estimator == "smoother":
-            mean, covariance, _, _ = kalman.rts_smoother(mean, covariance, Fs=transitions, Qs=noises)
-        counts = ~np.isnan(values) & (np.arange(samples) >= startup)
-        whitened = np.where(counts, innovation / np.sqrt(variance), 0.0)
-        tracks.append(model.amplitude(mean[::output_every, :columns, 0]))
-        squares.append(np.sum(whitened**2) / max(np.count_nonzero(counts), 1))
-        products.append([whitened[lag:] @ whitened[: samples - lag] for lag in range(min(LAGS + 1, samples))])
-    correlations = np.zeros((channels, LAGS + 1))
-    correlations[:, : len(products[0])] = products
-    power = correlations[:, :1]
-    return Estimate(
-        amplitude=np.stack(tracks),
-        variance=model.variance(np.diagonal(covariance, axis1=1, axis2=2)[::output_every, :columns]),
-        innovation_mean_square=np.array(squares),
-        innovation_log_variance=float(np.mean(np.log(variance[counts]))) if counts.any() else 0.0,
-        innovation_autocorrelation=np.divide(
-            correlations[:, 1:], power, out=np.zeros((channels, LAGS)), where=power > 0
-        ),
-        innovation_samples=int(np.count_nonzero(counts)),
     )

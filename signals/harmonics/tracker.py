@@ -89,9 +89,9 @@ def track_orders(
     method
         "exact" filters sample by sample, and smooths in blocks so short that the error is below 0.3 % of `std` (root
         mean square), all orders jointly. "fast" smooths in longer blocks, or filters with steady-state gains, which
-        needs a record without gaps and a constant bandwidth. "reference" runs filterpy, hundreds of times slower.
-        "auto" takes "exact" where that is quick, where blocks would be too short, short gaps break them up, or orders
-        stay within half a bandwidth of each other; else "fast". `OrderTracks.method` is the one that ran.
+        needs a record without gaps and a constant bandwidth. "auto" takes "exact" where that is quick, where blocks
+        would be too short, short gaps break them up, or orders stay within half a bandwidth of each other; else
+        "fast". `OrderTracks.method` is the one that ran.
     output_every
         Samples from one output to the next.
     rtol
@@ -142,7 +142,7 @@ def track_orders(
         samples_per_rev=samples_per_rev, shaft=shaft, phases=phases,
     )  # fmt: skip
     choice(estimator, name="estimator", choices=("smoother", "filter"))
-    choice(method, name="method", choices=("auto", "exact", "fast", "reference"))
+    choice(method, name="method", choices=("auto", "exact", "fast"))
     noise_variance = None if noise_variance is None else _arguments.check_noise_variance(noise_variance)
     prior_std = PRIOR_STD
     if initial_std is not None:
@@ -358,12 +358,8 @@ def _run(method: Method, task: _Task, x: Floats, seen: Flags, startup: int) -> E
             return covariance_filter(model, x, output_every=every, startup=startup, keep=task.innovations)
         if method == "fast":
             estimate: Estimate = fast(model, x, seen, rtol=task.rtol, output_every=every, startup=startup)
-        elif method == "exact":
-            estimate = exact(model, x, seen, output_every=every, startup=startup, noise_variance=task.noise_variance)
         else:
-            from signals.harmonics import reference  # noqa: PLC0415  (filterpy is for the oracle alone)
-
-            return reference.track(model, x, estimator=task.estimator, output_every=every, startup=startup)
+            estimate = exact(model, x, seen, output_every=every, startup=startup, noise_variance=task.noise_variance)
     except np.linalg.LinAlgError as error:
         raise lost(model, method) from error
     if not estimate.variance.min() > 0:

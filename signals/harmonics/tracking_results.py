@@ -83,9 +83,9 @@ class OrderTracks:
     estimator
         "smoother" (all samples) or "filter" (samples up to the output).
     method
-        "exact", "fast" or "reference": the one that ran.
+        "exact" or "fast": the one that ran.
     error_bound
-        Largest error that "fast" adds; 0 for the others. Smoother: relative to the largest amplitude among orders that
+        Largest error that "fast" adds; 0 for "exact". Smoother: relative to the largest amplitude among orders that
         leak into one another (its noise agrees with the exact one's to some hundredths of `std`); infinite where, with
         several poles, orders that stay within half a bandwidth of each other leak into orders that are not smoothed
         with them. Filter: relative to the error of the exact filter, noise and lag.

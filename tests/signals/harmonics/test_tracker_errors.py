@@ -102,7 +102,7 @@ REFUSED = [
         {"estimator": "smother"},
         "estimator='smother' is unknown; it must be one of smoother, filter. Did you mean 'smoother'",
     ),
-    ({"method": "best"}, "method='best' is unknown; it must be one of auto, exact, fast, reference."),
+    ({"method": "best"}, "method='best' is unknown; it must be one of auto, exact, fast."),
     ({"noise_variance": 0.0}, "noise_variance=0.0 must be above zero"),
     ({"noise_variance": True}, "track_orders takes a number or None for noise_variance, not True"),
     ({"initial_std": 1.0}, "initial_std=1 weighs against the noise.*pass noise_variance too, or neither"),

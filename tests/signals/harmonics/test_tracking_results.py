@@ -5,7 +5,6 @@ import pytest
 from numpy.testing import assert_allclose, assert_array_equal
 
 from signals.harmonics import OrderTracker, OutputFlag, order_waveform, residual_record, track_orders
-from signals.harmonics.state_space import HarmonicModel
 
 RATE = 1000.0
 N = 20_000
@@ -19,51 +18,6 @@ def record(seed, *, noise=0.1):
     amplitude = rng.standard_normal(3) + 1j * rng.standard_normal(3)
     waves = (amplitude[:, None] * np.exp(1j * np.array([1, 2.3, 4])[:, None] * PHASE)).real
     return waves.sum(axis=0) + noise * rng.standard_normal(N), amplitude, waves
-
-
-@pytest.mark.parametrize("poles", [1, 2])
-def test_innovations_are_those_of_a_textbook_filter(poles):
-    n, noise = 400, 0.3
-    x = np.stack([record(1)[0][:n], record(2)[0][:n]])
-    x[:, 100:130] = np.nan
-    settings = SETTINGS | {"phase_rad": PHASE[:n], "poles": poles, "estimator": "filter"}
-    given = {"noise_variance": noise, "initial_std": 20.0, "innovations": True}
-    tracks = track_orders(x, **settings, **given)
-    assert tracks.method == "exact"
-    oracle = reference_innovations(x, noise=noise, poles=poles)
-    assert_allclose(tracks.innovations, oracle[0], rtol=0, atol=1e-8)
-    assert_allclose(tracks.normalised_innovation_squared, oracle[1], rtol=0, atol=1e-7)
-    assert np.isnan(tracks.innovations[:, 100:130]).all()
-    assert tracks.innovations.shape == tracks.normalised_innovation_squared.shape == (2, n)
-    assert track_orders(x[0], **settings, **given).innovations.shape == (n,)
-    assert track_orders(x, **settings).innovations is None
-
-
-def reference_innovations(x, *, noise, poles):
-    """Innovations of a dense covariance filter and their squares over their variances."""
-    model = HarmonicModel(
-        orders=np.array([1, 2.3, 4]),
-        shaft=np.zeros(3, dtype=np.int64),
-        phases=(PHASE[: x.shape[1]],),
-        bandwidth=np.full((3, 1), 1.0 / RATE),
-        poles=poles,
-        prior_std=20.0 / np.sqrt(noise),
-    )
-    step = np.kron(np.triu(np.ones((poles, poles))), np.eye(6))
-    walk = np.kron(np.ones((poles, poles)), np.diag(model.process_noise()[0]))
-    left, squared = np.full((2, *x.shape), np.nan)
-    for channel, values in enumerate(x):
-        state, spread = np.zeros(6 * poles), np.diag(model.prior_variance().ravel())
-        for n, row in enumerate(model.regressors(slice(None))):
-            see = np.pad(row, (0, 6 * (poles - 1)))
-            if np.isfinite(values[n]):
-                variance = see @ spread @ see + 1
-                left[channel, n] = values[n] - see @ state
-                squared[channel, n] = left[channel, n] ** 2 / variance / noise
-                gain = spread @ see / variance
-                state, spread = state + gain * left[channel, n], spread - np.outer(gain, gain) * variance
-            state, spread = step @ state, step @ spread @ step.T + walk
-    return left, squared
 
 
 @pytest.mark.parametrize(("method", "estimator"), [("exact", "smoother"), ("fast", "smoother"), ("exact", "filter")])
