@@ -3,10 +3,14 @@
 import atexit
 import gc
 import logging
+import os
+import signal
 import sys
+import threading
 import warnings
 from collections import Counter
 from importlib import import_module
+from pathlib import Path
 from typing import Annotated, Any
 
 import typer
@@ -80,6 +84,9 @@ for name, said in _COMMANDS.items():
 
 def main() -> int:
     """Run the command and return its exit status: 0 done, 1 refused or failed, 2 wrong usage, 3 members, 130 Ctrl-C."""
+    for name in ("stdin", "stdout", "stderr"):
+        if getattr(sys, name) is None:  # closed by the caller: else the next file to be opened takes its number
+            setattr(sys, name, Path(os.devnull).open("r+", encoding="utf-8"))  # noqa: SIM115
     _show_steps()
     # Imports make objects that stay: a short run ends before any are collected, and none are at its end, where the
     # interpreter would go through all of them. Both were a fifth of a short run.
@@ -87,6 +94,7 @@ def main() -> int:
     atexit.register(gc.freeze)
     with warnings.catch_warnings():
         warnings.showwarning = _print_warning
+        hook, sys.unraisablehook = sys.unraisablehook, _interrupt_again
         try:
             status = app(standalone_mode=False)  # what typer.Exit carries, 130 after Ctrl-C; else None
             sys.stdout.flush()
@@ -101,7 +109,17 @@ def main() -> int:
                 raise
             error.show()  # type: ignore[attr-defined]
             return WRONG_USAGE
+        finally:
+            sys.unraisablehook = hook
     return status or 0
+
+
+def _interrupt_again(ignored: Any) -> None:  # noqa: ANN401
+    """Interrupt once more, and soon, where Ctrl-C came in a callback of the interpreter, which can raise nothing."""
+    if ignored.exc_type is KeyboardInterrupt:
+        threading.Timer(0.01, signal.raise_signal, [signal.SIGINT]).start()
+    else:
+        sys.__unraisablehook__(ignored)
 
 
 def _show_steps() -> None:

@@ -3,7 +3,7 @@
 import logging
 import os
 from collections.abc import Callable, Iterable, Iterator, Mapping, Sequence
-from contextlib import contextmanager
+from contextlib import contextmanager, nullcontext, suppress
 from pathlib import Path
 from typing import TYPE_CHECKING, Annotated, Any, Literal, Optional
 
@@ -157,10 +157,14 @@ def check_record_target(target: Path, *, inputs: Iterable[str | Path], force: bo
 
 
 def echo(text: str, *, err: bool = False, nl: bool = True) -> None:
-    """Print a text, whatever stands in the names of files: control characters and bytes that are no text as escapes."""
+    """Print a text, whatever stands in the names of files: control characters and bytes that are no text as escapes.
+
+    Where standard error takes no more, the exit status still says what happened.
+    """
     from signals._validation import plain_text  # noqa: PLC0415
 
-    typer.echo(plain_text(text, keep="\n\t"), err=err, nl=nl)
+    with suppress(OSError) if err else nullcontext():
+        typer.echo(plain_text(text, keep="\n\t"), err=err, nl=nl)
 
 
 def say(step: str) -> None:

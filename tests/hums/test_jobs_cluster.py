@@ -109,6 +109,6 @@ def test_a_fleet_has_the_same_tables(tmp_path, alone, cluster):
 
 
 def test_a_scheduler_lost_on_the_way_is_a_sentence(cluster):
-    # Dask cancels the jobs of a scheduler that does not come back; benchmarks/load.py kills one
+    # Dask cancels the jobs of a scheduler that does not come back
     with pytest.raises(JobError, match="was lost while jobs ran"), jobs._cluster(cluster.address):
         raise CancelledError

@@ -29,12 +29,12 @@ report out/analysis.h5 -o again
 fleet record.h5 --gearbox odd.toml -o fleet --no-envelope
 synth scene.toml -o synthetic.h5
 dataset plan.toml -o set
-demo --help
+demo -o demo
 """
 AUDITED = """
 import os, sys, tempfile
 from pathlib import Path
-import hums.cli, hums.jobs
+import data_synth, hums.cli, hums.jobs
 
 inside = [os.getcwd(), "/dev/", "pipe:", os.path.join(Path.home(), ".cache"), os.path.join(Path.home(), ".config")]
 
@@ -48,6 +48,8 @@ def hook(event, args):
 
 sys.addaudithook(hook)
 hums.jobs.Processes = lambda **_: hums.jobs.Serial()
+demo = data_synth.load_scene("demo").changed(duration_s=2.0, faults=())
+whole, data_synth.load_scene = data_synth.load_scene, lambda name: demo if name == "demo" else whole(name)
 for words in COMMANDS.strip().splitlines():
     sys.argv = ["hums", *words.split()]
     if status := hums.cli.main():

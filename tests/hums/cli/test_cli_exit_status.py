@@ -5,6 +5,7 @@ import signal
 import subprocess
 import sys
 import time
+import weakref
 from pathlib import Path
 
 import numpy as np
@@ -104,9 +105,21 @@ def test_ctrl_c_exits_130(command, tmp_path):
     assert b"Traceback" not in told
 
 
+def test_ctrl_c_in_a_callback_of_the_interpreter_is_not_lost(run, monkeypatch):
+    def busy(_):
+        weakref.finalize(type("Thing", (), {})(), signal.raise_signal, signal.SIGINT)  # which runs at once
+        for _ in range(3000):
+            time.sleep(0.01)
+
+    monkeypatch.setattr("hums.gearbox.model.load_gearbox", busy)
+    assert run("orders", "two-stage")[0] == 130
+
+
 @pytest.mark.skipif(not Path("/dev/full").exists(), reason="a device of Linux")
-def test_a_full_disk_under_standard_output_is_named():
-    words = [sys.executable, "-m", "hums", "orders", "two-stage"]
-    with Path("/dev/full").open("w") as full:
-        told = subprocess.run(words, stdout=full, stderr=subprocess.PIPE, check=False)
-    assert (told.returncode, b"standard output: [Errno 28]" in told.stderr) == (1, True), told.stderr
+@pytest.mark.parametrize(("status", "redirection"), [(1, "> /dev/full"), (0, "2> /dev/full"), (0, ">&-"), (0, "2>&-")])
+def test_streams_that_take_nothing(status, redirection):
+    told = subprocess.run(
+        ["sh", "-c", f"exec {sys.executable} -m hums orders two-stage {redirection}"], capture_output=True, check=False
+    )
+    assert told.returncode == status, told.stderr
+    assert (b"standard output: [Errno 28]" in told.stderr) == (status == 1)
