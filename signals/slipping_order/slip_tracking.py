@@ -94,8 +94,10 @@ class SlippingTrack:
         Bound on the probability that white Gaussian noise has a path of slips with as much power over R; a neighbouring
         line is no false alarm in this sense.
     status
-        "converged"; "not converged": the last step was not yet negligible; "single pass": the filter does not iterate;
-        "no line": the false alarm probability is above 0.01, and the estimates are those of noise.
+        "converged"; "slip at its bound": converged, but the slip is beyond largest_slip by more than its std, where no
+        line was searched for, so take a larger one; "not converged": the last step was not yet negligible; "single
+        pass": the filter does not iterate; "no line": the false alarm probability is above 0.01, and the estimates are
+        those of noise.
     iterations
         Number of Gauss-Newton steps.
     objective : (step,) array
@@ -134,7 +136,7 @@ class SlippingTrack:
 
     @property
     def converged(self) -> bool:
-        """Whether a line is detected and the smoother's iteration has converged."""
+        """Whether a line is detected, with a slip within largest_slip, and the smoother's iteration has converged."""
         return self.status == "converged"
 
 
@@ -254,6 +256,8 @@ def track_slipping_order(
     slip_phase = np.append(0.0, np.cumsum(turns))[chain.outputs]
     slip_phase -= slip_phase[0]
     slip_std = np.sqrt(covariances[:, -1, -1])
+    if status == "converged" and np.any(np.abs(means[:, -1]) - slip_std >= line.largest_slip):
+        status = "slip at its bound"
     if ridge.false_alarm_probability > _FALSE_ALARM:
         status = "no line"
         slip_std = np.maximum(slip_std, line.largest_slip / np.sqrt(3))

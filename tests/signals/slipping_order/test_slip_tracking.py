@@ -407,7 +407,7 @@ def test_across_a_gap_the_uncertainty_grows_and_the_line_is_found_again(gap_revo
             x,
             phase_rad=phase,
             order=ORDER,
-            largest_slip=0.02,
+            largest_slip=0.04,
             slip_change_per_rev=5e-4,
             bandwidth_orders=0.02,
             samples_per_rev=64,
@@ -446,6 +446,19 @@ def test_noise_alone_is_no_line(change):
         assert not track.converged
         assert track.false_alarm_probability > 0.01
         assert np.all(track.slip_std > 0.02 / 1.74)
+
+
+@pytest.mark.parametrize("end", [0.015, 0.04])
+def test_a_slip_beyond_the_bound_has_a_status_of_its_own(end):
+    slip = np.linspace(0, end, 20_000)
+    phase, turn = line(slip, samples_per_rev=64)
+    x = np.cos(ORDER * phase + turn) + np.random.default_rng(0).standard_normal(slip.size)
+    track = track_slipping_order(
+        x, phase_rad=phase, order=ORDER, largest_slip=0.02, slip_change_per_rev=1e-3, bandwidth_orders=0.02,
+        samples_per_rev=64,
+    )  # fmt: skip
+    assert track.status == ("converged" if end < 0.02 else "slip at its bound")
+    assert track.converged == (end < 0.02)
 
 
 def test_a_slip_livelier_than_stated_shows_in_the_innovations():
