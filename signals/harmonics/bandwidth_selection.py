@@ -4,8 +4,7 @@ A tracker's `std` is right where its random walk varies as the amplitudes do. He
 nodes, an eighth of one over the largest bandwidth apart, and polynomials in between, straight lines with one or two
 poles: the moments of a block hold all information of its samples (see `_information_smoother`). The likelihood of the
 chain of nodes is found by integrating out its states one after the other: the product of the densities of a Kalman
-filter's innovations [1]_. Close orders share one chain; the others are tracked first and subtracted. Orders that no
-other is near have equal covariances, which are computed once for all of them.
+filter's innovations [1]_. Close orders share one chain; the others are tracked first and subtracted.
 
 References
 ----------
@@ -25,7 +24,6 @@ import numpy as np
 from signals._validation import checked, positive, real_array, whole
 from signals.harmonics._arguments import check_noise_variance, check_orders, check_record
 from signals.harmonics._information_kernels import FORWARD, filter_information, marginalise
-from signals.harmonics._information_smoother import Information, NodeChain, NodeInformation
 from signals.harmonics.bandwidth import MOST_POLES, quadrature_noise, variance_ratio
 from signals.harmonics.block_grid import Grid
 from signals.harmonics.block_smoother import BlockFit, block_length, scattered_share
@@ -43,6 +41,8 @@ if TYPE_CHECKING:
     from collections.abc import Callable, Mapping, Sequence
 
     from numpy.typing import ArrayLike, NDArray
+
+    from signals.harmonics._information_smoother import Information, NodeChain, NodeInformation
 
 _LEAST_SHARE = 1e-3  # of the bandwidth that a record can show
 
@@ -93,12 +93,6 @@ class ChainLikelihood:
     def of(cls, model: HarmonicModel, chain: NodeChain, length: int) -> ChainLikelihood:
         """Return the likelihood of a chain's data."""
         return cls(model=model, length=length, measured=chain.measured(slice(0, chain.nodes)), before=chain.before)
-
-    def lanes(self, some: slice) -> ChainLikelihood:
-        """Return the likelihood of some of the lanes."""
-        vectors = self.measured.vectors.reshape(-1, *self.before.vector.shape)[:, :, some]
-        measured = NodeInformation(self.measured.matrices, vectors.reshape(len(vectors), -1).copy())
-        return replace(self, measured=measured, before=self.before._replace(vector=self.before.vector[:, some].copy()))
 
     def log_likelihood(self, bandwidth: ArrayLike) -> Floats:
         """Return the (lane,) log likelihoods, less a constant, of (order,) bandwidths in cycles per sample."""
@@ -262,20 +256,17 @@ class _Chains:
         nodes = replace(self.grid, length=length, model=replace(self.grid.model, prior_std=prior_std))
         found, smallest = np.empty(model.orders.size), min(SMALLEST / nodes.samples, width)
         tried = np.linspace(np.log(smallest), np.log(width), 2 + int(np.log(width / smallest) / np.log(RATIO)))
-        alone, data = self.alone
-        if alone.size:
-            chain = chain_alone(nodes, alone, joined(data, blocks), nodes.at_nodes(nodes.seen_counts))
-            likelihood = ChainLikelihood.of(model.subset(alone[:1]), chain, length)
-            values = np.array([likelihood.log_likelihood(np.exp(b)).reshape(-1, 2).sum(axis=1) for b in tried])
-            for k, order in enumerate(alone):
-                own = likelihood.lanes(slice(2 * k, 2 * k + 2))
-                found[order] = _maximise(own.log_likelihood, tried, values[:, k], orders=1)[0]
-        for group, data in self.groups:
+        (alone, data), counts = self.alone, nodes.at_nodes(nodes.seen_counts)
+        chains = [
+            (order, chain_alone(nodes, order, joined(data[:, :, [place]], blocks), counts))
+            for place, order in enumerate(alone.reshape(-1, 1))
+        ]
+        for group, own in self.groups:
             everything, prior = slice(0, nodes.nodes), inserted(nodes, group, 0, [])
-            chain = chain_together(nodes, group, everything, joined(data, blocks), prior)
+            chains.append((group, chain_together(nodes, group, everything, joined(own, blocks), prior)))
+        for group, chain in chains:
             likelihood = ChainLikelihood.of(model.subset(group), chain, length)
-            values = np.array([likelihood.log_likelihood(np.exp(b)).sum() for b in tried])
-            found[group] = _maximise(likelihood.log_likelihood, tried, values, orders=group.size)
+            found[group] = _maximise(likelihood.log_likelihood, tried, orders=group.size)
         return found
 
 
@@ -295,12 +286,13 @@ def joined(data: Floats, blocks: int) -> Floats:
     return np.concatenate([np.zeros_like(long[:1]), long])
 
 
-def _maximise(log_likelihood: Callable[[Floats], Floats], start: Floats, values: Floats, *, orders: int) -> Floats:
-    """Return the bandwidths of largest likelihood, given the `values` of equal ones whose logarithms are `start`.
+def _maximise(log_likelihood: Callable[[Floats], Floats], start: Floats, *, orders: int) -> Floats:
+    """Return the bandwidths of largest likelihood, from the best of equal ones whose logarithms are `start`.
 
     One order after the other moves uphill as long as the likelihood rises, then to the vertex of the parabola; every
     sweep over the orders halves the step.
     """
+    values = np.array([log_likelihood(np.exp(b)).sum() for b in start])
     best = int(np.argmax(values > values.max() - ALIKE))
     known: dict[tuple[float, ...], float] = {(start[k],) * orders: float(values[k]) for k in range(start.size)}
     found, here, step = np.full(orders, start[best]), float(values[best]), (start[-1] - start[0]) / start.size / 2

@@ -298,10 +298,7 @@ class Coupling:
         kept = max(kept, float(np.mean(~self.grid.seen)))  # all of which may be in step with a shaft
         for number in range(MOST_ROUNDS):
             before = smoothed.levels[..., self.cut]
-            others = WithoutOthers(self.grid, smoothed.levels, self.cut)
-            lone = self._smooth_lone(others, smoothed)
-            if number == 0:
-                self._smooth_local_groups(others, lone, smoothed)
+            self._smooth_others_subtracted(smoothed, self.cut, ends=number == 0)
             moved = np.abs(smoothed.levels[..., self.cut] - before)
             alone = np.where(self.together[:, self.cut], 0.0, moved).max(axis=2, initial=0.0)
             if np.all(kept * alone <= MOST_MOVED * self.grid.tolerance * self.size):
@@ -309,21 +306,21 @@ class Coupling:
 
     def smooth_all(self, smoothed: Smoothed, *, ends: bool = True) -> None:
         """Subtract the others from all samples, and smooth again, at ends and gaps more of them together or not."""
-        others = WithoutOthers(self.grid, smoothed.levels)
-        lone = self._smooth_lone(others, smoothed)
-        self.chains = [
-            (group, smooth_group(self.grid, group, others.together(group), smoothed, chain.gram))
-            for group, chain in self.chains
-        ]
+        self._smooth_others_subtracted(smoothed, None, ends=ends)
+
+    def _smooth_others_subtracted(self, smoothed: Smoothed, nodes: Flags | None, *, ends: bool) -> None:
+        """Subtract the others near some nodes, all for None, and smooth again, in place."""
+        grid, others, lone = self.grid, WithoutOthers(self.grid, smoothed.levels, nodes), Chains()
+        if self.lone.size:
+            data, gram = others.alone(self.lone), grid.at_nodes(grid.seen_counts)
+            lone = smooth_alone(grid, self.lone, data, gram, smoothed, together=self.together)
+        if nodes is None:
+            self.chains = [
+                (group, smooth_group(grid, group, others.together(group), smoothed, chain.gram))
+                for group, chain in self.chains
+            ]
         if ends:
             self._smooth_local_groups(others, lone, smoothed)
-
-    def _smooth_lone(self, others: "WithoutOthers", smoothed: Smoothed) -> Chains:
-        """Smooth, in place, orders where they are by themselves; return groups of them and their chains."""
-        if not self.lone.size:
-            return []
-        gram = self.grid.at_nodes(self.grid.seen_counts)
-        return smooth_alone(self.grid, self.lone, others.alone(self.lone), gram, smoothed, together=self.together)
 
     def _smooth_local_groups(self, others: "WithoutOthers", lone: Chains, smoothed: Smoothed) -> None:
         """Smooth jointly, in place, the orders that leak into one another near ends, gaps and jumps of a speed."""
