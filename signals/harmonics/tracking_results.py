@@ -9,11 +9,7 @@ from typing import TYPE_CHECKING, NamedTuple
 
 import numpy as np
 
-from signals.harmonics.bandwidth import Bandwidth
-
 if TYPE_CHECKING:
-    from collections.abc import Callable
-
     from numpy.typing import NDArray
 
     from signals.harmonics.state_space import BandwidthUnits, Complexes, Estimator, Floats, Indices, Method
@@ -106,6 +102,8 @@ class OrderTracks:
         ([channel,]) mean of the squared autocorrelation times the samples it was taken from: near 1 where the
         innovations are white, above where the record holds lines or bands that no order explains. Statistics of
         innovations are NaN where there are none: in a channel without a sample, or before start-up is over.
+    clipped_share
+        ([channel,]) share of the samples at or beyond `clip_limits`; above 0.05 `std` is a lower bound.
     samples, output_every, first_output
         Length of the record, samples between outputs, sample of the first output.
     innovations
@@ -150,6 +148,7 @@ class OrderTracks:
     samples: int
     output_every: int
     first_output: int = 0
+    clipped_share: float | Floats = 0.0
     std_spacing: int | None = None
     angle_std: Floats | None = field(default=None, metadata={"dims": ("order", "output"), "units": "rad"})
     innovations: Floats | None = field(default=None, metadata={"dims": ("channel", "sample"), "units": "signal"})
@@ -161,28 +160,6 @@ class OrderTracks:
     def sample_index(self) -> Indices:
         """(output,) array, sample number of each output."""
         return np.arange(self.first_output, self.samples, self.output_every)
-
-    @cached_property
-    def causal_bandwidth(self) -> Floats:
-        """(order,) array, full -3 dB width of the steady-state causal filter, in the units of `bandwidth`.
-
-        For narrow bandwidths 1.554, 2.565, 3.279 and 4.080 times the smoother's, for 1 to 4 poles. NaN where the gain
-        at half of the rate is still above -3 dB.
-        """
-        return self.bandwidth * self._of_bands(lambda band: band.filter_width_ratio)
-
-    @cached_property
-    def causal_peak_db(self) -> Floats:
-        """(order,) array, largest gain of the steady-state causal filter, in dB above that of a constant amplitude.
-
-        For narrow bandwidths 0, 2.1, 4.0 and 5.2 dB, for 1 to 4 poles: beside the order, on either side.
-        """
-        return self._of_bands(lambda band: band.filter_peak_db)
-
-    def _of_bands(self, figure: Callable[[Bandwidth], float]) -> Floats:
-        """(order,) array, a figure that follows from each order's bandwidth."""
-        widths, place = np.unique(self.bandwidth_cycles, return_inverse=True)
-        return np.array([figure(Bandwidth(width=width, poles=self.poles)) for width in widths.tolist()])[place]
 
     @cached_property
     def std(self) -> Floats:
