@@ -2,7 +2,7 @@
 
 from __future__ import annotations
 
-from dataclasses import dataclass
+from dataclasses import dataclass, replace
 from functools import cached_property
 from math import ceil, sqrt
 from typing import TYPE_CHECKING, Any, Literal
@@ -19,6 +19,7 @@ from signals.harmonics.noise_density import noise_density
 from signals.harmonics.separability import Closeness, flag_outputs
 from signals.harmonics.state_space import PRIOR_STD, Estimator, HarmonicModel, Method, Order, Patterns, lost
 from signals.harmonics.tracking_results import OrderTracks
+from signals.harmonics.waveform import order_waveform
 
 if TYPE_CHECKING:
     from collections.abc import Mapping, Sequence
@@ -34,6 +35,9 @@ EXACT_WORK = 3e8
 LARGEST_RTOL = 0.1
 # Error of the steady-state gains, as a part of the exact filter's own error, above which they are refused.
 LARGEST_RIPPLE = 0.7
+# Times, at most, that clipped samples are replaced by their expectations, and change over the noise's std at which they
+# stay; distance of a limit in std beyond which double precision loses the variance there.
+MOST_FILLINGS, FILLED_RTOL, FARTHEST = 40, 0.02, 1e4
 
 
 @checked
@@ -54,6 +58,7 @@ def track_orders(
     noise_variance: float | None = None,
     initial_std: float | None = None,
     phase_std_rad: ArrayLike | Mapping[str, ArrayLike] | None = None,
+    clip_limits: ArrayLike | None = None,
     innovations: bool = False,
 ) -> OrderTracks:
     """Estimate the complex amplitude of every shaft order at every output sample, with its standard deviation.
@@ -107,6 +112,10 @@ def track_orders(
     phase_std_rad
         Standard deviation of errors of the shaft angle that are slow against 1 / bandwidth, in rad: one number,
         (sample,) array, or a mapping as `phase_rad`. It adds ``(order phase_std |Z|)^2 / 2`` to `std` squared.
+    clip_limits
+        Smallest and largest value that the sensor records, infinite for none; only with "smoother". A sample at or
+        beyond one of them is known to lie there and no more: it is replaced by its expectation until that no longer
+        changes, some ten times the work. Marked as missing instead, clipped samples draw amplitudes towards zero.
     innovations
         Whether the result holds the innovation of every sample, which the "exact" filter computes.
 
@@ -134,6 +143,13 @@ def track_orders(
     >>> print(np.abs(tracks.complex_amplitude[:, 2500]).round(3))
     [0. 2.]
     """
+    if clip_limits is not None:
+        return _censored(
+            x, clip_limits, output_every, phase_rad=phase_rad, orders=orders, bandwidth_hz=bandwidth_hz,
+            bandwidth_orders=bandwidth_orders, rate_hz=rate_hz, samples_per_rev=samples_per_rev, poles=poles,
+            estimator=estimator, method=method, rtol=rtol, noise_variance=noise_variance, initial_std=initial_std,
+            phase_std_rad=phase_std_rad, innovations=innovations,
+        )  # fmt: skip
     record = _arguments.check_record(x)
     samples = record.shape[1]
     order_numbers, shafts, shaft, phases = _arguments.check_orders(orders, phase_rad, samples=samples)
@@ -191,6 +207,46 @@ def track_orders(
         poles=model.poles, estimator=estimator, method=chosen, samples=samples, output_every=task.output_every,
         error_bound=max(estimate.error_bound for estimate in estimates),
         **{name: squeeze(value, one) for name, value in found.items()},
+    )  # fmt: skip
+
+
+def _censored(x: ArrayLike, clip_limits: ArrayLike, output_every: int, **given: Any) -> OrderTracks:  # noqa: ANN401
+    """Track with clipped samples as censored data (Tobit), by expectation and maximisation.
+
+    References
+    ----------
+    .. [1] A. P. Dempster, N. M. Laird, D. B. Rubin, "Maximum likelihood from incomplete data via the EM algorithm",
+       J. Royal Statistical Society B 39, 1977.
+    """
+    from scipy.special import erfcx  # noqa: PLC0415 - slow to import
+
+    limits = real_array(clip_limits, name="clip_limits").astype(np.float64)
+    if limits.shape != (2,) or not limits[0] < limits[1]:
+        raise ValueError(f"clip_limits={limits.tolist()} must be two numbers, the smaller first; one may be infinite.")
+    if given["estimator"] != "smoother":
+        raise ValueError('clip_limits with estimator="filter": only the smoother fits them; use estimator="smoother".')
+    record = _arguments.check_record(x).reshape(np.shape(x))
+    side = (record >= limits[1]).astype(np.float64) - (record <= limits[0])
+    clipped, known, lost = side != 0, given["noise_variance"], np.zeros(1)
+    filled, noise = record, np.zeros(1)
+    for _ in range(MOST_FILLINGS):
+        tracks = track_orders(filled, output_every=1, **given)
+        noise = np.asarray(tracks.noise_variance)[..., None] + (0.0 if known else noise * lost)
+        std = np.sqrt(np.maximum(noise, _arguments.SMALLEST**2))
+        before, wave = filled, order_waveform(tracks, phase_rad=given["phase_rad"])
+        # Of a standard normal variable beyond a: mean h, the hazard, and variance 1 - h (h - a)
+        beyond = np.clip(np.where(clipped, side * (record - wave) / std, 0.0), -FARTHEST, FARTHEST)
+        hazard = np.sqrt(2 / np.pi) / erfcx(beyond / np.sqrt(2))
+        filled = np.where(clipped, record + side * std * (hazard - beyond), record)
+        lost = np.mean(np.where(clipped, 1 - hazard * (hazard - beyond), 0.0), axis=-1, keepdims=True)
+        if np.max(np.where(clipped, np.abs(filled - before) / std, 0.0)) < FILLED_RTOL:
+            break
+    tracks = track_orders(filled, output_every=output_every, **given)
+    more = noise / np.asarray(tracks.noise_variance)[..., None]
+    return replace(
+        tracks, noise_variance=noise[..., 0], clipped_share=clipped.mean(axis=-1),
+        noise_density=tracks.noise_density * (more / (1 - lost))[..., None],
+        innovation_variance=tracks.innovation_variance * more[..., 0],
     )  # fmt: skip
 
 

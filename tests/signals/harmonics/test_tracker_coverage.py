@@ -56,3 +56,23 @@ def test_95_per_cent_lie_within_1_96_std(method, estimator, bandwidth, records, 
     assert_allclose(np.mean(parts**2), 1.0, atol=4.5 * np.sqrt(2 / parts.size))
     # The same at each output, the end of the record among them: a quarter of the numbers.
     assert_allclose(np.mean(parts**2, axis=(0, 1, 2)), 1.0, atol=4.5 * np.sqrt(8 / parts.size))
+
+
+@pytest.mark.parametrize(("limits", "given"), [((-0.95, 0.95), None), ((-np.inf, 0.7), None), ((-0.95, 0.95), 0.04)])
+def test_a_clipped_tone_has_its_amplitude_and_is_within_its_std(limits, given):
+    """A fifth of the samples lie beyond the limits: left out, they would take a tenth off the amplitude."""
+    rng, phase = np.random.default_rng(5), 0.3 * np.arange(10_000)
+    truth = np.exp(2j * np.pi * rng.uniform(size=12))[:, None]
+    x = np.clip((truth * np.exp(1j * phase)).real + 0.2 * rng.standard_normal((12, phase.size)), *limits)
+    tracks = track_orders(
+        x, phase_rad=phase, orders=[1], bandwidth_hz=2e-3, rate_hz=1.0, output_every=500, clip_limits=limits,
+        noise_variance=given,
+    )  # fmt: skip
+    error = tracks.complex_amplitude[:, 0, 1:-1] - truth
+    parts = np.stack([error.real, error.imag])
+    assert np.abs(np.mean(error / truth)) < 5e-3
+    # Constant amplitudes, where the prior of a moving one adds to `std`.
+    assert np.mean(np.abs(parts) < 1.645 * tracks.std[:, 0, 1:-1]) > 0.85
+    assert 0.8 < np.median(tracks.std[:, 0, 1:-1]) / np.sqrt(np.mean(parts**2)) < 1.6
+    assert_allclose(tracks.noise_variance, 0.04, rtol=0.06)
+    assert_allclose(tracks.clipped_share, np.mean((x <= limits[0]) | (x >= limits[1]), axis=1))

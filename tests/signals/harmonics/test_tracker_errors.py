@@ -106,6 +106,8 @@ REFUSED = [
     ({"noise_variance": 0.0}, "noise_variance=0.0 must be above zero"),
     ({"noise_variance": True}, "track_orders takes a number or None for noise_variance, not True"),
     ({"initial_std": 1.0}, "initial_std=1 weighs against the noise.*pass noise_variance too, or neither"),
+    ({"clip_limits": [1.0, -1.0]}, "clip_limits=.* must be two numbers, the smaller first"),
+    ({"clip_limits": [-1.0, 1.0], "estimator": "filter"}, "only the smoother fits them"),
     ({"initial_std": -1.0, "noise_variance": 1.0}, "initial_std=-1.0 must be above zero"),
 ]
 
