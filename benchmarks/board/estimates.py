@@ -133,6 +133,8 @@ def covered(noise: str, number: int) -> float:
         x = np.clip(x, -2.0, 2.0)
     given: dict[str, Any] = {"phase_rad": turn, "orders": ORDERS, "rate_hz": RATE_HZ, "poles": 2}
     widths = likely_bandwidth(x, **given, largest_bandwidth_hz=3.0)
+    if noise == "clipped" and "clip_limits" in inspect.signature(track_orders).parameters:  # older trees have none
+        given["clip_limits"] = [-2.0, 2.0]
     tracks = track_orders(x, **given, bandwidth_hz=widths, output_every=EVERY)
     truth = np.stack([envelopes.of(place, tracks.sample_index) for place in range(len(ORDERS))])
     wrong = (tracks.complex_amplitude - truth) / tracks.std
