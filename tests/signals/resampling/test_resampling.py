@@ -297,7 +297,9 @@ class TestFallingAngles:
     @pytest.mark.parametrize("sign", [1, -1])
     def test_a_shaft_that_turns_back(self, sign):
         phase = ShaftPhase(times_s=np.arange(6.0), revolutions=sign * np.array([0.0, 1, 2, 2, 1, 0]))
-        words = "turns back at 3 s, so an angle has several times; use the parts of the record before and after separately"
+        words = (
+            "turns back at 3 s, so an angle has several times; use the parts of the record before and after separately"
+        )
         with pytest.raises(ValueError, match=words):
             angular_resample(np.ones(5001), rate_hz=1000.0, phase=phase, samples_per_rev=16)
         with pytest.raises(ValueError, match=words):
