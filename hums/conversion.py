@@ -321,9 +321,9 @@ def _begin(folder: Path, form: Form, task: Mapping[str, Any], *, force: bool) ->
             f"{folder} holds files that belong to no such conversion; name a new or empty folder, or use --force "
             "(force=True)."
         )
+    write_text(mark, json.dumps(task, indent=1))  # first: what is there without it belongs to others
     for place in (folder / _PIECES, folder / Path(SHARD).parent if form == "packed" else folder):
         place.mkdir(parents=True, exist_ok=True)
-    write_text(mark, json.dumps(task, indent=1))
 
 
 def _pieces(sources: Sequence[SourceFile], snapshots: int) -> list[Sequence[SourceFile]]:

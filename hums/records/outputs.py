@@ -57,6 +57,8 @@ def check_outputs(
                     f"{output} would be overwritten: {known[identity]} is read here, and what is read is never "
                     "written; name another output."
                 )
+        if output.suffix.lower() in _LISTED:
+            _sealed(output.parent)  # a list that is none is refused before the work, too
         if not output.exists() or (output == folder and output.is_dir()):
             continue
         if output == folder:

@@ -8,7 +8,7 @@ import math
 import os
 import warnings
 from collections.abc import Iterator, Mapping, Sequence
-from contextlib import contextmanager
+from contextlib import contextmanager, suppress
 from datetime import datetime
 from functools import partial
 from hashlib import sha256
@@ -426,7 +426,8 @@ def atomic_write(path: str | os.PathLike[str], *, tidy: bool = True) -> Iterator
         _sync(part)
         part.replace(target)
     except BaseException as error:
-        part.unlink(missing_ok=True)
+        with suppress(OSError):  # on a disk that is read-only
+            part.unlink(missing_ok=True)
         if isinstance(error, OSError) and error.errno and error.filename in {None, str(part)}:
             raise OSError(error.errno, error.strerror, str(path)) from error
         raise

@@ -153,6 +153,17 @@ def test_a_conversion_that_was_stopped_goes_on(folder, tmp_path, monkeypatch):
     assert (result.done, result.kept) == (38, 32)
 
 
+def test_a_conversion_that_a_full_disk_stopped_at_once_goes_on(folder, tmp_path, monkeypatch):
+    def full(_):
+        raise OSError(28, "No space left on device")
+
+    monkeypatch.setattr(os, "fsync", full)
+    with pytest.raises(OSError, match=r"conversion\.json"):
+        convert_files(find_sources([f"{folder}/acc_*.csv"]), tmp_path / "out", **DECLARED)
+    monkeypatch.undo()
+    assert convert_files(find_sources([f"{folder}/acc_*.csv"]), tmp_path / "out", **DECLARED).records
+
+
 def test_what_a_folder_refuses(folder, packed, tmp_path):
     sources = find_sources([f"{folder}/acc_*.csv"])
     with pytest.raises(RecordError, match="begun with rate_hz = 2000"):
