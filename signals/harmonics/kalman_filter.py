@@ -35,8 +35,7 @@ LARGEST_ADDED, LARGEST_VARIANCE = 1e2, 1e4
 LARGEST_PRIOR = 1e9
 # Largest relative deviation of the variance from its steady state when the gains are fixed.
 STEADY_RTOL = 1e-2
-# Samples at a time with fixed gains, and how many of their innovations are correlated: of a million some 65,000.
-STEADY_AT_ONCE, CORRELATED = 1 << 16, 1 << 12
+STEADY_AT_ONCE = 1 << 16  # samples at a time with fixed gains
 
 
 @dataclass
@@ -198,11 +197,5 @@ def steady_state_filter(
             values, model.phase(span), model.orders, model.shaft, gains, predicted, -first % output_every, output_every,
             work, rows, residuals, levels[ceil(first / output_every) :],
         )  # fmt: skip
-        counted = residuals.T[:, max(startup - first, 0) :]
-        early, late = counted[:, :-CORRELATED], counted[:, -CORRELATED:] / sqrt(variance)
-        innovations.square += np.einsum("cn,cn->c", early, early) / variance
-        innovations.count += early.shape[1]
-        innovations.log_variance += early.shape[1] * log(variance)
-        innovations.separate()
-        innovations.add(late, np.full(late.shape[1], variance))
+        innovations.add(residuals.T / sqrt(variance), np.full(len(residuals), variance), skip=startup - first)
     return innovations.estimate(amplitude.transpose(1, 2, 0), variances, error_bound=error_bound)

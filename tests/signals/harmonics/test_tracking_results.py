@@ -223,13 +223,14 @@ def test_waveforms_are_those_of_whole_records():
 
 
 @METHODS
-def test_white_noise_is_white_and_a_forgotten_line_is_not(method):
+@pytest.mark.parametrize("estimator", ["smoother", "filter"])
+def test_white_noise_is_white_and_a_forgotten_line_is_not(method, estimator):
     x, _, _ = record(4)
-    white = track_orders(x, method=method, output_every=100, **SETTINGS)
+    white = track_orders(x, method=method, estimator=estimator, output_every=100, **SETTINGS)
     # Twenty squared autocorrelations: a chi-squared of 20 over 20, 0.2 to 2.3 but once in 1e4.
     assert 0.2 < white.whiteness < 2.3
     assert white.innovation_autocorrelation.shape == (20,)
-    forgotten = track_orders(x, method=method, output_every=100, **SETTINGS | {"orders": [1, 4]})
+    forgotten = track_orders(x, method=method, estimator=estimator, output_every=100, **SETTINGS | {"orders": [1, 4]})
     assert forgotten.whiteness > 100
 
 
