@@ -3,7 +3,7 @@
 COUNT = 2000
 ABOVE = (
     "Logger;DL-12\nSerial;4711\nOperator;Müller\nSite;3\nGain;1\nNote;a;b\nRange;10 V\nChannels;3\nFilter;off\n"
-    "Firmware;2.1\nDate;27.10.2024\nZeit;DE [g];ND [mm/s];Öl [°C];Status\n"
+    "Firmware;2.1\nStart;27.10.2024 10:27:00\nZeit;DE [g];ND [mm/s];Öl [°C];Status\n"
 )
 
 

@@ -187,7 +187,9 @@ def convert(
         }
     recorded_at = _recorded_at(one, began, start_s=start_s)
     quantities = _measured(one)
-    one.notes.extend(f'"{name}" {note}' for name in spec.channels for note in file.metadata(name).notes)
+    noted = [(note, f'"{name}"') for name in spec.channels for note in file.metadata(name).notes]
+    for note in dict.fromkeys(note for note, _ in noted):
+        one.note(f"{' and '.join(name for same, name in noted if same == note)} {note}")
     if one.notes:
         warnings.warn(f"{file.path.name}: {'. '.join(one.notes)}.", RecordWarning, stacklevel=2)
     return make_record(

@@ -3,9 +3,9 @@
 import difflib
 import re
 from collections.abc import Callable, Iterator, Mapping, Sequence
-from contextlib import contextmanager
+from contextlib import contextmanager, suppress
 from dataclasses import dataclass, field, fields, replace
-from datetime import datetime, tzinfo
+from datetime import UTC, datetime, tzinfo
 from functools import lru_cache
 from pathlib import Path
 from types import MappingProxyType
@@ -18,7 +18,7 @@ from numpy.typing import NDArray
 from hums.records.clock import TIMES_S, time_scale, words_of
 from hums.records.fields import is_utf8
 from hums.records.record import UNITS, RecordError
-from signals._validation import nearest, plain_text
+from signals._validation import brief, nearest, plain_text
 
 __all__ = [
     "Field",
@@ -28,6 +28,7 @@ __all__ = [
     "in_zone",
     "joined",
     "located",
+    "moment_of",
     "parsing",
     "rate_of_step",
     "stated_of",
@@ -299,53 +300,67 @@ def located(file: ForeignFile, zone: str | None) -> ForeignFile:
     local = {name: epoch for name, epoch in epochs.items() if epoch.tzinfo is None}
     known = {name: in_zone(epoch, zone) if zone else None for name, epoch in local.items()}
     stated = {name: replace(file.stated[name], epoch=epoch) for name, epoch in known.items()}
+    for name in () if zone else local:
+        note = f"states the local time {local[name].isoformat()}, which is not read without time_zone"
+        stated[name] = replace(stated[name], notes=(*stated[name].notes, note))
     return replace(file, stated={**file.stated, **stated})
 
 
 # ---- what attributes, properties, scalars beside an array and lines above a table state --------------------------
 
-_WORDS = {
-    name: frozenset(words.split())
-    for name, words in {
-        "rate_hz": "fs sr sfreq fsamp fsample samplerate samplingrate samplefrequency samplingfrequency "
-        "samplingfreq samplespersecond abtastrate acquisitionrate scanrate",
-        "step_s": "dt ts deltat deltax wfincrement samplinginterval sampleinterval samplingperiod "
-        "sampleperiod timestep xincrement",
-        "units": "unit units unitstring einheit yunit yunits",
-        "start_s": "wfstartoffset t0 starttime tstart xstart",
-        "epoch": "wfstarttime recordedat start starttime recorded startdate measurementstart",
-        "title": "name channelname",
-        "pulses_per_rev": "pulsesperrev pulsesperrevolution ppr",
+_NAMES = {
+    name: re.compile(pattern)
+    for name, pattern in {
+        "rate_hz": r"fs|sr|sfreq|fsamp|fsample|samplespersecond|"
+        r"(sampl\w*|acq\w*|scan|daq|digiti[sz]er|adc|abtast)(rate|freq|frequency|frequenz|clock)",
+        "step_s": r"dt|ts|deltat|deltax|wfincrement|xincrement|(sampl\w*|time)(interval|period|step)",
+        "units": "unitstring|einheit|y?units?",
+        "start_s": "wfstartoffset|t0|starttime|tstart|xstart",
+        "epoch": r"t0|datum|recorded(at)?|"
+        r"(wf|t|rec\w*|acq\w*|meas\w*|test)?(start|begin|beginn|began|date)(date|time|at)*",
+        "title": "(channel)?name",
+        "pulses_per_rev": "pulsesperrev(olution)?|ppr",
         "delay_s": "delay",
         "sensitivity": "sensitivity",
-        "measures": "sensitivityunit sensitivityunits",
-        "unread": "gain scale factor slope offset intercept calibration calibrationfactor multiplier",
+        "measures": "sensitivityunits?",
+        "unread": "gain|scale|factor|slope|offset|intercept|calibration(factor)?|multiplier",
     }.items()
 }
-_FACTORS = {"hz": 1.0, "khz": 1e3, "mhz": 1e6}
+_RATES_HZ = {
+    f"{prefix}{unit}": factor
+    for prefix, factor in (("", 1.0), ("k", 1e3), ("m", 1e6))
+    for unit in ("hz", "sps", "s/s", "sa/s", "samples/s", "samples/sec")
+}
+"""Samples per second in units of rates, in lower case."""
 
 
 def stated_of(attributes: Mapping[str, object]) -> Stated:
-    """Return what named values state about a channel; a note names what may change its numbers and is not applied."""
+    """Return what named values state about a channel; notes name those that have a meaning and are not applied."""
+    given = {"".join(words_of(str(key))): [str(key), _plain(value)] for key, value in attributes.items()}
+    for date, time in (("date", "time"), ("datum", "zeit"), ("datum", "uhrzeit")):
+        if date in given and isinstance(given.get(time, ("", None))[1], str):
+            given[date][1] = f"{given[date][1]} {given[time][1]}"
     found: dict[str, Any] = {}
     unread = []
-    for key, value in attributes.items():
-        *words, last = words_of(str(key)) or [""]
-        factor = _FACTORS.get(last, TIMES_S.get(last)) if words else None
-        word = "".join([*words, "" if factor else last])
-        for name in (name for name, known in _WORDS.items() if word in known):
-            stated = _value(name, value, factor)
-            if name == "unread" and stated not in {None, 0.0, 1.0}:
-                unread.append(f"{key}={stated:g}")
-            elif name != "unread" and stated is not None:
-                found.setdefault(name, stated)
+    for whole, (key, value) in given.items():
+        *words, last = words_of(key) or [""]
+        suffix = last if words and (last in _RATES_HZ or last in TIMES_S) else None
+        unit = next((given[one][1] for one in (f"{whole}unit", f"{whole}units") if one in given), suffix)
+        word = "".join([*words, "" if suffix or last == "utc" else last])
+        names = [name for name, pattern in _NAMES.items() if pattern.fullmatch(word) and value is not None]
+        read = {name: one for name in names if (one := _value(name, value, unit)) is not None}
+        if (names and not read) or read.get("unread", 1.0) not in {0.0, 1.0}:
+            unread.append(f"{key}={value:g}" if isinstance(value, int | float) else f"{key}={brief(value)}")
+        if last == "utc" and "epoch" in read and read["epoch"].tzinfo is None:
+            read["epoch"] = read["epoch"].replace(tzinfo=UTC)
+        found = read | found
     measures, sensitivity = found.pop("measures", ""), found.pop("sensitivity", None)
     output, _, measured = (part.strip() for part in measures.partition("/"))
     if sensitivity is not None and canonical_units(measured) and output in _VOLTS:
         found |= {"sensitivity": sensitivity * _VOLTS[output], "measures": measured}
     elif sensitivity is not None:
         unread.append(f"sensitivity={sensitivity:g} {measures}".strip())
-    step_s = found.pop("step_s", None)
+    step_s, _ = found.pop("step_s", None), found.pop("unread", None)
     notes = tuple(f"states {text}, which is not applied" for text in unread)
     return Stated(**{"rate_hz": rate_of_step(step_s)} | found, notes=notes)
 
@@ -353,37 +368,51 @@ def stated_of(attributes: Mapping[str, object]) -> Stated:
 _VOLTS = {"V": 1.0, "mV": 1e-3}
 
 
-def _value(name: str, value: object, factor: float | None) -> Any:  # noqa: ANN401
-    """Return the value of one statement: text, a moment or a number; None where it is none."""
-    text = value.decode(errors="replace") if isinstance(value, bytes) else value
-    text = text.strip() if isinstance(text, str) else text
-    if name in {"units", "title", "measures"}:
-        return text or None if isinstance(text, str) else None
-    if name == "epoch":
-        return _moment(text)
-    if isinstance(text, str):
-        printed = re.fullmatch(r"([-+]?\d+(?:[.,]\d+)?(?:[eE][-+]?\d+)?)\s*(\w+)?", text)
+def _plain(value: Any) -> Any:  # noqa: ANN401
+    """Return a value as Python has it; None for nothing, and for a time stamp of TDMS that was not set."""
+    value = value.as_datetime64("us") if hasattr(value, "as_datetime64") else value
+    if isinstance(value, np.datetime64):
+        return moment_of(f"{value.astype('datetime64[us]')}Z")
+    value = value.item() if isinstance(value, np.generic) else value
+    value = value.decode(errors="replace") if isinstance(value, bytes) else value
+    return value.strip() or None if isinstance(value, str) else value
+
+
+def _value(name: str, value: Any, unit: Any) -> Any:  # noqa: ANN401
+    """Return the value of one statement: text, a moment or a number in SI units; None where it is none."""
+    if name == "epoch" and isinstance(value, str | datetime):
+        return moment_of(value) if isinstance(value, str) else value
+    if name in {"units", "title", "measures", "epoch"}:
+        return value if isinstance(value, str) else None
+    factors = _RATES_HZ if name == "rate_hz" else TIMES_S if name in {"step_s", "start_s", "delay_s"} else {}
+    unit = unit if factors else None
+    if isinstance(value, str):
+        printed = re.fullmatch(r"([-+]?\d+(?:[.,]\d+)?(?:[eE][-+]?\d+)?)\s*([^\d\s].*)?", value)
         if printed is None or re.fullmatch(r"[-+]?[1-9]\d{0,2}[.,]\d{3}", printed[1]):  # "25,600": of thousands or not
             return None
-        unit = (printed[2] or "").lower()
-        text, factor = float(printed[1].replace(",", ".")), _FACTORS.get(unit, TIMES_S.get(unit, factor))
-    if isinstance(text, bool) or not isinstance(text, int | float | np.number) or not np.isfinite(float(text)):
+        value, unit = float(printed[1].replace(",", ".")), printed[2] or unit
+    if isinstance(value, bool) or not isinstance(value, int | float):
         return None
-    number = float(text) * (factor or 1.0)
-    if name == "step_s":
-        return number if 0 < number < 1 else None  # `ts` may be a time stamp
-    return number if number > 0 or name in {"start_s", "delay_s", "sensitivity", "unread"} else None
+    number = value * (1.0 if unit is None else factors.get(str(unit).lower(), np.nan))
+    most = 1.0 if name == "step_s" else np.inf  # `ts` may be a time stamp
+    return (
+        number
+        if (-np.inf if name in {"start_s", "delay_s", "sensitivity", "unread"} else 0.0) < number < most
+        else None
+    )
 
 
-def _moment(value: object) -> datetime | None:
-    """Return a moment; a TDMS time stamp is in UTC, and in 1904 where it was not set."""
-    try:
-        if isinstance(value, np.datetime64) and not np.isnat(value):
-            value = f"{value.astype('datetime64[us]')}Z"
-        found = datetime.fromisoformat(value) if isinstance(value, str) else None
-    except ValueError:
-        return None
-    return found if found is not None and found.year > 1904 else None  # noqa: PLR2004
+_MOMENTS = ("%Y-%m-%d %H:%M:%S", "%d.%m.%Y %H:%M:%S", "%d.%m.%Y %H:%M", "%d-%b-%Y %H:%M:%S", "%d-%b-%y %H:%M:%S")
+
+
+def moment_of(text: str | None) -> datetime | None:
+    """Return a date with its time of day; None for other text, and for 1904, where LabVIEW set no time."""
+    plain = (text or "").replace("/", "-")
+    for form in ("", *_MOMENTS) if ":" in plain else ():
+        with suppress(ValueError):
+            found = datetime.strptime(plain, form) if form else datetime.fromisoformat(plain)  # noqa: DTZ007
+            return found if found.year > 1904 else None  # noqa: PLR2004
+    return None
 
 
 def _shape(shape: tuple[int, ...]) -> str:

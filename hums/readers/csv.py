@@ -14,11 +14,10 @@ from pathlib import Path
 from typing import TYPE_CHECKING
 
 import numpy as np
-from numpy.typing import NDArray
 
-from hums.readers.columns import ForeignFile, Stated, canonical_units, stated_of
+from hums.readers.columns import Field, ForeignFile, Stated, canonical_units, stated_of
 from hums.readers.description import ImportDescription
-from hums.records.clock import time_scale
+from hums.records.clock import is_time_name, time_scale
 from hums.records.quantities import MEASURED_UNITS
 from hums.records.record import RecordError
 
@@ -73,20 +72,26 @@ def read(path: Path, spec: ImportDescription) -> ForeignFile:
     if table.shape[1] > 1 and table.iloc[:, -1].isna().any():  # a short row leaves its last cells blank
         _refuse_short_rows(path, encoding, separator, above)
     names = [f"column {number}" if without_header else str(name).strip() for number, name in enumerate(table, 1)]
-    names = titles or names
+    names = titles or [re.sub(r"\.(\d+)$", r" (\1)", one) if one.rpartition(".")[0] in table else one for one in names]
     if repeated := [name for name, times in Counter(names).items() if times > 1]:
         raise RecordError(f'{path}: two columns are named "{repeated[0]}"; give each a name of its own.')
     split = {name: _name_and_units(name) for name in names}
     bare = Counter(short for short, _ in split.values())
-    fields, stated = {}, {}
+    fields, stated = dict[str, Field](), dict[str, Stated]()
     for place, name in enumerate(names):
         short, units = split[name]
         key = short if bare[short] == 1 else name  # "DE [g]" beside "DE [mm/s]": the units tell the columns apart
         values, times = _column(table.iloc[:, place], decimal)
         if isinstance(values, tuple):
-            what, row = values
+            what, row, mostly = values
             line, _ = next(islice(_rows(path, encoding, separator, above), row + (not without_header), None))
             values = f"text, {what} in line {line}"
+            is_first = not any(np.isfinite(own[row]) for own in fields.values() if isinstance(own, np.ndarray))
+            if mostly and (is_first or is_time_name(name)):
+                raise RecordError(
+                    f'{path}: "{key}" is {values}, not numbers as in the other rows. Remove rows that are no samples, '
+                    "such as statistics below them; leave single cells without a value blank."
+                )
         fields[key] = values
         if times or units:
             stated[key] = replace(times or Stated(units=units), title=name)
@@ -189,6 +194,7 @@ def _above_numbers(lines: list[str], separator: str | None, header_lines: int | 
     alike = (len(set(filter(None, kinds[at:]))) == 1 and any(kinds[at]) for at in range(len(rows) - 2))
     numbers = (at for at, same in enumerate(alike) if same or _are_numbers(rows[at : at + 3]))
     begin = next(numbers, 0) if header_lines is None else min(header_lines, len(rows) - 1)
+    rows = [[line] for line in lines] if len(rows[begin]) == 1 else rows  # a name may have blanks
     texts = [at for at in range(begin) if lines[at].strip()]
     if len(texts) <= 1:
         return begin, 0, []
@@ -213,7 +219,11 @@ def _are_numbers(rows: list[list[str]]) -> bool:
 _NUMBER = re.compile(rf"{_PLAIN['.'].pattern}|[-+]?(nan|inf)", re.IGNORECASE)
 _DATE, _TIME = r"\d+([-/.])\d+\1\d+", r"\d{1,2}:\d{2}(?::[\d.]+)?\s*(?:Z|[AP]M|[-+]\d{2}:?\d{2})?"
 _STAMP = re.compile(rf"{_DATE}|(?:{_DATE.replace('1', '2')}[ T])?{_TIME}")
-_STAMPS = ("ISO8601", "%d.%m.%Y %H:%M:%S.%f", "%m/%d/%Y %H:%M:%S.%f", "%d/%m/%Y %H:%M:%S.%f", "%H:%M:%S.%f")
+_STAMPS = (
+    "ISO8601",
+    *("%d.%m.%Y %H:%M:%S.%f", "%m/%d/%Y %H:%M:%S.%f", "%d/%m/%Y %H:%M:%S.%f"),
+    *("%m/%d/%Y %I:%M:%S.%f %p", "%d/%m/%Y %I:%M:%S.%f %p", "%H:%M:%S.%f"),
+)
 
 
 def _separator(line: str) -> str:
@@ -245,9 +255,9 @@ def _rows(path: Path, encoding: str, separator: str, above: int) -> Iterator[tup
                 yield above + rows.line_num, row
 
 
-def _column(column: "pd.Series", decimal: str) -> tuple[NDArray[np.generic] | str | tuple[str, int], Stated | None]:
-    """Return a column as numbers, or "empty", or its first cell that is none and the row; and what times state."""
-    if column.empty:
+def _column(column: "pd.Series", decimal: str) -> tuple[Field | tuple[str, int, bool], Stated | None]:
+    """Return a column as numbers, or "empty", or its first text, the row, and if most are numbers; what times state."""
+    if column.isna().all():
         return "empty", None
     if column.dtype.kind in "iuf":
         return column.to_numpy(), None
@@ -258,31 +268,27 @@ def _column(column: "pd.Series", decimal: str) -> tuple[NDArray[np.generic] | st
         if odd.empty:
             return (moments - moments.iloc[0]).dt.total_seconds().reindex(column.index).to_numpy(), stated
         if odd.size < texts.size:
-            return (f'time stamps but for "{odd.iloc[0]}"', odd.index[0]), None
+            return (f'time stamps but for "{odd.iloc[0]}"', odd.index[0], 2 * odd.size < texts.size), None
     is_number = texts.str.fullmatch(_PLAIN[decimal]) | texts.str.fullmatch(_GROUPED[decimal])
     if is_number.all():  # with signs between thousands, or whole numbers of more than 64 bits
         plain = texts.str.replace(rf"[{_GROUPS}{_OTHER[decimal]}]", "", regex=True).str.replace(decimal, ".")
         return plain.astype(np.float64).reindex(column.index).to_numpy(), None
     invalid = texts[~is_number]
-    return (f'"{invalid.iloc[0]}"', invalid.index[0]), None
+    return (f'"{invalid.iloc[0]}"', invalid.index[0], bool(is_number.mean() > 0.5)), None  # noqa: PLR2004
 
 
 def _stamps(plain: "pd.Series") -> "tuple[pd.Series, Stated | None]":
     """Return moments in the format that most have, NaT for the others, and what they state if there are no others."""
     import pandas as pd  # noqa: PLC0415
 
-    moments, pattern = pd.Series(pd.NaT, plain.index), ""
-    for one in _STAMPS:
-        parsed = pd.to_datetime(plain, utc=True, format=one, errors="coerce")
-        if parsed.count() > moments.count():
-            moments, pattern = parsed, one
-        if moments.notna().all():
-            break
-    else:
+    few = {form: pd.to_datetime(plain.iloc[:_HEAD], utc=True, format=form, errors="coerce") for form in _STAMPS}
+    pattern = max(few, key=lambda form: few[form].count())
+    moments = pd.to_datetime(plain, utc=True, format=pattern, errors="coerce")
+    if not moments.notna().all():
         return moments, None
-    others = (pd.to_datetime(plain.iloc[:1], utc=True, format=one, errors="coerce") for one in _STAMPS)
-    dates = {other.iloc[0] for other in others if other.notna().all()}
+    dates = {parsed.iloc[0] for parsed in few.values() if parsed.notna().iloc[0]}
     if len(dates) > 1 or pattern == _STAMPS[-1]:  # 03/04/2024 may be in March or April
-        return moments, Stated(units="s")
+        unread = f'states the start "{plain.iloc[0]}", whose date is not stated or has day and month in either order'
+        return moments, Stated(units="s", notes=(unread,))
     offset = UTC if pattern == _STAMPS[0] and re.search(r"(Z|[-+]\d\d:?\d\d)$", plain.iloc[0]) else None
     return moments, Stated(units="s", epoch=moments.iloc[0].to_pydatetime().replace(tzinfo=offset))

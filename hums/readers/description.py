@@ -72,7 +72,7 @@ class ImportDescription(Declared):
     rate_hz : float or None
         Sampling rate.
     time_column : str or None
-        Column of the times of the samples: in the unit of its header, in `time_unit`, in s since 1970, or as text.
+        Column of the times of the samples: in the unit of its header, in `time_unit`, since 1970, or as text.
     time_unit : {"s", "ms", "us"} or None
         Unit of a column of times whose header states none.
     time_zone : str or None

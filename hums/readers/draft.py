@@ -50,6 +50,8 @@ def draft(file: ForeignFile) -> str:
             rate_hz, recorded_at = clock.rate_hz, utc_text(clock.epoch)
     except RecordError as error:
         no_rate = " ".join(str(error).split())
+    if not channels:
+        raise RecordError(f"{file.path.name} has no row of numbers, which might be a channel. {file.contents()}")
     page = Environment(autoescape=False, trim_blocks=True, undefined=StrictUndefined)  # noqa: S701 - no HTML
     return page.from_string(Path(__file__).with_name("draft.toml.jinja").read_text(encoding="utf-8")).render(
         file=file,

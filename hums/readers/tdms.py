@@ -1,6 +1,5 @@
 """TDMS files of LabVIEW and its loggers: channels in groups, each with properties."""
 
-from collections.abc import Mapping
 from dataclasses import replace
 from pathlib import Path
 from typing import Any
@@ -38,8 +37,8 @@ def read(path: Path, _: ImportDescription) -> ForeignFile:
         raise RecordError(f"{path}: two of its channels have one name once slashes are dots; rename one of them.")
     stated = {name: _stated(channel, pieces.get(channel.path, [])) for name, _, channel in found}
     for group in contents.groups():
-        stated[group.name.replace("/", ".").strip()] = stated_of(_numbers_and_words(group.properties))
-    stated[""] = stated_of(_numbers_and_words(contents.properties))
+        stated[group.name.replace("/", ".").strip()] = stated_of(group.properties)
+    stated[""] = stated_of(contents.properties)
     return ForeignFile(path=path, fields=fields, stated=stated)
 
 
@@ -84,7 +83,7 @@ def _field(values: Any) -> Field:  # noqa: ANN401
 
 def _stated(channel: Any, pieces: list[tuple[int, dict[str, Any]]]) -> Stated:  # noqa: ANN401
     """Return what a channel states: its clock as its first segment has it, and times where a later one differs."""
-    stated = stated_of(_numbers_and_words(channel.properties))
+    stated = stated_of(channel.properties)
     if stated.rate_hz is None:
         return replace(stated, epoch=None, start_s=None)
     clock: dict[str, Any] = {}
@@ -92,18 +91,9 @@ def _stated(channel: Any, pieces: list[tuple[int, dict[str, Any]]]) -> Stated:  
     for first, properties in pieces:
         before, clock = clock, clock | {key: properties[key] for key in _CLOCK if key in properties}
         if clock != before:
-            starts[first] = stated_of(_numbers_and_words(clock))
+            starts[first] = stated_of(clock)
     counts = np.diff([*starts, len(channel)]).tolist()
     return joined(list(zip(counts, starts.values(), strict=True))).over(stated) if starts else stated
 
 
 _CLOCK = ("wf_start_time", "wf_start_offset", "wf_increment")
-
-
-def _numbers_and_words(properties: Mapping[str, Any]) -> dict[str, Any]:
-    """Return properties with time stamps as numpy has them, without those of the scaling that npTDMS applies."""
-    return {
-        key: value.as_datetime64("us") if hasattr(value, "as_datetime64") else value
-        for key, value in properties.items()
-        if not key.startswith("NI_")
-    }

@@ -10,12 +10,12 @@ from numpy.typing import NDArray
 
 from hums.readers.columns import ForeignFile, Stated, descriptions
 from hums.readers.description import ImportDescription
-from hums.records.clock import SampleTimes, is_time_name, rates_agree, sample_times, time_scale
+from hums.records.clock import SampleTimes, is_time_name, rates_agree, sample_times, time_scale, words_of
 from hums.records.fields import RecordError
 
 __all__ = ["Clock", "Import", "is_time", "seconds_of"]
 
-_LONGEST_START_S = 1e8  # three years: more seconds count from a date
+_LONGEST_START_S, _LATEST_S = 1e8, 3e9  # three years: more seconds count from a date; from 1970 they reach to 2065
 _SINCE_1970 = datetime(1970, 1, 1, tzinfo=UTC)
 
 
@@ -62,10 +62,13 @@ class Import:
                 f'{contradiction}. {remedy}{"Or say" if remedy else "Say"} which is right, trust="declared" or '
                 'trust="file" (--trust).'
             )
-        note = f"{contradiction}; {'the file' if self.spec.trust == 'file' else 'the declaration'} was trusted"
-        if note not in self.notes:
-            self.notes.append(note)
+        self.note(f"{contradiction}; {'the file' if self.spec.trust == 'file' else 'the declaration'} was trusted")
         return declared if self.spec.trust == "declared" else stated
+
+    def note(self, text: str) -> None:
+        """Add a note for the record, unless it has it."""
+        if text not in self.notes:
+            self.notes.append(text)
 
     @property
     def sampled(self) -> list[str]:
@@ -79,40 +82,56 @@ class Import:
         return self.clocks[name]
 
     def _clock(self, name: str) -> Clock:
-        file, declared = self.file, self.spec.rate_hz
-        stated = file.metadata(name)
+        stated = self.file.metadata(name)
         columns = [(title, found) for title in self._columns(name) if (found := self._times(title)) is not None]
         if stated.times_s is not None and (times := self._sample_times(stated.times_s, 1.0, f'the times of "{name}"')):
             columns.append((name, (times, stated.epoch)))
         columns.sort(key=lambda column: column[1][0].resolution)
+        rate_hz = self._rate_hz(stated, [(title, times) for title, (times, _) in columns])
+        times, epoch = columns[0][1] if columns else (None, None)
+        start_s = times.start_s if times is not None and stated.start_s is None else stated.start_s or 0.0
+        epoch = stated.epoch or epoch if stated.start_s is not None else epoch
+        for _, (other, since) in columns:
+            if epoch is None and since is not None:  # a column of dates beside a finer one of seconds
+                epoch = since + timedelta(seconds=other.start_s - start_s)
+        if abs(start_s) > _LONGEST_START_S:
+            if epoch is None:
+                epoch = _SINCE_1970 if 0 < start_s < _LATEST_S else None
+                counted = "were taken to count from 1970" if epoch else "count from a date that is not known"
+                self.note(f"its times, which begin at {start_s:.14g} s, {counted}")
+            start_s, epoch = 0.0, None if epoch is None else epoch + timedelta(seconds=start_s)
+        epoch = epoch or stated.epoch
+        trusted = times is not None and rates_agree(rate_hz, times.rate_hz, resolution=times.resolution)
+        return Clock(rate_hz=rate_hz, start_s=start_s, epoch=epoch, times=times if trusted else None)
+
+    def _rate_hz(self, stated: Stated, columns: list[tuple[str, SampleTimes]]) -> float:
+        """Return the rate that the file states, that of the finest times or the declared one; refuse others."""
+        file, declared = self.file, self.spec.rate_hz
         rates = [] if stated.rate_hz is None else [(stated.rate_hz, 0.0, f"which states {stated.rate_hz:g} Hz")]
-        for title, (times, _) in columns:
+        for title, times in columns:
             step = f'whose "{title}" goes in steps of {1 / times.rate_hz:.6g} s, {times.rate_hz:.6g} Hz'
-            rates.append((times.rate_hz, max(times.resolution, 1e-9), step))
-        if not rates and declared is None:
-            raise RecordError(
-                f"{file.path.name} does not state its samples per second: rate_hz=... (--rate-hz) is needed."
-            )
+            step = f'whose "{title}" is rounded to a rate {times.range_text}' if times.coarse else step
+            rates.append((times.rate_hz, times.resolution, step))
+        self._note_unread_times()
+        if declared is None and (not rates or (stated.rate_hz is None and columns[0][1].coarse)):
+            known = f", {rates[0][2]} only" if rates else " does not state its samples per second"
+            needed = f"{file.path.name}{known}: rate_hz=... (--rate-hz) is needed"
+            raise RecordError(". ".join([needed, *self.notes, ""]).strip())
         rate_hz = rates[0][0] if declared is None else declared
         for other_hz, resolution, phrase in rates[declared is None :]:
             if not rates_agree(rate_hz, other_hz, resolution=resolution):
                 contradiction = f"{file.path.name} states {rate_hz:g} Hz, but {phrase[6:]}"
                 if declared is not None:
                     contradiction = f"rate_hz={rate_hz:g} contradicts {file.path.name}, {phrase}"
-                remedy = (
-                    "Correct --rate-hz or leave it out; of times that are not in seconds state the unit, time_unit. "
-                )
+                remedy = "Correct --rate-hz or leave it out, or state the unit of the times, time_unit. "
                 rate_hz = self.settle(contradiction, rate_hz, other_hz, remedy=remedy)
-        times, epoch = columns[0][1] if columns else (None, None)
-        start_s = times.start_s if times is not None and stated.start_s is None else stated.start_s or 0.0
-        epoch = stated.epoch or epoch
-        for _, (other, since) in columns:
-            if epoch is None and since is not None:  # a column of dates beside a finer one of seconds
-                epoch = since + timedelta(seconds=other.start_s - start_s)
-        if abs(start_s) > _LONGEST_START_S:
-            start_s, epoch = 0.0, None if epoch is None else epoch + timedelta(seconds=start_s)
-        trusted = times is not None and rates_agree(rate_hz, times.rate_hz, resolution=max(times.resolution, 1e-9))
-        return Clock(rate_hz=rate_hz, start_s=start_s, epoch=epoch, times=times if trusted else None)
+        return rate_hz
+
+    def _note_unread_times(self) -> None:
+        for title, shape in descriptions(self.file.fields).items():
+            named = is_time(self.file, title) or "date" in words_of(title)
+            if named and isinstance(shape, str) and shape != "empty":
+                self.note(f'"{title}" is {shape}, and is not read')
 
     def _columns(self, name: str) -> list[str]:
         """Return the columns of times of as many values as a field, in the innermost group that has some."""
@@ -138,8 +157,13 @@ class Import:
             file, spec = self.file, self.spec
             scale = file.time_scale(title)
             values = file.vector(title)
-            if scale is None and spec.time_column is not None and values[0] > _LONGEST_START_S:
-                scale = 1.0, _SINCE_1970
+            for note in file.stated.get(title, Stated()).notes:
+                self.note(f'"{title}" {note}')
+            if scale is None and spec.time_unit is None:  # since 1970 in the one unit that makes it this century
+                units = (
+                    unit for unit in (1.0, 1e-3, 1e-6, 1e-9) if _LONGEST_START_S < unit * float(values[0]) < _LATEST_S
+                )
+                scale = next(((unit, None) for unit in units), None)
             elif spec.time_unit is not None:
                 unit = (time_scale(spec.time_unit) or (1.0, None))[0]
                 if scale is not None and scale[0] != unit:
@@ -167,11 +191,11 @@ class Import:
         except RecordError as error:
             if self.spec.trust != "declared" or self.spec.rate_hz is None:
                 raise
-            self.notes.append(f"{str(error).partition('. ')[0]}; the declared rate was trusted")
+            self.note(f"{str(error).partition('. ')[0]}; the declared rate was trusted")
             return None
         if found is not None and found.places is not None:
             missing = int(found.places[-1]) + 1 - found.places.size
-            self.notes.append(f"{what} leave out {missing} samples, which are NaN")
+            self.note(f"{what} leave out {missing} samples, which are NaN")
         return found
 
     def start_and_epoch(self) -> tuple[float, datetime | None]:

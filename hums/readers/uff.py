@@ -3,12 +3,13 @@
 import os
 from collections import Counter
 from collections.abc import Mapping
+from dataclasses import replace
 from pathlib import Path
 from typing import Any
 
 import numpy as np
 
-from hums.readers.columns import Field, ForeignFile, Stated, rate_of_step
+from hums.readers.columns import Field, ForeignFile, Stated, moment_of, rate_of_step
 from hums.readers.description import ImportDescription
 from hums.records.clock import time_scale
 from hums.records.record import RecordError
@@ -76,16 +77,18 @@ def _field(entry: Mapping[str, Any]) -> Field:
 
 
 def _stated(entry: Mapping[str, Any]) -> Stated:
-    units = _label(entry["ordinate_axis_units_lab"])
+    units, written = _label(entry["ordinate_axis_units_lab"]), _label(entry["id3"])
+    began = moment_of(written)
+    notes = (f'states "{written}", which is no date and time',) if written and not began else ()
+    stated = Stated(units=units, epoch=began, notes=notes)
     if entry["abscissa_spec_data_type"] != _TIME:
-        return Stated(units=units)
+        return stated
     step_s, epoch = time_scale(_label(entry["abscissa_axis_units_lab"])) or (1.0, None)
+    stated = replace(stated, epoch=epoch or began)
     if entry["abscissa_spacing"] != 1:
-        return Stated(units=units, times_s=step_s * np.asarray(entry["x"], dtype=np.float64), epoch=epoch)
+        return replace(stated, times_s=step_s * np.asarray(entry["x"], dtype=np.float64))
     rate_hz = rate_of_step(step_s * entry["abscissa_inc"])
-    return Stated(
-        units=units, rate_hz=rate_hz, start_s=step_s * float(entry["abscissa_min"]) if rate_hz else None, epoch=epoch
-    )
+    return replace(stated, rate_hz=rate_hz, start_s=step_s * float(entry["abscissa_min"]) if rate_hz else None)
 
 
 def _label(text: object) -> str | None:

@@ -4,7 +4,6 @@ import struct
 import warnings
 from io import BytesIO
 from pathlib import Path
-from typing import BinaryIO
 
 import numpy as np
 from numpy.typing import NDArray
@@ -37,34 +36,21 @@ def read(path: Path, _: ImportDescription) -> ForeignFile:
 
 def _with_sizes(path: Path) -> Path | BytesIO:
     """Return a WAV file, in memory with the sizes in its header written where its recorder left them open."""
-    end = path.stat().st_size
     with path.open("rb") as stream:
-        if stream.read(4) != b"RIFF":
-            return path
-        place, frame = 12, 1
-        while place + 8 <= end:
-            stream.seek(place)
-            kind, size = struct.unpack("<4sI", stream.read(8))
-            if kind == b"fmt ":
-                frame = max(1, struct.unpack("<12xH", stream.read(14))[0])
-            if kind == b"data":
-                break
-            place += 8 + size + size % 2
-        else:
-            return path
-        count = (end - place - 8) // frame * frame
-        if size not in {0, 0xFFFFFFFF} or not count or (size == 0 and _is_chunk(stream, end)):
-            return path
-        stream.seek(0)
-        whole = bytearray(stream.read(place + 8 + count))
-    whole[4:8], whole[place + 4 : place + 8] = struct.pack("<I", len(whole) - 8), struct.pack("<I", count)
-    return BytesIO(whole)
-
-
-def _is_chunk(stream: BinaryIO, end: int) -> bool:
-    """Return whether a chunk follows, which ends within the file: the one before it is empty indeed."""
-    head = stream.read(8)
-    return len(head) == 8 and head[:4].isalnum() and stream.tell() + struct.unpack("<I", head[4:])[0] <= end  # noqa: PLR2004
+        head = stream.read(65536)  # in which the samples begin
+    layout = head.find(b"fmt ", 12)
+    place = head.find(b"data", layout + 24) + 8
+    is_open = head[place - 4 : place] in {bytes(4), b"\xff" * 4}
+    if not head.startswith(b"RIFF") or min(layout, place - 8) < 0 or not is_open:
+        return path
+    whole = bytearray(path.read_bytes())
+    frame = max(1, int.from_bytes(whole[layout + 20 : layout + 22], "little"))
+    count = (len(whole) - place) // frame * frame
+    follows = whole[place : place + 4].isalnum() and int.from_bytes(whole[place + 4 : place + 8], "little") + place + 8
+    if not count or (head[place - 4] == 0 and 0 < follows <= len(whole)):  # a chunk follows: there are no samples
+        return path
+    whole[4:8], whole[place - 4 : place] = struct.pack("<I", place + count - 8), struct.pack("<I", count)
+    return BytesIO(whole[: place + count])
 
 
 def _full_scale(samples: NDArray[np.generic]) -> NDArray[np.generic]:

@@ -10,7 +10,7 @@ import numpy as np
 import xarray as xr
 from numpy.typing import NDArray
 
-from hums.records.fields import RecordError
+from hums.records.fields import RATE_REMEDY, RecordError
 from signals._validation import is_float
 
 __all__ = [
@@ -61,6 +61,9 @@ class SampleTimes:
         Samples per second, of the pieces between gaps.
     resolution : float
         Uncertainty of the rate by the rounding of the times, as a share of it.
+    coarse : bool
+        Whether the times are rounded to more than two sampling intervals: over n samples a line at half the sampling
+        rate may then be off by more than one bin of the spectrum, 2 / n of the rate.
     start_s : float
         Time of the first sample in s.
     places : (n,) array of int or None
@@ -69,8 +72,15 @@ class SampleTimes:
 
     rate_hz: float
     resolution: float
+    coarse: bool
     start_s: float
     places: NDArray[np.intp] | None
+
+    @property
+    def range_text(self) -> str:
+        """Rates that the rounding of the times leaves open, in words."""
+        low, high = ((1 + sign * self.resolution) * self.rate_hz for sign in (-1, 1))
+        return f"between {max(low, 0.0):.6g} and {high:.6g} Hz"
 
     def filled(self, values: NDArray[Any]) -> NDArray[Any]:
         """Return samples on the even grid, with NaN where samples are missing."""
@@ -158,7 +168,8 @@ def sample_times(times: NDArray[Any], *, unit_s: float, what: str) -> SampleTime
     whole = round(1 / step_s)
     return SampleTimes(
         rate_hz=float(whole) if abs(whole * step_s - 1) < 1e-9 else float(1 / step_s),  # noqa: PLR2004
-        resolution=quantum_s / (step_s * known.size),
+        resolution=max(quantum_s / (step_s * known.size), 1e-9),
+        coarse=bool(quantum_s > (2 + _OFF) * step_s),
         start_s=float(seconds[0] - known[0] * step_s),
         places=None if lost < 1 else _places(times.size, known, missing),
     )
@@ -206,10 +217,11 @@ def words_of(name: str) -> list[str]:
 
 
 def is_time_name(name: str) -> bool:
-    """Return whether a name is that of the times of samples: "t", "Time [ms]", "time_s", "elapsed time"."""
-    words = words_of(name.rpartition(".")[2])
+    """Return whether a name is that of the times of samples: "t", "Time [ms]", "time_s", "t2 [s]", "elapsed time"."""
+    words = [bare for word in words_of(name.rpartition(".")[2]) if (bare := word.rstrip("0123456789"))] or [""]
     others = set(words) - _TIME_NAMES
-    return len(others) < len(words) and all(word in _BESIDE_TIME or word in TIMES_S for word in others)
+    plain = len(others) < len(set(words)) and all(word in _BESIDE_TIME or word in TIMES_S for word in others)
+    return plain or (words[0] in _TIME_NAMES and words[-1] in TIMES_S)  # "time DE [s]" beside "time NDE [s]"
 
 
 def held_times(
@@ -238,11 +250,13 @@ def held_times(
     times = _own_times(values, f"{what}: the times of its DataArray") if isinstance(values, xr.DataArray) else None
     if times is None:
         return values, rate_hz, start_s
-    if is_float(rate_hz) and not rates_agree(rate_hz, times.rate_hz, resolution=max(times.resolution, 1e-9)):
+    if is_float(rate_hz) and not rates_agree(rate_hz, times.rate_hz, resolution=times.resolution):
         raise RecordError(
             f"{what}: the times of its DataArray state {times.rate_hz:g} Hz, which rate_hz={rate_hz:g} contradicts; "
             "leave it out, or pass the values alone."
         )
+    if rate_hz is None and times.coarse:
+        raise RecordError(f"{what}: the times of its DataArray state a rate {times.range_text} only; {RATE_REMEDY}.")
     start_s = start_s or times.start_s
     if abs(times.start_s - start_s) * times.rate_hz > 0.5:  # noqa: PLR2004
         raise RecordError(

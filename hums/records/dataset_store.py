@@ -7,6 +7,7 @@ a dataset may be pickled, forked and read from many processes at once.
 
 import json
 from collections.abc import Sequence
+from dataclasses import dataclass
 from pathlib import Path
 from typing import Any
 
@@ -246,21 +247,16 @@ def _index(folder: Path, *, labels: bool) -> xr.Dataset:
     return index
 
 
+@dataclass(kw_only=True, eq=False)
 class _Rows(BackendArray):
     """One array (record, ...) over all files of a dataset, padded with NaN to the longest row."""
 
-    def __init__(
-        self,
-        *,
-        folder: Path,
-        pattern: str,
-        starts: NDArray[np.int64],
-        name: str,
-        shape: tuple[int, ...],
-        dtype: np.dtype[Any],
-    ) -> None:
-        self.folder, self.pattern, self.starts, self.name = folder, pattern, starts, name
-        self.shape, self.dtype = shape, dtype
+    folder: Path
+    pattern: str
+    starts: NDArray[np.int64]
+    name: str
+    shape: tuple[int, ...]
+    dtype: np.dtype[Any]
 
     def __getitem__(self, key: indexing.ExplicitIndexer) -> Any:  # noqa: ANN401
         return indexing.explicit_indexing_adapter(key, self.shape, indexing.IndexingSupport.OUTER, self._read)

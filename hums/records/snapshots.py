@@ -153,31 +153,23 @@ _OWN = ("recorded_at", "source", "notes")  # attributes in which snapshots diffe
 
 def _refuse_other_layout(first: xr.Dataset, record: xr.Dataset, number: int) -> None:
     """Refuse a record with other channels, lengths or attributes than the first."""
-    if list(record.data_vars) != list(first.data_vars):
-        raise RecordError(
-            f"snapshot {number} has {', '.join(map(str, record.data_vars))} where the first has "
-            f"{', '.join(map(str, first.data_vars))}; join those with the same channels."
-        )
-    for name, variable in first.variables.items():
-        here, pulses = record.variables[name], kind_of(str(name), variable) == "tachometer"
-        if here.dims != variable.dims or (not pulses and here.shape != variable.shape):
+    here, there = _layout(record), _layout(first)
+    for name in (*there, *here):
+        if repr(here.get(name)) != repr(there.get(name)):
             raise RecordError(
-                f'snapshot {number}: "{name}" has shape {here.shape} where the first has {variable.shape}; snapshots '
-                "are equally long."
+                f'snapshot {number}: "{name}" is {here.get(name, "nothing")} where the first has '
+                f"{there.get(name, 'nothing')}; snapshots have the same channels, lengths and attributes."
             )
-        if not _alike(here.attrs, variable.attrs):
-            raise RecordError(
-                f'snapshot {number}: "{name}" differs from the first in {here.attrs} and {variable.attrs}.'
-            )
-    here_attrs, there = ({k: v for k, v in one.attrs.items() if k not in _OWN} for one in (record, first))
-    if not _alike(here_attrs, there):
-        different = sorted(str(k) for k in here_attrs.keys() | there.keys() if here_attrs.get(k) != there.get(k))
-        raise RecordError(f'snapshot {number} has another "{different[0]}" than the first; join those of one machine.')
 
 
-def _alike(one: Any, other: Any) -> bool:  # noqa: ANN401
-    keys = (one.keys() | other.keys()) - {"threshold", "hysteresis"}  # of a tachometer's waveform, found in each
-    return all(np.array_equal(one.get(key), other.get(key)) for key in keys)
+def _layout(record: xr.Dataset) -> dict[str, Any]:
+    """Return the attributes in which snapshots agree, and dimensions, shape and attributes of each variable."""
+    found: dict[str, Any] = {str(key): value for key, value in record.attrs.items() if key not in _OWN}
+    for name, one in record.variables.items():
+        shape = "pulses" if kind_of(str(name), one) == "tachometer" else one.shape
+        attrs = {key: one.attrs[key] for key in sorted(one.attrs) if key not in {"threshold", "hysteresis"}}
+        found[str(name)] = one.dims, shape, attrs  # threshold and hysteresis are found in each waveform
+    return found
 
 
 def _joined(parts: Sequence[xr.Variable], name: str) -> xr.Variable:

@@ -1,5 +1,7 @@
 """Import descriptions: what they refuse, what takes precedence, and how text files are read by them."""
 
+from contextlib import nullcontext
+
 import numpy as np
 import pytest
 from logger_files import COUNT, write_logger_table
@@ -7,7 +9,7 @@ from numpy.testing import assert_array_equal
 
 import hums
 from hums.readers import read_file
-from hums.records.fields import RecordError
+from hums.records.fields import RecordError, RecordWarning
 
 
 def refusal(description, path="a.csv", **declared):
@@ -94,9 +96,9 @@ def test_a_declared_time_column(tmp_path):
     since = hums.convert(tmp_path / "a.csv", told | {"time_column": None}, rate_hz=1.0)
     assert since.attrs["recorded_at"] == ""
     (tmp_path / "a.csv").write_text("x,DE\n" + "".join(f"{1_700_000_000 + k},{k}\n" for k in range(100)))
-    assert (
-        hums.convert(tmp_path / "a.csv", told).attrs["recorded_at"] == "2023-11-14T22:13:20Z"
-    )  # date -u -d @1700000000
+    with pytest.warns(RecordWarning, match="1700000000 s, were taken to count from 1970"):
+        record = hums.convert(tmp_path / "a.csv", told)
+    assert record.attrs["recorded_at"] == "2023-11-14T22:13:20Z"  # date -u -d @1700000000
 
 
 def test_a_time_of_recording_in_a_time_zone(tmp_path):
@@ -113,6 +115,7 @@ def test_a_date_that_may_be_in_two_months_is_not_guessed(tmp_path):
     for day, known in ((4, False), (14, True)):
         rows = "".join(f"03/{day:02d}/2024 12:00:00.{k:03d},{k}\n" for k in range(900))
         (tmp_path / "a.csv").write_text(f"time,DE (g)\n{rows}")
-        record = hums.convert(tmp_path / "a.csv", channels=["DE"], no_tachometer=True, time_zone="UTC")
+        with nullcontext() if known else pytest.warns(RecordWarning, match="day and month in either order"):
+            record = hums.convert(tmp_path / "a.csv", channels=["DE"], no_tachometer=True, time_zone="UTC")
         assert record.attrs["rate_hz"] == 1000
         assert record.attrs["recorded_at"] == ("2024-03-14T12:00:00Z" if known else "")

@@ -29,7 +29,7 @@ def mat(path):
 @pytest.mark.parametrize(
     ("name", "write", "filled", "channel", "rate_hz"),
     [
-        ("log.csv", write_logger_table, (), "DE", 1000),
+        ("log.csv", write_logger_table, ("time_zone = ",), "DE", 1000),
         (
             "a.wav",
             lambda path: wavfile.write(path, 8000, NOISE.astype(np.float32)),
@@ -85,6 +85,8 @@ def test_the_command_writes_and_does_not_overwrite(run, tmp_path):
     assert tomllib.loads((tmp_path / "import.toml").read_text(encoding="utf-8"))["header_lines"] == 12
     code, _, err = run("info", tmp_path / "log.csv", "--draft", tmp_path / "import.toml")
     assert (code, "is not replaced" in err) == (1, True)
+    text = (tmp_path / "import.toml").read_text(encoding="utf-8")
+    (tmp_path / "import.toml").write_text(text.replace("# time_zone", "time_zone", 1), encoding="utf-8")
     words = ("convert", tmp_path / "log.csv", tmp_path / "r.h5", "-d", tmp_path / "import.toml", "--no-tachometer")
     assert run(*words)[0] == 0
     assert "in mm s-1" in run("info", tmp_path / "r.h5")[1]

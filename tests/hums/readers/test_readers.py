@@ -443,7 +443,6 @@ def test_a_column_of_times_that_contradicts_the_rate(tmp_path, name):
     ("name", "times"),
     [
         ("time", [0, 0, 0, 0, 0, 0]),
-        ("time", ["a", "b", "c", "d", "e", "f"]),
         ("T", [20.5, 20.1, 20.7, 20.2, 20.3, 20.9]),  # a torque or a temperature
         ("time [ms]", ["", 1, 2, 3, 4, 5]),
         ("timer", range(6)),
@@ -532,7 +531,7 @@ LOGGER = (
 def test_a_logger_s_table_takes_one_try(tmp_path):
     """Lines above, semicolons, decimal commas, times as text, units in a line of their own, Windows-1252."""
     path = write(tmp_path, LOGGER + "".join(logger_row(k) for k in range(2000)), "cp1252")
-    record = convert(path, channels=["DE", "ND"], speed_column="Drehzahl", shaft="input")
+    record = convert(path, channels=["DE", "ND"], speed_column="Drehzahl", shaft="input", time_zone="UTC")
     assert_array_equal(record["DE"], np.arange(2000) / 8)
     assert [record[name].attrs["units"] for name in ("DE", "ND")] == ["g", "mm s-1"]
     assert record.attrs["rate_hz"] == 1000

@@ -1,5 +1,6 @@
 """The rate that a column of times states, and channels by number."""
 
+from contextlib import nullcontext
 from datetime import UTC, datetime, timedelta
 
 import h5py
@@ -104,15 +105,15 @@ def test_a_contradiction_is_refused_or_decided(tmp_path, trust, rate_hz):
 
 
 @pytest.mark.parametrize(
-    "stamp", ["%Y-%m-%dT%H:%M:%S.%f%z", "%Y-%m-%d %H:%M:%S.%f", "%d.%m.%Y %H:%M:%S.%f", "%H:%M:%S.%f"]
+    "stamp", ["%Y-%m-%dT%H:%M:%S.%f%z", "%Y-%m-%d %H:%M:%S.%f", "%d.%m.%Y %H:%M:%S.%f", "%m/%d/%Y %I:%M:%S.%f %p"]
 )
 def test_times_as_text_need_no_unit(tmp_path, stamp):
     began = datetime(2026, 2, 28, 10, 59, 59, 500_000, tzinfo=UTC)
     rows = [f"{began + timedelta(milliseconds=k):{stamp}},{k}\n" for k in range(3000)]
     (tmp_path / "log.csv").write_text("time,vib\n" + "".join(rows))
-    record = convert(tmp_path / "log.csv", channels=["vib"], **DECLARED)
+    record = convert(tmp_path / "log.csv", channels=["vib"], time_zone="UTC", **DECLARED)
     assert (record.attrs["rate_hz"], record.attrs["start_s"]) == (1000, 0)
-    assert record.attrs["recorded_at"] == ("2026-02-28T10:59:59.500000Z" if "%z" in stamp else "")
+    assert record.attrs["recorded_at"] == "2026-02-28T10:59:59.500000Z"
     with pytest.raises(RecordError, match='time_unit="ms" contradicts'):
         convert(tmp_path / "log.csv", channels=["vib"], time_unit="ms", **DECLARED)
 
@@ -137,8 +138,10 @@ def test_dates_to_the_second_beside_times_to_the_millisecond(tmp_path):
 
 
 def test_one_time_for_many_samples(tmp_path):
-    """Times rounded to a second are no gaps, and state the rate to the second in thirty."""
+    """Times rounded to a second are no gaps, and state the rate to the second in thirty: too little for a spectrum."""
     (tmp_path / "log.csv").write_text("time (s),vib\n" + "".join(f"{k // 100},{k}\n" for k in range(3000)))
+    with pytest.raises(RecordError, match=r'"time \(s\)" is rounded to a rate between 9\d\.\d+ and 10\d\.\d+ Hz only'):
+        convert(tmp_path / "log.csv", channels=["vib"], **DECLARED)
     assert convert(tmp_path / "log.csv", channels=["vib"], rate_hz=100, **DECLARED).vib.notnull().all()
     with pytest.raises(RecordError, match="contradicts"):
         convert(tmp_path / "log.csv", channels=["vib"], rate_hz=110, **DECLARED)
@@ -213,3 +216,53 @@ def test_channels_by_number(tmp_path):
     wavfile.write(tmp_path / "two.wav", 8000, np.tile(np.array([0.25, 0.5], dtype=np.float32), (1000, 1)))
     record = convert(tmp_path / "two.wav", channels=["2"], **DECLARED)
     assert float(record["channel 2"][0]) == 0.5
+
+
+def test_columns_of_times_with_two_rates_are_refused(tmp_path):
+    for first, second in (("t1 [s]", "t2 [s]"), ("time DE [s]", "time NDE [s]"), ("time [s]", "time [s]")):
+        rows = "".join(f"{k / 1000};{k};{k / 500};{k}\n" for k in range(900))
+        (tmp_path / "log.csv").write_text(f"{first};DE;{second};NDE\n{rows}")
+        for name in ("DE", "NDE"):
+            with pytest.raises(RecordError, match=r"states (500|1000) Hz, but .* goes in steps of 0\.00[12] s"):
+                convert(tmp_path / "log.csv", channels=[name], **DECLARED)
+
+
+@pytest.mark.parametrize("footer", ["Max,9.5", ",Max,9.5", "RMS,0.7,0.8"])
+def test_rows_of_statistics_are_no_samples(tmp_path, footer):
+    rows = "".join(f"{k / 1000},{k},{k}\n" for k in range(900))
+    footer = footer + "," * (2 - footer.count(","))
+    (tmp_path / "log.csv").write_text(f"time (s),DE,ND\n{rows}{footer}\n")
+    for rate in ({}, {"rate_hz": 1000}):
+        with pytest.raises(RecordError, match=r'is text, "(Max|RMS)" in line 902, not numbers'):
+            convert(tmp_path / "log.csv", channels=["DE"], **rate, **DECLARED)
+
+
+@pytest.mark.parametrize(("title", "factor"), [("time [s]", 1), ("timestamp", 1e3), ("Timestamp (us)", 1e6)])
+def test_times_since_1970_state_when_a_record_began(tmp_path, title, factor):
+    rows = "".join(f"{factor * (1_700_000_000 + k / 1000):.3f},{k}\n" for k in range(900))
+    (tmp_path / "log.csv").write_text(f"{title},vib\n{rows}")
+    with pytest.warns(RecordWarning, match="count from 1970"):
+        record = convert(tmp_path / "log.csv", channels=["vib"], **DECLARED)
+    assert record.attrs["rate_hz"] == pytest.approx(1000, rel=1e-6)
+    assert record.attrs["recorded_at"] == "2023-11-14T22:13:20Z"  # date -u -d @1700000000
+    with pytest.raises(RecordError, match=r"recorded_at=2024-01-01T00:00:00.* contradicts"):
+        convert(tmp_path / "log.csv", channels=["vib"], recorded_at="2024-01-01T00:00:00Z", **DECLARED)
+
+
+@pytest.mark.parametrize(
+    ("attributes", "rate_hz", "recorded_at", "said"),
+    [
+        ({"sampling_frequency": 25.6, "sampling_frequency_units": "kHz"}, 25600, "", None),
+        ({"acq_freq_kSps": 16.384, "t_begin_utc": "2022-01-02T03:04:05"}, 16384, "2022-01-02T03:04:05Z", None),
+        ({"Sample rate": "10 kS/s", "Date": "2016-1-5", "Time": "11:12:13"}, 10000, "2016-01-05T11:12:13Z", None),
+        ({"fs": 25.6, "fs_unit": "kilo", "Date": "03/04/2024"}, None, "", "fs=25.6, which is not applied"),
+    ],
+)
+def test_what_attributes_state_is_read_with_its_unit_or_named(tmp_path, attributes, rate_hz, recorded_at, said):
+    with h5py.File(tmp_path / "log.h5", "w") as file:
+        file["vib"] = np.ones(2000)
+        file["vib"].attrs.update(attributes)
+    declared = DECLARED | {"time_zone": "UTC", "rate_hz": None if rate_hz else 25600}
+    with pytest.warns(RecordWarning, match=said) if said else nullcontext():
+        record = convert(tmp_path / "log.h5", channels=["vib"], **declared)
+    assert (record.attrs["rate_hz"], record.attrs["recorded_at"]) == (rate_hz or 25600, recorded_at)
