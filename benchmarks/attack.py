@@ -1,7 +1,7 @@
-"""Odd calls of every exported function, damaged files and kills: python benchmarks/attack.py [FOLDER].
+"""Odd calls, damaged files, kills, and tries of the commands: python benchmarks/attack.py [FOLDER].
 
-Writes attack.md into FOLDER (default docs/benchmarks). What each part finds is kept in --kept, if named: a run that was
-stopped goes on there.
+Writes attack.md and tries.md into FOLDER (default docs/benchmarks), with --tries the latter alone. What each part finds
+is kept in --kept, if named: a run that was stopped goes on there.
 """
 
 import argparse
@@ -20,6 +20,7 @@ from attacks.damaged_files import COLUMNS, FOREIGN, KINDS, attack_kind, file_row
 from attacks.kills import WRITERS, kill_saves, kill_workers
 from attacks.odd_calls import answers_that_differ, failure, odd_calls
 from attacks.parts import kept_or_made
+from attacks.tries import CLASSES, make_tries, try_rows
 
 KILL_S = 60
 MOST_SHOWN = 40
@@ -41,6 +42,22 @@ also values replaced by odd ones, and lines left out or doubled (seed 20). Signa
 `crash contained` and `stopped`: the process for reading ended, in a sentence that names the file; `wrong`: another
 exception, a message without the name of the file, or, of a record, other values without a warning. Seconds of a
 machine that does other work besides."""
+
+TRIES_NOTE = """\
+# Tries of the commands
+
+Made by `python benchmarks/attack.py --tries`. Each try runs a command in a folder of its own (seed 20). Its exit status
+has to be one of those in `docs/reference.md`, with a sentence where it is not 0; what it reads, and what hums did not
+write, stays as it was but for outputs under `--force`; no temporary file is left behind; no cell of a table begins a
+formula, no name runs a script or controls the terminal. `output paths`: each file of each command as a text, a folder,
+a pipe, a link, another name of an input; `names`: of parts, channels, machines, files, options; `contradicting
+metadata`: rates that a file states against rates that are declared, of which the trusted one has to hold; `interrupts`:
+SIGINT, SIGTERM or SIGKILL at a random instant, and the same again, which has to end with 0 and the same tables;
+`races`: two at once, or inputs cut off or emptied meanwhile, and the same again. Seconds of a machine that does other
+work besides."""
+TRIES_HEADER = (
+    "| class | tries | 0 | 1 | 2 | 3 | 130 | killed | broken | s |\n|---|---|---|---|---|---|---|---|---|---|"
+)
 
 
 def calls_of(cases: list[Case]) -> dict[str, Any]:
@@ -103,33 +120,48 @@ def attack(kept: Path, scratch: Path, *, files: int) -> tuple[str, bool]:
     workers = sum(killed for killed, _ in runs)
     lost = [line for found in saves.values() for line in found] + [line for _, found in runs for line in found]
     wrong = [*calls["wrong"], *(line for part in parts for line in part["wrong"]), *lost]
-    shown = [f"- `{line[:200].replace('`', '')}`".replace("\n", " ") for line in wrong[:MOST_SHOWN]]
     files_header = f"| reader | files | {' | '.join(COLUMNS)} | s |\n|{'---|' * (len(COLUMNS) + 3)}"
     kills = (
         f"{sum(SAVES.values()) + workers} processes were killed (-9): {SAVES['record']} that saved one record over "
         f"another, {SAVES['analysis']} analyses, {SAVES['state']} states of watched machines, and {workers} workers of "
-        f"{RUNS} runs of jobs. {len(lost)} times something was lost, doubled or left behind. "
-        "`docs/benchmarks/load.md` has kills of fleets."
+        f"{RUNS} runs of jobs. {len(lost)} times something was lost, doubled or left behind."
     )
     page = ["# Odd calls", "", CALLS_NOTE, "", CALLS_HEADER, *call_rows(calls["counts"]), "", "## Damaged files", "",
             f"{sum(part['count'] for part in parts):,} files. {FILES_NOTE}", "", files_header, *file_rows(parts), "",
-            "## Kills", "", kills, "", *shown]  # fmt: skip
+            "## Kills", "", kills, "", *_shown(wrong)]  # fmt: skip
     return "\n".join(page).rstrip() + "\n", bool(wrong)
 
 
-def main(folder: Path, *, kept: Path | None = None, files: int = FILES) -> int:
-    """Write the page; return 1 where anything came out wrong."""
-    folder = folder.resolve()
+def _shown(wrong: list[str]) -> list[str]:
+    return [f"- `{line[:200].replace('`', '')}`".replace("\n", " ") for line in wrong[:MOST_SHOWN]]
+
+
+def attack_commands(kept: Path, scratch: Path) -> tuple[str, bool]:
+    """Make every class of tries that is not kept; return the page, and whether anything was wrong."""
+    parts = [kept_or_made(kept, f"tries {name}", lambda name=name: make_tries(name, scratch)) for name in CLASSES]
+    wrong = [line for part in parts for line in part["wrong"]]
+    count = f"{sum(part['count'] for part in parts):,} tries, {len(wrong)} broken."
+    page = [TRIES_NOTE, "", count, "", TRIES_HEADER, *try_rows(parts), "", *_shown(wrong)]
+    return "\n".join(page).rstrip() + "\n", bool(wrong)
+
+
+def main(folder: Path, *, kept: Path | None = None, files: int = FILES, tries: bool = False) -> int:
+    """Write the pages; return 1 where anything came out wrong."""
+    folder, status = folder.resolve(), 0
     with tempfile.TemporaryDirectory() as scratch, warnings.catch_warnings():
         warnings.simplefilter("ignore")
         kept = (kept or Path(scratch, "kept")).resolve()
         kept.mkdir(parents=True, exist_ok=True)
-        os.chdir(scratch)  # some odd calls name files
-        page, wrong = attack(kept, Path(scratch), files=files)
+        for name in ("tries",) if tries else ("tries", "attack"):
+            os.chdir(scratch)  # some odd calls name files
+            page, wrong = (
+                attack_commands(kept, Path(scratch)) if name == "tries" else attack(kept, Path(scratch), files=files)
+            )
+            status |= wrong
+            (folder / f"{name}.md").write_text(page, encoding="utf-8")
+            print(page)  # noqa: T201 - what the command is for
         os.chdir(folder)
-    (folder / "attack.md").write_text(page, encoding="utf-8")
-    print(page)  # noqa: T201 - what the command is for
-    return int(wrong)
+    return status
 
 
 if __name__ == "__main__":
@@ -137,5 +169,6 @@ if __name__ == "__main__":
     options.add_argument("folder", nargs="?", type=Path, default=Path("docs/benchmarks"))
     options.add_argument("--kept", type=Path)
     options.add_argument("--files", type=int, default=FILES, help=f"of a kind; at most {OTHER_FILES} of our own kinds")
+    options.add_argument("--tries", action="store_true", help="of the commands alone")
     given = options.parse_args()
-    sys.exit(main(given.folder, kept=given.kept, files=given.files))
+    sys.exit(main(given.folder, kept=given.kept, files=given.files, tries=given.tries))

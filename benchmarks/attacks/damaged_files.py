@@ -102,6 +102,12 @@ def write_valid(kind: str, path: Path) -> None:  # noqa: C901, PLR0912 - a list 
             path.write_text(LVM + "\n".join(f"\t{value:.5f}\t" for value in NOISE) + "\n", encoding="utf-8")
         case "mf4":
             _write_mf4(path)
+        case "csv with times" | "csv with stamps":
+            stamps = np.datetime_as_string(np.datetime64("2024-10-27T00:59:59", "ms") + np.arange(COUNT), unit="ms")
+            times = stamps if kind.endswith("stamps") else [f"{number / 1000:.4f}" for number in range(COUNT)]
+            unit = "" if kind.endswith("stamps") else " (s)"
+            rows = "".join(f"{time},{value:.5f}\n" for time, value in zip(times, NOISE, strict=True))
+            path.write_text(f"time{unit},vib\n{rows}", encoding="utf-8")
         case "uff":
             _write_uff(path)
         case "npy":

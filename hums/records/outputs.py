@@ -41,7 +41,7 @@ def check_outputs(
     folder : Path, optional
         Folder in which any file may be written, so that it holds no input.
     force : bool
-        Whether files of other programs are replaced.
+        Whether files of other programs are replaced; none to which a link leads.
 
     Raises
     ------
@@ -66,7 +66,7 @@ def check_outputs(
         if not output.is_file():
             kind = "a directory" if output.is_dir() else "a device or pipe"
             raise RecordError(f"{output} is {kind}, where a file is written; name another output.")
-        if not (force or _is_own(Path(os.path.realpath(output)))):
+        if not ((force and not output.is_symlink()) or _is_own(Path(os.path.realpath(output)))):
             raise RecordError(
                 f"{output} exists and was not written by hums, or edited since, so it is not replaced; name another "
                 "output, move that file away, or replace it with --force (force=True)."

@@ -83,8 +83,10 @@ def test_what_is_new_empty_or_ours_may_be_written(made, tmp_path):
 @pytest.mark.parametrize("content", [b"\x89HDF\r\n\x1a\n", b"time,vib\n0,1\n"])
 def test_what_cannot_be_told_is_not_replaced(content, tmp_path):
     (tmp_path / "there.h5").write_bytes(content)
-    with pytest.raises(RecordError, match=FOREIGN):
-        check_outputs([tmp_path / "there.h5"])
+    (tmp_path / "link.h5").symlink_to("there.h5")
+    for name, force in (("there.h5", False), ("link.h5", True)):
+        with pytest.raises(RecordError, match=FOREIGN):
+            check_outputs([tmp_path / name], force=force)
 
 
 def test_convert_replaces_neither_its_source_nor_a_foreign_file(refused, run, raw, tmp_path):
