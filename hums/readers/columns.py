@@ -189,7 +189,7 @@ class ForeignFile:
         """Return the name of a field in a record: what was asked for where that is the end of a longer name."""
         asked, key = name.strip("/").replace("/", "."), self.name(name)
         of_container = self.stated.get(key.rpartition(".")[0], Stated()).title == name
-        return asked if of_container or key.endswith(f".{asked}") else key
+        return asked if of_container or key.endswith(f".{asked}") else key.replace("/", ".")
 
     def metadata(self, name: str) -> Stated:
         """Return the metadata of a field, with those of its containers where it has none of its own."""

@@ -149,7 +149,8 @@ class Import:
         ]
         groups = {title: title.rpartition(".")[0] for title in found}
         around = [group for group in groups.values() if not group or key.startswith(f"{group}.")]
-        return [title for title in found if groups[title] == max(around, key=len)] if around else []
+        inner = max(around, key=len, default=None)
+        return [title for title in found if title == declared or groups[title] == inner]
 
     def _times(self, title: str) -> tuple[SampleTimes, datetime | None] | None:
         """Return what a column of times states, and the moment from which it counts."""
@@ -178,9 +179,8 @@ class Import:
                 )
             unit, epoch = scale or (1.0, None)
             times = None
-            if len(title.rpartition(".")[2]) > 1 or np.all(
-                np.diff(values) >= 0
-            ):  # "T" may be a torque or a temperature
+            # "T" may be a torque or a temperature
+            if len(title.rpartition(".")[2]) > 1 or np.all(np.diff(values) >= 0):
                 times = self._sample_times(values, unit, f'the times in "{title}"')
             self.found[title] = None if times is None else (times, epoch)
         return self.found[title]

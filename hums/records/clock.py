@@ -218,7 +218,8 @@ def words_of(name: str) -> list[str]:
 
 def is_time_name(name: str) -> bool:
     """Return whether a name is that of the times of samples: "t", "Time [ms]", "time_s", "t2 [s]", "elapsed time"."""
-    words = [bare for word in words_of(name.rpartition(".")[2]) if (bare := word.rstrip("0123456789"))] or [""]
+    own = re.sub(r"([a-z])(\d)", r"\1 \2", name.rpartition(".")[2])  # "t1", but "T1" may be a temperature
+    words = [word for word in words_of(own) if not word.isdigit()] or [""]
     others = set(words) - _TIME_NAMES
     plain = len(others) < len(set(words)) and all(word in _BESIDE_TIME or word in TIMES_S for word in others)
     return plain or (words[0] in _TIME_NAMES and words[-1] in TIMES_S)  # "time DE [s]" beside "time NDE [s]"
