@@ -1,16 +1,17 @@
 """Whether a record shows what was declared of its angle: speed, pulses per revolution, shaft, synchronous clock.
 
 Under a declaration every shaft and mesh is a family of lines at harmonics of its order, every bearing one in an
-envelope. What speaks for a line is how seldom a window like its own, laid at random beside the families, holds a peak
-as large, the chance ``p``, turned into evidence against chance by ``e = (1 - p + p ln p) / (p ln^2 p)`` (Vovk and Wang
-2021, "E-values: calibration, combination and applications", the mean over all exponents of their calibrators), whose
-mean is one where chance alone decides. A line that a family has with probability ``q`` then speaks for it with
-``1 - q + q (2 e - 1)``, and a family that shows at all with probability
-`_VISIBLE` with their product. Families multiply.
+envelope. What speaks for a line is how seldom a window like its own, laid at random in the octaves about it, holds a
+peak as large, the chance ``p``, turned into evidence against chance by ``e = (1 - p + p ln p) / (p ln^2 p)`` (Vovk and
+Wang 2021, "E-values: calibration, combination and applications", the mean over all exponents of their calibrators),
+whose mean is one where chance alone decides. A line that a family has with probability ``q`` then speaks for it with
+``1 - q + q (2 e - 1)``, and a family that shows at all with probability `_VISIBLE` with their product. Families
+multiply.
 
 Its rivals are what is true where it is wrong: the speed is another by a whole number or the ratio of two shafts, or a
 nominal one by some per cent; or the angle follows the shaft with a delay or by another clock, so that in a record whose
-speed changes lines spread in proportion to their order.
+speed changes lines stand or spread in proportion to their order. Modes of a sound machine's path delay lines, too, by
+up to `_PATH_S`.
 """
 
 import math
@@ -44,13 +45,13 @@ _DAMAGED = 0.5  # of records: a bearing shows where it is damaged
 _FACTORS = (2, 3, 4)  # of pulses per revolution, and one over them
 _SPREADS = (0.0, 3e-4, 1e-3, 3e-3)  # of a line, relative to its order
 _NOMINAL = 0.1  # relative: how far off a nominal speed may be
+_PATH_S = 0.002  # of delay by modes of the path: about 1 / (damping * 2 pi * frequency) of one of 1 kHz and 8 %
 _LATE = 0.01  # relative: how far a delay, or the clock, of a tachometer may move lines
 _MOST_SPEEDS = 20_000  # that are tried
 _SAME_SPEED = 0.005  # relative
-_BEARINGS_AT_MOST = 15.0  # evidence of a bearing in an envelope
-_HALF_BINS = 1.5  # half width of a line's window
+_BEARINGS_AT_MOST = math.log(1e4)  # by which bearings lift a rival: other machines have combs, too
+_HALF_BINS = 1.0  # half width of a line's window
 _FEWEST_BINS = 8.0  # of an order, below which harmonics of its family are not apart
-_OWN_MULTIPLES, _OWN_SIDEBANDS = 10, 3  # of a shaft and about a mesh, which are no strangers
 
 Numbers = NDArray[np.float64]
 
@@ -97,32 +98,22 @@ class _Peaks:
         """Return half the width of the windows of lines."""
         return np.maximum(_HALF_BINS * self.bin_width, spread * orders)
 
-    def neighbourhood(self, orders: Numbers) -> tuple[Numbers, Numbers]:
-        """Return the limits of the octaves about orders, in which the rate of large peaks is counted."""
+    @cached_property
+    def rates(self) -> Numbers:
+        """Peaks as large as each, itself among them, per order in the octaves about it."""
         margin = 100 * self.bin_width
-        return np.maximum(orders / 2 - margin, 0), np.minimum(2 * orders + margin, self.end)
+        low, high = np.maximum(self.places / 2 - margin, 0), np.minimum(2 * self.places + margin, self.end)
+        near = (self.places > low[:, None]) & (self.places < high[:, None])
+        return np.asarray((near & (self.sizes >= self.sizes[:, None])).sum(axis=1) / (high - low))
 
-    def largest(self, orders: Numbers, half: Numbers) -> NDArray[np.intp]:
-        """Return the largest peak in each window, -1 for none."""
-        inside = np.abs(self.places - orders[:, None]) <= half[:, None]
-        at = np.argmax(np.where(inside, self.sizes, 0.0), axis=1) if self.places.size else np.zeros(orders.size, int)
-        return np.where(inside.any(axis=1), at, -1)
-
-    def log_evidence(self, orders: Numbers, half: Numbers, shares: Numbers, own: tuple[Numbers, Numbers]) -> float:
-        """Return the logarithm of the evidence of lines; the peaks in the windows `own` are no strangers."""
-        at = self.largest(orders, half)
-        chance = np.ones(orders.size)
-        shown = at >= 0
-        if shown.any():
-            low, high = self.neighbourhood(orders[shown])
-            centre, reach = own
-            strange = ~(np.abs(self.places[:, None] - centre) <= reach).any(axis=1)
-            near = strange & (self.places > low[:, None]) & (self.places < high[:, None])
-            as_large = (near & (self.sizes >= self.sizes[at[shown]][:, None])).sum(axis=1)
-            within = (centre > low[:, None]) & (centre < high[:, None])
-            room = np.maximum(high - low - (2 * reach * within).sum(axis=1), (high - low) / 2)
-            chance[shown] = -np.expm1(-(as_large + 1) * 2 * half[shown] / room)
-        return float(_of_family(chance, shares))
+    def log_evidence(self, orders: Numbers, half: Numbers, shares: Numbers) -> Numbers:
+        """Return the logarithm of the evidence of lines together, (..., line) to (...,)."""
+        first, last = np.searchsorted(self.places, orders - half), np.searchsorted(self.places, orders + half)
+        rarest = np.full(orders.shape, np.inf)
+        for step in range(int((last - first).max(initial=0))):
+            at = np.minimum(first + step, self.rates.size - 1)
+            rarest = np.where(first + step < last, np.minimum(rarest, self.rates[at]), rarest)
+        return _of_family(-np.expm1(-rarest * 2 * half), shares)
 
 
 def _of_family(chance: Numbers, shares: Numbers) -> Numbers:
@@ -148,10 +139,12 @@ def judged_declaration(
     ]
     if not spectra:
         return Declaration()
+    speeds = machine.speeds_hz
+    path = _PATH_S * float(np.ptp(speeds)) / speeds.size  # by which modes of a sound machine's path move lines
 
-    def of_lines(ratio: float, spread: float = 0.0) -> float:
+    def of_lines(ratio: float, spread: float = path) -> float:
         """Return the evidence of shafts and meshes that the true speed has this ratio to the declared one."""
-        return max(comb.of_lines(peaks, ratio, spread) for peaks, _ in spectra)
+        return max(float(comb.of_lines(peaks, np.array([ratio]), spread)[0]) for peaks, _ in spectra)
 
     def of_bearings(ratio: float) -> float:
         return max(comb.of_bearings(bands, ratio) for _, bands in spectra)
@@ -164,14 +157,16 @@ def judged_declaration(
     if not nominal and rival >= CONTRADICTED:
         odds = f"{math.exp(min(best - declared, 40.0)):.2g} to 1"
         return Declaration(contradiction=f"the record contradicts the speed: its lines are those of {words} ({odds})")
-    spreads = {spread: of_lines(1.0, spread) + bearings for spread in _SPREADS[1:]}
+    spreads = {spread: of_lines(1.0, spread) + bearings for spread in (path, *_SPREADS) if spread >= path}
     spread = max(spreads, key=spreads.__getitem__)
     # nothing but its own lines says that a nominal speed does not wander
     spreading = min(spreads[spread], spreads[spread] - declared) >= (CONFIRMED if nominal else CONTRADICTED)
     source = machine.source
     weak = declared < CONFIRMED + CONTRADICTED or spreading
     reach = _NOMINAL if nominal else _LATE
-    ratio = comb.shown_ratio(spectra, declared, reach=reach) if weak and (nominal or source.tachometer) else None
+    ratio = (
+        comb.shown_ratio(spectra, declared, reach=reach, path=path) if weak and (nominal or source.tachometer) else None
+    )
     if source.declared is not None and ratio is not None:
         shown, rpm = ratio * source.declared.speed_hz / source.declared.declared_hz, 60 * source.declared.declared_hz
         note = (
@@ -200,11 +195,11 @@ def judged_declaration(
 def _likely_rivals(
     machine: Machine, of_lines: Callable[[float], float], of_bearings: Callable[[float], float], declared: float
 ) -> Iterator[tuple[float, str]]:
-    """Yield the evidence of each rival with its words; bearings alone lift none that shafts and meshes leave behind."""
+    """Yield the evidence of each rival that bearings may lift over the declared one, with its words."""
     for words, ratio in _rivals(machine):
         lines = of_lines(ratio)
         if lines > declared - _BEARINGS_AT_MOST:
-            yield lines + of_bearings(ratio), words
+            yield lines + min(of_bearings(ratio), _BEARINGS_AT_MOST), words
 
 
 def _rivals(machine: Machine) -> Iterator[tuple[str, float]]:
@@ -245,24 +240,15 @@ class _Comb:
         self.slip = slip
         self.meshes = sorted({row.order for row in rows if row.kind == "gear_mesh"}, reverse=True)
         self.shafts = sorted({row.order for row in rows if row.kind == "shaft" and row.order > 0}, reverse=True)
+        self.top = max(len(_MESH) * max(self.meshes, default=0.0), len(_SHAFT) * max(self.shafts, default=0.0))
         self.bearings = sorted({row.order for row in rows if row.kind in BEARING_KINDS and row.order > 0})
 
-    @cached_property
-    def own(self) -> Numbers:
-        """Orders at which shafts and meshes may have lines, sidebands among them."""
-        sidebands = np.outer(self.shafts, np.arange(-_OWN_SIDEBANDS, _OWN_SIDEBANDS + 1)).ravel()
-        meshes = np.outer(self.meshes, np.arange(1, len(_MESH) + 1)).ravel()
-        shafts = np.outer(self.shafts, np.arange(1, _OWN_MULTIPLES + 1)).ravel()
-        return np.unique(np.concatenate([shafts, np.add.outer(meshes, [0.0, *sidebands]).ravel()]))
-
-    def of_lines(self, peaks: _Peaks, ratio: float, spread: float) -> float:
-        """Return the logarithm of the evidence of shafts and meshes in an order spectrum."""
-        own = self.own[(self.own > 0) & (self.own * ratio < peaks.end)] * ratio
-        windows = own, peaks.half(own, spread)
-        total = 0.0
-        for lines, shares in self._families(peaks, ratio, spread):
-            shown = peaks.log_evidence(lines, peaks.half(lines, spread), shares, windows)
-            total += float(_if_it_shows(_VISIBLE, shown))
+    def of_lines(self, peaks: _Peaks, ratios: Numbers, spread: float) -> Numbers:
+        """Return the logarithm of the evidence of shafts and meshes in an order spectrum, at ratios near each other."""
+        total = np.zeros(ratios.size)
+        for lines, shares in self._families(peaks, float(ratios[0]), spread):
+            orders = np.outer(ratios / ratios[0], lines)
+            total += _if_it_shows(_VISIBLE, peaks.log_evidence(orders, peaks.half(orders, spread), shares))
         return total
 
     def _families(self, peaks: _Peaks, ratio: float, spread: float) -> Iterator[tuple[Numbers, Numbers]]:
@@ -278,61 +264,45 @@ class _Comb:
 
     def of_bearings(self, bands: Sequence[_Peaks], ratio: float) -> float:
         """Return the logarithm of the evidence of a damaged bearing in any one of the envelopes."""
-        found = [self._of_bearing(peaks, order * ratio, ratio) for peaks in bands for order in self.bearings]
+        found = [self._of_bearing(peaks, order * ratio) for peaks in bands for order in self.bearings]
         if not found:
             return 0.0
         mean = float(np.logaddexp.reduce(found)) - math.log(len(found))
         return float(_if_it_shows(_DAMAGED, mean))
 
     def shown_ratio(
-        self, spectra: Sequence[tuple[_Peaks, list[_Peaks]]], declared: float, *, reach: float
+        self, spectra: Sequence[tuple[_Peaks, list[_Peaks]]], declared: float, *, reach: float, path: float
     ) -> float | None:
         """Return the ratio to the declared speed of the one that shows, within a reach; None where none is sure.
 
         It has to show in spite of the number of speeds that are tried, and no other may be as likely.
         """
-        finest = min(_HALF_BINS * peaks.bin_width / min(peaks.end, float(self.own[-1])) for peaks, _ in spectra)
+        finest = min(_HALF_BINS * peaks.bin_width / min(peaks.end, self.top) for peaks, _ in spectra)
         ratios = 1 + np.arange(-reach, reach, max(finest, 2 * reach / _MOST_SPEEDS))
         coarse = np.linspace(1 - reach, 1 + reach, 2 + round(4 * reach / self.slip))
         bearings = [max(self.of_bearings(bands, ratio) for _, bands in spectra) for ratio in coarse.tolist()]
         of_bearings = np.interp(ratios, coarse, bearings)
         found = {
-            spread: of_bearings + np.max([self._of_ratios(peaks, ratios, spread) for peaks, _ in spectra], axis=0)
+            spread: of_bearings + np.max([self.of_lines(peaks, ratios, spread) for peaks, _ in spectra], axis=0)
             for spread in _SPREADS
         }
         spread = max(found, key=lambda one: float(found[one].max()))
         total = found[spread]
         best = int(np.argmax(total))
         others = total[np.abs(ratios / ratios[best] - 1) > max(2 * spread, _SAME_SPEED)]
-        shows = total[best] - math.log(ratios.size) >= CONFIRMED and total[best] - declared >= CONTRADICTED
-        another = abs(ratios[best] - 1) > spread / 2
+        searched = float(total[best]) - math.log(ratios.size)
+        shows = searched >= CONFIRMED and searched - declared >= CONTRADICTED
+        another = abs(ratios[best] - 1) > max(spread / 2, path)
         return float(ratios[best]) if shows and another and total[best] - others.max() >= CONFIRMED else None
 
-    def _of_ratios(self, peaks: _Peaks, ratios: Numbers, spread: float) -> Numbers:
-        """Return `of_lines` at many ratios, with every peak a stranger to all others."""
-        low, high = peaks.neighbourhood(peaks.places)
-        near = (peaks.places > low[:, None]) & (peaks.places < high[:, None])
-        rates = (near & (peaks.sizes >= peaks.sizes[:, None])).sum(axis=1) / (high - low)
-        total = np.zeros(ratios.size)
-        for lines, shares in self._families(peaks, 1.0, spread):
-            places = np.outer(ratios, lines)
-            half = peaks.half(places, spread)
-            first, last = np.searchsorted(peaks.places, places - half), np.searchsorted(peaks.places, places + half)
-            rarest = np.full(places.shape, np.inf)
-            for step in range(int((last - first).max(initial=0))):
-                at = np.minimum(first + step, rates.size - 1)
-                rarest = np.where(first + step < last, np.minimum(rarest, rates[at]), rarest)
-            total += _if_it_shows(_VISIBLE, _of_family(-np.expm1(-rarest * 2 * half), shares))
-        return total
-
-    def _of_bearing(self, peaks: _Peaks, order: float, ratio: float) -> float:
-        shares, place = np.array(_BEARING), np.array([order])
-        half = peaks.half(place, self.slip)
-        at = int(peaks.largest(place, half)[0])
-        if order > peaks.end or at < 0:
+    def _of_bearing(self, peaks: _Peaks, order: float) -> float:
+        """Return the evidence of a part's harmonics: of its largest peak within the slip, and of multiples of that."""
+        shares, within = np.array(_BEARING), np.abs(peaks.places - order) <= peaks.half(np.array(order), self.slip)
+        if order > peaks.end or not within.any():
             return float(np.log1p(-shares).sum())
-        lines: Numbers = float(peaks.places[at]) * np.arange(1.0, shares.size + 1, dtype=np.float64)
-        comb = np.add.outer(lines, np.outer(self.shafts, (-2, -1, 0, 1, 2)).ravel() * ratio).ravel()
+        main = peaks.places[within][np.argmax(peaks.sizes[within])]
+        lines = main * np.arange(1.0, shares.size + 1)
+        half = peaks.half(lines, 0.0)
+        half[0] = max(half[0], self.slip * order)
         used = lines < peaks.end
-        half = np.where(lines == lines[0], half, peaks.half(lines, 0.0))
-        return peaks.log_evidence(lines[used], half[used], shares[used], (comb, peaks.half(comb, 0.0)))
+        return float(peaks.log_evidence(lines[used], half[used], shares[used]))
