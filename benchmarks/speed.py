@@ -12,14 +12,13 @@ if __name__ == "__main__":  # the libraries read these once, when they are impor
         ("OMP_NUM_THREADS", "OPENBLAS_NUM_THREADS", "MKL_NUM_THREADS", "NUMBA_NUM_THREADS"), "1"
     )
 
-import statistics
-import time
 from collections.abc import Callable, Sequence
 from dataclasses import dataclass
 from pathlib import Path
 
 import numpy as np
 from numpy.typing import NDArray
+from resampling import timed
 from scipy.signal import ShortTimeFFT, lfilter
 
 from signals.shaft.phase import ShaftPhase
@@ -126,18 +125,6 @@ def tallest_peak(x: Floats, frame_s: float = 0.2) -> Answer:
     return "-", times[inside], place[inside] / frame_s / ORDERS[0]
 
 
-def time_in_ffts(call: Callable[[], object], x: Floats) -> float:
-    """Time a call that has run before in those of an rfft of the record, both in turn."""
-
-    def seconds(what: Callable[[], object]) -> float:
-        start = time.perf_counter()
-        what()
-        return time.perf_counter() - start
-
-    both = [(seconds(call), seconds(lambda: np.fft.rfft(x))) for _ in range(REPEATS)]
-    return statistics.median(mine for mine, _ in both) / statistics.median(fft for _, fft in both)
-
-
 def false_alarms() -> tuple[int, int]:
     """Count the records of noise, white and through a mode of its own beside it, that are called a shaft."""
     samples, counts = int(5 * RATE_HZ), [0, 0]
@@ -162,7 +149,8 @@ def rows(record: Record) -> list[str]:
         shown = np.isfinite(speeds)
         off = np.abs(speeds[shown] / record.speed_hz(times[shown]) - 1) * 100
         figures = [f"{np.median(off):.2g}", f"{np.quantile(off, 0.95):.2g}"] if off.size else ["-", "-"]
-        cells = [record.name, f"{record.snr_db:g} dB", name, status, *figures, f"{time_in_ffts(way, x):.2g}"]
+        took = timed(way, lambda: np.fft.rfft(x), REPEATS)
+        cells = [record.name, f"{record.snr_db:g} dB", name, status, *figures, f"{took:.2g}"]
         lines.append("| " + " | ".join(cells) + " |")
     return lines
 

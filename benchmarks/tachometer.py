@@ -8,13 +8,13 @@ curve included.
 
 import statistics
 import sys
-import time
 from collections.abc import Callable
 from pathlib import Path
 
 import numpy as np
 from numpy.typing import NDArray
 from scipy.interpolate import CubicSpline, PchipInterpolator, make_interp_spline
+from tracking import clock
 
 from signals.shaft.tachometer import shaft_phase
 
@@ -101,12 +101,7 @@ def measure() -> list[tuple[str, str, float, float, float]]:
 def median_seconds(run: Callable[[], object]) -> float:
     """Time `run` after it has been compiled."""
     run()
-    seconds = []
-    for _ in range(REPEATS):
-        start = time.perf_counter()
-        run()
-        seconds.append(time.perf_counter() - start)
-    return statistics.median(seconds)
+    return statistics.median(clock.seconds(run) for _ in range(REPEATS))
 
 
 def repair_times() -> tuple[float, float]:

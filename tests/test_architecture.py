@@ -70,7 +70,7 @@ BUDGETS = """
     signals (root)                                              560    557    400
     signals/angle                                              1111   1111    900
     signals/demodulation                                        905    899    750
-    signals/harmonics, signals/slipping_order                  4012   3716   2500
+    signals/harmonics, signals/slipping_order                  4012   3769   2500
     signals/health, signals/indicators                          955    955    800
     signals/monitoring                                         1135   1022    700
     signals/resampling                                          799    799    600

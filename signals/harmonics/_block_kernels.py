@@ -254,3 +254,12 @@ def step_changes(phase: Floats, length: int, largest: Floats) -> None:
             square = (after[n] - 2.0 * here[n] + before[n]) ** 2
             fourth += square * square
         largest[block] = np.sqrt(np.sqrt(fourth))
+
+
+@compiled_sums_in_place
+def on_line(phase: Floats, step: float, most: float) -> bool:
+    """Return whether no angle is further than `most` from one that grows steadily from the first."""
+    for i in range(phase.size):  # noqa: SIM110 - numba compiles no generators
+        if not abs(phase[i] - (phase[0] + step * i)) <= most:
+            return False
+    return True

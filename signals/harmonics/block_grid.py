@@ -20,6 +20,8 @@ from signals.harmonics.state_space import Complexes, Flags, Floats, HarmonicMode
 SAMPLES_AT_ONCE = 1 << 16
 # Angle by which a jump of the speed may lead the highest order astray within a block.
 LARGEST_JUMP_RAD = 0.03
+# Blocks, at least, whose moments are worth a table of the phasors in one, and samples in a product with it.
+FEWEST_TABULATED, TABULATED_AT_ONCE = 8, 1 << 18
 
 
 @dataclass(frozen=True, kw_only=True, eq=False)
@@ -132,27 +134,75 @@ class Grid:
         """(block, moment, order, channel, 2) array of the record: see `project` in `_block_kernels`."""
         return self.project(self.x, slice(0, self.blocks), np.arange(self.model.orders.size))
 
+    @cached_property
+    def _table(self) -> Complexes:
+        """(sample, moment, order) array of the first block: powers of u times exp(-j angle), the angle from 0 on."""
+        assert self.model.steady_step is not None  # noqa: S101  (the caller's choice)
+        angle = self.model.steady_step * np.arange(self.length)[:, None] * self.model.orders
+        return np.asarray(self._powers(self.squares)[:, :, None] * _block_kernels.phasors(angle)[:, None])
+
+    def _tabulated(self, first: int, last: int, moments: int, orders: Indices) -> tuple[int, Floats]:
+        """Return the end of those of some blocks that a table serves, and the (sample, 2 moment order) table."""
+        whole = min(last, self.samples // self.length)
+        if whole - first < FEWEST_TABULATED or self.model.steady_step is None:
+            return first, np.empty((0, 0))
+        table = self._table[:, :moments] if orders.size == self.model.orders.size else self._table[:, :moments, orders]
+        return whole, np.ascontiguousarray(table).reshape(self.length, -1).view(np.float64)
+
+    def _turn(self, blocks: slice, orders: Indices) -> Complexes:
+        """(block, order) array, exp(-j angle) of some orders at the start of blocks, of the only shaft."""
+        starts = self.model.phases[0][blocks.start * self.length : blocks.stop * self.length : self.length]
+        return _block_kernels.phasors(starts[:, None] * self.model.orders[orders])
+
     def project(self, x: Floats, blocks: slice, orders: Indices) -> Floats:
-        """Return the moments, as above, of values, (channel, sample), of some blocks against some orders."""
+        """Return the moments, as above, of values, (channel, sample), of some blocks against some orders.
+
+        Where the angle grows steadily, those of whole blocks are products with one table, turned by the angle at the
+        start of each block.
+        """
         model, length = self.model, self.length
-        start, moments = blocks.start * length, model.poles + model.poles % 2  # in pairs
+        moments = model.poles + model.poles % 2  # in pairs
         sums = np.zeros((blocks.stop - blocks.start, moments, orders.size, len(x), 2))
-        work = np.empty((2 + len(x) * moments, 2 * PIECE))
-        for samples, some in self.spans(blocks.start, blocks.stop):
+        start = blocks.start * length
+        whole, table = self._tabulated(blocks.start, blocks.stop, moments, orders)
+        for samples, some in (*self.spans(blocks.start, whole, TABULATED_AT_ONCE), *self.spans(whole, blocks.stop)):
             values, seen = x[:, samples.start - start : samples.stop - start], self.seen[samples]
             values = np.ascontiguousarray(values if seen.all() else np.where(seen, values, 0.0))
             part = sums[some.start - blocks.start : some.stop - blocks.start]
-            phase = model.phase(samples)
-            _block_kernels.project(values, phase, model.orders[orders], model.shaft[orders], length, work, part)
+            if some.stop <= whole:
+                products = (values.reshape(-1, length) @ table).view(np.complex128)
+                turned = products.reshape(len(x), -1, moments, orders.size) * self._turn(some, orders)[:, None]
+                part[..., 0], part[..., 1] = turned.real.transpose(1, 2, 3, 0), turned.imag.transpose(1, 2, 3, 0)
+            else:
+                phase = model.phase(samples)
+                work = np.empty((2 + len(x) * moments, 2 * PIECE))
+                _block_kernels.project(values, phase, model.orders[orders], model.shaft[orders], length, work, part)
         return sums
 
     def waveforms(self, pieces: Floats, orders: Indices, samples: slice) -> Floats:
         """(channel, sample) array, of some orders added up, from (channel, order, block, 2, 4) `pieces_between`."""
-        model, waves = self.model, np.zeros((len(pieces), samples.stop - samples.start))
-        phase, numbers, shaft = model.phase(samples), model.orders[orders], model.shaft[orders]
-        work = np.empty((2, PIECE))
-        for some, wave in zip(np.ascontiguousarray(pieces[:, orders]), waves, strict=True):
-            _block_kernels.remodulate(some, self.length, phase, numbers, shaft, samples.start, work, wave)
+        model, length, waves = self.model, self.length, np.zeros((len(pieces), samples.stop - samples.start))
+        own, shaft = np.ascontiguousarray(pieces[:, orders]), model.shaft[orders]
+        first, done = samples.start // length, 0
+        whole, table = first, np.empty((0, 0))
+        if samples.start % length == 0:
+            whole, table = self._tabulated(first, samples.stop // length, 1, orders)
+        if whole > first:
+            # Re{(a + jb) e^(j angle)} of all orders is a product with the table; powers of u by Horner's rule
+            turned = own[:, :, first:whole, 0] + 1j * own[:, :, first:whole, 1]
+            turned *= self._turn(slice(first, whole), orders).conj().T[:, :, None]
+            terms = np.ascontiguousarray(turned.transpose(3, 0, 2, 1)).view(np.float64)
+            done = (whole - first) * length
+            sums, u = terms[-1] @ table.T, np.arange(length) / length
+            for term in terms[-2::-1]:
+                sums *= u
+                sums += term @ table.T
+            waves[:, :done] = sums.reshape(len(pieces), -1)
+        rest = slice(samples.start + done, samples.stop)
+        if rest.stop > rest.start:
+            phase, numbers, work = model.phase(rest), model.orders[orders], np.empty((2, PIECE))
+            for some, wave in zip(own, waves, strict=True):
+                _block_kernels.remodulate(some, length, phase, numbers, shaft, rest.start, work, wave[done:])
         return waves
 
     def data(self, moments: Floats) -> Floats:

@@ -28,6 +28,8 @@ BandwidthUnits = Literal["hz", "orders"]
 # Prior in standard deviations of the noise: so wide that it biases the amplitude of m samples by 2e-6 / m of itself,
 # and so narrow that rounding of its square is negligible.
 PRIOR_STD = 1e3
+# Angle by which the highest order may differ from a steady turn: the rounding of the angles of long records.
+STEADY_RAD = 1e-8
 LAGS = 20  # of the autocorrelation of the innovations
 
 
@@ -59,6 +61,17 @@ class HarmonicModel:
     def state_size(self) -> int:
         """Dimension of the state."""
         return self.poles * self.order_of_column.size
+
+    @cached_property
+    def steady_step(self) -> float | None:
+        """Angle of one sample in rad, where it is the same throughout and there is one shaft; None elsewhere."""
+        from signals.harmonics._block_kernels import on_line  # noqa: PLC0415 - loads numba
+
+        phase = self.phases[0]
+        if len(self.phases) > 1 or phase.size == 1:
+            return None
+        step, highest = float(phase[-1] - phase[0]) / (phase.size - 1), float(np.abs(self.orders).max(initial=0.0))
+        return step if highest == 0 or on_line(phase, step, STEADY_RAD / highest) else None
 
     def subset(self, orders: Indices) -> "HarmonicModel":
         """Return the model of some of the orders."""
