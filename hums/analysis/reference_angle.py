@@ -122,6 +122,15 @@ class Machine:
         return turns / sum(phase.stop_s - phase.start_s for phase in phases)
 
     @property
+    def parts_time_from_angle(self) -> bool:
+        """Whether lines of constant frequency widen in angle: not at a steady speed that is declared or estimated.
+
+        The error of such an angle widens the lines of the shaft itself.
+        """
+        steady = float(np.ptp(self.speeds_hz)) <= _FOLLOWED * STEADY_SPEED * self.mean_speed_hz
+        return not self.phase.nominal and not (steady and self.source.estimated is not None)
+
+    @property
     def jitter_s(self) -> float:
         """Standard deviation of a pulse time in s, 0 where unknown."""
         return 0.0 if math.isnan(self.source.phase.jitter_s) else self.source.phase.jitter_s

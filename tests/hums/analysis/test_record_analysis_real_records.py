@@ -132,6 +132,14 @@ def rig_record(real_data, name):
     )
 
 
+def test_the_error_of_an_estimated_steady_speed_makes_no_line_one_of_the_clock(real_data, data):
+    path = real_data / "cwru" / "OR007@6_0.mat"
+    record = convert(path, channels=["X130_DE_time"], rate_hz=12000, units="g", no_tachometer=True)
+    settings = CHOOSING.changed(speed_range_hz=(20.0, 40.0), max_acceleration_hz_s=1.5)
+    found = findings_table(analyze(record, load_gearbox(data / "cwru-rig.toml"), settings=settings))
+    assert found.iloc[0][["kind", "verdict"]].tolist() == ["outer_race", "diagnosed"]
+
+
 @pytest.fixture(scope="module")
 def rig_analyses(real_data, data):
     gearbox = load_gearbox(data / "cwru-rig.toml")
