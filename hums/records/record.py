@@ -343,6 +343,8 @@ def make_record(
             variables[name] = variable
     _check_lengths(variables)
     _check_dimensions(variables)
+    if not isinstance(machine, str):
+        raise RecordError(f"machine={machine!r} is no text; give the name of the machine.")
     required |= {"schema": SCHEMA, "machine": plain_text(machine), "recorded_at": utc_text(recorded_at)}
     _refuse_clash(required, attrs)
     if isinstance(angle, UnknownAngle):
@@ -385,15 +387,13 @@ def _declared_channels(
     declared = {}
     for name, channel in channels.items():
         check_name(name, "channel")
-        if not isinstance(channel, Channel):
-            channel = Channel(  # noqa: PLW2901
-                values=channel, units=units if isinstance(units, str) else per_channel.get(name, "")
-            )
+        given = units if isinstance(units, str) else per_channel.get(name, "")
+        channel = channel if isinstance(channel, Channel) else Channel(values=channel, units=given)  # noqa: PLW2901
         what = f'channel "{name}"'
         own = channel.values.attrs.get("units") if isinstance(channel.values, xr.DataArray) else None
         if own and channel.units and known_units(own, what) != known_units(channel.units, what):
             raise RecordError(f'{what}: units="{channel.units}" contradict its DataArray, which states "{own}".')
-        declared[name] = replace(channel, units=channel.units or own or "")
+        declared[name] = replace(channel, units=own or channel.units)
     return declared
 
 

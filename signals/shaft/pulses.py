@@ -477,7 +477,7 @@ def _lost_edges(times: Array, channel: Array, level: Array) -> Array:
         spans = [(first - _PER_STRIPE, first), (last, last + _PER_STRIPE)]
         paces = [times[end] - times[begin] for begin, end in spans if begin >= 0 and end < times.size]
         taken = times[first + 2 * stripes] - times[first]
-        if any(abs(taken / stripes / pace - 1) < _PACE for pace in paces):
+        if any(abs(taken - stripes * pace) < _PACE * stripes * pace for pace in paces):
             other = 1 - channel[first]
             before = np.flatnonzero(channel[:first] == other)
             high = level[before[-1]] if before.size else 1 - level[first]
