@@ -40,8 +40,8 @@ A small valid file of each kind is cut off, or has bits flipped, bytes replaced,
 also values replaced by odd ones, and lines left out or doubled (seed 20). Signals, records and analyses are read by
 `ReaderProcess`, with at most 5 s of processor and 1 GB for a file, the last four kinds in the calling process.
 `crash contained` and `stopped`: the process for reading ended, in a sentence that names the file; `wrong`: another
-exception, a message without the name of the file, or, of a record, other values without a warning. Seconds of a
-machine that does other work besides."""
+exception, a message without the name of the file, or, of a record, other values without a warning. Times were measured
+under other load."""
 
 TRIES_NOTE = """\
 # Tries of the commands
@@ -52,9 +52,9 @@ write, stays as it was but for outputs under `--force`; no temporary file is lef
 formula, no name runs a script or controls the terminal. `output paths`: each file of each command as a text, a folder,
 a pipe, a link, another name of an input; `names`: of parts, channels, machines, files, options; `contradicting
 metadata`: rates that a file states against rates that are declared, of which the trusted one has to hold; `interrupts`:
-SIGINT, SIGTERM or SIGKILL at a random instant, and the same again, which has to end with 0 and the same tables;
-`races`: two at once, or inputs cut off or emptied meanwhile, and the same again. Seconds of a machine that does other
-work besides."""
+SIGINT, SIGTERM or SIGKILL at a random instant; the command is then repeated, and has to end with 0 and the same tables;
+`races`: two commands at once, or inputs truncated or emptied during one, which is then repeated. Times were measured
+under other load."""
 TRIES_HEADER = (
     "| class | tries | 0 | 1 | 2 | 3 | 130 | killed | broken | s |\n|---|---|---|---|---|---|---|---|---|---|"
 )

@@ -70,11 +70,11 @@ BUDGETS = """
     signals (root)                                              560    557    400
     signals/angle                                              1111   1111    900
     signals/demodulation                                        905    899    750
-    signals/harmonics, signals/slipping_order                  4012   3769   2500
+    signals/harmonics, signals/slipping_order                  4012   3768   2500
     signals/health, signals/indicators                          955    955    800
     signals/monitoring                                         1135   1022    700
     signals/resampling                                          799    799    600
-    signals/shaft                                              3006   1991   2000
+    signals/shaft                                              3006   1987   2000
     signals/spectra                                             866    863    700
     hums (root)                                                 830    774    600
     hums/analysis                                              5359   5359   3000

@@ -567,7 +567,7 @@ def _assessed_envelopes(
     evidence = bearing_evidence(seen, assessor.bearings, setting_of(machine))
     if len(segments) > 1:
         evidence = _unresolved(evidence, expected, found[0].spectrum.resolution)
-    if segments[0].parts_per_turn == 1 and machine.parts_time_from_angle:
+    if segments[0].parts_per_turn == 1 and machine.separates_time_from_angle:
         longest = max(read_anew(segments), key=lambda one: one.turns)
         evidence = [_unless_in_time(part, longest) for part in evidence]
     strongest = max(evidence, key=lambda part: (not part.hidden_by, part.strength), default=None)

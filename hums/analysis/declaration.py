@@ -157,7 +157,7 @@ def judged_declaration(
     if not nominal and rival >= CONTRADICTED:
         odds = f"{math.exp(min(best - declared, 40.0)):.2g} to 1"
         return Declaration(contradiction=f"the record contradicts the speed: its lines are those of {words} ({odds})")
-    spreads = {spread: of_lines(1.0, spread) + bearings for spread in (path, *_SPREADS) if spread >= path}
+    spreads = {path: declared} | {wide: of_lines(1.0, wide) + bearings for wide in _SPREADS if wide > path}
     spread = max(spreads, key=spreads.__getitem__)
     # nothing but its own lines says that a nominal speed does not wander
     spreading = min(spreads[spread], spreads[spread] - declared) >= (CONFIRMED if nominal else CONTRADICTED)

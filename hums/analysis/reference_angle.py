@@ -122,7 +122,7 @@ class Machine:
         return turns / sum(phase.stop_s - phase.start_s for phase in phases)
 
     @property
-    def parts_time_from_angle(self) -> bool:
+    def separates_time_from_angle(self) -> bool:
         """Whether lines of constant frequency widen in angle: not at a steady speed that is declared or estimated.
 
         The error of such an angle widens the lines of the shaft itself.

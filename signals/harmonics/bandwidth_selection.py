@@ -231,7 +231,7 @@ class _Chains:
         if fit.coupling and model.poles >= MANY_POLES:
             fit.coupling.smooth_ends(fit.smoothed)
         elif fit.coupling:
-            fit.coupling.smooth_all(fit.smoothed, ends=False)
+            fit.coupling.smooth_again(fit.smoothed, ends=False)
         if noise is None:
             white = np.full(1, np.nan) if fit.alike else fit.residuals(startup).mean_square
             noise = noise_density(x[None], seen, model, white)[0].mean(axis=-1)

@@ -139,7 +139,8 @@ class Grid:
         """(sample, moment, order) array of the first block: powers of u times exp(-j angle), the angle from 0 on."""
         assert self.model.steady_step is not None  # noqa: S101  (the caller's choice)
         angle = self.model.steady_step * np.arange(self.length)[:, None] * self.model.orders
-        return np.asarray(self._powers(self.squares)[:, :, None] * _block_kernels.phasors(angle)[:, None])
+        powers = self._powers(self.model.poles + self.model.poles % 2)
+        return np.asarray(powers[:, :, None] * _block_kernels.phasors(angle)[:, None])
 
     def _tabulated(self, first: int, last: int, moments: int, orders: Indices) -> tuple[int, Floats]:
         """Return the end of those of some blocks that a table serves, and the (sample, 2 moment order) table."""

@@ -93,7 +93,7 @@ def fast(model: HarmonicModel, x: Floats, seen: Flags, *, rtol: float, output_ev
         if not (far and seen.all()):
             fit.coupling.smooth_ends(smoothed)
         for number in range(FULL_ROUNDS if far else 0):
-            fit.coupling.smooth_all(smoothed, ends=number == FULL_ROUNDS - 1)
+            fit.coupling.smooth_again(smoothed, ends=number == FULL_ROUNDS - 1)
         residuals = fit.residuals(startup) if far and not fit.alike else residuals
     leaked = fit.coupling.left if fit.coupling else 0.0
     bound = max(droop(model, length), scattered_share(seen, length), tolerance, leaked)

@@ -298,18 +298,14 @@ class Coupling:
         kept = max(kept, float(np.mean(~self.grid.seen)))  # all of which may be in step with a shaft
         for number in range(MOST_ROUNDS):
             before = smoothed.levels[..., self.cut]
-            self._smooth_others_subtracted(smoothed, self.cut, ends=number == 0)
+            self.smooth_again(smoothed, self.cut, ends=number == 0)
             moved = np.abs(smoothed.levels[..., self.cut] - before)
             alone = np.where(self.together[:, self.cut], 0.0, moved).max(axis=2, initial=0.0)
             if np.all(kept * alone <= MOST_MOVED * self.grid.tolerance * self.size):
                 break
 
-    def smooth_all(self, smoothed: Smoothed, *, ends: bool = True) -> None:
-        """Subtract the others from all samples, and smooth again, at ends and gaps more of them together or not."""
-        self._smooth_others_subtracted(smoothed, None, ends=ends)
-
-    def _smooth_others_subtracted(self, smoothed: Smoothed, nodes: Flags | None, *, ends: bool) -> None:
-        """Subtract the others near some nodes, all for None, and smooth again, in place."""
+    def smooth_again(self, smoothed: Smoothed, nodes: Flags | None = None, *, ends: bool = True) -> None:
+        """Subtract the others near some nodes, all for None, and smooth again; at ends and gaps jointly or not."""
         grid, others, lone = self.grid, WithoutOthers(self.grid, smoothed.levels, nodes), Chains()
         if self.lone.size:
             data, gram = others.alone(self.lone), grid.at_nodes(grid.seen_counts)
