@@ -1,6 +1,7 @@
 """Pages that stand alone: arrays come back, peaks stay, figures are drawn in every light and on paper."""
 
 import base64
+import hashlib
 import json
 import re
 
@@ -74,6 +75,19 @@ def page(tmp_path_factory):
     path = tmp_path_factory.mktemp("page") / "page.html"
     path.write_text(stand_alone_page(title="Page", body=body), encoding="utf-8")
     return path
+
+
+def test_the_policy_allows_the_scripts_of_the_page_and_nothing_from_outside(page):
+    text = page.read_text(encoding="utf-8")
+    policy = re.search(r'http-equiv="Content-Security-Policy" content="([^"]*)"', text)[1]
+    allowed = dict(directive.strip().split(" ", 1) for directive in policy.split(";"))
+    scripts = re.findall(r"<script>(.*?)</script>", text, re.DOTALL)
+    digests = {base64.b64encode(hashlib.sha256(script.encode()).digest()).decode() for script in scripts}
+    assert set(allowed.pop("script-src").split()) == {f"'sha256-{digest}'" for digest in digests}
+    assert allowed["default-src"] == "'none'"
+    assert {source for sources in allowed.values() for source in sources.split()} <= {
+        "'none'", "'unsafe-inline'", "data:", "blob:",
+    }  # fmt: skip
 
 
 def test_a_page_in_the_browser(browser, page):
