@@ -55,7 +55,7 @@ Above 4,000,000 samples a channel the record is analysed in segments, whose spec
 
 ## Streams
 
-`OrderTracker`: two orders at {stream_rate_hz} Hz, smoothed with a lag of two seconds; stopped in the middle (`state`,
+`OrderTracker`: two orders at {stream_rate_hz} Hz; stopped in the middle (`state`,
 `numpy.savez`), and every output of the second half is compared with those of the tracker that went on. `hums.watch`:
 analyses of one second; another process repeats the last {after:,} from the state at which the first one stood, and the
 state files, of {state_kb:.0f} kB, are compared.
@@ -98,7 +98,7 @@ def analyse(path: Path) -> dict[str, float]:
 
 def track(folder: Path, blocks: int) -> dict[str, object]:
     """Track two orders in a stream, stopped and restarted in its middle beside the one that goes on."""
-    tracker = OrderTracker(orders=[1, MESH], noise_variance=0.01, bandwidth_hz=0.5, rate_hz=STREAM_RATE_HZ, lag=2000)
+    tracker = OrderTracker(orders=[1, MESH], noise_variance=0.01, bandwidth_hz=0.5, rate_hz=STREAM_RATE_HZ)
     again: OrderTracker | None = None
     digests = [hashlib.sha256(), hashlib.sha256()]
     seconds, most, begun = [], [], time.process_time()

@@ -11,6 +11,7 @@ from jobs import Floats, Job, JobName
 from numpy.typing import NDArray
 
 from signals.harmonics import OrderTracker, track_orders
+from signals.harmonics.state_space import Method
 
 Tracks = tuple[NDArray[np.complex128], NDArray[Any]]
 Run = Callable[[Job, float], Tracks]
@@ -18,7 +19,6 @@ Kind = Literal["smoother", "filter", "peer"]
 
 DECIMATED = 200  # samples from one output to the next, where not all are wanted
 FED = 4096  # samples of a block that a stream is fed with
-LAG = 20_000  # samples that its smoother waits for at least: 0.4 s, or 39 turns
 EVERYWHERE: tuple[JobName, ...] = get_args(JobName)
 
 
@@ -83,14 +83,11 @@ def ours(
     )
 
 
-def stream(job: Job, bandwidth: float, *, poles: int, lag: int | None = None, output_every: int = 1) -> Tracks:
-    """Feed a job to an `OrderTracker`, block by block; the lag is a third of the record at most."""
-    late = None if lag is None else min(lag, job.samples // 3)
+def stream(job: Job, bandwidth: float, *, poles: int, method: Method) -> Tracks:
+    """Feed a job to an `OrderTracker`, block by block."""
     names = ("bandwidth_orders", "samples_per_rev") if job.per_revolution else ("bandwidth_hz", "rate_hz")
     rates: dict[str, Any] = dict(zip(names, (bandwidth, job.rate), strict=True))
-    tracker = OrderTracker(
-        orders=job.orders, noise_variance=1.0, poles=poles, lag=late, output_every=output_every, **rates
-    )
+    tracker = OrderTracker(orders=job.orders, noise_variance=1.0, poles=poles, method=method, **rates)
     parts = []
     for start in range(0, job.samples, FED):
         block = slice(start, start + FED)
@@ -98,37 +95,27 @@ def stream(job: Job, bandwidth: float, *, poles: int, lag: int | None = None, ou
             parts.append(tracker.update(job.x[block], phase_rad={s: p[block] for s, p in job.phase_rad.items()}))
         else:
             parts.append(tracker.update(job.x[block], phase_rad=job.phase_rad[block]))
-    parts.append(tracker.finish())
     amplitude = np.concatenate([part.complex_amplitude for part in parts], axis=-1)
     return amplitude, np.concatenate([part.sample_index for part in parts])
 
 
 def streams() -> list[Setting]:
-    """Return the causal filter in blocks, and the smoother that waits for some samples only."""
-    causal, late = ours("filter", "exact", poles=1), ours("smoother", "fast", poles=1, every=DECIMATED)
-    fed = Setting(
-        kind="filter",
-        label="filter 1, in blocks, all",
-        estimator="filter in blocks",
-        method=f"exact, {FED:,} samples at a time",
-        poles=1,
-        outputs="all",
-        run=partial(stream, poles=1),
-        family=causal.family,
-        search=causal.search,
-    )
-    lagged = Setting(
-        kind="smoother",
-        label="fixed lag 1",
-        estimator="fixed-lag smoother",
-        method=f"exact, lag {LAG:,}",
-        poles=1,
-        outputs=late.outputs,
-        run=partial(stream, poles=1, lag=LAG, output_every=DECIMATED),
-        family=late.family,
-        search=late.search,
-    )
-    return [fed, lagged]
+    """Return the causal filter in blocks."""
+    causal, methods = ours("filter", "exact", poles=1), get_args(Method)
+    return [
+        Setting(
+            kind="filter",
+            label=f"filter 1, {method}, in blocks, all",
+            estimator="filter in blocks",
+            method=f"{method}, {FED:,} samples at a time",
+            poles=1,
+            outputs="all",
+            run=partial(stream, poles=1, method=method),
+            family=causal.family,
+            search=causal.search,
+        )
+        for method in methods
+    ]
 
 
 def our_settings() -> list[Setting]:
@@ -141,8 +128,7 @@ def our_settings() -> list[Setting]:
     smoothers += [ours("smoother", "fast", poles=poles) for poles in (1, 2)]
     smoothers += [ours("smoother", "exact", poles=poles, every=DECIMATED) for poles in (1, 2)]
     filters = [ours("filter", method, poles=poles) for method in ("exact", "fast") for poles in (1, 2, 3, 4)]
-    fed, lagged = streams()
-    return [*smoothers, lagged, *filters, fed]
+    return [*smoothers, *filters, *streams()]
 
 
 class _Given:

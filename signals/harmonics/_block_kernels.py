@@ -189,20 +189,20 @@ def correlate(
 
 
 @compiled_in_place
-def evaluate(pieces: Floats, length: int, skip: int, every: int, values: Floats) -> None:
+def evaluate(pieces: Floats, length: int, every: int, values: Floats) -> None:
     """Fill the values of pairs of piecewise cubics, the real and imaginary parts, at samples evenly apart.
 
-    Pieces, (line, block, 2, 4), are coefficients of 1, u, u^2, u^3 in blocks of `length` samples; `skip` samples lie
-    before the first value, `every` from one to the next. Values, (line, 2 output), are filled with both parts in turn;
-    the last block takes all outputs that follow it.
+    Pieces, (line, block, 2, 4), are coefficients of 1, u, u^2, u^3 in blocks of `length` samples; values
+    are `every` samples apart. Values, (line, 2 output), are filled with both parts in turn; the last block takes all
+    outputs that follow it.
     """
     lines, blocks, _, _ = pieces.shape
     outputs = values.shape[1] // 2
     for line in range(lines):
         for block in range(blocks):
-            first = max(0, -((skip - block * length) // every))
-            last = outputs if block == blocks - 1 else min(max(0, -((skip - (block + 1) * length) // every)), outputs)
-            start, step = (skip + first * every) / length - block, every / length
+            first = -(-block * length // every)
+            last = outputs if block == blocks - 1 else min(-(-(block + 1) * length // every), outputs)
+            start, step = first * every / length - block, every / length
             a0, a1, a2, a3 = pieces[line, block, 0]
             b0, b1, b2, b3 = pieces[line, block, 1]
             row = values[line, 2 * first : 2 * last]

@@ -188,10 +188,3 @@ def smooth_chain(chain: NodeChain, *, first: int) -> SmoothedChain:
         if not combine(data.matrices, *past, *future, *scratch, *(values[segment] for values in found)):
             raise np.linalg.LinAlgError("information matrix is not positive definite")
     return SmoothedChain(*found, log_variance)
-
-
-def information_at_end(chain: NodeChain) -> Information:
-    """Return the forward information on the state at the last node, with its data."""
-    last = slice(chain.nodes - 1, chain.nodes)
-    before, _ = chain.outside(last)
-    return Information(*(own + more.reshape(own.shape) for own, more in zip(before, chain.measured(last), strict=True)))

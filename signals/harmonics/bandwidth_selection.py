@@ -240,7 +240,7 @@ class _Chains:
         std = np.sqrt(np.where(noise > 0, noise, 1.0))
         others = WithoutOthers(grid, fit.smoothed.levels)
         blocks = max(1, int(BLOCK / (width * grid.length)))
-        alone, near = _groups(Closeness(grid.model, grid.samples), seen, blocks * grid.length)
+        alone, near = _groups(Closeness.of(grid.model), seen, blocks * grid.length)
         for group in near:
             std[group] = std[group].mean()
         return cls(

@@ -257,18 +257,12 @@ def pieces_between(values: Complexes | Floats, *, cubic: bool) -> Floats:
     return pieces
 
 
-def at_outputs(levels: Complexes, grid: Grid, *, every: int, skip: int = 0, samples: int | None = None) -> Complexes:
+def at_outputs(levels: Complexes, grid: Grid, *, every: int) -> Complexes:
     """(channel, order, output) amplitudes from (channel, order, node) levels, cubic in between, straight for one pole.
 
-    Outputs are `every` samples apart, the first `skip` samples on, as far as `samples`, the record's unless given.
+    Outputs are `every` samples apart.
     """
-    outputs = len(range(skip, grid.samples if samples is None else samples, every))
-    return evaluated(pieces_between(levels, cubic=grid.model.poles > 1), grid.length, every, skip, outputs)
-
-
-def evaluated(pieces: Floats, length: int, every: int, skip: int, outputs: int) -> Complexes:
-    """(channel, order, output) values of (channel, order, block, 2, 4) pieces, `length` samples each."""
-    values = np.empty((pieces.shape[0] * pieces.shape[1], 2 * outputs))
-    flat = np.ascontiguousarray(pieces.reshape(-1, *pieces.shape[2:]))
-    _block_kernels.evaluate(flat, length, skip, every, values)
+    pieces = pieces_between(levels, cubic=grid.model.poles > 1)
+    values = np.empty((pieces.shape[0] * pieces.shape[1], 2 * len(range(0, grid.samples, every))))
+    _block_kernels.evaluate(pieces.reshape(-1, *pieces.shape[2:]), grid.length, every, values)
     return values.view(np.complex128).reshape(*pieces.shape[:2], -1)

@@ -74,7 +74,7 @@ def blurs(model: HarmonicModel) -> bool:
     """Return whether orders stay so close that long blocks, with several poles, may not separate them."""
     if model.poles == 1:
         return False
-    return Closeness(model, model.phases[0].size).dwell()
+    return Closeness.of(model).dwell()
 
 
 def fast(model: HarmonicModel, x: Floats, seen: Flags, *, rtol: float, output_every: int, startup: int) -> Estimate:
@@ -109,7 +109,7 @@ def exact(
 
     Parameters as for `fast`; `noise_variance` is R, None where it is estimated.
     """
-    length, alike = exact_length(model, seen.size), Closeness(model, seen.size).dwell()
+    length, alike = exact_length(model, seen.size), Closeness.of(model).dwell()
     while True:
         grid = Grid(model=model, x=x, seen=seen, length=length)
         smoothed = smooth_together(grid, startup // length)
@@ -147,7 +147,7 @@ class BlockFit:
     def of(cls, grid: Grid, *, startup: int) -> "BlockFit":
         """Smooth a record; its innovations count from sample `startup` on."""
         smoothed = smooth_apart(grid, startup // grid.length)
-        closeness = Closeness(grid.model, grid.samples)
+        closeness = Closeness.of(grid.model)
         coupling = couple(grid, closeness, smoothed)
         return cls(grid=grid, smoothed=smoothed, coupling=coupling, alike=closeness.dwell())
 

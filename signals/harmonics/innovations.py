@@ -22,14 +22,12 @@ class Innovations:
     recent_seen: Floats  # (LAGS,), 1.0 where not missing
     log_variance: float = 0.0  # sum of the logarithms of their variances
     count: int = 0
-    # All of them in segments, (channel, sample), with their (sample,) variances, 0 where missing.
-    kept: list[tuple[Floats, Floats]] | None = None
 
     @classmethod
-    def none(cls, *, channels: int, keep: bool = False) -> "Innovations":
-        """Return empty sums; `keep` stores all innovations."""
+    def none(cls, *, channels: int) -> "Innovations":
+        """Return empty sums."""
         zeros = np.zeros((channels, LAGS))
-        return cls(np.zeros(channels), zeros, np.zeros(LAGS), zeros.copy(), np.zeros(LAGS), kept=[] if keep else None)
+        return cls(np.zeros(channels), zeros, np.zeros(LAGS), zeros.copy(), np.zeros(LAGS))
 
     @property
     def mean_square(self) -> Floats:
@@ -48,7 +46,7 @@ class Innovations:
         return Estimate(
             amplitude=amplitude, variance=variance, innovation_mean_square=self.mean_square,
             innovation_log_variance=self.log_variance / max(self.count, 1), innovation_samples=self.count,
-            innovation_autocorrelation=self.autocorrelation, innovations=self.kept, **more,
+            innovation_autocorrelation=self.autocorrelation, **more,
         )  # fmt: skip
 
     def separate(self) -> None:
@@ -60,8 +58,6 @@ class Innovations:
 
         The first `skip` samples, those before the end of start-up, are not in the sums.
         """
-        if self.kept is not None:
-            self.kept.append((innovations, variances))
         innovations, variances = innovations[:, max(skip, 0) :], variances[max(skip, 0) :]
         if variances.size == 0:
             return
@@ -90,23 +86,13 @@ def statistics(patterns: Patterns, estimates: list[Estimate], given: float | Non
         _check_not_faint(patterns.record, noise)
     growth = np.exp(patterns.shared([np.array(estimate.innovation_log_variance) for estimate in estimates]))
     autocorrelation = patterns.joined([estimate.innovation_autocorrelation for estimate in estimates])
-    found = {
+    return {
         "noise_variance": noise,
         "noise_density": np.broadcast_to(noise[:, None, None], (noise.size, estimates[0].amplitude.shape[-2], 1)),
         "innovation_variance": noise * growth + none,
         "innovation_mean_square": np.ones(noise.size) if given is None else mean_square / noise + none,
         "innovation_autocorrelation": autocorrelation + none[:, None],
         "whiteness": np.mean(autocorrelation**2, axis=1) * counts + none,
-    }
-    kept = [estimate.innovations for estimate in estimates if estimate.innovations is not None]
-    if not kept:
-        return found
-    scaled = patterns.joined([np.concatenate([part[0] for part in parts], axis=-1) for parts in kept])
-    variances = patterns.shared([np.concatenate([part[1] for part in parts]) for parts in kept])
-    seen = variances > 0
-    return found | {
-        "innovations": np.where(seen, scaled * np.sqrt(variances), np.nan),
-        "normalised_innovation_squared": np.where(seen, scaled**2 / noise[:, None], np.nan),
     }
 
 

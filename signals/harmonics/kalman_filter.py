@@ -35,7 +35,6 @@ LARGEST_ADDED, LARGEST_VARIANCE = 1e2, 1e4
 LARGEST_PRIOR = 1e9
 # Largest relative deviation of the variance from its steady state when the gains are fixed.
 STEADY_RTOL = 1e-2
-STEADY_AT_ONCE = 1 << 16  # samples at a time with fixed gains
 
 
 @dataclass
@@ -48,7 +47,8 @@ class FilterState:
     covariance: Floats  # (state, state), P
     factor: Floats  # (state, state), V
     diffuse: bool  # whether V is not zero
-    count: int  # samples so far
+    count: int = 0  # samples so far
+    observed: int = 0  # of them, those after the last missing one
 
     @classmethod
     def prior(cls, model: HarmonicModel, *, channels: int) -> "FilterState":
@@ -58,7 +58,7 @@ class FilterState:
             raise lost(model, "exact")
         size = variance.size
         factor = np.diag(np.sqrt(variance.ravel()))
-        return cls(np.zeros((channels, size)), np.zeros((size, size)), factor, diffuse=True, count=0)
+        return cls(np.zeros((channels, size)), np.zeros((size, size)), factor, diffuse=True)
 
     def check(self, model: HarmonicModel) -> None:
         """Make P symmetric, and move the covariance between P and V where it is small or large, or raise where lost."""
@@ -94,69 +94,46 @@ def _paired(model: HarmonicModel, values: Floats) -> Floats:
     return paired
 
 
-def covariance_filter(model: HarmonicModel, x: Floats, *, output_every: int, startup: int, keep: bool) -> Estimate:
+def causal_filter(
+    model: HarmonicModel, x: Floats, *, output_every: int, startup: int, steady: bool = False, error_bound: float = 0.0
+) -> Estimate:
     """Filter all channels of a (channel, sample) record, NaN where missing in all channels at once.
 
-    The innovations count from sample `startup` on; those of all samples are in the estimate where `keep`.
+    The innovations count from sample `startup` on. Steady-state gains have the given `Estimate.error_bound`.
     """
-    state, innovations = FilterState.prior(model, channels=len(x)), Innovations.none(channels=len(x), keep=keep)
-    return innovations.estimate(*filter_on(model, x, state, innovations, output_every=output_every, startup=startup))
+    state, innovations = FilterState.prior(model, channels=len(x)), Innovations.none(channels=len(x))
+    gains = SteadyGains.of(model) if steady else None
+    found = filter_on(model, x, state, innovations, output_every=output_every, startup=startup, steady=gains)
+    return innovations.estimate(*found, error_bound=error_bound)
 
 
 def count_innovations(model: HarmonicModel, x: Floats, *, startup: int) -> Innovations:
-    """Return the innovations of the covariance filter; parameters as for `covariance_filter`."""
+    """Return the innovations of the covariance filter; parameters as for `causal_filter`."""
     state, innovations = FilterState.prior(model, channels=len(x)), Innovations.none(channels=len(x))
     filter_on(model, x, state, innovations, output_every=x.shape[1], startup=startup)
     return innovations
 
 
-def filter_on(
-    model: HarmonicModel, x: Floats, state: FilterState, innovations: Innovations, *, output_every: int, startup: int
-) -> tuple[Complexes, Floats]:
-    """Continue the covariance filter over further samples, (channel, sample), NaN where missing in all channels.
+@dataclass(frozen=True, kw_only=True, eq=False)
+class SteadyGains:
+    """The steady state of the filter of constant bandwidths."""
 
-    Updates the state and the sums of innovations; returns (channel, order, output) amplitudes and (order, output)
-    variances, means over the quadratures. Outputs and `startup` are counted from the first sample of the record.
-    Covariances are checked at sample numbers that do not depend on where a stream is cut into blocks; where one is no
-    longer positive definite, FloatingPointError is raised.
-    """
-    channels, samples = x.shape
-    outputs = len(range(-state.count % output_every, samples, output_every))
-    levels, variances = np.empty((outputs, channels, 2 * model.orders.size)), np.empty((outputs, model.orders.size))
-    longest = int(np.clip(LARGEST_GROWTH ** (0.5 / model.poles) / model.bandwidth.max(), 1, SAMPLES_AT_ONCE))
-    orders, shaft = model.orders, model.shaft
-    process = _paired(model, model.process_noise(slice(0, 1))) if model.bandwidth.shape[1] == 1 else None
-    first, begin, done = state.count, 0, 0
-    scratch = np.empty((5, max(PIECE, model.poles * 2 * orders.size))), np.empty((PIECE, 2 * orders.size))
-    while begin < samples:
-        span = slice(begin, min(begin + SAMPLES_AT_ONCE - state.count % SAMPLES_AT_ONCE, samples))
-        phase, q = model.phase(span), process if process is not None else _paired(model, model.process_noise(span))
-        values, normalised = np.ascontiguousarray(x[:, span].T), np.zeros((span.stop - begin, channels))
-        innovation_variances = np.zeros(len(normalised))
-        before = done
-        while begin < span.stop:  # from one check of the covariance to the next
-            interval = min(longest, DIFFUSE_CHECK) if state.diffuse else longest
-            end = min(begin + interval - state.count % interval, span.stop)
-            part = slice(begin - span.start, end - span.start)
-            skip = -state.count % output_every
-            given = values[part], np.ascontiguousarray(phase[:, part]), orders, shaft, q if len(q) == 1 else q[part]
-            found = normalised[part], innovation_variances[part], levels[done:], variances[done:]
-            own = state.mean, state.covariance, (skip, output_every)
-            filter_covariance(*given, *own, *found, state.factor, state.diffuse, *scratch)
-            done += len(range(skip, end - begin, output_every))
-            state.count, begin = state.count + end - begin, end
-            if state.count % interval == 0:
-                state.check(model)
-        variances[before:done, orders == 0] *= 2  # the mean has one quadrature
-        if not variances[before:done].min(initial=np.inf) > 0:
-            raise lost(model, "exact")
-        innovations.add(normalised.T, innovation_variances, skip=startup - first - span.start)
-    return levels.view(np.complex128).transpose(1, 2, 0), variances.T
+    gains: Floats  # (pole, 2 order), times h the Kalman gains
+    variances: Floats  # (order,), of an amplitude's quadratures
+    innovation_variance: float
+    settling: int  # samples without a missing one after which the variance is within `STEADY_RTOL` of these
 
-
-def startup_samples(model: HarmonicModel) -> int:
-    """Return the samples after which the variance is within `STEADY_RTOL` of its steady state."""
-    return ceil(log(2 / STEADY_RTOL) / (2 * _band(float(model.bandwidth.min()), model.poles).filter_decay))
+    @classmethod
+    def of(cls, model: HarmonicModel) -> "SteadyGains":
+        """Return the gains of a model, each order as if alone."""
+        bands = [_band(width, model.poles) for width in model.bandwidth[:, 0].tolist()]
+        noise = np.where(model.orders == 0, 1.0, 2.0)
+        shares = noise * np.stack([band.filter_shares for band in bands], axis=1)
+        return cls(
+            gains=np.repeat(shares, 2, axis=1), variances=shares[0],
+            innovation_variance=float(1 + np.sum(shares[0] / (1 - shares[0] / noise))),
+            settling=ceil(log(2 / STEADY_RTOL) / (2 * min(band.filter_decay for band in bands))),
+        )  # fmt: skip
 
 
 # The gains of a bandwidth are needed again for every record.
@@ -165,37 +142,56 @@ def _band(width: float, poles: int) -> Bandwidth:
     return Bandwidth(width=width, poles=poles)
 
 
-def steady_state_filter(
-    model: HarmonicModel, x: Floats, *, output_every: int, startup: int, error_bound: float
-) -> Estimate:
-    """Filter all channels of a record without gaps, with constant bandwidths; arguments as for `covariance_filter`.
+def filter_on(
+    model: HarmonicModel, x: Floats, state: FilterState, innovations: Innovations, *, output_every: int, startup: int,
+    steady: SteadyGains | None = None,
+) -> tuple[Complexes, Floats]:  # fmt: skip
+    """Continue the filter over further samples, (channel, sample), NaN where missing in all channels.
 
-    The covariance filter runs until the variance is within `STEADY_RTOL` of its steady state; from there on the gains
-    and the variance are those of the steady state, with the given `Estimate.error_bound`.
+    Updates the state and the sums of innovations; returns (channel, order, output) amplitudes and (order, output)
+    variances, means over the quadratures. Outputs and `startup` are counted from the first sample of the record.
+    Given steady-state gains, they take over from the covariance filter once it has settled, until a sample is missing.
+    Covariances are checked at sample numbers that do not depend on where a stream is cut into blocks; where one is no
+    longer positive definite, FloatingPointError is raised.
     """
-    channels, samples = x.shape
-    begin = min(startup_samples(model), samples)
-    state, innovations = FilterState.prior(model, channels=channels), Innovations.none(channels=channels)
-    head, variances = filter_on(model, x[:, :begin], state, innovations, output_every=output_every, startup=startup)
-    outputs, exact = ceil(samples / output_every), variances.shape[1]
-    amplitude = np.empty((outputs, channels, model.orders.size), dtype=np.complex128)
-    amplitude[:exact] = head.transpose(2, 0, 1)
-    levels = amplitude.view(np.float64)
-    bands = [_band(width, model.poles) for width in model.bandwidth[:, 0].tolist()]
-    noise = np.where(model.orders == 0, 1.0, 2.0)
-    shares = noise * np.stack([band.filter_shares for band in bands], axis=1)
-    variance = float(1 + np.sum(shares[0] / (1 - shares[0] / noise)))  # of the innovation, where R = 1
-    gains = np.repeat(shares, 2, axis=1)  # (pole, 2 order)
-    if exact < outputs:
-        variances = np.column_stack([variances, shares[0]])
-    predicted = state.mean.reshape(channels, model.poles, -1)
-    work, rows = np.empty((3, max(PIECE, gains.shape[1]))), np.empty((PIECE, gains.shape[1]))
-    for first in range(begin, samples, STEADY_AT_ONCE):
-        span = slice(first, min(first + STEADY_AT_ONCE, samples))
-        values, residuals = np.ascontiguousarray(x[:, span].T), np.empty((span.stop - first, channels))
-        filter_steadily(
-            values, model.phase(span), model.orders, model.shaft, gains, predicted, -first % output_every, output_every,
-            work, rows, residuals, levels[ceil(first / output_every) :],
-        )  # fmt: skip
-        innovations.add(residuals.T / sqrt(variance), np.full(len(residuals), variance), skip=startup - first)
-    return innovations.estimate(amplitude.transpose(1, 2, 0), variances, error_bound=error_bound)
+    (channels, samples), orders, width = x.shape, model.orders, 2 * model.orders.size
+    places = np.arange(-state.count % output_every, samples, output_every)
+    levels, variances = np.empty((places.size, channels, width)), np.empty((places.size, orders.size))
+    longest = int(np.clip(LARGEST_GROWTH ** (0.5 / model.poles) / model.bandwidth.max(), 1, SAMPLES_AT_ONCE))
+    process = _paired(model, model.process_noise(slice(0, 1)))
+    missing = np.append(np.flatnonzero(np.isnan(x[0])), samples)
+    work, rows = np.empty((5, max(PIECE, model.poles * width))), np.empty((PIECE, width))
+    begin = 0
+    while begin < samples:
+        gap = int(missing[np.searchsorted(missing, begin)])
+        settled = steady is not None and state.observed >= steady.settling and gap > begin
+        interval = min(longest, DIFFUSE_CHECK) if state.diffuse else longest
+        end = min(begin + SAMPLES_AT_ONCE, gap) if settled else min(begin + interval - state.count % interval, samples)
+        if steady is not None and not settled:
+            end = min(end, begin + max(steady.settling - state.observed, 1))
+        span, done = slice(begin, end), int(np.searchsorted(places, begin))
+        due = slice(done, int(np.searchsorted(places, end)))
+        outputs = -state.count % output_every, output_every
+        values, normalised = np.ascontiguousarray(x[:, span].T), np.zeros((end - begin, channels))
+        given = values, np.ascontiguousarray(model.phase(span)), orders, model.shaft
+        if steady is not None and settled:
+            mean = state.mean.reshape(channels, model.poles, width)
+            filter_steadily(*given, steady.gains, mean, *outputs, work, rows, normalised, levels[done:])
+            variances[due], innovation_variances = steady.variances, np.full(end - begin, steady.innovation_variance)
+            normalised /= sqrt(steady.innovation_variance)
+        else:
+            innovation_variances = np.zeros(end - begin)
+            q = process if model.bandwidth.shape[1] == 1 else _paired(model, model.process_noise(span))
+            own, found = (state.mean, state.covariance), (normalised, innovation_variances, levels[done:])
+            filter_covariance(
+                *given, q, *own, outputs, *found, variances[done:], state.factor, state.diffuse, work, rows
+            )
+            variances[due, orders == 0] *= 2  # the mean has one quadrature
+            if not variances[due].min(initial=np.inf) > 0:
+                raise lost(model, "exact")
+        innovations.add(normalised.T, innovation_variances, skip=startup - state.count)
+        last = int(missing[np.searchsorted(missing, end) - 1]) if gap < end else begin - 1 - state.observed
+        state.count, state.observed, begin = state.count + end - begin, end - 1 - last, end
+        if not settled and state.count % interval == 0:
+            state.check(model)
+    return levels.view(np.complex128).transpose(1, 2, 0), variances.T

@@ -1,6 +1,7 @@
 """Frequency distances between orders, and the flags of outputs near others, gaps or the ends of the record."""
 
 from collections.abc import Callable
+from dataclasses import dataclass
 from functools import cached_property
 
 import numpy as np
@@ -25,11 +26,11 @@ ORDERS_OF_ALL = 40
 DISTANCES_AT_ONCE = 1 << 13
 
 
-def distances(one: Floats, others: Floats, *, both_sides: bool = True) -> Floats:
+def distances(one: Floats, others: Floats) -> Floats:
     """Return (..., segment) distances in cycles per sample from an order to others or their images; 0 at crossings.
 
     From the frequencies of the order, (segment,) or (..., segment), and of the others, in the same unit. A crossing
-    counts in the segment after it, with `both_sides` in the one before it too.
+    counts in the segments before and after it.
     """
     nearest = np.full(np.broadcast_shapes(one.shape, others.shape), 0.5)
     for apart in (others - one, others + one):
@@ -38,11 +39,11 @@ def distances(one: Floats, others: Floats, *, both_sides: bool = True) -> Floats
         np.minimum(nearest, size, out=nearest)
         crossed = (folded[..., :-1] * folded[..., 1:] < 0) & (np.maximum(size[..., :-1], size[..., 1:]) < NEAR)
         nearest[..., 1:][crossed] = 0.0
-        if both_sides:
-            nearest[..., :-1][crossed] = 0.0
+        nearest[..., :-1][crossed] = 0.0
     return nearest
 
 
+@dataclass(frozen=True, eq=False)
 class Closeness:
     """Frequency distances of every order from the others and from its own image, segment by segment.
 
@@ -51,30 +52,39 @@ class Closeness:
 
     Attributes
     ----------
+    model : of the orders.
     edges : (segment + 1,) array, first samples of the segments and the end of the last one.
     frequency : (order, segment) array, cycles per sample.
     bandwidth : (order, segment) array, cycles per sample.
     """
 
-    def __init__(self, model: HarmonicModel, samples: int) -> None:
-        self.model = model
+    model: HarmonicModel
+    edges: Indices
+    frequency: Floats
+    bandwidth: Floats
+
+    @classmethod
+    def of(cls, model: HarmonicModel) -> "Closeness":
+        """Return the distances in a record whose phases the model has."""
+        samples = model.phases[0].size
         most = max(SEGMENTS * ORDERS_OF_ALL // max(model.orders.size, ORDERS_OF_ALL), 1)
         segments = max(min(most, samples - 1), 1)
-        self.edges = np.arange(segments + 1) * max(samples - 1, 1) // segments
-        angle = model.phase(np.minimum(self.edges, samples - 1))
-        speed = (angle[:, 1:] - angle[:, :-1]) / (2 * np.pi * self.lengths)
-        self.frequency = model.orders[:, None] * speed[model.shaft]
-        middle = (self.edges[:-1] + self.edges[1:]) // 2
+        edges = np.arange(segments + 1) * max(samples - 1, 1) // segments
+        middle = (edges[:-1] + edges[1:]) // 2
         width = model.bandwidth if model.bandwidth.shape[1] == 1 else model.bandwidth[:, middle]
-        self.bandwidth = np.broadcast_to(width, self.frequency.shape)
+        return cls.between(model, edges, model.phase(np.minimum(edges, samples - 1)), width)
+
+    @classmethod
+    def between(cls, model: HarmonicModel, edges: Indices, angle: Floats, width: Floats) -> "Closeness":
+        """Return those between edges with these (shaft, edge) angles, given (order, segment or 1) bandwidths."""
+        frequency = model.orders[:, None] * (np.diff(angle) / (2 * np.pi * np.diff(edges)))[model.shaft]
+        return cls(model, edges, frequency, np.broadcast_to(width, frequency.shape))
 
     def within(self, samples: slice) -> "Closeness":
         """Return the same for the segments that a range of samples touches."""
         first, last = (np.searchsorted(self.edges[:-1], [samples.start, samples.stop - 1], side="right") - 1).tolist()
-        part = object.__new__(Closeness)  # without the distances of all segments
-        part.model, part.edges = self.model, self.edges[first : last + 2]
-        part.frequency, part.bandwidth = self.frequency[:, first : last + 1], self.bandwidth[:, first : last + 1]
-        return part
+        own = slice(first, last + 1)
+        return Closeness(self.model, self.edges[first : last + 2], self.frequency[:, own], self.bandwidth[:, own])
 
     @property
     def lengths(self) -> Floats:
@@ -120,35 +130,51 @@ class Closeness:
                     return True
         return False
 
-    def unresolved(self) -> tuple[tuple[UnresolvedPair, ...], FlagArray]:
-        """Return the pairs within half a bandwidth, or a turn over the record, of each other; and the flags."""
+    def flag(self, meetings: "Meetings") -> FlagArray:
+        """Return (order, segment) flags: NOT_SEPARABLE, and ONE_QUADRATURE near the order's own image.
+
+        Orders are not separable within half a bandwidth of one another, or until they are a turn apart. Updates what is
+        known of earlier segments.
+        """
         close = np.zeros(self.frequency.shape, dtype=np.bool_)
-        shares = np.zeros((len(close), len(close)))
         samples, widest = self.lengths.sum(), self.bandwidth.max(axis=1)
+        meetings.samples += samples
         for k in range(len(close) - 1):
             reach = np.maximum(np.maximum(widest[k], widest[k + 1 :]) / 2, 1 / samples)
-            near = k + 1 + np.flatnonzero(self.nearest[k, k + 1 :] < reach)
+            is_near = self.nearest[k, k + 1 :] < reach
+            near, far = k + 1 + np.flatnonzero(is_near), k + 1 + np.flatnonzero(~is_near)
+            meetings.turns[k, far] += 1
             if near.size:
                 distance = distances(self.frequency[k], self.frequency[near])
+                meetings.turns[k, near] += distance @ self.lengths
                 near_each = distance < np.maximum(self.bandwidth[k], self.bandwidth[near]) / 2
-                near_each |= (distance @ self.lengths < 1)[:, None]
+                meetings.together[k, near] += near_each @ self.lengths
+                near_each |= (meetings.turns[k, near] < 1)[:, None]
                 close[k] |= near_each.any(axis=0)
                 close[near] |= near_each
-                shares[k, near] = near_each @ self.lengths / samples
-        return unresolved_pairs(shares), flag_close(close, self.model.orders, self.frequency, self.bandwidth)
+        at_image = distances_to_images(self.model.orders, self.frequency) < self.bandwidth / 2
+        return np.asarray(_NOT_SEPARABLE * close | _ONE_QUADRATURE * at_image)
 
 
-def unresolved_pairs(shares: Floats) -> tuple[UnresolvedPair, ...]:
-    """Return the pairs with a share of the samples above zero; (order, order) array, filled above the diagonal."""
-    first, second = np.nonzero(shares)
-    return tuple(map(UnresolvedPair, first.tolist(), second.tolist(), shares[first, second].tolist()))
+@dataclass
+class Meetings:
+    """Where orders were close; (order, order) arrays are filled above the diagonal."""
 
+    turns: Floats  # of one order relative to another, those beyond the first not counted where the orders are far apart
+    together: Floats  # samples in which they were within half a bandwidth
+    samples: float = 0.0  # all samples
 
-def flag_close(close: Flags, orders: Floats, frequency: Floats, bandwidth: Floats) -> FlagArray:
-    """Return (order, segment) flags: NOT_SEPARABLE where `close`, ONE_QUADRATURE near the order's own image."""
-    return np.asarray(
-        _NOT_SEPARABLE * close | _ONE_QUADRATURE * (distances_to_images(orders, frequency) < bandwidth / 2)
-    )
+    @classmethod
+    def none(cls, orders: int) -> "Meetings":
+        """Return what is known before the first sample."""
+        return cls(np.zeros((orders, orders)), np.zeros((orders, orders)))
+
+    @property
+    def unresolved(self) -> tuple[UnresolvedPair, ...]:
+        """Pairs of orders not separable, and their share of the samples: 1 until they are a turn apart."""
+        shares = np.triu(np.where(self.turns < 1, 1.0, self.together / max(self.samples, 1.0)), k=1)
+        first, second = np.nonzero(shares)
+        return tuple(map(UnresolvedPair, first.tolist(), second.tolist(), shares[first, second].tolist()))
 
 
 def distances_to_images(orders: Floats, frequency: Floats) -> Floats:
@@ -169,7 +195,8 @@ def flag_outputs(
     """
     samples = patterns[0].size
     outputs = np.arange(0, samples, every)
-    pairs, flags = closeness.unresolved()
+    meetings = Meetings.none(len(closeness.frequency))
+    flags = closeness.flag(meetings)
     close = np.zeros((len(flags), outputs.size), dtype=np.uint8)
     places = np.searchsorted(outputs, np.append(closeness.edges[:-1], samples))
     for segment in np.flatnonzero(flags.any(axis=0)):
@@ -180,7 +207,7 @@ def flag_outputs(
     for own, seen in zip(found, patterns, strict=True):
         first = int(seen.argmax()) if seen.any() else samples
         flag_gaps(own, outputs, reach, seen, first=first, later=estimator == "smoother")
-    return found, pairs
+    return found, meetings.unresolved
 
 
 def output_range(bandwidth: Floats) -> Floats:

@@ -123,15 +123,13 @@ class Estimate:
     """Estimates of a `HarmonicModel` from a record, with covariances for R = 1."""
 
     amplitude: Complexes  # (channel, order, output)
-    variance: Floats  # (order, output), mean over the quadratures; the last one holds for all further outputs
+    variance: Floats  # (order, output), mean over the quadratures
     innovation_mean_square: Floats  # (channel,), of the innovations over their standard deviations, after start-up
     innovation_log_variance: float  # mean of the logarithm of their variances
     innovation_autocorrelation: Floats  # (channel, lag)
     innovation_samples: int  # number of innovations in it
     # Largest error relative to an amplitude; of a steady-state filter, relative to the exact filter's error.
     error_bound: float = 0.0
-    # Where asked for, segments of normalised innovations, (channel, sample), and their variances, 0 where missing.
-    innovations: list[tuple[Floats, Floats]] | None = None
     # Samples between the nodes where `variance` is that of nodes, the last one after the last sample: standard
     # deviations are linear in between. None where it is that of outputs.
     std_spacing: int | None = None

@@ -14,7 +14,7 @@ from signals.harmonics import _arguments
 from signals.harmonics.bandwidth import MOST_POLES, Bandwidth
 from signals.harmonics.block_smoother import block_length, blurs, exact, exact_length, fast, scattered_share
 from signals.harmonics.innovations import statistics
-from signals.harmonics.kalman_filter import covariance_filter, steady_state_filter
+from signals.harmonics.kalman_filter import causal_filter
 from signals.harmonics.noise_density import noise_density
 from signals.harmonics.separability import Closeness, flag_outputs
 from signals.harmonics.state_space import PRIOR_STD, Estimator, HarmonicModel, Method, Order, Patterns, lost
@@ -59,7 +59,6 @@ def track_orders(
     initial_std: float | None = None,
     phase_std_rad: ArrayLike | Mapping[str, ArrayLike] | None = None,
     clip_limits: ArrayLike | None = None,
-    innovations: bool = False,
 ) -> OrderTracks:
     """Estimate the complex amplitude of every shaft order at every output sample, with its standard deviation.
 
@@ -93,8 +92,8 @@ def track_orders(
         passes a wider band.
     method
         "exact" filters sample by sample, and smooths in blocks so short that the error is below 0.3 % of `std` (root
-        mean square), all orders jointly. "fast" smooths in longer blocks, or filters with steady-state gains, which
-        needs a record without gaps and a constant bandwidth. "auto" takes "exact" where that is quick, where blocks
+        mean square), all orders jointly. "fast" smooths in longer blocks, or filters with steady-state gains once
+        they settle, which needs a constant bandwidth. "auto" takes "exact" where that is quick, where blocks
         would be too short, short gaps break them up, or orders stay within half a bandwidth of each other; else
         "fast". `OrderTracks.method` is the one that ran.
     output_every
@@ -116,8 +115,6 @@ def track_orders(
         Smallest and largest value that the sensor records, infinite for none; only with "smoother". A sample at or
         beyond one of them is known to lie there and no more: it is replaced by its expectation until that no longer
         changes, some ten times the work. Marked as missing instead, clipped samples draw amplitudes towards zero.
-    innovations
-        Whether the result holds the innovation of every sample, which the "exact" filter computes.
 
     Returns
     -------
@@ -148,7 +145,7 @@ def track_orders(
             x, clip_limits, output_every, phase_rad=phase_rad, orders=orders, bandwidth_hz=bandwidth_hz,
             bandwidth_orders=bandwidth_orders, rate_hz=rate_hz, samples_per_rev=samples_per_rev, poles=poles,
             estimator=estimator, method=method, rtol=rtol, noise_variance=noise_variance, initial_std=initial_std,
-            phase_std_rad=phase_std_rad, innovations=innovations,
+            phase_std_rad=phase_std_rad,
         )  # fmt: skip
     record = _arguments.check_record(x)
     samples = record.shape[1]
@@ -180,7 +177,7 @@ def track_orders(
         )
     task = _Task(
         model=model, estimator=estimator, output_every=whole(output_every, name="output_every", least=1),
-        rtol=rtol, noise_variance=noise_variance, innovations=innovations,
+        rtol=rtol, noise_variance=noise_variance,
     )  # fmt: skip
     phase_std = _arguments.check_phase_std(phase_std_rad, shafts=shafts, samples=samples)
     phase_every = task.output_every if phase_std is not None and phase_std.shape[1] > 1 else 1
@@ -327,25 +324,29 @@ class _Task:
     output_every: int
     rtol: float
     noise_variance: float | None
-    innovations: bool
 
     @cached_property
     def closeness(self) -> Closeness:
         """Frequency distances between the orders."""
-        return Closeness(self.model, self.model.phases[0].size)
+        return Closeness.of(self.model)
 
     @cached_property
     def ripple(self) -> float:
-        """Error of steady-state gains, as a part of the exact filter's error.
+        """Error of steady-state gains in the record."""
+        return ripple(self.closeness)
 
-        Other orders, and an order's own image, modulate its gain, each by the causal filter's gain at its least
-        distance in the record and at a beat frequency of its own: their squares add up. With more poles the closed loop
-        is closer to instability. Measured with random walks of 2 to 20 equidistant orders, the estimates differed by
-        0.4 to 0.75 of this; from 1 on they may grow without bound.
-        """
-        one_each = np.ones(self.model.orders.size)
-        received = self.closeness.received(lambda band, distance: np.abs(band.filter_gain(distance)), one_each)
-        return sqrt(self.model.poles + 1) * float(np.linalg.norm(received, axis=1).max())
+
+def ripple(closeness: Closeness) -> float:
+    """Return the error of steady-state gains, as a part of the exact filter's error.
+
+    Other orders, and an order's own image, modulate its gain, each by the causal filter's gain at its least distance in
+    the record and at a beat frequency of its own: their squares add up. With more poles the closed loop is closer to
+    instability. Measured with random walks of 2 to 20 equidistant orders, the estimates differed by 0.4 to 0.75 of
+    this; from 1 on they may grow without bound.
+    """
+    model = closeness.model
+    received = closeness.received(lambda band, distance: np.abs(band.filter_gain(distance)), np.ones(model.orders.size))
+    return sqrt(model.poles + 1) * float(np.linalg.norm(received, axis=1).max())
 
 
 def _startup(task: _Task, seen: Flags, *, name: str) -> int:
@@ -367,18 +368,11 @@ def _choose(method: Method | Literal["auto"], task: _Task, patterns: list[Flags]
     """Return the method to run, or refuse a method that cannot do what is asked."""
     model, samples = task.model, task.model.phases[0].size
     whole = all(seen.all() for seen in patterns)
-    unsteady = _why_unsteady(task, whole=whole) if task.estimator == "filter" and method in ("auto", "fast") else ""
+    unsteady = _why_unsteady(task) if task.estimator == "filter" and method in ("auto", "fast") else ""
     if method == "fast" and unsteady:
         raise ValueError(f'method="fast" with estimator="filter": {unsteady}; use method="exact".')
-    if task.innovations and (task.estimator, method) not in (("filter", "auto"), ("filter", "exact")):
-        raise ValueError(
-            f"innovations=True with estimator={task.estimator!r} and method={method!r}, which give none for each "
-            'sample; use estimator="filter" with method="exact".'
-        )
     if method != "auto":
         return method
-    if task.innovations:
-        return "exact"
     if task.estimator == "filter":
         # Steady-state gains add an independent error, some 0.7 times the ripple: squares add up.
         return "exact" if unsteady or task.ripple**2 / 4 > task.rtol else "fast"
@@ -390,10 +384,8 @@ def _choose(method: Method | Literal["auto"], task: _Task, patterns: list[Flags]
     return "exact" if work <= EXACT_WORK or length < SHORTEST_BLOCK or scattered or blurs(model) else "fast"
 
 
-def _why_unsteady(task: _Task, *, whole: bool) -> str:
+def _why_unsteady(task: _Task) -> str:
     """Return why the filter's gains have no usable steady state, or an empty string."""
-    if not whole:
-        return "samples are missing, which enlarges the covariance again"
     if task.model.bandwidth.shape[1] > 1:
         return "the bandwidth varies, and the gains with it"
     if task.ripple > LARGEST_RIPPLE:
@@ -408,10 +400,10 @@ def _run(method: Method, task: _Task, x: Floats, seen: Flags, startup: int) -> E
     """Return the estimate of one method for the channels that share a pattern of missing samples."""
     model, every = task.model, task.output_every
     try:
-        if method == "fast" and task.estimator == "filter":
-            return steady_state_filter(model, x, output_every=every, startup=startup, error_bound=task.ripple)
-        if method == "exact" and task.estimator == "filter":
-            return covariance_filter(model, x, output_every=every, startup=startup, keep=task.innovations)
+        if task.estimator == "filter":
+            steady = method == "fast"
+            bound = task.ripple if steady else 0.0
+            return causal_filter(model, x, output_every=every, startup=startup, steady=steady, error_bound=bound)
         if method == "fast":
             estimate: Estimate = fast(model, x, seen, rtol=task.rtol, output_every=every, startup=startup)
         else:

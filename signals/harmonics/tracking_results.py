@@ -55,7 +55,7 @@ class OrderTracks:
         ([channel,] order, output) array, Z.
     settling_variance
         ([channel,] order, settling) array, mean variance of the real and imaginary part of Z where R = 1: at every
-        output, at the first outputs until it is constant, or at nodes `std_spacing` samples apart.
+        output, or at nodes `std_spacing` samples apart.
     std_spacing
         Samples between these nodes; None where `settling_variance` is that of outputs.
     angle_std : (order, output or 1) array
@@ -106,12 +106,6 @@ class OrderTracks:
         ([channel,]) share of the samples at or beyond `clip_limits`; above 0.05 `std` is a lower bound.
     samples, output_every, first_output
         Length of the record, samples between outputs, sample of the first output.
-    innovations
-        ([channel,] sample) array where asked for: each sample less its one-step prediction, in the unit of the record;
-        NaN where it is missing.
-    normalised_innovation_squared
-        Of the same shape: their squares over their variances. Where the model holds, each is a draw of chi squared with
-        one degree of freedom.
 
     Examples
     --------
@@ -151,10 +145,6 @@ class OrderTracks:
     clipped_share: float | Floats = 0.0
     std_spacing: int | None = None
     angle_std: Floats | None = field(default=None, metadata={"dims": ("order", "output"), "units": "rad"})
-    innovations: Floats | None = field(default=None, metadata={"dims": ("channel", "sample"), "units": "signal"})
-    normalised_innovation_squared: Floats | None = field(
-        default=None, metadata={"dims": ("channel", "sample"), "units": "1"}
-    )
 
     @cached_property
     def sample_index(self) -> Indices:
@@ -165,12 +155,9 @@ class OrderTracks:
     def std(self) -> Floats:
         """([channel,] order, output) array, `sqrt(E|Zhat - Z|^2 / 2)`; for order 0 that of the real part."""
         std: Floats = np.sqrt(self.settling_variance)
-        outputs, known = self.sample_index, std.shape[-1]
+        outputs = self.sample_index
         if self.std_spacing is not None:
-            std = _interpolated(std, self.std_spacing * np.arange(known), outputs)
-        elif known < outputs.size:
-            steady = np.broadcast_to(std[..., -1:], (*std.shape[:-1], outputs.size - known))
-            std = np.concatenate([std, steady], axis=-1)
+            std = _interpolated(std, self.std_spacing * np.arange(std.shape[-1]), outputs)
         intervals = self.noise_density.shape[-1]
         middles = (np.arange(intervals) + 0.5) * self.samples / intervals
         std = std * np.sqrt(_interpolated(self.noise_density, middles, outputs))

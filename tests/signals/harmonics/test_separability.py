@@ -5,7 +5,7 @@ import pytest
 from numpy.testing import assert_array_equal
 
 from signals.harmonics import OrderTracker, OutputFlag, track_orders
-from signals.harmonics.separability import SEGMENTS, Closeness
+from signals.harmonics.separability import SEGMENTS, Closeness, Meetings
 from signals.harmonics.state_space import HarmonicModel
 
 LENGTH = 20  # samples in a segment of a record of SEGMENTS of them
@@ -53,7 +53,7 @@ def model_of(frequency, bandwidth):
 def closeness_of(frequency, bandwidth=WIDTH):
     frequency = np.asarray(frequency, dtype=float)
     width = np.broadcast_to(np.reshape(bandwidth, (-1, 1)), (len(frequency), 1))
-    return Closeness(model_of(frequency, width), SEGMENTS * LENGTH + 1)
+    return Closeness.of(model_of(frequency, width))
 
 
 def steady(*frequencies):
@@ -147,7 +147,7 @@ class TestImageFlag:
     def test_is_that_of_each_stretch_and_order(self):
         frequency = steady(0.1, 0.1)
         frequency[0, 100:200], frequency[1, 300:] = 0.001, 0.4995
-        _, flags = closeness_of(frequency, [0.005, 0.003]).unresolved()
+        flags = closeness_of(frequency, [0.005, 0.003]).flag(Meetings.none(2))
         image = flags & OutputFlag.ONE_QUADRATURE > 0
         segment = np.arange(SEGMENTS)
         # 0.002 is within half of 0.005, 0.001 within half of 0.003.

@@ -32,7 +32,7 @@ def stream(tracker, x, phase, sizes, *, between=lambda tracker: tracker):
         stop = at + sizes[min(number, len(sizes) - 1)]
         tracks.append(tracker.update(x[..., at:stop], phase_rad=phase[at:stop]))
         tracker, at, number = between(tracker), stop, number + 1
-    return [*tracks, tracker.finish()]
+    return tracks
 
 
 def joined(tracks, name):
@@ -42,26 +42,16 @@ def joined(tracks, name):
 CUTS = st.lists(st.integers(1, 900), min_size=1, max_size=12).map(lambda sizes: [*sizes, 700])
 
 
-@settings(deadline=None, max_examples=15)
-@given(sizes=CUTS, poles=st.integers(1, 4))
-def test_however_it_is_cut_the_filter_is_that_of_the_whole_record(sizes, poles):
+@settings(deadline=None, max_examples=20)
+@given(sizes=CUTS, poles=st.integers(1, 4), method=st.sampled_from(["exact", "fast"]))
+def test_however_it_is_cut_the_filter_is_that_of_the_whole_record(sizes, poles, method):
     x, phase = record()
-    tracks = stream(OrderTracker(poles=poles, **COMMON), x, phase, sizes)
-    whole = track_orders(x, phase_rad=phase, estimator="filter", method="exact", poles=poles, **COMMON)
+    orders = (
+        {"orders": [1, 2.5], "bandwidth_hz": 0.002} if method == "fast" else {}
+    )  # with poles=4 the mean is too near
+    tracks = stream(OrderTracker(poles=poles, method=method, **COMMON | orders), x, phase, sizes)
+    whole = track_orders(x, phase_rad=phase, estimator="filter", method=method, poles=poles, **COMMON | orders)
     assert_same(tracks, [whole])
-
-
-@pytest.mark.compiles
-@settings(deadline=None, max_examples=6)
-@given(sizes=CUTS, poles=st.sampled_from([1, 4]), lag=st.sampled_from([40, 250]))
-def test_however_it_is_cut_a_fixed_lag_smoother_is_the_same(sizes, poles, lag):
-    x, phase = record()
-    pieces, whole = (
-        stream(OrderTracker(poles=poles, lag=lag, **COMMON), x, phase, blocks) for blocks in (sizes, [SAMPLES])
-    )
-    assert_same(pieces, whole)
-    assert_array_equal(joined(pieces, "flags"), joined(whole, "flags"))
-    assert pieces[-1].unresolved == whole[-1].unresolved
 
 
 def assert_same(tracks, others):
@@ -74,9 +64,9 @@ def assert_same(tracks, others):
     assert_allclose(tracks[-1].innovation_autocorrelation, others[-1].innovation_autocorrelation, rtol=0, atol=1e-10)
 
 
-@pytest.mark.parametrize("lag", [None, 250])
+@pytest.mark.parametrize("method", ["exact", "fast"])
 @pytest.mark.parametrize("channels", [None, 2])
-def test_a_tracker_goes_on_from_its_state(lag, channels, tmp_path):
+def test_a_tracker_goes_on_from_its_state(method, channels, tmp_path):
     x, phase = record(channels)
 
     def kept(tracker):
@@ -93,7 +83,7 @@ def test_a_tracker_goes_on_from_its_state(lag, channels, tmp_path):
         }
         return OrderTracker.from_state(read)
 
-    settings = COMMON | {"lag": lag, "output_every": 3, "poles": 2}
+    settings = COMMON | {"method": method, "output_every": 3, "poles": 2}
     straight = stream(OrderTracker(**settings), x, phase, [700])
     for between in (kept, written):
         stopped = stream(OrderTracker(**settings), x, phase, [700], between=between)
@@ -101,44 +91,6 @@ def test_a_tracker_goes_on_from_its_state(lag, channels, tmp_path):
             assert_array_equal(joined(stopped, name), joined(straight, name))
         assert stopped[-1].unresolved == straight[-1].unresolved
         assert stopped[-1].innovation_mean_square == pytest.approx(straight[-1].innovation_mean_square, rel=1e-15)
-
-
-@pytest.mark.parametrize(("poles", "lags"), [(1, (100, 250, 500, 900)), (2, (250, 500, 900)), (4, (500, 900))])
-def test_a_fixed_lag_smoother_nears_the_smoother(poles, lags):
-    x, phase = record()
-    full = track_orders(x, phase_rad=phase, method="exact", poles=poles, **COMMON)
-    # The slowest pole of 1 / (1 + (sqrt(2) - 1) (w / (pi bandwidth))^(2 poles)).
-    decay = np.sin(np.pi / (2 * poles)) * (np.sqrt(2) - 1) ** (-1 / (2 * poles)) * np.pi * 0.004
-    for lag in lags:
-        tracks = stream(OrderTracker(poles=poles, lag=lag, **COMMON), x, phase, [333])
-        assert_array_equal(joined(tracks, "sample_index"), full.sample_index)
-        error = np.abs(joined(tracks, "complex_amplitude") - full.complex_amplitude) / full.std
-        # And what blocks of some samples cost, of which the stream's are not those of the record.
-        assert error.max() < 10 * np.exp(-decay * lag) + 0.01
-        assert (joined(tracks, "std") / full.std - 1).max() < 10 * np.exp(-decay * lag) + 1e-3
-        # Later data can only help.
-        assert (joined(tracks, "std") / full.std - 1).min() > -1e-3
-
-
-def test_a_fixed_lag_smoother_is_the_smoother_of_what_it_has_seen():
-    """An output waits for one to two lags: the last of a segment for just one."""
-    x, phase = record()
-    tracks = stream(OrderTracker(lag=200, **COMMON), x, phase, [77])
-    amplitude = joined(tracks, "complex_amplitude")
-    for last in (199, 599, 1999):
-        seen = slice(0, last + 201)
-        part = track_orders(x[seen], phase_rad=phase[seen], method="exact", **COMMON)
-        assert np.all(np.abs(amplitude[:, last] - part.complex_amplitude[:, last]) < 0.01 * part.std[:, last])
-
-
-def test_outputs_come_as_soon_as_they_can():
-    x, phase = record()
-    tracker = OrderTracker(lag=200, **COMMON)
-    counts = [
-        tracker.update(x[at : at + 100], phase_rad=phase[at : at + 100]).sample_index.size for at in range(0, 800, 100)
-    ]
-    assert counts == [0, 0, 0, 200, 0, 200, 0, 200]
-    assert tracker.finish().sample_index.tolist() == list(range(600, 800))
 
 
 def test_shafts_by_name_and_channels():
@@ -156,9 +108,9 @@ def test_shafts_by_name_and_channels():
     assert tracks[-1].innovation_mean_square.shape == (2,)
 
 
-@pytest.mark.parametrize("lag", [None, 500])
-def test_memory_does_not_grow(lag):
-    tracker = OrderTracker(lag=lag, output_every=100, **COMMON)
+@pytest.mark.parametrize("method", ["exact", "fast"])
+def test_memory_does_not_grow(method):
+    tracker = OrderTracker(method=method, output_every=100, **COMMON)
 
     def feed(first):
         for at in range(first, first + SAMPLES, 500):
@@ -188,7 +140,7 @@ def test_refusals():
     refused("orders is empty", orders=[])
     refused("orders='12': needed a sequence", orders="12")
     refused("order=-1 is negative", orders=[-1])
-    refused("lag=0 must be a whole number of at least 1", lag=0)
+    refused("method='quick' is unknown; it must be one of exact, fast", method="quick")
     refused("poles=5 must be a whole number from 1 to 4", poles=5)
     refused("bandwidth_orders with rate_hz: the speed of samples to come", bandwidth_hz=None, bandwidth_orders=0.1)
     refused(r"bandwidth of shape \(1, 2\): a stream's does not vary", bandwidth_hz=[[0.1, 0.2]])
@@ -198,8 +150,6 @@ def test_refusals():
 def test_refused_blocks():
     x, phase = record()
     tracker = OrderTracker(**COMMON)
-    with pytest.raises(ValueError, match=r"finish\(\) before any update"):
-        tracker.finish()
     tracker.update(x[:100], phase_rad=phase[:100])
     with pytest.raises(ValueError, match=r"x has shape \(2, 10\), but the stream began with one plain channel"):
         tracker.update(np.zeros((2, 10)), phase_rad=phase[100:110])
@@ -220,15 +170,14 @@ def test_refused_blocks():
 def test_between_blocks_the_highest_order_turns_by_half_a_turn_at_most(highest, side):
     """As between samples: what turns by more than pi could as well have turned the other way."""
     settings = COMMON | {"orders": [0, 0.1, highest, 0.3 * highest]}
-    for lag in (None, 20):
-        for part in (0.99, 1.01):
-            tracker, jump = OrderTracker(lag=lag, **settings), side * part * np.pi / highest
-            tracker.update([1.0], phase_rad=[50.7])
-            if part < 1:
+    for part in (0.99, 1.01):
+        tracker, jump = OrderTracker(**settings), side * part * np.pi / highest
+        tracker.update([1.0], phase_rad=[50.7])
+        if part < 1:
+            tracker.update([1.0], phase_rad=[50.7 + jump])
+        else:
+            with pytest.raises(ValueError, match=rf"jumps by {jump:.4g} rad .* order {highest:g} by more than pi"):
                 tracker.update([1.0], phase_rad=[50.7 + jump])
-            else:
-                with pytest.raises(ValueError, match=rf"jumps by {jump:.4g} rad .* order {highest:g} by more than pi"):
-                    tracker.update([1.0], phase_rad=[50.7 + jump])
 
 
 @pytest.mark.parametrize(("fan", "sun", "refused"), [(0.99, 0.99, ""), (1.01, 0.99, "fan"), (0.99, 1.01, "sun")])
@@ -243,13 +192,12 @@ def test_each_shaft_turns_between_blocks_as_far_as_its_own_highest_order_allows(
         tracker.update([1.0], phase_rad=jumped)
 
 
-@pytest.mark.parametrize("lag", [None, 200])
-def test_a_state_that_is_none_is_refused(lag):
+def test_a_state_that_is_none_is_refused():
     x, phase = record()
-    tracker = OrderTracker(lag=lag, **COMMON)
+    tracker = OrderTracker(**COMMON)
     tracker.update(x[:500], phase_rad=phase[:500])
     state = tracker.state()
-    with pytest.raises(ValueError, match="state lacks setting_lag, setting_noise_variance, setting_orders"):
+    with pytest.raises(ValueError, match="state lacks setting_noise_variance, setting_orders"):
         OrderTracker.from_state({})
     for key in state:
         if not key.startswith("setting_"):
@@ -257,20 +205,16 @@ def test_a_state_that_is_none_is_refused(lag):
                 OrderTracker.from_state({name: value for name, value in state.items() if name != key})
             with pytest.raises(ValueError, match=rf"state\['{key}'\] has shape .*; needed numbers of shape"):
                 OrderTracker.from_state(state | {key: np.zeros((2, 3, 5, 7))})
-    with pytest.raises(ValueError, match=r"state\['x'\] has shape \(2, 9\) .*; needed numbers of shape \(1, any\)"):
-        OrderTracker.from_state(state | {"x": np.zeros((2, 9))})
-    with pytest.raises(ValueError, match=r"state\['phase'\] has shape \(1, 9\)"):
-        OrderTracker.from_state(state | {"phase": np.zeros((1, 9))})
     with pytest.raises(ValueError, match=r"state\['state_mean'\] has shape \(1, 6\) and type <U1"):
         OrderTracker.from_state(state | {"state_mean": np.full((1, 6), "a")})
 
 
-@pytest.mark.parametrize(("lag", "every"), [(None, 1), (None, 1000), (20, 1), (150, 1000)])
-def test_lost_digits_are_an_error_with_numbers(lag, every):
+@pytest.mark.parametrize("every", [1, 1000])
+def test_lost_digits_are_an_error_with_numbers(every):
     """Whether it is an output that shows it or the state alone."""
     phase = 0.3 * np.arange(400)
     tracker = OrderTracker(
-        orders=[0, 0.01, 0.02], bandwidth_hz=0.02, rate_hz=1.0, noise_variance=1.0, initial_std=1e60, poles=4, lag=lag,
+        orders=[0, 0.01, 0.02], bandwidth_hz=0.02, rate_hz=1.0, noise_variance=1.0, initial_std=1e60, poles=4,
         output_every=every,
     )  # fmt: skip
     with pytest.raises(FloatingPointError, match=r"poles=4, a narrowest bandwidth of 0.02 .* prior of 1e\+60"):

@@ -488,21 +488,9 @@ def test_channels_of_an_open_prior_are_what_they_are_alone():
     other = replace(case, x=normal(10, 50.0, 300))
     both = replace(case, x=np.stack([case.x, other.x])).track(estimator="filter")
     for channel, alone in enumerate((case, other)):
-        tracks = alone.track(estimator="filter", innovations=True)
+        tracks = alone.track(estimator="filter")
         assert_array_equal(both.complex_amplitude[channel], tracks.complex_amplitude)
         assert_array_equal(both.std[channel], tracks.std)
-
-
-def test_innovations_of_an_open_prior_are_those_of_the_next_sample():
-    """Their variances are those of the prediction: of each sample from least squares on those before it."""
-    case = opening(size=60)
-    tracks = case.track(estimator="filter", innovations=True)
-    angle = np.array(case.orders) * case.phase[:, None]
-    for sample in (1, 7, 59):
-        before = replace(case.until(sample), x=np.append(case.x[:sample], np.nan))
-        amplitude, _ = before.least_squares([sample])
-        expected = case.x[sample] - np.sum((amplitude[:, 0] * np.exp(1j * angle[sample])).real)
-        assert_allclose(tracks.innovations[sample], expected, rtol=1e-8)
 
 
 @pytest.mark.parametrize("cut", [1, 6, 63, 64, 65, 200])
