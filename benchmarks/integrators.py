@@ -209,7 +209,7 @@ def runs(case: Case) -> dict[tuple[str, str], Callable[[], Array]]:
 
     def ours(tolerance: Steps | Accuracy) -> Callable[[], Array]:
         read = output(case.rate_hz)
-        return lambda: integrate(case.problem, output=read, tolerance=tolerance).checked().values
+        return lambda: integrate(case.problem, output=read, tolerance=tolerance).values
 
     found = {}
     for name, steps in case.steps.items():
@@ -228,7 +228,7 @@ def reference_of(case: Case) -> Array:
     if not case.reference:
         return np.asarray(by_exponentials(case.problem, output(case.rate_hz)))
     steps = Steps(per_sample=case.reference)
-    return integrate(case.problem, output=output(case.rate_hz), tolerance=steps).checked().values
+    return integrate(case.problem, output=output(case.rate_hz), tolerance=steps).values
 
 
 def timed(call: Callable[[], Array], repeats: int) -> tuple[float, Array]:
@@ -286,7 +286,7 @@ def energies(steps: float) -> tuple[float, float, float]:
             duration_s=OSCILLATIONS * PERIOD,
             start=start,
         )
-        found = integrate(problem, output=read, tolerance=Steps(per_sample=1)).checked()
+        found = integrate(problem, output=read, tolerance=Steps(per_sample=1))
         q, v = found.values.T
         departure = (v**2 + np.maximum(np.abs(q) - 1, 0) ** 2) / (AMPLITUDE - 1) ** 2 - 1
         early.append(np.max(np.abs(departure[: q.size // 10])))

@@ -25,7 +25,6 @@ if TYPE_CHECKING:
 
 
 _RANK_TOLERANCE = 1e-9  # dependent rows of unit length leave singular values of the order of rounding
-_RIGID = 1e-10  # of the largest squared frequency: a mode below it is rigid, where no springs decide
 _PURE = 1e-6  # of the kinetic energy: what a pure rotation or translation may have of the other kind
 _HIGH_ACCURACY = 2  # gejsv's joba = "F": rows and columns of any scale
 
@@ -121,15 +120,7 @@ def solve_modes(system: System, *, planets: Sequence[str] = (), mesh_stiffness: 
 def undamped_modes(system: System, mesh_stiffness: Sequence[float] | Array) -> tuple[Array, Array]:
     """Return rising natural frequencies in rad/s and mass-normalised shapes (dof, mode) at given mesh stiffnesses."""
     lower = np.asarray(np.linalg.cholesky(system.mass), dtype=np.float64)
-    if system.springs or not system.stiffness.any():
-        angular, vectors = _singular_pairs(*_springs_and_meshes(system, mesh_stiffness), lower)
-    else:
-        total = system.stiffness.copy()
-        for mesh, value in zip(system.meshes, mesh_stiffness, strict=True):
-            total += value * np.outer(mesh.direction, mesh.direction)
-        inverse = linalg.solve_triangular(lower, np.eye(system.dof), lower=True)
-        squares, vectors = np.linalg.eigh(inverse @ total @ inverse.T)
-        angular = np.sqrt(np.where(squares > _RIGID * squares[-1], squares, 0.0))
+    angular, vectors = _singular_pairs(*_springs_and_meshes(system, mesh_stiffness), lower)
     return angular, np.asarray(linalg.solve_triangular(lower.T, vectors, lower=False))
 
 
@@ -179,6 +170,8 @@ def with_modal_damping(system: System, *, ratio: float | Sequence[float]) -> Sys
 def _springs_and_meshes(system: System, mesh_stiffness: Sequence[float] | Array) -> tuple[Array, Array]:
     """Return the directions and constants of all springs and meshes whose stiffness is not zero."""
     pairs = [(spring.direction, spring.stiffness) for spring in system.springs]
+    if not pairs:
+        pairs = [(row, 1.0) for row in _factor(system.stiffness)]
     pairs += [(mesh.direction, float(value)) for mesh, value in zip(system.meshes, mesh_stiffness, strict=True)]
     negative = [value for _, value in pairs if value < 0]
     if negative:
@@ -186,6 +179,21 @@ def _springs_and_meshes(system: System, mesh_stiffness: Sequence[float] | Array)
     stiff = [(row, value) for row, value in pairs if value > 0]
     rows = np.array([row for row, _ in stiff]).reshape(len(stiff), system.dof)
     return rows, np.array([value for _, value in stiff])
+
+
+def _factor(stiffness: Array) -> Array:
+    """Return rows B of ``B' B = K``, by pivoted Cholesky factorisation of K scaled to a unit diagonal.
+
+    So scaled, rows keep the digits of soft springs beside stiff ones (Demmel and Veselic 1992, SIAM J. Matrix Anal.
+    Appl. 13, 1204); parts that are negative are left out.
+    """
+    size, diagonal = stiffness.shape[0], np.diag(stiffness)
+    unit = 1 / np.sqrt(np.where(diagonal > 0, diagonal, 1.0))
+    rounding = 64 * size * np.finfo(float).eps  # of the unit diagonal: a smaller pivot belongs to a rigid mode
+    factor, pivots, rank, _ = linalg.lapack.dpstrf(stiffness * unit * unit[:, None], tol=rounding)
+    rows = np.zeros((rank, size))
+    rows[:, pivots - 1] = np.triu(factor)[:rank]
+    return rows / unit
 
 
 def _singular_pairs(rows: Array, constants: Array, lower: Array) -> tuple[Array, Array]:

@@ -189,52 +189,35 @@ def read_teeth(
     waves, steps = equations.stiffnesses, turns.size - 1
     for m in range(equations.cycles.size):
         cycles, which = equations.cycles[m], equations.error_of[m]
-        if equations.later_stiffnesses[m] < 0:  # as below, without what changes
-            for step in range(steps):
-                begin, end = cycles * turns[step], cycles * turns[step + 1]
-                found = legendre_of_step(waves, m, begin, end, known)
-                stiffness[step, m, 0], stiffness[step, m, 1], stiffness[step, m, 2] = found
-        else:
-            for step in range(steps):
-                begin, end = cycles * turns[step], cycles * turns[step + 1]
-                table, then, share = history_tables(m, equations.later_stiffnesses[m], positions[first + step, m])
-                part, a0, a1, a2 = 1.0 - share, 0.0, 0.0, 0.0
-                while True:
-                    b0, b1, b2 = legendre_of_step(waves, table, begin, end, known)
-                    a0, a1, a2 = a0 + part * b0, a1 + part * b1, a2 + part * b2
-                    if table == then:
-                        break
-                    table, part = then, share
-                stiffness[step, m, 0], stiffness[step, m, 1], stiffness[step, m, 2] = a0, a1, a2
+        for step in range(steps):
+            begin, end = cycles * turns[step], cycles * turns[step + 1]
+            table, then, share = history_tables(m, equations.later_stiffnesses[m], positions[first + step, m])
+            part, a0, a1, a2 = 1.0 - share, 0.0, 0.0, 0.0
+            while True:
+                b0, b1, b2 = legendre_of_step(waves, table, begin, end, known)
+                a0, a1, a2 = a0 + part * b0, a1 + part * b1, a2 + part * b2
+                if table == then:
+                    break
+                table, part = then, share
+            stiffness[step, m, 0], stiffness[step, m, 1], stiffness[step, m, 2] = a0, a1, a2
         for step in range(steps):
             jumping[step, m] = False
             if not equations.jumping[m]:
                 continue
             begin, end = cycles * turns[step], cycles * turns[step + 1]
-            position = positions[first + step, m] if positions.shape[0] > 0 else 0.0
+            position = positions[first + step, m]
             now, then, share = history_tables(which, equations.later_errors[m], position)
             jumping[step, m] = jumps_within(equations.errors, now, begin, end)
             if share > 0.0 and not jumping[step, m]:
                 jumping[step, m] = jumps_within(equations.errors, then, begin, end)
             if jumping[step, m]:
                 read_jump(equations, m, begin, end, position, jumps[step, m])
-        if which < 0:
-            for step in range(steps):
-                errors[step, m, 0] = errors[step, m, 1] = errors[step, m, 2] = 0.0
-        elif equations.later_errors[m] < 0:
-            before = value_at(equations.errors, which, cycles * turns[0])
-            for step in range(steps):
-                middle = 0.5 * (turns[step] + turns[step + 1])
-                errors[step, m, 0] = before
-                errors[step, m, 1] = value_at(equations.errors, which, cycles * middle)
-                before = errors[step, m, 2] = value_at(equations.errors, which, cycles * turns[step + 1])
-        else:
-            for step in range(steps):
-                start, stop = turns[step], turns[step + 1]
-                now, then, share = history_tables(which, equations.later_errors[m], positions[first + step, m])
-                for node in range(3):
-                    turned = start if node == 0 else stop if node == 2 else 0.5 * (start + stop)  # noqa: PLR2004
-                    errors[step, m, node] = interpolated(equations.errors, now, then, share, cycles * turned)
+        for step in range(steps):
+            start, stop = turns[step], turns[step + 1]
+            now, then, share = history_tables(which, equations.later_errors[m], positions[first + step, m])
+            for node in range(3):
+                turned = start if node == 0 else stop if node == 2 else 0.5 * (start + stop)  # noqa: PLR2004
+                errors[step, m, node] = interpolated(equations.errors, now, then, share, cycles * turned)
 
 
 @compiled_inline
@@ -270,7 +253,6 @@ def split_steps(
     start: Array,
     outputs: Array,
     rows: Array,
-    constant: Array,
     per_sample: int,
     step: float,
     flow: StepFlow,
@@ -292,7 +274,7 @@ def split_steps(
     The deflection at the middle node lacks `correction`, the effect of the forces until then beyond the impulse at the
     start: over a step it cancels, but weighted mesh forces need it.
     `loads` (2 steps + 1, loads) are the varying ones at the beginning and in the middle of each step, and at the end.
-    `history_positions` (steps, meshes) are those in the histories of the meshes; (0, meshes) where none has one.
+    `history_positions` (steps, meshes) are those in the histories of the meshes.
     `weighted_forces` (samples, 2 meshes) receives the force of each mesh under the triangular weight, then the force
     at the sample; `next_weighted` (meshes,) is the known part of the next weighted force; (0, 2 meshes) where the
     output has none. All cases share one compilation: absent parts are empty arrays.
@@ -421,12 +403,12 @@ def split_steps(
         if weighting:
             end = revolutions[number + 1]
             for m in range(next_weighted.size):
-                position = history_positions[number, m] if history_positions.shape[0] > 0 else 0.0
+                position = history_positions[number, m]
                 now, then, share = history_tables(m, equations.later_stiffnesses[m], position)
                 strength = interpolated(equations.stiffnesses, now, then, share, equations.cycles[m] * end)
                 weighted_forces[sample, next_weighted.size + m] = strength * force[m, COMPRESSION]
         for r in range(rows.shape[0]):
-            total = constant[r]
+            total = 0.0
             for i in range(2 * size):
                 total += rows[r, i] * x[i]
             outputs[sample, r] = total

@@ -2,24 +2,25 @@
 
 from __future__ import annotations
 
-import math
-from dataclasses import dataclass, replace
+from dataclasses import dataclass
 from typing import TYPE_CHECKING
 
 import numpy as np
 
 from data_synth.integrators.modal_problem import assemble
 from data_synth.integrators.problem import Accuracy, Integration, IntegrationError, Outcome, Steps
-from data_synth.integrators.readings import Readings
-from data_synth.integrators.splitting import Stepper, refusal
+from data_synth.integrators.splitting import Stepper, channel_rows, refusal
 
 if TYPE_CHECKING:
     from collections.abc import Iterator
 
+    from data_synth.integrators.modal_problem import Assembled
     from data_synth.integrators.problem import Array, Output, Problem, State
 
 BLOCK = 8192  # samples in memory at a time, whatever the length of the record
-_ORDER = 4  # of the error in the step size where motion is smooth; half of it where teeth part
+_TRIAL = 4096  # samples at the beginning, from which the number of steps follows
+_MAX_STEPS = 256  # to a sample
+_LEAST_GAIN = 4.0  # of steps of half the size, where teeth part: the error is of second order
 _MIN_ALTERNATING = 1e-3  # of the RMS: an alternating part below this is taken to be as large as this
 _SAFETY = 0.7  # of the tolerated error: the error estimate of a trial is itself uncertain
 _MAX_ROTATION = 2.0  # rad of a mode in a step: beyond, the forces that excite it are sampled too rarely
@@ -83,13 +84,13 @@ def integrate(problem: Problem, *, output: Output, tolerance: Steps | Accuracy) 
     Returns
     -------
     Integration
-        Its `outcome` is other than DONE where the step size is refused or the tolerated error is out of reach (no
-        values), or where the motion diverges (values up to there); `Integration.checked` raises instead.
 
     Raises
     ------
     ValueError
         If the matrices are not symmetric, or the output maps do not fit the system.
+    IntegrationError
+        If the step size is refused, the tolerated error is out of reach, or the motion diverges.
 
     Examples
     --------
@@ -111,38 +112,14 @@ def integrate(problem: Problem, *, output: Output, tolerance: Steps | Accuracy) 
     >>> bool(np.allclose(found.values[:, 0], np.cos(2 * found.times_s), atol=1e-12))
     True
     """
-    readings = Readings.of(assemble(problem), output)
-    try:
-        steps, error = _steps(readings, tolerance)
-    except IntegrationError as refused:
-        return Integration(
-            times_s=np.zeros(0),
-            values=np.zeros((0, output.channels)),
-            outcome=refused.outcome,
-            detail=refused.detail,
-            final=None,
-            steps_per_sample=0,
-        )
-    blocks = list(_blocks(readings, steps, BLOCK))
-    done = Integration(
+    assembled = assemble(problem)
+    steps = _steps(assembled, output, tolerance)
+    blocks = list(_blocks(assembled, output, steps, BLOCK))
+    return Integration(
         times_s=np.concatenate([block.times_s for block in blocks]),
         values=np.concatenate([block.values for block in blocks]),
-        outcome=Outcome.DONE,
-        detail=f"{steps} steps to a sample.",
         final=blocks[-1].state,
         steps_per_sample=steps,
-        estimated_error=error,
-    )
-    if np.isfinite(done.values).all():
-        return done
-    count = int(np.argmin(np.isfinite(done.values).all(axis=1)))
-    return replace(
-        done,
-        times_s=done.times_s[:count],
-        values=done.values[:count],
-        outcome=Outcome.DIVERGED,
-        detail=f"The motion left the range of numbers at {done.times_s[count]:.6g} s, {steps} steps to a sample.",
-        final=None,
     )
 
 
@@ -164,10 +141,8 @@ def integrate_blocks(
 
     Raises
     ------
-    ValueError
+    ValueError, IntegrationError
         As `integrate` does.
-    IntegrationError
-        Where `integrate` would return an outcome other than DONE.
 
     Examples
     --------
@@ -189,17 +164,12 @@ def integrate_blocks(
     """
     if block < 1:
         raise ValueError(f"block={block}: at least one sample is needed.")
-    readings = Readings.of(assemble(problem), output)
-    steps, _ = _steps(readings, tolerance)
-    for part in _blocks(readings, steps, block):
-        if not np.isfinite(part.values).all():
-            detail = f"The motion left the range of numbers before {part.times_s[-1]:.6g} s."
-            raise IntegrationError(Outcome.DIVERGED, detail)
-        yield part
+    assembled = assemble(problem)
+    yield from _blocks(assembled, output, _steps(assembled, output, tolerance), block)
 
 
 def steps_to_a_sample(problem: Problem, *, output: Output, tolerance: Accuracy) -> int:
-    """Return the number of steps to a sample that `integrate` takes.
+    """Return the number of steps to a sample that keep an error over the whole of a short problem.
 
     Raises
     ------
@@ -220,106 +190,79 @@ def steps_to_a_sample(problem: Problem, *, output: Output, tolerance: Accuracy) 
     >>> steps_to_a_sample(problem, output=output, tolerance=Accuracy(relative=1e-3))
     1
     """
-    steps, _ = _steps(Readings.of(assemble(problem), output), tolerance)
-    return steps
+    return _enough_steps(assemble(problem), output, tolerance.relative, trial=_samples(problem, output.rate_hz))
 
 
-def samples_of(problem: Problem, rate_hz: float) -> int:
+def _samples(problem: Problem, rate_hz: float) -> int:
     """Return the number of samples after the first; a duration of whole sample intervals includes its end."""
     return int(np.floor(problem.duration_s * rate_hz * (1 + 4 * np.finfo(float).eps)))
 
 
-def _blocks(readings: Readings, steps: int, size: int) -> Iterator[Block]:
-    a, rate = readings.assembled, readings.output.rate_hz
-    x = a.modal(a.problem.start)
-    stepper = Stepper.of(readings, steps)
-    count, first = samples_of(a.problem, rate), 0
-    read = readings.at(x, a.problem.start_s)
-    times_s = np.full(1, a.problem.start_s)
-    while True:
-        more = min(size - read.shape[0], count - first)
+def _blocks(assembled: Assembled, output: Output, steps: int, size: int) -> Iterator[Block]:
+    a, rate_hz = assembled, output.rate_hz
+    stepper, x = Stepper.of(a, output, steps), a.modal(a.problem.start)
+    values, count, number = stepper.at_start(x), _samples(a.problem, rate_hz) + 1, 0
+    while number < count:
+        more = min(size, count - number) - values.shape[0]
         if more > 0:
-            new, at = stepper.advance(x, first, more), a.problem.start_s + (first + 1 + np.arange(more)) / rate
-            read = np.concatenate([read, new]) if read.size else new
-            times_s = np.concatenate([times_s, at]) if times_s.size else at
-            first += more
-        yield Block(times_s=times_s, values=readings.channels(read, times_s), state=a.physical(x))
-        if first >= count or not np.isfinite(x).all():
-            return
-        read, times_s = np.empty((0, read.shape[1])), np.empty(0)
+            values = np.concatenate([values, stepper.advance(x, number + values.shape[0] - 1, more)])
+        times_s = a.problem.start_s + np.arange(number, number + values.shape[0]) / rate_hz
+        finite = np.isfinite(values).all(axis=1)
+        if not finite.all():
+            detail = f"The motion left the range of numbers at {times_s[np.argmin(finite)]:.6g} s."
+            raise IntegrationError(Outcome.DIVERGED, detail)
+        yield Block(times_s=times_s, values=values, state=a.physical(x))
+        number, values = number + values.shape[0], values[:0]
 
 
-def _steps(readings: Readings, tolerance: Steps | Accuracy) -> tuple[int, float]:
-    """Return steps to a sample and the estimated error; IntegrationError where no number of steps will do."""
+def _steps(assembled: Assembled, output: Output, tolerance: Steps | Accuracy) -> int:
+    """Return steps to a sample; IntegrationError where no number of steps will do, ValueError for unfit maps."""
+    channel_rows(assembled, output)
     if isinstance(tolerance, Accuracy):
-        steps, error = _enough_steps(readings, tolerance)
-        refused = refusal(readings.assembled, 1 / (readings.output.rate_hz * steps))
-    else:
-        steps, error = tolerance.per_sample, float("nan")
-        refused = _too_coarse(readings, steps)
+        return _enough_steps(assembled, output, tolerance.relative, trial=_TRIAL)
+    refused = _too_coarse(assembled, output, tolerance.per_sample)
     if refused is not None:
         raise refused
-    return steps, error
+    return tolerance.per_sample
 
 
-def _enough_steps(readings: Readings, tolerance: Accuracy) -> tuple[int, float]:
-    """Return the same from runs over the beginning of the record with several numbers of steps."""
-    count = samples_of(readings.assembled.problem, readings.output.rate_hz)
-    trial = min(count, max(64, math.ceil(count * tolerance.trial)))
-    runs: dict[int, Array] = {}
-
-    def difference(coarse: int, fine: int) -> float:
-        """Return the difference between two numbers of steps, over the whole record, over the RMS of its channels."""
-        for number in (coarse, fine):
-            if number not in runs:
-                runs[number] = _trial_run(readings, number, trial)
-        return _difference(runs[coarse], runs[fine], about_mean=tolerance.about_mean) * count / trial
-
-    steps = 1
-    while steps < tolerance.max_per_sample and _too_coarse(readings, steps):
+def _enough_steps(assembled: Assembled, output: Output, relative: float, *, trial: int) -> int:
+    """Return the same from runs over the first samples of the record with several numbers of steps."""
+    count = _samples(assembled.problem, output.rate_hz)
+    trial, steps, tolerated = min(count, trial), 1, _SAFETY * relative
+    while steps < _MAX_STEPS and _too_coarse(assembled, output, steps):
         steps *= 2
-    tolerated, error, expected = _SAFETY * tolerance.relative, np.inf, np.inf
-    while 2 * steps <= tolerance.max_per_sample:
-        # the coarse steps have nearly all of the difference as their error
-        error = difference(steps, 2 * steps)
-        if error <= tolerated:
-            return steps, error
-        expected = error / 2**_ORDER
-        if error / 2 ** (_ORDER / 2) <= tolerated:
-            enough = math.ceil(steps * (error / tolerated) ** (2 / _ORDER))
-            near = difference(enough, 2 * steps) if enough < 2 * steps else np.inf
-            return (enough, near) if near <= tolerated else (2 * steps, expected)
-        ahead = math.ceil(np.log2(expected / tolerated) / _ORDER) if np.isfinite(expected) else 1
-        steps *= 2
-        if ahead > 1 and steps * 2 ** (ahead - 1) <= tolerance.max_per_sample // 2:
-            steps *= 2 ** (ahead - 1)
-    if expected <= tolerated:
-        return steps, expected
+    coarse, error = _trial_run(assembled, output, steps, trial), np.inf
+    while 2 * steps <= _MAX_STEPS:
+        fine = _trial_run(assembled, output, 2 * steps, trial)
+        # the coarse steps have nearly all of the difference as their error; phase errors grow with time
+        error = _difference(coarse, fine) * count / trial
+        if error <= _LEAST_GAIN * tolerated:
+            return steps if error <= tolerated else 2 * steps
+        steps, coarse = 2 * steps, fine
     raise IntegrationError(
         Outcome.TOLERANCE_NOT_REACHED,
-        f"With {steps} steps to a sample the error of the record would be about {error:.2g}, "
-        f"not {tolerance.relative:g}.",
+        f"With {steps} steps to a sample the error of the record would be about {error / _LEAST_GAIN:.2g}, "
+        f"not {relative:g}.",
     )
 
 
-def _too_coarse(readings: Readings, steps: int) -> IntegrationError | None:
+def _too_coarse(assembled: Assembled, output: Output, steps: int) -> IntegrationError | None:
     """Refuse steps, also where they do not resolve a mode of a channel and finer steps change that channel."""
-    a, rate = readings.assembled, readings.output.rate_hz
-    step_s = 1 / (rate * steps)
+    a, step_s = assembled, 1 / (output.rate_hz * steps)
     refused = refusal(a, step_s)
-    rotations = a.flow.modes.frequencies * step_s
+    rotations = a.frequencies * step_s
     if refused is not None or not np.any(rotations > _MAX_ROTATION):
         return refused
-    shares = readings.shares() * (rotations > _MAX_ROTATION)
+    shares = _shares(a, output) * (rotations > _MAX_ROTATION)
     relevant = np.max(shares, axis=0, initial=0.0) > _MIN_SHARE
     if not relevant.any():
         return None
     mode = int(np.argmax(rotations * relevant))
     # no power of two: steps that alias a mode to rest do so with half the step as well
     finer = min(int(np.ceil(rotations[mode] / _MAX_ROTATION)), _MAX_REFINEMENT)
-    samples = min(samples_of(a.problem, rate), _COMPARED_SAMPLES)
-    coarse, fine = (_trial_run(readings, count, samples) for count in (steps, finer * steps))
-    changed = _difference(coarse, fine, about_mean=False)
+    samples = min(_samples(a.problem, output.rate_hz), _COMPARED_SAMPLES)
+    changed = _difference(*(_trial_run(a, output, count, samples) for count in (steps, finer * steps)))
     if changed <= _MAX_CHANGE or not np.isfinite(changed):
         return None
     return IntegrationError(
@@ -331,22 +274,28 @@ def _too_coarse(readings: Readings, steps: int) -> IntegrationError | None:
     )
 
 
-def _trial_run(readings: Readings, steps: int, samples: int) -> Array:
+def _shares(assembled: Assembled, output: Output) -> Array:
+    """Return the share of each mode in each channel (channels, modes) after a jump of force; norms are one."""
+    a, rows = assembled, channel_rows(assembled, output)
+    # after a jump of force a mode has the same amplitude in w y and in y'
+    amplitude = np.max(np.abs(a.equations.force_columns), axis=1, initial=0.0) / a.scales * (a.frequencies > 0)
+    sensitivity = np.hypot(rows[:, : a.size], rows[:, a.size :]) * amplitude
+    whole = np.linalg.norm(sensitivity, axis=1, keepdims=True)
+    return np.asarray(sensitivity / np.where(whole > 0, whole, 1.0))
+
+
+def _trial_run(assembled: Assembled, output: Output, steps: int, samples: int) -> Array:
     """Return the channels of the first samples."""
-    a = readings.assembled
-    x = a.modal(a.problem.start)
-    read = Stepper.of(readings, steps).advance(x, 0, samples)
-    times_s = a.problem.start_s + (1 + np.arange(samples)) / readings.output.rate_hz
-    return readings.channels(read, times_s)
+    stepper, x = Stepper.of(assembled, output, steps), assembled.modal(assembled.problem.start)
+    stepper.at_start(x)
+    return stepper.advance(x, 0, samples)
 
 
-def _difference(coarse: Array, fine: Array, *, about_mean: bool) -> float:
-    """Return RMS difference over RMS of the worst channel; infinite where a value is not finite."""
+def _difference(coarse: Array, fine: Array) -> float:
+    """Return RMS difference over the RMS about the mean of the worst channel; infinite where a value is not finite."""
     if not (np.isfinite(coarse).all() and np.isfinite(fine).all()):
         return float("inf")
-    sizes = np.sqrt(np.mean(fine**2, axis=0))
-    if about_mean:
-        sizes = np.maximum(np.std(fine, axis=0), _MIN_ALTERNATING * sizes)
+    sizes = np.maximum(np.std(fine, axis=0), _MIN_ALTERNATING * np.sqrt(np.mean(fine**2, axis=0)))
     differences = np.sqrt(np.mean((coarse - fine) ** 2, axis=0))
     moving = sizes > 0
     return float(np.max(differences[moving] / sizes[moving], initial=0.0))

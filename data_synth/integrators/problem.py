@@ -152,7 +152,7 @@ class Output:
     ----------
     rate_hz : float
         Sampling rate in Hz; samples are at ``start_s + i / rate_hz``, i = 0, 1, ...
-    displacement, velocity, acceleration : (channels, dof) arrays or None
+    displacement, velocity : (channels, dof) arrays or None
         Maps of the motion.
     mesh_force : (channels, meshes) array or None
         Map of the elastic force in each mesh, ``k f(g . q - e)`` in N.
@@ -178,7 +178,6 @@ class Output:
     rate_hz: float
     displacement: Array | None = None
     velocity: Array | None = None
-    acceleration: Array | None = None
     mesh_force: Array | None = None
     weighted_mesh_force: Array | None = None
 
@@ -192,7 +191,7 @@ class Output:
     @property
     def maps(self) -> dict[str, Array]:
         """The maps that are given, by name."""
-        names = ("displacement", "velocity", "acceleration", "mesh_force", "weighted_mesh_force")
+        names = ("displacement", "velocity", "mesh_force", "weighted_mesh_force")
         named = {name: getattr(self, name) for name in names}
         return {name: value for name, value in named.items() if value is not None}
 
@@ -229,40 +228,30 @@ class Steps:
 class Accuracy:
     """A bound on the RMS error of every channel, from which the number of steps follows.
 
-    A trial run integrates the beginning of the record with one step size and with half of it. Phase errors grow with
-    time, so their difference is scaled up to the whole record.
+    Runs over the first 4096 samples with one step size and with half of it are compared. Phase errors grow with time,
+    so their difference is scaled up to the whole record.
 
     Attributes
     ----------
     relative : float
-        RMS error over RMS of the channel, between 0 and 1.
-    trial : float
-        Part of the record that the trial run takes, above 0 and at most 1.
-    max_per_sample : int
-        Largest number of steps to a sample.
-    about_mean : bool
-        Whether the RMS is that about the mean (but at least a thousandth of the total), for channels of which only the
-        alternating part matters.
+        RMS error over the RMS of the channel about its mean (but at least a thousandth of the total), between 0 and 1.
 
     Examples
     --------
     >>> from data_synth.dynamics import Accuracy
-    >>> Accuracy(relative=1e-3).max_per_sample
-    256
+    >>> Accuracy(relative=1e-3).relative
+    0.001
     """
 
     relative: float
-    trial: float = 0.04
-    max_per_sample: int = 256
-    about_mean: bool = False
 
     def __post_init__(self) -> None:
-        if not 0 < self.relative < 1 or not 0 < self.trial <= 1:
-            raise ValueError(f"relative={self.relative} and trial={self.trial} must lie between zero and one.")
+        if not 0 < self.relative < 1:
+            raise ValueError(f"relative={self.relative} must lie between zero and one.")
 
 
 class Outcome(Enum):
-    """How an integration ended; the value is the remedy.
+    """Why an integration failed; the value is the remedy.
 
     Examples
     --------
@@ -271,10 +260,9 @@ class Outcome(Enum):
     'take more steps to a sample'
     """
 
-    DONE = "nothing to do"
     UNSTABLE_STEP = "take more steps to a sample"
     UNRESOLVED_STEP = "take more steps to a sample, so that each mesh cycle and each mode is resolved"
-    TOLERANCE_NOT_REACHED = "ask for less, or allow more steps to a sample (max_per_sample)"
+    TOLERANCE_NOT_REACHED = "ask for less, or raise rate_hz"
     NOT_CONVERGED = "start nearer to a solution, or follow it from a case that converges in smaller changes"
     DIVERGED = "check the load and the damping: the motion itself grows, or take more steps to a sample"
 
@@ -284,7 +272,7 @@ class IntegrationError(ArithmeticError):
 
     Examples
     --------
-    `Integration.checked` and `integrate_blocks` raise it:
+    `integrate` and `integrate_blocks` raise it:
 
     >>> from data_synth.dynamics import IntegrationError, Outcome
     >>> print(IntegrationError(Outcome.UNSTABLE_STEP, "A step of 0.1 s is unstable."))
@@ -308,17 +296,11 @@ class Integration:
     times_s : (n,) array
         Sample times in s.
     values : (n, channels) array
-        Channels, in the units of their maps; empty where the step size was refused.
-    outcome : Outcome
-        DONE, or why the integration failed.
-    detail : str
-        The numbers behind the outcome.
-    final : State or None
+        Channels, in the units of their maps.
+    final : State
         State at the last sample.
     steps_per_sample : int
-        Steps taken to each sample; 0 where none was.
-    estimated_error : float
-        RMS error over RMS of the worst channel; NaN where the number of steps was given, or refused.
+        Steps taken to each sample.
 
     Examples
     --------
@@ -333,20 +315,11 @@ class Integration:
     >>> problem = Problem(system=free, reference=steady, load=Load(constant=np.ones(1)), duration_s=2.0)
     >>> output = Output(rate_hz=10.0, displacement=np.eye(1))
     >>> found = integrate(problem, output=output, tolerance=Steps(per_sample=1))
-    >>> found.values.shape, round(float(found.values[-1, 0]), 9), found.outcome.name
-    ((21, 1), 2.0, 'DONE')
+    >>> found.values.shape, round(float(found.values[-1, 0]), 9)
+    ((21, 1), 2.0)
     """
 
     times_s: Array = field(metadata={"dims": ("time",), "units": "s"})
     values: Array = field(metadata={"dims": ("time", "channel"), "units": "of the maps"})
-    outcome: Outcome
-    detail: str
-    final: State | None
+    final: State
     steps_per_sample: int
-    estimated_error: float = float("nan")
-
-    def checked(self) -> Integration:
-        """Return the result itself, or raise IntegrationError with outcome and remedy where it is not DONE."""
-        if self.outcome is not Outcome.DONE:
-            raise IntegrationError(self.outcome, self.detail)
-        return self

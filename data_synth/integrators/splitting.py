@@ -23,12 +23,13 @@ from typing import TYPE_CHECKING
 import numpy as np
 from scipy import linalg
 
+from data_synth.integrators.modal_problem import modal_rows
 from data_synth.integrators.problem import Array, IntegrationError, Outcome
 
 if TYPE_CHECKING:
     from data_synth.integrators._splitting_kernels import StepFlow
     from data_synth.integrators.modal_problem import Assembled
-    from data_synth.integrators.readings import Readings
+    from data_synth.integrators.problem import Output
 
 _MAX_IMPULSE = 4.0  # rad2: of variation * step^2; impulses on a harmonic oscillator are unstable beyond
 _MAX_CYCLES = 1.0  # mesh cycles to a step
@@ -48,9 +49,8 @@ def refusal(assembled: Assembled, step_s: float) -> IntegrationError | None:
         )
     problem = assembled.problem
     revolutions = assembled.revolutions(problem.start_s + np.linspace(0, problem.duration_s, 257))
-    if not assembled.cycles.size:
-        return None
-    fastest_hz = np.max(np.abs(np.diff(revolutions))) * 256 / problem.duration_s * np.max(assembled.cycles)
+    most = np.max(assembled.equations.cycles, initial=0.0)
+    fastest_hz = np.max(np.abs(np.diff(revolutions))) * 256 / problem.duration_s * most
     per_step = float(fastest_hz * step_s)
     if per_step <= _MAX_CYCLES:
         return None
@@ -64,71 +64,100 @@ def refusal(assembled: Assembled, step_s: float) -> IntegrationError | None:
 class Stepper:
     """Integrates from sample to sample, with the exact flow over a step.
 
-    `next_weighted` (meshes,), the part of the next weighted mesh forces that is known, is its state beside x.
+    ``rows`` (channels, 2 n) are those of the output over x. `next_weighted` (meshes,), the part of the next weighted
+    mesh forces that is known, is its state beside x.
     """
 
-    readings: Readings
+    assembled: Assembled
+    output: Output
     per_sample: int
+    rows: Array
     flow: StepFlow
     next_weighted: Array
 
     @classmethod
-    def of(cls, readings: Readings, per_sample: int) -> Stepper:
-        """Return the stepper for a number of steps to each sample."""
-        assembled = readings.assembled
+    def of(cls, assembled: Assembled, output: Output, per_sample: int) -> Stepper:
+        """Return the stepper for a number of steps to each sample; ValueError for maps of the wrong shape."""
         return cls(
-            readings=readings,
+            assembled=assembled,
+            output=output,
             per_sample=per_sample,
-            flow=_flow_over(assembled, 1 / (readings.output.rate_hz * per_sample)),
-            next_weighted=np.full(assembled.backlashes.size, np.nan),
+            rows=channel_rows(assembled, output),
+            flow=_flow_over(assembled, 1 / (output.rate_hz * per_sample)),
+            next_weighted=np.zeros(assembled.backlashes.size),
         )
 
+    def at_start(self, x: Array) -> Array:
+        """Return the channels (1, channels) of the first state, from which weighted mesh forces begin."""
+        a, time_s = self.assembled, self.assembled.problem.start_s
+        deflections = a.deflections @ (x[: a.size] / a.scales)
+        forces, revolutions = np.zeros(deflections.size), float(a.revolutions(np.array([time_s]))[0])
+        for number, mesh in enumerate(a.problem.system.meshes):
+            stiffness, error = mesh.teeth_at(np.array([mesh.cycles_per_rev * revolutions]), np.array([time_s]))
+            pressed = deflections[number] - error[0]
+            forces[number] = stiffness[0] * (pressed - np.clip(pressed, -mesh.backlash_m, mesh.backlash_m))
+        self.next_weighted[:] = forces / 2
+        return self._channels((self.rows @ x)[None], np.concatenate([forces, forces])[None])
+
     def advance(self, x: Array, first: int, samples: int) -> Array:
-        """Return readings (samples, readings) at the samples after number `first`; x is updated in place."""
+        """Return the channels (samples, channels) at the samples after number `first`; x is updated in place."""
         from data_synth.integrators._splitting_kernels import split_steps  # noqa: PLC0415
 
-        a, read = self.readings.assembled, self.readings
-        out = np.empty((samples, read.rows.shape[0]))
-        weighted = read.output.weighted_mesh_force is not None
-        forces = np.zeros((samples if weighted else 0, 2 * a.backlashes.size))
-        step_s = 1 / (read.output.rate_hz * self.per_sample)
+        a, rate_hz = self.assembled, self.output.rate_hz
+        linear = np.empty((samples, self.rows.shape[0]))
+        pressed = self.output.mesh_force is not None or self.output.weighted_mesh_force is not None
+        forces = np.zeros((samples if pressed else 0, 2 * self.next_weighted.size))
+        step_s = 1 / (rate_hz * self.per_sample)
         steps = first * self.per_sample + np.arange(samples * self.per_sample + 1)
         edges = np.asarray(a.problem.start_s + steps * step_s, dtype=np.float64)
-        if weighted and np.isnan(self.next_weighted).any():
-            self.next_weighted[:] = read.at(x, float(edges[0]))[0, -a.backlashes.size :] / 2
-        loads = np.zeros((0, a.load_rows.shape[0]))
-        if a.problem.load.varying is not None:
-            loads = a.loads(np.linspace(edges[0], edges[-1], 2 * edges.size - 1))
         split_steps(
             x,
-            out,
-            read.rows,
-            read.constant,
+            linear,
+            self.rows,
             self.per_sample,
             step_s,
             self.flow,
             a.equations,
             a.revolutions(edges),
-            loads,
+            a.loads(np.linspace(edges[0], edges[-1], 2 * edges.size - 1)),
             a.history_positions(edges[:-1] + step_s / 2),
             forces,
             self.next_weighted,
         )
-        return np.hstack([out, forces]) if weighted else out
+        return self._channels(linear, forces)
+
+    def _channels(self, linear: Array, forces: Array) -> Array:
+        """Return the channels (samples, channels) from their linear part and (weighted, own) mesh forces."""
+        weights, meshes = (self.output.weighted_mesh_force, self.output.mesh_force), self.next_weighted.size
+        for given, values in zip(weights, (forces[:, :meshes], forces[:, meshes:]), strict=True):
+            linear = linear if given is None else linear + values @ given.T
+        return np.asarray(linear)
+
+
+def channel_rows(assembled: Assembled, output: Output) -> Array:
+    """Return the rows (channels, 2 n) over x of the part of an output that is linear in it."""
+    a, rows = assembled, np.zeros((output.channels, 2 * assembled.size))
+    for name, given in output.maps.items():
+        width = a.backlashes.size if name.endswith("mesh_force") else a.size
+        if given.shape != (output.channels, width) or not np.all(np.isfinite(given)):
+            raise ValueError(f"output.{name} must be finite ({output.channels}, {width}); its shape is {given.shape}.")
+    if output.displacement is not None:
+        rows += a.displacement_rows(modal_rows(output.displacement, a.frequencies, a.shapes))
+    if output.velocity is not None:
+        rows += a.velocity_rows(output.velocity @ a.shapes)
+    return np.ascontiguousarray(rows)
 
 
 def _flow_over(assembled: Assembled, step_s: float) -> StepFlow:
     """Return the flow over a step."""
     from data_synth.integrators._splitting_kernels import StepFlow  # noqa: PLC0415
 
-    n, equations, drags = assembled.size, assembled.equations, assembled.drags
-    flow = assembled.flow_from_contact
-    (middle, in_middle), (whole, at_end) = flow.over(step_s / 2), flow.over(step_s)
-    deflections = assembled.displacement_rows(assembled.deflections[assembled.mesh_of_force])
-    read = np.vstack([deflections, assembled.velocity_rows(drags)])
+    a, n, equations, drags = assembled, assembled.size, assembled.equations, assembled.equations.drags
+    (middle, input_in_middle, in_middle), (whole, input_at_end, at_end) = _flows(a, step_s)
+    deflections = a.displacement_rows(a.deflections[equations.error_of])
+    read = np.vstack([deflections, a.velocity_rows(drags)])
     directions = np.vstack([equations.force_columns.T, drags])
     matrix = np.vstack([whole, deflections @ whole, read @ middle])
-    input_at_end, input_in_middle = _input_columns(assembled, step_s)
     by_input = np.vstack([input_at_end, deflections @ input_at_end, read @ input_in_middle])
     matrix = np.hstack([matrix, matrix[:, n:] @ directions.T, by_input])
     from_middle = directions @ np.vstack([middle, deflections @ middle])[:, n:].T
@@ -143,21 +172,28 @@ def _flow_over(assembled: Assembled, step_s: float) -> StepFlow:
     )
 
 
-def _input_columns(assembled: Assembled, step_s: float) -> tuple[Array, Array]:
-    """Return what inputs add to x at the end and in the middle of a step, each (2 n, 3 inputs).
+def _flows(assembled: Assembled, step_s: float) -> tuple[tuple[Array, Array, Array], tuple[Array, Array, Array]]:
+    """Return propagator (2 n, 2 n), effect of inputs (2 n, 3 inputs) and of the constant load (2 n,).
 
-    Inputs are the transmission error of each force, zero for friction, then the varying loads. One is the parabola
-    through its values at beginning, middle and end, ``q0 + q1 t + q2 t^2 / 2`` with t from 0 to 1: by the exponential
-    of x' with q0, q1 and q2 as further states, q0' = q1 and q1' = q2.
+    Over half a step, and over a step. Inputs are the transmission error of each force, zero for friction, then the
+    varying loads. One is the parabola through its values at beginning, middle and end, ``q0 + q1 t + q2 t^2 / 2`` with
+    t from 0 to 1: by the exponential of x' with q0, q1 and q2 as further states, q0' = q1 and q1' = q2; the constant
+    load is one more.
     """
-    x, frictions = 2 * assembled.size, assembled.friction_rows.shape[0]
-    following = assembled.deflections.T * (assembled.means * assembled.following)
-    forces = np.hstack([following, np.zeros((x // 2, frictions)), assembled.load_rows.T])
-    each = np.eye(forces.shape[1])
-    generator = np.zeros((x + 3 * each.shape[0], x + 3 * each.shape[0]))
-    generator[:x, :x] = assembled.flow.generator
-    generator[x // 2 : x, x::3] = forces
-    generator[x:, x:] = np.kron(each, np.eye(3, k=1)) / step_s
-    from_nodes = np.kron(each, [[1.0, 0.0, 0.0], [-3.0, 4.0, -1.0], [4.0, -8.0, 4.0]])
-    half = linalg.expm(generator * (step_s / 2))
-    return (half @ half)[:x, x:] @ from_nodes, half[:x, x:] @ from_nodes
+    a, x, equations = assembled, 2 * assembled.size, assembled.equations
+    following = a.deflections[equations.error_of].T * (equations.mean_stiffnesses * equations.following)
+    forces = np.hstack([following, a.load_rows.T, a.drive[:, None]])
+    generator, each = a.generator, np.eye(forces.shape[1])
+    # as large as the generator: the exponential's rounding is that of its norm
+    scale = np.max(np.abs(forces), initial=0.0) / np.max(np.abs(generator), initial=np.finfo(float).tiny) or 1.0
+    whole = np.zeros((x + 3 * each.shape[0], x + 3 * each.shape[0]))
+    whole[:x, :x] = generator
+    whole[x // 2 : x, x::3] = forces / scale
+    whole[x:, x:] = np.kron(each, np.eye(3, k=1)) / step_s
+    from_nodes = scale * np.kron(each, [[1.0, 0.0, 0.0], [-3.0, 4.0, -1.0], [4.0, -8.0, 4.0]])
+    half = linalg.expm(whole * (step_s / 2))
+    found = []
+    for flow in (half, half @ half):
+        by_input = flow[:x, x:] @ from_nodes
+        found.append((flow[:x, :x], by_input[:, :-3], by_input[:, -3:].sum(axis=1)))
+    return found[0], found[1]

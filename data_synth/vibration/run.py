@@ -264,7 +264,7 @@ class Motion:
             return steps_to_a_sample(
                 self.problem(start_s, long_s),
                 output=trial_output if weighted is None else weighted.trial_output,
-                tolerance=Accuracy(relative=self.error, trial=1.0, about_mean=True),
+                tolerance=Accuracy(relative=self.error),
             )
         except IntegrationError as caught:
             raise not_followed(caught) from None

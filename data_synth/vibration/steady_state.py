@@ -11,8 +11,7 @@ from scipy import linalg
 
 from data_synth.integrators.driver import integrate
 from data_synth.integrators.modal_problem import assemble
-from data_synth.integrators.problem import Outcome, State, Steps
-from data_synth.integrators.readings import Readings
+from data_synth.integrators.problem import IntegrationError, Outcome, State, Steps
 from data_synth.integrators.splitting import Stepper, refusal
 
 if TYPE_CHECKING:
@@ -43,10 +42,6 @@ class PeriodicState:
         Newton iterations.
     residual : float
         Norm of the change of the state over a period, over the norm of the state.
-    outcome : Outcome
-        DONE, NOT_CONVERGED, or why the step size is refused.
-    detail : str
-        The numbers behind the outcome.
 
     Examples
     --------
@@ -71,8 +66,6 @@ class PeriodicState:
     multipliers: NDArray[np.complex128] = field(metadata={"dims": ("multiplier",), "units": "1"})
     iterations: int
     residual: float
-    outcome: Outcome
-    detail: str
 
     @property
     def stable(self) -> bool:
@@ -100,6 +93,11 @@ def periodic_state(problem: Problem, *, output: Output, samples: int, steps: Ste
     -------
     PeriodicState
 
+    Raises
+    ------
+    IntegrationError
+        If the step size is refused, or Newton's method does not converge.
+
     Examples
     --------
     A mass on a mesh whose transmission error of 1 um excites it at its natural frequency of 10 rad/s: the amplitude
@@ -122,54 +120,47 @@ def periodic_state(problem: Problem, *, output: Output, samples: int, steps: Ste
     assembled = assemble(problem)
     output = replace(output, rate_hz=samples / problem.duration_s)
     tolerance = steps or Steps(per_sample=1)
-    readings = Readings.of(assembled, output)
     periodic = _periodic_entries(assembled)
-    linear = not assembled.drag_factors.size and not np.any(assembled.backlashes > 0)
+    linear = not assembled.equations.drag_factors.size and not np.any(assembled.backlashes > 0)
     refused = refusal(assembled, problem.duration_s / samples / tolerance.per_sample)
+    if refused is not None:
+        raise refused
     start = assembled.modal(problem.start) if problem.start is not None else equilibrium(assembled)
-    x, residual, jacobian, iterations = start, np.inf, np.zeros((0, 0)), 0
-    if refused is None:
-        stepper = partial(Stepper.of, readings, tolerance.per_sample)
-        x, residual, jacobian, iterations = _newton(stepper, start, periodic, samples, linear)
+    stepper = partial(Stepper.of, assembled, output, tolerance.per_sample)
+    x, residual, jacobian, iterations = _newton(stepper, start, periodic, samples, linear)
+    if residual > _TOLERANCE:
+        raise IntegrationError(
+            Outcome.NOT_CONVERGED,
+            f"After {iterations} iterations the state still changes by {residual:.2g} of its norm over a period.",
+        )
     state = assembled.physical(x)
-    waveform = integrate(replace(problem, start=state), output=output, tolerance=tolerance)
-    outcome = waveform.outcome if residual <= _TOLERANCE or refused is not None else Outcome.NOT_CONVERGED
-    if outcome is Outcome.DONE:
-        detail = f"The state is periodic to {residual:.2g} of its norm after {iterations} iterations."
-    elif outcome is not Outcome.NOT_CONVERGED:
-        detail = waveform.detail
-    else:
-        detail = f"After {iterations} iterations the state still changes by {residual:.2g} of its norm over a period."
     return PeriodicState(
         start=state,
-        waveform=waveform,
-        multipliers=np.asarray(linalg.eigvals(jacobian), dtype=np.complex128)
-        if jacobian.size
-        else np.zeros(0, complex),
+        waveform=integrate(replace(problem, start=state), output=output, tolerance=tolerance),
+        multipliers=np.asarray(linalg.eigvals(jacobian), dtype=np.complex128),
         iterations=iterations,
         residual=float(residual),
-        outcome=outcome,
-        detail=detail,
     )
 
 
 def _periodic_entries(assembled: Assembled) -> NDArray[np.bool_]:
     """Return which entries of x are periodic: all but the displacements of rigid-body modes."""
-    return np.concatenate([assembled.flow.modes.frequencies > 0, np.ones(assembled.size, dtype=bool)])
+    return np.concatenate([assembled.frequencies > 0, np.ones(assembled.size, dtype=bool)])
 
 
 def equilibrium(assembled: Assembled) -> Array:
     """Return x of steady rotation under the constant load, with mean mesh stiffness, drag and teeth in contact."""
     periodic, size = _periodic_entries(assembled), assembled.size
-    generator = assembled.flow.generator[np.ix_(periodic, periodic)]
-    rows = assembled.velocity_rows(assembled.drags)[:, periodic]
-    push = np.vstack([np.zeros((size, assembled.drag_factors.size)), assembled.drags.T])[periodic]
-    z = np.zeros(int(periodic.sum()))
-    speeds = np.ones(assembled.drag_factors.size)
+    drags, drag_factors = assembled.equations.drags, assembled.equations.drag_factors
+    generator = assembled.generator[np.ix_(periodic, periodic)]
+    rows = assembled.velocity_rows(drags)[:, periodic]
+    push = np.vstack([np.zeros((size, drag_factors.size)), drags.T])[periodic]
+    drive, z = np.concatenate([np.zeros(size), assembled.drive]), np.zeros(int(periodic.sum()))
+    speeds = np.ones(drag_factors.size)
     for _ in range(60):
         # Newton's method; for a single drag it is Heron's square root
-        slope = generator - push @ (2 * assembled.drag_factors * np.abs(speeds) * rows.T).T
-        force = assembled.flow.drive[periodic] + push @ (assembled.drag_factors * speeds * np.abs(speeds))
+        slope = generator - push @ (2 * drag_factors * np.abs(speeds) * rows.T).T
+        force = drive[periodic] + push @ (drag_factors * speeds * np.abs(speeds))
         z = linalg.lstsq(slope, -force, cond=1e-13)[0]
         if np.allclose(rows @ z, speeds, rtol=1e-13, atol=0):
             break
@@ -178,12 +169,12 @@ def equilibrium(assembled: Assembled) -> Array:
     x[periodic] = z
     shift = np.zeros_like(assembled.backlashes)
     for number, half_gap in enumerate(assembled.backlashes):
-        deflection = assembled.deflections[number] @ (x[:size] / assembled.flow.modes.scales)
+        deflection = assembled.deflections[number] @ (x[:size] / assembled.scales)
         shift[number] = half_gap * np.sign(deflection)
     if np.any(shift):
         # contact begins at half the backlash: the same forces at a larger deflection
         forces = assembled.deflections.T @ (assembled.means * shift)
-        w = assembled.flow.modes.frequencies
+        w = assembled.frequencies
         x[:size] += np.divide(forces, w, out=np.zeros(size), where=w > 0)
     return x
 

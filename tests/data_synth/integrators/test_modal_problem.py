@@ -1,21 +1,22 @@
-"""What integrators are made of: tables of periodic functions, modes, flows."""
+"""What integrators are made of: tables of periodic functions, modes."""
 
 from itertools import pairwise
 
 import mpmath
 import numpy as np
 import pytest
-from gear_pair import DIRECTION, MASSES, MEAN, rectangle, ten_harmonics
+from gear_pair import DIRECTION, MASSES, MEAN, pair, rectangle, ten_harmonics
 from numpy.polynomial import legendre as polynomials
 from scipy import linalg
 
+from data_synth.dynamics.modes import undamped_modes
+from data_synth.dynamics.system import System
 from data_synth.integrators._periodic_kernels import (
     integrals_at,
     legendre,
     legendre_of_product,
     value_at,
 )
-from data_synth.integrators.modal_problem import flow_of, modes_of
 from data_synth.integrators.periodic_tables import Wave, tabulated
 
 CURVES = {
@@ -93,40 +94,22 @@ def digits_of(bearings):
 class TestModes:
     @pytest.mark.parametrize("bearings", [1e8, 1e12, 1e16])
     def test_every_frequency_has_all_its_digits(self, bearings):
-        mass = np.diag(MASSES)
-        modes = modes_of(mass, np.diag([bearings, 0, bearings, 0]) + MEAN * np.outer(DIRECTION, DIRECTION))
-        assert modes.frequencies[0] == 0  # the rigid mode, exactly
-        np.testing.assert_allclose(modes.frequencies[1:], digits_of(bearings), rtol=2e-15)
-        np.testing.assert_allclose(modes.shapes.T @ mass @ modes.shapes, np.eye(4), atol=1e-14)
-        assert modes.rows(DIRECTION[None])[0, 0] == 0  # meshes see no rigid mode
-
-    def test_published_frequencies(self):
-        # the exact set W
-        modes = modes_of(np.diag(MASSES), np.diag([1e8, 0, 1e8, 0]) + MEAN * np.outer(DIRECTION, DIRECTION))
-        np.testing.assert_allclose(modes.frequencies, [0, 692.22774872, 2467.11467008, 4316.6385243], rtol=1e-11)
+        angular, shapes = undamped_modes(pair(rectangle(), bearings=bearings), [MEAN])
+        assert angular[0] == 0  # the rigid mode, exactly
+        np.testing.assert_allclose(angular[1:], digits_of(bearings), rtol=2e-15)
+        np.testing.assert_allclose(shapes.T @ np.diag(MASSES) @ shapes, np.eye(4), atol=1e-14)
 
     def test_a_full_mass_matrix(self):
         rng = np.random.default_rng(1)
         a, b = rng.standard_normal((2, 6, 6))
         mass, stiffness = a @ a.T + np.eye(6), b @ b.T
+        system = System(mass=mass, damping=0 * mass, stiffness=stiffness, meshes=(), names=("x",) * 6)
         wanted = np.sqrt(linalg.eigh(stiffness, mass, eigvals_only=True))
-        np.testing.assert_allclose(modes_of(mass, stiffness).frequencies, wanted, rtol=1e-9)  # of scipy's own error
+        np.testing.assert_allclose(undamped_modes(system, [])[0], wanted, rtol=1e-9)  # of scipy's own error
 
     def test_nothing_but_rigid_modes(self):
-        modes = modes_of(np.diag([2.0, 8.0]), np.zeros((2, 2)))
-        assert not modes.frequencies.any()
-        np.testing.assert_allclose(modes.shapes.T @ np.diag([2.0, 8.0]) @ modes.shapes, np.eye(2), atol=1e-15)
-
-
-class TestFlow:
-    @pytest.mark.parametrize("decay", [0.0, 30.0, 2e4])  # the last beyond critical
-    def test_closed_form_by_the_exponential(self, decay):
-        mass, stiffness = np.diag(MASSES), np.diag([1e8, 0, 1e8, 0]) + MEAN * np.outer(DIRECTION, DIRECTION)
-        flow = flow_of(modes_of(mass, stiffness), decay * mass, np.array([1.0, 75.0, -2.0, -30.0]))
-        augmented = np.zeros((9, 9))
-        augmented[:8, :8], augmented[:8, 8] = flow.generator, flow.drive
-        for time_s in (1e-9, 1e-5, 1e-3):
-            propagator, added = flow.over(time_s)
-            wanted = linalg.expm(augmented * time_s)
-            np.testing.assert_allclose(propagator, wanted[:8, :8], atol=1e-13)
-            np.testing.assert_allclose(added, wanted[:8, 8], atol=1e-13 * np.max(np.abs(wanted[:8, 8])))
+        mass = np.diag([2.0, 8.0])
+        system = System(mass=mass, damping=0 * mass, stiffness=0 * mass, meshes=(), names=("x",) * 2)
+        angular, shapes = undamped_modes(system, [])
+        assert not angular.any()
+        np.testing.assert_allclose(shapes.T @ mass @ shapes, np.eye(2), atol=1e-15)

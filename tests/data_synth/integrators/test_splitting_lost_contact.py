@@ -19,7 +19,7 @@ from scipy.integrate import solve_ivp
 
 from data_synth.dynamics.system import Mesh, System
 from data_synth.integrators.driver import integrate
-from data_synth.integrators.problem import Load, Outcome, Output, Problem, State, Steps
+from data_synth.integrators.problem import IntegrationError, Load, Output, Problem, State, Steps
 from data_synth.vibration.steady_state import periodic_state
 
 ONE = Steps(per_sample=1)
@@ -70,7 +70,7 @@ def relative_energy(values, half_gap=HALF_GAP):
 
 
 def run(problem, output, *, steps):
-    return integrate(problem, output=output, tolerance=Steps(per_sample=steps)).checked()
+    return integrate(problem, output=output, tolerance=Steps(per_sample=steps))
 
 
 class TestContacts:
@@ -128,8 +128,8 @@ class TestEnergy:
             largest.append(rms([most for _, most in walks]))
         # two halvings gain 4^2 or more
         assert largest[0] > 16 * largest[2]
-        walks = [walk(100, x, oscillations=5000) for x in np.linspace(1.5, 3.0, 9)]
-        # five times as long, and hardly farther from where it began: a walk would come sqrt(5) times as far
+        walks = [walk(100, x, oscillations=2500) for x in np.linspace(1.5, 3.0, 18)]
+        # 2.5 times as long, and hardly farther from where it began: a walk would come sqrt(2.5) times as far
         assert rms([most for _, most in walks]) < 1.5 * largest[2] < 2e-3
         # the slopes are a sample whose mean has a standard error
         slopes = np.array([slope for slope, _ in walks])
@@ -143,7 +143,7 @@ def walk(steps, x, *, oscillations):
     problem = free(HALF_GAP, x=x, v=v, duration_s=oscillations * PERIOD)
     # read at every fifth step: what a contact has changed stays until the next
     rate_hz = 1.037 * steps / PERIOD / 5
-    found = integrate(problem, output=read(rate_hz), tolerance=Steps(per_sample=5)).checked()
+    found = integrate(problem, output=read(rate_hz), tolerance=Steps(per_sample=5))
     energies = relative_energy(found.values)
     return float(np.polyfit(found.times_s / PERIOD, energies, 1)[0]), float(np.max(np.abs(energies)))
 
@@ -187,9 +187,12 @@ def followed(state, step, stop):
     """Follow a stable motion from 0.88 on by shooting, each from the one before; return the speed of the last."""
     speed = 0.88
     while abs(step) > 2e-5 and (stop - speed) / step > 1e-9:
-        new = motion(speed + step, state.start)
-        near = abs(swing(new) - swing(state)) < 0.25 * swing(state)
-        if new.outcome is Outcome.DONE and new.stable and near:
+        try:
+            new = motion(speed + step, state.start)
+        except IntegrationError:
+            step /= 2
+            continue
+        if new.stable and abs(swing(new) - swing(state)) < 0.25 * swing(state):
             speed, state = speed + step, new
         else:
             step /= 2
@@ -217,7 +220,6 @@ class TestTwoMotions:
         state = motions[which]
         for at in np.linspace(0.88, speed, 9)[1:]:
             state = motion(at, state.start)
-        assert state.outcome is Outcome.DONE
         assert state.stable
         x, v = state.start.displacement[0] - DEEP, state.start.velocity[0]
         # what steps of 0.016 rad with kinks in them leave over a period
