@@ -19,8 +19,7 @@ from data_synth import Scene, load_scene
 from data_synth.dynamics.placement import contacts_of
 from data_synth.gears.lost_contact import spall_gap
 from data_synth.operation.shaft_angle import Array
-from data_synth.scene.faults import Pitting, Spall
-from data_synth.scene.scene import GearFault
+from data_synth.scene.faults import GearFault, Pitting, Spall
 from data_synth.simulation import NoiseFree, noise_free
 from data_synth.sources.families import mesh_name
 from data_synth.vibration.meshes import kinematics_of
@@ -63,12 +62,10 @@ has no resonances of gears."""
 _TURNS = 2  # of the damaged gear that are simulated, or as many as it takes to meet all planets
 _LOADS = (1.0, 0.5)  # of the scene's torque, at which it is run
 _SPEEDS = (0.6, 0.7, 0.8, 0.9, 1.0, 1.1, 1.2, 1.3)  # of the scene's speed
-_LEAST_EXPONENT = 1e-3  # of the size: a scene takes none of zero
 _PULSES = 60  # a turn of the tachometer's link: a speed needs two in a short scene
 _FINER = (0.1, 0.01)  # times the error of a record: what a fault adds is a small difference of two
 _FAR = 30.0  # times the error of a record, which is an RMS: a peak that is large enough to be known to 1 dB
 _SMALL_MM = 0.01  # a size that every gear has
-_WHOLE = 1.0  # m: deeper than any spall
 _NO_FACTORS = {"amplitude_per_mm": 0.0, "phase_rad_per_mm": 0.0, "impact_per_mm": 0.0}
 _ALL_ROUND = ("eccentricity", "misalignment", "wear")
 
@@ -155,7 +152,7 @@ def largest_effect_mm(scene: Scene, fault: GearFault) -> float | None:
     mesh, _, link = fault.component.rpartition("/")
     contact = next(each for each in contacts_of(kinematics_of(scene), {}) if each.mesh == mesh)
     pair, gear = contact.equivalent_pair, contact.links.index(scene.gearbox.instances(link)[0])
-    gap = spall_gap(pair, gear, depth_m=_WHOLE, length_pitches=fault.length_pitches)
+    gap = spall_gap(pair, gear, depth_m=1.0, length_pitches=fault.length_pitches)
     return 1e3 * float(gap(np.array([pair.contact_ratio / 2]))[0])
 
 
@@ -180,7 +177,7 @@ def fitted(scene: Scene, runs: DamageRuns, sizes_mm: tuple[float, ...]) -> Fit:
     wanted = peaks - [units[speed] for *_, speed in at]
     powers = np.log([(min(size, most_mm or math.inf), load, speed) for size, load, speed in at])
     slopes, *_ = np.linalg.lstsq(powers - np.mean(powers, axis=0), wanted - np.mean(wanted), rcond=None)
-    exponents = np.maximum(slopes, [_LEAST_EXPONENT, 0.0, 0.0])
+    exponents = np.maximum(slopes, [1e-3, 0.0, 0.0])
     rest = wanted - powers @ exponents
     return Fit(
         # a kinematic scene has no resonances of gears: its peak swings about the power of the speed
@@ -193,7 +190,10 @@ def fitted(scene: Scene, runs: DamageRuns, sizes_mm: tuple[float, ...]) -> Fit:
 
 def scene_of(name: str, kind: str, component: str) -> Scene:
     """Return a shipped scene with one fault."""
-    return load_scene(name).changed(faults=({"kind": kind, "component": component, size_key(kind): 1.0},))
+    scene = load_scene(name)
+    fault = {"kind": kind, "component": component, size_key(kind): 1.0}
+    across = {"width_mm": 40.0 if component == "stage 2/output" else 30.0}  # of the face: or nothing sinks in
+    return scene.changed(faults=(fault | (across if kind in ("spall", "pitting") else {}),))
 
 
 def apart_db(scene: Scene, runs: DamageRuns, fit: Fit, sizes_mm: tuple[float, ...]) -> list[float]:

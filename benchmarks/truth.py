@@ -79,8 +79,8 @@ def cases() -> Iterator[tuple[str, Scene]]:
     yield "the same, 100 to 240 rpm", planets.changed(speed=up)
     uneven = {"planets": {}, "gears": {}}
     yield "the same, planets and gears uneven", planets.changed(speed=up, imperfections=uneven)
-    pitted = planets.changed(faults=({"kind": "spall", "component": "sun-planet/planet", "size_mm": 0.02},))
-    yield "the same, a planet's tooth spalled, 1 s at 240 rpm", pitted.changed(duration_s=1)
+    spall = {"kind": "spall", "component": "sun-planet/planet", "size_mm": 0.02, "width_mm": 30}
+    yield "the same, a planet's tooth spalled, 1 s at 240 rpm", planets.changed(faults=(spall,), duration_s=1)
     yield "`wijianto`", load_scene("wijianto")
     plan = load_plan("benchmark-1").changed(seed=SEED)
     damaged = {*plan.classes[1 : plan.classes.index("imbalance")]}

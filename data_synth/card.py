@@ -72,7 +72,7 @@ def data_card(plan: Plan) -> str:
     >>> from data_synth import load_plan
     >>> from data_synth.card import data_card
     >>> data_card(load_plan("benchmark-1").changed(records=20)).splitlines()[0]
-    '# benchmark-1 3.0: synthetic gearbox vibration with labelled faults'
+    '# benchmark-1 3.1: synthetic gearbox vibration with labelled faults'
     """
     scene = plan.scene(0)
     rows = [plan.labels(number) for number in range(plan.records)]

@@ -13,7 +13,8 @@ from data_synth.fidelity.time_compression import compressed, compression_factor,
 from data_synth.kinematic.gear_faults import ImpactTrain
 from data_synth.kinematic.harmonics import HarmonicFamily
 from data_synth.scene.random_streams import random_stream
-from data_synth.scene.scene import Fault, Scene, SceneError, Sensor, load_scene
+from data_synth.scene.scene import Scene, SceneError, load_scene
+from data_synth.scene.sensors import Sensor
 from data_synth.scene.transfer_paths import Transfer
 from data_synth.sources.families import turning_ratios
 from data_synth.sources.impact_lines import impact_lines
@@ -228,7 +229,7 @@ def _parts(stage: PreparedScene, scene: Scene, time_factor: float) -> Iterator[P
         why=f"orders up to {scene.rate_hz / 2 / top:.4g} fit the sampling rate",
     )
     samples = scene.samples * len(scene.sensors)
-    faulty = {fault.component: fault for fault in scene.faults}
+    faulty = {fault.component: fault.kind for fault in scene.faults}
     for family in stage.families:
         lines = int(family.nonzero.sum())
         yield Part(
@@ -309,19 +310,16 @@ def _gears(motion: Motion, choice: Choice) -> Iterator[Part]:
 
 
 def _first(family: HarmonicFamily) -> float:
-    return float(
-        next(
-            (order for order, nonzero in zip(family.orders, family.nonzero, strict=True) if nonzero), family.base_order
-        )
-    )
+    numbers = family.nonzero.nonzero()[0]
+    return float(family.orders[numbers[0]] if numbers.size else family.base_order)
 
 
-def _why(family: HarmonicFamily, faulty: Mapping[str, Fault]) -> str:
+def _why(family: HarmonicFamily, faulty: Mapping[str, str]) -> str:
     if family.kind == "shaft" and family.coefficients.ndim == 1:
         return "a shaft that turns"
     if family.kind == "gear_mesh":
         return "gears in mesh"
-    return faulty[family.component].kind if family.component in faulty else family.kind
+    return faulty.get(family.component, family.kind)
 
 
 def _chain(sensor: Sensor) -> str:

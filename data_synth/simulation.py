@@ -11,8 +11,10 @@ from data_synth.cost import refuse_too_large
 from data_synth.fidelity.choice import Choice, chosen, with_gear_lines
 from data_synth.kinematic.harmonics import ComplexArray
 from data_synth.operation.shaft_angle import Array
+from data_synth.scene.faults import GearFault
 from data_synth.scene.random_streams import RandomStreams, Streams
-from data_synth.scene.scene import GearFault, Scene, SceneError, Sensor, load_scene
+from data_synth.scene.scene import Scene, SceneError, load_scene
+from data_synth.scene.sensors import Sensor
 from data_synth.sources.disturbances import (
     add_electrical,
     add_outside_sources,

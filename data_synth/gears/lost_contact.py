@@ -5,9 +5,10 @@ Pairs in contact share the static force F as springs k_i, each behind its gap g_
     F = sum_i k_i max(0, d - g_i)
 
 so a pair carries only where its gap is less than the deflection d at which the others take all of F. Of the pairs that
-carry, the mesh has the stiffness ``k = sum k_i`` and the transmission error ``e = sum k_i g_i / k``. A pair that is
-alone on the path of contact sinks in no further than until a neighbour carries off it, at the tip of one of its teeth:
-its gap there is the separation of the flanks (`separation_m`).
+carry, the mesh has the stiffness ``k = sum k_i`` and the transmission error ``e = sum k_i g_i / k``.
+A pair that has lost material over a part of its face is two springs, one of them without a gap. A pair that is alone on
+the path of contact sinks in no further than until a neighbour carries off it, at the tip of one of its teeth: its gap
+there is the separation of the flanks (`separation_m`).
 
 References
 ----------
@@ -23,7 +24,7 @@ from dataclasses import dataclass, field
 from functools import cached_property
 
 import numpy as np
-from numpy.typing import ArrayLike, NDArray
+from numpy.typing import ArrayLike
 
 from data_synth.gears.geometry import GearPair
 from data_synth.gears.mesh_stiffness import Array
@@ -35,7 +36,6 @@ _FAR_M = 1.0  # a gap that nothing bridges
 _EVERY = 8  # of these points are knots of the transmission error, where it is smooth
 _STEEP = 0.03  # of the whole error, from point to point: there every point is one
 _EDGE = 1e-9  # cycles: either side of the end of contact
-_FEW = 1024  # phases of a function that is evaluated at all of them
 _NEAR_BASE = 0.1  # of the radius of curvature at the pitch point: nearer the base circle sliding has no bound
 
 Gap = Callable[[Array], Array]
@@ -90,6 +90,7 @@ class LoadSharing:
         since: ArrayLike,
         *,
         gap: Gap,
+        gap_share: float = 1.0,
         softer: Gap | None = None,
         others: Gap | None = None,
         others_share: float = 1.0,
@@ -102,6 +103,8 @@ class LoadSharing:
             Cycles since the pair entered.
         gap : callable
             The gap of the pair.
+        gap_share : float
+            Share of its face that is behind the gap.
         softer : callable or None
             Compliance that its damage adds, m/N.
         others : callable or None
@@ -110,32 +113,40 @@ class LoadSharing:
             Share of the face on which they are in contact.
         """
         at = np.asarray(since, dtype=np.float64)
-        own, healthy = np.minimum(gap(at), self.most_m), 1 / self.pair_compliance(at)
-        stiffness = healthy if softer is None else 1 / (1 / healthy + softer(at))
-        count = math.ceil(self.gears.contact_ratio)
-        springs, pulls = np.zeros((2, at.size))
+        healthy, none = 1 / self.pair_compliance(at), np.zeros(at.size)
+        own = healthy if softer is None else 1 / (1 / healthy + softer(at))
+        springs, gaps = [gap_share * own, (1 - gap_share) * own], [np.minimum(gap(at), self.most_m), none]
+        count, alone = math.ceil(self.gears.contact_ratio), np.ones(at.size, dtype=np.bool_)
         for number in (*range(-count, 0), *range(1, count + 1)):
             place = at + number
             on_path = (place >= 0) & (place < self.gears.contact_ratio)
             clipped = np.clip(place, 0.0, self.gears.contact_ratio)
-            spring = np.where(on_path, others_share / self.pair_compliance(clipped), 0.0)
-            springs += spring
-            pulls += spring * (others(clipped) if others is not None else 0.0)
-        alone = springs == 0
-        springs = np.where(alone, others_share * healthy, springs)
-        their = np.where(alone, np.minimum(self.off_path_m(at, others), self.most_m), pulls / springs)
-        # a pair that is alone carries all, or a neighbour off the path does, whichever gives less
-        whole = np.divide(self.static_n, stiffness, out=np.full(at.size, np.inf), where=stiffness > 0) + own
-        carries = np.where(alone, whole <= their + self.static_n / springs, own <= their + self.static_n / springs)
-        carries &= stiffness > 0
-        they_carry = ~carries | (~alone & (their <= whole))
-        stiffness, springs = np.where(carries, stiffness, 0.0), np.where(they_carry, springs, 0.0)
-        error = (stiffness * own + springs * their) / (stiffness + springs)
+            springs.append(np.where(on_path, others_share / self.pair_compliance(clipped), 0.0))
+            gaps.append(others(clipped) if others is not None else none)
+            alone &= ~on_path
+        carrying, error, deflection = self._carried(np.array(springs), np.array(gaps))
+        # a pair that is alone carries all, or a neighbour off the path does, whichever sinks in less
+        off_path = np.minimum(self.off_path_m(at, others), self.most_m)
+        instead = alone & (off_path + self.static_n / (others_share * healthy) < deflection)
         return Shared(
-            pair_n_m=stiffness + np.where(alone, springs, 0.0),
-            error_m=error,
-            deflection_m=error + self.static_n / (stiffness + springs),
+            pair_n_m=np.where(instead, others_share * healthy, carrying[:2].sum(axis=0)),
+            error_m=np.where(instead, off_path, error),
+            deflection_m=np.where(instead, off_path + self.static_n / (others_share * healthy), deflection),
         )
+
+    def _carried(self, springs: Array, gaps: Array) -> tuple[Array, Array, Array]:
+        """Return the springs (m, n) that carry, else 0, their error (n,) and the static deflection (n,).
+
+        The force is the largest of ``sum k_i (d - g_i)`` over all sets of springs, so the deflection is the least that
+        any set has: one of the springs with the smallest gaps.
+        """
+        among = gaps <= gaps[:, None]
+        stiffness, pulls = np.sum(among * springs, axis=1), np.sum(among * springs * gaps, axis=1)
+        every = np.divide(self.static_n + pulls, stiffness, out=np.full(gaps.shape, np.inf), where=stiffness > 0)
+        sunk = np.min(every, axis=0)
+        carrying = np.where(gaps <= (1 + 1e-12) * sunk, springs, 0.0)
+        total = np.sum(carrying, axis=0)
+        return carrying, np.divide(np.sum(carrying * gaps, axis=0), total, out=sunk.copy(), where=total > 0), sunk
 
     def healthy_m(self, since: Array) -> Array:
         """Return the static deflection (n,) in m of healthy teeth."""
@@ -211,13 +222,14 @@ def _curvature_radii_m(pair: GearPair, since: Array) -> tuple[Array, Array]:
     return on_path, second
 
 
-def spall_gap(pair: GearPair, gear: int, *, depth_m: float, length_pitches: float) -> Gap:
+def spall_gap(pair: GearPair, gear: int, *, depth_m: float, length_pitches: float, across: bool = True) -> Gap:
     """Return the gap of a spall in the middle of the path of contact, on the flank of one gear.
 
-    The mating flank, of relative curvature radius rho, tips over the edges of the spall and sinks in by
-    ``(L / 2 - |s|)^2 / (2 rho)`` at the distance s from its middle: ``L^2 / (8 rho)`` there, or as deep as it is. The
-    length L on the flank is that on the path of contact times the radius of curvature of the flank over that of the
-    base circle, as the contact moves along it.
+    Beside a spall that is narrower than the face the flanks carry on, and its gap is its depth. Into one across the
+    face the mating flank, of relative curvature radius rho, tips over its edges and sinks in by ``(L / 2 - |s|)^2 / (2
+    rho)`` at the distance s from its middle: ``L^2 / (8 rho)`` there, or as deep as it is. The length L on the flank is
+    that on the path of contact times the radius of curvature of the flank over that of the base circle, as the contact
+    moves along it.
 
     Parameters
     ----------
@@ -227,6 +239,8 @@ def spall_gap(pair: GearPair, gear: int, *, depth_m: float, length_pitches: floa
     depth_m : float
     length_pitches : float
         Length along the path of contact, in base pitches.
+    across : bool
+        Whether it spans the face.
     """
     middle = pair.contact_ratio / 2
     own, other = (float(part) for part in _curvature_radii_m(pair, np.array(middle))[:: 1 if gear == 0 else -1])
@@ -235,9 +249,17 @@ def spall_gap(pair: GearPair, gear: int, *, depth_m: float, length_pitches: floa
 
     def gap(since: Array) -> Array:
         from_edge = np.maximum(length_pitches / 2 - np.abs(since - middle), 0.0) * scale
-        return np.minimum(depth_m, from_edge**2 / (2 * relative))
+        return np.minimum(depth_m, from_edge**2 / (2 * relative)) if across else np.where(from_edge > 0, depth_m, 0.0)
 
     return gap
+
+
+def pitted_share(pair: GearPair, *, length_pitches: float) -> float:
+    """Return the share of the face that a spall of a length spans when it takes 4 % of the active flank.
+
+    By so much a case-hardened tooth counts as pitted: FVA information sheet 2/IV (1997), the pitting test.
+    """
+    return 0.04 * pair.contact_ratio / length_pitches
 
 
 def broken_tip_gap(pair: GearPair, gear: int, *, height_m: float) -> Gap:
@@ -287,6 +309,8 @@ class LostContact:
     ----------
     sharing : LoadSharing
     gap : callable
+    gap_share : float
+        Share of the face that is behind the gap.
     face_share : float
         Share of the face that is in contact; stiffness is proportional.
     others_share : float
@@ -299,6 +323,7 @@ class LostContact:
 
     sharing: LoadSharing
     gap: Gap = field(default=np.zeros_like, repr=False)
+    gap_share: float = 1.0
     face_share: float = 1.0
     others_share: float = 1.0
     added: Gap | None = field(default=None, repr=False)
@@ -312,7 +337,12 @@ class LostContact:
     def _at(self, since: Array) -> Shared:
         others = self.gap if self.every else None
         return self.sharing.shared(
-            since, gap=self.gap, softer=self._softer, others=others, others_share=self.others_share
+            since,
+            gap=self.gap,
+            gap_share=self.gap_share,
+            softer=self._softer,
+            others=others,
+            others_share=self.others_share,
         )
 
     @cached_property
@@ -409,28 +439,8 @@ class PairError:
     def __call__(self, phase_cycles: ArrayLike) -> Array:
         """Return m at phases in mesh cycles, any shape."""
         phase = np.asarray(phase_cycles, dtype=np.float64) - self.first
-        total = np.zeros_like(phase)
-        flat, values = phase.reshape(-1), total.reshape(-1)
-        here = self._in_contact(flat)
-        # the remainder to the last digit, for periods are whole numbers, in a fifth of the time
-        within = flat[here] - np.floor(flat[here] / self.period) * self.period
-        within = np.where(within < 0, within + self.period, within)
+        total, within = np.zeros_like(phase), np.remainder(phase, self.period)
         right = 0.0 if self.period > 1 else None  # all alike: the next pair takes over
         for earlier in range(math.ceil(float(self.knots_cycles[-1]) / self.period)):
-            values[here] += np.interp(within + earlier * self.period, self.knots_cycles, self.error_m, right=right)
+            total += np.interp(within + earlier * self.period, self.knots_cycles, self.error_m, right=right)
         return total
-
-    def _in_contact(self, phase: Array) -> NDArray[np.intp] | slice:
-        """Return the numbers of phases (n,) since the pair first entered at which it is in contact, or more of them.
-
-        Of a gear with many teeth that are few, and those of rising phases, as a table asks for, are found at once.
-        """
-        last = float(self.knots_cycles[-1])
-        if phase.size < _FEW or last >= self.period - 1 or np.any(phase[1:] < phase[:-1]):
-            return slice(None)
-        entries = self.period * np.arange(math.floor(phase[0] / self.period), math.floor(phase[-1] / self.period) + 2)
-        starts, stops = np.searchsorted(phase, entries - 0.5), np.searchsorted(phase, entries + last + 0.5)
-        counts = stops - starts
-        numbers: NDArray[np.intp] = np.arange(int(np.sum(counts)))
-        numbers -= np.repeat(np.cumsum(counts) - counts - starts, counts)
-        return numbers

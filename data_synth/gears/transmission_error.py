@@ -121,41 +121,6 @@ class Eccentricity:
 
 
 @dataclass(frozen=True, kw_only=True)
-class Misalignment:
-    """Misalignment in the plane of action: one end of the face touches first, half a face width from the middle.
-
-    An angle fixed in space (a housing bored askew) gives the constant ``e = angle face / 2``. A gear that wobbles on
-    its shaft gives ``e = |angle cos(2 pi phase / teeth + phase_rad)| face / 2``: the ends alternate, twice a
-    revolution.
-
-    Attributes
-    ----------
-    angle_rad : float
-        In the plane of action.
-    face_width_m : float
-    teeth : int or None
-        Of the gear that wobbles; None: the angle is fixed in space.
-    phase_rad : float
-    """
-
-    angle_rad: float
-    face_width_m: float
-    teeth: int | None = None
-    phase_rad: float = 0.0
-
-    @property
-    def period(self) -> int:
-        """The number of teeth, or one cycle."""
-        return self.teeth or 1
-
-    def __call__(self, phase_cycles: ArrayLike) -> Array:
-        """Return m at phases in mesh cycles, any shape."""
-        phase = np.asarray(phase_cycles, dtype=np.float64)
-        turn = np.ones_like(phase) if self.teeth is None else np.cos(2 * np.pi / self.teeth * phase + self.phase_rad)
-        return np.asarray(np.abs(self.angle_rad * turn) * self.face_width_m / 2)
-
-
-@dataclass(frozen=True, kw_only=True)
 class SumOfErrors:
     """Sum of several errors, of either gear, each shifted by its own number of cycles if `by_cycles` is given."""
 

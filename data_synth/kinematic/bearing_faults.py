@@ -9,7 +9,8 @@ from data_synth.bearings.impacts import LoadZone, bearing_impacts, passage_revol
 from data_synth.kinematic.gear_faults import ImpactTrain
 from data_synth.operation.drive import Drive
 from data_synth.operation.shaft_angle import Array
-from data_synth.scene.scene import BearingFault, Scene, SceneError
+from data_synth.scene.machine_faults import BearingFault
+from data_synth.scene.scene import Scene, SceneError
 from hums.gearbox.components import Bearing
 
 _MM = 1e-3

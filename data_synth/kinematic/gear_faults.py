@@ -14,7 +14,7 @@ from data_synth.scene.faults import FaultyGear, GearFault
 SIDEBAND_CUTOFF = 1e-4
 """Sidebands below this share of the largest are not in the signal at all, so the truth lists every one."""
 
-_POINTS_PER_FEATURE = 64  # of the modulation over a turn: its spectrum has fallen to rounding by 8 per feature
+_POINTS_PER_PITCH = 64  # or width of the damage, if less: the modulation's spectrum has fallen to rounding by 8
 _PROBES = 9  # sizes of growing damage, from least to most, by which sidebands are retained
 
 
@@ -128,9 +128,7 @@ class _Modulation:
     @classmethod
     def of(cls, fault: GearFault, gear: FaultyGear, *, harmonics: NDArray[np.int_]) -> "_Modulation":
         """Return the modulation by a fault, sampled finely enough for its narrowest feature."""
-        count = 1 << int(
-            np.ceil(np.log2(max(_POINTS_PER_FEATURE / fault.narrowest_feature(gear), 2 * _POINTS_PER_FEATURE)))
-        )
+        count = 1 << int(np.ceil(np.log2(_POINTS_PER_PITCH * gear.teeth / min(fault.width_pitches(), 1.0))))
         return cls(
             modulation=fault.modulation(np.arange(count) / count, gear),
             harmonic_weights=fault.harmonic_weights(harmonics),

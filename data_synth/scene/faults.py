@@ -4,7 +4,7 @@ import math
 from abc import abstractmethod
 from collections.abc import Callable, Iterator
 from dataclasses import dataclass, field
-from typing import Annotated, Literal, Self, get_args
+from typing import Annotated, Any, Literal, Self, get_args
 
 import numpy as np
 from numpy.typing import ArrayLike
@@ -12,7 +12,15 @@ from pydantic import Field, model_validator
 
 from data_synth.gears import transmission_error
 from data_synth.gears.geometry import GearPair
-from data_synth.gears.lost_contact import Gap, LoadSharing, LostContact, broken_tip_gap, spall_gap, wear_gap
+from data_synth.gears.lost_contact import (
+    Gap,
+    LoadSharing,
+    LostContact,
+    broken_tip_gap,
+    pitted_share,
+    spall_gap,
+    wear_gap,
+)
 from data_synth.gears.mesh_stiffness import Array
 from data_synth.gears.root_crack import RootCrack
 from data_synth.gears.tooth_compliance import DamagedTooth
@@ -117,6 +125,10 @@ class GearDamage:
         Depth of the spall in each flank, m: contact lost, and sinking in, over its length.
     spall_pitches : float
         Length of these spalls along the path of contact, in base pitches.
+    spall_share : float or None
+        Fraction of the face that they span at first; None: as much as makes their area 4 % of the active flank.
+    spall_growth : float
+        Their width over that.
     runout_m : float
         Eccentricity of the pitch circle, m: a transmission error ``runout_m cos(2 pi turns)``.
     profile_m : float
@@ -130,12 +142,14 @@ class GearDamage:
     broken_m: Array = field(metadata={"dims": ("tooth",), "units": "m"})
     removed_m: Array = field(metadata={"dims": ("tooth",), "units": "m"})
     spall_pitches: float = 0.0
+    spall_share: float | None = None
+    spall_growth: float = 1.0
     runout_m: float = 0.0
     profile_m: float = 0.0
     crack_angle_rad: float = math.radians(_CRACK_ANGLE_DEG)
 
     @classmethod
-    def on(cls, gear: FaultyGear, **damage: float) -> "GearDamage":
+    def on(cls, gear: FaultyGear, **damage: Any) -> "GearDamage":  # noqa: ANN401
         """Return the damage of a gear that is healthy but for what is given."""
         crack, broken, removed = np.zeros((3, round(gear.teeth)))
         return cls(crack_m=crack, contact_fraction=np.ones(crack.size), broken_m=broken, removed_m=removed, **damage)
@@ -196,10 +210,6 @@ class GearFault(GrowingFault):
     def width_pitches(self) -> float:
         """Return the width of the modulation window, in tooth pitches."""
         return 1.0
-
-    def narrowest_feature(self, gear: FaultyGear) -> float:
-        """Return the width of the narrowest feature of the modulation, in turns."""
-        return self.width_pitches() / gear.teeth
 
     def modulation(self, turns: ArrayLike, gear: FaultyGear) -> Array:
         """Return the modulation function at `turns` (n,) of the gear: 1 where the damage is worst."""
@@ -292,20 +302,37 @@ class MissingTooth(SizedGearFault):
         return found
 
 
-class Spall(SizedGearFault):
-    """A spall on the flank of one tooth; the size is its depth, `length_pitches` its length along the path of contact.
+class _SpalledGear(SizedGearFault):
+    """A gear with spalled flanks.
 
-    The contact enters it at one end, with `entry_share` of the impact at the other.
+    The size is the depth, `length_pitches` the length along the path of contact in base pitches, and `width_mm` the
+    width along the face at the beginning, which grows with the depth. Left out, the area of a spall is 4 % of the
+    active flank, by which a case-hardened tooth counts as pitted (FVA information sheet 2/IV, 1997).
     """
 
-    kind: Literal["spall"]
     load_exponent: NotNegative = 0.0
     length_pitches: Length = 0.3
-    entry_share: Annotated[float, Field(ge=-1, le=1)] = -0.5
+    width_mm: Positive | None = None
 
     def width_pitches(self) -> float:
-        """Return the length of the spall, in tooth pitches."""
+        """Return the length of a spall, in tooth pitches."""
         return self.length_pitches
+
+    def sound(self, size_m: float, gear: FaultyGear) -> GearDamage:
+        """Return the dimensions of spalls of a size, none of them on a tooth yet."""
+        return GearDamage.on(
+            gear,
+            spall_pitches=self.length_pitches,
+            spall_share=None if self.width_mm is None else gear.face_fraction(1e-3 * self.width_mm),
+            spall_growth=1e3 * size_m / self.size_mm,
+        )
+
+
+class Spall(_SpalledGear):
+    """A spall on one flank: the contact enters it at one end, with `entry_share` of the impact at the other."""
+
+    kind: Literal["spall"]
+    entry_share: Annotated[float, Field(ge=-1, le=1)] = -0.5
 
     def impacts(self, gear: FaultyGear) -> ImpactPlaces:
         """Return two impacts a turn, at entry and at exit."""
@@ -314,17 +341,15 @@ class Spall(SizedGearFault):
 
     def damage(self, size_m: float, gear: FaultyGear) -> GearDamage:
         """Return the spall."""
-        found = GearDamage.on(gear, spall_pitches=self.length_pitches)
+        found = self.sound(size_m, gear)
         found.removed_m[0] = gear.flank_depth(size_m)
         return found
 
 
-class Pitting(SizedGearFault):
-    """Pits on `count` of `spread` adjacent teeth, `length_pitches` long: one the worst, others half as deep or more."""
+class Pitting(_SpalledGear):
+    """Pits on `count` of `spread` adjacent teeth, one the worst, others half as deep or more."""
 
     kind: Literal["pitting"]
-    load_exponent: NotNegative = 0.0
-    length_pitches: Length = 0.3
     count: Annotated[int, Field(ge=1)] = 3
     spread: Annotated[int, Field(ge=1)] = 5
 
@@ -342,10 +367,6 @@ class Pitting(SizedGearFault):
         drawn = zip(others, shares, strict=True)
         return ((0, 1.0), *((int(place), float(share)) for place, share in drawn))
 
-    def width_pitches(self) -> float:
-        """Return the length of a pit, in tooth pitches."""
-        return self.length_pitches
-
     def modulation(self, turns: ArrayLike, gear: FaultyGear) -> Array:
         """Return the sum of the windows of all pits."""
         at = np.asarray(turns, dtype=np.float64)
@@ -361,7 +382,7 @@ class Pitting(SizedGearFault):
 
     def damage(self, size_m: float, gear: FaultyGear) -> GearDamage:
         """Return a spall on each pitted tooth."""
-        found = GearDamage.on(gear, spall_pitches=self.length_pitches)
+        found = self.sound(size_m, gear)
         for place, share in self.pits(gear):
             found.removed_m[place % found.removed_m.size] = gear.flank_depth(size_m) * share
         return found
@@ -375,10 +396,6 @@ class _DistributedFault(SizedGearFault):
         if self.impact_per_mm not in (0.0, type(self).model_fields["impact_per_mm"].default):
             raise ValueError("impact_per_mm is a matter of damaged teeth, not of a whole gear; leave it out")
         return self
-
-    def narrowest_feature(self, gear: FaultyGear) -> float:  # noqa: ARG002 - local damage needs it
-        """Return the width of the narrowest feature of the modulation, in turns."""
-        return 0.25
 
     def impacts(self, gear: FaultyGear) -> ImpactPlaces:  # noqa: ARG002 - local damage needs it
         """Return no impacts."""
@@ -481,8 +498,10 @@ def lost_contacts(damage: GearDamage, *, gear: int, sharing: LoadSharing | None)
         yield int(place), LostContact(sharing=sharing, gap=gap)
     for place in np.flatnonzero(damage.removed_m):
         depth_m = float(damage.removed_m[place])
-        gap = spall_gap(pair, gear, depth_m=depth_m, length_pitches=damage.spall_pitches)
-        yield int(place), LostContact(sharing=sharing, gap=gap)
+        share = damage.spall_share or pitted_share(pair, length_pitches=damage.spall_pitches)
+        share = min(share * damage.spall_growth, 1.0)
+        gap = spall_gap(pair, gear, depth_m=depth_m, length_pitches=damage.spall_pitches, across=share == 1)
+        yield int(place), LostContact(sharing=sharing, gap=gap, gap_share=share)
     if damage.profile_m:
         yield 0, LostContact(sharing=sharing, gap=wear_gap(pair, gear, depth_m=damage.profile_m), every=True)
 

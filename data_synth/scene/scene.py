@@ -13,7 +13,7 @@ from typing import Annotated, Any, Self
 
 from pydantic import Field, ValidationError, field_validator, model_validator
 
-from data_synth.scene.faults import FAULT_KINDS, ROW_OF, Fault, GearFault, ToothCrack
+from data_synth.scene.faults import FAULT_KINDS, ROW_OF, Fault
 from data_synth.scene.gear_dynamics import Dynamics
 from data_synth.scene.imperfections import Imperfections
 from data_synth.scene.machine_faults import BearingFault, ShaftFault
@@ -36,26 +36,6 @@ from hums.gearbox.defect_orders import bearing_orders, defect_orders
 from hums.gearbox.kinematics import Kinematics, solve_kinematics
 from hums.gearbox.model import Gearbox, load_gearbox
 from signals._validation import SentenceError, checked
-
-__all__ = [
-    "BearingFault",
-    "Excitation",
-    "Fault",
-    "GearFault",
-    "Mode",
-    "Noise",
-    "Scene",
-    "SceneError",
-    "Sensor",
-    "ShaftFault",
-    "Speed",
-    "Tachometer",
-    "ToothCrack",
-    "Torque",
-    "catalogue",
-    "load_scene",
-]
-
 
 # ---- Source amplitudes of the healthy gearbox, as a scene declares them ----------------------------------------------
 

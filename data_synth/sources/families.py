@@ -8,10 +8,7 @@ import numpy as np
 from data_synth.kinematic.bearing_faults import bearing_impact_trains
 from data_synth.kinematic.gear_faults import ImpactTrain, damage_trains, gear_damage_family
 from data_synth.kinematic.harmonics import HarmonicFamily
-from data_synth.kinematic.imperfect_parts import (
-    imbalance_family,
-    imperfect_families,
-)
+from data_synth.kinematic.imperfect_parts import imbalance_family, imperfect_families
 from data_synth.kinematic.planet_pass import with_planet_pass
 from data_synth.kinematic.shaft_faults import (
     ShaftExcitation,
@@ -23,12 +20,10 @@ from data_synth.kinematic.shaft_faults import (
 from data_synth.operation.drive import Drive
 from data_synth.operation.shaft_angle import Array
 from data_synth.scene.faults import Chipping, FaultyGear, GearDamage, GearFault, Misalignment
+from data_synth.scene.machine_faults import BearingFault, ShaftFault
 from data_synth.scene.random_streams import RandomStreams
-from data_synth.scene.scene import BearingFault, Scene, SceneError, ShaftFault, declared_size_mm
-from data_synth.transfer.paths import (
-    longest_ringing_s,
-    ringing_time_s,
-)
+from data_synth.scene.scene import Scene, SceneError, declared_size_mm
+from data_synth.transfer.paths import longest_ringing_s, ringing_time_s
 from hums.gearbox.model import GearboxError
 
 

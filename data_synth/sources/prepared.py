@@ -9,11 +9,7 @@ import numpy as np
 
 from data_synth.kinematic.gear_faults import ImpactTrain
 from data_synth.kinematic.harmonics import ComplexArray, HarmonicFamily, add_lines
-from data_synth.kinematic.imperfect_parts import (
-    imperfections_of,
-    in_units,
-    with_drawn_sensors,
-)
+from data_synth.kinematic.imperfect_parts import imperfections_of, in_units, with_drawn_sensors
 from data_synth.kinematic.planet_pass import ring_meshes
 from data_synth.kinematic.ring_bending import RingLoad, kinematic_ring_loads, ring_bending_lines
 from data_synth.operation.drive import Drive, build_drive
@@ -21,8 +17,9 @@ from data_synth.operation.piecewise import PiecewiseLinear
 from data_synth.operation.shaft_angle import Array
 from data_synth.operation.tachometer_pulses import Pulses, recorded_pulses, with_pick_up
 from data_synth.scene.faults import ROW_OF, Fault, GearFault
+from data_synth.scene.machine_faults import BearingFault
 from data_synth.scene.random_streams import RandomStreams
-from data_synth.scene.scene import BearingFault, Scene, SceneError
+from data_synth.scene.scene import Scene, SceneError
 from data_synth.scene.sensors import Sensor
 from data_synth.sources.families import harmonic_families, impact_trains, last_s, module_mm_of, ratio_of
 from data_synth.transfer.acquisition import AllPoleFilter, linear_chain

@@ -16,7 +16,8 @@ from data_synth.kinematic.gear_faults import ImpactTrain
 from data_synth.kinematic.harmonics import HarmonicFamily
 from data_synth.operation.shaft_angle import Array
 from data_synth.scene.random_streams import RandomStreams
-from data_synth.scene.scene import Mode, Scene
+from data_synth.scene.scene import Scene
+from data_synth.scene.sensors import Mode
 from data_synth.scene.transfer_paths import ModeOfPath, Transfer
 
 # ---- Transfer paths from force to accelerometer, modal or measured ---------------------------------------------------

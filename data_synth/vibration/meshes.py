@@ -362,7 +362,7 @@ def _named(scene: Scene, instance: str) -> str | None:
 def _lost(damage: GearDamage) -> tuple[object, ...]:
     """Return what of the damage makes pairs lose contact."""
     parts = damage.contact_fraction, damage.removed_m, damage.broken_m, damage.crack_m
-    return *(part.tobytes() for part in parts), damage.profile_m
+    return *(part.tobytes() for part in parts), damage.profile_m, damage.spall_growth
 
 
 def _stiffnesses(

@@ -66,8 +66,8 @@ GEAR_SIZES = {  # mm
     "tooth_crack": (1.0, 4.0),
     "chipping": (3.0, 29.0),
     "missing_tooth": (1.0, 7.0),
-    "spall": (0.003, 2.0),
-    "pitting": (0.003, 2.0),
+    "spall": (0.001, 2.0),
+    "pitting": (0.001, 2.0),
     "eccentricity": (0.15, 0.5),
     "misalignment": (3.0, 29.0),
     "wear": (0.003, 0.2),
@@ -141,13 +141,20 @@ def test_a_fault_is_in_the_record_grows_and_stays_under_its_limit(fidelity, kind
         assert np.max(np.abs(part)) < limit_g(fidelity, kind, size)
 
 
-def test_a_spall_deeper_than_its_edges_let_the_flank_sink_is_no_louder():
-    assert np.array_equal(added("dynamic", "spall", 2.0), added("dynamic", "spall", 0.1))
+def test_a_spall_narrower_than_the_face_is_quieter_than_one_across_it():
+    # 4 % of the flank, or a width of as much; across the face the teeth fall into it
+    def of(**keys):
+        faults = [fault("spall", 0.5, **keys)]
+        return noise_free(Scene.from_mapping({**SCENE, "fidelity": "dynamic", "fault": faults}), seed=1).signal[0]
+
+    width_mm = 0.04 * PAIR.contact_ratio / 0.3 * 1e3 * FACE_M
+    assert np.array_equal(of(), of(width_mm=width_mm))
+    assert np.std(of() - record("dynamic")) < 0.5 * np.std(of(width_mm=30) - record("dynamic"))
 
 
 def test_a_longer_spall_is_louder():
     def of(length):
-        faults = [fault("spall", 0.5, length_pitches=length)]
+        faults = [fault("spall", 0.5, length_pitches=length, width_mm=30)]
         return noise_free(Scene.from_mapping({**SCENE, "fidelity": "dynamic", "fault": faults}), seed=1).signal[0]
 
     short, long = (np.std(of(length) - record("dynamic")) for length in (0.05, 0.9))

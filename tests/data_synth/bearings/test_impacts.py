@@ -12,7 +12,7 @@ from data_synth.bearings.impacts import (
     renewal_process,
     stribeck_load,
 )
-from data_synth.scene.scene import BearingFault
+from data_synth.scene.machine_faults import BearingFault
 from hums.gearbox.bearing_orders import BearingOrders
 
 # 12 balls of 7.12 mm on 38.5 mm, 0 deg, inner ring turning: published per turn of the shaft

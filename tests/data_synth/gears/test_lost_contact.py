@@ -1,6 +1,7 @@
 """Contact that pairs of teeth lose, against involutes drawn point by point, statics and limits."""
 
 import math
+from dataclasses import replace
 
 import numpy as np
 import pytest
@@ -11,7 +12,6 @@ from data_synth.gears.geometry import GearPair
 from data_synth.gears.lost_contact import (
     LoadSharing,
     LostContact,
-    PairError,
     broken_tip_gap,
     separation_m,
     spall_gap,
@@ -118,10 +118,25 @@ def test_a_whole_face_lost_is_a_whole_tooth_lost():
     assert np.all(np.isinf(gone.added_compliance(None, 0, since[since < RATIO - 1.001])))
 
 
-def test_half_a_face_is_half_as_stiff():
-    chipped = LostContact(sharing=SHARING, face_share=0.5)
-    assert_allclose(chipped.added_compliance(None, 0, np.array([0.1, 0.3, 1.5])), 1 / ONE, rtol=1e-12)
-    assert np.all(chipped.error(teeth=23, first=0, stiffness_too=True)([0.1, 0.3, 1.5]) == 0)
+def test_a_narrow_spall_takes_its_width_from_the_stiffness_and_displaces_nothing():
+    gap = spall_gap(PAIR, 0, depth_m=5e-5, length_pitches=0.3, across=False)
+    # loaded so little that no neighbour carries off the path
+    lost = LostContact(sharing=replace(SHARING, static_n=100.0), gap=gap, gap_share=0.25)
+    since = RATIO / 2 + np.array([-0.4, -0.16, -0.14, 0.0, 0.14, 0.16])
+    assert_allclose(lost.added_compliance(None, 0, since) * ONE, [0, 0, 1 / 3, 1 / 3, 1 / 3, 0], atol=1e-9)
+    assert np.all(lost.error(teeth=23, first=0, stiffness_too=True)(since) == 0)
+    half = LostContact(sharing=SHARING, face_share=0.5)  # and a chipped one alike, all along the path
+    assert_allclose(half.added_compliance(None, 0, np.array([0.1, 0.3, 1.5])), 1 / ONE, rtol=1e-12)
+
+
+@pytest.mark.parametrize("depth_um", [1.0, 2.0, 30.0])
+def test_what_is_in_a_shallow_spall_carries_as_statics_says(depth_um):
+    shared = SHARING.shared(
+        np.array([0.2, ALONE]), gap=lambda since: np.full(since.shape, 1e-6 * depth_um), gap_share=0.4
+    )
+    for others, d in zip((ONE, 0.0), shared.deflection_m, strict=True):
+        carried = others * d + ONE * (0.6 * d + 0.4 * max(d - 1e-6 * depth_um, 0.0))
+        assert carried == pytest.approx(FORCE, rel=1e-9)
 
 
 def test_nothing_gone_changes_nothing():
@@ -161,15 +176,3 @@ def test_what_stiffness_does_not_lose_the_error_has():
     with_loss = FORCE / stiffness + lost.error(teeth=23, first=0, stiffness_too=True)(since)
     healthy = FORCE / (pairs + ONE)
     assert_allclose(with_loss, healthy + lost.error(teeth=23, first=0, stiffness_too=False)(since), atol=2e-7)
-
-
-@pytest.mark.parametrize(("period", "last"), [(23, 1.6), (2, 1.6), (1, 0.9999)])
-def test_an_error_in_contact_is_the_same_at_rising_and_at_mixed_phases(period, last):
-    knots = np.linspace(0, last, 9)
-    error = PairError(period=period, first=3, knots_cycles=knots, error_m=1e-6 * np.sin(knots) + 1e-6)
-    rising = np.linspace(-30.0, 70.0, 5000)
-    mixed = np.random.default_rng(1).permutation(5000)
-    assert np.array_equal(error(rising)[mixed], error(rising[mixed]))
-    # in contact for `last` cycles of a period: the integral of its error over them, mean by mean
-    whole = error(3 + period * (np.arange(20_000) + 0.5) / 20_000)
-    assert np.mean(whole) == pytest.approx(np.trapezoid(error.error_m, knots) / period, rel=1e-3)

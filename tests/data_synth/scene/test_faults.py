@@ -96,7 +96,7 @@ def test_faulty_less_healthy_is_the_modulation_and_nothing_else(name):
     change -= change.mean()  # the line at order zero is left out
     largest = np.max(np.abs(family.coefficients))
     # each line left out is below the cutoff, and the shapes have some 4 / finest of them on either side of a harmonic
-    left_out = 3 * 2 * 4 / damage.narrowest_feature(GEAR) * SIDEBAND_CUTOFF * largest
+    left_out = 3 * 2 * 4 * TEETH / min(damage.width_pitches(), 1) * SIDEBAND_CUTOFF * largest
     assert_allclose(signal_of(family), change, atol=left_out)
     assert np.max(np.abs(change)) > 20 * left_out or name in ("spall", "pitting")
     assert np.max(np.abs(change)) > 2 * left_out

@@ -29,7 +29,8 @@ GEAR_KEYS = {
 }
 KINDS = {
     "tooth_crack": (GEARS, "depth_mm", GEAR_KEYS | {"angle_deg": st.floats(20, 90)}),
-    **dict.fromkeys(("chipping", "missing_tooth", "spall", "pitting"), (GEARS, "size_mm", GEAR_KEYS)),
+    **dict.fromkeys(("chipping", "missing_tooth"), (GEARS, "size_mm", GEAR_KEYS)),
+    **dict.fromkeys(("spall", "pitting"), (GEARS, "size_mm", GEAR_KEYS | {"width_mm": SHARES})),
     **dict.fromkeys(("eccentricity", "misalignment", "wear"), (GEARS, "size_mm", {"growth": GROWTHS})),
     "imbalance": (SHAFTS, "size_mm", {"growth": GROWTHS, "rotor_kg": SHARES, "offset_rev": TURNS}),
     "bent_shaft": (SHAFTS, "size_mm", {"growth": GROWTHS, "amplitude_per_mm": SHARES, "offset_rev": TURNS}),

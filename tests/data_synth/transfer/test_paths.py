@@ -5,7 +5,7 @@ import pytest
 from numpy.testing import assert_allclose
 
 from data_synth.kinematic.gear_faults import ImpactTrain
-from data_synth.scene.scene import Mode
+from data_synth.scene.sensors import Mode
 from data_synth.transfer.acquisition import add_ringing
 from data_synth.transfer.paths import impact_line, mode_pole, mode_response, ringing_spectrum, ringing_time_s
 

@@ -125,7 +125,7 @@ def test_a_small_fault_has_its_lines_far_below_the_record_s_and_a_record_says_wh
 
 def spalled_planet():
     """A tooth meets the ring 82 / 31 times a turn, at all angles: its lines are a 31st of the carrier's order apart."""
-    fault = {"kind": "spall", "component": "planet-ring/planet", "size_mm": 0.1}
+    fault = {"kind": "spall", "component": "planet-ring/planet", "size_mm": 0.1, "width_mm": 30}
     return load_scene("planets-in-motion").changed(duration_s=1.0, faults=(fault,))
 
 

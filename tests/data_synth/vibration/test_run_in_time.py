@@ -322,12 +322,16 @@ def test_teeth_are_at_each_time_as_large_as_damage_is_then(kind):
     # teeth deflect by some microns: material gone beyond that is contact lost, at once
     size = 0.5e-3 if kind in {"spall", "pitting", "wear"} else 0.01 if kind == "eccentricity" else 0.5
     law = {"law": "exponential", "time_constant_s": 0.15, "largest_mm": 3 * size}
-    growth = motion(growing(fault(kind, size=size, growth=law)))
+
+    def wide(factor):
+        return {"width_mm": 4 * factor} if kind in {"spall", "pitting"} else {}
+
+    growth = motion(growing(fault(kind, size=size, growth=law, **wide(1))))
     mesh = growth.system.meshes[0]
     phases = np.linspace(0, 36, 4001)
     for time_s in (0.11, 0.163, 0.3):
         now = size * min(np.exp(time_s / 0.15), 3)
-        still = motion(growing(fault(kind, size=now))).system.meshes[0]
+        still = motion(growing(fault(kind, size=now, **wide(now / size)))).system.meshes[0]
         stiffness, error = mesh.teeth_at(phases, np.full(phases.size, time_s))
         least, most = np.min(still.stiffness(phases)), np.max(still.stiffness(phases))
         # straight lines between instants: 0.5 % of the growth in between, more where another pair takes over
@@ -342,14 +346,12 @@ def test_teeth_are_at_each_time_as_large_as_damage_is_then(kind):
 
 def test_two_faults_of_a_mesh_grow_each_by_its_law():
     crack = fault("tooth_crack", size=0.5, growth=LINEAR)
-    worn = fault(
-        "spall", "mesh/gear", size=0.01, growth={"law": "exponential", "time_constant_s": 0.2, "largest_mm": 1}
-    )
-    mesh = motion(growing(crack, worn)).system.meshes[0]
+    law = {"law": "exponential", "time_constant_s": 0.2, "largest_mm": 1}
+    spalled = fault("spall", "mesh/gear", size=0.01, width_mm=30, growth=law)
+    mesh = motion(growing(crack, spalled)).system.meshes[0]
     phases = np.linspace(0, 252, 4001)
-    still = motion(
-        growing(fault("tooth_crack", size=0.5 + 4 * 0.07), fault("spall", "mesh/gear", size=0.01 * np.exp(0.07 / 0.2)))
-    ).system.meshes[0]
+    spalled = fault("spall", "mesh/gear", size=0.01 * np.exp(0.07 / 0.2), width_mm=30)
+    still = motion(growing(fault("tooth_crack", size=0.5 + 4 * 0.07), spalled)).system.meshes[0]
     stiffness, error = mesh.teeth_at(phases, np.full(phases.size, 0.07))
     assert_allclose(stiffness, still.stiffness(phases), rtol=2e-3)
     assert_allclose(error, still.error(phases), atol=2e-2 * np.max(still.error(phases)))
