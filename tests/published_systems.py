@@ -108,4 +108,4 @@ def planetary(count, *, teeth=(24, 36, 96), error=None, **changes):
         },
         **changes,
     }
-    return assemble(gearbox, **settings)
+    return assemble(gearbox, **settings).system

@@ -23,8 +23,6 @@ if TYPE_CHECKING:
     from data_synth.dynamics.modes import eigenvalues as eigenvalues
     from data_synth.dynamics.modes import solve_modes as solve_modes
     from data_synth.dynamics.modes import with_modal_damping as with_modal_damping
-    from data_synth.dynamics.parts import AttachedRotor as AttachedRotor
-    from data_synth.dynamics.parts import BearingBlock as BearingBlock
     from data_synth.dynamics.parts import Inertia as Inertia
     from data_synth.dynamics.parts import MeshProperties as MeshProperties
     from data_synth.dynamics.parts import SupportStiffness as SupportStiffness
@@ -65,62 +63,22 @@ if TYPE_CHECKING:
     from data_synth.vibration.steady_state import PeriodicState as PeriodicState
     from data_synth.vibration.steady_state import periodic_state as periodic_state
 
-_HOME = {
-    "Accuracy": "data_synth.integrators.problem",
-    "Assembly": "data_synth.dynamics.assembly",
-    "AttachedRotor": "data_synth.dynamics.parts",
-    "BearingBlock": "data_synth.dynamics.parts",
-    "Block": "data_synth.integrators.driver",
-    "Body": "data_synth.dynamics.system",
-    "Campbell": "data_synth.dynamics.modes",
-    "Constant": "data_synth.gears.mesh_stiffness",
-    "Coupling": "data_synth.dynamics.elements",
-    "Fourier": "data_synth.gears.mesh_stiffness",
-    "FrictionForce": "data_synth.dynamics.system",
-    "GearMesh": "data_synth.dynamics.elements",
-    "GearPair": "data_synth.gears.geometry",
-    "GeneralMesh": "data_synth.dynamics.elements",
-    "Inertia": "data_synth.dynamics.parts",
-    "Integration": "data_synth.integrators.problem",
-    "IntegrationError": "data_synth.integrators.problem",
-    "Load": "data_synth.integrators.problem",
-    "Mesh": "data_synth.dynamics.system",
-    "MeshHistory": "data_synth.dynamics.system",
-    "MeshProperties": "data_synth.dynamics.parts",
-    "Modes": "data_synth.dynamics.modes",
-    "Multipliers": "data_synth.dynamics.stability",
-    "Outcome": "data_synth.integrators.problem",
-    "Output": "data_synth.integrators.problem",
-    "PeriodicState": "data_synth.vibration.steady_state",
-    "Problem": "data_synth.integrators.problem",
-    "ProfileError": "data_synth.gears.transmission_error",
-    "Rectangular": "data_synth.gears.mesh_stiffness",
-    "Shaft": "data_synth.dynamics.elements",
-    "ShaftAngle": "data_synth.operation.shaft_angle",
-    "Shifted": "data_synth.gears.mesh_stiffness",
-    "Spring": "data_synth.dynamics.system",
-    "StabilityMap": "data_synth.dynamics.stability",
-    "State": "data_synth.integrators.problem",
-    "Steps": "data_synth.integrators.problem",
-    "Support": "data_synth.dynamics.elements",
-    "SupportStiffness": "data_synth.dynamics.parts",
-    "System": "data_synth.dynamics.system",
-    "Tongue": "data_synth.dynamics.stability",
-    "Trapezoidal": "data_synth.gears.mesh_stiffness",
-    "assemble": "data_synth.dynamics.assembly",
-    "build_system": "data_synth.dynamics.system",
-    "campbell": "data_synth.dynamics.modes",
-    "eigenvalues": "data_synth.dynamics.modes",
-    "floquet": "data_synth.dynamics.stability",
-    "fourier_series": "data_synth.gears.mesh_stiffness",
-    "instability_tongues": "data_synth.dynamics.stability",
-    "integrate": "data_synth.integrators.driver",
-    "integrate_blocks": "data_synth.integrators.driver",
-    "periodic_state": "data_synth.vibration.steady_state",
-    "solve_modes": "data_synth.dynamics.modes",
-    "stability_map": "data_synth.dynamics.stability",
-    "with_modal_damping": "data_synth.dynamics.modes",
+_MODULES = {
+    "data_synth.dynamics.assembly": "Assembly assemble",
+    "data_synth.dynamics.elements": "Coupling GearMesh GeneralMesh Shaft Support",
+    "data_synth.dynamics.modes": "Campbell Modes campbell eigenvalues solve_modes with_modal_damping",
+    "data_synth.dynamics.parts": "Inertia MeshProperties SupportStiffness",
+    "data_synth.dynamics.stability": "Multipliers StabilityMap Tongue floquet instability_tongues stability_map",
+    "data_synth.dynamics.system": "Body FrictionForce Mesh MeshHistory Spring System build_system",
+    "data_synth.gears.geometry": "GearPair",
+    "data_synth.gears.mesh_stiffness": "Constant Fourier Rectangular Shifted Trapezoidal fourier_series",
+    "data_synth.gears.transmission_error": "ProfileError",
+    "data_synth.integrators.driver": "Block integrate integrate_blocks",
+    "data_synth.integrators.problem": "Accuracy Integration IntegrationError Load Outcome Output Problem State Steps",
+    "data_synth.operation.shaft_angle": "ShaftAngle",
+    "data_synth.vibration.steady_state": "PeriodicState periodic_state",
 }
+_HOME = {name: module for module, names in _MODULES.items() for name in names.split()}
 __all__ = sorted(_HOME)  # noqa: PLE0605
 
 

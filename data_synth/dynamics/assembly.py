@@ -9,7 +9,7 @@ defaults, all of steel and none of them more than a first guess:
 - A link has supports of 1e8 N/m radially and axially and 1e5 N m/rad against tilt, one for each bearing of the
   gearbox that names it, else one in its centre: the order of magnitude that Chaari's gear pair and the planetary set of
   Lin and Parker (1999) have. Its rotation is free.
-- Bearings hold links on a rigid frame; `BearingBlock` puts a block of its own mass between them.
+- Bearings hold links on a rigid frame.
 - A mesh has the constant mean stiffness of ISO 6336-1, a bevel mesh that of its virtual spur gears.
 
 Bevel gears are in contact in the middle of their face, on the line where their pitch cones touch; their axes cross, so
@@ -24,10 +24,8 @@ from typing import TYPE_CHECKING, Literal
 
 import numpy as np
 
-from data_synth.dynamics.elements import Coupling, GearMesh, Support, as_vector
+from data_synth.dynamics.elements import GearMesh, Support, as_vector
 from data_synth.dynamics.parts import (
-    AttachedRotor,
-    BearingBlock,
     Inertia,
     MeshProperties,
     Parts,
@@ -47,13 +45,10 @@ if TYPE_CHECKING:
 
 __all__ = [
     "Assembly",
-    "AttachedRotor",
-    "BearingBlock",
     "Inertia",
     "MeshProperties",
     "SupportStiffness",
     "assemble",
-    "assemble_parts",
 ]
 
 
@@ -192,50 +187,11 @@ def supports_of(parts: Parts) -> Iterator[Support]:
         apart = len({place for _, place, _ in bearings}) > 1
         for name, place, axial in bearings:
             hold = parts.supports.get(name, SupportStiffness())
-            block = parts.blocks.get(name)
-            to = between if block is None else (own, _block_name(name))
-            yield _support(to, place, hold, axial=axial, tilt=not apart)
-            if block is not None:
-                k = block.stiffness
-                yield Support(between=(_block_name(name), None), x=k, y=k, z=k, damping_s=block.damping_s)
+            yield _support(between, place, hold, axial=axial, tilt=not apart)
         for frame in others:
             piece = parts.piece(body, frame)
             hold = replace(parts.supports.get(body, SupportStiffness()), torsion=0.0)
             yield _support((piece, None), parts.centre(body, frame), hold, axial=True, tilt=True)
-
-
-def _block_name(bearing: str) -> str:
-    return f"{bearing} block"
-
-
-def blocks_of(parts: Parts) -> Iterator[Body]:
-    """Yield the blocks of bearings that hold a link on the frame.
-
-    Raises
-    ------
-    ValueError
-        If there are blocks in torsion, or a block's bearing holds no link on the frame or has another support in its
-        place.
-    """
-    if parts.torsion and parts.blocks:
-        name = next(iter(parts.blocks))
-        raise ValueError(f'blocks names "{name}", but blocks only translate; use motions = "plane" or "space".')
-    places: dict[str, tuple[Vector, str]] = {}
-    for body, joint in parts.kinematics.joints.items():
-        if joint.carried_by == parts.frame and body not in parts.supports:
-            places |= {name: (place, body) for name, place, _ in _bearings_of(parts, body, parts.frame)}
-    for name, block in parts.blocks.items():
-        if name not in places:
-            known = ", ".join(f'"{each}"' for each in places) or "none"
-            raise ValueError(
-                f'blocks names "{name}", which holds no link on "{parts.frame}" by itself; bearings that do: {known}. '
-                "Links named in `supports` have their own support in place of bearings."
-            )
-        place, body = places[name]
-        motions = tuple(motion for motion in ("x", "y", "z") if motion in parts.motions)
-        yield Body(
-            name=_block_name(name), mass_kg=block.mass_kg, motions=motions, centre_m=place, axis=parts.axis(body)
-        )
 
 
 def _support(
@@ -300,8 +256,8 @@ class Assembly:
     Examples
     --------
     >>> import hums
-    >>> from data_synth.dynamics.assembly import assemble_parts
-    >>> assembly = assemble_parts(hums.load_gearbox("wijianto-pair"), motions="plane")
+    >>> from data_synth.dynamics import assemble
+    >>> assembly = assemble(hums.load_gearbox("wijianto-pair"), motions="plane")
     >>> assembly.system.names[:3], len(assembly.grounded)  # a spring along x and one along y for each of two shafts
     (('pinion x', 'pinion y', 'pinion rotation'), 4)
     """
@@ -326,12 +282,10 @@ def assemble(
     inertias: Mapping[str, Inertia] | None = None,
     supports: Mapping[str, SupportStiffness] | None = None,
     meshes: Mapping[str, MeshProperties] | None = None,
-    blocks: Mapping[str, BearingBlock] | None = None,
-    attached: Sequence[AttachedRotor] = (),
     speeds: Mapping[str, float] | None = None,
     speed_rad_s: float = 0.0,
-    rotating_frame: str | None = None,
-) -> System:
+    rotating_coordinates: bool = False,
+) -> Assembly:
     """Return the equations of motion of a declared gearbox.
 
     Parameters
@@ -349,25 +303,20 @@ def assemble(
         `inertias` is a body of its own: a ring in an elastic housing.
     meshes : mapping of mesh, or of one contact, to MeshProperties, optional
         Mesh stiffness, transmission error, backlash, damping and geometry.
-    blocks : mapping of bearing to BearingBlock, optional
-        Bearings whose outer ring is in a block of its own: `supports` is then the stiffness between link and block. A
-        block is named after its bearing, "left bearing block"; it has the translations of `motions` and does not tilt.
-    attached : sequence of AttachedRotor
-        Rotors outside of the gearbox, as motor and load.
     speeds : mapping of link to speed, optional
         As `Kinematics.rates` takes them; one turn of the reference if left out. They decide which flanks are in
         contact, and the mesh cycles per revolution of the reference.
     speed_rad_s : float
         Speed of the reference in rad/s: other than 0 adds gyroscopic terms.
-    rotating_frame : str, optional
-        A carrier with which all coordinates rotate, as those of Lin and Parker; ``"carriers"``: those of each body
-        rotate with the carrier of its meshes. Then a link with gears on several carriers has a piece for each, and the
-        pieces share nothing but their rotation, as shafts that a toothed coupling joins.
+    rotating_coordinates : bool
+        Whether the coordinates of each body rotate with the carrier of its meshes, as those of Lin and Parker. Then a
+        link with gears on several carriers has a piece for each, and the pieces share nothing but their rotation, as
+        shafts that a toothed coupling joins.
 
     Returns
     -------
-    System
-        Meshes are named like the contacts, ``sun-planet 1`` and so on, with the phase differences of their planets
+    Assembly
+        Its meshes are named like the contacts, ``sun-planet 1`` and so on, with the phase differences of their planets
         (``gamma = Z psi / 2 pi`` cycles, Z the central gear's signed teeth; Parker and Lin 2004, J. Mech. Des. 126).
 
     Raises
@@ -391,39 +340,11 @@ def assemble(
     ...     motions="torsion",
     ...     inertias={"pinion": Inertia(inertia_kgm2=0.01), "wheel": Inertia(inertia_kgm2=0.04)},
     ...     meshes={"pinion-wheel": MeshProperties(stiffness=Constant(mean=2e8))},
-    ... )
+    ... ).system
     >>> r1, r2 = 0.04 * math.cos(math.radians(20)), 0.08 * math.cos(math.radians(20))
     >>> math.isclose(solve_modes(system).angular[1], math.sqrt(2e8 * (r1**2 / 0.01 + r2**2 / 0.04)))
     True
     """
-    return assemble_parts(
-        gearbox,
-        motions=motions,
-        inertias=inertias,
-        supports=supports,
-        meshes=meshes,
-        blocks=blocks,
-        attached=attached,
-        speeds=speeds,
-        speed_rad_s=speed_rad_s,
-        rotating_frame=rotating_frame,
-    ).system
-
-
-def assemble_parts(
-    gearbox: Gearbox | Kinematics,
-    *,
-    motions: Motions,
-    inertias: Mapping[str, Inertia] | None = None,
-    supports: Mapping[str, SupportStiffness] | None = None,
-    meshes: Mapping[str, MeshProperties] | None = None,
-    blocks: Mapping[str, BearingBlock] | None = None,
-    attached: Sequence[AttachedRotor] = (),
-    speeds: Mapping[str, float] | None = None,
-    speed_rad_s: float = 0.0,
-    rotating_frame: str | None = None,
-) -> Assembly:
-    """Return the equations of motion with the bodies and springs they were assembled from; see `assemble`."""
     kinematics = gearbox if isinstance(gearbox, Kinematics) else solve_kinematics(gearbox)
     if motions not in MOTIONS:
         raise ValueError(f'motions = "{motions}" is not one of {", ".join(MOTIONS)}.')
@@ -435,8 +356,6 @@ def assemble_parts(
         links={
             "inertias": list(inertias or {}),
             "supports": list(supports or {}),
-            "blocks": list(blocks or {}),
-            "attached": [item.to for item in attached],
         },
         meshes=list(given),
         contacts=[contact.name for contact in contacts],
@@ -455,32 +374,13 @@ def assemble_parts(
         elastic_links=tuple(link for link in named if kinematics.bodies.get(link) == frame),
         axis_points=axis_points(kinematics, contacts) if motions != "torsion" else {},
         speeds=speeds,
-        rotating_coordinates=rotating_frame == "carriers",
-        blocks=blocks or {},
+        rotating_coordinates=rotating_coordinates,
     )
     _refuse_nested(parts)
-    rotors = [
-        Body(name=item.name, inertia_kgm2=item.inertia_kgm2, motions=TORSION, axis=parts.axis(item.to))
-        for item in attached
-    ]
-    couplings = [
-        Coupling(
-            motions={(item.name, "rotation"): 1.0, (parts.body(item.to), "rotation"): -1.0},
-            stiffness=item.stiffness,
-            damping=item.damping,
-        )
-        for item in attached
-    ]
-    every, holds, teeth = [*bodies(parts), *blocks_of(parts), *rotors], [*supports_of(parts)], [*mesh_elements(parts)]
-    coordinates, elements = Coordinates(every), [*holds, *teeth, *couplings]
-    common_frame = None if parts.rotating_coordinates else rotating_frame
+    every, holds, teeth = [*bodies(parts)], [*supports_of(parts)], [*mesh_elements(parts)]
+    coordinates, elements = Coordinates(every), [*holds, *teeth]
     return Assembly(
-        system=build_system(
-            every,
-            elements,
-            speed_rad_s=speed_rad_s,
-            frame_ratio=0.0 if common_frame is None else parts.frame_ratio(common_frame),
-        ),
+        system=build_system(every, elements, speed_rad_s=speed_rad_s),
         parts=parts,
         bodies=tuple(every),
         springs=tuple(term for element in elements for term in element.terms(coordinates) if isinstance(term, Spring)),
@@ -508,7 +408,7 @@ def _refuse_unknown(
     gearbox = kinematics.gearbox
     bearings = [name for bearing in gearbox.bearings for name in bearing.names]
     for word, names in links.items():
-        known = {*(kinematics.links if word != "blocks" else ()), *(bearings if word in ("supports", "blocks") else ())}
+        known = {*kinematics.links, *(bearings if word == "supports" else ())}
         for name in names:
             if name not in known:
                 raise ValueError(f'{word} names "{name}", which is not in the gearbox{closest(name, sorted(known))}')

@@ -2,7 +2,7 @@
 
 import math
 from collections.abc import Iterator, Mapping, Sequence
-from dataclasses import dataclass, field, replace
+from dataclasses import dataclass, replace
 from fractions import Fraction
 from functools import cached_property
 
@@ -47,7 +47,7 @@ class Inertia:
     >>> import hums
     >>> from data_synth.dynamics import Inertia, assemble
     >>> inertias = {"pinion": Inertia(inertia_kgm2=0.02), "gear": Inertia(inertia_kgm2=0.15)}
-    >>> assemble(hums.load_gearbox("wijianto-pair"), motions="torsion", inertias=inertias).mass.tolist()
+    >>> assemble(hums.load_gearbox("wijianto-pair"), motions="torsion", inertias=inertias).system.mass.tolist()
     [[0.02, 0.0], [0.0, 0.15]]
     """
 
@@ -74,7 +74,7 @@ class SupportStiffness:
     >>> import hums
     >>> from data_synth.dynamics import SupportStiffness, assemble
     >>> supports = {"pinion": SupportStiffness(radial=3e8)}
-    >>> system = assemble(hums.load_gearbox("wijianto-pair"), motions="plane", supports=supports)
+    >>> system = assemble(hums.load_gearbox("wijianto-pair"), motions="plane", supports=supports).system
     >>> system.stiffness.diagonal().tolist()  # of the pinion's x, y and rotation, then the gear's
     [300000000.0, 300000000.0, 0.0, 100000000.0, 100000000.0, 0.0]
     """
@@ -102,8 +102,6 @@ class MeshProperties:
         N s/m along the line of action.
     geometry : GearPair or None
         Geometry of the teeth, where the gearbox does not declare it.
-    driver : str or None
-        The driving link, where it is not the one nearer to the reference.
     friction_coefficient : float
         Of sliding between the flanks; for external gears on parallel axes.
     friction_cycles : float
@@ -114,7 +112,7 @@ class MeshProperties:
     >>> import hums
     >>> from data_synth.dynamics import MeshProperties, Rectangular, assemble
     >>> teeth = MeshProperties(stiffness=Rectangular(low=1e8, high=2e8, duty=0.5), backlash_m=50e-6)
-    >>> system = assemble(hums.load_gearbox("wijianto-pair"), motions="torsion", meshes={"pinion-gear": teeth})
+    >>> system = assemble(hums.load_gearbox("wijianto-pair"), motions="torsion", meshes={"pinion-gear": teeth}).system
     >>> system.meshes[0].stiffness.mean, system.meshes[0].cycles_per_rev  # 36 teeth on the pinion
     (150000000.0, 36.0)
     """
@@ -124,91 +122,17 @@ class MeshProperties:
     backlash_m: float = 0.0
     damping: float = 0.0
     geometry: GearPair | None = None
-    driver: str | None = None
     friction_coefficient: float = 0.0
     friction_cycles: float = 0.0
-
-
-@dataclass(frozen=True, kw_only=True)
-class BearingBlock:
-    """A bearing block: a body between a bearing and the frame, which translates and does not rotate.
-
-    Attributes
-    ----------
-    mass_kg : float
-        Mass in kg.
-    stiffness : float
-        Between the block and the frame in N/m, the same in every direction.
-    damping_s : float
-        Damping over stiffness in s.
-
-    Examples
-    --------
-    One bearing of a shaft in a block: the block adds its translations to the degrees of freedom.
-
-    >>> from data_synth.dynamics import BearingBlock, assemble
-    >>> from hums import Gearbox
-    >>> bearing = {
-    ...     "name": "left", "inner_ring": "pinion", "outer_ring": "housing", "elements": 12,
-    ...     "element_diameter_mm": 7.1, "pitch_diameter_mm": 38.5,
-    ... }
-    >>> gearbox = Gearbox.from_mapping({
-    ...     "name": "pair", "frame": "housing", "reference": "pinion", "bearing": [bearing],
-    ...     "axes": {"pinion": ["housing", "pinion"], "wheel": ["housing", "wheel"]},
-    ...     "mesh": [{"teeth": {"pinion": 20, "wheel": 40}, "module_mm": 4, "face_width_mm": 30,
-    ...               "pressure_angle_deg": 20}],
-    ... })
-    >>> system = assemble(gearbox, motions="plane", blocks={"left": BearingBlock(mass_kg=2.0, stiffness=1e8)})
-    >>> system.names[-2:]
-    ('left block x', 'left block y')
-    """
-
-    mass_kg: float
-    stiffness: float
-    damping_s: float = 0.0
-
-
-@dataclass(frozen=True, kw_only=True)
-class AttachedRotor:
-    """A rotor outside of the gearbox, as a motor or a load, connected by a torsional coupling.
-
-    Attributes
-    ----------
-    name : str
-        Name of the new body.
-    to : str
-        Link of the gearbox to which the coupling connects it.
-    inertia_kgm2 : float
-        Moment of inertia about the axis of that link in kg m2.
-    stiffness, damping : float
-        Of the coupling, in N m/rad and N m s/rad.
-
-    Examples
-    --------
-    >>> import hums
-    >>> from data_synth.dynamics import AttachedRotor, assemble
-    >>> motor = AttachedRotor(name="motor", to="pinion", inertia_kgm2=0.1, stiffness=5e4)
-    >>> system = assemble(hums.load_gearbox("wijianto-pair"), motions="torsion", attached=[motor])
-    >>> system.names
-    ('pinion rotation', 'gear rotation', 'motor rotation')
-    >>> system.stiffness[2].tolist()
-    [-50000.0, 0.0, 50000.0]
-    """
-
-    name: str
-    to: str
-    inertia_kgm2: float
-    stiffness: float
-    damping: float = 0.0
 
 
 @dataclass(frozen=True, kw_only=True)
 class Parts:
     """The inputs of `assemble`, and the positions of axes and gears.
 
-    `blocks` are bearing blocks by the name of their bearing, `elastic_links` links of the frame that are bodies of
-    their own; `axis_points` has a point of the axis of each body in space (empty for torsion), `speeds` as given to
-    `assemble`. With `rotating_coordinates` those of each body rotate with the carrier of its meshes.
+    `elastic_links` are links of the frame that are bodies of their own; `axis_points` has a point of the axis of each
+    body in space (empty for torsion), `speeds` as given to `assemble`. With `rotating_coordinates` those of each body
+    rotate with the carrier of its meshes.
     """
 
     kinematics: Kinematics
@@ -221,7 +145,6 @@ class Parts:
     axis_points: Mapping[str, Array]
     speeds: Mapping[str, float] | None
     rotating_coordinates: bool = False
-    blocks: Mapping[str, BearingBlock] = field(default_factory=dict)
 
     @property
     def frame(self) -> str:
@@ -355,7 +278,7 @@ def mesh_elements(parts: Parts) -> Iterator[GearMesh | GeneralMesh]:
     In torsion the deflection is ``r_b / |Z| (Z_i (theta_i - theta_c) + Z_j (theta_j - theta_c))``, the constraint of
     the kinematics in metres along the line of action; else that of a line of action in space.
     """
-    reference_speed, driving = parts.reference_speed(), drivers(parts)
+    reference_speed, driving = parts.reference_speed(), power_flow(parts.kinematics, parts.contacts)
     for contact in parts.contacts:
         given = parts.mesh(contact)
         speed = parts.relative_speed(contact.links[0], contact.carrier)
@@ -440,19 +363,6 @@ def power_flow(kinematics: Kinematics, contacts: Sequence[Contact]) -> dict[str,
         one, two = bodies[contact.name]
         found[contact.name] = 0 if _rank(reached, one) <= _rank(reached, two) else 1
         reached += [body for body in (one, two) if body not in reached and body != frame]
-    return found
-
-
-def drivers(parts: Parts) -> dict[str, int]:
-    """Return the number of the driving gear of each contact: as power flows, or as `MeshProperties.driver` says."""
-    found = power_flow(parts.kinematics, parts.contacts)
-    for contact in parts.contacts:
-        named = parts.mesh(contact).driver
-        if named is not None:
-            instances = parts.kinematics.gearbox.instances(named)
-            if not set(instances) & set(contact.links):
-                raise ValueError(f'mesh "{contact.mesh}": driver = "{named}" is none of its gears.')
-            found[contact.name] = 0 if contact.links[0] in instances else 1
     return found
 
 

@@ -303,7 +303,9 @@ class Body:
     speed_ratio : float
         Speed about the axis over that of the reference, in the inertial frame; for gyroscopic terms only.
     frame_ratio : float
-        Speed of the body's x and y coordinates about z, over that of the reference.
+        Speed of the body's x and y coordinates about z, over that of the reference: the carrier's speed ratio for a
+        planetary stage. Mass times ``2 Omega`` then couples x and y, and ``-Omega^2`` times the mass is added to the
+        stiffness (Lin and Parker 1999, eq. 1). Supports outside of a rotating frame have to be isotropic in x and y.
     rotates_with : str or None
         Another body to which this one is fixed in rotation: both have one degree of freedom "rotation".
 
@@ -431,7 +433,6 @@ def build_system(
     elements: Iterable[Element],
     *,
     speed_rad_s: float = 0.0,
-    frame_ratio: float = 0.0,
 ) -> System:
     """Assemble bodies and the elements between them into the equations of motion.
 
@@ -443,11 +444,6 @@ def build_system(
         Bearings, shafts, couplings and meshes; see `data_synth.dynamics.elements`.
     speed_rad_s : float
         Speed of the reference shaft in rad/s. Other than zero, gyroscopic terms are added.
-    frame_ratio : float
-        Speed of a rotating frame about z, over that of the reference, for all coordinates, in place of each body's own:
-        the carrier's speed ratio for a planetary stage. Mass times ``2 Omega`` then couples x and y, and ``-Omega^2``
-        times the mass is added to the stiffness (Lin and Parker 1999, eq. 1). Supports outside of a rotating frame
-        have to be isotropic in x and y.
 
     Returns
     -------
@@ -470,8 +466,6 @@ def build_system(
     >>> solve_modes(system).angular.round(4).tolist()
     [0.0, 10000.0]
     """
-    if frame_ratio:
-        bodies = [replace(body, frame_ratio=frame_ratio) for body in bodies]
     coordinates = Coordinates(bodies)
     terms = [term for element in elements for term in element.terms(coordinates)]
     springs = tuple(term for term in terms if isinstance(term, Spring))

@@ -12,7 +12,7 @@ from functools import cached_property, partial
 
 import numpy as np
 
-from data_synth.dynamics.assembly import Assembly, Inertia, SupportStiffness, assemble_parts
+from data_synth.dynamics.assembly import Assembly, Inertia, SupportStiffness, assemble
 from data_synth.dynamics.excited_dofs import excited_dofs_of
 from data_synth.dynamics.modes import undamped_modes, with_modal_damping
 from data_synth.dynamics.placement import direction_of
@@ -63,7 +63,7 @@ def assembly_of(stage: PreparedScene, gears: Gears, *, speed_rad_s: float | None
     declared = scene.dynamics_or_default
     has_helix = any(mesh.helix_angle_deg for mesh in scene.gearbox.meshes)
     try:
-        return assemble_parts(
+        return assemble(
             kinematics,
             motions="space" if has_helix or has_crossed_axes(kinematics) else "plane",
             inertias={
@@ -74,7 +74,7 @@ def assembly_of(stage: PreparedScene, gears: Gears, *, speed_rad_s: float | None
             supports=dict(_supports(scene, kinematics)),
             meshes={name: teeth.properties for name, teeth in gears.teeth.items()},
             speed_rad_s=_speed_rad_s(stage, kinematics) if speed_rad_s is None else speed_rad_s,
-            rotating_frame="carriers",
+            rotating_coordinates=True,
         )
     except ValueError as caught:
         words = str(caught)

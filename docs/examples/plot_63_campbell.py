@@ -15,7 +15,7 @@ from hums.plots import plot_campbell
 
 gearbox = hums.load_gearbox("wijianto-pair")
 diagram = campbell(
-    lambda speed: assemble(gearbox, motions="plane", speed_rad_s=speed), speeds_rad_s=np.linspace(0, 600, 13)
+    lambda speed: assemble(gearbox, motions="plane", speed_rad_s=speed).system, speeds_rad_s=np.linspace(0, 600, 13)
 )
 figure, ax = plt.subplots(figsize=(8, 5), layout="constrained")
 plot_campbell(diagram, ax=ax)

@@ -192,4 +192,4 @@ def _system_source(source: str, motions: Literal["torsion", "plane", "space"] | 
         return scene_system(load_scene(source))
     gearbox = load_gearbox(source)
     chosen = motions or ("plane" if layout_of(gearbox).planar else "space")
-    return lambda speed: assemble(gearbox, motions=chosen, speed_rad_s=speed)
+    return lambda speed: assemble(gearbox, motions=chosen, speed_rad_s=speed).system

@@ -12,13 +12,10 @@ from published_systems import ALPHA, INERTIAS, MASSES, RADII, chaari, planetary,
 from scipy import linalg
 
 from data_synth.dynamics.assembly import (
-    AttachedRotor,
-    BearingBlock,
     Inertia,
     MeshProperties,
     SupportStiffness,
     assemble,
-    assemble_parts,
 )
 from data_synth.dynamics.elements import Coupling, GearMesh, Shaft, Support, line_of_action_direction
 from data_synth.dynamics.modes import eigenvalues, solve_modes
@@ -31,9 +28,8 @@ from data_synth.gears.transmission_error import ProfileError
 from data_synth.integrators.driver import integrate
 from data_synth.integrators.problem import Load, Output, Problem, State, Steps
 from data_synth.operation.shaft_angle import ShaftAngle
-from hums.gearbox.components import read_toml
 from hums.gearbox.kinematics import solve_kinematics
-from hums.gearbox.model import Gearbox, catalogue, load_gearbox
+from hums.gearbox.model import load_gearbox
 
 
 def test_wijianto_s_pair_to_every_printed_digit():
@@ -72,92 +68,39 @@ HOWARD += " 2054.6815 2054.6815 2254.9353 2371.223 4234.1812"
 ENDS = [f"{side} {end}" for side in ("pinion", "gear") for end in ("left", "right")]
 
 
-def with_bearings(*, apart_mm=0.0):
-    """Return the drawn pair with two bearings on each shaft, in Howard's layout; rolling geometry plays no part."""
-    table = read_toml(catalogue()["wijianto-pair"], error=ValueError)
-    multiples = {"inner": 5.4, "outer": 3.6, "element_spin": 2.3, "cage": 0.4}
-    table["mesh"][0]["hand"] = "right"
-    table["bearing"] = [
-        {
-            "names": [f"{side} left", f"{side} right"],
-            "inner_ring": side,
-            "outer_ring": "housing",
-            "multiples": multiples,
-            "position_mm": [-apart_mm / 2, apart_mm / 2],
-        }
-        for side in ("pinion", "gear")
+def howard():
+    """Return motor, pinion, gear and load, and a block at each end of both shafts."""
+    across, spin = ("x", "y"), ("rotation",)
+    shafts = [
+        Body(name=name, mass_kg=mass, inertia_kgm2=inertia, motions=(*across, *spin), centre_m=(0, place, 0), axis=axis)
+        for name, mass, inertia, place, axis in zip(
+            ("pinion", "gear"), MASSES, INERTIAS, (0.0, sum(RADII)), ((0, 0, 1), (0, 0, -1)), strict=True
+        )
     ]
-    return Gearbox.from_mapping(table)
-
-
-def howard(motions="plane", *, apart_mm=0.0, **changes):
-    settings = {
-        "inertias": {
-            name: Inertia(mass_kg=mass, inertia_kgm2=inertia)
-            for name, mass, inertia in zip(("pinion", "gear"), MASSES, INERTIAS, strict=True)
-        },
-        "supports": {name: SupportStiffness(radial=2e8) for name in ENDS},
-        "blocks": {name: BearingBlock(mass_kg=1.8 if "pinion" in name else 2.5, stiffness=1e8) for name in ENDS},
-        "meshes": {"pinion-gear": MeshProperties(stiffness=Constant(mean=1e9))},
-        "attached": [
-            AttachedRotor(name="motor", to="pinion", inertia_kgm2=4.3e-3, stiffness=1e5),
-            AttachedRotor(name="load", to="gear", inertia_kgm2=4.5e-3, stiffness=1e5),
-        ],
-    }
-    return assemble(with_bearings(apart_mm=apart_mm), motions=motions, **{**settings, **changes})
+    blocks = [Body(name=end, mass_kg=1.8 if "pinion" in end else 2.5, motions=across) for end in ENDS]
+    rotors = [
+        Body(name=name, inertia_kgm2=inertia, motions=spin) for name, inertia in (("motor", 4.3e-3), ("load", 4.5e-3))
+    ]
+    rolling = [Support(between=(end.split()[0], end), x=2e8, y=2e8) for end in ENDS]
+    feet = [Support(between=(end, None), x=1e8, y=1e8) for end in ENDS]
+    twists = [
+        Coupling(motions={(one, "rotation"): 1.0, (other, "rotation"): -1.0}, stiffness=1e5)
+        for one, other in (("motor", "pinion"), ("gear", "load"))
+    ]
+    angle = math.atan(math.tan(ALPHA) / math.cos(math.radians(12)))  # across the shafts
+    along = (math.cos(angle), math.sin(angle), 0.0)
+    mesh = GearMesh(
+        name="mesh", gears=("pinion", "gear"), direction=along, point_m=(0, RADII[0], 0), stiffness=Constant(mean=1e9)
+    )
+    return build_system([*shafts, *blocks, *rotors], [*rolling, *feet, *twists, mesh])
 
 
 def test_sixteen_degrees_of_freedom_in_howard_s_layout():
     system = howard()
     assert system.dof == 16
-    assert system.names[6:8] == ("pinion left block x", "pinion left block y")
     # four decimals are printed; the supports are the same in every direction, so that of the teeth does not matter
     expected = [float(text) for text in HOWARD.split()]
     assert_allclose(solve_modes(system).frequencies_hz, expected, atol=5.1e-5)
-
-
-def test_heavy_and_massless_blocks_are_limits():
-    # a block of next to no mass puts its stiffness in series with the bearing's
-    light = {name: BearingBlock(mass_kg=1e-9, stiffness=1e8) for name in ENDS}
-    series = {name: SupportStiffness(radial=1 / (1 / 2e8 + 1 / 1e8)) for name in ENDS}
-    assert_allclose(
-        solve_modes(howard(blocks=light)).angular[:8],
-        solve_modes(howard(blocks={}, supports=series)).angular,
-        rtol=1e-9,
-    )
-    # one that does not move is the frame
-    still = {name: BearingBlock(mass_kg=1e3, stiffness=1e18) for name in ENDS}
-    assert_allclose(solve_modes(howard(blocks=still)).angular[:8], solve_modes(howard(blocks={})).angular, rtol=1e-9)
-
-
-def test_blocks_in_space_move_along_the_shaft_and_carry_its_tilt():
-    system = howard("space", apart_mm=200.0)
-    assert system.dof == 2 * 6 + 4 * 3 + 2
-    whole = assemble_parts(
-        with_bearings(apart_mm=200.0),
-        motions="space",
-        blocks={"gear right": BearingBlock(mass_kg=2.5, stiffness=1e8, damping_s=2**-10)},
-    )
-    names = whole.system.names
-    block = [spring for spring in whole.grounded if spring.direction[names.index("gear right block z")]]
-    assert [(spring.stiffness, spring.damping) for spring in block] == [(1e8, 1e8 / 1024)]
-    # the gear's tilt about x displaces its bearing across, half the distance times the angle
-    moved = np.abs(whole.system.stiffness[names.index("gear right block y"), names.index("gear tilt x")])
-    assert moved == pytest.approx(1e8 * 0.1)
-
-
-@pytest.mark.parametrize(
-    ("changes", "words"),
-    [
-        ({"motions": "torsion"}, 'blocks names "pinion left", but blocks only translate; use motions = "plane"'),
-        ({"blocks": {"gear lfet": BearingBlock(mass_kg=1, stiffness=1)}}, 'blocks names "gear lfet".*"gear left"'),
-        ({"blocks": {"gear": BearingBlock(mass_kg=1, stiffness=1)}}, 'blocks names "gear", which is not in'),
-        ({"supports": {"gear": SupportStiffness()}}, 'blocks names "gear left", which holds no link on "housing"'),
-    ],
-)
-def test_blocks_that_cannot_be_are_refused(changes, words):
-    with pytest.raises(ValueError, match=words):
-        howard(**changes)
 
 
 # ---- Lin and Parker 1999, J. Vib. Acoust. 121:316, table 1: from a declared gearbox -----------------------------
@@ -245,7 +188,7 @@ def test_the_step_of_the_meshes_chooses_the_kind_of_mode(harmonic):
 
 
 def test_a_turning_carrier_splits_translational_modes_and_keeps_the_others_real():
-    system = planetary(3, speed_rad_s=500.0, rotating_frame="carrier")
+    system = planetary(3, speed_rad_s=500.0, rotating_coordinates=True)
     assert_allclose(system.gyroscopic, -system.gyroscopic.T, atol=0)
     place = system.names.index("sun x")
     # 2 m Omega, the carrier at a fifth of the sun's 500 rad/s
@@ -385,7 +328,7 @@ def _signed(contact, kinematics):
 def test_torsion_strains_nothing_at_the_speeds_of_the_kinematics(name):
     gearbox = load_gearbox(name)
     kinematics = solve_kinematics(gearbox)
-    system = assemble(gearbox, motions="torsion", meshes=with_geometry(gearbox))
+    system = assemble(gearbox, motions="torsion", meshes=with_geometry(gearbox)).system
     speeds = np.array(
         [
             float(kinematics.relative_speed(body.removesuffix(" rotation"), seen_from=kinematics.mechanism.frame))
@@ -404,7 +347,7 @@ def test_torsion_strains_nothing_at_the_speeds_of_the_kinematics(name):
 def test_places_strain_nothing_at_the_speeds_of_the_kinematics_either(name, motions):
     gearbox = load_gearbox(name)
     kinematics = solve_kinematics(gearbox)
-    system = assemble(gearbox, motions=motions, meshes=with_geometry(gearbox))
+    system = assemble(gearbox, motions=motions, meshes=with_geometry(gearbox)).system
     motion = np.zeros(system.dof)
     places = {name: number for number, name in enumerate(system.names)}
     frame = kinematics.mechanism.frame
@@ -439,7 +382,7 @@ def test_a_planet_on_a_bevel_turns_about_its_carrier():
         meshes=with_geometry(gearbox),
         inertias=inertias,
         speeds={"cage": 1.0, "left wheel": 0.5},
-    )
+    ).system
     modes = solve_modes(system)
     # two ways to turn without strain: all together, and the wheels against each other
     assert np.sum(modes.frequencies_hz == 0) == 2
@@ -456,16 +399,16 @@ def test_space_holds_the_modes_of_torsion_where_bearings_are_rigid():
             for name in ("sun", "carrier", "planet 1", "planet 2", "planet 3")
         }
     }
-    torsion = solve_modes(assemble(gearbox, motions="torsion", meshes=meshes)).frequencies_hz
+    torsion = solve_modes(assemble(gearbox, motions="torsion", meshes=meshes).system).frequencies_hz
     for motions in ("plane", "space"):
-        modes = solve_modes(assemble(gearbox, motions=motions, meshes=meshes, **stiff)).frequencies_hz
+        modes = solve_modes(assemble(gearbox, motions=motions, meshes=meshes, **stiff).system).frequencies_hz
         # what is left of bearings is 1e9 / 1e18 of the compliance
         assert_allclose(modes[: torsion.size], torsion, rtol=1e-8)
 
 
 def test_defaults_are_discs_of_steel_and_the_mean_stiffness_of_iso_6336():
     gearbox = load_gearbox("wijianto-pair")
-    system = assemble(gearbox, motions="plane")
+    system = assemble(gearbox, motions="plane").system
     radius, width = RADII[0], 0.053
     mass = 7850 * math.pi * radius**2 * width
     # the pair's own table: 5.42 kg at 7850 kg/m3 is the disc of its pitch circle and width
@@ -478,22 +421,12 @@ def test_defaults_are_discs_of_steel_and_the_mean_stiffness_of_iso_6336():
     assert system.meshes[0].stiffness.mean == pair.mean_stiffness()
 
 
-def test_attached_rotors_turn_with_their_link():
-    gearbox = load_gearbox("wijianto-pair")
-    motor = AttachedRotor(name="motor", to="pinion", inertia_kgm2=0.5, stiffness=2e5, damping=3.0)
-    system = assemble(gearbox, motions="torsion", attached=[motor])
-    assert system.names[-1] == "motor rotation"
-    assert_allclose(system.stiffness[np.ix_([0, 2], [0, 2])], 2e5 * np.array([[1, -1], [-1, 1]]))
-    assert_allclose(system.damping[np.ix_([0, 2], [0, 2])], 3 * np.array([[1, -1], [-1, 1]]))
-
-
 @pytest.mark.parametrize(
     ("changes", "words"),
     [
         ({"motions": "flat"}, 'motions = "flat" is not one of torsion, plane, space'),
         ({"motions": "plane", "meshes": {"no": MeshProperties()}}, 'meshes names "no"'),
         ({"motions": "plane", "supports": {"pinoin": SupportStiffness()}}, 'supports names "pinoin".*pinion'),
-        ({"motions": "plane", "meshes": {"pinion-gear": MeshProperties(driver="x")}}, "none of its gears"),
     ],
 )
 def test_what_is_not_there_is_refused(changes, words):

@@ -8,7 +8,7 @@ import pytest
 from numpy.testing import assert_allclose
 
 from data_synth import Scene, SceneError, simulate
-from data_synth.dynamics.assembly import assemble_parts
+from data_synth.dynamics.assembly import assemble
 from data_synth.dynamics.modes import solve_modes
 from data_synth.dynamics.placement import contacts_of
 from data_synth.gears.geometry import GearPair
@@ -418,7 +418,7 @@ def test_what_is_heard_across_its_axis_turns_a_sensor():
 def test_rigid_gears_roll_without_strain_in_space(name, speeds, turning):
     declared = load_gearbox(name)
     declared = declared.changed(meshes=tuple(mesh.changed(**SIZE | {"face_width_mm": 20}) for mesh in declared.meshes))
-    whole = assemble_parts(declared, motions="space", speeds=speeds, rotating_frame=turning)
+    whole = assemble(declared, motions="space", speeds=speeds, rotating_coordinates=turning)
     parts, system = whole.parts, whole.system
     joints, motion = parts.kinematics.joints, np.zeros(system.dof)
     spins = parts.kinematics.vectors(speeds)
