@@ -20,7 +20,7 @@ a gap between two edges is elementary geometry.
 
 import math
 from collections.abc import Callable
-from dataclasses import dataclass, field
+from dataclasses import dataclass, field, replace
 from functools import cached_property
 
 import numpy as np
@@ -28,7 +28,8 @@ from numpy.typing import ArrayLike
 
 from data_synth.gears.geometry import GearPair
 from data_synth.gears.mesh_stiffness import Array
-from data_synth.gears.tooth_compliance import ToothPair
+from data_synth.gears.tooth_compliance import DamagedTooth, ToothPair
+from data_synth.gears.transmission_error import ProfileError, TransmissionError
 
 _POINTS = 1025  # along the path of contact
 _NEAR_PATH = 1e-3  # base pitches
@@ -36,6 +37,7 @@ _FAR_M = 1.0  # a gap that nothing bridges
 _EVERY = 8  # of these points are knots of the transmission error, where it is smooth
 _STEEP = 0.03  # of the whole error, from point to point: there every point is one
 _EDGE = 1e-9  # cycles: either side of the end of contact
+_SLICES = 32  # of a crowned face
 _NEAR_BASE = 0.1  # of the radius of curvature at the pitch point: nearer the base circle sliding has no bound
 
 Gap = Callable[[Array], Array]
@@ -76,6 +78,8 @@ class LoadSharing:
         A pair sinks in no further than this: the backlash, where it is declared.
     teeth : ToothPair or None
         The teeth, where their stiffness is that of their strain energy; their compliance counts `scale` times.
+    modification : FlankModification or None
+        What all pairs have.
     """
 
     gears: GearPair
@@ -84,6 +88,7 @@ class LoadSharing:
     most_m: float = math.inf
     teeth: ToothPair | None = field(default=None, repr=False)
     scale: float = 1.0
+    modification: "FlankModification | None" = None
 
     def shared(
         self,
@@ -113,16 +118,16 @@ class LoadSharing:
             Share of the face on which they are in contact.
         """
         at = np.asarray(since, dtype=np.float64)
-        healthy, none = 1 / self.pair_compliance(at), np.zeros(at.size)
+        healthy, relief = 1 / self.pair_compliance(at), self.relief_m(at)
         own = healthy if softer is None else 1 / (1 / healthy + softer(at))
-        springs, gaps = [gap_share * own, (1 - gap_share) * own], [np.minimum(gap(at), self.most_m), none]
+        springs, gaps = [gap_share * own, (1 - gap_share) * own], [np.minimum(gap(at) + relief, self.most_m), relief]
         count, alone = math.ceil(self.gears.contact_ratio), np.ones(at.size, dtype=np.bool_)
         for number in (*range(-count, 0), *range(1, count + 1)):
             place = at + number
             on_path = (place >= 0) & (place < self.gears.contact_ratio)
             clipped = np.clip(place, 0.0, self.gears.contact_ratio)
             springs.append(np.where(on_path, others_share / self.pair_compliance(clipped), 0.0))
-            gaps.append(others(clipped) if others is not None else none)
+            gaps.append(self.relief_m(clipped) + (others(clipped) if others is not None else 0.0))
             alone &= ~on_path
         carrying, error, deflection = self._carried(np.array(springs), np.array(gaps))
         # a pair that is alone carries all, or a neighbour off the path does, whichever sinks in less
@@ -134,28 +139,35 @@ class LoadSharing:
             deflection_m=np.where(instead, off_path + self.static_n / (others_share * healthy), deflection),
         )
 
+    def relief_m(self, since: Array) -> Array:
+        """Return the tip relief (n,) of a pair; zero without modification."""
+        return np.zeros(since.shape) if self.modification is None else self.modification.relief_m(self.gears, since)
+
     def _carried(self, springs: Array, gaps: Array) -> tuple[Array, Array, Array]:
-        """Return the springs (m, n) that carry, else 0, their error (n,) and the static deflection (n,).
+        """Return what carries of the springs (m, n), their error (n,) and the static deflection (n,).
 
         The force is the largest of ``sum k_i (d - g_i)`` over all sets of springs, so the deflection is the least that
-        any set has: one of the springs with the smallest gaps.
+        any set has: one of the springs with the smallest gaps. Crowned flanks are slices, each with a gap of its own.
         """
-        among = gaps <= gaps[:, None]
-        stiffness, pulls = np.sum(among * springs, axis=1), np.sum(among * springs * gaps, axis=1)
+        if self.modification is not None:
+            gaps = (gaps + self.modification.slices_m[:, None, None]).reshape(-1, gaps.shape[1])
+            springs = np.tile(springs / _SLICES, (_SLICES, 1))
+        order = np.argsort(gaps, axis=0)
+        stiffness = np.cumsum(np.take_along_axis(springs, order, axis=0), axis=0)
+        pulls = np.cumsum(np.take_along_axis(springs * gaps, order, axis=0), axis=0)
         every = np.divide(self.static_n + pulls, stiffness, out=np.full(gaps.shape, np.inf), where=stiffness > 0)
         sunk = np.min(every, axis=0)
         carrying = np.where(gaps <= (1 + 1e-12) * sunk, springs, 0.0)
         total = np.sum(carrying, axis=0)
-        return carrying, np.divide(np.sum(carrying * gaps, axis=0), total, out=sunk.copy(), where=total > 0), sunk
-
-    def healthy_m(self, since: Array) -> Array:
-        """Return the static deflection (n,) in m of healthy teeth."""
-        return self.shared(since, gap=np.zeros_like).deflection_m
+        error = np.divide(np.sum(carrying * gaps, axis=0), total, out=sunk.copy(), where=total > 0)
+        if self.modification is not None:
+            carrying = carrying.reshape(_SLICES, -1, carrying.shape[1]).sum(axis=0)
+        return carrying, error, sunk
 
     def off_path_m(self, since: Array, others: Gap | None = None) -> Array:
         """Return the gap (n,) of the nearest neighbour off the path of contact."""
         ends = np.array([0.0, self.gears.contact_ratio])
-        entering, leaving = others(ends) if others is not None else np.zeros(2)
+        entering, leaving = self.relief_m(ends) + (others(ends) if others is not None else 0.0)
         ahead = np.maximum(since + 1 - self.gears.contact_ratio, 0.0)
         behind = np.maximum(1 - since, 0.0)
         nearest: Array = np.minimum(
@@ -209,6 +221,37 @@ def separation_m(gears: GearPair, beyond_cycles: ArrayLike, *, leaving: bool) ->
     (near, rolled) = tip_seen_from_flank(np.asarray(_NEAR_PATH * gears.base_pitch_m))
     sign = 1.0 if abs(near - begin + rolled - at) < abs(near - begin - rolled + at) else -1.0
     return np.asarray(bases[flank] * np.abs(turn - begin + sign * (roll - at)))
+
+
+@dataclass(frozen=True, kw_only=True)
+class FlankModification:
+    """Tip relief and crowning of all teeth of a pair of gears, by which they differ from involutes.
+
+    Attributes
+    ----------
+    relief_tip_m : float
+        Relief of each tip along the line of action, linear from its start: Harris, Proc. IMechE 172 (1958) 87.
+    relief_pitches : float or None
+        Base pitches along the path of contact from its start to the tip; None: from the highest point of single-tooth
+        contact on ("long" relief), for which ``F / k`` of a pair leaves the deflection constant under the force F.
+    crowning_m : float
+        Relief at both ends of the face, a parabola over it.
+    """
+
+    relief_tip_m: float = 0.0
+    relief_pitches: float | None = None
+    crowning_m: float = 0.0
+
+    @property
+    def slices_m(self) -> Array:
+        """Gaps of equal slices of half the face."""
+        return self.crowning_m * ((np.arange(_SLICES) + 0.5) / _SLICES) ** 2
+
+    def relief_m(self, gears: GearPair, since: Array) -> Array:
+        """Return the tip relief of a pair (n,), `since` (n,) cycles after it entered."""
+        ratio = gears.contact_ratio
+        length = self.relief_pitches or min(ratio - 1, ratio / 2)
+        return np.asarray(self.relief_tip_m * np.maximum(1 - np.minimum(since, ratio - since) / length, 0.0))
 
 
 # ---- Gaps: material gone from the flank of one tooth, by the cycles since its pair entered ---------------------------
@@ -319,6 +362,8 @@ class LostContact:
         Compliance that the pair has more, m/N.
     every : bool
         Whether all teeth of the gear are alike.
+    modified : bool
+        Whether it is the modification of the flanks itself, by which all pairs differ from involutes.
     """
 
     sharing: LoadSharing
@@ -328,6 +373,7 @@ class LostContact:
     others_share: float = 1.0
     added: Gap | None = field(default=None, repr=False)
     every: bool = False
+    modified: bool = False
 
     def _softer(self, since: Array) -> Array:
         with np.errstate(divide="ignore"):
@@ -346,42 +392,43 @@ class LostContact:
         )
 
     @cached_property
-    def _path(self) -> tuple[Array, Shared]:
-        """Return phases (n,) since the pair entered, and who carries there."""
+    def _path(self) -> tuple[Array, Shared, Shared]:
+        """Return phases (n,) since the pair entered, who carries there, and who would without the fault."""
         ratio = self.sharing.gears.contact_ratio
         # close to both sides of where a pair enters or leaves, and the load jumps
         ends = [end for whole in range(math.ceil(ratio) + 1) for end in (float(whole), ratio - whole)]
         sides = [end + side for end in ends for side in (-_EDGE, _EDGE)]
         since = np.unique(np.clip([*np.linspace(0, ratio, _POINTS), *sides], 0.0, ratio - _EDGE))
-        return since, self._at(since)
+        sound = replace(self.sharing, modification=None) if self.modified else self.sharing
+        return since, self._at(since), sound.shared(since, gap=np.zeros_like)
 
     @cached_property
     def _changes(self) -> tuple[int, ...]:
         """Numbers of the points after which the pair gets or loses its load, or it passes between two pairs."""
-        since, shared = self._path
-        share = shared.pair_n_m * self.sharing.pair_compliance(since)
-        return tuple(np.flatnonzero(np.abs(np.diff(share)) > _STEEP).tolist())
+        since, *both = self._path
+        shares = [shared.pair_n_m * self.sharing.pair_compliance(since) for shared in both]
+        return tuple(np.flatnonzero(np.max(np.abs(np.diff(shares)), axis=0) > _STEEP).tolist())
 
     def jump_phases(self, pair: ToothPair, gear: int) -> tuple[float, ...]:  # noqa: ARG002 - as other faults
         """Return phases after the pair entered at which its stiffness jumps."""
-        since, _ = self._path
+        since = self._path[0]
         return tuple(float(since[at] + since[at + 1]) / 2 for at in self._changes)
 
     def added_compliance(self, pair: ToothPair, gear: int, phase_cycles: Array) -> Array:
         """Return the added compliance of the pair, (n,) m/N: inf where it carries nothing."""
-        since, shared = self._path
-        healthy = self.sharing.pair_compliance(since)
-        with np.errstate(divide="ignore"):
-            share = shared.pair_n_m * healthy
+        since, *both = self._path
         edges = np.array(self.jump_phases(pair, gear))
         # on either side of a jump that of its own segment
-        found, segment = np.empty(phase_cycles.shape), np.searchsorted(edges, phase_cycles, side="right")
+        found, segment = np.empty((2, *phase_cycles.shape)), np.searchsorted(edges, phase_cycles, side="right")
         of = np.searchsorted(edges, since, side="right")
-        for number in np.unique(segment):
-            here, known = segment == number, of == number
-            found[here] = np.interp(phase_cycles[here], since[known], share[known])
-        with np.errstate(divide="ignore"):
-            return np.asarray((1 / found - 1) * self.sharing.pair_compliance(phase_cycles))
+        for row, shared in zip(found, both, strict=True):
+            for number in np.unique(segment):
+                here, known = segment == number, of == number
+                share = shared.pair_n_m * self.sharing.pair_compliance(since)
+                row[here] = np.interp(phase_cycles[here], since[known], share[known])
+        with np.errstate(divide="ignore", invalid="ignore"):
+            more = (1 / found[0] - 1 / found[1]) * self.sharing.pair_compliance(phase_cycles)
+        return np.where(found[1] == 0, 0.0, more)  # a pair without load has nothing to lose
 
     def error(self, *, teeth: int, first: int, stiffness_too: bool) -> "PairError":
         """Return the transmission error by the gap.
@@ -396,8 +443,8 @@ class LostContact:
             Whether the mesh stiffness is without the pair where it carries nothing; else the error has that part of
             the static deflection as well, as of teeth whose stiffness has another shape.
         """
-        since, shared = self._path
-        error = shared.error_m if stiffness_too else shared.deflection_m - self.sharing.healthy_m(since)
+        since, shared, sound = self._path
+        error = shared.error_m - sound.error_m if stiffness_too else shared.deflection_m - sound.deflection_m
         if self.every:  # in each cycle the pair that entered last stands for all
             since, error = (part[since < 1] for part in (since, error))
         kept = np.arange(since.size) % _EVERY == 0
@@ -409,6 +456,29 @@ class LostContact:
         return PairError(
             period=1 if self.every else teeth, first=first % teeth, knots_cycles=since[kept], error_m=error[kept]
         )
+
+
+def modified_teeth(sharing: LoadSharing | None) -> list[DamagedTooth]:
+    """Return by how much all pairs differ in stiffness from involutes; nothing without modification."""
+    if sharing is None or sharing.modification is None:
+        return []
+    return [DamagedTooth(gear=0, tooth=None, fault=LostContact(sharing=sharing, every=True, modified=True))]
+
+
+def modification_errors(
+    sharing: LoadSharing | None, *, stiffness_too: bool, overlap_ratio: float
+) -> list[TransmissionError]:
+    """Return the transmission errors of modified flanks; of a helical gear the mean over its face, a series."""
+    if sharing is None or sharing.modification is None:
+        return []
+    own = LostContact(sharing=sharing, every=True, modified=True)
+    error = own.error(teeth=1, first=0, stiffness_too=stiffness_too)
+    if not overlap_ratio:
+        return [error]
+    lines = np.fft.rfft(error(np.arange(_POINTS) / _POINTS)) / _POINTS
+    harmonics = np.arange(1, 9)
+    turns = harmonics * overlap_ratio
+    return [ProfileError(harmonics_m=2 * lines[harmonics] * np.sinc(turns) * np.exp(-1j * np.pi * turns))]
 
 
 @dataclass(frozen=True, kw_only=True)
@@ -444,3 +514,23 @@ class PairError:
         for earlier in range(math.ceil(float(self.knots_cycles[-1]) / self.period)):
             total += np.interp(within + earlier * self.period, self.knots_cycles, self.error_m, right=right)
         return total
+
+
+def closed_cycles(rows: tuple[tuple[float, float], ...]) -> tuple[tuple[float, float], ...]:
+    """Return rows of mesh cycles and a measured error; raise ValueError for those that cannot repeat."""
+    (first, begin), (last, end) = rows[0], rows[-1]
+    if first or last < 1 or last % 1 or begin != end:
+        raise ValueError(
+            f"goes from {begin:g} at {first:g} to {end:g} at {last:g} cycles; let it begin at 0, and end as it began "
+            "after whole mesh cycles"
+        )
+    return rows
+
+
+def declared_errors(error_m: float, measured_um: tuple[tuple[float, float], ...] | None) -> list[TransmissionError]:
+    """Return the errors of a mesh: a first harmonic, and a measured one by rows of mesh cycles and um."""
+    found: list[TransmissionError] = [ProfileError(harmonics_m=np.array([error_m + 0j]))] if error_m else []
+    if measured_um is not None:
+        cycles, error_um = np.array(measured_um).T
+        found.append(PairError(period=round(cycles[-1]), first=0, knots_cycles=cycles, error_m=1e-6 * error_um))
+    return found

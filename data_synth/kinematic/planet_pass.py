@@ -72,49 +72,6 @@ class PassWindow:
 
 
 @dataclass(frozen=True, kw_only=True)
-class DistanceWindow:
-    """Gain of a planet by its distance from the sensor: ``(1 / distance) ** exponent``, 1 where it is nearest.
-
-    Attributes
-    ----------
-    planet_radius_m : float
-        Radius of the circle on which the ring meshes lie.
-    sensor_radius_m : float
-        Radius at which the sensor is, larger.
-    exponent : float
-        Decay of the vibration with distance: 1/2 over a surface, 1 through a body.
-    """
-
-    planet_radius_m: float
-    sensor_radius_m: float
-    exponent: float = 1.0
-
-    def __post_init__(self) -> None:
-        if not 0 < self.planet_radius_m < self.sensor_radius_m:
-            raise ValueError(
-                f"sensor_radius_m = {self.sensor_radius_m:g} has to lie outside of planet_radius_m = "
-                f"{self.planet_radius_m:g}"
-            )
-
-    def gain(self, angle_rad: ArrayLike) -> Array:
-        """Return the gain (n,) of a planet at `angle_rad` (n,) from the sensor."""
-        near, far = self.planet_radius_m, self.sensor_radius_m
-        # the law of cosines, the square of the difference kept whole for sensors close by
-        half = np.sin(np.asarray(angle_rad, dtype=np.float64) / 2)
-        relative = 1 + 4 * near * far * half**2 / (far - near) ** 2
-        return np.asarray(relative ** (-self.exponent / 2))
-
-    def coefficients(self) -> Array:
-        """Return W_0, W_1, ... of ``gain = sum_j W_j exp(1j j angle)``, j of both signs, to 1e-6 of the largest."""
-        # the gain is analytic up to where the distance is zero, so lines fall by near / far each
-        fall = -math.log(self.planet_radius_m / self.sensor_radius_m)
-        count = 1 << math.ceil(math.log2(max(64.0, 80 / fall)))
-        lines = np.fft.rfft(self.gain(2 * np.pi * np.arange(count) / count)).real / count
-        superpose = np.flatnonzero(np.abs(lines) >= _SMALLEST * np.max(np.abs(lines)))
-        return np.asarray(lines[: superpose[-1] + 1])
-
-
-@dataclass(frozen=True, kw_only=True)
 class MovingPath:
     """Transfer path of each planet to a sensor on the ring gear, modulated by the rotation of the carrier.
 
@@ -127,7 +84,7 @@ class MovingPath:
         Relative amplitude of each: 1 where they are equal.
     """
 
-    window: PassWindow | DistanceWindow
+    window: PassWindow
     places_rad: Array = field(metadata={"dims": ("planet",), "units": "rad"})
     strengths: Array = field(metadata={"dims": ("planet",), "units": "1"})
 
@@ -137,20 +94,6 @@ class MovingPath:
                 f"places_rad and strengths have shapes {np.shape(self.places_rad)} and {np.shape(self.strengths)}; "
                 "give one of each for every planet"
             )
-
-    @classmethod
-    def even(cls, planets: int, *, window: PassWindow | DistanceWindow) -> "MovingPath":
-        """Return the path of equal and evenly spaced planets, the first at the sensor at turn 0."""
-        return cls(window=window, places_rad=2 * np.pi * np.arange(planets) / planets, strengths=np.ones(planets))
-
-    def gains(self, carrier_turns: ArrayLike) -> Array:
-        """Return the gain of each planet (N, n) at turns (n,) of the carrier."""
-        angles = 2 * np.pi * np.asarray(carrier_turns, dtype=np.float64) + np.asarray(self.places_rad)[:, None]
-        return np.asarray(np.asarray(self.strengths)[:, None] * self.window.gain(angles))
-
-    def superpose(self, sources: ArrayLike, *, carrier_turns: ArrayLike) -> Array:
-        """Return the sensor's response (n,) to the planets' signals (N, n), sample by sample, so in any blocks."""
-        return np.asarray(np.sum(self.gains(carrier_turns) * np.asarray(sources, dtype=np.float64), axis=0))
 
     def phasor_sum(self, lines: ArrayLike) -> ComplexArray:
         """Return ``sum_n strengths_n exp(1j line psi_n)`` at lines (k,) of the carrier."""
@@ -211,12 +154,6 @@ def planet_pass_family(
         coefficients=summed[1:],
         load_dependent=True,
     )
-
-
-def even_places_rad(planets: int, *, errors_rad: Sequence[float] | None = None) -> Array:
-    """Return evenly spaced angles on the carrier, each displaced by its error, (N,)."""
-    even = 2 * np.pi * np.arange(planets) / planets
-    return even if errors_rad is None else even + np.asarray(errors_rad, dtype=np.float64)
 
 
 # ---- Planet pass modulation in a scene: the lines of its ring meshes at the sensors ----------------------------------
@@ -358,7 +295,7 @@ def _places_rad(axis: Axis) -> Array:
     """Return the angles of planets on their carrier, from the first: even, or as declared by angles or by gaps."""
     count = axis.copies or 1
     if axis.spacing_deg is None:
-        return even_places_rad(count)
+        return 2 * np.pi * np.arange(count) / count
     given = np.array(axis.spacing_deg)
     return np.asarray(np.radians(given if given[0] == 0 else np.cumsum(given) - given))
 

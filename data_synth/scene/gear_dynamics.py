@@ -4,11 +4,13 @@ A kinematic scene needs none of it. What is left out has the defaults of `data_s
 in steel from module and face width, or those below.
 """
 
-from typing import Annotated, Literal, Self
+from pathlib import Path
+from typing import Annotated, Any, Literal, Self
 
-from pydantic import Field, model_validator
+from pydantic import AfterValidator, Field, model_validator
 
-from data_synth.scene.operation import ByName, Finite, NotNegative, Share
+from data_synth.gears.lost_contact import FlankModification, closed_cycles
+from data_synth.scene.operation import ByName, Finite, Knots, NotNegative, Share, csv_rows
 from data_synth.scene.sensors import Mode
 from hums.gearbox.components import Declared, Name, Positive
 
@@ -36,7 +38,12 @@ class MeshDynamics(Declared):
     geometry allows, else `trapezoid`. `backlash_um` is the play between the flanks along the line of action (left out:
     the least that ISO/TR 10064-2 recommends; 0: teeth pull as well as push). `error_um` is the amplitude of the first
     mesh harmonic of the transmission error; `friction_coefficient` that of sliding between the flanks (external gears
-    on parallel axes).
+    on parallel axes). `transmission_error` is a measured one, [[mesh cycles, um], ...] from 0 on, linear between,
+    which repeats after the last row; ``csv`` the same in a file. Positive, the gears approach.
+
+    Flanks are involutes but for `tip_relief_um` of both gears, linear over `tip_relief_pitches` base pitches of the
+    path of contact (left out: from the highest point of single-tooth contact on), and `crowning_um`, the relief at both
+    ends of the face. What they do to stiffness and transmission error follows from the mean static force.
 
     A rectangular stiffness is high for the fractional part of `contact_ratio` (left out: of the geometry) of each
     cycle, and `step_n_m` lower for the rest (left out: the stiffness of one of `contact_ratio` equal pairs of teeth).
@@ -57,8 +64,28 @@ class MeshDynamics(Declared):
     damping_n_s_m: NotNegative = 0.0
     backlash_um: NotNegative | None = None
     error_um: NotNegative = 0.0
+    transmission_error: Annotated[Knots, AfterValidator(closed_cycles)] | None = None
+    tip_relief_um: NotNegative = 0.0
+    tip_relief_pitches: Positive | None = None
+    crowning_um: NotNegative = 0.0
     friction_coefficient: Annotated[float, Field(ge=0, lt=1)] = 0.0
     bore_share: Annotated[float, Field(gt=0, lt=0.8)] = 0.4
+
+    @model_validator(mode="before")
+    @classmethod
+    def _read(cls, table: Any) -> Any:  # noqa: ANN401
+        if not isinstance(table, dict) or "csv" not in table:
+            return table
+        read = {"transmission_error": csv_rows(Path(table["csv"]), "mesh cycles", "um")}
+        return {key: item for key, item in table.items() if key != "csv"} | read
+
+    @property
+    def modification(self) -> FlankModification | None:
+        """How flanks differ from involutes."""
+        if not self.tip_relief_um and not self.crowning_um:
+            return None
+        relief_m, crowning_m = 1e-6 * self.tip_relief_um, 1e-6 * self.crowning_um
+        return FlankModification(relief_tip_m=relief_m, relief_pitches=self.tip_relief_pitches, crowning_m=crowning_m)
 
     @model_validator(mode="after")
     def _check_shape(self) -> Self:

@@ -71,32 +71,31 @@ def read_time_history(table: Any, value: str) -> Any:  # noqa: ANN401
         )
     if "csv" in table:
         table = {key: item for key, item in table.items() if key != "csv"} | {
-            value: csv_rows(Path(table["csv"]), value)
+            value: csv_rows(Path(table["csv"]), "s", value)
         }
     return table
 
 
-def csv_rows(path: Path, value: str) -> Rows:
-    """Read two columns, s and `value`, with or without a header line."""
+def csv_rows(path: Path, *columns: str) -> tuple[tuple[float, ...], ...]:
+    """Read `columns` of numbers, with or without a header line."""
+    what, names = f"csv = {str(path)!r}", ", ".join(columns)
     try:
-        lines = [line.split(",") for line in path.read_text(encoding="utf-8-sig").splitlines() if line.strip()]
+        rows = [row.split(",") for row in path.read_text(encoding="utf-8-sig").splitlines() if row.strip()]
     except (OSError, UnicodeDecodeError) as error:
-        raise ValueError(f"csv = {str(path)!r} cannot be read ({error}); name a text file of s, {value}") from None
-    try:
-        rows = tuple((float(time_s), float(number)) for time_s, number in lines[1:])
-        return ((float(lines[0][0]), float(lines[0][1])), *rows) if _is_number(lines[0][0]) else rows
-    except (ValueError, IndexError):
-        raise ValueError(
-            f"csv = {str(path)!r} does not hold two columns of numbers, s and {value}, in every line"
-        ) from None
+        raise ValueError(f"{what} cannot be read ({error}); name a text file of {names}") from None
+    found = [_numbers(row) for row in rows]
+    found = found[1:] if found and found[0] is None else found
+    for number, (row, cells) in enumerate(zip(found, rows[-len(found) :], strict=False), start=1):
+        if row is None or len(row) != len(columns):
+            raise ValueError(f"{what}: row {number} of the numbers is not {names}: {','.join(cells)!r}")
+    return tuple(row for row in found if row is not None)
 
 
-def _is_number(text: str) -> bool:
+def _numbers(cells: list[str]) -> tuple[float, ...] | None:
     try:
-        float(text)
+        return tuple(map(float, cells))
     except ValueError:
-        return False
-    return True
+        return None
 
 
 class TimeHistory(Declared):

@@ -337,6 +337,8 @@ class Scene(Declared):
                 table[history] = _with_file(table[history], path)
         if isinstance(table.get("transfer"), list):
             table["transfer"] = [_with_file(item, path) for item in table["transfer"]]
+        if isinstance(meshes := dict(table.get("dynamics") or {}).get("meshes"), dict):
+            table["dynamics"]["meshes"] = {name: _with_file(mesh, path) for name, mesh in meshes.items()}
         return cls.from_mapping(table, where=str(path))
 
     def to_toml(self) -> str:

@@ -7,7 +7,7 @@ from typing import Annotated, Any, Literal, Self
 
 from pydantic import Field, model_validator
 
-from data_synth.scene.operation import Finite
+from data_synth.scene.operation import Finite, csv_rows
 from hums.gearbox.components import Declared, Name, Positive, closest
 
 Line = tuple[Finite, Finite, Finite]
@@ -60,7 +60,7 @@ class Transfer(Declared):
         if "csv" not in table:
             return table
         kept = {key: value for key, value in table.items() if key != "csv"}
-        return kept | {"lines": csv_lines(Path(table["csv"]))}
+        return kept | {"lines": csv_rows(Path(table["csv"]), "Hz", "real", "imaginary")}
 
     @model_validator(mode="after")
     def _check(self) -> Self:
@@ -69,29 +69,6 @@ class Transfer(Declared):
             if after <= before or after < 0:
                 raise ValueError(f"lines: {after:g} Hz follows {max(before, 0):g} Hz; sort them from 0 or above")
         return self
-
-
-def csv_lines(path: Path) -> tuple[tuple[float, ...], ...]:
-    """Read three columns, Hz, real and imaginary part, with or without a header line."""
-    what = f"csv = {str(path)!r}"
-    try:
-        rows = [row.split(",") for row in path.read_text(encoding="utf-8-sig").splitlines() if row.strip()]
-    except (OSError, UnicodeDecodeError) as error:
-        raise ValueError(f"{what} cannot be read ({error}); name a text file of Hz, real, imaginary") from None
-    if rows and not _are_numbers(rows[0]):
-        rows = rows[1:]
-    for number, row in enumerate(rows, start=1):
-        if len(row) != 3 or not _are_numbers(row):  # noqa: PLR2004
-            raise ValueError(f"{what}: row {number} of the numbers is not Hz, real, imaginary: {','.join(row)!r}")
-    return tuple(tuple(float(cell) for cell in row) for row in rows)
-
-
-def _are_numbers(cells: list[str]) -> bool:
-    try:
-        [float(cell) for cell in cells]
-    except ValueError:
-        return False
-    return True
 
 
 def check_transfers(transfers: Iterable[Transfer], *, sources: Collection[str], sensors: Collection[str]) -> None:

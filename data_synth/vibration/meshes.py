@@ -1,9 +1,10 @@
 """Mesh stiffness and transmission error of a scene's gears, tooth damage included."""
 
 import math
-from collections.abc import Iterator, Mapping, Sequence
+from collections.abc import Callable, Iterator, Mapping, Sequence
 from dataclasses import dataclass, field, replace
 from functools import cached_property
+from typing import Any
 
 import numpy as np
 from numpy.typing import ArrayLike
@@ -11,7 +12,7 @@ from numpy.typing import ArrayLike
 from data_synth.dynamics.parts import MeshProperties, power_flow
 from data_synth.dynamics.placement import Contact, contacts_of, opposite_mesh_lead, planet_of, planet_phase_lag
 from data_synth.dynamics.system import Mesh, MeshHistory
-from data_synth.gears.lost_contact import LoadSharing
+from data_synth.gears.lost_contact import LoadSharing, declared_errors, modification_errors, modified_teeth
 from data_synth.gears.mesh_stiffness import (
     Constant,
     Fourier,
@@ -181,8 +182,8 @@ def _teeth(
     """
     scene = stage.scene
     turned = stage.turns_before * scene.exact_orders("gear_mesh").get(contact.mesh, 0)
-    later = at_first + float(turned % abs(math.prod(contact.teeth)))  # at revolution zero
     declared = scene.dynamics_or_default.mesh(contact.mesh)
+    later = at_first + float(turned % abs(math.prod(contact.teeth)))  # at revolution zero
     half = contact.equivalent_pair.contact_ratio / 2
     broken = []
     for number, fault in enumerate(scene.faults):
@@ -203,7 +204,9 @@ def _teeth(
             f'without undercut or profile shift; its shape is "{shape}".'
         )
     sharing = _sharing(scene, contact, static_n) if static_n is not None else None
-    healthy = _healthy_errors(stage, kinematics, contact, error_m=_UM * declared.error_um)
+    healthy = _healthy_errors(stage, kinematics, contact, declared)
+    overlap = contact.equivalent_pair.overlap_ratio
+    healthy += modification_errors(sharing, stiffness_too=shape == "teeth", overlap_ratio=overlap)
     try:
         stiffnesses = _stiffnesses(scene, contact, broken, stages, sharing, by_cycles=later)
         errors = _errors(scene, contact, broken, stages, sharing, healthy=healthy, by_cycles=later)
@@ -277,9 +280,8 @@ def _sharing(scene: Scene, contact: Contact, static_n: float) -> LoadSharing:
             return np.full(since.shape, alike)
 
     most_m = _backlash_m(declared, contact) or math.inf
-    return LoadSharing(
-        gears=pair, pair_compliance=compliance, static_n=static_n, most_m=most_m, teeth=tooth_pair, scale=scale
-    )
+    sharing = LoadSharing(gears=pair, pair_compliance=compliance, static_n=static_n, most_m=most_m)
+    return replace(sharing, teeth=tooth_pair, scale=scale, modification=declared.modification)
 
 
 def _backlash_m(declared: MeshDynamics, contact: Contact) -> float:
@@ -301,33 +303,28 @@ def _errors(
 ) -> tuple[TransmissionError | None, ...]:
     """Return the transmission error of each stage, one object where they are the same; `healthy` without damage."""
     own = _shape(scene, contact) == "teeth"
-    made: dict[tuple[object, ...], TransmissionError | None] = {}
-    found = []
-    for damage in stages:
-        key = tuple((*_lost(each), each.runout_m) for each in damage)
-        if key not in made:
-            parts = [
-                part
-                for item, each in zip(broken, damage, strict=True)
-                for part in transmission_errors(
-                    each,
-                    pair=contact.equivalent_pair,
-                    gear=item.gear,
-                    first=item.first,
-                    sharing=sharing,
-                    stiffness_too=own,
-                )
-            ]
-            parts += healthy
-            made[key] = SumOfErrors(parts=tuple(parts), by_cycles=(by_cycles,) * len(parts)) if parts else None
-        found.append(made[key])
+
+    def summed(damage: Sequence[GearDamage]) -> SumOfErrors | None:
+        parts = [*healthy]
+        for item, each in zip(broken, damage, strict=True):
+            parts[:0] = transmission_errors(
+                each,
+                pair=contact.equivalent_pair,
+                gear=item.gear,
+                first=item.first,
+                sharing=sharing,
+                stiffness_too=own,
+            )
+        return SumOfErrors(parts=tuple(parts), by_cycles=(by_cycles,) * len(parts)) if parts else None
+
+    found = _of_stages(stages, lambda each: (*_lost(each), each.runout_m), summed)
     if any(each is not None for each in found):  # a tooth that is gone has none
         return tuple(each or ProfileError(harmonics_m=np.zeros(1, dtype=np.complex128)) for each in found)
-    return tuple(found)
+    return found
 
 
 def _healthy_errors(
-    stage: PreparedScene, kinematics: Kinematics, contact: Contact, *, error_m: float
+    stage: PreparedScene, kinematics: Kinematics, contact: Contact, declared: MeshDynamics
 ) -> list[TransmissionError]:
     """Return the errors of a contact without damage: declared, of pitch, and of a displaced planet.
 
@@ -336,7 +333,7 @@ def _healthy_errors(
     """
     scene = stage.scene
     mesh = next(mesh for mesh in kinematics.gearbox.meshes if mesh.name == contact.mesh)
-    found: list[TransmissionError] = [ProfileError(harmonics_m=np.array([error_m + 0j]))] if error_m else []
+    found = declared_errors(_UM * declared.error_um, declared.transmission_error)
     cosine, ratio = math.cos(contact.pair.transverse_angle_rad), contact.equivalent_pair.contact_ratio
     for number, gear in enumerate(mesh.gears):
         link = next(link for link in contact.links if link in kinematics.gearbox.instances(gear.link))
@@ -375,19 +372,25 @@ def _stiffnesses(
     by_cycles: float,
 ) -> tuple[Stiffness, ...]:
     """Return the stiffness of each stage; one object where they are the same."""
-    made: dict[tuple[object, ...], Stiffness] = {}
-    found = []
-    for damage in stages:
-        key = tuple(_lost(each) for each in damage)
-        if key not in made:
-            damaged = [
-                tooth
-                for item, each in zip(broken, damage, strict=True)
-                for tooth in damaged_teeth(each, gear=item.gear, first=item.first, sharing=sharing)
-            ]
-            made[key] = _stiffness(scene, contact, damaged, by_cycles=by_cycles)
-        found.append(made[key])
-    return tuple(found)
+
+    def softened(damage: Sequence[GearDamage]) -> Stiffness:
+        damaged = modified_teeth(sharing)
+        for item, each in zip(broken, damage, strict=True):
+            damaged += damaged_teeth(each, gear=item.gear, first=item.first, sharing=sharing)
+        return _stiffness(scene, contact, damaged, by_cycles=by_cycles)
+
+    return _of_stages(stages, _lost, softened)
+
+
+def _of_stages(
+    stages: Sequence[Sequence[GearDamage]],
+    key: Callable[[GearDamage], tuple[object, ...]],
+    make: Callable[[Sequence[GearDamage]], Any],
+) -> tuple[Any, ...]:  # which `make` makes
+    """Return what is made of each stage of the damage, once of those with the same keys."""
+    keys = [tuple(map(key, damage)) for damage in stages]
+    made = {own: make(damage) for own, damage in dict(zip(keys, stages, strict=True)).items()}
+    return tuple(made[own] for own in keys)
 
 
 def _shape(scene: Scene, contact: Contact) -> str:

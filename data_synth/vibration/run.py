@@ -337,7 +337,8 @@ def prepare_gears(stage: PreparedScene) -> Gears:
     """
     kinematics = kinematics_of(stage.scene)
     check_supported(stage.scene)
-    if not any(isinstance(fault, LOSING_CONTACT) for fault in stage.scene.faults):
+    modified = any(mesh.modification is not None for _, mesh in stage.scene.dynamics_or_default.meshes)
+    if not modified and not any(isinstance(fault, LOSING_CONTACT) for fault in stage.scene.faults):
         return gears_of(stage, kinematics)
     healthy = stage.without_faults()
     gears = gears_of(healthy, kinematics)

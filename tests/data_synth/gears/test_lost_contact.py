@@ -10,6 +10,7 @@ from scipy.optimize import brentq
 
 from data_synth.gears.geometry import GearPair
 from data_synth.gears.lost_contact import (
+    FlankModification,
     LoadSharing,
     LostContact,
     broken_tip_gap,
@@ -176,3 +177,34 @@ def test_what_stiffness_does_not_lose_the_error_has():
     with_loss = FORCE / stiffness + lost.error(teeth=23, first=0, stiffness_too=True)(since)
     healthy = FORCE / (pairs + ONE)
     assert_allclose(with_loss, healthy + lost.error(teeth=23, first=0, stiffness_too=False)(since), atol=2e-7)
+
+
+# ---- flanks that are no involutes on purpose -----------------------------------------------------------------------
+
+
+@pytest.mark.parametrize("share_of_load", [1.0, 0.5])
+def test_long_tip_relief_of_the_deflection_leaves_none_of_it_at_its_load(share_of_load):
+    # Harris 1958: of two pairs that share, the reliefs add up to F / k all along the double contact
+    relief = FlankModification(relief_tip_m=FORCE / ONE)
+    sharing = replace(SHARING, static_n=share_of_load * FORCE, modification=relief)
+    since = np.linspace(0, RATIO - 1e-9, 400)
+    deflection = sharing.shared(since, gap=np.zeros_like).deflection_m
+    if share_of_load == 1:
+        assert_allclose(deflection, FORCE / ONE, rtol=1e-9)
+    else:  # too much of it at half: (F / 2 + F) / 2k where both share it, and less where one carries alone
+        assert np.max(deflection) == pytest.approx(0.75 * FORCE / ONE, rel=1e-3)
+        assert np.min(deflection) == pytest.approx(0.5 * FORCE / ONE, rel=1e-9)
+
+
+@pytest.mark.parametrize("crowning_um", [2.0, 8.0, 40.0])
+def test_a_crowned_face_deflects_by_the_integral_over_it(crowning_um):
+    crown, d = 1e-6 * crowning_um, SHARING.static_n / ONE
+    shared = replace(SHARING, modification=FlankModification(crowning_m=crown)).shared(
+        np.array([ALONE]), gap=np.zeros_like
+    )
+    # k (d - C / 3) where all of the face carries, else k d sqrt(d / C) 2 / 3
+    whole = d + crown / 3
+    part = (1.5 * d * math.sqrt(crown)) ** (2 / 3)
+    off = SHARING.off_path_m(np.array([ALONE]))[0] + d  # unless a neighbour carries off the path
+    expected = min(whole if whole > crown else part, off)
+    assert shared.deflection_m[0] == pytest.approx(expected, rel=2e-3)  # of 32 slices

@@ -177,7 +177,7 @@ def test_speed_from_a_table_beside_the_scene(write, tmp_path):
 
 
 @pytest.mark.parametrize(
-    ("content", "sentence"), [("0,600\n1,fast\n", "two columns of numbers"), (None, "cannot be read")]
+    ("content", "sentence"), [("0,600\n1,fast\n", "row 2 of the numbers is not s, rpm"), (None, "cannot be read")]
 )
 def test_speed_from_a_bad_table(write, tmp_path, content, sentence):
     if content is not None:

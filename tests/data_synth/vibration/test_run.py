@@ -139,6 +139,35 @@ def test_steady_motion_has_lines_at_the_mesh_order_and_nowhere_else():
     check_record(record)
 
 
+def test_tip_relief_of_the_deflection_silences_gears_at_its_load_alone():
+    # Harris 1958; the teeth are equal springs, so that F / k of a pair is all the way the same
+    pair = GearPair(teeth=(20, 40), module_m=4e-3, face_width_m=0.04, pressure_angle_rad=np.radians(20))
+    deflection_m = 300 / pair.base_radii_m[1] * pair.contact_ratio / 8e7
+
+    def level(nm, **mesh):
+        mesh = {"shape": "rectangular", "stiffness_n_m": 8e7, "backlash_um": 400, **mesh}
+        made = with_dynamics(meshes={"mesh": mesh}).changed(torque={"link": "wheel", "nm": nm})
+        return np.std(noise_free(made, seed=SEED).signal)
+
+    assert level(300, tip_relief_um=1e6 * deflection_m) < 1e-3 * level(300)
+    assert level(150, tip_relief_um=1e6 * deflection_m) > 0.1 * level(150)
+
+
+def test_a_measured_transmission_error_acts_as_its_formula(tmp_path):
+    cycles = np.linspace(0, 20, 20 * 64 + 1)  # a turn of the pinion
+    rows = np.column_stack([cycles, 3 * np.cos(2 * np.pi * cycles)])
+    (tmp_path / "error.csv").write_text("cycles,um\n" + "\n".join(f"{a},{b}" for a, b in rows.tolist()))
+    text = with_dynamics(meshes={"mesh": {**MESH, "error_um": 0}}).to_toml()
+    (tmp_path / "scene.toml").write_text(text.replace("error_um = 0.0", 'csv = "error.csv"'))
+    measured = load_scene(tmp_path / "scene.toml")
+    assert Scene.from_mapping(tomllib.loads(measured.to_toml())) == measured
+    signals = [noise_free(made, seed=SEED).signal for made in (measured, with_dynamics(meshes={"mesh": MESH}))]
+    assert np.std(signals[0] - signals[1]) < 2e-3 * np.std(signals[1])  # chords of 64 to a cycle: (pi / 64)^2 / 2
+    with pytest.raises(SceneError, match="let it begin at 0, and end as it began after whole mesh cycles"):
+        with_dynamics(meshes={"mesh": {"transmission_error": [[0, 0], [0.5, 1]]}})
+
+
+MESH = DYNAMICS["meshes"]["mesh"]
 TEETH = {
     **DYNAMICS,
     "meshes": {"mesh": {}},
