@@ -69,18 +69,14 @@ def phasors(angle: Floats) -> Complexes:
 
 
 @compiled_sums_in_place
-def _add_moments(even: Floats, odd: Floats, cosine: Floats, sine: Floats, even_sums: Floats, odd_sums: Floats) -> None:
-    """Add the sums of w cos and of -w sin to two moments (2,), w being u^m x for one and u^(m + 1) x for the other."""
-    a, b, c, d = 0.0, 0.0, 0.0, 0.0
-    for n in range(even.size):
-        a += even[n] * cosine[n]
-        b += even[n] * sine[n]
-        c += odd[n] * cosine[n]
-        d += odd[n] * sine[n]
-    even_sums[0] += a
-    even_sums[1] -= b
-    odd_sums[0] += c
-    odd_sums[1] -= d
+def _add_moment(weights: Floats, cosine: Floats, sine: Floats, sums: Floats) -> None:
+    """Add the sums of the weights, u^moment x, times cos and -sin to a moment, (2,)."""
+    real, imaginary = 0.0, 0.0
+    for n in range(weights.size):
+        real += weights[n] * cosine[n]
+        imaginary -= weights[n] * sine[n]
+    sums[0] += real
+    sums[1] += imaginary
 
 
 @compiled_sums_in_place
@@ -88,8 +84,8 @@ def project(x: Floats, phase: Floats, orders: Floats, shaft: Indices, length: in
     """Fill the moments of a record against each order, block by block of `length` samples.
 
     Given are the (channel, sample) record, 0 where missing, whose first sample starts a block; (shaft, sample) angles;
-    (order,) orders and the shaft each counts; scratch of (2 + channel moment, 2 PIECE). Of an even number of moments,
-    sums, (block, moment, order, channel, 2) zeros, are filled with those of u^moment x cos and of -u^moment x sin.
+    (order,) orders and the shaft each counts; scratch of (2 + channel moment, 2 PIECE). Sums, (block, moment, order,
+    channel, 2) zeros, are filled with those of u^moment x cos and of -u^moment x sin.
     """
     blocks, moments, _, channels, _ = sums.shape
     cosine, sine, weights, size = work[0], work[1], work[2:], work.shape[1]
@@ -114,78 +110,32 @@ def project(x: Floats, phase: Floats, orders: Floats, shaft: Indices, length: in
                 for block in range(begin, end):
                     part = slice(max(block * length, first) - first, min((block + 1) * length, last) - first)
                     for channel in range(channels):
-                        for moment in range(0, moments, 2):
+                        for moment in range(moments):
                             row = channel * moments + moment
-                            _add_moments(
-                                weights[row, part], weights[row + 1, part], cosine[part], sine[part],
-                                sums[block, moment, k, channel], sums[block, moment + 1, k, channel],
-                            )  # fmt: skip
+                            _add_moment(weights[row, part], cosine[part], sine[part], sums[block, moment, k, channel])
 
 
 @compiled_sums_in_place
-def _add_products(weights: Floats, one: Floats, other: Floats, sums: Floats, column: int) -> None:
-    """Add the inner products of a row of weights and two regressors to `sums` at `column` and the next."""
-    a, b = 0.0, 0.0
-    for n in range(weights.size):
-        a += weights[n] * one[n]
-        b += weights[n] * other[n]
-    sums[column] += a
-    sums[column + 1] += b
+def correlate(columns: Floats, length: int, weights: Floats, sums: Floats) -> None:
+    """Fill the moments of the products of every two of the (column, sample) regressors, block by block.
 
-
-@compiled_in_place
-def _mirror(matrix: Floats) -> None:
-    """Fill the upper triangle of a symmetric matrix with the lower one."""
-    for a in range(len(matrix)):
-        for b in range(a):
-            matrix[b, a] = matrix[a, b]
-
-
-@compiled_sums_in_place
-def correlate(
-    seen: Floats, phase: Floats, orders: Floats, shaft: Indices, length: int, work: Floats, sums: Floats
-) -> None:
-    """Fill the moments of the products of every two regressors, block by block, given what `project` is.
-
-    In place of the record, `seen`, (sample,), is 1, and 0 where samples are missing; scratch is (2 + 2 order, 2 PIECE).
-    Sums, (block, moment, 2 order, 2 order) zeros, are filled with those of u^moment times the products of cos and -sin
-    of all orders (all cos first).
+    Sums, (block, moment, column, column), are filled with those of u^moment times the products; `weights`, (length,),
+    is scratch.
     """
-    blocks, moments, width, _ = sums.shape
-    count, size = orders.size, work.shape[1]
-    places, weighted, columns = work[0], work[1], work[2:]
-    together = max(1, PIECE // length)
-    for begin in range(0, blocks, together):
-        end = min(begin + together, blocks)
-        stop = min(end * length, seen.size)
-        for first in range(begin * length, stop, size):
-            last = min(first + size, stop)
-            here = seen[first:last]
-            for k in range(count):
-                cosine, sine = columns[k], columns[count + k]
-                fill_phasors(orders[k], phase[shaft[k], first:last], cosine, sine)
-                for n in range(here.size):
-                    cosine[n] *= here[n]
-                    sine[n] *= -here[n]
-            for block in range(begin, end):
-                part = slice(max(block * length, first) - first, min((block + 1) * length, last) - first)
-                u, weights = places[part], weighted[part]
-                start = (first + part.start) / length - block
-                for n in range(u.size):
-                    u[n] = start + n / length
-                for a in range(width):
-                    column = columns[a, part]
-                    for n in range(weights.size):
-                        weights[n] = column[n]
-                    for moment in range(moments):
-                        row = sums[block, moment, a]
-                        for b in range(0, a + 1, 2):
-                            _add_products(weights, columns[b, part], columns[b + 1, part], row, b)
-                        for n in range(weights.size):
-                            weights[n] *= u[n]
-            for block in range(begin, end):
-                for moment in range(moments):
-                    _mirror(sums[block, moment])
+    for block in range(len(sums)):
+        part = slice(block * length, min((block + 1) * length, columns.shape[1]))
+        for a in range(len(columns)):
+            own, weighted = columns[a, part], weights[: part.stop - part.start]
+            for n in range(own.size):
+                weighted[n] = own[n]
+            for moment in range(sums.shape[1]):
+                for b in range(a + 1):
+                    other, total = columns[b, part], 0.0
+                    for n in range(other.size):
+                        total += weighted[n] * other[n]
+                    sums[block, moment, a, b] = sums[block, moment, b, a] = total
+                for n in range(own.size):
+                    weighted[n] *= n / length
 
 
 @compiled_in_place

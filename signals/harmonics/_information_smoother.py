@@ -30,7 +30,6 @@ from signals.harmonics._information_kernels import BACKWARD, FORWARD, combine, f
 from signals.harmonics.state_space import Floats, Indices
 
 Gram = Floats | Callable[[slice], Floats]
-Outside = tuple["Information", "Information"]  # on the first node of a range, and on the last
 
 # Size of the matrices and vectors of a segment of nodes, which stay in a near cache, and of those at the record's end
 # whose data and past are kept, some 60 MB, so that the way back need not make them again.
@@ -69,7 +68,6 @@ class NodeChain:
     nodes: int  # how many
     process_noise: Floats  # (node or 1, width) variances of the increments that follow each node
     before: Information  # on the state at the first node before its data
-    after: Information  # on the state at the last node from data after it
 
     def filter(
         self, nodes: slice, steps: Indices, state: Information, data: "NodeInformation", stored: "NodeInformation"
@@ -98,14 +96,6 @@ class NodeChain:
         information = pairs.reshape(known, poles, poles, width, width).swapaxes(2, 3)
         score = basis @ data.reshape(count, poles, width * lanes)
         return NodeInformation(information.reshape(known, size**2), score.reshape(count, size * lanes))
-
-    def outside(self, nodes: slice) -> Outside:
-        """Return the information of all other nodes on the state at the first and at the last node of a range."""
-        before, after, unstored = self.before.copy(), self.after.copy(), self.buffer(slice(0, 0))
-        early, late = slice(0, nodes.start), slice(nodes.stop, self.nodes)
-        self.filter(early, FORWARD, before, self.measured(early), unstored)
-        self.filter(late, BACKWARD, after, self.measured(late), unstored)
-        return before, after
 
     def buffer(self, nodes: slice) -> "NodeInformation":
         """Return empty arrays for a range of nodes."""
@@ -175,7 +165,7 @@ def smooth_chain(chain: NodeChain, *, first: int) -> SmoothedChain:
         if is_kept:
             kept.append((data, past))
     log_variance += float(np.linalg.slogdet(state.matrix)[1])
-    later, scratch = chain.after.copy(), (np.empty_like(matrix), np.empty_like(vector), np.empty((width, width)))
+    later, scratch = chain.before.none(), (np.empty_like(matrix), np.empty_like(vector), np.empty((width, width)))
     found = np.empty((chain.nodes, width, vector.shape[1])), np.empty((chain.nodes, width)), np.empty(chain.nodes)
     for segment, start in zip(reversed(segments), reversed(starts), strict=True):
         if kept:

@@ -31,7 +31,7 @@ from signals.harmonics.coupling import (
     WithoutOthers,
     chain_alone,
     chain_together,
-    inserted,
+    prior_at,
 )
 from signals.harmonics.noise_density import noise_density
 from signals.harmonics.separability import Closeness, components
@@ -262,7 +262,7 @@ class _Chains:
             for place, order in enumerate(alone.reshape(-1, 1))
         ]
         for group, own in self.groups:
-            everything, prior = slice(0, nodes.nodes), inserted(nodes, group, 0, [])
+            everything, prior = slice(0, nodes.nodes), prior_at(nodes, group)
             chains.append((group, chain_together(nodes, group, everything, joined(own, blocks), prior)))
         for group, chain in chains:
             likelihood = ChainLikelihood.of(model.subset(group), chain, length)
@@ -271,7 +271,7 @@ class _Chains:
 
 
 def joined(data: Floats, blocks: int) -> Floats:
-    """Return the (node, moment, ...) data of blocks joined `blocks` at a time, both as `Grid.data` has them.
+    """Return the (node, moment, ...) data of blocks joined `blocks` at a time, both as `Grid.at_nodes` has them.
 
     The place v in the short block h is the place (h + v) / blocks in the long one.
     """

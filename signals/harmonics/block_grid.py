@@ -18,6 +18,8 @@ from signals.harmonics.bandwidth import HALF_POWER
 from signals.harmonics.state_space import Complexes, Flags, Floats, HarmonicModel, Indices
 
 SAMPLES_AT_ONCE = 1 << 16
+# Regressors at a time, which stay in a near cache.
+COLUMNS_AT_ONCE = 1 << 17
 # Angle by which a jump of the speed may lead the highest order astray within a block.
 LARGEST_JUMP_RAD = 0.03
 # Blocks, at least, whose moments are worth a table of the phasors in one, and samples in a product with it.
@@ -139,7 +141,7 @@ class Grid:
         """(sample, moment, order) array of the first block: powers of u times exp(-j angle), the angle from 0 on."""
         assert self.model.steady_step is not None  # noqa: S101  (the caller's choice)
         angle = self.model.steady_step * np.arange(self.length)[:, None] * self.model.orders
-        powers = self._powers(self.model.poles + self.model.poles % 2)
+        powers = self._powers(max(self.model.poles, 2))
         return np.asarray(powers[:, :, None] * _block_kernels.phasors(angle)[:, None])
 
     def _tabulated(self, first: int, last: int, moments: int, orders: Indices) -> tuple[int, Floats]:
@@ -162,7 +164,7 @@ class Grid:
         start of each block.
         """
         model, length = self.model, self.length
-        moments = model.poles + model.poles % 2  # in pairs
+        moments = max(model.poles, 2)
         sums = np.zeros((blocks.stop - blocks.start, moments, orders.size, len(x), 2))
         start = blocks.start * length
         whole, table = self._tabulated(blocks.start, blocks.stop, moments, orders)
@@ -206,10 +208,6 @@ class Grid:
                 _block_kernels.remodulate(some, length, phase, numbers, shaft, rest.start, work, wave[done:])
         return waves
 
-    def data(self, moments: Floats) -> Floats:
-        """(node, pole, order, channel, 2) array from those of `project`, of all blocks in a row."""
-        return self.at_nodes(moments[:, : max(self.model.poles, 2)])
-
     def at_nodes(self, moments: Floats) -> Floats:
         """(node, moment, ...) array from (block, moment, ...): of all blocks, in a row, what nodes stand for."""
         if self.model.poles == 1:
@@ -219,16 +217,15 @@ class Grid:
     def gram(self, orders: Indices, nodes: slice) -> Floats:
         """(node, moment, column, column) array, of products of the columns of some orders what nodes stand for."""
         first, last = max(nodes.start - 1, 0), min(nodes.stop, self.blocks)
-        sums = np.zeros((last - first, self.squares, 2 * orders.size, 2 * orders.size))
-        model = self.model
-        for samples, blocks in self.spans(first, last):
-            seen, phase = self.seen[samples].astype(np.float64), model.phase(samples)
-            part = sums[blocks.start - first : blocks.stop - first]
-            own, work = model.orders[orders], np.empty((2 + 2 * orders.size, 2 * PIECE))
-            _block_kernels.correlate(seen, phase, own, model.shaft[orders], self.length, work, part)
-        if orders.size > np.count_nonzero(model.orders[orders]):
-            columns = np.concatenate([np.arange(orders.size), orders.size + np.flatnonzero(model.orders[orders])])
-            sums = sums[:, :, columns[:, None], columns]
+        model = self.model.subset(orders)
+        width = model.order_of_column.size
+        sums = np.empty((last - first, self.squares, width, width))
+        for samples, blocks in self.spans(first, last, COLUMNS_AT_ONCE // width):
+            columns = model.regressors(samples)
+            columns *= self.seen[samples]
+            _block_kernels.correlate(
+                columns, self.length, np.empty(self.length), sums[blocks.start - first : blocks.stop - first]
+            )
         return np.ascontiguousarray(self.at_nodes(sums)[nodes.start - first : nodes.stop - first])
 
 

@@ -11,7 +11,7 @@ from math import log, pi
 
 import numpy as np
 
-from signals.harmonics._information_smoother import Gram, Information, NodeChain, Outside, SmoothedChain, smooth_chain
+from signals.harmonics._information_smoother import Gram, Information, NodeChain, SmoothedChain, smooth_chain
 from signals.harmonics.bandwidth import Bandwidth
 from signals.harmonics.block_grid import Grid, pieces_between
 from signals.harmonics.separability import Closeness, Gain, coupled, leaks, left_over
@@ -64,19 +64,18 @@ def smooth_apart(grid: Grid, first: int) -> Smoothed:
         weight = 1 - grid.taper(hidden, samples)
         moments[blocks] = grid.project(weight * grid.x[:, samples], blocks, np.arange(orders))
         counts[blocks] = grid.counts(weight * grid.seen[samples], grid.squares)
-    data, gram = grid.data(moments), grid.at_nodes(counts)
+    data, gram = grid.at_nodes(moments), grid.at_nodes(counts)
     smooth_alone(grid, np.arange(orders), data, gram, smoothed)
     return smoothed
 
 
 def smooth_alone(
     grid: Grid, orders: Indices, data: Floats, counts: Floats, smoothed: Smoothed, *, together: Flags | None = None
-) -> Chains:
-    """Smooth some orders, each alone, in place; return groups of them and their chains.
+) -> None:
+    """Smooth some orders, each alone, in place.
 
     `data` and `counts` are those of `chain_alone`; nodes of `together`, (order, node) of all orders, are left out.
     """
-    chains: Chains = []
     for group in alike(grid, orders):
         chain = chain_alone(grid, group, data[:, :, np.searchsorted(orders, group)], counts)
         found, variance, explained, log_variance = smooth_chain(chain, first=smoothed.first)
@@ -90,8 +89,6 @@ def smooth_alone(
         smoothed.variances[group] = np.where(where, variance[:, 0], smoothed.variances[group])
         smoothed.explained[group] = np.where(where, parts * explained, smoothed.explained[group])
         smoothed.log_variances[group] = parts * log_variance
-        chains.append((group, chain))
-    return chains
 
 
 def alike(grid: Grid, orders: Indices) -> list[Indices]:
@@ -113,7 +110,7 @@ def chain_alone(grid: Grid, group: Indices, data: Floats, counts: Floats) -> Nod
     lanes = np.ascontiguousarray(data[..., :parts].reshape(*data.shape[:2], 1, -1))
     gram, process = counts[:, :, None, None] / parts, grid.process_noise(group[:1])[:, :1].copy()
     before = Information.prior(grid.prior_variance(group[:1])[:, :1], lanes.shape[3])
-    return NodeChain(gram=gram, data=lanes, nodes=len(lanes), process_noise=process, before=before, after=before.none())
+    return NodeChain(gram=gram, data=lanes, nodes=len(lanes), process_noise=process, before=before)
 
 
 def smooth_together(grid: Grid, first: int) -> Smoothed:
@@ -130,7 +127,7 @@ def smooth_group(
 
     `data` and `gram` are those of `chain_together`, the products those of an earlier chain.
     """
-    chain = chain_together(grid, group, slice(0, grid.nodes), data, inserted(grid, group, 0, []), gram)
+    chain = chain_together(grid, group, slice(0, grid.nodes), data, prior_at(grid, group), gram)
     found = smooth_chain(chain, first=smoothed.first)
     smoothed.levels[:, group], smoothed.variances[group] = by_order(grid.model.subset(group), found)
     smoothed.explained[group] = found.explained / group.size
@@ -138,55 +135,20 @@ def smooth_group(
     return chain
 
 
-def inserted(grid: Grid, group: Indices, node: int, outside: list[tuple[Indices, Outside]]) -> Outside:
-    """Return the information on a group at the first node of a range and at the last, from all other nodes.
-
-    From that on orders that share a chain, alike or together, as `NodeChain.outside` returns it; else the prior.
-    """
-    before = Information.prior(grid.prior_variance(group, node), len(grid.x))
-    after = before.none()
-    for members, (early, late) in outside:
-        _insert(grid, group, members, early, before)
-        _insert(grid, group, members, late, after)
-    return before, after
-
-
-def _insert(grid: Grid, group: Indices, members: Indices, known: Information, of_group: Information) -> None:
-    """Insert the information on orders that share a chain into that on a group."""
-    poles = grid.model.poles
-    columns = _columns(grid, group)
-    if len(known.matrix) > poles:
-        # Together; on some of them by themselves there is none.
-        if np.isin(members, group).all():
-            place = np.array([columns.index(column) for column in _columns(grid, members)])
-            state = (place + len(columns) * np.arange(poles)[:, None]).ravel()
-            of_group.matrix[np.ix_(state, state)] = known.matrix
-            of_group.vector[state] = known.vector
-        return
-    vectors = known.vector.reshape(poles, members.size, len(grid.x), -1)
-    places = {order: place for place, order in enumerate(members.tolist())}
-    for column, (order, part) in enumerate(columns):
-        if order in places:
-            rows = slice(column, None, len(columns))
-            of_group.matrix[rows, rows] = known.matrix
-            of_group.vector[rows] = vectors[:, places[order], :, part]
-
-
-def _columns(grid: Grid, orders: Indices) -> list[tuple[int, int]]:
-    """Return the order and the part, 0 real and 1 imaginary, of each column of a model of some orders."""
-    owner = grid.model.subset(orders).order_of_column
-    return [(int(orders[k]), int(column >= orders.size)) for column, k in enumerate(owner.tolist())]
+def prior_at(grid: Grid, orders: Indices, node: int = 0) -> Information:
+    """Return the prior information on some orders together at a node."""
+    return Information.prior(grid.prior_variance(orders, node), len(grid.x))
 
 
 def chain_together(
-    grid: Grid, group: Indices, nodes: slice, data: Floats | None, known: Outside, gram: Gram | None = None
+    grid: Grid, group: Indices, nodes: slice, data: Floats | None, before: Information, gram: Gram | None = None
 ) -> NodeChain:
     """Return the chain of a group over a range of nodes, with the products of all its columns, `gram` if known.
 
     Parameters
     ----------
     data : (node, pole, order, channel, 2) array; None to compute it from the samples, segment by segment.
-    known : information on the first node before its data, and on the last one after it.
+    before : information on the first node before its data.
     """
     nonzero = grid.model.subset(group).nonzero
 
@@ -201,7 +163,7 @@ def chain_together(
         before, last = nodes.start + some.start - 1, min(nodes.start + some.stop, grid.blocks)
         first = max(before, 0)
         moments = grid.project(grid.x[:, first * grid.length : last * grid.length], slice(first, last), group)
-        return columns(grid.data(moments)[before + 1 - first : nodes.start + some.stop - first])
+        return columns(grid.at_nodes(moments)[before + 1 - first : nodes.start + some.stop - first])
 
     process, count = grid.process_noise(group), nodes.stop - nodes.start
     few = data is not None and count * grid.squares * (group.size + nonzero.size) ** 2 <= MOST_KEPT
@@ -210,8 +172,7 @@ def chain_together(
         data=made if data is None else columns(data),
         nodes=count,
         process_noise=process if len(process) == 1 else process[nodes],
-        before=known[0],
-        after=known[1],
+        before=before,
     )
 
 
@@ -226,9 +187,8 @@ def by_order(model: HarmonicModel, found: SmoothedChain) -> tuple[Complexes, Flo
 # After so many time constants an end or gap has a hundredth of its effect; where more leaks, as many more as it takes
 # to fall to the tolerance.
 FEWEST_MEMORIES = 4.0
-# So far outside, at least, orders count as alone that are so in the middle. The information from there holds as much of
-# one another as at an end, and fades as there.
-MARGIN = 2.0
+# So far outside, at least, orders are smoothed jointly too: what is beyond has no effect.
+MARGIN = 6.0
 # A round that moves an amplitude shows how wrong what was subtracted under cut weights was. Others keep of that the
 # share such a weight has in an estimate, times what it lets through of a line a turn or more a block off: while this is
 # more than so many tolerances, another round follows.
@@ -248,7 +208,9 @@ def couple(grid: Grid, closeness: Closeness, smoothed: Smoothed) -> "Coupling | 
     size = smoothed.size
     received = closeness.received(_at_least(grid, Bandwidth.smoother_gain), size)
     groups = coupled(received, size, grid.tolerance)
-    chains = [(group, smooth_group(grid, group, grid.data(grid.moments[:, :, group]), smoothed)) for group in groups]
+    chains = [
+        (group, smooth_group(grid, group, grid.at_nodes(grid.moments[:, :, group]), smoothed)) for group in groups
+    ]
     if groups and groups[0].size == size.size:
         return None
     return Coupling(grid, closeness, chains, received, size)
@@ -306,26 +268,25 @@ class Coupling:
 
     def smooth_again(self, smoothed: Smoothed, nodes: Flags | None = None, *, ends: bool = True) -> None:
         """Subtract the others near some nodes, all for None, and smooth again; at ends and gaps jointly or not."""
-        grid, others, lone = self.grid, WithoutOthers(self.grid, smoothed.levels, nodes), Chains()
+        grid, others = self.grid, WithoutOthers(self.grid, smoothed.levels, nodes)
         if self.lone.size:
             data, gram = others.alone(self.lone), grid.at_nodes(grid.seen_counts)
-            lone = smooth_alone(grid, self.lone, data, gram, smoothed, together=self.together)
+            smooth_alone(grid, self.lone, data, gram, smoothed, together=self.together)
         if nodes is None:
             self.chains = [
                 (group, smooth_group(grid, group, others.together(group), smoothed, chain.gram))
                 for group, chain in self.chains
             ]
         if ends:
-            self._smooth_local_groups(others, lone, smoothed)
+            self._smooth_local_groups(others, smoothed)
 
-    def _smooth_local_groups(self, others: "WithoutOthers", lone: Chains, smoothed: Smoothed) -> None:
+    def _smooth_local_groups(self, others: "WithoutOthers", smoothed: Smoothed) -> None:
         """Smooth jointly, in place, the orders that leak into one another near ends, gaps and jumps of a speed."""
         for (kept, nodes), local in zip(self.runs, self.local_groups, strict=True):
             inner = slice(kept.start - nodes.start, kept.stop - nodes.start)
-            outside = [(members, chain.outside(nodes)) for members, chain in self.chains + lone] if local else []
             for group in local:
-                known = inserted(self.grid, group, nodes.start, outside)
-                chain = chain_together(self.grid, group, nodes, others.together(group, nodes), known)
+                before = prior_at(self.grid, group, nodes.start)
+                chain = chain_together(self.grid, group, nodes, others.together(group, nodes), before)
                 found = smooth_chain(chain, first=0)
                 levels, variance = by_order(self.grid.model.subset(group), found)
                 smoothed.levels[:, group, kept] = levels[..., inner]
@@ -365,7 +326,7 @@ class WithoutOthers:
             pieces = self._pieces[:, orders, blocks].transpose(2, 4, 1, 0, 3)  # block, power, order, channel, part
             back = hankel @ pieces.reshape(*pieces.shape[:2], -1)
             moments[blocks] += back.reshape(*back.shape[:2], *pieces.shape[2:]) / parts
-        return grid.data(moments)
+        return grid.at_nodes(moments)
 
     def together(self, group: Indices, nodes: slice = slice(None)) -> Floats:
         """(node, pole, order, channel, 2) array of the data at some nodes, of a group without all others."""
@@ -380,7 +341,7 @@ class WithoutOthers:
                 moments[inside.start - start : inside.stop - start] += own[
                     inside.start - blocks.start : inside.stop - blocks.start
                 ]
-        return grid.data(moments)[first - start : last - start]
+        return grid.at_nodes(moments)[first - start : last - start]
 
     def _weighted(self, orders: Indices, samples: slice) -> Floats:
         """(channel, sample) array, the waveforms of some orders added up, times the triangular weights."""

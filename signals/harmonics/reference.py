@@ -55,7 +55,7 @@ class HarmonicMatrices:
     def H(self, sample: int) -> Floats:  # noqa: N802 - as in the textbooks
         """Return the measurement matrix (1, state) at a sample."""
         found = np.zeros((1, len(self.F)))
-        found[:, : self._model.order_of_column.size] = self._model.regressors(np.array([sample]))
+        found[:, : self._model.order_of_column.size] = self._model.regressors(np.array([sample]))[:, 0]
         return found
 
     def Q(self, sample: int = 0) -> Floats:  # noqa: N802

@@ -85,9 +85,15 @@ class HarmonicModel:
         return np.stack([phase[samples] for phase in self.phases])
 
     def regressors(self, samples: slice | Indices) -> Floats:
-        """(sample, column) array of regressors: the measurement is their product with the levels."""
-        angle = self.orders * self.phase(samples)[self.shaft].T
-        return np.concatenate([np.cos(angle), -np.sin(angle[:, self.nonzero])], axis=1)
+        """(column, sample) array of regressors: the measurement is their product with the levels."""
+        from signals.harmonics._block_kernels import fill_phasors  # noqa: PLC0415 - loads numba
+
+        phase = self.phase(samples)
+        columns = np.empty((2 * self.orders.size, phase.shape[1]))
+        place = np.argsort(np.argsort(self.orders == 0, kind="stable"))  # the mean's sine comes last
+        for k, order in enumerate(self.orders.tolist()):
+            fill_phasors(-order, phase[self.shaft[k]], columns[k], columns[self.orders.size + place[k]])
+        return columns[: self.order_of_column.size]
 
     def process_noise(self, samples: slice = slice(None), *, step: float = 1.0) -> Floats:
         """(sample or 1, column) array: q of random walks of the same bandwidth with one step in `step` samples."""

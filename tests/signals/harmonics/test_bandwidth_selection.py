@@ -9,7 +9,7 @@ from numpy.testing import assert_allclose
 from signals.harmonics.bandwidth import process_variance
 from signals.harmonics.bandwidth_selection import ChainLikelihood, likely_bandwidth
 from signals.harmonics.block_grid import Grid
-from signals.harmonics.coupling import chain_alone, chain_together, inserted
+from signals.harmonics.coupling import chain_alone, chain_together, prior_at
 from signals.harmonics.state_space import HarmonicModel
 from signals.harmonics.tracker import track_orders
 
@@ -36,7 +36,7 @@ def dense_log_density(x, model, block, bandwidth):
     difference at the next node, with s = u - 1; with one pole, too, it goes straight from level to level.
     """
     blocks, poles = -(-x.size // block), model.poles
-    levels = model.regressors(slice(None))
+    levels = model.regressors(slice(None)).T
     q = process_variance(
         orders=model.orders, bandwidth=bandwidth * block, rate=1.0, poles=poles, noise_variance=1 / block
     )
@@ -70,8 +70,8 @@ def nodes(model, x, length):
 
 def together(grid):
     every_order = np.arange(grid.model.orders.size)
-    prior = inserted(grid, every_order, 0, [])
-    return chain_together(grid, every_order, slice(0, grid.nodes), grid.data(grid.moments), prior)
+    everything = slice(0, grid.nodes)
+    return chain_together(grid, every_order, everything, grid.at_nodes(grid.moments), prior_at(grid, every_order))
 
 
 @pytest.mark.parametrize("poles", POLES)
@@ -112,7 +112,7 @@ def test_orders_alone_have_the_likelihood_of_all_columns(poles):
     x[900:1400] = np.nan
     block = 12
     grid = nodes(model, x, block)
-    alone = chain_alone(grid, np.arange(1), grid.data(grid.moments), grid.at_nodes(grid.seen_counts))
+    alone = chain_alone(grid, np.arange(1), grid.at_nodes(grid.moments), grid.at_nodes(grid.seen_counts))
     tried = [1e-4, 1e-3, 3e-3, 1e-2]
     one = ChainLikelihood.of(model, alone, block)
     own = np.array([one.log_likelihood(b).sum() for b in tried])

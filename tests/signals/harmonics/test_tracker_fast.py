@@ -83,14 +83,13 @@ def test_lines_are_told_apart_by_few_of_the_samples(poles, share, order):
     assert_allclose(fast.std, exact.std, rtol=6e-3)
 
 
-@pytest.mark.parametrize("poles", [1, 2, 3, 4])
-def test_near_ends_a_close_pair_has_what_it_tells_from_beyond(poles):
+def test_near_ends_a_close_pair_has_what_it_tells_from_beyond():
     """Lines an eighth of a bandwidth apart, which share out for far longer than a memory, beside two others."""
     rng = np.random.default_rng(82)
     phase = 0.86 * np.arange(4400)
     orders = np.array([0.81, 1.344, 2.593, 2.603])
     x = 0.2 * np.cos(orders[:, None] * phase).sum(axis=0) + rng.standard_normal(phase.size)
-    settings = {"phase_rad": phase, "orders": orders, "bandwidth_hz": 0.011, "rate_hz": 1.0, "poles": poles}
+    settings = {"phase_rad": phase, "orders": orders, "bandwidth_hz": 0.011, "rate_hz": 1.0}
     exact, fast = (track_orders(x, noise_variance=1.0, output_every=3, method=m, **settings) for m in ("exact", "fast"))
     # Blocks of 1 and 3 samples: as from 1 / bandwidth on.
     assert np.all(np.abs(fast.complex_amplitude - exact.complex_amplitude) < 0.08 * exact.std)
@@ -283,18 +282,18 @@ def test_whole_orders_are_those_tracked_alone_where_they_leak_nothing(several):
     assert difference.max() < 1e-4
 
 
-@pytest.mark.parametrize(("poles", "orders"), [(2, [1, 1, 2.3]), *((poles, [0, 1, 0, 1, 1]) for poles in (1, 2))])
-def test_orders_that_are_one_and_the_same_share_their_sum(poles, orders):
+def test_orders_that_are_one_and_the_same_share_their_sum():
+    orders = [0, 1, 0, 1, 1]
     n = np.arange(30_000)
     phase = 0.3 * n
     x = 0.4 + np.cos(phase + 1) + 0.7 * np.cos(2.3 * phase) + 0.1 * np.random.default_rng(0).standard_normal(n.size)
-    settings = {"phase_rad": phase, "bandwidth_hz": 4e-4, "rate_hz": 1.0, "poles": poles, "noise_variance": 0.01}
+    settings = {"phase_rad": phase, "bandwidth_hz": 4e-4, "rate_hz": 1.0, "noise_variance": 0.01}
     exact, fast = (track_orders(x, orders=orders, method=m, output_every=50, **settings) for m in ("exact", "fast"))
     sums = [[np.sum(t.complex_amplitude[np.equal(orders, o)], axis=0) for o in set(orders)] for t in (exact, fast)]
-    # The sum is as sure as if it were alone: to some hundredths of 0.003; of its parts nothing is known but a prior,
-    # which grows faster in a walk from knot to knot than from sample to sample while both are in their first steps.
+    # The sum is as sure as if it were alone: to some hundredths of 0.003; of its parts nothing is known but a prior.
     assert np.abs(np.subtract(*sums)).max() < 2e-3
-    assert_allclose(fast.std, exact.std, rtol={1: 1e-3, 2: 0.02}[poles])
+    assert_allclose(fast.std, exact.std, rtol=1e-3)
+    assert track_orders(x, orders=orders, **settings | {"poles": 2}).method == "exact"
 
 
 @pytest.mark.parametrize("poles", [1, 2, 4])
