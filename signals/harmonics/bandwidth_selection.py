@@ -17,7 +17,7 @@ from __future__ import annotations
 from dataclasses import dataclass, replace
 from functools import cached_property
 from math import ceil, comb, sqrt
-from typing import TYPE_CHECKING
+from typing import TYPE_CHECKING, Any
 
 import numpy as np
 
@@ -287,41 +287,18 @@ def joined(data: Floats, blocks: int) -> Floats:
 
 
 def _maximise(log_likelihood: Callable[[Floats], Floats], start: Floats, *, orders: int) -> Floats:
-    """Return the bandwidths of largest likelihood, from the best of equal ones whose logarithms are `start`.
+    """Return the bandwidths of largest likelihood, from the best of equal ones whose logarithms are `start`."""
+    from scipy.optimize import Bounds, minimize  # noqa: PLC0415 - slow to import
 
-    One order after the other moves uphill as long as the likelihood rises, then to the vertex of the parabola; every
-    sweep over the orders halves the step.
-    """
     values = np.array([log_likelihood(np.exp(b)).sum() for b in start])
-    best = int(np.argmax(values > values.max() - ALIKE))
-    known: dict[tuple[float, ...], float] = {(start[k],) * orders: float(values[k]) for k in range(start.size)}
-    found, here, step = np.full(orders, start[best]), float(values[best]), (start[-1] - start[0]) / start.size / 2
-    for _ in range(SWEEPS):
-        step, before = step / 2, found.copy()
-        for k in range(orders):
+    best = np.full(orders, start[np.argmax(values > values.max() - ALIKE)])
 
-            def at(b: float, k: int = k) -> tuple[float, float]:
-                moved = found.copy()
-                moved[k] = min(max(b, start[0]), start[-1])
-                name = tuple(moved.tolist())  # bounds and ridges are met again
-                if name not in known:
-                    known[name] = float(log_likelihood(np.exp(moved)).sum())
-                return float(moved[k]), known[name]
+    def against(bandwidths: Floats) -> float:
+        return -float(log_likelihood(np.exp(bandwidths)).sum())
 
-            below, above = at(found[k] - step), at(found[k] + step)
-            while below[1] > here - ALIKE and below[0] < found[k]:
-                above, (found[k], here) = (found[k], here), below
-                below = at(found[k] - step)
-            while above[1] > here + ALIKE and above[0] > found[k]:
-                below, (found[k], here) = (found[k], here), above
-                above = at(found[k] + step)
-            curvature = 2 * here - below[1] - above[1]
-            if curvature > 0:
-                vertex = at(found[k] + step * (above[1] - below[1]) / (2 * curvature))
-                found[k], here = vertex if vertex[1] > here + ALIKE else (found[k], here)
-        if step < 8 * FINE and np.abs(found - before).max() < 2 * FINE:
-            break
-    return np.asarray(np.exp(found))
+    options: Any = {"xtol": FINE, "ftol": 0.0, "maxiter": SWEEPS}
+    found = minimize(against, best, method="Powell", bounds=Bounds(start[0], start[-1]), options=options)
+    return np.asarray(np.exp(found.x if -found.fun > values.max() + ALIKE else best))
 
 
 def _groups(closeness: Closeness, seen: Flags, block: int) -> tuple[Indices, list[Indices]]:

@@ -265,12 +265,8 @@ def left_over(received: Floats, amplitude: Floats, groups: list[Indices]) -> flo
 
 def components(linked: Flags) -> list[Indices]:
     """Return the connected components of a graph, as index arrays; isolated nodes only with a link to themselves."""
-    groups, left = [], set(np.flatnonzero(linked.any(axis=1)).tolist())
-    while left:
-        group, edge = set[int](), {left.pop()}
-        while edge:
-            group |= edge
-            edge = {int(other) for one in edge for other in np.flatnonzero(linked[one])} - group
-        left -= group
-        groups.append(np.array(sorted(group)))
-    return groups
+    from scipy.sparse.csgraph import connected_components  # noqa: PLC0415 - slow to import
+
+    count, label = connected_components(linked, directed=False)
+    groups = (np.flatnonzero(label == number) for number in range(count))
+    return [group for group in groups if linked[group].any()]

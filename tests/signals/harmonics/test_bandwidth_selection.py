@@ -227,7 +227,7 @@ def test_orders_of_several_shafts():
     two = likely_bandwidth(
         x, phase_rad={"slow": phase, "fast": 3 * phase}, orders=[("slow", 1), ("fast", 1)], **settings
     )
-    assert_allclose(two, one, rtol=1e-9)
+    assert_allclose(two, one, rtol=1e-5)  # rounded angles, and a search that ends within 2 %
 
 
 def test_missing_samples_and_unknown_noise():
