@@ -10,14 +10,14 @@ from statistics import median
 from typing import Any, get_args
 
 import numpy as np
-from jobs import Envelopes, Floats, JobName, standard_job
-from scipy.signal import lfilter
+from jobs import Floats, JobName, standard_job
+from tracking.coverage import KINDS, SLIPPING_KINDS, cells, slipping_cells
 
 import hums
 from board.sections import Effort, Section, Task
-from board.table import Figure, Row, averaged, fixed, times
+from board.table import Figure, Row, fixed, times
 from data_synth import load_scene, simulate
-from signals import angular_resample, likely_bandwidth, track_orders
+from signals import angular_resample, track_orders
 
 TREE = Path(hums.__file__).resolve().parents[1]  # the working tree that is measured
 
@@ -94,76 +94,40 @@ TRACKERS = Section(
 
 # ---- coverage of `std` -----------------------------------------------------------------------------------------------
 
-WITHIN = 1.645  # standard deviations: 90 % of a normal distribution
-SAMPLES, RATE_HZ, TURN_HZ, ORDERS = 60_000, 5000.0, 20.0, (3.0, 7.3, 19.0)
+POLES = {"quick": (2,), "plain": (1, 2, 3, 4), "full": (1, 2, 3, 4)}
+OUTSIDE = {"narrow": 13, "offset": 8, "slipping order": 8}  # cells, known; one of another kind may be by chance
 
 
-def _pink(rng: np.random.Generator) -> Floats:
-    lines = np.fft.rfft(rng.standard_normal(SAMPLES))
-    lines[1:] /= np.sqrt(np.arange(1, lines.size))
-    x = np.fft.irfft(lines, SAMPLES)
-    return np.asarray(x / x.std())
+def coverage_tasks(effort: Effort) -> list[Task]:
+    """Return a task for the cells of each kind and number of poles, and of the slipping order."""
+    tracked = [partial(judged, kind, (number,), effort.first) for kind in KINDS for number in POLES[effort.size]]
+    slipping = SLIPPING_KINDS[: effort.pick(1, None, None)]
+    return tracked + [partial(judged, kind, (), effort.first) for kind in slipping]
 
 
-def _resonant(rng: np.random.Generator) -> Floats:
-    w = 2 * np.pi * ORDERS[2] * TURN_HZ / RATE_HZ  # a mode with 3 % of damping under the last order
-    r = np.exp(-0.03 * w)
-    y = lfilter([1.0], [1, -2 * r * np.cos(w), r * r], rng.standard_normal(SAMPLES))
-    return np.asarray(y / y.std())
+def judged(kind: str, poles: tuple[int, ...], first: int) -> tuple[str, list[bool]]:
+    """Return the row of some cells, and which are outside of their limits."""
+    found = cells(kind, poles, first=first) if poles else slipping_cells(kind, first=first)
+    return kind if poles else "slipping order", [not cell.holds for cell in found]
 
 
-NOISES: Mapping[str, Callable[[np.random.Generator], Floats]] = {
-    "white": lambda rng: rng.standard_normal(SAMPLES),
-    "pink": _pink,
-    "resonance": _resonant,
-    "clipped": lambda rng: rng.standard_normal(SAMPLES),
-}
-
-
-def covered(noise: str, number: int) -> float:
-    """Return the share of true quadratures within a nominal 90 % of estimates, noise and bandwidth estimated too."""
-    rng = np.random.default_rng([90, number])
-    envelopes = Envelopes.drawn(rng, orders=len(ORDERS), samples=SAMPLES)
-    at = np.arange(SAMPLES)
-    turn = 2 * np.pi * TURN_HZ * at / RATE_HZ
-    x = 0.5 * NOISES[noise](rng)
-    for place, order in enumerate(ORDERS):
-        x = x + (envelopes.of(place, at) * np.exp(1j * order * turn)).real
-    if noise == "clipped":
-        x = np.clip(x, -2.0, 2.0)
-    given: dict[str, Any] = {"phase_rad": turn, "orders": ORDERS, "rate_hz": RATE_HZ, "poles": 2}
-    widths = likely_bandwidth(x, **given, largest_bandwidth_hz=3.0)
-    if noise == "clipped" and "clip_limits" in inspect.signature(track_orders).parameters:  # older trees have none
-        given["clip_limits"] = [-2.0, 2.0]
-    tracks = track_orders(x, **given, bandwidth_hz=widths, output_every=EVERY)
-    truth = np.stack([envelopes.of(place, tracks.sample_index) for place in range(len(ORDERS))])
-    wrong = (tracks.complex_amplitude - truth) / tracks.std
-    return float(np.mean(np.abs(np.concatenate([wrong.real, wrong.imag])) < WITHIN))
-
-
-def coverage_figures(found: Sequence[float]) -> dict[str, Figure]:
-    """Return the mean share for each kind of noise."""
-    each = len(found) // len(NOISES)
-    return {
-        f"coverage: {noise}": Figure.mean(found[place * each : (place + 1) * each])
-        for place, noise in enumerate(NOISES)
-    }
+def coverage_figures(found: Sequence[tuple[str, list[bool]]]) -> dict[str, Figure]:
+    """Return how many cells of each kind are outside."""
+    kinds = dict.fromkeys(kind for kind, _ in found)
+    return {f"std: {one}": Figure.share([bad for kind, some in found if kind == one for bad in some]) for one in kinds}
 
 
 COVERAGE = Section(
     name="coverage",
     rows=tuple(
         Row(
-            name=f"coverage: {noise}",
-            what=f"share of true quadratures within a nominal 90 % by `std`, {words}",
-            better="more",
-            limit=averaged("more"),
+            name=f"std: {kind}",
+            what=f"cells of coverage outside, {words}",
+            limit=fixed(OUTSIDE.get(kind, 1)),
         )
-        for noise, words in zip(
-            NOISES, ("white noise", "pink noise", "a resonance under a line", "clipped"), strict=True
-        )
+        for kind, words in (KINDS | {"slipping order": "five kinds of record"}).items()
     ),
-    tasks=lambda effort: [partial(covered, noise, n) for noise in NOISES for n in effort.numbers(6, 30, 200)],
+    tasks=coverage_tasks,
     figures=coverage_figures,
 )
 

@@ -5,8 +5,8 @@ from functools import partial
 
 import numpy as np
 import speed_verdicts
+from tracking.coverage import WITHIN
 
-from board.estimates import WITHIN
 from board.sections import Effort, Section, Task
 from board.table import Figure, Row, averaged, count_row
 from signals import refine_declared_speed

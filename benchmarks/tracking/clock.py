@@ -12,6 +12,8 @@ from typing import Literal
 import numpy as np
 from jobs import Floats
 
+from tracking.coverage import KINDS
+
 SLOW_S = 0.5  # of a call, from which on it is repeated less often
 ONCE_S = 3.0  # from which on the run that finds the error is the one that is timed
 
@@ -28,7 +30,7 @@ class Effort:
     search, slow_search : evaluations in the search of a bandwidth, the second where they are slow.
     with_peers : whether other packages run too.
     channels : of the record with several.
-    poles : for which the likeliest bandwidths are searched.
+    poles, kinds, records : of the cells of coverage, and records of a slipping line in one.
     lengths : numbers of samples, for the scaling with samples.
     separable, coupled : numbers of orders, for the scaling with orders.
     grown : samples in a record where orders grow, for the smoother on blocks.
@@ -43,6 +45,8 @@ class Effort:
     with_peers: bool = True
     channels: int = 8
     poles: tuple[int, ...] = (1, 2, 3, 4)
+    kinds: tuple[str, ...] = tuple(KINDS)
+    records: int = 24
     lengths: tuple[int, ...] = (500_000, 1_000_000, 2_000_000, 4_000_000, 8_000_000)
     separable: tuple[int, ...] = (10, 20, 50, 100, 200)
     coupled: tuple[int, ...] = (5, 10, 20, 40, 60, 80)

@@ -13,38 +13,32 @@ from tracking.clock import Effort, seconds, time_in_ffts
 from tracking.measuring import REFUSED
 from tracking.settings import DECIMATED
 from tracking.tables import table
-from tracking.targets import Target
 
 UNIT = 1_000_000  # samples of the rfft
-FITTED = 3  # sizes, the largest, through which the exponent goes
 REPEATS = 5
 LONGEST_S = 30.0  # of one call; larger sizes are not tried
-LINEAR, QUADRATIC = 1.1, 2.1  # exponents, a tenth of them left to the clock
 SAMPLE_BY_SAMPLE = 5_000  # samples in a record where orders grow, for the exact estimators
 
 
 @dataclass(frozen=True, kw_only=True)
 class Growth:
-    """What grows, how far, and what its time may do.
+    """What grows, and how far.
 
     Attributes
     ----------
     what : of it, as the table says it.
-    bound : on the exponent.
     sizes : to be timed.
     make : from a size to the call.
     """
 
     what: str
-    bound: float
     sizes: Sequence[int]
     make: Callable[[int], Callable[[], object]]
 
 
-def scaling(bandwidths: tuple[float, float], effort: Effort) -> tuple[list[str], list[Target]]:
+def scaling(bandwidths: tuple[float, float], effort: Effort) -> list[str]:
     """Time against samples and against orders; `bandwidths` in Hz of smoother and filter on J1."""
     lines: list[tuple[str, ...]] = []
-    found = []
     for growth in _growths(bandwidths, effort):
         times = _timed(growth, effort)
         sizes, logs = list(times), np.log(np.array(list(times.items())).reshape(-1, 2))
@@ -52,15 +46,7 @@ def scaling(bandwidths: tuple[float, float], effort: Effort) -> tuple[list[str],
         lines += [
             (growth.what, f"{size:,}", f"{times[size]:.3g}", step) for size, step in zip(sizes, steps, strict=False)
         ]
-        needed = f"exponent {growth.bound:g}, up to {growth.sizes[-1]:,}"
-        passed, measured = False, f"{len(sizes)} sizes ran"
-        if len(sizes) > 1:
-            late = logs[-FITTED:]
-            power = float(np.polyfit(late[:, 0], late[:, 1], 1)[0])
-            passed = power <= growth.bound and len(sizes) == len(growth.sizes)
-            measured = f"exponent {power:.2f} from {sizes[-len(late)]:,} to {sizes[-1]:,}"
-        found.append(Target(what=growth.what, needed=needed, measured=measured, passed=passed))
-    return table(("what grows", "how many", "time", "exponent since the size before"), lines), found
+    return table(("what grows", "how many", "time", "exponent since the size before"), lines)
 
 
 def _growths(bandwidths: tuple[float, float], effort: Effort) -> list[Growth]:
@@ -70,44 +56,37 @@ def _growths(bandwidths: tuple[float, float], effort: Effort) -> list[Growth]:
     return [
         Growth(
             what=f"J1 going on, smoother, fast, 2 poles, every {DECIMATED}: samples",
-            bound=LINEAR,
             sizes=effort.lengths,
             make=partial(late, **smooth),
         ),
         Growth(
             what="J1 going on, filter, exact, 1 pole, all outputs: samples",
-            bound=LINEAR,
             # The smallest keep much of what they fill in the cache; amplitudes of the largest would fill gigabytes.
             sizes=effort.lengths[1:-1] or effort.lengths,
             make=partial(causal, method="exact", poles=1, estimator="filter"),
         ),
         Growth(
             what="smoother, fast, 2 poles: orders 1, 2, 3, ..., 0.05 wide, separable",
-            bound=LINEAR,
             sizes=effort.separable,
             make=partial(_orders, effort.grown, 1.0, 1.0, 0.05, **smooth),
         ),
         Growth(
             what="smoother, fast, 2 poles: orders 20, 20.011, ..., 0.011 wide as on J3, coupled",
-            bound=QUADRATIC,
             sizes=effort.coupled,
             make=partial(_orders, effort.grown, 20.0, 0.011, 0.011, **smooth),
         ),
         Growth(
             what="smoother, fast, 2 poles: orders 20, 20.05, ..., 0.05 wide, coupled",
-            bound=QUADRATIC,
             sizes=effort.coupled,
             make=partial(_orders, effort.grown, 20.0, 0.05, 0.05, **smooth),
         ),
         Growth(
             what=f"filter, exact, 1 pole, every {DECIMATED}: the same orders",
-            bound=QUADRATIC,
             sizes=effort.coupled,
             make=partial(_orders, SAMPLE_BY_SAMPLE, 20.0, 0.05, 0.05, **exact, estimator="filter"),
         ),
         Growth(
             what=f"smoother, exact, 1 pole, every {DECIMATED}: the same orders",
-            bound=QUADRATIC,
             sizes=effort.coupled,
             make=partial(_orders, SAMPLE_BY_SAMPLE, 20.0, 0.05, 0.05, **exact),
         ),

@@ -20,7 +20,7 @@ import numpy as np
 from signals.harmonics.state_space import Flags, Floats, HarmonicModel, Indices
 
 # Length of a segment in units of one over the largest bandwidth, and change of a frequency over it in bins.
-_LENGTH, _SWEEP = 8.0, 2.0
+_LENGTH, _SWEEP = 8.0, 1.0
 _SHORTEST = 64  # samples of a segment
 _OVERLAPPING, _MOST_SEGMENTS = 4, 64  # segments, fewer of which overlap by half, and the most, evenly spread
 _LOBE = 4  # bins, half of the main lobe of the window
@@ -100,11 +100,12 @@ def _segments(seen: Flags, model: HarmonicModel) -> tuple[Indices, int]:
     edges = np.linspace(0, seen.size - 1, _SHORTEST).astype(int)
     rates = np.diff(_turns(model, edges)) / np.diff(edges)
     change = np.quantile(np.abs(np.diff(rates)) / np.diff(edges)[1:], 0.9, axis=-1)  # of a frequency, in a sample
-    longest = min(_LENGTH / model.bandwidth.max(), seen.size, math.sqrt(_SWEEP / max(change.max(initial=0.0), 1e-12)))
+    steady = math.sqrt(_SWEEP / max(change.max(initial=0.0), 1e-12))
+    longest = min(_LENGTH / model.bandwidth.max(), seen.size / 3, steady)
     missing = np.zeros(seen.size + 1, dtype=int)
     if not seen.all():
         np.cumsum(~seen, out=missing[1:])
-    length = 1 << int(math.log2(max(longest, 1)))
+    length = int(longest) // _SHORTEST * _SHORTEST
     while length >= _SHORTEST:
         apart = seen.size // length
         count = min(_MOST_SEGMENTS, apart if apart > _OVERLAPPING else 2 * apart - 1)

@@ -225,18 +225,23 @@ def _censored(x: ArrayLike, clip_limits: ArrayLike, output_every: int, **given: 
     record = _arguments.check_record(x).reshape(np.shape(x))
     side = (record >= limits[1]).astype(np.float64) - (record <= limits[0])
     clipped, known, lost = side != 0, given["noise_variance"], np.zeros(1)
-    filled, noise = record, np.zeros(1)
+    filled, before, former, noise = record, record, np.zeros(1), np.zeros(1)
     for _ in range(MOST_FILLINGS):
         tracks = track_orders(filled, output_every=1, **given)
         noise = np.asarray(tracks.noise_variance)[..., None] + (0.0 if known else noise * lost)
         std = np.sqrt(np.maximum(noise, _arguments.SMALLEST**2))
-        before, wave = filled, order_waveform(tracks, phase_rad=given["phase_rad"])
+        wave = order_waveform(tracks, phase_rad=given["phase_rad"])
         # Of a standard normal variable beyond a: mean h, the hazard, and variance 1 - h (h - a)
         beyond = np.clip(np.where(clipped, side * (record - wave) / std, 0.0), -FARTHEST, FARTHEST)
         hazard = np.sqrt(2 / np.pi) / erfcx(beyond / np.sqrt(2))
-        filled = np.where(clipped, record + side * std * (hazard - beyond), record)
+        step = np.where(clipped, record + side * std * (hazard - beyond) - filled, 0.0)
         lost = np.mean(np.where(clipped, 1 - hazard * (hazard - beyond), 0.0), axis=-1, keepdims=True)
-        if np.max(np.where(clipped, np.abs(filled - before) / std, 0.0)) < FILLED_RTOL:
+        # Barzilai and Borwein's step length, from the change of the plain step over the last one taken
+        moved = np.where(clipped, filled - before, 0.0)
+        bend = np.maximum(np.sum(moved * (former - step), axis=-1, keepdims=True), _arguments.SMALLEST)
+        length = np.clip(np.sum(moved**2, axis=-1, keepdims=True) / bend, 1, 100)
+        filled, before, former = record + side * np.maximum(side * (filled + length * step - record), 0), filled, step
+        if np.max(np.abs(step) / std) < FILLED_RTOL:
             break
     tracks = track_orders(filled, output_every=output_every, **given)
     more = noise / np.asarray(tracks.noise_variance)[..., None]

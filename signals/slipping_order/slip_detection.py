@@ -107,7 +107,6 @@ class Demodulated:
         return np.asarray((sums.real**2 + sums.imag**2) / (seen or 1.0))
 
 
-_CELLS_PER_WIDTH = 2  # slips searched for each width (1 / segment) of a line
 _TURN_OF_BLOCK = 1 / 32  # turns in a block at the largest order difference evaluated
 _TILTS = np.arange(1, 20) / 20  # theta of the bound
 # Estimated R over true R. Above the last ratio the bound is taken at the last, a small loss.
@@ -150,7 +149,7 @@ def search(record: SlipRecord, line: Line, *, width: Floats, noise_variance: flo
     noise, counted = (noise_variance, None) if noise_variance else adjacent_noise(data, cells, order=line.order)
 
     slip_width = cell / line.top
-    half = max(1, ceil(_CELLS_PER_WIDTH * line.largest_slip / slip_width))
+    half = max(1, ceil(2 * line.largest_slip / slip_width))  # two slips for each width (1 / segment) of a line
     grid = np.linspace(-line.largest_slip, line.largest_slip, 2 * half + 1)
     away = np.outer(np.arange(1, line.harmonics + 1), line.order * grid)
     power = np.array([sum(data.power(part, k, each) for k, each in enumerate(away)) for part in data.parts]) / noise
@@ -230,13 +229,7 @@ def _best_path(power: Floats, grid: Floats, change: Floats) -> tuple[Floats, flo
     path[-1] = score.argmax()
     for segment in range(len(power) - 1, 0, -1):
         path[segment - 1] = came_from[segment, path[segment]]
-    # Each slip is refined to the vertex of the parabola through its cell and the two beside it.
-    at = np.clip(path, 1, grid.size - 2)
-    left, middle, right = (power[np.arange(path.size), at + side] for side in (-1, 0, 1))
-    bend = left - 2 * middle + right
-    summit = (at == path) & (bend < 0) & (middle >= left) & (middle >= right)
-    shift = np.where(summit, 0.5 * (left - right) / np.where(summit, bend, 1.0), 0.0)
-    return grid[path] + shift * (grid[1] - grid[0]), float(score.max())
+    return grid[path], float(score.max())
 
 
 def power_spreads(ones: Demodulated, *, order: float, largest_slip: float) -> Floats:
