@@ -6,8 +6,8 @@ from typing import TYPE_CHECKING, Any
 if TYPE_CHECKING:
     from data_synth.cost import explain as explain
     from data_synth.dataset_folder import make_dataset as make_dataset
+    from data_synth.draws import PlanError as PlanError
     from data_synth.plan import Plan as Plan
-    from data_synth.plan import PlanError as PlanError
     from data_synth.plan import load_plan as load_plan
     from data_synth.scene.scene import Scene as Scene
     from data_synth.scene.scene import SceneError as SceneError
@@ -16,7 +16,7 @@ if TYPE_CHECKING:
 
 _HOME = {
     "Plan": "data_synth.plan",
-    "PlanError": "data_synth.plan",
+    "PlanError": "data_synth.draws",
     "Scene": "data_synth.scene.scene",
     "SceneError": "data_synth.scene.scene",
     "explain": "data_synth.cost",

@@ -15,8 +15,8 @@ _TEXT = """\
 of "{link}". Seed {seed}. All of it is simulated; no machine was measured.
 {about}
 `shards/*.h5` hold the records (HDF5 in netCDF4 layout) with their truth, `index.h5` and `labels.csv` the labels of all
-of them. `plan.toml` has every range and every default; `hums dataset plan.toml` of hums-toolkit {package} makes the
-same bytes again. `checksums.sha256` has the SHA-256 of every file, as `sha256sum -c` reads them.
+of them{parquet}. `plan.toml` has every range and every default; `hums dataset plan.toml` of hums-toolkit {package}
+makes the same bytes again. `checksums.sha256` has the SHA-256 of every file, as `sha256sum -c` reads them.
 
 ## Labels
 
@@ -44,6 +44,8 @@ _IN_SPLITS = " No machine is in two splits."
 
 _MEANINGS = {
     "class": "what is wrong",
+    "class_number": "its place among the classes below, from 0",
+    "component": "what is damaged; empty where nothing is",
     "seed": "of the record",
     "machine": "which of the machines below",
     "machine_seed": "of what all records of a machine share",
@@ -79,7 +81,7 @@ def data_card(plan: Plan) -> str:
     values = {name: [row[name] for row in rows] for name in rows[0]}
     if plan.table.detectability_s is not None:
         values["detectability_db"] = []
-    splits = tuple(dict.fromkeys(machine.split for machine in plan.machines)) or ("",)
+    splits = tuple(dict.fromkeys(row.get("split", "") for row in rows))
     counts = Counter((row["class"], row.get("split", "")) for row in rows)
     text = _TEXT.format(
         title=plan.table.title or "Synthetic gearbox vibration",
@@ -90,6 +92,7 @@ def data_card(plan: Plan) -> str:
         pulses=scene.tachometer.pulses_per_rev,
         link=scene.tachometer.link,
         seed=plan.seed,
+        parquet=", `records.parquet` samples and labels, a row a record" if plan.table.parquet else "",
         about=f"\n{plan.table.about.strip()}\n" if plan.table.about else "",
         package=version("hums-toolkit"),
         labels="\n".join(_label_row(name, column) for name, column in values.items()),

@@ -11,6 +11,8 @@ from concurrent.futures import ThreadPoolExecutor
 from dataclasses import dataclass
 from functools import lru_cache, partial
 from importlib.metadata import version
+from importlib.util import find_spec
+from itertools import chain
 from pathlib import Path
 from typing import Any
 
@@ -19,13 +21,14 @@ import xarray as xr
 
 from data_synth.card import data_card
 from data_synth.cost import BYTES, explain
-from data_synth.plan import Plan, PlanError, load_plan, parse_plan
+from data_synth.draws import PlanError
+from data_synth.plan import Plan, load_plan, parse_plan
 from data_synth.scene.scene import SceneError
 from data_synth.simulation import simulate, simulate_with_detectability
 from hums.jobs import Job, Serial, Tally, Workers, run_jobs
-from hums.records.dataset_store import INDEX, LABELS, SHARD, write_index
+from hums.records.dataset_store import INDEX, LABELS, SHARD, open_dataset, write_index
 from hums.records.outputs import SEALS, check_outputs
-from hums.records.store import remove_partial_files, write_shard, write_text
+from hums.records.store import atomic_write, remove_partial_files, write_shard, write_text
 from signals._validation import checked
 
 CHECKSUMS = "checksums.sha256"
@@ -51,7 +54,8 @@ def make_dataset(
         A plan, the path of its file, or its name in the catalogue.
     folder : str or Path
         New, empty, or begun with the same plan. It receives ``plan.toml``, ``shards/``, ``index.h5`` (which
-        `hums.open_dataset` reads), ``labels.csv``, ``data-card.md`` and, written last, ``checksums.sha256``.
+        `hums.open_dataset` reads), ``labels.csv``, ``data-card.md``, ``records.parquet`` where the plan asks for it
+        and, written last, ``checksums.sha256``.
     workers : Serial, Processes or Cluster of `hums.jobs`, optional
         What computes the files; one process if left out. The files do not depend on it.
     progress : bool
@@ -93,6 +97,9 @@ def make_dataset(
     plan = load_plan(plan) if isinstance(plan, str | Path) else plan
     folder = Path(folder).absolute()
     written = [folder / name for name in (INDEX, LABELS, CHECKSUMS, "data-card.md")]
+    written += [folder / "records.parquet"] if plan.table.parquet else []
+    if plan.table.parquet and find_spec("pyarrow") is None:
+        raise PlanError('parquet = true needs pyarrow: pip install "hums-toolkit[parquet]", or leave it out.')
     check_outputs(written, folder=folder, force=force)
     _begin_folder(folder, plan, force=force)
     count = math.ceil(plan.records / plan.records_per_shard)
@@ -113,8 +120,33 @@ def make_dataset(
     if tally.done or force or not all(path.is_file() for path in written):
         write_text(folder / "data-card.md", data_card(plan))
         write_index(folder, [shards / job.name for job in jobs], plan=plan.text)
+        if plan.table.parquet:
+            _write_parquet(folder, at_once=plan.records_per_shard)
         _write_checksums(folder)
     return tally
+
+
+def _write_parquet(folder: Path, *, at_once: int) -> None:
+    """Write the records of a dataset as a Parquet file: a row a record, labels and channels its columns."""
+    import pyarrow as pa  # noqa: PLC0415 - an optional part
+    from pyarrow.parquet import ParquetWriter  # noqa: PLC0415
+
+    data = open_dataset(folder)
+    names = [str(name) for name, values in data.variables.items() if values.dims[:1] == ("record",)]
+    facts = {name: str(data[name].attrs.get("units", "")) for name in names} | {"rate_hz": str(data.attrs["rate_hz"])}
+
+    def cells(part: xr.DataArray) -> list[Any]:
+        pulses = str(part.dims[-1]).startswith("pulse_")  # which end in NaN where a record has fewer
+        return (
+            part.values.tolist() if part.ndim == 1 else [row[~np.isnan(row)] if pulses else row for row in part.values]
+        )
+
+    parts = (data.isel(record=slice(at, at + at_once)) for at in range(0, data.sizes["record"], at_once))
+    tables = (pa.table({name: cells(part[name]) for name in names}, metadata=facts) for part in parts)
+    first = next(tables)
+    with atomic_write(folder / "records.parquet") as path, ParquetWriter(path, first.schema) as writer:
+        for table in chain([first], tables):
+            writer.write_table(table)
 
 
 def _write_checksums(folder: Path) -> None:

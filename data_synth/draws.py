@@ -16,8 +16,6 @@ from pydantic import AfterValidator, Field, model_validator
 from hums.gearbox.components import Declared, Name, Positive, closest, validated
 from signals._validation import SentenceError
 
-__all__ = ["DISTRIBUTIONS", "Choice", "Drawn", "Draws", "Log", "PlanError", "Uniform", "labels_of", "parsed", "reached"]
-
 
 class PlanError(SentenceError):
     """A plan that cannot be read, or a dataset that cannot be made.

@@ -50,9 +50,7 @@ from hums.gearbox.components import (
 from hums.gearbox.model import load_gearbox
 from signals._validation import checked
 
-__all__ = ["Plan", "PlanError", "PlanTable", "load_plan", "parse_plan", "plans"]
-
-_OWN_LABELS = ("record", "class", "seed", "time", "machine", "machine_seed", "split", "detectability_db")
+_OWN_LABELS = ("record", "class", "class_number", "seed", "time", "machine", "machine_seed", "split")
 _SHARD_BYTES = 32_000_000  # of samples in one file, which a worker holds in memory
 _MOST_IN_SHARD, _FEWEST_SHARDS = 64, 16  # little is lost with a kill, and several workers have something to do
 
@@ -81,7 +79,12 @@ class MachineTable(Declared):
 
 
 class PlanTable(Declared):
-    """The content of a plan file."""
+    """The content of a plan file.
+
+    `splits` are the shares of records, of each class alike, in training, validation and test, or of the machines of a
+    `history`; where the plan has a `machine`, that has its own. With `parquet` the records are in ``records.parquet``,
+    too.
+    """
 
     title: str = ""
     scene: str | dict[str, Any]
@@ -92,6 +95,8 @@ class PlanTable(Declared):
     dtype: Literal["float32", "float64"] = "float32"
     records_per_shard: Annotated[int, Field(ge=1)] | None = None
     labels: tuple[Name, ...] | None = None
+    splits: dict[Name, Positive] = Field(default={"train": 0.7, "validation": 0.15, "test": 0.15}, min_length=1)
+    parquet: bool = False
     detectability_s: Positive | None = None
     about: str = ""
     history: History | None = None
@@ -361,8 +366,11 @@ class Plan:
         >>> labels["class"], labels["component"], labels["severity_mm"]
         ('healthy', '', nan)
         """
-        values, machine = self.values(number), self.machine_of(number)
-        found: dict[str, Any] = {"class": self.class_of(number), "seed": self.seed_of(number)}
+        (table, values), machine = self._resolved(number), self.machine_of(number)
+        damaged = " + ".join(fault["component"] for fault in table.get("fault", ()))
+        found: dict[str, Any] = {"class": self.class_of(number), "class_number": self._class_index(number)}
+        found |= {"component": damaged, "seed": self.seed_of(number)}
+        found |= {} if self.machines else {"split": self._split(number)}
         if machine is not None:
             found |= {"machine": machine.name, "machine_seed": self.machine_seed_of(number)}
         if any(each.split for each in self.machines):
@@ -439,15 +447,25 @@ class Plan:
 
     def _sobol_point(self, number: int, template: _Template) -> dict[str, float]:
         """Return the point of the Sobol sequence that belongs to a record, by label."""
-        turns, place = divmod(self._turn(number), len(self._cycle))
-        own = self._class_index(number)
-        share = self.table.classes[own].share
-        rank = turns * share + self._cycle[:place].count(own)
+        share, rank = self.table.classes[self._class_index(number)].share, self._rank(number)
         labels = template.sobol_labels
         key = (self.seed, zlib.crc32(self.class_of(number).encode()), len(labels))
         points = -(-self.records // (self._machines * len(self._cycle))) * self._machines * share
         found = _sobol_points(*key, power=(points - 1).bit_length())[rank] if labels else ()
         return dict(zip(labels, map(float, found), strict=True))
+
+    def _rank(self, number: int) -> int:
+        """Return the number of a record among those of its class."""
+        turns, place = divmod(self._turn(number), len(self._cycle))
+        own = self._class_index(number)
+        return turns * self.table.classes[own].share + self._cycle[:place].count(own)
+
+    def _split(self, number: int) -> str:
+        """Return the split of a record: machines of a history are each in one."""
+        which = self._history.machine(number) if self._machines > 1 and self._history else self._rank(number)
+        ends = np.cumsum([*self.table.splits.values()])
+        at = (which + 0.5) * (5**0.5 - 1) / 2 % 1 * ends[-1]  # multiples of the golden ratio are evenly spread
+        return [*self.table.splits][int(np.searchsorted(ends, at, side="right"))]
 
     def _class_index(self, number: int) -> int:
         return self._cycle[self._turn(number) % len(self._cycle)]
@@ -513,7 +531,7 @@ def _checked(template: _Template) -> _Template:
     for label, times in counts.items():
         if times > 1:
             raise PlanError(f'two ranges have the label "{label}"; give each its own.')
-        if label in _OWN_LABELS or label.startswith(("truth_", "pulse_", "time_")):
+        if label in (*_OWN_LABELS, "detectability_db") or label.startswith(("truth_", "pulse_", "time_")):
             raise PlanError(f'the label "{label}" has a meaning of its own; choose another.')
     for draw in template.distributions:
         source = template.named[draw.by] if draw.by is not None else None

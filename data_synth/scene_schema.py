@@ -33,17 +33,13 @@ def scene_schema(gearbox: Mapping[str, Any]) -> dict[str, Any]:
     named = {"type": "string", "minLength": 1, "description": "A .toml file or a catalogue name."}
     properties["gearbox"] = {"anyOf": [named, {"$ref": "#/$defs/Gearbox"}]}
     properties["fidelity"]["enum"] = [*FIDELITIES]
-    for part, field in (
-        ("Excitation", "shafts"),
-        ("Excitation", "meshes"),
-        ("Dynamics", "links"),
-        ("Dynamics", "meshes"),
-        ("Dynamics", "bearings"),
-        ("SensorWeights", "links"),
-    ):
-        _as_table(parts[part]["properties"][field])
+    maps = {"Excitation": ("shafts", "meshes"), "Dynamics": ("links", "meshes", "bearings"), "SensorWeights": ["links"]}
+    for part, fields in maps.items():
+        for field in fields:
+            _as_table(parts[part]["properties"][field])
     for part, forms in _HISTORIES.items():
         _as_history(parts[part], forms)
+    parts["MeshDynamics"]["properties"]["csv"] = {"type": "string", "description": "A file of mesh cycles and um."}
     transfer = parts["Transfer"]
     transfer["properties"]["csv"] = {"type": "string", "description": "A file of three columns: Hz, real, imaginary."}
     transfer["oneOf"] = [{"required": [form]} for form in ("modes", "lines", "csv")]

@@ -34,7 +34,6 @@ from data_synth.gears.transmission_error import ProfileError, TransmissionError
 _POINTS = 1025  # along the path of contact
 _NEAR_PATH = 1e-3  # base pitches
 _FAR_M = 1.0  # a gap that nothing bridges
-_EVERY = 8  # of these points are knots of the transmission error, where it is smooth
 _STEEP = 0.03  # of the whole error, from point to point: there every point is one
 _EDGE = 1e-9  # cycles: either side of the end of contact
 _SLICES = 32  # of a crowned face
@@ -447,7 +446,7 @@ class LostContact:
         error = shared.error_m - sound.error_m if stiffness_too else shared.deflection_m - sound.deflection_m
         if self.every:  # in each cycle the pair that entered last stands for all
             since, error = (part[since < 1] for part in (since, error))
-        kept = np.arange(since.size) % _EVERY == 0
+        kept = np.arange(since.size) % 8 == 0  # knots, where it is smooth
         kept[[0, -1]] = True
         steep = np.abs(np.diff(error)) > _STEEP * np.ptp(error)
         steep[[at for at in self._changes if at < steep.size]] = True

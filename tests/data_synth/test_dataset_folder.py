@@ -106,12 +106,28 @@ class TestRecords:
                 hums.dataset_record(folder, number)
 
 
+class TestParquet:
+    def test_a_row_is_a_record(self, folder, tmp_path):
+        pd = pytest.importorskip("pandas")
+        make_dataset(parse_plan(f"parquet = true\n{SMALL}"), tmp_path / "small")
+        table, opened = pd.read_parquet(tmp_path / "small" / "records.parquet"), hums.open_dataset(folder)
+        assert len(table) == 7
+        for name in ("class", "class_number", "split", "component", "speed.rpm", "detectability_db"):
+            assert np.array_equal(table[name], opened[name], equal_nan=table[name].dtype.kind == "f")
+        for name in ("a", "b"):
+            assert np.array_equal(np.stack(table[name]), opened[name])
+        pulses = opened["tachometer"].values
+        assert [len(row) for row in table["tachometer"]] == np.sum(~np.isnan(pulses), axis=1).tolist()
+        assert "records.parquet" in (tmp_path / "small" / "checksums.sha256").read_text(encoding="utf-8")
+
+
 class TestOpened:
     def test_labels_are_coordinates(self, plan, folder):
         opened = hums.open_dataset(folder)
         for number in range(plan.records):
             labels = plan.labels(number)
-            assert {"class", "seed", "speed.rpm", "fault.1.depth_mm"} == labels.keys()
+            own = {"class", "class_number", "component", "split", "seed"}
+            assert own | {"speed.rpm", "fault.1.depth_mm"} == labels.keys()
             for name, value in labels.items():
                 assert np.array_equal(opened.coords[name][number].item(), value, equal_nan=name == "fault.1.depth_mm")
             assert np.isnan(opened["detectability_db"][number].item()) == (labels["class"] == "healthy")

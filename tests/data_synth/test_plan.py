@@ -154,7 +154,8 @@ class TestScenes:
     def test_labels_are_alike_and_empty_where_nothing_is_drawn(self):
         text = changed(PLAN, ('component = "stage 1/pinion"', 'component = { choice = ["stage 1/pinion"] }'))
         healthy, cracked = (parse_plan(text).labels(number) for number in (0, 1))
-        names = ["class", "seed", "torque.nm", "speed.rpm", "fault.1.component", "depth"]
+        own = ["class", "class_number", "component", "seed", "split"]
+        names = [*own, "torque.nm", "speed.rpm", "fault.1.component", "depth"]
         assert list(healthy) == list(cracked) == names
         assert (healthy["class"], healthy["fault.1.component"]) == ("healthy", "")
         assert np.isnan(healthy["depth"])
@@ -189,6 +190,20 @@ class TestScenes:
 
 class TestMachines:
     plan = staticmethod(cache(lambda: parse_plan(MACHINES)))
+
+    def test_records_of_each_class_are_split_by_their_shares_and_machines_of_a_history_whole(self):
+        plan = parse_plan("splits = { learn = 3, test = 1 }" + changed(PLAN, ("records = 64", "records = 400")))
+        rows = [plan.labels(number) for number in range(400)]
+        counts = Counter((row["class"], row["class_number"], row["component"], row["split"]) for row in rows)
+        for who in (("healthy", 0, ""), ("crack", 1, "stage 1/pinion")):
+            of_class = sum(row["class"] == who[0] for row in rows)
+            # multiples of the golden ratio leave fewer than two astray
+            assert counts[*who, "learn"] == pytest.approx(0.75 * of_class, abs=2)
+            assert counts[*who, "learn"] + counts[*who, "test"] == of_class
+        aged = parse_plan(f"{PLAN}\n[history]\nmachines = 8\n")
+        pairs = {(row["machine"], row["split"]) for row in (aged.labels(number) for number in range(40))}
+        assert len(pairs) == 8
+        assert {split for _, split in pairs} == {"train", "validation", "test"}
 
     def test_no_machine_is_in_two_splits_and_each_has_every_class(self):
         labels = [self.plan().labels(number) for number in range(24)]
