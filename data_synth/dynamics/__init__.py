@@ -47,7 +47,6 @@ if TYPE_CHECKING:
     from data_synth.gears.mesh_stiffness import Trapezoidal as Trapezoidal
     from data_synth.gears.mesh_stiffness import fourier_series as fourier_series
     from data_synth.gears.transmission_error import ProfileError as ProfileError
-    from data_synth.integrators.driver import Block as Block
     from data_synth.integrators.driver import integrate as integrate
     from data_synth.integrators.driver import integrate_blocks as integrate_blocks
     from data_synth.integrators.problem import Accuracy as Accuracy
@@ -73,7 +72,7 @@ _MODULES = {
     "data_synth.gears.geometry": "GearPair",
     "data_synth.gears.mesh_stiffness": "Constant Fourier Rectangular Shifted Trapezoidal fourier_series",
     "data_synth.gears.transmission_error": "ProfileError",
-    "data_synth.integrators.driver": "Block integrate integrate_blocks",
+    "data_synth.integrators.driver": "integrate integrate_blocks",
     "data_synth.integrators.problem": "Accuracy Integration IntegrationError Load Outcome Output Problem State Steps",
     "data_synth.operation.shaft_angle": "ShaftAngle",
     "data_synth.vibration.steady_state": "PeriodicState periodic_state",

@@ -133,45 +133,11 @@ def legendre_of_product(
     return sum0, 3 * sum1, 5 * sum2
 
 
-@compiled_exactly
-def legendre_across(
-    waves: Waves, which: int, start: float, stop: float, segment: int, x: float
-) -> tuple[float, float, float]:
-    """Return what `legendre` does over an interval with jumps, whose lower end is at x in a segment."""
-    low, high = min(start, stop), max(start, stop)
-    whole, at = high - low, low
-    sum0 = sum1 = sum2 = 0.0
-    while at < high:
-        edge = edge_of(waves, which, segment)
-        # past an edge by rounding, the interval up to it is empty
-        width = min(high - at, max(edge - x, 0.0), LONGEST)
-        for point in range(4):
-            place = (POINT0, POINT1, POINT2, POINT3)[point]
-            weight = (WEIGHT0, WEIGHT1, WEIGHT2, WEIGHT3)[point]
-            share = weight * width / whole * value_in(waves, segment, x + place * width)
-            t = 2 * (at - low + place * width) / whole - 1
-            sum0 += share
-            sum1 += share * t
-            sum2 += share * (1.5 * t * t - 0.5)
-        if width == high - at:
-            break
-        at, x = at + width, x + width
-        if x >= edge or width < LONGEST:
-            segment = following(waves, which, segment)
-            x = waves.starts[segment]
-    if stop < start:
-        sum1 = -sum1
-    return sum0, 3 * sum1, 5 * sum2
-
-
 @compiled_inline
 def legendre_short(waves: Waves, which: int, start: float, stop: float) -> tuple[float, float, float]:
-    """Return what `legendre` does, interval by interval between jumps, by Gauss's rule with four points."""
-    low, high = min(start, stop), max(start, stop)
-    whole = high - low
-    if whole == 0.0:
-        return value_at(waves, which, start), 0.0, 0.0
-    segment, x = locate(waves, which, low)
+    """Return what `legendre` does by Gauss's rule: across jumps of the product with the unit function."""
+    whole = abs(stop - start)
+    segment, x = locate(waves, which, min(start, stop))
     if segment + 1 < waves.segments[which + 1] and x + whole <= waves.starts[segment + 1]:
         # the usual case: three points between two jumps are enough, and cost a third
         first = value_in(waves, segment, x + (0.5 - OUTER_NODE) * whole)
@@ -180,7 +146,7 @@ def legendre_short(waves: Waves, which: int, start: float, stop: float) -> tuple
         slope = SLOPE_WEIGHT * (last_value - first)
         both = first + last_value
         return (5 * both + 8 * middle) * (1 / 18), slope if stop > start else -slope, (both - 2 * middle) * (5 / 9)
-    return legendre_across(waves, which, start, stop, segment, x)
+    return legendre_of_product(waves, which, waves, waves.means.size - 1, start, stop)
 
 
 @compiled_inline

@@ -2,7 +2,7 @@
 
 from __future__ import annotations
 
-from dataclasses import dataclass
+from dataclasses import replace
 from typing import TYPE_CHECKING
 
 import numpy as np
@@ -15,7 +15,7 @@ if TYPE_CHECKING:
     from collections.abc import Iterator
 
     from data_synth.integrators.modal_problem import Assembled
-    from data_synth.integrators.problem import Array, Output, Problem, State
+    from data_synth.integrators.problem import Array, Output, Problem
 
 BLOCK = 8192  # samples in memory at a time, whatever the length of the record
 _TRIAL = 4096  # samples at the beginning, from which the number of steps follows
@@ -28,42 +28,6 @@ _MIN_SHARE = 0.01  # of a channel: modes with a smaller share of it need not be 
 _MAX_CHANGE = 0.05  # of a channel's RMS, between these steps and finer ones
 _MAX_REFINEMENT = 31  # times as many steps, for the comparison
 _COMPARED_SAMPLES = 256
-
-
-@dataclass(frozen=True, kw_only=True)
-class Block:
-    """Part of an integrated record.
-
-    Attributes
-    ----------
-    times_s : (n,) array
-        Sample times in s.
-    values : (n, channels) array
-        Output channels.
-    state : State
-        State at the last sample.
-
-    Examples
-    --------
-    A mass of 1 kg under 1 N has the velocity 1 m/s after 1 s:
-
-    >>> import numpy as np
-    >>> from data_synth.dynamics import (
-    ...     Body, Load, Output, Problem, ShaftAngle, Steps, build_system, integrate_blocks,
-    ... )
-    >>> free = build_system([Body(name="mass", mass_kg=1.0, motions=("x",))], [])
-    >>> steady = ShaftAngle(times_s=np.zeros(1), speeds_hz=np.ones(1))
-    >>> problem = Problem(system=free, reference=steady, load=Load(constant=np.ones(1)), duration_s=2.0)
-    >>> output = Output(rate_hz=10.0, displacement=np.eye(1))
-    >>> run = integrate_blocks(problem, output=output, tolerance=Steps(per_sample=1), block=11)
-    >>> first = next(run)
-    >>> first.times_s[-1].item(), first.state.velocity.round(9).tolist()
-    (1.0, [1.0])
-    """
-
-    times_s: Array
-    values: Array
-    state: State
 
 
 def integrate(problem: Problem, *, output: Output, tolerance: Steps | Accuracy) -> Integration:
@@ -115,17 +79,13 @@ def integrate(problem: Problem, *, output: Output, tolerance: Steps | Accuracy) 
     assembled = assemble(problem)
     steps = _steps(assembled, output, tolerance)
     blocks = list(_blocks(assembled, output, steps, BLOCK))
-    return Integration(
-        times_s=np.concatenate([block.times_s for block in blocks]),
-        values=np.concatenate([block.values for block in blocks]),
-        final=blocks[-1].state,
-        steps_per_sample=steps,
-    )
+    times_s, values = (np.concatenate([getattr(block, part) for block in blocks]) for part in ("times_s", "values"))
+    return replace(blocks[-1], times_s=times_s, values=values)
 
 
 def integrate_blocks(
     problem: Problem, *, output: Output, tolerance: Steps | Accuracy, block: int = BLOCK
-) -> Iterator[Block]:
+) -> Iterator[Integration]:
     """Integrate the equations of motion of a problem and yield the record in blocks, in bounded memory.
 
     Parameters
@@ -137,7 +97,8 @@ def integrate_blocks(
 
     Yields
     ------
-    Block
+    Integration
+        Of a block, both ends included.
 
     Raises
     ------
@@ -198,7 +159,7 @@ def _samples(problem: Problem, rate_hz: float) -> int:
     return int(np.floor(problem.duration_s * rate_hz * (1 + 4 * np.finfo(float).eps)))
 
 
-def _blocks(assembled: Assembled, output: Output, steps: int, size: int) -> Iterator[Block]:
+def _blocks(assembled: Assembled, output: Output, steps: int, size: int) -> Iterator[Integration]:
     a, rate_hz = assembled, output.rate_hz
     stepper, x = Stepper.of(a, output, steps), a.modal(a.problem.start)
     values, count, number = stepper.at_start(x), _samples(a.problem, rate_hz) + 1, 0
@@ -211,7 +172,7 @@ def _blocks(assembled: Assembled, output: Output, steps: int, size: int) -> Iter
         if not finite.all():
             detail = f"The motion left the range of numbers at {times_s[np.argmin(finite)]:.6g} s."
             raise IntegrationError(Outcome.DIVERGED, detail)
-        yield Block(times_s=times_s, values=values, state=a.physical(x))
+        yield Integration(times_s=times_s, values=values, final=a.physical(x), steps_per_sample=steps)
         number, values = number + values.shape[0], values[:0]
 
 

@@ -65,7 +65,11 @@ class Wave(NamedTuple):
 
 
 def tabulated(functions: Sequence[Wave], *, integrals: bool = True) -> Waves:
-    """Return the tables of these functions, with their integrals or, for a fifth of the memory, without."""
+    """Return the tables of these functions, with their integrals or, for a fifth of the memory, without.
+
+    The last table is that of the unit function.
+    """
+    functions = [*functions, Wave(np.ones_like, 1)]
     tables = [_table(function, integrals=integrals) for function in functions]
     width = sum(WIDTHS) if integrals else WIDTHS[0]
     counts = [starts.size for starts, *_ in tables]
