@@ -27,7 +27,6 @@ from data_synth.vibration.run import Motion
 
 _COARSE = 8  # values of a stiffness to a period of its highest line
 _INSTANTS = 17  # of a scene at which its linear response is evaluated
-_FEWEST_FREQUENCIES, _MOST_FREQUENCIES = 1 << 10, 1 << 14  # between which a response is linear
 _BINS = 512  # of a spectrum, up to the Nyquist frequency
 _TORQUE_RATE_HZ, _MOST_POINTS, _NEGLIGIBLE = 4096.0, 1 << 17, 1e-6  # of a torque against time; of its largest line
 _STEADY = 1e-9  # of a speed or a force: what rounding may change
@@ -112,36 +111,17 @@ class _Estimate:
         ]
 
     @cached_property
-    def _tables(self) -> tuple[float, ComplexArray, ComplexArray]:
-        """Step of even frequencies in Hz, and deflections (mesh, by mesh, f) and channels (mesh, sensor, f) per N."""
-        top_hz, modes_hz = 0.51 * self.motion.stage.scene.rate_hz, -self._response.poles.real / (2 * np.pi)
-        points = min(2 * math.ceil(top_hz / float(np.min(modes_hz))), _MOST_FREQUENCIES)
-        frequency_hz = np.linspace(0.0, top_hz, max(points, _FEWEST_FREQUENCIES))
-        deflections, readings = self._response.between(frequency_hz)
-        channels = self._response.in_channels(readings, frequency_hz)
-        return float(frequency_hz[1]), deflections, channels
-
-    def _channels(self, mesh: int, frequency_hz: Array) -> ComplexArray:
-        """Return the lines in the channels, (sensor, line), per N of force in a mesh."""
-        if len(self._instants) == 1:
-            return self._response.channels(mesh, frequency_hz)
-        step_hz, _, channels = self._tables
-        return _between(channels[mesh], frequency_hz / step_hz)
-
-    @cached_property
     def _transfers(self) -> list[ComplexArray]:
         """Lines in the channels per N of force of each mesh at each instant."""
-        return [self._channels(mesh, frequency_hz) for mesh, _, _, frequency_hz in self._places]
+        return [self._response.channels(mesh, frequency_hz) for mesh, _, _, frequency_hz in self._places]
 
     @cached_property
     def _deflections(self) -> list[ComplexArray]:
         """Lines of the deflections of all meshes in m, (mesh, line), by the force of each mesh at each instant."""
-        if len(self._instants) == 1:
-            per_n = [self._response.deflections_by(mesh, frequency_hz) for mesh, _, _, frequency_hz in self._places]
-        else:
-            step_hz, table, _ = self._tables
-            per_n = [_between(table[:, mesh], frequency_hz / step_hz) for mesh, _, _, frequency_hz in self._places]
-        return [each * force.at(instant) for each, (_, force, instant, _) in zip(per_n, self._places, strict=True)]
+        return [
+            self._response.deflections_by(mesh, frequency_hz) * force.at(instant)
+            for mesh, force, instant, frequency_hz in self._places
+        ]
 
     def _mean(self, lines: list[ComplexArray]) -> Array:
         """Return the power of lines (sensor, line) of all meshes at all instants, a mean over the latter."""
@@ -226,7 +206,7 @@ class _Estimate:
             return np.zeros(len(stage.scene.sensors))
         found = []
         for (mesh, force, instant, frequency_hz), middle in zip(self._places, self._transfers, strict=True):
-            low, high = (self._channels(mesh, frequency_hz * factor) for factor in (1 - share, 1 + share))
+            low, high = (self._response.channels(mesh, frequency_hz * factor) for factor in (1 - share, 1 + share))
             late = rates[instant] / (2 * np.pi * frequency_hz * stage.speed_hz[instant] * share**2)
             found.append(late / 2 * (low - 2 * middle + high) * force.at(instant))
         return _MODES_PASSED * self._mean(found)
@@ -249,12 +229,6 @@ class _Estimate:
         for number, heard in enumerate(loud.T):
             total[:, heard] += self._response.channels_by_load(number, frequency_hz[heard]) * lines[heard, number]
         return np.asarray(np.sum(np.abs(total) ** 2, axis=1) / 2)
-
-
-def _between(table: ComplexArray, places: Array) -> ComplexArray:
-    """Return a table (row, f) at places among its columns, (row, place)."""
-    low = np.minimum(places.astype(int), table.shape[1] - 2)
-    return np.asarray(table[:, low] + (places - low) * (table[:, low + 1] - table[:, low]))
 
 
 def _spectrum(lines: ComplexArray, frequency_hz: Array, nyquist_hz: float) -> Array:

@@ -25,7 +25,6 @@ from data_synth.kinematic.harmonics import ComplexArray, HarmonicFamily
 from data_synth.operation.shaft_angle import Array
 from data_synth.sources.families import mesh_name
 from data_synth.sources.prepared import PreparedScene
-from data_synth.vibration.gear_torques import static_tooth_forces
 from data_synth.vibration.run import Motion, contacts_in
 
 _POINTS = 64  # to a period of the highest line, which is then right to half a percent for a stiffness that jumps
@@ -134,11 +133,10 @@ class Response:
         return self.in_channels(force.T, frequency_hz)
 
     def in_channels(self, readings: ComplexArray, frequency_hz: Array) -> ComplexArray:
-        """Return the complex amplitudes in the channels, (..., sensor, line), of readings (..., reading, line) in N."""
-        sensors = len(self.motion.stage.scene.sensors)
-        outputs = np.zeros((*readings.shape[:-2], sensors, frequency_hz.size), dtype=np.complex128)
-        for number, (channel, response) in enumerate(self._routes):
-            outputs[..., channel, :] += readings[..., number, :] * response(frequency_hz)
+        """Return the complex amplitudes in the channels, (sensor, line), of readings (reading, line) in N."""
+        outputs = np.zeros((len(self.motion.stage.scene.sensors), frequency_hz.size), dtype=np.complex128)
+        for reading, (channel, response) in zip(readings, self._routes, strict=True):
+            outputs[channel] += reading * response(frequency_hz)
         return outputs
 
     @cached_property
@@ -146,15 +144,6 @@ class Response:
         """Channel and response of each route to a sensor."""
         scene = self.motion.stage.scene
         return [(route.number, route.response_in(scene)) for route in self.motion.sensor_forces.routes]
-
-    def between(self, frequency_hz: Array) -> tuple[ComplexArray, ComplexArray]:
-        """Return for 1 N of p in a mesh at frequencies (line,) the deflections in m and the readings in N.
-
-        (deflection, mesh, line) and (mesh, reading, line).
-        """
-        resolvent, meshes = self._resolvent(frequency_hz), range(self.means.size)
-        deflections = np.stack([(self.deflections * self.inputs[:, mesh]) @ resolvent.T for mesh in meshes], axis=1)
-        return deflections, np.stack([self._readings(mesh, resolvent).T for mesh in meshes])
 
     def deflections_by(self, mesh: int, frequency_hz: Array) -> ComplexArray:
         """Return the complex amplitudes of the deflections of all meshes in m for 1 N of p in one, (mesh, line)."""
@@ -252,7 +241,7 @@ def tooth_forces(motion: Motion, name: str, *, points: int = _POINTS) -> ToothFo
         base_order=base_order,
         loaded=spectral_lines(1 - mean / stiffness, lines),
         unloaded=spectral_lines(-mean * error, lines),
-        static_n=static_tooth_forces(stage, motion.system, motion.drive_load)[number],
+        static_n=motion.static_n[number],
         stiffness=stiffness,
         error=error,
     )

@@ -65,13 +65,19 @@ class DriveLoad:
         """
         if self.at_rest and time_s == 0:
             return State(displacement=np.zeros(system.dof), velocity=np.zeros(system.dof))
-        speed = 2 * np.pi * float(drive.angle.speed_hz(time_s)) * self.rigid_motion * self.full_rotation
-        force = self.load.constant.copy()
-        force += self.load.varying_at(np.array([time_s]))[0]
-        if self.load.quadratic_drag is not None:
-            force -= self.load.quadratic_drag * speed * np.abs(speed)
-        displacement = static_deflection(system, force - self.damping @ speed, errors_m=errors_m)
-        return State(displacement=displacement, velocity=speed)
+        speed_hz = drive.angle.speed_hz(np.array([time_s]))
+        displacement = static_deflection(system, self.forces(speed_hz, np.array([time_s]))[0], errors_m=errors_m)
+        return State(displacement=displacement, velocity=self.velocities(speed_hz)[0])
+
+    def velocities(self, speed_hz: Array) -> Array:
+        """Return the velocities (n, dof) of the rigid motion at speeds of the reference (n,)."""
+        return 2 * np.pi * np.multiply.outer(speed_hz, self.rigid_motion * self.full_rotation)
+
+    def forces(self, speed_hz: Array, times_s: Array) -> Array:
+        """Return the external forces (n, dof) on gears without vibration at speeds (n,) and times (n,)."""
+        speeds, drag = self.velocities(speed_hz), self.load.quadratic_drag
+        force = self.load.constant + self.load.varying_at(times_s) - speeds @ self.damping
+        return np.asarray(force if drag is None else force - drag * speeds * np.abs(speeds))
 
 
 def drive_load_of(stage: PreparedScene, kinematics: Kinematics, system: System) -> DriveLoad:
@@ -116,10 +122,7 @@ def static_deflection(system: System, force: Array, *, errors_m: ArrayLike = 0.0
 
     The rigid-body acceleration by the force is left out.
     """
-    means = np.array([mesh.stiffness.mean for mesh in system.meshes])
-    angular, shapes = undamped_modes(system, means)
-    elastic = shapes[:, angular > 0]
-    compliance = (elastic / angular[angular > 0] ** 2) @ elastic.T
+    means, compliance = np.array([mesh.stiffness.mean for mesh in system.meshes]), _compliance(system)
     deflection = compliance @ force
     rows = np.array([mesh.direction for mesh in system.meshes])
     pressed = means * (rows @ deflection)
@@ -130,55 +133,28 @@ def static_deflection(system: System, force: Array, *, errors_m: ArrayLike = 0.0
     return np.asarray(deflection + compliance @ (rows.T @ (means * shifts)))
 
 
-def static_tooth_forces(stage: PreparedScene, system: System, drive_load: DriveLoad) -> Array:
-    """Return the force of each mesh, of mean stiffness, under the load at the instants of the truth, (mesh, instant) N.
+def static_displacements(
+    stage: PreparedScene, system: System, drive_load: DriveLoad, *, errors: bool
+) -> tuple[Array, Array]:
+    """Return elastic displacements (dof, instant) and mesh forces (mesh, instant) under the load, at mean stiffness.
 
-    With ``a = Phi (Phi' F / omega^2)`` over the elastic modes, so that loads which accelerate the rigid motion bear on
-    the inertias.
+    At the instants of the truth; with ``a = Phi (Phi' F / omega^2)`` over the elastic modes, so that loads which
+    accelerate the rigid motion bear on the inertias. With `errors` also by the means of transmission errors, whose
+    forces are not zero where meshes close a loop: a planet ahead of its place takes load from the others.
     """
-    means = np.array([mesh.stiffness.mean for mesh in system.meshes])
-    directions = np.array([mesh.direction for mesh in system.meshes])
-    return np.asarray((means[:, None] * directions) @ static_displacements(stage, system, drive_load))
-
-
-def static_displacements(stage: PreparedScene, system: System, drive_load: DriveLoad) -> Array:
-    """Return the elastic displacements of bodies under the load at the instants of the truth, (dof, instant)."""
-    load = drive_load.load
-    speeds = 2 * np.pi * np.multiply.outer(stage.speed_hz, drive_load.rigid_motion * drive_load.full_rotation)
-    force = load.constant - speeds @ drive_load.damping
-    force = force + load.varying_at(stage.instants_s)
-    if load.quadratic_drag is not None:
-        force = force - load.quadratic_drag * speeds * np.abs(speeds)
-    means = np.array([mesh.stiffness.mean for mesh in system.meshes])
-    angular, shapes = undamped_modes(system, means)
-    elastic = angular > 0
-    modal = (force @ shapes[:, elastic]) / angular[elastic] ** 2
-    static = shapes[:, elastic] @ np.atleast_2d(modal).T
-    return np.asarray(np.broadcast_to(static, (static.shape[0], stage.instants_s.size)))
-
-
-def static_error_forces(system: System) -> Array:
-    """Return the force of each mesh, of mean stiffness, by the means of its transmission errors alone, (mesh,) N.
-
-    Not zero where meshes close a loop: a planet ahead of its place takes load from the others.
-    """
-    means = np.array([mesh.stiffness.mean for mesh in system.meshes])
+    means = np.array([mesh.stiffness.mean for mesh in system.meshes])[:, None]
     rows = np.array([mesh.direction for mesh in system.meshes])
-    return np.asarray(means * (rows @ static_error_displacements(system) - _mean_errors_m(system)))
+    errors_m = np.array([[_mean_error_m(mesh.error) * errors] for mesh in system.meshes])
+    force = drive_load.forces(stage.speed_hz, stage.instants_s).T + rows.T @ (means * errors_m)
+    displacements = _compliance(system) @ force
+    return displacements, means * (rows @ displacements - errors_m)
 
 
-def static_error_displacements(system: System) -> Array:
-    """Return the elastic displacements of bodies by the means of transmission errors alone, (dof,)."""
-    means = np.array([mesh.stiffness.mean for mesh in system.meshes])
-    rows = np.array([mesh.direction for mesh in system.meshes])
-    angular, shapes = undamped_modes(system, means)
+def _compliance(system: System) -> Array:
+    """Return the elastic displacements per force, (dof, dof), with teeth in contact at mean stiffness."""
+    angular, shapes = undamped_modes(system, [mesh.stiffness.mean for mesh in system.meshes])
     elastic = shapes[:, angular > 0] / angular[angular > 0]
-    return np.asarray(elastic @ (elastic.T @ (rows.T @ (means * _mean_errors_m(system)))))
-
-
-def _mean_errors_m(system: System) -> Array:
-    """Return the mean transmission error of each mesh, (mesh,)."""
-    return np.array([_mean_error_m(mesh.error) for mesh in system.meshes])
+    return np.asarray(elastic @ elastic.T)
 
 
 def _mean_error_m(error: TransmissionError | None) -> float:

@@ -26,9 +26,6 @@ from data_synth.vibration.gear_torques import (
     DriveLoad,
     drive_load_of,
     static_displacements,
-    static_error_displacements,
-    static_error_forces,
-    static_tooth_forces,
 )
 from data_synth.vibration.meshes import Gears, Teeth, gears_of, kinematics_of, tooth_passes
 from data_synth.vibration.sensor_forces import SensorForces, sensor_forces_of
@@ -173,30 +170,23 @@ class Motion:
         """External load on the system."""
         return self.drive_load.load
 
-    @cached_property
+    @property
     def static_n(self) -> Array:
         """Static force of each mesh at the instants of the truth, (mesh, instant) N."""
-        forces = static_tooth_forces(self.stage, self.system, self.drive_load)
-        # planets that are not where they should be bear more or less of the load
-        return forces + static_error_forces(self.system)[:, None] if self.sensor_forces.rotate else forces
-
-    @cached_property
-    def every_static_reading(self) -> Array:
-        """Static part of all readings, (reading, instant) N."""
-        maps = self.output.maps
-        displacements = static_displacements(self.stage, self.system, self.drive_load)
-        if self.sensor_forces.rotate:
-            displacements = displacements + static_error_displacements(self.system)[:, None]
-        readings = maps["displacement"] @ displacements
-        if "mesh_force" in maps:
-            readings += maps["mesh_force"] @ self.static_n
-        return np.asarray(readings)
+        return np.array([*self.sensor_forces.static_n.values()])
 
     @cached_property
     def static_readings(self) -> Array | None:
-        """Those of routes of declared paths, (route, instant), zero of others; None: no route has one."""
+        """Static part of readings of declared paths, (route, instant) N, zero of others; None: no such route."""
         declared = np.array([route.path is not None for route in self.sensor_forces.routes])
-        return self.every_static_reading[: declared.size] * declared[:, None] if declared.any() else None
+        if not declared.any():
+            return None
+        maps, errors = self.output.maps, self.sensor_forces.rotate
+        displacements, forces = static_displacements(self.stage, self.system, self.drive_load, errors=errors)
+        readings = maps["displacement"] @ displacements
+        if "mesh_force" in maps:
+            readings += maps["mesh_force"] @ forces
+        return np.asarray(readings[: declared.size] * declared[:, None])
 
     def channels(self, *, samples: int) -> Iterator[Array]:
         """Yield the channels (sensor, n) from time zero in blocks, after the linear part of their chains.
@@ -343,7 +333,7 @@ def prepare_gears(stage: PreparedScene) -> Gears:
     healthy = stage.without_faults()
     gears = gears_of(healthy, kinematics)
     system = excited_dofs_of(assembly_of(healthy, gears)).system
-    forces = static_tooth_forces(healthy, system, drive_load_of(healthy, kinematics, system))
+    _, forces = static_displacements(healthy, system, drive_load_of(healthy, kinematics, system), errors=False)
     named = zip(system.meshes, forces, strict=True)
     return gears_of(stage, kinematics, static_n={mesh.name: float(np.mean(np.abs(each))) for mesh, each in named})
 
@@ -381,9 +371,8 @@ def motion_of(stage: PreparedScene, gears: Gears) -> Motion:
     oversampling = _FEWEST_DENSE if any(sensor.anti_alias != "none" for sensor in scene.sensors) else 1
     while oversampling < _MOST_DENSE and fastest / (2 * math.pi) > oversampling * scene.rate_hz / 4:
         oversampling *= 2
-    static_n = static_tooth_forces(stage, system, acting)
-    if sensor_forces.passing:
-        static_n = static_n + static_error_forces(system)[:, None]
+    # planets that are not where they should be bear more or less of the load
+    _, static_n = static_displacements(stage, system, acting, errors=sensor_forces.rotate)
     by_mesh = {mesh.name: force for mesh, force in zip(system.meshes, static_n, strict=True)}
     sensor_forces = replace(sensor_forces, static_n=by_mesh)
     return Motion(
