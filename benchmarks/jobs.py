@@ -19,7 +19,7 @@ from numpy.typing import NDArray
 
 Floats = NDArray[np.float64]
 Indices = NDArray[np.int64]
-JobName = Literal["J1 run-up", "J2 crossing", "J3 angle"]
+JobName = Literal["J1 run-up", "J2 crossing", "J3 angle", "J4 close"]
 
 RATE_HZ = 50_000.0
 SAMPLES_PER_REV = 512.0
@@ -124,11 +124,13 @@ def standard_job(name: JobName, *, samples: int | None = None) -> Job:
     """Make a job, or the first `samples` of it.
 
     J1: ten orders of a shaft that runs up from 10 to 40 Hz in 20 s. J2: orders 20 and 20.2 of the same shaft, and a
-    line at 300 Hz that both cross. J3: the ten orders in a record of 2,000 turns sampled in angle.
+    line at 300 Hz that both cross. J3: the ten orders in a record of 2,000 turns sampled in angle. J4: orders 10, 10.1
+    and 10.25 of a shaft at 10 Hz, 12,000 samples in 12 s.
     """
-    full = 1_024_000 if name == "J3 angle" else 1_000_000
+    full = {"J3 angle": 1_024_000, "J4 close": 12_000}.get(name, 1_000_000)
     at = np.arange(full if samples is None else min(samples, full))
-    t = at / RATE_HZ
+    rate = {"J3 angle": SAMPLES_PER_REV, "J4 close": 1000.0}.get(name, RATE_HZ)
+    t = at / rate
     run_up = 2 * np.pi * (10 * t + 0.75 * t**2)
     phase_rad: Floats | Mapping[str, Floats] = run_up
     orders: tuple[float, ...] | tuple[tuple[str, float], ...] = TEN_ORDERS
@@ -137,19 +139,20 @@ def standard_job(name: JobName, *, samples: int | None = None) -> Job:
         orders = (("shaft", 20.0), ("shaft", 20.2), ("steady", 1.0))
     elif name == "J3 angle":
         phase_rad = 2 * np.pi / SAMPLES_PER_REV * at.astype(np.float64)
+    elif name == "J4 close":
+        phase_rad, orders = 2 * np.pi * 10 * t, (10.0, 10.1, 10.25)
     rng = np.random.default_rng(int(name[1]))
     envelopes = Envelopes.drawn(rng, orders=len(orders), samples=full)
     x = rng.standard_normal(at.size)
     for place in range(len(orders)):
         x += (envelopes.of(place, at) * np.exp(1j * _angle(phase_rad, orders[place]))).real
-    per_revolution = name == "J3 angle"
     return Job(
         name=name,
         x=x,
         phase_rad=phase_rad,
         orders=orders,
-        rate=SAMPLES_PER_REV if per_revolution else RATE_HZ,
-        per_revolution=per_revolution,
+        rate=rate,
+        per_revolution=name == "J3 angle",
         envelopes=envelopes,
     )
 

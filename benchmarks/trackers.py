@@ -36,7 +36,8 @@ timed in turn ({repeats} times, {slow_repeats} where a call takes more than {slo
 Error: `sqrt(sum |Z' - Z|^2 / sum |Z|^2)` over all orders and the middle 90 % of the outputs. Bandwidth: the best of a
 search on the job itself, one number for all orders, in Hz (J3: in orders). Memory: how far the process grew. Records:
 J1 ten orders of a shaft that runs up from 10 to 40 Hz in 20 s; J2 orders 20 and 20.2 of it, crossed by a line at
-300 Hz; J3 the ten orders at 512 samples a turn; a million samples each, in noise of variance 1 (`jobs.py`)."""
+300 Hz; J3 the ten orders at 512 samples a turn, a million samples each; J4 orders 10, 10.1 and 10.25 of a shaft at
+10 Hz, 12,000 samples in 12 s; in noise of variance 1 (`jobs.py`)."""
 
 CHANNELS = """\
 Records of one channel and of {channels}, which share their phases; outputs every 200, in rffts of one channel."""

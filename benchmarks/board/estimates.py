@@ -7,7 +7,7 @@ from collections.abc import Callable, Mapping, Sequence
 from functools import partial
 from pathlib import Path
 from statistics import median
-from typing import Any, get_args
+from typing import Any
 
 import numpy as np
 from jobs import Floats, JobName, standard_job
@@ -63,12 +63,12 @@ def tracked(name: JobName, *, causal: bool) -> tuple[float, float]:
 
 def tracker_tasks(_: Effort) -> list[Task]:
     """Return a task for each job and estimator."""
-    return [partial(tracked, name, causal=causal) for name in get_args(JobName) for causal in (False, True)]
+    return [partial(tracked, name, causal=causal) for name in SMOOTHER_HZ for causal in (False, True)]
 
 
 def tracker_figures(found: Sequence[tuple[float, float]]) -> dict[str, Figure]:
     """Return errors and times."""
-    ways = [(name[:2], way) for name in get_args(JobName) for way in ("smoother", "filter")]
+    ways = [(name[:2], way) for name in SMOOTHER_HZ for way in ("smoother", "filter")]
     figures = {}
     for (job, way), (error, rffts) in zip(ways, found, strict=True):
         figures |= {f"{job} {way}: error": Figure(value=error), f"{job} {way}: time": Figure(value=rffts)}

@@ -1,7 +1,7 @@
 """Every way to track orders that the report compares: ours, and those of other packages."""
 
 from collections.abc import Callable, Mapping
-from dataclasses import dataclass
+from dataclasses import dataclass, replace
 from functools import partial
 from typing import Any, Literal, get_args
 
@@ -10,13 +10,14 @@ import peers
 from jobs import Floats, Job, JobName
 from numpy.typing import NDArray
 
-from signals.harmonics import OrderTracker, track_orders
+from signals.harmonics import OrderTracker, likely_bandwidth, track_orders
 from signals.harmonics.state_space import Method
 
 Tracks = tuple[NDArray[np.complex128], NDArray[Any]]
 Run = Callable[[Job, float], Tracks]
 Kind = Literal["smoother", "filter", "peer"]
 
+OWN_BANDWIDTHS = "own bandwidths"  # family of what finds them by itself
 DECIMATED = 200  # samples from one output to the next, where not all are wanted
 FED = 4096  # samples of a block that a stream is fed with
 EVERYWHERE: tuple[JobName, ...] = get_args(JobName)
@@ -55,6 +56,13 @@ class Setting:
 
 def _track(job: Job, bandwidth: float, **settings: Any) -> Tracks:  # noqa: ANN401
     tracks = track_orders(**job.tracking(bandwidth), **settings)
+    return tracks.complex_amplitude, tracks.sample_index
+
+
+def _likeliest(job: Job, _: float) -> Tracks:
+    searched = job.tracking(2.0)
+    searched["largest_bandwidth_hz"] = searched.pop("bandwidth_hz")
+    tracks = track_orders(**job.tracking(likely_bandwidth(**searched, poles=2)), poles=2)
     return tracks.complex_amplitude, tracks.sample_index
 
 
@@ -127,6 +135,8 @@ def our_settings() -> list[Setting]:
     ]
     smoothers += [ours("smoother", "fast", poles=poles) for poles in (1, 2)]
     smoothers += [ours("smoother", "exact", poles=poles, every=DECIMATED) for poles in (1, 2)]
+    own: dict[str, Any] = {"method": "likeliest bandwidths", "run": _likeliest, "search": _likeliest}
+    smoothers.append(replace(ours("smoother", "auto", poles=2, on=("J4 close",)), family=OWN_BANDWIDTHS, **own))
     filters = [ours("filter", method, poles=poles) for method in ("exact", "fast") for poles in (1, 2, 3, 4)]
     return [*smoothers, *filters, *streams()]
 

@@ -5,6 +5,7 @@ from collections.abc import Iterable, Sequence
 import numpy as np
 
 from tracking.measuring import Row
+from tracking.settings import OWN_BANDWIDTHS
 
 
 def table(head: Sequence[str], lines: Iterable[Sequence[str]]) -> list[str]:
@@ -21,6 +22,7 @@ def job_table(rows: Sequence[Row]) -> list[str]:
         s = row.setting
         scaled = " (scaled)" if s.excerpt_of else ""
         memory = f"{max(row.memory, 0):.0f}" if np.isfinite(row.memory) else "-"
-        measured = f"{row.bandwidth:g}", f"{row.time:.3g}{scaled}", f"{row.error:.4f}", memory
+        width = "-" if s.family == OWN_BANDWIDTHS else f"{row.bandwidth:g}"
+        measured = width, f"{row.time:.3g}{scaled}", f"{row.error:.4f}", memory
         lines.append((s.estimator, s.method, str(s.poles), s.outputs, *measured))
     return table(head, lines)
