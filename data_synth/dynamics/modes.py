@@ -64,8 +64,8 @@ class Modes:
         return np.asarray(2 * np.pi * self.frequencies_hz)
 
 
-def solve_modes(system: System, *, planets: Sequence[str] = (), mesh_stiffness: Sequence[float] | None = None) -> Modes:
-    """Return the undamped modes of a system at rest, with every mesh in contact.
+def solve_modes(system: System, *, planets: Sequence[str] = ()) -> Modes:
+    """Return the undamped modes of a system at rest, with every mesh in contact at its mean stiffness.
 
     A mode is *rotational* where no central body (one that is no planet) is displaced, *translational* where none of
     them rotates, *planet* where none of them moves at all, and *mixed* otherwise, a part in a million of the
@@ -78,9 +78,6 @@ def solve_modes(system: System, *, planets: Sequence[str] = (), mesh_stiffness: 
         Equations of motion, from `data_synth.dynamics.assembly.assemble` or `data_synth.dynamics.system.build_system`.
     planets : sequence of str
         Names of the bodies that are planets, for the kinds of mode only.
-    mesh_stiffness : sequence of float, optional
-        Stiffness of each mesh in N/m, in the order of ``system.meshes``; the mean of each over the mesh phase if left
-        out.
 
     Returns
     -------
@@ -105,12 +102,11 @@ def solve_modes(system: System, *, planets: Sequence[str] = (), mesh_stiffness: 
     >>> np.round(modes.angular, 6).tolist(), modes.kinds
     ([0.0, 30.0], ('rigid', 'rotational'))
     """
-    constants = [mesh.stiffness.mean for mesh in system.meshes] if mesh_stiffness is None else mesh_stiffness
     bodies = {body for body, _ in body_motions(system)}
     missing = [name for name in planets if name not in bodies]
     if missing:
         raise ValueError(f'planets names "{missing[0]}", which is not one of {", ".join(sorted(bodies))}.')
-    angular, shapes = undamped_modes(system, constants)
+    angular, shapes = undamped_modes(system, [mesh.stiffness.mean for mesh in system.meshes])
     kinds = tuple(
         "rigid" if rate == 0 else _kind(system, shape, planets) for rate, shape in zip(angular, shapes.T, strict=True)
     )

@@ -16,7 +16,6 @@ from data_synth.fidelity.linear_response import (
     ToothForces,
     obstacle,
     response_of,
-    spectral_lines,
     tooth_forces,
     with_lines,
 )
@@ -175,22 +174,16 @@ class _Estimate:
     def _other_variation(self) -> Array:
         """Return what the stiffness of a mesh makes of the vibration by other meshes.
 
-        Lines at unlike orders: the spectrum of the product is the convolution of both.
+        Lines at unlike orders: the product has its power anywhere, so the gain is a mean over all frequencies. Beside
+        the convolution of both spectra this leaves 1.5 dB of the sum with what a mesh makes of its own vibration.
         """
-        nyquist_hz, found = self.motion.stage.scene.rate_hz / 2, np.zeros(len(self.motion.stage.scene.sensors))
+        scene, found = self.motion.stage.scene, np.zeros(len(self.motion.stage.scene.sensors))
+        grid_hz = np.linspace(0.0, scene.rate_hz / 2, _BINS)
         for other, force in enumerate(self._forces):
-            if len(self._forces) == 1 or not np.ptp(force.stiffness):
-                continue
-            varying = spectral_lines(force.stiffness, force.orders.size)
-            grid_hz = np.arange(2.0 * _BINS - 1) * (nyquist_hz / _BINS)
-            gain = np.abs(self._response.channels(other, grid_hz)) ** 2
-            for (mesh, _, instant, frequency_hz), deflections in zip(self._places, self._deflections, strict=True):
+            gain = np.mean(np.abs(self._response.channels(other, grid_hz)) ** 2, axis=1) * np.var(force.stiffness)
+            for (mesh, *_), deflections in zip(self._places, self._deflections, strict=True):
                 if mesh != other:
-                    own_hz = force.orders * self.motion.stage.speed_hz[instant]
-                    product = _product(
-                        _spectrum(varying, own_hz, nyquist_hz), _spectrum(deflections[other], frequency_hz, nyquist_hz)
-                    )
-                    found += gain @ product / len(self._instants)
+                    found += gain * np.sum(np.abs(deflections[other]) ** 2) / 2 / len(self._instants)
         return found
 
     def _lag(self) -> Array:
@@ -229,18 +222,3 @@ class _Estimate:
         for number, heard in enumerate(loud.T):
             total[:, heard] += self._response.channels_by_load(number, frequency_hz[heard]) * lines[heard, number]
         return np.asarray(np.sum(np.abs(total) ** 2, axis=1) / 2)
-
-
-def _spectrum(lines: ComplexArray, frequency_hz: Array, nyquist_hz: float) -> Array:
-    """Return the power of lines in even bands up to the Nyquist frequency."""
-    bands = np.minimum((frequency_hz / nyquist_hz * _BINS).astype(int), _BINS - 1)
-    return np.asarray(np.bincount(bands, weights=np.abs(lines) ** 2 / 2, minlength=_BINS), dtype=np.float64)
-
-
-def _product(one: Array, two: Array) -> Array:
-    """Return the spectrum of the product of two signals at unlike frequencies, at their sums and differences."""
-    differences = np.correlate(one, two, "full")
-    product = np.convolve(one, two)
-    product[: one.size] += differences[one.size - 1 :]
-    product[1 : one.size] += differences[one.size - 2 :: -1]
-    return product / 2

@@ -156,14 +156,3 @@ class SumOfErrors:
         return np.asarray(
             sum((part(phase + by) for part, by in zip(self.parts, shifts, strict=True)), np.zeros_like(phase))
         )
-
-    def in_cycles(self, within: Array) -> Array:
-        """Return m at phases within a cycle (k,), in every cycle of the period: (period, k).
-
-        Each part is evaluated over its own period only, which may be a thousandth of that of the sum.
-        """
-        total = np.zeros((self.period, within.size))
-        for part, by in zip(self.parts, self.by_cycles or (0.0,) * len(self.parts), strict=True):
-            repeated = total.reshape(-1, part.period, within.size)
-            repeated += part(np.arange(part.period)[:, None] + within + by)
-        return total

@@ -20,7 +20,6 @@ WIDTHS = (6, 7, 8, 9)  # coefficients of the function and of its three integrals
 _MIN_DENSITY, _MAX_DENSITY = 16, 2048  # cells to a mesh cycle
 _FIT = 1e-11  # of the largest value: cells are halved until the polynomials are this close
 FIT_ERROR = 1e-9  # the same of transmission errors, which no method integrates exactly: a third of the time
-_SAME = 1e-9  # cycles: two jumps so near count as one
 _JUMP = 1e-6  # of the largest value: a segment that begins further from the end of the last one begins with a jump
 _STEEP = 50.0  # largest values a cycle: a segment in which the function runs faster, by its ends, is as good as a jump
 _LEAST_GAIN = 1.2  # of halving, by which even a kink within a cell gains 2
@@ -120,11 +119,6 @@ def _table(function: Wave, *, integrals: bool) -> Table:
 
 def _tabulated_alone(function: Wave, *, integrals: bool) -> Table:
     breaks = np.unique(np.array([0.0, *function.jumps, function.period]))
-    if hasattr(function.value, "in_cycles"):  # the same cells in all cycles
-        whole = np.arange(1.0, function.period)
-        place = np.clip(np.searchsorted(breaks, whole), 1, breaks.size - 1)
-        apart = np.minimum(np.abs(breaks[place] - whole), np.abs(breaks[place - 1] - whole)) > _SAME
-        breaks = np.sort(np.concatenate([breaks, whole[apart]]))
     # a value may change by all of its range over the shortest segment, and phases are rounded
     rounding = 4 * np.finfo(float).eps * function.period / float(np.min(np.diff(breaks)))
     density = _MIN_DENSITY
@@ -152,22 +146,11 @@ def _fitted(function: Wave, breaks: Array, density: int) -> tuple[Array, Array, 
     widths = np.repeat(np.diff(breaks) / counts, counts)
     within = np.arange(widths.size) - np.repeat(np.cumsum(counts) - counts, counts)
     begins = np.repeat(breaks[:-1], counts) + widths * within
-    values = _values(function, begins, widths, _NODES)
+    values = function.value(begins[:, None] + widths[:, None] * _NODES)
     rows = values @ _INTERPOLATE.T
     fitted = rows @ np.vander(_CHECKED, DEGREE + 1, increasing=True).T
-    misfit = np.max(np.abs(fitted - _values(function, begins, widths, _CHECKED)))
+    misfit = np.max(np.abs(fitted - function.value(begins[:, None] + widths[:, None] * _CHECKED)))
     return breaks[:-1], widths, counts, rows, float(misfit / max(np.max(np.abs(values)), np.finfo(float).tiny))
-
-
-def _values(function: Wave, begins: Array, widths: Array, nodes: Array) -> Array:
-    """Return a function at places of cells (cells, nodes), from 0 to 1: by `in_cycles` where cells are so in all."""
-    in_cycles, cycles = getattr(function.value, "in_cycles", None), round(function.period)
-    if in_cycles is not None and begins.size % cycles == 0:
-        within, wide = begins.reshape(cycles, -1) - np.arange(cycles)[:, None], widths.reshape(cycles, -1)
-        if max(np.max(np.ptp(within, axis=0)), np.max(np.ptp(wide, axis=0))) < _SAME:
-            places = within[0][:, None] + wide[0][:, None] * nodes
-            return np.asarray(in_cycles(places.ravel()).reshape(-1, nodes.size))
-    return function.value(begins[:, None] + widths[:, None] * nodes)
 
 
 def _mean(rows: Array, widths: Array) -> float:

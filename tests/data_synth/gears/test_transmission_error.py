@@ -3,7 +3,7 @@
 import numpy as np
 import pytest
 
-from data_synth.gears.transmission_error import Eccentricity, PitchError, ProfileError, SumOfErrors
+from data_synth.gears.transmission_error import Eccentricity, PitchError, SumOfErrors
 
 
 def bends(error, phases):
@@ -35,16 +35,3 @@ def test_a_sum_has_those_of_its_parts_as_late_as_they_are():
 def test_an_even_error_has_none():
     assert PitchError(teeth_m=np.zeros(5), handover=0.5).jumps == ()
     assert SumOfErrors(parts=(Eccentricity(teeth=5, eccentricity_m=1e-6),)).jumps == ()
-
-
-def test_a_sum_in_every_cycle_is_that_at_all_phases():
-    parts = (
-        ProfileError(harmonics_m=np.array([3e-6 + 1e-6j])),
-        PitchError(teeth_m=1e-6 * np.arange(3.0), handover=0.5),
-        Eccentricity(teeth=5, eccentricity_m=1e-6),
-    )
-    within = np.array([0.1, 0.75])
-    for by_cycles in (None, (0.2, 1.3, -0.4)):
-        error = SumOfErrors(parts=parts, by_cycles=by_cycles)
-        expected = error(np.arange(15)[:, None] + within)
-        assert error.in_cycles(within) == pytest.approx(expected, abs=1e-18)
