@@ -37,7 +37,7 @@ BYTES = 8  # of a sample in memory
 _LINE_COPIES, _FIXED_BYTES = 3, 40_000_000  # what was measured beside the channels of the demo of 1 s to 200 s
 _GEAR_COPIES = 11  # of a channel, while the lines of gears in motion are projected
 _OUTSIDE = ("electrical", "neighbour", "knocks", "noise", "mounts", "gains", "temperature")
-_CHAIN = ("cross_axis", "resonance", "sensitivity", "hum", "anti_alias", "clipping", "quantisation", "drop_outs")
+_CHAIN = [*Sensor.model_fields][4:]  # behind name, place, direction and units
 
 
 @dataclass(frozen=True, kw_only=True)
@@ -246,9 +246,8 @@ def _parts(stage: PreparedScene, scene: Scene, time_factor: float) -> Iterator[P
         yield Part(
             name=sensor.name, what=f"sensor on {sensor.on}", why=_chain(sensor), seconds=scene.samples * _PER_NOISE
         )
-    spoilt = [
-        name for name in ("uneven", "missing", "spurious", "jitter") if getattr(scene.tachometer, name) is not None
-    ]
+    errors = ("uneven", "missing", "spurious", "jitter", "delay_s", "clock_ppm")
+    spoilt = [name for name in errors if getattr(scene.tachometer, name)]
     yield Part(
         name="tachometer",
         what=_counted(stage.pulses.times_s.size, time_factor, f"pulses of {scene.tachometer.link}"),

@@ -143,13 +143,18 @@ def _line_truth(prepared: PreparedScene, instants: xr.DataArray, measured: GearL
         for name in ("component", "kind")
     }
     chain = dict[str, xr.DataArray]()
-    if any(chain.poles.size or chain.gain != 1 for chain in prepared.chains):
+    coupling_hz = [each.ac_coupling_hz for each in sensors]
+    if any(coupling_hz):
+        attrs = {"units": "Hz", "about": "j f / (j f + it) is a factor of truth_amplitude"}
+        corners = np.array(coupling_hz, dtype=np.float64)
+        chain["truth_chain_coupling"] = xr.DataArray(corners, dims="truth_channel", coords=channels, attrs=attrs)
+    if any(each.poles.size or each.gain != 1 for each in prepared.chains):
         poles = np.full((len(sensors), max(each.poles.size for each in prepared.chains)), np.nan, dtype=np.complex128)
         for row, each in zip(poles, prepared.chains, strict=True):
             row[: each.poles.size] = each.poles
         units = f"{sensors[0].channel_units} ({sensors[0].units})-1"
         about = "H(f) = truth_chain_gain prod p / (p - 2j pi f), a factor of truth_amplitude"
-        chain = {
+        chain |= {
             "truth_chain_poles": xr.DataArray(
                 poles,
                 dims=("truth_channel", "truth_chain_pole"),
@@ -243,7 +248,8 @@ def _pulse_truth(prepared: PreparedScene) -> dict[str, xr.DataArray]:
     tachometer, pulses = prepared.scene.tachometer, prepared.pulses
     electrical = prepared.scene.imperfections.electrical if prepared.scene.imperfections is not None else None
     pick_up = electrical.tachometer if electrical is not None else None
-    if (tachometer.uneven, tachometer.missing, tachometer.spurious, tachometer.jitter, pick_up) == (None,) * 5:
+    errors = ("uneven", "missing", "spurious", "jitter", "delay_s", "clock_ppm")
+    if pick_up is None and not any(getattr(tachometer, name) for name in errors):
         return {}
     about = "phase zero is at the first of them"
     return {

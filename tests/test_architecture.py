@@ -89,9 +89,9 @@ BUDGETS = """
     data_synth/dynamics, data_synth/integrators                4106   2860   2600
     data_synth/fidelity, data_synth/vibration                  4287   2252   2000
     data_synth/gears, data_synth/bearings                      1478   1210   1300
-    data_synth/kinematic, data_synth/operation, data_synth/scene  2873   2760   2200
+    data_synth/kinematic, data_synth/operation, data_synth/scene  2873   2706   2200
     data_synth/sources, data_synth/transfer                    1545   1420   1200
-    all code lines                                            48791  43992  33500
+    all code lines                                            48791  43943  33500
     all modules                                                 345    324    240
     all constants                                              1492   1339    750
     tests                                                     35938  32620  23000
@@ -109,7 +109,7 @@ FORMATS = (
 )
 OWNED = "files of the user's own are kept, and exits say what happened", "when hums/cli is reduced"
 ALLOWANCES = {
-    "data_synth (root)": (37, "splits and Parquet, for code removed in kinematic and scene", "when plans are reduced"),
+    "data_synth (root)": (42, "splits and Parquet, for code removed in kinematic and scene", "when plans are reduced"),
     "data_synth/gears, data_synth/bearings": (
         54,
         "relief and crowning, for code removed in kinematic and scene",

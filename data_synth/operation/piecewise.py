@@ -1,8 +1,7 @@
-"""Piecewise-linear time histories of speed or torque: constant, ramp, steps, and random fluctuation."""
+"""Piecewise-linear time histories of speed or torque, and random fluctuation."""
 
 import math
 from dataclasses import dataclass, field
-from itertools import pairwise
 from typing import Protocol
 
 import numpy as np
@@ -47,42 +46,6 @@ class PiecewiseLinear:
     def scaled(self, factor: float) -> "PiecewiseLinear":
         """Return the time history multiplied by `factor`."""
         return PiecewiseLinear(times_s=self.times_s, values=self.values * factor)
-
-
-def constant(value: float) -> PiecewiseLinear:
-    """Return a constant time history."""
-    return PiecewiseLinear(times_s=np.zeros(1), values=np.array([value]))
-
-
-def ramp(begin: float, end: float, *, start_s: float = 0.0, stop_s: float) -> PiecewiseLinear:
-    """Return a linear ramp from `begin` to `end`, constant before and after."""
-    if not stop_s > start_s:
-        raise ValueError(f"stop_s = {stop_s:g} is not after start_s = {start_s:g}; a ramp takes time")
-    return PiecewiseLinear(times_s=np.array([start_s, stop_s]), values=np.array([begin, end]))
-
-
-def steps(levels: ArrayLike, *, at_s: ArrayLike, rise_s: float = 0.0) -> PiecewiseLinear:
-    """Return a time history that changes from level to level.
-
-    Parameters
-    ----------
-    levels : (m,) array
-        Levels, in the unit of the quantity.
-    at_s : (m - 1,) array
-        Times in s, rising, at which the change to each level but the first begins.
-    rise_s : float
-        Duration of each change in s; 0 is a jump.
-    """
-    values, starts = np.asarray(levels, dtype=np.float64), np.asarray(at_s, dtype=np.float64)
-    if values.ndim != 1 or starts.shape != (values.size - 1,):
-        raise ValueError(f"{values.size} levels need {values.size - 1} times between them, not {starts.size}")
-    if any(after < before + rise_s for before, after in pairwise(starts)) or rise_s < 0:
-        raise ValueError(f"rise_s = {rise_s:g} must be 0 or more and fit between the steps; shorten it")
-    if values.size == 1:
-        return constant(float(values[0]))
-    return PiecewiseLinear(
-        times_s=np.stack([starts, starts + rise_s], axis=1).ravel(), values=np.repeat(values, 2)[1:-1]
-    )
 
 
 def sum_of(first: PiecewiseLinear, second: PiecewiseLinear) -> PiecewiseLinear:

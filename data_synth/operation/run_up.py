@@ -114,7 +114,7 @@ class PolynomialAngle:
         first, last = self.revolutions([start_s, stop_s])
         edges = np.concatenate([[start_s], self.turning_points_s(), [stop_s]])
         if np.any(self._speed((edges[1:] + edges[:-1]) / 2) < 0):
-            raise ValueError("the shaft turns back, so an angle has no one time; `crossings` returns all of them")
+            raise ValueError("the shaft turns back, so an angle has no one time")
         if np.any((targets < first) | (targets > last)):
             raise ValueError(
                 f"revolutions from {np.min(targets):g} to {np.max(targets):g} are asked for, but the run-up goes "

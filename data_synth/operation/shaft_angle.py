@@ -6,7 +6,7 @@ stand still, and reverse.
 
 from __future__ import annotations
 
-from dataclasses import dataclass, field
+from dataclasses import dataclass
 from functools import cached_property
 from typing import Protocol
 
@@ -28,9 +28,6 @@ class Angle(Protocol):
 
     def speed_hz(self, times_s: ArrayLike) -> Array:
         """Return the speed in rev s-1 at `times_s` (n,), negative where the shaft turns back."""
-
-    def turning_points_s(self) -> Array:
-        """Return the rising times between which the angle is monotone or constant."""
 
 
 @dataclass(frozen=True, kw_only=True)
@@ -127,14 +124,11 @@ class ShaftAngle:
         Raises
         ------
         ValueError
-            A shaft that reverses, so that an angle has several times (use
-            `data_synth.operation.shaft_angle.crossings`), or that stands still for ever before it gets there.
+            A shaft that reverses, so that an angle has several times, or that stands still for ever before it gets
+            there.
         """
         if np.any(self.speeds_hz < 0):
-            raise ValueError(
-                f"the shaft turns back, at {np.min(self.speeds_hz):g} rev/s, so an angle has no one time; "
-                "`crossings` returns all of them"
-            )
+            raise ValueError(f"the shaft turns back, at {np.min(self.speeds_hz):g} rev/s, so an angle has no one time")
         from_zero = np.asarray(revolutions, dtype=np.float64) + self.datum_rev
         piece = np.searchsorted(self._knots_rev, from_zero, side="right")
         turn = from_zero - np.concatenate([self._knots_rev[:1], self._knots_rev])[piece]
@@ -168,94 +162,15 @@ class ShaftAngle:
         inside = (self.times_s >= start_s) & (self.times_s <= stop_s)  # jumps: knots before and after count
         return float(np.max(np.abs([*self.speed_hz([start_s, stop_s]), *self.speeds_hz[inside]])))
 
-    def turning_points_s(self) -> Array:
-        """Return the rising times between which the angle is monotone or constant."""
-        before, after = self.speeds_hz[:-1], self.speeds_hz[1:]
-        passing = np.flatnonzero(np.sign(before) * np.sign(after) < 0)  # a product of speeds could underflow
-        share = before[passing] / (before[passing] - after[passing])
-        zeros = self.times_s[passing] + share * np.diff(self.times_s)[passing]
-        return np.unique(np.concatenate([zeros, self.times_s[self.speeds_hz == 0]]))
-
     def scaled(self, ratio: float) -> ShaftAngle:
         """Return the angle of a shaft with the signed speed ratio `ratio` to this one."""
         return ShaftAngle(times_s=self.times_s, speeds_hz=self.speeds_hz * ratio, datum_rev=self.datum_rev * ratio)
 
 
-# ---- Times at which a shaft passes given angles, through standstill and reversal -------------------------------------
+# ---- Times at which a shaft passes given angles ----------------------------------------------------------------------
 
 
 _MAX_ITERATIONS = 120  # of Newton's rule or bisection: more than the bits of a double
-
-
-@dataclass(frozen=True, kw_only=True)
-class Crossings:
-    """Times at which a shaft passes equally spaced angles.
-
-    Attributes
-    ----------
-    times_s : (m,) array
-        Rising, in s.
-    numbers : (m,) int array
-        Number of each angle, zero at revolution zero; falling in reverse.
-    directions : (m,) int array
-        +1 where the angle rises, -1 where it falls.
-    """
-
-    times_s: Array = field(metadata={"dims": ("passage",), "units": "s"})
-    numbers: NDArray[np.int64] = field(metadata={"dims": ("passage",), "units": "1"})
-    directions: NDArray[np.int64] = field(metadata={"dims": ("passage",), "units": "1"})
-
-
-def crossings(angle: Angle, *, per_rev: float, start_s: float, stop_s: float, offset: float = 0.0) -> Crossings:
-    """Return all times from `start_s` to `stop_s` at which ``per_rev * revolutions + offset`` is an integer.
-
-    A shaft that reverses at one of these angles passes it once; one that stands still there, when it starts again.
-
-    Parameters
-    ----------
-    angle : Angle
-        Angle of the shaft.
-    per_rev : float
-        Angles in one revolution, above zero.
-    start_s, stop_s : float
-        Ends of the interval in s, both included.
-    offset : float
-        Value of the counted angle at revolution zero.
-
-    Raises
-    ------
-    ValueError
-        `per_rev` that is not above zero, or an end before the start.
-    """
-    if not per_rev > 0:
-        raise ValueError(f"per_rev = {per_rev:g} is not above zero; give the marks of one revolution")
-    if not stop_s >= start_s:
-        raise ValueError(f"stop_s = {stop_s:g} lies before start_s = {start_s:g}; give a span of time")
-    turning = angle.turning_points_s()
-    edges = np.concatenate([[start_s], turning[(turning > start_s) & (turning < stop_s)], [stop_s]])
-    marks = per_rev * angle.revolutions(edges) + offset
-    found = []
-    for run in range(edges.size - 1):
-        numbers, direction = _numbers(marks[run], marks[run + 1], last=run == edges.size - 2)
-        if numbers.size:
-            targets: Array = np.asarray((numbers - offset) / per_rev, dtype=np.float64)
-            times = crossing_times(angle, targets, start_s=edges[run], stop_s=edges[run + 1], direction=direction)
-            found.append((times, numbers, np.full(numbers.size, direction)))
-    if not found:
-        return Crossings(times_s=np.empty(0), numbers=np.empty(0, np.int64), directions=np.empty(0, np.int64))
-    times, numbers, directions = (np.concatenate(parts) for parts in zip(*found, strict=True))
-    return Crossings(times_s=times, numbers=numbers, directions=directions)
-
-
-def _numbers(begin: float, end: float, *, last: bool) -> tuple[NDArray[np.int64], int]:
-    """Return the integers from `begin` to `end` in order, and the direction; `end` itself only in the last piece."""
-    if begin == end:
-        return np.empty(0, np.int64), 0
-    if end > begin:
-        numbers = np.arange(np.ceil(begin), np.floor(end) + 1, dtype=np.int64)
-        return (numbers if last else numbers[numbers < end]), 1
-    numbers = np.arange(np.floor(begin), np.ceil(end) - 1, -1, dtype=np.int64)
-    return (numbers if last else numbers[numbers > end]), -1
 
 
 def crossing_times(angle: Angle, targets: Array, *, start_s: float, stop_s: float, direction: int) -> Array:

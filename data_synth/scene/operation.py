@@ -261,7 +261,8 @@ class Tachometer(Declared):
 
     `offset_rev` is the rotation of the link between the first sample and that pulse; drawn at random if left out.
     Errors are applied in the order of the fields: uneven spacing of marks, missing pulses, spurious pulses, jitter of
-    each pulse time. Revolution zero stays at the true passage of the first mark.
+    each pulse time; last the box that times them, late by `delay_s` and with a clock that gains `clock_ppm` on that of
+    the channels. Revolution zero stays at the true passage of the first mark.
     """
 
     link: Name
@@ -271,6 +272,8 @@ class Tachometer(Declared):
     missing: Missing | None = None
     spurious: Spurious | None = None
     jitter: PulseJitter | None = None
+    delay_s: Annotated[float, Field(ge=-1, le=1)] = 0.0
+    clock_ppm: Annotated[float, Field(ge=-1e4, le=1e4)] = 0.0
 
     @model_validator(mode="after")
     def _check(self) -> Self:

@@ -1,7 +1,8 @@
 """The measurement chain from the machine's surface to the file, as a scene declares it; every part is optional.
 
 The order is that of the hardware. A sensor responds to the motion along its axis and to a part of the transverse motion
-(`cross_axis`), resonates on its mount (`resonance`), and gives volts (`sensitivity`); the cable adds `hum`; the
+(`cross_axis`), resonates on its mount (`resonance`), and gives volts (`sensitivity`), whose bias the coupling takes
+away (`ac_coupling_hz`, the frequency of -3 dB of a first-order high pass); the cable adds `hum`; the
 recorder filters (`anti_alias`, unless it is "none"), samples with jitter (`sampling_jitter` of the scene: one clock for
 all channels), adds its noise (`noise` of the scene), saturates (`clipping`), quantises (`quantisation`) and loses
 samples (`drop_outs`). Levels after the sensor are in the units of the channel.
@@ -150,6 +151,7 @@ class Sensor(Declared):
     resonance: Mode | None = None
     gain: Positive | None = None
     sensitivity: Sensitivity | None = None
+    ac_coupling_hz: Positive | None = None
     hum: Hum | None = None
     anti_alias: Filter = AntiAlias()
     clipping: Clipping | None = None

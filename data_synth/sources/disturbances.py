@@ -280,7 +280,9 @@ def _output(
 
 def recorder_filter(sensor: Sensor, *, rate_hz: float) -> AllPoleFilter:
     """Return the filter that pick-up of the cable passes: the anti-aliasing filter alone."""
-    return linear_chain(sensor.changed(resonance=None, gain=None, sensitivity=None), rate_hz=rate_hz)
+    return linear_chain(
+        sensor.changed(resonance=None, gain=None, sensitivity=None, ac_coupling_hz=None), rate_hz=rate_hz
+    )
 
 
 def _scale(sensor: Sensor) -> float:

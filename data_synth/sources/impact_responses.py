@@ -8,12 +8,7 @@ from data_synth.kinematic.gear_faults import ImpactTrain
 from data_synth.kinematic.harmonics import ComplexArray
 from data_synth.operation.shaft_angle import Array
 from data_synth.sources.prepared import PreparedScene
-from data_synth.transfer.acquisition import (
-    add_ringing,
-    measured_filter,
-    path_residues,
-    ringing_residues,
-)
+from data_synth.transfer.acquisition import add_ringing, measured_filter, path_residues, ringing_residues
 from data_synth.transfer.paths import FirPath, MeasuredPath
 
 _BLOCK = 65536

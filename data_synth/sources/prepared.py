@@ -24,13 +24,7 @@ from data_synth.scene.sensors import Sensor
 from data_synth.sources.families import harmonic_families, impact_trains, last_s, module_mm_of, ratio_of
 from data_synth.transfer.acquisition import AllPoleFilter, linear_chain
 from data_synth.transfer.housing import force_response, sensitive_direction
-from data_synth.transfer.paths import (
-    TransferPaths,
-    line_amplitudes,
-    path_of_bearing,
-    sensor_gains,
-    transfer_paths,
-)
+from data_synth.transfer.paths import TransferPaths, line_amplitudes, path_of_bearing, sensor_gains, transfer_paths
 from hums.gearbox.torques import solve_torques
 from hums.records.validation import MIN_SAMPLES_PER_PULSE
 
@@ -406,8 +400,7 @@ def _in_channels(
 ) -> ComplexArray:
     """Return the amplitudes of a family after the linear chain of each channel."""
     frequencies = np.outer([float(order) for order in family.orders], speed_hz)
-    family_amplitudes = [chain.response(frequencies) for chain in chains]
-    return np.asarray(amplitudes * np.stack(family_amplitudes))
+    return np.asarray(amplitudes * np.stack([chain.response(frequencies) for chain in chains]))
 
 
 def _check_rate(scene: Scene, families: Sequence[HarmonicFamily], drive: Drive) -> None:

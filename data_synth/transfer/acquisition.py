@@ -8,7 +8,7 @@ what they did.
 import math
 from collections.abc import Callable, Iterator
 from contextlib import suppress
-from dataclasses import dataclass, field
+from dataclasses import dataclass, field, replace
 
 import numpy as np
 from numpy.typing import ArrayLike, NDArray
@@ -30,19 +30,27 @@ _SPACINGS = 8  # longest filter, over the length of the impulse response by the 
 
 @dataclass(frozen=True, kw_only=True)
 class AllPoleFilter:
-    """All-pole filters in series, ``gain prod_i p_i / (p_i - s)``; their static gain is `gain`.
+    """Low-pass filters in series, ``gain prod_i p_i / (p_i - s)``, and high-pass ones, ``prod_j s / (s - q_j)``.
 
     Attributes
     ----------
     gain : float
     poles : (p,) complex array
         In rad s-1; complex ones in pairs.
+    coupling : (q,) array
+        Poles q_j of the high-pass filters, rad s-1, real.
     """
 
     gain: float = 1.0
     poles: ComplexArray = field(
         default_factory=lambda: np.empty(0, np.complex128), metadata={"dims": ("pole",), "units": "rad s-1"}
     )
+    coupling: Array = field(default_factory=lambda: np.empty(0), metadata={"dims": ("pole",), "units": "rad s-1"})
+
+    @property
+    def every_pole(self) -> ComplexArray:
+        """Poles of both, (p + q,) in rad s-1."""
+        return np.concatenate([self.poles, self.coupling])
 
     def at(self, s: ArrayLike) -> ComplexArray:
         """Return the transfer function at `s` in rad s-1, of any shape."""
@@ -50,6 +58,8 @@ class AllPoleFilter:
         passed = np.full(points.shape, self.gain, dtype=np.complex128)
         for pole in self.poles:
             passed = passed * (pole / (pole - points))
+        for pole in self.coupling:
+            passed = passed * (points / (points - pole))
         return passed
 
     def response(self, frequency_hz: ArrayLike) -> ComplexArray:
@@ -58,12 +68,14 @@ class AllPoleFilter:
 
     def residue(self, index: int) -> complex:
         """Return the residue ``lim (s - p) H(s)`` at the pole with this number."""
-        pole = self.poles[index]
-        return complex(-pole * AllPoleFilter(gain=self.gain, poles=np.delete(self.poles, index)).at(pole))
+        pole, high = self.every_pole[index], index - self.poles.size
+        if high >= 0:
+            return complex(pole * replace(self, coupling=np.delete(self.coupling, high)).at(pole))
+        return complex(-pole * replace(self, poles=np.delete(self.poles, index)).at(pole))
 
 
 def linear_chain(sensor: Sensor, *, rate_hz: float) -> AllPoleFilter:
-    """Return resonance, sensitivity and anti-aliasing filter of a channel sampled at `rate_hz` as one filter."""
+    """Return the linear parts of a channel sampled at `rate_hz`, from its mount to the recorder, as one filter."""
     poles: list[complex] = []
     if sensor.resonance is not None:
         pole = mode_pole(sensor.resonance)
@@ -72,7 +84,8 @@ def linear_chain(sensor: Sensor, *, rate_hz: float) -> AllPoleFilter:
         poles += butterworth_poles(sensor.anti_alias, rate_hz=rate_hz)
     gain = sensor.sensitivity.value if sensor.sensitivity is not None else 1.0
     gain *= sensor.gain if sensor.gain is not None else 1.0
-    return AllPoleFilter(gain=gain, poles=np.array(poles, dtype=np.complex128))
+    coupling = np.array([] if sensor.ac_coupling_hz is None else [-2 * math.pi * sensor.ac_coupling_hz])
+    return AllPoleFilter(gain=gain, poles=np.array(poles, dtype=np.complex128), coupling=coupling)
 
 
 def butterworth_poles(filter_: AntiAlias, *, rate_hz: float) -> list[complex]:
@@ -96,7 +109,7 @@ def ringing_residues(mode: Mode, chain: AllPoleFilter, *, sensor: str = "") -> t
         Two nearly equal poles, so that the sum of exponentials has no digits left.
     """
     own = mode_pole(mode)
-    every = np.array([own, own.conjugate(), *chain.poles])
+    every = np.array([own, own.conjugate(), *chain.every_pole])
     _require_distinct_poles(
         every, abs(own), f"the resonance of {mode.frequency_hz:g} Hz that impacts ring", sensor=sensor
     )
@@ -124,11 +137,11 @@ def path_residues(path: ModalPath, chain: AllPoleFilter, *, sensor: str = "") ->
         Two nearly equal poles.
     """
     own = path.poles
-    every = np.concatenate([own, own.conj(), chain.poles])
+    every = np.concatenate([own, own.conj(), chain.every_pole])
     _require_distinct_poles(every, float(np.min(np.abs(own))), "a mode of its transfer", sensor=sensor)
     passed = [residue * chain.at(pole) for pole, residue in zip(own, path.residues, strict=True)]
     passed += [residue * chain.at(pole) for pole, residue in zip(own.conj(), np.conj(path.residues), strict=True)]
-    passed += [chain.residue(index) * path.at(pole) for index, pole in enumerate(chain.poles)]
+    passed += [chain.residue(index) * path.at(pole) for index, pole in enumerate(chain.every_pole)]
     kept = every.imag >= 0
     return every[kept], np.array(passed)[kept] * np.where(every[kept].imag > 0, 2, 1)
 

@@ -130,7 +130,8 @@ class Housing(PoleFilter):
         passed = [mode_pole(path), mode_pole(path).conjugate()] if path is not None else []
         self._low_pass = np.array([*passed, *chain.poles], dtype=np.complex128)
         elastic = [] if rigid_below_hz is None else [mode_pole(Mode(frequency_hz=rigid_below_hz, damping_ratio=_FLAT))]
-        self._high_pass = np.array([turn for pole in (mount, *elastic) for turn in (pole, pole.conjugate())])
+        twice = [turn for pole in (mount, *elastic) for turn in (pole, pole.conjugate())]
+        self._high_pass = np.array([*twice, *chain.coupling])
         self._gain = chain.gain / mass_kg / (_STANDARD_GRAVITY if sensor.units == "g" else 1.0)
         every = np.concatenate([self._high_pass, self._low_pass])
         gaps = np.abs(every[:, None] - every) + np.diag(np.full(every.size, np.inf))

@@ -7,25 +7,14 @@ from data_synth.operation.piecewise import (
     FirstOrder,
     Kaimal,
     PiecewiseLinear,
-    constant,
     fluctuation,
-    ramp,
-    steps,
     sum_of,
 )
 
 
-def test_the_plain_courses():
-    assert_allclose(constant(3.0).at([-1, 5]), 3)
-    assert_allclose(ramp(1.0, 3.0, start_s=1, stop_s=2).at([0, 1, 1.5, 2, 9]), [1, 1, 2, 3, 3])
-    assert_allclose(steps([1, 4, 2], at_s=[1, 2]).at([0.5, 0.999999, 1, 1.5, 2, 3]), [1, 1, 4, 4, 2, 2])
-    assert_allclose(steps([1, 4], at_s=[1], rise_s=2).at([1, 2, 3]), [1, 2.5, 4])
-    assert_allclose(steps([7], at_s=[]).at([0.0]), 7)
-    assert_allclose(ramp(1.0, 3.0, stop_s=2).scaled(-2).at([1.0]), -4)
-
-
 def test_sums_keep_corners_and_jumps():
-    first, second = steps([1, 4, 2], at_s=[1, 2]), ramp(0, 10, start_s=0.5, stop_s=1.5)
+    first = PiecewiseLinear(times_s=np.array([1.0, 1.0, 2.0, 2.0]), values=np.array([1.0, 4.0, 4.0, 2.0]))
+    second = PiecewiseLinear(times_s=np.array([0.5, 1.5]), values=np.array([0.0, 10.0]))
     total = sum_of(first, second)
     times = np.array([0, 0.5, 0.999, 1, 1.2, 1.5, 1.999, 2, 3])
     assert_allclose(total.at(times), first.at(times) + second.at(times), rtol=1e-14)
@@ -82,9 +71,6 @@ def test_same_seed_same_fluctuation():
 @pytest.mark.parametrize(
     ("make", "sentence"),
     [
-        (lambda: ramp(0, 1, stop_s=0), "a ramp takes time"),
-        (lambda: steps([1, 2], at_s=[1, 2]), "2 levels need 1 times between them, not 2"),
-        (lambda: steps([1, 2, 3], at_s=[1, 1.5], rise_s=1), "rise_s = 1 must be 0 or more and fit"),
         (lambda: PiecewiseLinear(times_s=np.array([0.0, 1.0]), values=np.array([0.0, np.nan])), "NaN"),
         (lambda: PiecewiseLinear(times_s=np.array([1.0, 0.0]), values=np.zeros(2)), "falls"),
         (lambda: PiecewiseLinear(times_s=np.zeros(2), values=np.zeros(1)), "have shapes"),

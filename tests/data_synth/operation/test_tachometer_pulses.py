@@ -38,6 +38,12 @@ def test_spurious_pulses_come_at_their_rate_and_are_named():
     assert abs(pulses.spurious_s.size - 500) < 90  # Poisson: 4 x sqrt(500)
 
 
+def test_the_box_is_late_and_its_clock_gains():
+    pulses = recorded(delay_s=2e-3, clock_ppm=50.0, missing={"share": 0.1})
+    passed = np.delete(pulses.marks_s, pulses.missed.astype(int))
+    assert_allclose(pulses.times_s, 2e-3 + (1 + 50e-6) * passed, rtol=1e-14)  # 5 ms in the 100 s of the record
+
+
 def test_jitter_is_independent_from_pulse_to_pulse():
     pulses = recorded(jitter={"std_s": 1e-5})
     errors = pulses.times_s - pulses.marks_s

@@ -20,6 +20,7 @@ SENSOR = {"name": "a", "on": "input bearing", "units": "g", "anti_alias": "none"
 LINEAR = {
     "resonance": {"frequency_hz": 9000, "damping_ratio": 0.05},
     "sensitivity": {"value": -0.1, "units": "V"},
+    "ac_coupling_hz": 20.0,
     "anti_alias": {"frequency_hz": 6000, "order": 5},
 }
 SCENE = {
@@ -45,7 +46,8 @@ def oracle(frequency_hz):
     natural = 2 * np.pi * 9000
     mount = natural**2 / (s**2 + 2 * 0.05 * natural * s + natural**2)
     numerator, denominator = scipy.signal.butter(5, 2 * np.pi * 6000, analog=True)
-    return -0.1 * mount * np.polyval(numerator, s) / np.polyval(denominator, s)
+    coupling = s / (s + 2 * np.pi * 20)  # as an RC high pass has it
+    return -0.1 * coupling * mount * np.polyval(numerator, s) / np.polyval(denominator, s)
 
 
 def test_the_linear_chain_is_that_of_the_textbook():
@@ -73,7 +75,7 @@ def test_impacts_ring_through_the_chain_as_its_impulse_response(order):
     own = np.roots([1, 2 * 0.03 * natural, natural**2])
     gain = np.abs(own[0].imag) * chain.gain * np.prod(-chain.poles).real
     times = np.linspace(0, 1e-3, 201)
-    _, expected = scipy.signal.impulse((np.empty(0), np.concatenate([own, chain.poles]), gain), T=times)
+    _, expected = scipy.signal.impulse((np.zeros(1), np.concatenate([own, chain.every_pole]), gain), T=times)
     heard = (residues * np.exp(np.outer(times, poles))).sum(axis=1).real
     assert_allclose(heard, expected, atol=1e-6 * np.max(np.abs(expected)))  # scipy goes through polynomials
     assert heard[0] == pytest.approx(0, abs=1e-12)  # a chain of more than two poles answers smoothly
@@ -114,7 +116,8 @@ def stated_response(record, frequency_hz):
     """Return the frequency response of the first channel's chain as its truth defines it."""
     poles = record["truth_chain_poles"].values[0]
     s = 2j * np.pi * frequency_hz[:, None]
-    return record["truth_chain_gain"].values[0] * np.prod(poles / (poles - s), axis=1)
+    coupling = frequency_hz * 1j / (frequency_hz * 1j + record.get("truth_chain_coupling", np.zeros(1))[0].item())
+    return coupling * record["truth_chain_gain"].values[0] * np.prod(poles / (poles - s), axis=1)
 
 
 def test_lines_pass_the_chain_and_the_truth_says_so():

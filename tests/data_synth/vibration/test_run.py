@@ -139,6 +139,16 @@ def test_steady_motion_has_lines_at_the_mesh_order_and_nowhere_else():
     check_record(record)
 
 
+def test_an_ac_coupling_takes_its_part_of_every_line():
+    sensor = {**PAIR["sensor"][0], "ac_coupling_hz": 200.0}
+    spectra = [np.fft.rfft(noise_free(made, seed=SEED).signal[0]) for made in (scene(), scene(sensor=[sensor]))]
+    hz = 200.0 * np.arange(1, 8)  # the mesh, seven times: 40 bins each
+    through, plain = (spectrum[40 * np.arange(1, 8)] for spectrum in (spectra[1], spectra[0]))
+    assert_allclose(through, plain * 1j * hz / (1j * hz + 200), rtol=2e-3, atol=1e-4 * np.max(np.abs(plain)))
+    truth = simulate(scene(sensor=[sensor]), seed=SEED)
+    assert truth["truth_chain_coupling"].values.tolist() == [200.0]
+
+
 def test_tip_relief_of_the_deflection_silences_gears_at_its_load_alone():
     # Harris 1958; the teeth are equal springs, so that F / k of a pair is all the way the same
     pair = GearPair(teeth=(20, 40), module_m=4e-3, face_width_m=0.04, pressure_angle_rad=np.radians(20))
