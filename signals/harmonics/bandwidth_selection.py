@@ -62,9 +62,6 @@ RATIO, FINE = 2.0, 0.02
 # Log likelihoods that differ by less are equal, and the smallest bandwidth is taken; below some 1 / record all are.
 ALIKE = 1e-3
 SWEEPS = 5
-# From so many poles on, amplitudes at the ends of a record are so uncertain that orders are smoothed together there
-# before any is subtracted.
-MANY_POLES = 3
 # Largest leakage of an order that is not smoothed with another before it is subtracted, and largest relative rest of a
 # subtracted order at the edge of the largest bandwidth: a quarter of what straight lines between nodes lose there.
 SUBTRACTED, DROOP = 3e-4, 3e-3
@@ -228,10 +225,8 @@ class _Chains:
         )
         startup = min(ceil(1 / width) + smooth.state_size, x.size // 2)
         fit = BlockFit.of(grid, startup=startup)
-        if fit.coupling and model.poles >= MANY_POLES:
+        if fit.coupling:
             fit.coupling.smooth_ends(fit.smoothed)
-        elif fit.coupling:
-            fit.coupling.smooth_again(fit.smoothed, ends=False)
         if noise is None:
             white = np.full(1, np.nan) if fit.alike else fit.residuals(startup).mean_square
             noise = noise_density(x[None], seen, model, white)[0].mean(axis=-1)

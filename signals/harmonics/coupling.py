@@ -19,9 +19,6 @@ from signals.harmonics.state_space import Complexes, Flags, Floats, HarmonicMode
 
 # ---- Information smoothers over the nodes of a grid: of each order alone, and of coupled groups of orders ------------
 
-# The first round leaves out a triangular weight of which less than this share is seen, of the share of the fuller of
-# its neighbours.
-SMALLEST_SHARE = 0.6
 # Numbers in the products of columns of all nodes that are kept; more are made again, segment by segment.
 MOST_KEPT = 1 << 21
 
@@ -53,19 +50,10 @@ class Smoothed:
 
 
 def smooth_apart(grid: Grid, first: int) -> Smoothed:
-    """Smooth every order as if it were alone, without incomplete triangular weights; innovations count from `first`."""
-    orders = grid.model.orders.size
+    """Smooth every order as if it were alone; innovations count from node `first` on."""
     smoothed = Smoothed.empty(grid, first)
-    share = np.pad(grid.shares, 1)
-    hidden = grid.shares < SMALLEST_SHARE * np.maximum(np.maximum(share[:-2], share[2:]), grid.shares)
-    hidden[0] = hidden[grid.samples // grid.length :] = True
-    moments, counts = grid.moments.copy(), grid.seen_counts.copy()
-    for samples, blocks in grid.runs(hidden[:-1] | hidden[1:]):
-        weight = 1 - grid.taper(hidden, samples)
-        moments[blocks] = grid.project(weight * grid.x[:, samples], blocks, np.arange(orders))
-        counts[blocks] = grid.counts(weight * grid.seen[samples], grid.squares)
-    data, gram = grid.at_nodes(moments), grid.at_nodes(counts)
-    smooth_alone(grid, np.arange(orders), data, gram, smoothed)
+    data, gram = grid.at_nodes(grid.moments), grid.at_nodes(grid.seen_counts)
+    smooth_alone(grid, np.arange(grid.model.orders.size), data, gram, smoothed)
     return smoothed
 
 

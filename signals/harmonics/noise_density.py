@@ -105,7 +105,8 @@ def _segments(seen: Flags, model: HarmonicModel) -> tuple[Indices, int]:
     missing = np.zeros(seen.size + 1, dtype=int)
     if not seen.all():
         np.cumsum(~seen, out=missing[1:])
-    length = int(longest) // _SHORTEST * _SHORTEST
+    eighth = 2.0 ** int(math.log2(max(longest, 1)) - 3)
+    length = int(eighth * max(n for n in (8, 9, 10, 12, 15) if n * eighth <= longest or n == 8))  # quick for an FFT
     while length >= _SHORTEST:
         apart = seen.size // length
         count = min(_MOST_SEGMENTS, apart if apart > _OVERLAPPING else 2 * apart - 1)
