@@ -16,9 +16,15 @@ _ROOT_TANGENT = math.radians(30)  # the critical section of ISO 6336-3
 class RootCrack:
     """A crack through the whole face, from the fillet of the loaded flank into the tooth.
 
-    It starts where the fillet's tangent is at 30 degrees to the centre line of the tooth. Material between the surface
-    and a line through the crack tip, parallel to the centre line, carries neither bending nor shear (Wu, Zuo and Parey
-    2008, J. Sound Vib. 317; Chaari, Fakhfakh and Haddar 2009, Eur. J. Mech. A 28); compression closes the crack.
+    It starts where the fillet's tangent is at 30 degrees to the centre line of the tooth. By the model `dead_zone`
+    material between the surface and a line through the crack tip, parallel to the centre line, carries neither bending
+    nor shear (Wu, Zuo and Parey 2008, J. Sound Vib. 317; Chaari, Fakhfakh and Haddar 2009, Eur. J. Mech. A 28);
+    compression closes the crack. By `fracture_mechanics` the section at the crack tip, of thickness b, turns by
+
+        theta = 24 M S(a / b) / (E' b^2 W),  E' = E / (1 - nu^2)
+
+    more under the moment M, as one with an edge crack of the depth a, that of the tip, does over a face W in pure
+    bending (Tada, Paris and Irwin, The Stress Analysis of Cracks Handbook).
 
     Attributes
     ----------
@@ -26,20 +32,33 @@ class RootCrack:
         Length of the crack.
     angle_rad : float
         Between the crack and the centre line of the tooth.
+    model : str
+        ``"dead_zone"`` or ``"fracture_mechanics"``.
     """
 
     depth_m: float
     angle_rad: float
+    model: str = "dead_zone"
 
     def added_compliance(self, pair: ToothPair, gear: int, phase_cycles: Array) -> Array:
         """Return the added compliance of a pair, (n,) m/N."""
         tooth = pair.teeth[gear]
         angles = pair.angles_rad(phase_cycles)[gear]
+        if self.model == "fracture_mechanics":
+            return self._hinge(tooth) * tooth.lever_arm_m(angles, height_m=self.section(tooth).tip_m) ** 2
         return np.asarray(tooth.compliance(angles, remaining=self.section(tooth)) - tooth.compliance(angles))
 
     def jump_phases(self, pair: ToothPair, gear: int) -> tuple[float, ...]:  # noqa: ARG002
         """Return no phases: the compliance of a cracked tooth is continuous."""
         return ()
+
+    def _hinge(self, tooth: Tooth) -> float:
+        """Return the rotation of the cracked section for a moment of 1 N m, rad."""
+        thickness = 2 * _critical_section(tooth)[0]
+        share = self.depth_m * math.sin(self.angle_rad) / thickness
+        shape = (share / (1 - share)) ** 2 * np.polyval([13.12, -35.84, 37.14, -19.69, 5.93], share)
+        modulus = tooth.young_pa / (1 - tooth.poisson**2)
+        return float(24 * shape / (modulus * thickness**2 * tooth.face_width_m))
 
     def section(self, tooth: Tooth) -> CrackedSection:
         """Return the cracked half of a tooth.

@@ -201,6 +201,12 @@ class Tooth:
         load_angle = np.tan(np.atleast_1d(angle_rad)) - self._base_half_angle
         return self._beam(load_angle[:, None], remaining) + self._body(load_angle)
 
+    def lever_arm_m(self, angle_rad: Array, *, height_m: float) -> Array:
+        """Return the lever arm of loads at pressure angles on the involute about a height of the centre line, (n,)."""
+        load_angle = np.tan(np.atleast_1d(angle_rad)) - self._base_half_angle
+        at_half, at_height, _ = self.involute_at(load_angle)
+        return np.asarray(np.cos(load_angle) * (at_height - height_m) - at_half * np.sin(load_angle))
+
     def _beam(self, load_angle: Array, remaining: CrackedSection | None) -> Array:
         """Return the compliance of the tooth alone, (n,), for load angles (n, 1)."""
         at_half, at_height, _ = self.involute_at(load_angle)

@@ -3,7 +3,7 @@
 import math
 from abc import abstractmethod
 from collections.abc import Callable, Iterator
-from dataclasses import dataclass, field
+from dataclasses import dataclass, field, replace
 from typing import Annotated, Any, Literal, Self, get_args
 
 import numpy as np
@@ -12,15 +12,7 @@ from pydantic import Field, model_validator
 
 from data_synth.gears import transmission_error
 from data_synth.gears.geometry import GearPair
-from data_synth.gears.lost_contact import (
-    Gap,
-    LoadSharing,
-    LostContact,
-    broken_tip_gap,
-    pitted_share,
-    spall_gap,
-    wear_gap,
-)
+from data_synth.gears.lost_contact import LoadSharing, LostContact, broken_tip_gap, pitted_share, spall_gap, wear_gap
 from data_synth.gears.mesh_stiffness import Array
 from data_synth.gears.root_crack import RootCrack
 from data_synth.gears.tooth_compliance import DamagedTooth
@@ -133,8 +125,8 @@ class GearDamage:
         Eccentricity of the pitch circle, m: a transmission error ``runout_m cos(2 pi turns)``.
     profile_m : float
         Greatest depth worn alike from every flank, none at the pitch point, m.
-    crack_angle_rad : float
-        Between cracks and the centre line of their tooth.
+    crack : RootCrack
+        Angle and model of these cracks.
     """
 
     crack_m: Array = field(metadata={"dims": ("tooth",), "units": "m"})
@@ -146,7 +138,7 @@ class GearDamage:
     spall_growth: float = 1.0
     runout_m: float = 0.0
     profile_m: float = 0.0
-    crack_angle_rad: float = math.radians(_CRACK_ANGLE_DEG)
+    crack: RootCrack = field(default=RootCrack(depth_m=0.0, angle_rad=math.radians(_CRACK_ANGLE_DEG)))
 
     @classmethod
     def on(cls, gear: FaultyGear, **damage: Any) -> "GearDamage":  # noqa: ANN401
@@ -237,13 +229,15 @@ class GearFault(GrowingFault):
 class ToothCrack(GearFault):
     """A cracked tooth root: modulation once a revolution over about one tooth, and one impact in it.
 
-    Where gears vibrate, the crack runs at `angle_deg` to the centre line of its tooth, and reduces its stiffness.
+    Where gears vibrate, the crack runs at `angle_deg` to the centre line of its tooth, and reduces its stiffness by
+    one of two published models, `compliance`.
     """
 
     kind: Literal["tooth_crack"]
     depth_mm: Positive
     size_exponent: Positive = 1.3
     angle_deg: Annotated[float, Field(gt=0, le=90)] = _CRACK_ANGLE_DEG
+    compliance: Literal["dead_zone", "fracture_mechanics"] = "dead_zone"
 
     @property
     def initial_mm(self) -> float:
@@ -252,8 +246,9 @@ class ToothCrack(GearFault):
 
     def damage(self, size_m: float, gear: FaultyGear) -> GearDamage:
         """Return the crack, which makes the tooth more compliant."""
-        found = GearDamage.on(gear, crack_angle_rad=math.radians(self.angle_deg))
-        found.crack_m[0] = gear.crack_depth(size_m, found.crack_angle_rad)
+        crack = RootCrack(depth_m=size_m, angle_rad=math.radians(self.angle_deg), model=self.compliance)
+        found = GearDamage.on(gear, crack=crack)
+        found.crack_m[0] = gear.crack_depth(size_m, crack.angle_rad)
         return found
 
 
@@ -487,7 +482,7 @@ def lost_contacts(damage: GearDamage, *, gear: int, sharing: LoadSharing | None)
         raise ValueError("sharing is missing; contact is lost by the static force on the pairs of teeth.")
     pair = sharing.gears
     for place in np.flatnonzero(damage.crack_m):
-        crack = RootCrack(depth_m=float(damage.crack_m[place]), angle_rad=damage.crack_angle_rad)
+        crack = replace(damage.crack, depth_m=float(damage.crack_m[place]))
         yield int(place), LostContact(sharing=sharing, added=_crack_compliance(crack, gear=gear, sharing=sharing))
     neighbours = (np.roll(damage.contact_fraction, 1) + np.roll(damage.contact_fraction, -1)) / 2
     for place in np.flatnonzero(damage.contact_fraction < 1):
@@ -506,7 +501,7 @@ def lost_contacts(damage: GearDamage, *, gear: int, sharing: LoadSharing | None)
         yield 0, LostContact(sharing=sharing, gap=wear_gap(pair, gear, depth_m=damage.profile_m), every=True)
 
 
-def _crack_compliance(crack: RootCrack, *, gear: int, sharing: LoadSharing) -> Gap:
+def _crack_compliance(crack: RootCrack, *, gear: int, sharing: LoadSharing) -> Callable[[Array], Array]:
     """Return the compliance that a crack adds to a pair, by the cycles since it entered, m/N."""
     if sharing.teeth is None:
         raise ValueError("sharing.teeth is missing; a crack makes a tooth of known shape softer.")

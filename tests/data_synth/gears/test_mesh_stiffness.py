@@ -7,6 +7,7 @@ import numpy as np
 import pytest
 from numpy.testing import assert_allclose
 from scipy import integrate
+from scipy.integrate import quad
 
 from data_synth.gears.geometry import GearPair
 from data_synth.gears.lost_contact import LoadSharing, LostContact
@@ -312,6 +313,25 @@ def damaged(fault, *, gear=0, tooth=3):
 
 
 class TestFaults:
+    @pytest.mark.parametrize("depth", [0.3e-3, 1e-3, 2.5e-3])
+    def test_a_crack_turns_its_section_by_the_energy_that_its_growth_releases(self, depth):
+        # theta / M = 2 W / E' int (K / M)^2 da, K of an edge crack in pure bending (Tada, Paris and Irwin), within 1 %
+        tooth, angle = PAIR.teeth[0], math.radians(70)
+        whole = 2 * RootCrack(depth_m=0.0, angle_rad=angle).section(tooth).remaining_m
+
+        def intensity(a):
+            x = math.pi * a / (2 * whole)
+            shape = math.sqrt(math.tan(x) / x) * (0.923 + 0.199 * (1 - math.sin(x)) ** 4) / math.cos(x)
+            return 6 / (whole**2 * tooth.face_width_m) * math.sqrt(math.pi * a) * shape
+
+        modulus = tooth.young_pa / (1 - tooth.poisson**2)
+        released, _ = quad(lambda a: intensity(a) ** 2, 1e-12, depth * math.sin(angle))
+        crack = RootCrack(depth_m=depth, angle_rad=angle, model="fracture_mechanics")
+        phases = np.array([0.2, 0.8, 1.4])
+        arm = tooth.lever_arm_m(PAIR.angles_rad(phases)[0], height_m=crack.section(tooth).tip_m)
+        expected = 2 * tooth.face_width_m / modulus * released * arm**2
+        assert_allclose(crack.added_compliance(PAIR, 0, phases), expected, rtol=0.03)
+
     def test_a_crack_of_no_depth_changes_nothing_and_a_deeper_one_softens_more(self):
         healthy = teeth_in_mesh(PAIR)
         phase = 3 + np.linspace(0.01, PAIR.gears.contact_ratio - 0.01, 50)

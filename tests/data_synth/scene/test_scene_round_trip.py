@@ -27,8 +27,9 @@ GEAR_KEYS = {
     "largest_effect_mm": SHARES,
     "offset_rev": TURNS,
 }
+CRACK_KEYS = GEAR_KEYS | {"angle_deg": st.floats(20, 90), "compliance": st.just("fracture_mechanics")}
 KINDS = {
-    "tooth_crack": (GEARS, "depth_mm", GEAR_KEYS | {"angle_deg": st.floats(20, 90)}),
+    "tooth_crack": (GEARS, "depth_mm", CRACK_KEYS),
     **dict.fromkeys(("chipping", "missing_tooth"), (GEARS, "size_mm", GEAR_KEYS)),
     **dict.fromkeys(("spall", "pitting"), (GEARS, "size_mm", GEAR_KEYS | {"width_mm": SHARES})),
     **dict.fromkeys(("eccentricity", "misalignment", "wear"), (GEARS, "size_mm", {"growth": GROWTHS})),
