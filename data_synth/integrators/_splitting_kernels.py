@@ -9,7 +9,6 @@ from typing import NamedTuple
 import numpy as np
 from numpy.typing import NDArray
 
-from data_synth.integrators._matrix_kernels import add_columns, apply_columns
 from data_synth.integrators._periodic_kernels import (
     SHORT,
     integrals_at,
@@ -40,9 +39,8 @@ class StepFlow(NamedTuple):
     beginning, impulses there, and the transmission errors of each force and the varying loads at beginning, middle and
     end, to x and deflections (forces,) at the end, then deflections (forces,) and speeds with drag (drags,) in the
     middle; ``added`` (width,) is what the constant load adds. ``directions`` (k, n): change of the modal velocities per
-    impulse. ``from_middle`` (k, 2 n + forces): change of x and of deflections at the end per impulse in the middle;
-    its rows are a multiple of four, c is even, zeros fill both and the width. ``speed_changes`` (drags, k): change of
-    the speeds with drag per impulse.
+    impulse. ``from_middle`` (k, 2 n + forces): change of x and of deflections at the end per impulse in the middle.
+    ``speed_changes`` (drags, k): change of the speeds with drag per impulse.
     """
 
     columns: Array
@@ -50,6 +48,14 @@ class StepFlow(NamedTuple):
     directions: Array
     from_middle: Array
     speed_changes: Array
+
+
+@compiled_inline
+def add_product(columns: Array, x: Array, out: Array) -> None:
+    """Add the product with a matrix whose columns are the rows of `columns`."""
+    for j in range(x.size):
+        for i in range(out.size):
+            out[i] += columns[j, i] * x[j]
 
 
 @compiled_inline
@@ -332,7 +338,9 @@ def split_steps(
                 speeds_with_drag(x, drags, speeds)
                 brake(sixth, speeds, pending, drag_factors, speed_changes, meshes, True)
             elif node == 1:
-                apply_columns(columns, added, state, after)
+                for i in range(added.size):
+                    after[i] = added[i]
+                add_product(columns, state, after)
                 for m in range(meshes):
                     force[m, DEFLECTION] = after[middles + m]
                 for k in range(pending.size):
@@ -387,7 +395,7 @@ def split_steps(
                 for k in range(meshes):
                     speeds[d] += speed_changes[d, k] * impulse[k]
             brake(two_thirds / 2, speeds, impulse, drag_factors, speed_changes, meshes, False)
-            add_columns(from_middle, impulse, after[:middles], 0)
+            add_product(from_middle, impulse, after[:middles])
             for i in range(ends):
                 x[i] = after[i]
             for m in range(meshes):

@@ -33,7 +33,6 @@ if TYPE_CHECKING:
 
 _MAX_IMPULSE = 4.0  # rad2: of variation * step^2; impulses on a harmonic oscillator are unstable beyond
 _MAX_CYCLES = 1.0  # mesh cycles to a step
-_WIDTH = 8  # numbers that processors take at once, at most
 
 
 def refusal(assembled: Assembled, step_s: float) -> IntegrationError | None:
@@ -162,12 +161,11 @@ def _flow_over(assembled: Assembled, step_s: float) -> StepFlow:
     matrix = np.hstack([matrix, matrix[:, n:] @ directions.T, by_input])
     from_middle = directions @ np.vstack([middle, deflections @ middle])[:, n:].T
     added = np.concatenate([at_end, deflections @ at_end, read @ in_middle])
-    width, columns = matrix.shape
     return StepFlow(
-        columns=np.ascontiguousarray(np.pad(matrix, ((0, -width % _WIDTH), (0, columns % 2))).T),
-        added=np.pad(added, (0, -width % _WIDTH)),
+        columns=np.ascontiguousarray(matrix.T),
+        added=added,
         directions=np.ascontiguousarray(directions),
-        from_middle=np.pad(from_middle, ((0, -directions.shape[0] % 4), (0, 0))),
+        from_middle=np.ascontiguousarray(from_middle),
         speed_changes=np.ascontiguousarray(drags @ directions.T),
     )
 
