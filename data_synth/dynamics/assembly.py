@@ -32,7 +32,7 @@ from data_synth.dynamics.parts import (
     SupportStiffness,
     mesh_elements,
 )
-from data_synth.dynamics.placement import Contact, axis_points, contacts_of, direction_of
+from data_synth.dynamics.placement import Contact, are_parallel, axis_points, contacts_of, direction_of
 from data_synth.dynamics.system import PLANE, SPACE, TORSION, Body, Coordinates, Spring, System, Vector, build_system
 from hums.gearbox.components import Bearing, closest
 from hums.gearbox.kinematics import Kinematics, solve_kinematics
@@ -58,7 +58,6 @@ __all__ = [
 _STEEL_KG_M3 = 7850.0
 _RIM_MODULES = 4.0
 _MM = 1e-3
-_PARALLEL = 1e-9
 
 
 def bodies(parts: Parts) -> Iterator[Body]:
@@ -97,7 +96,7 @@ def _speed_ratio(parts: Parts, name: str, reference_speed: Fraction) -> float:
     """Return the speed of a body about its axis relative to the frame, or for a tilted planet axis to the carrier."""
     joints = parts.kinematics.joints
     holder = joints[name].carried_by if name in joints else parts.frame
-    if holder == parts.frame or abs(abs(float(np.dot(parts.axis(name), parts.axis(holder)))) - 1) < _PARALLEL:
+    if holder == parts.frame or are_parallel(np.array(parts.axis(name)), np.array(parts.axis(holder))):
         return float(parts.relative_speed(name, parts.frame) / reference_speed)
     return float(parts.relative_speed(name, holder) / reference_speed)
 
@@ -426,7 +425,7 @@ def _refuse_crossed(kinematics: Kinematics) -> None:
     bodies_ = list(kinematics.joints)
     first = direction_of(kinematics, bodies_[0])
     for body in bodies_[1:]:
-        if abs(abs(float(direction_of(kinematics, body) @ first)) - 1) > _PARALLEL:
+        if not are_parallel(direction_of(kinematics, body), first):
             raise ValueError(
                 f'motions = "plane" needs parallel axes, but those of "{bodies_[0]}" and "{body}" are not; use '
                 '"torsion" or "space".'
@@ -444,7 +443,7 @@ def _refuse_nested(parts: Parts) -> None:
                     f'"{carrier}" carries planets and is carried itself, which a kinematic scene or motions = '
                     '"torsion" allow, but no motion across axes.'
                 )
-            if abs(abs(parts.cosine_to_z(carrier)) - 1) > _PARALLEL:
+            if not are_parallel(np.array(parts.axis(carrier)), np.array([0.0, 0.0, 1.0])):
                 raise ValueError(
                     f'"{carrier}" carries planets, but other carriers turn about another direction, which a kinematic '
                     'scene or motions = "torsion" allow, but no motion across axes.'

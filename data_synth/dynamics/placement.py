@@ -162,8 +162,7 @@ def contacts_of(kinematics: Kinematics, geometries: Mapping[str, GearPair]) -> t
         number[contact.mesh] = number.get(contact.mesh, 0) + 1
         (one, ones), (two, twos) = contact.gears
         axes = direction_of(kinematics, one), direction_of(kinematics, two)
-        along = float(axes[0] @ axes[1])
-        parallel = abs(abs(along) - 1) < _PARALLEL
+        along, parallel = float(axes[0] @ axes[1]), are_parallel(*axes)
         cone = None if parallel or declared[contact.mesh].kind else cone_of(axes, (ones, twos))
         internal = ones * twos * along < 0 if cone is None else cone.internal
         swapped = internal and abs(ones) > abs(twos)
@@ -240,7 +239,7 @@ def z_direction(kinematics: Kinematics) -> Array:
     first = direction_of(kinematics, next(iter(joints)))
     for carrier in dict.fromkeys(joint.carried_by for joint in joints.values() if joint.carried_by != frame):
         axis = direction_of(kinematics, carrier)
-        if not _parallel(axis, first):
+        if not are_parallel(axis, first):
             return axis
     return first
 
@@ -289,7 +288,7 @@ def _place(kinematics: Kinematics, contact: Contact, known: dict[str, Array]) ->
         known[bodies[here]] = start + axial_position_m(kinematics, contact) * axis
         return
     z = z_direction(kinematics)
-    x, y = transverse_axes(z if _parallel(axis, z) else axis)
+    x, y = transverse_axes(z if are_parallel(axis, z) else axis)
     joint = kinematics.joints.get(bodies[here])
     angle = 0.0 if joint is None else planet_angle(kinematics.gearbox, joint.axis)
     known[bodies[here]] = start + contact.pair.centre_distance_m * (math.cos(angle) * x + math.sin(angle) * y)
@@ -309,13 +308,14 @@ def _axis_body(kinematics: Kinematics, body: str, carrier: str) -> str:
     return carrier if shared is not None and carrier != body else body
 
 
-def _parallel(one: Array, two: Array) -> bool:
+def are_parallel(one: Array, two: Array) -> bool:
+    """Return whether two unit vectors (3,) are parallel, in either sense."""
     return abs(abs(float(one @ two)) - 1) < _PARALLEL
 
 
 def _rotated(vector: Array, about: Array, angle: float) -> Array:
     """Return a vector rotated about a unit vector (Rodrigues)."""
-    if not angle or _parallel(vector, about):
+    if not angle or are_parallel(vector, about):
         return vector
     along = (about @ vector) * about
     return np.asarray(along + math.cos(angle) * (vector - along) + math.sin(angle) * np.cross(about, vector))

@@ -15,7 +15,7 @@ import numpy as np
 from data_synth.dynamics.assembly import Assembly, Inertia, SupportStiffness, assemble
 from data_synth.dynamics.excited_dofs import excited_dofs_of
 from data_synth.dynamics.modes import undamped_modes, with_modal_damping
-from data_synth.dynamics.placement import direction_of
+from data_synth.dynamics.placement import are_parallel, direction_of
 from data_synth.dynamics.system import Array, System, errors_at
 from data_synth.integrators.problem import Accuracy, IntegrationError, Load, Output, Problem, Steps
 from data_synth.scene.faults import LOSING_CONTACT
@@ -33,9 +33,6 @@ from data_synth.vibration.weighted_forces import LAG, WeightedForces
 from hums.gearbox.kinematics import Kinematics
 
 # ---- The gearbox of a scene as equations of motion: its declared bodies, bearings and meshes assembled ---------------
-
-
-_PARALLEL = 1e-9
 
 
 def assembly_of(stage: PreparedScene, gears: Gears, *, speed_rad_s: float | None = None) -> Assembly:
@@ -83,7 +80,7 @@ def assembly_of(stage: PreparedScene, gears: Gears, *, speed_rad_s: float | None
 def has_crossed_axes(kinematics: Kinematics) -> bool:
     """Return whether some axis is not parallel to the others."""
     first, *others = (direction_of(kinematics, body) for body in kinematics.joints)
-    return any(abs(abs(float(first @ other)) - 1) > _PARALLEL for other in others)
+    return not all(are_parallel(first, other) for other in others)
 
 
 def has_planets(kinematics: Kinematics) -> bool:
