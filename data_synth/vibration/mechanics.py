@@ -9,15 +9,13 @@ import numpy as np
 import xarray as xr
 
 from data_synth.dynamics.excited_dofs import excited_dofs_of
-from data_synth.integrators.problem import IntegrationError, Output, Steps
+from data_synth.integrators.problem import Output
 from data_synth.operation.shaft_angle import Array
 from data_synth.sources.families import turning_ratios
 from data_synth.sources.prepared import PreparedScene
 from data_synth.vibration.meshes import Gears
-from data_synth.vibration.run import Motion, assembly_of, not_followed
+from data_synth.vibration.run import Motion, assembly_of
 from data_synth.vibration.sensor_forces import support_forces
-
-_BLOCK = 8192
 
 
 def link_speeds(prepared: PreparedScene) -> dict[str, Array]:
@@ -62,7 +60,10 @@ def mechanics_truth(prepared: PreparedScene, gears: Gears, motion: Motion) -> di
             [np.zeros((contacts, contacts)), np.eye(contacts), np.zeros((len(turning) + len(supports), contacts))]
         ),
     )
-    values = _integrated(motion, output)
+    values = np.empty((output.channels, scene.samples))
+    for block, numbers in motion.blocks(output, samples=scene.samples):
+        kept = (numbers >= 0) & (numbers % motion.oversampling == 0)
+        values[:, numbers[kept] // motion.oversampling] = block.values[kept].T
     deflection, mesh_force, vibration, pressed = np.split(
         values, np.cumsum([contacts, contacts, len(turning)]).tolist()
     )
@@ -99,27 +100,6 @@ def mechanics_truth(prepared: PreparedScene, gears: Gears, motion: Motion) -> di
 
 def _rotation(prepared: PreparedScene, link: str) -> str:
     return f"{prepared.scene.kinematics.bodies[link]} rotation"
-
-
-def _integrated(motion: Motion, output: Output) -> Array:
-    """Return the output at the samples of the channels, (row, n)."""
-    from data_synth.integrators.driver import integrate_blocks  # noqa: PLC0415
-
-    scene = motion.stage.scene
-    settling = math.ceil(motion.settling_time_s * scene.rate_hz)
-    duration_s = (settling + scene.samples - 1) / scene.rate_hz
-    problem = motion.problem(-settling / scene.rate_hz, duration_s)
-    values, number = np.empty((output.channels, scene.samples)), -settling * motion.oversampling
-    try:
-        steps = Steps(per_sample=motion.steps())
-        for block in integrate_blocks(problem, output=output, tolerance=steps, block=_BLOCK):
-            at = number + np.arange(block.values.shape[0])
-            kept = (at >= 0) & (at % motion.oversampling == 0) & (at < scene.samples * motion.oversampling)
-            values[:, at[kept] // motion.oversampling] = block.values[kept].T
-            number += at.size
-    except IntegrationError as caught:
-        raise not_followed(caught) from None
-    return values
 
 
 def _stacked(dim: str, rows: dict[str, Array], units: str, about: str) -> xr.DataArray:

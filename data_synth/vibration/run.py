@@ -11,13 +11,14 @@ from dataclasses import dataclass, field, replace
 from functools import cached_property, partial
 
 import numpy as np
+from numpy.typing import NDArray
 
 from data_synth.dynamics.assembly import Assembly, Inertia, SupportStiffness, assemble
 from data_synth.dynamics.excited_dofs import excited_dofs_of
 from data_synth.dynamics.modes import undamped_modes, with_modal_damping
 from data_synth.dynamics.placement import are_parallel, direction_of
 from data_synth.dynamics.system import Array, System, errors_at
-from data_synth.integrators.problem import Accuracy, IntegrationError, Load, Output, Problem, Steps
+from data_synth.integrators.problem import Accuracy, Integration, IntegrationError, Load, Output, Problem, Steps
 from data_synth.scene.faults import LOSING_CONTACT
 from data_synth.scene.random_streams import random_stream
 from data_synth.scene.scene import Scene, SceneError
@@ -193,36 +194,43 @@ class Motion:
         SceneError
             If the integration fails.
         """
-        from data_synth.integrators.driver import integrate_blocks  # noqa: PLC0415
-
         scene = self.stage.scene
-        settling_samples = math.ceil(self.settling_time_s * scene.rate_hz)
         sensor_forces = replace(self.sensor_forces, static_readings=self.static_readings)
-        routes = sensor_forces.routes
-        filters = [route.filter_at(scene, rate_hz=self.output.rate_hz) for route in routes]
+        filters = [route.filter_at(scene, rate_hz=self.output.rate_hz) for route in sensor_forces.routes]
         weighted, delay = WeightedForces.of(self.output), (lag := max(filter_.lag for filter_ in filters))
         if weighted is not None:
             delay += LAG
-        last = (settling_samples + samples - 1) * self.oversampling + delay
-        problem = self.problem(-settling_samples / scene.rate_hz, last / self.output.rate_hz)
-        steps = Steps(per_sample=self.steps())
         output = self.output if weighted is None else weighted.output
-        dropped = settling_samples * self.oversampling + delay
+        for block, numbers in self.blocks(output, samples=samples, delay=delay):
+            times_s = block.times_s - (delay - lag) / self.output.rate_hz
+            smooth, at_once = (block.values, block.values) if weighted is None else weighted.push(block.values)
+            forces = points = sensor_forces.forces(smooth, times_s=times_s).T
+            if at_once is not smooth:
+                points = sensor_forces.forces(at_once, times_s=times_s).T
+            outputs = np.zeros((len(scene.sensors), block.values.shape[0]))
+            for route, filter_, force, point in zip(sensor_forces.routes, filters, forces, points, strict=True):
+                outputs[route.number] += filter_.filtered(force, at_once=point, lag=lag)
+            yield outputs[:, (numbers >= 0) & (numbers % self.oversampling == 0)]
+
+    def blocks(
+        self, output: Output, *, samples: int, delay: int = 0
+    ) -> Iterator[tuple[Integration, NDArray[np.int64]]]:
+        """Yield an output at its rate in blocks, and the number of each value from time zero, less the delay.
+
+        From before time zero, while the transient of the start decays; SceneError if the integration fails.
+        """
+        from data_synth.integrators.driver import integrate_blocks  # noqa: PLC0415
+
+        rate_hz = self.stage.scene.rate_hz
+        settling = math.ceil(self.settling_time_s * rate_hz)
+        last = (settling + samples - 1) * self.oversampling + delay
+        problem, first = self.problem(-settling / rate_hz, last / output.rate_hz), -settling * self.oversampling - delay
         try:
-            for block in integrate_blocks(problem, output=output, tolerance=steps, block=_BLOCK):
-                times_s = block.times_s - (delay - lag) / self.output.rate_hz
-                readings = (block.values, block.values) if weighted is None else weighted.push(block.values)
-                smooth, at_once = readings
-                forces = points = sensor_forces.forces(smooth, times_s=times_s).T
-                if at_once is not smooth:
-                    points = sensor_forces.forces(at_once, times_s=times_s).T
-                outputs = np.zeros((len(scene.sensors), block.values.shape[0]))
-                for route, filter_, force, point in zip(routes, filters, forces, points, strict=True):
-                    outputs[route.number] += filter_.filtered(force, at_once=point, lag=lag)
-                count = outputs.shape[1]
-                if dropped < count:
-                    yield outputs[:, dropped :: self.oversampling]
-                dropped = dropped - count if dropped >= count else (dropped - count) % self.oversampling
+            for block in integrate_blocks(
+                problem, output=output, tolerance=Steps(per_sample=self.steps()), block=_BLOCK
+            ):
+                yield block, first + np.arange(block.times_s.size)
+                first += block.times_s.size
         except IntegrationError as caught:
             raise not_followed(caught) from None
 
