@@ -106,7 +106,7 @@ def _segments(seen: Flags, model: HarmonicModel) -> tuple[Indices, int]:
     if not seen.all():
         np.cumsum(~seen, out=missing[1:])
     eighth = 2.0 ** int(math.log2(max(longest, 1)) - 3)
-    length = int(eighth * max(n for n in (8, 9, 10, 12, 15) if n * eighth <= longest or n == 8))  # quick for an FFT
+    length = int(eighth * max(n for n in (8, 9, 10, 12, 15) if n * eighth <= max(longest, 1)))  # quick
     while length >= _SHORTEST:
         apart = seen.size // length
         count = min(_MOST_SEGMENTS, apart if apart > _OVERLAPPING else 2 * apart - 1)

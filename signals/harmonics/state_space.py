@@ -165,16 +165,11 @@ class Patterns:
     @classmethod
     def of(cls, record: Floats) -> "Patterns":
         """Find the patterns of a record."""
-        numbers: dict[bytes, int] = {}
-        masks: list[Flags] = []
-        of_channel = np.empty(len(record), dtype=np.int64)
-        for channel, values in enumerate(record):
-            whole = not np.isnan(values.max())
-            seen = np.ones(values.size, dtype=np.bool_) if whole else ~np.isnan(values)
-            of_channel[channel] = numbers.setdefault(b"" if whole else seen.tobytes(), len(masks))
-            if of_channel[channel] == len(masks):
-                masks.append(seen)
-        return cls(record=record, seen=masks, of_channel=of_channel)
+        masks = ~np.isnan(record)
+        keys = [mask.tobytes() for mask in masks]
+        distinct = list(dict.fromkeys(keys))
+        of_channel = np.array([distinct.index(key) for key in keys])
+        return cls(record=record, seen=[masks[keys.index(key)] for key in distinct], of_channel=of_channel)
 
     @property
     def records(self) -> list[Floats]:
