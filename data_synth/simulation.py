@@ -23,7 +23,7 @@ from data_synth.sources.disturbances import (
     recorder_filter,
     sensor_truth,
 )
-from data_synth.sources.impact_responses import add_impacts
+from data_synth.sources.impact_responses import add_impacts, later
 from data_synth.sources.prepared import PreparedScene, prepare_scene
 from data_synth.transfer.acquisition import add_noise, clip, drop_outs, hum_lines, quantise
 from data_synth.transfer.detectability import matched_filter_snr_db
@@ -306,6 +306,9 @@ def _gear_vibration(motion: Motion, *, samples: int) -> Array:
     for block in motion.channels(samples=samples):
         signal[:, at : at + block.shape[1]] = block
         at += block.shape[1]
+    for sensor, values in zip(motion.stage.scene.sensors, signal, strict=True):
+        if sensor.skew_s:
+            values[:] = later(values, sensor.skew_s * motion.stage.scene.rate_hz)
     return signal
 
 

@@ -148,6 +148,10 @@ def _line_truth(prepared: PreparedScene, instants: xr.DataArray, measured: GearL
         attrs = {"units": "Hz", "about": "j f / (j f + it) is a factor of truth_amplitude"}
         corners = np.array(coupling_hz, dtype=np.float64)
         chain["truth_chain_coupling"] = xr.DataArray(corners, dims="truth_channel", coords=channels, attrs=attrs)
+    if any(each.skew_s for each in prepared.chains):
+        attrs = {"units": "s", "about": "exp(2j pi f skew) is a factor of truth_amplitude"}
+        skews = np.array([each.skew_s for each in prepared.chains])
+        chain["truth_chain_skew"] = xr.DataArray(skews, dims="truth_channel", coords=channels, attrs=attrs)
     if any(each.poles.size or each.gain != 1 for each in prepared.chains):
         poles = np.full((len(sensors), max(each.poles.size for each in prepared.chains)), np.nan, dtype=np.complex128)
         for row, each in zip(poles, prepared.chains, strict=True):

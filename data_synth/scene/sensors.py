@@ -140,7 +140,8 @@ class Sensor(Declared):
 
     In a kinematic scene place and direction are labels. `units` are those of the motion; with a `sensitivity` the
     channel is in its units. `gain` is an error of calibration: what the record has of the motion, 1 where left out.
-    Every channel has an anti-aliasing filter: ``anti_alias = "none"`` leaves it out.
+    Every channel has an anti-aliasing filter: ``anti_alias = "none"`` leaves it out. Its samples are taken `skew_s`
+    later than the record says, as by a multiplexed converter.
     """
 
     name: Name
@@ -157,6 +158,7 @@ class Sensor(Declared):
     clipping: Clipping | None = None
     quantisation: Quantisation | None = None
     drop_outs: DropOuts | None = None
+    skew_s: Annotated[float, Field(ge=-1e-2, le=1e-2)] = 0.0
 
     @model_validator(mode="after")
     def _check(self) -> Self:

@@ -174,7 +174,7 @@ def _add_impacts(
         poles, residues = ringing_residues(mode, chain, sensor=sensor.name)
         add_ringing(
             values,
-            times_s=times_s,
+            times_s=times_s - chain.skew_s,
             amplitudes=abs(gain) * in_units(prepared.scene, 1.0) * sizes_m_s2,
             poles=poles,
             residues=residues,

@@ -173,8 +173,9 @@ def impact_trains(
 
 
 def _span_rev(scene: Scene, drive: Drive, before_s: float) -> tuple[float, float]:
-    """Return the revolutions at `before_s` before the record, or the first known, and at its last sample."""
-    first_rev, last_rev = drive.angle.revolutions([max(-before_s, drive.start_s), last_s(scene)])
+    """Return the revolutions at `before_s` before the record, or the first known, and at the last sample."""
+    stop_s = last_s(scene) + max(0.0, *(sensor.skew_s for sensor in scene.sensors))
+    first_rev, last_rev = drive.angle.revolutions([max(-before_s, drive.start_s), stop_s])
     return float(first_rev), float(last_rev)
 
 

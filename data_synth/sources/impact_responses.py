@@ -46,7 +46,7 @@ def add_impacts(
             at_s, sizes, poles, residues = _step_pairs(times_s, sizes, duration_s, poles, residues)
         add_ringing(
             values,
-            times_s=at_s,
+            times_s=at_s - chain.skew_s,
             amplitudes=sizes,
             poles=poles,
             residues=residues,
@@ -101,6 +101,16 @@ def add_fir_response(
         inside = slice(max(-first, 0), max(min(count, values.size - first), 0))
         if inside.start < inside.stop:
             values[first + inside.start : first + inside.stop] += response[inside]
+
+
+def later(values: Array, samples: float) -> Array:
+    """Return a band-limited signal (n,) at instants some `samples` later, continued oddly beyond its ends."""
+    whole = math.floor(samples)
+    reach = _HALF + abs(whole) + 1
+    padded = np.pad(values, reach, mode="reflect", reflect_type="odd")
+    weights = _sinc(np.arange(-_HALF, _HALF + 1.0) - (samples - whole))
+    first = reach + whole - _HALF
+    return np.convolve(padded[first : first + values.size + 2 * _HALF], weights[::-1], mode="valid")
 
 
 def _interpolation_weights(since: Array, late: Array) -> Array:

@@ -39,6 +39,8 @@ class AllPoleFilter:
         In rad s-1; complex ones in pairs.
     coupling : (q,) array
         Poles q_j of the high-pass filters, rad s-1, real.
+    skew_s : float
+        By which the channel is sampled later: a factor ``exp(2j pi f skew_s)`` of the frequency response.
     """
 
     gain: float = 1.0
@@ -46,6 +48,7 @@ class AllPoleFilter:
         default_factory=lambda: np.empty(0, np.complex128), metadata={"dims": ("pole",), "units": "rad s-1"}
     )
     coupling: Array = field(default_factory=lambda: np.empty(0), metadata={"dims": ("pole",), "units": "rad s-1"})
+    skew_s: float = 0.0
 
     @property
     def every_pole(self) -> ComplexArray:
@@ -64,7 +67,8 @@ class AllPoleFilter:
 
     def response(self, frequency_hz: ArrayLike) -> ComplexArray:
         """Return the frequency response at `frequency_hz`, of any shape."""
-        return self.at(2j * np.pi * np.asarray(frequency_hz, dtype=np.float64))
+        s = 2j * np.pi * np.asarray(frequency_hz, dtype=np.float64)
+        return np.asarray(self.at(s) * np.exp(s * self.skew_s))
 
     def residue(self, index: int) -> complex:
         """Return the residue ``lim (s - p) H(s)`` at the pole with this number."""
@@ -85,7 +89,7 @@ def linear_chain(sensor: Sensor, *, rate_hz: float) -> AllPoleFilter:
     gain = sensor.sensitivity.value if sensor.sensitivity is not None else 1.0
     gain *= sensor.gain if sensor.gain is not None else 1.0
     coupling = np.array([] if sensor.ac_coupling_hz is None else [-2 * math.pi * sensor.ac_coupling_hz])
-    return AllPoleFilter(gain=gain, poles=np.array(poles, dtype=np.complex128), coupling=coupling)
+    return AllPoleFilter(gain=gain, poles=np.array(poles, dtype=np.complex128), coupling=coupling, skew_s=sensor.skew_s)
 
 
 def butterworth_poles(filter_: AntiAlias, *, rate_hz: float) -> list[complex]:

@@ -132,6 +132,7 @@ class Housing(PoleFilter):
         elastic = [] if rigid_below_hz is None else [mode_pole(Mode(frequency_hz=rigid_below_hz, damping_ratio=_FLAT))]
         twice = [turn for pole in (mount, *elastic) for turn in (pole, pole.conjugate())]
         self._high_pass = np.array([*twice, *chain.coupling])
+        self._skew_s = chain.skew_s
         self._gain = chain.gain / mass_kg / (_STANDARD_GRAVITY if sensor.units == "g" else 1.0)
         every = np.concatenate([self._high_pass, self._low_pass])
         gaps = np.abs(every[:, None] - every) + np.diag(np.full(every.size, np.inf))
@@ -155,7 +156,7 @@ class Housing(PoleFilter):
         value = self._gain * s**self._high_pass.size / np.prod([s - pole for pole in self._high_pass], axis=0)
         for pole in self._low_pass:
             value = value * (pole / (pole - s))
-        return np.asarray(value)
+        return np.asarray(value * np.exp(s * self._skew_s))
 
     def _residue_of(self, every: ComplexArray, index: int) -> complex:
         """Return ``lim (s - p) H(s)`` at the pole with this number."""

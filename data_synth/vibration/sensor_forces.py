@@ -69,7 +69,7 @@ class Route:
 
     def filter_at(self, scene: Scene, *, rate_hz: float) -> "RouteFilter":
         """Return the filter of the route at rest, for a force at `rate_hz`."""
-        sensor = scene.sensors[self.number]
+        sensor = scene.sensors[self.number].changed(skew_s=0.0)  # the whole channel is moved in time
         chain = linear_chain(sensor, rate_hz=scene.rate_hz)
         if isinstance(self.path, MeasuredPath):
             fir = measured_filter(self.path, chain, rate_hz=rate_hz, sensor=sensor)

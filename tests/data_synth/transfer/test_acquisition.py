@@ -265,3 +265,19 @@ def test_the_truth_holds_behind_the_default_filter():
     chain = linear_chain(Sensor.model_validate({**SENSOR, "anti_alias": {}}), rate_hz=20_000)
     expected = chain.response(25 * made["truth_order"].values)
     assert_allclose(stated_response(made, 25 * made["truth_order"].values), expected, rtol=1e-12)
+
+
+@pytest.mark.parametrize("skew_s", [25e-6, -75e-6])
+def test_a_skewed_channel_has_the_samples_between_those_of_the_others(skew_s):
+    # an odd number of samples of twice the rate, of every kind of source
+    faults = [
+        {"kind": "tooth_crack", "component": "stage 1/pinion", "depth_mm": 1, "offset_rev": 0.2},
+        {"kind": "outer_race", "component": "input bearing", "size_mm": 1, "pulse_share": 0.2},
+    ]
+    outside = {"electrical": {}, "neighbour": {}, "knocks": {"per_second": 20}}
+    shared = {"fault": faults, "imperfections": outside, "hum": {"amplitude": 0.3}, "resonance": LINEAR["resonance"]}
+    skewed = record(**shared, skew_s=skew_s, duration_s=0.5)["a"].values
+    fine = record(**shared, rate_hz=40_000, duration_s=0.5)["a"].values
+    late = round(skew_s * 40_000)
+    at = np.arange(10, 9_990)
+    assert_allclose(skewed[at], fine[2 * at + late], atol=2e-6 * np.max(np.abs(fine)))

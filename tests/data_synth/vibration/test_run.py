@@ -139,14 +139,19 @@ def test_steady_motion_has_lines_at_the_mesh_order_and_nowhere_else():
     check_record(record)
 
 
-def test_an_ac_coupling_takes_its_part_of_every_line():
-    sensor = {**PAIR["sensor"][0], "ac_coupling_hz": 200.0}
+def test_an_ac_coupling_and_a_skew_take_their_part_of_every_line():
+    sensor = {**PAIR["sensor"][0], "ac_coupling_hz": 200.0, "skew_s": 63e-6}
     spectra = [np.fft.rfft(noise_free(made, seed=SEED).signal[0]) for made in (scene(), scene(sensor=[sensor]))]
     hz = 200.0 * np.arange(1, 8)  # the mesh, seven times: 40 bins each
     through, plain = (spectrum[40 * np.arange(1, 8)] for spectrum in (spectra[1], spectra[0]))
-    assert_allclose(through, plain * 1j * hz / (1j * hz + 200), rtol=2e-3, atol=1e-4 * np.max(np.abs(plain)))
+    changed = 1j * hz / (1j * hz + 200) * np.exp(2j * np.pi * hz * 63e-6)
+    assert_allclose(through, plain * changed, rtol=2e-3, atol=1e-4 * np.max(np.abs(plain)))
     truth = simulate(scene(sensor=[sensor]), seed=SEED)
     assert truth["truth_chain_coupling"].values.tolist() == [200.0]
+    assert truth["truth_chain_skew"].values.tolist() == [63e-6]
+    unmoved = simulate(scene(), seed=SEED)
+    stated = truth["truth_amplitude"].values[0, :3, 0] / unmoved["truth_amplitude"].values[0, :3, 0]
+    assert_allclose(stated, changed[:3], rtol=5e-3)
 
 
 def test_tip_relief_of_the_deflection_silences_gears_at_its_load_alone():
