@@ -82,20 +82,20 @@ def _draw_stability(system: "System", top_rad_s: float, count: int, path: Path, 
 
     import numpy as np  # noqa: PLC0415
 
-    from data_synth.dynamics import stability_map  # noqa: PLC0415
+    from data_synth.dynamics import Spring, stability_map  # noqa: PLC0415
     from data_synth.dynamics.stability import StabilityMap  # noqa: PLC0415
     from hums.plots import plot_stability_map  # noqa: PLC0415
 
     growths = {}
     for rate in dict.fromkeys(round(mesh.cycles_per_rev, 9) for mesh in system.meshes):
         resting = [mesh for mesh in system.meshes if round(mesh.cycles_per_rev, 9) != rate]
-        springs = [mesh.stiffness.mean * np.outer(mesh.direction, mesh.direction) for mesh in resting]
+        held = [Spring(direction=mesh.direction, stiffness=mesh.stiffness.mean) for mesh in resting]
         meshes = [mesh for mesh in system.meshes if round(mesh.cycles_per_rev, 9) == rate]
         names = ", ".join(mesh.name for mesh in meshes)
         varying = replace(
             system,
             meshes=tuple(replace(mesh, stiffness=_stepped(mesh.stiffness)) for mesh in meshes),
-            stiffness=sum(springs, start=system.stiffness),
+            springs=(*system.springs, *held),
         )
         speeds, rows = _stability_speeds(varying, rate, top_rad_s, count), []
         try:
