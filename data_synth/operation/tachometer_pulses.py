@@ -90,11 +90,9 @@ def recorded_pulses(
     errors = np.zeros(marks.size + extra.size)
     if tachometer.jitter is not None:
         errors = tachometer.jitter.std_s * rng.standard_normal(errors.size)
-    seen_s, extra = (
-        tachometer.delay_s + (1 + 1e-6 * tachometer.clock_ppm) * true_s
-        for true_s in ((marks + errors[: marks.size])[seen], np.sort(extra + errors[marks.size :]))
-    )
-    times = np.unique(np.concatenate([seen_s, extra]))
+    late_s, gains = tachometer.delay_s, 1 + 1e-6 * tachometer.clock_ppm
+    extra = late_s + gains * np.sort(extra + errors[marks.size :])
+    times = np.unique(np.concatenate([late_s + gains * (marks + errors[: marks.size])[seen], extra]))
     return Pulses(times_s=times, marks_s=marks, missed=np.flatnonzero(~seen).astype(np.float64), spurious_s=extra)
 
 
