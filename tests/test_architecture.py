@@ -89,7 +89,7 @@ BUDGETS = """
     data_synth/dynamics, data_synth/integrators                4106   2838   2600
     data_synth/fidelity, data_synth/vibration                  4287   2239   2000
     data_synth/gears, data_synth/bearings                      1478   1210   1300
-    data_synth/kinematic, data_synth/operation, data_synth/scene  2873   2700   2200
+    data_synth/kinematic, data_synth/operation, data_synth/scene  2873   2699   2200
     data_synth/sources, data_synth/transfer                    1545   1420   1200
     all code lines                                            48791  43898  33500
     all modules                                                 345    323    240
