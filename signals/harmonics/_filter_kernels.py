@@ -71,8 +71,39 @@ def _update_diffuse(V: Floats, h: Floats, ph: Floats, known: float, a: Floats, c
 
 
 @compiled_sums_in_place
+def _project(P: Floats, h: Floats, ph: Floats) -> float:
+    """Fill `ph` with P h; return the innovation's variance, s = 1 + h . P h."""
+    for a in range(ph.size):
+        ph[a] = 0.0
+    for b in range(h.size):
+        row, share = P[b], h[b]
+        for a in range(ph.size):
+            ph[a] += share * row[a]
+    return 1.0 + _dot(h, ph[: h.size])
+
+
+@compiled_sums_in_place
+def _update_covariance(P: Floats, ph: Floats, precision: float) -> None:
+    """Update the covariance: P - (P h) (P h)^T / s, given 1 / s."""
+    for a in range(ph.size):
+        row, share = P[a], precision * ph[a]
+        for b in range(row.size):
+            row[b] -= share * ph[b]
+
+
+@compiled_sums_in_place
+def _update_mean(mean: Floats, h: Floats, x: float, ph: Floats, precision: float) -> float:
+    """Update the mean with the gain K = P h / s, given 1 / s: mean + K e; return the innovation e = x - h . mean."""
+    e = x - _dot(h, mean[: h.size])
+    scaled = precision * e
+    for a in range(ph.size):
+        mean[a] += scaled * ph[a]
+    return e
+
+
+@compiled_sums_in_place
 def _transition_rows(values: Floats, width: int) -> None:
-    """Replace (state, any) values by `F values`: each block becomes its sum with all later ones."""
+    """Predict (state, any) values: F values, in which each block becomes its sum with all later ones."""
     for a in range(len(values) - width - 1, -1, -1):
         own, later = values[a], values[a + width]
         for b in range(own.size):
@@ -81,12 +112,22 @@ def _transition_rows(values: Floats, width: int) -> None:
 
 @compiled_sums_in_place
 def _transition_columns(values: Floats, width: int) -> None:
-    """Replace (any, state) values by `values F^T`."""
+    """Predict (any, state) values: values F^T."""
     for a in range(len(values)):
         for start in range(values.shape[1] - 2 * width, -1, -width):
             own, later = values[a, start : start + width], values[a, start + width : start + 2 * width]
             for b in range(width):
                 own[b] += later[b]
+
+
+@compiled_sums_in_place
+def _predict_covariance(P: Floats, q: Floats) -> None:
+    """Predict the covariance: F (P + Q) F^T, with Q in the highest differences alone."""
+    first = len(P) - q.size
+    for b in range(q.size):
+        P[first + b, first + b] += q[b]
+    _transition_rows(P, q.size)
+    _transition_columns(P, q.size)
 
 
 @compiled_sums_in_place
@@ -107,42 +148,22 @@ def filter_covariance(
     """
     (samples, channels), (skip, every) = x.shape, outputs
     width, size = process.shape[1], mean.shape[1]
-    ph, gain, projection = work[2, :size], work[3, :size], work[4, :size]
+    ph, whole, projection = work[2, :size], work[3, :size], work[4, :size]
     output = 0
     for i in range(samples):
-        at = i % PIECE
-        if at == 0:
+        if i % PIECE == 0:
             _fill_regressors(phase, orders, shaft, i, work[0], work[1], rows)
-        h = rows[at]
+        h = rows[i % PIECE]
         if not np.isnan(x[i, 0]):
-            # Gain K = P h / s with s = 1 + h . P h; update P - K (P h)^T.
-            for a in range(0, size, 2):  # the quadratures of an order share what is read of h
-                first, second = 0.0, 0.0
-                for b in range(width):
-                    first += P[a, b] * h[b]
-                    second += P[a + 1, b] * h[b]
-                ph[a], ph[a + 1] = first, second
-            known = 1.0 + _dot(h, ph[:width])
-            precision = 1.0 / known
-            for a in range(size):
-                share = precision * ph[a]
-                gain[a] = share
-                for b in range(size):
-                    P[a, b] -= share * ph[b]
-            variance = known
-            if diffuse:  # gain K = (P + V V^T) h / s with s = 1 + h . (P + V V^T) h
-                variance = _update_diffuse(V, h, ph, known, projection, gain)
-                precision = 1.0 / variance
-                for a in range(size):
-                    gain[a] *= precision
-            innovation_variances[i] = variance
+            s = known = _project(P, h, ph)
+            _update_covariance(P, ph, 1.0 / known)
+            projected = ph
+            if diffuse:  # of P + V V^T
+                s, projected = _update_diffuse(V, h, ph, known, projection, whole), whole
+            innovation_variances[i], precision = s, 1.0 / s
             for channel in range(channels):
-                # Innovation e = x - h . mean; update mean + K e.
-                own = mean[channel]
-                innovation = x[i, channel] - _dot(h, own[:width])
-                innovations[i, channel] = innovation * np.sqrt(precision)
-                for a in range(size):
-                    own[a] += gain[a] * innovation
+                e = _update_mean(mean[channel], h, x[i, channel], projected, precision)
+                innovations[i, channel] = e * np.sqrt(precision)
         if i >= skip and (i - skip) % every == 0:
             for channel in range(channels):
                 for b in range(width):
@@ -153,12 +174,7 @@ def filter_covariance(
                     total += _dot(V[2 * k], V[2 * k]) + _dot(V[2 * k + 1], V[2 * k + 1])
                 variances[output, k] = 0.5 * total
             output += 1
-        # Predict F mean, F (P + Q) F^T, F V.
-        step = min(i, len(process) - 1)
-        for b in range(width):
-            P[size - width + b, size - width + b] += process[step, b]
-        _transition_rows(P, width)
-        _transition_columns(P, width)
+        _predict_covariance(P, process[min(i, len(process) - 1)])
         _transition_columns(mean, width)
         if diffuse:
             _transition_rows(V, width)
