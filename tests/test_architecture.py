@@ -122,6 +122,11 @@ ALLOWANCES = {
     ),
     "hums/analysis": (485, *ANGLE),
     "signals (root)": (17, "compilation for data_synth too, names through one function", "when hums/cli is reduced"),
+    "signals/harmonics, signals/slipping_order": (
+        17,
+        "noise about a slipping line and the status of a slip too fast, for code removed in benchmarks/tracking",
+        "when the detection takes its noise from the density, too",
+    ),
     "hums (root)": (25, *OWNED),
     "hums/cli": (94, *OWNED),
     "hums/gearbox": (28, "what cannot be assembled is refused", "when the package is reduced"),

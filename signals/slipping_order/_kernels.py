@@ -111,14 +111,12 @@ def _update(
 
 @compiled
 def _times(F: Floats, P: Floats, product: Floats) -> None:
-    """Fill `product` with F P^T; F is zero but for the couplings of each amplitude's two parts and the slip."""
-    harmonics = len(F) // 2
-    for b in range(len(F)):
-        for k in range(harmonics):
-            real, imaginary, slip = P[b, k], P[b, harmonics + k], P[b, -1]
-            product[k, b] = F[k, k] * real + F[k, harmonics + k] * imaginary + F[k, -1] * slip
-            product[harmonics + k, b] = F[harmonics + k, k] * real + F[k, k] * imaginary + F[harmonics + k, -1] * slip
-        product[-1, b] = P[b, -1]
+    """Fill `product` with F P^T."""
+    for a in range(len(F)):
+        for b in range(len(F)):
+            product[a, b] = 0.0
+            for c in range(len(F)):
+                product[a, b] += F[a, c] * P[b, c]
 
 
 @compiled
@@ -216,14 +214,11 @@ def backward(chain: SlipChain, extended: bool, states: Floats, means: Floats, co
                 for b in range(a + 1, size):
                     gain[a, c] -= factor[a, b] * gain[b, c]
                 gain[a, c] /= factor[a, a]
-        spread[:] = 0.0
         for a in range(size):
             for b in range(size):
                 means[m, a] += gain[b, a] * (means[m + 1, b] - mean[b])
-                for c in range(size):
-                    spread[a, c] += (covariances[m + 1, a, b] - P[a, b]) * gain[b, c]
-        for a in range(size):
-            for b in range(size):
-                for c in range(size):
-                    covariances[m, a, c] += gain[b, a] * spread[b, c]
+                factor[b, a] = gain[a, b]
+        _times(factor, covariances[m + 1] - P, spread)
+        _times(spread, factor, P)
+        covariances[m] += P
     return True

@@ -10,7 +10,9 @@ from signals.harmonics.state_space import PRIOR_STD, Floats
 from signals.slipping_order._kernels import SlipChain, backward, condense, forward
 from signals.slipping_order.slip_detection import Line, Ridge, SlipRecord
 
-Status = Literal["converged", "slip at its bound", "not converged", "single pass", "no line"]
+Status = Literal[
+    "converged", "slip at its bound", "slip faster than declared", "not converged", "single pass", "no line"
+]
 
 # Length of a block times the bandwidth, and over the segment in which the random walk of the slip turns the line by a
 # radian: holding amplitude and slip constant in a block changes the estimates by a few 1e-4 of their std.

@@ -24,7 +24,8 @@ from typing import Self
 import numpy as np
 
 from signals.harmonics._block_kernels import phasors
-from signals.harmonics.state_space import Complexes, Floats, Indices
+from signals.harmonics.noise_density import noise_density
+from signals.harmonics.state_space import Complexes, Floats, HarmonicModel, Indices
 
 
 @dataclass(frozen=True, kw_only=True, eq=False)
@@ -161,6 +162,21 @@ def search(record: SlipRecord, line: Line, *, width: Floats, noise_variance: flo
     return Ridge(
         turning=middle, slip=slip, slip_width=slip_width, noise_variance=noise, false_alarm_probability=probability
     )
+
+
+def about_line(record: SlipRecord, line: Line, ridge: Ridge, *, width: Floats) -> float:
+    """Return the variance of white noise as dense as that on both sides of the harmonics along the ridge."""
+    # a smooth course of the slip: the density takes steps in speed for a line that sweeps over its neighbours
+    slip = np.polynomial.Polynomial.fit(ridge.turning, ridge.slip, min(3, ridge.slip.size - 1))(record.turning)
+    phase = record.phase + np.append(0.0, np.cumsum(slip[1:] * np.diff(record.phase)))
+    widest = max(float(width.max()), 1 / (line.steady_rev * record.per_rev))
+    model = HarmonicModel(
+        orders=line.order * np.arange(1.0, line.harmonics + 1), shaft=np.zeros(line.harmonics, dtype=np.int64),
+        phases=(phase,), bandwidth=np.full((line.harmonics, 1), widest), poles=1, prior_std=1.0,
+    )  # fmt: skip
+    seen = ~np.isnan(record.x)
+    known = np.array([ridge.noise_variance])
+    return float(np.exp(np.log(noise_density(np.where(seen, record.x, 0.0)[None], seen, model, known)).mean()))
 
 
 def _cuts(record: SlipRecord, line: Line, width: Floats) -> Indices:

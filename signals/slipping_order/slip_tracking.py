@@ -27,7 +27,7 @@ References
 
 from __future__ import annotations
 
-from dataclasses import dataclass, field
+from dataclasses import dataclass, field, replace
 from typing import TYPE_CHECKING, get_args
 
 import numpy as np
@@ -36,7 +36,7 @@ from signals._validation import checked, choice, positive, real_vector, whole
 from signals.harmonics._arguments import check_bandwidth, check_phase, check_record
 from signals.harmonics.state_space import Estimator
 from signals.slipping_order.block_chain import Status, extended_filter, in_blocks, iterate, starts
-from signals.slipping_order.slip_detection import Line, SlipRecord, search
+from signals.slipping_order.slip_detection import Line, SlipRecord, about_line, search
 
 if TYPE_CHECKING:
     from numpy.typing import ArrayLike
@@ -47,6 +47,8 @@ MOST_HARMONICS = 16
 _LEAST_CHANGE = 1e-12  # the square of less is lost beside the digits of a slip
 # Largest false-alarm probability of a detected line.
 _FALSE_ALARM = 0.01
+# Probability of changes of a slip at which it is called faster than declared.
+_TOO_FAST = 1e-3
 # Standard deviation of an unknown phase, uniform over a turn.
 _UNKNOWN_PHASE = np.pi / np.sqrt(3)
 # Range of peak values whose squares are exact in double precision; and largest one over the noise's std.
@@ -86,7 +88,7 @@ class SlippingTrack:
     estimator
         "smoother" (all samples) or "filter" (blocks up to the output).
     noise_variance
-        R, as given or as estimated beside the line.
+        R, as given or as estimated on both sides of the line.
     innovation_mean_square
         Mean of the squared innovations over their variances: near 1 when R, bandwidth and slip_change_per_rev suit the
         record.
@@ -95,9 +97,10 @@ class SlippingTrack:
         line is no false alarm in this sense.
     status
         "converged"; "slip at its bound": converged, but the slip is beyond largest_slip by more than its std, where no
-        line was searched for, so take a larger one; "not converged": the last step was not yet negligible; "single
-        pass": the filter does not iterate; "no line": the false alarm probability is above 0.01, and the estimates are
-        those of noise.
+        line was searched for, so take a larger one; "slip faster than declared": it changes by more than it does with
+        this slip_change_per_rev in a thousandth of all records, so take a larger one, for slip_std is too small; "not
+        converged": the last step was not yet negligible; "single pass": the filter does not iterate; "no line": the
+        false alarm probability is above 0.01, and the estimates are those of noise.
     iterations
         Number of Gauss-Newton steps.
     objective : (step,) array
@@ -218,6 +221,8 @@ def track_slipping_order(
     >>> print(track.slip.mean().round(3), np.abs(track.complex_amplitude).mean().round(1))
     0.01 2.0
     """
+    from scipy.special import chdtrc  # noqa: PLC0415 - slow to import
+
     choice(estimator, name="estimator", choices=get_args(Estimator))
     every = None if output_every is None else whole(output_every, name="output_every", least=1)
     limit = whole(most_iterations, name="most_iterations", least=1)
@@ -242,6 +247,8 @@ def track_slipping_order(
     width = bandwidth.cycles[0]
 
     ridge = search(record, line, width=width, noise_variance=given)
+    if given is None:
+        ridge = replace(ridge, noise_variance=about_line(record, line, ridge, width=width))
     chain = in_blocks(record, line, width=width, noise_variance=ridge.noise_variance, every=every)
     status: Status = "single pass"
     if estimator == "filter":
@@ -258,6 +265,11 @@ def track_slipping_order(
     slip_std = np.sqrt(covariances[:, -1, -1])
     if status == "converged" and np.any(np.abs(means[:, -1]) - slip_std >= line.largest_slip):
         status = "slip at its bound"
+    # Changes of the estimate have at most the variance of those of the slip itself.
+    at = np.searchsorted(chain.turning, np.arange(0, chain.turning[-1], 2 * np.pi * line.steady_rev))
+    changes = np.diff(path.means[at, -1]) ** 2 / np.diff(np.append(0.0, np.cumsum(chain.slip_process))[at])
+    if estimator == "smoother" and chdtrc(max(changes.size, 1), changes.sum()) < _TOO_FAST:
+        status = "slip faster than declared"
     if ridge.false_alarm_probability > _FALSE_ALARM:
         status = "no line"
         slip_std = np.maximum(slip_std, line.largest_slip / np.sqrt(3))

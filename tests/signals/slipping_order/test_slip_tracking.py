@@ -461,6 +461,15 @@ def test_a_slip_beyond_the_bound_has_a_status_of_its_own(end):
     assert track.converged == (end < 0.02)
 
 
+@pytest.mark.parametrize(("change", "status"), [(1e-3, "converged"), (4e-3, "slip faster than declared")])
+def test_a_slip_faster_than_declared_has_a_status_of_its_own(change, status):
+    setting = {"order": ORDER, "largest_slip": 0.1, "slip_change_per_rev": 1e-3, "samples_per_rev": 64}
+    for seed in range(5):
+        x, phase, *_ = drawn(seed, revolutions=100, samples_per_rev=64, noise=0.5, bandwidth=0.1, change=change)
+        track = track_slipping_order(x, phase_rad=phase, bandwidth_orders=0.1, **setting)
+        assert track.status == status
+
+
 def test_a_slip_livelier_than_stated_shows_in_the_innovations():
     x, phase, _, _ = drawn(0, revolutions=100, samples_per_rev=64, noise=0.01, bandwidth=0.02, change=2e-3)
     fits = [
