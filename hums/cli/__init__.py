@@ -24,7 +24,7 @@ REFUSED, WRONG_USAGE, INTERRUPTED = 1, 2, 130  # the last 128 + SIGINT, as shell
 
 app = typer.Typer(
     name="hums",
-    help="Order tracking for gearboxes: kinematics, records, analyses, reports, synthetic data.",
+    help="Order tracking for gearboxes: kinematics, records, analysis, reports, synthetic data.",
     no_args_is_help=True,
     pretty_exceptions_enable=False,
     context_settings={"help_option_names": ["-h", "--help"]},
@@ -42,10 +42,10 @@ def _print_version(requested: bool) -> None:
 @app.callback()
 def common(
     _version: Annotated[
-        bool, typer.Option("--version", callback=_print_version, is_eager=True, help="Print the version and stop.")
+        bool, typer.Option("--version", callback=_print_version, is_eager=True, help="Print the version and exit.")
     ] = False,
 ) -> None:
-    """Order tracking for gearboxes: kinematics, records, analyses, reports, synthetic data."""
+    """Order tracking for gearboxes: kinematics, records, analysis, reports, synthetic data."""
 
 
 class _EachOptionOnce(TyperCommand):
@@ -55,28 +55,28 @@ class _EachOptionOnce(TyperCommand):
         *_, given = self.make_parser(ctx).parse_args(args=list(args))
         for option, times in Counter(given).items():
             if times > 1 and isinstance(option, TyperOption) and not option.multiple:
-                raise typer.BadParameter(f"given {times} times; it takes one value, keep one.", ctx, option)
+                raise typer.BadParameter(f"given {times} times; it takes a single value, so keep one.", ctx, option)
         return list(super().parse_args(ctx, args))
 
 
 _COMMANDS = {
-    "drawing": "Draw a gearbox: the mechanism, velocity vectors, orders against speed; or a page on which it turns.",
-    "dynamics": "Draw natural frequencies, mode shapes, Campbell diagram and, asked for, stability.",
-    "bearings": "Print the catalogue of bearings by designation, with the source of each geometry.",
-    "orders": "Print the defect orders of a gearbox.\n\nOrders count per revolution of the reference. A rolling "
-    "element strikes both races, twice per turn of its own (2 BSF); a tooth's order is how often it meets its mates; "
-    "assembly_phase is the mesh over the common divisor of the teeth.",
-    "schema": "Print the JSON schema of a hand-written file, for editors that check and complete it.",
-    "convert": "Turn other programs' files into records: one into a record, many into a dataset or a record each.\n\n"
-    "Re-running resumes where it stopped, and reads files that are new or changed. What cannot be read is a row of "
+    "drawing": "Draw a gearbox: mechanism, velocity vectors and frequencies against speed, or an animated page.",
+    "dynamics": "Plot natural frequencies, mode shapes, the Campbell diagram and, optionally, stability.",
+    "bearings": "List the bearings of the catalogue by designation, with the source of each geometry.",
+    "orders": "Print the defect orders of a gearbox.\n\nOrders are cycles per revolution of the reference shaft. "
+    "rolling_element is 2 BSF, as a defect strikes both races; tooth counts the contacts of one tooth with its mates; "
+    "assembly_phase is the mesh order over the greatest common divisor of the tooth numbers.",
+    "schema": "Print the JSON schema of a hand-written file, for validation and completion in editors.",
+    "convert": "Convert files of other programs: one file to a record, several to a dataset or to a record each.\n\n"
+    "Re-running resumes where it stopped and reads new or changed files. Files that cannot be read are listed in "
     "refused.csv.",
-    "info": "Print what is inside a record; of a folder of records, their number and the first.",
-    "analyze": "Analyse a record and write the report.",
-    "report": "Make the report again from a saved analysis.",
-    "synth": "Make a synthetic record with its truth.",
-    "dataset": "Make a labelled dataset of synthetic records, or go on with one that was stopped.",
-    "fleet": "Analyse many records into one table with trends and alarms, or go on with new records.",
-    "demo": "Simulate a gearbox with a cracked tooth and an inner-race fault, analyse it, and compare with the truth.",
+    "info": "Show the contents of a record; of a folder of records, their number and the first one.",
+    "analyze": "Analyse a record and write a report.",
+    "report": "Regenerate the report from a saved analysis.",
+    "synth": "Simulate a record and store it with its ground truth.",
+    "dataset": "Simulate a labelled dataset of records, or resume an interrupted one.",
+    "fleet": "Analyse many records into one table with trends and alarms, or continue with new records.",
+    "demo": "Simulate a gearbox with a cracked tooth and an inner-race fault, analyse it and compare with the truth.",
 }  # in the order of the help
 for name, said in _COMMANDS.items():
     app.command(cls=_EachOptionOnce, help=said)(getattr(import_module(f"hums.cli.{name}"), name))

@@ -34,8 +34,8 @@ __all__ = ["analyze"]
 
 
 def analyze(
-    record: Annotated[Path, typer.Argument(help="A record, .h5.")],
-    gearbox: Annotated[str, typer.Option(help="A .toml file or a catalogue name.")],
+    record: Annotated[Path, typer.Argument(help="Record to analyse, .h5.")],
+    gearbox: Annotated[str, typer.Option(help="Gearbox file, .toml, or a catalogue name.")],
     out: Out,
     *,
     envelope_band: Band = None,
@@ -46,14 +46,14 @@ def analyze(
     max_acceleration: MaxAcceleration = None,
     baseline: Annotated[
         Path | None,
-        typer.Option(help="analysis.h5 of the previous record, to whose variances NA4 and NB4 refer."),
+        typer.Option(help="analysis.h5 of the previous record, the source of the variances in NA4 and NB4."),
     ] = None,
     freeze_baseline: Annotated[
-        bool, typer.Option("--freeze-baseline", help="Leave those variances as they are: NA4* and NB4*.")
+        bool, typer.Option("--freeze-baseline", help="Do not update these variances (NA4*, NB4*).")
     ] = False,
-    false_alarm_probability: Annotated[float, typer.Option(help="For the whole record.")] = 0.01,
-    max_order: Annotated[float | None, typer.Option(help="Where the order spectrum ends.")] = None,
-    track_bandwidth: Annotated[float | None, typer.Option(help="Bandwidth of amplitude tracks, orders.")] = None,
+    false_alarm_probability: Annotated[float, typer.Option(help="For the record as a whole.")] = 0.01,
+    max_order: Annotated[float | None, typer.Option(help="Highest order of the order spectrum.")] = None,
+    track_bandwidth: Annotated[float | None, typer.Option(help="Bandwidth of the amplitude tracks in orders.")] = None,
     velocity_limits: VelocityLimits = None,
     machine_class: MachineClass = "",
     units: SpeedUnits = "rpm",
@@ -109,7 +109,7 @@ def analyze(
     elif unjudged := not_judged_words(facts["verdicts"]):
         echo(f"not judged: {unjudged}")
     for sentence in undeclared_parts(declared):
-        echo(f"not in the drawing: {sentence}")
+        echo(f"not declared: {sentence}")
     echo(f"report: {page}")
 
 

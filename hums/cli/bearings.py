@@ -10,7 +10,7 @@ __all__ = ["bearings"]
 
 
 def bearings(
-    designation: Annotated[Optional[str], typer.Argument(help="Designation, or a part of one.")] = None,  # noqa: UP045
+    designation: Annotated[Optional[str], typer.Argument(help="Designation, or part of one.")] = None,  # noqa: UP045
 ) -> None:
     """Run the command."""
     from hums.gearbox.bearing_catalogue import bearing_catalogue  # noqa: PLC0415
@@ -21,6 +21,6 @@ def bearings(
         raise ValueError(f'no bearing "{designation}" in the catalogue; it has {", ".join(row.name for row in rows)}.')
     for row in shown:
         echo(
-            f"{row.name}: {row.elements} elements of {row.element_diameter_mm:g} mm on {row.pitch_diameter_mm:g} mm, "
-            f"contact angle {row.contact_angle_deg:g} degrees. {row.source}"
+            f"{row.name}: {row.elements} elements of {row.element_diameter_mm:g} mm, pitch diameter "
+            f"{row.pitch_diameter_mm:g} mm, contact angle {row.contact_angle_deg:g} degrees. {row.source}"
         )

@@ -33,11 +33,11 @@ def convert(  # noqa: PLR0917 - each option is one
             metavar="SOURCE... [TARGET]",
             show_default=False,
             help="A .mat, .wav, .csv, .txt, .tdms, .lvm, .mf4, .uff, .h5, .nc, .npy or .npz file, a folder, or a "
-            'pattern as "acc_*.csv"; then what to write, or several sources with -o.',
+            'pattern such as "acc_*.csv"; then the output. With -o, several sources.',
         ),
     ] = None,
     out: Annotated[
-        Path | None, typer.Option("--out", "-o", help="The record to write, .h5; of many files a folder.")
+        Path | None, typer.Option("--out", "-o", help="Output record, .h5; for several files a folder.")
     ] = None,
     description: Annotated[
         Path | None,
@@ -45,41 +45,41 @@ def convert(  # noqa: PLR0917 - each option is one
             "--description",
             "-d",
             metavar="TOML",
-            help="What the files hold and do not state, from hums info FILE --draft TOML; options take precedence.",
+            help="Import description, as drafted by hums info FILE --draft TOML; options take precedence.",
         ),
     ] = None,
     channel: Annotated[
         list[str] | None,
         typer.Option(
-            help="Vibration channel; repeat. Struct fields by dotted path. Without one the file's are listed."
+            help="Vibration channel; repeatable. Struct fields by dotted path. If omitted, the channels are listed."
         ),
     ] = None,
     units: Annotated[
         list[str] | None,
-        typer.Option(help='Units of all channels, such as g or "m s-2"; or repeat, in the order of the channels.'),
+        typer.Option(help='Units of all channels, such as g or "m s-2"; or one each, in their order.'),
     ] = None,
     rate_hz: Annotated[
         float | None,
-        typer.Option(help="Sampling rate; the file, or a column of times in it, may state it."),
+        typer.Option(help="Sampling rate in Hz, where the file and its time column do not state it."),
     ] = None,
-    shaft_rpm: Annotated[float | None, typer.Option(help="Declared constant speed, rpm.")] = None,
-    shaft: Annotated[str | None, typer.Option(help="Shaft that the tachometer or the speed belongs to.")] = None,
-    tach_times: Annotated[str | None, typer.Option(help="Variable that holds pulse times, s.")] = None,
-    tach_waveform: Annotated[str | None, typer.Option(help="Channel that holds a tachometer waveform.")] = None,
+    shaft_rpm: Annotated[float | None, typer.Option(help="Constant nominal speed in rpm.")] = None,
+    shaft: Annotated[str | None, typer.Option(help="Shaft to which the tachometer or the speed refers.")] = None,
+    tach_times: Annotated[str | None, typer.Option(help="Variable with the pulse times in s.")] = None,
+    tach_waveform: Annotated[str | None, typer.Option(help="Channel with the tachometer waveform.")] = None,
     pulses_per_rev: Annotated[int | None, typer.Option(help="Tachometer pulses per revolution.")] = None,
     no_tachometer: Annotated[
         bool,
-        typer.Option("--no-tachometer", help="No shaft angle is measured; hums analyze --speed-range estimates it."),
+        typer.Option("--no-tachometer", help="Shaft angle not measured; hums analyze --speed-range estimates it."),
     ] = False,
     machine: Annotated[str | None, typer.Option(help="Name of the machine.")] = None,
     recorded_at: Annotated[
-        str | None, typer.Option(help="Time of the record, ISO 8601 with offset; with every_s of the first.")
+        str | None, typer.Option(help="Start time, ISO 8601 with UTC offset; with every_s, that of the first record.")
     ] = None,
     trust: Annotated[
         Literal["declared", "file"] | None,
-        typer.Option(help="Which holds where the file contradicts what is declared. Else that is refused."),
+        typer.Option(help="Which prevails where file and declaration disagree. Default: such files are refused."),
     ] = None,
-    files: Annotated[bool, typer.Option("--files", help="Many: a record each, not one packed dataset.")] = False,
+    files: Annotated[bool, typer.Option("--files", help="Write a record per file, not a packed dataset.")] = False,
     workers: WorkerCount = None,
     scheduler: Scheduler = None,
     force: Force = False,
@@ -111,11 +111,11 @@ def convert(  # noqa: PLR0917 - each option is one
         return
     if spec.recorded_at is not None and spec.every_s is None:
         raise UsageError(
-            f"recorded_at={spec.recorded_at} would be the time of every file; add every_s, the seconds from one to the "
-            "next, to the description, or let the names state their times."
+            f"recorded_at={spec.recorded_at} would apply to every file; add every_s, the interval between files in s, "
+            "to the description, or time_in_names if the file names state their times."
         )
     if target.suffix.lower() in RECORD_SUFFIXES:
-        raise UsageError(f"{target}: many files make a folder of records; name one, as {target.with_suffix('')}.")
+        raise UsageError(f"{target}: several files make a folder; name it, such as {target.with_suffix('')}.")
     few = len(found) <= FEW_FILES and workers is None and scheduler is None
     result = convert_files(
         found,

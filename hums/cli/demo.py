@@ -14,7 +14,7 @@ DEMO_BAND_HZ = (6000.0, 10000.0)
 
 def demo(
     out: Out = Path("hums-demo"),
-    seed: Annotated[int, typer.Option(help="Seed of everything random.")] = 1,
+    seed: Annotated[int, typer.Option(help="Random seed.")] = 1,
     force: Force = False,
 ) -> None:
     """Run the command."""
@@ -38,11 +38,11 @@ def demo(
         result = score(analysis, record)
     say("writing the report")
     page = write_report(analysis, out, force=force)
-    echo("Truth against estimate, peak amplitudes in g:")
+    echo("True and estimated peak amplitudes in g:")
     columns = ["component", "kind", "order", "true_amplitude", "amplitude", "std", "normalised_rms"]
     echo(result.tracks[columns].to_string(index=False, float_format="{:.4f}".format))
-    echo(f"\nError of each quadrature over its std, RMS of all: {result.normalised_rms:.3f} (1 is honest)\n")
-    echo("Faults of the scene, and the verdict on each:")
+    echo(f"\nRMS of the quadrature errors over their std: {result.normalised_rms:.3f} (expected: 1)\n")
+    echo("Faults of the scene and their verdicts:")
     echo(result.faults.to_string(index=False))
     echo("\nFindings:")
     for finding in findings_table(analysis).itertuples():

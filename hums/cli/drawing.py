@@ -21,14 +21,14 @@ Picture = Literal["mechanism", "velocities", "orders"]
 
 
 def drawing(
-    gearbox: Annotated[str, typer.Argument(help="A .toml file or a catalogue name.")],
+    gearbox: Annotated[str, typer.Argument(help="Gearbox file, .toml, or a catalogue name.")],
     out: Annotated[
         Path | None,
-        typer.Option("--out", "-o", help="Folder for all pictures; or one file, .svg, .png, .pdf or .html."),
+        typer.Option("--out", "-o", help="Folder for all figures, or a single .svg, .png, .pdf or .html file."),
     ] = None,
-    picture: Annotated[Picture, typer.Option(help="The picture that goes into a single file.")] = "mechanism",
-    html: Annotated[bool, typer.Option("--html", help="One offline page on which the mechanism turns.")] = False,
-    speed: Annotated[list[str] | None, typer.Option(metavar="LINK=RPM", help="Speed of a link; repeat.")] = None,
+    picture: Annotated[Picture, typer.Option(help="Figure to write to a single file.")] = "mechanism",
+    html: Annotated[bool, typer.Option("--html", help="Write a stand-alone page with the moving mechanism.")] = False,
+    speed: Annotated[list[str] | None, typer.Option(metavar="LINK=RPM", help="Speed of a link; repeatable.")] = None,
     kind: FigureFormat = "svg",
     force: Force = False,
 ) -> None:
@@ -43,12 +43,12 @@ def drawing(
     given = parse_speeds(speed)
     kinematics = solve_kinematics(load_gearbox(gearbox))
     if html or (out is not None and out.suffix.lower() == ".html"):
-        say("drawing a page on which the mechanism turns")
+        say("drawing the animated page")
         page = write_drawing(kinematics, out or Path(f"{Path(gearbox).stem}.html"), speeds_rpm=given, force=force)
         echo(f"wrote {page}")
         return
     if out is None:
-        raise UsageError("--out is missing; name a folder, a picture as in -o mechanism.svg, or ask for --html.")
+        raise UsageError("--out is missing; name a folder or a figure, such as -o mechanism.svg, or use --html.")
     pictures = _pictures_of(kinematics, _drawn_speeds(kinematics, given))
     if out.suffix.lower() in _FIGURES:
         save_picture(pictures[picture], out, _SIZES[picture], force=force)

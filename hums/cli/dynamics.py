@@ -27,16 +27,16 @@ _STEPS = 64  # of a mesh cycle, for the stability
 
 def dynamics(
     source: Annotated[str, typer.Argument(metavar="GEARBOX_OR_SCENE", help="A .toml file or a catalogue name.")],
-    out: Annotated[Path, typer.Option("--out", "-o", help="Folder to write into.")],
-    top_rpm: Annotated[float, typer.Option("--rpm", help="Highest speed of the reference.")] = 3000.0,
+    out: Annotated[Path, typer.Option("--out", "-o", help="Output folder.")],
+    top_rpm: Annotated[float, typer.Option("--rpm", help="Highest speed of the reference in rpm.")] = 3000.0,
     motions: Annotated[
         Literal["torsion", "plane", "space"] | None,
         typer.Option(
-            help="Degrees of freedom of a gearbox's bodies. Default plane, space where axes are not parallel."
+            help="Degrees of freedom of a gearbox's bodies. Default: plane; space if the axes are not parallel."
         ),
     ] = None,
-    stability: Annotated[bool, typer.Option("--stability", help="Also the parametric stability of each mesh.")] = False,
-    stability_speeds: Annotated[int, typer.Option(metavar="N", min=2, help="Speeds at which stability is found.")] = 40,
+    stability: Annotated[bool, typer.Option("--stability", help="Add the parametric stability of each mesh.")] = False,
+    stability_speeds: Annotated[int, typer.Option(metavar="N", min=2, help="Number of speeds for it.")] = 40,
     kind: FigureFormat = "svg",
     force: Force = False,
 ) -> None:
@@ -104,12 +104,12 @@ def _draw_stability(system: "System", top_rad_s: float, count: int, path: Path, 
                     one = stability_map(lambda _, system=varying: system, parameters=[0.0], speeds_rad_s=[speed])  # type: ignore[misc]
                     rows.append(one.growth[0, 0])
         except (ValueError, ArithmeticError) as error:
-            echo(f"note: no stability of {names}: {error}", err=True)
+            echo(f"note: stability of {names} not computed: {error}", err=True)
             continue
         growth = StabilityMap(speeds_rad_s=speeds, parameters=np.zeros(1), growth=np.array([rows]))
         growths[names] = (rate, growth)
         unstable = [f"{30 * speed / math.pi:.4g}" for speed in speeds[growth.unstable[0]]]
-        echo(f"stiffness of {names} makes unstable at, rpm: {', '.join(unstable) or 'none of these speeds'}")
+        echo(f"{names}, parametrically unstable at, rpm: {', '.join(unstable) or 'none of these speeds'}")
 
     def picture(names: str, *, ax: Any) -> None:  # noqa: ANN401
         rate, growth = growths[names]
@@ -188,7 +188,7 @@ def _system_source(source: str, motions: Literal["torsion", "plane", "space"] | 
     is_file = source not in catalogue() and Path(source).suffix == ".toml"
     if source in scene_catalogue() or (is_file and "gearbox" in read_toml(Path(source), error=GearboxError)):
         if motions is not None:
-            raise UsageError(f"--motions {motions}: a scene has all motions that its teeth excite; leave it out.")
+            raise UsageError(f"--motions {motions}: a scene has all motions that its teeth excite; omit this option.")
         return scene_system(load_scene(source))
     gearbox = load_gearbox(source)
     chosen = motions or ("plane" if layout_of(gearbox).planar else "space")

@@ -28,8 +28,8 @@ __all__ = ["fleet"]
 
 
 def fleet(  # noqa: PLR0917 - each option is one
-    records: Annotated[list[Path], typer.Argument(help="Records, folders of records, datasets.")],
-    gearbox: Annotated[str, typer.Option(help="A .toml file or a catalogue name.")],
+    records: Annotated[list[Path], typer.Argument(help="Records, folders of records, or datasets.")],
+    gearbox: Annotated[str, typer.Option(help="Gearbox file, .toml, or a catalogue name.")],
     out: Out,
     envelope_band: Band = None,
     no_envelope: NoEnvelope = False,
@@ -37,25 +37,25 @@ def fleet(  # noqa: PLR0917 - each option is one
     tachometer: Tachometer = None,
     speed_range: SpeedRange = None,
     max_acceleration: MaxAcceleration = None,
-    false_alarm_probability: Annotated[float, typer.Option(help="For each record.")] = 0.01,
+    false_alarm_probability: Annotated[float, typer.Option(help="For each record as a whole.")] = 0.01,
     baseline_records: Annotated[
-        int, typer.Option(metavar="N", help="Learn what is normal from the first N records of a machine.")
+        int, typer.Option(metavar="N", help="Learn the baseline from the first N records of a machine.")
     ] = 30,
     baseline_span: Annotated[
         Optional[tuple[str, str]],  # noqa: UP045  (typer reads this form)
-        typer.Option(metavar="FROM UNTIL", help="Learn it from the records of this span of time, ISO 8601."),
+        typer.Option(metavar="FROM UNTIL", help="Learn the baseline from the records of this period, ISO 8601."),
     ] = None,
     healthy: Annotated[
-        list[str] | None, typer.Option(help="Learn it from this record, declared healthy; repeat.")
+        list[str] | None, typer.Option(help="Learn the baseline from this record, declared healthy; repeatable.")
     ] = None,
     false_alarm_every: Annotated[
-        float, typer.Option(metavar="RECORDS", help="Mean number of records of a machine between false alarms.")
+        float, typer.Option(metavar="RECORDS", help="Mean number of records per machine between false alarms.")
     ] = 10_000.0,
     maintenance: Annotated[
-        Path | None, typer.Option(help="CSV file: date, component, machine, serial, action (replaced, acknowledged).")
+        Path | None, typer.Option(help="CSV file: date, component, machine, serial, action (replaced or acknowledged).")
     ] = None,
     append: Annotated[
-        bool, typer.Option("--append", help="Add the records to those that the folder holds from earlier runs.")
+        bool, typer.Option("--append", help="Add the records to those of earlier runs in this folder.")
     ] = False,
     workers: WorkerCount = None,
     scheduler: Scheduler = None,
@@ -103,14 +103,14 @@ def fleet(  # noqa: PLR0917 - each option is one
     echo(f"{result.records} records: {result.analysed} analysed now, {result.kept} before, {result.failed} failed")
     if result.no_trends:
         echo(result.no_trends)
-    echo(f"{result.alarms} alarms; one in {false_alarm_every:g} records of a machine would be false")
+    echo(f"{result.alarms} alarms; expected false alarms: one in {false_alarm_every:g} records of a machine")
     for machine in result.learning:
         echo(
-            f"not judged: {machine or 'the machine'}, whose baseline is not learned yet: it takes {baseline_records} "
+            f"not judged: {machine or 'the machine'}, as its baseline is not complete: it takes {baseline_records} "
             "records (--baseline-records)"
         )
     for name in FILES:
         echo(f"wrote {result.folder / name}")
     parquet = result.folder / "indicators.parquet"
     echo(f"wrote {parquet}" if parquet.is_file() else NO_PYARROW)
-    end_with_refusals("failed", result.errors, result.records, "the column error of fleet.csv")
+    end_with_refusals("failed", result.errors, result.records, "column error of fleet.csv")

@@ -14,12 +14,12 @@ __all__ = ["info", "print_record"]
 
 
 def info(
-    record: Annotated[Path, typer.Argument(help="A record, .h5, or a folder of records; with --draft other files.")],
+    record: Annotated[Path, typer.Argument(help="Record, .h5, or folder of records; with --draft, a file to import.")],
     draft: Annotated[
         Path | None,
         typer.Option(
             metavar="TOML",
-            help="Import description to write for a file of another program: what it states, and what it still needs.",
+            help="Write an import description for a file of another program: what it states and what is missing.",
         ),
     ] = None,
     force: Force = False,
@@ -45,14 +45,14 @@ def _write_draft(source: Path, target: Path, *, force: bool) -> None:
     check_outputs([target], inputs=[source], force=force)  # a draft has no mark: it is filled in
     with ReaderProcess() as reader, atomic_write(target) as part:
         part.write_text(reader.draft(find_sources([source])[0].path), encoding="utf-8")
-    echo(f"wrote {target}; fill in what it asks for, then: hums convert {source} ... -d {target}")
+    echo(f"wrote {target}; fill in what is missing, then run: hums convert {source} ... -d {target}")
 
 
 def _print_dataset(folder: Path) -> None:
     from hums.records.dataset_store import dataset_files, dataset_record, is_begun  # noqa: PLC0415
 
     if not is_begun(folder):
-        raise ValueError(f"{folder} is a folder, and no dataset (hums dataset, hums convert); name a record in it.")
+        raise ValueError(f"{folder} is a folder, but not a dataset (hums dataset, hums convert); name a record in it.")
     echo(f"{'dataset':<12} {len(dataset_files(folder))} records; the first:")
     with dataset_record(folder, 0) as first:
         print_record(first)
@@ -73,7 +73,7 @@ def print_record(record: "xr.Dataset") -> None:
     if is_average(record):
         attrs = record.attrs
         over = f", over {attrs['averaged_over']} revolutions" if "averaged_over" in attrs else ""
-        echo(f"{'average of':<12} {attrs['average_of']}, {attrs['samples_per_rev']} samples a revolution{over}")
+        echo(f"{'average of':<12} {attrs['average_of']}, {attrs['samples_per_rev']} samples per revolution{over}")
     for name in vibration_channels(record):
         when, attrs = sampling(record, name), record[name].attrs
         where = "".join(f", {attrs[key]}" for key in ("sensor", "direction") if key in attrs)
@@ -101,7 +101,7 @@ def print_record(record: "xr.Dataset") -> None:
 def _snapshots_text(record: "xr.Dataset") -> str:
     count = record.sizes["snapshot"]
     if "snapshot_s" not in record.coords:
-        return f"{count}, their times not known"
+        return f"{count}, times unknown"
     starts_s = record["snapshot_s"].values
     spacing = f", every {float((starts_s[-1] - starts_s[0]) / (count - 1)):.4g} s on average" if count > 1 else ""
     return f"{count}{spacing}, the last {float(starts_s[-1]):g} s after the first"
@@ -111,7 +111,7 @@ def _pulses_text(pulses: "xr.DataArray") -> str:
     from hums.records.record import speed_percentiles  # noqa: PLC0415
 
     attrs = pulses.attrs
-    of = f"{attrs['pulses_per_rev']} a revolution of {attrs['shaft']}"
+    of = f"{attrs['pulses_per_rev']} per revolution of {attrs['shaft']}"
     if pulses.ndim > 1:
         return f"{int(pulses.notnull().sum())} pulses in all snapshots, {of}"
     speeds = speed_percentiles(pulses)

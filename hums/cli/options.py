@@ -42,50 +42,50 @@ __all__ = [
     "workers_of",
 ]
 
-Out = Annotated[Path, typer.Option("--out", "-o", help="Folder to write into.")]
+Out = Annotated[Path, typer.Option("--out", "-o", help="Output folder.")]
 Band = Annotated[
     Optional[tuple[float, float]],  # noqa: UP045  (typer reads this form)
     typer.Option(
         "--envelope-band",
         metavar="LOW HIGH",
-        help="Band to demodulate, Hz. Default: one is chosen for each channel, and the report says why.",
+        help="Demodulation band in Hz. Default: chosen for each channel, with the reason in the report.",
     ),
 ]
-NoEnvelope = Annotated[bool, typer.Option("--no-envelope", help="Search no bearing line.")]
-Channels = Annotated[list[str] | None, typer.Option(help="Channel to analyse; repeat. Default all.")]
-Tachometer = Annotated[str | None, typer.Option(help="Tachometer that measures the shaft angle. Default the first.")]
+NoEnvelope = Annotated[bool, typer.Option("--no-envelope", help="Skip the envelope analysis and with it the bearings.")]
+Channels = Annotated[list[str] | None, typer.Option(help="Channel to analyse; repeatable. Default: all.")]
+Tachometer = Annotated[str | None, typer.Option(help="Tachometer that measures the shaft angle. Default: the first.")]
 SpeedRange = Annotated[
     Optional[tuple[float, float]],  # noqa: UP045  (typer reads this form)
     typer.Option(
         metavar="LOW HIGH",
-        help="Without a tachometer: range of the reference's speed, rev/s (1500 rpm are 25); needs --max-acceleration.",
+        help="Without a tachometer: speed range of the reference in rev/s (1500 rpm = 25); needs --max-acceleration.",
     ),
 ]
 MaxAcceleration = Annotated[
     float | None,
     typer.Option(
         metavar="HZ_PER_S",
-        help="How fast that speed may change, rev/s in a second; 1 does for a steady drive.",
+        help="Maximum rate of change of that speed in rev/s per second; 1 suits a steady drive.",
     ),
 ]
-SpeedUnits = Annotated[Literal["rpm", "Hz"], typer.Option("--units", help="Of speeds: which of the two comes first.")]
+SpeedUnits = Annotated[Literal["rpm", "Hz"], typer.Option("--units", help="Unit in which speeds are stated first.")]
 VelocityLimits = Annotated[
     Optional[tuple[float, float, float]],  # noqa: UP045  (typer reads this form)
     typer.Option(
         "--velocity-limits",
         metavar="AB BC CD",
-        help="Between the zones of ISO 20816, RMS velocity in mm/s, from the part of the standard for this machine.",
+        help="Zone boundaries A/B, B/C and C/D of ISO 20816, RMS velocity in mm/s, from the part for this machine.",
     ),
 ]
-MachineClass = Annotated[str, typer.Option("--machine-class", help="That part and class, which the report states.")]
+MachineClass = Annotated[str, typer.Option("--machine-class", help="Part of ISO 20816 and class, for the report.")]
 WorkerCount = Annotated[
-    int | None, typer.Option("--workers", metavar="N", help="Processes to work in. Default one a processor.")
+    int | None, typer.Option("--workers", metavar="N", help="Number of worker processes. Default: one per CPU core.")
 ]
 Scheduler = Annotated[
-    str | None, typer.Option(metavar="ADDRESS", help="Scheduler of a Dask cluster to work on, tcp://HOST:PORT.")
+    str | None, typer.Option(metavar="ADDRESS", help="Scheduler of a Dask cluster to run on, tcp://HOST:PORT.")
 ]
-Force = Annotated[bool, typer.Option("--force", help="Replace files that another program wrote.")]
-FigureFormat = Annotated[Literal["svg", "png"], typer.Option("--format", help="Format of the pictures in a folder.")]
+Force = Annotated[bool, typer.Option("--force", help="Overwrite files written by other programs.")]
+FigureFormat = Annotated[Literal["svg", "png"], typer.Option("--format", help="Format of the figures in a folder.")]
 
 
 SHOWN_REFUSALS = 5
@@ -153,7 +153,7 @@ def check_record_target(target: Path, *, inputs: Iterable[str | Path], force: bo
 
     check_outputs([target], inputs=inputs, force=force)
     if target.suffix.lower() not in RECORD_SUFFIXES:
-        raise UsageError(f"{target}: a record is HDF5, so name it so: {target.with_suffix('.h5')}.")
+        raise UsageError(f"{target}: records are HDF5 files; name it {target.with_suffix('.h5')}.")
 
 
 def echo(text: str, *, err: bool = False, nl: bool = True) -> None:
@@ -184,7 +184,7 @@ def end_with_refusals(word: str, reasons: Mapping[str, str], total: int, table: 
 
     for name, reason in list(reasons.items())[:SHOWN_REFUSALS]:
         echo(plain_message(f"{word} {name}: {reason}"))
-    told = f"{len(reasons)} of {total} {word}: {table} says why"
+    told = f"{len(reasons)} of {total} {word}; reasons: {table}"
     if reasons and len(reasons) == total:
         raise ValueError(f"{told}.")
     if reasons:

@@ -14,13 +14,13 @@ __all__ = ["orders"]
 
 
 def orders(
-    gearbox: Annotated[str, typer.Argument(help="A .toml file or a catalogue name.")],
-    reference: Annotated[str | None, typer.Option(help="Shaft whose revolutions orders count.")] = None,
-    speed: Annotated[list[str] | None, typer.Option(metavar="LINK=RPM", help="Speed of a link; repeat.")] = None,
+    gearbox: Annotated[str, typer.Argument(help="Gearbox file, .toml, or a catalogue name.")],
+    reference: Annotated[str | None, typer.Option(help="Reference shaft of the orders.")] = None,
+    speed: Annotated[list[str] | None, typer.Option(metavar="LINK=RPM", help="Speed of a link; repeatable.")] = None,
     csv: Annotated[bool, typer.Option("--csv", help="Print comma-separated values.")] = False,
     json: Annotated[bool, typer.Option("--json", help="Print JSON.")] = False,
     rpm: Annotated[
-        float | None, typer.Option(help="Speed of the reference: adds the frequencies in Hz and CPM.")
+        float | None, typer.Option(help="Speed of the reference in rpm; adds the frequencies in Hz and CPM.")
     ] = None,
 ) -> None:
     """Run the command."""
@@ -32,7 +32,7 @@ def orders(
     if csv and json:
         raise UsageError("--csv and --json are both given; keep one.")
     if rpm is not None and not (math.isfinite(rpm) and rpm):
-        raise UsageError(f"--rpm {rpm:g}: give the speed of the reference, in rpm, other than 0.")
+        raise UsageError(f"--rpm {rpm:g}: give a non-zero speed of the reference in rpm.")
     kinematics = solve_kinematics(load_gearbox(gearbox))
     table = defect_orders(kinematics, reference=reference, speeds=parse_speeds(speed))
     if rpm is not None:

@@ -12,13 +12,13 @@ __all__ = ["report"]
 
 
 def report(
-    analysis: Annotated[Path, typer.Argument(help="An analysis, such as the analysis.h5 of an earlier report.")],
+    analysis: Annotated[Path, typer.Argument(help="Saved analysis, such as analysis.h5 of an earlier report.")],
     out: Out,
     baseline: Annotated[
-        Path | None, typer.Option(help="analysis.h5 of an earlier record: what has changed since, spectra beneath.")
+        Path | None, typer.Option(help="analysis.h5 of an earlier record, to compare with: changes and spectra.")
     ] = None,
     units: SpeedUnits = "rpm",
-    pdf: Annotated[bool, typer.Option("--pdf", help="Print the page to report.pdf, too, through Chromium.")] = False,
+    pdf: Annotated[bool, typer.Option("--pdf", help="Also print the page to report.pdf, with Chromium.")] = False,
     force: Force = False,
 ) -> None:
     """Run the command."""

@@ -12,7 +12,7 @@ __all__ = ["schema"]
 def schema(
     of: Annotated[
         Literal["gearbox", "scene", "plan"],
-        typer.Argument(metavar="KIND", help="The kind of file: gearbox, scene or plan (of a dataset)."),
+        typer.Argument(metavar="KIND", help="Kind of file: gearbox, scene or plan (of a dataset)."),
     ],
 ) -> None:
     """Run the command."""

@@ -12,17 +12,17 @@ __all__ = ["synth"]
 
 
 def synth(
-    scene: Annotated[str, typer.Argument(help="A scene, .toml, or a catalogue name.")],
-    out: Annotated[Path | None, typer.Option("--out", "-o", help="The record to write, .h5.")] = None,
-    seed: Annotated[int, typer.Option(help="Seed of everything random.")] = 0,
-    explain: Annotated[bool, typer.Option("--explain", help="Print what will be built, why, and its cost.")] = False,
-    by_source: Annotated[bool, typer.Option("--by-source", help="Also keep the clean signal of each source.")] = False,
-    phases: Annotated[bool, typer.Option("--phases", help="Also keep every shaft's and roller's exact angle.")] = False,
+    scene: Annotated[str, typer.Argument(help="Scene, .toml, or a catalogue name.")],
+    out: Annotated[Path | None, typer.Option("--out", "-o", help="Output record, .h5.")] = None,
+    seed: Annotated[int, typer.Option(help="Random seed.")] = 0,
+    explain: Annotated[bool, typer.Option("--explain", help="Print the model, the reasons and the cost.")] = False,
+    by_source: Annotated[bool, typer.Option("--by-source", help="Also store the clean signal of each source.")] = False,
+    phases: Annotated[bool, typer.Option("--phases", help="Also store exact angles of shafts and rollers.")] = False,
     mechanics: Annotated[
-        bool, typer.Option("--mechanics", help="Also keep mesh deflections, forces, stiffness and all speeds.")
+        bool, typer.Option("--mechanics", help="Also store mesh deflections, forces, stiffnesses and all speeds.")
     ] = False,
     detectability: Annotated[
-        bool, typer.Option("--detectability", help="Also state how detectable each fault is, in dB.")
+        bool, typer.Option("--detectability", help="Also store the detectability of each fault in dB.")
     ] = False,
     force: Force = False,
 ) -> None:
@@ -37,7 +37,7 @@ def synth(
     if out is None:
         if explain:
             return
-        raise UsageError("--out is missing; name the record to write, as in -o record.h5, or ask with --explain.")
+        raise UsageError("--out is missing; name the record to write, as in -o record.h5, or use --explain.")
     check_record_target(out, inputs=[scene], force=force)
     refuse_too_large(scene, out, by_source=by_source, phases=phases, mechanics=mechanics)
     say(f"simulating {scene}")

@@ -157,7 +157,7 @@ def test_no_source_of_angle_names_all_three(run, mat, tmp_path):
         (1, ("orders", "two-stag"), 'did you mean "two-stage"?'),
         (2, ("orders", "two-stage", "--speed", "fast"), "write LINK=RPM"),
         (2, ("orders", "two-stage", "--csv", "--json"), "keep one"),
-        (2, ("orders", "two-stage", "--rpm", "0"), "other than 0"),
+        (2, ("orders", "two-stage", "--rpm", "0"), "non-zero"),
         (2, ("schema", "scenery"), "gearbox"),
         (2, ("ordrs",), "ordrs"),
         (1, ("synth", "no-such-scene", "-o", "x.h5"), "no-such-scene"),
@@ -213,7 +213,7 @@ def test_a_dataset_states_its_size_and_time_before_it_starts(run, monkeypatch, t
     code, out, err = run("dataset", "classification", "-o", tmp_path / "made")
     assert (code, "not started" in err) == (1, True)
     assert out.startswith("1000 records of ")
-    assert "are 200 MB of samples and up to 12 MB of truth; about 20 minutes of one core" in out
+    assert ": 200 MB of samples and up to 12 MB of truth; about 20 minutes on one core" in out
 
 
 def test_a_wav_states_its_rate(run, tmp_path):
@@ -254,7 +254,7 @@ def test_warnings_reach_the_user_as_a_line(run, request):
 def test_convert_writes_no_hdf5_under_another_suffix(run, mat, tmp_path):
     code, _, err = run(*convert_words(mat, tmp_path / "a6.txt", "--no-tachometer"))
     assert code == 2
-    assert err == f"hums: {tmp_path / 'a6.txt'}: a record is HDF5, so name it so: {tmp_path / 'a6.h5'}.\n"
+    assert err == f"hums: {tmp_path / 'a6.txt'}: records are HDF5 files; name it {tmp_path / 'a6.h5'}.\n"
     assert not (tmp_path / "a6.txt").exists()
 
 

@@ -46,7 +46,7 @@ def test_many_files_become_a_dataset(run, folder, described, tmp_path):
     assert code == 3
     assert "4 records; 5 files read now, 0 before, 1 refused" in out
     assert "the row in line 2 has 1 of 2 cells" in out
-    assert out.endswith("1 of 5 refused: refused.csv says why\n")
+    assert out.endswith("1 of 5 refused; reasons: refused.csv\n")
     assert "files" in err  # the progress bar
     dataset = hums.open_dataset(tmp_path / "out")
     assert dataset["recorded_at"].values[-1] == "2010-12-01T09:40:09Z"
@@ -65,8 +65,8 @@ def test_snapshots_in_a_file_each(run, folder, described, tmp_path):
 @pytest.mark.parametrize(
     ("words", "said"),
     [
-        (("out", "--recorded-at", "2020-01-01T00:00:00Z"), "would be the time of every file"),
-        (("out.h5",), "many files make a folder"),
+        (("out", "--recorded-at", "2020-01-01T00:00:00Z"), "would apply to every file"),
+        (("out.h5",), "several files make a folder"),
         (("out", "--workers", 1, "--scheduler", "tcp://a:1"), "are both given"),
     ],
 )
@@ -91,7 +91,7 @@ def test_an_average_in_angle(run, described, tmp_path):
     average = 'average = { component = "planet 1", samples_per_rev = 256, averaged_over = 120 }'
     code, out, _ = run(*words, *described(average))
     assert code == 0
-    assert "average of   planet 1, 256 samples a revolution, over 120 revolutions" in out
+    assert "average of   planet 1, 256 samples per revolution, over 120 revolutions" in out
     assert "column 2: 512 samples, 2 revolutions, in 1" in out
     for line, more, said in (
         ('average = { component = "planet 1" }', (), "a table of component, samples_per_rev"),
@@ -147,4 +147,4 @@ def test_a_target_that_is_missing(run, folder, tmp_path):
     )
     assert run("convert", folder, tmp_path / "out", *MANY)[0] == 3
     assert "dataset      4 records; the first:" in run("info", tmp_path / "out")[1]
-    assert "measured is a folder, and no dataset" in run("info", folder)[2]
+    assert "measured is a folder, but not a dataset" in run("info", folder)[2]

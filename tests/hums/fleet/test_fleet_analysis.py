@@ -316,12 +316,12 @@ def test_the_command_says_why_and_fails_where_all_fail(tmp_path, monkeypatch, ca
 
     code, out, err = command(*broken)
     assert code == 1
-    assert err.endswith("hums: 6 of 6 failed: the column error of fleet.csv says why.\n")
+    assert err.endswith("hums: 6 of 6 failed; reasons: column error of fleet.csv.\n")
     assert f"failed {broken[0]}: {broken[0]} is not an HDF5 file" in out
     assert out.count("failed ") == 5  # the first
     assert len(rows(tmp_path / "out" / "fleet.csv")) == 6
     code, out, _ = command(str(tmp_path / "good.h5"), broken[0])
-    assert (code, out.splitlines()[-1]) == (3, "1 of 2 failed: the column error of fleet.csv says why")
+    assert (code, out.splitlines()[-1]) == (3, "1 of 2 failed; reasons: column error of fleet.csv")
     assert "2 records: 1 analysed now, 1 before, 1 failed" in out
     assert "no trends: a machine needs 5 analysed records" in out
 
