@@ -25,7 +25,7 @@ widths_hz = gram.high_hz - gram.low_hz
 levels, row = np.unique(gram.level, return_inverse=True)
 ax.barh(row, widths_hz, left=gram.low_hz, height=1, color=scale.to_rgba(gram.kurtosis), edgecolor="white")
 ax.axvspan(band.low_hz, band.high_hz, fill=False, edgecolor="tab:red", lw=2, label="chosen band")
-ax.set(xlabel="frequency, Hz", ylabel="width of the bands, Hz", xlim=(0, rate_hz / 2), ylim=(levels.size - 0.5, -0.5))
+ax.set(xlabel="frequency, Hz", ylabel="bandwidth, Hz", xlim=(0, rate_hz / 2), ylim=(levels.size - 0.5, -0.5))
 ax.set_yticks(range(levels.size), [f"{rate_hz / 2 / 2**level:,.0f}" for level in levels])
 ax.legend(loc="lower right")
 figure.colorbar(scale, ax=ax, label="kurtosis of the complex envelope")

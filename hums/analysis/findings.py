@@ -222,7 +222,7 @@ def _also(one: Finding, equal: Sequence[str]) -> Finding:
 def _of_another_bearing(one: Finding, named: str) -> Finding:
     """Return that a bearing is not judged, whose lines are those of one that is named."""
     why = f"its line may be something else's: {named} has the same orders, and is named"
-    return judging_nothing(one, why, f"judged, if its orders were not those of {named}")
+    return judging_nothing(one, why, f"judged if its orders differed from those of {named}")
 
 
 def judging_nothing(one: Finding, why: str, least_change: str) -> Finding:
@@ -257,7 +257,7 @@ def _bearing_verdict(
     if probability > stated or part.strength < LEAST_STRENGTH:
         return _unnamed(part, shown, needed)
     if part.hidden_by:
-        least_change = "indicated, if no other line explained its own"
+        least_change = "indicated if no other line explained it"
         return _not_judged(part, _hidden(part.hidden_by), probability=shown, least_change=least_change)
     if part.at_shaft:
         probability = at_shafts.probability(part.strength, parts=searches)
@@ -469,7 +469,7 @@ def _unnamed(part: PartEvidence, probability: float, needed: float) -> Finding:
             part,
             f"too short or too noisy: a modulation by {part.possible_depth:.1%} may be there unseen, "
             f"where damage may be indicated from {JUDGED_DEPTH:.0%} on",
-            least_change=f"judged in a record {longer:.2g} times as long"
+            least_change=f"judged in a record longer by a factor of {longer:.2g}"
             if math.isfinite(longer)
             else "judged in a band that has power",
         )
@@ -480,7 +480,7 @@ def _unnamed(part: PartEvidence, probability: float, needed: float) -> Finding:
             why = (
                 f"{_hidden(part.hidden_by)}; beside it, {part.unsure_depth:.0%} of a band's level, damage may go unseen"
             )
-        least_change = f"nothing found, if that line were below {FAULTY_DEPTH:.0%}"
+        least_change = f"nothing found with that line below {FAULTY_DEPTH:.0%}"
         return _not_judged(part, why, least_change=least_change)
     seen = (
         f"{_line_text(part)}: {healthy_share_words(probability)} records of healthy machines show as much"
@@ -488,7 +488,7 @@ def _unnamed(part: PartEvidence, probability: float, needed: float) -> Finding:
         else "no line of its own stands where it would make one"
     )
     blind = JUDGED_DEPTH / part.possible_depth if part.possible_depth > 0 else math.inf
-    changes = [(blind, f"not judged, if the noise about its line were {blind:.2g} times as large")]
+    changes = [(blind, f"not judged at {blind:.2g} times the background noise")]
     if part.strength > 0:
         changes.append(
             (needed / part.strength, f"indicated from a strength of {needed:.3g} on (now {part.strength:.3g})")

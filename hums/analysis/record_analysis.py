@@ -93,8 +93,8 @@ def analyze(
     Returns
     -------
     xarray.DataTree
-        Groups ``/speed``, ``/health``, ``/order_spectrum``, ``/envelope``, ``/tracks``, ``/envelope_tracks`` (lines of
-        named parts in the envelopes that show them), ``/indicators`` and ``/findings``; `line_table`, `findings_table`,
+        Groups ``/speed``, ``/health``, ``/order_spectrum``, ``/envelope``, ``/tracks``, ``/envelope_tracks`` (envelope
+        lines of components with a finding), ``/indicators`` and ``/findings``; `line_table`, `findings_table`,
         `verdict_table`, `indicator_table`, `health_table` and `summary` read them.
 
     Notes
@@ -322,7 +322,7 @@ def _tracks(
     found: Sequence[Finding],
     settings: AnalysisSettings,
 ) -> tuple[xr.Dataset, xr.Dataset]:
-    """Return the amplitude tracks of the strongest significant lines of every channel, and of named parts in envelopes.
+    """Return the amplitude tracks of the strongest identified lines of every channel, and of envelope lines.
 
     Of several segments the samples are read once more.
     """

@@ -1,4 +1,4 @@
-"""Complex amplitude over time: of the shaft-synchronous lines of a channel, and of named parts in its envelopes."""
+"""Complex amplitude over time: of the shaft-synchronous lines of a channel, and of its envelope lines."""
 
 import math
 from collections.abc import Iterable, Sequence

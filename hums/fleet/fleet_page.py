@@ -173,7 +173,7 @@ def _sentence(history: MachineHistory, component: str, index: float, driver: str
     state = history.state
     if not component:
         if state.unwatched_since:
-            return f"Not watched since {state.unwatched_since}: every record since then was refused."
+            return f"Not monitored since {state.unwatched_since}: all later records were refused."
         pending = max((len(epoch.pending) for epoch in state.epochs.values()), default=0)
         return f"Its baseline is being learned: {pending} records so far."
     text = f"{component} has a health index of {index:.2f}"
@@ -181,15 +181,15 @@ def _sentence(history: MachineHistory, component: str, index: float, driver: str
         text += f", rising since {_short(state.since[component])}" if index > 0 else ""
     growth, seldom = history.growth_per_day(component), history.once_in_records(component)
     if growth > 0 and index > 0:
-        text += f", by {growth:.2g} deviations a day"
-    text += f"; {driver.replace('_', ' ')} of {channel} departs most" if driver else ""
+        text += f", by {growth:.2g} standard deviations per day"
+    text += f"; {driver.replace('_', ' ')} of {channel} deviates most" if driver else ""
     change = history.change(component)
     text += f" ({change})." if change else "."
     if index >= 1:
         often = f"once in {seldom:,.0f}" if seldom < _SELDOM else f"less than once in {_SELDOM:,.0f}"
-        text += f" Without a change a component shows as much {often} records."
+        text += f" An unchanged component reaches this value {often} records."
     if state.unwatched_since:
-        text += f" Not watched since {state.unwatched_since}: later records were refused."
+        text += f" Not monitored since {state.unwatched_since}: later records were refused."
     return text
 
 
@@ -202,13 +202,13 @@ def _figures(history: MachineHistory, found: dict[str, StoredRecord], component:
     if not component or not kept:
         return
     course = _course(kept)
-    yield figure_html(_health(history, course, name), caption="Dashed: the limit. Shaded: the records of the baseline.")
+    yield figure_html(_health(history, course, name), caption="Dashed: limit. Shaded: records of the baseline.")
     epoch = history.state.epochs[history.state.epoch_of(component.partition(": ")[0])]
     judged = [one for one, brought in zip(kept, history.records, strict=True) if not brought["why"]]
     drivers = driving_series(epoch, judged[-1].observation, component, most=_PANELS) if judged else ()
     if drivers:
         yield figure_html(
-            _panels(epoch, course, drivers, component, name), caption="Dotted: what was normal in the baseline."
+            _panels(epoch, course, drivers, component, name), caption="Dotted: normal value of the baseline."
         )
         spectrum = "envelope" if drivers[0].indicator.startswith("envelope") else "order_spectrum"
         lines = _stems(judged, drivers[0].channel, spectrum, name)
@@ -226,7 +226,7 @@ def _course(kept: Sequence[StoredRecord]) -> _Course:
 def _health(history: MachineHistory, course: _Course, name: str) -> Figure:
     """Return health indices of all components of a machine over time, with the limit, the baseline and alarms."""
     if history.last is None:
-        raise ValueError("a machine without a judged record has no health index; leave its figure out.")
+        raise ValueError("a machine without a judged record has no health index; omit its figure.")
     now = {key: value if math.isfinite(value) else -math.inf for key, value in history.last.index.items()}
     worst = _worst(history)[0]
     order = sorted(now, key=lambda key: (key != worst, -now[key]))
@@ -260,7 +260,7 @@ def _health(history: MachineHistory, course: _Course, name: str) -> Figure:
 def _panels(epoch: Epoch, course: _Course, drivers: tuple[Series, ...], component: str, name: str) -> Figure:
     """Return the series that departed most, each in its unit over time."""
     if epoch.normal is None:
-        raise ValueError("a baseline that is not learned has no normal values; leave the figure out.")
+        raise ValueError("a baseline that is not learned has no normal values; omit the figure.")
     center = dict(zip(epoch.series, epoch.normal.raw.center.tolist(), strict=True))
     logs = np.array([vector(one.observation.values, drivers) for one in course.records])
     panels = []
@@ -271,11 +271,11 @@ def _panels(epoch: Epoch, course: _Course, drivers: tuple[Series, ...], componen
         panels.append(
             {"title": title, "normal": math.exp(center[key]), **course.packed(values, columns=_COARSE_COLUMNS)}
         )
-    alt = f"What drove {component}: " + "; ".join(panel["title"] for panel in panels) + "."
+    alt = f"Indicators of {component} that deviate most: " + "; ".join(panel["title"] for panel in panels) + "."
     data = course.common() | {"panels": panels}
     rows = -(-len(panels) // 3)
     return Figure(
-        name=f"{name}-drivers", alt=alt, title=f"What drove {component}", view="panels", data=data,
+        name=f"{name}-drivers", alt=alt, title=f"Indicators of {component}", view="panels", data=data,
         height_px=150 * rows + 70,
     )  # fmt: skip
 
@@ -301,7 +301,7 @@ def _stems(judged: Sequence[StoredRecord], channel: str, spectrum: str, name: st
     return Figure(
         name=f"{name}-lines",
         alt=f"Lines in the {where} spectrum of {channel} in the first judged record and in the last.",
-        title=f"Lines of the {where} spectrum of {channel}: the first record judged, and the last",
+        title=f"Lines of the {where} spectrum of {channel}: first judged and last record",
         view="stems",
         data=data | {"unit": f"amplitude, {unit}"},
         height_px=300,

@@ -128,12 +128,12 @@ class MachineHistory:
             return ""
         judged = [one for one in self.records if math.isfinite(one["scores"].get(component, math.nan))]
         scores = np.array([one["scores"][component] for one in judged])
-        words = f"x {self.last.ratio[component]:.3g} of normal"
+        words = f"{self.last.ratio[component]:.3g} times normal"
         if not judged or len(judged) >= FEWEST:
             return words
         first = judged[0]["recorded_at"] or judged[0]["record"]
         if scores[0] > 0 and len(scores) > 1 and np.all(np.diff(scores) > 0):
-            words = f"rising: {words}, more in each of {len(scores)} records since {first}"
+            words = f"rising: {words}, higher in each of {len(scores)} records since {first}"
         return f"{words}; too few to test"
 
     def once_in_records(self, component: str) -> float:

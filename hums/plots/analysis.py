@@ -143,7 +143,7 @@ def plot_tracks(
     most : int
         Largest number of tracks drawn.
     of : {"tracks", "envelope_tracks"}
-        Group to draw of a whole analysis: orders of the record, or lines of named parts in the envelopes.
+        Group to draw of a whole analysis: orders of the record, or envelope lines of components with a finding.
 
     Returns
     -------

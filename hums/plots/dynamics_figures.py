@@ -185,7 +185,7 @@ def plot_mode_shape(modes: ModeShapes, number: int, *, ax: Axes) -> Axes:
     ax.barh(places[turns], scaled[turns], color=MARK, height=0.6, label="rotation")
     ax.axvline(0, color=INK, lw=0.8)
     ax.set_yticks(places, modes.names, fontsize=7)
-    ax.set(xlim=(-1.08, 1.08), ylim=(shape.size - 0.4, -0.6), xlabel="share of the largest of its kind")
+    ax.set(xlim=(-1.08, 1.08), ylim=(shape.size - 0.4, -0.6), xlabel="relative to the largest of its kind")
     ax.set_title(f"{modes.frequencies_hz[number]:.5g} Hz, {modes.kinds[number]}", loc="left", fontsize=8, color=INK)
     ax.legend(fontsize=7, ncols=2, frameon=False, loc="lower right", bbox_to_anchor=(1.0, 1.0), borderaxespad=0.2)
     return ax
@@ -355,13 +355,13 @@ def plot_stability_map(map_: StabilityMap, *, ax: Axes, cycles_per_rev: float = 
     if map_.parameters.size == 1:
         ax.plot(rates, map_.growth[0], color=LINE, lw=1.2)
         ax.axhline(1, color=FAINT, lw=0.8)
-        ax.set_ylabel("largest multiplier")
+        ax.set_ylabel("largest Floquet multiplier")
         return ax
     excess = np.where(map_.growth > 1 + _GROWTH_TOLERANCE, map_.growth - 1, np.nan)
     ax.set_facecolor("white")
     full = np.array(to_rgb(MARK))
     single_hue = ListedColormap(1 - np.linspace(0.25, 1, 64)[:, None] * (1 - full))  # of rising saturation
     drawn = ax.pcolormesh(rates, map_.parameters, excess, cmap=single_hue, shading="nearest", rasterized=True, vmin=0)
-    ax.figure.colorbar(drawn, ax=ax, label="growth in a period")
+    ax.figure.colorbar(drawn, ax=ax, label="growth per period")
     ax.set_ylabel(parameter or "parameter")
     return ax

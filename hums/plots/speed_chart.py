@@ -161,7 +161,7 @@ def _legend(lines: list[_Line], revolutions: float | None, *, ax: Axes) -> None:
         if kind in present
     ]
     if any(len(line.sources) > 1 for line in lines):
-        handles.append(Line2D([], [], ls="", label="=, and more: orders coincide"))
+        handles.append(Line2D([], [], ls="", label="=, and N more: orders coincide"))
     if revolutions is not None:
         handles.append(Patch(color=FAINT, alpha=0.25, label=f"less than once in {revolutions:g} revolutions"))
         if not all(line.alone for line in lines):
@@ -206,5 +206,5 @@ def _name(lines: list[_Line], high: float, *, ax: Axes) -> None:
         texts[number].set_fontsize(size)
         texts[number].set_position((1.05, (y - ax.bbox.y0) / height))
     if dropped:
-        note = f"{len(dropped)} more lines without a name; draw taller"
+        note = f"{len(dropped)} more lines unlabelled; increase the height"
         ax.annotate(note, (1.0, -0.01), xycoords="axes fraction", ha="left", va="top", fontsize=6.5, color=INK)

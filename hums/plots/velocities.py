@@ -79,7 +79,7 @@ def velocity_diagram(kinematics: Kinematics, speeds: Mapping[str, float | Fracti
     starts = [arrow.start * turn + shift for arrow, shift in zip(arrows, shifts, strict=True)]
     ends = [arrow.end * turn + shift for arrow, shift in zip(arrows, shifts, strict=True)]
     (_prepare_rows if unit else _prepare_plane)(ax, np.array([0j, *starts, *ends]))
-    of = f"turns per turn of {kinematics.gearbox.reference}" if speeds is None else "in the unit of the given speeds"
+    of = f"revolutions per revolution of {kinematics.gearbox.reference}" if speeds is None else "in the given unit"
     ax.set_xlabel(f"angular velocity along {_along(unit or 1.0)}, {of}")
     if not unit:
         ax.set_ylabel("angular velocity along y")

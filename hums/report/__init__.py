@@ -48,7 +48,7 @@ def prepare_folder(folder: str | Path, *, inputs: Iterable[str | Path] = (), for
         with NamedTemporaryFile(dir=folder):
             pass
     except OSError as error:
-        raise ValueError(f"{folder} cannot be written ({error.strerror}); name a folder of yours.") from None
+        raise ValueError(f"{folder} cannot be written ({error.strerror}); name a writable folder.") from None
     return folder
 
 
@@ -228,7 +228,7 @@ def _sampled(facts: Mapping[str, Any]) -> dict[str, str]:
     for channel in facts["channels"]:
         sensor = f"{channel['sensor']}, " if "sensor" in channel else ""
         if "samples_per_rev" in channel:
-            said[channel["name"]] = f"{channel['samples_per_rev']} samples a revolution, {channel['units']}"
+            said[channel["name"]] = f"{channel['samples_per_rev']} samples per revolution, {channel['units']}"
             continue
         said[channel["name"]] = (
             f"{sensor}{channel['duration_s']:.4g} s at {channel['rate_hz']:g} Hz, {channel['units']}"

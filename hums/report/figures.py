@@ -57,7 +57,7 @@ def sections(pictures: Pictures) -> list[Section]:
         ("Order spectra", "orders", _spectra(pictures, ORDER_SPECTRUM)),
         ("Envelope spectra", "envelopes", _spectra(pictures, ENVELOPE)),
         ("Order maps", "maps", _maps(pictures)),
-        ("Tracked lines of named parts", "parts", _tracks(pictures, "envelope_tracks")),
+        ("Tracked envelope lines", "parts", _tracks(pictures, "envelope_tracks")),
         ("Tracked orders", "tracks", _tracks(pictures, "tracks")),
         ("Synchronous averages", "averages", _averages(pictures)),
         ("Kurtograms", "kurtograms", _kurtograms(pictures)),
@@ -90,7 +90,7 @@ def cursor_choices(facts: Mapping[str, Any]) -> list[dict[str, Any]]:
 def _spectra(pictures: Pictures, name: str) -> Iterator[str]:
     dataset = group(pictures.analysis, name)
     bands = {band["channel"]: band for band in envelope_bands(pictures.analysis)}
-    what = "order spectrum" if name == ORDER_SPECTRUM else "spectrum of the envelope"
+    what = "order spectrum" if name == ORDER_SPECTRUM else "envelope spectrum"
     for number, channel in enumerate(_channels(dataset)):
         one = dataset.sel(channel=channel)
         lines = _lines(dataset, channel, pictures.styles)
@@ -101,7 +101,7 @@ def _spectra(pictures: Pictures, name: str) -> Iterator[str]:
             traces["past"] = _curve(past, dataset.sizes["channel"])
         figure = Figure(
             name=f"{name.replace('_', '-')}-{number}",
-            alt=f"The {what} of channel {channel}; claimed lines: {len(claimed)}, the first of them {named}.",
+            alt=f"The {what} of channel {channel}; identified lines: {len(claimed)}, the first of them {named}.",
             view="spectrum",
             title=channel,
             height_px=460,
@@ -186,12 +186,12 @@ def _kurtogram_caption(dataset: xr.Dataset, band: Mapping[str, Any] | None) -> s
     frame = ""
     if band is not None and band["chosen"]:
         frame = (
-            " The demodulated band is the one in which bearing lines stand out most, which need not be that of the "
+            " The demodulated band is the one with the most prominent bearing lines, not necessarily the one of the "
             "highest kurtosis."
         )
     elif band is not None:
-        frame = " The demodulated band is the one that was asked for."
-    return f"{float(dataset.attrs['seconds']):.4g} s; 0 is Gaussian noise.{frame}"
+        frame = " The demodulated band is the one specified."
+    return f"{float(dataset.attrs['seconds']):.4g} s; the kurtosis of Gaussian noise is 0.{frame}"
 
 
 # ---- Maps, tracks, averages, kurtograms, waveforms and speed ---------------------------------------------------------
@@ -227,7 +227,7 @@ def _maps(pictures: Pictures) -> Iterator[str]:
 
 
 def _tracks(pictures: Pictures, name: str) -> Iterator[str]:
-    """Yield a figure per channel: of its orders, or of what named parts modulate its envelopes with."""
+    """Yield a figure per channel: of its orders, or of the envelope lines of components with a finding."""
     if name not in pictures.analysis.children:
         return
     tracks, speed = group(pictures.analysis, name), group(pictures.analysis, "speed")
@@ -256,7 +256,7 @@ def _tracks(pictures: Pictures, name: str) -> Iterator[str]:
             "speed": packed(np.interp(time, speed["time_s"].to_numpy(), speed["speed_hz"].to_numpy())),
             "units": str(mine["track_units"].to_numpy()[0]),
         }
-        what = "lines of named parts in the envelopes" if of_parts else "orders"
+        what = "envelope lines" if of_parts else "orders"
         yield figure_html(
             Figure(
                 name=f"{'parts' if of_parts else 'tracks'}-{number}",
@@ -274,12 +274,12 @@ def _tracks_caption(tracks: xr.Dataset) -> str:
     widths = tracks["bandwidth_orders"].to_numpy()
     return (
         f"Kalman smoother, bandwidths {widths.min():.2g} to {widths.max():.2g} orders. Bands and circles: "
-        "two standard deviations. Phase of a cosine, at the zero of the reference's angle."
+        "two standard deviations. Phase of a cosine, relative to the angle of the reference."
     )
 
 
 def _parts_caption(tracks: xr.Dataset) -> str:
-    """Return how the lines of named parts were tracked: band, level, slip and bandwidth of each."""
+    """Return how the envelope lines were tracked: band, level, slip and bandwidth of each."""
     said = []
     for at in range(tracks.sizes["track"]):
         one = tracks.isel(track=at)
@@ -287,13 +287,13 @@ def _parts_caption(tracks: xr.Dataset) -> str:
         follows = f", slip {100 * np.nanmin(slip):+.2f} to {100 * np.nanmax(slip):+.2f} %" if slip.any() else ""
         depth = np.nanmean(np.abs(one["complex_amplitude"].to_numpy())) / float(one["level"])
         said.append(
-            f"{_label(_track_line(tracks, at))}: envelope from {float(one['band_low_hz']):.5g} to "
-            f"{float(one['band_high_hz']):.5g} Hz, modulated by {depth:.1%} of its mean along it{follows}, bandwidth "
+            f"{_label(_track_line(tracks, at))}: envelope of {float(one['band_low_hz']):.5g} to "
+            f"{float(one['band_high_hz']):.5g} Hz, mean modulation depth {depth:.1%}{follows}, bandwidth "
             f"{float(one['bandwidth_orders']):.2g} orders"
         )
     return (
         "; ".join(said) + ". Kalman smoother of the envelope. Bands and circles: two standard deviations. "
-        "Phase along the line's own angle."
+        "Phase relative to the angle of the line."
     )
 
 
@@ -394,7 +394,7 @@ def _kurtograms(pictures: Pictures) -> Iterator[str]:
             layout={
                 "xaxis": {"title": {"text": "frequency, Hz"}, "range": [0, rate_half]},
                 "yaxis": {
-                    "title": {"text": "width of the bands, Hz"},
+                    "title": {"text": "bandwidth, Hz"},
                     "tickvals": list(range(levels.size)),
                     "ticktext": [f"{rate_half / 2**one:,.0f}" for one in levels],
                     "autorange": "reversed",
@@ -421,7 +421,7 @@ def _waveforms(pictures: Pictures) -> Iterator[str]:
         line = {"type": "scatter", "mode": "lines", "line": {"color": "--line", "width": 0.8}, "showlegend": False}
         figure = Figure(
             name=f"waveform-{number}",
-            alt=f"Waveform of channel {channel}: the whole record, and below it what surrounds the largest deviation.",
+            alt=f"Waveform of channel {channel}: the whole record, and an excerpt around the largest deviation.",
             traces=[
                 line | {"x": packed(times), "y": packed(both), "hovertemplate": "%{x:.4f} s: %{y:.4g}<extra></extra>"},
                 line
@@ -438,7 +438,7 @@ def _waveforms(pictures: Pictures) -> Iterator[str]:
             },
         )
         width_ms = 1e3 * every * float(dataset.attrs["column_s"])
-        yield figure_html(figure, caption=f"Above: least and largest value of each {width_ms:.3g} ms.")
+        yield figure_html(figure, caption=f"Top: minimum and maximum of each {width_ms:.3g} ms.")
 
 
 def _speed(pictures: Pictures) -> Iterator[str]:

@@ -20,11 +20,11 @@ _OURS = {
         "unbalance, misalignment, looseness",
     ),
     "modulation": (
-        "Lines of this defect in the envelope over its mean, in the band where they are largest, explained or not",
-        "a spall on the race or element of that order, and lines of other parts that fall on it",
+        "Defect lines of the envelope over its mean, in the band where they are largest, explained or not",
+        "a spall on the race or element of that order, and coinciding lines of other components",
     ),
     "tooth_outlier": (
-        "How far the energy of the most active tooth stands above the other teeth, in their standard deviations",
+        "Energy of the most active tooth above that of the other teeth, in standard deviations of these",
         "one damaged tooth, a single pitch deviation",
     ),
 }
@@ -57,7 +57,7 @@ _MEANINGS = {
 }
 _UNIT_WORDS = {"1": "", "mm s-1": "mm/s", "g2": "g\N{SUPERSCRIPT TWO}", "m s-2": "m/s\N{SUPERSCRIPT TWO}"}
 _ZONES = (
-    ("A", "calm", "as of a newly commissioned machine"),
+    ("A", "calm", "typical of a newly commissioned machine"),
     ("B", "calm", "acceptable for unrestricted long-term operation"),
     ("C", "watch", "unsatisfactory for long-term operation"),
     ("D", "alarm", "severe enough to cause damage"),
@@ -176,7 +176,7 @@ def _raised_by_others(rows: Rows, findings: Rows) -> list[str]:
         ]
         if others:
             raised = " and ".join(others)
-            said.append(f"{_words(row['indicator'])} of {row['part']} is above its limit; {raised} raises it, too.")
+            said.append(f"{_words(row['indicator'])} of {row['part']} is above its limit; {raised} also raises it.")
     return said
 
 

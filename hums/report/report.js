@@ -67,9 +67,9 @@ const report = (() => {
         (mean ? `, %{customdata[4]:.5g} Hz, %{customdata[5]:.5g} CPM` : "") + `<br>%{y:.4g}, ` +
         `%{customdata[2]:.3g} times its background<extra></extra>`});
     const claimed = data.lines.filter((line) => line.claimed);
-    group("claimed lines", "--ink", claimed.filter((line) => !line.style));
+    group("identified lines", "--ink", claimed.filter((line) => !line.style));
     for (const style of ["unknown", "watch", "alarm"]) {
-      group({alarm: "of diagnosed parts", watch: "of indicated parts", unknown: "of parts not judged"}[style],
+      group({alarm: "of diagnosed components", watch: "of indicated components", unknown: "of components not judged"}[style],
             `--${style}`, claimed.filter((line) => line.style === style));
     }
     const top = Math.max(...data.now.y), sorted = Float32Array.from(data.now.y).sort();
@@ -77,7 +77,7 @@ const report = (() => {
     const range = {log: [Math.log10(low), Math.log10(1.3 * top || 1)], linear: [0, 1.08 * top || 1],
                    dB: [20 * Math.log10(low), 20 * Math.log10(1.3 * top || 1)]}[scale];
     const longest = Math.max(0, ...claimed.map((line) => line.label.length));
-    const looked = data.lines.filter((line) => !line.claimed).map((line) => ({type: "line", name: "looked for",
+    const looked = data.lines.filter((line) => !line.claimed).map((line) => ({type: "line", name: "searched",
       x0: line.order * factor, x1: line.order * factor, yref: "paper", y0: 0, y1: 0.02, line: {color: "--faint", width: 1}}));
     const band = Math.min(250, 36 + 6.2 * longest), annotations = labels(data, figure, factor, last);
     figure.state.unit = name;

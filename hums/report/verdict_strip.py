@@ -79,7 +79,7 @@ def answer(facts: Facts) -> list[tuple[str, str]]:
     if counts[NOT_JUDGED]:
         said.append((CLASSES[NOT_JUDGED], f"{_checks(counts[NOT_JUDGED])} could not be made."))
     said += [
-        (CLASSES[DIAGNOSED], f"The {item['sensor']} {item['name']} is faulty.")
+        (CLASSES[DIAGNOSED], f"Sensor {item['name']} ({item['sensor']}) is faulty.")
         for item in facts["health"]
         if item["status"] == "sick"
     ]
@@ -117,8 +117,8 @@ def verdict_rows(facts: Facts, past: Facts | None = None) -> list[dict[str, str]
         limit = facts["settings"]["false_alarm_probability"]
         verdict, sentence = where_none_is_named(every)
         sure = (
-            f"{sentence[0].upper()}{sentence[1:]}. A part is named where at most {probability_words(limit)} healthy "
-            "records show as much."
+            f"{sentence[0].upper()}{sentence[1:]}. A component is reported if at most {probability_words(limit)} "
+            "healthy records show as much."
         )
         since = "" if past is None else _before(past)
         row = _of_the_rest(facts["machine"] or facts["gearbox"], verdict, sure, since, _unjudged_parts(every))
@@ -152,9 +152,9 @@ def _of_the_rest(part: str, verdict: str, sure: str, since: str, unjudged: str) 
         "nearer": "",
         "severity": "",
         "since": since,
-        "next": "The table of components says of each part what would let it be judged."
+        "next": "The components table states what each of them needs for a verdict."
         if verdict == NOT_JUDGED
-        else "Keep this analysis as the baseline of later records.",
+        else "Keep this analysis as the baseline for later records.",
         "evidence": "",
         "least_change": "",
     }
@@ -228,10 +228,10 @@ def _severity(finding: Mapping[str, Any]) -> str:
     depth = finding.get("depth")
     if finding["kind"] in BEARING_KINDS and depth is not None:
         word = "slight" if depth < FAULTY_DEPTH else "moderate" if depth < _SEVERE_DEPTH else "severe"
-        scale = f"below {FAULTY_DEPTH:.0%} is slight, from {_SEVERE_DEPTH:.0%} on severe"
-        said = [f"{word}: its impacts modulate the band by {depth:.1%}, where {scale}"]
+        scale = f"slight below {FAULTY_DEPTH:.0%}, severe from {_SEVERE_DEPTH:.0%}"
+        said = [f"{word}: its impacts modulate the band by {depth:.1%} ({scale})"]
     elif finding["kind"] == "tooth":
-        said = ["no scale: how much a damaged tooth shows depends on load and path; its growth says more"]
+        said = ["no scale: the response to a damaged tooth depends on load and transfer path; use its trend"]
     else:
         said = [part for part in finding.get("severity", "").split("; ") if part and not part.startswith("unknown")]
     if finding.get("amplitude") is not None:
@@ -257,18 +257,18 @@ def _nearer(finding: Mapping[str, Any], facts: Facts) -> str:
     ratio = largest[first] / largest[second] if largest[second] > 0 else float("inf")
     if ratio < _NEARER:
         return (
-            f"not resolved: its line at {first} is {ratio:.2g} times that at {second}, and paths alone differ by as "
-            f"much (below {_NEARER:g})"
+            f"not resolved: its line at {first} is {ratio:.2g} times that at {second}; transfer paths alone may "
+            f"account for a factor of {_NEARER:g}"
         )
     places = {one["name"]: one["sensor"] for one in facts.get("channels", ()) if one.get("sensor")}
     where = f" ({places[first]})" if first in places else ""
-    return f"nearer to {first}{where}: its line there is {ratio:.2g} times that at {second}, the next"
+    return f"nearer to {first}{where}: its line there is {ratio:.2g} times that at {second}, the next largest"
 
 
 def _since(finding: Mapping[str, Any], facts: Facts, past: Facts | None) -> str:
     """Return how the finding compares with the earlier record, in words."""
     if past is None:
-        return "one record alone cannot say; give an earlier analysis as the baseline"
+        return "unknown from a single record; give an earlier analysis as the baseline"
     same = [
         other
         for other in past["findings"]
@@ -313,13 +313,13 @@ def _next(finding: Mapping[str, Any], facts: Facts) -> str:
     """Return what to do next; our advice, and no part of the verdict."""
     sick = {item["name"] for item in facts["health"] if item["status"] == "sick"}
     if finding.get("channel") in sick:
-        return f"Mend the sensor of {finding['channel']} first, and record again."
+        return f"Repair the sensor of {finding['channel']} first, then record again."
     if finding.get("next_step"):
         return str(finding["next_step"])
     if finding["verdict"] == "diagnosed":
         if finding["kind"] in BEARING_KINDS:
-            return "Inspect the bearing, and its grease or oil for particles."
-        return "Inspect the teeth, from those that the average below shows."
+            return "Inspect the bearing, and check its grease or oil for particles."
+        return "Inspect the teeth, first those that stand out in the average below."
     if finding["verdict"] == "indicated":
         return "Record again at the same speed and load, with this analysis as the baseline; inspect if it grows."
-    return "Remove what stands in the way of a verdict, and record again."
+    return "Remove the cause that prevents a verdict, then record again."

@@ -1,4 +1,4 @@
-"""Lines of named parts in an envelope: amplitude, its standard deviation and slip against what was put in."""
+"""Envelope lines of faulty components: amplitude, its standard deviation and slip against what was put in."""
 
 from types import SimpleNamespace
 

@@ -222,7 +222,7 @@ def test_a_verdict_turns_where_it_says(opened):
     assert with_evidence(opened, strength=1.01 * needed).verdict in {"diagnosed", "indicated"}
     assert with_evidence(opened, strength=0.98 * needed).verdict == "nothing found"
     silent = with_evidence(opened, strength=0.0)
-    now = parts[RACE].possible_depth * number(silent.least_change, "not judged, if the noise about its line were ")
+    now = parts[RACE].possible_depth * number(silent.least_change, "not judged at ")
     assert with_evidence(opened, strength=0.0, possible_depth=1.05 * now).verdict == "not judged"
     assert with_evidence(opened, strength=0.0, possible_depth=0.95 * now).verdict == "nothing found"
     assert with_evidence(opened, hidden_by="something").verdict == "not judged"

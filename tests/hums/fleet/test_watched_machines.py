@@ -106,9 +106,9 @@ def test_few_records_say_by_how_much_and_that_each_was_more():
     history = MachineHistory(state=MachineState(machine="mill", settings=SETTINGS))
     history.follow(rising, ())
     words = history.change("stage 1/pinion")
-    assert words.startswith("rising: x ")
-    assert words.endswith(f"more in each of 3 records since {rising[20].recorded_at}; too few to test")
-    ratio = float(words.split()[2])
+    assert words.startswith("rising: ")
+    assert words.endswith(f"higher in each of 3 records since {rising[20].recorded_at}; too few to test")
+    ratio = float(words.split()[1])
     assert ratio == pytest.approx(
         np.exp(3.0), rel=0.6
     )  # the shift of the logarithm; one of several series that drive it

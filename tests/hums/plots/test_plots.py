@@ -291,7 +291,7 @@ class TestVelocityDiagram:
         gearbox = Gearbox.from_mapping({"name": "a", "frame": "h", "reference": "a"} | table)
         velocity_diagram(solve_kinematics(gearbox), ax=ax)
         assert matched([vector for vector, _ in arrows(ax, dashed=False)], [1, -0.5])
-        assert ax.get_xlabel() == "angular velocity along y, turns per turn of a"
+        assert ax.get_xlabel() == "angular velocity along y, revolutions per revolution of a"
 
     def test_an_axis_out_of_the_plane_is_refused(self):
         table = {
@@ -353,8 +353,8 @@ class TestSpeedOrderChart:
     def test_names_that_do_not_fit_are_counted(self):
         ax, table = chart("alouette-iii", height=2.2)
         lines = table["order"].round(12).nunique()
-        notes = [text.get_text() for text in ax.texts if "without a name" in text.get_text()]
-        assert notes == [f"{lines - len(ax.texts) + 1} more lines without a name; draw taller"]
+        notes = [text.get_text() for text in ax.texts if "unlabelled" in text.get_text()]
+        assert notes == [f"{lines - len(ax.texts) + 1} more lines unlabelled; increase the height"]
         assert not overlapping(ax)
 
     def test_lines_that_the_record_cannot_separate(self):
@@ -436,7 +436,7 @@ class TestSaveFigure:
 
 
 def crowded(count=30):
-    """A spectrum with claimed lines so close that not all can be named; the last is a fundamental, and low."""
+    """A spectrum with identified lines so close that not all can be named; the last is a fundamental, and low."""
     found = np.append(np.linspace(10, 14, count), 12.05)
     size = found.size
     heights = np.append(np.linspace(1.0, 0.5, count), 0.1)

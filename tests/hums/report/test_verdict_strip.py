@@ -73,7 +73,7 @@ def test_since_when(then, words):
 def test_what_is_new_and_what_one_record_cannot_say():
     new = verdict_rows(facts(finding("diagnosed")), facts(lines=()))[0]["since"]
     assert new == "baseline 2026-01-02: not found then"
-    assert "one record alone cannot say" in verdict_rows(facts(finding("diagnosed")))[0]["since"]
+    assert "unknown from a single record" in verdict_rows(facts(finding("diagnosed")))[0]["since"]
 
 
 def test_nothing_found():
@@ -102,7 +102,7 @@ def test_what_was_not_judged_stands_beside_the_findings():
 
 
 def test_a_sick_sensor_comes_first():
-    assert "Mend the sensor" in verdict_rows(facts(finding("diagnosed"), status="sick"))[0]["next"]
+    assert "Repair the sensor" in verdict_rows(facts(finding("diagnosed"), status="sick"))[0]["next"]
 
 
 @pytest.mark.parametrize(
@@ -159,4 +159,4 @@ def test_the_answer_says_each_part_once():
     assert answer(facts()) == [("calm", "Nothing found.")]
     faulty = facts(status="sick")
     faulty["health"][0]["sensor"] = "vibration"
-    assert answer(faulty) == [("alarm", "The vibration a is faulty.")]
+    assert answer(faulty) == [("alarm", "Sensor a (vibration) is faulty.")]
