@@ -14,7 +14,7 @@ from hums.plots import draw_mechanism, save_figure
 logger = logging.getLogger(__name__)
 MOST_BYTES = 1_000_000  # of a page on which a mechanism turns
 
-ABOUT = """# Mechanisms that turn
+ABOUT = """# Animated mechanisms
 
 Every gearbox of the catalogue, Glinsky's trains and those of the papers among them, on a page of its own: sliders for
 the free speeds, velocity vectors, and every defect order, exact and in Hz. A page is one file and needs no network;
