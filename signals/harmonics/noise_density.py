@@ -95,6 +95,8 @@ def _shrunk(found: Floats, chance: Floats, towards: Floats) -> Floats:
 
 def _segments(seen: Flags, model: HarmonicModel) -> tuple[Indices, int]:
     """Return the starts of segments without missing samples, and their length."""
+    from scipy.fft import next_fast_len  # noqa: PLC0415 - slow to import
+
     if seen.size < _SHORTEST:
         return np.empty(0, dtype=int), 0
     edges = np.linspace(0, seen.size - 1, _SHORTEST).astype(int)
@@ -105,8 +107,7 @@ def _segments(seen: Flags, model: HarmonicModel) -> tuple[Indices, int]:
     missing = np.zeros(seen.size + 1, dtype=int)
     if not seen.all():
         np.cumsum(~seen, out=missing[1:])
-    eighth = 2.0 ** int(math.log2(max(longest, 1)) - 3)
-    length = int(eighth * max(n for n in (8, 9, 10, 12, 15) if n * eighth <= max(longest, 1)))  # quick
+    length = next(n for n in range(max(int(longest), 1), 0, -1) if next_fast_len(n) == n)
     while length >= _SHORTEST:
         apart = seen.size // length
         count = min(_MOST_SEGMENTS, apart if apart > _OVERLAPPING else 2 * apart - 1)
