@@ -115,12 +115,12 @@ def where_none_is_named(every: Sequence[Mapping[str, Any]]) -> tuple[str, str]:
     >>> from hums.analysis.findings import where_none_is_named
     >>> rows = [{"verdict": "nothing found", "doubts": ""}, {"verdict": "not judged", "doubts": "too short"}]
     >>> where_none_is_named(rows)
-    ('not judged', '1 of 2 kinds of damage could not be judged (too short); nothing was found of the others')
+    ('not judged', '1 of 2 kinds of damage could not be judged (too short); nothing was found for the others')
     """
     unjudged = not_judged_words(every)
     if not unjudged:
         return NOTHING_FOUND, "every kind of damage was judged, and none stands out"
-    others = "; nothing was found of the others" if any(row["verdict"] != NOT_JUDGED for row in every) else ""
+    others = "; nothing was found for the others" if any(row["verdict"] != NOT_JUDGED for row in every) else ""
     return NOT_JUDGED, unjudged + others
 
 
@@ -170,7 +170,7 @@ def bearing_verdicts(
         own = [part for part in evidence if (part.component, part.kind) == family]
         sound = [part for part in own if part.channel not in faulty]
         if not sound:
-            why = "the sensor is faulty, and may make any line by itself"
+            why = "the sensor is faulty and may itself produce any line"
             results.append(_not_judged(own[0], why, least_change="judged with a sound sensor"))
             continue
         judged = [
@@ -221,7 +221,7 @@ def _also(one: Finding, equal: Sequence[str]) -> Finding:
 
 def _of_another_bearing(one: Finding, named: str) -> Finding:
     """Return that a bearing is not judged, whose lines are those of one that is named."""
-    why = f"its line may be something else's: {named} has the same orders, and is named"
+    why = f"its line may have another source: {named} has the same orders and a finding"
     return judging_nothing(one, why, f"judged if its orders differed from those of {named}")
 
 
@@ -291,8 +291,8 @@ def _masked(part: PartEvidence, others: Sequence[PartEvidence]) -> tuple[str, st
     larger = max(rivals, key=lambda rival: rival.depth, default=None)
     if larger is not None and larger.depth > RIVAL_FACTOR * part.depth and larger.strength > part.strength:
         why = (
-            f"the line of {_kind_text(larger.kind)} of the same bearing is {larger.depth / part.depth:.0f} times as "
-            "large, of which this may be a trace"
+            f"the line of {_kind_text(larger.kind)} of the same bearing has {larger.depth / part.depth:.0f} times "
+            "its amplitude, and this line may be a side effect of it"
         )
         least = larger.depth / RIVAL_FACTOR
         return _hidden(why), f"indicated from a modulation of {least:.1%} on (now {part.depth:.1%})"
@@ -308,7 +308,7 @@ def _masked(part: PartEvidence, others: Sequence[PartEvidence]) -> tuple[str, st
     if lacking > 1 and part.depth < needed:
         why = (
             f"too short or too noisy: its line modulates a band by {part.depth:.0%}, but only a modulation by "
-            f"{part.detectable_depth:.0%} would stand out in any, so that other sources as strong may go unseen"
+            f"{part.detectable_depth:.0%} is detectable in any, so that equally strong other sources may go undetected"
         )
         return why, f"indicated from a modulation of {needed:.0%} on, or in a record {lacking:.2g} times as long"
     for rival in rivals:
@@ -345,11 +345,11 @@ def _doubts(part: PartEvidence, rivals: Sequence[PartEvidence]) -> list[str]:
     if part.sideband_of:
         doubts.append(part.sideband_of)
     if part.kind == "cage":
-        doubts.append("damage of a rolling element makes this line, too")
+        doubts.append("damage to a rolling element also produces this line")
     if not part.support:
         doubts.append("no harmonic or sideband supports it")
     elif part.kind == "inner_race" and not part.sidebands:
-        doubts.append("no sideband shows it passing the load zone, as a spot on a turning race does")
+        doubts.append("it has no sidebands from passing the load zone, as expected on a rotating race")
     if part.kind == "rolling_element" and part.found > (1 + FASTEST_SPIN) * part.order:
         doubts.append(f"its line is {part.found / part.order - 1:.1%} above its order: no element spins as fast")
     doubts += [
@@ -358,7 +358,7 @@ def _doubts(part: PartEvidence, rivals: Sequence[PartEvidence]) -> list[str]:
         if _where_it_is(part, rival) * RIVAL_FACTOR > part.depth
     ]
     doubts += [
-        f"{_kind_text(other.kind)} of {other.component}, of order {other.order:.3f}, may make this line, too"
+        f"{_kind_text(other.kind)} of {other.component}, of order {other.order:.3f}, may also produce this line"
         for other in {(one.component, one.kind): one for one in rivals}.values()
         if _as_near(part, other)
     ]
@@ -431,8 +431,8 @@ def _least_of(changes: Sequence[tuple[float, str]]) -> str:
 
 def _comparison(depth: float, part: PartEvidence) -> str:
     if depth > RIVAL_FACTOR * part.depth:
-        return f"{depth / part.depth:.0f} times as large, of which this may be a trace"
-    return "of similar size, which one local defect would not make"
+        return f"{depth / part.depth:.0f} times as large; this line may be a side effect of it"
+    return "of similar size, unlike for a single local defect"
 
 
 def _named(part: PartEvidence, doubts: Sequence[str], probability: float, least_change: str) -> Finding:
@@ -467,25 +467,25 @@ def _unnamed(part: PartEvidence, probability: float, needed: float) -> Finding:
         longer = (part.possible_depth / JUDGED_DEPTH) ** 2  # the noise about a line falls as the root of the time
         return _not_judged(
             part,
-            f"too short or too noisy: a modulation by {part.possible_depth:.1%} may be there unseen, "
-            f"where damage may be indicated from {JUDGED_DEPTH:.0%} on",
+            f"too short or too noisy: a modulation of {part.possible_depth:.1%} may go undetected, "
+            f"while damage may be indicated from {JUDGED_DEPTH:.0%} on",
             least_change=f"judged in a record longer by a factor of {longer:.2g}"
             if math.isfinite(longer)
             else "judged in a band that has power",
         )
     if part.unsure_depth > FAULTY_DEPTH and not part.strength:
-        why = f"too short or too noisy: a line in its place modulates a band by {part.unsure_depth:.0%}, which noise "
-        why += "may be, and damage, too"
+        why = f"too short or too noisy: a line at its order modulates a band by {part.unsure_depth:.0%}, which may "
+        why += "be noise or damage"
         if part.hidden_by:
             why = (
-                f"{_hidden(part.hidden_by)}; beside it, {part.unsure_depth:.0%} of a band's level, damage may go unseen"
+                f"{_hidden(part.hidden_by)}; it makes up {part.unsure_depth:.0%} of a band's level and may mask defects"
             )
         least_change = f"nothing found with that line below {FAULTY_DEPTH:.0%}"
         return _not_judged(part, why, least_change=least_change)
     seen = (
         f"{_line_text(part)}: {healthy_share_words(probability)} records of healthy machines show as much"
         if part.strength > 0
-        else "no line of its own stands where it would make one"
+        else "no line of its own at its orders"
     )
     blind = JUDGED_DEPTH / part.possible_depth if part.possible_depth > 0 else math.inf
     changes = [(blind, f"not judged at {blind:.2g} times the background noise")]
@@ -496,7 +496,7 @@ def _unnamed(part: PartEvidence, probability: float, needed: float) -> Finding:
     return replace(
         _blank(part),
         verdict=NOTHING_FOUND,
-        evidence=f"{seen}; a modulation by {part.possible_depth:.1%} would have shown.",
+        evidence=f"{seen}; a modulation of {part.possible_depth:.1%} would have been detected.",
         false_alarm_probability=probability,
         doubts=_hidden(part.hidden_by or part.at_shaft) if part.hidden_by or part.at_shaft else "",
         least_change=_least_of(changes),
@@ -504,7 +504,7 @@ def _unnamed(part: PartEvidence, probability: float, needed: float) -> Finding:
 
 
 def _hidden(what: str) -> str:
-    return f"its line may be something else's: {what}"
+    return f"its line may have another source: {what}"
 
 
 def _not_judged(part: PartEvidence, why: str, *, probability: float = math.nan, least_change: str) -> Finding:

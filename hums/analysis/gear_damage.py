@@ -514,7 +514,7 @@ def _why_not_judged(row: GearJudgement, stated: float) -> tuple[str, str, str]:
         by = row.explained_by
         return f"what it shows may be that of {by}", "", f"indicated without the tooth of {by}"
     if row.turns < FEWEST_CYCLES:
-        why = f"too short: {row.turns} turns show no damage but a grave one, {FEWEST_CYCLES:g} are needed"
+        why = f"too short: {row.turns} turns reveal severe damage only, {FEWEST_CYCLES:g} are needed"
         return why, _LONGER, longer
     if row.differing <= DIFFERING_TEETH and row.outlier > HIGHEST_TOOTH:
         why = (

@@ -412,7 +412,7 @@ def _pooled_notes(channel: AnalysedChannel) -> Iterator[str]:
     pieces = "snapshots" if snapshots else "segments"
     yield (
         f"{len(channel.segments)} {pieces} were analysed together: spectra are averages of power over "
-        f"{channel.blocks} blocks of {1 / spectrum.bin_width:.4g} turns. Lines nearer to each other than "
+        f"{channel.blocks} blocks of {1 / spectrum.bin_width:.4g} turns. Lines closer to each other than "
         f"{spectrum.resolution:.2g} orders are one, whatever the number of {pieces}; probabilities are those of "
         "records in one piece, which pooled noise does not exceed."
         + ("" if snapshots else " Indicators and gears are those of the median segment, pictures those of the first.")
@@ -448,20 +448,20 @@ def _speed_notes(machine: Machine, settings: AnalysisSettings) -> Iterator[str]:
     if found is not None:
         yield (
             f'The speed is estimated from the vibration of channel "{found.channel}", without a tachometer: mean '
-            f"confidence {found.confidence:.3g}. It rests on the orders of the gearbox being right."
+            f"confidence {found.confidence:.3g}. It assumes that the orders of the gearbox are right."
         )
 
 
 def _band_notes(machine: Machine, settings: AnalysisSettings, channels: Sequence[AnalysedChannel]) -> Iterator[str]:
     if settings.envelope_band_hz is None and machine.bearings:
         yield (
-            "No envelope band was given, so no bearing line was searched. Choose a band with a resonance that the "
+            "No envelope band was given, so bearing lines were not searched. Choose a band with a resonance that the "
             "bearing excites (envelope_band_hz, on the command line --envelope-band LOW HIGH)."
         )
     for channel in channels:
         if channel.no_band:
             yield (
-                f'Channel "{channel.name}": no envelope band can be chosen, so no bearing line was searched in it: '
+                f'Channel "{channel.name}": no envelope band can be chosen, so bearing lines were not searched in it: '
                 f"{channel.no_band}"
             )
 
@@ -477,11 +477,11 @@ def _jitter_notes(machine: Machine, channels: Sequence[AnalysedChannel]) -> Iter
     if not any(blurred < channel.spectra[ORDER_SPECTRUM].axis[-1] for channel in channels):
         yield from [f"{jitter}."] if of_pulses else []
     elif machine.source.tachometer:
-        yield f"{jitter}; lines above {blurred:.3g} orders are blurred and read low."
+        yield f"{jitter}; lines above {blurred:.3g} orders are smeared and underestimated."
     elif machine.source.estimated is not None:
         yield (
             f"The angle estimated from the vibration is uncertain by about {machine.jitter_s * 1e6:.3g} us: "
-            f"lines above {blurred:.3g} orders are blurred and read low."
+            f"lines above {blurred:.3g} orders are smeared and underestimated."
         )
 
 
@@ -489,7 +489,7 @@ def _channel_notes(channel: AnalysedChannel, machine: Machine) -> Iterator[str]:
     if channel.faulty:
         yield (
             f'Channel "{channel.name}" is sick (see sensor health): its indicators are withheld but for the raw RMS, '
-            "and nothing it shows is diagnosed."
+            "and no damage is diagnosed from it."
         )
     if channel.left_out:
         yield (

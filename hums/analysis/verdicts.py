@@ -210,7 +210,7 @@ def verdicts_from(groups: Mapping[str, xr.Dataset], attrs: Mapping[Any, Any]) ->
         change = "judged with the speed and drawing of the machine that was recorded"
         return [judging_nothing(one, contradiction, change) for one in judged]
     if any(sensor == "tachometer" for sensor, _ in sick):
-        why = "speed: the tachometer is faulty, so that no order is sure"
+        why = "speed: the tachometer is faulty, so that no order is reliable"
         return [judging_nothing(one, why, "judged with a sound tachometer") for one in judged]
     if doubt := str(attrs[DOUBT]):
         change = "judged with a speed or tachometer whose lines the record shows"
@@ -292,7 +292,7 @@ def _why_no_line(
 ) -> tuple[str, str]:
     """Return why the line of a bearing's part is in no envelope, and what would change that."""
     if settings.envelope_band_hz is None:
-        return "out of band: no envelope was asked for", "judged with an envelope band (envelope_band_hz)"
+        return "out of band: no envelope was requested", "judged with an envelope band (envelope_band_hz)"
     turns = max(float(channel.revolutions) for channel in channels)
     cycles, line_hz = order * turns, order * machine.top_speed_hz
     if cycles < FEWEST_CYCLES:
@@ -311,7 +311,7 @@ def _why_no_line(
             f"judged in a record of {_FEWEST_TURNS:g} turns or more",
         )
     return (
-        "out of band: the bands that carry its line hold mostly lines of meshes and shafts",
+        "out of band: the bands that carry its line contain mostly lines of meshes and shafts",
         "judged in a band without them (envelope_band_hz)",
     )
 
@@ -416,7 +416,7 @@ def _shaft_verdicts(
         own = [row for row in rows if row.component == component]
         sound = [row for row in own if row.channel not in sick]
         if not sound:
-            yield _shaft_not_judged(own[0], "the sensor is faulty, and may make any line by itself", "a sound sensor")
+            yield _shaft_not_judged(own[0], "the sensor is faulty and may itself produce any line", "a sound sensor")
             continue
         yield min((_shaft_verdict(row, limits) for row in sound), key=lambda one: (RANK[one.verdict], -one.amplitude))
 
@@ -456,7 +456,7 @@ def _shaft_verdict(row: ShaftLevel, limits: Sequence[float] | None) -> Finding:
             else:
                 noise = math.hypot(row.std, SHAFT_GROWTH * row.baseline_std)
                 most = SHAFT_GROWTH * row.baseline_level + SHAFT_CERTAINTY * noise
-                text = f"{most:.3g} {row.units}, from which its growth is no chance"
+                text = f"{most:.3g} {row.units}, above which its growth is significant"
             changes.append((row.level / most if most else math.inf, text))
     over, text = max(changes)
     doubt = "imbalance, a bend, misalignment and a resonance raise the same lines"
