@@ -102,7 +102,7 @@ class Explanation:
         cost = (
             f"about {self.seconds:.2g} s on one core, {self.record_bytes / 1e6:.3g} MB of samples, "
             f"{self.truth_bytes / 1e6:.3g} MB of truth, "
-            f"{self.working_bytes / 1e6:.3g} MB beside them"
+            f"{self.working_bytes / 1e6:.3g} MB of working memory"
         )
         return "\n".join([self.title, *rows, cost])
 

@@ -166,7 +166,7 @@ def _time_of(name: str, pattern: str, time_zone: str | None) -> str:
         moment = moment.replace(tzinfo=UTC)
     if moment.tzinfo is None and time_zone is None:
         raise RecordError(
-            f'"{pattern}" does not say how far {moment.isoformat()} is from UTC: state time_zone, as "Europe/Berlin", '
+            f'"{pattern}" does not state the UTC offset of {moment.isoformat()}: state time_zone, as "Europe/Berlin", '
             '"+01:00" or "UTC", in an import description (-d); or write %z in the pattern, or Z where it is UTC.'
         )
     return utc_text(in_zone(moment, time_zone) if moment.tzinfo is None and time_zone else moment)
@@ -266,7 +266,7 @@ def convert_files(
     try:
         folder.mkdir(parents=True, exist_ok=True)
     except OSError as error:
-        raise RecordError(f"{folder} cannot be made ({error.strerror}); name a folder of yours.") from None
+        raise RecordError(f"{folder} cannot be made ({error.strerror}); name a writable folder.") from None
     with locked(folder):  # from the notes that are read to the index that is written
         _begin(folder, form, task, force=force)
         readable = (
@@ -314,7 +314,7 @@ def _begin(folder: Path, form: Form, task: Mapping[str, Any], *, force: bool) ->
             name = different[0]
             raise RecordError(
                 f"{folder} was begun with {name} = {there.get(name)!r}, here it is {task.get(name)!r}; name another "
-                "folder, or go on with the same description."
+                "folder, or continue with the same description."
             )
     elif not force and any(not path.name.startswith(".hums-") for path in folder.iterdir()):
         raise RecordError(
@@ -363,8 +363,8 @@ def _drop_stale(folder: Path, jobs: Sequence[Job[dict[str, Any]]], *, force: boo
     others = [file for there in notes.values() for file in there.get("files", []) if file not in given]
     if left := [file for file in others if Path(file).is_file()]:
         raise RecordError(
-            f"{folder} holds records of {len(left)} files that are not named now, such as {left[0]}; name them, too, "
-            "or another folder."
+            f"{folder} holds records of {len(left)} files that are not among the sources, such as {left[0]}; add them, "
+            "or name another folder."
         )
     gone = False
     for note, there in notes.items():

@@ -257,7 +257,7 @@ def _refuse_dead_on_arrival(pool: Executor, death: type[Exception]) -> None:
     except death:
         raise JobError(
             "worker processes die as soon as they start. Is the script that starts them protected by "
-            'if __name__ == "__main__": and is memory left?'
+            'if __name__ == "__main__": and is enough memory available?'
         ) from None
 
 
@@ -338,13 +338,13 @@ def _cluster(address: str) -> Iterator[tuple[Executor, int, type[Exception]]]:
         except CancelledError:
             raise JobError(
                 f"the Dask scheduler at {address} was lost while jobs ran; run again, on another one or without it. "
-                "What was done is kept."
+                "Finished jobs are kept."
             ) from None
         except RuntimeError as error:
             if "deserialization" not in str(error):
                 raise
             raise JobError(
-                f"the Dask cluster at {address} cannot load what it is to do ({error.__cause__ or error}). Install "
+                f"the Dask cluster at {address} cannot load the jobs ({error.__cause__ or error}). Install "
                 "this package, in the same version, where the scheduler and its workers run."
             ) from error
         finally:
@@ -391,7 +391,7 @@ def locked(folder: Path) -> Iterator[None]:
         try:
             fcntl.flock(descriptor, fcntl.LOCK_EX | fcntl.LOCK_NB)
         except BlockingIOError:
-            raise JobError(f"another run is at work in {folder}; wait for it, or stop it first.") from None
+            raise JobError(f"another run is using {folder}; wait for it, or stop it first.") from None
         try:
             yield
         finally:

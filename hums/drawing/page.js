@@ -379,7 +379,7 @@ function frame(now) {
 const play = document.getElementById("play"), slower = document.getElementById("slower"), view = document.getElementById("view");
 function turn(on) {
   playing = on;
-  play.textContent = on ? "Stop" : "Turn";
+  play.textContent = on ? "Stop" : "Play";
   play.setAttribute("aria-pressed", String(on));
   last = performance.now();
   if (on) requestAnimationFrame(frame);

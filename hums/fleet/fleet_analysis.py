@@ -212,7 +212,7 @@ def analyze_fleet(
     try:
         results_folder.mkdir(parents=True, exist_ok=True)
     except OSError as error:
-        raise FleetError(f"{folder} cannot be made ({error.strerror}); name a folder of yours.") from None
+        raise FleetError(f"{folder} cannot be made ({error.strerror}); name a writable folder.") from None
     with locked(folder):  # from the list that is read to the one that is written
         _check_task(folder / _TASK, task)
         listed = own_json(folder / _LIST) if append else {}  # in the order of the runs
@@ -306,7 +306,7 @@ def _check_task(path: Path, task: dict[str, str]) -> None:
         write_text(path, json.dumps(task, indent=1))
     elif differing:
         raise FleetError(
-            f"{path.parent} holds records analysed with another {' and another '.join(differing)}; a table mixes none. "
+            f"{path.parent} holds records analysed with another {' and another '.join(differing)}; mixing is refused. "
             "Name another folder."
         )
 
@@ -365,7 +365,7 @@ def _killed_to_file(folder: Path, source: _Source, path: Path) -> None:
     A process may also be killed from outside, or for memory that another one took.
     """
     sentence = (
-        f"{source.path} killed its reader: the process that analysed it died, twice. The file is damaged, or needs "
+        f"{source.path} killed its reader: the process that analysed it died twice. The file is damaged, or needs "
         "more memory than there was. Copy it again from where it came, or run again."
     )
     folder.mkdir(exist_ok=True)

@@ -133,7 +133,7 @@ def _table(records: Sequence[StoredRecord], columns: _Columns) -> xr.Dataset:
             "speed_hz": ("record", speed, {"units": "rev s-1", "long_name": "mean speed of the reference"}),
             "amplitude": (("record", "line"), amplitude, {"long_name": "peak amplitude"}),
             "snr": (("record", "line"), snr, {"units": "1", "long_name": "amplitude over its background"}),
-            "claimed": (("record", "line"), claimed, {"long_name": "1 where the line is real"}),
+            "claimed": (("record", "line"), claimed, {"long_name": "1 where the line is identified"}),
             "value": (("record", "indicator"), value),
             "verdict": (
                 ("record", "condition"),
@@ -164,7 +164,7 @@ def _with_health(table: xr.Dataset, health: Mapping[str, Mapping[str, Any]]) -> 
             index[number, places[name]], score[number, places[name]] = value, one["scores"][name]
     return table.assign(
         health=(("record", "watched"), index, {"long_name": "health index: 0 normal, 1 alarm"}),
-        score=(("record", "watched"), score, {"long_name": "departure from normal, in deviations"}),
+        score=(("record", "watched"), score, {"long_name": "deviation from normal, in standard deviations"}),
         not_judged=("record", np.array([one.get("why", "") for one in records], dtype=np.str_)),
     ).assign_coords(watched=np.array(watched, dtype=np.str_))
 

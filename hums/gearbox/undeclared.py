@@ -29,7 +29,7 @@ def undeclared_parts(gearbox: Gearbox) -> list[str]:
     >>> import hums
     >>> from hums.gearbox.undeclared import undeclared_parts
     >>> undeclared_parts(hums.load_gearbox("two-stage"))
-    ['No bearing is declared on output: damage of its bearings was not looked for.']
+    ['No bearing is declared on output: damage to its bearings was not assessed.']
     """
     mechanism = build_mechanism(gearbox)
     borne = {
@@ -43,8 +43,8 @@ def undeclared_parts(gearbox: Gearbox) -> list[str]:
     if bare:
         whose = "its" if len(bare) == 1 else "their"
         said.append(
-            f"No bearing is declared on {first_of(bare, _MOST_NAMED)}: damage of {whose} bearings was not looked for."
+            f"No bearing is declared on {first_of(bare, _MOST_NAMED)}: damage to {whose} bearings was not assessed."
         )
     if not gearbox.meshes:
-        said.append("No gear mesh is declared: damage of teeth was not looked for.")
+        said.append("No gear mesh is declared: damage to teeth was not assessed.")
     return said

@@ -297,7 +297,7 @@ def _steady_speed_hz(source: Import, name: str, units: str) -> float:
     off = float(np.max(np.abs(values - mean))) / mean
     if off > _STEADY:
         raise RecordError(
-            f'{file.path.name}: the speed "{name}" departs by {off:.1%} from its mean, {60 * mean:.6g} rpm; at most '
+            f'{file.path.name}: the speed "{name}" deviates by {off:.1%} from its mean, {60 * mean:.6g} rpm; at most '
             f"{_STEADY:.0%} is a constant speed. Name a tachometer (tach_times, tach_waveform), or have the speed "
             "estimated from the vibration (no_tachometer)."
         )

@@ -174,7 +174,7 @@ def test_what_a_folder_refuses(folder, packed, tmp_path):
     (tmp_path / "other" / "notes.txt").write_text("mine")
     with pytest.raises(RecordError, match="files that belong to no such conversion"):
         convert_files(sources, tmp_path / "other", **DECLARED)
-    with pytest.raises(RecordError, match="not named now"):
+    with pytest.raises(RecordError, match="not among the sources"):
         convert_files(sources[:3], packed.folder, **DECLARED)
     (tmp_path / "a.csv").write_text("")
     with pytest.raises(RecordError, match="none of 1 files could be converted"):

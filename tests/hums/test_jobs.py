@@ -175,7 +175,7 @@ class TestKillers:
 class TestRefusals:
     @posix
     def test_a_second_run_in_one_folder(self, tmp_path):
-        with jobs.locked(tmp_path), pytest.raises(JobError, match=r"another run is at work in .*; wait for it"):
+        with jobs.locked(tmp_path), pytest.raises(JobError, match=r"another run is using .*; wait for it"):
             run_jobs(clusters.write_item, JOBS, folder=tmp_path, workers=Serial())
         run_jobs(clusters.write_item, JOBS, folder=tmp_path, workers=Serial())  # it let go
 

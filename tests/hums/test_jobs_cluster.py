@@ -86,7 +86,7 @@ def test_a_cluster_without_the_package_is_named(tmp_path, cluster, monkeypatch):
     (tmp_path / "out").mkdir()
     from only_here import write  # noqa: PLC0415 - exists from now on
 
-    with pytest.raises(JobError, match=r"cannot load what it is to do \(.*only_here.*Install"):
+    with pytest.raises(JobError, match=r"cannot load the jobs \(.*only_here.*Install"):
         run_jobs(write, JOBS, folder=tmp_path / "out", workers=cluster)
 
 

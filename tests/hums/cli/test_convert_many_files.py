@@ -115,7 +115,7 @@ def test_a_time_column_and_a_measured_speed(run, described, tmp_path):
     (tmp_path / "a.csv").write_text("\n".join([*lines, "2020-01-01T01:00:10+01:00,0,1600"]))
     code, _, err = run(*words, *told)
     assert code == 1
-    assert 'the speed "rpm" departs by 6.6% from its mean' in err
+    assert 'the speed "rpm" deviates by 6.6% from its mean' in err
 
 
 def test_units_of_each_channel_and_what_decides_a_contradiction(run, tmp_path):

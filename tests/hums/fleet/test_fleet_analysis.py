@@ -247,12 +247,12 @@ class TestGoingOn:
             run([records / "1.h5"], tmp_path, append=True)
 
         monkeypatch.setattr(fleet_analysis, "write_page", meanwhile)
-        with pytest.raises(hums.JobError, match="another run is at work"):
+        with pytest.raises(hums.JobError, match="another run is using"):
             run([records / "0.h5"], tmp_path)
 
     def test_another_gearbox_or_other_settings_are_refused(self, records, done):
         with pytest.raises(
-            FleetError, match=r"analysed with another settings; a table mixes none\. Name another folder"
+            FleetError, match=r"analysed with another settings; mixing is refused\. Name another folder"
         ):
             run([records], done, settings=hums.AnalysisSettings(most_tracks=1))
         with pytest.raises(FleetError, match="another gearbox"):

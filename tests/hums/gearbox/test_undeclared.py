@@ -32,7 +32,7 @@ def test_bodies_without_a_bearing(gearbox, named):
 
 
 def test_no_mesh():
-    assert undeclared_parts(box("input")) == ["No gear mesh is declared: damage of teeth was not looked for."]
+    assert undeclared_parts(box("input")) == ["No gear mesh is declared: damage to teeth was not assessed."]
 
 
 def test_many_are_counted():
@@ -46,4 +46,4 @@ def test_many_are_counted():
             "mesh": [{"teeth": {a: 20, b: 21}} for a, b in pairwise(links)],
         }
     )
-    assert "shaft 11 and 8 more: damage of their bearings" in undeclared_parts(gearbox)[0]
+    assert "shaft 11 and 8 more: damage to their bearings" in undeclared_parts(gearbox)[0]
