@@ -188,8 +188,8 @@ def _check_speeds(record: xr.Dataset) -> None:
     fastest = 0.0 if nominal is None else float(np.max(nominal.values))
     if fastest >= rate_hz / 2:
         raise RecordError(
-            f"nominal speed: {fastest * 60:g} rpm is {fastest:g} revolutions a second, which samples at "
-            f"{rate_hz:g} Hz cannot show; below {rate_hz / 2:g} is needed. Correct the speed (rpm) or the rate."
+            f"nominal speed: {fastest * 60:g} rpm is {fastest:g} rev/s, which samples at "
+            f"{rate_hz:g} Hz cannot resolve; it must be below {rate_hz / 2:g}. Correct the speed (rpm) or the rate."
         )
     for name in tachometers(record):
         for times_s in _each_train(record[name]):
@@ -207,7 +207,7 @@ def _check_spacing(name: str, times_s: NDArray[np.float64], per_rev: int, rate_h
         )
     if spacing_s * per_rev * rate_hz < _MIN_SAMPLES_PER_TURN:
         raise RecordError(
-            f"{what}, which at {per_rev} a revolution makes {1 / (spacing_s * per_rev):.4g} rev/s, a turn every "
+            f"{what}, which at {per_rev} per revolution makes {1 / (spacing_s * per_rev):.4g} rev/s, a turn every "
             f"{spacing_s * per_rev * rate_hz:.3g} samples at {rate_hz:g} Hz; the vibration shows nothing of so fast a "
             "shaft. Correct the times (seconds), pulses_per_rev (--pulses-per-rev) or the rate."
         )

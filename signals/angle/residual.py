@@ -293,7 +293,7 @@ def regular_signal(average: SynchronousAverage, *, left: ResidualSignal | Differ
     """
     if left.samples_per_rev != average.samples_per_rev:
         raise ValueError(
-            f"what is left has {left.samples_per_rev} samples a revolution, the average {average.samples_per_rev}; "
+            f"what is left has {left.samples_per_rev} samples per revolution, the average {average.samples_per_rev}; "
             "give the average it was taken from."
         )
     whole_signal = real_vector(average.values, name="the average")
@@ -344,7 +344,7 @@ def mesh_band(average: SynchronousAverage, *, mesh_order: int, sidebands: int) -
         raise ValueError(
             f"the band of {side} sidebands about order {centre} reaches from {centre - side} to {centre + side}, but "
             f"must lie between 1 and {last}, the highest order the average passes; take fewer sidebands, or more "
-            "samples a revolution."
+            "samples per revolution."
         )
     lines = fft.fft(values)
     band = np.zeros_like(lines)

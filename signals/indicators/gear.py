@@ -175,7 +175,7 @@ def energy_ratio(difference: DifferenceSignal, regular: RegularSignal) -> float:
     expect(regular, RegularSignal, indicator="the energy ratio")
     if difference.samples_per_rev != regular.samples_per_rev:
         raise ValueError(
-            f"the energy ratio: {difference.samples_per_rev} samples a revolution in the difference signal and "
+            f"the energy ratio: {difference.samples_per_rev} samples per revolution in the difference signal and "
             f"{regular.samples_per_rev} in the regular one; both come from one average."
         )
     below = float(np.std(regular.values))

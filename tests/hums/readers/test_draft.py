@@ -60,7 +60,7 @@ def test_a_draft_says_what_was_recognised_and_what_is_needed(tmp_path):
     assert (told["units"], told["measured"]) == ({"DE": "g", "ND": "mm/s"}, {"Öl": "°C"})
     assert [told[key] for key in ("separator", "decimal", "encoding", "header_lines")] == [";", ",", "cp1252", 12]
     assert "Sampling rate: 1000 Hz" in text
-    assert "clocks show 2024-10-27T10:27:00" in text
+    assert "the time zone of 2024-10-27T10:27:00" in text
     assert f"Zeit ({COUNT} values)" in text
     np.savez(tmp_path / "a.npz", DE=NOISE, tach=NOISE[:9])
     text = draft(read_file(tmp_path / "a.npz"))
@@ -81,7 +81,7 @@ def test_any_name_of_a_column_is_toml(tmp_path, name):
 def test_the_command_writes_and_does_not_overwrite(run, tmp_path):
     write_logger_table(tmp_path / "log.csv")
     code, out, _ = run("info", tmp_path / "log.csv", "--draft", tmp_path / "import.toml")
-    assert (code, "fill in what it asks for" in out) == (0, True)
+    assert (code, "fill in what is missing" in out) == (0, True)
     assert tomllib.loads((tmp_path / "import.toml").read_text(encoding="utf-8"))["header_lines"] == 12
     code, _, err = run("info", tmp_path / "log.csv", "--draft", tmp_path / "import.toml")
     assert (code, "is not replaced" in err) == (1, True)

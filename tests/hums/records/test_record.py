@@ -446,8 +446,8 @@ def test_a_shaft_has_a_name(source):
 @pytest.mark.parametrize("rpm", [1e9, 30000])
 def test_a_declared_speed_that_the_samples_cannot_show(rpm):
     text = refusal(angle=NominalSpeed(rpm=rpm, shaft="input"))
-    assert f"nominal speed: {rpm:g} rpm is {rpm / 60:g} revolutions a second" in text
-    assert "samples at 1000 Hz cannot show; below 500 is needed" in text
+    assert f"nominal speed: {rpm:g} rpm is {rpm / 60:g} rev/s" in text
+    assert "samples at 1000 Hz cannot resolve; it must be below 500" in text
     assert nominal_speed(build(angle=NominalSpeed(rpm=29999, shaft="input"))) is not None
 
 
