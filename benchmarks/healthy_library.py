@@ -334,12 +334,12 @@ def judged(records: Iterable[dict[str, Any]]) -> list[dict[str, Any]]:
 def distribution(shown: list[dict[str, Any]], of: Callable[[str], bool], *, at_shafts: bool = False) -> dict[str, Any]:
     """Return the number of records and parts of some kinds that were judged, and the largest of their strengths.
 
-    Parts whose line may be something else's are left out, but those at shafts where they are asked for.
+    Parts whose line may have another source are left out, but those at shafts where they are asked for.
     """
     rows = [[row for row in one["rows"] if of(row[0]) and np.isfinite(row[1])] for one in shown]
 
     def counts(doubts: str) -> bool:
-        return at_shafts if "it stands at" in doubts else not doubts.startswith("its line may be")
+        return at_shafts if "it stands at" in doubts else not doubts.startswith("its line may ")
 
     parts: dict[str, int] = {}
     values: dict[str, list[float]] = {}
