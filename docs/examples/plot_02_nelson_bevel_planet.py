@@ -2,8 +2,8 @@
 Nelson's bevel planet
 =====================
 
-Sun, ring and carrier on one axis, a bevel planet at 60 degrees to it: example 1 of Penaud and Alazard (2010), after
-Nelson and Cipra (2005). The carrier turns at 0.625 of the ring's speed, the planet at 15/16 against the carrier.
+Sun, ring and carrier on one axis, with a bevel planet at 60 degrees: example 1 of Penaud and Alazard (2010), after
+Nelson and Cipra (2005). The carrier rotates at 0.625 of the ring speed, the planet at 15/16 relative to the carrier.
 """
 
 from fractions import Fraction

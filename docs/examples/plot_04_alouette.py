@@ -2,8 +2,8 @@
 The main gearbox of the Alouette III
 ====================================
 
-A bevel stage, a take-off for the tail rotor and two planetary stages in series (Penaud, Alazard and Amiez 2012).
-The chart shows at which frequency each order lies while the input speeds up.
+A bevel stage, a tail-rotor take-off and two planetary stages in series (Penaud, Alazard and Amiez 2012).
+The chart shows the frequency of each order against input speed.
 """
 
 import matplotlib.pyplot as plt

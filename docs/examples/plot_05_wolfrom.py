@@ -1,9 +1,9 @@
 """
-A ratio of teeth that nearly cancel
-===================================
+A Wolfrom set: near-cancelling tooth ratios
+===========================================
 
-In a Wolfrom set the ring that turns has nearly the ratio of the ring that is fixed; the small difference makes a large
-reduction, which floating point would blur and fractions do not.
+The ratio of the rotating ring of a Wolfrom set is close to that of the fixed ring; the small difference gives a large
+reduction, which fractions preserve and floating point would degrade.
 """
 
 import matplotlib.pyplot as plt

@@ -2,7 +2,7 @@
 Gears of a Ravigneaux set
 =========================
 
-Two degrees of freedom: holding one link after another gives the gears of an automatic transmission.
+Two degrees of freedom: holding the links in turn gives the gears of an automatic transmission.
 """
 
 import matplotlib.pyplot as plt

@@ -2,7 +2,7 @@
 Torques and power through two stages
 ====================================
 
-The load on every mesh by virtual work, with one per cent of loss in each.
+Mesh loads by virtual work, with a loss of one per cent per mesh.
 """
 
 import matplotlib.pyplot as plt

@@ -1,9 +1,9 @@
 """
-A planetary stage of one's own
-==============================
+Declare a planetary stage
+=========================
 
-A gearbox is a mapping, in Python or in a TOML file. The ring is fixed to the housing by `rigid`; its teeth count
-negative, for it is an internal gear.
+A gearbox is a mapping, in Python or in a TOML file. The ring is fixed to the housing by `rigid`; as an internal gear,
+it has a negative number of teeth.
 """
 
 import matplotlib.pyplot as plt

@@ -1,9 +1,9 @@
 """
-From pulses to the angle of a shaft
-===================================
+From tachometer pulses to shaft angle
+=====================================
 
-Pulses of a shaft that speeds up, with jitter; some are missing. They are found and bridged. The error is largest at the
-ends, where pulses are on one side only.
+Pulses of an accelerating shaft with jitter, some of them missing. Missing pulses are detected and bridged. The error is
+largest at the ends, where there are pulses on one side only.
 """
 
 import matplotlib.pyplot as plt

@@ -1,8 +1,8 @@
 """
-From time to angle
-==================
+From time to shaft angle
+========================
 
-The spectrum of a run-up over frequency smears; resampled over the angle of the shaft it has sharp lines.
+The frequency spectrum of a run-up is smeared; resampled in shaft angle, it has sharp lines.
 """
 
 import matplotlib.pyplot as plt

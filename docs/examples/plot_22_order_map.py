@@ -1,8 +1,8 @@
 """
-An order map of a run-up
-========================
+Order map of a run-up
+=====================
 
-Lines of the gearbox stand upright over orders; a resonance is a hyperbola.
+Gearbox lines are vertical in the order map; a resonance is a hyperbola.
 """
 
 import matplotlib.pyplot as plt

@@ -2,7 +2,7 @@
 A cracked tooth in the synchronous average
 ==========================================
 
-Averaging over revolutions of the gear keeps what is locked to its teeth; without the mesh harmonics, one tooth
+Averaging over gear revolutions retains the components locked to its teeth; after removal of the mesh harmonics, one tooth
 stands out.
 """
 

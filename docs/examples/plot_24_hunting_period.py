@@ -2,8 +2,8 @@
 How many revolutions to average
 ===============================
 
-The mate of a gear is nulled by an average over whole turns of both. `quietest_revolutions` names the number that
-leaves least of it.
+An average over whole revolutions of both gears cancels the mate of a gear. `quietest_revolutions` gives the number with
+the smallest remainder.
 """
 
 from fractions import Fraction

@@ -1,9 +1,9 @@
 """
-The average of one planet
-=========================
+Synchronous average of one planet
+=================================
 
-A planet is seen through a window each time it passes the sensor; its teeth come by in another order at each pass, so
-that in the end every tooth has been seen.
+A planet is observed through a window at each pass of the sensor. Different teeth are in mesh at each pass, so that
+all teeth are covered over time.
 """
 
 import matplotlib.pyplot as plt

@@ -1,8 +1,8 @@
 """
-The kurtogram, and the band it gives
-====================================
+The kurtogram and the selected band
+===================================
 
-Impulses ring in a resonance; their band is the one in which the signal is most impulsive (Antoni 2007).
+Impulses excite a resonance; the selected band is the one in which the signal is most impulsive (Antoni 2007).
 """
 
 import matplotlib.pyplot as plt

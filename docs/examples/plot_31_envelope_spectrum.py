@@ -1,9 +1,9 @@
 """
-The envelope spectrum of impulses
-=================================
+Envelope spectrum of impulses
+=============================
 
-In the plain spectrum impulses are a hump about the resonance; in the spectrum of the envelope they are lines at the
-rate of the impulses.
+In the plain spectrum, impulses appear as a hump around the resonance; in the envelope spectrum, as lines at the
+impact rate.
 """
 
 import matplotlib.pyplot as plt

@@ -1,8 +1,8 @@
 """
-Cyclic frequencies without a band
-=================================
+Cyclic frequencies without band selection
+=========================================
 
-The spectral coherence over all carriers, averaged: the enhanced envelope spectrum needs no band to be chosen (Antoni,
+Spectral coherence averaged over all carriers: the enhanced envelope spectrum requires no band selection (Antoni,
 Xin and Hamzaoui 2017).
 """
 

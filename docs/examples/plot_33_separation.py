@@ -1,8 +1,8 @@
 """
-Gears apart from bearings
-=========================
+Separate gear tones from bearing impulses
+=========================================
 
-Tones of gears can be predicted from what was before; impulses of a bearing cannot. The random part keeps them.
+Gear tones can be predicted from past samples, bearing impulses cannot. The random part retains them.
 """
 
 import matplotlib.pyplot as plt

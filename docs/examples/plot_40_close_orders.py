@@ -2,7 +2,7 @@
 Tracking two close orders
 =========================
 
-Orders 10 and 10.3 beat. Estimated jointly, each has its own amplitude, with its standard deviation.
+Orders 10 and 10.3 beat. Joint estimation gives the amplitude of each, with its standard deviation.
 """
 
 import matplotlib.pyplot as plt

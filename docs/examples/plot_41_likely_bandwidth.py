@@ -1,8 +1,8 @@
 """
-The most likely bandwidth
-=========================
+The maximum-likelihood bandwidth
+================================
 
-How narrow may a tracker be? The bandwidth under which the record is most likely follows how fast the amplitude changes.
+How narrow may a tracker be? The bandwidth of maximum likelihood follows the rate at which the amplitude changes.
 """
 
 import matplotlib.pyplot as plt

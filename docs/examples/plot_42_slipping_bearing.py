@@ -1,8 +1,8 @@
 """
-A bearing that slips
-====================
+A slipping bearing
+==================
 
-The line lies a per cent below the order of the drawing and wanders. `track_slipping_order` carries the slip with the
+The line is a per cent below its kinematic order and wanders. `track_slipping_order` estimates the slip jointly with the
 amplitude.
 """
 

@@ -2,7 +2,7 @@
 Speed without a tachometer
 ==========================
 
-The orders of the gearbox are known, the speed is not: all of them together give it.
+The orders of the gearbox are known, the speed is not: it is estimated jointly from all orders.
 """
 
 import matplotlib.pyplot as plt

@@ -1,8 +1,8 @@
 """
-A sensor that clips
-===================
+A clipping sensor
+=================
 
-Health is judged before anything is diagnosed; clipped samples are missing ones.
+Sensor health is checked before any diagnosis; clipped samples are treated as missing.
 """
 
 import matplotlib.pyplot as plt

@@ -2,7 +2,7 @@
 From acceleration to velocity
 =============================
 
-Integration over a band, with the RMS velocity that vibration standards speak of.
+Integration over a band, with the RMS velocity used by vibration standards.
 """
 
 import matplotlib.pyplot as plt

@@ -1,9 +1,9 @@
 """
-A Kalman filter of your own
-===========================
+Build your own Kalman filter
+============================
 
-`signals.harmonic_model` gives the matrices of the tracker's state-space model, and a filter of filterpy with them, for
-what `track_orders` does not do: here a noise variance that is known for each sample.
+`signals.harmonic_model` gives the matrices of the tracker's state-space model, and a filterpy filter based on them, for
+cases that `track_orders` does not cover: here a known noise variance of each sample.
 """
 
 import matplotlib.pyplot as plt

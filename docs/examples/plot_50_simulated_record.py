@@ -1,8 +1,8 @@
 """
-A record with its truth
-=======================
+A record with ground truth
+==========================
 
-A scene becomes a record; what is true of it is stored beside the samples.
+A scene is simulated to a record; the ground truth is stored with the samples.
 """
 
 import matplotlib.pyplot as plt

@@ -2,7 +2,7 @@
 From a record to its spectra
 ============================
 
-Orders of the gearbox, marked in the order spectrum and in the spectrum of the envelope.
+Gearbox orders marked in the order spectrum and in the envelope spectrum.
 """
 
 import matplotlib.pyplot as plt

@@ -1,8 +1,8 @@
 """
-Amplitudes of a run-up, with their uncertainty
-==============================================
+Amplitudes of a run-up with uncertainty
+=======================================
 
-Significant orders of an analysis are tracked, and each has a standard deviation.
+Identified orders of an analysis are tracked, each with its standard deviation.
 """
 
 import matplotlib.pyplot as plt

@@ -2,7 +2,7 @@
 Wijianto's gear pair: modes
 ===========================
 
-Four degrees of freedom; the paper prints 110.17, 392.65 and 687.01 Hz beside the free rotation.
+Four degrees of freedom; the paper prints 110.17, 392.65 and 687.01 Hz, in addition to the free rotation.
 """
 
 import matplotlib.pyplot as plt

@@ -2,7 +2,7 @@
 Wijianto's gear pair: start-up
 ==============================
 
-75 N m on the pinion, a load that grows with the square of speed, everything at rest. The paper prints a top speed of
+75 N m on the pinion, a load proportional to the square of speed, starting from rest. The paper prints a top speed of
 132.3 rad/s, and a ripple of about 110 Hz.
 """
 

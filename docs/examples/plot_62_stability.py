@@ -2,7 +2,7 @@
 Wijianto's gear pair: stability
 ===============================
 
-A stiffness that varies drives a motion without bound near twice a natural frequency. The map shows the largest Floquet
+Varying stiffness causes parametric instability near twice a natural frequency. The map shows the largest Floquet
 multiplier over mesh frequency and contact ratio.
 """
 

@@ -2,8 +2,8 @@
 A Campbell diagram
 ==================
 
-The drawing becomes equations of motion; what is not declared is a first guess in steel. Orders of the mesh cross the
-natural frequencies at the critical speeds.
+The equations of motion follow from the drawing; undeclared parameters are first estimates for steel. Mesh orders cross
+the natural frequencies at the critical speeds.
 """
 
 import matplotlib.pyplot as plt

@@ -1,8 +1,8 @@
 """
-Shapes of mesh stiffness
+Models of mesh stiffness
 ========================
 
-Rectangular, trapezoidal and by its Fourier series, over two mesh cycles.
+Rectangular, trapezoidal and Fourier-series stiffness over two mesh cycles.
 """
 
 import matplotlib.pyplot as plt

@@ -1,10 +1,10 @@
 """
-Published velocity ratios, side by side
-=======================================
+Published velocity ratios compared
+==================================
 
-What the papers print, and what the exact solver gives, for Nelson's bevel planet (Nelson and Cipra 2005; Penaud and
+Published values and those of the exact solver for Nelson's bevel planet (Nelson and Cipra 2005; Penaud and
 Alazard 2010), the car differential in a corner (Penaud and Alazard 2010) and the Alouette III (Penaud, Alazard and
-Amiez 2012). Print has two to four decimals; the solver gives fractions.
+Amiez 2012). The papers print two to four decimals; the solver gives fractions.
 """
 
 from fractions import Fraction
