@@ -2,8 +2,8 @@
 A cracked tooth in the synchronous average
 ==========================================
 
-Averaging over gear revolutions retains the components locked to its teeth; after removal of the mesh harmonics, one tooth
-stands out.
+Averaging over gear revolutions retains the components locked to its teeth; after removal of the mesh harmonics, one
+tooth stands out.
 """
 
 import matplotlib.pyplot as plt

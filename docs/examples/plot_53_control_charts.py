@@ -3,8 +3,9 @@ Control charts of a machine
 ===========================
 
 The score of a component, record by record: normal for 60 records, then a fault grows by a twentieth of a standard
-deviation per record. EWMAs with weights 1, 0.2 and 0.05 and a cumulative sum monitor it. The health index is the largest
-of the four over its limit, at which a component of normal, independent scores raises one alarm in 10,000 records.
+deviation per record. EWMAs with weights 1, 0.2 and 0.05 and a cumulative sum monitor it. The health index is the
+largest of the four over its limit, at which a component of normal, independent scores raises one alarm in 10,000
+records.
 """
 
 import matplotlib.pyplot as plt
