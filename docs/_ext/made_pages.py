@@ -16,9 +16,9 @@ MOST_BYTES = 1_000_000  # of a page on which a mechanism turns
 
 ABOUT = """# Animated mechanisms
 
-Every gearbox of the catalogue, Glinsky's trains and those of the papers among them, on a page of its own: sliders for
-the free speeds, velocity vectors, and every defect order, exact and in Hz. A page is one file and needs no network;
-yours is made by `hums drawing my-gearbox.toml --html`.
+Each gearbox of the catalogue, including Glinsky's trains and those of the papers, on its own page: sliders for the
+independent speeds, velocity vectors, and all defect orders, exact and in Hz. Each page is one offline file;
+`hums drawing my-gearbox.toml --html` generates one for your gearbox.
 
 """
 
