@@ -224,6 +224,6 @@ def test_a_draft_that_was_filled_in_stays(run, refused, raw, tmp_path):
 
 def test_what_is_read_is_not_written_by_force(refused, raw, tmp_path):
     refused("convert", raw, raw, "--channel", "vib", "--force", because=READ)
-    refused("synth", "demo", "-o", tmp_path / "record.csv", because="a record is HDF5", status=2)
+    refused("synth", "demo", "-o", tmp_path / "record.csv", because="records are HDF5 files", status=2)
     (tmp_path / "gearbox.svg").write_text('frame = "housing"\n')
     refused("drawing", tmp_path / "gearbox.svg", "-o", tmp_path / "gearbox.svg", "--force", because=READ)

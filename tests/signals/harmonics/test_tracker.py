@@ -143,8 +143,9 @@ def test_the_mean_is_real(method):
     x, phase = tone(1500)
     x += 5 + 0.1 * np.random.default_rng(RNG_SEED).standard_normal(1500)
     tracks = track_orders(
-        x, phase_rad=phase, orders=[0, 3], bandwidth_hz=4e-3, rate_hz=1.0, method=method, output_every=50
-    )
+        x, phase_rad=phase, orders=[0, 3], bandwidth_hz=4e-3, rate_hz=1.0, method=method, output_every=50,
+        noise_variance=0.01,
+    )  # fmt: skip
     assert_array_equal(tracks.complex_amplitude[0].imag, 0.0)
     assert np.abs((tracks.complex_amplitude[0].real - 5) / tracks.std[0]).max() < 4.5
     # One quadrature that sees R instead of 2 R: std smaller by sqrt(2) at the same bandwidth.
