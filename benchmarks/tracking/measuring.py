@@ -1,6 +1,7 @@
 """Every setting on every job, at the bandwidth that suits it best there: time, error, memory."""
 
 import contextlib
+import dataclasses
 import sys
 from collections.abc import Iterable, Sequence
 from dataclasses import dataclass
@@ -77,11 +78,23 @@ def measure(names: Iterable[JobName], settings: Sequence[Setting], effort: Effor
     return rows, [f"{', '.join(names)}: {why}" for why, names in refused.items()]
 
 
+def _check_causal(record: Job, run: Run, bandwidth: float) -> None:
+    """Refuse a filter whose outputs change with later samples: it would beat all others for the wrong reason."""
+    half = record.samples // 2
+    later = np.where(np.arange(record.samples) < half, record.x, 2 - 3 * record.x)
+    (one, at), (other, _) = (run(dataclasses.replace(record, x=x), bandwidth) for x in (record.x, later))
+    before = np.abs(one - other)[:, at < half]
+    if not np.all(before <= 1e-9 * np.abs(one).max()):
+        raise ArithmeticError(f"outputs change by up to {before.max():.2g} with samples that come after them")
+
+
 def _measured(job: Job, setting: Setting, bandwidth: float, effort: Effort, rows: list[Row]) -> Row:
     excerpt = standard_job(job.name, samples=min(effort.excerpt, job.samples))
     short = setting.excerpt_of is not None
     record = excerpt if short else job
     setting.run(excerpt, bandwidth)  # compiles
+    if setting.family.startswith("filter"):
+        _check_causal(excerpt, setting.run, bandwidth)
     if setting.prepare is not None:
         setting.prepare(record)
     give_back()

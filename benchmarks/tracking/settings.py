@@ -2,12 +2,12 @@
 
 from collections.abc import Callable, Mapping
 from dataclasses import dataclass, replace
-from functools import partial
+from functools import lru_cache, partial
 from typing import Any, Literal, get_args
 
 import numpy as np
 import peers
-from jobs import Floats, Job, JobName
+from jobs import Job, JobName
 from numpy.typing import NDArray
 
 from signals.harmonics import OrderTracker, likely_bandwidth, track_orders
@@ -141,22 +141,12 @@ def our_settings() -> list[Setting]:
     return [*smoothers, *filters, *streams()]
 
 
-class _Given:
-    """The filter on regressors made beforehand, those of one job at a time."""
+_regressors = lru_cache(maxsize=1)(peers.regressors)  # of one job at a time
 
-    def __init__(self) -> None:
-        self._made: dict[tuple[str, int], Floats] = {}
 
-    def prepare(self, job: Job) -> Floats:
-        """Return the regressors of a job, made the first time."""
-        key = job.name, job.samples
-        if key not in self._made:
-            self._made = {key: peers.regressors(job)}
-        return self._made[key]
-
-    def run(self, job: Job, bandwidth: float) -> Tracks:
-        """Track a job."""
-        return peers.compiled_filter_given(job, bandwidth, rows=self.prepare(job))
+def _given(job: Job, bandwidth: float) -> Tracks:
+    """Run the filter on regressors made beforehand."""
+    return peers.compiled_filter_given(job, bandwidth, rows=_regressors(job))
 
 
 def peer_settings() -> list[Setting]:
@@ -174,7 +164,6 @@ def peer_settings() -> list[Setting]:
         )
 
     one: dict[str, Any] = {"family": causal.family, "search": causal.search}
-    given = _Given()
     slow = one | {"excerpt_of": "numba"}
     return [
         peer("Butterworth", "demodulation, scipy sosfiltfilt", 2, peers.demodulated),
@@ -189,7 +178,7 @@ def peer_settings() -> list[Setting]:
         ),
         peer("VK coupled, sums", "scipy solveh_banded on sums", 2, coupled, outputs=blocks),
         peer("numba", "covariance filter", 1, peers.compiled_filter, **one),
-        peer("numba, given sines", "covariance filter", 1, given.run, **one, prepare=given.prepare),
+        peer("numba, given sines", "covariance filter", 1, _given, **one, prepare=_regressors),
         peer("filterpy", "covariance filter", 1, peers.filterpy_filter, **slow),
         peer("statsmodels", "covariance filter", 1, peers.statsmodels_filter, **slow),
     ]

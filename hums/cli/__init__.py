@@ -67,7 +67,7 @@ _COMMANDS = {
     "rolling_element is 2 BSF, as a defect strikes both races; tooth counts the contacts of one tooth with its mates; "
     "assembly_phase is the mesh order over the greatest common divisor of the tooth numbers.",
     "schema": "Print the JSON schema of a hand-written file, for validation and completion in editors.",
-    "convert": "Convert files of other programs: one file to a record, several to a dataset or to a record each.\n\n"
+    "convert": "Convert files of other programs: one to a record, several to a dataset or to separate records.\n\n"
     "Re-running resumes where it stopped and reads new or changed files. Files that cannot be read are listed in "
     "refused.csv.",
     "info": "Show the contents of a record; of a folder of records, their number and the first one.",

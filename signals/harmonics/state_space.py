@@ -88,12 +88,12 @@ class HarmonicModel:
         """(column, sample) array of regressors: the measurement is their product with the levels."""
         from signals.harmonics._block_kernels import fill_phasors  # noqa: PLC0415 - loads numba
 
-        phase = self.phase(samples)
-        columns = np.empty((2 * self.orders.size, phase.shape[1]))
-        place = np.argsort(np.argsort(self.orders == 0, kind="stable"))  # the mean's sine comes last
+        phase, count = self.phase(samples), self.orders.size
+        columns = np.empty((2 * count, phase.shape[1]))
         for k, order in enumerate(self.orders.tolist()):
-            fill_phasors(-order, phase[self.shaft[k]], columns[k], columns[self.orders.size + place[k]])
-        return columns[: self.order_of_column.size]
+            fill_phasors(-order, phase[self.shaft[k]], columns[k], columns[count + k])
+        means = np.flatnonzero(self.orders == 0)
+        return np.delete(columns, count + means, axis=0) if means.size else columns
 
     def process_noise(self, samples: slice = slice(None), *, step: float = 1.0) -> Floats:
         """(sample or 1, column) array: q of random walks of the same bandwidth with one step in `step` samples."""

@@ -122,7 +122,7 @@ class OrderTracker:
             prior_std=_arguments.check_initial_std(std, noise=self._noise),
         )  # fmt: skip
         choice(method, name="method", choices=("exact", "fast"))
-        self._method: Method = method
+        self._steady = SteadyGains.of(self._model) if method == "fast" else None
         self._every = whole(output_every, name="output_every", least=1)
         self._settings: dict[str, Any] = {
             "orders": numbers, "shafts": np.array(self._names, dtype=np.str_), "noise_variance": self._noise,
@@ -157,8 +157,8 @@ class OrderTracker:
         closeness = self._closeness(now, phase)
         flags = self._flags(now, closeness, outputs, ~np.isnan(block[0]))
         steady = None
-        if self._method == "fast" and (error := ripple(closeness)) <= LARGEST_RIPPLE:
-            steady, now.error_bound = SteadyGains.of(model), max(now.error_bound, error)
+        if self._steady is not None and (error := ripple(closeness)) <= LARGEST_RIPPLE:
+            steady, now.error_bound = self._steady, max(now.error_bound, error)
         amplitude, variance = filter_on(
             model, block, now.state, now.innovations, output_every=self._every, steady=steady,
             startup=ceil(1 / float(model.bandwidth.min())) + model.state_size,
@@ -174,7 +174,7 @@ class OrderTracker:
             **{name: squeeze(value, now.one_channel) for name, value in found.items()},
             unresolved=now.meetings.unresolved, orders=model.orders, shafts=self._names, bandwidth=self._width.given,
             bandwidth_units=self._width.units, bandwidth_cycles=self._width.cycles[:, 0], poles=model.poles,
-            estimator="filter", method=self._method, error_bound=now.error_bound,
+            estimator="filter", method="exact" if self._steady is None else "fast", error_bound=now.error_bound,
             samples=now.state.count, output_every=self._every,
             first_output=self._every * (-(-now.state.count // self._every) - outputs.size),
         )  # fmt: skip

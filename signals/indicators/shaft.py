@@ -97,6 +97,6 @@ def line_amplitude(average: SynchronousAverage, order: int) -> float:
     if order > last:
         raise ValueError(
             f"order {order} lies above {last}, the highest that this average of {average.samples_per_rev} samples "
-            "a revolution passes; take more samples per revolution."
+            "per revolution resolves; take more samples per revolution."
         )
     return float(abs(average.complex_amplitude[order]))

@@ -9,7 +9,8 @@ import trackers
 from jobs import standard_job
 from tracking import settings
 from tracking.clock import Effort
-from tracking.settings import our_settings, peer_settings, streams
+from tracking.measuring import measure
+from tracking.settings import our_settings, ours, peer_settings, streams
 from tracking.slipping import ORDER, Slipping
 
 from signals.harmonics import track_orders
@@ -133,6 +134,17 @@ def test_the_report_is_written(tmp_path, capsys, monkeypatch):
         assert f"| {row} |" in report
     assert " nan " not in report
     assert (tmp_path / "trackers.svg").read_text(encoding="utf-8").count("<svg") == 1
+
+
+def test_a_smoother_that_passes_for_a_filter_is_left_out():
+    true = ours("filter", "exact", poles=1)
+    smoother = ours("smoother", "exact", poles=1)
+    false = dataclasses.replace(true, run=smoother.run)
+    effort = Effort(samples=3000, excerpt=3000, repeats=1, slow_repeats=1, search=2)
+    rows, refusals = measure(["J2 crossing"], [true, false], effort)
+    assert [row.setting for row in rows] == [true]
+    assert len(refusals) == 1
+    assert "samples that come after" in refusals[0]
 
 
 def test_regressors_given_are_those_of_the_record():
