@@ -1,7 +1,8 @@
 """What users get, in one table: python benchmarks/scoreboard.py [--quick | --full] [--first N] [--tree PATH].
 
 Prints a row for each outcome: what is measured, the figure now, that of commit a135c42, the limit, and whether it
-holds; ends with status 1 where one does not. `--quick` takes three minutes on two cores, plain twenty, `--full` hours.
+holds; ends with status 1 where one does not. `--quick` takes three minutes on two cores and judges no times, since it
+runs on every machine and beside other work; plain takes twenty on an idle one, `--full` hours.
 `--first` advances the numbers of synthetic records, which are the seeds of all they hold. `--tree` measures another
 working tree with the same records; the figures of a135c42 are made with
 
@@ -149,7 +150,7 @@ def main(arguments: Sequence[str] | None = None, sections: Sequence[Section] = S
         if given.save:
             save(given.size, given.first, found)
     rows = [row for section in sections for row in section.rows]
-    lines, holds = table(rows, figures, baseline(given.size), baseline=COMMIT)
+    lines, holds = table(rows, figures, baseline(given.size), baseline=COMMIT, times=given.size != "quick")
     if given.page:
         flag = "" if given.size == "plain" else f" --{given.size}"
         flag += "" if Path(__file__).resolve().parents[1] == estimates.TREE else " --tree ../baseline"

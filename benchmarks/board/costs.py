@@ -2,7 +2,7 @@
 
 import json
 import tempfile
-from collections.abc import Sequence
+from functools import partial
 from pathlib import Path
 
 import code_size
@@ -15,6 +15,7 @@ from board.table import Figure, Row, times
 from data_synth import load_scene, simulate
 from hums import AnalysisSettings, analyze, load_gearbox
 
+Timed = partial(Row, timed=True)
 SCENES = {"demo": "demo", "gears in motion": "gears-in-motion"}
 
 
@@ -57,11 +58,10 @@ def in_processes(samples: int = 5_000_000) -> dict[str, float]:
         seconds, printed = tree.run("-c", startup.MEMORY, path)
         found = json.loads(printed)
         imports = tree.least("-c", "import hums; hums.analyze")
-        unit = rfft_s(np.random.default_rng(1).standard_normal(samples))
         return {
             "long record, MB": found["memory"],
             "long record, reads": found["reads"],
-            "long record, rffts": (seconds - imports) / unit,
+            "long record, rffts": (seconds - imports) / rfft_s(np.random.default_rng(1).standard_normal(samples)),
             "start: help": tree.least("-m", "hums", "--help") / tree.least("-c", "import typer"),
             "start: analysis": imports / tree.least("-c", "import xarray, scipy.signal"),
         }
@@ -70,16 +70,16 @@ def in_processes(samples: int = 5_000_000) -> dict[str, float]:
 COSTS = Section(
     name="costs",
     rows=(
-        Row(name="analysis, tracked", what="demo's record analysed, rffts", limit=times(2.0)),
-        Row(name="analysis, untracked", what="the same without tracks", limit=times(2.0)),
-        Row(name="making demo", what="demo's record made, rffts", limit=times(2.0)),
-        Row(name="making gears in motion", what="record of `gears-in-motion` made, rffts", limit=times(2.0)),
-        Row(name="long record, rffts", what="long record analysed in a process of its own, rffts", limit=times(2.0)),
+        Timed(name="analysis, tracked", what="demo's record analysed, rffts", limit=times(2.0)),
+        Timed(name="analysis, untracked", what="the same without tracks", limit=times(2.0)),
+        Timed(name="making demo", what="demo's record made, rffts", limit=times(2.0)),
+        Timed(name="making gears in motion", what="record of `gears-in-motion` made, rffts", limit=times(2.0)),
+        Timed(name="long record, rffts", what="long record analysed in a process of its own, rffts", limit=times(2.0)),
         Row(name="long record, MB", what="peak memory of that process", limit=times(1.1)),
         Row(name="long record, reads", what="how often its samples are read", limit=times(1.2)),
         # of processes this short an unchanged tree has had ratios from 1.5 to 3.0
-        Row(name="start: help", what="`hums --help` against `import typer`, time of the processor", limit=times(3.0)),
-        Row(name="start: analysis", what="import for an analysis against `xarray, scipy.signal`", limit=times(3.0)),
+        Timed(name="start: help", what="`hums --help` against `import typer`, time of the processor", limit=times(3.0)),
+        Timed(name="start: analysis", what="import for an analysis against `xarray, scipy.signal`", limit=times(3.0)),
     ),
     tasks=lambda _: [in_units, in_processes],
     figures=lambda found: {name: Figure(value=value) for part in found for name, value in part.items()},
@@ -96,11 +96,6 @@ def sizes() -> dict[str, int]:
     return found | {"test functions": code_size.total(TREE, "tests").test_functions}
 
 
-def size_figures(found: Sequence[dict[str, int]]) -> dict[str, Figure]:
-    """Return the counts."""
-    return {f"size: {row}": Figure(value=value) for row, value in found[0].items()}
-
-
 SIZE = Section(
     name="size",
     rows=(
@@ -112,6 +107,6 @@ SIZE = Section(
         Row(name="size: benchmarks", what="code lines of the benchmarks", limit=times(1.15)),
     ),
     tasks=lambda _: [sizes],
-    figures=size_figures,
+    figures=lambda found: {f"size: {row}": Figure(value=value) for row, value in found[0].items()},
 )
 SECTIONS = (COSTS, SIZE)

@@ -82,6 +82,7 @@ TRACKERS = Section(
             name=f"{job} {way}: {key}",
             what=f"{words}, {'relative error' if key == 'error' else 'rffts of the record'}",
             limit=times(1.01) if key == "error" else fixed(CAUSAL_TIME) if way == "filter" else times(2.0),
+            timed=key == "time",
         )
         for job in ("J1", "J2", "J3")
         for way, words in (("smoother", "2 poles, every 200th output"), ("filter", "1 pole, all outputs"))

@@ -49,13 +49,17 @@ class Row:
     what: str
     better: Better = "less"
     limit: Limit = lambda _, __: None
+    timed: bool = False  # the figure is a time: processors differ, and other work beside slows some parts more
 
-    def judged(self, now: Figure | str, before: Figure | None) -> tuple[tuple[str, ...], bool]:
-        """Return the cells of the row, and whether it holds; what could not be measured does not."""
+    def judged(self, now: Figure | str, before: Figure | None, *, times: bool) -> tuple[tuple[str, ...], bool]:
+        """Return the cells of the row, and whether it holds; what could not be measured does not.
+
+        Times are judged only where `times` says so.
+        """
         earlier = "-" if before is None else str(before)
         if isinstance(now, str):
             return (self.name, self.what, now, earlier, "-", "**no**"), False
-        limit = self.limit(now, before)
+        limit = self.limit(now, before) if times or not self.timed else None
         if limit is None:
             return (self.name, self.what, str(now), earlier, "-", "-"), True
         holds = now.value >= limit if self.better == "more" else now.value <= limit
@@ -116,13 +120,13 @@ def saved(figures: Mapping[str, Figure | str]) -> dict[str, Any]:
 
 
 def table(
-    rows: Sequence[Row], now: Mapping[str, Figure | str], before: Mapping[str, Figure], *, baseline: str
+    rows: Sequence[Row], now: Mapping[str, Figure | str], before: Mapping[str, Figure], *, baseline: str, times: bool
 ) -> tuple[list[str], bool]:
-    """Return the lines of the table, of the rows that were measured, and whether all of them hold."""
+    """Return the lines of the table, of the rows that were measured, and whether all hold; `times` as in `Row`."""
     cells, every = [], True
     for row in rows:
         if row.name in now:
-            line, holds = row.judged(now[row.name], before.get(row.name))
+            line, holds = row.judged(now[row.name], before.get(row.name), times=times)
             cells.append(line)
             every &= holds
     head = ("row", "what", "now", baseline, "limit", "holds")

@@ -11,7 +11,7 @@ from board.table import Figure, Row, counted, fixed, same
 AT_MOST_2 = fixed(2.0)
 
 
-def stubbed(value, *, limit=AT_MOST_2, better="less"):
+def stubbed(value, *, limit=AT_MOST_2, better="less", timed=False):
     """Return a section of one row whose measurement gives, or raises, a value."""
 
     def task():
@@ -21,7 +21,7 @@ def stubbed(value, *, limit=AT_MOST_2, better="less"):
 
     return Section(
         name="stub",
-        rows=(Row(name="stub: row", what="a figure that is given", better=better, limit=limit),),
+        rows=(Row(name="stub: row", what="a figure that is given", better=better, limit=limit, timed=timed),),
         tasks=lambda _: [task],
         figures=lambda found: {"stub: row": found[0]},
         alone=True,
@@ -50,6 +50,12 @@ def test_a_row_that_holds(capsys):
 def test_a_broken_limit_ends_in_status_1(capsys, value, better):
     status, cells = printed(capsys, value=Figure(value=value), better=better)
     assert (status, cells[-1]) == (1, "**no**")
+
+
+def test_times_are_judged_in_no_quick_run(capsys):
+    status, cells = printed(capsys, value=Figure(value=2.5), timed=True)
+    assert (status, cells[2:]) == (0, ["2.5", "-", "-", "-"])
+    assert scoreboard.main([], [stubbed(Figure(value=2.5), timed=True)]) == 1
 
 
 def test_a_measurement_that_fails_ends_in_status_1(capsys):
