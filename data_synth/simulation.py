@@ -26,7 +26,6 @@ from data_synth.sources.disturbances import (
 from data_synth.sources.impact_responses import add_impacts, later
 from data_synth.sources.prepared import PreparedScene, prepare_scene
 from data_synth.transfer.acquisition import add_noise, clip, drop_outs, hum_lines, quantise
-from data_synth.transfer.detectability import matched_filter_snr_db
 from data_synth.truth import angle_truth, tooth_pass_truth, truth_variables
 from data_synth.vibration.gear_lines import gear_lines, samples_compared
 from data_synth.vibration.mechanics import link_speeds, mechanics_truth, speed_truth
@@ -400,10 +399,11 @@ def fault_detectability(
 ) -> xr.DataArray:
     """Return how detectable each fault of a scene alone is in each channel, in dB.
 
-    What the fault adds to the noise-free healthy channel of the same seed, against the white noise of the channel, with
-    its wandering level, and that of quantisation: `data_synth.transfer.detectability.matched_filter_snr_db`, which is 0
-    dB where nothing but one standard deviation of a matched filter's output is added. It costs a simulation for each
-    fault and one more, none of them with a truth.
+    The signal-to-noise ratio at the output of the filter matched to what the fault adds to the noise-free healthy
+    channel of the same seed [1]_: the sum of its squares over the variance of the channel's white noise, whose level
+    may wander, with that of quantisation. The best detector that knows all of it has a deflection of its square root:
+    14 dB are a probability of detection of 0.99 at one false alarm in 200. It costs a simulation for each fault and one
+    more, none of them with a truth.
 
     Parameters
     ----------
@@ -424,6 +424,10 @@ def fault_detectability(
     ------
     SceneError
         A scene that cannot be simulated.
+
+    References
+    ----------
+    .. [1] G. L. Turin, An introduction to matched filters, IRE Transactions on Information Theory 6 (1960) 311-329.
     """
     streams = Streams(seed=seed, machine_seed=machine_seed)
     choice = _choice(scene, streams)
@@ -452,15 +456,11 @@ def fault_detectability(
                 alone, rng_for, choice, turns_before=streams.turns_before, samples=count, steps=healthy.steps
             )
         added = faulty.signal[:, :count] - healthy.signal
-        for row, whole in enumerate(variances):
-            variance = whole[:count]
-            mean = float(np.mean(variance))
-            # the filter matched in noise of varying level weights each instant by the inverse of its variance
-            weighted = added[row] * (np.sqrt(mean / variance) if mean else 1.0)
-            ratios_db[row, number] = matched_filter_snr_db(
-                weighted, noise_psd=2 * mean / scene.rate_hz, rate_hz=scene.rate_hz
-            )
-    about = "matched filter for what the fault adds, against the noise of the channel, 4 integral |D|^2 / S df"
+        for row, variance in enumerate(variances):
+            with np.errstate(divide="ignore", invalid="ignore"):
+                shares = np.where(added[row] != 0, added[row] ** 2 / variance[:count], 0.0)
+                ratios_db[row, number] = 10 * np.log10(np.sum(shares))
+    about = "matched filter for what the fault adds, against the noise of the channel: sum of d^2 / s^2"
     return xr.DataArray(
         ratios_db,
         dims=("truth_channel", "truth_fault"),
