@@ -9,7 +9,7 @@ import argparse
 import ast
 import re
 from collections.abc import Iterable
-from dataclasses import dataclass
+from dataclasses import dataclass, replace
 from functools import cache
 from pathlib import Path
 
@@ -68,9 +68,9 @@ def _constants(tree: ast.Module) -> Iterable[str]:
 def folders(root: Path, top: str) -> dict[str, Size]:
     """Return the size of each folder below `top`, without that of the folders in it."""
     found: dict[str, Size] = {}
-    for path in sorted((root / top).rglob("*.py")):
-        name = path.parent.relative_to(root).as_posix()
-        found[name] = found.get(name, Size()) + size_of(path.read_text(encoding="utf-8"))
+    for path in sorted((*(root / top).rglob("*.py"), *(root / top).rglob("*.pyi"))):
+        name, size = path.parent.relative_to(root).as_posix(), size_of(path.read_text(encoding="utf-8"))
+        found[name] = found.get(name, Size()) + replace(size, modules=int(path.suffix == ".py"))
     return found
 
 

@@ -1,0 +1,9 @@
+from data_synth.cost import explain as explain
+from data_synth.dataset_folder import make_dataset as make_dataset
+from data_synth.draws import PlanError as PlanError
+from data_synth.plan import Plan as Plan
+from data_synth.plan import load_plan as load_plan
+from data_synth.scene.scene import Scene as Scene
+from data_synth.scene.scene import SceneError as SceneError
+from data_synth.scene.scene import load_scene as load_scene
+from data_synth.simulation import simulate as simulate

@@ -1,0 +1,16 @@
+from signals.harmonics.bandwidth import Bandwidth as Bandwidth
+from signals.harmonics.bandwidth import isolated_std as isolated_std
+from signals.harmonics.bandwidth import process_variance as process_variance
+from signals.harmonics.bandwidth import smoother_bandwidth as smoother_bandwidth
+from signals.harmonics.bandwidth_selection import likely_bandwidth as likely_bandwidth
+from signals.harmonics.reference import HarmonicMatrices as HarmonicMatrices
+from signals.harmonics.reference import harmonic_model as harmonic_model
+from signals.harmonics.stream import OrderTracker as OrderTracker
+from signals.harmonics.tracker import track_orders as track_orders
+from signals.harmonics.tracker import vold_kalman_filter as vold_kalman_filter
+from signals.harmonics.tracking_results import OrderTracks as OrderTracks
+from signals.harmonics.tracking_results import OutputFlag as OutputFlag
+from signals.harmonics.waveform import order_waveform as order_waveform
+from signals.harmonics.waveform import residual_record as residual_record
+from signals.slipping_order.slip_tracking import SlippingTrack as SlippingTrack
+from signals.slipping_order.slip_tracking import track_slipping_order as track_slipping_order
