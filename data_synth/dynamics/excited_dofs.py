@@ -9,7 +9,7 @@ import numpy as np
 from numpy.typing import NDArray
 
 from data_synth.dynamics.assembly import Assembly
-from data_synth.dynamics.system import Array, System
+from data_synth.dynamics.system import Array, System, spring_matrices
 
 _ROUNDING = 1e-12
 
@@ -42,8 +42,7 @@ def excited_dofs_of(whole: Assembly) -> ExcitedDofs:
     pressed = [_without_rounding(mesh.direction) != 0 for mesh in system.meshes]
     for joined in [*pressed, *(_without_rounding(spring.direction) != 0 for spring in whole.springs)]:
         coupled |= np.outer(joined, joined)
-    for joined in pressed:
-        excited |= joined
+    excited |= np.any(pressed, axis=0)
     _, component = connected_components(coupled, directed=False)
     numbers = np.flatnonzero(np.isin(component, component[excited]))
     square = np.ix_(numbers, numbers)
@@ -53,19 +52,12 @@ def excited_dofs_of(whole: Assembly) -> ExcitedDofs:
 
     springs = [replace(spring, direction=reduced(spring.direction)) for spring in whole.springs]
     springs = [spring for spring in springs if spring.direction.any()]
-
-    def total(constants: list[float]) -> Array:
-        """Return the sum of ``constant g g'``, (k, k)."""
-        found = np.zeros((numbers.size, numbers.size))
-        for constant, spring in zip(constants, springs, strict=True):
-            found += constant * np.outer(spring.direction, spring.direction)
-        return found
-
+    stiffness, damping = spring_matrices(springs, numbers.size)
     return ExcitedDofs(
         system=System(
             mass=system.mass[square],
-            damping=total([spring.damping for spring in springs]),
-            stiffness=total([spring.stiffness for spring in springs]),
+            damping=damping,
+            stiffness=stiffness,
             gyroscopic=gyroscopic[square] if gyroscopic.any() else None,
             meshes=tuple(mesh.in_coordinates(reduced) for mesh in system.meshes),
             names=tuple(system.names[number] for number in numbers),

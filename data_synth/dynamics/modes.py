@@ -10,6 +10,7 @@ Jacobi rotations find each of them to its own relative precision, whatever the s
 from __future__ import annotations
 
 from dataclasses import dataclass, field, replace
+from functools import lru_cache
 from typing import TYPE_CHECKING
 
 import numpy as np
@@ -115,9 +116,19 @@ def solve_modes(system: System, *, planets: Sequence[str] = ()) -> Modes:
 
 def undamped_modes(system: System, mesh_stiffness: Sequence[float] | Array) -> tuple[Array, Array]:
     """Return rising natural frequencies in rad/s and mass-normalised shapes (dof, mode) at given mesh stiffnesses."""
-    lower = np.asarray(np.linalg.cholesky(system.mass), dtype=np.float64)
-    angular, vectors = _singular_pairs(*_springs_and_meshes(system, mesh_stiffness), lower)
-    return angular, np.asarray(linalg.solve_triangular(lower.T, vectors, lower=False))
+    rows, constants = _springs_and_meshes(system, mesh_stiffness)
+    return _modes_by_content(
+        system.dof, np.asarray(system.mass, dtype=np.float64).tobytes(), rows.tobytes(), constants.tobytes()
+    )
+
+
+@lru_cache(maxsize=16)  # statics, damping and integration of a record ask for the same modes a dozen times
+def _modes_by_content(dof: int, mass: bytes, rows: bytes, constants: bytes) -> tuple[Array, Array]:
+    lower = np.asarray(np.linalg.cholesky(np.frombuffer(mass).reshape(dof, dof)), dtype=np.float64)
+    angular, vectors = _singular_pairs(np.frombuffer(rows).reshape(-1, dof), np.frombuffer(constants), lower)
+    shapes = np.asarray(linalg.solve_triangular(lower.T, vectors, lower=False))
+    angular.flags.writeable = shapes.flags.writeable = False
+    return angular, shapes
 
 
 def body_motions(system: System) -> tuple[tuple[str, str], ...]:

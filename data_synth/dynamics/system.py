@@ -273,10 +273,8 @@ class System:
 
     def mean_stiffness(self) -> Array:
         """Return K with every mesh in contact at its mean stiffness, (dof, dof)."""
-        total = self.stiffness.copy()
-        for mesh in self.meshes:
-            total += mesh.stiffness.mean * np.outer(mesh.direction, mesh.direction)
-        return total
+        parts = (mesh.stiffness.mean * np.outer(mesh.direction, mesh.direction) for mesh in self.meshes)
+        return np.asarray(sum(parts, self.stiffness))
 
 
 @dataclass(frozen=True, kw_only=True)
@@ -366,7 +364,7 @@ class Body:
 class Coordinates:
     """The vector q of all degrees of freedom: number of each motion, and displacements of points as rows of it.
 
-    ``index`` maps (body, motion) to the number in q, ``names`` has one name for each number.
+    ``places`` lists body and motion of each number in q, ``names`` its name; ``index`` maps (body, motion) to it.
     """
 
     def __init__(self, bodies: Sequence[Body]) -> None:
@@ -375,14 +373,14 @@ class Coordinates:
         if twice:
             raise ValueError(f'two bodies are called "{min(twice)}"; name each once.')
         self.bodies = {body.name: body for body in bodies}
-        places = [
+        self.places = [
             (body.name, motion)
             for body in bodies
             for motion in body.motions
             if motion != "rotation" or body.rotates_with is None
         ]
-        self.index = {place: number for number, place in enumerate(places)}
-        self.names = tuple(f"{name} {motion}" for name, motion in places)
+        self.index = {place: number for number, place in enumerate(self.places)}
+        self.names = tuple(f"{name} {motion}" for name, motion in self.places)
         for body in bodies:
             if body.rotates_with is not None:
                 self.index[body.name, "rotation"] = self.index[body.rotates_with, "rotation"]
@@ -469,16 +467,8 @@ def build_system(
     coordinates = Coordinates(bodies)
     terms = [term for element in elements for term in element.terms(coordinates)]
     springs = tuple(term for term in terms if isinstance(term, Spring))
-    size = len(coordinates.names)
-    own = [
-        (body, motion) for body in bodies for motion in body.motions if motion != "rotation" or not body.rotates_with
-    ]
-    mass = np.diag([body.inertia(motion) for body, motion in own])
-    stiffness, damping = np.zeros((size, size)), np.zeros((size, size))
-    for spring in springs:
-        square = np.outer(spring.direction, spring.direction)
-        stiffness += spring.stiffness * square
-        damping += spring.damping * square
+    mass = np.diag([coordinates.bodies[name].inertia(motion) for name, motion in coordinates.places])
+    stiffness, damping = spring_matrices(springs, len(coordinates.names))
     gyroscopic, centripetal = _rotation_terms(coordinates, speed_rad_s)
     return System(
         mass=mass,
@@ -489,6 +479,14 @@ def build_system(
         names=coordinates.names,
         springs=() if centripetal.any() else springs,
     )
+
+
+def spring_matrices(springs: Sequence[Spring], size: int) -> tuple[Array, Array]:
+    """Return the stiffness and the damping of some springs, sums of ``constant g g'``, (size, size)."""
+    rows = np.array([spring.direction for spring in springs]).reshape(-1, size)
+    constants = np.array([(spring.stiffness, spring.damping) for spring in springs]).reshape(-1, 2)
+    stiffness, damping = (np.einsum("k,ki,kj->ij", each, rows, rows) for each in constants.T)
+    return stiffness, damping
 
 
 def _rotation_terms(coordinates: Coordinates, speed: float) -> tuple[Array, Array]:
