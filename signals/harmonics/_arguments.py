@@ -7,8 +7,9 @@ from typing import Any
 import numpy as np
 from numpy.typing import ArrayLike, NDArray
 
-from signals._validation import nearest, number, positive, real_array, writable
-from signals.harmonics.state_space import BandwidthUnits, Floats, Indices, Order
+from signals._validation import nearest, number, positive, real_array, whole, writable
+from signals.harmonics.bandwidth import MOST_POLES
+from signals.harmonics.state_space import PRIOR_STD, BandwidthUnits, Floats, HarmonicModel, Indices, Order
 
 SAMPLES_AT_ONCE = 1 << 15  # so that temporary arrays stay in the cache
 # Largest turn between samples in rad. Half the rate itself is allowed; angles of exactly that round to either side.
@@ -50,17 +51,6 @@ def check_noise_variance(value: object) -> float:
             "digits; scale the record to another unit."
         )
     return noise
-
-
-def check_initial_std(value: object, *, noise: float) -> float:
-    """Return the prior standard deviation in standard deviations of the noise, or refuse it."""
-    std = positive(value, name="initial_std")
-    if not SMALLEST < std / np.sqrt(noise) < LARGEST:
-        raise ValueError(
-            f"initial_std={std:g} is {std / np.sqrt(noise):g} standard deviations of the noise; doubles keep the "
-            f"digits between {SMALLEST:g} and {LARGEST:g} of them: choose one in between."
-        )
-    return float(std / np.sqrt(noise))
 
 
 def check_orders(
@@ -174,6 +164,39 @@ def _check_range(width: Floats, cycles: Floats, *, names: tuple[str, str], rate:
             f"{names[0]} is {widest.min():g} cycles a sample at most for order number {int(widest.argmin())}; it must "
             f"reach {NARROWEST:g} somewhere: choose a wider one, or is the shaft at rest?"
         )
+
+
+def check_model(
+    *, orders: Sequence[Order] | NDArray[np.float64], phase_rad: ArrayLike | Mapping[str, ArrayLike], samples: int,
+    noise_variance: object, initial_std: object, poles: int, bandwidth_hz: ArrayLike | None,
+    bandwidth_orders: ArrayLike | None, rate_hz: float | None, samples_per_rev: float | None,
+) -> tuple[HarmonicModel, tuple[str, ...], CheckedBandwidth, float | None]:  # fmt: skip
+    """Return the model, the names of the orders' shafts, the bandwidths and R, or refuse what is wrong with them."""
+    numbers, names, shaft, phases = check_orders(orders, phase_rad, samples=samples)
+    bandwidth = check_bandwidth(
+        bandwidth_hz=bandwidth_hz, bandwidth_orders=bandwidth_orders, rate_hz=rate_hz,
+        samples_per_rev=samples_per_rev, shaft=shaft, phases=phases,
+    )  # fmt: skip
+    noise = None if noise_variance is None else check_noise_variance(noise_variance)
+    prior = PRIOR_STD
+    if initial_std is not None:
+        std = positive(initial_std, name="initial_std")
+        if noise is None:
+            raise ValueError(
+                f"initial_std={std:g} weighs against the noise, whose variance is not given; pass noise_variance too, "
+                "or neither."
+            )
+        prior = float(std / np.sqrt(noise))
+        if not SMALLEST < prior < LARGEST:
+            raise ValueError(
+                f"initial_std={std:g} is {prior:g} standard deviations of the noise; doubles keep the digits between "
+                f"{SMALLEST:g} and {LARGEST:g} of them: choose one in between."
+            )
+    model = HarmonicModel(
+        orders=numbers, shaft=shaft, phases=phases, bandwidth=bandwidth.cycles,
+        poles=whole(poles, name="poles", least=1, most=MOST_POLES), prior_std=prior,
+    )  # fmt: skip
+    return model, names, bandwidth, noise
 
 
 def check_phase_std(

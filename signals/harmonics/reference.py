@@ -9,15 +9,15 @@ from typing import TYPE_CHECKING
 import numpy as np
 from filterpy.kalman import KalmanFilter
 
-from signals._validation import checked, whole
+from signals._validation import checked
 from signals.harmonics import _arguments
-from signals.harmonics.bandwidth import MOST_POLES
-from signals.harmonics.state_space import PRIOR_STD, Complexes, Floats, HarmonicModel, Order
 
 if TYPE_CHECKING:
     from collections.abc import Sequence
 
     from numpy.typing import ArrayLike, NDArray
+
+    from signals.harmonics.state_space import Complexes, Floats, HarmonicModel, Order
 
 
 @dataclass(frozen=True, kw_only=True, eq=False)
@@ -124,16 +124,11 @@ def harmonic_model(
     """
     phases_of = phase_rad.values() if isinstance(phase_rad, Mapping) else [phase_rad]
     samples = min((np.shape(each)[0] for each in phases_of if np.ndim(each)), default=0)
-    numbers, _, shaft, phases = _arguments.check_orders(orders, phase_rad, samples=samples)
-    bandwidth = _arguments.check_bandwidth(
-        bandwidth_hz=bandwidth_hz, bandwidth_orders=bandwidth_orders, rate_hz=rate_hz,
-        samples_per_rev=samples_per_rev, shaft=shaft, phases=phases,
-    )  # fmt: skip
     noise = _arguments.check_noise_variance(noise_variance)
-    model = HarmonicModel(
-        orders=numbers, shaft=shaft, phases=phases, bandwidth=bandwidth.cycles,
-        poles=whole(poles, name="poles", least=1, most=MOST_POLES),
-        prior_std=PRIOR_STD if initial_std is None else _arguments.check_initial_std(initial_std, noise=noise),
+    model, *_ = _arguments.check_model(
+        orders=orders, phase_rad=phase_rad, samples=samples, noise_variance=noise, initial_std=initial_std,
+        poles=poles, bandwidth_hz=bandwidth_hz, bandwidth_orders=bandwidth_orders, rate_hz=rate_hz,
+        samples_per_rev=samples_per_rev,
     )  # fmt: skip
     return HarmonicMatrices(
         F=np.asarray(np.kron(np.tri(model.poles).T, np.eye(model.order_of_column.size)), dtype=np.float64),

@@ -7,22 +7,21 @@ from __future__ import annotations
 
 from dataclasses import dataclass, replace
 from math import ceil
-from typing import TYPE_CHECKING, Any
+from typing import TYPE_CHECKING
 
 import numpy as np
 
 from signals._validation import choice, whole
 from signals.harmonics import _arguments
-from signals.harmonics.bandwidth import MOST_POLES
 from signals.harmonics.innovations import Innovations, statistics
 from signals.harmonics.kalman_filter import FilterState, SteadyGains, filter_on
 from signals.harmonics.separability import Closeness, FlagArray, Meetings, flag_gaps, output_range
-from signals.harmonics.state_space import PRIOR_STD, Flags, Floats, HarmonicModel, Indices, Method, Order, Patterns
+from signals.harmonics.state_space import Flags, Floats, Indices, Method, Order, Patterns
 from signals.harmonics.tracker import LARGEST_RIPPLE, ripple, squeeze
 from signals.harmonics.tracking_results import OrderTracks
 
 if TYPE_CHECKING:
-    from collections.abc import Iterator, Mapping, Sequence
+    from collections.abc import Mapping, Sequence
 
     from numpy.typing import ArrayLike, NDArray
 
@@ -30,7 +29,6 @@ if TYPE_CHECKING:
 SEGMENTS = 4
 # Smallest bandwidth in cycles per sample for flags: below it, 1 / bandwidth overflows a count of samples.
 NARROWEST = 2.0**-48
-AS_RETURNED = "pass what OrderTracker.state() returned, or what numpy.load made of it."
 
 
 @dataclass
@@ -67,15 +65,16 @@ class OrderTracker:
 
     Examples
     --------
-    A tone of amplitude 2 in two blocks; between them the state could be saved with `numpy.savez`:
+    A tone of amplitude 2 in two blocks. A tracker that is pickled goes on later, or elsewhere:
 
+    >>> import pickle
     >>> import numpy as np
     >>> from signals.harmonics import OrderTracker
     >>> phase_rad = 2 * np.pi * 25 * np.arange(5000) / 5000
     >>> x = 2 * np.cos(3 * phase_rad)
     >>> tracker = OrderTracker(orders=[3], noise_variance=0.01, bandwidth_hz=10, rate_hz=5000, output_every=1000)
     >>> first = tracker.update(x[:2500], phase_rad=phase_rad[:2500])
-    >>> second = OrderTracker.from_state(tracker.state()).update(x[2500:], phase_rad=phase_rad[2500:])
+    >>> second = pickle.loads(pickle.dumps(tracker)).update(x[2500:], phase_rad=phase_rad[2500:])
     >>> print(second.sample_index, np.abs(second.complex_amplitude).round(3))
     [3000 4000] [[2. 2.]]
     """
@@ -95,13 +94,6 @@ class OrderTracker:
         output_every: int = 1,
     ) -> None:
         self._noise = _arguments.check_noise_variance(noise_variance)
-        std = PRIOR_STD * np.sqrt(self._noise) if initial_std is None else initial_std
-        pairs = [item for item in orders if isinstance(item, tuple | list) and item] if np.iterable(orders) else []
-        # Zero angles, so that orders are checked before angles are known.
-        rest = {pair[0]: [0.0] for pair in pairs if isinstance(pair[0], str)} or [0.0]
-        numbers, self._names, shaft, _ = _arguments.check_orders(orders, rest, samples=1)
-        self._orders = list(zip(self._names, numbers.tolist(), strict=True)) if self._names else numbers
-        self._shafts = list(dict.fromkeys(self._names)) or [""]
         if bandwidth_orders is not None and rate_hz is not None and bandwidth_hz is None:
             raise ValueError(
                 "bandwidth_orders with rate_hz: the speed of samples to come is not known; pass bandwidth_hz, or "
@@ -112,24 +104,20 @@ class OrderTracker:
             raise ValueError(
                 f"bandwidth of shape {given.shape}: a stream's does not vary in time; pass one number, or one an order."
             )
-        self._width = _arguments.check_bandwidth(
+        pairs = [item for item in orders if isinstance(item, tuple | list) and item] if np.iterable(orders) else []
+        # Zero angles, so that orders are checked before angles are known.
+        rest = {pair[0]: [0.0] for pair in pairs if isinstance(pair[0], str)} or [0.0]
+        self._model, self._names, self._width, _ = _arguments.check_model(
+            orders=orders, phase_rad=rest, samples=1, noise_variance=self._noise, initial_std=initial_std, poles=poles,
             bandwidth_hz=bandwidth_hz, bandwidth_orders=bandwidth_orders, rate_hz=rate_hz,
-            samples_per_rev=samples_per_rev, shaft=shaft, phases=(np.zeros(2),),
+            samples_per_rev=samples_per_rev,
         )  # fmt: skip
-        self._model = HarmonicModel(
-            orders=numbers, shaft=shaft, phases=(), bandwidth=self._width.cycles,
-            poles=whole(poles, name="poles", least=1, most=MOST_POLES),
-            prior_std=_arguments.check_initial_std(std, noise=self._noise),
-        )  # fmt: skip
+        numbers = self._model.orders
+        self._orders = list(zip(self._names, numbers.tolist(), strict=True)) if self._names else numbers
+        self._shafts = list(dict.fromkeys(self._names)) or [""]
         choice(method, name="method", choices=("exact", "fast"))
         self._steady = SteadyGains.of(self._model) if method == "fast" else None
         self._every = whole(output_every, name="output_every", least=1)
-        self._settings: dict[str, Any] = {
-            "orders": numbers, "shafts": np.array(self._names, dtype=np.str_), "noise_variance": self._noise,
-            f"bandwidth_{self._width.units}": self._width.given, "poles": self._model.poles, "initial_std": float(std),
-            "method": method, "output_every": self._every,
-        }  # fmt: skip
-        self._settings |= {"rate_hz": rate_hz} if self._width.units == "hz" else {"samples_per_rev": samples_per_rev}
         self._progress: Progress | None = None
 
     def update(self, x: ArrayLike, *, phase_rad: ArrayLike | Mapping[str, ArrayLike]) -> OrderTracks:
@@ -207,35 +195,6 @@ class OrderTracker:
         now.missing = missing[missing >= first + samples - farthest]
         return found
 
-    def state(self) -> dict[str, Any]:
-        """Return the state of the stream as numbers, strings and arrays under plain names.
-
-        `numpy.savez(path, **tracker.state())` saves it; `OrderTracker.from_state(numpy.load(path))` continues.
-        """
-        kept = {f"setting_{name}": value for name, value in self._settings.items()} | {"channels": 0}
-        if self._progress is not None:
-            kept["channels"] = len(self._progress.state.mean)
-            kept |= {key: np.copy(getattr(holder, name)) for holder, name, key in _numbers(self._progress)}
-        return kept
-
-    @classmethod
-    def from_state(cls, state: Mapping[str, Any]) -> OrderTracker:
-        """Return a tracker that continues the stream of a saved `state()`."""
-        settings: dict[str, Any] = {key[8:]: np.asarray(state[key])[()] for key in state if key.startswith("setting_")}
-        missing = {"shafts", "orders", "noise_variance"} - set(settings)
-        if missing:
-            raise ValueError(f"state lacks {', '.join(f'setting_{name}' for name in sorted(missing))}: {AS_RETURNED}")
-        shafts, orders = (settings.pop(name).tolist() for name in ("shafts", "orders"))
-        tracker = cls(orders=list(zip(shafts, orders, strict=True)) if shafts else orders, **settings)
-        if channels := int(_array(state, "channels", ())):
-            tracker._progress = tracker._begin(channels, one_channel=True)
-            shapes = {"missing": (None,)}
-            for holder, name, key in _numbers(tracker._progress):
-                like = np.asarray(getattr(holder, name))
-                value = _array(state, key, shapes.get(key, like.shape)).astype(like.dtype)
-                setattr(holder, name, value if value.ndim else value.item())
-        return tracker
-
     def _begin(self, channels: int, *, one_channel: bool) -> Progress:
         """Return the state before the first sample."""
         return Progress(
@@ -268,27 +227,3 @@ class OrderTracker:
                     f"this one, order {highest:g} by more than pi; go on from the last block's angle, {last:.6g} rad."
                 )
         return block, np.stack(angles)
-
-
-def _numbers(holder: object, prefix: str = "") -> Iterator[tuple[object, str, str]]:
-    """Yield the object, attribute name and key of every number and array in a state."""
-    for name, value in list(vars(holder).items()):
-        if isinstance(value, int | float | np.ndarray):
-            yield holder, name, prefix + name
-        elif value is not None:
-            yield from _numbers(value, f"{prefix}{name}_")
-
-
-def _array(state: Mapping[str, Any], key: str, shape: tuple[int | None, ...]) -> NDArray[Any]:
-    """Return a copy of an array of numbers in a state, or refuse one of another shape; None stands for any length."""
-    if key not in state:
-        raise ValueError(f"state lacks {key!r}: {AS_RETURNED}")
-    value = np.array(state[key])
-    fits = value.ndim == len(shape) and all(n in (None, m) for m, n in zip(value.shape, shape, strict=True))
-    if not fits or value.dtype.kind not in "biuf":
-        needed = str(tuple("any" if n is None else n for n in shape)).replace("'", "")
-        raise ValueError(
-            f"state[{key!r}] has shape {value.shape} and type {value.dtype}; needed numbers of shape {needed}: "
-            f"{AS_RETURNED}"
-        )
-    return value

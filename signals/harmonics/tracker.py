@@ -11,13 +11,13 @@ import numpy as np
 
 from signals._validation import checked, choice, positive, real_array, whole
 from signals.harmonics import _arguments
-from signals.harmonics.bandwidth import MOST_POLES, Bandwidth
+from signals.harmonics.bandwidth import Bandwidth
 from signals.harmonics.block_smoother import block_length, blurs, exact, exact_length, fast, scattered_share
 from signals.harmonics.innovations import statistics
 from signals.harmonics.kalman_filter import causal_filter
 from signals.harmonics.noise_density import noise_density
 from signals.harmonics.separability import Closeness, flag_outputs
-from signals.harmonics.state_space import PRIOR_STD, Estimator, HarmonicModel, Method, Order, Patterns, lost
+from signals.harmonics.state_space import Estimator, HarmonicModel, Method, Order, Patterns, lost
 from signals.harmonics.tracking_results import OrderTracks
 from signals.harmonics.waveform import order_waveform
 
@@ -149,26 +149,13 @@ def track_orders(
         )  # fmt: skip
     record = _arguments.check_record(x)
     samples = record.shape[1]
-    order_numbers, shafts, shaft, phases = _arguments.check_orders(orders, phase_rad, samples=samples)
-    bandwidth = _arguments.check_bandwidth(
-        bandwidth_hz=bandwidth_hz, bandwidth_orders=bandwidth_orders, rate_hz=rate_hz,
-        samples_per_rev=samples_per_rev, shaft=shaft, phases=phases,
+    model, shafts, bandwidth, noise_variance = _arguments.check_model(
+        orders=orders, phase_rad=phase_rad, samples=samples, noise_variance=noise_variance, initial_std=initial_std,
+        poles=poles, bandwidth_hz=bandwidth_hz, bandwidth_orders=bandwidth_orders, rate_hz=rate_hz,
+        samples_per_rev=samples_per_rev,
     )  # fmt: skip
     choice(estimator, name="estimator", choices=("smoother", "filter"))
     choice(method, name="method", choices=("auto", "exact", "fast"))
-    noise_variance = None if noise_variance is None else _arguments.check_noise_variance(noise_variance)
-    prior_std = PRIOR_STD
-    if initial_std is not None:
-        if noise_variance is None:
-            raise ValueError(
-                f"initial_std={positive(initial_std, name='initial_std'):g} weighs against the noise, whose variance "
-                "is not given; pass noise_variance too, or neither."
-            )
-        prior_std = _arguments.check_initial_std(initial_std, noise=noise_variance)
-    model = HarmonicModel(
-        orders=order_numbers, shaft=shaft, phases=phases, bandwidth=bandwidth.cycles,
-        poles=whole(poles, name="poles", least=1, most=MOST_POLES), prior_std=prior_std,
-    )  # fmt: skip
     rtol = positive(rtol, name="rtol")
     if rtol > LARGEST_RTOL:
         raise ValueError(
@@ -198,8 +185,8 @@ def track_orders(
         complex_amplitude=squeeze(patterns.joined([estimate.amplitude for estimate in estimates]), one),
         settling_variance=squeeze(patterns.shared([estimate.variance for estimate in estimates]), one),
         std_spacing=estimates[0].std_spacing,
-        angle_std=None if phase_std is None else order_numbers[:, None] * phase_std[:, ::phase_every],
-        flags=squeeze(patterns.shared(flags), one), unresolved=pairs, orders=order_numbers, shafts=shafts,
+        angle_std=None if phase_std is None else model.orders[:, None] * phase_std[:, ::phase_every],
+        flags=squeeze(patterns.shared(flags), one), unresolved=pairs, orders=model.orders, shafts=shafts,
         bandwidth=bandwidth.given, bandwidth_units=bandwidth.units, bandwidth_cycles=bandwidth.cycles.mean(axis=1),
         poles=model.poles, estimator=estimator, method=chosen, samples=samples, output_every=task.output_every,
         error_bound=max(estimate.error_bound for estimate in estimates),
