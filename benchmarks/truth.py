@@ -53,7 +53,7 @@ def cases() -> Iterator[tuple[str, Scene]]:
     yield "the same, 1200 to 1500 rpm", gears.changed(speed=ramp)
     back = {"link": "input", "rpm": [[0, 900], [5, 1500], [10, 900]]}
     yield "the same, 900 to 1500 rpm and back", gears.changed(speed=back)
-    growth = {"law": "linear", "rate_mm_per_s": 0.1, "largest_mm": 1.5}
+    growth = {"rate_mm_per_s": 0.1, "largest_mm": 1.5}
     growing = gears.changed(faults=(gears.faults[0].changed(depth_mm=0.5, growth=growth),))
     yield "the same, its crack growing from 0.5 to 1.5 mm", growing
     yield "the same, growing, 1200 to 1500 rpm", growing.changed(speed=ramp)

@@ -89,12 +89,12 @@ BUDGETS = """
     hums/report                                                 977    977    800
     data_synth (root)                                          2400   1647   1300
     data_synth/dynamics, data_synth/integrators                4106   2813   2600
-    data_synth/fidelity, data_synth/vibration                  4287   2239   2000
+    data_synth/fidelity, data_synth/vibration                  4287   2234   2000
     data_synth/gears, data_synth/bearings                      1478   1210   1300
-    data_synth/kinematic, data_synth/operation, data_synth/scene  2873   2699   2200
+    data_synth/kinematic, data_synth/operation, data_synth/scene  2873   2667   2200
     data_synth/sources, data_synth/transfer                    1545   1417   1200
-    all code lines                                            48791  43683  33500
-    all modules                                                 345    323    240
+    all code lines                                            48791  43647  33500
+    all modules                                                 345    322    240
     all constants                                              1492   1335    750
     tests                                                     35938  32620  23000
     benchmarks                                                 7891   7891   6000

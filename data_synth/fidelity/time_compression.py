@@ -11,7 +11,6 @@ from typing import TypeVar
 import numpy as np
 
 from data_synth.operation.drive import build_drive
-from data_synth.scene.fault_growth import ExponentialGrowth
 from data_synth.scene.faults import Fault
 from data_synth.scene.operation import Speed, Torque, Turbulence
 from data_synth.scene.scene import Scene
@@ -89,8 +88,4 @@ def _lighter_run_up(speed: Speed, factor: float) -> Speed:
 
 def _faster_growth(fault: Fault, factor: float) -> Fault:
     law = fault.growth
-    if law is None:
-        return fault
-    if isinstance(law, ExponentialGrowth):
-        return fault.changed(growth=law.changed(time_constant_s=law.time_constant_s / factor))
-    return fault.changed(growth=law.changed(rate_mm_per_s=law.rate_mm_per_s * factor))
+    return fault if law is None else fault.changed(growth=law.changed(rate_mm_per_s=law.rate_mm_per_s * factor))

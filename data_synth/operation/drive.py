@@ -6,10 +6,10 @@ from typing import Protocol
 import numpy as np
 from numpy.typing import ArrayLike
 
-from data_synth.operation.piecewise import FirstOrder, Kaimal, PiecewiseLinear, fluctuation, sum_of
+from data_synth.operation.piecewise import Kaimal, PiecewiseLinear, fluctuation, sum_of
 from data_synth.operation.run_up import LoadLaw, PolynomialAngle, run_up
 from data_synth.operation.shaft_angle import Angle, Array, ShaftAngle
-from data_synth.scene.operation import TimeHistory, Turbulence
+from data_synth.scene.operation import TimeHistory
 from data_synth.scene.scene import Scene, SceneError
 
 _RPM = 60.0
@@ -100,13 +100,10 @@ def _time_history(history: TimeHistory, scene: Scene, rng: np.random.Generator) 
     declared = PiecewiseLinear(times_s=times, values=values)
     if history.turbulence is None:
         return declared
-    return sum_of(declared, _turbulence(history.turbulence, scene.duration_s, rng))
-
-
-def _turbulence(turbulence: Turbulence, duration_s: float, rng: np.random.Generator) -> PiecewiseLinear:
-    law = Kaimal if turbulence.spectrum == "kaimal" else FirstOrder
-    spectrum = law(rms=turbulence.rms, time_scale_s=turbulence.time_scale_s)
-    return fluctuation(spectrum, duration_s=duration_s, highest_hz=turbulence.highest_hz, rng=rng)
+    gusts = history.turbulence
+    spectrum = Kaimal(rms=gusts.rms, time_scale_s=gusts.time_scale_s)
+    drawn = fluctuation(spectrum, duration_s=scene.duration_s, highest_hz=gusts.highest_hz, rng=rng)
+    return sum_of(declared, drawn)
 
 
 def _run_up_angle(scene: Scene, torque: PiecewiseLinear | None) -> PolynomialAngle:

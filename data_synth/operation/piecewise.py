@@ -2,7 +2,6 @@
 
 import math
 from dataclasses import dataclass, field
-from typing import Protocol
 
 import numpy as np
 from numpy.typing import ArrayLike
@@ -66,17 +65,6 @@ def _left_limits(knots: PiecewiseLinear, times: Array) -> Array:
     return mirrored.at(-times)
 
 
-class Spectrum(Protocol):
-    """Power spectral density of a random fluctuation."""
-
-    @property
-    def time_scale_s(self) -> float:
-        """Integral time scale of the fluctuation in s."""
-
-    def density(self, frequency_hz: ArrayLike) -> Array:
-        """Return the one-sided power spectral density per Hz."""
-
-
 @dataclass(frozen=True, kw_only=True)
 class Kaimal:
     """Kaimal spectrum of the longitudinal wind: ``4 s^2 T / (1 + 6 f T)^(5/3)``, s = `rms`, T = `time_scale_s`.
@@ -94,22 +82,7 @@ class Kaimal:
         return np.asarray(4 * self.rms**2 * self.time_scale_s / (1 + 6 * reduced) ** (5 / 3))
 
 
-@dataclass(frozen=True, kw_only=True)
-class FirstOrder:
-    """White noise through a first-order lag: ``4 s^2 T / (1 + (2 pi f T)^2)``; autocorrelation ``exp(-t / T)``."""
-
-    rms: float
-    time_scale_s: float
-
-    def density(self, frequency_hz: ArrayLike) -> Array:
-        """Return the one-sided power spectral density per Hz; its integral from zero is ``rms ** 2``."""
-        reduced = np.asarray(frequency_hz, dtype=np.float64) * self.time_scale_s
-        return np.asarray(4 * self.rms**2 * self.time_scale_s / (1 + (2 * np.pi * reduced) ** 2))
-
-
-def fluctuation(
-    spectrum: Spectrum, *, duration_s: float, highest_hz: float, rng: np.random.Generator
-) -> PiecewiseLinear:
+def fluctuation(spectrum: Kaimal, *, duration_s: float, highest_hz: float, rng: np.random.Generator) -> PiecewiseLinear:
     """Draw a zero-mean Gaussian fluctuation without components above `highest_hz`, as knots from 0 to `duration_s`.
 
     A sum of cosines at equally spaced frequencies with independent Gaussian coefficients (Rice 1944), by one inverse
@@ -120,7 +93,7 @@ def fluctuation(
 
     Parameters
     ----------
-    spectrum : Kaimal, FirstOrder or alike
+    spectrum : Kaimal
         Its power spectral density.
     duration_s, highest_hz : float
         Above zero.

@@ -1,57 +1,31 @@
-"""Growth of a fault's size with time: laws that a scene declares, and the size that follows."""
+"""Growth of a fault's size with time, as a scene declares it, and the size that follows."""
 
 from abc import abstractmethod
-from typing import Annotated, Literal, Self
+from typing import Self
 
 import numpy as np
 from numpy.typing import ArrayLike, NDArray
-from pydantic import Field, model_validator
+from pydantic import model_validator
 
+from data_synth.scene.operation import NotNegative
 from hums.gearbox.components import Declared, Name, Positive
 
 Array = NDArray[np.float64]
 
 
-class LinearGrowth(Declared):
-    """Growth at a constant rate, up to `largest_mm`."""
+class Growth(Declared):
+    """Growth of a fault at ``da/dt = rate_mm_per_s (a / a0) ** (exponent / 2)``, up to `largest_mm`; a0 is its size.
 
-    law: Literal["linear"]
-    rate_mm_per_s: Positive
-    largest_mm: Positive
-
-    def relative_size(self, times_s: ArrayLike, *, initial_mm: float) -> Array:
-        """Return the size over `initial_mm` at times (n,) in s from the beginning, ``1 + rate t / initial_mm``."""
-        grown = 1.0 + self.rate_mm_per_s / initial_mm * np.asarray(times_s, dtype=np.float64)
-        return np.clip(grown, 0.0, self.largest_mm / initial_mm)
-
-
-class ExponentialGrowth(Declared):
-    """Growth by the factor e every `time_constant_s`, up to `largest_mm`."""
-
-    law: Literal["exponential"]
-    time_constant_s: Positive
-    largest_mm: Positive
-
-    def relative_size(self, times_s: ArrayLike, *, initial_mm: float) -> Array:
-        """Return the size over `initial_mm` at times (n,) in s from the beginning: ``exp(t / time_constant_s)``."""
-        ages = np.asarray(times_s, dtype=np.float64) / self.time_constant_s
-        with np.errstate(over="ignore"):
-            return np.minimum(np.exp(ages), self.largest_mm / initial_mm)
-
-
-class ParisGrowth(Declared):
-    """Fatigue crack growth by Paris' law, from `rate_mm_per_s` at the beginning, up to `largest_mm`.
-
-    ``da/dN = C (dK)^m`` with ``dK = Y dS sqrt(pi a)`` and m = `exponent`, at a constant number of load cycles a second
-    (Paris and Erdogan 1963, J. Basic Eng. 85, 528-533): ``da/dt = rate (a / a0) ** (m / 2)``, where the rate of the
-    initial crack is ``f C (Y dS sqrt(pi a0)) ** m`` at f load cycles a second. In closed form ``a0 (1 - (m/2 - 1) rate
-    t / a0) ** (-1 / (m/2 - 1))``, for m = 2 an exponential. For m > 2 the closed form diverges after ``a0 / ((m/2 - 1)
-    rate)``; the size stays at `largest_mm` once it is there.
+    With the exponent 0 growth is linear, with 2 exponential, by the factor e every ``a0 / rate_mm_per_s`` seconds; with
+    that of its material a crack obeys Paris' law, ``da/dN = C (dK)^m`` with ``dK = Y dS sqrt(pi a)``, at a constant
+    number of load cycles a second (Paris and Erdogan 1963, J. Basic Eng. 85, 528-533): the rate of the initial crack is
+    ``f C (Y dS sqrt(pi a0)) ** m`` at f load cycles a second. In closed form ``a0 (1 - (m/2 - 1) rate t / a0) ** (-1 /
+    (m/2 - 1))``, which for m > 2 diverges after ``a0 / ((m/2 - 1) rate)``; the size stays at `largest_mm` once it is
+    there.
     """
 
-    law: Literal["paris"]
     rate_mm_per_s: Positive
-    exponent: Positive
+    exponent: NotNegative = 0.0
     largest_mm: Positive
 
     def relative_size(self, times_s: ArrayLike, *, initial_mm: float) -> Array:
@@ -63,14 +37,11 @@ class ParisGrowth(Declared):
         return np.minimum(grown, self.largest_mm / initial_mm)
 
 
-GrowthLaw = Annotated[LinearGrowth | ExponentialGrowth | ParisGrowth, Field(discriminator="law")]
-
-
 class GrowingFault(Declared):
     """A fault of a component, which may grow."""
 
     component: Name
-    growth: GrowthLaw | None = None
+    growth: Growth | None = None
 
     @property
     @abstractmethod

@@ -3,7 +3,7 @@
 from collections.abc import Mapping
 from itertools import pairwise
 from pathlib import Path
-from typing import Annotated, Any, Literal, Self, TypeAlias, TypeVar
+from typing import Annotated, Any, Self, TypeAlias, TypeVar
 
 from pydantic import AfterValidator, BeforeValidator, Field, PlainSerializer, model_validator
 
@@ -48,14 +48,13 @@ Knots = Annotated[
 class Turbulence(Declared):
     """A Gaussian random fluctuation added to a time history, with no spectrum above `highest_hz`.
 
-    `rms` is in the unit of the time history (rpm or N m), `time_scale_s` its time constant. `spectrum` is that of the
-    longitudinal wind component (`kaimal`) or of white noise through a first-order lag (`first_order`).
+    `rms` is in the unit of the time history (rpm or N m), `time_scale_s` its time constant. Its spectrum is that of the
+    longitudinal wind component (Kaimal).
     """
 
     rms: Positive
     time_scale_s: Positive
     highest_hz: Positive = 1.0
-    spectrum: Literal["kaimal", "first_order"] = "kaimal"
 
 
 def read_time_history(table: Any, value: str) -> Any:  # noqa: ANN401

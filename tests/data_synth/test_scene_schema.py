@@ -56,7 +56,7 @@ def broken():
         (("excitation", "harmonics"), 0),
         (("fault", 0, "kind"), "crack"),
         (("fault", 0, "dept_mm"), 1),
-        (("fault", 1, "growth"), {"law": "linear", "largest_mm": 3}),
+        (("fault", 1, "growth"), {"largest_mm": 3}),
         (("sensor",), []),
         (("sensor", 0, "units"), "m/s2"),
         (("tachometer", "pulses_per_rev"), 0),

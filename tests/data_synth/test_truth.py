@@ -61,7 +61,7 @@ def healthy():
 @pytest.mark.parametrize("kind", [*GEAR, *SHAFT])
 @pytest.mark.parametrize("grows", [False, True])
 def test_the_lines_of_every_fault_are_the_truth_s(kind, grows):
-    growth = {"growth": {"law": "linear", "rate_mm_per_s": 2.0, "largest_mm": 1.8}} if grows else {}
+    growth = {"growth": {"rate_mm_per_s": 2.0, "largest_mm": 1.8}} if grows else {}
     silent = {"impact_per_mm": 0} if kind in GEAR else {}
     made = record(fault_of(kind, **growth, **silent), rate_hz=30_000)
     assert_allclose(made["b"].values, rebuilt(made, "b"), atol=1e-11)
@@ -75,7 +75,7 @@ def test_the_lines_of_every_fault_are_the_truth_s(kind, grows):
 
 @pytest.mark.parametrize("kind", FAULT_KINDS)
 def test_faults_strike_and_their_impacts_go_with_their_size(kind):
-    growth = {"law": "exponential", "time_constant_s": 0.5, "largest_mm": 9.0}
+    growth = {"rate_mm_per_s": 2.0, "exponent": 2, "largest_mm": 9.0}
     still, grown = record(fault_of(kind)), record(fault_of(kind, growth=growth))
     if kind in SHAFT or kind in ALL_ROUND:
         assert "truth_impact_times_1" not in still

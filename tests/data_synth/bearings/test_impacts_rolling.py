@@ -196,9 +196,7 @@ def test_an_element_drops_into_a_spall_before_it_strikes():
     # entries before the record have died away
     expected = -0.4 * 2.0 * sum(ring(at) for at in is_entry)
     assert_allclose(added[6400:], expected[6400:], atol=1e-9)
-    grown = made(
-        fault("outer_race", entry_share=-0.4, growth={"law": "linear", "rate_mm_per_s": 1.0, "largest_mm": 3.0})
-    )
+    grown = made(fault("outer_race", entry_share=-0.4, growth={"rate_mm_per_s": 1.0, "largest_mm": 3.0}))
     ahead = grown["truth_impact_times_1"].values[1:] - grown["truth_entry_times_1"].values[1:]
     assert ahead[-1] / ahead[0] == pytest.approx(3 * 1400 / 1500, rel=0.05)
 

@@ -140,7 +140,7 @@ def test_lines_of_a_pair_are_those_of_its_receptance():
     ("changes", "why"),
     [
         ({"fault": [{"kind": "tooth_crack", "component": "mesh/pinion", "depth_mm": 1.0,
-                     "growth": {"law": "linear", "rate_mm_per_s": 1, "largest_mm": 2}}]}, 'the teeth of "mesh" change'),
+                     "growth": {"rate_mm_per_s": 1, "largest_mm": 2}}]}, 'the teeth of "mesh" change'),
         ({"gearbox": declared_pair(teeth=(23, 67)), "imperfections": {"gears": {"grade": 6}}},
          'the teeth of "mesh" repeat after 1541 cycles only'),
         ({"torque": {"link": "wheel", "nm": 0.1}}, "teeth part"),

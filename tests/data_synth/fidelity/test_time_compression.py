@@ -24,7 +24,7 @@ def built(scene):
 
 def scenes():
     demo, run_up = load_scene("demo"), load_scene("run-up")
-    growth = {"law": "paris", "rate_mm_per_s": 0.02, "exponent": 3.0, "largest_mm": 3.0}
+    growth = {"rate_mm_per_s": 0.02, "exponent": 3.0, "largest_mm": 3.0}
     # 0.503 Hz: no whole number of knots, which rounding could make one more
     gusts = {"rms": 15.0, "time_scale_s": 2.0, "highest_hz": 0.503}
     return {

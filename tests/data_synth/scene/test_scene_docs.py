@@ -48,9 +48,7 @@ def test_a_scene_runs_and_its_truth_is_explained(number, tmp_path):
 
 def test_every_key_kind_and_fidelity_is_named():
     found = models(Scene, set())
-    assert {"Scene", "Turbulence", "ParisGrowth", "DropOuts", "MeshDynamics", "SensorWeights"} <= {
-        m.__name__ for m in found
-    }
+    assert {"Scene", "Turbulence", "Growth", "DropOuts", "MeshDynamics", "SensorWeights"} <= {m.__name__ for m in found}
     keys = {field.alias or name for model in found for name, field in model.model_fields.items()}
     words = set(re.findall(r"\w+", PAGE))
     assert (keys | {*FAULT_KINDS} | {*FIDELITIES}) - words == set()

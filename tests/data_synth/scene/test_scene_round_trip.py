@@ -13,8 +13,8 @@ GEARS = ["stage 1/pinion", "stage 1/intermediate", "stage 2/intermediate", "stag
 BEARINGS = ["input bearing", "intermediate bearing"]
 SHAFTS = ["input", "intermediate", "output"]
 GROWTHS = st.fixed_dictionaries(
-    {"law": st.sampled_from(["linear", "paris"]), "rate_mm_per_s": SHARES, "largest_mm": st.floats(0.2, 0.3)}
-).map(lambda law: law | {"exponent": 3.0} if law["law"] == "paris" else law)
+    {"rate_mm_per_s": SHARES, "largest_mm": st.floats(0.2, 0.3)}, optional={"exponent": st.just(3.0)}
+)
 TURNS = st.floats(0, 0.99)
 GEAR_KEYS = {
     "growth": GROWTHS,

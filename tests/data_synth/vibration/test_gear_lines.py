@@ -39,7 +39,7 @@ def test_lines_are_the_signal_of_the_shipped_gears_and_of_their_fault():
 
 
 def test_lines_follow_damage_that_grows():
-    growth = {"law": "linear", "rate_mm_per_s": 0.5, "largest_mm": 1.5}
+    growth = {"rate_mm_per_s": 0.5, "largest_mm": 1.5}
     crack = {"kind": "tooth_crack", "component": "stage 1/pinion", "depth_mm": 0.5, "growth": growth}
     speed = {"link": "input", "rpm": [[0, 1400], [2, 1500]]}
     grown = load_scene("gears-in-motion").changed(duration_s=2.0, speed=speed, faults=(crack,))

@@ -293,7 +293,7 @@ def test_teeth_that_follow_their_error_start_without_a_shock():
 # ---- damage that grows ------------------------------------------------------------------------------------------
 
 TEETH = {"shape": "teeth", "stiffness_n_m": None, "error_um": 0}
-LINEAR = {"law": "linear", "rate_mm_per_s": 4, "largest_mm": 1.5}
+LINEAR = {"rate_mm_per_s": 4, "largest_mm": 1.5}
 
 
 def fault(kind, component="mesh/pinion", **keys):
@@ -309,7 +309,7 @@ def growing(*faults, **changes):
 
 def test_a_tooth_that_breaks_off_while_it_runs_has_an_error_at_all_instants():
     """Of the errors of a history all are given or none: where none lets the flanks sink in, one of zero."""
-    law = {"law": "linear", "rate_mm_per_s": 40, "largest_mm": 6.0}
+    law = {"rate_mm_per_s": 40, "largest_mm": 6.0}
     history = motion(growing(fault("missing_tooth", size=2.0, growth=law))).system.meshes[0].history
     phases = np.linspace(0, 36, 4001)
     assert {bool(error(phases).any()) for error in history.errors} == {False, True}
@@ -321,7 +321,7 @@ def test_a_tooth_that_breaks_off_while_it_runs_has_an_error_at_all_instants():
 def test_teeth_are_at_each_time_as_large_as_damage_is_then(kind):
     # teeth deflect by some microns: material gone beyond that is contact lost, at once
     size = 0.5e-3 if kind in {"spall", "pitting", "wear"} else 0.01 if kind == "eccentricity" else 0.5
-    law = {"law": "exponential", "time_constant_s": 0.15, "largest_mm": 3 * size}
+    law = {"rate_mm_per_s": size / 0.15, "exponent": 2, "largest_mm": 3 * size}
 
     def wide(factor):
         return {"width_mm": 4 * factor} if kind in {"spall", "pitting"} else {}
@@ -346,7 +346,7 @@ def test_teeth_are_at_each_time_as_large_as_damage_is_then(kind):
 
 def test_two_faults_of_a_mesh_grow_each_by_its_law():
     crack = fault("tooth_crack", size=0.5, growth=LINEAR)
-    law = {"law": "exponential", "time_constant_s": 0.2, "largest_mm": 1}
+    law = {"rate_mm_per_s": 0.01 / 0.2, "exponent": 2, "largest_mm": 1}
     spalled = fault("spall", "mesh/gear", size=0.01, width_mm=30, growth=law)
     mesh = motion(growing(crack, spalled)).system.meshes[0]
     phases = np.linspace(0, 252, 4001)
@@ -401,7 +401,7 @@ def test_memory_does_not_grow_with_a_record_of_growing_teeth():
 
 
 def test_growth_beyond_the_tooth_is_refused_with_its_time():
-    chipped = fault("chipping", size=20, growth={"law": "linear", "rate_mm_per_s": 100, "largest_mm": 40})
+    chipped = fault("chipping", size=20, growth={"rate_mm_per_s": 100, "largest_mm": 40})
     with pytest.raises(
         SceneError, match=r"fault 1, chipping .* at 0\.3 s: 40 mm are not within the face width of 30 mm"
     ):
@@ -410,7 +410,7 @@ def test_growth_beyond_the_tooth_is_refused_with_its_time():
 
 @pytest.mark.slow
 def test_the_analysis_sees_a_crack_grow():
-    growth = {"law": "linear", "rate_mm_per_s": 0.3, "largest_mm": 3}
+    growth = {"rate_mm_per_s": 0.3, "largest_mm": 3}
     crack = {"kind": "tooth_crack", "component": "stage 1/pinion", "depth_mm": 0.6, "growth": growth}
     low = {
         "path": {"frequency_hz": 4000, "damping_ratio": 0.1},
