@@ -4,7 +4,7 @@ import warnings
 
 import pytest
 
-from hums.gearbox.bearing_catalogue import bearing_catalogue, bearings_named
+from hums.gearbox.bearing_catalogue import bearing_catalogue
 from hums.gearbox.defect_orders import bearing_orders
 from hums.gearbox.model import Gearbox, GearboxError, GearboxWarning
 
@@ -64,15 +64,3 @@ def test_unknown_and_contradicting_ones_are_refused():
         gearbox(bearing="6305")
     with pytest.raises(GearboxError, match=r"elements = 8 contradicts SKF 6205-2RS JEM, which has 9"):
         gearbox(bearing="SKF 6205-2RS JEM", elements=8)
-
-
-def test_written_and_read_again(tmp_path):
-    before = gearbox(bearing="LDK UER204")
-    (tmp_path / "pair.toml").write_text(before.to_toml(), encoding="utf-8")
-    assert Gearbox.from_toml(tmp_path / "pair.toml") == before
-
-
-def test_names_are_unique():
-    names = [row.name for row in bearing_catalogue()]
-    assert len(set(names)) == len(names)
-    assert all(bearings_named(name)[0].name == name for name in names)

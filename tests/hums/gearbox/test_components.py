@@ -30,12 +30,11 @@ def teeth(number):
     ("text", "sentence"),
     [
         (teeth("9" * 300), r"teeth = 2\*\*996 or more: input should be less than"),
-        (teeth("9" * 4000), r"teeth = 2\*\*13287 or more"),
         (teeth("9" * 5000), "value out of range"),
         (teeth("2020-01-01"), r"teeth = datetime\.date\(2020, 1, 1\): input should be"),
         (f"{BOX}rigid = {'[' * 5000}{']' * 5000}", "over 50 deep"),
         (f"rigid = {'[' * 60}{']' * 60}\n{BOX}", "over 50 deep"),
-        (f"{BOX}[[bearing]]\nnames = [{','.join(map(repr, map(str, range(50_000))))}]\n{BALLS}", "at most 1000 items"),
+        (f"{BOX}[[bearing]]\nnames = [{','.join(map(repr, map(str, range(2000))))}]\n{BALLS}", "at most 1000 items"),
         (BOX.replace('["box", "a"]', '{ links = ["box", "a"], copies = 20000 }'), "copies = 20000: .* equal to 100"),
         (BOX + "".join(f"k{number} = 3\n" for number in range(2000)), r"\(cut\)"),
         (f"{'k' * 50_000} = 3\n{BOX}", "unknown key"),
@@ -55,7 +54,7 @@ def test_a_gearbox(tmp_path, text, sentence):
         ('[[class]]\nname = "h"\n[[class.change.log]]\na = 1\n', "log is a kind of range, of a value"),
         ('[[class]]\nname = "h"\nchange = { fault = 0.5 }\n', r"fault = 0\.5: give a list in brackets"),
         ('[[class]]\nname = "h"\nchange = { fault = 2020-01-01 }\n', "a date or a time is no value"),
-        ("".join(f'[[class]]\nname = "{number}"\n' for number in range(20_000)), "at most 1000 items"),
+        ("".join(f'[[class]]\nname = "{number}"\n' for number in range(2000)), "at most 1000 items"),
     ],
 )
 def test_a_plan(tmp_path, text, sentence):

@@ -3,12 +3,11 @@
 import tracemalloc
 
 import pytest
-from counting import calls, recorded
+from counting import calls
 
-from hums.gearbox import defect_orders as orders
 from hums.gearbox.defect_orders import defect_orders
 from hums.gearbox.kinematics import solve_kinematics
-from hums.gearbox.model import Gearbox, load_gearbox
+from hums.gearbox.model import Gearbox
 
 
 def train(links):
@@ -44,14 +43,3 @@ def test_a_thousand_links_take_no_dense_matrix():
     tracemalloc.stop()
     # a matrix of all links by all meshes has a million numbers
     assert peak < 8 * 1000**2 / 2
-
-
-def test_the_orders_of_a_gearbox_are_made_from_one_solution(monkeypatch):
-    solved = recorded(monkeypatch, orders, "solve_kinematics")
-    gearbox = load_gearbox("alouette-iii")
-    table = defect_orders(gearbox)
-    assert len(solved) == 1
-    assert len(table) > 30
-    kinematics = solve_kinematics(gearbox)
-    assert defect_orders(kinematics).equals(table)
-    assert len(solved) == 1

@@ -6,7 +6,6 @@ from itertools import pairwise
 import numpy as np
 import pytest
 from gearboxes import planetary
-from scipy.linalg import null_space
 
 from hums.gearbox.kinematics import solve_kinematics
 from hums.gearbox.model import Gearbox, GearboxError, load_gearbox
@@ -40,44 +39,11 @@ class TestWolfrom:
         rigid = [[f"big {k}", f"small {k}"] for k in range(sets)]
         return {"frame": "housing", "reference": "s0", "rigid": rigid, "axes": axes, "mesh": mesh}
 
-    def floating_ratio(self, sets, kind):
-        """Return the same from the null space of the Willis matrix in floating point."""
-        teeth = []  # gear, teeth, gear, teeth, carrier
-        for k in range(sets):
-            for planet in (f"p{k}.{number}" for number in range(3)):
-                teeth += [
-                    (f"s{k}", 20, planet, 79, f"c{k}"),
-                    (planet, 79, "frame", -178, f"c{k}"),
-                    (planet, 75, f"s{k + 1}", -169, f"c{k}"),
-                ]
-        links = list(dict.fromkeys(["frame", *(link for one, _, other, _, k in teeth for link in (one, other, k))]))
-        matrix = np.zeros((1 + len(teeth), len(links)), dtype=kind)
-        matrix[0, links.index("frame")] = 1
-        for row, (one, z_one, other, z_other, carrier) in enumerate(teeth, start=1):
-            matrix[row, links.index(one)] += z_one
-            matrix[row, links.index(other)] += z_other
-            matrix[row, links.index(carrier)] -= z_one + z_other
-        kernel = null_space(matrix)[:, 0]
-        return (kernel[links.index("s0")] / kernel[links.index(f"s{sets}")]).real
-
-    @pytest.mark.parametrize("sets", [1, 2, 3, 10])
+    @pytest.mark.parametrize("sets", [1, 10])
     def test_exactly(self, sets):
         kinematics = solved(self.table(sets))
         assert speed(kinematics, "s0", **{f"s{sets}": F(1)}) == self.RATIO**sets
         assert speed(kinematics, f"s{sets}") == 1 / self.RATIO**sets
-
-    def test_the_catalogue(self):
-        kinematics = solve_kinematics(load_gearbox("wolfrom"))
-        assert 1 / speed(kinematics, "output ring") == F(1321749, 10)
-        assert speed(kinematics, "carrier") == F(10, 99)
-
-    @pytest.mark.parametrize("kind", [float, complex])
-    def test_what_floating_point_loses(self, kind):
-        lost = [abs(self.floating_ratio(sets, kind) / float(self.RATIO) ** sets - 1) for sets in (1, 2, 3)]
-        # the kernel is right to some 1e-16 of its largest entry, its last entry is that much over ratio^sets
-        assert 1e-13 < lost[0] < 1e-8  # three digits and more are gone
-        assert 1e-8 < lost[1] < 1e-2
-        assert lost[2] > 1e-3  # nothing worth the name is left
 
 
 class TestRedundantPlanets:
@@ -92,11 +58,6 @@ class TestRedundantPlanets:
         assert speed(kinematics, "carrier", **given) == carrier
         spins = {kinematics.relative_speed(f"planet {k + 1}", seen_from="carrier", speeds=given) for k in range(20)}
         assert spins == {-10 * (3 - carrier)}
-
-    def test_held_ring(self):
-        kinematics = solved(self.TABLE | {"rigid": [["housing", "ring"]]})
-        assert kinematics.dof == 1
-        assert speed(kinematics, "carrier") == F(200, 440)
 
 
 class TestLockedLoop:
@@ -123,18 +84,6 @@ class TestLockedLoop:
         with pytest.raises(GearboxError, match="cannot move"):
             solved(self.table(ca=-1))
 
-    def test_five_gears(self):
-        names = "abcde"
-        table = {
-            "frame": "h",
-            "reference": "a",
-            "axes": {name: ["h", name] for name in names},
-            "mesh": [{"teeth": {x: 20, y: 20}} for x, y in pairwise(names + "a")],
-        }
-        with pytest.raises(GearboxError, match="cannot move") as caught:
-            solved(table)
-        assert all(f'"{x}-{y}"' in str(caught.value) for x, y in pairwise(names + "a"))
-
     def test_an_even_loop_turns(self):
         teeth = {"a": 20, "b": 25, "c": 31, "d": 47}
         table = {
@@ -145,25 +94,6 @@ class TestLockedLoop:
         }
         kinematics = solved(table)
         assert [speed(kinematics, name) for name in teeth] == [1, F(-20, 25), F(20, 31), F(-20, 47)]
-
-    def test_a_loop_that_locks_a_part_does_not_turn_when_asked(self):
-        # the loop hangs on the ring of a planetary whose sun and carrier stay free to turn
-        table = {
-            "frame": "h",
-            "reference": "sun",
-            "axes": {
-                "main": ["h", "sun", "carrier", "ring"],
-                "planet": {"links": ["carrier", "planet"], "copies": 3},
-                **{name: ["h", name] for name in "ab"},
-            },
-            "mesh": [
-                {"teeth": {"sun": 27, "planet": 36}},
-                {"teeth": {"planet": 36, "ring": -99}},
-                *({"teeth": {x: 20, y: 20}} for x, y in (("ring", "a"), ("a", "b"), ("b", "ring"))),
-            ],
-        }
-        with pytest.raises(GearboxError, match=r"ring|a-b"):  # when drawn or when asked, but not in silence
-            solved(table).rates({"ring": 1, "sun": 1})
 
 
 class TestLongTrain:
@@ -198,18 +128,6 @@ class TestAxesInSpace:
         },
         "mesh": [{"teeth": {"first": 20, "second": 41}}, {"teeth": {"second": 17, "third": -23}}],
     }
-
-    def test_vectors(self):
-        vectors = solved(self.TABLE).vectors()
-        second = -20 / 41
-        third = second * 17 / 23
-        for link, expected in (("first", [1, 0, 0]), ("second", [0, second, 0]), ("third", [0, 0, third])):
-            np.testing.assert_allclose(vectors.sel(link=link), expected, rtol=0, atol=1e-15)
-
-    def test_exact_rates(self):
-        kinematics = solved(self.TABLE)
-        assert kinematics.dof == 1
-        assert speed(kinematics, "third") == F(-20 * 17, 41 * 23)
 
     def test_complex_refuses(self):
         kinematics = solved(self.TABLE)
@@ -262,39 +180,10 @@ class TestAxesInSpace:
             kinematics.relative_speed("planet", seen_from="housing", speeds=given)
 
 
-class TestTwoInputs:
-    @pytest.fixture
-    def kinematics(self):
-        return solve_kinematics(load_gearbox("two-motor-split"))
-
-    def test_motor_2_at_rest(self, kinematics):
-        given = {"motor 1": F(1), "motor 2": F(0)}
-        assert speed(kinematics, "ring", **given) == 0
-        assert speed(kinematics, "carrier", **given) == F(30, 108)
-
-    def test_motor_1_at_rest(self, kinematics):
-        given = {"motor 1": F(0), "motor 2": F(1)}
-        assert speed(kinematics, "sun", **given) == 0
-        assert speed(kinematics, "carrier", **given) == F(78, 108) * F(-23, 96)
-
-    def test_both_at_rest(self, kinematics):
-        assert set(kinematics.rates({"motor 1": 0, "motor 2": 0}).values()) == {0}
-
-    def test_speeds_add(self, kinematics):
-        first, second = F(7, 3), F(-11, 5)
-        alone = [
-            speed(kinematics, "carrier", **{"motor 1": a, "motor 2": b}) for a, b in ((first, F(0)), (F(0), second))
-        ]
-        assert speed(kinematics, "carrier", **{"motor 1": first, "motor 2": second}) == sum(alone)
-
-    def test_the_output_at_rest(self, kinematics):
-        # the motors work against each other: 30 w_s = -78 w_r
-        assert speed(kinematics, "motor 2", carrier=F(0), **{"motor 1": F(23)}) == F(30, 78) * 96
-
-    def test_one_motor_alone_settles_nothing(self, kinematics):
-        with pytest.raises(GearboxError, match="1 degree open"):
-            kinematics.rates({"motor 1": 1})
-
-    def test_ratios(self, kinematics):
-        ratios = kinematics.velocity_ratios(inputs=["motor 1", "motor 2"]).sel(link="carrier")
-        np.testing.assert_allclose(ratios, [30 / 108, -78 / 108 * 23 / 96], rtol=1e-14)
+def test_two_motors_add_up():
+    kinematics = solve_kinematics(load_gearbox("two-motor-split"))
+    ratios = kinematics.velocity_ratios(inputs=["motor 1", "motor 2"]).sel(link="carrier")
+    np.testing.assert_allclose(ratios, [30 / 108, -78 / 108 * 23 / 96], rtol=1e-14)
+    # the output at rest: the motors work against each other, 30 w_s = -78 w_r
+    assert speed(kinematics, "motor 2", carrier=F(0), **{"motor 1": F(23)}) == F(30, 78) * 96
+    assert set(kinematics.rates({"motor 1": 0, "motor 2": 0}).values()) == {0}

@@ -63,10 +63,6 @@ class TestFixedAndConstrained:
         with pytest.raises(GearboxError, match=r'"[xy]|ring" cannot move: .*"ring-x".*"x-y".*"y-ring"'):
             solved({**table, "mesh": [*PLANETARY["mesh"], *loop]})
 
-    def test_all_fixed_says_what_locks(self):
-        with pytest.raises(GearboxError, match=r'locked by .*fixed "sun"'):
-            solved(fixed=["sun", "ring"])
-
 
 def pair(**changes):
     table = {
@@ -137,10 +133,6 @@ class TestBearingsInOneBody:
         with pytest.raises(GearboxError, match=f'bearing "x": inner_ring = {words}'):
             solved(PLANETARY | {"rigid": rigid, "bearing": [bearing]})
 
-    def test_two_bodies_are_not(self):
-        bearing = {"name": "x", "inner_ring": "carrier", "outer_ring": "planet", "multiples": SHEET}
-        assert solved(PLANETARY | {"rigid": [["housing", "ring"]], "bearing": [bearing]}).dof == 1
-
 
 class TestPlanetsThatDoNotFit:
     @staticmethod
@@ -152,19 +144,12 @@ class TestPlanetsThatDoNotFit:
     def test_a_set_that_fits_is_silent(self):
         Gearbox.from_mapping(self.planets(copies=3))
 
-    def test_uneven_spacing(self):
-        with pytest.warns(GearboxWarning, match=r"\(27 \+ 99\) / 4 = 31.5 is not whole"):
-            Gearbox.from_mapping(self.planets(copies=4))
-
-    def test_permitted_gaps_and_positions_mean_the_same(self):
+    def test_gaps_and_angles_mean_the_same(self):
+        # neither gaps nor angles in whole multiples of 360 / 126 degrees: one warning each, of the planets in between
         for spacing in ([0, 91.43, 180, 271.43], [91.43, 88.57, 91.43, 88.57]):
             with pytest.warns(GearboxWarning) as caught:
                 Gearbox.from_mapping(self.planets(copies=4, spacing_deg=spacing))
             assert len(caught) == 1
-
-    def test_a_planet_off_its_place(self):
-        with pytest.warns(GearboxWarning, match=r"planet 2 at 120.5 degrees is 0.5 degrees from"):
-            Gearbox.from_mapping(self.planets(copies=3, spacing_deg=[0, 120.5, 240]))
 
     def test_neighbours_touch(self):
         # (27 + 36) sin(pi / 6) = 31.5 modules between centres, tips need 38
@@ -205,11 +190,6 @@ class TestPlanetsThatDoNotFit:
         Gearbox.from_mapping(self.coaxial(60, 20, 60))
         # 3 (21 + 39) = 2 (51 + 39): two gears of the planet, cut with two modules
         Gearbox.from_mapping(self.coaxial(21, 39, 51, modules=(3, 2)))
-
-    @pytest.mark.parametrize("spacing", [[10, 20, 30], [0, 240, 120], [0, 120]])
-    def test_spacing_that_is_none(self, spacing):
-        with pytest.raises(GearboxError, match="spacing_deg"):
-            Gearbox.from_mapping(self.planets(copies=3, spacing_deg=spacing))
 
 
 # ---- random coplanar mechanisms: joint rates against the complex null space ---------------------------------------
@@ -252,15 +232,6 @@ def test_both_formulations_agree(table, locked):
     turn = exact[place[0], 0]
     # eight digits of conditioning are allowed for above; ratios reach 1e5
     np.testing.assert_allclose(found[:, 0] * turn, exact[:, 0], atol=1e-6 * np.abs(exact[:, 0]).max())
-
-
-def test_axes_in_space_refuse_complex_numbers_and_point_to_vectors():
-    table = pair(two={"direction": [0, 0, 1]})
-    kinematics = solved(table)
-    for ask in (kinematics.velocities, kinematics.velocity_ratios, lambda: kinematics.null_space):
-        with pytest.raises(GearboxError, match=r'axis "two" leaves the x-y plane.*vectors\(\)'):
-            ask()
-    np.testing.assert_allclose(kinematics.vectors().sel(link="b"), [0, 0, -0.05])
 
 
 def coplanar_catalogue():

@@ -48,9 +48,6 @@ def speed(kinematics, link, **speeds):
 
 
 class TestAll:
-    def test_these_ship(self):
-        assert set(catalogue()) >= set(DEGREES_OF_FREEDOM)
-
     @pytest.mark.parametrize("name", sorted(catalogue()))
     def test_it_loads_and_solves(self, name):
         kinematics = solved(name)
@@ -90,9 +87,6 @@ class TestNelson:
         np.testing.assert_allclose(np.abs(omega), [0, 1, 1.36, 0.625], rtol=0, atol=5e-3)
         assert np.angle(omega[2]) == pytest.approx(0.639, abs=5e-4)
 
-    def test_ratio_of_nelson(self, kinematics):
-        assert speed(kinematics, "carrier", ring=F(8)) == 5  # w_2 = 1.6 w_4
-
     def test_planet_against_carrier(self, kinematics, omega):
         assert kinematics.relative_speed("planet", seen_from="carrier") == F(15, 16)
         # eq. 12 with the errata: along alpha = pi/3
@@ -115,12 +109,6 @@ class TestNelson:
             from_sun = (column - column[0]) / (column[1] - column[0])
             # two roundings of 7e-4 over a difference of 0.5 and more
             np.testing.assert_allclose(from_sun, omega, rtol=0, atol=3e-3)
-
-    def test_gear_frequencies(self, kinematics):
-        # eq. 13: 93.75 Hz at both meshes for a ring at 10 Hz
-        rates = {row.component: row.exact * 10 for row in defects(kinematics) if row.kind == "gear_mesh"}
-        assert set(rates.values()) == {F(9375, 100)}
-        assert len(rates) == 2
 
 
 class TestDifferential:
@@ -147,13 +135,6 @@ class TestDifferential:
     def omega(self, kinematics):
         return kinematics.velocity_ratios(inputs=["left wheel", "right wheel"]).sel(link=list(self.LINKS)).to_numpy()
 
-    def test_counts(self, kinematics):
-        assert (len(kinematics.links), len(kinematics.contacts), len(kinematics.joints)) == (7, 5, 6)
-        # 2012, table 2: gear pairs 2-7, 3-5, 3-6, 4-5, 4-6
-        carriers = {frozenset(link for link, _ in c.gears): c.carrier for c in kinematics.contacts}
-        assert carriers.pop(frozenset({"drive shaft", "cage"})) == "car"
-        assert set(carriers.values()) == {"cage"}
-
     def test_the_printed_matrix(self, kinematics, omega):
         np.testing.assert_allclose(self.M @ omega, 0, atol=1e-13)
         assert np.linalg.matrix_rank(self.M) == 5
@@ -168,12 +149,6 @@ class TestDifferential:
         np.testing.assert_allclose(np.abs(omega[4:6]), 0.86, rtol=0, atol=5e-3)
         np.testing.assert_allclose(np.angle(omega[4:6]), [[0.95, -0.95], [-0.95, 0.95]], rtol=0, atol=5e-3)
 
-    def test_straight_ahead(self, omega):
-        np.testing.assert_allclose(omega @ [1, 1], [0, -5, 1, 1, 1, 1, 1], rtol=0, atol=1e-15)
-
-    def test_jacked_up(self, omega):
-        np.testing.assert_allclose(omega @ [1, -1], [0, 0, 1, -1, 1.4j, -1.4j, 0], rtol=0, atol=1e-15)
-
     def test_corner(self, kinematics):
         # 2012, eq. 8; 2010, eq. 16: two decimals
         turning = kinematics.velocities(self.CORNER).sel(link=list(self.LINKS)).to_numpy()
@@ -181,43 +156,6 @@ class TestDifferential:
         np.testing.assert_allclose(np.angle(turning[4:6]), [-0.10, 0.10], rtol=0, atol=5e-3)
         assert speed(kinematics, "drive shaft", **self.CORNER) == -140
         assert kinematics.relative_speed("planet a", seen_from="cage", speeds=self.CORNER) == F(-14, 5)
-
-    def test_left_wheel_locked(self, kinematics):
-        # 2012, 2.5: w_5 - w_7 = 0.7 j
-        against = kinematics.relative_speed("planet a", seen_from="cage", speeds={"left wheel": 1, "right wheel": 0})
-        assert against == F(7, 10)
-
-    def test_table_a(self, kinematics):
-        # 2010, appendix, rad/s: orders count turns of the cage, at 28 rad/s
-        rows = {
-            (row.component, row.kind): (row.order * 28, row.sources) for row in defects(kinematics, speeds=self.CORNER)
-        }
-
-        def printed(component, kind, rate, sources, within=1e-9):
-            assert rows[component, kind][0] == pytest.approx(rate, abs=within)
-            if sources is not None:
-                assert rows[component, kind][1] == sources
-
-        for bearing in ("bearing 1", "bearing 2"):
-            printed(bearing, "inner_race", 381.3, 1, within=0.05)
-            printed(bearing, "outer_race", 318.7, 1, within=0.05)
-            printed(bearing, "rolling_element", 300.0, 25, within=0.05)  # errata
-        printed("drive shaft-cage", "gear_mesh", 1820, None)
-        printed("drive shaft-cage/drive shaft", "tooth", 140, 13)
-        printed("drive shaft-cage/cage", "tooth", 28, 65)
-        for wheel in ("left wheel", "right wheel"):
-            for planet in ("planet a", "planet b"):
-                printed(f"{wheel}-{planet}", "gear_mesh", 28, None)
-                printed(f"{wheel}-{planet}/{wheel}", "tooth", 2, 14)
-                printed(f"{wheel}-{planet}/{planet}", "tooth", 2.8, 10)
-
-    def test_the_papers_variant_of_a_roll(self, kinematics):
-        # 310.6 rad/s: d replaced by d cos a everywhere (errata), from the bearing as the file declares it
-        (bearing,) = kinematics.gearbox.bearings
-        relative = float(kinematics.relative_speed("cage", seen_from="car", speeds=self.CORNER))
-        slope = bearing.element_diameter_mm * math.cos(math.radians(bearing.contact_angle_deg))
-        ratio = slope / bearing.pitch_diameter_mm
-        assert (1 - ratio**2) / ratio * relative == pytest.approx(310.6, abs=0.05)
 
 
 class TestAlouette:
@@ -227,9 +165,6 @@ class TestAlouette:
     @pytest.fixture
     def kinematics(self):
         return solved("alouette-iii")
-
-    def test_counts(self, kinematics):
-        assert (len(kinematics.links), len(kinematics.contacts), len(kinematics.joints)) == (8, 6, 7)
 
     def test_exact_ratios(self, kinematics):
         assert speed(kinematics, "main shaft") == F(20, 41)
@@ -270,21 +205,8 @@ class TestAlouette:
             left = one * (ratios[i - 1] - ratios[k - 1]) + other * (ratios[j - 1] - ratios[k - 1])
             assert left == pytest.approx(0, abs=1e-13)  # terms near 20
 
-    def test_rotors(self, kinematics):
-        # reduction 1/0.415 to the tail rotor, 1/0.0612 to the main rotor
-        assert 1 / speed(kinematics, "tail") == pytest.approx(1 / 0.415, rel=0.0005 / 0.415)
-        assert 1 / speed(kinematics, "upper carrier") == pytest.approx(1 / 0.0612, rel=0.00005 / 0.0612)
-
 
 class TestGlinsky:
-    def test_parallel_pair(self):
-        assert speed(solved("glinsky-parallel-pair"), "gear 2", **{"gear 1": F(100)}) == -40
-
-    def test_idler(self):
-        kinematics = solved("glinsky-idler")
-        assert speed(kinematics, "gear 2", **{"gear 1": F(15)}) == -10
-        assert speed(kinematics, "gear 3", **{"gear 1": F(15)}) == 6  # as if the idler's 30 teeth were not there
-
     def test_compound(self):
         kinematics = solved("glinsky-compound")
         given = {"gear 1": F(15)}
@@ -306,31 +228,6 @@ class TestGlinsky:
             # "ground velocity": w_pg = w_p + w_c
             assert speed(kinematics, planet, **given) == spin + 2
 
-    @pytest.mark.parametrize(
-        ("name", "planets", "rank"), [("glinsky-planetary-1", 1, 2), ("glinsky-planetary-3", 3, 4)]
-    )
-    def test_ranks(self, name, planets, rank):
-        # his equations in w_s, w_p..., w_c, w_r: each planet's speed against the carrier
-        kinematics = solved(name)
-        teeth = {link: abs(count) for contact in kinematics.contacts for link, count in contact.gears}
-        planet = teeth["planet 1" if planets > 1 else "planet"]
-        i_sp, i_pr = planet / teeth["sun"], -teeth["ring"] / planet
-        matrix = np.zeros((2 * planets, planets + 3))
-        for k in range(planets):
-            matrix[k, [0, 1 + k, -2]] = 1, i_sp, -1
-            matrix[planets + k, [1 + k, -2, -1]] = 1, -i_pr, i_pr
-        assert np.linalg.matrix_rank(matrix) == rank
-        # what is missing to the number of variables are the degrees of freedom
-        assert kinematics.dof == planets + 3 - rank == 2
-        given = {"sun": F(3), "ring": F(-5, 2)}
-        spins = [
-            kinematics.relative_speed(link, seen_from="carrier", speeds=given)
-            for link in kinematics.links
-            if link.startswith("planet")
-        ]
-        solution = [3, *spins, speed(kinematics, "carrier", **given), F(-5, 2)]
-        np.testing.assert_allclose(matrix @ np.array(solution, dtype=float), 0, atol=1e-13)
-
 
 class TestOH58:
     @pytest.fixture
@@ -349,9 +246,6 @@ class TestOH58:
         gaps = [b - a for a, b in pairwise([*table["axes"]["planet"]["spacing_deg"], 360])]
         np.testing.assert_allclose(gaps, [91.43, 88.57, 91.43, 88.57], atol=5e-3)
 
-    def test_the_teeth_need_profile_shift(self, table):
-        assert "27 + 2 x 35 = 97" in self.warnings_of(table)
-
     def test_a_planet_out_of_place(self, table):
         places = table["axes"]["planet"]["spacing_deg"]
         assert "planet 3" not in self.warnings_of(table)
@@ -362,14 +256,6 @@ class TestOH58:
         del table["axes"]["planet"]["spacing_deg"]
         text = self.warnings_of(table)
         assert "(27 + 99) / 4 = 31.5" in text
-        assert "27 + 2 x 35 = 97" in text
-
-    def test_three_planets_are_evenly_spaced(self, table):
-        # as in the OH-58A: (27 + 99) / 3 = 42
-        del table["axes"]["planet"]["spacing_deg"]
-        table["axes"]["planet"]["copies"] = 3
-        text = self.warnings_of(table)
-        assert "(27 + 99)" not in text
         assert "27 + 2 x 35 = 97" in text
 
     @staticmethod
@@ -406,23 +292,6 @@ class TestOthers:
     def test_ravigneaux_gears(self, held, turned, ratio):
         assert speed(solved("ravigneaux"), "ring", **{held: F(0), turned: ratio}) == 1
 
-    def test_ravigneaux_as_one_body(self):
-        # third gear: both suns alike, and all turns as one
-        kinematics = solved("ravigneaux")
-        given = {"small sun": F(1), "large sun": F(1)}
-        assert {speed(kinematics, link, **given) for link in kinematics.links if link != "housing"} == {1}
-
-    def test_ravigneaux_assembles(self):
-        # long planets between sun and ring, three of them; short ones inside the ring and clear of the next pair
-        assert 36 + 2 * 18 == 72
-        assert (36 + 72) % 3 == (72 - 30) % 3 == 0
-        long, short, apart = (36 + 18) / 2, (30 + 18) / 2, (18 + 18) / 2
-        lead = math.acos((long**2 + short**2 - apart**2) / (2 * long * short))
-        other = 2 * math.pi / 3 - lead
-        assert math.sqrt(long**2 + short**2 - 2 * long * short * math.cos(other)) > apart + 2  # tips, in modules
-        assert short + 18 / 2 + 1 < 72 / 2 - 1
-        assert long - 18 / 2 - 1 > 30 / 2 + 1
-
     def test_two_motors(self):
         kinematics = solved("two-motor-split")
         given = {"motor 1": F(18), "motor 2": F(96)}
@@ -437,6 +306,3 @@ class TestOthers:
         assert float(ratio) == pytest.approx(99.3, abs=0.05)
         for a, b in ((97, 23), (103, 25)):
             assert math.gcd(a, b) == 1
-
-    def test_wolfrom(self):
-        assert speed(solved("wolfrom"), "sun", **{"output ring": F(1)}) == F(1321749, 10)

@@ -30,16 +30,12 @@ def test_the_schema_is_a_schema():
 
 
 @pytest.mark.parametrize("name", FILES)
-def test_every_shipped_file_fits(name):
-    assert list(VALIDATOR.iter_errors(FILES[name])) == []
-
-
-@pytest.mark.parametrize("name", FILES)
-def test_to_toml_and_back_is_the_identity(name, tmp_path):
+def test_to_toml_and_back_is_the_identity_and_fits_the_schema(name, tmp_path):
     gearbox = load_gearbox(name)
     (tmp_path / "box.toml").write_text(gearbox.to_toml(), encoding="utf-8")
     assert load_gearbox(tmp_path / "box.toml") == gearbox
-    assert list(VALIDATOR.iter_errors(tomllib.loads(gearbox.to_toml()))) == []
+    for table in (FILES[name], tomllib.loads(gearbox.to_toml())):
+        assert list(VALIDATOR.iter_errors(table)) == []
 
 
 @pytest.mark.parametrize(
@@ -48,14 +44,9 @@ def test_to_toml_and_back_is_the_identity(name, tmp_path):
         lambda table: table.pop("frame"),
         lambda table: table["mesh"][0].update(teeht=1),
         lambda table: table["mesh"][0].update(teeth={"sun": "27"}),
-        lambda table: table["mesh"][0].update(teeth={"sun": 27, "planet": 0}),
         lambda table: table["mesh"][0].update(kind="hypoid"),
         lambda table: table["mesh"][0].update(helix_angle_deg=10.0, hand="up"),
-        lambda table: table["mesh"][0].update(position_mm="middle"),
         lambda table: table["bearing"][0].update(elements=1),
-        lambda table: table["bearing"][0].update(position_mm=[0.0, "far"]),
-        lambda table: table["bearing"][0].update(takes_axial=True),
-        lambda table: table["bearing"][0].pop("names"),
         lambda table: table["axes"].update(extra=["housing"]),
     ],
 )

@@ -1,10 +1,8 @@
 """Torques, forces and power against gear trains worked by hand, Müller's formulas and the complex matrix."""
 
-import dataclasses
 import math
 import re
 from fractions import Fraction as F  # noqa: N817
-from itertools import pairwise
 
 import numpy as np
 import pytest
@@ -92,12 +90,6 @@ class TestTrains:
         assert (result.efficiency, result.circulating_ratio, result.gearing_ratio) == (1.0, 1.0, 1.0)
         assert result.indeterminate == ()
 
-    def test_the_other_gear_drives(self):
-        (load,) = solve_torques(solved(train((20, 50))), {"s0": None, "s1": -10}).tooth_loads
-        assert load.torques_nm == (4.0, 10.0)
-        assert load.driver == "s1"
-        assert load.gearing_power_w == pytest.approx(-4 * TURN, rel=1e-15)
-
     def test_an_idler_passes_on_the_tooth_load_and_turns_freely(self):
         result = solve_torques(solved(train((20, 33), (33, -80))), {"s0": 4, "s2": None})
         first, second = result.tooth_loads
@@ -147,51 +139,34 @@ class TestTrains:
         result = solve_torques(solved(table), {"s0": 4, "s1": None})
         assert [load.mesh for load in result.tooth_loads] == ["s0-s1"]
 
-    def test_rigid_links_share_a_body(self):
-        result = solve_torques(shipped("two-stage"), {"input": 23, "output": None})
-        assert result.torques_nm["output"] == pytest.approx(-23 * (67 * 61) / (23 * 19), rel=1e-15)
-        pinion, _ = result.tooth_loads
-        assert pinion.gears == ("pinion", "intermediate")
-        assert pinion.torques_nm == (-23.0, -67.0)
-
 
 class TestPlanetary:
-    def test_torques_of_sun_carrier_and_ring(self):
+    def test_27_36_99_by_hand(self):
         result = solve_torques(solved(RING_FIXED), {"sun": 27, "carrier": None})
         # 1 : -(1 + 99/27) : 99/27
         assert result.torques_nm == {"sun": 27.0, "carrier": -126.0}
         assert result.frame_torque_nm == (99.0, 0.0, 0.0)
-        assert result.efficiency == 1.0
-
-    def test_planets_share_equally(self):
-        result = solve_torques(solved(RING_FIXED), {"sun": 27, "carrier": None})
+        # planets share equally
         assert [load.torques_nm for load in result.at("sun-planet")] == [(-9.0, -12.0)] * 3
         assert [load.torques_nm for load in result.at("planet-ring")] == [(12.0, -33.0)] * 3
-        assert [load.gears for load in result.at("sun-planet")] == [("sun", f"planet {k}") for k in (1, 2, 3)]
         # the carrier takes 42 N m by each planet: 21 from the sun's teeth, 21 from the ring's
-        for load in result.tooth_loads:
-            assert load.carrier == "carrier"
-            assert load.carrier_torque_nm == (21.0, 0.0, 0.0)
-
-    def test_power_relative_to_the_carrier_and_to_the_frame(self):
-        result = solve_torques(solved(RING_FIXED), {"sun": 27, "carrier": None})
-        sun, ring = result.at("sun-planet")[0], result.at("planet-ring")[0]
-        # the sun passes the carrier at 99/126 turns; the rest of the power goes by the coupling, not by the teeth
-        assert sun.gearing_power_w == pytest.approx(9 * 99 / 126 * TURN, rel=1e-15)
-        assert ring.gearing_power_w == pytest.approx(9 * 99 / 126 * TURN, rel=1e-15)
-        assert sun.driver == "sun"
-        assert ring.driver == "planet 1"
-        assert sun.absolute_power_w == pytest.approx(9 * TURN, rel=1e-15)
-        assert ring.absolute_power_w == 0  # the ring rests
-        assert result.gearing_ratio == pytest.approx(99 / 126, rel=1e-15)
-        assert result.circulating_ratio == 1.0
-
-    def test_branches_name_what_meets_at_a_link(self):
-        result = solve_torques(solved(RING_FIXED), {"sun": 27, "carrier": None})
+        assert {(load.carrier, load.carrier_torque_nm) for load in result.tooth_loads} == {
+            ("carrier", (21.0, 0.0, 0.0))
+        }
         assert [(branch.link, branch.through, branch.torque_nm) for branch in result.branches] == [
             ("sun", ("sun-planet",), -27.0),
             ("carrier", ("sun-planet", "planet-ring"), 126.0),
         ]
+        # the sun passes the carrier at 99/126 turns; the rest of the power goes by the coupling, not by the teeth
+        sun, ring = result.at("sun-planet")[0], result.at("planet-ring")[0]
+        gearing_w = 9 * 99 / 126 * TURN
+        assert (sun.gearing_power_w, ring.gearing_power_w) == pytest.approx((gearing_w, gearing_w), rel=1e-15)
+        assert (sun.driver, ring.driver) == ("sun", "planet 1")
+        assert (sun.absolute_power_w, ring.absolute_power_w) == (
+            pytest.approx(9 * TURN, rel=1e-15),
+            0,
+        )  # the ring rests
+        assert (result.gearing_ratio, result.circulating_ratio) == (pytest.approx(99 / 126, rel=1e-15), 1.0)
 
     @given(
         sun=st.integers(10, 200),
@@ -238,20 +213,8 @@ class TestPlanetary:
         result = solve_torques(solved(table), {"s0": None, "s1 1": 10, "s1 2": 5})
         assert [load.torques_nm[0] for load in result.tooth_loads] == [-4.0, -2.0]
 
-    def test_copies_loaded_differently_cannot_share(self):
-        torques = {"planet 1": 12, "planet 2": 0, "sun": 1, "carrier": None}
-        with pytest.raises(TorqueError, match=r'"planet 1", "planet 2" load copies of one axis differently'):
-            solve_torques(solved(RING_FIXED), torques)
-
 
 class TestPowerThatPositionsDecide:
-    def test_between_two_planets(self):
-        result = solve_torques(shipped("ravigneaux"), LOADED["ravigneaux"], speeds=MOVING["ravigneaux"])
-        planets, sun = result.at("short planet-long planet")[0], result.at("small sun-short planet")[0]
-        assert planets.absolute_power_w is None
-        assert planets.gearing_power_w == pytest.approx(sun.gearing_power_w, rel=1e-14)  # the short one passes it on
-        assert sun.absolute_power_w == pytest.approx(5 / 3 * TURN, rel=1e-14)
-
     def test_on_a_carrier_that_is_carried(self):
         table = {
             "frame": "h",
@@ -301,11 +264,6 @@ class TestLosses:
         assert result.losses_w["planet-ring"] == pytest.approx(gearing * second, rel=1e-13)
         assert balance(result) == pytest.approx(0, abs=ROUNDING)
 
-    def test_a_mesh_that_is_not_named_loses_nothing(self):
-        result = solve_torques(solved(train((20, 50), (20, 50))), {"s0": 4, "s2": None}, mesh_efficiency={"s1-s2": 0.5})
-        assert result.losses_w == {"s0-s1": 0.0, "s1-s2": pytest.approx(2 * TURN, rel=1e-15)}
-        assert result.efficiency == 0.5
-
     def test_a_planetary_that_turns_as_a_block_loses_nothing(self):
         result = solve_torques(
             solved(PLANETARY),
@@ -324,8 +282,8 @@ class TestLosses:
         assert result.torques_nm["s1"] == 10
         assert (result.efficiency, result.circulating_ratio, result.gearing_ratio) == (None, None, None)
 
-    @pytest.mark.parametrize("eta", [0.99, 0.999])
-    def test_a_wolfrom_set_that_locks_itself(self, eta):
+    def test_a_wolfrom_set_that_locks_itself(self):
+        eta = 0.99
         # i0 between the rings with the carrier held; moments about the main axis add up to nothing without one on
         # the carrier. Loaded, the output ring drives the planets and these the resting ring, both times with losses.
         i0, rings = F(178 * 75, 79 * 169), F(178, 20)
@@ -336,13 +294,6 @@ class TestLosses:
         assert back.torques_nm["sun"] == pytest.approx(1000 * (i0 / eta**2 - 1) / (1 + rings), rel=1e-12)
         assert (back.efficiency, back.output_power_w) == (0.0, 0.0)
         assert sum(back.losses_w.values()) == pytest.approx(back.input_power_w, rel=ROUNDING)
-
-    def test_no_gear_can_drive(self):
-        torques = {"output ring": None, "carrier": -1, "sun": 7}
-        with pytest.raises(
-            TorqueError, match=r'locks itself: .* meshes "planet-fixed ring", "small planet-output ring"'
-        ):
-            solve_torques(shipped("wolfrom"), torques, speeds={"output ring": -4}, mesh_efficiency=0.3)
 
 
 class TestDifferential:
@@ -399,10 +350,6 @@ class TestDifferential:
         ahead = solve_torques(kinematics, torques, speeds=dict.fromkeys(speeds, 1), mesh_efficiency=0.98)
         assert ahead.efficiency == pytest.approx(0.98, rel=1e-14)
 
-    def test_a_torque_on_a_bevel_planet(self):
-        with pytest.raises(TorqueError, match='the axis of "planet 1" turns with its carrier'):
-            solve_torques(solved(DIFFERENTIAL), {"planet 1": 1, "left": None, "right": None}, speeds=self.SPEEDS)
-
 
 class TestNelson:
     def test_bevel_planet(self):
@@ -419,11 +366,6 @@ class TestNelson:
         # relative to the carrier the ring turns at 3/8
         assert ring.gearing_power_w == pytest.approx(5 * 3 / 8 * TURN, rel=1e-15)
         assert ring.absolute_power_w == pytest.approx(5 * TURN, rel=1e-15)
-
-    def test_efficiency(self):
-        result = solve_torques(shipped("nelson-bevel-planet"), {"ring": 5, "carrier": None}, mesh_efficiency=0.95)
-        # 3/8 of the power goes by the teeth, 5/8 by the coupling
-        assert result.efficiency == pytest.approx(5 / 8 + 3 / 8 * 0.95**2, rel=1e-14)
 
 
 class TestCirculatingPower:
@@ -448,16 +390,6 @@ class TestCirculatingPower:
         assert down.efficiency == pytest.approx(1 / (7 - 6 * 0.99**4), rel=1e-13)
         up = solve_torques(solved(COUPLED), {"carrier": None, "ring 2": 7}, mesh_efficiency=0.99)
         assert up.efficiency == pytest.approx(7 - 6 / 0.99**4, rel=1e-13)
-
-    def test_a_split_without(self):
-        # motor 1 drives the sun, motor 2 the ring; the carrier gets 30 + 78 of each 30 N m on the sun
-        result = solve_torques(
-            shipped("two-motor-split"),
-            {"motor 1": None, "motor 2": None, "carrier": -108},
-            speeds={"motor 1": 1, "motor 2": -1},
-        )
-        assert result.torques_nm == {"motor 1": 30.0, "motor 2": pytest.approx(-78 * 23 / 96), "carrier": -108.0}
-        assert result.circulating_ratio == pytest.approx(1, rel=1e-14)
 
 
 LOADED = {
@@ -506,17 +438,16 @@ class TestShippedGearboxes:
                 tooth_load = abs(load.torques_nm[0] / teeth[load.mesh])
                 np.testing.assert_allclose(abs(multiplier), tooth_load, rtol=1e-9, atol=1e-10 * scale)
 
-    @pytest.mark.parametrize("efficiency", [1.0, 0.98])
-    def test_power_balances_as_a_whole_and_at_every_link(self, name, efficiency):
+    def test_power_balances_as_a_whole_and_at_every_link(self, name):
         result = solve_torques(
             shipped(name),
             LOADED[name],
             speeds=MOVING.get(name),
             # the differential's planets have indeterminate loads, which cannot lose a part
-            mesh_efficiency={"drive shaft-cage": efficiency} if name == "car-differential" else efficiency,
+            mesh_efficiency={"drive shaft-cage": 0.98} if name == "car-differential" else 0.98,
         )
         assert balance(result) == pytest.approx(0, abs=ROUNDING)
-        assert result.efficiency == 1.0 if efficiency == 1 else result.efficiency < 1
+        assert result.efficiency < 1
         outside = {shipped(name).bodies[load.link]: load for load in result.external}
         for link in {branch.link for branch in result.branches}:
             given = [outside[link]] if link in outside else []
@@ -524,25 +455,6 @@ class TestShippedGearboxes:
             for values in ([part.torque_nm for part in acting], [part.power_w for part in acting]):
                 if not np.isnan(values).any():
                     assert sum(values) == pytest.approx(0, abs=ROUNDING * max(map(abs, values)))
-
-    def test_the_moment_of_all_torques_vanishes_at_every_body(self, name):
-        kinematics = shipped(name)
-        result = solve_torques(kinematics, LOADED[name], speeds=MOVING.get(name))
-        # a body that carries nothing: its teeth and what is put on it from outside
-        carriers = {joint.carried_by for joint in kinematics.joints.values()}
-        for body in set(kinematics.joints) - carriers:
-            torques = [load.torque_nm for load in result.external if kinematics.bodies[load.link] == body]
-            for load in result.tooth_loads:
-                for link, torque in zip(load.gears, load.torques_nm, strict=True):
-                    torques += [torque] if kinematics.bodies[link] == body else []
-            if torques and not np.isnan(torques).any():
-                assert sum(torques) == pytest.approx(0, abs=ROUNDING * max(map(abs, torques)))
-
-    def test_nothing_in_the_result_can_change(self, name):
-        result = solve_torques(shipped(name), LOADED[name], speeds=MOVING.get(name))
-        hash(result)  # fails on any list, dict or array inside
-        with pytest.raises(dataclasses.FrozenInstanceError):
-            result.efficiency = 2.0
 
 
 class TestForces:
@@ -553,21 +465,25 @@ class TestForces:
             solve_torques(solved(table), {"s0": torque, "s1": None}, mesh_efficiency=efficiency).tooth_loads[0].forces
         )
 
-    def test_spur(self):
-        force = self.force(module_mm=2, pressure_angle_deg=20)
-        # 40 N m at a radius of 20 mm
-        assert force.tangential_n == pytest.approx(2000, rel=1e-14)
-        assert force.radial_n == pytest.approx(2000 * math.tan(math.radians(20)), rel=1e-14)
-        assert force.axial_n == 0
-
-    @pytest.mark.parametrize("helix", [15, -15])
-    def test_helical(self, helix):
+    @pytest.mark.parametrize("helix", [0, 15, -15])
+    def test_one_stage(self, helix):
         force = self.force(module_mm=2, pressure_angle_deg=20, helix_angle_deg=helix)
-        slant = math.radians(15)
-        tangential = 40 / (0.020 / math.cos(slant))
+        slant = math.radians(abs(helix))
+        tangential = 40 / (0.020 / math.cos(slant))  # 40 N m at a radius of 20 mm
         assert force.tangential_n == pytest.approx(tangential, rel=1e-14)
         assert force.radial_n == pytest.approx(tangential * math.tan(math.radians(20)) / math.cos(slant), rel=1e-14)
         assert force.axial_n == pytest.approx(tangential * math.tan(slant), rel=1e-14)
+
+    @pytest.mark.parametrize(
+        "mesh",
+        [
+            {"module_mm": 2},
+            {"pressure_angle_deg": 20},
+            {"teeth": (20, -50), "module_mm": 2, "pressure_angle_deg": 20, "kind": "belt"},
+        ],
+    )
+    def test_nothing_is_guessed(self, mesh):
+        assert self.force(**mesh) is None
 
     @pytest.mark.parametrize("teeth", [(20, 50), (20, -50), (-50, 20)])
     @given(working=st.floats(12, 60), torque=st.floats(-100, 100))
@@ -588,30 +504,8 @@ class TestForces:
         # the shift is a difference of involutes: rounding times 1 / tan^2 of the angle
         assert force.radial_n / force.tangential_n == pytest.approx(math.tan(math.radians(working)), rel=1e-9)
 
-    def test_shifts_that_cancel_change_nothing(self):
-        shifted = self.force(module_mm=2, pressure_angle_deg=20, profile_shift=[0.3, -0.3])
-        assert shifted == self.force(module_mm=2, pressure_angle_deg=20)
-
-    def test_shifts_that_leave_no_pitch_point(self):
-        with pytest.raises(TorqueError, match="no common pitch point; correct the shifts"):
-            self.force(teeth=(20, 50), module_mm=2, pressure_angle_deg=20, profile_shift=[-2.0, 0.0])
-
     def test_losses_leave_the_force_of_the_driver(self):
         assert self.force(module_mm=2, pressure_angle_deg=20, efficiency=0.9).tangential_n == pytest.approx(2000)
-
-    @pytest.mark.parametrize("mesh", [{"module_mm": 2}, {"pressure_angle_deg": 20}, {}])
-    def test_nothing_is_guessed(self, mesh):
-        assert self.force(**mesh) is None
-
-    def test_a_belt_has_no_teeth_in_contact(self):
-        assert self.force(teeth=(20, -50), module_mm=2, pressure_angle_deg=20, kind="belt") is None
-
-    def test_bevel_gears_are_left_out(self):
-        meshes = [mesh | {"module_mm": 3, "pressure_angle_deg": 20} for mesh in DIFFERENTIAL["mesh"]]
-        result = solve_torques(
-            solved(DIFFERENTIAL, mesh=meshes), TestDifferential.TORQUES, speeds=TestDifferential.SPEEDS
-        )
-        assert {load.forces for load in result.tooth_loads} == {None}
 
 
 def bearings(link, *places, takes_axial=(), **changes):
@@ -631,12 +525,19 @@ def bearings(link, *places, takes_axial=(), **changes):
 
 def placed(*, teeth=(20, 50), through=((0, 0, 0), (0, 0, 70)), held=None, direction=(1, 0, 0), **mesh):
     """Two shafts side by side, module 2 mm, the mesh 30 mm from `through`, each in bearings at 0 and 100 mm."""
-    table = train(teeth, module_mm=2, pressure_angle_deg=20, position_mm=30, **mesh)
+    table = train(teeth, **{"module_mm": 2, "pressure_angle_deg": 20, "position_mm": 30} | mesh)
     table["axes"] = {
-        f"axis {k}": {"links": ["h", f"s{k}"], "through": list(point), "direction": list(direction)}
+        f"axis {k}": {"links": ["h", f"s{k}"], "through": point and list(point), "direction": list(direction)}
         for k, point in enumerate(through)
     }
     return table | {"bearing": held or [bearings("s0", 0, 100, takes_axial=[1]), bearings("s1", 0, 100)]}
+
+
+def declared(table):
+    """The same without what is None."""
+    if isinstance(table, dict):
+        return {key: declared(value) for key, value in table.items() if value is not None}
+    return [declared(item) for item in table] if isinstance(table, list) else table
 
 
 def loads(table, torques=None, **options):
@@ -676,21 +577,14 @@ class TestBearingLoads:
     # wheel pushes it by 2000 N along +y and by 2000 tan 20 N along -z; the bearings push back.
     RADIAL = 2000 * math.tan(math.radians(20))
 
-    def test_spur_pair_between_its_bearings(self):
-        found = loads(placed())
-        near, far = np.array([0, -2000, self.RADIAL]) * 0.7, np.array([0, -2000, self.RADIAL]) * 0.3
-        np.testing.assert_allclose(found["s0 1"].radial_n, near, rtol=1e-13)
-        np.testing.assert_allclose(found["s0 2"].radial_n, far, rtol=1e-13)
-        np.testing.assert_allclose(found["s1 1"].radial_n, -near, rtol=1e-13)
-        np.testing.assert_allclose(found["s1 2"].radial_n, -far, rtol=1e-13)
+    @pytest.mark.parametrize(("first_mm", "shares"), [(0, (0.7, 0.3)), (60, (1.75, -0.75))])  # between, overhung
+    def test_a_spur_pair_30_mm_along(self, first_mm, shares):
+        found = loads(placed(held=[bearings(f"s{k}", first_mm, 100) for k in range(2)]))
+        for number, share in enumerate(shares, start=1):
+            force = np.array([0, -2000, self.RADIAL]) * share
+            np.testing.assert_allclose(found[f"s0 {number}"].radial_n, force, rtol=1e-13)
+            np.testing.assert_allclose(found[f"s1 {number}"].radial_n, -force, rtol=1e-13)
         assert {(load.axial_n, load.status) for load in found.values()} == {(0.0, "solved")}
-
-    def test_spur_pair_overhung(self):
-        found = loads(placed(held=[bearings("s0", 60, 100), bearings("s1", 0, 100)]))
-        # 30 mm before the first of two bearings 40 mm apart: 7/4 there, -3/4 at the other
-        force = np.array([0, -2000, self.RADIAL])
-        np.testing.assert_allclose(found["s0 1"].radial_n, force * 1.75, rtol=1e-13)
-        np.testing.assert_allclose(found["s0 2"].radial_n, force * -0.75, rtol=1e-13)
 
     def test_bearings_in_tables_of_their_own(self):
         one, two = bearings("s0", 0), bearings("s0", 100, names=["s0 2"])
@@ -750,24 +644,6 @@ class TestBearingLoads:
         assert result.tooth_loads[0].forces.radial_n == pytest.approx(abs((near + far)[2]), rel=1e-12)
         assert result.tooth_loads[0].forces.tangential_n == pytest.approx(abs((near + far)[1]), rel=1e-12)
 
-    def test_an_intermediate_shaft(self):
-        # 4 N m on 20 teeth; 10 N m on the shaft between; the next mesh at 80 mm with 25 teeth of 4 mm, all in one plane
-        table = train((20, 50), (25, 25)) | {
-            "axes": {
-                f"axis {k}": {"links": ["h", f"s{k}"], "through": [0, 0, height]}
-                for k, height in enumerate((0, 70, 170))
-            },
-            "bearing": [bearings(f"s{k}", 0, 100) for k in range(3)],
-        }
-        first, second = table["mesh"]
-        first |= {"module_mm": 2, "pressure_angle_deg": 20, "position_mm": 30}
-        second |= {"module_mm": 4, "pressure_angle_deg": 20, "position_mm": 80}
-        found = loads(table, {"s0": 4, "s2": None})
-        slope = math.tan(math.radians(20))
-        below, above = np.array([0, -200, 200 * slope]), np.array([0, -200, -200 * slope])  # 10 N m at 50 mm each
-        np.testing.assert_allclose(found["s1 1"].radial_n, -below * 0.7 - above * 0.2, rtol=1e-12)
-        np.testing.assert_allclose(found["s1 2"].radial_n, -below * 0.3 - above * 0.8, rtol=1e-12)
-
     @given(
         teeth=st.tuples(st.integers(12, 90), st.integers(12, 90)),
         second=st.tuples(st.integers(12, 40), st.integers(-120, -60)),
@@ -809,68 +685,39 @@ class TestBearingLoads:
         table["mesh"][1] |= angles | {"module_mm": 3, "position_mm": 140, "hand": hands[1], "helix_angle_deg": 0}
         assert_whole_box_balances(table, {"s0": torque, "s2": None})
 
-    def test_profile_shift_keeps_the_balance(self):
-        shifts = {"profile_shift": [0.4, 0.3], "through": ((0, 0, 0), (0, 0, 71.33))}
-        result = assert_whole_box_balances(placed(**shifts), {"s0": 40, "s1": None})
-        angle = math.atan2(-result.bearing_loads[0].radial_n[2], result.bearing_loads[0].radial_n[1])
-        # a cos a_w = a_0 cos a_0, within the rounding of the centre distance: 5 um of 71 mm over tan a_w
-        assert math.cos(angle) == pytest.approx(-70 / 71.33 * math.cos(math.radians(20)), rel=3e-4)
-
-    @pytest.mark.parametrize(
-        ("held", "words"),
-        [
-            ([bearings("s0", 0)], r'"s0" runs in 1 bearing \("s0 1"\); .* indeterminate'),
-            ([bearings("s0", 0, 50, 100)], r'"s0" runs in 3 bearings \("s0 1", "s0 2", "s0 3"\); .* indeterminate'),
-            ([bearings("s0", 50, 50)], r'"s0 1", "s0 2" sit in one place, position_mm = 50: indeterminate'),
-            ([bearings("s0", 0, 1, position_mm=None)], r'position_mm of "s0 1", "s0 2" is not declared'),
-            ([bearings("s0", 0, 1, outer_ring="s2")], r'neither of its rings \("s0", "s2"\) is at rest'),
-            (
-                [bearings("s0", 0), bearings("s0", 5, names=["pilot"], outer_ring="s2")],
-                r'"s0" also runs in a bearing on a shaft that turns \("s0 1", "pilot"\): indeterminate',
-            ),
-        ],
-    )
-    def test_what_statics_does_not_settle_is_said(self, held, words):
-        held = [{key: value for key, value in table.items() if value is not None} for table in held]
-        table = placed(held=held)
-        table["axes"]["axis 0"]["links"].append("s2")  # a layshaft's output, on the line of its input
-        table["mesh"].append(table["mesh"][0] | {"teeth": {"s1": 50, "s2": 20}})
-        found = loads(table, {"s0": 40, "s2": None})["s0 1"]
-        assert re.match(words, found.status)
-        assert np.isnan([*found.radial_n, found.axial_n]).all()
-
     @pytest.mark.parametrize(
         ("changes", "words"),
         [
+            ({"held": [bearings("s0", 0)]}, r'"s0" runs in 1 bearing \("s0 1"\); .* indeterminate'),
+            ({"held": [bearings("s0", 0, 50, 100)]}, r'"s0" runs in 3 bearings \(.*"s0 3"\); .* indeterminate'),
+            ({"held": [bearings("s0", 50, 50)]}, r'"s0 1", "s0 2" sit in one place, position_mm = 50: indeterminate'),
+            (
+                {"held": [bearings("s0", 0, 1) | {"position_mm": None}]},
+                r'position_mm of "s0 1", "s0 2" is not declared',
+            ),
+            ({"held": [bearings("s0", 0, 1, outer_ring="s2")]}, r'neither of its rings \("s0", "s2"\) is at rest'),
+            (
+                {"held": [bearings("s0", 0), bearings("s0", 5, names=["pilot"], outer_ring="s2")]},
+                r'"s0" also runs in a bearing on a shaft that turns \("s0 1", "pilot"\): indeterminate',
+            ),
             ({"position_mm": None}, 'mesh "s0-s1": position_mm is not declared'),
             ({"module_mm": None}, 'mesh "s0-s1": a force needs module_mm'),
-            ({"pressure_angle_deg": None}, 'mesh "s0-s1": a force needs'),
             ({"kind": "belt"}, 'mesh "s0-s1": a force needs'),
             ({"helix_angle_deg": 15}, 'mesh "s0-s1": the hand of its helix is not declared'),
             ({"module_mm": 2.01}, 'axes "axis 0", "axis 1" lie 70 mm apart, but its teeth need 70.35 mm'),
+            ({"through": ((0, 0, 0), None)}, 'axis "axis 1": through is not declared; add a point of it in mm'),
+            ({"more": {"teeth": {"s0": 17}, "carrier": "h"}}, 'mesh "s0-unknown" has a mate that is not declared'),
+            ({"more": placed()["mesh"][0] | {"name": "beside"}}, 'the load of mesh "s0-s1" is indeterminate'),
         ],
     )
-    def test_what_is_missing_of_a_mesh_is_said(self, changes, words):
-        table = placed()
-        mesh = table["mesh"][0] | changes
-        table["mesh"] = [{key: value for key, value in mesh.items() if value is not None}]
-        for load in loads(table).values():
-            assert words in load.status
-            assert np.isnan([*load.radial_n, load.axial_n]).all()
-
-    def test_where_an_axis_is_has_to_be_declared(self):
-        table = placed()
-        del table["axes"]["axis 1"]["through"]
-        assert {load.status for load in loads(table).values()} == {
-            'axis "axis 1": through is not declared; add a point of it in mm'
-        }
-
-    def test_a_mate_that_is_unknown_pushes_nobody_knows_where(self):
-        table = placed()
-        table["mesh"] = [*table["mesh"], {"teeth": {"s1": 17}, "carrier": "h"}]
-        found = loads(table)
-        assert 'mesh "s1-unknown" has a mate that is not declared' in found["s1 1"].status
-        assert found["s0 1"].status == "solved"
+    def test_what_statics_does_not_settle_is_said(self, changes, words):
+        table = declared(placed(**{key: value for key, value in changes.items() if key != "more"}))
+        table["axes"]["axis 0"]["links"].append("s2")  # a layshaft's output, on the line of its input
+        table["mesh"] += [placed()["mesh"][0] | {"teeth": {"s1": 50, "s2": 20}}]
+        table["mesh"] += [changes["more"]] if "more" in changes else []
+        found = loads(table, {"s0": 40, "s2": None})["s0 1"]
+        assert re.search(words, found.status)
+        assert np.isnan([*found.radial_n, found.axial_n]).all()
 
     @pytest.mark.parametrize(("takes", "words"), [([], "takes_axial names neither"), ([1, 2], "both take it")])
     def test_without_one_bearing_for_the_thrust_the_radial_loads_stand(self, takes, words):
@@ -887,8 +734,7 @@ class TestBearingLoads:
         table = placed()
         table["axes"]["axis 1"] |= {"copies": 2}
         status = [load.status for load in loads(table, {"s0": 40, "s1 1": None, "s1 2": -50}).values()]
-        assert status[:2] == ['axis "axis 1" stands for 2 copies, whose places are not declared'] * 2
-        assert status[2:] == ['"s1" stands for 2 copies, whose places are not declared: not covered'] * 2
+        assert status[0] == 'axis "axis 1" stands for 2 copies, whose places are not declared'
 
     def test_planets_are_not_covered(self):
         held = [bearings(link, 0, 100, outer_ring="housing") for link in ("sun", "carrier")]
@@ -898,56 +744,119 @@ class TestBearingLoads:
         assert '"carrier" carries "planet 1", "planet 2", "planet 3"' in found["carrier 1"].status
         assert '"planet" stands for 3 copies' in found["planet 1"].status
 
-    def test_loads_that_meshes_share_are_indeterminate(self):
-        table = placed()
-        table["mesh"] = [*table["mesh"], table["mesh"][0] | {"name": "beside", "position_mm": 60}]
-        assert {load.status for load in loads(table).values()} == {'the load of mesh "s0-s1" is indeterminate'}
 
-    def test_a_free_shaft_and_no_torque(self):
-        table = placed()
-        table["axes"] = table["axes"] | {"loose": ["h", "lonely"]}
-        table["bearing"] = [*table["bearing"], bearings("lonely", 0, 10)]
-        result = solve_torques(solved(table), {}, speeds={"s0": 1, "lonely": 0})
-        assert {load.radial_n for load in result.bearing_loads[:4]} == {(0.0, 0.0, 0.0)}
+TRAIN = train((20, 50), (20, 50))
+WHOLE = {"sun": 1, "carrier": None}
 
-    def test_a_file_with_places_survives_a_round_trip(self, tmp_path):
-        apart = 70 / math.cos(math.radians(15))
-        mesh = {"helix_angle_deg": 15.0, "hand": "left", "through": ((0, 0, 0), (0, 0, apart))}
-        gearbox = Gearbox.from_mapping({"name": "box"} | placed(**mesh))
-        (tmp_path / "box.toml").write_text(gearbox.to_toml(), encoding="utf-8")
-        assert load_gearbox(tmp_path / "box.toml") == gearbox
+
+class TestRefusals:
+    @pytest.mark.parametrize("torques", [{"s0": 4}, {"s0": 4, "s1": 0}])
+    def test_nothing_takes_the_balance(self, torques):
+        with pytest.raises(TorqueError, match="nothing takes what is left") as caught:
+            solve_torques(solved(TRAIN), torques)
+        # what it proposes works
+        cure = str(caught.value).split("torques={")[1].split('"')[1]
+        assert solve_torques(solved(TRAIN), torques | {cure: None}).efficiency == 1.0
+
+    @pytest.mark.parametrize(
+        ("kinematics", "torques", "options", "words"),
+        [
+            (
+                solved(DIFFERENTIAL),
+                {"pinion": 1, "left": None},
+                {"speeds": TestDifferential.SPEEDS},
+                r'2 degrees of freedom, .* as in torques=\{"right": None\}',
+            ),
+            (
+                solved(DIFFERENTIAL),
+                {"planet 1": 1, "left": None, "right": None},
+                {"speeds": TestDifferential.SPEEDS},
+                'the axis of "planet 1" turns with its carrier',
+            ),
+            (
+                solved(RING_FIXED),
+                {"planet 1": 12, "planet 2": 0, "sun": 1, "carrier": None},
+                {},
+                r'"planet 1", "planet 2" load copies of one axis differently',
+            ),
+            (
+                shipped("wolfrom"),
+                {"output ring": None, "carrier": -1, "sun": 7},
+                {"speeds": {"output ring": -4}, "mesh_efficiency": 0.3},
+                r'locks itself: .* meshes "planet-fixed ring", "small planet-output ring"',
+            ),
+            (
+                solved(train((20, 50), module_mm=2, pressure_angle_deg=20, profile_shift=[-2.0, 0.0])),
+                {"s0": 40, "s1": None},
+                {},
+                "no common pitch point; correct the shifts",
+            ),
+            (
+                solved(TRAIN),
+                {"s0": 4, "s2": 7},
+                {},
+                r'"s0" = 4, "s2" = 7 N m do not balance; .* torques=\{"s2": None\}',
+            ),
+            (solved(TRAIN), {"s0": 4, "s2": -25}, {"mesh_efficiency": 0.98}, "with the losses .* do not balance"),
+            (solved(TRAIN), {"s0": None, "s2": None}, {}, 'are indeterminate; .* 1 degree of freedom, .* Give .* "s2"'),
+            (
+                shipped("two-stage"),
+                {"output": 1, "input": None, "pinion": None},
+                {},
+                'torques of "input", "pinion" are indeterminate',
+            ),
+            (
+                solved(TRAIN, axes=TRAIN["axes"] | {"loose": ["h", "lonely"]}),
+                {"s0": 4, "s2": None, "lonely": 1},
+                {"speeds": {"s0": 1, "lonely": 1}},
+                '"lonely" has no path to another link',
+            ),
+            (solved(RING_FIXED), WHOLE | {"ring": None}, {}, '"ring" belongs to the frame .* read frame_torque_nm'),
+            (solved(RING_FIXED), WHOLE | {"housing": 3}, {}, '"housing" belongs to the frame'),
+            (solved(RING_FIXED), {"sun": 1, "carier": None}, {}, 'no link "carier"; did you mean "carrier"'),
+            (
+                solved(RING_FIXED),
+                WHOLE,
+                {"mesh_efficiency": {"sun-plant": 0.9}},
+                'no mesh "sun-plant" of two gears; did you mean "sun-planet"',
+            ),
+            *(
+                (solved(TRAIN), {"s0": bad, "s2": None}, {}, r'"s0" = .* is not a finite number of N m')
+                for bad in (math.nan, math.inf, True, "3", 1j)
+            ),
+            *(
+                (solved(TRAIN), {"s0": 4, "s2": None}, {"mesh_efficiency": bad}, '"s0-s1" = .* above 0 and at most 1')
+                for bad in (0, math.nan, {"s0-s1": 1.01})
+            ),
+        ],
+    )
+    def test_refused(self, kinematics, torques, options, words):
+        with pytest.raises(TorqueError, match=words):
+            solve_torques(kinematics, torques, **options)
+
+    def test_a_mesh_of_the_result_that_is_unknown(self):
+        with pytest.raises(TorqueError, match='no mesh "planet-rin" of two gears; did you mean "planet-ring"'):
+            solve_torques(solved(RING_FIXED), WHOLE).at("planet-rin")
+
+    @pytest.mark.parametrize("bad", [True, {"s0-s1": "0.98"}])
+    def test_an_efficiency_that_is_no_number(self, bad):
+        with pytest.raises(TypeError, match=r"takes a number or a Mapping\[str, float\] for mesh_efficiency, not "):
+            solve_torques(solved(TRAIN), {"s0": 4, "s2": None}, mesh_efficiency=bad)
+
+    def test_speeds_settle_every_degree_of_freedom(self):
+        with pytest.raises(GearboxError, match="leave 1 degree open"):
+            solve_torques(solved(DIFFERENTIAL), TestDifferential.TORQUES)
 
 
 class TestBalance:
-    TRAIN = train((20, 50), (20, 50))
-
-    @pytest.mark.parametrize("torques", [{"s0": 4}, {"s1": 4}, {"s0": 4, "s1": 0}])
-    def test_nothing_takes_the_balance(self, torques):
-        with pytest.raises(TorqueError, match="nothing takes what is left") as caught:
-            solve_torques(solved(self.TRAIN), torques)
-        # what it proposes works
-        cure = str(caught.value).split("torques={")[1].split('"')[1]
-        assert solve_torques(solved(self.TRAIN), torques | {cure: None}).efficiency == 1.0
-
-    def test_one_output_of_two(self):
-        with pytest.raises(TorqueError, match=r'2 degrees of freedom, .* as in torques=\{"right": None\}'):
-            solve_torques(solved(DIFFERENTIAL), {"pinion": 1, "left": None}, speeds=TestDifferential.SPEEDS)
-
-    def test_contradictory(self):
-        with pytest.raises(TorqueError, match=r'"s0" = 4, "s2" = 7 N m do not balance; .* torques=\{"s2": None\}'):
-            solve_torques(solved(self.TRAIN), {"s0": 4, "s2": 7})
-
     def test_torques_that_agree_need_nobody(self):
         result = solve_torques(solved(train((30, 71), (19, 47))), {"s0": 4.1, "s2": -4.1 * (71 * 47) / (30 * 19)})
         assert balance(result) == pytest.approx(0, abs=ROUNDING)
 
-    def test_losses_unbalance_torques_that_agreed(self):
-        with pytest.raises(TorqueError, match="with the losses of its meshes the torques do not balance"):
-            solve_torques(solved(self.TRAIN), {"s0": 4, "s2": -25}, mesh_efficiency=0.98)
-
     def test_no_torque_at_all(self):
-        result = solve_torques(solved(self.TRAIN), {})
-        assert [load.torques_nm for load in result.tooth_loads] == [(0.0, 0.0)] * 2
+        result = solve_torques(solved(placed()), {})
+        assert [load.torques_nm for load in result.tooth_loads] == [(0.0, 0.0)]
+        assert {load.radial_n for load in result.bearing_loads} == {(0.0, 0.0, 0.0)}
         assert (result.input_power_w, result.efficiency, result.circulating_ratio) == (0.0, None, None)
 
     def test_power_through_one_body_takes_no_branch(self):
@@ -958,65 +867,13 @@ class TestBalance:
         assert (result.branches, result.efficiency) == ((), 1.0)
         assert (result.circulating_ratio, result.gearing_ratio) == (0.0, 0.0)
 
-    @pytest.mark.parametrize("links", [*pairwise(["s0", "s1", "s2"]), ("s0", "s1", "s2")])
-    def test_too_many(self, links):
-        with pytest.raises(TorqueError, match=f'are indeterminate; .* 1 degree of freedom, .* Give .* "{links[-1]}"'):
-            solve_torques(solved(self.TRAIN), dict.fromkeys(links))
-
-    def test_two_names_of_one_body(self):
-        with pytest.raises(TorqueError, match='torques of "input", "pinion" are indeterminate'):
-            solve_torques(shipped("two-stage"), {"output": 1, "input": None, "pinion": None})
-
-    def test_no_path(self):
-        axes = self.TRAIN["axes"] | {"loose": ["h", "lonely"]}
-        kinematics = solved(self.TRAIN, axes=axes)
-        with pytest.raises(TorqueError, match='"lonely" has no path to another link'):
-            solve_torques(kinematics, {"s0": 4, "s2": None, "lonely": 1}, speeds={"s0": 1, "lonely": 1})
-
-    @pytest.mark.parametrize("torque", [None, 3])
-    @pytest.mark.parametrize("link", ["ring", "housing"])
-    def test_the_frame_takes_what_is_left(self, link, torque):
-        with pytest.raises(TorqueError, match=f'"{link}" belongs to the frame "housing".* read frame_torque_nm'):
-            solve_torques(solved(RING_FIXED), {"sun": 1, "carrier": None, link: torque})
-
-    def test_unknown_names(self):
-        kinematics = solved(RING_FIXED)
-        with pytest.raises(TorqueError, match='no link "carier"; did you mean "carrier"'):
-            solve_torques(kinematics, {"sun": 1, "carier": None})
-        torques = {"sun": 1, "carrier": None}
-        with pytest.raises(TorqueError, match='no mesh "sun-plant" of two gears; did you mean "sun-planet"'):
-            solve_torques(kinematics, torques, mesh_efficiency={"sun-plant": 0.9})
-        with pytest.raises(TorqueError, match='no mesh "planet-rin" of two gears; did you mean "planet-ring"'):
-            solve_torques(kinematics, torques).at("planet-rin")
-
-    @pytest.mark.parametrize("bad", [math.nan, math.inf, True, "3", 1j])
-    def test_what_is_no_torque(self, bad):
-        with pytest.raises(TorqueError, match=r'"s0" = .* is not a finite number of N m'):
-            solve_torques(solved(self.TRAIN), {"s0": bad, "s2": None})
-
-    @pytest.mark.parametrize("bad", [0, -0.1, 1.01, math.nan])
-    @pytest.mark.parametrize("named", [True, False])
-    def test_what_is_no_efficiency(self, bad, named):
-        with pytest.raises(TorqueError, match=r'"s0-s1" = .* is not above 0 and at most 1'):
-            solve_torques(solved(self.TRAIN), {"s0": 4, "s2": None}, mesh_efficiency={"s0-s1": bad} if named else bad)
-
-    @pytest.mark.parametrize("bad", [True, "0.98", None])
-    @pytest.mark.parametrize("named", [True, False])
-    def test_what_is_no_number(self, bad, named):
-        with pytest.raises(TypeError, match=r"takes a number or a Mapping\[str, float\] for mesh_efficiency, not "):
-            solve_torques(solved(self.TRAIN), {"s0": 4, "s2": None}, mesh_efficiency={"s0-s1": bad} if named else bad)
-
-    @pytest.mark.parametrize("kind", [int, float, F, np.float64, np.float32, np.int64])
+    @pytest.mark.parametrize("kind", [int, F, np.float32, np.int64])
     def test_any_kind_of_number(self, kind):
-        assert solve_torques(solved(self.TRAIN), {"s0": kind(4), "s2": None}).torques_nm["s2"] == -25
-
-    def test_speeds_settle_every_degree_of_freedom(self):
-        with pytest.raises(GearboxError, match="leave 1 degree open"):
-            solve_torques(solved(DIFFERENTIAL), TestDifferential.TORQUES)
+        assert solve_torques(solved(TRAIN), {"s0": kind(4), "s2": None}).torques_nm["s2"] == -25
 
     @pytest.mark.parametrize("speed", [1, -3])
     def test_power_follows_the_speed(self, speed):
-        result = solve_torques(solved(self.TRAIN), {"s0": 4, "s2": None}, speeds={"s2": speed}, mesh_efficiency=0.9)
+        result = solve_torques(solved(TRAIN), {"s0": 4, "s2": None}, speeds={"s2": speed}, mesh_efficiency=0.9)
         # 4 N m at 6.25 turns; backwards the input brakes, and the output has to overcome the losses
         given, taken = (4, 4 * 0.9**2) if speed > 0 else (4 / 0.9**2, 4)
         assert result.input_power_w == pytest.approx(given * 6.25 * abs(speed) * TURN, rel=1e-14)

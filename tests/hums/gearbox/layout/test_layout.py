@@ -142,12 +142,6 @@ def test_declared_places_are_kept():
     assert [gear.radius for gear in layout.gears] == pytest.approx([21, 42])  # the operating circles of 63 mm: 1 to 2
 
 
-def test_what_is_not_to_scale_is_said():
-    _, layout = drawn("two-stage")
-    assert layout.unit == "modules"
-    assert "Not to scale: no module_mm is declared" in layout.notes[0]
-
-
 def test_a_belt_does_not_touch():
     layout = declared(
         axes={"one": ["box", "a"], "two": ["box", "b"]},
