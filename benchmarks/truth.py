@@ -96,7 +96,7 @@ def cases() -> Iterator[tuple[str, Scene]]:
 
 def plain(scene: Scene) -> Scene:
     """Return a scene of one channel without what comes from outside and without the nonlinear part of its chain."""
-    sensor = scene.sensors[0].changed(hum=None, clipping=None, quantisation=None, drop_outs=None)
+    sensor = scene.sensors[0].changed(clipping=None, quantisation=None, drop_outs=None)
     outside = dict.fromkeys(("electrical", "neighbour", "knocks", "noise", "temperature"))
     imperfections = scene.imperfections.changed(**outside) if scene.imperfections is not None else None
     return scene.changed(noise={"rms": 0.0}, sensors=(sensor,), imperfections=imperfections)

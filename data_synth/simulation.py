@@ -9,7 +9,6 @@ import xarray as xr
 
 from data_synth.cost import refuse_too_large
 from data_synth.fidelity.choice import Choice, chosen, with_gear_lines
-from data_synth.kinematic.harmonics import ComplexArray
 from data_synth.operation.shaft_angle import Array
 from data_synth.scene.faults import GearFault
 from data_synth.scene.random_streams import RandomStreams, Streams
@@ -20,12 +19,11 @@ from data_synth.sources.disturbances import (
     add_outside_sources,
     gain_drift,
     noise_level,
-    recorder_filter,
     sensor_truth,
 )
 from data_synth.sources.impact_responses import add_impacts, later
 from data_synth.sources.prepared import PreparedScene, prepare_scene
-from data_synth.transfer.acquisition import add_noise, clip, drop_outs, hum_lines, quantise
+from data_synth.transfer.acquisition import add_noise, clip, drop_outs, quantise
 from data_synth.truth import angle_truth, tooth_pass_truth, truth_variables
 from data_synth.vibration.gear_lines import gear_lines, samples_compared
 from data_synth.vibration.mechanics import link_speeds, mechanics_truth, speed_truth
@@ -108,9 +106,9 @@ def simulate(
         ``truth_marks``, ``truth_missed_marks``, ``truth_spurious_pulses``
             Where the scene degrades its tachometer: exact times in s of its marks, the numbers of those without a
             pulse, and times in s of pulses without a mark.
-        ``truth_hum_1``, ``truth_clipped_1``, ``truth_saturated_1``, ``truth_drop_outs_1``
-            Where a channel has such a part: complex amplitude of the mains' harmonics at time zero, number of samples
-            clipped and beyond the converter, and begin and end of missing samples in s.
+        ``truth_clipped_1``, ``truth_saturated_1``, ``truth_drop_outs_1``
+            Where a channel has such a part: number of samples clipped and beyond the converter, and begin and end of
+            missing samples in s.
         ``truth_electrical``, ``truth_neighbour``, ``truth_knocks``, ``truth_gain``, ``truth_noise_level`` ...
             What the scene's imperfections add from outside of the machine or change in its sensors; `docs/scenes.md`.
         ``truth_tooth_passes_1`` ...
@@ -230,7 +228,7 @@ def _simulated(
         _drift(prepared, signal, truth, parts)
     truth |= add_electrical(prepared, signal, timing_errors_s=timing_errors_s)
     for number, sensor in enumerate(declared.sensors):
-        truth |= _apply_chain(prepared, sensor, number + 1, signal[number], timing_errors_s=timing_errors_s)
+        truth |= _apply_chain(prepared, sensor, number + 1, signal[number])
     truth |= parts
     truth |= angle_truth(prepared) if phases else {}
     if mechanics:
@@ -547,23 +545,13 @@ def _noise_variance(scene: Scene, sensor: Sensor, rng_for: RandomStreams) -> Arr
 # ---- what is not linear in the chain, or not of the machine --------------------------------------------------
 
 
-def _apply_chain(
-    prepared: PreparedScene, sensor: Sensor, number: int, values: Array, *, timing_errors_s: Array | None
-) -> dict[str, xr.DataArray]:
+def _apply_chain(prepared: PreparedScene, sensor: Sensor, number: int, values: Array) -> dict[str, xr.DataArray]:
     """Apply the nonlinear part of a channel's chain to its samples (n,), in place and in hardware order.
 
     Returns the truth variables that state what was done.
     """
     scene, truth = prepared.scene, {}
-    units, channel = sensor.channel_units, {"channel": sensor.name}
-    if sensor.hum is not None:
-        recorder = recorder_filter(sensor, rate_hz=scene.rate_hz)
-        lines = hum_lines(sensor.hum, recorder, rng=prepared.rng_for("hum", sensor.name))
-        frequencies = sensor.hum.frequency_hz * np.arange(1, lines.size + 1)
-        _add_hum(values, lines, sensor.hum.frequency_hz, rate_hz=scene.rate_hz, timing_errors_s=timing_errors_s)
-        dim = f"truth_hum_frequency_{number}"
-        attrs = {"units": units, "convention": "x = Re{Z exp(2 pi j f t)}", **channel}
-        truth[f"truth_hum_{number}"] = xr.DataArray(lines, dims=dim, coords={dim: frequencies}, attrs=attrs)
+    channel = {"channel": sensor.name}
     gain = abs(sensor.sensitivity.value) if sensor.sensitivity is not None else 1.0
     factor = None
     if scene.imperfections is not None and scene.imperfections.noise is not None:
@@ -602,16 +590,3 @@ def _drift(
     if "truth_amplitude" in truth:
         stated = truth["truth_amplitude"]
         truth["truth_amplitude"] = stated.copy(data=stated.values * gain_drift(scene, stated["truth_time"].to_numpy()))
-
-
-def _add_hum(
-    values: Array, lines: ComplexArray, frequency_hz: float, *, rate_hz: float, timing_errors_s: Array | None
-) -> None:
-    """Add the harmonics of the mains to a channel (n,), in place."""
-    for start in range(0, values.size, _BLOCK):
-        here = slice(start, min(start + _BLOCK, values.size))
-        times_s = np.arange(here.start, here.stop) / rate_hz
-        times_s = times_s if timing_errors_s is None else times_s + timing_errors_s[here]
-        for harmonic, line in enumerate(lines, start=1):
-            angle = 2 * np.pi * np.remainder(harmonic * frequency_hz * times_s, 1.0)
-            values[here] += line.real * np.cos(angle) - line.imag * np.sin(angle)

@@ -91,9 +91,9 @@ BUDGETS = """
     data_synth/dynamics, data_synth/integrators                4106   2813   2600
     data_synth/fidelity, data_synth/vibration                  4287   2234   2000
     data_synth/gears, data_synth/bearings                      1478   1210   1300
-    data_synth/kinematic, data_synth/operation, data_synth/scene  2873   2667   2200
-    data_synth/sources, data_synth/transfer                    1545   1417   1200
-    all code lines                                            48791  43647  33500
+    data_synth/kinematic, data_synth/operation, data_synth/scene  2873   2657   2200
+    data_synth/sources, data_synth/transfer                    1545   1413   1200
+    all code lines                                            48791  43611  33500
     all modules                                                 345    322    240
     all constants                                              1492   1335    750
     tests                                                     35938  31965  23000

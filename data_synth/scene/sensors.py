@@ -2,10 +2,10 @@
 
 The order is that of the hardware. A sensor responds to the motion along its axis and to a part of the transverse motion
 (`cross_axis`), resonates on its mount (`resonance`), and gives volts (`sensitivity`), whose bias the coupling takes
-away (`ac_coupling_hz`, the frequency of -3 dB of a first-order high pass); the cable adds `hum`; the
-recorder filters (`anti_alias`, unless it is "none"), samples with jitter (`sampling_jitter` of the scene: one clock for
-all channels), adds its noise (`noise` of the scene), saturates (`clipping`), quantises (`quantisation`) and loses
-samples (`drop_outs`). Levels after the sensor are in the units of the channel.
+away (`ac_coupling_hz`, the frequency of -3 dB of a first-order high pass); the recorder filters (`anti_alias`, unless
+it is "none"), samples with jitter (`sampling_jitter` of the scene: one clock for all channels), adds its noise (`noise`
+of the scene), saturates (`clipping`), quantises (`quantisation`) and loses samples (`drop_outs`). Levels after the
+sensor are in the units of the channel.
 """
 
 from typing import Annotated, Literal, Self
@@ -67,15 +67,6 @@ class Sensitivity(Declared):
         if self.value == 0:
             raise ValueError("value = 0: such a sensor measures nothing; give its volts for one unit of motion")
         return self
-
-
-class Hum(Declared):
-    """Mains hum in the cable: harmonic k of `frequency_hz` has ``amplitude decay ** (k - 1)`` and a random phase."""
-
-    frequency_hz: Positive = 50.0
-    amplitude: Positive
-    harmonics: Annotated[int, Field(ge=1)] = 3
-    decay: Share = 0.5
 
 
 ANALYSED_BAND = 1 / 2.56  # of the sampling rate: the band that FFT analysers show, 400 lines of 1,024 samples
@@ -153,7 +144,6 @@ class Sensor(Declared):
     gain: Positive | None = None
     sensitivity: Sensitivity | None = None
     ac_coupling_hz: Positive | None = None
-    hum: Hum | None = None
     anti_alias: Filter = AntiAlias()
     clipping: Clipping | None = None
     quantisation: Quantisation | None = None
@@ -192,14 +182,10 @@ def check_chain(sensor: Sensor, *, first: Sensor, rate_hz: float) -> None:
                 f'{who} has units "{units}" and "{first.name}" "{other}"; amplitudes are in the units of the '
                 "sensors, so use one for all"
             )
-    tops = {"anti_alias": sensor.anti_alias.cutoff_hz(rate_hz)} if isinstance(sensor.anti_alias, AntiAlias) else {}
-    if sensor.hum is not None:
-        tops["hum"] = sensor.hum.frequency_hz * sensor.hum.harmonics
-    for part, top in tops.items():
-        if top >= rate_hz / 2:
-            raise ValueError(
-                f"{who}: {part} reaches {top:g} Hz, which is not below half of rate_hz = {rate_hz:g}; lower it"
-            )
+    if isinstance(sensor.anti_alias, AntiAlias) and (top := sensor.anti_alias.cutoff_hz(rate_hz)) >= rate_hz / 2:
+        raise ValueError(
+            f"{who}: anti_alias reaches {top:g} Hz, which is not below half of rate_hz = {rate_hz:g}; lower it"
+        )
     drops = sensor.drop_outs
     if drops is not None and drops.per_second * drops.duration_s >= 1:
         raise ValueError(

@@ -217,7 +217,7 @@ def add_electrical(prepared: PreparedScene, signal: Array, *, timing_errors_s: A
             * _scale(sensor)
             * shares
             * np.exp(2j * np.pi * prepared.rng_for("imperfection", "electrical", sensor.name).random(shares.size))
-            * recorder_filter(sensor, rate_hz=prepared.scene.rate_hz).response(frequencies_hz)
+            * _recorder_filter(sensor, rate_hz=prepared.scene.rate_hz).response(frequencies_hz)
             for sensor in scene.sensors
         ]
     )
@@ -278,7 +278,7 @@ def _output(
     return (lambda mean: per_rev * float(speeds[int(mean)])), lambda times_s: per_rev * angle.revolutions(times_s)
 
 
-def recorder_filter(sensor: Sensor, *, rate_hz: float) -> AllPoleFilter:
+def _recorder_filter(sensor: Sensor, *, rate_hz: float) -> AllPoleFilter:
     """Return the filter that pick-up of the cable passes: the anti-aliasing filter alone."""
     return linear_chain(
         sensor.changed(resonance=None, gain=None, sensitivity=None, ac_coupling_hz=None), rate_hz=rate_hz

@@ -15,7 +15,7 @@ from numpy.typing import ArrayLike, NDArray
 
 from data_synth.operation.shaft_angle import Array
 from data_synth.scene.scene import SceneError
-from data_synth.scene.sensors import AntiAlias, DropOuts, Hum, Mode, Quantisation, Sensor
+from data_synth.scene.sensors import AntiAlias, DropOuts, Mode, Quantisation, Sensor
 from data_synth.transfer.paths import FirPath, MeasuredPath, ModalPath, mode_pole
 
 ComplexArray = NDArray[np.complex128]
@@ -209,13 +209,6 @@ def _blocks(signal: Array) -> Iterator[Array]:
     """Yield views of a signal (n,), so that temporary arrays do not grow with it."""
     for start in range(0, signal.size, _BLOCK):
         yield signal[start : start + _BLOCK]
-
-
-def hum_lines(hum: Hum, chain: AllPoleFilter, *, rng: np.random.Generator) -> ComplexArray:
-    """Return Z (h,) of the mains' harmonics after the recorder's filter, ``Re{Z exp(2 pi j h f t)}``."""
-    harmonics = np.arange(1, hum.harmonics + 1)
-    at_cable = hum.amplitude * hum.decay ** (harmonics - 1) * np.exp(2j * np.pi * rng.random(harmonics.size))
-    return np.asarray(at_cable * chain.response(hum.frequency_hz * harmonics))
 
 
 def clip(signal: Array, *, level: float) -> int:

@@ -8,7 +8,7 @@ from data_synth.scene.scene import catalogue
 from hums.cli import main
 from hums.records.store import open_record
 
-SCENE = SHORT_SCENE.replace("duration_s = 0.2", "duration_s = 1") + "hum = { amplitude = 0.1 }\n"
+SCENE = SHORT_SCENE.replace("duration_s = 0.2", "duration_s = 1") + "clipping = { level = 9 }\n"
 
 
 @pytest.fixture
@@ -81,7 +81,7 @@ def test_the_command_explains_and_writes_nothing(synth, name, tmp_path, monkeypa
 def test_explaining_and_writing_go_together(synth, scene, tmp_path):
     code, out, _ = synth(scene, "--explain", "-o", tmp_path / "a.h5", "--by-source", "--phases")
     assert code == 0
-    assert "noise, hum" in out
+    assert "noise, anti_alias, clipping" in out
     with open_record(tmp_path / "a.h5") as record:
         assert {"truth_source", "truth_shaft_revolutions", "truth_roller_revolutions"} <= set(record.data_vars)
 

@@ -135,7 +135,7 @@ table["speed"]["turbulence"] = {"rms": 5, "time_scale_s": 0.2}
 table["tachometer"] |= {"missing": {"share": 0.1}, "spurious": {"per_second": 20}, "jitter": {"std_s": 1e-6}}
 table["sensor"][0] |= {
     "cross_axis": {"share": 0.05}, "resonance": {"frequency_hz": 22000, "damping_ratio": 0.02},
-    "hum": {"amplitude": 0.01}, "anti_alias": {"frequency_hz": 18000},
+    "anti_alias": {"frequency_hz": 18000},
     "quantisation": {"bits": 16, "full_scale": 50},
     "drop_outs": {"per_second": 20, "duration_s": 0.01, "reads": "zero"},
 }

@@ -56,7 +56,6 @@ SPEEDS = [
 SENSORS = {
     "anti_alias": st.sampled_from(["none", {"order": 8}]),
     "clipping": st.just({"level": 0.5}),
-    "hum": st.just({"amplitude": 0.01}),
     "quantisation": st.just({"bits": 12, "full_scale": 10.0}),
     "sensitivity": st.just({"value": 0.1, "units": "V"}),
 }

@@ -135,16 +135,6 @@ def test_lines_pass_the_chain_and_the_truth_says_so():
     assert "truth_chain_poles" not in plain
 
 
-def test_hum_is_there_as_stated_behind_the_filter():
-    hum = {"frequency_hz": 50.0, "amplitude": 0.2, "harmonics": 2, "decay": 0.25}
-    clean, loud = record(anti_alias=LINEAR["anti_alias"]), record(anti_alias=LINEAR["anti_alias"], hum=hum)
-    lines = loud["truth_hum_1"]
-    waves = np.exp(2j * np.pi * np.outer(loud["time"].values, lines["truth_hum_frequency_1"].values))
-    assert_allclose(loud["a"].values - clean["a"].values, (waves @ lines.values).real, atol=1e-12)
-    passed = 1 / np.sqrt(1 + (np.array([50, 100]) / 6000) ** 10)
-    assert_allclose(np.abs(lines.values), [0.2, 0.05] * passed, rtol=1e-12)
-
-
 def test_the_converter_rounds_to_its_codes_and_saturates():
     values = np.array([-1.3, -1.0, -0.124, 0.126, 0.76, 0.9, 5.0])
     assert quantise(values, Quantisation(bits=3, full_scale=1.0)) == 3  # -1.3; 0.9 and 5.0 are nearest to code 4
@@ -207,7 +197,6 @@ def test_sampling_jitter_is_noise_of_the_slope():
     ("change", "sentence"),
     [
         ({"anti_alias": {"frequency_hz": 12000}}, "anti_alias reaches 12000 Hz, which is not below half of rate_hz"),
-        ({"hum": {"amplitude": 1, "frequency_hz": 5000}}, "hum reaches 15000 Hz"),
         ({"drop_outs": {"per_second": 5, "duration_s": 0.5}}, "of 0.5 s each leave nothing"),
         ({"sensitivity": {"value": 0, "units": "V"}}, "value = 0: such a sensor measures nothing"),
         ({"quantisation": {"bits": 1, "full_scale": 1}}, "bits = 1"),
@@ -275,7 +264,7 @@ def test_a_skewed_channel_has_the_samples_between_those_of_the_others(skew_s):
         {"kind": "outer_race", "component": "input bearing", "size_mm": 1, "pulse_share": 0.2},
     ]
     outside = {"electrical": {}, "neighbour": {}, "knocks": {"per_second": 20}}
-    shared = {"fault": faults, "imperfections": outside, "hum": {"amplitude": 0.3}, "resonance": LINEAR["resonance"]}
+    shared = {"fault": faults, "imperfections": outside, "resonance": LINEAR["resonance"]}
     skewed = record(**shared, skew_s=skew_s, duration_s=0.5)["a"].values
     fine = record(**shared, rate_hz=40_000, duration_s=0.5)["a"].values
     late = round(skew_s * 40_000)
