@@ -7,7 +7,7 @@ import numpy as np
 from numpy.typing import NDArray
 
 from signals.harmonics._arguments import SMALLEST
-from signals.harmonics.state_space import LAGS, Complexes, Estimate, Floats, Patterns
+from signals.harmonics.state_space import LAGS, Complexes, Estimate, Floats
 
 
 @dataclass
@@ -73,26 +73,26 @@ class Innovations:
         self.recent, self.recent_seen = joined[:, -LAGS:].copy(), known[-LAGS:].copy()
 
 
-def statistics(patterns: Patterns, estimates: list[Estimate], given: float | None) -> dict[str, Any]:
-    """Return the (channel, ...) fields of `OrderTracks` on noise and innovations, from the estimate of each pattern.
+def statistics(record: Floats, estimate: Estimate, given: float | None) -> dict[str, Any]:
+    """Return the (channel, ...) fields of `OrderTracks` on noise and innovations, and the shared ones of all channels.
 
     `given` is the variance R of the noise; None where the mean square of the innovations estimates it.
     """
-    counts = patterns.shared([np.array(float(estimate.innovation_samples)) for estimate in estimates])
-    none = np.where(counts > 0, 0.0, np.nan)
-    mean_square = patterns.joined([estimate.innovation_mean_square for estimate in estimates])
-    noise = mean_square.astype(np.float64) if given is None else np.full(counts.size, float(given))
+    channels, count, mean_square = len(record), estimate.innovation_samples, estimate.innovation_mean_square
+    none = 0.0 if count else np.nan
+    noise = mean_square.astype(np.float64) if given is None else np.full(channels, float(given))
     if given is None:
-        _check_not_faint(patterns.record, noise)
-    growth = np.exp(patterns.shared([np.array(estimate.innovation_log_variance) for estimate in estimates]))
-    autocorrelation = patterns.joined([estimate.innovation_autocorrelation for estimate in estimates])
+        _check_not_faint(record, noise)
+    variance = estimate.variance[None]  # a view where there is one channel
     return {
+        "complex_amplitude": estimate.amplitude,
+        "settling_variance": variance if channels == 1 else np.broadcast_to(variance, (channels, *variance.shape[1:])),
         "noise_variance": noise,
-        "noise_density": np.broadcast_to(noise[:, None, None], (noise.size, estimates[0].amplitude.shape[-2], 1)),
-        "innovation_variance": noise * growth + none,
-        "innovation_mean_square": np.ones(noise.size) if given is None else mean_square / noise + none,
-        "innovation_autocorrelation": autocorrelation + none[:, None],
-        "whiteness": np.mean(autocorrelation**2, axis=1) * counts + none,
+        "noise_density": np.broadcast_to(noise[:, None, None], (channels, estimate.amplitude.shape[-2], 1)),
+        "innovation_variance": noise * np.exp(estimate.innovation_log_variance) + none,
+        "innovation_mean_square": np.ones(channels) if given is None else mean_square / noise + none,
+        "innovation_autocorrelation": estimate.innovation_autocorrelation + none,
+        "whiteness": np.mean(estimate.innovation_autocorrelation**2, axis=1) * count + none,
     }
 
 

@@ -186,27 +186,25 @@ def distances_to_images(orders: Floats, frequency: Floats) -> Floats:
 
 
 def flag_outputs(
-    closeness: Closeness, patterns: list[Flags], *, every: int, estimator: Estimator
-) -> tuple[list[FlagArray], tuple[UnresolvedPair, ...]]:
-    """Return (order, output) flags of a record's outputs for each pattern, and the pairs that are not separable.
+    closeness: Closeness, seen: Flags, *, every: int, estimator: Estimator
+) -> tuple[FlagArray, tuple[UnresolvedPair, ...]]:
+    """Return (order, output) flags of a record's outputs, and the pairs that are not separable.
 
-    Patterns of missing samples are (sample,) arrays, true where observed; outputs are `every` samples apart. A "filter"
-    uses no later samples.
+    `seen`, (sample,), is true where samples are observed; outputs are `every` samples apart. A "filter" uses no later
+    samples.
     """
-    samples = patterns[0].size
+    samples = seen.size
     outputs = np.arange(0, samples, every)
     meetings = Meetings.none(len(closeness.frequency))
     flags = closeness.flag(meetings)
-    close = np.zeros((len(flags), outputs.size), dtype=np.uint8)
+    found = np.zeros((len(flags), outputs.size), dtype=np.uint8)
     places = np.searchsorted(outputs, np.append(closeness.edges[:-1], samples))
     for segment in np.flatnonzero(flags.any(axis=0)):
-        close[:, places[segment] : places[segment + 1]] = flags[:, segment, None]
+        found[:, places[segment] : places[segment + 1]] = flags[:, segment, None]
     bandwidth = closeness.model.bandwidth
     reach = output_range(np.maximum(bandwidth if bandwidth.shape[1] == 1 else bandwidth[:, ::every], 0.5 / samples))
-    found = [close if len(patterns) == 1 else close.copy() for _ in patterns]
-    for own, seen in zip(found, patterns, strict=True):
-        first = int(seen.argmax()) if seen.any() else samples
-        flag_gaps(own, outputs, reach, seen, first=first, later=estimator == "smoother")
+    first = int(seen.argmax()) if seen.any() else samples
+    flag_gaps(found, outputs, reach, seen, first=first, later=estimator == "smoother")
     return found, meetings.unresolved
 
 

@@ -9,7 +9,7 @@ part of it. `bandwidth` gives q. All but the scale of the covariance depends on 
 
 from dataclasses import dataclass, replace
 from functools import cached_property
-from typing import Any, Literal, TypeVar
+from typing import Literal
 
 import numpy as np
 from numpy.typing import NDArray
@@ -149,43 +149,3 @@ def lost(model: HarmonicModel, method: Method) -> FloatingPointError:
         f"{model.prior_std:.3g} standard deviations of the noise; take fewer poles, a lower rate, a wider bandwidth, a "
         "smaller initial_std or, of orders that coincide, one."
     )
-
-
-_Values = TypeVar("_Values", bound=NDArray[Any])
-
-
-@dataclass(frozen=True, kw_only=True, eq=False)
-class Patterns:
-    """The patterns of missing samples in a record; results are computed per pattern and assigned to its channels."""
-
-    record: Floats  # (channel, sample), NaN where a sample is missing
-    seen: list[Flags]  # of each pattern, (sample,), true where its samples are observed
-    of_channel: Indices  # (channel,), index of each channel's pattern
-
-    @classmethod
-    def of(cls, record: Floats) -> "Patterns":
-        """Find the patterns of a record."""
-        masks = ~np.isnan(record)
-        keys = [mask.tobytes() for mask in masks]
-        distinct = list(dict.fromkeys(keys))
-        of_channel = np.array([distinct.index(key) for key in keys])
-        return cls(record=record, seen=[masks[keys.index(key)] for key in distinct], of_channel=of_channel)
-
-    @property
-    def records(self) -> list[Floats]:
-        """The channels of each pattern."""
-        if len(self.seen) == 1:
-            return [self.record]
-        return [self.record[self.of_channel == number] for number in range(len(self.seen))]
-
-    def joined(self, parts: list[_Values]) -> _Values:
-        """(channel, ...) array in the record's order, from the arrays of the channels of each pattern."""
-        place = np.argsort(np.argsort(self.of_channel, kind="stable"))
-        return parts[0] if len(parts) == 1 else np.concatenate(parts)[place]  # type: ignore[return-value]
-
-    def shared(self, parts: list[_Values]) -> _Values:
-        """(channel, ...) array from one array for each pattern; a view where all channels have one pattern."""
-        if len(parts) == 1:
-            one = parts[0][None]
-            return one if self.of_channel.size == 1 else np.broadcast_to(one, (self.of_channel.size, *one.shape[1:]))  # type: ignore[return-value]
-        return np.stack(parts)[self.of_channel]  # type: ignore[return-value]

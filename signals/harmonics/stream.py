@@ -16,7 +16,6 @@ from signals.harmonics import _arguments
 from signals.harmonics.innovations import Innovations, statistics
 from signals.harmonics.kalman_filter import FilterState, SteadyGains, filter_on
 from signals.harmonics.separability import Closeness, FlagArray, Meetings, flag_gaps, output_range
-from signals.harmonics.state_space import Flags, Floats, Indices, Method, Order, Patterns
 from signals.harmonics.tracker import LARGEST_RIPPLE, ripple, squeeze
 from signals.harmonics.tracking_results import OrderTracks
 
@@ -24,6 +23,8 @@ if TYPE_CHECKING:
     from collections.abc import Mapping, Sequence
 
     from numpy.typing import ArrayLike, NDArray
+
+    from signals.harmonics.state_space import Flags, Floats, Indices, Method, Order
 
 # Least number of segments, over which speeds are averaged, in one over the largest bandwidth.
 SEGMENTS = 4
@@ -152,12 +153,8 @@ class OrderTracker:
             startup=ceil(1 / float(model.bandwidth.min())) + model.state_size,
         )  # fmt: skip
         now.last_phase = phase[:, -1].copy()
-        patterns = Patterns(record=block, seen=[], of_channel=np.zeros(len(block), dtype=np.int64))
-        found = statistics(patterns, [now.innovations.estimate(amplitude, variance)], self._noise)
-        found |= {
-            "complex_amplitude": amplitude, "settling_variance": patterns.shared([variance]),
-            "flags": patterns.shared([flags]),
-        }  # fmt: skip
+        found = statistics(block, now.innovations.estimate(amplitude, variance), self._noise)
+        found["flags"] = np.broadcast_to(flags, (len(block), *flags.shape))
         return OrderTracks(
             **{name: squeeze(value, now.one_channel) for name, value in found.items()},
             unresolved=now.meetings.unresolved, orders=model.orders, shafts=self._names, bandwidth=self._width.given,

@@ -17,7 +17,7 @@ from signals.harmonics.innovations import statistics
 from signals.harmonics.kalman_filter import causal_filter
 from signals.harmonics.noise_density import noise_density
 from signals.harmonics.separability import Closeness, flag_outputs
-from signals.harmonics.state_space import Estimator, HarmonicModel, Method, Order, Patterns, lost
+from signals.harmonics.state_space import Estimator, HarmonicModel, Method, Order, lost
 from signals.harmonics.tracking_results import OrderTracks
 from signals.harmonics.waveform import order_waveform
 
@@ -27,6 +27,7 @@ if TYPE_CHECKING:
     from numpy.typing import ArrayLike, NDArray
 
     from signals.harmonics.state_space import Estimate, Flags, Floats
+    from signals.harmonics.tracking_results import UnresolvedPair
 
 # With fewer samples a block, condensing them gains nothing.
 SHORTEST_BLOCK = 4
@@ -69,7 +70,7 @@ def track_orders(
     ----------
     x : (sample,) array
         The record in any unit, or (channel, sample) for channels with the same shaft angle. NaN marks a missing sample.
-        The covariance is computed once for each pattern of missing samples among the channels.
+        Channels that miss the same samples share one covariance.
     phase_rad : (sample,) array
         Shaft angle in rad, or a mapping from shaft name to such an array.
     orders
@@ -168,30 +169,39 @@ def track_orders(
     )  # fmt: skip
     phase_std = _arguments.check_phase_std(phase_std_rad, shafts=shafts, samples=samples)
     phase_every = task.output_every if phase_std is not None and phase_std.shape[1] > 1 else 1
-    patterns = Patterns.of(record)
-    chosen = _choose(method, task, patterns.seen)
-    one = np.ndim(x) == 1
-    firsts = np.unique(patterns.of_channel, return_index=True)[1]  # the first channel of each pattern
-    names = ["x"] if one else [f"x[{channel}]" for channel in firsts]
-    startups = [_startup(task, seen, name=name) for seen, name in zip(patterns.seen, names, strict=True)]
-    estimates = [_run(chosen, task, *part) for part in zip(patterns.records, patterns.seen, startups, strict=True)]
-    found = statistics(patterns, estimates, noise_variance)
-    if noise_variance is None:
-        white = [found["noise_variance"][patterns.of_channel == number] for number in range(len(patterns.seen))]
-        parts = zip(patterns.records, patterns.seen, white, strict=True)
-        found["noise_density"] = patterns.joined([noise_density(x, seen, model, r) for x, seen, r in parts])
-    flags, pairs = flag_outputs(task.closeness, patterns.seen, every=task.output_every, estimator=estimator)
+    seen, one = ~np.isnan(record), np.ndim(x) == 1
+    chosen = _choose(method, task, seen)
+    alike = bool((seen == seen[0]).all())
+    parts = [
+        _tracked(task, chosen, record[rows], name="x" if one else f"x[{rows.start}]")
+        for rows in ([slice(0, None)] if alike else [slice(channel, channel + 1) for channel in range(len(record))])
+    ]
+    found = {
+        name: parts[0][1][name] if alike else np.concatenate([own[name] for _, own, _ in parts]) for name in parts[0][1]
+    }
     return OrderTracks(
-        complex_amplitude=squeeze(patterns.joined([estimate.amplitude for estimate in estimates]), one),
-        settling_variance=squeeze(patterns.shared([estimate.variance for estimate in estimates]), one),
-        std_spacing=estimates[0].std_spacing,
+        std_spacing=parts[0][0].std_spacing, unresolved=parts[0][2],
         angle_std=None if phase_std is None else model.orders[:, None] * phase_std[:, ::phase_every],
-        flags=squeeze(patterns.shared(flags), one), unresolved=pairs, orders=model.orders, shafts=shafts,
-        bandwidth=bandwidth.given, bandwidth_units=bandwidth.units, bandwidth_cycles=bandwidth.cycles.mean(axis=1),
-        poles=model.poles, estimator=estimator, method=chosen, samples=samples, output_every=task.output_every,
-        error_bound=max(estimate.error_bound for estimate in estimates),
+        orders=model.orders, shafts=shafts, bandwidth=bandwidth.given, bandwidth_units=bandwidth.units,
+        bandwidth_cycles=bandwidth.cycles.mean(axis=1), poles=model.poles, estimator=estimator, method=chosen,
+        samples=samples, output_every=task.output_every,
+        error_bound=max(estimate.error_bound for estimate, *_ in parts),
         **{name: squeeze(value, one) for name, value in found.items()},
     )  # fmt: skip
+
+
+def _tracked(
+    task: _Task, method: Method, record: Floats, *, name: str
+) -> tuple[Estimate, dict[str, Any], tuple[UnresolvedPair, ...]]:
+    """Return the estimate of channels that miss the same samples, their (channel, ...) fields, and unresolved pairs."""
+    seen = ~np.isnan(record[0])
+    estimate = _run(method, task, record, seen, _startup(task, seen, name=name))
+    found = statistics(record, estimate, task.noise_variance)
+    if task.noise_variance is None:
+        found["noise_density"] = noise_density(record, seen, task.model, found["noise_variance"])
+    flags, pairs = flag_outputs(task.closeness, seen, every=task.output_every, estimator=task.estimator)
+    found["flags"] = np.broadcast_to(flags, (len(record), *flags.shape))
+    return estimate, found, pairs
 
 
 def _censored(x: ArrayLike, clip_limits: ArrayLike, output_every: int, **given: Any) -> OrderTracks:  # noqa: ANN401
@@ -356,10 +366,9 @@ def _startup(task: _Task, seen: Flags, *, name: str) -> int:
     return skipped if observed in (0, seen.size) else int(np.flatnonzero(seen)[skipped])
 
 
-def _choose(method: Method | Literal["auto"], task: _Task, patterns: list[Flags]) -> Method:
-    """Return the method to run, or refuse a method that cannot do what is asked."""
+def _choose(method: Method | Literal["auto"], task: _Task, seen: Flags) -> Method:
+    """Return the method to run on channels of which these samples are seen, or refuse one that cannot do it."""
     model, samples = task.model, task.model.phases[0].size
-    whole = all(seen.all() for seen in patterns)
     unsteady = _why_unsteady(task) if task.estimator == "filter" and method in ("auto", "fast") else ""
     if method == "fast" and unsteady:
         raise ValueError(f'method="fast" with estimator="filter": {unsteady}; use method="exact".')
@@ -372,7 +381,7 @@ def _choose(method: Method | Literal["auto"], task: _Task, patterns: list[Flags]
     products = model.order_of_column.size**2 * (2 * model.poles - 1)
     work = samples * (50 * model.orders.size + products + 5 * model.state_size**3 / exact_length(model, samples))
     length = block_length(model, samples, task.rtol)
-    scattered = not whole and max(scattered_share(seen, length) for seen in patterns) > task.rtol
+    scattered = not seen.all() and max(scattered_share(own, length) for own in seen) > task.rtol
     return "exact" if work <= EXACT_WORK or length < SHORTEST_BLOCK or scattered or blurs(model) else "fast"
 
 
