@@ -133,8 +133,8 @@ def _predict_covariance(P: Floats, q: Floats) -> None:
 @compiled_sums_in_place
 def filter_covariance(
     x: Floats, phase: Floats, orders: Floats, shaft: Indices, process: Floats, mean: Floats, P: Floats,
-    outputs: tuple[int, int], innovations: Floats, innovation_variances: Floats, levels: Floats, variances: Floats,
-    V: Floats, diffuse: bool, work: Floats, rows: Floats,
+    outputs: tuple[int, int], innovations: Floats, levels: Floats, variances: Floats, V: Floats, diffuse: bool,
+    work: Floats, rows: Floats,
 ) -> None:  # fmt: skip
     """Run the covariance filter over some samples, with measurements `x = h . levels + noise` of variance 1.
 
@@ -142,9 +142,9 @@ def filter_covariance(
     each; (sample or 1, 2 order) variances of the increments after each sample; the samples before the first output, and
     from one to the next; whether V is not zero; scratch of (5, PIECE or state) and (PIECE, 2 order). The
     (channel, state) mean and its covariance P + V V^T, predicted for the first sample, become those for the one after
-    the last. Filled are (sample, channel) innovations over their standard deviations, their (sample,) variances, both
-    left zero where missing, (output, channel, 2 order) levels, and (output, order) variances: half the sums over both
-    quadratures, of which the mean's second is 0.
+    the last. Filled are (sample, channel) innovations over their standard deviations, left zero where missing, (output,
+    channel, 2 order) levels, and (output, order) variances: half the sums over both quadratures, of which the mean's
+    second is 0.
     """
     (samples, channels), (skip, every) = x.shape, outputs
     width, size = process.shape[1], mean.shape[1]
@@ -160,7 +160,7 @@ def filter_covariance(
             projected = ph
             if diffuse:  # of P + V V^T
                 s, projected = _update_diffuse(V, h, ph, known, projection, whole), whole
-            innovation_variances[i], precision = s, 1.0 / s
+            precision = 1.0 / s
             for channel in range(channels):
                 e = _update_mean(mean[channel], h, x[i, channel], projected, precision)
                 innovations[i, channel] = e * np.sqrt(precision)

@@ -71,8 +71,8 @@ class NodeChain:
 
     def filter(
         self, nodes: slice, steps: Indices, state: Information, data: "NodeInformation", stored: "NodeInformation"
-    ) -> float:
-        """Run the information filter over a range of nodes, in place; return the sum of `log det(I + Q J)`.
+    ) -> None:
+        """Run the information filter over a range of nodes, in place.
 
         The state, before the data of the node entered first, becomes that at the node after the one left last; `data`
         are those `measured` in this range. `stored`, unless of no nodes, is filled with the information at every node,
@@ -83,7 +83,7 @@ class NodeChain:
             place = np.arange(nodes.start, nodes.stop) - (steps is BACKWARD)
             process = np.ascontiguousarray(process[place.clip(0, len(process) - 1)])
         column, squares = np.empty(len(state.matrix)), np.zeros(state.vector.shape[1])
-        return filter_information(*data, process, False, steps, *state, column, *stored, squares)
+        filter_information(*data, process, False, steps, *state, column, *stored, squares)
 
     def measured(self, nodes: slice) -> "NodeInformation":
         """Return the information in the data of a range of nodes."""
@@ -109,11 +109,6 @@ class NodeInformation(NamedTuple):
     matrices: Floats
     vectors: Floats
 
-    def part(self, nodes: slice) -> "NodeInformation":
-        """Return that of some of the nodes, counted from the first."""
-        matrices = self.matrices if len(self.matrices) == 1 else self.matrices[nodes]
-        return NodeInformation(matrices, self.vectors[nodes])
-
 
 class SmoothedChain(NamedTuple):
     """Estimates at the nodes of a chain."""
@@ -123,7 +118,6 @@ class SmoothedChain(NamedTuple):
     # (node,) variance of the fitted waveform summed over the samples of a node, in that unit: the trace of the joint
     # covariance of the levels times the information in the node's data
     explained: Floats
-    log_variance: float  # sum of the log variances of the innovations of one lane, from node `first` on
 
 
 @lru_cache
@@ -139,8 +133,8 @@ def newton_basis(poles: int) -> tuple[Floats, Floats]:
     return basis, np.array([[np.convolve(one, other) for other in basis] for one in basis])
 
 
-def smooth_chain(chain: NodeChain, *, first: int) -> SmoothedChain:
-    """Smooth a chain; the log variance is that of innovations from node `first` on.
+def smooth_chain(chain: NodeChain) -> SmoothedChain:
+    """Smooth a chain.
 
     Beside the result the memory grows with the root of the chain's length: the forward filter runs once for its state
     at the start of each segment, then again segment by segment, from the last one back. Raises
@@ -149,22 +143,16 @@ def smooth_chain(chain: NodeChain, *, first: int) -> SmoothedChain:
     width, (matrix, vector) = chain.process_noise.shape[1], chain.before
     length = max(isqrt(chain.nodes), STRETCH_NUMBERS // (matrix.size + vector.size))
     segments = [slice(begin, min(begin + length, chain.nodes)) for begin in range(0, chain.nodes, length)]
-    state, starts, log_variance = chain.before.copy(), [], 0.0
+    state, starts = chain.before.copy(), []
     kept: list[tuple[NodeInformation, NodeInformation]] = []
     unstored, late = chain.buffer(slice(0, 0)), chain.nodes - max(length, KEPT_NUMBERS // (matrix.size + vector.size))
     for segment in segments:
         starts.append(state.copy())
         is_kept = segment.start >= late or segment is segments[-1]
         data, past = chain.measured(segment), chain.buffer(segment) if is_kept else unstored
-        for part in (slice(segment.start, min(first, segment.stop)), slice(max(first, segment.start), segment.stop)):
-            if part.start == first < part.stop:
-                log_variance = -float(np.linalg.slogdet(state.matrix)[1])
-            if part.stop > part.start:
-                own = slice(part.start - segment.start, part.stop - segment.start)
-                log_variance += chain.filter(part, FORWARD, state, data.part(own), past.part(own))
+        chain.filter(segment, FORWARD, state, data, past)
         if is_kept:
             kept.append((data, past))
-    log_variance += float(np.linalg.slogdet(state.matrix)[1])
     later, scratch = chain.before.none(), (np.empty_like(matrix), np.empty_like(vector), np.empty((width, width)))
     found = np.empty((chain.nodes, width, vector.shape[1])), np.empty((chain.nodes, width)), np.empty(chain.nodes)
     for segment, start in zip(reversed(segments), reversed(starts), strict=True):
@@ -177,4 +165,4 @@ def smooth_chain(chain: NodeChain, *, first: int) -> SmoothedChain:
         chain.filter(segment, BACKWARD, later, data, future)
         if not combine(data.matrices, *past, *future, *scratch, *(values[segment] for values in found)):
             raise np.linalg.LinAlgError("information matrix is not positive definite")
-    return SmoothedChain(*found, log_variance)
+    return SmoothedChain(*found)

@@ -224,7 +224,7 @@ class _Chains:
             model=smooth, x=x[None], seen=seen, length=block_length(smooth, x.size, DROOP), tolerance=SUBTRACTED
         )
         startup = min(ceil(1 / width) + smooth.state_size, x.size // 2)
-        fit = BlockFit.of(grid, startup=startup)
+        fit = BlockFit.of(grid)
         if fit.coupling:
             fit.coupling.smooth_ends(fit.smoothed)
         if noise is None:

@@ -81,11 +81,11 @@ def fast(model: HarmonicModel, x: Floats, seen: Flags, *, rtol: float, output_ev
     """Smooth all channels of a (channel, sample) record, NaN where not `seen`, (sample,), in long blocks.
 
     Orders that leak into one another by more than `rtol`, or `LARGEST_LEAK`, are smoothed jointly.
-    Residuals and innovations count in the statistics from sample `startup` on.
+    Residuals count in the statistics from sample `startup` on.
     """
     length, tolerance = block_length(model, seen.size, rtol), min(rtol, LARGEST_LEAK)
     grid = Grid(model=model, x=x, seen=seen, length=length, tolerance=tolerance)
-    fit = BlockFit.of(grid, startup=startup)
+    fit = BlockFit.of(grid)
     smoothed, residuals = fit.smoothed, fit.residuals(startup)
     if fit.coupling:
         least = np.sqrt(smoothed.variances.min() * residuals.mean_square)
@@ -99,7 +99,7 @@ def fast(model: HarmonicModel, x: Floats, seen: Flags, *, rtol: float, output_ev
     bound = max(droop(model, length), scattered_share(seen, length), tolerance, leaked)
     if fit.coupling and model.poles > 1 and fit.alike:
         bound = inf  # what others leave in their difference does not fade in a memory
-    return fit.estimate(residuals, output_every=output_every, startup=startup, error_bound=bound)
+    return fit.estimate(residuals, output_every=output_every, error_bound=bound)
 
 
 def exact(
@@ -112,7 +112,7 @@ def exact(
     length, alike = exact_length(model, seen.size), Closeness.of(model).dwell()
     while True:
         grid = Grid(model=model, x=x, seen=seen, length=length)
-        smoothed = smooth_together(grid, startup // length)
+        smoothed = smooth_together(grid)
         fit = BlockFit(grid=grid, smoothed=smoothed, coupling=None, alike=alike)
         residuals = fit.residuals(startup)
         std = np.sqrt(residuals.mean_square if noise_variance is None else np.full(len(x), noise_variance))
@@ -121,7 +121,7 @@ def exact(
         loss, noise = np.sqrt(bend) / 12, np.sqrt(smoothed.variances.mean(axis=1)) * std[:, None]
         lost = float(np.max(np.divide(loss, noise, out=np.zeros_like(noise), where=noise > 0)))
         if length == 1 or lost <= LARGEST_DROOP:
-            return fit.estimate(residuals, output_every=output_every, startup=startup, error_bound=0.0)
+            return fit.estimate(residuals, output_every=output_every, error_bound=0.0)
         # The loss grows with the square of the length.
         length = max(1, min(int(length * sqrt(LARGEST_DROOP / lost)), length - 1))
 
@@ -144,27 +144,17 @@ class BlockFit:
     alike: bool  # whether orders stay within half a bandwidth of each other
 
     @classmethod
-    def of(cls, grid: Grid, *, startup: int) -> "BlockFit":
-        """Smooth a record; its innovations count from sample `startup` on."""
-        smoothed = smooth_apart(grid, startup // grid.length)
+    def of(cls, grid: Grid) -> "BlockFit":
+        """Smooth a record."""
+        smoothed = smooth_apart(grid)
         closeness = Closeness.of(grid.model)
         coupling = couple(grid, closeness, smoothed)
         return cls(grid=grid, smoothed=smoothed, coupling=coupling, alike=closeness.dwell())
 
-    def estimate(self, residuals: Innovations, *, output_every: int, startup: int, error_bound: float) -> Estimate:
+    def estimate(self, residuals: Innovations, *, output_every: int, error_bound: float) -> Estimate:
         """Return the estimate at the outputs, with the statistics of `residuals`."""
-        grid, smoothed = self.grid, self.smoothed
-        observed = int(np.count_nonzero(grid.seen[startup:]))
-        return Estimate(
-            amplitude=at_outputs(smoothed.levels, grid, every=output_every),
-            variance=smoothed.variances,
-            std_spacing=grid.length,
-            innovation_mean_square=residuals.mean_square,
-            innovation_log_variance=float(smoothed.log_variances.sum()) / max(observed, 1),
-            innovation_autocorrelation=residuals.autocorrelation,
-            innovation_samples=min(residuals.count, observed),
-            error_bound=error_bound,
-        )
+        amplitude, variance = at_outputs(self.smoothed.levels, self.grid, every=output_every), self.smoothed.variances
+        return residuals.estimate(amplitude, variance, std_spacing=self.grid.length, error_bound=error_bound)
 
     def residuals(self, startup: int) -> Innovations:
         """Return statistics of the residuals in segments of the record from sample `startup` on.
@@ -186,16 +176,11 @@ class BlockFit:
         explained = (explained[:-1] + explained[1:]) / 2 if model.poles == 1 else explained[1:]
         first = min(-(-startup // grid.length), grid.blocks - 1)
         count = min(max(1, RESIDUAL_SAMPLES // SEGMENTS // grid.length), grid.blocks - first)
-        segments, lost, orders = [], 0.0, np.arange(model.orders.size)
+        found, lost, orders = Innovations.none(channels=len(grid.x)), 0.0, np.arange(model.orders.size)
         for start in np.unique(np.linspace(first, grid.blocks - count, SEGMENTS).astype(np.int64)).tolist():
             samples = slice(start * grid.length, min((start + count) * grid.length, grid.samples))
             rest = grid.x[:, samples] - grid.waveforms(pieces, orders, samples)
-            segments.append((np.where(grid.seen[samples], rest, 0.0), grid.seen[samples]))
+            found.add(np.where(grid.seen[samples], rest, 0.0), grid.seen[samples])
             lost += float(explained[start : start + count].sum())
-        seen = sum(int(np.count_nonzero(there)) for _, there in segments)
-        left = max(seen - lost, 1.0) / max(seen, 1)
-        found = Innovations.none(channels=len(grid.x))
-        for rest, there in segments:
-            found.separate()
-            found.add(rest / sqrt(left), left * there.astype(np.float64))
+        found.square /= max(found.count - lost, 1.0) / max(found.count, 1)
         return found

@@ -32,15 +32,13 @@ class Smoothed:
     levels: Complexes  # (channel, order, node)
     variances: Floats  # (order, node), of a quadrature where R = 1
     explained: Floats  # (order, node), variance of the fitted waveform summed over the samples a node stands for
-    log_variances: Floats  # (order,), sums of the log variances of the innovations from node `first` on
-    first: int  # first node whose innovations count
 
     @classmethod
-    def empty(cls, grid: Grid, first: int) -> "Smoothed":
+    def empty(cls, grid: Grid) -> "Smoothed":
         """Return arrays for a grid."""
         shape = grid.model.orders.size, grid.nodes
         levels = np.zeros((len(grid.x), *shape), dtype=np.complex128)
-        return cls(levels, np.empty(shape), np.zeros(shape), np.empty(shape[0]), first)
+        return cls(levels, np.empty(shape), np.zeros(shape))
 
     @property
     def size(self) -> Floats:
@@ -49,9 +47,9 @@ class Smoothed:
         return np.asarray(amplitude if amplitude.any() else np.ones_like(amplitude))
 
 
-def smooth_apart(grid: Grid, first: int) -> Smoothed:
-    """Smooth every order as if it were alone; innovations count from node `first` on."""
-    smoothed = Smoothed.empty(grid, first)
+def smooth_apart(grid: Grid) -> Smoothed:
+    """Smooth every order as if it were alone."""
+    smoothed = Smoothed.empty(grid)
     data, gram = grid.at_nodes(grid.moments), grid.at_nodes(grid.seen_counts)
     smooth_alone(grid, np.arange(grid.model.orders.size), data, gram, smoothed)
     return smoothed
@@ -66,7 +64,7 @@ def smooth_alone(
     """
     for group in alike(grid, orders):
         chain = chain_alone(grid, group, data[:, :, np.searchsorted(orders, group)], counts)
-        found, variance, explained, log_variance = smooth_chain(chain, first=smoothed.first)
+        found, variance, explained = smooth_chain(chain)
         parts = found.shape[2] // (group.size * len(grid.x))
         found = found.reshape(len(found), group.size, len(grid.x), parts).transpose(2, 1, 0, 3)
         levels = found[..., 0].astype(np.complex128)
@@ -76,7 +74,6 @@ def smooth_alone(
         smoothed.levels[:, group] = np.where(where, levels, smoothed.levels[:, group])
         smoothed.variances[group] = np.where(where, variance[:, 0], smoothed.variances[group])
         smoothed.explained[group] = np.where(where, parts * explained, smoothed.explained[group])
-        smoothed.log_variances[group] = parts * log_variance
 
 
 def alike(grid: Grid, orders: Indices) -> list[Indices]:
@@ -101,9 +98,9 @@ def chain_alone(grid: Grid, group: Indices, data: Floats, counts: Floats) -> Nod
     return NodeChain(gram=gram, data=lanes, nodes=len(lanes), process_noise=process, before=before)
 
 
-def smooth_together(grid: Grid, first: int) -> Smoothed:
-    """Smooth all orders jointly; innovations count from node `first` on."""
-    smoothed = Smoothed.empty(grid, first)
+def smooth_together(grid: Grid) -> Smoothed:
+    """Smooth all orders jointly."""
+    smoothed = Smoothed.empty(grid)
     smooth_group(grid, np.arange(grid.model.orders.size), None, smoothed)
     return smoothed
 
@@ -116,10 +113,9 @@ def smooth_group(
     `data` and `gram` are those of `chain_together`, the products those of an earlier chain.
     """
     chain = chain_together(grid, group, slice(0, grid.nodes), data, prior_at(grid, group), gram)
-    found = smooth_chain(chain, first=smoothed.first)
+    found = smooth_chain(chain)
     smoothed.levels[:, group], smoothed.variances[group] = by_order(grid.model.subset(group), found)
     smoothed.explained[group] = found.explained / group.size
-    smoothed.log_variances[group] = found.log_variance / group.size
     return chain
 
 
@@ -275,7 +271,7 @@ class Coupling:
             for group in local:
                 before = prior_at(self.grid, group, nodes.start)
                 chain = chain_together(self.grid, group, nodes, others.together(group, nodes), before)
-                found = smooth_chain(chain, first=0)
+                found = smooth_chain(chain)
                 levels, variance = by_order(self.grid.model.subset(group), found)
                 smoothed.levels[:, group, kept] = levels[..., inner]
                 smoothed.variances[group, kept] = variance[:, inner]

@@ -177,19 +177,18 @@ def filter_on(
         if steady is not None and settled:
             mean = state.mean.reshape(channels, model.poles, width)
             filter_steadily(*given, steady.gains, mean, *outputs, work, rows, normalised, levels[done:])
-            variances[due], innovation_variances = steady.variances, np.full(end - begin, steady.innovation_variance)
+            variances[due] = steady.variances
             normalised /= sqrt(steady.innovation_variance)
         else:
-            innovation_variances = np.zeros(end - begin)
             q = process if model.bandwidth.shape[1] == 1 else _paired(model, model.process_noise(span))
-            own, found = (state.mean, state.covariance), (normalised, innovation_variances, levels[done:])
+            own, found = (state.mean, state.covariance), (normalised, levels[done:])
             filter_covariance(
                 *given, q, *own, outputs, *found, variances[done:], state.factor, state.diffuse, work, rows
             )
             variances[due, orders == 0] *= 2  # the mean has one quadrature
             if not variances[due].min(initial=np.inf) > 0:
                 raise lost(model, "exact")
-        innovations.add(normalised.T, innovation_variances, skip=startup - state.count)
+        innovations.add(normalised.T, ~np.isnan(x[0, span]), skip=startup - state.count)
         last = int(missing[np.searchsorted(missing, end) - 1]) if gap < end else begin - 1 - state.observed
         state.count, state.observed, begin = state.count + end - begin, end - 1 - last, end
         if not settled and state.count % interval == 0:

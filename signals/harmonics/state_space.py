@@ -30,7 +30,6 @@ BandwidthUnits = Literal["hz", "orders"]
 PRIOR_STD = 1e3
 # Angle by which the highest order may differ from a steady turn: the rounding of the angles of long records.
 STEADY_RAD = 1e-8
-LAGS = 20  # of the autocorrelation of the innovations
 
 
 @dataclass(frozen=True, kw_only=True, eq=False)
@@ -131,8 +130,6 @@ class Estimate:
     amplitude: Complexes  # (channel, order, output)
     variance: Floats  # (order, output), mean over the quadratures
     innovation_mean_square: Floats  # (channel,), of the innovations over their standard deviations, after start-up
-    innovation_log_variance: float  # mean of the logarithm of their variances
-    innovation_autocorrelation: Floats  # (channel, lag)
     innovation_samples: int  # number of innovations in it
     # Largest error relative to an amplitude; of a steady-state filter, relative to the exact filter's error.
     error_bound: float = 0.0

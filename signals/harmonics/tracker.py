@@ -245,7 +245,6 @@ def _censored(x: ArrayLike, clip_limits: ArrayLike, output_every: int, **given: 
     return replace(
         tracks, noise_variance=noise[..., 0], clipped_share=clipped.mean(axis=-1),
         noise_density=tracks.noise_density * (more / (1 - lost))[..., None],
-        innovation_variance=tracks.innovation_variance * more[..., 0],
     )  # fmt: skip
 
 

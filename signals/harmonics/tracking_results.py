@@ -90,18 +90,10 @@ class OrderTracks:
     noise_density
         ([channel,] order, interval) array, variance of white noise as dense as that on both sides of each order, in
         equal intervals of the record: `std` rests on it. R where it was given or the record shows too little noise.
-    innovation_variance
-        ([channel,]) R times the geometric mean, after start-up, of the variance of the innovation (the error of the
-        one-step prediction) where R = 1.
     innovation_mean_square
         ([channel,]) mean, after start-up, of the squared innovations over their variances: near 1 when a given R and
-        the bandwidths suit the record, 1 by construction where R was estimated.
-    innovation_autocorrelation
-        ([channel,] lag) array, of the innovations at lags from one sample on; a smoother takes its residuals instead.
-    whiteness
-        ([channel,]) mean of the squared autocorrelation times the samples it was taken from: near 1 where the
-        innovations are white, above where the record holds lines or bands that no order explains. Statistics of
-        innovations are NaN where there are none: in a channel without a sample, or before start-up is over.
+        the bandwidths suit the record, 1 by construction where R was estimated, NaN where there is none: in a channel
+        without a sample, or before start-up is over. A smoother takes its residuals instead.
     clipped_share
         ([channel,]) share of the samples at or beyond `clip_limits`; above 0.05 `std` is a lower bound.
     samples, output_every, first_output
@@ -126,7 +118,6 @@ class OrderTracks:
     orders: Floats = field(metadata={"dims": ("order",), "units": "1"})
     bandwidth: Floats = field(metadata={"dims": ("order",), "units": "as bandwidth_units"})
     bandwidth_cycles: Floats = field(metadata={"dims": ("order",), "units": "1"})
-    innovation_autocorrelation: Floats = field(metadata={"dims": ("channel", "lag"), "units": "1"})
     bandwidth_units: BandwidthUnits
     shafts: tuple[str, ...]
     unresolved: tuple[UnresolvedPair, ...]
@@ -136,9 +127,7 @@ class OrderTracks:
     error_bound: float
     noise_variance: float | Floats
     noise_density: Floats = field(metadata={"dims": ("channel", "order", "interval"), "units": "signal^2"})
-    innovation_variance: float | Floats
     innovation_mean_square: float | Floats
-    whiteness: float | Floats
     samples: int
     output_every: int
     first_output: int = 0

@@ -205,7 +205,6 @@ def test_settled_filter_is_close_to_the_exact_one(poles, every, gap):
     settled = slice(N // 10 // every, None)
     assert np.sqrt(np.mean(off[:, settled] ** 2)) < fast.error_bound * np.sqrt(np.mean(error[:, settled] ** 2))
     assert_allclose(fast.std, exact.std, rtol=fast.error_bound)
-    assert fast.innovation_variance == pytest.approx(exact.innovation_variance, rel=1e-3)
     assert fast.innovation_mean_square == pytest.approx(exact.innovation_mean_square, rel=0.03)
 
 
@@ -244,7 +243,7 @@ def test_std_takes_in_the_angle_at_every_output():
 def test_a_record_that_ends_before_gains_settle_is_filtered_exactly():
     settings = SETTINGS | {"phase_rad": PHASE[:2000], "bandwidth_hz": 1.0}
     exact, fast = (track_orders(steady_record()[:2000], **settings, method=method) for method in ("exact", "fast"))
-    for name in ("complex_amplitude", "std", "noise_variance", "innovation_autocorrelation"):
+    for name in ("complex_amplitude", "std", "noise_variance"):
         assert_array_equal(getattr(fast, name), getattr(exact, name))
 
 

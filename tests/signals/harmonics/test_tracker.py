@@ -83,7 +83,6 @@ def test_noise_and_innovations(method):
     assert_allclose(given.innovation_mean_square, free.noise_variance / 0.36, rtol=1e-12)
     assert given.noise_variance == 0.36
     # The filter is wider than the smoother: its prediction adds about pi / 2 * 1.5 bandwidths of noise.
-    assert 1 < free.innovation_variance / free.noise_variance < 1.02
 
 
 @pytest.mark.parametrize("method", ["exact", "fast"])

@@ -134,7 +134,7 @@ def test_units_within_bounds_scale_the_answer_alone(scale, method, estimator):
     one, other = track_orders(x, **settings), track_orders(scale * x, **settings)
     for name in ("complex_amplitude", "std"):
         assert_allclose(getattr(other, name) / scale, getattr(one, name), rtol=1e-9)
-    assert other.whiteness == pytest.approx(one.whiteness, rel=1e-9)
+    assert other.innovation_mean_square == pytest.approx(one.innovation_mean_square, rel=1e-9)
 
 
 @pytest.mark.parametrize("poles", [1, 2, 3, 4])

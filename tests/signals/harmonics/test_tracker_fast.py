@@ -36,7 +36,6 @@ def test_fast_is_close_to_exact(poles, gap):
     assert difference.max() < 0.05 * exact.std.max()
     # Straight from knot to knot, where it rises to an end.
     assert_allclose(fast.std, exact.std, rtol=6e-3)
-    assert_allclose(fast.innovation_variance, exact.innovation_variance, rtol=1e-3)
 
 
 def troubled(seed, *, size):
@@ -160,8 +159,6 @@ def test_fast_tells_the_noise(poles):
     fast = track_orders(x, method="fast", bandwidth_hz=4.0, poles=poles, **settings)
     # 37,500 residuals: a standard deviation of sqrt(2 / 37,500) = 0.7 %.
     assert_allclose(fast.noise_variance, 0.01, rtol=0.022)
-    # A chi-squared of 20 over 20; one pole follows these envelopes so late that the residuals keep some of them.
-    assert 0.2 < fast.whiteness < (3 if poles == 1 else 2)
 
 
 @pytest.mark.parametrize("poles", [1, 2])
