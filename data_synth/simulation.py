@@ -224,7 +224,7 @@ def _simulated(
         noise_free = NoiseFree(signal=signal[:, :kept].copy())
     truth |= add_outside_sources(prepared, signal, timing_errors_s=timing_errors_s)
     if declared.imperfections is not None:
-        truth |= sensor_truth(prepared, truth["truth_speed"]["truth_time"])
+        truth |= sensor_truth(prepared)
         _drift(prepared, signal, truth, parts)
     truth |= add_electrical(prepared, signal, timing_errors_s=timing_errors_s)
     for number, sensor in enumerate(declared.sensors):
@@ -331,8 +331,7 @@ def _with_gears(
     measured = gear_lines(prepared, gear_signal, sound=sound_signal if damaged else None)
     for name, sources in parts.items():
         # meshes act on each other, so all gears in motion are one source
-        coords = {"truth_channel": sources["truth_channel"], "truth_source_name": ["gears, motion"]}
-        own = xr.DataArray(gear_signal[:, None], dims=sources.dims, coords=coords)
+        own = xr.DataArray(gear_signal[:, None], dims=sources.dims, coords={"truth_source_name": ["gears, motion"]})
         parts[name] = xr.concat([sources, own], dim="truth_source_name").assign_attrs(sources.attrs)
     attrs = {"truth_fidelity": str(choice), "truth_mesh_lines": measured.about}
     noise_free = NoiseFree(
@@ -353,15 +352,11 @@ def _by_source(prepared: PreparedScene, *, timing_errors_s: Array | None) -> dic
     signals = np.empty((len(prepared.scene.sensors), len(sources), prepared.scene.samples))
     for index, source in enumerate(sources):
         signals[:, index] = _clean(prepared, timing_errors_s=timing_errors_s, only=source)
-    names = {
-        "truth_channel": [sensor.name for sensor in prepared.scene.sensors],
-        "truth_source_name": [f"{component}, {kind}" for component, kind in sources],
-    }
     return {
         "truth_source": xr.DataArray(
             signals,
             dims=("truth_channel", "truth_source_name", "time"),
-            coords=names,
+            coords={"truth_source_name": [f"{component}, {kind}" for component, kind in sources]},
             attrs={"units": prepared.scene.sensors[0].channel_units},
         )
     }
@@ -589,4 +584,4 @@ def _drift(
             sources.values[..., here] *= factor
     if "truth_amplitude" in truth:
         stated = truth["truth_amplitude"]
-        truth["truth_amplitude"] = stated.copy(data=stated.values * gain_drift(scene, stated["truth_time"].to_numpy()))
+        truth["truth_amplitude"] = stated.copy(data=stated.values * gain_drift(scene, prepared.instants_s))

@@ -1,28 +1,20 @@
 """Truth of a synthetic record: its variables ``truth_...``."""
 
+from collections.abc import Iterator
 from fractions import Fraction
-from operator import itemgetter
-from typing import NamedTuple
+from functools import reduce
 
 import numpy as np
 import xarray as xr
+from numpy.typing import ArrayLike
 
 from data_synth.bearings.impacts import signed_cage_order
-from data_synth.kinematic.harmonics import ComplexArray
 from data_synth.operation.shaft_angle import Array
 from data_synth.sources.families import last_s, turning_ratios
 from data_synth.sources.impact_lines import impact_lines
 from data_synth.sources.prepared import PreparedScene
-from data_synth.vibration.gear_lines import GearLines
+from data_synth.vibration.gear_lines import GearLines, Line
 from data_synth.vibration.run import Motion, fault_passes
-
-
-class _LineSource(NamedTuple):
-    """The part of one source in the line at one order: Z (sensor, instant)."""
-
-    component: str
-    kind: str
-    amplitude: ComplexArray
 
 
 def tooth_pass_truth(motion: Motion) -> dict[str, xr.DataArray]:
@@ -39,23 +31,21 @@ def tooth_pass_truth(motion: Motion) -> dict[str, xr.DataArray]:
 
 def truth_variables(prepared: PreparedScene, *, measured: GearLines | None = None) -> dict[str, xr.DataArray]:
     """Return the truth of every record: speed, lines (`measured` those of gears), chain, faults and tachometer."""
-    instants = xr.DataArray(prepared.instants_s, dims="truth_time", attrs={"units": "s"})
-    reference = str(prepared.scene.gearbox.reference)
-    history = {
-        "truth_speed": (prepared.speed_hz, "rev s-1"),
-        "truth_revolutions": (prepared.drive.angle.revolutions(prepared.instants_s), "rev"),
+    reference, torque = str(prepared.scene.gearbox.reference), prepared.drive.torque
+    histories = {
+        "speed": (prepared.speed_hz, "rev s-1", reference),
+        "revolutions": (prepared.drive.angle.revolutions(prepared.instants_s), "rev", reference),
     }
-    truth = {
-        name: xr.DataArray(
-            values, dims="truth_time", coords={"truth_time": instants}, attrs={"units": units, "shaft": reference}
-        )
-        for name, (values, units) in history.items()
-    }
+    if torque is not None and prepared.scene.torque is not None:
+        histories["torque"] = torque.at(prepared.instants_s), "N m", prepared.scene.torque.link
     return {
-        **truth,
-        **_torque_truth(prepared, instants),
-        **_line_truth(prepared, instants, measured),
-        **_fault_truth(prepared, instants),
+        **{
+            f"truth_{name}": xr.DataArray(values, dims="truth_time", attrs={"units": units, "shaft": shaft})
+            for name, (values, units, shaft) in histories.items()
+        },
+        **_line_truth(prepared, measured),
+        **_chain_truth(prepared),
+        **_fault_truth(prepared),
         **_pulse_truth(prepared),
     }
 
@@ -98,118 +88,78 @@ def angle_truth(prepared: PreparedScene) -> dict[str, xr.DataArray]:
     }
 
 
-def _torque_truth(prepared: PreparedScene, instants: xr.DataArray) -> dict[str, xr.DataArray]:
-    if prepared.drive.torque is None or prepared.scene.torque is None:
-        return {}
-    return {
-        "truth_torque": xr.DataArray(
-            prepared.drive.torque.at(prepared.instants_s),
-            dims="truth_time",
-            coords={"truth_time": instants},
-            attrs={"units": "N m", "shaft": prepared.scene.torque.link},
-        )
-    }
-
-
-def _line_truth(prepared: PreparedScene, instants: xr.DataArray, measured: GearLines | None) -> dict[str, xr.DataArray]:
-    """Return complex amplitude, component and kind of every line, and poles and gain of the chain."""
-    every = _lines(prepared)
-    for line in measured.lines if measured is not None else ():
-        every.setdefault(line.order, []).append(_LineSource(line.component, line.kind, line.amplitude))
-    rising = sorted(every.items(), key=itemgetter(0))
-    values, lines = [value for value, _ in rising], [parts for _, parts in rising]
-    for parts in lines:
-        if len(parts) > 1:
-            parts.sort(key=lambda part: -float(np.max(np.abs(part.amplitude))))
-    orders = {"truth_order": values}
-    sensors = prepared.scene.sensors
-    channels = {"truth_channel": [sensor.name for sensor in sensors]}
-    coords = {**channels, **orders, "truth_time": instants}
-    dims = ("truth_channel", "truth_order", "truth_time")
-    summed = [_summed(parts) for parts in lines] or [np.zeros((len(sensors), instants.size), dtype=np.complex128)]
+def _line_truth(prepared: PreparedScene, measured: GearLines | None) -> dict[str, xr.DataArray]:
+    """Return complex amplitude, component and kind of every line, with the coordinates of all of the truth."""
+    at_orders: dict[float, list[Line]] = {}
+    for line in (*_lines(prepared), *(measured.lines if measured is not None else ())):
+        at_orders.setdefault(line.order, []).append(line)
+    lines = [
+        sorted(at_orders[order], key=lambda line: -float(np.max(np.abs(line.amplitude)))) for order in sorted(at_orders)
+    ]
+    sensors, instants_s = prepared.scene.sensors, prepared.instants_s
+    none = np.zeros((len(sensors), instants_s.size), dtype=np.complex128)
+    summed = [reduce(np.add, [line.amplitude for line in parts]) for parts in lines] or [none]
     amplitude = xr.DataArray(
         # lines of gears in motion are not known to more digits
         np.stack(summed, axis=1, dtype=np.complex64 if measured is not None else np.complex128)[:, : len(lines)],
-        dims=dims,
-        coords=coords,
+        dims=("truth_channel", "truth_order", "truth_time"),
+        coords={
+            "truth_channel": [sensor.name for sensor in sensors],
+            "truth_order": sorted(at_orders),
+            "truth_time": ("truth_time", instants_s, {"units": "s"}),
+        },
         attrs={"units": sensors[0].channel_units, "convention": "x = Re{Z exp(j order phase)}, peak amplitude"},
     )
     labels = {
         f"truth_{name}": xr.DataArray(
-            [" + ".join(dict.fromkeys(getattr(part, name) for part in parts)) for parts in lines],
-            dims="truth_order",
-            coords=orders,
+            [" + ".join(dict.fromkeys(getattr(part, name) for part in parts)) for parts in lines], dims="truth_order"
         )
         for name in ("component", "kind")
     }
-    chain = dict[str, xr.DataArray]()
-    coupling_hz = [each.ac_coupling_hz for each in sensors]
-    if any(coupling_hz):
-        attrs = {"units": "Hz", "about": "j f / (j f + it) is a factor of truth_amplitude"}
-        corners = np.array(coupling_hz, dtype=np.float64)
-        chain["truth_chain_coupling"] = xr.DataArray(corners, dims="truth_channel", coords=channels, attrs=attrs)
-    if any(each.skew_s for each in prepared.chains):
-        attrs = {"units": "s", "about": "exp(2j pi f skew) is a factor of truth_amplitude"}
-        skews = np.array([each.skew_s for each in prepared.chains])
-        chain["truth_chain_skew"] = xr.DataArray(skews, dims="truth_channel", coords=channels, attrs=attrs)
-    if any(each.poles.size or each.gain != 1 for each in prepared.chains):
-        poles = np.full((len(sensors), max(each.poles.size for each in prepared.chains)), np.nan, dtype=np.complex128)
-        for row, each in zip(poles, prepared.chains, strict=True):
-            row[: each.poles.size] = each.poles
-        units = f"{sensors[0].channel_units} ({sensors[0].units})-1"
+    shares = {} if measured is None else {"truth_left": measured.left, "truth_fault_left": measured.fault_left}
+    left = {
+        name: xr.DataArray(share, dims="truth_channel", attrs={"units": "1"})
+        for name, share in shares.items()
+        if share is not None
+    }
+    return {"truth_amplitude": amplitude, **labels, **left}
+
+
+def _chain_truth(prepared: PreparedScene) -> dict[str, xr.DataArray]:
+    """Return coupling, skew, poles and gain of the channels' chains, where any has them."""
+    sensors, chains, truth = prepared.scene.sensors, prepared.chains, dict[str, xr.DataArray]()
+
+    def add(name: str, values: ArrayLike, units: str, about: str, *dims: str) -> None:
+        attrs = {"units": units, "about": about}
+        truth[f"truth_chain_{name}"] = xr.DataArray(np.array(values), dims=("truth_channel", *dims), attrs=attrs)
+
+    if any(each.ac_coupling_hz for each in sensors):
+        corners_hz = [np.nan if each.ac_coupling_hz is None else each.ac_coupling_hz for each in sensors]
+        add("coupling", corners_hz, "Hz", "j f / (j f + it) is a factor of truth_amplitude")
+    if any(each.skew_s for each in chains):
+        add("skew", [each.skew_s for each in chains], "s", "exp(2j pi f skew) is a factor of truth_amplitude")
+    if any(each.poles.size or each.gain != 1 for each in chains):
+        most = max(each.poles.size for each in chains)
+        poles = [np.append(each.poles, np.full(most - each.poles.size, np.nan)) for each in chains]
         about = "H(f) = truth_chain_gain prod p / (p - 2j pi f), a factor of truth_amplitude"
-        chain |= {
-            "truth_chain_poles": xr.DataArray(
-                poles,
-                dims=("truth_channel", "truth_chain_pole"),
-                coords=channels,
-                attrs={"units": "rad s-1", "about": about},
-            ),
-            "truth_chain_gain": xr.DataArray(
-                [each.gain for each in prepared.chains],
-                dims="truth_channel",
-                coords=channels,
-                attrs={"units": units, "about": about},
-            ),
-        }
-    left = (
-        {
-            f"truth_{name}": xr.DataArray(share, dims="truth_channel", coords=channels, attrs={"units": "1"})
-            for name, share in (("left", measured.left), ("fault_left", measured.fault_left))
-            if share is not None
-        }
-        if measured is not None
-        else {}
-    )
-    return {"truth_amplitude": amplitude, **labels, **left, **chain}
+        add("poles", poles, "rad s-1", about, "truth_chain_pole")
+        add("gain", [each.gain for each in chains], f"{sensors[0].channel_units} ({sensors[0].units})-1", about)
+    return truth
 
 
-def _summed(parts: list[_LineSource]) -> ComplexArray:
-    """Return the amplitude of all sources at one order."""
-    return parts[0].amplitude if len(parts) == 1 else np.sum([part.amplitude for part in parts], axis=0)
-
-
-def _lines(prepared: PreparedScene) -> dict[float, list[_LineSource]]:
-    """Return the sources of the line at each order: harmonic families, then the impacts at the same orders.
-
-    By numbers, correctly rounded: exact orders are compared ten times as slowly.
-    """
-    lines: dict[float, list[_LineSource]] = {}
+def _lines(prepared: PreparedScene) -> Iterator[Line]:
+    """Yield the lines of harmonic families, then those of impacts, which have the same orders."""
     listed = set[Fraction]()
     for family, amplitudes in zip(prepared.families, prepared.amplitudes, strict=True):
-        for index, (order, nonzero) in enumerate(zip(family.orders, family.nonzero, strict=True)):
-            if nonzero:
-                part = _LineSource(component=family.component, kind=family.kind, amplitude=amplitudes[:, index])
-                lines.setdefault(float(order), []).append(part)
-                listed.add(order)
+        for index in np.flatnonzero(family.nonzero).tolist():
+            listed.add(family.orders[index])
+            yield Line(float(family.orders[index]), family.component, family.kind, amplitudes[:, index])
     for train, orders, amplitudes in impact_lines(prepared, listed=frozenset(listed)):
         for index, order in enumerate(orders):
-            part = _LineSource(component=train.component, kind=train.kind, amplitude=amplitudes[:, index])
-            lines.setdefault(float(order), []).append(part)
-    return lines
+            yield Line(float(order), train.component, train.kind, amplitudes[:, index])
 
 
-def _fault_truth(prepared: PreparedScene, instants: xr.DataArray) -> dict[str, xr.DataArray]:
+def _fault_truth(prepared: PreparedScene) -> dict[str, xr.DataArray]:
     """Return component, kind and size of every fault, and the times of its impacts."""
     faults = prepared.scene.faults
     truth = {
@@ -221,10 +171,7 @@ def _fault_truth(prepared: PreparedScene, instants: xr.DataArray) -> dict[str, x
     if any(fault.growth is not None for fault in faults):
         sizes = [fault.initial_mm * fault.relative_size(prepared.instants_s) for fault in faults]
         truth["truth_fault_size"] = xr.DataArray(
-            np.stack(sizes),
-            dims=("truth_fault", "truth_time"),
-            coords={"truth_time": instants},
-            attrs={"units": "mm"},
+            np.stack(sizes), dims=("truth_fault", "truth_time"), attrs={"units": "mm"}
         )
     for number, fault in enumerate(faults):
         for what, is_entry in (("impact", False), ("entry", True)):

@@ -11,6 +11,7 @@ from functools import partial
 
 import numpy as np
 import xarray as xr
+from numpy.typing import ArrayLike
 
 from data_synth.kinematic.harmonics import ComplexArray, add_lines
 from data_synth.kinematic.imperfect_parts import imperfections_of, in_units
@@ -47,26 +48,22 @@ def _temperature_c(scene: Scene, times_s: Array) -> Array:
     return np.asarray(declared.celsius + declared.drift_k_per_h / 3600 * times_s)
 
 
-def sensor_truth(prepared: PreparedScene, instants: xr.DataArray) -> dict[str, xr.DataArray]:
+def sensor_truth(prepared: PreparedScene) -> dict[str, xr.DataArray]:
     """Return gains and mounts as drawn, temperature and noise level, where a scene has them."""
     declared, scene = imperfections_of(prepared.scene), prepared.scene
-    channels = {"truth_channel": [sensor.name for sensor in scene.sensors]}
-    truth: dict[str, xr.DataArray] = {}
+    truth = dict[str, xr.DataArray]()
+
+    def add(name: str, values: ArrayLike, units: str, dim: str = "truth_channel") -> None:
+        truth[f"truth_{name}"] = xr.DataArray(np.array(values), dims=dim, attrs={"units": units})
+
     if declared.gains is not None:
-        gains = [sensor.gain if sensor.gain is not None else 1.0 for sensor in scene.sensors]
-        truth["truth_gain"] = xr.DataArray(gains, dims="truth_channel", coords=channels, attrs={"units": "1"})
+        add("gain", [sensor.gain if sensor.gain is not None else 1.0 for sensor in scene.sensors], "1")
     if declared.mounts is not None:
-        mounts = [sensor.resonance.frequency_hz if sensor.resonance else np.nan for sensor in scene.sensors]
-        truth["truth_mount"] = xr.DataArray(mounts, dims="truth_channel", coords=channels, attrs={"units": "Hz"})
-    histories: dict[str, tuple[Callable[[Array], Array], str]] = {}
+        add("mount", [sensor.resonance.frequency_hz if sensor.resonance else np.nan for sensor in scene.sensors], "Hz")
     if declared.temperature is not None:
-        histories["truth_temperature"] = (lambda times_s: _temperature_c(scene, times_s), "degC")
+        add("temperature", _temperature_c(scene, prepared.instants_s), "degC", "truth_time")
     if declared.noise is not None:
-        histories["truth_noise_level"] = (noise_level(scene, rng_for=prepared.rng_for), "dB")
-    for name, (history, units) in histories.items():
-        truth[name] = xr.DataArray(
-            history(prepared.instants_s), dims="truth_time", coords={"truth_time": instants}, attrs={"units": units}
-        )
+        add("noise_level", noise_level(scene, rng_for=prepared.rng_for)(prepared.instants_s), "dB", "truth_time")
     return truth
 
 
@@ -314,11 +311,10 @@ def _add_series(
 
 
 def _line_truth(prepared: PreparedScene, lines: ComplexArray, dim: str, at: Array) -> xr.DataArray:
-    channels = [sensor.name for sensor in prepared.scene.sensors]
     return xr.DataArray(
         lines,
         dims=("truth_channel", dim),
-        coords={"truth_channel": channels, dim: at},
+        coords={dim: at},
         attrs={"units": prepared.scene.sensors[0].channel_units, "convention": _CONVENTION},
     )
 

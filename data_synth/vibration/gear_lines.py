@@ -28,8 +28,8 @@ _COMPARED = 4096  # samples, even in time, with which the lines are compared
 _SLOW = 0.3  # of the top speed: lines of lower speeds are weak
 
 
-class GearLine(NamedTuple):
-    """A line of gears in motion: order, correctly rounded, source, and Z (channel, instant)."""
+class Line(NamedTuple):
+    """The part of one source in the line at one order, correctly rounded: Z (channel, instant)."""
 
     order: float
     component: str
@@ -43,7 +43,7 @@ class GearLines:
 
     Attributes
     ----------
-    lines : tuple of GearLine
+    lines : tuple of Line
         Those of sound teeth, then what damage adds, which may be at the same orders.
     left, fault_left : (channel,) array or None
         Share of the power that the lines leave: of sound teeth, and of what damaged teeth add.
@@ -51,7 +51,7 @@ class GearLines:
         What resolution the lines have.
     """
 
-    lines: tuple[GearLine, ...] = ()
+    lines: tuple[Line, ...] = ()
     left: Array | None = None
     fault_left: Array | None = None
     about: str
@@ -126,7 +126,7 @@ def _lines_in(prepared: PreparedScene, signal: Array, *, scene: Scene, most: int
     )
     amplitudes = found.amplitudes if sign > 0 else found.amplitudes.conj()
     lines = tuple(
-        GearLine(float(candidates.orders[place]), component, kind, amplitude)
+        Line(float(candidates.orders[place]), component, kind, amplitude)
         for place, amplitude in zip(found.chosen.tolist(), amplitudes.swapaxes(0, 1), strict=True)
         for component, kind in [candidates.sources[place]]
     )
