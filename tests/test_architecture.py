@@ -72,7 +72,7 @@ BUDGETS = """
     signals (root)                                              560    494    400
     signals/angle                                              1111   1111    900
     signals/demodulation                                        905    899    750
-    signals/harmonics, signals/slipping_order                  4012   3387   2500
+    signals/harmonics, signals/slipping_order                  4012   3347   2500
     signals/health, signals/indicators                          955    955    800
     signals/monitoring                                         1135   1022    700
     signals/resampling                                          799    799    600
@@ -93,10 +93,10 @@ BUDGETS = """
     data_synth/gears, data_synth/bearings                      1478   1210   1300
     data_synth/kinematic, data_synth/operation, data_synth/scene  2873   2657   2200
     data_synth/sources, data_synth/transfer                    1545   1407   1200
-    all code lines                                            48791  43464  33500
-    all modules                                                 345    322    240
+    all code lines                                            48791  43424  33500
+    all modules                                                 345    323    240
     all constants                                              1492   1334    750
-    tests                                                     35938  31940  23000
+    tests                                                     35938  31913  23000
     benchmarks                                                 7891   7891   6000
 """
 SLACK, SLACK_LINES = 0.02, 10  # by which a ceiling may stand above the count, and at least so many

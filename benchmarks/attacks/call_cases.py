@@ -206,7 +206,6 @@ def tachometer_cases() -> Iterator[Case]:
     law = {"orders": [3.0], "rate": 1000.0, "poles": 2, "noise_variance": 1.0}
     yield Case(harmonics.isolated_std, {**law, "bandwidth": 2.0}, {"estimator": "filter"})
     yield Case(harmonics.process_variance, {**law, "bandwidth": 2.0})
-    yield Case(harmonics.smoother_bandwidth, {**law, "process_variance": 1e-9})
 
 
 def angle_cases() -> Iterator[Case]:

@@ -84,39 +84,6 @@ def process_variance(
 
 
 @checked
-def smoother_bandwidth(
-    *, orders: ArrayLike, process_variance: ArrayLike, rate: float, poles: int, noise_variance: float
-) -> Floats:
-    """Return the full -3 dB width of the smoother of each order with this process noise; inverts `process_variance`.
-
-    Parameters
-    ----------
-    process_variance
-        (order,) array or number, variance q in the record's unit squared per sample.
-    orders, rate, poles, noise_variance
-        As for `process_variance`.
-
-    Returns
-    -------
-    (order,) array
-        Width in the units of `rate`; NaN where the gain at half of the rate is still above -3 dB.
-
-    Examples
-    --------
-    >>> from signals.harmonics import process_variance, smoother_bandwidth
-    >>> q = process_variance(orders=[3], bandwidth=2, rate=1000, poles=2, noise_variance=1.0)
-    >>> print(smoother_bandwidth(orders=[3], process_variance=q, rate=1000, poles=2, noise_variance=1.0).round(6))
-    [2.]
-    """
-    poles = whole(poles, name="poles", least=1, most=MOST_POLES)
-    variance = real_array(process_variance, name="process_variance").astype(np.float64)
-    if not np.all((variance >= 0) & np.isfinite(variance)):
-        raise ValueError(f"process_variance={brief(process_variance)} must be finite and not negative.")
-    with np.errstate(over="ignore"):  # a width of more than half the rate, NaN
-        return _width(variance / quadrature_noise(orders, noise_variance), poles) * positive(rate, name="rate")
-
-
-@checked
 def isolated_std(
     *,
     orders: ArrayLike,
@@ -173,8 +140,6 @@ class Bandwidth:
     >>> import numpy as np
     >>> from signals.harmonics import Bandwidth
     >>> band = Bandwidth(width=0.01, poles=2)
-    >>> print(band.hz(rate_hz=1000), band.orders(samples_per_rev=128))
-    10.0 1.28
     >>> print(band.smoother_gain([0, 0.005]).round(4))  # 1 on the order, -3 dB half a width from it
     [1.     0.7071]
     >>> print(np.abs(band.filter_gain(0)).round(4))
@@ -221,14 +186,6 @@ class Bandwidth:
     def weight(self) -> float:
         """Weight r of the Vold-Kalman filter with this bandwidth: `r^2 = N / q`."""
         return float(variance_ratio(self.width, self.poles) ** -0.5)
-
-    def hz(self, rate_hz: float) -> float:
-        """Return the width in Hz."""
-        return self.width * positive(rate_hz, name="rate_hz")
-
-    def orders(self, samples_per_rev: float) -> float:
-        """Return the width in cycles per revolution."""
-        return self.width * positive(samples_per_rev, name="samples_per_rev")
 
     def smoother_gain(self, offset: ArrayLike) -> Floats:
         """Return the gain, real, of the smoother for an envelope at `offset` from the order, in cycles per sample."""

@@ -9,7 +9,7 @@ from numpy.typing import NDArray
 
 from signals.harmonics.bandwidth import Bandwidth
 from signals.harmonics.state_space import Estimator, Flags, Floats, HarmonicModel, Indices
-from signals.harmonics.tracking_results import OutputFlag, UnresolvedPair
+from signals.harmonics.tracking_results import OutputFlag
 
 Gain = Callable[[Bandwidth, Floats], Floats]
 FlagArray = NDArray[np.uint8]
@@ -130,51 +130,28 @@ class Closeness:
                     return True
         return False
 
-    def flag(self, meetings: "Meetings") -> FlagArray:
+    def flag(self, turns: Floats) -> FlagArray:
         """Return (order, segment) flags: NOT_SEPARABLE, and ONE_QUADRATURE near the order's own image.
 
-        Orders are not separable within half a bandwidth of one another, or until they are a turn apart. Updates what is
-        known of earlier segments.
+        Orders are not separable within half a bandwidth of one another, or until they are a turn apart: (order, order)
+        turns of one relative to another, filled above the diagonal, are those of earlier segments, and grow by these.
         """
         close = np.zeros(self.frequency.shape, dtype=np.bool_)
         samples, widest = self.lengths.sum(), self.bandwidth.max(axis=1)
-        meetings.samples += samples
         for k in range(len(close) - 1):
             reach = np.maximum(np.maximum(widest[k], widest[k + 1 :]) / 2, 1 / samples)
             is_near = self.nearest[k, k + 1 :] < reach
             near, far = k + 1 + np.flatnonzero(is_near), k + 1 + np.flatnonzero(~is_near)
-            meetings.turns[k, far] += 1
+            turns[k, far] += 1
             if near.size:
                 distance = distances(self.frequency[k], self.frequency[near])
-                meetings.turns[k, near] += distance @ self.lengths
+                turns[k, near] += distance @ self.lengths
                 near_each = distance < np.maximum(self.bandwidth[k], self.bandwidth[near]) / 2
-                meetings.together[k, near] += near_each @ self.lengths
-                near_each |= (meetings.turns[k, near] < 1)[:, None]
+                near_each |= (turns[k, near] < 1)[:, None]
                 close[k] |= near_each.any(axis=0)
                 close[near] |= near_each
         at_image = distances_to_images(self.model.orders, self.frequency) < self.bandwidth / 2
         return np.asarray(_NOT_SEPARABLE * close | _ONE_QUADRATURE * at_image)
-
-
-@dataclass
-class Meetings:
-    """Where orders were close; (order, order) arrays are filled above the diagonal."""
-
-    turns: Floats  # of one order relative to another, those beyond the first not counted where the orders are far apart
-    together: Floats  # samples in which they were within half a bandwidth
-    samples: float = 0.0  # all samples
-
-    @classmethod
-    def none(cls, orders: int) -> "Meetings":
-        """Return what is known before the first sample."""
-        return cls(np.zeros((orders, orders)), np.zeros((orders, orders)))
-
-    @property
-    def unresolved(self) -> tuple[UnresolvedPair, ...]:
-        """Pairs of orders not separable, and their share of the samples: 1 until they are a turn apart."""
-        shares = np.triu(np.where(self.turns < 1, 1.0, self.together / max(self.samples, 1.0)), k=1)
-        first, second = np.nonzero(shares)
-        return tuple(map(UnresolvedPair, first.tolist(), second.tolist(), shares[first, second].tolist()))
 
 
 def distances_to_images(orders: Floats, frequency: Floats) -> Floats:
@@ -185,19 +162,17 @@ def distances_to_images(orders: Floats, frequency: Floats) -> Floats:
     return np.asarray(distance)
 
 
-def flag_outputs(
-    closeness: Closeness, seen: Flags, *, every: int, estimator: Estimator
-) -> tuple[FlagArray, tuple[UnresolvedPair, ...]]:
-    """Return (order, output) flags of a record's outputs, and the pairs that are not separable.
+def flag_outputs(closeness: Closeness, seen: Flags, *, every: int, estimator: Estimator) -> FlagArray:
+    """Return (order, output) flags of a record's outputs.
 
     `seen`, (sample,), is true where samples are observed; outputs are `every` samples apart. A "filter" uses no later
     samples.
     """
     samples = seen.size
     outputs = np.arange(0, samples, every)
-    meetings = Meetings.none(len(closeness.frequency))
-    flags = closeness.flag(meetings)
-    found = np.zeros((len(flags), outputs.size), dtype=np.uint8)
+    orders = len(closeness.frequency)
+    flags = closeness.flag(np.zeros((orders, orders)))
+    found = np.zeros((orders, outputs.size), dtype=np.uint8)
     places = np.searchsorted(outputs, np.append(closeness.edges[:-1], samples))
     for segment in np.flatnonzero(flags.any(axis=0)):
         found[:, places[segment] : places[segment + 1]] = flags[:, segment, None]
@@ -205,7 +180,7 @@ def flag_outputs(
     reach = output_range(np.maximum(bandwidth if bandwidth.shape[1] == 1 else bandwidth[:, ::every], 0.5 / samples))
     first = int(seen.argmax()) if seen.any() else samples
     flag_gaps(found, outputs, reach, seen, first=first, later=estimator == "smoother")
-    return found, meetings.unresolved
+    return found
 
 
 def output_range(bandwidth: Floats) -> Floats:

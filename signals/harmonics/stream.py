@@ -15,7 +15,7 @@ from signals._validation import choice, whole
 from signals.harmonics import _arguments
 from signals.harmonics.innovations import Innovations, statistics
 from signals.harmonics.kalman_filter import FilterState, SteadyGains, filter_on
-from signals.harmonics.separability import Closeness, FlagArray, Meetings, flag_gaps, output_range
+from signals.harmonics.separability import Closeness, FlagArray, flag_gaps, output_range
 from signals.harmonics.tracker import LARGEST_RIPPLE, ripple, squeeze
 from signals.harmonics.tracking_results import OrderTracks
 
@@ -40,7 +40,7 @@ class Progress:
     last_phase: Floats  # (shaft,) angles in rad at the last sample
     state: FilterState
     innovations: Innovations
-    meetings: Meetings
+    turns: Floats  # (order, order), as `Closeness.flag` counts them
     first_seen: float  # the first observed sample; infinite before it
     missing: Indices  # missing samples, as far back as later outputs depend on them
     error_bound: float = 0.0  # of steady-state gains
@@ -134,9 +134,9 @@ class OrderTracker:
         Returns
         -------
         OrderTracks
-            `sample_index` counts from the start of the stream; innovations and `unresolved` pairs are those of all
-            samples so far. Flags use mean speeds over at most a quarter of 1 / bandwidth within the block; orders are
-            not separable until a turn apart.
+            `sample_index` counts from the start of the stream; innovations are those of all samples so far. Flags use
+            mean speeds over at most a quarter of 1 / bandwidth within the block; orders are not separable until a turn
+            apart.
         """
         block, phase = self._check_block(x, phase_rad)
         if self._progress is None:
@@ -157,7 +157,7 @@ class OrderTracker:
         found["flags"] = np.broadcast_to(flags, (len(block), *flags.shape))
         return OrderTracks(
             **{name: squeeze(value, now.one_channel) for name, value in found.items()},
-            unresolved=now.meetings.unresolved, orders=model.orders, shafts=self._names, bandwidth=self._width.given,
+            orders=model.orders, shafts=self._names, bandwidth=self._width.given,
             bandwidth_units=self._width.units, bandwidth_cycles=self._width.cycles[:, 0], poles=model.poles,
             estimator="filter", method="exact" if self._steady is None else "fast", error_bound=now.error_bound,
             samples=now.state.count, output_every=self._every,
@@ -177,7 +177,7 @@ class OrderTracker:
     def _flags(self, now: Progress, closeness: Closeness, outputs: Indices, seen: Flags) -> FlagArray:
         """Return the (order, output) flags of a block."""
         model, first, samples = self._model, now.state.count, seen.size
-        flags = closeness.flag(now.meetings)
+        flags = closeness.flag(now.turns)
         found = flags[:, np.clip(np.searchsorted(closeness.edges, outputs) - 1, 0, flags.shape[1] - 1)]
         if seen.any():
             now.first_seen = min(now.first_seen, float(first + seen.argmax()))
@@ -197,7 +197,7 @@ class OrderTracker:
         return Progress(
             one_channel=one_channel, last_phase=np.full(len(self._shafts), np.nan),
             state=FilterState.prior(self._model, channels=channels), innovations=Innovations.none(channels=channels),
-            meetings=Meetings.none(self._model.orders.size), first_seen=np.inf, missing=np.empty(0, dtype=np.int64),
+            turns=np.zeros((self._model.orders.size,) * 2), first_seen=np.inf, missing=np.empty(0, dtype=np.int64),
         )  # fmt: skip
 
     def _check_block(self, x: ArrayLike, phase_rad: ArrayLike | Mapping[str, ArrayLike]) -> tuple[Floats, Floats]:

@@ -27,7 +27,6 @@ if TYPE_CHECKING:
     from numpy.typing import ArrayLike, NDArray
 
     from signals.harmonics.state_space import Estimate, Flags, Floats
-    from signals.harmonics.tracking_results import UnresolvedPair
 
 # With fewer samples a block, condensing them gains nothing.
 SHORTEST_BLOCK = 4
@@ -177,31 +176,29 @@ def track_orders(
         for rows in ([slice(0, None)] if alike else [slice(channel, channel + 1) for channel in range(len(record))])
     ]
     found = {
-        name: parts[0][1][name] if alike else np.concatenate([own[name] for _, own, _ in parts]) for name in parts[0][1]
+        name: parts[0][1][name] if alike else np.concatenate([own[name] for _, own in parts]) for name in parts[0][1]
     }
     return OrderTracks(
-        std_spacing=parts[0][0].std_spacing, unresolved=parts[0][2],
+        std_spacing=parts[0][0].std_spacing,
         angle_std=None if phase_std is None else model.orders[:, None] * phase_std[:, ::phase_every],
         orders=model.orders, shafts=shafts, bandwidth=bandwidth.given, bandwidth_units=bandwidth.units,
         bandwidth_cycles=bandwidth.cycles.mean(axis=1), poles=model.poles, estimator=estimator, method=chosen,
         samples=samples, output_every=task.output_every,
-        error_bound=max(estimate.error_bound for estimate, *_ in parts),
+        error_bound=max(estimate.error_bound for estimate, _ in parts),
         **{name: squeeze(value, one) for name, value in found.items()},
     )  # fmt: skip
 
 
-def _tracked(
-    task: _Task, method: Method, record: Floats, *, name: str
-) -> tuple[Estimate, dict[str, Any], tuple[UnresolvedPair, ...]]:
-    """Return the estimate of channels that miss the same samples, their (channel, ...) fields, and unresolved pairs."""
+def _tracked(task: _Task, method: Method, record: Floats, *, name: str) -> tuple[Estimate, dict[str, Any]]:
+    """Return the estimate of channels that miss the same samples, and their (channel, ...) fields."""
     seen = ~np.isnan(record[0])
     estimate = _run(method, task, record, seen, _startup(task, seen, name=name))
     found = statistics(record, estimate, task.noise_variance)
     if task.noise_variance is None:
         found["noise_density"] = noise_density(record, seen, task.model, found["noise_variance"])
-    flags, pairs = flag_outputs(task.closeness, seen, every=task.output_every, estimator=task.estimator)
+    flags = flag_outputs(task.closeness, seen, every=task.output_every, estimator=task.estimator)
     found["flags"] = np.broadcast_to(flags, (len(record), *flags.shape))
-    return estimate, found, pairs
+    return estimate, found
 
 
 def _censored(x: ArrayLike, clip_limits: ArrayLike, output_every: int, **given: Any) -> OrderTracks:  # noqa: ANN401
@@ -309,7 +306,7 @@ def vold_kalman_filter(
     [2.05] [2.]
     """
     weights = real_array(weight, name="weight").astype(np.float64)
-    widths = [Bandwidth.from_weight(r, poles=poles).hz(rate_hz) for r in weights.ravel().tolist()]
+    widths = [Bandwidth.from_weight(r, poles=poles).width * rate_hz for r in weights.ravel().tolist()]
     return track_orders(
         x, phase_rad=phase_rad, orders=orders, bandwidth_hz=np.reshape(widths, weights.shape), rate_hz=rate_hz,
         poles=poles, method=method, output_every=output_every,

@@ -5,7 +5,7 @@ from __future__ import annotations
 from dataclasses import dataclass, field
 from enum import IntFlag
 from functools import cached_property
-from typing import TYPE_CHECKING, NamedTuple
+from typing import TYPE_CHECKING
 
 import numpy as np
 
@@ -32,14 +32,6 @@ class OutputFlag(IntFlag):
     NEAR_GAP = 2  # a quarter or more of the samples within half of 1 / bandwidth are missing
     NOT_SEPARABLE = 4  # within half a bandwidth of another order, or less than a turn from it over the whole record
     ONE_QUADRATURE = 8  # within half a bandwidth of its own image: the shaft at rest, or the order at half the rate
-
-
-class UnresolvedPair(NamedTuple):
-    """Two orders, by their indices, that lie within half a bandwidth of each other for a share of the record."""
-
-    first: int
-    second: int
-    share: float
 
 
 @dataclass(frozen=True, kw_only=True, eq=False)
@@ -72,8 +64,6 @@ class OrderTracks:
         "hz" or "orders".
     bandwidth_cycles : (order,) array
         The same in cycles per sample.
-    unresolved
-        Pairs of orders that are not separable with this bandwidth and length.
     poles
         Number of integrations of the random walk.
     estimator
@@ -120,7 +110,6 @@ class OrderTracks:
     bandwidth_cycles: Floats = field(metadata={"dims": ("order",), "units": "1"})
     bandwidth_units: BandwidthUnits
     shafts: tuple[str, ...]
-    unresolved: tuple[UnresolvedPair, ...]
     poles: int
     estimator: Estimator
     method: Method

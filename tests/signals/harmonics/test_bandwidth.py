@@ -129,11 +129,6 @@ def test_weight_squared_is_noise_over_process_variance():
         assert Bandwidth(width=0.02, poles=3).weight == pytest.approx(np.sqrt(seen * 0.7 / q), rel=1e-12)
 
 
-def test_widths_in_units():
-    bandwidth = Bandwidth(width=2e-4, poles=2)
-    assert (bandwidth.hz(50e3), bandwidth.orders(512)) == pytest.approx((10.0, 0.1024))
-
-
 def test_what_makes_no_bandwidth_is_refused():
     with pytest.raises(ValueError, match=r"width=10 cycles a sample is above 1"):
         Bandwidth(width=10, poles=1)

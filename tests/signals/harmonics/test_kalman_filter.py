@@ -9,7 +9,7 @@ from jobs import standard_job
 from numpy.testing import assert_allclose, assert_array_equal
 from scipy.linalg import solve_discrete_are
 
-from signals.harmonics import process_variance, smoother_bandwidth, track_orders
+from signals.harmonics import process_variance, track_orders
 from signals.harmonics.bandwidth import Bandwidth, isolated_std
 
 exact_number = np.vectorize(Decimal, otypes=[object])
@@ -148,7 +148,7 @@ def test_the_mean_and_a_bandwidth_that_varies():
 @pytest.mark.parametrize(("initial_std", "rtol"), [(1e3, 1e-10), (1e6, 1e-7)])
 def test_the_start_of_a_run_up_is_that_of_sixty_digits(initial_std, rtol):
     job = standard_job("J1 run-up", samples=1000)
-    bandwidth = smoother_bandwidth(orders=[1.0], process_variance=[1e-9], rate=1.0, poles=1, noise_variance=1.0)[0]
+    bandwidth = Bandwidth.from_weight(np.sqrt(2e9), poles=1).width
     check(
         Record(
             x=job.x, phase=job.phase_rad, orders=job.orders, bandwidth=float(bandwidth), initial_std=initial_std

@@ -5,7 +5,7 @@ import pytest
 from numpy.testing import assert_array_equal
 
 from signals.harmonics import OrderTracker, OutputFlag, track_orders
-from signals.harmonics.separability import SEGMENTS, Closeness, Meetings
+from signals.harmonics.separability import SEGMENTS, Closeness
 from signals.harmonics.state_space import HarmonicModel
 
 LENGTH = 20  # samples in a segment of a record of SEGMENTS of them
@@ -147,7 +147,7 @@ class TestImageFlag:
     def test_is_that_of_each_stretch_and_order(self):
         frequency = steady(0.1, 0.1)
         frequency[0, 100:200], frequency[1, 300:] = 0.001, 0.4995
-        flags = closeness_of(frequency, [0.005, 0.003]).flag(Meetings.none(2))
+        flags = closeness_of(frequency, [0.005, 0.003]).flag(np.zeros((2, 2)))
         image = flags & OutputFlag.ONE_QUADRATURE > 0
         segment = np.arange(SEGMENTS)
         # 0.002 is within half of 0.005, 0.001 within half of 0.003.
