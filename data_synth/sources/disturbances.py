@@ -21,8 +21,8 @@ from data_synth.scene.random_streams import RandomStreams
 from data_synth.scene.scene import Scene, SceneError
 from data_synth.scene.sensors import Mode, Sensor
 from data_synth.sources.prepared import PreparedScene
-from data_synth.transfer.acquisition import AllPoleFilter, add_ringing, linear_chain, ringing_residues
-from data_synth.transfer.paths import ringing_time_s, sensor_gains
+from data_synth.transfer.acquisition import add_ringing, linear_chain
+from data_synth.transfer.paths import AnalogFilter, ringing, ringing_time_s, sensor_gains
 
 _BLOCK = 65536
 _KNOTS = 10  # of a wandering level to its time scale: its steps between are 0.4 dB for a deviation of 1 dB
@@ -168,7 +168,7 @@ def _add_impacts(
 ) -> None:
     """Add impacts that ring a mode to all channels."""
     for sensor, chain, gain, values in zip(prepared.scene.sensors, prepared.chains, gains, signal, strict=True):
-        poles, residues = ringing_residues(mode, chain, sensor=sensor.name)
+        poles, residues = ringing(mode).then(chain).residues(sensor.name)
         add_ringing(
             values,
             times_s=times_s - chain.skew_s,
@@ -275,7 +275,7 @@ def _output(
     return (lambda mean: per_rev * float(speeds[int(mean)])), lambda times_s: per_rev * angle.revolutions(times_s)
 
 
-def _recorder_filter(sensor: Sensor, *, rate_hz: float) -> AllPoleFilter:
+def _recorder_filter(sensor: Sensor, *, rate_hz: float) -> AnalogFilter:
     """Return the filter that pick-up of the cable passes: the anti-aliasing filter alone."""
     return linear_chain(
         sensor.changed(resonance=None, gain=None, sensitivity=None, ac_coupling_hz=None), rate_hz=rate_hz

@@ -9,7 +9,7 @@ from numpy.typing import NDArray
 from data_synth.kinematic.gear_faults import ImpactTrain
 from data_synth.kinematic.harmonics import ComplexArray
 from data_synth.sources.prepared import PreparedScene
-from data_synth.transfer.paths import impact_line
+from data_synth.transfer.paths import impact_line, ringing
 
 FLOOR = 1e-2  # of the loudest line of the same impacts
 _BELOW_NYQUIST = 0.98
@@ -55,7 +55,12 @@ def _lines(
     found = []
     for sensor, gain, chain in zip(prepared.scene.sensors, prepared.gains[train.source], prepared.chains, strict=True):
         path = prepared.paths.get((train.source, sensor.name))
-        mode = prepared.scene.resonance if path is None else path
-        rung = impact_line(train, harmonic=harmonics[:, None], speed_hz=speed_hz, load=load, mode=mode)
+        rung = impact_line(
+            train,
+            harmonic=harmonics[:, None],
+            speed_hz=speed_hz,
+            load=load,
+            path=path or ringing(prepared.scene.resonance),
+        )
         found.append((abs(gain) if path is None else 1.0) * chain.response(frequency) * rung)
     return np.stack(found)

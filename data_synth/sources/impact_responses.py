@@ -8,8 +8,8 @@ from data_synth.kinematic.gear_faults import ImpactTrain
 from data_synth.kinematic.harmonics import ComplexArray
 from data_synth.operation.shaft_angle import Array
 from data_synth.sources.prepared import PreparedScene
-from data_synth.transfer.acquisition import add_ringing, measured_filter, path_residues, ringing_residues
-from data_synth.transfer.paths import FirPath, MeasuredPath
+from data_synth.transfer.acquisition import add_ringing, measured_filter
+from data_synth.transfer.paths import FirPath, MeasuredPath, ringing
 
 _BLOCK = 65536
 _HALF = 32  # samples on either side over which an impact between samples is spread
@@ -37,11 +37,9 @@ def add_impacts(
                 values, times_s=times_s, impulses_ns=strength, duration_s=duration_s, fir=fir, rate_hz=scene.rate_hz
             )
             continue
-        if path is None:
-            poles, residues = ringing_residues(scene.resonance, chain, sensor=sensor.name)
-        else:
-            (poles, residues), gain = path_residues(path, chain, sensor=sensor.name), 1.0  # noqa: PLW2901
-        at_s, sizes = times_s, gain * strength
+        way = ringing(scene.resonance).then(chain) if path is None else chain
+        poles, residues = way.residues(sensor.name, before=path)
+        at_s, sizes = times_s, gain * strength if path is None else strength
         if duration_s is not None:
             at_s, sizes, poles, residues = _step_pairs(times_s, sizes, duration_s, poles, residues)
         add_ringing(

@@ -22,9 +22,17 @@ from data_synth.scene.random_streams import RandomStreams
 from data_synth.scene.scene import Scene, SceneError
 from data_synth.scene.sensors import Sensor
 from data_synth.sources.families import harmonic_families, impact_trains, last_s, module_mm_of, ratio_of
-from data_synth.transfer.acquisition import AllPoleFilter, linear_chain
+from data_synth.transfer.acquisition import linear_chain
 from data_synth.transfer.housing import force_response, sensitive_direction
-from data_synth.transfer.paths import TransferPaths, line_amplitudes, path_of_bearing, sensor_gains, transfer_paths
+from data_synth.transfer.paths import (
+    AnalogFilter,
+    TransferPaths,
+    line_amplitudes,
+    mode_filter,
+    path_of_bearing,
+    sensor_gains,
+    transfer_paths,
+)
 from hums.gearbox.torques import solve_torques
 from hums.records.validation import MIN_SAMPLES_PER_PULSE
 
@@ -62,7 +70,7 @@ class PreparedScene:
         Drawn gains to the sensors.
     paths : mapping of (source, sensor) to ModalPath or MeasuredPath
         Declared transfer paths, which replace gains and modes.
-    chains : sequence of AllPoleFilter
+    chains : sequence of AnalogFilter
         The linear part of each sensor's chain.
     pulses : Pulses
     turns_before : int
@@ -81,7 +89,7 @@ class PreparedScene:
     offsets: Sequence[float]
     gains: dict[str, ComplexArray]
     paths: TransferPaths
-    chains: Sequence[AllPoleFilter]
+    chains: Sequence[AnalogFilter]
     pulses: Pulses
     turns_before: int = 0
 
@@ -375,13 +383,14 @@ def _line_amplitudes(
     """
     at_source = {"speed_hz": drive.angle.speed_hz(instants_s), "load": drive.load(instants_s)}
     frequency_hz = np.outer([float(order) for order in family.orders], at_source["speed_hz"])
-    found = line_amplitudes(family, gains=gains, mode=scene.path, **at_source)
+    common = AnalogFilter() if scene.path is None else mode_filter(scene.path)
+    found = line_amplitudes(family, gains=gains, path=common, **at_source)
     force = family.force if scene.fidelity != "kinematic" else None
     for row, sensor in enumerate(scene.sensors):
         own = paths.get((family.source, sensor.name))
         path = own if own is not None or force is None else path_of_bearing(scene, paths, force.link, sensor.name)
         if path is not None or force is not None:
-            found[row] = line_amplitudes(family, gains=np.ones(1), mode=path, **at_source)[0]
+            found[row] = line_amplitudes(family, gains=np.ones(1), path=path or AnalogFilter(), **at_source)[0]
         if own is None and force is not None:  # then an amplitude of 1 is that of the rigid housing
             found[row] *= scene.dynamics_or_default.housing_kg / in_units(scene, 1.0)
         if path is not None and force is not None:
@@ -396,7 +405,7 @@ def _line_amplitudes(
 
 
 def _in_channels(
-    family: HarmonicFamily, amplitudes: ComplexArray, *, chains: Sequence[AllPoleFilter], speed_hz: Array
+    family: HarmonicFamily, amplitudes: ComplexArray, *, chains: Sequence[AnalogFilter], speed_hz: Array
 ) -> ComplexArray:
     """Return the amplitudes of a family after the linear chain of each channel."""
     frequencies = np.outer([float(order) for order in family.orders], speed_hz)

@@ -8,88 +8,33 @@ what they did.
 import math
 from collections.abc import Callable, Iterator
 from contextlib import suppress
-from dataclasses import dataclass, field, replace
 
 import numpy as np
-from numpy.typing import ArrayLike, NDArray
+from numpy.typing import NDArray
 
 from data_synth.operation.shaft_angle import Array
 from data_synth.scene.scene import SceneError
-from data_synth.scene.sensors import AntiAlias, DropOuts, Mode, Quantisation, Sensor
-from data_synth.transfer.paths import FirPath, MeasuredPath, ModalPath, mode_pole
+from data_synth.scene.sensors import AntiAlias, DropOuts, Quantisation, Sensor
+from data_synth.transfer.paths import AnalogFilter, FirPath, MeasuredPath, mode_filter
 
 ComplexArray = NDArray[np.complex128]
 
 _BLOCK = 65536  # samples worked on at once
-_APART = 1e-6  # poles nearer to each other than this part of their size leave the residues no digits
 # RMS that the filter of a measured path may leave out; the larger where its band ends abruptly
 _LEAKAGES = (1e-3, 1e-2)
 _FEWEST = 64  # taps
 _SPACINGS = 8  # longest filter, over the length of the impulse response by the spacing of lines
 
 
-@dataclass(frozen=True, kw_only=True)
-class AllPoleFilter:
-    """Low-pass filters in series, ``gain prod_i p_i / (p_i - s)``, and high-pass ones, ``prod_j s / (s - q_j)``.
-
-    Attributes
-    ----------
-    gain : float
-    poles : (p,) complex array
-        In rad s-1; complex ones in pairs.
-    coupling : (q,) array
-        Poles q_j of the high-pass filters, rad s-1, real.
-    skew_s : float
-        By which the channel is sampled later: a factor ``exp(2j pi f skew_s)`` of the frequency response.
-    """
-
-    gain: float = 1.0
-    poles: ComplexArray = field(
-        default_factory=lambda: np.empty(0, np.complex128), metadata={"dims": ("pole",), "units": "rad s-1"}
-    )
-    coupling: Array = field(default_factory=lambda: np.empty(0), metadata={"dims": ("pole",), "units": "rad s-1"})
-    skew_s: float = 0.0
-
-    @property
-    def every_pole(self) -> ComplexArray:
-        """Poles of both, (p + q,) in rad s-1."""
-        return np.concatenate([self.poles, self.coupling])
-
-    def at(self, s: ArrayLike) -> ComplexArray:
-        """Return the transfer function at `s` in rad s-1, of any shape."""
-        points = np.asarray(s, dtype=np.complex128)
-        passed = np.full(points.shape, self.gain, dtype=np.complex128)
-        for pole in self.poles:
-            passed = passed * (pole / (pole - points))
-        for pole in self.coupling:
-            passed = passed * (points / (points - pole))
-        return passed
-
-    def response(self, frequency_hz: ArrayLike) -> ComplexArray:
-        """Return the frequency response at `frequency_hz`, of any shape."""
-        s = 2j * np.pi * np.asarray(frequency_hz, dtype=np.float64)
-        return np.asarray(self.at(s) * np.exp(s * self.skew_s))
-
-    def residue(self, index: int) -> complex:
-        """Return the residue ``lim (s - p) H(s)`` at the pole with this number."""
-        pole, high = self.every_pole[index], index - self.poles.size
-        if high >= 0:
-            return complex(pole * replace(self, coupling=np.delete(self.coupling, high)).at(pole))
-        return complex(-pole * replace(self, poles=np.delete(self.poles, index)).at(pole))
-
-
-def linear_chain(sensor: Sensor, *, rate_hz: float) -> AllPoleFilter:
+def linear_chain(sensor: Sensor, *, rate_hz: float) -> AnalogFilter:
     """Return the linear parts of a channel sampled at `rate_hz`, from its mount to the recorder, as one filter."""
-    poles: list[complex] = []
-    if sensor.resonance is not None:
-        pole = mode_pole(sensor.resonance)
-        poles += [pole, pole.conjugate()]
-    if isinstance(sensor.anti_alias, AntiAlias):
-        poles += butterworth_poles(sensor.anti_alias, rate_hz=rate_hz)
     gain = sensor.sensitivity.value if sensor.sensitivity is not None else 1.0
     gain *= sensor.gain if sensor.gain is not None else 1.0
-    coupling = np.array([] if sensor.ac_coupling_hz is None else [-2 * math.pi * sensor.ac_coupling_hz])
-    return AllPoleFilter(gain=gain, poles=np.array(poles, dtype=np.complex128), coupling=coupling, skew_s=sensor.skew_s)
+    coupling = [] if sensor.ac_coupling_hz is None else [-2 * math.pi * sensor.ac_coupling_hz]
+    chain = AnalogFilter(gain=gain, coupling=np.array(coupling, dtype=np.complex128), skew_s=sensor.skew_s)
+    if isinstance(sensor.anti_alias, AntiAlias):
+        chain = AnalogFilter(poles=np.array(butterworth_poles(sensor.anti_alias, rate_hz=rate_hz))).then(chain)
+    return chain if sensor.resonance is None else mode_filter(sensor.resonance).then(chain)
 
 
 def butterworth_poles(filter_: AntiAlias, *, rate_hz: float) -> list[complex]:
@@ -100,63 +45,6 @@ def butterworth_poles(filter_: AntiAlias, *, rate_hz: float) -> list[complex]:
         radius * complex(math.cos(angle), 0.0 if 2 * k + 1 == order else math.sin(angle))
         for k, angle in enumerate(angles)
     ]
-
-
-def ringing_residues(mode: Mode, chain: AllPoleFilter, *, sensor: str = "") -> tuple[ComplexArray, ComplexArray]:
-    """Return poles (p,) and residues (p,) of ``exp(-zeta w_n t) sin(w_d t)`` after a chain.
-
-    The response is ``Re sum_p residue exp(pole t)``, one of each conjugate pair with twice its residue.
-
-    Raises
-    ------
-    SceneError
-        Two nearly equal poles, so that the sum of exponentials has no digits left.
-    """
-    own = mode_pole(mode)
-    every = np.array([own, own.conjugate(), *chain.every_pole])
-    _require_distinct_poles(
-        every, abs(own), f"the resonance of {mode.frequency_hz:g} Hz that impacts ring", sensor=sensor
-    )
-    kept = np.flatnonzero(every.imag >= 0)
-    residues = []
-    for index in kept.tolist():
-        pole = every[index]
-        if index == 0:
-            residue = chain.at(pole) / 2j
-        else:
-            residue = chain.residue(index - 2) * own.imag / ((pole - own) * (pole - own.conjugate()))
-        residues.append(residue * (2 if pole.imag > 0 else 1))
-    return every[kept], np.array(residues, dtype=np.complex128)
-
-
-def path_residues(path: ModalPath, chain: AllPoleFilter, *, sensor: str = "") -> tuple[ComplexArray, ComplexArray]:
-    """Return poles (p,) and residues (p,) of a path with a chain behind it.
-
-    The response to an impulse of 1 N s is ``Re sum_p residue exp(pole t)``, one of each conjugate pair with twice its
-    residue.
-
-    Raises
-    ------
-    SceneError
-        Two nearly equal poles.
-    """
-    own = path.poles
-    every = np.concatenate([own, own.conj(), chain.every_pole])
-    _require_distinct_poles(every, float(np.min(np.abs(own))), "a mode of its transfer", sensor=sensor)
-    passed = [residue * chain.at(pole) for pole, residue in zip(own, path.residues, strict=True)]
-    passed += [residue * chain.at(pole) for pole, residue in zip(own.conj(), np.conj(path.residues), strict=True)]
-    passed += [chain.residue(index) * path.at(pole) for index, pole in enumerate(chain.every_pole)]
-    kept = every.imag >= 0
-    return every[kept], np.array(passed)[kept] * np.where(every[kept].imag > 0, 2, 1)
-
-
-def _require_distinct_poles(poles: ComplexArray, size: float, what: str, *, sensor: str) -> None:
-    """Raise SceneError where two poles are nearer to each other than `_APART` times `size`."""
-    gaps = np.abs(poles[:, None] - poles) + np.diag(np.full(poles.size, np.inf))
-    if np.min(gaps) < _APART * size:
-        raise SceneError(
-            f'sensor "{sensor}": its resonance or filter coincides with {what}; move one of them by a thousandth.'
-        )
 
 
 def add_ringing(
@@ -254,7 +142,7 @@ def drop_outs(signal: Array, drops: DropOuts, *, rate_hz: float, rng: np.random.
     return np.array(spans, dtype=np.float64).reshape(-1, 2) / rate_hz
 
 
-def measured_filter(path: MeasuredPath, chain: AllPoleFilter, *, rate_hz: float, sensor: Sensor) -> FirPath:
+def measured_filter(path: MeasuredPath, chain: AnalogFilter, *, rate_hz: float, sensor: Sensor) -> FirPath:
     """Return a measured path with the chain behind it as an FIR filter, of the shortest power of two that holds it.
 
     Raises

@@ -18,7 +18,7 @@ from data_synth.scene.random_streams import RandomStreams
 from data_synth.scene.scene import Scene, SceneError
 from data_synth.scene.sensors import Mode, Sensor
 from data_synth.transfer.acquisition import linear_chain
-from data_synth.transfer.paths import mode_pole
+from data_synth.transfer.paths import AnalogFilter, ModalPath, mode_filter
 
 # ---- Response of a transfer function, given by poles and residues, to a sampled input, in time and in blocks ---------
 #     H(s) = direct + sum_i residue_i / (s - p_i)
@@ -50,15 +50,17 @@ class PoleFilter:
 
     Parameters
     ----------
-    poles, residues : (p,) complex array
-        In rad s-1; one of each conjugate pair, with twice its residue; the real part is the response.
-    direct : float
-        Direct feedthrough.
+    way : AnalogFilter
     rate_hz : float
+    sensor : str
+        Name of the channel in errors.
+    before : ModalPath, optional
+        A path before the filter.
     """
 
-    def __init__(self, *, poles: ComplexArray, residues: ComplexArray, direct: float, rate_hz: float) -> None:
-        self._poles, self._residues, self._direct = poles, residues, direct
+    def __init__(self, way: AnalogFilter, *, rate_hz: float, sensor: str = "", before: ModalPath | None = None) -> None:
+        poles, residues = way.residues(sensor, before=before)
+        self._poles, self._residues, self._direct = poles, residues, way.direct if before is None else 0.0
         self._decay = np.exp(poles / rate_hz)
         late, early = step_weights(poles / rate_hz)
         self._weights_new, self._weights_old = residues / rate_hz * late, residues / rate_hz * early
@@ -91,13 +93,14 @@ class PoleFilter:
 # ---- Housing ---------------------------------------------------------------------------------------------------------
 
 
-_APART = 1e-6
 _FLAT = math.sqrt(0.5)  # damping ratio of a Butterworth filter of second order
 _STANDARD_GRAVITY = 9.80665
 
 
-class Housing(PoleFilter):
-    """Filter from a force in N to a channel, block by block; in the steady state of its first sample at the beginning.
+def housing_filter(
+    *, mass_kg: float, mounts: Mode, path: Mode | None, sensor: Sensor, rate_hz: float, rigid_below_hz: float | None
+) -> AnalogFilter:
+    """Return the filter from a force in N to a channel.
 
     Parameters
     ----------
@@ -107,73 +110,26 @@ class Housing(PoleFilter):
         The mode of the scene's path.
     sensor : Sensor
     rate_hz : float
-        Of the force.
-    channel_rate_hz : float
         Of the channel, which its anti-aliasing filter follows.
     rigid_below_hz : float or None
         v / 2 pi of the high pass; None for none.
     """
-
-    def __init__(
-        self,
-        *,
-        mass_kg: float,
-        mounts: Mode,
-        path: Mode | None,
-        sensor: Sensor,
-        rate_hz: float,
-        channel_rate_hz: float,
-        rigid_below_hz: float | None = None,
-    ) -> None:
-        chain = linear_chain(sensor, rate_hz=channel_rate_hz)
-        mount = mode_pole(mounts)
-        passed = [mode_pole(path), mode_pole(path).conjugate()] if path is not None else []
-        self._low_pass = np.array([*passed, *chain.poles], dtype=np.complex128)
-        elastic = [] if rigid_below_hz is None else [mode_pole(Mode(frequency_hz=rigid_below_hz, damping_ratio=_FLAT))]
-        twice = [turn for pole in (mount, *elastic) for turn in (pole, pole.conjugate())]
-        self._high_pass = np.array([*twice, *chain.coupling])
-        self._skew_s = chain.skew_s
-        self._gain = chain.gain / mass_kg / (_STANDARD_GRAVITY if sensor.units == "g" else 1.0)
-        every = np.concatenate([self._high_pass, self._low_pass])
-        gaps = np.abs(every[:, None] - every) + np.diag(np.full(every.size, np.inf))
-        if np.min(gaps / np.abs(every)) < _APART:
-            raise SceneError(
-                f'sensor "{sensor.name}": mounts, rigid_below_hz, path, resonance or filter of its way coincide; move '
-                "one of them by a thousandth."
-            )
-        kept = every.imag >= 0
-        residues = np.array([self._residue_of(every, index) for index in np.flatnonzero(kept).tolist()])
-        super().__init__(
-            poles=every[kept],
-            residues=residues * np.where(every[kept].imag > 0, 2, 1),
-            direct=0.0 if self._low_pass.size else self._gain,
-            rate_hz=rate_hz,
-        )
-
-    def response(self, frequency_hz: Array) -> ComplexArray:
-        """Return H at frequencies, any shape, in the channel's units for one N."""
-        s = 2j * np.pi * np.asarray(frequency_hz, dtype=np.float64)
-        value = self._gain * s**self._high_pass.size / np.prod([s - pole for pole in self._high_pass], axis=0)
-        for pole in self._low_pass:
-            value = value * (pole / (pole - s))
-        return np.asarray(value * np.exp(s * self._skew_s))
-
-    def _residue_of(self, every: ComplexArray, index: int) -> complex:
-        """Return ``lim (s - p) H(s)`` at the pole with this number."""
-        pole, others = every[index], np.delete(every, index)
-        return complex(self._gain * pole**self._high_pass.size * np.prod(-self._low_pass) / np.prod(pole - others))
+    below = [] if rigid_below_hz is None else [Mode(frequency_hz=rigid_below_hz, damping_ratio=_FLAT)]
+    high_pass = np.concatenate([mode_filter(mode).poles for mode in (mounts, *below)])
+    gain = 1 / mass_kg / (_STANDARD_GRAVITY if sensor.units == "g" else 1.0)
+    chain = AnalogFilter(gain=gain, coupling=high_pass).then(linear_chain(sensor, rate_hz=rate_hz))
+    return chain if path is None else mode_filter(path).then(chain)
 
 
-def housing_of(scene: Scene, sensor: Sensor, *, rate_hz: float, elastic: bool = False) -> Housing:
-    """Return the housing towards a sensor for forces at `rate_hz`: as a rigid body, or what its elasticity adds."""
+def housing_of(scene: Scene, sensor: Sensor, *, elastic: bool = False) -> AnalogFilter:
+    """Return the housing towards a sensor: as a rigid body, or what its elasticity adds."""
     declared = scene.dynamics_or_default
-    return Housing(
+    return housing_filter(
         mass_kg=declared.housing_kg,
         mounts=declared.mounts,
         path=scene.path,
         sensor=sensor,
-        rate_hz=rate_hz,
-        channel_rate_hz=scene.rate_hz,
+        rate_hz=scene.rate_hz,
         rigid_below_hz=declared.rigid_below_hz if elastic else None,
     )
 
@@ -228,7 +184,7 @@ def force_response(
     body_of = scene.kinematics.bodies.__getitem__
     body = body_of(force.link)
     weight = body_weights(scene, sensor, bodies=[body], body_of=body_of)[body]
-    rigid, elastic = (housing_of(scene, sensor, rate_hz=scene.rate_hz, elastic=each) for each in (False, True))
+    rigid, elastic = (housing_of(scene, sensor, elastic=each) for each in (False, True))
     return np.asarray(along * (rigid.response(frequency_hz) + (weight - 1) * elastic.response(frequency_hz)))
 
 

@@ -7,7 +7,7 @@ without an anti-aliasing filter; its spectrum falls with the square of frequency
 """
 
 import math
-from dataclasses import dataclass, field
+from dataclasses import dataclass, field, replace
 
 import numpy as np
 from numpy.typing import ArrayLike, NDArray
@@ -16,19 +16,19 @@ from data_synth.kinematic.gear_faults import ImpactTrain
 from data_synth.kinematic.harmonics import HarmonicFamily
 from data_synth.operation.shaft_angle import Array
 from data_synth.scene.random_streams import RandomStreams
-from data_synth.scene.scene import Scene
+from data_synth.scene.scene import Scene, SceneError
 from data_synth.scene.sensors import Mode
 from data_synth.scene.transfer_paths import ModeOfPath, Transfer
 
 # ---- Transfer paths from force to accelerometer, modal or measured ---------------------------------------------------
-# The response through a modal path follows from its poles (`data_synth.transfer.acquisition.path_residues`). A measured
-# path becomes a causal FIR filter of the length it needs, with the least delay it allows, and works block after block
-# in constant memory.
+# The response through a modal path follows from its poles (`AnalogFilter.residues`). A measured path becomes a causal
+# FIR filter of the length it needs, with the least delay it allows, and works block after block in constant memory.
 
 
 ComplexArray = NDArray[np.complex128]
 
 _DECAYED = 1e-12  # of its initial amplitude
+_APART = 1e-6  # poles nearer to each other than this part of their size leave the residues no digits
 
 
 def _finite(values: ArrayLike) -> Array:
@@ -37,6 +37,104 @@ def _finite(values: ArrayLike) -> Array:
     if not np.all(np.isfinite(given)):
         raise ValueError("a force or an instant is NaN or infinite, which a path would never forget; mend it before")
     return given
+
+
+@dataclass(frozen=True, kw_only=True)
+class AnalogFilter:
+    """Low-pass filters in series, ``gain prod_i p_i / (p_i - s)``, and high-pass ones, ``prod_j s / (s - q_j)``.
+
+    Attributes
+    ----------
+    gain : float
+    poles : (p,) complex array
+        p_i in rad s-1; complex ones in pairs.
+    coupling : (q,) complex array
+        Poles q_j of the high-pass filters, rad s-1; complex ones in pairs.
+    skew_s : float
+        By which the channel is sampled later: a factor ``exp(2j pi f skew_s)`` of the frequency response.
+    """
+
+    gain: float = 1.0
+    poles: ComplexArray = field(
+        default_factory=lambda: np.empty(0, np.complex128), metadata={"dims": ("pole",), "units": "rad s-1"}
+    )
+    coupling: ComplexArray = field(
+        default_factory=lambda: np.empty(0, np.complex128), metadata={"dims": ("pole",), "units": "rad s-1"}
+    )
+    skew_s: float = 0.0
+
+    def then(self, other: "AnalogFilter") -> "AnalogFilter":
+        """Return this filter with another one behind it."""
+        return AnalogFilter(
+            gain=self.gain * other.gain,
+            poles=np.concatenate([self.poles, other.poles]),
+            coupling=np.concatenate([self.coupling, other.coupling]),
+            skew_s=self.skew_s + other.skew_s,
+        )
+
+    def at(self, s: ArrayLike) -> ComplexArray:
+        """Return the transfer function at `s` in rad s-1, of any shape."""
+        points = np.asarray(s, dtype=np.complex128)
+        passed = np.full(points.shape, self.gain, dtype=np.complex128)
+        for pole in self.poles:
+            passed = passed * (pole / (pole - points))
+        for pole in self.coupling:
+            passed = passed * (points / (points - pole))
+        return passed
+
+    def response(self, frequency_hz: ArrayLike) -> ComplexArray:
+        """Return the frequency response at `frequency_hz`, of any shape."""
+        s = 2j * np.pi * np.asarray(frequency_hz, dtype=np.float64)
+        return np.asarray(self.at(s) * np.exp(s * self.skew_s))
+
+    @property
+    def direct(self) -> float:
+        """What passes at once, beside the poles: the gain at infinite frequency."""
+        return 0.0 if self.poles.size else self.gain
+
+    def residues(self, sensor: str, *, before: "ModalPath | None" = None) -> tuple[ComplexArray, ComplexArray]:
+        """Return poles (p,) and residues (p,) of the filter, of a modal path `before` it too.
+
+        The response to an impulse is ``Re sum_p residue exp(pole t)``, one of each conjugate pair with twice its
+        residue, and what passes at once.
+
+        Raises
+        ------
+        SceneError
+            Two nearly equal poles, so that the sum of exponentials has no digits left: `sensor` names the channel.
+        """
+        ahead = np.empty(0) if before is None else np.concatenate([before.poles, np.conj(before.poles)])
+        of_path = np.empty(0) if before is None else np.concatenate([before.residues, np.conj(before.residues)])
+        own = np.concatenate([self.poles, self.coupling])
+        every = np.concatenate([ahead, own])
+        gaps = np.abs(every[:, None] - every) + np.diag(np.full(every.size, np.inf))
+        if np.any(gaps < _APART * np.abs(every)):
+            near_hz = np.abs(every[np.argmin(np.min(gaps, axis=0))]) / (2 * np.pi)
+            raise SceneError(
+                f'sensor "{sensor}": two of the modes, filters and mounts on the way to it coincide, at {near_hz:.6g} '
+                "Hz; move one of them by a thousandth."
+            )
+        residues = list(of_path * self.at(ahead))
+        for index, pole in enumerate(own):
+            poles = np.delete(self.poles, index) if index < self.poles.size else self.poles
+            coupling = np.delete(self.coupling, index - self.poles.size) if poles is self.poles else self.coupling
+            sign = 1 if poles is self.poles else -1
+            residue = sign * pole * replace(self, poles=poles, coupling=coupling).at(pole)
+            residues.append(residue if before is None else residue * before.at(pole))
+        kept = every.imag >= 0
+        return every[kept], np.array(residues, dtype=np.complex128)[kept] * np.where(every[kept].imag > 0, 2, 1)
+
+
+def mode_filter(mode: Mode) -> AnalogFilter:
+    """Return ``1 / (1 - r^2 + 2 j zeta r)``, r = frequency / natural frequency, as a filter."""
+    pole = mode_pole(mode)
+    return AnalogFilter(poles=np.array([pole, pole.conjugate()]))
+
+
+def ringing(mode: Mode) -> AnalogFilter:
+    """Return the filter whose impulse response is ``exp(-zeta w_n t) sin(w_d t)``."""
+    pole = mode_pole(mode)
+    return replace(mode_filter(mode), gain=pole.imag / abs(pole) ** 2)
 
 
 @dataclass(frozen=True, kw_only=True)
@@ -219,6 +317,10 @@ class FirFilter:
         return np.asarray(response[: samples.size])
 
 
+TransferPath = ModalPath | MeasuredPath
+Path = AnalogFilter | TransferPath
+
+
 # ---- Paths -----------------------------------------------------------------------------------------------------------
 
 
@@ -239,26 +341,13 @@ def sensor_gains(sources: list[str], *, sensors: int, rng_for: RandomStreams) ->
     return gains
 
 
-def mode_response(mode: Mode | ModalPath | MeasuredPath | None, frequency_hz: ArrayLike) -> ComplexArray:
-    """Return ``1 / (1 - r^2 + 2 j zeta r)``, r = frequency / natural frequency; 1 without a mode.
-
-    For a transfer path, its declared response.
-    """
-    if mode is None:
-        return np.ones(np.shape(frequency_hz), dtype=np.complex128)
-    if isinstance(mode, ModalPath | MeasuredPath):
-        return mode.response(frequency_hz)
-    ratio = np.asarray(frequency_hz, dtype=np.float64) / mode.frequency_hz
-    return np.asarray(1 / (1 - ratio**2 + 2j * mode.damping_ratio * ratio))
-
-
 def line_amplitudes(
     family: HarmonicFamily,
     *,
     gains: ArrayLike,
     speed_hz: Array,
     load: Array,
-    mode: Mode | ModalPath | MeasuredPath | None,
+    path: Path,
 ) -> ComplexArray:
     """Return Z of a harmonic family at the sensors, (sensor, line, instant), in the sensors' units.
 
@@ -268,10 +357,10 @@ def line_amplitudes(
     gains : (sensor,) complex array
     speed_hz, load : (instant,) array
         Speed of the reference shaft in rev s-1, and tooth load relative to full load.
-    mode : Mode, ModalPath, MeasuredPath or None
-        The mode of the path, or a transfer path.
+    path : AnalogFilter, ModalPath or MeasuredPath
+        The way from source to sensors.
     """
-    response = mode_response(mode, np.outer([float(order) for order in family.orders], speed_hz))
+    response = path.response(np.outer([float(order) for order in family.orders], speed_hz))
     coefficients = family.coefficients if family.coefficients.ndim > 1 else family.coefficients[:, None]
     at_source = coefficients * response * (load if family.load_dependent else 1.0)
     if family.speed_exponent:
@@ -289,24 +378,10 @@ def ringing_time_s(mode: Mode) -> float:
     return _DECAYED_NEPERS / -mode_pole(mode).real
 
 
-def ringing_spectrum(mode: Mode | ModalPath | MeasuredPath, frequency_hz: ArrayLike) -> ComplexArray:
-    """Return the Fourier transform of the impulse response, ``w_d / (w_n^2 - w^2 + 2 j zeta w_n w)``, in s.
-
-    For a transfer path it is its response, for an impact in N s.
-    """
-    if isinstance(mode, ModalPath | MeasuredPath):
-        return mode.response(frequency_hz)
-    shifted = 2j * np.pi * np.asarray(frequency_hz, dtype=np.float64) - mode_pole(mode)
-    conjugate = 2j * np.pi * np.asarray(frequency_hz, dtype=np.float64) - mode_pole(mode).conjugate()
-    return np.asarray(mode_pole(mode).imag / (shifted * conjugate))
-
-
-def impact_line(
-    train: ImpactTrain, *, harmonic: ArrayLike, speed_hz: Array, load: Array, mode: Mode | ModalPath | MeasuredPath
-) -> ComplexArray:
+def impact_line(train: ImpactTrain, *, harmonic: ArrayLike, speed_hz: Array, load: Array, path: Path) -> ComplexArray:
     """Return Z (instant,) of a harmonic of a strictly periodic train of impacts; of some (h, 1) as (h, instant).
 
-    ``2 a f H(m f) exp(j 2 pi m offset)`` with impacts at rate f through the spectrum H of the impulse response: exact
+    ``2 a f H(m f) exp(j 2 pi m offset)`` with impacts at rate f through the response H of the path: exact
     at constant speed and load. When f changes at f' per second, the relative error is about ``f' / f`` times the decay
     time ``1 / (zeta w_n)``, and ``2 pi m f'`` times its square: 1e-4 in a run-up of 1 rev/s per second.
     """
@@ -315,14 +390,13 @@ def impact_line(
     numbers = np.asarray(harmonic)
     rate = float(train.order) * speed_hz
     turn = np.exp(2j * np.pi * np.remainder(numbers * train.offset, 1.0))
-    return np.asarray(2 * train.amplitudes[0] * load * rate * ringing_spectrum(mode, numbers * rate) * turn)
+    return np.asarray(2 * train.amplitudes[0] * load * rate * path.response(numbers * rate) * turn)
 
 
 # ---- Transfer paths that a scene declares from sources to sensors, in the units of the sensors -----------------------
 
 
 _STANDARD_GRAVITY = 9.80665
-TransferPath = ModalPath | MeasuredPath
 TransferPaths = dict[tuple[str, str], TransferPath]
 
 

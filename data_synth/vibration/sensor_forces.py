@@ -31,7 +31,7 @@ from data_synth.kinematic.ring_bending import RingLoad, sensors_on_ring
 from data_synth.scene.scene import Scene, SceneError
 from data_synth.scene.sensors import Sensor
 from data_synth.sources.prepared import PreparedScene
-from data_synth.transfer.acquisition import linear_chain, measured_filter, path_residues
+from data_synth.transfer.acquisition import linear_chain, measured_filter
 from data_synth.transfer.housing import AHEAD, PoleFilter, body_weights, housing_of, sensitive_direction
 from data_synth.transfer.paths import FirPath, MeasuredPath, TransferPath, transfer_paths
 
@@ -63,7 +63,7 @@ class Route:
         """Return the complex amplitude in the channel for 1 N as a function of frequencies in Hz, any shape."""
         sensor = scene.sensors[self.number]
         if self.path is None:
-            return housing_of(scene, sensor, rate_hz=scene.rate_hz, elastic=self.elastic).response
+            return housing_of(scene, sensor, elastic=self.elastic).response
         path, chain = self.path, linear_chain(sensor, rate_hz=scene.rate_hz)
         return lambda frequency_hz: np.asarray(path.response(frequency_hz) * chain.response(frequency_hz))
 
@@ -74,11 +74,9 @@ class Route:
         if isinstance(self.path, MeasuredPath):
             fir = measured_filter(self.path, chain, rate_hz=rate_hz, sensor=sensor)
             return RouteFilter(push=_StartingConstant(fir).push, lag=round(fir.delay_s * rate_hz))
-        if self.path is None:
-            housing = housing_of(scene, sensor, rate_hz=rate_hz, elastic=self.elastic)
-            return RouteFilter(push=housing.push, lag=AHEAD)
-        poles, residues = path_residues(self.path, chain, sensor=sensor.name)
-        return RouteFilter(push=PoleFilter(poles=poles, residues=residues, direct=0.0, rate_hz=rate_hz).push, lag=AHEAD)
+        way = housing_of(scene, sensor, elastic=self.elastic) if self.path is None else chain
+        filter_ = PoleFilter(way, rate_hz=rate_hz, sensor=sensor.name, before=self.path)
+        return RouteFilter(push=filter_.push, lag=AHEAD)
 
 
 @dataclass(kw_only=True)

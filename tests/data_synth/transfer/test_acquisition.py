@@ -6,15 +6,14 @@ from numpy.testing import assert_allclose
 from data_synth import Scene, SceneError, simulate
 from data_synth.scene.sensors import AntiAlias, DropOuts, Mode, Quantisation, Sensor
 from data_synth.transfer.acquisition import (
-    AllPoleFilter,
     add_ringing,
     butterworth_poles,
     clip,
     drop_outs,
     linear_chain,
     quantise,
-    ringing_residues,
 )
+from data_synth.transfer.paths import AnalogFilter, ringing
 
 SENSOR = {"name": "a", "on": "input bearing", "units": "g", "anti_alias": "none"}
 LINEAR = {
@@ -60,7 +59,7 @@ def test_the_linear_chain_is_that_of_the_textbook():
 @pytest.mark.parametrize("order", [1, 2, 3, 8, 12])
 def test_butterworth_is_3_db_down_at_its_frequency_and_flat_before(order):
     poles = np.array(butterworth_poles(AntiAlias(frequency_hz=1000.0, order=order), rate_hz=20_000))
-    response = AllPoleFilter(poles=poles).response([100.0, 1000.0, 3000.0])
+    response = AnalogFilter(poles=poles).response([100.0, 1000.0, 3000.0])
     assert_allclose(np.abs(response) ** 2, 1 / (1 + np.array([0.1, 1, 3]) ** (2 * order)), rtol=1e-12)
     assert np.all(poles.real < 0)
 
@@ -70,12 +69,12 @@ def test_impacts_ring_through_the_chain_as_its_impulse_response(order):
     mode = Mode(frequency_hz=8000.0, damping_ratio=0.03)
     changed = {**LINEAR, "anti_alias": {"frequency_hz": 6000.0, "order": order}}
     chain = linear_chain(Sensor.model_validate({**SENSOR, **changed}), rate_hz=20_000)
-    poles, residues = ringing_residues(mode, chain)
+    poles, residues = ringing(mode).then(chain).residues("a")
     natural = 2 * np.pi * 8000
     own = np.roots([1, 2 * 0.03 * natural, natural**2])
     gain = np.abs(own[0].imag) * chain.gain * np.prod(-chain.poles).real
     times = np.linspace(0, 1e-3, 201)
-    _, expected = scipy.signal.impulse((np.zeros(1), np.concatenate([own, chain.every_pole]), gain), T=times)
+    _, expected = scipy.signal.impulse((np.zeros(1), np.concatenate([own, chain.poles, chain.coupling]), gain), T=times)
     heard = (residues * np.exp(np.outer(times, poles))).sum(axis=1).real
     assert_allclose(heard, expected, atol=1e-6 * np.max(np.abs(expected)))  # scipy goes through polynomials
     assert heard[0] == pytest.approx(0, abs=1e-12)  # a chain of more than two poles answers smoothly
@@ -108,8 +107,8 @@ def test_ringing_is_exact_between_samples_and_at_late_samples():
 def test_poles_that_coincide_are_refused():
     same = {"frequency_hz": 8000.0, "damping_ratio": 0.03}
     chain = linear_chain(Sensor.model_validate({**SENSOR, "resonance": same}), rate_hz=20_000)
-    with pytest.raises(SceneError, match='sensor "a": its resonance or filter coincides with the resonance of 8000 Hz'):
-        ringing_residues(Mode.model_validate(same), chain, sensor="a")
+    with pytest.raises(SceneError, match=r'sensor "a": two of the modes, filters and mounts .* coincide, at 8000 Hz'):
+        ringing(Mode.model_validate(same)).then(chain).residues("a")
 
 
 def stated_response(record, frequency_hz):

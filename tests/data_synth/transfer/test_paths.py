@@ -7,12 +7,13 @@ from numpy.testing import assert_allclose
 from data_synth.kinematic.gear_faults import ImpactTrain
 from data_synth.scene.sensors import Mode
 from data_synth.transfer.acquisition import add_ringing
-from data_synth.transfer.paths import impact_line, mode_pole, mode_response, ringing_spectrum, ringing_time_s
+from data_synth.transfer.paths import impact_line, mode_filter, mode_pole, ringing, ringing_time_s
 
 MODE = Mode(frequency_hz=3000.0, damping_ratio=0.05)
+RINGS = ringing(MODE)
 
 
-def ringing(times_s):
+def rung(times_s):
     """The textbook response of a damped mode, by cosines and not by its pole."""
     natural = 2 * np.pi * 3000
     damped = natural * np.sqrt(1 - 0.05**2)
@@ -40,7 +41,7 @@ def test_rings_start_between_samples():
     for own, size in zip(signal, sizes, strict=True):
         add_ringing(own, times_s=struck, amplitudes=size, poles=pole, residues=residue, rate_hz=rate)
     times = np.arange(count) / rate
-    expected = sum(size[:, None] * ringing(times - at) for size, at in zip(sizes.T, struck, strict=True))
+    expected = sum(size[:, None] * rung(times - at) for size, at in zip(sizes.T, struck, strict=True))
     assert_allclose(signal, expected, atol=1e-11)
 
 
@@ -52,10 +53,8 @@ def test_the_spectrum_is_the_transform_of_the_ringing():
     times = (edges[:-1, None] + half[:, None] * (nodes + 1)).ravel()
     steps = (half[:, None] * weights).ravel()
     for frequency in (0.0, 100.0, 3000.0, 9000.0):
-        integral = np.sum(steps * ringing(times) * np.exp(-2j * np.pi * frequency * times))
-        assert_allclose(
-            ringing_spectrum(MODE, frequency), integral, rtol=1e-9, atol=1e-12 * abs(ringing_spectrum(MODE, 3e3))
-        )
+        integral = np.sum(steps * rung(times) * np.exp(-2j * np.pi * frequency * times))
+        assert_allclose(RINGS.response(frequency), integral, rtol=1e-9, atol=1e-12 * abs(RINGS.response(3e3)))
 
 
 def test_a_steady_train_has_the_lines_the_truth_adds():
@@ -73,7 +72,7 @@ def test_a_steady_train_has_the_lines_the_truth_adds():
     for harmonic in (1, 23, 120, 300):
         # t = 0 is an impact, where the phase of the reference is -offset / order turns
         coefficient = 2 * rate * np.sum(steps * period * np.exp(-2j * np.pi * harmonic * rate * times))
-        stated = impact_line(impacts, harmonic=harmonic, speed_hz=np.array([rate / 2]), load=np.ones(1), mode=MODE)
+        stated = impact_line(impacts, harmonic=harmonic, speed_hz=np.array([rate / 2]), load=np.ones(1), path=RINGS)
         assert_allclose(stated * np.exp(-2j * np.pi * harmonic * offset), coefficient, rtol=1e-9)
 
 
@@ -86,19 +85,18 @@ def test_the_lines_of_a_train_hold_in_a_run_up_to_the_stated_error():
         return (np.sqrt(speed**2 + 2 * slope * turns) - speed) / slope
 
     times = time_of(np.arange(1 << 15) / (1 << 15))
-    wave = sum(ringing(times - time_of(turn)) for turn in (-2, -1, 0))
+    wave = sum(rung(times - time_of(turn)) for turn in (-2, -1, 0))
     lines = 2 * np.fft.rfft(wave) / times.size
     for harmonic in (5, 23, 100, 136):
-        stated = impact_line(train(order=1), harmonic=harmonic, speed_hz=np.array([speed]), load=np.ones(1), mode=MODE)[
-            0
-        ]
+        stated = impact_line(
+            train(order=1), harmonic=harmonic, speed_hz=np.array([speed]), load=np.ones(1), path=RINGS
+        )[0]
         error = abs(lines[harmonic] - stated) / abs(stated)
         assert error < 2 * (slope / speed * decay + 2 * np.pi * harmonic * slope * decay**2)
 
 
 def test_a_mode_passes_slow_lines_and_turns_them_at_its_frequency():
-    assert_allclose(mode_response(None, [1.0, 2.0]), 1)
-    assert mode_response(MODE, 0.0) == 1
-    assert mode_response(MODE, 3000.0) == pytest.approx(-1j / (2 * 0.05))
+    assert mode_filter(MODE).response(0.0) == 1
+    assert mode_filter(MODE).response(3000.0) == pytest.approx(-1j / (2 * 0.05))
     # far above, -(f_n / f)^2
-    assert mode_response(MODE, 3e6) == pytest.approx(-1e-6, rel=1e-3)
+    assert mode_filter(MODE).response(3e6) == pytest.approx(-1e-6, rel=1e-3)

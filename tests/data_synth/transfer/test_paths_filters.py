@@ -5,9 +5,8 @@ import pytest
 from numpy.testing import assert_allclose
 from scipy.integrate import solve_ivp
 
-from data_synth.transfer.acquisition import AllPoleFilter, path_residues
 from data_synth.transfer.housing import AHEAD, PoleFilter, step_weights
-from data_synth.transfer.paths import MeasuredPath, ModalPath
+from data_synth.transfer.paths import AnalogFilter, MeasuredPath, ModalPath
 
 RATE = 20_000.0
 PATH = ModalPath(
@@ -47,14 +46,13 @@ def test_the_response_is_that_of_an_oscillator():
 
 def test_what_is_sampled_passes_the_poles_as_the_response_says():
     # a sum of sines below a fifth of the rate, long after its beginning
-    poles, residues = path_residues(PATH, AllPoleFilter())
     times, frequencies = np.arange(20_000) / RATE, np.array([200.0, 790.0, 1900.0, 3900.0])
     force = np.cos(2 * np.pi * np.outer(times, frequencies)).sum(axis=1)
-    whole = PoleFilter(poles=poles, residues=residues, direct=0.0, rate_hz=RATE).push(force)[AHEAD:]
+    whole = PoleFilter(AnalogFilter(), rate_hz=RATE, before=PATH).push(force)[AHEAD:]
     expected = (np.exp(2j * np.pi * np.outer(times, frequencies)) @ PATH.response(frequencies)).real[:-AHEAD]
     # 1e-4 up to a tenth of the rate, 5e-3 up to a fifth
     assert_allclose(whole[8000:], expected[8000:], atol=3e-3 * np.max(np.abs(expected)))
-    running = PoleFilter(poles=poles, residues=residues, direct=0.0, rate_hz=RATE)
+    running = PoleFilter(AnalogFilter(), rate_hz=RATE, before=PATH)
     parts = [running.push(block) for block in blocks(force, [1, 37, 4000])]
     assert_allclose(np.concatenate(parts)[AHEAD:], whole, atol=1e-12 * np.max(np.abs(whole)))
 

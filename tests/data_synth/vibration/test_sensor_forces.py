@@ -6,7 +6,7 @@ import pytest
 from data_synth import Scene, load_scene, simulate
 from data_synth.scene.sensors import Mode, Sensor
 from data_synth.simulation import noise_free
-from data_synth.transfer.housing import Housing
+from data_synth.transfer.housing import PoleFilter, housing_filter
 
 
 def channel(name, **changes):
@@ -54,15 +54,13 @@ def test_the_pass_of_a_planet_is_no_gain_for_the_slow_force_of_run_out():
 def test_what_bends_a_housing_passes_it_above_its_first_mode():
     sensor = Sensor.model_validate({"name": "a", "on": "input", "units": "m s-2", "anti_alias": "none"})
     common = {"mass_kg": 20.0, "mounts": Mode(frequency_hz=20.0, damping_ratio=0.2), "path": None, "sensor": sensor}
-    rigid, elastic = (
-        Housing(**common, rate_hz=50e3, channel_rate_hz=50e3, rigid_below_hz=below) for below in (None, 200.0)
-    )
+    rigid, elastic = (housing_filter(**common, rate_hz=50e3, rigid_below_hz=below) for below in (None, 200.0))
     frequency_hz = np.array([2.0, 200.0, 5000.0])
     ratio = elastic.response(frequency_hz) / rigid.response(frequency_hz)
     s = 1j * frequency_hz / 200
     np.testing.assert_allclose(ratio, s**2 / (s**2 + np.sqrt(2) * s + 1), rtol=1e-12)
     times_s = np.arange(30_000) / 50e3
-    found = elastic.push(np.cos(2 * np.pi * 700 * times_s))[-2000:]
+    found = PoleFilter(elastic, rate_hz=50e3).push(np.cos(2 * np.pi * 700 * times_s))[-2000:]
     expected = (elastic.response(np.array([700.0]))[0] * np.exp(2j * np.pi * 700 * (times_s - 2 / 50e3))).real[-2000:]
     # of the start 1e-6 is left, and the filter is exact to 1e-4 up to a tenth of its rate
     np.testing.assert_allclose(found, expected, atol=2e-4 * np.abs(expected).max())
@@ -103,13 +101,13 @@ def test_an_imbalance_shakes_sensors_in_their_directions():
         (number,) = np.flatnonzero(np.isclose(orders, abs(ratio)))
         y, z, back, inclined = lines[:, number]
         turning_hz = abs(ratio) * 25
-        sensor = Housing(
+        sensor = housing_filter(
             mass_kg=declared.housing_kg,
             mounts=declared.mounts,
             path=made.path,
             sensor=made.sensors[0],
             rate_hz=made.rate_hz,
-            channel_rate_hz=made.rate_hz,
+            rigid_below_hz=None,
         )
         newtons = 3 * 16e-3 * 2 * np.pi * turning_hz  # m e w^2, e w that of the grade
         np.testing.assert_allclose(abs(y), newtons * abs(sensor.response(turning_hz)), rtol=0.02)  # 200 Hz is far
