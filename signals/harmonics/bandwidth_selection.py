@@ -1,7 +1,7 @@
 """Maximum-likelihood bandwidth of each order: how fast its amplitude varies in a record.
 
 A tracker's `std` is right where its random walk varies as the amplitudes do. Here the amplitudes are random walks over
-nodes, an eighth of one over the largest bandwidth apart, and polynomials in between, straight lines with one or two
+nodes, a tenth of one over the largest bandwidth apart, and polynomials in between, straight lines with one or two
 poles: the moments of a block hold all information of its samples (see `_information_smoother`). The likelihood of the
 chain of nodes is found by integrating out its states one after the other: the product of the densities of a Kalman
 filter's innovations [1]_. Close orders share one chain; the others are tracked first and subtracted.
@@ -16,7 +16,7 @@ from __future__ import annotations
 
 from dataclasses import dataclass, replace
 from functools import cached_property
-from math import ceil, comb, sqrt
+from math import ceil, sqrt
 from typing import TYPE_CHECKING, Any
 
 import numpy as np
@@ -47,14 +47,11 @@ if TYPE_CHECKING:
 _LEAST_SHARE = 1e-3  # of the bandwidth that a record can show
 
 
-# Length of a block times the largest bandwidth: straight lines between nodes differ by a 150th from an envelope at the
-# edge of that band.
-BLOCK = 1 / 8
 # Orders whose frequencies come within so many largest bandwidths share a chain: subtracting a tracked order subtracts
 # the noise that its smoother passes, at this distance a hundredth.
 NEAR = 2.5
 # An order's own image averages out of the products of its regressors where it turns twice in a block.
-IMAGE = 2 / BLOCK
+IMAGE = 20
 # Smallest bandwidth times the record's length: with it an amplitude is a constant (one pole) or a polynomial.
 SMALLEST = 0.1
 # Ratio of the bandwidths tried first, and relative tolerance of the best one.
@@ -62,9 +59,9 @@ RATIO, FINE = 2.0, 0.02
 # Log likelihoods that differ by less are equal, and the smallest bandwidth is taken; below some 1 / record all are.
 ALIKE = 1e-3
 SWEEPS = 5
-# Largest leakage of an order that is not smoothed with another before it is subtracted, and largest relative rest of a
-# subtracted order at the edge of the largest bandwidth: a quarter of what straight lines between nodes lose there.
-SUBTRACTED, DROOP = 3e-4, 3e-3
+# Largest leakage of an order that is not smoothed with another before it is subtracted, and what straight lines between
+# nodes lose of an envelope at the edge of the largest bandwidth.
+SUBTRACTED, DROOP = 3e-4, 8e-3
 # Prior in standard deviations of a block's noise: wide enough not to change the shape of the likelihood, narrow enough
 # that rounding of its square is negligible.
 PRIOR_STD = 1e3
@@ -167,7 +164,7 @@ def likely_bandwidth(
         largest_bandwidth_orders=largest_bandwidth_orders, samples_per_rev=samples_per_rev,
     )  # fmt: skip
     try:
-        return _Chains.of(model, record, noise).most_likely() * rate
+        return _most_likely(model, record, noise) * rate
     except np.linalg.LinAlgError as error:
         raise lost(model, "fast") from error
 
@@ -198,87 +195,40 @@ def _checked(
     return model, record, noise, rate
 
 
-@dataclass(frozen=True, kw_only=True, eq=False)
-class _Chains:
-    """Orders without all others, each over the standard deviation of its noise.
-
-    The model is of all orders, at the largest bandwidth; the grid has blocks short enough to subtract orders, and to
-    smooth them, of which `blocks` are one of the likelihood. `std`, (order,), is of the noise, one for all of a group;
-    `alone` and `groups` are orders that no other is near, and others, with their data.
-    """
-
-    model: HarmonicModel
-    grid: Grid
-    blocks: int
-    std: Floats
-    alone: tuple[Indices, Floats]
-    groups: list[tuple[Indices, Floats]]
-
-    @classmethod
-    def of(cls, model: HarmonicModel, x: Floats, noise: Floats | None) -> _Chains:
-        """Separate the orders of a record at the largest bandwidth."""
-        seen, width = ~np.isnan(x), float(model.bandwidth[0, 0])
-        # Amplitudes of one pole are straight lines between nodes here, also those that are subtracted.
-        smooth = replace(model, poles=max(2, model.poles))
-        grid = Grid(
-            model=smooth, x=x[None], seen=seen, length=block_length(smooth, x.size, DROOP), tolerance=SUBTRACTED
-        )
-        startup = min(ceil(1 / width) + smooth.state_size, x.size // 2)
-        fit = BlockFit.of(grid)
-        if fit.coupling:
-            fit.coupling.smooth_ends(fit.smoothed)
-        if noise is None:
-            white = np.full(1, np.nan) if fit.alike else fit.residuals(startup).mean_square
-            noise = noise_density(x[None], seen, model, white)[0].mean(axis=-1)
-            if np.isnan(noise).any():
-                noise = np.where(np.isnan(noise), fit.residuals(startup).mean_square, noise)
-        std = np.sqrt(np.where(noise > 0, noise, 1.0))
-        others = WithoutOthers(grid, fit.smoothed.levels)
-        blocks = max(1, int(BLOCK / (width * grid.length)))
-        alone, near = _groups(Closeness.of(grid.model), seen, blocks * grid.length)
-        for group in near:
-            std[group] = std[group].mean()
-        return cls(
-            model=model, grid=grid, blocks=blocks, std=std, alone=(alone, others.alone(alone) / std[alone, None, None]),
-            groups=[(group, others.together(group) / std[group[0]]) for group in near],
-        )  # fmt: skip
-
-    def most_likely(self) -> Floats:
-        """Return the (order,) bandwidths in cycles per sample."""
-        model, blocks, width = self.model, self.blocks, float(self.model.bandwidth[0, 0])
-        length = blocks * self.grid.length
-        prior_std = PRIOR_STD * sqrt(2 / length)
-        nodes = replace(self.grid, length=length, model=replace(self.grid.model, prior_std=prior_std))
-        found, smallest = np.empty(model.orders.size), min(SMALLEST / nodes.samples, width)
-        tried = np.linspace(np.log(smallest), np.log(width), 2 + int(np.log(width / smallest) / np.log(RATIO)))
-        (alone, data), counts = self.alone, nodes.at_nodes(nodes.seen_counts)
-        chains = [
-            (order, chain_alone(nodes, order, joined(data[:, :, [place]], blocks), counts))
-            for place, order in enumerate(alone.reshape(-1, 1))
-        ]
-        for group, own in self.groups:
-            everything, prior = slice(0, nodes.nodes), prior_at(nodes, group)
-            chains.append((group, chain_together(nodes, group, everything, joined(own, blocks), prior)))
-        for group, chain in chains:
-            likelihood = ChainLikelihood.of(model.subset(group), chain, length)
-            found[group] = _maximise(likelihood.log_likelihood, tried, orders=group.size)
-        return found
-
-
-def joined(data: Floats, blocks: int) -> Floats:
-    """Return the (node, moment, ...) data of blocks joined `blocks` at a time, both as `Grid.at_nodes` has them.
-
-    The place v in the short block h is the place (h + v) / blocks in the long one.
-    """
-    moments, filled = data.shape[1], -(-(len(data) - 1) // blocks)
-    short = np.zeros((filled * blocks, *data.shape[1:]))
-    short[: len(data) - 1] = data[1:]
-    shift = np.zeros((blocks, moments, moments))
-    for m in range(moments):
-        for i in range(m + 1):
-            shift[:, m, i] = comb(m, i) * np.arange(blocks, dtype=np.float64) ** (m - i) / float(blocks) ** m
-    long = np.einsum("hmi,bhi...->bm...", shift, short.reshape(filled, blocks, *data.shape[1:]))
-    return np.concatenate([np.zeros_like(long[:1]), long])
+def _most_likely(model: HarmonicModel, x: Floats, noise: Floats | None) -> Floats:
+    """Return the (order,) bandwidths in cycles per sample; the model has the largest one."""
+    seen, width = ~np.isnan(x), float(model.bandwidth[0, 0])
+    # Amplitudes of one pole are straight lines between nodes here, also those that are subtracted.
+    smooth = replace(model, poles=max(2, model.poles))
+    length = block_length(smooth, x.size, DROOP)
+    grid = Grid(model=smooth, x=x[None], seen=seen, length=length, tolerance=SUBTRACTED)
+    startup = min(ceil(1 / width) + smooth.state_size, x.size // 2)
+    fit = BlockFit.of(grid)
+    if fit.coupling:
+        fit.coupling.smooth_ends(fit.smoothed)
+    if noise is None:
+        white = np.full(1, np.nan) if fit.alike else fit.residuals(startup).mean_square
+        noise = noise_density(x[None], seen, model, white)[0].mean(axis=-1)
+        if np.isnan(noise).any():
+            noise = np.where(np.isnan(noise), fit.residuals(startup).mean_square, noise)
+    std = np.sqrt(np.where(noise > 0, noise, 1.0))
+    others = WithoutOthers(grid, fit.smoothed.levels)
+    alone, near = _groups(Closeness.of(smooth), seen, length)
+    nodes = replace(grid, model=replace(smooth, prior_std=PRIOR_STD * sqrt(2 / length)))
+    data, counts = others.alone(alone) / std[alone, None, None], nodes.at_nodes(nodes.seen_counts)
+    chains = [
+        (order, chain_alone(nodes, order, data[:, :, [place]], counts))
+        for place, order in enumerate(alone.reshape(-1, 1))
+    ]
+    for group in near:
+        own, prior = others.together(group) / std[group].mean(), prior_at(nodes, group)
+        chains.append((group, chain_together(nodes, group, slice(0, nodes.nodes), own, prior)))
+    found, smallest = np.empty(model.orders.size), min(SMALLEST / x.size, width)
+    tried = np.linspace(np.log(smallest), np.log(width), 2 + int(np.log(width / smallest) / np.log(RATIO)))
+    for group, chain in chains:
+        likelihood = ChainLikelihood.of(model.subset(group), chain, length)
+        found[group] = _maximise(likelihood.log_likelihood, tried, orders=group.size)
+    return found
 
 
 def _maximise(log_likelihood: Callable[[Floats], Floats], start: Floats, *, orders: int) -> Floats:
