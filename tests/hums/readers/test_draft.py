@@ -30,13 +30,7 @@ def mat(path):
     ("name", "write", "filled", "channel", "rate_hz"),
     [
         ("log.csv", write_logger_table, ("time_zone = ",), "DE", 1000),
-        (
-            "a.wav",
-            lambda path: wavfile.write(path, 8000, NOISE.astype(np.float32)),
-            ('"channel 1" = "g"',),
-            "channel 1",
-            8000,
-        ),
+        ("a.wav", wav, ('"channel 1" = "g"',), "channel 1", 8000),
         ("K001.mat", mat, ("rate_hz = ", 'vibration_1 = "g"'), "vibration_1", 25600),
         ("a.npz", lambda path: np.savez(path, DE=NOISE, fs=12_000, units="g"), (), "DE", 12000),
     ],

@@ -66,13 +66,8 @@ def write(path, *segments, form=("\t", ".", "One")):
     return path
 
 
-@pytest.mark.parametrize("separator", ["\t", ","])
-@pytest.mark.parametrize("decimal", [".", ","])
-@pytest.mark.parametrize("x_columns", ["No", "One", "Multi"])
-def test_channels_units_rate_and_start(tmp_path, separator, decimal, x_columns):
-    if separator == decimal:
-        pytest.skip("no writer separates cells by the decimal sign")
-    form = (separator, decimal, x_columns)
+@pytest.mark.parametrize("form", [("\t", ".", "No"), ("\t", ",", "One"), (",", ".", "One"), ("\t", ",", "Multi")])
+def test_channels_units_rate_and_start(tmp_path, form):
     path = write(tmp_path / "a.lvm", segment(*form, x0=0.5), form=form)
     record = hums.convert(
         path, channels=["DE"], tach_waveform="tacho", pulses_per_rev=1, shaft="input", time_zone="UTC"
@@ -98,12 +93,6 @@ def test_segments_follow_each_other_or_leave_a_gap(tmp_path, time, missing):
     assert_array_equal(record.DE, np.r_[WAVES["DE"], np.full(20, np.nan), WAVES["DE"]])
 
 
-def test_segments_that_run_backwards_are_refused(tmp_path):
-    path = write(tmp_path / "a.lvm", segment(), segment(time="13:06:00"))
-    with pytest.raises(RecordError, match="run backwards"):
-        hums.convert(path, channels=["DE"], **NONE)
-
-
 def test_packets_of_which_only_the_first_has_a_header(tmp_path):
     later = [f"{(COUNT + k) * STEP_S:.9f}\t{value}\t0\t" for k, value in enumerate(WAVES["DE"])]
     path = write(tmp_path / "a.lvm", [*segment(), *later])
@@ -125,9 +114,3 @@ def test_a_file_cut_off(tmp_path, kept):
     path.write_bytes(whole[: int(kept * len(whole)) if isinstance(kept, float) else kept])
     with pytest.raises(RecordError, match=r"a\.lvm (is damaged|has no header of a segment|is no LabVIEW)"):
         read_file(path)
-
-
-def test_what_is_no_labview_measurement(tmp_path):
-    (tmp_path / "a.lvm").write_text("time,acc\n0,1\n")
-    with pytest.raises(RecordError, match="its first line does not say so"):
-        read_file(tmp_path / "a.lvm")

@@ -56,19 +56,6 @@ def test_a_record_is_the_same_there_and_here(path):
         assert there.a.dtype == here.a.dtype
 
 
-def test_only_what_is_asked_for_comes_through_the_pipe(path, monkeypatch):
-    received, receive = [], ReaderProcess._received
-
-    def count(self, file):
-        received.append(receive(self, file))
-        return received[-1]
-
-    monkeypatch.setattr(ReaderProcess, "_received", count)
-    with ReaderProcess() as reader, reader.open_record(path) as record:
-        record.a[:100].load()
-    assert sum(map(len, received)) < 8 * NOISE.shape[1] / 10
-
-
 def test_convert_is_the_same_there_and_here(tmp_path):
     np.savetxt(tmp_path / "log.csv", NOISE[0][:500], header="vib", comments="")
     with ReaderProcess() as reader:
@@ -129,12 +116,3 @@ def test_the_commands_survive(evil, tmp_path, monkeypatch, capsys, words):
     monkeypatch.setattr(sys, "argv", ["hums", words[0], str(file), *words[1:]])
     assert main() == 1
     assert "evil.h5: the process that reads it crashed" in capsys.readouterr().err
-
-
-def test_the_command_convert_survives(path, tmp_path, monkeypatch, capsys):
-    monkeypatch.setattr(process, "convert", lambda *_, **__: os.kill(os.getpid(), signal.SIGSEGV))
-    words = ["hums", "convert", str(path), str(tmp_path / "new.h5"), "--channel", "a"]
-    monkeypatch.setattr(sys, "argv", words)
-    assert main() == 1
-    assert "good.h5: the process that reads it crashed" in capsys.readouterr().err
-    assert not (tmp_path / "new.h5").exists()

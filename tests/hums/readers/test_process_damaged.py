@@ -37,18 +37,6 @@ def valid_file(tmp_path, kind):
     return path, CHANNELS.get(kind, "vib")
 
 
-def test_an_earlier_analysis_is_read_in_the_process(tmp_path):
-    rng = np.random.default_rng(0)
-    record = hums.make_record(
-        {"housing": rng.normal(size=8000)}, rate_hz=4000, units="g", angle=hums.NominalSpeed(rpm=1200, shaft="input")
-    )
-    settings = hums.AnalysisSettings(most_tracks=0, envelope_band_hz=None, pictures=False)
-    analysis = hums.analyze(record, hums.load_gearbox("two-stage"), settings=settings)
-    hums.save_analysis(analysis, tmp_path / "analysis.h5")
-    with ReaderProcess() as reader, reader.open_tree(tmp_path / "analysis.h5") as there:
-        assert hums.summary(there) == hums.summary(analysis)
-
-
 def test_a_tree_is_the_same_there_and_here(tmp_path):
     lines = xr.Dataset(
         {

@@ -1,9 +1,6 @@
 """Other people's files: what each format holds, what a user has to declare, and the sentence for each mistake."""
 
 import struct
-import subprocess
-import sys
-import warnings
 
 import h5py
 import numpy as np
@@ -69,6 +66,8 @@ def modern(tmp_path):
         file["waves"] = np.zeros(5, dtype=[("real", "f8"), ("imag", "f8")])
         add("nothing", np.zeros(2, dtype=np.uint64), "double")
         file["nothing"].attrs["MATLAB_empty"] = np.uint8(1)
+        file["sparse/data"], file["sparse/ir"], file["sparse/jc"] = np.ones(4), np.arange(4), np.arange(5)
+        file["sparse"].attrs.update({"MATLAB_class": np.bytes_("double"), "MATLAB_sparse": np.uint64(4)})
     with (tmp_path / "data.mat").open("r+b") as stream:
         stream.write(b"MATLAB 7.3 MAT-file, Platform: GLNXA64".ljust(124) + b"\x00\x02IM")
     return tmp_path / "data.mat"
@@ -119,19 +118,11 @@ def test_rows_columns_and_fields_of_structs(mat):
     assert record["counts"].dtype == np.float64
 
 
-def test_single_precision_stays(modern):
-    assert read(modern, channels=["row"], scale=2.0)["row"].dtype == np.float32
-
-
 def test_a_waveform_in_the_file(classic):
     record = read(classic, tach_waveform="wave", pulses_per_rev=1, shaft="input")
     assert tachometers(record) == ["tachometer"]
     # A sine at 7.3 Hz rises through its middle every 1 / 7.3 s, interpolation errs by far less than a sample.
     assert_allclose(record["tachometer"], np.arange(1, 15) / 7.3, rtol=0, atol=0.01 / RATE_HZ)
-
-
-def test_a_declared_speed(mat):
-    assert float(nominal_speed(read(mat))) == 25.0
 
 
 def test_scale_turns_volts_into_units(mat):
@@ -147,29 +138,25 @@ def test_a_channel_that_is_not_there(mat):
     assert "notes (text)" in text
 
 
-def test_no_channel_named(mat):
-    text = refusal(mat, channels=[])
-    assert "--channel" in text
-    assert "vibration (2000 x 1)" in text
-
-
 @pytest.mark.parametrize(
-    ("name", "what"),
+    ("changes", "what"),
     [
-        ("notes", "is text, not numbers"),
-        ("cells", "is a cell array, not numbers"),
-        ("waves", "is complex numbers"),
-        ("nothing", "is empty"),
-        ("table", "is a table of 2000 x 3 values"),
+        ({"channels": ["notes"]}, '"notes" is text, not numbers'),
+        ({"channels": ["cells"]}, '"cells" is a cell array, not numbers'),
+        ({"channels": ["waves"]}, '"waves" is complex numbers'),
+        ({"channels": ["nothing"]}, '"nothing" is empty'),
+        ({"channels": ["sparse"]}, '"sparse" is a sparse matrix'),
+        ({"channels": ["table"]}, '"table" is a table of 2000 x 3 values'),
+        ({"channels": []}, "--channel"),
+        *(({"rate_hz": rate_hz}, f"rate_hz = {rate_hz!r}: input should be") for rate_hz in ("48000", 0, np.nan, True)),
+        *(({"scale": scale}, f"scale: {scale!r} is no finite number") for scale in (0, np.inf, True, "2")),
+        ({"shaft_rpm": 1500.0, "shaft": None}, "shaft_rpm needs the shaft"),
+        ({"pulses_per_rev": 1}, "no meaning with shaft_rpm"),
+        ({"shaft_rpm": -3, "shaft": "input"}, "shaft_rpm = -3"),
     ],
 )
-def test_what_is_no_channel(mat, name, what):
-    assert f'"{name}" {what}' in refusal(mat, channels=[name])
-
-
-def test_what_is_no_channel_in_one_version_only(classic):
-    assert '"sparse" is a sparse matrix' in refusal(classic, channels=["sparse"])
-    assert '"bearing.label" is text' in refusal(classic, channels=["bearing.label"])
+def test_what_is_no_channel_rate_scale_or_speed(mat, changes, what):
+    assert what in refusal(mat, **changes)
 
 
 @pytest.mark.parametrize("version", ["classic", "7.3"])
@@ -206,15 +193,6 @@ def test_objects_of_version_7_3_are_not_taken_for_their_keys(modern, matlab_clas
     assert f'"thing" is {what}, not numbers' in refusal(modern, channels=["thing"])
 
 
-def test_a_sparse_matrix_of_version_7_3(modern):
-    with h5py.File(modern, mode="r+") as file:
-        group = file.create_group("thin")
-        group.attrs["MATLAB_class"] = np.bytes_("double")
-        group.attrs["MATLAB_sparse"] = np.uint64(4)
-        group["data"], group["ir"], group["jc"] = np.ones(4), np.arange(4), np.arange(5)
-    assert '"thin" is a sparse matrix' in refusal(modern, channels=["thin"])
-
-
 def test_truth_values_are_numbers_in_either_version(classic, modern):
     pulses = (np.arange(2000) % 100 < 10)[:, None]
     savemat(classic, {"wave": pulses, "vibration": NOISE})
@@ -229,11 +207,7 @@ def test_truth_values_are_numbers_in_either_version(classic, modern):
         assert_allclose(record["tachometer"], rises_s, rtol=1e-12)
 
 
-def test_references_of_cells_are_not_offered(modern):
-    assert not any(name.startswith("#") for name in read_file(modern).fields)
-
-
-@pytest.mark.parametrize("kept", [1, 100, 130, 200, 0.5, -8])
+@pytest.mark.parametrize("kept", [1, 130, 0.5, -8])
 def test_a_mat_file_cut_off(mat, kept):
     whole = mat.read_bytes()
     mat.write_bytes(whole[: int(kept * len(whole)) if isinstance(kept, float) else kept])
@@ -266,17 +240,6 @@ def test_undeclared_rate_units_and_angle(mat):
 )
 def test_mistakes_about_the_tachometer(mat, changes, sentence):
     assert sentence in refusal(mat, **(ANGLE | changes))
-
-
-def test_mistakes_about_a_declared_speed(mat):
-    assert "shaft_rpm needs the shaft" in refusal(mat, shaft_rpm=1500.0, shaft=None)
-    assert "no meaning with shaft_rpm" in refusal(mat, pulses_per_rev=1)
-    assert "shaft_rpm = -3" in refusal(mat, shaft_rpm=-3, shaft="input")
-
-
-@pytest.mark.parametrize("scale", [0, np.nan, np.inf, True, "2"])
-def test_a_scale_is_a_number(mat, scale):
-    assert f"scale: {scale!r} is no finite number" in refusal(mat, scale=scale)
 
 
 # ---- WAV ---------------------------------------------------------------------------------------------------
@@ -326,13 +289,6 @@ def test_a_rate_that_contradicts_the_wav(tmp_path):
     assert sampling(read(tmp_path / "a.wav", channels=["channel 1"], rate_hz=97656.25), "channel 1").rate_hz == 97656.25
 
 
-@pytest.mark.parametrize("rate_hz", ["48000", 0, -48000, np.nan, True])
-def test_a_rate_that_is_none(mat, tmp_path, rate_hz):
-    wavfile.write(tmp_path / "a.wav", 48000, np.zeros(100, dtype=np.int16))
-    for path, channel in ((tmp_path / "a.wav", "channel 1"), (mat, "vibration")):
-        assert f"rate_hz = {rate_hz!r}: input should be" in refusal(path, channels=[channel], rate_hz=rate_hz)
-
-
 def test_chunks_that_are_not_sound_are_passed_over(tmp_path):
     wavfile.write(tmp_path / "a.wav", 8000, np.arange(100, dtype=np.int16))
     sound = (tmp_path / "a.wav").read_bytes()
@@ -341,7 +297,7 @@ def test_chunks_that_are_not_sound_are_passed_over(tmp_path):
     assert_array_equal(read(tmp_path / "a.wav", channels=["channel 1"], rate_hz=None)["channel 1"] * 2**15, range(100))
 
 
-@pytest.mark.parametrize("kept", [3, 20, 40, 44, 150])
+@pytest.mark.parametrize("kept", [3, 40, 150])
 def test_a_wav_cut_off(tmp_path, kept):
     wavfile.write(tmp_path / "a.wav", 8000, np.arange(100, dtype=np.int16))
     (tmp_path / "a.wav").write_bytes((tmp_path / "a.wav").read_bytes()[:kept])
@@ -367,16 +323,15 @@ def write(tmp_path, text, encoding="utf-8"):
         '"time","acc"\n"0","1.5"\n"1","-2"\n"2","1e3"\n',
     ],
 )
-@pytest.mark.parametrize("encoding", ["utf-8", "utf-8-sig"])
-def test_a_csv_with_a_header(tmp_path, text, encoding):
-    fields = read_file(write(tmp_path, text, encoding)).fields
+def test_a_csv_with_a_header(tmp_path, text):
+    fields = read_file(write(tmp_path, text, "utf-8-sig" if text[0] == '"' else "utf-8")).fields
     assert list(fields) == ["time", "acc"]
     assert_array_equal(fields["acc"], [1.5, -2, 1000])
 
 
 @pytest.mark.parametrize(
     "text",
-    ["0,1.5\n1,-2\n", "0;1,5\n1;-2\n", "0,1;1,5\n1;-2\n", ",1.5\n1,-2\n", "0,1\t1,5\n1,0\t-2\n", "0\t1.5\n1\t-2\n"],
+    ["0,1.5\n1,-2\n", "0,1;1,5\n1;-2\n", ",1.5\n1,-2\n", "0\t1.5\n1\t-2\n"],
 )
 def test_a_csv_without_a_header(tmp_path, text):
     record = read(write(tmp_path, text), channels=["column 2"])
@@ -414,10 +369,6 @@ def test_truth_values_are_text(tmp_path):
         assert '"state" is text, "True" in line 2' in refusal(path, channels=["state"], scale=2.0)
 
 
-def test_a_header_and_nothing_else(tmp_path):
-    assert '"acc" is empty, not numbers' in refusal(write(tmp_path, "acc,b\n"), channels=["acc"])
-
-
 def test_whole_numbers_of_more_than_64_bits(tmp_path):
     path = write(tmp_path, "acc\n100000000000000000000\n1\n")
     assert_array_equal(read(path, channels=["acc"])["acc"], [1e20, 1])
@@ -427,7 +378,7 @@ def test_two_columns_of_one_name(tmp_path):
     assert 'two columns are named "acc"' in refusal(write(tmp_path, "acc,acc \n1,2\n"), channels=["acc"])
 
 
-@pytest.mark.parametrize("name", ["time", "t", "time_s", "Time [s]", "Zeit (s)", "T"])
+@pytest.mark.parametrize("name", ["t", "Zeit (s)", "T"])
 def test_a_column_of_times_that_contradicts_the_rate(tmp_path, name):
     rows = "".join(f"{0.5 + k / 512:.3f},{k}\n" for k in range(1000))  # printed to half a step
     path = write(tmp_path, f"{name},acc\n{rows}")
@@ -477,18 +428,13 @@ def test_tables_as_loggers_write_them(tmp_path, name, text, names, units):
     assert {one.units for one in found.stated.values()} == ({units} if units else set())
 
 
-def test_a_single_column_may_have_a_name_of_two_words(tmp_path):
-    path = write(tmp_path, "front bearing\n" + "".join(f"{k}\n" for k in range(9)))
-    assert list(read_file(path).fields) == ["front bearing"]
-
-
 def test_pulse_times_are_no_clock(tmp_path):
     path = write(tmp_path, "t,acc\n" + "".join(f"{k / 10},{k}\n" for k in range(100)))
     record = read(path, channels=["acc"], rate_hz=100, tach_times="t", pulses_per_rev=1, shaft="input")
     assert record["tachometer"].size == 100
 
 
-@pytest.mark.parametrize("encoding", ["utf-16", "utf-16-le", "utf-16-be"])
+@pytest.mark.parametrize("encoding", ["utf-16", "utf-16-be"])
 def test_utf_16(tmp_path, encoding):
     text = "time;Beschleunigung (µm)\r\n0;1,5\r\n1;-2\r\n2;1e3\r\n"
     file = read_file(write(tmp_path, text, encoding))
@@ -504,14 +450,10 @@ def test_short_rows_are_refused(tmp_path, text):
     assert f"the row in line {line} has 1 of 2 cells" in text
 
 
-def test_blank_cells_are_no_short_rows(tmp_path):
-    path = write(tmp_path, 'acc,"a, b"\n1,\n\n  \n2,3\n4,""\n')
-    assert_array_equal(read_file(path).fields["a, b"], [np.nan, 3, np.nan])
-
-
-@pytest.mark.parametrize("text", ["acc,b\n1,2,3\n4,5,6\n", "acc,b\n1,2\n4,5,6\n", "\n\n"])
+@pytest.mark.parametrize("text", ["acc,b\n1,2,3\n4,5,6\n", "acc,b\n1,2\n4,5,6\n", "\n\n", "acc,b\n"])
 def test_what_is_no_table(tmp_path, text):
-    assert "a.csv is no table of text, or damaged" in refusal(write(tmp_path, text), channels=["acc"])
+    text = refusal(write(tmp_path, text), channels=["acc"])
+    assert "a.csv is no table of text, or damaged" in text or '"acc" is empty, not numbers' in text
 
 
 @pytest.mark.parametrize("encoding", ["latin-1", "cp1252", "utf-8", "utf-16"])
@@ -630,24 +572,10 @@ def test_files_that_are_not_there(tmp_path, suffix):
     assert "is a directory" in refusal(tmp_path / f"folder{suffix}")
 
 
-@pytest.mark.parametrize("suffix", [".mat", ".wav"])
+@pytest.mark.parametrize("suffix", [".mat", ".wav", ".tdms", ".uff", ".h5", ".lvm"])
 def test_a_wrong_suffix(tmp_path, suffix):
     (tmp_path / f"data{suffix}").write_bytes(b"time,acc\n0,1\n" * 50)
-    assert f"data{suffix} is no " in refusal(tmp_path / f"data{suffix}")
-
-
-def test_warnings_are_as_before(tmp_path):
-    """Readers silence what their libraries warn of, and only while they read."""
-    wavfile.write(tmp_path / "a.wav", 8000, np.arange(100, dtype=np.int16))
-    before = list(warnings.filters)
-    read(tmp_path / "a.wav", channels=["channel 1"], rate_hz=None)
-    read(write(tmp_path, "acc\n1\n2\n"), channels=["acc"])
-    assert list(warnings.filters) == before
-
-
-def test_importing_the_readers_loads_no_parser():
-    code = "import sys, hums.readers; sys.exit(any(name in sys.modules for name in ('scipy.io', 'scipy.signal')))"
-    assert subprocess.run([sys.executable, "-c", code], check=False).returncode == 0
+    assert f"data{suffix} is no" in refusal(tmp_path / f"data{suffix}")
 
 
 # ---- measured records --------------------------------------------------------------------------------------
@@ -670,11 +598,3 @@ def test_a_struct_of_the_mfpt_set(real_data):
     # The set's description: three seconds at 48828 Hz.
     assert record.sizes["time"] == pytest.approx(3 * 48828, rel=1e-3)
     assert "bearing.sr" in read_file(source).fields
-
-
-def test_a_channel_of_the_cwru_set(real_data):
-    source = real_data / "cwru" / "IR007_0.mat"
-    record = convert(source, channels=["X105_DE_time"], rate_hz=12000, units="g", shaft_rpm=1797.0, shaft="motor")
-    assert record.sizes["time"] == 121265
-    with pytest.raises(RecordError, match='did you mean "X105_DE_time"'):
-        convert(source, channels=["X105_DE_tim"], rate_hz=12000, units="g", shaft_rpm=1797.0, shaft="motor")
