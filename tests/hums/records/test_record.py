@@ -1,6 +1,5 @@
 """Records: what the constructor builds, what survives slicing, and the sentence for every refusal."""
 
-import sys
 from datetime import UTC, datetime, timedelta, timezone
 
 import numpy as np
@@ -12,7 +11,6 @@ from numpy.testing import assert_allclose, assert_array_equal
 from xarray.indexes import RangeIndex
 
 from hums.records.record import (
-    UNITS,
     Channel,
     NominalSpeed,
     PulseTimes,
@@ -20,7 +18,6 @@ from hums.records.record import (
     TachometerWaveform,
     UnknownAngle,
     attach_time,
-    channel_values,
     check_record,
     detach_time,
     make_record,
@@ -119,20 +116,9 @@ def test_several_tachometers():
     assert record["keyphasor"].attrs["shaft"] == "output"
 
 
-def test_bare_arrays_take_their_units_from_a_mapping():
-    record = build({"a": NOISE, "b": NOISE}, units={"a": "g", "b": "mm/s"})
-    assert [record[name].attrs["units"] for name in "ab"] == ["g", "mm s-1"]
-
-
-@pytest.mark.parametrize(("units", "aliases"), UNITS.items())
-def test_every_spelling_of_a_unit_becomes_one(units, aliases):
-    for spelling in (units, *aliases, f" {units} "):
-        assert build(units=spelling)["case"].attrs["units"] == units
-
-
 @pytest.mark.parametrize(
     ("given", "kept"),
-    [("f4", "f4"), ("f8", "f8"), (">f4", "f4"), (">f8", "f8"), ("i2", "f8"), ("u1", "f8"), ("f2", "f8")],
+    [("f4", "f4"), (">f8", "f8"), ("u1", "f8"), ("f2", "f8")],
 )
 def test_floats_stay_and_integers_become_float64(given, kept):
     values = np.arange(50).astype(given)
@@ -172,28 +158,7 @@ def test_truth_is_passed_through():
     assert vibration_channels(record) == ["case"]
 
 
-def test_truth_with_a_time_axis_of_its_own_gets_that_of_the_record():
-    phase = xr.DataArray(np.arange(2000.0), dims="time", coords={"time": np.arange(2000) / RATE_HZ})
-    record = build(truth={"truth_phase": phase})
-    assert isinstance(record.xindexes["time"], RangeIndex)
-
-
-def test_the_arguments_are_not_changed():
-    attrs = {"site": "north"}
-    build(attrs=attrs)
-    assert attrs == {"site": "north"}
-
-
 # ---- the time axis -----------------------------------------------------------------------------------------
-
-
-def test_the_time_axis_is_computed_and_exact():
-    # At these rates arange(0, n / rate, 1 / rate) has one element too many.
-    for rate_hz, count in ((97656.0, 292968), (49.0, 49), (3.0, 7)):
-        record = build({"case": np.zeros(count)}, rate_hz=rate_hz, angle=SLOW)
-        assert record.sizes["time"] == count
-        assert isinstance(record.xindexes["time"], RangeIndex)
-        assert_allclose(record["time"], np.arange(count) / rate_hz, rtol=1e-14)
 
 
 @given(start=st.integers(0, 1998), length=st.integers(1, 2000))
@@ -220,18 +185,6 @@ def test_the_length_is_exact_at_any_rate(rate_hz, count, start_s, part):
         assert back["time"].to_numpy().shape == back["case"].shape == (count - skipped,)
         assert sampling(back, "case").rate_hz == rate_hz
         assert sampling(back, "case").start_s == pytest.approx(start_s + skipped / rate_hz, rel=1e-14)
-
-
-def test_a_slice_of_a_slice():
-    piece = (
-        build(angle=NOMINAL, start_s=5.0)
-        .isel(time=slice(100, None))
-        .isel(time=slice(10, 20))
-        .isel(time=slice(-4, None))
-    )
-    check_record(piece)
-    assert sampling(piece, "case").start_s == pytest.approx(5.116, rel=1e-14)
-    assert_array_equal(piece["case"], NOISE[116:120])
 
 
 def test_a_slice_by_time():
@@ -266,206 +219,129 @@ def test_a_channel_at_its_own_rate():
     assert_allclose(record["time_fast"], 0.5 + np.arange(4000) / 2000)
 
 
-def test_a_stated_rate_that_is_the_records_shares_its_axis():
-    record = build({"a": NOISE, "b": Channel(values=NOISE, units="g", rate_hz=RATE_HZ)})
-    assert record["b"].dims == ("time",)
-
-
 @pytest.mark.parametrize("pick", [slice(None, None, 2), slice(None, None, -1), [0, 5, 6]])
 def test_a_thinned_record_is_refused(pick):
     with pytest.raises(RecordError, match=r"does not run evenly at rate_hz=1000.*a stride aliases"):
         check_record(build().isel(time=pick))
 
 
-def test_one_sample_by_number_is_not_a_record():
-    with pytest.raises(RecordError, match='channel "case": dimensions'):
-        check_record(build().isel(time=3))
-
-
 # ---- what is refused ---------------------------------------------------------------------------------------
 
 
-@pytest.mark.parametrize("rate_hz", [0, -1000.0, np.nan, np.inf, True, "1000", None, [1000]])
-def test_a_rate_is_a_positive_number(rate_hz):
-    assert f"rate_hz={rate_hz!r}: a positive, finite number is needed" in refusal(rate_hz=rate_hz)
-    own = Channel(values=NOISE, units="g", rate_hz=rate_hz)
-    if rate_hz is not None:
-        assert 'channel "fast": rate_hz=' in refusal({"case": NOISE, "fast": own})
-
-
-@pytest.mark.parametrize("start_s", [np.nan, np.inf, "0", None, True])
-def test_a_start_is_a_finite_number(start_s):
-    assert f"start_s={start_s!r}: a finite number of seconds" in refusal(start_s=start_s)
-
-
-@pytest.mark.parametrize(
-    ("values", "sentence"),
-    [
-        ([], "empty"),
-        (np.zeros((2, 3)), r"shape (2, 3) where one row"),
-        (3.0, "shape () where one row"),
-        (["a", "b"], "values of type <U1"),
-        ([True, False], "values of type bool"),
-        ([1 + 2j], "values of type complex128"),
-        ([1.0, None], "values of type object"),
-        ([[1.0], [1.0, 2.0]], "not an array of numbers"),
-    ],
-)
-def test_a_channel_is_one_row_of_numbers(values, sentence):
-    assert f'channel "case": {sentence}' in refusal({"case": values})
-
-
-def test_channels_at_one_rate_have_one_length():
-    text = refusal({"a": NOISE, "b": NOISE[:-1], "c": NOISE})
-    assert '"b" has 1999 where the others have 2000' in text
-
-
-def test_a_waveform_at_the_rate_of_the_record_has_its_length():
-    wave = TachometerWaveform(values=np.sin(np.arange(500.0)), shaft="input", pulses_per_rev=1)
-    assert '"tachometer_waveform" has 500' in refusal(angle=wave)
-
-
-def test_a_waveform_cut_short_of_a_second_pulse():
-    once = TachometerWaveform(values=np.arange(2000) // 1000, shaft="input", pulses_per_rev=1)
-    assert "upwards 1 times; at least 2 pulses are needed" in refusal(angle=once)
-
-
-def test_pulse_times_in_place_of_a_waveform():
-    times = TachometerWaveform(values=np.linspace(0, 2, 2000), shaft="input", pulses_per_rev=1)
-    text = refusal(angle=times)
-    assert "looks like a list of pulse times, not a waveform" in text
-    assert "--tach-times" in text
-
-
-@pytest.mark.parametrize(("channels", "kind"), [(NOISE, "ndarray"), ([NOISE], "list")])
-def test_channels_without_names(channels, kind):
-    assert f"channels: a {kind}, which has no names" in refusal(channels)
-
-
-def test_no_channels():
-    assert "no vibration channel" in refusal({}, angle=NOMINAL)
-
-
-@pytest.mark.parametrize("units", [None, "", {}])
-def test_undeclared_units(units):
-    text = refusal(units=units)
-    assert 'channel "case": no units' in text
-    assert "--units g" in text
-    assert '"mm s-1"' in text
-
-
-@pytest.mark.parametrize("units", ["G", "furlong", "m s-3", 9.81])
-def test_unknown_units(units):
-    text = refusal({"case": Channel(values=NOISE, units=units)})
-    assert f"units={units!r} are not known" in text
-    assert '"g", "m s-2"' in text
-
-
-def test_units_for_a_channel_that_is_not_there_or_states_its_own():
-    assert 'units: no channel "cass"; the channels are case' in refusal(units={"cass": "g"})
-    own = Channel(values=NOISE, units="g")
-    assert "states its own already" in refusal({"case": own}, units={"case": "V"})
-
-
-@pytest.mark.parametrize("direction", [(0, 0, 0), (1, 0), (np.nan, 0, 1), ("x", "y", "z")])
-def test_a_direction_points_somewhere(direction):
-    assert "direction=" in refusal({"case": Channel(values=NOISE, units="g", direction=direction)})
-
-
-@pytest.mark.parametrize(
-    "moment",
-    ["yesterday", "2024-05-01T12:00:00", datetime(2024, 5, 1), 1.7e9, "0001-01-01T00:00:00+10:00"],  # noqa: DTZ001
-)
-def test_a_moment_has_a_time_zone(moment):
-    assert "recorded_at=" in refusal(recorded_at=moment)
-
-
-@pytest.mark.parametrize("angle", [None, [], 1500.0, np.arange(5.0), "1500", [1500.0]])
-def test_without_an_angle_all_three_ways_are_named(angle):
-    text = refusal(angle=angle)
-    for way in ("PulseTimes", "TachometerWaveform", "NominalSpeed"):
-        assert way in text
-    for option in ("--tach-times", "--tach-waveform", "--shaft-rpm"):
-        assert option in text
-
-
-WAVEFORM = TachometerWaveform(values=NOISE, shaft="input", pulses_per_rev=1, name="other")
-
-
-@pytest.mark.parametrize("angle", [[PULSES, NOMINAL], [PULSES, WAVEFORM], [NOMINAL, NOMINAL]])
-def test_one_kind_of_angle_only(angle):
-    assert "contradict each other or repeat" in refusal(angle=angle)
-
-
 def pulses(times_s, **changes):
-    return PulseTimes(**({"times_s": times_s, "shaft": "input", "pulses_per_rev": 1} | changes))
+    return {"angle": PulseTimes(**({"times_s": times_s, "shaft": "input", "pulses_per_rev": 1} | changes))}
 
 
-def test_pulses_that_run_backwards():
-    text = refusal(angle=pulses([0.1, 0.2, 0.15, 0.3]))
-    assert 'tachometer "tachometer": its times run backwards: pulse 2 is at 0.15 s, pulse 1 at 0.2 s' in text
-    assert "two of its times are equal: pulses 1 and 2 are both at 0.2 s" in refusal(angle=pulses([0.1, 0.2, 0.2, 0.3]))
+def waveform(values):
+    return {"angle": TachometerWaveform(values=values, shaft="input", pulses_per_rev=1)}
 
 
-def test_a_waveform_in_place_of_pulse_times():
-    text = refusal(angle=pulses(np.sin(0.1 * np.arange(2000))))
-    assert "--tach-waveform" in text
-    assert "such places in 2000" in text
+def turning(rpm, shaft="input"):
+    return {"angle": NominalSpeed(rpm=rpm, shaft=shaft)}
+
+
+def channel(**changes):
+    return {"channels": {"case": Channel(**({"values": NOISE, "units": "g"} | changes))}}
+
+
+def crack(name):
+    return xr.DataArray([1.0], dims="fault", coords={"fault": [name]})
+
+
+NO_ANGLE = "(?s)(?=.*PulseTimes)(?=.*TachometerWaveform)(?=.*NominalSpeed)(?=.*--tach-times)(?=.*--shaft-rpm)"
 
 
 @pytest.mark.parametrize(
-    ("times_s", "sentence"),
+    ("changes", "sentence"),
     [
-        ([0.1], "1 pulse; at least 2"),
-        ([], "empty"),
-        ([0.1, np.nan, 0.3], "pulse 1 is at nan"),
-        ([0.1, np.inf], "pulse 1 is at inf"),
-        ([[0.1, 0.2]], "shape (1, 2)"),
-        ([5.0, 6.0], "5 s to 6 s, lie outside of the record, 0 s to 2 s"),
-        ([-6.0, -5.0], "lie outside"),
-        (np.arange(100.0, 2000, 100), "not sample numbers"),
+        # rates and starts
+        *(
+            ({"rate_hz": rate}, f"rate_hz={rate!r}: a positive, finite number is needed")
+            for rate in (0, np.nan, np.inf, True, "1000", None)
+        ),
+        (channel(rate_hz=-1), 'channel "case": rate_hz='),
+        *(
+            ({"start_s": start}, f"start_s={start!r}: a finite number of seconds")
+            for start in (np.nan, "0", None, True)
+        ),
+        # values of channels
+        ({"channels": {"case": []}}, 'channel "case": empty'),
+        ({"channels": {"case": np.zeros((2, 3))}}, r"shape \(2, 3\) where one row"),
+        ({"channels": {"case": 3.0}}, r"shape \(\) where one row"),
+        ({"channels": {"case": ["a", "b"]}}, "values of type <U1"),
+        ({"channels": {"case": [True, False]}}, "values of type bool"),
+        ({"channels": {"case": [1 + 2j]}}, "values of type complex128"),
+        ({"channels": {"case": [[1.0], [1.0, 2.0]]}}, "not an array of numbers"),
+        ({"channels": {"a": NOISE, "b": NOISE[:-1], "c": NOISE}}, '"b" has 1999 where the others have 2000'),
+        ({"channels": NOISE}, "channels: a ndarray, which has no names"),
+        ({"channels": {}, **turning(1500)}, "no vibration channel"),
+        # units, directions, moments
+        *(({"units": units}, 'channel "case": no units.*--units g.*"mm s-1"') for units in (None, "", {})),
+        *((channel(units=units), f"units={units!r} are not known.*") for units in ("G", "m s-3", 9.81)),
+        ({"units": {"cass": "g"}}, 'units: no channel "cass"; the channels are case'),
+        ({**channel(), "units": {"case": "V"}}, "states its own already"),
+        *((channel(direction=way), "direction=") for way in ((0, 0, 0), (1, 0), (np.nan, 0, 1), ("x", "y", "z"))),
+        *(
+            ({"recorded_at": moment}, "recorded_at=")
+            for moment in ("yesterday", "2024-05-01T12:00:00", 1.7e9, "0001-01-01T00:00:00+10:00")
+        ),
+        # shaft angles
+        *(({"angle": angle}, NO_ANGLE) for angle in (None, [], 1500.0, np.arange(5.0), [1500.0])),
+        ({"angle": [PULSES, NOMINAL]}, "contradict each other or repeat"),
+        ({"angle": [NOMINAL, NOMINAL]}, "contradict each other or repeat"),
+        (waveform(np.sin(np.arange(500.0))), '"tachometer_waveform" has 500'),
+        (waveform(np.arange(2000) // 1000), "upwards 1 times; at least 2 pulses are needed"),
+        (waveform(np.linspace(0, 2, 2000)), "looks like a list of pulse times, not a waveform.*--tach-times"),
+        (waveform(np.zeros(2000)), 'tachometer "tachometer": no pulses found'),
+        (
+            pulses([0.1, 0.2, 0.15]),
+            'tachometer "tachometer": its times run backwards: pulse 2 is at 0.15 s, pulse 1 at',
+        ),
+        (pulses([0.1, 0.2, 0.2, 0.3]), "two of its times are equal: pulses 1 and 2 are both at 0.2 s"),
+        (pulses(np.sin(0.1 * np.arange(2000))), "(?s)(?=.*such places in 2000)(?=.*--tach-waveform)"),
+        (pulses([0.1]), "1 pulse; at least 2"),
+        (pulses([]), 'tachometer "tachometer": empty'),
+        (pulses([0.1, np.nan, 0.3]), "pulse 1 is at nan"),
+        (pulses([[0.1, 0.2]]), r"shape \(1, 2\)"),
+        (pulses([5.0, 6.0]), "5 s to 6 s, lie outside of the record, 0 s to 2 s"),
+        (pulses(np.arange(100.0, 2000, 100)), "not sample numbers"),
+        (
+            pulses(np.arange(5000) / 2500),
+            "0.0004 s apart on average, 0.4 samples at 1000 Hz: a pulse about every sample",
+        ),
+        *(
+            (pulses([0.1, 0.2], pulses_per_rev=count), f"pulses_per_rev={count!r}: a positive whole number")
+            for count in (0, 2.0, True, "2", None)
+        ),
+        (pulses([0.1, 0.2], shaft=""), "name the shaft"),
+        (turning(1500, shaft=""), "name the shaft"),
+        (turning(30000), "nominal speed: 30000 rpm is 500 rev/s, .* 1000 Hz cannot resolve; it must be below 500"),
+        *(
+            (turning(rpm), f"nominal speed: rpm={rpm!r}: a positive")
+            for rpm in (0, -1500, np.nan, np.inf, True, "1500")
+        ),
+        # names
+        ({"channels": {"tachometer": NOISE}}, "two parts of the record are named"),
+        ({"angle": [PULSES, PULSES]}, "two parts of the record are named"),
+        ({"channels": {"pulse_tachometer": NOISE}}, '"pulse_tachometer" is that of a dimension'),
+        ({"attrs": {"rate_hz": 1.0}}, '"rate_hz" is written by make_record'),
+        # truth
+        ({"truth": {"order": xr.DataArray(1.0)}}, "named truth_..."),
+        ({"truth": {"truth_order": 1.0}}, "an xarray.DataArray"),
+        ({"truth": {"truth_phase": xr.DataArray(np.zeros(7), dims="time")}}, "does not fit the record"),
+        ({"truth": {"truth_a/b": xr.DataArray(1.0)}}, "cannot be kept"),
+        ({"truth": {"truth_a": crack("crack"), "truth_b": crack("spall")}}, "does not fit the record"),
     ],
 )
-def test_pulse_times_that_make_no_sense(times_s, sentence):
-    text = refusal(angle=pulses(times_s))
-    assert text.startswith('tachometer "tachometer": ')
-    assert sentence in text
+def test_what_is_declared_wrongly(changes, sentence):
+    with pytest.raises(RecordError, match=sentence):
+        build(**changes)
 
 
-@pytest.mark.parametrize("count", [0, -1, 2.0, True, "2", None, np.nan])
-def test_pulses_per_rev_is_a_positive_whole_number(count):
-    text = refusal(angle=pulses([0.1, 0.2], pulses_per_rev=count))
-    assert f"pulses_per_rev={count!r}: a positive whole number" in text
-
-
-@pytest.mark.parametrize("source", [pulses([0.1, 0.2], shaft=""), NominalSpeed(rpm=1500, shaft="")])
-def test_a_shaft_has_a_name(source):
-    assert "name the shaft" in refusal(angle=source)
-
-
-@pytest.mark.parametrize("rpm", [1e9, 30000])
-def test_a_declared_speed_that_the_samples_cannot_show(rpm):
-    text = refusal(angle=NominalSpeed(rpm=rpm, shaft="input"))
-    assert f"nominal speed: {rpm:g} rpm is {rpm / 60:g} rev/s" in text
-    assert "samples at 1000 Hz cannot resolve; it must be below 500" in text
-    assert nominal_speed(build(angle=NominalSpeed(rpm=29999, shaft="input"))) is not None
-
-
-def test_pulses_closer_than_samples():
-    text = refusal(angle=pulses(np.arange(5000) / 2500))
-    assert "its pulses are 0.0004 s apart on average, 0.4 samples at 1000 Hz: a pulse about every sample" in text
-    fast = Channel(values=np.zeros(20000), units="g", rate_hz=10000)  # one channel that shows them is enough
-    assert tachometers(build({"case": NOISE, "fast": fast}, angle=pulses(np.arange(5000) / 2500)))
-
-
-@pytest.mark.parametrize("rpm", [0, -1500, np.nan, np.inf, True, "1500"])
-def test_a_declared_speed_is_positive(rpm):
-    assert f"nominal speed: rpm={rpm!r}: a positive" in refusal(angle=NominalSpeed(rpm=rpm, shaft="input"))
-
-
-def test_a_waveform_without_pulses():
-    flat = TachometerWaveform(values=np.zeros(2000), shaft="input", pulses_per_rev=1)
-    assert 'tachometer "tachometer": no pulses found' in refusal(angle=flat)
+def test_one_channel_that_shows_the_pulses_is_enough():
+    fast = Channel(values=np.zeros(20000), units="g", rate_hz=10000)
+    assert tachometers(build({"case": NOISE, "fast": fast}, **pulses(np.arange(5000) / 2500)))
+    assert nominal_speed(build(**turning(29999))) is not None
 
 
 @pytest.mark.parametrize(
@@ -473,76 +349,15 @@ def test_a_waveform_without_pulses():
 )
 def test_names_that_cannot_be_kept(name):
     assert refusal({name: NOISE}).startswith("channel: the name")
-    assert refusal(angle=pulses([0.1, 0.2], name=name)).startswith("tachometer: the name")
-
-
-@pytest.mark.parametrize(
-    ("channels", "angle"),
-    [
-        ({"tachometer": NOISE}, PULSES),
-        ({"tachometer_waveform": NOISE}, TachometerWaveform(values=np.sin(NOISE), shaft="i", pulses_per_rev=1)),
-        ({"case": NOISE}, [PULSES, PULSES]),
-    ],
-)
-def test_two_parts_of_one_name(channels, angle):
-    assert "two parts of the record are named" in refusal(channels, angle=angle)
-
-
-def test_a_name_of_a_dimension():
-    assert '"pulse_tachometer" is that of a dimension' in refusal({"pulse_tachometer": NOISE})
-
-
-@pytest.mark.parametrize(
-    ("truth", "sentence"),
-    [
-        ({"order": xr.DataArray(1.0)}, "named truth_..."),
-        ({"truth_order": 1.0}, "an xarray.DataArray"),
-        ({"truth_phase": xr.DataArray(np.zeros(7), dims="time")}, "does not fit the record"),
-        ({"truth_a/b": xr.DataArray(1.0)}, "cannot be kept"),
-        (
-            {
-                "truth_a": xr.DataArray([1.0], dims="fault", coords={"fault": ["crack"]}),
-                "truth_b": xr.DataArray([1.0], dims="fault", coords={"fault": ["spall"]}),
-            },
-            "does not fit the record",
-        ),
-    ],
-)
-def test_truth_that_does_not_fit(truth, sentence):
-    assert sentence in refusal(truth=truth)
-
-
-def test_attributes_of_the_record_itself():
-    assert '"rate_hz" is written by make_record' in refusal(attrs={"rate_hz": 1.0})
+    assert refusal(**pulses([0.1, 0.2], name=name)).startswith("tachometer: the name")
 
 
 # ---- what is no record -------------------------------------------------------------------------------------
 
 
-def without_angle(record):
-    return record.drop_vars("tachometer")
-
-
-def with_extra_variable(record):
-    return record.assign(extra=("time", NOISE))
-
-
-def with_both_kinds(record):
-    return record.assign(nominal_speed=((), 25.0, {"shaft": "input"}))
-
-
-def with_two_dimensions(record):
-    return record.assign(case=(("time", "x"), np.zeros((2000, 2)), record["case"].attrs))
-
-
-def with_an_alias_for_units(record):
-    return record.assign(case=record["case"].assign_attrs(units="m/s^2"))
-
-
 @pytest.mark.parametrize(
     ("spoil", "sentence"),
     [
-        (lambda _: np.zeros(3), "is an xarray.Dataset, not a ndarray"),
         (lambda record: record["case"], "is an xarray.Dataset, not a DataArray"),
         (lambda record: record.drop_attrs(), "schema=None"),
         (lambda record: record.assign_attrs(rate_hz=0.0), "attribute rate_hz=0.0"),
@@ -550,18 +365,27 @@ def with_an_alias_for_units(record):
         (lambda record: record.drop_vars("time"), "does not run evenly"),
         (lambda record: record.drop_vars("case"), "no vibration channel"),
         (lambda record: record.isel(time=slice(0, 0)), "empty"),
+        (lambda record: record.isel(time=3), 'channel "case": dimensions'),
         (lambda record: record.astype(np.int32), "float32 or float64"),
-        (without_angle, "this record has no source of shaft angle"),
-        (with_extra_variable, 'variable "extra" is no part of a record'),
-        (with_both_kinds, "both nominal_speed and the tachometer"),
-        (with_two_dimensions, "a channel has one"),
-        (with_an_alias_for_units, 'units="m/s^2" are written "m s-2"'),
+        (lambda record: record.drop_vars("tachometer"), "this record has no source of shaft angle"),
+        (lambda record: record.assign(extra=("time", NOISE)), 'variable "extra" is no part of a record'),
+        (
+            lambda record: record.assign(nominal_speed=((), 25.0, {"shaft": "input"})),
+            "both nominal_speed and the tachometer",
+        ),
+        (
+            lambda record: record.assign(case=(("time", "x"), np.zeros((2000, 2)), record["case"].attrs)),
+            "a channel has one",
+        ),
+        (
+            lambda record: record.assign(case=record["case"].assign_attrs(units="m/s^2")),
+            'units="m/s\\^2" are written "m s-2"',
+        ),
     ],
 )
 def test_what_is_no_record(spoil, sentence):
-    with pytest.raises(RecordError) as caught:
+    with pytest.raises(RecordError, match=sentence):
         check_record(spoil(build()))
-    assert sentence in str(caught.value)
 
 
 def stored_axis(record, times_s):
@@ -594,16 +418,6 @@ def test_a_renamed_channel_stays_one():
     record = build({"case": NOISE, "fast": fast}).rename(fast="quick", case="housing")
     check_record(record)
     assert sampling(record, "quick").rate_hz == 2000
-
-
-def test_values_of_a_channel():
-    assert_array_equal(channel_values(build(), "case"), NOISE)
-
-
-def test_pulses_are_all_that_is_asked_of_signals(monkeypatch):
-    monkeypatch.setitem(sys.modules, "signals.shaft.tachometer", None)
-    build()
-    build(angle=NOMINAL)
 
 
 # ---- channels that state their own sampling ----------------------------------------------------------------

@@ -60,6 +60,8 @@ def test_each_has_its_speed_and_what_was_measured():
         [short(n, rpm=1500 + n, measured={"torque": Measured(values=0.1 * n, units="kN m")}) for n in range(3)]
     )
     assert "snapshot_s" not in joined.coords  # their times are not known
+    with pytest.raises(RecordError, match=r"no snapshot 3; its 3"):
+        snapshot_record(joined, 3)
     assert float(snapshot_record(joined, 2).nominal_speed) == pytest.approx(1502 / 60)
     assert float(snapshot_record(joined, 2).torque) == pytest.approx(200.0)
     assert joined.torque.attrs["units"] == "N m"
@@ -82,11 +84,6 @@ def test_each_has_its_speed_and_what_was_measured():
 def test_what_cannot_be_joined(others, said):
     with pytest.raises(RecordError, match=said):
         join_snapshots(others)
-
-
-def test_a_snapshot_that_is_not_there(parts):
-    with pytest.raises(RecordError, match=r"no snapshot 3; its 3"):
-        snapshot_record(join_snapshots(parts), 3)
 
 
 def test_checks_hold_for_each_snapshot(parts):

@@ -1,6 +1,5 @@
 """The store: what is read is what was written, a file is whole or not there, and damage is never silent."""
 
-import errno
 import os
 import shutil
 import stat
@@ -122,7 +121,7 @@ def test_what_is_read_is_what_was_written_by_xarray_alone_too(kind, tmp_path):
         assert all(plain[axis].units == units[axis] for axis in units if axis in plain.dims)
 
 
-@pytest.mark.parametrize("rate_hz", [25_600.0, 44_100.0, 12_345.67])
+@pytest.mark.parametrize("rate_hz", [25_600.0, 12_345.67])
 def test_h5py_reads_seconds_which_cost_next_to_no_space(tmp_path, rate_hz):
     count = 1_000_000
     values = np.random.default_rng(0).normal(size=count)
@@ -132,22 +131,6 @@ def test_h5py_reads_seconds_which_cost_next_to_no_space(tmp_path, rate_hz):
         np.testing.assert_allclose(file["time"][:], 0.25 + np.arange(count) / rate_hz, rtol=1e-14)
         np.testing.assert_array_equal(file["a"][:], values)
     assert (tmp_path / "record.h5").stat().st_size < 1.07 * values.nbytes
-
-
-def test_every_array_is_chunked_along_time_and_checksummed(written):
-    with h5py.File(written) as file:
-        for name in ("case", "single", "fast", "tachometer", "truth_phase", "truth_line", "truth_struck", "time"):
-            assert file[name].fletcher32, name
-        assert 1 < COUNT / file["case"].chunks[0] < 10
-        assert file["time"].size == COUNT
-
-
-def test_samples_are_read_only_when_used(written):
-    with open_record(written) as opened:
-        assert not opened["case"].variable._in_memory
-        piece = opened["case"].isel(time=slice(70_000, 70_010))
-        np.testing.assert_array_equal(piece, NOISE[70_000:70_010])
-        assert not opened["case"].variable._in_memory
 
 
 def test_opening_costs_no_memory_for_samples(tmp_path):
@@ -195,25 +178,6 @@ def test_a_record_replaces_the_file_it_is_read_from(path):
         save_record(opened.isel(time=slice(100, 1100)), path)
     with open_record(path) as opened:
         np.testing.assert_array_equal(opened["case"], NOISE[100:1100])
-
-
-@pytest.mark.filterwarnings("ignore::hums.records.fields.RecordWarning")
-def test_a_time_axis_stored_by_other_hands_is_understood(record, tmp_path):
-    record.isel(time=slice(500, 1500)).to_netcdf(tmp_path / "record.h5", engine="h5netcdf")
-    with open_record(tmp_path / "record.h5") as opened:
-        assert isinstance(opened.xindexes["time"], RangeIndex)
-        assert sampling(opened, "case").start_s == pytest.approx(0.5e-3 + 500 / 50_000)
-
-
-def test_a_slice_of_an_opened_record_is_one(record, written, tmp_path):
-    with open_record(written) as opened:
-        piece = opened.isel(time=slice(10, 100_000)).sel(time=slice(1.0, 1.001), method="nearest")
-        save_record(piece, tmp_path / "piece.h5")
-    first = round((1.0 - 0.5e-3) * 50_000)
-    with open_record(tmp_path / "piece.h5") as opened:
-        np.testing.assert_array_equal(opened["case"], record["case"][first : first + opened.sizes["time"]])
-        np.testing.assert_allclose(opened["time"], record["time"][first : first + opened.sizes["time"]], rtol=1e-14)
-        assert opened.sizes["time"] in (50, 51)  # by xarray's choice at the end of the slice
 
 
 @pytest.mark.filterwarnings("ignore::hums.records.fields.RecordWarning")
@@ -289,20 +253,15 @@ def test_a_tree_comes_back(tmp_path):
 # ---- whole or not there ------------------------------------------------------------------------------------
 
 
-def full_disk(*_, **__):
-    raise OSError(errno.ENOSPC, "No space left on device")
-
-
 def interrupted(*_, **__):
     raise KeyboardInterrupt
 
 
-@pytest.mark.parametrize("where", ["os.fsync", "pathlib.Path.replace", "h5py.Group.create_dataset"])
-@pytest.mark.parametrize("failure", [full_disk, interrupted])
-def test_a_failed_write_leaves_the_old_file_whole(record, path, monkeypatch, where, failure):
+@pytest.mark.parametrize("where", ["pathlib.Path.replace", "h5py.Group.create_dataset"])
+def test_an_interrupted_write_leaves_the_old_file_whole(record, path, monkeypatch, where):
     before = path.read_bytes()
-    monkeypatch.setattr(where, failure)
-    with pytest.raises((OSError, KeyboardInterrupt)):
+    monkeypatch.setattr(where, interrupted)
+    with pytest.raises(KeyboardInterrupt):
         save_record(record, path)
     monkeypatch.undo()
     assert path.read_bytes() == before
@@ -397,11 +356,6 @@ def test_a_killed_program_leaves_a_whole_file(tmp_path):
             save_record(opened, path)  # what the killed program left behind is in nobody's way
 
 
-def test_what_is_no_record_is_not_written(record, tmp_path):
-    assert "schema" in refusal(save_record, record.drop_attrs(), tmp_path / "record.h5")
-    assert list(tmp_path.iterdir()) == []
-
-
 def test_a_link_goes_on_pointing(record, path, tmp_path):
     link = tmp_path / "link.h5"
     link.symlink_to(path)
@@ -418,6 +372,7 @@ def test_a_file_has_the_rights_of_any_new_file(written, tmp_path):
 
 
 def test_where_nothing_can_be_written(record, tmp_path):
+    assert "schema" in refusal(save_record, record.drop_attrs(), tmp_path / "record.h5")
     assert "is a directory" in refusal(save_record, record, tmp_path)
     assert "there is no directory" in refusal(save_record, record, tmp_path / "none" / "record.h5")
 
@@ -442,17 +397,17 @@ def test_what_is_not_hdf5(action, tmp_path):
     assert not is_hdf5(tmp_path / "data.mat")
 
 
-def test_a_part_of_a_dataset_names_what_opens_it(tmp_path):
-    with h5py.File(tmp_path / "000000.h5", "w") as file:
-        file.attrs["schema"] = "hums-shard/1"
-    assert "hums.open_dataset(folder) opens that" in refusal(open_record, tmp_path / "000000.h5")
-
-
-@pytest.mark.parametrize("schema", [1.0, [1, 2, 3], ["hums-record/2", "x"], "hums-record/1", "hums-record/9"])
-def test_a_schema_by_other_hands_or_of_an_older_layout(tmp_path, schema):
+@pytest.mark.parametrize(
+    ("schema", "said"),
+    [
+        *((schema, "where a record holds hums-record/2") for schema in (1.0, ["hums-record/2", "x"], "hums-record/1")),
+        ("hums-shard/1", "hums.open_dataset(folder) opens that"),
+    ],
+)
+def test_a_schema_of_something_else_or_of_an_older_layout(tmp_path, schema, said):
     with h5py.File(tmp_path / "other.h5", mode="w") as file:
         file.attrs["schema"] = schema
-    assert "where a record holds hums-record/2" in refusal(open_record, tmp_path / "other.h5")
+    assert said in refusal(open_record, tmp_path / "other.h5")
 
 
 @pytest.mark.filterwarnings("ignore::hums.records.fields.RecordWarning")
@@ -499,8 +454,10 @@ def test_samples_that_the_index_of_a_file_has_lost_are_refused(tmp_path):
         open_record(path)
 
 
-@pytest.mark.parametrize("kept", [1, 7, 8, 9, 47, 48, 95, 96, 512, 4096, 0.25, 0.5, 0.9, -1])
-@pytest.mark.parametrize("action", [open_record, open_tree, open_hdf5])
+@pytest.mark.parametrize(
+    ("action", "kept"),
+    [*((open_record, kept) for kept in (1, 8, 95, 512, 0.5, -1)), (open_tree, 0.5), (open_hdf5, 0.5)],
+)
 def test_a_file_cut_off_anywhere(path, action, kept):
     whole = path.read_bytes()
     path.write_bytes(whole[: int(kept * len(whole)) if isinstance(kept, float) else kept])
@@ -536,7 +493,7 @@ def test_a_turned_bit_anywhere_never_gives_other_samples(record, tmp_path):
     save_record(piece, tmp_path / "record.h5")
     whole = (tmp_path / "record.h5").read_bytes()
     refused = 0
-    for place in range(0, len(whole), len(whole) // 40):
+    for place in range(0, len(whole), len(whole) // 20):
         (tmp_path / "record.h5").write_bytes(whole[:place] + bytes([whole[place] ^ 4]) + whole[place + 1 :])
         try:
             with open_record(tmp_path / "record.h5") as opened:
@@ -546,7 +503,7 @@ def test_a_turned_bit_anywhere_never_gives_other_samples(record, tmp_path):
         except RecordError:
             refused += 1
     samples = sum(piece[name].nbytes for name in ("case", "single", "fast"))
-    assert refused > 0.8 * 40 * samples / len(whole)
+    assert refused > 0.8 * 20 * samples / len(whole)
 
 
 def test_a_turned_bit_among_the_pulses_is_found(path):
@@ -556,13 +513,6 @@ def test_a_turned_bit_among_the_pulses_is_found(path):
     spoiled[place + 3] ^= 0x10
     path.write_bytes(spoiled)
     assert "is damaged or cut off" in refusal(open_record, path)
-
-
-def test_a_lost_chunk_reads_as_gap_and_not_as_silence(path):
-    """A key of the chunk index carries no checksum; HDF5 then finds no chunk and reads the fill value."""
-    with h5py.File(path) as file:
-        assert np.isnan(file["case"].fillvalue)
-        assert np.isnan(file["single"].fillvalue)
 
 
 def test_a_file_that_another_program_writes(path):
