@@ -96,7 +96,7 @@ BUDGETS = """
     all code lines                                            48791  43346  33500
     all modules                                                 345    322    240
     all constants                                              1492   1332    750
-    tests                                                     35938  31905  23000
+    tests                                                     35938  31616  23000
     benchmarks                                                 7891   7891   6000
 """
 SLACK, SLACK_LINES = 0.02, 10  # by which a ceiling may stand above the count, and at least so many
