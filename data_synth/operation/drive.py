@@ -1,31 +1,21 @@
 """Angle of the reference shaft and tooth load against time, from what a scene declares."""
 
 from dataclasses import dataclass, replace
-from typing import Protocol
 
 import numpy as np
 from numpy.typing import ArrayLike
 
 from data_synth.operation.piecewise import Kaimal, PiecewiseLinear, fluctuation, sum_of
-from data_synth.operation.run_up import LoadLaw, PolynomialAngle, run_up
-from data_synth.operation.shaft_angle import Angle, Array, ShaftAngle
+from data_synth.operation.run_up import PolynomialAngle, run_up
+from data_synth.operation.shaft_angle import Array, ShaftAngle
 from data_synth.scene.operation import TimeHistory
 from data_synth.scene.scene import Scene, SceneError
 
 _RPM = 60.0
 
 
-class ReferenceAngle(Angle, Protocol):
-    """The angle of the reference shaft, which does not reverse, as a function of time."""
-
-    def times(self, revolutions: ArrayLike) -> Array:
-        """Return the times in s at which the shaft passes `revolutions` (n,)."""
-
-    def acceleration_hz_s(self, times_s: ArrayLike) -> Array:
-        """Return the acceleration in rev s-2 at `times_s` (n,)."""
-
-    def top_speed_hz(self, start_s: float, stop_s: float) -> float:
-        """Return the largest absolute speed from `start_s` to `stop_s`, in rev s-1."""
+ReferenceAngle = ShaftAngle | PolynomialAngle
+"""The angle of the reference shaft, which does not reverse, as a function of time."""
 
 
 @dataclass(frozen=True, kw_only=True)
@@ -113,13 +103,7 @@ def _run_up_angle(scene: Scene, torque: PiecewiseLinear | None) -> PolynomialAng
     to_reference = float(abs(scene.ratio(scene.speed.link)))
     # the power of a torque is the same wherever it is counted
     brought = torque.scaled(float(abs(scene.ratio(declared.link))) / to_reference)
-    of_link = run_up(
-        brought,
-        load=LoadLaw(constant_nm=law.load_nm, linear_nm_s=law.load_nm_s, quadratic_nm_s2=law.load_nm_s2),
-        inertia_kg_m2=law.inertia_kg_m2,
-        duration_s=scene.duration_s,
-        speed_hz=law.rpm / _RPM,
-    )
+    of_link = run_up(brought, law, duration_s=scene.duration_s)
     lowest = float(np.min(of_link.speed_hz(np.linspace(0.0, scene.duration_s, 1001))))
     if lowest < 0:
         raise SceneError(

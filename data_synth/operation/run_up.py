@@ -13,7 +13,8 @@ import numpy as np
 from numpy.typing import ArrayLike
 
 from data_synth.operation.piecewise import PiecewiseLinear
-from data_synth.operation.shaft_angle import Array, crossing_times
+from data_synth.operation.shaft_angle import Array
+from data_synth.scene.operation import RunUp
 
 if TYPE_CHECKING:
     from scipy.interpolate import PPoly
@@ -21,24 +22,7 @@ if TYPE_CHECKING:
 _DEGREE = 24  # of the speed in each piece
 _STEP_FRACTION = np.exp(-2.0)  # of the radius of convergence that a piece uses: its last term is 1e-21 of the first
 _STEADY = 4 * np.finfo(float).eps
-_SHORTEST = 1e-12  # of the duration: where the pieces become shorter, the speed goes to infinity
-
-
-@dataclass(frozen=True, kw_only=True)
-class LoadLaw:
-    """Load torque at speed w in rad s-1: ``constant + linear w + quadratic w abs(w)``, in N m.
-
-    The constant part is a hanging weight: it keeps its sign at standstill and in reverse.
-    """
-
-    constant_nm: float = 0.0
-    linear_nm_s: float = 0.0
-    quadratic_nm_s2: float = 0.0
-
-    def torque_nm(self, speed_rad_s: ArrayLike) -> Array:
-        """Return the load torque at `speed_rad_s` (n,), positive where it opposes forward rotation."""
-        speed = np.asarray(speed_rad_s, dtype=np.float64)
-        return np.asarray(self.constant_nm + self.linear_nm_s * speed + self.quadratic_nm_s2 * speed * np.abs(speed))
+_MAX_ITERATIONS = 120  # of Newton's rule or bisection: more than the bits of a double
 
 
 @dataclass(frozen=True, kw_only=True)
@@ -95,88 +79,71 @@ class PolynomialAngle:
         inside = extremes[(extremes > start_s) & (extremes < stop_s)]
         return float(np.max(np.abs(self.speed_hz([start_s, *inside, stop_s]))))
 
-    def turning_points_s(self) -> Array:
-        """Return the rising times between which the angle is monotone or constant."""
-        zeros = self._speed.roots(extrapolate=False)
-        resting = self.times_s[self._speed(self.times_s) == 0]
-        return np.unique(np.concatenate([zeros[np.isfinite(zeros)], resting]))
-
     def times(self, revolutions: ArrayLike) -> Array:
-        """Return the times in s at which the shaft passes `revolutions` (n,), to rounding.
+        """Return the times in s at which the shaft passes `revolutions` (n,), to rounding, by bracketed Newton steps.
 
         Raises
         ------
         ValueError
             A shaft that reverses, or revolutions outside the knots.
         """
-        targets = np.asarray(revolutions, dtype=np.float64)
-        start_s, stop_s = float(self.times_s[0]), float(self.times_s[-1])
-        first, last = self.revolutions([start_s, stop_s])
-        edges = np.concatenate([[start_s], self.turning_points_s(), [stop_s]])
+        targets, ends_s = np.asarray(revolutions, dtype=np.float64), self.times_s[[0, -1]]
+        zeros = self._speed.roots(extrapolate=False)
+        edges = np.unique(np.concatenate([self.times_s, zeros[np.isfinite(zeros)]]))
         if np.any(self._speed((edges[1:] + edges[:-1]) / 2) < 0):
             raise ValueError("the shaft turns back, so an angle has no one time")
+        first, last = self.revolutions(ends_s)
         if np.any((targets < first) | (targets > last)):
             raise ValueError(
                 f"revolutions from {np.min(targets):g} to {np.max(targets):g} are asked for, but the run-up goes "
                 f"from {first:g} to {last:g}; lengthen it"
             )
-        found = crossing_times(self, targets.ravel(), start_s=start_s, stop_s=stop_s, direction=1)
-        return found.reshape(targets.shape)
+        low, high = (np.full(targets.shape, end_s) for end_s in ends_s)
+        share = (targets - first) / (last - first) if last != first else np.zeros(targets.shape)
+        times, before = low + (high - low) * share, high - low
+        for _ in range(_MAX_ITERATIONS):
+            ahead, speed = self.revolutions(times) - targets, self.speed_hz(times)
+            low, high = np.where(ahead <= 0, times, low), np.where(ahead >= 0, times, high)
+            quick = (speed > 0) & (np.abs(ahead) <= speed * before / 2)  # steps that do not halve may run in a circle
+            newton = times - np.divide(ahead, speed, out=np.zeros(times.shape), where=quick)
+            better = np.where(quick & (newton >= low) & (newton <= high), newton, (low + high) / 2)
+            times, before = better, np.abs(better - times)
+            if np.all(before <= 2 * np.spacing(np.abs(times))):
+                break
+        return np.asarray(times)
 
     def scaled(self, ratio: float) -> "PolynomialAngle":
         """Return the angle of a shaft with the signed speed ratio `ratio` to this one."""
         return replace(self, coefficients=self.coefficients * ratio, datum_rev=self.datum_rev * ratio)
 
 
-def run_up(
-    torque_nm: PiecewiseLinear,
-    *,
-    load: LoadLaw,
-    inertia_kg_m2: float,
-    duration_s: float,
-    speed_hz: float = 0.0,
-) -> PolynomialAngle:
+def run_up(torque_nm: PiecewiseLinear, law: RunUp, *, duration_s: float) -> PolynomialAngle:
     """Integrate ``J w' = T(t) - load(w)`` and the angle from time zero, to rounding.
-
-    All quantities are referred to one shaft. From another shaft with the speed ratio `n` to it they are referred as
-    ``n T``, load coefficients times ``n, n^2, n^3``, and ``n^2 J``.
 
     Parameters
     ----------
     torque_nm : PiecewiseLinear
-        Driving torque in N m.
-    load : LoadLaw
-        Load torque.
-    inertia_kg_m2, duration_s : float
+        Driving torque in N m, referred to the shaft of the law.
+    law : RunUp
+    duration_s : float
         Above zero.
-    speed_hz : float
-        Speed at time zero, in rev s-1.
-
-    Raises
-    ------
-    ValueError
-        An inertia or a duration that is not above zero, or a load law under which the speed diverges.
     """
-    if not (inertia_kg_m2 > 0 and duration_s > 0):
-        raise ValueError(f"inertia_kg_m2 = {inertia_kg_m2:g} and duration_s = {duration_s:g} have to be above zero")
     corners = torque_nm.times_s[(torque_nm.times_s > 0) & (torque_nm.times_s < duration_s)]
     edges = np.unique(np.concatenate([[0.0], corners, [duration_s]]))
-    times_s, pieces, angle_rad, speed = [0.0], [], 0.0, 2 * np.pi * speed_hz
+    times_s, pieces, angle_rad, speed = [0.0], [], 0.0, 2 * np.pi * (law.rpm / 60)
     for start_s, stop_s in pairwise(edges):
         begin, slope = _linear_torque(torque_nm, start_s, stop_s)
         while (now_s := times_s[-1]) < stop_s:
             drive = (begin + slope * (now_s - start_s), slope)
-            series = _taylor_series(speed, drive=drive, load=load, inertia=inertia_kg_m2)
-            decay_rate = (load.linear_nm_s + 2 * load.quadratic_nm_s2 * abs(speed)) / inertia_kg_m2
+            series = _taylor_series(speed, law, drive=drive)
+            decay_rate = (law.load_nm_s + 2 * law.load_nm_s2 * abs(speed)) / law.inertia_kg_m2
             if slope == 0 and decay_rate > 0 and abs(series[1]) <= _STEADY * decay_rate * abs(speed):
                 series[1:] = 0.0  # at its top speed, to rounding: it stays there
-            step, speed = _step(series, longest=stop_s - now_s, load=load)
+            step, speed = _step(series, longest=stop_s - now_s, bends=law.load_nm_s2 != 0)
             angle = np.concatenate([[angle_rad], series / np.arange(1, series.size + 1)])
             pieces.append(angle[::-1])
             angle_rad = float(np.polyval(angle[::-1], step))
             times_s.append(min(stop_s, now_s + step))
-            if step < min(_SHORTEST * duration_s, stop_s - now_s):
-                raise ValueError(f"the shaft races away after {now_s:g} s; a load that grows with speed is needed")
     return PolynomialAngle(times_s=np.array(times_s), coefficients=np.array(pieces).T / (2 * np.pi))
 
 
@@ -186,28 +153,28 @@ def _linear_torque(torque: PiecewiseLinear, start_s: float, stop_s: float) -> tu
     return 2 * low - high, 3 * (high - low) / (stop_s - start_s)
 
 
-def _taylor_series(speed: float, *, drive: tuple[float, float], load: LoadLaw, inertia: float) -> Array:
+def _taylor_series(speed: float, law: RunUp, *, drive: tuple[float, float]) -> Array:
     """Return the Taylor coefficients (degree + 1,) of the speed in rad s-1 about now."""
     forcing = [*drive, *np.zeros(_DEGREE)]
-    forcing[0] -= load.constant_nm
+    forcing[0] -= law.load_nm
     sense = np.sign(speed or forcing[0] or forcing[1])
     series = np.zeros(_DEGREE + 1)
     series[0] = speed
     for power in range(_DEGREE):
         square = sense * np.dot(series[: power + 1], series[power::-1])
-        slowed = load.linear_nm_s * series[power] + load.quadratic_nm_s2 * square
-        series[power + 1] = (forcing[power] - slowed) / (inertia * (power + 1))
+        slowed = law.load_nm_s * series[power] + law.load_nm_s2 * square
+        series[power + 1] = (forcing[power] - slowed) / (law.inertia_kg_m2 * (power + 1))
     return series
 
 
-def _step(series: Array, *, longest: float, load: LoadLaw) -> tuple[float, float]:
+def _step(series: Array, *, longest: float, bends: bool) -> tuple[float, float]:
     """Return the step over which a series holds, at most to where the shaft reverses, and the speed at its end."""
     powers = np.arange(series.size)
     scale = float(np.max(np.abs(series[:3]) * longest ** powers[:3])) or 1.0
     last = powers[-2:]
     inverse_radius = float(np.max((np.abs(series[last]) / scale) ** (1 / last)))
     step = min(longest, _STEP_FRACTION / inverse_radius) if inverse_radius > 0 else longest
-    if load.quadratic_nm_s2 != 0:  # the load bends where the speed changes its sign
+    if bends:  # the load bends where the speed changes its sign
         forcing = np.polyval(series[::-1], step * np.arange(1, 65) / 64)
         sense = np.sign(forcing[0])
         across = np.flatnonzero(forcing * sense < 0)

@@ -8,26 +8,11 @@ from __future__ import annotations
 
 from dataclasses import dataclass
 from functools import cached_property
-from typing import Protocol
 
 import numpy as np
 from numpy.typing import ArrayLike, NDArray
 
 Array = NDArray[np.float64]
-
-
-class Angle(Protocol):
-    """The angle of a shaft as a function of time."""
-
-    @property
-    def datum_rev(self) -> float:
-        """Revolutions from time zero to revolution zero."""
-
-    def revolutions(self, times_s: ArrayLike) -> Array:
-        """Return the angle in revolutions at `times_s` (n,)."""
-
-    def speed_hz(self, times_s: ArrayLike) -> Array:
-        """Return the speed in rev s-1 at `times_s` (n,), negative where the shaft turns back."""
 
 
 @dataclass(frozen=True, kw_only=True)
@@ -161,34 +146,3 @@ class ShaftAngle:
         """Return the largest absolute speed from `start_s` to `stop_s`, in rev s-1."""
         inside = (self.times_s >= start_s) & (self.times_s <= stop_s)  # jumps: knots before and after count
         return float(np.max(np.abs([*self.speed_hz([start_s, stop_s]), *self.speeds_hz[inside]])))
-
-    def scaled(self, ratio: float) -> ShaftAngle:
-        """Return the angle of a shaft with the signed speed ratio `ratio` to this one."""
-        return ShaftAngle(times_s=self.times_s, speeds_hz=self.speeds_hz * ratio, datum_rev=self.datum_rev * ratio)
-
-
-# ---- Times at which a shaft passes given angles ----------------------------------------------------------------------
-
-
-_MAX_ITERATIONS = 120  # of Newton's rule or bisection: more than the bits of a double
-
-
-def crossing_times(angle: Angle, targets: Array, *, start_s: float, stop_s: float, direction: int) -> Array:
-    """Return the times (n,) at which the angle is `targets` (n,) in a monotone piece: Newton's method in a bracket."""
-    low, high = np.full(targets.size, start_s), np.full(targets.size, stop_s)
-    ends = angle.revolutions([start_s, stop_s])
-    share = (targets - ends[0]) / (ends[1] - ends[0]) if ends[1] != ends[0] else np.zeros(targets.size)
-    times = start_s + (stop_s - start_s) * np.clip(share, 0, 1)
-    before = np.full(targets.size, stop_s - start_s)
-    for _ in range(_MAX_ITERATIONS):
-        ahead = direction * (angle.revolutions(times) - targets)
-        low, high = np.where(ahead <= 0, times, low), np.where(ahead >= 0, times, high)
-        speed = direction * angle.speed_hz(times)
-        quick = (speed > 0) & (np.abs(ahead) <= speed * before / 2)  # steps that do not halve may run in a circle
-        newton = times - np.divide(ahead, speed, out=np.zeros(times.size), where=quick)
-        better = np.where(quick & (newton >= low) & (newton <= high), newton, (low + high) / 2)
-        before = moved = np.abs(better - times)
-        times = better
-        if np.all(moved <= 2 * np.spacing(np.abs(times))):
-            break
-    return np.asarray(times)
