@@ -11,9 +11,9 @@ from numpy.typing import ArrayLike
 from data_synth.gears.quality import cumulative_pitch_m, runout_tolerance_m, single_pitch_tolerance_m
 from data_synth.kinematic.gear_faults import SIDEBAND_CUTOFF, fold_negative_orders
 from data_synth.kinematic.harmonics import HarmonicFamily, RotatingForce
-from data_synth.kinematic.shaft_faults import imbalance, imbalance_force_n, shaft_fault_family
+from data_synth.kinematic.shaft_faults import shaft_fault_family
 from data_synth.operation.shaft_angle import Array
-from data_synth.scene.imperfections import Imperfections
+from data_synth.scene.imperfections import GearQuality, Imperfections, RaceWaviness, ResidualImbalance
 from data_synth.scene.random_streams import RandomStreams
 from data_synth.scene.scene import Scene, SceneError, declared_size_mm
 from data_synth.scene.sensors import Mode
@@ -54,11 +54,11 @@ def imperfect_families(
         meshes = {family.component: family for family in healthy if family.kind == "gear_mesh"}
         for mesh in scene.gearbox.meshes:
             if mesh.name in meshes:
-                families += _pitch_families(scene, mesh, meshes[mesh.name], rng_for=rng_for)
+                families += _pitch_families(scene, declared.gears, mesh, meshes[mesh.name], rng_for=rng_for)
     if declared.imbalance is not None:
-        families += _imbalance_families(scene, top_speed_hz=top_speed_hz, rng_for=rng_for)
+        families += _imbalance_families(scene, declared.imbalance, top_speed_hz=top_speed_hz, rng_for=rng_for)
     if declared.bearings is not None:
-        families += _waviness_families(scene, rng_for=rng_for)
+        families += _waviness_families(scene, declared.bearings, rng_for=rng_for)
     return families
 
 
@@ -107,11 +107,9 @@ def _modules_m(scene: Scene, mesh: Mesh) -> tuple[float, float]:
 
 
 def _pitch_families(
-    scene: Scene, mesh: Mesh, family: HarmonicFamily, *, rng_for: RandomStreams
+    scene: Scene, quality: GearQuality, mesh: Mesh, family: HarmonicFamily, *, rng_for: RandomStreams
 ) -> Iterator[HarmonicFamily]:
     """Yield the sidebands that the deviations of each gear of a mesh add; planets share those of one."""
-    quality = imperfections_of(scene).gears
-    assert quality is not None  # noqa: S101 - the caller asks
     _, transverse_m = _modules_m(scene, mesh)
     for number, gear in enumerate(mesh.gears):
         yield pitch_family(
@@ -215,9 +213,9 @@ def _check_planets(scene: Scene) -> None:
 # ---- Shafts and bearings ---------------------------------------------------------------------------------------------
 
 
-def _imbalance_families(scene: Scene, *, top_speed_hz: float, rng_for: RandomStreams) -> Iterator[HarmonicFamily]:
-    declared = imperfections_of(scene).imbalance
-    assert declared is not None  # noqa: S101 - the caller asks
+def _imbalance_families(
+    scene: Scene, declared: ResidualImbalance, *, top_speed_hz: float, rng_for: RandomStreams
+) -> Iterator[HarmonicFamily]:
     shafts, each_kg = scene.exact_orders("shaft"), declared.rotor_kg
     masses = dict.fromkeys(shafts, each_kg) if isinstance(each_kg, float) else dict(each_kg)
     if {*masses} != {*shafts}:
@@ -260,9 +258,9 @@ def imbalance_family(
         Turns of the heavy side at revolution zero.
     """
     order = scene.exact_orders("shaft")[shaft]
-    per_m = imbalance_force_n(mass_kg=mass_kg, eccentricity_m=1.0, speed_hz=float(order) * top_speed_hz)
+    per_m = mass_kg * (2 * math.pi * (float(order) * top_speed_hz)) ** 2
     family = shaft_fault_family(
-        imbalance(),
+        "imbalance",
         component=shaft,
         order=order,
         amplitude=amplitude_of_force(scene, shaft, per_m) * np.asarray(eccentricity_m),
@@ -272,9 +270,7 @@ def imbalance_family(
     return replace(family, force=_rotating_force(scene, shaft, sense=float(scene.ratio(shaft))))
 
 
-def _waviness_families(scene: Scene, *, rng_for: RandomStreams) -> Iterator[HarmonicFamily]:
-    declared = imperfections_of(scene).bearings
-    assert declared is not None  # noqa: S101 - the caller asks
+def _waviness_families(scene: Scene, declared: RaceWaviness, *, rng_for: RandomStreams) -> Iterator[HarmonicFamily]:
     held = {name: each for each in scene.gearbox.bearings for name in each.names}
     for bearing, each in held.items():
         rates, rng = scene.bearing(bearing), rng_for("imperfection", "waviness", bearing)

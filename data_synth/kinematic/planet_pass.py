@@ -47,12 +47,6 @@ class PassWindow:
     half_width_rad: float
     floor: float = 0.0
 
-    def __post_init__(self) -> None:
-        if not 0 < self.half_width_rad < math.pi:
-            raise ValueError(f"half_width_rad = {self.half_width_rad:g} has to lie between 0 and pi")
-        if not 0 <= self.floor <= 1:
-            raise ValueError(f"floor = {self.floor:g} has to lie between 0 and 1")
-
     @property
     def kappa(self) -> float:
         """Concentration of the window."""
@@ -77,7 +71,7 @@ class MovingPath:
 
     Attributes
     ----------
-    window : PassWindow or DistanceWindow
+    window : PassWindow
     places_rad : (N,) array
         Angles of the planets on the carrier: psi_n.
     strengths : (N,) array
@@ -87,13 +81,6 @@ class MovingPath:
     window: PassWindow
     places_rad: Array = field(metadata={"dims": ("planet",), "units": "rad"})
     strengths: Array = field(metadata={"dims": ("planet",), "units": "1"})
-
-    def __post_init__(self) -> None:
-        if np.ndim(self.places_rad) != 1 or np.shape(self.places_rad) != np.shape(self.strengths):
-            raise ValueError(
-                f"places_rad and strengths have shapes {np.shape(self.places_rad)} and {np.shape(self.strengths)}; "
-                "give one of each for every planet"
-            )
 
     def phasor_sum(self, lines: ArrayLike) -> ComplexArray:
         """Return ``sum_n strengths_n exp(1j line psi_n)`` at lines (k,) of the carrier."""

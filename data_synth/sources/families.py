@@ -1,7 +1,7 @@
 """Families of lines and trains of impacts: of the healthy parts of a scene, and of the faults that it declares."""
 
 import math
-from collections.abc import Callable, Sequence
+from collections.abc import Sequence
 
 import numpy as np
 
@@ -10,13 +10,7 @@ from data_synth.kinematic.gear_faults import ImpactTrain, damage_trains, gear_da
 from data_synth.kinematic.harmonics import HarmonicFamily
 from data_synth.kinematic.imperfect_parts import imbalance_family, imperfect_families
 from data_synth.kinematic.planet_pass import with_planet_pass
-from data_synth.kinematic.shaft_faults import (
-    ShaftExcitation,
-    bent_shaft,
-    imbalance,
-    shaft_fault_family,
-    shaft_misalignment,
-)
+from data_synth.kinematic.shaft_faults import shaft_fault_family
 from data_synth.operation.drive import Drive
 from data_synth.operation.shaft_angle import Array
 from data_synth.scene.faults import Chipping, FaultyGear, GearDamage, GearFault, Misalignment
@@ -75,7 +69,7 @@ def harmonic_families(
             added.append(family)
         elif isinstance(fault, ShaftFault):
             family = shaft_fault_family(
-                _EXCITATIONS[fault.kind](),
+                fault.kind,
                 component=fault.component,
                 order=scene.exact_orders("shaft")[fault.component],
                 amplitude=size if fault.amplitude_per_mm is None else size * fault.amplitude_per_mm,
@@ -85,13 +79,6 @@ def harmonic_families(
             added.append(family)
     imperfect = imperfect_families(scene, healthy, top_speed_hz=top_speed_hz, rng_for=rng_for)
     return with_planet_pass(scene, healthy, rng_for=rng_for) + imperfect + added
-
-
-_EXCITATIONS: dict[str, Callable[[], ShaftExcitation]] = {
-    "imbalance": imbalance,
-    "bent_shaft": bent_shaft,
-    "shaft_misalignment": shaft_misalignment,
-}
 
 
 def module_mm_of(scene: Scene, fault: GearFault) -> float:

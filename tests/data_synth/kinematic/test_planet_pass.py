@@ -90,16 +90,3 @@ def test_the_window_is_made_of_bessel_functions():
     assert_allclose(found, ive(np.arange(found.size), kappa), rtol=1e-9, atol=1e-13)
     assert ive(found.size, kappa) < 1e-6 * ive(0, kappa)
     assert_allclose(WINDOW.gain([0, math.radians(40), math.pi]), [1, 0.55, 0.1], atol=0.01)
-
-
-@pytest.mark.parametrize(
-    ("make", "sentence"),
-    [
-        (lambda: PassWindow(half_width_rad=0.0), "half_width_rad = 0"),
-        (lambda: PassWindow(half_width_rad=1.0, floor=2.0), "floor = 2"),
-        (lambda: MovingPath(window=WINDOW, places_rad=np.zeros(3), strengths=np.ones(2)), "for every planet"),
-    ],
-)
-def test_what_makes_no_sense_is_refused(make, sentence):
-    with pytest.raises(ValueError, match=sentence):
-        make()
