@@ -95,8 +95,8 @@ BUDGETS = """
     data_synth/sources, data_synth/transfer                    1545   1352   1200
     all code lines                                            48791  43242  33500
     all modules                                                 345    322    240
-    all constants                                              1492   1331    750
-    tests                                                     35938  31565  23000
+    all constants                                              1492   1328    750
+    tests                                                     35938  31590  23000
     benchmarks                                                 7891   7891   6000
 """
 SLACK, SLACK_LINES = 0.02, 10  # by which a ceiling may stand above the count, and at least so many

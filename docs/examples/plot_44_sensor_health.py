@@ -2,7 +2,7 @@
 A clipping sensor
 =================
 
-Sensor health is checked before any diagnosis; clipped samples are treated as missing.
+Sensor health is checked before any diagnosis; the trackers take clipped samples as beyond the limit.
 """
 
 import matplotlib.pyplot as plt

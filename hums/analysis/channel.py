@@ -62,6 +62,7 @@ _OF_THE_LINE = 0.5  # of a line in angle, which one in time must leave there: an
 _HARMONICS_IN_TIME = 4.5  # of a line that is looked for in time: the first four, and half of one to the filter's edge
 _POOLED_BINS = 12.0  # next to a line of a pooled spectrum: nine without its main lobe, of a record of three turns
 _FAULTY_SHARE = 0.5  # of the turns
+_LARGEST_CLIPPED = 0.05  # share of the samples, above which `std` of tracks with censored samples is a lower bound
 _LEVELS = ("rms", "velocity_rms")  # indicators of which the mean square is averaged
 
 
@@ -374,7 +375,10 @@ def _pooled_condition(name: str, channel: ChannelSegments, parts: Sequence[_Part
     if channel.gaps:
         status = max(status, "suspect", key=rank)
         more.append(f"It drops out: it has {channel.gaps}.")
-    lost = float(np.average([health.missing.mean() for health, _ in known], weights=[turns for _, turns in known]))
+    shares = [(health.missing.mean(), health.clipped.mean()) for health, _ in known]
+    lost, clipped = np.average(shares, axis=0, weights=[turns for _, turns in known]).tolist()
+    if clipped > _LARGEST_CLIPPED:
+        more.append(f"With {clipped:.0%} of the samples clipped, std of its tracks is a lower bound.")
     return SensorCondition(
         name=name,
         sensor="vibration",

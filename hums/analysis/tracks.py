@@ -20,6 +20,7 @@ from hums.gearbox.defect_orders import BEARING_KINDS
 from signals.demodulation.envelope_bank import bank_envelopes
 from signals.harmonics import track_orders
 from signals.harmonics.bandwidth_selection import likely_bandwidth
+from signals.health import SensorHealth
 from signals.resampling.resampling import AngularSignal
 from signals.slipping_order.slip_tracking import SlippingTrack, track_slipping_order
 from signals.spectra.lines import find_line
@@ -37,7 +38,8 @@ _SLIP_CHANGE = 1e-3  # a revolution; as `track_slipping_order` advises for rolli
 # of its largest, and at it
 _FIRST_STEPS, _MOST_STEPS = 2, 100
 _MARGIN_ORDERS = 1.5  # above a line, for the noise next to it
-_OF_A_SEGMENT = ("track_order", "bandwidth_orders", "level", "method")  # what differs between segments of one track
+# what differs between segments of one track
+_OF_A_SEGMENT = ("track_order", "bandwidth_orders", "clipped_share", "level", "method")
 _ENDS = 8  # outputs, a turn in steps of an eighth, that not all channels have
 _DECIMALS = 6  # of a revolution, to which outputs of several channels are matched
 _BACKGROUND_SHARE = 0.4  # of a line's order: the next harmonic of its family stays out
@@ -75,7 +77,7 @@ def track_lines(
     Parameters
     ----------
     segment : Segment
-        Its samples in time are used where the sensor lost some.
+        Its samples in time are used where the sensor lost or clipped some.
     spectrum : AmplitudeSpectrum
         Order spectrum of the channel, in which the lines were measured.
     lines : sequence of MeasuredLine
@@ -93,7 +95,8 @@ def track_lines(
     -------
     xarray.Dataset
         ``complex_amplitude`` and ``std`` (track, output), with the identity of each track as coordinates. ``std``
-        contains the noise around the line and the effect of the shaft angle's uncertainty on its amplitude.
+        contains the noise around the line and the effect of the shaft angle's uncertainty on its amplitude; above 5 %
+        of clipped samples, ``clipped_share``, it is a lower bound.
     """
     signal, machine, phase = segment.signal, segment.machine, segment.machine.phase
     orders = np.array([line.line.found if phase.nominal else line.expected.order for line in lines])
@@ -109,8 +112,10 @@ def track_lines(
         signal = replace(signal, values=signal.values[cut:], start_rev=begin)
     revolution = signal.start_rev + np.arange(0, signal.values.size, every) / signal.samples_per_rev
     times = phase.times_at(np.minimum(revolution, phase.revolutions[-1]))
+    clipped = 0.0
     if segment.health is not None and segment.health.missing.any():
-        found = _track_in_time(segment, signal, orders, noise, bandwidth_orders, times)
+        found = _track_in_time(segment, segment.health, signal, orders, noise, bandwidth_orders, times)
+        clipped = float(segment.health.clipped.mean())
     else:
         values = signal.values - signal.values.mean()
         found = _tracked(values, signal.angle_rad, signal.samples_per_rev, orders, noise, bandwidth_orders, every)
@@ -127,6 +132,7 @@ def track_lines(
             "track_units": ("track", [line.units for line in lines]),
             "track_order": ("track", orders),
             "bandwidth_orders": ("track", bandwidth),
+            "clipped_share": ("track", np.full(orders.size, clipped)),
             "component": ("track", [line.expected.component for line in lines]),
             "kind": ("track", [line.expected.kind for line in lines]),
             "harmonic": ("track", [line.expected.harmonic for line in lines]),
@@ -159,20 +165,21 @@ def _tracked(
 
 def _track_in_time(
     segment: Segment,
+    health: SensorHealth,
     signal: AngularSignal,
     orders: Numbers,
     noise: Numbers,
     bandwidth: float | None,
     times: Numbers,
 ) -> _Tracked:
-    """Track lines in the time domain, where the tracker can leave out the missing samples.
+    """Track lines and the mean in the time domain, with clipped samples as censored data and lost ones left out.
 
-    Resampling would spread each missing sample over the length of its filter. Outputs are at most a sixteenth of the
+    Resampling would spread each such sample over the length of its filter. Outputs are at most a sixteenth of the
     inverse bandwidth apart, so that linear interpolation to the times of the other channels errs by at most 0.5 % of
     the change.
     """
     machine, when = segment.machine, segment.when
-    phase, missing = machine.phase, segment.health.missing if segment.health is not None else False
+    phase = machine.phase
     width: Numbers | float | None = bandwidth
     if width is None:
         width = likely_bandwidth(
@@ -184,25 +191,30 @@ def _track_in_time(
             largest_bandwidth_orders=_LARGEST_BANDWIDTH,
             poles=_POLES,
         )
+    widths = np.broadcast_to(width, orders.shape)
+    widest = max(float(widths.max()), 1 / _SLOWEST_OUTPUT_REV)
     taken = when.start_s + np.arange(when.count) / when.rate_hz
     inside = (taken >= max(phase.start_s, times[0])) & (taken <= phase.stop_s)
-    values = np.where(missing, np.float64(np.nan), segment.values)[inside]
-    widest = max(float(np.max(width)), 1 / _SLOWEST_OUTPUT_REV)
+    values = np.where(health.lost | health.spiked, np.float64(np.nan), segment.values)
+    limits = None
+    if health.clipped.any():
+        ends, reached = (np.nanmin(values), np.nanmax(values)), values[health.clipped]
+        limits = [end if end in reached else beyond for end, beyond in zip(ends, (-np.inf, np.inf), strict=True)]
     tracks = track_orders(
-        values - np.nanmean(values),
+        values[inside],
         phase_rad=phase.angle_rad(taken[inside]),
-        orders=orders,
-        bandwidth_orders=width,
+        orders=np.append(0.0, orders),
+        bandwidth_orders=np.append(widths.min(), widths),
         rate_hz=when.rate_hz,
         output_every=max(1, int(when.rate_hz / (_OUTPUTS_A_BANDWIDTH * widest * machine.top_speed_hz))),
         poles=_POLES,
-        noise_variance=1.0,
+        method="auto" if np.isnan(values).any() else "fast",
+        clip_limits=limits,
     )
     at = taken[inside][tracks.sample_index]
-    amplitude = np.array([np.interp(times, at, row) for row in tracks.complex_amplitude])
-    std = np.array([np.interp(times, at, row) for row in tracks.std])
-    density = np.count_nonzero(inside) / signal.values.size  # samples here to one over angle
-    return tracks.bandwidth, amplitude, std * np.sqrt(noise * density)[:, None]
+    amplitude = np.array([np.interp(times, at, row) for row in tracks.complex_amplitude[1:]])
+    std = np.array([np.interp(times, at, row) for row in tracks.std[1:]])
+    return tracks.bandwidth[1:], amplitude, std
 
 
 def output_step_rev(revolutions: float) -> float:

@@ -57,6 +57,7 @@ def statistics(record: Floats, estimate: Estimate, given: float | None) -> dict[
         "settling_variance": variance if channels == 1 else np.broadcast_to(variance, (channels, *variance.shape[1:])),
         "noise_variance": noise,
         "noise_density": np.broadcast_to(noise[:, None, None], (channels, estimate.amplitude.shape[-2], 1)),
+        "noise_freedom": np.full((channels, 1, 1), np.inf),
         "innovation_mean_square": np.ones(channels) if given is None else mean_square / noise + none,
     }
 

@@ -24,15 +24,17 @@ _LENGTH, _SWEEP = 8.0, 1.0
 _SHORTEST = 64  # samples of a segment
 _OVERLAPPING, _MOST_SEGMENTS = 4, 64  # segments, fewer of which overlap by half, and the most, evenly spread
 _LOBE = 4  # bins, half of the main lobe of the window
-_SIDE, _SEARCHED = 12, 48  # bins taken on either side, from so many
+_SEARCHED = 4  # bins looked at for each that is taken
 _INTERVALS = 8  # of the record, in which densities are found where each has so many bins, else one
 _POOLED, _FEWEST = 96, 8  # and the fewest of which a median is taken
 # Relative variance of the median of n exponential values times n, 1 / ln(2)^2, of which the window makes two dependent.
 _CHANCE = 2 / math.log(2) ** 2
 
 
-def noise_density(record: Floats, seen: Flags, model: HarmonicModel, white: Floats) -> Floats:
-    """Return the variance of white noise as dense as that about each order.
+def noise_density(
+    record: Floats, seen: Flags, model: HarmonicModel, white: Floats, freedom: float = 1e9, side: int = 12
+) -> tuple[Floats, Floats]:
+    """Return the variance of white noise as dense as that about each order, and its degrees of freedom.
 
     Parameters
     ----------
@@ -44,32 +46,39 @@ def noise_density(record: Floats, seen: Flags, model: HarmonicModel, white: Floa
         Orders, phases and bandwidths.
     white : (channel,) array
         Variance of the noise if it is white; NaN where unknown.
+    freedom : float
+        Degrees of freedom of `white`; as good as known by default.
+    side : int
+        Bins of a segment taken on either side of an order, from four times as many.
 
     Returns
     -------
-    (channel, order, interval) array
+    density : (channel, order, interval) array
         In the unit of the record squared, in equal intervals of the record. Differences between intervals, and from
         `white`, are shrunk by what chance explains of them. It is `white` where the record shows too little: in a
         record shorter than 64 samples, with gaps everywhere, or where orders are side by side.
+    freedom : (channel, order, interval) array
+        Degrees of freedom of a chi-square variable with its relative variance.
     """
-    known = np.broadcast_to(white[:, None, None], (white.size, model.orders.size, _INTERVALS))
+    known = np.broadcast_to(white, (_INTERVALS, model.orders.size, white.size))
+    left = np.full(known.shape, 2 / freedom)
     starts, length = _segments(seen, model)
     if not starts.size:
-        return known
+        return known.transpose(2, 1, 0), 2 / left.transpose(2, 1, 0)
     window = _window(length)
-    bins, taken = _bins(starts, length, model)
+    bins, taken = _bins(starts, length, model, side)
     values = np.empty((*bins.shape, len(record)))  # segment, order, side, bin, channel
     for segment, at in enumerate(starts):
         spectrum = np.fft.rfft(record[:, at : at + length] * window)
         values[segment] = np.moveaxis(np.abs(spectrum[:, bins[segment]]) ** 2, 0, -1)
     values[~taken] = np.nan
-    whole, chance = _pooled(values)
-    density = np.repeat(_shrunk(whole, chance, known.transpose(2, 1, 0)[0])[None], _INTERVALS, axis=0)
-    if values[..., 0].size * _SIDE >= _INTERVALS * _POOLED * model.orders.size * _SEARCHED:
+    density, chance = np.array([_shrunk(*_pooled(values), known[0], left[0])] * _INTERVALS).swapaxes(0, 1)
+    if values[..., 0].size >= _INTERVALS * _POOLED * model.orders.size * _SEARCHED:
         of_interval = (starts + length / 2) * _INTERVALS // seen.size
         for interval in range(_INTERVALS):
-            density[interval] = _shrunk(*_pooled(values[of_interval == interval]), density[interval])
-    return density.transpose(2, 1, 0)
+            found = _pooled(values[of_interval == interval])
+            density[interval], chance[interval] = _shrunk(*found, density[interval], chance[interval])
+    return density.transpose(2, 1, 0), 2 / chance.transpose(2, 1, 0)
 
 
 def _pooled(values: Floats) -> tuple[Floats, Floats]:
@@ -85,12 +94,17 @@ def _pooled(values: Floats) -> tuple[Floats, Floats]:
     return np.asarray(np.sqrt(sides).prod(axis=1)), _CHANCE / np.maximum(count.sum(axis=1), 1)
 
 
-def _shrunk(found: Floats, chance: Floats, towards: Floats) -> Floats:
-    """Return what was found, its logarithm shrunk towards another by the part that chance explains twice over."""
+def _shrunk(found: Floats, chance: Floats, towards: Floats, other: Floats) -> tuple[Floats, Floats]:
+    """Return what was found, its logarithm shrunk towards another by the part that chance explains twice over.
+
+    `chance` and `other` are the relative variances of the two; that of the result is returned, too.
+    """
     known = (found > 0) & (towards > 0)
     away = np.log(np.where(known, found, 1.0) / np.where(known, towards, 1.0))
     part = np.maximum(0.0, 1 - 2 * chance / np.maximum(away**2, chance))
-    return np.where(known, towards * np.exp(part * away), np.where(np.isnan(found), towards, found))
+    part = np.where(known, part, ~np.isnan(found))
+    mixed = np.where(known, towards * np.exp(part * away), np.where(np.isnan(found), towards, found))
+    return mixed, part**2 * chance + (1 - part) ** 2 * other
 
 
 def _segments(seen: Flags, model: HarmonicModel) -> tuple[Indices, int]:
@@ -103,14 +117,14 @@ def _segments(seen: Flags, model: HarmonicModel) -> tuple[Indices, int]:
     rates = np.diff(_turns(model, edges)) / np.diff(edges)
     change = np.quantile(np.abs(np.diff(rates)) / np.diff(edges)[1:], 0.9, axis=-1)  # of a frequency, in a sample
     steady = math.sqrt(_SWEEP / max(change.max(initial=0.0), 1e-12))
-    longest = min(_LENGTH / model.bandwidth.max(), seen.size / 3, steady)
+    longest = min(_LENGTH / model.bandwidth.max(), max(seen.size / 3, _SHORTEST), steady)
     missing = np.zeros(seen.size + 1, dtype=int)
     if not seen.all():
         np.cumsum(~seen, out=missing[1:])
     length = next(n for n in range(max(int(longest), 1), 0, -1) if next_fast_len(n) == n)
     while length >= _SHORTEST:
         apart = seen.size // length
-        count = min(_MOST_SEGMENTS, apart if apart > _OVERLAPPING else 2 * apart - 1)
+        count = min(_MOST_SEGMENTS, apart if apart > _OVERLAPPING else 2 * seen.size // length - 1)
         starts = np.linspace(0, seen.size - length, count).astype(int)
         whole = missing[starts + length] == missing[starts]
         if 2 * np.count_nonzero(whole) >= count:
@@ -125,7 +139,7 @@ def _turns(model: HarmonicModel, samples: Indices) -> Floats:
     return np.asarray(model.orders.reshape(-1, *[1] * samples.ndim) * turns)
 
 
-def _bins(starts: Indices, length: int, model: HarmonicModel) -> tuple[Indices, Flags]:
+def _bins(starts: Indices, length: int, model: HarmonicModel, side: int) -> tuple[Indices, Flags]:
     """Return (segment, order, side, bin) numbers of bins beside each order, and which of them show noise alone."""
     ends = np.stack([starts, starts + length // 2, starts + length - 1])
     first, second = np.diff(_turns(model, ends), axis=1).transpose(1, 2, 0)  # (segment, order) cycles in each half
@@ -140,12 +154,12 @@ def _bins(starts: Indices, length: int, model: HarmonicModel) -> tuple[Indices, 
     np.add.at(covered, (rows, edges[1]), -1)
     free = np.cumsum(covered, axis=1)[:, :-1] == 0
     free[:, : _LOBE + 1] = free[:, last:] = False  # the mean, and half of the rate
-    away = (guard[:, :, None] + np.arange(1, _SEARCHED + 1))[:, :, None, :] * np.array([-1, 1])[:, None]
+    away = (guard[:, :, None] + np.arange(1, _SEARCHED * side + 1))[:, :, None, :] * np.array([-1, 1])[:, None]
     bins = np.rint(position[:, :, None, None] + away).astype(int)
     inside = (bins >= 0) & (bins <= last)
     bins = np.clip(bins, 0, last)
     taken = inside & free[np.arange(starts.size)[:, None, None, None], bins]
-    return bins, taken & (np.cumsum(taken, axis=-1) <= _SIDE)
+    return bins, taken & (np.cumsum(taken, axis=-1) <= side)
 
 
 @lru_cache(maxsize=4)

@@ -19,7 +19,6 @@ from signals.harmonics.noise_density import noise_density
 from signals.harmonics.separability import Closeness, flag_outputs
 from signals.harmonics.state_space import Estimator, HarmonicModel, Method, Order, lost
 from signals.harmonics.tracking_results import OrderTracks
-from signals.harmonics.waveform import order_waveform
 
 if TYPE_CHECKING:
     from collections.abc import Mapping, Sequence
@@ -36,8 +35,9 @@ LARGEST_RTOL = 0.1
 # Error of the steady-state gains, as a part of the exact filter's own error, above which they are refused.
 LARGEST_RIPPLE = 0.7
 # Times, at most, that clipped samples are replaced by their expectations, and change over the noise's std at which they
-# stay; distance of a limit in std beyond which double precision loses the variance there.
-MOST_FILLINGS, FILLED_RTOL, FARTHEST = 40, 0.02, 1e4
+# stay; outputs in 1 / bandwidth between which amplitudes are taken as straight then; distance of a limit in std beyond
+# which double precision loses the variance there.
+MOST_FILLINGS, FILLED_RTOL, FILLING_OUTPUTS, FARTHEST = 40, 0.02, 100, 1e4
 
 
 @checked
@@ -195,7 +195,10 @@ def _tracked(task: _Task, method: Method, record: Floats, *, name: str) -> tuple
     estimate = _run(method, task, record, seen, _startup(task, seen, name=name))
     found = statistics(record, estimate, task.noise_variance)
     if task.noise_variance is None:
-        found["noise_density"] = noise_density(record, seen, task.model, found["noise_variance"])
+        fitted = task.model.state_size if task.estimator == "smoother" else 0  # innovations are independent
+        left = estimate.innovation_samples * (1 - fitted / max(int(np.count_nonzero(seen)), fitted + 1))
+        white = found["noise_variance"], max(left, 1.0)
+        found["noise_density"], found["noise_freedom"] = noise_density(record, seen, task.model, *white)
     flags = flag_outputs(task.closeness, seen, every=task.output_every, estimator=task.estimator)
     found["flags"] = np.broadcast_to(flags, (len(record), *flags.shape))
     return estimate, found
@@ -211,37 +214,54 @@ def _censored(x: ArrayLike, clip_limits: ArrayLike, output_every: int, **given: 
     """
     from scipy.special import erfcx  # noqa: PLC0415 - slow to import
 
+    from signals.harmonics._block_kernels import phasors  # noqa: PLC0415 - loads numba
+
     limits = real_array(clip_limits, name="clip_limits").astype(np.float64)
     if limits.shape != (2,) or not limits[0] < limits[1]:
         raise ValueError(f"clip_limits={limits.tolist()} must be two numbers, the smaller first; one may be infinite.")
     if given["estimator"] != "smoother":
         raise ValueError('clip_limits with estimator="filter": only the smoother fits them; use estimator="smoother".')
-    record = _arguments.check_record(x).reshape(np.shape(x))
-    side = (record >= limits[1]).astype(np.float64) - (record <= limits[0])
-    clipped, known, lost = side != 0, given["noise_variance"], np.zeros(1)
-    filled, before, former, noise = record, record, np.zeros(1), np.zeros(1)
-    for _ in range(MOST_FILLINGS):
-        tracks = track_orders(filled, output_every=1, **given)
-        noise = np.asarray(tracks.noise_variance)[..., None] + (0.0 if known else noise * lost)
-        std = np.sqrt(np.maximum(noise, _arguments.SMALLEST**2))
-        wave = order_waveform(tracks, phase_rad=given["phase_rad"])
+    record, known, shape = _arguments.check_record(x), given["noise_variance"], np.shape(x)
+    channel, sample = at = np.nonzero((record <= limits[0]) | (record >= limits[1]))
+    bound = record[at]
+    side = np.where(bound >= limits[1], 1.0, -1.0)
+
+    def summed(values: Floats) -> Floats:
+        return np.asarray(np.bincount(channel, values, minlength=len(record)))
+
+    tracks = track_orders(x, output_every=output_every, **given)
+    noise, lost = np.atleast_1d(tracks.noise_variance), np.zeros(len(record))
+    every = max(1, int(1 / (FILLING_OUTPUTS * tracks.bandwidth_cycles.max())))
+    _, _, shaft, phases = _arguments.check_orders(given["orders"], given["phase_rad"], samples=record.shape[1])
+    waves = phasors(-tracks.orders[:, None] * np.stack([phase[sample] for phase in phases])[shaft])
+    filled, before, former = record.copy(), bound, np.zeros_like(bound)
+    for _ in range(MOST_FILLINGS if bound.size else 0):
+        tracks = track_orders(filled.reshape(shape), output_every=every, **given)
+        noise = np.atleast_1d(tracks.noise_variance) + (0.0 if known else noise * lost)
+        std = np.sqrt(np.maximum(noise, _arguments.SMALLEST**2))[channel]
+        outputs = tracks.complex_amplitude.reshape(len(record), tracks.orders.size, -1)
+        low = sample // every
+        high, part = np.minimum(low + 1, outputs.shape[-1] - 1), sample / every - low
+        amplitude = (1 - part) * outputs[channel, :, low].T + part * outputs[channel, :, high].T
         # Of a standard normal variable beyond a: mean h, the hazard, and variance 1 - h (h - a)
-        beyond = np.clip(np.where(clipped, side * (record - wave) / std, 0.0), -FARTHEST, FARTHEST)
+        beyond = np.clip(side * (bound - np.sum(amplitude * waves, axis=0).real) / std, -FARTHEST, FARTHEST)
         hazard = np.sqrt(2 / np.pi) / erfcx(beyond / np.sqrt(2))
-        step = np.where(clipped, record + side * std * (hazard - beyond) - filled, 0.0)
-        lost = np.mean(np.where(clipped, 1 - hazard * (hazard - beyond), 0.0), axis=-1, keepdims=True)
+        step = bound + side * std * (hazard - beyond) - filled[at]
+        lost = summed(1 - hazard * (hazard - beyond)) / record.shape[1]
         # Barzilai and Borwein's step length, from the change of the plain step over the last one taken
-        moved = np.where(clipped, filled - before, 0.0)
-        bend = np.maximum(np.sum(moved * (former - step), axis=-1, keepdims=True), _arguments.SMALLEST)
-        length = np.clip(np.sum(moved**2, axis=-1, keepdims=True) / bend, 1, 100)
-        filled, before, former = record + side * np.maximum(side * (filled + length * step - record), 0), filled, step
+        moved = filled[at] - before
+        bend = np.maximum(summed(moved * (former - step)), _arguments.SMALLEST)
+        length = np.clip(summed(moved**2) / bend, 1, 100)[channel]
+        before, former = filled[at], step
+        filled[at] = bound + side * np.maximum(side * (before + length * step - bound), 0)
         if np.max(np.abs(step) / std) < FILLED_RTOL:
             break
-    tracks = track_orders(filled, output_every=output_every, **given)
-    more = noise / np.asarray(tracks.noise_variance)[..., None]
+    if bound.size:
+        tracks = track_orders(filled.reshape(shape), output_every=output_every, **given)
+    more, clipped = noise / np.atleast_1d(tracks.noise_variance), summed(np.ones(bound.size)) / record.shape[1]
     return replace(
-        tracks, noise_variance=noise[..., 0], clipped_share=clipped.mean(axis=-1),
-        noise_density=tracks.noise_density * (more / (1 - lost))[..., None],
+        tracks, noise_variance=noise.reshape(shape[:-1])[()], clipped_share=clipped.reshape(shape[:-1])[()],
+        noise_density=tracks.noise_density * (more / (1 - lost)).reshape(*shape[:-1], 1, 1),
     )  # fmt: skip
 
 

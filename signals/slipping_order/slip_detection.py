@@ -1,13 +1,9 @@
 """Detection of a slipping order: the path of slips with most power, and its false-alarm probability.
 
 The record is cut into segments of equal shaft rotation, over which amplitude and slip can be taken as constant. The
-power of each segment at a grid of slips is divided by that of the noise beside; the path through the grid with the
-largest sum of powers, less the cost of its changes, is found by dynamic programming (Viterbi).
-
-The noise is estimated from the power at orders near the line that no harmonic reaches: independent and exponentially
-distributed in white noise. Some may hold other lines: so the largest of the lower half stands for each of the upper
-half. The mean of this sum over the lower half has a Gamma distribution of as many powers (B. Epstein, M. Sobel, "Life
-testing", J. American Statistical Association 48, 1953).
+power of each segment at a grid of slips is divided by that of the noise on both sides of the searched band, see
+`noise_density`; the path through the grid with the largest sum of powers, less the cost of its changes, is found by
+dynamic programming (Viterbi).
 
 White noise of variance R gives a segment's power over R the moments E exp(theta power) = det(1 - 2 theta C)^(-1/2)
 with C the covariance of its cosine and sine sums: (1 - theta)^-1 for each harmonic with many turns there, more with
@@ -74,7 +70,6 @@ class Demodulated:
 
     sums: Complexes  # (harmonic, block)
     counts: Floats  # (block,), of observed samples
-    turned: Floats  # (block,), rotation of the shaft in each, rad
     angle: Floats  # (block,), shaft angle at the middle of each, rad
     parts: tuple[slice, ...]  # the blocks of each segment
 
@@ -95,30 +90,22 @@ class Demodulated:
         return cls(
             sums=sums,
             counts=np.add.reduceat(observed.astype(np.float64), edges[:-1]),
-            turned=np.diff(record.turning[np.minimum(edges, n - 1)]),
             angle=record.phase[(edges[:-1] + edges[1:]) // 2],
             parts=tuple(slice(int(a), int(b)) for a, b in pairwise(np.searchsorted(edges, cuts))),
         )
 
-    def power(self, part: slice, harmonic: int, deviations: Floats, *, window: Floats | float = 1.0) -> Floats:
+    def power(self, part: slice, harmonic: int, deviations: Floats) -> Floats:
         """Return the (deviation,) power of a segment at these order differences from a harmonic; R in white noise."""
         lead = self.angle[part] - self.angle[part].mean()
-        sums = phasors(np.outer(deviations, lead)) @ (window * self.sums[harmonic, part])
-        seen = float(np.sum(np.square(window) * self.counts[part]))
-        return np.asarray((sums.real**2 + sums.imag**2) / (seen or 1.0))
+        sums = phasors(np.outer(deviations, lead)) @ self.sums[harmonic, part]
+        return np.asarray((sums.real**2 + sums.imag**2) / (self.counts[part].sum() or 1.0))
 
 
+_SIDE = 48  # bins of noise on either side; with fewer, the bound rests on how well R is known
 _TURN_OF_BLOCK = 1 / 32  # turns in a block at the largest order difference evaluated
 _TILTS = np.arange(1, 20) / 20  # theta of the bound
 # Estimated R over true R. Above the last ratio the bound is taken at the last, a small loss.
 _RATIOS = np.geomspace(1e-4, 1.25, 600)
-# Spacing of noise cells and their distance from a line, in widths (1 / segment). Under Hann's window such cells are
-# practically independent, and a line at this distance is 41 dB down, falling off by 18 dB an octave.
-_SPACING = 2
-_AWAY = 3
-_CELLS = 24  # in a segment, for each harmonic
-_FEWEST = 16  # in the record, at least
-_SUFFICIENT = 64  # in the record
 
 
 @dataclass(frozen=True, kw_only=True, eq=False)
@@ -137,17 +124,14 @@ def search(record: SlipRecord, line: Line, *, width: Floats, noise_variance: flo
     cuts = _cuts(record, line, width)
     # Where the shaft turns back, the angle covers less than the total rotation.
     cell = 2 * pi / float(np.median([np.ptp(record.phase[a : b + 1]) for a, b in pairwise(cuts)]))
-    cells = adjacent_cells(record, line, width=cell, segments=cuts.size - 1)
-    farthest = 0.0 if noise_variance is not None else float(np.abs(np.concatenate(cells)).max(initial=0.0))
-    reach = max(farthest, line.top * line.largest_slip + cell)
-    block = max(1, int(_TURN_OF_BLOCK * record.per_rev / reach))
+    block = max(1, int(_TURN_OF_BLOCK * record.per_rev / (line.top * line.largest_slip + cell)))
     # Samples at which the shaft rests hold no information on the slip.
     still = np.concatenate([[True], np.diff(record.turning) == 0, [True]])
     turned = replace(record, x=np.where(still[:-1] & still[1:], np.nan, record.x))
     data = Demodulated.of(turned, order=line.order, harmonics=line.harmonics, block=block, cuts=cuts)
     seen = replace(turned, x=np.where(np.isnan(turned.x), np.nan, 1.0))
     ones = Demodulated.of(seen, order=line.order, harmonics=2 * line.harmonics, block=block, cuts=cuts)
-    noise, counted = (noise_variance, None) if noise_variance else adjacent_noise(data, cells, order=line.order)
+    noise, counted = (noise_variance, np.inf) if noise_variance else searched_noise(record, line)
 
     slip_width = cell / line.top
     half = max(1, ceil(2 * line.largest_slip / slip_width))  # two slips for each width (1 / segment) of a line
@@ -159,24 +143,49 @@ def search(record: SlipRecord, line: Line, *, width: Floats, noise_variance: flo
     slip, score = _best_path(power, grid, change)
     spreads = power_spreads(ones, order=line.order, largest_slip=line.largest_slip)
     probability = chance(score, grid, change, spreads=spreads, counted=counted)
+    if noise_variance is None:
+        noise = noise_along(record, line, middle, slip, width=width, searched=noise)
     return Ridge(
         turning=middle, slip=slip, slip_width=slip_width, noise_variance=noise, false_alarm_probability=probability
     )
 
 
-def about_line(record: SlipRecord, line: Line, ridge: Ridge, *, width: Floats) -> float:
-    """Return the variance of white noise as dense as that on both sides of the harmonics along the ridge."""
+def searched_noise(record: SlipRecord, line: Line) -> tuple[float, float]:
+    """Return R from both sides of the searched bands, and the number of powers of noise with a mean as certain."""
+    searched = line.largest_slip * line.order * np.arange(1.0, line.harmonics + 1) / record.per_rev
+    noise, freedom = _on_both_sides(record, line, record.phase, searched, np.nan, side=_SIDE)
+    if not noise > 0:
+        what = "no noise" if noise == 0 else "too little"
+        raise ValueError(
+            f"x shows {what} on both sides of order {line.order:g}, and without its variance nothing can be weighed: "
+            "take a longer record or fewer harmonics, or pass noise_variance."
+        )
+    return noise, freedom / 2
+
+
+def noise_along(
+    record: SlipRecord, line: Line, turning: Floats, slip: Floats, *, width: Floats, searched: float
+) -> float:
+    """Return R from both sides of the harmonics along a path of slips, where `searched` is R about all paths."""
     # a smooth course of the slip: the density takes steps in speed for a line that sweeps over its neighbours
-    slip = np.polynomial.Polynomial.fit(ridge.turning, ridge.slip, min(3, ridge.slip.size - 1))(record.turning)
-    phase = record.phase + np.append(0.0, np.cumsum(slip[1:] * np.diff(record.phase)))
+    smooth = np.polynomial.Polynomial.fit(turning, slip, min(3, slip.size - 1))(record.turning)
+    phase = record.phase + np.append(0.0, np.cumsum(smooth[1:] * np.diff(record.phase)))
     widest = max(float(width.max()), 1 / (line.steady_rev * record.per_rev))
+    return _on_both_sides(record, line, phase, np.full(line.harmonics, widest), searched)[0]
+
+
+def _on_both_sides(
+    record: SlipRecord, line: Line, phase: Floats, bandwidth: Floats, white: float, **of_density: int
+) -> tuple[float, float]:
+    """Return the geometric mean of the density about the harmonics and its degrees of freedom."""
     model = HarmonicModel(
         orders=line.order * np.arange(1.0, line.harmonics + 1), shaft=np.zeros(line.harmonics, dtype=np.int64),
-        phases=(phase,), bandwidth=np.full((line.harmonics, 1), widest), poles=1, prior_std=1.0,
+        phases=(phase,), bandwidth=bandwidth[:, None], poles=1, prior_std=1.0,
     )  # fmt: skip
     seen = ~np.isnan(record.x)
-    known = np.array([ridge.noise_variance])
-    return float(np.exp(np.log(noise_density(np.where(seen, record.x, 0.0)[None], seen, model, known)).mean()))
+    density, freedom = noise_density(np.where(seen, record.x, 0.0)[None], seen, model, np.array([white]), **of_density)
+    with np.errstate(divide="ignore"):
+        return float(np.exp(np.log(density).mean())), float(freedom.mean())
 
 
 def _cuts(record: SlipRecord, line: Line, width: Floats) -> Indices:
@@ -187,49 +196,6 @@ def _cuts(record: SlipRecord, line: Line, width: Floats) -> Indices:
     segments = max(1, round(turning[-1] / min(longest, 2 * pi * line.steady_rev)))
     inner = np.searchsorted(turning, turning[-1] * np.arange(1, segments) / segments)
     return np.unique(np.concatenate([[0], inner, [turning.size]]))
-
-
-def adjacent_cells(record: SlipRecord, line: Line, *, width: float, segments: int) -> list[Floats]:
-    """Return the noise cells nearest to the searched bands, away from these, order 0 and half of the rate.
-
-    One array for each harmonic, of order differences from it: those of the cells that it is nearest to.
-    """
-    fastest = float(np.diff(record.turning).max())
-    order = width * np.arange(_AWAY, pi / fastest / width - 1, _SPACING)
-    number = np.arange(1, line.harmonics + 1)
-    away = order[:, None] - number * line.order
-    margin = np.min(np.abs(away) - number * line.order * line.largest_slip, axis=1)
-    good = np.flatnonzero(margin >= _AWAY * width)
-    near = good[np.argsort(margin[good], kind="stable")]
-    away = away[near[: max(_CELLS * line.harmonics, -(-_SUFFICIENT // segments))]]
-    nearest = np.abs(away).argmin(axis=1)
-    return [away[nearest == k, k] for k in range(line.harmonics)]
-
-
-def adjacent_noise(data: Demodulated, cells: list[Floats], *, order: float) -> tuple[float, int]:
-    """Return the variance of white noise with the power density in the cells, and the number of powers averaged."""
-    powers = []
-    for part in data.parts:
-        angle, counts, turned = data.angle[part], data.counts[part], data.turned[part]
-        lead = angle - (angle.max() + angle.min()) / 2
-        window = 0.5 + 0.5 * np.cos(lead * (2 * pi / max(np.ptp(lead), 1e-300)))
-        # In a segment with half of it missing cells are twice as wide: they are dependent, and reach the line.
-        if turned[counts > 0].sum() >= turned.sum() / 2 and window @ counts > 0:
-            powers += [data.power(part, k, away, window=window) for k, away in enumerate(cells)]
-    values = np.sort(np.concatenate(powers)) if powers else np.empty(0)
-    if values.size < _FEWEST:
-        raise ValueError(
-            f"the noise beside order {order:g} shows in {values.size} independent cells of the record, and {_FEWEST} "
-            "are needed to tell its variance: take a longer record or fewer harmonics, or pass noise_variance."
-        )
-    lower = values.size // 2
-    noise = float(values[:lower].sum() + (values.size - lower) * values[lower - 1]) / lower
-    if noise <= 0:
-        raise ValueError(
-            f"x shows no noise beside order {order:g} ({values.size} cells were looked at), and without it "
-            "nothing can be weighed: pass noise_variance."
-        )
-    return noise, lower
 
 
 def _best_path(power: Floats, grid: Floats, change: Floats) -> tuple[Floats, float]:
@@ -268,21 +234,19 @@ def power_spreads(ones: Demodulated, *, order: float, largest_slip: float) -> Fl
     return np.array(spreads).reshape(-1, 3, twice)
 
 
-def chance(score: float, grid: Floats, change: Floats, *, spreads: Floats, counted: int | None) -> float:
+def chance(score: float, grid: Floats, change: Floats, *, spreads: Floats, counted: float) -> float:
     """Return a bound on the probability that a path through powers of noise reaches this score.
 
     `grid` are the slips searched, `change`, (segment - 1,), the variances of their changes, `spreads` the result of
-    `power_spreads`. R is the mean of `counted` powers of noise, or known where that is None.
+    `power_spreads`. R is the mean of `counted` powers of noise, infinite where it is known.
     """
     with np.errstate(divide="ignore"):  # of theta beyond 1 / (2 spread) the moments are infinite
         moments = [
             -0.5 * np.log(np.maximum(1 - 2 * tilt * spreads, 0).prod(axis=2).min(axis=1)).sum() for tilt in _TILTS
         ]
-    if counted is None:
-        return float(np.exp(min(0.0, np.min(moments - _TILTS * score + _log_paths(grid, change, _TILTS)))))
     from scipy.special import gammainc  # noqa: PLC0415
 
-    below = gammainc(counted, counted * np.append(_RATIOS[:-1], np.inf))
+    below = gammainc(counted, counted * np.append(_RATIOS[:-1], np.inf)) if counted < np.inf else 1.0 * (_RATIOS >= 1)
     tilts = _RATIOS[:, None] * _TILTS
     nodes = np.append(0.0, np.arange(1, 26) / 20)
     # Logarithms of sums of exponentials are convex: chords lie above.

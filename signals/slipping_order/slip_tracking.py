@@ -27,7 +27,7 @@ References
 
 from __future__ import annotations
 
-from dataclasses import dataclass, field, replace
+from dataclasses import dataclass, field
 from typing import TYPE_CHECKING, get_args
 
 import numpy as np
@@ -36,7 +36,7 @@ from signals._validation import checked, choice, positive, real_vector, whole
 from signals.harmonics._arguments import check_bandwidth, check_phase, check_record
 from signals.harmonics.state_space import Estimator
 from signals.slipping_order.block_chain import Status, extended_filter, in_blocks, iterate, starts
-from signals.slipping_order.slip_detection import Line, SlipRecord, about_line, search
+from signals.slipping_order.slip_detection import Line, SlipRecord, search
 
 if TYPE_CHECKING:
     from numpy.typing import ArrayLike
@@ -247,8 +247,6 @@ def track_slipping_order(
     width = bandwidth.cycles[0]
 
     ridge = search(record, line, width=width, noise_variance=given)
-    if given is None:
-        ridge = replace(ridge, noise_variance=about_line(record, line, ridge, width=width))
     chain = in_blocks(record, line, width=width, noise_variance=ridge.noise_variance, every=every)
     status: Status = "single pass"
     if estimator == "filter":

@@ -13,6 +13,7 @@ from hums.gearbox.defect_orders import defects
 from hums.gearbox.kinematics import solve_kinematics
 from hums.gearbox.model import load_gearbox
 from hums.records.record import PulseTimes, make_record
+from hums.report import render
 from signals.shaft.phase import constant_speed
 
 TURNS, PER_REV, ORDER = 320, 16, 5.4
@@ -121,6 +122,31 @@ def test_a_named_race_is_tracked_in_its_envelope(modulated, tmp_path):
     assert np.all(np.abs(off) < 4 * one["slip_std"].to_numpy()[inner])
     assert abs(off.mean()) < 1e-4  # a tenth of a bin of the whole record
     assert float(one["level"]) == pytest.approx(1.0, abs=0.01)
+
+
+@pytest.mark.parametrize("limit", [1.25, 0.95])
+def test_tracks_of_a_clipped_channel_hold_their_std(limit):
+    """Left out, 3 or 22 % of the samples would take 2 or 11 % off the amplitude, 3 or 16 times its `std`."""
+    rate_hz, seconds, speed_hz, truth = 4000, 8.0, 20.0, np.exp(0.3j)
+    time = np.arange(int(rate_hz * seconds)) / rate_hz
+    rng, line = np.random.default_rng(6), (truth * np.exp(2j * np.pi * 23 * speed_hz * time)).real
+    channels = {f"c{n}": np.clip(line + rng.normal(0, 0.2, time.size), -limit, limit) for n in range(12)}
+    pulses = PulseTimes(times_s=np.arange(0.0, seconds, 1 / speed_hz), shaft="input", pulses_per_rev=1)
+    record = make_record(channels, rate_hz=rate_hz, units="g", angle=pulses)
+    settings = AnalysisSettings(most_tracks=1, track_bandwidth_orders=0.05, pictures=False)
+    analysis = analyze(record, load_gearbox("two-stage"), settings=settings)
+    tracks = group(analysis, "tracks").isel(output=slice(40, -40, 160))  # outputs 1 / bandwidth apart
+    assert tracks.sizes["track"] == 12
+    np.testing.assert_allclose(tracks["track_order"], 23)
+    wrong = tracks["complex_amplitude"].to_numpy() - truth
+    parts, std = np.stack([wrong.real, wrong.imag]), tracks["std"].to_numpy()
+    assert abs(wrong.mean()) < 3e-3
+    # a constant amplitude, where the prior of a moving one adds to `std`
+    assert np.mean(np.abs(parts) < 1.645 * std) > 0.85
+    assert 0.8 < np.median(std) / np.sqrt(np.mean(parts**2)) < 1.6
+    clipped = np.mean([np.abs(x) == limit for x in channels.values()], axis=1)
+    np.testing.assert_allclose(tracks["clipped_share"], clipped, rtol=1e-9)
+    assert ("a lower bound" in render(analysis)) == (limit < 1)
 
 
 def test_nothing_is_tracked_where_nothing_is_named():

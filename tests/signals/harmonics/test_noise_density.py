@@ -65,3 +65,14 @@ def test_ninety_per_cent_intervals_hold_under_a_resonance(estimator):
         inside.append(np.abs([error.real, error.imag]) < 1.645)
     # 2,000 quadratures of each order, a fifth of them independent; of constants `std` is up to 1.6 times too wide
     assert np.all(np.mean(inside, axis=(0, 1, 3)) > 0.85)
+
+
+@pytest.mark.parametrize("estimator", ["smoother", "filter"])
+def test_half_widths_are_those_of_a_regression_where_amplitudes_stand_still(estimator):
+    """Two quadratures from ten samples: 8 degrees of freedom, with which a normal distribution would hold 86 %."""
+    phase = 0.9 * np.arange(10)
+    x = np.cos(phase + 0.4) + np.random.default_rng(8).standard_normal((4000, 10))
+    tracks = track_orders(x, phase_rad=phase, orders=[1], bandwidth_hz=1e-6, rate_hz=1.0, estimator=estimator)
+    error = tracks.complex_amplitude[:, 0, -1] - np.exp(0.4j)
+    inside = np.abs([error.real, error.imag]) < tracks.half_width(0.9)[:, 0, -1]
+    assert_allclose(inside.mean(), 0.9, atol=0.01)  # 3 standard deviations of 8,000

@@ -525,7 +525,7 @@ GOOD = {
         ({"phase_rad": np.zeros(200)}, "phase_rad turns by 0 rad in all.* the shaft has turned too little"),
         ({"x": np.full(200, np.nan)}, "all of them missing"),
         ({"x": np.append(np.zeros(199), np.inf)}, r"x\[199\]=inf \(and 0 more\) is infinite"),
-        ({"x": np.zeros(200)}, "no noise beside order 2 .* pass noise_variance"),
+        ({"x": np.zeros(200)}, "no noise on both sides of order 2.* pass noise_variance"),
         ({"order": 0}, "order=0 must be above zero"),
         ({"largest_slip": 2}, "largest_slip=2 is relative to the order and must be below 1; 2 % is 0.02"),
         ({"slip_change_per_rev": -1}, "slip_change_per_rev=-1 must be above zero"),
