@@ -33,8 +33,6 @@ from hums.records.outputs import check_outputs, own_json
 from hums.records.snapshots import join_snapshots
 from hums.records.store import atomic_write, remove_partial_files, write_record, write_shard, write_text
 
-__all__ = ["Conversion", "SourceFile", "convert_files", "find_sources"]
-
 Form = Literal["packed", "files"]
 _MARKS: Mapping[Form, str] = {"packed": "conversion.json", "files": "conversion-files.json"}
 _PIECES, _REFUSED = "pieces", "refused.csv"

@@ -21,8 +21,6 @@ from typing import Any, Generic, TypeVar
 
 from signals._validation import SentenceError
 
-__all__ = ["Cluster", "Job", "JobError", "Processes", "Serial", "Tally", "Workers", "cpu_limit", "locked", "run_jobs"]
-
 Item = TypeVar("Item")
 _JOBS_PER_WORKER = 2  # submitted at a time, so that no worker waits for the next
 _ONE_THREAD = ("OMP_NUM_THREADS", "OPENBLAS_NUM_THREADS", "MKL_NUM_THREADS", "NUMBA_NUM_THREADS")

@@ -42,8 +42,6 @@ from signals.indicators import INDICATORS, kurtosis, rms
 from signals.shaft.phase import constant_speed
 from signals.spectra.spectra import AmplitudeSpectrum, amplitude_spectrum
 
-__all__ = ["average_channel", "average_segments", "envelope_depths", "no_speed", "parts_of_average"]
-
 _RAW = ("rms", "peak", "crest_factor", "kurtosis")
 _STANDARDISED = 1e-2  # how near one the deviation of a signal without unit is, of which it is taken for the unit
 _NO_TIME = "an average in angle has no time, and its speed is not known"

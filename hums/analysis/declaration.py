@@ -29,8 +29,6 @@ from hums.gearbox.defect_orders import BEARING_KINDS
 from signals.spectra.peaks import spectral_peaks
 from signals.spectra.spectra import AmplitudeSpectrum
 
-__all__ = ["Declaration", "judged_declaration"]
-
 CONFIRMED = math.log(20)
 """Evidence from which on a declaration is confirmed: odds of twenty against chance."""
 

@@ -37,8 +37,6 @@ from hums.gearbox.bearing_orders import BearingOrders
 from hums.gearbox.defect_orders import BEARING_KINDS
 from signals.spectra.lines import record_probability
 
-__all__ = ["OF_CAGE", "AssessedLine", "LineAssessor", "implied_cage"]
-
 LEAKAGE_SHARE = 0.5
 OF_CAGE = "times the cage rate implied by"
 _EXPLAINED_HARMONICS = 3

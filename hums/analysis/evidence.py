@@ -48,8 +48,6 @@ from hums.gearbox.bearing_orders import BearingOrders
 from hums.gearbox.defect_orders import BEARING_KINDS
 from signals.spectra.lines import record_probability
 
-__all__ = ["BandEvidence", "PartEvidence", "Setting", "bearing_evidence", "mains_multiples", "strength"]
-
 _CHANCE_WIDTHS = 4.0  # widths of a line: where multiples of the mains are nearer, a quarter of all lines is on one
 _SELDOM = 0.02  # of all lines near the mains: none of the ten or so of a drawing is so by chance (our choice)
 _ALIKE = 0.99  # of the widest band's width, to rounding

@@ -40,8 +40,6 @@ from signals.angle.residual_energies import (
 )
 from signals.resampling.resampling import PASSBAND, AngularSignal
 
-__all__ = ["GearJudgement", "ToothEnvelope", "gear_damage", "gear_indicators", "gear_verdicts", "healthy_probability"]
-
 # Sidebands of run-out and planet passes removed on either side of a mesh harmonic, in rotations of the fastest of its
 # gears. Halved, a run-out of several per cent leaves its second sideband; doubled, a quarter of the orders is lost.
 _SIDEBANDS = 2.5

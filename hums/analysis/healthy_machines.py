@@ -24,8 +24,6 @@ from typing import Any, Literal
 import numpy as np
 from numpy.typing import NDArray
 
-__all__ = ["RAREST_STATED", "HealthyMachines", "healthy_machines", "healthy_share_words", "read_library"]
-
 _FILE = "healthy_machines.json"
 RAREST_STATED = 1 / 2000  # of the library's records; what is rarer is an extrapolation, on which only verdicts rest
 

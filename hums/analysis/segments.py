@@ -31,8 +31,6 @@ from signals.health import SensorHealth, sensor_health
 from signals.resampling.resampling import PASSBAND, AngularSignal, angular_resample_all
 from signals.shaft.phase import ShaftPhase
 
-__all__ = ["LONGEST", "Segment", "SegmentedRecord", "resample_in_angle", "segmented", "selected_channels"]
-
 LONGEST = 4_000_000  # samples of a channel at once: a gigabyte besides the record, two minutes at 33 kHz
 SHORTEST = 64  # samples that a check of the sensor needs
 _PARTS = 8  # of a turn, to whole ones of which a snapshot is cut: of three turns an eighth is lost, not one
@@ -323,6 +321,7 @@ class Scan:
 
     @classmethod
     def of(cls, values: Values) -> "Scan":
+        """Scan samples, NaN where missing."""
         finite = np.isfinite(values)
         lost = finite.size - int(np.count_nonzero(finite))
         if lost:

@@ -23,17 +23,6 @@ from hums.gearbox.defect_orders import DefectOrder
 from signals.spectra.peaks import spectral_peaks
 from signals.spectra.spectra import AmplitudeSpectrum
 
-__all__ = [
-    "Drawn",
-    "PulseVariation",
-    "UnexplainedLine",
-    "drawn_orders",
-    "not_named",
-    "on_mains",
-    "unexplained_lines",
-    "unlike_drawing",
-]
-
 _FEWEST = 4  # members of a family: three multiples of one order among tens of lines happen by chance
 _CHANCE = 1e-3
 _LARGE = 20  # lines that are tried as multiples

@@ -51,15 +51,6 @@ from hums.gearbox.defect_orders import BEARING_KINDS
 from signals._validation import checked
 from signals.spectra.integration import line_velocity
 
-__all__ = [
-    "ShaftLevel",
-    "derive_verdicts",
-    "evidence_groups",
-    "shaft_levels",
-    "unmeasured_parts",
-    "verdicts_from",
-]
-
 EVIDENCE, GEARS, SHAFTS, UNMEASURED = "evidence", "gears", "shafts", "unmeasured"
 # attributes of the root: what contradicts the declared angle, and why it is not sure; empty where nothing does
 CONTRADICTION, DOUBT = "declaration_contradiction", "declaration_doubt"

@@ -30,8 +30,6 @@ if TYPE_CHECKING:
 
     from hums.readers.process import ReaderProcess
 
-__all__ = ["analyze"]
-
 
 def analyze(
     record: Annotated[Path, typer.Argument(help="Record to analyse, .h5.")],

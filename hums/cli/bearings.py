@@ -6,8 +6,6 @@ import typer
 
 from hums.cli.options import echo
 
-__all__ = ["bearings"]
-
 
 def bearings(
     designation: Annotated[Optional[str], typer.Argument(help="Designation, or part of one.")] = None,  # noqa: UP045

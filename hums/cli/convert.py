@@ -21,8 +21,6 @@ from hums.cli.options import (
     workers_of,
 )
 
-__all__ = ["convert"]
-
 FEW_FILES = 200  # which one process converts in the time in which others start
 
 

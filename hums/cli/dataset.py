@@ -7,8 +7,6 @@ import typer
 
 from hums.cli.options import Force, Scheduler, WorkerCount, echo, workers_of
 
-__all__ = ["dataset"]
-
 
 def dataset(
     plan: Annotated[str, typer.Argument(help="Plan, .toml, or a catalogue name.")],

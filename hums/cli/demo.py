@@ -7,8 +7,6 @@ import typer
 
 from hums.cli.options import Force, Out, echo, say
 
-__all__ = ["demo"]
-
 DEMO_BAND_HZ = (6000.0, 10000.0)
 
 

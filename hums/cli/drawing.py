@@ -12,8 +12,6 @@ from hums.cli.options import FigureFormat, Force, UsageError, echo, parse_speeds
 if TYPE_CHECKING:
     from hums.gearbox.kinematics import Kinematics
 
-__all__ = ["drawing"]
-
 _SIZES = {"mechanism": (9.0, 6.0), "velocities": (7.0, 5.0), "orders": (10.0, 7.0)}  # inches
 _FIGURES = (".svg", ".png", ".pdf")
 

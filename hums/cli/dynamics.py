@@ -17,8 +17,6 @@ if TYPE_CHECKING:
     from data_synth.dynamics.system import System
     from data_synth.gears.mesh_stiffness import Stiffness
 
-__all__ = ["dynamics"]
-
 _PICTURES = ("frequencies", "modes", "campbell", "stability")
 _SHOWN_MODES = 6
 _SPEEDS = 31  # of a Campbell diagram

@@ -24,8 +24,6 @@ from hums.cli.options import (
     workers_of,
 )
 
-__all__ = ["fleet"]
-
 
 def fleet(  # noqa: PLR0917 - each option is one
     records: Annotated[list[Path], typer.Argument(help="Records, folders of records, or datasets.")],

@@ -10,8 +10,6 @@ from hums.cli.options import Force, echo
 if TYPE_CHECKING:
     import xarray as xr
 
-__all__ = ["info", "print_record"]
-
 
 def info(
     record: Annotated[Path, typer.Argument(help="Record, .h5, or folder of records; with --draft, a file to import.")],

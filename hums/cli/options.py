@@ -13,35 +13,6 @@ if TYPE_CHECKING:
     from hums.analysis.settings import AnalysisSettings
     from hums.jobs import Workers
 
-__all__ = [
-    "RECORD_SUFFIXES",
-    "Band",
-    "Channels",
-    "FigureFormat",
-    "Force",
-    "MachineClass",
-    "MaxAcceleration",
-    "NoEnvelope",
-    "Out",
-    "Scheduler",
-    "SpeedRange",
-    "SpeedUnits",
-    "Tachometer",
-    "UsageError",
-    "VelocityLimits",
-    "WorkerCount",
-    "check_record_target",
-    "echo",
-    "end_with_refusals",
-    "option_values",
-    "parse_speeds",
-    "save_picture",
-    "say",
-    "settings_of",
-    "several",
-    "workers_of",
-]
-
 Out = Annotated[Path, typer.Option("--out", "-o", help="Output folder.")]
 Band = Annotated[
     Optional[tuple[float, float]],  # noqa: UP045  (typer reads this form)

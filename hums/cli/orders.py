@@ -10,8 +10,6 @@ from hums.cli.options import UsageError, echo, parse_speeds
 if TYPE_CHECKING:
     import pandas as pd
 
-__all__ = ["orders"]
-
 
 def orders(
     gearbox: Annotated[str, typer.Argument(help="Gearbox file, .toml, or a catalogue name.")],

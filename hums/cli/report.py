@@ -8,8 +8,6 @@ import typer
 
 from hums.cli.options import Force, Out, SpeedUnits, echo, say
 
-__all__ = ["report"]
-
 
 def report(
     analysis: Annotated[Path, typer.Argument(help="Saved analysis, such as analysis.h5 of an earlier report.")],

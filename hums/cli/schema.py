@@ -6,8 +6,6 @@ import typer
 
 from hums.cli.options import echo
 
-__all__ = ["schema"]
-
 
 def schema(
     of: Annotated[

@@ -8,8 +8,6 @@ import typer
 from hums.cli.info import print_record
 from hums.cli.options import Force, UsageError, check_record_target, echo, say
 
-__all__ = ["synth"]
-
 
 def synth(
     scene: Annotated[str, typer.Argument(help="Scene, .toml, or a catalogue name.")],

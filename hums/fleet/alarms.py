@@ -6,8 +6,6 @@ from typing import Any
 
 from signals.monitoring.alarm_life import AlarmState, Life
 
-__all__ = ["ALARM_COLUMNS", "SEVERE", "SEVERITIES", "alarm_row", "life_word"]
-
 ALARM_COLUMNS = (
     "machine",
     "component",

@@ -41,9 +41,6 @@ from hums.records.outputs import check_outputs, own_json
 from hums.records.store import open_record, write_text
 from signals._validation import SentenceError, checked, plain_text
 
-__all__ = ["Fleet", "FleetError", "analyze_fleet"]
-
-
 _READING_S, _READING_S_PER_BYTE = 20.0, 1e-7  # of a record by a worker: a hundred times what a whole file takes
 
 

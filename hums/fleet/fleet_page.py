@@ -23,8 +23,6 @@ from hums.records.fields import file_name
 from hums.records.store import write_text
 from signals.monitoring.alarm_life import Life
 
-__all__ = ["write_page"]
-
 Array = NDArray[np.float64]
 _DRAWN = 50  # machines with figures, 0.3 MB of each with 2,000 records; all of them are in the table
 _COLUMNS = 1_000  # of a course in colour: two values for each pixel of the widest figure

@@ -8,8 +8,6 @@ from pathlib import Path
 from hums.fleet.observation import seconds_since_1970
 from signals._validation import SentenceError, checked
 
-__all__ = ["MaintenanceError", "Work", "read_maintenance"]
-
 _COLUMNS = ("date", "component")
 REPLACED, ACKNOWLEDGED = "replaced", "acknowledged"
 

@@ -27,14 +27,6 @@ from signals.monitoring.charts import ChartState
 from signals.monitoring.health import Normal, Reading, learn_normal, regime
 from signals.monitoring.limits import MachineLimits, machine_limits, own_scores
 
-__all__ = [
-    "Epoch",
-    "Judgement",
-    "MachineState",
-    "driving_series",
-    "update",
-]
-
 Array = NDArray[np.float64]
 RISES, FALLS = "level rises", "level falls suddenly"
 FEWEST_EFFECTIVE = 300  # independent records from which limits come from a machine's own distribution

@@ -7,8 +7,6 @@ from hums.fleet.observation import Observation, seconds_since_1970
 from signals._validation import SentenceError
 from signals.monitoring.alarm_life import AlarmRule
 
-__all__ = ["MonitorError", "MonitorSettings"]
-
 
 class MonitorError(SentenceError):
     """Raised where a baseline cannot be learned as asked, or a state is not one.

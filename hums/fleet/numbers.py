@@ -8,8 +8,6 @@ from typing import Any
 import numpy as np
 from numpy.typing import NDArray
 
-__all__ = ["INDICATOR", "LINE", "NOTHING", "Numbers", "named"]
-
 LINE = ("channel", "spectrum", "component", "kind", "harmonic", "sideband", "units")
 INDICATOR = ("channel", "component", "kind", "indicator", "units")
 

@@ -9,8 +9,6 @@ from typing import Any
 
 from hums.fleet.series import Series, joint_names, series_of
 
-__all__ = ["Observation", "observation", "order_key", "seconds_since_1970"]
-
 
 @dataclass(frozen=True, kw_only=True)
 class Observation:

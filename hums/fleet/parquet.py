@@ -10,8 +10,6 @@ import numpy as np
 from hums.fleet.result_files import StoredRecord
 from hums.records.store import atomic_write
 
-__all__ = ["NO_PYARROW", "write_indicators"]
-
 NO_PYARROW = 'indicators.parquet needs pyarrow, which is not installed: pip install "hums-toolkit[parquet]".'
 _COLUMNS = ("channel", "component", "kind", "indicator", "units")
 _FACTS = ("record", "machine", "recorded_at")

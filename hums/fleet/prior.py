@@ -13,8 +13,6 @@ from signals.monitoring.autocorrelation import Correlation
 from signals.monitoring.health import Layout, Prior
 from signals.monitoring.limits import HealthyScores
 
-__all__ = ["PRIOR_NAME", "healthy_scores", "prior_of", "read_prior"]
-
 PRIOR_NAME = "prior.json"
 
 

@@ -18,8 +18,6 @@ from hums.fleet.observation import Observation, observation
 from hums.fleet.series import Series, SeriesValues
 from hums.records.store import atomic_write
 
-__all__ = ["StoredRecord", "packed_row", "read_results", "read_row", "write_row"]
-
 _NUMBERS = ("lines", "indicators")  # of a row
 
 

@@ -10,8 +10,6 @@ from hums.analysis.findings import NOT_JUDGED, not_judged_words
 from hums.analysis.result import Analysis, group
 from hums.fleet.numbers import INDICATOR, LINE, named
 
-__all__ = ["results"]
-
 _PART = ("component", "kind")
 _INDICATOR = ("channel", "component", "kind", "indicator", "unit", "value")
 _FINDING = ("component", "kind", "verdict", "channel", "evidence")

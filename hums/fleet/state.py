@@ -21,8 +21,6 @@ from signals.monitoring.health import Layout, Normal
 from signals.monitoring.limits import ChartLimits, MachineLimits
 from signals.monitoring.location import SeriesBaseline
 
-__all__ = ["read_state", "write_state"]
-
 SCHEMA = "hums-watch/5"
 _KINDS = {
     kind.__name__: kind

@@ -22,8 +22,6 @@ from signals.monitoring.forecast import local_trend, time_until
 from signals.monitoring.slopes import series_slopes
 from signals.monitoring.trends import FEWEST, trend_tests
 
-__all__ = ["SIGNIFICANCE", "WrittenTables", "write_tables"]
-
 Array = NDArray[np.float64]
 
 # ---- Table -----------------------------------------------------------------------------------------------------------

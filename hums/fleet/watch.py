@@ -12,8 +12,6 @@ from hums.fleet.results import results
 from hums.fleet.state import read_state, write_state
 from signals._validation import checked
 
-__all__ = ["watch"]
-
 
 @checked
 def watch(

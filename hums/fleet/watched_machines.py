@@ -25,8 +25,6 @@ from signals.monitoring.alarm_life import Life
 from signals.monitoring.slopes import series_slopes
 from signals.monitoring.trends import FEWEST
 
-__all__ = ["Fact", "MachineHistory", "watch_machines", "write_alarms", "write_baselines", "write_components"]
-
 COMPONENT_COLUMNS = (
     "machine",
     "component",

@@ -5,8 +5,6 @@ from dataclasses import dataclass
 from functools import cache
 from importlib.resources import files
 
-__all__ = ["CatalogueBearing", "bearing_catalogue", "bearings_named"]
-
 
 @dataclass(frozen=True, kw_only=True)
 class CatalogueBearing:

@@ -2,8 +2,6 @@
 
 from dataclasses import dataclass
 
-__all__ = ["BearingOrders"]
-
 
 @dataclass(frozen=True, kw_only=True)
 class BearingOrders:

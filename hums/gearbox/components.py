@@ -21,36 +21,6 @@ from pydantic_core import CoreSchema, ErrorDetails
 
 from signals._validation import brief
 
-__all__ = [
-    "MOST_PARTS",
-    "X_AXIS",
-    "Axis",
-    "Bearing",
-    "Declared",
-    "Gear",
-    "Mesh",
-    "Multiples",
-    "Name",
-    "Positive",
-    "Vector",
-    "assembly_warnings",
-    "closest",
-    "coaxial_warning",
-    "count",
-    "named_file",
-    "parsed_toml",
-    "planet_angles",
-    "quoted",
-    "read_toml",
-    "refuse_unknown_keys",
-    "sentences",
-    "shipped_files",
-    "sibling_file",
-    "unit_vector",
-    "validated",
-]
-
-
 # ---- The base of all hand-written files: strict, deeply frozen models, and validation errors in sentences ------------
 
 

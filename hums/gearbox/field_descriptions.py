@@ -1,7 +1,5 @@
 """What each field of a gearbox file means: the descriptions of its JSON schema."""
 
-__all__ = ["DESCRIPTIONS"]
-
 DESCRIPTIONS = {
     "Gearbox": {
         "name": "Name of the gearbox; default the name of the file.",

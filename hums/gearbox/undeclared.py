@@ -5,8 +5,6 @@ from hums.gearbox.mechanism import build_mechanism
 from hums.gearbox.model import Gearbox
 from signals._validation import checked
 
-__all__ = ["undeclared_parts"]
-
 _MOST_NAMED = 12
 
 

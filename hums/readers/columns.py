@@ -20,21 +20,6 @@ from hums.records.fields import is_utf8
 from hums.records.record import UNITS, RecordError
 from signals._validation import brief, nearest, plain_text
 
-__all__ = [
-    "Field",
-    "ForeignFile",
-    "Stated",
-    "canonical_units",
-    "in_zone",
-    "joined",
-    "located",
-    "moment_of",
-    "parsing",
-    "rate_of_step",
-    "stated_of",
-    "zone_of",
-]
-
 Field = NDArray[np.generic] | str
 """An array of numbers, or a phrase that describes what is not numeric, such as "text"."""
 

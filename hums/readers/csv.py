@@ -24,8 +24,6 @@ from hums.records.record import RecordError
 if TYPE_CHECKING:
     import pandas as pd
 
-__all__ = ["encoding_of", "read"]
-
 _HEAD = 100  # lines from which the format is detected
 
 

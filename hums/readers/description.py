@@ -16,8 +16,6 @@ from hums.records.fields import RecordError, utc_text
 from hums.records.quantities import AngularAverage
 from signals._validation import brief, is_float
 
-__all__ = ["OF_MANY_FILES", "ImportDescription", "describe"]
-
 OF_MANY_FILES = ("time_in_names", "every_s", "snapshots")
 ANGLE_SOURCES = ("tach_times", "tach_waveform", "shaft_rpm", "speed_column", "no_tachometer")
 

@@ -9,8 +9,6 @@ from hums.readers.time_axis import Import, is_time
 from hums.records.fields import UNITS, RecordError, utc_text
 from hums.records.quantities import MEASURED_UNITS
 
-__all__ = ["draft"]
-
 
 def draft(file: ForeignFile) -> str:
     r"""Return an import description of a file as TOML; what it does not state is a comment to fill in.

@@ -13,8 +13,6 @@ from hums.readers.description import ImportDescription
 from hums.records.record import SCHEMA, RecordError
 from hums.records.store import is_array, objects, open_hdf5, read_array, refuse_size
 
-__all__ = ["read"]
-
 
 def read(path: Path, spec: ImportDescription) -> ForeignFile:
     """Return every array under its path, with dots for slashes, and what attributes of it and of its groups state.

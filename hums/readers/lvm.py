@@ -16,8 +16,6 @@ from hums.readers.description import ImportDescription
 from hums.records.clock import time_scale
 from hums.records.fields import RecordError
 
-__all__ = ["read"]
-
 _SINCE_1904 = datetime(1904, 1, 1, tzinfo=UTC)
 
 Segment = tuple[dict[str, list[str]], list[str], list[list[str]]]

@@ -15,8 +15,6 @@ from hums.readers.columns import ArraysOnDisk, Field, ForeignFile, Stated, descr
 from hums.readers.description import ImportDescription
 from hums.records.store import is_array, is_hdf5, objects, open_hdf5, read_array, refuse_size
 
-__all__ = ["read"]
-
 _CLASSES = {
     "char": "text",
     "cell": "a cell array",

@@ -8,8 +8,6 @@ import numpy as np
 from hums.readers.columns import Field, ForeignFile, Stated
 from hums.readers.description import ImportDescription
 
-__all__ = ["read"]
-
 
 def read(path: Path, _: ImportDescription) -> ForeignFile:
     """Return every channel in physical units, with its units, its times and the start of the measurement.

@@ -15,8 +15,6 @@ from hums.readers.columns import ArraysOnDisk, Field, ForeignFile, parsing, stat
 from hums.readers.description import ImportDescription
 from hums.records.store import refuse_size
 
-__all__ = ["read"]
-
 _LONGEST_TEXT = 1000  # bytes
 
 

@@ -37,8 +37,6 @@ if TYPE_CHECKING:
     from multiprocessing.process import BaseProcess
     from os import PathLike
 
-__all__ = ["ReaderProcess"]
-
 _PIECE_BYTES = 1 << 24  # of an array through the pipe at a time: the copy beside it stays small
 _CPU_S = 10.0  # for a request at least; and 10 MB/s, a tenth of what the slowest reader, of text, does
 _CPU_S_PER_BYTE = 1e-7

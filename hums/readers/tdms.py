@@ -10,8 +10,6 @@ from hums.readers.columns import Field, ForeignFile, Stated, joined, stated_of
 from hums.readers.description import ImportDescription
 from hums.records.record import RecordError
 
-__all__ = ["read"]
-
 
 def read(path: Path, _: ImportDescription) -> ForeignFile:
     """Return every channel as "group.channel", scaled as the file states, and the metadata of each.

@@ -13,8 +13,6 @@ from hums.readers.description import ImportDescription
 from hums.records.clock import SampleTimes, is_time_name, rates_agree, sample_times, time_scale, words_of
 from hums.records.fields import RecordError
 
-__all__ = ["Clock", "Import", "is_time", "seconds_of"]
-
 _LONGEST_START_S, _LATEST_S = 1e8, 3e9  # three years: more seconds count from a date; from 1970 they reach to 2065
 _SINCE_1970 = datetime(1970, 1, 1, tzinfo=UTC)
 

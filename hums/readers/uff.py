@@ -14,8 +14,6 @@ from hums.readers.description import ImportDescription
 from hums.records.clock import time_scale
 from hums.records.record import RecordError
 
-__all__ = ["read"]
-
 _FUNCTION = 58
 _TIME_RESPONSE = 1
 _TIME = 17  # specific data type of an abscissa in seconds

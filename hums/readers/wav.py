@@ -11,8 +11,6 @@ from numpy.typing import NDArray
 from hums.readers.columns import Field, ForeignFile, Stated
 from hums.readers.description import ImportDescription
 
-__all__ = ["read"]
-
 
 def read(path: Path, _: ImportDescription) -> ForeignFile:
     """Return the channels, (n,) each, as "channel 1", "channel 2", ..., and the rate of the file.

@@ -11,8 +11,6 @@ import numpy as np
 from hums.records.fields import RecordError
 from signals._validation import plain_text
 
-__all__ = ["fingerprint", "is_own", "is_unchanged", "objects", "refuse_reaching_out", "refuse_size", "refuse_too_large"]
-
 _MOST_OBJECTS = 100_000  # a record has some dozens
 _PLAUSIBLE = 100  # times the size of the file: more is possible only where values hardly vary
 _ALWAYS_BYTES = 1 << 26  # read whatever the file's size is

@@ -10,8 +10,6 @@ from hums.records.fields import RecordError
 from hums.records.validation import check_record
 from signals._validation import checked
 
-__all__ = ["calibrated"]
-
 _CALIBRATION = ("sensitivity", "measures", "calibration_factor", "delay_s")
 _APPLIED = "applied_"
 

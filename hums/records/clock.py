@@ -13,17 +13,6 @@ from numpy.typing import NDArray
 from hums.records.fields import RATE_REMEDY, RecordError
 from signals._validation import is_float
 
-__all__ = [
-    "TIMES_S",
-    "SampleTimes",
-    "held_times",
-    "is_time_name",
-    "rates_agree",
-    "sample_times",
-    "time_scale",
-    "words_of",
-]
-
 _OFF = 0.25  # of a step, which a sample may be off an even grid beside the rounding of its time
 _ROUNDING = (
     0.6  # of the rounding, which times that are cut off are from the line through them: half and an error of slope

@@ -16,28 +16,6 @@ if TYPE_CHECKING:
 
     from numpy.typing import ArrayLike, NDArray
 
-__all__ = [
-    "ANGLE_REMEDY",
-    "RATE_REMEDY",
-    "SCHEMA",
-    "UNITS",
-    "UNKNOWN_ANGLE",
-    "RecordError",
-    "RecordWarning",
-    "check_name",
-    "direction_of",
-    "file_name",
-    "finite_number",
-    "is_utf8",
-    "known_units",
-    "plain_cell",
-    "plain_repr",
-    "positive_number",
-    "real_vector",
-    "start_number",
-    "utc_text",
-]
-
 SCHEMA = "hums-record/2"
 
 UNITS: Mapping[str, tuple[str, ...]] = {

@@ -14,8 +14,6 @@ from typing import Any
 from hums.records._contained import is_own
 from hums.records.fields import RecordError
 
-__all__ = ["SEALS", "check_outputs", "own_json", "seal"]
-
 SEALS = ".hums-written"  # the list, in the form of sha256sum; it only grows, so that writers need no lock
 _LISTED = {".csv", ".json", ".parquet", ".sha256"}
 _MARKUP = "<!-- {} hums-toolkit -->\n"

@@ -14,8 +14,6 @@ import xarray as xr
 
 from hums.records.channels import kind_of
 
-__all__ = ["packed", "unpacked"]
-
 _SCHEMA = "hums-shard/1"
 _ROWS = "record"
 _LAYOUT, _ATTRS = "layout_of_truth", "attrs_of_record"

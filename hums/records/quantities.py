@@ -18,8 +18,6 @@ if TYPE_CHECKING:
 
     from numpy.typing import ArrayLike
 
-__all__ = ["MEASURED_UNITS", "AngularAverage", "Measured", "mean_quantities", "measured_variable", "quantity_units"]
-
 MEASURED_UNITS: Mapping[str, Mapping[str, float]] = MappingProxyType(
     {
         "rev s-1": {"rev s-1": 1, "rev/s": 1, "Hz": 1, "rpm": 1 / 60, "rev/min": 1 / 60, "min-1": 1 / 60},

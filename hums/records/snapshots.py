@@ -12,8 +12,6 @@ from hums.records.fields import RecordError
 from hums.records.validation import check_record
 from signals._validation import brief, checked
 
-__all__ = ["is_snapshots", "join_snapshots", "snapshot_record", "snapshots_of"]
-
 
 def is_snapshots(record: xr.Dataset) -> bool:
     """Return whether a record is one of snapshots."""

@@ -30,8 +30,6 @@ from hums.records.fields import (
     utc_text,
 )
 
-__all__ = ["check_record"]
-
 MIN_SAMPLES_PER_PULSE = 1.5  # at 1 they are the sample times
 _MIN_SAMPLES_PER_TURN = 4.0  # of the vibration: the shaft's second harmonic at half the rate
 _MOST_PULSES = 1_000_000  # of a revolution: no encoder has more

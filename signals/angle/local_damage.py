@@ -47,15 +47,6 @@ if TYPE_CHECKING:
 
     from signals.angle.residual_energies import BandEnergies
 
-__all__ = [
-    "FEWEST_TURNS",
-    "PERMUTED_TURNS",
-    "FoldedEnergies",
-    "LocalDamage",
-    "folded",
-    "local_damage",
-]
-
 FEWEST_TURNS = 2
 """Turns of a gear that a judgement needs: in fewer nothing repeats."""
 

@@ -25,8 +25,6 @@ if TYPE_CHECKING:
 
     from signals.resampling.resampling import AngularSignal
 
-__all__ = ["repeated_waveform"]
-
 _TEETH = 1.0  # on either side of the place: its own contact, and the ringing after it
 _REACH = 2  # samples by which a repetition may be off: a cycle of the highest order, to which shafts' angles are known
 

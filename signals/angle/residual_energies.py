@@ -25,8 +25,6 @@ if TYPE_CHECKING:
 
     from signals.resampling.resampling import AngularSignal
 
-__all__ = ["BandEnergies", "mesh_contrast", "residual_energies", "tapered_transform", "whitened_residual"]
-
 _HARMONICS = 40  # of each mesh removed; a mesh has no measurable ones beyond
 _NEAR_MESH = 0.25  # of the mesh order: half of all lines are nearer to a harmonic, half of them farther from it
 

@@ -26,8 +26,6 @@ from numpy.typing import ArrayLike, NDArray
 
 from signals._validation import positive, real_vector
 
-__all__ = ["FEWEST_SAMPLES", "LinePower", "power_in_time_and_angle"]
-
 FEWEST_SAMPLES = 512  # of an envelope
 _BLOCKS = 8  # to a bin by which a line is off: its means over them lose 2 % of it
 _FEWEST_BLOCKS = 512

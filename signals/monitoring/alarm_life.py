@@ -16,8 +16,6 @@ from enum import IntEnum
 import numpy as np
 from numpy.typing import NDArray
 
-__all__ = ["AlarmRule", "AlarmState", "Life", "stacked"]
-
 Array = NDArray[np.float64]
 
 

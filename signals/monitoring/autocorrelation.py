@@ -7,8 +7,6 @@ from typing import Any
 import numpy as np
 from numpy.typing import NDArray
 
-__all__ = ["Correlation", "effective_records", "slow_variance", "variance_shares"]
-
 Array = NDArray[np.float64]
 _LAGS_PER_RECORD = 0.5  # autocorrelations beyond half of the series are those of too few pairs
 

@@ -9,8 +9,6 @@ from dataclasses import dataclass, replace
 import numpy as np
 from numpy.typing import NDArray
 
-__all__ = ["ChartState", "Charts"]
-
 Array = NDArray[np.float64]
 
 

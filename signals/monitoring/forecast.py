@@ -22,8 +22,6 @@ from functools import lru_cache
 import numpy as np
 from numpy.typing import NDArray
 
-__all__ = ["LocalTrend", "TimeUntil", "local_trend", "time_until"]
-
 Array = NDArray[np.float64]
 FEWEST = 8  # values: level, slope, noise and the change of the slope are four unknowns
 _SMOOTHNESS = 10.0 ** np.arange(-4.0, 2.5, 0.5)  # change of level by curvature over the whole series, in noise stds

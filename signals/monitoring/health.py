@@ -16,8 +16,6 @@ from signals.monitoring.charts import Charts
 from signals.monitoring.location import SeriesBaseline, learn_baseline
 from signals.monitoring.scores import Kinds, fused_scores, kinds_of, out_of_sample
 
-__all__ = ["Layout", "Normal", "Prior", "Reading", "learn_normal", "regime"]
-
 Array = NDArray[np.float64]
 Indices = NDArray[np.int64]
 FEWEST_LEVELS = 8  # series with the signal's unit whose median is a level; of fewer, one fault could move it

@@ -25,16 +25,6 @@ from signals.monitoring.autocorrelation import Correlation, effective_records, v
 from signals.monitoring.charts import Charts, ChartState
 from signals.monitoring.location import learn_baseline
 
-__all__ = [
-    "ChartLimits",
-    "HealthyScores",
-    "MachineLimits",
-    "chart_limits",
-    "machine_limits",
-    "own_scores",
-    "tail_quantiles",
-]
-
 Array = NDArray[np.float64]
 _MACHINES, _WATCHED = 6_000, 300  # drawn machines, and records watched of each: 1.8 million records
 _SEED = 1  # the same machines for every limit, so that the same records give the same limit

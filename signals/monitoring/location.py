@@ -18,8 +18,6 @@ from dataclasses import dataclass, replace
 import numpy as np
 from numpy.typing import NDArray
 
-__all__ = ["SeriesBaseline", "learn_baseline"]
-
 Array = NDArray[np.float64]
 _HUBER = 1.5
 _MAD = 1.4826  # of a normal distribution: 1 / the quantile at 3/4

@@ -6,8 +6,6 @@ from dataclasses import dataclass
 import numpy as np
 from numpy.typing import NDArray
 
-__all__ = ["Kinds", "fused_scores", "kinds_of", "out_of_sample"]
-
 Array = NDArray[np.float64]
 Indices = NDArray[np.int64]
 _LARGEST = 1 / 3  # of the indicators: a fault raises some of those of its kind, and seldom one alone

@@ -7,8 +7,6 @@ from numpy.typing import NDArray
 
 from signals.monitoring.trends import FEWEST, grouped
 
-__all__ = ["Slopes", "series_slopes"]
-
 Array = NDArray[np.float64]
 
 

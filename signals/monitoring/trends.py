@@ -16,8 +16,6 @@ from typing import Any
 import numpy as np
 from numpy.typing import NDArray
 
-__all__ = ["FEWEST", "FORMS", "TrendTests", "grouped", "trend_tests"]
-
 Array = NDArray[np.float64]
 Floats = NDArray[np.floating[Any]]
 FORMS = ("monotone", "step", "exponential")

@@ -15,8 +15,6 @@ from scipy import ndimage, special
 
 from signals.spectra.spectra import AmplitudeSpectrum
 
-__all__ = ["noise_left", "pooled_spectrum"]
-
 _BESIDE = 12  # bins on either side whose median is the noise: three main lobes, so that one line does not fill it
 _KNOWN = 0.1  # of the noise at least is left: a background that slopes is not known better than to a tenth
 _FLOOR = 1e-3  # of the noise, in place of what falls below it, so that levels in dB exist
