@@ -27,17 +27,6 @@ class PiecewiseLinear:
     times_s: Array = field(metadata={"dims": ("knot",), "units": "s"})
     values: Array = field(metadata={"dims": ("knot",), "units": "any"})
 
-    def __post_init__(self) -> None:
-        if self.times_s.ndim != 1 or self.times_s.shape != self.values.shape or not self.times_s.size:
-            raise ValueError(
-                f"times_s and values have shapes {self.times_s.shape} and {self.values.shape}; "
-                "give two vectors of one length"
-            )
-        if not (np.all(np.isfinite(self.times_s)) and np.all(np.isfinite(self.values))):
-            raise ValueError("times_s or values holds NaN or infinity; give finite knots")
-        if np.any(np.diff(self.times_s) < 0):
-            raise ValueError("times_s falls somewhere; sort the knots by time")
-
     def at(self, times_s: ArrayLike) -> Array:
         """Return the values at `times_s` (n,); at a jump, the one after it."""
         return np.asarray(np.interp(np.asarray(times_s, dtype=np.float64), self.times_s, self.values))
@@ -98,14 +87,7 @@ def fluctuation(spectrum: Kaimal, *, duration_s: float, highest_hz: float, rng: 
     duration_s, highest_hz : float
         Above zero.
     rng : numpy.random.Generator
-
-    Raises
-    ------
-    ValueError
-        A duration or a highest frequency that is not above zero.
     """
-    if not (duration_s > 0 and highest_hz > 0):
-        raise ValueError(f"duration_s = {duration_s:g} and highest_hz = {highest_hz:g}: both have to be above zero")
     spacing = 1 / (_KNOTS_PER_CYCLE * highest_hz)
     count = math.ceil((duration_s + _SPARE_SCALES * spectrum.time_scale_s) / spacing)
     frequencies = np.arange(count // 2 + 1) / (count * spacing)

@@ -9,7 +9,7 @@ from data_synth.kinematic.harmonics import ComplexArray
 from data_synth.operation.shaft_angle import Array
 from data_synth.sources.prepared import PreparedScene
 from data_synth.transfer.acquisition import add_ringing, measured_filter
-from data_synth.transfer.paths import FirPath, MeasuredPath, ringing
+from data_synth.transfer.paths import FirFilter, MeasuredPath, ringing
 
 _BLOCK = 65536
 _HALF = 32  # samples on either side over which an impact between samples is spread
@@ -69,7 +69,7 @@ def add_fir_response(
     *,
     times_s: Array,
     impulses_ns: Array,
-    fir: FirPath,
+    fir: FirFilter,
     rate_hz: float,
     duration_s: Array | None = None,
 ) -> None:
@@ -83,7 +83,7 @@ def add_fir_response(
     late = np.zeros(at.size) if duration_s is None else duration_s * rate_hz
     offsets = np.arange(-_HALF + 1, _HALF + math.ceil(np.max(late, initial=0.0)) + 1)
     begin, lead = -fir.taps.size - offsets.size, round(fir.delay_s * rate_hz) + _HALF
-    fir_filter, overlap = fir.filter(), np.zeros(offsets.size)
+    overlap = np.zeros(offsets.size)
     for start in range(begin, values.size + lead, _BLOCK):
         count = min(_BLOCK, values.size + lead - start)
         spread = np.zeros(count + offsets.size)
@@ -93,7 +93,7 @@ def add_fir_response(
         places = near[here][:, None] - start + offsets + _HALF
         np.add.at(spread, places, impulses_ns[here][:, None] * rate_hz * shares)
         overlap = spread[count:].copy()
-        response = fir_filter.push(spread[:count])
+        response = fir.push(spread[:count])
         # the first sample of spread impacts is that many early, and the filter late
         first = start - lead
         inside = slice(max(-first, 0), max(min(count, values.size - first), 0))

@@ -7,7 +7,6 @@ what they did.
 
 import math
 from collections.abc import Callable, Iterator
-from contextlib import suppress
 
 import numpy as np
 from numpy.typing import NDArray
@@ -15,7 +14,7 @@ from numpy.typing import NDArray
 from data_synth.operation.shaft_angle import Array
 from data_synth.scene.scene import SceneError
 from data_synth.scene.sensors import AntiAlias, DropOuts, Quantisation, Sensor
-from data_synth.transfer.paths import AnalogFilter, FirPath, MeasuredPath, mode_filter
+from data_synth.transfer.paths import AnalogFilter, FirFilter, MeasuredPath, mode_filter
 
 ComplexArray = NDArray[np.complex128]
 
@@ -142,21 +141,31 @@ def drop_outs(signal: Array, drops: DropOuts, *, rate_hz: float, rng: np.random.
     return np.array(spans, dtype=np.float64).reshape(-1, 2) / rate_hz
 
 
-def measured_filter(path: MeasuredPath, chain: AnalogFilter, *, rate_hz: float, sensor: Sensor) -> FirPath:
+def measured_filter(path: MeasuredPath, chain: AnalogFilter, *, rate_hz: float, sensor: Sensor) -> FirFilter:
     """Return a measured path with the chain behind it as an FIR filter, of the shortest power of two that holds it.
+
+    The impulse response is the inverse transform of H; its part before time zero, which exists because H ends at half
+    the rate or at its last line, is kept by a delay: the fewest samples that leave out no more than the leakage.
 
     Raises
     ------
     SceneError
         Lines so far apart that the response between them does not decay.
     """
-    behind = MeasuredPath(frequencies_hz=path.frequencies_hz, values=path.values * chain.response(path.frequencies_hz))
-    longest = max(_FEWEST, math.ceil(_SPACINGS * path.ringing_time_s() * rate_hz))
-    lengths = [_FEWEST << doubled for doubled in range(math.ceil(math.log2(longest / _FEWEST)) + 1)]
+    longest = 1 << math.ceil(math.log2(max(_FEWEST, _SPACINGS * path.ringing_time_s() * rate_hz)))
+    lines_hz = np.arange(longest + 1) * rate_hz / (2 * longest)
+    response = np.fft.irfft(path.response(lines_hz) * chain.response(lines_hz))
+    energy = response**2
+    early = np.cumsum(energy[::-1])[:longest]  # in the samples before zero, from the last on: -1, -2, ...
+    ahead, whole = np.concatenate([[early[-1]], early[-1] - early]), np.sum(energy)  # by a delay of 0, 1, 2, ...
     for leakage in _LEAKAGES:
-        for taps in lengths:
-            with suppress(ValueError):
-                return behind.fir(rate_hz=rate_hz, taps=taps, leakage=leakage)
+        delay = int(np.argmax(ahead <= leakage**2 * whole))
+        held = np.cumsum(np.roll(energy, delay)[:longest])
+        taps = _FEWEST
+        while taps <= longest:
+            if whole - held[taps - 1] <= (2 * leakage) ** 2 * whole:
+                return FirFilter(np.roll(response, delay)[:taps], delay_s=delay / rate_hz)
+            taps *= 2
     raise SceneError(
         f'sensor "{sensor.name}": a measured transfer to it does not die away within {longest / rate_hz:.3g} s, so '
         "its lines are too far apart; measure them closer together."

@@ -33,7 +33,7 @@ from data_synth.scene.sensors import Sensor
 from data_synth.sources.prepared import PreparedScene
 from data_synth.transfer.acquisition import linear_chain, measured_filter
 from data_synth.transfer.housing import AHEAD, PoleFilter, body_weights, housing_of, sensitive_direction
-from data_synth.transfer.paths import FirPath, MeasuredPath, TransferPath, transfer_paths
+from data_synth.transfer.paths import FirFilter, MeasuredPath, TransferPath, transfer_paths
 
 # ---- Transfer routes from vibrating gears to sensors: through the housing, or by declared paths from single links ----
 # A declared path starts from the supports of a link, in the direction of its sensor; the housing transfers the rest.
@@ -100,8 +100,8 @@ class RouteFilter:
 class _StartingConstant:
     """A FIR filter whose input was constant before its first sample."""
 
-    def __init__(self, fir: FirPath) -> None:
-        self._filter, self._static_gain = fir.filter(), float(np.sum(fir.taps))
+    def __init__(self, fir: FirFilter) -> None:
+        self._filter, self._static_gain = fir, float(np.sum(fir.taps))
         self._first: float | None = None
 
     def push(self, force: Array, *, at_once: Array) -> Array:

@@ -55,22 +55,3 @@ def test_same_seed_same_fluctuation():
         for seed in (3, 3, 4)
     ]
     assert rng_for[0] == rng_for[1] != rng_for[2]
-
-
-@pytest.mark.parametrize(
-    ("make", "sentence"),
-    [
-        (lambda: PiecewiseLinear(times_s=np.array([0.0, 1.0]), values=np.array([0.0, np.nan])), "NaN"),
-        (lambda: PiecewiseLinear(times_s=np.array([1.0, 0.0]), values=np.zeros(2)), "falls"),
-        (lambda: PiecewiseLinear(times_s=np.zeros(2), values=np.zeros(1)), "have shapes"),
-        (
-            lambda: fluctuation(
-                Kaimal(rms=1, time_scale_s=1), duration_s=0, highest_hz=1, rng=np.random.default_rng(0)
-            ),
-            "both have to be above zero",
-        ),
-    ],
-)
-def test_what_makes_no_sense_is_refused(make, sentence):
-    with pytest.raises(ValueError, match=sentence):
-        make()
