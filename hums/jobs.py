@@ -377,8 +377,8 @@ def cpu_limit(seconds: float) -> Iterator[None]:
 
 
 @contextmanager
-def locked(folder: Path) -> Iterator[None]:
-    """Lock the folder against a second run; the system releases the lock of a process that dies."""
+def locked(folder: Path, *, wait: bool = False) -> Iterator[None]:
+    """Lock the folder against a second run, or wait for that; the system releases the lock of a process that dies."""
     if os.name != "posix":  # no lock elsewhere: the user has to avoid two runs at once
         yield
         return
@@ -387,7 +387,7 @@ def locked(folder: Path) -> Iterator[None]:
     descriptor = os.open(folder, os.O_RDONLY)
     try:
         try:
-            fcntl.flock(descriptor, fcntl.LOCK_EX | fcntl.LOCK_NB)
+            fcntl.flock(descriptor, fcntl.LOCK_EX if wait else fcntl.LOCK_EX | fcntl.LOCK_NB)
         except BlockingIOError:
             raise JobError(f"another run is using {folder}; wait for it, or stop it first.") from None
         try:

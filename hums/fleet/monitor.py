@@ -163,6 +163,8 @@ class MachineState:
         Time of the first of the latest records in succession that were refused; empty where the latest was judged.
     first_seconds, last_seconds : float
         Times of the first and of the latest record: maintenance between that and the next is done first.
+    learned, latest : list of str, str
+        Digests of the records collected for baselines, and of the latest one: none of them is taken again.
     """
 
     machine: str
@@ -177,6 +179,8 @@ class MachineState:
     unwatched_since: str = ""
     first_seconds: float = math.inf
     last_seconds: float = -math.inf
+    learned: list[str] = field(default_factory=list)
+    latest: str = ""
 
     def epoch_of(self, component: str) -> int:
         """Return the epoch that governs a component; of several that are watched as one, the newest of theirs."""
@@ -243,6 +247,8 @@ def update(state: MachineState, seen: Observation, *, work: Sequence[Work] = ())
     work : sequence of Work
         All maintenance; what lies between the latest record and this one is done first.
     """
+    if nothing_new := _nothing_new(state, seen):
+        return Judgement(judged=False, why=nothing_new)
     _do(state, seen, work)
     alarms = _sensor_alarms(state, seen)
     if seen.unjudged:
@@ -250,16 +256,8 @@ def update(state: MachineState, seen: Observation, *, work: Sequence[Work] = ())
     outside = ""
     readings = {}
     for number, epoch in sorted(state.epochs.items()):
-        if epoch.normal is None:
-            if _collects(epoch, seen, state.settings):
-                epoch.pending.append(seen)
-                counted = epoch.counted or not state.settings.by_choice
-                if counted and len(epoch.pending) == state.settings.baseline_records:
-                    epoch.learn(state.machine, state.settings)
-                continue
-            if len(epoch.pending) < 2:  # noqa: PLR2004
-                continue
-            epoch.learn(state.machine, state.settings)  # the first record after those that were chosen
+        if _learns(state, epoch, seen):
+            continue
         if refusal := epoch.outside(seen):
             outside = outside or refusal
             continue
@@ -274,6 +272,21 @@ def update(state: MachineState, seen: Observation, *, work: Sequence[Work] = ())
     return _judged(state, seen, readings, alarms)
 
 
+def _nothing_new(state: MachineState, seen: Observation) -> str:
+    """Return why a record was watched before or comes too late, or an empty string; keep its digest."""
+    if seconds_since_1970(seen.recorded_at) < state.last_seconds:
+        return f"recorded at {seen.recorded_at}, before the latest record; watch records in the order of time"
+    if not seen.values:
+        return ""
+    digest = hashlib.sha256(np.sort(list(seen.values.values())).tobytes()).hexdigest()[:16]
+    if digest in (*state.learned, state.latest):
+        return "watched before: its indicators are those of an earlier record to the last digit"
+    state.latest = digest
+    if any(epoch.normal is None for epoch in state.epochs.values()):
+        state.learned.append(digest)
+    return ""
+
+
 def _independent(seen: Sequence[Observation]) -> int:
     """Return the number of records that lie at least an hour apart; all of them where one has no time."""
     times = sorted(seconds_since_1970(one.recorded_at) for one in seen)
@@ -286,8 +299,20 @@ def _independent(seen: Sequence[Observation]) -> int:
     return count
 
 
-def _collects(epoch: Epoch, seen: Observation, settings: MonitorSettings) -> bool:
-    return epoch.counted or not settings.by_choice or settings.chosen(seen)
+def _learns(state: MachineState, epoch: Epoch, seen: Observation) -> bool:
+    """Return whether a record is of an epoch's baseline, or comes before it is learned; learn what is whole."""
+    settings, counted = state.settings, epoch.counted or not state.settings.by_choice
+    if epoch.normal is not None:
+        return False
+    if counted or settings.chosen(seen):
+        epoch.pending.append(seen)
+        if counted and len(epoch.pending) == settings.baseline_records:
+            epoch.learn(state.machine, settings)
+        return True
+    if len(epoch.pending) < 2:  # noqa: PLR2004
+        return True
+    epoch.learn(state.machine, settings)  # the first record after those that were chosen
+    return False
 
 
 def _refused(state: MachineState, seen: Observation, why: str, alarms: list[dict[str, Any]]) -> Judgement:

@@ -10,6 +10,7 @@ from hums.fleet.monitor_settings import MonitorSettings
 from hums.fleet.observation import observation
 from hums.fleet.results import results
 from hums.fleet.state import read_state, write_state
+from hums.jobs import locked
 from signals._validation import checked
 
 
@@ -24,7 +25,8 @@ def watch(
     """Hold a new record of a machine against what is normal for it, and keep the state of the machine in a file.
 
     The first records make the baseline; then it is frozen. The state has a constant size and is read bit for bit as it
-    was written, so that a loop that was stopped goes on as if it had not been.
+    was written, so that a loop that was stopped goes on as if it had not been. Processes that share a state take turns.
+    A record that was watched before, or is older than the latest one, is not judged and changes nothing.
 
     Parameters
     ----------
@@ -68,11 +70,12 @@ def watch(
     row = results(analysis)
     facts = {name: str(analysis.attrs.get(name, "")) for name in ("record", "machine", "recorded_at")}
     path = Path(state)
-    if path.exists():
-        kept = read_state(path)
-    else:
-        kept = MachineState(machine=facts["machine"], settings=settings or MonitorSettings())
-    kept.check(facts["machine"])
-    found = update(kept, observation(facts | row), work=work)
-    write_state(kept, path)
+    with locked(path.resolve().parent, wait=True):  # from the state that is read to the one that is written
+        if path.exists():
+            kept = read_state(path)
+        else:
+            kept = MachineState(machine=facts["machine"], settings=settings or MonitorSettings())
+        kept.check(facts["machine"])
+        found = update(kept, observation(facts | row), work=work)
+        write_state(kept, path)
     return found

@@ -1,29 +1,60 @@
+from concurrent.futures import ProcessPoolExecutor
+from functools import partial
+
 import numpy as np
 import pytest
 
 import hums
 from hums.fleet.monitor_settings import MonitorError, MonitorSettings
+from hums.fleet.state import read_state
 from hums.fleet.watch import watch
 
-
-@pytest.fixture(scope="module")
-def analysis():
-    noise = np.random.default_rng(0).normal(size=8000)
-    angle = hums.NominalSpeed(rpm=1200, shaft="input")
-    record = hums.make_record({"a": noise}, rate_hz=4000, units="g", angle=angle, machine="mill")
-    return hums.analyze(record, hums.load_gearbox("two-stage"), settings=hums.AnalysisSettings(envelope_band_hz=None))
+SETTINGS = MonitorSettings(baseline_records=2)
 
 
-def test_the_state_is_kept_between_calls(analysis, tmp_path):
-    settings = MonitorSettings(baseline_records=2)
-    found = [watch(analysis, tmp_path / "state", settings=settings) for _ in range(3)]
+def analysis(day, *, machine="mill", seed=0):
+    """Return the analysis of a record of a day's."""
+    noise = np.random.default_rng([day, seed]).normal(size=8000)
+    record = hums.make_record(
+        {"a": noise}, rate_hz=4000, units="g", angle=hums.NominalSpeed(rpm=1200, shaft="input"), machine=machine,
+        recorded_at=f"2026-03-{day:02d}T08:00:00Z",
+    )  # fmt: skip
+    settings = hums.AnalysisSettings(envelope_band_hz=None, most_tracks=0, pictures=False)
+    return hums.analyze(record, hums.load_gearbox("two-stage"), settings=settings)
+
+
+def watched(seed, state):
+    """Watch a record of the second day, in a process of its own."""
+    return watch(analysis(2, seed=seed), state).why
+
+
+def test_the_state_is_kept_between_calls(tmp_path):
+    found = [watch(analysis(day), tmp_path / "state", settings=SETTINGS) for day in (1, 2, 3)]
     assert [one.why for one in found] == ["learning", "learning", ""]
     assert found[2].index["record"] < 1
+    # neither the latest record again, nor one of the baseline, nor one that comes late
+    before = (tmp_path / "state").read_bytes()
+    for again in (3, 1):
+        late = watch(analysis(again), tmp_path / "state")
+        assert not late.judged
+        assert late.why.startswith(("watched before", "recorded at 2026-03-01T08:00:00Z, before the latest"))
+    assert (tmp_path / "state").read_bytes() == before
 
 
-def test_another_machine_is_refused(analysis, tmp_path):
-    watch(analysis, tmp_path / "state")
-    other = analysis.copy()
-    other.attrs["machine"] = "fan"
+def test_a_record_watched_again_and_again_is_no_baseline(tmp_path):
+    one = analysis(1)
+    assert [watch(one, tmp_path / "state", settings=SETTINGS).judged for _ in range(4)] == [False] * 4
+    assert watch(analysis(2), tmp_path / "state").why == "learning"
+
+
+def test_processes_that_share_a_state_lose_no_record(tmp_path):
+    watch(analysis(1), tmp_path / "state", settings=MonitorSettings(baseline_records=20))
+    with ProcessPoolExecutor(4) as pool:
+        assert list(pool.map(partial(watched, state=tmp_path / "state"), range(6))) == ["learning"] * 6
+    assert len(read_state(tmp_path / "state").epochs[0].pending) == 7
+
+
+def test_another_machine_is_refused(tmp_path):
+    watch(analysis(1), tmp_path / "state")
     with pytest.raises(MonitorError, match="of machine 'fan' and the state of 'mill'; keep a state for each"):
-        watch(other, tmp_path / "state")
+        watch(analysis(2, machine="fan"), tmp_path / "state")
