@@ -9,6 +9,7 @@ import xarray as xr
 
 from data_synth.cost import refuse_too_large
 from data_synth.fidelity.choice import Choice, chosen, with_gear_lines
+from data_synth.fidelity.linear_response import with_gear_faults
 from data_synth.operation.shaft_angle import Array
 from data_synth.scene.faults import GearFault
 from data_synth.scene.random_streams import RandomStreams, Streams
@@ -214,13 +215,15 @@ def _simulated(
     choice = chosen(motion) if motion is not None else None
     if motion is not None and choice is not None:
         prepared = with_gear_lines(prepared, motion, choice)
+    else:
+        prepared, gear_faults = with_gear_faults(prepared)
     timing_errors_s = _timing_errors_s(prepared)
     parts = _by_source(prepared, timing_errors_s=timing_errors_s) if by_source else {}
     signal = _clean(prepared, timing_errors_s=timing_errors_s)
     if motion is not None and choice is not None:
         truth, attrs, noise_free = _with_gears(prepared, motion, choice, signal, parts, kept=kept)
     else:
-        truth, attrs = truth_variables(prepared), dict[str, str]()
+        truth, attrs = truth_variables(prepared), {"truth_gear_faults": gear_faults} if gear_faults else {}
         noise_free = NoiseFree(signal=signal[:, :kept].copy())
     truth |= add_outside_sources(prepared, signal, timing_errors_s=timing_errors_s)
     if declared.imperfections is not None:
@@ -511,6 +514,8 @@ def _noise_free(
         motion = motion_of(prepared, prepare_gears(prepared))
         choice = chosen(motion) if choice is None else choice
         prepared = with_gear_lines(prepared, motion, choice)
+    else:
+        prepared, _ = with_gear_faults(prepared)
     jitter_s = _timing_errors_s(prepared)
     signal = _clean(prepared, timing_errors_s=None if jitter_s is None else jitter_s[:samples], samples=samples)
     if of_gears is not None:

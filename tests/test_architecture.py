@@ -117,6 +117,11 @@ ALLOWANCES = {
         "modified flanks and a second crack, for code removed in kinematic and operation",
         "when bearings are reduced",
     ),
+    "data_synth/fidelity, data_synth/vibration": (
+        57,
+        "faults of kinematic scenes by linear response, for code removed in kinematic and sources",
+        "when what auto estimates is reduced",
+    ),
     "data_synth/sources, data_synth/transfer": (
         11,
         "skew of channels, for code removed in operation",

@@ -11,6 +11,7 @@ from functools import cached_property
 import numpy as np
 
 from data_synth.fidelity.linear_response import (
+    COARSE,
     MIN_STIFFNESS,
     Response,
     ToothForces,
@@ -24,7 +25,6 @@ from data_synth.operation.shaft_angle import Array
 from data_synth.sources.prepared import PreparedScene
 from data_synth.vibration.run import Motion
 
-_COARSE = 8  # values of a stiffness to a period of its highest line
 _INSTANTS = 17  # of a scene at which its linear response is evaluated
 _BINS = 512  # of a spectrum, up to the Nyquist frequency
 _TORQUE_RATE_HZ, _MOST_POINTS, _NEGLIGIBLE = 4096.0, 1 << 17, 1e-6  # of a torque against time; of its largest line
@@ -89,7 +89,7 @@ class _Estimate:
 
     @cached_property
     def _forces(self) -> list[ToothForces]:
-        return [tooth_forces(self.motion, mesh.name, points=_COARSE) for mesh in self.motion.system.meshes]
+        return [tooth_forces(self.motion, mesh.name, points=COARSE) for mesh in self.motion.system.meshes]
 
     @cached_property
     def _instants(self) -> list[int]:

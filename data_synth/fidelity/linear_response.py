@@ -23,11 +23,14 @@ from data_synth.dynamics.modes import undamped_modes
 from data_synth.dynamics.system import Mesh
 from data_synth.kinematic.harmonics import ComplexArray, HarmonicFamily
 from data_synth.operation.shaft_angle import Array
+from data_synth.scene.faults import GearFault
+from data_synth.scene.scene import SceneError
 from data_synth.sources.families import mesh_name
 from data_synth.sources.prepared import PreparedScene
-from data_synth.vibration.run import Motion, contacts_in
+from data_synth.vibration.run import Motion, contacts_in, motion_of, prepare_gears
 
 _POINTS = 64  # to a period of the highest line, which is then right to half a percent for a stiffness that jumps
+COARSE = 8  # the same where a few per cent will do
 _LINES_OF_CYCLE = 8  # of a mesh cycle, at least, that points are for
 MIN_STIFFNESS = 0.25  # of the mean stiffness: softer teeth are losing contact
 _LONGEST = 256  # mesh cycles of a period: each is a line apart
@@ -145,6 +148,27 @@ class Response:
         scene = self.motion.stage.scene
         return [(route.number, route.response_in(scene)) for route in self.motion.sensor_forces.routes]
 
+    def lines(self, forces: ToothForces) -> ComplexArray:
+        """Return the complex amplitudes in the channels of the lines of a mesh, (sensor, line, instant).
+
+        Lines below half the mesh order change the load on the teeth slowly: it makes the sidebands that it would make
+        as a static force.
+        """
+        stage, number = self.motion.stage, self.number(forces.mesh)
+        cycles = stage.scene.exact_orders("gear_mesh")[forces.mesh] / forces.base_order
+        slow = np.arange(1, forces.orders.size + 1) < float(cycles / 2)
+        varying = 1 - self.means[number] / forces.stiffness
+        outputs = np.empty((len(stage.scene.sensors), forces.orders.size, stage.instants_s.size), dtype=np.complex128)
+        for instant, speed_hz in enumerate(stage.speed_hz):
+            if instant == 0 or speed_hz != stage.speed_hz[instant - 1]:
+                transfer = self.channels(number, forces.orders * speed_hz)
+                load = slow * (1 + self.means[number] * self.deflections_by(number, forces.orders * speed_hz)[number])
+            p = forces.at(instant)
+            if slow.any():
+                p += spectral_lines(_waveform(load * p, varying.size) * varying, p.size)
+            outputs[:, :, instant] = transfer * p
+        return outputs
+
     def deflections_by(self, mesh: int, frequency_hz: Array) -> ComplexArray:
         """Return the complex amplitudes of the deflections of all meshes in m for 1 N of p in one, (mesh, line)."""
         return np.asarray((self.deflections * self.inputs[:, mesh]) @ self._resolvent(frequency_hz).T)
@@ -232,7 +256,9 @@ def tooth_forces(motion: Motion, name: str, *, points: int = _POINTS) -> ToothFo
     base_order = stage.scene.exact_orders("gear_mesh")[name] / period
     top_hz = stage.drive.angle.top_speed_hz(0.0, stage.scene.duration_s)
     lines = max(0, math.ceil(stage.scene.rate_hz / 2 / (float(base_order) * top_hz)) - 1)
-    phases = _phases(mesh, max(points * _LINES_OF_CYCLE * period, 1 << (points * max(lines, 1) - 1).bit_length()))
+    # as many in every cycle, sound or damaged: or stiffnesses that jump would differ by where they are sampled
+    of_cycle = points * max(_LINES_OF_CYCLE, math.ceil(stage.scene.rate_hz / 2 / (float(base_order) * period * top_hz)))
+    phases = _phases(mesh, period << (of_cycle - 1).bit_length())
     mean = mesh.stiffness.mean
     stiffness = mesh.stiffness(phases)
     error = mesh.error(phases) if mesh.error is not None else np.zeros(phases.size)
@@ -263,44 +289,40 @@ def spectral_lines(values: Array, count: int) -> ComplexArray:
     return np.asarray(np.fft.rfft(values)[1 : count + 1] * (2 / values.size) * np.exp(-1j * np.pi * cycles))
 
 
-def lines_of(response: Response, forces: ToothForces) -> tuple[list[HarmonicFamily], list[ComplexArray]]:
+def lines_of(response: Response, forces: ToothForces) -> list[tuple[HarmonicFamily, ComplexArray]]:
     """Return the lines of a mesh in the channels, as harmonic families and their amplitudes (sensor, line, instant).
 
     The lines at multiples of the mesh order are its own; those between them belong to its damaged gears.
     """
-    stage = response.motion.stage
-    number = response.number(forces.mesh)
-    steady = bool(np.ptp(stage.speed_hz) == 0)
-    outputs = np.empty((len(stage.scene.sensors), forces.orders.size, stage.instants_s.size), dtype=np.complex128)
-    transfer = response.channels(number, forces.orders * stage.speed_hz[0])
-    for instant, speed_hz in enumerate(stage.speed_hz):
-        if not steady:
-            transfer = response.channels(number, forces.orders * speed_hz)
-        outputs[:, :, instant] = transfer * forces.at(instant)
-    size = np.max(np.abs(outputs), axis=(0, 2), initial=0.0)
-    outputs[:, size < _NEGLIGIBLE * np.max(size, initial=0.0)] = 0.0
-    every = round(stage.scene.exact_orders("gear_mesh")[forces.mesh] / forces.base_order)
-    own = np.arange(1, size.size + 1) % every == 0
-    damaged = [fault.component for fault in stage.scene.faults if mesh_name(fault.component) == forces.mesh]
-    families, amplitudes = [], []
+    scene, outputs = response.motion.stage.scene, response.lines(forces)
+    every = round(scene.exact_orders("gear_mesh")[forces.mesh] / forces.base_order)
+    own = np.arange(1, forces.orders.size + 1) % every == 0
+    damaged = [fault.component for fault in scene.faults if mesh_name(fault.component) == forces.mesh]
     between = (" + ".join(damaged), "tooth") if damaged else (forces.mesh, "pitch_deviation")
-    for component, kind, kept in ((forces.mesh, "gear_mesh", own), (*between, ~own)):
-        values = outputs * kept[:, None]
-        present = np.flatnonzero(np.any(values != 0, axis=(0, 2)))
-        if present.size:
-            values = values[:, : present[-1] + 1]
-            families.append(
-                HarmonicFamily(
-                    component=component,
-                    kind=kind,
-                    source=forces.mesh,
-                    base_order=forces.base_order,
-                    coefficients=values[0],
-                    load_dependent=True,
-                )
-            )
-            amplitudes.append(values)
-    return families, amplitudes
+    both = ((forces.mesh, "gear_mesh", own), (*between, ~own))
+    weakest = _NEGLIGIBLE * np.max(np.abs(outputs), initial=0.0)
+    found = [
+        _family(outputs * kept[:, None], forces, component=component, kind=kind, weakest=weakest)
+        for component, kind, kept in both
+    ]
+    return [each for each in found if each[1].size]
+
+
+def _family(
+    outputs: ComplexArray, forces: ToothForces, *, component: str, kind: str, weakest: float
+) -> tuple[HarmonicFamily, ComplexArray]:
+    """Return lines (sensor, line, instant) of a mesh above the weakest as a family, and their amplitudes."""
+    loud = np.max(np.abs(outputs), axis=(0, 2)) > weakest
+    values = (outputs * loud[:, None])[:, : int(np.max(np.flatnonzero(loud), initial=-1)) + 1]
+    family = HarmonicFamily(
+        component=component,
+        kind=kind,
+        source=forces.mesh,
+        base_order=forces.base_order,
+        coefficients=values[0],
+        load_dependent=True,
+    )
+    return family, values
 
 
 def with_lines(stage: PreparedScene, motion: Motion) -> PreparedScene:
@@ -308,10 +330,98 @@ def with_lines(stage: PreparedScene, motion: Motion) -> PreparedScene:
     families, amplitudes = [*stage.families], [*stage.amplitudes]
     response = response_of(motion)
     for mesh in stage.scene.gearbox.meshes:
-        more, outputs = lines_of(response, tooth_forces(motion, mesh.name))
-        families += more
-        amplitudes += outputs
+        for family, outputs in lines_of(response, tooth_forces(motion, mesh.name)):
+            families.append(family)
+            amplitudes.append(outputs)
     return replace(stage, families=families, amplitudes=amplitudes)
+
+
+# ---- Damaged gears of a kinematic scene: as loud beside their mesh as in the linear response -------------------------
+
+
+_PARAMETRIC = {"tooth_crack": 1.4, "chipping": 1.15}
+"""What softer teeth add by their vibration, which the linear response lacks: fitted by benchmarks/kinematic_fit.py."""
+
+
+def with_gear_faults(stage: PreparedScene) -> tuple[PreparedScene, str]:
+    """Return a kinematic stage with its gear faults by linear response, and how they came about, in words.
+
+    What a fault adds to the response of its mesh has the phase of its tooth, and is scaled to the level of the
+    kinematic mesh in each channel. Impacts are part of it, so those of the stage become silent.
+    """
+    faults = stage.scene.faults
+    numbers = [number for number, fault in enumerate(faults) if isinstance(fault, GearFault)]
+    if not numbers:
+        return stage, ""
+    if any(fault.declared_factors != (None, None, None) for fault in faults if isinstance(fault, GearFault)):
+        return stage, "declared factors"
+    try:
+        added = [_added_by(stage, number) for number in numbers]
+    except SceneError as caught:
+        return stage, f"illustrative factors: {caught}"
+    replaced = {(family.component, family.kind) for family, _ in added}
+    both = zip(stage.families, stage.amplitudes, strict=True)
+    lines = [pair for pair in both if (pair[0].component, pair[0].kind) not in replaced] + added
+    trains = [
+        (number, replace(train, amplitudes=0 * train.amplitudes) if number in numbers else train)
+        for number, train in stage.trains
+    ]
+    families, amplitudes = zip(*lines, strict=True)
+    return replace(stage, families=families, amplitudes=amplitudes, trains=trains), "linear response"
+
+
+def _added_by(stage: PreparedScene, number: int) -> tuple[HarmonicFamily, ComplexArray]:
+    """Return what a gear fault adds to the channels of a kinematic stage, as a family and its amplitudes."""
+    fault, mesh = stage.scene.faults[number], mesh_name(stage.scene.faults[number].component)
+
+    def rng_for(*words: str) -> np.random.Generator:
+        return stage.rng_for(words[0], str(number)) if words[0] == "pits" else stage.rng_for(*words)
+
+    alone = stage.scene.changed(fidelity="dynamic", faults=(fault,), imperfections=None, sampling_jitter=None)
+    own = replace(stage, scene=alone, offsets=[stage.offsets[number]], rng_for=rng_for)
+    sound, healthy, _ = _mesh_lines(own.without_faults(), mesh)
+    forces, added, place = _mesh_lines(own, mesh)
+    every = round(sound.base_order / forces.base_order)
+    shared = min(healthy.shape[1], added.shape[1] // every)
+    added[:, every - 1 : every * shared : every] -= healthy[:, :shared]
+    level = sum(
+        np.sum(np.abs(amplitudes) ** 2, axis=1)
+        for family, amplitudes in zip(stage.families, stage.amplitudes, strict=True)
+        if (family.component, family.kind) == (mesh, "gear_mesh")
+    )
+    response = np.sum(np.abs(healthy) ** 2, axis=1)
+    scale = np.sqrt(np.divide(level, response, out=np.zeros_like(response), where=response > 0))
+    tooth = stage.scene.exact_orders("tooth")[fault.component]
+    turns = -((stage.offsets[number] + float(stage.turns_before * tooth % 1)) % 1) / float(tooth) - place
+    late = np.exp(-2j * np.pi * turns * forces.orders)
+    added *= _PARAMETRIC.get(fault.kind, 1.0) * late[:, None] * scale[:, None]
+    weakest = _NEGLIGIBLE * float(np.max(np.abs(added)))
+    return _family(added, forces, component=fault.component, kind="tooth", weakest=weakest)
+
+
+def _mesh_lines(stage: PreparedScene, mesh: str) -> tuple[ToothForces, ComplexArray, float]:
+    """Return the forces of a mesh, their lines (sensor, line, instant), and where its first fault passes, in rev.
+
+    Those of teeth that change with time are linear between the stages of the change, the forces those of the last.
+    """
+    motion = motion_of(stage, prepare_gears(stage))
+    number = contacts_in(motion.system, mesh)[0]
+    changing = motion.system.meshes[number]
+    stages, position = [(changing.stiffness, changing.error)], np.zeros(stage.instants_s.size)
+    if changing.history is not None:
+        stages = [*zip(changing.history.stiffnesses, changing.history.errors, strict=True)]
+        position = changing.history.position(stage.instants_s)
+    found = np.zeros(1, dtype=np.complex128)
+    for place, (stiffness, error) in enumerate(stages):
+        meshes = [*motion.system.meshes]
+        meshes[number] = replace(changing, stiffness=stiffness, error=error, history=None)
+        steady = replace(motion, system=replace(motion.system, meshes=tuple(meshes)))
+        if why := obstacle(steady):
+            raise SceneError(f"{why}, so the response is not linear")
+        forces = tooth_forces(steady, mesh, points=COARSE)
+        found = found + response_of(steady).lines(forces) * np.maximum(1 - np.abs(position - place), 0)
+    passes = motion.teeth[mesh].passes
+    return forces, found, passes[0][1] / changing.cycles_per_rev if passes else 0.0
 
 
 def _waveform(lines: ComplexArray, points: int) -> Array:

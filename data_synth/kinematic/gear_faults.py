@@ -65,7 +65,6 @@ def gear_damage_family(
     offset: float,
     rise: ArrayLike,
     lag_rad: ArrayLike,
-    reference_speed_hz: float = 1.0,
 ) -> HarmonicFamily:
     """Return the sidebands that a damaged gear adds to its mesh: mesh harmonics +- multiples of the gear's rotation.
 
@@ -89,8 +88,6 @@ def gear_damage_family(
         Turns of the gear at revolution zero; the worst place is in mesh where ``tooth * rev + offset`` is whole.
     rise, lag_rad : float or (instant,) array
         a, relative, and b in rad: for one size, or at each instant of the truth as the damage grows.
-    reference_speed_hz : float
-        Speed of the reference shaft, rev s-1, at which they hold where the fault depends on it.
     """
     base_order = common_base(mesh.base_order, tooth)
     harmonics = np.arange(1, mesh.coefficients.shape[0] + 1)
@@ -111,8 +108,6 @@ def gear_damage_family(
         base_order=base_order,
         coefficients=coefficients[:, 0] if coefficients.shape[1] == 1 else coefficients,
         load_dependent=mesh.load_dependent,
-        speed_exponent=fault.speed_exponent,
-        reference_speed_hz=reference_speed_hz,
     )
 
 
@@ -178,8 +173,8 @@ def damage_trains(
     list of ImpactTrain
         With the amplitudes of the initial size; where the damage grows, they are proportional to its effect.
     """
-    effect_mm = float(fault.effect_mm(fault.initial_mm, module_mm=1e3 * gear.module_m))
-    trains, amplitude = [], effect_mm * fault.impact_per_mm
+    effect_mm = float(fault.effect_mm(fault.initial_mm))
+    trains, amplitude = [], effect_mm * fault.factors[2]
     for at, share in fault.impacts(gear):
         first, last = (float(tooth) * rev + offset - at for rev in span_rev)
         turns = np.arange(np.ceil(first), np.floor(last) + 1)

@@ -170,34 +170,37 @@ def von_mises_window(turns: ArrayLike, *, width_turns: float) -> Array:
 class GearFault(GrowingFault):
     """A fault of a gear: of one tooth, active while that tooth is in mesh, unless its class says otherwise.
 
-    The effect of the size, ``min(size, largest_effect_mm) ** size_exponent`` in mm, times each of the three factors
-    gives the relative rise of the mesh amplitude, the phase lag of the first mesh harmonic (harmonic h: h times), and
-    the amplitude of the impact, at full load and top speed; impacts go with the load to the power `load_exponent`, and
-    all of it with the speed to the power `speed_exponent`. The factors are illustrative, but for how crack and chipping
-    compare and what the load does, which were fitted to gears in motion (docs/benchmarks/kinematic_fit.md). The
-    worst place of the gear was in mesh `offset_rev` of its turns before the angle of the reference is zero; left out,
-    that is drawn.
+    In a kinematic scene the linear response of the gears gives what it adds, to the level of its mesh, where module,
+    face width, torque and directions of sensors are declared and no planets turn
+    (`data_synth.fidelity.linear_response.with_gear_faults`). Elsewhere, or where a fault declares one of the factors,
+    the effect of the size, ``size ** size_exponent`` in mm, times each of them gives the relative rise of the mesh
+    amplitude (left out: 0.2), the phase lag of the first mesh harmonic in rad (0.1; harmonic h: h times), and the
+    amplitude of the impact at full load (1), which goes with the load to the power `load_exponent`. These factors are
+    illustrative. The worst place of the gear was in mesh `offset_rev` of its turns before the angle of the reference is
+    zero; left out, that is drawn.
     """
 
-    amplitude_per_mm: NotNegative = 0.2
-    phase_rad_per_mm: NotNegative = 0.1
-    impact_per_mm: NotNegative = 1.0
+    amplitude_per_mm: NotNegative | None = None
+    phase_rad_per_mm: NotNegative | None = None
+    impact_per_mm: NotNegative | None = None
     size_exponent: Positive = 1.0
     load_exponent: NotNegative = 1.0
-    speed_exponent: NotNegative = 0.0
-    largest_effect_mm: Positive | None = None
     offset_rev: Turns | None = None
 
-    def effect_mm(self, size_mm: ArrayLike, *, module_mm: float) -> Array:
-        """Return what the factors are multiplied by at sizes (n,) in mm; a module that is not known is infinite."""
-        most = self.most_mm(module_mm)
-        if self.largest_effect_mm is not None:
-            most = min(most, self.largest_effect_mm)
-        return np.asarray(np.minimum(size_mm, most) ** self.size_exponent)
+    @property
+    def factors(self) -> tuple[float, float, float]:
+        """Rise of the mesh amplitude, lag of its phase in rad, and impact, per mm of effect."""
+        rise, lag, impact = self.declared_factors
+        return 0.2 if rise is None else rise, 0.1 if lag is None else lag, 1.0 if impact is None else impact
 
-    def most_mm(self, module_mm: float) -> float:  # noqa: ARG002 - some depend on it
-        """Return the size in mm beyond which nothing is left that a larger one could change."""
-        return math.inf
+    @property
+    def declared_factors(self) -> tuple[float | None, float | None, float | None]:
+        """The same, None where left out."""
+        return self.amplitude_per_mm, self.phase_rad_per_mm, self.impact_per_mm
+
+    def effect_mm(self, size_mm: ArrayLike) -> Array:
+        """Return what the factors are multiplied by at sizes (n,) in mm."""
+        return np.asarray(np.power(size_mm, self.size_exponent))
 
     def width_pitches(self) -> float:
         """Return the width of the modulation window, in tooth pitches."""
@@ -267,7 +270,6 @@ class Chipping(SizedGearFault):
     """A corner of one tooth broken off; the size is the lost face width."""
 
     kind: Literal["chipping"]
-    impact_per_mm: NotNegative = 1.2
 
     def damage(self, size_m: float, gear: FaultyGear) -> GearDamage:
         """Return the fraction of the face that is still in contact."""
@@ -282,10 +284,6 @@ class MissingTooth(SizedGearFault):
     kind: Literal["missing_tooth"]
     load_exponent: NotNegative = 0.0
 
-    def most_mm(self, module_mm: float) -> float:
-        """Return the height of a tooth in mm."""
-        return (1 + _DEDENDUM) * module_mm
-
     def impacts(self, gear: FaultyGear) -> ImpactPlaces:
         """Return one impact a turn, where the next tooth comes into contact."""
         return ((1 / (2 * gear.teeth), 1.0),)
@@ -293,7 +291,7 @@ class MissingTooth(SizedGearFault):
     def damage(self, size_m: float, gear: FaultyGear) -> GearDamage:
         """Return the broken tooth."""
         found = GearDamage.on(gear)
-        found.broken_m[0] = size_m
+        found.broken_m[0] = min(size_m, (1 + _DEDENDUM) * gear.module_m)
         return found
 
 
@@ -388,7 +386,7 @@ class _DistributedFault(SizedGearFault):
 
     @model_validator(mode="after")
     def _check_impact(self) -> Self:
-        if self.impact_per_mm not in (0.0, type(self).model_fields["impact_per_mm"].default):
+        if self.impact_per_mm:
             raise ValueError("impact_per_mm is a matter of damaged teeth, not of a whole gear; leave it out")
         return self
 

@@ -41,7 +41,8 @@ def harmonic_families(
     for number, (fault, offset, relative_size) in enumerate(zip(scene.faults, offsets, relative_sizes, strict=True)):
         size = fault.initial_mm * relative_size
         if isinstance(fault, GearFault):
-            effect = fault.effect_mm(size, module_mm=module_mm_of(scene, fault))
+            effect = fault.effect_mm(size)
+            per_mm, lag_rad_per_mm, _ = fault.factors
             mesh, tooth = meshes[mesh_name(fault.component)], teeth[fault.component]
             gear = faulty_gear(scene, number, teeth=float(mesh.base_order / tooth), rng_for=rng_for)
             if gear.face_width_m is not None or not isinstance(fault, Chipping | Misalignment):
@@ -52,9 +53,8 @@ def harmonic_families(
                 mesh=mesh,
                 tooth=tooth,
                 offset=offset,
-                rise=effect * fault.amplitude_per_mm,
-                lag_rad=effect * fault.phase_rad_per_mm,
-                reference_speed_hz=top_speed_hz,
+                rise=effect * per_mm,
+                lag_rad=effect * lag_rad_per_mm,
             )
             added.append(family)
         elif isinstance(fault, ShaftFault) and fault.rotor_kg is not None:
@@ -79,12 +79,6 @@ def harmonic_families(
             added.append(family)
     imperfect = imperfect_families(scene, healthy, top_speed_hz=top_speed_hz, rng_for=rng_for)
     return with_planet_pass(scene, healthy, rng_for=rng_for) + imperfect + added
-
-
-def module_mm_of(scene: Scene, fault: GearFault) -> float:
-    """Return the module of a damaged gear in mm, infinite where none is declared."""
-    module_mm = declared_size_mm(scene, mesh_name(fault.component), "module_mm")
-    return math.inf if module_mm is None else module_mm
 
 
 def faulty_gear(scene: Scene, number: int, *, teeth: float, rng_for: RandomStreams) -> FaultyGear:

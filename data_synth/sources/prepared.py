@@ -21,7 +21,7 @@ from data_synth.scene.machine_faults import BearingFault
 from data_synth.scene.random_streams import RandomStreams
 from data_synth.scene.scene import Scene, SceneError
 from data_synth.scene.sensors import Sensor
-from data_synth.sources.families import harmonic_families, impact_trains, last_s, module_mm_of, ratio_of
+from data_synth.sources.families import harmonic_families, impact_trains, last_s, ratio_of
 from data_synth.transfer.acquisition import linear_chain
 from data_synth.transfer.housing import force_response, sensitive_direction
 from data_synth.transfer.paths import (
@@ -152,12 +152,7 @@ class PreparedScene:
         fault, share = self.scene.faults[number], self.drive.load(times_s)
         grown, exponent = fault.relative_size(times_s), self.scene.excitation.speed_exponent
         if isinstance(fault, GearFault):
-            share, exponent = share**fault.load_exponent, exponent + fault.speed_exponent
-            later, initial = fault.effect_mm(
-                np.stack([fault.initial_mm * grown, np.full_like(grown, fault.initial_mm)]),
-                module_mm=module_mm_of(self.scene, fault),
-            )
-            grown = later / initial
+            share, grown = share**fault.load_exponent, fault.effect_mm(grown)
         return np.asarray(share * _speed_factor(exponent, self.scene, self.drive, times_s) * grown)
 
 

@@ -40,8 +40,7 @@ _RAMP = 0.1  # cycles over which a pair takes up its load, where its teeth are n
 _HELICAL_HARMONICS = 8
 _PHASES = 64  # to the shortest term of a series, at which its least stiffness is looked for
 _INSTANTS = 8193  # at which growth is evaluated
-_STRAIGHT = 0.005  # of all growth: error of linear interpolation between two instants
-_SHARE = 0.125  # of all growth, between two instants
+_STAGES = 17  # of a growing fault, as far apart in size, between which it is taken to grow linearly
 
 
 @dataclass(frozen=True, kw_only=True)
@@ -232,33 +231,12 @@ def _teeth(
 
 
 def instants_of_growth(stage: PreparedScene, numbers: Sequence[int]) -> Array:
-    """Return times, rising from zero, between which growth is nearly linear, and at most an eighth of the whole."""
-    even = np.linspace(0.0, stage.scene.duration_s, _INSTANTS)
-    kept = {0}
+    """Return times, rising from zero, between which each fault grows by a sixteenth of its growth."""
+    even, kept = np.linspace(0.0, stage.scene.duration_s, _INSTANTS), {0}
     for number in numbers:
         sizes = stage.scene.faults[number].relative_size(even)
-        if sizes[-1] > sizes[0]:
-            kept |= set(_bends(sizes, 0, sizes.size - 1, float(sizes[-1] - sizes[0])))
+        kept |= {*np.searchsorted(sizes, np.linspace(sizes[0], sizes[-1], _STAGES)).tolist()}
     return even[sorted(kept)]
-
-
-def _bends(sizes: Array, first: int, last: int, growth: float) -> Iterator[int]:
-    """Yield the numbers, after the first, of points between which rising sizes are nearly linear and rise little."""
-    part_of_sizes = sizes[first : last + 1]
-    apart = np.abs(part_of_sizes - np.linspace(part_of_sizes[0], part_of_sizes[-1], part_of_sizes.size))
-    if last - first > 1 and np.max(apart) > _STRAIGHT * growth:
-        split = first + int(np.argmax(apart))
-    elif last - first > 1 and part_of_sizes[-1] - part_of_sizes[0] > 1.01 * _SHARE * growth:
-        split = first + int(
-            np.clip(
-                np.searchsorted(part_of_sizes, (part_of_sizes[0] + part_of_sizes[-1]) / 2), 1, part_of_sizes.size - 2
-            )
-        )
-    else:
-        yield last
-        return
-    yield from _bends(sizes, first, split, growth)
-    yield from _bends(sizes, split, last, growth)
 
 
 def _sharing(scene: Scene, contact: Contact, static_n: float) -> LoadSharing:

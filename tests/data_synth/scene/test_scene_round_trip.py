@@ -23,8 +23,6 @@ GEAR_KEYS = {
     "impact_per_mm": SHARES,
     "size_exponent": SHARES,
     "load_exponent": SHARES,
-    "speed_exponent": SHARES,
-    "largest_effect_mm": SHARES,
     "offset_rev": TURNS,
 }
 CRACK_KEYS = GEAR_KEYS | {"angle_deg": st.floats(20, 90), "compliance": st.just("fracture_mechanics")}
