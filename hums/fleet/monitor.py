@@ -11,12 +11,13 @@ import math
 from collections.abc import Iterator, Mapping, Sequence
 from dataclasses import asdict, dataclass, field
 from functools import lru_cache
+from importlib.metadata import version
 from typing import Any
 
 import numpy as np
 from numpy.typing import NDArray
 
-from hums.fleet.alarms import SEVERE, alarm_row, life_word
+from hums.fleet.alarms import SEVERE, life_word
 from hums.fleet.maintenance import ACKNOWLEDGED, Work
 from hums.fleet.monitor_settings import MonitorError, MonitorSettings
 from hums.fleet.observation import Observation, seconds_since_1970
@@ -458,18 +459,23 @@ def _alarm(
     severity: str,
     baseline: str = "",
 ) -> dict[str, Any]:
-    return alarm_row(
-        state.machine,
-        name.partition(": ")[0],
-        drivers,
-        record=seen.record,
-        recorded_at=seen.recorded_at,
-        since=state.since.get(name) or seen.recorded_at or seen.record,
-        value=value,
-        severity=severity,
-        false_alarm_every=state.settings.false_alarm_every,
-        baseline=baseline,
-    )
+    """Return an alarm that is raised now; `drivers` are channels and indicators, what departs most first."""
+    return {
+        "machine": state.machine,
+        "component": name.partition(": ")[0],
+        "channel": drivers[0][0] if drivers else "",
+        "indicator": "; ".join(dict.fromkeys(word for _, word in drivers)),
+        "record": seen.record,
+        "recorded_at": seen.recorded_at,
+        "since": state.since.get(name) or seen.recorded_at or seen.record,
+        "value": value,
+        "limit": 1.0,
+        "false_alarm_every": state.settings.false_alarm_every,
+        "severity": severity,
+        "state": Life.RAISED.name.lower(),
+        "baseline": baseline,
+        "version": version("hums-toolkit"),
+    }
 
 
 def _verdict_words(epoch: Epoch, component: str) -> str:

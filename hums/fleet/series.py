@@ -13,19 +13,6 @@ from hums.fleet.numbers import NOTHING, Numbers
 from hums.gearbox.defect_orders import BEARING_KINDS
 from signals.monitoring.health import FEWEST_LEVELS, Layout
 
-__all__ = [
-    "LINE_LEVEL",
-    "LINE_RATIO",
-    "Series",
-    "SeriesValues",
-    "component_parts",
-    "joint_names",
-    "layout_of",
-    "series_of",
-    "vector",
-    "watched_component",
-]
-
 LINE_LEVEL, LINE_RATIO = "line_level", "line_over_background"
 _JOINT, _AND = "one of ", ", "
 _WHOLE_SIGNAL = "record"
