@@ -31,7 +31,7 @@ from data_synth.scene.gear_dynamics import Dynamics
 from data_synth.scene.random_streams import random_stream
 from data_synth.simulation import noise_free
 from data_synth.sources.prepared import prepare_scene
-from data_synth.vibration.run import Motion, motion_of, prepare_gears
+from data_synth.vibration.run import Motion, motion_of
 from hums.plots import save_figure
 from hums.records.store import save_record
 
@@ -166,7 +166,7 @@ def measure(scene: Scene, *, repeats: int = REPEATS) -> list[Row]:
 def motion_in(scene: Scene) -> Motion:
     """Return the motion of a scene's gears."""
     stage = prepare_scene(scene, rng_for=partial(random_stream, 1))
-    return motion_of(stage, prepare_gears(stage))
+    return motion_of(stage)
 
 
 def linear(scene: Scene) -> Array:

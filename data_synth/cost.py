@@ -20,7 +20,7 @@ from data_synth.sources.families import turning_ratios
 from data_synth.sources.impact_lines import impact_lines
 from data_synth.sources.prepared import PreparedScene, prepare_scene
 from data_synth.vibration.line_candidates import candidates_of
-from data_synth.vibration.run import Motion, contacts_in, motion_of, prepare_gears
+from data_synth.vibration.run import Motion, contacts_in, motion_of
 from signals._validation import checked
 
 # Seconds on one core of a 2020s server, from runs of the demo and of scenes with many lines; a rough guide elsewhere.
@@ -140,12 +140,31 @@ def explain(
     True
     """
     declared = scene if isinstance(scene, Scene) else load_scene(scene)
-    counted = count(declared)
-    parts = (*counted.gears, *_parts(counted.stage, declared, counted.time_factor))
-    samples, channels = declared.samples, len(declared.sensors)
+    time_factor, samples, channels = compression_factor(declared), declared.samples, len(declared.sensors)
+    stage, vibrating = prepare_scene(compressed(declared, time_factor), rng_for=partial(random_stream, 0)), 0
+    if declared.fidelity == "kinematic":
+        why = "kinematic: amplitudes are declared, so no mass, stiffness or resonance of a gear is simulated"
+        gears: tuple[Part, ...] = (Part(name="fidelity", what="phases and modulations", why=why),)
+        projected = 0
+    else:
+        stage = with_full_duration(stage, declared)
+        motion = motion_of(stage)
+        choice = chosen(motion)
+        gears, vibrating = (
+            tuple(_gears(motion, choice)),
+            0 if choice.linear else _GEAR_COPIES * BYTES * samples * channels,
+        )
+        stage = with_gear_lines(stage, motion, choice)
+        candidates = candidates_of(declared, top=_top_order(stage), mixed=False).orders.size
+        projected = min(candidates, round(_PROJECTED * math.sqrt(candidates)))
+    lines = sum(amplitudes[:, :, 0].size for amplitudes in stage.amplitudes) + channels * projected
+    lines += sum(amplitudes[:, :, 0].size for _, _, amplitudes in impact_lines(stage))
+    instants = stage.pulses.times_s.size + sum(train.revolutions.size for _, train in stage.trains)
+    amplitudes, events = 2 * BYTES * lines * declared.truth_times, round(BYTES * time_factor * instants)
     rows = channels + _further_rows(declared, phases=phases, mechanics=mechanics)
-    rows += channels * _sources(counted.stage) if by_source else 0
+    rows += channels * _sources(stage) if by_source else 0
     record_bytes = rows * samples * BYTES
+    parts = (*gears, *_parts(stage, declared, time_factor))
     return Explanation(
         title=(
             f"{declared.gearbox.name}, {declared.fidelity}: {declared.duration_s:g} s of {channels} channel(s) at "
@@ -154,62 +173,6 @@ def explain(
         parts=parts,
         seconds=_SETUP_S + _WRITE_S + _WRITE_S_PER_BYTE * record_bytes + sum(part.seconds for part in parts),
         record_bytes=record_bytes,
-        truth_bytes=counted.truth_bytes,
-        working_bytes=counted.working_bytes,
-    )
-
-
-@dataclass(frozen=True, kw_only=True)
-class Counted:
-    """Contents of a compressed scene, in which time is compressed by `time_factor`.
-
-    Attributes
-    ----------
-    stage : PreparedScene
-        With the lines of a linear response.
-    time_factor : float
-        Factor of compression.
-    gears : tuple of Part
-        Models of the gears.
-    truth_bytes : int
-        Of the record, beside the samples.
-    working_bytes : int
-        Memory beside the samples.
-    """
-
-    stage: PreparedScene
-    time_factor: float
-    gears: tuple[Part, ...]
-    truth_bytes: int
-    working_bytes: int
-
-
-def count(scene: Scene) -> Counted:
-    """Return the contents of a scene, counted in a time-compressed copy."""
-    time_factor = compression_factor(scene)
-    stage, vibrating = prepare_scene(compressed(scene, time_factor), rng_for=partial(random_stream, 0)), 0
-    if scene.fidelity == "kinematic":
-        why = "kinematic: amplitudes are declared, so no mass, stiffness or resonance of a gear is simulated"
-        parts: tuple[Part, ...] = (Part(name="fidelity", what="phases and modulations", why=why),)
-        projected = 0
-    else:
-        stage = with_full_duration(stage, scene)
-        motion = motion_of(stage, prepare_gears(stage))
-        choice = chosen(motion)
-        copies = 0 if choice.linear else _GEAR_COPIES
-        parts, vibrating = tuple(_gears(motion, choice)), copies * BYTES * scene.samples * len(scene.sensors)
-        stage = with_gear_lines(stage, motion, choice)
-        candidates = candidates_of(scene, top=_top_order(stage), mixed=False).orders.size
-        projected = min(candidates, round(_PROJECTED * math.sqrt(candidates)))
-    lines = sum(amplitudes[:, :, 0].size for amplitudes in stage.amplitudes)
-    lines += sum(amplitudes[:, :, 0].size for _, _, amplitudes in impact_lines(stage))
-    lines += len(scene.sensors) * projected
-    instants = stage.pulses.times_s.size + sum(train.revolutions.size for _, train in stage.trains)
-    amplitudes, events = 2 * BYTES * lines * scene.truth_times, round(BYTES * time_factor * instants)
-    return Counted(
-        stage=stage,
-        time_factor=time_factor,
-        gears=parts,
         truth_bytes=amplitudes + events,
         working_bytes=_LINE_COPIES * amplitudes + events + vibrating + _FIXED_BYTES,
     )
@@ -371,13 +334,14 @@ def refuse_too_large(
     rows = len(declared.sensors) + _further_rows(declared, phases=phases, mechanics=mechanics)
     if not by_source and rows * declared.samples * BYTES <= _SMALL_BYTES:
         return
-    counted = count(declared)
-    rows += len(declared.sensors) * _sources(counted.stage) if by_source else 0
-    samples = rows * declared.samples * BYTES
-    places = [(samples + counted.working_bytes, free_memory_bytes(), "of memory")]
+    told = explain(declared, by_source=by_source, phases=phases, mechanics=mechanics)
+    rows = told.record_bytes // (declared.samples * BYTES)
+    places = [(told.record_bytes + told.working_bytes, free_memory_bytes(), "of memory")]
     if out is not None:
         folder = next(parent for parent in out.absolute().parents if parent.exists())
-        places.append((samples + counted.truth_bytes, shutil.disk_usage(folder).free, f"on the disk of {folder}"))
+        places.append(
+            (told.record_bytes + told.truth_bytes, shutil.disk_usage(folder).free, f"on the disk of {folder}")
+        )
     for need, free, where in places:
         if free is not None and need > free:
             raise SceneError(

@@ -28,8 +28,7 @@ from data_synth.transfer.acquisition import add_noise, clip, drop_outs, quantise
 from data_synth.truth import angle_truth, tooth_pass_truth, truth_variables
 from data_synth.vibration.gear_lines import gear_lines, samples_compared
 from data_synth.vibration.mechanics import link_speeds, mechanics_truth, speed_truth
-from data_synth.vibration.meshes import Gears
-from data_synth.vibration.run import Motion, motion_of, prepare_gears
+from data_synth.vibration.run import Motion, motion_of
 from hums.records.record import Channel, PulseTimes, make_record
 from signals._validation import checked
 
@@ -209,14 +208,7 @@ def _simulated(
     mechanics: bool = False,
 ) -> tuple[xr.Dataset, NoiseFree]:
     """Return the record of a scene, and the first `kept` samples after the linear part of its channels' chains."""
-    prepared = prepare_scene(declared, rng_for=streams, turns_before=streams.turns_before)
-    gears = prepare_gears(prepared) if declared.fidelity != "kinematic" else None
-    motion = motion_of(prepared, gears) if gears is not None else None
-    choice = chosen(motion) if motion is not None else None
-    if motion is not None and choice is not None:
-        prepared = with_gear_lines(prepared, motion, choice)
-    else:
-        prepared, gear_faults = with_gear_faults(prepared)
+    prepared, motion, choice, gear_faults = _set_up(declared, streams, turns_before=streams.turns_before)
     timing_errors_s = _timing_errors_s(prepared)
     parts = _by_source(prepared, timing_errors_s=timing_errors_s) if by_source else {}
     signal = _clean(prepared, timing_errors_s=timing_errors_s)
@@ -235,7 +227,7 @@ def _simulated(
     truth |= parts
     truth |= angle_truth(prepared) if phases else {}
     if mechanics:
-        truth |= _mechanics(prepared, gears, motion, choice)
+        truth |= _mechanics(prepared, motion, choice)
     record = make_record(
         {sensor.name: _channel(sensor, values) for sensor, values in zip(declared.sensors, signal, strict=True)},
         rate_hz=declared.rate_hz,
@@ -249,6 +241,22 @@ def _simulated(
         attrs={"truth_scene": declared.to_toml(), **streams.attrs, **attrs},
     )
     return record, noise_free
+
+
+def _set_up(
+    scene: Scene, rng_for: RandomStreams, *, turns_before: int, choice: Choice | None = None
+) -> tuple[PreparedScene, Motion | None, Choice | None, str]:
+    """Return a prepared scene with the lines that are not integrated; where gears vibrate, their motion and its model.
+
+    Last, how the gear faults of a kinematic scene came about. `choice` is the model; None: that of the scene.
+    """
+    prepared = prepare_scene(scene, rng_for=rng_for, turns_before=turns_before)
+    if scene.fidelity == "kinematic":
+        prepared, gear_faults = with_gear_faults(prepared)
+        return prepared, None, None, gear_faults
+    motion = motion_of(prepared)
+    choice = chosen(motion) if choice is None else choice
+    return with_gear_lines(prepared, motion, choice), motion, choice, ""
 
 
 def _channel(sensor: Sensor, values: Array) -> Channel:
@@ -329,7 +337,7 @@ def _with_gears(
     signal += gear_signal
     if damaged := any(isinstance(fault, GearFault) for fault in prepared.scene.faults):
         sound = prepared.without_faults()
-        sound_motion = replace(motion_of(sound, prepare_gears(sound)), steps_per_sample=steps)
+        sound_motion = replace(motion_of(sound), steps_per_sample=steps)
         sound_signal = _gear_vibration(sound_motion, samples=max(kept, samples_compared(prepared, prepared.scene)))
     measured = gear_lines(prepared, gear_signal, sound=sound_signal if damaged else None)
     for name, sources in parts.items():
@@ -368,18 +376,16 @@ def _by_source(prepared: PreparedScene, *, timing_errors_s: Array | None) -> dic
 # ---- on request ----------------------------------------------------------------------------------------------
 
 
-def _mechanics(
-    prepared: PreparedScene, gears: Gears | None, motion: Motion | None, choice: Choice | None
-) -> dict[str, xr.DataArray]:
+def _mechanics(prepared: PreparedScene, motion: Motion | None, choice: Choice | None) -> dict[str, xr.DataArray]:
     """Return the speeds of all links and, where gears vibrate, what is inside the gearbox."""
-    if gears is None or motion is None or choice is None:
+    if motion is None:
         return speed_truth(link_speeds(prepared))
-    if choice.linear:
+    if choice is not None and choice.linear:
         raise SceneError(
             'mechanics: with fidelity = "auto" this record is a linear response, which has no motion in time; write '
             'fidelity = "dynamic".'
         )
-    return mechanics_truth(prepared, gears, motion)
+    return mechanics_truth(motion)
 
 
 _OF_A_FAULT = {"offset", "impacts", "pits"}  # random streams that are named by the number of the fault
@@ -426,7 +432,7 @@ def fault_detectability(
     .. [1] G. L. Turin, An introduction to matched filters, IRE Transactions on Information Theory 6 (1960) 311-329.
     """
     streams = Streams(seed=seed, machine_seed=machine_seed)
-    choice = _choice(scene, streams)
+    choice = _set_up(scene, streams, turns_before=streams.turns_before)[2] if scene.fidelity == "auto" else None
     # with the steps of one motion, whose error is nearly the same in the other and leaves the difference
     count = scene.samples if samples is None else samples
     healthy = _noise_free(
@@ -486,14 +492,6 @@ def noise_free(scene: Scene, *, seed: int, steps: int | None = None) -> NoiseFre
     return _noise_free(scene, streams, None, turns_before=streams.turns_before, samples=scene.samples, steps=steps)
 
 
-def _choice(scene: Scene, streams: Streams) -> Choice | None:
-    """Return the model of the gears of a scene that leaves it open."""
-    if scene.fidelity != "auto":
-        return None
-    stage = prepare_scene(scene, rng_for=streams, turns_before=streams.turns_before)
-    return chosen(motion_of(stage, prepare_gears(stage)))
-
-
 def _noise_free(
     scene: Scene,
     rng_for: RandomStreams,
@@ -506,25 +504,15 @@ def _noise_free(
 ) -> NoiseFree:
     """Return the beginning of the channels of a scene after the linear part of their chains.
 
-    `choice` is the model of the gears; None: that of the scene. `of_gears` is their vibration, where it is known.
+    `choice` is the model of the gears, None that of the scene; `of_gears` their vibration, where it is known.
     """
-    prepared = prepare_scene(scene, rng_for=rng_for, turns_before=turns_before)
-    motion = None
-    if scene.fidelity != "kinematic":
-        motion = motion_of(prepared, prepare_gears(prepared))
-        choice = chosen(motion) if choice is None else choice
-        prepared = with_gear_lines(prepared, motion, choice)
-    else:
-        prepared, _ = with_gear_faults(prepared)
+    prepared, motion, choice, _ = _set_up(scene, rng_for, turns_before=turns_before, choice=choice)
     jitter_s = _timing_errors_s(prepared)
     signal = _clean(prepared, timing_errors_s=None if jitter_s is None else jitter_s[:samples], samples=samples)
-    if of_gears is not None:
-        return NoiseFree(signal=signal + of_gears, of_gears=of_gears, steps=steps)
-    if motion is None or (choice is not None and choice.linear):
-        return NoiseFree(signal=signal)
-    steps = motion.steps() if steps is None else steps
-    of_gears = _gear_vibration(replace(motion, steps_per_sample=steps), samples=samples)
-    return NoiseFree(signal=signal + of_gears, of_gears=of_gears, steps=steps)
+    if motion is not None and of_gears is None and not (choice is not None and choice.linear):
+        steps = motion.steps() if steps is None else steps
+        of_gears = _gear_vibration(replace(motion, steps_per_sample=steps), samples=samples)
+    return NoiseFree(signal=signal if of_gears is None else signal + of_gears, of_gears=of_gears, steps=steps)
 
 
 def _noise_variance(scene: Scene, sensor: Sensor, rng_for: RandomStreams) -> Array:

@@ -8,7 +8,7 @@ from declared_pair import declared_pair
 from data_synth import Scene
 from data_synth.scene.random_streams import random_stream
 from data_synth.sources.prepared import prepare_scene
-from data_synth.vibration.run import motion_of, prepare_gears
+from data_synth.vibration.run import motion_of
 
 SEED = 3
 ALPHA = np.radians(20)
@@ -55,4 +55,4 @@ def stage_of(declared, seed=SEED):
 
 def motion(declared, seed=SEED):
     stage = stage_of(declared, seed)
-    return motion_of(stage, prepare_gears(stage))
+    return motion_of(stage)

@@ -87,7 +87,7 @@ BUDGETS = """
     hums/readers                                               1267   1267   1000
     hums/records                                               1831   1831   1200
     hums/report                                                 977    977    800
-    data_synth (root)                                          2400   1600   1300
+    data_synth (root)                                          2400   1575   1300
     data_synth/dynamics, data_synth/integrators                4106   2813   2600
     data_synth/fidelity, data_synth/vibration                  4287   2232   2000
     data_synth/gears, data_synth/bearings                      1478   1210   1300

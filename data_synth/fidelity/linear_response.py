@@ -27,7 +27,7 @@ from data_synth.scene.faults import GearFault
 from data_synth.scene.scene import SceneError
 from data_synth.sources.families import mesh_name
 from data_synth.sources.prepared import PreparedScene
-from data_synth.vibration.run import Motion, contacts_in, motion_of, prepare_gears
+from data_synth.vibration.run import Motion, contacts_in, motion_of
 
 _POINTS = 64  # to a period of the highest line, which is then right to half a percent for a stiffness that jumps
 COARSE = 8  # the same where a few per cent will do
@@ -404,7 +404,7 @@ def _mesh_lines(stage: PreparedScene, mesh: str) -> tuple[ToothForces, ComplexAr
 
     Those of teeth that change with time are linear between the stages of the change, the forces those of the last.
     """
-    motion = motion_of(stage, prepare_gears(stage))
+    motion = motion_of(stage)
     number = contacts_in(motion.system, mesh)[0]
     changing = motion.system.meshes[number]
     stages, position = [(changing.stiffness, changing.error)], np.zeros(stage.instants_s.size)
@@ -420,7 +420,7 @@ def _mesh_lines(stage: PreparedScene, mesh: str) -> tuple[ToothForces, ComplexAr
             raise SceneError(f"{why}, so the response is not linear")
         forces = tooth_forces(steady, mesh, points=COARSE)
         found = found + response_of(steady).lines(forces) * np.maximum(1 - np.abs(position - place), 0)
-    passes = motion.teeth[mesh].passes
+    passes = motion.gears.teeth[mesh].passes
     return forces, found, passes[0][1] / changing.cycles_per_rev if passes else 0.0
 
 

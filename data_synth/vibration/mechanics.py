@@ -13,7 +13,6 @@ from data_synth.integrators.problem import Output
 from data_synth.operation.shaft_angle import Array
 from data_synth.sources.families import turning_ratios
 from data_synth.sources.prepared import PreparedScene
-from data_synth.vibration.meshes import Gears
 from data_synth.vibration.run import Motion, assembly_of
 from data_synth.vibration.sensor_forces import support_forces
 
@@ -30,7 +29,7 @@ def speed_truth(speeds: dict[str, Array]) -> dict[str, xr.DataArray]:
     return {"truth_link_speed": _stacked("truth_link", speeds, "rev s-1", "in the frame, signed")}
 
 
-def mechanics_truth(prepared: PreparedScene, gears: Gears, motion: Motion) -> dict[str, xr.DataArray]:
+def mechanics_truth(motion: Motion) -> dict[str, xr.DataArray]:
     """Return the quantities inside a gearbox whose gears all move.
 
     ``truth_transmission_error`` (truth_contact, time) in m, how far the gears have approached along the line of action
@@ -45,8 +44,8 @@ def mechanics_truth(prepared: PreparedScene, gears: Gears, motion: Motion) -> di
     SceneError
         If the integration fails.
     """
-    scene, system = prepared.scene, motion.system
-    whole = assembly_of(prepared, gears)
+    prepared, scene, system = motion.stage, motion.stage.scene, motion.system
+    whole = assembly_of(prepared, motion.gears)
     supports, displacement, velocity = support_forces(whole, excited_dofs_of(whole))
     turning = [link for link in link_speeds(prepared) if _rotation(prepared, link) in system.names]
     rotations = np.eye(system.dof)[[system.names.index(_rotation(prepared, link)) for link in turning]]

@@ -6,7 +6,7 @@ nothing excites are left out. Bearing forces are those of their springs.
 
 import math
 import re
-from collections.abc import Callable, Iterator, Mapping
+from collections.abc import Callable, Iterator
 from dataclasses import dataclass, field, replace
 from functools import cached_property, partial
 
@@ -28,7 +28,7 @@ from data_synth.vibration.gear_torques import (
     drive_load_of,
     static_displacements,
 )
-from data_synth.vibration.meshes import Gears, Teeth, gears_of, kinematics_of, tooth_passes
+from data_synth.vibration.meshes import Gears, gears_of, kinematics_of, tooth_passes
 from data_synth.vibration.sensor_forces import SensorForces, sensor_forces_of
 from data_synth.vibration.weighted_forces import LAG, WeightedForces
 from hums.gearbox.kinematics import Kinematics
@@ -134,6 +134,7 @@ class Motion:
 
     Attributes
     ----------
+    gears : Gears
     system : System
     drive_load : DriveLoad
         External torques and rigid-body rotation.
@@ -141,7 +142,6 @@ class Motion:
         Forces towards the sensors.
     output : Output
         Output maps from which `sensor_forces` computes a force in N for each route.
-    teeth : mapping of contact to Teeth
     oversampling : int
         Rate of the forces over that of the channels, before path and chain: fast modes would alias otherwise.
     settling_time_s : float
@@ -153,11 +153,11 @@ class Motion:
     """
 
     stage: PreparedScene
+    gears: Gears = field(repr=False)
     system: System
     drive_load: DriveLoad
     sensor_forces: SensorForces = field(repr=False)
     output: Output
-    teeth: Mapping[str, Teeth] = field(repr=False)
     oversampling: int
     settling_time_s: float
     error: float
@@ -323,7 +323,7 @@ def scene_system(scene: Scene) -> Callable[[float], System]:
 
 
 def prepare_gears(stage: PreparedScene) -> Gears:
-    """Return the gears of a scene with their teeth, for `motion_of`.
+    """Return the gears of a scene with their teeth.
 
     Raises
     ------
@@ -343,19 +343,19 @@ def prepare_gears(stage: PreparedScene) -> Gears:
     return gears_of(stage, kinematics, static_n={mesh.name: float(np.mean(np.abs(each))) for mesh, each in named})
 
 
-def motion_of(stage: PreparedScene, gears: Gears) -> Motion:
+def motion_of(stage: PreparedScene) -> Motion:
     """Return the motion of a scene's gears.
 
     Parameters
     ----------
     stage : PreparedScene
-    gears : Gears
 
     Raises
     ------
     SceneError
-        If the gearbox cannot be assembled, or a torque or sensor does not fit it.
+        If the scene cannot be integrated, geometry is missing, or a torque or sensor does not fit the gearbox.
     """
+    gears = prepare_gears(stage)
     scene, kinematics, teeth = stage.scene, gears.kinematics, gears.teeth
     declared = scene.dynamics_or_default
     whole = assembly_of(stage, gears)
@@ -386,7 +386,7 @@ def motion_of(stage: PreparedScene, gears: Gears) -> Motion:
         drive_load=acting,
         sensor_forces=sensor_forces,
         output=replace(sensor_forces.output, rate_hz=oversampling * scene.rate_hz),
-        teeth=teeth,
+        gears=gears,
         oversampling=oversampling,
         settling_time_s=0.0 if acting.full_rotation else math.log(1 / declared.error) / slowest,
         error=declared.error,
@@ -424,7 +424,7 @@ def fault_passes(motion: Motion) -> dict[int, tuple[Array, float]]:
     last_s = (scene.samples - 1) / scene.rate_hz
     cycles = {mesh.name: mesh.cycles_per_rev for mesh in motion.system.meshes}
     found: dict[int, tuple[Array, float]] = {}
-    for name, teeth in motion.teeth.items():
+    for name, teeth in motion.gears.teeth.items():
         for number, times_s, half_rev in tooth_passes(motion.stage, teeth, cycles_per_rev=cycles[name], stop_s=last_s):
             before = found.get(number, (np.empty(0), half_rev))[0]
             found[number] = np.sort(np.concatenate([before, times_s])), half_rev

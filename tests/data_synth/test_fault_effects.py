@@ -17,7 +17,7 @@ from data_synth.scene.random_streams import random_stream
 from data_synth.simulation import noise_free
 from data_synth.sources.prepared import prepare_scene
 from data_synth.vibration.mechanics import mechanics_truth
-from data_synth.vibration.run import motion_of, prepare_gears
+from data_synth.vibration.run import motion_of
 
 RATE_HZ, RPM, NOISE_G, HOUSING_KG, G = 12_000, 1200, 1e-3, 20.0, 9.80665
 TEETH, MODULE_M, FACE_M, ALPHA = (23, 40), 3e-3, 0.03, math.radians(20)
@@ -243,9 +243,7 @@ def moved(name, kind, **changes):
     """Return the mesh forces of a damaged shipped scene, the swing of its errors and the mean stiffness."""
     made = damaged(name, kind, **changes)
     stage = prepare_scene(made, rng_for=partial(random_stream, 1))
-    gears = prepare_gears(stage)
-    motion = motion_of(stage, gears)
-    found, mesh = mechanics_truth(stage, gears, motion), SHIPPED[name].partition("/")[0]
+    found, mesh = mechanics_truth(motion_of(stage)), SHIPPED[name].partition("/")[0]
     forces, errors, stiffness = (
         of_meshes.values[[str(contact).startswith(mesh) for contact in of_meshes["truth_contact"].values]]
         for of_meshes in (found[f"truth_{what}"] for what in ("mesh_force", "tooth_error", "mesh_stiffness"))

@@ -11,7 +11,7 @@ from data_synth.kinematic.ring_bending import ElasticRing
 from data_synth.scene.random_streams import random_stream
 from data_synth.sources.prepared import prepare_scene
 from data_synth.vibration.gear_torques import static_displacements
-from data_synth.vibration.run import motion_of, prepare_gears
+from data_synth.vibration.run import motion_of
 
 THIN = ElasticRing(radius_m=0.2, tooth_radius_m=0.2, rim_m=4e-4, width_m=0.03)  # waves up to 1570
 FLEXIBILITY = THIN.radius_m**3 / (THIN.young_pa * THIN.width_m * THIN.rim_m**3 / 12)  # R^3 / (E I)
@@ -153,8 +153,7 @@ def test_unequal_planets_bring_the_other_lines_back():
 def test_gears_in_motion_bend_the_ring_as_statics_says():
     _, kinematic = bending_lines(simulate(scene(), seed=1))
     stage = prepare_scene(scene(fidelity="dynamic"), rng_for=partial(random_stream, 1))
-    gears = prepare_gears(stage)
-    motion = motion_of(stage, gears)
+    motion = motion_of(stage)
     moving = stage.with_bending_rings(motion.sensor_forces.ring_loads())
     kinds = [family.kind for family in moving.families]
     sizes = np.abs(moving.amplitudes[kinds.index("ring_bending")][0, :, 0])
@@ -167,22 +166,21 @@ def test_a_displaced_planet_takes_load_from_the_others():
         bearings = {name: {"radial_n_m": radial_n_m} for name in ("sun", "carrier", "planet")}
         uneven = {"imperfections": {"planets": {"position_um": 5}}, "dynamics": {"bearings": bearings}}
         stage = prepare_scene(scene(fidelity="dynamic", **uneven), rng_for=partial(random_stream, 1))
-        gears = prepare_gears(stage)
-        return gears, motion_of(stage, gears)
+        return motion_of(stage)
 
-    gears, motion = ready(1e13)
+    motion = ready(1e13)
     with_errors, without = (
         static_displacements(motion.stage, motion.system, motion.drive_load, errors=errors)[1]
         for errors in (True, False)
     )
-    ahead = np.array([float(gears.teeth[f"planet-ring {number}"].properties.error(0.5)) for number in (1, 2, 3)])
+    ahead = np.array([float(motion.gears.teeth[f"planet-ring {number}"].properties.error(0.5)) for number in (1, 2, 3)])
     # sun and carrier turn alone: each planet is two springs in series, displaced by the errors of both its meshes
     sun, ring = (motion.system.meshes[number].stiffness.mean for number in (0, 3))
     expected = -2 * (ahead - np.mean(ahead)) * sun * ring / (sun + ring)
     assert_allclose(
         (with_errors - without)[:, 0], np.tile(expected, 2), rtol=1e-3
     )  # bearings are 1e4 times as stiff as teeth
-    static_n = ready(1e8)[1].sensor_forces.static_n
+    static_n = ready(1e8).sensor_forces.static_n
     # sun and planets on their bearings give way to it
     assert 100 < np.ptp([static_n[f"planet-ring {number}"][0] for number in (1, 2, 3)]) < np.ptp(expected)
 

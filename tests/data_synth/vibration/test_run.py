@@ -19,7 +19,7 @@ from data_synth.scene.sensors import AntiAlias, Mode, Sensor
 from data_synth.simulation import noise_free
 from data_synth.sources.prepared import prepare_scene
 from data_synth.transfer.housing import AHEAD, PoleFilter, housing_filter
-from data_synth.vibration.run import motion_of, prepare_gears
+from data_synth.vibration.run import motion_of
 from hums.records.record import check_record
 
 DYNAMICS = {
@@ -325,7 +325,7 @@ def test_the_declared_mean_stiffness_is_that_of_healthy_teeth():
     means = []
     for faults in ([], [crack]):
         stage = prepare_scene(scene(dynamics=dynamics, fault=faults), rng_for=partial(random_stream, 1))
-        means.append(motion_of(stage, prepare_gears(stage)).system.meshes[0].stiffness.mean)
+        means.append(motion_of(stage).system.meshes[0].stiffness.mean)
     assert means[0] == pytest.approx(5e8, rel=1e-9)
     assert 0.95 * 5e8 < means[1] < 0.9999 * 5e8
 

@@ -62,8 +62,8 @@ def ready(declared):
 
 
 def motion(declared):
-    stage, gears = ready(declared)
-    return motion_of(stage, gears)
+    stage, _ = ready(declared)
+    return motion_of(stage)
 
 
 def normal(sign=1.0):

@@ -19,7 +19,7 @@ from data_synth.scene.random_streams import random_stream
 from data_synth.simulation import noise_free
 from data_synth.sources.prepared import prepare_scene
 from data_synth.vibration.meshes import kinematics_of
-from data_synth.vibration.run import fault_passes, motion_of, prepare_gears
+from data_synth.vibration.run import fault_passes, motion_of
 from hums.gearbox.kinematics import solve_kinematics
 from hums.gearbox.model import load_gearbox
 from hums.gearbox.torques import solve_torques
@@ -73,8 +73,7 @@ def scene_of(**changes):
 def moving(**changes):
     scene = scene_of(**changes)
     stage = prepare_scene(scene, rng_for=partial(random_stream, SEED))
-    gears = prepare_gears(stage)
-    return motion_of(stage, gears)
+    return motion_of(stage)
 
 
 def at_rest(motion):
