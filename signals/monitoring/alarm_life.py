@@ -2,7 +2,7 @@
 
 | state | becomes | when |
 |---|---|---|
-| clear | raised | the index reached 1 in `of` of the last `within` judged records |
+| clear | raised | the index reached 1 in `of` of the last `within` judged records, or `at_once` in one |
 | raised | acknowledged | somebody acknowledges it: it is latched until then; its charts restart |
 | acknowledged | clear | `quiet` judged records in succession lie below `clear_below` |
 | acknowledged | raised (anew) | the index exceeds `again` times the one of the last alarm, by that rule |
@@ -68,6 +68,8 @@ class AlarmRule:
     ----------
     of, within : int
         m and n of "m of n": two of three leave out what a single record shows.
+    at_once : float
+        Index at which a single record raises an alarm: twice the limit. The limits take it into account.
     quiet : int
         Records below `clear_below` after which an acknowledged alarm clears.
     clear_below : float
@@ -78,6 +80,7 @@ class AlarmRule:
 
     of: int = 2
     within: int = 3
+    at_once: float = 2.0
     quiet: int = 10
     clear_below: float = 0.5
     again: float = 2.0
@@ -96,6 +99,7 @@ class AlarmRule:
         recent = np.where(judged, ((state.recent << 1) | (index >= limit)) & kept, state.recent)
         quiet = np.where(judged, np.where(index < self.clear_below, state.quiet + 1, 0), state.quiet)
         reached = sum((recent >> bit) & 1 for bit in range(self.within)) >= self.of
+        reached |= index >= self.at_once * limit
         raised = judged & (index >= limit) & reached & (state.life != Life.RAISED)
         cleared = acknowledged & (quiet >= self.quiet) & ~raised
         life = np.where(raised, Life.RAISED, np.where(cleared, Life.CLEAR, state.life))

@@ -191,9 +191,9 @@ class ChartLimits:
     def headroom(self, baseline: Array, rule: AlarmRule) -> Array:
         """Return by how much limits (...) are wider for scores that raise an alarm in their baseline (records, ...).
 
-        An alarm that the records of a baseline raise by the rule m of n shows that bursts are normal there,
-        and the index of later records is divided by this factor, 1 elsewhere. Single bad records, which the rule leaves
-        out, do not count. k bursts of n records that exceed the limit u by a sum s are taken as exponential of unknown
+        An alarm that the records of a baseline raise by the rule shows that bursts are normal there, and the index of
+        later records is divided by this factor, 1 elsewhere. Single bad records, which the rule leaves out, do not
+        count. k bursts of n records that exceed the limit u by a sum s are taken as exponential of unknown
         mean; the next one then exceeds u + x with the probability (1 + x/s)^-k (predictive distribution with a prior
         flat in the logarithm of the mean; Aitchison and Dunsmore 1975, Statistical Prediction Analysis). The factor is
         that at which the rule raises bursts at the stated rate, where they come independently, in a share
@@ -204,7 +204,7 @@ class ChartLimits:
             return np.ones(baseline.shape[1:])
         over = np.nan_to_num(baseline) / self.limits[0] - 1
         windows = np.sort(sliding_window_view(over, rule.within, axis=0), axis=-1)
-        alarmed = windows[..., -rule.of].max(axis=0) >= 0
+        alarmed = (windows[..., -rule.of].max(axis=0) >= 0) | (over.max(axis=0) >= rule.at_once - 1)
         count, total = (over >= 0).sum(axis=0), np.maximum(over, 0).sum(axis=0)
         ways = math.comb(rule.within - 1, rule.of - 1)  # of a window that ends with a burst
         exceeded = (self.every_records * ways) ** (-1 / rule.of)  # probability of a record that the rate allows
@@ -397,12 +397,14 @@ def _drawn(baseline: int, model: HealthyScores, rule: AlarmRule) -> _Drawn:
 def _peaks(chart: NDArray[np.float32], rule: AlarmRule) -> Array:
     """Return the largest limit (machines,) at which a chart (records, machines) raises an alarm of each machine.
 
-    In a record an alarm is raised at the least of its own value and the `rule.of`-th largest of the latest ones.
+    In a record an alarm is raised at the least of its own value and the `rule.of`-th largest of the latest ones, or at
+    its own value over `rule.at_once`.
     """
     before = np.pad(chart, ((rule.within - 1, 0), (0, 0)))
     latest = np.stack([before[number : number + len(chart)] for number in range(rule.within)])
     reached = np.partition(latest, rule.within - rule.of, axis=0)[rule.within - rule.of]
-    return np.asarray(np.minimum(reached, chart).max(axis=0), dtype=np.float64)
+    alarm = np.maximum(np.minimum(reached, chart), chart / rule.at_once)
+    return np.asarray(alarm.max(axis=0), dtype=np.float64)
 
 
 def _tail(peaks: Array) -> _Tail:
