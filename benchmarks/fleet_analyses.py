@@ -37,7 +37,6 @@ PLAN = """
 scene = "healthy-mill"
 records = {records}
 seed = {seed}
-sampling = "sobol"
 history = {{ machines = {machines} }}
 [change]
 rate_hz = 20000

@@ -6,16 +6,14 @@ scene of a record is that of the plan, changed by ``[change]``, then by its mach
 """
 
 import tomllib
-import zlib
 from collections.abc import Iterator, Mapping
 from dataclasses import dataclass, field
-from functools import cached_property, lru_cache
+from functools import cached_property
 from importlib.resources import files
 from pathlib import Path
 from typing import Annotated, Any, Literal
 
 import numpy as np
-from numpy.typing import NDArray
 from pydantic import Field
 
 from data_synth.draws import (
@@ -91,7 +89,6 @@ class PlanTable(Declared):
     records: Annotated[int, Field(ge=1)]
     seed: Annotated[int, Field(ge=0)]
     machine_seed: Annotated[int, Field(ge=0)] | None = None
-    sampling: Literal["random", "sobol"] = "random"
     dtype: Literal["float32", "float64"] = "float32"
     records_per_shard: Annotated[int, Field(ge=1)] | None = None
     labels: tuple[Name, ...] | None = None
@@ -133,12 +130,6 @@ class _Template:
     def distributions(self) -> tuple[Distribution, ...]:
         """What a record may draw from, each once."""
         return tuple({id(draw): draw for draw, _ in reached(self.tree, self.named)}.values())
-
-    @cached_property
-    def sobol_labels(self) -> tuple[str, ...]:
-        """Labels of the draws with a probability of their own in every record."""
-        own = (d for d in self.distributions if d.each == "record" and d.by is None and not isinstance(d, Drawn))
-        return tuple(dict.fromkeys(str(draw.label) for draw in own))
 
 
 # ---- Plan ------------------------------------------------------------------------------------------------------------
@@ -434,25 +425,15 @@ class Plan:
         machine = self.machine_of(number)
         template = self.templates[(machine.design if machine else _NO_MACHINE).name, self.class_of(number)]
         of_machine = machine.name if machine else self._history.machine(number) if self._history else 0
-        points = self._sobol_point(number, template) if self.table.sampling == "sobol" else {}
 
         def probability(draw: Distribution) -> float:
             label = str(draw.label)
             if draw.each == "machine":
                 return float(random_stream(self._machine_seed, "machine", of_machine, label).random())
-            return points[label] if label in points else float(random_stream(self.seed, number, label).random())
+            return float(random_stream(self.seed, number, label).random())
 
         draws = Draws(template.named, probability, given)
         return draws.resolved(template.tree), draws.labels
-
-    def _sobol_point(self, number: int, template: _Template) -> dict[str, float]:
-        """Return the point of the Sobol sequence that belongs to a record, by label."""
-        share, rank = self.table.classes[self._class_index(number)].share, self._rank(number)
-        labels = template.sobol_labels
-        key = (self.seed, zlib.crc32(self.class_of(number).encode()), len(labels))
-        points = -(-self.records // (self._machines * len(self._cycle))) * self._machines * share
-        found = _sobol_points(*key, power=(points - 1).bit_length())[rank] if labels else ()
-        return dict(zip(labels, map(float, found), strict=True))
 
     def _rank(self, number: int) -> int:
         """Return the number of a record among those of its class."""
@@ -499,14 +480,6 @@ class Plan:
 
 
 _NO_MACHINE = MachineTable(name="machine")
-
-
-@lru_cache(maxsize=64)
-def _sobol_points(seed: int, stream: int, dimensions: int, *, power: int) -> NDArray[np.float64]:
-    from scipy.stats.qmc import Sobol  # noqa: PLC0415 - only such plans need it
-
-    rng = np.random.default_rng(np.random.SeedSequence(seed, spawn_key=(stream,)))
-    return np.asarray(Sobol(dimensions, scramble=True, seed=rng).random_base2(power))
 
 
 def _merged(base: Mapping[str, Any], change: Mapping[str, Any]) -> dict[str, Any]:

@@ -4,7 +4,7 @@ from collections.abc import Mapping
 from typing import Any
 
 from data_synth.plan import PlanTable
-from data_synth.scene.scene import FIDELITIES, Scene
+from data_synth.scene.scene import Scene
 
 _DRAFT = "https://json-schema.org/draft/2020-12/schema"
 _HISTORIES = {"Speed": ("rpm", "steps", "csv", "run_up"), "Torque": ("nm", "steps", "csv")}
@@ -32,7 +32,6 @@ def scene_schema(gearbox: Mapping[str, Any]) -> dict[str, Any]:
     parts["Gearbox"] = box | {"required": [*box["required"], "name"]}  # inside a scene no file lends its name
     named = {"type": "string", "minLength": 1, "description": "A .toml file or a catalogue name."}
     properties["gearbox"] = {"anyOf": [named, {"$ref": "#/$defs/Gearbox"}]}
-    properties["fidelity"]["enum"] = [*FIDELITIES]
     maps = {"Excitation": ("shafts", "meshes"), "Dynamics": ("links", "meshes", "bearings"), "SensorWeights": ["links"]}
     for part, fields in maps.items():
         for field in fields:

@@ -9,7 +9,7 @@ from collections.abc import Mapping
 from fractions import Fraction
 from functools import cached_property
 from pathlib import Path
-from typing import Annotated, Any, Self
+from typing import Annotated, Any, Literal, Self
 
 from pydantic import Field, ValidationError, field_validator, model_validator
 
@@ -67,7 +67,6 @@ class Excitation(Declared):
 
 
 _DEVIATIONS = 8  # that a Gaussian error never goes beyond: once in 1e15
-FIDELITIES = ("kinematic", "dynamic", "auto")
 
 
 class SceneError(SentenceError):
@@ -106,14 +105,14 @@ class Scene(Declared):
     ...     "sensor": [{"name": "input", "on": "input bearing", "units": "g"}],
     ... }
     >>> scene = Scene.from_mapping(table)
-    >>> scene.samples, scene.speed_knots_hz()
-    (10000, ((0.0, 20.0),))
+    >>> scene.samples, scene.speed.rpm
+    (10000, ((0.0, 1200.0),))
     """
 
     gearbox: Gearbox
     rate_hz: Positive
     duration_s: Positive
-    fidelity: str
+    fidelity: Literal["kinematic", "dynamic", "auto"]
     speed: Speed
     torque: Torque | None = None
     tachometer: Tachometer
@@ -136,13 +135,6 @@ class Scene(Declared):
         if isinstance(value, Mapping):
             return Gearbox.from_mapping(value)
         return load_gearbox(value) if isinstance(value, str | Path) else value
-
-    @field_validator("fidelity")
-    @classmethod
-    def _known_fidelity(cls, value: str) -> str:
-        if value in FIDELITIES:
-            return value
-        raise ValueError(f'"{value}" is not known{closest(value, [*FIDELITIES])}')
 
     @model_validator(mode="before")
     @classmethod
@@ -496,23 +488,6 @@ class Scene(Declared):
             for name in (link, self.gearbox.reference or link)
         )
         return of_link / of_reference
-
-    def speed_knots_hz(self) -> tuple[tuple[float, float], ...]:
-        """Return the declared speed of the reference shaft as knots of a piecewise-linear time history.
-
-        Returns
-        -------
-        tuple of (float, float)
-            Time in s and speed in rev s-1 of each knot; empty in a run-up, whose speed follows from the torque.
-
-        Examples
-        --------
-        >>> from data_synth import load_scene
-        >>> load_scene("demo").speed_knots_hz()[0]  # 1200 rpm
-        (0.0, 20.0)
-        """
-        turns = float(abs(self.ratio(self.speed.link))) * 60
-        return tuple((time_s, rpm / turns) for time_s, rpm in self.speed.knots)
 
     @property
     def samples(self) -> int:

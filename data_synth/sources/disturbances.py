@@ -219,20 +219,13 @@ def add_electrical(prepared: PreparedScene, signal: Array, *, timing_errors_s: A
         ]
     )
 
-    def turns(times_s: Array, *, of: tuple[int, int]) -> Array:
-        mains = of[0] * declared.mains_hz * times_s
-        return np.asarray(mains + of[1] * output_turns(times_s) if of[1] else mains)
+    def turns(times_s: Array, *, of: Array) -> Array:
+        return np.asarray(of[0] * declared.mains_hz * times_s + of[1] * output_turns(times_s))
 
-    series: dict[tuple[int, int], dict[int, ComplexArray]] = {}  # by the first harmonic, those that there are
-    for line, (of_mains, of_output) in zip(lines.T, multiples.astype(np.int64).tolist(), strict=True):
-        harmonic = math.gcd(of_mains, of_output) or 1
-        own = series.setdefault((of_mains // harmonic, of_output // harmonic), {})
-        own[harmonic] = own.get(harmonic, 0) + line
-    for of, harmonics in series.items():
-        coefficients = np.zeros((lines.shape[0], max(harmonics)), dtype=np.complex128)
-        for harmonic, line in harmonics.items():
-            coefficients[:, harmonic - 1] = line
-        _add_series(signal, coefficients, partial(turns, of=of), rate_hz=scene.rate_hz, timing_errors_s=timing_errors_s)
+    for line, of in zip(lines.T, multiples, strict=True):
+        _add_series(
+            signal, line[:, None], partial(turns, of=of), rate_hz=scene.rate_hz, timing_errors_s=timing_errors_s
+        )
     truth = _line_truth(prepared, lines, "truth_electrical_line", np.arange(shares.size, dtype=np.float64))
     truth.attrs["convention"] = "x = Re{Z exp(2 pi j (m mains_hz t + n output))}, output its turns at the instants"
     truth.attrs["mains_hz"] = declared.mains_hz
