@@ -1,4 +1,4 @@
-"""What verdicts say of healthy and faulty machines: python benchmarks/verdicts.py [--records N] [--only PART] [FOLDER].
+"""What verdicts say of healthy and faulty machines: python benchmarks/verdicts.py [--only PART] [FOLDER].
 
 Writes verdicts.md into FOLDER (default docs/benchmarks). Measured records are those of the folder named in
 HUMS_REAL_DATA or by --data; without one only the synthetic part is made.
@@ -20,7 +20,7 @@ import pandas as pd
 import xarray as xr
 from scipy import io
 
-from data_synth import Scene, load_scene, simulate
+from data_synth import Scene, simulate
 from hums import (
     AnalysisError,
     AnalysisSettings,
@@ -43,8 +43,8 @@ RACES = {"I": "inner_race", "O": "outer_race", "B": "rolling_element", "n": "", 
 STATED = 0.01  # false-alarm probability of the settings
 
 NOTE = """\
-Made by `python benchmarks/verdicts.py --records {records} --held-out {held_out} --faulty {faulty}`; the envelope band
-is chosen by the program, the false-alarm probability {stated}, nothing tracked. A record is *named* when it has any
+Made by `python benchmarks/verdicts.py --held-out {held_out} --faulty {faulty}`; the envelope band is chosen by the
+program, the false-alarm probability {stated}, nothing tracked. A record is *named* when it has any
 finding, *diagnosed* when any is. Gearboxes and drives of the held-out machines are not in the library that verdicts
 learn from (`benchmarks/healthy_library.py`). Faults are *detectable* from {detectable:.0f} dB on, whatever their kind;
 of those not judged, a record is *too short* that holds fewer turns or cycles than a judgement needs. The measured
@@ -166,26 +166,44 @@ def measured(folder: Path, *, seconds: float | None = None) -> Iterator[Measured
         yield made("wind turbine", path.stem, data["vibration"].ravel(), 97656, pulses, "wind-turbine", "inner_race")
 
 
+def said(analysis: xr.DataTree, kind: str, component: str = "") -> dict[str, Any]:
+    """Return what an analysis says of the damaged part, any of its kind if no component is known, and of others."""
+    found, every = findings_table(analysis), verdict_table(analysis)
+    right, diagnosed = names_part(found, kind, component), (found["verdict"] == "diagnosed").to_numpy()
+    own = every[(every["kind"] == kind) & ((every["component"] == component) | (not component))]
+    return {
+        "named": bool(right.any()),
+        "first": bool(right.size and right[0]),
+        "wrong first": bool(right.size and not right[0]),
+        "diagnosed": bool((right & diagnosed).any()),
+        "wrong diagnosed": bool((~right & diagnosed).any()),
+        "others": int((~right).sum()),
+        "sound": bool(kind) and bool((own["verdict"] == "nothing found").any()),
+        "not judged": bool((own["verdict"] == "not judged").any() and not right.any()),
+        "too short": bool(own["doubts"].str.contains(TOO_FEW).any() and not right.any()),
+        "tooth": bool((found["kind"] == "tooth").any()),
+    }
+
+
+def names_part(found: pd.DataFrame, kind: str, component: str = "") -> np.ndarray:
+    """Return which findings name a component, of a tooth also as one that cannot be told from it."""
+    return np.array(
+        [
+            row.kind == kind and (component in {"", row.component} or (kind == "tooth" and component in row.evidence))
+            for row in found.itertuples()
+        ],
+        dtype=bool,
+    )
+
+
 def measured_rows(folder: Path, *, seconds: float | None) -> list[dict[str, Any]]:
     """Return a row for each group of measured records: how many are right, diagnosed, or say more than is true."""
     rows: dict[str, dict[str, Any]] = {}
     for case in measured(folder, seconds=seconds):
-        analysis = analyze(case.record, case.gearbox, settings=SETTINGS)
-        found, every = findings_table(analysis), verdict_table(analysis)
-        row = rows.setdefault(case.group, dict.fromkeys(COLUMNS, 0) | {"records": case.group})
-        first = found["kind"].iloc[0] if len(found) else None
-        right = found["kind"] == case.kind
-        diagnosed = found["verdict"] == "diagnosed"
-        row["n"] += 1
-        row["right part first"] += first == case.kind
-        row["right part diagnosed"] += int((right & diagnosed).any())
-        row["right part called sound"] += int(
-            ((every["kind"] == case.kind) & (every["verdict"] == "nothing found")).any()
-        )
-        row["wrong part first"] += first is not None and first != case.kind
-        row["wrong part diagnosed"] += int((~right & diagnosed).any())
-        row["other parts named"] += int((~right).sum())
-        row["a tooth named"] += int((found["kind"] == "tooth").any())
+        one = said(analyze(case.record, case.gearbox, settings=SETTINGS), case.kind) | {"n": 1}
+        row = rows.setdefault(case.group, {"records": case.group} | dict.fromkeys(COLUMNS, 0))
+        for column, key in COLUMNS.items():
+            row[column] += int(one[key])
     return list(rows.values())
 
 
@@ -239,37 +257,6 @@ def planetary_scene(teeth: tuple[int, int, int]) -> dict[str, Any]:
         "noise": {"rms": 0.5},
         "sensor": [{"name": "ring", "on": "ring", "units": "m s-2"}],
     }
-
-
-def planetary_rows(records: int) -> list[dict[str, Any]]:
-    """Return what the analysis says of a crack of 2 mm in the sun, a planet and the ring of each stage."""
-    rows = []
-    for stage, teeth in STAGES.items():
-        for component in ("sun-planet/sun", "planet-ring/planet", "planet-ring/ring"):
-            fault = {"kind": "tooth_crack", "component": component, "depth_mm": 2.0}
-            scene = Scene.from_mapping(planetary_scene(teeth) | {"fault": [fault]})
-            row = {"stage": stage, "crack of 2 mm in": component.rpartition("/")[2], "n": 0}
-            row |= dict.fromkeys(("right gear first", "other parts named", "wrong diagnosed"), 0)
-            for seed in range(1, records + 1):
-                found = findings_table(analyze(simulate(scene, seed=seed), scene.gearbox, settings=SETTINGS))
-                right = names_part(found, "tooth", component)
-                row["n"] += 1
-                row["right gear first"] += bool(right.size and right[0])
-                row["other parts named"] += int((~right).sum())
-                row["wrong diagnosed"] += bool(((found["verdict"] == "diagnosed") & ~right).any())
-            rows.append(row)
-    return rows
-
-
-def names_part(found: pd.DataFrame, kind: str, component: str) -> np.ndarray:
-    """Return which findings name a component, of a tooth also as one that cannot be told from it."""
-    return np.array(
-        [
-            row.kind == kind and (component == row.component or (kind == "tooth" and component in row.evidence))
-            for row in found.itertuples()
-        ],
-        dtype=bool,
-    )
 
 
 # ---- Faults of machines that the library does not hold --------------------------------------------------------------
@@ -334,22 +321,8 @@ def faulty_row(number: int) -> dict[str, Any]:
             analysis = analyze(record, gearbox, settings=SETTINGS)
         except ValueError as error:  # a fault that this drive or gearbox cannot have, or a tachometer beyond repair
             return {"kind": kind, "refused": str(error)}
-    found, every = findings_table(analysis), verdict_table(analysis)
-    right = names_part(found, finding, component)
-    own = every[(every["component"] == component) & (every["kind"] == finding)]
-    diagnosed = found["verdict"] == "diagnosed"
-    return {
-        "kind": kind,
-        "refused": "",
-        "detectability_db": float(record["truth_fault_detectability_db"].max()),
-        "named": bool(right.any()),
-        "first": bool(right.size and right[0]),
-        "diagnosed": bool((diagnosed & right).any()),
-        "wrong diagnosed": bool((diagnosed & ~right).any()),
-        "sound": bool((own["verdict"] == "nothing found").any()),
-        "not judged": bool((own["verdict"] == "not judged").any() and not right.any()),
-        "too short": bool(own["doubts"].str.contains(TOO_FEW).any() and not right.any()),
-    }
+    level = float(record["truth_fault_detectability_db"].max())
+    return {"kind": kind, "refused": "", "detectability_db": level} | said(analysis, finding, component)
 
 
 def faulty_rows(
@@ -422,52 +395,16 @@ def _shares_a_mesh(one: Gearbox, other: Gearbox) -> bool:
     return bool(meshes[0] & meshes[1])
 
 
-COLUMNS = (
-    "records",
-    "n",
-    "right part first",
-    "right part diagnosed",
-    "right part called sound",
-    "wrong part first",
-    "wrong part diagnosed",
-    "other parts named",
-    "a tooth named",
-)
-
-
-def synthetic_rows(records: int) -> list[dict[str, Any]]:
-    """Return a row for each drive of a healthy gearbox, then for noise alone whose level wanders."""
-    gearbox = load_gearbox("two-stage")
-
-    def row(what: str, made: Iterator[xr.Dataset]) -> dict[str, Any]:
-        tables = [findings_table(analyze(record, gearbox, settings=SETTINGS)) for record in made]
-        return {
-            "healthy": what,
-            "n": len(tables),
-            "named": sum(len(table) > 0 for table in tables),
-            "diagnosed": sum((table["verdict"] == "diagnosed").any() for table in tables),
-        }
-
-    rows = []
-    for what, change in DRIVES.items():
-        scene = Scene.from_mapping(HEALTHY | change)
-        rows.append(row(what, (simulate(scene, seed=seed) for seed in range(1, records + 1))))
-    scene = load_scene("run-up")
-    rows.append(row("`hums synth run-up`", (simulate(scene, seed=seed) for seed in range(1, records + 1))))
-    for wander in (0.2, 0.4, 0.8):
-        what = f"white noise, level wandering by exp({wander} g), g of about 4 Hz"
-        rows.append(row(what, (wandering(wander, seed) for seed in range(2 * records))))
-    return rows
-
-
-def wandering(wander: float, seed: int) -> xr.Dataset:
-    """Return 10 s of noise of 0.3 g whose level wanders: exp(wander g), g white noise smoothed by 0.25 s of Hann."""
-    rng, rate_hz, seconds = np.random.default_rng(seed), 6000, 10
-    window = np.hanning(rate_hz // 4)
-    g = np.convolve(rng.standard_normal(rate_hz * seconds + window.size - 1), window, mode="valid")
-    x = 0.3 * np.exp(wander * g / g.std()) * rng.standard_normal(g.size)
-    pulses = PulseTimes(times_s=np.arange(0.01, seconds, 1 / 24), shaft="input", pulses_per_rev=1)
-    return make_record({"case": x}, rate_hz=rate_hz, units="g", angle=pulses)
+COLUMNS = {
+    "n": "n",
+    "right part first": "first",
+    "right part diagnosed": "diagnosed",
+    "right part called sound": "sound",
+    "wrong part first": "wrong first",
+    "wrong part diagnosed": "wrong diagnosed",
+    "other parts named": "others",
+    "a tooth named": "tooth",
+}
 
 
 def absent_bearings(seed: int, count: int = 21) -> Iterator[dict[str, Any]]:
@@ -522,7 +459,6 @@ def main() -> None:
     """Measure, and write the page."""
     parser = argparse.ArgumentParser(description=__doc__)
     parser.add_argument("folder", nargs="?", default=ROOT / "docs" / "benchmarks", type=Path)
-    parser.add_argument("--records", type=int, default=20, help="seeds of each drive")
     parser.add_argument("--held-out", type=int, default=2000, help="healthy records of held-out machines")
     parser.add_argument("--faulty", type=int, default=1000, help="records of held-out machines with one fault")
     parser.add_argument("--first", type=int, default=0, help="number of the first of these")
@@ -540,32 +476,26 @@ def main() -> None:
     if given.only:
         print("\n\n".join(pages))  # noqa: T201
     else:
-        note = NOTE.format(
-            records=given.records, held_out=given.held_out, faulty=given.faulty, stated=STATED, detectable=DETECTABLE_DB
-        )
+        note = NOTE.format(held_out=given.held_out, faulty=given.faulty, stated=STATED, detectable=DETECTABLE_DB)
         (given.folder / "verdicts.md").write_text("\n\n".join(["# Verdicts", note, *pages]) + "\n", encoding="utf-8")
     if given.json:
         given.json.write_text(json.dumps(every, default=float), encoding="utf-8")
 
 
-SECTIONS = ("healthy", "drives", "faulty", "planetary", "drawings", "measured", "absent")
+SECTIONS = ("healthy", "faulty", "drawings", "measured", "absent")
 
 
 def sections(given: argparse.Namespace) -> Iterator[tuple[str, list[dict[str, Any]]]]:
     """Yield the title, empty where it goes on, and the rows of each table that was asked for."""
-    wanted = (given.only,) if given.only else SECTIONS if given.data is not None else SECTIONS[:5]
+    wanted = (given.only,) if given.only else SECTIONS if given.data is not None else SECTIONS[:3]
     if "healthy" in wanted:
         whole, strata = held_out_rows(given.held_out, jobs=given.jobs)
         yield "Healthy held-out machines", whole
         yield "", strata
-    if "drives" in wanted:
-        yield "Healthy machines under strong drives", synthetic_rows(given.records)
     if "faulty" in wanted:
         by_kind, by_level = faulty_rows(given.faulty, jobs=given.jobs, first=given.first, without=given.without)
         yield "Faulty held-out machines", by_kind
         yield "", by_level
-    if "planetary" in wanted:
-        yield "Cracks in stages with planets", planetary_rows(given.records)
     if "drawings" in wanted:
         yield "Another machine's drawing", drawing_rows(max(10, given.held_out // 20))
     if "measured" in wanted:

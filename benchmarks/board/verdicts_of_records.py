@@ -9,12 +9,14 @@ from typing import Any
 
 import healthy_library
 import numpy as np
+import second_simulator
 import verdicts
+from scipy.stats import binom
 
 from board.sections import Effort, Section, Task
 from board.table import Figure, Row, averaged, count_row, same
 from data_synth import Scene, simulate
-from hums import Gearbox, NominalSpeed, analyze, findings_table, load_gearbox, make_record, verdict_table
+from hums import Gearbox, NominalSpeed, analyze, findings_table, load_gearbox, make_record
 
 # notes that doubt what was declared
 DOUBTED = re.compile("does not look like that gearbox|contradict|spread over|do not confirm|rather those of")
@@ -56,18 +58,9 @@ def unseen_rigs(effort: Effort) -> Iterator[verdicts.Measured]:
 
 def judged(case: verdicts.Measured) -> dict[str, Any]:
     """Return what is said of a measured record."""
-    analysis = analyze(case.record, case.gearbox, settings=verdicts.SETTINGS)
-    found, every = findings_table(analysis), verdict_table(analysis)
-    right, diagnosed = found["kind"] == case.kind, found["verdict"] == "diagnosed"
-    own = every[every["kind"] == case.kind]
-    return {
-        "group": case.group,
-        "first": bool(len(found) and right.iloc[0]),
-        "diagnosed": bool((right & diagnosed).any()),
-        "wrong diagnosed": bool((~right & diagnosed).any()),
-        "others": int((~right).sum()),
-        "sound": bool(case.kind) and bool((own["verdict"] == "nothing found").any()),
-    }
+    return {"group": case.group} | verdicts.said(
+        analyze(case.record, case.gearbox, settings=verdicts.SETTINGS), case.kind
+    )
 
 
 def measured_tasks(effort: Effort) -> list[Task]:
@@ -196,13 +189,12 @@ FAULTY = Section(
 )
 
 
-def planet_case(component: str, seed: int) -> tuple[bool, bool]:
-    """Return whether a crack in a stage with planets is named first, and whether another part is diagnosed."""
+def planet_case(component: str, seed: int) -> dict[str, Any]:
+    """Return what is said of a crack in a stage with planets."""
     fault = {"kind": "tooth_crack", "component": component, "depth_mm": 2.0}
     scene = Scene.from_mapping(verdicts.planetary_scene(verdicts.STAGES["27/36/99"]) | {"fault": [fault]})
-    found = findings_table(analyze(simulate(scene, seed=seed), scene.gearbox, settings=verdicts.SETTINGS))
-    right = verdicts.names_part(found, "tooth", component)
-    return bool(right.size and right[0]), bool(((found["verdict"] == "diagnosed") & ~right).any())
+    analysis = analyze(simulate(scene, seed=seed), scene.gearbox, settings=verdicts.SETTINGS)
+    return verdicts.said(analysis, "tooth", component)
 
 
 def planet_tasks(effort: Effort) -> list[Task]:
@@ -219,8 +211,7 @@ PLANETS = Section(
     ),
     tasks=planet_tasks,
     figures=lambda found: {
-        "planets: first": Figure.share([one[0] for one in found]),
-        "planets: wrong diagnosed": Figure.share([one[1] for one in found]),
+        f"planets: {key}": Figure.share([one[key] for one in found]) for key in ("first", "wrong diagnosed")
     },
 )
 
@@ -244,4 +235,68 @@ DRIVES = Section(
     ],
     figures=lambda found: {"drives: named": Figure.share(found)},
 )
-SECTIONS = (MEASURED, HEALTHY, FAULTY, PLANETS, DRIVES)
+# ---- machines of a second simulator ----------------------------------------------------------------------------------
+
+
+def second_case(number: int, *, faulty: bool) -> dict[str, Any]:
+    """Return what is said of a machine of the simulator that shares nothing with `data_synth`."""
+    case = second_simulator.case(number, faulty=faulty)
+    kind = "tooth" if case.kind in second_simulator.TEETH else case.kind
+    analysis = analyze(case.record, case.gearbox, settings=verdicts.SETTINGS)
+    doubts = findings_table(analysis)["doubts"]
+    knocks = doubts.map(lambda said: any(f"loose on {shaft} " in said for shaft in case.knocks))
+    return verdicts.said(analysis, kind, case.component) | {
+        "of": "healthy" if not faulty else "teeth" if kind == "tooth" else "bearing parts",
+        "clear": case.level_db >= verdicts.DETECTABLE_DB,
+        "accused": bool((~knocks).any()) if len(doubts) else False,
+        "knock": bool(knocks.any()),
+    }
+
+
+def second_tasks(effort: Effort) -> list[Task]:
+    """Return a task for each machine, sound and faulty."""
+    return [partial(second_case, n, faulty=faulty) for faulty in (False, True) for n in effort.numbers(40, 160, 400)]
+
+
+def second_figures(found: Sequence[dict[str, Any]]) -> dict[str, Figure]:
+    """Return the counts of healthy machines, and of bearing parts and teeth, from 40 dB on but for wrong ones."""
+    healthy = [one for one in found if one["of"] == "healthy"]
+    faulty = [one for one in found if one["of"] != "healthy"]
+    figures = {
+        "second: healthy named": Figure.share([one["accused"] for one in healthy]),
+        "second: knocks": Figure.share([one["knock"] for one in healthy]),
+    }
+    for name in ("bearing parts", "teeth"):
+        clear = [one for one in faulty if one["of"] == name and one["clear"]]
+        figures |= {f"second, {name}: {key}": Figure.share([one[key] for one in clear]) for key in ("first", "sound")}
+    return figures | {f"second: {key}": Figure.share([one[key] for one in faulty]) for key in WRONG}
+
+
+CHANCE = 0.975  # that a true hundredth passes
+WRONG = ("wrong first", "wrong diagnosed")
+SECOND = Section(
+    name="second simulator",
+    rows=(
+        Row(
+            name="second: healthy named",
+            what="healthy machines of another simulator with a part named, at a stated 0.01, but for the next row",
+            limit=lambda now, _: float(binom.ppf(CHANCE, now.of or 0, verdicts.STATED)),
+        ),
+        Row(name="second: knocks", what="of these with a knock named as one, or a tooth of that shaft"),
+        *(
+            count_row(f"second, {name}: {key}", f"its {name} from 40 dB on {words}", better)
+            for name in ("bearing parts", "teeth")
+            for key, words, better in (
+                ("first", "named first", "more"),
+                ("sound", 'that read "nothing found"', "less"),
+            )
+        ),
+        *(
+            count_row(f"second: {key}", f"its faulty machines, any level: another part {key[6:]}", "less")
+            for key in WRONG
+        ),
+    ),
+    tasks=second_tasks,
+    figures=second_figures,
+)
+SECTIONS = (MEASURED, HEALTHY, FAULTY, PLANETS, DRIVES, SECOND)

@@ -31,6 +31,7 @@ from hums.analysis.thresholds import (
     JUDGED_DEPTH,
     LEAST_STRENGTH,
     RIVAL_FACTOR,
+    SELDOM_SOUND,
     SLIP_SCATTER,
 )
 from hums.gearbox.defect_orders import BEARING_KINDS
@@ -482,11 +483,13 @@ def _unnamed(part: PartEvidence, probability: float, needed: float) -> Finding:
             )
         least_change = f"nothing found with that line below {FAULTY_DEPTH:.0%}"
         return _not_judged(part, why, least_change=least_change)
-    seen = (
-        f"{_line_text(part)}: {healthy_share_words(probability)} records of healthy machines show as much"
-        if part.strength > 0
-        else "no line of its own at its orders"
-    )
+    seen = f"{healthy_share_words(probability)} records of healthy machines show as much"
+    if probability <= SELDOM_SOUND and part.strength >= LEAST_STRENGTH and not (part.hidden_by or part.at_shaft):
+        why = f"a line at its order modulates a band by {part.depth:.1%}: {seen}, too few to call it sound"
+        least_change = f"indicated from a strength of {needed:.3g} on (now {part.strength:.3g})"
+        step = "Take another record at the same speed and load, a longer one if possible, and compare the line."
+        return replace(_not_judged(part, why, probability=probability, least_change=least_change), next_step=step)
+    seen = f"{_line_text(part)}: {seen}" if part.strength > 0 else "no line of its own at its orders"
     blind = JUDGED_DEPTH / part.possible_depth if part.possible_depth > 0 else math.inf
     changes = [(blind, f"not judged at {blind:.2g} times the background noise")]
     if part.strength > 0:

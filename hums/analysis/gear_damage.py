@@ -13,7 +13,7 @@ often gears of healthy machines with deviations show the strength (`hums.analysi
 """
 
 import math
-from collections.abc import Iterable, Sequence
+from collections.abc import Iterable, Mapping, Sequence
 from dataclasses import dataclass, replace
 from functools import cached_property
 from typing import Any
@@ -87,6 +87,9 @@ class GearJudgement:
         Place of the tooth, in turns from the reference's angle zero.
     band_orders : (float, float)
         Orders of the reference in which it stands out most.
+    knock_of : str
+        The shaft of which a knock once per turn looks the same, as the tooth's mesh is not modulated; empty where it
+        is, or where the tooth meets others at another rate than that of a shaft.
     explained_by : str
         A gear whose damaged tooth makes this gear's appearance; empty where there is none.
     not_judged : str
@@ -115,6 +118,7 @@ class GearJudgement:
     amplitude: float = math.nan
     position_rev: float = math.nan
     band_orders: tuple[float, float] = (math.nan, math.nan)
+    knock_of: str = ""
     explained_by: str = ""
     not_judged: str = ""
     unmeasured_angle: int = 0
@@ -150,6 +154,7 @@ class _Tooth:
     per_turn: float
     smooth_orders: int = _SMOOTH_ORDERS
     contacts: int = 1
+    shaft: str = ""  # that turns at the rate of its meetings, on an axis that is fixed
 
 
 def gear_damage(
@@ -228,7 +233,7 @@ def _gears(machine: Machine) -> list[_Tooth]:
     for contact in machine.kinematics.contacts:
         for link, teeth in contact.gears:
             copies[f"{contact.mesh}/{link}"] = copies[f"{contact.mesh}/{link.rpartition(' ')[0]}"] = abs(teeth)
-    shafts = {row.component for row in machine.defect_orders if row.kind == "shaft"}
+    shafts = {row.component: row.order for row in machine.defect_orders if row.kind == "shaft"}
     planets = {
         name
         for stage in planetary_stages(machine.kinematics)
@@ -248,9 +253,17 @@ def _gears(machine: Machine) -> list[_Tooth]:
                 per_turn=per_turn,
                 smooth_orders=0 if several else _SMOOTH_ORDERS,
                 contacts=2 if row.component in planets else 1,
+                shaft="" if several or row.component in planets else _shaft_of(row, shafts),
             )
         )
     return found
+
+
+def _shaft_of(tooth: DefectOrder, shafts: Mapping[str, float]) -> str:
+    """Return the shaft that turns once per meeting of a tooth, its own before others; empty where there is none."""
+    at_rate = [name for name, order in shafts.items() if math.isclose(order, tooth.order, rel_tol=1e-9)]
+    own = tooth.component.rpartition("/")[2]
+    return own if own in at_rate else min(at_rate, default="")
 
 
 @dataclass(frozen=True, kw_only=True)
@@ -382,29 +395,18 @@ class _Judge:
         """Return the judgement of the gear whose mesh a tooth modulates, of gears that share its rate.
 
         The place of a tooth in the turn is the same for all gears of a shaft, and one with more teeth has a sharper
-        scatter, damaged or not. Which mesh is modulated tells them apart (`mesh_contrast`).
+        scatter, damaged or not. Which mesh is modulated there tells them apart (`mesh_contrast`), and from a knock of
+        the shaft, which modulates none.
         """
-        if not row.also:
+        if not (row.also or gears[row.component].shaft):
             return row
         names = (row.component, *row.also)
-        ratios = mesh_contrast(
-            self.residual.signal,
-            order=row.order,
-            teeth=[gears[name].per_turn for name in names],
-            meshes=self.residual.meshes,
-            lowest_order=self.residual.lowest_order,
-            transform=self.residual.transform,
-        )
-        contrast = dict(zip(names, ratios.tolist(), strict=True))
-        clear = [
-            name
-            for name in row.also
-            if all(contrast[name] >= MODULATED_MESH * max(1.0, contrast[one]) for one in contrast if one != name)
-        ]
-        if not clear:
-            return row
-        also = tuple(name for name in names if name != clear[0])
-        return replace(row, component=clear[0], also=also, teeth=gears[clear[0]].teeth)
+        place = {"order": row.order, "position_rev": row.position_rev}
+        contrast = {name: mesh_contrast(self.white, teeth=gears[name].per_turn, **place) for name in names}
+        best = max(names, key=lambda name: contrast[name])
+        also = tuple(name for name in names if name != best)
+        knock_of = "" if contrast[best] >= MODULATED_MESH else gears[best].shaft
+        return replace(row, component=best, also=also, teeth=gears[best].teeth, knock_of=knock_of)
 
     def envelope(self, row: GearJudgement, gear: _Tooth) -> ToothEnvelope:
         """Return the squared envelope of the band in which a gear's tooth stands out."""
@@ -461,6 +463,10 @@ def _indicated(row: GearJudgement, stated: float) -> Finding:
     (low, high), shown = row.band_orders, max(row.probability, RAREST_STATED)
     alike = f", or of {' or '.join(row.also)}, which this record cannot tell from it," if row.also else ""
     doubt = "a single pitch deviation of a sound gear does the same"
+    step = "Compare with an earlier record at the same speed and load, or inspect the tooth"
+    if row.knock_of:
+        doubt += f", and so does anything loose on {row.knock_of} that knocks once per turn, since no mesh is modulated"
+        step += f", and what is fastened to {row.knock_of}"
     evidence = (
         f"the energy between the harmonics of its mesh, {low:.4g} to {high:.4g} orders, is {row.rise:.1f} times "
         f"that of other teeth at one tooth{alike} in all parts of {row.turns} turns, {row.outlier:.1f} standard "
@@ -472,7 +478,7 @@ def _indicated(row: GearJudgement, stated: float) -> Finding:
         verdict=INDICATED,
         evidence=evidence,
         doubts=doubt,
-        next_step="Compare with an earlier record at the same speed and load, or inspect the tooth.",
+        next_step=f"{step}.",
         least_change=f"nothing found above a probability of {stated:.3g} (now {shown:.3g})",
     )
 

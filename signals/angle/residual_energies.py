@@ -14,11 +14,10 @@ from typing import TYPE_CHECKING
 import numpy as np
 from scipy import fft
 
-from signals._median import median
 from signals._validation import Array, positive, whole
 
 if TYPE_CHECKING:
-    from collections.abc import Mapping, Sequence
+    from collections.abc import Mapping
     from fractions import Fraction
 
     from numpy.typing import NDArray
@@ -26,6 +25,12 @@ if TYPE_CHECKING:
     from signals.resampling.resampling import AngularSignal
 
 _HARMONICS = 40  # of each mesh removed; a mesh has no measurable ones beyond
+_OTHER_PLACES = (0.35, 0.5, 0.65)  # of a turn from a tooth
+_GATE_TEETH = (
+    4.0  # on either side of a tooth, but no more than `_GATE_TURN`: a shorter gate smears lines to half a mesh
+)
+_GATE_TURN = 0.17  # so that the gates of the tooth and of other places do not meet
+_FAINT = 1e-3  # of the mean power: other places hardly count where they have less, as without noise
 _NEAR_MESH = 0.25  # of the mesh order: half of all lines are nearer to a harmonic, half of them farther from it
 
 
@@ -224,38 +229,32 @@ def _of_meshes(size: int, per_order: float, meshes: Mapping[float, float]) -> ND
     return on
 
 
-def mesh_contrast(
-    signal: AngularSignal,
-    *,
-    order: Fraction | float,
-    teeth: Sequence[float],
-    meshes: Mapping[float, float],
-    lowest_order: float,
-    transform: NDArray[np.complex128] | None = None,
-) -> Array:
-    """Return how much more power the multiples of a shaft have near the harmonics of each mesh than between them.
+def mesh_contrast(residual: AngularSignal, *, order: Fraction | float, teeth: float, position_rev: float) -> float:
+    """Return how much more power a place of a gear's turn adds near the harmonics of its mesh than between them.
 
     A damaged tooth modulates the mesh of its own gear, in amplitude and phase, for about one tooth: sidebands at
     multiples of the shaft, which fall off within half of the mesh order from its harmonics (Randall 1982, J. Mech. Des.
-    104, 259-267). Of two gears of one shaft, whose teeth cannot be told apart by their place in the turn, it is large
-    for the one that is modulated. Impacts alone are as strong between the harmonics as near them: about 1 for both.
+    104, 259-267). Of two gears of one shaft, whose teeth cannot be told apart by their place in the turn, it is larger
+    for the one that is modulated. Impacts alone, of a tooth or of something loose on the shaft, are no stronger near
+    the harmonics than between them.
 
     Parameters
     ----------
-    signal : AngularSignal
-        Samples over the angle of the reference, no fewer than two turns of the shaft.
+    residual : AngularSignal
+        From `whitened_residual`, no fewer than two turns of the gear.
     order : Fraction or float
-        Turns of the shaft per revolution of the reference.
-    teeth : sequence of float
-        Teeth of each gear of the shaft: its mesh has the order ``teeth * order``.
-    meshes, lowest_order, transform
-        What is left out, and the transform where it is known, as in `residual_energies`.
+        Turns of the gear per revolution of the reference.
+    teeth : float
+        Teeth of the gear: its mesh has the order ``teeth * order``.
+    position_rev : float
+        Place of the tooth in the turn, 0 to 1, from the reference's angle zero.
 
     Returns
     -------
-    (gear,) array
-        Mean power, above that of the noise, of the multiples within a quarter of the mesh order from its harmonics,
-        over that of the others; NaN where the order range lacks one of the two, 0 where there is only noise.
+    float
+        Power within four teeth of the place, above that of three other places, within a quarter of the mesh order from
+        its harmonics, over that farther from them, each harmonic relative to the other places and weighed by that; 0
+        where the place has no more power than they, or no harmonic is in the order range.
 
     Examples
     --------
@@ -263,39 +262,32 @@ def mesh_contrast(
 
     >>> import numpy as np
     >>> from signals import AngularSignal
-    >>> from signals.angle.residual_energies import mesh_contrast
+    >>> from signals.angle.residual_energies import mesh_contrast, whitened_residual
     >>> turn = np.arange(64 * 256) / 256
     >>> bump = np.exp(-0.5 * (((turn + 0.5) % 1 - 0.5) * 30 / 0.6) ** 2)
     >>> x = (1 - 0.3 * bump) * np.cos(2 * np.pi * 30 * turn) + np.cos(2 * np.pi * 17 * turn)
     >>> signal = AngularSignal(values=x, samples_per_rev=256, start_rev=0.0, passband_orders=100.0)
-    >>> given = {"order": 1, "meshes": {30.0: 2.5, 17.0: 2.5}, "lowest_order": 3.0}
-    >>> own, other = mesh_contrast(signal, teeth=(30, 17), **given)
-    >>> bool(own > 3 * other)
+    >>> residual = whitened_residual(signal, meshes={30.0: 2.5, 17.0: 2.5}, edges=np.array([3.0, 100.0]))
+    >>> own, other = (mesh_contrast(residual, order=1, teeth=teeth, position_rev=0.0) for teeth in (30, 17))
+    >>> own > 2 * other
     True
     """
-    rate, pitches = positive(order, name="order"), [positive(one, name="teeth") for one in teeth]
-    lines = tapered_transform(signal) if transform is None else transform
-    power = lines.real**2 + lines.imag**2
-    per_order = _padded(signal.values.size) / signal.samples_per_rev
-    left_out = _of_meshes(power.size, per_order, meshes)
-    spacing = rate * per_order  # lines between multiples of the shaft
-    highest = int(min(signal.passband_orders * per_order, power.size - spacing) / spacing)
-    number = np.arange(max(1, math.ceil(max(lowest_order / rate, min(pitches) / 2))), highest + 1)
-    at = np.rint(number * spacing).astype(int)
-    apart = max(1, round(spacing / 4))
-    between = np.arange(apart, max(apart + 1, round(3 * spacing / 4)))
-    noise = median(power[at[:, None] + between]) / math.log(2) if at.size else np.empty(0)
-    above = np.maximum(power[at] - noise, 0.0)
-    return np.array([_contrast(above, number / pitch, ~left_out[at]) for pitch in pitches])
+    rate, pitch = positive(order, name="order"), positive(teeth, name="teeth")
+    size, padded = residual.values.size, _padded(residual.values.size)
+    turn = rate * (residual.start_rev + np.arange(size) / residual.samples_per_rev) - position_rev
+    harmonic = np.arange(padded // 2 + 1) * residual.samples_per_rev / padded / (rate * pitch)
+    number = np.rint(harmonic).astype(int)
+    highest = max(0, int(residual.passband_orders / (rate * pitch) - 0.5))
+    group = np.where(number <= highest, 2 * number + (np.abs(harmonic - number) < _NEAR_MESH), 0)
 
+    def power(at: float) -> Array:
+        apart = ((turn - at + 0.5) % 1.0 - 0.5) / min(_GATE_TEETH / pitch, _GATE_TURN)
+        gate = np.where(np.abs(apart) < 1, np.cos(0.5 * np.pi * apart) ** 2, 0.0)
+        gated = np.abs(fft.rfft(residual.values * gate, padded)) ** 2
+        return np.asarray(np.bincount(group, gated, minlength=2 * highest + 2).reshape(-1, 2)[1:])
 
-def _contrast(power: Array, harmonic: Array, counted: NDArray[np.bool_]) -> float:
-    """Return the mean power of lines near whole harmonics of a mesh over that of the others."""
-    counted = counted & (harmonic >= 2 * _NEAR_MESH)  # as many are near the first one as are not
-    near = np.abs(harmonic - np.rint(harmonic)) < _NEAR_MESH
-    if not ((counted & near).any() and (counted & ~near).any()):
-        return math.nan
-    mean_near, mean_between = float(power[counted & near].mean()), float(power[counted & ~near].mean())
-    if mean_between > 0:
-        return mean_near / mean_between
-    return math.inf if mean_near > 0 else 0.0
+    at_tooth, elsewhere = power(0.0), np.mean([power(place) for place in _OTHER_PLACES], axis=0)
+    background = elsewhere.mean(axis=1, keepdims=True) + _FAINT * at_tooth.sum() / max(1, highest)
+    above = np.divide(np.maximum(at_tooth - elsewhere, 0.0), background, where=background > 0, out=0 * elsewhere)
+    between, beside = above.sum(axis=1) @ above
+    return float(beside / between) if between > 0 else math.inf if beside > 0 else 0.0

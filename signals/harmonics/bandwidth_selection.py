@@ -241,7 +241,7 @@ def _maximise(log_likelihood: Callable[[Floats], Floats], start: Floats, *, orde
     def against(bandwidths: Floats) -> float:
         return -float(log_likelihood(np.exp(bandwidths)).sum())
 
-    options: Any = {"xtol": FINE, "ftol": 0.0, "maxiter": SWEEPS}
+    options: Any = {"xtol": FINE, "ftol": 1e-12, "maxiter": SWEEPS}  # 0 fails where a sweep moves nothing
     found = minimize(against, best, method="Powell", bounds=Bounds(start[0], start[-1]), options=options)
     return np.asarray(np.exp(found.x if -found.fun > values.max() + ALIKE else best))
 

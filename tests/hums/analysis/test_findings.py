@@ -177,6 +177,11 @@ def judged(lines, peaks=(), *, setting=SETTING, noise=0.02, bin_width=BIN, **giv
     return {(one.component, one.kind): one for one in bearing_verdicts(evidence, **given)}
 
 
+def shown_by(parts):
+    """Return a library of 99 healthy parts, of which so many show a strength of 0.05, one of 0.03, the others none."""
+    return HealthyMachines(records=99, parts=99, strengths=(*(0.05,) * parts, 0.03))
+
+
 INNER, OUTER, ELEMENT, CAGE = ("b", "inner_race"), ("b", "outer_race"), ("b", "rolling_element"), ("b", "cage")
 MAINS = replace(SETTING, speed_hz=100 / 3.6, speed_range_hz=0.0)  # an outer race at twice 50 Hz
 SLOW = Setting(shafts=(0.15, 1.0), speed_hz=17.0, speed_range_hz=1.0)
@@ -215,6 +220,10 @@ JUDGED = {
     "unseen": (inner(2), {}, INNER, "not judged", "a modulation of 14.1% may go undetected"),
          # 2 + 1.645 x 0.5 of 20
     "seen to be absent": (inner(2, level=60.0), {}, INNER, "nothing found", ""),
+    # a strength of 0.04, which 2 to 3 and 10 to 11 of a hundred healthy parts have
+    "rare in health": (inner(30, sideband=9, level=750.0), {"library": shown_by(1)}, INNER, "not judged",
+        "too few to call it sound"),
+    "common in health": (inner(30, sideband=9, level=750.0), {"library": shown_by(9)}, INNER, "nothing found", ""),
     "short record": (inner(8, 0, 4.1, level=40.0), {}, INNER, "not judged",
         "by 20%, but only a modulation by 15% is detectable"),
     "deep in a short record": (inner(9.6, 0, 4.8, level=40.0), {}, INNER, "diagnosed", ""),
