@@ -74,7 +74,7 @@ BUDGETS = """
     signals/demodulation                                        905    898    750
     signals/harmonics, signals/slipping_order                  4012   3317   2500
     signals/health, signals/indicators                          955    955    800
-    signals/monitoring                                         1135   1004    700
+    signals/monitoring                                         1135   1003    700
     signals/resampling                                          799    799    600
     signals/shaft                                              3006   1987   2000
     signals/spectra                                             866    862    700

@@ -64,6 +64,7 @@ class Epoch:
     limits: MachineLimits | None = None
     own_limits: bool = False
     headroom: Array = field(default_factory=lambda: np.ones(0))
+    bursts: NDArray[np.bool_] = field(default_factory=lambda: np.zeros(0, dtype=np.bool_))
     charts: ChartState | None = None
     recent: Array | None = None
 
@@ -108,12 +109,12 @@ class Epoch:
             rule=settings.rule,
         )
         self.headroom = self.limits.headroom(own, settings.rule)
+        self.bursts = self.limits.bursts(own, settings.rule)
         self.charts = self.limits.charts.start((layout.scores,))
         self.recent = np.zeros(len(self.channels))
         self.records = tuple(one.record for one in seen)
         self.diagnosed = tuple(sorted({name for one in seen for name in one.diagnosed}))
-        self.identity = _identity(machine, self)
-        self.pending = []
+        self.identity, self.pending = _identity(machine, self), []
 
     def outside(self, seen: Observation) -> str:
         """Return which covariate of a record lies outside what was learned, or an empty string."""
@@ -341,7 +342,7 @@ def _judged(
                 indices[place] = np.fmax(indices[place], 1.0)
         nearest_places = [place for place, *_ in governed]
         before = [state.alarms.get(name) or rule.start() for *_, name in governed]
-        after, raised = rule.step(stacked(before), indices[nearest_places])
+        after, raised = rule.step(stacked(before), indices[nearest_places], bursts=epoch.bursts[nearest_places])
         most = _largest_departures(epoch, reading)
         for at, (place, whole, component, what, name) in enumerate(governed):
             index[name], scores[name] = float(indices[place]), float(reading.scores[whole])
@@ -396,10 +397,9 @@ def _largest_departures(epoch: Epoch, reading: Reading) -> list[tuple[tuple[str,
     if epoch.normal is None:
         return []
     table = epoch.normal.layout.of_components.series
-    away = _comparable(np.append(reading.departures, np.nan))[table]
+    away, rows = _comparable(np.append(reading.departures, np.nan))[table], np.arange(len(table))
     largest = away.argmax(axis=1)
-    departures = away[np.arange(len(away)), largest].tolist()
-    series = table[np.arange(len(table)), largest].tolist()
+    departures, series = away[rows, largest].tolist(), table[rows, largest].tolist()
     found = [
         ((*_words(epoch.series[i]), departure), math.exp(reading.growth[i]))
         for i, departure in zip(series, departures, strict=True)

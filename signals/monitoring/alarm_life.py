@@ -42,12 +42,7 @@ class AlarmState:
 
     def of(self, place: int) -> "AlarmState":
         """Return the alarm at a place."""
-        return AlarmState(
-            life=self.life[place, ...],
-            recent=self.recent[place, ...],
-            quiet=self.quiet[place, ...],
-            raised_at=self.raised_at[place, ...],
-        )
+        return AlarmState(**{name: values[place, ...] for name, values in vars(self).items()})
 
 
 def stacked(alarms: Sequence[AlarmState]) -> AlarmState:
@@ -90,8 +85,13 @@ class AlarmRule:
         zero = np.zeros(shape, dtype=np.int64)
         return AlarmState(life=zero, recent=zero, quiet=zero, raised_at=np.ones(shape))
 
-    def step(self, state: AlarmState, index: Array) -> tuple[AlarmState, NDArray[np.bool_]]:
-        """Return the alarms after a record with health `index` (...), NaN where not judged, and which are raised."""
+    def step(
+        self, state: AlarmState, index: Array, *, bursts: NDArray[np.bool_] | bool = False
+    ) -> tuple[AlarmState, NDArray[np.bool_]]:
+        """Return the alarms after a record with health `index` (...), NaN where not judged, and which are raised.
+
+        Where `bursts`, as a baseline had some, no record raises one by itself.
+        """
         judged = np.isfinite(index)
         acknowledged = state.life == Life.ACKNOWLEDGED
         limit = np.where(acknowledged, self.again * state.raised_at, 1.0)
@@ -99,7 +99,7 @@ class AlarmRule:
         recent = np.where(judged, ((state.recent << 1) | (index >= limit)) & kept, state.recent)
         quiet = np.where(judged, np.where(index < self.clear_below, state.quiet + 1, 0), state.quiet)
         reached = sum((recent >> bit) & 1 for bit in range(self.within)) >= self.of
-        reached |= index >= self.at_once * limit
+        reached |= (index >= self.at_once * limit) & ~np.asarray(bursts)
         raised = judged & (index >= limit) & reached & (state.life != Life.RAISED)
         cleared = acknowledged & (quiet >= self.quiet) & ~raised
         life = np.where(raised, Life.RAISED, np.where(cleared, Life.CLEAR, state.life))
@@ -116,8 +116,3 @@ class AlarmRule:
             quiet=np.where(now, 0, state.quiet),
             recent=np.where(now, 0, state.recent),
         )
-
-    def reset(self, state: AlarmState, which: NDArray[np.bool_]) -> AlarmState:
-        """Return the alarms with those of `which` as at the start."""
-        fresh = self.start(state.life.shape)
-        return AlarmState(**{name: np.where(which, getattr(fresh, name), getattr(state, name)) for name in vars(fresh)})

@@ -191,9 +191,9 @@ class ChartLimits:
     def headroom(self, baseline: Array, rule: AlarmRule) -> Array:
         """Return by how much limits (...) are wider for scores that raise an alarm in their baseline (records, ...).
 
-        An alarm that the records of a baseline raise by the rule shows that bursts are normal there, and the index of
-        later records is divided by this factor, 1 elsewhere. Single bad records, which the rule leaves out, do not
-        count. k bursts of n records that exceed the limit u by a sum s are taken as exponential of unknown
+        An alarm that the records of a baseline raise by the rule m of n shows that bursts are normal there, and the
+        index of later records is divided by this factor, 1 elsewhere. Single bad records, which the rule leaves out, do
+        not count. k bursts of n records that exceed the limit u by a sum s are taken as exponential of unknown
         mean; the next one then exceeds u + x with the probability (1 + x/s)^-k (predictive distribution with a prior
         flat in the logarithm of the mean; Aitchison and Dunsmore 1975, Statistical Prediction Analysis). The factor is
         that at which the rule raises bursts at the stated rate, where they come independently, in a share
@@ -204,7 +204,7 @@ class ChartLimits:
             return np.ones(baseline.shape[1:])
         over = np.nan_to_num(baseline) / self.limits[0] - 1
         windows = np.sort(sliding_window_view(over, rule.within, axis=0), axis=-1)
-        alarmed = (windows[..., -rule.of].max(axis=0) >= 0) | (over.max(axis=0) >= rule.at_once - 1)
+        alarmed = windows[..., -rule.of].max(axis=0) >= 0
         count, total = (over >= 0).sum(axis=0), np.maximum(over, 0).sum(axis=0)
         ways = math.comb(rule.within - 1, rule.of - 1)  # of a window that ends with a burst
         exceeded = (self.every_records * ways) ** (-1 / rule.of)  # probability of a record that the rate allows
@@ -245,6 +245,10 @@ class MachineLimits:
     def headroom(self, baseline: Array, rule: AlarmRule) -> Array:
         """Return by how much limits (..., scores) are wider for what their baseline (records, ..., scores) shows."""
         return self._of_each([one.headroom(baseline, rule) for one in self.groups])
+
+    def bursts(self, baseline: Array, rule: AlarmRule) -> NDArray[np.bool_]:
+        """Return whether a record of the baseline (records, ..., scores) would raise an alarm by itself."""
+        return self._of_each([np.any(baseline >= rule.at_once * one.limits[0], axis=0) for one in self.groups]) > 0
 
     def every_records_at(self, index: float) -> float:
         """Return in how many records a healthy score raises an alarm with the limit at an index: the least number."""

@@ -25,6 +25,13 @@ class TestRaising:
         assert (state.life, raised) == (Life.RAISED, [1])
 
 
+def test_twice_the_limit_raises_it_at_once_but_where_a_baseline_had_such_records():
+    rule = AlarmRule()
+    assert follow(rule, [0.2, 1.9, 0.2, 0.2, 2.1])[1] == [4]
+    _, raised = rule.step(rule.start((2,)), np.full(2, 2.1), bursts=np.array([True, False]))
+    assert raised.tolist() == [False, True]
+
+
 class TestAcknowledging:
     RULE = AlarmRule(quiet=3)
 
@@ -42,7 +49,3 @@ class TestAcknowledging:
 
     def test_what_is_clear_cannot_be_acknowledged(self):
         assert self.RULE.acknowledge(self.RULE.start(), np.asarray(True)).life == Life.CLEAR
-
-    def test_a_reset_is_a_start(self):
-        state = self.RULE.reset(self.acknowledged(), np.asarray(True))
-        assert (state.life, state.quiet, state.raised_at) == (Life.CLEAR, 0, 1.0)
