@@ -14,12 +14,11 @@ from data_synth.kinematic.gear_faults import ImpactTrain
 from data_synth.kinematic.harmonics import HarmonicFamily
 from data_synth.scene.random_streams import random_stream
 from data_synth.scene.scene import Scene, SceneError, load_scene
-from data_synth.scene.sensors import Sensor
-from data_synth.scene.transfer_paths import Transfer
+from data_synth.scene.sensors import Sensor, Transfer
 from data_synth.sources.families import turning_ratios
-from data_synth.sources.impact_lines import impact_lines
+from data_synth.sources.impact_responses import impact_lines
 from data_synth.sources.prepared import PreparedScene, prepare_scene
-from data_synth.vibration.line_candidates import candidates_of
+from data_synth.vibration.gear_lines import candidates_of
 from data_synth.vibration.run import Motion, contacts_in, motion_of
 from signals._validation import checked
 

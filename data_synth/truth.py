@@ -11,7 +11,7 @@ from numpy.typing import ArrayLike
 from data_synth.bearings.impacts import signed_cage_order
 from data_synth.operation.shaft_angle import Array
 from data_synth.sources.families import last_s, turning_ratios
-from data_synth.sources.impact_lines import impact_lines
+from data_synth.sources.impact_responses import impact_lines
 from data_synth.sources.prepared import PreparedScene
 from data_synth.vibration.gear_lines import GearLines, Line
 from data_synth.vibration.run import Motion, fault_passes

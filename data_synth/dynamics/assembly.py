@@ -25,21 +25,29 @@ from typing import TYPE_CHECKING, Literal
 import numpy as np
 
 from data_synth.dynamics.elements import GearMesh, Support, as_vector
-from data_synth.dynamics.parts import (
-    Inertia,
-    MeshProperties,
-    Parts,
-    SupportStiffness,
-    mesh_elements,
-)
+from data_synth.dynamics.parts import Inertia, MeshProperties, Parts, SupportStiffness, mesh_elements
 from data_synth.dynamics.placement import Contact, are_parallel, axis_points, contacts_of, direction_of
-from data_synth.dynamics.system import PLANE, SPACE, TORSION, Body, Coordinates, Spring, System, Vector, build_system
+from data_synth.dynamics.system import (
+    PLANE,
+    SPACE,
+    TORSION,
+    Array,
+    Body,
+    Coordinates,
+    Spring,
+    System,
+    Vector,
+    build_system,
+    spring_matrices,
+)
 from hums.gearbox.components import Bearing, closest
 from hums.gearbox.kinematics import Kinematics, solve_kinematics
 
 if TYPE_CHECKING:
     from collections.abc import Iterator, Mapping, Sequence
     from fractions import Fraction
+
+    from numpy.typing import NDArray
 
     from hums.gearbox.model import Gearbox
 
@@ -448,3 +456,67 @@ def _refuse_nested(parts: Parts) -> None:
                     f'"{carrier}" carries planets, but other carriers turn about another direction, which a kinematic '
                     'scene or motions = "torsion" allow, but no motion across axes.'
                 )
+
+
+# ---- Degrees of freedom that teeth and torques excite: the others stay at rest, so that leaving them out is exact -
+
+
+_ROUNDING = 1e-12
+
+
+@dataclass(frozen=True, kw_only=True)
+class ExcitedDofs:
+    """The degrees of freedom that something excites, with the system reduced to them.
+
+    Attributes
+    ----------
+    system : System
+        Their equations of motion. The centripetal stiffness of a rotating frame, of relative size
+        ``(Omega / omega)^2``, is left out, as it would make free rotations unstable; gyroscopic terms are in it.
+    numbers : (k,) array
+        Their numbers among all degrees of freedom.
+    """
+
+    system: System
+    numbers: NDArray[np.int_] = field(repr=False)
+
+
+def excited_dofs_of(whole: Assembly) -> ExcitedDofs:
+    """Return the degrees of freedom coupled to a rotation about an axis or to the deflection of a mesh."""
+    from scipy.sparse.csgraph import connected_components  # noqa: PLC0415
+
+    system, size = whole.system, len(whole.system.names)
+    gyroscopic = np.zeros((size, size)) if system.gyroscopic is None else system.gyroscopic
+    coupled = (system.mass != 0) | (gyroscopic != 0)
+    excited = np.array([name.endswith(" rotation") for name in system.names])
+    pressed = [_without_rounding(mesh.direction) != 0 for mesh in system.meshes]
+    for joined in [*pressed, *(_without_rounding(spring.direction) != 0 for spring in whole.springs)]:
+        coupled |= np.outer(joined, joined)
+    excited |= np.any(pressed, axis=0)
+    _, component = connected_components(coupled, directed=False)
+    numbers = np.flatnonzero(np.isin(component, component[excited]))
+    square = np.ix_(numbers, numbers)
+
+    def reduced(direction: Array) -> Array:
+        return _without_rounding(direction)[numbers]
+
+    springs = [replace(spring, direction=reduced(spring.direction)) for spring in whole.springs]
+    springs = [spring for spring in springs if spring.direction.any()]
+    stiffness, damping = spring_matrices(springs, numbers.size)
+    return ExcitedDofs(
+        system=System(
+            mass=system.mass[square],
+            damping=damping,
+            stiffness=stiffness,
+            gyroscopic=gyroscopic[square] if gyroscopic.any() else None,
+            meshes=tuple(mesh.in_coordinates(reduced) for mesh in system.meshes),
+            names=tuple(system.names[number] for number in numbers),
+            springs=tuple(springs),
+        ),
+        numbers=numbers,
+    )
+
+
+def _without_rounding(direction: Array) -> Array:
+    """Return a direction without what rounding leaves of the products of its geometry."""
+    return np.where(np.abs(direction) > _ROUNDING * np.max(np.abs(direction)), direction, 0.0)

@@ -32,8 +32,8 @@ def locate(waves: Waves, which: int, phase: float) -> tuple[int, float]:
     low, last = waves.segments[which], waves.segments[which + 1] - 1
     if low == last:
         return low, x
-    place = waves.lookup_offsets[which] + int(x * waves.lookup_rates[which])
-    low = waves.lookup[min(place, waves.lookup_offsets[which + 1] - 1)]
+    place = waves.segments[which] + int(x * waves.lookup_rates[which])
+    low = waves.lookup[min(place, waves.segments[which + 1] - 1)]
     while low < last and waves.starts[low + 1] <= x:
         low += 1
     return low, x

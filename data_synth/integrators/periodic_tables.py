@@ -36,8 +36,7 @@ class Waves(NamedTuple):
     ``densities`` (cells to a cycle), ``firsts`` (first cell), ``counts`` (cells) and ``jumps`` (whether the function
     jumps where it begins, or runs steeply on one side of it), each (segments,); ``rows`` (cells, 30), or (cells, 6)
     without integrals. To find the segment of a phase at once, each period is divided into equal parts,
-    ``lookup_rates`` (f,) to a cycle; ``lookup`` (parts,) has the segment in which each begins, from
-    ``lookup_offsets`` (f + 1,) on.
+    ``lookup_rates`` (f,) to a cycle; ``lookup`` (parts,) has the segment in which each begins, from ``segments`` on.
     """
 
     periods: Array
@@ -49,7 +48,6 @@ class Waves(NamedTuple):
     counts: Integers
     jumps: NDArray[np.bool_]
     rows: Array
-    lookup_offsets: Integers
     lookup_rates: Array
     lookup: Integers
 
@@ -92,7 +90,6 @@ def tabulated(functions: Sequence[Wave], *, integrals: bool = True) -> Waves:
         counts=np.concatenate([np.zeros(0, dtype=np.int64), *(t[3] for t in tables)]),
         jumps=np.concatenate([np.zeros(0, dtype=np.bool_), *(t[4] for t in tables)]),
         rows=np.concatenate([np.zeros((0, width)), *(rows for *_, rows, _ in tables)]),
-        lookup_offsets=segments,
         lookup_rates=np.array(rates),
         lookup=np.concatenate([np.zeros(0, dtype=np.int64), *lookups]).astype(np.int64),
     )

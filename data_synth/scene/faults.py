@@ -17,8 +17,7 @@ from data_synth.gears.mesh_stiffness import Array
 from data_synth.gears.root_crack import RootCrack
 from data_synth.gears.tooth_compliance import DamagedTooth
 from data_synth.gears.transmission_error import TransmissionError
-from data_synth.scene.fault_growth import GrowingFault
-from data_synth.scene.machine_faults import BearingFault, ShaftFault
+from data_synth.scene.machine_faults import BearingFault, GrowingFault, ShaftFault
 from data_synth.scene.operation import NotNegative, Share, Turns
 from hums.gearbox.components import Declared, Positive
 

@@ -18,8 +18,16 @@ from data_synth.scene.gear_dynamics import Dynamics
 from data_synth.scene.imperfections import Imperfections
 from data_synth.scene.machine_faults import BearingFault, ShaftFault
 from data_synth.scene.operation import ByName, NotNegative, Share, Speed, Tachometer, Torque
-from data_synth.scene.sensors import Mode, Noise, PlanetPass, SamplingJitter, Sensor, check_chain
-from data_synth.scene.transfer_paths import Transfer, check_transfers
+from data_synth.scene.sensors import (
+    Mode,
+    Noise,
+    PlanetPass,
+    SamplingJitter,
+    Sensor,
+    Transfer,
+    check_chain,
+    check_transfers,
+)
 from hums.gearbox.bearing_orders import BearingOrders
 from hums.gearbox.components import (
     Declared,

@@ -17,8 +17,7 @@ from data_synth.kinematic.harmonics import HarmonicFamily
 from data_synth.operation.shaft_angle import Array
 from data_synth.scene.random_streams import RandomStreams
 from data_synth.scene.scene import Scene, SceneError
-from data_synth.scene.sensors import Mode
-from data_synth.scene.transfer_paths import ModeOfPath, Transfer
+from data_synth.scene.sensors import Mode, ModeOfPath, Transfer
 
 # ---- Transfer paths from force to accelerometer, modal or measured ---------------------------------------------------
 # The response through a modal path follows from its poles (`AnalogFilter.residues`). A measured path becomes a causal

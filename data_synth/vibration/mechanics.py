@@ -8,7 +8,7 @@ import math
 import numpy as np
 import xarray as xr
 
-from data_synth.dynamics.excited_dofs import excited_dofs_of
+from data_synth.dynamics.assembly import excited_dofs_of
 from data_synth.integrators.problem import Output
 from data_synth.operation.shaft_angle import Array
 from data_synth.sources.families import turning_ratios

@@ -13,8 +13,7 @@ from functools import cached_property, partial
 import numpy as np
 from numpy.typing import NDArray
 
-from data_synth.dynamics.assembly import Assembly, Inertia, SupportStiffness, assemble
-from data_synth.dynamics.excited_dofs import excited_dofs_of
+from data_synth.dynamics.assembly import Assembly, Inertia, SupportStiffness, assemble, excited_dofs_of
 from data_synth.dynamics.modes import undamped_modes, with_modal_damping
 from data_synth.dynamics.placement import are_parallel, direction_of
 from data_synth.dynamics.system import Array, System, errors_at

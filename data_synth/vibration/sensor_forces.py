@@ -20,8 +20,7 @@ from itertools import compress
 
 import numpy as np
 
-from data_synth.dynamics.assembly import Assembly
-from data_synth.dynamics.excited_dofs import ExcitedDofs
+from data_synth.dynamics.assembly import Assembly, ExcitedDofs
 from data_synth.dynamics.placement import planet_angle, planet_of
 from data_synth.dynamics.system import Array
 from data_synth.integrators.problem import Output

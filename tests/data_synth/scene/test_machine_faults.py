@@ -6,8 +6,8 @@ from numpy.testing import assert_allclose
 from scipy.integrate import solve_ivp
 
 from data_synth import SceneError, load_scene
-from data_synth.scene.fault_growth import Growth
 from data_synth.scene.faults import ToothCrack
+from data_synth.scene.machine_faults import Growth
 
 
 def linear(**changes):
