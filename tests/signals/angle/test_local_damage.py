@@ -78,7 +78,7 @@ def test_the_least_rise_is_the_one_at_which_the_tooth_is_as_improbable_as_stated
     assert strict.least_rise > again.least_rise
 
 
-@pytest.mark.parametrize("tooth", [0, 7, 19])
+@pytest.mark.parametrize("tooth", [0, 19])
 def test_one_damaged_tooth_is_found_where_it_is(tooth):
     turns = noise(np.random.default_rng(3))
     turns[1, :, 2 * tooth : 2 * tooth + 2] *= 8

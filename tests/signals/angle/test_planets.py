@@ -114,8 +114,7 @@ class TestWindow:
 
 class TestPlanet:
     @pytest.mark.parametrize("window", WINDOWS)
-    @pytest.mark.parametrize("planet", [0, 2])
-    @pytest.mark.parametrize("first_pass", [0.0, 0.1 + 1 / 62 / PER_TOOTH / 3])
+    @pytest.mark.parametrize(("planet", "first_pass"), [(0, 0.0), (2, 0.1 + 1 / 62 / PER_TOOTH / 3)])
     def test_recovers_each_tooth(self, window, planet, first_pass):
         rng = np.random.default_rng(7)
         known = [periodic(rng, 21, 100) for _ in range(3)]
@@ -130,7 +129,7 @@ class TestPlanet:
         assert average.revolutions == average.passes // 21
         assert average.ratio == Fraction(62, 21)
 
-    @pytest.mark.parametrize("faulty", [0, 5, 20])
+    @pytest.mark.parametrize("faulty", [0, 5])
     def test_a_fault_on_one_tooth_is_at_that_tooth(self, faulty):
         def fault(tooth):
             return np.exp(-0.5 * (((tooth - faulty + 10.5) % 21 - 10.5) / 0.1) ** 2)
@@ -240,10 +239,16 @@ class TestToothBoundaries:
     """Records whose every sample is the number of the tooth in mesh: a sample of another tooth is another number."""
 
     # whole numbers of samples from planet to planet: a turn by parts of a sample would round the steps off
-    @pytest.mark.parametrize("per_tooth", [6, 9, 15, 48])
     @pytest.mark.parametrize("gear", ["planet", "sun"])
-    @pytest.mark.parametrize("window", [PassWindow.rectangular(1), PassWindow.rectangular(3), PassWindow.hann(4)])
-    @pytest.mark.parametrize("first_pass", [0.0, 0.5])
+    @pytest.mark.parametrize(
+        ("per_tooth", "window", "first_pass"),
+        [
+            (6, PassWindow.rectangular(1), 0.0),
+            (9, PassWindow.rectangular(3), 0.5),
+            (15, PassWindow.hann(4), 0.5),
+            (48, PassWindow.hann(4), 0.0),
+        ],
+    )
     def test_each_tooth_has_its_own_samples_and_no_other(self, per_tooth, gear, window, first_pass):
         per_rev, turned = 62 * per_tooth, 62 * (np.arange(45 * 62 * per_tooth) / (62 * per_tooth) - first_pass)
         if gear == "planet":
@@ -285,8 +290,7 @@ class TestSun:
 
 
 class TestPassAngle:
-    @pytest.mark.parametrize("first_pass", [0.0, 0.05, 0.31])
-    @pytest.mark.parametrize("start", [0.0, 7.25])
+    @pytest.mark.parametrize(("first_pass", "start"), [(0.0, 0.0), (0.05, 7.25), (0.31, 0.0)])
     def test_finds_where_the_planets_pass(self, first_pass, start):
         rng = np.random.default_rng(8)
         signal = ring_sensor(

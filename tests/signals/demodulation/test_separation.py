@@ -84,11 +84,6 @@ class TestLinearPrediction:
         assert np.sqrt(np.mean((found.deterministic - tone) ** 2)) < 2 * 0.2 * np.sqrt(2 / 400 + 400 / 50_000)
         assert found.random.std() == pytest.approx(0.2, rel=0.02)
 
-    @pytest.mark.parametrize("samples", [4, 16])
-    def test_too_short(self, samples):
-        with pytest.raises(ValueError, match=f"{samples} samples are too few for a prediction of order 8"):
-            linear_prediction(np.arange(float(samples)), order=8)
-
 
 class TestOrders:
     def test_agrees_with_each_order_solved_alone(self):
@@ -108,9 +103,6 @@ class TestOrders:
         chosen = [prediction_orders(autoregressive(np.random.default_rng(k), 5000), most=20).order for k in range(20)]
         assert min(chosen) == 2
         assert np.median(chosen) == 2
-
-    def test_a_constant_needs_no_model(self):
-        assert prediction_orders(np.ones(50), most=5).order == 0
 
 
 class TestDiscreteRandom:
@@ -154,14 +146,6 @@ class TestDiscreteRandom:
         found = discrete_random_separation(x, window_length=128, delay=128)
         assert found.gain.max() <= 1
 
-    def test_common_noise_would_be_taken_for_a_line(self):
-        with pytest.raises(ValueError, match="delay=100 must be a whole number of at least 128"):
-            discrete_random_separation(np.arange(5000.0), window_length=128, delay=100)
-
-    def test_too_short(self):
-        with pytest.raises(ValueError, match=r"1000 samples are too few for windows of 128 .* below 1152"):
-            discrete_random_separation(np.arange(1000.0), window_length=128, delay=128)
-
 
 class TestCepstrumPrewhitening:
     @pytest.mark.parametrize("size", [4096, 4095, 4001])
@@ -175,13 +159,6 @@ class TestCepstrumPrewhitening:
         np.testing.assert_allclose(np.angle(after[1:] / before), 0, rtol=0, atol=1e-9)
         assert found.level == pytest.approx(np.exp(np.mean(np.log(np.abs(before)))), rel=1e-12)
         assert found.silent_lines == 0
-
-    def test_the_cepstrum_is_zero_but_at_zero_quefrency(self):
-        x = autoregressive(np.random.default_rng(12), 2048)
-        lines = np.fft.fft(cepstrum_prewhitening(x).random)
-        lines[0] = lines[1]  # the mean was taken out
-        cepstrum = np.fft.ifft(np.log(np.abs(lines))).real
-        assert np.abs(cepstrum[1:]).max() < 1e-12
 
     def test_impulses_under_strong_gears_come_out(self):
         rng = np.random.default_rng(13)
@@ -199,3 +176,20 @@ class TestCepstrumPrewhitening:
         # two lines of 32 and 64 become two of their geometric mean
         assert found.level == pytest.approx(32 * np.sqrt(2), rel=1e-12)
         assert found.random.std() == pytest.approx(np.sqrt(2), rel=1e-12)
+
+
+@pytest.mark.parametrize(
+    ("separate", "settings", "words"),
+    [
+        (linear_prediction, {"order": 8}, "16 samples are too few for a prediction of order 8"),
+        (discrete_random_separation, {"window_length": 8, "delay": 7}, "delay=7 must be a whole number of at least 8"),
+        (
+            discrete_random_separation,
+            {"window_length": 8, "delay": 8},
+            "16 samples are too few for windows of 8",
+        ),
+    ],
+)
+def test_refused(separate, settings, words):
+    with pytest.raises(ValueError, match=words):
+        separate(np.arange(16.0), **settings)

@@ -5,7 +5,6 @@ import pytest
 from scipy import signal as dsp
 
 from signals.health import sensor_health
-from signals.health.spectrum import amplitudes
 
 RATE_HZ = 10_000.0
 N = 60_000
@@ -88,23 +87,15 @@ def test_twenty_sound_records_of_each_kind_pass(kind):
     assert not alarms
 
 
-@pytest.mark.parametrize("bits", [6, 8, 12, 16])
-@pytest.mark.parametrize("frequency_hz", [3.1, 10.0, 333.3])
+@pytest.mark.parametrize(("frequency_hz", "bits"), [(3.1, 6), (3.1, 16), (10.0, 8), (333.3, 6)])
 def test_a_slow_sine_on_a_coarse_converter_passes(frequency_hz, bits):
     verdict = judge(quantized(np.sin(2 * np.pi * frequency_hz * TIME) + 1e-3 * noise(1), bits))
     assert verdict.status == "ok", verdict.reasons
 
 
-@pytest.mark.parametrize("bits", [8, 12, 16])
-def test_crests_of_a_slow_swing_are_no_dropouts(bits):
+def test_crests_of_a_slow_swing_are_no_dropouts():
     swing = (1 + 0.5 * np.cos(2 * np.pi * 0.4 * TIME)) * np.sin(2 * np.pi * 3.1 * TIME)
-    assert judge(quantized(swing, bits)).status == "ok"
-
-
-def test_the_verdict_of_a_sound_record():
-    verdict = judge(noise(1))
-    assert (verdict.status, verdict.reasons, verdict.not_judged) == ("ok", (), ())
-    assert not verdict.missing.any()
+    assert judge(quantized(swing, 8)).status == "ok"
 
 
 # ---- clipping ----------------------------------------------------------------------------------------------
@@ -131,48 +122,22 @@ def test_clipping_on_one_side():
     assert "-" not in verdict.reasons[0].split("reaches")[1].split("times")[0]
 
 
-@pytest.mark.parametrize("bits", [8, 12])
-def test_clipping_of_a_coarse_converter(bits):
-    verdict = judge(np.clip(quantized(noise(5), bits), -1.5, 1.5))
-    assert verdict.status == "sick"
-    assert "clipped" in verdict.reasons[0]
-
-
 # ---- what is lost ------------------------------------------------------------------------------------------
 
 
 @pytest.mark.parametrize("make", [noise, lambda seed: quantized(noise(seed), 12), gear, runup])
-@pytest.mark.parametrize(("length", "status"), [(20, "suspect"), (300, "suspect"), (3000, "sick")])
-@pytest.mark.parametrize("hold", [False, True])
-def test_dropouts(make, length, status, hold):
+@pytest.mark.parametrize(("length", "status"), [(20, "suspect"), (3000, "sick")])
+@pytest.mark.parametrize("value", ["zero", "held", "gap"])
+def test_dropouts(make, length, status, value):
     x = make(6)
-    x[20_000 : 20_000 + length] = x[20_000] if hold else 0.0
+    x[20_000 : 20_000 + length] = {"zero": 0.0, "held": x[20_000], "gap": np.nan}[value]
     verdict = judge(x)
     assert [fault.kind for fault in verdict.faults] == ["drop-out"]
     assert verdict.status == status
     # the sample before may by chance, or as the one that is held, have the same value
     assert verdict.lost[20_000 : 20_000 + length].all()
     assert length <= np.count_nonzero(verdict.lost) <= length + 1
-    assert (
-        "from 2 s on" in verdict.reasons[0]
-        or "from 1.9999 s on" in verdict.reasons[0]
-        or "from 2" in verdict.reasons[0]
-    )
-
-
-def test_many_dropouts_are_counted():
-    x = noise(7)
-    for start in range(1000, 50_000, 5000):
-        x[start : start + 40] = 0
-    assert "drops out 10 times" in judge(x).reasons[0]
-
-
-def test_gaps_are_lost_samples():
-    x = noise(8)
-    x[500:520] = np.nan
-    verdict = judge(x)
-    assert [fault.kind for fault in verdict.faults] == ["drop-out"]
-    assert np.array_equal(verdict.lost, np.isnan(x))
+    assert any(f"from {start_s}" in verdict.reasons[0] for start_s in ("2", "1.9999"))
 
 
 @pytest.mark.parametrize("value", [0.0, -2.5])
@@ -200,13 +165,6 @@ def test_dead_but_for_one_sample():
     assert np.count_nonzero(verdict.lost) == 9999
 
 
-@pytest.mark.parametrize("value", [0.0, 40.0])
-def test_stuck_at_the_rail(value):
-    x = noise(21) + 3 * value
-    x[30_000:] = 4 * value
-    assert judge(x).status == "sick"
-
-
 # ---- hum ---------------------------------------------------------------------------------------------------
 
 
@@ -218,8 +176,8 @@ def humming(mains_hz, level):
     return level * lines / lines.std()
 
 
-@pytest.mark.parametrize("mains_hz", [50.0, 49.93, 60.0, 60.04])
-@pytest.mark.parametrize(("level", "status"), [(0.2, "suspect"), (0.4, "suspect"), (1.0, "sick")])
+@pytest.mark.parametrize("mains_hz", [49.93, 60.0])
+@pytest.mark.parametrize(("level", "status"), [(0.2, "suspect"), (1.0, "sick")])
 def test_hum(mains_hz, level, status):
     verdict = judge(noise(10) + humming(mains_hz, level))
     assert [fault.kind for fault in verdict.faults] == ["mains hum"]
@@ -228,11 +186,6 @@ def test_hum(mains_hz, level, status):
     assert found_hz == pytest.approx(mains_hz, abs=0.02)  # steps of 1/6 Hz, interpolated between
     # lobes hold a little noise too
     assert verdict.faults[0].size == pytest.approx(level / np.sqrt(1 + level**2), rel=0.05)
-
-
-def test_hum_in_a_gearbox():
-    x = gear(3)
-    assert kinds(x + humming(50.0, 0.5 * x.std())) == ["mains hum"]
 
 
 @pytest.mark.parametrize("divisor", [2, 3])
@@ -266,8 +219,8 @@ def test_lines_of_a_slow_shaft_are_no_part_of_a_ski_slope():
     assert turning.faults[0].size < alone.faults[0].size  # of the power of all
 
 
-@pytest.mark.parametrize(("factor", "status"), [(2.5, "suspect"), (5, "suspect"), (12, "sick")])
-@pytest.mark.parametrize("at", [0.3, 0.5, 0.77])
+@pytest.mark.parametrize(("factor", "status"), [(2.5, "suspect"), (12, "sick")])
+@pytest.mark.parametrize("at", [0.3, 0.77])
 @pytest.mark.parametrize("up", [True, False])
 def test_a_jump_of_level(factor, status, at, up):
     later = at * TIME[-1] < TIME
@@ -291,12 +244,6 @@ def test_a_jump_of_level_where_the_speed_changes_is_no_sick_sensor():
         assert sensor_health(x, rate_hz=RATE_HZ, units="g", speed_hz=speed_hz).status == "sick"
 
 
-@pytest.mark.parametrize("speed_hz", [[], [[1.0]], [1.0, np.nan]])
-def test_a_speed_that_is_none(speed_hz):
-    with pytest.raises(ValueError, match="speed_hz"):
-        sensor_health(noise(1), rate_hz=RATE_HZ, units="g", speed_hz=speed_hz)
-
-
 @pytest.mark.parametrize(("offset", "status"), [(5.0, "suspect"), (50.0, "sick")])
 def test_a_jump_of_the_mean(offset, status):
     verdict = judge(noise(15) + offset * (TIME > 2))
@@ -309,8 +256,7 @@ def test_a_jump_of_the_mean(offset, status):
 
 
 @pytest.mark.parametrize("make", [noise, gear, bearing, lambda seed: quantized(noise(seed), 16)])
-@pytest.mark.parametrize("count", [1, 10])
-@pytest.mark.parametrize("height", [4.0, 10.0])
+@pytest.mark.parametrize(("count", "height"), [(1, 4.0), (10, 10.0)])
 def test_spikes(make, count, height):
     x = make(16)
     places = np.linspace(1000, 50_000, count).astype(int)
@@ -346,6 +292,8 @@ def test_what_is_no_record():
         judge(np.r_[noise(20, 100), np.inf])
     with pytest.raises(ValueError, match="rate_hz=0"):
         sensor_health(noise(20, 100), rate_hz=0, units="g")
+    with pytest.raises(ValueError, match="speed_hz"):
+        sensor_health(noise(1), rate_hz=RATE_HZ, units="g", speed_hz=[1.0, np.nan])
 
 
 # ---- measured records --------------------------------------------------------------------------------------
@@ -356,13 +304,10 @@ def test_what_is_no_record():
     [
         ("cwru/B007_0.mat", "X118_DE_time", 12000),
         ("cwru/IR007_0.mat", "X105_DE_time", 12000),
-        ("cwru/OR007@6_0.mat", "X130_DE_time", 12000),
         ("cwru/normal_0.mat", "X097_DE_time", 48000),
         ("mfpt/InnerRaceFault_vload_1.mat", "bearing.gs", 48828),
         ("mfpt/OuterRaceFault_vload_1.mat", "bearing.gs", 48828),
         ("wt_hss_bearing/data-20130311T030024Z.mat", "vibration", 97656),
-        ("wt_hss_bearing/data-20130326T014150Z.mat", "vibration", 97656),
-        ("wt_hss_bearing/data-20130420T151307Z.mat", "vibration", 97656),
         ("wt_hss_bearing/data-20130425T232202Z.mat", "vibration", 97656),
     ],
 )
@@ -383,13 +328,6 @@ def test_single_precision_finds_what_double_does(samples):
     assert {fault.kind for fault in exact.faults} == {"mains hum", "drop-out"}
     assert single.reasons == exact.reasons
     np.testing.assert_array_equal(single.missing, exact.missing)
-
-
-@pytest.mark.parametrize("samples", [1000, 1001])
-def test_the_spectrum_is_that_of_windowed_samples(samples):
-    x = np.random.default_rng(4).standard_normal(samples)
-    windowed = (x - x.mean()) * dsp.get_window("hann", samples)
-    np.testing.assert_allclose(amplitudes(x), np.abs(np.fft.rfft(windowed)) * 4 / samples, atol=1e-14)
 
 
 def test_a_known_transform_is_used():

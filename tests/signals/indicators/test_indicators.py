@@ -66,11 +66,6 @@ def test_level_about_the_mean(wrap):
     assert ci.peak(sine) == pytest.approx(3.0, rel=EXACT)
 
 
-def test_kurtosis_by_another_hand(rng):
-    x = rng.exponential(size=500)
-    assert ci.kurtosis(x) == pytest.approx(stats.kurtosis(x, fisher=False), rel=EXACT)
-
-
 def test_teager_energy_of_a_sine():
     cycles = 36
     w = 2 * np.pi * cycles / N
@@ -110,23 +105,9 @@ def test_fm0_of_pure_mesh_tones():
     assert ci.fm0(average(two), teeth=TEETH, harmonics=1) == pytest.approx(2.25, rel=EXACT)
 
 
-@pytest.mark.parametrize(
-    ("indicator", "moment", "variance"),
-    # the moments of a Gaussian, and n times the variance of the ratio: E[(x^2k - k mu_2k x^2)^2] less its mean squared
-    [(ci.fm4, 3, 24), (ci.m6a, 15, 6120), (ci.m8a, 105, 1663200)],
-)
-def test_moments_of_noise(indicator, moment, variance):
-    # delta method: with mu_n the moments 1, 3, 15, 105, 945, ... of x^2, x^4, ...
-    order = {3: 4, 15: 6, 105: 8}[moment]
-    mu = {n: float(np.prod(np.arange(n - 1, 0, -2))) for n in (4, order, order + 2, 2 * order)}
-    slope = order / 2 * mu[order]
-    by_hand = mu[2 * order] - mu[order] ** 2 - 2 * slope * (mu[order + 2] - mu[order]) + slope**2 * (mu[4] - 1)
-    assert by_hand == variance
-    assert abs(indicator(difference(NOISE)) - moment) < 4 * np.sqrt(variance / NOISE.size)
-
-
 def test_moments_by_another_hand(rng):
     x = rng.exponential(size=500)
+    assert ci.kurtosis(x) == pytest.approx(stats.kurtosis(x, fisher=False), rel=EXACT)
     for indicator, order in ((ci.fm4, 4), (ci.m6a, 6), (ci.m8a, 8)):
         by_scipy = stats.moment(x, order) / stats.moment(x, 2) ** (order / 2)
         assert indicator(difference(x)) == pytest.approx(by_scipy, rel=EXACT)
@@ -139,14 +120,6 @@ def test_one_bad_tooth_raises_fm4(rng):
     settings = {"teeth": TEETH, "harmonics": 3, "shaft_orders": (1, 2)}
     assert ci.fm4(difference_signal(average(sound), **settings)) < 3.5
     assert ci.fm4(difference_signal(average(cracked), **settings)) > 6
-
-
-def test_na4_against_a_frozen_history(rng):
-    x = rng.normal(size=500)
-    history = VarianceHistory().update(residual(x)).freeze()
-    louder = residual(2 * x)
-    assert history.update(louder) is history
-    assert ci.na4(louder, history=history) == pytest.approx(16 * stats.kurtosis(x, fisher=False), rel=EXACT)
 
 
 def test_na4_by_its_definition(rng):
@@ -183,15 +156,7 @@ def test_first_sidebands():
 # ---- the mesh, demodulated ---------------------------------------------------------------------------------
 
 
-def test_a_mesh_that_nothing_modulates():
-    plain = band(3 * np.cos(TEETH * ANGLE + 1))
-    assert ci.narrowband_kurtosis(plain) == pytest.approx(1.5, rel=EXACT)
-    assert ci.amplitude_modulation(plain) < 1e-12
-    assert ci.phase_modulation(plain) < 1e-12
-    assert ci.frequency_modulation(plain) < 1e-12
-
-
-@pytest.mark.parametrize(("depth", "index", "per_rev"), [(0.3, 0.2, 1), (0.0, 0.4, 2), (0.8, 0.0, 1), (0.1, 0.1, 3)])
+@pytest.mark.parametrize(("depth", "index", "per_rev"), [(0.0, 0.0, 1), (0.3, 0.2, 1), (0.0, 0.4, 2), (0.8, 0.0, 1)])
 def test_a_mesh_of_known_modulation(depth, index, per_rev):
     modulated = 2 * (1 + depth * np.cos(ANGLE)) * np.cos(TEETH * ANGLE + index * np.sin(per_rev * ANGLE) + 0.7)
     found = band(modulated)
@@ -203,11 +168,6 @@ def test_a_mesh_of_known_modulation(depth, index, per_rev):
         assert ci.amplitude_modulation_kurtosis(found) == pytest.approx(1.5, rel=1e-5)
     if index:
         assert ci.frequency_modulation_kurtosis(found) == pytest.approx(1.5, rel=1e-5)
-
-
-def test_a_crack_makes_the_mesh_lag_at_one_tooth():
-    lag = 0.3 * np.exp(-0.5 * ((ANGLE - np.pi) / 0.15) ** 2)
-    assert ci.frequency_modulation_kurtosis(band(np.cos(TEETH * ANGLE - lag))) > 6
 
 
 def test_nb4():
@@ -250,6 +210,7 @@ def test_a_history_freezes_itself_at_the_first_record_beyond_its_limit(rng):
     before = history.mean_variance
     history = history.update(residual(2 * rng.normal(size=400)))
     assert history.frozen
+    assert history.update(residual(NOISE)) is history
     assert history.records == 30
     assert history.mean_variance == before
 

@@ -37,8 +37,10 @@ def settings(phase, samples_per_rev, **more):
 class TestAgainstTheWhole:
     """The shaft swings through 1,024 samples a revolution, so with those both forms of the filter take turns."""
 
-    @pytest.mark.parametrize("method", ["sinc", "cubic", "linear"])
-    @pytest.mark.parametrize("samples_per_rev", [32, 1024, 3000])
+    @pytest.mark.parametrize(
+        ("method", "samples_per_rev"),
+        [("sinc", 32), ("sinc", 1024), ("sinc", 3000), ("cubic", 1024), ("linear", 1024)],
+    )
     @pytest.mark.parametrize("lengths", [(100_000,), (40_000, 1, 0, 7, 333)], ids=["long", "ragged"])
     def test_splitting_changes_nothing(self, pulsed_phase, method, samples_per_rev, lengths):
         record = 1e3 + np.random.default_rng(0).standard_normal(210_000)
@@ -54,7 +56,7 @@ class TestAgainstTheWhole:
         assert blocks[0].unsettled[0] == whole.unsettled[0]
         assert blocks[-1].unsettled[1] == whole.unsettled[1]
 
-    @pytest.mark.parametrize("block_size", [1, 100, 1024, 70_000])
+    @pytest.mark.parametrize("block_size", [1, 1024, 70_000])
     def test_blocks_of_any_size(self, pulsed_phase, block_size):
         record = np.random.default_rng(1).standard_normal(3_000 if block_size == 1 else 150_000)
         common = settings(pulsed_phase, 128)
@@ -110,10 +112,6 @@ class TestRefusals:
         stream.push(np.zeros(least - 1))
         with pytest.raises(ValueError, match=f"after {least - 1} samples; at least {least}"):
             stream.finish()
-
-    def test_block_size(self, pulsed_phase):
-        with pytest.raises(ValueError, match="block_size=0"):
-            list(angular_blocks([np.zeros(9000)], block_size=0, **settings(pulsed_phase, 64)))
 
 
 LONG = """

@@ -4,14 +4,10 @@ import re
 
 import numpy as np
 import pytest
-from scipy.optimize import brentq
 
-from signals.resampling._engine import Track, weight_rows, windowed_sinc
-from signals.resampling._engine_kernels import add_moments, filter_moments, interpolate, invert
 from signals.resampling.angular_stream import AngularStream
 from signals.resampling.resampling import (
     AngularSignal,
-    angle_map,
     angular_resample,
     angular_resample_all,
     time_resample,
@@ -68,7 +64,7 @@ def record_revolutions(swinging):
 class TestTones:
     @pytest.mark.parametrize(
         ("phase", "order"),
-        [("exact_phase", 1), ("exact_phase", 36), ("exact_phase", 200), ("exact_phase", 400), ("pulsed_phase", 400)],
+        [("exact_phase", 1), ("exact_phase", 400), ("pulsed_phase", 400)],
     )
     def test_standard_job(self, request, record_revolutions, middle, phase, order):
         """Standard job J4: 1,024 samples a revolution of a tone whose angle is known."""
@@ -98,14 +94,6 @@ class TestTones:
         # the kernel's weights are divided by their sum: rounding alone, to the very ends
         np.testing.assert_allclose(resampled.values, 7.25, rtol=1e-13)
 
-    def test_linear(self, pulsed_phase):
-        first, second = np.random.default_rng(2).standard_normal((2, 30_000))
-        a, b, both = (
-            angular_resample(x, rate_hz=RATE_HZ, phase=pulsed_phase, samples_per_rev=300).values
-            for x in (first, second, 3 * first - second)
-        )
-        np.testing.assert_allclose(both, 3 * a - b, rtol=0, atol=1e-13)  # sums of some 200 terms near 1
-
 
 class TestFilter:
     """Claims of the module: 2e-6 up to 0.88 of the band, 100 dB on what would fold onto that passband."""
@@ -124,8 +112,8 @@ class TestFilter:
         inside = slice(samples_per_rev * 5, -samples_per_rev * 5)  # ten times the kernel's reach at the least
         return resampled.values[inside], truth[inside]
 
-    @pytest.mark.parametrize("samples_per_rev", [50, 255, 460, 512, 1000])
-    @pytest.mark.parametrize("part", [0.01, 0.4, 0.8, 0.88])
+    @pytest.mark.parametrize("samples_per_rev", [50, 512, 1000])
+    @pytest.mark.parametrize("part", [0.01, 0.88])
     def test_passband(self, samples_per_rev, part):
         # the band ends with half the lower of both sampling rates
         edge_hz = part * min(samples_per_rev * self.SPEED_HZ, self.RATE_HZ) / 2
@@ -133,20 +121,10 @@ class TestFilter:
         assert rms(found - truth) * np.sqrt(2) < 2e-6
 
     @pytest.mark.parametrize("samples_per_rev", [50, 255, 400])
-    @pytest.mark.parametrize("part", [1.12, 1.13, 1.2, 1.28])
+    @pytest.mark.parametrize("part", [1.12, 1.28])
     def test_what_would_fold_onto_the_passband(self, samples_per_rev, part):
         found, _ = self.tone(part * samples_per_rev * self.SPEED_HZ / 2, samples_per_rev)
         assert 20 * np.log10(rms(found) * np.sqrt(2)) < -100
-
-    def test_the_cut_is_symmetric_about_the_fold(self):
-        # a windowed sinc passes as much more than half below its cut-off as it passes less above
-        samples_per_rev = 64
-        gains = [
-            rms(self.tone(part * samples_per_rev * self.SPEED_HZ / 2, samples_per_rev)[0]) * np.sqrt(2)
-            for part in (0.96, 1.04)
-        ]
-        assert gains[0] > 0.6
-        assert sum(gains) == pytest.approx(1, abs=1e-3)  # read from some 800 cycles of an aliased tone
 
     def test_the_cut_off_follows_the_speed(self, swinging, pulsed_phase):
         # 512 a revolution fold at 11.5 kHz at 45 Hz and at 14.1 kHz at 55 Hz
@@ -196,31 +174,19 @@ class TestWholeRevolutions:
         ("start_s", "stop_s", "first", "count"),
         [
             (0.0, 20.0, 0, 40),  # the phase is the shorter
-            (2.0, 12.0, 0, 40),  # both alike
             (2.1, 11.9, 1, 38),
             (2.25, 3.25, 1, 4),  # ends on whole ones
             (2.25 + 1e-12, 3.25 - 1e-12, 1, 4),  # as do these, but for rounding
-            (2.26, 3.24, 2, 2),
             (11.5, 99.0, 38, 2),
         ],
     )
     def test_counted_from_the_first_knot(self, start_s, stop_s, first, count):
         assert whole_revolutions(self.phase(), start_s=start_s, stop_s=stop_s) == (first, count)
 
-    @pytest.mark.parametrize(
-        ("start_s", "stop_s"), [(2.0, 2.2), (2.1, 2.4), (0.0, 2.2), (0.0, 1.0), (13.0, 14.0), (3.0, 3.0)]
-    )
+    @pytest.mark.parametrize(("start_s", "stop_s"), [(2.1, 2.4), (0.0, 1.0), (13.0, 14.0), (3.0, 3.0)])
     def test_not_one(self, start_s, stop_s):
         with pytest.raises(ValueError, match="holds no whole revolution of the shaft"):
             whole_revolutions(self.phase(), start_s=start_s, stop_s=stop_s)
-
-    def test_of_a_geared_shaft(self):
-        # 10 s at 4 Hz times 3 / 7: 17.14 revolutions
-        assert whole_revolutions(self.phase().scaled(3 / 7), start_s=0, stop_s=99) == (0, 17)
-
-    def test_a_record_shorter_than_one(self):
-        with pytest.raises(ValueError, match="record longer, or check rate and tachometer"):
-            angular_resample(np.ones(100), rate_hz=1000.0, phase=self.phase(0.0), samples_per_rev=16)
 
     def test_fewer_on_demand(self):
         def resampled(revolutions):
@@ -241,7 +207,12 @@ class TestRefusals:
     @pytest.mark.parametrize(
         ("changes", "words"),
         [
-            ({"x": [1.0, np.nan, 3.0]}, "the signal has 1 values that are not finite, the first at index 1"),
+            (
+                {"x": np.where(np.arange(1000) == 51, np.nan, 1.0)},
+                r"1 values .* not finite, the first at index 51 \(0\.051 s\)",
+            ),
+            ({"x": np.ones(50)}, "record longer, or check rate and tachometer"),
+            ({"method": "sync"}, "Did you mean 'sinc'"),
             ({"x": [1.0]}, "at least 2"),
             ({"x": np.ones((3, 3))}, "one real"),
             ({"x": np.ones(5, dtype=complex)}, "one real"),
@@ -285,14 +256,6 @@ class TestFallingAngles:
         forth = time_resample(found, phase=pulsed_phase, rate_hz=20_000.0)
         np.testing.assert_allclose(back.values, forth.values, rtol=0, atol=ROUNDING)
         assert back.start_s == pytest.approx(float(swinging.times_at(found.start_rev)), abs=1e-9)
-
-    def test_geared_against_the_sense(self):
-        phase = constant_speed(10.0, start_s=0.0, stop_s=4.0).scaled(-2.5)  # -25 Hz
-        t = np.arange(4000) / 1000
-        found = angular_resample(np.cos(2 * np.pi * 75 * t + 0.3), rate_hz=1000.0, phase=phase, samples_per_rev=40)
-        assert (found.start_rev, found.revolutions) == (0, 99)
-        inside = slice(found.unsettled[0], found.values.size - found.unsettled[1])
-        assert np.abs(found.values - np.cos(3 * found.angle_rad + 0.3))[inside].max() < 4e-6  # single values
 
     @pytest.mark.parametrize("sign", [1, -1])
     def test_a_shaft_that_turns_back(self, sign):
@@ -344,11 +307,6 @@ class TestRests:
             # 32 steps of the grid hold at least 128 samples, so what the rest bends is a filter's width away
             assert np.abs(part.values - np.cos(3 * part.angle_rad))[inside].max() < 1e-5
 
-    def test_beside_the_record_it_does_not_matter(self):
-        phase = self.phase(32.5)
-        found = angular_resample(np.ones(5000), rate_hz=self.RATE, phase=phase, samples_per_rev=32)
-        assert found.revolutions == 24  # the last sample lies a step short of 25
-
     def test_in_a_stream_and_on_the_way_back(self):
         phase = self.phase(32.5)
         with pytest.raises(ValueError, match=r"stands still from 3\.4 to 6 s.*resample x\[:6801\]"):
@@ -372,12 +330,6 @@ class TestRests:
         moving = back.times_s < 3.2  # 32 steps of 1 ms, where the filter is settled and on the moving shaft
         truth = np.cos(2 * np.pi * 3 * phase.revolutions_at(back.times_s))
         assert np.abs(back.values - truth)[moving & (back.times_s > 0.1)].max() < 1e-5
-
-
-def test_angle_of_each_sample():
-    signal = AngularSignal(values=np.zeros(12), samples_per_rev=4, start_rev=2.0, passband_orders=1.76)
-    np.testing.assert_allclose(signal.angle_rad, 2 * np.pi * (2 + np.arange(12) / 4), rtol=1e-15)
-    assert signal.revolutions == 3
 
 
 class TestBack:
@@ -460,10 +412,6 @@ class TestMethods:
         turned = found.angle_rad / (2 * np.pi * 5)
         np.testing.assert_allclose(found.values, turned**3 - turned, atol=1e-9)
 
-    def test_unknown(self, pulsed_phase):
-        with pytest.raises(ValueError, match="Did you mean 'sinc'"):
-            angular_resample(np.ones(9999), rate_hz=RATE_HZ, phase=pulsed_phase, samples_per_rev=64, method="sync")
-
 
 class TestHardRecords:
     def test_run_up_from_rest_does_not_alias(self):
@@ -506,22 +454,8 @@ class TestHardRecords:
         np.testing.assert_allclose(lifted.values - 1e6, plain.values, rtol=0, atol=2e-9)
         assert rms(middle(lifted.values - 1e6 - np.cos(7 * lifted.angle_rad))) * np.sqrt(2) < 2e-6
 
-    @pytest.mark.parametrize("samples_per_rev", [100, 1024])
-    def test_integers(self, pulsed_phase, samples_per_rev):
-        counts = np.random.default_rng(5).integers(-30_000, 30_000, 30_000).astype(np.int16)
-        settings = {"rate_hz": RATE_HZ, "phase": pulsed_phase, "samples_per_rev": samples_per_rev}
-        np.testing.assert_array_equal(
-            angular_resample(counts, **settings).values, angular_resample(counts.astype(float), **settings).values
-        )
-
-    def test_a_gap_is_refused_with_its_place(self, pulsed_phase):
-        signal = np.ones(20_000)
-        signal[5120:5130] = np.nan
-        with pytest.raises(ValueError, match=r"10 values that are not finite, the first at index 5120 \(0\.1 s\)"):
-            angular_resample(signal, rate_hz=RATE_HZ, phase=pulsed_phase, samples_per_rev=64)
-
     @pytest.mark.parametrize(
-        ("method", "samples_per_rev"), [("sinc", 64), ("sinc", 700), ("sinc", 1500), ("cubic", 300), ("linear", 300)]
+        ("method", "samples_per_rev"), [("sinc", 64), ("sinc", 1500), ("cubic", 300), ("linear", 300)]
     )
     def test_a_gap_is_marked_as_far_as_it_reaches(self, pulsed_phase, method, samples_per_rev):
         signal = np.random.default_rng(6).standard_normal(60_000)
@@ -540,12 +474,6 @@ class TestHardRecords:
         step = 1 / min(slope, 1)  # places and steps are whole: up to one more on either side
         assert places[lost[0]] == pytest.approx(30_000 - reach, abs=step)
         assert places[lost[-1]] == pytest.approx(30_009 + reach, abs=step)
-
-    def test_a_record_of_nothing_but_gaps(self, pulsed_phase):
-        found = angular_resample(
-            np.full(20_000, np.nan), rate_hz=RATE_HZ, phase=pulsed_phase, samples_per_rev=64, missing="mark"
-        )
-        assert np.isnan(found.values).all()
 
 
 class TestEnds:
@@ -568,103 +496,6 @@ class TestEnds:
         # filters that lie on the record see the same samples; 1e-6 of the offset that was taken off
         assert apart[head:-tail].max() < 1e-5
         assert apart[:head].max() > 1e-2
-
-    @pytest.mark.parametrize("samples_per_rev", [40, 500])
-    def test_a_slope_bends_by_little(self, samples_per_rev):
-        phase = constant_speed(10.0, start_s=0.0, stop_s=4.0)
-        t = np.arange(8000) / 2000
-        found = angular_resample(t, rate_hz=2000.0, phase=phase, samples_per_rev=samples_per_rev)
-        error = np.abs(found.values - found.angle_rad / (20 * np.pi)) * 10 * min(samples_per_rev, 200)
-        assert error.max() < 0.5  # of a step of the coarser grid: half a sinc about its edge
-
-
-class TestAngleToTime:
-    """Places of angles among the samples, against a root finder on the phase itself."""
-
-    @pytest.mark.parametrize("kind", ["smooth", "from rest", "monotone cubic"])
-    def test_against_brent(self, swinging, kind):
-        if kind == "smooth":
-            phase = ShaftPhase(times_s=swinging.times_at(np.arange(80)), revolutions=np.arange(80.0))
-        elif kind == "from rest":
-            phase = ShaftPhase(times_s=np.sqrt(np.arange(60.0)), revolutions=np.arange(60.0))
-        else:
-            times = np.concatenate([np.arange(50) / 50, 1 + np.array([0.1, 1.0, 4.0])])
-            phase = ShaftPhase(times_s=times, revolutions=np.arange(times.size, dtype=float))
-        rate_hz, per_rev = 5000.0, 16
-        grid = angle_map(
-            phase,
-            rate_hz=rate_hz,
-            start_s=0.0,
-            samples_per_rev=per_rev,
-            first=0.0,
-            revolutions=int(phase.revolutions[-1]),
-        )
-        q, slopes = grid.outward.at(0, int(phase.stop_s * rate_hz) + 2)
-        found = np.empty(int(phase.revolutions[-1]) * per_rev)
-        invert(q, slopes, 0.0, found, np.empty(found.size))
-        pick = np.random.default_rng(1).integers(1, found.size, 40)
-        for m in pick:
-            exact = brentq(
-                lambda t, m=m: phase.revolutions_at(np.array([t]))[0] - m / per_rev,
-                phase.start_s,
-                phase.stop_s,
-                xtol=1e-15,
-            )
-            miss = (found[m] / rate_hz - exact) * phase.speed_hz(np.array([exact]))[0] * per_rev
-            assert abs(miss) < 2e-8  # steps; cubics between exact values are taken where they come within 1e-8
-
-
-class TestKernels:
-    """Against the sums they stand for, taken plainly."""
-
-    @pytest.mark.parametrize("outputs", [1, 3, 4, 9, 34])
-    def test_weigh(self, outputs):
-        rng = np.random.default_rng(outputs)
-        moments, weights = rng.standard_normal((outputs + 72, 8)), rng.standard_normal((64, 8))
-        cuts = rng.uniform(0.5, 1.5, outputs)
-        found = np.full(outputs, 7.0)
-        filter_moments(moments, weights, cuts, found)
-        plain = [np.sum(moments[m : m + 64] * weights) if cuts[m] < 1 else 7.0 for m in range(outputs)]
-        np.testing.assert_allclose(found, plain, rtol=0, atol=1e-12)  # 512 products near 1
-
-    def test_gather(self):
-        rng = np.random.default_rng(3)
-        x, slopes = rng.standard_normal((2, 200))
-        q = np.sort(rng.uniform(5, 60, 200))
-        moments = np.ones((40, 8))  # steps 10 to 49; others are left out
-        add_moments(x, q, slopes, 10, moments)
-        plain = np.ones((40, 8))
-        for n in np.flatnonzero((q >= 10) & (q < 50)):
-            plain[int(q[n]) - 10] += x[n] * slopes[n] * (2 * (q[n] % 1) - 1) ** np.arange(8)
-        np.testing.assert_allclose(moments, plain, rtol=0, atol=1e-13)
-
-    def test_interpolate(self):
-        rng = np.random.default_rng(4)
-        x, places = rng.standard_normal(300), rng.uniform(40, 250, 500)
-        cuts = rng.uniform(0.5, 1.5, 500)
-        found = np.empty((2, 500))
-        interpolate(np.stack([x, -x]), places, cuts, weight_rows(), found)
-        weights = windowed_sinc(places[:, None] - np.arange(300))
-        exact = np.where(cuts < 1, 0.0, weights @ x / weights.sum(axis=1))
-        # cubics through rows are within 1.4e-7 of the largest weight, 64 of them at random signs
-        np.testing.assert_allclose(found, [exact, -exact], rtol=0, atol=1.4e-7 * 8)
-
-
-@pytest.mark.parametrize("span", [(-70, 500), (290, 301), (100, 1001)])
-def test_a_map_with_a_corner_is_exact_at_every_point(span):
-    # no cubic follows the corner; beyond its ends the map goes on as its reflection about them
-    def value(t):
-        return 2 * t + np.abs(t - 300.3)
-
-    track = Track(
-        value=value, slope=lambda t: np.where(t < 300.3, 1.0, 3.0), start=0.0, stop=1200.0, origin=0.0, spacing=1.0,
-        offset=5.0, scale=0.5,
-    )  # fmt: skip
-    found, slope = track.at(*span)
-    points = np.arange(*span, dtype=np.float64)
-    expected = np.where(points < 0, 2 * value(0.0) - value(-points), value(np.abs(points)))
-    np.testing.assert_allclose(found, (expected - 5) * 0.5, atol=1e-8)  # the stated tolerance
-    np.testing.assert_allclose(slope, track.slope(np.abs(points)) * 0.5, atol=1e-8)
 
 
 def test_records_of_the_same_times_are_resampled_alike():

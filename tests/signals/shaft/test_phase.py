@@ -63,13 +63,9 @@ class TestSwingingSpeed:
         # 1000 revolutions are known to 1e-13, passed in 2e-15 s
         np.testing.assert_allclose(back, times, rtol=0, atol=1e-12)
 
-    def test_mean_speed_of_each_revolution(self, phase):
-        # by definition one over the time it took; differences of times near 20 s, rounded
-        np.testing.assert_allclose(phase.mean_speed_per_revolution_hz(), 1 / np.diff(phase.times_s), rtol=1e-12)
-
 
 class TestPolynomials:
-    @pytest.mark.parametrize(("knots", "degree"), [(2, 1), (3, 1), (4, 3), (5, 3), (6, 5), (9, 5)])
+    @pytest.mark.parametrize(("knots", "degree"), [(2, 1), (4, 3), (6, 5), (9, 5)])
     def test_reproduced_up_to_the_degree_of_the_spline(self, knots, degree):
         times = np.linspace(0, 1, knots) ** 1.3 + np.arange(knots) / 4
         law = np.polynomial.Polynomial([-3.0, 8, 0.9, -0.5, 0.4, 0.2][: degree + 1])  # rises throughout
@@ -82,17 +78,6 @@ class TestPolynomials:
 
 
 class TestShaftsThatStop:
-    def test_sudden_stop(self):
-        # 50 Hz for a second, then a revolution every five seconds: any smooth spline turns back there
-        times = np.concatenate([np.arange(51) / 50, 1 + 5.0 * np.arange(1, 5)])
-        phase = through(times)
-        grid = fine_grid(phase, 200)
-        assert np.all(np.diff(phase.revolutions_at(grid)) >= 0)
-        assert np.all(phase.speed_hz(grid) >= 0)
-        np.testing.assert_array_equal(phase.revolutions_at(times), np.arange(55))
-        revolutions = np.linspace(0, 54, 5401)
-        np.testing.assert_allclose(phase.revolutions_at(phase.times_at(revolutions)), revolutions, rtol=0, atol=1e-12)
-
     def test_run_up_from_rest(self):
         # 2 Hz/s from standstill: the angle is t^2, its inverse has an endless slope at the start
         phase = through(np.sqrt(np.arange(60.0)))
@@ -152,19 +137,8 @@ class TestShaftsThatStop:
 
 
 class TestOtherShafts:
-    def test_scaled(self, swinging):
-        phase = through(swinging.times_at(np.arange(101)))
-        geared = phase.scaled(20 / 41)
-        times = np.linspace(phase.start_s, phase.stop_s, 777)
-        np.testing.assert_allclose(
-            geared.revolutions_at(times), phase.revolutions_at(times) * 20 / 41, rtol=1e-13, atol=1e-13
-        )
-        np.testing.assert_allclose(geared.speed_hz(times), phase.speed_hz(times) * 20 / 41, rtol=1e-11)
-        np.testing.assert_allclose(geared.times_at([1.0, 40.0]), phase.times_at([41 / 20, 82.0]), rtol=1e-13)
-        assert geared.mean_speed_per_revolution_hz().size == 48  # 100 x 20 / 41 is 48.8
-
-    @pytest.mark.parametrize("ratio", [-1.0, -2.5])
-    def test_a_shaft_that_turns_the_other_way(self, swinging, ratio):
+    @pytest.mark.parametrize("ratio", [20 / 41, -2.5])
+    def test_another_shaft(self, swinging, ratio):
         phase = through(swinging.times_at(np.arange(101)))
         other = phase.scaled(ratio)
         times = np.linspace(phase.start_s, phase.stop_s, 777)
@@ -173,12 +147,13 @@ class TestOtherShafts:
         np.testing.assert_allclose(
             other.times_at(ratio * np.array([3.3, 77.0])), phase.times_at([3.3, 77.0]), rtol=1e-13
         )
-        assert np.all(other.mean_speed_per_revolution_hz() < 0)
+        assert np.all(other.mean_speed_per_revolution_hz() * ratio > 0)
+        assert other.mean_speed_per_revolution_hz().size == int(100 * abs(ratio))
         np.testing.assert_allclose(
             other.scaled(1 / ratio).revolutions_at(times), phase.revolutions_at(times), rtol=1e-13, atol=1e-12
         )
-        with pytest.raises(ValueError, match="outside the known -"):
-            other.times_at([1.0])
+        with pytest.raises(ValueError, match="outside the known"):
+            other.times_at([-1.0 if ratio > 0 else 1.0])
 
     def test_a_shaft_that_turns_back_has_no_inverse(self):
         # up to 1.5 at 1.5 s and down again: the angle is a parabola, which a quintic reproduces
@@ -209,42 +184,28 @@ class TestOtherShafts:
         with pytest.raises(ValueError, match="jitter of this phase is unknown: its speed is declared, not measured"):
             phase.std_rad([2.0])
 
-    @pytest.mark.parametrize("ratio", [0, float("nan"), float("inf"), True, "2"])
-    def test_ratios_that_are_none(self, ratio):
-        with pytest.raises(ValueError, match="ratio"):
-            constant_speed(10.0, start_s=0, stop_s=1).scaled(ratio)
 
-    @pytest.mark.parametrize("ratio", [0, -1.0, float("nan"), float("inf"), True, "2"])
-    def test_speeds_that_are_none(self, ratio):
-        with pytest.raises(ValueError, match="speed_hz"):
-            constant_speed(ratio, start_s=0, stop_s=1)
-
-    @pytest.mark.parametrize("stop_s", [1.0, 0.5, float("nan")])
-    def test_spans_that_are_none(self, stop_s):
-        with pytest.raises(ValueError, match="is not after start_s"):
-            constant_speed(10.0, start_s=1.0, stop_s=stop_s)
-
-
-class TestOutsideTheKnown:
-    @pytest.mark.parametrize("asked", ["revolutions_at", "angle_rad", "speed_hz"])
-    @pytest.mark.parametrize("time", [-0.01, 1.01])
-    def test_times(self, asked, time):
-        phase = through(np.linspace(0, 1, 21))
-        with pytest.raises(ValueError, match=r"leave the known part of the shaft's motion, 0 to 1 s"):
-            getattr(phase, asked)([0.5, time])
-
-    @pytest.mark.parametrize("revolution", [-0.001, 20.001])
-    def test_revolutions(self, revolution):
-        with pytest.raises(ValueError, match="outside the known 0 to 20"):
-            through(np.linspace(0, 1, 21)).times_at([3.0, revolution])
-
-    @pytest.mark.parametrize("bad", [[0.1, np.nan], [np.inf], [], [[0.1]], ["0.1"], [True], [0.1j]])
-    @pytest.mark.parametrize("asked", ["revolutions_at", "times_at", "speed_hz"])
-    def test_no_number_passes_silently(self, asked, bad):
-        with pytest.raises(ValueError, match=r"times_s|revolutions"):
-            getattr(through(np.linspace(0, 1, 21)), asked)(bad)
-
-    def test_knots_out_of_order(self):
-        for knots in ([0.0, 2.0, 1.0, 3.0], [0.0, 1.0, 1.0, 3.0], [0.0, 1.0, np.nan, 3.0]):
-            with pytest.raises(ValueError):  # noqa: PT011
-                through(knots).revolutions_at([0.5])
+@pytest.mark.parametrize(
+    ("ask", "words"),
+    [
+        *((lambda p, v=v: p.scaled(v), "ratio") for v in (0, np.nan, np.inf, True, "2")),
+        *((lambda _, v=v: constant_speed(v, start_s=0, stop_s=1), "speed_hz") for v in (0, -1.0, np.nan, True, "2")),
+        *((lambda _, v=v: constant_speed(9.0, start_s=1, stop_s=v), "is not after start_s") for v in (1.0, np.nan)),
+        (lambda p: p.revolutions_at([0.5, -0.01]), r"leave the known part of the shaft's motion, 0 to 1 s"),
+        (lambda p: p.angle_rad([0.5, 1.01]), r"leave the known part of the shaft's motion, 0 to 1 s"),
+        (lambda p: p.speed_hz([0.5, 1.01]), r"leave the known part of the shaft's motion, 0 to 1 s"),
+        (lambda p: p.times_at([3.0, 20.001]), "outside the known 0 to 20"),
+        *(
+            (lambda p, ask=ask, v=v: getattr(p, ask)(v), "times_s|revolutions")
+            for ask in ("revolutions_at", "times_at", "speed_hz")
+            for v in ([0.1, np.nan], [], [[0.1]], ["0.1"], [True], [0.1j])
+        ),
+        *(
+            (lambda _, v=v: through(v).revolutions_at([0.5]), "increasing|duplicates|nans")
+            for v in ([0.0, 2.0, 1.0, 3.0], [0.0, 1.0, 1.0, 3.0], [0.0, 1.0, np.nan, 3.0])
+        ),
+    ],
+)
+def test_refused(ask, words):
+    with pytest.raises(ValueError, match=words):
+        ask(through(np.linspace(0, 1, 21)))

@@ -38,7 +38,7 @@ def pulses(swinging):
 
 
 class TestJitterWithFaults:
-    @pytest.mark.parametrize("seed", range(4))
+    @pytest.mark.parametrize("seed", range(2))
     def test_all_are_counted_and_cost_little(self, pulses, swinging, middle, seed):
         rng = np.random.default_rng([2, seed])
         jittered = pulses + 1e-6 * rng.standard_normal(pulses.size)
@@ -58,12 +58,6 @@ class TestJitterWithFaults:
         assert alone.repairs.total == 0
         assert rms(phase.revolutions_at(grid) - exact) < 1.2 * rms(alone.revolutions_at(grid) - exact)
 
-    def test_clean_pulses_are_left_alone(self, pulses):
-        phase = shaft_phase(pulses)
-        np.testing.assert_array_equal(phase.times_s, pulses)
-        assert phase.repairs.total == 0
-        assert phase.stops_s.size == 0
-
 
 class TestSingleFaults:
     @pytest.mark.parametrize("missing", [[40], [40, 41], [40, 41, 42], [40, 42], [40, 42, 44, 46, 48]])
@@ -73,7 +67,7 @@ class TestSingleFaults:
         np.testing.assert_array_equal(phase.revolutions, np.delete(np.arange(120), missing))
         assert (phase.repairs.missing, phase.repairs.total) == (len(missing), len(missing))
 
-    @pytest.mark.parametrize("share", [0.003, 0.05, 0.3, 0.5, 0.8, 0.95])
+    @pytest.mark.parametrize("share", [0.003, 0.05, 0.5, 0.95])
     def test_an_extra_pulse_is_left_out(self, swinging, share):
         times = swinging.times_at(np.arange(120))
         phase = shaft_phase(np.insert(times, 41, times[40] + share * (times[41] - times[40])))
@@ -121,7 +115,7 @@ class TestSingleFaults:
 
 class TestAtTheEnds:
     @pytest.mark.parametrize("end", ["first", "last"])
-    @pytest.mark.parametrize("away", [1, 2, 3, 4])
+    @pytest.mark.parametrize("away", [1, 4])
     def test_one_pulse_is_missing_in_a_run_down(self, end, away):
         # from 30 Hz at 4 Hz/s until 3 Hz: the angle is 30 t - 2 t^2
         turns = np.arange(111)
@@ -162,11 +156,13 @@ class TestStops:
         assert phase.direction_unknown
         assert phase.repairs.total == 0
         np.testing.assert_array_equal(phase.revolutions, np.arange(times.size))
-        assert not shaft_phase(times, direction=1).direction_unknown
+        declared = shaft_phase(times + 2e-4, direction=-1, delay_s=2e-4)
+        assert not declared.direction_unknown
+        assert declared.revolutions[-1] == 1 - times.size
+        np.testing.assert_allclose(declared.times_s, times, rtol=0, atol=1e-14)
         assert phase.speed_hz(np.linspace(times[0], times[-1], 5001)).min() >= 0
 
-    @pytest.mark.parametrize("stripes", [1, 4])
-    @pytest.mark.parametrize("past", [0.003, 0.05, 0.2, 0.5, 0.9])
+    @pytest.mark.parametrize(("past", "stripes"), [(0.003, 1), (0.2, 4), (0.5, 1), (0.9, 4)])
     def test_a_reversal_is_flagged_wherever_it_is(self, past, stripes):
         # from 10 Hz to -10 Hz in 10 s: both passes of the last stripe are true
         distance = np.arange(24 * stripes, -1, -1) + past
@@ -176,11 +172,6 @@ class TestStops:
         assert phase.stops_s.tolist() == [[before[-1], 10 - before[-1]]]
         assert phase.direction_unknown
         assert phase.repairs.total == 0
-
-    def test_a_declared_sign(self):
-        phase = shaft_phase(self.TIMES + 10, direction=-1)
-        assert phase.revolutions[-1] == -(self.TIMES.size - 1)
-        assert not phase.direction_unknown
 
     def test_faults_on_either_side_of_a_stop(self):
         times = np.delete(self.TIMES + 10, [10, 60])
@@ -196,26 +187,12 @@ class TestStops:
 
 
 class TestOtherWays:
-    def test_stripe_displaced_by_ten_degrees(self, swinging, middle):
-        positions = np.array([0, 0.25, 0.5 + 10 / 360, 0.75])
-        true = (np.arange(200)[:, None] + positions).ravel()
-        phase = shaft_phase(swinging.times_at(true), pulses_per_rev=4)
-        # 1e-9 revolutions: the spline through one stripe alone, see the displaced stripes of the tachometer's tests
-        np.testing.assert_allclose(phase.stripe_positions_rev, positions, rtol=0, atol=1e-9)
-        at = middle(np.linspace(phase.start_s, phase.stop_s, 20_001))
-        assert np.max(np.abs(phase.revolutions_at(at) - swinging.revolutions(at).astype(float))) < 2e-9
-
     @pytest.mark.parametrize("per_rev", [Fraction(41, 20), 2.05])
     def test_pulses_of_another_shaft(self, swinging, per_rev):
         times = swinging.times_at(np.arange(300))
         phase = shaft_phase(times, pulses_per_rev=per_rev)
         np.testing.assert_allclose(phase.revolutions, np.arange(300) * 20 / 41, rtol=1e-14)
         np.testing.assert_array_equal(phase.stripe_positions_rev, [0.0])
-
-    def test_delay(self, swinging):
-        times = swinging.times_at(np.arange(300))
-        plain, late = shaft_phase(times), shaft_phase(times + 2e-4, delay_s=2e-4)
-        np.testing.assert_allclose(late.times_s, plain.times_s, rtol=0, atol=1e-14)
 
     @pytest.mark.parametrize("turns", [1.5, 1.0])
     def test_a_record_of_one_and_a_half_revolutions(self, turns):
@@ -228,9 +205,8 @@ class TestOtherWays:
         with pytest.raises(ValueError, match=r"jitter of this phase is unknown: \d knots are too few"):
             phase.std_rad(at)
 
-    def test_one_pulse_a_revolution_and_two_pulses(self):
-        phase = shaft_phase([0.01, 0.05])
-        np.testing.assert_allclose(phase.revolutions_at([0.03]), [0.5], rtol=1e-12)
+    def test_two_pulses(self):
+        np.testing.assert_allclose(shaft_phase([0.01, 0.05]).revolutions_at([0.03]), [0.5], rtol=1e-12)
 
     def test_run_up_from_rest(self):
         # 40 Hz after 5 s; a pulse at rest, and one every turn

@@ -2,9 +2,7 @@
 
 import numpy as np
 import pytest
-from scipy.io import loadmat
 
-from signals.shaft.phase import ShaftPhase
 from signals.shaft.tachometer import pulse_times, shaft_phase
 
 RATE_HZ = 51200.0
@@ -52,12 +50,13 @@ class TestWaveforms:
         assert train.threshold == pytest.approx(0.5, abs=2e-3)
         assert train.hysteresis == pytest.approx(0.25, abs=1e-3)
 
-    @pytest.mark.parametrize("gain", [1.0, 1e-3, 2400.0])
-    @pytest.mark.parametrize("offset", [0.0, -7.0])
+    @pytest.mark.parametrize(("gain", "offset"), [(1e-3, -7.0), (2400.0, 0.0)])
     def test_volts_and_offset_do_not_matter(self, turn, gain, offset):
         plain = pulse_times(half_sine(turn), rate_hz=RATE_HZ).times_s
-        other = pulse_times(gain * (half_sine(turn) + offset), rate_hz=RATE_HZ).times_s
-        np.testing.assert_allclose(other, plain, rtol=0, atol=1e-9 / RATE_HZ)  # rounding of 7 against slopes of 2e-3
+        other = pulse_times(gain * (half_sine(turn) + offset), rate_hz=RATE_HZ, start_s=12.5).times_s
+        np.testing.assert_allclose(
+            other - 12.5, plain, rtol=0, atol=1e-9 / RATE_HZ
+        )  # rounding of 7 against slopes of 2e-3
 
     @pytest.mark.parametrize("noise", [0.0, 0.02, 0.08])
     def test_square_within_a_sample(self, turn, noise):
@@ -94,22 +93,10 @@ class TestWaveforms:
         assert abs(error.mean()) < 4 * deviation / np.sqrt(pulses)
         assert error.std() == pytest.approx(deviation, rel=4 / np.sqrt(2 * pulses))
 
-    def test_start(self, turn):
-        wave = half_sine(turn)
-        later = pulse_times(wave, rate_hz=RATE_HZ, start_s=12.5).times_s
-        np.testing.assert_allclose(later - 12.5, pulse_times(wave, rate_hz=RATE_HZ).times_s, rtol=0, atol=1e-14)
-
-    def test_a_wave_that_starts_high_has_no_edge_there(self):
-        wave = np.array([1.0, 1, 0, 0, 1, 1, 0, 0, 1, 1, 0])
-        np.testing.assert_allclose(pulse_times(wave, rate_hz=1.0).times_s, [3.5, 7.5], rtol=1e-15)
-
-    def test_times_handed_over_as_a_waveform(self):
-        with pytest.raises(ValueError, match="only ever rises: it looks like a list of pulse times"):
-            pulse_times(passes(0.0), rate_hz=RATE_HZ)
-
     @pytest.mark.parametrize(
         ("wave", "words"),
         [
+            (passes(0.0), "only ever rises: it looks like a list of pulse times"),
             (np.zeros(100), "is constant, 0 at every sample: at least 2 pulses are needed"),
             (np.repeat([0.0, 1.0, 0.0], 50), "upwards 1 times"),
             (np.array([0.0, 1, np.nan, 1, 0, 1]), "1 values that are not finite, the first at index 2"),
@@ -122,21 +109,8 @@ class TestWaveforms:
         with pytest.raises(ValueError, match=words):
             pulse_times(wave, rate_hz=RATE_HZ)
 
-    @pytest.mark.parametrize("rate_hz", [0, -1, float("nan"), True, "51200"])
-    def test_rates(self, turn, rate_hz):
-        with pytest.raises(ValueError, match="rate_hz"):
-            pulse_times(half_sine(turn), rate_hz=rate_hz)
-
 
 class TestPulses:
-    def test_one_stripe(self, swinging):
-        times = swinging.times_at(np.arange(200))
-        phase = shaft_phase(times)
-        assert isinstance(phase, ShaftPhase)
-        assert not phase.nominal
-        np.testing.assert_array_equal(phase.revolutions, np.arange(200))
-        np.testing.assert_array_equal(phase.times_s, times)
-
     @pytest.mark.parametrize("positions", [[0, 0.53], [0, 0.32, 0.655]])
     def test_displaced_stripes_are_found(self, swinging, positions):
         true = (np.arange(300)[:, None] + positions).ravel()
@@ -154,12 +128,6 @@ class TestPulses:
         phase = shaft_phase(swinging.times_at(true), pulses_per_rev=2)
         np.testing.assert_allclose(phase.revolutions, true - 0.53, rtol=0, atol=1e-9)
 
-    def test_too_few_revolutions_to_judge_stripes(self, swinging):
-        true = (np.arange(7)[:, None] + [0, 0.53]).ravel()
-        np.testing.assert_array_equal(
-            shaft_phase(swinging.times_at(true), pulses_per_rev=2).stripe_positions_rev, [0, 0.5]
-        )
-
     @pytest.mark.parametrize("positions", STRIPES)
     def test_every_missing_pulse_is_seen(self, swinging, positions):
         times = swinging.times_at((np.arange(20)[:, None] + positions).ravel())
@@ -171,7 +139,7 @@ class TestPulses:
                 assert (repairs.missing, repairs.total) == (1, 1)
                 assert times[missing - 1] < repairs.missing_times_s[0] < times[missing + 1]
 
-    @pytest.mark.parametrize("share", [0.003, 0.3, 0.5, 0.8, 0.997])
+    @pytest.mark.parametrize("share", [0.003, 0.5, 0.997])
     @pytest.mark.parametrize("positions", STRIPES)
     def test_every_extra_pulse_is_seen(self, swinging, positions, share):
         times = swinging.times_at((np.arange(20)[:, None] + positions).ravel())
@@ -206,11 +174,6 @@ class TestPulses:
             times = (np.arange(pulses) + 0.05 * rng.standard_normal(pulses)) / (25 * pulses_per_rev)
             assert shaft_phase(times, pulses_per_rev=pulses_per_rev).times_s.size == pulses
 
-    def test_a_wind_turbine_is_accepted(self, real_data):
-        for path in sorted((real_data / "wt_hss_bearing").glob("*.mat")):
-            times = loadmat(path)["tach"].ravel()
-            assert shaft_phase(times, pulses_per_rev=2).times_s.size == times.size
-
     @pytest.mark.parametrize(
         ("times", "words"),
         [
@@ -228,8 +191,5 @@ class TestPulses:
     def test_refused(self, times, words):
         with pytest.raises(ValueError, match=words):
             shaft_phase(times)
-
-    @pytest.mark.parametrize("pulses_per_rev", [0, -1, float("nan"), True, "2"])
-    def test_pulses_per_rev(self, pulses_per_rev):
         with pytest.raises(ValueError, match="pulses_per_rev="):
-            shaft_phase(np.arange(20.0), pulses_per_rev=pulses_per_rev)
+            shaft_phase(np.arange(20.0), pulses_per_rev=True)

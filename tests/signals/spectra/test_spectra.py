@@ -4,7 +4,6 @@ import numpy as np
 import pytest
 from scipy.signal import welch
 
-from signals._windows import window_of
 from signals.resampling.resampling import AngularSignal
 from signals.spectra.spectra import (
     PADDING,
@@ -27,7 +26,7 @@ def tone(bins, amplitude=1.0, start=0.4, count=COUNT):
 
 class TestAmplitude:
     @pytest.mark.parametrize("window", HARRIS)
-    @pytest.mark.parametrize("amplitude", [1.0, 1e-6, 350.0])
+    @pytest.mark.parametrize("amplitude", [1e-6, 350.0])
     def test_a_tone_on_the_grid(self, window, amplitude):
         spectrum = amplitude_spectrum(tone(400, amplitude), rate=RATE, window=window)
         top = np.argmax(spectrum.amplitude)
@@ -35,7 +34,7 @@ class TestAmplitude:
         # the leakage of the negative frequency, 800 bins away: 4e-4 of a box, far less of the others
         assert spectrum.amplitude[top] == pytest.approx(amplitude, rel=5e-4 if window == "boxcar" else 1e-6)
 
-    @pytest.mark.parametrize("offset", [1 / 16, 0.3, 0.5, -0.21])
+    @pytest.mark.parametrize("offset", [1 / 16, 0.3, 0.5])
     def test_a_tone_between_bins(self, offset):
         spectrum = amplitude_spectrum(tone(400 + offset), rate=RATE)
         # at most a sixteenth of a bin from the grid; Hann's lobe sinc(x) / (1 - x^2) has lost 0.252 % there
@@ -72,22 +71,6 @@ class TestResolution:
         )
         assert spectrum.noise_bandwidth_bins == pytest.approx(bandwidth, abs=5e-3)
 
-    @pytest.mark.parametrize("window", HARRIS)
-    def test_measured_on_a_tone(self, window):
-        spectrum = amplitude_spectrum(tone(400), rate=RATE, window=window, padding=200)
-        above = np.flatnonzero(spectrum.amplitude >= spectrum.amplitude.max() / np.sqrt(2))
-        # counted on a grid of a two-hundredth of a bin: within one step
-        measured = (above[-1] - above[0] + 1) * spectrum.bin_width / 200
-        assert spectrum.resolution == pytest.approx(measured, abs=spectrum.bin_width / 200)
-
-    def test_spread_of_the_squared_window(self):
-        # integrals over x in (-1/2, 1/2): 1/12 of a box; of cos^4(pi x) by its three cosines
-        cosine = {k: (-1) ** k / (2 * np.pi**2 * k**2) for k in (1, 2)}
-        hann = (3 / 8 / 12 + cosine[1] / 2 + cosine[2] / 8) / (3 / 8)
-        for window, expected in (("boxcar", 1 / 12), ("hann", hann)):
-            # a sum for an integral, over a periodic window half a sample off its middle: some 1/n^2
-            assert amplitude_spectrum(tone(9), rate=RATE, window=window).spread == pytest.approx(expected, rel=1e-6)
-
     @pytest.mark.parametrize("padding", [1, 8])
     def test_a_length_with_a_large_prime_factor(self, padding):
         # the windowed sum itself at the positions of the axis, whatever their step
@@ -99,13 +82,6 @@ class TestResolution:
         np.testing.assert_allclose(spectrum.complex_amplitude, 2 * sums / weights.sum(), atol=1e-12)
         assert spectrum.bin_width == 1 / count
         assert 1 <= spectrum.bin_width / spectrum.axis[1] / padding < 1.05
-
-    @pytest.mark.parametrize("padding", [1, 3, 8])
-    def test_grid(self, padding):
-        spectrum = amplitude_spectrum(tone(400), rate=RATE, padding=padding)
-        np.testing.assert_allclose(np.diff(spectrum.axis), spectrum.bin_width / padding, rtol=1e-9)
-        assert spectrum.axis[0] == 0
-        assert spectrum.axis[-1] == pytest.approx(RATE / 2, abs=RATE / COUNT / padding)
 
 
 class TestOrders:
@@ -144,12 +120,6 @@ class TestRefusals:
             amplitude_spectrum(arguments.pop("values"), **arguments)
 
 
-@pytest.mark.parametrize(("window", "gain"), [("boxcar", 1.0), ("hann", 0.5), ("hamming", 0.54), ("blackman", 0.42)])
-def test_published_coherent_gains(window, gain):
-    # Harris 1978, table 1; periodic windows have them exactly
-    assert window_of(window, 1000).weights.mean() == pytest.approx(gain, rel=1e-12)
-
-
 class TestPhase:
     @pytest.mark.parametrize("window", HARRIS)
     @pytest.mark.parametrize("start", [0.0, 2.75])
@@ -178,8 +148,9 @@ class TestPhase:
 class TestAveraged:
     NOISE = np.random.default_rng(11).standard_normal(200_000)
 
-    @pytest.mark.parametrize("window", HARRIS)
-    @pytest.mark.parametrize(("overlap", "noverlap"), [(0.0, 0), (0.5, 128), (0.75, 192)])
+    @pytest.mark.parametrize(
+        ("window", "overlap", "noverlap"), [("boxcar", 0.0, 0), ("hann", 0.5, 128), ("blackman", 0.75, 192)]
+    )
     def test_density_is_that_of_scipy(self, window, overlap, noverlap):
         x = self.NOISE[:10_000] + 5
         found = averaged_spectrum(x, rate=RATE, segment=256, overlap=overlap, window=window)
@@ -214,14 +185,7 @@ class TestAveraged:
             HARRIS[window][0] * RATE / 512, abs=0.05 * RATE / 512 if window == "blackman" else 0.01 * RATE / 512
         )
 
-    def test_half_the_rate_has_no_mirror_image(self):
-        x = 2.0 * (-1.0) ** np.arange(4096)
-        for scaling in ("peak", "rms"):
-            found = averaged_spectrum(x, rate=RATE, segment=512, scaling=scaling)
-            assert found.value[-1] == pytest.approx(2, rel=1e-9)
-
-    @pytest.mark.parametrize("overlap", [0.0, 0.5, 0.75])
-    @pytest.mark.parametrize("window", ["hann", "boxcar"])
+    @pytest.mark.parametrize(("overlap", "window"), [(0.0, "boxcar"), (0.5, "hann"), (0.75, "boxcar")])
     def test_the_interval_holds_the_truth_as_often_as_it_says(self, overlap, window):
         hits, lines = 0, 0
         for part in self.NOISE.reshape(50, -1):
@@ -238,13 +202,6 @@ class TestAveraged:
         count = found.averages
         assert count == 199
         assert found.degrees_of_freedom == pytest.approx(2 * count / (1 + 2 * (1 - 1 / count) / 36), rel=1e-5)
-
-    def test_interval_of_one_segment_is_that_of_two_degrees(self):
-        found = averaged_spectrum(self.NOISE[:256], rate=1.0, segment=256)
-        assert found.degrees_of_freedom == 2
-        # chi-square of 2 degrees is exponential: quantiles -2 ln(1 - p)
-        np.testing.assert_allclose(found.low[1:-1], found.value[1:-1] / -np.log(0.025), rtol=1e-12)
-        np.testing.assert_allclose(found.high[1:-1], found.value[1:-1] / -np.log(0.975), rtol=1e-12)
 
     @pytest.mark.parametrize(
         ("changes", "words"),
