@@ -57,11 +57,6 @@ def notes(record, **settings):
 # ---- tachometers -------------------------------------------------------------------------------------------
 
 
-def test_the_column_of_sample_times_is_no_tachometer():
-    with pytest.raises(RecordError, match=r"1 samples at 5000 Hz: a pulse about every sample.*not the times of"):
-        record_of(TIME_S)
-
-
 def test_a_fast_encoder_is_one():
     # 100 pulses a turn at 20 turns a second: 2.5 samples apart
     times_s = np.arange(0.0, SECONDS, 1 / (100 * SPEED_HZ))
