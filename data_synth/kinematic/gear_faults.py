@@ -91,15 +91,25 @@ def gear_damage_family(
     """
     base_order = common_base(mesh.base_order, tooth)
     harmonics = np.arange(1, mesh.coefficients.shape[0] + 1)
-    modulated = _Modulation.of(fault, gear, harmonics=harmonics)
-    turned = mesh.coefficients[:, None] * np.exp(2j * np.pi * offset * modulated.sidebands)
+    # fine enough for its narrowest feature
+    count = 1 << int(np.ceil(np.log2(_POINTS_PER_PITCH * gear.teeth / min(fault.width_pitches(), 1.0))))
+    modulation, weights = fault.modulation(np.arange(count) / count, gear), fault.harmonic_weights(harmonics)
+    sidebands = np.arange(-count // 2, count // 2)
+    turned = mesh.coefficients[:, None] * np.exp(2j * np.pi * offset * sidebands)
+
+    def lines_of(rise: float, lag_rad: float) -> ComplexArray:
+        modulated = 1 + rise * np.outer(weights, modulation)
+        phase_factor = np.exp(-1j * lag_rad * np.outer(harmonics, modulation))
+        spectra = np.fft.fft(modulated * phase_factor - 1, axis=1) / count
+        return np.asarray(turned * np.fft.fftshift(spectra, axes=1))
+
     pairs = np.stack(np.broadcast_arrays(np.atleast_1d(rise), np.atleast_1d(lag_rad)), axis=1).astype(np.float64)
     sizes, of_instant = np.unique(pairs, axis=0, return_inverse=True)
     probes = np.unique(np.linspace(0, len(sizes) - 1, _PROBES).round().astype(int))
-    largest = np.max([np.abs(turned * modulated.shares(*sizes[probe])) for probe in probes], axis=0)
+    largest = np.max([np.abs(lines_of(*sizes[probe])) for probe in probes], axis=0)
     retained = (largest >= SIDEBAND_CUTOFF * np.max(largest)) & (largest > 0)
-    lines = np.stack([(turned * modulated.shares(*size))[retained] for size in sizes], axis=1)
-    multiples = int(mesh.base_order / base_order) * harmonics[:, None] + int(tooth / base_order) * modulated.sidebands
+    lines = np.stack([lines_of(*size)[retained] for size in sizes], axis=1)
+    multiples = int(mesh.base_order / base_order) * harmonics[:, None] + int(tooth / base_order) * sidebands
     coefficients = fold_negative_orders(multiples[retained], lines[:, of_instant.ravel()])
     return HarmonicFamily(
         component=fault.component,
@@ -109,34 +119,6 @@ def gear_damage_family(
         coefficients=coefficients[:, 0] if coefficients.shape[1] == 1 else coefficients,
         load_dependent=mesh.load_dependent,
     )
-
-
-@dataclass(frozen=True, kw_only=True)
-class _Modulation:
-    """Modulation of mesh harmonics (h,) by damage: its function over a turn of the gear, and sideband numbers (m,)."""
-
-    modulation: Array
-    harmonic_weights: Array
-    harmonics: NDArray[np.int_]
-    sidebands: NDArray[np.int_]
-
-    @classmethod
-    def of(cls, fault: GearFault, gear: FaultyGear, *, harmonics: NDArray[np.int_]) -> "_Modulation":
-        """Return the modulation by a fault, sampled finely enough for its narrowest feature."""
-        count = 1 << int(np.ceil(np.log2(_POINTS_PER_PITCH * gear.teeth / min(fault.width_pitches(), 1.0))))
-        return cls(
-            modulation=fault.modulation(np.arange(count) / count, gear),
-            harmonic_weights=fault.harmonic_weights(harmonics),
-            harmonics=harmonics,
-            sidebands=np.arange(-count // 2, count // 2),
-        )
-
-    def shares(self, rise: float, lag_rad: float) -> ComplexArray:
-        """Return the Fourier coefficients (h, m) of the relative change of each harmonic."""
-        modulated = 1 + rise * np.outer(self.harmonic_weights, self.modulation)
-        phase_factor = np.exp(-1j * lag_rad * np.outer(self.harmonics, self.modulation))
-        spectra: ComplexArray = np.fft.fft(modulated * phase_factor - 1, axis=1) / self.modulation.size
-        return np.fft.fftshift(spectra, axes=1)
 
 
 def fold_negative_orders(multiples: NDArray[np.int_], lines: ComplexArray) -> ComplexArray:
