@@ -10,13 +10,16 @@ from hums.cli.options import Force, Out, SpeedUnits, echo, say
 
 
 def report(
-    analysis: Annotated[Path, typer.Argument(help="Saved analysis, such as analysis.h5 of an earlier report.")],
+    analysis: Annotated[Path, typer.Argument(help="analysis.h5, or the folder that holds it.")],
     out: Out,
     baseline: Annotated[
         Path | None, typer.Option(help="analysis.h5 of an earlier record, to compare with: changes and spectra.")
     ] = None,
     units: SpeedUnits = "rpm",
-    pdf: Annotated[bool, typer.Option("--pdf", help="Also print the page to report.pdf, with Chromium.")] = False,
+    pdf: Annotated[
+        bool, typer.Option("--pdf", help="Also print report.pdf, a summary to forward, with Chromium.")
+    ] = False,
+    full: Annotated[bool, typer.Option("--full", help="Print the whole page to report.pdf.")] = False,
     force: Force = False,
 ) -> None:
     """Run the command."""
@@ -24,11 +27,12 @@ def report(
     from hums.report import prepare_folder, write_report  # noqa: PLC0415
     from hums.report.pdf import write_pdf  # noqa: PLC0415
 
+    analysis = analysis / "analysis.h5" if analysis.is_dir() else analysis
     prepare_folder(out, inputs=[analysis, *([baseline] if baseline else [])], force=force)
     with open_analysis(analysis) as opened, open_analysis(baseline) if baseline else nullcontext() as past:
         say("writing the report")
         page = write_report(opened.load(), out, baseline=past, units=units, force=force)
     echo(f"report: {page}")
-    if pdf:
+    if pdf or full:
         say("printing")
-        echo(f"printed: {write_pdf(page, force=force)}")
+        echo(f"printed: {write_pdf(page, full=full, force=force)}")

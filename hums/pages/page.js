@@ -130,7 +130,7 @@ const pages = (() => {
     matchMedia("(prefers-color-scheme: dark)").addEventListener("change", redraw);
     addEventListener("beforeprint", print);
     addEventListener("afterprint", () => { delete document.documentElement.dataset.theme; redraw(); });
-    if (location.hash === "#print") print();
+    if (location.hash.startsWith("#print")) print();
   }
 
   return {figures, views, firstDrawn, draw, drawAll, redraw, begin};

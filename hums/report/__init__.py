@@ -129,16 +129,15 @@ def _page(analysis: Analysis, facts: dict[str, Any], baseline: Analysis | None, 
     pictures = Pictures(analysis=analysis, facts=facts, styles=faulty, past=baseline, past_name=past_name)
     drawn = sections(pictures)
     choices = cursor_choices(facts)
-    template = (files("hums.report") / "page.html").read_text(encoding="utf-8")
-    environment = page_environment()
+    ours, environment = files("hums.report"), page_environment()
     environment.filters["words"] = lambda kind: str(kind).replace("_", " ")
     environment.filters["chance"] = probability_words
     environment.filters["first_upper"] = _first_upper
     environment.filters["hz"] = lambda text: with_hz(text, facts["speed_hz"]["mean"])
     environment.filters["sentence"] = lambda text: f"{_first_upper(text).rstrip('.')}."
-    page_facts = {"speed_hz": facts["speed_hz"]["mean"], "reference": facts["reference"], "choices": choices}
+    page_facts = {name: facts[name] for name in ("reference", "findings", "speed_hz")} | {"choices": choices}
     tail = [("components", "Components"), ("indicators", "Indicators"), ("health", "Sensors"), ("settings", "Settings")]
-    body = environment.from_string(template).render(
+    body = environment.from_string((ours / "page.html").read_text(encoding="utf-8")).render(
         facts=facts,
         units=units,
         speed_text=speed_text(facts, units=units),
@@ -163,11 +162,12 @@ def _page(analysis: Analysis, facts: dict[str, Any], baseline: Analysis | None, 
         ],
         page_facts=json.dumps(page_facts).replace("<", "\\u003c"),
     )
-    ours = files("hums.report")
+    title = f"{facts['machine'] or facts['record'] or facts['gearbox']}: order-tracking report"
+    header = json.dumps(" ".join([title, facts["recorded_at"]])).replace("<", "\\3c ")
     return stand_alone_page(
-        title=f"{facts['machine'] or facts['record'] or facts['gearbox']}: order-tracking report",
+        title=title,
         body=body,
-        style=(ours / "report.css").read_text(encoding="utf-8"),
+        style=(ours / "report.css").read_text(encoding="utf-8") + f"@page {{ @top-left {{ content: {header}; }} }}\n",
         script=(ours / "report.js").read_text(encoding="utf-8"),
     )
 

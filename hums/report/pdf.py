@@ -13,13 +13,16 @@ _DRAWING_MS = 20_000  # of the page's own clock, which runs as fast as its scrip
 _TIMEOUT_S = 180.0  # a page of 16 channels takes 20 s on one core
 
 
-def write_pdf(page: str | Path, *, force: bool = False) -> Path:
+def write_pdf(page: str | Path, *, full: bool = False, force: bool = False) -> Path:
     """Print a page to a PDF beside it, through Chromium, Chrome or Edge.
 
     Parameters
     ----------
     page : str or Path
         A page of `hums.write_report`.
+    full : bool
+        Whether to print all of it; by default what there is to forward: the answer, the mechanism, the plots that show
+        what was found, and the verdict on every component.
     force : bool
         Whether a PDF of another program is replaced.
 
@@ -52,7 +55,7 @@ def write_pdf(page: str | Path, *, force: bool = False) -> Path:
             "--no-pdf-header-footer",
             f"--virtual-time-budget={_DRAWING_MS}",
             f"--print-to-pdf={part}",
-            f"{page.as_uri()}#print",
+            f"{page.as_uri()}#print{'-full' if full else ''}",
         ]
         done = subprocess.run(command, capture_output=True, text=True, timeout=_TIMEOUT_S, check=False)  # noqa: S603
         if done.returncode or not part.exists():

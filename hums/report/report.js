@@ -7,7 +7,7 @@ const report = (() => {
 
   // One convention of units: orders, or Hz and rev/s, or CPM and rpm.
   const unit = () => {
-    const name = chosen("units"), mean = facts.speed_hz;
+    const name = chosen("units"), mean = facts.speed_hz.mean;
     if (name === "Hz") return {name: "Hz", factor: mean, text: `frequency at the mean speed, Hz`};
     if (name === "CPM") return {name: "CPM", factor: 60 * mean, text: `frequency at the mean speed, CPM`};
     return {name: "orders", factor: 1, text: `order, cycles per revolution of ${facts.reference}`};
@@ -47,8 +47,26 @@ const report = (() => {
     return said;
   }
 
+  // From so much on between smallest and largest speed, what follows the speed shows against it.
+  const runUp = facts.speed_hz.max > 1.05 * facts.speed_hz.min;
+  if (runUp) field("against").value = "speed";
+
+  // On paper, unless all is asked for: of spectra, maps of a run-up and averages the first that shows a finding.
+  if (location.hash === "#print") {
+    document.documentElement.dataset.brief = "";
+    const found = facts.findings.flatMap((row) => [row.channel, row.component]);
+    const kinds = runUp ? ["orders", "envelopes", "maps", "averages"] : ["orders", "envelopes", "averages"];
+    for (const section of document.querySelectorAll("main > section[aria-labelledby]")) {
+      const figures = [...section.querySelectorAll("figure.plot")];
+      const shows = (figure) => found.includes((figure.querySelector(".title") || {}).textContent);
+      const kept = kinds.includes(section.getAttribute("aria-labelledby")) ? figures.find(shows) || figures[0] : null;
+      for (const figure of figures) if (figure !== kept) figure.remove();
+      if (!kept) section.remove();
+    }
+  }
+
   pages.views.spectrum = (data, figure) => {
-    const {factor, name, text} = unit(), mean = facts.speed_hz, scale = chosen("scale") || (data.log ? "log" : "linear");
+    const {factor, name, text} = unit(), mean = facts.speed_hz.mean, scale = chosen("scale") || (data.log ? "log" : "linear");
     const db = (values) => values.map((value) => 20 * Math.log10(Math.max(value, 1e-30)));
     const y = (values) => scale === "dB" ? db(values) : values;
     const last = data.now.x[data.now.x.length - 1];
@@ -177,7 +195,7 @@ const report = (() => {
   };
 
   function readout() {
-    const order = number("order"), hz = order * facts.speed_hz;
+    const order = number("order"), hz = order * facts.speed_hz.mean;
     field("readout").textContent = order > 0
       ? `Cursor: order ${order.toPrecision(6)}, ${hz.toPrecision(6)} Hz, ${(60 * hz).toPrecision(6)} CPM` : "Cursor: off";
   }

@@ -11,6 +11,7 @@ import pandas as pd
 import pytest
 import xarray as xr
 from browser import draw_all, printed, screenshot, show, text_of, violations
+from pypdf import PdfReader
 
 from hums.analysis.record_analysis import AnalysisSettings, analyze
 from hums.analysis.result import group, indicator_table, open_analysis
@@ -18,6 +19,7 @@ from hums.gearbox.model import load_gearbox
 from hums.pages.page import stand_alone_page
 from hums.records.record import Channel, PulseTimes, make_record
 from hums.report import render, write_report
+from hums.report.pdf import write_pdf
 from hums.report.verdict_strip import with_hz
 from signals.indicators import INDICATORS
 
@@ -169,6 +171,23 @@ def paper_loses_nothing(browser, page):
     ):
         assert words in text
     assert "Cursor on" not in text
+
+
+@pytest.mark.skipif(shutil.which("chromium") is None, reason="needs chromium (Debian: apt-get install chromium)")
+def test_a_summary_is_printed_on_four_pages_and_the_whole_on_more(page, tmp_path):
+    copy = shutil.copy(page, tmp_path)
+    whole, path = text_of(write_pdf(copy, full=True).read_bytes()), write_pdf(copy)
+    summary = text_of(path.read_bytes())
+    assert len(PdfReader(path).pages) <= 4
+    facts = json.loads((page.parent / "summary.json").read_text())
+    for row in facts["verdicts"]:
+        assert row["component"].split("/")[-1] in summary
+    for words in ("diagnosed", "Order spectra", "Envelope spectra", "Components", "1 of", "order-tracking report"):
+        assert words in summary
+        assert words in whole
+    for words in ("Condition indicators", "Waveforms", "Kurtograms", "nominal order"):
+        assert words not in summary
+        assert words in whole
 
 
 def test_report_on_a_narrow_dark_screen_and_from_there_on_paper(browser, page):
