@@ -232,27 +232,3 @@ HELD = planetary(rigid=[["housing", "ring"]])
 def test_what_is_no_mechanism(table, words):
     with pytest.raises(GearboxError, match=words):
         solved(table)
-
-
-@pytest.mark.parametrize("table", [DIFFERENTIAL, STEPPED], ids=["differential", "stepped planets"])
-@given(data=st.data())
-def test_the_order_of_declaration_changes_nothing(table, data):
-    def shuffled(items):
-        return data.draw(st.permutations(list(items)))
-
-    def links(body):
-        return body | {"links": shuffled(body["links"])} if isinstance(body, dict) else shuffled(body)
-
-    mixed = dict(shuffled(table.items())) | {
-        "axes": {name: links(body) for name, body in shuffled(table["axes"].items())},
-        "mesh": [
-            mesh | {"teeth": dict(shuffled(mesh["teeth"].items())), "name": "-".join(mesh["teeth"])}
-            for mesh in shuffled(table["mesh"])
-        ],
-    }
-    before, after = solved(table), solved(mixed)
-    speeds = CORNER if table is DIFFERENTIAL else None
-    assert after.rates(speeds) == before.rates(speeds)
-    assert {(c.mesh, frozenset(c.gears), c.carrier) for c in after.contacts} == {
-        (c.mesh, frozenset(c.gears), c.carrier) for c in before.contacts
-    }
