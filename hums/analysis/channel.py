@@ -35,7 +35,7 @@ from hums.analysis.reference_angle import Machine
 from hums.analysis.result import ChannelPictures, EnvelopeBand, IndicatorValue, SensorCondition
 from hums.analysis.segments import ChannelSegments, Segment, capitalised
 from hums.analysis.settings import AnalysisError, AnalysisSettings
-from hums.analysis.thresholds import IN_TIME, MESH_SHARE, PEAK_RATIO
+from hums.analysis.thresholds import IN_TIME, LEAST_STRENGTH, MESH_SHARE, PEAK_RATIO, SEEN
 from hums.analysis.tracks import EnvelopeLine, tooth_line
 from hums.analysis.unexplained import Drawn, PulseVariation, UnexplainedLine, drawn_orders, unexplained_lines
 from hums.gearbox.bearing_orders import BearingOrders
@@ -51,13 +51,11 @@ from signals.spectra.spectra import AmplitudeSpectrum, order_spectra, order_spec
 
 _ENVELOPE_SHARE = 0.5
 _WIDEST = 0.25  # of the rate: halves of the range are the widest bands
-_SEEN = 0.01  # probability that noise alone makes a line, below which it counts
 _LEVEL_PERIODS = 4.0  # of the slowest bearing defect: what is slower is taken for a change of level
 _LEAST_ORDERS = 20.0  # of a spectrum
 _MARGIN = 1.1  # end of a spectrum over (highest expected order + 1), so that the background of its lines fits
 _HELD = 2**19  # samples of envelopes whose spectra, some 40 times as large, are made and held at once
 _TOGETHER = 2**21  # samples of envelopes resampled at once: their angles are found once, in 16 MB
-_LEAST_STRENGTH = 0.03  # of evidence that may name a part, half of the least that does in records of minutes
 _OF_THE_LINE = 0.5  # of a line in angle, which one in time must leave there: another line that is larger leaves nothing
 _HARMONICS_IN_TIME = 4.5  # of a line that is looked for in time: the first four, and half of one to the filter's edge
 _POOLED_BINS = 12.0  # next to a line of a pooled spectrum: nine without its main lobe, of a record of three turns
@@ -538,7 +536,7 @@ def _assessed_envelopes(
     if not envelopes.bands:
         return None, (), ()
     assessor = LineAssessor({bearing.name: bearing for bearing in machine.bearings}, settings.false_alarm_probability)
-    loud = [line for line in shaft_locked if line.line.false_alarm_probability < _SEEN]
+    loud = [line for line in shaft_locked if line.line.false_alarm_probability < SEEN]
     found: list[_Envelope] = []
     seen: list[BandEvidence] = []
     for band in envelopes.bands:
@@ -612,7 +610,7 @@ def _unresolved(
 
 def _unless_in_time(part: PartEvidence, segment: Segment) -> PartEvidence:
     """Return the evidence for a part, hidden where its line follows the clock and not the shaft."""
-    if part.hidden_by or part.strength < _LEAST_STRENGTH:
+    if part.hidden_by or part.strength < LEAST_STRENGTH:
         return part
     band, when, phase = (part.band_low_hz, part.band_high_hz), segment.when, segment.machine.phase
     highest_hz = _HARMONICS_IN_TIME * part.found * float(np.max(phase.mean_speed_per_revolution_hz()))

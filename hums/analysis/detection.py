@@ -121,6 +121,7 @@ class LineAssessor:
             for other in significant
             if other.expected.fundamental and other.expected.kind in BEARING_KINDS and other.family != line.family
             for harmonic in range(1, 2 * _EXPLAINED_HARMONICS + 1)
+            if harmonic != line.expected.harmonic  # one peak of both
         )
 
     def _explanation(self, weaker: MeasuredLine, stronger: MeasuredLine, least: float | None) -> str:
@@ -129,7 +130,7 @@ class LineAssessor:
         `least` is the smallest amplitude of the comb that `stronger` is of, None if it is of none.
         """
         same_spectrum = weaker.expected.spectrum == stronger.expected.spectrum and weaker.channel == stronger.channel
-        if not same_spectrum or weaker.family == stronger.family:
+        if not same_spectrum or weaker.family == stronger.family or _one_peak(weaker, stronger):
             return ""
         base = stronger.line.found
         name = f"{stronger.expected.component} {stronger.expected.kind.replace('_', ' ')}"
@@ -183,6 +184,13 @@ class LineAssessor:
         if same and not is_support(weaker) and times > RIVAL_FACTOR:
             return f"hidden by {name}, {times:.0f} times as large"
         return ""
+
+
+def _one_peak(one: MeasuredLine, other: MeasuredLine) -> bool:
+    """Whether the fundamentals of parts of two bearings are one peak, whose combs `hums.analysis.evidence` compares."""
+    fundamentals = all(line.expected.fundamental and line.expected.kind in BEARING_KINDS for line in (one, other))
+    apart = one.expected.component != other.expected.component
+    return fundamentals and apart and _near(one, other.line.found, bins=1.0)
 
 
 def _searches(lines: Iterable[MeasuredLine]) -> int:

@@ -41,6 +41,7 @@ from hums.analysis.thresholds import (
     MATCH_BINS,
     NO_SIDEBAND,
     RIVAL_FACTOR,
+    SEEN,
     STEADY_SPEED,
     TRUSTED_SNR,
 )
@@ -50,16 +51,14 @@ from signals.spectra.lines import record_probability
 
 _CHANCE_WIDTHS = 4.0  # widths of a line: where multiples of the mains are nearer, a quarter of all lines is on one
 _SELDOM = 0.02  # of all lines near the mains: none of the ten or so of a drawing is so by chance (our choice)
-_ALIKE = 0.99  # of the widest band's width, to rounding
-_SEEN = 0.01  # probability that noise alone makes a harmonic, below which it counts
+_ALIKE = 0.99  # of the largest: widths of bands, and what combs explain, are the same to rounding
 _ONE_IN_20 = 1.645  # standard deviations that a normal variable falls below its mean in one of 20 cases
 _SIDEBANDS = 3  # on either side that support a fundamental
 _HARMONIC_SHARE = 0.5  # of a line's depth that one must have whose harmonic it may be: harmonics of strikes fall
 _MULTIPLES = 3  # of a deeper line that may be looked at as the part's own
 _EXPLAINING_SIDEBANDS = 2  # of a deeper line: the third of a real defect is below its fundamental
 _PARTS = 5  # of a deeper line's order
-_STRIKES = 10  # multiples of a bearing's line that its strikes make; a tenth stands above half of a resonance's width
-_BEATS = 10  # distances of harmonics of a mesh that a band carries
+_CARRIED = 10  # multiples of strikes or beats that a band carries: a tenth stands above half of a resonance's width
 _COMB = 30  # multiples of a shaft that impacts once a turn make
 _LOAD_MULTIPLES = 4  # of a shaft that modulations once and twice a turn make: the second of the second
 _FULL_COMB = 0.7  # of eight multiples of a slow shaft that impacts once a turn; a defect with sidebands has fewer
@@ -240,6 +239,7 @@ def bearing_evidence(
     parts = [
         replace(part, sibling_depths=_sibling_depths(part, families)) if part.strength > 0 else part for part in parts
     ]
+    parts = [replace(part, hidden_by=part.hidden_by or _of_a_better_comb(part, parts)) for part in parts]
     parts = [replace(part, hidden_by=part.hidden_by or _of_a_stronger_part(part, parts, bearings)) for part in parts]
     strange = _stranger(usable, parts, others)
     return [part if part.strength > 0 else _unless_misdeclared(part, *strange) for part in parts]
@@ -287,6 +287,35 @@ def _sibling_depths(
     return tuple(depths.values())
 
 
+def _of_a_better_comb(part: PartEvidence, parts: Iterable[PartEvidence]) -> str:
+    """Return which part of another bearing has a part's line, or an empty string.
+
+    It is the one whose harmonics and sidebands explain most; of those that explain alike, the nearest to nominal.
+    """
+    one_peak = [
+        other
+        for other in parts
+        if other.strength > 0
+        and not other.hidden_by
+        and other.component != part.component
+        and abs(other.found - part.found) <= part.bin_width
+        and not math.isclose(other.order, part.order, rel_tol=1e-9)
+    ]
+    if part.strength == 0 or not one_peak:
+        return ""
+    most = max(comb_size(other) for other in (part, *one_peak))
+    best = min(
+        (other for other in (part, *one_peak) if comb_size(other) >= _ALIKE * most),
+        key=lambda other: abs(other.found / other.order - 1),
+    )
+    return "" if best is part else f"it is that of {best.kind.replace('_', ' ')} of {best.component}"
+
+
+def comb_size(part: PartEvidence) -> float:
+    """Return how much the comb of a part explains: its strength times its share of the band's lines."""
+    return part.strength * part.explained
+
+
 def _of_a_stronger_part(
     part: PartEvidence, parts: Iterable[PartEvidence], bearings: Mapping[str, BearingOrders]
 ) -> str:
@@ -310,7 +339,7 @@ def _of_a_stronger_part(
         multiple = round(part.found / other.found)
         if (
             not same
-            and 1 < multiple <= _STRIKES
+            and 1 < multiple <= _CARRIED
             and other.depth >= part.depth * (1 - 1 / part.snr - 1 / other.snr)
             and abs(part.found - multiple * other.found) <= MATCH_BINS * part.bin_width * math.sqrt(multiple)
         ):
@@ -496,7 +525,7 @@ def _has_harmonics(band: BandEvidence, line: AssessedLine) -> bool:
 
 
 def _stands_out(line: AssessedLine) -> bool:
-    return line.measured.line.false_alarm_probability < _SEEN
+    return line.measured.line.false_alarm_probability < SEEN
 
 
 def _family_strength(family: Sequence[MeasuredLine]) -> float:
@@ -526,7 +555,7 @@ def _support(
         for other in band.families[main.family]
         if other.measured.expected.harmonic > 1
         and supports(other.measured, main)
-        and other.measured.line.false_alarm_probability <= _SEEN
+        and other.measured.line.false_alarm_probability <= SEEN
         and not other.explained_by
     ]
     return tuple(harmonics), tuple(_sidebands(main, band, spacings))
@@ -608,7 +637,7 @@ def _beat_of_a_mesh(order: float, band: BandEvidence, setting: Setting) -> str:
     for mesh in setting.meshes if setting.measured else ():
         multiple = round(order / mesh)
         exact = abs(order - multiple * mesh) <= EXACT_BINS * band.bin_width
-        if 1 <= multiple <= _BEATS and exact and mesh > _FAST_BINS * band.bin_width:
+        if 1 <= multiple <= _CARRIED and exact and mesh > _FAST_BINS * band.bin_width:
             return f"it is {multiple} times the order {mesh:.4g} of a mesh, whose harmonics beat"
     return ""
 
@@ -678,7 +707,7 @@ def _explanation(order: float, depth: float, others: _Others, own_multiple: int)
 def _is_harmonic(order: float, fundamental: float, others: _Others) -> bool:
     """Whether a line is a harmonic of another, to a bin: by accident one in four is of the slowest that are judged."""
     multiple = round(order / fundamental)
-    return 1 < multiple <= _STRIKES and abs(order - multiple * fundamental) <= others.width / MATCH_BINS
+    return 1 < multiple <= _CARRIED and abs(order - multiple * fundamental) <= others.width / MATCH_BINS
 
 
 def _modulated(order: float, depth: float, others: _Others) -> str:

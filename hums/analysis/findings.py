@@ -23,7 +23,7 @@ from collections.abc import Collection, Mapping, Sequence
 from dataclasses import dataclass, replace
 from typing import Any
 
-from hums.analysis.evidence import PartEvidence, strength
+from hums.analysis.evidence import PartEvidence, comb_size, strength
 from hums.analysis.healthy_machines import RAREST_STATED, HealthyMachines, healthy_machines, healthy_share_words
 from hums.analysis.thresholds import (
     FASTEST_SPIN,
@@ -361,7 +361,7 @@ def _doubts(part: PartEvidence, rivals: Sequence[PartEvidence]) -> list[str]:
     doubts += [
         f"{_kind_text(other.kind)} of {other.component}, of order {other.order:.3f}, may also produce this line"
         for other in {(one.component, one.kind): one for one in rivals}.values()
-        if _as_near(part, other)
+        if _as_near(part, other) and RIVAL_FACTOR * comb_size(other) > comb_size(part)
     ]
     return doubts
 

@@ -27,6 +27,12 @@ A tenth of `FAULTY_DEPTH`: real machines have more sources than any library of s
 hundredth of the level are named on quiet machines; doubled, the first weeks of a growing defect are missed.
 """
 
+SEEN = 0.01
+"""Probability that noise alone makes a harmonic or a mesh line, below which it counts.
+
+Halved or doubled, few lines change, as this falls exponentially with the square of the level. By reasoning alone.
+"""
+
 TRUSTED_SNR = 8.0
 """Ratio to the background at which a modulation has half of its weight.
 

@@ -26,11 +26,7 @@ if TYPE_CHECKING:
 
 _HARMONICS = 40  # of each mesh removed; a mesh has no measurable ones beyond
 _OTHER_PLACES = (0.35, 0.5, 0.65)  # of a turn from a tooth
-_GATE_TEETH = (
-    4.0  # on either side of a tooth, but no more than `_GATE_TURN`: a shorter gate smears lines to half a mesh
-)
-_GATE_TURN = 0.17  # so that the gates of the tooth and of other places do not meet
-_FAINT = 1e-3  # of the mean power: other places hardly count where they have less, as without noise
+_GATE_TEETH = 4.0  # on either side, as far as gates of two places do not meet: a shorter one smears near and between
 _NEAR_MESH = 0.25  # of the mesh order: half of all lines are nearer to a harmonic, half of them farther from it
 
 
@@ -266,6 +262,7 @@ def mesh_contrast(residual: AngularSignal, *, order: Fraction | float, teeth: fl
     >>> turn = np.arange(64 * 256) / 256
     >>> bump = np.exp(-0.5 * (((turn + 0.5) % 1 - 0.5) * 30 / 0.6) ** 2)
     >>> x = (1 - 0.3 * bump) * np.cos(2 * np.pi * 30 * turn) + np.cos(2 * np.pi * 17 * turn)
+    >>> x += np.random.default_rng(0).normal(0, 0.1, turn.size)
     >>> signal = AngularSignal(values=x, samples_per_rev=256, start_rev=0.0, passband_orders=100.0)
     >>> residual = whitened_residual(signal, meshes={30.0: 2.5, 17.0: 2.5}, edges=np.array([3.0, 100.0]))
     >>> own, other = (mesh_contrast(residual, order=1, teeth=teeth, position_rev=0.0) for teeth in (30, 17))
@@ -281,13 +278,13 @@ def mesh_contrast(residual: AngularSignal, *, order: Fraction | float, teeth: fl
     group = np.where(number <= highest, 2 * number + (np.abs(harmonic - number) < _NEAR_MESH), 0)
 
     def power(at: float) -> Array:
-        apart = ((turn - at + 0.5) % 1.0 - 0.5) / min(_GATE_TEETH / pitch, _GATE_TURN)
+        apart = ((turn - at + 0.5) % 1.0 - 0.5) / min(_GATE_TEETH / pitch, _OTHER_PLACES[0] / 2)
         gate = np.where(np.abs(apart) < 1, np.cos(0.5 * np.pi * apart) ** 2, 0.0)
         gated = np.abs(fft.rfft(residual.values * gate, padded)) ** 2
         return np.asarray(np.bincount(group, gated, minlength=2 * highest + 2).reshape(-1, 2)[1:])
 
     at_tooth, elsewhere = power(0.0), np.mean([power(place) for place in _OTHER_PLACES], axis=0)
-    background = elsewhere.mean(axis=1, keepdims=True) + _FAINT * at_tooth.sum() / max(1, highest)
+    background = elsewhere.mean(axis=1, keepdims=True)
     above = np.divide(np.maximum(at_tooth - elsewhere, 0.0), background, where=background > 0, out=0 * elsewhere)
     between, beside = above.sum(axis=1) @ above
     return float(beside / between) if between > 0 else math.inf if beside > 0 else 0.0

@@ -231,7 +231,7 @@ JUDGED = {
     "cage of an outer race": ([*outer(14), line("cage", 0.4, 9.0)], {}, OUTER, "diagnosed", ""),
     "nearer of two": ([*outer(20, at=3.602, of="c"), *outer(20, at=3.602, order=3.66)], {}, ("c", "outer_race"),
         "diagnosed", ""),
-    "between two": ([*outer(20, at=3.602, of="c"), *outer(20, 0, at=3.602, order=3.612)], {}, ("c", "outer_race"),
+    "between two": ([*outer(20, at=3.602, of="c"), *outer(20, at=3.602, order=3.612)], {}, ("c", "outer_race"),
         "indicated", "the outer race of b, of order 3.612, may also produce this line"),
     "multiple of another bearing": ([*outer(40, 20, at=3.603),
         line("rolling_element", 18.015, 15.0, of="c", order=18.09)], {}, ("c", "rolling_element"), "not judged",
