@@ -70,7 +70,7 @@ ONE_DOOR = {
 # of today, and what is to be reached. Ceilings only fall: `python benchmarks/code_size.py --lower` brings them down.
 BUDGETS = """
     signals (root)                                              560    494    400
-    signals/angle                                              1111   1092    900
+    signals/angle                                              1111   1088    900
     signals/demodulation                                        905    898    750
     signals/harmonics, signals/slipping_order                  4012   3317   2500
     signals/health, signals/indicators                          955    955    800
