@@ -131,6 +131,7 @@ torque, where it is shortest: a mode of damping 0.01 is passed in two."""
 _FEWEST_TURNS = 16  # from which the lines of a steady motion are known, if it repeats itself sooner
 _COMPARED = 4096  # samples, even in time, with which the lines are compared
 _SLOW = 0.3  # of the top speed: lines of lower speeds are weak
+_FINEST = 4  # intervals of the splines to a revolution, at most
 
 
 class Line(NamedTuple):
@@ -178,7 +179,8 @@ def gear_lines(prepared: PreparedScene, signal: Array, *, sound: Array | None = 
     scene, turning = prepared.scene, np.sign(prepared.speed_hz[prepared.speed_hz != 0])
     if not turning.size or np.ptp(turning):
         return GearLines(about="left out: the shaft turns back, or nothing moves")
-    most = scene.samples // prepared.instants_s.size  # Z, two numbers of four bytes, takes no more than the samples
+    others = sum(int(np.count_nonzero(family.nonzero)) for family in prepared.families)
+    most = max(0, scene.samples // prepared.instants_s.size - others)  # in eight bytes each, no more than the samples
     healthy = scene.changed(faults=())
     teeth = _lines_in(prepared, signal if sound is None else sound, scene=healthy, most=most // 2)
     if sound is None:
@@ -218,24 +220,26 @@ def _lines_in(prepared: PreparedScene, signal: Array, *, scene: Scene, most: int
     signal = signal[:, : samples_compared(prepared, scene)]
     revolutions = angle.revolutions(np.arange(signal.shape[1]) / prepared.scene.rate_hz)
     sign = 1.0 if revolutions[-1] > revolutions[0] else -1.0
-    top = _BELOW_NYQUIST * prepared.scene.rate_hz / 2 / angle.top_speed_hz(0.0, prepared.scene.duration_s)
-    candidates = candidates_of(scene, top=top, mixed=steady)
+    speed_hz = np.abs(angle.speed_hz(np.arange(signal.shape[1]) / prepared.scene.rate_hz))
+    known = _BELOW_NYQUIST * prepared.scene.rate_hz / 2 / np.maximum(speed_hz, _SLOW * np.max(speed_hz))
+    candidates = candidates_of(scene, top=float(np.max(known)), mixed=steady)
     found = projection(
         signal,
         sign * revolutions,
         candidates.orders,
         at_rev=sign * angle.revolutions(prepared.instants_s),
-        top_order=top,
+        top_order=known,
         intervals=0 if steady else _intervals(prepared),
         most=most,
     )
+    orders = candidates.orders[found.chosen]
     amplitudes = found.amplitudes if sign > 0 else found.amplitudes.conj()
     lines = tuple(
         Line(float(candidates.orders[place]), component, kind, amplitude)
         for place, amplitude in zip(found.chosen.tolist(), amplitudes.swapaxes(0, 1), strict=True)
         for component, kind in [candidates.sources[place]]
     )
-    left = _left(prepared, signal, revolutions, candidates.orders[found.chosen], amplitudes)
+    left = _left(prepared, signal, revolutions, orders, amplitudes)
     about = (
         f"{len(lines)} lines, fitted together in intervals of {found.interval_rev:.3g} rev; those nearer than "
         f"{1 / found.interval_rev:.2g} orders are not told apart; they leave "
@@ -268,5 +272,5 @@ def _intervals(prepared: PreparedScene) -> int:
     if prepared.drive.torque is not None:
         torque_nm = prepared.drive.torque.at(prepared.instants_s)
         changes += np.sum(np.abs(np.diff(torque_nm))) / max(np.max(np.abs(torque_nm)), np.finfo(float).tiny) / _TORQUE
-    turns = np.ptp(prepared.drive.angle.revolutions(prepared.instants_s[[0, -1]]))
+    turns = _FINEST * np.ptp(prepared.drive.angle.revolutions(prepared.instants_s[[0, -1]]))
     return max(FEWEST, math.ceil(min(float(changes), float(turns))))

@@ -27,7 +27,7 @@ _SPREAD = 7  # cells of the kernel: its aliases are below 1e-5
 _BETA = 2.0 * _SPREAD
 _DEGREE, FEWEST = 3, 8  # of the splines, and intervals, at least
 _BINS = 8  # of a line's transform, to a spline: the rest of it is below 1e-5 of the line
-_RISE, _RISE_OF_CONSTANTS = 0.25, 0.1  # of an interval, and of a record, in which the weight rises from zero to one
+_RISE, _RISE_OF_CONSTANTS = 0.12, 0.1  # of an interval, and of a record, in which the weight rises from zero to one
 _APART, _APART_OF_CONSTANTS = 1.0, 0.25
 """Periods of an interval, and of a record, by which a line is apart from every louder one, and from order zero: nearer
 ones leave a signal of constant lines, but splines at as many orders would be more than there are samples."""
@@ -64,7 +64,7 @@ def projection(
     orders: Array,
     *,
     at_rev: Array,
-    top_order: float,
+    top_order: float | Array,
     intervals: int,
     most: int | None = None,
 ) -> Projection:
@@ -82,13 +82,13 @@ def projection(
         Rising, above zero.
     at_rev : (instant,) array
         Angles at which amplitudes are wanted.
-    top_order : float
-        Highest order to which the spectrum is known; lines above it are left out.
+    top_order : float or (n,) array
+        Highest order to which the spectrum is known, which is lower where the shaft is faster: above it a line is zero.
     intervals : int
         Of the splines, at most; 0 for amplitudes that are constant.
     """
-    spectrum = _Spectrum(signal=signal, revolutions=revolutions, top_order=top_order, intervals=intervals)
-    places = np.flatnonzero(orders < top_order)
+    spectrum = _Spectrum(signal, revolutions, np.broadcast_to(top_order, revolutions.shape), intervals)
+    places = np.flatnonzero(orders < spectrum.top_order)
     best = _fitted(spectrum, orders[places], intervals, at_rev, most)
     while intervals >= 2 * FEWEST:
         intervals //= 2
@@ -114,15 +114,16 @@ def _fitted(spectrum: "_Spectrum", orders: Array, intervals: int, at_rev: Array,
     # where the weight rises from zero, amplitudes are those where it is one
     ends_rev = spectrum.rise_rev if intervals else 0.0
     splines = lines.splines(np.clip(at_rev - spectrum.revolutions[0], ends_rev, spectrum.span_rev - ends_rev))
+    known = orders[some[loud], None] <= np.interp(at_rev, spectrum.revolutions, spectrum.known_orders)
     return Projection(
         chosen=some[loud],
-        amplitudes=np.stack([(splines @ row[loud].T).T for row in coefficients]),
+        amplitudes=np.stack([(splines @ row[loud].T).T * known for row in coefficients]),
         left=1 - explained / np.maximum(spectrum.power, np.finfo(float).tiny),
         interval_rev=interval_rev,
     )
 
 
-@dataclass(frozen=True, kw_only=True)
+@dataclass(frozen=True)
 class _Spectrum:
     """Transform of a weighted signal over angle, in lines of ``1 / period_rev``.
 
@@ -131,8 +132,12 @@ class _Spectrum:
 
     signal: Array
     revolutions: Array
-    top_order: float
+    known_orders: Array
     intervals: int
+
+    @cached_property
+    def top_order(self) -> float:
+        return float(np.max(self.known_orders))
 
     @cached_property
     def span_rev(self) -> float:
@@ -259,10 +264,18 @@ class _Lines:
 
         return splu((self._weighted.T @ self._weighted / self._weighted.shape[0]).astype(np.complex128).tocsc())
 
+    @cached_property
+    def _known(self) -> NDArray[np.bool_]:
+        """Whether a line is known about the middle of each spline, (line, spline): elsewhere there are its aliases."""
+        middles = (np.arange(self._weighted.shape[1]) - (_DEGREE - 1) / 2) / max(self.intervals, 1)
+        at_rev = self.spectrum.revolutions[0] + self.spectrum.span_rev * middles
+        known = np.interp(at_rev, self.spectrum.revolutions, self.spectrum.known_orders)
+        return np.asarray(self.orders[:, None] <= known)
+
     def _preconditioned(self, gradient: NDArray[np.complex64]) -> NDArray[np.complex64]:
         """Return coefficients of lines that each stand alone."""
         rows = gradient.reshape(-1, gradient.shape[-1]).T.astype(np.complex128)
-        return np.asarray(self._factor.solve(rows).T.reshape(gradient.shape), dtype=np.complex64)
+        return np.asarray(self._factor.solve(rows).T.reshape(gradient.shape) * self._known, dtype=np.complex64)
 
     def _blocks(self) -> Iterator[slice]:
         for start in range(0, self.orders.size, _LINES):
@@ -303,7 +316,7 @@ class _Lines:
             turned, lines = self._about(here)
             for row, values in zip(found, padded, strict=True):
                 row[here] = (self._weighted.T @ (ifft(values[lines], axis=1) * turned.conj()).T).T
-        return found
+        return found * self._known
 
     def powers(self, coefficients: NDArray[np.complex64]) -> Array:
         """Return the sum of squares of each line, (line,)."""
