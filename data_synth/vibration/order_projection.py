@@ -27,7 +27,7 @@ _SPREAD = 7  # cells of the kernel: its aliases are below 1e-5
 _BETA = 2.0 * _SPREAD
 _DEGREE, FEWEST = 3, 8  # of the splines, and intervals, at least
 _BINS = 8  # of a line's transform, to a spline: the rest of it is below 1e-5 of the line
-_RISE, _RISE_OF_CONSTANTS = 0.12, 0.1  # of an interval, and of a record, in which the weight rises from zero to one
+_RISE, _RISE_OF_CONSTANTS = 0.25, 0.1  # of an interval, and of a record, in which the weight rises from zero to one
 _APART, _APART_OF_CONSTANTS = 1.0, 0.25
 """Periods of an interval, and of a record, by which a line is apart from every louder one, and from order zero: nearer
 ones leave a signal of constant lines, but splines at as many orders would be more than there are samples."""
@@ -114,10 +114,9 @@ def _fitted(spectrum: "_Spectrum", orders: Array, intervals: int, at_rev: Array,
     # where the weight rises from zero, amplitudes are those where it is one
     ends_rev = spectrum.rise_rev if intervals else 0.0
     splines = lines.splines(np.clip(at_rev - spectrum.revolutions[0], ends_rev, spectrum.span_rev - ends_rev))
-    known = orders[some[loud], None] <= np.interp(at_rev, spectrum.revolutions, spectrum.known_orders)
     return Projection(
         chosen=some[loud],
-        amplitudes=np.stack([(splines @ row[loud].T).T * known for row in coefficients]),
+        amplitudes=np.stack([(splines @ row[loud].T).T for row in coefficients]),
         left=1 - explained / np.maximum(spectrum.power, np.finfo(float).tiny),
         interval_rev=interval_rev,
     )

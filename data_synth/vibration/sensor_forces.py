@@ -423,9 +423,7 @@ class _Readings:
     def __init__(self, whole: Assembly, excited: ExcitedDofs) -> None:
         self._whole, self._numbers, self._coordinates = whole, excited.numbers, whole.coordinates
         self._names = [mesh.name for mesh in whole.system.meshes]
-        self._displacement: list[Array] = []
-        self._velocity: list[Array] = []
-        self._mesh_force: list[Array] = []
+        self._rows = list[tuple[Array, Array, Array]]()
 
     def add(
         self, along: Array, weights: dict[str, float], *, frame: str, ring: bool, axial: list[str] | None = None
@@ -449,12 +447,14 @@ class _Readings:
             if sensed is not None and contact.name in self._whole.on_frame:
                 projection = float(np.array(self._whole.on_frame[contact.name]) @ sensed)
                 mesh_force[self._names.index(contact.name)] += weights[parts.frame] * projection
-        return self._append(displacement[self._numbers], velocity[self._numbers], mesh_force)
+        self._rows.append((displacement[self._numbers], velocity[self._numbers], mesh_force))
+        return len(self._rows) - 1
 
     def mesh(self, name: str) -> int:
         """Add the force of a mesh, and return its number."""
         none = np.zeros(self._numbers.size)
-        return self._append(none, none, np.eye(len(self._names))[self._names.index(name)])
+        self._rows.append((none, none, np.eye(len(self._names))[self._names.index(name)]))
+        return len(self._rows) - 1
 
     def output(self, rate_hz: float) -> Output:
         """Return the output with all maps."""
@@ -469,15 +469,9 @@ class _Readings:
     @property
     def maps(self) -> tuple[Array, Array, Array]:
         """The maps of displacement, velocity and mesh force, a row for each reading."""
-        dofs, count = self._numbers.size, len(self._displacement)
-        rows = (self._displacement, dofs), (self._velocity, dofs), (self._mesh_force, len(self._names))
-        return tuple(np.reshape(found, (count, width)) for found, width in rows)  # type: ignore[return-value]
-
-    def _append(self, displacement: Array, velocity: Array, mesh_force: Array) -> int:
-        self._displacement.append(displacement)
-        self._velocity.append(velocity)
-        self._mesh_force.append(mesh_force)
-        return len(self._displacement) - 1
+        dofs = self._numbers.size
+        each = zip(zip(*self._rows, strict=True), (dofs, dofs, len(self._names)), strict=True)
+        return tuple(np.reshape(found, (-1, width)) for found, width in each)  # type: ignore[return-value]
 
     def _bearing(self, body: str, along: Array) -> tuple[Array, Array]:
         """Return the force of a body's supports on the frame per displacement and velocity, (dof,) each."""

@@ -61,6 +61,13 @@ def test_lines_of_a_short_steady_record_are_told_apart_as_far_as_it_lets_them_be
     assert 0 < record["truth_left"].item() < 1e-3
 
 
+def test_lines_that_leave_the_band_as_the_speed_rises_are_known_until_then():
+    rising = {"link": "input", "rpm": [[0, 1200], [4, 1500]]}
+    sound = load_scene("gears-in-motion").changed(faults=(), duration_s=4.0, rate_hz=14_000, speed=rising)
+    record = clean(sound)
+    assert explained(rebuilt(record), record[sound.sensors[0].name].values) > 0.998
+
+
 def test_pitch_deviations_of_sound_gears_have_lines():
     even = scene(duration_s=1.6, noise={"rms": 0})
     uneven = even.changed(imperfections={"gears": {"runout_um": 20, "single_pitch_um": 6}})
