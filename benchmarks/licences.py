@@ -17,7 +17,7 @@ NOTE = """\
 
 Distributions that `pip install hums-toolkit` installs, with what each of its extras for users adds, and the licence
 that each states of itself. Written by `python benchmarks/licences.py` from the metadata of what is installed.
-`hums/pages` also holds plotly.js's basic bundle 4.1.1 (MIT, its licence beside it).
+`hums/pages` also holds plotly.js's cartesian bundle 4.1.1 (MIT, its licence beside it).
 
 Known vulnerabilities of what is installed are listed by `pip install pip-audit && pip-audit --skip-editable`, on a
 machine that reaches the advisories of PyPI; elsewhere it says of each distribution that it could not be audited, which

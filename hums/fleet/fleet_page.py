@@ -90,7 +90,6 @@ def write_page(
         body=body,
         style=(ours / "page.css").read_text(encoding="utf-8"),
         script=(ours / "page.js").read_text(encoding="utf-8"),
-        curves_alone=True,
     )
     write_text(path, page)
 

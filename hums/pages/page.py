@@ -1,9 +1,8 @@
 """Figures of a page as JSON for plotly.js, and the page around them.
 
-The script comes from the Python package plotly; its classes are not imported, since a figure is plain JSON. A browser
-compiles it for some 3 s. A page of curves alone therefore has plotly's basic bundle, a quarter of the size, which is
-published for npm only and stands here as it came (``npm pack plotly.js-basic-dist-min@4.1.1``). Arrays are base64 of
-4-byte floats or 1-byte codes. Colours named ``--line`` are those of `page.css`, in light, dark or print.
+The script is plotly's cartesian bundle, a third of the whole library; it is published for npm only and stands here as it
+came (``npm pack plotly.js-cartesian-dist-min@4.1.1``). A figure is plain JSON; arrays are base64 of 4-byte floats or
+1-byte codes. Colours named ``--line`` are those of `page.css`, in light, dark or print.
 """
 
 import base64
@@ -213,7 +212,7 @@ def page_environment() -> Any:  # noqa: ANN401 - jinja2 is heavy
     )
 
 
-def stand_alone_page(*, title: str, body: str, style: str = "", script: str = "", curves_alone: bool = False) -> str:
+def stand_alone_page(*, title: str, body: str, style: str = "", script: str = "") -> str:
     """Return a whole HTML page that needs no other file and asks for none.
 
     Parameters
@@ -226,8 +225,6 @@ def stand_alone_page(*, title: str, body: str, style: str = "", script: str = ""
         Style sheet after ``page.css``.
     script : str
         Script before the figures are drawn, after ``page.js``; it may add to ``pages.views``.
-    curves_alone : bool
-        Whether all traces are ``scatter`` or ``bar``: the page then is 3.6 MB smaller and opens sooner.
 
     Examples
     --------
@@ -239,25 +236,10 @@ def stand_alone_page(*, title: str, body: str, style: str = "", script: str = ""
     ours = files("hums.pages")
     css = (ours / "page.css").read_text(encoding="utf-8") + style
     js = "\n".join(["", (ours / "page.js").read_text(encoding="utf-8"), script, "pages.begin();\n"])
-    plotly = _plotly_script(basic=curves_alone)
+    plotly = (ours / "plotly-cartesian.min.js").read_text(encoding="utf-8").replace("</script", "<\\/script")
     return (
         f'<!DOCTYPE html>\n<html lang="en">\n<head>\n{page_head(plotly, js)}'
         '<meta name="color-scheme" content="light dark">\n'
         f"<title>{html.escape(plain_text(title))}</title>\n<style>\n{css}</style>\n</head>\n<body>\n{body}\n"
         f"<script>{plotly}</script>\n<script>{js}</script>\n</body>\n</html>\n"
     )
-
-
-def _plotly_script(*, basic: bool) -> str:
-    """Return plotly.js, from the package's files: `files` would import the package."""
-    if basic:
-        text = (files("hums.pages") / "plotly-basic.min.js").read_text(encoding="utf-8")
-        return text.replace("</script", "<\\/script")
-    from importlib.util import find_spec  # noqa: PLC0415
-    from pathlib import Path  # noqa: PLC0415
-
-    spec = find_spec("plotly")
-    if spec is None or spec.origin is None:
-        raise ValueError("plotly is not installed, whose script draws the pages' figures; pip install plotly.")
-    text = (Path(spec.origin).parent / "package_data" / "plotly.min.js").read_text(encoding="utf-8")
-    return text.replace("</script", "<\\/script")

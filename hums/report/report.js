@@ -145,17 +145,18 @@ const report = (() => {
     const shown = (track) => track.shown ? true : "legendonly", traces = [];
     const size = (track) => track.real.map((re, at) => Math.hypot(re, track.imag[at]));
     const angle = (track) => track.real.map((re, at) => Math.atan2(track.imag[at], re) * 180 / Math.PI);
-    if (against === "polar") {
+    if (against === "Nyquist") {
       data.tracks.forEach((track, place) => {
-        const base = {type: "scatterpolar", legendgroup: track.name, visible: shown(track), line: {color: colour(place), width: 1.4}};
-        traces.push({...base, mode: "lines", name: track.name, r: size(track), theta: angle(track)});
+        const base = {type: "scatter", mode: "lines", legendgroup: track.name, visible: shown(track), line: {color: colour(place), width: 1.4}};
+        traces.push({...base, name: track.name, x: track.real, y: track.imag,
+          hovertemplate: "%{x:.4g} %{y:+.4g}j<extra>%{fullData.name}</extra>"});
         const re = mean(track.real), im = mean(track.imag), reach = 2 * mean(track.std), turn = [...Array(37).keys()];
-        const circle = turn.map((k) => [re + reach * Math.cos(k * Math.PI / 18), im + reach * Math.sin(k * Math.PI / 18)]);
-        traces.push({...base, mode: "lines", showlegend: false, hoverinfo: "skip", fill: "toself", opacity: 0.5,
-          r: circle.map(([a, b]) => Math.hypot(a, b)), theta: circle.map(([a, b]) => Math.atan2(b, a) * 180 / Math.PI)});
+        traces.push({...base, showlegend: false, hoverinfo: "skip", fill: "toself", opacity: 0.5,
+          x: turn.map((k) => re + reach * Math.cos(k * Math.PI / 18)), y: turn.map((k) => im + reach * Math.sin(k * Math.PI / 18))});
       });
-      return {traces, layout: {uirevision: "polar", margin: {b: 170}, polar: {bgcolor: "rgba(0,0,0,0)", radialaxis: {gridcolor: "--rule", title: {text: data.units}, color: "--faint"},
-                angularaxis: {gridcolor: "--rule", color: "--faint"}}}};
+      return {traces, layout: {uirevision: "Nyquist", margin: {b: 170},
+        xaxis: {title: {text: `real part, ${data.units}`}, zeroline: true, zerolinecolor: "--rule", rangemode: "tozero", scaleanchor: "y"},
+        yaxis: {title: {text: `imaginary part, ${data.units}`}, zeroline: true, zerolinecolor: "--rule", rangemode: "tozero"}}};
     }
     const bySpeed = against === "speed", x = bySpeed ? scaled(data.speed, rpm.factor) : data.time;
     const order = [...x.keys()].sort((a, b) => bySpeed ? x[a] - x[b] : a - b), sorted = (values) => order.map((at) => values[at]);

@@ -107,7 +107,7 @@ def test_a_report_beside_the_page_is_linked(failing, tmp_path):
 
 
 def test_five_years_of_many_machines_in_the_browser(browser, long):
-    library = len(stand_alone_page(title="", body="", curves_alone=True))
+    library = len(stand_alone_page(title="", body=""))
     assert long.stat().st_size - library < 0.5e6 * MACHINES  # twenty machines: 10 MB and the library
     assert show(browser, long) == []
     seconds, size_mb = drawn_s(browser), long.stat().st_size / 1e6

@@ -54,12 +54,6 @@ def test_text_cannot_leave_its_place():
     assert content["traces"][0]["name"] == "</script>"
 
 
-def test_a_page_of_curves_has_plotlys_basic_script():
-    whole, basic = (stand_alone_page(title="P", body="", curves_alone=alone) for alone in (False, True))
-    assert "plotly.js (basic" in basic
-    assert len(basic) < 0.3 * len(whole)
-
-
 @pytest.fixture(scope="module")
 def page(tmp_path_factory):
     rng = np.random.default_rng(0)

@@ -211,7 +211,7 @@ def test_report_on_a_desk_with_its_labels_units_and_cursors(browser, page):
     browser.execute_script(CHOOSE, "units", "CPM")
     assert browser.execute_script(AXIS) == pytest.approx(60 * speed_hz * orders)
     assert min(browser.execute_script(CURSORS)) == pytest.approx(22 * 60 * speed_hz)
-    for against in ("speed", "polar"):
+    for against in ("speed", "Nyquist"):
         browser.execute_script(CHOOSE, "against", against)
     browser.execute_script(CHOOSE, "scale", "dB")
     assert browser.get_log("browser") == []
