@@ -1,7 +1,7 @@
 """Figures of a page as JSON for plotly.js, and the page around them.
 
-The script is plotly's cartesian bundle, a third of the whole library; it is published for npm only and stands here as it
-came (``npm pack plotly.js-cartesian-dist-min@4.1.1``). A figure is plain JSON; arrays are base64 of 4-byte floats or
+The script is plotly's cartesian bundle, a third of the whole library. It is published for npm alone and stands here as
+it came (``npm pack plotly.js-cartesian-dist-min@4.1.1``). A figure is plain JSON; arrays are base64 of 4-byte floats or
 1-byte codes. Colours named ``--line`` are those of `page.css`, in light, dark or print.
 """
 
