@@ -21,10 +21,11 @@ The rule, fixed on the wind turbine and CWRU records:
      bearing's line explains no multiple above the third, since a load zone that a defect is carried through makes such
      lines, too;
    - it is a sideband that the planet pass produces in a healthy stage.
-3. Of two bearing lines that one peak makes, the one with the nearer nominal order is assessed first, and of a bearing
-   whose cage makes no comb of impacts, the cage last.
+3. Of two lines of a bearing that one peak makes, the one with the nearer nominal order explains the other, and a cage
+   that makes no comb of impacts is assessed last. Lines of several bearings that one peak makes explain none of each
+   other: `hums.analysis.evidence` compares their combs.
 4. Harmonics and sidebands of a bearing line are significant only together with it, at the right spacing. A line that
-   would be a harmonic of two significant fundamentals supports neither.
+   would be a harmonic of two significant fundamentals, of two peaks, supports neither.
 """
 
 import math
