@@ -208,7 +208,7 @@ def _most_likely(model: HarmonicModel, x: Floats, noise: Floats | None) -> Float
         fit.coupling.smooth_ends(fit.smoothed)
     if noise is None:
         white = np.full(1, np.nan) if fit.alike else fit.residuals(startup).mean_square
-        noise = noise_density(x[None], seen, model, white)[0][0].mean(axis=-1)
+        noise = noise_density(x[None], seen, model, white, curved=False)[0][0].mean(axis=-1)
         if np.isnan(noise).any():
             noise = np.where(np.isnan(noise), fit.residuals(startup).mean_square, noise)
     std = np.sqrt(np.where(noise > 0, noise, 1.0))

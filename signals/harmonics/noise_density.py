@@ -3,9 +3,10 @@
 The variance of an estimate is the integral of the squared gain times the spectral density of the noise. Within a
 passband the density is taken as constant, so that the covariance for white noise holds with the density S at the order
 in place of R. The record does not show S at the order itself, where the line is and where the tracker's residual has a
-notch: it is interpolated from both sides, at frequencies that no other tracked order passes. Each side contributes the
-median of its periodogram bins, over ln 2 as for the exponential distribution of noise [1]_, which a line that is not
-tracked does not raise.
+notch: it is extrapolated from both sides, from frequencies that no tracked order passes and where amplitudes that walk
+as the model says add less than a quarter to the noise. Each side contributes medians of periodogram bins, over ln 2 as
+for the exponential distribution of noise [1]_, which a line that is not tracked does not raise: of bins near the order
+and of bins farther away, through whose logarithms a parabola is laid, as the top of a resonance is.
 
 References
 ----------
@@ -20,11 +21,12 @@ import numpy as np
 from signals.harmonics.state_space import Flags, Floats, HarmonicModel, Indices
 
 # Length of a segment in units of one over the largest bandwidth, and change of a frequency over it in bins.
-_LENGTH, _SWEEP = 8.0, 1.0
+_LENGTH, _SWEEP = 16.0, 1.0
+_SIGNAL = 0.25  # largest density of walking amplitudes over that of the noise
 _SHORTEST = 64  # samples of a segment
 _OVERLAPPING, _MOST_SEGMENTS = 4, 64  # segments, fewer of which overlap by half, and the most, evenly spread
 _LOBE = 4  # bins, half of the main lobe of the window
-_SEARCHED = 4  # bins looked at for each that is taken
+_NEAR, _FAR, _SEARCHED = 12, 36, 64  # bins near an order on either side of it, those farther away, and all
 _INTERVALS = 8  # of the record, in which densities are found where each has so many bins, else one
 _POOLED, _FEWEST = 96, 8  # and the fewest of which a median is taken
 # Relative variance of the median of n exponential values times n, 1 / ln(2)^2, of which the window makes two dependent.
@@ -32,7 +34,7 @@ _CHANCE = 2 / math.log(2) ** 2
 
 
 def noise_density(
-    record: Floats, seen: Flags, model: HarmonicModel, white: Floats, freedom: float = 1e9, side: int = 12
+    record: Floats, seen: Flags, model: HarmonicModel, white: Floats, freedom: float = 1e9, curved: bool = True
 ) -> tuple[Floats, Floats]:
     """Return the variance of white noise as dense as that about each order, and its degrees of freedom.
 
@@ -48,15 +50,17 @@ def noise_density(
         Variance of the noise if it is white; NaN where unknown.
     freedom : float
         Degrees of freedom of `white`; as good as known by default.
-    side : int
-        Bins of a segment taken on either side of an order, from four times as many.
+    curved : bool
+        Whether the logarithm of the density is a parabola about an order, in records of 16 / bandwidth or more, or
+        straight, from more bins.
 
     Returns
     -------
     density : (channel, order, interval) array
-        In the unit of the record squared, in equal intervals of the record. Differences between intervals, and from
-        `white`, are shrunk by what chance explains of them. It is `white` where the record shows too little: in a
-        record shorter than 64 samples, with gaps everywhere, or where orders are side by side.
+        In the unit of the record squared, in equal intervals of the record. Differences between intervals are shrunk
+        by what chance explains of them. Where the record shows too little on both sides for a parabola, so is the
+        difference of their median from `white`; it is `white` in a record shorter than 64 samples, with gaps
+        everywhere, or where orders are side by side.
     freedom : (channel, order, interval) array
         Degrees of freedom of a chi-square variable with its relative variance.
     """
@@ -66,19 +70,41 @@ def noise_density(
     if not starts.size:
         return known.transpose(2, 1, 0), 2 / left.transpose(2, 1, 0)
     window = _window(length)
-    bins, taken = _bins(starts, length, model, side)
+    bins, rank, away = _bins(starts, length, model)
     values = np.empty((*bins.shape, len(record)))  # segment, order, side, bin, channel
     for segment, at in enumerate(starts):
         spectrum = np.fft.rfft(record[:, at : at + length] * window)
         values[segment] = np.moveaxis(np.abs(spectrum[:, bins[segment]]) ** 2, 0, -1)
-    values[~taken] = np.nan
-    density, chance = np.array([_shrunk(*_pooled(values), known[0], left[0])] * _INTERVALS).swapaxes(0, 1)
-    if values[..., 0].size >= _INTERVALS * _POOLED * model.orders.size * _SEARCHED:
+    values[(rank == 0) | (curved & (rank > _FAR))] = np.nan
+    flat, flat_chance = _shrunk(*_pooled(values), known[0], left[0])
+    top, top_chance = _extrapolated(values, rank, away)
+    shown = curved & (top > 0) & (seen.size * model.bandwidth.max(axis=1) >= _LENGTH)[:, None]
+    density = np.repeat(np.where(shown, top, flat)[None], _INTERVALS, axis=0)
+    chance = np.repeat(np.where(shown, top_chance, flat_chance)[None], _INTERVALS, axis=0)
+    if values[..., 0].size * _NEAR >= _INTERVALS * _POOLED * model.orders.size * _SEARCHED:
         of_interval = (starts + length / 2) * _INTERVALS // seen.size
         for interval in range(_INTERVALS):
-            found = _pooled(values[of_interval == interval])
-            density[interval], chance[interval] = _shrunk(*found, density[interval], chance[interval])
+            changed, more = _shrunk(*_pooled(values[of_interval == interval]), flat, np.zeros_like(flat))
+            density[interval] *= np.divide(changed, flat, out=np.ones_like(flat), where=flat > 0)
+            chance[interval] += more
     return density.transpose(2, 1, 0), 2 / chance.transpose(2, 1, 0)
+
+
+def _extrapolated(values: Floats, rank: Indices, away: Floats) -> tuple[Floats, Floats]:
+    """Return (order, channel) densities at the orders, and the relative variances that chance gives them.
+
+    The logarithm of the density is a parabola of the distance from the order, through medians near it and farther away.
+    NaN where it falls off faster than that of a mode, by the square of the distance, as beside a line.
+    """
+    parts = [(rank > 0) & (rank <= _NEAR), (rank > _NEAR) & (rank <= _FAR)]
+    (near, near_chance), (far, far_chance) = (_pooled(np.where(part[..., None], values, np.nan)) for part in parts)
+    close, distant = (
+        np.sum(away**2 * part, axis=(0, 2, 3)) / np.maximum(part.sum(axis=(0, 2, 3)), 1) for part in parts
+    )
+    lever = np.clip(close / np.maximum(distant - close, 1.0), 0, 1)[:, None]
+    with np.errstate(divide="ignore", invalid="ignore"):
+        near = np.where(near / far < (distant / close)[:, None], near, np.nan)
+        return near * (near / far) ** lever, (1 + lever) ** 2 * near_chance + lever**2 * far_chance
 
 
 def _pooled(values: Floats) -> tuple[Floats, Floats]:
@@ -117,7 +143,7 @@ def _segments(seen: Flags, model: HarmonicModel) -> tuple[Indices, int]:
     rates = np.diff(_turns(model, edges)) / np.diff(edges)
     change = np.quantile(np.abs(np.diff(rates)) / np.diff(edges)[1:], 0.9, axis=-1)  # of a frequency, in a sample
     steady = math.sqrt(_SWEEP / max(change.max(initial=0.0), 1e-12))
-    longest = min(_LENGTH / model.bandwidth.max(), max(seen.size / 3, _SHORTEST), steady)
+    longest = min(_LENGTH / model.bandwidth.max(), max(seen.size / 2, _SHORTEST), steady)
     missing = np.zeros(seen.size + 1, dtype=int)
     if not seen.all():
         np.cumsum(~seen, out=missing[1:])
@@ -139,13 +165,18 @@ def _turns(model: HarmonicModel, samples: Indices) -> Floats:
     return np.asarray(model.orders.reshape(-1, *[1] * samples.ndim) * turns)
 
 
-def _bins(starts: Indices, length: int, model: HarmonicModel, side: int) -> tuple[Indices, Flags]:
-    """Return (segment, order, side, bin) numbers of bins beside each order, and which of them show noise alone."""
+def _bins(starts: Indices, length: int, model: HarmonicModel) -> tuple[Indices, Indices, Floats]:
+    """Return (segment, order, side, bin) numbers of bins beside each order, ranks of those with noise, and places.
+
+    The nearest to the order has rank 1, bins with a line have 0. Places are distances from the order in bins.
+    """
     ends = np.stack([starts, starts + length // 2, starts + length - 1])
     first, second = np.diff(_turns(model, ends), axis=1).transpose(1, 2, 0)  # (segment, order) cycles in each half
     cycles = (first + second) * length / (length - 1)
     position = np.abs(cycles - length * np.rint(cycles / length))  # in bins, folded at half of the rate
-    guard = _LOBE + length * model.bandwidth.max(axis=1) + 2 * np.abs(second - first)
+    # where the smoother's gain g has g / (1 - g), the density of walking amplitudes over the noise's, at _SIGNAL
+    reach = 0.5 * (1 / _SIGNAL / (math.sqrt(2) - 1)) ** (0.5 / model.poles)
+    guard = _LOBE + reach * length * model.bandwidth.max(axis=1) + 2 * np.abs(second - first)
     last = length // 2
     edges = np.clip(np.stack([np.floor(position - guard), np.ceil(position + guard) + 1]), 0, last + 1).astype(int)
     covered = np.zeros((starts.size, last + 2), dtype=int)
@@ -154,12 +185,12 @@ def _bins(starts: Indices, length: int, model: HarmonicModel, side: int) -> tupl
     np.add.at(covered, (rows, edges[1]), -1)
     free = np.cumsum(covered, axis=1)[:, :-1] == 0
     free[:, : _LOBE + 1] = free[:, last:] = False  # the mean, and half of the rate
-    away = (guard[:, :, None] + np.arange(1, _SEARCHED * side + 1))[:, :, None, :] * np.array([-1, 1])[:, None]
+    away = (guard[:, :, None] + np.arange(1, _SEARCHED + 1))[:, :, None, :] * np.array([-1, 1])[:, None]
     bins = np.rint(position[:, :, None, None] + away).astype(int)
     inside = (bins >= 0) & (bins <= last)
     bins = np.clip(bins, 0, last)
     taken = inside & free[np.arange(starts.size)[:, None, None, None], bins]
-    return bins, taken & (np.cumsum(taken, axis=-1) <= side)
+    return bins, np.cumsum(taken, axis=-1) * taken, np.broadcast_to(away, bins.shape)
 
 
 @lru_cache(maxsize=4)

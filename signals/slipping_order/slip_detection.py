@@ -101,7 +101,7 @@ class Demodulated:
         return np.asarray((sums.real**2 + sums.imag**2) / (self.counts[part].sum() or 1.0))
 
 
-_SIDE = 48  # bins of noise on either side; with fewer, the bound rests on how well R is known
+_BENDS = 16  # times 1 / bandwidth, in motion, the shortest record that shows how the density bends at a line
 _TURN_OF_BLOCK = 1 / 32  # turns in a block at the largest order difference evaluated
 _TILTS = np.arange(1, 20) / 20  # theta of the bound
 # Estimated R over true R. Above the last ratio the bound is taken at the last, a small loss.
@@ -153,7 +153,7 @@ def search(record: SlipRecord, line: Line, *, width: Floats, noise_variance: flo
 def searched_noise(record: SlipRecord, line: Line) -> tuple[float, float]:
     """Return R from both sides of the searched bands, and the number of powers of noise with a mean as certain."""
     searched = line.largest_slip * line.order * np.arange(1.0, line.harmonics + 1) / record.per_rev
-    noise, freedom = _on_both_sides(record, line, record.phase, searched, np.nan, side=_SIDE)
+    noise, freedom = _on_both_sides(record, line, record.phase, searched, np.nan, curved=False)
     if not noise > 0:
         what = "no noise" if noise == 0 else "too little"
         raise ValueError(
@@ -171,11 +171,12 @@ def noise_along(
     smooth = np.polynomial.Polynomial.fit(turning, slip, min(3, slip.size - 1))(record.turning)
     phase = record.phase + np.append(0.0, np.cumsum(smooth[1:] * np.diff(record.phase)))
     widest = max(float(width.max()), 1 / (line.steady_rev * record.per_rev))
-    return _on_both_sides(record, line, phase, np.full(line.harmonics, widest), searched)[0]
+    curved = widest * record.per_rev * record.turning[-1] / (2 * pi) >= _BENDS
+    return _on_both_sides(record, line, phase, np.full(line.harmonics, widest), searched, curved=curved)[0]
 
 
 def _on_both_sides(
-    record: SlipRecord, line: Line, phase: Floats, bandwidth: Floats, white: float, **of_density: int
+    record: SlipRecord, line: Line, phase: Floats, bandwidth: Floats, white: float, *, curved: bool
 ) -> tuple[float, float]:
     """Return the geometric mean of the density about the harmonics and its degrees of freedom."""
     model = HarmonicModel(
@@ -183,7 +184,7 @@ def _on_both_sides(
         phases=(phase,), bandwidth=bandwidth[:, None], poles=1, prior_std=1.0,
     )  # fmt: skip
     seen = ~np.isnan(record.x)
-    density, freedom = noise_density(np.where(seen, record.x, 0.0)[None], seen, model, np.array([white]), **of_density)
+    density, freedom = noise_density(np.where(seen, record.x, 0.0)[None], seen, model, np.array([white]), curved=curved)
     with np.errstate(divide="ignore"):
         return float(np.exp(np.log(density).mean())), float(freedom.mean())
 

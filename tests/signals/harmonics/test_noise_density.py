@@ -27,7 +27,7 @@ def resonant(rng):
 @pytest.mark.parametrize(("phase", "model"), [(STEADY, MODE), (RUN_UP, LOW_PASS)], ids=["steady", "run-up"])
 def test_follows_the_spectrum_of_the_noise(phase, model):
     found = []
-    for seed in range(20):
+    for seed in range(60):
         x = lines(phase) + lfilter([1.0], model, np.random.default_rng(seed).standard_normal(SAMPLES))
         found.append(track_orders(x, phase_rad=phase, bandwidth_hz=2.0, **SETTINGS).noise_density)
     speed = np.interp((np.arange(8) + 0.5) / 8, np.arange(SAMPLES) / SAMPLES, np.gradient(phase) * RATE / (2 * np.pi))
