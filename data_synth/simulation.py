@@ -24,15 +24,13 @@ from data_synth.sources.disturbances import (
 )
 from data_synth.sources.impact_responses import add_impacts, later
 from data_synth.sources.prepared import PreparedScene, prepare_scene
-from data_synth.transfer.acquisition import add_noise, clip, drop_outs, quantise
+from data_synth.transfer.acquisition import BLOCK, add_noise, clip, drop_outs, quantise
 from data_synth.truth import angle_truth, tooth_pass_truth, truth_variables
 from data_synth.vibration.gear_lines import gear_lines, samples_compared
 from data_synth.vibration.mechanics import link_speeds, mechanics_truth, speed_truth
 from data_synth.vibration.run import Motion, motion_of
 from hums.records.record import Channel, PulseTimes, make_record
 from signals._validation import checked
-
-_BLOCK = 65536  # samples computed at once: what is only needed on the way does not grow with the record
 
 
 @checked
@@ -294,8 +292,8 @@ def _clean(
     scene = prepared.scene
     count = scene.samples if samples is None else samples
     signal = np.zeros((len(scene.sensors), count))
-    for start in range(0, count, _BLOCK):
-        here = slice(start, min(start + _BLOCK, count))
+    for start in range(0, count, BLOCK):
+        here = slice(start, min(start + BLOCK, count))
         prepared.add_lines(
             signal[:, here],
             first=start,
@@ -569,8 +567,8 @@ def _drift(
     scene = prepared.scene
     if prepared.scene.imperfections is None or prepared.scene.imperfections.temperature is None:
         return
-    for start in range(0, scene.samples, _BLOCK):
-        here = slice(start, min(start + _BLOCK, scene.samples))
+    for start in range(0, scene.samples, BLOCK):
+        here = slice(start, min(start + BLOCK, scene.samples))
         factor = gain_drift(scene, np.arange(here.start, here.stop) / scene.rate_hz)
         signal[:, here] *= factor
         for sources in parts.values():

@@ -16,10 +16,9 @@ from data_synth.operation.shaft_angle import Array
 from data_synth.scene.imperfections import GearQuality, Imperfections, RaceWaviness, ResidualImbalance
 from data_synth.scene.random_streams import RandomStreams
 from data_synth.scene.scene import Scene, SceneError, declared_size_mm
-from data_synth.scene.sensors import Mode
+from data_synth.scene.sensors import STANDARD_GRAVITY, Mode
 from hums.gearbox.components import Axis, Bearing, Mesh
 
-_STANDARD_GRAVITY = 9.80665
 _FINE = 8  # points of a gear's turn to a tooth, where the modulation by its deviations is evaluated
 
 
@@ -308,7 +307,7 @@ def _rotating_force(scene: Scene, link: str, *, sense: float) -> RotatingForce:
 
 def in_units(scene: Scene, acceleration_m_s2: float) -> float:
     """Return an acceleration in the units of a scene's sensors."""
-    return acceleration_m_s2 / (_STANDARD_GRAVITY if scene.sensors[0].units == "g" else 1.0)
+    return acceleration_m_s2 / (STANDARD_GRAVITY if scene.sensors[0].units == "g" else 1.0)
 
 
 def amplitude_of_force(scene: Scene, source: str, force_n: float) -> float:

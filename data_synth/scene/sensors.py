@@ -18,6 +18,8 @@ from pydantic import Discriminator, Field, Tag, model_validator
 from data_synth.scene.operation import Finite, NotNegative, Share, csv_rows
 from hums.gearbox.components import Declared, Name, Positive, Vector, closest
 
+STANDARD_GRAVITY = 9.80665  # m s-2 to a g
+
 
 class Mode(Declared):
     """One damped mode: undamped natural frequency and damping ratio."""

@@ -21,10 +21,9 @@ from data_synth.scene.random_streams import RandomStreams
 from data_synth.scene.scene import Scene, SceneError
 from data_synth.scene.sensors import Mode, Sensor
 from data_synth.sources.prepared import PreparedScene
-from data_synth.transfer.acquisition import add_ringing, linear_chain
+from data_synth.transfer.acquisition import BLOCK, add_ringing, linear_chain
 from data_synth.transfer.paths import AnalogFilter, ringing, ringing_time_s, sensor_gains
 
-_BLOCK = 65536
 _KNOTS = 10  # of a wandering level to its time scale: its steps between are 0.4 dB for a deviation of 1 dB
 
 _REFERENCE_C = 23.0  # at which sensors are calibrated
@@ -290,8 +289,8 @@ def _add_series(
     """Add ``Re sum_k Z_k exp(2 pi j k turns)``, Z (sensor, k), to the channels (sensor, n), in place and in blocks."""
     constant = np.repeat(coefficients[:, :, None], 2, axis=2)
     samples = signal.shape[1]
-    for start in range(0, samples, _BLOCK):
-        here = slice(start, min(start + _BLOCK, samples))
+    for start in range(0, samples, BLOCK):
+        here = slice(start, min(start + BLOCK, samples))
         times_s = np.arange(here.start, here.stop) / rate_hz
         times_s = times_s if timing_errors_s is None else times_s + timing_errors_s[here]
         add_lines(

@@ -11,10 +11,9 @@ from data_synth.kinematic.gear_faults import ImpactTrain
 from data_synth.kinematic.harmonics import ComplexArray
 from data_synth.operation.shaft_angle import Array
 from data_synth.sources.prepared import PreparedScene
-from data_synth.transfer.acquisition import add_ringing, measured_filter
+from data_synth.transfer.acquisition import BLOCK, add_ringing, measured_filter
 from data_synth.transfer.paths import FirFilter, MeasuredPath, impact_line, ringing
 
-_BLOCK = 65536
 _HALF = 32  # samples on either side over which an impact between samples is spread
 _FINE = 256  # points to a sample, between which the sum of a sinc is linear
 _KAISER = 10.0  # 1e-5 of error up to nine tenths of half the rate
@@ -87,8 +86,8 @@ def add_fir_response(
     offsets = np.arange(-_HALF + 1, _HALF + math.ceil(np.max(late, initial=0.0)) + 1)
     begin, lead = -fir.taps.size - offsets.size, round(fir.delay_s * rate_hz) + _HALF
     overlap = np.zeros(offsets.size)
-    for start in range(begin, values.size + lead, _BLOCK):
-        count = min(_BLOCK, values.size + lead - start)
+    for start in range(begin, values.size + lead, BLOCK):
+        count = min(BLOCK, values.size + lead - start)
         spread = np.zeros(count + offsets.size)
         spread[: offsets.size] = overlap
         here = (near >= start) & (near < start + count)
@@ -134,7 +133,7 @@ def _sinc(at: Array) -> Array:
 
 
 FLOOR = 1e-2  # of the loudest line of the same impacts
-_BELOW_NYQUIST = 0.98
+BELOW_NYQUIST = 0.98  # of the band at the highest speed: lines above it are left out
 _SEARCHED = 33  # instants at which loud lines are looked for
 
 
@@ -147,7 +146,7 @@ def impact_lines(
     every order in `listed`.
     """
     scene = prepared.scene
-    top = _BELOW_NYQUIST * scene.rate_hz / 2 / prepared.drive.angle.top_speed_hz(0.0, scene.duration_s)
+    top = BELOW_NYQUIST * scene.rate_hz / 2 / prepared.drive.angle.top_speed_hz(0.0, scene.duration_s)
     few = np.unique(np.linspace(0, prepared.instants_s.size - 1, _SEARCHED).round().astype(int))
     together: dict[tuple[str, Fraction], list[tuple[int, ImpactTrain]]] = {}
     for number, train in prepared.trains:

@@ -18,7 +18,7 @@ from data_synth.transfer.paths import AnalogFilter, FirFilter, MeasuredPath, mod
 
 ComplexArray = NDArray[np.complex128]
 
-_BLOCK = 65536  # samples worked on at once
+BLOCK = 65536  # samples worked on at once
 # RMS that the filter of a measured path may leave out; the larger where its band ends abruptly
 _LEAKAGES = (1e-3, 1e-2)
 _FEWEST = 64  # taps
@@ -94,8 +94,8 @@ def add_noise(
 
 def _blocks(signal: Array) -> Iterator[Array]:
     """Yield views of a signal (n,), so that temporary arrays do not grow with it."""
-    for start in range(0, signal.size, _BLOCK):
-        yield signal[start : start + _BLOCK]
+    for start in range(0, signal.size, BLOCK):
+        yield signal[start : start + BLOCK]
 
 
 def clip(signal: Array, *, level: float) -> int:

@@ -16,7 +16,7 @@ from data_synth.kinematic.harmonics import RotatingForce
 from data_synth.operation.shaft_angle import Array
 from data_synth.scene.random_streams import RandomStreams
 from data_synth.scene.scene import Scene, SceneError
-from data_synth.scene.sensors import Mode, Sensor
+from data_synth.scene.sensors import STANDARD_GRAVITY, Mode, Sensor
 from data_synth.transfer.acquisition import linear_chain
 from data_synth.transfer.paths import AnalogFilter, ModalPath, mode_filter
 
@@ -94,7 +94,6 @@ class PoleFilter:
 
 
 _FLAT = math.sqrt(0.5)  # damping ratio of a Butterworth filter of second order
-_STANDARD_GRAVITY = 9.80665
 
 
 def housing_filter(
@@ -116,7 +115,7 @@ def housing_filter(
     """
     below = [] if rigid_below_hz is None else [Mode(frequency_hz=rigid_below_hz, damping_ratio=_FLAT)]
     high_pass = np.concatenate([mode_filter(mode).poles for mode in (mounts, *below)])
-    gain = 1 / mass_kg / (_STANDARD_GRAVITY if sensor.units == "g" else 1.0)
+    gain = 1 / mass_kg / (STANDARD_GRAVITY if sensor.units == "g" else 1.0)
     chain = AnalogFilter(gain=gain, coupling=high_pass).then(linear_chain(sensor, rate_hz=rate_hz))
     return chain if path is None else mode_filter(path).then(chain)
 

@@ -17,7 +17,7 @@ from data_synth.kinematic.harmonics import HarmonicFamily
 from data_synth.operation.shaft_angle import Array
 from data_synth.scene.random_streams import RandomStreams
 from data_synth.scene.scene import Scene, SceneError
-from data_synth.scene.sensors import Mode, ModeOfPath, Transfer
+from data_synth.scene.sensors import STANDARD_GRAVITY, Mode, ModeOfPath, Transfer
 
 # ---- Transfer paths from force to accelerometer, modal or measured ---------------------------------------------------
 # The response through a modal path follows from its poles (`AnalogFilter.residues`). A measured path becomes a causal
@@ -304,7 +304,6 @@ def impact_line(train: ImpactTrain, *, harmonic: ArrayLike, speed_hz: Array, loa
 # ---- Transfer paths that a scene declares from sources to sensors, in the units of the sensors -----------------------
 
 
-_STANDARD_GRAVITY = 9.80665
 TransferPaths = dict[tuple[str, str], TransferPath]
 
 
@@ -331,7 +330,7 @@ def longest_ringing_s(scene: Scene, source: str) -> float:
 
 
 def _transfer_path(transfer: Transfer, units: str) -> TransferPath:
-    one = {("m s-2", "g"): 1 / _STANDARD_GRAVITY, ("g", "m s-2"): _STANDARD_GRAVITY}
+    one = {("m s-2", "g"): 1 / STANDARD_GRAVITY, ("g", "m s-2"): STANDARD_GRAVITY}
     factor = one.get((transfer.units, units), 1.0)
     if transfer.lines is not None:
         hz, real, imaginary = np.array(transfer.lines).T

@@ -22,6 +22,7 @@ from data_synth.kinematic.planet_pass import pass_orders
 from data_synth.operation.shaft_angle import Array
 from data_synth.scene.scene import Scene
 from data_synth.sources.families import mesh_name
+from data_synth.sources.impact_responses import BELOW_NYQUIST
 from data_synth.sources.prepared import PreparedScene
 from data_synth.vibration.order_projection import FEWEST, projection
 
@@ -123,7 +124,6 @@ def _turn_orders(scene: Scene) -> dict[str, Fraction]:
 # ---- Their amplitudes -------------------------------------------------------------------------------------------
 
 
-_BELOW_NYQUIST = 0.98  # of the band at the highest speed: lines above it are left out
 _STEADY = 1e-12  # of the speed: what rounding may change
 _SPEED, _TORQUE = 0.01, 0.05
 """By how much the speed and the torque change in an interval of the splines, relative to themselves and to the largest
@@ -221,7 +221,7 @@ def _lines_in(prepared: PreparedScene, signal: Array, *, scene: Scene, most: int
     revolutions = angle.revolutions(np.arange(signal.shape[1]) / prepared.scene.rate_hz)
     sign = 1.0 if revolutions[-1] > revolutions[0] else -1.0
     speed_hz = np.abs(angle.speed_hz(np.arange(signal.shape[1]) / prepared.scene.rate_hz))
-    known = _BELOW_NYQUIST * prepared.scene.rate_hz / 2 / np.maximum(speed_hz, _SLOW * np.max(speed_hz))
+    known = BELOW_NYQUIST * prepared.scene.rate_hz / 2 / np.maximum(speed_hz, _SLOW * np.max(speed_hz))
     candidates = candidates_of(scene, top=float(np.max(known)), mixed=steady)
     found = projection(
         signal,

@@ -38,7 +38,9 @@ def reference_turns(record, times_s):
 
     Mean speed times duration, piece by piece: exact for a speed that is linear in each piece.
     """
-    at, speed = np.array(Scene.from_mapping(tomllib.loads(record.attrs["truth_scene"])).speed_knots_hz()).T
+    scene = Scene.from_mapping(tomllib.loads(record.attrs["truth_scene"]))
+    at, rpm = np.array(scene.speed.knots).T
+    speed = rpm / 60 / float(abs(scene.ratio(scene.speed.link)))
     if at.size == 1:
         return speed[0] * (times_s - record["tachometer"].values[0])
 
