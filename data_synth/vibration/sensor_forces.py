@@ -470,8 +470,8 @@ class _Readings:
     def maps(self) -> tuple[Array, Array, Array]:
         """The maps of displacement, velocity and mesh force, a row for each reading."""
         dofs = self._numbers.size
-        each = zip(zip(*self._rows, strict=True), (dofs, dofs, len(self._names)), strict=True)
-        return tuple(np.reshape(found, (-1, width)) for found, width in each)  # type: ignore[return-value]
+        widths = enumerate((dofs, dofs, len(self._names)))
+        return tuple(np.reshape([row[part] for row in self._rows], (-1, width)) for part, width in widths)  # type: ignore[return-value]
 
     def _bearing(self, body: str, along: Array) -> tuple[Array, Array]:
         """Return the force of a body's supports on the frame per displacement and velocity, (dof,) each."""
