@@ -154,7 +154,6 @@ def signal_cases() -> Iterator[Case]:
             "noise_variance": 1e4,
             "initial_std": 1e3,
             "phase_std_rad": 0.01,
-            "innovations": True,
         },
     )
     modelled = {"phase_rad": angle, "orders": [1.0, 12.0], "bandwidth_hz": 1.0, **rate, "noise_variance": 1e4}
