@@ -26,6 +26,7 @@ from tracking.scaling import SAMPLE_BY_SAMPLE, scaling
 from tracking.settings import EVERYWHERE, our_settings, peer_settings
 from tracking.slipping import slipping
 from tracking.tables import job_table
+from tracking.targets import targets
 
 from hums.plots import save_figure
 
@@ -72,10 +73,11 @@ def main(folder: Path, *, effort: Effort | None = None) -> int:
 
 def _report(rows: list[Row], refusals: list[str], effort: Effort) -> list[str]:
     widths = {row.setting.family: row.bandwidth for row in only(rows, "J1")}
-    grown = scaling((widths.get("smoother 2", 1.0), widths.get("filter 1", 1.0)), effort)
+    grown, exponents = scaling((widths.get("smoother 2", 1.0), widths.get("filter 1", 1.0)), effort)
     about = SCALING.format(grown=effort.grown, exact=SAMPLE_BY_SAMPLE)
     note = NOTE.format(repeats=effort.repeats, slow_repeats=effort.slow_repeats, slow_s=SLOW_S, once_s=ONCE_S)
     lines = ["# Trackers: time against error", "", note, "", "![Time against error](trackers.svg)", ""]
+    lines += ["## What was asked", "", *targets(rows, exponents)]
     for name in EVERYWHERE:
         lines += [f"## {name}", "", *job_table(only(rows, name))]
     lines += ["## Several channels", "", CHANNELS.format(channels=effort.channels), "", *channels(effort)]

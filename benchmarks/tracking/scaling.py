@@ -16,6 +16,7 @@ from tracking.tables import table
 
 UNIT = 1_000_000  # samples of the rfft
 REPEATS = 5
+FITTED = 3  # largest sizes, by whose times an exponent is judged
 LONGEST_S = 30.0  # of one call; larger sizes are not tried
 SAMPLE_BY_SAMPLE = 5_000  # samples in a record where orders grow, for the exact estimators
 
@@ -36,9 +37,13 @@ class Growth:
     make: Callable[[int], Callable[[], object]]
 
 
-def scaling(bandwidths: tuple[float, float], effort: Effort) -> list[str]:
-    """Time against samples and against orders; `bandwidths` in Hz of smoother and filter on J1."""
+def scaling(bandwidths: tuple[float, float], effort: Effort) -> tuple[list[str], dict[str, float]]:
+    """Time against samples and against orders, and the exponents that fit the largest sizes.
+
+    `bandwidths` in Hz are those of smoother and filter on J1.
+    """
     lines: list[tuple[str, ...]] = []
+    exponents = {}
     for growth in _growths(bandwidths, effort):
         times = _timed(growth, effort)
         sizes, logs = list(times), np.log(np.array(list(times.items())).reshape(-1, 2))
@@ -46,7 +51,9 @@ def scaling(bandwidths: tuple[float, float], effort: Effort) -> list[str]:
         lines += [
             (growth.what, f"{size:,}", f"{times[size]:.3g}", step) for size, step in zip(sizes, steps, strict=False)
         ]
-    return table(("what grows", "how many", "time", "exponent since the size before"), lines)
+        if len(logs) > 1:
+            exponents[growth.what] = float(np.polyfit(*logs[-FITTED:].T, 1)[0])
+    return table(("what grows", "how many", "time", "exponent since the size before"), lines), exponents
 
 
 def _growths(bandwidths: tuple[float, float], effort: Effort) -> list[Growth]:

@@ -610,7 +610,7 @@ def _unresolved(
 
 def _unless_in_time(part: PartEvidence, segment: Segment) -> PartEvidence:
     """Return the evidence for a part, hidden where its line follows the clock and not the shaft."""
-    if part.hidden_by or part.strength < LEAST_STRENGTH:
+    if part.hidden_by or part.strength < 3 * LEAST_STRENGTH:  # half of the least that names a part in minutes
         return part
     band, when, phase = (part.band_low_hz, part.band_high_hz), segment.when, segment.machine.phase
     highest_hz = _HARMONICS_IN_TIME * part.found * float(np.max(phase.mean_speed_per_revolution_hz()))
