@@ -2,7 +2,7 @@
 
 Prints a row for each outcome: what is measured, the figure now, that of commit a135c42, the limit, and whether it
 holds; ends with status 1 where one does not. `--quick` takes three minutes on two cores and judges no times, since it
-runs on every machine and beside other work; plain takes twenty on an idle one, `--full` hours.
+runs on every machine and beside other work; plain takes ten on an idle one, `--full` hours.
 `--first` advances the numbers of synthetic records, which are the seeds of all they hold. `--tree` measures another
 working tree with the same records; the figures of a135c42 are made with
 
@@ -50,10 +50,10 @@ Made by `python benchmarks/scoreboard.py{flag} --first {first} --page`: what use
 the figures of commit {commit}, which `benchmarks/results/scoreboard_{commit}.json` holds with the commands that made
 them. Before a mechanism goes or comes, the row that shows its outcome exists.
 
-`--quick` takes three minutes on two cores and is part of `.ci/run`; without it twenty; `--full` hours. `--first N`
-advances the numbers of synthetic records, which seed all they hold, so that nothing is tuned to them. `--tree PATH`
-measures another working tree on the same records: the figures of {commit} come from `git worktree add ../baseline
-{commit}`, and `--tree ../baseline --save`.
+`--quick` takes three minutes on two cores, judges no times, and is part of `.ci/run`; plain takes ten, `--full` hours.
+`--first N` advances the numbers of synthetic records, which seed all they hold, so that nothing is tuned to them.
+`--tree PATH` measures another working tree on the same records: the figures of {commit} come from `git worktree
+add ../baseline {commit}`, and `--tree ../baseline --save`.
 
 **Limits.** Measured records never change: what holds of them on {commit} is the limit. Counts of synthetic records
 have the number that an unchanged tree passes with other records in all but one case in a hundred, by the binomial
