@@ -23,7 +23,6 @@ Counts = NDArray[np.int64]
 _DOUBLE = 0.1  # of the interval: an extra pulse this soon after a true one is its double
 _STEADY = 0.5  # change of the log of an interval since the last of the same stripe; a fault makes it 0.69 or more
 _CALIBRATION_REVS = 3  # steady ones that suffice to estimate the angles of the stripes
-_MOST_TURNS = 10  # of numbering and positions, each from the other
 _MOST_MISSING = 8  # consecutive pulses; a longer gap cannot be counted with certainty
 _MOST_WRONG = 0.3
 _STOP_INTERVALS = 4  # on either side that are fitted
@@ -103,7 +102,7 @@ def _numbered_by_turns(times: Array, stripes: int) -> tuple[Counts, Counts]:
     """Return a numbering and its pulses: estimated from evenly spaced stripes on, in turns with their positions."""
     anchor = sum(_steadiest(times, 1)) // 2
     kept, counts = _numbered(times, np.arange(stripes) / stripes, anchor)
-    for _ in range(_MOST_TURNS):
+    for _ in range(10):  # each from the other
         last = kept, counts
         kept, counts = _numbered(times, stripe_positions(times[kept], counts, stripes), anchor)
         if np.array_equal(last[0], kept) and np.array_equal(last[1], counts):
@@ -116,10 +115,16 @@ def _numbered_by_turns(times: Array, stripes: int) -> tuple[Counts, Counts]:
 
 
 def _steadiest(times: Array, stripes: int) -> tuple[int, int]:
-    """Return the first pulse, and that after the last, of the longest run whose intervals repeat after a revolution."""
+    """Return the first pulse, and that after the last, of the longest run whose intervals repeat after a revolution.
+
+    But for what the speed changes in it: of that the median of the changes nearby tells.
+    """
+    from scipy.ndimage import median_filter  # noqa: PLC0415 - slow to import
+
     lengths = np.log(np.diff(times))
-    change = np.abs(lengths[stripes:] - lengths[:-stripes])
-    edges = np.flatnonzero(np.diff(np.concatenate([[True], change > _STEADY, [True]]).astype(np.int8)))
+    change = lengths[stripes:] - lengths[:-stripes]
+    unsteady = np.abs(change - median_filter(change, size=9)) > _STEADY  # a fault makes two or three of nine
+    edges = np.flatnonzero(np.diff(np.concatenate([[True], unsteady, [True]]).astype(np.int8)))
     begins, ends = edges[::2], edges[1::2]
     if not begins.size:
         return 0, 2
@@ -209,8 +214,7 @@ def _stops_by(times: Array, stride: int) -> Counts:
 
 def _rests(distances: Array, gap: float) -> bool:
     """Return whether pulses, by their time from the nearest one, extrapolate to rest within a gap beside that."""
-    near = distances[1]
-    angle = np.arange(distances.size)
+    near, angle = distances[1], np.arange(distances.size)
     bend, speed, level = np.polyfit(distances / near, angle, 2)
     if bend <= 0:
         return False

@@ -4,7 +4,7 @@ from fractions import Fraction
 
 import numpy as np
 import pytest
-from hypothesis import assume, given, settings
+from hypothesis import assume, example, given, settings
 from hypothesis import strategies as st
 
 from signals.shaft.tachometer import shaft_phase
@@ -247,6 +247,7 @@ class TestOneFaultIsOneRepair:
         place=st.floats(0, 1),
         seed=st.integers(0, 1000),
     )
+    @example(ends=(16.0, 6.0), duration=1.0, per_rev=60, jitter=0.0, fault="spurious", place=0.9976, seed=0)
     @settings(max_examples=60, deadline=None)
     @pytest.mark.compiles
     def test_of_one_pulse(self, ends, duration, per_rev, jitter, fault, place, seed):
