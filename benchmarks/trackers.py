@@ -66,7 +66,7 @@ def main(folder: Path, *, effort: Effort | None = None) -> int:
     lines = _report(rows, refusals, effort)
     folder.mkdir(parents=True, exist_ok=True)
     (folder / "trackers.md").write_text("\n".join(lines).rstrip() + "\n", encoding="utf-8")
-    save_figure(partial(draw, rows), folder / "trackers.svg", width=11, height=5.4)
+    save_figure(partial(draw, rows), folder / "trackers.svg", width=11, height=5.4, force=True)
     print("\n".join(lines))  # noqa: T201
     return 0
 
