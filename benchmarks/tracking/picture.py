@@ -25,8 +25,9 @@ def draw(rows: Sequence[Row], ax: "Axes") -> None:
     """Draw one panel a job, of those with errors in the range, in place of the Axes."""
     figure = ax.figure
     ax.remove()
-    names = list(dict.fromkeys(row.job.name for row in rows if row.error <= DRAWN[1]))
-    shown = [[row for row in rows if row.job.name == name and row.error <= DRAWN[1]] for name in names]
+    inside = [row for row in rows if row.error <= DRAWN[1]]
+    names = list(dict.fromkeys(row.job.name for row in inside or rows))
+    shown = [[row for row in inside if row.job.name == name] for name in names]
     panels = np.atleast_1d(figure.subplots(1, len(names), sharey=True))
     for panel, name, mine in zip(panels, names, shown, strict=True):
         _panel(mine, panel)
