@@ -378,7 +378,7 @@ def cpu_limit(seconds: float) -> Iterator[None]:
 
 @contextmanager
 def locked(folder: Path, *, wait: bool = False) -> Iterator[None]:
-    """Lock the folder against a second run, or wait for that; the system releases the lock of a process that dies."""
+    """Lock the folder against a second run, or wait for that run; a lock is released when its process ends."""
     if os.name != "posix":  # no lock elsewhere: the user has to avoid two runs at once
         yield
         return

@@ -18,10 +18,9 @@ class Growth(Declared):
 
     With the exponent 0 growth is linear, with 2 exponential, by the factor e every ``a0 / rate_mm_per_s`` seconds; with
     that of its material a crack obeys Paris' law, ``da/dN = C (dK)^m`` with ``dK = Y dS sqrt(pi a)``, at a constant
-    number of load cycles a second (Paris and Erdogan 1963, J. Basic Eng. 85, 528-533): the rate of the initial crack is
-    ``f C (Y dS sqrt(pi a0)) ** m`` at f load cycles a second. In closed form ``a0 (1 - (m/2 - 1) rate t / a0) ** (-1 /
-    (m/2 - 1))``, which for m > 2 diverges after ``a0 / ((m/2 - 1) rate)``; the size stays at `largest_mm` once it is
-    there.
+    frequency f of the load cycles (Paris and Erdogan 1963, J. Basic Eng. 85, 528-533): the initial crack grows at the
+    rate ``f C (Y dS sqrt(pi a0)) ** m``. In closed form the size is ``a0 (1 - (m/2 - 1) rate t / a0) ** (-1 / (m/2 -
+    1))``, which for m > 2 diverges after ``a0 / ((m/2 - 1) rate)``; it stays at `largest_mm` once it is there.
     """
 
     rate_mm_per_s: Positive

@@ -131,7 +131,7 @@ torque, where it is shortest: a mode of damping 0.01 is passed in two."""
 _FEWEST_TURNS = 16  # from which the lines of a steady motion are known, if it repeats itself sooner
 _COMPARED = 4096  # samples, even in time, with which the lines are compared
 _SLOW = 0.3  # of the top speed: lines of lower speeds are weak
-_FINEST = 4  # intervals of the splines to a revolution, at most
+_FINEST = 4  # spline intervals per revolution, at most
 
 
 class Line(NamedTuple):

@@ -260,7 +260,7 @@ def _tracks(pictures: Pictures, name: str) -> Iterator[str]:
         yield figure_html(
             Figure(
                 name=f"{'parts' if of_parts else 'tracks'}-{number}",
-                alt=f"Amplitude and phase of {len(rows)} {what} of channel {channel} against time, speed or itself.",
+                alt=f"Amplitude and phase of {len(rows)} {what} of {channel} against time or speed, or a Nyquist plot.",
                 view="tracks",
                 title=channel,
                 height_px=560,

@@ -1,4 +1,4 @@
-"""Statistics of innovations and residuals: mean square."""
+"""Mean squares of innovations and residuals, and what of the results follows from them."""
 
 from dataclasses import dataclass
 from typing import Any
@@ -41,8 +41,8 @@ class Innovations:
         self.count += int(np.count_nonzero(seen[max(skip, 0) :]))
 
 
-def statistics(record: Floats, estimate: Estimate, given: float | None) -> dict[str, Any]:
-    """Return the (channel, ...) fields of `OrderTracks` on noise and innovations, and the shared ones of all channels.
+def statistics(record: Floats, estimate: Estimate, flags: NDArray[np.uint8], given: float | None) -> dict[str, Any]:
+    """Return the (channel, ...) fields of `OrderTracks`; all channels share variances and flags, (order, output).
 
     `given` is the variance R of the noise; None where the mean square of the innovations estimates it.
     """
@@ -51,10 +51,10 @@ def statistics(record: Floats, estimate: Estimate, given: float | None) -> dict[
     noise = mean_square.astype(np.float64) if given is None else np.full(channels, float(given))
     if given is None:
         _check_not_faint(record, noise)
-    variance = estimate.variance[None]  # a view where there is one channel
     return {
         "complex_amplitude": estimate.amplitude,
-        "settling_variance": variance if channels == 1 else np.broadcast_to(variance, (channels, *variance.shape[1:])),
+        "settling_variance": np.broadcast_to(estimate.variance, (channels, *estimate.variance.shape)),
+        "flags": np.broadcast_to(flags, (channels, *flags.shape)),
         "noise_variance": noise,
         "noise_density": np.broadcast_to(noise[:, None, None], (channels, estimate.amplitude.shape[-2], 1)),
         "noise_freedom": np.full((channels, 1, 1), np.inf),

@@ -153,8 +153,7 @@ class OrderTracker:
             startup=ceil(1 / float(model.bandwidth.min())) + model.state_size,
         )  # fmt: skip
         now.last_phase = phase[:, -1].copy()
-        found = statistics(block, now.innovations.estimate(amplitude, variance), self._noise)
-        found["flags"] = np.broadcast_to(flags, (len(block), *flags.shape))
+        found = statistics(block, now.innovations.estimate(amplitude, variance), flags, self._noise)
         return OrderTracks(
             **{name: squeeze(value, now.one_channel) for name, value in found.items()},
             orders=model.orders, shafts=self._names, bandwidth=self._width.given,

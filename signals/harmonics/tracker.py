@@ -193,14 +193,13 @@ def _tracked(task: _Task, method: Method, record: Floats, *, name: str) -> tuple
     """Return the estimate of channels that miss the same samples, and their (channel, ...) fields."""
     seen = ~np.isnan(record[0])
     estimate = _run(method, task, record, seen, _startup(task, seen, name=name))
-    found = statistics(record, estimate, task.noise_variance)
+    flags = flag_outputs(task.closeness, seen, every=task.output_every, estimator=task.estimator)
+    found = statistics(record, estimate, flags, task.noise_variance)
     if task.noise_variance is None:
         fitted = task.model.state_size if task.estimator == "smoother" else 0  # innovations are independent
         left = estimate.innovation_samples * (1 - fitted / max(int(np.count_nonzero(seen)), fitted + 1))
         white = found["noise_variance"], max(left, 1.0)
         found["noise_density"], found["noise_freedom"] = noise_density(record, seen, task.model, *white)
-    flags = flag_outputs(task.closeness, seen, every=task.output_every, estimator=task.estimator)
-    found["flags"] = np.broadcast_to(flags, (len(record), *flags.shape))
     return estimate, found
 
 

@@ -102,7 +102,7 @@ def _numbered_by_turns(times: Array, stripes: int) -> tuple[Counts, Counts]:
     """Return a numbering and its pulses: estimated from evenly spaced stripes on, in turns with their positions."""
     anchor = sum(_steadiest(times, 1)) // 2
     kept, counts = _numbered(times, np.arange(stripes) / stripes, anchor)
-    for _ in range(10):  # each from the other
+    for _ in range(10):  # numbering and positions, each estimated from the other
         last = kept, counts
         kept, counts = _numbered(times, stripe_positions(times[kept], counts, stripes), anchor)
         if np.array_equal(last[0], kept) and np.array_equal(last[1], counts):
@@ -115,9 +115,9 @@ def _numbered_by_turns(times: Array, stripes: int) -> tuple[Counts, Counts]:
 
 
 def _steadiest(times: Array, stripes: int) -> tuple[int, int]:
-    """Return the first pulse, and that after the last, of the longest run whose intervals repeat after a revolution.
+    """Return the first pulse of the longest steady run, and the one after its last.
 
-    But for what the speed changes in it: of that the median of the changes nearby tells.
+    In a steady run intervals repeat after a revolution, apart from the change of speed: the median of nearby changes.
     """
     from scipy.ndimage import median_filter  # noqa: PLC0415 - slow to import
 
