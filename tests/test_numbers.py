@@ -69,7 +69,7 @@ def test_names_of_types_are_known_where_arguments_are_checked():
         for name, thing in vars(module).items()
         if get_origin(thing) is Literal or (isinstance(thing, UnionType) and all(map(inspect.isclass, get_args(thing))))
     }
-    assert {"Estimator", "Method", "Scaling", "Workers", "ElementFormula"} <= choices
+    assert {"Estimator", "Method", "Scaling", "Workers"} <= choices
     for function in exported():
         checked = getattr(function, "__wrapped__", function)
         named = choices & set(re.findall(r"\w+", str(inspect.signature(checked))))

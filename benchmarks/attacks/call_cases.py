@@ -337,7 +337,7 @@ def labelled_cases(folder: Path) -> Iterator[Case]:  # noqa: PLR0915 - a list of
     yield Case(
         hums.defect_orders,
         {"gearbox": box},
-        {"reference": "input", "speeds": {"input": 10.0}, "element_formula": "usual"},
+        {"reference": "input", "speeds": {"input": 10.0}},
     )
     yield Case(hums.join_snapshots, {"records": [record, record]})
     snapshots = hums.join_snapshots([record, record])

@@ -166,7 +166,7 @@ def _tooth_lines(rows: Iterable[DefectOrder], plan: SearchPlan) -> Iterator[Expe
 
 def _bearing_lines(rows: Iterable[DefectOrder], plan: SearchPlan) -> Iterator[ExpectedLine]:
     for row in (row for row in rows if row.kind in BEARING_KINDS):
-        yield from _envelope_harmonics(row, plan, relative_tolerance=plan.slip, fundamental=True)
+        yield from _envelope_harmonics(row, plan, relative_tolerance=max(plan.slip, row.tolerance), fundamental=True)
 
 
 def _envelope_harmonics(

@@ -512,10 +512,10 @@ def bearing_indicators(
     for part in evidence:
         of_part = MonitoredComponent(channel=name, units=units, component=part.component, kind=part.kind)
         yield of_part.evaluate("modulation", "envelopes of all bands", partial(float, part.modulation))
-    slip = settings.slip
     unit = f"({units})2" if " " in units else f"{units}2"
     for line in (row for row in machine.defect_orders if row.kind in BEARING_KINDS):
         monitored = MonitoredComponent(channel=name, units=units, component=line.component, kind=line.kind)
+        slip = max(settings.slip, line.tolerance)
         count = max(1, min(settings.harmonics, int(spectrum.axis[-1] / (line.order * (1 + slip)))))
         energy: Callable[[], DefectEnergy] = cache(
             partial(

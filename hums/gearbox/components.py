@@ -510,7 +510,8 @@ class Multiples(Declared):
 class Bearing(Declared):
     """A rolling bearing between two links, by geometry, by a data sheet's multiples, or by its name in the catalogue.
 
-    ``bearing`` is that name, as ``hums bearings`` prints them, from which the geometry follows.
+    ``bearing`` is that name, as ``hums bearings`` prints them, from which the geometry follows, and
+    ``order_tolerance``: by how much its true defect orders may differ, relative to those of the geometry.
     ``position_mm`` is where each one supports the shaft, along the shaft's axis from the axis' ``through``, in the
     order of ``names``; ``takes_axial`` lists those of the names that hold the shaft along its axis.
     """
@@ -524,6 +525,7 @@ class Bearing(Declared):
     pitch_diameter_mm: Positive | None = None
     contact_angle_deg: Annotated[float, Field(ge=0, lt=90)] = 0.0
     multiples: Multiples | None = None
+    order_tolerance: Annotated[float, Field(ge=0, lt=0.5)] = 0.0
     position_mm: tuple[float, ...] | None = None
     takes_axial: tuple[Name, ...] = ()
 

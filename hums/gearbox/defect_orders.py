@@ -2,8 +2,8 @@
 
 An order counts cycles per revolution of the reference shaft. It is a `Fraction` while teeth alone define it.
 Bearing rates follow the rolling kinematics of Penaud and Alazard 2010, eq. 6 to 8, with the errata: the
-relative speed multiplies the whole bracket, and the factor D/d of the rolling element keeps the plain
-diameters (2 BSF as usually defined) unless the paper's variant is asked for.
+relative speed multiplies the whole bracket, and the factor D/d of the rolling element keeps the plain diameters (2 BSF
+as usually defined).
 
 The spacing of sidebands is the rate of the modulation: the rotation of a damaged part relative to its load and, where
 a planet carrier moves the contact, the planets passing a sensor on the frame.
@@ -13,12 +13,13 @@ import math
 from collections.abc import Iterator, Mapping, Sequence
 from dataclasses import dataclass, replace
 from fractions import Fraction
-from typing import TYPE_CHECKING, Literal, get_args
+from typing import TYPE_CHECKING
 
 import numpy as np
 
+from hums.gearbox.bearing_catalogue import rolling_orders
 from hums.gearbox.bearing_orders import BearingOrders
-from hums.gearbox.components import Bearing, closest
+from hums.gearbox.components import Bearing
 from hums.gearbox.kinematics import Kinematics, solve_kinematics
 from hums.gearbox.model import Gearbox, GearboxError
 from hums.gearbox.rational import evaluate
@@ -44,12 +45,14 @@ KINDS = (
 )
 COLUMNS = ("component", "kind", "order", "exact", "sources", "seen_from", "sidebands")
 BEARING_KINDS = ("inner_race", "outer_race", "rolling_element", "cage")
-ElementFormula = Literal["usual", "projected_diameter"]
 
 
 @dataclass(frozen=True, kw_only=True)
 class DefectOrder:
-    """One row of `defect_orders`: a component, a kind of defect, and its order; attributes are its columns."""
+    """One row of `defect_orders`: a component, a kind of defect, and its order; attributes are its columns.
+
+    `tolerance`, no column, is the relative one that is declared for the orders of a bearing.
+    """
 
     component: str
     kind: str
@@ -58,6 +61,7 @@ class DefectOrder:
     sources: int
     seen_from: str
     sidebands: tuple[Fraction | float, ...] = ()
+    tolerance: float = 0.0
 
 
 @checked
@@ -66,7 +70,6 @@ def defect_orders(
     *,
     reference: str | None = None,
     speeds: Mapping[str, float | Fraction] | None = None,
-    element_formula: ElementFormula = "usual",
 ) -> "pd.DataFrame":
     """Return the table of defect orders of a gearbox: shafts, meshes, teeth, planets and bearings.
 
@@ -78,8 +81,6 @@ def defect_orders(
         Link whose revolutions orders count; by default the one that the gearbox declares.
     speeds : mapping of str to float or Fraction, optional
         Speeds of links, needed where the gearbox has several degrees of freedom; any unit, only ratios matter.
-    element_formula : {"usual", "projected_diameter"}
-        Formula for the defect rate of rolling elements of a bearing that is given by its geometry: see Notes.
 
     Returns
     -------
@@ -92,13 +93,12 @@ def defect_orders(
     Raises
     ------
     GearboxError
-        No reference, a reference at rest, too few or contradictory speeds, or an unknown `element_formula`.
+        No reference, a reference at rest, too few or contradictory speeds.
 
     Notes
     -----
     A bearing with Z elements of diameter d on the pitch diameter D at contact angle a has, per relative turn of its
-    rings, the inner and outer race orders ``Z/2 (1 +- d/D cos a)`` and the element order ``D/d (1 - (d/D cos a)^2)``,
-    where "projected_diameter" replaces D/d by D/(d cos a).
+    rings, the inner and outer race orders ``Z/2 (1 +- d/D cos a)`` and the element order ``D/d (1 - (d/D cos a)^2)``.
 
     Examples
     --------
@@ -111,7 +111,7 @@ def defect_orders(
     """
     import pandas as pd  # noqa: PLC0415
 
-    rows = defects(gearbox, reference=reference, speeds=speeds, element_formula=element_formula)
+    rows = defects(gearbox, reference=reference, speeds=speeds)
     # column by column and typed: from rows pandas takes several times as long
     numbers = {"order": np.float64, "sources": np.int64}
     columns = {name: np.empty(len(rows), dtype=numbers.get(name, object)) for name in COLUMNS}
@@ -126,10 +126,9 @@ def defects(
     *,
     reference: str | None = None,
     speeds: Mapping[str, float | Fraction] | None = None,
-    element_formula: ElementFormula = "usual",
 ) -> tuple[DefectOrder, ...]:
     """Return the rows of `defect_orders` as objects; parameters and errors as there."""
-    rows = _rows(_Motion.of(gearbox, reference, speeds), element_formula)
+    rows = _rows(_Motion.of(gearbox, reference, speeds))
     return tuple(_unsigned(row) for row in rows if row.order)
 
 
@@ -178,7 +177,7 @@ def rate_forms(kinematics: Kinematics, inputs: Sequence[str]) -> tuple[RateForm,
     ['24', '-24']
     """
     at_one = [kinematics.rates({link: Fraction(link == name) for link in inputs}) for name in inputs]
-    tables = [_rows(_Motion(kinematics, rates, exact=True), "usual") for rates in at_one]
+    tables = [_rows(_Motion(kinematics, rates, exact=True)) for rates in at_one]
     forms = []
     for rows in zip(*tables, strict=True):
         first, exact = rows[0], [row.exact for row in rows if row.exact is not None]
@@ -196,9 +195,9 @@ def rate_forms(kinematics: Kinematics, inputs: Sequence[str]) -> tuple[RateForm,
     return tuple(forms)
 
 
-def _rows(motion: "_Motion", formula: ElementFormula) -> tuple[DefectOrder, ...]:
+def _rows(motion: "_Motion") -> tuple[DefectOrder, ...]:
     """Return all rows with their signs, in an order that no speed changes."""
-    return (*_shafts(motion), *_meshes(motion), *_planets(motion), *_bearings(motion, formula))
+    return (*_shafts(motion), *_meshes(motion), *_planets(motion), *_bearings(motion))
 
 
 def _unsigned(row: DefectOrder) -> DefectOrder:
@@ -210,26 +209,14 @@ def bearing_orders(
     *,
     reference: str | None = None,
     speeds: Mapping[str, float | Fraction] | None = None,
-    element_formula: ElementFormula = "usual",
 ) -> tuple[BearingOrders, ...]:
     """Return the rotation and defect orders of every bearing; parameters as in `defect_orders`."""
     motion = _Motion.of(gearbox, reference, speeds)
-    return tuple(rates for bearing in motion.gearbox.bearings for rates in _rates_of(motion, bearing, element_formula))
+    return tuple(rates for bearing in motion.gearbox.bearings for rates in _rates_of(motion, bearing))
 
 
-def bearing_multiples(
-    bearing: Bearing, *, element_formula: ElementFormula = "usual"
-) -> tuple[float, float, float, float, int]:
-    """Return BPFI, BPFO, 2 BSF and FTF of a bearing per relative turn of its rings, and its number of elements.
-
-    By geometry ``Z/2 (1 +- d/D cos a)``, ``D/d (1 - (d/D cos a)^2)`` and ``(1 - d/D cos a)/2`` (Penaud and
-    Alazard 2010, eq. 6 to 8, with errata); otherwise the declared multiples. The element formula
-    ``"projected_diameter"`` is the paper's own, with ``d cos a`` for ``d`` also in the factor ``D/d``:
-    ``D/(d cos a) (1 - (d/D cos a)^2)``.
-    """
-    known = list(get_args(ElementFormula))
-    if element_formula not in known:
-        raise GearboxError(f'element_formula = "{element_formula}" is unknown{closest(str(element_formula), known)}')
+def bearing_multiples(bearing: Bearing) -> tuple[float, float, float, float, int]:
+    """Return BPFI, BPFO, 2 BSF and FTF of a bearing per relative turn of its rings, and its number of elements."""
     if bearing.multiples is not None:
         declared = bearing.multiples
         elements = bearing.elements or round(declared.inner + declared.outer)
@@ -237,10 +224,7 @@ def bearing_multiples(
     if bearing.element_diameter_mm is None or bearing.pitch_diameter_mm is None or bearing.elements is None:
         raise GearboxError(f'bearing "{bearing.names[0]}" has neither multiples nor a full geometry.')
     ratio = bearing.element_diameter_mm / bearing.pitch_diameter_mm
-    projected = ratio * math.cos(math.radians(bearing.contact_angle_deg))
-    half = bearing.elements / 2
-    defect = (1 - projected**2) / (projected if element_formula == "projected_diameter" else ratio)
-    return half * (1 + projected), half * (1 - projected), defect, (1 - projected) / 2, bearing.elements
+    return (*rolling_orders(bearing.elements, ratio, math.radians(bearing.contact_angle_deg)), bearing.elements)
 
 
 @dataclass(frozen=True)
@@ -395,13 +379,13 @@ def _planets(motion: _Motion) -> Iterator[DefectOrder]:
             )
 
 
-def _bearings(motion: _Motion, formula: ElementFormula) -> Iterator[DefectOrder]:
+def _bearings(motion: _Motion) -> Iterator[DefectOrder]:
     """Yield the rows of inner race, outer race, rolling element and cage of every bearing."""
     for bearing in motion.gearbox.bearings:
         copies = max(len(motion.gearbox.instances(ring)) for ring in (bearing.inner_ring, bearing.outer_ring))
         carrier, inner, outer = _rings(motion, bearing)
         carrier_speed = motion.rotation(carrier)
-        inner_race, outer_race, defect, cage_share, count = bearing_multiples(bearing, element_formula=formula)
+        inner_race, outer_race, defect, cage_share, count = bearing_multiples(bearing)
         relative = float(inner - outer)
         cage_rate = float(outer) + cage_share * relative
         for name in bearing.names:
@@ -420,12 +404,13 @@ def _bearings(motion: _Motion, formula: ElementFormula) -> Iterator[DefectOrder]
                     sources=sources,
                     seen_from=seen_from,
                     sidebands=motion.spacings(*modulation),
+                    tolerance=bearing.order_tolerance,
                 )
 
 
-def _rates_of(motion: _Motion, bearing: Bearing, formula: ElementFormula) -> Iterator[BearingOrders]:
+def _rates_of(motion: _Motion, bearing: Bearing) -> Iterator[BearingOrders]:
     """Yield the orders of each of the bearings that one declaration names."""
-    inner_race, outer_race, defect, cage, elements = bearing_multiples(bearing, element_formula=formula)
+    inner_race, outer_race, defect, cage, elements = bearing_multiples(bearing)
     carrier, inner, outer = _rings(motion, bearing)
     relative = float(inner - outer)
     for name in bearing.names:

@@ -47,6 +47,7 @@ DESCRIPTIONS = {
         "pitch_diameter_mm": "Diameter of the circle through the element centres, mm.",
         "contact_angle_deg": "Contact angle, degrees; 0 for a radial bearing.",
         "multiples": "Defect frequencies as printed in a data sheet, in place of the geometry.",
+        "order_tolerance": "Relative deviation that its true defect orders may have; see hums bearings.",
         "position_mm": "Position of each bearing along its axis, mm from through, in the order of the names.",
         "takes_axial": "Names of the bearings that locate the shaft axially.",
     },

@@ -15,7 +15,7 @@ from typing import Annotated, Any, Self
 
 from pydantic import Field, model_validator
 
-from hums.gearbox.bearing_catalogue import bearing_catalogue, bearings_named
+from hums.gearbox.bearing_catalogue import CatalogueBearing, bearing_catalogue, bearings_named, typical_bearing
 from hums.gearbox.components import (
     MOST_PARTS,
     X_AXIS,
@@ -167,7 +167,7 @@ class Gearbox(Declared):
         if not isinstance(given, list | tuple):
             return table
         named = (isinstance(row, dict) and isinstance(row.get("bearing"), str) for row in given)
-        rows = (row | _catalogue_geometry(row) if by_name else row for row, by_name in zip(given, named, strict=True))
+        rows = (_catalogue_geometry(row) | row if by_name else row for row, by_name in zip(given, named, strict=True))
         return table | {"bearing": tuple(rows)}
 
     @model_validator(mode="after")
@@ -440,39 +440,45 @@ def _multiples_warnings(gearbox: Gearbox) -> Iterator[str]:
             )
 
 
-def _catalogue_geometry(table: Mapping[str, Any]) -> dict[str, Any]:
-    """Return the geometry of a bearing that is given by its name; what is declared beside it has to agree."""
-    name = table["bearing"]
+def _catalogue_bearing(name: str) -> CatalogueBearing:
+    """Return the bearing of a name or designation; ValueError where there is none, or several with unlike elements."""
     found = bearings_named(name)
     if not found:
+        known = {known for row in bearing_catalogue() for known in (row.name, *row.designations)}
         raise ValueError(
-            f'bearing = "{name}" is not in the catalogue{closest(name, [row.name for row in bearing_catalogue()])}; '
+            f'bearing = "{name}" is not in the catalogue{closest(name, known)}; '
             "or give elements, element_diameter_mm and pitch_diameter_mm, or what its data sheet prints: "
             "multiples = { inner = BPFI, outer = BPFO, element_spin = BSF, cage = FTF }"
         )
-    if len(found) > 1:
+    if len({row.elements for row in found}) > 1:
         raise ValueError(
             f'bearing = "{name}" is made in several ways; name one of {quoted(row.name for row in found)}, '
             "or give elements, element_diameter_mm and pitch_diameter_mm"
         )
-    geometry = {key: getattr(found[0], key) for key in _GEOMETRY}
+    return typical_bearing(name, found)
+
+
+def _catalogue_geometry(table: Mapping[str, Any]) -> dict[str, Any]:
+    """Return the geometry of a bearing that is given by its name; what is declared beside it has to agree."""
+    found = _catalogue_bearing(table["bearing"])
+    geometry = {key: getattr(found, key) for key in _GEOMETRY}
     for key, value in geometry.items():
         if table.get(key) not in (None, value):
             raise ValueError(
-                f"{key} = {table[key]} contradicts {found[0].name}, which has {value:g}; leave one of them out"
+                f"{key} = {table[key]} contradicts {found.name}, which has {value:g}; leave one of them out"
             )
-    return geometry
+    return {"order_tolerance": found.spread} | geometry
 
 
 def _designation_warnings(gearbox: Gearbox) -> Iterator[str]:
-    """Yield a warning for each bearing whose designation leaves its maker open."""
+    """Yield a warning for each bearing whose geometry is not what its maker or a measurement publishes."""
     for bearing in gearbox.bearings:
-        for row in bearings_named(bearing.bearing) if bearing.bearing else ():
-            if bearing.bearing in row.designations:
-                yield (
-                    f'bearing "{bearing.names[0]}": {bearing.bearing} is taken as that of {row.name}; the inner '
-                    f'geometry differs between makers, so write bearing = "{row.name}", or give its diameters'
-                )
+        if bearing.bearing and bearing.order_tolerance:
+            row = _catalogue_bearing(bearing.bearing)
+            yield (
+                f'bearing "{bearing.names[0]}", {row.name}: {row.source} Its orders may be up to '
+                f"{bearing.order_tolerance:.1%} off; its data sheet's multiples = {{ ... }} are surer"
+            )
 
 
 def _planet_warnings(gearbox: Gearbox) -> Iterator[str]:

@@ -3,14 +3,13 @@
 import math
 from collections.abc import Iterator
 from fractions import Fraction
-from numbers import Real
 from typing import Any, NamedTuple
 
 import numpy as np
 import pandas as pd
 from numpy.typing import NDArray
 
-from signals._validation import brief, checked
+from signals._validation import brief, checked, is_float
 
 HANN_HALF_LOBE = 2.0  # bins of 1 / revolutions from the peak of a Hann line to its first zero
 _MOST_LINES = 10_000_000  # of a table: some gigabytes
@@ -116,7 +115,7 @@ def collisions(table: pd.DataFrame, *, revolutions: float) -> pd.DataFrame:
     (False, 3.045455, 3.045455)
     """
     _check_table(table)
-    if not (_is_number(revolutions) and math.isfinite(revolutions) and revolutions > 0):
+    if not (is_float(revolutions) and math.isfinite(revolutions) and revolutions > 0):
         raise ValueError(f"revolutions = {brief(revolutions)} is not a positive number; give the length of the record.")
     lines = table.sort_values("order", kind="stable", ignore_index=True)
     lower, upper = _close_pairs(lines, HANN_HALF_LOBE / revolutions)
@@ -197,14 +196,6 @@ def _differences(
 def _check_table(table: object) -> None:
     if not (isinstance(table, pd.DataFrame) and {"order", "exact"} <= set(table.columns)):
         raise ValueError(f"table = {brief(table)}: give a table of orders, as defect_orders returns it.")
-
-
-def _is_number(value: object) -> bool:
-    """Return whether a value is a real number that a float can hold."""
-    try:
-        return isinstance(value, Real) and not isinstance(value, bool) and float(value) is not None
-    except OverflowError:
-        return False
 
 
 def _check_count(name: str, value: object, *, least: int) -> None:

@@ -6,7 +6,6 @@ from hums.plots.dynamics_figures import (
     plot_frequencies,
     plot_mesh_stiffness,
     plot_mode_shape,
-    plot_multipliers,
     plot_stability_map,
 )
 from hums.plots.export import save_figure, svg
@@ -25,7 +24,6 @@ __all__ = [
     "plot_frequencies",
     "plot_mesh_stiffness",
     "plot_mode_shape",
-    "plot_multipliers",
     "plot_spectrum",
     "plot_speed",
     "plot_stability_map",

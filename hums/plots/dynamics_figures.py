@@ -1,4 +1,4 @@
-"""Figures of gear dynamics: mesh stiffness, mode shapes, Campbell diagram, Floquet multipliers, stability map.
+"""Figures of gear dynamics: mesh stiffness, mode shapes, Campbell diagram, stability map.
 
 They accept any object with the stated attributes, such as the results of `data_synth`.
 """
@@ -281,40 +281,6 @@ def plot_campbell(diagram: CampbellDiagram, *, ax: Axes, harmonics: int = 1) -> 
                 fontsize=7,
                 color=MARK,
             )
-    return ax
-
-
-def plot_multipliers(multipliers: NDArray[np.complex128], *, ax: Axes) -> Axes:
-    """Draw Floquet multipliers with the unit circle; those outside it, which are unstable, in another colour.
-
-    Parameters
-    ----------
-    multipliers : (n,) complex array
-        Eigenvalues of the state transition matrix over one period.
-    ax : matplotlib.axes.Axes
-        Axes to draw on.
-
-    Returns
-    -------
-    matplotlib.axes.Axes
-        `ax`.
-
-    Examples
-    --------
-    >>> import numpy as np
-    >>> from matplotlib.figure import Figure
-    >>> from hums.plots import plot_multipliers
-    >>> ax = plot_multipliers(np.array([1.25, 0.8, 1j, -1j]), ax=Figure().add_subplot())
-    >>> ax.lines[2].get_xdata().tolist()  # unstable
-    [1.25]
-    """
-    turn = np.linspace(0, 2 * np.pi, 361)
-    ax.plot(np.cos(turn), np.sin(turn), color=FAINT, lw=0.8)
-    outside = np.abs(multipliers) > 1 + _GROWTH_TOLERANCE
-    for chosen, colour in ((~outside, LINE), (outside, MARK)):
-        ax.plot(multipliers[chosen].real, multipliers[chosen].imag, "o", ms=4, color=colour)
-    reach = 1.15 * max(1.0, float(np.abs(multipliers).max()))
-    ax.set(xlim=(-reach, reach), ylim=(-reach, reach), xlabel="real part", ylabel="imaginary part", aspect="equal")
     return ax
 
 

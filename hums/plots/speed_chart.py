@@ -6,11 +6,9 @@ from typing import TYPE_CHECKING, Any
 import numpy as np
 from matplotlib.axes import Axes
 from matplotlib.lines import Line2D
-from matplotlib.patches import Patch
 from matplotlib.ticker import LogFormatter
 
 from hums.gearbox.defect_orders import BEARING_KINDS, KINDS
-from hums.gearbox.order_families import HANN_HALF_LOBE
 from hums.plots.labels import apply_layout, point_size, spread
 from hums.plots.style import FAINT, INK, KIND_COLOURS
 
@@ -25,11 +23,10 @@ _FONTS = (7.5, 7.0, 6.5, 6.0, 5.5, 5.0)
 
 @dataclass(frozen=True, kw_only=True)
 class _Line:
-    """One order with its sources as (component, kind); `alone` where the record resolves it from its neighbours."""
+    """One order with its sources as (component, kind)."""
 
     order: float
     sources: tuple[tuple[str, str], ...]
-    alone: bool
 
     @property
     def kinds(self) -> tuple[str, ...]:
@@ -51,12 +48,10 @@ class _Line:
             word = "" if later else _WORDS.get(kind, kind.replace("_", " "))
             names.append(" ".join(part for part in ("" if repeated and word else name, word) if part))
         more = f" and {len(self.sources) - most} more" if len(self.sources) > most else ""
-        return f"{self.order:.4g}  {' = '.join(names)}{more}{'' if self.alone else ' †'}"
+        return f"{self.order:.4g}  {' = '.join(names)}{more}"
 
 
-def speed_order_chart(
-    table: "pd.DataFrame", *, reference_rpm: tuple[float, float], ax: Axes, revolutions: float | None = None
-) -> Axes:
+def speed_order_chart(table: "pd.DataFrame", *, reference_rpm: tuple[float, float], ax: Axes) -> Axes:
     """Draw the frequency of every defect order against the speed of the reference.
 
     Lines are coloured by kind and labelled at their right end with order and component. Orders that coincide are one
@@ -70,9 +65,6 @@ def speed_order_chart(
         Lowest and highest speed of the reference in rpm.
     ax : matplotlib.axes.Axes
         Axes to draw on; their present height limits the number of labels.
-    revolutions : float, optional
-        Length of a record in revolutions of the reference. Lines less than 2/revolutions apart, which the record does
-        not resolve (see `hums.collisions`), have a dagger; frequencies below one period per record are shaded.
 
     Returns
     -------
@@ -82,7 +74,7 @@ def speed_order_chart(
     Raises
     ------
     ValueError
-        If the table is empty, the range does not rise from above zero, or `revolutions` is not positive.
+        If the table is empty, or the range does not rise from above zero.
 
     Examples
     --------
@@ -98,9 +90,7 @@ def speed_order_chart(
     low, high = reference_rpm
     if not (0 < low < high < np.inf):
         raise ValueError(f"reference_rpm = ({low:g}, {high:g}): give (low, high) in rpm with 0 < low < high.")
-    if revolutions is not None and not 0 < revolutions < np.inf:
-        raise ValueError(f"revolutions = {revolutions:g} is not positive; give the length of the record, or None.")
-    lines = _merged_lines(table, None if revolutions is None else HANN_HALF_LOBE / revolutions)
+    lines = _merged_lines(table)
     if not lines:
         raise ValueError("the table of defect orders is empty: nothing in this gearbox turns at these speeds.")
     ax.set_yscale("log")
@@ -118,14 +108,12 @@ def speed_order_chart(
     ax.yaxis.set_major_formatter(lambda value, _: f"{value:g}")
     ax.yaxis.set_minor_formatter(LogFormatter())
     ax.grid(visible=True, color=FAINT, alpha=0.3, lw=0.5)
-    if revolutions is not None:
-        ax.fill_between(rpm, bottom, np.maximum(rpm / revolutions / 60, bottom), color=FAINT, alpha=0.25, lw=0)
-    _legend(lines, revolutions, ax=ax)
+    _legend(lines, ax=ax)
     _name(lines, high, ax=ax)
     return ax
 
 
-def _merged_lines(table: "pd.DataFrame", resolution: float | None) -> list[_Line]:
+def _merged_lines(table: "pd.DataFrame") -> list[_Line]:
     """Return the orders of the table in ascending order, coinciding ones merged into one line."""
     rows = sorted(
         zip(table["order"], table["component"], table["kind"], strict=True),
@@ -137,20 +125,16 @@ def _merged_lines(table: "pd.DataFrame", resolution: float | None) -> list[_Line
             groups[-1].append(row)
         else:
             groups.append([row])
-    orders = np.array([group[0][0] for group in groups])
-    near = np.diff(orders) < (resolution or 0)
-    alone = ~(np.append(near, False) | np.append(False, near))[: len(groups)]
     return [
         _Line(
             order=float(group[0][0]),
             sources=tuple((row[1], row[2]) for row in sorted(group, key=lambda row: KINDS.index(row[2]))),
-            alone=bool(one),
         )
-        for group, one in zip(groups, alone, strict=True)
+        for group in groups
     ]
 
 
-def _legend(lines: list[_Line], revolutions: float | None, *, ax: Axes) -> None:
+def _legend(lines: list[_Line], *, ax: Axes) -> None:
     """Draw the legend of the kinds present and of the signs in labels."""
     present = {kind for line in lines for kind in line.kinds}
     handles: list[Any] = [
@@ -162,10 +146,6 @@ def _legend(lines: list[_Line], revolutions: float | None, *, ax: Axes) -> None:
     ]
     if any(len(line.sources) > 1 for line in lines):
         handles.append(Line2D([], [], ls="", label="=, and N more: orders coincide"))
-    if revolutions is not None:
-        handles.append(Patch(color=FAINT, alpha=0.25, label=f"less than once in {revolutions:g} revolutions"))
-        if not all(line.alone for line in lines):
-            handles.append(Line2D([], [], ls="", label=f"†  not separable in {revolutions:g} revolutions"))
     ax.legend(
         handles=handles, fontsize=6.5, ncols=4, frameon=False, loc="lower left", bbox_to_anchor=(0, 1), borderaxespad=0
     )

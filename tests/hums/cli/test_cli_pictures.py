@@ -50,9 +50,17 @@ def test_dynamics_without_dimensions(run, tmp_path):
 
 
 def test_bearings(run):
-    code, out, _ = run("bearings", "za-2115")
+    code, out, _ = run("bearings", "Rexnord ZA-2115")
     assert (code, out.count("\n")) == (0, 1)
-    assert "16 elements of 8.4074 mm, pitch diameter 71.501 mm, contact angle 15.17 degrees. Qiu" in out
+    assert (
+        "16 elements of 8.4074 mm, pitch diameter 71.501 mm, contact angle 15.17 degrees; per turn BPFI 8.908," in out
+    )
+    assert "Qiu, Lee, Lin and Yu" in out
+    typical, *of_makers = run("bearings", "FAG 6205-2RSR")[1].splitlines()
+    assert "BPFO 3.572" in typical
+    assert "all to 1.5%. Typical of its series, check the data sheet" in typical
+    assert len(of_makers) > 1
+    assert "unlike numbers of elements" in run("bearings", "6203")[1]
     assert 'no bearing "7000"' in run("bearings", "7000")[2]
 
 

@@ -112,12 +112,8 @@ class TestTableA:
         *((f"{wheel}-{pinion} pinion/{pinion} pinion", "tooth", F(14, 5), 10) for wheel, pinion in SHAPES),
     )
 
-    @pytest.mark.parametrize(
-        ("formula", "element"),
-        [("usual", 300.0), ("projected_diameter", 310.6)],  # errata: the paper prints the second
-    )
-    def test_all_of_it(self, formula, element):
-        table = rows(defect_orders(box(DIFFERENTIAL), speeds=TURNING, element_formula=formula))
+    def test_all_of_it(self):
+        table = rows(defect_orders(box(DIFFERENTIAL), speeds=TURNING))
         for component, kind, printed, sources in self.GEARS:
             row = table.pop((component, kind))
             assert row.exact * self.CAGE == printed, component
@@ -126,7 +122,7 @@ class TestTableA:
             for kind, printed, sources in [
                 ("inner_race", 381.3, 1),
                 ("outer_race", 318.7, 1),
-                ("rolling_element", element, 25),
+                ("rolling_element", 300.0, 25),  # errata: the paper prints 310.6, with the projected diameter
             ]:
                 row = table.pop((name, kind))
                 assert row.order * self.CAGE == pytest.approx(printed, abs=0.05)  # one decimal is printed
@@ -410,7 +406,6 @@ class TestReference:
             ({}, {"reference": "cge", "speeds": TURNING}, 'no link "cge"; did you mean "cage"'),
             ({}, {}, "2 degrees of freedom"),
             ({}, {"speeds": TURNING | {"cage": 29}}, "contradict"),
-            ({}, {"speeds": TURNING, "element_formula": "usuall"}, 'did you mean "usual"'),
             ({"reference": None}, {"speeds": TURNING}, 'add reference = "LINK" or pass reference'),
         ],
     )

@@ -12,7 +12,6 @@ from hums.plots import (
     plot_frequencies,
     plot_mesh_stiffness,
     plot_mode_shape,
-    plot_multipliers,
     plot_stability_map,
 )
 
@@ -100,14 +99,6 @@ def test_mesh_orders_are_rays():
         assert_allclose(ray.get_ydata(), order * speeds / (2 * np.pi))
     assert {text.get_text() for text in ax.texts} == {"20", "40"}
     assert np.isnan(ax.lines[0].get_ydata()).all()  # what does not swing has no line
-
-
-def test_multipliers_outside_of_the_circle_are_marked():
-    ax = plot_multipliers(np.array([1.3, 1 / 1.3, 1j, -1j], dtype=complex), ax=axes())
-    _, inside, outside = ax.lines
-    assert len(inside.get_xdata()) == 3
-    assert_allclose(outside.get_xdata(), [1.3])
-    assert inside.get_color() != outside.get_color()
 
 
 def test_a_map_shows_where_motion_grows():

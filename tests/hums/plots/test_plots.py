@@ -19,7 +19,6 @@ from scipy.optimize import isotonic_regression
 from hums.gearbox.defect_orders import defect_orders
 from hums.gearbox.kinematics import solve_kinematics
 from hums.gearbox.model import Gearbox, load_gearbox
-from hums.gearbox.order_families import collisions
 from hums.plots import mechanism_graph, plot_spectrum, save_figure, speed_order_chart, svg, velocity_diagram
 from hums.plots.labels import spread
 
@@ -288,7 +287,7 @@ class TestSpeedOrderChart:
 
     @pytest.mark.parametrize("name", CROWDED)
     def test_nothing_covers_a_text(self, name):
-        ax, _ = chart(name, speeds=SPEEDS.get(name), revolutions=60)
+        ax, _ = chart(name, speeds=SPEEDS.get(name))
         assert not overlapping(ax)
 
     def test_names_that_do_not_fit_are_counted(self):
@@ -298,16 +297,6 @@ class TestSpeedOrderChart:
         assert notes == [f"{lines - len(ax.texts) + 1} more lines unlabelled; increase the height"]
         assert not overlapping(ax)
 
-    @pytest.mark.parametrize("revolutions", [20, 60, 300])
-    def test_daggers_agree_with_collisions(self, revolutions):
-        table = defect_orders(load_gearbox("two-stage"))
-        pairs = collisions(table, revolutions=revolutions)
-        close = pairs[~pairs["resolvable"] & (pairs["difference"] > 0)]
-        ax = axes(height=12)
-        speed_order_chart(table, reference_rpm=(600, 1200), ax=ax, revolutions=revolutions)
-        marked = {text.get_text().split()[0] for text in ax.texts if text.get_text().endswith("†")}
-        assert marked == {f"{order:.4g}" for order in {*close["order_a"], *close["order_b"]}}
-
     @pytest.mark.parametrize(
         ("rows", "settings", "words"),
         [
@@ -315,7 +304,6 @@ class TestSpeedOrderChart:
                 (1, {"reference_rpm": bad}, r"give \(low, high\) in rpm")
                 for bad in ((0, 100), (200, 100), (100, float("inf")), (float("nan"), 100))
             ),
-            (1, {"revolutions": -1}, "revolutions = -1 is not positive"),
             (0, {}, "table of defect orders is empty"),
         ],
     )
