@@ -20,6 +20,7 @@ from signals._compile import compiled_in_place, compiled_sums_in_place
 
 Floats = NDArray[np.float64]
 Indices = NDArray[np.int64]
+Flags = NDArray[np.bool_]
 Complexes = NDArray[np.complex128]
 
 PIECE = 256
@@ -116,26 +117,44 @@ def project(x: Floats, phase: Floats, orders: Floats, shaft: Indices, length: in
 
 
 @compiled_sums_in_place
-def correlate(columns: Floats, length: int, weights: Floats, sums: Floats) -> None:
-    """Fill the moments of the products of every two of the (column, sample) regressors, block by block.
+def _three_sums(own: Floats, other: Floats, weights: Floats) -> tuple[float, float, float]:
+    """Return the sums of the products of two rows times each of three rows of weights."""
+    first, second, third = weights[0], weights[1], weights[2]
+    low, middle, high = 0.0, 0.0, 0.0
+    for n in range(own.size):
+        product = own[n] * other[n]
+        low += product * first[n]
+        middle += product * second[n]
+        high += product * third[n]
+    return low, middle, high
 
-    Sums, (block, moment, column, column), are filled with those of u^moment times the products; `weights`, (length,),
-    is scratch.
+
+@compiled_sums_in_place
+def correlate(columns: Floats, seen: Flags, length: int, powers: Floats, sums: Floats) -> None:
+    """Add up the moments of the products of every two of the (column, sample) regressors, block by block.
+
+    Sums, (block, moment, column, column) zeros, are filled with those of u^moment times the products over the samples
+    `seen`, three moments in a pass. Powers, (moments rounded up to a multiple of 3, PIECE), are scratch.
     """
+    _, moments, width, _ = sums.shape
     for block in range(len(sums)):
-        part = slice(block * length, min((block + 1) * length, columns.shape[1]))
-        for a in range(len(columns)):
-            own, weighted = columns[a, part], weights[: part.stop - part.start]
-            for n in range(own.size):
-                weighted[n] = own[n]
-            for moment in range(sums.shape[1]):
+        start, stop = block * length, min((block + 1) * length, seen.size)
+        for first in range(start, stop, PIECE):
+            part = slice(first, min(first + PIECE, stop))
+            for n in range(part.stop - first):
+                powers[0, n] = 1.0 if seen[first + n] else 0.0
+                for moment in range(1, len(powers)):
+                    powers[moment, n] = powers[moment - 1, n] * (first + n - start) / length
+            for a in range(width):
                 for b in range(a + 1):
-                    other, total = columns[b, part], 0.0
-                    for n in range(other.size):
-                        total += weighted[n] * other[n]
-                    sums[block, moment, a, b] = sums[block, moment, b, a] = total
-                for n in range(own.size):
-                    weighted[n] *= n / length
+                    for low in range(0, moments, 3):
+                        totals = _three_sums(columns[a, part], columns[b, part], powers[low:])
+                        for moment in range(low, min(low + 3, moments)):
+                            sums[block, moment, a, b] += totals[moment - low]
+        for a in range(width):
+            for b in range(a):
+                for moment in range(moments):
+                    sums[block, moment, b, a] = sums[block, moment, a, b]
 
 
 @compiled_in_place

@@ -50,10 +50,6 @@ class Information(NamedTuple):
     def copy(self) -> "Information":
         return Information(self.matrix.copy(), self.vector.copy())
 
-    def none(self) -> "Information":
-        """Return no information on the same state."""
-        return Information(np.zeros_like(self.matrix), np.zeros_like(self.vector))
-
 
 @dataclass(frozen=True, kw_only=True, eq=False)
 class NodeChain:
@@ -153,7 +149,10 @@ def smooth_chain(chain: NodeChain) -> SmoothedChain:
         chain.filter(segment, FORWARD, state, data, past)
         if is_kept:
             kept.append((data, past))
-    later, scratch = chain.before.none(), (np.empty_like(matrix), np.empty_like(vector), np.empty((width, width)))
+    later, scratch = (
+        Information(0 * matrix, 0 * vector),
+        (np.empty_like(matrix), np.empty_like(vector), np.empty((width, width))),
+    )
     found = np.empty((chain.nodes, width, vector.shape[1])), np.empty((chain.nodes, width)), np.empty(chain.nodes)
     for segment, start in zip(reversed(segments), reversed(starts), strict=True):
         if kept:

@@ -27,12 +27,7 @@ from signals.harmonics._information_kernels import FORWARD, filter_information, 
 from signals.harmonics.bandwidth import MOST_POLES, quadrature_noise, variance_ratio
 from signals.harmonics.block_grid import Grid
 from signals.harmonics.block_smoother import BlockFit, block_length, scattered_share
-from signals.harmonics.coupling import (
-    WithoutOthers,
-    chain_alone,
-    chain_together,
-    prior_at,
-)
+from signals.harmonics.coupling import WithoutOthers, chain_alone, chain_together, prior_at
 from signals.harmonics.noise_density import noise_density
 from signals.harmonics.separability import Closeness, components
 from signals.harmonics.state_space import Flags, Floats, HarmonicModel, Indices, Order, lost
@@ -42,7 +37,7 @@ if TYPE_CHECKING:
 
     from numpy.typing import ArrayLike, NDArray
 
-    from signals.harmonics._information_smoother import Information, NodeChain, NodeInformation
+    from signals.harmonics._information_smoother import NodeChain, NodeInformation
 
 _LEAST_SHARE = 1e-3  # of the bandwidth that a record can show
 
@@ -73,27 +68,26 @@ class ChainLikelihood:
 
     model: HarmonicModel  # of the orders
     length: int  # samples between nodes
-    measured: NodeInformation  # in the data, for noise of unit variance
-    # Prior information on the state at the first node, of two poles at least: amplitudes of one pole are straight lines
-    # between nodes too, with independent differences.
-    before: Information
+    # Of two poles at least, in noise of unit variance: amplitudes of one pole are straight lines between nodes, too,
+    # with independent differences.
+    chain: NodeChain
+
+    @cached_property
+    def measured(self) -> NodeInformation:
+        """Information in the data."""
+        return self.chain.measured(slice(0, self.chain.nodes))
 
     @cached_property
     def noise(self) -> Floats:
         """(order,) array, noise of a quadrature between nodes, for noise of unit variance."""
         return quadrature_noise(self.model.orders, 1.0 / self.length)
 
-    @classmethod
-    def of(cls, model: HarmonicModel, chain: NodeChain, length: int) -> ChainLikelihood:
-        """Return the likelihood of a chain's data."""
-        return cls(model=model, length=length, measured=chain.measured(slice(0, chain.nodes)), before=chain.before)
-
     def log_likelihood(self, bandwidth: ArrayLike) -> Floats:
         """Return the (lane,) log likelihoods, less a constant, of (order,) bandwidths in cycles per sample."""
         ratio = variance_ratio(np.minimum(np.asarray(bandwidth) * self.length, 1.0), self.model.poles)
-        columns = len(self.before.matrix) // max(2, self.model.poles)  # one where orders share it
+        columns = len(self.chain.before.matrix) // max(2, self.model.poles)  # one where orders share it
         process = (ratio * self.noise)[self.model.order_of_column[:columns]][None]
-        matrix, vector = self.before.copy()
+        matrix, vector = self.chain.before.copy()
         squares, column = np.zeros(vector.shape[1]), np.empty(len(matrix))
         unstored = np.empty((0, matrix.size)), np.empty((0, vector.size))
         log_determinant = filter_information(
@@ -226,7 +220,7 @@ def _most_likely(model: HarmonicModel, x: Floats, noise: Floats | None) -> Float
     found, smallest = np.empty(model.orders.size), min(SMALLEST / x.size, width)
     tried = np.linspace(np.log(smallest), np.log(width), 2 + int(np.log(width / smallest) / np.log(RATIO)))
     for group, chain in chains:
-        likelihood = ChainLikelihood.of(model.subset(group), chain, length)
+        likelihood = ChainLikelihood(model=model.subset(group), length=length, chain=chain)
         found[group] = _maximise(likelihood.log_likelihood, tried, orders=group.size)
     return found
 

@@ -19,7 +19,7 @@ from signals.harmonics.state_space import Complexes, Flags, Floats, HarmonicMode
 
 SAMPLES_AT_ONCE = 1 << 16
 # Regressors at a time, which stay in a near cache.
-COLUMNS_AT_ONCE = 1 << 17
+COLUMNS_AT_ONCE = 1 << 16
 # Angle by which a jump of the speed may lead the highest order astray within a block.
 LARGEST_JUMP_RAD = 0.03
 # Blocks, at least, whose moments are worth a table of the phasors in one, and samples in a product with it.
@@ -219,13 +219,11 @@ class Grid:
         first, last = max(nodes.start - 1, 0), min(nodes.stop, self.blocks)
         model = self.model.subset(orders)
         width = model.order_of_column.size
-        sums = np.empty((last - first, self.squares, width, width))
+        sums = np.zeros((last - first, self.squares, width, width))
+        powers = np.empty((3 * -(-self.squares // 3), PIECE))
         for samples, blocks in self.spans(first, last, COLUMNS_AT_ONCE // width):
-            columns = model.regressors(samples)
-            columns *= self.seen[samples]
-            _block_kernels.correlate(
-                columns, self.length, np.empty(self.length), sums[blocks.start - first : blocks.stop - first]
-            )
+            columns, own = model.regressors(samples), sums[blocks.start - first : blocks.stop - first]
+            _block_kernels.correlate(columns, self.seen[samples], self.length, powers, own)
         return np.ascontiguousarray(self.at_nodes(sums)[nodes.start - first : nodes.stop - first])
 
 

@@ -54,11 +54,6 @@ def block_length(model: HarmonicModel, samples: int, rtol: float) -> int:
     return max(1, min(int(part / model.bandwidth.max()), samples // FEWEST_BLOCKS))
 
 
-def droop(model: HarmonicModel, length: int) -> float:
-    """Return the relative loss of an amplitude at the edge of the widest band in blocks of this length."""
-    return float((pi * model.bandwidth.max() * length) ** 2 / 12)
-
-
 def scattered_share(seen: Flags, length: int) -> float:
     """Return the share of the samples that are missing in gaps shorter than a block.
 
@@ -68,13 +63,6 @@ def scattered_share(seen: Flags, length: int) -> float:
     edges = np.flatnonzero(np.diff(seen, prepend=True, append=True))
     gaps = edges[1::2] - edges[::2]
     return float(gaps[gaps < length].sum() / seen.size)
-
-
-def blurs(model: HarmonicModel) -> bool:
-    """Return whether orders stay so close that long blocks, with several poles, may not separate them."""
-    if model.poles == 1:
-        return False
-    return Closeness.of(model).dwell()
 
 
 def fast(model: HarmonicModel, x: Floats, seen: Flags, *, rtol: float, output_every: int, startup: int) -> Estimate:
@@ -96,7 +84,8 @@ def fast(model: HarmonicModel, x: Floats, seen: Flags, *, rtol: float, output_ev
             fit.coupling.smooth_again(smoothed, ends=number == FULL_ROUNDS - 1)
         residuals = fit.residuals(startup) if far and not fit.alike else residuals
     leaked = fit.coupling.left if fit.coupling else 0.0
-    bound = max(droop(model, length), scattered_share(seen, length), tolerance, leaked)
+    droop = (pi * model.bandwidth.max() * length) ** 2 / 12  # of an amplitude at the edge of the widest band
+    bound = max(droop, scattered_share(seen, length), tolerance, leaked)
     if fit.coupling and model.poles > 1 and fit.alike:
         bound = inf  # what others leave in their difference does not fade in a memory
     return fit.estimate(residuals, output_every=output_every, error_bound=bound)
@@ -176,7 +165,7 @@ class BlockFit:
         explained = (explained[:-1] + explained[1:]) / 2 if model.poles == 1 else explained[1:]
         first = min(-(-startup // grid.length), grid.blocks - 1)
         count = min(max(1, RESIDUAL_SAMPLES // SEGMENTS // grid.length), grid.blocks - first)
-        found, lost, orders = Innovations.none(channels=len(grid.x)), 0.0, np.arange(model.orders.size)
+        found, lost, orders = Innovations(np.zeros(len(grid.x))), 0.0, np.arange(model.orders.size)
         for start in np.unique(np.linspace(first, grid.blocks - count, SEGMENTS).astype(np.int64)).tolist():
             samples = slice(start * grid.length, min((start + count) * grid.length, grid.samples))
             rest = grid.x[:, samples] - grid.waveforms(pieces, orders, samples)

@@ -17,11 +17,6 @@ class Innovations:
     square: Floats  # (channel,), of their squares
     count: int = 0
 
-    @classmethod
-    def none(cls, *, channels: int) -> "Innovations":
-        """Return empty sums."""
-        return cls(np.zeros(channels))
-
     @property
     def mean_square(self) -> Floats:
         """(channel,) array, mean square of the normalised innovations."""

@@ -101,7 +101,7 @@ def causal_filter(
 
     The innovations count from sample `startup` on. Steady-state gains have the given `Estimate.error_bound`.
     """
-    state, innovations = FilterState.prior(model, channels=len(x)), Innovations.none(channels=len(x))
+    state, innovations = FilterState.prior(model, channels=len(x)), Innovations(np.zeros(len(x)))
     gains = SteadyGains.of(model) if steady else None
     found = filter_on(model, x, state, innovations, output_every=output_every, startup=startup, steady=gains)
     return innovations.estimate(*found, error_bound=error_bound)
@@ -109,7 +109,7 @@ def causal_filter(
 
 def count_innovations(model: HarmonicModel, x: Floats, *, startup: int) -> Innovations:
     """Return the innovations of the covariance filter; parameters as for `causal_filter`."""
-    state, innovations = FilterState.prior(model, channels=len(x)), Innovations.none(channels=len(x))
+    state, innovations = FilterState.prior(model, channels=len(x)), Innovations(np.zeros(len(x)))
     filter_on(model, x, state, innovations, output_every=x.shape[1], startup=startup)
     return innovations
 

@@ -73,8 +73,8 @@ def noise_density(
     bins, rank, away = _bins(starts, length, model)
     values = np.empty((*bins.shape, len(record)))  # segment, order, side, bin, channel
     for segment, at in enumerate(starts):
-        spectrum = np.fft.rfft(record[:, at : at + length] * window)
-        values[segment] = np.moveaxis(np.abs(spectrum[:, bins[segment]]) ** 2, 0, -1)
+        spectrum = np.fft.rfft(record[:, at : at + length] * window).T[bins[segment]]
+        values[segment] = spectrum.real**2 + spectrum.imag**2
     values[(rank == 0) | (curved & (rank > _FAR))] = np.nan
     flat, flat_chance = _shrunk(*_pooled(values), known[0], left[0])
     top, top_chance = _extrapolated(values, rank, away)

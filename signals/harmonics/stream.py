@@ -195,7 +195,7 @@ class OrderTracker:
         """Return the state before the first sample."""
         return Progress(
             one_channel=one_channel, last_phase=np.full(len(self._shafts), np.nan),
-            state=FilterState.prior(self._model, channels=channels), innovations=Innovations.none(channels=channels),
+            state=FilterState.prior(self._model, channels=channels), innovations=Innovations(np.zeros(channels)),
             turns=np.zeros((self._model.orders.size,) * 2), first_seen=np.inf, missing=np.empty(0, dtype=np.int64),
         )  # fmt: skip
 

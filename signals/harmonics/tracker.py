@@ -12,7 +12,7 @@ import numpy as np
 from signals._validation import checked, choice, positive, real_array, whole
 from signals.harmonics import _arguments
 from signals.harmonics.bandwidth import Bandwidth
-from signals.harmonics.block_smoother import block_length, blurs, exact, exact_length, fast, scattered_share
+from signals.harmonics.block_smoother import block_length, exact, exact_length, fast, scattered_share
 from signals.harmonics.innovations import statistics
 from signals.harmonics.kalman_filter import causal_filter
 from signals.harmonics.noise_density import noise_density
@@ -397,7 +397,8 @@ def _choose(method: Method | Literal["auto"], task: _Task, seen: Flags) -> Metho
     work = samples * (50 * model.orders.size + products + 5 * model.state_size**3 / exact_length(model, samples))
     length = block_length(model, samples, task.rtol)
     scattered = not seen.all() and max(scattered_share(own, length) for own in seen) > task.rtol
-    return "exact" if work <= EXACT_WORK or length < SHORTEST_BLOCK or scattered or blurs(model) else "fast"
+    blurs = model.poles > 1 and task.closeness.dwell()  # orders that long blocks may not separate
+    return "exact" if work <= EXACT_WORK or length < SHORTEST_BLOCK or scattered or blurs else "fast"
 
 
 def _why_unsteady(task: _Task) -> str:

@@ -91,7 +91,7 @@ def test_likelihood_is_the_normal_density_of_the_samples(poles):
     x[60:75] = np.nan  # longer than a block
     block = 12  # half a turn of the slow shaft
     grid = nodes(model, x, block)
-    chain = ChainLikelihood.of(model, together(grid), block)
+    chain = ChainLikelihood(model=model, chain=together(grid), length=block)
     tried = np.array([[1e-5, 1e-5, 1e-5], [1e-3, 4e-3, 2e-3], [1e-2, 1e-4, 6e-3], [1e-2, 1e-2, 1e-2]])
     found = np.array([chain.log_likelihood(b)[0] for b in tried])
     expected = np.array([dense_log_density(x, model, block, b) for b in tried])
@@ -114,9 +114,11 @@ def test_orders_alone_have_the_likelihood_of_all_columns(poles):
     grid = nodes(model, x, block)
     alone = chain_alone(grid, np.arange(1), grid.at_nodes(grid.moments), grid.at_nodes(grid.seen_counts))
     tried = [1e-4, 1e-3, 3e-3, 1e-2]
-    one = ChainLikelihood.of(model, alone, block)
+    one = ChainLikelihood(model=model, chain=alone, length=block)
     own = np.array([one.log_likelihood(b).sum() for b in tried])
-    all_columns = np.array([ChainLikelihood.of(model, together(grid), block).log_likelihood(b)[0] for b in tried])
+    all_columns = np.array(
+        [ChainLikelihood(model=model, chain=together(grid), length=block).log_likelihood(b)[0] for b in tried]
+    )
     # Twice its frequency turns five times in a block: what is left of it in products of columns is at most
     # 1 / (5 pi) of them, of either sign from block to block.
     assert_allclose(own - own.max(), all_columns - all_columns.max(), rtol=0.02, atol=0.3)
