@@ -12,10 +12,10 @@ from hums.cli.options import FigureFormat, Force, UsageError, echo, parse_speeds
 if TYPE_CHECKING:
     from hums.gearbox.kinematics import Kinematics
 
-_SIZES = {"mechanism": (9.0, 6.0), "velocities": (7.0, 5.0), "orders": (10.0, 7.0)}  # inches
+_SIZES = {"mechanism": (9.0, 6.0), "velocities": (7.0, 5.0), "orders": (10.0, 7.0), "graph": (7.0, 6.0)}  # inches
 _FIGURES = (".svg", ".png", ".pdf")
 
-Picture = Literal["mechanism", "velocities", "orders"]
+Picture = Literal["mechanism", "velocities", "orders", "graph"]
 
 
 def drawing(
@@ -25,6 +25,9 @@ def drawing(
         typer.Option("--out", "-o", help="Folder for all figures, or a single .svg, .png, .pdf or .html file."),
     ] = None,
     picture: Annotated[Picture, typer.Option(help="Figure to write to a single file.")] = "mechanism",
+    graph: Annotated[
+        bool, typer.Option("--graph", help="Draw only the graph of links: turning pairs by level, and gear pairs.")
+    ] = False,
     html: Annotated[bool, typer.Option("--html", help="Write a stand-alone page with the moving mechanism.")] = False,
     speed: Annotated[list[str] | None, typer.Option(metavar="LINK=RPM", help="Speed of a link; repeatable.")] = None,
     kind: FigureFormat = "svg",
@@ -38,13 +41,16 @@ def drawing(
 
     if out is not None and out.suffix:
         check_outputs([out], inputs=[gearbox], force=force)
-    given = parse_speeds(speed)
     kinematics = solve_kinematics(load_gearbox(gearbox))
+    exact = parse_speeds(speed, kinematics) if speed else None
+    given = {link: float(rpm) for link, rpm in exact.items()} if exact else None
     if html or (out is not None and out.suffix.lower() == ".html"):
         say("drawing the animated page")
         page = write_drawing(kinematics, out or Path(f"{Path(gearbox).stem}.html"), speeds_rpm=given, force=force)
         echo(f"wrote {page}")
         return
+    if graph:
+        picture, out = "graph", out or Path(f"{Path(gearbox).stem}-graph.{kind}")
     if out is None:
         raise UsageError("--out is missing; name a folder or a figure, such as -o mechanism.svg, or use --html.")
     pictures = _pictures_of(kinematics, _drawn_speeds(kinematics, given))
@@ -73,7 +79,7 @@ def _drawn_speeds(kinematics: "Kinematics", given: dict[str, float] | None) -> d
 def _pictures_of(kinematics: "Kinematics", speeds: Mapping[str, float]) -> dict[str, Callable[[Any], object]]:
     from hums.gearbox.defect_orders import defect_orders  # noqa: PLC0415
     from hums.gearbox.layout import layout_of  # noqa: PLC0415
-    from hums.plots import draw_mechanism, speed_order_chart, velocity_diagram  # noqa: PLC0415
+    from hums.plots import draw_mechanism, mechanism_graph, speed_order_chart, velocity_diagram  # noqa: PLC0415
 
     gearbox = kinematics.gearbox
 
@@ -89,4 +95,5 @@ def _pictures_of(kinematics: "Kinematics", speeds: Mapping[str, float]) -> dict[
         "mechanism": mechanism,
         "velocities": lambda ax: velocity_diagram(kinematics, speeds, ax=ax),
         "orders": orders,
+        "graph": lambda ax: mechanism_graph(kinematics, ax=ax),
     }

@@ -9,7 +9,7 @@ from typing import TYPE_CHECKING, Annotated, Any, Literal
 
 import typer
 
-from hums.cli.options import FigureFormat, Force, UsageError, echo, save_picture, say, several
+from hums.cli.options import FigureFormat, Force, UsageError, echo, parse_speeds, save_picture, say, several
 
 if TYPE_CHECKING:
     from collections.abc import Callable
@@ -17,7 +17,9 @@ if TYPE_CHECKING:
     from data_synth.dynamics.system import System
     from data_synth.gears.mesh_stiffness import Stiffness
 
-_PICTURES = ("frequencies", "modes", "campbell", "stability")
+_PICTURES = ("modes", "campbell", "stability")
+_SIZES = {"module_mm": 3.0, "face_width_mm": 30.0, "pressure_angle_deg": 20.0}  # of meshes that declare none
+_LEAST_SHARE = 0.05  # of the kinetic energy, of a part that is named with a mode
 _SHOWN_MODES = 6
 _SPEEDS = 31  # of a Campbell diagram
 _STEPS = 64  # of a mesh cycle, for the stability
@@ -25,7 +27,7 @@ _STEPS = 64  # of a mesh cycle, for the stability
 
 def dynamics(
     source: Annotated[str, typer.Argument(metavar="GEARBOX_OR_SCENE", help="A .toml file or a catalogue name.")],
-    out: Annotated[Path, typer.Option("--out", "-o", help="Output folder.")],
+    out: Annotated[Path | None, typer.Option("--out", "-o", help="Folder for the pictures. Default: none.")] = None,
     top_rpm: Annotated[float, typer.Option("--rpm", help="Highest speed of the reference in rpm.")] = 3000.0,
     motions: Annotated[
         Literal["torsion", "plane", "space"] | None,
@@ -33,6 +35,7 @@ def dynamics(
             help="Degrees of freedom of a gearbox's bodies. Default: plane; space if the axes are not parallel."
         ),
     ] = None,
+    speed: Annotated[list[str] | None, typer.Option(metavar="LINK=RPM", help="Speed of a link; repeatable.")] = None,
     stability: Annotated[bool, typer.Option("--stability", help="Add the parametric stability of each mesh.")] = False,
     stability_speeds: Annotated[int, typer.Option(metavar="N", min=2, help="Number of speeds for it.")] = 40,
     kind: FigureFormat = "svg",
@@ -42,26 +45,32 @@ def dynamics(
     import numpy as np  # noqa: PLC0415
 
     from data_synth.dynamics import campbell, solve_modes  # noqa: PLC0415
-    from hums.plots import plot_campbell, plot_frequencies, plot_mode_shape  # noqa: PLC0415
+    from hums.plots import plot_campbell, plot_mode_shape  # noqa: PLC0415
     from hums.records.outputs import check_outputs  # noqa: PLC0415
 
     if not (math.isfinite(top_rpm) and top_rpm > 0):
         raise UsageError(f"--rpm {top_rpm:g}: give the highest speed of the reference, in rpm, above 0.")
-    check_outputs((out / f"{name}.{kind}" for name in _PICTURES), inputs=[source], force=force)
+    if out is None and stability:
+        raise UsageError("--out is missing; name the folder for the picture of the stability.")
+    check_outputs((out / f"{name}.{kind}" for name in _PICTURES if out), inputs=[source], force=force)
     say("natural frequencies")
-    system_at = _system_source(source, motions)
+    system_at, assumed = _system_source(source, motions, speed)
     speeds = np.linspace(0, top_rpm * math.pi / 30, _SPEEDS)
     system = system_at(0.0)
     modes = solve_modes(system)
-    echo("natural frequencies, Hz")
-    for number, (frequency, of) in enumerate(zip(modes.frequencies_hz, modes.kinds, strict=True)):
-        echo(f"{number + 1:4d} {frequency:12.3f}  {of}")
+    energies = [_energy(system, shape) for shape in modes.shapes.T]
+    echo("natural frequencies in Hz, and kinetic energy by part")
+    for number, (frequency, of, energy) in enumerate(zip(modes.frequencies_hz, modes.kinds, energies, strict=True)):
+        shares = ", ".join(f"{part} {share:.0%}" for part, share in energy.items())
+        echo(f"{number + 1:4d} {frequency:12.3f}  {of:13} {shares}")
+    echo(f"assumed: {assumed}")
+    if out is None:
+        return
     out.mkdir(parents=True, exist_ok=True)
-    save_picture(lambda ax: plot_frequencies(modes, ax=ax), out / f"frequencies.{kind}", (8.0, 3.0), force=force)
     elastic = [number for number, frequency in enumerate(modes.frequencies_hz) if frequency > 0][:_SHOWN_MODES]
-
-    shapes = several([partial(plot_mode_shape, modes, number) for number in elastic], columns=3)
-    save_picture(shapes, out / f"modes.{kind}", (14.0, 2.0 + 0.32 * system.dof * -(-len(elastic) // 3)), force=force)
+    draws = [partial(plot_mode_shape, modes, number, energy=energies[number]) for number in elastic]
+    height = 2.0 + 0.32 * system.dof * -(-len(elastic) // 3)
+    save_picture(several(draws, columns=3), out / f"modes.{kind}", (14.0, height), force=force)
     say(f"natural frequencies at {_SPEEDS} speeds")
     diagram = campbell(system_at, speeds_rad_s=speeds)
     save_picture(
@@ -69,6 +78,16 @@ def dynamics(
     )
     if stability:
         _draw_stability(system, float(speeds[-1]), stability_speeds, out / f"stability.{kind}", force=force)
+
+
+def _energy(system: "System", shape: Any) -> dict[str, float]:  # noqa: ANN401  - an array
+    """Return the parts with most of the kinetic energy of a mode, largest first, each with its share."""
+    from data_synth.dynamics.modes import body_motions  # noqa: PLC0415
+
+    parts: dict[str, float] = {}
+    for (body, _), share in zip(body_motions(system), shape * (system.mass @ shape), strict=True):
+        parts[body] = parts.get(body, 0.0) + float(share)
+    return {body: share for body, share in sorted(parts.items(), key=lambda part: -part[1]) if share >= _LEAST_SHARE}
 
 
 def _draw_stability(system: "System", top_rad_s: float, count: int, path: Path, *, force: bool) -> None:
@@ -174,20 +193,37 @@ def _stepped(stiffness: "Stiffness") -> "Stiffness":
     return _Stepped(values=tuple(stiffness((np.arange(_STEPS) + 0.5) / _STEPS).tolist()))
 
 
-def _system_source(source: str, motions: Literal["torsion", "plane", "space"] | None) -> "Callable[[float], System]":
-    """Return the function from the reference's speed in rad/s to the system of a gearbox or of a scene."""
-    from data_synth.dynamics import assemble  # noqa: PLC0415
+def _system_source(
+    source: str, motions: Literal["torsion", "plane", "space"] | None, speed: list[str] | None
+) -> "tuple[Callable[[float], System], str]":
+    """Return the function from the reference's speed in rad/s to the system of a gearbox or scene, and its guesses."""
+    from data_synth.dynamics import SupportStiffness, assemble  # noqa: PLC0415
     from data_synth.scene.scene import catalogue as scene_catalogue  # noqa: PLC0415
     from data_synth.scene.scene import load_scene  # noqa: PLC0415
     from data_synth.vibration.run import scene_system  # noqa: PLC0415
+    from hums.gearbox.kinematics import solve_kinematics  # noqa: PLC0415
     from hums.gearbox.layout import layout_of  # noqa: PLC0415
     from hums.gearbox.model import GearboxError, catalogue, load_gearbox, read_toml  # noqa: PLC0415
 
+    held = SupportStiffness()
+    assumed = (
+        "rigid shafts and frame; gears as steel discs; each bearing, or body without one, held by "
+        f"{held.radial:.0e} N/m radially and axially and {held.tilt:.0e} N m/rad in tilt; the mean mesh stiffness of "
+        "ISO 6336-1"
+    )
     is_file = source not in catalogue() and Path(source).suffix == ".toml"
     if source in scene_catalogue() or (is_file and "gearbox" in read_toml(Path(source), error=GearboxError)):
-        if motions is not None:
-            raise UsageError(f"--motions {motions}: a scene has all motions that its teeth excite; omit this option.")
-        return scene_system(load_scene(source))
+        if motions or speed:
+            raise UsageError("--motions and --speed: a scene has its own speeds and all motions that its teeth excite.")
+        return scene_system(load_scene(source)), f"{assumed}; all where the scene declares nothing else"
     gearbox = load_gearbox(source)
+    guessed = {mesh.name: {key: x for key, x in _SIZES.items() if not getattr(mesh, key)} for mesh in gearbox.meshes}
+    gearbox = gearbox.changed(meshes=tuple(mesh.changed(**guessed[mesh.name]) for mesh in gearbox.meshes))
+    if bare := [name for name, sizes in guessed.items() if sizes]:
+        assumed += f"; {', '.join(f'{key} {x:g}' for key, x in _SIZES.items())} where {', '.join(bare)} declare none"
     chosen = motions or ("plane" if layout_of(gearbox).planar else "space")
-    return lambda speed: assemble(gearbox, motions=chosen, speed_rad_s=speed).system
+    kinematics = solve_kinematics(gearbox)
+    given = parse_speeds(speed, kinematics)
+    speeds = {link: float(rpm) for link, rpm in given.items()} if given else None
+    made = partial(assemble, kinematics, motions=chosen, speeds=speeds)
+    return lambda speed: made(speed_rad_s=speed).system, assumed

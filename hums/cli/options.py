@@ -10,7 +10,10 @@ from typing import TYPE_CHECKING, Annotated, Any, Literal, Optional
 import typer
 
 if TYPE_CHECKING:
+    from fractions import Fraction
+
     from hums.analysis.settings import AnalysisSettings
+    from hums.gearbox.kinematics import Kinematics
     from hums.jobs import Workers
 
 Out = Annotated[Path, typer.Option("--out", "-o", help="Output folder.")]
@@ -76,20 +79,35 @@ def option_values() -> Iterator[None]:
         raise UsageError(str(error)) from None
 
 
-def parse_speeds(texts: list[str] | None) -> dict[str, float] | None:
-    """Return the speeds of options ``--speed LINK=RPM`` by link, in rpm; None without one."""
-    return dict(_parse_speed(text) for text in texts) if texts else None
+def parse_speeds(texts: list[str] | None, kinematics: "Kinematics") -> "dict[str, Fraction] | None":
+    """Return the speeds of options ``--speed LINK=RPM`` by link, in rpm, exact as written; None without one.
 
+    Raises
+    ------
+    UsageError
+        A text of another form, or fewer speeds than there are degrees of freedom.
+    """
+    from fractions import Fraction  # noqa: PLC0415
 
-def _parse_speed(text: str) -> tuple[str, float]:
-    link, separator, rpm = text.rpartition("=")
-    try:
-        return link, float(rpm)
-    except ValueError:
-        separator = ""
-    if not separator:
-        raise UsageError(f'--speed "{text}": write LINK=RPM, as in --speed "sun=1500".')
-    return link, 0.0
+    from hums.drawing import START_RPM, free_links  # noqa: PLC0415
+
+    found = {}
+    for text in texts or ():
+        link, separator, rpm = text.rpartition("=")
+        try:
+            found[link] = Fraction(rpm)
+        except (ValueError, ZeroDivisionError):
+            separator = ""
+        if not separator:
+            raise UsageError(f'--speed "{text}": write LINK=RPM, as in --speed "sun=1500".')
+    if max(1, len(found)) < kinematics.dof:
+        links = free_links(kinematics)
+        example = " ".join(f'--speed "{link}={START_RPM * (link == links[0])}"' for link in links)
+        raise UsageError(
+            f'gearbox "{kinematics.gearbox.name}" has {kinematics.dof} degrees of freedom; give as many speeds, as in '
+            f"{example}."
+        )
+    return found or None
 
 
 def settings_of(*, no_envelope: bool, **chosen: Any) -> "AnalysisSettings":  # noqa: ANN401  (each option keeps its own type)

@@ -17,13 +17,14 @@ def orders(
     speed: Annotated[list[str] | None, typer.Option(metavar="LINK=RPM", help="Speed of a link; repeatable.")] = None,
     csv: Annotated[bool, typer.Option("--csv", help="Print comma-separated values.")] = False,
     json: Annotated[bool, typer.Option("--json", help="Print JSON.")] = False,
+    redundant: Annotated[bool, typer.Option("--redundant", help="Print the meshes that repeat a constraint.")] = False,
     rpm: Annotated[
         float | None, typer.Option(help="Speed of the reference in rpm; adds the frequencies in Hz and CPM.")
     ] = None,
 ) -> None:
     """Run the command."""
     from hums.gearbox.defect_orders import defect_orders  # noqa: PLC0415
-    from hums.gearbox.kinematics import solve_kinematics  # noqa: PLC0415
+    from hums.gearbox.kinematics import redundant_meshes, solve_kinematics  # noqa: PLC0415
     from hums.gearbox.model import load_gearbox  # noqa: PLC0415
     from hums.gearbox.undeclared import undeclared_parts  # noqa: PLC0415
 
@@ -32,7 +33,10 @@ def orders(
     if rpm is not None and not (math.isfinite(rpm) and rpm):
         raise UsageError(f"--rpm {rpm:g}: give a non-zero speed of the reference in rpm.")
     kinematics = solve_kinematics(load_gearbox(gearbox))
-    table = defect_orders(kinematics, reference=reference, speeds=parse_speeds(speed))
+    if redundant:
+        echo("\n".join(redundant_meshes(kinematics)) or "every mesh is a constraint of its own")
+        return
+    table = defect_orders(kinematics, reference=reference, speeds=parse_speeds(speed, kinematics))
     if rpm is not None:
         table.insert(list(table.columns).index("exact"), "hz", table["order"] * abs(rpm) / 60)
         table.insert(list(table.columns).index("exact"), "cpm", table["order"] * abs(rpm))

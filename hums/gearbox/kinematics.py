@@ -508,6 +508,34 @@ def solve_kinematics(
     return solved
 
 
+def redundant_meshes(kinematics: Kinematics) -> list[str]:
+    """Return the meshes whose equation follows from those before it, a sentence each, with the copies it concerns.
+
+    Such a mesh carries load, but takes no degree of freedom: without it the same speeds would follow.
+
+    Examples
+    --------
+    >>> import hums
+    >>> from hums.gearbox.kinematics import redundant_meshes
+    >>> redundant_meshes(hums.solve_kinematics(hums.load_gearbox("planetary-27-36-99")))
+    ['planet-ring, planet 2 and planet 3: repeats the meshes before it']
+    """
+    pivots: dict[str, Rates] = {}
+    found: dict[str, list[str]] = {}
+    pairs = [contact for contact in kinematics.contacts if len(contact.gears) > 1]
+    for contact, (_, row) in zip(pairs, _equations(kinematics, (), ()), strict=True):
+        residual = reduced(row, pivots)
+        if residual:
+            add_pivot(pivots, residual, next(iter(residual)))
+        else:
+            copies = [link for link, _ in contact.gears if link in kinematics.gearbox.copy_links]
+            found.setdefault(contact.mesh, []).extend(copies[:1])
+    return [
+        f"{', '.join([mesh, ' and '.join(copies)]) if copies else mesh}: repeats the meshes before it"
+        for mesh, copies in found.items()
+    ]
+
+
 def _check_bearings(unsolved: Kinematics) -> None:
     for bearing in unsolved.gearbox.bearings:
         inner, outer = bearing.inner_ring, bearing.outer_ring

@@ -3,8 +3,6 @@
 from hums.plots.analysis import plot_spectrum, plot_speed, plot_tracks
 from hums.plots.dynamics_figures import (
     plot_campbell,
-    plot_frequencies,
-    plot_mesh_stiffness,
     plot_mode_shape,
     plot_stability_map,
 )
@@ -21,8 +19,6 @@ __all__ = [
     "draw_mechanism",
     "mechanism_graph",
     "plot_campbell",
-    "plot_frequencies",
-    "plot_mesh_stiffness",
     "plot_mode_shape",
     "plot_spectrum",
     "plot_speed",

@@ -115,7 +115,7 @@ def save_figure(
 
 def _save(draw: Callable[[Axes], object], file: IO[Any], *, kind: str, width: float, height: float) -> None:
     with mpl.rc_context(_STYLE):  # type: ignore[arg-type]
-        figure = Figure(figsize=(width, height), layout="constrained")
+        figure = Figure(figsize=(width, height), layout="constrained", dpi=_DPI)  # else texts are wider in the file
         FigureCanvasAgg(figure)  # which keeps its renderer; without, one is made whenever a text is measured
         ax = figure.add_subplot()
         draw(ax)

@@ -10,6 +10,11 @@ from matplotlib.axes import Axes
 from matplotlib.text import Text
 from matplotlib.transforms import Bbox
 
+from hums.plots.style import FAINT
+
+_FONTS = (7.5, 7.0, 6.5, 6.0, 5.5, 5.0)
+_LEADER = 24  # points between a line and its name
+
 
 def apply_layout(ax: Axes) -> None:
     """Run the layout of the figure, so that extents are those of the final drawing."""
@@ -77,6 +82,47 @@ def spread(positions: np.ndarray, *, gap: float, low: float, high: float) -> np.
     flat = np.repeat([mean for mean, _ in pools], [int(count) for _, count in pools])
     moved: np.ndarray = np.clip(flat, low, max(low, high - gap * (positions.size - 1))) + steps
     return moved
+
+
+def name_right_ends(ends: Sequence[tuple[float, str, str]], *, ax: Axes) -> int:
+    """Write names beside the right end of lines without overlap; return how many of them fit.
+
+    Parameters
+    ----------
+    ends : sequence of (float, str, str)
+        Ordinate, name and colour of each line, the least important last: these are left out where not all fit.
+    ax : matplotlib.axes.Axes
+        Axes whose present height limits the number of names.
+    """
+    right = ax.get_xlim()[1]
+    texts = [
+        ax.annotate(
+            name,
+            (right, value),
+            xytext=(_LEADER, 0.5),
+            textcoords=("offset points", "axes fraction"),
+            va="center",
+            fontsize=_FONTS[0],
+            color=colour,
+            arrowprops={"arrowstyle": "-", "relpos": (0.0, 0.5), "color": FAINT, "lw": 0.5, "shrinkA": 1, "shrinkB": 0},
+            annotation_clip=False,
+        )
+        for value, name, colour in ends
+    ]
+    apply_layout(ax)
+    height = float(ax.bbox.height)
+    size = next((size for size in _FONTS if 1.22 * size * point_size(ax) * len(texts) <= height), _FONTS[-1])
+    gap = 1.22 * size * point_size(ax)
+    fitting = max(1, int(height / gap))
+    for text in texts[fitting:]:
+        text.remove()
+    kept = sorted(zip(ends[:fitting], texts, strict=False), key=lambda end: end[0][0])
+    at = ax.transData.transform([(right, value) for (value, _, _), _ in kept])[:, 1]
+    places = spread(at, gap=gap, low=ax.bbox.y0 + gap / 2, high=ax.bbox.y1 - gap / 2)
+    for (_, text), y in zip(kept, places, strict=True):
+        text.set_fontsize(size)
+        text.set_position((_LEADER, (y - ax.bbox.y0) / height))
+    return len(kept)
 
 
 def _overlap(one: Bbox, other: Bbox) -> float:

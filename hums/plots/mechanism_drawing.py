@@ -15,7 +15,7 @@ from numpy.typing import NDArray
 from hums.gearbox.components import Vector
 from hums.gearbox.layout import BearingShape, GearShape, Layout, Rod, layout_of, transverse_axes
 from hums.gearbox.model import Gearbox
-from hums.plots.labels import LabelSpace, apply_layout, point_size, spread
+from hums.plots.labels import apply_layout, point_size, spread
 from hums.plots.style import FAINT, INK
 
 Array = NDArray[np.float64]
@@ -95,7 +95,7 @@ def draw_mechanism(
     notes = "\n".join(line for note in layout.notes for line in textwrap.wrap(note, _LINE))
     ax.set_title(notes, loc="center", ma="left", fontsize=_TEXT, color=INK, y=-0.02, va="top")
     if names:
-        drawing.write_names(outside=view != "axial")
+        drawing.write_names()
     return ax
 
 
@@ -300,36 +300,23 @@ class _Drawing:
 
     # ---- names -----------------------------------------------------------------------------------------------
 
-    def write_names(self, *, outside: bool) -> None:
-        """Write the names in two columns beside the drawing with leaders, or on the parts where space is free."""
+    def write_names(self) -> None:
+        """Write the names in two columns beside the drawing, with leaders."""
         apply_layout(self.ax)
         labels = list({label.text: label for label in self.labels}.values())
-        if outside:
-            points = np.array([label.at for label in labels])
-            middle = float(points[:, 0].mean()) - _IN_PLANE
-            self.ax.plot(*points.T, ".", ls="", ms=3, color=INK, zorder=9)
-            names: list[Annotation] = []
-            for _ in range(_PASSES):
-                for name in names:
-                    name.remove()
-                names = [
-                    name
-                    for side in (-1, 1)
-                    for name in self._column([one for one in labels if (one.at[0] < middle) == (side < 0)], side)
-                ]
-                apply_layout(self.ax)
-            return
-        space = LabelSpace()
-        for label in labels:
-            pixels = np.diff(self.ax.transData.transform([(0.0, 0.0), (0.0, label.half)])[:, 1])[0]
-            away = float(pixels) * 72 / self.ax.figure.dpi + 0.75 * _TEXT
-            name = self._write(label, xytext=(0, 0), textcoords="offset points", ha="center")
-            width = 3.2 * len(label.text) / 2 + away
-            places = [(0.0, 0.0)]
-            for step in (1.0, 1.6, 2.4, 3.4):
-                places += [(0.0, step * away), (0.0, -step * away), (step * width, 0.0), (-step * width, 0.0)]
-                places += [(step * width, step * away), (-step * width, -step * away)]
-            space.place_text(name, places)
+        points = np.array([label.at for label in labels])
+        middle = float(points[:, 0].mean()) - _IN_PLANE
+        self.ax.plot(*points.T, ".", ls="", ms=3, color=INK, zorder=9)
+        names: list[Annotation] = []
+        for _ in range(_PASSES):
+            for name in names:
+                name.remove()
+            names = [
+                name
+                for side in (-1, 1)
+                for name in self._column([one for one in labels if (one.at[0] < middle) == (side < 0)], side)
+            ]
+            apply_layout(self.ax)
 
     def _column(self, labels: list[_Name], side: int) -> Iterator[Annotation]:
         """Write the names of one side under each other, each as near as can be to the height of its part."""

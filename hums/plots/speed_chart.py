@@ -9,7 +9,7 @@ from matplotlib.lines import Line2D
 from matplotlib.ticker import LogFormatter
 
 from hums.gearbox.defect_orders import BEARING_KINDS, KINDS
-from hums.plots.labels import apply_layout, point_size, spread
+from hums.plots.labels import name_right_ends
 from hums.plots.style import FAINT, INK, KIND_COLOURS
 
 if TYPE_CHECKING:
@@ -18,7 +18,6 @@ if TYPE_CHECKING:
 _EQUAL = 1e-9
 _LONGEST = 48  # letters of a name, before the rest of its components is only counted
 _WORDS = {"shaft": "", "gear_mesh": "mesh", "planet_pass": "", "planet_tooth": "tooth"}
-_FONTS = (7.5, 7.0, 6.5, 6.0, 5.5, 5.0)
 
 
 @dataclass(frozen=True, kw_only=True)
@@ -109,7 +108,13 @@ def speed_order_chart(table: "pd.DataFrame", *, reference_rpm: tuple[float, floa
     ax.yaxis.set_minor_formatter(LogFormatter())
     ax.grid(visible=True, color=FAINT, alpha=0.3, lw=0.5)
     _legend(lines, ax=ax)
-    _name(lines, high, ax=ax)
+    ranked = sorted(lines, key=lambda line: KINDS.index(line.kinds[0]))
+    unnamed = len(lines) - name_right_ends(
+        [(line.order * high / 60, line.label, KIND_COLOURS[line.kinds[0]]) for line in ranked], ax=ax
+    )
+    if unnamed:
+        note = f"{unnamed} more lines unlabelled; increase the height"
+        ax.annotate(note, (1.0, -0.01), xycoords="axes fraction", ha="left", va="top", fontsize=6.5, color=INK)
     return ax
 
 
@@ -149,42 +154,3 @@ def _legend(lines: list[_Line], *, ax: Axes) -> None:
     ax.legend(
         handles=handles, fontsize=6.5, ncols=4, frameon=False, loc="lower left", bbox_to_anchor=(0, 1), borderaxespad=0
     )
-
-
-def _name(lines: list[_Line], high: float, *, ax: Axes) -> None:
-    """Label the lines at their right end without overlap; where not all fit, the last kinds of `KINDS` are left out."""
-    texts = [
-        ax.annotate(
-            line.label,
-            (high, line.order * high / 60),
-            xytext=(1.05, 0.5),
-            textcoords="axes fraction",
-            va="center",
-            fontsize=_FONTS[0],
-            color=KIND_COLOURS[line.kinds[0]],
-            arrowprops={"arrowstyle": "-", "relpos": (0.0, 0.5), "color": FAINT, "lw": 0.5, "shrinkA": 1, "shrinkB": 0},
-            annotation_clip=False,
-        )
-        for line in lines
-    ]
-    apply_layout(ax)
-    height = float(ax.bbox.height)
-    for size in _FONTS:
-        gap = 1.22 * size * point_size(ax)
-        if gap * len(texts) <= height:
-            break
-    capacity = max(1, int(height / gap))
-    dropped = sorted(range(len(lines)), key=lambda n: KINDS.index(lines[n].kinds[0]), reverse=True)[
-        : max(0, len(lines) - capacity)
-    ]
-    for number in dropped:
-        texts[number].remove()
-    kept = [number for number in range(len(lines)) if number not in set(dropped)]
-    ends = np.array([ax.transData.transform((high, lines[number].order * high / 60))[1] for number in kept])
-    at = spread(ends, gap=gap, low=ax.bbox.y0 + gap / 2, high=ax.bbox.y1 - gap / 2)
-    for number, y in zip(kept, at, strict=True):
-        texts[number].set_fontsize(size)
-        texts[number].set_position((1.05, (y - ax.bbox.y0) / height))
-    if dropped:
-        note = f"{len(dropped)} more lines unlabelled; increase the height"
-        ax.annotate(note, (1.0, -0.01), xycoords="axes fraction", ha="left", va="top", fontsize=6.5, color=INK)

@@ -1,16 +1,16 @@
 """Figures of dynamics: what is drawn is what was computed."""
 
 from dataclasses import dataclass
+from itertools import pairwise
 
 import numpy as np
 import pytest
 from matplotlib.figure import Figure
+from matplotlib.text import Text
 from numpy.testing import assert_allclose
 
 from hums.plots import (
     plot_campbell,
-    plot_frequencies,
-    plot_mesh_stiffness,
     plot_mode_shape,
     plot_stability_map,
 )
@@ -18,18 +18,6 @@ from hums.plots import (
 
 def axes():
     return Figure(figsize=(6, 4), layout="constrained").add_subplot()
-
-
-@dataclass(frozen=True)
-class Step:
-    """A stiffness of 3 N/um for the first half of a cycle, 1 N/um for the second."""
-
-    mean: float = 2e6
-    period: int = 1
-    jumps: tuple[float, ...] = (0.0, 0.5)
-
-    def __call__(self, phase_cycles):
-        return np.where(np.remainder(phase_cycles, 1) < 0.5, 3e6, 1e6)
 
 
 @dataclass(frozen=True)
@@ -62,31 +50,16 @@ MODES = Shapes(
 )
 
 
-def test_jumps_stand_upright():
-    ax = plot_mesh_stiffness(Step(), ax=axes(), cycles=(0.0, 2.0))
-    phase, value = ax.lines[0].get_data()
-    falls = np.flatnonzero(np.abs(np.diff(value)) > 1)
-    assert_allclose(phase[falls], [0.5, 1.0, 1.5], atol=1e-6)
-    assert np.diff(phase)[falls].max() < 1e-8
-    assert set(value) == {1.0, 3.0}
-    assert_allclose(ax.lines[1].get_ydata(), 2.0)
-
-
 def test_a_mode_s_bars_are_its_shape_over_the_largest_of_each_kind():
     ax = plot_mode_shape(MODES, 1, ax=axes())
     widths = {round(bar.get_y() + bar.get_height() / 2): bar.get_width() for bar in ax.patches}
     assert widths == pytest.approx({0: 1.0, 1: -1 / 3, 2: 1.0})
-    assert ax.get_title(loc="left") == "120 Hz, mixed"
+    assert ax.get_title(loc="left") == "mode 2: 120 Hz, mixed"
+    ax = plot_mode_shape(MODES, 1, ax=axes(), energy={"sun": 0.75, "ring": 0.25})
+    assert ax.get_title(loc="left") == "mode 2: 120 Hz, mixed\nsun 75%, ring 25%"
     # rounding beside a rotation is nothing
     ax = plot_mode_shape(MODES, 2, ax=axes())
     assert sorted(bar.get_width() for bar in ax.patches) == pytest.approx([-1.0, 0.0, 0.5])
-
-
-def test_each_kind_of_mode_has_its_row():
-    ax = plot_frequencies(MODES, ax=axes())
-    assert [label.get_text() for label in ax.get_yticklabels()] == ["rigid", "rotational", "mixed"]
-    drawn = [segment[0][0] for lines in ax.collections for segment in lines.get_segments()]
-    assert_allclose(drawn, [0.0, 450.0, 120.0])
 
 
 def test_mesh_orders_are_rays():
@@ -97,8 +70,20 @@ def test_mesh_orders_are_rays():
     assert len(rays) == 2
     for ray, order in zip(rays, (20, 40), strict=True):
         assert_allclose(ray.get_ydata(), order * speeds / (2 * np.pi))
-    assert {text.get_text() for text in ax.texts} == {"20", "40"}
-    assert np.isnan(ax.lines[0].get_ydata()).all()  # what does not swing has no line
+        assert_allclose(ray.get_xdata(), speeds * 30 / np.pi)  # rpm
+    assert {text.get_text() for text in ax.texts} == {"order 20", "order 40", "mode 2, 300 Hz"}
+    assert len(ax.lines) == 3  # what does not swing has no line
+
+
+def test_names_of_a_campbell_diagram_do_not_overlap():
+    frequencies = np.outer(np.ones(3), [0.0, 500.0, 501.0, 502.0, 660.0])
+    diagram = Diagram(speeds_rad_s=np.linspace(0, 200, 3), frequencies_hz=frequencies, orders=(15.7, 15.8, 20.0))
+    ax = plot_campbell(diagram, ax=axes())
+    ax.figure.draw_without_rendering()
+    heights = sorted(Text.get_window_extent(text).intervaly.tolist() for text in ax.texts)
+    assert len(heights) == 7
+    assert all(below[1] <= above[0] + 0.5 for below, above in pairwise(heights))
+    assert max(Text.get_window_extent(text).x1 for text in ax.texts) <= ax.figure.bbox.x1
 
 
 def test_a_map_shows_where_motion_grows():
