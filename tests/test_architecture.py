@@ -83,7 +83,7 @@ BUDGETS = """
     hums/cli                                                   1120   1039    700
     hums/fleet                                                 2161   2114   1300
     hums/gearbox                                               3541   3535   2600
-    hums/plots, hums/drawing, hums/pages                       1667   1423   1200
+    hums/plots, hums/drawing, hums/pages                       1667   1371   1200
     hums/readers                                               1267   1267   1000
     hums/records                                               1831   1831   1200
     hums/report                                                 977    977    800
