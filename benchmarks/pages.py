@@ -1,10 +1,10 @@
-"""Pictures and tables of docs/dynamics.md and docs/wijianto.md, from the results of their code.
+"""Pictures of docs/dynamics.md and docs/wijianto.md, and the table of the former, from the results of their code.
 
     python benchmarks/pages.py [FOLDER] [SUFFIX]
 
-Runs the Python blocks of a page from top to bottom in one namespace, as the tests do, draws the pages' pictures into
-FOLDER (default docs/pages; SUFFIX svg or png), and writes the table of known numbers between its marks in
-docs/dynamics.md.
+Runs the Python blocks of docs/dynamics.md from top to bottom in one namespace, as the tests do, and the example of
+Wijianto's figures, draws the pages' pictures into FOLDER (default docs/pages; SUFFIX svg or png), and writes the table
+of known numbers between its marks in docs/dynamics.md.
 """
 
 import re
@@ -12,14 +12,13 @@ import sys
 from collections.abc import Callable
 from functools import partial
 from pathlib import Path
+from runpy import run_path
 from typing import Any
 
 import numpy as np
 from matplotlib import rc_context
 from matplotlib.figure import Figure
 
-FIGURE_4_S, FIGURE_9_S = (0.3, 0.4), (0.49, 0.515)  # what the paper's close-ups show
-IN_MICROSECONDS = 5  # the panel of the mesh stiffness
 ROBUST_DIGITS = 10  # of a number: one more of ours is shown where the known one has no more
 DOCS = Path(__file__).resolve().parents[1] / "docs"
 BLOCK = re.compile(r"```python\n(.*?)```", flags=re.DOTALL)
@@ -45,54 +44,6 @@ def picture(path: Path, draw: Callable[[Figure], None], *, width: float, height:
                 axes.spines[["top", "right"]].set_visible(False)
         metadata = {"Date": None} if path.suffix == ".svg" else {}
         figure.savefig(path, dpi=100, metadata=metadata)
-
-
-# ---- docs/wijianto.md ------------------------------------------------------------------------------------------------
-
-
-def draw_wijianto(figure: Figure, page: dict[str, Any]) -> None:
-    """Draw figures 3 to 10 of the paper."""
-    times_s, axes = page["times_s"], figure.subplots(4, 2).ravel()
-    every = slice(None, None, 4)
-    zoom, period = ((times_s >= low) & (times_s <= high) for low, high in (FIGURE_4_S, FIGURE_9_S))
-
-    def plot(number: int, title: str, x: Any, y: Any, **style: Any) -> None:  # noqa: ANN401
-        axes[number].plot(x, y, **style)
-        axes[number].set_title(title, fontsize=8, loc="left")
-
-    plot(0, "3: gear body velocity, mm/s", times_s[every], 1e3 * page["velocity"][every], lw=0.3, rasterized=True)
-    plot(1, "4: the same, zoom", times_s[zoom], 1e3 * page["velocity"][zoom])
-    plot(2, "5: gear angular velocity, rad/s", times_s[every], page["speed"][every])
-    plot(3, "6: the same, zoom", times_s[zoom], page["speed"][zoom])
-    plot(4, "7: transmission error, mm", times_s[every], 1e3 * page["error"][every], lw=0.5, rasterized=True)
-    axes[4].axhline(1e3 * page["settled"], color="0.5", lw=0.6, ls="--")
-    cycles, microseconds = page["cycles"], 2e6 * np.pi / 8334
-    plot(5, "8: mesh stiffness, MN/m, and 20 terms of eq. 12", cycles * microseconds, 1e-6 * page["rectangle"](cycles))
-    axes[5].plot(cycles * microseconds, 1e-6 * page["series"](cycles), lw=0.5)
-    plot(6, "9: one period of the angular velocity, rad/s", times_s[period], page["speed"][period])
-    for time_s in (0.497, 0.506):
-        axes[6].axvline(time_s, color="0.5", lw=0.6, ls="--")
-    begin = slice(0, 20_001, 4)
-    for name, label in (("error", "no damper"), ("damped", "damped"), ("varied", "damped, varying stiffness")):
-        plot(
-            7,
-            "10: transmission error, mm",
-            times_s[begin],
-            1e3 * page[name][begin],
-            lw=0.5,
-            label=label,
-            rasterized=True,
-        )
-    axes[7].legend(fontsize=6, frameon=False, loc="upper right")
-    inner = axes[7].inset_axes([0.5, 0.06, 0.42, 0.28])
-    last = times_s > times_s[-1] - 0.003
-    inner.plot(times_s[last], 1e3 * page["varied"][last], color="C2")
-    inner.plot(times_s[last], 1e3 * page["damped"][last], color="C1")
-    inner.set_title("the last 3 ms", fontsize=6, pad=2)
-    inner.set_xticks([])
-    inner.tick_params(labelsize=5)
-    for number in range(8):
-        axes[number].set_xlabel("us" if number == IN_MICROSECONDS else "s", fontsize=7, labelpad=1)
 
 
 # ---- docs/dynamics.md ------------------------------------------------------------------------------------------------
@@ -173,10 +124,11 @@ def table(known: list[tuple[str, str, list[float], Any]]) -> str:
 
 
 def main(folder: Path, suffix: str) -> None:
-    """Run both pages, draw their pictures, and write the table into its page."""
+    """Draw the pictures of both pages, and write the table into its page."""
     folder.mkdir(exist_ok=True)
-    wijianto = run(DOCS / "wijianto.md")
-    picture(folder / f"wijianto.{suffix}", lambda figure: draw_wijianto(figure, wijianto), width=8, height=9)
+    with rc_context(STYLE):
+        drawn = run_path(str(DOCS / "examples" / "plot_61_wijianto_start_up.py"))["figure"]
+        drawn.savefig(folder / f"wijianto.{suffix}", dpi=100, metadata={"Date": None} if suffix == "svg" else {})
     page = DOCS / "dynamics.md"
     dynamics = run(page)
     for name, (draw, width, height) in DYNAMICS.items():

@@ -91,7 +91,7 @@ BUDGETS = """
     data_synth/dynamics, data_synth/integrators                4106   2813   2600
     data_synth/fidelity, data_synth/vibration                  4287   2232   2000
     data_synth/gears, data_synth/bearings                      1478   1210   1300
-    data_synth/kinematic, data_synth/operation, data_synth/scene  2873   2521   2200
+    data_synth/kinematic, data_synth/operation, data_synth/scene  2873   2511   2200
     data_synth/sources, data_synth/transfer                    1545   1277   1200
     all code lines                                            48791  42896  33500
     all modules                                                 345    318    240

@@ -1,7 +1,7 @@
 """Model of gears that vibrate: integrated in time, or the lines of their linear response where these come near enough.
 
 What the linear response lacks is estimated from that response itself: the first term of the vibration times the change
-of stiffness, how lines lag behind a speed that changes, and the vibration by torques that change.
+of stiffness, and how lines lag behind a speed that changes.
 """
 
 import math
@@ -27,7 +27,6 @@ from data_synth.vibration.run import Motion
 
 _INSTANTS = 17  # of a scene at which its linear response is evaluated
 _BINS = 512  # of a spectrum, up to the Nyquist frequency
-_TORQUE_RATE_HZ, _MOST_POINTS, _NEGLIGIBLE = 4096.0, 1 << 17, 1e-6  # of a torque against time; of its largest line
 _STEADY = 1e-9  # of a speed or a force: what rounding may change
 _NOTHING_DB = -150.0
 _MARGIN_DB, _MODES_PASSED = 3.0, 4.0
@@ -150,7 +149,7 @@ class _Estimate:
             ]
         )
         error, error_db = np.zeros(power.size), -math.inf
-        for part in (self._own_variation, self._lag, self._torque, self._other_variation):
+        for part in (self._own_variation, self._lag, self._other_variation):
             error = error + part()
             with np.errstate(divide="ignore"):
                 ratio = math.sqrt(np.max(error[error > 0] / power[error > 0], initial=0.0))
@@ -203,22 +202,3 @@ class _Estimate:
             late = rates[instant] / (2 * np.pi * frequency_hz * stage.speed_hz[instant] * share**2)
             found.append(late / 2 * (low - 2 * middle + high) * force.at(instant))
         return _MODES_PASSED * self._mean(found)
-
-    def _torque(self) -> Array:
-        """Return the vibration by torques that change, inertia torques included."""
-        scene, load = self.motion.stage.scene, self.motion.load
-        found = np.zeros(len(scene.sensors))
-        if load.varying is None:
-            return found
-        points = min(max(2, math.ceil(scene.duration_s * min(scene.rate_hz, _TORQUE_RATE_HZ))), _MOST_POINTS)
-        times_s = np.linspace(0.0, scene.duration_s, points)
-        factors = load.varying(times_s)
-        # a steady rise vibrates nothing, and without it the ends meet
-        factors = factors - factors[0] - np.multiply.outer(np.linspace(0, 1, points), factors[-1] - factors[0])
-        lines = np.fft.rfft(factors[:-1], axis=0)[1:] * 2 / (points - 1)
-        loud = np.abs(lines) > _NEGLIGIBLE * np.max(np.abs(lines), initial=0.0)
-        frequency_hz = np.arange(1, lines.shape[0] + 1) / scene.duration_s
-        total = np.zeros((found.size, lines.shape[0]), dtype=np.complex128)
-        for number, heard in enumerate(loud.T):
-            total[:, heard] += self._response.channels_by_load(number, frequency_hz[heard]) * lines[heard, number]
-        return np.asarray(np.sum(np.abs(total) ** 2, axis=1) / 2)

@@ -98,8 +98,6 @@ class Response:
         Contribution to the deflections of meshes.
     inputs : (pole, mesh) complex array
         Excitation of each pole per N of p.
-    load_inputs : (pole, load) complex array
-        The same per unit of each load that varies.
     direct : (reading, mesh) array
         The readings per N of p: forces of gears of the frame, and of meshes that are read.
     means : (mesh,) array
@@ -111,7 +109,6 @@ class Response:
     outputs: ComplexArray = field(repr=False, metadata={"dims": ("listener", "pole"), "units": "N"})
     deflections: ComplexArray = field(repr=False, metadata={"dims": ("mesh", "pole"), "units": "m"})
     inputs: ComplexArray = field(repr=False, metadata={"dims": ("pole", "mesh"), "units": "N-1"})
-    load_inputs: ComplexArray = field(repr=False, metadata={"dims": ("pole", "load")})
     direct: Array = field(repr=False, metadata={"dims": ("listener", "mesh"), "units": "1"})
     means: Array = field(repr=False, metadata={"dims": ("mesh",), "units": "N/m"})
 
@@ -122,18 +119,6 @@ class Response:
     def channels(self, mesh: int, frequency_hz: Array) -> ComplexArray:
         """Return the complex amplitudes in the channels for 1 N of p at frequencies (line,), (sensor, line)."""
         return self.in_channels(self._readings(mesh, self._resolvent(frequency_hz)).T, frequency_hz)
-
-    def channels_by_load(self, load: int, frequency_hz: Array) -> ComplexArray:
-        """Return the complex amplitudes in the channels for a unit of a load that varies, (sensor, line).
-
-        Declared paths lack the static force, which is known at the instants of the truth.
-        """
-        by_pole = (self.outputs * self.load_inputs[:, load]).T
-        force = self._resolvent(frequency_hz) @ by_pole
-        spacing_s = float(np.max(np.diff(self.motion.stage.instants_s)))
-        without = np.array([route.path is not None for route in self.motion.sensor_forces.routes])
-        force[np.ix_(frequency_hz < 0.5 / spacing_s, without)] += ((1 / self.poles) @ by_pole)[without]
-        return self.in_channels(force.T, frequency_hz)
 
     def in_channels(self, readings: ComplexArray, frequency_hz: Array) -> ComplexArray:
         """Return the complex amplitudes in the channels, (sensor, line), of readings (reading, line) in N."""
@@ -204,16 +189,14 @@ def response_of(motion: Motion) -> Response:
     rows = rows if output.displacement is None else rows + output.displacement
     velocity_rows = np.zeros_like(rows) if output.velocity is None else output.velocity
     readings = np.hstack([rows @ shapes, velocity_rows @ shapes]) @ vectors
-    loads = motion.load.directions
-    pushes = np.concatenate([-directions, np.zeros((0, system.dof)) if loads is None else loads]) @ shapes
+    pushes = -directions @ shapes
     inputs = np.linalg.solve(vectors, np.vstack([np.zeros_like(pushes.T), pushes.T]).astype(np.complex128))
     return Response(
         motion=motion,
         poles=poles.astype(np.complex128),
         outputs=readings,
         deflections=(directions @ shapes) @ vectors[:count],
-        inputs=inputs[:, : means.size],
-        load_inputs=inputs[:, means.size :],
+        inputs=inputs,
         direct=every,
         means=means,
     )
@@ -225,6 +208,9 @@ def obstacle(motion: Motion) -> str:
         return "planets rotate with their carrier"
     if motion.drive_load.full_rotation:
         return "speed follows from torque"
+    torque = motion.stage.drive.torque
+    if torque is not None and np.ptp(torque.values):
+        return "the torque changes"
     for mesh in motion.system.meshes:
         period, why = _period(mesh), ""
         if mesh.history is not None:

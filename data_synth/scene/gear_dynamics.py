@@ -17,7 +17,7 @@ from hums.gearbox.components import Declared, Name, Positive
 _NUMBERS_OF_SHAPE = {
     "trapezoid": ("contact_ratio",),
     "rectangular": ("step_n_m", "contact_ratio"),
-    "fourier": ("step_n_m", "contact_ratio", "harmonics"),
+    "fourier": ("harmonics_n_m",),
 }
 
 
@@ -29,12 +29,12 @@ class LinkDynamics(Declared):
 
 
 class MeshDynamics(Declared):
-    """Stiffness, damping and errors of a mesh.
+    """Stiffness and errors of a mesh.
 
     Geometry may be declared here where the gearbox leaves it out. `stiffness_n_m` is the mean mesh stiffness along the
     line of action; `shape` its variation over a mesh cycle: from the strain energy of the teeth (spur gears without
-    undercut or profile shift, whose bodies are held at `bore_share` of the reference radius), trapezoidal by the
-    contact ratio, rectangular, the first terms of a Fourier series, or constant. Left out, it is `teeth` where the
+    undercut or profile shift, whose bodies are held at 0.4 of the reference radius), trapezoidal by the
+    contact ratio, rectangular, a Fourier series, or constant. Left out, it is `teeth` where the
     geometry allows, else `trapezoid`. `backlash_um` is the play between the flanks along the line of action (left out:
     the least that ISO/TR 10064-2 recommends; 0: teeth pull as well as push). `error_um` is the amplitude of the first
     mesh harmonic of the transmission error; `friction_coefficient` that of sliding between the flanks (external gears
@@ -47,8 +47,7 @@ class MeshDynamics(Declared):
 
     A rectangular stiffness is high for the fractional part of `contact_ratio` (left out: of the geometry) of each
     cycle, and `step_n_m` lower for the rest (left out: the stiffness of one of `contact_ratio` equal pairs of teeth).
-    A Fourier series is either the first `harmonics` terms of that rectangle, or ``c cos + s sin`` of each mesh harmonic
-    from `harmonics_n_m` = [[c, s], ...], peak values in N/m.
+    A Fourier series is ``c cos + s sin`` of each mesh harmonic, `harmonics_n_m` = [[c, s], ...], peak values in N/m.
     """
 
     module_mm: Positive | None = None
@@ -59,9 +58,7 @@ class MeshDynamics(Declared):
     stiffness_n_m: Positive | None = None
     step_n_m: Positive | None = None
     contact_ratio: Annotated[float, Field(gt=1)] | None = None
-    harmonics: Annotated[int, Field(ge=1)] | None = None
     harmonics_n_m: Annotated[tuple[tuple[Finite, Finite], ...], Field(min_length=1)] | None = None
-    damping_n_s_m: NotNegative = 0.0
     backlash_um: NotNegative | None = None
     error_um: NotNegative = 0.0
     transmission_error: Annotated[Knots, AfterValidator(closed_cycles)] | None = None
@@ -69,7 +66,6 @@ class MeshDynamics(Declared):
     tip_relief_pitches: Positive | None = None
     crowning_um: NotNegative = 0.0
     friction_coefficient: Annotated[float, Field(ge=0, lt=1)] = 0.0
-    bore_share: Annotated[float, Field(gt=0, lt=0.8)] = 0.4
 
     @model_validator(mode="before")
     @classmethod
@@ -89,19 +85,11 @@ class MeshDynamics(Declared):
 
     @model_validator(mode="after")
     def _check_shape(self) -> Self:
-        """Refuse numbers without effect on the shape, and a Fourier series given twice or not at all."""
-        given = [key for key in ("harmonics", "harmonics_n_m") if getattr(self, key) is not None]
-        if self.shape == "fourier" and len(given) != 1:
-            raise ValueError(
-                f"{' and '.join(given)} are both given; keep one"
-                if given
-                else 'shape = "fourier" needs harmonics = the number of terms of a rectangle, or '
-                "harmonics_n_m = [[c, s], ...]"
-            )
+        """Refuse numbers without effect on the shape, and a Fourier series without lines."""
+        if self.shape == "fourier" and self.harmonics_n_m is None:
+            raise ValueError('shape = "fourier" needs harmonics_n_m = [[c, s], ...]')
         used = _NUMBERS_OF_SHAPE.get(self.shape or "", ())
-        if self.harmonics_n_m is not None and self.shape == "fourier":
-            used = ("harmonics_n_m",)
-        for key in ("step_n_m", "contact_ratio", "harmonics", "harmonics_n_m"):
+        for key in ("step_n_m", "contact_ratio", "harmonics_n_m"):
             value = getattr(self, key)
             if value is not None and key not in used:
                 shown = f"{value:g}" if isinstance(value, float) else value
@@ -138,8 +126,9 @@ class Dynamics(Declared):
     forces inside of it that balance do not move it. Above, a sensor responds in full to the bearing forces of its own
     link (both links of a mesh), and with the weight `elsewhere` to those of others, unless `sensor_weights` gives them;
     the response then passes the scene's `path`. Every mode of the gears has `damping_ratio`, to which the
-    damping of bearings and meshes is added. The scene's torque acts on its link, or on `load_on` where that is the
-    reference itself; the reference shaft drives.
+    damping of bearings and meshes is added; it may be 0 in a run-up. The scene's torque acts on its link, or on
+    `load_on` where that is the reference itself; the reference shaft drives. Teeth follow the shafts, or with
+    `mesh_rpm` a reference shaft of that constant speed, as where a paper writes ``k(Omega t)``.
 
     `error` is the relative RMS error of the channels that time stepping may cause. ``fidelity = "auto"`` allows
     the linear response differences up to `floor_db` from the motion in time.
@@ -148,7 +137,8 @@ class Dynamics(Declared):
     links: ByName[LinkDynamics] = ()
     meshes: ByName[MeshDynamics] = ()
     bearings: ByName[SupportDynamics] = ()
-    damping_ratio: Annotated[float, Field(gt=0, lt=1)] = 0.03
+    damping_ratio: Annotated[float, Field(ge=0, lt=1)] = 0.03
+    mesh_rpm: Positive | None = None
     load_on: Name | None = None
     housing_kg: Positive = 20.0
     mounts: Mode = Mode(frequency_hz=20.0, damping_ratio=0.2)

@@ -32,12 +32,14 @@ def speed_truth(speeds: dict[str, Array]) -> dict[str, xr.DataArray]:
 def mechanics_truth(motion: Motion) -> dict[str, xr.DataArray]:
     """Return the quantities inside a gearbox whose gears all move.
 
-    ``truth_transmission_error`` (truth_contact, time) in m, how far the gears have approached along the line of action
-    from where their driving flanks touch; ``truth_tooth_error`` in m, how far their unloaded teeth do;
-    ``truth_mesh_stiffness`` in N m-1 and ``truth_mesh_force`` in N, positive where teeth are pressed together: the
-    stiffness times the difference of both, as long as the teeth do not part. ``truth_bearing_force`` (truth_support,
-    time) in N, what the bearings of a link press on the frame along an axis of the scene; ``truth_link_speed``
-    (truth_link, time) in rev s-1, vibration included. All are values at the sampling instants, not filtered.
+    Of each contact (truth_contact, time), along the line of action from where its driving flanks touch, positive as the
+    gears approach: ``truth_transmission_error`` in m, by the rotations of gears on fixed axes, ``r1 theta1 - r2
+    theta2``, and the whole motion of planets; ``truth_mesh_deflection`` in m, by all motions; ``truth_tooth_error`` in
+    m, of unloaded teeth. ``truth_mesh_stiffness`` in N m-1 and ``truth_mesh_force`` in N, positive where teeth are
+    pressed together: the stiffness times the difference of the last two, as long as the teeth do not part.
+    ``truth_bearing_force`` (truth_support, time) in N, what the bearings of a link press on the frame along an axis of
+    the scene; ``truth_link_speed`` (truth_link, time) in rev s-1, vibration included. All are values at the sampling
+    instants, not filtered.
 
     Raises
     ------
@@ -50,27 +52,28 @@ def mechanics_truth(motion: Motion) -> dict[str, xr.DataArray]:
     turning = [link for link in link_speeds(prepared) if _rotation(prepared, link) in system.names]
     rotations = np.eye(system.dof)[[system.names.index(_rotation(prepared, link)) for link in turning]]
     contacts = len(system.meshes)
-    none = np.zeros((contacts, system.dof))
+    by_all = np.array([mesh.direction for mesh in system.meshes])
+    joints, frame = motion.gears.kinematics.joints, motion.gears.kinematics.mechanism.frame
+    planets = tuple(f"{body} " for body, joint in joints.items() if joint.carried_by != frame)
+    by_turning = by_all * [name.endswith(" rotation") or name.startswith(planets) for name in system.names]
     output = Output(
         rate_hz=motion.output.rate_hz,
-        displacement=np.vstack([[m.direction for m in system.meshes], none, 0 * rotations, displacement]),
-        velocity=np.vstack([none, none, rotations / (2 * math.pi), velocity]),
-        mesh_force=np.vstack(
-            [np.zeros((contacts, contacts)), np.eye(contacts), np.zeros((len(turning) + len(supports), contacts))]
-        ),
+        displacement=np.vstack([by_turning, by_all, 0 * by_all, 0 * rotations, displacement]),
+        velocity=np.vstack([np.zeros((3 * contacts, system.dof)), rotations / (2 * math.pi), velocity]),
+        mesh_force=np.eye(3 * contacts + len(turning) + len(supports))[:, 2 * contacts : 3 * contacts],
     )
     values = np.empty((output.channels, scene.samples))
     for block, numbers in motion.blocks(output, samples=scene.samples):
         kept = (numbers >= 0) & (numbers % motion.oversampling == 0)
         values[:, numbers[kept] // motion.oversampling] = block.values[kept].T
-    deflection, mesh_force, vibration, pressed = np.split(
-        values, np.cumsum([contacts, contacts, len(turning)]).tolist()
+    turned, deflection, mesh_force, vibration, pressed = np.split(
+        values, np.cumsum([contacts, contacts, contacts, len(turning)]).tolist()
     )
     held = motion.drive_load.start(system, prepared.drive, 0.0).displacement
-    touching = [mesh.backlash_m * (-1 if mesh.direction @ held < 0 else 1) for mesh in system.meshes]
+    touching = np.array([[mesh.backlash_m * (-1 if mesh.direction @ held < 0 else 1)] for mesh in system.meshes])
     names = [mesh.name for mesh in system.meshes]
     times_s = np.arange(scene.samples) / scene.rate_hz
-    revolutions = prepared.drive.angle.revolutions(times_s)
+    revolutions = motion.teeth_angle.revolutions(times_s)
     teeth = [mesh.teeth_at(mesh.cycles_per_rev * revolutions, times_s) for mesh in system.meshes]
     stiffness, error = zip(*teeth, strict=True)
     speeds = link_speeds(prepared)
@@ -79,10 +82,11 @@ def mechanics_truth(motion: Motion) -> dict[str, xr.DataArray]:
     forces = dict(zip(supports, pressed, strict=True))
     of_contacts = {
         "truth_transmission_error": (
-            deflection - np.array(touching)[:, None],
+            turned - touching,
             "m",
-            "dynamic, along the line of action, from where the driving flanks touch, positive as gears approach",
+            "dynamic, by rotations and planets, along the line of action, from where driving flanks touch",
         ),
+        "truth_mesh_deflection": (deflection - touching, "m", "the same by all motions, positive as gears approach"),
         "truth_tooth_error": (error, "m", "of unloaded teeth, along the line of action, positive as gears approach"),
         "truth_mesh_force": (mesh_force, "N", "along the line of action, positive where teeth are pressed together"),
         "truth_mesh_stiffness": (stiffness, "N m-1", "along the line of action"),

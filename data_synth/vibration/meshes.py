@@ -20,7 +20,6 @@ from data_synth.gears.mesh_stiffness import (
     Shifted,
     Stiffness,
     Trapezoidal,
-    fourier_series,
 )
 from data_synth.gears.tooth_compliance import DamagedTooth, TeethInMesh, ToothPair, helical, teeth_in_mesh
 from data_synth.gears.transmission_error import PitchError, ProfileError, SumOfErrors, TransmissionError
@@ -36,6 +35,7 @@ from hums.gearbox.kinematics import Kinematics, solve_kinematics
 _UM = 1e-6
 _ROUNDING = 1e-6  # of a stiffness, as a message prints it
 _NEAR = 1e-9  # cycles: phases nearer than this are one
+_BORE = 0.4  # of the reference radius, at which the body of a gear is held
 _RAMP = 0.1  # cycles over which a pair takes up its load, where its teeth are not modelled
 _HELICAL_HARMONICS = 8
 _PHASES = 64  # to the shortest term of a series, at which its least stiffness is looked for
@@ -48,31 +48,20 @@ class Teeth:
     """Properties of a mesh, and the mesh phases at which damaged teeth are in the middle of their contact.
 
     `passes` holds (number of the fault from 0, phase of the first pass, cycles until the next, contact ratio),
-    `history` the teeth over time where damage grows; `properties` are the initial ones.
+    `history` the teeth over time where damage grows, with the phase of the contact's planet; `properties` are the
+    initial ones.
     """
 
     properties: MeshProperties
     passes: tuple[tuple[int, float, int, float], ...]
     history: MeshHistory | None = None
 
-    def history_of(self, mesh: Mesh) -> MeshHistory | None:
-        """Return the history of one of the contacts of the mesh, with the phase of its planet."""
+    def over_time(self, mesh: Mesh) -> Mesh:
+        """Return the mesh of these teeth as they change in time."""
         if self.history is None:
-            return None
-        own, error = self.properties.stiffness, mesh.error
-        stiffnesses: list[Stiffness] = [*self.history.stiffnesses]
-        errors: list[TransmissionError | None] = [*self.history.errors]
-        if isinstance(mesh.stiffness, Shifted) and mesh.stiffness.of is own:
-            by = mesh.stiffness.by_cycles
-            made = {id(stage): Shifted(of=stage, by_cycles=by) for stage in stiffnesses}
-            stiffnesses = [made[id(stage)] for stage in stiffnesses]
-        if isinstance(error, SumOfErrors) and error.parts == (self.properties.error,):
-            late = error.by_cycles
-            summed = {id(stage): SumOfErrors(parts=(stage,), by_cycles=late) for stage in errors if stage is not None}
-            errors = [summed[id(stage)] for stage in errors]
-        return MeshHistory(
-            times_s=self.history.times_s, stiffnesses=(mesh.stiffness, *stiffnesses[1:]), errors=tuple(errors)
-        )
+            return mesh
+        first, error = self.history.stiffnesses[0], self.history.errors[0]
+        return replace(mesh, stiffness=first, error=error, history=self.history)
 
 
 def kinematics_of(scene: Scene) -> Kinematics:
@@ -106,9 +95,9 @@ class Gears:
 def gears_of(stage: PreparedScene, kinematics: Kinematics, *, static_n: Mapping[str, float] | None = None) -> Gears:
     """Return the gears with the teeth of every mesh.
 
-    The phase of each mesh at revolution zero is random, but for that of a planet's teeth with a second central gear,
-    which follows from the first. `static_n` has the static force of each contact, which decides where damaged teeth
-    lose contact.
+    The phase of each mesh at revolution zero is random, or zero with `mesh_rpm`, but for that of a planet's teeth with
+    a second central gear, which follows from the first. `static_n` has the static force of each contact, which decides
+    where damaged teeth lose contact.
     """
     try:
         contacts = contacts_of(kinematics, {})
@@ -139,7 +128,8 @@ def _cycles_at_first(stage: PreparedScene, kinematics: Kinematics, contacts: Seq
         if contact.mesh in cycles:
             continue
         planet = planet_of(kinematics, contact)
-        cycles[contact.mesh] = float(stage.rng_for("phase", "gear_mesh", contact.mesh, "teeth").random())
+        drawn = float(stage.rng_for("phase", "gear_mesh", contact.mesh, "teeth").random())
+        cycles[contact.mesh] = drawn if stage.scene.dynamics_or_default.mesh_rpm is None else 0.0
         if planet is not None:
             gear = contact.links[planet], contact.teeth[planet]
             first, place = of_planets.setdefault(gear, (contact, planet))
@@ -221,12 +211,24 @@ def _teeth(
             stiffness=stiffnesses[0],
             error=errors[0],
             backlash_m=_backlash_m(declared, contact) / 2,
-            damping=declared.damping_n_s_m,
             friction_coefficient=declared.friction_coefficient,
             friction_cycles=later,
         ),
         passes=tuple((item.number, item.first + half - later + late, item.teeth, 2 * half) for item in broken),
-        history=MeshHistory(times_s=times_s, stiffnesses=stiffnesses, errors=errors) if grows else None,
+        history=_history(times_s, stiffnesses, errors, late=late) if grows else None,
+    )
+
+
+def _history(
+    times_s: Array, stiffnesses: Sequence[Stiffness], errors: Sequence[TransmissionError | None], *, late: float
+) -> MeshHistory:
+    """Return teeth that change in time, `late` cycles later; objects that are the same remain so."""
+    softer = {id(each): Shifted(of=each, by_cycles=-late % each.period) for each in stiffnesses}
+    further = {id(each): each and SumOfErrors(parts=(each,), by_cycles=(-late % each.period,)) for each in errors}
+    return MeshHistory(
+        times_s=times_s,
+        stiffnesses=tuple(softer[id(each)] for each in stiffnesses),
+        errors=tuple(further[id(each)] for each in errors),
     )
 
 
@@ -244,8 +246,8 @@ def _sharing(scene: Scene, contact: Contact, static_n: float) -> LoadSharing:
     declared, pair = scene.dynamics_or_default.mesh(contact.mesh), contact.equivalent_pair
     tooth_pair, scale = None, 1.0
     if _shape(scene, contact) == "teeth":
-        tooth_pair = _tooth_pair(contact, declared.bore_share)
-        teeth = _by_strain_energy(contact, declared.bore_share, declared.stiffness_n_m, [])
+        tooth_pair = _tooth_pair(contact)
+        teeth = _by_strain_energy(contact, declared.stiffness_n_m, [])
         if declared.stiffness_n_m is not None:
             scale = teeth_in_mesh(tooth_pair).mean / declared.stiffness_n_m
 
@@ -387,7 +389,7 @@ def _stiffness(scene: Scene, contact: Contact, damaged: list[DamagedTooth], *, b
         _shape(scene, contact),
     )
     if shape == "teeth":
-        teeth = _by_strain_energy(contact, declared.bore_share, declared.stiffness_n_m, damaged)
+        teeth = _by_strain_energy(contact, declared.stiffness_n_m, damaged)
         return Knotted(of=teeth, by_cycles=by_cycles, period=teeth.period)
     mean = declared.stiffness_n_m or pair.mean_stiffness()
     ratio = declared.contact_ratio or pair.contact_ratio
@@ -426,8 +428,7 @@ def _declared_wave(declared: MeshDynamics, mesh: str, *, mean: float, ratio: flo
             f'mesh "{mesh}": step_n_m = {step:.7g} takes the stiffness below zero; keep it at most '
             f"{mean / duty:.7g}, the mean over the stiff part of a cycle."
         )
-    wave = Rectangular(low=max(low, 0.0), high=mean + (1 - duty) * step, duty=duty)
-    return wave if declared.harmonics is None else fourier_series(wave, harmonics=declared.harmonics)
+    return Rectangular(low=max(low, 0.0), high=mean + (1 - duty) * step, duty=duty)
 
 
 @dataclass(frozen=True, kw_only=True)
@@ -463,17 +464,15 @@ class Knotted:
         return self.of(np.asarray(phase_cycles, dtype=np.float64) + self.by_cycles)
 
 
-def _tooth_pair(contact: Contact, bore_share: float) -> ToothPair:
+def _tooth_pair(contact: Contact) -> ToothPair:
     one, two = contact.equivalent_pair.reference_radii_m
-    return ToothPair(gears=contact.equivalent_pair, bore_radii_m=(bore_share * one, bore_share * two))
+    return ToothPair(gears=contact.equivalent_pair, bore_radii_m=(_BORE * one, _BORE * two))
 
 
-def _by_strain_energy(
-    contact: Contact, bore_share: float, mean: float | None, damaged: list[DamagedTooth]
-) -> TeethInMesh:
+def _by_strain_energy(contact: Contact, mean: float | None, damaged: list[DamagedTooth]) -> TeethInMesh:
     """Return the stiffness by strain energy of the teeth in contact, scaled to the mean if one is given."""
     try:
-        teeth = teeth_in_mesh(_tooth_pair(contact, bore_share), damaged=damaged, teeth=contact.teeth)
+        teeth = teeth_in_mesh(_tooth_pair(contact), damaged=damaged, teeth=contact.teeth)
     except ValueError as caught:
         raise SceneError(str(caught)) from None
     if mean is None:

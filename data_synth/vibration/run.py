@@ -18,7 +18,9 @@ from data_synth.dynamics.modes import undamped_modes, with_modal_damping
 from data_synth.dynamics.placement import are_parallel, direction_of
 from data_synth.dynamics.system import Array, System, errors_at
 from data_synth.integrators.problem import Accuracy, Integration, IntegrationError, Load, Output, Problem, Steps
-from data_synth.scene.faults import LOSING_CONTACT
+from data_synth.operation.drive import ReferenceAngle
+from data_synth.operation.shaft_angle import ShaftAngle
+from data_synth.scene.faults import LOSING_CONTACT, GearFault
 from data_synth.scene.random_streams import random_stream
 from data_synth.scene.scene import Scene, SceneError
 from data_synth.sources.prepared import PreparedScene, prepare_scene
@@ -56,6 +58,8 @@ def assembly_of(stage: PreparedScene, gears: Gears, *, speed_rad_s: float | None
     scene, kinematics = stage.scene, gears.kinematics
     declared = scene.dynamics_or_default
     has_helix = any(mesh.helix_angle_deg for mesh in scene.gearbox.meshes)
+    if speed_rad_s is None:
+        speed_rad_s = 2 * math.pi * float(np.mean(stage.speed_hz)) if scene.speed.run_up is None else 0.0
     try:
         return assemble(
             kinematics,
@@ -67,7 +71,7 @@ def assembly_of(stage: PreparedScene, gears: Gears, *, speed_rad_s: float | None
             },
             supports=dict(_supports(scene, kinematics)),
             meshes={name: teeth.properties for name, teeth in gears.teeth.items()},
-            speed_rad_s=_speed_rad_s(stage, kinematics) if speed_rad_s is None else speed_rad_s,
+            speed_rad_s=speed_rad_s,
             rotating_coordinates=True,
         )
     except ValueError as caught:
@@ -81,17 +85,6 @@ def has_crossed_axes(kinematics: Kinematics) -> bool:
     """Return whether some axis is not parallel to the others."""
     first, *others = (direction_of(kinematics, body) for body in kinematics.joints)
     return not all(are_parallel(first, other) for other in others)
-
-
-def has_planets(kinematics: Kinematics) -> bool:
-    """Return whether there is a rotating planet carrier."""
-    return any(joint.carried_by != kinematics.mechanism.frame for joint in kinematics.joints.values())
-
-
-def _speed_rad_s(stage: PreparedScene, kinematics: Kinematics) -> float:
-    if stage.scene.speed.run_up is not None and has_planets(kinematics):
-        return 0.0
-    return 2 * math.pi * float(np.mean(stage.speed_hz))
 
 
 def _copies(scene: Scene, name: str) -> tuple[str, ...]:
@@ -166,6 +159,14 @@ class Motion:
     def load(self) -> Load:
         """External load on the system."""
         return self.drive_load.load
+
+    @property
+    def teeth_angle(self) -> ReferenceAngle:
+        """Angle of the reference shaft that the mesh phases follow."""
+        rpm = self.stage.scene.dynamics_or_default.mesh_rpm
+        return (
+            self.stage.drive.angle if rpm is None else ShaftAngle(times_s=np.zeros(1), speeds_hz=np.array([rpm / 60]))
+        )
 
     @property
     def static_n(self) -> Array:
@@ -280,15 +281,14 @@ class Motion:
         Teeth follow their transmission errors from the start: an equilibrium without them would begin with a shock
         several times what the record has, which costs steps.
         """
-        drive = self.stage.drive
-        turned = float(drive.angle.revolutions([start_s])[0])
+        turned = float(self.teeth_angle.revolutions([start_s])[0])
         errors_m = errors_at(self.system.meshes, revolutions=turned, time_s=start_s)
         return Problem(
             system=self.system,
-            reference=drive.angle,
+            reference=self.teeth_angle,
             load=self.load,
             duration_s=duration_s,
-            start=self.drive_load.start(self.system, drive, start_s, errors_m=errors_m),
+            start=self.drive_load.start(self.system, self.stage.drive, start_s, errors_m=errors_m),
             start_s=start_s,
         )
 
@@ -361,7 +361,7 @@ def motion_of(stage: PreparedScene) -> Motion:
     excited = excited_dofs_of(whole)
     system = replace(
         excited.system,
-        meshes=tuple(replace(mesh, history=teeth[mesh.name].history_of(mesh)) for mesh in excited.system.meshes),
+        meshes=tuple(teeth[mesh.name].over_time(mesh) for mesh in excited.system.meshes),
     )
     damped = with_modal_damping(system, ratio=declared.damping_ratio)
     angular, _ = undamped_modes(system, [mesh.stiffness.mean for mesh in system.meshes])
@@ -398,6 +398,16 @@ def check_supported(scene: Scene) -> None:
     kinematic = 'write fidelity = "kinematic"'
     if scene.torque is None:
         raise SceneError(f"{what}: without load there is no mesh force; add torque = {{ link = ..., nm = ... }}.")
+    dynamics = scene.dynamics_or_default
+    if dynamics.mesh_rpm is not None and any(isinstance(fault, GearFault) for fault in scene.faults):
+        raise SceneError(
+            "dynamics.mesh_rpm: teeth that follow no shaft have no place for a fault; leave one of them out."
+        )
+    if not dynamics.damping_ratio and scene.speed.run_up is None:
+        raise SceneError(
+            "dynamics.damping_ratio = 0: vibration from before the record would never decay; give a ratio above 0, or "
+            "start the gears by speed.run_up."
+        )
     if scene.sampling_jitter is not None:
         raise SceneError(f"{what} has no sampling_jitter; leave it out, or {kinematic}.")
     for sensor in scene.sensors:

@@ -21,10 +21,8 @@ def dynamics():
     return pages.run(pages.DOCS / "dynamics.md")
 
 
-def test_the_paper_s_figures_are_drawn(tmp_path):
-    wijianto = pages.run(pages.DOCS / "wijianto.md")  # which asserts the paper's numbers itself
-    pages.picture(tmp_path / "a.png", lambda figure: pages.draw_wijianto(figure, wijianto), width=8, height=9)
-    assert (tmp_path / "a.png").stat().st_size > 50_000
+def test_the_code_of_the_paper_s_page_runs():
+    pages.run(pages.DOCS / "wijianto.md")  # which asserts the paper's numbers itself
 
 
 def test_known_numbers_are_met(dynamics):

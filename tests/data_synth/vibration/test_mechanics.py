@@ -33,10 +33,16 @@ def test_the_force_is_stiffness_times_what_teeth_deflect(inside, error_um):
         declared = scene(mesh={"shape": "teeth", "error_um": error_um})
         inside = simulate(declared, seed=SEED, mechanics=True)
         assert inside["truth_tooth_error"].values.std() == pytest.approx(5e-6 / np.sqrt(2), rel=0.01)
-    deflection = inside["truth_transmission_error"] - inside["truth_tooth_error"]
+    deflection = inside["truth_mesh_deflection"] - inside["truth_tooth_error"]
     expected = inside["truth_mesh_stiffness"] * deflection
     assert_allclose(inside["truth_mesh_force"].values, expected.values, rtol=1e-9, atol=1e-6)
     assert inside["truth_mesh_force"].attrs["units"] == "N"
+
+
+def test_the_transmission_error_is_that_of_the_rotations(inside):
+    # statics: both bearings of 1e8 N/m give way along the line of action by F / k
+    further = inside["truth_transmission_error"] - inside["truth_mesh_deflection"]
+    assert float(further.mean()) == pytest.approx(2 * FORCE_N / 1e8, rel=2e-3)
 
 
 def test_planets_have_them_too():

@@ -285,7 +285,6 @@ def test_sources_add_up_and_the_scene_is_written_out():
     assert_allclose(record["truth_source"].sum("truth_source_name").values[0], record["a"].values, atol=1e-12)
     back = Scene.from_mapping(tomllib.loads(record.attrs["truth_scene"]))
     assert back == scene(fault=[unbalanced])
-    assert back.dynamics.mesh("mesh").bore_share == 0.4
     assert simulate(back, seed=1, by_source=True).identical(record)
 
 
