@@ -1,4 +1,4 @@
-"""Distributions that a plan may have wherever a scene has a value, and how a record draws from them.
+"""Distributions: a plan may have one wherever a scene has a value; how a record draws from them.
 
 ``{ uniform = [low, high] }``, ``{ log = [low, high] }`` (uniform in the logarithm), ``{ choice = [a, b, c] }`` and
 ``{ drawn = "name" }``, the value of a named distribution of the plan's ``[draw]``. Choices may be tables that contain

@@ -1,4 +1,4 @@
-"""The plan of a dataset: a scene, what varies from record to record, machines and classes. Frozen, read from TOML.
+"""Plans of datasets: a scene, what varies from record to record, machines and classes. Frozen, read from TOML.
 
 Wherever the scene has a value, a plan may have a distribution (`data_synth.draws`). The value drawn is a label, named
 after its place in the scene (``speed.rpm``, ``fault.1.depth_mm``) or by ``label = "..."`` in the distribution. The

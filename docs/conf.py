@@ -1,5 +1,6 @@
 """Sphinx configuration: ``sphinx-build -j auto -W --keep-going docs docs/_build/html``."""
 
+import re
 import sys
 from importlib import import_module
 from importlib.metadata import version as installed_version
@@ -21,6 +22,7 @@ extensions = [
     "sphinx-mathjax-offline",  # equations without a network
     "numpydoc",
     "myst_parser",
+    "sphinx_design",  # cards on the front page
     "sphinx_gallery.gen_gallery",
     "code_blocks",  # runs the code blocks of the pages
     "made_pages",  # pages on which mechanisms turn
@@ -41,10 +43,12 @@ html_theme_options = {
 }
 html_sidebars = {"glossary": [], "validation": [], "mechanisms/index": []}
 
-myst_enable_extensions = ["deflist", "dollarmath", "colon_fence"]
+myst_enable_extensions = ["deflist", "dollarmath", "colon_fence", "substitution"]
+myst_substitutions = {"version": version}
 myst_heading_anchors = 4
 
-autodoc_typehints = "none"  # numpydoc states the types, with shapes and units
+python_maximum_signature_line_length = 88  # longer ones have a parameter a line
+autodoc_type_aliases = {"ArrayLike": "ArrayLike", "Floats": "Floats"}
 autosummary_generate = True
 numpydoc_show_class_members = False  # attributes stand in the docstring of the class
 numpydoc_xref_param_type = False
@@ -52,6 +56,7 @@ numpydoc_xref_param_type = False
 sphinx_gallery_conf = {
     "examples_dirs": "examples",
     "gallery_dirs": "gallery",
+    "subsection_order": [f"examples/{group}" for group in ("mechanisms", "signals", "tracking", "machines")],
     "within_subsection_order": "FileNameSortKey",
     "abort_on_example_error": False,
     "show_memory": False,
@@ -86,25 +91,28 @@ def _elsewhere(package: str, name: str) -> bool:
     )
 
 
+def _topic(package: str, thing: object) -> str:
+    """Return what a name belongs to: how the package below this one, or else the module, that defines it begins."""
+    home = getattr(thing, "__module__", package).split(".")
+    depth = package.count(".") + 2 if home[: package.count(".") + 1] == package.split(".") else 2
+    about = import_module(".".join(home[:depth])).__doc__ if len(home) > 1 else None
+    return re.split("[:;.,]", (about or "Data").strip(), maxsplit=1)[0]
+
+
 def _api_page(package: str, about: str) -> str:
     module = import_module(package)
     elsewhere = sorted(name for name in module.__all__ if _elsewhere(package, name))
-    kinds: dict[str, list[str]] = {"Functions": [], "Classes": [], "Exceptions and warnings": [], "Data": []}
+    topics: dict[str, list[str]] = {}
     for name in sorted(set(module.__all__) - set(elsewhere), key=str.lower):
-        thing = getattr(module, name)
-        if isinstance(thing, type):
-            kinds["Exceptions and warnings" if issubclass(thing, Exception) else "Classes"].append(name)
-        else:
-            kinds["Functions" if callable(thing) else "Data"].append(name)
+        topics.setdefault(_topic(package, getattr(module, name)), []).append(name)
     lines = [package, "=" * len(package), "", about, "", f".. currentmodule:: {package}", ""]
     _, _, examples = (module.__doc__ or "").partition("Examples\n--------\n")
     lines += [examples, ""]
     if elsewhere:
         lines += [f"Also here: {', '.join(f'``{name}``' for name in elsewhere)}.", ""]
-    for kind, names in kinds.items():
-        if names:
-            lines += [kind, "-" * len(kind), "", ".. autosummary::", "   :toctree: generated", "   :nosignatures:", ""]
-            lines += [*(f"   {name}" for name in names), ""]
+    for topic, names in sorted(topics.items()):
+        lines += [topic, "-" * len(topic), "", ".. autosummary::", "   :toctree: generated", ""]
+        lines += [*(f"   {name}" for name in names), ""]
     return "\n".join(lines)
 
 

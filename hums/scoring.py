@@ -1,4 +1,4 @@
-"""Score of an analysis of a synthetic record against its known amplitudes and faults."""
+"""Scores: an analysis of a synthetic record against its known amplitudes and faults."""
 
 from dataclasses import dataclass
 from typing import TYPE_CHECKING

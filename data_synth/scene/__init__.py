@@ -1,1 +1,1 @@
-"""What a scene declares, each table checked."""
+"""Scenes: what one declares, each table checked."""

@@ -1,1 +1,1 @@
-"""A record and its gearbox become an analysis."""
+"""Analyses: lines, indicators, tracks and verdicts of a record."""

@@ -1,1 +1,1 @@
-"""Many records of a machine become one table, with trends."""
+"""Fleets: many records of a machine in one table, with trends and alarms."""

@@ -1,1 +1,1 @@
-"""The declared mechanism: its kinematics, exact orders, torques and forces."""
+"""Gearboxes: kinematics, exact orders, torques and forces of a declared mechanism."""

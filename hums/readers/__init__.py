@@ -1,4 +1,4 @@
-"""Conversion of files of other programs to records; the suffix selects the reader.
+"""Conversion of files of other programs: the suffix selects the reader.
 
 A reader returns the contents of a file by name: an array, or a phrase that describes what is not numeric. What the file
 does not state (units, rate, shaft) the caller declares; nothing is guessed.

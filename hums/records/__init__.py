@@ -1,1 +1,1 @@
-"""What a record is, its checks, and its files."""
+"""Records: their contents, checks and files."""

@@ -1,1 +1,1 @@
-"""What is taken over revolutions: synchronous averages, residual signals, averages of planets."""
+"""Synchronous averages, residual and difference signals, averages of planets."""

@@ -1,1 +1,1 @@
-"""Envelopes, the band to take them in, and deterministic parts apart from random ones."""
+"""Envelopes and their bands, and the separation of deterministic from random parts."""

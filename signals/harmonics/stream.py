@@ -1,4 +1,4 @@
-"""Track shaft orders of a record that arrives in blocks, in memory that does not grow with its length.
+"""Trackers of a record that arrives in blocks: memory does not grow with its length.
 
 It is the causal Kalman filter of `track_orders(..., estimator="filter")`, continued from block to block.
 """

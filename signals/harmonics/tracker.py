@@ -1,4 +1,4 @@
-"""Track the amplitude and phase of shaft orders over a whole record: checks, choice of the method, and the result."""
+"""Trackers of a whole record: amplitude and phase of shaft orders, checks, choice of the method."""
 
 from __future__ import annotations
 

@@ -1,1 +1,1 @@
-"""From a tachometer's waveform, or from vibration alone, to the angle of a shaft."""
+"""Shaft angle and speed: from a tachometer's waveform, or from vibration alone."""

@@ -1,1 +1,1 @@
-"""A line whose order slips, as that of a bearing does: found, and followed."""
+"""Slipping orders: detection and tracking of a line whose order varies, as that of a bearing does."""

@@ -1,1 +1,1 @@
-"""Spectra over frequency and order, the lines in them, maps, cyclic spectra, integration."""
+"""Spectra over frequency and order: lines, maps, cyclic spectra, integration."""
