@@ -57,6 +57,7 @@ from hums.records.snapshots import join_snapshots as join_snapshots
 from hums.records.snapshots import snapshot_record as snapshot_record
 from hums.records.store import open_record as open_record
 from hums.records.store import save_record as save_record
+from hums.report import track_table as track_table
 from hums.report import write_report as write_report
 from hums.scoring import Score as Score
 from hums.scoring import score as score

@@ -136,6 +136,12 @@ class LineAssessor:
         base = stronger.line.found
         name = f"{stronger.expected.component} {stronger.expected.kind.replace('_', ' ')}"
         impacts = least is None or RIVAL_FACTOR * least >= weaker.line.amplitude
+        carried = weaker.expected.component.startswith(f"{stronger.expected.component}/")
+        if carried and (stronger.expected.kind, stronger.expected.harmonic) == ("gear_mesh", weaker.expected.harmonic):
+            # the sidebands of a mesh follow from where it was found; a nominal speed leaves room for other lines
+            place = weaker.expected.order * base / stronger.expected.order
+            if not _near(weaker, place):
+                return f"off the sidebands of {name}, the nearest of which is at {place:.4g}"
         if weaker.expected.kind in {"gear_mesh", "shaft"} or _is_comb(weaker):
             return f"not to be told from {name}" if _near(weaker, base, bins=1.0) else ""
         if stronger.expected.kind == "shaft" or _is_comb(stronger):
@@ -153,9 +159,8 @@ class LineAssessor:
         for harmonic in range(1, harmonics + 1):
             if _near(weaker, harmonic * base):
                 return f"harmonic {harmonic} of {name}" if harmonic > 1 else f"coincides with {name}"
-        if stronger.expected.kind not in BEARING_KINDS:
-            return ""
-        return self._bearing_explanation(weaker, stronger, name, impacts=impacts)
+        bearing = stronger.expected.kind in BEARING_KINDS
+        return self._bearing_explanation(weaker, stronger, name, impacts=impacts) if bearing else ""
 
     def _bearing_explanation(self, weaker: MeasuredLine, stronger: MeasuredLine, name: str, *, impacts: bool) -> str:
         """Return the cage multiple or sideband of a bearing line at the order of `weaker`, or an empty string."""

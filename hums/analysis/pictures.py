@@ -1,4 +1,4 @@
-"""What pictures need besides spectra and tracks: waveforms, order maps, synchronous averages and kurtograms.
+"""What pictures need besides spectra and tracks: waveforms, wideband spectra, order maps, averages and kurtograms.
 
 They are made while a channel's samples are in memory, at the resolution of a screen, and enter no verdict.
 """
@@ -19,16 +19,18 @@ from hums.records.record import Sampling
 from signals.angle.residual import difference_signal
 from signals.demodulation.kurtogram import fast_kurtogram
 from signals.spectra.order_map import map_orders
+from signals.spectra.spectra import averaged_spectrum
 
 if TYPE_CHECKING:
     from numpy.typing import NDArray
 
-WAVEFORM, ORDER_MAP, AVERAGES, KURTOGRAM = "waveform", "order_map", "averages", "kurtogram"
+WAVEFORM, WIDEBAND, ORDER_MAP, AVERAGES, KURTOGRAM = "waveform", "wideband", "order_map", "averages", "kurtogram"
 _COLUMNS = 2000  # of a waveform, each with its least and largest sample: the pixels of a wide screen
 _EXCERPT = 8192  # samples around the largest, in full
 _ROWS = 120  # of a map
 _CELLS = 800  # orders of a map
 _TURNS = 8  # of the reference in a row of a map: a sixth of an order resolved, and speed nearly steady
+_WIDEBAND_SAMPLES = 8192  # in a block of a wideband spectrum
 _KURTOGRAM_SAMPLES = 2**21  # 42 s at 50 kHz: enough for 7 levels, in bounded time and memory
 
 
@@ -36,6 +38,7 @@ def channel_pictures(segment: Segment, settings: AnalysisSettings) -> ChannelPic
     """Return the pictures of a segment of a channel."""
     made = {WAVEFORM: _waveform(segment.values, segment.when)}
     makers: dict[str, Callable[[], xr.Dataset]] = {
+        WIDEBAND: partial(_wideband, segment),
         ORDER_MAP: partial(_order_map, segment),
         AVERAGES: partial(_averages, segment, settings),
         KURTOGRAM: partial(_kurtogram, segment),
@@ -50,7 +53,7 @@ def channel_pictures(segment: Segment, settings: AnalysisSettings) -> ChannelPic
 
 def picture_groups(pictures: Sequence[ChannelPictures]) -> dict[str, xr.Dataset]:
     """Return the datasets of all channels by path: a group for each kind, with a child for each channel, in order."""
-    groups = {f"/{name}": xr.Dataset() for name in (WAVEFORM, ORDER_MAP, AVERAGES, KURTOGRAM)}
+    groups = {f"/{name}": xr.Dataset() for name in (WAVEFORM, WIDEBAND, ORDER_MAP, AVERAGES, KURTOGRAM)}
     for one in pictures:
         groups |= {f"/{name}/{one.channel}": dataset for name, dataset in one.datasets.items()}
     return groups
@@ -81,6 +84,16 @@ def _waveform(values: Values, when: Sampling) -> xr.Dataset:
             "excerpt_time_s": ("sample", when.start_s + (first + np.arange(excerpt.size)) / when.rate_hz),
         },
         attrs={"column_s": float(starts[1] / when.rate_hz if starts.size > 1 else values.size / when.rate_hz)},
+    )
+
+
+def _wideband(segment: Segment) -> xr.Dataset:
+    """Return the amplitude spectrum over frequency, from 0 to half the sampling rate, averaged in power over blocks."""
+    size = min(_WIDEBAND_SAMPLES, segment.filled.size)
+    found = averaged_spectrum(segment.filled, rate=segment.when.rate_hz, segment=size, scaling="peak")
+    return xr.Dataset(
+        {"amplitude": ("frequency", found.value, {"long_name": "peak amplitude"})},
+        attrs={"bin_width_hz": found.bin_width, "resolution_hz": found.resolution, "blocks": found.averages},
     )
 
 
@@ -135,15 +148,8 @@ def _averages(segment: Segment, settings: AnalysisSettings) -> xr.Dataset:
                 left = np.full(average.values.size, np.nan)
             averages.append(average.values)
             differences.append(left)
-            rows.append(
-                {
-                    "component": component,
-                    "shaft": shaft,
-                    "teeth": teeth,
-                    "revolutions": average.revolutions,
-                    "size": average.values.size,
-                }
-            )
+            size, turns = average.values.size, average.revolutions
+            rows.append({"component": component, "teeth": teeth, "revolutions": turns, "size": size})
     if not rows:
         raise ValueError("no synchronous average could be made.")
     table = {name: ("gear", [row[name] for row in rows]) for name in rows[0]}

@@ -187,6 +187,10 @@ def analyze(
     )
     _log.info("amplitude tracks")
     tracks, envelope_tracks = _tracks(channels, there, assessed, found, settings)
+    motion = groups["/speed"]
+    for one in filter(len, (tracks, envelope_tracks)):
+        speed = np.interp(one["time_s"], motion["time_s"], motion["speed_hz"])
+        one.coords["speed_hz"] = ("output", speed, {"units": "rev s-1"})
     tree = tree_of(
         groups
         | {

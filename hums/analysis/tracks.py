@@ -9,6 +9,7 @@ import numpy as np
 import xarray as xr
 from numpy.typing import NDArray
 from scipy import fft
+from scipy.special import stdtrit
 
 from hums.analysis.detection import AssessedLine
 from hums.analysis.evidence import PartEvidence
@@ -21,7 +22,6 @@ from signals.demodulation.envelope_bank import bank_envelopes
 from signals.harmonics import track_orders
 from signals.harmonics.bandwidth_selection import likely_bandwidth
 from signals.health import SensorHealth
-from signals.resampling.resampling import AngularSignal
 from signals.slipping_order.slip_tracking import SlippingTrack, track_slipping_order
 from signals.spectra.lines import find_line
 from signals.spectra.spectra import AmplitudeSpectrum, amplitude_spectrum
@@ -42,10 +42,10 @@ _MARGIN_ORDERS = 1.5  # above a line, for the noise next to it
 _OF_A_SEGMENT = ("track_order", "bandwidth_orders", "clipped_share", "level", "method")
 _ENDS = 8  # outputs, a turn in steps of an eighth, that not all channels have
 _DECIMALS = 6  # of a revolution, to which outputs of several channels are matched
+CONFIDENCE = 0.95  # of the intervals of amplitudes, at each output by itself
 _BACKGROUND_SHARE = 0.4  # of a line's order: the next harmonic of its family stays out
 
 Numbers = NDArray[np.float64]
-_Tracked = tuple[Numbers, NDArray[np.complex128], Numbers]  # bandwidths, amplitudes and their standard deviations
 
 
 def lines_to_track(assessed: Iterable[AssessedLine], *, most: int) -> list[MeasuredLine]:
@@ -94,9 +94,10 @@ def track_lines(
     Returns
     -------
     xarray.Dataset
-        ``complex_amplitude`` and ``std`` (track, output), with the identity of each track as coordinates. ``std``
-        contains the noise around the line and the effect of the shaft angle's uncertainty on its amplitude; above 5 %
-        of clipped samples, ``clipped_share``, it is a lower bound.
+        ``complex_amplitude``, ``std`` and ``half_width`` (track, output), with the identity of each track as
+        coordinates. ``std`` contains the noise around the line and the effect of the shaft angle's uncertainty on its
+        amplitude; above 5 % of clipped samples, ``clipped_share``, it is a lower bound. ``half_width`` is that of the
+        95 % interval of the real or imaginary part, by Student's t at the degrees of freedom of the noise's estimate.
     """
     signal, machine, phase = segment.signal, segment.machine, segment.machine.phase
     orders = np.array([line.line.found if phase.nominal else line.expected.order for line in lines])
@@ -112,20 +113,22 @@ def track_lines(
         signal = replace(signal, values=signal.values[cut:], start_rev=begin)
     revolution = signal.start_rev + np.arange(0, signal.values.size, every) / signal.samples_per_rev
     times = phase.times_at(np.minimum(revolution, phase.revolutions[-1]))
-    clipped = 0.0
+    values, clipped = signal.values - signal.values.mean(), 0.0
+    given = _arguments(signal.angle_rad, orders, signal.samples_per_rev)
+    bandwidth = _widths(values, given, noise, bandwidth_orders)
     if segment.health is not None and segment.health.missing.any():
-        found = _track_in_time(segment, segment.health, signal, orders, noise, bandwidth_orders, times)
+        amplitude, std, quantile = _track_in_time(segment, segment.health, orders, bandwidth, times)
         clipped = float(segment.health.clipped.mean())
     else:
-        values = signal.values - signal.values.mean()
-        found = _tracked(values, signal.angle_rad, signal.samples_per_rev, orders, noise, bandwidth_orders, every)
-    bandwidth, amplitude, std = found
+        amplitude, std = _tracked(values, given, noise, bandwidth, every)
+        quantile = _quantile([line.line.noise_degrees for line in lines])[:, None]
     turn = [machine.phase_std_rad(times, bandwidth_orders=float(width)) for width in bandwidth]
     std = np.sqrt(std**2 + (orders[:, None] * np.array(turn) * np.abs(amplitude)) ** 2 / 2)
     return xr.Dataset(
         {
             "complex_amplitude": (("track", "output"), amplitude),
             "std": (("track", "output"), std, {"long_name": "of the real and of the imaginary part"}),
+            "half_width": (("track", "output"), quantile * std, {"confidence": CONFIDENCE}),
         },
         coords={
             "track_channel": ("track", [line.channel for line in lines]),
@@ -144,34 +147,37 @@ def track_lines(
     )
 
 
+def _arguments(angle: Numbers, orders: Numbers, samples_per_rev: float) -> dict[str, Any]:
+    return {"phase_rad": angle, "orders": orders, "samples_per_rev": samples_per_rev, "poles": _POLES}
+
+
+def _widths(
+    values: Numbers, given: dict[str, Any], noise: Numbers, bandwidth: float | None, largest: float = _LARGEST_BANDWIDTH
+) -> Numbers:
+    """Return the bandwidth of each line in orders: the given one, or that of maximum likelihood."""
+    if bandwidth is not None:
+        return np.full(noise.shape, bandwidth)
+    return likely_bandwidth(values, **given, noise_variance=noise, largest_bandwidth_orders=largest)
+
+
 def _tracked(
-    values: Numbers,
-    angle: Numbers,
-    samples_per_rev: float,
-    orders: Numbers,
-    noise: Numbers,
-    bandwidth: float | None,
-    every: int,
-    largest: float = _LARGEST_BANDWIDTH,
-) -> _Tracked:
-    """Track lines over angle, by default at the maximum-likelihood bandwidth of each; of each the noise is known."""
-    given: dict[str, Any] = {"phase_rad": angle, "samples_per_rev": samples_per_rev, "orders": orders, "poles": _POLES}
-    width: Numbers | float | None = bandwidth
-    if width is None:
-        width = likely_bandwidth(values, **given, noise_variance=noise, largest_bandwidth_orders=largest)
-    found = track_orders(values, **given, bandwidth_orders=width, output_every=every, noise_variance=1.0, method="fast")
-    return found.bandwidth, found.complex_amplitude, found.std * np.sqrt(noise)[:, None]
+    values: Numbers, given: dict[str, Any], noise: Numbers, widths: Numbers, every: int
+) -> tuple[NDArray[np.complex128], Numbers]:
+    """Return amplitudes over angle and their standard deviations, of lines of which the noise is known."""
+    found = track_orders(
+        values, **given, bandwidth_orders=widths, output_every=every, noise_variance=1.0, method="fast"
+    )
+    return found.complex_amplitude, found.std * np.sqrt(noise)[:, None]
+
+
+def _quantile(independent_bins: Sequence[float]) -> Numbers:
+    """Return Student's t for the intervals of lines whose noise is the median of so many bins, two degrees each."""
+    return np.asarray(stdtrit(2 * np.array(independent_bins), 0.5 + CONFIDENCE / 2))
 
 
 def _track_in_time(
-    segment: Segment,
-    health: SensorHealth,
-    signal: AngularSignal,
-    orders: Numbers,
-    noise: Numbers,
-    bandwidth: float | None,
-    times: Numbers,
-) -> _Tracked:
+    segment: Segment, health: SensorHealth, orders: Numbers, widths: Numbers, times: Numbers
+) -> tuple[NDArray[np.complex128], Numbers, Numbers]:
     """Track lines and the mean in the time domain, with clipped samples as censored data and lost ones left out.
 
     Resampling would spread each such sample over the length of its filter. Outputs are at most a sixteenth of the
@@ -180,18 +186,6 @@ def _track_in_time(
     """
     machine, when = segment.machine, segment.when
     phase = machine.phase
-    width: Numbers | float | None = bandwidth
-    if width is None:
-        width = likely_bandwidth(
-            signal.values - signal.values.mean(),
-            phase_rad=signal.angle_rad,
-            orders=orders,
-            samples_per_rev=signal.samples_per_rev,
-            noise_variance=noise,
-            largest_bandwidth_orders=_LARGEST_BANDWIDTH,
-            poles=_POLES,
-        )
-    widths = np.broadcast_to(width, orders.shape)
     widest = max(float(widths.max()), 1 / _SLOWEST_OUTPUT_REV)
     taken = when.start_s + np.arange(when.count) / when.rate_hz
     inside = (taken >= max(phase.start_s, times[0])) & (taken <= phase.stop_s)
@@ -213,8 +207,9 @@ def _track_in_time(
     )
     at = taken[inside][tracks.sample_index]
     amplitude = np.array([np.interp(times, at, row) for row in tracks.complex_amplitude[1:]])
-    std = np.array([np.interp(times, at, row) for row in tracks.std[1:]])
-    return tracks.bandwidth[1:], amplitude, std
+    known = (tracks.std, tracks.half_width(CONFIDENCE))
+    std, reach = (np.array([np.interp(times, at, row) for row in rows[1:]]) for rows in known)
+    return amplitude, std, reach / std
 
 
 def output_step_rev(revolutions: float) -> float:
@@ -361,9 +356,9 @@ def track_envelope_lines(
     Returns
     -------
     xarray.Dataset
-        ``complex_amplitude``, ``std`` (of the amplitude), ``slip`` and ``slip_std`` (track, output), with what each
-        line is as coordinates; ``level`` is the mean of the envelope, so that ``abs(complex_amplitude) / level`` is the
-        depth of the modulation. Empty without lines.
+        ``complex_amplitude``, ``std`` (of the amplitude), ``half_width`` (of its 95 % interval), ``slip`` and
+        ``slip_std`` (track, output), with what each line is as coordinates; ``level`` is the mean of the envelope, so
+        that ``abs(complex_amplitude) / level`` is the depth of the modulation. Empty without lines.
     """
     if not lines:
         return xr.Dataset()
@@ -387,8 +382,9 @@ def _track_envelope_line(line: EnvelopeLine, revolution: Numbers, bandwidth: flo
     largest = min(_LARGEST_BANDWIDTH, line.order / _CYCLES_A_BANDWIDTH)
     if line.largest_slip:
         amplitude, std, slip, slip_std, bandwidth, method = _followed(line, values, angle, grid, largest, bandwidth)
+        quantile = _quantile([values.size / 2])  # the noise is what is left of all samples
     else:
-        amplitude, std, bandwidth, method = _smoothed(line, values, angle, grid, largest, bandwidth)
+        amplitude, std, quantile, bandwidth, method = _smoothed(line, values, angle, grid, largest, bandwidth)
         slip = slip_std = np.zeros(grid.size)
     amplitude, std, slip, slip_std = (np.where(outside, np.nan, row) for row in (amplitude, std, slip, slip_std))
     of = {name: getattr(line, name) for name in ("component", "kind", "harmonic")}
@@ -399,6 +395,7 @@ def _track_envelope_line(line: EnvelopeLine, revolution: Numbers, bandwidth: flo
         {
             "complex_amplitude": (("track", "output"), amplitude[None]),
             "std": (("track", "output"), std[None], {"long_name": "of the amplitude"}),
+            "half_width": (("track", "output"), quantile * std[None], {"confidence": CONFIDENCE}),
             "slip": (("track", "output"), slip[None], {"units": "1", "long_name": "relative to the nominal order"}),
             "slip_std": (("track", "output"), slip_std[None], {"units": "1"}),
         },
@@ -445,13 +442,15 @@ def _followed(
 
 def _smoothed(
     line: EnvelopeLine, values: Numbers, angle: Numbers, grid: Numbers, largest: float, bandwidth: float | None
-) -> tuple[NDArray[np.complex128], Numbers, float, str]:
+) -> tuple[NDArray[np.complex128], Numbers, Numbers, float, str]:
     """Track a line that is locked to a shaft."""
     spectrum = amplitude_spectrum(values, rate=line.samples_per_rev)
     near = find_line(spectrum, expected=line.order, background_width=min(1.0, _BACKGROUND_SHARE * line.order))
     noise = np.array([2 * near.amplitude_std**2 * values.size / (4 * spectrum.noise_bandwidth_bins)])
     every = max(1, int(line.samples_per_rev / (_OUTPUTS_A_BANDWIDTH * largest)))
-    orders = np.array([line.order])
-    widths, tracked, std = _tracked(values, angle, line.samples_per_rev, orders, noise, bandwidth, every, largest)
+    given = _arguments(angle, np.array([line.order]), line.samples_per_rev)
+    width = _widths(values, given, noise, bandwidth, largest)
+    tracked, std = _tracked(values, given, noise, width, every)
     at = np.arange(0, values.size, every)
-    return np.interp(grid, at, tracked[0]), np.asarray(np.interp(grid, at, std[0])), float(widths[0]), "smoother"
+    amplitude, spread = np.interp(grid, at, tracked[0]), np.asarray(np.interp(grid, at, std[0]))
+    return amplitude, spread, _quantile([near.noise_degrees]), float(width[0]), "smoother"

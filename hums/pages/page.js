@@ -53,6 +53,10 @@ const pages = (() => {
       figure.source.remove();
     }
     const spec = figure.spec, printing = document.documentElement.dataset.theme === "print";
+    if (!printing && !figure.canvas.clientWidth) {  // out of sight: drawn when it comes into view
+      figure.drawn = false;
+      return null;
+    }
     figure.width = printing ? PRINT_WIDTH : figure.canvas.clientWidth;
     const seen = spec.view ? views[spec.view](spec.data, figure) : spec;
     let layout = merge(LAYOUT, merge(spec.layout, seen.layout));
@@ -67,8 +71,9 @@ const pages = (() => {
     layout = {...layout, width, height};
     const style = getComputedStyle(document.documentElement);
     const ready = Plotly.react(figure.canvas, themed(traces, style), themed(layout, style), CONFIG);
-    if (!figure.drawn) {
-      figure.drawn = true;
+    figure.drawn = true;
+    if (!figure.heard) {
+      figure.heard = true;
       for (const listen of firstDrawn) listen(figure);
     }
     for (const svg of figure.canvas.querySelectorAll("svg.main-svg")) svg.setAttribute("aria-hidden", "true");

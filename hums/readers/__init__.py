@@ -200,7 +200,7 @@ def convert(
         machine=spec.machine,
         recorded_at=recorded_at,
         start_s=start_s,
-        attrs={"source": file.path.name} | ({"notes": ". ".join(one.notes)} if one.notes else {}),
+        attrs={"source": file.path.name, "site": spec.site, "analyst": spec.analyst, "notes": ". ".join(one.notes)},
     )
 
 

@@ -95,6 +95,8 @@ class ImportDescription(Declared):
         The channels are averages in angle already: a table of the fields of `hums.AngularAverage`.
     machine : str
         Name of the machine.
+    site, analyst : str
+        Where the machine stands and who analyses it, for the head of the report.
     recorded_at : str or None
         Time of the record, ISO 8601; with `every_s` that of the file with the lowest number.
     time_in_names : str or None
@@ -140,6 +142,8 @@ class ImportDescription(Declared):
     measured: dict[str, str] = Field(default_factory=dict)
     average: Annotated[AngularAverage, BeforeValidator(_average)] | None = None
     machine: str = ""
+    site: str = ""
+    analyst: str = ""
     recorded_at: Annotated[Any, PlainValidator(_moment)] | None = None
     time_in_names: str | None = None
     every_s: Positive | None = None

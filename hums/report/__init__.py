@@ -5,11 +5,14 @@ from collections.abc import Iterable, Mapping
 from importlib.resources import files
 from pathlib import Path
 from tempfile import NamedTemporaryFile
-from typing import Any, Literal, TypeAlias
+from typing import TYPE_CHECKING, Any, Literal, TypeAlias
+
+import numpy as np
+import xarray as xr
 
 from hums.analysis.expected_lines import ENVELOPE, ORDER_SPECTRUM
 from hums.analysis.findings import NOTHING_FOUND
-from hums.analysis.result import Analysis, check_analysis, indicator_table, line_table, save_analysis, summary
+from hums.analysis.result import Analysis, check_analysis, group, indicator_table, line_table, save_analysis, summary
 from hums.gearbox.defect_orders import BEARING_KINDS
 from hums.gearbox.model import Gearbox
 from hums.gearbox.undeclared import undeclared_parts
@@ -19,15 +22,18 @@ from hums.records.fields import plain_cell
 from hums.records.outputs import check_outputs
 from hums.records.store import write_text
 from hums.report.figures import Pictures, cursor_choices, sections
-from hums.report.indicator_tables import indicator_tables, velocity_zones
+from hums.report.indicator_tables import UNIT_WORDS, indicator_tables, velocity_zones
 from hums.report.verdict_strip import CLASSES, answer, component_styles, probability_words, verdict_rows, with_hz
 from signals._validation import checked
+
+if TYPE_CHECKING:
+    import pandas as pd
 
 Units: TypeAlias = Literal["rpm", "Hz"]
 # on the white ground of the drawing, in every light
 _PART_COLOURS = {"alarm": "#b4380a", "watch": "#e0a526", "unknown": "#8b95a1", "calm": "#a9d5b8"}
 _FAULT_KINDS = {*BEARING_KINDS, "tooth"}
-_FILES = ("report.html", "analysis.h5", "orders.csv", "indicators.csv", "summary.json", "report.pdf")
+_FILES = ("report.html", "analysis.h5", "orders.csv", "indicators.csv", "tracks.csv", "summary.json", "report.pdf")
 
 
 def prepare_folder(folder: str | Path, *, inputs: Iterable[str | Path] = (), force: bool = False) -> Path:
@@ -61,7 +67,9 @@ def write_report(
     units: Units = "rpm",
     force: bool = False,
 ) -> Path:
-    """Write ``report.html``, ``analysis.h5``, ``orders.csv``, ``indicators.csv`` and ``summary.json`` into a folder.
+    """Write the page ``report.html``, ``analysis.h5``, ``summary.json`` and tables into a folder.
+
+    The tables are ``orders.csv``, ``indicators.csv`` and ``tracks.csv``.
 
     Parameters
     ----------
@@ -110,9 +118,56 @@ def write_report(
     rows = [table.map(plain_cell).to_csv(index=False, header=number == 0) for number, table in enumerate(tables)]
     write_text(folder / "orders.csv", "".join(rows))
     write_text(folder / "indicators.csv", indicator_table(analysis).map(plain_cell).to_csv(index=False))
+    write_text(folder / "tracks.csv", track_table(analysis).map(plain_cell).to_csv(index=False, float_format="%.7g"))
     page = folder / "report.html"
     write_text(page, _page(analysis, facts, baseline, units))
     return page
+
+
+@checked
+def track_table(analysis: Analysis) -> "pd.DataFrame":
+    """Return the tracked amplitudes of all channels, one row per line and output.
+
+    Parameters
+    ----------
+    analysis : xarray.DataTree
+        Result of `analyze` or `open_analysis`.
+
+    Returns
+    -------
+    pandas.DataFrame
+        channel; spectrum, ``"order_spectrum"`` for lines of the record and ``"envelope"`` for those of its envelope;
+        component, kind, harmonic and sideband of the line; time_s; speed_hz of the reference in rev/s; order in cycles
+        per revolution of the reference; amplitude (peak) and phase_deg of a cosine relative to the angle of the
+        reference, of envelope lines to that of the line; std and half_width of the 95 % interval, both in units.
+
+    Examples
+    --------
+    >>> import numpy as np
+    >>> import hums
+    >>> times_s = np.arange(8000) / 4000
+    >>> tone = 0.5 * np.cos(2 * np.pi * 23 * 20 * times_s)  # 23 teeth at 20 rev/s
+    >>> noise = np.random.default_rng(0).normal(0, 0.05, times_s.size)
+    >>> pulses = hums.PulseTimes(times_s=np.arange(41) / 20, shaft="input", pulses_per_rev=1)
+    >>> record = hums.make_record({"housing": tone + noise}, rate_hz=4000, units="g", angle=pulses)
+    >>> tracks = hums.track_table(hums.analyze(record, hums.load_gearbox("two-stage")))
+    >>> tracks[["order", "speed_hz", "amplitude"]].mean().round(2).tolist()
+    [23.0, 20.0, 0.5]
+    """
+    import pandas as pd  # noqa: PLC0415
+
+    tables = []
+    for name, spectrum in (("tracks", ORDER_SPECTRUM), ("envelope_tracks", ENVELOPE)):
+        tracks = group(analysis, name) if name in analysis.children else xr.Dataset()
+        if not tracks:
+            continue
+        value = tracks["complex_amplitude"]
+        tracks = tracks.assign(amplitude=abs(value), phase_deg=(value.dims, np.degrees(np.angle(value))))
+        plain = tracks.to_dataframe().reset_index().assign(spectrum=spectrum)
+        tables.append(plain.rename(columns=lambda column: column.removeprefix("track_")))
+    columns = ["channel", "spectrum", "component", "kind", "harmonic", "sideband", "time_s", "speed_hz", "order"]
+    columns += ["amplitude", "phase_deg", "std", "half_width", "units"]
+    return pd.concat(tables, ignore_index=True)[columns] if tables else pd.DataFrame(columns=columns)
 
 
 def render(analysis: Analysis, *, baseline: Analysis | None = None, units: Units = "rpm") -> str:
@@ -128,6 +183,10 @@ def _page(analysis: Analysis, facts: dict[str, Any], baseline: Analysis | None, 
     faulty = {part: style for part, style in styles.items() if style != CLASSES[NOTHING_FOUND]}
     pictures = Pictures(analysis=analysis, facts=facts, styles=faulty, past=baseline, past_name=past_name)
     drawn = sections(pictures)
+    machine = facts["machine"] or facts["record"] or facts["gearbox"]
+    title = ", ".join(filter(None, [machine, facts["recorded_at"][:10]]))
+    sensors = [f"{one['name']} ({one['sensor']})" if one.get("sensor") else one["name"] for one in facts["channels"]]
+    about = [("Site", facts["site"]), ("Sensors", ", ".join(sensors)), ("Analyst", facts["analyst"])]
     choices = cursor_choices(facts)
     ours, environment = files("hums.report"), page_environment()
     environment.filters["words"] = lambda kind: str(kind).replace("_", " ")
@@ -139,6 +198,8 @@ def _page(analysis: Analysis, facts: dict[str, Any], baseline: Analysis | None, 
     tail = [("components", "Components"), ("indicators", "Indicators"), ("health", "Sensors"), ("settings", "Settings")]
     body = environment.from_string((ours / "page.html").read_text(encoding="utf-8")).render(
         facts=facts,
+        title=title,
+        about=[(name, text) for name, text in about if text],
         units=units,
         speed_text=speed_text(facts, units=units),
         contents=[("verdicts", "Verdicts"), *((section.name, section.title) for section in drawn), *tail],
@@ -151,6 +212,7 @@ def _page(analysis: Analysis, facts: dict[str, Any], baseline: Analysis | None, 
         mechanism=_mechanism(analysis, facts, styles),
         part_colours=_PART_COLOURS,
         sections=drawn,
+        channels=[channel["name"] for channel in facts["channels"]],
         choices=choices,
         past_name=past_name,
         faint=_unexplained_bearing_lines(facts),
@@ -162,8 +224,9 @@ def _page(analysis: Analysis, facts: dict[str, Any], baseline: Analysis | None, 
         ],
         page_facts=json.dumps(page_facts).replace("<", "\\u003c"),
     )
-    title = f"{facts['machine'] or facts['record'] or facts['gearbox']}: order-tracking report"
-    header = json.dumps(" ".join([title, facts["recorded_at"]])).replace("<", "\\3c ")
+    header = json.dumps(title).replace("<", "\\3c ")
+    for unit, words in UNIT_WORDS.items():
+        body = body.replace(unit, words)
     return stand_alone_page(
         title=title,
         body=body,

@@ -2,36 +2,37 @@
 
 from collections.abc import Iterator, Mapping, Sequence
 from dataclasses import dataclass
+from itertools import zip_longest
 from typing import Any
 
 import numpy as np
 import xarray as xr
 from numpy.typing import NDArray
+from scipy import fft
 
 from hums.analysis.expected_lines import ENVELOPE, ORDER_SPECTRUM
-from hums.analysis.pictures import AVERAGES, KURTOGRAM, ORDER_MAP, WAVEFORM, pictures_of
+from hums.analysis.pictures import AVERAGES, KURTOGRAM, ORDER_MAP, WAVEFORM, WIDEBAND, pictures_of
 from hums.analysis.result import Analysis, envelope_bands, group
 from hums.pages.page import Figure, figure_html, least_and_largest, packed, packed_codes
 from hums.report.verdict_strip import frequency_words, with_hz
 
 Floats = NDArray[np.floating[Any]]
 
-_COLUMNS = 16_000  # of the spectra of all channels together: 0.7 MB of the page
-_FEWEST_COLUMNS, _MOST_COLUMNS = 700, 6000
-_FULL_CHANNELS = 8  # whose maps and waveforms are drawn in full; more share the same space
-_DRAWN_TRACKS = 4  # shown at first; the legend shows the others
+_COLUMNS = 6000  # of the spectra of all channels together: 0.3 MB of the page
+_FEWEST_COLUMNS, _MOST_COLUMNS = 700, 4000
+_FULL_CHANNELS = 3  # whose maps, tracks and waveforms are drawn in full; more share the same space
 _LEVEL_FLOOR_DB = 100.0  # below the highest cell of a map
-_MOST_LABELS = 200
-_TOOTH_TICKS = 25
+_SAMPLES_PER_TOOTH = 20
+_Drawn = Iterator[tuple[str, str]]  # channels, empty for all, and their figures as HTML
 
 
 @dataclass(frozen=True, kw_only=True)
 class Section:
-    """A section of the report: its title, identifier and figures as HTML."""
+    """A section of the report: its title, identifier and figures, as (channel, HTML)."""
 
     title: str
     name: str
-    figures: tuple[str, ...]
+    figures: tuple[tuple[str, str], ...]
 
 
 @dataclass(frozen=True, kw_only=True)
@@ -55,6 +56,7 @@ def sections(pictures: Pictures) -> list[Section]:
     """Return the sections with figures; one without data is left out."""
     made = (
         ("Order spectra", "orders", _spectra(pictures, ORDER_SPECTRUM)),
+        ("Wideband spectra", "wideband", _wideband(pictures)),
         ("Envelope spectra", "envelopes", _spectra(pictures, ENVELOPE)),
         ("Order maps", "maps", _maps(pictures)),
         ("Tracked envelope lines", "parts", _tracks(pictures, "envelope_tracks")),
@@ -87,7 +89,7 @@ def cursor_choices(facts: Mapping[str, Any]) -> list[dict[str, Any]]:
 # ---- Spectra ---------------------------------------------------------------------------------------------------------
 
 
-def _spectra(pictures: Pictures, name: str) -> Iterator[str]:
+def _spectra(pictures: Pictures, name: str) -> _Drawn:
     dataset = group(pictures.analysis, name)
     bands = {band["channel"]: band for band in envelope_bands(pictures.analysis)}
     what = "order spectrum" if name == ORDER_SPECTRUM else "envelope spectrum"
@@ -107,7 +109,7 @@ def _spectra(pictures: Pictures, name: str) -> Iterator[str]:
             height_px=460,
             data=traces
             | {
-                "lines": lines[:_MOST_LABELS],
+                "lines": lines,
                 "units": str(one["units"].item()),
                 "log": name == ORDER_SPECTRUM,
                 "pastName": pictures.past_name,
@@ -116,7 +118,25 @@ def _spectra(pictures: Pictures, name: str) -> Iterator[str]:
         width = float(dataset.attrs["resolution_orders"])
         resolution = f"{dataset.attrs['window'].capitalize()} window, resolution {_orders(pictures, width)}."
         band = _band_caption(bands[channel]) if name == ENVELOPE and channel in bands else ""
-        yield figure_html(figure, caption=f"{band}{resolution}")
+        yield channel, figure_html(figure, caption=f"{band}{resolution}")
+
+
+def _wideband(pictures: Pictures) -> _Drawn:
+    for number, (channel, dataset) in enumerate(pictures_of(pictures.analysis, WIDEBAND)):
+        amplitude, step_hz = dataset["amplitude"].to_numpy(), float(dataset.attrs["bin_width_hz"])
+        largest = int(amplitude.argmax())
+        figure = Figure(
+            name=f"wideband-{number}",
+            alt=f"Spectrum of channel {channel} up to half its sampling rate; the largest line at "
+            f"{largest * step_hz:.6g} Hz.",
+            view="wideband",
+            title=channel,
+            height_px=360,
+            data={"amplitude": packed(amplitude), "step": step_hz, "units": _units(pictures, channel)},
+        )
+        resolution_hz, blocks = float(dataset.attrs["resolution_hz"]), int(dataset.attrs["blocks"])
+        said = f"Hann window, resolution {resolution_hz:.3g} Hz, power average of {blocks} blocks."
+        yield channel, figure_html(figure, caption=said)
 
 
 def _curve(one: xr.Dataset, channels: int) -> dict[str, Any]:
@@ -191,13 +211,16 @@ def _kurtogram_caption(dataset: xr.Dataset, band: Mapping[str, Any] | None) -> s
         )
     elif band is not None:
         frame = " The demodulated band is the one specified."
-    return f"{float(dataset.attrs['seconds']):.4g} s; the kurtosis of Gaussian noise is 0.{frame}"
+    empty = ""
+    if dataset["kurtosis"].isnull().any():
+        empty = " Empty cells: bands with so little power that the filters' leakage from other bands prevails."
+    return f"{float(dataset.attrs['seconds']):.4g} s; the kurtosis of Gaussian noise is 0.{empty}{frame}"
 
 
 # ---- Maps, tracks, averages, kurtograms, waveforms and speed ---------------------------------------------------------
 
 
-def _maps(pictures: Pictures) -> Iterator[str]:
+def _maps(pictures: Pictures) -> _Drawn:
     found = list(pictures_of(pictures.analysis, ORDER_MAP))
     for number, (channel, dataset) in enumerate(found):
         amplitude, order = dataset["amplitude"].to_numpy(), dataset["order"].to_numpy()
@@ -223,58 +246,65 @@ def _maps(pictures: Pictures) -> Iterator[str]:
             },
         )
         turns = int(dataset.attrs["turns"])
-        yield figure_html(figure, caption=f"Each row is the spectrum of {turns} revolutions.")
+        yield channel, figure_html(figure, caption=f"Each row is the spectrum of {turns} revolutions.")
 
 
-def _tracks(pictures: Pictures, name: str) -> Iterator[str]:
+def _tracks(pictures: Pictures, name: str) -> _Drawn:
     """Yield a figure per channel: of its orders, or of the envelope lines of components with a finding."""
     if name not in pictures.analysis.children:
         return
-    tracks, speed = group(pictures.analysis, name), group(pictures.analysis, "speed")
+    tracks = group(pictures.analysis, name)
     if "track" not in tracks.sizes:
         return
-    of_parts = name != "tracks"
-    for number, channel in enumerate(dict.fromkeys(tracks["track_channel"].to_numpy().tolist())):
-        mine = tracks.isel(track=np.flatnonzero(tracks["track_channel"].to_numpy() == channel))
-        amplitude = mine["complex_amplitude"].to_numpy()
-        size = np.abs(amplitude).mean(axis=1)
-        faulty = np.array([str(name) in pictures.styles for name in mine["component"].to_numpy()])
+    of_parts, named = name != "tracks", tracks["track_channel"].to_numpy()
+    size = np.nanmean(np.abs(tracks["complex_amplitude"].to_numpy()), axis=1)
+    faulty = np.array([str(part) in pictures.styles for part in tracks["component"].to_numpy()])
+    labels = [_label(_track_line(tracks, at)) for at in range(named.size)]
+    ranked = np.lexsort((-size, ~faulty)).tolist()
+    channels = list(dict.fromkeys(named.tolist()))
+    own = {channel: [at for at in ranked if named[at] == channel] for channel in channels}
+    by_place = (
+        labels[at] for row in zip_longest(*own.values()) for at in row if at is not None
+    )  # what shows comes first
+    colours = {label: place for place, label in enumerate(dict.fromkeys(by_place))}
+    outputs = slice(None, None, -(-len(channels) // _FULL_CHANNELS))
+    for number, channel in enumerate(channels):
+        mine = tracks.isel(track=own[channel], output=outputs)
+        amplitude, half_width = mine["complex_amplitude"].to_numpy(), mine["half_width"].to_numpy()
         rows = [
             {
-                "name": f"{_label(_track_line(mine, at))}, {_order(pictures, float(mine['track_order'][at]))}",
-                "real": packed(amplitude[at].real),
-                "imag": packed(amplitude[at].imag),
-                "std": packed(mine["std"].to_numpy()[at]),
-                "shown": place < _DRAWN_TRACKS,
+                "name": f"{labels[at]}, {_order(pictures, float(mine['track_order'][place]))}",
+                "real": packed(amplitude[place].real),
+                "imag": packed(amplitude[place].imag),
+                "halfWidth": packed(half_width[place]),
+                "colour": colours[labels[at]],
             }
-            for place, at in enumerate(np.lexsort((-size, ~faulty)).tolist())
+            for place, at in enumerate(own[channel])
         ]
-        time = mine["time_s"].to_numpy()
         data = {
             "tracks": rows,
-            "time": packed(time),
-            "speed": packed(np.interp(time, speed["time_s"].to_numpy(), speed["speed_hz"].to_numpy())),
+            "time": packed(mine["time_s"]),
+            "speed": packed(mine["speed_hz"]),
             "units": str(mine["track_units"].to_numpy()[0]),
         }
         what = "envelope lines" if of_parts else "orders"
-        yield figure_html(
-            Figure(
-                name=f"{'parts' if of_parts else 'tracks'}-{number}",
-                alt=f"Amplitude and phase of {len(rows)} {what} of {channel} against time or speed, or a Nyquist plot.",
-                view="tracks",
-                title=channel,
-                height_px=560,
-                data=data,
-            ),
-            caption=with_hz(_parts_caption(mine) if of_parts else _tracks_caption(mine), pictures.speed_hz),
+        figure = Figure(
+            name=f"{'parts' if of_parts else 'tracks'}-{number}",
+            alt=f"Amplitude and phase of {len(rows)} {what} of {channel} against time or speed, or a Nyquist plot.",
+            view="tracks",
+            title=channel,
+            height_px=560,
+            data=data,
         )
+        said = _parts_caption(mine) if of_parts else _tracks_caption(mine)
+        yield channel, figure_html(figure, caption=with_hz(said, pictures.speed_hz))
 
 
 def _tracks_caption(tracks: xr.Dataset) -> str:
     widths = tracks["bandwidth_orders"].to_numpy()
     return (
-        f"Kalman smoother, bandwidths {widths.min():.2g} to {widths.max():.2g} orders. Bands and circles: "
-        "two standard deviations. Phase of a cosine, relative to the angle of the reference."
+        f"Kalman smoother, bandwidths {widths.min():.2g} to {widths.max():.2g} orders. Phase of a "
+        "cosine, relative to the angle of the reference."
     )
 
 
@@ -291,157 +321,92 @@ def _parts_caption(tracks: xr.Dataset) -> str:
             f"{float(one['band_high_hz']):.5g} Hz, mean modulation depth {depth:.1%}{follows}, bandwidth "
             f"{float(one['bandwidth_orders']):.2g} orders"
         )
-    return (
-        "; ".join(said) + ". Kalman smoother of the envelope. Bands and circles: two standard deviations. "
-        "Phase relative to the angle of the line."
-    )
+    return f"{'; '.join(said)}. Kalman smoother of the envelope. Phase relative to the angle of the line."
 
 
 def _track_line(tracks: xr.Dataset, at: int) -> dict[str, Any]:
     return {name: tracks[name].to_numpy()[at].item() for name in ("component", "kind", "harmonic", "sideband")}
 
 
-def _averages(pictures: Pictures) -> Iterator[str]:
-    """Yield a figure per gear, those of faulty gears first, with the averages of all channels."""
-    gears: dict[str, list[tuple[str, int, int, Floats, Floats]]] = {}
+def _averages(pictures: Pictures) -> _Drawn:
+    """Yield a figure per channel and gear, those of faulty gears first, at no fewer samples than a tooth needs."""
     for channel, dataset in pictures_of(pictures.analysis, AVERAGES):
-        ends = np.cumsum(dataset["size"].to_numpy())
-        for at, name in enumerate(dataset["component"].to_numpy().tolist()):
-            part = slice(int(ends[at] - dataset["size"][at]), int(ends[at]))
-            gears.setdefault(name, []).append(
-                (
-                    channel,
-                    int(dataset["teeth"][at]),
-                    int(dataset["revolutions"][at]),
-                    dataset["average"].to_numpy()[part],
-                    dataset["difference"].to_numpy()[part],
-                )
-            )
-    for number, name in enumerate(sorted(gears, key=lambda gear: gear not in pictures.styles)):
-        teeth, revolutions = gears[name][0][1:3]
-        traces: list[dict[str, Any]] = []
-        for place, (channel, _, _, average, difference) in enumerate(gears[name]):
-            x = packed(1 + teeth * np.arange(average.size) / average.size)
-            shown: dict[str, Any] = {
-                "type": "scatter",
-                "mode": "lines",
-                "x": x,
-                "line": {"color": f"--c{place % 8}", "width": 1.2},
-                "visible": True if place == 0 else "legendonly",
+        names, ends = dataset["component"].to_numpy().tolist(), np.cumsum(dataset["size"].to_numpy())
+        for at in sorted(range(len(names)), key=lambda at: names[at] not in pictures.styles):
+            teeth, size = int(dataset["teeth"][at]), int(dataset["size"][at])
+            samples = max(size, _SAMPLES_PER_TOOTH * teeth)
+            part = slice(int(ends[at]) - size, int(ends[at]))
+            curves = {
+                name: packed(fft.irfft(fft.rfft(dataset[name].to_numpy()[part]), samples) * samples / size)
+                for name in ("average", "difference")
             }
-            traces += [
-                shown | {"y": packed(average), "name": f"average, {channel}"},
-                shown | {"y": packed(difference), "yaxis": "y2", "name": f"difference, {channel}"},
-            ]
-        units = _units(pictures, gears[name][0][0])
-        figure = Figure(
-            name=f"average-{number}",
-            alt=f"Synchronous average and difference signal of {name}, one revolution, against its {teeth} teeth.",
-            title=name,
-            traces=traces,
-            height_px=400,
-            layout={
-                "xaxis": {
-                    "title": {"text": "tooth, counted from the start of the average"},
-                    "range": [1, 1 + teeth],
-                    "tick0": 1,
-                    "dtick": -(-teeth // _TOOTH_TICKS),
-                    "anchor": "y2",
-                },
-                "yaxis": {"title": {"text": f"average, {units}"}, "domain": [0.55, 1]},
-                "yaxis2": {"title": {"text": f"difference, {units}"}, "domain": [0, 0.45]},
-                "margin": {"b": 84},
-                "showlegend": len(gears[name]) > 1,
-            },
-        )
-        said = f"{revolutions} revolutions." + (f" Channel {gears[name][0][0]}." if len(gears[name]) == 1 else "")
-        yield figure_html(figure, caption=said)
+            figure = Figure(
+                name=f"average-{channel}-{at}",
+                alt=f"Synchronous average and difference signal of {names[at]} in channel {channel}, one revolution, "
+                f"against its {teeth} teeth.",
+                view="average",
+                title=names[at],
+                height_px=400,
+                data=curves | {"teeth": teeth, "units": _units(pictures, channel)},
+            )
+            yield channel, figure_html(figure, caption=f"{channel}, {int(dataset['revolutions'][at])} revolutions.")
 
 
-def _kurtograms(pictures: Pictures) -> Iterator[str]:
+def _kurtograms(pictures: Pictures) -> _Drawn:
     bands = {band["channel"]: band for band in envelope_bands(pictures.analysis)}
     for number, (channel, dataset) in enumerate(pictures_of(pictures.analysis, KURTOGRAM)):
         level, kurtosis = dataset["level"].to_numpy(), dataset["kurtosis"].to_numpy()
-        rate_half = float(dataset["high_hz"].max())
         levels = np.unique(level)
         cells = 3 * 2 ** int(levels[-1])
-        image = np.array([np.repeat(row := kurtosis[level == one], cells // row.size) for one in levels])
-        best = int(np.nanargmax(kurtosis))
-        shapes = []
-        if channel in bands:
-            edges = {"x0": bands[channel]["low_hz"], "x1": bands[channel]["high_hz"]}
-            shapes.append(
-                edges
-                | {"type": "rect", "yref": "paper", "y0": 0, "y1": 1, "line": {"color": "--alarm", "width": 2}}
-                | {"label": {"text": "demodulated band", "textposition": "top center", "font": {"color": "#ffffff"}}}
-            )
+        band, best = bands.get(channel), int(np.nanargmax(kurtosis))
         figure = Figure(
             name=f"kurtogram-{number}",
             alt=f"Kurtosis of every band of channel {channel}; the highest, {kurtosis[best]:.2g}, from "
             f"{float(dataset['low_hz'][best]):.6g} to {float(dataset['high_hz'][best]):.6g} Hz.",
-            traces=[
-                {
-                    "type": "heatmap",
-                    "z": packed_codes(image),
-                    "x0": rate_half / cells / 2,
-                    "dx": rate_half / cells,
-                    "colorscale": "Viridis",
-                    "colorbar": {"title": {"text": "kurtosis"}, "thickness": 12},
-                    "hovertemplate": "%{x:.5g} Hz, %{y}: %{z:.3g}<extra></extra>",
-                }
-            ],
+            view="kurtogram",
             title=channel,
-            layout={
-                "xaxis": {"title": {"text": "frequency, Hz"}, "range": [0, rate_half]},
-                "yaxis": {
-                    "title": {"text": "bandwidth, Hz"},
-                    "tickvals": list(range(levels.size)),
-                    "ticktext": [f"{rate_half / 2**one:,.0f}" for one in levels],
-                    "autorange": "reversed",
-                },
-                "shapes": shapes,
+            data={
+                "kurtosis": packed_codes(
+                    [np.repeat(row := kurtosis[level == one], cells // row.size) for one in levels]
+                ),
+                "levels": levels.tolist(),
+                "half": float(dataset["high_hz"].max()),
+                "band": band and [band["low_hz"], band["high_hz"]],
             },
         )
-        yield figure_html(figure, caption=_kurtogram_caption(dataset, bands.get(channel)))
+        yield channel, figure_html(figure, caption=_kurtogram_caption(dataset, band))
 
 
-def _waveforms(pictures: Pictures) -> Iterator[str]:
+def _waveforms(pictures: Pictures) -> _Drawn:
     found = list(pictures_of(pictures.analysis, WAVEFORM))
     every = -(-len(found) // _FULL_CHANNELS)
     for number, (channel, dataset) in enumerate(found):
-        units = _units(pictures, channel)
-        starts = np.arange(0, dataset.sizes["column"], every)
-        times = np.repeat(dataset["time_s"].to_numpy()[starts], 2)
+        starts, times = np.arange(0, dataset.sizes["column"], every), dataset["time_s"].to_numpy()
         least = np.minimum.reduceat(dataset["least"].to_numpy(), starts)
         largest = np.maximum.reduceat(dataset["largest"].to_numpy(), starts)
-        both = np.stack([least, largest], axis=1).ravel()
         excerpt = dataset["excerpt"].to_numpy()[: dataset.sizes["sample"] // every]
-        first = float(dataset["excerpt_time_s"][0])
-        step = float(dataset["excerpt_time_s"][1]) - first if excerpt.size > 1 else 0.0
-        line = {"type": "scatter", "mode": "lines", "line": {"color": "--line", "width": 0.8}, "showlegend": False}
+        rate_hz = next(one["rate_hz"] for one in pictures.facts["channels"] if one["name"] == channel)
         figure = Figure(
             name=f"waveform-{number}",
             alt=f"Waveform of channel {channel}: the whole record, and an excerpt around the largest deviation.",
-            traces=[
-                line | {"x": packed(times), "y": packed(both), "hovertemplate": "%{x:.4f} s: %{y:.4g}<extra></extra>"},
-                line
-                | {"x0": first, "dx": step, "y": packed(excerpt), "xaxis": "x2", "yaxis": "y2"}
-                | {"hovertemplate": "%{x:.6f} s: %{y:.4g}<extra></extra>"},
-            ],
+            view="waveform",
             height_px=460,
             title=channel,
-            layout={
-                "xaxis": {"title": {"text": "time, s"}, "anchor": "y"},
-                "yaxis": {"title": {"text": units}, "domain": [0.62, 1]},
-                "xaxis2": {"title": {"text": "time, s"}, "anchor": "y2"},
-                "yaxis2": {"title": {"text": units}, "domain": [0, 0.42], "anchor": "x2"},
+            data={
+                "both": packed(np.stack([least, largest], axis=1).ravel()),
+                "first": float(times[0]),
+                "step": every * float(dataset.attrs["column_s"]) / 2,
+                "excerpt": packed(excerpt),
+                "excerptFirst": float(dataset["excerpt_time_s"][0]),
+                "excerptStep": 1 / rate_hz,
+                "units": _units(pictures, channel),
             },
         )
         width_ms = 1e3 * every * float(dataset.attrs["column_s"])
-        yield figure_html(figure, caption=f"Top: minimum and maximum of each {width_ms:.3g} ms.")
+        yield channel, figure_html(figure, caption=f"Top: minimum and maximum of each {width_ms:.3g} ms.")
 
 
-def _speed(pictures: Pictures) -> Iterator[str]:
+def _speed(pictures: Pictures) -> _Drawn:
     dataset = group(pictures.analysis, "speed")
     if not dataset["speed_hz"].size:
         return
@@ -457,7 +422,7 @@ def _speed(pictures: Pictures) -> Iterator[str]:
             "shaft": str(dataset.attrs["shaft"]),
         },
     )
-    yield figure_html(figure, caption="Mean over each revolution.")
+    yield "", figure_html(figure, caption="Mean over each revolution.")
 
 
 def _units(pictures: Pictures, channel: str) -> str:

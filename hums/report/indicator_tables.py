@@ -55,7 +55,7 @@ _MEANINGS = {
     "defect_energy": "Energy at the harmonics of a defect frequency in an envelope spectrum",
     "carrier_sideband_ratio": "RMS of the sidebands that equal planets cancel over that of the others",
 }
-_UNIT_WORDS = {"1": "", "mm s-1": "mm/s", "g2": "g\N{SUPERSCRIPT TWO}", "m s-2": "m/s\N{SUPERSCRIPT TWO}"}
+UNIT_WORDS = {"m s-1": "m/s", "m s-2": "m/s\N{SUPERSCRIPT TWO}"}
 _ZONES = (
     ("A", "calm", "typical of a newly commissioned machine"),
     ("B", "calm", "acceptable for unrestricted long-term operation"),
@@ -104,10 +104,11 @@ def _table(channel: str, kind: str, rows: Rows, findings: Rows) -> dict[str, Any
     """Return one table: bearings in rows, since there are many; other components in columns."""
     parts = list(dict.fromkeys(row["part"] for row in rows))
     names = list(dict.fromkeys(row["indicator"] for row in rows))
-    units = {row["indicator"]: _UNIT_WORDS.get(row["unit"], row["unit"]) for row in rows}
+    units = {row["indicator"]: {"1": "", "g2": "g\N{SUPERSCRIPT TWO}"}.get(row["unit"], row["unit"]) for row in rows}
     cells = {(row["indicator"], row["part"]): _cell(row, findings) for row in rows}
     table = {
         "title": f"{_TITLES[kind][0].upper()}{_TITLES[kind][1:]}, {channel}",
+        "channel": channel,
         "withheld": _withheld(rows),
         "raised": _raised_by_others(rows, findings),
     }

@@ -1,5 +1,6 @@
 """Verdict strip of a report: part, certainty, severity, since when, and what to do next, from the findings alone."""
 
+import math
 import re
 from collections.abc import Mapping, Sequence
 from typing import Any
@@ -20,7 +21,6 @@ CLASSES = {DIAGNOSED: "alarm", INDICATED: "watch", NOT_JUDGED: "unknown", NOTHIN
 """Class of the page's style sheet for each verdict; a word that is not here is shown as unknown."""
 
 _RARE = 1e-6
-_SAME_LINE_ORDERS = 1e-9
 _GROWN = 1.5  # our choice: amplitudes of a sound machine vary by less from record to record at one speed and load
 _SEVERE_DEPTH = 0.5  # our choice: the impacts then swing the band between a half and one and a half times its mean
 _NEARER = 2.0  # our choice: 6 dB, since the paths to two sensors differ by as much on a sound machine
@@ -295,11 +295,8 @@ def _before(past: Facts) -> str:
 
 def _line_of(finding: Mapping[str, Any], lines: Sequence[Mapping[str, Any]]) -> Mapping[str, Any] | None:
     for line in lines:
-        if (line["component"], line["kind"], line["channel"]) == (
-            finding["component"],
-            finding["kind"],
-            finding["channel"],
-        ) and abs(line["order_found"] - (finding["order_found"] or 0.0)) < _SAME_LINE_ORDERS * line["order_found"]:
+        same = all(line[name] == finding[name] for name in ("component", "kind", "channel"))
+        if same and math.isclose(line["order_found"], finding["order_found"] or 0.0):
             return line
     return None
 

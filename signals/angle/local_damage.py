@@ -434,7 +434,7 @@ class _Others:
     def least_rise(self, stated: float) -> float:
         """Return how many times the mean a peak must be, in all bands alike, to be as improbable as stated."""
         local, _ = self.local(_RISES[:, None] * self.mean)
-        if local[-1] > stated:
+        if local[-1] >= stated:
             return math.inf
         return float(np.exp(np.interp(-math.log(stated), -np.log(np.maximum(local, _LEAST_TAIL)), np.log(_RISES))))
 

@@ -523,3 +523,16 @@ def test_jitter_of_the_tachometer_is_in_the_std_of_the_tracks(jitter_s):
         error = np.mean(np.abs(turned / truth - 1) ** 2) / 2  # of each quadrature
         squares.append(error / np.mean(track["std"].to_numpy()[20:-20] ** 2))
     assert 0.64 < np.mean(squares) < 1.56  # 0.8 to 1.25 in standard deviations, as for the demo
+
+
+def test_a_line_off_the_sidebands_of_a_mesh_is_not_named_after_them():
+    """4 BPFI lies 1 % below the first sideband: within the tolerance of a nominal speed, which the mesh narrows."""
+    time = np.arange(60_000) / 5000.0
+    lines = {1: 0.8, 6.522388: 0.8, 23: 0.8, 24: 0.2, 46: 0.8, 4 * 5.4446: 0.3}
+    x = sum(amplitude * np.cos(2 * np.pi * 20 * order * time) for order, amplitude in lines.items())
+    x = x + np.random.default_rng(3).normal(0, 0.2, time.size)
+    record = make_record({"a": x}, rate_hz=5000.0, units="g", angle=NominalSpeed(rpm=1200, shaft="input"))
+    settings = AnalysisSettings(envelope_band_hz=None, pictures=False)
+    table = line_table(analyze(record, TWO_STAGE, settings=settings), "order_spectrum")
+    sidebands = table[table["claimed"] & (table["component"] == "stage 1/pinion")]
+    assert sidebands["order_found"].round(2).tolist() == [24.0]

@@ -149,6 +149,25 @@ def test_tracks_of_a_clipped_channel_hold_their_std(limit):
     assert ("a lower bound" in render(analysis)) == (limit < 1)
 
 
+def test_intervals_hold_the_truth_of_a_short_record():
+    """Ten turns: the noise is the median of so few bins that two standard deviations hold less than they should."""
+    rate_hz, speed_hz = 4000, 20.0
+    time = np.arange(rate_hz // 2) / rate_hz
+    rng, line = np.random.default_rng(8), np.cos(2 * np.pi * 23 * speed_hz * time)
+    channels = {f"c{n}": line + rng.normal(0, 0.2, time.size) for n in range(100)}
+    pulses = PulseTimes(times_s=np.arange(0.0, 0.6, 1 / speed_hz), shaft="input", pulses_per_rev=1)
+    record = make_record(channels, rate_hz=rate_hz, units="g", angle=pulses)
+    settings = AnalysisSettings(most_tracks=1, track_bandwidth_orders=0.1, pictures=False, envelope_band_hz=None)
+    tracks = group(analyze(record, load_gearbox("two-stage"), settings=settings), "tracks")
+    assert tracks["half_width"].attrs["confidence"] == 0.95
+    middle = tracks.isel(output=tracks.sizes["output"] // 2)
+    wider = (middle["half_width"] / middle["std"]).to_numpy()
+    assert np.all((wider > 2.05) & (wider < 2.6))  # Student's t of 7 to 25 degrees of freedom; 1.96 of many
+    wrong = middle["complex_amplitude"].to_numpy() - 1
+    inside = np.abs([wrong.real, wrong.imag]) < middle["half_width"].to_numpy()
+    assert inside.mean() > 0.93  # of 200, whose share scatters by 0.015
+
+
 def test_nothing_is_tracked_where_nothing_is_named():
     settings = AnalysisSettings(most_tracks=0, pictures=False)
     noise = make_record(

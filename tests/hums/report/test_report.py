@@ -24,7 +24,7 @@ from hums.report.verdict_strip import with_hz
 from signals.indicators import INDICATORS
 
 RATE_HZ, SPEED_HZ, SECONDS = 5000.0, 20.0, 6.0
-FILES = {".hums-written", "report.html", "analysis.h5", "orders.csv", "indicators.csv", "summary.json"}
+FILES = {".hums-written", "report.html", "analysis.h5", "orders.csv", "indicators.csv", "tracks.csv", "summary.json"}
 
 
 @pytest.fixture(scope="module")
@@ -56,6 +56,19 @@ def test_files_of_a_report(page):
     assert facts["schema"] == "hums-summary/1"
     header = (page.parent / "orders.csv").read_text().splitlines()[0].split(",")
     assert {"component", "kind", "order", "order_found", "amplitude", "spectrum"} <= set(header)
+
+
+def test_the_table_of_tracks_has_polar_amplitudes_over_speed(analysis, page):
+    table = pd.read_csv(page.parent / "tracks.csv")
+    assert set(table["channel"]) == {"housing <vertical>"}
+    np.testing.assert_allclose(table["speed_hz"], SPEED_HZ, rtol=1e-4)
+    for name, spectrum in (("tracks", "order_spectrum"), ("envelope_tracks", "envelope")):
+        tracks, rows = group(analysis, name), table[table["spectrum"] == spectrum]
+        turned = rows["amplitude"] * np.exp(1j * np.radians(rows["phase_deg"]))
+        np.testing.assert_allclose(turned, tracks["complex_amplitude"].to_numpy().ravel(), rtol=1e-5)
+        np.testing.assert_allclose(rows["half_width"], tracks["half_width"].to_numpy().ravel(), rtol=1e-6)
+        assert np.all(rows["half_width"] > 1.95 * rows["std"])
+        assert set(rows["order"].round(4)) == set(tracks["track_order"].to_numpy().round(4))
 
 
 def test_report_is_made_from_the_analysis_alone(page):
@@ -120,6 +133,7 @@ DRAWN = (
 )
 LABELS = """return [...document.querySelectorAll('#figure-' + arguments[0] + ' .annotation-text')]
     .map((text) => text.getBoundingClientRect()).map((box) => [box.left, box.right]).sort((a, b) => a[0] - b[0])"""
+UNFOLD = "document.querySelectorAll('details').forEach((one) => { one.open = true; })"
 AXIS = "return document.querySelector('#figure-order-spectrum-0 .canvas')._fullLayout.xaxis.range[1]"
 CHOOSE = """const tool = document.getElementById('tool-' + arguments[0]); tool.value = arguments[1];
     tool.dispatchEvent(new Event('change', {bubbles: true}));"""
@@ -135,10 +149,11 @@ def test_the_page_is_small(page):
 def drawn_whole(browser, page, *, width, dark):
     """Open the page, draw all of it, and hold it to what holds at every width."""
     assert show(browser, page, width=width, dark=dark) == []
+    browser.execute_script(UNFOLD)
     draw_all(browser)
     assert browser.get_log("browser") == []
     drawn = browser.execute_script(DRAWN)
-    assert len(drawn) == 12  # two spectra, map, tracks of orders and parts, four gears, kurtogram, waveform and speed
+    assert len(drawn) == 13  # three spectra, map, tracks of orders and parts, four gears, kurtogram, waveform and speed
     assert all(drawn)
     for canvas in browser.find_elements("css selector", ".canvas"):
         assert canvas.rect["x"] >= 0
@@ -182,7 +197,7 @@ def test_a_summary_is_printed_on_four_pages_and_the_whole_on_more(page, tmp_path
     facts = json.loads((page.parent / "summary.json").read_text())
     for row in facts["verdicts"]:
         assert row["component"].split("/")[-1] in summary
-    for words in ("diagnosed", "Order spectra", "Envelope spectra", "Components", "1 of", "order-tracking report"):
+    for words in ("diagnosed", "Order spectra", "Envelope spectra", "Components", "1 of", "Mill & drive"):
         assert words in summary
         assert words in whole
     for words in ("Condition indicators", "Waveforms", "Kurtograms", "nominal order"):
