@@ -32,8 +32,8 @@ from hums.gearbox.model import GearboxWarning as GearboxWarning
 from hums.gearbox.model import load_gearbox as load_gearbox
 from hums.gearbox.order_families import collisions as collisions
 from hums.gearbox.order_families import order_families as order_families
-from hums.gearbox.torques import TorqueError as TorqueError
-from hums.gearbox.torques import Torques as Torques
+from hums.gearbox.torque_results import TorqueError as TorqueError
+from hums.gearbox.torque_results import Torques as Torques
 from hums.gearbox.torques import solve_torques as solve_torques
 from hums.jobs import Cluster as Cluster
 from hums.jobs import JobError as JobError

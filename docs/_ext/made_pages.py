@@ -18,7 +18,7 @@ ABOUT = """# Animated mechanisms
 
 Each gearbox of the catalogue, including Glinsky's trains and those of the papers, on its own page: sliders for the
 independent speeds, velocity vectors, and all defect orders, exact and in Hz. Each page is one offline file;
-`hums drawing my-gearbox.toml --html` generates one for your gearbox.
+`hums drawing my-gearbox.toml -o my-gearbox.html` generates one for your gearbox.
 
 """
 

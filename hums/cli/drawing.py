@@ -28,7 +28,6 @@ def drawing(
     graph: Annotated[
         bool, typer.Option("--graph", help="Draw only the graph of links: turning pairs by level, and gear pairs.")
     ] = False,
-    html: Annotated[bool, typer.Option("--html", help="Write a stand-alone page with the moving mechanism.")] = False,
     speed: Annotated[list[str] | None, typer.Option(metavar="LINK=RPM", help="Speed of a link; repeatable.")] = None,
     kind: FigureFormat = "svg",
     force: Force = False,
@@ -44,15 +43,14 @@ def drawing(
     kinematics = solve_kinematics(load_gearbox(gearbox))
     exact = parse_speeds(speed, kinematics) if speed else None
     given = {link: float(rpm) for link, rpm in exact.items()} if exact else None
-    if html or (out is not None and out.suffix.lower() == ".html"):
+    if out is not None and out.suffix.lower() == ".html":
         say("drawing the animated page")
-        page = write_drawing(kinematics, out or Path(f"{Path(gearbox).stem}.html"), speeds_rpm=given, force=force)
-        echo(f"wrote {page}")
+        echo(f"wrote {write_drawing(kinematics, out, speeds_rpm=given, force=force)}")
         return
     if graph:
         picture, out = "graph", out or Path(f"{Path(gearbox).stem}-graph.{kind}")
     if out is None:
-        raise UsageError("--out is missing; name a folder or a figure, such as -o mechanism.svg, or use --html.")
+        raise UsageError("--out is missing; name a folder, a figure such as m.svg, or a moving page such as m.html.")
     pictures = _pictures_of(kinematics, _drawn_speeds(kinematics, given))
     if out.suffix.lower() in _FIGURES:
         save_picture(pictures[picture], out, _SIZES[picture], force=force)

@@ -1,8 +1,6 @@
 """Command `hums dynamics`."""
 
 import math
-import sys
-from dataclasses import dataclass
 from functools import partial
 from pathlib import Path
 from typing import TYPE_CHECKING, Annotated, Any, Literal
@@ -22,7 +20,7 @@ _SIZES = {"module_mm": 3.0, "face_width_mm": 30.0, "pressure_angle_deg": 20.0}  
 _LEAST_SHARE = 0.05  # of the kinetic energy, of a part that is named with a mode
 _SHOWN_MODES = 6
 _SPEEDS = 31  # of a Campbell diagram
-_STEPS = 64  # of a mesh cycle, for the stability
+_HARMONICS = 8  # of a mesh stiffness, for the stability
 
 
 def dynamics(
@@ -97,10 +95,7 @@ def _draw_stability(system: "System", top_rad_s: float, count: int, path: Path, 
     """
     from dataclasses import replace  # noqa: PLC0415
 
-    import numpy as np  # noqa: PLC0415
-
     from data_synth.dynamics import Spring, stability_map  # noqa: PLC0415
-    from data_synth.dynamics.stability import StabilityMap  # noqa: PLC0415
     from hums.plots import plot_stability_map  # noqa: PLC0415
 
     growths = {}
@@ -111,31 +106,34 @@ def _draw_stability(system: "System", top_rad_s: float, count: int, path: Path, 
         names = ", ".join(mesh.name for mesh in meshes)
         varying = replace(
             system,
-            meshes=tuple(replace(mesh, stiffness=_stepped(mesh.stiffness)) for mesh in meshes),
+            meshes=tuple(replace(mesh, stiffness=_smooth(mesh.stiffness)) for mesh in meshes),
             springs=(*system.springs, *held),
         )
-        speeds, rows = _stability_speeds(varying, rate, top_rad_s, count), []
+        say(f"stability, {names}")
+        speeds = _stability_speeds(varying, rate, top_rad_s, count)
         try:
-            with typer.progressbar(speeds.tolist(), label=f"stability, {names}", file=sys.stderr) as shown:
-                for speed in shown:
-                    one = stability_map(lambda _, system=varying: system, parameters=[0.0], speeds_rad_s=[speed])  # type: ignore[misc]
-                    rows.append(one.growth[0, 0])
+            growth = stability_map(lambda _, system=varying: system, parameters=[0.0], speeds_rad_s=speeds)  # type: ignore[misc]
         except (ValueError, ArithmeticError) as error:
             echo(f"note: stability of {names} not computed: {error}", err=True)
             continue
-        growth = StabilityMap(speeds_rad_s=speeds, parameters=np.zeros(1), growth=np.array([rows]))
-        growths[names] = (rate, growth)
+        growths[names] = growth
         unstable = [f"{30 * speed / math.pi:.4g}" for speed in speeds[growth.unstable[0]]]
         echo(f"{names}, parametrically unstable at, rpm: {', '.join(unstable) or 'none of these speeds'}")
 
     def picture(names: str, *, ax: Any) -> None:  # noqa: ANN401
-        rate, growth = growths[names]
-        plot_stability_map(growth, ax=ax, cycles_per_rev=rate)
+        plot_stability_map(growths[names], ax=ax)
         ax.set_title(names, loc="left", fontsize=8)
 
     if growths:
         pictures = several([partial(picture, names) for names in growths], columns=1)
         save_picture(pictures, path, (8.0, 2.6 * len(growths) + 0.4), force=force)
+
+
+def _smooth(stiffness: "Stiffness") -> "Stiffness":
+    """Return a stiffness of hundreds of knots by its first harmonics, others as they are."""
+    from data_synth.gears.mesh_stiffness import fourier_series  # noqa: PLC0415
+
+    return stiffness if len(stiffness.jumps) <= _HARMONICS else fourier_series(stiffness, harmonics=_HARMONICS)
 
 
 def _stability_speeds(system: "System", rate: float, top_rad_s: float, count: int) -> Any:  # noqa: ANN401  - an array
@@ -154,43 +152,6 @@ def _stability_speeds(system: "System", rate: float, top_rad_s: float, count: in
     principal = [speed for speed in np.array(sums) / rate if 0 < speed <= top_rad_s][: count // 2]
     even = np.linspace(0, top_rad_s, count - len(principal) + 1)[1:]
     return np.unique(np.concatenate([even, principal]))
-
-
-@dataclass(frozen=True, kw_only=True)
-class _Stepped:
-    """A stiffness of teeth over one mesh cycle in equal steps, each at the value in its middle.
-
-    Between steps the motion is exact. Steps of 1/64 cycle lower the h-th harmonic, which drives modes near h/2 mesh
-    frequencies, by (pi h / 64)^2 / 6: 0.04 % of the first and 1 % of the fifth.
-    """
-
-    values: tuple[float, ...]
-    period: int = 1
-    constant_between_jumps: bool = True
-    harmonics: None = None
-
-    @property
-    def mean(self) -> float:
-        return sum(self.values) / len(self.values)
-
-    @property
-    def jumps(self) -> tuple[float, ...]:
-        return tuple(step / len(self.values) for step in range(len(self.values)))
-
-    def __call__(self, phase_cycles: Any) -> Any:  # noqa: ANN401  - arrays, numpy is not loaded
-        import numpy as np  # noqa: PLC0415
-
-        step = np.floor(np.remainder(phase_cycles, 1.0) * len(self.values)).astype(int)
-        return np.take(self.values, np.minimum(step, len(self.values) - 1))
-
-
-def _stepped(stiffness: "Stiffness") -> "Stiffness":
-    """Return a stiffness of hundreds of knots in steps, others as they are; teeth are taken as alike."""
-    import numpy as np  # noqa: PLC0415
-
-    if len(stiffness.jumps) <= _STEPS:
-        return stiffness
-    return _Stepped(values=tuple(stiffness((np.arange(_STEPS) + 0.5) / _STEPS).tolist()))
 
 
 def _system_source(

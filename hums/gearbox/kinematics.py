@@ -29,13 +29,11 @@ from numpy.typing import NDArray
 from hums.gearbox.components import closest, count
 from hums.gearbox.mechanism import Contact, Joint, Mechanism, build_mechanism
 from hums.gearbox.model import Gearbox, GearboxError
-from hums.gearbox.rational import Form, add_pivot, difference, evaluate, reduced
+from hums.gearbox.rational import ONE, ZERO, Form, add_pivot, difference, evaluate, reduced
 from signals._validation import brief, checked, is_float
 
 Rates = Form  # a linear form in the joint rates, which are named after their bodies
 Speeds = Mapping[str, float | Fraction]
-_ONE = Fraction(1)
-_ZERO = Fraction(0)
 _IN_PLANE = 1e-12  # largest z component, or deviation from parallel, of unit vectors
 
 
@@ -146,7 +144,7 @@ class Kinematics:
         values = {link: _fraction(link, speed) for link, speed in imposed.items()}
         found: dict[str, Rates] = {}  # by free body, a linear form in the imposed speeds
         for link, speed in values.items():
-            form = reduced(self.spin(link), self.pivots) | {_imposed(link): -_ONE}
+            form = reduced(self.spin(link), self.pivots) | {_imposed(link): -ONE}
             residual = reduced(form, found)
             unknown = next((body for body in residual if not _is_imposed(body)), None)
             if unknown is not None:
@@ -330,7 +328,7 @@ class Kinematics:
             np.stack(columns, axis=1), dims=("link", "input"), coords={"link": list(self.links), "input": list(names)}
         )
 
-    # ---- constraint matrix and null space ------------------------------------------------------------------
+    # ---- constraint matrix ---------------------------------------------------------------------------------
 
     @cached_property
     def constraint_matrix(self) -> NDArray[np.complex128]:
@@ -356,13 +354,6 @@ class Kinematics:
             for link, weight in entries.items():
                 matrix[number, column[link]] += weight
         return matrix
-
-    @cached_property
-    def null_space(self) -> NDArray[np.complex128]:
-        """Orthonormal basis of the null space of `constraint_matrix`, (link, dof)."""
-        from scipy.linalg import null_space  # noqa: PLC0415
-
-        return np.asarray(null_space(self.constraint_matrix))
 
     def _mesh_weights(self, contact: Contact) -> list[complex]:
         """Return the entries of a contact's gears in the constraint matrix: teeth times exp(j angle)."""
@@ -390,7 +381,7 @@ class Kinematics:
             raise GearboxError(
                 f'gearbox "{self.gearbox.name}" declares no reference; add reference = "LINK" or name the inputs.'
             )
-        return {self.gearbox.reference: _ONE}
+        return {self.gearbox.reference: ONE}
 
     def _body(self, link: str) -> str:
         if link not in self.bodies:
@@ -399,7 +390,7 @@ class Kinematics:
 
     def _rate_on(self, body: str, axis: str) -> Rates:
         """Return the rate of a body about an axis relative to the axis's carrier; zero for the carrier itself."""
-        return {body: _ONE} if body in self.joints and self.joints[body].axis == axis else {}
+        return {body: ONE} if body in self.joints and self.joints[body].axis == axis else {}
 
     def _relative_sense(self, body: str, other: str) -> int:
         """Return +1 where the axes of two bodies are parallel, -1 where antiparallel; refuse all else."""
@@ -417,7 +408,7 @@ class Kinematics:
         cache = self._absolute_cache
         if body not in cache:
             joint = self.joints[body]
-            form = {body: _ONE}
+            form = {body: ONE}
             if joint.carried_by != self.mechanism.frame:
                 sense = self._relative_sense(body, joint.carried_by)
                 form |= {name: sense * factor for name, factor in self._absolute(joint.carried_by).items()}
@@ -565,14 +556,14 @@ def _equations(
         row: Rates = {}
         for link, teeth in contact.gears:
             for body, factor in unsolved.spin(link, seen_from=contact.carrier).items():
-                row[body] = row.get(body, _ZERO) + teeth * factor
+                row[body] = row.get(body, ZERO) + teeth * factor
         rows.append((f'mesh "{contact.mesh}"', {body: factor for body, factor in row.items() if factor}))
     rows += [(f'fixed "{link}"', unsolved.spin(link)) for link in fixed]
     for number, constraint in enumerate(constraints):
         row = {}
         for link, weight in constraint.items():
             for body, factor in unsolved.spin(link).items():
-                row[body] = row.get(body, _ZERO) + Fraction(weight) * factor
+                row[body] = row.get(body, ZERO) + Fraction(weight) * factor
         rows.append((f"constraint {number + 1}", {body: factor for body, factor in row.items() if factor}))
     return rows
 
@@ -585,7 +576,7 @@ def _locking_equations(rows: Sequence[tuple[str, Rates]]) -> str:
     """
     pivots: dict[str, Rates] = {}
     for number, (_, row) in enumerate(rows):
-        residual = reduced(row | {_imposed(str(number)): -_ONE}, pivots)
+        residual = reduced(row | {_imposed(str(number)): -ONE}, pivots)
         body = next((name for name in residual if not _is_imposed(name)), None)
         if body is not None:
             add_pivot(pivots, residual, body)
@@ -615,8 +606,8 @@ def _fraction(link: str, speed: object) -> Fraction:
 def _vanishes(form: Rates, values: Mapping[str, Fraction], *, exact: bool) -> bool:
     """Return whether a linear form in the imposed speeds is zero, to 1e-9 of its largest term unless exact."""
     terms = [factor * values[name.removeprefix(_IMPOSED)] for name, factor in form.items()]
-    total = abs(sum(terms, _ZERO))
-    return total == 0 if exact else total <= Fraction(1, 10**9) * max((abs(term) for term in terms), default=_ZERO)
+    total = abs(sum(terms, ZERO))
+    return total == 0 if exact else total <= Fraction(1, 10**9) * max((abs(term) for term in terms), default=ZERO)
 
 
 def _carriers_first(joints: Mapping[str, Joint], frame: str) -> list[str]:

@@ -5,10 +5,12 @@ relative to the carrier. A minus marks an internal gear on a parallel mesh, and 
 side of the apex on a bevel mesh.
 """
 
+import tomllib
 import warnings
 from collections import Counter
 from collections.abc import Iterable, Iterator, Mapping
 from functools import cached_property
+from importlib.resources import files
 from itertools import permutations
 from pathlib import Path
 from typing import Annotated, Any, Self
@@ -39,7 +41,6 @@ from hums.gearbox.components import (
     unit_vector,
     validated,
 )
-from hums.gearbox.field_descriptions import DESCRIPTIONS
 from signals._validation import SentenceError, checked
 
 __all__ = [
@@ -577,7 +578,8 @@ def gearbox_schema() -> dict[str, Any]:
     bearing["oneOf"] = [{"required": ["names"]}, {"required": ["name"]}]
     # the name defaults to that of the file
     schema["required"].remove("name")
-    for table, fields in DESCRIPTIONS.items():
+    described = (files("hums.gearbox") / "field_descriptions.toml").read_text(encoding="utf-8")
+    for table, fields in tomllib.loads(described).items():
         properties = (schema if table == "Gearbox" else parts[table])["properties"]
         for field, description in fields.items():
             properties[field]["description"] = description

@@ -8,21 +8,21 @@ from fractions import Fraction
 
 
 Form = dict[str, Fraction]  # factor of each unknown, none of them zero
-_ZERO = Fraction(0)
+ZERO, ONE = Fraction(0), Fraction(1)
 
 
 def difference(a: Form, b: Form) -> Form:
     """Return the difference of two forms; terms that cancel are left out."""
     total = dict(a)
     for body, factor in b.items():
-        total[body] = total.get(body, _ZERO) - factor
+        total[body] = total.get(body, ZERO) - factor
     return {body: factor for body, factor in total.items() if factor}
 
 
 def evaluate(form: Mapping[str, Fraction], rates: Mapping[str, Fraction]) -> Fraction:
     """Return the value of a linear form in the joint rates."""
     terms = [rates[body] if factor == 1 else factor * rates[body] for body, factor in form.items()]
-    return terms[0] if len(terms) == 1 else sum(terms, _ZERO)
+    return terms[0] if len(terms) == 1 else sum(terms, ZERO)
 
 
 def reduced(form: Mapping[str, Fraction], pivots: Mapping[str, Form]) -> Form:
@@ -30,10 +30,10 @@ def reduced(form: Mapping[str, Fraction], pivots: Mapping[str, Form]) -> Form:
     result: Form = {}
     for name, factor in form.items():
         if name not in pivots:
-            result[name] = result.get(name, _ZERO) + factor
+            result[name] = result.get(name, ZERO) + factor
             continue
         for other, coefficient in pivots[name].items():
-            result[other] = result.get(other, _ZERO) + factor * coefficient
+            result[other] = result.get(other, ZERO) + factor * coefficient
     return {name: factor for name, factor in result.items() if factor}
 
 
@@ -69,7 +69,7 @@ CONSTANT = ""  # the name of a form's constant term; no unknown has an empty nam
 def add(form: Form, more: Form) -> None:
     """Add one form to another in place; terms that cancel remain as zeros."""
     for name, factor in more.items():
-        form[name] = form.get(name, _ZERO) + factor
+        form[name] = form.get(name, ZERO) + factor
 
 
 def solve(equations: Iterable[Form]) -> tuple[dict[str, Form], list[Fraction]]:
@@ -95,12 +95,12 @@ def eliminate(form: Form, solved: dict[str, Form], *, last: Sequence[str] = ()) 
     residual = reduced(form, solved)
     unknowns = [name for name in residual if name != CONSTANT]
     if not unknowns:
-        return residual.get(CONSTANT, _ZERO)
+        return residual.get(CONSTANT, ZERO)
     unknown = max(unknowns, key=last.index) if last else unknowns[0]
     add_pivot(solved, residual, unknown)
-    return _ZERO
+    return ZERO
 
 
 def determined(solved: Mapping[str, Form]) -> dict[str, Fraction]:
     """Return the values of the unknowns whose expression contains no free unknown."""
-    return {name: terms.get(CONSTANT, _ZERO) for name, terms in solved.items() if set(terms) <= {CONSTANT}}
+    return {name: terms.get(CONSTANT, ZERO) for name, terms in solved.items() if set(terms) <= {CONSTANT}}

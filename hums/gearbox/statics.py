@@ -26,12 +26,10 @@ from typing import NoReturn
 from hums.gearbox.components import Mesh, Vector, count, quoted
 from hums.gearbox.kinematics import Kinematics
 from hums.gearbox.mechanism import Contact
-from hums.gearbox.rational import CONSTANT, Form, add, determined, eliminate, evaluate, reduced, solve
+from hums.gearbox.rational import CONSTANT, ONE, ZERO, Form, add, determined, eliminate, evaluate, reduced, solve
 from hums.gearbox.torque_results import TorqueError
 
 Drivers = tuple[int | None, ...]  # driving gear of each contact, 0 or 1; None: the contact loses no power
-_ZERO = Fraction(0)
-_ONE = Fraction(1)
 _TOLERANCE = Fraction(1, 10**9)  # of the largest torque: decimals balance no better
 
 
@@ -100,8 +98,8 @@ class Statics:
 
     def load_factors(self, number: int, driver: int | None) -> tuple[Fraction, Fraction]:
         """Return the factors of the tooth load on the two gears: 1 on the driver, the efficiency on the driven."""
-        driven = _ONE if driver is None else self.efficiencies[number]
-        return (driven, _ONE) if driver == 1 else (_ONE, driven)
+        driven = ONE if driver is None else self.efficiencies[number]
+        return (driven, ONE) if driver == 1 else (ONE, driven)
 
     def generalized_torque(self, number: int, driver: int | None = None) -> Form:
         """Return the torque of a unit tooth load on each turning pair: a row of A, with losses."""
@@ -129,7 +127,7 @@ class Statics:
 
     def is_zero(self, residual: Fraction) -> bool:
         """Return whether the residual of an equation is within the rounding of the given torques."""
-        largest = max((abs(torque) for torque in self.torques.values() if torque is not None), default=_ZERO)
+        largest = max((abs(torque) for torque in self.torques.values() if torque is not None), default=ZERO)
         return is_balanced(residual, largest)
 
 
@@ -250,13 +248,13 @@ def _check_balance(statics: Statics) -> None:
     speeds = {link: reduced(kinematics.spin(link), meshes) for link in statics.torques}
     solved: dict[str, Form] = {}
     for body in free:
-        form, scale = Form(), _ZERO
+        form, scale = Form(), ZERO
         for link, torque in statics.torques.items():
-            factor = speeds[link].get(body, _ZERO)
+            factor = speeds[link].get(body, ZERO)
             add(form, statics.external_term(link, factor))
-            scale = max(scale, abs((torque or _ZERO) * factor))
+            scale = max(scale, abs((torque or ZERO) * factor))
         if not is_balanced(eliminate(form, solved), scale):
-            moving = [name for name in kinematics.joints if body in reduced({name: _ONE}, meshes)]
+            moving = [name for name in kinematics.joints if body in reduced({name: ONE}, meshes)]
             _raise_unbalanced(statics, moving, body, len(free))
     known = determined(solved)
     unknown = [link for link, torque in statics.torques.items() if torque is None and link not in known]
@@ -302,7 +300,7 @@ def _equal_sharing(statics: Statics) -> list[Form]:
             continue
         other = first.setdefault(contact.mesh, number)
         if other != number:
-            shared.append({tooth_load_symbol(number): _ONE, tooth_load_symbol(other): -_ONE})
+            shared.append({tooth_load_symbol(number): ONE, tooth_load_symbol(other): -ONE})
     residuals = solve([*equations, *shared])[1][len(equations) :]
     if not all(map(statics.is_zero, residuals)):
         copies = statics.kinematics.gearbox.copy_links

@@ -12,39 +12,23 @@ from fractions import Fraction
 from hums.gearbox.components import Vector, closest
 from hums.gearbox.kinematics import Kinematics
 from hums.gearbox.model import GearboxError
+from hums.gearbox.rational import ZERO
 from hums.gearbox.statics import Solution, Statics, gear_pairs, solve_equilibrium
 from hums.gearbox.tooth_forces import bearing_loads, tooth_forces
 from hums.gearbox.torque_results import (
-    BearingLoad,
     Branch,
     ExternalTorque,
-    ToothForces,
     ToothLoad,
     TorqueError,
     Torques,
 )
 from signals._validation import brief, checked, is_float
 
-__all__ = [
-    "BearingLoad",
-    "Branch",
-    "ExternalTorque",
-    "ToothForces",
-    "ToothLoad",
-    "TorqueError",
-    "Torques",
-    "solve_torques",
-]
-
-
 # ---- Power flow: the load of each contact, and the branches of power between the links -------------------------------
 # References
 # ----------
 # H. W. Mueller, Epicyclic Drive Trains, Wayne State University Press (1982): power relative to the carrier,
 # circulating power.
-
-
-_ZERO = Fraction(0)
 
 
 def tooth_load(solution: Solution, number: int) -> ToothLoad:
@@ -117,10 +101,10 @@ def _absolute_power(solution: Solution, number: int) -> float | None:
 
 def _torque(solution: Solution, body: str, numbers: Iterable[int]) -> Fraction | None:
     """Return the torque of some contacts on a body; None where one of their loads is indeterminate."""
-    torque = _ZERO
+    torque = ZERO
     for number in numbers:
-        factor = solution.generalized_torque(number).get(body, _ZERO)  # zero for the carrier of a mesh between planets
-        load = solution.load(number) if factor else _ZERO
+        factor = solution.generalized_torque(number).get(body, ZERO)  # zero for the carrier of a mesh between planets
+        load = solution.load(number) if factor else ZERO
         if load is None:
             return None
         torque += load * factor
@@ -275,8 +259,8 @@ def _result(solution: Solution) -> Torques:
     directions = [mechanism.directions[mechanism.joints[mechanism.bodies[link]].axis] for link in torques]
     loads = tuple(tooth_load(solution, number) for number in range(len(statics.contacts)))
     power_branches = tuple(branches(solution))
-    power_in = sum((power for power in powers.values() if power > 0), _ZERO)
-    power_out = -sum((power for power in powers.values() if power < 0), _ZERO)
+    power_in = sum((power for power in powers.values() if power > 0), ZERO)
+    power_out = -sum((power for power in powers.values() if power < 0), ZERO)
     indeterminate = tuple(dict.fromkeys(load.mesh for load in loads if not load.determinate))
     gearing: dict[str, float] = {}
     for load in loads:

@@ -1,4 +1,4 @@
-"""Figures of an analysis: speed, spectra with their significant lines, amplitude tracks."""
+"""Figures of an analysis: speed, spectra with their significant lines, tracks, maps and averages; charts of a fleet."""
 
 from collections.abc import Hashable
 from typing import Any, Literal
@@ -6,15 +6,18 @@ from typing import Any, Literal
 import numpy as np
 import xarray as xr
 from matplotlib.axes import Axes
+from matplotlib.collections import PatchCollection
+from matplotlib.patches import Rectangle
 from matplotlib.text import Annotation
 from matplotlib.ticker import LogFormatter
 
 from hums.plots.labels import LabelSpace, apply_layout, point_size
-from hums.plots.style import INK, KIND_COLOURS, LINE, TRACK_COLOURS, power_of_ten
+from hums.plots.style import INK, KIND_COLOURS, LINE, MARK, TRACK_COLOURS, power_of_ten
 
 _COLUMNS = 1600  # of a drawn spectrum, each at its largest value
 _MOST_LABELS = 14
 _NAME_GAP = 5  # points from a line to its name
+_ORDER = "order, cycles per revolution of the reference"
 
 
 def plot_speed(speed: xr.Dataset | xr.DataTree, *, ax: Axes) -> Axes:
@@ -109,7 +112,7 @@ def plot_spectrum(
         ax.plot(*zip(*dots, strict=True), "o", color=colour, ms=3.5, zorder=3) if dots else None
         ax.plot(*zip(*ticks, strict=True), "|", color=colour, ms=5, alpha=0.5, clip_on=False) if ticks else None
     ax.set(
-        xlabel="order, cycles per revolution of the reference",
+        xlabel=_ORDER,
         ylabel=f"peak amplitude, {drawn['units'].item()}",
         xlim=(0, float(orders[-1])),
         yscale="log" if logarithmic else "linear",
@@ -186,6 +189,216 @@ def plot_tracks(
     ax.set_ylim(bottom=0)
     ax.legend(fontsize=7, ncols=2, frameon=False, loc="lower center", bbox_to_anchor=(0.5, 1.0))
     return ax
+
+
+def plot_order_map(analysis: xr.DataTree, *, channel: str, ax: Axes) -> Axes:
+    """Draw how the order spectrum of a channel changes along the record, in dB below its largest amplitude.
+
+    Parameters
+    ----------
+    analysis : xarray.DataTree
+        From `hums.analyze` or `hums.load_analysis`.
+    channel : str
+        Channel to draw.
+    ax : matplotlib.axes.Axes
+        Axes to draw on; a colour bar stands beside them.
+
+    Returns
+    -------
+    matplotlib.axes.Axes
+        `ax`.
+
+    Raises
+    ------
+    ValueError
+        A channel without an order map.
+
+    Examples
+    --------
+    >>> import numpy as np
+    >>> import xarray as xr
+    >>> from matplotlib.figure import Figure
+    >>> from hums.plots import plot_order_map
+    >>> table = xr.Dataset(
+    ...     {"amplitude": (("row", "order"), np.array([[0.1, 1.0, 0.1]]))},
+    ...     coords={"order": [0.0, 1.0, 2.0], "time_s": ("row", [0.5])},
+    ... )
+    >>> analysis = xr.DataTree.from_dict({"order_map/housing": table})
+    >>> ax = plot_order_map(analysis, channel="housing", ax=Figure().add_subplot())
+    >>> ax.collections[0].get_array().tolist()  # dB
+    [[-20.0, 0.0, -20.0]]
+    """
+    rows = _of_channel(analysis, "order_map", channel)
+    amplitude = rows["amplitude"].to_numpy()
+    top = float(amplitude.max()) or 1.0
+    level = 20 * np.log10(np.maximum(amplitude / top, 1e-9))
+    image = ax.pcolormesh(rows["order"], rows["time_s"], level, vmin=-60, vmax=0, shading="nearest", rasterized=True)
+    ax.figure.colorbar(image, ax=ax, label="amplitude, dB below the largest")
+    ax.set(xlabel=_ORDER, ylabel="time, s")
+    return ax
+
+
+def plot_kurtogram(analysis: xr.DataTree, *, channel: str, ax: Axes) -> Axes:
+    """Draw the kurtosis of a channel by band: frequency across, narrower bands lower down.
+
+    Parameters
+    ----------
+    analysis : xarray.DataTree
+        From `hums.analyze` or `hums.load_analysis`.
+    channel : str
+        Channel to draw.
+    ax : matplotlib.axes.Axes
+        Axes to draw on; a colour bar stands beside them.
+
+    Returns
+    -------
+    matplotlib.axes.Axes
+        `ax`.
+
+    Raises
+    ------
+    ValueError
+        A channel without a kurtogram.
+
+    Examples
+    --------
+    >>> import xarray as xr
+    >>> from matplotlib.figure import Figure
+    >>> from hums.plots import plot_kurtogram
+    >>> bands = {"level": [0.0, 1.0, 1.0], "low_hz": [0.0, 0.0, 500.0], "high_hz": [1000.0, 500.0, 1000.0]}
+    >>> bands |= {"kurtosis": [0.1, 0.0, 2.0]}
+    >>> table = xr.Dataset({name: ("band", values) for name, values in bands.items()})
+    >>> analysis = xr.DataTree.from_dict({"kurtogram/housing": table})
+    >>> ax = plot_kurtogram(analysis, channel="housing", ax=Figure().add_subplot())
+    >>> [label.get_text() for label in ax.get_yticklabels()]  # bandwidths in Hz
+    ['1000', '500']
+    """
+    bands = _of_channel(analysis, "kurtogram", channel)
+    low, high = bands["low_hz"].to_numpy(), bands["high_hz"].to_numpy()
+    levels, row = np.unique(bands["level"].to_numpy(), return_inverse=True)
+    cells = [Rectangle((a, y - 0.5), b - a, 1.0) for a, b, y in zip(low, high, row, strict=True)]
+    image = ax.add_collection(PatchCollection(cells, array=bands["kurtosis"].to_numpy(), edgecolor="white", lw=0.3))
+    ax.figure.colorbar(image, ax=ax, label="kurtosis of the complex envelope")
+    ax.set(xlabel="frequency, Hz", ylabel="bandwidth, Hz", xlim=(0, high.max()), ylim=(levels.size - 0.5, -0.5))
+    ax.set_yticks(range(levels.size), [f"{(high - low)[row == number][0]:.4g}" for number in range(levels.size)])
+    return ax
+
+
+def plot_average(analysis: xr.DataTree, *, channel: str, component: str, ax: Axes) -> Axes:
+    """Draw the synchronous average of a gear over its teeth, and its difference signal: that without regular lines.
+
+    Parameters
+    ----------
+    analysis : xarray.DataTree
+        From `hums.analyze` or `hums.load_analysis`.
+    channel : str
+        Channel to draw.
+    component : str
+        Gear on a fixed axis, such as ``"stage 1/pinion"``.
+    ax : matplotlib.axes.Axes
+        Axes to draw on.
+
+    Returns
+    -------
+    matplotlib.axes.Axes
+        `ax`.
+
+    Raises
+    ------
+    ValueError
+        A channel or gear without an average.
+
+    Examples
+    --------
+    >>> import numpy as np
+    >>> import xarray as xr
+    >>> from matplotlib.figure import Figure
+    >>> from hums.plots import plot_average
+    >>> gears = {"component": ["wheel"], "teeth": [2], "revolutions": [50], "size": [4]}
+    >>> table = xr.Dataset({name: ("gear", values) for name, values in gears.items()})
+    >>> table["average"] = table["difference"] = "angle", np.array([1.0, -1.0, 1.0, -1.0])
+    >>> tree = xr.DataTree.from_dict({"averages/housing": table})
+    >>> ax = plot_average(tree, channel="housing", component="wheel", ax=Figure().add_subplot())
+    >>> ax.lines[0].get_xdata().tolist(), ax.get_title(loc="left")
+    ([0.0, 0.5, 1.0, 1.5], 'wheel, 50 revolutions')
+    """
+    averages = _of_channel(analysis, "averages", channel)
+    names = averages["component"].to_numpy().tolist()
+    if component not in names:
+        raise ValueError(f'channel "{channel}" has no average of "{component}"; it has {", ".join(names) or "none"}.')
+    number, ends = names.index(component), np.cumsum(averages["size"].to_numpy())
+    size, teeth = int(averages["size"][number]), int(averages["teeth"][number])
+    for of, colour in (("average", LINE), ("difference", MARK)):
+        values = averages[of].to_numpy()[ends[number] - size : ends[number]]
+        ax.plot(np.arange(size) * teeth / size, values, color=colour, lw=0.9, label=of)
+    ax.set(xlabel="tooth", ylabel="average, unit of the channel", xlim=(0, teeth))
+    ax.legend(fontsize=7, ncols=2, frameon=False, loc="lower right", bbox_to_anchor=(1.0, 1.0), borderaxespad=0.2)
+    ax.set_title(f"{component}, {int(averages['revolutions'][number])} revolutions", loc="left", fontsize=8, color=INK)
+    return ax
+
+
+def plot_control_chart(fleet: xr.Dataset, *, machine: str, ax: Axes, most: int = 6) -> Axes:
+    """Draw the health indices of a machine record by record, those of the worst components, with the alarm limit.
+
+    Parameters
+    ----------
+    fleet : xarray.Dataset
+        Table ``fleet.h5`` of `hums.analyze_fleet`, as `xarray.open_dataset` reads it.
+    machine : str
+        Machine to draw.
+    ax : matplotlib.axes.Axes
+        Axes to draw on.
+    most : int
+        Largest number of components drawn.
+
+    Returns
+    -------
+    matplotlib.axes.Axes
+        `ax`.
+
+    Raises
+    ------
+    ValueError
+        A machine without a health index.
+
+    Examples
+    --------
+    >>> import xarray as xr
+    >>> from matplotlib.figure import Figure
+    >>> from hums.plots import plot_control_chart
+    >>> fleet = xr.Dataset(
+    ...     {"machine": ("record", ["mill", "mill"]), "health": (("record", "watched"), [[0.2, 0.1], [1.4, 0.2]])},
+    ...     coords={"watched": ["stage 1", "stage 2"]},
+    ... )
+    >>> ax = plot_control_chart(fleet, machine="mill", ax=Figure().add_subplot())
+    >>> [line.get_label() for line in ax.lines[:2]]
+    ['stage 1', 'stage 2']
+    """
+    health = fleet["health"].to_numpy()[fleet["machine"].to_numpy() == machine]
+    if not np.isfinite(health).any():
+        raise ValueError(
+            f'machine "{machine}" has no health index to draw: no such record, or its baseline is learned.'
+        )
+    largest = np.where(np.isfinite(health), health, -np.inf).max(axis=0)
+    for colour, column in zip(TRACK_COLOURS, np.argsort(-largest, kind="stable")[:most], strict=False):
+        name = str(fleet["watched"].to_numpy()[column])
+        ax.plot(1 + np.arange(len(health)), health[:, column], ".-", color=colour, lw=1.0, ms=4, label=name)
+    ax.axhline(1.0, color=MARK, lw=0.9, ls="--", label="alarm")
+    ax.set(xlabel="record", ylabel="health index")
+    ax.set_ylim(bottom=0)
+    ax.legend(fontsize=7, ncols=3, frameon=False, loc="lower left", bbox_to_anchor=(0.0, 1.0))
+    return ax
+
+
+def _of_channel(analysis: xr.DataTree, name: str, channel: str) -> xr.Dataset:
+    """Return the group of a channel in a group of an analysis."""
+    parts = analysis[name].children if name in analysis.children else {}
+    if channel not in parts:
+        known = ", ".join(parts) or "no channel"
+        raise ValueError(
+            f'the analysis has no {name.replace("_", " ")} of channel "{channel}"; it has that of {known}.'
+        )
+    return parts[channel].to_dataset()
 
 
 def _group(data: xr.Dataset | xr.DataTree, name: str) -> xr.Dataset:

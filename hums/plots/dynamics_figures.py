@@ -177,8 +177,8 @@ def plot_campbell(diagram: CampbellDiagram, *, ax: Axes, harmonics: int = 1) -> 
     return ax
 
 
-def plot_stability_map(map_: StabilityMap, *, ax: Axes, cycles_per_rev: float = 1.0, parameter: str = "") -> Axes:
-    """Draw the instability regions over mesh frequency and a parameter; for one parameter value, the multiplier.
+def plot_stability_map(map_: StabilityMap, *, ax: Axes, parameter: str = "") -> Axes:
+    """Draw the instability regions over speed in rpm and a parameter; for one parameter value, the multiplier.
 
     Parameters
     ----------
@@ -186,8 +186,6 @@ def plot_stability_map(map_: StabilityMap, *, ax: Axes, cycles_per_rev: float = 
         Speeds of the reference in rad/s, values of the parameter, and magnitudes of the largest Floquet multiplier.
     ax : matplotlib.axes.Axes
         Axes to draw on.
-    cycles_per_rev : float
-        Mesh cycles per revolution of the reference: the axis is the mesh frequency in rad/s.
     parameter : str
         Name of the parameter with its unit, for the axis.
 
@@ -205,12 +203,12 @@ def plot_stability_map(map_: StabilityMap, *, ax: Axes, cycles_per_rev: float = 
     >>> one = SimpleNamespace(
     ...     speeds_rad_s=np.array([10.0, 20.0]), parameters=np.zeros(1), growth=np.array([[1.0, 1.3]])
     ... )
-    >>> ax = plot_stability_map(one, ax=Figure().add_subplot(), cycles_per_rev=36)
-    >>> ax.lines[0].get_xdata().tolist()  # mesh frequency in rad/s
-    [360.0, 720.0]
+    >>> ax = plot_stability_map(one, ax=Figure().add_subplot())
+    >>> ax.lines[0].get_xdata().round(1).tolist()  # rpm
+    [95.5, 191.0]
     """
-    rates = cycles_per_rev * map_.speeds_rad_s
-    ax.set(xlabel="mesh frequency, rad/s", xlim=(rates[0], rates[-1]))
+    rates = 30 / np.pi * map_.speeds_rad_s
+    ax.set(xlabel="speed of the reference, rpm", xlim=(rates[0], rates[-1]))
     if map_.parameters.size == 1:
         ax.plot(rates, map_.growth[0], color=LINE, lw=1.2)
         ax.axhline(1, color=FAINT, lw=0.8)

@@ -61,13 +61,13 @@ class _Graph:
         return tuple(sorted(found, key=lambda vertex: vertex == self.frame))
 
 
-def mechanism_graph(kinematics: Kinematics, *, ax: Axes, copies: bool = False) -> Axes:
+def mechanism_graph(kinematics: Kinematics, *, ax: Axes) -> Axes:
     """Draw the graph of a mechanism: links, turning pairs by level, and gear pairs with their teeth.
 
-    A vertex is a link, or several links that are rigid with each other. A solid edge is a turning pair, a shaded
-    polygon a level of more than two links, and a dashed edge a gear pair with the teeth of each gear at its end, in
-    the colour of its carrier, the link in which the contact point is at rest. The frame is dark, at the bottom. An
-    unknown mate is a question mark.
+    A vertex is a link, several links that are rigid with each other, or all copies of a planet. A solid edge is a
+    turning pair, a shaded polygon a level of more than two links, and a dashed edge a gear pair with the teeth of each
+    gear at its end, in the colour of its carrier, the link in which the contact point is at rest. The frame is dark, at
+    the bottom. An unknown mate is a question mark.
 
     The vertices stand on an ellipse, so that no edge runs behind a vertex and no polygon holds one of another level,
     in an order with few crossings.
@@ -78,8 +78,6 @@ def mechanism_graph(kinematics: Kinematics, *, ax: Axes, copies: bool = False) -
         Result of `solve_kinematics`.
     ax : matplotlib.axes.Axes
         Axes to draw on; their present size determines the layout, which is the same in every run.
-    copies : bool
-        Whether each copy of a planet has its own vertex; otherwise one vertex states their number.
 
     Returns
     -------
@@ -96,7 +94,7 @@ def mechanism_graph(kinematics: Kinematics, *, ax: Axes, copies: bool = False) -
     >>> [text.get_text() for text in ax.texts]  # links, then teeth
     ['housing', 'pinion', 'gear', '36', '63']
     """
-    graph = _graph(kinematics, copies=copies)
+    graph = _graph(kinematics)
     colours = {vertex: TRACK_COLOURS[k % len(TRACK_COLOURS)] for k, vertex in enumerate(graph.carriers)}
     ax.set_axis_off()
     _add_legend(graph, colours, ax=ax)
@@ -132,10 +130,10 @@ def mechanism_graph(kinematics: Kinematics, *, ax: Axes, copies: bool = False) -
     return ax
 
 
-def _graph(kinematics: Kinematics, *, copies: bool) -> _Graph:
+def _graph(kinematics: Kinematics) -> _Graph:
     """Return the vertices, levels and gear pairs of a mechanism."""
     gearbox, bodies, mechanism = kinematics.gearbox, kinematics.bodies, kinematics.mechanism
-    together = {} if copies else gearbox.copy_links
+    together = gearbox.copy_links
     shown: dict[str, str] = {}  # body -> the one that is drawn for it
     for link, body in bodies.items():
         first = gearbox.instances(together[link])[0] if link in together else link
@@ -151,7 +149,7 @@ def _graph(kinematics: Kinematics, *, copies: bool) -> _Graph:
         count = gearbox.copied.get(names[0], 1)
         labels.append(_wrapped(names) + (f"\n{count} copies" if names[0] in together.values() else ""))
     levels: dict[tuple[int, ...], str] = {}
-    axis_names = {} if copies else {name: axis.name for axis in gearbox.axes for name in axis.instances()}
+    axis_names = {name: axis.name for axis in gearbox.axes for name in axis.instances()}
     for axis, on in mechanism.levels.items():
         levels.setdefault(tuple(dict.fromkeys(number[shown[body]] for body in on)), axis_names.get(axis, axis))
     unknown = 0

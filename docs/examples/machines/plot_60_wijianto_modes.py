@@ -8,7 +8,7 @@ Four degrees of freedom; the paper prints 110.17, 392.65 and 687.01 Hz, in addit
 import matplotlib.pyplot as plt
 
 from data_synth.dynamics import Body, Constant, GearMesh, Support, build_system, solve_modes
-from hums.plots import plot_frequencies, plot_mode_shape
+from hums.plots import plot_mode_shape
 
 R1, R2 = 0.064407457476496844, 0.11271305058386948  # m
 
@@ -33,6 +33,6 @@ modes = solve_modes(pair(Constant(mean=1e6)))
 print(modes.frequencies_hz.round(2))
 
 figure, (left, right) = plt.subplots(1, 2, figsize=(10, 4), layout="constrained")
-plot_frequencies(modes, ax=left)
-plot_mode_shape(modes, 1, ax=right)
+plot_mode_shape(modes, 1, ax=left)
+plot_mode_shape(modes, 2, ax=right)
 plt.show()

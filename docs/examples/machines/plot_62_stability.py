@@ -3,7 +3,7 @@ Wijianto's gear pair: stability
 ===============================
 
 Varying stiffness causes parametric instability near twice a natural frequency. The map shows the largest Floquet
-multiplier over mesh frequency and contact ratio.
+multiplier over speed, at one mesh cycle per revolution, and contact ratio.
 """
 
 import matplotlib.pyplot as plt
