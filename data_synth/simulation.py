@@ -88,9 +88,11 @@ def simulate(
             slip has no line.
         ``truth_component``, ``truth_kind`` (truth_order)
             The sources at that order, largest first, joined by " + ".
+        ``truth_free`` (truth_channel)
+            Share of free vibration, after a start from rest and jumps of the load, in the power of gears in motion.
         ``truth_left``, ``truth_fault_left`` (truth_channel)
-            Share of the power of gears in motion that their lines leave, and of what damaged teeth add to it: free
-            vibration, and what lies between lines. Left out, the lines are the signal.
+            Share of the power that lines leave of the rest, and of what damaged teeth add to it. Left out, the lines
+            are the signal.
         ``truth_chain_poles`` (truth_channel, truth_chain_pole), complex, ``truth_chain_gain`` (truth_channel)
             Filters and sensitivity, ``H(f) = gain prod p / (p - 2j pi f)``, a factor of truth_amplitude; where a
             channel has any. Shorter channels end in NaN.
@@ -207,19 +209,18 @@ def _simulated(
 ) -> tuple[xr.Dataset, NoiseFree]:
     """Return the record of a scene, and the first `kept` samples after the linear part of its channels' chains."""
     prepared, motion, choice, gear_faults = _set_up(declared, streams, turns_before=streams.turns_before)
-    timing_errors_s = _timing_errors_s(prepared)
-    parts = _by_source(prepared, timing_errors_s=timing_errors_s) if by_source else {}
-    signal = _clean(prepared, timing_errors_s=timing_errors_s)
+    parts = _by_source(prepared) if by_source else {}
+    signal = _clean(prepared)
     if motion is not None and choice is not None:
         truth, attrs, noise_free = _with_gears(prepared, motion, choice, signal, parts, kept=kept)
     else:
         truth, attrs = truth_variables(prepared), {"truth_gear_faults": gear_faults} if gear_faults else {}
         noise_free = NoiseFree(signal=signal[:, :kept].copy())
-    truth |= add_outside_sources(prepared, signal, timing_errors_s=timing_errors_s)
+    truth |= add_outside_sources(prepared, signal)
     if declared.imperfections is not None:
         truth |= sensor_truth(prepared)
         _drift(prepared, signal, truth, parts)
-    truth |= add_electrical(prepared, signal, timing_errors_s=timing_errors_s)
+    truth |= add_electrical(prepared, signal)
     for number, sensor in enumerate(declared.sensors):
         truth |= _apply_chain(prepared, sensor, number + 1, signal[number])
     truth |= parts
@@ -272,19 +273,7 @@ def _channel(sensor: Sensor, values: Array) -> Channel:
 # ---- the sum of all sources ----------------------------------------------------------------------------------
 
 
-def _timing_errors_s(prepared: PreparedScene) -> Array | None:
-    """Return the errors of the sampling instants, (n,) s; None without sampling jitter."""
-    jitter, scene = prepared.scene.sampling_jitter, prepared.scene
-    return jitter.std_s * prepared.rng_for("jitter").standard_normal(scene.samples) if jitter is not None else None
-
-
-def _clean(
-    prepared: PreparedScene,
-    *,
-    timing_errors_s: Array | None,
-    only: tuple[str, str] | None = None,
-    samples: int | None = None,
-) -> Array:
+def _clean(prepared: PreparedScene, *, only: tuple[str, str] | None = None, samples: int | None = None) -> Array:
     """Return the signal after the linear chain, (sensor, n), of all sources or of one (component, kind).
 
     Of the first `samples` samples, if not of all.
@@ -294,15 +283,10 @@ def _clean(
     signal = np.zeros((len(scene.sensors), count))
     for start in range(0, count, BLOCK):
         here = slice(start, min(start + BLOCK, count))
-        prepared.add_lines(
-            signal[:, here],
-            first=start,
-            timing_errors_s=None if timing_errors_s is None else timing_errors_s[here],
-            only=only,
-        )
+        prepared.add_lines(signal[:, here], first=start, only=only)
     for number, train in prepared.trains:
         if only in (None, (train.component, train.kind)):
-            add_impacts(prepared, number, train, signal, timing_errors_s=timing_errors_s)
+            add_impacts(prepared, number, train, signal)
     return signal
 
 
@@ -333,11 +317,14 @@ def _with_gears(
     steps, samples = motion.steps(), prepared.scene.samples
     gear_signal = sound_signal = _gear_vibration(replace(motion, steps_per_sample=steps), samples=samples)
     signal += gear_signal
+    free = _free_vibration(motion, gear_signal, steps=steps)
     if damaged := any(isinstance(fault, GearFault) for fault in prepared.scene.faults):
         sound = prepared.without_faults()
         sound_motion = replace(motion_of(sound), steps_per_sample=steps)
         sound_signal = _gear_vibration(sound_motion, samples=max(kept, samples_compared(prepared, prepared.scene)))
-    measured = gear_lines(prepared, gear_signal, sound=sound_signal if damaged else None)
+    sound_forced = sound_signal - free[:, : sound_signal.shape[1]]
+    measured = gear_lines(prepared, gear_signal - free, sound=sound_forced if damaged else None)
+    truth = truth_variables(prepared, measured=measured, free=_share(free, gear_signal)) | passes
     for name, sources in parts.items():
         # meshes act on each other, so all gears in motion are one source
         own = xr.DataArray(gear_signal[:, None], dims=sources.dims, coords={"truth_source_name": ["gears, motion"]})
@@ -349,10 +336,28 @@ def _with_gears(
         of_sound_gears=sound_signal[:, :kept].copy(),
         steps=steps,
     )
-    return truth_variables(prepared, measured=measured) | passes, attrs, noise_free
+    return truth, attrs, noise_free
 
 
-def _by_source(prepared: PreparedScene, *, timing_errors_s: Array | None) -> dict[str, xr.DataArray]:
+def _free_vibration(motion: Motion, signal: Array, *, steps: int) -> Array:
+    """Return what a start from rest and jumps of the load set off in a signal (sensor, n): zero where there are none.
+
+    The difference of two motions by the same forces is a free vibration; the other one begins in static equilibrium,
+    and follows it where the load jumps.
+    """
+    forced = motion.without_free_vibration()
+    if forced is None:
+        return np.zeros_like(signal)
+    return signal - _gear_vibration(replace(forced, steps_per_sample=steps), samples=signal.shape[1])
+
+
+def _share(part: Array, signal: Array) -> Array:
+    """Return the power of a part over that of the signal about its mean, (sensor,)."""
+    whole = np.var(signal, axis=1)
+    return np.asarray(np.divide(np.mean(part**2, axis=1), whole, out=np.zeros_like(whole), where=whole > 0))
+
+
+def _by_source(prepared: PreparedScene) -> dict[str, xr.DataArray]:
     """Return the signal of each source alone at every sensor."""
     sources = dict.fromkeys(
         [(family.component, family.kind) for family in prepared.families]
@@ -360,7 +365,7 @@ def _by_source(prepared: PreparedScene, *, timing_errors_s: Array | None) -> dic
     )
     signals = np.empty((len(prepared.scene.sensors), len(sources), prepared.scene.samples))
     for index, source in enumerate(sources):
-        signals[:, index] = _clean(prepared, timing_errors_s=timing_errors_s, only=source)
+        signals[:, index] = _clean(prepared, only=source)
     return {
         "truth_source": xr.DataArray(
             signals,
@@ -505,8 +510,7 @@ def _noise_free(
     `choice` is the model of the gears, None that of the scene; `of_gears` their vibration, where it is known.
     """
     prepared, motion, choice, _ = _set_up(scene, rng_for, turns_before=turns_before, choice=choice)
-    jitter_s = _timing_errors_s(prepared)
-    signal = _clean(prepared, timing_errors_s=None if jitter_s is None else jitter_s[:samples], samples=samples)
+    signal = _clean(prepared, samples=samples)
     if motion is not None and of_gears is None and not (choice is not None and choice.linear):
         steps = motion.steps() if steps is None else steps
         of_gears = _gear_vibration(replace(motion, steps_per_sample=steps), samples=samples)

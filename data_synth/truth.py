@@ -29,8 +29,13 @@ def tooth_pass_truth(motion: Motion) -> dict[str, xr.DataArray]:
     }
 
 
-def truth_variables(prepared: PreparedScene, *, measured: GearLines | None = None) -> dict[str, xr.DataArray]:
-    """Return the truth of every record: speed, lines (`measured` those of gears), chain, faults and tachometer."""
+def truth_variables(
+    prepared: PreparedScene, *, measured: GearLines | None = None, free: Array | None = None
+) -> dict[str, xr.DataArray]:
+    """Return the truth of every record: speed, lines (`measured` those of gears), chain, faults and tachometer.
+
+    `free` (channel,) is the share of free vibration in the power of gears in motion.
+    """
     reference, torque = str(prepared.scene.gearbox.reference), prepared.drive.torque
     histories = {
         "speed": (prepared.speed_hz, "rev s-1", reference),
@@ -43,7 +48,7 @@ def truth_variables(prepared: PreparedScene, *, measured: GearLines | None = Non
             f"truth_{name}": xr.DataArray(values, dims="truth_time", attrs={"units": units, "shaft": shaft})
             for name, (values, units, shaft) in histories.items()
         },
-        **_line_truth(prepared, measured),
+        **_line_truth(prepared, measured, free),
         **_chain_truth(prepared),
         **_fault_truth(prepared),
         **_pulse_truth(prepared),
@@ -88,7 +93,7 @@ def angle_truth(prepared: PreparedScene) -> dict[str, xr.DataArray]:
     }
 
 
-def _line_truth(prepared: PreparedScene, measured: GearLines | None) -> dict[str, xr.DataArray]:
+def _line_truth(prepared: PreparedScene, measured: GearLines | None, free: Array | None) -> dict[str, xr.DataArray]:
     """Return complex amplitude, component and kind of every line, with the coordinates of all of the truth."""
     at_orders: dict[float, list[Line]] = {}
     for line in (*_lines(prepared), *(measured.lines if measured is not None else ())):
@@ -116,7 +121,9 @@ def _line_truth(prepared: PreparedScene, measured: GearLines | None) -> dict[str
         )
         for name in ("component", "kind")
     }
-    shares = {} if measured is None else {"truth_left": measured.left, "truth_fault_left": measured.fault_left}
+    shares = {"truth_free": free}
+    if measured is not None:
+        shares |= {"truth_left": measured.left, "truth_fault_left": measured.fault_left}
     left = {
         name: xr.DataArray(share, dims="truth_channel", attrs={"units": "1"})
         for name, share in shares.items()

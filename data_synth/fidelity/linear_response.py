@@ -363,7 +363,7 @@ def _added_by(stage: PreparedScene, number: int) -> tuple[HarmonicFamily, Comple
     def rng_for(*words: str) -> np.random.Generator:
         return stage.rng_for(words[0], str(number)) if words[0] == "pits" else stage.rng_for(*words)
 
-    alone = stage.scene.changed(fidelity="dynamic", faults=(fault,), imperfections=None, sampling_jitter=None)
+    alone = stage.scene.changed(fidelity="dynamic", faults=(fault,), imperfections=None)
     own = replace(stage, scene=alone, offsets=[stage.offsets[number]], rng_for=rng_for)
     sound, healthy, _ = _mesh_lines(own.without_faults(), mesh)
     forces, added, place = _mesh_lines(own, mesh)

@@ -162,11 +162,15 @@ def _samples(problem: Problem, rate_hz: float) -> int:
 def _blocks(assembled: Assembled, output: Output, steps: int, size: int) -> Iterator[Integration]:
     a, rate_hz = assembled, output.rate_hz
     stepper, x = Stepper.of(a, output, steps), a.modal(a.problem.start)
+    shifts = {round((time_s - a.problem.start_s) * rate_hz): state for time_s, state in a.problem.shifts}
     values, count, number = stepper.at_start(x), _samples(a.problem, rate_hz) + 1, 0
     while number < count:
-        more = min(size, count - number) - values.shape[0]
-        if more > 0:
-            values = np.concatenate([values, stepper.advance(x, number + values.shape[0] - 1, more)])
+        last = min(number + size, count) - 1
+        while (at := number + values.shape[0] - 1) < last:
+            until = min([last, *(sample for sample in shifts if sample > at)])
+            values = np.concatenate([values, stepper.advance(x, at, until - at)])
+            if until in shifts:
+                x += a.modal(shifts[until])
         times_s = a.problem.start_s + np.arange(number, number + values.shape[0]) / rate_hz
         finite = np.isfinite(values).all(axis=1)
         if not finite.all():

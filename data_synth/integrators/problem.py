@@ -106,6 +106,9 @@ class Problem:
         Initial state; at rest without displacement if left out.
     start_s : float
         Initial time in s.
+    shifts : tuple of (time in s, State)
+        What is added to the state at the sample nearest to each time, as by a load that jumps without setting off free
+        vibration.
 
     Examples
     --------
@@ -125,6 +128,7 @@ class Problem:
     duration_s: float
     start: State | None = None
     start_s: float = 0.0
+    shifts: tuple[tuple[float, State], ...] = ()
 
     def __post_init__(self) -> None:
         dof = len(self.system.names)

@@ -22,7 +22,6 @@ from data_synth.scene.sensors import (
     Mode,
     Noise,
     PlanetPass,
-    SamplingJitter,
     Sensor,
     Transfer,
     check_chain,
@@ -72,9 +71,6 @@ class Excitation(Declared):
 
 
 # ---- Scene -----------------------------------------------------------------------------------------------------------
-
-
-_DEVIATIONS = 8  # that a Gaussian error never goes beyond: once in 1e15
 
 
 class SceneError(SentenceError):
@@ -130,7 +126,6 @@ class Scene(Declared):
     resonance: Mode = Mode(frequency_hz=8000.0, damping_ratio=0.03)
     planet_pass: PlanetPass | None = None
     transfers: tuple[Transfer, ...] = Field(default=(), alias="transfer")
-    sampling_jitter: SamplingJitter | None = None
     noise: Noise = Noise()
     imperfections: Imperfections | None = None
     faults: tuple[Fault, ...] = Field(default=(), alias="fault")
@@ -236,12 +231,6 @@ class Scene(Declared):
         if self.fidelity == "kinematic":  # of links, only rotating shafts are sources
             sources -= {*self.gearbox.links} - {*self.exact_orders("shaft")}
         check_transfers(self.transfers, sources=sources, sensors=[sensor.name for sensor in self.sensors])
-        if self.sampling_jitter is None:
-            return
-        if any(transfer.lines is not None for transfer in self.transfers):
-            raise ValueError(
-                "sampling_jitter does not go with a measured transfer, which is sampled evenly; leave one of them out"
-            )
 
     def _check_sensors(self) -> None:
         places = self._places
@@ -255,11 +244,6 @@ class Scene(Declared):
             if names.count(sensor.name) > 1:
                 raise ValueError(f'two sensors are called "{sensor.name}"; give each a name of its own')
             check_chain(sensor, first=self.sensors[0], rate_hz=self.rate_hz)
-        if self.sampling_jitter is not None and _DEVIATIONS * self.sampling_jitter.std_s * self.rate_hz > 1:
-            raise ValueError(
-                f"sampling_jitter.std_s = {self.sampling_jitter.std_s:g} lets samples change places; "
-                f"keep it below {1 / (_DEVIATIONS * self.rate_hz):g}"
-            )
 
     @classmethod
     def from_mapping(cls, table: Mapping[str, Any], *, where: str = "scene") -> "Scene":

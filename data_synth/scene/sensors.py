@@ -3,9 +3,8 @@
 The order is that of the hardware. A sensor responds to the motion along its axis and to a part of the transverse motion
 (`cross_axis`), resonates on its mount (`resonance`), and gives volts (`sensitivity`), whose bias the coupling takes
 away (`ac_coupling_hz`, the frequency of -3 dB of a first-order high pass); the recorder filters (`anti_alias`, unless
-it is "none"), samples with jitter (`sampling_jitter` of the scene: one clock for all channels), adds its noise (`noise`
-of the scene), saturates (`clipping`), quantises (`quantisation`) and loses samples (`drop_outs`). Levels after the
-sensor are in the units of the channel.
+it is "none"), adds its noise (`noise` of the scene), saturates (`clipping`), quantises (`quantisation`) and loses
+samples (`drop_outs`). Levels after the sensor are in the units of the channel.
 """
 
 from collections.abc import Collection, Iterable
@@ -96,12 +95,6 @@ Filter = Annotated[
     Annotated[AntiAlias, Tag("filter")] | Annotated[Literal["none"], Tag("none")],
     Discriminator(lambda value: "none" if isinstance(value, str) else "filter"),
 ]
-
-
-class SamplingJitter(Declared):
-    """Gaussian errors of the sampling instants, independent of each other, the same for all channels."""
-
-    std_s: Positive
 
 
 class Clipping(Declared):

@@ -94,14 +94,12 @@ def _wander(declared: NoiseLevel, duration_s: float, rng: np.random.Generator) -
 # ---- Lines that do not follow the reference shaft --------------------------------------------------------------------
 
 
-def add_outside_sources(
-    prepared: PreparedScene, signal: Array, *, timing_errors_s: Array | None
-) -> dict[str, xr.DataArray]:
+def add_outside_sources(prepared: PreparedScene, signal: Array) -> dict[str, xr.DataArray]:
     """Add neighbour and knocks to the channels (sensor, n), in place; return their truth variables."""
-    return _add_neighbour(prepared, signal, timing_errors_s) | _add_knocks(prepared, signal, timing_errors_s)
+    return _add_neighbour(prepared, signal) | _add_knocks(prepared, signal)
 
 
-def _add_neighbour(prepared: PreparedScene, signal: Array, timing_errors_s: Array | None) -> dict[str, xr.DataArray]:
+def _add_neighbour(prepared: PreparedScene, signal: Array) -> dict[str, xr.DataArray]:
     declared, scene = imperfections_of(prepared.scene).neighbour, prepared.scene
     if declared is None:
         return {}
@@ -122,18 +120,12 @@ def _add_neighbour(prepared: PreparedScene, signal: Array, timing_errors_s: Arra
     series = np.zeros((len(lines), max(orders)), dtype=np.complex128)
     for order, line in zip(orders, lines.T, strict=True):
         series[:, order - 1] += line
-    _add_series(
-        signal,
-        series,
-        lambda times_s: declared.speed_hz * times_s,
-        rate_hz=scene.rate_hz,
-        timing_errors_s=timing_errors_s,
-    )
+    _add_series(signal, series, lambda times_s: declared.speed_hz * times_s, rate_hz=scene.rate_hz)
     mode = Mode(frequency_hz=declared.frequency_hz, damping_ratio=declared.damping_ratio)
     rate_hz, before_s = declared.impacts_per_rev * declared.speed_hz, ringing_time_s(mode)
     first = -before_s + rng.random() / rate_hz
     times_s = np.arange(first, scene.duration_s, 1 / rate_hz)
-    _add_impacts(prepared, signal, times_s, np.full(times_s.size, declared.impact_m_s2), gains, mode, timing_errors_s)
+    _add_impacts(prepared, signal, times_s, np.full(times_s.size, declared.impact_m_s2), gains, mode)
     return {
         "truth_neighbour": _line_truth(prepared, lines, "truth_neighbour_frequency", frequencies_hz),
         "truth_neighbour_impacts": xr.DataArray(
@@ -142,14 +134,14 @@ def _add_neighbour(prepared: PreparedScene, signal: Array, timing_errors_s: Arra
     }
 
 
-def _add_knocks(prepared: PreparedScene, signal: Array, timing_errors_s: Array | None) -> dict[str, xr.DataArray]:
+def _add_knocks(prepared: PreparedScene, signal: Array) -> dict[str, xr.DataArray]:
     declared, scene = imperfections_of(prepared.scene).knocks, prepared.scene
     if declared is None:
         return {}
     rng = prepared.rng_for("imperfection", "knocks")
     times_s = np.sort(scene.duration_s * rng.random(rng.poisson(declared.per_second * scene.duration_s)))
     sizes = declared.mean_m_s2 * rng.exponential(size=times_s.size)
-    _add_impacts(prepared, signal, times_s, sizes, _gains(prepared, "knocks"), scene.resonance, timing_errors_s)
+    _add_impacts(prepared, signal, times_s, sizes, _gains(prepared, "knocks"), scene.resonance)
     return {
         "truth_knocks": xr.DataArray(times_s, dims="truth_knock", attrs={"units": "s"}),
         "truth_knock_sizes": xr.DataArray(sizes, dims="truth_knock", attrs={"units": "m s-2"}),
@@ -157,13 +149,7 @@ def _add_knocks(prepared: PreparedScene, signal: Array, timing_errors_s: Array |
 
 
 def _add_impacts(
-    prepared: PreparedScene,
-    signal: Array,
-    times_s: Array,
-    sizes_m_s2: Array,
-    gains: ComplexArray,
-    mode: Mode,
-    timing_errors_s: Array | None,
+    prepared: PreparedScene, signal: Array, times_s: Array, sizes_m_s2: Array, gains: ComplexArray, mode: Mode
 ) -> None:
     """Add impacts that ring a mode to all channels."""
     for sensor, chain, gain, values in zip(prepared.scene.sensors, prepared.chains, gains, signal, strict=True):
@@ -175,7 +161,6 @@ def _add_impacts(
             poles=poles,
             residues=residues,
             rate_hz=prepared.scene.rate_hz,
-            timing_errors_s=timing_errors_s,
         )
 
 
@@ -187,7 +172,7 @@ def _gains(prepared: PreparedScene, source: str) -> ComplexArray:
     )[source]
 
 
-def add_electrical(prepared: PreparedScene, signal: Array, *, timing_errors_s: Array | None) -> dict[str, xr.DataArray]:
+def add_electrical(prepared: PreparedScene, signal: Array) -> dict[str, xr.DataArray]:
     """Add mains and inverter lines to the channels (sensor, n), in place, as picked up in the cables.
 
     They pass the anti-aliasing filter of each channel by its response at their frequency, at the mean speed where that
@@ -222,9 +207,7 @@ def add_electrical(prepared: PreparedScene, signal: Array, *, timing_errors_s: A
         return np.asarray(of[0] * declared.mains_hz * times_s + of[1] * output_turns(times_s))
 
     for line, of in zip(lines.T, multiples, strict=True):
-        _add_series(
-            signal, line[:, None], partial(turns, of=of), rate_hz=scene.rate_hz, timing_errors_s=timing_errors_s
-        )
+        _add_series(signal, line[:, None], partial(turns, of=of), rate_hz=scene.rate_hz)
     truth = _line_truth(prepared, lines, "truth_electrical_line", np.arange(shares.size, dtype=np.float64))
     truth.attrs["convention"] = "x = Re{Z exp(2 pi j (m mains_hz t + n output))}, output its turns at the instants"
     truth.attrs["mains_hz"] = declared.mains_hz
@@ -278,21 +261,13 @@ def _scale(sensor: Sensor) -> float:
     return abs(sensor.sensitivity.value) if sensor.sensitivity is not None else 1.0
 
 
-def _add_series(
-    signal: Array,
-    coefficients: ComplexArray,
-    turns: Callable[[Array], Array],
-    *,
-    rate_hz: float,
-    timing_errors_s: Array | None,
-) -> None:
+def _add_series(signal: Array, coefficients: ComplexArray, turns: Callable[[Array], Array], *, rate_hz: float) -> None:
     """Add ``Re sum_k Z_k exp(2 pi j k turns)``, Z (sensor, k), to the channels (sensor, n), in place and in blocks."""
     constant = np.repeat(coefficients[:, :, None], 2, axis=2)
     samples = signal.shape[1]
     for start in range(0, samples, BLOCK):
         here = slice(start, min(start + BLOCK, samples))
         times_s = np.arange(here.start, here.stop) / rate_hz
-        times_s = times_s if timing_errors_s is None else times_s + timing_errors_s[here]
         add_lines(
             signal[:, here],
             constant,

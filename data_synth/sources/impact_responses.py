@@ -19,13 +19,8 @@ _FINE = 256  # points to a sample, between which the sum of a sinc is linear
 _KAISER = 10.0  # 1e-5 of error up to nine tenths of half the rate
 
 
-def add_impacts(
-    prepared: PreparedScene, number: int, train: ImpactTrain, signal: Array, *, timing_errors_s: Array | None = None
-) -> None:
-    """Add the response to a train of fault `number` (from 0) to the channels (sensor, n), in place.
-
-    `timing_errors_s` (n,) are errors of the sampling instants.
-    """
+def add_impacts(prepared: PreparedScene, number: int, train: ImpactTrain, signal: Array) -> None:
+    """Add the response to a train of fault `number` (from 0) to the channels (sensor, n), in place."""
     times_s, strength = prepared.impacts_at_source(number, train)
     scene, duration_s = prepared.scene, None
     if train.duration_rev is not None:
@@ -51,7 +46,6 @@ def add_impacts(
             poles=poles,
             residues=residues,
             rate_hz=scene.rate_hz,
-            timing_errors_s=timing_errors_s,
         )
 
 

@@ -93,14 +93,7 @@ class PreparedScene:
     pulses: Pulses
     turns_before: int = 0
 
-    def add_lines(
-        self,
-        signal: Array,
-        *,
-        first: int = 0,
-        timing_errors_s: Array | None = None,
-        only: tuple[str, str] | None = None,
-    ) -> None:
+    def add_lines(self, signal: Array, *, first: int = 0, only: tuple[str, str] | None = None) -> None:
         """Add the harmonics of all families, or of one component and kind, to samples from number `first` on.
 
         Parameters
@@ -108,8 +101,6 @@ class PreparedScene:
         signal : (sensor, n) array
             Changed in place.
         first : int
-        timing_errors_s : (n,) array or None
-            Errors of the sampling instants, s.
         only : pair of component and kind, optional
         """
         family_amplitudes = [
@@ -124,7 +115,7 @@ class PreparedScene:
             position = times_s * ((self.scene.truth_times - 1) / self.scene.duration_s)
         else:
             position = np.interp(times_s, self.instants_s, np.arange(self.instants_s.size))
-        revolutions = self.drive.angle.revolutions(times_s if timing_errors_s is None else times_s + timing_errors_s)
+        revolutions = self.drive.angle.revolutions(times_s)
         for family, amplitudes in family_amplitudes:
             add_lines(signal, amplitudes, base_order=family.base_order, revolutions=revolutions, position=position)
 

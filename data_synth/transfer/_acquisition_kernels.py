@@ -15,8 +15,6 @@ def add_decays(
     firsts: NDArray[np.int64],
     initial_states: ComplexArray,
     steps: ComplexArray,
-    poles: ComplexArray,
-    timing_errors_s: Array,
 ) -> None:
     """Add ``Re sum_p s_p`` to a signal, where each s_p is multiplied by its step a sample and impacts add to it.
 
@@ -27,10 +25,8 @@ def add_decays(
         First sample not before each impact, rising.
     initial_states : (m, p) complex array
         Contribution of each impact to each s_p at that sample.
-    steps, poles : (p,) complex array
-        ``exp(pole / rate)``, and the poles in rad s-1.
-    timing_errors_s : (n,) or (0,) array
-        Errors of the sampling instants, s: by a Taylor series to the fourth power.
+    steps : (p,) complex array
+        ``exp(pole / rate)``.
     """
     state = np.zeros(steps.size, dtype=np.complex128)
     impact = 0
@@ -41,11 +37,7 @@ def add_decays(
             impact += 1
         total = 0.0
         for p in range(steps.size):
-            if timing_errors_s.size:
-                x = poles[p] * timing_errors_s[sample]
-                total += (state[p] * (1 + x * (1 + x / 2 * (1 + x / 3 * (1 + x / 4))))).real
-            else:
-                total += state[p].real
+            total += state[p].real
             state[p] *= steps[p]
         signal[sample] += total
 

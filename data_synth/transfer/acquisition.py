@@ -47,35 +47,24 @@ def butterworth_poles(filter_: AntiAlias, *, rate_hz: float) -> list[complex]:
 
 
 def add_ringing(
-    signal: Array,
-    *,
-    times_s: Array,
-    amplitudes: Array,
-    poles: ComplexArray,
-    residues: ComplexArray,
-    rate_hz: float,
-    timing_errors_s: Array | None = None,
+    signal: Array, *, times_s: Array, amplitudes: Array, poles: ComplexArray, residues: ComplexArray, rate_hz: float
 ) -> None:
     """Add ``amplitude Re sum_p residue exp(pole (t - time))`` after each impact, exact at instants between samples.
 
     Parameters
     ----------
     signal : (n,) array
-        Changed in place; sample i at ``i / rate_hz + timing_errors_s[i]``.
+        Changed in place; sample i at ``i / rate_hz``.
     times_s, amplitudes : (m,) array
         Times of the impacts in s, rising; the response to those before the first sample begins there.
     poles, residues : (p,) complex array
     rate_hz : float
-    timing_errors_s : (n,) array or None
-        Errors of the sampling instants. An impact between a sample's nominal and actual instant begins with the next
-        one.
     """
     from data_synth.transfer._acquisition_kernels import add_decays  # noqa: PLC0415 - loads numba
 
     firsts = np.maximum(np.ceil(times_s * rate_hz), 0).astype(np.int64)
     initial_states = amplitudes[:, None] * residues * np.exp(poles * (firsts / rate_hz - times_s)[:, None])
-    timing_errors_s = timing_errors_s if timing_errors_s is not None else np.empty(0)
-    add_decays(signal, firsts, initial_states, np.exp(poles / rate_hz), poles, timing_errors_s)
+    add_decays(signal, firsts, initial_states, np.exp(poles / rate_hz))
 
 
 def add_noise(

@@ -3,8 +3,7 @@
 The drawing gives harmonics of every mesh, of every damaged gear, and of every gear with pitch deviations, with
 sidebands at the passes of planets, and what two meshes, or in steady motion damaged gears as well, make with each
 other. Of these orders the loud ones are kept. What damaged teeth add has lines of its own, of the difference to the
-same gears with sound teeth. What is between the lines, such as free vibration after a start or a jump of torque, is
-stated as the share of the power that they leave.
+same gears with sound teeth. What is between the lines is stated as the share of the power that they leave.
 """
 
 import math
@@ -172,7 +171,7 @@ def gear_lines(prepared: PreparedScene, signal: Array, *, sound: Array | None = 
     ----------
     prepared : PreparedScene
     signal : (channel, n) array
-        What gears in motion add to the channels.
+        What gears in motion add to the channels, without free vibration.
     sound : (channel, n) array or None
         The same with sound teeth, where some are damaged: at least `samples_compared` of the damaged.
     """

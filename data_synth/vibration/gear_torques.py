@@ -30,6 +30,7 @@ from hums.gearbox.kinematics import Kinematics
 _INSTANT_S = 1e-9  # to both sides, whose mean is taken: then a jump between steps costs no accuracy
 _NEGLIGIBLE = 1e-6  # of the declared inertia: less is rounding
 _NO_LOAD = 1e-9  # of the largest static mesh force: less is rounding
+_JUMP = 0.01  # of the load: less sets off no vibration to speak of
 _VALUES = 8  # of a transmission error to a mesh cycle, for its mean
 _DIGITS = 7  # that a message needs, so that what it prints is accepted: rounded by less than the above
 
@@ -58,16 +59,29 @@ class DriveLoad:
     full_rotation: bool = False
     at_rest: bool = False
 
-    def start(self, system: System, drive: Drive, time_s: float, *, errors_m: ArrayLike = 0.0) -> State:
+    def start(
+        self, system: System, drive: Drive, time_s: float, *, errors_m: ArrayLike = 0.0, eased: bool = False
+    ) -> State:
         """Return the state at a time: at rest, or in static equilibrium with teeth in contact at mean stiffness.
 
-        `errors_m` (mesh,) are the transmission errors that closed teeth follow.
+        `errors_m` (mesh,) are the transmission errors that closed teeth follow. `eased`: never at rest.
         """
-        if self.at_rest and time_s == 0:
+        if self.at_rest and time_s == 0 and not eased:
             return State(displacement=np.zeros(system.dof), velocity=np.zeros(system.dof))
         speed_hz = drive.angle.speed_hz(np.array([time_s]))
         displacement = static_deflection(system, self.forces(speed_hz, np.array([time_s]))[0], errors_m=errors_m)
         return State(displacement=displacement, velocity=self.velocities(speed_hz)[0])
+
+    def jumps(self, system: System, drive: Drive) -> tuple[tuple[float, State], ...]:
+        """Return the times in s, after time zero, at which the load jumps, and how far the static deflection does."""
+        found, knots_s = [], knots_of(drive)
+        for time_s in knots_s[knots_s > 0].tolist():
+            sides_s = np.array([time_s - 2 * _INSTANT_S, time_s + 2 * _INSTANT_S])
+            before, after = (self.forces(drive.angle.speed_hz(side), side)[0] for side in np.split(sides_s, 2))
+            if np.max(np.abs(after - before)) > _JUMP * np.max(np.abs([before, after])):
+                change = static_deflection(system, after) - static_deflection(system, before)
+                found.append((time_s, State(displacement=change, velocity=0 * change)))
+        return tuple(found)
 
     def velocities(self, speed_hz: Array) -> Array:
         """Return the velocities (n, dof) of the rigid motion at speeds of the reference (n,)."""
@@ -113,6 +127,12 @@ def drive_load_of(stage: PreparedScene, kinematics: Kinematics, system: System) 
     if np.ptp(torque.values) == 0 and np.ptp(stage.speed_hz) == 0:
         load = Load(constant=load.constant)
     return DriveLoad(load=load, damping=np.zeros((system.dof, system.dof)), rigid_motion=rigid_motion)
+
+
+def knots_of(drive: Drive) -> Array:
+    """Return the times in s at which torque or speed have a knot, rising."""
+    torque_s = drive.torque.times_s if drive.torque is not None else np.zeros(0)
+    return np.unique(np.concatenate([torque_s, getattr(drive.angle, "times_s", np.zeros(0))]))
 
 
 def static_deflection(system: System, force: Array, *, errors_m: ArrayLike = 0.0) -> Array:
@@ -207,8 +227,7 @@ def _varying(factors: Callable[[Array], Array], directions: Array, *, drive: Dri
 
     `linear`: between the knots of torque and speed the factors are.
     """
-    assert drive.torque is not None  # noqa: S101 - the callers' own check
-    knots_s = np.unique(np.concatenate([drive.torque.times_s, getattr(drive.angle, "times_s", np.zeros(0))]))
+    knots_s = knots_of(drive)
 
     def mean_about(times_s: Array, *, less: Array) -> Array:
         inside = knots_s[(knots_s > times_s[0] - _INSTANT_S) & (knots_s < times_s[-1] + _INSTANT_S)]

@@ -17,7 +17,7 @@ from data_synth.dynamics.assembly import Assembly, Inertia, SupportStiffness, as
 from data_synth.dynamics.modes import undamped_modes, with_modal_damping
 from data_synth.dynamics.placement import are_parallel, direction_of
 from data_synth.dynamics.system import Array, System, errors_at
-from data_synth.integrators.problem import Accuracy, Integration, IntegrationError, Load, Output, Problem, Steps
+from data_synth.integrators.problem import Accuracy, Integration, IntegrationError, Load, Output, Problem, State, Steps
 from data_synth.operation.drive import ReferenceAngle
 from data_synth.operation.shaft_angle import ShaftAngle
 from data_synth.scene.faults import LOSING_CONTACT, GearFault
@@ -115,6 +115,7 @@ def _supports(scene: Scene, kinematics: Kinematics) -> Iterator[tuple[str, Suppo
 
 _BLOCK = 8192
 _TRIAL = 4096
+_DAMPING = 0.02  # ratio of gears that have none, for their forced vibration
 _TOP = 1 - 1e-9  # of the top speed: less is rounding
 _MOST_DENSE = 64
 _FEWEST_DENSE = 2  # where a channel has a filter, so that it works before samples are left out
@@ -142,6 +143,8 @@ class Motion:
         Tolerated relative RMS error of the forces.
     steps_per_sample : int or None
         Of the integration; None: as many as a trial needs for the error.
+    eased : bool
+        Whether the start and jumps of the load set off no free vibration: displacements jump as the static ones do.
     """
 
     stage: PreparedScene
@@ -154,6 +157,23 @@ class Motion:
     settling_time_s: float
     error: float
     steps_per_sample: int | None = None
+    eased: bool = False
+
+    @cached_property
+    def jumps(self) -> tuple[tuple[float, State], ...]:
+        """Times in s at which the load jumps, and by how much the static deflection does."""
+        return self.drive_load.jumps(self.system, self.stage.drive)
+
+    def without_free_vibration(self) -> "Motion | None":
+        """Return the same motion if the start and jumps of the load set off no free vibration; None if they do not.
+
+        Gears without damping have it all the same: else their forced vibration would not be defined.
+        """
+        if not self.drive_load.at_rest and not self.jumps:
+            return None
+        ratio = 0.0 if self.stage.scene.dynamics_or_default.damping_ratio else _DAMPING
+        added = with_modal_damping(self.system, ratio=ratio).damping
+        return replace(self, eased=True, system=replace(self.system, damping=self.system.damping + added))
 
     @property
     def load(self) -> Load:
@@ -175,8 +195,11 @@ class Motion:
 
     @cached_property
     def static_readings(self) -> Array | None:
-        """Static part of readings of declared paths, (route, instant) N, zero of others; None: no such route."""
-        declared = np.array([route.path is not None for route in self.sensor_forces.routes])
+        """Static part of readings of declared paths, (route, instant) N, zero of others; None: no such route.
+
+        Without free vibration that of all: a housing would answer to its jumps.
+        """
+        declared = np.array([route.path is not None or self.eased for route in self.sensor_forces.routes])
         if not declared.any():
             return None
         maps, errors = self.output.maps, self.sensor_forces.rotate
@@ -288,8 +311,9 @@ class Motion:
             reference=self.teeth_angle,
             load=self.load,
             duration_s=duration_s,
-            start=self.drive_load.start(self.system, self.stage.drive, start_s, errors_m=errors_m),
+            start=self.drive_load.start(self.system, self.stage.drive, start_s, errors_m=errors_m, eased=self.eased),
             start_s=start_s,
+            shifts=self.jumps if self.eased else (),
         )
 
 
@@ -395,7 +419,6 @@ def motion_of(stage: PreparedScene) -> Motion:
 def check_supported(scene: Scene) -> None:
     """Raise SceneError, with a remedy, for a scene whose gears cannot be integrated."""
     what = f'fidelity = "{scene.fidelity}"'
-    kinematic = 'write fidelity = "kinematic"'
     if scene.torque is None:
         raise SceneError(f"{what}: without load there is no mesh force; add torque = {{ link = ..., nm = ... }}.")
     dynamics = scene.dynamics_or_default
@@ -408,8 +431,6 @@ def check_supported(scene: Scene) -> None:
             "dynamics.damping_ratio = 0: vibration from before the record would never decay; give a ratio above 0, or "
             "start the gears by speed.run_up."
         )
-    if scene.sampling_jitter is not None:
-        raise SceneError(f"{what} has no sampling_jitter; leave it out, or {kinematic}.")
     for sensor in scene.sensors:
         if sensor.direction is None:
             raise SceneError(f'{what}: sensor "{sensor.name}" needs a direction, as [x, y, z] across the shafts.')

@@ -130,7 +130,6 @@ from data_synth import load_scene, simulate
 scene = load_scene("demo")
 table = scene.model_dump(mode="json", by_alias=True, exclude_none=True)
 table["duration_s"] = 0.1
-table["sampling_jitter"] = {"std_s": 1e-7}
 table["speed"]["turbulence"] = {"rms": 5, "time_scale_s": 0.2}
 table["tachometer"] |= {"missing": {"share": 0.1}, "spurious": {"per_second": 20}, "jitter": {"std_s": 1e-6}}
 table["sensor"][0] |= {

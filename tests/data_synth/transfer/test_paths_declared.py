@@ -189,10 +189,6 @@ def test_what_follows_the_sensor_filters_a_way_too():
         ({"transfer": [way("output", csv="none.csv")]}, "cannot be read"),
         ({"transfer": [way("output", lines=[[5, 1, 0], [4, 1, 0]])]}, "4 Hz follows 5 Hz; sort them"),
         ({"transfer": [way("output", modes=[TABLE[0] | {"residue": [1, 0]}])]}, "both given; keep one"),
-        (
-            {"transfer": [way("output", lines=lines_of())], "sampling_jitter": {"std_s": 1e-7}},
-            "sampling_jitter does not go with a measured transfer",
-        ),
     ],
 )
 def test_ways_that_make_no_sense_are_refused(change, sentence):

@@ -340,7 +340,6 @@ def test_the_declared_mean_stiffness_is_that_of_healthy_teeth():
         ({"torque": {"link": "pinion", "nm": 5}}, "name the link that takes the power out as dynamics.load_on"),
         ({"gearbox": "planetary-27-36-99"}, 'mesh "sun-planet" declares no module_mm'),
         ({"gearbox": "two-stage"}, 'mesh "stage 1" declares no module_mm.*declare it in the gearbox, or as dynamics'),
-        ({"sampling_jitter": {"std_s": 1e-7}}, "has no sampling_jitter; leave it out"),
         ({"sensor": [{**PAIR["sensor"][0], "direction": None}]}, 'sensor "a" needs a direction'),
         (
             {"fault": [{"kind": "tooth_crack", "component": "mesh/pinion", "depth_mm": 2.0}]},
