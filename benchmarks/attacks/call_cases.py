@@ -343,7 +343,14 @@ def labelled_cases(folder: Path) -> Iterator[Case]:  # noqa: PLR0915 - a list of
     snapshots = hums.join_snapshots([record, record])
     yield Case(hums.snapshot_record, {"record": snapshots, "number": 1})
     yield Case(hums.derive_verdicts, {"analysis": analysis})
-    tables = (hums.findings_table, hums.health_table, hums.indicator_table, hums.track_table, hums.unexplained_table, hums.verdict_table)
+    tables = (
+        hums.findings_table,
+        hums.health_table,
+        hums.indicator_table,
+        hums.track_table,
+        hums.unexplained_table,
+        hums.verdict_table,
+    )
     for tabulate in (*tables, hums.summary):
         yield Case(tabulate, {"analysis": analysis})
     yield Case(hums.line_table, {"analysis": analysis, "name": "order_spectrum"})

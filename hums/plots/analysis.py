@@ -383,7 +383,7 @@ def plot_control_chart(fleet: xr.Dataset, *, machine: str, ax: Axes, most: int =
     for colour, column in zip(TRACK_COLOURS, np.argsort(-largest, kind="stable")[:most], strict=False):
         name = str(fleet["watched"].to_numpy()[column])
         ax.plot(1 + np.arange(len(health)), health[:, column], ".-", color=colour, lw=1.0, ms=4, label=name)
-    ax.axhline(1.0, color=MARK, lw=0.9, ls="--", label="alarm")
+    ax.axhline(1.0, color=INK, lw=0.9, ls="--", label="alarm")
     ax.set(xlabel="record", ylabel="health index")
     ax.set_ylim(bottom=0)
     ax.legend(fontsize=7, ncols=3, frameon=False, loc="lower left", bbox_to_anchor=(0.0, 1.0))

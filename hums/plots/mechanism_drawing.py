@@ -324,7 +324,7 @@ class _Drawing:
             return
         labels = sorted(labels, key=lambda label: float(label.at[1]))
         ends = np.array([self.ax.transData.transform(label.at)[1] for label in labels])
-        gap = 1.35 * _TEXT * point_size(self.ax)
+        gap = 1.8 * _TEXT * point_size(self.ax)  # a later view beside this one takes room from it
         heights = spread(ends, gap=gap, low=self.ax.bbox.y0, high=self.ax.bbox.y1)
         drawn = self.ax.dataLim
         x = self.ax.transData.transform((drawn.x0 if side < 0 else drawn.x1, 0))[0] + side * 1.5 * gap
