@@ -504,7 +504,7 @@ def _unnamed(row: GearJudgement, stated: float) -> Finding:
         blank,
         verdict=NOTHING_FOUND,
         evidence=f"no tooth stands out in {row.turns} turns; {alike}.",
-        least_change=f"indicated from a probability of {stated:.3g} on (now {row.probability:.3g})",
+        least_change=f"indicated at a probability of {stated:.3g} or less (now {row.probability:.3g})",
     )
 
 

@@ -12,8 +12,9 @@ const pages = (() => {
     if (value === null || typeof value !== "object") return value;
     if (!("bdata" in value)) return Object.fromEntries(Object.entries(value).map(([key, v]) => [key, decode(v)]));
     const bytes = Uint8Array.from(atob(value.bdata), (c) => c.charCodeAt(0));
-    let numbers = value.dtype === "f4" ? new Float32Array(bytes.buffer) : bytes;
-    if ("step" in value) numbers = Float32Array.from(bytes, (code) => code === 255 ? NaN : value.low + code * value.step);
+    let numbers = new ({f4: Float32Array, u1: Uint8Array, u2: Uint16Array}[value.dtype])(bytes.buffer);
+    const none = value.dtype === "u1" ? 255 : 65535;
+    if ("step" in value) numbers = Float32Array.from(numbers, (code) => code === none ? NaN : value.low + code * value.step);
     if (value.shape.length === 1) return numbers;
     const [rows, columns] = value.shape;
     return Array.from({length: rows}, (_, row) => numbers.subarray(row * columns, (row + 1) * columns));

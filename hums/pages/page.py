@@ -2,7 +2,7 @@
 
 The script is plotly's cartesian bundle, a third of the whole library. It is published for npm alone and stands here as
 it came (``npm pack plotly.js-cartesian-dist-min@4.1.1``). A figure is plain JSON; arrays are base64 of 4-byte floats or
-1-byte codes. Colours named ``--line`` are those of `page.css`, in light, dark or print.
+of codes of one or two bytes. Colours named ``--line`` are those of `page.css`, in light, dark or print.
 """
 
 import base64
@@ -12,14 +12,12 @@ import json
 from collections.abc import Mapping, Sequence
 from dataclasses import dataclass, field
 from importlib.resources import files
-from typing import Any
+from typing import Any, Literal
 
 import numpy as np
 from numpy.typing import ArrayLike, NDArray
 
 from signals._validation import plain_text
-
-_CODES = 254  # of a byte; 255 is no value
 
 
 @dataclass(frozen=True, kw_only=True)
@@ -74,8 +72,15 @@ def packed(values: ArrayLike) -> dict[str, Any]:
         return _encoded(np.asarray(values).astype("<f4"), "f4")
 
 
-def packed_codes(values: ArrayLike) -> dict[str, Any]:
-    """Return an array as bytes between its least and largest value, for maps in colours; one error is 0.2 % of them.
+def packed_codes(values: ArrayLike, *, digits: Literal["u1", "u2"] = "u1") -> dict[str, Any]:
+    """Return an array as codes between its least and largest value, the highest code for no value.
+
+    Parameters
+    ----------
+    values : array
+        Of one or two dimensions.
+    digits : {"u1", "u2"}
+        One byte, for maps in colours: an error of 0.2 % of the range. Or two, for curves: 8e-6 of it.
 
     Examples
     --------
@@ -83,13 +88,13 @@ def packed_codes(values: ArrayLike) -> dict[str, Any]:
     >>> packed_codes([[0.0, 127.0, 254.0]])
     {'dtype': 'u1', 'shape': [1, 3], 'bdata': 'AH/+', 'low': 0.0, 'step': 1.0}
     """
-    given = np.asarray(values, dtype=np.float64)
+    given, none = np.asarray(values, dtype=np.float64), np.iinfo(digits).max
     finite = np.isfinite(given)
     low = float(given[finite].min()) if finite.any() else 0.0
-    step = (float(given[finite].max()) - low) / _CODES if finite.any() else 0.0
-    codes = np.full(given.shape, _CODES + 1, dtype=np.uint8)
+    step = (float(given[finite].max()) - low) / (none - 1) if finite.any() else 0.0
+    codes = np.full(given.shape, none, dtype=f"<{digits}")
     codes[finite] = np.rint((given[finite] - low) / (step or 1.0))
-    return _encoded(codes, "u1") | {"low": low, "step": step}
+    return _encoded(codes, digits) | {"low": low, "step": step}
 
 
 def _encoded(values: NDArray[Any], dtype: str) -> dict[str, Any]:

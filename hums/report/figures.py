@@ -18,8 +18,7 @@ from hums.report.verdict_strip import frequency_words, with_hz
 
 Floats = NDArray[np.floating[Any]]
 
-_COLUMNS = 6000  # of the spectra of all channels together: 0.3 MB of the page
-_FEWEST_COLUMNS, _MOST_COLUMNS = 700, 4000
+_COLUMNS, _FEWEST_COLUMNS = 3600, 700  # of the spectra of all channels together, 0.2 MB of the page; and of each
 _FULL_CHANNELS = 3  # whose maps, tracks and waveforms are drawn in full; more share the same space
 _LEVEL_FLOOR_DB = 100.0  # below the highest cell of a map
 _SAMPLES_PER_TOOTH = 20
@@ -140,7 +139,7 @@ def _wideband(pictures: Pictures) -> _Drawn:
 
 
 def _curve(one: xr.Dataset, channels: int) -> dict[str, Any]:
-    columns = min(_MOST_COLUMNS, max(_FEWEST_COLUMNS, _COLUMNS // channels))
+    columns = max(_FEWEST_COLUMNS, _COLUMNS // channels)
     amplitude, indices = least_and_largest(one["amplitude"].to_numpy(), columns=columns)
     return {"x": packed(one["order"].to_numpy()[indices]), "y": packed(amplitude)}
 
@@ -337,7 +336,9 @@ def _averages(pictures: Pictures) -> _Drawn:
             samples = max(size, _SAMPLES_PER_TOOTH * teeth)
             part = slice(int(ends[at]) - size, int(ends[at]))
             curves = {
-                name: packed(fft.irfft(fft.rfft(dataset[name].to_numpy()[part]), samples) * samples / size)
+                name: packed_codes(
+                    fft.irfft(fft.rfft(dataset[name].to_numpy()[part]), samples) * samples / size, digits="u2"
+                )
                 for name in ("average", "difference")
             }
             figure = Figure(
@@ -393,10 +394,10 @@ def _waveforms(pictures: Pictures) -> _Drawn:
             height_px=460,
             title=channel,
             data={
-                "both": packed(np.stack([least, largest], axis=1).ravel()),
+                "both": packed_codes(np.stack([least, largest], axis=1).ravel(), digits="u2"),
                 "first": float(times[0]),
                 "step": every * float(dataset.attrs["column_s"]) / 2,
-                "excerpt": packed(excerpt),
+                "excerpt": packed_codes(excerpt, digits="u2"),
                 "excerptFirst": float(dataset["excerpt_time_s"][0]),
                 "excerptStep": 1 / rate_hz,
                 "units": _units(pictures, channel),

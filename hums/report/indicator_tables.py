@@ -155,12 +155,18 @@ _WORDS = {name: name.upper() for name in _SHORT} | {"velocity_rms": "velocity RM
 def _cell(row: Mapping[str, Any], findings: Rows) -> dict[str, Any]:
     if row["value"] is None or math.isnan(row["value"]):
         return _NONE
-    limit, text = row["noise_limit"], f"{row['value']:.3g}"
+    limit, text = row["noise_limit"], _digits(row["value"])
     if limit is None:
         return {"text": text, "style": "", "limit": ""}
     own = any(finding["component"] == row["component"] for finding in findings)
     style = "calm" if row["value"] <= limit else "alarm" if own else "watch"
-    return {"text": text, "style": style, "limit": f"{limit:.3g}"}
+    return {"text": text, "style": style, "limit": _digits(limit)}
+
+
+def _digits(value: float) -> str:
+    """Return a number with three digits, without an exponent where it is large."""
+    text = f"{value:.3g}"
+    return f"{value:,.0f}" if "e+" in text else text
 
 
 def _raised_by_others(rows: Rows, findings: Rows) -> list[str]:

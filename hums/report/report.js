@@ -139,7 +139,8 @@ const report = (() => {
     const annotations = labels(data, figure, factor, last);
     const band = Math.min(250, 36 + 6.2 * Math.max(0, ...annotations.map((label) => label.text.length)));
     figure.state.unit = name;
-    return {traces, height: 410 + band, layout: {
+    const printing = document.documentElement.dataset.theme === "print";  // where two figures share a sheet
+    return {traces, height: (printing ? 330 : 410) + band, layout: {
       uirevision: `${name} ${scale} ${shown.name}`, margin: {t: band, b: 84},
       xaxis: {title: {text}, range: [0, last * factor]}, annotations, shapes: [...cursorShapes(factor), ...looked],
       yaxis: {title: {text: scale === "dB" ? `dB re 1 ${data.units}` : `${shown.name} amplitude, ${data.units}`},
@@ -258,12 +259,12 @@ const report = (() => {
   };
 
   // Tooth k lies between k - 1/2 and k + 1/2; the average starts with tooth 1.
-  pages.views.average = (data) => {
-    const first = 0.5, last = data.teeth + 0.5, TICKS = 25, every = Math.ceil(data.teeth / TICKS);
+  pages.views.average = (data, figure) => {
+    const first = 0.5, last = data.teeth + 0.5, narrow = figure.width < 600, TICKS = narrow ? 8 : 25, every = Math.ceil(data.teeth / TICKS);
     const curve = (y, yaxis) => ({type: "scatter", mode: "lines", x0: first, dx: data.teeth / y.length, y, yaxis, showlegend: false,
       line: {color: "--line", width: 1.2}, hovertemplate: "tooth %{x:.2f}: %{y:.4g}<extra></extra>"});
     return {traces: [curve(data.average, "y"), curve(data.difference, "y2")],
-            layout: {xaxis: {title: {text: "tooth, counted from the start of the average"}, range: [first, last], tick0: 1,
+            layout: {xaxis: {title: {text: narrow ? "tooth" : "tooth, counted from the start of the average"}, range: [first, last], tick0: 1,
                              dtick: every, anchor: "y2", showgrid: false},
                      yaxis: {title: {text: `average, ${data.units}`}, domain: [0.55, 1]},
                      yaxis2: {title: {text: `difference, ${data.units}`}, domain: [0, 0.45]}}};

@@ -198,7 +198,7 @@ def test_a_tooth_follows_from_its_strength_and_turns_at_the_stated_probability(o
         assert turned(strong, 0.99 * share / tests).verdict == "indicated"
     clear = turned(strong, 1.01 * share / tests)
     assert clear.verdict == "nothing found"
-    assert number(clear.least_change, "indicated from a probability of ") == pytest.approx(share, rel=0.002)
+    assert number(clear.least_change, "indicated at a probability of ") == pytest.approx(share, rel=0.002)
 
 
 def number(text, after):

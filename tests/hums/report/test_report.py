@@ -15,7 +15,7 @@ from pypdf import PdfReader
 
 from hums.analysis.record_analysis import AnalysisSettings, analyze
 from hums.analysis.result import group, indicator_table, open_analysis
-from hums.gearbox.model import load_gearbox
+from hums.gearbox.model import Gearbox, load_gearbox
 from hums.pages.page import stand_alone_page
 from hums.records.record import Channel, PulseTimes, make_record
 from hums.report import render, write_report
@@ -232,3 +232,176 @@ def test_report_on_a_desk_with_its_labels_units_and_cursors(browser, page):
     assert browser.get_log("browser") == []
     readout = browser.find_element("id", "tool-readout").text
     assert f"{23 * speed_hz:.6g}"[:5] in readout
+
+
+# ---- Four sensors on a run-up, and a gearbox of six gears -----------------------------------------------------------
+
+SIX_GEARS = """
+name = "three stages"
+frame = "housing"
+reference = "input"
+[axes]
+input = ["housing", "input"]
+"first layshaft" = ["housing", "first layshaft"]
+"second layshaft" = ["housing", "second layshaft"]
+output = ["housing", "output"]
+[[mesh]]
+teeth = { input = 23, "first layshaft" = 67 }
+[[mesh]]
+teeth = { "first layshaft" = 19, "second layshaft" = 61 }
+[[mesh]]
+teeth = { "second layshaft" = 21, output = 64 }
+[[bearing]]
+names = ["input DE"]
+inner_ring = "input"
+outer_ring = "housing"
+bearing = "SKF 6205-2RS JEM"
+"""
+PLOTTED = """const canvas = document.querySelector('#figure-' + arguments[0] + ' .canvas');
+    return canvas.data.map((trace) => ({name: trace.name, color: trace.line && trace.line.color,
+        x0: trace.x0, dx: trace.dx, y: trace.y && Array.from(trace.y),
+        z: trace.z && trace.z.map((row) => Math.max(...row.filter(Number.isFinite)))}))"""
+TICKS = (
+    "return [...document.querySelectorAll(`#figure-${arguments[0]} .xtick text`)].map((tick) => Number(tick.textContent))"
+)
+CLIPPED = """return [...document.querySelectorAll('.scroll')].filter((one) => one.scrollWidth > one.clientWidth)
+    .map((one) => one.getAttribute('aria-label') + one.scrollWidth)"""
+IN_SIGHT = """return [...document.querySelectorAll('#panel [data-channel]')]
+    .filter((one) => one.dataset.channel && one.checkVisibility()).map((one) => one.dataset.channel)"""
+
+
+@pytest.fixture(scope="module")
+def run_up(tmp_path_factory):
+    """Return the analysis of four channels, the last of them empty above 1.5 kHz, from 10 to 30 rev/s in 8 s."""
+    folder = tmp_path_factory.mktemp("run-up")
+    (folder / "gearbox.toml").write_text(SIX_GEARS)
+    rng, time = np.random.default_rng(5), np.arange(round(8 * RATE_HZ)) / RATE_HZ
+    turns = 10 * time + 1.25 * time**2
+    tone = np.cos(2 * np.pi * 23 * turns) + 0.3 * np.cos(2 * np.pi * turns)
+    values = [(k + 1) * tone + rng.normal(0, 0.3, time.size) for k in range(4)]
+    values[3] = np.fft.irfft(np.where(np.fft.rfftfreq(time.size, 1 / RATE_HZ) < 1500, np.fft.rfft(values[3]), 0))
+    channels = {f"a{k}": Channel(values=one, units="m s-2", sensor=f"bearing {k}") for k, one in enumerate(values)}
+    whole = np.interp(np.arange(turns[-1]), turns, time)
+    record = make_record(
+        channels,
+        rate_hz=RATE_HZ,
+        angle=PulseTimes(times_s=whole, shaft="input", pulses_per_rev=1),
+        machine="Mill",
+        recorded_at="2026-03-01T10:00:00Z",
+        attrs={"site": "hall 2", "analyst": "A. Meyer"},
+    )
+    return analyze(record, Gearbox.from_toml(folder / "gearbox.toml"))
+
+
+@pytest.fixture(scope="module")
+def several(run_up, tmp_path_factory):
+    return write_report(run_up, tmp_path_factory.mktemp("several"))
+
+
+def test_a_page_says_what_was_measured_where_by_whom_and_in_one_spelling(several):
+    text = several.read_text(encoding="utf-8")
+    assert several.stat().st_size <= 2.5e6
+    assert "<title>Mill, 2026-03-01</title>" in text
+    assert "<h1>Mill, 2026-03-01</h1>" in text
+    assert "Site: hall 2. Sensors: a0 (bearing 0), a1 (bearing 1)" in text
+    assert "Analyst: A. Meyer." in text
+    assert "m/s\N{SUPERSCRIPT TWO}" in text
+    assert not re.search(r"\bmm? s-[12]\b", text)
+
+
+def test_what_repeats_in_every_row_is_a_column(several):
+    text = several.read_text(encoding="utf-8")
+    assert "detectable modulation" in text
+    assert "would have been detected" not in text.split('id="components"')[1]
+    assert re.search(r"<td>\d+\.\d%</td><td class=\"t w\">[^<]+\.</td>", text)
+
+
+def test_empty_cells_of_a_kurtogram_are_explained_where_there_are_some(several):
+    said = re.findall(
+        r"the kurtosis of Gaussian noise is 0\.( Empty cells: bands with so little power)?", several.read_text()
+    )
+    assert [bool(one) for one in said] == [False, False, False, True]
+
+
+def test_a_tab_shows_one_sensor_and_details_unfold(browser, several):
+    assert show(browser, several, width=1400) == []
+    draw_all(browser)
+    assert browser.execute_script("return document.documentElement.scrollHeight") < 7000
+    assert set(browser.execute_script(IN_SIGHT)) == {"a0"}
+    tabs = browser.find_elements("css selector", "[role=tab]")
+    assert [tab.text for tab in tabs] == ["a0", "a1", "a2", "a3"]
+    tabs[2].click()
+    assert set(browser.execute_script(IN_SIGHT)) == {"a2"}
+    tabs[2].send_keys("\ue014")  # arrow to the right
+    assert set(browser.execute_script(IN_SIGHT)) == {"a3"}
+    browser.execute_script(UNFOLD)
+    draw_all(browser)
+    # of six gears, too, the meaning is read without scrolling
+    assert browser.execute_script(CLIPPED) == []
+    assert violations(browser) == []
+    assert browser.get_log("browser") == []
+
+
+@pytest.mark.parametrize("width", [400, 1400])
+def test_labels_leave_room_for_the_plot(browser, several, width):
+    show(browser, several, width=width)
+    draw_all(browser)
+    heights = browser.execute_script(
+        "return [...document.querySelectorAll('#orders, #envelopes')].map((title) => "
+        "title.closest('section').querySelector('.canvas')._fullLayout._size.h)"
+    )
+    assert min(heights) > 300
+
+
+def test_amplitudes_by_choice_intervals_of_tracks_and_peaks_of_maps(browser, several, run_up):
+    show(browser, several, width=1400)
+    browser.execute_script(UNFOLD)
+    draw_all(browser)
+    peak = {
+        name: browser.execute_script(PLOTTED, name) for name in ("order-spectrum-0", "wideband-0", "tracks-0", "map-0")
+    }
+    tracks = group(run_up, "tracks")
+    (mesh,) = np.flatnonzero((tracks["track_channel"] == "a0") & (tracks["track_order"] == 23))
+    rising = np.argsort(tracks["speed_hz"].to_numpy())
+    amplitude, half = np.abs(tracks["complex_amplitude"].to_numpy()[mesh]), tracks["half_width"].to_numpy()[mesh]
+    band, line = peak["tracks-0"][:2]
+    assert line["name"].startswith("stage") or "order 23" in line["name"]
+    every = round(amplitude.size / len(line["y"]))
+    shown = amplitude[::every][np.argsort(tracks["speed_hz"].to_numpy()[::every])]
+    np.testing.assert_allclose(line["y"], shown, rtol=1e-5)
+    np.testing.assert_allclose(
+        band["y"][: len(line["y"])], shown + half[::every][rising[rising % every == 0] // every], rtol=1e-3
+    )
+    browser.execute_script(CHOOSE, "against", "time")
+    lines = browser.execute_script(PLOTTED, "map-0")[0]["z"]
+    browser.execute_script(CHOOSE, "units", "Hz")
+    np.testing.assert_allclose(browser.execute_script(PLOTTED, "map-0")[0]["z"], lines)  # no row loses its largest line
+    for name, factor in (("RMS", 0.5**0.5), ("peak-to-peak", 2)):
+        browser.execute_script(CHOOSE, "measure", name)
+        for figure in ("order-spectrum-0", "wideband-0"):
+            drawn = browser.execute_script(PLOTTED, figure)[0]["y"]
+            np.testing.assert_allclose(drawn, factor * np.array(peak[figure][0]["y"]), rtol=1e-5)
+
+
+def test_teeth_are_numbered_and_finely_sampled_and_lines_keep_their_colours(browser, several):
+    show(browser, several, width=1400)
+    browser.execute_script(UNFOLD)
+    draw_all(browser)
+    for at, teeth in enumerate((23, 67, 19, 61, 21, 64)):
+        name = f"average-a0-{at}"
+        drawn = browser.execute_script(PLOTTED, name)[0]
+        assert len(drawn["y"]) >= 20 * teeth
+        assert drawn["x0"] == 0.5
+        assert drawn["x0"] + len(drawn["y"]) * drawn["dx"] == pytest.approx(teeth + 0.5)
+        numbers = browser.execute_script(TICKS, name)
+        assert min(numbers) == 1
+        assert max(numbers) <= teeth
+    colours = {}
+    for tab in range(4):
+        browser.find_elements("css selector", "[role=tab]")[tab].click()
+        draw_all(browser)
+        for trace in browser.execute_script(PLOTTED, f"tracks-{tab}"):
+            if trace["name"]:
+                colours.setdefault(trace["name"], set()).add(trace["color"])
+    assert len(colours) > 1
+    assert all(len(given) == 1 for given in colours.values())
