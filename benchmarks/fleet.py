@@ -393,7 +393,7 @@ def wind_turbine(given: argparse.Namespace) -> str:
     """Return the health of a wind turbine's gearbox in its last two records."""
     text = [
         "Four records, a baseline of the first two, the second of which is diagnosed already.\n",
-        "| recorded | largest health index | what drives it | component | alarm |",
+        "| recorded | largest condition index | what drives it | component | alarm |",
     ]
     text += ["|---|---|---|---|---|"]
     for when, index, change, component, alarm in turbine(Path(given.data) / "wt_hss_bearing"):

@@ -25,7 +25,7 @@ MOST_DOF = 10.0  # real machines differ more than resampled ones: deviations by 
 
 @dataclass(frozen=True, kw_only=True)
 class Watched:
-    """Alarms raised (machines, records, components), and the health index of each score (machines, records, scores)."""
+    """Alarms raised (machines, records, components), and condition indices (machines, records, scores)."""
 
     raised: NDArray[np.bool_]
     index: NDArray[np.float32]

@@ -67,7 +67,7 @@ def run_to_failure(path: Path) -> tuple[int, float, str, bool]:
 
 
 def turbine(folder: Path) -> Iterator[tuple[str, float, str, str, str]]:
-    """Yield time, largest health index, how it changed, its component, and its standing alarm, of later records."""
+    """Yield time, largest condition index, how it changed, its component, and its standing alarm, of later records."""
     gearbox = load_gearbox(ROOT / "tests" / "data" / "wind-turbine.toml")
     state = MachineState(machine="turbine", settings=MonitorSettings(baseline_records=2))
     history = MachineHistory(state=state)

@@ -1,5 +1,6 @@
 """Observations of a machine with two gears and two sensors, healthy or not."""
 
+from dataclasses import replace
 from datetime import UTC, datetime, timedelta
 
 import numpy as np
@@ -47,7 +48,7 @@ def observed(number, *, component="", shift=0.0, gain=0.0, speed_hz=20.0, seed=0
 LINES = tuple((name, "order_spectrum", "stage 1/pinion", "gear", n, 0, "g") for name in "ab" for n in (1, 2, 3))
 
 
-def kept(seen, *, growth=1.0):
+def kept(seen, *, growth=1.0, result=""):
     """The results of an observation's record; its lines grow."""
     keys = tuple(seen.values)
     return StoredRecord(
@@ -61,7 +62,8 @@ def kept(seen, *, growth=1.0):
         indicators=Numbers(keys=(), values=np.zeros(0)),
         findings=(),
         watched=Numbers(keys=keys, values=np.array([seen.values[key] for key in keys])),
-        seen=Observation(machine=seen.machine, record=seen.record, covariates=seen.covariates),
+        seen=replace(seen, values={}),
+        result=result,
     )
 
 

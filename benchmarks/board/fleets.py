@@ -24,11 +24,11 @@ FAULTS: Mapping[str, dict[str, str]] = {
 DAY = datetime(2026, 1, 1, tzinfo=UTC)
 
 
-def watched(fault: str, seed: int) -> tuple[int, float]:
-    """Return the false alarms of a machine, and the size of its fault at the first alarm of its part; infinite: none.
+def watched(fault: str, seed: int) -> tuple[int, float, list[bool]]:
+    """Return false alarms, the size of the fault when its part alarms first, and of the alarms since whether they do.
 
-    Speed and load change from record to record; an alarm counts for a fault where it names the damaged part, or for a
-    tooth its gear or mesh.
+    The size is infinite where there is none. Speed and load change from record to record; an alarm counts for a fault
+    where it names the damaged part, or for a tooth its gear or mesh.
     """
     rng = np.random.default_rng([92, seed])
     base = load_scene("demo").changed(
@@ -39,7 +39,7 @@ def watched(fault: str, seed: int) -> tuple[int, float]:
         sensors=({"name": "a", "on": "input bearing", "units": "g"},),
     )
     own = FAULTS.get(fault)
-    false, size = 0, np.inf
+    false, size, named = 0, np.inf, list[bool]()
     with tempfile.TemporaryDirectory() as folder:
         for number in range(BASELINE + HEALTHY + GROWING):
             grown = number - BASELINE - HEALTHY
@@ -58,23 +58,28 @@ def watched(fault: str, seed: int) -> tuple[int, float]:
             for alarm in watch(analysis, Path(folder) / "a.state", settings=settings).alarms:
                 right = own is not None and grown >= 0 and str(alarm["component"]).startswith(own["component"][:7])
                 size = min(size, float(SIZES_MM[grown])) if right else size
+                named += [right] if own is not None and grown >= 0 else []
                 false += grown < 0 or own is None
-    return false, size
+    return false, size, named
 
 
 def tasks(effort: Effort) -> list[Task]:
     """Return a task for each machine."""
-    return [partial(watched, name, seed) for name in (*FAULTS, "healthy") for seed in effort.numbers(1, 4, 40)]
+    return [partial(watched, name, seed) for name in (*FAULTS, "healthy") for seed in effort.numbers(1, 4, 75)]
 
 
-def figures(found: Sequence[tuple[int, float]]) -> dict[str, Figure]:
-    """Return faults found, their size then, and machines with false alarms."""
+def figures(found: Sequence[tuple[int, float, list[bool]]]) -> dict[str, Figure]:
+    """Return faults found, their size then, where their alarms are, and machines with false alarms."""
     faulty = found[: len(found) * len(FAULTS) // (len(FAULTS) + 1)]
-    onset = [size for _, size in faulty if np.isfinite(size)]
+    onset = [size for _, size, _ in faulty if np.isfinite(size)]
     return {
-        "fleet: found": Figure.share([bool(np.isfinite(size)) for _, size in faulty]),
-        "fleet: size": Figure.mean([min(size, 2 * float(SIZES_MM[-1])) for _, size in faulty] if onset else [np.inf]),
-        "fleet: false alarms": Figure.share([alarms > 0 for alarms, _ in found]),
+        "fleet: found": Figure.share([bool(np.isfinite(size)) for _, size, _ in faulty]),
+        "fleet: size": Figure.mean(
+            [min(size, 2 * float(SIZES_MM[-1])) for _, size, _ in faulty] if onset else [np.inf]
+        ),
+        "fleet: located": Figure.share([named[0] for _, _, named in faulty if named]),
+        "fleet: alarms": Figure.mean([len(named) for _, _, named in faulty if named]),
+        "fleet: false alarms": Figure.share([alarms > 0 for alarms, *_ in found]),
     }
 
 
@@ -83,6 +88,13 @@ SECTION = Section(
     rows=(
         count_row("fleet: found", "machines whose growing fault raises an alarm of its part", "more"),
         Row(name="fleet: size", what="size of the fault at the first such alarm, mm", limit=averaged("less")),
+        Row(
+            name="fleet: located",
+            what="growing faults whose first alarm names the part",
+            limit=lambda now, _: 0.8 * (now.of or 0),
+            better="more",
+        ),
+        Row(name="fleet: alarms", what="alarms of a machine with one growing fault", limit=averaged("less")),
         count_row("fleet: false alarms", "machines with a false alarm in 5 or 14 records", "less"),
     ),
     tasks=tasks,

@@ -15,12 +15,11 @@ ALARM_COLUMNS = (
     "false_alarm_every",
     "severity",
     "state",
+    "consequences",
     "baseline",
     "version",
 )
-SEVERE = 2.0  # health index from which an alarm is severe: twice the limit
-SEVERITIES = ("verdict", "alarm", "severe", "sensor")
-"""By a record's own verdict alone; by the charts; by the charts at `SEVERE` times their limit; of a sensor."""
+SEVERE = 2.0  # condition index from which an alarm is severe: twice the limit
 
 
 def life_word(alarm: AlarmState) -> str:

@@ -27,7 +27,6 @@ from hums.fleet.result_files import read_results, write_row
 from hums.fleet.results import results
 from hums.fleet.table import WrittenTables, write_tables
 from hums.fleet.watched_machines import (
-    Fact,
     MachineHistory,
     watch_machines,
     write_alarms,
@@ -260,27 +259,8 @@ def _tables(
     gearbox: str = "GEARBOX",
 ) -> tuple[list[MachineHistory], WrittenTables]:
     """Watch the machines; write alarms, components, baselines, the tables of all records and the page."""
-    read = zip(read_results(paths), paths, strict=True)
-    ordered = sorted(read, key=lambda one: order_key("", one[0].record))  # whatever the order of the files was
-    records = [one for one, _ in ordered]
-    facts = [
-        Fact(
-            machine=one.machine,
-            record=one.record,
-            recorded_at=one.recorded_at,
-            number=number,
-            result=str(path.relative_to(folder)),
-        )
-        for number, (one, path) in enumerate(ordered)
-    ]
-    histories = watch_machines(
-        facts,
-        lambda number: records[number].observation,
-        folder / "watch",
-        settings=settings,
-        work=work,
-        append=append,
-    )
+    records = sorted(read_results(paths), key=lambda one: order_key("", one.record))  # whatever the files' order was
+    histories = watch_machines(records, folder / "watch", settings=settings, work=work, append=append)
     write_alarms(histories, folder / "alarms.csv")
     write_components(histories, folder / "components.csv")
     write_baselines(histories, folder / "baseline.h5")

@@ -95,12 +95,12 @@ def write_page(
 
 
 def _rank(history: MachineHistory) -> tuple[bool, float, str]:
-    """Return the sort key of a machine: standing alarms first, then by the largest health index."""
+    """Return the sort key of a machine: standing alarms first, then by the largest condition index."""
     return _state(history) != "raised", -_worst(history)[1], history.state.machine
 
 
 def _worst(history: MachineHistory) -> tuple[str, float]:
-    """Return the component to look at, and its health index: one with a standing alarm first; "" if none."""
+    """Return the component to look at, and its condition index: one with a standing alarm first; "" if none."""
     if history.last is None:
         return "", -math.inf
 
@@ -173,18 +173,19 @@ def _sentence(history: MachineHistory, component: str, index: float, driver: str
             return f"Not monitored since {state.unwatched_since}: all later records were refused."
         pending = max((len(epoch.pending) for epoch in state.epochs.values()), default=0)
         return f"Its baseline is being learned: {pending} records so far."
-    text = f"{component} has a health index of {index:.2f}"
-    if state.since.get(component):
-        text += f", rising since {_short(state.since[component])}" if index > 0 else ""
-    growth, seldom = history.growth_per_day(component), history.once_in_records(component)
-    if growth > 0 and index > 0:
-        text += f", by {growth:.2g} standard deviations per day"
-    text += f"; {driver.replace('_', ' ')} of {channel} deviates most" if driver else ""
-    change = history.change(component)
-    text += f" ({change})." if change else "."
-    if index >= 1:
+    if index < 1 and state.alarms[component].life != Life.RAISED:
+        text = f"No alarm. The largest condition index is that of {component}, {index:.2f}."
+    else:
+        text = f"{component}: {driver.replace('_', ' ')} of {channel}"
+        if math.isfinite(ratio := history.last.ratio[component] if history.last else math.nan):
+            text += f" {ratio:,.3g} times normal"
+        text += f", since {_short(state.since[component])}" if state.since.get(component) else ""
+        growth, seldom = history.growth_per_day(component), history.once_in_records(component)
+        text += f", growing by {growth:.2g} standard deviations per day; inspect." if growth > 0 else "; inspect."
         often = f"once in {seldom:,.0f}" if seldom < _SELDOM else f"less than once in {_SELDOM:,.0f}"
-        text += f" An unchanged component reaches this value {often} records."
+        text += f" An unchanged component reaches its condition index, {index:.2f}, {often} records."
+        follows = state.open.get(component, {}).get("consequences", "")
+        text += f" What follows from it: {follows}." if follows else ""
     if state.unwatched_since:
         text += f" Not monitored since {state.unwatched_since}: later records were refused."
     return text
@@ -221,9 +222,9 @@ def _course(kept: Sequence[StoredRecord]) -> _Course:
 
 
 def _health(history: MachineHistory, course: _Course, name: str) -> Figure:
-    """Return health indices of all components of a machine over time, with the limit, the baseline and alarms."""
+    """Return condition indices of all components of a machine over time, with the limit, the baseline and alarms."""
     if history.last is None:
-        raise ValueError("a machine without a judged record has no health index; omit its figure.")
+        raise ValueError("a machine without a judged record has no condition index; omit its figure.")
     now = {key: value if math.isfinite(value) else -math.inf for key, value in history.last.index.items()}
     worst = _worst(history)[0]
     order = sorted(now, key=lambda key: (key != worst, -now[key]))
@@ -249,9 +250,9 @@ def _health(history: MachineHistory, course: _Course, name: str) -> Figure:
         },
         "log": [-1.0, math.log10(largest) + 0.1] if largest > _LOG_FROM else None,
     }
-    alt = f"Health index of {history.state.machine or 'the machine'} over {len(course.records)} records; "
+    alt = f"Condition index of {history.state.machine or 'the machine'} over {len(course.records)} records; "
     alt += f"{worst} is now at {now[worst]:.2g}, where 1 is the limit."
-    return Figure(name=f"{name}-health", alt=alt, title="Health index", view="health", data=data, height_px=320)
+    return Figure(name=f"{name}-health", alt=alt, title="Condition index", view="health", data=data, height_px=320)
 
 
 def _panels(epoch: Epoch, course: _Course, drivers: tuple[Series, ...], component: str, name: str) -> Figure:

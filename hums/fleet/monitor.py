@@ -9,10 +9,10 @@ import hashlib
 import json
 import math
 from collections.abc import Iterator, Mapping, Sequence
-from dataclasses import asdict, dataclass, field
+from dataclasses import asdict, dataclass, field, replace
 from functools import lru_cache
 from importlib.metadata import version
-from typing import Any
+from typing import Any, NamedTuple
 
 import numpy as np
 from numpy.typing import NDArray
@@ -22,7 +22,7 @@ from hums.fleet.maintenance import ACKNOWLEDGED, Work
 from hums.fleet.monitor_settings import MonitorError, MonitorSettings
 from hums.fleet.observation import Observation, seconds_since_1970
 from hums.fleet.prior import healthy_scores, prior_of
-from hums.fleet.series import Series, component_parts, layout_of, vector, watched_component
+from hums.fleet.series import WHOLE_SIGNAL, Series, component_parts, layout_of, vector, watched_component
 from signals.monitoring.alarm_life import AlarmState, Life, stacked
 from signals.monitoring.charts import ChartState
 from signals.monitoring.health import Normal, Reading, learn_normal, regime
@@ -128,7 +128,7 @@ class Epoch:
         return ""
 
     def judge(self, seen: Observation) -> tuple[Reading, Array]:
-        """Return a record held against the baseline, and the health index of every score."""
+        """Return a record held against the baseline, and the condition index of every score."""
         if self.normal is None or self.limits is None or self.charts is None:
             raise MonitorError("this baseline is not learned yet; watch more records first.")
         at = np.array([seen.covariates[name] for name in self.covariates])
@@ -190,6 +190,11 @@ class MachineState:
             return 0
         return max(self.governed_by.get(part, 0) for part in component_parts(component))
 
+    def cause_of(self, name: str) -> str:
+        """Return the component with the standing alarm that a component's rise follows from, or an empty string."""
+        rows = {cause: row for cause, row in self.open.items() if row["state"] != "cleared"}
+        return next((cause for cause, row in rows.items() if name in row["consequences"].split("; ")), "")
+
     def check(self, machine: str) -> None:
         """Raise MonitorError where a record is of another machine."""
         if machine != self.machine:
@@ -209,7 +214,7 @@ class Judgement:
     why : str
         Why not: ``learning``, or the reason it was refused.
     index : mapping of str to float
-        Health index of each component: 0 normal, 1 alarm; NaN where its sensors are sick.
+        Condition index of each component: 0 normal, 1 alarm; NaN where its sensors are sick.
     scores : mapping of str to float
         Score of each component in standard deviations.
     growth : mapping of str to (str, str, float)
@@ -323,15 +328,24 @@ def _refused(state: MachineState, seen: Observation, why: str, alarms: list[dict
     return Judgement(judged=False, why=why, alarms=tuple(alarms))
 
 
+class _Rise(NamedTuple):
+    """A component that reaches its limit: whether a verdict or its kind names it, its alarm before, and its row."""
+
+    name: str
+    named: bool
+    before: AlarmState
+    row: dict[str, Any]
+
+
 def _judged(
     state: MachineState,
     seen: Observation,
     readings: dict[int, tuple[Reading, Array]],
     alarms: list[dict[str, Any]],
 ) -> Judgement:
-    """Take the health index of every component from the epoch that governs it, and step its alarm."""
+    """Take the condition index of every component from the epoch that governs it, and step its alarm."""
     index, scores, growth, ratio = {}, {}, {}, {}
-    rule = state.settings.rule
+    rule, rises = state.settings.rule, list[_Rise]()
     for number, (reading, indices) in readings.items():
         epoch = state.epochs[number]
         rising = epoch.charts.rising if epoch.charts is not None else np.zeros(indices.size)
@@ -357,11 +371,37 @@ def _judged(
                     drivers.insert(0, (drivers[0][0] if drivers else "", _verdict_words(epoch, component)))
                     severity = "verdict" if not charts[place] >= 1 else severity
                 row = _alarm(state, seen, name, drivers, value=index[name], severity=severity, baseline=epoch.identity)
-                state.open[name] = row
-                alarms.append(row)
+                rises.append(_Rise(name, bool(what) or component in seen.diagnosed, before[at], row))
             elif name in state.open:
                 state.open[name]["state"] = life_word(state.alarms[name])
+    alarms += _causes(state, rises, index)
     return Judgement(judged=True, index=index, scores=scores, growth=growth, ratio=ratio, alarms=tuple(alarms))
+
+
+def _causes(state: MachineState, rises: Sequence[_Rise], index: Mapping[str, float]) -> list[dict[str, Any]]:
+    """Return the rows of rises that are alarms of their own; what follows from a standing one is listed in its row.
+
+    Impacts of a part sound in the envelopes of others, turn with its shaft and raise the record's crest factor. So a
+    rise follows from the largest standing alarm of a part, unless a verdict names it or it is `AlarmRule.again` times
+    as large.
+    """
+    alarms = []
+    for rise in sorted(rises, key=lambda one: (not one.named, -index[one.name])):
+        name, whole = rise.name, rise.name.startswith(WHOLE_SIGNAL)
+        standing = {
+            other: index.get(other, row["value"])
+            for other, row in state.open.items()
+            if row["state"] != "cleared" and ": " not in other and not other.startswith(WHOLE_SIGNAL) and other != name
+        }
+        cause = max(standing, key=lambda other: standing[other], default="")
+        if not cause or rise.named or (not whole and index[name] >= state.settings.rule.again * standing[cause]):
+            state.open[name] = rise.row
+            alarms.append(rise.row)
+        else:
+            listed = {*filter(None, state.open[cause]["consequences"].split("; ")), name}
+            state.open[cause]["consequences"] = "; ".join(sorted(listed))
+            state.alarms[name] = replace(state.alarms[name], life=rise.before.life, raised_at=rise.before.raised_at)
+    return alarms
 
 
 def _nearest(epoch: Epoch, indices: Array) -> Iterator[tuple[int, int, str, str, str]]:
@@ -473,6 +513,7 @@ def _alarm(
         "false_alarm_every": state.settings.false_alarm_every,
         "severity": severity,
         "state": Life.RAISED.name.lower(),
+        "consequences": "",
         "baseline": baseline,
         "version": version("hums-toolkit"),
     }
@@ -496,18 +537,25 @@ def _unjudged_verdicts(
         epoch, shown = state.epochs[number], component in seen.diagnosed
         if (number in readings and component in epoch.names) or not (shown or epoch.normal is None):
             continue
-        alarm = state.alarms.get(component) or state.settings.rule.start()
-        if shown and not alarm.recent:
+        if shown and not state.alarms.get(component, state.settings.rule.start()).recent:
             state.since[component] = seen.recorded_at or seen.record
-        state.alarms[component], raised = state.settings.rule.step(alarm, np.asarray(float(shown)))
-        if raised:
-            drivers = [("", _verdict_words(epoch, component))]
-            row = _alarm(state, seen, component, drivers, value=1.0, severity="verdict", baseline=epoch.identity)
-            state.open[component] = row
-            alarms.append(row)
-        elif component in state.open:
-            state.open[component]["state"] = life_word(state.alarms[component])
+        driver = ("", _verdict_words(epoch, component))
+        alarms += _stepped(state, seen, component, shown, driver, severity="verdict", baseline=epoch.identity)
     return alarms
+
+
+def _stepped(
+    state: MachineState, seen: Observation, name: str, shown: bool, driver: tuple[str, str], **more: str
+) -> list[dict[str, Any]]:
+    """Step an alarm whose index is 1 in records that show it and else 0; return its row if it is raised."""
+    rule = state.settings.rule
+    state.alarms[name], raised = rule.step(state.alarms.get(name, rule.start()), np.asarray(float(shown)))
+    if raised:
+        state.open[name] = _alarm(state, seen, name, [driver], value=1.0, **more)
+        return [state.open[name]]
+    if name in state.open:
+        state.open[name]["state"] = life_word(state.alarms[name])
+    return []
 
 
 def _sensor_alarms(state: MachineState, seen: Observation) -> list[dict[str, Any]]:
@@ -519,15 +567,8 @@ def _sensor_alarms(state: MachineState, seen: Observation) -> list[dict[str, Any
         name.removeprefix("sensor ").removesuffix(": health") for name in state.alarms if name.endswith(": health")
     }
     for sensor in sorted(watched | set(seen.sick)):
-        name = f"sensor {sensor}: health"
-        alarm = state.alarms.get(name, state.settings.rule.start())
-        state.alarms[name], raised = state.settings.rule.step(alarm, np.asarray(1.0 if sensor in seen.sick else 0.0))
-        if raised:
-            row = _alarm(state, seen, name, [(sensor, f"health: {seen.sick[sensor]}")], value=1.0, severity="sensor")
-            state.open[name] = row
-            alarms.append(row)
-        elif name in state.open:
-            state.open[name]["state"] = life_word(state.alarms[name])
+        driver = (sensor, f"health: {seen.sick.get(sensor, '')}")
+        alarms += _stepped(state, seen, f"sensor {sensor}: health", sensor in seen.sick, driver, severity="sensor")
     return alarms
 
 

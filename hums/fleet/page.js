@@ -19,7 +19,7 @@
                    text: data.alarms.text, marker: {color: "--alarm", symbol: "diamond", size: 9},
                    hovertemplate: "alarm %{x}: %{text}<extra></extra>"});
     }
-    const shapes = [], layout = {xaxis: axis(data), yaxis: {title: {text: "health index"}, rangemode: "tozero"}};
+    const shapes = [], layout = {xaxis: axis(data), yaxis: {title: {text: "condition index"}, rangemode: "tozero"}};
     if (data.baseline.length) {
       const [x0, x1] = moments(data, data.baseline);
       shapes.push({type: "rect", x0, x1, yref: "paper", y0: 0, y1: 1, fillcolor: "--past", opacity: 0.15, line: {width: 0},

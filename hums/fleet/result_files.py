@@ -28,7 +28,7 @@ class StoredRecord:
     ``lines`` has amplitude, what it is over its background, and 1 where it is claimed; ``orders`` are those of the
     first record with such lines; ``indicators`` has their values; ``findings`` component, kind and verdict;
     ``not_judged`` component and kind of what could not be judged, ``parts_not_judged`` how many and why; ``label`` is
-    the class of a record of a dataset.
+    the class of a record of a dataset; ``result`` the file of its results, another where its own file has changed.
     """
 
     record: str
@@ -45,6 +45,7 @@ class StoredRecord:
     label: str = ""
     not_judged: tuple[tuple[str, str], ...] = ()
     parts_not_judged: str = ""
+    result: str = ""
 
     @property
     def observation(self) -> Observation:
@@ -91,10 +92,11 @@ def read_results(paths: Iterable[Path]) -> list[StoredRecord]:
     Memory holds 8 bytes for each number that is watched and 4 for the others, and every set of names once.
     """
     shared: dict[Any, Any] = {}
-    return [_stored(read_row(path), shared) for path in paths]
+    return [_stored(path, shared) for path in paths]
 
 
-def _stored(row: Mapping[str, Any], shared: dict[Any, Any]) -> StoredRecord:
+def _stored(path: Path, shared: dict[Any, Any]) -> StoredRecord:
+    row = read_row(path)
     seen = observation(row)
     lines, indicators = (row.get(name, NOTHING) for name in _NUMBERS)
     return StoredRecord(
@@ -109,6 +111,7 @@ def _stored(row: Mapping[str, Any], shared: dict[Any, Any]) -> StoredRecord:
         label=row.get("class", ""),
         not_judged=_shared_pairs(row.get("not_judged", ()), shared),
         parts_not_judged=row.get("parts_not_judged", ""),
+        result=f"{path.parent.name}/{path.name}",
     )
 
 

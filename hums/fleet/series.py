@@ -15,7 +15,7 @@ from signals.monitoring.health import FEWEST_LEVELS, Layout
 
 LINE_LEVEL, LINE_RATIO = "line_level", "line_over_background"
 _JOINT, _AND = "one of ", ", "
-_WHOLE_SIGNAL = "record"
+WHOLE_SIGNAL = "record"
 _IMPULSES = "record (impulses)"
 _OF_ONE_TOOTH = ("tooth_outlier",)
 _EVIDENCE = "modulation"  # strength of a bearing part's lines, of records in which nothing is significant as well
@@ -221,7 +221,7 @@ def watched_component(key: Series) -> str:
     watched apart from its levels: one impact raises the former, and the limits of a machine that has such bursts in its
     baseline would be so wide that no growth of its level reaches them.
     """
-    if key.component == _WHOLE_SIGNAL and (not key.power or key.indicator == "peak"):
+    if key.component == WHOLE_SIGNAL and (not key.power or key.indicator == "peak"):
         return _IMPULSES
     return key.component
 

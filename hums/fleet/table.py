@@ -57,7 +57,7 @@ def write_tables(
 ) -> WrittenTables:
     """Write ``fleet.h5``, ``fleet.csv`` and ``trends.csv`` from the results of the records.
 
-    `health` has, by the name of a record, why it was not judged and the health indices of its components; `limits`
+    `health` has, by the name of a record, why it was not judged and the condition indices of its components; `limits`
     has the score of each machine until which the time is forecast.
 
     Memory holds the table, with 9 bytes per line, 4 per indicator and 1 per condition of each record.
@@ -151,7 +151,7 @@ def _table(records: Sequence[StoredRecord], columns: _Columns) -> xr.Dataset:
 
 
 def _with_health(table: xr.Dataset, health: Mapping[str, Mapping[str, Any]]) -> xr.Dataset:
-    """Return the table with the health index of every component watched, NaN where a record was not judged."""
+    """Return the table with the condition index of every component watched, NaN where a record was not judged."""
     records = [health.get(str(name), {}) for name in table["record"].to_numpy()]
     watched = list(dict.fromkeys(sorted({name for one in records for name in one.get("index", ())})))
     index = np.full((len(records), len(watched)), np.nan, dtype=np.float32)
@@ -161,7 +161,7 @@ def _with_health(table: xr.Dataset, health: Mapping[str, Mapping[str, Any]]) -> 
         for name, value in one.get("index", {}).items():
             index[number, places[name]], score[number, places[name]] = value, one["scores"][name]
     return table.assign(
-        health=(("record", "watched"), index, {"long_name": "health index: 0 normal, 1 alarm"}),
+        health=(("record", "watched"), index, {"long_name": "condition index: 0 normal, 1 alarm"}),
         score=(("record", "watched"), score, {"long_name": "deviation from normal, in standard deviations"}),
         not_judged=("record", np.array([one.get("why", "") for one in records], dtype=np.str_)),
     ).assign_coords(watched=np.array(watched, dtype=np.str_))
@@ -209,7 +209,7 @@ def _write_csv(table: xr.Dataset, stream: TextIO) -> None:
         "speed_hz",
         "parts_not_judged",
         "not_judged",
-        "health_index",
+        "condition_index",
         *watched,
         *(f"verdict: {title}" for title in _titles(table, "condition")),
     ]

@@ -42,8 +42,8 @@ def watch(
     Returns
     -------
     Judgement
-        Whether the record was judged or why not, the health index of each component (0 normal, 1 alarm), and the alarms
-        raised now, rows of ``alarms.csv``.
+        Whether the record was judged or why not, the condition index of each component (0 normal, 1 alarm), and the
+        alarms raised now, rows of ``alarms.csv``.
 
     Raises
     ------

@@ -1,11 +1,11 @@
-"""Machines of a fleet watched over their records: alarms, baselines and health indices, written into a folder."""
+"""Machines of a fleet watched over their records: alarms, baselines and condition indices, written into a folder."""
 
 import csv
 import gzip
 import hashlib
 import json
 import math
-from collections.abc import Callable, Iterable, Mapping, Sequence
+from collections.abc import Iterable, Mapping, Sequence
 from dataclasses import dataclass, field
 from pathlib import Path
 from typing import Any
@@ -18,23 +18,23 @@ from hums.fleet.maintenance import Work
 from hums.fleet.monitor import Judgement, MachineState, update
 from hums.fleet.monitor_settings import MonitorError, MonitorSettings
 from hums.fleet.observation import Observation, order_key, seconds_since_1970
+from hums.fleet.result_files import StoredRecord
 from hums.fleet.state import read_state, write_state
 from hums.records.fields import plain_cell
 from hums.records.store import atomic_write, write_tree
 from signals.monitoring.alarm_life import Life
 from signals.monitoring.slopes import series_slopes
-from signals.monitoring.trends import FEWEST
 
 COMPONENT_COLUMNS = (
     "machine",
     "component",
-    "health_index",
+    "condition_index",
     "state",
     "since",
     "channel",
     "indicator",
     "departure",
-    "change",
+    "times_normal",
     "growth_per_day",
     "once_in_records",
     "false_alarms_a_year",
@@ -48,25 +48,11 @@ COMPONENT_COLUMNS = (
 _YEAR_S = 365.25 * 86400
 
 
-@dataclass(frozen=True, kw_only=True)
-class Fact:
-    """A record: its machine, name and time, its place among all records, and the name of the file of its results.
-
-    That file has another name where the record's own file has changed.
-    """
-
-    machine: str
-    record: str
-    recorded_at: str
-    number: int
-    result: str
-
-
 @dataclass(kw_only=True)
 class MachineHistory:
     """A machine's state, and what each of its records brought.
 
-    ``records`` has the name, whether judged or why not, and the health indices of each; ``alarms`` every alarm.
+    ``records`` has the name, whether judged or why not, and the condition indices of each; ``alarms`` every alarm.
     """
 
     state: MachineState
@@ -117,23 +103,6 @@ class MachineHistory:
         scores = np.array([one["scores"].get(component, math.nan) for one in those], dtype=np.float64)
         return float(series_slopes(scores[:, None], days).slope[0]) if len(those) else math.nan
 
-    def change(self, component: str) -> str:
-        """Return how many times normal what drives a component is, and whether its score rose in every judged record.
-
-        Of few records that is all that can be said: a test needs five.
-        """
-        if self.last is None or not math.isfinite(self.last.ratio.get(component, math.nan)):
-            return ""
-        judged = [one for one in self.records if math.isfinite(one["scores"].get(component, math.nan))]
-        scores = np.array([one["scores"][component] for one in judged])
-        words = f"{self.last.ratio[component]:.3g} times normal"
-        if not judged or len(judged) >= FEWEST:
-            return words
-        first = judged[0]["recorded_at"] or judged[0]["record"]
-        if scores[0] > 0 and len(scores) > 1 and np.all(np.diff(scores) > 0):
-            words = f"rising: {words}, higher in each of {len(scores)} records since {first}"
-        return f"{words}; too few to test"
-
     def once_in_records(self, component: str) -> float:
         """Return in how many records a healthy component shows once what this one shows now; NaN if unknown."""
         limits = self.state.epochs[self.state.epoch_of(component.partition(": ")[0])].limits
@@ -142,8 +111,7 @@ class MachineHistory:
 
 
 def watch_machines(
-    records: Sequence[Fact],
-    load: Callable[[int], Observation],
+    records: Sequence[StoredRecord],
     folder: Path,
     *,
     settings: MonitorSettings,
@@ -154,10 +122,8 @@ def watch_machines(
 
     Parameters
     ----------
-    records : sequence of Fact
+    records : sequence of StoredRecord
         All records, in any order.
-    load : callable
-        Returns the observation of the record at a place.
     folder : Path
         Of the states.
     settings : MonitorSettings
@@ -168,7 +134,7 @@ def watch_machines(
         Go on from the states in the folder with the records that are later than theirs. A machine with a new record
         that is earlier, or one that has changed, is followed from its start again; the result is the same.
     """
-    machines: dict[str, list[Fact]] = {}
+    machines: dict[str, list[StoredRecord]] = {}
     for one in records:
         machines.setdefault(one.machine, []).append(one)
     folder.mkdir(parents=True, exist_ok=True)
@@ -178,13 +144,15 @@ def watch_machines(
         name = hashlib.sha256(machine.encode()).hexdigest()[:16]
         history = _earlier(folder, name, ordered, settings) if append else None
         history = history or MachineHistory(state=MachineState(machine=machine, settings=settings))
-        history.follow((load(one.number) for one in ordered[len(history.records) :]), work)
+        history.follow((one.observation for one in ordered[len(history.records) :]), work)
         _keep(history, folder, name, _digest(ordered))
         found.append(history)
     return found
 
 
-def _earlier(folder: Path, name: str, ordered: Sequence[Fact], settings: MonitorSettings) -> MachineHistory | None:
+def _earlier(
+    folder: Path, name: str, ordered: Sequence[StoredRecord], settings: MonitorSettings
+) -> MachineHistory | None:
     """Return the history in the folder where its records are the first of these, watched in the same way."""
     path = folder / f"{name}.history.gz"
     if not path.is_file():
@@ -212,7 +180,7 @@ def _earlier(folder: Path, name: str, ordered: Sequence[Fact], settings: Monitor
     return history
 
 
-def _digest(records: Iterable[Fact]) -> str:
+def _digest(records: Iterable[StoredRecord]) -> str:
     """Return what another record among these, or another content of one, changes."""
     return hashlib.sha256(json.dumps([[one.record, one.result] for one in records]).encode()).hexdigest()
 
@@ -238,7 +206,7 @@ def write_alarms(histories: Sequence[MachineHistory], path: Path) -> None:
 def write_components(histories: Sequence[MachineHistory], path: Path) -> None:
     """Write ``components.csv``, one row per component of each machine as it is now, the worst first."""
     rows = [row for history in histories for row in _components(history)]
-    rows.sort(key=lambda row: (-row["health_index"] if row["health_index"] != "" else math.inf, row["machine"]))
+    rows.sort(key=lambda row: (-row["condition_index"] if row["condition_index"] != "" else math.inf, row["machine"]))
     _write(path, COMPONENT_COLUMNS, rows)
 
 
@@ -255,7 +223,7 @@ def _components(history: MachineHistory) -> Iterable[dict[str, Any]]:
     if last is None:
         yield common | {
             "component": "",
-            "health_index": "",
+            "condition_index": "",
             "state": "learning" if not state.unwatched_since else "unwatched",
         }
         return
@@ -267,13 +235,13 @@ def _components(history: MachineHistory) -> Iterable[dict[str, Any]]:
         alarm = state.alarms[name]
         yield common | {
             "component": name,
-            "health_index": index if math.isfinite(index) else "",
-            "state": Life(int(alarm.life)).name.lower(),
+            "condition_index": index if math.isfinite(index) else "",
+            "state": f"follows from {cause}" if (cause := state.cause_of(name)) else Life(int(alarm.life)).name.lower(),
             "since": state.since.get(name, ""),
             "channel": channel,
             "indicator": indicator,
             "departure": departure,
-            "change": history.change(name),
+            "times_normal": _known(last.ratio[name]),
             "growth_per_day": _known(history.growth_per_day(name)),
             "once_in_records": _known(history.once_in_records(name)),
             "baseline": epoch.identity,

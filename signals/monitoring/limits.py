@@ -184,7 +184,7 @@ class ChartLimits:
     decades: float
 
     def index(self, state: ChartState) -> Array:
-        """Return the health index (...): the largest EWMA over its limit; 0 is normal, 1 the limit."""
+        """Return the condition index (...): the largest EWMA over its limit; 0 is normal, 1 the limit."""
         limits = np.reshape(self.limits, (-1, *[1] * state.rising.ndim))
         return np.asarray(np.maximum((state.values[:-1] / limits).max(axis=0), 0.0))
 
@@ -239,7 +239,7 @@ class MachineLimits:
         return self.groups[0].charts
 
     def index(self, state: ChartState) -> Array:
-        """Return the health index (..., scores): the largest EWMA over its limit; 0 is normal, 1 the limit."""
+        """Return the condition index (..., scores): the largest EWMA over its limit; 0 is normal, 1 the limit."""
         return self._of_each([one.index(state) for one in self.groups])
 
     def headroom(self, baseline: Array, rule: AlarmRule) -> Array:

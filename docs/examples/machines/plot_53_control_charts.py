@@ -3,7 +3,7 @@ Control charts of a machine
 ===========================
 
 The score of a component, record by record: normal for 60 records, then a fault grows by a twentieth of a standard
-deviation per record. EWMAs with weights 1, 0.2 and 0.05 and a cumulative sum monitor it. The health index is the
+deviation per record. EWMAs with weights 1, 0.2 and 0.05 and a cumulative sum monitor it. The condition index is the
 largest of the four over its limit, at which a component of normal, independent scores raises one alarm in 10,000
 records.
 """
@@ -35,5 +35,5 @@ top.legend()
 bottom.plot(records, index)
 bottom.axhline(1, color="tab:red")
 bottom.axvline(alarm, color="tab:red", linestyle=":")
-bottom.set(xlabel="record", ylabel="health index")
+bottom.set(xlabel="record", ylabel="condition index")
 plt.show()

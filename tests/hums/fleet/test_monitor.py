@@ -71,6 +71,42 @@ class TestAlarms:
         assert {(alarm["indicator"], alarm["severity"]) for alarm in found} == {("level falls suddenly", "sensor")}
 
 
+class TestCauses:
+    """A second gear that rises less than the first; its shift is that of all its series, as impacts of a part give."""
+
+    def both(self, numbers, *, wheel, diagnosed=()):
+        for number in numbers:
+            one, other = (
+                observed(number, **PINION | {"shift": 2.0}),
+                observed(number, component="stage 1/wheel", shift=wheel),
+            )
+            values = {key: (other if key.component == "stage 1/wheel" else one).values[key] for key in one.values}
+            yield replace(one, values=values, diagnosed=diagnosed)
+
+    def test_what_rises_less_follows_from_the_standing_alarm(self):
+        state, found = followed([*HEALTHY, *self.both(range(40, 46), wheel=1.0)])
+        (alarm,) = alarms(found)
+        assert (alarm["component"], alarm["consequences"]) == ("stage 1/pinion", "stage 1/wheel")
+        assert found[-1].index["stage 1/wheel"] > 1
+        assert state.cause_of("stage 1/wheel") == "stage 1/pinion"
+
+    def test_what_a_verdict_names_alarms_for_itself(self):
+        _, found = followed([*HEALTHY, *self.both(range(40, 46), wheel=1.0, diagnosed=("stage 1/wheel",))])
+        assert [alarm["component"] for alarm in alarms(found)] == ["stage 1/wheel", "stage 1/pinion"]
+
+    def test_what_is_twice_as_large_alarms_for_itself(self):
+        _, found = followed([*HEALTHY, *self.both(range(40, 44), wheel=0.0), *self.both(range(44, 48), wheel=8.0)])
+        assert [alarm["component"] for alarm in alarms(found)] == ["stage 1/pinion", "stage 1/wheel"]
+
+    def test_what_goes_on_after_the_cause_is_replaced_alarms_then(self):
+        rising = list(self.both(range(40, 46), wheel=1.0))
+        later = [observed(number, component="stage 1/wheel", shift=1.0) for number in range(47, 52)]
+        work = (Work(machine="mill", component="stage 1/pinion", date=observed(46).recorded_at, action="replaced"),)
+        state, found = followed([*HEALTHY, *rising, *later], work=work)
+        assert [alarm["component"] for alarm in alarms(found)] == ["stage 1/pinion", "stage 1/wheel"]
+        assert state.cause_of("stage 1/wheel") == ""
+
+
 def test_weak_evidence_of_one_part_of_a_bearing_adds_up_to_one_alarm():
     rng = np.random.default_rng(0)
     keys = [
