@@ -32,7 +32,8 @@ def scene_schema(gearbox: Mapping[str, Any]) -> dict[str, Any]:
     parts["Gearbox"] = box | {"required": [*box["required"], "name"]}  # inside a scene no file lends its name
     named = {"type": "string", "minLength": 1, "description": "A .toml file or a catalogue name."}
     properties["gearbox"] = {"anyOf": [named, {"$ref": "#/$defs/Gearbox"}]}
-    maps = {"Excitation": ("shafts", "meshes"), "Dynamics": ("links", "meshes", "bearings"), "SensorWeights": ["links"]}
+    maps = {"Excitation": ("shafts", "meshes"), "Dynamics": ("links", "meshes", "bearings", "shafts")}
+    maps |= {"SensorWeights": ("links",)}
     for part, fields in maps.items():
         for field in fields:
             _as_table(parts[part]["properties"][field])

@@ -160,13 +160,13 @@ def simulate(
 
 @dataclass(frozen=True, kw_only=True)
 class NoiseFree:
-    """Channels after the linear part of their chains, (sensor, n), and what gears in motion add to them, if any.
+    """Channels after the linear part of their chains, (sensor, n).
 
-    `of_sound_gears` is the same with sound teeth, and `steps` those of both integrations to a sample.
+    `of_sound_gears` is what gears in motion with sound teeth add to them, and `steps` those of the integration to a
+    sample, where there are any.
     """
 
     signal: Array
-    of_gears: Array | None = None
     of_sound_gears: Array | None = None
     steps: int | None = None
 
@@ -332,7 +332,6 @@ def _with_gears(
     attrs = {"truth_fidelity": str(choice), "truth_mesh_lines": measured.about}
     noise_free = NoiseFree(
         signal=signal[:, :kept].copy(),
-        of_gears=gear_signal[:, :kept].copy(),
         of_sound_gears=sound_signal[:, :kept].copy(),
         steps=steps,
     )
@@ -514,7 +513,7 @@ def _noise_free(
     if motion is not None and of_gears is None and not (choice is not None and choice.linear):
         steps = motion.steps() if steps is None else steps
         of_gears = _gear_vibration(replace(motion, steps_per_sample=steps), samples=samples)
-    return NoiseFree(signal=signal if of_gears is None else signal + of_gears, of_gears=of_gears, steps=steps)
+    return NoiseFree(signal=signal if of_gears is None else signal + of_gears, steps=steps)
 
 
 def _noise_variance(scene: Scene, sensor: Sensor, rng_for: RandomStreams) -> Array:

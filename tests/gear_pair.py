@@ -37,7 +37,6 @@ class Curve:
     mean: float = MEAN
     period: int = 1
     jumps: tuple[float, ...] = ()
-    constant_between_jumps: bool = False
     harmonics: None = None
 
     def __call__(self, phase_cycles):
@@ -51,13 +50,12 @@ def rectangle(low=0.76e6, high=1.36e6, duty=0.4):
         value=lambda p: np.where(np.mod(p, 1) < duty, high, low),
         mean=duty * high + (1 - duty) * low,
         jumps=(0.0, duty),
-        constant_between_jumps=True,
     )
 
 
 def constant(stiffness=MEAN):
     """Return the same stiffness everywhere."""
-    return Curve(value=lambda p: np.full(np.shape(p), stiffness), mean=stiffness, constant_between_jumps=True)
+    return Curve(value=lambda p: np.full(np.shape(p), stiffness), mean=stiffness)
 
 
 def ten_harmonics():

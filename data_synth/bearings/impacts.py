@@ -286,8 +286,6 @@ class BearingImpacts:
         Position of the parts of the bearing at any angle of the reference shaft.
     rate : float
         True mean rate in the record: intervals over the revolutions they take; NaN below two impacts.
-    expected_rate : float
-        Expected impacts a revolution: those of pure rolling less the mean slip.
     """
 
     revolutions: Array = field(metadata={"dims": ("impact",), "units": "rev"})
@@ -295,7 +293,6 @@ class BearingImpacts:
     cage_turns: Array = field(metadata={"dims": ("impact",), "units": "rev"})
     rolling: RollingKinematics
     rate: float
-    expected_rate: float
 
 
 def bearing_impacts(
@@ -367,7 +364,6 @@ def bearing_impacts(
         cage_turns=cage_turns,
         rolling=rolling,
         rate=float((impacts_rev.size - 1) / span),
-        expected_rate=order * (1 - slip.mean_slip),
     )
 
 

@@ -1,5 +1,6 @@
 from data_synth.dynamics.assembly import Assembly as Assembly
 from data_synth.dynamics.assembly import assemble as assemble
+from data_synth.dynamics.elements import BearingShaft as BearingShaft
 from data_synth.dynamics.elements import Coupling as Coupling
 from data_synth.dynamics.elements import GearMesh as GearMesh
 from data_synth.dynamics.elements import GeneralMesh as GeneralMesh

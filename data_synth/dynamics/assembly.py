@@ -190,7 +190,12 @@ def supports_of(parts: Parts) -> Iterator[Support]:
         bearings = [] if body in parts.supports else list(_bearings_of(parts, body, holder))
         centre = parts.centre(body, first if others else None)
         if not bearings:
-            yield _support(between, centre, parts.supports.get(body, SupportStiffness()), axial=True, tilt=True)
+            hold = parts.supports.get(body, SupportStiffness())
+            if hold.shaft is not None:
+                radial, tilt, ahead_m = hold.shaft.on_bearings(hold.radial)
+                centre = as_vector(np.array(centre) + ahead_m * np.array(parts.axis(body)))
+                hold = replace(hold, radial=radial, tilt=tilt)
+            yield _support(between, centre, hold, axial=True, tilt=True)
         apart = len({place for _, place, _ in bearings}) > 1
         for name, place, axial in bearings:
             hold = parts.supports.get(name, SupportStiffness())

@@ -216,23 +216,20 @@ class Shaft:
         self, coordinates: Coordinates, along: Array, length: float, *, bends: bool
     ) -> Iterator[tuple[float, Array]]:
         """Yield stiffness and row of torsion, tension and bending in two planes."""
-        (a, b), young = self.between, self.young_pa
-        shear = young / (2 * (1 + self.poisson))
-        area = math.pi / 4 * (self.diameter_m**2 - self.bore_m**2)
-        bending = young * math.pi / 64 * (self.diameter_m**4 - self.bore_m**4)
+        a, b = self.between
+        tension, shear, bending, torsion = _section(self.diameter_m, self.bore_m, self.young_pa, self.poisson)
         yield (
-            2 * bending / young * shear / length,
+            torsion / length,
             coordinates.rotation_row(b, along) - coordinates.rotation_row(a, along),
         )
         if not bends:
             return
         here, there = coordinates.body(a).centre_m, coordinates.body(b).centre_m
         yield (
-            young * area / length,
+            tension / length,
             coordinates.displacement_row(b, there, along) - coordinates.displacement_row(a, here, along),
         )
-        kappa = 6 * (1 + self.poisson) / (7 + 6 * self.poisson)
-        shear_factor = 1 + 12 * bending / (kappa * shear * area * length**2)
+        shear_factor = 1 + 12 * bending / (shear * length**2)
         for across in (coordinates.body(a).rotation_axis("tilt x"), coordinates.body(a).rotation_axis("tilt y")):
             about = np.cross(along, across)  # v' = t about this
             rise = (
@@ -241,6 +238,62 @@ class Shaft:
             tilts = coordinates.rotation_row(a, about), coordinates.rotation_row(b, about)
             yield bending / length, tilts[1] - tilts[0]
             yield 3 * bending / (length * shear_factor), tilts[0] + tilts[1] - 2 * rise
+
+
+def _section(diameter_m: float, bore_m: float, young_pa: float, poisson: float) -> tuple[float, float, float, float]:
+    """Return EA in N, kappa G A in N, EI in N m2 and GJ in N m2 of a round section."""
+    area = math.pi / 4 * (diameter_m**2 - bore_m**2)
+    second_moment = math.pi / 64 * (diameter_m**4 - bore_m**4)
+    shear_pa = young_pa / (2 * (1 + poisson))
+    kappa = 6 * (1 + poisson) / (7 + 6 * poisson)
+    return young_pa * area, kappa * shear_pa * area, young_pa * second_moment, 2 * shear_pa * second_moment
+
+
+@dataclass(frozen=True, kw_only=True)
+class BearingShaft:
+    """A round shaft between two bearings, with a body on it: Timoshenko's beam, massless, simply supported.
+
+    Attributes
+    ----------
+    diameter_m, bore_m : float
+        Outer and inner diameter in m.
+    to_bearings_m : pair of float
+        Distances from the centre of the body to the bearing before it and behind it, along its axis.
+    young_pa, poisson : float
+        Young's modulus in Pa and Poisson's ratio; of steel if left out.
+
+    Examples
+    --------
+    Slender, and in the middle of stiff bearings, its stiffness is ``48 EI / L^3``, that of Jeffcott's rotor:
+
+    >>> import math
+    >>> from data_synth.dynamics import BearingShaft
+    >>> shaft = BearingShaft(diameter_m=0.01, to_bearings_m=(0.5, 0.5), young_pa=206e9)
+    >>> radial, tilt, ahead_m = shaft.on_bearings(1e15)
+    >>> math.isclose(radial, 48 * 206e9 * math.pi * 0.01**4 / 64, rel_tol=1e-3), ahead_m
+    (True, 0.0)
+    """
+
+    diameter_m: float
+    bore_m: float = 0.0
+    to_bearings_m: tuple[float, float]
+    young_pa: float = 206e9
+    poisson: float = 0.3
+
+    def on_bearings(self, radial: float) -> tuple[float, float, float]:
+        """Return what holds the body, by bearings of `radial` N/m each, in either plane.
+
+        A spring against displacement in N/m, one against tilt in N m/rad, and how far the former is ahead of the
+        centre in m. The compliances by a force and a moment are those of a beam between simple supports (Roark 2012,
+        Formulas for Stress and Strain, table 8.1) with its shear, and of the bearings.
+        """
+        (a, b), length = self.to_bearings_m, sum(self.to_bearings_m)
+        _, shear, bending, _ = _section(self.diameter_m, self.bore_m, self.young_pa, self.poisson)
+        slant = np.array([[b, a], [-1.0, 1.0]]) / length  # displacement and tilt at the body by those of the bearings
+        bent = np.array([[a * a * b * b, a * b * (b - a)], [a * b * (b - a), a * a - a * b + b * b]])
+        compliance = bent / (3 * bending * length) + np.diag([a * b, 1.0]) / (shear * length) + slant @ slant.T / radial
+        tilting = float(compliance[1, 1])
+        return tilting / float(np.linalg.det(compliance)), 1 / tilting, -float(compliance[0, 1]) / tilting
 
 
 @dataclass(frozen=True, kw_only=True)

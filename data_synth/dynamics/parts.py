@@ -8,7 +8,7 @@ from functools import cached_property
 
 import numpy as np
 
-from data_synth.dynamics.elements import GearMesh, GeneralMesh, Place, as_vector, line_of_action_direction
+from data_synth.dynamics.elements import BearingShaft, GearMesh, GeneralMesh, Place, as_vector, line_of_action_direction
 from data_synth.dynamics.placement import (
     Contact,
     axial_position_m,
@@ -68,6 +68,8 @@ class SupportStiffness:
         N m/rad, across the axis and about it.
     damping_s : float
         Damping over stiffness in s, the same for all of them.
+    shaft : BearingShaft or None
+        Of a link: the shaft on two bearings that are as stiff radially; none bends if left out.
 
     Examples
     --------
@@ -84,6 +86,7 @@ class SupportStiffness:
     tilt: float = 1e5
     torsion: float = 0.0
     damping_s: float = 0.0
+    shaft: BearingShaft | None = None
 
 
 @dataclass(frozen=True, kw_only=True)

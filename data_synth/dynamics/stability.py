@@ -1,9 +1,9 @@
 """Parametric stability of a gearbox under its own mesh stiffness: Floquet multipliers at constant speed.
 
 Over one period of all meshes the state becomes ``z(T) = P z(0)``; the motion is unbounded where an eigenvalue of the
-monodromy matrix P, a Floquet multiplier, lies outside of the unit circle. P is a product of matrix exponentials: exact
-where every stiffness is constant between its jumps, else of fourth order in their length (the commutator-free method of
-Blanes and Moan 2006, Appl. Numer. Math. 56) and refined to convergence.
+monodromy matrix P, a Floquet multiplier, lies outside of the unit circle. P is a product of matrix exponentials of
+fourth order in their length (the commutator-free method of Blanes and Moan 2006, Appl. Numer. Math. 56), exact where a
+stiffness is constant, and refined to convergence.
 
 The state is taken in the modes of mean stiffness, velocities over their frequency. Rigid-body modes are left out,
 because their double multiplier of 1 would be found to half the digits only; the other modes are scaled alike, however
@@ -335,7 +335,6 @@ class _Periodic:
         self.angular = angular[kept]
         self.scale = np.where(self.angular > 0, self.angular, self.angular[self.angular > 0].min(initial=1.0))
         self.revolutions = _revolutions(system)
-        self.exact = all(mesh.stiffness.constant_between_jumps and not mesh.friction for mesh in system.meshes)
         self.breaks = self._breaks()
 
     def _breaks(self) -> Array:
@@ -354,7 +353,7 @@ class _Periodic:
     def multipliers(self, speed: float) -> Multipliers:
         """Return the multipliers at a speed in rad/s."""
         period_s = 2 * math.pi / speed  # of the reference shaft
-        product = self._product(period_s, 0) if self.exact else self._refined(period_s)
+        product = self._refined(period_s)
         values = np.asarray(np.linalg.eigvals(product), dtype=np.complex128)
         return Multipliers(
             period_s=float(self.revolutions) * period_s,

@@ -34,14 +34,6 @@ class Stiffness(Protocol):
     def jumps(self) -> tuple[float, ...]:
         """Phases in [0, period), rising, of its discontinuities."""
 
-    @property
-    def constant_between_jumps(self) -> bool:
-        """Whether it is constant between discontinuities."""
-
-    @property
-    def harmonics(self) -> ComplexArray | None:
-        """c_h of ``mean + Re sum_h c_h exp(2j pi h phase / period)``, h from 1; None where the series is infinite."""
-
     def __call__(self, phase_cycles: ArrayLike) -> Array:
         """Return N/m at phases in mesh cycles, any shape."""
 
@@ -60,8 +52,6 @@ class Constant:
     mean: float
     period: int = field(default=1, init=False)
     jumps: tuple[float, ...] = field(default=(), init=False)
-    constant_between_jumps: bool = field(default=True, init=False)
-    harmonics: ComplexArray | None = field(default=None, init=False)
 
     def __post_init__(self) -> None:
         _not_negative(self.mean, "mean")
@@ -96,7 +86,6 @@ class Fourier:
     harmonics: ComplexArray = field(metadata={"dims": ("harmonic",), "units": "N/m"})
     period: int = 1
     jumps: tuple[float, ...] = field(default=(), init=False)
-    constant_between_jumps: bool = field(default=False, init=False)
 
     def __post_init__(self) -> None:
         _not_negative(self.mean, "mean")
@@ -137,8 +126,6 @@ class Rectangular:
     high: float
     duty: float
     period: int = field(default=1, init=False)
-    constant_between_jumps: bool = field(default=True, init=False)
-    harmonics: ComplexArray | None = field(default=None, init=False)
 
     def __post_init__(self) -> None:
         _not_negative(self.low, "low")
@@ -202,8 +189,6 @@ class Trapezoidal:
     ramp: float
     period: int = field(default=1, init=False)
     jumps: tuple[float, ...] = field(default=(), init=False)
-    constant_between_jumps: bool = field(default=False, init=False)
-    harmonics: ComplexArray | None = field(default=None, init=False)
 
     def __post_init__(self) -> None:
         _not_negative(self.low, "low")
@@ -265,11 +250,6 @@ class Shifted:
         return self.of.period
 
     @property
-    def constant_between_jumps(self) -> bool:
-        """Whether it is constant from each jump to the next."""
-        return self.of.constant_between_jumps
-
-    @property
     def jumps(self) -> tuple[float, ...]:
         """Phases in [0, period), rising, at which it jumps."""
         return tuple(sorted((jump - self.by_cycles) % self.period for jump in self.of.jumps))
@@ -278,14 +258,6 @@ class Shifted:
     def corners(self) -> tuple[float, ...]:
         """Phases at which the slope changes."""
         return tuple(sorted((corner - self.by_cycles) % self.period for corner in getattr(self.of, "corners", ())))
-
-    @property
-    def harmonics(self) -> ComplexArray | None:
-        """Peak amplitudes, where it is a finite series."""
-        if self.of.harmonics is None:
-            return None
-        orders = np.arange(1, self.of.harmonics.size + 1)
-        return np.asarray(self.of.harmonics * np.exp(2j * np.pi / self.period * self.by_cycles * orders))
 
     def __call__(self, phase_cycles: ArrayLike) -> Array:
         """Return N/m at phases in mesh cycles, any shape."""

@@ -27,7 +27,7 @@ import numpy as np
 from numpy.typing import ArrayLike, NDArray
 
 from data_synth.gears.geometry import GearPair, require
-from data_synth.gears.mesh_stiffness import Array, ComplexArray, Fourier, Stiffness, fourier_series, quadrature
+from data_synth.gears.mesh_stiffness import Array, Fourier, Stiffness, fourier_series, quadrature
 
 _NODES, _WEIGHTS = np.polynomial.legendre.leggauss(48)
 _SAINSOT = {
@@ -388,8 +388,6 @@ class TeethInMesh:
     path_cycles: Array = field(metadata={"dims": ("path",), "units": "cycles"})
     compliance: Array = field(metadata={"dims": ("path",), "units": "m/N"})
     damaged: tuple[tuple[int, int, tuple[float, ...], Array], ...] = ()
-    constant_between_jumps: bool = field(default=False, init=False)
-    harmonics: ComplexArray | None = field(default=None, init=False)
 
     @property
     def period(self) -> int:

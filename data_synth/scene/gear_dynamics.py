@@ -112,6 +112,20 @@ class SupportDynamics(Declared):
     damping_s: NotNegative = 0.0
 
 
+class ShaftDynamics(Declared):
+    """A round steel shaft that bends between two bearings of a link, `to_bearings_mm` before and behind its gears."""
+
+    diameter_mm: Positive
+    bore_mm: NotNegative = 0.0
+    to_bearings_mm: tuple[Positive, Positive]
+
+    @model_validator(mode="after")
+    def _check_bore(self) -> Self:
+        if self.bore_mm >= self.diameter_mm:
+            raise ValueError(f"bore_mm = {self.bore_mm:g} leaves nothing of diameter_mm = {self.diameter_mm:g}")
+        return self
+
+
 class SensorWeights(Declared):
     """Weights of the bearing forces of each link at a sensor: 1 is the response of the rigid housing."""
 
@@ -122,6 +136,7 @@ class SensorWeights(Declared):
 class Dynamics(Declared):
     """Masses, stiffnesses, and the structure between bearings and sensors.
 
+    A link in `shafts` bends between two bearings, each as stiff radially as `bearings` declare of that link.
     Bearing forces move a housing of `housing_kg` on its `mounts`: as a rigid body below `rigid_below_hz`, so that
     forces inside of it that balance do not move it. Above, a sensor responds in full to the bearing forces of its own
     link (both links of a mesh), and with the weight `elsewhere` to those of others, unless `sensor_weights` gives them;
@@ -137,6 +152,7 @@ class Dynamics(Declared):
     links: ByName[LinkDynamics] = ()
     meshes: ByName[MeshDynamics] = ()
     bearings: ByName[SupportDynamics] = ()
+    shafts: ByName[ShaftDynamics] = ()
     damping_ratio: Annotated[float, Field(ge=0, lt=1)] = 0.03
     mesh_rpm: Positive | None = None
     load_on: Name | None = None

@@ -441,8 +441,6 @@ class Knotted:
     of: TeethInMesh
     by_cycles: float
     period: int
-    constant_between_jumps: bool = field(default=False, init=False)
-    harmonics: None = field(default=None, init=False)
 
     @cached_property
     def mean(self) -> float:

@@ -14,6 +14,7 @@ import numpy as np
 from numpy.typing import NDArray
 
 from data_synth.dynamics.assembly import Assembly, Inertia, SupportStiffness, assemble, excited_dofs_of
+from data_synth.dynamics.elements import BearingShaft
 from data_synth.dynamics.modes import undamped_modes, with_modal_damping
 from data_synth.dynamics.placement import are_parallel, direction_of
 from data_synth.dynamics.system import Array, System, errors_at
@@ -21,6 +22,7 @@ from data_synth.integrators.problem import Accuracy, Integration, IntegrationErr
 from data_synth.operation.drive import ReferenceAngle
 from data_synth.operation.shaft_angle import ShaftAngle
 from data_synth.scene.faults import LOSING_CONTACT, GearFault
+from data_synth.scene.gear_dynamics import SupportDynamics
 from data_synth.scene.random_streams import random_stream
 from data_synth.scene.scene import Scene, SceneError
 from data_synth.sources.prepared import PreparedScene, prepare_scene
@@ -63,7 +65,7 @@ def assembly_of(stage: PreparedScene, gears: Gears, *, speed_rad_s: float | None
     try:
         return assemble(
             kinematics,
-            motions="space" if has_helix or has_crossed_axes(kinematics) else "plane",
+            motions="space" if has_helix or declared.shafts or has_crossed_axes(kinematics) else "plane",
             inertias={
                 name: Inertia(mass_kg=item.mass_kg, inertia_kgm2=item.inertia_kg_m2)
                 for link, item in declared.links
@@ -76,6 +78,8 @@ def assembly_of(stage: PreparedScene, gears: Gears, *, speed_rad_s: float | None
         )
     except ValueError as caught:
         words = str(caught)
+        for link, _ in declared.shafts:
+            words = words.replace(f'supports names "{link}"', f'shafts names "{link}"')
         for ours, declared_as in (("inertias", "links"), ("supports", "bearings")):
             words = words.replace(f'{ours} names "', f'{declared_as} names "')
         raise SceneError(f"dynamics: {words}") from None
@@ -94,7 +98,16 @@ def _copies(scene: Scene, name: str) -> tuple[str, ...]:
 
 def _supports(scene: Scene, kinematics: Kinematics) -> Iterator[tuple[str, SupportStiffness]]:
     """Yield the links with declared bearings, and the stiffness of these."""
-    for link, item in scene.dynamics_or_default.bearings:
+    declared = scene.dynamics_or_default
+    shafts = {
+        link: BearingShaft(
+            diameter_m=item.diameter_mm / 1e3,
+            bore_m=item.bore_mm / 1e3,
+            to_bearings_m=(item.to_bearings_mm[0] / 1e3, item.to_bearings_mm[1] / 1e3),
+        )
+        for link, item in declared.shafts
+    }
+    for link, item in (dict.fromkeys(shafts, SupportDynamics()) | dict(declared.bearings)).items():
         if kinematics.bodies.get(link) == kinematics.mechanism.frame and not item.torsion_nm_rad:
             raise SceneError(
                 f'dynamics.bearings makes "{link}", else rigid with "{scene.gearbox.frame}", a body that '
@@ -106,6 +119,7 @@ def _supports(scene: Scene, kinematics: Kinematics) -> Iterator[tuple[str, Suppo
             tilt=item.tilt_nm_rad,
             torsion=item.torsion_nm_rad,
             damping_s=item.damping_s,
+            shaft=shafts.get(link),
         )
         yield from ((name, hold) for name in _copies(scene, link))
 

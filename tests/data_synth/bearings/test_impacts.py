@@ -133,7 +133,6 @@ def test_the_true_cage_follows_the_slip():
     assert_allclose(np.diff(found.cage_turns), 1 / BALLS, rtol=1e-9)  # one ball after the other, whenever
     # 14000 intervals of 1 %: 8.5e-5; 4 of that
     assert found.rate == pytest.approx(0.98 * BPFO, rel=3.4e-4)
-    assert found.expected_rate == pytest.approx(0.98 * BPFO, rel=1e-12)
 
 
 def test_same_seed_same_bytes():
