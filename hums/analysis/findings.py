@@ -433,7 +433,7 @@ def _least_of(changes: Sequence[tuple[float, str]]) -> str:
 def _comparison(depth: float, part: PartEvidence) -> str:
     if depth > RIVAL_FACTOR * part.depth:
         return f"{depth / part.depth:.0f} times as large; this line may be a side effect of it"
-    return "of similar size, unlike for a single local defect"
+    return "of similar size, which a single local defect would not produce"
 
 
 def _named(part: PartEvidence, doubts: Sequence[str], probability: float, least_change: str) -> Finding:
@@ -456,7 +456,7 @@ def _named(part: PartEvidence, doubts: Sequence[str], probability: float, least_
         next_step=(
             f"Take another record at the same speed and load, and compare the line of {kind}; plan an inspection."
             if doubts
-            else f"Inspect {kind} of {part.component}; until then record it often at the same speed and load."
+            else f"Inspect {kind} of {part.component}; until then, record often at the same speed and load."
         ),
         least_change=least_change,
     )
@@ -469,7 +469,7 @@ def _unnamed(part: PartEvidence, probability: float, needed: float) -> Finding:
         return _not_judged(
             part,
             f"too short or too noisy: a modulation of {part.possible_depth:.1%} may go undetected, "
-            f"while damage may be indicated from {JUDGED_DEPTH:.0%} on",
+            f"while damage is indicated from {JUDGED_DEPTH:.0%}",
             least_change=f"judged in a record longer by a factor of {longer:.2g}"
             if math.isfinite(longer)
             else "judged in a band that has power",
@@ -486,7 +486,7 @@ def _unnamed(part: PartEvidence, probability: float, needed: float) -> Finding:
     seen = f"{healthy_share_words(probability)} records of healthy machines show as much"
     if probability <= SELDOM_SOUND and part.strength >= LEAST_STRENGTH and not (part.hidden_by or part.at_shaft):
         why = f"a line at its order modulates a band by {part.depth:.1%}: {seen}, too few to call it sound"
-        least_change = f"indicated from a strength of {needed:.3g} on (now {part.strength:.3g})"
+        least_change = f"indicated at a strength of {needed:.3g} or more (now {part.strength:.3g})"
         step = "Take another record at the same speed and load, a longer one if possible, and compare the line."
         return replace(_not_judged(part, why, probability=probability, least_change=least_change), next_step=step)
     seen = f"{_line_text(part)}: {seen}" if part.strength > 0 else "no line of its own at its orders"
@@ -494,7 +494,7 @@ def _unnamed(part: PartEvidence, probability: float, needed: float) -> Finding:
     changes = [(blind, f"not judged at {blind:.2g} times the background noise")]
     if part.strength > 0:
         changes.append(
-            (needed / part.strength, f"indicated from a strength of {needed:.3g} on (now {part.strength:.3g})")
+            (needed / part.strength, f"indicated at a strength of {needed:.3g} or more (now {part.strength:.3g})")
         )
     return replace(
         _blank(part),

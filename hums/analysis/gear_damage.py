@@ -462,15 +462,17 @@ def gear_verdicts(judged: Sequence[GearJudgement], *, false_alarm_probability: f
 def _indicated(row: GearJudgement, stated: float) -> Finding:
     (low, high), shown = row.band_orders, max(row.probability, RAREST_STATED)
     alike = f", or of {' or '.join(row.also)}, which this record cannot tell from it," if row.also else ""
-    doubt = "a single pitch deviation of a sound gear does the same"
+    doubt = "a single pitch deviation of a sound gear has the same effect"
     step = "Compare with an earlier record at the same speed and load, or inspect the tooth"
     if row.knock_of:
-        doubt += f", and so does anything loose on {row.knock_of} that knocks once per turn, since no mesh is modulated"
-        step += f", and what is fastened to {row.knock_of}"
+        doubt += (
+            f", and so has a loose part on {row.knock_of} that strikes once per revolution, since no mesh is modulated"
+        )
+        step += f" and the parts mounted on {row.knock_of}"
     evidence = (
-        f"the energy between the harmonics of its mesh, {low:.4g} to {high:.4g} orders, is {row.rise:.1f} times "
-        f"that of other teeth at one tooth{alike} in all parts of {row.turns} turns, {row.outlier:.1f} standard "
-        f"deviations of the other teeth above them; not certain: {doubt}; compare with an earlier record, or measure "
+        f"between the mesh harmonics, {low:.4g} to {high:.4g} orders, the energy at one tooth{alike} is {row.rise:.1f} "
+        f"times that at the others in all parts of {row.turns} revolutions, {row.outlier:.1f} of their standard "
+        f"deviations above their mean; not certain: {doubt}; compare with an earlier record, or measure "
         "the tooth."
     )
     return replace(
@@ -495,15 +497,15 @@ def _unnamed(row: GearJudgement, stated: float) -> Finding:
             next_step=next_step,
             least_change=least_change,
         )
-    alike = "wear of all teeth alike needs an earlier record"
+    alike = "uniform wear needs an earlier record"
     if row.differing <= DIFFERING_TEETH:
         alike = (
-            "they differ as pitch deviations make them; pits on many of them, and wear of all, need an earlier record"
+            "they differ as pitch deviations make them; pitting of many teeth or wear of all needs an earlier record"
         )
     return replace(
         blank,
         verdict=NOTHING_FOUND,
-        evidence=f"no tooth stands out in {row.turns} turns; {alike}.",
+        evidence=f"no tooth stands out in {row.turns} revolutions; {alike}.",
         least_change=f"indicated at a probability of {stated:.3g} or less (now {row.probability:.3g})",
     )
 

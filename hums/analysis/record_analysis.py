@@ -444,7 +444,7 @@ def _speed_notes(machine: Machine, settings: AnalysisSettings) -> Iterator[str]:
             f"The speed is nominal: {known} for {shaft}, not measured. Lines are searched within "
             f"{settings.nominal_speed_tolerance:.1%} of their nominal order"
             + (
-                "; its changes were followed by the lines of shafts and meshes."
+                "; changes of speed were tracked by the lines of shafts and meshes."
                 if machine.source.followed
                 else " and smear if the speed changed."
             )

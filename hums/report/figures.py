@@ -213,7 +213,7 @@ def _kurtogram_caption(dataset: xr.Dataset, band: Mapping[str, Any] | None) -> s
     empty = ""
     if dataset["kurtosis"].isnull().any():
         empty = " Empty cells: bands with so little power that the filters' leakage from other bands prevails."
-    return f"{float(dataset.attrs['seconds']):.4g} s; the kurtosis of Gaussian noise is 0.{empty}{frame}"
+    return f"From {float(dataset.attrs['seconds']):.4g} s; the kurtosis of Gaussian noise is 0 here.{empty}{frame}"
 
 
 # ---- Maps, tracks, averages, kurtograms, waveforms and speed ---------------------------------------------------------

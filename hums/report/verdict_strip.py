@@ -228,7 +228,7 @@ def _severity(finding: Mapping[str, Any]) -> str:
     depth = finding.get("depth")
     if finding["kind"] in BEARING_KINDS and depth is not None:
         word = "slight" if depth < FAULTY_DEPTH else "moderate" if depth < _SEVERE_DEPTH else "severe"
-        scale = f"slight below {FAULTY_DEPTH:.0%}, severe from {_SEVERE_DEPTH:.0%}"
+        scale = f"slight below {FAULTY_DEPTH:.0%}, severe at {_SEVERE_DEPTH:.0%} and above"
         said = [f"{word}: its impacts modulate the band by {depth:.1%} ({scale})"]
     elif finding["kind"] == "tooth":
         said = ["no scale: the response to a damaged tooth depends on load and transfer path; use its trend"]

@@ -140,7 +140,7 @@ def test_the_highest_of_teeth_that_differ_may_be_pitted(differing, outlier, verd
     (one,) = gear_verdicts([row], false_alarm_probability=0.01)
     assert one.verdict == verdict
     assert ("pits on several teeth" in one.doubts) == (verdict == "not judged")
-    assert ("pits on many of them" in one.evidence) == (differing == 0.01 and verdict == "nothing found")
+    assert ("pitting of many teeth" in one.evidence) == (differing == 0.01 and verdict == "nothing found")
 
 
 @pytest.mark.parametrize(("share", "verdict"), [(1.01, "not judged"), (0.99, "nothing found")])

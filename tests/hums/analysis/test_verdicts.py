@@ -218,7 +218,7 @@ def test_a_verdict_turns_where_it_says(opened):
     assert with_evidence(opened, depth=0.99e-2 * shallow).verdict == "indicated"
     assert "diagnosed from a modulation of 10%" in with_evidence(opened, depth=0.095).least_change
     weak = with_evidence(opened, strength=0.009, possible_depth=0.0001)
-    needed = number(weak.least_change, "indicated from a strength of ")
+    needed = number(weak.least_change, "indicated at a strength of ")
     assert with_evidence(opened, strength=1.01 * needed).verdict in {"diagnosed", "indicated"}
     assert with_evidence(opened, strength=0.98 * needed).verdict == "not judged"  # still rare in health
     assert weak.verdict == "nothing found"

@@ -207,11 +207,14 @@ def test_a_summary_is_printed_on_four_pages_and_the_whole_on_more(page, tmp_path
 
 def test_report_on_a_narrow_dark_screen_and_from_there_on_paper(browser, page):
     drawn_whole(browser, page, width=400, dark=True)
+    drawn_on_white = "return getComputedStyle(document.querySelector('.mechanism')).filter"
+    assert "invert" in browser.execute_script(drawn_on_white)
     paper_loses_nothing(browser, page)
 
 
 def test_report_on_a_desk_with_its_labels_units_and_cursors(browser, page):
     drawn_whole(browser, page, width=1280, dark=False)
+    assert browser.execute_script("return getComputedStyle(document.querySelector('.mechanism')).filter") == "none"
     for name in ("order-spectrum-0", "envelope-0"):  # labels stand beside one another
         boxes = browser.execute_script(LABELS, name)
         assert boxes
@@ -261,9 +264,8 @@ PLOTTED = """const canvas = document.querySelector('#figure-' + arguments[0] + '
     return canvas.data.map((trace) => ({name: trace.name, color: trace.line && trace.line.color,
         x0: trace.x0, dx: trace.dx, y: trace.y && Array.from(trace.y),
         z: trace.z && trace.z.map((row) => Math.max(...row.filter(Number.isFinite)))}))"""
-TICKS = (
-    "return [...document.querySelectorAll(`#figure-${arguments[0]} .xtick text`)].map((tick) => Number(tick.textContent))"
-)
+TICKS = """return [...document.querySelectorAll(`#figure-${arguments[0]} .xtick text`)]
+    .map((tick) => Number(tick.textContent))"""
 CLIPPED = """return [...document.querySelectorAll('.scroll')].filter((one) => one.scrollWidth > one.clientWidth)
     .map((one) => one.getAttribute('aria-label') + one.scrollWidth)"""
 IN_SIGHT = """return [...document.querySelectorAll('#panel [data-channel]')]
@@ -318,7 +320,7 @@ def test_what_repeats_in_every_row_is_a_column(several):
 
 def test_empty_cells_of_a_kurtogram_are_explained_where_there_are_some(several):
     said = re.findall(
-        r"the kurtosis of Gaussian noise is 0\.( Empty cells: bands with so little power)?", several.read_text()
+        r"the kurtosis of Gaussian noise is 0 here\.( Empty cells: bands with so little power)?", several.read_text()
     )
     assert [bool(one) for one in said] == [False, False, False, True]
 
