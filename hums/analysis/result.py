@@ -29,7 +29,7 @@ if TYPE_CHECKING:
 
 Analysis: TypeAlias = xr.DataTree
 Row = TypeVar("Row")
-SCHEMA = "hums-analysis/2"
+SCHEMA = "hums-analysis/3"
 _version = cache(version)  # which reads the package's files
 _NUMBERS = (float, "float")  # types of a field that is a number, as annotated
 GROUPS = ("speed", "health", ORDER_SPECTRUM, ENVELOPE, "tracks", "indicators", "findings")

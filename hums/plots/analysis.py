@@ -133,7 +133,7 @@ def plot_tracks(
     most: int = 6,
     of: Literal["tracks", "envelope_tracks"] = "tracks",
 ) -> Axes:
-    """Draw the largest amplitude tracks of a channel, each with a band of plus and minus two standard deviations.
+    """Draw the largest amplitude tracks of a channel, each with its 95 % confidence interval at each instant.
 
     Parameters
     ----------
@@ -177,14 +177,12 @@ def plot_tracks(
     for rank, index in enumerate(np.argsort(-size)[:most]):
         track = mine.isel(track=index)
         amplitude = np.abs(track["complex_amplitude"].to_numpy())
-        std, time, colour = (
-            track["std"].to_numpy(),
-            track["time_s"].to_numpy(),
-            TRACK_COLOURS[rank % len(TRACK_COLOURS)],
-        )
+        half_width, time = track["half_width"].to_numpy(), track["time_s"].to_numpy()
+        low, high = np.maximum(amplitude - half_width, 0), amplitude + half_width
+        colour = TRACK_COLOURS[rank % len(TRACK_COLOURS)]
         name = f"{track['component'].item()} {track['track_order'].item():.4g}"
         ax.plot(time, amplitude, color=colour, lw=1.2, label=name)
-        ax.fill_between(time, np.maximum(amplitude - 2 * std, 0), amplitude + 2 * std, color=colour, alpha=0.2, lw=0)
+        ax.fill_between(time, low, high, color=colour, alpha=0.2, lw=0)
     ax.set(xlabel="time, s", ylabel=f"peak amplitude, {mine['track_units'].to_numpy()[0]}")
     ax.set_ylim(bottom=0)
     ax.legend(fontsize=7, ncols=2, frameon=False, loc="lower center", bbox_to_anchor=(0.5, 1.0))

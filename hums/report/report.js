@@ -105,19 +105,21 @@ const report = (() => {
     }
   }
 
+  const amplitudes = (levels) => levels.map((level) => 10 ** level);
   pages.views.spectrum = (data, figure) => {
+    const [now, past] = [data.now, data.past].map((of) => of && {x: of.x, y: amplitudes(of.level)});
     const {factor, name, text} = unit(), mean = facts.speed_hz.mean, scale = chosen("scale") || (data.log ? "log" : "linear");
     const shown = measure(), db = (values) => values.map((value) => 20 * Math.log10(Math.max(value, 1e-30)));
     const y = (values) => scale === "dB" ? db(scaled(values, shown.factor)) : scaled(values, shown.factor);
-    const last = data.now.x[data.now.x.length - 1];
+    const last = now.x[now.x.length - 1];
     const hover = `%{x:.6g} ${name}: %{y:.4g}<extra>%{fullData.name}</extra>`;
     const curve = (of, called, color, width) => ({type: "scatter", mode: "lines", x: scaled(of.x, factor), y: y(of.y),
       name: called, line: {color, width}, hovertemplate: hover});
     const traces = [];
-    if (data.past && (!field("past") || field("past").checked)) {
-      traces.push(curve(data.past, data.pastName, "--past", 0.8));
+    if (past && (!field("past") || field("past").checked)) {
+      traces.push(curve(past, data.pastName, "--past", 0.8));
     }
-    traces.push(curve(data.now, "this record", "--line", 0.8));
+    traces.push(curve(now, "this record", "--line", 0.8));
     const group = (called, style, lines) => lines.length && traces.push({type: "scatter", mode: "markers", name: called,
       x: lines.map((line) => line.order * factor), y: y(lines.map((line) => line.amplitude)),
       marker: {color: style, size: 6}, customdata: lines.map((line) => [line.label, line.nominal, line.snr, line.order, line.order * mean, 60 * line.order * mean]),
@@ -130,7 +132,7 @@ const report = (() => {
       group({alarm: "of diagnosed components", watch: "of indicated components", unknown: "of components not judged"}[style],
             `--${style}`, claimed.filter((line) => line.style === style));
     }
-    const sorted = Float32Array.from(scaled(data.now.y, shown.factor)).sort(), top = sorted[sorted.length - 1];
+    const sorted = Float32Array.from(scaled(now.y, shown.factor)).sort(), top = sorted[sorted.length - 1];
     const low = Math.max(sorted[Math.floor(sorted.length / 2)] / 3, top * 1e-7) || 1e-9;
     const range = {log: [Math.log10(low), Math.log10(1.3 * top || 1)], linear: [0, 1.08 * top || 1],
                    dB: [20 * Math.log10(low), 20 * Math.log10(1.3 * top || 1)]}[scale];
@@ -150,8 +152,8 @@ const report = (() => {
   // The whole band of the sensor, over frequency whatever the unit of the other spectra.
   pages.views.wideband = (data) => {
     const {name, factor} = measure(), scale = chosen("scale") || "log";
-    const y = data.amplitude.map((value) => scale === "dB" ? 20 * Math.log10(Math.max(factor * value, 1e-30)) : factor * value);
-    const [least, top] = [Math.min, Math.max].map((pick) => factor * data.amplitude.reduce((a, b) => pick(a, b)));
+    const amplitude = amplitudes(data.level), y = amplitude.map((value) => scale === "dB" ? 20 * Math.log10(Math.max(factor * value, 1e-30)) : factor * value);
+    const [least, top] = [Math.min, Math.max].map((pick) => factor * amplitude.reduce((a, b) => pick(a, b)));
     const low = Math.max(least / 1.3, top * 1e-5, 1e-12);
     const range = {log: [Math.log10(low), Math.log10(1.3 * top || 1)], linear: [0, 1.08 * top || 1],
                    dB: [20 * Math.log10(low), 20 * Math.log10(1.3 * top || 1)]}[scale];

@@ -2,7 +2,7 @@
 Tracking two close orders
 =========================
 
-Orders 10 and 10.3 beat. Joint estimation gives the amplitude of each, with its standard deviation.
+Orders 10 and 10.3 beat. Joint estimation gives the amplitude of each, with its 95 % confidence interval.
 """
 
 import matplotlib.pyplot as plt
@@ -20,11 +20,13 @@ tracks = track_orders(x, phase_rad=phase_rad, orders=[10, 10.3], bandwidth_hz=1.
 
 figure, ax = plt.subplots(figsize=(8, 4.5), layout="constrained")
 at = t[tracks.sample_index]
-for order, amplitude, std in zip(tracks.orders, np.abs(tracks.complex_amplitude), tracks.std, strict=True):
+for order, amplitude, half in zip(
+    tracks.orders, np.abs(tracks.complex_amplitude), tracks.half_width(0.95), strict=True
+):
     (line,) = ax.plot(at, amplitude, label=f"order {order:g}")
-    ax.fill_between(at, amplitude - 2 * std, amplitude + 2 * std, alpha=0.2, color=line.get_color())
+    ax.fill_between(at, amplitude - half, amplitude + half, alpha=0.2, color=line.get_color())
 ax.plot(t, truth, "k--", linewidth=0.8, label="true")
 ax.axhline(0.7, color="k", linestyle="--", linewidth=0.8)
-ax.set(xlabel="time, s", ylabel="amplitude, with two standard deviations")
+ax.set(xlabel="time, s", ylabel="amplitude, with 95 % confidence intervals")
 ax.legend()
 plt.show()
