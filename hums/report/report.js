@@ -105,6 +105,7 @@ const report = (() => {
     }
   }
 
+  const printing = () => document.documentElement.dataset.theme === "print";  // where two figures share a sheet
   const amplitudes = (levels) => levels.map((level) => 10 ** level);
   pages.views.spectrum = (data, figure) => {
     const [now, past] = [data.now, data.past].map((of) => of && {x: of.x, y: amplitudes(of.level)});
@@ -141,8 +142,7 @@ const report = (() => {
     const annotations = labels(data, figure, factor, last);
     const band = Math.min(250, 36 + 6.2 * Math.max(0, ...annotations.map((label) => label.text.length)));
     figure.state.unit = name;
-    const printing = document.documentElement.dataset.theme === "print";  // where two figures share a sheet
-    return {traces, height: (printing ? 330 : 410) + band, layout: {
+    return {traces, height: (printing() ? 400 : 410) + band, layout: {
       uirevision: `${name} ${scale} ${shown.name}`, margin: {t: band, b: 84},
       xaxis: {title: {text}, range: [0, last * factor]}, annotations, shapes: [...cursorShapes(factor), ...looked],
       yaxis: {title: {text: scale === "dB" ? `dB re 1 ${data.units}` : `${shown.name} amplitude, ${data.units}`},
@@ -200,6 +200,7 @@ const report = (() => {
     }
     z = z.map((row) => row.map((value) => value + gain));
     return {
+      ...(printing() ? {height: 380} : {}),
       traces: [{type: "heatmap", x, y, z, colorscale: "Viridis", colorbar: {title: {text: `dB re 1 ${data.units} ${shown.name}`, side: "right"}, thickness: 12},
                 hovertemplate: `%{x:.5g} ${name}, %{y:.5g}: %{z:.1f} dB<extra></extra>`}],
       layout: {uirevision: `${name} ${bySpeed}`, xaxis: {title: {text}}, yaxis: {title: {text: label}},

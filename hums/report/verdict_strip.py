@@ -74,8 +74,9 @@ def answer(facts: Facts) -> list[tuple[str, str]]:
     every = facts.get("verdicts", ())
     counts = {verdict: sum(row["verdict"] == verdict for row in every) for verdict in (NOTHING_FOUND, NOT_JUDGED)}
     if counts[NOTHING_FOUND]:
-        rest = "the other " if said else ""
-        said.append((CLASSES[NOTHING_FOUND], f"Nothing found in {rest}{_checks(counts[NOTHING_FOUND])}."))
+        rest = _checks(counts[NOTHING_FOUND])
+        rest = f"the other {rest.removeprefix('1 ')}" if said else rest
+        said.append((CLASSES[NOTHING_FOUND], f"Nothing found in {rest}."))
     if counts[NOT_JUDGED]:
         said.append((CLASSES[NOT_JUDGED], f"{_checks(counts[NOT_JUDGED])} could not be made."))
     said += [
