@@ -23,13 +23,14 @@ def test_a_logger_with_twelve_lines_above_takes_one_try(tmp_path):
     told.write_text(
         'separator = ";"\ndecimal = ","\nencoding = "cp1252"\nheader_lines = 12\nchannels = ["DE", "ND"]\n'
         'time_zone = "Europe/Berlin"\nshaft_rpm = 1500.0\nshaft = "input"\n'
-        '[units]\nDE = "g"\nND = "mm/s"\n[measured]\n"Öl" = "°C"\n'
+        'site = "hall 2"\nanalyst = "A. Meyer"\n[units]\nDE = "g"\nND = "mm/s"\n[measured]\n"Öl" = "°C"\n'
     )
     for name in ("one.csv", "two.csv"):  # of like files
         record = hums.convert(write_logger_table(tmp_path / name), told)
         assert_array_equal(record.DE, np.arange(COUNT) / 8)
         assert [record[one].attrs["units"] for one in ("DE", "ND", "Öl")] == ["g", "mm s-1", "degC"]
         assert record.attrs["rate_hz"] == 1000
+        assert (record.attrs["site"], record.attrs["analyst"]) == ("hall 2", "A. Meyer")
         assert record.attrs["recorded_at"] == "2024-10-27T09:27:00Z"  # an hour after the clocks went back
 
 
