@@ -47,7 +47,7 @@ def test_a_text_format_that_nothing_shows_is_declared(tmp_path):
 @pytest.mark.parametrize(
     ("told", "said"),
     [
-        ({"chanels": ["DE"]}, "did you mean \"channels\"? Its value is ['DE']; allowed keys: analyst, average, channels, d"),
+        ({"chanels": ["DE"]}, "did you mean \"channels\"? Its value is ['DE']; allowed keys: analyst, average, ch"),
         ({"channels": "DE"}, "channels = 'DE': give a list in brackets, as in [\"DE\"]"),
         ({"rate_hz": "fast"}, "rate_hz = 'fast': input should be a valid number"),
         ({"units": {"DE": 3}}, "units: {'DE': 3} is no word"),
