@@ -56,7 +56,7 @@ def table_seconds(analyses: Path, room: Path, *, machines: int, records: int) ->
             named |= {"recorded_at": (FIRST + timedelta(days=day)).isoformat()}
             paths[-1].write_bytes(packed_row(rows[chosen] | named))  # unsynced, as nothing is lost with them
     start = time.process_time()
-    _tables(paths, room, MonitorSettings(), (), append=False)
+    _tables(paths, room, MonitorSettings(), ())
     return time.process_time() - start
 
 

@@ -48,7 +48,7 @@ def observed(number, *, component="", shift=0.0, gain=0.0, speed_hz=20.0, seed=0
 LINES = tuple((name, "order_spectrum", "stage 1/pinion", "gear", n, 0, "g") for name in "ab" for n in (1, 2, 3))
 
 
-def kept(seen, *, growth=1.0, result=""):
+def kept(seen, *, growth=1.0):
     """The results of an observation's record; its lines grow."""
     keys = tuple(seen.values)
     return StoredRecord(
@@ -63,7 +63,6 @@ def kept(seen, *, growth=1.0, result=""):
         findings=(),
         watched=Numbers(keys=keys, values=np.array([seen.values[key] for key in keys])),
         seen=replace(seen, values={}),
-        result=result,
     )
 
 

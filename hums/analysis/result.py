@@ -226,6 +226,7 @@ def root_attributes(
         "version": _version("hums-toolkit"),
         "channels_json": json.dumps(channels),
         "machine": record.attrs.get("machine", ""),
+        "regime": str(record.attrs.get("regime", "")),
         "site": record.attrs.get("site", ""),
         "analyst": record.attrs.get("analyst", ""),
         "recorded_at": record.attrs.get("recorded_at", ""),

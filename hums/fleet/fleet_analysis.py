@@ -226,7 +226,7 @@ def analyze_fleet(
         paths = [done if (done := results_folder / name).exists() else killed / name for name in names.values()]
         for stale in set(killed.glob(f"{'?' * 24}.json.gz")) - set(paths):  # done now, or the record's file changed
             stale.unlink()
-        histories, written = _tables(paths, folder, monitoring or MonitorSettings(), work, append=append, gearbox=named)
+        histories, written = _tables(paths, folder, monitoring or MonitorSettings(), work, gearbox=named)
     return Fleet(
         folder=folder,
         records=len(paths),
@@ -255,12 +255,11 @@ def _tables(
     settings: MonitorSettings,
     work: Sequence[Work],
     *,
-    append: bool,
     gearbox: str = "GEARBOX",
 ) -> tuple[list[MachineHistory], WrittenTables]:
     """Watch the machines; write alarms, components, baselines, the tables of all records and the page."""
     records = sorted(read_results(paths), key=lambda one: order_key("", one.record))  # whatever the files' order was
-    histories = watch_machines(records, folder / "watch", settings=settings, work=work, append=append)
+    histories = watch_machines(records, folder / "watch", settings=settings, work=work)
     write_alarms(histories, folder / "alarms.csv")
     write_components(histories, folder / "components.csv")
     write_baselines(histories, folder / "baseline.h5")

@@ -171,7 +171,7 @@ def _sentence(history: MachineHistory, component: str, index: float, driver: str
     if not component:
         if state.unwatched_since:
             return f"Not monitored since {state.unwatched_since}: all later records were refused."
-        pending = max((len(epoch.pending) for epoch in state.epochs.values()), default=0)
+        pending = max((len(epoch.pending) for epoch in state.baselines), default=0)
         return f"Its baseline is being learned: {pending} records so far."
     if index < 1 and state.alarms[component].life != Life.RAISED:
         text = f"No alarm. The largest condition index is that of {component}, {index:.2f}."
@@ -233,7 +233,7 @@ def _health(history: MachineHistory, course: _Course, name: str) -> Figure:
     }
     largest = max((float(np.nanmax(each)) for each in index.values() if np.isfinite(each).any()), default=1.0)
     places = {one.record: at for at, one in enumerate(course.records)}
-    learned = [places[one] for epoch in history.state.epochs.values() for one in epoch.records if one in places]
+    learned = [places[one] for epoch in history.state.baselines for one in epoch.records if one in places]
     raised = [alarm for alarm in history.alarms if alarm["record"] in places]
     data = course.common() | {
         "components": [

@@ -149,8 +149,10 @@ class MachineState:
         Its name.
     settings : MonitorSettings
         How it is watched.
-    epochs : dict of int to Epoch
-        Baselines, 0 the first; one more for each replacement.
+    strata : dict of str to dict of int to Epoch
+        Baselines of each regime, 0 the first; one more for each replacement.
+    regime : str
+        Regime of the latest record that was judged; until then, of the first.
     governed_by : dict of str to int
         Epoch of each component that is not of the newest of the whole machine, 0.
     alarms : dict of str to AlarmState
@@ -171,7 +173,8 @@ class MachineState:
 
     machine: str
     settings: MonitorSettings = field(default_factory=MonitorSettings)
-    epochs: dict[int, Epoch] = field(default_factory=lambda: {0: Epoch()})
+    strata: dict[str, dict[int, Epoch]] = field(default_factory=dict)
+    regime: str = ""
     governed_by: dict[str, int] = field(default_factory=dict)
     alarms: dict[str, AlarmState] = field(default_factory=dict)
     since: dict[str, str] = field(default_factory=dict)
@@ -183,6 +186,16 @@ class MachineState:
     last_seconds: float = -math.inf
     learned: list[str] = field(default_factory=list)
     latest: str = ""
+
+    @property
+    def epochs(self) -> dict[int, Epoch]:
+        """Baselines of the regime of the latest record that was judged."""
+        return self.strata.get(self.regime) or {0: Epoch()}
+
+    @property
+    def baselines(self) -> list[Epoch]:
+        """Baselines of all regimes."""
+        return [epoch for stratum in self.strata.values() for epoch in stratum.values()]
 
     def epoch_of(self, component: str) -> int:
         """Return the epoch that governs a component; of several that are watched as one, the newest of theirs."""
@@ -260,22 +273,23 @@ def update(state: MachineState, seen: Observation, *, work: Sequence[Work] = ())
     alarms = _sensor_alarms(state, seen)
     if seen.unjudged:
         return _refused(state, seen, seen.unjudged, alarms)
-    outside = ""
+    stratum = _stratum(state, seen)
+    outside = "" if stratum else f"regime {seen.regime!r} is not in the baseline"
     readings = {}
-    for number, epoch in sorted(state.epochs.items()):
+    for number, epoch in sorted(stratum.items()):
         if _learns(state, epoch, seen):
             continue
         if refusal := epoch.outside(seen):
             outside = outside or refusal
             continue
         readings[number] = epoch.judge(seen)
-    alarms += _unjudged_verdicts(state, seen, readings)
+    alarms += _unjudged_verdicts(state, stratum or state.epochs, seen, readings)
     if not readings:
         if outside:
             return _refused(state, seen, outside, alarms)
         return Judgement(judged=False, why="learning", alarms=tuple(alarms))
     state.judged += 1
-    state.unwatched_since = ""
+    state.regime, state.unwatched_since = seen.regime, ""
     return _judged(state, seen, readings, alarms)
 
 
@@ -289,9 +303,22 @@ def _nothing_new(state: MachineState, seen: Observation) -> str:
     if digest in (*state.learned, state.latest):
         return "watched before: its indicators are those of an earlier record to the last digit"
     state.latest = digest
-    if any(epoch.normal is None for epoch in state.epochs.values()):
+    if any(epoch.normal is None for epoch in state.strata.get(seen.regime, {0: Epoch()}).values()):
         state.learned.append(digest)
     return ""
+
+
+def _stratum(state: MachineState, seen: Observation) -> dict[int, Epoch]:
+    """Return the baselines of a record's regime; none where it is first seen after that of another was learned."""
+    if seen.regime in state.strata:
+        return state.strata[seen.regime]
+    chosen = state.settings.by_choice and state.settings.chosen(seen)
+    if any(epoch.normal is not None for epoch in state.baselines) and not chosen:
+        return {}
+    if not state.strata:
+        state.regime = seen.regime
+    stratum = {number: Epoch(counted=epoch.counted) for number, epoch in state.epochs.items()}
+    return state.strata.setdefault(seen.regime, stratum)
 
 
 def _independent(seen: Sequence[Observation]) -> int:
@@ -525,7 +552,10 @@ def _verdict_words(epoch: Epoch, component: str) -> str:
 
 
 def _unjudged_verdicts(
-    state: MachineState, seen: Observation, readings: Mapping[int, tuple[Reading, Array]]
+    state: MachineState,
+    epochs: Mapping[int, Epoch],
+    seen: Observation,
+    readings: Mapping[int, tuple[Reading, Array]],
 ) -> list[dict[str, Any]]:
     """Return alarms of components that a record diagnoses and no baseline judges: none is learned, or it is refused.
 
@@ -534,7 +564,7 @@ def _unjudged_verdicts(
     alarms: list[dict[str, Any]] = []
     for component in sorted({*seen.diagnosed, *(name for name in state.alarms if ": " not in name)}):
         number = state.epoch_of(component)
-        epoch, shown = state.epochs[number], component in seen.diagnosed
+        epoch, shown = epochs[number], component in seen.diagnosed
         if (number in readings and component in epoch.names) or not (shown or epoch.normal is None):
             continue
         if shown and not state.alarms.get(component, state.settings.rule.start()).recent:
@@ -606,22 +636,21 @@ def _acknowledge(state: MachineState, component: str) -> None:
 def _restart_charts(state: MachineState, name: str) -> None:
     """Let the charts of an acknowledged alarm begin anew, so that only later records decide whether it clears."""
     component, _, what = name.partition(": ")
-    epoch = state.epochs[state.epoch_of(component)]
-    if epoch.charts is not None and epoch.limits is not None:
+    for epoch in (stratum[state.epoch_of(component)] for stratum in state.strata.values()):
+        if epoch.charts is None or epoch.limits is None:
+            continue
         for place in (number for number, one in enumerate(epoch.scores) if one == (component, what)):
             epoch.charts = epoch.limits.charts.restart(epoch.charts, place)
 
 
 def _replace(state: MachineState, component: str) -> None:
     """Begin another epoch for a component, or for the whole machine; its alarms are cleared."""
-    fresh = max(state.epochs) + 1
-    if component:
-        state.governed_by[component] = fresh
-        state.epochs[fresh] = Epoch(counted=True)
-    else:
-        state.governed_by, state.epochs = {}, {0: Epoch(counted=True)}
+    fresh = max((0, *state.governed_by.values())) + 1 if component else 0
+    state.governed_by = state.governed_by | {component: fresh} if component else {}
     used = {0, *state.governed_by.values()}
-    state.epochs = {number: epoch for number, epoch in state.epochs.items() if number in used}
+    for name, stratum in state.strata.items():
+        after = stratum | {fresh: Epoch(counted=True)}
+        state.strata[name] = {number: epoch for number, epoch in after.items() if number in used}
     for name in list(state.alarms):
         if _of(name, component):
             state.alarms[name] = state.settings.rule.start()

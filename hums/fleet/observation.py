@@ -18,6 +18,8 @@ class Observation:
     ----------
     machine, record, recorded_at : str
         Names and time as the record states them; the time empty where it states none, or no date.
+    regime : str
+        Its operating regime; empty where it states none.
     values : mapping of Series to float
         Logarithms of its indicators and lines, none of a sick sensor.
     covariates : mapping of str to float
@@ -33,6 +35,7 @@ class Observation:
     machine: str
     record: str
     recorded_at: str = ""
+    regime: str = ""
     values: Mapping[Series, float] = field(default_factory=dict)
     covariates: Mapping[str, float] = field(default_factory=dict)
     sick: Mapping[str, str] = field(default_factory=dict)
@@ -57,6 +60,7 @@ def observation(row: Mapping[str, Any]) -> Observation:
         machine=row["machine"],
         record=row["record"],
         recorded_at=when if math.isfinite(seconds_since_1970(when)) else "",
+        regime=row.get("regime", ""),
         values={} if unjudged else series_of(row, without=sick),
         covariates=({"speed_hz": speed} if math.isfinite(speed) else {}) | row.get("covariates", {}),
         sick=sick,

@@ -28,7 +28,7 @@ class StoredRecord:
     ``lines`` has amplitude, what it is over its background, and 1 where it is claimed; ``orders`` are those of the
     first record with such lines; ``indicators`` has their values; ``findings`` component, kind and verdict;
     ``not_judged`` component and kind of what could not be judged, ``parts_not_judged`` how many and why; ``label`` is
-    the class of a record of a dataset; ``result`` the file of its results, another where its own file has changed.
+    the class of a record of a dataset.
     """
 
     record: str
@@ -45,7 +45,6 @@ class StoredRecord:
     label: str = ""
     not_judged: tuple[tuple[str, str], ...] = ()
     parts_not_judged: str = ""
-    result: str = ""
 
     @property
     def observation(self) -> Observation:
@@ -111,7 +110,6 @@ def _stored(path: Path, shared: dict[Any, Any]) -> StoredRecord:
         label=row.get("class", ""),
         not_judged=_shared_pairs(row.get("not_judged", ()), shared),
         parts_not_judged=row.get("parts_not_judged", ""),
-        result=f"{path.parent.name}/{path.name}",
     )
 
 

@@ -30,6 +30,7 @@ def results(analysis: Analysis) -> dict[str, Any]:
     return {
         "error": "",
         "speed_hz": speed.size / float((1 / speed).sum()) if speed.size else math.nan,
+        "regime": analysis.attrs.get("regime", ""),
         "covariates": json.loads(analysis.attrs.get("measured_json", "{}")),
         "lines": named(
             (line for name in (ORDER_SPECTRUM, ENVELOPE) for line in _lines(analysis, name)), len(LINE), len(_MEASURED)

@@ -21,7 +21,7 @@ from signals.monitoring.health import Layout, Normal
 from signals.monitoring.limits import ChartLimits, MachineLimits
 from signals.monitoring.location import SeriesBaseline
 
-SCHEMA = "hums-watch/7"
+SCHEMA = "hums-watch/8"
 _KINDS = {
     kind.__name__: kind
     for kind in (

@@ -1,9 +1,7 @@
 """Machines of a fleet watched over their records: alarms, baselines and condition indices, written into a folder."""
 
 import csv
-import gzip
 import hashlib
-import json
 import math
 from collections.abc import Iterable, Mapping, Sequence
 from dataclasses import dataclass, field
@@ -16,10 +14,10 @@ import xarray as xr
 from hums.fleet.alarms import ALARM_COLUMNS, SEVERE
 from hums.fleet.maintenance import Work
 from hums.fleet.monitor import Judgement, MachineState, update
-from hums.fleet.monitor_settings import MonitorError, MonitorSettings
+from hums.fleet.monitor_settings import MonitorSettings
 from hums.fleet.observation import Observation, order_key, seconds_since_1970
 from hums.fleet.result_files import StoredRecord
-from hums.fleet.state import read_state, write_state
+from hums.fleet.state import write_state
 from hums.records.fields import plain_cell
 from hums.records.store import atomic_write, write_tree
 from signals.monitoring.alarm_life import Life
@@ -116,7 +114,6 @@ def watch_machines(
     *,
     settings: MonitorSettings,
     work: Sequence[Work] = (),
-    append: bool = False,
 ) -> list[MachineHistory]:
     """Return the histories of all machines, in the order of their names, and keep their states in a folder.
 
@@ -130,9 +127,6 @@ def watch_machines(
         How machines are watched.
     work : sequence of Work
         Maintenance.
-    append : bool
-        Go on from the states in the folder with the records that are later than theirs. A machine with a new record
-        that is earlier, or one that has changed, is followed from its start again; the result is the same.
     """
     machines: dict[str, list[StoredRecord]] = {}
     for one in records:
@@ -142,55 +136,11 @@ def watch_machines(
     for machine in sorted(machines):
         ordered = sorted(machines[machine], key=lambda one: order_key(one.recorded_at, one.record))
         name = hashlib.sha256(machine.encode()).hexdigest()[:16]
-        history = _earlier(folder, name, ordered, settings) if append else None
-        history = history or MachineHistory(state=MachineState(machine=machine, settings=settings))
-        history.follow((one.observation for one in ordered[len(history.records) :]), work)
-        _keep(history, folder, name, _digest(ordered))
+        history = MachineHistory(state=MachineState(machine=machine, settings=settings))
+        history.follow((one.observation for one in ordered), work)
+        write_state(history.state, folder / f"{name}.state.gz")
         found.append(history)
     return found
-
-
-def _earlier(
-    folder: Path, name: str, ordered: Sequence[StoredRecord], settings: MonitorSettings
-) -> MachineHistory | None:
-    """Return the history in the folder where its records are the first of these, watched in the same way."""
-    path = folder / f"{name}.history.gz"
-    if not path.is_file():
-        return None
-    kept = json.loads(gzip.decompress(path.read_bytes()))
-    if kept.get("digest") != _digest(ordered[: len(kept["records"])]):
-        return None
-    try:
-        state = read_state(folder / f"{name}.state.gz")
-    except MonitorError:  # damaged, or of an earlier version: from the start, with the same result
-        return None
-    if state.settings != settings:
-        return None
-    history = MachineHistory(state=state, records=kept["records"], alarms=kept["alarms"])
-    if kept["last"]:
-        last = kept["last"]
-        growth = {key: (channel, indicator, away) for key, (channel, indicator, away) in last["growth"].items()}
-        history.last = Judgement(
-            judged=True, index=last["index"], scores=last["scores"], growth=growth, ratio=last["ratio"]
-        )
-    for number, alarm in enumerate(history.alarms):  # what happens to an open alarm shows in its row
-        for row in state.open.values():
-            if all(row[key] == alarm[key] for key in ("component", "indicator", "record")):
-                history.alarms[number] = row
-    return history
-
-
-def _digest(records: Iterable[StoredRecord]) -> str:
-    """Return what another record among these, or another content of one, changes."""
-    return hashlib.sha256(json.dumps([[one.record, one.result] for one in records]).encode()).hexdigest()
-
-
-def _keep(history: MachineHistory, folder: Path, name: str, digest: str) -> None:
-    last = history.last and {key: getattr(history.last, key) for key in ("index", "scores", "growth", "ratio")}
-    text = json.dumps({"digest": digest, "records": history.records, "alarms": history.alarms, "last": last})
-    with atomic_write(folder / f"{name}.history.gz") as part:
-        part.write_bytes(gzip.compress(text.encode(), compresslevel=1, mtime=0))
-    write_state(history.state, folder / f"{name}.state.gz")
 
 
 # ---- tables ----------------------------------------------------------------------------------------------------------
@@ -257,7 +207,7 @@ def write_baselines(histories: Sequence[MachineHistory], path: Path) -> None:
     """Write ``baseline.h5``: a group for every baseline, with its identity, records, series and numbers."""
     groups: dict[str, xr.Dataset] = {"/": xr.Dataset(attrs={"schema": "hums-baseline/1"})}
     for history in histories:
-        for epoch in history.state.epochs.values():
+        for epoch in history.state.baselines:
             if epoch.normal is None or epoch.limits is None:
                 continue
             normal = epoch.normal

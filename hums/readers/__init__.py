@@ -198,6 +198,7 @@ def convert(
         angle=spec.average or angle,
         measured=quantities,
         machine=spec.machine,
+        regime=spec.regime,
         recorded_at=recorded_at,
         start_s=start_s,
         attrs={"source": file.path.name, "site": spec.site, "analyst": spec.analyst, "notes": ". ".join(one.notes)},

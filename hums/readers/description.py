@@ -95,6 +95,8 @@ class ImportDescription(Declared):
         The channels are averages in angle already: a table of the fields of `hums.AngularAverage`.
     machine : str
         Name of the machine.
+    regime : str
+        Operating regime, such as "hover" or "cruise": `hums.fleet` learns what is normal for each by itself.
     site, analyst : str
         Where the machine stands and who analyses it, for the head of the report.
     recorded_at : str or None
@@ -142,6 +144,7 @@ class ImportDescription(Declared):
     measured: dict[str, str] = Field(default_factory=dict)
     average: Annotated[AngularAverage, BeforeValidator(_average)] | None = None
     machine: str = ""
+    regime: str = ""
     site: str = ""
     analyst: str = ""
     recorded_at: Annotated[Any, PlainValidator(_moment)] | None = None

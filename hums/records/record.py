@@ -256,6 +256,7 @@ def make_record(
     units: str | Mapping[str, str] | None = None,
     measured: Mapping[str, Measured] | None = None,
     machine: str = "",
+    regime: str = "",
     recorded_at: datetime | str | None = None,
     start_s: float = 0.0,
     truth: Mapping[str, xr.DataArray] | None = None,
@@ -278,6 +279,8 @@ def make_record(
         Speeds, loads and temperatures measured with the record, by name.
     machine : str
         Name of the machine.
+    regime : str
+        Operating regime, such as "hover" or "cruise": what is normal is learned for each by itself.
     recorded_at : datetime or str, optional
         Time at which the recording began: an aware datetime, or ISO 8601 with its offset from UTC.
     start_s : float
@@ -343,9 +346,11 @@ def make_record(
             variables[name] = variable
     _check_lengths(variables)
     _check_dimensions(variables)
-    if not isinstance(machine, str):
-        raise RecordError(f"machine={machine!r} is no text; give the name of the machine.")
+    for name, text in (("machine", machine), ("regime", regime)):
+        if not isinstance(text, str):
+            raise RecordError(f"{name}={text!r} is no text; give the name of the {name}.")
     required |= {"schema": SCHEMA, "machine": plain_text(machine), "recorded_at": utc_text(recorded_at)}
+    required |= {"regime": plain_text(regime)} if regime else {}
     _refuse_clash(required, attrs)
     if isinstance(angle, UnknownAngle):
         required["angle"] = UNKNOWN_ANGLE

@@ -71,6 +71,55 @@ class TestAlarms:
         assert {(alarm["indicator"], alarm["severity"]) for alarm in found} == {("level falls suddenly", "sensor")}
 
 
+class TestRegimes:
+    """Two flight regimes by turns, 40 deviations apart; the baseline has 20 records of each."""
+
+    @staticmethod
+    def flown(number, *, regime="", **fault):
+        regime = regime or ("hover", "cruise")[number % 2]
+        seen = observed(number, **fault)
+        level = 4.0 * (regime == "cruise")
+        return replace(seen, regime=regime, values={key: value + level for key, value in seen.values.items()})
+
+    def flights(self, stop):
+        return [self.flown(number) for number in range(stop)]
+
+    def test_each_has_its_own_normal(self):
+        _, found = followed(self.flights(140))
+        assert [one.judged for one in found] == [False] * 40 + [True] * 100
+        assert alarms(found) == []
+
+    @pytest.mark.parametrize("regime", ["hover", "cruise"])
+    def test_a_fault_that_shows_in_one_of_them_raises_an_alarm(self, regime):
+        faulty = [
+            self.flown(n, **(PINION | {"shift": 2.0} if n % 2 == ("hover", "cruise").index(regime) else {}))
+            for n in range(60, 64)
+        ]
+        _, found = followed([*self.flights(60), *faulty])
+        (alarm,) = alarms(found)
+        assert alarm["component"] == "stage 1/pinion"
+        assert alarm["record"] == ("record 60" if regime == "hover" else "record 61")
+
+    def test_one_that_the_baseline_lacks_is_refused_by_its_name(self):
+        state, found = followed([*self.flights(60), *(self.flown(n, regime="autorotation") for n in range(60, 63))])
+        assert {one.why for one in found[60:]} == {"regime 'autorotation' is not in the baseline"}
+        assert state.unwatched_since[:10] == "2026-04-30"  # the day of record 60
+        assert followed([self.flown(63)], state=state)[1][0].judged
+
+    def test_a_verdict_counts_in_one_that_the_baseline_lacks(self):
+        shown = [replace(with_verdict(n), regime="autorotation") for n in (60, 61)]
+        (alarm,) = alarms(followed([*self.flights(60), *shown])[1])
+        assert (alarm["component"], alarm["severity"]) == ("stage 1/wheel", "verdict")
+
+    def test_a_replacement_begins_anew_in_all(self):
+        work = [Work(date=(FIRST + timedelta(days=59.5)).isoformat(), machine="mill", component="stage 1/pinion")]
+        later = [self.flown(n, **PINION | {"shift": 3.0}) for n in range(60, 120)]  # another level, the new part's
+        state, found = followed([*self.flights(60), *later], work=work)
+        assert alarms(found) == []
+        assert "stage 1/pinion" in found[-1].index
+        assert [len(epoch.records) for epoch in state.baselines] == [20] * 4
+
+
 class TestCauses:
     """A second gear that rises less than the first; its shift is that of all its series, as impacts of a part give."""
 

@@ -12,12 +12,12 @@ from hums.fleet.watch import watch
 SETTINGS = MonitorSettings(baseline_records=2)
 
 
-def analysis(day, *, machine="mill", seed=0):
+def analysis(day, *, machine="mill", regime="", seed=0):
     """Return the analysis of a record of a day's."""
     noise = np.random.default_rng([day, seed]).normal(size=8000)
     record = hums.make_record(
         {"a": noise}, rate_hz=4000, units="g", angle=hums.NominalSpeed(rpm=1200, shaft="input"), machine=machine,
-        recorded_at=f"2026-03-{day:02d}T08:00:00Z",
+        regime=regime, recorded_at=f"2026-03-{day:02d}T08:00:00Z",
     )  # fmt: skip
     settings = hums.AnalysisSettings(envelope_band_hz=None, most_tracks=0, pictures=False)
     return hums.analyze(record, hums.load_gearbox("two-stage"), settings=settings)
@@ -52,6 +52,14 @@ def test_processes_that_share_a_state_lose_no_record(tmp_path):
     with ProcessPoolExecutor(4) as pool:
         assert list(pool.map(partial(watched, state=tmp_path / "state"), range(6))) == ["learning"] * 6
     assert len(read_state(tmp_path / "state").epochs[0].pending) == 7
+
+
+def test_a_regime_of_the_record_is_held_against_its_own_baseline(tmp_path):
+    regimes = ("hover", "hover", "hover", "cruise")
+    found = [
+        watch(analysis(day, regime=of), tmp_path / "state", settings=SETTINGS).why for day, of in enumerate(regimes, 1)
+    ]
+    assert found == ["learning", "learning", "", "regime 'cruise' is not in the baseline"]
 
 
 def test_another_machine_is_refused(tmp_path):

@@ -95,13 +95,13 @@ def refusal(source, **changes):
 
 
 def test_a_mat_file_to_a_record_on_disk(mat, tmp_path):
-    record = read(mat, machine="turbine 4", recorded_at="2013-03-11T03:00:24Z", **ANGLE)
+    record = read(mat, machine="turbine 4", regime="hover", recorded_at="2013-03-11T03:00:24Z", **ANGLE)
     check_record(record)
     assert_array_equal(record["vibration"], NOISE)
     assert_array_equal(record["tachometer"], PULSES_S)
     assert record["tachometer"].attrs == {"units": "s", "shaft": "high speed", "pulses_per_rev": 2}
     assert record["vibration"].attrs["units"] == "g"
-    assert record.attrs["machine"] == "turbine 4"
+    assert (record.attrs["machine"], record.attrs["regime"]) == ("turbine 4", "hover")
     assert record.attrs["source"] == "data.mat"
     save_record(record, tmp_path / "record.h5")
     with open_record(tmp_path / "record.h5") as opened:

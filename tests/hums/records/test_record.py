@@ -53,6 +53,7 @@ def test_a_record_of_pulse_times():
         {"case": Channel(values=NOISE, units="m/s^2", sensor="A1", direction=(0, 0, 1))},
         units=None,
         machine="turbine 4",
+        regime="hover",
         recorded_at="2013-03-11T03:00:24Z",
         start_s=0.25,
         attrs={"site": "north"},
@@ -60,6 +61,7 @@ def test_a_record_of_pulse_times():
     assert record.attrs == {
         "schema": "hums-record/2",
         "machine": "turbine 4",
+        "regime": "hover",
         "recorded_at": "2013-03-11T03:00:24Z",
         "rate_hz": 1000.0,
         "start_s": 0.25,
@@ -106,6 +108,11 @@ def test_a_waveform_becomes_pulses_and_is_kept(own_rate_hz):
     assert record["tachometer"].attrs["threshold"] == pytest.approx(0, abs=1e-2)
     assert vibration_channels(record) == ["case"]
     assert tachometers(record) == ["tachometer"]
+
+
+@pytest.mark.parametrize("name", ["machine", "regime"])
+def test_names_are_texts(name):
+    assert refusal(**{name: 4}) == f"{name}=4 is no text; give the name of the {name}."
 
 
 def test_several_tachometers():
