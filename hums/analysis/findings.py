@@ -165,7 +165,6 @@ def bearing_verdicts(
     library = library or healthy_machines("bearings")
     at_shafts = at_shafts or healthy_machines("bearings_at_shafts")
     parts = {(part.component, part.kind) for part in evidence}
-    searches = max(1, len(evidence))
     results = []
     for family in sorted(parts):
         own = [part for part in evidence if (part.component, part.kind) == family]
@@ -174,10 +173,8 @@ def bearing_verdicts(
             why = "the sensor is faulty and may itself produce any line"
             results.append(_not_judged(own[0], why, least_change="judged with a sound sensor"))
             continue
-        judged = [
-            _bearing_verdict(part, evidence, faulty, library, at_shafts, searches, false_alarm_probability)
-            for part in sound
-        ]
+        tried = evidence, faulty, library, at_shafts, len(parts), false_alarm_probability
+        judged = [_bearing_verdict(part, *tried) for part in sound]
         results.append(min(judged, key=lambda one: (RANK[one.verdict], -one.strength)))
     return _with_equal_bearings(results, {(part.component, part.kind): part.order for part in evidence})
 
@@ -251,9 +248,12 @@ def _bearing_verdict(
     searches: int,
     stated: float,
 ) -> Finding:
-    """Return the verdict on one kind of defect of a bearing in one channel."""
-    probability = library.probability(part.strength, parts=searches)
-    needed = max(LEAST_STRENGTH, library.strength_at(stated, parts=searches))
+    """Return the verdict on one kind of defect of a bearing, one of `searches`, by its line in one channel."""
+    rivals = [other for other in evidence if other.channel not in faulty and other is not part]
+    others = [one.strength for one in rivals if (one.component, one.kind) == (part.component, part.kind)]
+    tested: Any = {"parts": searches, "others": others}
+    probability = library.probability(part.strength, **tested)
+    needed = max(LEAST_STRENGTH, library.strength_at(stated, **tested))
     shown = max(probability, RAREST_STATED)
     if probability > stated or part.strength < LEAST_STRENGTH:
         return _unnamed(part, shown, needed)
@@ -261,13 +261,12 @@ def _bearing_verdict(
         least_change = "indicated if no other line explained it"
         return _not_judged(part, _hidden(part.hidden_by), probability=shown, least_change=least_change)
     if part.at_shaft:
-        probability = at_shafts.probability(part.strength, parts=searches)
+        probability = at_shafts.probability(part.strength, **tested)
         shown = max(probability, RAREST_STATED)
         if probability > stated:
-            least = at_shafts.strength_at(stated, parts=searches)
+            least = at_shafts.strength_at(stated, **tested)
             least_change = f"indicated from a strength of {least:.3g} on (now {part.strength:.3g})"
             return _not_judged(part, _hidden(part.at_shaft), probability=shown, least_change=least_change)
-    rivals = [other for other in evidence if other.channel not in faulty and other is not part]
     if masked := _masked(part, rivals):
         why, least_change = masked
         step = f"Take a longer record at the same speed and load, and compare the line of {_kind_text(part.kind)}."
@@ -275,7 +274,7 @@ def _bearing_verdict(
     doubts = _doubts(part, rivals)
     if probability > CERTAIN * stated and not doubts:
         doubts.append(f"{healthy_share_words(probability)} healthy machines show as much")
-    certain = library.strength_at(CERTAIN * stated, parts=searches)
+    certain = library.strength_at(CERTAIN * stated, **tested)
     return _named(part, doubts, shown, _least_of(_changes(part, rivals, doubts, needed, certain)))
 
 

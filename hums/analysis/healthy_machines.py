@@ -11,11 +11,17 @@ over the records whose gears have pitch deviations, since every gear has some. B
 of a shaft have one that holds such lines of sound machines as well, which the other leaves out.
 
 A record with N parts shows its strongest by chance more often than each: ``1 - (1 - p)^N``, parts taken as independent,
-which is careful where they share a cause.
+which is careful where they share a cause. The channels of a record are one test of a part, with the harmonic mean of
+their probabilities [1]_: p where they show the same, C times the least of C where one channel alone shows anything.
+
+References
+----------
+.. [1] D. J. Wilson, "The harmonic mean p-value for combining dependent tests", PNAS 116(4), 2019.
 """
 
 import json
 import math
+from collections.abc import Sequence
 from dataclasses import dataclass
 from functools import cache, cached_property
 from importlib import resources
@@ -50,11 +56,12 @@ class HealthyMachines:
     tail_strengths: tuple[float, ...] = ()
     tail_bounds: tuple[float, ...] = ()
 
-    def probability(self, strength: float, *, parts: int = 1) -> float:
+    def probability(self, strength: float, *, parts: int = 1, others: Sequence[float] = ()) -> float:
         """Return the probability that any of `parts` parts of a healthy record shows this strength or more.
 
-        Between two strengths of the library the probability is interpolated in its logarithm. Above its largest that of
-        a part is one over their number plus one, or the bound of the tail where that is smaller.
+        `others` are the strengths of the same part in the record's other channels. Between two strengths of the
+        library the probability is interpolated in its logarithm. Above its largest that of a part is one over their
+        number plus one, or the bound of the tail where that is smaller.
 
         Examples
         --------
@@ -66,14 +73,22 @@ class HealthyMachines:
         >>> tailed = replace(library, tail_strengths=(0.4, 4.0), tail_bounds=(2e-2, 2e-4))
         >>> [round(tailed.probability(s), 6) for s in (0.4, 0.5, 4.0)]
         [0.02, 0.01, 0.0002]
+        >>> [round(library.probability(0.2, others=more), 4) for more in ([0.2], [0.0])]
+        [0.03, 0.0583]
         """
+        chances = [self._of_one(one) for one in (strength, *others)]
+        single = len(chances) / sum(1 / chance for chance in chances)
+        return -math.expm1(parts * math.log1p(-single)) if single < 1 else 1.0
+
+    def _of_one(self, strength: float) -> float:
+        """Return the probability that one part shows a strength in one channel."""
         if not strength > 0:
             return 1.0
         single = math.exp(float(np.interp(strength, *self._curve))) / (self.parts + 1)
         if self.tail_strengths and strength > self.strengths[0]:
             bounds = np.interp(math.log(strength), np.log(self.tail_strengths), np.log(self.tail_bounds))
             single = min(single, math.exp(float(bounds)))
-        return -math.expm1(parts * math.log1p(-min(single, 1 - 1e-12)))
+        return single
 
     @cached_property
     def _curve(self) -> tuple[NDArray[np.float64], NDArray[np.float64]]:
@@ -83,14 +98,15 @@ class HealthyMachines:
         chance = np.concatenate([[self.parts + 1.0], np.arange(known.size, 0, -1) + 1.0, [1.0]])
         return np.concatenate([[0.0], known, known[-1:] * (1 + 1e-9)]), np.log(chance)
 
-    def strength_at(self, probability: float, *, parts: int = 1) -> float:
+    def strength_at(self, probability: float, *, parts: int = 1, others: Sequence[float] = ()) -> float:
         """Return the least strength whose `probability` is at most that stated; inf where no strength reaches it."""
         low, high = 0.0, 2.0 * max(*self.strengths, *self.tail_strengths, 1.0)
-        if self.probability(high, parts=parts) > probability:
+        if self.probability(high, parts=parts, others=others) > probability:
             return math.inf
         for _ in range(60):  # halvings of a double's range
             middle = (low + high) / 2
-            low, high = (low, middle) if self.probability(middle, parts=parts) <= probability else (middle, high)
+            rare = self.probability(middle, parts=parts, others=others) <= probability
+            low, high = (low, middle) if rare else (middle, high)
         return high
 
 

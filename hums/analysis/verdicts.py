@@ -109,10 +109,7 @@ def evidence_groups(
         unmeasured = unmeasured_parts(channels, gears, machine, settings)
     return {
         f"/{EVIDENCE}": rows_dataset(evidence, PartEvidence, dim="part").assign_attrs(
-            {
-                _LIBRARY: _written("bearings"),
-                _AT_SHAFTS: _written("bearings_at_shafts"),
-            }
+            {_LIBRARY: _written("bearings"), _AT_SHAFTS: _written("bearings_at_shafts")}
         ),
         f"/{GEARS}": rows_dataset(gears, GearJudgement, dim="gear").assign_attrs({_LIBRARY: _written("teeth")}),
         f"/{SHAFTS}": rows_dataset(shaft_levels(channels, machine, baseline), ShaftLevel, dim="shaft"),

@@ -22,6 +22,14 @@ def test_of_healthy_records_the_share_p_gets_p_or_less():
         assert np.mean(chances <= stated) == pytest.approx(stated, rel=0.6)
 
 
+@pytest.mark.parametrize("alike", [True, False])
+def test_channels_are_one_test_whether_they_show_the_same_or_each_its_own(alike):
+    records = np.random.default_rng(5).exponential(size=(20_000, 1 if alike else 6)).repeat(6 if alike else 1, axis=1)
+    chances = np.array([LIBRARY.probability(first, others=others) for first, *others in records])
+    for stated in (0.01, 0.05):
+        assert np.mean(chances <= stated) == pytest.approx(stated, rel=0.5)
+
+
 def test_beyond_the_library_the_probability_falls_with_its_tail():
     assert TAILED.probability(20.0, parts=100) == pytest.approx(100 * np.exp(-20.0), rel=0.05)
     assert LIBRARY.probability(20.0, parts=100) == pytest.approx(1 - (1 - 1 / 5001) ** 100)
