@@ -23,7 +23,7 @@ from data_synth.dynamics.modes import undamped_modes
 from data_synth.dynamics.system import Mesh
 from data_synth.kinematic.harmonics import ComplexArray, HarmonicFamily
 from data_synth.operation.shaft_angle import Array
-from data_synth.scene.faults import GearFault
+from data_synth.scene.faults import Fault, GearFault
 from data_synth.scene.scene import SceneError
 from data_synth.sources.families import mesh_name
 from data_synth.sources.prepared import PreparedScene
@@ -112,10 +112,6 @@ class Response:
     direct: Array = field(repr=False, metadata={"dims": ("listener", "mesh"), "units": "1"})
     means: Array = field(repr=False, metadata={"dims": ("mesh",), "units": "N/m"})
 
-    def number(self, name: str) -> int:
-        """Return the number of a mesh."""
-        return [mesh.name for mesh in self.motion.system.meshes].index(name)
-
     def channels(self, mesh: int, frequency_hz: Array) -> ComplexArray:
         """Return the complex amplitudes in the channels for 1 N of p at frequencies (line,), (sensor, line)."""
         return self.in_channels(self._readings(mesh, self._resolvent(frequency_hz)).T, frequency_hz)
@@ -139,7 +135,8 @@ class Response:
         Lines below half the mesh order change the load on the teeth slowly: it makes the sidebands that it would make
         as a static force.
         """
-        stage, number = self.motion.stage, self.number(forces.mesh)
+        stage = self.motion.stage
+        number = [mesh.name for mesh in self.motion.system.meshes].index(forces.mesh)
         cycles = stage.scene.exact_orders("gear_mesh")[forces.mesh] / forces.base_order
         slow = np.arange(1, forces.orders.size + 1) < float(cycles / 2)
         varying = 1 - self.means[number] / forces.stiffness
@@ -342,7 +339,9 @@ def with_gear_faults(stage: PreparedScene) -> tuple[PreparedScene, str]:
     if any(fault.declared_factors != (None, None, None) for fault in faults if isinstance(fault, GearFault)):
         return stage, "declared factors"
     try:
-        added = [_added_by(stage, number) for number in numbers]
+        meshes = [mesh_name(faults[number].component) for number in numbers]
+        sound = {mesh: _mesh_lines(_alone(stage, ()), mesh)[:2] for mesh in dict.fromkeys(meshes)}
+        added = [_added_by(stage, number, *sound[mesh]) for number, mesh in zip(numbers, meshes, strict=True)]
     except SceneError as caught:
         return stage, f"illustrative factors: {caught}"
     replaced = {(family.component, family.kind) for family, _ in added}
@@ -356,16 +355,24 @@ def with_gear_faults(stage: PreparedScene) -> tuple[PreparedScene, str]:
     return replace(stage, families=families, amplitudes=amplitudes, trains=trains), "linear response"
 
 
-def _added_by(stage: PreparedScene, number: int) -> tuple[HarmonicFamily, ComplexArray]:
-    """Return what a gear fault adds to the channels of a kinematic stage, as a family and its amplitudes."""
-    fault, mesh = stage.scene.faults[number], mesh_name(stage.scene.faults[number].component)
+def _alone(stage: PreparedScene, faults: tuple[Fault, ...]) -> PreparedScene:
+    """Return a kinematic stage whose gears vibrate, with some of its faults and no imperfections."""
+    return replace(stage, scene=stage.scene.changed(fidelity="dynamic", faults=faults, imperfections=None))
+
+
+def _added_by(
+    stage: PreparedScene, number: int, sound: ToothForces, healthy: ComplexArray
+) -> tuple[HarmonicFamily, ComplexArray]:
+    """Return what a gear fault adds to the channels of a kinematic stage, as a family and its amplitudes.
+
+    `sound` are the forces of its mesh without faults, and `healthy` their lines.
+    """
+    fault, mesh = stage.scene.faults[number], sound.mesh
 
     def rng_for(*words: str) -> np.random.Generator:
         return stage.rng_for(words[0], str(number)) if words[0] == "pits" else stage.rng_for(*words)
 
-    alone = stage.scene.changed(fidelity="dynamic", faults=(fault,), imperfections=None)
-    own = replace(stage, scene=alone, offsets=[stage.offsets[number]], rng_for=rng_for)
-    sound, healthy, _ = _mesh_lines(own.without_faults(), mesh)
+    own = replace(_alone(stage, (fault,)), offsets=[stage.offsets[number]], rng_for=rng_for)
     forces, added, place = _mesh_lines(own, mesh)
     every = round(sound.base_order / forces.base_order)
     shared = min(healthy.shape[1], added.shape[1] // every)
