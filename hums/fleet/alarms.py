@@ -11,7 +11,6 @@ ALARM_COLUMNS = (
     "recorded_at",
     "since",
     "value",
-    "limit",
     "false_alarm_every",
     "severity",
     "state",

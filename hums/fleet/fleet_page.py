@@ -25,8 +25,8 @@ from signals.monitoring.alarm_life import Life
 
 Array = NDArray[np.float64]
 _DRAWN = 50  # machines with figures, 0.3 MB of each with 2,000 records; all of them are in the table
-_COLUMNS = 1_000  # of a course in colour: two values for each pixel of the widest figure
-_COARSE_COLUMNS = 500  # of a thin course, and of a panel, of which page.js draws none wider than 500 pixels
+_COLUMNS = 500  # of a course, each with its least and its largest value: one for a pixel of the widest figure
+_SMALL_COLUMNS = 100  # of the line in the table
 _NAMED = 5  # components in colours and in the legend; the others are thin
 _PANELS = 6  # series that drove the worst component
 _LOG_FROM = 10.0  # largest index from which the axis is logarithmic, so that the limit can still be seen
@@ -43,21 +43,17 @@ class _Course:
     days: Array
     start_ms: float | None
 
-    def packed(self, values: Array, *, columns: int) -> dict[str, Any]:
+    def packed(self, values: Array) -> dict[str, Any]:
         """Return a course over the records for the page, with every peak and trough."""
         known = np.flatnonzero(np.isfinite(values))
-        shown, at = least_and_largest(values[known], columns=columns)
+        shown, at = least_and_largest(values[known], columns=_COLUMNS)
         return {"x": packed(self.days[known][at]), "y": packed(shown)}
-
-    def common(self) -> dict[str, Any]:
-        """Return what all views need to draw times; without times they draw the number of the record."""
-        return {"start": self.start_ms}
 
 
 def write_page(
     histories: Sequence[MachineHistory], records: Sequence[StoredRecord], path: Path, *, gearbox: str = "GEARBOX"
 ) -> None:
-    """Write ``fleet.html``: one page that needs no other file, the worst machine first.
+    """Write ``fleet.html``: one page that needs no other file, the most urgent machine first.
 
     Parameters
     ----------
@@ -140,7 +136,7 @@ def _machine(
         "component": component,
         "since": _short(state.since.get(component, "")),
         "driver": f"{driver.replace('_', ' ')}, {channel}" if driver else "",
-        "records": len(history.records),
+        "course": _small_course(history),
         "refused": f"{state.refused / seen:.0%}" if seen else "",
         "alarms": history.alarms,
         "a_year": "" if math.isnan(history.false_alarms_a_year) else f"{history.false_alarms_a_year:.2g}",
@@ -152,6 +148,23 @@ def _machine(
     }
     figures = _figures(history, found, component, f"machine-{number}") if number < _DRAWN else ()
     return words | {"figures": list(figures)}
+
+
+def _small_course(history: MachineHistory) -> str:
+    """Return the largest condition index of each record as a small line; x / (1 + x) puts the limit in the middle."""
+    largest = np.array([max(filter(math.isfinite, one["index"].values()), default=math.nan) for one in history.records])
+    known = np.flatnonzero(np.isfinite(largest))
+    if not known.size:
+        return ""
+    groups = np.array_split(known, min(known.size, _SMALL_COLUMNS))
+    heights = [float(largest[those].max()) for those in groups]
+    places = [100 * float(those[-1] + 1) / largest.size for those in groups]
+    points = " ".join(f"{x:.1f},{15 - 14 * y / (1 + y):.1f}" for x, y in zip(places, heights, strict=True))
+    return (
+        f'<svg class="course" viewBox="0 0 100 16" preserveAspectRatio="none" role="img" '
+        f'aria-label="latest {heights[-1]:.2f}, largest {max(heights):.2f}"><line x2="100" y1="8" y2="8"/>'
+        f'<polyline points="{points}"/></svg>'
+    )
 
 
 def _short(moment: str) -> str:
@@ -235,11 +248,9 @@ def _health(history: MachineHistory, course: _Course, name: str) -> Figure:
     places = {one.record: at for at, one in enumerate(course.records)}
     learned = [places[one] for epoch in history.state.baselines for one in epoch.records if one in places]
     raised = [alarm for alarm in history.alarms if alarm["record"] in places]
-    data = course.common() | {
-        "components": [
-            {"name": key, **course.packed(index[key], columns=_COLUMNS if place < _NAMED else _COARSE_COLUMNS)}
-            for place, key in enumerate(order)
-        ],
+    data = {
+        "start": course.start_ms,
+        "components": [{"name": key, **course.packed(index[key])} for key in order],
         "named": _NAMED,
         "span": [float(course.days[0]), float(course.days[-1])],
         "baseline": [float(course.days[min(learned)]), float(course.days[max(learned)])] if learned else [],
@@ -266,11 +277,9 @@ def _panels(epoch: Epoch, course: _Course, drivers: tuple[Series, ...], componen
         words = key.indicator if key.kind in key.indicator else f"{key.kind} {key.indicator}"
         title = f"{words.replace('_', ' ')}, {key.channel}"
         title += "" if key.unit in ("", "1") else f", {key.unit}"
-        panels.append(
-            {"title": title, "normal": math.exp(center[key]), **course.packed(values, columns=_COARSE_COLUMNS)}
-        )
+        panels.append({"title": title, "normal": math.exp(center[key]), **course.packed(values)})
     alt = f"Indicators of {component} that deviate most: " + "; ".join(panel["title"] for panel in panels) + "."
-    data = course.common() | {"panels": panels}
+    data = {"start": course.start_ms, "panels": panels}
     rows = -(-len(panels) // 3)
     return Figure(
         name=f"{name}-drivers", alt=alt, title=f"Indicators of {component}", view="panels", data=data,

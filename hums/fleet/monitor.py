@@ -536,7 +536,6 @@ def _alarm(
         "recorded_at": seen.recorded_at,
         "since": state.since.get(name) or seen.recorded_at or seen.record,
         "value": value,
-        "limit": 1.0,
         "false_alarm_every": state.settings.false_alarm_every,
         "severity": severity,
         "state": Life.RAISED.name.lower(),

@@ -13,7 +13,7 @@ from hums.records.store import atomic_write
 NO_PYARROW = 'indicators.parquet needs pyarrow, which is not installed: pip install "hums-toolkit[parquet]".'
 _COLUMNS = ("channel", "component", "kind", "indicator", "units")
 _FACTS = ("record", "machine", "recorded_at")
-_ROWS = 500_000  # of a group: 10 MB of memory while it is written
+_RECORDS = 1_000  # of a group: some 10 MB of memory while it is written
 
 
 def write_indicators(records: Sequence[StoredRecord], path: Path) -> str:
@@ -42,15 +42,8 @@ def write_indicators(records: Sequence[StoredRecord], path: Path) -> str:
     fields = [(name, names) for name in (*_FACTS, *_COLUMNS)]
     schema = pa.schema([*fields, ("value", pa.float32())])
     with atomic_write(path) as part, ParquetWriter(part, schema) as writer:
-        waiting: list[StoredRecord] = []
-        rows = 0
-        for one in records:
-            waiting.append(one)
-            rows += one.indicators.values.size
-            if rows >= _ROWS:
-                writer.write_table(_rows(pa, schema, waiting))
-                waiting, rows = [], 0
-        writer.write_table(_rows(pa, schema, waiting))
+        for start in range(0, max(len(records), 1), _RECORDS):
+            writer.write_table(_rows(pa, schema, records[start : start + _RECORDS]))
     return ""
 
 

@@ -122,6 +122,29 @@ def test_five_years_of_many_machines_in_the_browser(browser, long):
     assert violations(browser) == []
 
 
+def test_fifty_machines_are_on_one_screen_the_most_urgent_first(browser, failing, tmp_path):
+    worst, records = failing
+    quiet = MachineHistory(state=MachineState(machine="", settings=worst.state.settings))
+    quiet.follow(HEALTHY, ())
+    histories = [worst]
+    for number in range(49):
+        one = copy.copy(quiet)
+        one.state = copy.copy(quiet.state)
+        one.state.machine = f"conveyor {number}"
+        histories.insert(0, one)
+    write_page(histories, records, tmp_path / "fleet.html")
+    browser.set_window_size(1400, 1000)
+    assert show(browser, tmp_path / "fleet.html", width=1400) == []
+    rows = "return [...document.querySelectorAll('#machines tbody tr')].map((row) => "
+    assert browser.execute_script(rows + "row.cells[0].innerText)")[0] == "mill"
+    bottoms = browser.execute_script(rows + "row.getBoundingClientRect().bottom)")
+    assert len(bottoms) == 50
+    assert max(bottoms) <= 1000
+    # the line of the failing machine ends above the limit, half way up; that of a healthy one stays below
+    ends = browser.execute_script(rows + "row.querySelector('polyline').points).map((p) => p[p.length - 1].y)")
+    assert ends[0] < 8 < min(ends[1:])
+
+
 def test_every_width_light_dark_and_paper(browser, failing, tmp_path):
     history, records = failing
     write_page([history], records, tmp_path / "fleet.html")

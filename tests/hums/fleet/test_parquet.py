@@ -26,8 +26,8 @@ def test_a_row_for_each_record_and_indicator(tmp_path, monkeypatch):
         for one in records()
         for key, value in zip(one.indicators.keys, list(one.indicators.values), strict=True)
     ]
-    for rows in (500_000, 2):  # one group, and several
-        monkeypatch.setattr(parquet, "_ROWS", rows)
+    for many in (1_000, 2):  # one group, and several
+        monkeypatch.setattr(parquet, "_RECORDS", many)
         assert write_indicators(records(), tmp_path / "indicators.parquet") == ""
         table = pd.read_parquet(tmp_path / "indicators.parquet")
         assert list(table.itertuples(index=False, name=None)) == expected
