@@ -46,6 +46,13 @@ def picture(path: Path, draw: Callable[[Figure], None], *, width: float, height:
         figure.savefig(path, dpi=100, metadata=metadata)
 
 
+def draw_wijianto(path: Path) -> None:
+    """Draw the figures of Wijianto's paper into a file, by the example that does."""
+    with rc_context(STYLE):
+        drawn = run_path(str(DOCS / "examples" / "machines" / "plot_61_wijianto_start_up.py"))["figure"]
+        drawn.savefig(path, dpi=100, metadata={"Date": None} if path.suffix == ".svg" else {})
+
+
 # ---- docs/dynamics.md ------------------------------------------------------------------------------------------------
 
 
@@ -126,9 +133,7 @@ def table(known: list[tuple[str, str, list[float], Any]]) -> str:
 def main(folder: Path, suffix: str) -> None:
     """Draw the pictures of both pages, and write the table into its page."""
     folder.mkdir(exist_ok=True)
-    with rc_context(STYLE):
-        drawn = run_path(str(DOCS / "examples" / "plot_61_wijianto_start_up.py"))["figure"]
-        drawn.savefig(folder / f"wijianto.{suffix}", dpi=100, metadata={"Date": None} if suffix == "svg" else {})
+    draw_wijianto(folder / f"wijianto.{suffix}")
     page = DOCS / "dynamics.md"
     dynamics = run(page)
     for name, (draw, width, height) in DYNAMICS.items():

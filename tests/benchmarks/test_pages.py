@@ -21,6 +21,11 @@ def dynamics():
     return pages.run(pages.DOCS / "dynamics.md")
 
 
+def test_the_paper_s_figures_are_drawn(tmp_path):
+    pages.draw_wijianto(tmp_path / "a.png")
+    assert (tmp_path / "a.png").stat().st_size > 50_000
+
+
 def test_the_code_of_the_paper_s_page_runs():
     pages.run(pages.DOCS / "wijianto.md")  # which asserts the paper's numbers itself
 
