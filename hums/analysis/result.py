@@ -30,6 +30,7 @@ if TYPE_CHECKING:
 Analysis: TypeAlias = xr.DataTree
 Row = TypeVar("Row")
 SCHEMA = "hums-analysis/3"
+_FACTS = ("machine", "regime", "site", "analyst", "recorded_at")  # that an analysis states as its record does
 _version = cache(version)  # which reads the package's files
 _NUMBERS = (float, "float")  # types of a field that is a number, as annotated
 GROUPS = ("speed", "health", ORDER_SPECTRUM, ENVELOPE, "tracks", "indicators", "findings")
@@ -225,11 +226,7 @@ def root_attributes(
         "record": Path(str(record.encoding.get("source", ""))).name,
         "version": _version("hums-toolkit"),
         "channels_json": json.dumps(channels),
-        "machine": record.attrs.get("machine", ""),
-        "regime": str(record.attrs.get("regime", "")),
-        "site": record.attrs.get("site", ""),
-        "analyst": record.attrs.get("analyst", ""),
-        "recorded_at": record.attrs.get("recorded_at", ""),
+        **{name: str(record.attrs.get(name, "")) for name in _FACTS},
         "gearbox": gearbox.name,
         "gearbox_json": gearbox.model_dump_json(exclude_none=True),
         "reference": reference,
