@@ -13,7 +13,6 @@ if __name__ == "__main__":  # the libraries read these once, when they are impor
 
 import math
 import statistics
-import tempfile
 import time
 from collections.abc import Callable, Mapping
 from dataclasses import dataclass
@@ -24,21 +23,18 @@ from typing import Any
 import numpy as np
 from numpy.typing import NDArray
 
-from data_synth import Plan, Scene, load_scene, make_dataset, simulate
+from data_synth import Scene, load_scene
 from data_synth.fidelity.choice import Choice, chosen, with_gear_lines
-from data_synth.plan import parse_plan
 from data_synth.scene.gear_dynamics import Dynamics
 from data_synth.scene.random_streams import random_stream
 from data_synth.simulation import noise_free
 from data_synth.sources.prepared import prepare_scene
 from data_synth.vibration.run import Motion, motion_of
 from hums.plots import save_figure
-from hums.records.store import save_record
 
 Array = NDArray[np.float64]
 
 DURATION_S, REPEATS = 0.5, 3
-LONG_S, RECORDS = 10.0, 30
 STEPS, REFERENCE = (1, 2, 4), 16  # to an integrated sample
 NOTE = """\
 Made by `python benchmarks/fidelity.py`, one thread. Each scene is {duration:g} s of one channel at 50 kHz, without
@@ -46,18 +42,6 @@ noise. Error: RMS of the difference from `dynamic` with {reference} steps to a s
 processor, median of {repeats}, without the truth and without the decision of `auto`, which has a row of its own with
 what it takes; compiling is not in it. A sample is one of the integration, {oversampling} times as many as the
 record's here; `dynamic` alone takes as many steps as keep `dynamics.error`, {error:g}."""
-TARGETS_NOTE = """\
-The demo's gearbox with its cracked tooth, {long:g} s at 50 kHz, truth and writing included, one thread: `kinematic` is
-asked to be 50 times as fast as real time, `dynamic` 10 times."""
-RECORDS_NOTE = """\
-Such records of 1 s at `auto`, in a dataset of {records}: {seconds:.2f} s each, so 1,000 of them in {all:.0f} s on two
-cores; asked: 120."""
-PLAN = """\
-scene = "gears-in-motion"
-records = {records}
-seed = 1
-change = {{ duration_s = 1, fidelity = "auto" }}
-"""
 
 GEOMETRY = {
     "stage 1": {"module_mm": 3, "face_width_mm": 30, "pressure_angle_deg": 20},
@@ -197,33 +181,6 @@ def apart_db(found: Array, wanted: Array) -> float:
     return 20 * math.log10(ratio) if ratio > 0 else -math.inf
 
 
-def targets() -> list[str]:
-    """Return how fast records of ten seconds are made and written."""
-    scene = load_scene("gears-in-motion").changed(duration_s=LONG_S)
-    lines = ["| fidelity | seconds | times real time | asked |", "|---|---|---|---|"]
-    with tempfile.TemporaryDirectory() as folder:
-        for fidelity, asked in (("kinematic", "50"), ("dynamic", "10"), ("auto", "")):
-            here, path = scene.changed(fidelity=fidelity), Path(folder) / "record.h5"
-
-            def call(scene: Scene = here, path: Path = path) -> Array:
-                save_record(simulate(scene, seed=1), path)
-                return np.zeros(0)
-
-            timed(call, 1)
-            seconds, _ = timed(call, REPEATS)
-            lines.append(f"| {fidelity} | {seconds:.2f} | {LONG_S / seconds:.0f} | {asked} |")
-        plans = [parse_plan(PLAN.format(records=records)) for records in (2, RECORDS)]
-        few, many = (timed(partial(dataset, plan, Path(folder) / str(plan.records)), 1)[0] for plan in plans)
-    seconds = (many - few) / (RECORDS - 2)
-    return [*lines, "", RECORDS_NOTE.format(records=RECORDS, seconds=seconds, all=500 * seconds)]
-
-
-def dataset(plan: Plan, folder: Path) -> Array:
-    """Make a dataset in this process."""
-    make_dataset(plan, folder)
-    return np.zeros(0)
-
-
 def main(folder: Path) -> int:
     """Measure, and write the tables and the picture."""
     scenes = cases()
@@ -241,7 +198,6 @@ def main(folder: Path) -> int:
     for name, rows in measured.items():
         lines += ["", f"## {name[0].upper()}{name[1:]}", "", "| model | s | error, dB |", "|---|---|---|"]
         lines += [f"| {row.name} | {row.seconds:.3f} | {row.decibels:.0f} |" for row in rows]
-    lines += ["", "## Ten seconds", "", TARGETS_NOTE.format(long=LONG_S), "", *targets()]
     folder.mkdir(parents=True, exist_ok=True)
     (folder / "fidelity.md").write_text("\n".join(lines) + "\n", encoding="utf-8")
     save_figure(lambda ax: draw(ax, measured), folder / "fidelity.svg", width=8.0, height=4.6)

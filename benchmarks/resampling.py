@@ -15,8 +15,6 @@ if __name__ == "__main__":  # the libraries read these once, when they are impor
 
 import dataclasses
 import importlib
-import statistics
-import time
 from collections.abc import Callable
 from dataclasses import dataclass
 from pathlib import Path
@@ -26,6 +24,7 @@ import numpy as np
 from numpy.typing import NDArray
 from scipy import fft
 from scipy.interpolate import CubicSpline
+from tracking.clock import seconds
 
 from hums.plots import save_figure
 from hums.plots.style import FAINT, INK, LINE, MARK
@@ -208,14 +207,8 @@ class Row:
 
 def timed(run: Callable[[], object], unit: Callable[[], object], repeats: int) -> float:
     """Time `run` as a multiple of `unit`, the two in turn."""
-    took: tuple[list[float], list[float]] = ([], [])
-    for turn in range(repeats + 1):
-        for call, times in zip((run, unit), took, strict=True):
-            start = time.perf_counter()
-            call()
-            if turn:  # the first compiles
-                times.append(time.perf_counter() - start)
-    return statistics.median(took[0]) / statistics.median(took[1])
+    took = np.array([(seconds(run), seconds(unit)) for _ in range(repeats + 1)])[1:]  # the first compiles
+    return float(np.divide(*np.median(took, axis=0)))
 
 
 def middle(values: Floats) -> Floats:

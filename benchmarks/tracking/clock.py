@@ -64,11 +64,6 @@ def seconds(call: Callable[[], object]) -> float:
     return time.perf_counter() - start
 
 
-def seconds_a_call(call: Callable[[], object], effort: Effort) -> float:
-    """Return the median of several calls, after one that warms up."""
-    return statistics.median(seconds(call) for _ in range(effort.repeats_of(seconds(call))))
-
-
 def time_in_ffts(call: Callable[[], object], record: Floats, effort: Effort, *, took: float | None = None) -> float:
     """Time a call in those of an rfft of the record, both in turn.
 

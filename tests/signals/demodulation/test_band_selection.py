@@ -1,6 +1,5 @@
 """The chosen band: on records whose resonance is known, on what must not mislead, and on measured bearings."""
 
-import bands as benchmark
 import numpy as np
 import pytest
 from scipy.io import loadmat
@@ -123,13 +122,6 @@ class TestHardCases:
 # Multiples of the shaft's speed by the bearings' geometry: 9 balls of 0.3126 in on 1.537 in; 8 of 0.235 in on 1.245 in
 RIG = {"inner": 5.4152, "outer": 3.5848, "ball": 4.7135}
 NICE = {"inner": 4.755, "outer": 3.245}
-
-
-def test_the_benchmark_writes_its_page(tmp_path):
-    assert benchmark.main(tmp_path, samples=50_000, repeats=1) == 0
-    page = (tmp_path / "bands.md").read_text(encoding="utf-8")
-    assert "| choose_band |" in page
-    assert "openconmo" in page
 
 
 def lines_of(x, rate_hz, shaft_hz, races, tolerance):
