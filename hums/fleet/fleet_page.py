@@ -14,7 +14,7 @@ from numpy.typing import NDArray
 
 from hums.fleet.monitor import Epoch, driving_series
 from hums.fleet.numbers import LINE
-from hums.fleet.observation import seconds_since_1970
+from hums.fleet.observation import days_since_1970
 from hums.fleet.result_files import StoredRecord
 from hums.fleet.series import Series, vector
 from hums.fleet.watched_machines import MachineHistory
@@ -30,7 +30,6 @@ _SMALL_COLUMNS = 100  # of the line in the table
 _NAMED = 5  # components in colours and in the legend; the others are thin
 _PANELS = 6  # series that drove the worst component
 _LOG_FROM = 10.0  # largest index from which the axis is logarithmic, so that the limit can still be seen
-_DAY_S = 86400.0
 _SELDOM = 1e9  # records, beyond which a tail that was measured at one in 10,000 says no more than that
 _STYLES = {"raised": "alarm", "acknowledged": "watch", "normal": "calm"}
 
@@ -228,9 +227,9 @@ def _figures(history: MachineHistory, found: dict[str, StoredRecord], component:
 
 
 def _course(kept: Sequence[StoredRecord]) -> _Course:
-    seconds = np.array([seconds_since_1970(one.recorded_at) for one in kept])
-    if np.isfinite(seconds).all():
-        return _Course(records=kept, days=(seconds - seconds[0]) / _DAY_S, start_ms=1e3 * float(seconds[0]))
+    days = np.array([days_since_1970(one.recorded_at) for one in kept])
+    if np.isfinite(days).all():
+        return _Course(records=kept, days=days - days[0], start_ms=round(86_400_000 * float(days[0])))
     return _Course(records=kept, days=np.arange(len(kept), dtype=np.float64), start_ms=None)
 
 

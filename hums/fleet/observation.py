@@ -42,11 +42,6 @@ class Observation:
     unjudged: str = ""
     diagnosed: tuple[str, ...] = ()
 
-    @property
-    def days(self) -> float:
-        """Days since 1970, NaN where the record states no time."""
-        return seconds_since_1970(self.recorded_at) / 86400
-
 
 def observation(row: Mapping[str, Any]) -> Observation:
     """Return the observation in the results of one record, as `hums.fleet.fleet_analysis` stores them."""
@@ -76,6 +71,11 @@ def seconds_since_1970(when: str) -> float:
     except ValueError:
         return math.nan
     return (moment if moment.tzinfo else moment.replace(tzinfo=UTC)).timestamp()
+
+
+def days_since_1970(when: str) -> float:
+    """Return the days since 1970 of an ISO 8601 time; NaN of what is none."""
+    return seconds_since_1970(when) / 86400
 
 
 def order_key(recorded_at: str, record: str) -> tuple[Any, ...]:

@@ -14,7 +14,7 @@ import xarray as xr
 from numpy.typing import NDArray
 
 from hums.fleet.numbers import INDICATOR, LINE
-from hums.fleet.observation import seconds_since_1970
+from hums.fleet.observation import days_since_1970
 from hums.fleet.result_files import StoredRecord
 from hums.records.fields import plain_cell
 from hums.records.store import atomic_write, write_tree
@@ -33,7 +33,6 @@ SIGNIFICANCE = 0.01
 VERDICTS = ("none", "indicated", "diagnosed", "not judged")
 _CONDITION = ("component", "kind")
 _FACTS = ("record", "machine", "recorded_at", "error")
-_DAY_S = 86400.0
 FEWEST_SHOWN = 2  # values of which a change is shown
 _RECENT_POINTS = 300  # of a forecast: what lies before says little about the slope now
 Key = tuple[Any, ...]
@@ -254,7 +253,6 @@ _TREND_COLUMNS = (
     "slope_per_day",
     "slope_low",
     "slope_high",
-    "kendall_tau",
     "p_value",
     "adjusted_p",
     "trend",
@@ -332,7 +330,6 @@ def _machine_trends(
             ("slope_per_day", found.slope),
             ("slope_low", found.slope_low),
             ("slope_high", found.slope_high),
-            ("kendall_tau", found.tau),
             ("p_value", found.p_value),
         ):
             row[name] = float(numbers[number])
@@ -368,4 +365,4 @@ def _reason_for_no_trends(table: xr.Dataset) -> str:
 
 def _days_since_1970(moments: Iterable[str]) -> NDArray[np.float64]:
     """Return the days since 1970 of ISO 8601 times, NaN for what is none."""
-    return np.array([seconds_since_1970(when) / _DAY_S for when in moments])
+    return np.array([days_since_1970(when) for when in moments])

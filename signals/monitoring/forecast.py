@@ -38,8 +38,6 @@ class LocalTrend:
 
     Attributes
     ----------
-    smoothness : (grid,) array
-        Ratio of the slope's intensity to the noise variance, scaled to the span of the series.
     growth : (grid,) array
         Rate of the clock times the span.
     intensity : (grid,) array
@@ -56,7 +54,6 @@ class LocalTrend:
         Degrees of freedom of that estimate.
     """
 
-    smoothness: Array
     growth: Array
     intensity: Array
     weight: Array
@@ -102,7 +99,6 @@ def local_trend(values: Array, times: Array) -> LocalTrend:
     posterior = likelihood - smoothness / _BEND
     weight = np.exp(posterior - posterior.max())
     return LocalTrend(
-        smoothness=smoothness,
         growth=growth,
         intensity=intensity,
         weight=weight / weight.sum(),

@@ -37,19 +37,13 @@ class TrendTests:
         Which of the three statistics is largest.
     rises : (series,) array
         Whether it rises rather than falls.
-    family_p : (series,) array
-        Probability that the largest statistic of all series is as large in records without order.
     discovery_rate : (series,) array
         Expected share of false ones among all series with at least this statistic; NaN for a constant series.
-    block_records : int
-        Records of a block.
     """
 
     form: NDArray[np.str_]
     rises: NDArray[np.bool_]
-    family_p: Array
     discovery_rate: Array
-    block_records: int
 
 
 def trend_tests(values: Array, times: Array, *, seed: int = 1) -> TrendTests:
@@ -82,21 +76,17 @@ def trend_tests(values: Array, times: Array, *, seed: int = 1) -> TrendTests:
     orders = _block_orders(count, block, seed)
     signed = _correlations(ranks, logs, shapes[None])[0]
     permuted = np.moveaxis(shapes.astype(np.float32)[:, orders], 0, 1)
-    drawn = _sizes(ranks.astype(np.float32), logs.astype(np.float32), permuted)  # (orders, 3, series)
+    drawn = np.abs(_correlations(ranks.astype(np.float32), logs.astype(np.float32), permuted))  # (orders, 3, series)
     alike = np.maximum(np.quantile(drawn[:, :, varies], _LEVEL, axis=(0, 2)) if varies.any() else np.ones(3), 1e-12)
     found = (np.abs(signed) / alike[:, None]).max(axis=0)
     null = (drawn / alike[:, None]).max(axis=1)
     place = np.abs(signed).argmax(axis=0)
     rises = np.take_along_axis(signed, place[None], axis=0)[0] > 0
     slack = 1e-5  # a permutation that restores the order has the same statistic but for the rounding of 4-byte floats
-    largest = null[:, varies].max(axis=1) if varies.any() else np.zeros(_PERMUTATIONS)
-    family = np.array([(1 + (largest >= x - slack).sum()) / (1 + _PERMUTATIONS) for x in found])
     return TrendTests(
         form=np.array(FORMS)[place],
         rises=rises,
-        family_p=np.where(varies, family, np.nan),
         discovery_rate=_discovery_rate(found, null, varies, slack),
-        block_records=block,
     )
 
 
@@ -121,23 +111,15 @@ def _trend_shapes(times: Array) -> Array:
 
 
 def _correlations(ranks: Floats, logs: Floats, shapes: Floats) -> Floats:
-    """Return the signed correlations (orders, 3, series) with shapes (orders, shapes, records)."""
-    count = len(ranks)
-    monotone = shapes[:, 0] @ ranks / count
-    others = (shapes[:, 1:].reshape(-1, count) @ logs / count).reshape(len(shapes), -1, logs.shape[1])
-    steps, growth = others[:, :-1], others[:, -1]
-    largest = np.abs(steps).argmax(axis=1)[:, None]
-    return np.stack([monotone, np.take_along_axis(steps, largest, axis=1)[:, 0], growth], axis=1)
+    """Return the signed correlations (orders, 3, series) with shapes (orders, shapes, records).
 
-
-def _sizes(ranks: Floats, logs: Floats, shapes: Floats) -> Floats:
-    """Return the sizes of the `_correlations`: of the steps shape by shape, for all at once leave the cache."""
-    count = len(ranks)
-    steps = np.abs(shapes[:, 1] @ logs)
+    Steps one by one: all at once leave the cache.
+    """
+    steps = shapes[:, 1] @ logs
     for number in range(2, shapes.shape[1] - 1):
         one = shapes[:, number] @ logs
-        np.maximum(steps, np.abs(one, out=one), out=steps)
-    return np.stack([np.abs(shapes[:, 0] @ ranks), steps, np.abs(shapes[:, -1] @ logs)], axis=1) / count
+        np.copyto(steps, one, where=np.abs(one) > np.abs(steps))
+    return np.stack([shapes[:, 0] @ ranks, steps, shapes[:, -1] @ logs], axis=1) / len(ranks)
 
 
 @lru_cache(maxsize=8)

@@ -340,8 +340,8 @@ class TestTrends:
         found = {row["series"]: row for row in rows(done / "trends.csv")}
         rms = found["a: record channel rms"]
         assert float(rms["slope_per_day"]) == pytest.approx(0.1 / math.sqrt(2), rel=1e-3)  # noise of 0.01 rms in it
-        assert float(rms["kendall_tau"]) == 1
-        assert float(rms["p_value"]) == pytest.approx(2 / math.factorial(6), rel=1e-5)  # six in order, or all reversed
+        assert float(rms["slope_low"]) < 0.1 / math.sqrt(2) < float(rms["slope_high"])
+        assert float(rms["p_value"]) < 1e-4
         assert rms["records"] == "6"
         assert rms["machine"] == "mill"
 

@@ -41,9 +41,6 @@ class TestNothing:
         found = [trend_tests(noise(12, 20, seed, common=1.0), np.arange(12.0)) for seed in range(20)]
         assert sum((one.discovery_rate < 0.05).any() for one in found) <= 4
 
-    def test_records_that_depend_on_each_other_are_moved_in_blocks(self):
-        assert trend_tests(noise(64, 2, 5), np.arange(64.0)).block_records == 4
-
     def test_constants_and_gaps(self):
         values = noise(10, 3, 6)
         values[:, 1], values[:4, 2] = 2.0, np.nan
