@@ -67,12 +67,13 @@ class LabelSpace:
         return best
 
 
-def spread(positions: np.ndarray, *, gap: float, low: float, high: float) -> np.ndarray:
+def spread(positions: np.ndarray, *, gap: float | np.ndarray, low: float, high: float) -> np.ndarray:
     """Return ascending positions at least `gap` apart in [low, high], nearest to the given ones in least squares.
 
-    After subtraction of the gaps this is isotonic regression, solved by pooling adjacent violators.
+    Of several gaps, each is that to the next position. After subtraction of the gaps this is isotonic regression,
+    solved by pooling adjacent violators.
     """
-    steps = gap * np.arange(positions.size)
+    steps = np.append(0.0, np.cumsum(np.broadcast_to(gap, max(positions.size - 1, 0))))[: positions.size]
     pools: list[list[float]] = []  # mean, count
     for value in positions - steps:
         pools.append([float(value), 1])
@@ -80,7 +81,7 @@ def spread(positions: np.ndarray, *, gap: float, low: float, high: float) -> np.
             mean, count = pools.pop()
             pools[-1] = [(pools[-1][0] * pools[-1][1] + mean * count) / (pools[-1][1] + count), pools[-1][1] + count]
     flat = np.repeat([mean for mean, _ in pools], [int(count) for _, count in pools])
-    moved: np.ndarray = np.clip(flat, low, max(low, high - gap * (positions.size - 1))) + steps
+    moved: np.ndarray = np.clip(flat, low, max(low, high - steps[-1:].sum())) + steps
     return moved
 
 

@@ -2,9 +2,9 @@
 
 import math
 import textwrap
-from collections.abc import Iterable, Iterator, Mapping
+from collections.abc import Iterable, Mapping
 from itertools import pairwise
-from typing import Any, Literal, NamedTuple
+from typing import Literal, NamedTuple
 
 import numpy as np
 from matplotlib.axes import Axes
@@ -25,6 +25,8 @@ _STEEL, _FRAME = "#dfe6ee", "#c3cad3"
 _RIM = 0.14  # thickness of the rim of a ring gear, of its pitch radius
 _TEXT = 7.0  # points
 _LINE = 46  # characters of a note below a drawing: three inches hold as many
+_NAME = 24  # characters: names that are longer go on lines of about equal length
+_LEAST_SHARE = 0.55  # of the width given, that the mechanism has beside long names
 _PASSES = 3  # of layout: names take room from the drawing, whose parts then move; the third moves nothing by a point
 _IN_PLANE = 1e-6
 
@@ -46,7 +48,7 @@ def draw_mechanism(
     gearbox : Gearbox
         From `hums.load_gearbox`.
     ax : matplotlib.axes.Axes
-        Axes to draw on.
+        Axes to draw on; their figure grows where names need more room beside or between the parts.
     view : {"section", "axial"}, optional
         Section through the axes, which shows all parts, or the view along parallel axes, which shows pitch circles.
         Default the section.
@@ -125,11 +127,10 @@ def _names_of(gear: GearShape) -> tuple[str, ...]:
 
 
 class _Name(NamedTuple):
-    """The name of a part: its place, the half height of the part, and the colour that the part was given."""
+    """The name of a part, its place, and the colour that the part was given."""
 
     text: str
     at: Array
-    half: float
     colour: str | None
 
 
@@ -200,9 +201,9 @@ class _Drawing:
                 corners = [start + aside, end + aside, end - aside, start - aside]
                 self.ax.add_patch(Polygon(corners, closed=True, fc=colour, ec=INK, lw=0.6, zorder=2))
         if rod.kind == "shaft" and not any(gear.link == rod.body for gear in self.layout.gears):
-            self.labels.append(_Name(rod.body, points[-1], rod.radius, self.given((rod.body,))))
+            self.labels.append(_Name(rod.body, points[-1], self.given((rod.body,))))
         if rod.kind == "arm":
-            self.labels.append(_Name(rod.body, points[-2:].mean(axis=0), rod.radius, self.given((rod.body,))))
+            self.labels.append(_Name(rod.body, points[-2:].mean(axis=0), self.given((rod.body,))))
 
     def _gear_section(self, gear: GearShape) -> None:
         """Draw a cylinder, a cone, or the two halves of a ring."""
@@ -232,7 +233,7 @@ class _Drawing:
                 corners += [centre + half + high * aside, centre - half + high * aside]
                 self.ax.add_patch(Polygon(corners, closed=True, **style))
         place = centre + (1 + _RIM / 2) * gear.radius * aside if gear.internal else centre
-        self.labels.append(_Name(f"{gear.link}  {gear.teeth}", place, gear.face / 2, self.given(_names_of(gear))))
+        self.labels.append(_Name(f"{gear.link}  {gear.teeth}", place, self.given(_names_of(gear))))
 
     def _bearing_section(self, bearing: BearingShape) -> None:
         """Draw a bearing as two squares with crosses, above and below its axis."""
@@ -246,7 +247,7 @@ class _Drawing:
             self.ax.add_patch(Polygon(corners, closed=True, fc=colour, ec=INK, lw=0.8, zorder=4))
             for one, two in ((0, 2), (1, 3)):
                 self.ax.plot(*np.array([corners[one], corners[two]]).T, color=INK, lw=0.5, zorder=5)
-        self.labels.append(_Name(bearing.name, centre - bearing.radius * aside, half, self.given((bearing.name,))))
+        self.labels.append(_Name(bearing.name, centre - bearing.radius * aside, self.given((bearing.name,))))
 
     # ---- along the axes --------------------------------------------------------------------------------------
 
@@ -260,7 +261,7 @@ class _Drawing:
                 points = np.array([self.flat(point) for point in rod.points])
                 colour = self.colour((rod.body,), INK)
                 self.ax.plot(*points.T, color=colour, lw=2.0, solid_capstyle="round", zorder=5)
-                self.labels.append(_Name(rod.body, points[0] * 0.5 + points[-1] * 0.5, 0.0, self.given((rod.body,))))
+                self.labels.append(_Name(rod.body, points[0] * 0.5 + points[-1] * 0.5, self.given((rod.body,))))
         for bearing in self.layout.bearings:
             centre, colour = self.flat(bearing.centre), self.colour((bearing.name,), FAINT)
             for number in range(bearing.elements):
@@ -270,7 +271,7 @@ class _Drawing:
                     Circle((at[0], at[1]), bearing.element_radius, fc="white", ec=colour, lw=0.8, zorder=6)
                 )
             below = centre - np.array([0, bearing.radius])
-            self.labels.append(_Name(bearing.name, below, bearing.element_radius, self.given((bearing.name,))))
+            self.labels.append(_Name(bearing.name, below, self.given((bearing.name,))))
         for point in self.layout.meshes:
             if point.mesh in self.colours:
                 self.ax.plot(*self.flat(point.point), "o", ms=6, color=self.colours[point.mesh], zorder=7)
@@ -295,57 +296,63 @@ class _Drawing:
         ticks = np.array([x, y]) + ends[None, :, None] * rays[:, None, :]
         self.ax.plot(*ticks.reshape(-1, 2).T, color=INK, lw=0.6, zorder=4)
         place = np.array([x, y + (1 + _RIM / 2) * gear.radius]) if gear.internal else np.array([x, y])
-        half = 0.07 * gear.radius if gear.internal else 0.35 * gear.radius
-        self.labels.append(_Name(f"{gear.link}  {gear.teeth}", place, half, self.given(_names_of(gear))))
+        self.labels.append(_Name(f"{gear.link}  {gear.teeth}", place, self.given(_names_of(gear))))
 
     # ---- names -----------------------------------------------------------------------------------------------
 
     def write_names(self) -> None:
-        """Write the names in two columns beside the drawing, with leaders."""
+        """Write the names in two columns beside the drawing, with leaders; the figure grows by the room they need."""
         apply_layout(self.ax)
-        labels = list({label.text: label for label in self.labels}.values())
-        points = np.array([label.at for label in labels])
-        middle = float(points[:, 0].mean()) - _IN_PLANE
-        self.ax.plot(*points.T, ".", ls="", ms=3, color=INK, zorder=9)
-        names: list[Annotation] = []
+        least = _LEAST_SHARE * self.ax.bbox.width
+        labels = sorted({label.text: label for label in self.labels}.values(), key=lambda label: float(label.at[0]))
+        self.ax.plot(*np.array([label.at for label in labels]).T, ".", ls="", ms=3, color=INK, zorder=9)
         for _ in range(_PASSES):
-            for name in names:
+            for name in list(self.ax.texts):
                 name.remove()
-            names = [
-                name
-                for side in (-1, 1)
-                for name in self._column([one for one in labels if (one.at[0] < middle) == (side < 0)], side)
-            ]
+            left, right = self._column(labels[: len(labels) // 2], -1), self._column(labels[len(labels) // 2 :], 1)
+            apply_layout(self.ax)
+            highest = point_size(self.ax) * max(sum(map(_height, names)) for names in (left, right))
+            self._grow(least - self.ax.bbox.width, highest - self.ax.bbox.height)
             apply_layout(self.ax)
 
-    def _column(self, labels: list[_Name], side: int) -> Iterator[Annotation]:
-        """Write the names of one side under each other, each as near as can be to the height of its part."""
-        if not labels:
-            return
-        labels = sorted(labels, key=lambda label: float(label.at[1]))
-        ends = np.array([self.ax.transData.transform(label.at)[1] for label in labels])
-        gap = 1.8 * _TEXT * point_size(self.ax)  # a later view beside this one takes room from it
-        heights = spread(ends, gap=gap, low=self.ax.bbox.y0, high=self.ax.bbox.y1)
-        drawn = self.ax.dataLim
-        x = self.ax.transData.transform((drawn.x0 if side < 0 else drawn.x1, 0))[0] + side * 1.5 * gap
-        to_data = self.ax.transData.inverted()
-        for label, height in zip(labels, heights, strict=True):
-            leader = {"arrowstyle": "-", "shrinkA": 0, "shrinkB": 0, "relpos": (0.0 if side > 0 else 1.0, 0.5)}
-            leader |= {"color": label.colour or FAINT, "lw": 1.0 if label.colour else 0.6}
-            place = to_data.transform((x, height))
-            yield self._write(
-                label, xytext=place, textcoords="data", ha="left" if side > 0 else "right", arrowprops=leader
-            )
+    def _grow(self, width: float, height: float) -> None:
+        """Enlarge the figure until these Axes have so much more room, in display units, as far as it is positive."""
+        figure, spec = self.ax.figure.canvas.figure, self.ax.get_subplotspec()
+        rows, columns = spec.get_gridspec().get_geometry() if spec else (1, 1)
+        wide, high = figure.get_size_inches() + np.maximum([columns * width, rows * height], 0.0) / figure.dpi
+        figure.set_size_inches(float(wide), float(high))
 
-    def _write(self, label: _Name, **where: Any) -> Annotation:  # noqa: ANN401  - settings of an annotation
-        return self.ax.annotate(
-            label.text,
-            (float(label.at[0]), float(label.at[1])),
-            va="center",
-            fontsize=_TEXT,
-            color=INK,
-            zorder=8,
-            annotation_clip=False,
-            bbox={"fc": label.colour or "white", "ec": "none", "alpha": 0.4 if label.colour else 0.7, "pad": 0.6},
-            **where,
-        )
+    def _column(self, labels: list[_Name], side: int) -> list[Annotation]:
+        """Write the names of one side under each other, each as near as can be to the height of its part."""
+        drawn = self.ax.dataLim
+        x = (drawn.x0 if side < 0 else drawn.x1) + side * 0.06 * drawn.width
+        leader = {"arrowstyle": "-", "shrinkA": 0, "shrinkB": 0, "relpos": (0.0 if side > 0 else 1.0, 0.5)}
+        names = [
+            self.ax.annotate(
+                textwrap.fill(label.text, len(label.text) // -(-len(label.text) // _NAME) + 4),
+                tuple(label.at),
+                xytext=(x, 0),
+                textcoords=("data", "axes fraction"),  # which keeps names apart where a later view takes width
+                ha="left" if side > 0 else "right",
+                ma="left",
+                va="center",
+                fontsize=_TEXT,
+                color=INK,
+                zorder=8,
+                annotation_clip=False,
+                bbox={"fc": label.colour or "white", "ec": "none", "alpha": 0.4 if label.colour else 0.7, "pad": 0.6},
+                arrowprops=leader | {"color": label.colour or FAINT, "lw": 1.0 if label.colour else 0.6},
+            )
+            for label in sorted(labels, key=lambda label: float(label.at[1]))
+        ]
+        ends = np.array([self.ax.transData.transform(name.xy)[1] for name in names])
+        rooms = np.array([_height(name) for name in names]) * point_size(self.ax)
+        low, high = self.ax.bbox.y0 + rooms[:1].sum() / 2, self.ax.bbox.y1 - rooms[-1:].sum() / 2
+        for name, y in zip(names, spread(ends, gap=(rooms[1:] + rooms[:-1]) / 2, low=low, high=high), strict=True):
+            name.set_position((name.get_position()[0], (y - self.ax.bbox.y0) / self.ax.bbox.height))
+        return names
+
+
+def _height(name: Annotation) -> float:
+    """Return the height that a name of one or more lines takes in its column, in points."""
+    return _TEXT * (1.2 * name.get_text().count("\n") + 1.8)

@@ -1,6 +1,8 @@
 """Bearings on placed shafts and planets."""
 
 from collections.abc import Iterator
+from functools import partial
+from typing import Any
 
 import numpy as np
 
@@ -12,10 +14,23 @@ from hums.gearbox.layout.stages import Stages
 
 
 def bearing_shapes(stages: Stages, gears: list[GearShape], rods: list[Rod]) -> Iterator[BearingShape]:
-    """Yield the bearings, each copy of them between its rings."""
+    """Yield the bearings, each copy of them between its rings; without positions they share their shaft."""
+    spans: dict[tuple[str, float, float], list[partial[BearingShape]]] = {}
     for bearing in stages.gearbox.bearings:
         for inner, outer in _rings(stages, bearing):
-            yield from _on_shaft(stages, bearing, inner, outer, gears, rods)
+            bodies = [stages.mechanism.bodies[link] for link in (inner, outer)]
+            axis = stages.mechanism.shared_axis(*bodies)
+            if axis is None:
+                continue
+            free, sizes = _span(stages, bodies, axis, gears, rods), _sizes(stages, bearing, bodies, gears, rods)
+            for number, name in enumerate(bearing.names):
+                at = bearing.position_mm[number] if bearing.position_mm and stages.any_module else None
+                shape = partial(BearingShape, name=name, inner=inner, outer=outer, **sizes)
+                spans.setdefault((axis, *(free if at is None else (at, at))), []).append(shape)
+    for (axis, low, high), shapes in spans.items():
+        line = stages.lines[axis]
+        for place, shape in zip(np.linspace(low, high, len(shapes)), shapes, strict=True):
+            yield shape(centre=vector(line.at(float(place))), axis=vector(line.direction))
 
 
 def _rings(stages: Stages, bearing: Bearing) -> list[tuple[str, str]]:
@@ -25,44 +40,30 @@ def _rings(stages: Stages, bearing: Bearing) -> list[tuple[str, str]]:
     return [(inner[n % len(inner)], outer[n % len(outer)]) for n in range(copies)]
 
 
-def _on_shaft(
-    stages: Stages, bearing: Bearing, inner: str, outer: str, gears: list[GearShape], rods: list[Rod]
-) -> Iterator[BearingShape]:
-    bodies = [stages.mechanism.bodies[link] for link in (inner, outer)]
-    axis = stages.mechanism.shared_axis(*bodies)
-    if axis is None:
-        return
+def _span(stages: Stages, bodies: list[str], axis: str, gears: list[GearShape], rods: list[Rod]) -> tuple[float, float]:
+    """Return between which places along an axis the bearings of two bodies stand, the first of them at one end."""
     line = stages.lines[axis]
-    planet = next((body for body in bodies if _is_planet(stages, body)), None)
+    joints, frame = stages.mechanism.joints, stages.mechanism.frame
+    planet = next((body for body in bodies if body in joints and joints[body].carried_by != frame), None)
     if planet is not None:
-        places = [line.along(np.array(g.centre)) for g in gears if g.body == planet and g.turns_about(line)]
-        low = high = sum(places) / len(places) if places else 0.0
-    else:
-        shaft = next((rod for rod in rods if rod.kind == "shaft" and rod.body in bodies), None)
-        ends = [0.0, 0.0] if shaft is None else [line.along(np.array(point)) for point in shaft.points]
-        low, high = ends[0] + 0.15 * (ends[1] - ends[0]), ends[1] - 0.15 * (ends[1] - ends[0])
+        own = [gear for gear in gears if gear.body == planet and gear.turns_about(line)]
+        middle = sum(line.along(np.array(gear.centre)) for gear in own) / max(1, len(own))
+        return middle, middle + 0.5 * min((gear.face for gear in own), default=0.0)
+    shaft = next((rod for rod in rods if rod.kind == "shaft" and rod.body in bodies), None)
+    low, high = (0.0, 0.0) if shaft is None else (line.along(np.array(point)) for point in shaft.points)
+    return 0.85 * low + 0.15 * high, 0.15 * low + 0.85 * high
+
+
+def _sizes(
+    stages: Stages, bearing: Bearing, bodies: list[str], gears: list[GearShape], rods: list[Rod]
+) -> dict[str, Any]:
     own = [rod.radius for rod in rods if rod.body in bodies and rod.kind != "web"]
     usual = 1.8 * max(own, default=0.2 * usual_face(gears))
     radius = bearing.pitch_diameter_mm / 2 if bearing.pitch_diameter_mm and stages.any_module else usual
     ratio = (bearing.element_diameter_mm or 0.2) / (bearing.pitch_diameter_mm or 1.0)
     multiples = bearing.multiples
-    count = bearing.elements or (round(multiples.inner + multiples.outer) if multiples else 8)
-    for number, name in enumerate(bearing.names):
-        place = low + (high - low) * (number / max(1, len(bearing.names) - 1))
-        if bearing.position_mm is not None and stages.any_module:
-            place = bearing.position_mm[number]
-        yield BearingShape(
-            name=name,
-            inner=inner,
-            outer=outer,
-            centre=vector(line.at(place)),
-            axis=vector(line.direction),
-            radius=radius,
-            element_radius=radius * ratio if stages.any_module else radius * max(ratio, 0.25),
-            elements=count,
-        )
-
-
-def _is_planet(stages: Stages, body: str) -> bool:
-    joint = stages.mechanism.joints.get(body)
-    return joint is not None and joint.carried_by != stages.mechanism.frame
+    return {
+        "radius": radius,
+        "element_radius": radius * (ratio if stages.any_module else max(ratio, 0.25)),
+        "elements": bearing.elements or (round(multiples.inner + multiples.outer) if multiples else 8),
+    }

@@ -4,11 +4,13 @@ import re
 import warnings
 from itertools import combinations
 
+import numpy as np
 import pytest
 from gearboxes import VARIED
 from matplotlib.colors import same_color
 from matplotlib.figure import Figure
 from matplotlib.patches import Polygon
+from matplotlib.text import Text
 
 from hums.gearbox.defect_orders import defects
 from hums.gearbox.layout import layout_of
@@ -54,11 +56,39 @@ def test_an_unknown_component_is_refused():
 @pytest.mark.parametrize("name", VARIED)
 def test_names_do_not_overlap(name):
     _, ax = figure(name)
+    assert_apart(ax)
+
+
+def test_names_beside_another_view_do_not_overlap_and_leave_the_mechanism_its_size():
+    gearbox, _ = figure("wind-turbine-3-stage")
+    left, right = Figure(figsize=(9, 6), layout="constrained").subplots(1, 2)
+    for ax, view in ((left, "section"), (right, "axial")):
+        draw_mechanism(gearbox, ax=ax, view=view)
+    for ax in (left, right):
+        assert_apart(ax)
+        drawn = ax.dataLim.transformed(ax.transData)
+        assert max(drawn.width, drawn.height) > 0.2 * 9 * ax.figure.dpi
+
+
+def test_a_page_grows_to_the_height_of_many_names():
+    gearbox, _ = figure("wind-turbine-3-stage")
+    ax = draw_mechanism(gearbox, ax=Figure(figsize=(7, 1.8), layout="constrained").add_subplot())
+    assert_apart(ax)
+
+
+def assert_apart(ax):
+    """Names are drawn once each, apart from each other; leaders may cross."""
     ax.figure.draw_without_rendering()
-    boxes = [(text.get_text(), text.get_window_extent()) for text in ax.texts]
+    boxes = [(text.get_text(), Text.get_window_extent(text)) for text in ax.texts]
     assert len({text for text, _ in boxes}) == len(boxes) > 1
     for (one, a), (two, b) in combinations(boxes, 2):
         assert not (min(a.x1, b.x1) - max(a.x0, b.x0) > 0.5 and min(a.y1, b.y1) - max(a.y0, b.y0) > 0.5), (one, two)
+
+
+@pytest.mark.parametrize("name", ["wind-turbine-3-stage", "oh-58", "alouette-iii"])
+def test_no_two_bearings_of_a_shaft_are_at_one_place(name):
+    places = [tuple(np.round(bearing.centre, 6)) for bearing in layout_of(figure(name)[0]).bearings]
+    assert len(set(places)) == len(places)
 
 
 def test_along_the_axes_each_tooth_has_a_tick():

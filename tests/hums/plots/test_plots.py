@@ -286,7 +286,7 @@ class TestSpeedOrderChart:
         assert not same_color(doubled[0].get_color(), doubled[1].get_color())
 
     def test_every_order_has_a_name_in_the_order_of_frequencies(self):
-        ax, table = chart("alouette-iii")
+        ax, table = chart("alouette-iii", height=6.4)
         assert len(ax.texts) == table["order"].round(12).nunique()
         ax.figure.draw_without_rendering()
         named = sorted((text_extent(text).y0, float(text.get_text().split()[0])) for text in ax.texts)
