@@ -65,6 +65,7 @@ def test_what_cannot_be_simulated_is_refused_here_too():
         explain(load_scene("demo").changed(rate_hz=17000.0, excitation={"harmonics": 20}))
 
 
+@pytest.mark.filterwarnings("ignore::hums.gearbox.model.GearboxWarning")  # the shipped OH-58 as printed
 @pytest.mark.parametrize("name", catalogue())
 def test_the_command_explains_and_writes_nothing(synth, name, tmp_path, monkeypatch):
     monkeypatch.chdir(tmp_path)
