@@ -213,7 +213,7 @@ def _also(one: Finding, equal: Sequence[str]) -> Finding:
         evidence=f"{one.evidence.removesuffix('.')}{joint}{doubt}.",
         doubts="; ".join(filter(None, [one.doubts, doubt])),
         next_step=f"Inspect {one.component} and {' and '.join(equal)}.",
-        least_change=f"diagnosed without this doubt: {doubt}" if not one.doubts else one.least_change,
+        least_change=f"diagnosed if this doubt is resolved: {doubt}" if not one.doubts else one.least_change,
     )
 
 
@@ -409,7 +409,7 @@ def _changes(
             return [*lost, (FAULTY_DEPTH / part.depth, deeper)]
         if part.strength < certain < math.inf:
             return [*lost, (certain / part.strength, f"diagnosed from a strength of {certain:.3g} on")]
-        return [*lost, (math.inf, f"diagnosed without this doubt: {doubts[0]}")]
+        return [*lost, (math.inf, f"diagnosed if this doubt is resolved: {doubts[0]}")]
     if doubts:
         return lost
     changes = [

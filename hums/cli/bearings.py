@@ -40,6 +40,6 @@ def bearings(
         inner, outer, element, cage = row.orders
         echo(
             f"{row.name}:{size} {row.elements} elements of {row.element_diameter_mm:g} mm, pitch diameter "
-            f"{row.pitch_diameter_mm:g} mm, contact angle {row.contact_angle_deg:g} degrees; per turn "
+            f"{row.pitch_diameter_mm:g} mm, contact angle {row.contact_angle_deg:g} degrees; per revolution "
             f"BPFI {inner:.4g}, BPFO {outer:.4g}, 2 BSF {element:.4g}, FTF {cage:.4g}{of_spread}. {row.source}"
         )

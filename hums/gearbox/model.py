@@ -478,7 +478,7 @@ def _designation_warnings(gearbox: Gearbox) -> Iterator[str]:
             row = _catalogue_bearing(bearing.bearing)
             yield (
                 f'bearing "{bearing.names[0]}", {row.name}: {row.source} Its orders may be up to '
-                f"{bearing.order_tolerance:.1%} off; its data sheet's multiples = {{ ... }} are surer"
+                f"{bearing.order_tolerance:.1%} off; multiples = {{ ... }} from its data sheet are more accurate"
             )
 
 

@@ -112,7 +112,7 @@ class Import:
             rates.append((times.rate_hz, times.resolution, step))
         self._note_unread_times()
         if declared is None and (not rates or (stated.rate_hz is None and columns[0][1].coarse)):
-            known = f", {rates[0][2]} only" if rates else " does not state its samples per second"
+            known = f", {rates[0][2]} only" if rates else " does not state its sampling rate"
             needed = f"{file.path.name}{known}: rate_hz=... (--rate-hz) is needed"
             raise RecordError(". ".join([needed, *self.notes, ""]).strip())
         rate_hz = rates[0][0] if declared is None else declared

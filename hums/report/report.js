@@ -247,7 +247,7 @@ const report = (() => {
     });
     const narrow = figure.width < 600;  // a legend in one column takes half the height
     const rows = Math.ceil(data.tracks.length / (narrow ? 1 : 3));
-    return {traces, height: 460 + 20 * rows, layout: {uirevision: `${against} ${kind.name}`, margin: {b: 130},
+    return {traces, height: 460 + 20 * rows, layout: {uirevision: `${against} ${kind.name}`, margin: {b: 100},
       xaxis: {title: {text: bySpeed ? `speed of ${facts.reference}, ${rpm.name}` : "time, s"}, anchor: "y2"},
       yaxis: {title: {text: `${kind.name} amplitude, ${data.units}`}, domain: [0.5, 1], rangemode: "tozero"},
       yaxis2: {title: {text: "phase, degrees"}, domain: [0, 0.44]}}};

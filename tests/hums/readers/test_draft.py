@@ -58,7 +58,7 @@ def test_a_draft_says_what_was_recognised_and_what_is_needed(tmp_path):
     assert f"Zeit ({COUNT} values)" in text
     np.savez(tmp_path / "a.npz", DE=NOISE, tach=NOISE[:9])
     text = draft(read_file(tmp_path / "a.npz"))
-    assert "Sampling, needed: a.npz does not state its samples per second" in text
+    assert "Sampling, needed: a.npz does not state its sampling rate" in text
     assert 'DE = "..."  # needed: one of g, m s-2' in text
     assert "tach (9 values)" in text
 

@@ -218,7 +218,7 @@ def test_a_mat_file_cut_off(mat, kept):
 
 
 def test_undeclared_rate_units_and_angle(mat):
-    assert "does not state its samples per second: rate_hz=... (--rate-hz)" in refusal(mat, rate_hz=None)
+    assert "does not state its sampling rate: rate_hz=... (--rate-hz)" in refusal(mat, rate_hz=None)
     assert "--units g" in refusal(mat, units=None)
     text = refusal(mat, shaft_rpm=None, shaft=None)
     for option in ("--tach-times", "--tach-waveform", "--shaft-rpm"):
@@ -502,7 +502,7 @@ def test_lines_above_a_table_state_its_rate(tmp_path, line):
 @pytest.mark.parametrize("line", ["Sample rate: 25,600 Hz", "Ts: 1700000000", "Rate of the shaft: 25", "fs: fast"])
 def test_lines_above_a_table_that_state_no_rate(tmp_path, line):
     path = write(tmp_path, f"Logger\n{line}\nDE,ND\n" + "1,2\n" * 9)
-    assert "does not state its samples per second" in refusal(path, channels=["DE"], rate_hz=None)
+    assert "does not state its sampling rate" in refusal(path, channels=["DE"], rate_hz=None)
 
 
 def logger_row(k):

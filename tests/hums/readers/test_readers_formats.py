@@ -89,7 +89,7 @@ def test_a_tachometer_of_a_tdms_file(logged):
 def test_what_a_tdms_file_does_not_state(logged):
     assert 'log.tdms has no "Log.Dev1.ai2"; did you mean "Log.Dev1.ai' in refusal(logged, channels=["Log.Dev1.ai2"])
     assert '"Log.notes" is text' in refusal(logged, channels=["Log.notes"])
-    assert "does not state its samples per second" in refusal(logged, channels=["Log.bare"], units="g")
+    assert "does not state its sampling rate" in refusal(logged, channels=["Log.bare"], units="g")
     assert "--units g" in refusal(logged, channels=["Log.bare"], rate_hz=1000.0)
     record = convert(logged, channels=["Log.bare"], units="g", rate_hz=1000.0, **NOMINAL)
     assert_array_equal(record["Log.bare"], np.arange(500))
@@ -298,7 +298,7 @@ def test_what_is_no_channel_of_a_foreign_hdf5_file(foreign):
     assert '"g/notes" is text' in why("g/notes")
     assert '"pairs" is a table with named columns' in why("pairs")
     assert '"empty" is empty' in why("empty")
-    assert "does not state its samples per second" in refusal(foreign, channels=["run 1/acc"])
+    assert "does not state its sampling rate" in refusal(foreign, channels=["run 1/acc"])
     assert "--units g" in refusal(foreign, channels=["run 1.column"], rate_hz=1000.0)
 
 
