@@ -36,6 +36,7 @@ html_title = "HUMS toolkit"
 html_show_sourcelink = False
 html_static_path = ["_static"]
 html_css_files = ["print.css"]
+html_js_files = ["print.js"]
 html_theme_options = {
     "navigation_with_keys": False,
     "show_toc_level": 2,
