@@ -471,7 +471,7 @@ def _indicated(row: GearJudgement, stated: float) -> Finding:
         step += f" and the parts mounted on {row.knock_of}"
     evidence = (
         f"between the mesh harmonics, {low:.4g} to {high:.4g} orders, the energy at one tooth{alike} is {row.rise:.1f} "
-        f"times that at the others in all parts of {row.turns} revolutions, {row.outlier:.1f} of their standard "
+        f"times that at the others in all parts of {row.turns} contacts per tooth, {row.outlier:.1f} of their standard "
         f"deviations above their mean; not certain: {doubt}; compare with an earlier record, or measure "
         "the tooth."
     )
@@ -505,7 +505,7 @@ def _unnamed(row: GearJudgement, stated: float) -> Finding:
     return replace(
         blank,
         verdict=NOTHING_FOUND,
-        evidence=f"no tooth stands out in {row.turns} revolutions; {alike}.",
+        evidence=f"no tooth stands out in {row.turns} contacts per tooth; {alike}.",
         least_change=f"indicated at a probability of {stated:.3g} or less (now {row.probability:.3g})",
     )
 
