@@ -95,7 +95,7 @@ def _scale_notes(stages: Stages) -> Iterator[str]:
     if without:
         which = "" if len(without) == len(stages.meshes) else f" of {', '.join(without)}"
         yield (
-            f"Not to scale: no module_mm{which} is declared, so radii go by the numbers of teeth"
+            f"Not to scale: no module_mm{which} is declared, so radii are in proportion to the numbers of teeth"
             f"{' of each stage' if len(stages.meshes) > 1 else ''}."
         )
     elif stages.meshes:
