@@ -244,7 +244,7 @@ def second_case(number: int, *, faulty: bool) -> dict[str, Any]:
     kind = "tooth" if case.kind in second_simulator.TEETH else case.kind
     analysis = analyze(case.record, case.gearbox, settings=verdicts.SETTINGS)
     doubts = findings_table(analysis)["doubts"]
-    knocks = doubts.map(lambda said: any(f"loose on {shaft} " in said for shaft in case.knocks))
+    knocks = doubts.map(lambda said: any(f"loose part on {shaft} " in said for shaft in case.knocks))
     return verdicts.said(analysis, kind, case.component) | {
         "of": "healthy" if not faulty else "teeth" if kind == "tooth" else "bearing parts",
         "clear": case.level_db >= verdicts.DETECTABLE_DB,
