@@ -112,7 +112,11 @@ def test_ctrl_c_in_a_callback_of_the_interpreter_is_not_lost(run, monkeypatch):
             time.sleep(0.01)
 
     monkeypatch.setattr("hums.gearbox.model.load_gearbox", busy)
-    assert run("orders", "two-stage")[0] == 130
+    before = signal.signal(signal.SIGINT, signal.default_int_handler)  # jobs in the background ignore it
+    try:
+        assert run("orders", "two-stage")[0] == 130
+    finally:
+        signal.signal(signal.SIGINT, before)
 
 
 @pytest.mark.skipif(not Path("/dev/full").exists(), reason="a device of Linux")
