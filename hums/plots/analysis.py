@@ -195,7 +195,7 @@ def plot_order_map(analysis: xr.DataTree, *, channel: str, ax: Axes) -> Axes:
     Parameters
     ----------
     analysis : xarray.DataTree
-        From `hums.analyze` or `hums.load_analysis`.
+        From `hums.analyze` or `hums.open_analysis`.
     channel : str
         Channel to draw.
     ax : matplotlib.axes.Axes
@@ -242,7 +242,7 @@ def plot_kurtogram(analysis: xr.DataTree, *, channel: str, ax: Axes) -> Axes:
     Parameters
     ----------
     analysis : xarray.DataTree
-        From `hums.analyze` or `hums.load_analysis`.
+        From `hums.analyze` or `hums.open_analysis`.
     channel : str
         Channel to draw.
     ax : matplotlib.axes.Axes
@@ -288,7 +288,7 @@ def plot_average(analysis: xr.DataTree, *, channel: str, component: str, ax: Axe
     Parameters
     ----------
     analysis : xarray.DataTree
-        From `hums.analyze` or `hums.load_analysis`.
+        From `hums.analyze` or `hums.open_analysis`.
     channel : str
         Channel to draw.
     component : str
@@ -336,7 +336,7 @@ def plot_average(analysis: xr.DataTree, *, channel: str, component: str, ax: Axe
 
 
 def plot_control_chart(fleet: xr.Dataset, *, machine: str, ax: Axes, most: int = 6) -> Axes:
-    """Draw the health indices of a machine record by record, those of the worst components, with the alarm limit.
+    """Draw the condition indices of a machine record by record, those of the worst components, with the alarm limit.
 
     Parameters
     ----------
@@ -357,7 +357,7 @@ def plot_control_chart(fleet: xr.Dataset, *, machine: str, ax: Axes, most: int =
     Raises
     ------
     ValueError
-        A machine without a health index.
+        A machine without a condition index.
 
     Examples
     --------
@@ -375,14 +375,14 @@ def plot_control_chart(fleet: xr.Dataset, *, machine: str, ax: Axes, most: int =
     health = fleet["health"].to_numpy()[fleet["machine"].to_numpy() == machine]
     if not np.isfinite(health).any():
         raise ValueError(
-            f'machine "{machine}" has no health index to draw: no such record, or its baseline is learned.'
+            f'machine "{machine}" has no condition index to draw: no such record, or its baseline is learned.'
         )
     largest = np.where(np.isfinite(health), health, -np.inf).max(axis=0)
     for colour, column in zip(TRACK_COLOURS, np.argsort(-largest, kind="stable")[:most], strict=False):
         name = str(fleet["watched"].to_numpy()[column])
         ax.plot(1 + np.arange(len(health)), health[:, column], ".-", color=colour, lw=1.0, ms=4, label=name)
     ax.axhline(1.0, color=INK, lw=0.9, ls="--", label="alarm")
-    ax.set(xlabel="record", ylabel="health index")
+    ax.set(xlabel="record", ylabel="condition index")
     ax.set_ylim(bottom=0)
     ax.legend(fontsize=7, ncols=3, frameon=False, loc="lower left", bbox_to_anchor=(0.0, 1.0))
     return ax

@@ -149,10 +149,8 @@ def smooth_chain(chain: NodeChain) -> SmoothedChain:
         chain.filter(segment, FORWARD, state, data, past)
         if is_kept:
             kept.append((data, past))
-    later, scratch = (
-        Information(0 * matrix, 0 * vector),
-        (np.empty_like(matrix), np.empty_like(vector), np.empty((width, width))),
-    )
+    later = Information(0 * matrix, 0 * vector)
+    scratch = np.empty_like(matrix), np.empty_like(vector), np.empty((width, width))
     found = np.empty((chain.nodes, width, vector.shape[1])), np.empty((chain.nodes, width)), np.empty(chain.nodes)
     for segment, start in zip(reversed(segments), reversed(starts), strict=True):
         if kept:

@@ -436,7 +436,7 @@ class TestOfAnAnalysis:
         with pytest.raises(ValueError, match='no average of "x"; it has stage 1/pinion'):
             plot_average(analysis, channel="housing", component="x", ax=axes())
         fleet = xr.Dataset({"machine": ("record", ["a"]), "health": (("record", "watched"), [[np.nan]])})
-        with pytest.raises(ValueError, match='machine "a" has no health index'):
+        with pytest.raises(ValueError, match='machine "a" has no condition index'):
             plot_control_chart(fleet.assign_coords(watched=["stage 1"]), machine="a", ax=axes())
 
 
