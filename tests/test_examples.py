@@ -1,8 +1,9 @@
-"""Every public name has an example that runs, and a signature that a person can read."""
+"""Every example runs, every public name has one, and a signature that a person can read."""
 
 import doctest
 import importlib
 import inspect
+import pkgutil
 import pydoc
 from functools import cache
 from typing import Any
@@ -18,8 +19,15 @@ PACKAGES = (
     "data_synth",
     "data_synth.dynamics",
 )
-OURS = {package.split(".")[0] for package in PACKAGES}
+OURS = tuple(dict.fromkeys(package.split(".")[0] for package in PACKAGES))
 FLAGS = doctest.NORMALIZE_WHITESPACE | doctest.ELLIPSIS
+
+
+def _modules() -> list[str]:
+    """Return every module of ours, but that which runs as a program."""
+    paths = {top: importlib.import_module(top).__path__ for top in OURS}
+    below = [module.name for top in OURS for module in pkgutil.walk_packages(paths[top], f"{top}.")]
+    return [*OURS, *(name for name in below if not name.endswith("__main__"))]
 
 
 def _exports() -> list[Any]:
@@ -40,35 +48,31 @@ def _exports() -> list[Any]:
 
 
 @cache
-def _namespace(package: str) -> dict[str, Any]:
+def _set_up(package: str) -> dict[str, Any]:
     """Return what the examples of a package's own docstring define: the set-up of those of its members."""
     names: dict[str, Any] = {}
-    for example in doctest.DocTestParser().get_examples(importlib.import_module(package).__doc__):
+    for example in doctest.DocTestParser().get_examples(importlib.import_module(package).__doc__ or ""):
         exec(example.source, names)  # noqa: S102
     return names
 
 
-@pytest.mark.parametrize(("package", "name"), _exports())
-def test_the_example_runs(package: str, name: str, tmp_path: Any, monkeypatch: pytest.MonkeyPatch) -> None:
-    thing = getattr(importlib.import_module(package), name)
-    home = importlib.import_module(thing.__module__)
-    given = _namespace(package)
-    tests = doctest.DocTestFinder(exclude_empty=True).find(thing, name, module=home, globs=given)
-    assert tests, "no docstring"
-    assert tests[0].name == name
-    assert tests[0].examples, "the docstring has no example"
+@pytest.mark.parametrize("name", _modules())
+def test_the_examples_of_a_module_run(name: str, tmp_path: Any, monkeypatch: pytest.MonkeyPatch) -> None:
+    module, parents = importlib.import_module(name), name.split(".")
+    given = {key: thing for at in range(len(parents)) for key, thing in _set_up(".".join(parents[: at + 1])).items()}
     monkeypatch.chdir(tmp_path)
-    runner = doctest.DocTestRunner(optionflags=FLAGS)
-    for test in tests:
-        said: list[str] = []
-        assert runner.run(test, out=said.append).failed == 0, "".join(said)
-    assert not list(tmp_path.iterdir()), "the example leaves files behind"
+    runner, said = doctest.DocTestRunner(optionflags=FLAGS), list[str]()
+    for test in doctest.DocTestFinder().find(module, name, globs=given):
+        runner.run(test, out=said.append)
+    assert not said, "".join(said)
+    assert not list(tmp_path.iterdir()), "an example leaves files behind"
 
 
 @pytest.mark.parametrize(("package", "name"), _exports())
-def test_the_signature_names_its_types(package: str, name: str) -> None:
-    """An alias such as ArrayLike stands there by its name, not by the union that it stands for."""
+def test_a_public_name_has_an_example_and_names_its_types(package: str, name: str) -> None:
+    """An alias such as ArrayLike stands in the signature by its name, not by the union that it stands for."""
     thing = getattr(importlib.import_module(package), name)
+    assert any(test.examples for test in doctest.DocTestFinder().find(thing, name)[:1]), "no example"
     text = pydoc.render_doc(thing, renderer=pydoc.plaintext)
     assert "numpy._typing" not in text
     assert "_NestedSequence" not in text

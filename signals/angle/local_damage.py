@@ -283,14 +283,14 @@ def local_damage(
 
     Examples
     --------
-    Twice the energy at one of 20 teeth, in 200 turns of exponential noise:
+    Three times the energy at one of 20 teeth, in 200 turns of exponential noise:
 
     >>> import numpy as np
     >>> from signals.angle.local_damage import folded, local_damage
     >>> from signals.angle.residual_energies import BandEnergies
     >>> rng = np.random.default_rng(0)
     >>> x = rng.exponential(size=(200, 80))
-    >>> x[:, 40:44] *= 2
+    >>> x[:, 40:44] *= 3
     >>> energies = BandEnergies(values=x.reshape(1, -1), samples_per_rev=80.0, start_rev=0.0, edges=np.array([1.0, 41]))
     >>> found = local_damage(folded(energies, order=1, teeth=20), rotations=999, rng=rng)
     >>> found.probability, abs(found.position_rev - 42 / 80) < 0.02
