@@ -277,14 +277,18 @@ def mesh_contrast(residual: AngularSignal, *, order: Fraction | float, teeth: fl
     ends = np.arange(1, highest + 2)[:, None] + (-0.5, -_NEAR_MESH, _NEAR_MESH)
     starts = np.ceil(ends.ravel()[: 3 * highest + 1] * rate * pitch * padded / residual.samples_per_rev).astype(int)
 
-    def power(at: float) -> Array:
-        apart = ((turn - at + 0.5) % 1.0 - 0.5) / min(_GATE_TEETH / pitch, _OTHER_PLACES[0] / 2)
-        gate = np.where(np.abs(apart) < 1, np.cos(0.5 * np.pi * apart) ** 2, 0.0)
-        gated = np.abs(fft.rfft(residual.values * gate, padded)) ** 2
-        below, beside, beyond = np.add.reduceat(gated, starts)[:-1].reshape(-1, 3).T
+    def gated_power(at: float) -> Array:
+        apart = turn - at
+        apart -= np.rint(apart)
+        apart /= min(_GATE_TEETH / pitch, _OTHER_PLACES[0] / 2)
+        inside = np.flatnonzero(np.abs(apart) < 1)
+        gated = np.zeros(size)
+        gated[inside] = residual.values[inside] * np.cos(0.5 * np.pi * apart[inside]) ** 2
+        lines = fft.rfft(gated, padded)
+        below, beside, beyond = np.add.reduceat(lines.real**2 + lines.imag**2, starts)[:-1].reshape(-1, 3).T
         return np.stack([below + beyond, beside], axis=1)
 
-    at_tooth, elsewhere = power(0.0), np.mean([power(place) for place in _OTHER_PLACES], axis=0)
+    at_tooth, elsewhere = gated_power(0.0), np.mean([gated_power(place) for place in _OTHER_PLACES], axis=0)
     background = elsewhere.mean(axis=1, keepdims=True)
     above = np.divide(np.maximum(at_tooth - elsewhere, 0.0), background, where=background > 0, out=0 * elsewhere)
     between, beside = above.sum(axis=1) @ above
