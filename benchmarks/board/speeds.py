@@ -4,14 +4,13 @@ from collections.abc import Sequence
 from functools import partial
 
 import numpy as np
-import speed_verdicts
 from tracking.coverage import WITHIN
 
+from board import speed_records
 from board.sections import Effort, Section, Task
 from board.table import Figure, Row, averaged, count_row
 from signals import refine_declared_speed
 
-GEARBOXES, DRIVES = speed_verdicts.PARTS["scoring"]
 OFF = (-0.018, -0.01, -0.005, 0.005, 0.01, 0.018)  # of the true speed, all within the tolerance
 TOLERANCE = 0.02
 LAWS = {"constant": ("constant", 0.001), "wandering": ("constant with turbulence", 0.002)}  # and how near is right
@@ -20,12 +19,12 @@ LAWS = {"constant": ("constant", 0.001), "wandering": ("constant with turbulence
 def refined(gearbox: str, law: str, number: int, *, quick: bool = False) -> list[tuple[bool, bool]]:
     """Return, for each declaration of one record, whether it was refined to the true speed, and whether to another."""
     drive, near = LAWS[law]
-    record = speed_verdicts.made(gearbox, drive, number)
+    record = speed_records.made(gearbox, drive, number)
     true, found = float(record.speed_hz.mean()), []
     for off in OFF[::2] if quick else OFF:
         shown = refine_declared_speed(
             record.samples,
-            rate_hz=speed_verdicts.RATE_HZ,
+            rate_hz=speed_records.RATE_HZ,
             speed_hz=true * (1 + off),
             orders=record.orders,
             tolerance=TOLERANCE,
@@ -39,7 +38,7 @@ def declared_tasks(effort: Effort) -> list[Task]:
     """Return a task for each record: three of each gearbox make 72 declarations."""
     run = partial(refined, quick=effort.size == "quick")
     numbers = effort.numbers(1, 3, 50)
-    return [partial(run, box, law, 50_000 + n) for law in LAWS for box in GEARBOXES for n in numbers]
+    return [partial(run, box, law, 50_000 + n) for law in LAWS for box in speed_records.GEARBOXES for n in numbers]
 
 
 def declared_figures(found: Sequence[list[tuple[bool, bool]]]) -> dict[str, Figure]:
@@ -69,14 +68,14 @@ DECLARED = Section(
 
 def estimated(drive: str, number: int) -> dict[str, float]:
     """Return what is said of the speed of one record without a tachometer, and how it is off where it is known."""
-    record = speed_verdicts.made(GEARBOXES[number % len(GEARBOXES)], drive, number)
-    found, ok = speed_verdicts.estimate(record), False
-    seen = {"clear": float(speed_verdicts.clear_lines(record) >= 2), "ok": 0.0, "wrong": 0.0}  # noqa: PLR2004
+    record = speed_records.made(speed_records.GEARBOXES[number % len(speed_records.GEARBOXES)], drive, number)
+    found, ok = speed_records.estimate(record), False
+    seen = {"clear": float(speed_records.clear_lines(record) >= 2), "ok": 0.0, "wrong": 0.0}  # noqa: PLR2004
     if found.status == "ok":
-        ok = not speed_verdicts.is_wrong(found, record)
+        ok = not speed_records.is_wrong(found, record)
         seen |= {"ok": 1.0, "wrong": float(not ok)}
     if ok:
-        true = np.interp(found.times_s, np.arange(record.speed_hz.size) / speed_verdicts.RATE_HZ, record.speed_hz)
+        true = np.interp(found.times_s, np.arange(record.speed_hz.size) / speed_records.RATE_HZ, record.speed_hz)
         given = np.isfinite(found.speed_hz)
         off = np.abs(found.speed_hz - true)[given]
         seen["within"] = float(np.mean(off < WITHIN * found.std_hz[given]))
@@ -108,7 +107,7 @@ ESTIMATED = Section(
         ),
     ),
     tasks=lambda effort: [
-        partial(estimated, drive, 90_000 + n) for drive in DRIVES for n in effort.numbers(4, 25, 250)
+        partial(estimated, drive, 90_000 + n) for drive in speed_records.VARYING for n in effort.numbers(4, 25, 250)
     ],
     figures=estimated_figures,
 )
