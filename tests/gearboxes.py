@@ -1,10 +1,18 @@
 """Gearboxes of the catalogue that tests of drawings go through, planetary stages of several tests, a short scene."""
 
-from hums.gearbox.model import catalogue
+from hums.gearbox.model import catalogue, load_gearbox
 
 # pairs, an idler and single planetary stages have what two-stage and planetary-27-36-99 have
 _SIMPLE = {"glinsky-idler", "glinsky-parallel-pair", "glinsky-planetary-1", "glinsky-planetary-3", "wijianto-pair"}
 VARIED = tuple(name for name in catalogue() if name not in _SIMPLE)
+
+
+def without_sizes(name):
+    """A gearbox of the catalogue as a table, its meshes without dimensions."""
+    gearbox = load_gearbox(name)
+    none = dict.fromkeys(("module_mm", "face_width_mm", "pressure_angle_deg"))
+    bare = gearbox.changed(meshes=tuple(mesh.changed(**none) for mesh in gearbox.meshes))
+    return bare.model_dump(mode="json", by_alias=True, exclude_none=True)
 
 
 def planetary(sun, planet, ring, *, copies):

@@ -12,6 +12,7 @@ from data_synth.dynamics.system import Array, Vector
 from data_synth.gears.geometry import GearPair
 from hums.gearbox.components import Mesh
 from hums.gearbox.kinematics import Kinematics
+from hums.gearbox.layout.axis_geometry import corner, rotated
 from hums.gearbox.model import Gearbox
 
 # ---- Pitch cones of bevel gears: their line of contact and their virtual spur gears ----------------------------------
@@ -217,7 +218,7 @@ def direction_of(kinematics: Kinematics, link: str) -> Array:
         holder = kinematics.joints.get(joint.carried_by)
         if holder is None:
             return drawn
-        return _rotated(drawn, np.array(directions[holder.axis]), planet_angle(kinematics.gearbox, joint.axis))
+        return rotated(drawn, np.array(directions[holder.axis]), planet_angle(kinematics.gearbox, joint.axis))
     for contact in kinematics.contacts:
         shared = kinematics.mechanism.shared_axis(bodies[link], contact.carrier)
         if shared is not None and link in (gear for gear, _ in contact.gears):
@@ -270,28 +271,34 @@ def axis_points(kinematics: Kinematics, contacts: tuple[Contact, ...]) -> dict[s
         for body, other in coaxial:
             if body in known:
                 known.setdefault(other, known[body])
-        for contact in contacts:
-            _place(kinematics, contact, known)
+        for body in [each for each in joints if each not in known]:
+            _place(kinematics, body, contacts, known)
     return known
 
 
-def _place(kinematics: Kinematics, contact: Contact, known: dict[str, Array]) -> None:
-    """Place the gear of a contact whose position is unknown at the centre distance from its mate, or at the apex."""
-    bodies = [kinematics.bodies[link] for link in contact.links]
-    starts = [known.get(_axis_body(kinematics, body, contact.carrier)) for body in bodies]
-    here = 0 if starts[0] is None else 1
-    start = starts[1 - here]
-    if starts[here] is not None or start is None:
-        return
-    axis = direction_of(kinematics, contact.links[1 - here])
-    if not contact.parallel:
-        known[bodies[here]] = start + axial_position_m(kinematics, contact) * axis
-        return
-    z = z_direction(kinematics)
-    x, y = transverse_axes(z if are_parallel(axis, z) else axis)
-    joint = kinematics.joints.get(bodies[here])
-    angle = 0.0 if joint is None else planet_angle(kinematics.gearbox, joint.axis)
-    known[bodies[here]] = start + contact.pair.centre_distance_m * (math.cos(angle) * x + math.sin(angle) * y)
+def _place(kinematics: Kinematics, body: str, contacts: tuple[Contact, ...], known: dict[str, Array]) -> None:
+    """Place a body at the centre distances from its mates that are known, or at the apex."""
+    mates = [
+        (contact, gear, known[mate])
+        for contact in contacts
+        for gear in (0, 1)
+        if kinematics.bodies[contact.links[1 - gear]] == body
+        and (mate := _axis_body(kinematics, kinematics.bodies[contact.links[gear]], contact.carrier)) in known
+    ]
+    for contact, gear, start in mates[:1]:
+        axis = direction_of(kinematics, contact.links[gear])
+        if not contact.parallel:
+            known[body] = start + axial_position_m(kinematics, contact) * axis
+            return
+        for other, _, second in mates:
+            distances = contact.pair.centre_distance_m, other.pair.centre_distance_m
+            if other.parallel and (found := corner(start, second, axis, distances=distances)) is not None:
+                known[body] = found
+                return
+        z = z_direction(kinematics)
+        x, y = transverse_axes(z if are_parallel(axis, z) else axis)
+        angle = planet_angle(kinematics.gearbox, kinematics.joints[body].axis)
+        known[body] = start + contact.pair.centre_distance_m * (math.cos(angle) * x + math.sin(angle) * y)
 
 
 def axial_position_m(kinematics: Kinematics, contact: Contact) -> float:
@@ -302,23 +309,14 @@ def axial_position_m(kinematics: Kinematics, contact: Contact) -> float:
 
 def _axis_body(kinematics: Kinematics, body: str, carrier: str) -> str:
     """Return the body with whose axis a gear on the frame is coaxial, the contact's carrier; else the body itself."""
-    if body != kinematics.mechanism.frame:
-        return body
-    shared = kinematics.mechanism.shared_axis(body, carrier)
-    return carrier if shared is not None and carrier != body else body
+    on_frame = body == kinematics.mechanism.frame != carrier
+    coaxial = on_frame and kinematics.mechanism.shared_axis(body, carrier) is not None
+    return carrier if coaxial else body
 
 
 def are_parallel(one: Array, two: Array) -> bool:
     """Return whether two unit vectors (3,) are parallel, in either sense."""
     return abs(abs(float(one @ two)) - 1) < _PARALLEL
-
-
-def _rotated(vector: Array, about: Array, angle: float) -> Array:
-    """Return a vector rotated about a unit vector (Rodrigues)."""
-    if not angle or are_parallel(vector, about):
-        return vector
-    along = (about @ vector) * about
-    return np.asarray(along + math.cos(angle) * (vector - along) + math.sin(angle) * np.cross(about, vector))
 
 
 def planet_of(kinematics: Kinematics, contact: Contact) -> int | None:

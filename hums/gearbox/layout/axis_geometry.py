@@ -66,6 +66,16 @@ def nearest_place(line: Line, other: Line) -> float:
     return float((line.direction - cosine * other.direction) @ between) / (1 - cosine**2)
 
 
+def corner(one: Array, other: Array, axis: Array, *, distances: tuple[float, float]) -> Array | None:
+    """Return the corner of a triangle at these distances from two points, seen along an axis; None where it is open."""
+    between = other - one - ((other - one) @ axis) * axis
+    gap, (first, second) = float(np.linalg.norm(between)), distances
+    if not abs(first - second) < gap < first + second:
+        return None
+    along, unit = (gap**2 + first**2 - second**2) / (2 * gap), between / gap
+    return np.asarray(one + along * unit + math.sqrt(first**2 - along**2) * np.cross(axis, unit))
+
+
 def rotated(vector: Array, about: Array, angle: float) -> Array:
     """Return a vector rotated about a unit vector (Rodrigues)."""
     along = (about @ vector) * about

@@ -4,7 +4,7 @@ import math
 
 import numpy as np
 
-from hums.gearbox.layout.axis_geometry import PARALLEL, Line, nearest_place
+from hums.gearbox.layout.axis_geometry import PARALLEL, Array, Line, corner, nearest_place
 from hums.gearbox.layout.stages import Pair, Stages
 
 _GAP = 1.0  # between stages on one axis, of the face width
@@ -88,28 +88,21 @@ def _free_place(stages: Stages, pair: Pair, line: Line) -> float:
 def _place_adjacent(stages: Stages, line: Line, pair: Pair, waiting: list[Pair]) -> None:
     """Place a line parallel to the other one of a contact, or at the two distances that two contacts give."""
     others = [p for p in [pair, *waiting] if p.parallel and len(p.lines) > 1 and line.name in p.lines]
-    bounds: dict[str, tuple[Line, float]] = {}
+    bounds: dict[str, tuple[Line, Array, float]] = {}
     for each in others:
         mate = stages.lines[each.lines[1 - each.lines.index(line.name)]]
         if mate.origin is not None and mate is not line:
-            bounds.setdefault(mate.name, (mate, stages.distance(each)))
-    (mate, distance), *more = bounds.values()
-    assert mate.origin is not None  # noqa: S101  - chosen so
+            bounds.setdefault(mate.name, (mate, mate.origin, stages.distance(each)))
+    (mate, origin, distance), *more = bounds.values()
     e1, e2 = (np.array(axis) for axis in stages.transverse(mate))
-    for other, length in more:
-        assert other.origin is not None  # noqa: S101
-        between = other.origin - mate.origin
-        between -= (between @ mate.direction) * mate.direction
-        gap = float(np.linalg.norm(between))
-        if abs(distance - length) < gap < distance + length:
-            along = (gap**2 + distance**2 - length**2) / (2 * gap)
-            aside = math.sqrt(distance**2 - along**2)
-            unit = between / gap
-            line.origin = mate.origin + along * unit + aside * np.cross(mate.direction, unit)
+    for _, other, length in more:
+        found = corner(origin, other, mate.direction, distances=(distance, length))
+        if found is not None:
+            line.origin = found
             return
     for degrees in (0.0,) if line.copied else _SIDES_DEG:
         angle = line.angle_rad + math.radians(degrees)
-        line.origin = mate.origin + distance * (math.cos(angle) * e1 + math.sin(angle) * e2)
+        line.origin = origin + distance * (math.cos(angle) * e1 + math.sin(angle) * e2)
         if not _collides(stages, line, pair):
             return
 

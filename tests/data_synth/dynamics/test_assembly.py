@@ -6,6 +6,7 @@ from dataclasses import replace
 
 import numpy as np
 import pytest
+from gearboxes import without_sizes
 from mpmath import mp
 from numpy.testing import assert_allclose
 from published_systems import ALPHA, INERTIAS, MASSES, RADII, chaari, planetary, wijianto
@@ -29,7 +30,7 @@ from data_synth.integrators.driver import integrate
 from data_synth.integrators.problem import Load, Output, Problem, State, Steps
 from data_synth.operation.shaft_angle import ShaftAngle
 from hums.gearbox.kinematics import solve_kinematics
-from hums.gearbox.model import load_gearbox
+from hums.gearbox.model import Gearbox, load_gearbox
 
 
 def test_wijianto_s_pair_to_every_printed_digit():
@@ -367,10 +368,10 @@ def test_places_strain_nothing_at_the_speeds_of_the_kinematics_either(name, moti
 
 @pytest.mark.filterwarnings("ignore::hums.gearbox.model.GearboxWarning")
 def test_axes_where_teeth_do_not_reach_are_refused():
-    gearbox = load_gearbox("ravigneaux")
-    speeds = {"small sun": 1.0, "ring": 0.0}
-    with pytest.raises(ValueError, match="mm apart, but its teeth need"):
-        assemble(gearbox, motions="plane", meshes=with_geometry(gearbox), speeds=speeds)
+    gearbox = load_gearbox("planetary-27-36-99")
+    sun, ring = gearbox.meshes
+    with pytest.raises(ValueError, match=r"63 mm apart, but its teeth need 78\.75 mm"):  # (99 - 36) / 2 times 2 and 2.5
+        assemble(gearbox.changed(meshes=(sun, ring.changed(module_mm=2.5))), motions="plane")
 
 
 def test_a_planet_on_a_bevel_turns_about_its_carrier():
@@ -434,9 +435,19 @@ def test_what_is_not_there_is_refused(changes, words):
         assemble(load_gearbox("wijianto-pair"), **changes)
 
 
+def test_planets_that_mesh_with_each_other_stand_at_both_centre_distances():
+    gearbox = load_gearbox("ravigneaux")
+    speeds = {"small sun": 1.0, "large sun": 0.0}
+    found = solve_modes(assemble(gearbox, motions="plane", speeds=speeds).system).frequencies_hz
+    assert np.sum(found == 0) == 2  # as many as degrees of freedom: turning strains no mesh
+    # under a third of a turn, 4 central bodies and 6 planets have 10 single modes and 10 double ones (Kiracofe and
+    # Parker 2007, J. Vib. Acoust. 129, 1)
+    assert np.sum(np.isclose(found[3:], found[2:-1], rtol=1e-6)) == 10
+
+
 def test_missing_geometry_is_refused_by_name():
     with pytest.raises(ValueError, match='"stage 1" declares no module_mm and no face_width_mm'):
-        assemble(load_gearbox("two-stage"), motions="torsion")
+        assemble(Gearbox.model_validate(without_sizes("two-stage")), motions="torsion")
 
 
 def test_bodies_and_elements_refuse_what_they_cannot_be():

@@ -4,6 +4,7 @@ from functools import partial
 
 import numpy as np
 import pytest
+from gearboxes import without_sizes
 from numpy.testing import assert_allclose
 from scipy.special import jv
 
@@ -79,7 +80,7 @@ def test_single_pitch_deviations_modulate_the_amplitude():
 
 def test_a_grade_needs_a_module():
     with pytest.raises(SceneError, match='ask for the module of mesh "stage 1"; declare module_mm'):
-        simulate(scene({"gears": {}}, dynamics={}), seed=1)
+        simulate(scene({"gears": {}}, dynamics={}, gearbox=without_sizes("two-stage")), seed=1)
 
 
 def test_grades_double_the_deviations_in_two_steps():

@@ -7,7 +7,9 @@ import sys
 
 import pytest
 
-from hums.gearbox.model import catalogue
+from hums.drawing import free_links
+from hums.gearbox.kinematics import solve_kinematics
+from hums.gearbox.model import catalogue, load_gearbox
 
 
 def test_drawing_of_all_pictures(run, tmp_path):
@@ -54,21 +56,23 @@ def test_dynamics_of_a_gearbox(run, tmp_path):
     assert "1e+08 N/m" in assumed
 
 
-def test_dynamics_says_what_it_assumes_for_dimensions_that_are_not_declared(run):
-    code, out, err = run("dynamics", "two-stage")
+def test_dynamics_says_what_it_assumes_for_dimensions_that_are_not_declared(run, tmp_path):
+    path = tmp_path / "box.toml"
+    path.write_text(
+        'name = "box"\nframe = "frame"\nreference = "a"\n[axes]\none = ["frame", "a"]\ntwo = ["frame", "b"]\n'
+        '[[mesh]]\nname = "stage"\nteeth = { a = 20, b = 40 }\n'
+    )
+    code, out, err = run("dynamics", path)
     assert (code, err) == (0, "")
-    assert "module_mm 3, face_width_mm 30, pressure_angle_deg 20 where stage 1, stage 2 declare none" in out
+    assert "module_mm 3, face_width_mm 30, pressure_angle_deg 20 where stage declare none" in out
     assert "module_mm" not in run("dynamics", "wijianto-pair")[1]
 
 
 @pytest.mark.filterwarnings("ignore::hums.gearbox.model.GearboxWarning")  # planets of the OH-58 are not evenly spaced
 def test_every_gearbox_of_the_catalogue_has_dynamics(run):
     for name in catalogue():
-        speeds = {"car-differential": ("cage", "left wheel"), "two-motor-split": ("motor 1", "motor 2")}.get(name, ())
-        speeds = ("sun", "carrier") if name.startswith("glinsky-planetary") else speeds
-        given = [word for link in speeds for word in ("--speed", f"{link}=100")]
-        if name == "ravigneaux":  # its planets mesh with each other, so that two meshes place one axis
-            given = ["--motions", "torsion", "--speed", "small sun=100", "--speed", "large sun=0"]
+        links = free_links(solve_kinematics(load_gearbox(name)))
+        given = [word for link in links for word in ("--speed", f"{link}=100")]
         assert run("dynamics", name, *given)[0] == 0, name
 
 
