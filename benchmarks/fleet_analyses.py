@@ -279,13 +279,6 @@ class Resampled:
         """Return the same without what carries over."""
         return replace(self, healthy=self._fit[1], states=np.random.default_rng(18).standard_normal(self.states.shape))
 
-    def drawn_again(self, rng: np.random.Generator) -> "Resampled":
-        """Return fleets of the analyses of as many machines, drawn from these."""
-        numbers = np.unique(self.machine)
-        drawn = rng.choice(numbers, numbers.size)
-        those = np.concatenate([np.flatnonzero(self.machine == one) for one in drawn])
-        return Resampled(healthy=self.healthy[those], states=self.states[those], machine=self.machine[those])
-
     @property
     def standard(self) -> Array:
         """States in the deviations that the history declares."""

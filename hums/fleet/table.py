@@ -18,7 +18,7 @@ from hums.fleet.observation import days_since_1970
 from hums.fleet.result_files import StoredRecord
 from hums.records.fields import plain_cell
 from hums.records.store import atomic_write, write_tree
-from signals.monitoring.forecast import local_trend, time_until
+from signals.monitoring.forecast import time_until
 from signals.monitoring.slopes import series_slopes
 from signals.monitoring.trends import FEWEST, trend_tests
 
@@ -344,10 +344,9 @@ def _forecast(series: Array, days: Array, limit: float) -> dict[str, Any]:
     known = np.flatnonzero(np.isfinite(series))
     distinct = known[np.r_[True, np.diff(days[known]) > 0]][-_RECENT_POINTS:]
     try:
-        found = local_trend(series[distinct], days[distinct])
+        ahead = time_until(limit, series[distinct], days[distinct])
     except ValueError as error:
         return {"no_forecast": str(error)}
-    ahead = time_until(limit, found, span=float(np.ptp(days[distinct])))
     if ahead.reason:
         return {"no_forecast": ahead.reason}
     return {"days_until_limit": ahead.median, "days_low": ahead.low, "days_high": ahead.high}

@@ -4,7 +4,8 @@
 
 (white noise and an Ornstein-Uhlenbeck process) by generalised least squares. Memory m and share w are unknown: those on
 a grid are weighted by their restricted likelihoods (Patterson and Thompson 1971, Biometrika 58(3), 545-554). A memory
-as long as the series looks like a trend, which widens the interval of a short series.
+as long as the series looks like a trend, which widens the interval of a short series. Forecasts take the same
+regression, with a level that wanders (`forecast`).
 """
 
 from dataclasses import dataclass, fields
@@ -18,6 +19,7 @@ from signals.monitoring.trends import FEWEST, grouped
 Array = NDArray[np.float64]
 _MEMORIES = np.geomspace(0.01, 1.0, 5)  # over the time watched
 _SHARES = (0.5, 0.99)  # of the variance that has a memory
+_USUAL_DRIFT = 3.0  # deviations (our choice; see `error_models`)
 
 
 @dataclass(frozen=True, kw_only=True)
@@ -73,31 +75,96 @@ def _slope(y: Array, t: Array) -> dict[str, float]:
     """Return the slope of values (n,) over rising times, its 95 % interval and p value."""
     from scipy.stats import t as student  # noqa: PLC0415 - heavy
 
-    span, dof = np.ptp(t), y.size - 2
-    whiten, log_det = _whitening(t.tobytes())
-    columns = np.stack([np.ones(y.size), (t - t.mean()) / span, (y - y.mean()) / y.std()], axis=1)
-    white = whiten @ columns
-    (ones, cross, of_level), (_, rise, of_slope), (_, _, square) = np.einsum("mki,mkj->ijm", white, white)
-    det = ones * rise - cross**2
-    slope, level = (ones * of_slope - cross * of_level) / det, (rise * of_level - cross * of_slope) / det
-    left = np.maximum(square - level * of_level - slope * of_slope, 1e-20)
-    prior = -np.log([1, *[log_det.size - 1] * (log_det.size - 1)])  # that there is a memory is as likely as not
-    likelihood = prior - (log_det + np.log(det) + dof * np.log(left)) / 2
-    weight = np.exp(likelihood - likelihood.max())
-    weight /= weight.sum()
-    mean = float(weight @ slope)
-    error = float(np.sqrt(weight @ (left / dof * ones / det + (slope - mean) ** 2)))
-    reach, unit = student.ppf(0.975, dof) * error, y.std() / span
+    span = np.ptp(t)
+    fit = regression(y / y.std(), (t - t[0])[:, None] / span, error_models(t.tobytes()))
+    mean = float((fit.weight * fit.slope).sum())
+    error = float(np.sqrt((fit.weight * (fit.variance * fit.slope_variance + (fit.slope - mean) ** 2)).sum()))
+    reach, unit = student.ppf(0.975, fit.dof) * error, y.std() / span
     ends = {"slope": mean * unit, "slope_low": (mean - reach) * unit, "slope_high": (mean + reach) * unit}
-    return ends | {"p_value": 2 * float(student.sf(abs(mean) / error, dof))}
+    return ends | {"p_value": 2 * float(student.sf(abs(mean) / error, fit.dof))}
+
+
+@dataclass(frozen=True, kw_only=True)
+class ErrorModels:
+    """Models of the errors of values (n,) at some times.
+
+    ``whiten`` (models, n, n) makes errors independent, ``log_weight`` (models,) is the logarithm of the prior
+    probability less half of that of the determinant; ``drift`` (models,) is the deviation of a random walk over the
+    time watched, in standard deviations of the other errors, and ``walk`` (models, n) its covariance at the last value
+    with that at each, whitened.
+    """
+
+    whiten: Array
+    log_weight: Array
+    drift: Array
+    walk: Array
 
 
 @lru_cache(maxsize=16)
-def _whitening(times: bytes) -> tuple[Array, Array]:
-    """Return matrices (models, n, n) that make the errors of each model independent, and log determinants (models,)."""
+def error_models(times: bytes, drifts: tuple[float, ...] = (0.0,), *, white: float = 0.5) -> ErrorModels:
+    """Return models of errors at rising times, with each memory and each drift; `white` is the prior of no memory.
+
+    The drift in deviations is exponentially distributed (penalised complexity prior; Simpson et al. 2017, Stat. Sci.
+    32(1), 1-28).
+    """
     t = np.frombuffer(times)
-    apart = np.abs(t[:, None] - t) / np.ptp(t)
-    one = np.eye(t.size)
+    place, one = (t - t[0]) / np.ptp(t), np.eye(t.size)
+    apart, common = np.abs(place[:, None] - place), np.minimum(place[:, None], place)
     slow = [(1 - share) * one + share * np.exp(-apart / memory) for share in _SHARES for memory in _MEMORIES]
-    root = np.linalg.cholesky(np.stack([one, *slow]))
-    return np.linalg.inv(root), 2 * np.log(np.diagonal(root, axis1=1, axis2=2)).sum(axis=1)
+    drift = np.tile(drifts, 1 + len(slow))
+    covariance = np.repeat([one, *slow], len(drifts), axis=0) + drift[:, None, None] ** 2 * common
+    root = np.linalg.cholesky(covariance)
+    prior = np.log(np.repeat([white, *[(1 - white) / len(slow)] * len(slow)], len(drifts))) - drift / _USUAL_DRIFT
+    whiten = np.linalg.inv(root)
+    return ErrorModels(
+        whiten=whiten,
+        log_weight=prior - np.log(np.diagonal(root, axis1=1, axis2=2)).sum(axis=1),
+        drift=drift,
+        walk=drift[:, None] ** 2 * (whiten @ place),
+    )
+
+
+@dataclass(frozen=True, kw_only=True)
+class Regression:
+    """Regression of values on courses over time, for each model of the errors (models, courses).
+
+    ``weight`` is the posterior probability where each course is as probable before; ``constant``, ``slope`` and
+    ``variance`` are estimates, ``slope_variance`` and ``constant_variance`` (that of the constant if the slope is
+    known) are over the variance, and ``tilt`` is by how much the constant falls where the slope rises.
+    """
+
+    log_likelihood: Array
+    constant: Array
+    slope: Array
+    variance: Array
+    slope_variance: Array
+    constant_variance: Array
+    tilt: Array
+    dof: int
+
+    @property
+    def weight(self) -> Array:
+        """Posterior probabilities (models, courses); each course is as probable before."""
+        weight = np.exp(self.log_likelihood - self.log_likelihood.max())
+        return np.asarray(weight / weight.sum())
+
+
+def regression(y: Array, courses: Array, errors: ErrorModels) -> Regression:
+    """Return the regression of values (n,) on each of some courses (n, courses), with each model of the errors."""
+    whiten, dof = errors.whiten, y.size - 2
+    level, rise, white = whiten.sum(axis=2)[..., None], whiten @ courses, (whiten @ y)[..., None]
+    ones, cross, square = (level**2).sum(axis=1), (level * rise).sum(axis=1), (rise**2).sum(axis=1)
+    of_level, of_rise = (level * white).sum(axis=1), (rise * white).sum(axis=1)
+    det = ones * square - cross**2
+    slope, constant = (ones * of_rise - cross * of_level) / det, (square * of_level - cross * of_rise) / det
+    left = np.maximum((white**2).sum(axis=1) - constant * of_level - slope * of_rise, 1e-20)
+    return Regression(
+        log_likelihood=errors.log_weight[:, None] - (np.log(det) + dof * np.log(left)) / 2,
+        constant=constant,
+        slope=slope,
+        variance=left / dof,
+        slope_variance=ones / det,
+        constant_variance=1 / ones,
+        tilt=cross / ones,
+        dof=dof,
+    )
