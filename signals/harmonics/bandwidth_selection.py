@@ -2,7 +2,7 @@
 
 A tracker's `std` is right where its random walk varies as the amplitudes do. Here the amplitudes are random walks over
 nodes, a tenth of one over the largest bandwidth apart, and polynomials in between, straight lines with one or two
-poles: the moments of a block hold all information of its samples (see `_information_smoother`). The likelihood of the
+poles: the moments of a block hold all information of its samples (see `node_chain`). The likelihood of the
 chain of nodes is found by integrating out its states one after the other: the product of the densities of a Kalman
 filter's innovations [1]_. Close orders share one chain; the others are tracked first and subtracted.
 
@@ -23,7 +23,7 @@ import numpy as np
 
 from signals._validation import checked, positive, real_array, whole
 from signals.harmonics._arguments import check_noise_variance, check_orders, check_record
-from signals.harmonics._information_kernels import FORWARD, filter_information, marginalise
+from signals.harmonics._chain_kernels import filter_forward
 from signals.harmonics.bandwidth import MOST_POLES, quadrature_noise, variance_ratio
 from signals.harmonics.block_grid import Grid
 from signals.harmonics.block_smoother import BlockFit, block_length, scattered_share
@@ -37,7 +37,7 @@ if TYPE_CHECKING:
 
     from numpy.typing import ArrayLike, NDArray
 
-    from signals.harmonics._information_smoother import NodeChain, NodeInformation
+    from signals.harmonics.node_chain import NodeChain, NodeInformation
 
 _LEAST_SHARE = 1e-3  # of the bandwidth that a record can show
 
@@ -87,17 +87,16 @@ class ChainLikelihood:
         ratio = variance_ratio(np.minimum(np.asarray(bandwidth) * self.length, 1.0), self.model.poles)
         columns = len(self.chain.before.matrix) // max(2, self.model.poles)  # one where orders share it
         process = (ratio * self.noise)[self.model.order_of_column[:columns]][None]
-        matrix, vector = self.chain.before.copy()
-        squares, column = np.zeros(vector.shape[1]), np.empty(len(matrix))
-        unstored = np.empty((0, matrix.size)), np.empty((0, vector.size))
-        log_determinant = filter_information(
-            *self.measured, process, self.model.poles == 1, FORWARD, matrix, vector, column, *unstored, squares
-        )
+        matrix, vector = (values.copy() for values in self.chain.before)
+        squares, width = np.zeros(vector.shape[1]), process.shape[1]
+        last = np.empty((1, width, len(matrix))), np.empty((1, width)), np.empty((1, width, vector.shape[1]))
+        log_determinant = filter_forward(*self.measured, process, self.model.poles == 1, matrix, vector, *last, squares)
         # 2 log L = j J^-1 j + the filter's completed squares - log det J - the sum of log det(I + Q J)
-        log_determinant += marginalise(np.ones((1, len(matrix))), 0, True, matrix, vector, column, squares)
-        if np.isnan(log_determinant):
+        sign, rest = np.linalg.slogdet(matrix)
+        if np.isnan(log_determinant) or sign <= 0:
             raise np.linalg.LinAlgError("information matrix is not positive definite")
-        return np.asarray((squares - log_determinant) / 2)
+        squares += np.sum(vector * np.linalg.solve(matrix, vector), axis=0)
+        return np.asarray((squares - log_determinant - rest) / 2)
 
 
 @checked

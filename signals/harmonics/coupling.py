@@ -11,13 +11,13 @@ from math import log, pi
 
 import numpy as np
 
-from signals.harmonics._information_smoother import Gram, Information, NodeChain, SmoothedChain, smooth_chain
 from signals.harmonics.bandwidth import Bandwidth
 from signals.harmonics.block_grid import Grid, pieces_between
+from signals.harmonics.node_chain import Gram, Information, NodeChain, SmoothedChain, smooth_chain
 from signals.harmonics.separability import Closeness, Gain, coupled, leaks, left_over
 from signals.harmonics.state_space import Complexes, Flags, Floats, HarmonicModel, Indices
 
-# ---- Information smoothers over the nodes of a grid: of each order alone, and of coupled groups of orders ------------
+# ---- Smoothers over the nodes of a grid: of each order alone, and of coupled groups of orders ------------
 
 # Numbers in the products of columns of all nodes that are kept; more are made again, segment by segment.
 MOST_KEPT = 1 << 21

@@ -1,21 +1,23 @@
-"""The two-filter smoother of random walks observed at the nodes of a grid, in information form.
+"""The smoother of random walks observed at the nodes of a grid: a filter in information form, then one pass back.
 
 The information on a state x is a matrix J and a vector j: its likelihood is `exp(j . x - x . J x / 2)` up to a factor.
-Measurements add to both, from the first node forward and from the last backward, and at each node the two sums are
-added [1]_: no large numbers are subtracted, however diffuse the prior. All data with the same regressors and process
-noise (two quadratures, several orders, several channels) share J, each with its own j: *lanes*, the right-hand sides.
+Measurements add to both, and however diffuse the prior, no large numbers are subtracted [1]_. From the last node back,
+the mean and the covariance of each state follow from those of the next one [2]_: one increment after the other is
+estimated from the state after it, and its variance added, so that the covariance stays positive. All data with the same
+regressors and process noise (two quadratures, several orders, several channels) share J and the covariance, each with
+its own j: *lanes*, the right-hand sides.
 
 A state holds `poles` blocks of `width` numbers: the highest backward differences first, the levels last. From one node
 to the next it becomes `F (state + increment)`: F adds to each block all higher ones, and the increment is in the
 highest differences alone. Between a node and the one before it levels follow Newton's backward formula, `sum_k
-C(u + k - 2, k) difference_k` for u from 0 to 1 [2]_: a polynomial, constant with one pole, straight with two, on which
+C(u + k - 2, k) difference_k` for u from 0 to 1 [3]_: a polynomial, constant with one pole, straight with two, on which
 moments of the samples there hold all information.
 
 References
 ----------
-.. [1] D. C. Fraser, J. E. Potter, "The optimum linear smoother as a combination of two optimum linear filters",
-   IEEE Trans. Automatic Control 14, 1969.
-.. [2] M. Abramowitz, I. A. Stegun, "Handbook of mathematical functions", National Bureau of Standards 1964, 25.2.
+.. [1] B. D. O. Anderson, J. B. Moore, *Optimal Filtering*, Prentice-Hall 1979, section 6.3.
+.. [2] H. E. Rauch, F. Tung, C. T. Striebel, "Maximum likelihood estimates of linear dynamic systems", AIAA J. 3, 1965.
+.. [3] M. Abramowitz, I. A. Stegun, "Handbook of mathematical functions", National Bureau of Standards 1964, 25.2.
 """
 
 from collections.abc import Callable
@@ -26,14 +28,13 @@ from typing import NamedTuple
 
 import numpy as np
 
-from signals.harmonics._information_kernels import BACKWARD, FORWARD, combine, filter_information
-from signals.harmonics.state_space import Floats, Indices
+from signals.harmonics._chain_kernels import filter_forward, smooth_backward
+from signals.harmonics.state_space import Floats
 
 Gram = Floats | Callable[[slice], Floats]
 
-# Size of the matrices and vectors of a segment of nodes, which stay in a near cache, and of those at the record's end
-# whose data and past are kept, some 60 MB, so that the way back need not make them again.
-STRETCH_NUMBERS, KEPT_NUMBERS = 1 << 16, 1 << 22
+# Numbers of a segment of nodes that are kept for the way back, some 30 MB; more are made again, segment by segment.
+KEPT_NUMBERS = 1 << 22
 
 
 class Information(NamedTuple):
@@ -46,9 +47,6 @@ class Information(NamedTuple):
     def prior(cls, variance: Floats, lanes: int) -> "Information":
         """Return the information of a prior with mean zero and (pole, width) variances, levels first."""
         return cls(np.diag(1.0 / variance[::-1].ravel()), np.zeros((variance.size, lanes)))
-
-    def copy(self) -> "Information":
-        return Information(self.matrix.copy(), self.vector.copy())
 
 
 @dataclass(frozen=True, kw_only=True, eq=False)
@@ -65,22 +63,6 @@ class NodeChain:
     process_noise: Floats  # (node or 1, width) variances of the increments that follow each node
     before: Information  # on the state at the first node before its data
 
-    def filter(
-        self, nodes: slice, steps: Indices, state: Information, data: "NodeInformation", stored: "NodeInformation"
-    ) -> None:
-        """Run the information filter over a range of nodes, in place.
-
-        The state, before the data of the node entered first, becomes that at the node after the one left last; `data`
-        are those `measured` in this range. `stored`, unless of no nodes, is filled with the information at every node,
-        forward with its data, backward without.
-        """
-        process = self.process_noise
-        if len(process) > 1:
-            place = np.arange(nodes.start, nodes.stop) - (steps is BACKWARD)
-            process = np.ascontiguousarray(process[place.clip(0, len(process) - 1)])
-        column, squares = np.empty(len(state.matrix)), np.zeros(state.vector.shape[1])
-        filter_information(*data, process, False, steps, *state, column, *stored, squares)
-
     def measured(self, nodes: slice) -> "NodeInformation":
         """Return the information in the data of a range of nodes."""
         one = not callable(self.gram) and len(self.gram) == 1
@@ -92,11 +74,6 @@ class NodeChain:
         information = pairs.reshape(known, poles, poles, width, width).swapaxes(2, 3)
         score = basis @ data.reshape(count, poles, width * lanes)
         return NodeInformation(information.reshape(known, size**2), score.reshape(count, size * lanes))
-
-    def buffer(self, nodes: slice) -> "NodeInformation":
-        """Return empty arrays for a range of nodes."""
-        count, (matrix, vector) = nodes.stop - nodes.start, self.before
-        return NodeInformation(np.empty((count, matrix.size)), np.empty((count, vector.size)))
 
 
 class NodeInformation(NamedTuple):
@@ -111,8 +88,8 @@ class SmoothedChain(NamedTuple):
 
     levels: Floats  # (node, width, lane)
     variances: Floats  # (node, width), where the noise has variance 1
-    # (node,) variance of the fitted waveform summed over the samples of a node, in that unit: the trace of the joint
-    # covariance of the levels times the information in the node's data
+    # (node,) variance of the fitted waveform summed over the samples of a node, in that unit: the trace of the state's
+    # covariance times the information in the node's data
     explained: Floats
 
 
@@ -136,30 +113,35 @@ def smooth_chain(chain: NodeChain) -> SmoothedChain:
     at the start of each segment, then again segment by segment, from the last one back. Raises
     `numpy.linalg.LinAlgError` of information that is not positive definite in double precision.
     """
-    width, (matrix, vector) = chain.process_noise.shape[1], chain.before
-    length = max(isqrt(chain.nodes), STRETCH_NUMBERS // (matrix.size + vector.size))
+    (size, lanes), width = chain.before.vector.shape, chain.process_noise.shape[1]
+    length = min(max(isqrt(chain.nodes), KEPT_NUMBERS // (size * (size + lanes))), chain.nodes)
     segments = [slice(begin, min(begin + length, chain.nodes)) for begin in range(0, chain.nodes, length)]
-    state, starts = chain.before.copy(), []
-    kept: list[tuple[NodeInformation, NodeInformation]] = []
-    unstored, late = chain.buffer(slice(0, 0)), chain.nodes - max(length, KEPT_NUMBERS // (matrix.size + vector.size))
-    for segment in segments:
-        starts.append(state.copy())
-        is_kept = segment.start >= late or segment is segments[-1]
-        data, past = chain.measured(segment), chain.buffer(segment) if is_kept else unstored
-        chain.filter(segment, FORWARD, state, data, past)
-        if is_kept:
-            kept.append((data, past))
-    later = Information(0 * matrix, 0 * vector)
-    scratch = np.empty_like(matrix), np.empty_like(vector), np.empty((width, width))
-    found = np.empty((chain.nodes, width, vector.shape[1])), np.empty((chain.nodes, width)), np.empty(chain.nodes)
-    for segment, start in zip(reversed(segments), reversed(starts), strict=True):
-        if kept:
-            data, past = kept.pop()
-        else:
-            data, past = chain.measured(segment), chain.buffer(segment)
-            chain.filter(segment, FORWARD, start, data, past)
-        future = chain.buffer(segment)
-        chain.filter(segment, BACKWARD, later, data, future)
-        if not combine(data.matrices, *past, *future, *scratch, *(values[segment] for values in found)):
+    found = np.empty((chain.nodes, width, lanes)), np.empty((chain.nodes, width)), np.empty(chain.nodes)
+    gains, variances, squares = np.empty((length, width, size)), np.empty((length, width)), np.zeros(lanes)
+
+    def filtered(segment: slice, state: Information) -> NodeInformation:
+        data, offsets, process = chain.measured(segment), found[0][segment], chain.process_noise
+        if len(process) > 1:
+            process = process[np.arange(segment.start, segment.stop).clip(0, len(process) - 1)]
+        filled = gains[: len(offsets)], variances[: len(offsets)], offsets
+        if np.isnan(filter_forward(*data, process, False, *state, *filled, squares)):
             raise np.linalg.LinAlgError("information matrix is not positive definite")
+        return data
+
+    state, starts = Information(*(values.copy() for values in chain.before)), list[Information]()
+    for segment in segments:
+        starts.append(Information(*(values.copy() for values in state)))
+        data = filtered(segment, state)
+    row, covariance, mean = np.empty(size), np.eye(size), np.zeros((size, lanes))
+    # The state after the last node, given what follows: nothing, as if an independent one replaced it.
+    none = np.zeros((1, size**2)), np.zeros((1, size * lanes))
+    end = np.empty((1, size, size)), np.empty((1, size)), np.empty((1, size, lanes))
+    filter_forward(*none, np.ones((1, size)), True, *state, *end, squares)
+    smooth_backward(none[0], *end[:2], covariance, mean, row, end[2], np.empty((1, size)), np.empty(1))
+    for segment, start in zip(reversed(segments), reversed(starts), strict=True):
+        if segment is not segments[-1]:
+            data = filtered(segment, start)
+        some = slice(0, segment.stop - segment.start)
+        own = (values[segment] for values in found)
+        smooth_backward(data.matrices, gains[some], variances[some], covariance, mean, row, *own)
     return SmoothedChain(*found)
