@@ -37,12 +37,12 @@ def transform_of(signal: Samples, known: NDArray[np.complexfloating] | None = No
         If the known one has another length.
     """
     if known is not None:
-        if known.shape != (signal.size // 2 + 1,):
+        if np.shape(known) != (signal.size // 2 + 1,):
             raise ValueError(
-                f"transform has shape {known.shape}; that of {signal.size} samples has ({signal.size // 2 + 1},) "
+                f"transform has shape {np.shape(known)}; that of {signal.size} samples has ({signal.size // 2 + 1},) "
                 "lines: give scipy.fft.rfft of this very record without its mean, or leave it out."
             )
-        return known
+        return np.asarray(known)
     lines = np.asarray(fft.rfft(without_mean(signal)))
     forget_plans(signal.size)
     return lines

@@ -76,7 +76,7 @@ BUDGETS = """
     signals/health, signals/indicators                          955    955    800
     signals/monitoring                                         1135    976    700
     signals/resampling                                          799    799    600
-    signals/shaft                                              3006   1987   2000
+    signals/shaft                                              3006   1986   2000
     signals/spectra                                             866    862    700
     hums (root)                                                 830    758    600
     hums/analysis                                              5359   5359   3000

@@ -13,16 +13,7 @@ from typing import Literal, get_args, get_origin
 
 import numpy as np
 import pytest
-from attacks.call_cases import (
-    RATE_HZ,
-    angle_cases,
-    exported,
-    labelled_cases,
-    phase,
-    signal_cases,
-    tachometer_cases,
-    waveform,
-)
+from attacks.call_cases import all_cases, exported
 from attacks.odd_calls import answers_that_differ, failure, odd_calls
 
 from signals import (
@@ -30,6 +21,7 @@ from signals import (
     angular_resample,
     cepstrum_prewhitening,
     quadrature_direction,
+    shaft_phase,
     stream_envelope,
     track_orders,
 )
@@ -41,25 +33,31 @@ KILL_S = 60
 PAIR = ("first", "second")
 
 
-@pytest.fixture(scope="module")
-def cases():
-    return [*signal_cases(), *tachometer_cases(), *angle_cases()]
+RATE_HZ = 2048
+X = np.round(1000 * np.random.default_rng(SEED).standard_normal(6144))
 
 
 @pytest.fixture(scope="module")
-def labelled(tmp_path_factory):
+def every(tmp_path_factory):
     folder = tmp_path_factory.mktemp("calls")
     os.chdir(folder)  # some odd calls name files
     with warnings.catch_warnings():
         warnings.simplefilter("ignore")
-        yield list(labelled_cases(folder))
+        yield all_cases(folder)
     os.chdir(ROOT)
 
 
-def test_every_exported_function_is_attacked(cases, labelled):
-    assert not {function.__name__ for function in exported() - {case.function for case in (*cases, *labelled)}}
+@pytest.fixture(scope="module")
+def cases(every):
+    return [case for case in every if case.function.__module__.startswith("signals")]
 
 
+@pytest.fixture(scope="module")
+def labelled(every, cases):
+    return [case for case in every if case not in cases]
+
+
+@pytest.mark.usefixtures("every")  # its modules are imported
 def test_names_of_types_are_known_where_arguments_are_checked():
     # under a name that type checkers alone import, `checked` would take a choice for a class and refuse its words
     choices = {
@@ -123,10 +121,10 @@ def test_a_masked_value_is_as_one_that_is_not_a_number(cases):
 @pytest.mark.parametrize("size", [1, 1000])
 def test_streams_equal_whole_records(size):
     # ends included, and at every size of block
-    x = waveform()
+    x, phase = X, shaft_phase(np.arange(26) / 8)
     blocks = [x[first : first + size] for first in range(0, x.size, size)]
-    whole = angular_resample(x, rate_hz=RATE_HZ, phase=phase(), samples_per_rev=64)
-    stream = angular_blocks(blocks, rate_hz=RATE_HZ, phase=phase(), samples_per_rev=64)
+    whole = angular_resample(x, rate_hz=RATE_HZ, phase=phase, samples_per_rev=64)
+    stream = angular_blocks(blocks, rate_hz=RATE_HZ, phase=phase, samples_per_rev=64)
     np.testing.assert_array_equal(np.concatenate([turn.values for turn in stream]), whole.values)
     envelopes = [
         np.concatenate(list(stream_envelope(parts, rate_hz=RATE_HZ, band_hz=(400.0, 800.0)))) for parts in (blocks, [x])
@@ -137,12 +135,12 @@ def test_streams_equal_whole_records(size):
 def test_a_read_only_array_compiles_nothing():
     from signals.harmonics import _block_kernels  # noqa: PLC0415 - loads numba
 
-    angle = 2 * np.pi * 8 * np.arange(waveform().size) / RATE_HZ
+    angle = 2 * np.pi * 8 * np.arange(X.size) / RATE_HZ
     settings = {"orders": [1.0], "bandwidth_hz": 1.0, "rate_hz": RATE_HZ}
-    track_orders(waveform(), phase_rad=angle, **settings)
+    track_orders(X, phase_rad=angle, **settings)
     kernels = [kernel for kernel in vars(_block_kernels).values() if hasattr(kernel, "signatures")]
     before = [len(kernel.signatures) for kernel in kernels]
-    frozen = waveform().copy()
+    frozen = X.copy()
     frozen.flags.writeable = angle.flags.writeable = False
     track_orders(frozen, phase_rad=angle, **settings)
     cepstrum_prewhitening(frozen)

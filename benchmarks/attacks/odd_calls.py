@@ -93,7 +93,7 @@ def odd_values(value: object) -> Iterator[tuple[str, Any]]:
     yield from WRONG_TYPES
     if isinstance(value, bool):
         yield from (("3", 3), ("-1", -1))
-    elif isinstance(value, Number):
+    elif value is None or isinstance(value, Number):
         yield from NUMBERS
     elif isinstance(value, np.ndarray):
         yield from _arrays(value)

@@ -328,7 +328,7 @@ def make_record(
     variables = {
         name: _channel_variable(channel, name=name, rate_hz=rate, start_s=start) for name, channel in declared.items()
     }
-    for name, quantity in (measured or {}).items():
+    for name, quantity in _by_name(measured, "measured").items():
         check_name(name, "measured")
         _check_new(name, variables)
         variables[name] = measured_variable(quantity, name=name, rate_hz=rate, start_s=start)
@@ -355,7 +355,7 @@ def make_record(
     if isinstance(angle, UnknownAngle):
         required["angle"] = UNKNOWN_ANGLE
     record = attach_time(xr.Dataset(variables, attrs={**required, **(attrs or {})}))
-    record = _with_truth(record, truth or {})
+    record = _with_truth(record, _by_name(truth, "truth"))
     check_record(record)
     return record
 
@@ -368,10 +368,14 @@ def _refuse_own_rates(channels: Mapping[str, Channel]) -> None:
             )
 
 
+def _by_name(given: Mapping[str, Any] | None, argument: str) -> Mapping[str, Any]:
+    if given is not None and not isinstance(given, Mapping):
+        raise RecordError(f"{argument}={plain_repr(given)}; give a mapping of names to values.")
+    return given or {}
+
+
 def _refuse_clash(required: Mapping[str, Any], attrs: Mapping[str, Any] | None) -> None:
-    if attrs is not None and not isinstance(attrs, Mapping):
-        raise RecordError(f"attrs={plain_repr(attrs)}; give a mapping of names to words and numbers.")
-    if clash := sorted(required.keys() & (attrs or {}).keys()):
+    if clash := sorted(required.keys() & _by_name(attrs, "attrs").keys()):
         raise RecordError(f'attrs: "{clash[0]}" is written by make_record itself; give it as an argument.')
 
 

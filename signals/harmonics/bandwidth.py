@@ -79,7 +79,7 @@ def process_variance(
     >>> print(process_variance(orders=[0, 3], bandwidth=1, rate=1000, poles=1, noise_variance=1.0).round(8))
     [2.383e-05 4.765e-05]
     """
-    width, poles = _checked_width(bandwidth, rate), whole(poles, name="poles", least=1, most=MOST_POLES)
+    width, poles = _checked_width(bandwidth, rate, orders), whole(poles, name="poles", least=1, most=MOST_POLES)
     return np.asarray(quadrature_noise(orders, noise_variance) * variance_ratio(width, poles))
 
 
@@ -119,7 +119,7 @@ def isolated_std(
     """
     choice(estimator, name="estimator", choices=("smoother", "filter"))
     poles = whole(poles, name="poles", least=1, most=MOST_POLES)
-    c, u = _factors(_checked_width(bandwidth, rate), poles)
+    c, u = _factors(_checked_width(bandwidth, rate, orders), poles)
     passed = -np.expm1(_log_radius(u).sum(axis=-1)) if estimator == "filter" else np.mean(c / (c - 2 * u), axis=-1).real
     return np.asarray(np.sqrt(quadrature_noise(orders, noise_variance) * passed))
 
@@ -233,13 +233,17 @@ def quadrature_noise(orders: ArrayLike, noise_variance: float) -> Floats:
     return np.where(real_array(orders, name="orders") == 0.0, 1.0, 2.0) * noise
 
 
-def _checked_width(bandwidth: ArrayLike, rate: float) -> Floats:
+def _checked_width(bandwidth: ArrayLike, rate: float, orders: ArrayLike) -> Floats:
     """Return bandwidths in cycles per sample, or refuse what is not between zero and the rate."""
     width = real_array(bandwidth, name="bandwidth").astype(np.float64) / positive(rate, name="rate")
     if not np.all((width > NARROWEST) & (width <= 1)):
         raise ValueError(
             f"bandwidth={brief(bandwidth)} must be above zero and at most the rate, {rate:g}; give it in the units "
             "of the rate."
+        )
+    if width.size != 1 != np.size(orders) != width.size:
+        raise ValueError(
+            f"bandwidth={brief(bandwidth)}, orders={brief(orders)}: give one number, or one for each order."
         )
     return width
 

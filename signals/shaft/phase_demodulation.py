@@ -26,7 +26,6 @@ if TYPE_CHECKING:
     from numpy.typing import ArrayLike, NDArray
 
 OVERLAP = 4  # hops a window, as the kernel has it
-_MOST_WINDOWS = 10**6  # more than a window for each sample of most records
 _LEAST_ORDER = 1e-6  # one turn in a million revolutions
 _CAPTURE = 0.35  # bins of the window by which an order may be off without ambiguity of its phase
 _FIRST_REV, _LAST_REV = 2.0, 6.0
@@ -182,6 +181,11 @@ def refine_phase(
             f"the lowest order, {listed[0]:g}, lies at {listed[0] * top:.4g} Hz at top speed, too close to half the "
             f"sampling rate, {rate / 2:g} Hz; give lower orders, or a record of a higher rate."
         )
+    if window * usable[-1] < 1:
+        raise ValueError(
+            f"window_rev={window:g} holds no cycle of order {usable[-1]:g}, the highest; give {1 / usable[-1]:.3g} "
+            "revolutions or more."
+        )
     band, band_rate = lowest_band(signal[first:last], rate_hz=rate, top_hz=(usable[-1] + 2) * top * (1 + tolerance))
     times = part_start + np.arange(band.size) / band_rate
     step = _one_pass(band, times, phase, usable[usable <= highest], window_rev=min(_FIRST_REV, window))
@@ -226,11 +230,6 @@ def _one_pass(signal: Array, times: Array, phase: ShaftPhase, orders: Array, *, 
     clipped = np.clip(times, phase.start_s, phase.stop_s)
     revolutions = phase.revolutions_at(clipped)
     first, last = revolutions[0] + window_rev / 2, revolutions[-1] - window_rev / 2
-    if window_rev * _MOST_WINDOWS < last - first:
-        raise ValueError(
-            f"window_rev={window_rev:g} makes more than {_MOST_WINDOWS} windows of {last - first:.4g} revolutions; "
-            "give a longer one."
-        )
     count = max(int((last - first) / (window_rev / OVERLAP)), 5) + 1
     hop = (last - first) / (count - 1)
     # a distance at which these windows have a zero for the line itself, and the last ones for its neighbours too
