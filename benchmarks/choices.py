@@ -24,7 +24,7 @@ from data_synth import Scene, load_plan, simulate
 from hums.gearbox.defect_orders import defect_orders
 from hums.gearbox.kinematics import solve_kinematics
 from hums.plots import save_figure
-from signals.demodulation.envelope_bank import bank_bands, bank_envelopes
+from signals.demodulation.envelope import bank_bands, bank_envelopes
 from signals.harmonics import residual_record, track_orders
 
 Floats = NDArray[np.float64]

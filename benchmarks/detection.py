@@ -16,7 +16,7 @@ import verdicts
 from scipy.optimize import minimize
 
 from hums import analyze
-from hums.records.store import write_text
+from hums.records.outputs import write_text
 
 PLACES = 1e4  # at which a fault of a known waveform may begin: samples of a revolution
 PAGE = """\

@@ -27,8 +27,8 @@ from data_synth.scene.scene import SceneError
 from data_synth.simulation import simulate, simulate_with_detectability
 from hums.jobs import Job, Serial, Tally, Workers, run_jobs
 from hums.records.dataset_store import INDEX, LABELS, SHARD, open_dataset, write_index
-from hums.records.outputs import SEALS, check_outputs
-from hums.records.store import atomic_write, remove_partial_files, write_shard, write_text
+from hums.records.outputs import SEALS, atomic_write, check_outputs, remove_partial_files, write_text
+from hums.records.store import write_shard
 from signals._validation import checked
 
 CHECKSUMS = "checksums.sha256"

@@ -29,15 +29,13 @@ from hums.readers.description import OF_MANY_FILES, ImportDescription, describe
 from hums.readers.process import ReaderProcess
 from hums.records.dataset_store import INDEX, LABELS, SHARD, write_index
 from hums.records.fields import RecordError, plain_cell, utc_text
-from hums.records.outputs import check_outputs, own_json
+from hums.records.outputs import atomic_write, check_outputs, own_json, remove_partial_files, write_text
 from hums.records.snapshots import join_snapshots
-from hums.records.store import atomic_write, remove_partial_files, write_record, write_shard, write_text
+from hums.records.store import write_record, write_shard
 
 Form = Literal["packed", "files"]
 _MARKS: Mapping[Form, str] = {"packed": "conversion.json", "files": "conversion-files.json"}
 _PIECES, _REFUSED = "pieces", "refused.csv"
-_FILES = 32  # in a piece: it is lost when a run is stopped, and made again when one of its files changes
-_DTYPE = "float32"  # 24 bits, as converters of vibration have
 
 
 @dataclass(frozen=True, kw_only=True)
@@ -325,7 +323,8 @@ def _begin(folder: Path, form: Form, task: Mapping[str, Any], *, force: bool) ->
 
 
 def _pieces(sources: Sequence[SourceFile], snapshots: int) -> list[Sequence[SourceFile]]:
-    size = snapshots * max(1, _FILES // snapshots)
+    # 32 files in a piece: it is lost when a run is stopped, and made again when one of its files changes
+    size = snapshots * max(1, 32 // snapshots)
     return [sources[first : first + size] for first in range(0, len(sources), size)]
 
 
@@ -493,7 +492,8 @@ def _write_records(folder: Path, item: Mapping[str, Any], made: Sequence[tuple[l
             "file": [Path(paths[0]).name for paths, _ in made],
             "recorded_at": [record.attrs["recorded_at"] for _, record in made],
         }
-        write_shard([record for _, record in made], folder / names[0], labels=labels, dtype=_DTYPE)
+        # 24 bits, as converters of vibration have
+        write_shard([record for _, record in made], folder / names[0], labels=labels, dtype="float32")
         return names
     for name, (_, record) in zip(names, made, strict=True):
         write_record(record, folder / name, tidy=False)

@@ -159,7 +159,7 @@ def run_jobs(
     Exception
         Any exception of `function`, after the running jobs have ended. Finished files remain.
     """
-    from hums.records.store import remove_partial_files  # noqa: PLC0415 - xarray, which a worker may do without
+    from hums.records.outputs import remove_partial_files  # noqa: PLC0415 - xarray, which a worker may do without
 
     folder = Path(os.path.realpath(folder))
     with locked(folder):

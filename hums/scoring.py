@@ -15,8 +15,6 @@ from signals._validation import checked
 if TYPE_CHECKING:
     import pandas as pd
 
-_SAME_ORDER = 1e-6
-
 
 @dataclass(frozen=True, kw_only=True)
 class Score:
@@ -132,7 +130,8 @@ def _true_amplitude(record: xr.Dataset, track: xr.Dataset) -> np.ndarray | None:
     """Return the true amplitude of one tracked order at its output times, or None if the truth lacks the order."""
     truth = record["truth_amplitude"].sel(truth_channel=track["track_channel"].item())
     order = track["track_order"].item()
-    near = np.flatnonzero(np.abs(truth["truth_order"].to_numpy() - order) < _SAME_ORDER * max(1.0, order))
+    same_order = 1e-6
+    near = np.flatnonzero(np.abs(truth["truth_order"].to_numpy() - order) < same_order * max(1.0, order))
     if not near.size:
         return None
     values = truth.isel(truth_order=int(near[0])).to_numpy()

@@ -53,8 +53,6 @@ from signals.resampling.resampling import AngularSignal as AngularSignal
 from signals.resampling.resampling import TimeSignal as TimeSignal
 from signals.resampling.resampling import angular_resample as angular_resample
 from signals.resampling.resampling import time_resample as time_resample
-from signals.shaft.declared_speed import DeclaredSpeed as DeclaredSpeed
-from signals.shaft.declared_speed import refine_declared_speed as refine_declared_speed
 from signals.shaft.phase import ShaftPhase as ShaftPhase
 from signals.shaft.phase import constant_speed as constant_speed
 from signals.shaft.phase_demodulation import RefinedPhase as RefinedPhase
@@ -64,8 +62,10 @@ from signals.shaft.pulses import PulseTrain as PulseTrain
 from signals.shaft.pulses import QuadratureEdges as QuadratureEdges
 from signals.shaft.pulses import pulse_times as pulse_times
 from signals.shaft.pulses import quadrature_direction as quadrature_direction
+from signals.shaft.tacholess import DeclaredSpeed as DeclaredSpeed
 from signals.shaft.tacholess import SpeedEstimate as SpeedEstimate
 from signals.shaft.tacholess import estimate_speed as estimate_speed
+from signals.shaft.tacholess import refine_declared_speed as refine_declared_speed
 from signals.shaft.tachometer import shaft_phase as shaft_phase
 from signals.spectra.cyclostationary import CyclicSpectrum as CyclicSpectrum
 from signals.spectra.cyclostationary import SpectralCorrelation as SpectralCorrelation

@@ -14,7 +14,7 @@ from numpy.typing import ArrayLike, NDArray
 from data_synth.operation.shaft_angle import Array
 
 if TYPE_CHECKING:
-    from hums.gearbox.bearing_orders import BearingOrders
+    from hums.gearbox.bearing_catalogue import BearingOrders
 
 _AT_REST = 1e-9  # turns of a ring in the load zone to a turn of the reference: rounding
 

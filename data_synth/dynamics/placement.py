@@ -12,7 +12,7 @@ from data_synth.dynamics.system import Array, Vector
 from data_synth.gears.geometry import GearPair
 from hums.gearbox.components import Mesh
 from hums.gearbox.kinematics import Kinematics
-from hums.gearbox.layout.axis_geometry import corner, rotated
+from hums.gearbox.layout.shapes import corner, rotated
 from hums.gearbox.model import Gearbox
 
 # ---- Pitch cones of bevel gears: their line of contact and their virtual spur gears ----------------------------------

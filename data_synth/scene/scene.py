@@ -27,7 +27,7 @@ from data_synth.scene.sensors import (
     check_chain,
     check_transfers,
 )
-from hums.gearbox.bearing_orders import BearingOrders
+from hums.gearbox.bearing_catalogue import BearingOrders
 from hums.gearbox.components import (
     Declared,
     Positive,
@@ -423,7 +423,7 @@ class Scene(Declared):
 
         Returns
         -------
-        hums.gearbox.defect_orders.BearingOrders
+        hums.gearbox.bearing_catalogue.BearingOrders
 
         Examples
         --------

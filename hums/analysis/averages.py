@@ -35,7 +35,7 @@ from hums.gearbox.components import closest
 from hums.gearbox.defect_orders import BEARING_KINDS
 from hums.gearbox.model import Gearbox
 from hums.gearbox.planetary_stages import planetary_stages
-from hums.records.record import channel_values
+from hums.records.channels import channel_values
 from signals.angle.averaging import SynchronousAverage
 from signals.angle.residual import residual_signal
 from signals.indicators import INDICATORS, kurtosis, rms

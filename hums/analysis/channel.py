@@ -38,15 +38,14 @@ from hums.analysis.settings import AnalysisError, AnalysisSettings
 from hums.analysis.thresholds import IN_TIME, LEAST_STRENGTH, MESH_SHARE, PEAK_RATIO, SEEN
 from hums.analysis.tracks import EnvelopeLine, tooth_line
 from hums.analysis.unexplained import Drawn, PulseVariation, UnexplainedLine, drawn_orders, unexplained_lines
-from hums.gearbox.bearing_orders import BearingOrders
+from hums.gearbox.bearing_catalogue import BearingOrders
 from hums.gearbox.defect_orders import BEARING_KINDS
-from signals.demodulation.envelope_bank import bank_bands, bank_envelopes, level_normalised
+from signals.demodulation.envelope import bank_bands, bank_envelopes, level_normalised
 from signals.demodulation.time_or_angle import FEWEST_SAMPLES, power_in_time_and_angle
 from signals.health import SensorHealth
 from signals.resampling.resampling import PASSBAND, AngularSignal
 from signals.spectra.lines import BACKGROUND_WIDTH, has_background
-from signals.spectra.peaks import spectral_peaks
-from signals.spectra.pooling import noise_left, pooled_spectrum
+from signals.spectra.peaks import noise_left, pooled_spectrum, spectral_peaks
 from signals.spectra.spectra import AmplitudeSpectrum, order_spectra, order_spectrum
 
 _ENVELOPE_SHARE = 0.5

@@ -34,7 +34,7 @@ from dataclasses import dataclass, field, replace
 
 from hums.analysis.expected_lines import ENVELOPE, LOBE_BINS, TOOTH_KINDS, MeasuredLine, is_support, supports
 from hums.analysis.thresholds import RIVAL_FACTOR
-from hums.gearbox.bearing_orders import BearingOrders
+from hums.gearbox.bearing_catalogue import BearingOrders
 from hums.gearbox.defect_orders import BEARING_KINDS
 from signals.spectra.lines import record_probability
 

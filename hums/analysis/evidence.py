@@ -45,7 +45,7 @@ from hums.analysis.thresholds import (
     STEADY_SPEED,
     TRUSTED_SNR,
 )
-from hums.gearbox.bearing_orders import BearingOrders
+from hums.gearbox.bearing_catalogue import BearingOrders
 from hums.gearbox.defect_orders import BEARING_KINDS
 from signals.spectra.lines import record_probability
 

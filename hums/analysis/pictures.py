@@ -15,7 +15,7 @@ from hums.analysis.indicators import SHAFT_ORDERS, Gear, gears_on_shafts, shaft_
 from hums.analysis.result import ChannelPictures
 from hums.analysis.segments import Segment, Values
 from hums.analysis.settings import AnalysisSettings
-from hums.records.record import Sampling
+from hums.records.channels import Sampling
 from signals.angle.residual import difference_signal
 from signals.demodulation.kurtogram import fast_kurtogram
 from signals.spectra.order_map import map_orders

@@ -55,8 +55,8 @@ from hums.analysis.verdicts import CONTRADICTION, DOUBT, evidence_groups, verdic
 from hums.gearbox.defect_orders import BEARING_KINDS
 from hums.gearbox.model import Gearbox
 from hums.records.channels import is_average
-from hums.records.record import check_record
 from hums.records.store import open_record
+from hums.records.validation import check_record
 from signals._validation import checked
 
 __all__ = ["AnalysisSettings", "analyze"]

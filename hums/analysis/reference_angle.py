@@ -13,17 +13,16 @@ from numpy.typing import NDArray
 
 from hums.analysis.settings import AnalysisError, AnalysisSettings
 from hums.analysis.thresholds import STEADY_SPEED
-from hums.gearbox.bearing_orders import BearingOrders
+from hums.gearbox.bearing_catalogue import BearingOrders
 from hums.gearbox.components import closest
 from hums.gearbox.defect_orders import DefectOrder, bearing_orders, defects
 from hums.gearbox.kinematics import Kinematics, solve_kinematics
 from hums.gearbox.model import Gearbox
-from hums.records.record import Sampling, channel_values, nominal_speed, sampling, tachometers, vibration_channels
+from hums.records.channels import Sampling, channel_values, nominal_speed, sampling, tachometers, vibration_channels
 from signals.resampling.resampling import whole_revolutions
-from signals.shaft.declared_speed import DeclaredSpeed, refine_declared_speed
 from signals.shaft.phase import ShaftPhase, constant_speed
 from signals.shaft.phase_demodulation import refine_phase
-from signals.shaft.tacholess import SpeedEstimate, estimate_speed
+from signals.shaft.tacholess import DeclaredSpeed, SpeedEstimate, estimate_speed, refine_declared_speed
 from signals.shaft.tachometer import shaft_phase
 
 _JITTER_LIMIT_RAD = 0.3  # phase error that takes 4 % off a line

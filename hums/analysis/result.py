@@ -15,9 +15,9 @@ from hums.analysis.detection import AssessedLine
 from hums.analysis.expected_lines import ENVELOPE, ORDER_SPECTRUM
 from hums.analysis.settings import AnalysisError, AnalysisSettings
 from hums.gearbox.model import Gearbox
+from hums.records.fields import RecordError
 from hums.records.outputs import check_outputs
 from hums.records.quantities import mean_quantities
-from hums.records.record import RecordError
 from hums.records.store import open_tree, write_tree
 from signals._validation import checked, choice
 from signals.spectra.spectra import AmplitudeSpectrum

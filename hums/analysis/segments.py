@@ -22,10 +22,9 @@ from hums.analysis.result import SensorCondition
 from hums.analysis.settings import AnalysisError, AnalysisSettings
 from hums.gearbox.components import closest
 from hums.gearbox.model import Gearbox
-from hums.records.channels import names_of
-from hums.records.record import Sampling, channel_values, sampling, tachometers, vibration_channels
+from hums.records.channels import Sampling, channel_values, names_of, sampling, tachometers, vibration_channels
 from hums.records.snapshots import is_snapshots, snapshots_of
-from signals._fft_plans import transform_of
+from signals._transforms import transform_of
 from signals.angle.averaging import SynchronousAverage
 from signals.health import SensorHealth, sensor_health
 from signals.resampling.resampling import PASSBAND, AngularSignal, angular_resample_all

@@ -18,7 +18,7 @@ from hums.analysis.gear_damage import ToothEnvelope
 from hums.analysis.reference_angle import Machine
 from hums.analysis.segments import Segment, resample_in_angle
 from hums.gearbox.defect_orders import BEARING_KINDS
-from signals.demodulation.envelope_bank import bank_envelopes
+from signals.demodulation.envelope import bank_envelopes
 from signals.harmonics import track_orders
 from signals.harmonics.bandwidth_selection import likely_bandwidth
 from signals.health import SensorHealth

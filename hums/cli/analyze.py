@@ -61,8 +61,8 @@ def analyze(
     from hums.analysis.findings import not_judged_words, where_none_is_named  # noqa: PLC0415
     from hums.analysis.record_analysis import analyze as run  # noqa: PLC0415
     from hums.analysis.result import summary  # noqa: PLC0415
+    from hums.gearbox.mechanism import undeclared_parts  # noqa: PLC0415
     from hums.gearbox.model import load_gearbox  # noqa: PLC0415
-    from hums.gearbox.undeclared import undeclared_parts  # noqa: PLC0415
     from hums.readers.process import ReaderProcess  # noqa: PLC0415
     from hums.report import prepare_folder, speed_text, write_report  # noqa: PLC0415
     from hums.report.verdict_strip import with_hz  # noqa: PLC0415

@@ -162,9 +162,10 @@ def _system_source(
     from data_synth.scene.scene import catalogue as scene_catalogue  # noqa: PLC0415
     from data_synth.scene.scene import load_scene  # noqa: PLC0415
     from data_synth.vibration.run import scene_system  # noqa: PLC0415
+    from hums.gearbox.components import read_toml  # noqa: PLC0415
     from hums.gearbox.kinematics import solve_kinematics  # noqa: PLC0415
     from hums.gearbox.layout import layout_of  # noqa: PLC0415
-    from hums.gearbox.model import GearboxError, catalogue, load_gearbox, read_toml  # noqa: PLC0415
+    from hums.gearbox.model import GearboxError, catalogue, load_gearbox  # noqa: PLC0415
 
     held = SupportStiffness()
     assumed = (

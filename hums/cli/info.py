@@ -37,8 +37,7 @@ def info(
 def _write_draft(source: Path, target: Path, *, force: bool) -> None:
     from hums.conversion import find_sources  # noqa: PLC0415
     from hums.readers.process import ReaderProcess  # noqa: PLC0415
-    from hums.records.outputs import check_outputs  # noqa: PLC0415
-    from hums.records.store import atomic_write  # noqa: PLC0415
+    from hums.records.outputs import atomic_write, check_outputs  # noqa: PLC0415
 
     check_outputs([target], inputs=[source], force=force)  # a draft has no mark: it is filled in
     with ReaderProcess() as reader, atomic_write(target) as part:
@@ -58,9 +57,8 @@ def _print_dataset(folder: Path) -> None:
 
 def print_record(record: "xr.Dataset") -> None:
     """Print what a record holds, a line for each channel and tachometer."""
-    from hums.records.channels import is_average  # noqa: PLC0415
+    from hums.records import channels  # noqa: PLC0415
     from hums.records.quantities import mean_quantities  # noqa: PLC0415
-    from hums.records.record import nominal_speed, sampling, tachometers, vibration_channels  # noqa: PLC0415
     from hums.records.snapshots import is_snapshots  # noqa: PLC0415
 
     for label, key in (("machine", "machine"), ("recorded at", "recorded_at"), ("notes", "notes")):
@@ -68,23 +66,23 @@ def print_record(record: "xr.Dataset") -> None:
             echo(f"{label:<12} {record.attrs[key]}")
     if is_snapshots(record):
         echo(f"{'snapshots':<12} {_snapshots_text(record)}")
-    if is_average(record):
+    if channels.is_average(record):
         attrs = record.attrs
         over = f", over {attrs['averaged_over']} revolutions" if "averaged_over" in attrs else ""
         echo(f"{'average of':<12} {attrs['average_of']}, {attrs['samples_per_rev']} samples per revolution{over}")
-    for name in vibration_channels(record):
-        when, attrs = sampling(record, name), record[name].attrs
+    for name in channels.vibration_channels(record):
+        when, attrs = channels.sampling(record, name), record[name].attrs
         where = "".join(f", {attrs[key]}" for key in ("sensor", "direction") if key in attrs)
         span = (
             f"{when.count} samples, {when.count / when.rate_hz:g} revolutions"
-            if is_average(record)
+            if channels.is_average(record)
             else f"{when.count} samples at {when.rate_hz:g} Hz, {when.count / when.rate_hz:.3f} s "
             f"from {when.start_s:g} s"
         )
         echo(f"{'channel':<12} {name}: {span}, in {attrs['units']}{where}")
-    for name in tachometers(record):
+    for name in channels.tachometers(record):
         echo(f"{'tachometer':<12} {name}: {_pulses_text(record[name])}")
-    declared = nominal_speed(record)
+    declared = channels.nominal_speed(record)
     if declared is not None:
         rpm = 60 * declared.values
         span = f"{float(rpm.min()):g}" + (f" to {float(rpm.max()):g}" if rpm.min() < rpm.max() else "")
@@ -106,7 +104,7 @@ def _snapshots_text(record: "xr.Dataset") -> str:
 
 
 def _pulses_text(pulses: "xr.DataArray") -> str:
-    from hums.records.record import speed_percentiles  # noqa: PLC0415
+    from hums.records.channels import speed_percentiles  # noqa: PLC0415
 
     attrs = pulses.attrs
     of = f"{attrs['pulses_per_rev']} per revolution of {attrs['shaft']}"

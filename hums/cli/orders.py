@@ -25,8 +25,8 @@ def orders(
     """Run the command."""
     from hums.gearbox.defect_orders import defect_orders  # noqa: PLC0415
     from hums.gearbox.kinematics import redundant_meshes, solve_kinematics  # noqa: PLC0415
+    from hums.gearbox.mechanism import undeclared_parts  # noqa: PLC0415
     from hums.gearbox.model import load_gearbox  # noqa: PLC0415
-    from hums.gearbox.undeclared import undeclared_parts  # noqa: PLC0415
 
     if csv and json:
         raise UsageError("--csv and --json are both given; keep one.")

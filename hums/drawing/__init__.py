@@ -16,8 +16,7 @@ from hums.gearbox.layout import layout_of, transverse_axes
 from hums.gearbox.model import Gearbox, GearboxError
 from hums.gearbox.rational import Form, add_pivot, evaluate, reduced
 from hums.pages.page import page_environment, page_head
-from hums.records.outputs import check_outputs
-from hums.records.store import write_text
+from hums.records.outputs import check_outputs, write_text
 
 __all__ = ["START_RPM", "free_links", "write_drawing"]
 

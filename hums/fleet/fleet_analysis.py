@@ -36,8 +36,8 @@ from hums.fleet.watched_machines import (
 from hums.gearbox.model import Gearbox, load_gearbox
 from hums.jobs import Job, Serial, Workers, cpu_limit, locked, run_jobs
 from hums.records.dataset_store import dataset_files, dataset_record, is_begun, open_dataset
-from hums.records.outputs import check_outputs, own_json
-from hums.records.store import open_record, write_text
+from hums.records.outputs import check_outputs, own_json, write_text
+from hums.records.store import open_record
 from signals._validation import SentenceError, checked, plain_text
 
 _READING_S, _READING_S_PER_BYTE = 20.0, 1e-7  # of a record by a worker: a hundred times what a whole file takes

@@ -20,7 +20,7 @@ from hums.fleet.series import Series, vector
 from hums.fleet.watched_machines import MachineHistory
 from hums.pages.page import Figure, figure_html, least_and_largest, packed, page_environment, stand_alone_page
 from hums.records.fields import file_name
-from hums.records.store import write_text
+from hums.records.outputs import write_text
 from signals.monitoring.alarm_life import Life
 
 Array = NDArray[np.float64]

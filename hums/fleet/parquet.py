@@ -8,7 +8,7 @@ from typing import Any
 import numpy as np
 
 from hums.fleet.result_files import StoredRecord
-from hums.records.store import atomic_write
+from hums.records.outputs import atomic_write
 
 NO_PYARROW = 'indicators.parquet needs pyarrow, which is not installed: pip install "hums-toolkit[parquet]".'
 _COLUMNS = ("channel", "component", "kind", "indicator", "units")

@@ -16,7 +16,7 @@ from numpy.typing import NDArray
 from hums.fleet.numbers import NOTHING, Numbers
 from hums.fleet.observation import Observation, observation
 from hums.fleet.series import Series, SeriesValues
-from hums.records.store import atomic_write
+from hums.records.outputs import atomic_write
 
 _NUMBERS = ("lines", "indicators")  # of a row
 

@@ -14,7 +14,7 @@ from hums.fleet.monitor import Epoch, MachineState
 from hums.fleet.monitor_settings import MonitorError, MonitorSettings
 from hums.fleet.observation import Observation
 from hums.fleet.series import Series
-from hums.records.store import atomic_write
+from hums.records.outputs import atomic_write
 from signals.monitoring.alarm_life import AlarmRule, AlarmState
 from signals.monitoring.charts import Charts, ChartState
 from signals.monitoring.health import Layout, Normal

@@ -17,7 +17,8 @@ from hums.fleet.numbers import INDICATOR, LINE
 from hums.fleet.observation import days_since_1970
 from hums.fleet.result_files import StoredRecord
 from hums.records.fields import plain_cell
-from hums.records.store import atomic_write, write_tree
+from hums.records.outputs import atomic_write
+from hums.records.store import write_tree
 from signals.monitoring.forecast import time_until
 from signals.monitoring.slopes import series_slopes
 from signals.monitoring.trends import FEWEST, trend_tests

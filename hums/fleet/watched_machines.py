@@ -19,7 +19,8 @@ from hums.fleet.observation import Observation, order_key, seconds_since_1970
 from hums.fleet.result_files import StoredRecord
 from hums.fleet.state import write_state
 from hums.records.fields import plain_cell
-from hums.records.store import atomic_write, write_tree
+from hums.records.outputs import atomic_write
+from hums.records.store import write_tree
 from signals.monitoring.alarm_life import Life
 from signals.monitoring.slopes import series_slopes
 

@@ -27,7 +27,6 @@ if TYPE_CHECKING:
 
     from numpy.typing import ArrayLike, NDArray
 
-_TEETH_TOLERANCE = 1e-6  # of the modulus of an entry, a whole number of teeth
 _ANGLE_TOLERANCE_RAD = 1e-6  # of the direction of an axis by several meshes
 
 
@@ -179,8 +178,9 @@ def _meshes(table: NDArray[np.complex128], links: Sequence[str]) -> list[tuple[i
             f'T[{i}, {j}] names a gear of "{links[i]}" against "{links[j]}", but T[{j}, {i}] is 0; '
             "give the teeth of both gears of a pair."
         )
+    teeth_tolerance = 1e-6  # of the modulus of an entry, a whole number of teeth
     for i, j in np.argwhere(entries).tolist():
-        if i == j or abs(abs(table[i, j]) - round(abs(table[i, j]))) > _TEETH_TOLERANCE:
+        if i == j or abs(abs(table[i, j]) - round(abs(table[i, j]))) > teeth_tolerance:
             raise GearboxError(
                 f"T[{i}, {j}] = {table[i, j]:.6g} has the modulus {abs(table[i, j]):g}; a gear pair of two links with "
                 "whole numbers of teeth is needed."

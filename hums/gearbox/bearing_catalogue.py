@@ -14,7 +14,6 @@ from dataclasses import dataclass, replace
 from functools import cache
 from importlib.resources import files
 
-_MAKERS = 0.01  # between makers' orders of equally many balls: 0.4 % of BPFO among the 6205, 0.9 % among the 6204
 _SERIES = re.compile(r"(?<!\d)(?:(?:NUP|NU|NJ|N)(?=[23]\d\d(?!\d))|(?=(?:6[23]|22[23]|302|320)\d\d(?!\d)))(\d+)")
 
 
@@ -174,13 +173,51 @@ def typical_bearing(designation: str, rows: Sequence[CatalogueBearing]) -> Catal
     if _plain(middle.name) == _plain(designation) or (len(ordered) == 1 and middle.spread):
         return middle
     spread = max(abs(b / a - 1) for row in rows for a, b in zip(middle.orders, row.orders, strict=True))
+    # between makers' orders of equally many balls: 0.4 % of BPFO among the 6205, 0.9 % among the 6204
     return replace(
         middle,
         name=designation,
         source=f"Typical of its series, check the data sheet: as {middle.name}.",
-        spread=max(spread, _MAKERS, *(row.spread for row in rows)),
+        spread=max(spread, 0.01, *(row.spread for row in rows)),
     )
 
 
 def _plain(name: str) -> str:
     return "".join(name.lower().split())
+
+
+@dataclass(frozen=True, kw_only=True)
+class BearingOrders:
+    """Rotation and defect orders of one bearing.
+
+    With pure rolling and Z elements, ``inner_race + outer_race = Z relative`` and ``outer_race = Z cage_to_outer``.
+
+    Attributes
+    ----------
+    name : str
+    relative : float
+        Rotation of the rings relative to each other.
+    inner_ring, outer_ring, cage : float
+        Rotation relative to the load zone, which is fixed in the body that carries the bearing's axis: the frame, or
+        the planet carrier for a planet's bearing.
+    inner_race, outer_race, rolling_element : float
+        Impacts of a defect: BPFI, BPFO and, for both races, 2 BSF.
+    cage_to_outer : float
+        Rotation of the cage relative to the outer ring.
+    elements : int
+        Number of rolling elements.
+    carried : float
+        Rotation of the body that carries the bearing's axis.
+    """
+
+    name: str
+    relative: float
+    inner_ring: float
+    outer_ring: float
+    inner_race: float
+    outer_race: float
+    rolling_element: float
+    cage: float
+    cage_to_outer: float
+    elements: int
+    carried: float = 0.0

@@ -28,8 +28,6 @@ M = TypeVar("M", bound="Declared")
 _MOST_BYTES = 1_000_000  # of a hand-written file: the largest of the catalogues has 4,000; read in half a second
 _DEEPEST = 50  # tables and lists in each other: ours have 6
 _LONGEST_MESSAGE = 800  # characters, so that with the name of a file it stays below 1,000
-_LONGEST_VALUE = 120
-_MOST_SHOWN = 20
 
 
 class Declared(BaseModel):
@@ -79,7 +77,7 @@ def closest(word: str, valid: set[str] | list[str]) -> str:
     matches = difflib.get_close_matches(word, sorted(valid), n=1)
     if matches:
         return f'; did you mean "{matches[0]}"?'
-    return f"; valid: {first_of(sorted(valid), _MOST_SHOWN)}"
+    return f"; valid: {first_of(sorted(valid), 20)}"
 
 
 def refuse_unknown_keys(table: Mapping[str, Any], allowed: set[str], others: Iterable[str] = ()) -> None:
@@ -211,7 +209,7 @@ _OF_A_UNION = re.compile(r"(constrained-|function-)")  # how pydantic names what
 def _clause(details: ErrorDetails) -> str:
     """Return what is wrong with one field of a declaration, and what to do, as a clause of an error."""
     named = (part for part in details["loc"] if isinstance(part, int) or not _OF_A_UNION.match(part))
-    place = ".".join(str(part + 1) if isinstance(part, int) else part[:_LONGEST_VALUE] for part in named)
+    place = ".".join(str(part + 1) if isinstance(part, int) else part[:120] for part in named)
     message = details["msg"].removeprefix("Value error, ").rstrip(".")
     if details["type"] == "missing":
         return f"{place} is missing; add it"
@@ -328,7 +326,6 @@ MOST_PARTS = 1000  # axes, meshes, bearings, or names of one of them: no gearbox
 _MOST_COPIES = 100  # planets on a carrier: a dozen are many
 _MOST_TEETH = 100_000  # of a gear or a segmented ring: the largest have some thousands
 X_AXIS: Vector = (1.0, 0.0, 0.0)
-_ROUNDING = 0.05  # of the number of elements: above what a data sheet rounds
 _SPIN_ROUNDING = 1.25  # of a spin, which rests on the small difference inner - outer; a factor of two is no rounding
 _CAGE_ROUNDING = 0.05  # of the cage: some data sheets print one decimal
 
@@ -571,9 +568,10 @@ class Bearing(Declared):
         """Refuse a number of elements that the multiples contradict, or that does not fit on the pitch circle."""
         if self.elements is None:
             return
+        rounding = 0.05  # of the number of elements: above what a data sheet rounds
         if self.multiples is not None:
             total = self.multiples.inner + self.multiples.outer
-            if abs(total / self.elements - 1) > _ROUNDING:
+            if abs(total / self.elements - 1) > rounding:
                 raise ValueError(
                     f"multiples inner {self.multiples.inner:g} + outer {self.multiples.outer:g} = {total:g} is not "
                     f"the number of elements, {self.elements}; correct one of them, or leave elements out"

@@ -17,8 +17,7 @@ from typing import TYPE_CHECKING
 
 import numpy as np
 
-from hums.gearbox.bearing_catalogue import rolling_orders
-from hums.gearbox.bearing_orders import BearingOrders
+from hums.gearbox.bearing_catalogue import BearingOrders, rolling_orders
 from hums.gearbox.components import Bearing
 from hums.gearbox.kinematics import Kinematics, solve_kinematics
 from hums.gearbox.model import Gearbox, GearboxError
@@ -29,6 +28,7 @@ if TYPE_CHECKING:
     import pandas as pd
 
     from hums.gearbox.mechanism import Contact
+
 
 KINDS = (
     "shaft",

@@ -10,11 +10,11 @@ from dataclasses import dataclass
 from functools import cached_property
 from itertools import pairwise
 
-from hums.gearbox.components import Mesh, Vector
+from hums.gearbox.components import Mesh, Vector, first_of
 from hums.gearbox.model import Gearbox, GearboxError
+from signals._validation import checked
 
 _PARALLEL = 1e-9
-_MEET_MM = 1e-6  # smallest distance between axes that do not meet
 
 
 @dataclass(frozen=True, kw_only=True)
@@ -226,6 +226,7 @@ def _check_axes(mechanism: Mechanism) -> None:
     kinds = {mesh.name: mesh.kind for mesh in gearbox.meshes}
     through = {axis.name: axis.through for axis in gearbox.axes if axis.through is not None}
     checked = set()
+    meet_mm = 1e-6  # smallest distance between axes that do not meet
     for contact in mechanism.contacts:
         if contact.mesh in checked or len(contact.gears) == 1:
             continue
@@ -242,7 +243,7 @@ def _check_axes(mechanism: Mechanism) -> None:
         elif kind is None and not parallel and all(axis in through for axis in axes):
             between = [b - a for a, b in zip(*(through[axis] for axis in axes), strict=True)]
             gap = abs(sum(n * x for n, x in zip(normal, between, strict=True))) / math.hypot(*normal)
-            problem = f"its axes neither meet nor are parallel (they pass at {gap:.4g})" if gap > _MEET_MM else ""
+            problem = f"its axes neither meet nor are parallel (they pass at {gap:.4g})" if gap > meet_mm else ""
         else:
             problem = ""
         if kind is None and parallel:
@@ -309,3 +310,41 @@ def _check_connected(mechanism: Mechanism) -> None:
 
 def _set(names: set[str]) -> str:
     return "{" + ", ".join(sorted(names)) + "}"
+
+
+@checked
+def undeclared_parts(gearbox: Gearbox) -> list[str]:
+    """Return a sentence for each kind of part that a machine has and its gearbox file does not declare.
+
+    Parameters
+    ----------
+    gearbox : Gearbox
+        From `hums.load_gearbox`.
+
+    Returns
+    -------
+    list of str
+        Bodies that turn and have no bearing; no gear mesh at all. Empty where nothing is known to be missing.
+
+    Examples
+    --------
+    >>> import hums
+    >>> from hums.gearbox.mechanism import undeclared_parts
+    >>> undeclared_parts(hums.load_gearbox("two-stage"))
+    ['No bearing is declared on output: damage to its bearings was not assessed.']
+    """
+    mechanism = build_mechanism(gearbox)
+    borne = {
+        mechanism.bodies[name]
+        for bearing in gearbox.bearings
+        for ring in (bearing.inner_ring, bearing.outer_ring)
+        for name in gearbox.instances(ring)
+    }
+    bare = list(dict.fromkeys(gearbox.copy_links.get(body, body) for body in mechanism.joints if body not in borne))
+    said = []
+    if bare:
+        whose = "its" if len(bare) == 1 else "their"
+        said.append(f"No bearing is declared on {first_of(bare, 12)}: damage to {whose} bearings was not assessed.")
+    if not gearbox.meshes:
+        said.append("No gear mesh is declared: damage to teeth was not assessed.")
+    return said

@@ -26,9 +26,7 @@ from hums.gearbox.components import (
     Declared,
     Gear,
     Mesh,
-    Multiples,
     Name,
-    Positive,
     Vector,
     assembly_warnings,
     closest,
@@ -43,34 +41,9 @@ from hums.gearbox.components import (
 )
 from signals._validation import SentenceError, checked
 
-__all__ = [
-    "Axis",
-    "Bearing",
-    "Declared",
-    "Gear",
-    "Gearbox",
-    "GearboxError",
-    "GearboxWarning",
-    "Mesh",
-    "Multiples",
-    "Name",
-    "Positive",
-    "Vector",
-    "catalogue",
-    "closest",
-    "gearbox_schema",
-    "load_gearbox",
-    "named_file",
-    "read_toml",
-    "shipped_files",
-    "validated",
-]
-
-
 # `data_synth` imports the base of all hand-written files from here: re-exported
 
 _GEOMETRY = ("elements", "element_diameter_mm", "pitch_diameter_mm", "contact_angle_deg")  # of a bearing
-_TOLERANCE = 0.0101  # a data sheet prints two decimals: inner + outer is whole within the rounding of both
 
 
 class GearboxError(SentenceError):
@@ -427,13 +400,14 @@ def catalogue() -> dict[str, Path]:
 
 def _multiples_warnings(gearbox: Gearbox) -> Iterator[str]:
     """Yield a warning for each bearing whose printed multiples do not add up to its number of elements."""
+    tolerance = 0.0101  # a data sheet prints two decimals: inner + outer is whole within the rounding of both
     for bearing in gearbox.bearings:
         if bearing.multiples is None:
             continue
         inner, outer = bearing.multiples.inner, bearing.multiples.outer
         total = inner + outer
         elements = bearing.elements or round(total)
-        if abs(total - elements) > _TOLERANCE:
+        if abs(total - elements) > tolerance:
             yield (
                 f'bearing "{bearing.names[0]}": inner {inner:g} + outer {outer:g} = {total:g}, not a whole number of '
                 f"elements ({elements}); the data sheet rounds, so expect its lines up to "

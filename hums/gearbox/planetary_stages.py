@@ -9,9 +9,6 @@ from hums.gearbox.components import planet_angles
 from hums.gearbox.kinematics import Kinematics
 from signals.angle.planets import PlanetaryTeeth
 
-_FEWEST = 2  # planets
-_FITS_DEG = 0.1  # our choice: drawings round places to tenths of a degree
-
 _Meshes = dict[str, tuple[str, int, tuple[str, int]]]  # planet -> mesh, its teeth, and its mate with teeth
 
 
@@ -92,7 +89,7 @@ def _stage(kinematics: Kinematics, carrier: str, rings: _Meshes, suns: _Meshes) 
     planets = tuple(rings)
     if (
         planet_again != planet_teeth
-        or len(planets) < _FEWEST
+        or len(planets) == 1
         or _carrier_of(kinematics, sun[0]) == carrier
         or not _parallel(kinematics, carrier, planets[0])
     ):
@@ -115,6 +112,7 @@ def _stage(kinematics: Kinematics, carrier: str, rings: _Meshes, suns: _Meshes) 
         )
     except ValueError:
         return None
+    fits_deg = 0.1  # our choice: drawings round places to tenths of a degree
     return PlanetaryStage(
         carrier=carrier,
         sun=sun[0],
@@ -122,7 +120,7 @@ def _stage(kinematics: Kinematics, carrier: str, rings: _Meshes, suns: _Meshes) 
         ring_mesh=ring_mesh,
         sun_mesh=sun_mesh,
         teeth=teeth,
-        misfit=unfit if off > _FITS_DEG else "",
+        misfit=unfit if off > fits_deg else "",
     )
 
 

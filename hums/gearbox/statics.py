@@ -27,7 +27,23 @@ from hums.gearbox.components import Mesh, Vector, count, quoted
 from hums.gearbox.kinematics import Kinematics
 from hums.gearbox.mechanism import Contact
 from hums.gearbox.rational import CONSTANT, ONE, ZERO, Form, add, determined, eliminate, evaluate, reduced, solve
-from hums.gearbox.torque_results import TorqueError
+from signals._validation import SentenceError
+
+
+class TorqueError(SentenceError):
+    """Torques that do not balance, or that equilibrium cannot determine.
+
+    Examples
+    --------
+    >>> import hums
+    >>> kinematics = hums.solve_kinematics(hums.load_gearbox("two-stage"))
+    >>> try:
+    ...     hums.solve_torques(kinematics, {"input": 10.0, "output": 10.0})
+    ... except hums.TorqueError as error:
+    ...     print(str(error)[:82])
+    gearbox "two-stage": the torques "input" = 10, "output" = 10 N m do not balance; l
+    """
+
 
 Drivers = tuple[int | None, ...]  # driving gear of each contact, 0 or 1; None: the contact loses no power
 _TOLERANCE = Fraction(1, 10**9)  # of the largest torque: decimals balance no better

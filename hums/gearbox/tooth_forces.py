@@ -14,12 +14,42 @@ import numpy as np
 from numpy.typing import NDArray
 
 from hums.gearbox.components import Axis, Bearing, Mesh, Vector, count, quoted
-from hums.gearbox.statics import Solution, Statics
-from hums.gearbox.torque_results import BearingLoad, ToothForces, TorqueError
+from hums.gearbox.statics import Solution, Statics, TorqueError
 
-_PARALLEL = 1e-12
-_DISTANCE_TOLERANCE = 1e-3  # of the centre distance: rounded positions and profile shifts differ by less
-_CONVERGED_RAD = 1e-15
+
+@dataclass(frozen=True, kw_only=True)
+class ToothForces:
+    """The components of the force between the teeth of one contact at the pitch point, magnitudes in N.
+
+    The tangential force drives the driven gear, the radial one separates the gears, the axial one acts along the
+    axes.
+    """
+
+    tangential_n: float
+    radial_n: float
+    axial_n: float
+
+
+@dataclass(frozen=True, kw_only=True)
+class BearingLoad:
+    """The reaction of the frame on a shaft at one bearing. NaN where statics does not determine it.
+
+    Attributes
+    ----------
+    bearing : str
+    radial_n : (3,) tuple of float
+        In N, in the declared coordinates, across the shaft.
+    axial_n : float
+        In N, positive along the direction of the shaft's axis.
+    status : str
+        ``"solved"``, or the reason why not. The radial reaction is valid also where only the axial one is
+        indeterminate.
+    """
+
+    bearing: str
+    radial_n: Vector
+    axial_n: float
+    status: str
 
 
 class IndeterminateError(Exception):
@@ -45,7 +75,8 @@ def pair_angles(statics: Statics, number: int) -> PairAngles | None:
     """Return the angles of a gear pair; None without a pressure angle, or for axes that are not parallel."""
     mesh = statics.mesh(number)
     cosine = sum(a * b for a, b in zip(*statics.directions(number), strict=True))
-    if mesh.pressure_angle_deg is None or mesh.kind or abs(abs(cosine) - 1) > _PARALLEL:
+    parallel = 1e-12
+    if mesh.pressure_angle_deg is None or mesh.kind or abs(abs(cosine) - 1) > parallel:
         return None
     (_, one), (_, two) = statics.contacts[number].gears
     teeth = abs(one) + abs(two) if one * two * cosine > 0 else -abs(abs(one) - abs(two))
@@ -77,10 +108,11 @@ def _working_angle(mesh: Mesh, normal_rad: float, transverse_rad: float, teeth: 
             "point; correct the shifts (signs as in ISO 21771)."
         )
     angle = math.atan(math.cbrt(3 * involute) + involute)  # not below the solution, as inv a > a^3 / 3
+    converged_rad = 1e-15
     for _ in range(60):
         step = (math.tan(angle) - angle - involute) / math.tan(angle) ** 2
         angle -= step
-        if abs(step) < _CONVERGED_RAD:
+        if abs(step) < converged_rad:
             break
     return angle
 
@@ -132,7 +164,8 @@ def force_in_space(solution: Solution, number: int) -> tuple[NDArray[np.float64]
     offset -= offset @ direction * direction
     distance_mm = float(np.linalg.norm(offset))
     working_mm = angles.distance_mm(module_mm)
-    if not working_mm or abs(distance_mm / working_mm - 1) > _DISTANCE_TOLERANCE:
+    distance_tolerance = 1e-3  # of the centre distance: rounded positions and profile shifts differ by less
+    if not working_mm or abs(distance_mm / working_mm - 1) > distance_tolerance:
         raise IndeterminateError(
             f'mesh "{mesh.name}": axes {quoted((axis.name, other.name))} lie {distance_mm:.6g} mm apart, but its teeth '
             f"need {working_mm:.6g} mm; correct through, module_mm or profile_shift"
@@ -187,7 +220,6 @@ def _force_inputs(statics: Statics, number: int) -> tuple[PairAngles, float, flo
 # Decker, Maschinenelemente, or any other text on gears.
 
 
-_NO_THRUST = 1e-12  # of the sum of axial force magnitudes: thrusts that cancel, to rounding
 _UNKNOWN: Vector = (math.nan, math.nan, math.nan)
 
 
@@ -299,7 +331,8 @@ def _tooth_forces_on(solution: Solution, body: str) -> tuple[NDArray[np.float64]
 def _axial(statics: Statics, names: tuple[str, str], thrusts: NDArray[np.float64]) -> tuple[tuple[float, float], str]:
     """Return the axial reactions in N, all of it on the one bearing that takes axial load, and the status."""
     reaction = -float(thrusts.sum())
-    if abs(reaction) <= _NO_THRUST * np.abs(thrusts).sum():
+    # 1e-12 of the sum of axial force magnitudes: thrusts that cancel, to rounding
+    if abs(reaction) <= 1e-12 * np.abs(thrusts).sum():
         return (0.0, 0.0), "solved"
     axial = {name for bearing in statics.kinematics.gearbox.bearings for name in bearing.takes_axial}
     takes = [name in axial for name in names]

@@ -14,8 +14,7 @@ from matplotlib.ticker import LogFormatter, LogFormatterMathtext
 
 from hums.plots.labels import apply_layout
 from hums.plots.style import FAINT, INK, power_of_ten
-from hums.records.outputs import check_outputs
-from hums.records.store import atomic_write
+from hums.records.outputs import atomic_write, check_outputs
 from signals._validation import plain_text
 
 _STYLE: dict[str, Any] = {

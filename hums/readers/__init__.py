@@ -15,18 +15,9 @@ import numpy as np
 
 from hums.readers.columns import ForeignFile, Stated, canonical_units, located, parsing
 from hums.readers.time_axis import Import, seconds_of
-from hums.records.fields import RecordWarning, utc_text
+from hums.records.fields import RecordError, RecordWarning, utc_text
 from hums.records.quantities import Measured, quantity_units
-from hums.records.record import (
-    Angle,
-    Channel,
-    NominalSpeed,
-    PulseTimes,
-    RecordError,
-    TachometerWaveform,
-    UnknownAngle,
-    make_record,
-)
+from hums.records.record import Angle, Channel, NominalSpeed, PulseTimes, TachometerWaveform, UnknownAngle, make_record
 from hums.records.store import existing_file
 from signals._validation import checked
 
@@ -56,7 +47,6 @@ _READERS: Mapping[str, tuple[str, str, str]] = {
 }
 SUFFIXES = tuple(_READERS)
 _STEADY = 0.02  # largest deviation of a measured speed from its mean: that of lines from a declared one, by default
-_MINUTES_S = 300.0  # a declared time may be that of the record's end, to the minute
 
 
 @checked
@@ -223,7 +213,8 @@ def _channel(source: Import, name: str) -> Channel:
 def _recorded_at(source: Import, stated: datetime | None, *, start_s: float) -> datetime | None:
     """Return when a file was recorded, as declared or stated by the file; the declared time may be that of its end."""
     declared = source.spec.moment
-    if declared is None or stated is None or abs((declared - stated).total_seconds() - start_s) <= _MINUTES_S:
+    minutes_s = 300.0  # a declared time may be that of the record's end, to the minute
+    if declared is None or stated is None or abs((declared - stated).total_seconds() - start_s) <= minutes_s:
         return declared or stated
     contradiction = f"recorded_at={declared.isoformat()} contradicts {source.file.path.name}, which states "
     settled: datetime = source.settle(f"{contradiction}{utc_text(stated)}", declared, stated)

@@ -16,16 +16,13 @@ import numpy as np
 from numpy.typing import NDArray
 
 from hums.records.clock import TIMES_S, time_scale, words_of
-from hums.records.fields import is_utf8
-from hums.records.record import UNITS, RecordError
+from hums.records.fields import UNITS, RecordError, is_utf8
 from signals._validation import brief, nearest, plain_text
 
 Field = NDArray[np.generic] | str
 """An array of numbers, or a phrase that describes what is not numeric, such as "text"."""
 
 _MOST_LISTED = 12  # names in a message
-_LONGEST_NAME = 60
-_INTEGER_TOLERANCE = 1e-9  # one over a step of ten microseconds is 99999.99999999999 Hz
 
 
 class ArraysOnDisk(Mapping[str, Field]):
@@ -232,7 +229,8 @@ def rate_of_step(step_s: object) -> float | None:
     if isinstance(step_s, bool) or not isinstance(step_s, int | float | np.number) or not 0 < float(step_s) < np.inf:
         return None
     rate_hz = 1 / float(step_s)
-    return float(round(rate_hz)) if abs(rate_hz - round(rate_hz)) <= _INTEGER_TOLERANCE * rate_hz else rate_hz
+    # one over a step of ten microseconds is 99999.99999999999 Hz
+    return float(round(rate_hz)) if abs(rate_hz - round(rate_hz)) <= 1e-9 * rate_hz else rate_hz
 
 
 def joined(parts: Sequence[tuple[int, Stated]]) -> Stated:
@@ -387,13 +385,11 @@ def _value(name: str, value: Any, unit: Any) -> Any:  # noqa: ANN401
     )
 
 
-_MOMENTS = ("%Y-%m-%d %H:%M:%S", "%d.%m.%Y %H:%M:%S", "%d.%m.%Y %H:%M", "%d-%b-%Y %H:%M:%S", "%d-%b-%y %H:%M:%S")
-
-
 def moment_of(text: str | None) -> datetime | None:
     """Return a date with its time of day; None for other text, and for 1904, where LabVIEW set no time."""
     plain = (text or "").replace("/", "-")
-    for form in ("", *_MOMENTS) if ":" in plain else ():
+    moments = ("%Y-%m-%d %H:%M:%S", "%d.%m.%Y %H:%M:%S", "%d.%m.%Y %H:%M", "%d-%b-%Y %H:%M:%S", "%d-%b-%y %H:%M:%S")
+    for form in ("", *moments) if ":" in plain else ():
         with suppress(ValueError):
             found = datetime.strptime(plain, form) if form else datetime.fromisoformat(plain)  # noqa: DTZ007
             return found if found.year > 1904 else None  # noqa: PLR2004
@@ -406,7 +402,7 @@ def _shape(shape: tuple[int, ...]) -> str:
 
 def _listed(names: list[str]) -> str:
     """Return the first names in a row, each as a terminal shows it."""
-    row = ", ".join(plain_text(name)[:_LONGEST_NAME] for name in names[:_MOST_LISTED])
+    row = ", ".join(plain_text(name)[:60] for name in names[:_MOST_LISTED])
     return f"{row} and {len(names) - _MOST_LISTED} more" if len(names) > _MOST_LISTED else row
 
 

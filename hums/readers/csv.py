@@ -18,8 +18,8 @@ import numpy as np
 from hums.readers.columns import Field, ForeignFile, Stated, canonical_units, stated_of
 from hums.readers.description import ImportDescription
 from hums.records.clock import is_time_name, time_scale
+from hums.records.fields import RecordError
 from hums.records.quantities import MEASURED_UNITS
-from hums.records.record import RecordError
 
 if TYPE_CHECKING:
     import pandas as pd

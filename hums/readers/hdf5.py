@@ -10,8 +10,9 @@ from numpy.typing import NDArray
 
 from hums.readers.columns import ArraysOnDisk, Field, ForeignFile, dotted, stated_of
 from hums.readers.description import ImportDescription
-from hums.records.record import SCHEMA, RecordError
-from hums.records.store import is_array, objects, open_hdf5, read_array, refuse_size
+from hums.records._netcdf import objects, refuse_size
+from hums.records.fields import SCHEMA, RecordError
+from hums.records.store import is_array, open_hdf5, read_array
 
 
 def read(path: Path, spec: ImportDescription) -> ForeignFile:

@@ -13,7 +13,8 @@ from numpy.typing import NDArray
 
 from hums.readers.columns import ArraysOnDisk, Field, ForeignFile, Stated, descriptions, dotted, stated_of
 from hums.readers.description import ImportDescription
-from hums.records.store import is_array, is_hdf5, objects, open_hdf5, read_array, refuse_size
+from hums.records._netcdf import objects, refuse_size
+from hums.records.store import is_array, is_hdf5, open_hdf5, read_array
 
 _CLASSES = {
     "char": "text",
@@ -23,8 +24,6 @@ _CLASSES = {
     "string": "a string object",
 }
 _HEADER_BYTES, _COMPRESSED = 128, 15  # of version 5: the text before the first variable; its type miCOMPRESSED
-_TAG_BYTES = 1024  # of a compressed variable: more than enough for the first eight of what it unpacks to
-_LONGEST_TEXT = 1000  # characters, or cells, that may state something
 _NUMBERS = ("", "double", "single", "logical", *(f"{sign}int{bits}" for sign in ("", "u") for bits in (8, 16, 32, 64)))
 
 
@@ -84,7 +83,8 @@ def _packed_sizes(path: Path) -> Iterator[int]:
             start = stream.tell()
             if kind == _COMPRESSED:
                 with suppress(zlib.error):  # scipy names what is damaged
-                    inner = zlib.decompressobj().decompress(stream.read(min(count, _TAG_BYTES)), 8)
+                    # 1024 bytes of a compressed variable are more than enough for the first eight of what it unpacks to
+                    inner = zlib.decompressobj().decompress(stream.read(min(count, 1024)), 8)
                     if len(inner) == 8:  # noqa: PLR2004
                         yield struct.unpack(f"{order}2I", inner)[1]
             stream.seek(start + count)
@@ -164,7 +164,8 @@ def _hdf5_elements(contents: Any, name: str, item: Any) -> Iterator[tuple[str, A
 def _hdf5_value(contents: Any, item: Any) -> Any:  # noqa: ANN401
     """Return a scalar, a text or a cell array of texts as Python has it; None for anything else, or longer ones."""
     matlab_class = item.attrs.get("MATLAB_class", b"")
-    if item.shape is None or not 0 < item.size <= _LONGEST_TEXT or item.attrs.get("MATLAB_empty", 0):
+    longest_text = 1000  # characters, or cells, that may state something
+    if item.shape is None or not 0 < item.size <= longest_text or item.attrs.get("MATLAB_empty", 0):
         return None
     if matlab_class == b"char":
         return "".join(map(chr, item[()].T.reshape(-1)))

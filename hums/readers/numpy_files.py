@@ -13,9 +13,7 @@ from numpy.typing import NDArray
 
 from hums.readers.columns import ArraysOnDisk, Field, ForeignFile, parsing, stated_of
 from hums.readers.description import ImportDescription
-from hums.records.store import refuse_size
-
-_LONGEST_TEXT = 1000  # bytes
+from hums.records._netcdf import refuse_size
 
 
 def read(path: Path, spec: ImportDescription) -> ForeignFile:
@@ -32,7 +30,8 @@ def read(path: Path, spec: ImportDescription) -> ForeignFile:
         described = {name.removesuffix(".npy"): _described(archive, name) for name in archive.namelist()}
     read_member = partial(_member, path, {name: size for name, (_, size, _) in described.items()}, spec.most_bytes)
     fields = ArraysOnDisk({name: phrase or shape for name, (shape, _, phrase) in described.items()}, read_member)
-    scalars = (name for name, (shape, size, _) in described.items() if math.prod(shape) == 1 and size < _LONGEST_TEXT)
+    longest_text = 1000  # bytes
+    scalars = (name for name, (shape, size, _) in described.items() if math.prod(shape) == 1 and size < longest_text)
     stated = {"": stated_of({name: read_member(name).reshape(-1)[0].item() for name in scalars})}
     return ForeignFile(path=path, fields=fields, stated=stated)
 

@@ -27,8 +27,8 @@ from xarray.core.indexing import IndexingSupport, LazilyIndexedArray, explicit_i
 
 from hums.readers import convert, read_file
 from hums.readers.draft import draft
-from hums.records.fields import RecordWarning
-from hums.records.record import RecordError, attach_time, detach_time
+from hums.records.channels import attach_time, detach_time
+from hums.records.fields import RecordError, RecordWarning
 from hums.records.store import open_record, open_tree
 
 if TYPE_CHECKING:
@@ -39,9 +39,7 @@ if TYPE_CHECKING:
 
 _PIECE_BYTES = 1 << 24  # of an array through the pipe at a time: the copy beside it stays small
 _CPU_S = 10.0  # for a request at least; and 10 MB/s, a tenth of what the slowest reader, of text, does
-_CPU_S_PER_BYTE = 1e-7
 _PATIENCE = 6  # waiting time over processor time: a network's disk may be slow
-_MEMORY_SHARE = 0.5  # of this machine's memory: the other half is for the samples that arrive
 _FORKS = sys.platform == "linux"  # elsewhere a fork is unsafe, and a new interpreter takes about a second
 
 
@@ -208,7 +206,7 @@ class ReaderProcess:
             size = os.path.getsize(file)  # noqa: PTH202 - the path is as the user gave it
         except (OSError, ValueError):
             size = 0
-        limits = {"cpu_s": self._cpu_s + size * _CPU_S_PER_BYTE}
+        limits = {"cpu_s": self._cpu_s + size * 1e-7}
         self._wait_s = _PATIENCE * limits["cpu_s"]
         try:
             text = json.dumps({"path": file, **request, **limits}, default=str)
@@ -265,7 +263,8 @@ class _ArrayThere(BackendArray):
 
 def _share_of_memory() -> int | None:
     try:
-        return int(_MEMORY_SHARE * os.sysconf("SC_PAGE_SIZE") * os.sysconf("SC_PHYS_PAGES"))
+        # 0.5 of this machine's memory: the other half is for the samples that arrive
+        return int(0.5 * os.sysconf("SC_PAGE_SIZE") * os.sysconf("SC_PHYS_PAGES"))
     except (AttributeError, ValueError, OSError):
         return None
 

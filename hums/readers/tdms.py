@@ -8,7 +8,7 @@ import numpy as np
 
 from hums.readers.columns import Field, ForeignFile, Stated, joined, stated_of
 from hums.readers.description import ImportDescription
-from hums.records.record import RecordError
+from hums.records.fields import RecordError
 
 
 def read(path: Path, _: ImportDescription) -> ForeignFile:

@@ -12,10 +12,8 @@ import numpy as np
 from hums.readers.columns import Field, ForeignFile, Stated, moment_of, rate_of_step
 from hums.readers.description import ImportDescription
 from hums.records.clock import time_scale
-from hums.records.record import RecordError
+from hums.records.fields import RecordError
 
-_FUNCTION = 58
-_TIME_RESPONSE = 1
 _TIME = 17  # specific data type of an abscissa in seconds
 _DIRECTIONS = ("", "+X", "+Y", "+Z", "+RX", "+RY", "+RZ")
 
@@ -38,7 +36,8 @@ def read(path: Path, _: ImportDescription) -> ForeignFile:
     sets = [entry for entry in (found if isinstance(found, list) else [found]) if entry]
     if not sets:
         raise RecordError(f"{path} is no whole universal file: no data set in it is complete.")
-    functions = [entry for entry in sets if entry.get("type") == _FUNCTION]
+    function = 58
+    functions = [entry for entry in sets if entry.get("type") == function]
     with path.open("rb") as stream:
         stream.seek(-min(path.stat().st_size, 4096), os.SEEK_END)
         complete = stream.read().rstrip().endswith(b"-1")
@@ -69,7 +68,8 @@ def _response_dof(entry: Mapping[str, Any]) -> str:
 
 def _field(entry: Mapping[str, Any]) -> Field:
     values = np.asarray(entry["data"])
-    if entry["func_type"] != _TIME_RESPONSE or values.dtype.kind == "c":
+    time_response = 1
+    if entry["func_type"] != time_response or values.dtype.kind == "c":
         return f"a function of type {entry['func_type']}, no time history"
     return values if values.size else "empty"
 

@@ -15,26 +15,6 @@ from xarray.indexes import RangeIndex
 
 from hums.records.fields import RATE_REMEDY, RecordError, positive_number, start_number
 
-__all__ = [
-    "ANGLE",
-    "SNAPSHOT",
-    "Sampling",
-    "attach_time",
-    "channel_values",
-    "detach_time",
-    "is_average",
-    "kind_of",
-    "measured_quantities",
-    "names_of",
-    "nominal_speed",
-    "rate_of",
-    "sampling",
-    "sampling_attrs",
-    "speed_percentiles",
-    "tachometers",
-    "vibration_channels",
-]
-
 Kind = Literal["vibration", "waveform", "tachometer", "speed", "measured", "truth"]
 SNAPSHOT, ANGLE = "snapshot", "angle"
 

@@ -17,13 +17,7 @@ _OFF = 0.25  # of a step, which a sample may be off an even grid beside the roun
 _ROUNDING = (
     0.6  # of the rounding, which times that are cut off are from the line through them: half and an error of slope
 )
-_GAP = 0.5  # of a step, from which a longer interval is a gap
-_LAGS = 64  # steps of rounding in the interval from which the rate is first estimated
-_RATE_TOLERANCE = 1e-5  # a step printed with six digits
-_WHOLE_TOLERANCE = 1e-3  # a whole number drops a fraction: less than 1 Hz, and at most this share of the rate
-_MOST_GAPS = 0.01  # of the intervals: more are no gaps, the samples are uneven
 _WRONG = 'if these times are wrong, give the rate with trust="declared" (--rate-hz ... --trust declared)'
-_LOOKED_AT = 4096  # times from which their rounding is found
 
 
 TIMES_S: Mapping[str, float] = {
@@ -37,7 +31,6 @@ TIMES_S: Mapping[str, float] = {
 }
 """Seconds in units of time."""
 _TIME_NAMES = {"t", "time", "times", "timestamp", "timestamps", "datetime", "zeit", "temps", "tiempo", "tempo", "tijd"}
-_BESIDE_TIME = {"elapsed", "relative", "rel", "absolute", "abs", "date", "stamp", "utc", "axis", "in", "seconds"}
 
 
 @dataclass(frozen=True, kw_only=True)
@@ -82,9 +75,10 @@ class SampleTimes:
 
 def rates_agree(declared: float, stated: float, *, resolution: float = 0.0) -> bool:
     """Return whether two rates agree within what is known: a whole number may lack a fraction, a step some digits."""
-    tolerance = max(_RATE_TOLERANCE, resolution)
+    tolerance = max(1e-5, resolution)  # a step printed with six digits
     if not resolution and (float(declared).is_integer() != float(stated).is_integer()):
-        tolerance = max(tolerance, min(1 / stated, _WHOLE_TOLERANCE))
+        # a whole number drops a fraction: less than 1 Hz, and at most this share of the rate
+        tolerance = max(tolerance, min(1 / stated, 1e-3))
     return abs(declared - stated) < tolerance * stated
 
 
@@ -119,7 +113,8 @@ def sample_times(times: NDArray[Any], *, unit_s: float, what: str) -> SampleTime
     if (repeated := steps_s == 0).mean() > 0.1:  # one time for several samples  # noqa: PLR2004
         quantum_s = max(quantum_s, float(np.median(steps_s[~repeated & (steps_s > 0)])))
     lag = 1
-    while lag < known.size // 4 and np.median(seconds[lag:] - seconds[:-lag]) < _LAGS * quantum_s:
+    # 64 steps of rounding in the interval from which the rate is first estimated
+    while lag < known.size // 4 and np.median(seconds[lag:] - seconds[:-lag]) < 64 * quantum_s:
         lag *= 2
     backwards = np.flatnonzero(steps_s < 0)
     if backwards.size:
@@ -133,14 +128,16 @@ def sample_times(times: NDArray[Any], *, unit_s: float, what: str) -> SampleTime
     longer = steps_s * rate_hz - np.diff(number)
     rounding = quantum_s * rate_hz
     usual = float(np.quantile(np.abs(longer), 0.9))
-    gaps = np.flatnonzero(longer > _GAP + (min(rounding, usual) if rounding < 2 else rounding))  # noqa: PLR2004
+    # 0.5 of a step, from which a longer interval is a gap
+    gaps = np.flatnonzero(longer > 0.5 + (min(rounding, usual) if rounding < 2 else rounding))  # noqa: PLR2004
     missing = np.zeros(known.size)
     missing[gaps + 1] = longer[gaps]
     missing = np.cumsum(missing)
     joined_s = seconds - seconds[0] - missing / rate_hz
     step_s, first_s = np.polyfit(number, joined_s, 1)
     off = np.abs(joined_s - first_s - step_s * number) / step_s
-    if off.max() > _OFF + _ROUNDING * quantum_s / step_s or gaps.size > max(1, _MOST_GAPS * known.size):
+    # 0.01 of the intervals: more are no gaps, the samples are uneven
+    if off.max() > _OFF + _ROUNDING * quantum_s / step_s or gaps.size > max(1, 0.01 * known.size):
         raise RecordError(
             f"{what} are not evenly spaced: {gaps.size} are longer than the others by half a step or more, and row "
             f"{known[off.argmax()] + 1} is {off.max():.3g} steps from where {1 / step_s:.6g} Hz have it. Resample the "
@@ -172,7 +169,7 @@ def _places(count: int, known: NDArray[np.intp], missing: NDArray[np.float64]) -
 
 def _quantum(times: NDArray[Any]) -> float:
     """Return the rounding of times: the decimal place of the last digit, or the spacing of their floats."""
-    few = times[:: max(1, times.size // _LOOKED_AT)]
+    few = times[:: max(1, times.size // 4096)]  # 4096 times from which their rounding is found
     kind = few.dtype if few.dtype.kind == "f" else np.dtype(np.float64)
     spacing = float(np.spacing(np.abs(few).max().astype(kind)))
     for places in range(13):
@@ -210,7 +207,8 @@ def is_time_name(name: str) -> bool:
     own = re.sub(r"([a-z])(\d)", r"\1 \2", name.rpartition(".")[2])  # "t1", but "T1" may be a temperature
     words = [word for word in words_of(own) if not word.isdigit()] or [""]
     others = set(words) - _TIME_NAMES
-    plain = len(others) < len(set(words)) and all(word in _BESIDE_TIME or word in TIMES_S for word in others)
+    beside_time = {"elapsed", "relative", "rel", "absolute", "abs", "date", "stamp", "utc", "axis", "in", "seconds"}
+    plain = len(others) < len(set(words)) and all(word in beside_time or word in TIMES_S for word in others)
     return plain or (words[0] in _TIME_NAMES and words[-1] in TIMES_S)  # "time DE [s]" beside "time NDE [s]"
 
 

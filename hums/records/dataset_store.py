@@ -17,28 +17,14 @@ from numpy.typing import NDArray
 from xarray.backends import BackendArray
 from xarray.core import indexing
 
-from hums.records.fields import plain_cell
-from hums.records.record import RecordError, attach_time
-from hums.records.store import atomic_write, open_hdf5, open_shard, open_tree, record_of_shard, write_tree
+from hums.records.channels import attach_time
+from hums.records.fields import RecordError, plain_cell
+from hums.records.outputs import atomic_write
+from hums.records.store import open_hdf5, open_shard, open_tree, record_of_shard, write_tree
 from signals._validation import brief, checked
-
-__all__ = [
-    "INDEX",
-    "LABELS",
-    "SCHEMA",
-    "SHARD",
-    "dataset_files",
-    "dataset_record",
-    "is_begun",
-    "is_dataset",
-    "open_dataset",
-    "write_index",
-]
 
 INDEX, LABELS, SCHEMA = "index.h5", "labels.csv", "hums-dataset/1"
 SHARD = "shards/{:06d}.h5"
-
-
 _BEGUN = {"plan.toml": "hums dataset", "conversion.json": "hums convert"}  # what is there before the index
 
 

@@ -45,9 +45,7 @@ ANGLE_REMEDY = (
     "then estimated from the vibration."
 )
 UNKNOWN_ANGLE = "unknown"
-_LONGEST_NAME_BYTES = 200  # file systems take 255
 _RESERVED = {"CON", "PRN", "AUX", "NUL", *(f"{port}{number}" for port in ("COM", "LPT") for number in range(10))}
-_LEAST_RESOLUTION = 0.5  # of a sample, in a time of 64 bits: seconds since 1970 do for 2 MHz
 RATE_REMEDY = "state the samples per second, rate_hz=... (on the command line --rate-hz)"
 
 
@@ -70,7 +68,8 @@ def file_name(text: str) -> str:
     plain = "".join(sign if sign.isalnum() or sign in " -_." else "_" for sign in text).strip(" .") or "_"
     if plain.split(".")[0].strip().upper() in _RESERVED:
         plain = f"_{plain}"
-    if len(plain.encode()) <= _LONGEST_NAME_BYTES:
+    longest_name_bytes = 200  # file systems take 255
+    if len(plain.encode()) <= longest_name_bytes:
         return plain
     return f"{plain[:40].strip(' .')} {sha256(plain.encode()).hexdigest()[:16]}"  # 40 letters have at most 160 bytes
 
@@ -174,7 +173,8 @@ def finite_number(value: object, what: str, kind: str = "number of seconds") -> 
 def start_number(value: object, what: str, *, rate_hz: float) -> float:
     """Return the time of a first sample; refuse one so large that the samples after it have the same time."""
     start = finite_number(value, what)
-    if np.spacing(abs(start)) * rate_hz > _LEAST_RESOLUTION:
+    least_resolution = 0.5  # of a sample, in a time of 64 bits: seconds since 1970 do for 2 MHz
+    if np.spacing(abs(start)) * rate_hz > least_resolution:
         raise RecordError(
             f"{what}={start:g}: times so large are {np.spacing(abs(start)):.2g} s apart, samples at {rate_hz:g} Hz "
             f"{1 / rate_hz:.2g} s; count from the record's begin, start_s=0, and state when that was as recorded_at."

@@ -8,11 +8,14 @@ import hashlib
 import json
 import os
 from collections.abc import Iterable, Iterator
+from contextlib import contextmanager, suppress
 from pathlib import Path
+from socket import gethostname
 from typing import Any
+from uuid import uuid4
 
-from hums.records._contained import is_own
-from hums.records.fields import RecordError
+from hums.records._netcdf import is_own
+from hums.records.fields import RecordError, is_utf8
 
 SEALS = ".hums-written"  # the list, in the form of sha256sum; it only grows, so that writers need no lock
 _LISTED = {".csv", ".json", ".parquet", ".sha256"}
@@ -119,3 +122,81 @@ def _sealed(folder: Path) -> list[str]:
     if seals.is_symlink() or (seals.exists() and not seals.is_file()):
         raise RecordError(f"{seals} lists what hums wrote here, and is no file; remove it.")
     return seals.read_text(encoding="utf-8", errors="replace").splitlines() if seals.exists() else []
+
+
+# ---- writing: a file takes its name only once it is complete --------------------------------------------------------
+
+
+def write_text(path: str | os.PathLike[str], text: str) -> None:
+    """Write a text file by `atomic_write`, in UTF-8; what is no text in it, lone surrogates, as escapes."""
+    with atomic_write(path) as part:
+        part.write_text(text, encoding="utf-8", errors="backslashreplace")
+
+
+@contextmanager
+def atomic_write(path: str | os.PathLike[str], *, tidy: bool = True) -> Iterator[Path]:
+    """Yield a temporary file to write, which replaces `path` on success and is removed on failure.
+
+    The file is sealed as one of this toolkit. What dead writers of `path` left is removed, for which the folder is
+    listed; not with `tidy` false: the time of as many files in one folder would grow with their square. Who writes
+    them tidies the folder before the first.
+    """
+    target = Path(os.path.realpath(path))  # so that a symbolic link remains one
+    if not is_utf8(target.name):
+        raise RecordError(f"{path}: this name is not UTF-8 text, and what it names would not be opened; give another.")
+    if target.exists() and not target.is_file():
+        raise RecordError(f"{path} is {'a directory' if target.is_dir() else 'a device or pipe'}; name a file.")
+    if not target.parent.is_dir():
+        raise RecordError(f"{path}: there is no directory {target.parent}; create it first.")
+    if tidy:
+        remove_partial_files(target.parent, of=target.name)
+    part = target.with_name(f".hums-{_short(target.name)}-{_writer(os.getpid())}-{uuid4().hex[:8]}.part")
+    try:
+        yield part
+        seal(part, target)
+        _sync(part)
+        part.replace(target)
+    except BaseException as error:
+        with suppress(OSError):  # on a disk that is read-only
+            part.unlink(missing_ok=True)
+        if isinstance(error, OSError) and error.errno and error.filename in {None, str(part)}:
+            raise OSError(error.errno, error.strerror, str(path)) from error
+        raise
+    if os.name == "posix":  # elsewhere a directory cannot be opened, and need not be
+        _sync(target.parent)
+
+
+def remove_partial_files(folder: Path, *, of: str | None = None) -> None:
+    """Remove the temporary files of dead writers of one file, `of`, or of all, from a folder.
+
+    The name of a temporary file states its target, and the host, number and start of the process that writes it. A
+    file of another host stays, as its writer cannot be asked; so does one of a living process.
+    """
+    for part in folder.glob(f".hums-{'*' if of is None else _short(of)}-*-*-*-*.part"):
+        _, _, host, number, began, _ = part.name.split("-")  # .hums, target, host, process, its start, random
+        if host == _short(gethostname()) and _writer(int(number)) != f"{host}-{number}-{began}":
+            part.unlink(missing_ok=True)
+
+
+def _short(text: str) -> str:
+    """Return a text as eight characters for a file name."""
+    return hashlib.sha256(text.encode(errors="surrogateescape")).hexdigest()[:8]
+
+
+def _writer(process: int) -> str:
+    """Return host, number and start of a process, 0 for one that has ended or where starts are not known."""
+    try:
+        stat = Path(f"/proc/{process}/stat").read_text(encoding="utf-8", errors="replace").rpartition(")")[2].split()
+        began = "0" if stat[0] == "Z" else stat[19]
+    except OSError:
+        began = "0" if Path("/proc/self").exists() else "x"  # without /proc every writer counts as alive
+    return f"{_short(gethostname())}-{process}-{began}"
+
+
+def _sync(path: Path) -> None:
+    """Flush a file or directory to the disk: after a power cut a new name may else belong to old bytes."""
+    descriptor = os.open(path, os.O_RDONLY if path.is_dir() else os.O_RDWR)
+    try:
+        os.fsync(descriptor)
+    finally:
+        os.close(descriptor)

@@ -15,22 +15,13 @@ import xarray as xr
 
 from hums.records.channels import (
     ANGLE,
-    Sampling,
     attach_time,
-    channel_values,
-    detach_time,
-    nominal_speed,
-    sampling,
-    speed_percentiles,
-    tachometers,
-    vibration_channels,
 )
 from hums.records.clock import held_times, time_scale
 from hums.records.fields import (
     ANGLE_REMEDY,
     RATE_REMEDY,
     SCHEMA,
-    UNITS,
     UNKNOWN_ANGLE,
     RecordError,
     check_name,
@@ -54,30 +45,6 @@ if TYPE_CHECKING:
     from numpy.typing import ArrayLike
 
     from signals.shaft.pulses import PulseTrain
-
-__all__ = [
-    "SCHEMA",
-    "UNITS",
-    "AngularAverage",
-    "Channel",
-    "Measured",
-    "NominalSpeed",
-    "PulseTimes",
-    "RecordError",
-    "Sampling",
-    "TachometerWaveform",
-    "UnknownAngle",
-    "attach_time",
-    "channel_values",
-    "check_record",
-    "detach_time",
-    "make_record",
-    "nominal_speed",
-    "sampling",
-    "speed_percentiles",
-    "tachometers",
-    "vibration_channels",
-]
 
 
 @dataclass(frozen=True, kw_only=True)
@@ -511,16 +478,14 @@ def _waveform_variable(source: TachometerWaveform, *, rate_hz: float, start_s: f
     return _channel_variable(channel, name=name, rate_hz=rate_hz, start_s=start_s, role="tachometer")
 
 
-_VOLTS = 1.0  # the least range of inputs for tachometers, in V
-
-
 def _detected_pulses(
     source: TachometerWaveform, waveform: xr.Variable, *, rate_hz: float, start_s: float
 ) -> PulseTrain:
     from signals.shaft.tachometer import pulse_times  # noqa: PLC0415 - only a waveform needs signal processing
 
     own_rate = waveform.attrs.get("rate_hz", rate_hz)
-    full_scale = _VOLTS if source.full_scale is None and source.units == "V" else source.full_scale
+    # the least range of inputs for tachometers, in V
+    full_scale = 1.0 if source.full_scale is None and source.units == "V" else source.full_scale
     try:
         return pulse_times(
             waveform.values,

@@ -4,19 +4,16 @@
 seconds for both. `open_record` computes the time axis from start and rate instead, and validates the record.
 """
 
+import json
 import math
 import os
 import warnings
-from collections.abc import Iterator, Mapping, Sequence
-from contextlib import contextmanager, suppress
+from collections.abc import Mapping, Sequence
 from datetime import datetime
 from functools import partial
-from hashlib import sha256
 from pathlib import Path
 from shlex import quote
-from socket import gethostname
 from typing import Any
-from uuid import uuid4
 
 import h5py
 import numpy as np
@@ -24,36 +21,20 @@ import xarray as xr
 from xarray.backends import CachingFileManager
 from xarray.indexes import RangeIndex
 
-from hums.records._contained import is_unchanged, objects, refuse_reaching_out, refuse_size, refuse_too_large
-from hums.records._netcdf import Chunks, DiskError, open_netcdf, write_netcdf
-from hums.records.channels import ANGLE
-from hums.records.fields import RecordWarning, is_utf8, plain_repr
-from hums.records.outputs import check_outputs, seal
-from hums.records.packing import packed, unpacked
-from hums.records.record import SCHEMA, RecordError, attach_time, check_record, detach_time
+from hums.records._netcdf import (
+    Chunks,
+    DiskError,
+    is_unchanged,
+    open_netcdf,
+    refuse_reaching_out,
+    refuse_too_large,
+    write_netcdf,
+)
+from hums.records.channels import ANGLE, attach_time, detach_time, kind_of
+from hums.records.fields import SCHEMA, RecordError, RecordWarning, is_utf8, plain_repr
+from hums.records.outputs import atomic_write, check_outputs
+from hums.records.validation import check_record
 from signals._validation import checked, plain_text
-
-__all__ = [
-    "atomic_write",
-    "existing_file",
-    "is_array",
-    "is_hdf5",
-    "objects",
-    "open_hdf5",
-    "open_record",
-    "open_shard",
-    "open_tree",
-    "read_array",
-    "record_of_shard",
-    "refuse_size",
-    "remove_partial_files",
-    "save_record",
-    "write_record",
-    "write_shard",
-    "write_text",
-    "write_tree",
-]
-
 
 _SIGNATURE = b"\x89HDF\r\n\x1a\n"
 _CHUNK = 65536  # values: half a megabyte of float64, which HDF5's own cache of a megabyte holds
@@ -396,81 +377,6 @@ def _write(groups: Mapping[str, tuple[xr.Dataset, Chunks]], path: str | os.PathL
             raise OSError(f"{path} could not be written ({error}); check the space on its disk.") from error
 
 
-def write_text(path: str | os.PathLike[str], text: str) -> None:
-    """Write a text file by `atomic_write`, in UTF-8; what is no text in it, lone surrogates, as escapes."""
-    with atomic_write(path) as part:
-        part.write_text(text, encoding="utf-8", errors="backslashreplace")
-
-
-@contextmanager
-def atomic_write(path: str | os.PathLike[str], *, tidy: bool = True) -> Iterator[Path]:
-    """Yield a temporary file to write, which replaces `path` on success and is removed on failure.
-
-    The file is sealed as one of this toolkit. What dead writers of `path` left is removed, for which the folder is
-    listed; not with `tidy` false: the time of as many files in one folder would grow with their square. Who writes
-    them tidies the folder before the first.
-    """
-    target = Path(os.path.realpath(path))  # so that a symbolic link remains one
-    if not is_utf8(target.name):
-        raise RecordError(f"{path}: this name is not UTF-8 text, and what it names would not be opened; give another.")
-    if target.exists() and not target.is_file():
-        raise RecordError(f"{path} is {'a directory' if target.is_dir() else 'a device or pipe'}; name a file.")
-    if not target.parent.is_dir():
-        raise RecordError(f"{path}: there is no directory {target.parent}; create it first.")
-    if tidy:
-        remove_partial_files(target.parent, of=target.name)
-    part = target.with_name(f".hums-{_short(target.name)}-{_writer(os.getpid())}-{uuid4().hex[:8]}.part")
-    try:
-        yield part
-        seal(part, target)
-        _sync(part)
-        part.replace(target)
-    except BaseException as error:
-        with suppress(OSError):  # on a disk that is read-only
-            part.unlink(missing_ok=True)
-        if isinstance(error, OSError) and error.errno and error.filename in {None, str(part)}:
-            raise OSError(error.errno, error.strerror, str(path)) from error
-        raise
-    if os.name == "posix":  # elsewhere a directory cannot be opened, and need not be
-        _sync(target.parent)
-
-
-def remove_partial_files(folder: Path, *, of: str | None = None) -> None:
-    """Remove the temporary files of dead writers of one file, `of`, or of all, from a folder.
-
-    The name of a temporary file states its target, and the host, number and start of the process that writes it. A
-    file of another host stays, as its writer cannot be asked; so does one of a living process.
-    """
-    for part in folder.glob(f".hums-{'*' if of is None else _short(of)}-*-*-*-*.part"):
-        _, _, host, number, began, _ = part.name.split("-")  # .hums, target, host, process, its start, random
-        if host == _short(gethostname()) and _writer(int(number)) != f"{host}-{number}-{began}":
-            part.unlink(missing_ok=True)
-
-
-def _short(text: str) -> str:
-    """Return a text as eight characters for a file name."""
-    return sha256(text.encode(errors="surrogateescape")).hexdigest()[:8]
-
-
-def _writer(process: int) -> str:
-    """Return host, number and start of a process, 0 for one that has ended or where starts are not known."""
-    try:
-        stat = Path(f"/proc/{process}/stat").read_text(encoding="utf-8", errors="replace").rpartition(")")[2].split()
-        began = "0" if stat[0] == "Z" else stat[19]
-    except OSError:
-        began = "0" if Path("/proc/self").exists() else "x"  # without /proc every writer counts as alive
-    return f"{_short(gethostname())}-{process}-{began}"
-
-
-def _sync(path: Path) -> None:
-    """Flush a file or directory to the disk: after a power cut a new name may else belong to old bytes."""
-    descriptor = os.open(path, os.O_RDONLY if path.is_dir() else os.O_RDWR)
-    try:
-        os.fsync(descriptor)
-    finally:
-        os.close(descriptor)
-
-
 def _with_axes(plain: xr.Dataset, record: xr.Dataset) -> xr.Dataset:
     """Return the dataset to write with the time axes of a record as coordinates, which compress to nearly nothing."""
     axes = {}
@@ -535,3 +441,125 @@ def _plain(value: Any, what: str) -> Any:  # noqa: ANN401
     if array.dtype.kind not in "biuf":
         raise RecordError(f"{what} is a {type(value).__name__}; only text, numbers and rows of either are kept.")
     return array.astype(np.int8) if array.dtype.kind == "b" else array[()]
+
+
+# ---- records of one layout in one dataset: channels stacked, pulse times padded, true values concatenated ------------
+# Channels have one length and are stacked to (record, time). Pulse times differ in number and are padded with NaN.
+# Truth variables differ in number and shape from record to record (a crack adds lines), so the values of each are
+# concatenated along a dimension of their own; their dimensions, shapes and attributes are JSON text for each record.
+
+
+_SCHEMA = "hums-shard/1"
+_ROWS = "record"
+_LAYOUT, _ATTRS = "layout_of_truth", "attrs_of_record"
+_COORDINATES = ("snapshot_s",)
+
+
+def packed(records: Sequence[xr.Dataset], labels: Mapping[str, Sequence[Any]], *, dtype: str) -> xr.Dataset:
+    """Return one dataset of records of one layout and their labels.
+
+    Parameters
+    ----------
+    records : sequence of xarray.Dataset
+        With the same channels and tachometers, of the same lengths and rates.
+    labels : mapping of str to sequence
+        By the name of a label, its value for each record.
+    dtype : {"float32", "float64"}
+        Type of the stored samples, and of complex amplitudes of their truth; all other numbers are float64.
+
+    Raises
+    ------
+    ValueError
+        If the records differ in layout, or a label has the name of a channel.
+    """
+    names = [str(name) for name in records[0].data_vars if not _is_truth(name)]
+    names += [name for name in _COORDINATES if name in records[0].coords]
+    variables: dict[str, xr.Variable] = {name: _stacked(records, name, dtype) for name in names}
+    for label, values in labels.items():
+        if label in variables:
+            raise ValueError(f'the label "{label}" has the name of a channel; give the range another label.')
+        variables[label] = xr.Variable(_ROWS, np.asarray(values), {"role": "label"})
+    truths = sorted({str(name) for record in records for name in record.variables if _is_truth(name)})
+    for name in truths:
+        flat = [record.variables[name].to_numpy().ravel() for record in records if name in record.variables]
+        if flat[0].dtype.kind == "c" and dtype == "float32":
+            flat = [each.astype(np.complex64) for each in flat]
+        variables[name] = xr.Variable(f"flat_{name}", np.concatenate(flat))
+    layouts = [_json(_layout(record, truths)) for record in records]
+    attrs = [_json(record.attrs) for record in records]
+    variables[_LAYOUT], variables[_ATTRS] = (xr.Variable(_ROWS, np.array(texts)) for texts in (layouts, attrs))
+    return xr.Dataset(variables, attrs={"schema": _SCHEMA})
+
+
+def unpacked(shard: xr.Dataset, row: int) -> xr.Dataset:
+    """Return one record of a packed dataset, without time axes."""
+    selected = shard.isel({_ROWS: row})
+    variables: dict[str, xr.Variable] = {}
+    for name, variable in selected.data_vars.items():
+        if variable.attrs.get("role") == "label" or _is_truth(name) or name in (_LAYOUT, _ATTRS):
+            continue
+        values = variable.to_numpy()
+        if _is_padded(variable.variable):
+            values = values[..., ~np.isnan(values).all(axis=tuple(range(values.ndim - 1)))]
+        variables[str(name)] = xr.Variable(variable.dims, values, variable.attrs)
+    layouts = [json.loads(text) for text in shard[_LAYOUT][: row + 1].to_numpy()]
+    for name, layout in layouts[row].items():
+        start = sum(_size(before[name]) for before in layouts[:row] if name in before)
+        flat = shard[name][start : start + _size(layout)].to_numpy()
+        variables[name] = xr.Variable(layout["dims"], flat.reshape(layout["shape"]), layout["attrs"])
+    coordinates = [name for name, layout in layouts[row].items() if layout["coordinate"]]
+    coordinates += [name for name in _COORDINATES if name in variables]
+    return xr.Dataset(variables, attrs=json.loads(selected[_ATTRS].item())).set_coords(coordinates)
+
+
+def _stacked(records: Sequence[xr.Dataset], name: str, dtype: str) -> xr.Variable:
+    """Return one variable of all records, stacked along the dimension of records."""
+    first = records[0].variables[name]
+    rows = []
+    for record in records:
+        if name not in record.variables:
+            raise ValueError(f'"{name}" is in some records only; the records of a dataset have the same channels.')
+        if _json(record.variables[name].attrs) != _json(first.attrs):
+            raise ValueError(f'"{name}" has different attributes in the records; units, place and rate have to agree.')
+        rows.append(record.variables[name].to_numpy())
+    if len({row.ndim for row in rows}) > 1 or (not _is_padded(first) and len({row.shape for row in rows}) > 1):
+        raise ValueError(f'channel "{name}" has different lengths; the records of a dataset are equally long.')
+    if first.ndim == 0:
+        return xr.Variable(_ROWS, np.array(rows), first.attrs)
+    widest = np.max([row.shape for row in rows], axis=0)
+    samples = ("vibration", "waveform", "measured")  # in the type that is asked for; times and speeds are exact
+    stack = np.full((len(rows), *widest), np.nan, dtype=dtype if kind_of(name, first) in samples else np.float64)
+    for target, row in zip(stack, rows, strict=True):
+        target[tuple(slice(size) for size in row.shape)] = row
+    return xr.Variable((_ROWS, *first.dims), stack, first.attrs)
+
+
+def _layout(record: xr.Dataset, truths: Sequence[str]) -> dict[str, Any]:
+    """Return dimensions, shape and attributes of each truth variable of a record."""
+    return {
+        name: {
+            "dims": list(record.variables[name].dims),
+            "shape": list(record.variables[name].shape),
+            "attrs": record.variables[name].attrs,
+            "coordinate": name in record.coords,
+        }
+        for name in truths
+        if name in record.variables
+    }
+
+
+def _size(layout: Mapping[str, Any]) -> int:
+    return int(np.prod(layout["shape"], dtype=np.int64))
+
+
+def _is_truth(name: object) -> bool:
+    return str(name).startswith("truth_")
+
+
+def _is_padded(variable: xr.Variable) -> bool:
+    return any(str(dim).startswith("pulse_") for dim in variable.dims)
+
+
+def _json(mapping: Mapping[Any, Any]) -> str:
+    """Return a mapping as JSON, numpy scalars and arrays as numbers and lists."""
+    return json.dumps(dict(mapping), default=lambda value: value.tolist())

@@ -31,11 +31,7 @@ from hums.records.fields import (
 )
 
 MIN_SAMPLES_PER_PULSE = 1.5  # at 1 they are the sample times
-_MIN_SAMPLES_PER_TURN = 4.0  # of the vibration: the shaft's second harmonic at half the rate
 _MOST_PULSES = 1_000_000  # of a revolution: no encoder has more
-_MIN_INTERVALS = 20  # for a meaningful median of their changes
-_OVERLAP = 0.01  # of a snapshot: clocks are written in whole milliseconds
-_MAX_CHANGE_PER_TURN = 0.3  # some per cent for a shaft, some 60 % for random crossings
 
 
 def check_record(record: xr.Dataset) -> None:
@@ -101,7 +97,8 @@ def _check_snapshots(record: xr.Dataset) -> None:
     long_s = max(when.count / when.rate_hz for when in (sampling(record, name) for name in vibration_channels(record)))
     if starts_s.shape != (record.sizes[SNAPSHOT],) or not np.isfinite(starts_s).all():
         raise RecordError('"snapshot_s": a finite time in s for each snapshot is needed, or none at all.')
-    early = np.flatnonzero(np.diff(starts_s) < long_s * (1 - _OVERLAP))
+    # by 0.01 of a snapshot they may overlap: clocks are written in whole milliseconds
+    early = np.flatnonzero(np.diff(starts_s) < 0.99 * long_s)
     if early.size:
         at = int(early[0])
         raise RecordError(
@@ -203,20 +200,22 @@ def _check_spacing(name: str, times_s: NDArray[np.float64], per_rev: int, rate_h
             f"{what}, {spacing_s * rate_hz:.3g} samples at {rate_hz:g} Hz: a pulse about every sample, or more. Give "
             "the moments at which the pulses came, in seconds, not the times of the samples; or correct the rate."
         )
-    if spacing_s * per_rev * rate_hz < _MIN_SAMPLES_PER_TURN:
+    min_samples_per_turn = 4.0  # of the vibration: the shaft's second harmonic at half the rate
+    if spacing_s * per_rev * rate_hz < min_samples_per_turn:
         raise RecordError(
             f"{what}, which at {per_rev} per revolution makes {1 / (spacing_s * per_rev):.4g} rev/s, a turn every "
             f"{spacing_s * per_rev * rate_hz:.3g} samples at {rate_hz:g} Hz; the vibration shows nothing of so fast a "
             "shaft. Correct the times (seconds), pulses_per_rev (--pulses-per-rev) or the rate."
         )
     intervals = np.diff(times_s)
-    if intervals.size < per_rev + _MIN_INTERVALS:
+    if intervals.size < per_rev + 20:  # for a meaningful median of their changes
         return
     # pulses of one revolution may be uneven, and revolutions of a start differ: not both
     change = min(
         float(np.median(np.abs(intervals[lag:] - intervals[:-lag])) / np.median(intervals)) for lag in (1, per_rev)
     )
-    if change > _MAX_CHANGE_PER_TURN:
+    max_change_per_turn = 0.3  # some per cent for a shaft, some 60 % for random crossings
+    if change > max_change_per_turn:
         raise RecordError(
             f"{what} and come without order: from one to the next, and from one revolution to the next, their "
             f"distance changes by {change:.0%}, in the middle of all. No shaft turns like that; is this a vibration, "

@@ -14,13 +14,12 @@ from hums.analysis.expected_lines import ENVELOPE, ORDER_SPECTRUM
 from hums.analysis.findings import NOTHING_FOUND
 from hums.analysis.result import Analysis, check_analysis, group, indicator_table, line_table, save_analysis, summary
 from hums.gearbox.defect_orders import BEARING_KINDS
+from hums.gearbox.mechanism import undeclared_parts
 from hums.gearbox.model import Gearbox
-from hums.gearbox.undeclared import undeclared_parts
 from hums.pages.page import page_environment, stand_alone_page
 from hums.plots import coloured_components, draw_mechanism, svg
 from hums.records.fields import plain_cell
-from hums.records.outputs import check_outputs
-from hums.records.store import write_text
+from hums.records.outputs import check_outputs, write_text
 from hums.report.figures import Pictures, cursor_choices, sections
 from hums.report.indicator_tables import UNIT_WORDS, indicator_tables, velocity_zones
 from hums.report.verdict_strip import CLASSES, answer, component_styles, probability_words, verdict_rows, with_hz

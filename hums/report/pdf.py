@@ -5,8 +5,7 @@ import shutil
 import subprocess
 from pathlib import Path
 
-from hums.records.outputs import check_outputs
-from hums.records.store import atomic_write
+from hums.records.outputs import atomic_write, check_outputs
 
 _BROWSERS = ("chromium", "chromium-browser", "google-chrome", "google-chrome-stable", "chrome", "msedge")
 _DRAWING_MS = 20_000  # of the page's own clock, which runs as fast as its scripts allow

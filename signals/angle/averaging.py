@@ -237,9 +237,6 @@ def hunting_period(teeth: int, mate_teeth: int) -> HuntingPeriod:
 # ---- Averaging -------------------------------------------------------------------------------------------------------
 
 
-_HALF_WIDTH = 32  # of the interpolation filter of signals.resampling.resampling, in samples; more on a coarser grid
-
-
 @dataclass(frozen=True, kw_only=True)
 class SynchronousAverage:
     """One revolution of a shaft, averaged over many.
@@ -355,7 +352,8 @@ def synchronous_average(
     datum = Fraction(0 if datum_rev is None else number(datum_rev, name="datum_rev") - signal.start_rev)
     offset = (datum * signal.samples_per_rev) % per_turn
     direct = per_turn == per_rev and offset.denominator == 1
-    margin = 0 if direct else math.ceil(_HALF_WIDTH * max(1.0, float(per_turn / per_rev)))
+    # 32 of the interpolation filter of signals.resampling.resampling, in samples; more on a coarser grid
+    margin = 0 if direct else math.ceil(32 * max(1.0, float(per_turn / per_rev)))
     first = offset + per_turn * max(0, math.ceil((margin - offset) / per_turn))
     available = max(0, math.floor((values.size - margin - first) / per_turn))
     count = _count(revolutions, available, values.size, per_turn)

@@ -36,7 +36,7 @@ from typing import TYPE_CHECKING
 import numpy as np
 from scipy import fft, special
 
-from signals._median import median
+from signals._transforms import median
 from signals._validation import Array, positive, whole
 
 if TYPE_CHECKING:
@@ -53,18 +53,11 @@ FEWEST_TURNS = 2
 PERMUTED_TURNS = 4
 """Turns from which on energies are rotated at random: rotations of fewer blocks repeat by chance too often."""
 
-_BLOCKS = (8, 24)  # least, of as many turns, and most; more cost time and no longer sharpen the scatter
 _FEWEST_CELLS, _LEAST_CELLS, _MOST_CELLS = 10, 24, 128  # of a turn: needed, aimed at, and most
-_FLOOR = 0.1  # of a turn's geometric mean energy: bounds the logarithm from below
 _WIDTHS = (1, 2, 4, 8)  # cells
 _FIRST, _ENOUGH = 99, 8  # rotations drawn before the permutation test may stop, and exceedances at which it does
-_FEWEST_OTHERS = 3  # cells besides the peak and its neighbours, of which a scatter can be estimated
-_NEIGHBOURS = 2.5  # teeth on either side of the peak not compared: pits spread, and the mesh rings on; at most a sixth
-_UNLIKELY = 0.5  # probability of the outlier alone above which no healthy machine's gear would be exceeded, either
-_CLIPS = 4  # times that the smooth orders are estimated again: each leaves a third of the share of the peak
 _LEAST_TAIL = 1e-30  # of one band: its logarithm is finite where others do not scatter at all
 _RISES = np.geomspace(1.0, 1e6, 121)  # between which is interpolated; a tooth rings by 60 dB at most
-_SILENT = 1e-6  # of the median turn's energy: a turn below is a drop-out
 
 
 @dataclass(frozen=True, kw_only=True)
@@ -157,7 +150,8 @@ def folded(
     cell = np.floor((place - turn) * cells).astype(int)
     index = (turn - first) * cells + np.clip(cell, 0, cells - 1)
     seen = np.bincount(index, minlength=turns * cells).reshape(turns, cells)
-    blocks = min(turns, int(np.clip(turns // 2, *_BLOCKS)))
+    # least, of as many turns, and most; more cost time and no longer sharpen the scatter
+    blocks = min(turns, int(np.clip(turns // 2, 8, 24)))
     edges = np.linspace(0, turns, blocks + 1).astype(int)[:-1]
     values = np.empty((bands, blocks, cells))
     for band in range(bands):
@@ -187,10 +181,11 @@ def _block_means(sums: Array, seen: NDArray[np.integer], edges: NDArray[np.integ
     there = seen > 0
     energy = np.where(there, sums / np.maximum(seen, 1), np.nan)
     total = sums.sum(axis=1) / np.maximum(seen.sum(axis=1), 1)
-    sound = total > _SILENT * np.median(total)
+    sound = total > 1e-6 * np.median(total)  # 1e-6 of the median turn's energy: a turn below is a drop-out
     logs = np.log(np.maximum(np.where(there, energy, 1.0), 1e-12 * np.median(total) + 1e-300))
     level = np.exp(np.where(there, logs, 0.0).sum(axis=1) / np.maximum(there.sum(axis=1), 1))
-    relative = np.where(there & sound[:, None], np.log(np.where(there, energy, 1.0) / level[:, None] + _FLOOR), 0.0)
+    # 0.1 of a turn's geometric mean energy: bounds the logarithm from below
+    relative = np.where(there & sound[:, None], np.log(np.where(there, energy, 1.0) / level[:, None] + 0.1), 0.0)
     count = np.add.reduceat((there & sound[:, None]).astype(float), edges, axis=0)
     means = np.add.reduceat(relative, edges, axis=0) / np.maximum(count, 1)
     overall = means.sum(axis=0) / np.maximum((count > 0).sum(axis=0), 1)
@@ -307,7 +302,8 @@ def local_damage(
     if energies.turns < PERMUTED_TURNS:
         best = min(range(len(places)), key=lambda at: (places[at].local, -places[at].statistic))
         return replace(places[best], least_rise=compared[best].least_rise(stated))
-    worthwhile = min(place.local for place in places) < _UNLIKELY
+    unlikely = 0.5  # probability of the outlier alone above which no healthy machine's gear would be exceeded, either
+    worthwhile = min(place.local for place in places) < unlikely
     null = _rotated_maxima(smoothed, most if worthwhile else _FIRST, float(observed.max()), rng)
 
     def repeats(statistic: float) -> float:
@@ -340,15 +336,18 @@ def _at_peaks(
     peaks = np.unique(curves.argmax(axis=1))
     pitch = max(1, math.ceil(cells / energies.teeth))
     distance = np.abs((np.arange(cells) - peaks[:, None] + cells // 2) % cells - cells // 2)
-    away = distance > max(pitch, width, min(round(_NEIGHBOURS * pitch), cells // 6))
+    # 2.5 teeth on either side of the peak not compared: pits spread, and the mesh rings on; at most a sixth
+    away = distance > max(pitch, width, min(round(2.5 * pitch), cells // 6))
     for contact in range(1, energies.contacts):
         away &= np.roll(distance, round(contact * cells / energies.contacts), axis=1) > max(pitch, width)
-    if np.count_nonzero(away[0]) < _FEWEST_OTHERS:  # as many for each peak
+    fewest_others = 3  # cells besides the peak and its neighbours, of which a scatter can be estimated
+    if np.count_nonzero(away[0]) < fewest_others:  # as many for each peak
         away[:] = True  # too coarse for a tooth to stand out: its statistic is that of a cell among all
     count = int(np.count_nonzero(away[0]))
     others = np.broadcast_to(away[:, None], (peaks.size, bands, cells))
     curves = np.broadcast_to(curves, others.shape)
-    for _ in range(_CLIPS):  # a high peak has a share in the smooth orders, which would be missing from the others
+    # 4 times that the smooth orders are estimated again: each leaves a third of the share of the peak
+    for _ in range(4):  # a high peak has a share in the smooth orders, which would be missing from the others
         highest = np.where(others, curves, -np.inf).max(axis=-1, keepdims=True)
         clipped = np.where(others, curves, np.minimum(curves, highest))
         curves = curves - _common_part(clipped, energies.teeth, energies.smooth_orders)

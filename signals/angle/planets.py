@@ -284,10 +284,6 @@ def _angle_of_maximum(lines: NDArray[np.complex128], harmonic: NDArray[np.int64]
 # ---- Planets ---------------------------------------------------------------------------------------------------------
 
 
-_FURTHEST_PASS = 1e6  # lengths of the record; beyond, angles lose the digits of a tooth
-_LEAST_WEIGHT = 1e-9  # of the largest: less is rounding at the ends of a window
-
-
 @dataclass(frozen=True, kw_only=True)
 class WindowedAverage(SynchronousAverage):
     """One revolution of a planet or of the sun, relative to the carrier, averaged over planet passes.
@@ -463,7 +459,7 @@ def _gather(signal: AngularSignal, gear: _Gear, *, pass_rev: float, at_pass: int
     per_tooth = _samples_per_tooth(signal, gear, window)
     per_rev, reset, angles = signal.samples_per_rev, gear.reset, gear.teeth * per_tooth
     middle = (pass_rev - signal.start_rev) * per_rev  # in samples
-    if not abs(middle) <= _FURTHEST_PASS * values.size:
+    if not abs(middle) <= 1e6 * values.size:  # 1e6 lengths of the record; beyond, angles lose the digits of a tooth
         raise ValueError(
             f"first_pass_rev={pass_rev:g} is far from the signal, which starts at {signal.start_rev:g} rev; give a "
             "pass within it or near it."
@@ -487,7 +483,7 @@ def _gather(signal: AngularSignal, gear: _Gear, *, pass_rev: float, at_pass: int
     weighted = (weight * values[from_zero + nearest]).ravel()
     shape = (sequences, angles)
     weights = np.bincount(angle[:reset].ravel(), weights=np.tile(weight, reset), minlength=angles)
-    if np.any(weights <= _LEAST_WEIGHT * weights.max()):
+    if np.any(weights <= 1e-9 * weights.max()):  # 1e-9 of the largest: less is rounding at the ends of a window
         raise ValueError(
             f"a window of {window.width_teeth:g} teeth does not cover the whole {gear.name}: only every "
             f"{gear.teeth // reset}th of its teeth is ever in mesh at the sensor; widen the window beyond that."

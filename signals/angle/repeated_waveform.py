@@ -25,7 +25,6 @@ if TYPE_CHECKING:
 
     from signals.resampling.resampling import AngularSignal
 
-_TEETH = 1.0  # on either side of the place: its own contact, and the ringing after it
 _REACH = 2  # samples by which a repetition may be off: a cycle of the highest order, to which shafts' angles are known
 
 
@@ -87,7 +86,8 @@ def repeated_waveform(
     if keep is not None:
         values = values * keep[(start + np.arange(values.size)) * keep.size // signal.values.size]
     place = np.arange(values.size) / per_turn
-    at_tooth = np.abs((place - position_rev + 0.5) % 1.0 - 0.5) < _TEETH / pitch
+    # a tooth on either side of the place: its own contact, and the ringing after it
+    at_tooth = np.abs((place - position_rev + 0.5) % 1.0 - 0.5) < 1 / pitch
     spectra = np.conj(fft.rfft(values * at_tooth)) * fft.rfft(values)
     correlation = fft.irfft(spectra, values.size)  # of whole turns, circular: each rotation has as many samples
     step = 2 * _REACH + 1

@@ -24,10 +24,7 @@ if TYPE_CHECKING:
 
     from signals.resampling.resampling import AngularSignal
 
-_HARMONICS = 40  # of each mesh removed; a mesh has no measurable ones beyond
 _OTHER_PLACES = (0.35, 0.5, 0.65)  # of a turn from a tooth
-_GATE_TEETH = 4.0  # on either side, as far as gates of two places do not meet: a shorter one smears near and between
-_NEAR_MESH = 0.25  # of the mesh order: half of all lines are nearer to a harmonic, half of them farther from it
 
 
 @dataclass(frozen=True, kw_only=True)
@@ -219,7 +216,8 @@ def _of_meshes(size: int, per_order: float, meshes: Mapping[float, float]) -> ND
     on = np.zeros(size, dtype=bool)
     for mesh, spread in meshes.items():
         width = min(spread, mesh / 4)
-        for harmonic in range(1, min(_HARMONICS, int((size / per_order + width) / mesh)) + 1):
+        # 40 harmonics of each mesh removed; a mesh has no measurable ones beyond
+        for harmonic in range(1, min(40, int((size / per_order + width) / mesh)) + 1):
             first, last = (round((harmonic * mesh + side) * per_order) for side in (-width, width))
             on[first : last + 1] = True
     return on
@@ -273,14 +271,16 @@ def mesh_contrast(residual: AngularSignal, *, order: Fraction | float, teeth: fl
     size, padded = residual.values.size, _padded(residual.values.size)
     turn = rate * (residual.start_rev + np.arange(size) / residual.samples_per_rev) - position_rev
     highest = max(0, int(residual.passband_orders / (rate * pitch) - 0.5))
-    # of each harmonic: between the last one and this, beside this one below and above, between this and the next
-    ends = np.arange(1, highest + 2)[:, None] + (-0.5, -_NEAR_MESH, _NEAR_MESH)
+    # of each harmonic: between the last one and this, beside this one (0.25 of the mesh order, as half of all lines) below
+    # and above, between this and the next
+    ends = np.arange(1, highest + 2)[:, None] + (-0.5, -0.25, 0.25)
     starts = np.ceil(ends.ravel()[: 3 * highest + 1] * rate * pitch * padded / residual.samples_per_rev).astype(int)
 
     def gated_power(at: float) -> Array:
         apart = turn - at
         apart -= np.rint(apart)
-        apart /= min(_GATE_TEETH / pitch, _OTHER_PLACES[0] / 2)
+        # 4 teeth on either side, as far as gates of two places do not meet: a shorter one smears near and between
+        apart /= min(4.0 / pitch, _OTHER_PLACES[0] / 2)
         inside = np.flatnonzero(np.abs(apart) < 1)
         gated = np.zeros(size)
         gated[inside] = residual.values[inside] * np.cos(0.5 * np.pi * apart[inside]) ** 2

@@ -17,10 +17,7 @@ Measure = Literal["steady_kurtosis", "kurtosis", "envelope_negentropy"]
 
 RUNNERS_UP = 3
 _SIGNIFICANT = 5.0  # standard deviations of noise: among 444 bands of noise one exceeds it in some hundred records
-_NEGENTROPY_BIAS = 0.02  # at most, from the slope of the envelope's spectrum within a section (measured: 0.01)
 _SINGLE_EVENT = 0.5  # ratio of steady to plain kurtosis below which a single event is the cause
-_CLEARLY_MORE = 1.5
-_TONE = -0.5  # the kurtosis -s^2 for s = 0.7 of the band's power in one tone
 
 
 @dataclass(frozen=True, kw_only=True)
@@ -211,9 +208,8 @@ def _about_choice(best: Candidate, *, lines: float) -> list[str]:
             f"A single event makes most of the kurtosis: {best.kurtosis:.3g} with, {best.steady_kurtosis:.3g} without "
             "the loudest two sixteenths of the record; cut it out before you demodulate."
         )
-    if best.envelope_negentropy < NOISE_NEGENTROPY + _NEGENTROPY_BIAS + _SIGNIFICANT * NEGENTROPY_SCATTER / np.sqrt(
-        lines
-    ):
+    # at most, from the slope of the envelope's spectrum within a section (measured: 0.01)
+    if best.envelope_negentropy < NOISE_NEGENTROPY + 0.02 + _SIGNIFICANT * NEGENTROPY_SCATTER / np.sqrt(lines):
         doubts.append(
             f"Nothing repeats regularly: the spectrum of the squared envelope is as level as that of noise "
             f"(negentropy {best.envelope_negentropy:.2f}, noise {NOISE_NEGENTROPY:.2f})."
@@ -226,13 +222,15 @@ def _about_others(gram: Kurtogram, allowed: NDArray[np.bool_], best: Candidate, 
     doubts = []
     apart = by_negentropy.high_hz <= best.low_hz or by_negentropy.low_hz >= best.high_hz
     regular, here = (c.envelope_negentropy - NOISE_NEGENTROPY for c in (by_negentropy, best))
-    if apart and regular > _CLEARLY_MORE * here:
+    clearly_more = 1.5
+    if apart and regular > clearly_more * here:
         doubts.append(
             f"Elsewhere the envelope repeats more regularly: in {by_negentropy} its negentropy is "
             f"{by_negentropy.envelope_negentropy:.2f}, here {best.envelope_negentropy:.2f}; a second fault "
             "would do that, or tones that beat."
         )
-    tonal = np.flatnonzero(allowed & (gram.kurtosis < np.minimum(_TONE, -_SIGNIFICANT * gram.noise_std)))
+    # the kurtosis -s^2 for s = 0.7 of the band's power in one tone
+    tonal = np.flatnonzero(allowed & (gram.kurtosis < np.minimum(-0.5, -_SIGNIFICANT * gram.noise_std)))
     if tonal.size:
         strongest = _candidate(gram, tonal[np.argmax(gram.level[tonal] + gram.power_share[tonal])])
         doubts.append(

@@ -2,25 +2,29 @@
 
 from __future__ import annotations
 
+from dataclasses import replace
+from functools import lru_cache
+from itertools import groupby, islice, pairwise
 from typing import TYPE_CHECKING
 
 import numpy as np
 from scipy import fft
+from scipy.ndimage import convolve1d
 
-from signals._fft_plans import forget_plans, transform_of
+from signals._transforms import forget_plans, transform_of
 from signals._validation import Array, Samples, checked, positive, real_samples, real_vector
 from signals.resampling.resampling import angular_resample
 from signals.spectra.spectra import AmplitudeSpectrum, amplitude_spectrum, order_spectrum
 
 if TYPE_CHECKING:
-    from collections.abc import Iterable, Iterator
+    from collections.abc import Iterable, Iterator, Sequence
 
     from numpy.typing import ArrayLike, NDArray
 
+    from signals.resampling.resampling import AngularSignal
     from signals.shaft.phase import ShaftPhase
 
 _ATTENUATION_DB = 80.0
-_FEWEST_BLOCK = 2**14  # samples transformed at a time
 _MOST_TAPS = 2**18  # over the transition's width in cycles per sample: 2.6 times as many taps, 200 MB while they work
 
 
@@ -145,7 +149,7 @@ def _analytic_taps(low: float, high: float, width: float) -> NDArray[np.complex1
 def _filtered(blocks: Iterable[ArrayLike], taps: NDArray[np.complex128]) -> Iterator[Array]:
     """Yield ``|taps * x|`` by overlap-save, without the delay of half the taps."""
     order = taps.size - 1
-    size = fft.next_fast_len(max(8 * taps.size, _FEWEST_BLOCK))
+    size = fft.next_fast_len(max(8 * taps.size, 2**14))  # 2**14 samples transformed at a time
     step = size - order
     response = fft.fft(taps, size)
     buffer = np.zeros(order // 2)
@@ -303,3 +307,191 @@ def envelope_order_spectrum(
         start_s=start_s,
     )
     return order_spectrum(over_angle, max_order=max_order)
+
+
+# Part of half the rate at which the bank begins and ends: offsets and drift lie below, the anti-alias filter above.
+_LOWEST, _HIGHEST = 0.02, 0.98
+
+
+def bank_bands(*, rate_hz: float, least_width_hz: float) -> tuple[tuple[float, float], ...]:
+    """Return the bands of a bank: halves, quarters, eighths and sixteenths of the range that are wide enough.
+
+    Parameters
+    ----------
+    rate_hz : float
+        Sampling rate in Hz.
+    least_width_hz : float
+        Width below which a band cannot carry the modulation that is looked for, in Hz.
+
+    Returns
+    -------
+    tuple of (low, high)
+        Edges in Hz, wider bands first.
+
+    Raises
+    ------
+    ValueError
+        Not even half the range is wide enough.
+
+    Examples
+    --------
+    >>> from signals.demodulation.envelope import bank_bands
+    >>> bank_bands(rate_hz=1000, least_width_hz=200)
+    ((10.0, 250.0), (250.0, 490.0))
+    """
+    rate, least = positive(rate_hz, name="rate_hz"), positive(least_width_hz, name="least_width_hz")
+    low, high = _LOWEST * rate / 2, _HIGHEST * rate / 2
+    # halves, quarters, eighths, sixteenths
+    counts = [2**level for level in range(1, 5) if (high - low) / 2**level >= least]
+    if not counts:
+        raise ValueError(
+            f"least_width_hz={least:g} is more than half the range up to {high:g} Hz; lower it, or sample faster."
+        )
+    edges = (np.linspace(low, high, count + 1).tolist() for count in counts)
+    return tuple(pair for each in edges for pair in pairwise(each))
+
+
+def bank_envelopes(
+    x: ArrayLike,
+    *,
+    rate_hz: float,
+    bands_hz: Sequence[tuple[float, float]],
+    highest_hz: float | None = None,
+    transform: NDArray[np.complexfloating] | None = None,
+) -> Iterator[tuple[float, Samples]]:
+    """Yield the envelope of each band, sampled at least at twice its width, or its part below a frequency.
+
+    The envelope is the magnitude of the analytic signal of the band, cut out with sharp edges in the transform of the
+    whole record: `signals.demodulation.envelope.envelope` at fewer instants, to rounding. Its own bandwidth is not
+    limited; what lies above the band's width folds, which is noise of some per cent of the level at most.
+
+    Parameters
+    ----------
+    x : (n,) array
+        Samples, any unit.
+    rate_hz : float
+        Sampling rate in Hz.
+    bands_hz : sequence of (low, high)
+        Edges in Hz, ``0 <= low < high <= rate_hz / 2``.
+    highest_hz : float, optional
+        End of the part of the envelope that is wanted, cut off with a sharp edge; all bands then have one rate, 2.5
+        times as much. It is found in single precision, with an error below 1e-6 of the band's largest value.
+
+    transform : (n // 2 + 1,) array, optional
+        The Fourier transform of the record without its mean, where it is known.
+
+    Yields
+    ------
+    rate_hz : float
+        Rate of the envelope in Hz, the first sample at that of the record.
+    values : (m,) array
+        In the unit of `x`, and in its precision unless `highest_hz` is given.
+
+    Examples
+    --------
+    >>> import numpy as np
+    >>> from signals.demodulation.envelope import bank_envelopes
+    >>> t = np.arange(1000) / 1000
+    >>> x = (1 + 0.5 * np.cos(2 * np.pi * 5 * t)) * np.cos(2 * np.pi * 100 * t)
+    >>> ((rate, values),) = bank_envelopes(x, rate_hz=1000, bands_hz=[(80, 120)])
+    >>> rate, bool(np.allclose(values, 1 + 0.5 * np.cos(2 * np.pi * 5 * np.arange(values.size) / rate)))
+    (80.0, True)
+    """
+    signal = real_samples(x, name="the signal", minimum=4)
+    rate = positive(rate_hz, name="rate_hz")
+    size = signal.size
+    lines = transform_of(signal, transform)
+    places: list[tuple[int, int]] = []
+    for low, high in bands_hz:
+        if not 0 <= low < high <= rate / 2 * (1 + 1e-12):
+            raise ValueError(f"the band ({low:g}, {high:g}) Hz must rise and lie between 0 and {rate / 2:g} Hz.")
+        places.append((int(np.ceil(low / rate * size)), int(np.floor(high / rate * size)) + 1))
+    if highest_hz is None:
+        for first, stop in places:
+            (magnitude,) = _magnitudes(lines, [(first, stop)], size)
+            yield magnitude.size / size * rate, magnitude
+        return
+    kept = int(positive(highest_hz, name="highest_hz") / rate * size) + 1
+    # 2.5 samples a cycle of the slow part, which `angular_resample` then passes, 10 % above the mean speed too
+    short = fft.next_fast_len(int(2.5 * kept) + 1, real=True)
+    scale = float(np.abs(lines).max()) or 1.0  # small units would underflow
+    singles = np.asarray(lines / scale, dtype=np.complex64)
+    for length, alike in groupby(places, key=lambda place: _length(place[1] - place[0])):
+        # 2**19 samples of bands transformed at once, 4 MB: four rows take half the time of four single ones
+        at_once = max(1, 2**19 // length)
+        while some := list(islice(alike, at_once)):
+            magnitudes = _magnitudes(singles, some, size)
+            slow = fft.rfft(magnitudes)[:, :kept]
+            for row in fft.irfft(slow, short):
+                yield short / size * rate, row * np.float64(scale * short / length)
+
+
+def _length(lines: int) -> int:
+    """Return the samples at twice the width of a band of so many lines, or a few more."""
+    return int(fft.next_fast_len(max(2, 2 * (lines - 1))))
+
+
+def _magnitudes(lines: NDArray[np.complexfloating], places: Sequence[tuple[int, int]], size: int) -> Samples:
+    """Return the (band, m) magnitudes of the analytic signals of bands of one length, from lines of `size` samples."""
+    length = _length(places[0][1] - places[0][0])
+    analytic = np.zeros((len(places), length), dtype=lines.dtype)
+    for row, (first, stop) in zip(analytic, places, strict=True):
+        band = lines[first:stop][:length]
+        row[: band.size] = band
+        if first == 0:
+            row[0] *= 0.5  # it and that at half the rate stand for one line, all others for two
+        if size % 2 == 0 and stop == lines.size:
+            row[band.size - 1] *= 0.5
+    magnitude = np.abs(fft.ifft(analytic, overwrite_x=True))
+    magnitude *= 2 * length / size
+    return np.asarray(magnitude)
+
+
+def level_normalised(signal: AngularSignal, *, revolutions: float) -> AngularSignal:
+    """Return an envelope over angle divided by its moving average, and multiplied by its mean.
+
+    The average is weighted by a Hann window over `revolutions`; at the ends by the part of it that lies in the record.
+    What repeats four times or more within it is passed with a gain within 1e-3 of 1, except at the ends.
+
+    Parameters
+    ----------
+    signal : AngularSignal
+        Not negative, any unit.
+    revolutions : float
+        Width of the window; the record's length if that is less.
+
+    Returns
+    -------
+    AngularSignal
+
+    Examples
+    --------
+    >>> import numpy as np
+    >>> from signals import AngularSignal
+    >>> from signals.demodulation.envelope import level_normalised
+    >>> turns = np.arange(1600) / 16
+    >>> load = 1 + 0.5 * (turns > 50)
+    >>> x = AngularSignal(values=load, samples_per_rev=16, start_rev=0.0, passband_orders=6.0)
+    >>> flat = level_normalised(x, revolutions=4).values
+    >>> round(float(flat[200]), 3) == round(float(flat[1400]), 3) == round(float(load.mean()), 3)
+    True
+    """
+    width = min(positive(revolutions, name="revolutions"), float(signal.revolutions))
+    step = max(1, int(width * signal.samples_per_rev / 64))  # 64 points of the level within the width of its average
+    count = max(1, signal.values.size // step)
+    starts = np.arange(0, count * step, step)
+    coarse = np.add.reduceat(signal.values, starts) / np.diff(np.append(starts, signal.values.size))
+    window, weights = _hann_weights(max(1, round(width * signal.samples_per_rev / step)), count)
+    level = convolve1d(coarse, window, mode="constant") / weights
+    middle = (np.arange(count) + 0.5) * step
+    smooth = np.interp(np.arange(signal.values.size), middle, level)
+    mean = float(signal.values.mean())
+    ratio = np.divide(signal.values, smooth, out=np.ones(signal.values.size), where=smooth > 0)
+    return replace(signal, values=ratio * mean)
+
+
+@lru_cache(maxsize=4)  # the same ones for the bands of a record
+def _hann_weights(points: int, count: int) -> tuple[NDArray[np.float64], NDArray[np.float64]]:
+    """Return Hann's window of some points, and the sum of it that lies in the record at each of `count` places."""
+    window = np.hanning(points + 2)[1:-1]
+    return window, np.asarray(convolve1d(np.ones(count), window, mode="constant"))

@@ -22,9 +22,8 @@ import numpy as np
 from numpy.typing import ArrayLike, NDArray
 from scipy import fft
 
-from signals._fft_plans import forget_plans, transform_of, without_mean
+from signals._transforms import forget_plans, transform_of, window_of, without_mean
 from signals._validation import Array, Samples, checked, positive, real_samples, whole
-from signals._windows import window_of
 from signals.spectra.spectra import hop_of, transformed
 
 if TYPE_CHECKING:
@@ -39,11 +38,6 @@ LEFT_OUT = 2  # parts of largest fourth moment left out of the steady kurtosis: 
 NOISE_NEGENTROPY = 1 - np.euler_gamma  # of exponentially distributed powers, as noise has them
 NEGENTROPY_SCATTER = 0.53  # standard deviation times sqrt(lines) for such powers (measured)
 _TAPS = {2: 48, 3: 72}
-_CUTOFF = 0.3  # times one over the number of bands: -6 dB at 1.2 half widths from the centre
-_KAISER_BETA = 8.0
-_LEAKAGE = 1e-7  # of the record's power; a band with less holds only the leakage of others
-_LOWEST_LINE = 4  # fewer cycles than four in a record are drift
-_SECTIONS = 32  # of the squared envelope's spectrum, each normalised by its mean
 
 
 @dataclass(frozen=True, kw_only=True)
@@ -296,7 +290,8 @@ def fast_kurtogram(
     last_filter = np.where(level == 0, 1, np.where(level % 1 > 0, 3, 2)).tolist()  # bands that it made
     std = 2 * np.sqrt(np.array([_samples_per_independent(factor) for factor in last_filter]) / count)
     share = power / power[0]
-    empty = share < _LEAKAGE
+    leakage = 1e-7  # of the record's power; a band with less holds only the leakage of others
+    empty = share < leakage
     return Kurtogram(
         level=level,
         low_hz=index * width * rate / 2,
@@ -370,9 +365,9 @@ def _hilbert_transform(signal: Single, largest: float, known: NDArray[np.complex
 def _lowpass(factor: int) -> Single:
     """Return a Kaiser-windowed sinc of gain 1, with its -6 dB cut-off at 1.2 half widths of one of `factor` bands."""
     count = _TAPS[factor]
-    cutoff = _CUTOFF / factor
+    cutoff = 0.3 / factor  # 0.3 times one over the number of bands: -6 dB at 1.2 half widths from the centre
     offset = np.arange(count) - (count - 1) / 2
-    taps = np.sinc(2 * cutoff * offset) * np.kaiser(count, _KAISER_BETA)
+    taps = np.sinc(2 * cutoff * offset) * np.kaiser(count, 8.0)
     return np.asarray(taps / taps.sum(), dtype=np.float32)
 
 
@@ -403,9 +398,10 @@ def _kurtosis(second: Array, fourth: Array, count: Array) -> Array:
 
 def _negentropy(squared_envelope: Single) -> tuple[float, int]:
     """Return ``<p ln p>`` of the squared envelope's spectrum, p the power over its local mean, and the lines used."""
-    lines = fft.rfft(squared_envelope, fft.next_fast_len(squared_envelope.size, real=True))[_LOWEST_LINE:]
+    # fewer cycles than four in a record are drift
+    lines = fft.rfft(squared_envelope, fft.next_fast_len(squared_envelope.size, real=True))[4:]
     forget_plans(squared_envelope.size)
-    length = max(lines.size // _SECTIONS, 1)
+    length = max(lines.size // 32, 1)  # 32 sections of the squared envelope's spectrum, each normalised by its mean
     lines = lines[: lines.size // length * length].reshape(-1, length)
     ratio = lines.real**2
     ratio += lines.imag**2

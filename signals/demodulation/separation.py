@@ -24,8 +24,6 @@ if TYPE_CHECKING:
     from numpy.typing import ArrayLike
 
 _FEWEST_BLOCKS = 8
-_CHUNK = 1 << 16  # samples transformed at once
-_HOPS = 4  # per block, an overlap of 75 %: more does not reduce the variance with a Hann window
 
 
 @dataclass(frozen=True, kw_only=True)
@@ -412,10 +410,10 @@ def _transfer(signal: Array, length: int, lag: int) -> tuple[Array, int]:
     window = np.hanning(length + 1)[:-1]
     cross = np.zeros(length + 1, dtype=np.complex128)
     power = np.zeros(length + 1)
-    hop = length // _HOPS
+    hop = length // 4  # 4 hops per block, an overlap of 75 %: more does not reduce the variance with a Hann window
     past = np.lib.stride_tricks.sliding_window_view(signal[: signal.size - lag], length)[::hop]
     now = np.lib.stride_tricks.sliding_window_view(signal[lag:], length)[::hop]
-    count = max(1, _CHUNK // length)
+    count = max(1, (1 << 16) // length)  # 1 << 16 samples transformed at once
     for first in range(0, past.shape[0], count):
         before = fft.rfft(past[first : first + count] * window, 2 * length)
         after = fft.rfft(now[first : first + count] * window, 2 * length)

@@ -27,13 +27,8 @@ from numpy.typing import ArrayLike, NDArray
 from signals._validation import positive, real_vector
 
 FEWEST_SAMPLES = 512  # of an envelope
-_BLOCKS = 8  # to a bin by which a line is off: its means over them lose 2 % of it
-_FEWEST_BLOCKS = 512
 _LEVEL_BLOCKS, _LEVEL_SIDE = 512, 8  # on either side that are the level: a thirtieth of the record
-_LEAST_LEVEL = 0.05  # of the mean: in a gap a level near zero would make its noise the largest values of all
-_FINE = 4  # places to a bin of the highest harmonic: the worst has lost 2 % of its power
 _REACH_BINS = 2.5  # that a line may be beside its order: half the main lobe of a Hann window and half a bin
-_FURTHEST_BINS = 500.0  # by the change of the speed: 20 ms for a line and its harmonics
 
 Array = NDArray[np.float64]
 
@@ -122,7 +117,8 @@ def power_in_time_and_angle(
     middle_hz, spread_bins = (slowest_hz + fastest_hz) / 2, first * (fastest_hz - slowest_hz) / 2 * values.size / rate
     count = max(1, min(harmonics, math.floor(rate / 2 / (first * fastest_hz))))
     in_angle, angle_off = _largest_power(even, first * turns, count, _REACH_BINS)
-    if spread_bins > _FURTHEST_BINS:
+    furthest_bins = 500.0  # by the change of the speed: 20 ms for a line and its harmonics
+    if spread_bins > furthest_bins:
         return LinePower(float(in_angle.sum()))
     in_time, time_off = _largest_power(even, first * middle_hz * times_s, count, max(_REACH_BINS, spread_bins))
     bin_hz = rate / values.size
@@ -150,14 +146,18 @@ def _over_level(values: Array) -> Array:
     """Return values over their slowly varying level, less one."""
     means = np.pad(_means(values, _LEVEL_BLOCKS), _LEVEL_SIDE, mode="edge")
     level = np.convolve(means, np.full(2 * _LEVEL_SIDE + 1, 1 / (2 * _LEVEL_SIDE + 1)), mode="valid")
-    level = np.maximum(level, _LEAST_LEVEL * max(float(means.mean()), np.finfo(float).tiny))
+    # 0.05 of the mean: in a gap a level near zero would make its noise the largest values of all
+    level = np.maximum(level, 0.05 * max(float(means.mean()), np.finfo(float).tiny))
     return np.asarray(values / np.repeat(level, np.diff(_edges(values.size, _LEVEL_BLOCKS))) - 1.0)
 
 
 def _largest_power(values: Array, cycles: Array, harmonics: int, reach_bins: float) -> tuple[Array, float]:
     """Return the powers of a line and its harmonics, largest within a reach of its cycles, and its distance in bins."""
-    needed = 2 ** math.ceil(math.log2(_BLOCKS * harmonics * reach_bins))
-    blocks, fine = min(max(_FEWEST_BLOCKS, needed), values.size), _FINE * harmonics
+    # 8 to a bin by which a line is off: its means over them lose 2 % of it
+    needed = 2 ** math.ceil(math.log2(8 * harmonics * reach_bins))
+    fewest_blocks = 512
+    # 4 places to a bin of the highest harmonic: the worst has lost 2 % of its power
+    blocks, fine = min(max(fewest_blocks, needed), values.size), 4 * harmonics
     offsets = np.arange(-math.ceil(reach_bins * fine), math.ceil(reach_bins * fine) + 1)
     window, powers = np.hanning(blocks) / blocks, np.zeros((harmonics, offsets.size))
     for harmonic, power in enumerate(powers, start=1):

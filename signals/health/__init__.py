@@ -16,8 +16,6 @@ if TYPE_CHECKING:
 
 __all__ = ["SensorFault", "SensorHealth", "sensor_health"]
 
-_SHORTEST = 64
-
 
 @dataclass(frozen=True, kw_only=True)
 class SensorHealth:
@@ -123,7 +121,7 @@ def sensor_health(
     >>> health.status, [fault.kind for fault in health.faults], round(float(health.clipped.mean()), 2)
     ('sick', ['clipping'], 0.41)
     """
-    values = real_samples(x, name="the record", minimum=_SHORTEST, finite=False)
+    values = real_samples(x, name="the record", minimum=64, finite=False)
     rate = positive(rate_hz, name="rate_hz")
     speeds = None if speed_hz is None else real_vector(speed_hz, name="speed_hz")
     gaps = np.isnan(values)

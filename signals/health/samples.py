@@ -9,7 +9,7 @@ from typing import Literal
 import numpy as np
 from numpy.typing import NDArray
 
-from signals._median import median
+from signals._transforms import median
 from signals._validation import Array, Samples
 
 # ---- A fault of a sensor, with its severity --------------------------------------------------------------------------
@@ -59,12 +59,6 @@ def graded(kind: Kind, *, sick: bool, size: float, sentence: str) -> SensorFault
 _PARTS = 64
 _SIDE = 8  # parts on either side of a jump
 _FEWEST_IN_PART = 64
-_JUMP = 2.0  # smallest ratio of RMS
-_FAULTY_JUMP = 8.0
-_SPEED_CHANGE = 0.03  # of the speed: as much as half the width of a resonance with 3 % of damping
-_STEADY = 0.4  # largest range of the levels on either side, relative to the jump
-_OFFSET = 3.0  # smallest jump of the mean over the RMS about it
-_FAULTY_OFFSET = 30.0
 
 
 def jumps(
@@ -83,13 +77,15 @@ def jumps(
     mean = parts.mean(axis=1, dtype=np.float64)
     level = np.array([part.std(dtype=np.float64) for part in parts])
     found = []
+    faulty_jump = 8.0
     if level.min() > 0:
         at, jump = _largest_jump(np.log(level))
-        if jump > np.log(_JUMP):
+        if jump > np.log(2.0):  # smallest ratio of RMS
             before, after = (float(np.exp(np.median(np.log(side)))) for side in _sides(level, at))
             factor = float(np.exp(jump))
             earlier_hz, later_hz = _adjacent_speeds(speed_hz, at)
-            turns = abs(later_hz - earlier_hz) > _SPEED_CHANGE * abs(earlier_hz)
+            # 0.03 of the speed: as much as half the width of a resonance with 3 % of damping
+            turns = abs(later_hz - earlier_hz) > 0.03 * abs(earlier_hz)
             why = (
                 f", where the speed changes from {earlier_hz:.4g} to {later_hz:.4g} rev/s: a resonance may be passed. "
                 "Check"
@@ -100,17 +96,18 @@ def jumps(
                 f"its level jumps from {before:.4g} to {after:.4g} {units} RMS, {factor:.3g} times, about "
                 f"{at * part_s:.4g} s{why} whether the load changed then."
             )
-            sick = factor > _FAULTY_JUMP and not turns
+            sick = factor > faulty_jump and not turns
             found.append(graded("level jump", sick=sick, size=factor, sentence=sentence))
     at, jump = _largest_jump(mean)
     typical = float(np.median(level))
-    if typical > 0 and jump > _OFFSET * typical:
+    faulty_offset = 30.0
+    if typical > 0 and jump > 3.0 * typical:  # smallest jump of the mean over the RMS about it
         size = jump / typical
         sentence = (
             f"its mean jumps by {jump:.4g} {units}, {size:.3g} times its RMS, about {at * part_s:.4g} s. Check "
             "connector and supply."
         )
-        found.append(graded("offset jump", sick=size > _FAULTY_OFFSET, size=size, sentence=sentence))
+        found.append(graded("offset jump", sick=size > faulty_offset, size=size, sentence=sentence))
     return found, None
 
 
@@ -134,7 +131,8 @@ def _largest_jump(values: Array) -> tuple[int, float]:
     middle, range_ = median(sides), np.ptp(sides, axis=1)
     before, after = slice(0, values.size - 2 * _SIDE + 1), slice(_SIDE + 1, None)
     heights = np.abs(middle[after] - middle[before])
-    heights[np.maximum(range_[before], range_[after]) >= _STEADY * heights] = 0
+    # largest range of the levels on either side, relative to the jump
+    heights[np.maximum(range_[before], range_[after]) >= 0.4 * heights] = 0
     best = int(heights.argmax())
     return (_SIDE + best, float(heights[best])) if heights[best] else (0, 0.0)
 
@@ -145,20 +143,12 @@ def _largest_jump(values: Array) -> tuple[int, float]:
 Mask = NDArray[np.bool_]
 
 _PILE = 4.0  # a sine on a coarse converter has 2.4 times as many samples on its last level as on the one before
-_ENOUGH = 16  # samples below the extreme that its count is compared with
 _NEAR = 4096
-_FAULTY_CLIPPED = 0.01
-_CHANCE = 1e-6  # probability of a run this long in a healthy record
 _SHORTEST_RUN = 5
-_STEPS = 2.0  # smallest step at an end of a faulty segment, in resolutions
-_FAULTY_LOST = 0.01
 _STUCK = 0.1  # of the record
 _SPIKE = 8.0  # robust standard deviations
 _DEVIATION = 1.4826  # standard deviation of Gaussian values over their median absolute one
-_ISOLATED = 0.25  # largest RMS beside a spike over its height; a ringing structure has more
 _BESIDE = 6  # samples
-_ABOVE_REST = 1.5  # times the largest value that is not isolated
-_FAULTY_SPIKES = 1e-3
 
 
 def clipping(x: Samples, *, rate_hz: float, units: str) -> tuple[list[SensorFault], Mask]:
@@ -179,7 +169,8 @@ def clipping(x: Samples, *, rate_hz: float, units: str) -> tuple[list[SensorFaul
         f"it is clipped: it reaches {' and '.join(sides)}, {share:.3%} of the samples, first after {first:.4g} s. "
         "Widen the measuring range, or leave those samples out."
     )
-    return [graded("clipping", sick=share > _FAULTY_CLIPPED, size=share, sentence=sentence)], clipped
+    faulty_clipped = 0.01
+    return [graded("clipping", sick=share > faulty_clipped, size=share, sentence=sentence)], clipped
 
 
 def _usual_count(x: Samples, extreme: float) -> float:
@@ -191,7 +182,8 @@ def _usual_count(x: Samples, extreme: float) -> float:
     if counts.size == 1:  # a signal of two levels, such as a tachometer's
         return float(x.size)
     together = np.cumsum(counts)
-    levels = min(int(np.searchsorted(together, _ENOUGH)), counts.size - 1) + 1
+    # 16 samples below the extreme that its count is compared with
+    levels = min(int(np.searchsorted(together, 16)), counts.size - 1) + 1
     return float(together[levels - 1] / levels)
 
 
@@ -212,7 +204,8 @@ def dropouts(x: Samples, *, missing: Mask, rate_hz: float, units: str) -> tuple[
         stop = start + length
         entry = np.where(start > 0, np.abs(x[start] - x[start - 1]), np.inf)
         leave = np.where(stop < x.size, np.abs(x[np.minimum(stop, x.size - 1)] - x[start]), np.inf)
-        sudden = np.maximum(entry, leave) > _STEPS * float(np.min(np.diff(values)))
+        # smallest step at an end of a faulty segment, in resolutions
+        sudden = np.maximum(entry, leave) > 2.0 * float(np.min(np.diff(values)))
         extreme = (x[start] == values[0]) | (x[start] == values[-1])
         extreme &= length <= _STUCK * x.size  # a flat top is clipping, but not one as long as that
         for place in np.flatnonzero(sudden & ~extreme):
@@ -235,7 +228,8 @@ def _dropout_fault(x: Samples, lost: Mask, *, rate_hz: float, units: str) -> Sen
         f"it drops out {start.size} times, {share:.3%} of the samples; the longest segment, at {value:.6g} {units}, "
         f"lasts {where}. Check cable and logger, or leave those samples out."
     )
-    return graded("drop-out", sick=share > _FAULTY_LOST, size=share, sentence=sentence)
+    faulty_lost = 0.01
+    return graded("drop-out", sick=share > faulty_lost, size=share, sentence=sentence)
 
 
 def _runs(mask: Mask) -> tuple[NDArray[np.intp], NDArray[np.intp]]:
@@ -252,7 +246,8 @@ def _longest_run(several: int, runs: int, samples: int) -> int:
         return _SHORTEST_RUN
     if ratio == 1:
         return samples + 1
-    return max(_SHORTEST_RUN, 1 + int(np.ceil(np.log(_CHANCE / samples) / np.log(ratio))))
+    # probability of a run this long in a healthy record
+    return max(_SHORTEST_RUN, 1 + int(np.ceil(np.log(1e-6 / samples) / np.log(ratio))))
 
 
 def spikes(x: Samples, *, rate_hz: float, units: str) -> tuple[list[SensorFault], Mask]:
@@ -271,7 +266,8 @@ def spikes(x: Samples, *, rate_hz: float, units: str) -> tuple[list[SensorFault]
     )
     found = _with_neighbours(isolated, x.size)
     if level > 0 and isolated.size and not found.all():
-        isolated = isolated[height[isolated] > _ABOVE_REST * float(np.max(height[~found]))]
+        # 1.5 times the largest value that is not isolated
+        isolated = isolated[height[isolated] > 1.5 * float(np.max(height[~found]))]
         found = _with_neighbours(isolated, x.size)
     if level == 0 or not isolated.size:
         return [], np.zeros(x.size, dtype=np.bool_)
@@ -281,7 +277,8 @@ def spikes(x: Samples, *, rate_hz: float, units: str) -> tuple[list[SensorFault]
         f"{height[largest] / level:.3g} robust standard deviations high, after {largest / rate_hz:.6g} s. Check the "
         "cable and what is switched nearby."
     )
-    sick = isolated.size > _FAULTY_SPIKES * x.size
+    faulty_spikes = 1e-3
+    sick = isolated.size > faulty_spikes * x.size
     return [graded("spikes", sick=sick, size=float(isolated.size), sentence=sentence)], found
 
 
@@ -289,7 +286,8 @@ def _is_isolated(height: Samples, at: int) -> bool:
     """Return whether a sample is the largest of three with low RMS on either side of these."""
     neighbours = np.concatenate((height[max(at - _BESIDE, 0) : max(at - 1, 0)], height[at + 2 : at + 1 + _BESIDE]))
     top = bool(height[at] == height[max(at - 1, 0) : at + 2].max())
-    return top and float(np.sqrt(np.mean(neighbours**2))) < _ISOLATED * height[at]
+    # largest RMS beside a spike over its height; a ringing structure has more
+    return top and float(np.sqrt(np.mean(neighbours**2))) < 0.25 * height[at]
 
 
 def _with_neighbours(places: NDArray[np.intp], size: int) -> Mask:

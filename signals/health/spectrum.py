@@ -6,30 +6,18 @@ from itertools import pairwise
 import numpy as np
 from numpy.typing import NDArray
 
-from signals._fft_plans import transform_of
-from signals._median import median
+from signals._transforms import median, transform_of
 from signals._validation import Samples
 from signals.health.samples import SensorFault, graded
 
-_MAINS_HZ = (50.0, 60.0)
 _STRAY_HZ = 0.1  # largest deviation of the grid's frequency in normal operation
 _HARMONICS = (1, 2, 3, 5, 7)
 _FEWEST_HARMONICS = 3
 _ABOVE = 5.0  # smallest amplitude over the median beside; noise alone gives a lobe 2.6
 _REACH_HZ = 10.0
-_LOBE_BINS = 2.5  # of a Hann line
-_HUM_SHARE = 0.1  # RMS of the hum over that of the record
-_FAULTY_HUM = 0.5
 _SHORTEST_HUM_S = 1.0
 _SLOPE_TOP_HZ = 16.0
 _OCTAVES = 4
-_FEWEST_BINS = 4
-_SHORTEST_SLOPE = 2  # octaves
-_FLOOR = 4.0  # times the record's median density, below which the slope has ended
-_STEEPNESS = 2.0  # smallest density over that of the octave above
-_RISE = 100.0  # smallest density of the lowest octave over the record's median density
-_SLOPE_SHARE = 0.05
-_FAULTY_SLOPE = 0.5
 
 
 def hum(x: Samples, amplitude: Samples, *, rate_hz: float) -> tuple[list[SensorFault], str | None]:
@@ -45,7 +33,10 @@ def hum(x: Samples, amplitude: Samples, *, rate_hz: float) -> tuple[list[SensorF
         )
     step = rate_hz / x.size
     level = float(np.std(x, dtype=np.float64))
-    for mains in _MAINS_HZ:
+    mains_hz = (50.0, 60.0)
+    hum_share = 0.1  # RMS of the hum over that of the record
+    faulty_hum = 0.5
+    for mains in mains_hz:
         base = _strongest(amplitude, step, mains)
         harmonics = [k for k in _HARMONICS if k * (mains + _STRAY_HZ) + _REACH_HZ < rate_hz / 2]
         heights = {k: _line(amplitude, step, k * base) for k in harmonics}
@@ -53,13 +44,13 @@ def hum(x: Samples, amplitude: Samples, *, rate_hz: float) -> tuple[list[SensorF
         between = [base * part for part in (1 / 2, 3 / 2, 1 / 3, 2 / 3, 4 / 3)]
         others = sum(line > _ABOVE * background for line, background in (_line(amplitude, step, f) for f in between))
         share = float(np.sqrt(sum(line**2 for line in standing.values()) / 2)) / level
-        if 1 in standing and len(standing) >= _FEWEST_HARMONICS and others == 0 and share > _HUM_SHARE:
+        if 1 in standing and len(standing) >= _FEWEST_HARMONICS and others == 0 and share > hum_share:
             sentence = (
                 f"the mains hum in it: lines at {base:.2f} Hz and {len(standing) - 1} of its harmonics hold "
                 f"{share:.1%} of its RMS. Check shield and ground loops; a machine that turns at this very frequency "
                 "does the same."
             )
-            return [graded("mains hum", sick=share > _FAULTY_HUM, size=share, sentence=sentence)], None
+            return [graded("mains hum", sick=share > faulty_hum, size=share, sentence=sentence)], None
     return [], None
 
 
@@ -93,7 +84,7 @@ def _strongest(amplitude: Samples, step: float, mains: float) -> float:
 
 def _line(amplitude: Samples, step: float, at: float) -> tuple[float, float]:
     """Return the amplitude of a line from the power of its lobe, and the median amplitude beside it."""
-    lobe = int(np.ceil(_LOBE_BINS))
+    lobe = 3  # bins of a Hann line, rounded up
     centre, reach = round(at / step), max(int(_REACH_HZ / step), 4 * lobe)
     inside = amplitude[max(centre - lobe, 0) : centre + lobe + 1]
     background = np.concatenate(
@@ -110,7 +101,8 @@ def ski_slope(x: Samples, amplitude: Samples, *, rate_hz: float) -> tuple[list[S
     """
     edges = _SLOPE_TOP_HZ / 2.0 ** np.arange(_OCTAVES, -1, -1)
     step = rate_hz / x.size
-    if edges[1] - edges[0] < _FEWEST_BINS * step or rate_hz < 8 * _SLOPE_TOP_HZ:
+    fewest_bins = 4
+    if edges[1] - edges[0] < fewest_bins * step or rate_hz < 8 * _SLOPE_TOP_HZ:
         return [], (
             f"a ski slope shows from {edges[0]:g} to {_SLOPE_TOP_HZ:g} Hz; the record, {x.size / rate_hz:.3g} s at "
             f"{rate_hz:g} Hz, does not resolve that"
@@ -124,14 +116,19 @@ def ski_slope(x: Samples, amplitude: Samples, *, rate_hz: float) -> tuple[list[S
     below = power[1 : places[0]].sum(dtype=np.float64) + within.sum()
     share = float(below / power[1:].sum(dtype=np.float64))
     floor = float(median(power[1:]))
-    end = int(np.argmax(np.append(density < _FLOOR * floor, True)))  # where the slope ends in the rest
-    if end < _SHORTEST_SLOPE or density[0] < _RISE * floor or share < _SLOPE_SHARE:
+    # 4.0 times the record's median density, below which the slope has ended
+    end = int(np.argmax(np.append(density < 4.0 * floor, True)))  # where the slope ends in the rest
+    shortest_slope = 2  # octaves
+    slope_share = 0.05
+    # 100.0 is the smallest density of the lowest octave over the record's median density
+    if end < shortest_slope or density[0] < 100.0 * floor or share < slope_share:
         return [], None
-    if np.any(density[: end - 1] < _STEEPNESS * density[1:end]):
+    if np.any(density[: end - 1] < 2.0 * density[1:end]):  # smallest density over that of the octave above
         return [], None
     decibels = 10 * np.log10(density[0] / density[end - 1]) / (end - 1)
     sentence = (
         f"it has a ski slope: below {_SLOPE_TOP_HZ:g} Hz its density falls by {decibels:.1f} dB an octave and holds "
         f"{share:.1%} of its power. Check the mount; look for shocks that overload the amplifier."
     )
-    return [graded("ski slope", sick=share > _FAULTY_SLOPE, size=share, sentence=sentence)], None
+    faulty_slope = 0.5
+    return [graded("ski slope", sick=share > faulty_slope, size=share, sentence=sentence)], None

@@ -24,6 +24,9 @@ The examples of all indicators start from these signals, of one turn of a gear w
 
 from signals.indicators.bearing import DefectEnergy, defect_energy
 from signals.indicators.gear import (
+    CarrierSidebands,
+    carrier_sideband_ratio,
+    carrier_sidebands,
     energy_operator,
     energy_ratio,
     fm0,
@@ -31,8 +34,12 @@ from signals.indicators.gear import (
     m6a,
     m8a,
     na4,
+    shaft_order,
     sideband_index,
     sideband_level_factor,
+    so1,
+    so2,
+    so3,
 )
 from signals.indicators.mesh import (
     amplitude_modulation,
@@ -43,9 +50,7 @@ from signals.indicators.mesh import (
     nb4,
     phase_modulation,
 )
-from signals.indicators.planet import CarrierSidebands, carrier_sideband_ratio, carrier_sidebands
 from signals.indicators.registry import INDICATORS, Indicator
-from signals.indicators.shaft import shaft_order, so1, so2, so3
 from signals.indicators.statistics import crest_factor, kurtosis, peak, rms, teager_energy
 from signals.indicators.variance_history import VarianceHistory
 

@@ -5,11 +5,8 @@ from dataclasses import dataclass, field
 import numpy as np
 
 from signals._validation import Array, checked, positive, whole
-from signals.indicators._kinds import expect
+from signals.indicators.statistics import expect
 from signals.spectra.spectra import AmplitudeSpectrum
-
-_LOBE_BINS = 3.0  # half width of the main lobe of Hann's window, and a bin
-_FEWEST = 8  # points of background, at least
 
 
 @dataclass(frozen=True, kw_only=True)
@@ -121,9 +118,10 @@ def _line(spectrum: AmplitudeSpectrum, centre: float, half: float, reach: float)
     axis, amplitude = spectrum.axis[begin:end], spectrum.amplitude[begin:end]
     low, high = np.searchsorted(axis, [centre - half, centre + half])
     top = int(low) + int(np.argmax(amplitude[low : max(high, low + 1)]))
-    lobe = _LOBE_BINS * spectrum.bin_width
+    lobe = 3.0 * spectrum.bin_width  # half width of the main lobe of Hann's window, and a bin
     background = (np.abs(axis - centre) <= reach) & (np.abs(axis - centre) > half + lobe) & (axis > lobe)
-    if np.count_nonzero(background) < _FEWEST:
+    fewest = 8  # points of background, at least
+    if np.count_nonzero(background) < fewest:
         raise ValueError(
             f"only {np.count_nonzero(background)} points of the spectrum lie within {reach:g} of the line at "
             f"{centre:g}, too few to tell its background; widen background_width or record longer."

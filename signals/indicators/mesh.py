@@ -12,9 +12,8 @@ from scipy import fft
 
 from signals._validation import Array, checked
 from signals.angle.residual import MeshBand
-from signals.indicators._kinds import expect
 from signals.indicators.gear import over_history
-from signals.indicators.statistics import normalized_moment
+from signals.indicators.statistics import expect, normalized_moment
 from signals.indicators.variance_history import VarianceHistory
 
 

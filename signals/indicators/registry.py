@@ -2,15 +2,13 @@
 
 from collections.abc import Callable, Mapping
 from dataclasses import dataclass
+from inspect import signature
 from types import MappingProxyType
 from typing import Any, Literal
 
 import numpy as np
 
-from signals.angle.averaging import SynchronousAverage
-from signals.angle.residual import DifferenceSignal, MeshBand, RegularSignal, ResidualSignal
-from signals.indicators import bearing, gear, mesh, planet, shaft, statistics
-from signals.spectra.spectra import AmplitudeSpectrum
+from signals.indicators import bearing, gear, mesh, statistics
 
 Part = Literal["channel", "shaft", "gear", "bearing", "planetary"]
 
@@ -40,7 +38,7 @@ class Indicator:
 
     Examples
     --------
-    >>> from signals.indicators import INDICATORS
+    >>> from signals.indicators import bearing, gear, mesh, statistics
     >>> indicator = INDICATORS["crest_factor"]
     >>> indicator.part, indicator.unit, indicator([1.0, -1.0, 1.0, -1.0])
     ('channel', '1', 1.0)
@@ -60,118 +58,68 @@ class Indicator:
         return self.function(*signals, **settings)
 
 
-_RAW: tuple[type, ...] = (np.ndarray,)
-_AVERAGE, _BAND = (SynchronousAverage,), (MeshBand,)
-_DIFFERENCE, _RESIDUAL = (DifferenceSignal,), (ResidualSignal,)
-_BECHHOEFER = "Bechhoefer & Kingsley 2009"
-_VECER = "Večeř, Kreidl & Šmíd 2005"
-_CARRIER = ("ring_teeth", "planets", "harmonic", "sidebands")
-_DEFECT = ("order", "harmonics", "tolerance", "background_width")
+def _indicator(part: Part, function: Callable[..., Any], unit: str, source: str, raised_by: str) -> Indicator:
+    """Return an indicator; its function's signature states its name, signals and keyword arguments."""
+    parameters = signature(function).parameters.values()
+    signals = [one.annotation for one in parameters if one.kind is not one.KEYWORD_ONLY]
+    return Indicator(
+        name=function.__name__,
+        part=part,
+        takes=tuple(kind if isinstance(kind, type) else np.ndarray for kind in signals),
+        needs=tuple(one.name for one in parameters if one.kind is one.KEYWORD_ONLY),
+        unit=unit,
+        source=source,
+        raised_by=raised_by,
+        function=function,
+    )
 
-_ROWS: tuple[tuple[str, Part, tuple[type, ...], tuple[str, ...], str, str, str, Callable[..., Any]], ...] = (
-    ("rms", "channel", _RAW, (), "signal", "the baseline of all", "any louder machine, also more load", statistics.rms),
-    ("peak", "channel", _RAW, (), "signal", "the baseline of all", "impacts", statistics.peak),
-    ("crest_factor", "channel", _RAW, (), "1", "Lebold et al. 2000", "early, rare impacts", statistics.crest_factor),
-    ("kurtosis", "channel", _RAW, (), "1", "Dyer & Stewart 1978", "impacts, until they overlap", statistics.kurtosis),
-    ("so1", "shaft", _AVERAGE, (), "signal", _VECER, "unbalance, a bent shaft", shaft.so1),
-    ("so2", "shaft", _AVERAGE, (), "signal", _VECER, "misalignment, a coupling", shaft.so2),
-    ("so3", "shaft", _AVERAGE, (), "signal", _VECER, "misalignment, a coupling", shaft.so3),
-    ("fm0", "gear", _AVERAGE, ("teeth", "harmonics"), "1", "Stewart 1977", "broken teeth, heavy wear", gear.fm0),
-    ("fm4", "gear", _DIFFERENCE, (), "1", "Stewart 1977", "damage to one or two teeth", gear.fm4),
-    ("m6a", "gear", _DIFFERENCE, (), "1", "Martin 1989", "as FM4, more sharply", gear.m6a),
-    ("m8a", "gear", _DIFFERENCE, (), "1", "Martin 1989", "as FM4, more sharply still", gear.m8a),
-    ("na4", "gear", _RESIDUAL, ("history",), "1", "Zakrajsek et al. 1993", "damage, also spreading", gear.na4),
-    ("nb4", "gear", _BAND, ("history",), "1", "Zakrajsek et al. 1994", "damage of few teeth", mesh.nb4),
-    (
-        "energy_ratio",
-        "gear",
-        (DifferenceSignal, RegularSignal),
-        (),
-        "1",
-        "Swansson 1980",
-        "heavy, even wear",
-        gear.energy_ratio,
-    ),
-    ("energy_operator", "gear", _RESIDUAL, (), "1", "Ma 1995", "short impacts of one tooth", gear.energy_operator),
-    ("sideband_index", "gear", _AVERAGE, ("teeth",), "signal", _VECER, "eccentricity", gear.sideband_index),
-    (
-        "sideband_level_factor",
-        "gear",
-        _AVERAGE,
-        ("teeth",),
-        "1",
-        "Lebold et al. 2000",
-        "a bent shaft, misalignment",
-        gear.sideband_level_factor,
-    ),
-    ("narrowband_kurtosis", "gear", _BAND, (), "1", _BECHHOEFER, "one bad tooth", mesh.narrowband_kurtosis),
-    (
-        "amplitude_modulation",
-        "gear",
-        _BAND,
-        (),
-        "1",
-        "McFadden 1986",
-        "eccentricity, cracks",
-        mesh.amplitude_modulation,
-    ),
-    ("phase_modulation", "gear", _BAND, (), "rad", "McFadden 1986", "cracks, pitch errors", mesh.phase_modulation),
-    ("frequency_modulation", "gear", _BAND, (), "1", "McFadden 1986", "cracks", mesh.frequency_modulation),
-    (
-        "amplitude_modulation_kurtosis",
-        "gear",
-        _BAND,
-        (),
-        "1",
-        _BECHHOEFER,
-        "one bad tooth",
-        mesh.amplitude_modulation_kurtosis,
-    ),
-    (
-        "frequency_modulation_kurtosis",
-        "gear",
-        _BAND,
-        (),
-        "1",
-        _BECHHOEFER,
-        "one cracked tooth",
-        mesh.frequency_modulation_kurtosis,
-    ),
-    (
-        "defect_energy",
-        "bearing",
-        (AmplitudeSpectrum,),
-        _DEFECT,
-        "the spectrum's, squared",
-        "McFadden & Smith 1984; Randall & Antoni 2011",
-        "a spall on the race or element of that order",
-        bearing.defect_energy,
-    ),
-    (
-        "carrier_sideband_ratio",
-        "planetary",
-        _AVERAGE,
-        _CARRIER,
-        "1",
-        "McFadden & Smith 1985; Keller & Grabill 2003",
-        "a cracked carrier, one bad planet",
-        planet.carrier_sideband_ratio,
-    ),
-)
 
 INDICATORS: Mapping[str, Indicator] = MappingProxyType(
     {
-        name: Indicator(
-            name=name,
-            part=part,
-            takes=takes,
-            needs=needs,
-            unit=unit,
-            source=source,
-            raised_by=raised_by,
-            function=function,
+        indicator.name: indicator
+        for indicator in (
+            _indicator(
+                "channel", statistics.rms, "signal", "the baseline of all", "any louder machine, also more load"
+            ),
+            _indicator("channel", statistics.peak, "signal", "the baseline of all", "impacts"),
+            _indicator("channel", statistics.crest_factor, "1", "Lebold et al. 2000", "early, rare impacts"),
+            _indicator("channel", statistics.kurtosis, "1", "Dyer & Stewart 1978", "impacts, until they overlap"),
+            _indicator("shaft", gear.so1, "signal", "Večeř, Kreidl & Šmíd 2005", "unbalance, a bent shaft"),
+            _indicator("shaft", gear.so2, "signal", "Večeř, Kreidl & Šmíd 2005", "misalignment, a coupling"),
+            _indicator("shaft", gear.so3, "signal", "Večeř, Kreidl & Šmíd 2005", "misalignment, a coupling"),
+            _indicator("gear", gear.fm0, "1", "Stewart 1977", "broken teeth, heavy wear"),
+            _indicator("gear", gear.fm4, "1", "Stewart 1977", "damage to one or two teeth"),
+            _indicator("gear", gear.m6a, "1", "Martin 1989", "as FM4, more sharply"),
+            _indicator("gear", gear.m8a, "1", "Martin 1989", "as FM4, more sharply still"),
+            _indicator("gear", gear.na4, "1", "Zakrajsek et al. 1993", "damage, also spreading"),
+            _indicator("gear", mesh.nb4, "1", "Zakrajsek et al. 1994", "damage of few teeth"),
+            _indicator("gear", gear.energy_ratio, "1", "Swansson 1980", "heavy, even wear"),
+            _indicator("gear", gear.energy_operator, "1", "Ma 1995", "short impacts of one tooth"),
+            _indicator("gear", gear.sideband_index, "signal", "Večeř, Kreidl & Šmíd 2005", "eccentricity"),
+            _indicator("gear", gear.sideband_level_factor, "1", "Lebold et al. 2000", "a bent shaft, misalignment"),
+            _indicator("gear", mesh.narrowband_kurtosis, "1", "Bechhoefer & Kingsley 2009", "one bad tooth"),
+            _indicator("gear", mesh.amplitude_modulation, "1", "McFadden 1986", "eccentricity, cracks"),
+            _indicator("gear", mesh.phase_modulation, "rad", "McFadden 1986", "cracks, pitch errors"),
+            _indicator("gear", mesh.frequency_modulation, "1", "McFadden 1986", "cracks"),
+            _indicator("gear", mesh.amplitude_modulation_kurtosis, "1", "Bechhoefer & Kingsley 2009", "one bad tooth"),
+            _indicator(
+                "gear", mesh.frequency_modulation_kurtosis, "1", "Bechhoefer & Kingsley 2009", "one cracked tooth"
+            ),
+            _indicator(
+                "bearing",
+                bearing.defect_energy,
+                "the spectrum's, squared",
+                "McFadden & Smith 1984; Randall & Antoni 2011",
+                "a spall on the race or element of that order",
+            ),
+            _indicator(
+                "planetary",
+                gear.carrier_sideband_ratio,
+                "1",
+                "McFadden & Smith 1985; Keller & Grabill 2003",
+                "a cracked carrier, one bad planet",
+            ),
         )
-        for name, part, takes, needs, unit, source, raised_by, function in _ROWS
     }
 )
 """Every indicator by name."""

@@ -179,3 +179,22 @@ def _scaled(deviations: Samples, name: str) -> Samples:
         raise ValueError(f"{name} of a constant signal is not defined; look at the sensor.")
     deviations /= deviations.dtype.type(largest)
     return deviations
+
+
+_MADE_BY = {
+    "SynchronousAverage": "synchronous_average",
+    "ResidualSignal": "residual_signal",
+    "DifferenceSignal": "difference_signal",
+    "RegularSignal": "regular_signal",
+    "MeshBand": "mesh_band",
+    "AmplitudeSpectrum": "envelope_order_spectrum",
+}
+
+
+def expect(signal: object, kind: type, *, indicator: str) -> None:
+    """Refuse a signal of another kind than the one an indicator is defined on."""
+    if not isinstance(signal, kind):
+        raise TypeError(
+            f"{indicator} takes a {kind.__name__}, not a {type(signal).__name__}: it is defined for that signal alone. "
+            f"Make one with signals.{_MADE_BY[kind.__name__]}."
+        )

@@ -102,8 +102,6 @@ def step_response(u: Array) -> Array:
 
 
 NODE_STEP = 64  # points between exact values
-_AHEAD = 1024  # cells evaluated at once at most
-_TOLERANCE = 1e-8  # of a step of the other grid: 3e-8 rad at the end of the band
 
 Curve = Callable[[Array], Array]
 
@@ -162,7 +160,8 @@ class Track:
         """
         known = self._known.get("last")
         if known is None or not known[0] <= begin < end < known[0] + known[1].size:
-            nodes = NODE_STEP * np.arange(begin, max(end, min(begin, _AHEAD) + begin) + 1, dtype=np.float64)
+            # 1024 cells evaluated at once at most
+            nodes = NODE_STEP * np.arange(begin, max(end, min(begin, 1024) + begin) + 1, dtype=np.float64)
             values, slopes = self._values(nodes), self._slopes(nodes)
             known = begin, values, slopes, begin + self._inexact_cells(nodes, values, slopes)
             self._known["last"] = known
@@ -173,9 +172,10 @@ class Track:
         rise = np.diff(values)
         early, late = NODE_STEP * slopes[:-1] - rise, rise - NODE_STEP * slopes[1:]
         inexact = np.zeros(rise.size, dtype=bool)
+        tolerance = 1e-8  # of a step of the other grid: 3e-8 rad at the end of the band
         for u in (1 / 3, 2 / 3):
             cubic = values[:-1] + u * rise + u * (1 - u) * ((1 - u) * early + u * late)
-            inexact |= ~(np.abs(cubic - self._values(nodes[:-1] + u * NODE_STEP)) <= _TOLERANCE)
+            inexact |= ~(np.abs(cubic - self._values(nodes[:-1] + u * NODE_STEP)) <= tolerance)
         return np.flatnonzero(inexact)
 
     def _values(self, points: Array) -> Array:
@@ -211,8 +211,6 @@ FEWEST = {"sinc": 2, "cubic": 4, "linear": 2}  # samples
 
 _SUPPORT = {"sinc": (HALF_WIDTH - 1, HALF_WIDTH), "cubic": (1, 2), "linear": (0, 1)}  # samples before and after
 _HALO = HALF_WIDTH + 1  # samples kept on either side of a chunk
-_CHUNK = 15 * 1024  # samples processed at once, or outputs where those are more
-_ROWS_AT_ONCE = 8  # of so many samples; of more, fewer, whose moments then stay in the second cache
 _PADDING = 8  # steps that the kernel reads beyond the last output's
 
 Flags = NDArray[np.bool_]
@@ -259,7 +257,9 @@ class Warp:
     def __init__(self, grid: Map, *, method: Method, rows: int = 1, folds: bool = True) -> None:
         self._grid, self._method, self._rows = grid, method, rows
         self._antialias = method == "sinc" and grid.least_slope < 1 and folds
-        at_once = _CHUNK / max(1.0, grid.largest_slope) / max(1.0, rows / _ROWS_AT_ONCE)
+        # 15 * 1024 samples processed at once, or outputs where those are more
+        # 8 of so many samples; of more, fewer, whose moments then stay in the second cache
+        at_once = (15 * 1024) / max(1.0, grid.largest_slope) / max(1.0, rows / 8)
         self._chunk = max(NODE_STEP, int(at_once) // NODE_STEP * NODE_STEP)
         self._level = np.full((rows, 1), np.nan)  # the first finite sample of each row, subtracted from all
         self._samples = np.zeros((rows, _HALO))  # from sample `_at - _HALO` on

@@ -34,7 +34,6 @@ if TYPE_CHECKING:
 PASSBAND = 0.88  # of half the coarser rate
 
 _MOST_OUTPUTS = 1000  # for each input: more is a mistaken unit
-_MOST_SAMPLES = 10**10  # more than a day at 100 kHz: a mistaken unit
 _ROUNDING = 1e-9  # revolutions
 
 
@@ -398,7 +397,8 @@ def angle_map(
 ) -> Map:
     """Return the map from the samples of a record to the angle grid of `revolutions` from `first` on."""
     begin, end = _departure_time(phase, first), _arrival_time(phase, first + revolutions)
-    if (end - begin) * rate_hz > _MOST_SAMPLES:
+    most_samples = 10**10  # more than a day at 100 kHz: a mistaken unit
+    if (end - begin) * rate_hz > most_samples:
         raise ValueError(
             f"rate_hz={rate_hz:g} makes {(end - begin) * rate_hz:.3g} samples of the {end - begin:g} s of the phase; "
             "correct the rate, or cut the phase to the record."

@@ -24,14 +24,6 @@ if TYPE_CHECKING:
 
 _FRAMES = 12  # of the longest length in the record: enough to see a line come and go
 _MOST_REV = 32.0  # of the longest frame: beyond, no line of a speed that is known to a few bins gets narrower
-_DOUBLINGS = 2  # of the frame length on the way there
-_FEWEST_SAMPLES = 64  # of a frame
-_KNOTS_REV = 4.0  # per revolution
-_FINER = 4.0  # bins by which the highest order may still be off in frames of the next length
-_KNOWN = 2.0  # bins of the longest frame within which the highest order is known in the end
-_MOST_DEMODULATED = 8
-_WINDOWS_REV = (6.0, 24.0, 2.0)  # of the refinement
-_SURE = 1.5e-3  # largest median std of the refined speed, relative: three of them are within half a per cent
 SHOWS = 3.0  # least log likelihood ratio of an order that shows
 _SAMPLES = 2.5  # per turn of the highest order
 _MARGIN_ORDERS = 2.0
@@ -58,9 +50,10 @@ def followed(signal: Array, rate: float, rough: ShaftPhase, orders: Array) -> Sh
     longest = min(2 * turns / (_FRAMES + 1), _MOST_REV)
     listed = orders[orders * fastest_hz(rough) * (1 + SAME_SPEED) < rate / 2]
     phase, tolerance = rough, SAME_SPEED
-    for doubling in range(_DOUBLINGS, -1, -1):
+    fewest_samples = 64  # of a frame
+    for doubling in range(2, -1, -1):  # two doublings of the frame length on the way there
         window = longest / 2**doubling
-        if not listed.size or window * _SAMPLES * (listed[-1] + _MARGIN_ORDERS) < _FEWEST_SAMPLES:
+        if not listed.size or window * _SAMPLES * (listed[-1] + _MARGIN_ORDERS) < fewest_samples:
             continue
         values, _, per_rev = in_angle(signal, rate, phase, float(listed[-1]))
         search = search_speeds(values, per_rev, listed, 1 - tolerance, 1 + tolerance, tolerance / window, window)
@@ -68,10 +61,11 @@ def followed(signal: Array, rate: float, rough: ShaftPhase, orders: Array) -> Sh
         first, last = phase.revolutions[[0, -1]]
         at = np.concatenate([[first - 1e-6], first + search.evidence.times_s, [last + 1e-6]])
         turned = PchipInterpolator(at, np.concatenate([ratio[:1], ratio, ratio[-1:]])).antiderivative()
-        knots = np.linspace(first, last, int(_KNOTS_REV * (last - first)) + 8)
+        knots = np.linspace(first, last, int(4.0 * (last - first)) + 8)  # four per revolution
         times = PchipInterpolator(phase.revolutions, phase.times_s)(knots)
         phase = ShaftPhase(times_s=times, revolutions=turned(knots))
-        tolerance = min(tolerance, _FINER / (window * float(listed[-1])))
+        # 4.0 bins by which the highest order may still be off in frames of the next length
+        tolerance = min(tolerance, 4.0 / (window * float(listed[-1])))
     return phase
 
 
@@ -79,11 +73,14 @@ def refinements(
     signal: Array, rate: float, phase: ShaftPhase, orders: Array, shown: Array
 ) -> Iterator[tuple[ShaftPhase, RefinedPhase]]:
     """Yield the refinements of a phase from the orders that show most, one for each length of windows."""
-    count = min(_MOST_DEMODULATED, max(np.count_nonzero(shown > SHOWS), 1))
+    most_demodulated = 8
+    count = min(most_demodulated, max(np.count_nonzero(shown > SHOWS), 1))
     strongest = np.sort(orders[np.argsort(-shown)[:count]])
     turns = float(np.ptp(phase.revolutions))
-    tolerance = _KNOWN / (min(2 * turns / (_FRAMES + 1), _MOST_REV) * float(orders[-1]))
-    for window in _WINDOWS_REV:
+    # 2.0 bins of the longest frame within which the highest order is known in the end
+    tolerance = 2.0 / (min(2 * turns / (_FRAMES + 1), _MOST_REV) * float(orders[-1]))
+    sure = 1.5e-3  # largest median std of the refined speed, relative: three of them are within half a per cent
+    for window in (6.0, 24.0, 2.0):  # in revolutions
         try:
             refined = refine_phase(
                 signal,
@@ -96,5 +93,5 @@ def refinements(
         except ValueError:  # no order low enough, or too few turns
             continue
         relative = refined.std_hz / refined.speed_hz
-        if refined.phase is not None and np.median(relative) < _SURE and relative.max() < SAME_SPEED:
+        if refined.phase is not None and np.median(relative) < sure and relative.max() < SAME_SPEED:
             yield refined.phase, refined

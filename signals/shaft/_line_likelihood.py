@@ -23,9 +23,7 @@ DC_BINS = 3.0  # bins that the leakage of an offset reaches with a Hann window
 PRESENT = 0.3  # prior probability of a line of an order in a frame
 _BLOCK = 24  # bins per median
 _SMOOTH = 3  # frames
-_OVERSAMPLING = 1.25  # of the band that is kept
 _HIGH = 8.0  # means that noise exceeds once in 3000 bins
-_SHARES = (0.005, 0.3)
 _TABLE = np.linspace(-4.0, 16.0, 4001)  # log of the power ratio
 
 
@@ -60,7 +58,8 @@ def _log_ratio(foreign: float) -> Array:
 def lowest_band(signal: Array, *, rate_hz: float, top_hz: float) -> tuple[Array, float]:
     """Return the signal without its mean, low-pass filtered at `top_hz` and decimated, and the new rate."""
     length = fft.next_fast_len(signal.size, real=True)
-    fewer = fft.next_fast_len(int(np.ceil(length * min(1.0, 2 * _OVERSAMPLING * top_hz / rate_hz))), real=True)
+    # 1.25 times the band that is kept
+    fewer = fft.next_fast_len(int(np.ceil(length * min(1.0, 2 * 1.25 * top_hz / rate_hz))), real=True)
     level = signal - signal.mean()
     if fewer >= length:
         return level, rate_hz
@@ -91,7 +90,8 @@ def short_time_evidence(signal: Array, *, rate_hz: float, frame_s: float) -> Evi
 def _foreign(ratios: Array) -> float:
     """Return the fraction of bins that hold lines."""
     count = np.count_nonzero(ratios > _HIGH)
-    return float(np.clip(count / ratios.size - np.exp(-_HIGH), *_SHARES))
+    shares = (0.005, 0.3)
+    return float(np.clip(count / ratios.size - np.exp(-_HIGH), *shares))
 
 
 def without_steady_lines(evidence: Evidence) -> Evidence:

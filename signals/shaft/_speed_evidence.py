@@ -37,18 +37,13 @@ if TYPE_CHECKING:
 _ODDS = np.log(20.0)  # of a speed against chance, another speed, and none in a sixth of the record
 _ODDS_OF_TONE = np.log(100.0)  # since any machine nearby, and electronics, make tones
 
-_DEPENDENT = 0.1  # of the evidence: lines of one source come and go together, so that more of them say less
 _PARTS = 6
-_AROUND_BINS = 81
 _LOBE_BINS = 3  # half the main lobe of a Blackman-Harris window, whose side lobes are 92 dB down
 _HIGH = 10.0  # over the noise, which exceeds it in one bin of 20,000
-_FOREIGN = (0.005, 0.3)
 _SIDEBANDS = (-2.0, -1.0, 1.0, 2.0)
 _HARMONICS = 7  # of one tone, as of the mains: hum above the seventh is seldom louder than the machine (our choice)
-_MAINS_HZ = (50.0, 60.0)
 _MOST_RATIOS, _SCORED = 20_000, 30
 _REFINED = 2  # best courses whose phase is refined
-_KEPT = 0.5  # of the evidence, by a refinement that follows the same lines
 _POINTS = 400  # at which two courses are compared
 _SHARES = np.sin((np.arange(16) + 0.5) / 16 * np.pi / 2) ** 2  # equal steps of Jeffreys' probability
 
@@ -119,14 +114,16 @@ def _spectra(signal: Array, rate: float, phase: ShaftPhase, top: float, *counts:
 def _spectrum(values: Array, per_rev: float, speed_hz: Array, top: float) -> _Spectrum:
     turns = values.size / per_rev
     power = np.abs(np.fft.rfft((values - values.mean()) * blackmanharris(values.size, sym=False))) ** 2
-    noise = np.maximum(median_filter(power, _AROUND_BINS) / np.log(2), 1e-20 * power.max() + np.finfo(float).tiny)
+    noise = np.maximum(median_filter(power, 81) / np.log(2), 1e-20 * power.max() + np.finfo(float).tiny)
     ratio = (power / noise)[: int(top * turns) + 2 * _LOBE_BINS]
     peaks = np.where(ratio >= maximum_filter1d(ratio, 2 * _LOBE_BINS + 1), ratio, 0.0)
     peaks = maximum_filter1d(peaks, 3)  # modes turn a line that crosses them by half a turn, half a bin
-    found = log_line_ratio(peaks, foreign=float(np.clip(np.mean(peaks > _HIGH), *_FOREIGN)))
+    foreign = (0.005, 0.3)
+    found = log_line_ratio(peaks, foreign=float(np.clip(np.mean(peaks > _HIGH), *foreign)))
     found[: _LOBE_BINS + 2] = 0.0
     found[-1] = 0.0
-    for hum in {number * mains for mains in _MAINS_HZ for number in range(1, _HARMONICS + 1)}:
+    mains_hz = (50.0, 60.0)
+    for hum in {number * mains for mains in mains_hz for number in range(1, _HARMONICS + 1)}:
         low, high = hum / speed_hz.max() * turns, hum / speed_hz.min() * turns
         if high - low < _LOBE_BINS:  # else it is smeared
             found[int(max(low - _LOBE_BINS, 0)) : int(high + _LOBE_BINS) + 1] = 0.0
@@ -226,7 +223,8 @@ def judged(
         if np.nanquantile(np.abs(ratio - 1), 0.8) > SAME_SPEED:
             rivals.append(Rival(ratio=ratio, log_odds=_log_odds(best, one.evidence)))
     against_others = min((one.log_odds for one in rivals), default=np.inf)
-    rivals = _likely(rivals, max(_ODDS, _DEPENDENT * best.evidence[0]))
+    # 0.1 of the evidence: lines of one source come and go together, so that more of them say less
+    rivals = _likely(rivals, max(_ODDS, 0.1 * best.evidence[0]))
     mean_hz, shown = float(speed.mean()), whole.at(orders)
     tried = max((high - low) * min(float(orders[-1]), rate / 2 / mean_hz), 1 / whole.turns)
     beyond_chance = best.evidence[0] - max(np.log(tried * whole.turns), float(shown.max()))
@@ -273,7 +271,7 @@ def _refined(signal: Array, rate: float, one: Followed, orders: Array) -> Follow
     """Return a course with its phase refined, in the first windows that keep its lines; as it is where none do."""
     for phase, refined in refinements(signal, rate, one.phase, orders, one.shown):
         found = replace(along(signal, rate, phase, orders, one.place), refined=refined)
-        if found.total > _KEPT * one.total:
+        if found.total > 0.5 * one.total:  # 0.5 of the evidence, by a refinement that follows the same lines
             return found
     return one
 

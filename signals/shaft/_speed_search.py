@@ -33,12 +33,7 @@ if TYPE_CHECKING:
 CERTAIN = np.log(1000.0)
 SAME_SPEED = 0.01
 _MOST_VOTES = 10**7  # frames x speeds, of which several arrays of 80 MB are made
-_MOST_WORK = 10**9  # frames x speeds x steps of acceleration: some seconds
 _MISSED = 0.1  # prior probability that a frame contains no line of a rotating shaft
-_SURROUNDINGS_BINS = 40
-_COURSES = 2
-_SHORTEST_RUN = 4  # frames
-_NEVER = -50.0
 
 
 @dataclass(frozen=True, kw_only=True)
@@ -100,9 +95,10 @@ def search_speeds(
     The step of the grid is half a bin of the highest order. Orders that no frame tells apart are one line, which counts
     once. With `moving`, lines of constant frequency are left out.
     """
-    from signals.shaft._line_likelihood_kernels import add_votes  # noqa: PLC0415
+    from signals.shaft._kernels import add_votes  # noqa: PLC0415
 
-    top = min(float(orders[-1]) * high + _SURROUNDINGS_BINS / frame_s, rate / 2)
+    surroundings_bins = 40
+    top = min(float(orders[-1]) * high + surroundings_bins / frame_s, rate / 2)
     band, band_rate = lowest_band(signal, rate_hz=rate, top_hz=top)
     evidence = short_time_evidence(band, rate_hz=band_rate, frame_s=frame_s)
     if moving:
@@ -122,7 +118,8 @@ def search_speeds(
     # mixture: a frame may contain no line of a rotating shaft
     votes = np.ascontiguousarray(np.logaddexp(votes + np.log1p(-_MISSED), np.log(_MISSED)).T)
     reach = int(np.ceil(acceleration * (evidence.times_s[1] - evidence.times_s[0]) / spacing))
-    if reach * votes.size > _MOST_WORK:
+    most_work = 10**9  # frames x speeds x steps of acceleration: some seconds
+    if reach * votes.size > most_work:
         raise ValueError(
             f"max_acceleration_hz_s={acceleration:g} lets the speed change by {reach} of {speeds.size} steps between "
             f"two of {evidence.times_s.size} frames, too many to search; give a smaller one, or a narrower "
@@ -136,7 +133,7 @@ def search_speeds(
 
 def most_likely_speeds(votes: Array, search: Search) -> Array:
     """Return the speeds of the Viterbi path through log likelihoods of the speeds of a search, (frames,)."""
-    from signals.shaft._line_likelihood_kernels import most_likely_path  # noqa: PLC0415
+    from signals.shaft._kernels import most_likely_path  # noqa: PLC0415
 
     return np.asarray(search.speeds[most_likely_path(votes, np.log(search.kernel))])
 
@@ -149,15 +146,17 @@ def courses(search: Search) -> Iterator[Course]:
     """
     probability, absent, evidence = _posterior(np.exp(np.minimum(search.votes, 300.0)), search.kernel)
     seen = _longest_run(absent < 0.5)  # noqa: PLR2004
-    if evidence < CERTAIN or np.count_nonzero(seen) < _SHORTEST_RUN:
+    shortest_run = 4  # frames
+    if evidence < CERTAIN or np.count_nonzero(seen) < shortest_run:
         return
     votes, chosen = search.votes[seen].copy(), probability[seen]
     spacing = float(search.speeds[1] - search.speeds[0])
-    for _ in range(_COURSES):
+    never = -50.0
+    for _ in range(2):
         path = most_likely_speeds(votes, search)
         width = np.maximum(SAME_SPEED * path, 2 / (search.frame_s * float(search.orders[-1])))
         same_speed = np.abs(search.speeds - path[:, None]) <= width[:, None]
-        votes[same_speed] = _NEVER
+        votes[same_speed] = never
         near = np.where(same_speed, chosen, 0.0)
         total = near.sum(axis=1)
         weight = np.maximum(total, 1e-300)

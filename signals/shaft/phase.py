@@ -22,8 +22,6 @@ if TYPE_CHECKING:
 
 
 _DEGREE = 5
-_ROUNDING = 1e-12
-_FEWEST = 4  # knots between two broken cells for a spline
 
 
 def build_curve(times: Array, revolutions: Array, *, breaks: NDArray[np.bool_]) -> PPoly:
@@ -41,9 +39,10 @@ def build_curve(times: Array, revolutions: Array, *, breaks: NDArray[np.bool_]) 
     broken = breaks.copy()
     rises = np.diff(revolutions)
     steps = np.diff(times)
+    fewest = 4  # knots between two broken cells for a spline
     while True:
         for first, last in _spline_runs(broken):
-            if last - first + 1 < _FEWEST and last - first + 1 < times.size:
+            if last - first + 1 < fewest and last - first + 1 < times.size:
                 broken[first:last] = True
         coefficients = np.zeros((_DEGREE + 1, steps.size))
         for first, last in _spline_runs(broken):
@@ -90,7 +89,8 @@ def _reverses(coefficients: Array, steps: Array, rises: Array) -> NDArray[np.boo
         ]
     )  # fmt: skip
     bounds = to_bernstein @ slope
-    limit = -_ROUNDING * np.abs(bounds).max(axis=0)
+    rounding = 1e-12
+    limit = -rounding * np.abs(bounds).max(axis=0)
     found: NDArray[np.bool_] = bounds.min(axis=0) < limit
     # a cell without a rise is a standstill, except between opposite directions, where the shaft reverses
     before, after = np.concatenate([[0], sign[:-1]]), np.concatenate([sign[1:], [0]])
@@ -159,10 +159,6 @@ def refuse_rest(
 
 
 # ---- Phase -----------------------------------------------------------------------------------------------------------
-
-
-_NEWTON_STEPS = 8
-_BISECTIONS = 60  # down to rounding
 
 
 @dataclass(frozen=True, kw_only=True)
@@ -355,7 +351,7 @@ class ShaftPhase:
         low, high = self.times_s[cell], self.times_s[cell + 1]
         times = np.clip(np.interp(targets, self.direction * self.revolutions, self.times_s), low, high)
         step = high - low
-        for _ in range(_NEWTON_STEPS):
+        for _ in range(8):
             with np.errstate(all="ignore"):  # where the slope is zero there is no step: bisected below
                 step = (self._curve(times) - self.direction * targets) / self._slope(times)
             times = np.clip(times - step, low, high)
@@ -364,7 +360,7 @@ class ShaftPhase:
                 return times
         rest = np.flatnonzero(~converged)
         low, high, target = low[rest], high[rest], targets[rest]
-        for _ in range(_BISECTIONS):
+        for _ in range(60):  # down to rounding
             middle = low + (high - low) / 2
             late = self.direction * self._curve(middle) > target
             low, high = np.where(late, low, middle), np.where(late, middle, high)

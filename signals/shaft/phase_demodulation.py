@@ -27,16 +27,10 @@ if TYPE_CHECKING:
 
 OVERLAP = 4  # hops a window, as the kernel has it
 _LEAST_ORDER = 1e-6  # one turn in a million revolutions
-_CAPTURE = 0.35  # bins of the window by which an order may be off without ambiguity of its phase
 _FIRST_REV, _LAST_REV = 2.0, 6.0
-_PROMINENT = 3.0  # least ratio of the mean power of a line to that beside it
-_FALSE_ALARM = 1e-3
-_SMOOTHING = 3  # hops on either side
-_PASSES = 3  # with the last window
 _SNR_WINDOWS = 9  # averaged
 # variance of (-1, -2, 0, 2, 1) / 4 times the phases of successive windows, whose noise correlates by 0.66, 1/6, 0.007:
 # 0.868; the noise that the smoothing between passes leaves adds as much again (measured)
-_DIFFERENCE_VARIANCE = 1.74
 _COSINE = np.cos(2 * np.pi * np.arange(1025) / 1024)
 
 
@@ -159,7 +153,8 @@ def refine_phase(
     tolerance = positive(tolerance, name="tolerance")
     window = positive(window_rev, name="window_rev")
     listed = listed_orders(orders)
-    highest = _CAPTURE / (_FIRST_REV * tolerance)  # order that is unambiguous in the first pass
+    # 0.35 bins of the window by which an order may be off without ambiguity of its phase
+    highest = 0.35 / (_FIRST_REV * tolerance)  # order that is unambiguous in the first pass
     if listed[0] > highest:
         raise ValueError(
             f"the lowest order is {listed[0]:g}, and a speed known within {tolerance:g} separates orders up to "
@@ -189,7 +184,7 @@ def refine_phase(
     band, band_rate = lowest_band(signal[first:last], rate_hz=rate, top_hz=(usable[-1] + 2) * top * (1 + tolerance))
     times = part_start + np.arange(band.size) / band_rate
     step = _one_pass(band, times, phase, usable[usable <= highest], window_rev=min(_FIRST_REV, window))
-    for _ in range(_PASSES):
+    for _ in range(3):  # three passes with the last window
         step = _one_pass(band, times, _smooth(_corrected(step), window_rev=window), usable, window_rev=window)
     return _result(step)
 
@@ -225,7 +220,7 @@ def _within(samples: int, rate: float, phase: ShaftPhase, start_s: float) -> tup
 
 def _one_pass(signal: Array, times: Array, phase: ShaftPhase, orders: Array, *, window_rev: float) -> _Pass:
     """Demodulate all orders with a phase; return its correction and the noise beside the lines."""
-    from signals.shaft._line_likelihood_kernels import demodulate  # noqa: PLC0415
+    from signals.shaft._kernels import demodulate  # noqa: PLC0415
 
     clipped = np.clip(times, phase.start_s, phase.stop_s)
     revolutions = phase.revolutions_at(clipped)
@@ -286,7 +281,8 @@ def _speed_error(
     padded = np.concatenate([steps[:1], steps, steps[-1:]])
     error = np.angle(padded[:-2] + 2 * padded[1:-1] + padded[2:]) / (2 * np.pi * orders * lag_rev)
     information = (2 * np.pi * orders) ** 2 * 2 * snr
-    precision = information * lag_rev**2 / _DIFFERENCE_VARIANCE + 1e-12
+    difference_variance = 1.74
+    precision = information * lag_rev**2 / difference_variance + 1e-12
     weights = precision
     for _ in range(3):
         mean = (weights * error).sum(axis=1) / weights.sum(axis=1)
@@ -322,7 +318,7 @@ def _smooth(phase: ShaftPhase, *, window_rev: float) -> ShaftPhase:
     revolutions = np.linspace(first, last, max(int((last - first) / hop), 2 * OVERLAP) + 1)
     times = phase.times_at(revolutions)
     # local parabolas keep a constant acceleration, at the ends too
-    smoothed = savgol_filter(times, 2 * _SMOOTHING + 1, 2, mode="interp")
+    smoothed = savgol_filter(times, 2 * 3 + 1, 2, mode="interp")  # 3 hops on either side
     return ShaftPhase(times_s=smoothed, revolutions=revolutions)
 
 
@@ -352,4 +348,6 @@ def _least_prominence(step: _Pass) -> float:
     Every second window is taken as independent; the noise is measured on both sides of each line.
     """
     windows = (step.centres_rev.size + 1) // 2
-    return max(_PROMINENT, float(fdtri(2 * windows, 4 * windows, 1 - _FALSE_ALARM / step.orders.size)))
+    false_alarm = 1e-3
+    # 3.0 is the least ratio of the mean power of a line to that beside it
+    return max(3.0, float(fdtri(2 * windows, 4 * windows, 1 - false_alarm / step.orders.size)))

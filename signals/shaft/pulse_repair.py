@@ -1,6 +1,6 @@
 """Missing, double and spurious tachometer pulses: numbering, repair, and intervals in which a shaft may have stopped.
 
-Pulses are numbered by multiple-hypothesis tracking (`signals.shaft._pulse_repair_kernels`), forwards and backwards from
+Pulses are numbered by multiple-hypothesis tracking (`signals.shaft._kernels`), forwards and backwards from
 the middle of the steadiest part of the list.
 """
 
@@ -21,15 +21,9 @@ Counts = NDArray[np.int64]
 
 
 _DOUBLE = 0.1  # of the interval: an extra pulse this soon after a true one is its double
-_STEADY = 0.5  # change of the log of an interval since the last of the same stripe; a fault makes it 0.69 or more
 _CALIBRATION_REVS = 3  # steady ones that suffice to estimate the angles of the stripes
-_MOST_MISSING = 8  # consecutive pulses; a longer gap cannot be counted with certainty
-_MOST_WRONG = 0.3
 _STOP_INTERVALS = 4  # on either side that are fitted
-_STOP_RATIO = 1.4  # of the longest of them to the shortest, at least
-_STOP_REACH = 1.5  # intervals within which a constant deceleration must end for a stop
 _STOP_EARLY = 0.25  # of the nearest interval by which it may end outside the two pulses
-_STOP_RESIDUAL = 0.25  # of that fit at most, in intervals
 
 
 def _no_times() -> Array:
@@ -123,7 +117,8 @@ def _steadiest(times: Array, stripes: int) -> tuple[int, int]:
 
     lengths = np.log(np.diff(times))
     change = lengths[stripes:] - lengths[:-stripes]
-    unsteady = np.abs(change - median_filter(change, size=9)) > _STEADY  # a fault makes two or three of nine
+    steady = 0.5  # change of the log of an interval since the last of the same stripe; a fault makes it 0.69 or more
+    unsteady = np.abs(change - median_filter(change, size=9)) > steady  # a fault makes two or three of nine
     edges = np.flatnonzero(np.diff(np.concatenate([[True], unsteady, [True]]).astype(np.int8)))
     begins, ends = edges[::2], edges[1::2]
     if not begins.size:
@@ -137,7 +132,7 @@ def _numbered(times: Array, positions: Array, anchor: int) -> tuple[Counts, Coun
 
     Backwards from the anchor, time and the stripes are reversed.
     """
-    from signals.shaft._pulse_repair_kernels import best_numbering  # noqa: PLC0415 - compiled at need
+    from signals.shaft._kernels import best_numbering  # noqa: PLC0415 - compiled at need
 
     since = np.diff(times, prepend=-np.inf)
     after, numbers = best_numbering(times[anchor:], since[anchor:], positions, _DOUBLE)
@@ -154,13 +149,14 @@ def _refuse_too_many(times: Array, kept: Counts, counts: Counts) -> None:
     """Raise where a gap is too long to count, or too many of the pulses are missing or extra."""
     steps = np.diff(counts)
     missing, extra = int(np.sum(steps - 1)), times.size - kept.size
-    if steps.size and steps.max() > _MOST_MISSING + 1:
+    if steps.size and steps.max() > 8 + 1:  # 8 consecutive pulses; a longer gap cannot be counted with certainty
         i = int(np.argmax(steps))
         raise ValueError(
             f"no tachometer pulse comes from {times[kept[i]]:g} to {times[kept[i + 1]]:g} s, about {steps[i] - 1} are "
             f"missing on end: too many to count for certain. Use the parts of the record before and after."
         )
-    if missing + extra > _MOST_WRONG * times.size:
+    most_wrong = 0.3
+    if missing + extra > most_wrong * times.size:
         raise ValueError(
             f"the tachometer's pulses cannot be repaired: {missing} would be missing and {extra} extra of "
             f"{times.size}. Check pulses_per_rev and the threshold, or use a sound part of the record."
@@ -203,7 +199,8 @@ def _stops_by(times: Array, stride: int) -> Counts:
     before = times[at[:, None] - stride * np.arange(_STOP_INTERVALS + 1)] - times[at, None]
     after = times[at[:, None] + 1 + stride * np.arange(_STOP_INTERVALS + 1)] - times[at + 1, None]
     sides = [np.abs(np.diff(side, axis=1)) for side in (before, after)]
-    slowing = [np.all(np.diff(side, axis=1) < 0, axis=1) & (side[:, 0] > _STOP_RATIO * side[:, -1]) for side in sides]
+    # 1.4 of the longest of them to the shortest, at least
+    slowing = [np.all(np.diff(side, axis=1) < 0, axis=1) & (side[:, 0] > 1.4 * side[:, -1]) for side in sides]
     rows = np.flatnonzero(slowing[0] & slowing[1])
     gap = times[at + 1] - times[at]
     return np.array(
@@ -219,8 +216,10 @@ def _rests(distances: Array, gap: float) -> bool:
     if bend <= 0:
         return False
     rest, turned = speed / (2 * bend), speed**2 / (4 * bend)  # beyond the nearest pulse, in its interval and in turns
-    fits = np.max(np.abs(np.polyval((bend, speed, level), distances / near) - angle)) < _STOP_RESIDUAL
-    return bool(fits and -_STOP_EARLY <= rest <= gap / near + _STOP_EARLY and turned <= _STOP_REACH)
+    stop_residual = 0.25  # of that fit at most, in intervals
+    fits = np.max(np.abs(np.polyval((bend, speed, level), distances / near) - angle)) < stop_residual
+    stop_reach = 1.5  # intervals within which a constant deceleration must end for a stop
+    return bool(fits and -_STOP_EARLY <= rest <= gap / near + _STOP_EARLY and turned <= stop_reach)
 
 
 def stripe_positions(times: Array, counts: Counts, stripes: int) -> Array:

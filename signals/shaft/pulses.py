@@ -16,15 +16,9 @@ if TYPE_CHECKING:
 
 
 _HYSTERESIS = 0.25  # of the swing, either side of the middle
-_TAIL = 0.01  # of the samples, beyond the levels on either side
-_NARROWER = 2.0  # times the swing of the rest of the wave: pulses so high are no outliers if they come in order
 _IN_ORDER, _MOST_STRIPES, _FEWEST_IN_ORDER = 1.5, 8, 4  # ratio of intervals a turn apart; random ones have 3
 _SECTIONS = 32  # of the record, in each of which one threshold must be crossed both ways to serve all of it
-_MOST_BLOCKS = 1024  # with a threshold each
 _PULSES_PER_BLOCK = 2
-_LEAST_SWING = 0.1  # of the largest of all blocks: less is a shaft at rest
-_LEAST_SNR = 8.0  # swing over the standard deviation of the noise
-_SHARPER = 0.8
 _LEAST_OF_RANGE = 0.01  # swing over the channel's range: conditioned pulses fill a tenth of it or more; hum is below
 
 Edge = Literal["rising", "falling", "auto"]
@@ -210,7 +204,8 @@ def _edges(wave: Array, edge: Edge, stated: _Levels) -> tuple[Array, Literal["ri
     falling = _rising_edges(-wave, replace(stated, sign=-1))
     up = float(np.mean(rising.durations)) if rising.durations.size else np.inf
     down = float(np.mean(falling.durations)) if falling.durations.size else np.inf
-    alike = min(up, down) > _SHARPER * max(up, down)
+    sharper = 0.8
+    alike = min(up, down) > sharper * max(up, down)
     rises = bool(np.mean(wave > rising.level) <= 0.5) if alike else up < down  # noqa: PLR2004 - high for less than half
     return (wave, "rising", rising) if rises else (-wave, "falling", falling)
 
@@ -239,7 +234,8 @@ def _rising_edges(wave: Array, stated: _Levels) -> _Edges:
 
 def _is_pulse_train(found: _Edges, *, than: _Edges) -> bool:
     """Return whether edges are of pulses far above the rest of the wave that come in order, as outliers do not."""
-    if found.swing < _NARROWER * than.swing:
+    # 2.0 times the swing of the rest of the wave: pulses so high are no outliers if they come in order
+    if found.swing < 2.0 * than.swing:
         return False
     intervals = np.log(np.diff(found.positions))
     changes = [
@@ -255,7 +251,7 @@ def _edges_at_levels(wave: Array, hysteresis: float | None, *, narrow: bool) -> 
     if best is None or _crossed_everywhere(wave, best):
         return best
     blocks = 2
-    while blocks <= min(_MOST_BLOCKS, wave.size // 16):
+    while blocks <= min(1024, wave.size // 16):  # with a threshold each
         finer = _edges_by_blocks(wave, blocks, hysteresis, narrow=narrow)
         if finer is None or finer.positions.size < _PULSES_PER_BLOCK * blocks:
             if best.positions.size > _PULSES_PER_BLOCK * blocks * 2:
@@ -291,7 +287,9 @@ def _edges_by_blocks(wave: Array, blocks: int, hysteresis: float | None, *, narr
     low, high = np.array([_levels(detrended[a:b], narrow=narrow) for a, b in pairwise(bounds.tolist())]).T
     swing = high - low
     noise = _noise(wave) if blocks > 1 else 0.0
-    rotating = (swing > 0) & (swing >= _LEAST_SWING * swing.max()) & (swing > _LEAST_SNR * noise)
+    # 0.1 of the largest of all blocks: less is a shaft at rest
+    # swing over the standard deviation of the noise
+    rotating = (swing > 0) & (swing >= 0.1 * swing.max()) & (swing > 8.0 * noise)
     if not rotating.any():
         return None
     centres = ((bounds[:-1] + bounds[1:] - 1) / 2)[rotating]
@@ -321,7 +319,7 @@ def _baseline(wave: Array, bounds: NDArray[np.int64]) -> Array | None:
 
 def _levels(part: Array, *, narrow: bool) -> tuple[float, float]:
     """Return the low and high level of a block; `narrow` for pulses of any width."""
-    tail = _TAIL
+    tail = 0.01  # of the samples, beyond the levels on either side
     if narrow:
         above = float(np.mean(part > (part.min() + part.max()) / 2))
         tail = min(tail, above / 2, (1 - above) / 2)
@@ -444,7 +442,7 @@ def quadrature_direction(
     edges = np.concatenate(found, axis=1)
     edges = edges[:, np.argsort(edges[0], kind="stable")]
     lost = _lost_edges(*edges)
-    if lost.shape[1] > _MOST_LOST * edges.shape[1]:
+    if lost.shape[1] > 0.05 * edges.shape[1]:
         raise ValueError(
             f"the two channels contradict each other: {lost.shape[1]} edges of {edges.shape[1]} are lost while the "
             f"other channel goes on, the first of channel {int(lost[1, 0]) + 1} at {lost[0, 0]:g} s. Check its signal."
@@ -457,8 +455,6 @@ def quadrature_direction(
     return QuadratureEdges(times_s=times[1:], direction=steps, missing_times_s=lost[0])
 
 
-_MOST_LOST = 0.05  # of the edges
-_PACE = 0.3  # by which the time of a stripe may differ from that before or after
 _PER_STRIPE = 4  # edges
 
 
@@ -473,7 +469,8 @@ def _lost_edges(times: Array, channel: Array, level: Array) -> Array:
         spans = [(first - _PER_STRIPE, first), (last, last + _PER_STRIPE)]
         paces = [times[end] - times[begin] for begin, end in spans if begin >= 0 and end < times.size]
         taken = times[first + 2 * stripes] - times[first]
-        if any(abs(taken - stripes * pace) < _PACE * stripes * pace for pace in paces):
+        # 0.3 by which the time of a stripe may differ from that before or after
+        if any(abs(taken - stripes * pace) < 0.3 * stripes * pace for pace in paces):
             other = 1 - channel[first]
             before = np.flatnonzero(channel[:first] == other)
             high = level[before[-1]] if before.size else 1 - level[first]

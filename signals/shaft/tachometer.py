@@ -27,12 +27,8 @@ if TYPE_CHECKING:
 
 __all__ = ["PulseTrain", "pulse_times", "shaft_phase"]
 
-_CALIBRATION_REVOLUTIONS = 8
 # a list of at least 16 values of which a tenth does not rise is taken for a waveform handed over as pulse times
-_WAVEFORM_SIZE = 16
-_WAVEFORM_FALLS = 0.1
 _JITTER_ORDER = 6  # of the differences: they remove any motion that is a quintic over seven pulses
-_JITTER_FEWEST = 6  # differences
 
 
 @dataclass(frozen=True, kw_only=True)
@@ -118,7 +114,8 @@ def shaft_phase(
     segments = _segments(times, stops, stripes)
     true = np.concatenate([segment.kept for segment in segments])
     kept, counts = times[true], np.concatenate([segment.counts for segment in segments])
-    few = kept.size < _CALIBRATION_REVOLUTIONS * stripes
+    calibration_revolutions = 8
+    few = kept.size < calibration_revolutions * stripes
     positions = np.arange(stripes) / stripes if few else stripe_positions(kept, counts, stripes)
     whole_stripes = counts // stripes + positions[counts % stripes]
     phase = ShaftPhase(
@@ -137,7 +134,9 @@ def _pulse_list(times_s: ArrayLike) -> Array:
     """Return pulse times as an array, or raise where they do not increase or look like a waveform."""
     times = real_vector(times_s, name="pulse times", minimum=2)
     back = np.flatnonzero(np.diff(times) <= 0)
-    if times.size >= _WAVEFORM_SIZE and back.size > _WAVEFORM_FALLS * times.size:
+    waveform_size = 16
+    waveform_falls = 0.1
+    if times.size >= waveform_size and back.size > waveform_falls * times.size:
         raise ValueError(
             f"these {times.size} values are no pulse times: {back.size} of them do not rise above the one before. They "
             "look like a waveform; find its pulses with pulse_times(waveform, rate_hz=...) first (on the command line: "
@@ -201,7 +200,8 @@ def _jitter(segments: list[_Segment], stripes: int) -> float:
             full = full[stripes:] - full[:-stripes]
         found.append(full[np.isfinite(full)])
     differences = np.concatenate(found)
-    if differences.size < _JITTER_FEWEST:
+    jitter_fewest = 6  # differences
+    if differences.size < jitter_fewest:
         return math.nan
     return float(np.sqrt(np.mean(differences**2) / math.comb(2 * _JITTER_ORDER, _JITTER_ORDER)))
 

@@ -16,15 +16,13 @@ from typing import TYPE_CHECKING
 import numpy as np
 from scipy import fft
 
-from signals._fft_plans import without_mean
+from signals._transforms import Window, window_of, without_mean
 from signals._validation import Array, Samples, checked, positive, real_vector, whole
-from signals._windows import Window, window_of
 
 if TYPE_CHECKING:
     from numpy.typing import ArrayLike, NDArray
 
 _FEWEST_FRAMES = 16
-_HANN_REACH = 3  # bins beyond which the transform of the squared window is negligible
 
 
 @dataclass(frozen=True, kw_only=True)
@@ -144,7 +142,8 @@ def spectral_correlation(
     shape = window_of("hann", length)
     scanned = int(np.ceil(most * length / rate))
     # no aliasing: cyclic frequencies are periodic in rate / hop, and the scanned lines extend three beyond the last
-    hop = max(1, min(int(rate / (2 * most + 2 * _HANN_REACH * rate / length)), length // 4))
+    # 3 bins beyond which the transform of the squared window is negligible
+    hop = max(1, min(int(rate / (2 * most + 2 * 3 * rate / length)), length // 4))
     frames = fft.prev_fast_len((signal.size - length) // hop + 1)
     if frames < _FEWEST_FRAMES:
         raise ValueError(

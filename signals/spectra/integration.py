@@ -8,7 +8,7 @@ from typing import TYPE_CHECKING
 import numpy as np
 from scipy import fft
 
-from signals._fft_plans import forget_plans, transform_of
+from signals._transforms import forget_plans, transform_of
 from signals._validation import Array, Samples, checked, choice, number, positive, real_samples
 
 if TYPE_CHECKING:
@@ -28,8 +28,6 @@ _UNITS = {  # quantity, and how many SI units one is
     "mm": ("displacement", 1e-3),
     "um": ("displacement", 1e-6),
 }
-_SAMPLES_A_CYCLE = 4  # of the highest frequency of a reduced result
-_SETTLING = 3.0  # over the width of the lower taper; measured error there: 2e-4 of a velocity, 1e-3 of a displacement
 
 
 @dataclass(frozen=True, kw_only=True)
@@ -254,11 +252,13 @@ def _integrate(
     first, stop = int(low * (1 - taper) / step) + 1, min(int(high * (1 + taper) / step) + 1, transform.size)
     frequency = np.arange(first, stop, dtype=np.float64) * step
     gain = _band_gain(frequency, low, high, taper) / (2j * np.pi * frequency) ** (_ORDER[given] - least)
-    size = min(signal.size, fft.next_fast_len(_SAMPLES_A_CYCLE * stop, real=True)) if reduced else signal.size
+    # 4 samples a cycle of the highest frequency of a reduced result
+    size = min(signal.size, fft.next_fast_len(4 * stop, real=True)) if reduced else signal.size
     lines = np.zeros(size // 2 + 1, dtype=transform.dtype)  # as the gain is elsewhere
     lines[first:stop] = transform[first:stop] * gain * (scale / result_scale * size / signal.size)
     values = np.asarray(fft.irfft(lines, size, overwrite_x=True))
     forget_plans(signal.size)
+    # 3.0 over the width of the lower taper; measured error there: 2e-4 of a velocity, 1e-3 of a displacement
     return Integrated(
         values=values,
         units=to,
@@ -266,7 +266,7 @@ def _integrate(
         low_hz=low,
         high_hz=high,
         taper=taper,
-        settling_s=_SETTLING / (taper * low),
+        settling_s=3.0 / (taper * low),
     )
 
 

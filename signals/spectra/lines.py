@@ -24,8 +24,8 @@ from typing import TYPE_CHECKING, NamedTuple, TypeAlias
 import numpy as np
 from scipy import fft
 
+from signals._transforms import window_of
 from signals._validation import Array, checked, positive
-from signals._windows import window_of
 
 if TYPE_CHECKING:
     from collections.abc import Sequence
@@ -41,10 +41,7 @@ _LOBE_BINS = 3.0  # left out on either side of the line
 _MEDIAN_EFFICIENCY = 0.52
 _FEWEST_BINS = 8
 _REACH_BINS = 400  # beyond this a Hann side lobe lies 150 dB below its line
-_SIGNIFICANT = 3.0  # standard deviations: in flat noise the closer background exceeds them once in some hundred lines
 _LINE = 4.0  # times the median amplitude
-_HALVINGS = 30  # of the power ratio's range: to 1e-9 of it
-_LARGER = 2.0  # least ratio of a neighbour's amplitude to the line's for its leakage to be considered
 
 Places: TypeAlias = "NDArray[np.intp]"
 
@@ -126,7 +123,7 @@ class Line:
 
         while chance(high) > probability:
             low, high = high, 2 * high
-        for _ in range(_HALVINGS):
+        for _ in range(30):  # 30 halvings of the power ratio's range: to 1e-9 of it
             middle = (low + high) / 2
             low, high = (low, middle) if chance(middle) <= probability else (middle, high)
         return self.noise * math.sqrt(high / math.log(2))
@@ -365,7 +362,8 @@ def _adjacent_points(
 def _significant(noise: float, bins: float, spectrum: AmplitudeSpectrum) -> float:
     """Return the median amplitude of so many bins from which it is significantly above `noise`."""
     scatter = 1 / math.sqrt(_MEDIAN_EFFICIENCY * max(bins, 1) / spectrum.noise_bandwidth_bins)
-    return math.sqrt(1 + _SIGNIFICANT * scatter) * noise
+    # 3.0 standard deviations: in flat noise the closer background exceeds them once in some hundred lines
+    return math.sqrt(1 + 3.0 * scatter) * noise
 
 
 def _medians(values: Array) -> tuple[float, float, int]:
@@ -399,7 +397,8 @@ def _leakage(spectrum: AmplitudeSpectrum, found: float, amplitude: float) -> flo
     reach = _REACH_BINS * spectrum.bin_width
     first, last = axis.searchsorted([found - reach, found + reach])
     around = spectrum.amplitude[first:last]
-    larger = around > _LARGER * amplitude
+    # least ratio of a neighbour's amplitude to the line's for its leakage to be considered
+    larger = around > 2.0 * amplitude
     if not larger.any():
         return 0.0
     distance = np.abs(axis[first:last][larger] - found) / spectrum.bin_width

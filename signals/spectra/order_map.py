@@ -7,9 +7,8 @@ from typing import TYPE_CHECKING, get_args
 
 import numpy as np
 
-from signals._fft_plans import without_mean
+from signals._transforms import window_of, without_mean
 from signals._validation import Array, checked, choice, real_vector, whole
-from signals._windows import window_of
 from signals.spectra.spectra import Scaling, hop_of, scaled_power, transformed
 
 if TYPE_CHECKING:

@@ -3,26 +3,30 @@
 `signals.spectra.lines` answers what stands at an expected order, with its probability; this is for what nobody
 expected. The median of the background is taken over blocks and interpolated between them: a moving median over
 hundreds of bins costs a hundred times as much and differs by some per cent.
+
+Spectra of many short records are pooled by power. Their phases do not agree, so that they are averaged in power
+(Bartlett 1948): the resolution and the mean of the noise stay those of one record, the scatter falls by the square root
+of their number. The part of the noise that is known to be there is therefore subtracted, and what is left is as
+uncertain as the noise of one record with so much less noise.
 """
 
 from __future__ import annotations
 
-from dataclasses import dataclass, field
+import math
+from dataclasses import dataclass, field, replace
 from typing import TYPE_CHECKING
 
 import numpy as np
+from scipy import ndimage, special
 from scipy.ndimage import median_filter
 
-from signals._median import median
+from signals._transforms import median
 from signals._validation import Array, positive
 
 if TYPE_CHECKING:
-    from signals.spectra.spectra import AmplitudeSpectrum
+    from numpy.typing import NDArray
 
-_BLOCK = 0.5  # width in the axis' unit (orders) over which the background is taken as constant
-_FEWEST_BINS = 16  # in a block: the median of fewer scatters by more than a quarter
-_SMOOTHED_BLOCKS = 5  # whose median is taken again: a block full of sidebands does not raise its own background
-_LOBE_BINS = 3.0  # below this the constant part leaks
+    from signals.spectra.spectra import AmplitudeSpectrum
 
 
 @dataclass(frozen=True, kw_only=True)
@@ -82,17 +86,85 @@ def spectral_peaks(spectrum: AmplitudeSpectrum, *, ratio: float = 4.0) -> Spectr
     ratio = positive(ratio, name="ratio")
     axis, amplitude = spectrum.axis, spectrum.amplitude
     step = float(axis[1] - axis[0])
-    block = max(_FEWEST_BINS, int(_BLOCK / step))
+    # width in the axis' unit (orders) over which the background is taken as constant
+    block = max(16, int(0.5 / step))  # 16 in a block: the median of fewer scatters by more than a quarter
     count = max(1, amplitude.size // block)
     size = min(block, amplitude.size)
     medians = median(amplitude[: count * size].reshape(count, size))
     # a block of little noise between others of much keeps its own, and one filled with lines takes its neighbours'
-    medians = np.minimum(medians, median_filter(medians, _SMOOTHED_BLOCKS, mode="nearest"))
+    # whose median is taken again: a block full of sidebands does not raise its own background
+    medians = np.minimum(medians, median_filter(medians, 5, mode="nearest"))
     inner = amplitude[1:-1]
     places = np.flatnonzero(inner > ratio * medians.min()) + 1  # the others are below any background
     places = places[(amplitude[places] >= amplitude[places - 1]) & (amplitude[places] > amplitude[places + 1])]
-    places = places[axis[places] > _LOBE_BINS * spectrum.bin_width]
+    places = places[axis[places] > 3.0 * spectrum.bin_width]  # below this the constant part leaks
     background = np.interp(places, (np.arange(count) + 0.5) * size, medians)
     high = amplitude[places] > ratio * background
     places, background = places[high], background[high]
     return SpectralPeaks(position=axis[places], amplitude=amplitude[places], background=background)
+
+
+def noise_left(count: int) -> float:
+    """Return the share of the power of noise that is left in a spectrum pooled of so many.
+
+    Examples
+    --------
+    >>> from signals.spectra.peaks import noise_left
+    >>> noise_left(1), noise_left(4), noise_left(1000)  # a tenth at least
+    (1.0, 0.5, 0.1)
+    """
+    # 0.1 of the noise at least is left: a background that slopes is not known better than to a tenth
+    return max(0.1, 1 / math.sqrt(count)) if count > 1 else 1.0
+
+
+def pooled_spectrum(first: AmplitudeSpectrum, *, power: NDArray[np.float64], count: int) -> AmplitudeSpectrum:
+    """Return the mean power of spectra on one axis, less the noise that stands in all of them, as amplitudes.
+
+    With K spectra of noise power N and a line of amplitude A, the mean power is ``A^2 + N`` with a scatter of
+    ``N / sqrt(K)``; the result is ``sqrt(A^2 + N / sqrt(K))``. N is the median over the bins beside, corrected for the
+    gamma distribution of a mean of K. Of one spectrum it is that spectrum itself.
+
+    Parameters
+    ----------
+    first : AmplitudeSpectrum
+        One of the spectra, which are of records of one length, with one window.
+    power : (line,) array
+        Sum of their squared amplitudes.
+    count : int
+        Number of spectra.
+
+    Returns
+    -------
+    AmplitudeSpectrum
+        Its phases are zero: the spectra have none in common.
+
+    Raises
+    ------
+    ValueError
+        If `power` is not on the axis of `first`.
+
+    Examples
+    --------
+    A line that stands out of none of a hundred short records by itself:
+
+    >>> import numpy as np
+    >>> from signals import amplitude_spectrum
+    >>> from signals.spectra.peaks import pooled_spectrum
+    >>> rng, t = np.random.default_rng(0), np.arange(512) / 64
+    >>> each = [amplitude_spectrum(0.2 * np.cos(2 * np.pi * 10 * t + rng.uniform(0, 7)) + rng.normal(size=512), rate=64)
+    ...         for _ in range(400)]
+    >>> pooled = pooled_spectrum(each[0], power=sum(one.amplitude**2 for one in each), count=400)
+    >>> float(pooled.axis[np.argmax(pooled.amplitude)]), round(float(pooled.amplitude.max()), 1)
+    (10.0, 0.2)
+    """
+    if power.shape != first.axis.shape:
+        raise ValueError(f"power has {power.size} lines, where the spectrum has {first.axis.size}; give one for each.")
+    if count == 1:
+        return first
+    # 12 bins on either side whose median is the noise: three main lobes, so that one line does not fill it
+    reach = max(1, round(12 * first.bin_width / float(first.axis[1] - first.axis[0])))
+    median_of_mean = float(special.gammaincinv(count, 0.5)) / count  # of a mean of exponentials
+    noise = ndimage.median_filter(power / count, 2 * reach + 1, mode="nearest") / median_of_mean
+    # 1e-3 of the noise, in place of what falls below it, so that levels in dB exist
+    amplitude = np.sqrt(np.maximum(power / count - (1 - noise_left(count)) * noise, 1e-3 * noise))
+    return replace(first, amplitude=amplitude, complex_amplitude=amplitude.astype(np.complex128))

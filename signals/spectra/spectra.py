@@ -9,9 +9,8 @@ from typing import TYPE_CHECKING, Literal, get_args
 import numpy as np
 from scipy import fft
 
-from signals._fft_plans import forget_plans, without_mean
+from signals._transforms import Window, forget_plans, window_of, without_mean
 from signals._validation import Array, Samples, checked, choice, number, positive, real_vector, whole
-from signals._windows import Window, window_of
 
 if TYPE_CHECKING:
     from collections.abc import Iterator, Sequence
@@ -23,8 +22,6 @@ if TYPE_CHECKING:
 PADDING = (
     8  # zero padding; the scalloping loss of a Hann line is then 0.25 %, and 0.003 % after parabolic interpolation
 )
-_CHUNK = 2**18  # samples transformed at a time
-_TOGETHER = 2**22  # padded samples transformed at once, 16 MB of single ones: rows together take a third of the time
 
 Scaling = Literal["peak", "rms", "density"]
 
@@ -152,7 +149,8 @@ def _amplitude_spectra(
     turned = scale * _phasors(-start * rate / length, stop) if start else scale
     noise_bandwidth_bins, spread = shape.noise_bandwidth_bins, shape.spread
     found: list[AmplitudeSpectrum] = []
-    at_once = max(1, _TOGETHER // length)
+    # padded samples transformed at once, 16 MB of single ones: rows together take a third of the time
+    at_once = max(1, 2**22 // length)
     memory = np.empty(length // 2 + 1, dtype=np.complex128)
     for first in range(0, len(signals), at_once):
         some = [without_mean(signal) * weights for signal in signals[first : first + at_once]]
@@ -473,7 +471,7 @@ def transformed(signal: Samples, shape: Window, hop: int) -> Iterator[NDArray[np
     """Yield the Fourier transforms of windowed segments, (segments, lines), a few at a time in constant memory."""
     length = shape.weights.size
     segments = np.lib.stride_tricks.sliding_window_view(signal, length)[::hop]
-    count = max(1, _CHUNK // length)
+    count = max(1, 2**18 // length)  # 2**18 samples transformed at a time
     for first in range(0, len(segments), count):
         yield fft.rfft(segments[first : first + count] * shape.weights, axis=1)
 

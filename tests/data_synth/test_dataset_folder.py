@@ -22,7 +22,7 @@ from data_synth.card import data_card
 from data_synth.dataset_folder import dataset_cost
 from data_synth.plan import parse_plan
 from hums.jobs import Tally
-from hums.records.record import RecordError
+from hums.records.fields import RecordError
 from hums.records.store import open_record, save_record
 
 SMALL = """

@@ -7,7 +7,8 @@ from numpy.testing import assert_allclose
 from data_synth import Scene, SceneError, load_scene, simulate
 from data_synth.kinematic._harmonics_kernels import add_series
 from data_synth.transfer._acquisition_kernels import add_pole_responses
-from hums.records.record import check_record, tachometers
+from hums.records.channels import tachometers
+from hums.records.validation import check_record
 
 HEALTHY = {
     "gearbox": "two-stage",

@@ -8,7 +8,7 @@ import pytest
 
 import hums
 from hums.conversion import convert_files, find_sources
-from hums.records.record import RecordError
+from hums.records.fields import RecordError
 
 RATE_HZ, COUNT = 2000.0, 200
 DECLARED = {

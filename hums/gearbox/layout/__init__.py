@@ -11,12 +11,20 @@ from collections.abc import Iterator
 import numpy as np
 
 from hums.gearbox.components import Vector
-from hums.gearbox.layout.axis_geometry import PARALLEL, transverse_axes, vector
 from hums.gearbox.layout.axis_placement import place
 from hums.gearbox.layout.gears import gear_shapes, mesh_points
-from hums.gearbox.layout.placed_bearings import bearing_shapes
-from hums.gearbox.layout.rods import rods_of
-from hums.gearbox.layout.shapes import BearingShape, GearShape, Layout, MeshPoint, Rod, TurningPair
+from hums.gearbox.layout.rods import bearing_shapes, rods_of
+from hums.gearbox.layout.shapes import (
+    PARALLEL,
+    BearingShape,
+    GearShape,
+    Layout,
+    MeshPoint,
+    Rod,
+    TurningPair,
+    transverse_axes,
+    vector,
+)
 from hums.gearbox.layout.stages import Stages
 from hums.gearbox.mechanism import build_mechanism
 from hums.gearbox.model import Gearbox

@@ -4,11 +4,10 @@ import math
 
 import numpy as np
 
-from hums.gearbox.layout.axis_geometry import PARALLEL, Array, Line, corner, nearest_place
+from hums.gearbox.layout.shapes import PARALLEL, Array, Line, corner, nearest_place
 from hums.gearbox.layout.stages import Pair, Stages
 
 _GAP = 1.0  # between stages on one axis, of the face width
-_SIDES_DEG = (0.0, 180.0, 90.0, 270.0, 45.0, 135.0, 225.0, 315.0)
 
 
 def place(stages: Stages) -> None:
@@ -100,7 +99,8 @@ def _place_adjacent(stages: Stages, line: Line, pair: Pair, waiting: list[Pair])
         if found is not None:
             line.origin = found
             return
-    for degrees in (0.0,) if line.copied else _SIDES_DEG:
+    sides_deg = (0.0, 180.0, 90.0, 270.0, 45.0, 135.0, 225.0, 315.0)
+    for degrees in (0.0,) if line.copied else sides_deg:
         angle = line.angle_rad + math.radians(degrees)
         line.origin = origin + distance * (math.cos(angle) * e1 + math.sin(angle) * e2)
         if not _collides(stages, line, pair):

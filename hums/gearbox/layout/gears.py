@@ -6,8 +6,7 @@ from dataclasses import replace
 
 import numpy as np
 
-from hums.gearbox.layout.axis_geometry import Array, nearest_place, transverse_axes, vector
-from hums.gearbox.layout.shapes import GearShape, MeshPoint
+from hums.gearbox.layout.shapes import Array, GearShape, MeshPoint, nearest_place, transverse_axes, vector
 from hums.gearbox.layout.stages import Pair, Stages
 
 _Key = tuple[str, int, str, str]  # of `Pair.key`

@@ -7,12 +7,8 @@ from statistics import median
 import numpy as np
 
 from hums.gearbox.components import Mesh, Vector, planet_angles
-from hums.gearbox.layout.axis_geometry import PARALLEL, Array, Line, orthogonal, rotated, transverse_axes, vector
+from hums.gearbox.layout.shapes import PARALLEL, Array, Line, orthogonal, rotated, transverse_axes, vector
 from hums.gearbox.mechanism import Contact, Mechanism
-
-_FACE_MODULES = 10.0  # face width over module where none is declared: usual for spur gears
-_WORM_SHARE = 0.35  # radius of a worm over that of its wheel, which its starts do not give
-_BELT_SHARE = 1.6  # centre distance of a belt over the sum of its radii
 
 
 @dataclass(frozen=True)
@@ -116,7 +112,8 @@ class Stages:
         if pair.mesh.face_width_mm and self.any_module:
             return pair.mesh.face_width_mm
         largest = max(abs(teeth) for _, teeth in pair.contact.gears)
-        return min(_FACE_MODULES, largest / 3) * pair.module
+        # face width over module where none is declared: usual for spur gears
+        return min(10.0, largest / 3) * pair.module
 
     def signs(self, pair: Pair) -> int:
         """Return +1 for two external gears on parallel axes, -1 where one of them is internal."""
@@ -128,7 +125,7 @@ class Stages:
         """Return the nominal centre distance of parallel axes, or the distance of crossed ones."""
         one, two = (abs(teeth) * pair.module / 2 for _, teeth in pair.contact.gears)
         if pair.mesh.kind in {"belt", "chain"}:
-            return _BELT_SHARE * (one + two)
+            return 1.6 * (one + two)  # centre distance of a belt over the sum of its radii
         if not pair.parallel:
             return sum(self.crossed_radii(pair))
         sign = self.signs(pair)
@@ -140,7 +137,7 @@ class Stages:
     def crossed_radii(self, pair: Pair) -> tuple[float, float]:
         """Return the radii of gears on crossed axes: a worm is as thick as is usual."""
         one, two = (abs(teeth) * pair.module / 2 for _, teeth in pair.contact.gears)
-        least = _WORM_SHARE * max(one, two)
+        least = 0.35 * max(one, two)  # radius of a worm over that of its wheel, which its starts do not give
         return max(one, least), max(two, least)
 
     def cones(self, pair: Pair) -> tuple[Array, tuple[float, float], float]:

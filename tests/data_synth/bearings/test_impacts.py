@@ -13,7 +13,7 @@ from data_synth.bearings.impacts import (
     stribeck_load,
 )
 from data_synth.scene.machine_faults import BearingFault
-from hums.gearbox.bearing_orders import BearingOrders
+from hums.gearbox.bearing_catalogue import BearingOrders
 
 # 12 balls of 7.12 mm on 38.5 mm, 0 deg, inner ring turning: published per turn of the shaft
 D, PITCH, BALLS = 7.12e-3, 38.5e-3, 12

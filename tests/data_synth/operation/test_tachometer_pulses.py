@@ -6,7 +6,7 @@ from data_synth import Scene, SceneError, simulate
 from data_synth.operation.shaft_angle import ShaftAngle
 from data_synth.operation.tachometer_pulses import recorded_pulses
 from data_synth.scene.operation import Tachometer
-from hums.records.record import check_record
+from hums.records.validation import check_record
 
 ANGLE = ShaftAngle(times_s=np.zeros(1), speeds_hz=np.array([10.0]), datum_rev=0.005)
 

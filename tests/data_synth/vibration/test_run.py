@@ -21,7 +21,7 @@ from data_synth.simulation import noise_free
 from data_synth.sources.prepared import prepare_scene
 from data_synth.transfer.housing import AHEAD, PoleFilter, housing_filter
 from data_synth.vibration.run import motion_of
-from hums.records.record import check_record
+from hums.records.validation import check_record
 
 DYNAMICS = {
     "links": {

@@ -23,7 +23,7 @@ from data_synth.vibration.run import fault_passes, motion_of
 from hums.gearbox.kinematics import solve_kinematics
 from hums.gearbox.model import load_gearbox
 from hums.gearbox.torques import solve_torques
-from hums.records.record import check_record
+from hums.records.validation import check_record
 
 SEED = 1
 

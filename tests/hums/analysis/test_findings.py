@@ -10,7 +10,7 @@ from hums.analysis.evidence import BandEvidence, Setting, bearing_evidence
 from hums.analysis.expected_lines import ENVELOPE, ORDER_SPECTRUM, ExpectedLine, MeasuredLine
 from hums.analysis.findings import bearing_verdicts
 from hums.analysis.healthy_machines import HealthyMachines
-from hums.gearbox.bearing_orders import BearingOrders
+from hums.gearbox.bearing_catalogue import BearingOrders
 from signals.spectra.lines import Line
 
 BIN = 0.01

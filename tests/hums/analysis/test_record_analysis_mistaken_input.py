@@ -10,17 +10,11 @@ from hums.analysis.result import health_table, line_table, open_analysis, summar
 from hums.analysis.settings import AnalysisError
 from hums.cli import main
 from hums.gearbox.model import load_gearbox
-from hums.records.record import (
-    NominalSpeed,
-    PulseTimes,
-    RecordError,
-    TachometerWaveform,
-    UnknownAngle,
-    check_record,
-    make_record,
-    speed_percentiles,
-)
+from hums.records.channels import speed_percentiles
+from hums.records.fields import RecordError
+from hums.records.record import NominalSpeed, PulseTimes, TachometerWaveform, UnknownAngle, make_record
 from hums.records.store import save_record
+from hums.records.validation import check_record
 
 RATE_HZ, SPEED_HZ, SECONDS = 5000.0, 20.0, 4.0
 TIME_S = np.arange(round(SECONDS * RATE_HZ)) / RATE_HZ

@@ -8,9 +8,10 @@ from itertools import pairwise
 import numpy as np
 import pytest
 
+from hums.gearbox.components import read_toml
 from hums.gearbox.defect_orders import defects
 from hums.gearbox.kinematics import solve_kinematics
-from hums.gearbox.model import Gearbox, GearboxWarning, catalogue, load_gearbox, read_toml
+from hums.gearbox.model import Gearbox, GearboxWarning, catalogue, load_gearbox
 
 DEGREES_OF_FREEDOM = {
     "alouette-iii": 1,

@@ -12,7 +12,7 @@ from hypothesis import strategies as st
 
 from hums.gearbox.kinematics import solve_kinematics
 from hums.gearbox.model import Gearbox, GearboxError, load_gearbox
-from hums.gearbox.torque_results import TorqueError
+from hums.gearbox.statics import TorqueError
 from hums.gearbox.torques import solve_torques
 
 TURN = 2 * math.pi  # W by 1 N m at one turn a second

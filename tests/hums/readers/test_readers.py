@@ -10,9 +10,10 @@ from scipy.io import savemat, wavfile
 from scipy.sparse import eye_array
 
 from hums.readers import convert, read_file
-from hums.records.fields import RecordWarning
-from hums.records.record import RecordError, check_record, nominal_speed, sampling, tachometers, vibration_channels
+from hums.records.channels import nominal_speed, sampling, tachometers, vibration_channels
+from hums.records.fields import RecordError, RecordWarning
 from hums.records.store import open_record, save_record
+from hums.records.validation import check_record
 
 RATE_HZ = 1000.0
 NOISE = np.random.default_rng(3).normal(size=2000)

@@ -15,8 +15,9 @@ from numpy.testing import assert_allclose, assert_array_equal
 from scipy.io import savemat
 
 from hums.readers import convert, read_file
-from hums.records.fields import RecordWarning
-from hums.records.record import NominalSpeed, RecordError, make_record, sampling, tachometers, vibration_channels
+from hums.records.channels import sampling, tachometers, vibration_channels
+from hums.records.fields import RecordError, RecordWarning
+from hums.records.record import NominalSpeed, make_record
 from hums.records.store import open_record, save_record
 
 RATE_HZ = 97656.25

@@ -9,8 +9,8 @@ import pytest
 from scipy.io import savemat
 
 from hums.readers import convert
-from hums.records.fields import RecordWarning
-from hums.records.record import RecordError, sampling
+from hums.records.channels import sampling
+from hums.records.fields import RecordError, RecordWarning
 
 DECLARED = {"units": "g", "shaft": "input", "shaft_rpm": 600}
 

@@ -17,8 +17,9 @@ from hums.fleet.fleet_analysis import analyze_fleet
 from hums.gearbox.model import load_gearbox
 from hums.jobs import Serial
 from hums.plots import save_figure
+from hums.records.fields import RecordError
 from hums.records.outputs import check_outputs
-from hums.records.record import NominalSpeed, RecordError, make_record
+from hums.records.record import NominalSpeed, make_record
 from hums.records.store import open_record, save_record
 from hums.report import write_report
 

@@ -3,9 +3,12 @@
 import numpy as np
 import pytest
 
+from hums.records.channels import sampling
+from hums.records.fields import RecordError
 from hums.records.quantities import AngularAverage, Measured, mean_quantities
-from hums.records.record import Channel, NominalSpeed, RecordError, check_record, make_record, sampling
+from hums.records.record import Channel, NominalSpeed, make_record
 from hums.records.store import open_record, save_record
+from hums.records.validation import check_record
 
 SPEED = NominalSpeed(rpm=1500, shaft="input")
 

@@ -10,22 +10,10 @@ from hypothesis import strategies as st
 from numpy.testing import assert_allclose, assert_array_equal
 from xarray.indexes import RangeIndex
 
-from hums.records.record import (
-    Channel,
-    NominalSpeed,
-    PulseTimes,
-    RecordError,
-    TachometerWaveform,
-    UnknownAngle,
-    attach_time,
-    check_record,
-    detach_time,
-    make_record,
-    nominal_speed,
-    sampling,
-    tachometers,
-    vibration_channels,
-)
+from hums.records.channels import attach_time, detach_time, nominal_speed, sampling, tachometers, vibration_channels
+from hums.records.fields import RecordError
+from hums.records.record import Channel, NominalSpeed, PulseTimes, TachometerWaveform, UnknownAngle, make_record
+from hums.records.validation import check_record
 
 RATE_HZ = 1000.0
 NOISE = np.random.default_rng(7).normal(size=2000)

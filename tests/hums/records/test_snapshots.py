@@ -4,10 +4,12 @@ import numpy as np
 import pytest
 
 from hums.records.dataset_store import dataset_record, open_dataset, write_index
+from hums.records.fields import RecordError
 from hums.records.quantities import Measured
-from hums.records.record import NominalSpeed, PulseTimes, RecordError, check_record, make_record
+from hums.records.record import NominalSpeed, PulseTimes, make_record
 from hums.records.snapshots import join_snapshots, snapshot_record, snapshots_of
 from hums.records.store import open_record, save_record, write_shard
+from hums.records.validation import check_record
 
 RATE_HZ, COUNT = 2000.0, 400
 WHEN = ("2010-12-01T23:59:50Z", "2010-12-02T00:00:00Z", "2010-12-02T00:00:20Z")

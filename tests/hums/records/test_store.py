@@ -17,29 +17,13 @@ from hypothesis import given, settings
 from hypothesis import strategies as st
 from xarray.indexes import RangeIndex
 
-from hums.records.record import (
-    AngularAverage,
-    Channel,
-    NominalSpeed,
-    PulseTimes,
-    RecordError,
-    TachometerWaveform,
-    UnknownAngle,
-    channel_values,
-    make_record,
-    sampling,
-)
+from hums.records.channels import channel_values, sampling
+from hums.records.fields import RecordError
+from hums.records.outputs import atomic_write
+from hums.records.quantities import AngularAverage
+from hums.records.record import Channel, NominalSpeed, PulseTimes, TachometerWaveform, UnknownAngle, make_record
 from hums.records.snapshots import join_snapshots
-from hums.records.store import (
-    atomic_write,
-    existing_file,
-    is_hdf5,
-    open_hdf5,
-    open_record,
-    open_tree,
-    save_record,
-    write_tree,
-)
+from hums.records.store import existing_file, is_hdf5, open_hdf5, open_record, open_tree, save_record, write_tree
 
 COUNT = 150_000  # more than one chunk
 NOISE = np.random.default_rng(11).normal(size=COUNT)
@@ -529,7 +513,7 @@ class TestLitter:
 
     def test_of_a_dead_process(self, tmp_path):
         code = (
-            "import os, signal; from pathlib import Path; from hums.records.store import atomic_write\n"
+            "import os, signal; from pathlib import Path; from hums.records.outputs import atomic_write\n"
             "with atomic_write('a.txt') as part:\n    part.write_text('half'); os.kill(os.getpid(), signal.SIGKILL)"
         )
         subprocess.run([sys.executable, "-c", code], cwd=tmp_path, check=False)

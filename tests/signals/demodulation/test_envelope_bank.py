@@ -6,8 +6,7 @@ import numpy as np
 import pytest
 from numpy.testing import assert_allclose
 
-from signals.demodulation.envelope import envelope
-from signals.demodulation.envelope_bank import bank_bands, bank_envelopes, level_normalised
+from signals.demodulation.envelope import bank_bands, bank_envelopes, envelope, level_normalised
 from signals.resampling.resampling import AngularSignal
 
 RNG = np.random.default_rng(5)

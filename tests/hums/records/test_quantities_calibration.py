@@ -5,7 +5,9 @@ import pytest
 from numpy.testing import assert_allclose, assert_array_equal
 
 import hums
-from hums.records.record import Channel, NominalSpeed, RecordError, make_record, sampling
+from hums.records.channels import sampling
+from hums.records.fields import RecordError
+from hums.records.record import Channel, NominalSpeed, make_record
 from hums.records.store import open_record, save_record
 
 RATE_HZ = 1000.0

@@ -4,7 +4,7 @@ import numpy as np
 import pytest
 
 from signals.spectra.lines import find_line
-from signals.spectra.pooling import pooled_spectrum
+from signals.spectra.peaks import pooled_spectrum
 from signals.spectra.spectra import amplitude_spectrum
 
 SIZE, RATE = 512, 64.0  # eight revolutions

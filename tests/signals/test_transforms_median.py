@@ -3,7 +3,7 @@
 import numpy as np
 import pytest
 
-from signals._median import median
+from signals._transforms import median
 
 
 @pytest.mark.parametrize("shape", [(1,), (2,), (7,), (1000,), (5, 112), (3, 4, 33)])

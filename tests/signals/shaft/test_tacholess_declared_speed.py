@@ -6,7 +6,7 @@ import numpy as np
 import pytest
 from scipy import io
 
-from signals.shaft.declared_speed import refine_declared_speed
+from signals.shaft.tacholess import refine_declared_speed
 
 RATE_HZ, ORDERS = 4000.0, (1.0, 2.0, 3.0, 23.0, 46.0)
 T = np.arange(round(6 * RATE_HZ)) / RATE_HZ

@@ -4,8 +4,8 @@ from itertools import pairwise
 
 import pytest
 
+from hums.gearbox.mechanism import undeclared_parts
 from hums.gearbox.model import Gearbox, load_gearbox
-from hums.gearbox.undeclared import undeclared_parts
 
 BEARING = {"outer_ring": "housing", "elements": 9, "element_diameter_mm": 8, "pitch_diameter_mm": 40}
 
