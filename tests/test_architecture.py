@@ -70,19 +70,19 @@ ONE_DOOR = {
 # of today, and what is to be reached. Ceilings only fall: `python benchmarks/code_size.py --lower` brings them down.
 BUDGETS = """
     signals (root)                                              560    488    400
-    signals/angle                                              1111   1080    900
+    signals/angle                                              1111   1071    900
     signals/demodulation                                        905    870    750
     signals/harmonics, signals/slipping_order                  4012   3317   2500
-    signals/health, signals/indicators                          955    880    800
+    signals/health, signals/indicators                          955    875    800
     signals/monitoring                                         1135   1003    700
     signals/resampling                                          799    796    600
-    signals/shaft                                              3006   1940   2000
+    signals/shaft                                              3006   1925   2000
     signals/spectra                                             866    841    700
     hums (root)                                                 830    757    600
     hums/analysis                                              5359   5359   3000
     hums/cli                                                   1120   1039    700
     hums/fleet                                                 2161   2079   1300
-    hums/gearbox                                               3541   3457   2600
+    hums/gearbox                                               3541   3452   2600
     hums/plots, hums/drawing, hums/pages                       1667   1370   1200
     hums/readers                                               1267   1267   1000
     hums/records                                               1831   1831   1200
@@ -93,8 +93,8 @@ BUDGETS = """
     data_synth/gears, data_synth/bearings                      1478   1210   1300
     data_synth/kinematic, data_synth/operation, data_synth/scene  2873   2495   2200
     data_synth/sources, data_synth/transfer                    1545   1228   1200
-    all code lines                                            48791  42509  33500
-    all modules                                                 345    300    240
+    all code lines                                            48791  42478  33500
+    all modules                                                 345    296    240
     all constants                                              1492   1122    750
     tests                                                     35938  31013  23000
     benchmarks                                                 7891   7891   6000
@@ -141,7 +141,11 @@ ALLOWANCES = {
     ),
     "hums (root)": (25, *OWNED),
     "hums/cli": (107, *OWNED),
-    "hums/fleet": (2, "writing is imported from its own module, for code removed in hums/records", "when fleet is reduced"),
+    "hums/fleet": (
+        2,
+        "writing is imported from its own module, for code removed in hums/records",
+        "when fleet is reduced",
+    ),
     "hums/plots, hums/drawing, hums/pages": (
         52,
         "maps, averages and control charts as figures, for code removed in hums/gearbox",

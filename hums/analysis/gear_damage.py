@@ -5,7 +5,7 @@ for each planet and turn relative to the carrier, of a planet once per turn rela
 need no window about the planet passes; the passes modulate the level of a turn, which is divided out.
 
 In a record of two or three of its turns the waveform of the tooth has to repeat, not only its energy
-(`signals.angle.repeated_waveform`).
+(`signals.angle.local_damage`).
 
 The strength of the evidence is ``-log10`` of the probability that teeth whose energies are exponential have one that
 far out, 0 where it does not repeat. Real deviations are not quite that, so that the probability of a verdict is how
@@ -29,8 +29,7 @@ from hums.analysis.segments import Segment, resample_in_angle
 from hums.analysis.thresholds import DIFFERING_TEETH, FEWEST_CYCLES, GRAVE_RISE, HIGHEST_TOOTH, MODULATED_MESH
 from hums.gearbox.defect_orders import DefectOrder
 from hums.gearbox.planetary_stages import planetary_stages
-from signals.angle.local_damage import PERMUTED_TURNS, LocalDamage, folded, local_damage
-from signals.angle.repeated_waveform import repeated_waveform
+from signals.angle.local_damage import PERMUTED_TURNS, LocalDamage, folded, local_damage, repeated_waveform
 from signals.angle.residual_energies import (
     BandEnergies,
     mesh_contrast,

@@ -21,6 +21,7 @@ from collections.abc import Iterable, Mapping, Sequence
 from dataclasses import dataclass
 from fractions import Fraction
 from functools import cached_property
+from graphlib import TopologicalSorter
 
 import numpy as np
 import xarray as xr
@@ -251,8 +252,10 @@ class Kinematics:
         """
         rates = self.rates(speeds)
         of_body = {self.mechanism.frame: np.zeros(3)}
-        for body in _carriers_first(self.joints, self.mechanism.frame):
-            joint = self.joints[body]
+        carriers = {body: [joint.carried_by] for body, joint in self.joints.items()}
+        for body in TopologicalSorter(carriers).static_order():
+            if (joint := self.joints.get(body)) is None:
+                continue  # the frame
             direction = np.array(self.mechanism.directions[joint.axis])
             of_body[body] = of_body[joint.carried_by] + float(rates[body]) * direction
         table = np.array([of_body[self.bodies[link]] for link in self.links])
@@ -608,14 +611,3 @@ def _vanishes(form: Rates, values: Mapping[str, Fraction], *, exact: bool) -> bo
     terms = [factor * values[name.removeprefix(_IMPOSED)] for name, factor in form.items()]
     total = abs(sum(terms, ZERO))
     return total == 0 if exact else total <= Fraction(1, 10**9) * max((abs(term) for term in terms), default=ZERO)
-
-
-def _carriers_first(joints: Mapping[str, Joint], frame: str) -> list[str]:
-    """Return the bodies in an order in which each comes after the one that carries it."""
-    carried_by: dict[str, list[str]] = {}
-    for body, joint in joints.items():
-        carried_by.setdefault(joint.carried_by, []).append(body)
-    order = [frame]
-    for body in order:
-        order += carried_by.get(body, [])
-    return order[1:]

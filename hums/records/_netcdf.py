@@ -29,6 +29,8 @@ from signals._validation import plain_text
 if TYPE_CHECKING:
     from _typeshed import ReadableBuffer as Buffer
 
+# ---- Files that stand alone: nothing in them reaches into another file, and nothing was changed unseen ---------------
+
 _MOST_OBJECTS = 100_000  # a record has some dozens
 
 

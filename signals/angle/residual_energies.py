@@ -271,8 +271,8 @@ def mesh_contrast(residual: AngularSignal, *, order: Fraction | float, teeth: fl
     size, padded = residual.values.size, _padded(residual.values.size)
     turn = rate * (residual.start_rev + np.arange(size) / residual.samples_per_rev) - position_rev
     highest = max(0, int(residual.passband_orders / (rate * pitch) - 0.5))
-    # of each harmonic: between the last one and this, beside this one (0.25 of the mesh order, as half of all lines) below
-    # and above, between this and the next
+    # of each harmonic: between the last one and this, beside this one below and above, between this and the next; half
+    # of all lines are nearer to a harmonic than a quarter of the mesh order, half of them farther from it
     ends = np.arange(1, highest + 2)[:, None] + (-0.5, -0.25, 0.25)
     starts = np.ceil(ends.ravel()[: 3 * highest + 1] * rate * pitch * padded / residual.samples_per_rev).astype(int)
 

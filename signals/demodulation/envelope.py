@@ -310,6 +310,13 @@ def envelope_order_spectrum(
 
 
 # Part of half the rate at which the bank begins and ends: offsets and drift lie below, the anti-alias filter above.
+# ---- Envelopes of a bank of bands at once, and their level that changes slowly ---------------------------------------
+# Demodulating a band needs the Fourier transform of the record once, and for each band an inverse transform as long as
+# twice the band is wide. A bank of nested bands, halves to sixteenths of the range, so costs little more than one band.
+# Of an envelope only the slow part may be wanted: cut out of its transform, it needs as few samples as that part has.
+# What changes the level of a whole record (load, speed, noise that wanders) modulates every band of it. An envelope
+# over its own moving average keeps what repeats within the width of that average.
+
 _LOWEST, _HIGHEST = 0.02, 0.98
 
 

@@ -51,8 +51,7 @@ from signals.indicators.mesh import (
     phase_modulation,
 )
 from signals.indicators.registry import INDICATORS, Indicator
-from signals.indicators.statistics import crest_factor, kurtosis, peak, rms, teager_energy
-from signals.indicators.variance_history import VarianceHistory
+from signals.indicators.statistics import VarianceHistory, crest_factor, kurtosis, peak, rms, teager_energy
 
 __all__ = [
     "INDICATORS",

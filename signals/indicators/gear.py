@@ -1,4 +1,4 @@
-"""Indicators of a gear, each on the one signal it was defined on.
+"""Indicators of shafts, gears and planet carriers, each on the one signal it was defined on.
 
 Sources, named below by author: Stewart (1977), "Some useful data analysis techniques for gearbox diagnostics",
 Southampton MHM/R/10/77. Zakrajsek, Townsend & Decker (1993), "An analysis of gear fault detection methods as applied to
@@ -18,8 +18,7 @@ from numpy.typing import NDArray
 from signals._validation import Array, checked, whole
 from signals.angle.averaging import SynchronousAverage
 from signals.angle.residual import DifferenceSignal, MeshBand, RegularSignal, ResidualSignal
-from signals.indicators.statistics import expect, normalized_moment, teager_energy
-from signals.indicators.variance_history import VarianceHistory
+from signals.indicators.statistics import VarianceHistory, expect, normalized_moment, teager_energy
 
 
 @checked

@@ -13,8 +13,7 @@ from scipy import fft
 from signals._validation import Array, checked
 from signals.angle.residual import MeshBand
 from signals.indicators.gear import over_history
-from signals.indicators.statistics import expect, normalized_moment
-from signals.indicators.variance_history import VarianceHistory
+from signals.indicators.statistics import VarianceHistory, expect, normalized_moment
 
 
 @checked

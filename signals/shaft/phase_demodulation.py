@@ -17,7 +17,7 @@ import numpy as np
 from scipy.special import fdtri
 
 from signals._validation import Array, checked, number, positive, real_vector
-from signals.shaft._line_likelihood import lowest_band
+from signals.shaft._speed_search import lowest_band
 from signals.shaft.phase import ShaftPhase
 
 if TYPE_CHECKING:

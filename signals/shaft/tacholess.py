@@ -7,8 +7,7 @@ of another length mix the lines of the shaft with those of other machines in ano
 more; once more they are searched without lines that stay in one bin through half the record, as hum and other machines
 of constant speed make them.
 
-Each candidate is followed in the angle domain (`signals.shaft._angle_following`), where one evidence ratio decides
-(`signals.shaft._speed_evidence`).
+Each candidate is followed in the angle domain, where one evidence ratio decides (`signals.shaft._speed_evidence`).
 """
 
 from __future__ import annotations
@@ -19,8 +18,7 @@ from typing import TYPE_CHECKING, Literal
 import numpy as np
 
 from signals._validation import Array, checked, positive, real_vector
-from signals.shaft._angle_following import SHOWS
-from signals.shaft._speed_evidence import Verdict, along, judged, likeliest_constant
+from signals.shaft._speed_evidence import SHOWS, Verdict, along, judged, likeliest_constant
 from signals.shaft._speed_search import CERTAIN, Course, courses, search_speeds
 from signals.shaft.phase import constant_speed
 from signals.shaft.phase_demodulation import listed_orders
@@ -256,6 +254,11 @@ def _not_found(times: Array, orders: Array) -> SpeedEstimate:
         phase_std_rev=np.nan,
         reason="no shaft shows against noise",
     )
+
+
+# ---- Refinement of a declared speed by the lines of shafts and meshes, within its tolerance --------------------------
+# The candidates are the courses within the tolerance; the evidence ratio of `signals.shaft.tacholess` decides between
+# them and the declared speed (`signals.shaft._speed_evidence`).
 
 
 @dataclass(frozen=True, kw_only=True)

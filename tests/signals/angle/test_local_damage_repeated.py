@@ -4,7 +4,7 @@ import numpy as np
 import pytest
 
 from signals import AngularSignal
-from signals.angle.repeated_waveform import repeated_waveform
+from signals.angle.local_damage import repeated_waveform
 
 TEETH, PER_TURN, AT = 40, 4000, 1300
 
