@@ -25,7 +25,6 @@ from signals.demodulation.band_selection import Band as Band
 from signals.demodulation.band_selection import choose_band as choose_band
 from signals.demodulation.envelope import envelope_order_spectrum as envelope_order_spectrum
 from signals.demodulation.envelope import envelope_spectrum as envelope_spectrum
-from signals.demodulation.envelope import stream_envelope as stream_envelope
 from signals.demodulation.kurtogram import Kurtogram as Kurtogram
 from signals.demodulation.kurtogram import SpectralKurtosis as SpectralKurtosis
 from signals.demodulation.kurtogram import fast_kurtogram as fast_kurtogram
@@ -82,6 +81,5 @@ from signals.spectra.order_map import map_orders as map_orders
 from signals.spectra.spectra import AmplitudeSpectrum as AmplitudeSpectrum
 from signals.spectra.spectra import AveragedSpectrum as AveragedSpectrum
 from signals.spectra.spectra import amplitude_spectrum as amplitude_spectrum
-from signals.spectra.spectra import averaged_order_spectrum as averaged_order_spectrum
 from signals.spectra.spectra import averaged_spectrum as averaged_spectrum
 from signals.spectra.spectra import order_spectrum as order_spectrum

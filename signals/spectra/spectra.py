@@ -409,57 +409,6 @@ def averaged_spectrum(
     )
 
 
-@checked
-def averaged_order_spectrum(
-    signal: AngularSignal,
-    *,
-    revolutions: int,
-    overlap: float = 0.5,
-    window: str = "hann",
-    scaling: Scaling = "density",
-    confidence: float = 0.95,
-    max_order: float | None = None,
-) -> AveragedSpectrum:
-    """Return the power spectrum over orders, averaged over segments of whole revolutions.
-
-    Parameters
-    ----------
-    signal : AngularSignal
-        Samples over the angle of the shaft.
-    revolutions : int
-        Revolutions per segment.
-    overlap, window, scaling, confidence
-        As in `averaged_spectrum`.
-    max_order : float, optional
-        End of the axis; default, and at most, the signal's passband.
-
-    Returns
-    -------
-    AveragedSpectrum
-
-    Examples
-    --------
-    >>> import numpy as np
-    >>> from signals import AngularSignal, averaged_order_spectrum
-    >>> angle = 2 * np.pi * np.arange(32 * 64) / 64
-    >>> signal = AngularSignal(values=3 * np.cos(7 * angle), samples_per_rev=64, start_rev=0.0, passband_orders=28.0)
-    >>> spectrum = averaged_order_spectrum(signal, revolutions=4, scaling="peak")
-    >>> round(float(spectrum.value[spectrum.axis == 7][0]), 6)
-    3.0
-    """
-    turns = whole(revolutions, name="revolutions", least=1, most=signal.revolutions)
-    return averaged_spectrum(
-        signal.values,
-        rate=signal.samples_per_rev,
-        segment=turns * signal.samples_per_rev,
-        overlap=overlap,
-        window=window,
-        scaling=scaling,
-        confidence=confidence,
-        maximum=_last_order(signal, max_order),
-    )
-
-
 def hop_of(length: int, overlap: float) -> int:
     """Return the number of samples from one segment to the next, at least one."""
     if not 0 <= overlap < 1:
