@@ -31,7 +31,7 @@ def _fill_regressors(
 
 
 @compiled_sums_in_place
-def _dot(a: Floats, b: Floats) -> float:
+def dot(a: Floats, b: Floats) -> float:
     total = 0.0
     for i in range(a.size):
         total += a[i] * b[i]
@@ -57,7 +57,7 @@ def _update_diffuse(V: Floats, h: Floats, ph: Floats, known: float, a: Floats, c
     for b in range(h.size):
         for d in range(size):
             a[d] += h[b] * V[b, d]
-    variance = known + _dot(a, a)
+    variance = known + dot(a, a)
     root = np.sqrt(variance / known)
     for b in range(size):
         va = 0.0
@@ -71,7 +71,7 @@ def _update_diffuse(V: Floats, h: Floats, ph: Floats, known: float, a: Floats, c
 
 
 @compiled_sums_in_place
-def _project(P: Floats, h: Floats, ph: Floats) -> float:
+def project(P: Floats, h: Floats, ph: Floats) -> float:
     """Fill `ph` with P h; return the innovation's variance, s = 1 + h . P h."""
     for a in range(ph.size):
         ph[a] = 0.0
@@ -79,11 +79,11 @@ def _project(P: Floats, h: Floats, ph: Floats) -> float:
         row, share = P[b], h[b]
         for a in range(ph.size):
             ph[a] += share * row[a]
-    return 1.0 + _dot(h, ph[: h.size])
+    return 1.0 + dot(h, ph[: h.size])
 
 
 @compiled_sums_in_place
-def _update_covariance(P: Floats, ph: Floats, precision: float) -> None:
+def update_covariance(P: Floats, ph: Floats, precision: float) -> None:
     """Update the covariance: P - (P h) (P h)^T / s, given 1 / s."""
     for a in range(ph.size):
         row, share = P[a], precision * ph[a]
@@ -92,9 +92,9 @@ def _update_covariance(P: Floats, ph: Floats, precision: float) -> None:
 
 
 @compiled_sums_in_place
-def _update_mean(mean: Floats, h: Floats, x: float, ph: Floats, precision: float) -> float:
+def update_mean(mean: Floats, h: Floats, x: float, ph: Floats, precision: float) -> float:
     """Update the mean with the gain K = P h / s, given 1 / s: mean + K e; return the innovation e = x - h . mean."""
-    e = x - _dot(h, mean[: h.size])
+    e = x - dot(h, mean[: h.size])
     scaled = precision * e
     for a in range(ph.size):
         mean[a] += scaled * ph[a]
@@ -155,14 +155,14 @@ def filter_covariance(
             _fill_regressors(phase, orders, shaft, i, work[0], work[1], rows)
         h = rows[i % PIECE]
         if not np.isnan(x[i, 0]):
-            s = known = _project(P, h, ph)
-            _update_covariance(P, ph, 1.0 / known)
+            s = known = project(P, h, ph)
+            update_covariance(P, ph, 1.0 / known)
             projected = ph
             if diffuse:  # of P + V V^T
                 s, projected = _update_diffuse(V, h, ph, known, projection, whole), whole
             precision = 1.0 / s
             for channel in range(channels):
-                e = _update_mean(mean[channel], h, x[i, channel], projected, precision)
+                e = update_mean(mean[channel], h, x[i, channel], projected, precision)
                 innovations[i, channel] = e * np.sqrt(precision)
         if i >= skip and (i - skip) % every == 0:
             for channel in range(channels):
@@ -171,7 +171,7 @@ def filter_covariance(
             for k in range(orders.size):
                 total = P[2 * k, 2 * k] + P[2 * k + 1, 2 * k + 1]
                 if diffuse:
-                    total += _dot(V[2 * k], V[2 * k]) + _dot(V[2 * k + 1], V[2 * k + 1])
+                    total += dot(V[2 * k], V[2 * k]) + dot(V[2 * k + 1], V[2 * k + 1])
                 variances[output, k] = 0.5 * total
             output += 1
         _predict_covariance(P, process[min(i, len(process) - 1)])
@@ -202,7 +202,7 @@ def filter_steadily(
             own = state[channel]
             level = levels[output, channel] if due else unused
             # Innovation e = x - h . level; update each difference by its gain h e.
-            innovation = x[i, channel] - _dot(h, own[0])
+            innovation = x[i, channel] - dot(h, own[0])
             innovations[i, channel] = innovation
             for b in range(width):
                 own[0, b] += gains[0, b] * innovation * h[b]

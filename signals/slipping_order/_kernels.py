@@ -1,8 +1,8 @@
 """Loops over samples and blocks of the extended Kalman filter and smoother of a slipping order; see `slip`.
 
-A state is the real parts of A over the harmonics, their imaginary parts, and the slip. The samples of a block,
-linearised at a state, are condensed to the information matrix and the score of a least-squares problem; a Kalman filter
-runs forward through the blocks and a Rauch-Tung-Striebel smoother backward.
+A state is the real parts of A over the harmonics, their imaginary parts, and the slip. The covariance filter of
+`signals.harmonics` runs through the samples, linearised at one state a block, and predicts from block to block; a
+Rauch-Tung-Striebel smoother runs backward.
 """
 
 from typing import NamedTuple
@@ -10,7 +10,9 @@ from typing import NamedTuple
 import numpy as np
 from numpy.typing import NDArray
 
-from signals._compile import compiled
+from signals._compile import compiled, compiled_sums_in_place
+from signals.harmonics._block_kernels import fill_phasors
+from signals.harmonics._filter_kernels import dot, project, update_covariance, update_mean
 
 Floats = NDArray[np.float64]
 Whole = NDArray[np.int64]
@@ -33,83 +35,42 @@ class SlipChain(NamedTuple):
     prior_std: Floats  # (state,)
 
 
-@compiled
-def condense(chain: SlipChain, first: int, last: int, states: Floats, informations: Floats, scores: Floats) -> float:
-    """Linearise blocks at their states: fill H^T H and H^T residual of each; return the sum of squared residuals."""
-    harmonics, squares = states.shape[1] // 2, 0.0
-    row = np.empty(states.shape[1])
-    for m in range(first, last):
-        state, information, score = states[m], informations[m], scores[m]
-        information[:], score[:] = 0.0, 0.0
-        for n in range(chain.edges[m], chain.edges[m + 1]):
-            if np.isnan(chain.x[n]):
-                continue
-            lead = chain.order * (chain.phase[n] - chain.phase[chain.centres[m]])
-            angle = chain.order * chain.phase[n] + state[-1] * lead
-            cosine, sine = np.cos(angle), np.sin(angle)
-            c, s = 1.0, 0.0
-            residual = chain.x[n]
-            row[-1] = 0.0
-            for k in range(harmonics):
-                c, s = c * cosine - s * sine, s * cosine + c * sine
-                real, imaginary = state[k], state[harmonics + k]
-                row[k] = c
-                row[harmonics + k] = -s
-                residual -= real * c - imaginary * s
-                row[-1] -= (k + 1) * lead * (real * s + imaginary * c)
-            squares += residual * residual
-            for a in range(row.size):
-                score[a] += row[a] * residual
-                for b in range(row.size):
-                    information[a, b] += row[a] * row[b]
-    return squares
+@compiled_sums_in_place
+def _linearise(chain: SlipChain, m: int, state: Floats, H: Floats, samples: Floats) -> int:
+    """Linearise block m at a state: fill H and the first of `samples`, `x - h(state) + H state`; return its length."""
+    first, harmonics = chain.edges[m], state.size // 2
+    count = int(chain.edges[m + 1] - first)
+    linear, lead, whole, cosine, sine = samples[0], samples[1], samples[2], samples[3], samples[4]
+    for n in range(count):
+        lead[n] = chain.order * (chain.phase[first + n] - chain.phase[chain.centres[m]])
+        whole[n] = chain.order * chain.phase[first + n] + state[-1] * lead[n]
+    fill_phasors(1.0, whole[:count], cosine, sine)
+    for n in range(count):
+        c, s = 1.0, 0.0
+        H[n, -1] = 0.0
+        for k in range(harmonics):
+            c, s = c * cosine[n] - s * sine[n], s * cosine[n] + c * sine[n]
+            real, imaginary = state[k], state[harmonics + k]
+            H[n, k] = c
+            H[n, harmonics + k] = -s
+            H[n, -1] -= (k + 1) * lead[n] * (real * s + imaginary * c)
+        linear[n] = chain.x[first + n] + H[n, -1] * state[-1]  # in the amplitudes h is linear
+    return count
 
 
-@compiled
-def _update(
-    information: Floats, score: Floats, at: Floats, mean: Floats, P: Floats, full: Floats, row: Floats, gain: Floats
-) -> tuple[float, int]:
-    """Update mean and P by a block linearised at the state `at`; its information and score are overwritten.
-
-    Each pivot of the information is a scalar measurement with unit noise: `row (state - at) + noise = datum`.
-    Returns the sum of squared innovations over their variances, and their number. The last three are scratch, (state,).
-    """
-    total, count = 0.0, 0
-    for a in range(mean.size):
-        full[a] = information[a, a]
-    for _ in range(mean.size):
-        # The rank is at most the number of samples: largest relative pivot first, down to rounding errors.
-        pivot, largest = -1, 1e-12
-        for a in range(mean.size):
-            if information[a, a] > largest * full[a]:
-                pivot, largest = a, information[a, a] / full[a]
-        if pivot < 0:
-            break
-        root = np.sqrt(information[pivot, pivot])
-        datum = score[pivot] / root
-        for a in range(mean.size):
-            row[a] = information[pivot, a] / root
-        innovation, variance = datum, 1.0
-        for a in range(mean.size):
-            score[a] -= row[a] * datum
-            for b in range(mean.size):
-                information[a, b] -= row[a] * row[b]
-            gain[a] = 0.0
-            for b in range(mean.size):
-                gain[a] += P[a, b] * row[b]
-            innovation -= row[a] * (mean[a] - at[a])
-            variance += row[a] * gain[a]
-        for a in range(mean.size):
-            information[pivot, a] = information[a, pivot] = 0.0
-            mean[a] += gain[a] * (innovation / variance)
-            for b in range(mean.size):
-                P[a, b] -= gain[a] * gain[b] / variance
-        total += innovation * innovation / variance
-        count += 1
-    return total, count
+@compiled_sums_in_place
+def squares(chain: SlipChain, states: Floats, H: Floats, samples: Floats) -> float:
+    """Return the sum of the squared residuals of all blocks at their states; arguments as for `forward`."""
+    total = 0.0
+    for m in range(len(states)):
+        for n in range(_linearise(chain, m, states[m], H, samples)):
+            residual = samples[0, n] - dot(H[n], states[m])
+            if not np.isnan(residual):
+                total += residual * residual
+    return total
 
 
-@compiled
+@compiled_sums_in_place
 def _times(F: Floats, P: Floats, product: Floats) -> None:
     """Fill `product` with F P^T."""
     for a in range(len(F)):
@@ -119,7 +80,7 @@ def _times(F: Floats, P: Floats, product: Floats) -> None:
                 product[a, b] += F[a, c] * P[b, c]
 
 
-@compiled
+@compiled_sums_in_place
 def _predict(
     step: tuple[float, float, float], at: Floats, ahead: float, mean: Floats, P: Floats, F: Floats, FP: Floats,
     mean_ahead: Floats, P_ahead: Floats,
@@ -155,32 +116,29 @@ def _predict(
             P_ahead[b, a] = P_ahead[a, b]
 
 
-@compiled
+@compiled_sums_in_place
 def forward(
-    chain: SlipChain, extended: bool, states: Floats, informations: Floats, scores: Floats, means: Floats,
-    covariances: Floats,
+    chain: SlipChain, extended: bool, states: Floats, means: Floats, covariances: Floats, H: Floats, samples: Floats,
+    F: Floats, FP: Floats, ph: Floats,
 ) -> tuple[float, int]:  # fmt: skip
     """Filter all blocks, linearised at `states` or, as the extended Kalman filter, at each prediction.
 
-    The informations, (block, state, state), and scores, (block, state), condensed at the states, (block, state), are
-    overwritten; the extended filter returns its filtered means in `states`. Means and covariances, of the prior in the
-    first block, are filled with those after each block. Returns the sum of squared innovations over their variances,
-    and their number.
+    States and means, (block, state), are one array of the extended filter. Means and covariances, of the prior in the
+    first block, are filled with those after each block. Scratch are H, (sample, state), and (5, sample) for the
+    longest block, F and F P, (state, state), and P h, (state,). Returns the sum of squared innovations over their
+    variances, and their number.
     """
-    blocks, size = means.shape
-    F, FP = np.empty((size, size)), np.empty((size, size))
-    full, row, gain = np.empty(size), np.empty(size), np.empty(size)
-    total, count = 0.0, 0
+    blocks, total, count = len(means), 0.0, 0
     for m in range(blocks):
         state, mean, P = states[m], means[m], covariances[m]
-        if extended:
-            state[:] = mean
-            condense(chain, m, m + 1, states, informations, scores)
-        added, more = _update(informations[m], scores[m], state, mean, P, full, row, gain)
-        total += added
-        count += more
-        if extended:
-            state[:] = mean
+        for n in range(_linearise(chain, m, state, H, samples)):
+            if not np.isnan(samples[0, n]):
+                h = H[n]
+                precision = 1.0 / project(P, h, ph)
+                update_covariance(P, ph, precision)
+                innovation = update_mean(mean, h, samples[0, n], ph, precision)
+                total += innovation * innovation * precision
+                count += 1
         if m + 1 < blocks:
             step = chain.turns[m], chain.process[m], chain.slip_process[m]
             ahead = states[m if extended else m + 1, -1]

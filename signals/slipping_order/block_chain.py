@@ -7,7 +7,7 @@ import numpy as np
 
 from signals.harmonics.bandwidth import process_variance
 from signals.harmonics.state_space import PRIOR_STD, Floats
-from signals.slipping_order._kernels import SlipChain, backward, condense, forward
+from signals.slipping_order._kernels import SlipChain, backward, forward, squares
 from signals.slipping_order.slip_detection import Line, Ridge, SlipRecord
 
 Status = Literal[
@@ -64,32 +64,32 @@ def in_blocks(record: SlipRecord, line: Line, *, width: Floats, noise_variance: 
     )  # fmt: skip
 
 
-def _linearise(chain: SlipChain, states: Floats) -> tuple[float, tuple[Floats, Floats]]:
-    """Return the objective at these states, and the information matrices and scores of the blocks linearised there."""
-    size = chain.prior_mean.size
-    informations, scores = np.empty((len(states), size, size)), np.empty_like(states)
-    squares = condense(chain, 0, len(states), states, informations, scores)
-    harmonics, slip = size // 2, states[:, -1]
+def _scratch(chain: SlipChain) -> tuple[Floats, Floats]:
+    longest = int(np.diff(chain.edges).max())
+    return np.empty((longest, chain.prior_mean.size)), np.empty((5, longest))
+
+
+def _objective(chain: SlipChain, states: Floats) -> float:
+    """Return half the sum of squares at these states: samples, changes from block to block, and the first state."""
+    harmonics, slip = states.shape[1] // 2, states[:, -1]
     amplitude = states[:, :harmonics] + 1j * states[:, harmonics:-1]
     turn = np.outer(0.5 * (slip[1:] + slip[:-1]) * chain.turns, np.arange(1, harmonics + 1))
     changes = np.abs(amplitude[1:] - np.exp(1j * turn) * amplitude[:-1]) ** 2 / chain.process[:, None]
-    squares += float(np.sum(changes) + np.sum(np.diff(slip) ** 2 / chain.slip_process))
-    squares += float(np.sum(((states[0] - chain.prior_mean) / chain.prior_std) ** 2))
-    return 0.5 * squares, (informations, scores)
+    total = squares(chain, states, *_scratch(chain)) + float(
+        np.sum(changes) + np.sum(np.diff(slip) ** 2 / chain.slip_process)
+    )
+    total += float(np.sum(((states[0] - chain.prior_mean) / chain.prior_std) ** 2))
+    return 0.5 * total
 
 
-def _run(
-    chain: SlipChain, states: Floats, condensed: tuple[Floats, Floats] | None = None, *, smooth: bool = True
-) -> SlipPath:
-    """Filter and smooth, linearised at `states`, or, without condensed blocks, at each prediction.
-
-    The condensed blocks, information matrices and scores at `states`, are overwritten.
-    """
-    extended, size = condensed is None, chain.prior_mean.size
-    informations, scores = condensed or (np.empty((len(states), size, size)), np.empty_like(states))
-    means, covariances = np.empty_like(scores), np.empty_like(informations)
+def _run(chain: SlipChain, states: Floats | None = None, *, smooth: bool = True) -> SlipPath:
+    """Filter and smooth, linearised at `states`, (block, state), or, without them, at each prediction."""
+    extended, size = states is None, chain.prior_mean.size
+    means, covariances = np.empty((chain.centres.size, size)), np.empty((chain.centres.size, size, size))
+    states = means if states is None else states
     means[0], covariances[0] = chain.prior_mean, np.diag(chain.prior_std**2)
-    total, count = forward(chain, extended, states, informations, scores, means, covariances)
+    F, FP = np.empty((2, size, size))
+    total, count = forward(chain, extended, states, means, covariances, *_scratch(chain), F, FP, np.empty(size))
     sound = not smooth or backward(chain, extended, states, means, covariances)
     if not sound or not np.all(np.diagonal(covariances, axis1=1, axis2=2) > 0):
         raise FloatingPointError(
@@ -105,14 +105,14 @@ def extended_filter(chain: SlipChain, ridge: Ridge, *, smooth: bool = False) -> 
     mean = np.append(chain.prior_mean[:-1], ridge.slip[0])
     std = np.append(chain.prior_std[:-1], min(chain.prior_std[-1], ridge.slip_width / 2))
     at_start = chain._replace(prior_mean=mean, prior_std=std)
-    return _run(at_start, np.empty((chain.centres.size, mean.size)), smooth=smooth)
+    return _run(at_start, smooth=smooth)
 
 
 def starts(chain: SlipChain, ridge: Ridge) -> list[Floats]:
     """Return initial trajectories: the best amplitudes for the ridge's slips, and the smoothed extended filter."""
     states = np.zeros((chain.centres.size, chain.prior_mean.size))
     states[:, -1] = np.interp(chain.turning, ridge.turning, ridge.slip)
-    given = _run(chain, states, _linearise(chain, states)[1]).means
+    given = _run(chain, states).means
     # At zero amplitude the record does not depend on the slip, of which the smoother returned the prior.
     given[:, -1] = states[:, -1]
     return [given, extended_filter(chain, ridge, smooth=True).means]
@@ -120,10 +120,9 @@ def starts(chain: SlipChain, ridge: Ridge) -> list[Floats]:
 
 def iterate(chain: SlipChain, states: Floats, *, limit: int) -> tuple[SlipPath, Status, Floats]:
     """Take Gauss-Newton steps from initial states, each halved until the objective falls."""
-    cost, condensed = _linearise(chain, states)
-    costs = [cost]
+    costs = [_objective(chain, states)]
     while True:
-        path = _run(chain, states, condensed)
+        path = _run(chain, states)
         if len(costs) > limit:
             return path, "not converged", np.array(costs)
         step = path.means - states
@@ -132,7 +131,7 @@ def iterate(chain: SlipChain, states: Floats, *, limit: int) -> tuple[SlipPath, 
             return path, "converged", np.array(costs)
         while size >= _SMALLEST_STEP:
             trial = states + step
-            cost, condensed = _linearise(chain, trial)
+            cost = _objective(chain, trial)
             if cost < costs[-1]:
                 break
             step, size = step / 2, size / 2
