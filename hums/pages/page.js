@@ -1,4 +1,5 @@
-// Draws the figures of a page with plotly.js: when they come into sight, in the colours of light, dark or print.
+// Draws the figures of a page with plotly.js: when they come into sight, in the colours of light, dark or print. The
+// library, 1.5 MB, is run by the first figure that is drawn, once text and tables stand on the screen.
 "use strict";
 const pages = (() => {
   const PRINT_WIDTH = 680;  // CSS pixels of 180 mm, between the margins of A4
@@ -48,6 +49,14 @@ const pages = (() => {
                   showSendToCloud: false,  // no data leaves the page
                   modeBarButtonsToRemove: ["select2d", "lasso2d"]};
 
+  function loadLibrary() {
+    const source = document.getElementById("plotly");
+    if (!source) return;
+    const script = document.createElement("script");
+    script.textContent = source.textContent;
+    source.replaceWith(script);
+  }
+
   function draw(figure) {
     if (!figure.spec) {
       figure.spec = decode(JSON.parse(figure.source.textContent));
@@ -58,6 +67,7 @@ const pages = (() => {
       figure.drawn = false;
       return null;
     }
+    loadLibrary();
     figure.width = printing ? PRINT_WIDTH : figure.canvas.clientWidth;
     const seen = spec.view ? views[spec.view](spec.data, figure) : spec;
     let layout = merge(LAYOUT, merge(spec.layout, seen.layout));
@@ -129,8 +139,11 @@ const pages = (() => {
                       height: Number.parseInt(canvas.style.height, 10)};
       figures.set(element.id, figure);
       canvas.addEventListener("keydown", (event) => keys(figure, event));
-      watch.observe(canvas);
     }
+    addEventListener("load", () => requestIdleCallback(() => {
+      for (const figure of figures.values()) watch.observe(figure.canvas);
+      requestIdleCallback(loadLibrary);  // so that figures further down are drawn at once
+    }, {timeout: 500}));
     let width = innerWidth;
     addEventListener("resize", () => { if (innerWidth !== width) { width = innerWidth; redraw(); } });
     matchMedia("(prefers-color-scheme: dark)").addEventListener("change", redraw);

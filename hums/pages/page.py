@@ -246,5 +246,5 @@ def stand_alone_page(*, title: str, body: str, style: str = "", script: str = ""
         f'<!DOCTYPE html>\n<html lang="en">\n<head>\n{page_head(plotly, js)}'
         '<meta name="color-scheme" content="light dark">\n'
         f"<title>{html.escape(plain_text(title))}</title>\n<style>\n{css}</style>\n</head>\n<body>\n{body}\n"
-        f"<script>{plotly}</script>\n<script>{js}</script>\n</body>\n</html>\n"
+        f'<script type="text/plain" id="plotly">{plotly}</script>\n<script>{js}</script>\n</body>\n</html>\n'
     )
