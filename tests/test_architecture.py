@@ -93,9 +93,9 @@ BUDGETS = """
     data_synth/gears, data_synth/bearings                      1478   1210   1300
     data_synth/kinematic, data_synth/operation, data_synth/scene  2873   2495   2200
     data_synth/sources, data_synth/transfer                    1545   1228   1200
-    all code lines                                            48791  42092  33500
+    all code lines                                            48791  42057  33500
     all modules                                                 345    295    240
-    all constants                                              1492   1113    750
+    all constants                                              1492   1114    750
     tests                                                     35938  31013  23000
     benchmarks                                                 7891   7891   6000
 """
@@ -103,7 +103,10 @@ SLACK, SLACK_LINES = 0.02, 10  # by which a ceiling may stand above the count, a
 
 # What a row may have above its ceiling for a while: how much, why, and what ends it.
 MENDS = "mends of faults that users meet", "when the package is reduced"
-ANGLE = "the declared angle is tested, tachometers are compared", "with one score for every part"
+ANGLE = (
+    "the declared angle is tested, tachometers and mains are compared, for code removed in hums/cli",
+    "with one score for every part",
+)
 READ = "reading and comparing all that files state", "when readers and records are reduced"
 FORMATS = (
     "import descriptions, LabVIEW and MDF files, for code removed in hums/cli and hums",
@@ -132,7 +135,7 @@ ALLOWANCES = {
         "faults of kinematic scenes by linear response, free vibration, for code removed in kinematic and sources",
         "when what auto estimates is reduced",
     ),
-    "hums/analysis": (485, *ANGLE),
+    "hums/analysis": (517, *ANGLE),
     "signals (root)": (17, "compilation for data_synth too, names through one function", "when hums/cli is reduced"),
     "signals/harmonics, signals/slipping_order": (
         24,

@@ -35,7 +35,16 @@ from hums.analysis.reference_angle import Machine
 from hums.analysis.result import ChannelPictures, EnvelopeBand, IndicatorValue, SensorCondition
 from hums.analysis.segments import ChannelSegments, Segment, capitalised
 from hums.analysis.settings import AnalysisError, AnalysisSettings
-from hums.analysis.thresholds import IN_TIME, LEAST_STRENGTH, MESH_SHARE, PEAK_RATIO, SEEN
+from hums.analysis.thresholds import (
+    IN_TIME,
+    LEAST_STRENGTH,
+    MAINS_ACCURACY,
+    MAINS_HARMONICS,
+    MAINS_HZ,
+    MESH_SHARE,
+    PEAK_RATIO,
+    SEEN,
+)
 from hums.analysis.tracks import EnvelopeLine, tooth_line
 from hums.analysis.unexplained import Drawn, PulseVariation, UnexplainedLine, drawn_orders, unexplained_lines
 from hums.gearbox.bearing_catalogue import BearingOrders
@@ -191,6 +200,7 @@ def analyse_channel(
         background_width=width,
         seen=settings.false_alarm_probability,
     )
+    lines = _with_passed_mains(lines, max(read_anew(segments), key=lambda one: one.turns))
     in_envelopes = narrowed(in_envelopes, lines)
     best, seen, evidence = _assessed_envelopes(
         envelopes, segments, machine, in_envelopes, lines, settings, searches=len(bands), background_width=width
@@ -265,6 +275,36 @@ def _block_turns(segments: Sequence[Segment], *, early_s: float) -> float:
             continue
     longest = np.array(turns or [1.0])
     return float(max(np.unique(longest), key=lambda block: block * math.sqrt(np.sum(longest // block))))
+
+
+def _with_passed_mains(lines: Sequence[MeasuredLine], segment: Segment) -> list[MeasuredLine]:
+    """Return the sidebands of a spectrum with what lines of the mains leak to them while the speed passes them.
+
+    A line of constant frequency f and amplitude A leaves ``A |sum w exp(2 pi j (f t - order revolutions))| / sum w`` at
+    an order, most of it where the speed dwells at f over the order.
+    """
+    when, phase = segment.when, segment.machine.phase
+    start_s, stop_s = max(phase.start_s, when.start_s), min(phase.stop_s, when.start_s + when.count / when.rate_hz)
+    slowest_hz, fastest_hz = float(min(segment.machine.speeds_hz)), float(max(segment.machine.speeds_hz))
+    found = []
+    for line in lines:
+        order, leakage = line.line.found, line.line.leakage
+        passed = [
+            multiple * mains
+            for mains in MAINS_HZ
+            for multiple in range(1, MAINS_HARMONICS + 1)
+            if order * slowest_hz <= multiple * mains <= order * fastest_hz
+        ]
+        for frequency_hz in passed if line.expected.kind == "tooth" and leakage >= 0 else ():  # NaN: no line is seen
+            times_s = np.arange(start_s, stop_s, 0.25 / (order * fastest_hz))
+            window = np.hanning(times_s.size)
+            apart = window @ np.exp(2j * np.pi * (frequency_hz * times_s - order * phase.revolutions_at(times_s)))
+            reach_hz = MAINS_ACCURACY * frequency_hz + when.rate_hz / when.count
+            first, last = (round((frequency_hz + by) * when.count / when.rate_hz) for by in (-reach_hz, reach_hz))
+            amplitude = 2 * np.abs(segment.filled_transform[first : last + 1]).max(initial=0.0) / when.count
+            leakage = max(leakage, float(amplitude * abs(apart) / window.sum()))
+        found.append(replace(line, line=replace(line.line, leakage=leakage)))
+    return found
 
 
 def _blocks(signal: AngularSignal, turns: float, *, single: bool) -> Iterator[AngularSignal]:

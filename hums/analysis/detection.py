@@ -7,7 +7,8 @@ The rule, fixed on the wind turbine and CWRU records:
 2. Detected lines are assessed in descending order of level (amplitude over background; a bearing's with its harmonics
    and sidebands). A detected line is *significant* (column ``claimed``) unless one of these explains it:
 
-   - leakage: through the window, a larger line contributes half of its amplitude or more;
+   - leakage: through the window, a larger line contributes half of its amplitude or more; to a sideband, a line of the
+     mains, constant in Hz, while the speed passes it;
    - a bearing line is no peak: the spectrum still rises at the edge of the searched range;
    - it lies within the main lobe (two bins) of a harmonic of a stronger significant line, of a sideband of that line
      spaced by a ring's rotation or the cage, or of a multiple of the cage order which that line implies. The defect
@@ -104,7 +105,7 @@ class LineAssessor:
     def _healthy_cause(self, line: MeasuredLine) -> str:
         """Return the cause that produces this line without any defect, or an empty string."""
         if line.line.leakage > LEAKAGE_SHARE * line.line.amplitude:
-            return "the flank of a stronger line beside it"
+            return "the flank of a stronger line beside it, or of the mains that the speed passes"
         if line.expected.kind in BEARING_KINDS and line.line.at_edge:
             return "the flank of what stands outside of the searched range"
         if line.expected.kind == "tooth":

@@ -61,7 +61,7 @@ class _EachOptionOnce(TyperCommand):
 
 _COMMANDS = {
     "drawing": "Draw a gearbox: mechanism, velocity vectors and frequencies against speed, or an animated page.",
-    "dynamics": "Plot natural frequencies, mode shapes, the Campbell diagram and, optionally, stability.",
+    "dynamics": "Print natural frequencies; plot mode shapes and the Campbell diagram.",
     "bearings": "List the bearings of the catalogue by designation, with the source of each geometry.",
     "orders": "Print the defect orders of a gearbox.\n\nOrders are cycles per revolution of the reference shaft. "
     "rolling_element is 2 BSF, as a defect strikes both races; tooth counts the contacts of one tooth with its mates; "
@@ -79,7 +79,7 @@ _COMMANDS = {
     "demo": "Simulate a gearbox with a cracked tooth and an inner-race fault, analyse it and compare with the truth.",
 }  # in the order of the help
 for name, said in _COMMANDS.items():
-    app.command(cls=_EachOptionOnce, help=said)(getattr(import_module(f"hums.cli.{name}"), name))
+    app.command(name, cls=_EachOptionOnce, help=said)(getattr(import_module(f"hums.cli.{name}"), name))
 
 
 def main() -> int:

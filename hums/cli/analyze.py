@@ -6,54 +6,28 @@ from typing import TYPE_CHECKING, Annotated
 
 import typer
 
-from hums.cli.options import (
-    Band,
-    Channels,
-    Force,
-    MachineClass,
-    MaxAcceleration,
-    NoEnvelope,
-    Out,
-    SpeedRange,
-    SpeedUnits,
-    Tachometer,
-    VelocityLimits,
-    echo,
-    say,
-    settings_of,
-)
+from hums.cli.options import SETTINGS, Force, Out, SpeedUnits, echo, say, with_settings
 
 if TYPE_CHECKING:
     from collections.abc import Iterator
 
     import xarray as xr
 
+    from hums.analysis.settings import AnalysisSettings
     from hums.readers.process import ReaderProcess
 
 
+@with_settings(SETTINGS)
 def analyze(
     record: Annotated[Path, typer.Argument(help="Record to analyse, .h5.")],
     gearbox: Annotated[str, typer.Option(help="Gearbox file, .toml, or a catalogue name.")],
     out: Out,
     *,
-    envelope_band: Band = None,
-    no_envelope: NoEnvelope = False,
-    channel: Channels = None,
-    tachometer: Tachometer = None,
-    speed_range: SpeedRange = None,
-    max_acceleration: MaxAcceleration = None,
+    settings: "AnalysisSettings",
     baseline: Annotated[
         Path | None,
         typer.Option(help="analysis.h5 of the previous record, the source of the variances in NA4 and NB4."),
     ] = None,
-    freeze_baseline: Annotated[
-        bool, typer.Option("--freeze-baseline", help="Do not update these variances (NA4*, NB4*).")
-    ] = False,
-    false_alarm_probability: Annotated[float, typer.Option(help="For the record as a whole.")] = 0.01,
-    max_order: Annotated[float | None, typer.Option(help="Highest order of the order spectrum.")] = None,
-    track_bandwidth: Annotated[float | None, typer.Option(help="Bandwidth of the amplitude tracks in orders.")] = None,
-    velocity_limits: VelocityLimits = None,
-    machine_class: MachineClass = "",
     units: SpeedUnits = "rpm",
     force: Force = False,
 ) -> None:
@@ -67,20 +41,6 @@ def analyze(
     from hums.report import prepare_folder, speed_text, write_report  # noqa: PLC0415
     from hums.report.verdict_strip import with_hz  # noqa: PLC0415
 
-    settings = settings_of(
-        channels=tuple(channel) if channel else None,
-        tachometer=tachometer,
-        speed_range_hz=speed_range,
-        max_acceleration_hz_s=max_acceleration,
-        envelope_band_hz=envelope_band,
-        no_envelope=no_envelope,
-        freeze_baseline=freeze_baseline,
-        false_alarm_probability=false_alarm_probability,
-        max_order=max_order,
-        track_bandwidth_orders=track_bandwidth,
-        velocity_limits_mm_s=velocity_limits,
-        machine_class=machine_class,
-    )
     with (
         ReaderProcess() as reader,
         reader.open_record(record) as opened,

@@ -1,41 +1,35 @@
 """Command `hums fleet`."""
 
 from pathlib import Path
-from typing import Annotated, Optional
+from typing import TYPE_CHECKING, Annotated, Optional
 
 import typer
 
 from hums.cli.options import (
-    Band,
-    Channels,
+    SHARED_SETTINGS,
     Force,
-    MaxAcceleration,
-    NoEnvelope,
     Out,
     Scheduler,
-    SpeedRange,
-    Tachometer,
     UsageError,
     WorkerCount,
     echo,
     end_with_refusals,
     option_values,
-    settings_of,
+    with_settings,
     workers_of,
 )
 
+if TYPE_CHECKING:
+    from hums.analysis.settings import AnalysisSettings
 
-def fleet(  # noqa: PLR0917 - each option is one
+
+@with_settings(SHARED_SETTINGS, most_tracks=0, pictures=False)
+def fleet(
     records: Annotated[list[Path], typer.Argument(help="Records, folders of records, or datasets.")],
     gearbox: Annotated[str, typer.Option(help="Gearbox file, .toml, or a catalogue name.")],
     out: Out,
-    envelope_band: Band = None,
-    no_envelope: NoEnvelope = False,
-    channel: Channels = None,
-    tachometer: Tachometer = None,
-    speed_range: SpeedRange = None,
-    max_acceleration: MaxAcceleration = None,
-    false_alarm_probability: Annotated[float, typer.Option(help="For each record as a whole.")] = 0.01,
+    *,
+    settings: "AnalysisSettings",
     baseline_records: Annotated[
         int, typer.Option(metavar="N", help="Learn the baseline from the first N records of a machine.")
     ] = 30,
@@ -75,17 +69,6 @@ def fleet(  # noqa: PLR0917 - each option is one
             healthy=tuple(healthy or ()),
             false_alarm_every=false_alarm_every,
         )
-    settings = settings_of(
-        channels=tuple(channel) if channel else None,
-        tachometer=tachometer,
-        speed_range_hz=speed_range,
-        max_acceleration_hz_s=max_acceleration,
-        envelope_band_hz=envelope_band,
-        no_envelope=no_envelope,
-        false_alarm_probability=false_alarm_probability,
-        most_tracks=0,
-        pictures=False,
-    )
     result = analyze_fleet(
         records,
         gearbox,

@@ -1,5 +1,6 @@
 """Options and steps that several commands share."""
 
+import inspect
 import logging
 import os
 from collections.abc import Callable, Iterable, Iterator, Mapping, Sequence
@@ -17,41 +18,7 @@ if TYPE_CHECKING:
     from hums.jobs import Workers
 
 Out = Annotated[Path, typer.Option("--out", "-o", help="Output folder.")]
-Band = Annotated[
-    Optional[tuple[float, float]],  # noqa: UP045  (typer reads this form)
-    typer.Option(
-        "--envelope-band",
-        metavar="LOW HIGH",
-        help="Demodulation band in Hz. Default: chosen for each channel, with the reason in the report.",
-    ),
-]
-NoEnvelope = Annotated[bool, typer.Option("--no-envelope", help="Skip the envelope analysis and with it the bearings.")]
-Channels = Annotated[list[str] | None, typer.Option(help="Channel to analyse; repeatable. Default: all.")]
-Tachometer = Annotated[str | None, typer.Option(help="Tachometer that measures the shaft angle. Default: the first.")]
-SpeedRange = Annotated[
-    Optional[tuple[float, float]],  # noqa: UP045  (typer reads this form)
-    typer.Option(
-        metavar="LOW HIGH",
-        help="Without a tachometer: speed range of the reference in rev/s (1500 rpm = 25); needs --max-acceleration.",
-    ),
-]
-MaxAcceleration = Annotated[
-    float | None,
-    typer.Option(
-        metavar="HZ_PER_S",
-        help="Maximum rate of change of that speed in rev/s per second; 1 suits a steady drive.",
-    ),
-]
 SpeedUnits = Annotated[Literal["rpm", "Hz"], typer.Option("--units", help="Unit in which speeds are stated first.")]
-VelocityLimits = Annotated[
-    Optional[tuple[float, float, float]],  # noqa: UP045  (typer reads this form)
-    typer.Option(
-        "--velocity-limits",
-        metavar="AB BC CD",
-        help="Zone boundaries A/B, B/C and C/D of ISO 20816, RMS velocity in mm/s, from the part for this machine.",
-    ),
-]
-MachineClass = Annotated[str, typer.Option("--machine-class", help="Part of ISO 20816 and class, for the report.")]
 WorkerCount = Annotated[
     int | None, typer.Option("--workers", metavar="N", help="Number of worker processes. Default: one per CPU core.")
 ]
@@ -110,15 +77,98 @@ def parse_speeds(texts: list[str] | None, kinematics: "Kinematics") -> "dict[str
     return found or None
 
 
-def settings_of(*, no_envelope: bool, **chosen: Any) -> "AnalysisSettings":  # noqa: ANN401  (each option keeps its own type)
+# Options by field of AnalysisSettings.
+SHARED_SETTINGS: dict[str, tuple[Any, Any]] = {
+    "channels": (list[str] | None, typer.Option("--channel", help="Channel to analyse; repeatable. Default: all.")),
+    "tachometer": (str | None, typer.Option(help="Tachometer that measures the shaft angle. Default: the first.")),
+    "speed_range_hz": (
+        Optional[tuple[float, float]],  # noqa: UP045  (typer reads this form)
+        typer.Option(
+            "--speed-range",
+            metavar="LOW HIGH",
+            help="Without a tachometer: speed range of the reference in rev/s (1500 rpm = 25); needs "
+            "--max-acceleration.",
+        ),
+    ),
+    "max_acceleration_hz_s": (
+        float | None,
+        typer.Option(
+            "--max-acceleration",
+            metavar="HZ_PER_S",
+            help="Maximum rate of change of that speed in rev/s per second; 1 suits a steady drive.",
+        ),
+    ),
+    "envelope_band_hz": (
+        Optional[tuple[float, float]],  # noqa: UP045
+        typer.Option(
+            "--envelope-band",
+            metavar="LOW HIGH",
+            help="Demodulation band in Hz. Default: chosen for each channel, with the reason in the report.",
+        ),
+    ),
+    "no_envelope": (
+        bool | None,
+        typer.Option("--no-envelope", help="Skip the envelope analysis, and with it bearings."),
+    ),
+    "false_alarm_probability": (
+        float | None,
+        typer.Option(help="Probability of a false alarm for each record as a whole. Default: 0.01."),
+    ),
+}
+SETTINGS = SHARED_SETTINGS | {
+    "freeze_baseline": (
+        bool | None,
+        typer.Option("--freeze-baseline", help="Do not update the baseline (NA4*, NB4*)."),
+    ),
+    "max_order": (float | None, typer.Option(help="Highest order of the order spectrum.")),
+    "track_bandwidth_orders": (
+        float | None,
+        typer.Option("--track-bandwidth", help="Bandwidth of the amplitude tracks in orders."),
+    ),
+    "velocity_limits_mm_s": (
+        Optional[tuple[float, float, float]],  # noqa: UP045
+        typer.Option(
+            "--velocity-limits",
+            metavar="AB BC CD",
+            help="Zone boundaries A/B, B/C and C/D of ISO 20816, RMS velocity in mm/s, from the part for this machine.",
+        ),
+    ),
+    "machine_class": (str | None, typer.Option(help="Part of ISO 20816 and machine class, for the report.")),
+}
+
+
+def with_settings(
+    options: Mapping[str, tuple[Any, Any]], **fixed: object
+) -> Callable[[Callable[..., None]], Callable[..., None]]:
+    """Return a decorator that gives a command the options of these settings, and passes what they and `fixed` make."""
+
+    def decorated(command: Callable[..., None]) -> Callable[..., None]:
+        def run(**given: Any) -> None:  # noqa: ANN401  (each option keeps its own type)
+            chosen = {name: given.pop(name) for name in options}
+            command(**given, settings=_settings_of(chosen | fixed))
+
+        keyword = inspect.Parameter.KEYWORD_ONLY
+        own = [one.replace(kind=keyword) for one in inspect.signature(command).parameters.values()]
+        run.__signature__ = inspect.Signature(  # type: ignore[attr-defined]  # what typer reads
+            [one for one in own if one.name != "settings"]
+            + [inspect.Parameter(n, keyword, default=None, annotation=Annotated[of]) for n, of in options.items()]
+        )
+        return run
+
+    return decorated
+
+
+def _settings_of(chosen: Mapping[str, Any]) -> "AnalysisSettings":
     """Return the settings given by options; the others keep their defaults."""
     from hums.analysis.settings import AnalysisSettings  # noqa: PLC0415
 
-    if chosen["envelope_band_hz"] and no_envelope:
-        raise UsageError("--envelope-band and --no-envelope are both given; keep one.")
-    stated = {name: value for name, value in chosen.items() if value is not None}
+    stated = {name: value for name, value in chosen.items() if value is not None and value != []}
+    if stated.pop("no_envelope", None):
+        if "envelope_band_hz" in stated:
+            raise UsageError("--envelope-band and --no-envelope are both given; keep one.")
+        stated["envelope_band_hz"] = None
     with option_values():
-        return AnalysisSettings(**stated, **({"envelope_band_hz": None} if no_envelope else {}))
+        return AnalysisSettings(**stated)
 
 
 def workers_of(count: int | None, scheduler: str | None) -> "Workers":

@@ -436,9 +436,8 @@ def test_what_is_not_there_is_refused(changes, words):
 
 
 def test_planets_that_mesh_with_each_other_stand_at_both_centre_distances():
-    gearbox = load_gearbox("ravigneaux")
     speeds = {"small sun": 1.0, "large sun": 0.0}
-    found = solve_modes(assemble(gearbox, motions="plane", speeds=speeds).system).frequencies_hz
+    found = solve_modes(assemble(load_gearbox("ravigneaux"), motions="plane", speeds=speeds).system).frequencies_hz
     assert np.sum(found == 0) == 2  # as many as degrees of freedom: turning strains no mesh
     # under a third of a turn, 4 central bodies and 6 planets have 10 single modes and 10 double ones (Kiracofe and
     # Parker 2007, J. Vib. Acoust. 129, 1)

@@ -5,6 +5,7 @@ from dataclasses import replace
 import numpy as np
 import pytest
 
+import hums
 from hums.analysis.evidence import Setting
 from hums.analysis.unexplained import Drawn, PulseVariation, drawn_orders, not_named, unexplained_lines, unlike_drawing
 from hums.gearbox.defect_orders import defects
@@ -192,3 +193,20 @@ def test_a_family_is_guessed_to_be_the_bearing_of_the_lowest_multiple():
     lines, _ = unexplained_lines(spectrum_of(*heard), cage_and_race, SETTING, channel="x", units="g")
     assert lines
     assert all("order 3.585" in line.might_be for line in lines)
+
+
+@pytest.mark.parametrize(("own", "mains", "claimed"), [(0.0, 0.02, False), (0.003, 0.003, True)])
+def test_a_sideband_is_not_what_the_mains_leave_at_its_order_while_the_speed_passes_them(own, mains, claimed):
+    times_s = np.arange(40_000) / 4000
+    turns = 24.3 * times_s + 21 * np.exp(-times_s / 1.5)  # 10 to 24.3 rev/s, where 150 Hz is order 6.173
+    mesh, gear = 19 * 23 / 67, 23 / 67
+    lines = 0.1 * np.cos(2 * np.pi * mesh * turns) + own * np.cos(2 * np.pi * (mesh - gear) * turns)  # order 6.179
+    lines += mains * np.cos(2 * np.pi * 150 * times_s) + np.random.default_rng(1).normal(0, 0.01, times_s.size)
+    pulses = np.interp(np.arange(21, turns[-1]), turns, times_s)
+    angle = hums.PulseTimes(times_s=pulses, shaft="input", pulses_per_rev=1)
+    record = hums.make_record({"a": lines}, rate_hz=4000, units="g", angle=angle)
+    settings = hums.AnalysisSettings(envelope_band_hz=None)
+    analysis = hums.analyze(record, load_gearbox("two-stage"), settings=settings)
+    table = hums.line_table(analysis, "order_spectrum")
+    place = (table["component"] == "stage 2/intermediate") & (table["sideband"] == -1) & (table["harmonic"] == 1)
+    assert table[place]["claimed"].tolist() == [claimed]
