@@ -22,9 +22,7 @@ from typing import Any, Generic, TypeVar
 from signals._validation import SentenceError
 
 Item = TypeVar("Item")
-_JOBS_PER_WORKER = 2  # submitted at a time, so that no worker waits for the next
 _ONE_THREAD = ("OMP_NUM_THREADS", "OPENBLAS_NUM_THREADS", "MKL_NUM_THREADS", "NUMBA_NUM_THREADS")
-_TIMEOUT_S = 10  # of the connection to a scheduler
 
 
 class JobError(SentenceError):
@@ -265,14 +263,15 @@ def _refuse_dead_on_arrival(pool: Executor, death: type[Exception]) -> None:
 @contextmanager
 def _pool(workers: Processes | Cluster, *, jobs: int) -> Iterator[tuple[Executor, int, type[Exception]]]:
     """Yield an executor, the number of jobs to submit to it at a time, and its error where a job's process dies."""
+    jobs_per_worker = 2  # submitted at a time, so that no worker waits for the next
     if isinstance(workers, Cluster):
         with _cluster(workers.address) as (pool, threads, death):
-            yield pool, _JOBS_PER_WORKER * threads, death
+            yield pool, jobs_per_worker * threads, death
         return
     count = min(workers.count, jobs)
     with _one_thread_each(), ProcessPoolExecutor(count, get_context("spawn"), initializer=_prepare_worker) as pool:
         try:
-            yield pool, _JOBS_PER_WORKER * count, BrokenProcessPool
+            yield pool, jobs_per_worker * count, BrokenProcessPool
         finally:
             pool.shutdown(cancel_futures=True)
 
@@ -316,15 +315,16 @@ def _cluster(address: str) -> Iterator[tuple[Executor, int, type[Exception]]]:
     except ImportError:
         raise JobError('a cluster needs Dask: pip install "hums-toolkit[dask]".') from None
     connect: Any = Client  # which has no types
+    timeout_s = 10  # of the connection to a scheduler
     try:
-        client = connect(address, timeout=_TIMEOUT_S, set_as_default=False)
+        client = connect(address, timeout=timeout_s, set_as_default=False)
     except (OSError, ValueError) as error:
         raise JobError(
             f"no Dask scheduler answers at {address} ({error}); start one with: dask scheduler, and give its address."
         ) from None
     with client:
         try:
-            client.wait_for_workers(1, timeout=_TIMEOUT_S)  # a nanny starts one that died again
+            client.wait_for_workers(1, timeout=timeout_s)  # a nanny starts one that died again
         except TimeoutError:
             raise JobError(
                 f"the Dask scheduler at {address} has no workers; start some with: dask worker {address}."

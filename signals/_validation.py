@@ -24,9 +24,7 @@ Float = TypeVar("Float", bound=np.floating)
 
 # Largest and smallest peak of a signal: the squares of a record's spectrum overflow beyond, or lose digits below.
 _PEAKS = {"float32": (1e-15, 1e15), "float64": (1e-152, 1e145)}
-_LEAST_NUMBER = 1e-250  # of a positive argument: products with smaller ones underflow
 _LONGEST_VALUE, _MOST_ITEMS = 80, 20  # characters, and members, of a value in a message
-_LONGEST_MESSAGE = 1000  # characters: a page of a terminal; more comes of names in a damaged file
 _LARGEST_WHOLE = 2**53  # above, doubles skip whole numbers
 
 
@@ -114,9 +112,10 @@ def positive(value: object, *, name: str) -> float:
     found = number(value, name=name)
     if found <= 0:
         raise ValueError(f"{name}={brief(value)} must be above zero; give a positive number.")
-    if not _LEAST_NUMBER <= found <= 1 / _LEAST_NUMBER:
+    least_number = 1e-250  # of a positive argument: products with smaller ones underflow
+    if not least_number <= found <= 1 / least_number:
         raise ValueError(
-            f"{name}={value:g} must lie between {_LEAST_NUMBER:g} and {1 / _LEAST_NUMBER:g}; give it in another unit."
+            f"{name}={value:g} must lie between {least_number:g} and {1 / least_number:g}; give it in another unit."
         )
     return found
 
@@ -182,8 +181,9 @@ def plain_text(text: str, *, keep: str = "") -> str:
 def plain_message(text: str) -> str:
     """Return a message with control characters escaped, cut in its middle to at most 1,000 characters."""
     shown = plain_text(text, keep="\n\t")
-    half = _LONGEST_MESSAGE // 2 - 3
-    return shown if len(shown) <= _LONGEST_MESSAGE else f"{shown[:half]} ... {shown[-half:]}"
+    longest_message = 1000  # characters: a page of a terminal; more comes of names in a damaged file
+    half = longest_message // 2 - 3
+    return shown if len(shown) <= longest_message else f"{shown[:half]} ... {shown[-half:]}"
 
 
 # ---- Types of arguments, as their annotations declare them -----------------------------------------------------------
@@ -193,7 +193,6 @@ class ArgumentTypeError(SentenceError, TypeError):
     """An argument of another kind than the function declares."""
 
 
-_LONGEST_NAME_BYTES = 255  # of one file or folder, on the usual file systems
 _PATHS = frozenset({"Path", "PathLike", "PathLike[str]"})
 _ARRAYS = frozenset({"ArrayLike", "NDArray", "Array", "Floats"})
 # Whether values of these types agree may depend on what they are or hold; but for the next ones it does not.
@@ -214,6 +213,8 @@ def checked(function: Callable[P, R]) -> Callable[P, R]:
     arrays = {name for name, kinds in annotations.items() if any(kind.partition("[")[0] in _ARRAYS for kind in kinds)}
     agreed: set[tuple[str, type]] = set()  # kinds of value that need not be looked at again
 
+    longest_name_bytes = 255  # of one file or folder, on the usual file systems
+
     @wraps(function)
     def call(*args: P.args, **kwargs: P.kwargs) -> R:
         for name, value in (*zip(names, args, strict=False), *kwargs.items()):
@@ -233,10 +234,10 @@ def checked(function: Callable[P, R]) -> Callable[P, R]:
                 if "\0" in str(value):
                     raise ArgumentTypeError(f"{name}={brief(value)} has a NUL, which no path may have; leave it out.")
                 longest = max((len(part.encode(errors="surrogatepass")) for part in PurePath(value).parts), default=0)
-                if longest > _LONGEST_NAME_BYTES:
+                if longest > longest_name_bytes:
                     raise SentenceError(
                         f"{name}={brief(value)} has a part of {longest} bytes; no file may have more than "
-                        f"{_LONGEST_NAME_BYTES}, give it a shorter name."
+                        f"{longest_name_bytes}, give it a shorter name."
                     )
         return function(*args, **kwargs)
 

@@ -25,9 +25,7 @@ from signals._validation import brief
 
 
 M = TypeVar("M", bound="Declared")
-_MOST_BYTES = 1_000_000  # of a hand-written file: the largest of the catalogues has 4,000; read in half a second
 _DEEPEST = 50  # tables and lists in each other: ours have 6
-_LONGEST_MESSAGE = 800  # characters, so that with the name of a file it stays below 1,000
 
 
 class Declared(BaseModel):
@@ -109,8 +107,9 @@ def validated(model: type[M], table: dict[str, Any], *, where: str, error: type[
 def sentences(caught: ValidationError) -> str:
     """Return the message of a validation error: one clause for each invalid value."""
     text = "; ".join(dict.fromkeys(_clause(details) for details in _causes(caught.errors())))
-    if len(text) > _LONGEST_MESSAGE:
-        return f"{text[:_LONGEST_MESSAGE]}... (cut)."
+    longest_message = 800  # characters, so that with the name of a file it stays below 1,000
+    if len(text) > longest_message:
+        return f"{text[:longest_message]}... (cut)."
     return text if text.endswith("?") else f"{text}."
 
 
@@ -146,11 +145,12 @@ def read_toml(path: Path, *, error: type[ValueError]) -> dict[str, Any]:
         )
     if path.is_dir():
         raise error(f"{path} is a directory; name a .toml file in it.")
+    most_bytes = 1_000_000  # of a hand-written file: the largest of the catalogues has 4,000; read in half a second
     try:
         if not path.is_file() and path.exists():  # a device may have no end
             raise error(f"{path} is no regular file; write its text to one.")
-        if path.stat().st_size > _MOST_BYTES:
-            raise error(f"{path} has {path.stat().st_size} bytes; a hand-written file has at most {_MOST_BYTES}.")
+        if path.stat().st_size > most_bytes:
+            raise error(f"{path} has {path.stat().st_size} bytes; a hand-written file has at most {most_bytes}.")
         text = path.read_text(encoding="utf-8")
     except FileNotFoundError:
         raise error(f"{path}: there is no such file; check the path.") from None
@@ -326,8 +326,6 @@ MOST_PARTS = 1000  # axes, meshes, bearings, or names of one of them: no gearbox
 _MOST_COPIES = 100  # planets on a carrier: a dozen are many
 _MOST_TEETH = 100_000  # of a gear or a segmented ring: the largest have some thousands
 X_AXIS: Vector = (1.0, 0.0, 0.0)
-_SPIN_ROUNDING = 1.25  # of a spin, which rests on the small difference inner - outer; a factor of two is no rounding
-_CAGE_ROUNDING = 0.05  # of the cage: some data sheets print one decimal
 
 
 class Axis(Declared):
@@ -475,8 +473,9 @@ class Multiples(Declared):
         """
         count, ratio = self.inner + self.outer, (self.inner - self.outer) / (self.inner + self.outer)
         cage = (1 - ratio) / 2
-        if abs(self.cage - cage) > _CAGE_ROUNDING:
-            held = " (this is the cage against the inner ring)" if abs(1 - self.cage - cage) < _CAGE_ROUNDING else ""
+        cage_rounding = 0.05  # of the cage: some data sheets print one decimal
+        if abs(self.cage - cage) > cage_rounding:
+            held = " (this is the cage against the inner ring)" if abs(1 - self.cage - cage) < cage_rounding else ""
             raise ValueError(
                 f"cage = {self.cage:g}{held}, but elements that roll at inner {self.inner:g} and outer {self.outer:g} "
                 f"carry it round at {cage:.3g}, outer ring at rest; correct one of the three"
@@ -484,13 +483,15 @@ class Multiples(Declared):
         key, spin = ("element_spin", self.element_spin) if self.element_spin else ("element_defect", self.defect / 2)
         least = (1 - ratio**2) / (2 * sin(math.pi / max(2.0, count)))
         most = (1 - ratio**2) / (2 * ratio)
-        if spin is not None and not least / _SPIN_ROUNDING <= spin <= most * _SPIN_ROUNDING:
+        # a spin rests on the small difference inner - outer; a factor of two is no rounding
+        spin_rounding = 1.25
+        if spin is not None and not least / spin_rounding <= spin <= most * spin_rounding:
             times = 2 if key == "element_defect" else 1
             hint = (
                 "; is it the defect on both races, twice the spin? Then call it element_defect"
-                if times == 1 and least <= spin / 2 <= most * _SPIN_ROUNDING
+                if times == 1 and least <= spin / 2 <= most * spin_rounding
                 else "; is it one turn of the element? Then call it element_spin"
-                if times == 2 and least <= 2 * spin <= most * _SPIN_ROUNDING  # noqa: PLR2004
+                if times == 2 and least <= 2 * spin <= most * spin_rounding  # noqa: PLR2004
                 else ""
             )
             raise ValueError(

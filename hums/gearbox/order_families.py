@@ -12,7 +12,6 @@ from numpy.typing import NDArray
 from signals._validation import brief, checked, is_float
 
 HANN_HALF_LOBE = 2.0  # bins of 1 / revolutions from the peak of a Hann line to its first zero
-_MOST_LINES = 10_000_000  # of a table: some gigabytes
 _ROUNDING = 16 * np.finfo(float).eps  # of an order, after a few products and sums
 
 
@@ -68,10 +67,11 @@ def order_families(table: pd.DataFrame, *, harmonics: int, sidebands: int) -> pd
     _check_table(table)
     _check_count("harmonics", harmonics, least=1)
     _check_count("sidebands", sidebands, least=0)
-    if len(table) * harmonics * (2 * sidebands + 1) > _MOST_LINES:
+    most_lines = 10_000_000  # of a table: some gigabytes
+    if len(table) * harmonics * (2 * sidebands + 1) > most_lines:
         raise ValueError(
             f"{len(table)} orders with harmonics = {brief(harmonics)} and sidebands = {brief(sidebands)} are over "
-            f"{_MOST_LINES} lines; ask for fewer."
+            f"{most_lines} lines; ask for fewer."
         )
     lines = [line for row in table.itertuples(index=False) for line in _family(row, harmonics, sidebands)]
     return pd.DataFrame(lines, columns=list(_Line._fields))

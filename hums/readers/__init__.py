@@ -46,7 +46,6 @@ _READERS: Mapping[str, tuple[str, str, str]] = {
     **dict.fromkeys((".npy", ".npz"), ("numpy_files", "NumPy file of numbers", "")),
 }
 SUFFIXES = tuple(_READERS)
-_STEADY = 0.02  # largest deviation of a measured speed from its mean: that of lines from a declared one, by default
 
 
 @checked
@@ -287,10 +286,11 @@ def _steady_speed_hz(source: Import, name: str, units: str) -> float:
         raise RecordError(f'{file.path.name}: "{name}" in {units} holds no speed above zero; name the column of one.')
     mean = float(values.mean())
     off = float(np.max(np.abs(values - mean))) / mean
-    if off > _STEADY:
+    steady = 0.02  # largest deviation of a measured speed from its mean: that of lines from a declared one, by default
+    if off > steady:
         raise RecordError(
             f'{file.path.name}: the speed "{name}" deviates by {off:.1%} from its mean, {60 * mean:.6g} rpm; at most '
-            f"{_STEADY:.0%} is a constant speed. Name a tachometer (tach_times, tach_waveform), or have the speed "
+            f"{steady:.0%} is a constant speed. Name a tachometer (tach_times, tach_waveform), or have the speed "
             "estimated from the vibration (no_tachometer)."
         )
     return mean

@@ -22,8 +22,6 @@ from signals._validation import brief, nearest, plain_text
 Field = NDArray[np.generic] | str
 """An array of numbers, or a phrase that describes what is not numeric, such as "text"."""
 
-_MOST_LISTED = 12  # names in a message
-
 
 class ArraysOnDisk(Mapping[str, Field]):
     """Fields by name, of which an array is read when it is asked for, and kept.
@@ -339,16 +337,14 @@ def stated_of(attributes: Mapping[str, object]) -> Stated:
         found = read | found
     measures, sensitivity = found.pop("measures", ""), found.pop("sensitivity", None)
     output, _, measured = (part.strip() for part in measures.partition("/"))
-    if sensitivity is not None and canonical_units(measured) and output in _VOLTS:
-        found |= {"sensitivity": sensitivity * _VOLTS[output], "measures": measured}
+    volts = {"V": 1.0, "mV": 1e-3}
+    if sensitivity is not None and canonical_units(measured) and output in volts:
+        found |= {"sensitivity": sensitivity * volts[output], "measures": measured}
     elif sensitivity is not None:
         unread.append(f"sensitivity={sensitivity:g} {measures}".strip())
     step_s, _ = found.pop("step_s", None), found.pop("unread", None)
     notes = tuple(f"states {text}, which is not applied" for text in unread)
     return Stated(**{"rate_hz": rate_of_step(step_s)} | found, notes=notes)
-
-
-_VOLTS = {"V": 1.0, "mV": 1e-3}
 
 
 def _plain(value: Any) -> Any:  # noqa: ANN401
@@ -402,8 +398,9 @@ def _shape(shape: tuple[int, ...]) -> str:
 
 def _listed(names: list[str]) -> str:
     """Return the first names in a row, each as a terminal shows it."""
-    row = ", ".join(plain_text(name)[:60] for name in names[:_MOST_LISTED])
-    return f"{row} and {len(names) - _MOST_LISTED} more" if len(names) > _MOST_LISTED else row
+    most_listed = 12  # names in a message
+    row = ", ".join(plain_text(name)[:60] for name in names[:most_listed])
+    return f"{row} and {len(names) - most_listed} more" if len(names) > most_listed else row
 
 
 def _closest(name: str, names: Mapping[str, object]) -> str:

@@ -37,7 +37,6 @@ if TYPE_CHECKING:
     from multiprocessing.process import BaseProcess
     from os import PathLike
 
-_PIECE_BYTES = 1 << 24  # of an array through the pipe at a time: the copy beside it stays small
 _CPU_S = 10.0  # for a request at least; and 10 MB/s, a tenth of what the slowest reader, of text, does
 _PATIENCE = 6  # waiting time over processor time: a network's disk may be slow
 _FORKS = sys.platform == "linux"  # elsewhere a fork is unsafe, and a new interpreter takes about a second
@@ -285,6 +284,7 @@ def _serve(pipe: Connection, other_end: Connection | None, memory_bytes: int | N
     if memory_bytes is not None:
         _limit("RLIMIT_AS", _used_bytes() + memory_bytes)
     opened: dict[int, tuple[xr.Dataset | xr.DataTree, dict[str, xr.Dataset]]] = {}
+    piece_bytes = 1 << 24  # of an array through the pipe at a time: the copy beside it stays small
     while True:
         try:
             request = json.loads(pipe.recv_bytes())
@@ -303,8 +303,8 @@ def _serve(pipe: Connection, other_end: Connection | None, memory_bytes: int | N
         pipe.send_bytes(json.dumps(answer).encode())
         if values is not None:
             whole = _bytes_of(np.ascontiguousarray(values))
-            for start in range(0, len(whole), _PIECE_BYTES):
-                pipe.send_bytes(whole[start : start + _PIECE_BYTES])
+            for start in range(0, len(whole), piece_bytes):
+                pipe.send_bytes(whole[start : start + piece_bytes])
 
 
 def _answer(

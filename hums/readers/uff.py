@@ -14,9 +14,6 @@ from hums.readers.description import ImportDescription
 from hums.records.clock import time_scale
 from hums.records.fields import RecordError
 
-_TIME = 17  # specific data type of an abscissa in seconds
-_DIRECTIONS = ("", "+X", "+Y", "+Z", "+RX", "+RY", "+RZ")
-
 
 def read(path: Path, _: ImportDescription) -> ForeignFile:
     """Return every function by its response degree of freedom, entity where named, node and direction: "case 3+Z".
@@ -60,7 +57,8 @@ def _names(functions: list[Mapping[str, Any]]) -> list[str]:
 def _response_dof(entry: Mapping[str, Any]) -> str:
     """Return entity, node and direction; the number of a direction, 1 to 6, is negative against its axis."""
     direction = int(entry["rsp_dir"])
-    axis = _DIRECTIONS[abs(direction)] if abs(direction) < len(_DIRECTIONS) else f" direction {direction}"
+    directions = ("", "+X", "+Y", "+Z", "+RX", "+RY", "+RZ")
+    axis = directions[abs(direction)] if abs(direction) < len(directions) else f" direction {direction}"
     entity = _label(entry["rsp_ent_name"])
     dof = f"{int(entry['rsp_node'])}{axis.replace('+', '-') if direction < 0 else axis}"
     return f"{entity} {dof}".replace("/", ".") if entity else dof
@@ -79,7 +77,8 @@ def _stated(entry: Mapping[str, Any]) -> Stated:
     began = moment_of(written)
     notes = (f'states "{written}", which is no date and time',) if written and not began else ()
     stated = Stated(units=units, epoch=began, notes=notes)
-    if entry["abscissa_spec_data_type"] != _TIME:
+    over_time = 17  # specific data type of an abscissa in seconds
+    if entry["abscissa_spec_data_type"] != over_time:
         return stated
     step_s, epoch = time_scale(_label(entry["abscissa_axis_units_lab"])) or (1.0, None)
     stated = replace(stated, epoch=epoch or began)

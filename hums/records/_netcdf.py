@@ -31,8 +31,6 @@ if TYPE_CHECKING:
 
 # ---- Files that stand alone: nothing in them reaches into another file, and nothing was changed unseen ---------------
 
-_MOST_OBJECTS = 100_000  # a record has some dozens
-
 
 def objects(file: h5py.File) -> Iterator[tuple[str, h5py.Group | h5py.Dataset]]:
     """Yield the groups and datasets of a file, each once however many links lead to it; dangling links are left out.
@@ -43,6 +41,7 @@ def objects(file: h5py.File) -> Iterator[tuple[str, h5py.Group | h5py.Dataset]]:
         Where a link leads into another file, or there are more objects than any record has.
     """
     seen, waiting = set(), [("", file["/"])]
+    most_objects = 100_000  # a record has some dozens
     while waiting:
         where, group = waiting.pop()
         for name in group:
@@ -59,8 +58,8 @@ def objects(file: h5py.File) -> Iterator[tuple[str, h5py.Group | h5py.Dataset]]:
             if address in seen:
                 continue
             seen.add(address)
-            if len(seen) > _MOST_OBJECTS:
-                raise RecordError(f"{file.filename} has over {_MOST_OBJECTS} objects; split it into smaller files.")
+            if len(seen) > most_objects:
+                raise RecordError(f"{file.filename} has over {most_objects} objects; split it into smaller files.")
             yield path, item
             if isinstance(item, h5py.Group):
                 waiting.append((path, item))

@@ -36,7 +36,6 @@ from hums.records.outputs import atomic_write, check_outputs
 from hums.records.validation import check_record
 from signals._validation import checked, plain_text
 
-_SIGNATURE = b"\x89HDF\r\n\x1a\n"
 _CHUNK = 65536  # values: half a megabyte of float64, which HDF5's own cache of a megabyte holds
 _READ_ERRORS = (
     OSError,
@@ -217,10 +216,11 @@ def open_hdf5(path: str | os.PathLike[str]) -> h5py.File:
         If it is missing, damaged or not HDF5.
     """
     file = existing_file(path)
+    signature = b"\x89HDF\r\n\x1a\n"
     if not is_hdf5(file):
         with file.open("rb") as stream:
-            start = stream.read(len(_SIGNATURE))
-        if _SIGNATURE.startswith(start):
+            start = stream.read(len(signature))
+        if signature.startswith(start):
             raise _damaged(file, f"it ends after {len(start)} bytes")
         raise RecordError(
             f"{file} is not an HDF5 file, so not a record. "

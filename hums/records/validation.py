@@ -31,7 +31,6 @@ from hums.records.fields import (
 )
 
 MIN_SAMPLES_PER_PULSE = 1.5  # at 1 they are the sample times
-_MOST_PULSES = 1_000_000  # of a revolution: no encoder has more
 
 
 def check_record(record: xr.Dataset) -> None:
@@ -229,9 +228,10 @@ def _check_tachometer(name: str, variable: xr.DataArray) -> None:
     if variable.ndim != 1 + (SNAPSHOT in variable.dims) or variable.dtype != np.float64:
         raise RecordError(f"{what}: {variable.ndim}-D {variable.dtype}; a row of float64 times is needed.")
     pulses = variable.attrs.get("pulses_per_rev")
-    if not isinstance(pulses, Integral) or isinstance(pulses, bool) or not 0 < int(pulses) <= _MOST_PULSES:
+    most_pulses = 1_000_000  # of a revolution: no encoder has more
+    if not isinstance(pulses, Integral) or isinstance(pulses, bool) or not 0 < int(pulses) <= most_pulses:
         raise RecordError(
-            f"{what}: pulses_per_rev={plain_repr(pulses)}: a positive whole number, at most {_MOST_PULSES}, is needed "
+            f"{what}: pulses_per_rev={plain_repr(pulses)}: a positive whole number, at most {most_pulses}, is needed "
             "(--pulses-per-rev)."
         )
     _check_shaft(what, variable)

@@ -506,8 +506,6 @@ def _rotated_maxima(smoothed: Sequence[Array], most: int, observed: float, rng: 
 # 311-329). Impacts at random do not repeat as precisely, nor do those of a shaft or race whose turns do not fit in the
 # gear's.
 
-_REACH = 2  # samples by which a repetition may be off: a cycle of the highest order, to which shafts' angles are known
-
 
 def repeated_waveform(
     signal: AngularSignal,
@@ -571,9 +569,11 @@ def repeated_waveform(
     at_tooth = np.abs((place - position_rev + 0.5) % 1.0 - 0.5) < 1 / pitch
     spectra = np.conj(fft.rfft(values * at_tooth)) * fft.rfft(values)
     correlation = fft.irfft(spectra, values.size)  # of whole turns, circular: each rotation has as many samples
-    step = 2 * _REACH + 1
+    # samples by which a repetition may be off: a cycle of the highest order, to which shafts' angles are known
+    reach = 2
+    step = 2 * reach + 1
     either = int(per_turn / 2) // step  # rotations by up to half a turn, either way, that count as different
-    lags = round(per_turn) + np.arange(-_REACH - either * step, _REACH + either * step + 1)
+    lags = round(per_turn) + np.arange(-reach - either * step, reach + either * step + 1)
     highest = correlation[lags % values.size].reshape(-1, step).max(axis=1)
     # the rotation by whole turns is one of all
     return float(np.count_nonzero(highest >= highest[either]) / highest.size)

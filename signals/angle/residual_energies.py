@@ -24,8 +24,6 @@ if TYPE_CHECKING:
 
     from signals.resampling.resampling import AngularSignal
 
-_OTHER_PLACES = (0.35, 0.5, 0.65)  # of a turn from a tooth
-
 
 @dataclass(frozen=True, kw_only=True)
 class BandEnergies:
@@ -276,11 +274,13 @@ def mesh_contrast(residual: AngularSignal, *, order: Fraction | float, teeth: fl
     ends = np.arange(1, highest + 2)[:, None] + (-0.5, -0.25, 0.25)
     starts = np.ceil(ends.ravel()[: 3 * highest + 1] * rate * pitch * padded / residual.samples_per_rev).astype(int)
 
+    other_places = (0.35, 0.5, 0.65)  # of a turn from a tooth
+
     def gated_power(at: float) -> Array:
         apart = turn - at
         apart -= np.rint(apart)
         # 4 teeth on either side, as far as gates of two places do not meet: a shorter one smears near and between
-        apart /= min(4.0 / pitch, _OTHER_PLACES[0] / 2)
+        apart /= min(4.0 / pitch, other_places[0] / 2)
         inside = np.flatnonzero(np.abs(apart) < 1)
         gated = np.zeros(size)
         gated[inside] = residual.values[inside] * np.cos(0.5 * np.pi * apart[inside]) ** 2
@@ -288,7 +288,7 @@ def mesh_contrast(residual: AngularSignal, *, order: Fraction | float, teeth: fl
         below, beside, beyond = np.add.reduceat(lines.real**2 + lines.imag**2, starts)[:-1].reshape(-1, 3).T
         return np.stack([below + beyond, beside], axis=1)
 
-    at_tooth, elsewhere = gated_power(0.0), np.mean([gated_power(place) for place in _OTHER_PLACES], axis=0)
+    at_tooth, elsewhere = gated_power(0.0), np.mean([gated_power(place) for place in other_places], axis=0)
     background = elsewhere.mean(axis=1, keepdims=True)
     above = np.divide(np.maximum(at_tooth - elsewhere, 0.0), background, where=background > 0, out=0 * elsewhere)
     between, beside = above.sum(axis=1) @ above

@@ -8,8 +8,6 @@ from signals._compile import compiled_sums
 Array = NDArray[np.float64]
 Single = NDArray[np.float32]
 
-_BLOCK = 512  # outputs at a time, so that the sums stay in the first cache
-
 
 @compiled_sums
 def _add_up(values: Single, taps: Single, factor: int, width: int, phases: Single, sums: Single) -> None:
@@ -73,12 +71,13 @@ def split_band(re: Single, im: Single, taps: Single, factor: int, out_re: Single
     """
     residues = 2 * factor
     count = out_re.shape[1]
-    length = _BLOCK + (taps.size - 1) // factor
+    block = 512  # outputs at a time, so that the sums stay in the first cache
+    length = block + (taps.size - 1) // factor
     phases = np.empty((factor, length), dtype=np.float32)
-    sums_re = np.empty((residues, _BLOCK), dtype=np.float32)
-    sums_im = np.empty((residues, _BLOCK), dtype=np.float32)
-    for start in range(0, count, _BLOCK):
-        width = min(_BLOCK, count - start)
+    sums_re = np.empty((residues, block), dtype=np.float32)
+    sums_im = np.empty((residues, block), dtype=np.float32)
+    for start in range(0, count, block):
+        width = min(block, count - start)
         _add_up(re[factor * start :], taps, factor, width, phases, sums_re)
         _add_up(im[factor * start :], taps, factor, width, phases, sums_im)
         for band in range(factor):

@@ -17,7 +17,6 @@ Measure = Literal["steady_kurtosis", "kurtosis", "envelope_negentropy"]
 
 RUNNERS_UP = 3
 _SIGNIFICANT = 5.0  # standard deviations of noise: among 444 bands of noise one exceeds it in some hundred records
-_SINGLE_EVENT = 0.5  # ratio of steady to plain kurtosis below which a single event is the cause
 
 
 @dataclass(frozen=True, kw_only=True)
@@ -198,12 +197,13 @@ def _why(best: Candidate, by_kurtosis: Candidate, *, measure: Measure, bands: in
 def _about_choice(best: Candidate, *, lines: float) -> list[str]:
     """Return the doubts about the band itself: noise, a single event, impulses that are not periodic."""
     doubts = []
+    single_event = 0.5  # ratio of steady to plain kurtosis below which a single event is the cause
     if best.steady_kurtosis < _SIGNIFICANT * best.noise_std:
         doubts.append(
             f"Steady noise could be all there is: the steady kurtosis of {best.steady_kurtosis:.2g} is less than "
             f"{_SIGNIFICANT:g} times the scatter of noise, {best.noise_std:.2g}."
         )
-    elif best.steady_kurtosis < _SINGLE_EVENT * best.kurtosis:
+    elif best.steady_kurtosis < single_event * best.kurtosis:
         doubts.append(
             f"A single event makes most of the kurtosis: {best.kurtosis:.3g} with, {best.steady_kurtosis:.3g} without "
             "the loudest two sixteenths of the record; cut it out before you demodulate."

@@ -34,7 +34,6 @@ Single = NDArray[np.float32]
 LEVELS = 7
 FEWEST_SAMPLES = 320  # of the narrowest band, whose filter has 48 taps
 PARTS = 16  # of the record
-LEFT_OUT = 2  # parts of largest fourth moment left out of the steady kurtosis: a spike may lie on the border of two
 NOISE_NEGENTROPY = 1 - np.euler_gamma  # of exponentially distributed powers, as noise has them
 NEGENTROPY_SCATTER = 0.53  # standard deviation times sqrt(lines) for such powers (measured)
 _TAPS = {2: 48, 3: 72}
@@ -282,10 +281,11 @@ def fast_kurtogram(
     *columns, seconds, fourths, negentropy, lines = zip(*rows, strict=True)
     level, index, width, count = (np.array(column, dtype=np.float64) for column in columns)
     second, fourth = np.array(seconds), np.array(fourths)  # (band, part)
-    quiet = np.argsort(fourth, axis=1)[:, : PARTS - LEFT_OUT]
+    left_out = 2  # parts of largest fourth moment left out of the steady kurtosis: a spike may lie on the border of two
+    quiet = np.argsort(fourth, axis=1)[:, : PARTS - left_out]
     least, of_least = (np.take_along_axis(each, quiet, axis=1).sum(axis=1) for each in (second, fourth))
     kurtosis = _kurtosis(second.sum(axis=1), fourth.sum(axis=1), count)
-    steady = _kurtosis(least, of_least, count * (1 - LEFT_OUT / PARTS))
+    steady = _kurtosis(least, of_least, count * (1 - left_out / PARTS))
     power = second.sum(axis=1) / count
     last_filter = np.where(level == 0, 1, np.where(level % 1 > 0, 3, 2)).tolist()  # bands that it made
     std = 2 * np.sqrt(np.array([_samples_per_independent(factor) for factor in last_filter]) / count)

@@ -23,8 +23,6 @@ from signals._validation import Array, checked, real_vector, whole
 if TYPE_CHECKING:
     from numpy.typing import ArrayLike
 
-_FEWEST_BLOCKS = 8
-
 
 @dataclass(frozen=True, kw_only=True)
 class SeparatedSignal:
@@ -309,10 +307,11 @@ def discrete_random_separation(x: ArrayLike, *, window_length: int, delay: int) 
     if length % 2:
         raise ValueError(f"window_length={length} must be even; take {length + 1}.")
     lag = whole(delay, name="delay", least=length)
-    if signal.size < lag + _FEWEST_BLOCKS * length:
+    fewest_blocks = 8
+    if signal.size < lag + fewest_blocks * length:
         raise ValueError(
             f"{signal.size} samples are too few for windows of {length} and a delay of {lag}: below "
-            f"{lag + _FEWEST_BLOCKS * length} chance looks like repetition; record longer, or shorten the windows."
+            f"{lag + fewest_blocks * length} chance looks like repetition; record longer, or shorten the windows."
         )
     gain, blocks = _transfer(signal, length, lag)
     half = length // 2

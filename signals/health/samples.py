@@ -58,7 +58,6 @@ def graded(kind: Kind, *, sick: bool, size: float, sentence: str) -> SensorFault
 
 _PARTS = 64
 _SIDE = 8  # parts on either side of a jump
-_FEWEST_IN_PART = 64
 
 
 def jumps(
@@ -70,8 +69,9 @@ def jumps(
     parts on either side is steady. Where the machine's speed (m,), even over the record, changes with the level, a
     resonance may be what changes it, by more than any sensor that comes loose.
     """
-    if x.size < _PARTS * _FEWEST_IN_PART:
-        return [], f"jumps of level need {_PARTS * _FEWEST_IN_PART} samples; the record has {x.size}"
+    fewest_in_part = 64
+    if x.size < _PARTS * fewest_in_part:
+        return [], f"jumps of level need {_PARTS * fewest_in_part} samples; the record has {x.size}"
     parts = x[: x.size // _PARTS * _PARTS].reshape(_PARTS, -1)
     part_s = parts.shape[1] / rate_hz
     mean = parts.mean(axis=1, dtype=np.float64)
@@ -142,23 +142,19 @@ def _largest_jump(values: Array) -> tuple[int, float]:
 
 Mask = NDArray[np.bool_]
 
-_PILE = 4.0  # a sine on a coarse converter has 2.4 times as many samples on its last level as on the one before
 _NEAR = 4096
-_SHORTEST_RUN = 5
 _STUCK = 0.1  # of the record
-_SPIKE = 8.0  # robust standard deviations
-_DEVIATION = 1.4826  # standard deviation of Gaussian values over their median absolute one
-_BESIDE = 6  # samples
 
 
 def clipping(x: Samples, *, rate_hz: float, units: str) -> tuple[list[SensorFault], Mask]:
     """Return faults where an extreme value repeats more often than the next levels, and an (n,) mask of it."""
     clipped = np.zeros(x.size, dtype=np.bool_)
     sides = []
+    pile = 4.0  # a sine on a coarse converter has 2.4 times as many samples on its last level as on the one before
     for extreme, sign in ((float(x.max()), 1.0), (float(x.min()), -1.0)):
         at = x == extreme
         count = int(np.count_nonzero(at))
-        if count > _PILE and count > _PILE * _usual_count(sign * x, sign * extreme):
+        if count > pile and count > pile * _usual_count(sign * x, sign * extreme):
             clipped |= at
             sides.append(f"{extreme:.6g} {units} {count} times")
     if not sides:
@@ -242,12 +238,13 @@ def _runs(mask: Mask) -> tuple[NDArray[np.intp], NDArray[np.intp]]:
 def _longest_run(several: int, runs: int, samples: int) -> int:
     """Return the run length that one in a million records reaches by chance, from the share of repeated values."""
     ratio = several / runs  # of the geometric distribution; a long run counts once
+    shortest_run = 5
     if ratio == 0:
-        return _SHORTEST_RUN
+        return shortest_run
     if ratio == 1:
         return samples + 1
     # probability of a run this long in a healthy record
-    return max(_SHORTEST_RUN, 1 + int(np.ceil(np.log(1e-6 / samples) / np.log(ratio))))
+    return max(shortest_run, 1 + int(np.ceil(np.log(1e-6 / samples) / np.log(ratio))))
 
 
 def spikes(x: Samples, *, rate_hz: float, units: str) -> tuple[list[SensorFault], Mask]:
@@ -258,11 +255,13 @@ def spikes(x: Samples, *, rate_hz: float, units: str) -> tuple[list[SensorFault]
     """
     height = np.abs(x - float(median(x)))
     # where half of them reach this, no sample can be a spike, and the partition is saved
-    if 2 * np.count_nonzero(height >= height.max() / (_SPIKE * _DEVIATION)) > x.size:
+    spike = 8.0  # robust standard deviations
+    deviation = 1.4826  # standard deviation of Gaussian values over their median absolute one
+    if 2 * np.count_nonzero(height >= height.max() / (spike * deviation)) > x.size:
         return [], np.zeros(x.size, dtype=np.bool_)
-    level = _DEVIATION * float(median(height))
+    level = deviation * float(median(height))
     isolated = np.array(
-        [at for at in np.flatnonzero(height > _SPIKE * level) if _is_isolated(height, int(at))], dtype=np.intp
+        [at for at in np.flatnonzero(height > spike * level) if _is_isolated(height, int(at))], dtype=np.intp
     )
     found = _with_neighbours(isolated, x.size)
     if level > 0 and isolated.size and not found.all():
@@ -284,7 +283,8 @@ def spikes(x: Samples, *, rate_hz: float, units: str) -> tuple[list[SensorFault]
 
 def _is_isolated(height: Samples, at: int) -> bool:
     """Return whether a sample is the largest of three with low RMS on either side of these."""
-    neighbours = np.concatenate((height[max(at - _BESIDE, 0) : max(at - 1, 0)], height[at + 2 : at + 1 + _BESIDE]))
+    beside = 6  # samples
+    neighbours = np.concatenate((height[max(at - beside, 0) : max(at - 1, 0)], height[at + 2 : at + 1 + beside]))
     top = bool(height[at] == height[max(at - 1, 0) : at + 2].max())
     # largest RMS beside a spike over its height; a ringing structure has more
     return top and float(np.sqrt(np.mean(neighbours**2))) < 0.25 * height[at]

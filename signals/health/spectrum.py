@@ -12,11 +12,7 @@ from signals.health.samples import SensorFault, graded
 
 _STRAY_HZ = 0.1  # largest deviation of the grid's frequency in normal operation
 _HARMONICS = (1, 2, 3, 5, 7)
-_FEWEST_HARMONICS = 3
-_ABOVE = 5.0  # smallest amplitude over the median beside; noise alone gives a lobe 2.6
 _REACH_HZ = 10.0
-_SHORTEST_HUM_S = 1.0
-_SLOPE_TOP_HZ = 16.0
 _OCTAVES = 4
 
 
@@ -26,9 +22,11 @@ def hum(x: Samples, amplitude: Samples, *, rate_hz: float) -> tuple[list[SensorF
     A machine that turns at a fraction of the mains frequency has the same lines, and others in between: lines at
     multiples of half or a third of the frequency exclude hum. `amplitude` is `amplitudes(x)`.
     """
-    if x.size / rate_hz < _SHORTEST_HUM_S or rate_hz < 2 * (_FEWEST_HARMONICS * 60 + _REACH_HZ):
+    fewest_harmonics = 3
+    shortest_hum_s = 1.0
+    if x.size / rate_hz < shortest_hum_s or rate_hz < 2 * (fewest_harmonics * 60 + _REACH_HZ):
         return [], (
-            f"mains hum needs {_SHORTEST_HUM_S:g} s and lines up to the third harmonic; the record lasts "
+            f"mains hum needs {shortest_hum_s:g} s and lines up to the third harmonic; the record lasts "
             f"{x.size / rate_hz:.3g} s at {rate_hz:g} Hz"
         )
     step = rate_hz / x.size
@@ -36,15 +34,16 @@ def hum(x: Samples, amplitude: Samples, *, rate_hz: float) -> tuple[list[SensorF
     mains_hz = (50.0, 60.0)
     hum_share = 0.1  # RMS of the hum over that of the record
     faulty_hum = 0.5
+    above = 5.0  # smallest amplitude over the median beside; noise alone gives a lobe 2.6
     for mains in mains_hz:
         base = _strongest(amplitude, step, mains)
         harmonics = [k for k in _HARMONICS if k * (mains + _STRAY_HZ) + _REACH_HZ < rate_hz / 2]
         heights = {k: _line(amplitude, step, k * base) for k in harmonics}
-        standing = {k: line for k, (line, background) in heights.items() if line > _ABOVE * background}
+        standing = {k: line for k, (line, background) in heights.items() if line > above * background}
         between = [base * part for part in (1 / 2, 3 / 2, 1 / 3, 2 / 3, 4 / 3)]
-        others = sum(line > _ABOVE * background for line, background in (_line(amplitude, step, f) for f in between))
+        others = sum(line > above * background for line, background in (_line(amplitude, step, f) for f in between))
         share = float(np.sqrt(sum(line**2 for line in standing.values()) / 2)) / level
-        if 1 in standing and len(standing) >= _FEWEST_HARMONICS and others == 0 and share > hum_share:
+        if 1 in standing and len(standing) >= fewest_harmonics and others == 0 and share > hum_share:
             sentence = (
                 f"the mains hum in it: lines at {base:.2f} Hz and {len(standing) - 1} of its harmonics hold "
                 f"{share:.1%} of its RMS. Check shield and ground loops; a machine that turns at this very frequency "
@@ -99,12 +98,13 @@ def ski_slope(x: Samples, amplitude: Samples, *, rate_hz: float) -> tuple[list[S
     Its causes are a loose mount, thermal drift and the recovery of an overloaded amplifier. The density of an octave is
     its median, which the lines of a shaft do not change; nor do they count in the share of the power.
     """
-    edges = _SLOPE_TOP_HZ / 2.0 ** np.arange(_OCTAVES, -1, -1)
+    slope_top_hz = 16.0
+    edges = slope_top_hz / 2.0 ** np.arange(_OCTAVES, -1, -1)
     step = rate_hz / x.size
     fewest_bins = 4
-    if edges[1] - edges[0] < fewest_bins * step or rate_hz < 8 * _SLOPE_TOP_HZ:
+    if edges[1] - edges[0] < fewest_bins * step or rate_hz < 8 * slope_top_hz:
         return [], (
-            f"a ski slope shows from {edges[0]:g} to {_SLOPE_TOP_HZ:g} Hz; the record, {x.size / rate_hz:.3g} s at "
+            f"a ski slope shows from {edges[0]:g} to {slope_top_hz:g} Hz; the record, {x.size / rate_hz:.3g} s at "
             f"{rate_hz:g} Hz, does not resolve that"
         )
     power = amplitude**2
@@ -127,7 +127,7 @@ def ski_slope(x: Samples, amplitude: Samples, *, rate_hz: float) -> tuple[list[S
         return [], None
     decibels = 10 * np.log10(density[0] / density[end - 1]) / (end - 1)
     sentence = (
-        f"it has a ski slope: below {_SLOPE_TOP_HZ:g} Hz its density falls by {decibels:.1f} dB an octave and holds "
+        f"it has a ski slope: below {slope_top_hz:g} Hz its density falls by {decibels:.1f} dB an octave and holds "
         f"{share:.1%} of its power. Check the mount; look for shocks that overload the amplifier."
     )
     faulty_slope = 0.5

@@ -16,8 +16,6 @@ from signals._validation import Array, Samples, checked, positive, real_samples,
 from signals.angle.averaging import SynchronousAverage
 from signals.angle.residual import MeshBand, ResidualSignal
 
-_BLOCK = 2**15
-
 Waveform = ArrayLike | SynchronousAverage
 
 
@@ -171,8 +169,9 @@ def _centred(values: Samples) -> Samples:
 def _mean_power(values: Samples, order: int) -> float:
     """Return the mean of the values to an even power, in blocks: products cost a twentieth of `**`, and no memory."""
     total = 0.0
-    for first in range(0, values.size, _BLOCK):
-        square = values[first : first + _BLOCK].astype(np.float64) ** 2
+    block = 2**15
+    for first in range(0, values.size, block):
+        square = values[first : first + block].astype(np.float64) ** 2
         power = square
         for _ in range(order // 2 - 1):
             power = power * square

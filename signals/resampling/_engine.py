@@ -33,17 +33,15 @@ from signals._validation import Array, Samples
 
 
 HALF_WIDTH = 32  # zero crossings on either side
-KAISER_BETA = 12.0
 ROWS = 64  # fractions of a step; cubics through four of them are within 3 / 128 (pi / 64)^4 = 1.4e-7 of the largest
 MOMENTS = 8  # of the samples in a step: polynomials of degree 7 follow the filter to 4e-7 of its largest value
-_FINE = 64
-_CACHE_LINE = 64  # bytes
 
 
 def windowed_sinc(u: Array) -> Array:
     """Return the filter at `u` zero crossings from its centre, any shape; zero beyond `HALF_WIDTH`."""
     inside = np.clip(1 - (u / HALF_WIDTH) ** 2, 0, None)
-    taper = np.i0(KAISER_BETA * np.sqrt(inside)) / np.i0(KAISER_BETA)
+    kaiser_beta = 12.0
+    taper = np.i0(kaiser_beta * np.sqrt(inside)) / np.i0(kaiser_beta)
     return np.where(np.abs(u) < HALF_WIDTH, np.sinc(u) * taper, 0.0)
 
 
@@ -61,8 +59,9 @@ def weight_rows() -> Array:
 
 def _aligned(a: Array) -> Array:
     """Return a copy that begins at a cache line, so that its rows straddle as few lines as possible."""
-    buffer = np.empty(a.size + _CACHE_LINE // 8)
-    first = -buffer.ctypes.data % _CACHE_LINE // 8
+    cache_line = 64  # bytes
+    buffer = np.empty(a.size + cache_line // 8)
+    first = -buffer.ctypes.data % cache_line // 8
     aligned = buffer[first : first + a.size].reshape(a.shape)
     aligned[:] = a
     return aligned
@@ -84,10 +83,11 @@ def step_polynomials() -> Array:
 @lru_cache(maxsize=1)
 def _integral() -> tuple[Array, Array]:
     """Return positions in zero crossings, and the integral of the filter up to each."""
-    u = np.arange(-HALF_WIDTH * _FINE, HALF_WIDTH * _FINE + 1) / _FINE
+    fine = 64
+    u = np.arange(-HALF_WIDTH * fine, HALF_WIDTH * fine + 1) / fine
     middles = windowed_sinc((u[1:] + u[:-1]) / 2)
     ends = windowed_sinc(u)
-    pieces = (ends[1:] + 4 * middles + ends[:-1]) / (6 * _FINE)  # Simpson's rule
+    pieces = (ends[1:] + 4 * middles + ends[:-1]) / (6 * fine)  # Simpson's rule
     total = np.concatenate([[0.0], np.cumsum(pieces)])
     return u, total / total[-1]
 

@@ -7,8 +7,6 @@ from signals._compile import compiled, compiled_sums
 
 Array = NDArray[np.float64]
 
-_BISECTIONS = 60  # down to rounding
-
 
 @compiled
 def hermite(values: Array, slopes: Array, step: int, skip: int, out: Array, out_slopes: Array) -> None:
@@ -65,7 +63,8 @@ def _cubic_root(rise: float, early: float, late: float, target: float) -> float:
     """Return the root of ``u rise + u (1 - u) (early + u (late - early)) = target`` between 0 and 1."""
     low, high = 0.0, 1.0
     u = target / rise if rise > 0 else 0.0
-    for _ in range(_BISECTIONS):
+    bisections = 60  # down to rounding
+    for _ in range(bisections):
         bend = early + u * (late - early)
         error = u * rise + u * (1 - u) * bend - target
         slope = rise + (1 - 2 * u) * bend + u * (1 - u) * (late - early)

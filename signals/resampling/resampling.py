@@ -33,7 +33,6 @@ if TYPE_CHECKING:
 
 PASSBAND = 0.88  # of half the coarser rate
 
-_MOST_OUTPUTS = 1000  # for each input: more is a mistaken unit
 _ROUNDING = 1e-9  # revolutions
 
 
@@ -304,10 +303,11 @@ def time_resample(
     start = begin if start_s is None else float(start_s)
     if not begin - _ROUNDING <= start <= end:
         raise ValueError(f"start_s={start:g} s lies outside the signal, {begin:g} to {end:g} s; start within it.")
-    if not 1 <= (end - begin) * rate <= _MOST_OUTPUTS * x.size:
+    most_outputs = 1000  # for each input: more is a mistaken unit
+    if not 1 <= (end - begin) * rate <= most_outputs * x.size:
         raise ValueError(
             f"rate_hz={rate:g} makes {(end - begin) * rate:.3g} samples of {x.size}; needed are at least one and at "
-            f"most {_MOST_OUTPUTS} times as many."
+            f"most {most_outputs} times as many."
         )
     speeds = _speeds(phase, begin, end, points=x.size // NODE_STEP)
     slowest = max(float(speeds.min()), 1e-9 * float(speeds.max()))  # at rest dt/d(angle) is infinite

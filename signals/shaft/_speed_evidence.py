@@ -133,7 +133,6 @@ _SIDEBANDS = (-2.0, -1.0, 1.0, 2.0)
 _HARMONICS = 7  # of one tone, as of the mains: hum above the seventh is seldom louder than the machine (our choice)
 _MOST_RATIOS, _SCORED = 20_000, 30
 _REFINED = 2  # best courses whose phase is refined
-_POINTS = 400  # at which two courses are compared
 _SHARES = np.sin((np.arange(16) + 0.5) / 16 * np.pi / 2) ** 2  # equal steps of Jeffreys' probability
 
 
@@ -297,14 +296,15 @@ def judged(
         gains = [np.subtract(one.evidence, constant.evidence) for one in every]
         every = [one for one, gain in zip(every, gains, strict=True) if gain[0] > CERTAIN and gain[1] > 0] or [constant]
     best = max(every[:_REFINED], key=lambda one: one.total)
-    times = np.linspace(best.phase.start_s, best.phase.stop_s, _POINTS)
+    points = 400  # at which two courses are compared
+    times = np.linspace(best.phase.start_s, best.phase.stop_s, points)
     speed = best.phase.speed_hz(times)
     low = min(float(range_hz[0] / np.quantile(speed, 0.1)), 1.0)
     high = max(float(range_hz[1] / np.quantile(speed, 0.9)), 1.0)
     whole, *parts = _spectra(signal, rate, best.phase, (float(orders[-1]) + 3) * high, 1, _PARTS)
     ratios = _rival_ratios(parts, orders, low, high)
     rivals = [
-        Rival(ratio=np.full(_POINTS, ratio), log_odds=_log_odds(best, (total, least)))
+        Rival(ratio=np.full(points, ratio), log_odds=_log_odds(best, (total, least)))
         for ratio, total, least in zip(ratios, *_evidence(whole, parts, orders, ratios), strict=True)
     ]
     for one in every:

@@ -38,7 +38,6 @@ if TYPE_CHECKING:
 
 DC_BINS = 3.0  # bins that the leakage of an offset reaches with a Hann window
 PRESENT = 0.3  # prior probability of a line of an order in a frame
-_BLOCK = 24  # bins per median
 _SMOOTH = 3  # frames
 _HIGH = 8.0  # means that noise exceeds once in 3000 bins
 _TABLE = np.linspace(-4.0, 16.0, 4001)  # log of the power ratio
@@ -124,12 +123,13 @@ def without_steady_lines(evidence: Evidence) -> Evidence:
 def _normalised(power: Array, *, first: int) -> Array:
     """Return the power (bins, frames) over its local noise; 1 where the noise is zero."""
     bins, frames = power.shape
-    starts = np.unique(np.clip(np.arange(first, bins, _BLOCK // 2), first, max(bins - _BLOCK, first)))
-    level = np.array([np.median(power[start : start + _BLOCK], axis=0) for start in starts]) / np.log(2)
+    block = 24  # bins per median
+    starts = np.unique(np.clip(np.arange(first, bins, block // 2), first, max(bins - block, first)))
+    level = np.array([np.median(power[start : start + block], axis=0) for start in starts]) / np.log(2)
     silent = level <= 1e-20 * power.max(initial=0.0)  # rounding
     padded = np.pad(np.log(np.where(silent, 1.0, level)), ((0, 0), (_SMOOTH // 2, _SMOOTH // 2)), mode="edge")
     smooth = np.mean([padded[:, k : k + frames] for k in range(_SMOOTH)], axis=0)
-    position = np.interp(np.arange(bins), starts + (_BLOCK - 1) / 2, np.arange(starts.size, dtype=np.float64))
+    position = np.interp(np.arange(bins), starts + (block - 1) / 2, np.arange(starts.size, dtype=np.float64))
     low = np.minimum(position.astype(np.int64), max(starts.size - 2, 0))
     high = np.minimum(low + 1, starts.size - 1)
     part = (position - low)[:, None]
@@ -144,8 +144,6 @@ def log_line_ratio(ratios: Array, *, foreign: float) -> Array:
 
 CERTAIN = np.log(1000.0)
 SAME_SPEED = 0.01
-_MOST_VOTES = 10**7  # frames x speeds, of which several arrays of 80 MB are made
-_MISSED = 0.1  # prior probability that a frame contains no line of a rotating shaft
 
 
 @dataclass(frozen=True, kw_only=True)
@@ -217,9 +215,10 @@ def search_speeds(
         evidence = without_steady_lines(evidence)
     highest = min(float(orders[-1]), band_rate / 2 / low)
     spacing = 0.5 / (frame_s * highest)
-    steps = int(min(np.ceil((high - low) / spacing), _MOST_VOTES)) + 1
+    most_votes = 10**7  # frames x speeds, of which several arrays of 80 MB are made
+    steps = int(min(np.ceil((high - low) / spacing), most_votes)) + 1
     speeds = low + spacing * np.arange(steps, dtype=np.float64)
-    if speeds.size * evidence.times_s.size > _MOST_VOTES:
+    if speeds.size * evidence.times_s.size > most_votes:
         raise ValueError(
             f"{speeds.size} speeds or more from {low:g} to {high:g} Hz in {evidence.times_s.size} frames are too many "
             "to search; give a narrower speed_range_hz, lower orders, or a shorter part of the record."
@@ -228,7 +227,8 @@ def search_speeds(
     votes = np.zeros((speeds.size, evidence.times_s.size))
     add_votes(evidence.log_votes(), evidence.bins_per_hz, orders, weights, speeds, DC_BINS, votes)
     # mixture: a frame may contain no line of a rotating shaft
-    votes = np.ascontiguousarray(np.logaddexp(votes + np.log1p(-_MISSED), np.log(_MISSED)).T)
+    missed = 0.1  # prior probability that a frame contains no line of a rotating shaft
+    votes = np.ascontiguousarray(np.logaddexp(votes + np.log1p(-missed), np.log(missed)).T)
     reach = int(np.ceil(acceleration * (evidence.times_s[1] - evidence.times_s[0]) / spacing))
     most_work = 10**9  # frames x speeds x steps of acceleration: some seconds
     if reach * votes.size > most_work:

@@ -26,9 +26,7 @@ if TYPE_CHECKING:
     from numpy.typing import ArrayLike, NDArray
 
 OVERLAP = 4  # hops a window, as the kernel has it
-_LEAST_ORDER = 1e-6  # one turn in a million revolutions
 _FIRST_REV, _LAST_REV = 2.0, 6.0
-_SNR_WINDOWS = 9  # averaged
 # variance of (-1, -2, 0, 2, 1) / 4 times the phases of successive windows, whose noise correlates by 0.66, 1/6, 0.007:
 # 0.868; the noise that the smoothing between passes leaves adds as much again (measured)
 _COSINE = np.cos(2 * np.pi * np.arange(1025) / 1024)
@@ -196,8 +194,9 @@ def listed_orders(orders: Sequence[float]) -> Array:
 
 def _checked_order(order: float) -> float:
     """Return an order, or raise where it is none."""
-    if not _LEAST_ORDER <= positive(order, name="an order") <= 1 / _LEAST_ORDER:
-        raise ValueError(f"an order of {order:g} is none of a shaft; list orders from {_LEAST_ORDER:g} on.")
+    least_order = 1e-6  # one turn in a million revolutions
+    if not least_order <= positive(order, name="an order") <= 1 / least_order:
+        raise ValueError(f"an order of {order:g} is none of a shaft; list orders from {least_order:g} on.")
     return float(order)
 
 
@@ -262,8 +261,9 @@ def _running_mean(values: Array) -> Array:
     """Return the mean over nine successive windows, (windows, orders), fewer at the ends."""
     total = np.concatenate([np.zeros((1, values.shape[1])), np.cumsum(values, axis=0)])
     index = np.arange(values.shape[0])
-    low = np.maximum(index - _SNR_WINDOWS // 2, 0)
-    high = np.minimum(index + _SNR_WINDOWS // 2 + 1, index.size)
+    snr_windows = 9  # averaged
+    low = np.maximum(index - snr_windows // 2, 0)
+    high = np.minimum(index + snr_windows // 2 + 1, index.size)
     return np.asarray((total[high] - total[low]) / (high - low)[:, None])
 
 

@@ -22,8 +22,6 @@ Counts = NDArray[np.int64]
 
 _DOUBLE = 0.1  # of the interval: an extra pulse this soon after a true one is its double
 _CALIBRATION_REVS = 3  # steady ones that suffice to estimate the angles of the stripes
-_STOP_INTERVALS = 4  # on either side that are fitted
-_STOP_EARLY = 0.25  # of the nearest interval by which it may end outside the two pulses
 
 
 def _no_times() -> Array:
@@ -194,10 +192,11 @@ def possible_stops(times: Array, *, stripes: int) -> Counts:
 
 def _stops_by(times: Array, stride: int) -> Counts:
     """Return the intervals with a possible stop, by every `stride`-th pulse on either side."""
-    reach = _STOP_INTERVALS * stride
+    stop_intervals = 4  # on either side that are fitted
+    reach = stop_intervals * stride
     at = np.arange(reach, times.size - 1 - reach)
-    before = times[at[:, None] - stride * np.arange(_STOP_INTERVALS + 1)] - times[at, None]
-    after = times[at[:, None] + 1 + stride * np.arange(_STOP_INTERVALS + 1)] - times[at + 1, None]
+    before = times[at[:, None] - stride * np.arange(stop_intervals + 1)] - times[at, None]
+    after = times[at[:, None] + 1 + stride * np.arange(stop_intervals + 1)] - times[at + 1, None]
     sides = [np.abs(np.diff(side, axis=1)) for side in (before, after)]
     # 1.4 of the longest of them to the shortest, at least
     slowing = [np.all(np.diff(side, axis=1) < 0, axis=1) & (side[:, 0] > 1.4 * side[:, -1]) for side in sides]
@@ -219,7 +218,8 @@ def _rests(distances: Array, gap: float) -> bool:
     stop_residual = 0.25  # of that fit at most, in intervals
     fits = np.max(np.abs(np.polyval((bend, speed, level), distances / near) - angle)) < stop_residual
     stop_reach = 1.5  # intervals within which a constant deceleration must end for a stop
-    return bool(fits and -_STOP_EARLY <= rest <= gap / near + _STOP_EARLY and turned <= stop_reach)
+    stop_early = 0.25  # of the nearest interval by which it may end outside the two pulses
+    return bool(fits and -stop_early <= rest <= gap / near + stop_early and turned <= stop_reach)
 
 
 def stripe_positions(times: Array, counts: Counts, stripes: int) -> Array:

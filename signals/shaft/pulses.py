@@ -17,9 +17,7 @@ if TYPE_CHECKING:
 
 _HYSTERESIS = 0.25  # of the swing, either side of the middle
 _IN_ORDER, _MOST_STRIPES, _FEWEST_IN_ORDER = 1.5, 8, 4  # ratio of intervals a turn apart; random ones have 3
-_SECTIONS = 32  # of the record, in each of which one threshold must be crossed both ways to serve all of it
 _PULSES_PER_BLOCK = 2
-_LEAST_OF_RANGE = 0.01  # swing over the channel's range: conditioned pulses fill a tenth of it or more; hum is below
 
 Edge = Literal["rising", "falling", "auto"]
 
@@ -163,9 +161,10 @@ class _Edges:
 
 def _refuse_faint(found: _Edges, full_scale: float) -> None:
     """Raise where the waveform swings by far less than the range of its channel."""
-    if found.swing < _LEAST_OF_RANGE * full_scale:
+    least_of_range = 0.01  # swing over the channel's range: conditioned pulses fill a tenth of it or more; hum is below
+    if found.swing < least_of_range * full_scale:
         raise ValueError(
-            f"the waveform swings by {found.swing:.3g}, below {_LEAST_OF_RANGE:.0%} of the range of its channel, "
+            f"the waveform swings by {found.swing:.3g}, below {least_of_range:.0%} of the range of its channel, "
             f"{full_scale:g}: hum or noise, not pulses. Check that the shaft turns and the sensor is connected; if it "
             "is so faint, state the range it was recorded with (full_scale)."
         )
@@ -264,10 +263,11 @@ def _edges_at_levels(wave: Array, hysteresis: float | None, *, narrow: bool) -> 
 
 def _crossed_everywhere(wave: Array, found: _Edges) -> bool:
     """Return whether every section of the record crosses the hysteresis on both sides."""
-    length = wave.size // _SECTIONS
-    if length == 0 or found.positions.size < 2 * _SECTIONS:
+    sections = 32  # of the record, in each of which one threshold must be crossed both ways to serve all of it
+    length = wave.size // sections
+    if length == 0 or found.positions.size < 2 * sections:
         return found.positions.size <= _PULSES_PER_BLOCK and not _drifts(wave)
-    rows = wave[: length * _SECTIONS].reshape(_SECTIONS, length)
+    rows = wave[: length * sections].reshape(sections, length)
     level, margin = found.level, found.margin
     crossed = (rows.max(axis=1) > level + margin) & (rows.min(axis=1) < level - margin)
     return bool(crossed.all())
@@ -455,18 +455,16 @@ def quadrature_direction(
     return QuadratureEdges(times_s=times[1:], direction=steps, missing_times_s=lost[0])
 
 
-_PER_STRIPE = 4  # edges
-
-
 def _lost_edges(times: Array, channel: Array, level: Array) -> Array:
     """Return time, channel and level of the edges that one channel lost while the other went on, (3, lost)."""
     found, doubtful = [], []
     turns = np.flatnonzero(np.diff(channel) != 0)
+    per_stripe = 4  # edges
     for first, last in zip(np.append(0, turns + 1).tolist(), np.append(turns, channel.size - 1).tolist(), strict=True):
         stripes = (last - first) // 2
         if stripes == 0:
             continue
-        spans = [(first - _PER_STRIPE, first), (last, last + _PER_STRIPE)]
+        spans = [(first - per_stripe, first), (last, last + per_stripe)]
         paces = [times[end] - times[begin] for begin, end in spans if begin >= 0 and end < times.size]
         taken = times[first + 2 * stripes] - times[first]
         # 0.3 by which the time of a stripe may differ from that before or after

@@ -32,7 +32,6 @@ if TYPE_CHECKING:
 
 _FEWEST_FRAMES, _FEWEST_REVOLUTIONS = 8, 10.0
 _LONGEST_FRAME_S = 2.0
-_FEWEST_SAMPLES = 64  # a frame
 
 
 @dataclass(frozen=True, kw_only=True)
@@ -164,17 +163,18 @@ def estimate_speed(
             f"the lowest order, {listed[0]:g}, lies at {listed[0] * low:.4g} Hz or higher, beyond half of "
             f"rate_hz={rate:g}; list lower orders, or use a record of a higher rate."
         )
-    most = min(duration / _FEWEST_FRAMES, max(_LONGEST_FRAME_S, _FEWEST_SAMPLES / rate))
+    fewest_samples = 64  # a frame
+    most = min(duration / _FEWEST_FRAMES, max(_LONGEST_FRAME_S, fewest_samples / rate))
     # 4.0 bins by which the median order may move within a frame at the largest acceleration
-    frame = min(max(np.sqrt(4.0 / (acceleration * np.median(listed))), _FEWEST_SAMPLES / rate), most)
-    if frame * rate < _FEWEST_SAMPLES:
+    frame = min(max(np.sqrt(4.0 / (acceleration * np.median(listed))), fewest_samples / rate), most)
+    if frame * rate < fewest_samples:
         raise ValueError(
-            f"frames of {frame:.3g} s hold {frame * rate:.3g} samples at rate_hz={rate:g}; at least {_FEWEST_SAMPLES} "
+            f"frames of {frame:.3g} s hold {frame * rate:.3g} samples at rate_hz={rate:g}; at least {fewest_samples} "
             "are needed. Record longer."
         )
 
     # (1.0, 0.5, 0.25) of the default length
-    lengths = [part * frame for part in (1.0, 0.5, 0.25) if part * frame * rate >= _FEWEST_SAMPLES]
+    lengths = [part * frame for part in (1.0, 0.5, 0.25) if part * frame * rate >= fewest_samples]
     stop_s = (signal.size - 1) / rate
     first: SpeedEstimate | None = None
     for moving in (False, True):

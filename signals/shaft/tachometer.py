@@ -28,7 +28,6 @@ if TYPE_CHECKING:
 __all__ = ["PulseTrain", "pulse_times", "shaft_phase"]
 
 # a list of at least 16 values of which a tenth does not rise is taken for a waveform handed over as pulse times
-_JITTER_ORDER = 6  # of the differences: they remove any motion that is a quintic over seven pulses
 
 
 @dataclass(frozen=True, kw_only=True)
@@ -193,17 +192,18 @@ def _jitter(segments: list[_Segment], stripes: int) -> float:
     analysis of time series", section 3.4).
     """
     found = []
+    jitter_order = 6  # of the differences: they remove any motion that is a quintic over seven pulses
     for segment in segments:
         full = np.full(int(segment.counts[-1] - segment.counts[0]) + 1, np.nan)
         full[segment.counts - segment.counts[0]] = segment.times
-        for _ in range(_JITTER_ORDER):
+        for _ in range(jitter_order):
             full = full[stripes:] - full[:-stripes]
         found.append(full[np.isfinite(full)])
     differences = np.concatenate(found)
     jitter_fewest = 6  # differences
     if differences.size < jitter_fewest:
         return math.nan
-    return float(np.sqrt(np.mean(differences**2) / math.comb(2 * _JITTER_ORDER, _JITTER_ORDER)))
+    return float(np.sqrt(np.mean(differences**2) / math.comb(2 * jitter_order, jitter_order)))
 
 
 def _counted_phase(times: Array, signs: NDArray[np.int64], per_rev: float | Fraction) -> ShaftPhase:

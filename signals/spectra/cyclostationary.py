@@ -22,8 +22,6 @@ from signals._validation import Array, Samples, checked, positive, real_vector, 
 if TYPE_CHECKING:
     from numpy.typing import ArrayLike, NDArray
 
-_FEWEST_FRAMES = 16
-
 
 @dataclass(frozen=True, kw_only=True)
 class SpectralCorrelation:
@@ -145,9 +143,10 @@ def spectral_correlation(
     # 3 bins beyond which the transform of the squared window is negligible
     hop = max(1, min(int(rate / (2 * most + 2 * 3 * rate / length)), length // 4))
     frames = fft.prev_fast_len((signal.size - length) // hop + 1)
-    if frames < _FEWEST_FRAMES:
+    fewest_frames = 16
+    if frames < fewest_frames:
         raise ValueError(
-            f"the record holds {frames} frames of {length} samples, {hop} apart; at least {_FEWEST_FRAMES} are needed: "
+            f"the record holds {frames} frames of {length} samples, {hop} apart; at least {fewest_frames} are needed: "
             "record longer, or shorten the window."
         )
     kept = int(np.floor(most * frames * hop / rate * (1 + 1e-12))) + 1

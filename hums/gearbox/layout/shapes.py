@@ -94,9 +94,6 @@ def vector(values: Array | Vector) -> Vector:
     return (x, y, z)
 
 
-_SAME = 1e-6  # of a length: far above rounding, far below any gear
-
-
 @dataclass(frozen=True, kw_only=True)
 class GearShape:
     """One gear: its pitch circle in the middle of the face, or at the outer end of a pitch cone.
@@ -136,8 +133,9 @@ class GearShape:
 
     def turns_about(self, line: Line) -> bool:
         """Whether the axis of the gear is this line."""
-        along = np.linalg.norm(np.cross(self.axis, line.direction)) < _SAME
-        return bool(along) and line.distance_to(np.array(self.centre)) < _SAME * max(self.radius, 1.0)
+        same = 1e-6  # of a length: far above rounding, far below any gear
+        along = np.linalg.norm(np.cross(self.axis, line.direction)) < same
+        return bool(along) and line.distance_to(np.array(self.centre)) < same * max(self.radius, 1.0)
 
 
 @dataclass(frozen=True, kw_only=True)
