@@ -8,8 +8,7 @@ from typing import TYPE_CHECKING, Literal
 import numpy as np
 
 from signals._validation import Samples, checked, positive, real_samples, real_vector
-from signals.health.samples import SensorFault, clipping, dropouts, jumps, spikes
-from signals.health.spectrum import amplitudes, hum, ski_slope
+from signals.health.faults import SensorFault, amplitudes, clipping, dropouts, hum, jumps, ski_slope, spikes
 
 if TYPE_CHECKING:
     from numpy.typing import ArrayLike, NDArray

@@ -12,8 +12,7 @@ import numpy as np
 
 from hums.gearbox.components import Vector
 from hums.gearbox.layout.axis_placement import place
-from hums.gearbox.layout.gears import gear_shapes, mesh_points
-from hums.gearbox.layout.rods import bearing_shapes, rods_of
+from hums.gearbox.layout.bodies import bearing_shapes, gear_shapes, mesh_points, rods_of
 from hums.gearbox.layout.shapes import (
     PARALLEL,
     BearingShape,
