@@ -94,13 +94,18 @@ class Statics:
         name = self.contacts[number].mesh
         return next(mesh for mesh in self.kinematics.gearbox.meshes if mesh.name == name)
 
-    def directions(self, number: int) -> tuple[Vector, Vector]:
-        """Return the directions of the axes of the two gears of a contact, which are fixed in its carrier."""
+    def axes(self, number: int) -> tuple[str, str]:
+        """Return the axes of the two gears of a contact, fixed in its carrier."""
         mechanism, contact = self.kinematics.mechanism, self.contacts[number]
         one, two = (
-            mechanism.directions[mechanism.shared_axis(mechanism.bodies[link], contact.carrier) or ""]
+            mechanism.shared_axis(mechanism.bodies[link], contact.carrier) or ""  # never None in a contact
             for link, _ in contact.gears
         )
+        return one, two
+
+    def directions(self, number: int) -> tuple[Vector, Vector]:
+        """Return the directions of `axes`."""
+        one, two = (self.kinematics.mechanism.directions[axis] for axis in self.axes(number))
         return one, two
 
     def speed(self, link: str, seen_from: str | None = None) -> Fraction:

@@ -1,13 +1,8 @@
 """Static torques, tooth loads, forces and power of a mechanism, by virtual work.
 
-`hums.gearbox.statics` sets up the equations of `solve_torques` and solves them in rational arithmetic; this module
-derives forces between teeth and powers, which balance to the rounding of the result.
-
-References
-----------
-ISO 21771 (2007): working pressure angle. Decker, Maschinenelemente, and any other text on gears: the three components
-of a tooth force. H. W. Mueller, Epicyclic Drive Trains, Wayne State University Press (1982): power relative to the
-carrier, circulating power.
+`hums.gearbox.statics` sets up the equations of `solve_torques` and solves them in rational arithmetic;
+`hums.gearbox.tooth_forces` derives forces and bearing loads, this module powers. They balance to the rounding of the
+result.
 """
 
 import math
@@ -15,77 +10,13 @@ from collections.abc import Iterable, Iterator, Mapping
 from dataclasses import dataclass
 from fractions import Fraction
 
-from hums.gearbox.components import Mesh, Vector, closest
+from hums.gearbox.components import Vector, closest
 from hums.gearbox.kinematics import Kinematics
 from hums.gearbox.model import GearboxError
 from hums.gearbox.rational import ZERO
 from hums.gearbox.statics import Solution, Statics, TorqueError, gear_pairs, solve_equilibrium
+from hums.gearbox.tooth_forces import BearingLoad, ToothForces, bearing_loads, tooth_forces
 from signals._validation import brief, checked, is_float
-
-
-@dataclass(frozen=True, kw_only=True)
-class ToothForces:
-    """The components of the force between the teeth of one contact at the pitch point, magnitudes in N.
-
-    The tangential force drives the driven gear, the radial one separates the gears, the axial one acts along the
-    axes.
-    """
-
-    tangential_n: float
-    radial_n: float
-    axial_n: float
-
-
-def tooth_forces(solution: Solution, number: int) -> ToothForces | None:
-    """Return the components of a tooth force at the working pitch point of a gear pair with parallel axes.
-
-    With the reference diameter ``d = m Z / cos b`` the transverse force along the line of action is
-    ``2 Z L / (d cos a_t)``; it is inclined by the working pressure angle. None where the load, the module or an angle
-    is not known.
-    """
-    statics, load, mesh = solution.statics, solution.load(number), solution.statics.mesh(number)
-    cosine = sum(a * b for a, b in zip(*statics.directions(number), strict=True))
-    if load is None or mesh.module_mm is None or mesh.pressure_angle_deg is None or mesh.kind:
-        return None
-    if not math.isclose(abs(cosine), 1, rel_tol=0, abs_tol=1e-12):
-        return None
-    (_, one), (_, two) = statics.contacts[number].gears
-    teeth = abs(one) + abs(two) if one * two * cosine > 0 else -abs(abs(one) - abs(two))  # internal ones are negative
-    helix_rad, normal_rad = (math.radians(abs(x or 0.0)) for x in (mesh.helix_angle_deg, mesh.pressure_angle_deg))
-    transverse_rad = math.atan(math.tan(normal_rad) / math.cos(helix_rad))
-    working_rad = _working_angle(mesh, normal_rad, transverse_rad, teeth)
-    reference_n = 2 * abs(float(load)) * math.cos(helix_rad) / (1e-3 * mesh.module_mm)
-    line_n = reference_n / math.cos(transverse_rad)
-    return ToothForces(
-        tangential_n=line_n * math.cos(working_rad),
-        radial_n=line_n * math.sin(working_rad),
-        axial_n=reference_n * math.tan(helix_rad),
-    )
-
-
-def _working_angle(mesh: Mesh, normal_rad: float, transverse_rad: float, teeth: int) -> float:
-    """Return the transverse working pressure angle in rad (ISO 21771).
-
-    ``inv a_w = inv a_t + 2 tan a_n sum(x) / sum(z)``, internal teeth counted negative, by Newton's method: the
-    involute function is convex, so that from above the solution all iterates decrease to it.
-    """
-    shift = sum(mesh.profile_shift or ())
-    if shift == 0:
-        return transverse_rad
-    shift_term = 2 * math.tan(normal_rad) * shift / teeth if teeth else -math.inf
-    involute = math.tan(transverse_rad) - transverse_rad + shift_term
-    if involute <= 0:
-        raise TorqueError(
-            f'mesh "{mesh.name}": with profile_shift = {list(mesh.profile_shift or ())} its gears have no common pitch '
-            "point; correct the shifts (signs as in ISO 21771)."
-        )
-    angle = math.atan(math.cbrt(3 * involute) + involute)  # not below the solution, as inv a > a^3 / 3
-    for _ in range(60):
-        step = (math.tan(angle) - angle - involute) / math.tan(angle) ** 2
-        angle -= step
-        if math.isclose(step, 0, abs_tol=1e-15):
-            break
-    return angle
 
 
 @dataclass(frozen=True, kw_only=True)
@@ -187,6 +118,8 @@ class Torques:
         One for each contact of two gears.
     branches : tuple of Branch
         Torque and power of the meshes on each link whose axis is fixed in the frame.
+    bearing_loads : tuple of BearingLoad
+        One for each declared bearing, in the order of declaration.
     input_power_w, output_power_w : float
         Sum of the powers into and out of the gearbox, in W.
     efficiency : float or None
@@ -212,6 +145,7 @@ class Torques:
     frame_torque_nm: Vector
     tooth_loads: tuple[ToothLoad, ...]
     branches: tuple[Branch, ...]
+    bearing_loads: tuple[BearingLoad, ...]
     input_power_w: float
     output_power_w: float
     efficiency: float | None
@@ -257,6 +191,10 @@ class Torques:
 
 
 # ---- Power flow: the load of each contact, and the branches of power between the links -------------------------------
+# References
+# ----------
+# H. W. Mueller, Epicyclic Drive Trains, Wayne State University Press (1982): power relative to the carrier,
+# circulating power.
 
 
 def tooth_load(solution: Solution, number: int) -> ToothLoad:
@@ -376,12 +314,19 @@ def solve_torques(
     speeds: Mapping[str, float | Fraction] | None = None,
     mesh_efficiency: float | Mapping[str, float] = 1.0,
 ) -> Torques:
-    """Solve the static equilibrium of a mechanism for its unknown torques, tooth loads and power flow.
+    """Solve the static equilibrium of a mechanism for its unknown torques, tooth loads, power flow and bearing loads.
 
     Planets of one ``copies`` group share equally where statics alone is indeterminate. Loads that distinct meshes can
     share in any proportion are reported as indeterminate. A mesh whose mate is unknown transmits no load: apply the
     mate's torque to its gear. Tooth forces need ``module_mm`` (of the normal section) and ``pressure_angle_deg`` of
     a mesh; without ``helix_angle_deg`` its teeth are straight.
+
+    Bearing loads follow by statics for a shaft whose axis is fixed in the frame and that runs in exactly two bearings
+    to the frame. They need ``through`` (mm) of its axis and those of its mates, ``position_mm`` of its bearings and
+    meshes, the inputs of the tooth forces, and for helical teeth ``hand`` and the bearing in ``takes_axial``. External
+    torques are taken as pure couples; weights, and the axial force of a radial load on an angular contact, are left
+    out. Shafts that planets load or that carry other shafts are not covered. The ``status`` of a bearing load states
+    why it is not determined.
 
     Parameters
     ----------
@@ -496,6 +441,7 @@ def _result(solution: Solution) -> Torques:
         frame_torque_nm=reaction(zip(map(float, torques.values()), directions, strict=True)),
         tooth_loads=loads,
         branches=power_branches,
+        bearing_loads=tuple(bearing_loads(solution)),
         input_power_w=watts(power_in),
         output_power_w=watts(power_out),
         efficiency=float(power_out / power_in) if power_in > 0 else None,

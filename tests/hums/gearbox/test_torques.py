@@ -1,6 +1,7 @@
 """Torques, forces and power against gear trains worked by hand, Müller's formulas and the complex matrix."""
 
 import math
+import re
 from fractions import Fraction as F  # noqa: N817
 
 import numpy as np
@@ -508,6 +509,243 @@ class TestForces:
         assert self.force(module_mm=2, pressure_angle_deg=20, efficiency=0.9).tangential_n == pytest.approx(2000)
 
 
+def bearings(link, *places, takes_axial=(), **changes):
+    """Bearings of a shaft to the frame, called after it: "s0 1", "s0 2"."""
+    names = [f"{link} {number + 1}" for number in range(len(places))]
+    return {
+        "names": names,
+        "inner_ring": link,
+        "outer_ring": "h",
+        "elements": 9,
+        "element_diameter_mm": 5,
+        "pitch_diameter_mm": 50,
+        "position_mm": list(places),
+        "takes_axial": [f"{link} {number}" for number in takes_axial],
+    } | changes
+
+
+def placed(*, teeth=(20, 50), through=((0, 0, 0), (0, 0, 70)), held=None, direction=(1, 0, 0), **mesh):
+    """Two shafts side by side, module 2 mm, the mesh 30 mm from `through`, each in bearings at 0 and 100 mm."""
+    table = train(teeth, **{"module_mm": 2, "pressure_angle_deg": 20, "position_mm": 30} | mesh)
+    table["axes"] = {
+        f"axis {k}": {"links": ["h", f"s{k}"], "through": point and list(point), "direction": list(direction)}
+        for k, point in enumerate(through)
+    }
+    return table | {"bearing": held or [bearings("s0", 0, 100, takes_axial=[1]), bearings("s1", 0, 100)]}
+
+
+def declared(table):
+    """The same without what is None."""
+    if isinstance(table, dict):
+        return {key: declared(value) for key, value in table.items() if value is not None}
+    return [declared(item) for item in table] if isinstance(table, list) else table
+
+
+def loads(table, torques=None, **options):
+    result = solve_torques(solved(table), torques or {"s0": 40, "s1": None}, **options)
+    return {load.bearing: load for load in result.bearing_loads}
+
+
+def places(kinematics):
+    """Where each bearing sits, in mm in the declared coordinates, and which way its axis points."""
+    axes = {axis.name: axis for axis in kinematics.gearbox.axes}
+    for bearing in kinematics.gearbox.bearings:
+        axis = axes[kinematics.joints[kinematics.bodies[bearing.inner_ring]].axis]
+        direction = np.array(kinematics.gearbox.direction(axis.name))
+        for name, place in zip(bearing.names, bearing.position_mm, strict=True):
+            yield name, np.array(axis.through) + place * direction, direction
+
+
+def assert_whole_box_balances(table, torques, **options):
+    """Forces between gears are internal: reactions add up to no force, and to the torque that holds the frame."""
+    kinematics = solved(table)
+    result = solve_torques(kinematics, torques, **options)
+    reactions = {load.bearing: load for load in result.bearing_loads}
+    assert {load.status for load in reactions.values()} == {"solved"}
+    force, moment, largest = np.zeros(3), np.zeros(3), 0.0
+    for name, point, direction in places(kinematics):
+        reaction = np.array(reactions[name].radial_n) + reactions[name].axial_n * direction
+        assert abs(np.dot(reactions[name].radial_n, direction)) <= ROUNDING * np.linalg.norm(reaction)
+        force, moment = force + reaction, moment + np.cross(point, reaction)
+        largest = max(largest, np.linalg.norm(reaction))
+    np.testing.assert_allclose(force, 0, atol=10 * ROUNDING * largest)
+    np.testing.assert_allclose(moment / 1000, result.frame_torque_nm, atol=10 * ROUNDING * largest)
+    return result
+
+
+class TestBearingLoads:
+    # 40 N m on 20 teeth of 2 mm: 2000 N round the shaft. Gear s0 drives about +x with s1 above it at +z, so the
+    # wheel pushes it by 2000 N along +y and by 2000 tan 20 N along -z; the bearings push back.
+    RADIAL = 2000 * math.tan(math.radians(20))
+
+    @pytest.mark.parametrize(("first_mm", "shares"), [(0, (0.7, 0.3)), (60, (1.75, -0.75))])  # between, overhung
+    def test_a_spur_pair_30_mm_along(self, first_mm, shares):
+        found = loads(placed(held=[bearings(f"s{k}", first_mm, 100) for k in range(2)]))
+        for number, share in enumerate(shares, start=1):
+            force = np.array([0, -2000, self.RADIAL]) * share
+            np.testing.assert_allclose(found[f"s0 {number}"].radial_n, force, rtol=1e-13)
+            np.testing.assert_allclose(found[f"s1 {number}"].radial_n, -force, rtol=1e-13)
+        assert {(load.axial_n, load.status) for load in found.values()} == {(0.0, "solved")}
+
+    def test_bearings_in_tables_of_their_own(self):
+        one, two = bearings("s0", 0), bearings("s0", 100, names=["s0 2"])
+        found, together = loads(placed(held=[two, one, bearings("s1", 0, 100)])), loads(placed())
+        assert list(found) == ["s0 2", "s0 1", "s1 1", "s1 2"]
+        for name, load in found.items():
+            np.testing.assert_allclose(load.radial_n, together[name].radial_n, rtol=ROUNDING)
+
+    def test_the_pinion_of_a_ring(self):
+        found = loads(placed(teeth=(20, -50), through=((0, 0, 0), (0, 0, 30))))
+        # they touch at -z, beyond the pinion; the ring pushes it to -y and inwards, +z
+        np.testing.assert_allclose(found["s0 1"].radial_n, np.array([0, 2000, -self.RADIAL]) * 0.7, rtol=1e-13)
+        np.testing.assert_allclose(found["s1 1"].radial_n, np.array([0, -2000, self.RADIAL]) * 0.7, rtol=1e-13)
+
+    @pytest.mark.parametrize(("hand", "thrust"), [("right", 1), ("left", -1)])
+    def test_helical(self, hand, thrust):
+        slant = math.radians(15)
+        apart = 70 / math.cos(slant)
+        mesh = {"helix_angle_deg": 15, "hand": hand, "through": ((0, 0, 0), (0, 0, apart))}
+        held = [bearings("s0", 0, 100, takes_axial=[2]), bearings("s1", 0, 100, takes_axial=[1])]
+        found = loads(placed(held=held, **mesh))
+        round_n = 40 / (0.020 / math.cos(slant))
+        radial_n = round_n * math.tan(math.radians(20)) / math.cos(slant)
+        # the fingers of the driver's hand point as it turns, the thumb as its thrust: right-handed to +x
+        axial_n = thrust * round_n * math.tan(slant)
+        assert found["s0 1"].axial_n == found["s1 2"].axial_n == 0
+        assert found["s0 2"].axial_n == pytest.approx(-axial_n, rel=1e-13)
+        assert found["s1 1"].axial_n == pytest.approx(axial_n, rel=1e-13)
+        # the thrust at +z tilts the shaft about +y: 100 mm apart, the bearings hold against thrust times radius
+        for name, sign, radius in (("s0", 1, 20 / math.cos(slant)), ("s1", 1, 50 / math.cos(slant))):
+            tilt = axial_n * radius / 100
+            share = np.array([0, -round_n, radial_n]) * (1 if name == "s0" else -1)
+            np.testing.assert_allclose(found[f"{name} 1"].radial_n, share * 0.7 - [0, 0, sign * tilt], rtol=1e-12)
+            np.testing.assert_allclose(found[f"{name} 2"].radial_n, share * 0.3 + [0, 0, sign * tilt], rtol=1e-12)
+
+    @pytest.mark.parametrize("teeth", [(20, 50), (20, -50), (-50, 20)])
+    def test_the_thrust_depends_neither_on_shift_nor_on_the_side_of_the_pitch_point(self, teeth):
+        helix, working, normal = (math.radians(deg) for deg in (15, 24, 20))
+        transverse = math.atan(math.tan(normal) / math.cos(helix))
+        count = 70 if min(teeth) > 0 else -30
+        involutes = math.tan(working) - working - math.tan(transverse) + transverse
+        shift = count * involutes / (2 * math.tan(normal))
+        apart = abs(count) / math.cos(helix) * math.cos(transverse) / math.cos(working)
+        mesh = {"helix_angle_deg": 15, "hand": "right", "profile_shift": [shift, 0.0]}
+        result = assert_whole_box_balances(
+            placed(
+                teeth=teeth,
+                through=((0, 0, 0), (0, 0, apart)),
+                held=[bearings(f"s{k}", 0, 100, takes_axial=[1]) for k in range(2)],
+                **mesh,
+            ),
+            {"s0": 40, "s1": None},
+        )
+        reference_m = 1e-3 * abs(teeth[0]) / math.cos(helix)
+        assert result.bearing_loads[0].axial_n == pytest.approx(-40 / reference_m * math.tan(helix), rel=1e-12)
+        near, far = (np.array(load.radial_n) for load in result.bearing_loads[:2])
+        assert result.tooth_loads[0].forces.radial_n == pytest.approx(abs((near + far)[2]), rel=1e-12)
+        assert result.tooth_loads[0].forces.tangential_n == pytest.approx(abs((near + far)[1]), rel=1e-12)
+
+    @given(
+        teeth=st.tuples(st.integers(12, 90), st.integers(12, 90)),
+        second=st.tuples(st.integers(12, 40), st.integers(-120, -60)),
+        helix=st.floats(0, 35),
+        hands=st.tuples(*[st.sampled_from(["left", "right"])] * 2),
+        turned=st.floats(-180, 180),
+        direction=st.sampled_from([(1, 0, 0), (0, 0, 2), (1, -2, 3)]),
+        reversed_=st.tuples(*[st.booleans()] * 3),
+        offsets=st.tuples(*[st.floats(-200, 200)] * 3),
+        torque=st.floats(1, 100) | st.floats(-100, -1),
+    )
+    def test_the_whole_box_balances(self, teeth, second, helix, hands, turned, direction, reversed_, offsets, torque):
+        along = np.array(direction) / np.linalg.norm(direction)
+        aside = np.cross(along, [0.6, 0.0, 0.8])
+        aside /= np.linalg.norm(aside)
+        turned = math.radians(turned)
+        way = math.cos(turned) * aside + math.sin(turned) * np.cross(along, aside)
+        apart = [(teeth[0] + teeth[1]) / math.cos(math.radians(helix)), 1.5 * abs(sum(second))]
+        points = [np.zeros(3), apart[0] * aside, apart[0] * aside + apart[1] * way]
+        signs = [-1 if flip else 1 for flip in reversed_]
+        # teeth carry the sense of the axes: the same box, drawn with some of them the other way round
+        pairs = [
+            (teeth[0], signs[0] * signs[1] * teeth[1]),
+            (second[0], signs[1] * signs[2] * second[1]),
+        ]
+        table = train(*pairs) | {
+            "axes": {
+                f"axis {k}": {
+                    "links": ["h", f"s{k}"],
+                    "direction": list(signs[k] * along),
+                    "through": list(points[k] + offsets[k] * along),
+                }
+                for k in range(3)
+            },
+            "bearing": [bearings(f"s{k}", 0, 100 + k, takes_axial=[1 + k % 2]) for k in range(3)],
+        }
+        angles = {"pressure_angle_deg": 20}
+        table["mesh"][0] |= angles | {"module_mm": 2, "position_mm": 30, "helix_angle_deg": helix, "hand": hands[0]}
+        table["mesh"][1] |= angles | {"module_mm": 3, "position_mm": 140, "hand": hands[1], "helix_angle_deg": 0}
+        assert_whole_box_balances(table, {"s0": torque, "s2": None})
+
+    @pytest.mark.parametrize(
+        ("changes", "words"),
+        [
+            ({"held": [bearings("s0", 0)]}, r'"s0" runs in 1 bearing \("s0 1"\); .* indeterminate'),
+            ({"held": [bearings("s0", 0, 50, 100)]}, r'"s0" runs in 3 bearings \(.*"s0 3"\); .* indeterminate'),
+            ({"held": [bearings("s0", 50, 50)]}, r'"s0 1", "s0 2" sit in one place, position_mm = 50: indeterminate'),
+            (
+                {"held": [bearings("s0", 0, 1) | {"position_mm": None}]},
+                r'position_mm of "s0 1", "s0 2" is not declared',
+            ),
+            ({"held": [bearings("s0", 0, 1, outer_ring="s2")]}, r'neither of its rings \("s0", "s2"\) is at rest'),
+            (
+                {"held": [bearings("s0", 0), bearings("s0", 5, names=["pilot"], outer_ring="s2")]},
+                r'"s0" also runs in a bearing on a shaft that turns \("s0 1", "pilot"\): indeterminate',
+            ),
+            ({"position_mm": None}, 'mesh "s0-s1": position_mm is not declared'),
+            ({"module_mm": None}, 'mesh "s0-s1": a force needs module_mm'),
+            ({"kind": "belt"}, 'mesh "s0-s1": a force needs'),
+            ({"helix_angle_deg": 15}, 'mesh "s0-s1": the hand of its helix is not declared'),
+            ({"module_mm": 2.01}, 'axes "axis 0", "axis 1" lie 70 mm apart, but its teeth need 70.35 mm'),
+            ({"through": ((0, 0, 0), None)}, 'axis "axis 1": through is not declared; add a point of it in mm'),
+            ({"more": {"teeth": {"s0": 17}, "carrier": "h"}}, 'mesh "s0-unknown" has a mate that is not declared'),
+            ({"more": placed()["mesh"][0] | {"name": "beside"}}, 'the load of mesh "s0-s1" is indeterminate'),
+        ],
+    )
+    def test_what_statics_does_not_settle_is_said(self, changes, words):
+        table = declared(placed(**{key: value for key, value in changes.items() if key != "more"}))
+        table["axes"]["axis 0"]["links"].append("s2")  # a layshaft's output, on the line of its input
+        table["mesh"] += [placed()["mesh"][0] | {"teeth": {"s1": 50, "s2": 20}}]
+        table["mesh"] += [changes["more"]] if "more" in changes else []
+        found = loads(table, {"s0": 40, "s2": None})["s0 1"]
+        assert re.search(words, found.status)
+        assert np.isnan([*found.radial_n, found.axial_n]).all()
+
+    @pytest.mark.parametrize(("takes", "words"), [([], "takes_axial names neither"), ([1, 2], "both take it")])
+    def test_without_one_bearing_for_the_thrust_the_radial_loads_stand(self, takes, words):
+        apart = 70 / math.cos(math.radians(15))
+        mesh = {"helix_angle_deg": 15, "hand": "left", "through": ((0, 0, 0), (0, 0, apart))}
+        known = loads(placed(**mesh))["s0 2"]
+        held = [bearings("s0", 0, 100, takes_axial=takes), bearings("s1", 0, 100)]
+        found = loads(placed(held=held, **mesh))["s0 2"]
+        assert words in found.status
+        assert math.isnan(found.axial_n)
+        assert found.radial_n == known.radial_n
+
+    def test_copies_have_no_places(self):
+        table = placed()
+        table["axes"]["axis 1"] |= {"copies": 2}
+        status = [load.status for load in loads(table, {"s0": 40, "s1 1": None, "s1 2": -50}).values()]
+        assert status[0] == 'axis "axis 1" stands for 2 copies, whose places are not declared'
+
+    def test_planets_are_not_covered(self):
+        held = [bearings(link, 0, 100, outer_ring="housing") for link in ("sun", "carrier")]
+        held.append(bearings("planet", 0, 10, outer_ring="carrier"))
+        found = loads(RING_FIXED | {"bearing": held}, {"sun": 27, "carrier": None})
+        assert 'mesh "sun-planet" is held by "carrier", not by the frame' in found["sun 1"].status
+        assert '"carrier" carries "planet 1", "planet 2", "planet 3"' in found["carrier 1"].status
+        assert '"planet" stands for 3 copies' in found["planet 1"].status
+
+
 TRAIN = train((20, 50), (20, 50))
 WHOLE = {"sun": 1, "carrier": None}
 
@@ -617,8 +855,9 @@ class TestBalance:
         assert balance(result) == pytest.approx(0, abs=ROUNDING)
 
     def test_no_torque_at_all(self):
-        result = solve_torques(solved(train((20, 50))), {})
+        result = solve_torques(solved(placed()), {})
         assert [load.torques_nm for load in result.tooth_loads] == [(0.0, 0.0)]
+        assert {load.radial_n for load in result.bearing_loads} == {(0.0, 0.0, 0.0)}
         assert (result.input_power_w, result.efficiency, result.circulating_ratio) == (0.0, None, None)
 
     def test_power_through_one_body_takes_no_branch(self):
