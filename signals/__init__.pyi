@@ -25,6 +25,7 @@ from signals.demodulation.band_selection import Band as Band
 from signals.demodulation.band_selection import choose_band as choose_band
 from signals.demodulation.envelope import envelope_order_spectrum as envelope_order_spectrum
 from signals.demodulation.envelope import envelope_spectrum as envelope_spectrum
+from signals.demodulation.envelope import stream_envelope as stream_envelope
 from signals.demodulation.kurtogram import Kurtogram as Kurtogram
 from signals.demodulation.kurtogram import SpectralKurtosis as SpectralKurtosis
 from signals.demodulation.kurtogram import fast_kurtogram as fast_kurtogram

@@ -22,6 +22,7 @@ from signals import (
     cepstrum_prewhitening,
     quadrature_direction,
     shaft_phase,
+    stream_envelope,
     track_orders,
 )
 
@@ -125,6 +126,10 @@ def test_streams_equal_whole_records(size):
     whole = angular_resample(x, rate_hz=RATE_HZ, phase=phase, samples_per_rev=64)
     stream = angular_blocks(blocks, rate_hz=RATE_HZ, phase=phase, samples_per_rev=64)
     np.testing.assert_array_equal(np.concatenate([turn.values for turn in stream]), whole.values)
+    envelopes = [
+        np.concatenate(list(stream_envelope(parts, rate_hz=RATE_HZ, band_hz=(400.0, 800.0)))) for parts in (blocks, [x])
+    ]
+    np.testing.assert_array_equal(*envelopes)
 
 
 def test_a_read_only_array_compiles_nothing():
