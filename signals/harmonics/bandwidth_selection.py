@@ -27,7 +27,7 @@ from signals.harmonics._chain_kernels import filter_forward
 from signals.harmonics.bandwidth import MOST_POLES, quadrature_noise, variance_ratio
 from signals.harmonics.block_grid import Grid
 from signals.harmonics.block_smoother import BlockFit, block_length, scattered_share
-from signals.harmonics.coupling import WithoutOthers, chain_alone, chain_together, prior_at
+from signals.harmonics.coupling import WithoutOthers, chain_alone, chain_together
 from signals.harmonics.noise_density import noise_density
 from signals.harmonics.separability import Closeness, components
 from signals.harmonics.state_space import Flags, Floats, HarmonicModel, Indices, Order, lost
@@ -198,7 +198,7 @@ def _most_likely(model: HarmonicModel, x: Floats, noise: Floats | None) -> Float
     startup = min(ceil(1 / width) + smooth.state_size, x.size // 2)
     fit = BlockFit.of(grid)
     if fit.coupling:
-        fit.coupling.smooth_ends(fit.smoothed)
+        fit.coupling.subtract(fit.smoothed)
     if noise is None:
         white = np.full(1, np.nan) if fit.alike else fit.residuals(startup).mean_square
         noise = noise_density(x[None], seen, model, white, curved=False)[0][0].mean(axis=-1)
@@ -214,8 +214,8 @@ def _most_likely(model: HarmonicModel, x: Floats, noise: Floats | None) -> Float
         for place, order in enumerate(alone.reshape(-1, 1))
     ]
     for group in near:
-        own, prior = others.together(group) / std[group].mean(), prior_at(nodes, group)
-        chains.append((group, chain_together(nodes, group, slice(0, nodes.nodes), own, prior)))
+        own = others.together(group) / std[group].mean()
+        chains.append((group, chain_together(nodes, group, slice(0, nodes.nodes), own)))
     found, smallest = np.empty(model.orders.size), min(SMALLEST / x.size, width)
     tried = np.linspace(np.log(smallest), np.log(width), 2 + int(np.log(width / smallest) / np.log(RATIO)))
     for group, chain in chains:

@@ -36,8 +36,6 @@ LARGEST_LEAK = 1e-3
 # Where a tolerance of the largest amplitude is more than this part of a standard deviation, the others are subtracted
 # from all samples.
 SMALL_PART = 0.3
-# Times that this is done: each leaves no more than the tolerance of its input.
-FULL_ROUNDS = 2
 # Part of 1 / bandwidth in a block of the exact setting, with one pole and with more: measured with amplitudes that walk
 # as the model says, estimates are then within 1e-3 of `std` (root mean square) of those of single samples.
 LONGEST_EXACT = 1 / 150, 1 / 64
@@ -78,10 +76,7 @@ def fast(model: HarmonicModel, x: Floats, seen: Flags, *, rtol: float, output_ev
     if fit.coupling:
         least = np.sqrt(smoothed.variances.min() * residuals.mean_square)
         far = bool(np.any(tolerance * np.abs(smoothed.levels).max(axis=(1, 2)) > SMALL_PART * least))
-        if not (far and seen.all()):
-            fit.coupling.smooth_ends(smoothed)
-        for number in range(FULL_ROUNDS if far else 0):
-            fit.coupling.smooth_again(smoothed, ends=number == FULL_ROUNDS - 1)
+        fit.coupling.subtract(smoothed, everywhere=far)
         residuals = fit.residuals(startup) if far and not fit.alike else residuals
     leaked = fit.coupling.left if fit.coupling else 0.0
     droop = (pi * model.bandwidth.max() * length) ** 2 / 12  # of an amplitude at the edge of the widest band

@@ -8,21 +8,17 @@ samples under incomplete weights. Where amplitudes are far above `std`, they are
 
 from dataclasses import dataclass
 from math import log, pi
+from typing import NamedTuple
 
 import numpy as np
 
 from signals.harmonics.bandwidth import Bandwidth
 from signals.harmonics.block_grid import Grid, pieces_between
-from signals.harmonics.node_chain import Gram, Information, NodeChain, SmoothedChain, smooth_chain
+from signals.harmonics.node_chain import Information, NodeChain, smooth_chain
 from signals.harmonics.separability import Closeness, Gain, coupled, leaks, left_over
-from signals.harmonics.state_space import Complexes, Flags, Floats, HarmonicModel, Indices
+from signals.harmonics.state_space import Complexes, Flags, Floats, Indices
 
 # ---- Smoothers over the nodes of a grid: of each order alone, and of coupled groups of orders ------------
-
-# Numbers in the products of columns of all nodes that are kept; more are made again, segment by segment.
-MOST_KEPT = 1 << 21
-
-Chains = list[tuple[Indices, NodeChain]]
 
 
 @dataclass(eq=False)
@@ -101,38 +97,38 @@ def chain_alone(grid: Grid, group: Indices, data: Floats, counts: Floats) -> Nod
 def smooth_together(grid: Grid) -> Smoothed:
     """Smooth all orders jointly."""
     smoothed = Smoothed.empty(grid)
-    smooth_group(grid, np.arange(grid.model.orders.size), None, smoothed)
+    smooth_jointly(grid, Joint.throughout(grid, np.arange(grid.model.orders.size)), None, smoothed)
     return smoothed
 
 
-def smooth_group(
-    grid: Grid, group: Indices, data: Floats | None, smoothed: Smoothed, gram: Gram | None = None
-) -> NodeChain:
-    """Smooth a group together, in place, over the whole record; return its chain.
+class Joint(NamedTuple):
+    """Orders that are smoothed jointly."""
 
-    `data` and `gram` are those of `chain_together`, the products those of an earlier chain.
-    """
-    chain = chain_together(grid, group, slice(0, grid.nodes), data, prior_at(grid, group), gram)
-    found = smooth_chain(chain)
-    smoothed.levels[:, group], smoothed.variances[group] = by_order(grid.model.subset(group), found)
-    smoothed.explained[group] = found.explained / group.size
-    return chain
+    group: Indices
+    kept: slice  # the nodes for which they are
+    nodes: slice  # those whose data are used, some more on either side
 
-
-def prior_at(grid: Grid, orders: Indices, node: int = 0) -> Information:
-    """Return the prior information on some orders together at a node."""
-    return Information.prior(grid.prior_variance(orders, node), len(grid.x))
+    @classmethod
+    def throughout(cls, grid: Grid, group: Indices) -> "Joint":
+        """Return those of a group smoothed jointly at all nodes."""
+        return cls(group, slice(0, grid.nodes), slice(0, grid.nodes))
 
 
-def chain_together(
-    grid: Grid, group: Indices, nodes: slice, data: Floats | None, before: Information, gram: Gram | None = None
-) -> NodeChain:
-    """Return the chain of a group over a range of nodes, with the products of all its columns, `gram` if known.
+def smooth_jointly(grid: Grid, joint: Joint, data: Floats | None, smoothed: Smoothed) -> None:
+    """Smooth a group jointly, in place; `data` are those of `chain_together`."""
+    group, kept, nodes = joint
+    found = smooth_chain(chain_together(grid, group, nodes, data))
+    inner, model = slice(kept.start - nodes.start, kept.stop - nodes.start), grid.model.subset(group)
+    for channel, levels in enumerate(np.moveaxis(found.levels, 2, 0)):
+        smoothed.levels[channel, group, kept] = model.amplitude(levels)[:, inner]
+    smoothed.variances[group, kept] = model.variance(found.variances)[:, inner]
+    smoothed.explained[group, kept] = found.explained[inner] / group.size
 
-    Parameters
-    ----------
-    data : (node, pole, order, channel, 2) array; None to compute it from the samples, segment by segment.
-    before : information on the first node before its data.
+
+def chain_together(grid: Grid, group: Indices, nodes: slice, data: Floats | None) -> NodeChain:
+    """Return the chain of a group over a range of nodes, with the products of all its columns.
+
+    `data` is a (node, pole, order, channel, 2) array; None to compute it from the samples, segment by segment.
     """
     nonzero = grid.model.subset(group).nonzero
 
@@ -149,21 +145,14 @@ def chain_together(
         moments = grid.project(grid.x[:, first * grid.length : last * grid.length], slice(first, last), group)
         return columns(grid.at_nodes(moments)[before + 1 - first : nodes.start + some.stop - first])
 
-    process, count = grid.process_noise(group), nodes.stop - nodes.start
-    few = data is not None and count * grid.squares * (group.size + nonzero.size) ** 2 <= MOST_KEPT
+    process = grid.process_noise(group)
     return NodeChain(
-        gram=gram if gram is not None else products(slice(0, count)) if few else products,
+        gram=products,
         data=made if data is None else columns(data),
-        nodes=count,
+        nodes=nodes.stop - nodes.start,
         process_noise=process if len(process) == 1 else process[nodes],
-        before=before,
+        before=Information.prior(grid.prior_variance(group, nodes.start), len(grid.x)),
     )
-
-
-def by_order(model: HarmonicModel, found: SmoothedChain) -> tuple[Complexes, Floats]:
-    """Return (channel, order, node) amplitudes and (order, node) variances of a chain of all columns of a model."""
-    levels = np.stack([model.amplitude(own) for own in np.moveaxis(found.levels, 2, 0)])
-    return levels, model.variance(found.variances)
 
 
 # ---- Coupling --------------------------------------------------------------------------------------------------------
@@ -173,12 +162,8 @@ def by_order(model: HarmonicModel, found: SmoothedChain) -> tuple[Complexes, Flo
 FEWEST_MEMORIES = 4.0
 # So far outside, at least, orders are smoothed jointly too: what is beyond has no effect.
 MARGIN = 6.0
-# A round that moves an amplitude shows how wrong what was subtracted under cut weights was. Others keep of that the
-# share such a weight has in an estimate, times what it lets through of a line a turn or more a block off: while this is
-# more than so many tolerances, another round follows.
-MOST_MOVED = 3.0
-CUT_LEAK = 1 / (2 * pi)
-MOST_ROUNDS = 6
+# A round leaves of what it moved the share that an incomplete weight lets through of a line a turn or more a block off.
+LEFT_OF_MOVED, MOST_ROUNDS = 1 / (2 * pi), 6
 # Orders smoothed together near ends and gaps, at most, where nearly all disturb one another a little.
 MOST_AT_ENDS = 12
 
@@ -192,12 +177,9 @@ def couple(grid: Grid, closeness: Closeness, smoothed: Smoothed) -> "Coupling | 
     size = smoothed.size
     received = closeness.received(_at_least(grid, Bandwidth.smoother_gain), size)
     groups = coupled(received, size, grid.tolerance)
-    chains = [
-        (group, smooth_group(grid, group, grid.at_nodes(grid.moments[:, :, group]), smoothed)) for group in groups
-    ]
-    if groups and groups[0].size == size.size:
-        return None
-    return Coupling(grid, closeness, chains, received, size)
+    for group in groups:
+        smooth_jointly(grid, Joint.throughout(grid, group), grid.at_nodes(grid.moments[:, :, group]), smoothed)
+    return None if groups and groups[0].size == size.size else Coupling(grid, closeness, groups, received, size)
 
 
 class Coupling:
@@ -208,9 +190,8 @@ class Coupling:
     left : largest leakage between orders that are not smoothed jointly, relative to the largest amplitude.
     """
 
-    def __init__(self, grid: Grid, closeness: Closeness, chains: Chains, received: Floats, size: Floats) -> None:
-        self.grid, self.chains, self.size = grid, chains, size
-        groups = [group for group, _ in chains]
+    def __init__(self, grid: Grid, closeness: Closeness, groups: list[Indices], received: Floats, size: Floats) -> None:
+        self.grid, self.groups, self.size = grid, groups, size
 
         def near_ends(bandwidth: Bandwidth, distance: Floats) -> Floats:
             weight = 1.0 / np.maximum(1.0, (pi * grid.length * distance) ** 2)
@@ -223,59 +204,38 @@ class Coupling:
         self.cut = (grid.shares < 1 - grid.tolerance) | grid.jumps
         fading = log(max(worst, 1.0))
         margin = grid.reach(max(MARGIN, fading - 1))
-        self.runs = _disturbed_runs(grid, memories=max(FEWEST_MEMORIES, fading), margin=margin)
         grouped = np.isin(np.arange(size.size), np.concatenate([[], *groups]))
         self.lone = np.flatnonzero(~grouped)
         self.together = np.repeat(grouped[:, None], grid.nodes, axis=1)  # where orders are smoothed with others
-        self.local_groups: list[list[Indices]] = []
+        self.local: list[Joint] = []
         self.left = left_over(received, size, groups)
-        for nodes, _ in self.runs:
-            nearby = closeness.within(slice(nodes.start * grid.length, min(nodes.stop * grid.length, grid.samples)))
+        for kept, nodes in _disturbed_runs(grid, memories=max(FEWEST_MEMORIES, fading), margin=margin):
+            nearby = closeness.within(slice(kept.start * grid.length, min(kept.stop * grid.length, grid.samples)))
             here = nearby.received(gain, size)
-            self.local_groups.append(_split(nearby, coupled(here, size, grid.tolerance)))
-            self.left = max(self.left, left_over(here, size, self.local_groups[-1]))
-            for group in self.local_groups[-1]:
-                self.together[group, nodes] = True
+            close = _split(nearby, coupled(here, size, grid.tolerance))
+            self.left = max(self.left, left_over(here, size, close))
+            for group in close:
+                self.together[group, kept] = True
+                self.local.append(Joint(group, kept, nodes))
 
-    def smooth_ends(self, smoothed: Smoothed) -> None:
-        """Subtract the others under incomplete weights and smooth again, until amplitudes of lone orders converge."""
-        widest = Bandwidth(width=min(float(self.grid.model.bandwidth.max()), 1.0), poles=self.grid.model.poles)
-        kept = CUT_LEAK * min(1.0, widest.filter_shares[0] * self.grid.length)
-        kept = max(kept, float(np.mean(~self.grid.seen)))  # all of which may be in step with a shaft
+    def subtract(self, smoothed: Smoothed, *, everywhere: bool = False) -> None:
+        """Subtract the others under incomplete weights, or all, and smooth again, until lone orders converge."""
+        grid, nodes = self.grid, np.full_like(self.cut, everywhere) | self.cut
         for number in range(MOST_ROUNDS):
-            before = smoothed.levels[..., self.cut]
-            self.smooth_again(smoothed, self.cut, ends=number == 0)
-            moved = np.abs(smoothed.levels[..., self.cut] - before)
-            alone = np.where(self.together[:, self.cut], 0.0, moved).max(axis=2, initial=0.0)
-            if np.all(kept * alone <= MOST_MOVED * self.grid.tolerance * self.size):
+            before, others = smoothed.levels[..., nodes], WithoutOthers(grid, smoothed.levels, nodes)
+            if self.lone.size:
+                data, gram = others.alone(self.lone), grid.at_nodes(grid.seen_counts)
+                smooth_alone(grid, self.lone, data, gram, smoothed, together=self.together)
+            if everywhere:
+                for group in self.groups:
+                    smooth_jointly(grid, Joint.throughout(grid, group), others.together(group), smoothed)
+            if number <= everywhere:
+                for joint in self.local:
+                    smooth_jointly(grid, joint, others.together(joint.group, joint.nodes), smoothed)
+            moved = np.where(self.together[:, nodes], 0.0, np.abs(smoothed.levels[..., nodes] - before))
+            left = LEFT_OF_MOVED * moved.max(axis=2, initial=0.0)
+            if number >= everywhere and np.all(left <= grid.tolerance * self.size):
                 break
-
-    def smooth_again(self, smoothed: Smoothed, nodes: Flags | None = None, *, ends: bool = True) -> None:
-        """Subtract the others near some nodes, all for None, and smooth again; at ends and gaps jointly or not."""
-        grid, others = self.grid, WithoutOthers(self.grid, smoothed.levels, nodes)
-        if self.lone.size:
-            data, gram = others.alone(self.lone), grid.at_nodes(grid.seen_counts)
-            smooth_alone(grid, self.lone, data, gram, smoothed, together=self.together)
-        if nodes is None:
-            self.chains = [
-                (group, smooth_group(grid, group, others.together(group), smoothed, chain.gram))
-                for group, chain in self.chains
-            ]
-        if ends:
-            self._smooth_local_groups(others, smoothed)
-
-    def _smooth_local_groups(self, others: "WithoutOthers", smoothed: Smoothed) -> None:
-        """Smooth jointly, in place, the orders that leak into one another near ends, gaps and jumps of a speed."""
-        for (kept, nodes), local in zip(self.runs, self.local_groups, strict=True):
-            inner = slice(kept.start - nodes.start, kept.stop - nodes.start)
-            for group in local:
-                before = prior_at(self.grid, group, nodes.start)
-                chain = chain_together(self.grid, group, nodes, others.together(group, nodes), before)
-                found = smooth_chain(chain)
-                levels, variance = by_order(self.grid.model.subset(group), found)
-                smoothed.levels[:, group, kept] = levels[..., inner]
-                smoothed.variances[group, kept] = variance[:, inner]
-                smoothed.explained[group, kept] = found.explained[inner] / group.size
 
 
 class WithoutOthers:

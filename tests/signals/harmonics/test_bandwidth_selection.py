@@ -9,7 +9,7 @@ from numpy.testing import assert_allclose
 from signals.harmonics.bandwidth import process_variance
 from signals.harmonics.bandwidth_selection import ChainLikelihood, likely_bandwidth
 from signals.harmonics.block_grid import Grid
-from signals.harmonics.coupling import chain_alone, chain_together, prior_at
+from signals.harmonics.coupling import chain_alone, chain_together
 from signals.harmonics.state_space import HarmonicModel
 from signals.harmonics.tracker import track_orders
 
@@ -70,8 +70,7 @@ def nodes(model, x, length):
 
 def together(grid):
     every_order = np.arange(grid.model.orders.size)
-    everything = slice(0, grid.nodes)
-    return chain_together(grid, every_order, everything, grid.at_nodes(grid.moments), prior_at(grid, every_order))
+    return chain_together(grid, every_order, slice(0, grid.nodes), grid.at_nodes(grid.moments))
 
 
 @pytest.mark.parametrize("poles", POLES)
