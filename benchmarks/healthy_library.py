@@ -331,21 +331,18 @@ def judged(records: Iterable[dict[str, Any]]) -> list[dict[str, Any]]:
     return found
 
 
-def distribution(shown: list[dict[str, Any]], of: Callable[[str], bool], *, at_shafts: bool = False) -> dict[str, Any]:
+def distribution(shown: list[dict[str, Any]], of: Callable[[str], bool]) -> dict[str, Any]:
     """Return the number of records and parts of some kinds that were judged, and the largest of their strengths.
 
-    Parts whose line may have another source are left out, but those at shafts where they are asked for.
+    Parts whose line may have another source are left out.
     """
     rows = [[row for row in one["rows"] if of(row[0]) and np.isfinite(row[1])] for one in shown]
-
-    def counts(doubts: str) -> bool:
-        return at_shafts if "it stands at" in doubts else not doubts.startswith("its line may ")
 
     parts: dict[str, int] = {}
     values: dict[str, list[float]] = {}
     for one, own in zip(shown, rows, strict=True):
         parts[one["gearbox"]] = parts.get(one["gearbox"], 0) + len(own)
-        strong = [round(row[1], 5) for row in own if row[1] > 0 and counts(row[2])]
+        strong = [round(row[1], 5) for row in own if row[1] > 0 and not row[2].startswith("its line may ")]
         values.setdefault(one["gearbox"], []).extend(strong)
     largest = sorted((value for own in values.values() for value in own), reverse=True)[:KEPT]
     at = largest[0] * TAIL
@@ -414,7 +411,6 @@ def main() -> None:
     deviating = judged(every(numbers, held_out=False, jobs=given.jobs, deviations=True))
     learned = {
         "bearings": distribution(shown, lambda kind: kind != "tooth"),
-        "bearings_at_shafts": distribution(deviating, lambda kind: kind != "tooth", at_shafts=True),
         "teeth": distribution(deviating, lambda kind: kind == "tooth"),
     }
     SHIPPED.write_text(json.dumps(learned) + "\n", encoding="utf-8")

@@ -11,14 +11,11 @@ makes in a short record. A spot that turns through the load zone is hit harder t
 and none stands out, the strength counts a quarter; so does a line alone where its harmonics were looked for, since
 strikes are no sine. The strength of a part is that of its best band.
 
-A part is not counted for a line which another explains that is not its own: a multiple of a line, a sideband of a
-deeper one that is no harmonic of its own, or a part of a much deeper line's order, in whatever band that line is
-deepest; nor for a harmonic of the mains, a multiple of a mesh, or one of a comb of multiples of a shaft. Where its line
-stands at a multiple of a shaft of whose other multiples none does, it counts if healthy machines do not make lines
-there that are as strong.
+A part is not counted for a line which another explains that is not its own: a multiple of a line, or a sideband of a
+deeper one, in whatever band that line is deepest; nor for a harmonic of the mains, or a line that stands exactly at a
+multiple of a shaft, or in a comb of such multiples.
 """
 
-import copy
 import math
 from collections.abc import Iterable, Mapping, Sequence
 from dataclasses import dataclass, replace
@@ -57,7 +54,6 @@ _SIDEBANDS = 3  # on either side that support a fundamental
 _HARMONIC_SHARE = 0.5  # of a line's depth that one must have whose harmonic it may be: harmonics of strikes fall
 _MULTIPLES = 3  # of a deeper line that may be looked at as the part's own
 _EXPLAINING_SIDEBANDS = 2  # of a deeper line: the third of a real defect is below its fundamental
-_PARTS = 5  # of a deeper line's order
 _CARRIED = 10  # multiples of strikes or beats that a band carries: a tenth stands above half of a resonance's width
 _COMB = 30  # multiples of a shaft that impacts once a turn make
 _LOAD_MULTIPLES = 4  # of a shaft that modulations once and twice a turn make: the second of the second
@@ -136,10 +132,6 @@ class PartEvidence:
         Number of sidebands among them.
     hidden_by : str
         What else explains its line; empty where nothing does.
-    at_shaft : str
-        Multiple of a shaft's order at which its line stands, of whose other multiples none does; empty elsewhere.
-    sideband_of : str
-        A line of which it may be the sideband though it is the deeper one; empty where there is none.
     detectable_depth : float
         The least modulation that would be significant and `JUDGED_SNR` times the background in each of the widest
         bands, since damage may ring in any part of the range.
@@ -178,8 +170,6 @@ class PartEvidence:
     support: str = ""
     sidebands: int = 0
     hidden_by: str = ""
-    at_shaft: str = ""
-    sideband_of: str = ""
     detectable_depth: float = math.inf
     possible_depth: float = math.inf
     unsure_depth: float = 0.0
@@ -261,7 +251,7 @@ def _stranger(bands: Sequence[BandEvidence], parts: Sequence[PartEvidence], othe
             order = float(band.orders[place])
             near = (np.abs(about - order) <= np.maximum(others.width, _DRAWN * about)).any()
             harmonic = (np.abs(band.orders - 2 * order) <= others.width).any()
-            if harmonic and not near and not _beat_of_a_mesh(order, band, others.setting):
+            if harmonic and not near:
                 found = max(found, (float(band.depths[place]), order))
     return found
 
@@ -319,32 +309,26 @@ def comb_size(part: PartEvidence) -> float:
 def _of_a_stronger_part(
     part: PartEvidence, parts: Iterable[PartEvidence], bearings: Mapping[str, BearingOrders]
 ) -> str:
-    """Return which stronger part makes a part's line, in whatever bands the two stand, or an empty string.
+    """Return which stronger part of another bearing makes a part's line, in whatever bands they stand, or "".
 
-    A line may be a harmonic of one of another bearing that is deeper, as far as noise lets tell. A cage takes a damaged
-    element of its bearing through the load zone, and, where sidebands show that it does, makes lines at the multiples
-    of its rate.
+    A line may be a harmonic of one that is deeper, as far as noise lets tell. A cage takes a damaged element through
+    the load zone, and, where sidebands show that it does, makes lines at the multiples of its rate.
     """
     for other in parts:
-        if other.hidden_by or not other.strength > part.strength > 0:
+        if other.hidden_by or other.component == part.component or not other.strength > part.strength > 0:
             continue
-        element, same = other.kind == "rolling_element", other.component == part.component
-        if element and same and part.kind == "cage":
-            return f"it is the cage's rate, at which it takes {other.component} rolling element through the load zone"
-        if element and not same and other.sidebands:
-            cage, near = bearings[other.component].cage, MATCH_BINS * part.bin_width
+        near = MATCH_BINS * part.bin_width
+        if other.kind == "rolling_element" and other.sidebands:
+            cage = bearings[other.component].cage
             turns = round(part.found / cage) if cage > 2 * near else 0  # slower, and any line is near a multiple
             if 0 < turns <= _SIDEBANDS and abs(part.found - turns * cage) <= near:
                 return f"it is {turns} times the rate at which a cage takes {other.component} rolling element round"
         multiple = round(part.found / other.found)
-        if (
-            not same
-            and 1 < multiple <= _CARRIED
-            and other.depth >= part.depth * (1 - 1 / part.snr - 1 / other.snr)
-            and abs(part.found - multiple * other.found) <= MATCH_BINS * part.bin_width * math.sqrt(multiple)
-        ):
+        deeper = other.depth >= part.depth * (1 - 1 / part.snr - 1 / other.snr)
+        if 1 < multiple <= _CARRIED and deeper:
             kind = other.kind.replace("_", " ")
-            return f"it is {multiple} times the line of {kind} of {other.component} at {other.found:.3f}"
+            if abs(part.found - multiple * other.found) <= near * math.sqrt(multiple):
+                return f"it is {multiple} times the line of {kind} of {other.component} at {other.found:.3f}"
     return ""
 
 
@@ -379,20 +363,6 @@ class _Others:
             if shaft > 2 * self.width:
                 on |= np.abs(orders - shaft * np.round(orders / shaft)) <= self.width
         return on
-
-    def without(self, spacings: Iterable[float]) -> "_Others":
-        """Return the lines but those at the rates by which something is carried through its load zone.
-
-        They are the modulation of its lines by itself, and not what these are sidebands of.
-        """
-        selected = ~_of_spacings(self.orders, spacings, self.width)
-        found = copy.copy(self)
-        found.orders, found.depths, found.strengths = (
-            self.orders[selected],
-            self.depths[selected],
-            self.strengths[selected],
-        )
-        return found
 
     def deepest(self, order: float) -> float:
         """Return the depth of the deepest line at an order, of shafts or not."""
@@ -442,18 +412,14 @@ def _part(seen: Sequence[tuple[BandEvidence, AssessedLine]], bearing: BearingOrd
     strongest = rest[np.argmax(others.strengths[rest])] if rest.size else None
     own_depth = max(main.depth, others.deepest(main.line.found))
     both = 2 if main.expected.kind == "rolling_element" else 0  # its two races may be struck unequally
-    at_shaft, comb = _comb_of_a_shaft(main.line.found, main.depth, band, others.setting)
     standing = [one.measured for one in _family(band, line) if one is line or _stands_out(one)]
-    hidden = comb or _beat_of_a_mesh(main.line.found, band, others.setting) or _mains(standing, others)
-    foreign = others.without(spacings)
+    hidden = _comb_of_a_shaft(main.line.found, main.depth, band, others.setting) or _mains(standing, others)
     return replace(
         plain,
         strength=best,
         support=", ".join([*harmonics, *sidebands]),
         sidebands=len(sidebands),
-        hidden_by=hidden or _explanation(main.line.found, own_depth, foreign, both),
-        at_shaft=at_shaft,
-        sideband_of=_modulated(main.line.found, own_depth, foreign),
+        hidden_by=hidden or _explanation(main.line.found, own_depth, others, both),
         explained=float(power[mine].sum() / power.sum()) if power.size and power.sum() else 1.0,
         other_order=0.0 if strongest is None else float(others.orders[strongest]),
         other_depth=0.0 if strongest is None else float(others.depths[strongest]),
@@ -595,12 +561,12 @@ def _of_spacings(orders: Numbers, spacings: Iterable[float], width: float) -> ND
     return on
 
 
-def _comb_of_a_shaft(order: float, depth: float, band: BandEvidence, setting: Setting) -> tuple[str, str]:
-    """Return at which multiple of a shaft a line stands alone, and of which comb of such multiples it is one.
+def _comb_of_a_shaft(order: float, depth: float, band: BandEvidence, setting: Setting) -> str:
+    """Return at which multiple of a shaft a line stands, exactly or as one of a comb, or an empty string.
 
     Harmonics of the line itself are no other multiples.
     """
-    width, alone = band.bin_width, ""
+    width = band.bin_width
 
     def stands(place: float) -> bool:
         near = np.abs(band.orders - place) <= width
@@ -618,27 +584,10 @@ def _comb_of_a_shaft(order: float, depth: float, band: BandEvidence, setting: Se
             # only a comb that stands far away from it says more
             far = [k for k in range(3, 11) if abs(k - multiple) > _SIDEBANDS and k % multiple]
             if sum(stands(k * shaft) for k in far) >= _FULL_COMB * len(far):
-                return "", f"it is {name}, of whose multiples most stand out"
-        elif multiple <= _LOAD_MULTIPLES:
-            standing = [k for k in (1, 2, multiple - 1, multiple + 1) if k % multiple and stands(k * shaft)]
-            if standing:
-                return "", f"it is {name}, of which {standing[0]} times stands out, too"
+                return f"it is {name}, of whose multiples most stand out"
         exact = multiple == 1 or (off <= EXACT_BINS * width and setting.measured)
         if exact and not slow and multiple <= _COMB:
-            alone = alone or f"it stands at {name}"
-    return alone, ""
-
-
-def _beat_of_a_mesh(order: float, band: BandEvidence, setting: Setting) -> str:
-    """Return of which mesh a line is a multiple, or an empty string: harmonics in a band beat at their distances.
-
-    They do so in sound machines, and a bearing stands there to a third of a bin by accident only.
-    """
-    for mesh in setting.meshes if setting.measured else ():
-        multiple = round(order / mesh)
-        exact = abs(order - multiple * mesh) <= EXACT_BINS * band.bin_width
-        if 1 <= multiple <= _CARRIED and exact and mesh > _FAST_BINS * band.bin_width:
-            return f"it is {multiple} times the order {mesh:.4g} of a mesh, whose harmonics beat"
+            return f"it stands at {name}"
     return ""
 
 
@@ -681,49 +630,22 @@ def _mains(family: Sequence[MeasuredLine], others: _Others) -> str:
 def _explanation(order: float, depth: float, others: _Others, own_multiple: int) -> str:
     """Return which other line explains a line, or an empty string.
 
-    Of a line at half its depth or more it may be a harmonic, but for `own_multiple`; of a deeper one a sideband, unless
-    that is its own harmonic; of a much deeper one a part. Of lines that a shaft spaces alike one is no sideband of
-    another with which it is the deeper together with their harmonics.
+    Of a line at half its depth or more it may be a harmonic, but for `own_multiple`; of a deeper one a sideband. Of
+    lines that a shaft spaces alike one is no sideband of another with which it is the deeper together with their
+    harmonics.
     """
     whole = _together(order, depth, others)
     for other, size in _about_as_deep(order, depth, others):
         name = f"the line at {other:.3f}, which modulates by {size:.1%} and which it does not explain"
-        own = size <= RIVAL_FACTOR * depth and _is_harmonic(other, order, others)
         for multiple in range(1, _MULTIPLES + 1):
             if multiple not in {1, own_multiple} and abs(order - multiple * other) <= others.width:
                 return f"it is {multiple} times {name}"
-            carrier = size >= depth and not own
+            carrier = size >= depth
             sideband = _sideband(order, multiple * other, others) if carrier else None
             if sideband is not None and (multiple > 1 or _together(other, size, others) >= whole):
                 side, spacing = sideband
                 of = f"{multiple} times " if multiple > 1 else ""
                 return f"it is a sideband {side:+.0f} x {spacing:.3g} of {of}{name}"
-        parts = round(other / order)
-        if 1 < parts <= _PARTS and size > RIVAL_FACTOR * depth and abs(other - parts * order) <= others.width:
-            return f"it is a part of {name}"
-    return ""
-
-
-def _is_harmonic(order: float, fundamental: float, others: _Others) -> bool:
-    """Whether a line is a harmonic of another, to a bin: by accident one in four is of the slowest that are judged."""
-    multiple = round(order / fundamental)
-    return 1 < multiple <= _CARRIED and abs(order - multiple * fundamental) <= others.width / MATCH_BINS
-
-
-def _modulated(order: float, depth: float, others: _Others) -> str:
-    """Return which line may be the modulated one whose sideband a part's is, or an empty string.
-
-    Of lines that a shaft spaces alike, the multiples of the modulated one stand out: it is the one that is deepest
-    together with its second harmonic. A line that is deeper alone leaves a doubt.
-    """
-    whole = _together(order, depth, others)
-    for other, size in _about_as_deep(order, depth, others):
-        if _sideband(order, other, others) is None:
-            continue
-        if _together(other, size, others) > whole:
-            return f"the line at {other:.3f}, of which it would be a sideband, is deeper together with its harmonic"
-        if size >= depth:
-            return f"the line at {other:.3f}, of which it would be a sideband, is as deep"
     return ""
 
 

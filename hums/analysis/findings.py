@@ -11,10 +11,9 @@ Every kind of defect of every part has one of four verdicts:
 The probability is that over healthy machines (`hums.analysis.healthy_machines`), for all parts of the record together,
 not that of noise. No bearing is named for a line that may be another source's: one of the same bearing is three times
 as large, or something that the drawing does not explain makes a stronger line; nor, unless the line is deep, where both
-races have lines alike or the record would not show damage. A bearing is diagnosed if its line modulates a band by a
-tenth of the mean or more, a harmonic or sideband supports it, on a race that turns through the load zone a sideband,
-and no other race or element of it comes within a factor of three in the same band; an element not where its line is
-higher than rolling allows; its cage never, since damage of an element makes the same line.
+races have lines alike. A bearing is diagnosed if its line modulates a band by a tenth of the mean or more, a harmonic
+or sideband supports it, on a race that turns through the load zone a sideband, and no other race or element of it comes
+within a factor of three in the same band; its cage never, since damage of an element makes the same line.
 Gears are judged in `hums.analysis.gear_damage`, and are at most indicated.
 """
 
@@ -26,7 +25,6 @@ from typing import Any
 from hums.analysis.evidence import PartEvidence, comb_size, strength
 from hums.analysis.healthy_machines import RAREST_STATED, HealthyMachines, healthy_machines, healthy_share_words
 from hums.analysis.thresholds import (
-    FASTEST_SPIN,
     FAULTY_DEPTH,
     JUDGED_DEPTH,
     LEAST_STRENGTH,
@@ -147,7 +145,6 @@ def bearing_verdicts(
     false_alarm_probability: float,
     faulty: Collection[str] = (),
     library: HealthyMachines | None = None,
-    at_shafts: HealthyMachines | None = None,
 ) -> list[Finding]:
     """Return the verdict on every kind of defect of every bearing.
 
@@ -159,11 +156,10 @@ def bearing_verdicts(
         Share of healthy records in which a bearing may be named.
     faulty : collection of str
         Channels with a faulty sensor.
-    library, at_shafts : HealthyMachines, optional
-        Default the shipped ones; the second with lines that stand at multiples of shafts.
+    library : HealthyMachines, optional
+        Default the shipped one.
     """
     library = library or healthy_machines("bearings")
-    at_shafts = at_shafts or healthy_machines("bearings_at_shafts")
     parts = {(part.component, part.kind) for part in evidence}
     results = []
     for family in sorted(parts):
@@ -173,7 +169,7 @@ def bearing_verdicts(
             why = "the sensor is faulty and may itself produce any line"
             results.append(_not_judged(own[0], why, least_change="judged with a sound sensor"))
             continue
-        tried = evidence, faulty, library, at_shafts, len(parts), false_alarm_probability
+        tried = evidence, faulty, library, len(parts), false_alarm_probability
         judged = [_bearing_verdict(part, *tried) for part in sound]
         results.append(min(judged, key=lambda one: (RANK[one.verdict], -one.strength)))
     return _with_equal_bearings(results, {(part.component, part.kind): part.order for part in evidence})
@@ -244,7 +240,6 @@ def _bearing_verdict(
     evidence: Sequence[PartEvidence],
     faulty: Collection[str],
     library: HealthyMachines,
-    at_shafts: HealthyMachines,
     searches: int,
     stated: float,
 ) -> Finding:
@@ -260,13 +255,6 @@ def _bearing_verdict(
     if part.hidden_by:
         least_change = "indicated if no other line explained it"
         return _not_judged(part, _hidden(part.hidden_by), probability=shown, least_change=least_change)
-    if part.at_shaft:
-        probability = at_shafts.probability(part.strength, **tested)
-        shown = max(probability, RAREST_STATED)
-        if probability > stated:
-            least = at_shafts.strength_at(stated, **tested)
-            least_change = f"indicated from a strength of {least:.3g} on (now {part.strength:.3g})"
-            return _not_judged(part, _hidden(part.at_shaft), probability=shown, least_change=least_change)
     if masked := _masked(part, rivals):
         why, least_change = masked
         step = f"Take a longer record at the same speed and load, and compare the line of {_kind_text(part.kind)}."
@@ -282,10 +270,8 @@ def _masked(part: PartEvidence, others: Sequence[PartEvidence]) -> tuple[str, st
     """Return why a line that few healthy machines show is no evidence for its part, and what would change that.
 
     A much larger line of the same bearing leaves traces at the places of its other parts. Where something else that
-    the drawing does not explain makes a stronger line, it may as well make this one. Below `RIVAL_FACTOR` times
-    `FAULTY_DEPTH` two more: in a record that would not show damage, other sources as strong need not show either, so
-    that a line must be as much deeper than `FAULTY_DEPTH` as the record is too short for it; and lines of both races
-    alike are what a rough bearing or a damaged element makes.
+    the drawing does not explain makes a stronger line, it may as well make this one. Below
+    `RIVAL_FACTOR` times `FAULTY_DEPTH` lines of both races alike are what a rough bearing or a damaged element makes.
     """
     rivals = _rivals(part, others)
     larger = max(rivals, key=lambda rival: rival.depth, default=None)
@@ -303,14 +289,6 @@ def _masked(part: PartEvidence, others: Sequence[PartEvidence]) -> tuple[str, st
     if part.depth >= clear:
         return None
     least_change = f"indicated from a modulation of {clear:.0%} on (now {part.depth:.1%})"
-    lacking = (part.detectable_depth / FAULTY_DEPTH) ** 2  # the noise about a line falls as the root of the time
-    needed = min(clear, FAULTY_DEPTH * lacking)
-    if lacking > 1 and part.depth < needed:
-        why = (
-            f"too short or too noisy: its line modulates a band by {part.depth:.0%}, but only a modulation by "
-            f"{part.detectable_depth:.0%} is detectable in any, so that equally strong other sources may go undetected"
-        )
-        return why, f"indicated from a modulation of {needed:.0%} on, or in a record {lacking:.2g} times as long"
     for rival in rivals:
         alike = rival.channel == part.channel and rival.depth * RIVAL_FACTOR > part.depth
         if alike and {part.kind, rival.kind} == {"inner_race", "outer_race"}:
@@ -340,18 +318,12 @@ def _doubts(part: PartEvidence, rivals: Sequence[PartEvidence]) -> list[str]:
             f"it modulates the band by only {part.depth:.1%}: it is there, but sound bearings have races and "
             "elements that are not perfect, too; compare with earlier and later records"
         )
-    if part.at_shaft:
-        doubts.append(f"{part.at_shaft}, though no shaft of a sound machine makes one as strong")
-    if part.sideband_of:
-        doubts.append(part.sideband_of)
     if part.kind == "cage":
         doubts.append("damage to a rolling element also produces this line")
     if not part.support:
         doubts.append("no harmonic or sideband supports it")
     elif part.kind == "inner_race" and not part.sidebands:
         doubts.append("it has no sidebands from passing the load zone, as expected on a rotating race")
-    if part.kind == "rolling_element" and part.found > (1 + FASTEST_SPIN) * part.order:
-        doubts.append(f"its line is {part.found / part.order - 1:.1%} above its order: no element spins as fast")
     doubts += [
         f"a line of {_kind_text(rival.kind)} of the same bearing is {_comparison(_where_it_is(part, rival), part)}"
         for rival in _rivals(part, rivals)
@@ -483,7 +455,7 @@ def _unnamed(part: PartEvidence, probability: float, needed: float) -> Finding:
         least_change = f"nothing found with that line below {FAULTY_DEPTH:.0%}"
         return _not_judged(part, why, least_change=least_change)
     seen = f"{healthy_share_words(probability)} records of healthy machines show as much"
-    if probability <= SELDOM_SOUND and part.strength >= LEAST_STRENGTH and not (part.hidden_by or part.at_shaft):
+    if probability <= SELDOM_SOUND and part.strength >= LEAST_STRENGTH and not part.hidden_by:
         why = f"a line at its order modulates a band by {part.depth:.1%}: {seen}, too few to call it sound"
         least_change = f"indicated at a strength of {needed:.3g} or more (now {part.strength:.3g})"
         step = "Take another record at the same speed and load, a longer one if possible, and compare the line."
@@ -500,7 +472,7 @@ def _unnamed(part: PartEvidence, probability: float, needed: float) -> Finding:
         verdict=NOTHING_FOUND,
         evidence=f"{seen}; a modulation of {part.possible_depth:.1%} would have been detected.",
         false_alarm_probability=probability,
-        doubts=_hidden(part.hidden_by or part.at_shaft) if part.hidden_by or part.at_shaft else "",
+        doubts=_hidden(part.hidden_by) if part.hidden_by else "",
         least_change=_least_of(changes),
     )
 

@@ -7,8 +7,7 @@ only. It is empirical up to its largest strength. Beyond, it goes on as the uppe
 tail, so that a gross defect stays one among any number of parts; but nothing below `RAREST_STATED` is stated.
 
 Bearings (`hums.analysis.evidence`) and teeth (`hums.analysis.gear_damage`) have a distribution each. That of teeth is
-over the records whose gears have pitch deviations, since every gear has some. Bearings whose line stands at a multiple
-of a shaft have one that holds such lines of sound machines as well, which the other leaves out.
+over the records whose gears have pitch deviations, since every gear has some.
 
 A record with N parts shows its strongest by chance more often than each: ``1 - (1 - p)^N``, parts taken as independent,
 which is careful where they share a cause. The channels of a record are one test of a part, with the harmonic mean of
@@ -129,7 +128,7 @@ def read_library(fields: dict[str, Any]) -> HealthyMachines:
 
 
 @cache
-def healthy_machines(parts: Literal["bearings", "bearings_at_shafts", "teeth"]) -> HealthyMachines:
+def healthy_machines(parts: Literal["bearings", "teeth"]) -> HealthyMachines:
     """Return the distribution over some parts that is shipped with the package."""
     every = json.loads(resources.files("hums.analysis").joinpath(_FILE).read_text(encoding="utf-8"))
     return read_library(every[parts])

@@ -197,16 +197,6 @@ choice). Halved, a race is diagnosed whose neighbour's order is three thousandth
 orders are only indicated.
 """
 
-FASTEST_SPIN = 0.01
-"""Relative excess over its order above which a line is not certain to be a rolling element's.
-
-An element that slips spins slower than it rolls. A contact angle that load opens raises its order, but by no more than
-2 g / (1 - g) of what the inner race loses, g the ratio of its diameter to the pitch diameter times the cosine: half of
-it at g = 0.2, one of 2 % at most. Halved or doubled, no verdict of 42 records changes, ten of them of damaged elements,
-which slip and do not spin faster. By reasoning alone: halved, elements of angular contact bearings are only indicated;
-doubled, the whole range that is searched counts.
-"""
-
 MAINS_HZ = (50.0, 60.0)
 MAINS_HARMONICS = 12
 MAINS_ACCURACY = 1e-3

@@ -55,7 +55,6 @@ EVIDENCE, GEARS, SHAFTS, UNMEASURED = "evidence", "gears", "shafts", "unmeasured
 # attributes of the root: what contradicts the declared angle, and why it is not sure; empty where nothing does
 CONTRADICTION, DOUBT = "declaration_contradiction", "declaration_doubt"
 _LIBRARY = "library_json"
-_AT_SHAFTS = "library_at_shafts_json"
 _FEWEST_TURNS = 8.0  # of the reference, whose lines one order apart are the noise next to a line
 _SHAFT_KIND = "shaft"
 _MM_S = "mm s-1"
@@ -108,9 +107,7 @@ def evidence_groups(
     if unmeasured is None:
         unmeasured = unmeasured_parts(channels, gears, machine, settings)
     return {
-        f"/{EVIDENCE}": rows_dataset(evidence, PartEvidence, dim="part").assign_attrs(
-            {_LIBRARY: _written("bearings"), _AT_SHAFTS: _written("bearings_at_shafts")}
-        ),
+        f"/{EVIDENCE}": rows_dataset(evidence, PartEvidence, dim="part").assign_attrs({_LIBRARY: _written("bearings")}),
         f"/{GEARS}": rows_dataset(gears, GearJudgement, dim="gear").assign_attrs({_LIBRARY: _written("teeth")}),
         f"/{SHAFTS}": rows_dataset(shaft_levels(channels, machine, baseline), ShaftLevel, dim="shaft"),
         f"/{UNMEASURED}": rows_dataset(unmeasured, Unmeasured, dim="part"),
@@ -188,7 +185,6 @@ def verdicts_from(groups: Mapping[str, xr.Dataset], attrs: Mapping[Any, Any]) ->
             false_alarm_probability=of_bearings,
             faulty=faulty,
             library=_library(evidence),
-            at_shafts=_library(evidence, _AT_SHAFTS),
         ),
         *gear_verdicts(gears, false_alarm_probability=of_gears),
         *_shaft_verdicts(rows_of(groups[f"/{SHAFTS}"], ShaftLevel), settings["velocity_limits_mm_s"], faulty),
@@ -222,12 +218,12 @@ def _unless_of_a_tooth(part: PartEvidence, named: Sequence[GearJudgement]) -> Pa
 
 
 @cache
-def _written(parts: Literal["bearings", "bearings_at_shafts", "teeth"]) -> str:
+def _written(parts: Literal["bearings", "teeth"]) -> str:
     return json.dumps(asdict(healthy_machines(parts)))
 
 
-def _library(dataset: xr.Dataset, name: str = _LIBRARY) -> HealthyMachines:
-    return _read(str(dataset.attrs[name]))
+def _library(dataset: xr.Dataset) -> HealthyMachines:
+    return _read(str(dataset.attrs[_LIBRARY]))
 
 
 @lru_cache(maxsize=8)  # most analyses have the libraries that are shipped

@@ -291,7 +291,7 @@ def test_the_parts_of_a_machine_with_a_damaged_tooth_are_judged_beside_it():
     analysis = analysed(settings=settings)
     part = rows_of(group(analysis, "evidence"), PartEvidence)[0]
     gear = rows_of(group(analysis, "gears"), GearJudgement)[0]
-    line = {"found": 26 * gear.order, "strength": 0.9, "depth": 0.9, "hidden_by": "", "at_shaft": ""}
+    line = {"found": 26 * gear.order, "strength": 0.9, "depth": 0.9, "hidden_by": ""}
     tooth = replace(gear, strength=25.0, repeats=1e-6, local=1e-25, turns=100, explained_by="", not_judged="")
     library = group(analysis, "evidence").attrs
     changed = analysis.copy()
