@@ -17,16 +17,14 @@ The rule, fixed on the wind turbine and CWRU records:
      a line at the cage order, and what is below a third of another defect of the same bearing is hidden by it: impacts
      of one spot excite lines at the orders of the others;
    - in the envelope, impacts once per revolution of a shaft, or once per contact of a planet's damaged tooth, produce
-     any multiple of that order; those of a tooth, which no bearing makes, explain lines up to three times as high.
-     Impacts make multiples of similar size: a comb of a shaft or cage whose first harmonics fall below a third of a
-     bearing's line explains no multiple above the third, since a load zone that a defect is carried through makes such
-     lines, too;
+     any multiple of that order. They are of similar size: a comb of a shaft or cage whose first harmonics fall below a
+     third of a bearing's line explains no multiple above the third, since a load zone that a defect is carried through
+     makes such lines, too;
    - it is a sideband that the planet pass produces in a healthy stage.
 3. Of two lines of a bearing that one peak makes, the one with the nearer nominal order explains the other, and a cage
    that makes no comb of impacts is assessed last. Lines of several bearings that one peak makes explain none of each
    other: `hums.analysis.evidence` compares their combs.
-4. Harmonics and sidebands of a bearing line are significant only together with it, at the right spacing. A line that
-   would be a harmonic of two significant fundamentals, of two peaks, supports neither.
+4. Harmonics and sidebands of a bearing line are significant only together with it, at the right spacing.
 """
 
 import math
@@ -40,12 +38,8 @@ from hums.gearbox.defect_orders import BEARING_KINDS
 from signals.spectra.lines import record_probability
 
 LEAKAGE_SHARE = 0.5
-OF_CAGE = "times the cage rate implied by"
 _EXPLAINED_HARMONICS = 3
 _EXPLAINED_SIDEBANDS = 3
-# Spacing in bins of a comb, below which every line is within the main lobe of a multiple of it. Halved, level changes
-# of a slow gear explain any race in short records; doubled, the comb of a ring's chipped tooth is read as a cage.
-_DENSE_BINS = 2 * LOBE_BINS
 
 _Comb = tuple[tuple[str, str], str, str]  # component and kind, channel, spectrum
 
@@ -90,7 +84,7 @@ class LineAssessor:
         for i in sorted(detected, key=rank.__getitem__):
             line = lines[i]
             parents = [other for other in significant if supports(line, other)] if is_support(line) else []
-            if parents and not self._belongs_to_other(line, significant):
+            if parents:
                 result[i] = replace(result[i], significant=True)
                 continue
             cause = self._healthy_cause(line)
@@ -116,16 +110,6 @@ class LineAssessor:
                     return f"sideband {side:+d} x {spacing:.4g} of the mesh, which the planets' passing makes in health"
         return ""
 
-    def _belongs_to_other(self, line: MeasuredLine, significant: Iterable[MeasuredLine]) -> bool:
-        """Whether a bearing harmonic is also one of another significant bearing defect."""
-        return not line.expected.sideband and any(
-            _near(line, harmonic * other.line.found)
-            for other in significant
-            if other.expected.fundamental and other.expected.kind in BEARING_KINDS and other.family != line.family
-            for harmonic in range(1, 2 * _EXPLAINED_HARMONICS + 1)
-            if harmonic != line.expected.harmonic  # one peak of both
-        )
-
     def _explanation(self, weaker: MeasuredLine, stronger: MeasuredLine, least: float | None) -> str:
         """Return how `stronger` produces a line at the order of `weaker`, or an empty string.
 
@@ -137,12 +121,6 @@ class LineAssessor:
         base = stronger.line.found
         name = f"{stronger.expected.component} {stronger.expected.kind.replace('_', ' ')}"
         impacts = least is None or RIVAL_FACTOR * least >= weaker.line.amplitude
-        carried = weaker.expected.component.startswith(f"{stronger.expected.component}/")
-        if carried and (stronger.expected.kind, stronger.expected.harmonic) == ("gear_mesh", weaker.expected.harmonic):
-            # the sidebands of a mesh follow from where it was found; a nominal speed leaves room for other lines
-            place = weaker.expected.order * base / stronger.expected.order
-            if not _near(weaker, place):
-                return f"off the sidebands of {name}, the nearest of which is at {place:.4g}"
         if weaker.expected.kind in {"gear_mesh", "shaft"} or _is_comb(weaker):
             return f"not to be told from {name}" if _near(weaker, base, bins=1.0) else ""
         if stronger.expected.kind == "shaft" or _is_comb(stronger):
@@ -152,10 +130,8 @@ class LineAssessor:
             # Coupling and run-out produce any multiple in an envelope; but a gear's sidebands lie at multiples of its
             # own shaft's order, so that only the searched harmonics explain them.
             highest = multiple if impacts and weaker.expected.kind != "tooth" else _EXPLAINED_HARMONICS
-            resolved = base >= _DENSE_BINS * weaker.bin_width
-            near = resolved and 0 < multiple <= highest and _near(weaker, multiple * base)
-            above = _is_tooth_comb(stronger) and weaker.line.snr > RIVAL_FACTOR * stronger.line.snr
-            return f"harmonic {multiple} of {name}" if near and not above else ""
+            near = 0 < multiple <= highest and _near(weaker, multiple * base)
+            return f"harmonic {multiple} of {name}" if near else ""
         harmonics = 1 if stronger.expected.kind == "tooth" else _EXPLAINED_HARMONICS
         for harmonic in range(1, harmonics + 1):
             if _near(weaker, harmonic * base):
@@ -174,7 +150,7 @@ class LineAssessor:
             races = {weaker.expected.kind, stronger.expected.kind} == {"inner_race", "outer_race"}
             rival = races and not is_support(weaker) and weaker.line.amplitude * RIVAL_FACTOR > stronger.line.amplitude
             if 0 < multiple <= highest and _near(weaker, multiple * cage) and not rival:
-                return f"{multiple} {OF_CAGE} {name}"
+                return f"{multiple} times the cage rate implied by {name}"
         element = stronger.expected.kind == "rolling_element"
         # bearings of the same orders make the same lines: what one of them explains, it explains of all
         same = replace(bearing, name="") == replace(self.bearings.get(weaker.expected.component, bearing), name="")

@@ -13,7 +13,8 @@ not that of noise. No bearing is named for a line that may be another source's: 
 as large, or something that the drawing does not explain makes a stronger line; nor, unless the line is deep, where both
 races have lines alike. A bearing is diagnosed if its line modulates a band by a tenth of the mean or more, a harmonic
 or sideband supports it, on a race that turns through the load zone a sideband, and no other race or element of it comes
-within a factor of three in the same band; its cage never, since damage of an element makes the same line.
+within a factor of three in the same band; an element not where its line is higher than rolling allows; its cage never,
+since damage of an element makes the same line.
 Gears are judged in `hums.analysis.gear_damage`, and are at most indicated.
 """
 
@@ -25,6 +26,7 @@ from typing import Any
 from hums.analysis.evidence import PartEvidence, comb_size, strength
 from hums.analysis.healthy_machines import RAREST_STATED, HealthyMachines, healthy_machines, healthy_share_words
 from hums.analysis.thresholds import (
+    FASTEST_SPIN,
     FAULTY_DEPTH,
     JUDGED_DEPTH,
     LEAST_STRENGTH,
@@ -324,6 +326,8 @@ def _doubts(part: PartEvidence, rivals: Sequence[PartEvidence]) -> list[str]:
         doubts.append("no harmonic or sideband supports it")
     elif part.kind == "inner_race" and not part.sidebands:
         doubts.append("it has no sidebands from passing the load zone, as expected on a rotating race")
+    if part.kind == "rolling_element" and part.found > (1 + FASTEST_SPIN) * part.order:
+        doubts.append(f"its line is {part.found / part.order - 1:.1%} above its order: no element spins as fast")
     doubts += [
         f"a line of {_kind_text(rival.kind)} of the same bearing is {_comparison(_where_it_is(part, rival), part)}"
         for rival in _rivals(part, rivals)

@@ -44,7 +44,6 @@ from hums.analysis.thresholds import (
     SHAFT_CERTAINTY,
     SHAFT_GROWTH,
     SLOWEST_VELOCITY_HZ,
-    TOOTH_ACCIDENT,
     ZONE_SHARE,
 )
 from hums.gearbox.defect_orders import BEARING_KINDS
@@ -206,12 +205,11 @@ def _unless_of_a_tooth(part: PartEvidence, named: Sequence[GearJudgement]) -> Pa
     """Return the evidence for a bearing's part, hidden where impacts of one of the teeth that are named make its line.
 
     They come once a turn and make lines at all multiples of their rate, exactly. A race does not make a tooth: impacts
-    at a whole multiple of the turn, which a bearing that slips strikes by accident, meet several teeth alike. Where the
-    multiples are so dense that a line is on one by accident, nothing is explained.
+    at a whole multiple of the turn, which a bearing that slips strikes by accident, meet several teeth alike.
     """
     for row in named if part.strength > 0 and not part.hidden_by else ():
         multiple, near = round(part.found / row.order), EXACT_BINS * part.bin_width
-        if multiple > 0 and abs(part.found - multiple * row.order) <= near and 2 * near <= TOOTH_ACCIDENT * row.order:
+        if multiple > 0 and abs(part.found - multiple * row.order) <= near:
             text = f"it is {multiple} times the rate at which the tooth of {row.component} that stands out meets others"
             return replace(part, hidden_by=text)
     return part
