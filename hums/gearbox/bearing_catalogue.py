@@ -173,7 +173,7 @@ def typical_bearing(designation: str, rows: Sequence[CatalogueBearing]) -> Catal
     if _plain(middle.name) == _plain(designation) or (len(ordered) == 1 and middle.spread):
         return middle
     spread = max(abs(b / a - 1) for row in rows for a, b in zip(middle.orders, row.orders, strict=True))
-    # between makers' orders of equally many balls: 0.4 % of BPFO among the 6205, 0.9 % among the 6204
+    # 0.01 between makers' orders of equally many balls: 0.4 % of BPFO among the 6205, 0.9 % among the 6204
     return replace(
         middle,
         name=designation,

@@ -369,7 +369,7 @@ def _layout(shape: tuple[int, ...], chunks: tuple[int, ...] | None) -> dict[str,
     """Return chunk shape and maximum shape: a dimension of length 0 is unlimited."""
     if 0 not in shape:
         return {"chunks": chunks}
-    # chunk length along a dimension of length 0, which netCDF reads as unlimited
+    # 1024 is the chunk length along a dimension of length 0, which netCDF reads as unlimited
     return {"chunks": tuple(size or 1024 for size in shape), "maxshape": tuple(size or None for size in shape)}
 
 

@@ -484,7 +484,7 @@ def _detected_pulses(
     from signals.shaft.tachometer import pulse_times  # noqa: PLC0415 - only a waveform needs signal processing
 
     own_rate = waveform.attrs.get("rate_hz", rate_hz)
-    # the least range of inputs for tachometers, in V
+    # 1 V is the least range of inputs for tachometers
     full_scale = 1.0 if source.full_scale is None and source.units == "V" else source.full_scale
     try:
         return pulse_times(

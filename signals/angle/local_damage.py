@@ -151,7 +151,7 @@ def folded(
     cell = np.floor((place - turn) * cells).astype(int)
     index = (turn - first) * cells + np.clip(cell, 0, cells - 1)
     seen = np.bincount(index, minlength=turns * cells).reshape(turns, cells)
-    # least, of as many turns, and most; more cost time and no longer sharpen the scatter
+    # at least 8 blocks of as many turns, and at most 24; more cost time and no longer sharpen the scatter
     blocks = min(turns, int(np.clip(turns // 2, 8, 24)))
     edges = np.linspace(0, turns, blocks + 1).astype(int)[:-1]
     values = np.empty((bands, blocks, cells))

@@ -208,7 +208,7 @@ def _about_choice(best: Candidate, *, lines: float) -> list[str]:
             f"A single event makes most of the kurtosis: {best.kurtosis:.3g} with, {best.steady_kurtosis:.3g} without "
             "the loudest two sixteenths of the record; cut it out before you demodulate."
         )
-    # at most, from the slope of the envelope's spectrum within a section (measured: 0.01)
+    # 0.02 at most come from the slope of the envelope's spectrum within a section (measured: 0.01)
     if best.envelope_negentropy < NOISE_NEGENTROPY + 0.02 + _SIGNIFICANT * NEGENTROPY_SCATTER / np.sqrt(lines):
         doubts.append(
             f"Nothing repeats regularly: the spectrum of the squared envelope is as level as that of noise "
@@ -229,7 +229,7 @@ def _about_others(gram: Kurtogram, allowed: NDArray[np.bool_], best: Candidate, 
             f"{by_negentropy.envelope_negentropy:.2f}, here {best.envelope_negentropy:.2f}; a second fault "
             "would do that, or tones that beat."
         )
-    # the kurtosis -s^2 for s = 0.7 of the band's power in one tone
+    # -0.5 is the kurtosis -s^2 for s = 0.7 of the band's power in one tone
     tonal = np.flatnonzero(allowed & (gram.kurtosis < np.minimum(-0.5, -_SIGNIFICANT * gram.noise_std)))
     if tonal.size:
         strongest = _candidate(gram, tonal[np.argmax(gram.level[tonal] + gram.power_share[tonal])])

@@ -133,7 +133,7 @@ def _largest_jump(values: Array) -> tuple[int, float]:
     middle, range_ = median(sides), np.ptp(sides, axis=1)
     before, after = slice(0, values.size - 2 * _SIDE + 1), slice(_SIDE + 1, None)
     heights = np.abs(middle[after] - middle[before])
-    # largest range of the levels on either side, relative to the jump
+    # 0.4 is the largest range of the levels on either side, relative to the jump
     heights[np.maximum(range_[before], range_[after]) >= 0.4 * heights] = 0
     best = int(heights.argmax())
     return (_SIDE + best, float(heights[best])) if heights[best] else (0, 0.0)
@@ -202,7 +202,7 @@ def dropouts(x: Samples, *, missing: Mask, rate_hz: float, units: str) -> tuple[
         stop = start + length
         entry = np.where(start > 0, np.abs(x[start] - x[start - 1]), np.inf)
         leave = np.where(stop < x.size, np.abs(x[np.minimum(stop, x.size - 1)] - x[start]), np.inf)
-        # smallest step at an end of a faulty segment, in resolutions
+        # two resolutions are the smallest step at an end of a faulty segment
         sudden = np.maximum(entry, leave) > 2.0 * float(np.min(np.diff(values)))
         extreme = (x[start] == values[0]) | (x[start] == values[-1])
         extreme &= length <= _STUCK * x.size  # a flat top is clipping, but not one as long as that
@@ -245,7 +245,7 @@ def _longest_run(several: int, runs: int, samples: int) -> int:
         return shortest_run
     if ratio == 1:
         return samples + 1
-    # probability of a run this long in a healthy record
+    # 1e-6 is the probability of a run this long in a healthy record
     return max(shortest_run, 1 + int(np.ceil(np.log(1e-6 / samples) / np.log(ratio))))
 
 
@@ -288,7 +288,7 @@ def _is_isolated(height: Samples, at: int) -> bool:
     beside = 6  # samples
     neighbours = np.concatenate((height[max(at - beside, 0) : max(at - 1, 0)], height[at + 2 : at + 1 + beside]))
     top = bool(height[at] == height[max(at - 1, 0) : at + 2].max())
-    # largest RMS beside a spike over its height; a ringing structure has more
+    # 0.25 is the largest RMS beside a spike over its height; a ringing structure has more
     return top and float(np.sqrt(np.mean(neighbours**2))) < 0.25 * height[at]
 
 

@@ -288,7 +288,7 @@ def _edges_by_blocks(wave: Array, blocks: int, hysteresis: float | None, *, narr
     swing = high - low
     noise = _noise(wave) if blocks > 1 else 0.0
     # 0.1 of the largest of all blocks: less is a shaft at rest
-    # swing over the standard deviation of the noise
+    # 8.0 is the least swing over the standard deviation of the noise
     rotating = (swing > 0) & (swing >= 0.1 * swing.max()) & (swing > 8.0 * noise)
     if not rotating.any():
         return None

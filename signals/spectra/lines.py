@@ -397,7 +397,7 @@ def _leakage(spectrum: AmplitudeSpectrum, found: float, amplitude: float) -> flo
     reach = _REACH_BINS * spectrum.bin_width
     first, last = axis.searchsorted([found - reach, found + reach])
     around = spectrum.amplitude[first:last]
-    # least ratio of a neighbour's amplitude to the line's for its leakage to be considered
+    # 2.0 is the least ratio of a neighbour's amplitude to the line's for its leakage to be considered
     larger = around > 2.0 * amplitude
     if not larger.any():
         return 0.0

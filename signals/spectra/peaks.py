@@ -86,13 +86,13 @@ def spectral_peaks(spectrum: AmplitudeSpectrum, *, ratio: float = 4.0) -> Spectr
     ratio = positive(ratio, name="ratio")
     axis, amplitude = spectrum.axis, spectrum.amplitude
     step = float(axis[1] - axis[0])
-    # width in the axis' unit (orders) over which the background is taken as constant
+    # 0.5 is the width in the axis' unit (orders) over which the background is taken as constant
     block = max(16, int(0.5 / step))  # 16 in a block: the median of fewer scatters by more than a quarter
     count = max(1, amplitude.size // block)
     size = min(block, amplitude.size)
     medians = median(amplitude[: count * size].reshape(count, size))
     # a block of little noise between others of much keeps its own, and one filled with lines takes its neighbours'
-    # whose median is taken again: a block full of sidebands does not raise its own background
+    # five blocks, whose median is taken again: a block full of sidebands does not raise its own background
     medians = np.minimum(medians, median_filter(medians, 5, mode="nearest"))
     inner = amplitude[1:-1]
     places = np.flatnonzero(inner > ratio * medians.min()) + 1  # the others are below any background

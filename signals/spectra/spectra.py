@@ -149,7 +149,7 @@ def _amplitude_spectra(
     turned = scale * _phasors(-start * rate / length, stop) if start else scale
     noise_bandwidth_bins, spread = shape.noise_bandwidth_bins, shape.spread
     found: list[AmplitudeSpectrum] = []
-    # padded samples transformed at once, 16 MB of single ones: rows together take a third of the time
+    # 2**22 padded samples transformed at once, 16 MB of single ones: rows together take a third of the time
     at_once = max(1, 2**22 // length)
     memory = np.empty(length // 2 + 1, dtype=np.complex128)
     for first in range(0, len(signals), at_once):

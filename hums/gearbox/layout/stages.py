@@ -112,7 +112,7 @@ class Stages:
         if pair.mesh.face_width_mm and self.any_module:
             return pair.mesh.face_width_mm
         largest = max(abs(teeth) for _, teeth in pair.contact.gears)
-        # face width over module where none is declared: usual for spur gears
+        # ten is the face width over the module where none is declared: usual for spur gears
         return min(10.0, largest / 3) * pair.module
 
     def signs(self, pair: Pair) -> int:
