@@ -71,7 +71,7 @@ ONE_DOOR = {
 BUDGETS = """
     signals (root)                                              560    486    400
     signals/angle                                              1111   1071    900
-    signals/demodulation                                        905    804    750
+    signals/demodulation                                        905    870    750
     signals/harmonics, signals/slipping_order                  4012   3236   2500
     signals/health, signals/indicators                          955    839    800
     signals/monitoring                                         1135    976    700
