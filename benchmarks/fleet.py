@@ -28,16 +28,15 @@ from fleet_analyses import (
     added,
     analyses,
     fault_courses,
-    slope_risk,
     unseen,
 )
-from fleet_chain import CHUNK, RATES, WATCHED, at_rate, learn_prior, of_components, two_of_three, watch, widening
+from fleet_chain import CHUNK, RATES, WATCHED, at_rate, learn_limits, learn_prior, of_components, two_of_three, watch
 from fleet_cost import cost_rows
 from fleet_forecasts import LAWS, coverage
 from fleet_measured import run_to_failure, turbine
 from numpy.typing import NDArray
 
-from hums.fleet.prior import PRIOR_NAME, healthy_scores, prior_of
+from hums.fleet.prior import PRIOR_NAME, prior_of
 from hums.fleet.series import Series, layout_of
 from signals.monitoring.health import Layout
 
@@ -65,13 +64,13 @@ def healthy_fleet(
     measured: Sequence[str] = (),
 ) -> tuple[list[Array], list[float]]:
     """Return the alarms of each machine, for each of `RATES`, and the factor on limits that makes the rate exact."""
-    prior, model = prior_of(found.series, layout), healthy_scores()
+    prior = prior_of(found.series, layout)
     counts: list[list[Array]] = [[] for _ in RATES]
     largest: list[list[NDArray[np.float32]]] = [[] for _ in RATES]
     for start in range(0, machines, CHUNK):
         rng = np.random.default_rng([seed, start])
         fleet = resampled.machines(min(CHUNK, machines - start), baseline + WATCHED, rng, measured)
-        for place, one in enumerate(watch(fleet, baseline, RATES, layout, prior, model)):
+        for place, one in enumerate(watch(fleet, baseline, RATES, layout, prior)):
             counts[place].append(one.raised.sum(axis=(1, 2)))
             largest[place].append(of_components(one.index, layout))
     factors = [at_rate(those, every) for those, every in zip(largest, RATES, strict=True)]
@@ -167,7 +166,7 @@ def detected(
     grown = np.geomspace(sizes[0], sizes[-1], WATCHED - ONSET)
     fleet = resampled.machines(machines, baseline + WATCHED, np.random.default_rng(6))
     fleet.series[:, baseline + ONSET :] += added(course, grown)
-    (seen,) = watch(fleet, baseline, RATES[1:], layout, prior_of(found.series, layout), healthy_scores())
+    (seen,) = watch(fleet, baseline, RATES[1:], layout, prior_of(found.series, layout))
     raised = (two_of_three(seen.index) >= factor).any(axis=2)
     if np.any(layout.sizes > 1):
         raised[:, ONSET:] |= _by_verdicts(found, name, grown, machines)
@@ -285,31 +284,14 @@ faults with `--machines 1000`, forecasts with `--forecasts 300`, cost with `--ru
 
 **Fleets** are resampled from analyses of one gearbox: each series of indicators is its mean, its slopes on gain, noise,
 temperature and load, which carry over as `data_synth.scene.machine_history` declares (5 and 50 records, a season of
-365), and a residual drawn together for all series.
-A slope that is the error of its fit alone would make machines drift that do
-not: slopes are shrunk by twice their standard errors (nonnegative garrote; Breiman 1995), as which slopes of half of
-the machines miss those of the others by {risk:.4f} of a residual's variance, as they are by {raw_risk:.4f}. Temperature
-and load are measured where a table says so, with a tenth of their deviations as an error.
+365), and a residual drawn together for all series. A slope that is the error of its fit alone would make machines drift
+that do not: slopes are shrunk by twice their standard errors (nonnegative garrote; Breiman 1995). Temperature and load
+are measured where a table says so, with a tenth of their deviations as an error.
 
-**The prior** (`hums/fleet/prior.json`, `--learn-prior --machines 200`) is learned from {healthy} analyses of
-{machines} healthy machines of three seeds; {failing} more of the first seed have faults. Healthy fleets below are made
-of {unseen} analyses of {unseen_machines} other machines, of a seed of their own, from which nothing is learned. They
-were looked at twice before: with factors that counted alarms of scores and not of components, which the parts of a
-bearing raise together, too (a baseline of 30, nothing measured: 1.33 and 1.65 of the stated alarms), and with factors
-that counted those of each group of scores alone (1.21 and 1.83). Machines of the prior showed the same, 1.24 and 1.67,
-then 1.13 and 2.2; the factors were mended by those.
-
-Limits are wider by what the model of scores lacks, and by what a prior lacks of machines that it was not learned on.
-The first is the factor at which the prior raises the stated number of alarms of its own machines: of each group of
-scores, and then of all. For the second the machines are halved in three ways and a prior of one half is held against
-the other: the number of alarms goes exponentially with the logarithm of the limits, so that errors of the prior, and of
-the analyses that a fleet is made of, raise its mean by their variance, which goes as one over the number of analyses.
-The logarithm of the factor is then linear in 1 / n + 1 / m, n of the prior and m of the fleet; what is taken is that of
-a prior of all and a fleet of any number, which lies a quarter of the way from the first factor to that of the halves.
-The factors are of baselines of 2, 10, 30 and 300 records and both rates, one for the evidence of bearing parts and one
-for all other scores, with states that drift and without. Of the drift of a machine's scores, what slopes on measured
-states explain in its baseline is left out, and a score counts less where the errors of slopes outweigh what the slowest
-chart averages. All are of one gearbox and one plan. Nothing is tuned to measured records.
+**The prior** (`hums/fleet/prior.json`, `--learn-prior`) has deviations of indicators, and the limits at which healthy
+machines with baselines of 2 to 1,000 records raise the stated number of alarms, of bearing evidence and of all other
+scores. Healthy fleets below are made of analyses of {unseen_machines} other machines, of a seed of their own, from
+which nothing is learned. All are of one gearbox and one plan. Nothing is tuned to measured records.
 """
 
 
@@ -361,8 +343,7 @@ def main() -> None:
     if given.learn_prior:
         found = analyses(given.analyses, workers=given.workers, records=given.records)
         path, learned = ROOT / "hums" / "fleet" / PRIOR_NAME, learn_prior(found, found.resampled())
-        for group, wider in zip(learned["groups"], widening(found, machines=given.machines), strict=True):
-            group["widening"] = wider
+        learned["limits"] = learn_limits(found, found.resampled(), learned, machines=given.machines)
         path.write_text(json.dumps(learned) + "\n", encoding="utf-8")
         return
     page = given.folder / "fleet.md"
@@ -372,15 +353,7 @@ def main() -> None:
     if given.only in (None, "alarms", "faults"):
         found = analyses(given.analyses, workers=given.workers, records=given.records)
         healthy = unseen(given.analyses, found.series, workers=given.workers)
-        intro = INTRO.format(
-            failing=int((found.kinds != "healthy").sum()),
-            healthy=int((found.kinds == "healthy").sum()),
-            machines=found.machines,
-            risk=slope_risk(found, 2.0),
-            raw_risk=slope_risk(found, 0.0),
-            unseen=len(healthy.healthy),
-            unseen_machines=UNSEEN_MACHINES,
-        )
+        intro = INTRO.format(unseen_machines=UNSEEN_MACHINES)
     sections: dict[str, tuple[str, Callable[[], str]]] = {
         "alarms": ("False alarms of healthy machines", lambda: false_alarms(given, found, healthy)),
         "faults": ("Faults that grow", lambda: growing_faults(given, found, healthy)),

@@ -31,7 +31,6 @@ fleets, and no divisor in common with the 12 records in which classes take turns
 HEALTHY_SEEDS = (3, 4)  # of further healthy machines that the prior is learned from
 HEALTHY_RECORDS, HEALTHY_MACHINES = 480, 40  # of each of those seeds
 UNSEEN_SEED, UNSEEN_RECORDS, UNSEEN_MACHINES = 5, 1_000, 125  # of the analyses that fleets are measured on
-_QUARTERS = 4  # of the machines, which are halved in three ways
 
 PLAN = """
 scene = "healthy-mill"
@@ -203,30 +202,6 @@ def garrote(slopes: Array, errors: Array, *, by: float = 2.0) -> Array:
     return np.asarray(slopes * np.maximum(0.0, 1 - (by * errors / sizes) ** 2))
 
 
-def halves(machines: int) -> list[tuple[tuple[int, ...], tuple[int, ...]]]:
-    """Return halves of machines with the others: three splits of their quarters, both ways round."""
-    found = []
-    for which in range(1, _QUARTERS):
-        side = np.array([(number % _QUARTERS & which).bit_count() % 2 for number in range(machines)])
-        one, other = (tuple(np.flatnonzero(side == number).tolist()) for number in (0, 1))
-        found += [(one, other), (other, one)]
-    return found
-
-
-def slope_risk(found: Analyses, by: float) -> float:
-    """Return by how much slopes learned on a half of the machines miss those of the others, as variance of a residual.
-
-    The mean over the splits, less what the others' own errors add.
-    """
-    risks = []
-    for half, others in halves(found.machines):
-        one, other = found.resampled(half), found.resampled(others)
-        std = np.nanstd(one.healthy, axis=0)
-        missed = (garrote(*one.slopes, by=by) - other.slopes[0]) ** 2 - other.slopes[1] ** 2
-        risks.append((missed / std**2).sum(axis=0).mean())
-    return float(np.mean(risks))
-
-
 @dataclass(frozen=True, kw_only=True)
 class Fleet:
     """Series (machines, records, series), and what was measured with the records (machines, records, covariates)."""
@@ -249,7 +224,7 @@ class Resampled:
 
     A slope that is the error of its fit alone would make every machine drift where none does. Slopes b of standard
     error s are therefore shrunk to b max(0, 1 - (2 s / b)^2) (nonnegative garrote; Breiman 1995, Technometrics 37(4),
-    373-384). Of s and 2 s and slopes as they are, 2 s foretells those of other machines best (`slope_risk`).
+    373-384).
     """
 
     healthy: Array

@@ -1,26 +1,32 @@
 """Monitoring on arrays of many machines at once: charts and alarms, and the prior that is learned from them."""
 
-from collections.abc import Collection, Mapping, Sequence
-from dataclasses import dataclass, replace
+from collections.abc import Iterator, Sequence
+from dataclasses import dataclass
 from typing import Any
 
 import numpy as np
-from fleet_analyses import Analyses, Array, Fleet, Resampled, halves
+from fleet_analyses import Analyses, Array, Fleet, Resampled
 from numpy.typing import NDArray
 
 from hums.fleet.monitor import MOST_LEVERAGE
-from hums.fleet.prior import healthy_scores, prior_of
+from hums.fleet.prior import limit_table, prior_of
 from hums.fleet.series import layout_of
-from signals.monitoring.alarm_life import AlarmRule
-from signals.monitoring.autocorrelation import Correlation, variance_shares
+from signals.monitoring.charts import Charts
 from signals.monitoring.health import Layout, Normal, Prior, learn_normal
-from signals.monitoring.limits import HealthyScores, machine_limits, tail_quantiles
+from signals.monitoring.limits import AT_ONCE, MachineLimits, machine_limits
 
 CHUNK = 50  # machines whose series are in memory at a time
 RATES = (1_000.0, 10_000.0)
 WATCHED = 300
-Key = tuple[int, float, float]  # records of a baseline, mean records between alarms, drift
 MOST_DOF = 10.0  # real machines differ more than resampled ones: deviations by 22 % (our choice)
+LEARNED_AT = (2, 3, 4, 6, 8, 10, 15, 20, 30, 50, 100, 200, 300, 1_000)  # baselines, of which limits are learned
+LEARNED_RATES = tuple(10.0**power for power in range(2, 9))
+ALIKE_AT = 100_000.0
+"""Records between alarms of a chart alone at which the charts are made alike: about those of one of a machine's tens of
+scores, at one alarm of it in several thousand. Alike at commoner values, the chart with the longest tail would decide
+the limits of all."""
+THRESHOLDS = 60
+FEWEST_ALARMS = 40  # of a threshold whose rate is taken as measured (its error is 16 %)
 
 
 @dataclass(frozen=True, kw_only=True)
@@ -31,79 +37,69 @@ class Watched:
     index: NDArray[np.float32]
 
 
-def watch(
-    fleet: Fleet, baseline: int, rates: Sequence[float], layout: Layout, prior: Prior, models: Sequence[HealthyScores]
-) -> tuple[Watched, ...]:
-    """Return, for each of the rates, alarms of machines whose first records are a baseline."""
+def watch(fleet: Fleet, baseline: int, rates: Sequence[float], layout: Layout, prior: Prior) -> tuple[Watched, ...]:
+    """Return, for each of the rates, alarms of machines whose first records, a day apart, are a baseline."""
+    normal, own = learned(fleet, baseline, layout, prior)
+    charts = [_Charts(rate, normal, own, fleet.series.shape[1] - baseline) for rate in rates]
+    for number, scores in enumerate(later_scores(fleet, baseline, normal)):
+        for one in charts:
+            one.step(number, scores)
+    return tuple(one.found for one in charts)
+
+
+def learned(fleet: Fleet, baseline: int, layout: Layout, prior: Prior) -> tuple[Normal, Array]:
+    """Return what is normal for machines, and the scores (records, machines, scores) of their baselines."""
+    series, at = fleet.series[:, :baseline], fleet.measured[:, :baseline]
+    normal = learn_normal(series, at, layout, prior)
+    return normal, np.array([normal.read(series[:, number], at[:, number]).scores for number in range(baseline)])
+
+
+def later_scores(fleet: Fleet, baseline: int, normal: Normal) -> Iterator[Array]:
+    """Yield the scores (machines, scores) of each record after the baseline, NaN where it is refused."""
     series, at = fleet.series, fleet.measured
-    machines, records = series.shape[:2]
-    normal = learn_normal(series[:, :baseline], at[:, :baseline], layout, prior)
-    own = np.array([normal.read(series[:, number], at[:, number]).scores for number in range(baseline)])
-    charts = [_Charts(rate, normal, own, models, records - baseline) for rate in rates]
-    recent = np.zeros((machines, len(layout.channels)))
-    for number in range(baseline, records):
+    recent = np.zeros((len(series), len(normal.layout.channels)))
+    for number in range(baseline, series.shape[1]):
         reading = normal.read(series[:, number], at[:, number], recent)
         refused = (normal.series.leverage(at[:, number]) > MOST_LEVERAGE)[:, None]
         recent = np.where(refused, recent, reading.recent)
-        for one in charts:
-            one.step(number - baseline, np.where(refused, np.nan, reading.scores))
-    return tuple(one.found for one in charts)
+        yield np.where(refused, np.nan, reading.scores)
 
 
 class _Charts:
     """Charts and alarms of machines for one rate, those with the same limits at once."""
 
-    def __init__(
-        self,
-        every: float,
-        normal: Normal,
-        own: Array,
-        models: Sequence[HealthyScores],
-        watched: int,
-    ) -> None:
-        self.rule, shape, of = AlarmRule(), own.shape[1:], normal.layout.group_of
+    def __init__(self, every: float, normal: Normal, own: Array, watched: int) -> None:
+        shape, of = own.shape[1:], normal.layout.group_of
         self.first = np.flatnonzero(np.array(of) == 0)  # score of each component, those of its parts behind it
         self.found = Watched(
             raised=np.zeros((shape[0], watched, self.first.size), np.bool_),
             index=np.zeros((shape[0], watched, shape[1]), np.float32),
         )
-        limits = [  # as `Epoch.learn` does
-            machine_limits(len(own), every, models, of, slopes=float(slopes), drift=float(drift))
-            for slopes, drift in zip(normal.series.regressors, normal.drift, strict=True)
-        ]
-        self.groups = [(one, np.flatnonzero([one == other for other in limits])) for one in dict.fromkeys(limits)]
-        self.headroom = [one.headroom(own[:, those], self.rule) for one, those in self.groups]
+        slopes = normal.series.regressors.round(1)
+        self.groups: list[tuple[MachineLimits, NDArray[np.int64]]] = []
+        for one in np.unique(slopes):  # as `Epoch.learn` does
+            limits = machine_limits(limit_table(), np.full(len(of), len(own)), every, of, slopes=float(one))
+            self.groups.append((limits, np.flatnonzero(slopes == one)))
+        self.headroom = [one.headroom(own[:, those]) for one, those in self.groups]
         self.charts = [one.charts.start((those.size, shape[1])) for one, those in self.groups]
-        self.alarms = self.rule.start((shape[0], self.first.size))
 
     def step(self, number: int, scores: Array) -> None:
         """Take one more record (machines, scores), NaN where it is refused."""
-        index = np.full(scores.shape, np.nan)
         for place, (one, those) in enumerate(self.groups):
             self.charts[place] = one.charts.step(self.charts[place], scores[those])
-            index[those] = one.index(self.charts[place]) / self.headroom[place]
-        index = np.where(np.isfinite(scores), index, np.nan)
-        of_components = np.fmax.reduceat(index, self.first, axis=1)
-        self.alarms, self.found.raised[:, number] = self.rule.step(self.alarms, of_components)
-        self.found.index[:, number] = np.nan_to_num(index)
-
-
-def score_series(series: Array, baseline: int, layout: Layout, prior: Prior) -> tuple[Array, Normal]:
-    """Return the scores (records, machines, scores) of machines against their baselines, and those."""
-    machines, records = series.shape[:2]
-    normal = learn_normal(series[:, :baseline], np.zeros((machines, baseline, 0)), layout, prior)
-    nothing, recent, scores = np.zeros((machines, 0)), None, []
-    for number in range(baseline, records):
-        reading = normal.read(series[:, number], nothing, recent)
-        recent = reading.recent
-        scores.append(reading.scores)
-    return np.array(scores), normal
+            self.found.index[those, number] = one.index(self.charts[place]) / self.headroom[place]
+        index = self.found.index
+        index[:, number] = np.where(np.isfinite(scores), index[:, number], 0)
+        latest = np.maximum.reduceat(index[:, max(0, number - 2) : number + 1], self.first, axis=2)
+        reached = (latest >= 1).sum(axis=1) >= 2  # noqa: PLR2004 - two of three
+        raised = (latest[:, -1] >= 1) & (reached | (latest[:, -1] >= AT_ONCE))
+        self.found.raised[:, number] = raised & ~self.found.raised.any(axis=1)  # it stands
 
 
 def two_of_three(index: NDArray[np.float32]) -> NDArray[np.float32]:
     """Return the largest limit (machines, records, scores) at which an index (the same) raises an alarm in a record.
 
-    The rule of `AlarmRule`: two of three records at the limit, the last one of them.
+    Two of three records at the limit, the last one of them.
     """
     before = np.pad(index, ((0, 0), (2, 0), (0, 0)))
     three = np.sort(np.stack([index, before[:, 1:-1], before[:, :-2]]), axis=0)
@@ -119,16 +115,13 @@ def at_rate(largest: Sequence[NDArray[np.float32]], every: float) -> float:
     return float(ordered[round(sum(len(each) for each in largest) * WATCHED / every)])
 
 
-def of_components(index: NDArray[np.float32], layout: Layout, group: int | None = None) -> NDArray[np.float32]:
+def of_components(index: NDArray[np.float32], layout: Layout) -> NDArray[np.float32]:
     """Return the largest limit (machines, components) at which components raise an alarm by an index of their scores.
 
-    Of a component with parts two records may reach the limit by two of its scores: by those of a `group`, or of all.
+    Of a component with parts two records may reach the limit by two of its scores.
     """
-    groups = np.array(layout.group_of)
-    component = np.cumsum(groups == 0) - 1  # the score of a component, those of its parts behind it
-    those = np.flatnonzero((groups == group) | (group is None))
-    first = np.flatnonzero(np.diff(component[those], prepend=-1))
-    return np.asarray(two_of_three(np.maximum.reduceat(index[..., those], first, axis=-1)).max(axis=1))
+    first = np.flatnonzero(np.array(layout.group_of) == 0)  # the score of a component, those of its parts behind it
+    return np.asarray(two_of_three(np.maximum.reduceat(index, first, axis=-1)).max(axis=1))
 
 
 # ---- the prior -------------------------------------------------------------------------------------------------------
@@ -145,117 +138,72 @@ def learn_prior(found: Analyses, resampled: Resampled) -> dict[str, Any]:
     _, _, layout = layout_of(found.series)
     usual = np.array([log_std[key.indicator] for key in found.series])
     loose = Prior(series=usual, score=1.0, level=0.1, dof=0.01)
-    scores, normal = score_series(series, 1_000, layout, loose)
+    normal, _ = learned(Fleet(series=series, measured=np.zeros((*series.shape[:2], 0))), 1_000, layout, loose)
     own, sizes = normal.score_scale, layout.sizes
     power, offset = np.polyfit(np.log(sizes), np.log(np.median(own, axis=0)), 1)
     left = np.log(own) - offset - power * np.log(sizes)
-    standard = (scores - scores.mean(axis=0)) / scores.std(axis=0)
-    machines, places = range(scores.shape[1]), range(scores.shape[2])
-    shares = [
-        np.mean([variance_shares(scores[:, machine, place], Correlation()) for machine in machines], axis=0)
-        for place in places
-    ]
-    groups: list[dict[str, list[list[float]]]] = [
-        {"shares": [], "quantiles": [], "widening": []} for _ in range(max(layout.group_of) + 1)
-    ]
-    for place, group in enumerate(layout.group_of):
-        groups[group]["shares"].append([round(float(x), 3) for x in shares[place]])
-        groups[group]["quantiles"].append([round(float(x), 2) for x in tail_quantiles(standard[:, :, place].ravel())])
     return {
-        "what": "Usual over healthy machines: deviations of logarithms, and how scores depend on the records before.",
+        "what": "Usual over healthy machines: deviations of logarithms, and limits of the EWMAs of scores.",
         "made_by": "python benchmarks/fleet.py ANALYSES --learn-prior",
         "log_std": log_std,
         "score_std": round(float(np.exp(offset)), 3),
         "score_power": round(float(power), 3),
         "level_std": round(float(np.median(normal.level_scale)), 3),
         "dof": round(float(np.clip(1 / (2 * np.mean(left**2)), 2, MOST_DOF)), 1),  # log s has the variance 1 / (2 dof)
-        "groups": groups,
     }
 
 
-def widening(found: Analyses, *, machines: int) -> list[list[list[float]]]:
-    """Return by how much limits of each group of scores have to be wider than the model's, for baselines and rates.
+def learn_limits(
+    found: Analyses, resampled: Resampled, learned_prior: dict[str, Any], *, machines: int
+) -> dict[str, Any]:
+    """Return the limits at which resampled machines, of which each score counts, raise the stated number of alarms.
 
-    Alarms are counted of components, of which parts share one, as the machine's are. Limits of a prior that is held
-    against the fleets of its own analyses lack nothing but what the model of the scores lacks: let f be the factor at
-    which they raise the stated number of alarms. It is a group's own, times one of all groups, since a component's
-    alarm may take one record of its own score and one of a part's, which no group counts. Fleets of other analyses
-    raise more, by the errors of either: the number goes exponentially with the logarithm of the limits, so that errors
-    of variance v multiply its mean by exp(v / 2). With a variance that goes as one over the number of analyses, as of
-    any mean, the factor of a prior of n analyses against those of m is
-
-        log f(n, m) = log f + c (1 / n + 1 / m)
-
-    c follows from halves of the machines, a prior of one half held against the fleets of the other (cross-validation;
-    Stone 1974, J. R. Stat. Soc. B 36(2), 111-147), in three splits, both ways round. The factor taken is that of the
-    prior of all against machines of any number, f(n, infinity). One factor is of fleets whose states drift, with the
-    model's drift, and one of fleets whose states do not, with none.
+    The EWMAs are made alike at a rare alarm, and the largest of them over these scales has the limit, by which all are
+    multiplied. Beyond the rates that are counted, the logarithm of the rate goes on as a line.
     """
     _, _, layout = layout_of(found.series)
-    everyone, splits = tuple(range(found.machines)), halves(found.machines)
-    sizes = {1.0: {2: machines, 10: machines, 30: 2 * machines, 300: machines}}  # by their cost
-    sizes[0.0] = {30: machines, 300: machines // 2}
-    own_sizes = {drift: {baseline: 2 * count for baseline, count in of.items()} for drift, of in sizes.items()}
-    alone = _factors(_largest(found, [(everyone, everyone)], own_sizes), layout)  # nearer to what is taken: more fleets
-    apart = _factors(_largest(found, splits, sizes), layout)
-    together = _largest(found, [(everyone, everyone)], own_sizes, widening=_rows(alone, layout))
-    one_over = [1 / len(found.resampled(those).healthy) for those in (everyone, *splits[0])]
-    share = one_over[0] / (one_over[1] + one_over[2])
-    wider = {
-        key: [
-            at_rate([one[-1] for one in together[key]], key[1]) * of_own * (of_halves / of_own) ** share
-            for of_own, of_halves in zip(alone[key], apart[key], strict=True)
-        ]
-        for key in alone
-    }
-    return _rows(wider, layout)
-
-
-def _factors(largest: Mapping[Key, list[list[NDArray[np.float32]]]], layout: Layout) -> dict[Key, list[float]]:
-    """Return the factor of each group at which its alarms are the part of the stated ones that its scores are."""
-    scores = np.bincount(layout.group_of)
+    prior, groups = prior_of(found.series, layout, learned_prior), np.array(layout.group_of)
+    limits, allowances = np.empty((groups.max() + 1, len(LEARNED_AT), len(LEARNED_RATES), 3)), []
+    for place, baseline in enumerate(LEARNED_AT):
+        values, means = [], []
+        for start in range(0, machines, CHUNK):
+            fleet = resampled.machines(CHUNK, baseline + WATCHED, np.random.default_rng([12, start]))
+            normal, _ = learned(fleet, baseline, layout, prior)
+            scores = np.array(list(later_scores(fleet, baseline, normal)))
+            means.append(scores.mean(axis=0)[:, groups == 0])
+            state, charts = Charts().start(scores.shape[1:]), []
+            for one in scores:
+                state = Charts().step(state, one)
+                charts.append(state.values[:-1].astype(np.float32))
+            values.append(np.array(charts))
+        allowances.append(0.5 + 2 * float(np.concatenate(means).std()))
+        found_values = np.concatenate(values, axis=2)  # records, EWMAs, machines, scores
+        for group in range(groups.max() + 1):
+            those = found_values[..., groups == group].reshape(WATCHED, 3, -1)
+            scales = np.array([threshold(peaks(those[:, number]), [ALIKE_AT])[0] for number in range(3)])
+            together = (those / scales[:, None]).max(axis=1)
+            limits[group, place] = threshold(peaks(together), LEARNED_RATES)[:, None] * scales
     return {
-        key: [at_rate([one[group] for one in of], key[1] * layout.scores / count) for group, count in enumerate(scores)]
-        for key, of in largest.items()
+        "baselines": LEARNED_AT,
+        "every": LEARNED_RATES,
+        "limits": limits.round(3).tolist(),
+        "allowances": np.round(allowances, 2).tolist(),
     }
 
 
-def _rows(factors: Mapping[Key, list[float]], layout: Layout) -> list[list[list[float]]]:
-    """Return the factors of each group as a prior holds them."""
-    return [
-        [[key[0], key[1] * layout.scores, key[2], round(of[group], 3)] for key, of in factors.items()]
-        for group in range(max(layout.group_of) + 1)
-    ]
+def peaks(chart: NDArray[np.float32]) -> Array:
+    """Return the largest limit (scores,) at which a chart (records, scores) raises an alarm of each score."""
+    alarms = np.maximum(two_of_three(chart.T[..., None])[..., 0], chart.T / AT_ONCE)
+    return np.asarray(alarms.max(axis=1), dtype=np.float64)
 
 
-def _largest(
-    found: Analyses,
-    pairs: Sequence[tuple[Collection[int], Collection[int]]],
-    sizes: Mapping[float, Mapping[int, int]],
-    widening: Sequence[list[list[float]]] | None = None,
-) -> dict[Key, list[list[NDArray[np.float32]]]]:
-    """Return the largest indices of the groups of scores, and of all, of fleets by baseline, rate and drift.
-
-    `pairs` are of machines learned from and watched; `sizes` has the number of machines to watch for each drift and
-    baseline, over all pairs; `widening`, if given, that of each group, as a prior holds it.
-    """
-    _, _, layout = layout_of(found.series)
-    largest: dict[Key, list[list[NDArray[np.float32]]]] = {}
-    for learned_from, watched in pairs:
-        learned = learn_prior(found, found.resampled(learned_from))
-        if widening is not None:
-            for group, rows in zip(learned["groups"], widening, strict=True):
-                group["widening"] = rows
-        prior, drifting = prior_of(found.series, layout, learned), healthy_scores(learned)
-        unseen = found.resampled(watched)
-        for drift, fleets in ((1.0, unseen), (0.0, unseen.still())):
-            models = [replace(one, drift=drift) for one in drifting]
-            for baseline, count in sizes[drift].items():
-                for start in range(0, count // len(pairs), CHUNK):
-                    rng = np.random.default_rng([12, *learned_from, start])
-                    fleet = fleets.machines(CHUNK, baseline + WATCHED, rng)
-                    seen = watch(fleet, baseline, RATES, layout, prior, models)
-                    for rate, one in zip(RATES, seen, strict=True):
-                        groups = [of_components(one.index, layout, group) for group in (*range(len(models)), None)]
-                        largest.setdefault((baseline, rate, drift), []).append(groups)
-    return largest
+def threshold(found: Array, every: Sequence[float]) -> Array:
+    """Return the limits at which an alarm is raised once in some numbers of records, from the `peaks` of scores."""
+    tried = np.linspace(min(0.3, float(np.quantile(found, 0.5))), float(np.quantile(found, 0.9995)), THRESHOLDS)
+    alarms = found.size - np.searchsorted(np.sort(found), tried)
+    counted = alarms >= FEWEST_ALARMS
+    rates, tried = np.log10(alarms[counted] / (found.size * WATCHED)), tried[counted]
+    far = rates <= rates[-1] + 0.7  # the last factor of five
+    slope, offset = np.polyfit(tried[far], rates[far], 1)
+    wanted = -np.log10(every)
+    return np.where(wanted < rates[-1], (wanted - offset) / slope, np.interp(-wanted, -rates, tried))

@@ -90,4 +90,4 @@ def turbine(folder: Path) -> Iterator[tuple[str, float, str, str, str]]:
             worst = max(found.index, key=lambda name: found.index[name])
             alarm = state.open.get(worst, {"state": ""})
             words = f"{alarm['severity']}: {alarm['indicator']}" if alarm["state"] == "raised" else ""
-            yield when, found.index[worst], history.change(worst), worst, words
+            yield when, found.index[worst], f"{found.ratio[worst]:.3g} times normal", worst, words

@@ -1,6 +1,18 @@
-"""Columns of ``alarms.csv``, and the words in them."""
+"""Alarms of components, and the columns of ``alarms.csv``.
 
-from signals.monitoring.alarm_life import AlarmState, Life
+| state | becomes | when |
+|---|---|---|
+| clear | raised | the index reached 1 in 2 of the last 3 judged records, or 2 in one |
+| raised | acknowledged | somebody acknowledges it: it is latched until then; its charts restart |
+| acknowledged | clear | 10 judged records in succession lie below one half |
+| acknowledged | raised (anew) | the index exceeds twice the one of the last alarm, by that rule |
+| any | clear | maintenance resets the component |
+"""
+
+import math
+from dataclasses import dataclass
+
+from signals.monitoring.limits import AT_ONCE, OF, WITHIN
 
 ALARM_COLUMNS = (
     "machine",
@@ -19,8 +31,50 @@ ALARM_COLUMNS = (
     "version",
 )
 SEVERE = 2.0  # condition index from which an alarm is severe: twice the limit
+CLEAR, RAISED, ACKNOWLEDGED = "clear", "raised", "acknowledged"
+AGAIN = 2.0  # growth over the index of the last alarm that raises an acknowledged one anew
+_QUIET, _CLEAR_BELOW = 10, 0.5  # records, and their index, after which it clears: one about the limit is one alarm
 
 
-def life_word(alarm: AlarmState) -> str:
-    """Return the state of an alarm that was raised once."""
-    return "cleared" if alarm.life == Life.CLEAR else Life(int(alarm.life)).name.lower()
+@dataclass(kw_only=True)
+class Alarm:
+    """Alarm of a component after the latest record.
+
+    ``state`` is one of the words above; ``recent`` says of the latest judged records whether they reached the limit,
+    ``quiet`` counts those in succession that lie low, ``raised_at`` is the index when it was last raised.
+    """
+
+    state: str = CLEAR
+    recent: tuple[bool, ...] = ()
+    quiet: int = 0
+    raised_at: float = 1.0
+
+    def step(self, index: float, *, bursts: bool = False) -> bool:
+        """Take a record of a condition index, NaN where not judged; return whether it raises the alarm.
+
+        Where `bursts`, as a baseline had some, no record raises one by itself.
+        """
+        if not math.isfinite(index):
+            return False
+        limit = AGAIN * self.raised_at if self.state == ACKNOWLEDGED else 1.0
+        self.recent = (*self.recent, index >= limit)[-WITHIN:]
+        self.quiet = self.quiet + 1 if index < _CLEAR_BELOW else 0
+        reached = sum(self.recent) >= OF or (index >= AT_ONCE * limit and not bursts)
+        if index >= limit and reached and self.state != RAISED:
+            self.state, self.recent, self.raised_at = RAISED, (), index
+            return True
+        if self.state == ACKNOWLEDGED and self.quiet >= _QUIET:
+            self.state, self.recent = CLEAR, ()
+        return False
+
+    def acknowledge(self) -> bool:
+        """Acknowledge the alarm where it is raised, and return whether it was."""
+        if self.state != RAISED:
+            return False
+        self.state, self.recent, self.quiet = ACKNOWLEDGED, (), 0
+        return True
+
+    @property
+    def word(self) -> str:
+        """State of an alarm that was raised once."""
+        return "cleared" if self.state == CLEAR else self.state

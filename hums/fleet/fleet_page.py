@@ -12,6 +12,7 @@ from urllib.parse import quote
 import numpy as np
 from numpy.typing import NDArray
 
+from hums.fleet.alarms import ACKNOWLEDGED, RAISED
 from hums.fleet.monitor import Epoch, driving_series
 from hums.fleet.numbers import LINE
 from hums.fleet.observation import days_since_1970
@@ -21,7 +22,6 @@ from hums.fleet.watched_machines import MachineHistory
 from hums.pages.page import Figure, figure_html, least_and_largest, packed, page_environment, stand_alone_page
 from hums.records.fields import file_name
 from hums.records.outputs import write_text
-from signals.monitoring.alarm_life import Life
 
 Array = NDArray[np.float64]
 _DRAWN = 50  # machines with figures, 0.3 MB of each with 2,000 records; all of them are in the table
@@ -100,19 +100,19 @@ def _worst(history: MachineHistory) -> tuple[str, float]:
         return "", -math.inf
 
     def key(item: tuple[str, float]) -> tuple[bool, float]:
-        return history.state.alarms[item[0]].life == Life.RAISED, item[1]
+        return history.state.alarms[item[0]].state == RAISED, item[1]
 
     known = {name: index for name, index in history.last.index.items() if math.isfinite(index)}
     return max(known.items(), key=key) if known else ("", -math.inf)
 
 
 def _state(history: MachineHistory) -> str:
-    lives = {int(alarm.life) for alarm in history.state.alarms.values()}
-    if Life.RAISED in lives:
-        return "raised"
+    lives = {alarm.state for alarm in history.state.alarms.values()}
+    if RAISED in lives:
+        return RAISED
     if history.last is None:
         return "unwatched" if history.state.unwatched_since else "learning"
-    return "acknowledged" if Life.ACKNOWLEDGED in lives else "normal"
+    return ACKNOWLEDGED if ACKNOWLEDGED in lives else "normal"
 
 
 def _machine(
@@ -185,7 +185,7 @@ def _sentence(history: MachineHistory, component: str, index: float, driver: str
             return f"Not monitored since {state.unwatched_since}: all later records were refused."
         pending = max((len(epoch.pending) for epoch in state.baselines), default=0)
         return f"Its baseline is being learned: {pending} records so far."
-    if index < 1 and state.alarms[component].life != Life.RAISED:
+    if index < 1 and state.alarms[component].state != RAISED:
         text = f"No alarm. The largest condition index is that of {component}, {index:.2f}."
     else:
         text = f"{component}: {driver.replace('_', ' ')} of {channel}"

@@ -10,30 +10,26 @@ import json
 import math
 from collections.abc import Iterator, Mapping, Sequence
 from dataclasses import asdict, dataclass, field, replace
-from functools import lru_cache
+from functools import lru_cache, partial
 from importlib.metadata import version
 from typing import Any, NamedTuple
 
 import numpy as np
 from numpy.typing import NDArray
 
-from hums.fleet.alarms import SEVERE, life_word
+from hums.fleet.alarms import AGAIN, RAISED, SEVERE, Alarm
 from hums.fleet.maintenance import ACKNOWLEDGED, Work
 from hums.fleet.monitor_settings import MonitorError, MonitorSettings
 from hums.fleet.observation import Observation, seconds_since_1970
-from hums.fleet.prior import healthy_scores, prior_of
+from hums.fleet.prior import limit_table, prior_of
 from hums.fleet.series import WHOLE_SIGNAL, Series, component_parts, layout_of, vector, watched_component
-from signals.monitoring.alarm_life import AlarmState, Life, stacked
 from signals.monitoring.charts import ChartState
 from signals.monitoring.health import Normal, Reading, learn_normal, regime
-from signals.monitoring.limits import MachineLimits, machine_limits, own_scores
+from signals.monitoring.limits import MachineLimits, machine_limits
+from signals.monitoring.memory import independent_records
 
 Array = NDArray[np.float64]
 RISES, FALLS = "level rises", "level falls suddenly"
-FEWEST_EFFECTIVE = 300  # independent records from which limits come from a machine's own distribution
-INDEPENDENT_AFTER_S = 3600.0
-"""Time after which a machine's state is another: temperatures of oil and bearings settle within about an hour (our
-choice). Records closer than that share it, so that their spread says little about what is normal."""
 MOST_LEVERAGE = 1.0
 """Variance of what is foretold over that of the series, above which a record is not judged: the regression would add as
 much scatter as a record has of itself (our choice)."""
@@ -62,7 +58,6 @@ class Epoch:
     channels: tuple[str, ...] = ()
     normal: Normal | None = None
     limits: MachineLimits | None = None
-    own_limits: bool = False
     headroom: Array = field(default_factory=lambda: np.ones(0))
     bursts: NDArray[np.bool_] = field(default_factory=lambda: np.zeros(0, dtype=np.bool_))
     charts: ChartState | None = None
@@ -84,32 +79,21 @@ class Epoch:
         at = np.array([[one.covariates[name] for name in self.covariates] for one in seen]).reshape(len(seen), -1)
         self.low, self.high = regime(at)
         self.names, self.channels, layout = layout_of(self.series)
-        independent = _independent(seen)
-        self.normal = learn_normal(
-            values[:, kept],
-            _logarithms(at),
-            layout,
-            prior_of(self.series, layout),
-            independent=independent / len(seen),
-        )
+        learned = partial(learn_normal, values[:, kept], _logarithms(at), layout, prior_of(self.series, layout))
+        self.normal = learned()
+        times = np.array([seconds_since_1970(one.recorded_at) for one in seen])
         own = self.normal.read(values[:, kept], _logarithms(at)).scores
-        groups = np.array(layout.group_of[: len(self.names)])
-        models, effective = zip(
-            *(own_scores(own[:, np.flatnonzero(groups == group)]) for group in range(groups.max() + 1)), strict=True
-        )
-        self.own_limits = min(*effective, independent) >= FEWEST_EFFECTIVE
-        foretold = not self.own_limits and 2 * independent >= len(seen)  # most records are of states of their own
+        independent = independent_records(own, times)
+        self.normal = learned(independent=float(np.median(independent)) / len(seen))
+        own = self.normal.read(values[:, kept], _logarithms(at)).scores
         self.limits = machine_limits(
+            limit_table(),
             independent,
             settings.false_alarm_every,
-            models if self.own_limits else healthy_scores(),
             layout.group_of,
             slopes=float(self.normal.series.regressors),
-            drift=float(self.normal.drift) if foretold else 1.0,
-            rule=settings.rule,
         )
-        self.headroom = self.limits.headroom(own, settings.rule)
-        self.bursts = self.limits.bursts(own, settings.rule)
+        self.headroom, self.bursts = self.limits.headroom(own), self.limits.bursts(own)
         self.charts = self.limits.charts.start((layout.scores,))
         self.recent = np.zeros(len(self.channels))
         self.records = tuple(one.record for one in seen)
@@ -155,7 +139,7 @@ class MachineState:
         Regime of the latest record that was judged; until then, of the first.
     governed_by : dict of str to int
         Epoch of each component that is not of the newest of the whole machine, 0.
-    alarms : dict of str to AlarmState
+    alarms : dict of str to Alarm
         Of each component.
     since : dict of str to str
         When the CUSUM of each component last left zero.
@@ -176,7 +160,7 @@ class MachineState:
     strata: dict[str, dict[int, Epoch]] = field(default_factory=dict)
     regime: str = ""
     governed_by: dict[str, int] = field(default_factory=dict)
-    alarms: dict[str, AlarmState] = field(default_factory=dict)
+    alarms: dict[str, Alarm] = field(default_factory=dict)
     since: dict[str, str] = field(default_factory=dict)
     open: dict[str, dict[str, Any]] = field(default_factory=dict)
     judged: int = 0
@@ -321,18 +305,6 @@ def _stratum(state: MachineState, seen: Observation) -> dict[int, Epoch]:
     return state.strata.setdefault(seen.regime, stratum)
 
 
-def _independent(seen: Sequence[Observation]) -> int:
-    """Return the number of records that lie at least an hour apart; all of them where one has no time."""
-    times = sorted(seconds_since_1970(one.recorded_at) for one in seen)
-    if any(math.isnan(time) for time in times):
-        return len(seen)
-    count, latest = 0, -math.inf
-    for time in times:
-        if time >= latest + INDEPENDENT_AFTER_S:
-            count, latest = count + 1, time
-    return count
-
-
 def _learns(state: MachineState, epoch: Epoch, seen: Observation) -> bool:
     """Return whether a record is of an epoch's baseline, or comes before it is learned; learn what is whole."""
     settings, counted = state.settings, epoch.counted or not state.settings.by_choice
@@ -360,7 +332,7 @@ class _Rise(NamedTuple):
 
     name: str
     named: bool
-    before: AlarmState
+    before: Alarm
     row: dict[str, Any]
 
 
@@ -372,7 +344,7 @@ def _judged(
 ) -> Judgement:
     """Take the condition index of every component from the epoch that governs it, and step its alarm."""
     index, scores, growth, ratio = {}, {}, {}, {}
-    rule, rises = state.settings.rule, list[_Rise]()
+    rises = list[_Rise]()
     for number, (reading, indices) in readings.items():
         epoch = state.epochs[number]
         rising = epoch.charts.rising if epoch.charts is not None else np.zeros(indices.size)
@@ -381,26 +353,24 @@ def _judged(
         for place, _, component, what, _ in governed:
             if component in seen.diagnosed and not what:  # at the limit by the verdict alone
                 indices[place] = np.fmax(indices[place], 1.0)
-        nearest_places = [place for place, *_ in governed]
-        before = [state.alarms.get(name) or rule.start() for *_, name in governed]
-        after, raised = rule.step(stacked(before), indices[nearest_places], bursts=epoch.bursts[nearest_places])
         most = _largest_departures(epoch, reading)
-        for at, (place, whole, component, what, name) in enumerate(governed):
+        for place, whole, component, what, name in governed:
             index[name], scores[name] = float(indices[place]), float(reading.scores[whole])
-            if rising[place] <= 1 and not before[at].recent:
+            alarm = state.alarms.setdefault(name, Alarm())
+            if rising[place] <= 1 and not any(alarm.recent):
                 state.since[name] = seen.recorded_at or seen.record
-            state.alarms[name] = after.of(at)
             growth[name], ratio[name] = most[place]
-            if raised[at]:
+            before = replace(alarm)
+            if alarm.step(index[name], bursts=bool(epoch.bursts[place])):
                 drivers = [(channel, indicator) for channel, indicator, _ in _drivers(epoch, reading, place)]
                 severity = "sensor" if what else "severe" if index[name] >= SEVERE else "alarm"
                 if component in seen.diagnosed and not what:
                     drivers.insert(0, (drivers[0][0] if drivers else "", _verdict_words(epoch, component)))
                     severity = "verdict" if not charts[place] >= 1 else severity
                 row = _alarm(state, seen, name, drivers, value=index[name], severity=severity, baseline=epoch.identity)
-                rises.append(_Rise(name, bool(what) or component in seen.diagnosed, before[at], row))
+                rises.append(_Rise(name, bool(what) or component in seen.diagnosed, before, row))
             elif name in state.open:
-                state.open[name]["state"] = life_word(state.alarms[name])
+                state.open[name]["state"] = state.alarms[name].word
     alarms += _causes(state, rises, index)
     return Judgement(judged=True, index=index, scores=scores, growth=growth, ratio=ratio, alarms=tuple(alarms))
 
@@ -409,8 +379,8 @@ def _causes(state: MachineState, rises: Sequence[_Rise], index: Mapping[str, flo
     """Return the rows of rises that are alarms of their own; what follows from a standing one is listed in its row.
 
     Impacts of a part sound in the envelopes of others, turn with its shaft and raise the record's crest factor. So a
-    rise follows from the largest standing alarm of a part, unless a verdict names it or it is `AlarmRule.again` times
-    as large.
+    rise follows from the largest standing alarm of a part, unless a verdict names it or it is
+    twice as large.
     """
     alarms = []
     for rise in sorted(rises, key=lambda one: (not one.named, -index[one.name])):
@@ -421,13 +391,13 @@ def _causes(state: MachineState, rises: Sequence[_Rise], index: Mapping[str, flo
             if row["state"] != "cleared" and ": " not in other and not other.startswith(WHOLE_SIGNAL) and other != name
         }
         cause = max(standing, key=lambda other: standing[other], default="")
-        if not cause or rise.named or (not whole and index[name] >= state.settings.rule.again * standing[cause]):
+        if not cause or rise.named or (not whole and index[name] >= AGAIN * standing[cause]):
             state.open[name] = rise.row
             alarms.append(rise.row)
         else:
             listed = {*filter(None, state.open[cause]["consequences"].split("; ")), name}
             state.open[cause]["consequences"] = "; ".join(sorted(listed))
-            state.alarms[name] = replace(state.alarms[name], life=rise.before.life, raised_at=rise.before.raised_at)
+            state.alarms[name] = replace(state.alarms[name], state=rise.before.state, raised_at=rise.before.raised_at)
     return alarms
 
 
@@ -538,7 +508,7 @@ def _alarm(
         "value": value,
         "false_alarm_every": state.settings.false_alarm_every,
         "severity": severity,
-        "state": Life.RAISED.name.lower(),
+        "state": RAISED,
         "consequences": "",
         "baseline": baseline,
         "version": version("hums-toolkit"),
@@ -566,7 +536,7 @@ def _unjudged_verdicts(
         epoch, shown = epochs[number], component in seen.diagnosed
         if (number in readings and component in epoch.names) or not (shown or epoch.normal is None):
             continue
-        if shown and not state.alarms.get(component, state.settings.rule.start()).recent:
+        if shown and not any(state.alarms.get(component, Alarm()).recent):
             state.since[component] = seen.recorded_at or seen.record
         driver = ("", _verdict_words(epoch, component))
         alarms += _stepped(state, seen, component, shown, driver, severity="verdict", baseline=epoch.identity)
@@ -577,13 +547,11 @@ def _stepped(
     state: MachineState, seen: Observation, name: str, shown: bool, driver: tuple[str, str], **more: str
 ) -> list[dict[str, Any]]:
     """Step an alarm whose index is 1 in records that show it and else 0; return its row if it is raised."""
-    rule = state.settings.rule
-    state.alarms[name], raised = rule.step(state.alarms.get(name, rule.start()), np.asarray(float(shown)))
-    if raised:
+    if state.alarms.setdefault(name, Alarm()).step(float(shown)):
         state.open[name] = _alarm(state, seen, name, [driver], value=1.0, **more)
         return [state.open[name]]
     if name in state.open:
-        state.open[name]["state"] = life_word(state.alarms[name])
+        state.open[name]["state"] = state.alarms[name].word
     return []
 
 
@@ -624,12 +592,10 @@ def _of(name: str, component: str) -> bool:
 
 def _acknowledge(state: MachineState, component: str) -> None:
     for name, alarm in state.alarms.items():
-        if _of(name, component):
-            if alarm.life == Life.RAISED:
-                _restart_charts(state, name)
-            state.alarms[name] = state.settings.rule.acknowledge(alarm, np.asarray(True))
+        if _of(name, component) and alarm.acknowledge():
+            _restart_charts(state, name)
             if name in state.open:
-                state.open[name]["state"] = life_word(state.alarms[name])
+                state.open[name]["state"] = state.alarms[name].word
 
 
 def _restart_charts(state: MachineState, name: str) -> None:
@@ -652,7 +618,7 @@ def _replace(state: MachineState, component: str) -> None:
         state.strata[name] = {number: epoch for number, epoch in after.items() if number in used}
     for name in list(state.alarms):
         if _of(name, component):
-            state.alarms[name] = state.settings.rule.start()
+            state.alarms[name] = Alarm()
             state.since.pop(name, None)
             if name in state.open:
                 state.open[name]["state"] = "cleared"

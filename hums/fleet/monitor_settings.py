@@ -1,11 +1,10 @@
-"""How machines are watched: their baseline, the rate of false alarms, and the rule that raises one."""
+"""How machines are watched: their baseline, and the rate of false alarms."""
 
 import math
-from dataclasses import dataclass, field
+from dataclasses import dataclass
 
 from hums.fleet.observation import Observation, seconds_since_1970
 from signals._validation import SentenceError
-from signals.monitoring.alarm_life import AlarmRule
 
 
 class MonitorError(SentenceError):
@@ -36,8 +35,6 @@ class MonitorSettings:
         Or the names of the records that are declared healthy.
     false_alarm_every : float
         Mean number of records of a machine between false alarms, over all its components, sensors and charts.
-    rule : AlarmRule
-        When an alarm is raised and cleared.
 
     Examples
     --------
@@ -51,7 +48,6 @@ class MonitorSettings:
     baseline_until: str = ""
     healthy: tuple[str, ...] = ()
     false_alarm_every: float = 10_000.0
-    rule: AlarmRule = field(default_factory=AlarmRule)
 
     def __post_init__(self) -> None:
         if self.baseline_records < 2:  # noqa: PLR2004

@@ -1,4 +1,4 @@
-"""What is usual over machines, learned from healthy ones: deviations of indicators, and how scores depend on before."""
+"""What is usual over machines, learned from healthy ones: deviations of indicators, and limits of their scores."""
 
 import json
 from collections.abc import Mapping, Sequence
@@ -9,9 +9,8 @@ from typing import Any
 import numpy as np
 
 from hums.fleet.series import Series
-from signals.monitoring.autocorrelation import Correlation
 from signals.monitoring.health import Layout, Prior
-from signals.monitoring.limits import HealthyScores
+from signals.monitoring.limits import LimitTable
 
 PRIOR_NAME = "prior.json"
 
@@ -32,16 +31,7 @@ def prior_of(series: Sequence[Series], layout: Layout, learned: Mapping[str, Any
     return Prior(series=np.array(usual), score=score, level=learned["level_std"], dof=learned["dof"])
 
 
-def healthy_scores(learned: Mapping[str, Any] | None = None) -> tuple[HealthyScores, ...]:
-    """Return the models of healthy scores that limits are made with, one for each group of `Layout.groups`."""
-    learned = learned or read_prior()
-    return tuple(
-        HealthyScores(
-            shares=tuple(tuple(row) for row in group["shares"]),
-            quantiles=tuple(tuple(row) for row in group["quantiles"]),
-            widening=tuple(tuple(row) for row in group["widening"]),
-            scale_dof=learned["dof"],
-            correlation=Correlation(),
-        )
-        for group in learned["groups"]
-    )
+@lru_cache(maxsize=1)
+def limit_table() -> LimitTable:
+    """Return the limits that the healthy machines have shown, one group for each of `Layout.groups`."""
+    return LimitTable(**{name: np.array(values) for name, values in read_prior()["limits"].items()})

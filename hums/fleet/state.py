@@ -10,24 +10,22 @@ from typing import Any
 
 import numpy as np
 
+from hums.fleet.alarms import Alarm
 from hums.fleet.monitor import Epoch, MachineState
 from hums.fleet.monitor_settings import MonitorError, MonitorSettings
 from hums.fleet.observation import Observation
 from hums.fleet.series import Series
 from hums.records.outputs import atomic_write
-from signals.monitoring.alarm_life import AlarmRule, AlarmState
 from signals.monitoring.charts import Charts, ChartState
 from signals.monitoring.health import Layout, Normal
-from signals.monitoring.limits import ChartLimits, MachineLimits
+from signals.monitoring.limits import MachineLimits
 from signals.monitoring.location import SeriesBaseline
 
-SCHEMA = "hums-watch/8"
+SCHEMA = "hums-watch/9"
 _KINDS = {
     kind.__name__: kind
     for kind in (
-        AlarmRule,
-        AlarmState,
-        ChartLimits,
+        Alarm,
         MachineLimits,
         ChartState,
         Charts,

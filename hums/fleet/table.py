@@ -20,8 +20,7 @@ from hums.records.fields import plain_cell
 from hums.records.outputs import atomic_write
 from hums.records.store import write_tree
 from signals.monitoring.forecast import time_until
-from signals.monitoring.slopes import series_slopes
-from signals.monitoring.trends import FEWEST, trend_tests
+from signals.monitoring.slopes import FEWEST, series_slopes
 
 Array = NDArray[np.float64]
 
@@ -126,6 +125,7 @@ def _table(records: Sequence[StoredRecord], columns: _Columns) -> xr.Dataset:
     return xr.Dataset(
         {
             "class": ("record", np.array([one.label for one in records], dtype=np.str_)),
+            "regime": ("record", np.array([one.seen.regime for one in records], dtype=np.str_)),
             "parts_not_judged": ("record", np.array([one.parts_not_judged for one in records], dtype=np.str_)),
             **{name: ("record", np.array(texts, dtype=np.str_)) for name, texts in facts.items() if name != "record"},
             "speed_hz": ("record", speed, {"units": "rev s-1", "long_name": "mean speed of the reference"}),
@@ -246,6 +246,7 @@ def _number(value: float) -> str:
 
 _TREND_COLUMNS = (
     "machine",
+    "regime",
     "series",
     "units",
     "records",
@@ -276,7 +277,7 @@ def _write_trends(rows: Sequence[Mapping[str, Any]], stream: TextIO) -> None:
 
 
 def _series_trends(table: xr.Dataset, limits: Mapping[str, float]) -> Iterator[dict[str, Any]]:
-    """Yield a row of ``trends.csv`` for every series of every machine that differs between two of its records."""
+    """Yield a row of ``trends.csv`` for every series of every machine, of each regime, that differs between records."""
     days, machines = _days_since_1970(table["recorded_at"].to_numpy()), table["machine"].to_numpy()
     watched = [f"health: {name}" for name in table["watched"].to_numpy()]
     blocks = [
@@ -288,16 +289,15 @@ def _series_trends(table: xr.Dataset, limits: Mapping[str, float]) -> Iterator[d
     units = [str(unit) for _, those, _ in blocks for unit in those]
     values = np.concatenate([block[2] for block in blocks], axis=1).astype(np.float64)
     scored = len(titles) - len(watched)
-    for machine in dict.fromkeys(machines):
-        rows = (machines == machine) & np.isfinite(days)
+    regimes = table["regime"].to_numpy()
+    for machine, regime in dict.fromkeys(zip(machines.tolist(), regimes.tolist(), strict=True)):
+        rows = (machines == machine) & (regimes == regime) & np.isfinite(days)
         if rows.sum() >= FEWEST_SHOWN and np.ptp(days[rows]):
-            yield from _machine_trends(
-                str(machine), values[rows], days[rows], titles, units, scored, limits.get(str(machine), np.inf)
-            )
+            for row in _machine_trends(values[rows], days[rows], titles, units, scored, limits.get(machine, np.inf)):
+                yield {"machine": machine, "regime": regime} | row
 
 
 def _machine_trends(
-    machine: str,
     values: Array,
     days: Array,
     titles: Sequence[str],
@@ -309,34 +309,27 @@ def _machine_trends(
     order = np.argsort(days, kind="stable")
     values, days = values[order], days[order]
     known = np.isfinite(values).sum(axis=0)
-    tests, places = None, np.flatnonzero(known >= FEWEST)
-    if places.size:
-        positive = np.nanmin(np.where(np.isfinite(values), values, np.inf), axis=0) > 0
-        positive[scored:] = False
-        logs = np.where(positive, np.log(np.where(positive & (values > 0), values, 1.0)), values)
-        tests = trend_tests(np.where(np.isfinite(values), logs, np.nan)[:, places], days)
-    at, found = {int(place): number for number, place in enumerate(places)}, series_slopes(values, days)
+    found = series_slopes(values, days)
     differ = np.isfinite(values) & (values != found.median)
     for number in np.flatnonzero((known >= FEWEST_SHOWN) & differ.any(axis=0)).tolist():
-        row: dict[str, Any] = {"machine": machine, "series": titles[number], "units": str(units[number])}
+        row: dict[str, Any] = {"series": titles[number], "units": str(units[number])}
         row |= {"records": int(known[number]), "median": float(found.median[number])}
         first, last = float(found.first[number]), float(found.last[number])
         row["change"] = last / first if number < scored and first > 0 else ""
-        if tests is None or number not in at or np.isnan(found.slope[number]):
+        if np.isnan(found.slope[number]):
             yield row | {"trend": TOO_FEW}
             continue
-        rate = float(tests.discovery_rate[at[number]])
-        rises = bool(tests.rises[at[number]])
         for name, numbers in (
             ("slope_per_day", found.slope),
             ("slope_low", found.slope_low),
             ("slope_high", found.slope_high),
             ("p_value", found.p_value),
+            ("adjusted_p", found.discovery_rate),
         ):
             row[name] = float(numbers[number])
-        row |= {"adjusted_p": rate, "trend": "none" if not rate < SIGNIFICANCE else "rising" if rises else "falling"}
-        if row["trend"] != "none":
-            row["form"] = str(tests.form[at[number]])
+        row["trend"] = "none"
+        if row["adjusted_p"] < SIGNIFICANCE:
+            row |= {"trend": "rising" if found.rises[number] else "falling", "form": str(found.form[number])}
         yield row | (_forecast(values[:, number], days, limit) if number >= scored else {})
 
 

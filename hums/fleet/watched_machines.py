@@ -21,7 +21,6 @@ from hums.fleet.state import write_state
 from hums.records.fields import plain_cell
 from hums.records.outputs import atomic_write
 from hums.records.store import write_tree
-from signals.monitoring.alarm_life import Life
 from signals.monitoring.slopes import series_slopes
 
 COMPONENT_COLUMNS = (
@@ -41,7 +40,6 @@ COMPONENT_COLUMNS = (
     "refused_share",
     "unwatched_since",
     "baseline",
-    "limits_from",
 )
 
 _YEAR_S = 365.25 * 86400
@@ -63,7 +61,7 @@ class MachineHistory:
     def severe_score(self) -> float:
         """Score at which the middle EWMA is twice over its limit: a severe alarm; infinite if unknown."""
         limits = self.state.epochs[0].limits
-        return math.inf if limits is None else SEVERE * limits.groups[0].limits[1]
+        return math.inf if limits is None else SEVERE * float(limits.limits[1, 0])
 
     @property
     def false_alarms_a_year(self) -> float:
@@ -187,7 +185,7 @@ def _components(history: MachineHistory) -> Iterable[dict[str, Any]]:
         yield common | {
             "component": name,
             "condition_index": index if math.isfinite(index) else "",
-            "state": f"follows from {cause}" if (cause := state.cause_of(name)) else Life(int(alarm.life)).name.lower(),
+            "state": f"follows from {cause}" if (cause := state.cause_of(name)) else alarm.state,
             "since": state.since.get(name, ""),
             "channel": channel,
             "indicator": indicator,
@@ -196,7 +194,6 @@ def _components(history: MachineHistory) -> Iterable[dict[str, Any]]:
             "growth_per_day": _known(history.growth_per_day(name)),
             "once_in_records": _known(history.once_in_records(name)),
             "baseline": epoch.identity,
-            "limits_from": "its own records" if epoch.own_limits else "prior over machines",
         }
 
 
@@ -237,7 +234,7 @@ def write_baselines(histories: Sequence[MachineHistory], path: Path) -> None:
                     "high": ("covariate", epoch.high, {"long_name": "highest value judged"}),
                     "limit": (
                         ("watched", "chart"),
-                        np.array([epoch.limits.groups[group].limits for group in epoch.limits.of[: len(epoch.names)]]),
+                        epoch.limits.limits[:, : len(epoch.names)].T,
                         {"long_name": "in deviations of the score"},
                     ),
                 },

@@ -18,8 +18,7 @@ from dataclasses import dataclass
 import numpy as np
 from numpy.typing import NDArray
 
-from signals.monitoring.slopes import error_models, regression
-from signals.monitoring.trends import grouped
+from signals.monitoring.slopes import error_models, grouped, regression
 
 Array = NDArray[np.float64]
 FEWEST = 8  # values: constant, slope, noise, memory, drift and rate are six unknowns

@@ -11,8 +11,6 @@ from functools import cached_property, partial
 import numpy as np
 from numpy.typing import NDArray
 
-from signals.monitoring.autocorrelation import slow_variance
-from signals.monitoring.charts import Charts
 from signals.monitoring.location import SeriesBaseline, learn_baseline
 from signals.monitoring.scores import Kinds, fused_scores, kinds_of, out_of_sample
 
@@ -21,11 +19,6 @@ Indices = NDArray[np.int64]
 FEWEST_LEVELS = 8  # series with the signal's unit whose median is a level; of fewer, one fault could move it
 _WATCHED = (0.25, 0.75)  # quantiles of their departures that are watched: three in four have to rise, or to fall
 _QUANTILES = np.array((0.5, *_WATCHED))
-_BY_CHANCE = 18.0
-"""Records over which two states that have nothing to do with each other look alike: 1 + 2 sum of rho^2 over the lags,
-for states of which half is correlated over 5 and half over 50 records."""
-_MEMORY = min(Charts().weights) / (2 - min(Charts().weights))
-"""Variance of the EWMA that remembers longest, over that of white scores (Roberts 1959; `charts`)."""
 _RECENT = 0.1  # weight of the EWMA that a sudden fall of the level is held against
 
 
@@ -134,8 +127,7 @@ class Normal:
     """What was normal for a machine: the baselines of its series, levels and scores.
 
     ``raw`` is of the series as they are, ``series`` without the level of their channel. ``level_center`` and
-    ``level_scale`` (2, ..., channels) are of the quantiles whose rise and sudden fall are watched. ``drift`` (...) is
-    the share of the scores' slow variance that slopes on covariates leave, 1 where there are none.
+    ``level_scale`` (2, ..., channels) are of the quantiles whose rise and sudden fall are watched.
     """
 
     layout: Layout
@@ -145,7 +137,6 @@ class Normal:
     level_scale: Array
     score_center: Array
     score_scale: Array
-    drift: Array
 
     def read(self, values: Array, covariates: Array, recent: Array | None = None) -> Reading:
         """Return a record (..., series) at covariates (..., covariates) held against the baseline.
@@ -155,14 +146,14 @@ class Normal:
         away = self.raw.standardised(values, covariates) * self.raw.scale
         level, *quantiles = _levels(away, self.layout)
         watched = [found - center for found, center in zip(quantiles, self.level_center, strict=True)]
-        wider, counted = _foretold(self.series, covariates)
-        departures = self.series.standardised(_without(values, level, self.layout), covariates) / wider
+        departures = self.series.standardised(_without(values, level, self.layout), covariates)
+        departures /= _wider(self.series, covariates)
         fused = fused_scores(departures, self.layout.kinds)
         before = np.zeros_like(level) if recent is None else recent
-        wider_level, counted_level = _foretold(self.raw, covariates)
-        rise = watched[0] / self.level_scale[0] * counted_level / wider_level
-        fall = (before - watched[1]) / self.level_scale[1] * counted_level / wider_level
-        scores = np.concatenate([(fused - self.score_center) / self.score_scale * counted, rise, fall], axis=-1)
+        wider = _wider(self.raw, covariates)
+        rise = watched[0] / self.level_scale[0] / wider
+        fall = (before - watched[1]) / self.level_scale[1] / wider
+        scores = np.concatenate([(fused - self.score_center) / self.score_scale, rise, fall], axis=-1)
         after = np.where(np.isfinite(watched[1]), before + _RECENT * (watched[1] - before), before)
         return Reading(
             departures=departures, growth=departures * self.series.scale, scores=scores, level=level, recent=after
@@ -212,9 +203,6 @@ def learn_normal(values: Array, covariates: Array, layout: Layout, prior: Prior,
     nothing = np.zeros((*values.shape[:-1], 0))
     levels = [learned(found, nothing, prior_scale=prior.level) for found in quantiles]
     scores = learned(fused, nothing, prior_scale=prior.score)
-    drift = np.ones(series.regressors.shape)
-    if np.any(series.regressors > 0):
-        drift = _drift_left(fused, values, raw, series, layout)
     return Normal(
         layout=layout,
         raw=raw,
@@ -223,41 +211,12 @@ def learn_normal(values: Array, covariates: Array, layout: Layout, prior: Prior,
         level_scale=np.stack([one.scale for one in levels]),
         score_center=scores.center,
         score_scale=scores.scale,
-        drift=drift,
     )
 
 
-def _drift_left(fused: Array, values: Array, raw: SeriesBaseline, series: SeriesBaseline, layout: Layout) -> Array:
-    """Return the share (...) of the slow variance of fused scores (..., records, scores) that slopes leave.
-
-    Both variances are taken as larger by their standard error: what few records cannot show is not taken as explained.
-    The slopes of n records take some of every drift with them, of which they are no part: 1 - p k / n is left of it,
-    for p slopes and k = `_BY_CHANCE` (as the adjusted coefficient of determination; Draper and Smith 1998, 5.1).
-    """
-    records = values.shape[-2]
-    away = values - raw.center[..., None, :]
-    level, *_ = _levels(away, layout)
-    plain = _without(away, level, layout) / series.scale[..., None, :]
-    (left, error), (whole, error_of_whole) = slow_variance(fused), slow_variance(fused_scores(plain, layout.kinds))
-    kept = np.maximum(1 - series.regressors * _BY_CHANCE / records, 1e-9)
-    with np.errstate(invalid="ignore", divide="ignore"):
-        share = (np.maximum(left, 0) + error) / (np.maximum(whole, 0) + error_of_whole) / kept
-    return np.where(series.regressors > 0, np.fmin(share, 1.0), 1.0)
-
-
-def _foretold(baseline: SeriesBaseline, covariates: Array) -> tuple[Array, Array]:
-    """Return by how much departures (..., 1) at covariates are wider than in the middle, and how much a score counts.
-
-    The error of a slope stays from record to record, so that charts which remember add it up: the EWMA that remembers
-    longest has the variance m of white scores and that of all of what is foretold. Limits allow for the mean of the
-    latter over the baseline's own records, (1 + slopes) / n; where it is larger, scores count less, so that the
-    variance of the EWMA stays. The more records, the less that is.
-    """
-    leverage, records = baseline.leverage(covariates), baseline.records
-    wider = np.sqrt(1 + leverage / (1 + 1 / records))
-    allowed, there = (1 + baseline.regressors) / records, 1 / records + leverage
-    counted = np.sqrt(np.minimum(1.0, (_MEMORY + allowed) / (_MEMORY + there)))
-    return wider[..., None], np.asarray(counted)[..., None]
+def _wider(baseline: SeriesBaseline, covariates: Array) -> Array:
+    """Return by how much departures (..., 1) at covariates are wider than in the middle."""
+    return np.sqrt(1 + baseline.leverage(covariates) / (1 + 1 / baseline.records))[..., None]
 
 
 def _levels(departures: Array, layout: Layout) -> list[Array]:

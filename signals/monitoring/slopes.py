@@ -10,14 +10,16 @@ regression, with a level that wanders (`forecast`).
 
 from dataclasses import dataclass, fields
 from functools import lru_cache
+from typing import Any
 
 import numpy as np
 from numpy.typing import NDArray
 
-from signals.monitoring.trends import FEWEST, grouped
-
 Array = NDArray[np.float64]
+FEWEST = 5  # values of which a slope is given: three beyond its two unknowns
+_MOST_GROUPS = 100  # of records, of which longer series are the medians: what a test costs grows with their number
 _MEMORIES = np.geomspace(0.01, 1.0, 5)  # over the time watched
+_GROWTH = 6.0  # e-foldings over the time watched
 _SHARES = (0.5, 0.99)  # of the variance that has a memory
 _USUAL_DRIFT = 3.0  # deviations (our choice; see `error_models`)
 
@@ -36,7 +38,15 @@ class Slopes:
         Slope and the ends of its 95 % interval, in units of the values per unit of time. Above 100 records, it is that
         of the medians of 100 consecutive groups.
     p_value : (series,) array
-        Probability of a slope at least this far from zero without a trend.
+        Probability of a change at least this far from zero without a trend: twice the lesser one (Bonferroni) of a line
+        and of growth that speeds up, of the logarithms where all values are positive. A step is no trend.
+    form : (series,) array of str
+        Course with the least probability: ``line`` or ``growth``.
+    rises : (series,) array
+        Whether it rises rather than falls.
+    discovery_rate : (series,) array
+        Expected share of false ones among all series with at most this probability (Benjamini and Hochberg 1995, J. R.
+        Stat. Soc. B 57(1), 289-300).
     """
 
     points: NDArray[np.int64]
@@ -47,6 +57,9 @@ class Slopes:
     slope_low: Array
     slope_high: Array
     p_value: Array
+    form: NDArray[np.str_]
+    rises: NDArray[np.bool_]
+    discovery_rate: Array
 
 
 def series_slopes(values: Array, times: Array) -> Slopes:
@@ -56,7 +69,8 @@ def series_slopes(values: Array, times: Array) -> Slopes:
     values, times = values[order], times[order]
     known = np.isfinite(values)
     medians, middles = grouped(values, times)
-    found = {one.name: np.full(values.shape[1], np.nan) for one in fields(Slopes)} | {"points": known.sum(axis=0)}
+    found: dict[str, Any] = {one.name: np.full(values.shape[1], np.nan) for one in fields(Slopes)}
+    found |= {"points": known.sum(axis=0), "form": np.full(values.shape[1], "", dtype="<U6")}
     for number, rows in enumerate(known.T):
         x, y = times[rows], values[rows, number]
         if not y.size:
@@ -66,22 +80,54 @@ def series_slopes(values: Array, times: Array) -> Slopes:
             found[name][number] = np.median(part)
         if y.size >= FEWEST and np.ptp(x) > 0 and np.ptp(y) > 0:
             few = np.isfinite(medians[:, number])
-            for name, one in _slope(medians[few, number], middles[few]).items():
+            shown, when = medians[few, number], middles[few]
+            for name, one in _slope(shown, when).items():
                 found[name][number] = one
+            for name, what in _change(np.log(shown) if (shown > 0).all() else shown, when).items():
+                found[name][number] = what
+    found["rises"] = found["rises"] == 1
+    found["discovery_rate"] = _discovery_rates(found["p_value"])
     return Slopes(**found)
 
 
+def _discovery_rates(p_values: Array) -> Array:
+    rates, those = np.full(p_values.size, np.nan), np.flatnonzero(np.isfinite(p_values))
+    order = those[np.argsort(p_values[those])]
+    rates[order] = p_values[order] * order.size / np.arange(1, order.size + 1)
+    rates[order] = np.minimum.accumulate(rates[order][::-1])[::-1]  # a larger probability is no better
+    return rates
+
+
 def _slope(y: Array, t: Array) -> dict[str, float]:
-    """Return the slope of values (n,) over rising times, its 95 % interval and p value."""
+    """Return the slope of values (n,) over rising times, and its 95 % interval."""
     from scipy.stats import t as student  # noqa: PLC0415 - heavy
 
-    span = np.ptp(t)
-    fit = regression(y / y.std(), (t - t[0])[:, None] / span, error_models(t.tobytes()))
-    mean = float((fit.weight * fit.slope).sum())
-    error = float(np.sqrt((fit.weight * (fit.variance * fit.slope_variance + (fit.slope - mean) ** 2)).sum()))
-    reach, unit = student.ppf(0.975, fit.dof) * error, y.std() / span
-    ends = {"slope": mean * unit, "slope_low": (mean - reach) * unit, "slope_high": (mean + reach) * unit}
-    return ends | {"p_value": 2 * float(student.sf(abs(mean) / error, fit.dof))}
+    place, unit = (t - t[0]) / np.ptp(t), y.std() / np.ptp(t)
+    (mean,), (error,), dof = _changes(y, place[:, None], t)
+    reach = student.ppf(0.975, dof) * error
+    return {"slope": mean * unit, "slope_low": (mean - reach) * unit, "slope_high": (mean + reach) * unit}
+
+
+def _change(y: Array, t: Array) -> dict[str, Any]:
+    """Return which course values (n,) over rising times change by, and how probable that is by chance."""
+    from scipy.stats import t as student  # noqa: PLC0415 - heavy
+
+    place = (t - t[0]) / np.ptp(t)
+    courses = np.column_stack([place, np.expm1(_GROWTH * place) / np.expm1(_GROWTH)])
+    mean, error, dof = _changes(y, courses, t)
+    best = int(np.argmax(np.abs(mean) / error))
+    p_value = min(1.0, 2 * float(student.sf(abs(mean[best]) / error[best], dof)) * mean.size)
+    return {"p_value": p_value, "form": ("line", "growth")[best], "rises": mean[best] > 0}
+
+
+def _changes(y: Array, courses: Array, t: Array) -> tuple[Array, Array, int]:
+    """Return by how much values change along each of some courses, in their deviation, the errors of that, and dof."""
+    fit = regression(y / max(y.std(), 1e-300), courses, error_models(t.tobytes()))
+    weight = np.exp(fit.log_likelihood - fit.log_likelihood.max(axis=0))
+    weight /= weight.sum(axis=0)
+    mean = (weight * fit.slope).sum(axis=0)
+    error = np.sqrt((weight * (fit.variance * fit.slope_variance + (fit.slope - mean) ** 2)).sum(axis=0))
+    return mean, error, fit.dof
 
 
 @dataclass(frozen=True, kw_only=True)
@@ -128,7 +174,7 @@ def error_models(times: bytes, drifts: tuple[float, ...] = (0.0,), *, white: flo
 class Regression:
     """Regression of values on courses over time, for each model of the errors (models, courses).
 
-    ``weight`` is the posterior probability where each course is as probable before; ``constant``, ``slope`` and
+    ``log_likelihood`` has the prior of the models in it; ``constant``, ``slope`` and
     ``variance`` are estimates, ``slope_variance`` and ``constant_variance`` (that of the constant if the slope is
     known) are over the variance, and ``tilt`` is by how much the constant falls where the slope rises.
     """
@@ -141,12 +187,6 @@ class Regression:
     constant_variance: Array
     tilt: Array
     dof: int
-
-    @property
-    def weight(self) -> Array:
-        """Posterior probabilities (models, courses); each course is as probable before."""
-        weight = np.exp(self.log_likelihood - self.log_likelihood.max())
-        return np.asarray(weight / weight.sum())
 
 
 def regression(y: Array, courses: Array, errors: ErrorModels) -> Regression:
@@ -168,3 +208,20 @@ def regression(y: Array, courses: Array, errors: ErrorModels) -> Regression:
         tilt=cross / ones,
         dof=dof,
     )
+
+
+def grouped(values: Array, times: Array) -> tuple[Array, Array]:
+    """Return `values` (records, series) and ascending `times`; of more than 100 records, medians of groups."""
+    if len(times) <= _MOST_GROUPS:
+        return values, times
+    groups = np.array_split(np.arange(len(times)), _MOST_GROUPS)
+    middle = [np.where(np.isfinite(values[g]).any(axis=0), _median(values[g]), np.nan) for g in groups]
+    return np.array(middle), np.array([np.median(times[g]) for g in groups])
+
+
+def _median(values: Array) -> Array:
+    ordered = np.sort(values, axis=0)  # NaN last
+    count = np.isfinite(values).sum(axis=0)
+    low, high = np.maximum(count - 1, 0) // 2, np.minimum(count // 2, len(values) - 1)
+    pick = [np.take_along_axis(ordered, at[None], axis=0)[0] for at in (low, high)]
+    return np.asarray((pick[0] + pick[1]) / 2)

@@ -351,3 +351,15 @@ class TestTrends:
         found = {row["machine"]: row["trend"] for row in trends({"worn": 1 + np.arange(7) / 20, **new}, tmp_path)[1]}
         assert found.pop("worn") == "rising"
         assert sum(trend != "none" for trend in found.values()) <= 1  # of 20, each judged alone at one in a hundred
+
+    def test_of_a_regime_are_its_own(self, tmp_path):
+        # two regimes, of which that with the higher level comes ever more often
+        stored = []
+        for day in range(60):
+            cruise = 37 * day % 60 < day
+            one = replace(observed(day), regime="cruise" if cruise else "hover")
+            stored.append(kept(one, growth=(10.0 if cruise else 1.0) * (1 + 0.01 * np.sin(37 * day))))
+        write_tables(stored, tmp_path)
+        found = [row for row in rows(tmp_path / "trends.csv") if row["series"].startswith("a: order_spectrum")]
+        assert {row["regime"] for row in found} == {"cruise", "hover"}
+        assert {row["trend"] for row in found} == {"none"}

@@ -10,6 +10,7 @@ import pytest
 from browser import draw_all, drawn_s, printed, show, text_of, violations
 from fleets import FIRST, HEALTHY, PINION, followed, kept, observed
 
+from hums.fleet.alarms import Alarm
 from hums.fleet.fleet_page import write_page
 from hums.fleet.monitor import MachineState
 from hums.fleet.watched_machines import MachineHistory
@@ -45,7 +46,7 @@ def long(failing, tmp_path_factory):
         history = copy.copy(worst)
         history.state = copy.copy(worst.state)
         history.state.machine, history.state.alarms = f"mill {number}", {}
-        history.state.alarms = {name: worst.state.settings.rule.start() for name in worst.state.alarms}
+        history.state.alarms = {name: Alarm() for name in worst.state.alarms}
         history.alarms, index = [], rng.uniform(0, 0.6, (RECORDS, len(names))).tolist()
         history.records = [
             {

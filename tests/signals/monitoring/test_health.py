@@ -2,7 +2,6 @@ import numpy as np
 import pytest
 
 from signals.monitoring.health import Layout, Prior, learn_normal, regime
-from signals.monitoring.limits import HealthyScores
 
 SERIES = 12
 LAYOUT = Layout(
@@ -61,44 +60,3 @@ def test_a_sudden_fall_shows_and_a_slow_one_does_not():
 def test_the_regime_is_what_was_learned_and_a_little_more():
     low, high = regime(np.array([[10.0], [20.0]]))
     assert (low[0], high[0]) == pytest.approx((10 - 1 - 0.75, 20 + 1 + 0.75))
-
-
-def test_errors_of_slopes_weaken_scores_the_less_the_more_records_there_are():
-    sizes, weakened, faulty = (30, 300, 3000), [], np.r_[12.0, 12.0, np.zeros(SERIES - 2)]
-    for records in sizes:
-        state = np.random.default_rng(11).standard_normal((records, 1))
-        state = (state - np.median(state)) / state.std()
-        normal = learn_normal(values(records, 12) + 0.3 * state, state, LAYOUT, PRIOR)
-        there = [normal.series.center + at * normal.series.slopes[0] + faulty for at in (0.0, 3.0)]
-        scores = [normal.read(seen, np.array([at])).scores[0] for seen, at in zip(there, (0.0, 3.0), strict=True)]
-        weakened.append(scores[1] / scores[0])
-    # the slowest EWMA, of weight 0.05, has 1 / 39 of the variance of white scores, and 2 / n of what is foretold in
-    # the mean, 10 / n there; departures are wider by 9 / (n + 1) of their variance
-    n = np.array(sizes)
-    foretold = np.sqrt((1 / 39 + 2 / n) / (1 / 39 + 10 / n) / (1 + 9 / (n + 1)))
-    assert weakened == pytest.approx(foretold, rel=0.05)  # the scores' own mean, and that of the covariate
-    assert weakened[-1] > 0.95
-
-
-class TestDrift:
-    """Components whose series follow two slow states as much as they scatter."""
-
-    @staticmethod
-    def share_left(records, measured, seed=9):
-        rng = np.random.default_rng(seed)
-        slow = HealthyScores(shares=((0.0, 0.5, 0.5, 0.0),)).draw(3, records, rng)
-        moved = np.zeros((2, SERIES))
-        moved[0, :6], moved[1, 6:] = 0.2, 0.2  # each state one component, whose ratios and levels move alike
-        seen = values(records, seed + 1) + slow[:, :2] @ moved
-        return float(learn_normal(seen, slow[:, list(measured)], LAYOUT, PRIOR).drift)
-
-    def test_what_is_measured_explains_it(self):
-        assert self.share_left(300, ()) == 1.0
-        assert self.share_left(300, (0, 1)) < 0.3
-
-    def test_what_is_not_measured_stays(self):
-        assert self.share_left(300, (0,)) == pytest.approx(0.5, abs=0.3)
-        assert self.share_left(300, (2,)) > 0.8  # a state that moves nothing
-
-    def test_few_records_show_none(self):
-        assert self.share_left(15, (0, 1)) == 1.0

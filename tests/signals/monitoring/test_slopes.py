@@ -61,3 +61,36 @@ def test_gaps_are_left_out_and_too_little_is_no_slope():
     assert (found.first[0], found.last[0]) == (1.0, 5.0)  # a third of five values is one
     assert np.isfinite(found.slope).tolist() == [True, False, False]
     assert np.isnan(series_slopes(values, np.ones(7)).slope).all()
+
+
+class TestDiscovery:
+    """Lines and late growth among series that do not change, of which all depend on each other."""
+
+    TIMES = np.arange(40.0)
+
+    @staticmethod
+    def logarithms(records, series, seed, *, common=0.0):
+        rng = np.random.default_rng(seed)
+        return rng.standard_normal((records, series)) + common * rng.standard_normal((records, 1))
+
+    def test_a_rise_a_fall_and_late_growth_are_found_and_no_other(self):
+        values = self.logarithms(40, 60, 1)
+        values[:, 3] += 0.15 * self.TIMES
+        values[:, 7] -= 0.15 * self.TIMES
+        values[:, 9] += 6 * np.exp((self.TIMES - 39) / 6)
+        found = series_slopes(np.exp(values), self.TIMES)
+        assert np.flatnonzero(found.discovery_rate < 0.02).tolist() == [3, 7, 9]
+        assert found.rises[[3, 7, 9]].tolist() == [True, False, True]
+        assert found.form[[3, 9]].tolist() == ["line", "growth"]
+
+    def test_many_that_rise_are_found_together(self):
+        values = self.logarithms(8, 75, 2, common=0.3) * 0.3
+        values[:, :30] += np.linspace(0, np.log(62), 8)[:, None]
+        found = series_slopes(np.exp(values), np.arange(8.0))
+        assert (found.discovery_rate[:30] < 0.01).mean() > 0.9
+
+    def test_no_more_than_the_stated_share_of_machines_has_one(self):
+        # of 20 machines without a trend, at a rate of 5 %: more than 4 have a probability of 0.3 %
+        values = [self.logarithms(12, 20, seed, common=1.0) for seed in range(20)]
+        found = [series_slopes(np.exp(one), np.arange(12.0)) for one in values]
+        assert sum((one.discovery_rate < 0.05).any() for one in found) <= 4
