@@ -18,7 +18,7 @@ from typing import TYPE_CHECKING, Any
 
 import numpy as np
 
-from hums.gearbox.components import Bearing, closest
+from hums.gearbox.components import Bearing, closest, united
 from hums.gearbox.model import Gearbox, GearboxError
 from signals._validation import brief, checked
 
@@ -157,11 +157,7 @@ def _axes(levels: NDArray[np.int64]) -> dict[str, list[int]]:
     """Return the axes, connected turning pairs of one level: by name, the indices of their links."""
     axes = {}
     for level in np.unique(levels[levels > 0]):
-        groups: list[set[int]] = []
-        for i, j in np.argwhere(levels == level).tolist():
-            connected = [group for group in groups if group & {i, j}]
-            groups = [group for group in groups if group not in connected]
-            groups.append({i, j}.union(*connected))
+        groups = united(np.argwhere(levels == level).tolist())
         for number, group in enumerate(sorted(groups, key=min)):
             label = f"level {level}" + (f" ({number + 1})" if len(groups) > 1 else "")
             axes[label] = sorted(group)

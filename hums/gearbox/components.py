@@ -8,7 +8,7 @@ import math
 import os
 import re
 import tomllib
-from collections.abc import Iterable, Iterator, Mapping, Sequence
+from collections.abc import Hashable, Iterable, Iterator, Mapping, Sequence
 from fractions import Fraction
 from importlib.resources import files
 from itertools import pairwise
@@ -25,6 +25,7 @@ from signals._validation import brief
 
 
 M = TypeVar("M", bound="Declared")
+N = TypeVar("N", bound=Hashable)
 _DEEPEST = 50  # tables and lists in each other: ours have 6
 
 
@@ -68,6 +69,18 @@ def first_of(names: Sequence[str], most: int) -> str:
     """Return the first names with commas between them, and how many more there are."""
     more = f" and {len(names) - most} more" if len(names) > most else ""
     return ", ".join(names[:most]) + more
+
+
+def united(groups: Iterable[Iterable[N]]) -> list[list[N]]:
+    """Return the unions of groups that share members, in the order in which their members come first."""
+    union_of: dict[N, list[N]] = {}
+    for group in groups:
+        members = list(dict.fromkeys(one for name in group for one in union_of.get(name, [name])))
+        union_of |= dict.fromkeys(members, members)
+    unions: dict[int, list[N]] = {}
+    for name, members in union_of.items():
+        unions.setdefault(id(members), []).append(name)
+    return list(unions.values())
 
 
 def closest(word: str, valid: set[str] | list[str]) -> str:

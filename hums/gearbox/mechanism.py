@@ -8,9 +8,8 @@ import math
 from collections.abc import Mapping
 from dataclasses import dataclass
 from functools import cached_property
-from itertools import pairwise
 
-from hums.gearbox.components import Mesh, Vector, first_of
+from hums.gearbox.components import Mesh, Vector, first_of, united
 from hums.gearbox.model import Gearbox, GearboxError
 from signals._validation import checked
 
@@ -104,18 +103,16 @@ def build_mechanism(gearbox: Gearbox) -> Mechanism:
 
 def _bodies(gearbox: Gearbox) -> dict[str, str]:
     """Map each link to its body: itself, or the first link of its rigid group, where the frame comes first."""
-    body = {link: link for link in gearbox.links}
     rank = [name for group in gearbox.rigid for link in group for name in gearbox.instances(link)]
+    groups: list[tuple[str, ...]] = []
     for group in gearbox.rigid:
         instances = [gearbox.instances(link) for link in group]
         same_copies = len({len(names) for names in instances}) == 1
         # links of equally many copies are joined copy by copy: a stepped planet
-        for names in zip(*instances, strict=True) if same_copies else [sum(instances, ())]:
-            roots = {body[name] for name in names}
-            root = gearbox.frame if gearbox.frame in roots else min(roots, key=rank.index)
-            for link, current in body.items():
-                if current in roots:
-                    body[link] = root
+        groups += zip(*instances, strict=True) if same_copies else [sum(instances, ())]
+    body = {link: link for link in gearbox.links}
+    for names in united(groups):
+        body |= dict.fromkeys(names, gearbox.frame if gearbox.frame in names else min(names, key=rank.index))
     return body
 
 
@@ -276,31 +273,15 @@ def _cross(a: Vector, b: Vector) -> Vector:
 
 
 def _check_connected(mechanism: Mechanism) -> None:
-    """Refuse a file of several mechanisms that have only the frame in common: union-find over the moving bodies."""
-    parent = {body: body for body in mechanism.joints}
-
-    def root(body: str) -> str:
-        while parent[body] != body:
-            parent[body] = parent[parent[body]]
-            body = parent[body]
-        return body
-
-    pairs = [(joint.body, joint.carried_by) for joint in mechanism.joints.values()]
-    for contact in mechanism.contacts:
-        pairs += pairwise([*(mechanism.bodies[link] for link, _ in contact.gears), contact.carrier])
-        pairs += pairwise(mechanism.bodies[link] for link, _ in contact.gears)
-    moving = [(a, b) for a, b in pairs if a in parent and b in parent]
-    for a, b in moving:
-        parent[root(a)] = root(b)
-    parts: dict[str, list[str]] = {}
-    for body in mechanism.joints:
-        parts.setdefault(root(body), []).append(body)
-    meshing = {mechanism.bodies[link] for contact in mechanism.contacts for link, _ in contact.gears}
-    parts = {
-        name: bodies for name, bodies in parts.items() if meshing & set(bodies)
-    }  # shafts without gears do not count
+    """Refuse a file of several mechanisms that have only the frame in common."""
+    meshing = [[mechanism.bodies[link] for link, _ in contact.gears] for contact in mechanism.contacts]
+    groups = [[joint.body, joint.carried_by] for joint in mechanism.joints.values()]
+    groups += [[*gears, contact.carrier] for gears, contact in zip(meshing, mechanism.contacts, strict=True)]
+    geared = {body for gears in meshing for body in gears}  # shafts without gears do not count
+    moving = ([body for body in group if body in mechanism.joints] for group in groups)
+    parts = [bodies for bodies in united(moving) if geared & set(bodies)]
     if len(parts) > 1:
-        first, second = list(parts.values())[:2]
+        first, second, *_ = parts
         raise GearboxError(
             f'gearbox "{mechanism.gearbox.name}" holds {len(parts)} mechanisms that share nothing but the frame '
             f"({', '.join(first)}; and {', '.join(second)}). Put each in a file of its own, or add the mesh that "

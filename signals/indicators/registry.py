@@ -38,7 +38,7 @@ class Indicator:
 
     Examples
     --------
-    >>> from signals.indicators import bearing, gear, mesh, statistics
+    >>> from signals.indicators import INDICATORS
     >>> indicator = INDICATORS["crest_factor"]
     >>> indicator.part, indicator.unit, indicator([1.0, -1.0, 1.0, -1.0])
     ('channel', '1', 1.0)

@@ -54,9 +54,9 @@ def layout_of(gearbox: Gearbox) -> Layout:
     >>> from hums.gearbox.layout import layout_of
     >>> drawn = layout_of(hums.load_gearbox("planetary-27-36-99"))
     >>> [round(gear.radius, 1) for gear in drawn.gears if gear.link in ("sun", "planet 1", "ring")]
-    [13.5, 18.0, 49.5]
+    [27.0, 36.0, 99.0]
     >>> drawn.unit
-    'modules'
+    'mm'
     """
     stages = Stages(build_mechanism(gearbox))
     place(stages)
