@@ -11,6 +11,7 @@ from functools import cached_property, partial
 import numpy as np
 from numpy.typing import NDArray
 
+from signals.monitoring.charts import Charts
 from signals.monitoring.location import SeriesBaseline, learn_baseline
 from signals.monitoring.scores import Kinds, fused_scores, kinds_of, out_of_sample
 
@@ -19,6 +20,8 @@ Indices = NDArray[np.int64]
 FEWEST_LEVELS = 8  # series with the signal's unit whose median is a level; of fewer, one fault could move it
 _WATCHED = (0.25, 0.75)  # quantiles of their departures that are watched: three in four have to rise, or to fall
 _QUANTILES = np.array((0.5, *_WATCHED))
+_MEMORY = min(Charts().weights) / (2 - min(Charts().weights))
+"""Variance of the EWMA that remembers longest, over that of white scores (Roberts 1959; `charts`)."""
 _RECENT = 0.1  # weight of the EWMA that a sudden fall of the level is held against
 
 
@@ -146,14 +149,14 @@ class Normal:
         away = self.raw.standardised(values, covariates) * self.raw.scale
         level, *quantiles = _levels(away, self.layout)
         watched = [found - center for found, center in zip(quantiles, self.level_center, strict=True)]
-        departures = self.series.standardised(_without(values, level, self.layout), covariates)
-        departures /= _wider(self.series, covariates)
+        wider, counted = _foretold(self.series, covariates)
+        departures = self.series.standardised(_without(values, level, self.layout), covariates) / wider
         fused = fused_scores(departures, self.layout.kinds)
         before = np.zeros_like(level) if recent is None else recent
-        wider = _wider(self.raw, covariates)
-        rise = watched[0] / self.level_scale[0] / wider
-        fall = (before - watched[1]) / self.level_scale[1] / wider
-        scores = np.concatenate([(fused - self.score_center) / self.score_scale, rise, fall], axis=-1)
+        wider_level, counted_level = _foretold(self.raw, covariates)
+        rise, fall = watched[0] / self.level_scale[0], (before - watched[1]) / self.level_scale[1]
+        levels = np.concatenate([rise, fall], axis=-1) * counted_level / wider_level
+        scores = np.concatenate([(fused - self.score_center) / self.score_scale * counted, levels], axis=-1)
         after = np.where(np.isfinite(watched[1]), before + _RECENT * (watched[1] - before), before)
         return Reading(
             departures=departures, growth=departures * self.series.scale, scores=scores, level=level, recent=after
@@ -214,9 +217,18 @@ def learn_normal(values: Array, covariates: Array, layout: Layout, prior: Prior,
     )
 
 
-def _wider(baseline: SeriesBaseline, covariates: Array) -> Array:
-    """Return by how much departures (..., 1) at covariates are wider than in the middle."""
-    return np.sqrt(1 + baseline.leverage(covariates) / (1 + 1 / baseline.records))[..., None]
+def _foretold(baseline: SeriesBaseline, covariates: Array) -> tuple[Array, Array]:
+    """Return by how much departures (..., 1) at covariates are wider than in the middle, and how much a score counts.
+
+    The error of a slope stays from record to record, so that charts which remember add it up: the EWMA that remembers
+    longest has the variance m of white scores and that of all of what is foretold. Limits allow for the mean of the
+    latter over the baseline's own records, (1 + slopes) / n; where it is larger, scores count less, so that the
+    variance of the EWMA stays. The more records, the less that is.
+    """
+    leverage, records = baseline.leverage(covariates)[..., None], baseline.records
+    allowed, there = (1 + baseline.regressors) / records, 1 / records + leverage
+    counted = np.sqrt(np.minimum(1.0, (_MEMORY + allowed[..., None]) / (_MEMORY + there)))
+    return np.sqrt(1 + leverage / (1 + 1 / records)), np.asarray(counted)
 
 
 def _levels(departures: Array, layout: Layout) -> list[Array]:
