@@ -8,7 +8,7 @@ import json
 import math
 import os
 import warnings
-from collections.abc import Mapping, Sequence
+from collections.abc import Callable, Mapping, Sequence
 from datetime import datetime
 from functools import partial
 from pathlib import Path
@@ -122,8 +122,7 @@ def open_record(path: str | os.PathLike[str]) -> xr.Dataset:
     True g
     """
     file = existing_file(path)
-    _check_schema(file)
-    opened = _opened(file, create_default_indexes=False)["/"]  # indexes would load the time axes
+    opened = _opened(file, _check_schema, create_default_indexes=False)["/"]  # indexes would load the time axes
     try:
         record = attach_time(opened)
         if isinstance(record.attrs.get("machine"), str):
@@ -301,27 +300,30 @@ def existing_file(path: str | os.PathLike[str]) -> Path:
 # ---- reading -----------------------------------------------------------------------------------------------
 
 
-def _opened(path: str | os.PathLike[str], **options: Any) -> dict[str, xr.Dataset]:  # noqa: ANN401
+def _opened(
+    path: str | os.PathLike[str],
+    check: Callable[[h5py.File], None] = lambda _: None,
+    **options: Any,  # noqa: ANN401
+) -> dict[str, xr.Dataset]:
     files = CachingFileManager(open_hdf5, existing_file(path))
     try:
+        with files.acquire_context() as contents:
+            check(contents)
         return open_netcdf(files, **options)
     except RecordError:
+        files.close()
         raise
     except _READ_ERRORS as error:
         files.close()
         raise _damaged(Path(path), error) from error
 
 
-def _check_schema(file: Path) -> None:
-    try:
-        with open_hdf5(file) as contents:
-            schema = contents.attrs.get("schema")
-            if isinstance(schema, str) and schema == SCHEMA:  # files of other software may have an array there
-                _warn_if_changed(file, contents)
-                contents.visititems(partial(_refuse_lost_samples, file))
-                return
-    except (OSError, RuntimeError, LookupError, TypeError) as error:
-        raise _damaged(file, error) from error
+def _check_schema(contents: h5py.File) -> None:
+    file, schema = Path(contents.filename), contents.attrs.get("schema")
+    if isinstance(schema, str) and schema == SCHEMA:  # files of other software may have an array there
+        _warn_if_changed(file, contents)
+        contents.visititems(partial(_refuse_lost_samples, file))
+        return
     if schema is None:
         raise RecordError(
             f"{file} is HDF5 but not a record: it carries no schema. If it holds signals, make a record of "
