@@ -50,7 +50,7 @@ def drawing(
     if graph:
         picture, out = "graph", out or Path(f"{Path(gearbox).stem}-graph.{kind}")
     if out is None:
-        raise UsageError("--out is missing; name a folder, a figure such as m.svg, or a moving page such as m.html.")
+        raise UsageError("--out is missing; name a folder, a figure such as m.svg, or an animated page such as m.html.")
     pictures = _pictures_of(kinematics, _drawn_speeds(kinematics, given))
     if out.suffix.lower() in _FIGURES:
         save_picture(pictures[picture], out, _SIZES[picture], force=force)

@@ -142,7 +142,7 @@ const report = (() => {
     const annotations = labels(data, figure, factor, last);
     const band = Math.min(250, 36 + 6.2 * Math.max(0, ...annotations.map((label) => label.text.length)));
     figure.state.unit = name;
-    return {traces, height: (printing() ? 400 : 410) + band, layout: {
+    return {traces, height: (printing() ? 330 : 410) + band, layout: {
       uirevision: `${name} ${scale} ${shown.name}`, margin: {t: band, b: 84},
       xaxis: {title: {text}, range: [0, last * factor]}, annotations, shapes: [...cursorShapes(factor), ...looked],
       yaxis: {title: {text: scale === "dB" ? `dB re 1 ${data.units}` : `${shown.name} amplitude, ${data.units}`},
