@@ -288,4 +288,4 @@ def test_the_page_on_scenes_states_the_size_of_every_kind():
     table = page.split("## Faults")[1]
     assert set(DIMENSIONS) == set(FAULT_KINDS)
     for kind, words in DIMENSIONS.items():
-        assert f"; {words}" in table.split(f"| `{kind}` |")[1].splitlines()[0], kind
+        assert f" | {words} | " in table.split(f"| `{kind}` |")[1].splitlines()[0], kind
