@@ -5,10 +5,10 @@ power of each segment at a grid of slips is divided by that of the noise on both
 `noise_density`; the path through the grid with the largest sum of powers, less the cost of its changes, is found by
 dynamic programming (Viterbi).
 
-White noise of variance R gives a segment's power over R the moments E exp(theta power) = det(1 - 2 theta C)^(-1/2)
-with C the covariance of its cosine and sine sums: (1 - theta)^-1 for each harmonic with many turns there, more with
-few. Over all paths, Markov's inequality for exp(theta score) with the best theta bounds the probability of a score,
-the less tightly the more the slip may change. The bound is averaged over the distribution of an estimated R.
+White noise of variance R gives a segment's power over R the moments E exp(theta power) = (1 - theta)^-1 for each
+harmonic; with less than a turn in a segment they are larger, by less than the bound is too large. Over all paths,
+Markov's inequality for exp(theta score) with the best theta bounds the probability of a score, the less tightly the
+more the slip may change. The bound is averaged over the distribution of an estimated R.
 """
 
 from dataclasses import dataclass, replace
@@ -129,8 +129,6 @@ def search(record: SlipRecord, line: Line, *, width: Floats, noise_variance: flo
     still = np.concatenate([[True], np.diff(record.turning) == 0, [True]])
     turned = replace(record, x=np.where(still[:-1] & still[1:], np.nan, record.x))
     data = Demodulated.of(turned, order=line.order, harmonics=line.harmonics, block=block, cuts=cuts)
-    seen = replace(turned, x=np.where(np.isnan(turned.x), np.nan, 1.0))
-    ones = Demodulated.of(seen, order=line.order, harmonics=2 * line.harmonics, block=block, cuts=cuts)
     noise, counted = (noise_variance, np.inf) if noise_variance else searched_noise(record, line)
 
     slip_width = cell / line.top
@@ -141,8 +139,8 @@ def search(record: SlipRecord, line: Line, *, width: Floats, noise_variance: flo
     middle = np.interp(cuts[:-1] / 2 + cuts[1:] / 2, np.arange(record.x.size), record.turning)
     change = line.slip_change**2 * np.diff(middle) / (2 * pi) + (grid[1] - grid[0]) ** 2 / 12
     slip, score = _best_path(power, grid, change)
-    spreads = power_spreads(ones, order=line.order, largest_slip=line.largest_slip)
-    probability = chance(score, grid, change, spreads=spreads, counted=counted)
+    powers = line.harmonics * sum(bool(data.counts[part].any()) for part in data.parts)
+    probability = chance(score, grid, change, powers=powers, counted=counted)
     if noise_variance is None:
         noise = noise_along(record, line, middle, slip, width=width, searched=noise)
     return Ridge(
@@ -215,36 +213,12 @@ def _best_path(power: Floats, grid: Floats, change: Floats) -> tuple[Floats, flo
     return grid[path], float(score.max())
 
 
-def power_spreads(ones: Demodulated, *, order: float, largest_slip: float) -> Floats:
-    """Return the (part, slip, 2 harmonics) eigenvalues of C, from a record of ones at twice as many harmonics.
-
-    For the segments that have samples, at zero slip and at the largest in both directions.
-    """
-    twice = len(ones.sums)
-    number = np.arange(1, twice + 1)
-    k = np.delete(np.arange(twice + 1) - twice // 2, twice // 2)
-    spreads = []
-    for part in ones.parts:
-        count = ones.counts[part].sum()
-        lead = ones.angle[part] - ones.angle[part].mean()
-        for slip in (-largest_slip, 0.0, largest_slip) if count else ():
-            means = np.sum(phasors(order * slip * np.outer(number, lead)) * ones.sums[:, part], axis=1) / count
-            # sqrt(2) cos and sin of k theta are a unitary transform of exp(j k theta), k = +-1 to +-harmonics.
-            means = np.concatenate([np.conj(means[::-1]), [1.0], means])
-            spreads.append(np.linalg.eigvalsh(means[twice + k[:, None] - k]) / 2)
-    return np.array(spreads).reshape(-1, 3, twice)
-
-
-def chance(score: float, grid: Floats, change: Floats, *, spreads: Floats, counted: float) -> float:
+def chance(score: float, grid: Floats, change: Floats, *, powers: int, counted: float) -> float:
     """Return a bound on the probability that a path through powers of noise reaches this score.
 
-    `grid` are the slips searched, `change`, (segment - 1,), the variances of their changes, `spreads` the result of
-    `power_spreads`. R is the mean of `counted` powers of noise, infinite where it is known.
+    `grid` are the slips searched, `change`, (segment - 1,), the variances of their changes, `powers` how many there are
+    in a path. R is the mean of `counted` powers of noise, infinite where it is known.
     """
-    with np.errstate(divide="ignore"):  # of theta beyond 1 / (2 spread) the moments are infinite
-        moments = [
-            -0.5 * np.log(np.maximum(1 - 2 * tilt * spreads, 0).prod(axis=2).min(axis=1)).sum() for tilt in _TILTS
-        ]
     from scipy.special import gammainc  # noqa: PLC0415
 
     below = gammainc(counted, counted * np.append(_RATIOS[:-1], np.inf)) if counted < np.inf else 1.0 * (_RATIOS >= 1)
@@ -252,7 +226,7 @@ def chance(score: float, grid: Floats, change: Floats, *, spreads: Floats, count
     nodes = np.append(0.0, np.arange(1, 26) / 20)
     # Logarithms of sums of exponentials are convex: chords lie above.
     paths = np.interp(tilts, nodes, _log_paths(grid, change, nodes))
-    bounds = np.exp(np.minimum(0.0, np.min(moments - tilts * score + paths, axis=1)))
+    bounds = np.exp(np.minimum(0.0, np.min(-powers * np.log1p(-_TILTS) - tilts * score + paths, axis=1)))
     return float(min(1.0, below[0] + bounds[:-1] @ np.diff(below)))
 
 

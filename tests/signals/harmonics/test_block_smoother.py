@@ -54,6 +54,17 @@ def test_the_noise_is_that_of_records_drawn_from_the_model():
     assert_allclose(np.mean(found, axis=0), 1.0, atol=0.015)
 
 
+@pytest.mark.parametrize("poles", [2, 3, 4])
+@pytest.mark.parametrize("method", ["fast", "exact"])
+def test_the_noise_of_sixty_samples_is_found_beside_three_orders(poles, method):
+    """Mean over records; constants with open priors are walks in which nothing moves. Four standard errors are 10 %."""
+    phase = 2 * np.pi * 25 / RATE * np.arange(60)
+    orders = np.array([1.0, 2.0, 3.3])
+    x = np.cos(orders[:, None] * phase).sum(axis=0) + np.random.default_rng(poles).standard_normal((80, 60))
+    settings = {"phase_rad": phase, "orders": orders, "bandwidth_hz": 20.0, "rate_hz": RATE, "poles": poles}
+    assert np.mean(track_orders(x, **settings, method=method).noise_variance) == pytest.approx(1.0, abs=0.1)
+
+
 def test_blocks_of_the_exact_setting_get_shorter_until_amplitudes_that_move_lose_nothing():
     """An envelope of 1e4 noises that swings within the band: seconds of blocks would take a hundred `std` off it."""
     n = np.arange(6000)

@@ -3,15 +3,13 @@
 import numpy as np
 import pytest
 from numpy.testing import assert_allclose
-from scipy.stats import binom, chi2, gamma
+from scipy.stats import binom, gamma
 
 from signals.harmonics import process_variance
 from signals.slipping_order.slip_detection import (
-    Demodulated,
     Line,
     SlipRecord,
     chance,
-    power_spreads,
     search,
     searched_noise,
 )
@@ -148,6 +146,7 @@ CASES = [
     (300, 64, 2.1, 3, False),
     (600, 16, 0.4, 1, False),
     (20, 8, 2.3, 1, True),
+    (100, 100, 1.05, 3, True),  # a turn
 ]
 
 
@@ -180,41 +179,16 @@ def test_the_measured_noise_has_the_law_it_is_taken_for(samples, harmonics):
     assert np.mean(ratios < gamma.ppf(0.05, counted, 0, 1 / counted)) < 0.075
 
 
-@pytest.mark.parametrize("harmonics", [1, 3])
-def test_the_spread_of_powers_is_that_of_the_cosines_and_sines(harmonics):
-    phase = np.cumsum(np.random.default_rng(0).uniform(0.05, 0.2, 50))
-    cuts = np.array([0, 21, 50])
-    ones = Demodulated.of(
-        SlipRecord(x=np.ones(50), phase=phase), order=2.1, harmonics=2 * harmonics, block=1, cuts=cuts
-    )
-    spreads = power_spreads(ones, order=2.1, largest_slip=0.1)
-    for part, (a, b) in enumerate(((0, 21), (21, 50))):
-        for place, slip in enumerate((-0.1, 0.0, 0.1)):
-            lead = phase[a:b] - phase[a:b].mean()
-            angle = np.outer(np.arange(1, harmonics + 1), 2.1 * (phase[a:b] + slip * lead))
-            rows = np.concatenate([np.cos(angle), np.sin(angle)])
-            assert_allclose(spreads[part, place], np.linalg.eigvalsh(rows @ rows.T / (b - a)), atol=1e-12)
-
-
 @pytest.mark.parametrize("score", [3.0, 10.0, 40.0])
 def test_one_power_over_measured_noise_is_bounded_by_its_law(score):
     # An exponential power over the mean of K others exceeds s with the probability (1 + s / K)^-K.
-    turns = np.full((1, 3, 2), 0.5)
     for counted in (8, 30, 300):
-        bound = chance(score, np.zeros(1), np.empty(0), spreads=turns, counted=counted)
+        bound = chance(score, np.zeros(1), np.empty(0), powers=1, counted=counted)
         exact = (1 + score / counted) ** -counted
         # Chernoff's bound loses e s or less, steps of R and of theta the rest.
         assert exact <= bound <= max(4 * np.e * score * exact, np.exp(-0.9 * score))
-    known = chance(score, np.zeros(1), np.empty(0), spreads=turns, counted=np.inf)
+    known = chance(score, np.zeros(1), np.empty(0), powers=1, counted=np.inf)
     assert np.exp(-score) <= known <= 2 * np.e * score * np.exp(-0.9 * score)
-
-
-def test_a_shaft_at_rest_shows_one_quadrature_and_no_cheap_alarms():
-    # The square of a normal number exceeds s with more than exp(-s): its moments end at theta = 1/2.
-    rest = np.broadcast_to([0.0, 1.0], (1, 3, 2))
-    for score in (5.0, 20.0):
-        bound = chance(score, np.zeros(1), np.empty(0), spreads=rest, counted=np.inf)
-        assert bound >= chi2.sf(score, 1) > np.exp(-score)
 
 
 def test_fewer_outputs_leave_the_estimate_as_it_is():
