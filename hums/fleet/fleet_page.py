@@ -19,6 +19,7 @@ from hums.fleet.observation import days_since_1970
 from hums.fleet.result_files import StoredRecord
 from hums.fleet.series import Series, vector
 from hums.fleet.watched_machines import MachineHistory
+from hums.gearbox.defect_orders import BEARING_KINDS
 from hums.pages.page import Figure, figure_html, least_and_largest, packed, page_environment, stand_alone_page
 from hums.records.fields import file_name
 from hums.records.outputs import write_text
@@ -167,8 +168,13 @@ def _small_course(history: MachineHistory) -> str:
 
 
 def _short(moment: str) -> str:
-    """Return an ISO 8601 time without what is zero: midnight, and UTC as Z."""
-    return moment.replace("+00:00", "Z").removesuffix("T00:00:00Z")
+    """Return an ISO 8601 time without what is zero: midnight, and seconds; UTC where it has no offset."""
+    plain = moment.removesuffix("Z").removesuffix("+00:00").removesuffix("T00:00:00")
+    return plain.removesuffix(":00").replace("T", " ") if "T" in plain else plain
+
+
+def _squared(unit: str) -> str:
+    return f"{unit[:-1]}²" if unit.endswith("2") and not unit.endswith("-2") else unit
 
 
 def _command(record: str, gearbox: str, folder: Path) -> str:
@@ -194,7 +200,7 @@ def _sentence(history: MachineHistory, component: str, index: float, driver: str
         text += f", since {_short(state.since[component])}" if state.since.get(component) else ""
         growth, seldom = history.growth_per_day(component), history.once_in_records(component)
         text += f", growing by {growth:.2g} standard deviations per day; inspect." if growth > 0 else "; inspect."
-        often = f"once in {seldom:,.0f}" if seldom < _SELDOM else f"less than once in {_SELDOM:,.0f}"
+        often = f"once in {float(f'{seldom:.2g}'):,.0f}" if seldom < _SELDOM else f"less than once in {_SELDOM:,.0f}"
         text += f" An unchanged component reaches its condition index, {index:.2f}, {often} records."
         follows = state.open.get(component, {}).get("consequences", "")
         text += f" What follows from it: {follows}." if follows else ""
@@ -220,7 +226,7 @@ def _figures(history: MachineHistory, found: dict[str, StoredRecord], component:
         yield figure_html(
             _panels(epoch, course, drivers, component, name), caption="Dotted: normal value of the baseline."
         )
-        spectrum = "envelope" if drivers[0].indicator.startswith("envelope") else "order_spectrum"
+        spectrum = "envelope" if drivers[0].kind in BEARING_KINDS else "order_spectrum"
         lines = _stems(judged, drivers[0].channel, spectrum, name)
         if lines is not None:
             yield figure_html(lines)
@@ -275,7 +281,7 @@ def _panels(epoch: Epoch, course: _Course, drivers: tuple[Series, ...], componen
     for key, values in zip(drivers, np.exp(logs).T, strict=True):
         words = key.indicator if key.kind in key.indicator else f"{key.kind} {key.indicator}"
         title = f"{words.replace('_', ' ')}, {key.channel}"
-        title += "" if key.unit in ("", "1") else f", {key.unit}"
+        title += "" if key.unit in ("", "1") else f", {_squared(key.unit)}"
         panels.append({"title": title, "normal": math.exp(center[key]), **course.packed(values)})
     alt = f"Indicators of {component} that deviate most: " + "; ".join(panel["title"] for panel in panels) + "."
     data = {"start": course.start_ms, "panels": panels}
