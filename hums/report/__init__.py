@@ -22,7 +22,7 @@ from hums.records.fields import plain_cell
 from hums.records.outputs import check_outputs, write_text
 from hums.report.figures import Pictures, cursor_choices, sections
 from hums.report.indicator_tables import UNIT_WORDS, indicator_tables, velocity_zones
-from hums.report.verdict_strip import CLASSES, answer, component_styles, probability_words, verdict_rows, with_hz
+from hums.report.verdict_strip import CLASSES, answer, component_styles, verdict_rows, with_hz
 from signals._validation import checked
 
 if TYPE_CHECKING:
@@ -189,7 +189,6 @@ def _page(analysis: Analysis, facts: dict[str, Any], baseline: Analysis | None, 
     choices = cursor_choices(facts)
     ours, environment = files("hums.report"), page_environment()
     environment.filters["words"] = lambda kind: str(kind).replace("_", " ")
-    environment.filters["chance"] = probability_words
     environment.filters["first_upper"] = _first_upper
     environment.filters["hz"] = lambda text: with_hz(text, facts["speed_hz"]["mean"])
     environment.filters["sentence"] = lambda text: f"{_first_upper(text).rstrip('.')}."
@@ -214,7 +213,6 @@ def _page(analysis: Analysis, facts: dict[str, Any], baseline: Analysis | None, 
         channels=[channel["name"] for channel in facts["channels"]],
         choices=choices,
         past_name=past_name,
-        faint=_unexplained_bearing_lines(facts),
         components=_components(facts),
         indicators=indicator_tables(facts["indicators"], facts["findings"]),
         sampled=_sampled(facts),
@@ -324,16 +322,3 @@ def _rank(row: dict[str, Any]) -> tuple[bool, bool, float]:
     """Return the sort key of a line: significant ones first, by amplitude; among the others the fundamental."""
     fundamental = not row["claimed"] and row["harmonic"] == 1 and row["sideband"] == 0
     return row["claimed"], fundamental, row["amplitude"]
-
-
-def _unexplained_bearing_lines(facts: dict[str, Any]) -> list[dict[str, Any]]:
-    """Return the bearing fundamentals that exceed the background without being significant."""
-    return [
-        row
-        for row in facts["envelope"]
-        if row["harmonic"] == 1
-        and row["sideband"] == 0
-        and row["kind"] in BEARING_KINDS
-        and not row["claimed"]
-        and (row["explained_by"] or row["false_alarm_probability"] < 0.5)  # noqa: PLR2004
-    ]
