@@ -8,6 +8,7 @@ from hums.analysis.result import line_table as line_table
 from hums.analysis.result import open_analysis as open_analysis
 from hums.analysis.result import save_analysis as save_analysis
 from hums.analysis.result import summary as summary
+from hums.analysis.result import track_table as track_table
 from hums.analysis.result import unexplained_table as unexplained_table
 from hums.analysis.result import verdict_table as verdict_table
 from hums.analysis.settings import AnalysisError as AnalysisError
@@ -57,7 +58,6 @@ from hums.records.snapshots import join_snapshots as join_snapshots
 from hums.records.snapshots import snapshot_record as snapshot_record
 from hums.records.store import open_record as open_record
 from hums.records.store import save_record as save_record
-from hums.report import track_table as track_table
 from hums.report import write_report as write_report
 from hums.scoring import Score as Score
 from hums.scoring import score as score

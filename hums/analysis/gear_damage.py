@@ -519,7 +519,7 @@ def _why_not_judged(row: GearJudgement, stated: float) -> tuple[str, str, str]:
         by = row.explained_by
         return f"what it shows may be that of {by}", "", f"indicated without the tooth of {by}"
     if row.turns < FEWEST_CYCLES:
-        why = f"too short: {row.turns} turns reveal severe damage only, {FEWEST_CYCLES:g} are needed"
+        why = f"too short: in {row.turns} revolutions only severe damage shows; at least {FEWEST_CYCLES:g} are required"
         return why, _LONGER, longer
     if row.differing <= DIFFERING_TEETH and row.outlier > HIGHEST_TOOTH:
         why = (

@@ -34,6 +34,7 @@ from hums.analysis.result import (
     IndicatorValue,
     SensorCondition,
     check_analysis,
+    confidence_words,
     root_attributes,
     rows_dataset,
     spectrum_dataset,
@@ -452,7 +453,7 @@ def _speed_notes(machine: Machine, settings: AnalysisSettings) -> Iterator[str]:
     if found is not None:
         yield (
             f'The speed is estimated from the vibration of channel "{found.channel}", without a tachometer: mean '
-            f"confidence {found.confidence:.3g}. It assumes that the orders of the gearbox are right."
+            f"confidence {confidence_words(found.confidence)}. It assumes that the orders of the gearbox are right."
         )
 
 

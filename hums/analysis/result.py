@@ -201,6 +201,12 @@ def open_analysis(path: str | Path) -> Analysis:
     return tree
 
 
+def confidence_words(confidence: float) -> str:
+    """Return a confidence to three decimals, as a bound where it would round to one, which would state certainty."""
+    text = f"{confidence:.3f}"
+    return "> 0.999" if text == "1.000" else text
+
+
 def group(analysis: Analysis, name: str) -> xr.Dataset:
     """Return one group of an analysis, such as ``"speed"``, as a dataset."""
     return analysis.children[name].to_dataset(inherit=False)
@@ -437,6 +443,52 @@ def line_table(analysis: Analysis, name: str) -> "pd.DataFrame":
             "explained_by",
         ]
     ]
+
+
+@checked
+def track_table(analysis: Analysis) -> "pd.DataFrame":
+    """Return the tracked amplitudes of all channels, one row per line and output.
+
+    Parameters
+    ----------
+    analysis : xarray.DataTree
+        Result of `analyze` or `open_analysis`.
+
+    Returns
+    -------
+    pandas.DataFrame
+        channel; spectrum, ``"order_spectrum"`` for lines of the record and ``"envelope"`` for those of its envelope;
+        component, kind, harmonic and sideband of the line; time_s; speed_hz of the reference in rev/s; order in cycles
+        per revolution of the reference; amplitude (peak) and phase_deg of a cosine relative to the angle of the
+        reference, of envelope lines to that of the line; std and half_width of the 95 % interval, both in units.
+
+    Examples
+    --------
+    >>> import numpy as np
+    >>> import hums
+    >>> times_s = np.arange(8000) / 4000
+    >>> tone = 0.5 * np.cos(2 * np.pi * 23 * 20 * times_s)  # 23 teeth at 20 rev/s
+    >>> noise = np.random.default_rng(0).normal(0, 0.05, times_s.size)
+    >>> pulses = hums.PulseTimes(times_s=np.arange(41) / 20, shaft="input", pulses_per_rev=1)
+    >>> record = hums.make_record({"housing": tone + noise}, rate_hz=4000, units="g", angle=pulses)
+    >>> tracks = hums.track_table(hums.analyze(record, hums.load_gearbox("two-stage")))
+    >>> tracks[["order", "speed_hz", "amplitude"]].mean().round(2).tolist()
+    [23.0, 20.0, 0.5]
+    """
+    import pandas as pd  # noqa: PLC0415
+
+    tables = []
+    for name, spectrum in (("tracks", ORDER_SPECTRUM), ("envelope_tracks", ENVELOPE)):
+        tracks = group(analysis, name) if name in analysis.children else xr.Dataset()
+        if not tracks:
+            continue
+        value = tracks["complex_amplitude"]
+        tracks = tracks.assign(amplitude=abs(value), phase_deg=(value.dims, np.degrees(np.angle(value))))
+        plain = tracks.to_dataframe().reset_index().assign(spectrum=spectrum)
+        tables.append(plain.rename(columns=lambda column: column.removeprefix("track_")))
+    columns = ["channel", "spectrum", "component", "kind", "harmonic", "sideband", "time_s", "speed_hz", "order"]
+    columns += ["amplitude", "phase_deg", "std", "half_width", "units"]
+    return pd.concat(tables, ignore_index=True)[columns] if tables else pd.DataFrame(columns=columns)
 
 
 @checked

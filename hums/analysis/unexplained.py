@@ -281,8 +281,7 @@ def drawn_orders(rows: Sequence[DefectOrder], *, bearing_kinds: Iterable[str], t
 # then be said about its parts.
 #
 # Many lines of a drawing lie so densely that one of them is near to any line. So a mesh of the drawing counts only
-# away from shafts, and away from sidebands of a larger strange line; and sidebands of passing planets or multiples of
-# a race explain a line only where more of its neighbours stand in the same comb than lines at random would.
+# away from shafts.
 
 
 _OWN_HARMONICS = 6
@@ -290,9 +289,6 @@ _SHAFT_HARMONICS = 4  # imbalance, misalignment, looseness, a coupling's jaws
 _PASSES = 12  # of a carrier: sidebands of planets that pass stand above their own mesh line
 _FEWEST_ORDERS = 5.0  # no gear has fewer teeth
 _HARMONICS = (2, 3)
-_STRANGE_SIDEBANDS = 3  # of a strange mesh, spaced by the reference: run-out and pitch deviations
-_STRIKES = 6  # multiples of a race's order, or a shaft's, on either side: a resonance carries as many at similar size
-_STRUCK = 5  # of these of a shaft; a mesh has sidebands of similar size up to the second on either side
 _SIMILAR = 4.0  # lines of a comb that a resonance carries
 _BY_CHANCE = 0.3  # of a harmonic: above it lines are so many, as of strikes while the speed changes, that any has one
 
@@ -332,19 +328,16 @@ def _unlike(spectrum: AmplitudeSpectrum, drawn: Drawn, setting: Setting) -> str:
     floor = float(np.median(peaks.background))
     others = ~own & ~shafts & (orders > _FEWEST_ORDERS) & ~on_mains(orders, setting, width)
     strange = np.flatnonzero(others & (sizes > STRANGE_FACTOR * UNEXPLAINED_RATIO * floor))
-    lines = _Lines(orders=orders, sizes=sizes, drawn=drawn, meshes=meshes, width=width)
+    passing = at(_passes(drawn))
     for place in strange[np.argsort(-sizes[strange])]:
-        if lines.explained(place):
-            return ""  # a part that is drawn makes more than any that is not
-        if lines.of_a_mesh(place):
+        if passing[place]:
+            return ""  # planets that are drawn make more than any mesh that is not
+        if _of_a_mesh(orders, sizes, place, width):
             break
     else:
         return ""
     order, size = float(orders[place]), float(sizes[place])
-    sidebands = (
-        np.abs(np.abs(orders - order)[:, None] - np.arange(1, _STRANGE_SIDEBANDS + 1)) <= width
-    )  # of the reference
-    largest_own = float(sizes[own & ~shafts & ~(sidebands.any(axis=1) & (sizes < size))].max(initial=0.0))
+    largest_own = float(sizes[own & ~shafts].max(initial=0.0))
     if size < STRANGE_FACTOR * largest_own:
         return ""
     than = f"{size / largest_own:.0f} times the largest mesh line of the drawing" if largest_own else "alone"
@@ -382,63 +375,20 @@ def _shifted_meshes(drawn: Drawn) -> Numbers:
     return np.array(shifted, dtype=np.float64)
 
 
-@dataclass(frozen=True, kw_only=True)
-class _Lines:
-    """Lines of a spectrum, and what of a drawing makes combs of them: planets that pass, strikes on a race."""
+def _passes(drawn: Drawn) -> Numbers:
+    """Return the sidebands that planets make as they pass, which stand above their own mesh line."""
+    sides = np.arange(-_PASSES, _PASSES + 1)
+    meshes = np.outer(drawn.meshes, np.arange(1, _OWN_HARMONICS + 1)).ravel()
+    carriers = sorted({carrier for _, carrier, _ in drawn.planets})
+    return np.asarray(np.add.outer(meshes, np.outer(carriers, sides)).ravel())
 
-    orders: Numbers
-    sizes: Numbers
-    drawn: Drawn
-    meshes: Numbers
-    width: float
 
-    def of_a_mesh(self, place: int) -> bool:
-        """Return whether a line has harmonics, or is one, where lines at random would seldom stand."""
-        order = self.orders[place]
-        others = self.orders[self.sizes > self.sizes[place] / _SIMILAR**2]
-        density = max(1, others.size - 1) / float(self.orders[-1])
-        near = [np.abs(others - k * order) <= self.width for k in _HARMONICS]
-        near += [np.abs(k * others - order) <= self.width for k in _HARMONICS]
-        tried = 2 * self.width * sum((k * order <= self.orders[-1]) + 1 / k for k in _HARMONICS)
-        return bool(np.any(near)) and -math.expm1(-density * tried) <= _BY_CHANCE
-
-    def explained(self, place: int) -> bool:
-        """Return whether a line is a sideband of passing planets, or rung by strikes of teeth or rollers."""
-        order, resolved = self.orders[place], 2 * self.width
-        races = [race for race in self.drawn.bearings if race > resolved]
-        for carrier in sorted({carrier for _, carrier, _ in self.drawn.planets}):
-            sidebands = self.meshes[:, None] + carrier * np.arange(-_PASSES, _PASSES + 1)
-            if (np.abs(sidebands - order) > self.width).all():
-                continue
-            # sidebands that are not resolved are one broad line about the mesh
-            if carrier <= resolved or self._one_of(place, carrier, members=_PASSES, slip=0.0) <= _CHANCE:
-                return True
-        chances = [self._one_of(place, race, members=_STRIKES, slip=self.drawn.slip) for race in races]
-        if min(chances, default=1.0) * len(races) <= _CHANCE and races:
-            return True
-        shafts = [shaft for shaft in self.drawn.shafts if shaft > resolved]
-        return any(self._struck(place, shaft) for shaft in shafts)
-
-    def _struck(self, place: int, shaft: float) -> bool:
-        """Return whether a line is a multiple of a shaft, and of its neighbours most are of similar size."""
-        multiple = np.round(self.orders[place] / shaft)
-        if abs(self.orders[place] - multiple * shaft) > self.width:
-            return False
-        similar = self.orders[self.sizes > self.sizes[place] / _SIMILAR]
-        neighbours = (multiple + np.arange(-_STRIKES, _STRIKES + 1)) * shaft
-        held = (np.abs(similar[:, None] - neighbours) <= self.width).any(axis=0)
-        return int(held.sum()) - 1 >= _STRUCK
-
-    def _one_of(self, place: int, spacing: float, *, members: int, slip: float) -> float:
-        """Return the chance that as many of a line's neighbours in a comb have one of the lines of similar size.
-
-        The other similar lines might be anywhere, `members` neighbours on either side.
-        """
-        order = self.orders[place]
-        similar = self.orders[self.sizes > self.sizes[place] / _SIMILAR]
-        multiples = np.concatenate([np.arange(-members, 0), np.arange(1, members + 1)])
-        multiples = multiples[order + multiples * spacing > 0]
-        reach = self.width + slip * spacing * np.abs(multiples)
-        held = int((np.abs(similar[:, None] - order - spacing * multiples) <= reach).any(axis=0).sum())
-        density = max(1, similar.size - 1 - held) / float(self.orders[-1])
-        return float(bdtrc(held - 1, multiples.size, min(1.0, float(np.mean(2 * reach * density))))) if held else 1.0
+def _of_a_mesh(orders: Numbers, sizes: Numbers, place: int, width: float) -> bool:
+    """Return whether a line has harmonics, or is one, where lines at random would seldom stand."""
+    order = orders[place]
+    others = orders[sizes > sizes[place] / _SIMILAR**2]
+    density = max(1, others.size - 1) / float(orders[-1])
+    near = [np.abs(others - k * order) <= width for k in _HARMONICS]
+    near += [np.abs(k * others - order) <= width for k in _HARMONICS]
+    tried = 2 * width * sum((k * order <= orders[-1]) + 1 / k for k in _HARMONICS)
+    return bool(np.any(near)) and -math.expm1(-density * tried) <= _BY_CHANCE

@@ -5,14 +5,20 @@ from collections.abc import Iterable, Mapping
 from importlib.resources import files
 from pathlib import Path
 from tempfile import NamedTemporaryFile
-from typing import TYPE_CHECKING, Any, Literal, TypeAlias
-
-import numpy as np
-import xarray as xr
+from typing import Any, Literal, TypeAlias
 
 from hums.analysis.expected_lines import ENVELOPE, ORDER_SPECTRUM
 from hums.analysis.findings import NOTHING_FOUND
-from hums.analysis.result import Analysis, check_analysis, group, indicator_table, line_table, save_analysis, summary
+from hums.analysis.result import (
+    Analysis,
+    check_analysis,
+    confidence_words,
+    indicator_table,
+    line_table,
+    save_analysis,
+    summary,
+    track_table,
+)
 from hums.gearbox.defect_orders import BEARING_KINDS
 from hums.gearbox.mechanism import undeclared_parts
 from hums.gearbox.model import Gearbox
@@ -24,9 +30,6 @@ from hums.report.figures import Pictures, cursor_choices, sections
 from hums.report.indicator_tables import UNIT_WORDS, indicator_tables, velocity_zones
 from hums.report.verdict_strip import CLASSES, answer, component_styles, verdict_rows, with_hz
 from signals._validation import checked
-
-if TYPE_CHECKING:
-    import pandas as pd
 
 Units: TypeAlias = Literal["rpm", "Hz"]
 # on the white ground of the drawing, in every light
@@ -123,52 +126,6 @@ def write_report(
     return page
 
 
-@checked
-def track_table(analysis: Analysis) -> "pd.DataFrame":
-    """Return the tracked amplitudes of all channels, one row per line and output.
-
-    Parameters
-    ----------
-    analysis : xarray.DataTree
-        Result of `analyze` or `open_analysis`.
-
-    Returns
-    -------
-    pandas.DataFrame
-        channel; spectrum, ``"order_spectrum"`` for lines of the record and ``"envelope"`` for those of its envelope;
-        component, kind, harmonic and sideband of the line; time_s; speed_hz of the reference in rev/s; order in cycles
-        per revolution of the reference; amplitude (peak) and phase_deg of a cosine relative to the angle of the
-        reference, of envelope lines to that of the line; std and half_width of the 95 % interval, both in units.
-
-    Examples
-    --------
-    >>> import numpy as np
-    >>> import hums
-    >>> times_s = np.arange(8000) / 4000
-    >>> tone = 0.5 * np.cos(2 * np.pi * 23 * 20 * times_s)  # 23 teeth at 20 rev/s
-    >>> noise = np.random.default_rng(0).normal(0, 0.05, times_s.size)
-    >>> pulses = hums.PulseTimes(times_s=np.arange(41) / 20, shaft="input", pulses_per_rev=1)
-    >>> record = hums.make_record({"housing": tone + noise}, rate_hz=4000, units="g", angle=pulses)
-    >>> tracks = hums.track_table(hums.analyze(record, hums.load_gearbox("two-stage")))
-    >>> tracks[["order", "speed_hz", "amplitude"]].mean().round(2).tolist()
-    [23.0, 20.0, 0.5]
-    """
-    import pandas as pd  # noqa: PLC0415
-
-    tables = []
-    for name, spectrum in (("tracks", ORDER_SPECTRUM), ("envelope_tracks", ENVELOPE)):
-        tracks = group(analysis, name) if name in analysis.children else xr.Dataset()
-        if not tracks:
-            continue
-        value = tracks["complex_amplitude"]
-        tracks = tracks.assign(amplitude=abs(value), phase_deg=(value.dims, np.degrees(np.angle(value))))
-        plain = tracks.to_dataframe().reset_index().assign(spectrum=spectrum)
-        tables.append(plain.rename(columns=lambda column: column.removeprefix("track_")))
-    columns = ["channel", "spectrum", "component", "kind", "harmonic", "sideband", "time_s", "speed_hz", "order"]
-    columns += ["amplitude", "phase_deg", "std", "half_width", "units"]
-    return pd.concat(tables, ignore_index=True)[columns] if tables else pd.DataFrame(columns=columns)
-
-
 def render(analysis: Analysis, *, baseline: Analysis | None = None, units: Units = "rpm") -> str:
     """Return the report as HTML that refers to no other file; see `write_report`."""
     check_analysis(analysis)
@@ -251,7 +208,8 @@ def speed_text(facts: Mapping[str, Any], *, units: Units = "rpm") -> str:
     elif speed["tachometer"]:
         known = f", measured by {speed['tachometer']}"
     elif speed["estimated_from"]:
-        known = f", estimated from channel {speed['estimated_from']} with confidence {speed['confidence']:.3f}"
+        sure = confidence_words(speed["confidence"])
+        known = f", estimated from channel {speed['estimated_from']} with confidence {sure}"
     return f"{span(*first)} ({span(*second)}){known}"
 
 

@@ -117,7 +117,9 @@ def test_few_turns_name_a_tooth_that_stands_out_and_call_none_sound():
     assert few
     verdicts = gear_verdicts([replace(row, probability=1.0) for row in few], false_alarm_probability=0.01)
     assert {one.verdict for one in verdicts} == {"not judged"}
-    assert all(one.doubts.startswith(f"too short: {row.turns} turns") for one, row in zip(verdicts, few, strict=True))
+    assert all(
+        one.doubts.startswith(f"too short: in {row.turns} revolutions") for one, row in zip(verdicts, few, strict=True)
+    )
     (named,) = gear_verdicts([replace(few[0], probability=0.001)], false_alarm_probability=0.01)
     assert named.verdict == "indicated"
 
