@@ -36,8 +36,7 @@ from fleet_forecasts import LAWS, coverage
 from fleet_measured import run_to_failure, turbine
 from numpy.typing import NDArray
 
-from hums.fleet.prior import PRIOR_NAME, prior_of
-from hums.fleet.series import Series, layout_of
+from hums.fleet.series import PRIOR_NAME, Series, layout_of, prior_of
 from signals.monitoring.health import Layout
 
 if TYPE_CHECKING:

@@ -9,8 +9,7 @@ from fleet_analyses import Analyses, Array, Fleet, Resampled
 from numpy.typing import NDArray
 
 from hums.fleet.monitor import MOST_LEVERAGE
-from hums.fleet.prior import limit_table, prior_of
-from hums.fleet.series import layout_of
+from hums.fleet.series import layout_of, limit_table, prior_of
 from signals.monitoring.charts import Charts
 from signals.monitoring.health import Layout, Normal, Prior, learn_normal
 from signals.monitoring.limits import AT_ONCE, MachineLimits, machine_limits

@@ -7,10 +7,9 @@ import numpy as np
 
 from hums.fleet.monitor import MachineState, update
 from hums.fleet.monitor_settings import MonitorSettings
-from hums.fleet.numbers import Numbers
 from hums.fleet.observation import Observation
 from hums.fleet.result_files import StoredRecord
-from hums.fleet.series import Series
+from hums.fleet.series import Numbers, Series
 
 FIRST = datetime(2026, 3, 1, tzinfo=UTC)
 KEYS = tuple(

@@ -14,10 +14,9 @@ from numpy.typing import NDArray
 
 from hums.fleet.alarms import ACKNOWLEDGED, RAISED
 from hums.fleet.monitor import Epoch, driving_series
-from hums.fleet.numbers import LINE
 from hums.fleet.observation import days_since_1970
 from hums.fleet.result_files import StoredRecord
-from hums.fleet.series import Series, vector
+from hums.fleet.series import LINE, Series, vector
 from hums.fleet.watched_machines import MachineHistory
 from hums.gearbox.defect_orders import BEARING_KINDS
 from hums.pages.page import Figure, figure_html, least_and_largest, packed, page_environment, stand_alone_page

@@ -21,8 +21,16 @@ from hums.fleet.alarms import AGAIN, RAISED, SEVERE, Alarm
 from hums.fleet.maintenance import ACKNOWLEDGED, Work
 from hums.fleet.monitor_settings import MonitorError, MonitorSettings
 from hums.fleet.observation import Observation, seconds_since_1970
-from hums.fleet.prior import limit_table, prior_of
-from hums.fleet.series import WHOLE_SIGNAL, Series, component_parts, layout_of, vector, watched_component
+from hums.fleet.series import (
+    WHOLE_SIGNAL,
+    Series,
+    component_parts,
+    layout_of,
+    limit_table,
+    prior_of,
+    vector,
+    watched_component,
+)
 from signals.monitoring.charts import ChartState
 from signals.monitoring.health import Normal, Reading, learn_normal, regime
 from signals.monitoring.limits import MachineLimits, machine_limits

@@ -13,9 +13,8 @@ from typing import Any
 import numpy as np
 from numpy.typing import NDArray
 
-from hums.fleet.numbers import NOTHING, Numbers
 from hums.fleet.observation import Observation, observation
-from hums.fleet.series import Series, SeriesValues
+from hums.fleet.series import NOTHING, Numbers, Series, SeriesValues
 from hums.records.outputs import atomic_write
 
 _NUMBERS = ("lines", "indicators")  # of a row

@@ -8,7 +8,7 @@ from typing import Any
 from hums.analysis.expected_lines import ENVELOPE, ORDER_SPECTRUM
 from hums.analysis.findings import NOT_JUDGED, not_judged_words
 from hums.analysis.result import Analysis, group
-from hums.fleet.numbers import INDICATOR, LINE, named
+from hums.fleet.series import INDICATOR, LINE, named
 
 _PART = ("component", "kind")
 _INDICATOR = ("channel", "component", "kind", "indicator", "unit", "value")

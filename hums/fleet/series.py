@@ -1,18 +1,21 @@
 """Series that are watched: logarithms of the indicators and lines of a record, by channel, component and name."""
 
+import json
 import math
-from collections.abc import Collection, Iterator, Mapping
+from collections.abc import Collection, Iterable, Iterator, Mapping, Sequence
 from dataclasses import dataclass
 from functools import cached_property, lru_cache
+from importlib.resources import files
 from typing import Any
 
 import numpy as np
 from numpy.typing import NDArray
 
-from hums.fleet.numbers import NOTHING, Numbers
 from hums.gearbox.defect_orders import BEARING_KINDS
-from signals.monitoring.health import FEWEST_LEVELS, Layout
+from signals.monitoring.health import FEWEST_LEVELS, Layout, Prior
+from signals.monitoring.limits import LimitTable
 
+PRIOR_NAME = "prior.json"
 LINE_LEVEL, LINE_RATIO = "line_level", "line_over_background"
 _JOINT, _AND = "one of ", ", "
 WHOLE_SIGNAL = "record"
@@ -20,6 +23,32 @@ _IMPULSES = "record (impulses)"
 _OF_ONE_TOOTH = ("tooth_outlier",)
 _EVIDENCE = "modulation"  # strength of a bearing part's lines, of records in which nothing is significant as well
 _OF_HISTORY = ("na4", "nb4")  # whose own history they are held against: the charts do that here
+LINE = ("channel", "spectrum", "component", "kind", "harmonic", "sideband", "units")
+INDICATOR = ("channel", "component", "kind", "indicator", "units")
+
+
+@dataclass(frozen=True, kw_only=True)
+class Numbers:
+    """Numbers of a record (keys, columns) under keys that other records share: the same tuple for equal ones."""
+
+    keys: tuple[Any, ...]
+    values: NDArray[Any]
+
+
+NOTHING = Numbers(keys=(), values=np.zeros((0, 4)))  # of a record without lines or indicators
+
+
+def named(rows: Iterable[Sequence[Any]], names: int, numbers: int) -> Numbers:
+    """Return rows of that many names, and of numbers."""
+    taken = [tuple(row) for row in rows]
+    values = np.array([row[names:] for row in taken], dtype=np.float64).reshape(len(taken), numbers)
+    return Numbers(keys=_shared(tuple(row[:names] for row in taken)), values=values)
+
+
+@lru_cache(maxsize=256)
+def _shared(keys: tuple[Any, ...]) -> tuple[Any, ...]:
+    """Return the first tuple that equals this one, so that what follows from it is found by its identity."""
+    return keys
 
 
 @dataclass(frozen=True, kw_only=True, order=True)
@@ -262,3 +291,28 @@ def layout_of(series: tuple[Series, ...]) -> tuple[tuple[str, ...], tuple[str, .
         groups += [0, *[1] * len(parts)]
     layout = Layout(components=tuple(scores), channels=tuple(channels.values()), powers=powers, groups=tuple(groups))
     return tuple(names), tuple(channels), layout
+
+
+# ---- what is usual over machines, learned from healthy ones ----------------------------------------------------------
+
+
+@lru_cache(maxsize=1)
+def read_prior() -> dict[str, Any]:
+    """Return the prior as it is stored."""
+    learned: dict[str, Any] = json.loads((files("hums.fleet") / PRIOR_NAME).read_text(encoding="utf-8"))
+    return learned
+
+
+def prior_of(series: Sequence[Series], layout: Layout, learned: Mapping[str, Any] | None = None) -> Prior:
+    """Return the usual deviations of some series; of one that no machine of the prior had, that of most others."""
+    learned = learned or read_prior()
+    score = learned["score_std"] * np.power(np.maximum(layout.sizes, 1), learned["score_power"])
+    known = learned["log_std"]
+    usual = [known.get(key.indicator, float(np.median(list(known.values())))) for key in series]
+    return Prior(series=np.array(usual), score=score, level=learned["level_std"], dof=learned["dof"])
+
+
+@lru_cache(maxsize=1)
+def limit_table() -> LimitTable:
+    """Return the limits that the healthy machines have shown, one group for each of `Layout.groups`."""
+    return LimitTable(**{name: np.array(values) for name, values in read_prior()["limits"].items()})

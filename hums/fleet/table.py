@@ -13,9 +13,9 @@ import numpy as np
 import xarray as xr
 from numpy.typing import NDArray
 
-from hums.fleet.numbers import INDICATOR, LINE
 from hums.fleet.observation import days_since_1970
 from hums.fleet.result_files import StoredRecord
+from hums.fleet.series import INDICATOR, LINE
 from hums.records.fields import plain_cell
 from hums.records.outputs import atomic_write
 from hums.records.store import write_tree

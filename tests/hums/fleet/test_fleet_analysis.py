@@ -22,7 +22,7 @@ from hums.analysis.result import findings_table, indicator_table, line_table
 from hums.cli import main
 from hums.fleet import fleet_analysis
 from hums.fleet.fleet_analysis import FleetError, analyze_fleet
-from hums.fleet.numbers import Numbers
+from hums.fleet.series import Numbers
 from hums.fleet.table import write_tables
 from hums.jobs import Processes, Serial
 from hums.records.store import save_record

@@ -8,8 +8,7 @@ from fleets import FIRST, HEALTHY, PINION, alarms, followed, observed
 from hums.fleet.maintenance import Work
 from hums.fleet.monitor_settings import MonitorError, MonitorSettings
 from hums.fleet.observation import Observation
-from hums.fleet.prior import prior_of
-from hums.fleet.series import Series
+from hums.fleet.series import Series, prior_of
 
 JOINT = {"stage 1/pinion": "one of A, B"}
 

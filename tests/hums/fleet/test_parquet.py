@@ -4,8 +4,8 @@ import pytest
 from fleets import HEALTHY, kept
 
 from hums.fleet import parquet
-from hums.fleet.numbers import Numbers
 from hums.fleet.parquet import write_indicators
+from hums.fleet.series import Numbers
 
 KEYS = (("a", "record", "channel", "rms", "g"), ("b", "stage 1/pinion", "gear", "fm4", "1"))
 

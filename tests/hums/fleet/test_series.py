@@ -3,9 +3,8 @@ import math
 import numpy as np
 import pytest
 
-from hums.fleet.numbers import INDICATOR, LINE, named
-from hums.fleet.series import Series, component_parts, joint_names, layout_of, series_of
-from signals.monitoring.scores import fused_scores
+from hums.fleet.series import INDICATOR, LINE, Series, component_parts, joint_names, layout_of, named, series_of
+from signals.monitoring.health import fused_scores
 
 
 def line(harmonic, amplitude, snr):

@@ -3,7 +3,7 @@ from itertools import pairwise
 import numpy as np
 import pytest
 
-from hums.fleet.prior import limit_table
+from hums.fleet.series import limit_table
 from signals.monitoring.charts import ChartState
 from signals.monitoring.limits import MachineLimits, machine_limits
 
