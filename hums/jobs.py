@@ -22,6 +22,7 @@ from typing import Any, Generic, TypeVar
 from signals._validation import SentenceError
 
 Item = TypeVar("Item")
+_TIMEOUT_S = 10  # of the connection to a scheduler
 _ONE_THREAD = ("OMP_NUM_THREADS", "OPENBLAS_NUM_THREADS", "MKL_NUM_THREADS", "NUMBA_NUM_THREADS")
 
 
@@ -315,16 +316,15 @@ def _cluster(address: str) -> Iterator[tuple[Executor, int, type[Exception]]]:
     except ImportError:
         raise JobError('a cluster needs Dask: pip install "hums-toolkit[dask]".') from None
     connect: Any = Client  # which has no types
-    timeout_s = 10  # of the connection to a scheduler
     try:
-        client = connect(address, timeout=timeout_s, set_as_default=False)
+        client = connect(address, timeout=_TIMEOUT_S, set_as_default=False)
     except (OSError, ValueError) as error:
         raise JobError(
             f"no Dask scheduler answers at {address} ({error}); start one with: dask scheduler, and give its address."
         ) from None
     with client:
         try:
-            client.wait_for_workers(1, timeout=timeout_s)  # a nanny starts one that died again
+            client.wait_for_workers(1, timeout=_TIMEOUT_S)  # a nanny starts one that died again
         except TimeoutError:
             raise JobError(
                 f"the Dask scheduler at {address} has no workers; start some with: dask worker {address}."
