@@ -38,8 +38,9 @@ _PI_MIDDLE = _leading_bits(_PI - Fraction(_PI_HIGH), 33)
 _PI_LOW = float(_PI - Fraction(_PI_HIGH) - Fraction(_PI_MIDDLE))
 _PER_PI = 1 / pi
 
-_S3, _S5, _S7, _S9, _S11, _S13, _S15, _S17, _S19 = ((-1) ** (n // 2) / factorial(n) for n in range(3, 21, 2))
-_C2, _C4, _C6, _C8, _C10, _C12, _C14, _C16, _C18, _C20 = ((-1) ** (n // 2) / factorial(n) for n in range(2, 22, 2))
+# Taylor coefficients of the sine from the third power on and of the cosine from the second
+_SINE = tuple((-1) ** (n // 2) / factorial(n) for n in range(3, 21, 2))
+_COSINE = tuple((-1) ** (n // 2) / factorial(n) for n in range(2, 22, 2))
 
 
 @compiled_in_place
@@ -55,9 +56,11 @@ def fill_phasors(order: float, phase: Floats, cosine: Floats, sine: Floats) -> N
         off = 0.5 * multiple - np.rint(0.5 * multiple)
         sign = 1.0 - 8.0 * off * off
         s = rest * rest
-        odd = _S3 + s * (_S5 + s * (_S7 + s * (_S9 + s * (_S11 + s * (_S13 + s * (_S15 + s * (_S17 + s * _S19)))))))
-        even = _C8 + s * (_C10 + s * (_C12 + s * (_C14 + s * (_C16 + s * (_C18 + s * _C20)))))
-        even = 1.0 + s * (_C2 + s * (_C4 + s * (_C6 + s * even)))
+        odd = _SINE[6] + s * (_SINE[7] + s * _SINE[8])
+        odd = _SINE[0] + s * (_SINE[1] + s * (_SINE[2] + s * (_SINE[3] + s * (_SINE[4] + s * (_SINE[5] + s * odd)))))
+        even = _COSINE[6] + s * (_COSINE[7] + s * (_COSINE[8] + s * _COSINE[9]))
+        even = _COSINE[2] + s * (_COSINE[3] + s * (_COSINE[4] + s * (_COSINE[5] + s * even)))
+        even = 1.0 + s * (_COSINE[0] + s * (_COSINE[1] + s * even))
         cosine[n] = sign * even
         sine[n] = sign * (rest + rest * s * odd)
 
