@@ -30,7 +30,7 @@ from signals.harmonics.block_smoother import BlockFit, block_length, scattered_s
 from signals.harmonics.coupling import WithoutOthers, chain_alone, chain_together
 from signals.harmonics.noise_density import noise_density
 from signals.harmonics.separability import Closeness, components
-from signals.harmonics.state_space import Flags, Floats, HarmonicModel, Indices, Order, lost
+from signals.harmonics.state_space import PRIOR_STD, Flags, Floats, HarmonicModel, Indices, Order, lost
 
 if TYPE_CHECKING:
     from collections.abc import Callable, Mapping, Sequence
@@ -57,9 +57,6 @@ SWEEPS = 5
 # Largest leakage of an order that is not smoothed with another before it is subtracted, and what straight lines between
 # nodes lose of an envelope at the edge of the largest bandwidth.
 SUBTRACTED, DROOP = 3e-4, 8e-3
-# Prior in standard deviations of a block's noise: wide enough not to change the shape of the likelihood, narrow enough
-# that rounding of its square is negligible.
-PRIOR_STD = 1e3
 
 
 @dataclass(frozen=True, kw_only=True, eq=False)

@@ -17,9 +17,7 @@ from signals.harmonics._block_kernels import PIECE
 from signals.harmonics.bandwidth import HALF_POWER
 from signals.harmonics.state_space import Complexes, Flags, Floats, HarmonicModel, Indices
 
-SAMPLES_AT_ONCE = 1 << 16
-# Regressors at a time, which stay in a near cache.
-COLUMNS_AT_ONCE = 1 << 16
+SAMPLES_AT_ONCE = 1 << 16  # numbers at a time, which stay in a near cache
 # Angle by which a jump of the speed may lead the highest order astray within a block.
 LARGEST_JUMP_RAD = 0.03
 # Blocks, at least, whose moments are worth a table of the phasors in one, and samples in a product with it.
@@ -221,7 +219,7 @@ class Grid:
         width = model.order_of_column.size
         sums = np.zeros((last - first, self.squares, width, width))
         powers = np.empty((3 * -(-self.squares // 3), PIECE))
-        for samples, blocks in self.spans(first, last, COLUMNS_AT_ONCE // width):
+        for samples, blocks in self.spans(first, last, SAMPLES_AT_ONCE // width):
             columns, own = model.regressors(samples), sums[blocks.start - first : blocks.stop - first]
             _block_kernels.correlate(columns, self.seen[samples], self.length, powers, own)
         return np.ascontiguousarray(self.at_nodes(sums)[nodes.start - first : nodes.stop - first])

@@ -21,7 +21,7 @@ import numpy as np
 from signals.harmonics.state_space import Flags, Floats, HarmonicModel, Indices
 
 # Length of a segment in units of one over the largest bandwidth, and change of a frequency over it in bins.
-_LENGTH, _SWEEP = 16.0, 1.0
+SEGMENT, _SWEEP = 16.0, 1.0
 _SIGNAL = 0.25  # largest density of walking amplitudes over that of the noise
 _SHORTEST = 64  # samples of a segment
 _OVERLAPPING, _MOST_SEGMENTS = 4, 64  # segments, fewer of which overlap by half, and the most, evenly spread
@@ -78,7 +78,7 @@ def noise_density(
     values[(rank == 0) | (curved & (rank > _FAR))] = np.nan
     flat, flat_chance = _shrunk(*_pooled(values), known[0], left[0])
     top, top_chance = _extrapolated(values, rank, away)
-    shown = curved & (top > 0) & (seen.size * model.bandwidth.max(axis=1) >= _LENGTH)[:, None]
+    shown = curved & (top > 0) & (seen.size * model.bandwidth.max(axis=1) >= SEGMENT)[:, None]
     density = np.repeat(np.where(shown, top, flat)[None], _INTERVALS, axis=0)
     chance = np.repeat(np.where(shown, top_chance, flat_chance)[None], _INTERVALS, axis=0)
     if values[..., 0].size * _NEAR >= _INTERVALS * _POOLED * model.orders.size * _SEARCHED:
@@ -143,7 +143,7 @@ def _segments(seen: Flags, model: HarmonicModel) -> tuple[Indices, int]:
     rates = np.diff(_turns(model, edges)) / np.diff(edges)
     change = np.quantile(np.abs(np.diff(rates)) / np.diff(edges)[1:], 0.9, axis=-1)  # of a frequency, in a sample
     steady = math.sqrt(_SWEEP / max(change.max(initial=0.0), 1e-12))
-    longest = min(_LENGTH / model.bandwidth.max(), max(seen.size / 2, _SHORTEST), steady)
+    longest = min(SEGMENT / model.bandwidth.max(), max(seen.size / 2, _SHORTEST), steady)
     missing = np.zeros(seen.size + 1, dtype=int)
     if not seen.all():
         np.cumsum(~seen, out=missing[1:])

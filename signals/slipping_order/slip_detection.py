@@ -20,7 +20,7 @@ from typing import Self
 import numpy as np
 
 from signals.harmonics._block_kernels import phasors
-from signals.harmonics.noise_density import noise_density
+from signals.harmonics.noise_density import SEGMENT, noise_density
 from signals.harmonics.state_space import Complexes, Floats, HarmonicModel, Indices
 
 
@@ -101,7 +101,6 @@ class Demodulated:
         return np.asarray((sums.real**2 + sums.imag**2) / (self.counts[part].sum() or 1.0))
 
 
-_BENDS = 16  # times 1 / bandwidth, in motion, the shortest record that shows how the density bends at a line
 _TURN_OF_BLOCK = 1 / 32  # turns in a block at the largest order difference evaluated
 _TILTS = np.arange(1, 20) / 20  # theta of the bound
 # Estimated R over true R. Above the last ratio the bound is taken at the last, a small loss.
@@ -169,7 +168,7 @@ def noise_along(
     smooth = np.polynomial.Polynomial.fit(turning, slip, min(3, slip.size - 1))(record.turning)
     phase = record.phase + np.append(0.0, np.cumsum(smooth[1:] * np.diff(record.phase)))
     widest = max(float(width.max()), 1 / (line.steady_rev * record.per_rev))
-    curved = widest * record.per_rev * record.turning[-1] / (2 * pi) >= _BENDS
+    curved = widest * record.per_rev * record.turning[-1] / (2 * pi) >= SEGMENT
     return _on_both_sides(record, line, phase, np.full(line.harmonics, widest), searched, curved=curved)[0]
 
 
