@@ -47,8 +47,7 @@ from hums.gearbox.defect_orders import BEARING_KINDS
 from signals.spectra.lines import record_probability
 
 _CHANCE_WIDTHS = 4.0  # widths of a line: where multiples of the mains are nearer, a quarter of all lines is on one
-_SELDOM = 0.02  # of all lines near the mains: none of the ten or so of a drawing is so by chance (our choice)
-_ALIKE = 0.99  # of the largest: widths of bands, and what combs explain, are the same to rounding
+_ALIKE = 0.99  # of the largest: widths of bands, and strengths of one peak, are the same to rounding
 _ONE_IN_20 = 1.645  # standard deviations that a normal variable falls below its mean in one of 20 cases
 _SIDEBANDS = 3  # on either side that support a fundamental
 _HARMONIC_SHARE = 0.5  # of a line's depth that one must have whose harmonic it may be: harmonics of strikes fall
@@ -141,8 +140,6 @@ class PartEvidence:
     unsure_depth : float
         The deepest line in any band at its order that does not count for it, since something else explains it (then
         `hidden_by` says what, where the part has no strength) or noise makes it too often.
-    explained : float
-        Share that it has of the power of all lines of the band that neither shafts nor meshes make.
     other_order, other_depth, other_strength : float
         The strongest line in any band, no slower than the slowest part, that this part does not explain, and its
         strength as one alone; 0 if there is none.
@@ -173,7 +170,6 @@ class PartEvidence:
     detectable_depth: float = math.inf
     possible_depth: float = math.inf
     unsure_depth: float = 0.0
-    explained: float = 0.0
     other_order: float = 0.0
     other_depth: float = 0.0
     other_strength: float = 0.0
@@ -280,7 +276,7 @@ def _sibling_depths(
 def _of_a_better_comb(part: PartEvidence, parts: Iterable[PartEvidence]) -> str:
     """Return which part of another bearing has a part's line, or an empty string.
 
-    It is the one whose harmonics and sidebands explain most; of those that explain alike, the nearest to nominal.
+    It is the one with the strongest family; of those that are as strong, the nearest to nominal.
     """
     one_peak = [
         other
@@ -293,17 +289,12 @@ def _of_a_better_comb(part: PartEvidence, parts: Iterable[PartEvidence]) -> str:
     ]
     if part.strength == 0 or not one_peak:
         return ""
-    most = max(comb_size(other) for other in (part, *one_peak))
+    most = max(other.strength for other in (part, *one_peak))
     best = min(
-        (other for other in (part, *one_peak) if comb_size(other) >= _ALIKE * most),
+        (other for other in (part, *one_peak) if other.strength >= _ALIKE * most),
         key=lambda other: abs(other.found / other.order - 1),
     )
     return "" if best is part else f"it is that of {best.kind.replace('_', ' ')} of {best.component}"
-
-
-def comb_size(part: PartEvidence) -> float:
-    """Return how much the comb of a part explains: its strength times its share of the band's lines."""
-    return part.strength * part.explained
 
 
 def _of_a_stronger_part(
@@ -405,22 +396,18 @@ def _part(seen: Sequence[tuple[BandEvidence, AssessedLine]], bearing: BearingOrd
         return plain
     harmonics, sidebands = _support(main, band, spacings)
     own = _own(others.orders, main.line.found, spacings, others.width)
-    in_band = ~others.of_shafts(band.orders)
-    mine = _own(band.orders[in_band], main.line.found, spacings, others.width)
-    power = band.depths[in_band] ** 2
     rest = np.flatnonzero(~own & (others.orders >= others.slowest))
     strongest = rest[np.argmax(others.strengths[rest])] if rest.size else None
     own_depth = max(main.depth, others.deepest(main.line.found))
     both = 2 if main.expected.kind == "rolling_element" else 0  # its two races may be struck unequally
-    standing = [one.measured for one in _family(band, line) if one is line or _stands_out(one)]
-    hidden = _comb_of_a_shaft(main.line.found, main.depth, band, others.setting) or _mains(standing, others)
+    found = main.line.found
+    hidden = _comb_of_a_shaft(found, main.depth, band, others.setting) or _mains(found, others)
     return replace(
         plain,
         strength=best,
         support=", ".join([*harmonics, *sidebands]),
         sidebands=len(sidebands),
         hidden_by=hidden or _explanation(main.line.found, own_depth, others, both),
-        explained=float(power[mine].sum() / power.sum()) if power.size and power.sum() else 1.0,
         other_order=0.0 if strongest is None else float(others.orders[strongest]),
         other_depth=0.0 if strongest is None else float(others.depths[strongest]),
         other_strength=0.0 if strongest is None else float(others.strengths[strongest]),
@@ -607,46 +594,43 @@ def mains_multiples(orders: Numbers, setting: Setting, reach_hz: float) -> list[
     return found
 
 
-def _mains(family: Sequence[MeasuredLine], others: _Others) -> str:
-    """Return of which mains a line is a harmonic, or an empty string.
-
-    In a short record many a line is near the mains by chance: there its own harmonics, which are as many times as far
-    from those of the mains, have to be near them, too.
-    """
+def _mains(order: float, others: _Others) -> str:
+    """Return of which mains a line is a harmonic, or an empty string; where a record tells them from all others."""
     setting = others.setting
-    reach_hz = 0.5 * others.width * setting.speed_hz
-    found = np.array([line.line.found for line in family])
-    for mains, multiples in mains_multiples(found, setting, reach_hz):
-        own = multiples[0] * np.array([line.expected.harmonic for line in family])
-        tolerance_hz = MAINS_ACCURACY * own * mains
-        near = np.abs(found * setting.speed_hz - own * mains) <= tolerance_hz + reach_hz
-        by_chance = 2 * (tolerance_hz[0] + reach_hz) / mains
-        sure = by_chance < _SELDOM or near.all()
-        if multiples[0] and sure and mains > _CHANCE_WIDTHS * others.width * setting.speed_hz:
-            return f"{found[0] * setting.speed_hz:.2f} Hz is {multiples[0]:.0f} times mains of {mains:g} Hz"
+    width_hz = others.width * setting.speed_hz
+    for mains, (multiple,) in mains_multiples(np.array([order]), setting, 0.5 * width_hz):
+        if multiple and mains > _CHANCE_WIDTHS * width_hz:
+            return f"{order * setting.speed_hz:.2f} Hz is {multiple:.0f} times mains of {mains:g} Hz"
     return ""
 
 
 def _explanation(order: float, depth: float, others: _Others, own_multiple: int) -> str:
     """Return which other line explains a line, or an empty string.
 
-    Of a line at half its depth or more it may be a harmonic, but for `own_multiple`; of a deeper one a sideband. Of
-    lines that a shaft spaces alike one is no sideband of another with which it is the deeper together with their
-    harmonics.
+    Of a line at half its depth or more it may be a harmonic, but for `own_multiple`; of a deeper one a sideband, unless
+    that is its own harmonic. Of lines that a shaft spaces alike one is no sideband of another with which it is the
+    deeper together with their harmonics.
     """
     whole = _together(order, depth, others)
     for other, size in _about_as_deep(order, depth, others):
         name = f"the line at {other:.3f}, which modulates by {size:.1%} and which it does not explain"
+        own = size <= RIVAL_FACTOR * depth and _is_harmonic(other, order, others)
         for multiple in range(1, _MULTIPLES + 1):
             if multiple not in {1, own_multiple} and abs(order - multiple * other) <= others.width:
                 return f"it is {multiple} times {name}"
-            carrier = size >= depth
+            carrier = size >= depth and not own
             sideband = _sideband(order, multiple * other, others) if carrier else None
             if sideband is not None and (multiple > 1 or _together(other, size, others) >= whole):
                 side, spacing = sideband
                 of = f"{multiple} times " if multiple > 1 else ""
                 return f"it is a sideband {side:+.0f} x {spacing:.3g} of {of}{name}"
     return ""
+
+
+def _is_harmonic(order: float, fundamental: float, others: _Others) -> bool:
+    """Whether a line is a harmonic of another, to a bin: by accident one in four is of the slowest that are judged."""
+    multiple = round(order / fundamental)
+    return 1 < multiple <= _CARRIED and abs(order - multiple * fundamental) <= others.width / MATCH_BINS
 
 
 def _together(order: float, depth: float, others: _Others) -> float:

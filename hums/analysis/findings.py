@@ -23,7 +23,7 @@ from collections.abc import Collection, Mapping, Sequence
 from dataclasses import dataclass, replace
 from typing import Any
 
-from hums.analysis.evidence import PartEvidence, comb_size, strength
+from hums.analysis.evidence import PartEvidence, strength
 from hums.analysis.healthy_machines import RAREST_STATED, HealthyMachines, healthy_machines, healthy_share_words
 from hums.analysis.thresholds import (
     FASTEST_SPIN,
@@ -59,8 +59,7 @@ class Finding:
     """Verdict on one kind of defect of one component, with the evidence in words and its strongest line.
 
     `depth` is the part of the band's level by which the line modulates it, `detectable_depth` the one that this record
-    would show, `explained` the share of all unexplained lines of the band that this part explains; NaN where a verdict
-    has none. `doubts` are what keeps it from being diagnosed, or judged.
+    would show; NaN where a verdict has none. `doubts` are what keeps it from being diagnosed, or judged.
     """
 
     component: str
@@ -76,7 +75,6 @@ class Finding:
     strength: float = math.nan
     depth: float = math.nan
     detectable_depth: float = math.nan
-    explained: float = math.nan
     doubts: str = ""
     severity: str = _UNKNOWN
     next_step: str = ""
@@ -84,23 +82,14 @@ class Finding:
 
 
 def findings(every: Sequence[Finding]) -> list[Finding]:
-    """Return the verdicts that name a part: diagnosed before indicated, bearings before gears, the deepest first.
-
-    A bearing that modulates no deeper than sound ones do comes last: among the impacts of a damaged tooth, whose
-    envelope has lines at all multiples of its shaft, one may pass for a race.
-    """
+    """Return the verdicts that name a part: diagnosed before indicated, bearings before gears, the deepest first."""
     named = [one for one in every if one.verdict in {DIAGNOSED, INDICATED}]
-
-    def of_kind(one: Finding) -> int:
-        if one.kind not in BEARING_KINDS:
-            return 1
-        return 2 if one.verdict == INDICATED and one.depth < FAULTY_DEPTH else 0
 
     return sorted(
         named,
         key=lambda one: (
             one.verdict != DIAGNOSED,
-            of_kind(one),
+            one.kind not in BEARING_KINDS,
             -(one.strength if math.isfinite(one.strength) else one.snr),
         ),
     )
@@ -336,7 +325,7 @@ def _doubts(part: PartEvidence, rivals: Sequence[PartEvidence]) -> list[str]:
     doubts += [
         f"{_kind_text(other.kind)} of {other.component}, of order {other.order:.3f}, may also produce this line"
         for other in {(one.component, one.kind): one for one in rivals}.values()
-        if _as_near(part, other) and RIVAL_FACTOR * comb_size(other) > comb_size(part)
+        if _as_near(part, other) and RIVAL_FACTOR * other.strength > part.strength
     ]
     return doubts
 
@@ -367,10 +356,7 @@ def _rivals(part: PartEvidence, others: Sequence[PartEvidence]) -> list[PartEvid
     return [
         other
         for other in others
-        if other.component == part.component
-        and other.kind != part.kind
-        and other.strength >= LEAST_STRENGTH
-        and part.kind != "cage" != other.kind
+        if other.component == part.component and other.kind != part.kind and other.strength >= LEAST_STRENGTH
     ]
 
 
@@ -425,7 +411,6 @@ def _named(part: PartEvidence, doubts: Sequence[str], probability: float, least_
         verdict=INDICATED if doubts else DIAGNOSED,
         evidence=evidence + ".",
         false_alarm_probability=probability,
-        explained=part.explained,
         doubts="; ".join(doubts),
         severity=f"{_UNKNOWN}; it modulates the band by {part.depth:.1%}",
         next_step=(
