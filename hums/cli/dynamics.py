@@ -13,12 +13,14 @@ if TYPE_CHECKING:
     from collections.abc import Callable
 
     from data_synth.dynamics.system import System
+    from data_synth.gears.mesh_stiffness import Stiffness
 
-_PICTURES = ("modes", "campbell")
+_PICTURES = ("modes", "campbell", "stability")
 _SIZES = {"module_mm": 3.0, "face_width_mm": 30.0, "pressure_angle_deg": 20.0}  # of meshes that declare none
 _LEAST_SHARE = 0.05  # of the kinetic energy, of a part that is named with a mode
 _SHOWN_MODES = 6
 _SPEEDS = 31  # of a Campbell diagram
+_HARMONICS = 8  # of a mesh stiffness, for the stability
 
 
 def dynamics(
@@ -32,6 +34,8 @@ def dynamics(
         ),
     ] = None,
     speed: Annotated[list[str] | None, typer.Option(metavar="LINK=RPM", help="Speed of a link; repeatable.")] = None,
+    stability: Annotated[bool, typer.Option("--stability", help="Add the parametric stability of each mesh.")] = False,
+    stability_speeds: Annotated[int, typer.Option(metavar="N", min=2, help="Number of speeds for it.")] = 40,
     kind: FigureFormat = "svg",
     force: Force = False,
 ) -> None:
@@ -44,6 +48,8 @@ def dynamics(
 
     if not (math.isfinite(top_rpm) and top_rpm > 0):
         raise UsageError(f"--rpm {top_rpm:g}: give the highest speed of the reference, in rpm, above 0.")
+    if out is None and stability:
+        raise UsageError("--out is missing; name the folder for the picture of the stability.")
     check_outputs((out / f"{name}.{kind}" for name in _PICTURES if out), inputs=[source], force=force)
     say("natural frequencies")
     system_at, assumed = _system_source(source, motions, speed)
@@ -68,6 +74,8 @@ def dynamics(
     save_picture(
         lambda ax: plot_campbell(diagram, ax=ax, harmonics=2), out / f"campbell.{kind}", (8.0, 5.0), force=force
     )
+    if stability:
+        _draw_stability(system, float(speeds[-1]), stability_speeds, out / f"stability.{kind}", force=force)
 
 
 def _energy(system: "System", shape: Any) -> dict[str, float]:  # noqa: ANN401  - an array
@@ -78,6 +86,72 @@ def _energy(system: "System", shape: Any) -> dict[str, float]:  # noqa: ANN401  
     for (body, _), share in zip(body_motions(system), shape * (system.mass @ shape), strict=True):
         parts[body] = parts.get(body, 0.0) + float(share)
     return {body: share for body, share in sorted(parts.items(), key=lambda part: -part[1]) if share >= _LEAST_SHARE}
+
+
+def _draw_stability(system: "System", top_rad_s: float, count: int, path: Path, *, force: bool) -> None:
+    """Draw the largest Floquet multiplier against speed, the meshes of one rate varying and all others at their mean.
+
+    Meshes of unlike rates have a common period of thousands of cycles, which nobody could draw.
+    """
+    from dataclasses import replace  # noqa: PLC0415
+
+    from data_synth.dynamics import Spring, stability_map  # noqa: PLC0415
+    from hums.plots import plot_stability_map  # noqa: PLC0415
+
+    growths = {}
+    for rate in dict.fromkeys(round(mesh.cycles_per_rev, 9) for mesh in system.meshes):
+        resting = [mesh for mesh in system.meshes if round(mesh.cycles_per_rev, 9) != rate]
+        held = [Spring(direction=mesh.direction, stiffness=mesh.stiffness.mean) for mesh in resting]
+        meshes = [mesh for mesh in system.meshes if round(mesh.cycles_per_rev, 9) == rate]
+        names = ", ".join(mesh.name for mesh in meshes)
+        varying = replace(
+            system,
+            meshes=tuple(replace(mesh, stiffness=_smooth(mesh.stiffness)) for mesh in meshes),
+            springs=(*system.springs, *held),
+        )
+        say(f"stability, {names}")
+        speeds = _stability_speeds(varying, rate, top_rad_s, count)
+        try:
+            growth = stability_map(lambda _, system=varying: system, parameters=[0.0], speeds_rad_s=speeds)  # type: ignore[misc]
+        except (ValueError, ArithmeticError) as error:
+            echo(f"note: stability of {names} not computed: {error}", err=True)
+            continue
+        growths[names] = growth
+        unstable = [f"{30 * speed / math.pi:.4g}" for speed in speeds[growth.unstable[0]]]
+        echo(f"{names}, parametrically unstable at, rpm: {', '.join(unstable) or 'none of these speeds'}")
+
+    def picture(names: str, *, ax: Any) -> None:  # noqa: ANN401
+        plot_stability_map(growths[names], ax=ax)
+        ax.set_title(names, loc="left", fontsize=8)
+
+    if growths:
+        pictures = several([partial(picture, names) for names in growths], columns=1)
+        save_picture(pictures, path, (8.0, 2.6 * len(growths) + 0.4), force=force)
+
+
+def _smooth(stiffness: "Stiffness") -> "Stiffness":
+    """Return a stiffness of hundreds of knots by its first harmonics, others as they are."""
+    from data_synth.gears.mesh_stiffness import fourier_series  # noqa: PLC0415
+
+    return stiffness if len(stiffness.jumps) <= _HARMONICS else fourier_series(stiffness, harmonics=_HARMONICS)
+
+
+def _stability_speeds(system: "System", rate: float, top_rad_s: float, count: int) -> Any:  # noqa: ANN401  - an array
+    """Return speeds up to the top: half of them even, the others where a mesh excites a sum of two modes.
+
+    There, where the mesh frequency is the sum of two natural frequencies (twice one of them first), lie the middles of
+    the principal regions of instability, which an even grid may miss.
+    """
+    import numpy as np  # noqa: PLC0415
+
+    from data_synth.dynamics import solve_modes  # noqa: PLC0415
+
+    natural = 2 * np.pi * np.asarray(solve_modes(system).frequencies_hz)
+    natural = natural[natural > 0]
+    sums = [*(2 * natural), *(natural[:, None] + natural)[np.triu_indices(natural.size, 1)]]
+    principal = [speed for speed in np.array(sums) / rate if 0 < speed <= top_rad_s][: count // 2]
+    even = np.linspace(0, top_rad_s, count - len(principal) + 1)[1:]
+    return np.unique(np.concatenate([even, principal]))
 
 
 def _system_source(

@@ -121,6 +121,10 @@ SETTINGS = SHARED_SETTINGS | {
         typer.Option("--freeze-baseline", help="Do not update the baseline (NA4*, NB4*)."),
     ),
     "max_order": (float | None, typer.Option(help="Highest order of the order spectrum.")),
+    "track_bandwidth_orders": (
+        float | None,
+        typer.Option("--track-bandwidth", help="Bandwidth of the amplitude tracks in orders. Default: the likeliest."),
+    ),
     "velocity_limits_mm_s": (
         Optional[tuple[float, float, float]],  # noqa: UP045
         typer.Option(

@@ -43,7 +43,7 @@ ROWS = [
     (0, "bearings 6205"), (1, "bearings none"), (2, "bearings 6205 6206"),
     (0, "schema scene"), (2, "schema scenery"),
     (0, "drawing two-stage -o out/m.svg"), (1, "drawing damaged.h5 -o m.svg"), (2, "drawing two-stage"),
-    (0, "dynamics wijianto-pair -o out --motions torsion"),
+    (0, "dynamics wijianto-pair -o out --motions torsion"), (2, "dynamics two-stage --stability"),
     (2, "dynamics wijianto-pair -o out --rpm 0"),
     (0, "synth scene.toml -o new.h5"), (1, "synth damaged.h5 -o new.h5"), (2, "synth scene.toml"),
     (0, "dataset plan.toml -o out"), (1, "dataset scene.toml -o out"), (2, "dataset plan.toml -o out --workers none"),

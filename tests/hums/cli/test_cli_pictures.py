@@ -1,6 +1,7 @@
 """The commands that draw, in process: which files they write, what they print, and how they fail."""
 
 import logging
+import math
 import subprocess
 import sys
 
@@ -115,3 +116,18 @@ def test_orders_in_hz(run):
 def test_python_m_hums():
     shown = subprocess.run([sys.executable, "-m", "hums", "--version"], capture_output=True, text=True, check=True)
     assert shown.stdout.startswith("hums ")
+
+
+def test_stability_of_wijianto(run, tmp_path):
+    # undamped, the pair is unstable at mesh frequencies from 1256.6497 to 1502.8244 rad/s, twice the second natural
+    # frequency between them (Floquet, fifty digits); the pinion has 36 teeth
+    words = ("--stability", "--stability-speeds", 12, "--rpm", 500, "-o", tmp_path)
+    code, out, err = run("dynamics", "wijianto", *words)
+    assert code == 0
+    assert "note" not in err
+    (line,) = (line for line in out.splitlines() if "unstable" in line)
+    rpm = [float(number) for number in line.partition(":")[2].split(",")]
+    mesh_rad_s = [36 * speed * math.pi / 30 for speed in rpm if 36 * speed * math.pi / 30 > 1000]  # above the next one
+    assert all(1256.6497 < frequency < 1502.8244 for frequency in mesh_rad_s)
+    assert min(abs(frequency - 2 * 692.22774872) for frequency in mesh_rad_s) < 1  # four figures are printed
+    assert (tmp_path / "stability.svg").exists()
