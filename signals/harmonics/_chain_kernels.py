@@ -74,7 +74,7 @@ def filter_forward(
 ) -> float:  # fmt: skip
     """Filter some nodes; return the sum over the increments of `log det(I + Q J)`, NaN where J is not positive.
 
-    The data of the nodes are (node or 1, state state) information H^T H and (node, state lane) score H^T y. `process`,
+    The data of the nodes are (node, state state) information H^T H and (node, state lane) score H^T y. `process`,
     (node or 1, width), holds the variances of the increments that follow each node. The (state, state) matrix J and the
     (state, lane) vector j are those at the first node before its data, and become those at the node after the last.
     Filled are, with what `_add_increment` finds, gains (node or 1, width, state), variances (node or 1, width) and
@@ -84,9 +84,8 @@ def filter_forward(
     matrix, vector = J.reshape(-1), j.reshape(-1)
     exponent, mantissa = 0, 1.0  # of the product of the losses, which has one logarithm
     for node in range(len(score)):
-        known = min(node, len(information) - 1)
         for i in range(matrix.size):  # update: J + H^T H, j + H^T y
-            matrix[i] += information[known, i]
+            matrix[i] += information[node, i]
         for i in range(vector.size):
             vector[i] += score[node, i]
         q, at = process[min(node, len(process) - 1)], min(node, len(gains) - 1)
@@ -143,10 +142,10 @@ def smooth_backward(
             for b in range(size):
                 P[a, b] = P[b, a] = row[b]
             P[a, a] = row[a] - whole + shares[node, a]
-        data, explained[node] = information[min(node, len(information) - 1)], 0.0
+        explained[node] = 0.0
         for a in range(size):
             for b in range(size):
-                explained[node] += data[a * size + b] * P[a, b]
+                explained[node] += information[node, a * size + b] * P[a, b]
         for a in range(width):
             variances[node, a] = P[first + a, first + a]
             for lane in range(lanes):

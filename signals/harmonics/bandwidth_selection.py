@@ -23,11 +23,11 @@ import numpy as np
 
 from signals._validation import checked, positive, real_array, whole
 from signals.harmonics._arguments import check_noise_variance, check_orders, check_record
-from signals.harmonics._chain_kernels import filter_forward
 from signals.harmonics.bandwidth import MOST_POLES, quadrature_noise, variance_ratio
 from signals.harmonics.block_grid import Grid
 from signals.harmonics.block_smoother import BlockFit, block_length, scattered_share
 from signals.harmonics.coupling import WithoutOthers, chain_alone, chain_together
+from signals.harmonics.node_chain import Information, filter_nodes, integrate_out
 from signals.harmonics.noise_density import noise_density
 from signals.harmonics.separability import Closeness, components
 from signals.harmonics.state_space import PRIOR_STD, Flags, Floats, HarmonicModel, Indices, Order, lost
@@ -37,7 +37,7 @@ if TYPE_CHECKING:
 
     from numpy.typing import ArrayLike, NDArray
 
-    from signals.harmonics.node_chain import NodeChain, NodeInformation
+    from signals.harmonics.node_chain import NodeChain
 
 _LEAST_SHARE = 1e-3  # of the bandwidth that a record can show
 
@@ -70,7 +70,7 @@ class ChainLikelihood:
     chain: NodeChain
 
     @cached_property
-    def measured(self) -> NodeInformation:
+    def measured(self) -> tuple[Floats, Floats]:
         """Information in the data."""
         return self.chain.measured(slice(0, self.chain.nodes))
 
@@ -84,16 +84,13 @@ class ChainLikelihood:
         ratio = variance_ratio(np.minimum(np.asarray(bandwidth) * self.length, 1.0), self.model.poles)
         columns = len(self.chain.before.matrix) // max(2, self.model.poles)  # one where orders share it
         process = (ratio * self.noise)[self.model.order_of_column[:columns]][None]
-        matrix, vector = (values.copy() for values in self.chain.before)
-        squares, width = np.zeros(vector.shape[1]), process.shape[1]
-        last = np.empty((1, width, len(matrix))), np.empty((1, width)), np.empty((1, width, vector.shape[1]))
-        log_determinant = filter_forward(*self.measured, process, self.model.poles == 1, matrix, vector, *last, squares)
+        state = Information(*(values.copy() for values in self.chain.before))
+        (size, lanes), width = state.vector.shape, process.shape[1]
+        last, squares = (np.empty((1, width, size)), np.empty((1, width)), np.empty((1, width, lanes))), np.zeros(lanes)
+        log_determinant = filter_nodes(*self.measured, process, self.model.poles == 1, *state, *last, squares)
         # 2 log L = j J^-1 j + the filter's completed squares - log det J - the sum of log det(I + Q J)
-        sign, rest = np.linalg.slogdet(matrix)
-        if np.isnan(log_determinant) or sign <= 0:
-            raise np.linalg.LinAlgError("information matrix is not positive definite")
-        squares += np.sum(vector * np.linalg.solve(matrix, vector), axis=0)
-        return np.asarray((squares - log_determinant - rest) / 2)
+        log_determinant += integrate_out(state, squares)[0]
+        return np.asarray((squares - log_determinant) / 2)
 
 
 @checked

@@ -24,14 +24,12 @@ from collections.abc import Callable
 from dataclasses import dataclass
 from functools import lru_cache
 from math import isqrt
-from typing import NamedTuple
+from typing import Any, NamedTuple
 
 import numpy as np
 
 from signals.harmonics._chain_kernels import filter_forward, smooth_backward
 from signals.harmonics.state_space import Floats
-
-Gram = Floats | Callable[[slice], Floats]
 
 # Numbers of a segment of nodes that are kept for the way back, some 30 MB; more are made again, segment by segment.
 KEPT_NUMBERS = 1 << 22
@@ -56,31 +54,23 @@ class NodeChain:
     To save memory, `gram` and `data` may be functions from a range of nodes to such arrays.
     """
 
-    # (node or 1, moment, width, width) moments of the products of the regressors of the levels: one node stands for all
-    gram: Gram
+    # (node, moment, width, width) moments of the products of the regressors of the levels
+    gram: Floats | Callable[[slice], Floats]
     data: Floats | Callable[[slice], Floats]  # (node, pole, width, lane) moments of regressors times data
     nodes: int  # how many
     process_noise: Floats  # (node or 1, width) variances of the increments that follow each node
     before: Information  # on the state at the first node before its data
 
-    def measured(self, nodes: slice) -> "NodeInformation":
-        """Return the information in the data of a range of nodes."""
-        one = not callable(self.gram) and len(self.gram) == 1
-        gram = self.gram(nodes) if callable(self.gram) else self.gram if one else self.gram[nodes]
+    def measured(self, nodes: slice) -> tuple[Floats, Floats]:
+        """Return the information in a range of nodes' data: J, (node, state state), and j, (node, state lane)."""
+        gram = self.gram(nodes) if callable(self.gram) else self.gram[nodes]
         data = self.data(nodes) if callable(self.data) else self.data[nodes]
-        (known, moments, width, _), (count, poles, _, lanes) = gram.shape, data.shape
+        (_, moments, width, _), (count, poles, _, lanes) = gram.shape, data.shape
         (basis, products), size = newton_basis(poles), poles * width
-        pairs = products.reshape(poles**2, moments) @ gram.reshape(known, moments, width**2)
-        information = pairs.reshape(known, poles, poles, width, width).swapaxes(2, 3)
+        pairs = products.reshape(poles**2, moments) @ gram.reshape(count, moments, width**2)
+        information = pairs.reshape(count, poles, poles, width, width).swapaxes(2, 3)
         score = basis @ data.reshape(count, poles, width * lanes)
-        return NodeInformation(information.reshape(known, size**2), score.reshape(count, size * lanes))
-
-
-class NodeInformation(NamedTuple):
-    """Information at nodes: J, (node or 1, state state), and j, (node, state lane)."""
-
-    matrices: Floats
-    vectors: Floats
+        return information.reshape(count, size**2), score.reshape(count, size * lanes)
 
 
 class SmoothedChain(NamedTuple):
@@ -106,6 +96,25 @@ def newton_basis(poles: int) -> tuple[Floats, Floats]:
     return basis, np.array([[np.convolve(one, other) for other in basis] for one in basis])
 
 
+def filter_nodes(*arguments: *tuple[Any, ...]) -> float:
+    """Run `filter_forward`, or refuse information that is not positive definite in double precision."""
+    log_determinant = filter_forward(*arguments)
+    if np.isnan(log_determinant):
+        raise np.linalg.LinAlgError("information matrix is not positive definite")
+    return log_determinant
+
+
+def integrate_out(state: Information, squares: Floats) -> tuple[float, tuple[Floats, Floats, Floats]]:
+    """Integrate out the state, as if an independent one of unit variance replaced it.
+
+    Returns log det J, and the gains, variances and offsets of `filter_forward`; `squares` grows by `j . J^-1 j`.
+    """
+    size, lanes = state.vector.shape
+    none = np.zeros((1, size**2)), np.zeros((1, size * lanes))
+    filled = np.empty((1, size, size)), np.empty((1, size)), np.empty((1, size, lanes))
+    return filter_nodes(*none, np.ones((1, size)), True, *state, *filled, squares), filled
+
+
 def smooth_chain(chain: NodeChain) -> SmoothedChain:
     """Smooth a chain.
 
@@ -119,29 +128,26 @@ def smooth_chain(chain: NodeChain) -> SmoothedChain:
     found = np.empty((chain.nodes, width, lanes)), np.empty((chain.nodes, width)), np.empty(chain.nodes)
     gains, variances, squares = np.empty((length, width, size)), np.empty((length, width)), np.zeros(lanes)
 
-    def filtered(segment: slice, state: Information) -> NodeInformation:
-        data, offsets, process = chain.measured(segment), found[0][segment], chain.process_noise
+    def filtered(segment: slice, state: Information) -> Floats:
+        (information, score), offsets, process = chain.measured(segment), found[0][segment], chain.process_noise
         if len(process) > 1:
             process = process[np.arange(segment.start, segment.stop).clip(0, len(process) - 1)]
         filled = gains[: len(offsets)], variances[: len(offsets)], offsets
-        if np.isnan(filter_forward(*data, process, False, *state, *filled, squares)):
-            raise np.linalg.LinAlgError("information matrix is not positive definite")
-        return data
+        filter_nodes(information, score, process, False, *state, *filled, squares)
+        return information
 
     state, starts = Information(*(values.copy() for values in chain.before)), list[Information]()
     for segment in segments:
         starts.append(Information(*(values.copy() for values in state)))
-        data = filtered(segment, state)
+        information = filtered(segment, state)
     row, covariance, mean = np.empty(size), np.eye(size), np.zeros((size, lanes))
-    # The state after the last node, given what follows: nothing, as if an independent one replaced it.
-    none = np.zeros((1, size**2)), np.zeros((1, size * lanes))
-    end = np.empty((1, size, size)), np.empty((1, size)), np.empty((1, size, lanes))
-    filter_forward(*none, np.ones((1, size)), True, *state, *end, squares)
-    smooth_backward(none[0], *end[:2], covariance, mean, row, end[2], np.empty((1, size)), np.empty(1))
+    _, end = integrate_out(state, squares)
+    unused = np.empty((1, size)), np.empty(1)
+    smooth_backward(np.zeros((1, size**2)), *end[:2], covariance, mean, row, end[2], *unused)
     for segment, start in zip(reversed(segments), reversed(starts), strict=True):
         if segment is not segments[-1]:
-            data = filtered(segment, start)
+            information = filtered(segment, start)
         some = slice(0, segment.stop - segment.start)
         own = (values[segment] for values in found)
-        smooth_backward(data.matrices, gains[some], variances[some], covariance, mean, row, *own)
+        smooth_backward(information, gains[some], variances[some], covariance, mean, row, *own)
     return SmoothedChain(*found)

@@ -22,8 +22,6 @@ NEAR = 0.25
 # Segments of the record over which speeds are averaged when orders are compared; fewer for more orders than these.
 SEGMENTS = 512
 ORDERS_OF_ALL = 40
-# Distances that are computed at a time: they stay in a near cache.
-DISTANCES_AT_ONCE = 1 << 13
 
 
 def distances(one: Floats, others: Floats) -> Floats:
@@ -95,11 +93,8 @@ class Closeness:
     def nearest(self) -> Floats:
         """(order, order) array, least distances to the others, and on the diagonal to the order's own image."""
         distance = np.diag(distances_to_images(self.model.orders, self.frequency).min(axis=1))
-        one, other = np.tril_indices(len(distance), -1)
-        at_once = max(1, DISTANCES_AT_ONCE // self.frequency.shape[1])
-        for first in range(0, one.size, at_once):
-            a, b = one[first : first + at_once], other[first : first + at_once]
-            distance[a, b] = distance[b, a] = distances(self.frequency[a], self.frequency[b]).min(axis=1)
+        for k in range(1, len(distance)):
+            distance[k, :k] = distance[:k, k] = distances(self.frequency[k], self.frequency[:k]).min(axis=1)
         return distance
 
     def received(self, gain: Gain, amplitude: Floats) -> Floats:
