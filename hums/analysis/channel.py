@@ -283,6 +283,8 @@ def _with_passed_mains(lines: Sequence[MeasuredLine], segment: Segment) -> list[
     A line of constant frequency f and amplitude A leaves ``A |sum w exp(2 pi j (f t - order revolutions))| / sum w`` at
     an order, most of it where the speed dwells at f over the order.
     """
+    if setting_of(segment.machine).steady:  # a line of constant frequency is one of constant order
+        return list(lines)
     when, phase = segment.when, segment.machine.phase
     start_s, stop_s = max(phase.start_s, when.start_s), min(phase.stop_s, when.start_s + when.count / when.rate_hz)
     slowest_hz, fastest_hz = float(min(segment.machine.speeds_hz)), float(max(segment.machine.speeds_hz))

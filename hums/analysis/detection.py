@@ -121,6 +121,12 @@ class LineAssessor:
         base = stronger.line.found
         name = f"{stronger.expected.component} {stronger.expected.kind.replace('_', ' ')}"
         impacts = least is None or RIVAL_FACTOR * least >= weaker.line.amplitude
+        carried = weaker.expected.component.startswith(f"{stronger.expected.component}/")
+        if carried and (stronger.expected.kind, stronger.expected.harmonic) == ("gear_mesh", weaker.expected.harmonic):
+            # the sidebands of a mesh follow from where it was found; a nominal speed leaves room for other lines
+            place = weaker.expected.order * base / stronger.expected.order
+            if not _near(weaker, place):
+                return f"off the sidebands of {name}, the nearest of which is at {place:.4g}"
         if weaker.expected.kind in {"gear_mesh", "shaft"} or _is_comb(weaker):
             return f"not to be told from {name}" if _near(weaker, base, bins=1.0) else ""
         if stronger.expected.kind == "shaft" or _is_comb(stronger):
