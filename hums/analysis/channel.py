@@ -20,7 +20,6 @@ from hums.analysis.expected_lines import (
     ExpectedLine,
     MeasuredLine,
     envelope_sidebands,
-    narrowed,
     search,
 )
 from hums.analysis.gear_damage import GearJudgement, ToothEnvelope, gear_damage, gear_indicators, most_conspicuous
@@ -201,7 +200,6 @@ def analyse_channel(
         seen=settings.false_alarm_probability,
     )
     lines = _with_passed_mains(lines, max(read_anew(segments), key=lambda one: one.turns))
-    in_envelopes = narrowed(in_envelopes, lines)
     best, seen, evidence = _assessed_envelopes(
         envelopes, segments, machine, in_envelopes, lines, settings, searches=len(bands), background_width=width
     )

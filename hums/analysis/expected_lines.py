@@ -2,10 +2,8 @@
 
 import math
 from collections.abc import Iterable, Iterator
-from dataclasses import dataclass, replace
+from dataclasses import dataclass
 from functools import lru_cache
-
-import numpy as np
 
 from hums.gearbox.defect_orders import BEARING_KINDS, DefectOrder, defects
 from hums.gearbox.kinematics import Kinematics
@@ -15,13 +13,7 @@ from signals.spectra.spectra import AmplitudeSpectrum
 ORDER_SPECTRUM, ENVELOPE = "order_spectrum", "envelope"
 TOOTH_KINDS = ("tooth", "planet_tooth")
 LOBE_BINS = 2.0  # half width of the main lobe
-LOCKED_KINDS = ("shaft", "gear_mesh")
 _SAME_ORDER = 1e-9
-_CERTAIN = 0.01  # probability that noise alone makes a line, below which it states the speed
-_FEWEST_LOCKED = (
-    6  # of which half agree by chance, within a tenth of the tolerance, less than once in a hundred records
-)
-_SPREADS = 5.0  # median deviations: three standard deviations and half of one for the smallest scatter of few lines
 # Jitter of a once-per-revolution tachometer spreads a mesh line over half an order on either side; the background of
 # its sidebands is therefore also measured this close to them.
 # In an envelope a level that wanders fills the lowest orders: a line there is also compared with what lies within half
@@ -254,31 +246,6 @@ def _closer(line: ExpectedLine) -> float:
     if line.spectrum == ENVELOPE:
         return line.order / 2
     return _CLOSE_ORDERS if line.kind == "tooth" else math.nan
-
-
-def narrowed(expected: Iterable[ExpectedLine], measured: Iterable[MeasuredLine]) -> list[ExpectedLine]:
-    """Return expected lines of shafts and teeth with no wider a search than measured shafts and meshes leave.
-
-    At a declared speed each line is searched for within the tolerance of that speed. All of them are as far from
-    nominal, so that those which stand out in the order spectrum state it for the others, where half of at least
-    `_FEWEST_LOCKED` agree.
-    """
-    offsets = [
-        line.line.found / line.expected.order - 1
-        for line in measured
-        if line.expected.kind in LOCKED_KINDS and line.line.false_alarm_probability < _CERTAIN
-    ]
-    if len(offsets) < _FEWEST_LOCKED:
-        return list(expected)
-    middle = float(np.median(offsets))
-    spread = float(np.median(np.abs(np.array(offsets) - middle)))
-    most = abs(middle) + _SPREADS * spread
-    return [
-        replace(line, tolerance=min(line.tolerance, most * line.order))
-        if line.kind in {*LOCKED_KINDS, *TOOTH_KINDS}
-        else line
-        for line in expected
-    ]
 
 
 def is_support(line: MeasuredLine) -> bool:
