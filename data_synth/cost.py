@@ -23,8 +23,8 @@ from data_synth.vibration.run import Motion, contacts_in, motion_of
 from signals._validation import checked
 
 # Seconds on one core of a 2020s server, from runs of the demo and of scenes with many lines; a rough guide elsewhere.
-_SETUP_S, _WRITE_S, _WRITE_S_PER_BYTE = 0.02, 0.05, 2e-9
-_PER_LINE, _PER_SOURCE, _PER_POLE, _PER_NOISE = 0.5e-9, 8e-9, 5e-9, 12e-9  # s a sample and channel
+_SETUP_S = 0.07  # with the file
+_PER_LINE, _PER_CHANNEL = 0.5e-9, 60e-9  # s a sample, of a line in a channel, and for noise, impacts and writing
 _TEETH_S = 0.3  # s for teeth of gears that vibrate, and s a step of time, for each motion, and each pair of meshes:
 _PER_STEP, _PER_DEGREE, _PER_PAIR = 0.09e-6, 0.018e-6, 0.02e-6
 _PER_PROJECTED = 1.4e-6  # s a sample and channel, for the lines of gears in motion
@@ -151,10 +151,12 @@ def explain(
         choice = chosen(motion)
         gears, vibrating = (
             tuple(_gears(motion, choice)),
-            0 if choice.linear else _GEAR_COPIES * BYTES * samples * channels,
+            _GEAR_COPIES * BYTES * samples * channels * (not choice.linear),
         )
         stage = with_gear_lines(stage, motion, choice)
-        candidates = candidates_of(declared, top=_top_order(stage), mixed=False).orders.size
+        candidates = candidates_of(
+            declared, top=declared.rate_hz / 2 / stage.drive.angle.top_speed_hz(0.0, declared.duration_s), mixed=False
+        ).orders.size
         projected = min(candidates, round(_PROJECTED * math.sqrt(candidates)))
     lines = sum(amplitudes[:, :, 0].size for amplitudes in stage.amplitudes) + channels * projected
     lines += sum(amplitudes[:, :, 0].size for _, _, amplitudes in impact_lines(stage))
@@ -170,16 +172,11 @@ def explain(
             f"{declared.rate_hz:g} Hz, {samples} samples each"
         ),
         parts=parts,
-        seconds=_SETUP_S + _WRITE_S + _WRITE_S_PER_BYTE * record_bytes + sum(part.seconds for part in parts),
+        seconds=_SETUP_S + sum(part.seconds for part in parts),
         record_bytes=record_bytes,
         truth_bytes=amplitudes + events,
         working_bytes=_LINE_COPIES * amplitudes + events + vibrating + _FIXED_BYTES,
     )
-
-
-def _top_order(stage: PreparedScene) -> float:
-    """Return the Nyquist order at top speed."""
-    return stage.scene.rate_hz / 2 / stage.drive.angle.top_speed_hz(0.0, stage.scene.duration_s)
 
 
 def _parts(stage: PreparedScene, scene: Scene, time_factor: float) -> Iterator[Part]:
@@ -198,7 +195,7 @@ def _parts(stage: PreparedScene, scene: Scene, time_factor: float) -> Iterator[P
             name=family.component,
             what=f"{lines} line(s) from order {_first(family):.6g}",
             why=_why(family, faulty),
-            seconds=samples * (_PER_LINE * family.coefficients.shape[0] + _PER_SOURCE),
+            seconds=samples * _PER_LINE * family.coefficients.shape[0],
         )
     for number, train in stage.trains:
         yield _struck(stage, scene, number, train, time_factor)
@@ -206,7 +203,7 @@ def _parts(stage: PreparedScene, scene: Scene, time_factor: float) -> Iterator[P
         yield Part(name=transfer.source, what=f"way of its own to {transfer.sensor}", why=_way(transfer))
     for sensor in scene.sensors:
         yield Part(
-            name=sensor.name, what=f"sensor on {sensor.on}", why=_chain(sensor), seconds=scene.samples * _PER_NOISE
+            name=sensor.name, what=f"sensor on {sensor.on}", why=_chain(sensor), seconds=scene.samples * _PER_CHANNEL
         )
     errors = ("uneven", "missing", "spurious", "jitter", "delay_s", "clock_ppm")
     spoilt = [name for name in errors if getattr(scene.tachometer, name)]
@@ -230,13 +227,12 @@ def _outside(scene: Scene) -> Iterator[Part]:
 
 def _struck(stage: PreparedScene, scene: Scene, number: int, train: ImpactTrain, time_factor: float) -> Part:
     """Return a train of impacts as a part."""
-    fault, poles = scene.faults[number], sum(2 + chain.poles.size for chain in stage.chains) / 2
+    fault = scene.faults[number]
     what = _counted(train.revolutions.size, time_factor, "entries" if train.is_entry else "impacts")
     by_paths = all((train.source, sensor.name) in stage.paths for sensor in scene.sensors)
     rings = "by its measured transfer paths" if by_paths else f"rings {scene.resonance.frequency_hz:g} Hz"
     why = f"fault {number + 1}, {fault.kind}: {rings}"
-    seconds = scene.samples * poles * _PER_POLE
-    return Part(name=train.component, what=what, why=why, seconds=seconds)
+    return Part(name=train.component, what=what, why=why)
 
 
 def _way(transfer: Transfer) -> str:

@@ -10,8 +10,7 @@ from numpy.typing import ArrayLike
 
 from data_synth.gears.quality import cumulative_pitch_m, runout_tolerance_m, single_pitch_tolerance_m
 from data_synth.kinematic.gear_faults import SIDEBAND_CUTOFF, fold_negative_orders
-from data_synth.kinematic.harmonics import HarmonicFamily, RotatingForce
-from data_synth.kinematic.shaft_faults import shaft_fault_family
+from data_synth.kinematic.harmonics import HarmonicFamily, RotatingForce, shaft_fault_family
 from data_synth.operation.shaft_angle import Array
 from data_synth.scene.imperfections import GearQuality, Imperfections, RaceWaviness, ResidualImbalance
 from data_synth.scene.random_streams import RandomStreams

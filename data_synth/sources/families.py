@@ -7,10 +7,9 @@ import numpy as np
 
 from data_synth.kinematic.bearing_faults import bearing_impact_trains
 from data_synth.kinematic.gear_faults import ImpactTrain, damage_trains, gear_damage_family
-from data_synth.kinematic.harmonics import HarmonicFamily
+from data_synth.kinematic.harmonics import HarmonicFamily, shaft_fault_family
 from data_synth.kinematic.imperfect_parts import imbalance_family, imperfect_families
 from data_synth.kinematic.planet_pass import with_planet_pass
-from data_synth.kinematic.shaft_faults import shaft_fault_family
 from data_synth.operation.drive import Drive
 from data_synth.operation.shaft_angle import Array
 from data_synth.scene.faults import Chipping, FaultyGear, GearDamage, GearFault, Misalignment

@@ -4,7 +4,7 @@ import numpy as np
 import pytest
 from numpy.testing import assert_allclose
 
-from data_synth.kinematic.shaft_faults import shaft_fault_family
+from data_synth.kinematic.harmonics import shaft_fault_family
 from data_synth.transfer.paths import AnalogFilter, line_amplitudes
 
 
