@@ -8,6 +8,7 @@ from functools import cache
 import numpy as np
 import pytest
 from counting import calls
+from gearboxes import without_sizes
 from numpy.testing import assert_allclose
 
 from data_synth import Scene, load_scene, simulate
@@ -15,7 +16,7 @@ from data_synth.scene.faults import FAULT_KINDS
 from hums.records.store import save_record
 
 BASE = {
-    "gearbox": "two-stage",
+    "gearbox": without_sizes("two-stage"),
     "rate_hz": 20_000,
     "duration_s": 0.5,
     "fidelity": "kinematic",
