@@ -24,6 +24,7 @@ from hums.fleet.observation import Observation, seconds_since_1970
 from hums.fleet.series import (
     WHOLE_SIGNAL,
     Series,
+    SeriesValues,
     component_parts,
     layout_of,
     limit_table,
@@ -291,7 +292,9 @@ def _nothing_new(state: MachineState, seen: Observation) -> str:
         return f"recorded at {seen.recorded_at}, before the latest record; watch records in the order of time"
     if not seen.values:
         return ""
-    digest = hashlib.sha256(np.sort(list(seen.values.values())).tobytes()).hexdigest()[:16]
+    values = seen.values
+    numbers = values.numbers if isinstance(values, SeriesValues) else np.array(list(values.values()))
+    digest = hashlib.sha256(np.sort(numbers).tobytes()).hexdigest()[:16]
     if digest in (*state.learned, state.latest):
         return "watched before: its indicators are those of an earlier record to the last digit"
     state.latest = digest
@@ -486,12 +489,9 @@ def driving_series(epoch: Epoch, seen: Observation, component: str, *, most: int
         return ()
     at = np.array([seen.covariates[name] for name in epoch.covariates])
     reading = epoch.normal.read(vector(seen.values, epoch.series), _logarithms(at))
-    away = {
-        key: float(departure)
-        for key, departure in zip(epoch.series, reading.departures, strict=True)
-        if watched_component(key) == component and math.isfinite(departure)
-    }
-    return tuple(sorted(away, key=lambda key: -away[key])[:most])
+    ranked = np.argsort(-_comparable(reading.departures), kind="stable")
+    found = [epoch.series[i] for i in ranked if math.isfinite(reading.departures[i])]
+    return tuple([key for key in found if watched_component(key) == component][:most])
 
 
 def _alarm(
