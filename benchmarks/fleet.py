@@ -289,8 +289,9 @@ are measured where a table says so, with a tenth of their deviations as an error
 
 **The prior** (`hums/fleet/prior.json`, `--learn-prior`) has deviations of indicators, and the limits at which healthy
 machines with baselines of 2 to 1,000 records raise the stated number of alarms, of bearing evidence and of all other
-scores; the limits it ships with come from a simulated model of such scores. Healthy fleets below are made of analyses of {unseen_machines} other machines, of a seed of their own, from
-which nothing is learned. All are of one gearbox and one plan. Nothing is tuned to measured records.
+scores; the limits it ships with come from a simulated model of such scores. Healthy fleets below are made of analyses
+of {unseen_machines} other machines, of a seed of their own, from which nothing is learned. All are of one gearbox and
+one plan. Nothing is tuned to measured records.
 """
 
 
