@@ -1,10 +1,13 @@
 """Sphinx configuration: ``sphinx-build -j auto -W --keep-going docs docs/_build/html``."""
 
 import re
+import subprocess
 import sys
 from importlib import import_module
 from importlib.metadata import version as installed_version
 from pathlib import Path
+from shutil import which
+from tempfile import TemporaryDirectory
 
 from sphinx.application import Sphinx
 
@@ -136,6 +139,20 @@ def _write_api() -> None:
 _write_api()
 
 
+def _picture_the_demo(app: Sphinx, error: Exception | None) -> None:
+    """Replace the picture of the demo's report by that of today's program, where there is a browser to take it."""
+    browser, picture = which("chromium"), Path(app.outdir, "_images", "report.png")
+    if error or browser is None or not picture.exists():
+        return
+    with TemporaryDirectory() as folder:
+        demo = (sys.executable, "-m", "hums", "demo", "-o", f"{folder}/demo")
+        size = ("--headless", "--no-sandbox", "--hide-scrollbars", "--window-size=1280,1760")
+        then = ("--virtual-time-budget=20000", f"--screenshot={picture}", f"{folder}/demo/report.html")
+        for command in (demo, (browser, *size, *then)):
+            subprocess.run(command, check=True, capture_output=True)  # noqa: S603
+
+
 def setup(app: Sphinx) -> None:
     """Let `-j` read pages side by side: the one extension that does not say so copies files when all are written."""
     app.extensions["sphinx-mathjax-offline"].parallel_read_safe = True
+    app.connect("build-finished", _picture_the_demo)

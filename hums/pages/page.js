@@ -141,7 +141,11 @@ const pages = (() => {
       canvas.addEventListener("keydown", (event) => keys(figure, event));
     }
     addEventListener("load", () => requestIdleCallback(() => {
-      for (const figure of figures.values()) watch.observe(figure.canvas);
+      for (const figure of figures.values()) {
+        const {top, height} = figure.canvas.getBoundingClientRect();
+        if (height && top < innerHeight) draw(figure);  // needs no frame, which a browser without a screen may not give
+        else watch.observe(figure.canvas);
+      }
       requestIdleCallback(loadLibrary);  // so that figures further down are drawn at once
     }, {timeout: 500}));
     let width = innerWidth;

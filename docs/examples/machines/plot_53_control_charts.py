@@ -2,26 +2,27 @@
 Control charts of a machine
 ===========================
 
-The score of a component, record by record: normal for 60 records, then a fault grows by a twentieth of a standard
+The score of a component, record by record: normal for 60 records, then a fault grows by a tenth of a standard
 deviation per record. EWMAs with weights 1, 0.2 and 0.05 and a cumulative sum monitor it. The condition index is the
-largest of the four over its limit, at which a component of normal, independent scores raises one alarm in 10,000
-records.
+largest EWMA over its limit, at which a healthy machine of one component with a baseline of 30 records raises one alarm
+in 10,000 records.
 """
 
 import matplotlib.pyplot as plt
 import numpy as np
 
-from signals.monitoring.limits import HealthyScores, chart_limits
+from hums.fleet.series import limit_table
+from signals.monitoring.limits import machine_limits
 
 records, began = np.arange(120), 60
-growth = 0.05 * np.clip(records - began, 0, None)
+growth = 0.1 * np.clip(records - began, 0, None)
 scores = np.random.default_rng(1).normal(size=records.size) + growth
-limits = chart_limits(30, 10_000, HealthyScores())
-state, charts, index = limits.charts.start(), [], []
+limits = machine_limits(limit_table(), np.array([30.0]), 10_000, (0,))
+state, charts, index = limits.charts.start((1,)), [], []
 for score in scores:
-    state = limits.charts.step(state, score)
-    charts.append(state.values)
-    index.append(float(limits.index(state)))
+    state = limits.charts.step(state, np.array([score]))
+    charts.append(state.values[:, 0])
+    index.append(float(limits.index(state)[0]))
 alarm = int(np.argmax(np.array(index) > 1))
 print(f"the fault begins at record {began}, the alarm comes at {alarm}")
 
