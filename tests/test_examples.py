@@ -5,10 +5,10 @@ import importlib
 import inspect
 import pkgutil
 import pydoc
-from functools import cache
 from typing import Any
 
 import pytest
+from attacks.call_cases import set_up
 
 PACKAGES = (
     "signals",
@@ -47,22 +47,12 @@ def _exports() -> list[Any]:
     return found
 
 
-@cache
-def _set_up(package: str) -> dict[str, Any]:
-    """Return what the examples of a package's own docstring define: the set-up of those of its members."""
-    names: dict[str, Any] = {}
-    for example in doctest.DocTestParser().get_examples(importlib.import_module(package).__doc__ or ""):
-        exec(example.source, names)  # noqa: S102
-    return names
-
-
 @pytest.mark.parametrize("name", _modules())
 def test_the_examples_of_a_module_run(name: str, tmp_path: Any, monkeypatch: pytest.MonkeyPatch) -> None:
-    module, parents = importlib.import_module(name), name.split(".")
-    given = {key: thing for at in range(len(parents)) for key, thing in _set_up(".".join(parents[: at + 1])).items()}
+    module = importlib.import_module(name)
     monkeypatch.chdir(tmp_path)
     runner, said = doctest.DocTestRunner(optionflags=FLAGS), list[str]()
-    for test in doctest.DocTestFinder().find(module, name, globs=given):
+    for test in doctest.DocTestFinder().find(module, name, globs=set_up(name)):
         runner.run(test, out=said.append)
     assert not said, "".join(said)
     assert not list(tmp_path.iterdir()), "an example leaves files behind"

@@ -71,7 +71,7 @@ def case_of(function: Callable[..., Any]) -> Case:
     places = [place for place in {*PACKAGES, module} if getattr(place, name, None) is function]
     for place in places:
         setattr(place, name, called)
-    names = dict(_set_up(function.__module__))
+    names = set_up(function.__module__)
     for example in doctest.DocTestParser().get_examples(function.__doc__ or ""):
         if not calls:
             exec(example.source, names)  # noqa: S102
@@ -89,14 +89,17 @@ def case_of(function: Callable[..., Any]) -> Case:
     return Case(function, arguments, also)
 
 
+def set_up(module: str) -> dict[str, Any]:
+    """Return what a module's own docstring and those of the packages about it define for the examples in it."""
+    parts = module.split(".")
+    return {name: thing for end in range(len(parts)) for name, thing in _defined(".".join(parts[: end + 1])).items()}
+
+
 @cache
-def _set_up(module: str) -> dict[str, Any]:
-    """Return what the examples of the packages about a module define, as a set-up for those of its functions."""
+def _defined(module: str) -> dict[str, Any]:
     names: dict[str, Any] = {}
-    for end in range(1, module.count(".") + 2):
-        package = importlib.import_module(module.rsplit(".", module.count(".") + 1 - end)[0])
-        for example in doctest.DocTestParser().get_examples(package.__doc__ or ""):
-            exec(example.source, names)  # noqa: S102
+    for example in doctest.DocTestParser().get_examples(importlib.import_module(module).__doc__ or ""):
+        exec(example.source, names)  # noqa: S102
     return names
 
 

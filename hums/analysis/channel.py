@@ -199,9 +199,10 @@ def analyse_channel(
         background_width=width,
         seen=settings.false_alarm_probability,
     )
-    lines = _with_passed_mains(lines, max(read_anew(segments), key=lambda one: one.turns))
+    longest = max(read_anew(segments), key=lambda one: one.turns)
+    lines = _with_passed_mains(lines, longest)
     best, seen, evidence = _assessed_envelopes(
-        envelopes, segments, machine, in_envelopes, lines, settings, searches=len(bands), background_width=width
+        envelopes, segments, longest, machine, in_envelopes, lines, settings, searches=len(bands), width=width
     )
     angle = machine.phase
     unexplained, of_pulses = unexplained_lines(
@@ -286,19 +287,18 @@ def _with_passed_mains(lines: Sequence[MeasuredLine], segment: Segment) -> list[
     when, phase = segment.when, segment.machine.phase
     start_s, stop_s = max(phase.start_s, when.start_s), min(phase.stop_s, when.start_s + when.count / when.rate_hz)
     slowest_hz, fastest_hz = float(min(segment.machine.speeds_hz)), float(max(segment.machine.speeds_hz))
+    every_hz = [multiple * mains for mains in MAINS_HZ for multiple in range(1, MAINS_HARMONICS + 1)]
     found = []
     for line in lines:
         order, leakage = line.line.found, line.line.leakage
-        passed = [
-            multiple * mains
-            for mains in MAINS_HZ
-            for multiple in range(1, MAINS_HARMONICS + 1)
-            if order * slowest_hz <= multiple * mains <= order * fastest_hz
-        ]
-        for frequency_hz in passed if line.expected.kind == "tooth" and leakage >= 0 else ():  # NaN: no line is seen
-            times_s = np.arange(start_s, stop_s, 0.25 / (order * fastest_hz))
-            window = np.hanning(times_s.size)
-            apart = window @ np.exp(2j * np.pi * (frequency_hz * times_s - order * phase.revolutions_at(times_s)))
+        passed_hz = [one for one in every_hz if order * slowest_hz <= one <= order * fastest_hz]
+        if line.expected.kind != "tooth" or not passed_hz or math.isnan(leakage):  # NaN: no line is seen
+            found.append(line)
+            continue
+        times_s = np.arange(start_s, stop_s, 0.25 / (order * fastest_hz))
+        window, turned = np.hanning(times_s.size), order * phase.revolutions_at(times_s)
+        for frequency_hz in passed_hz:
+            apart = window @ np.exp(2j * np.pi * (frequency_hz * times_s - turned))
             reach_hz = MAINS_ACCURACY * frequency_hz + when.rate_hz / when.count
             first, last = (round((frequency_hz + by) * when.count / when.rate_hz) for by in (-reach_hz, reach_hz))
             amplitude = 2 * np.abs(segment.filled_transform[first : last + 1]).max(initial=0.0) / when.count
@@ -559,13 +559,14 @@ class _Envelopes:
 def _assessed_envelopes(
     envelopes: _Envelopes,
     segments: Sequence[Segment],
+    longest: Segment,
     machine: Machine,
     expected: Sequence[ExpectedLine],
     shaft_locked: Sequence[MeasuredLine],
     settings: AnalysisSettings,
     *,
     searches: int,
-    background_width: float,
+    width: float,
 ) -> tuple[_Envelope | None, tuple[BandEvidence, ...], tuple[PartEvidence, ...]]:
     """Return the envelope with the strongest evidence, what all bands show, and the evidence of it.
 
@@ -587,7 +588,7 @@ def _assessed_envelopes(
             units=units,
             level=level,
             searches=searches,
-            background_width=background_width,
+            background_width=width,
             seen=settings.false_alarm_probability,
         )
         chosen = EnvelopeBand(low_hz=band[0], high_hz=band[1], chosen=not isinstance(settings.envelope_band_hz, tuple))
@@ -609,7 +610,6 @@ def _assessed_envelopes(
     if len(segments) > 1:
         evidence = _unresolved(evidence, expected, found[0].spectrum.resolution)
     if segments[0].parts_per_turn == 1 and machine.separates_time_from_angle:
-        longest = max(read_anew(segments), key=lambda one: one.turns)
         evidence = [_unless_in_time(part, longest) for part in evidence]
     strongest = max(evidence, key=lambda part: (not part.hidden_by, part.strength), default=None)
     place = next((place for place, band in enumerate(seen) if band.clear), 0)

@@ -595,7 +595,7 @@ def mains_multiples(orders: Numbers, setting: Setting, reach_hz: float) -> list[
 
 
 def _mains(order: float, others: _Others) -> str:
-    """Return of which mains a line is a harmonic, or an empty string; where a record tells them from all others."""
+    """Return which harmonic of the mains a line is; empty if none, or if lines are too wide to tell."""
     setting = others.setting
     width_hz = others.width * setting.speed_hz
     for mains, (multiple,) in mains_multiples(np.array([order]), setting, 0.5 * width_hz):

@@ -158,7 +158,7 @@ def read_toml(path: Path, *, error: type[ValueError]) -> dict[str, Any]:
         )
     if path.is_dir():
         raise error(f"{path} is a directory; name a .toml file in it.")
-    most_bytes = 1_000_000  # of a hand-written file: the largest of the catalogues has 4,000; read in half a second
+    most_bytes = 1_000_000  # are parsed in half a second; the largest file of the catalogues has 4,000
     try:
         if not path.is_file() and path.exists():  # a device may have no end
             raise error(f"{path} is no regular file; write its text to one.")

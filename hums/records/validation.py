@@ -228,7 +228,7 @@ def _check_tachometer(name: str, variable: xr.DataArray) -> None:
     if variable.ndim != 1 + (SNAPSHOT in variable.dims) or variable.dtype != np.float64:
         raise RecordError(f"{what}: {variable.ndim}-D {variable.dtype}; a row of float64 times is needed.")
     pulses = variable.attrs.get("pulses_per_rev")
-    most_pulses = 1_000_000  # of a revolution: no encoder has more
+    most_pulses = 1_000_000  # more than any encoder has per revolution
     if not isinstance(pulses, Integral) or isinstance(pulses, bool) or not 0 < int(pulses) <= most_pulses:
         raise RecordError(
             f"{what}: pulses_per_rev={plain_repr(pulses)}: a positive whole number, at most {most_pulses}, is needed "

@@ -16,8 +16,14 @@ _MEMORIES_S = _HOUR_S * 4.0**_WIDTHS
 _PRIOR = np.exp(-0.5 * (_WIDTHS / 1.5) ** 2)
 """Temperatures of oil and bearings settle within about an hour: the prior of the memory is log-normal about that, with
 a deviation of a factor of 8 (our choice). That there is none is as probable as that there is one."""
-_SHARES = (0.5, 0.99)
+SHARES = (0.5, 0.99)  # of the variance that has a memory
 _MOST = 100  # records whose correlations are looked at, the latest
+
+
+def correlations(apart: Array, memories: Array) -> Array:
+    """Return correlations (models, n, n) of values so far `apart`: of white ones, then of each share and memory."""
+    one = np.eye(len(apart))
+    return np.stack([one, *((1 - w) * one + w * np.exp(-apart / memory) for w in SHARES for memory in memories)])
 
 
 def independent_records(scores: Array, times_s: Array) -> Array:
@@ -35,13 +41,11 @@ def independent_records(scores: Array, times_s: Array) -> Array:
     if not np.isfinite(times_s).all():
         return found
     latest, t = scores[-_MOST:], times_s[-_MOST:]
-    apart, one = np.abs(t[:, None] - t), np.eye(t.size)
-    slow = [(1 - share) * one + share * np.exp(-apart / memory) for share in _SHARES for memory in _MEMORIES_S]
-    covariance = np.stack([one, *slow])
+    covariance = correlations(np.abs(t[:, None] - t), _MEMORIES_S)
     variance = covariance.mean(axis=(1, 2))  # of the mean
-    prior = np.concatenate([[0.5], np.tile(0.25 * _PRIOR / _PRIOR.sum(), len(_SHARES))])
+    prior = np.concatenate([[0.5], np.tile(0.25 * _PRIOR / _PRIOR.sum(), len(SHARES))])
     told = np.isfinite(latest).all(axis=0) & (np.ptp(latest, axis=0) > 0)
-    root = np.linalg.cholesky(covariance + 1e-9 * one)  # records of the same time have one state
+    root = np.linalg.cholesky(covariance + 1e-9 * np.eye(t.size))  # records of the same time have one state
     whiten = np.linalg.inv(root)
     level, white = whiten.sum(axis=2), whiten @ latest[:, told]
     ones = (level**2).sum(axis=1)[:, None]

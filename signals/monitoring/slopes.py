@@ -15,12 +15,13 @@ from typing import Any
 import numpy as np
 from numpy.typing import NDArray
 
+from signals.monitoring.memory import correlations
+
 Array = NDArray[np.float64]
 FEWEST = 5  # values of which a slope is given: three beyond its two unknowns
 _MOST_GROUPS = 100  # of records, of which longer series are the medians: what a test costs grows with their number
 _MEMORIES = np.geomspace(0.01, 1.0, 5)  # over the time watched
 _GROWTH = 6.0  # e-foldings over the time watched
-_SHARES = (0.5, 0.99)  # of the variance that has a memory
 _USUAL_DRIFT = 3.0  # deviations (our choice; see `error_models`)
 
 
@@ -154,13 +155,12 @@ def error_models(times: bytes, drifts: tuple[float, ...] = (0.0,), *, white: flo
     32(1), 1-28).
     """
     t = np.frombuffer(times)
-    place, one = (t - t[0]) / np.ptp(t), np.eye(t.size)
-    apart, common = np.abs(place[:, None] - place), np.minimum(place[:, None], place)
-    slow = [(1 - share) * one + share * np.exp(-apart / memory) for share in _SHARES for memory in _MEMORIES]
-    drift = np.tile(drifts, 1 + len(slow))
-    covariance = np.repeat([one, *slow], len(drifts), axis=0) + drift[:, None, None] ** 2 * common
+    place = (t - t[0]) / np.ptp(t)
+    correlation, common = correlations(np.abs(place[:, None] - place), _MEMORIES), np.minimum(place[:, None], place)
+    slow, drift = len(correlation) - 1, np.tile(drifts, len(correlation))
+    covariance = np.repeat(correlation, len(drifts), axis=0) + drift[:, None, None] ** 2 * common
     root = np.linalg.cholesky(covariance)
-    prior = np.log(np.repeat([white, *[(1 - white) / len(slow)] * len(slow)], len(drifts))) - drift / _USUAL_DRIFT
+    prior = np.log(np.repeat([white, *[(1 - white) / slow] * slow], len(drifts))) - drift / _USUAL_DRIFT
     whiten = np.linalg.inv(root)
     return ErrorModels(
         whiten=whiten,
