@@ -20,11 +20,11 @@ from hums.cli.options import UsageError, echo
 
 __all__ = ["main"]
 
-REFUSED, WRONG_USAGE, INTERRUPTED = 1, 2, 130  # the last 128 + SIGINT, as shells have it
+REFUSED, WRONG_USAGE, INTERRUPTED = 1, 2, 130  # the last is 128 + SIGINT, as in shells
 
 app = typer.Typer(
     name="hums",
-    help="Order tracking for gearboxes: kinematics, records, analysis, reports, synthetic data.",
+    help="Order tracking for gearboxes: kinematics, records, analysis, reports and synthetic data.",
     no_args_is_help=True,
     pretty_exceptions_enable=False,
     context_settings={"help_option_names": ["-h", "--help"]},
@@ -45,60 +45,59 @@ def common(
         bool, typer.Option("--version", callback=_print_version, is_eager=True, help="Print the version and exit.")
     ] = False,
 ) -> None:
-    """Order tracking for gearboxes: kinematics, records, analysis, reports, synthetic data."""
+    """Order tracking for gearboxes: kinematics, records, analysis, reports and synthetic data."""
 
 
 class _EachOptionOnce(TyperCommand):
-    """A command that refuses an option given twice; click would take the last in silence."""
+    """A command that refuses an option given twice; click would silently take the last value."""
 
     def parse_args(self, ctx: Any, args: list[str]) -> list[str]:  # noqa: ANN401 - typer brings its own click or not
         *_, given = self.make_parser(ctx).parse_args(args=list(args))
         for option, times in Counter(given).items():
             if times > 1 and isinstance(option, TyperOption) and not option.multiple:
-                raise typer.BadParameter(f"given {times} times; it takes a single value, so keep one.", ctx, option)
+                raise typer.BadParameter(f"given {times} times, but it takes a single value; keep one.", ctx, option)
         return list(super().parse_args(ctx, args))
 
 
 _COMMANDS = {
     "drawing": "Draw a gearbox: mechanism, velocity vectors and frequencies against speed, or an animated page.",
     "dynamics": "Print natural frequencies; plot mode shapes and the Campbell diagram.",
-    "bearings": "List the bearings of the catalogue by designation, with the source of each geometry.",
+    "bearings": "List bearings of the catalogue by designation, with the source of each geometry.",
     "orders": "Print the defect orders of a gearbox.\n\nOrders are cycles per revolution of the reference shaft. "
-    "rolling_element is 2 BSF, as a defect strikes both races; tooth counts the contacts of one tooth with its mates; "
-    "assembly_phase is the mesh order over the greatest common divisor of the tooth numbers.",
+    "rolling_element is 2 BSF, as a defect strikes both races; tooth is the rate at which one tooth meets its mates; "
+    "assembly_phase is the mesh order divided by the greatest common divisor of the tooth numbers.",
     "schema": "Print the JSON schema of a hand-written file, for validation and completion in editors.",
-    "convert": "Convert files of other programs: one to a record, several to a dataset or to separate records.\n\n"
+    "convert": "Convert files of other programs: one into a record, several into a dataset or separate records.\n\n"
     "Re-running resumes where it stopped and reads new or changed files. Files that cannot be read are listed in "
     "refused.csv.",
-    "info": "Show the contents of a record; of a folder of records, their number and the first one.",
+    "info": "Show the contents of a record, or the size of a dataset and its first record.",
     "analyze": "Analyse a record and write a report.",
     "report": "Regenerate the report from a saved analysis.",
     "synth": "Simulate a record and store it with its ground truth.",
     "dataset": "Simulate a labelled dataset of records, or resume an interrupted one.",
-    "fleet": "Analyse many records into one table with trends and alarms, or continue with new records.",
-    "demo": "Simulate a gearbox with a cracked tooth and an inner-race fault, analyse it and compare with the truth.",
+    "fleet": "Analyse many records into one table with trends and alarms; re-run to resume, or --append new records.",
+    "demo": "Simulate a gearbox with a cracked tooth and an inner-race fault; compare its analysis with ground truth.",
 }  # in the order of the help
 for name, said in _COMMANDS.items():
     app.command(name, cls=_EachOptionOnce, help=said)(getattr(import_module(f"hums.cli.{name}"), name))
 
 
 def main() -> int:
-    """Run the command and return its exit status: 0 done, 1 refused or failed, 2 wrong usage, 3 members, 130 Ctrl-C."""
+    """Run the command; exit status 0 success, 1 failure, 2 wrong usage, 3 some inputs refused, 130 Ctrl-C."""
     for name in ("stdin", "stdout", "stderr"):
-        if getattr(sys, name) is None:  # closed by the caller: else the next file to be opened takes its number
+        if getattr(sys, name) is None:  # closed by the caller: else the next file opened takes its number
             setattr(sys, name, Path(os.devnull).open("r+", encoding="utf-8"))  # noqa: SIM115
     _show_steps()
-    # Imports make objects that stay: a short run ends before any are collected, and none are at its end, where the
-    # interpreter would go through all of them. Both were a fifth of a short run.
+    # Objects made by imports stay alive: collecting them during a short run and at exit would take a fifth of it.
     gc.set_threshold(500_000)
     atexit.register(gc.freeze)
     with warnings.catch_warnings():
         warnings.showwarning = _print_warning
         hook, sys.unraisablehook = sys.unraisablehook, _interrupt_again
         try:
-            status = app(standalone_mode=False)  # what typer.Exit carries, 130 after Ctrl-C; else None
+            status = app(standalone_mode=False)  # the status of typer.Exit, 130 after Ctrl-C; else None
             sys.stdout.flush()
-        except (typer.Abort, KeyboardInterrupt):  # typer sees the latter but in callbacks of C and at its own end
+        except (typer.Abort, KeyboardInterrupt):  # typer misses the latter in C callbacks and while it exits
             return INTERRUPTED
         except (ValueError, OSError) as error:
             unnamed = isinstance(error, OSError) and error.errno is not None and error.filename is None
@@ -115,7 +114,7 @@ def main() -> int:
 
 
 def _interrupt_again(ignored: Any) -> None:  # noqa: ANN401
-    """Interrupt once more, and soon, where Ctrl-C came in a callback of the interpreter, which can raise nothing."""
+    """Interrupt again where Ctrl-C arrived in a callback of the interpreter, which cannot raise."""
     if ignored.exc_type is KeyboardInterrupt:
         threading.Timer(0.01, signal.raise_signal, [signal.SIGINT]).start()
     else:
@@ -123,7 +122,7 @@ def _interrupt_again(ignored: Any) -> None:  # noqa: ANN401
 
 
 def _show_steps() -> None:
-    """Show the steps of a command on standard error as they begin, each text once; nothing where that is piped."""
+    """Log each step of a command to standard error once, if that is a terminal."""
     logger = logging.getLogger("hums")
     if not sys.stderr.isatty() or logger.handlers:
         return

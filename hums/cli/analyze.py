@@ -26,7 +26,7 @@ def analyze(
     settings: "AnalysisSettings",
     baseline: Annotated[
         Path | None,
-        typer.Option(help="analysis.h5 of the previous record, the source of the variances in NA4 and NB4."),
+        typer.Option(help="analysis.h5 of the previous record, which supplies the variances of NA4 and NB4."),
     ] = None,
     units: SpeedUnits = "rpm",
     force: Force = False,
@@ -73,7 +73,7 @@ def analyze(
 
 @contextmanager
 def _past(reader: "ReaderProcess", path: Path) -> "Iterator[xr.DataTree]":
-    """Open an earlier analysis in the process that reads files."""
+    """Open an earlier analysis in the reader process."""
     from hums.analysis.result import check_analysis  # noqa: PLC0415
 
     with reader.open_tree(path) as tree:

@@ -21,7 +21,7 @@ from hums.cli.options import (
     workers_of,
 )
 
-FEW_FILES = 200  # which one process converts in the time in which others start
+FEW_FILES = 200  # one process converts as many while worker processes would start
 
 
 def convert(  # noqa: PLR0917 - each option is one
@@ -31,11 +31,11 @@ def convert(  # noqa: PLR0917 - each option is one
             metavar="SOURCE... [TARGET]",
             show_default=False,
             help="A .mat, .wav, .csv, .txt, .tdms, .lvm, .mf4, .uff, .h5, .nc, .npy or .npz file, a folder, or a "
-            'pattern such as "acc_*.csv"; then the output. With -o, several sources.',
+            'pattern such as "acc_*.csv"; then the output. Several sources need -o.',
         ),
     ] = None,
     out: Annotated[
-        Path | None, typer.Option("--out", "-o", help="Output record, .h5; for several files a folder.")
+        Path | None, typer.Option("--out", "-o", help="Output record, .h5; for several files, a folder.")
     ] = None,
     description: Annotated[
         Path | None,
@@ -43,22 +43,22 @@ def convert(  # noqa: PLR0917 - each option is one
             "--description",
             "-d",
             metavar="TOML",
-            help="Import description, as drafted by hums info FILE --draft TOML; options take precedence.",
+            help="Import description, drafted by hums info FILE --draft TOML; options take precedence.",
         ),
     ] = None,
     channel: Annotated[
         list[str] | None,
         typer.Option(
-            help="Vibration channel; repeatable. Struct fields by dotted path. If omitted, the channels are listed."
+            help="Vibration channel, fields of structs by dotted path; repeatable. If omitted, the channels are listed."
         ),
     ] = None,
     units: Annotated[
         list[str] | None,
-        typer.Option(help='Units of all channels, such as g or "m s-2"; or one each, in their order.'),
+        typer.Option(help='Units, such as g or "m s-2": once for all channels, or once per channel, in their order.'),
     ] = None,
     rate_hz: Annotated[
         float | None,
-        typer.Option(help="Sampling rate in Hz, where the file and its time column do not state it."),
+        typer.Option(help="Sampling rate in Hz, if neither the file nor its time column states it."),
     ] = None,
     shaft_rpm: Annotated[float | None, typer.Option(help="Constant nominal speed in rpm.")] = None,
     shaft: Annotated[str | None, typer.Option(help="Shaft to which the tachometer or the speed refers.")] = None,
@@ -75,9 +75,9 @@ def convert(  # noqa: PLR0917 - each option is one
     ] = None,
     trust: Annotated[
         Literal["declared", "file"] | None,
-        typer.Option(help="Which prevails where file and declaration disagree. Default: such files are refused."),
+        typer.Option(help="Which prevails if file and declaration disagree. Default: such files are refused."),
     ] = None,
-    files: Annotated[bool, typer.Option("--files", help="Write a record per file, not a packed dataset.")] = False,
+    files: Annotated[bool, typer.Option("--files", help="Write one record per file, not a packed dataset.")] = False,
     workers: WorkerCount = None,
     scheduler: Scheduler = None,
     force: Force = False,
@@ -86,11 +86,11 @@ def convert(  # noqa: PLR0917 - each option is one
     given = locals()
     paths = paths or []
     if out is None and len(paths) != 2:  # noqa: PLR2004 - SOURCE TARGET
-        named = "no file is" if not paths else f"{paths[0]} alone is" if len(paths) == 1 else f"{len(paths)} paths are"
-        raise UsageError(f"{named} named; name one source and the record or folder to write, or several and -o FOLDER.")
+        named = "no file is" if not paths else f"only {paths[0]} is" if len(paths) == 1 else f"{len(paths)} paths are"
+        raise UsageError(f"{named} given; name one source and the record or folder to write, or several and -o FOLDER.")
     *source, target = [*paths, *([out] if out else [])]
     if not source:
-        raise UsageError(f"{target} alone is named; name the files to read.")
+        raise UsageError(f"only the output {target} is given; name the files to read.")
     from hums.conversion import convert_files, find_sources  # noqa: PLC0415
     from hums.jobs import Serial  # noqa: PLC0415
     from hums.readers.description import ImportDescription, describe  # noqa: PLC0415
@@ -113,7 +113,7 @@ def convert(  # noqa: PLR0917 - each option is one
             "to the description, or time_in_names if the file names state their times."
         )
     if target.suffix.lower() in RECORD_SUFFIXES:
-        raise UsageError(f"{target}: several files make a folder; name it, such as {target.with_suffix('')}.")
+        raise UsageError(f"{target}: several files are written to a folder; name one, as {target.with_suffix('')}.")
     few = len(found) <= FEW_FILES and workers is None and scheduler is None
     result = convert_files(
         found,

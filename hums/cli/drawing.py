@@ -7,7 +7,7 @@ from typing import TYPE_CHECKING, Annotated, Any, Literal
 
 import typer
 
-from hums.cli.options import FigureFormat, Force, UsageError, echo, parse_speeds, save_picture, say, several
+from hums.cli.options import FigureFormat, Force, LinkSpeeds, UsageError, echo, parse_speeds, save_picture, say
 
 if TYPE_CHECKING:
     from hums.gearbox.kinematics import Kinematics
@@ -24,11 +24,11 @@ def drawing(
         Path | None,
         typer.Option("--out", "-o", help="Folder for all figures, or a single .svg, .png, .pdf or .html file."),
     ] = None,
-    picture: Annotated[Picture, typer.Option(help="Figure to write to a single file.")] = "mechanism",
+    picture: Annotated[Picture, typer.Option(help="Figure to write if --out is a single file.")] = "mechanism",
     graph: Annotated[
-        bool, typer.Option("--graph", help="Draw only the graph of links: turning pairs by level, and gear pairs.")
+        bool, typer.Option("--graph", help="Draw only the graph of links: turning pairs with levels, and gear pairs.")
     ] = False,
-    speed: Annotated[list[str] | None, typer.Option(metavar="LINK=RPM", help="Speed of a link; repeatable.")] = None,
+    speed: LinkSpeeds = None,
     kind: FigureFormat = "svg",
     force: Force = False,
 ) -> None:
@@ -57,12 +57,12 @@ def drawing(
         return
     check_outputs((out / f"{name}.{kind}" for name in pictures), inputs=[gearbox], force=force)
     out.mkdir(parents=True, exist_ok=True)
-    for name, draw in pictures.items():
-        save_picture(draw, out / f"{name}.{kind}", _SIZES[name], force=force)
+    for name, draws in pictures.items():
+        save_picture(draws, out / f"{name}.{kind}", _SIZES[name], force=force)
 
 
 def _drawn_speeds(kinematics: "Kinematics", given: dict[str, float] | None) -> dict[str, float]:
-    """Return the speeds as given, or those a page begins with, and say so where they are a choice."""
+    """Return the given speeds, or those an animated page starts with, printed if there was a choice."""
     from hums.drawing import START_RPM, free_links  # noqa: PLC0415
 
     if given:
@@ -74,7 +74,7 @@ def _drawn_speeds(kinematics: "Kinematics", given: dict[str, float] | None) -> d
     return chosen
 
 
-def _pictures_of(kinematics: "Kinematics", speeds: Mapping[str, float]) -> dict[str, Callable[[Any], object]]:
+def _pictures_of(kinematics: "Kinematics", speeds: Mapping[str, float]) -> dict[str, list[Callable[..., object]]]:
     from hums.gearbox.defect_orders import defect_orders  # noqa: PLC0415
     from hums.gearbox.layout import layout_of  # noqa: PLC0415
     from hums.plots import draw_mechanism, mechanism_graph, speed_order_chart, velocity_diagram  # noqa: PLC0415
@@ -82,7 +82,6 @@ def _pictures_of(kinematics: "Kinematics", speeds: Mapping[str, float]) -> dict[
     gearbox = kinematics.gearbox
 
     views: tuple[Any, ...] = ("section", "axial") if layout_of(gearbox).planar else (None,)
-    mechanism = several([partial(draw_mechanism, gearbox, view=view) for view in views], columns=len(views))
 
     def orders(ax: Any) -> None:  # noqa: ANN401
         reference = gearbox.reference or next(iter(speeds))
@@ -90,8 +89,8 @@ def _pictures_of(kinematics: "Kinematics", speeds: Mapping[str, float]) -> dict[
         speed_order_chart(defect_orders(kinematics, speeds=speeds), reference_rpm=(top / 10, top), ax=ax)
 
     return {
-        "mechanism": mechanism,
-        "velocities": lambda ax: velocity_diagram(kinematics, speeds, ax=ax),
-        "orders": orders,
-        "graph": lambda ax: mechanism_graph(kinematics, ax=ax),
+        "mechanism": [partial(draw_mechanism, gearbox, view=view) for view in views],
+        "velocities": [partial(velocity_diagram, kinematics, speeds)],
+        "orders": [orders],
+        "graph": [partial(mechanism_graph, kinematics)],
     }

@@ -7,7 +7,7 @@ from typing import TYPE_CHECKING, Annotated, Any, Literal
 
 import typer
 
-from hums.cli.options import FigureFormat, Force, UsageError, echo, parse_speeds, save_picture, say, several
+from hums.cli.options import FigureFormat, Force, LinkSpeeds, UsageError, echo, parse_speeds, save_picture, say
 
 if TYPE_CHECKING:
     from collections.abc import Callable
@@ -16,8 +16,8 @@ if TYPE_CHECKING:
     from data_synth.gears.mesh_stiffness import Stiffness
 
 _PICTURES = ("modes", "campbell", "stability")
-_SIZES = {"module_mm": 3.0, "face_width_mm": 30.0, "pressure_angle_deg": 20.0}  # of meshes that declare none
-_LEAST_SHARE = 0.05  # of the kinetic energy, of a part that is named with a mode
+_SIZES = {"module_mm": 3.0, "face_width_mm": 30.0, "pressure_angle_deg": 20.0}  # assumed where a mesh declares none
+_LEAST_SHARE = 0.05  # of the kinetic energy of a mode, for a part to be listed
 _SHOWN_MODES = 6
 _SPEEDS = 31  # of a Campbell diagram
 _HARMONICS = 8  # of a mesh stiffness, for the stability
@@ -25,7 +25,7 @@ _HARMONICS = 8  # of a mesh stiffness, for the stability
 
 def dynamics(
     source: Annotated[str, typer.Argument(metavar="GEARBOX_OR_SCENE", help="A .toml file or a catalogue name.")],
-    out: Annotated[Path | None, typer.Option("--out", "-o", help="Folder for the pictures. Default: none.")] = None,
+    out: Annotated[Path | None, typer.Option("--out", "-o", help="Folder for the figures; none without it.")] = None,
     top_rpm: Annotated[float, typer.Option("--rpm", help="Highest speed of the reference in rpm.")] = 3000.0,
     motions: Annotated[
         Literal["torsion", "plane", "space"] | None,
@@ -33,9 +33,9 @@ def dynamics(
             help="Degrees of freedom of a gearbox's bodies. Default: plane; space if the axes are not parallel."
         ),
     ] = None,
-    speed: Annotated[list[str] | None, typer.Option(metavar="LINK=RPM", help="Speed of a link; repeatable.")] = None,
+    speed: LinkSpeeds = None,
     stability: Annotated[bool, typer.Option("--stability", help="Add the parametric stability of each mesh.")] = False,
-    stability_speeds: Annotated[int, typer.Option(metavar="N", min=2, help="Number of speeds for it.")] = 40,
+    stability_speeds: Annotated[int, typer.Option(metavar="N", min=2, help="Number of speeds for --stability.")] = 40,
     kind: FigureFormat = "svg",
     force: Force = False,
 ) -> None:
@@ -49,9 +49,9 @@ def dynamics(
     if not (math.isfinite(top_rpm) and top_rpm > 0):
         raise UsageError(f"--rpm {top_rpm:g}: give the highest speed of the reference, in rpm, above 0.")
     if out is None and stability:
-        raise UsageError("--out is missing; name the folder for the picture of the stability.")
+        raise UsageError("--out is missing; --stability draws a figure, so name a folder for it.")
     check_outputs((out / f"{name}.{kind}" for name in _PICTURES if out), inputs=[source], force=force)
-    say("natural frequencies")
+    say("computing natural frequencies")
     system_at, assumed = _system_source(source, motions, speed)
     speeds = np.linspace(0, top_rpm * math.pi / 30, _SPEEDS)
     system = system_at(0.0)
@@ -68,18 +68,17 @@ def dynamics(
     elastic = [number for number, frequency in enumerate(modes.frequencies_hz) if frequency > 0][:_SHOWN_MODES]
     draws = [partial(plot_mode_shape, modes, number, energy=energies[number]) for number in elastic]
     height = 2.0 + 0.32 * system.dof * -(-len(elastic) // 3)
-    save_picture(several(draws, columns=3), out / f"modes.{kind}", (14.0, height), force=force)
-    say(f"natural frequencies at {_SPEEDS} speeds")
+    save_picture(draws, out / f"modes.{kind}", (14.0, height), force=force, columns=3)
+    say(f"computing natural frequencies at {_SPEEDS} speeds")
     diagram = campbell(system_at, speeds_rad_s=speeds)
-    save_picture(
-        lambda ax: plot_campbell(diagram, ax=ax, harmonics=2), out / f"campbell.{kind}", (8.0, 5.0), force=force
-    )
+    draw = partial(plot_campbell, diagram, harmonics=2)
+    save_picture([draw], out / f"campbell.{kind}", (8.0, 5.0), force=force)
     if stability:
         _draw_stability(system, float(speeds[-1]), stability_speeds, out / f"stability.{kind}", force=force)
 
 
 def _energy(system: "System", shape: Any) -> dict[str, float]:  # noqa: ANN401  - an array
-    """Return the parts with most of the kinetic energy of a mode, largest first, each with its share."""
+    """Return the share of the kinetic energy of a mode by part, largest first, small ones left out."""
     from data_synth.dynamics.modes import body_motions  # noqa: PLC0415
 
     parts: dict[str, float] = {}
@@ -89,9 +88,9 @@ def _energy(system: "System", shape: Any) -> dict[str, float]:  # noqa: ANN401  
 
 
 def _draw_stability(system: "System", top_rad_s: float, count: int, path: Path, *, force: bool) -> None:
-    """Draw the largest Floquet multiplier against speed, the meshes of one rate varying and all others at their mean.
+    """Draw the largest Floquet multiplier against speed, with meshes of one rate varying and all others at their mean.
 
-    Meshes of unlike rates have a common period of thousands of cycles, which nobody could draw.
+    The common period of meshes of different rates would be thousands of mesh cycles.
     """
     from dataclasses import replace  # noqa: PLC0415
 
@@ -109,7 +108,7 @@ def _draw_stability(system: "System", top_rad_s: float, count: int, path: Path, 
             meshes=tuple(replace(mesh, stiffness=_smooth(mesh.stiffness)) for mesh in meshes),
             springs=(*system.springs, *held),
         )
-        say(f"stability, {names}")
+        say(f"computing the stability of {names}")
         speeds = _stability_speeds(varying, rate, top_rad_s, count)
         try:
             growth = stability_map(lambda _, system=varying: system, parameters=[0.0], speeds_rad_s=speeds)  # type: ignore[misc]
@@ -118,29 +117,28 @@ def _draw_stability(system: "System", top_rad_s: float, count: int, path: Path, 
             continue
         growths[names] = growth
         unstable = [f"{30 * speed / math.pi:.4g}" for speed in speeds[growth.unstable[0]]]
-        echo(f"{names}, parametrically unstable at, rpm: {', '.join(unstable) or 'none of these speeds'}")
+        echo(f"parametrically unstable speeds of {names} in rpm: {', '.join(unstable) or 'none'}")
 
     def picture(names: str, *, ax: Any) -> None:  # noqa: ANN401
         plot_stability_map(growths[names], ax=ax)
         ax.set_title(names, loc="left", fontsize=8)
 
     if growths:
-        pictures = several([partial(picture, names) for names in growths], columns=1)
-        save_picture(pictures, path, (8.0, 2.6 * len(growths) + 0.4), force=force)
+        draws = [partial(picture, names) for names in growths]
+        save_picture(draws, path, (8.0, 2.6 * len(growths) + 0.4), force=force, columns=1)
 
 
 def _smooth(stiffness: "Stiffness") -> "Stiffness":
-    """Return a stiffness of hundreds of knots by its first harmonics, others as they are."""
+    """Return the first harmonics of a stiffness with many knots, and any other unchanged."""
     from data_synth.gears.mesh_stiffness import fourier_series  # noqa: PLC0415
 
     return stiffness if len(stiffness.jumps) <= _HARMONICS else fourier_series(stiffness, harmonics=_HARMONICS)
 
 
 def _stability_speeds(system: "System", rate: float, top_rad_s: float, count: int) -> Any:  # noqa: ANN401  - an array
-    """Return speeds up to the top: half of them even, the others where a mesh excites a sum of two modes.
+    """Return speeds up to the top: half of them evenly spaced, the others at principal parametric resonances.
 
-    There, where the mesh frequency is the sum of two natural frequencies (twice one of them first), lie the middles of
-    the principal regions of instability, which an even grid may miss.
+    These lie where the mesh frequency is twice a natural frequency or the sum of two, and an even grid may miss them.
     """
     import numpy as np  # noqa: PLC0415
 
@@ -157,7 +155,7 @@ def _stability_speeds(system: "System", rate: float, top_rad_s: float, count: in
 def _system_source(
     source: str, motions: Literal["torsion", "plane", "space"] | None, speed: list[str] | None
 ) -> "tuple[Callable[[float], System], str]":
-    """Return the function from the reference's speed in rad/s to the system of a gearbox or scene, and its guesses."""
+    """Return the system of a gearbox or scene as a function of reference speed in rad/s, and what it assumes."""
     from data_synth.dynamics import SupportStiffness, assemble  # noqa: PLC0415
     from data_synth.scene.scene import catalogue as scene_catalogue  # noqa: PLC0415
     from data_synth.scene.scene import load_scene  # noqa: PLC0415
@@ -169,15 +167,15 @@ def _system_source(
 
     held = SupportStiffness()
     assumed = (
-        "rigid shafts and frame; gears as steel discs; each bearing, or body without one, held by "
-        f"{held.radial:.0e} N/m radially and axially and {held.tilt:.0e} N m/rad in tilt; the mean mesh stiffness of "
+        "rigid shafts and frame; gears are steel discs; support stiffness of each bearing, or body without one, "
+        f"{held.radial:.0e} N/m radially and axially and {held.tilt:.0e} N m/rad in tilt; mean mesh stiffness by "
         "ISO 6336-1"
     )
     is_file = source not in catalogue() and Path(source).suffix == ".toml"
     if source in scene_catalogue() or (is_file and "gearbox" in read_toml(Path(source), error=GearboxError)):
         if motions or speed:
-            raise UsageError("--motions and --speed: a scene has its own speeds and all motions that its teeth excite.")
-        return scene_system(load_scene(source)), f"{assumed}; all where the scene declares nothing else"
+            raise UsageError("--motions and --speed: a scene defines its own speeds and motions; omit both options.")
+        return scene_system(load_scene(source)), f"{assumed}; unless the scene declares otherwise"
     gearbox = load_gearbox(source)
     guessed = {mesh.name: {key: x for key, x in _SIZES.items() if not getattr(mesh, key)} for mesh in gearbox.meshes}
     gearbox = gearbox.changed(meshes=tuple(mesh.changed(**guessed[mesh.name]) for mesh in gearbox.meshes))

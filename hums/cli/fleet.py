@@ -84,10 +84,10 @@ def fleet(
     echo(f"{result.records} records: {result.analysed} analysed now, {result.kept} before, {result.failed} failed")
     if result.no_trends:
         echo(result.no_trends)
-    echo(f"{result.alarms} alarms; expected false alarms: one in {false_alarm_every:g} records of a machine")
+    echo(f"{result.alarms} alarms; expected false alarms: one per {false_alarm_every:g} records of a machine")
     for machine in result.learning:
         echo(
-            f"not judged: {machine or 'the machine'}, as its baseline is not complete: it takes {baseline_records} "
+            f"not judged: {machine or 'the machine'}, whose baseline is incomplete: it needs {baseline_records} "
             "records (--baseline-records)"
         )
     for name in FILES:

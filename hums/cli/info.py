@@ -1,4 +1,4 @@
-"""Command `hums info`, and the lines in which it prints a record."""
+"""Command `hums info`, and the printed summary of a record."""
 
 from pathlib import Path
 from typing import TYPE_CHECKING, Annotated
@@ -12,12 +12,12 @@ if TYPE_CHECKING:
 
 
 def info(
-    record: Annotated[Path, typer.Argument(help="Record, .h5, or folder of records; with --draft, a file to import.")],
+    record: Annotated[Path, typer.Argument(help="Record, .h5, or dataset folder; with --draft, a file to import.")],
     draft: Annotated[
         Path | None,
         typer.Option(
             metavar="TOML",
-            help="Write an import description for a file of another program: what it states and what is missing.",
+            help="Draft an import description of the file: what it states, and blanks for what it does not.",
         ),
     ] = None,
     force: Force = False,
@@ -49,14 +49,14 @@ def _print_dataset(folder: Path) -> None:
     from hums.records.dataset_store import dataset_files, dataset_record, is_begun  # noqa: PLC0415
 
     if not is_begun(folder):
-        raise ValueError(f"{folder} is a folder, but not a dataset (hums dataset, hums convert); name a record in it.")
+        raise ValueError(f"{folder} is not a dataset of hums dataset or hums convert; name a record in it.")
     echo(f"{'dataset':<12} {len(dataset_files(folder))} records; the first:")
     with dataset_record(folder, 0) as first:
         print_record(first)
 
 
 def print_record(record: "xr.Dataset") -> None:
-    """Print what a record holds, a line for each channel and tachometer."""
+    """Print the contents of a record, one line per channel, tachometer and measured quantity."""
     from hums.records import channels  # noqa: PLC0415
     from hums.records.quantities import mean_quantities  # noqa: PLC0415
     from hums.records.snapshots import is_snapshots  # noqa: PLC0415

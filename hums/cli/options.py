@@ -18,7 +18,7 @@ if TYPE_CHECKING:
     from hums.jobs import Workers
 
 Out = Annotated[Path, typer.Option("--out", "-o", help="Output folder.")]
-SpeedUnits = Annotated[Literal["rpm", "Hz"], typer.Option("--units", help="Unit in which speeds are stated first.")]
+SpeedUnits = Annotated[Literal["rpm", "Hz"], typer.Option("--units", help="Unit of speed that is stated first.")]
 WorkerCount = Annotated[
     int | None, typer.Option("--workers", metavar="N", help="Number of worker processes. Default: one per CPU core.")
 ]
@@ -26,20 +26,23 @@ Scheduler = Annotated[
     str | None, typer.Option(metavar="ADDRESS", help="Scheduler of a Dask cluster to run on, tcp://HOST:PORT.")
 ]
 Force = Annotated[bool, typer.Option("--force", help="Overwrite files written by other programs.")]
-FigureFormat = Annotated[Literal["svg", "png"], typer.Option("--format", help="Format of the figures in a folder.")]
+FigureFormat = Annotated[Literal["svg", "png"], typer.Option("--format", help="Format of figures written to a folder.")]
+LinkSpeeds = Annotated[
+    list[str] | None, typer.Option("--speed", metavar="LINK=RPM", help="Speed of a link in rpm; repeatable.")
+]
 
 
 SHOWN_REFUSALS = 5
-SOME_REFUSED = 3  # exit status: done, but for members that were refused
+SOME_REFUSED = 3  # exit status: done, except for inputs that were refused
 
 
 class UsageError(ValueError):
-    """Options or arguments that are missing, contradict each other, or have no valid value: exit status 2."""
+    """Options or arguments that are missing, contradictory or invalid: exit status 2."""
 
 
 @contextmanager
 def option_values() -> Iterator[None]:
-    """Turn the refusal of a value into one of the option that gave it."""
+    """Report invalid values in the block as wrong usage."""
     try:
         yield
     except ValueError as error:
@@ -47,12 +50,12 @@ def option_values() -> Iterator[None]:
 
 
 def parse_speeds(texts: list[str] | None, kinematics: "Kinematics") -> "dict[str, Fraction] | None":
-    """Return the speeds of options ``--speed LINK=RPM`` by link, in rpm, exact as written; None without one.
+    """Return the speeds of options ``--speed LINK=RPM`` by link, in rpm, as exact fractions; None without one.
 
     Raises
     ------
     UsageError
-        A text of another form, or fewer speeds than there are degrees of freedom.
+        If a text is malformed, or there are fewer speeds than degrees of freedom.
     """
     from fractions import Fraction  # noqa: PLC0415
 
@@ -86,7 +89,7 @@ SHARED_SETTINGS: dict[str, tuple[Any, Any]] = {
         typer.Option(
             "--speed-range",
             metavar="LOW HIGH",
-            help="Without a tachometer: speed range of the reference in rev/s (1500 rpm = 25); needs "
+            help="Without a tachometer: speed range of the reference in rev/s (1500 rpm = 25); requires "
             "--max-acceleration.",
         ),
     ),
@@ -103,12 +106,12 @@ SHARED_SETTINGS: dict[str, tuple[Any, Any]] = {
         typer.Option(
             "--envelope-band",
             metavar="LOW HIGH",
-            help="Demodulation band in Hz. Default: chosen for each channel, with the reason in the report.",
+            help="Demodulation band in Hz. Default: chosen for each channel; the report gives the reason.",
         ),
     ),
     "no_envelope": (
         bool | None,
-        typer.Option("--no-envelope", help="Skip the envelope analysis, and with it bearings."),
+        typer.Option("--no-envelope", help="Skip the envelope analysis; bearings are then not judged."),
     ),
     "false_alarm_probability": (
         float | None,
@@ -123,14 +126,14 @@ SETTINGS = SHARED_SETTINGS | {
     "max_order": (float | None, typer.Option(help="Highest order of the order spectrum.")),
     "track_bandwidth_orders": (
         float | None,
-        typer.Option("--track-bandwidth", help="Bandwidth of the amplitude tracks in orders. Default: the likeliest."),
+        typer.Option("--track-bandwidth", help="Bandwidth of amplitude tracks in orders. Default: maximum likelihood."),
     ),
     "velocity_limits_mm_s": (
         Optional[tuple[float, float, float]],  # noqa: UP045
         typer.Option(
             "--velocity-limits",
             metavar="AB BC CD",
-            help="Zone boundaries A/B, B/C and C/D of ISO 20816, RMS velocity in mm/s, from the part for this machine.",
+            help="RMS velocities in mm/s of zone boundaries A/B, B/C and C/D, from the part of ISO 20816 that applies.",
         ),
     ),
     "machine_class": (str | None, typer.Option(help="Part of ISO 20816 and machine class, for the report.")),
@@ -140,7 +143,7 @@ SETTINGS = SHARED_SETTINGS | {
 def with_settings(
     options: Mapping[str, tuple[Any, Any]], **fixed: object
 ) -> Callable[[Callable[..., None]], Callable[..., None]]:
-    """Return a decorator that gives a command the options of these settings, and passes what they and `fixed` make."""
+    """Return a decorator that adds these options to a command and passes it the settings they and `fixed` define."""
 
     def decorated(command: Callable[..., None]) -> Callable[..., None]:
         def run(**given: Any) -> None:  # noqa: ANN401  (each option keeps its own type)
@@ -159,7 +162,7 @@ def with_settings(
 
 
 def _settings_of(chosen: Mapping[str, Any]) -> "AnalysisSettings":
-    """Return the settings given by options; the others keep their defaults."""
+    """Return the settings given by options, the others at their defaults."""
     from hums.analysis.settings import AnalysisSettings  # noqa: PLC0415
 
     stated = {name: value for name, value in chosen.items() if value is not None and value != []}
@@ -172,7 +175,7 @@ def _settings_of(chosen: Mapping[str, Any]) -> "AnalysisSettings":
 
 
 def workers_of(count: int | None, scheduler: str | None) -> "Workers":
-    """Return where many records are worked on: processes of this machine, or a cluster."""
+    """Return the workers for many records: processes of this machine, or a Dask cluster."""
     from hums.jobs import Cluster, Processes  # noqa: PLC0415
 
     if count is not None and scheduler is not None:
@@ -187,7 +190,7 @@ RECORD_SUFFIXES = (".h5", ".hdf5")
 
 
 def check_record_target(target: Path, *, inputs: Iterable[str | Path], force: bool) -> None:
-    """Refuse a file for a record that is no HDF5 by its name, is read, or was written by another program."""
+    """Refuse an output record that is not named as HDF5, is also an input, or was written by another program."""
     from hums.records.outputs import check_outputs  # noqa: PLC0415
 
     check_outputs([target], inputs=inputs, force=force)
@@ -196,9 +199,9 @@ def check_record_target(target: Path, *, inputs: Iterable[str | Path], force: bo
 
 
 def echo(text: str, *, err: bool = False, nl: bool = True) -> None:
-    """Print a text, whatever stands in the names of files: control characters and bytes that are no text as escapes.
+    """Print a text with control characters and undecodable bytes of file names escaped.
 
-    Where standard error takes no more, the exit status still says what happened.
+    If standard error is closed, the exit status still tells what happened.
     """
     from signals._validation import plain_text  # noqa: PLC0415
 
@@ -207,17 +210,17 @@ def echo(text: str, *, err: bool = False, nl: bool = True) -> None:
 
 
 def say(step: str) -> None:
-    """Say what begins, as the packages do through the logger "hums"."""
+    """Announce a step through the logger "hums", as the packages do."""
     logging.getLogger("hums").info(step)
 
 
 def end_with_refusals(word: str, reasons: Mapping[str, str], total: int, table: str) -> None:
-    """Print the first of the members that were refused and, last, their number; end with status 3 where there are any.
+    """Print the first inputs that were refused and then their number; exit with status 3 if there are any.
 
     Raises
     ------
     ValueError
-        Where all were refused.
+        If all were refused.
     """
     from signals._validation import plain_message  # noqa: PLC0415
 
@@ -231,23 +234,19 @@ def end_with_refusals(word: str, reasons: Mapping[str, str], total: int, table: 
         raise typer.Exit(SOME_REFUSED)
 
 
-def several(draws: Sequence[Callable[..., object]], *, columns: int) -> Callable[[Any], None]:
-    """Return what draws several pictures in rows of some columns, each on axes of its own."""
+def save_picture(
+    draws: Sequence[Callable[..., object]], path: Path, size: tuple[float, float], *, force: bool, columns: int = 2
+) -> None:
+    """Draw plots, each on axes of its own, in rows of at most `columns`, into a figure of a size in inches."""
+    say(f"drawing {path.name}")
+    from hums.plots import save_figure  # noqa: PLC0415
 
     def draw(ax: Any) -> None:  # noqa: ANN401 - matplotlib stays in hums.plots
         figure = ax.figure
         ax.remove()
-        places = figure.subplots(-(-len(draws) // columns), columns, squeeze=False).ravel()
+        places = figure.subplots(-(-len(draws) // columns), min(columns, len(draws)), squeeze=False).ravel()
         for one, place in zip(draws, places, strict=False):
             one(ax=place)
-
-    return draw
-
-
-def save_picture(draw: Callable[[Any], object], path: Path, size: tuple[float, float], *, force: bool) -> None:
-    """Draw into a file of a size in inches and say so."""
-    say(f"drawing {path.name}")
-    from hums.plots import save_figure  # noqa: PLC0415
 
     save_figure(draw, path, width=size[0], height=size[1], force=force)
     echo(f"wrote {path}")

@@ -5,7 +5,7 @@ from typing import TYPE_CHECKING, Annotated
 
 import typer
 
-from hums.cli.options import UsageError, echo, parse_speeds
+from hums.cli.options import LinkSpeeds, UsageError, echo, parse_speeds
 
 if TYPE_CHECKING:
     import pandas as pd
@@ -14,12 +14,12 @@ if TYPE_CHECKING:
 def orders(
     gearbox: Annotated[str, typer.Argument(help="Gearbox file, .toml, or a catalogue name.")],
     reference: Annotated[str | None, typer.Option(help="Reference shaft of the orders.")] = None,
-    speed: Annotated[list[str] | None, typer.Option(metavar="LINK=RPM", help="Speed of a link; repeatable.")] = None,
+    speed: LinkSpeeds = None,
     csv: Annotated[bool, typer.Option("--csv", help="Print comma-separated values.")] = False,
     json: Annotated[bool, typer.Option("--json", help="Print JSON.")] = False,
-    redundant: Annotated[bool, typer.Option("--redundant", help="Print the meshes that repeat a constraint.")] = False,
+    redundant: Annotated[bool, typer.Option("--redundant", help="Print only the redundant meshes.")] = False,
     rpm: Annotated[
-        float | None, typer.Option(help="Speed of the reference in rpm; adds the frequencies in Hz and CPM.")
+        float | None, typer.Option(help="Speed of the reference in rpm; adds frequencies in Hz and CPM.")
     ] = None,
 ) -> None:
     """Run the command."""
@@ -34,7 +34,7 @@ def orders(
         raise UsageError(f"--rpm {rpm:g}: give a non-zero speed of the reference in rpm.")
     kinematics = solve_kinematics(load_gearbox(gearbox))
     if redundant:
-        echo("\n".join(redundant_meshes(kinematics)) or "every mesh is a constraint of its own")
+        echo("\n".join(redundant_meshes(kinematics)) or "no mesh is redundant")
         return
     table = defect_orders(kinematics, reference=reference, speeds=parse_speeds(speed, kinematics))
     if rpm is not None:

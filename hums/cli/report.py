@@ -12,9 +12,7 @@ from hums.cli.options import Force, Out, SpeedUnits, echo, say
 def report(
     analysis: Annotated[Path, typer.Argument(help="analysis.h5, or the folder that holds it.")],
     out: Out,
-    baseline: Annotated[
-        Path | None, typer.Option(help="analysis.h5 of an earlier record, to compare with: changes and spectra.")
-    ] = None,
+    baseline: Annotated[Path | None, typer.Option(help="analysis.h5 of an earlier record to compare with.")] = None,
     units: SpeedUnits = "rpm",
     pdf: Annotated[
         bool, typer.Option("--pdf", help="Also print report.pdf, a summary to forward, with Chromium.")

@@ -10,7 +10,7 @@ from hums.cli.options import echo
 def schema(
     of: Annotated[
         Literal["gearbox", "scene", "plan"],
-        typer.Argument(metavar="KIND", help="Kind of file: gearbox, scene or plan (of a dataset)."),
+        typer.Argument(metavar="KIND", help="Kind of file: gearbox, scene, or plan of a dataset."),
     ],
 ) -> None:
     """Run the command."""

@@ -13,7 +13,7 @@ def synth(
     scene: Annotated[str, typer.Argument(help="Scene, .toml, or a catalogue name.")],
     out: Annotated[Path | None, typer.Option("--out", "-o", help="Output record, .h5.")] = None,
     seed: Annotated[int, typer.Option(help="Random seed.")] = 0,
-    explain: Annotated[bool, typer.Option("--explain", help="Print the model chosen, why, and its cost.")] = False,
+    explain: Annotated[bool, typer.Option("--explain", help="Print the chosen model, why, and its cost.")] = False,
     by_source: Annotated[bool, typer.Option("--by-source", help="Also store the clean signal of each source.")] = False,
     phases: Annotated[bool, typer.Option("--phases", help="Also store exact angles of shafts and rollers.")] = False,
     mechanics: Annotated[

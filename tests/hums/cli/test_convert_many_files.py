@@ -66,7 +66,7 @@ def test_snapshots_in_a_file_each(run, folder, described, tmp_path):
     ("words", "said"),
     [
         (("out", "--recorded-at", "2020-01-01T00:00:00Z"), "would apply to every file"),
-        (("out.h5",), "several files make a folder"),
+        (("out.h5",), "several files are written to a folder"),
         (("out", "--workers", 1, "--scheduler", "tcp://a:1"), "are both given"),
     ],
 )
@@ -142,9 +142,9 @@ def test_a_target_that_is_missing(run, folder, tmp_path):
     code, _, err = run("convert", folder / "acc_00001.csv")
     assert code == 2
     assert (
-        "acc_00001.csv alone is named; name one source and the record or folder to write, or several and -o FOLDER"
+        "acc_00001.csv is given; name one source and the record or folder to write, or several and -o FOLDER"
         in err
     )
     assert run("convert", folder, tmp_path / "out", *MANY)[0] == 3
     assert "dataset      4 records; the first:" in run("info", tmp_path / "out")[1]
-    assert "measured is a folder, but not a dataset" in run("info", folder)[2]
+    assert "measured is not a dataset" in run("info", folder)[2]
