@@ -72,13 +72,13 @@ sphinx_gallery_conf = {
 
 # A page for each package, from what it exports: complete by construction.
 API = {
-    "signals": "Arrays in, frozen dataclasses of arrays out.",
+    "signals": "Signal processing: functions of arrays that return frozen dataclasses of arrays.",
     "signals.harmonics": "Amplitude and phase of orders, with their uncertainty.",
     "signals.indicators": "Condition indicators, each with its source.",
     "hums": "Gearboxes, records, analyses, reports and fleets.",
-    "hums.plots": "Figures on matplotlib axes.",
-    "data_synth": "Synthetic records that carry their truth.",
-    "data_synth.dynamics": "Equations of motion of a gearbox, and what follows from them.",
+    "hums.plots": "Figures on Matplotlib axes.",
+    "data_synth": "Synthetic records with their ground truth.",
+    "data_synth.dynamics": "Equations of motion of a gearbox: modes, stability, steady states and time integration.",
 }
 
 
@@ -127,7 +127,7 @@ def _write_api() -> None:
     pages = {package: _api_page(package, about) for package, about in API.items()}
     pages["index"] = (
         "Packages\n========\n\n"
-        "Every public name, from its docstring. The examples run in the tests.\n\n"
+        "All public names, with their docstrings. The tests run the examples.\n\n"
         f".. toctree::\n   :maxdepth: 1\n\n{names}\n"
     )
     for name, text in pages.items():

@@ -16,7 +16,7 @@ MOST_BYTES = 1_000_000  # of a page on which a mechanism turns
 
 ABOUT = """# Animated mechanisms
 
-Each gearbox of the catalogue, including Glinsky's trains and those of the papers, on its own page: sliders for the
+Each gearbox of the catalogue, including Glinsky's trains and those of the papers, has a page with sliders for the
 independent speeds, velocity vectors, and all defect orders, exact and in Hz. Each page is one offline file;
 `hums drawing my-gearbox.toml -o my-gearbox.html` generates one for your gearbox.
 
@@ -60,7 +60,7 @@ WIDTH, HEIGHT, STEP = 2.3, 0.8, (3.0, 1.0)  # of a box, and from one to the next
 
 
 def draw_packages(ax) -> None:
-    """Draw the packages as boxes, and what is made first with an arrow to what uses it."""
+    """Draw the packages as boxes, with an arrow from each to those that use its results."""
     ax.set_axis_off()
     ax.set(xlim=(-3.2, 10.4), ylim=(-4.5, 0.5))
     ax.figure.patch.set_facecolor("white")
@@ -95,8 +95,8 @@ def make_sources(app: Sphinx) -> None:
         free = solve_kinematics(gearbox).dof
         freedom = f"{free} degree{'s' if free > 1 else ''} of freedom"
         rows.append(
-            f"## {gearbox.name}\n\n![{gearbox.name}, drawn from its file]({name}.svg)\n\n"
-            f'`{name}`, {freedom}: <a href="{name}.html">the page on which it turns</a>.\n'
+            f"## {gearbox.name}\n\n![{gearbox.name}, drawn from its gearbox file]({name}.svg)\n\n"
+            f'`{name}`, {freedom}: <a href="{name}.html">animated page</a>.\n'
         )
     (folder / "index.md").write_text(ABOUT + "\n".join(rows), encoding="utf-8")
     save_figure(draw_packages, folder / "packages.svg", width=7, height=5)

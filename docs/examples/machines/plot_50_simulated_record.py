@@ -2,7 +2,7 @@
 A record with ground truth
 ==========================
 
-A scene is simulated to a record; the ground truth is stored with the samples.
+A record is simulated from a scene; the ground truth is stored with the samples.
 """
 
 import matplotlib.pyplot as plt

@@ -2,7 +2,7 @@
 From a record to its spectra
 ============================
 
-Gearbox orders marked in the order spectrum and in the envelope spectrum.
+The orders of the gearbox are marked in the order spectrum and in the envelope spectrum.
 """
 
 import matplotlib.pyplot as plt

@@ -24,7 +24,7 @@ for score in scores:
     charts.append(state.values[:, 0])
     index.append(float(limits.index(state)[0]))
 alarm = int(np.argmax(np.array(index) > 1))
-print(f"the fault begins at record {began}, the alarm comes at {alarm}")
+print(f"fault from record {began}, alarm at record {alarm}")
 
 figure, (top, bottom) = plt.subplots(2, 1, figsize=(9, 6), sharex=True, layout="constrained")
 top.plot(records, scores, ".", color="0.6", label="score")

@@ -1,5 +1,5 @@
 """
-Wijianto's gear pair: the paper's figures
+Wijianto's gear pair: figures of the paper
 =========================================
 
 Figures 3 to 10 of the paper, from the scene ``wijianto``: 75 N m on the pinion, a load proportional to the square of
@@ -26,8 +26,8 @@ records = {name: simulate(scene.changed(dynamics=case), seed=0, mechanics=True) 
 
 record = records["constant stiffness"]
 times_s = record["time"].values
-speed = -2 * np.pi * record["truth_link_speed"].sel(truth_link="gear").values  # rad/s, the pinion's turning to the left
-# what the gear presses on its bearing along the line of action, over 1e8 N/m, is where it is along the paper's x
+speed = -2 * np.pi * record["truth_link_speed"].sel(truth_link="gear").values  # rad/s; the gear rotates in the negative direction
+# displacement of the gear along the paper's x: its bearing force along the line of action over 1e8 N/m
 pressed_n = record["truth_bearing_force"].sel(truth_support=["gear, y", "gear, z"]).values
 along = -np.array([0.342020143, 0.939692621])
 velocity = CubicSpline(times_s, along @ pressed_n / 1e8).derivative()(times_s)
@@ -38,7 +38,7 @@ figure, axes = plt.subplots(4, 2, figsize=(8, 9), layout="constrained")
 
 
 def plot(number, title, values, *, between=(0.0, 2.0), **style):
-    """Plot one of the paper's figures."""
+    """Plot one figure of the paper."""
     shown = (times_s >= between[0]) & (times_s <= between[1])
     where = axes.ravel()[number - 3]
     where.plot(times_s[shown], values[shown], rasterized=True, **style)

@@ -32,7 +32,7 @@ def pair(stiffness):
 
 
 def at_ratio(ratio):
-    """Return the pair with a contact ratio: 1e6 N/m in the mean, 9e5 N/m from low to high."""
+    """Return the pair for a contact ratio, with a mean of 1e6 N/m and a step of 9e5 N/m."""
     duty = ratio - 1
     return pair(Rectangular(low=1e6 - duty * 9e5, high=1e6 + (1 - duty) * 9e5, duty=duty))
 

@@ -20,6 +20,6 @@ draw_mechanism(gearbox, ax=left)
 velocity_diagram(kinematics, {"ring": 1}, ax=right)
 
 # %%
-# As Nelson and Cipra have it, the ring turns 1.6 times as fast as the carrier.
+# As published by Nelson and Cipra, the ring rotates 1.6 times as fast as the carrier.
 print("carrier over ring:", kinematics.rates({"ring": Fraction(1)})["carrier"])
-print("planet against carrier:", kinematics.relative_speed("planet", seen_from="carrier"))
+print("planet relative to carrier:", kinematics.relative_speed("planet", seen_from="carrier"))

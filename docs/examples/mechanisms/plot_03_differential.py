@@ -15,7 +15,7 @@ kinematics = hums.solve_kinematics(hums.load_gearbox("car-differential"))
 corner = {"left wheel": 26, "right wheel": 30}
 for link, seen_from in [("cage", "car"), ("drive shaft", "car"), ("planet a", "cage")]:
     speed = kinematics.relative_speed(link, seen_from=seen_from, speeds=corner)
-    print(f"{link} against {seen_from}: {speed} rad/s")
+    print(f"{link} relative to {seen_from}: {speed} rad/s")
 
 # %%
 figure, ax = plt.subplots(figsize=(6, 5), layout="constrained")
@@ -23,6 +23,6 @@ velocity_diagram(kinematics, corner, ax=ax)
 plt.show()
 
 # %%
-# Orders need both speeds, too, and count per revolution of the cage.
+# Orders require both speeds, too, and are cycles per revolution of the cage.
 orders = hums.defect_orders(kinematics, speeds=corner)
 print(orders[["component", "kind", "order"]].head(8).to_string(index=False))

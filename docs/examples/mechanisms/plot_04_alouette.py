@@ -14,7 +14,7 @@ from hums.plots import draw_mechanism, speed_order_chart
 gearbox = hums.load_gearbox("alouette-iii")
 kinematics = hums.solve_kinematics(gearbox)
 for link in ("tail", "main shaft", "lower carrier", "upper carrier"):
-    print(f"{link:14} {kinematics.rates({'input': 1})[link]} of the input's speed")
+    print(f"{link:14} {kinematics.rates({'input': 1})[link]} of the input speed")
 
 # %%
 figure, ax = plt.subplots(figsize=(8, 5), layout="constrained")

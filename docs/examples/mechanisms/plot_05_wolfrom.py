@@ -2,8 +2,8 @@
 A Wolfrom set: near-cancelling tooth ratios
 ===========================================
 
-The ratio of the rotating ring of a Wolfrom set is close to that of the fixed ring; the small difference gives a large
-reduction, which fractions preserve and floating point would degrade.
+The two rings of a Wolfrom set have similar ratios to their planets; the small difference gives a large reduction, which
+fractions keep exact, while floating-point numbers would lose digits.
 """
 
 import matplotlib.pyplot as plt

@@ -2,7 +2,7 @@
 Gears of a Ravigneaux set
 =========================
 
-Two degrees of freedom: holding the links in turn gives the gears of an automatic transmission.
+Two degrees of freedom: fixing one link after the other gives the gears of an automatic transmission.
 """
 
 import matplotlib.pyplot as plt

@@ -2,7 +2,7 @@
 Torques and power through two stages
 ====================================
 
-Mesh loads by virtual work, with a loss of one per cent per mesh.
+Tooth loads by virtual work, with a loss of one per cent per mesh.
 """
 
 import matplotlib.pyplot as plt

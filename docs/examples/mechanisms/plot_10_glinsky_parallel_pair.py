@@ -2,8 +2,8 @@
 Glinsky: a parallel pair
 ========================
 
-Two gears on parallel axes, after Glinsky, Kinematics of Rotational Systems; the teeth are ours. The speeds are in the
-inverse ratio of the teeth, and the directions are opposite.
+Two gears on parallel axes, after Glinsky, Kinematics of Rotational Systems; the tooth numbers are ours. The speeds are
+inversely proportional to the tooth numbers, and the directions are opposite.
 """
 
 import matplotlib.pyplot as plt

@@ -2,7 +2,7 @@
 Glinsky: a planetary set with one planet
 ========================================
 
-Nothing is held, so two speeds must be given.
+No link is fixed, so two speeds must be given.
 """
 
 import matplotlib.pyplot as plt

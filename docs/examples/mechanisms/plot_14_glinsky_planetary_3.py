@@ -2,7 +2,7 @@
 Glinsky: a planetary set with three planets
 ===========================================
 
-The same set with three planets; here the carrier is held, and the ring turns backwards.
+The same set with three planets; here the carrier is fixed, and the ring rotates backwards.
 """
 
 import matplotlib.pyplot as plt

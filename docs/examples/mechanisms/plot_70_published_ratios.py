@@ -15,7 +15,7 @@ import hums
 
 
 def rate(gearbox, link, seen_from, speeds):
-    """Return the speed of a link seen from another one, exact."""
+    """Return the exact speed of a link relative to another one."""
     kinematics = hums.solve_kinematics(hums.load_gearbox(gearbox))
     return kinematics.relative_speed(link, seen_from=seen_from, speeds=speeds)
 
@@ -35,11 +35,11 @@ for quantity, printed, ours in published:
     assert abs(printed - float(ours)) < 5e-4  # half a unit of the last decimal of the coarsest
 
 # %%
-# What is left is the rounding of print.
+# The differences are rounding errors of the printed values.
 figure, ax = plt.subplots(figsize=(8, 3.5), layout="constrained")
 ax.barh([row[0] for row in published], [printed - float(ours) for _, printed, ours in published])
 ax.axvline(0, color="black", lw=0.8)
-ax.set(xlabel="printed less exact", xlim=(-5e-4, 5e-4))
+ax.set(xlabel="printed minus exact", xlim=(-5e-4, 5e-4))
 ax.ticklabel_format(axis="x", scilimits=(0, 0))
 ax.invert_yaxis()
 plt.show()

@@ -13,7 +13,7 @@ import signals
 
 rng = np.random.default_rng(1)
 revolutions = np.arange(200.0)
-times_s = (-10 + np.sqrt(100 + 2 * revolutions)) / 1.0  # 10 rev/s and 1 rev/s more every second
+times_s = (-10 + np.sqrt(100 + 2 * revolutions)) / 1.0  # 10 rev/s, accelerating at 1 rev/s per second
 pulses = np.delete(times_s, [50, 120, 121]) + rng.normal(0, 2e-6, revolutions.size - 3)
 phase = signals.shaft_phase(pulses, pulses_per_rev=1)
 print("missing pulses:", phase.repairs.missing)
@@ -27,5 +27,5 @@ top.legend()
 bottom.plot(t, 100 * (phase.speed_hz(t) / (10 + t) - 1))
 for gap in times_s[[50, 120, 121]]:
     bottom.axvline(gap, color="tab:red", ls=":", lw=1)
-bottom.set(xlabel="time, s; dotted: pulses that are missing", ylabel="error of the speed, %")
+bottom.set(xlabel="time, s; dotted: missing pulses", ylabel="speed error, %")
 plt.show()

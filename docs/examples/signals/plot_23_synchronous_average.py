@@ -2,7 +2,7 @@
 A cracked tooth in the synchronous average
 ==========================================
 
-Averaging over gear revolutions retains the components locked to its teeth; after removal of the mesh harmonics, one
+Averaging over gear revolutions retains the components locked to its rotation; after removal of the mesh harmonics, one
 tooth stands out.
 """
 
@@ -20,7 +20,7 @@ signal = signals.AngularSignal(values=x, samples_per_rev=per_rev, start_rev=0.0,
 average = signals.synchronous_average(signal)
 residual = signals.residual_signal(average, teeth=teeth, harmonics=4, shaft_orders=[1, 2])
 difference = signals.difference_signal(average, teeth=teeth, harmonics=4, shaft_orders=[1, 2], sidebands=1)
-print(f"FM4 = {fm4(difference):.1f}; noise alone has 3")
+print(f"FM4 = {fm4(difference):.1f}; 3 for noise alone")
 
 figure, (top, bottom) = plt.subplots(2, 1, figsize=(8, 6), sharex=True, layout="constrained")
 tooth = np.arange(per_rev) * teeth / per_rev

@@ -2,8 +2,8 @@
 How many revolutions to average
 ===============================
 
-An average over whole revolutions of both gears cancels the mate of a gear. `quietest_revolutions` gives the number with
-the smallest remainder.
+Averaging over integer numbers of revolutions of both gears cancels the mate of a gear. `quietest_revolutions` returns
+the number with the smallest remainder.
 """
 
 from fractions import Fraction
@@ -13,7 +13,7 @@ import numpy as np
 
 import signals
 
-mate = Fraction(21, 41)  # turns of the mate for each of the gear
+mate = Fraction(21, 41)  # revolutions of the mate per revolution of the gear
 advice = signals.quietest_revolutions([mate], most=100)
 print("average over", advice.revolutions, "revolutions")
 
@@ -22,5 +22,5 @@ gains = [abs(float(signals.comb_gain([float(mate)], revolutions=int(number))[0])
 figure, ax = plt.subplots(layout="constrained")
 ax.semilogy(numbers, np.maximum(gains, 1e-6))
 ax.axvline(advice.revolutions, color="tab:red", linestyle=":")
-ax.set(xlabel="revolutions averaged", ylabel="what is left of the mate's order")
+ax.set(xlabel="revolutions averaged", ylabel="remainder of the mate's order")
 plt.show()

@@ -13,7 +13,7 @@ import signals
 
 rate_hz = 20_000
 t = np.arange(4 * rate_hz) / rate_hz
-ring = np.exp(-1500 * (t % 0.02)) * np.sin(2 * np.pi * 3000 * (t % 0.02))  # 50 impulses a second
+ring = np.exp(-1500 * (t % 0.02)) * np.sin(2 * np.pi * 3000 * (t % 0.02))  # 50 impulses per second
 x = ring + 0.1 * np.random.default_rng(1).standard_normal(t.size)
 
 band = signals.choose_band(x, rate_hz=rate_hz)

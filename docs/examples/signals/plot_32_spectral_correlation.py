@@ -2,8 +2,8 @@
 Cyclic frequencies without band selection
 =========================================
 
-Spectral coherence averaged over all carriers: the enhanced envelope spectrum requires no band selection (Antoni,
-Xin and Hamzaoui 2017).
+The enhanced envelope spectrum, the spectral coherence averaged over all carrier frequencies, requires no band selection
+(Antoni, Xin and Hamzaoui 2017).
 """
 
 import matplotlib.pyplot as plt

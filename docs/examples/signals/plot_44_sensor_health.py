@@ -2,7 +2,7 @@
 A clipping sensor
 =================
 
-Sensor health is checked before any diagnosis; the trackers take clipped samples as beyond the limit.
+Sensor health is checked before any diagnosis; the trackers treat clipped samples as censored data.
 """
 
 import matplotlib.pyplot as plt

@@ -2,8 +2,8 @@
 A slipping bearing
 ==================
 
-The line is a per cent below its kinematic order and wanders. `track_slipping_order` estimates the slip jointly with the
-amplitude.
+The line is one per cent below its kinematic order and varies. `track_slipping_order` estimates the slip jointly with
+the amplitude.
 """
 
 import matplotlib.pyplot as plt

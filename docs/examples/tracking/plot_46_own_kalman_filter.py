@@ -2,8 +2,8 @@
 Build your own Kalman filter
 ============================
 
-`signals.harmonic_model` gives the matrices of the tracker's state-space model, and a filterpy filter based on them, for
-cases that `track_orders` does not cover: here a known noise variance of each sample.
+`signals.harmonic_model` returns the matrices of the tracker's state-space model, and a filterpy filter based on them,
+for cases that `track_orders` does not cover: here, a known noise variance for each sample.
 """
 
 import matplotlib.pyplot as plt
@@ -15,7 +15,7 @@ rate_hz = 500
 t = np.arange(4 * rate_hz) / rate_hz
 phase_rad = 2 * np.pi * (5 * t + t**2)
 truth = 1 + 0.3 * np.sin(2 * np.pi * 0.3 * t)
-noise_std = np.where((t > 1.5) & (t < 2.5), 2.0, 0.2)  # known, say from a second sensor
+noise_std = np.where((t > 1.5) & (t < 2.5), 2.0, 0.2)  # known, for instance from a second sensor
 y = truth * np.cos(3 * phase_rad) + noise_std * np.random.default_rng(1).standard_normal(t.size)
 
 settings = {"phase_rad": phase_rad, "orders": [1, 3], "bandwidth_hz": 1.5, "rate_hz": rate_hz, "noise_variance": 0.04}
@@ -29,12 +29,12 @@ for n in range(t.size):
         kalman.predict()
 
 # %%
-# With the noise of the model, filterpy gives what the compiled filter gives.
+# With the noise variance of the model, filterpy and the compiled filter agree.
 tracks = signals.track_orders(y, **settings, estimator="filter", method="exact")
 print("largest difference:", f"{np.max(np.abs(tracks.complex_amplitude[1] - steady_z)):.1e}")
 
 # %%
-# A filter that knows when the channel is noisy waits until it is not.
+# A filter with the variance of each sample gives little weight to noisy ones.
 figure, ax = plt.subplots(figsize=(8, 4), layout="constrained")
 ax.plot(t, np.abs(tracks.complex_amplitude[1]), label="track_orders")
 ax.plot(t, np.abs(own_z), label="with the variance of each sample")
