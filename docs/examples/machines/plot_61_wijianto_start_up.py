@@ -1,6 +1,6 @@
 """
 Wijianto's gear pair: figures of the paper
-=========================================
+==========================================
 
 Figures 3 to 10 of the paper, from the scene ``wijianto``: 75 N m on the pinion, a load proportional to the square of
 speed, starting from rest. The paper prints a top speed of 132.3 rad/s, and a ripple of about 110 Hz.
@@ -26,7 +26,7 @@ records = {name: simulate(scene.changed(dynamics=case), seed=0, mechanics=True) 
 
 record = records["constant stiffness"]
 times_s = record["time"].values
-speed = -2 * np.pi * record["truth_link_speed"].sel(truth_link="gear").values  # rad/s; the gear rotates in the negative direction
+speed = -2 * np.pi * record["truth_link_speed"].sel(truth_link="gear").values  # rad/s; the gear rotates backwards
 # displacement of the gear along the paper's x: its bearing force along the line of action over 1e8 N/m
 pressed_n = record["truth_bearing_force"].sel(truth_support=["gear, y", "gear, z"]).values
 along = -np.array([0.342020143, 0.939692621])
