@@ -96,7 +96,7 @@ TRACKERS = Section(
 # ---- coverage of `std` -----------------------------------------------------------------------------------------------
 
 POLES = {"quick": (2,), "plain": (1, 2, 3, 4), "full": (1, 2, 3, 4)}
-OUTSIDE = {"narrow": 4, "offset": 8, "slipping order": 6}  # cells, known; one of another kind may be by chance
+OUTSIDE = {"narrow": 4, "slipping order": 6}  # cells, known; one of another kind may be by chance
 
 
 def coverage_tasks(effort: Effort) -> list[Task]:

@@ -20,7 +20,7 @@ import numpy as np
 from signals.harmonics.block_grid import Grid, at_outputs, pieces_between
 from signals.harmonics.coupling import Coupling, Smoothed, couple, smooth_apart, smooth_together
 from signals.harmonics.innovations import Innovations
-from signals.harmonics.kalman_filter import count_innovations
+from signals.harmonics.kalman_filter import causal_filter
 from signals.harmonics.separability import Closeness
 from signals.harmonics.state_space import Estimate, Flags, Floats, HarmonicModel
 
@@ -153,7 +153,8 @@ class BlockFit:
             part = slice(0, startup + RESIDUAL_SAMPLES)
             width = model.bandwidth if model.bandwidth.shape[1] == 1 else model.bandwidth[:, part]
             head = replace(model, phases=tuple(phase[part] for phase in model.phases), bandwidth=width)
-            return count_innovations(head, grid.x[:, part], startup=startup)
+            known = causal_filter(head, grid.x[:, part], output_every=grid.samples, startup=startup)
+            return Innovations(known.innovation_mean_square * known.innovation_samples, known.innovation_samples)
         pieces = pieces_between(self.smoothed.levels, cubic=model.poles > 1)
         explained = self.smoothed.explained.sum(axis=0)
         # With one pole half of a node's samples lie on either side, else all before it.

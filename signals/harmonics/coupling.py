@@ -276,16 +276,11 @@ class WithoutOthers:
         """(node, pole, order, channel, 2) array of the data at some nodes, of a group without all others."""
         grid = self._grid
         first, last, _ = nodes.indices(grid.nodes)
-        start, stop = max(first - 1, 0), min(last, grid.blocks)
-        moments = self._moments[start:stop, :, group]
+        moments = self._moments[:, :, group]
         for samples, blocks in self._runs:
-            if blocks.stop > start and blocks.start < stop:
-                own = grid.project(self._weighted(group, samples), blocks, group)
-                inside = slice(max(blocks.start, start), min(blocks.stop, stop))
-                moments[inside.start - start : inside.stop - start] += own[
-                    inside.start - blocks.start : inside.stop - blocks.start
-                ]
-        return grid.at_nodes(moments)[first - start : last - start]
+            if blocks.stop >= first and blocks.start < last:
+                moments[blocks] += grid.project(self._weighted(group, samples), blocks, group)
+        return grid.at_nodes(moments)[nodes]
 
     def _weighted(self, orders: Indices, samples: slice) -> Floats:
         """(channel, sample) array, the waveforms of some orders added up, times the triangular weights."""

@@ -12,7 +12,6 @@ complex amplitude has twice these gains, since the real record holds half of a r
 """
 
 from dataclasses import dataclass
-from functools import lru_cache
 from math import ceil, log, sqrt
 
 import numpy as np
@@ -95,23 +94,17 @@ def _paired(model: HarmonicModel, values: Floats) -> Floats:
 
 
 def causal_filter(
-    model: HarmonicModel, x: Floats, *, output_every: int, startup: int, steady: bool = False, error_bound: float = 0.0
+    model: HarmonicModel, x: Floats, *, output_every: int, startup: int, steady_error: float | None = None
 ) -> Estimate:
     """Filter all channels of a (channel, sample) record, NaN where missing in all channels at once.
 
-    The innovations count from sample `startup` on. Steady-state gains have the given `Estimate.error_bound`.
+    The innovations count from sample `startup` on. Given their `Estimate.error_bound`, gains are those of the steady
+    state once it is reached.
     """
     state, innovations = FilterState.prior(model, channels=len(x)), Innovations(np.zeros(len(x)))
-    gains = SteadyGains.of(model) if steady else None
+    gains = None if steady_error is None else SteadyGains.of(model)
     found = filter_on(model, x, state, innovations, output_every=output_every, startup=startup, steady=gains)
-    return innovations.estimate(*found, error_bound=error_bound)
-
-
-def count_innovations(model: HarmonicModel, x: Floats, *, startup: int) -> Innovations:
-    """Return the innovations of the covariance filter; parameters as for `causal_filter`."""
-    state, innovations = FilterState.prior(model, channels=len(x)), Innovations(np.zeros(len(x)))
-    filter_on(model, x, state, innovations, output_every=x.shape[1], startup=startup)
-    return innovations
+    return innovations.estimate(*found, error_bound=steady_error or 0.0)
 
 
 @dataclass(frozen=True, kw_only=True, eq=False)
@@ -126,7 +119,7 @@ class SteadyGains:
     @classmethod
     def of(cls, model: HarmonicModel) -> "SteadyGains":
         """Return the gains of a model, each order as if alone."""
-        bands = [_band(width, model.poles) for width in model.bandwidth[:, 0].tolist()]
+        bands = [Bandwidth(width=width, poles=model.poles) for width in model.bandwidth[:, 0].tolist()]
         noise = np.where(model.orders == 0, 1.0, 2.0)
         shares = noise * np.stack([band.filter_shares for band in bands], axis=1)
         return cls(
@@ -134,12 +127,6 @@ class SteadyGains:
             innovation_variance=float(1 + np.sum(shares[0] / (1 - shares[0] / noise))),
             settling=ceil(log(2 / STEADY_RTOL) / (2 * min(band.filter_decay for band in bands))),
         )  # fmt: skip
-
-
-# The gains of a bandwidth are needed again for every record.
-@lru_cache(maxsize=256)
-def _band(width: float, poles: int) -> Bandwidth:
-    return Bandwidth(width=width, poles=poles)
 
 
 def filter_on(

@@ -91,6 +91,8 @@ def harmonic_model(
 ) -> HarmonicMatrices:
     """Return the model of `track_orders` as matrices, for a Kalman filter of one's own.
 
+    Its filter tracks the mean as well: name order 0 to have the same estimates.
+
     Parameters
     ----------
     phase_rad, orders, bandwidth_hz, bandwidth_orders, rate_hz, samples_per_rev, poles, noise_variance, initial_std

@@ -72,6 +72,16 @@ class HarmonicModel:
         step, highest = float(phase[-1] - phase[0]) / (phase.size - 1), float(np.abs(self.orders).max(initial=0.0))
         return step if highest == 0 or on_line(phase, step, STEADY_RAD / highest) else None
 
+    @property
+    def with_mean(self) -> "HarmonicModel":
+        """The model with the mean as its last order, as wide as the narrowest one, if the orders lack it."""
+        if not self.orders.all():
+            return self
+        return replace(
+            self, orders=np.append(self.orders, 0.0), shaft=np.append(self.shaft, 0),
+            bandwidth=np.concatenate([self.bandwidth, self.bandwidth.min(axis=0, keepdims=True)]),
+        )  # fmt: skip
+
     def subset(self, orders: Indices) -> "HarmonicModel":
         """Return the model of some of the orders."""
         own = {name: getattr(self, name)[orders] for name in ("orders", "shaft", "bandwidth")}
@@ -136,6 +146,10 @@ class Estimate:
     # Samples between the nodes where `variance` is that of nodes, the last one after the last sample: standard
     # deviations are linear in between. None where it is that of outputs.
     std_spacing: int | None = None
+
+    def of_orders(self, orders: int) -> "Estimate":
+        """Return the estimates of the first orders alone."""
+        return replace(self, amplitude=self.amplitude[:, :orders], variance=self.variance[:orders])
 
 
 def lost(model: HarmonicModel, method: Method) -> FloatingPointError:

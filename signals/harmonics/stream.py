@@ -52,7 +52,8 @@ class OrderTracker:
     Parameters
     ----------
     orders
-        Orders in cycles per revolution, one number each, or (shaft, order) pairs. Order 0 is the mean.
+        Orders in cycles per revolution, one number each, or (shaft, order) pairs. Order 0 is the mean, which is tracked
+        whether asked for or not.
     noise_variance
         Variance R of the white noise in the record, in its unit squared.
     bandwidth_hz, bandwidth_orders
@@ -108,12 +109,12 @@ class OrderTracker:
         pairs = [item for item in orders if isinstance(item, tuple | list) and item] if np.iterable(orders) else []
         # Zero angles, so that orders are checked before angles are known.
         rest = {pair[0]: [0.0] for pair in pairs if isinstance(pair[0], str)} or [0.0]
-        self._model, self._names, self._width, _ = _arguments.check_model(
+        model, self._names, self._width, _ = _arguments.check_model(
             orders=orders, phase_rad=rest, samples=1, noise_variance=self._noise, initial_std=initial_std, poles=poles,
             bandwidth_hz=bandwidth_hz, bandwidth_orders=bandwidth_orders, rate_hz=rate_hz,
             samples_per_rev=samples_per_rev,
         )  # fmt: skip
-        numbers = self._model.orders
+        numbers, self._model = model.orders, model.with_mean
         self._orders = list(zip(self._names, numbers.tolist(), strict=True)) if self._names else numbers
         self._shafts = list(dict.fromkeys(self._names)) or [""]
         choice(method, name="method", choices=("exact", "fast"))
@@ -153,10 +154,12 @@ class OrderTracker:
             startup=ceil(1 / float(model.bandwidth.min())) + model.state_size,
         )  # fmt: skip
         now.last_phase = phase[:, -1].copy()
-        found = statistics(block, now.innovations.estimate(amplitude, variance), flags, self._noise)
+        orders = len(self._orders)
+        estimate = now.innovations.estimate(amplitude, variance).of_orders(orders)
+        found = statistics(block, estimate, flags[:orders], self._noise)
         return OrderTracks(
             **{name: squeeze(value, now.one_channel) for name, value in found.items()},
-            orders=model.orders, shafts=self._names, bandwidth=self._width.given,
+            orders=model.orders[:orders], shafts=self._names, bandwidth=self._width.given,
             bandwidth_units=self._width.units, bandwidth_cycles=self._width.cycles[:, 0], poles=model.poles,
             estimator="filter", method="exact" if self._steady is None else "fast", error_bound=now.error_bound,
             samples=now.state.count, output_every=self._every,

@@ -73,7 +73,8 @@ def track_orders(
     phase_rad : (sample,) array
         Shaft angle in rad, or a mapping from shaft name to such an array.
     orders
-        Orders in cycles per revolution, one number each; with a mapping, (shaft, order) pairs. Order 0 is the mean.
+        Orders in cycles per revolution, one number each; with a mapping, (shaft, order) pairs. Order 0 is the mean,
+        which the filter tracks whether asked for or not.
     bandwidth_hz
         Full -3 dB width of the smoother in Hz, with `rate_hz`: one number for all orders, one for each, or, where it
         varies, an (order, sample) or (1, sample) array.
@@ -163,8 +164,8 @@ def track_orders(
             "choose a smaller one."
         )
     task = _Task(
-        model=model, estimator=estimator, output_every=whole(output_every, name="output_every", least=1),
-        rtol=rtol, noise_variance=noise_variance,
+        model=model if estimator == "smoother" else model.with_mean, estimator=estimator, rtol=rtol,
+        output_every=whole(output_every, name="output_every", least=1), noise_variance=noise_variance,
     )  # fmt: skip
     phase_std = _arguments.check_phase_std(phase_std_rad, shafts=shafts, samples=samples)
     phase_every = task.output_every if phase_std is not None and phase_std.shape[1] > 1 else 1
@@ -172,7 +173,7 @@ def track_orders(
     chosen = _choose(method, task, seen)
     alike = bool((seen == seen[0]).all())
     parts = [
-        _tracked(task, chosen, record[rows], name="x" if one else f"x[{rows.start}]")
+        _tracked(task, chosen, record[rows], orders=model.orders.size, name="x" if one else f"x[{rows.start}]")
         for rows in ([slice(0, None)] if alike else [slice(channel, channel + 1) for channel in range(len(record))])
     ]
     found = {
@@ -189,17 +190,18 @@ def track_orders(
     )  # fmt: skip
 
 
-def _tracked(task: _Task, method: Method, record: Floats, *, name: str) -> tuple[Estimate, dict[str, Any]]:
-    """Return the estimate of channels that miss the same samples, and their (channel, ...) fields."""
+def _tracked(task: _Task, method: Method, record: Floats, *, orders: int, name: str) -> tuple[Estimate, dict[str, Any]]:
+    """Return the estimate of channels that miss the same samples, and the (channel, ...) fields of the first orders."""
     seen = ~np.isnan(record[0])
     estimate = _run(method, task, record, seen, _startup(task, seen, name=name))
     flags = flag_outputs(task.closeness, seen, every=task.output_every, estimator=task.estimator)
-    found = statistics(record, estimate, flags, task.noise_variance)
+    found = statistics(record, estimate.of_orders(orders), flags[:orders], task.noise_variance)
     if task.noise_variance is None:
         fitted = task.model.state_size if task.estimator == "smoother" else 0  # innovations are independent
         left = estimate.innovation_samples * (1 - fitted / max(int(np.count_nonzero(seen)), fitted + 1))
         white = found["noise_variance"], max(left, 1.0)
-        found["noise_density"], found["noise_freedom"] = noise_density(record, seen, task.model, *white)
+        density = noise_density(record, seen, task.model, *white)
+        found["noise_density"], found["noise_freedom"] = (values[:, :orders] for values in density)
     return estimate, found
 
 
@@ -418,9 +420,8 @@ def _run(method: Method, task: _Task, x: Floats, seen: Flags, startup: int) -> E
     model, every = task.model, task.output_every
     try:
         if task.estimator == "filter":
-            steady = method == "fast"
-            bound = task.ripple if steady else 0.0
-            return causal_filter(model, x, output_every=every, startup=startup, steady=steady, error_bound=bound)
+            error = task.ripple if method == "fast" else None
+            return causal_filter(model, x, output_every=every, startup=startup, steady_error=error)
         if method == "fast":
             estimate: Estimate = fast(model, x, seen, rtol=task.rtol, output_every=every, startup=startup)
         else:

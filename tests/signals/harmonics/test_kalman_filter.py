@@ -34,8 +34,11 @@ class Record:
         )  # fmt: skip
 
     def textbook(self):
-        """(sample, order) amplitudes and standard deviations by the textbook's recursion, in sixty digits."""
-        orders, poles = np.array(self.orders), self.poles
+        """(sample, order) amplitudes and standard deviations by the textbook's recursion, in sixty digits.
+
+        The mean is an order of its own, whether asked for or not.
+        """
+        orders, poles = np.array(self.orders if 0.0 in self.orders else (*self.orders, 0.0)), self.poles
         columns = np.concatenate([orders, orders[orders > 0]])
         count = columns.size
         angle = orders * self.phase[:, None]
@@ -70,7 +73,8 @@ class Record:
         amplitude, spread = levels[:, : orders.size].astype(complex), variances[:, : orders.size].copy()
         amplitude[:, turning] += 1j * levels[:, orders.size :]
         spread[:, turning] = (spread[:, turning] + variances[:, orders.size :]) / 2
-        return amplitude, np.sqrt(spread)
+        asked = len(self.orders)
+        return amplitude[:, :asked], np.sqrt(spread[:, :asked])
 
 
 def record(samples=300, *, phase=None, orders=(1.0, 2.3), **more):
