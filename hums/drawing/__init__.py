@@ -1,4 +1,4 @@
-"""A page on which a mechanism turns: its drawing, velocity vectors, and every defect order at speeds set by hand."""
+"""Animated page of a mechanism: drawing, velocity vectors and defect orders at adjustable speeds."""
 
 import json
 from collections.abc import Mapping
@@ -20,7 +20,7 @@ from hums.records.outputs import check_outputs, write_text
 
 __all__ = ["START_RPM", "free_links", "write_drawing"]
 
-START_RPM = 1500  # the synchronous speed of a four-pole motor on 50 Hz: a usual input
+START_RPM = 1500  # the synchronous speed of a four-pole motor at 50 Hz
 
 
 def write_drawing(
@@ -30,22 +30,21 @@ def write_drawing(
     speeds_rpm: Mapping[str, float] | None = None,
     force: bool = False,
 ) -> Path:
-    """Write one page, usable without a network, on which the mechanism turns at speeds set by sliders.
+    """Write a self-contained page that animates a mechanism at speeds set by sliders.
 
-    It holds the drawing, the angular velocity vectors, and the table of defect orders with exact fractions and
-    frequencies.
+    It shows the drawing, the angular velocity vectors, and the defect orders with exact fractions and frequencies.
 
     Parameters
     ----------
     gearbox : Gearbox or Kinematics
-        The gearbox, or its solution where `solve_kinematics` got further constraints.
+        The gearbox, or its kinematics if `solve_kinematics` was given further constraints.
     path : str or Path
-        File to write, ``.html``. An existing file is replaced when the new one is complete.
+        File to write, ``.html``. An existing file is replaced only when the new one is complete.
     speeds_rpm : mapping of link to rpm, optional
-        Links with a slider, as many as there are degrees of freedom, and where the sliders begin. Default the
-        reference at 1500 rpm and, of several degrees of freedom, further shafts at rest.
+        Links with a slider and their initial speeds, one per degree of freedom. Default: the reference at 1500 rpm and,
+        with several degrees of freedom, further shafts at rest.
     force : bool
-        Whether a file that another program wrote is replaced.
+        Whether to overwrite a file that another program wrote.
 
     Returns
     -------
@@ -55,9 +54,9 @@ def write_drawing(
     Raises
     ------
     ValueError
-        A suffix other than .html, speeds that are too many, a gearbox without a reference, or another program's file.
+        If the suffix is not .html, the number of speeds is wrong, or, without `force`, another program wrote the file.
     GearboxError
-        Speeds that do not determine all others.
+        If the gearbox has no reference, or the speeds do not determine all others.
 
     Examples
     --------
@@ -71,7 +70,7 @@ def write_drawing(
     """
     path = Path(path)
     if path.suffix.lower() not in {".html", ".htm"}:
-        raise ValueError(f'"{path}" ends in "{path.suffix}"; end the page in .html.')
+        raise ValueError(f'"{path}" has the suffix "{path.suffix}"; use .html.')
     check_outputs([path], force=force)
     kinematics = gearbox if isinstance(gearbox, Kinematics) else solve_kinematics(gearbox)
     text = _page(kinematics, speeds_rpm)
@@ -80,7 +79,7 @@ def write_drawing(
 
 
 def free_links(kinematics: Kinematics) -> tuple[str, ...]:
-    """Return the reference and further shafts whose speeds determine all others, one for each degree of freedom.
+    """Return the reference and further shafts whose speeds determine all others, one per degree of freedom.
 
     Examples
     --------
@@ -118,18 +117,18 @@ def _page(kinematics: Kinematics, speeds_rpm: Mapping[str, float] | None) -> str
 
 
 def _data(kinematics: Kinematics, speeds_rpm: Mapping[str, float] | None) -> dict[str, Any]:
-    """Return what the page needs: inputs, rates as linear forms in them, and the drawing."""
+    """Return the data of the page: inputs, rates as linear forms in them, and the drawing."""
     gearbox = kinematics.gearbox
     if gearbox.reference is None:
         raise GearboxError(
-            f'gearbox "{gearbox.name}" declares no reference shaft to count orders by; add reference = "LINK".'
+            f'gearbox "{gearbox.name}" declares no reference shaft for its orders; add reference = "LINK".'
         )
     links = free_links(kinematics)
     start = dict.fromkeys(links, 0.0) | {links[0]: float(START_RPM)} if speeds_rpm is None else dict(speeds_rpm)
     if len(start) != kinematics.dof:
         raise ValueError(
-            f'gearbox "{gearbox.name}" has {kinematics.dof} free speeds, but {len(start)} are given '
-            f"({', '.join(start) or 'none'}); give one for each of as many links, as for {', '.join(links)}."
+            f'gearbox "{gearbox.name}" needs speeds of {kinematics.dof} links, but {len(start)} are given '
+            f"({', '.join(start) or 'none'}); give those of {', '.join(links)}, for example."
         )
     at_one = [kinematics.rates({link: Fraction(link == name) for link in start}) for name in start]
     layout = layout_of(gearbox)
@@ -170,5 +169,5 @@ def _data(kinematics: Kinematics, speeds_rpm: Mapping[str, float] | None) -> dic
 
 
 def _number(value: Fraction | float) -> str | float:
-    """Return a fraction as text, ``437/4087``, which the page computes with exactly; a float as it is."""
+    """Return a fraction as text such as ``437/4087``, for exact computation in the page, and a float unchanged."""
     return str(value) if isinstance(value, Fraction) else value

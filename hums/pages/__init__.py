@@ -1,1 +1,1 @@
-"""Pages that stand alone: HTML with plotly's script, the figures' data, a style for screen, dark rooms and paper."""
+"""Self-contained HTML pages: plotly's script, the figures' data, and styles for light, dark and paper."""

@@ -1,8 +1,8 @@
 """Figures of a page as JSON for plotly.js, and the page around them.
 
-The script is plotly's cartesian bundle, a third of the whole library. It is published for npm alone and stands here as
-it came (``npm pack plotly.js-cartesian-dist-min@4.1.1``). A figure is plain JSON; arrays are base64 of 4-byte floats or
-of codes of one or two bytes. Colours named ``--line`` are those of `page.css`, in light, dark or print.
+The script is plotly's cartesian bundle, a third of the whole library. It is published on npm only and included as it is
+(``npm pack plotly.js-cartesian-dist-min@4.1.1``). A figure is plain JSON; arrays are base64 of 4-byte floats or of
+codes of one or two bytes. Colours such as ``--line`` are those of `page.css`, for light, dark or print.
 """
 
 import base64
@@ -29,15 +29,15 @@ class Figure:
     name : str
         Identifier in the page: letters, digits and hyphens.
     alt : str
-        What it shows, in a sentence, for those who do not see it.
+        Text alternative: what the figure shows, in a sentence.
     traces : sequence of dict
         Traces of plotly.js; arrays by `packed` or `packed_codes`; ``"--NAME"`` is a colour of ``page.css``.
     layout : mapping
-        Layout of plotly.js, over that of all figures.
+        Layout of plotly.js, which overrides the layout common to all figures.
     title : str
         Title above it.
     height_px : int
-        Height on the screen.
+        Height on the screen in CSS pixels.
     view, data : str and mapping
         Name and data of a function in ``pages.views`` of the page's script that turns them into traces and layout.
 
@@ -60,7 +60,7 @@ class Figure:
 
 
 def packed(values: ArrayLike) -> dict[str, Any]:
-    """Return an array of one or two dimensions as base64 of 4-byte floats: 7 digits, NaN included.
+    """Return a one- or two-dimensional array as base64 of 4-byte floats: 7 digits, NaN included.
 
     Examples
     --------
@@ -68,19 +68,19 @@ def packed(values: ArrayLike) -> dict[str, Any]:
     >>> packed([0.0, 1.0])
     {'dtype': 'f4', 'shape': [2], 'bdata': 'AAAAAAAAgD8='}
     """
-    with np.errstate(over="ignore"):  # beyond 3e38 it is infinite, which is drawn as missing
+    with np.errstate(over="ignore"):  # values beyond 3e38 become infinite, and are drawn as missing
         return _encoded(np.asarray(values).astype("<f4"), "f4")
 
 
 def packed_codes(values: ArrayLike, *, digits: Literal["u1", "u2"] = "u1") -> dict[str, Any]:
-    """Return an array as codes between its least and largest value, the highest code for no value.
+    """Return an array quantised between its minimum and maximum, with the highest code for missing values.
 
     Parameters
     ----------
     values : array
-        Of one or two dimensions.
+        One- or two-dimensional.
     digits : {"u1", "u2"}
-        One byte, for maps in colours: an error of 0.2 % of the range. Or two, for curves: 8e-6 of it.
+        One byte, for colour maps: errors up to 0.2 % of the range; or two, for curves: up to 8e-6 of the range.
 
     Examples
     --------
@@ -103,15 +103,14 @@ def _encoded(values: NDArray[Any], dtype: str) -> dict[str, Any]:
 
 
 def least_and_largest(values: ArrayLike, *, columns: int) -> tuple[NDArray[np.float64], NDArray[np.intp]]:
-    """Return the least and the largest value of each column of a curve, in their order, and their indices.
+    """Return the minimum and maximum of each column of a curve, in order of position, and their indices.
 
     Parameters
     ----------
     values : (n,) array
         Curve to draw.
     columns : int
-        Columns of equal width it is divided into; each gives two values. A curve of no more than two values a column
-        comes back whole.
+        Number of columns of equal width. A curve of at most ``2 columns`` values is returned unchanged.
 
     Returns
     -------
@@ -137,7 +136,7 @@ def least_and_largest(values: ArrayLike, *, columns: int) -> tuple[NDArray[np.fl
 
 
 def figure_html(figure: Figure, *, caption: str = "") -> str:
-    """Return the HTML of a figure, with its data; `stand_alone_page` brings the script that draws it.
+    """Return the HTML of a figure with its data; `stand_alone_page` adds the script that draws it.
 
     Parameters
     ----------
@@ -164,7 +163,7 @@ def figure_html(figure: Figure, *, caption: str = "") -> str:
     return (
         f'<figure class="plot" id="figure-{html.escape(figure.name)}">{above}'
         '<div class="canvas" tabindex="0" role="group" '
-        f'aria-label="{html.escape(plain_text(figure.alt))} Arrow keys move, plus and minus zoom, 0 shows all." '
+        f'aria-label="{html.escape(plain_text(figure.alt))} Arrow keys pan, plus and minus zoom, 0 resets." '
         f'style="height:{figure.height_px}px"></div>'
         f'<script type="application/json">{_json(content)}</script>{below}</figure>'
     )
@@ -176,17 +175,17 @@ def _json(content: object) -> str:
 
 
 def page_head(*scripts: str) -> str:
-    """Return the first elements of a page's head: who made it, and a policy that allows its own scripts alone.
+    """Return the first elements of a page's head: generator, and a policy that allows only the page's own scripts.
 
     Parameters
     ----------
     *scripts : str
-        The page's scripts, each exactly as it stands between its tags.
+        The page's scripts, each exactly as written between its tags.
 
     Returns
     -------
     str
-        HTML. Nothing is loaded from outside, images and fonts stand in the page, and no other script runs.
+        HTML. Nothing is loaded from outside, images and fonts are embedded, and no other script runs.
 
     Examples
     --------
@@ -205,7 +204,7 @@ def page_head(*scripts: str) -> str:
 
 
 def page_environment() -> Any:  # noqa: ANN401 - jinja2 is heavy
-    """Return the template environment of all pages: what is no markup is escaped, control characters too."""
+    """Return the template environment of all pages, which escapes text, including its control characters."""
     from jinja2 import Environment, StrictUndefined  # noqa: PLC0415
 
     return Environment(
@@ -218,18 +217,18 @@ def page_environment() -> Any:  # noqa: ANN401 - jinja2 is heavy
 
 
 def stand_alone_page(*, title: str, body: str, style: str = "", script: str = "") -> str:
-    """Return a whole HTML page that needs no other file and asks for none.
+    """Return a self-contained HTML page, which loads no other file.
 
     Parameters
     ----------
     title : str
         Title of the page.
     body : str
-        Its HTML, figures by `figure_html` among it.
+        HTML of the body, with figures by `figure_html`.
     style : str
-        Style sheet after ``page.css``.
+        Style sheet that follows ``page.css``.
     script : str
-        Script before the figures are drawn, after ``page.js``; it may add to ``pages.views``.
+        Script that follows ``page.js`` and runs before the figures are drawn; it may add to ``pages.views``.
 
     Examples
     --------

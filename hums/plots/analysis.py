@@ -1,4 +1,4 @@
-"""Figures of an analysis: speed, spectra with their significant lines, tracks, maps and averages; charts of a fleet."""
+"""Figures of an analysis: speed, spectra with identified lines, tracks, maps, averages; control charts of a fleet."""
 
 from collections.abc import Hashable
 from typing import Any, Literal
@@ -12,11 +12,11 @@ from matplotlib.text import Annotation
 from matplotlib.ticker import LogFormatter
 
 from hums.plots.labels import LabelSpace, apply_layout, point_size
-from hums.plots.style import INK, KIND_COLOURS, LINE, MARK, TRACK_COLOURS, power_of_ten
+from hums.plots.style import INK, KIND_COLOURS, LINE, MARK, TRACK_COLOURS, line_label, power_of_ten
 
-_COLUMNS = 1600  # of a drawn spectrum, each at its largest value
+_COLUMNS = 1600  # of a drawn spectrum, each showing its largest value
 _MOST_LABELS = 14
-_NAME_GAP = 5  # points from a line to its name
+_NAME_GAP = 5  # points, from a line to its label
 _ORDER = "order, cycles per revolution of the reference"
 
 
@@ -65,7 +65,7 @@ def plot_spectrum(
     logarithmic: bool = False,
     spectrum: Literal["order_spectrum", "envelope"] = "order_spectrum",
 ) -> Axes:
-    """Draw one channel's spectrum against order; significant lines have a dot and a name, other expected ones a tick.
+    """Draw one channel's spectrum against order: identified lines with dot and label, other expected ones with a tick.
 
     Parameters
     ----------
@@ -76,9 +76,9 @@ def plot_spectrum(
     ax : matplotlib.axes.Axes
         Axes to draw on.
     logarithmic : bool
-        Whether the amplitude axis is logarithmic, which shows the sidebands beside a strong mesh line.
+        Whether the amplitude axis is logarithmic, which shows the sidebands of a strong mesh line.
     spectrum : {"order_spectrum", "envelope"}
-        Group to draw of a whole analysis.
+        Which group of an analysis to draw.
 
     Returns
     -------
@@ -133,7 +133,7 @@ def plot_tracks(
     most: int = 6,
     of: Literal["tracks", "envelope_tracks"] = "tracks",
 ) -> Axes:
-    """Draw the largest amplitude tracks of a channel, each with its 95 % confidence interval at each instant.
+    """Draw the largest amplitude tracks of a channel against time, each with its pointwise 95 % confidence interval.
 
     Parameters
     ----------
@@ -144,14 +144,19 @@ def plot_tracks(
     ax : matplotlib.axes.Axes
         Axes to draw on.
     most : int
-        Largest number of tracks drawn.
+        Maximum number of tracks drawn.
     of : {"tracks", "envelope_tracks"}
-        Group to draw of a whole analysis: orders of the record, or envelope lines of components with a finding.
+        Which group of an analysis to draw: orders of the record, or envelope lines of components with a finding.
 
     Returns
     -------
     matplotlib.axes.Axes
         `ax`.
+
+    Raises
+    ------
+    ValueError
+        If the channel has no tracks.
 
     Examples
     --------
@@ -190,7 +195,7 @@ def plot_tracks(
 
 
 def plot_order_map(analysis: xr.DataTree, *, channel: str, ax: Axes) -> Axes:
-    """Draw how the order spectrum of a channel changes along the record, in dB below its largest amplitude.
+    """Draw the order map of a channel: order spectra against time, in dB relative to the largest amplitude.
 
     Parameters
     ----------
@@ -199,7 +204,7 @@ def plot_order_map(analysis: xr.DataTree, *, channel: str, ax: Axes) -> Axes:
     channel : str
         Channel to draw.
     ax : matplotlib.axes.Axes
-        Axes to draw on; a colour bar stands beside them.
+        Axes to draw on; a colour bar is added.
 
     Returns
     -------
@@ -209,7 +214,7 @@ def plot_order_map(analysis: xr.DataTree, *, channel: str, ax: Axes) -> Axes:
     Raises
     ------
     ValueError
-        A channel without an order map.
+        If the channel has no order map.
 
     Examples
     --------
@@ -231,13 +236,13 @@ def plot_order_map(analysis: xr.DataTree, *, channel: str, ax: Axes) -> Axes:
     top = float(amplitude.max()) or 1.0
     level = 20 * np.log10(np.maximum(amplitude / top, 1e-9))
     image = ax.pcolormesh(rows["order"], rows["time_s"], level, vmin=-60, vmax=0, shading="nearest", rasterized=True)
-    ax.figure.colorbar(image, ax=ax, label="amplitude, dB below the largest")
+    ax.figure.colorbar(image, ax=ax, label="amplitude, dB re the largest")
     ax.set(xlabel=_ORDER, ylabel="time, s")
     return ax
 
 
 def plot_kurtogram(analysis: xr.DataTree, *, channel: str, ax: Axes) -> Axes:
-    """Draw the kurtosis of a channel by band: frequency across, narrower bands lower down.
+    """Draw the kurtogram of a channel: kurtosis against frequency and bandwidth, narrow bands at the bottom.
 
     Parameters
     ----------
@@ -246,7 +251,7 @@ def plot_kurtogram(analysis: xr.DataTree, *, channel: str, ax: Axes) -> Axes:
     channel : str
         Channel to draw.
     ax : matplotlib.axes.Axes
-        Axes to draw on; a colour bar stands beside them.
+        Axes to draw on; a colour bar is added.
 
     Returns
     -------
@@ -256,7 +261,7 @@ def plot_kurtogram(analysis: xr.DataTree, *, channel: str, ax: Axes) -> Axes:
     Raises
     ------
     ValueError
-        A channel without a kurtogram.
+        If the channel has no kurtogram.
 
     Examples
     --------
@@ -283,7 +288,9 @@ def plot_kurtogram(analysis: xr.DataTree, *, channel: str, ax: Axes) -> Axes:
 
 
 def plot_average(analysis: xr.DataTree, *, channel: str, component: str, ax: Axes) -> Axes:
-    """Draw the synchronous average of a gear over its teeth, and its difference signal: that without regular lines.
+    """Draw the synchronous average of a gear and its difference signal against the teeth, numbered from 1.
+
+    The difference signal is the average without its regular mesh lines. Tooth k lies between k - 1/2 and k + 1/2.
 
     Parameters
     ----------
@@ -304,7 +311,7 @@ def plot_average(analysis: xr.DataTree, *, channel: str, component: str, ax: Axe
     Raises
     ------
     ValueError
-        A channel or gear without an average.
+        If the channel or gear has no average.
 
     Examples
     --------
@@ -318,7 +325,7 @@ def plot_average(analysis: xr.DataTree, *, channel: str, component: str, ax: Axe
     >>> tree = xr.DataTree.from_dict({"averages/housing": table})
     >>> ax = plot_average(tree, channel="housing", component="wheel", ax=Figure().add_subplot())
     >>> ax.lines[0].get_xdata().tolist(), ax.get_title(loc="left")
-    ([0.0, 0.5, 1.0, 1.5], 'wheel, 50 revolutions')
+    ([0.5, 1.0, 1.5, 2.0], 'wheel, 50 revolutions')
     """
     averages = _of_channel(analysis, "averages", channel)
     names = averages["component"].to_numpy().tolist()
@@ -328,15 +335,15 @@ def plot_average(analysis: xr.DataTree, *, channel: str, component: str, ax: Axe
     size, teeth = int(averages["size"][number]), int(averages["teeth"][number])
     for of, colour in (("average", LINE), ("difference", MARK)):
         values = averages[of].to_numpy()[ends[number] - size : ends[number]]
-        ax.plot(np.arange(size) * teeth / size, values, color=colour, lw=0.9, label=of)
-    ax.set(xlabel="tooth", ylabel="average, unit of the channel", xlim=(0, teeth))
+        ax.plot(0.5 + np.arange(size) * teeth / size, values, color=colour, lw=0.9, label=of)
+    ax.set(xlabel="tooth", ylabel="amplitude, unit of the channel", xlim=(0.5, teeth + 0.5))
     ax.legend(fontsize=7, ncols=2, frameon=False, loc="lower right", bbox_to_anchor=(1.0, 1.0), borderaxespad=0.2)
     ax.set_title(f"{component}, {int(averages['revolutions'][number])} revolutions", loc="left", fontsize=8, color=INK)
     return ax
 
 
 def plot_control_chart(fleet: xr.Dataset, *, machine: str, ax: Axes, most: int = 6) -> Axes:
-    """Draw the condition indices of a machine record by record, those of the worst components, with the alarm limit.
+    """Draw the condition indices of a machine's worst components against record number, with the alarm limit.
 
     Parameters
     ----------
@@ -347,7 +354,7 @@ def plot_control_chart(fleet: xr.Dataset, *, machine: str, ax: Axes, most: int =
     ax : matplotlib.axes.Axes
         Axes to draw on.
     most : int
-        Largest number of components drawn.
+        Maximum number of components drawn.
 
     Returns
     -------
@@ -357,7 +364,7 @@ def plot_control_chart(fleet: xr.Dataset, *, machine: str, ax: Axes, most: int =
     Raises
     ------
     ValueError
-        A machine without a condition index.
+        If the machine has no condition index.
 
     Examples
     --------
@@ -375,7 +382,7 @@ def plot_control_chart(fleet: xr.Dataset, *, machine: str, ax: Axes, most: int =
     health = fleet["health"].to_numpy()[fleet["machine"].to_numpy() == machine]
     if not np.isfinite(health).any():
         raise ValueError(
-            f'machine "{machine}" has no condition index to draw: no such record, or its baseline is learned.'
+            f'machine "{machine}" has no condition index to draw: it has no records, or only those of its baseline.'
         )
     largest = np.where(np.isfinite(health), health, -np.inf).max(axis=0)
     for colour, column in zip(TRACK_COLOURS, np.argsort(-largest, kind="stable")[:most], strict=False):
@@ -389,12 +396,12 @@ def plot_control_chart(fleet: xr.Dataset, *, machine: str, ax: Axes, most: int =
 
 
 def _of_channel(analysis: xr.DataTree, name: str, channel: str) -> xr.Dataset:
-    """Return the group of a channel in a group of an analysis."""
+    """Return the data of a channel in a group of an analysis."""
     parts = analysis[name].children if name in analysis.children else {}
     if channel not in parts:
-        known = ", ".join(parts) or "no channel"
         raise ValueError(
-            f'the analysis has no {name.replace("_", " ")} of channel "{channel}"; it has that of {known}.'
+            f'the analysis has no {name.replace("_", " ")} of channel "{channel}"; available: '
+            f"{', '.join(parts) or 'none'}."
         )
     return parts[channel].to_dataset()
 
@@ -404,10 +411,10 @@ def _group(data: xr.Dataset | xr.DataTree, name: str) -> xr.Dataset:
 
 
 def _name_lines(lines: list[dict[Hashable, Any]], drawn: np.ndarray, *, ax: Axes) -> None:
-    """Write the names of lines above them in the given order, and leave out those that would overlap.
+    """Label lines in the given order, and leave out labels that would overlap.
 
-    A name is placed above the part of the spectrum, `drawn` (n, 2) as order and amplitude, that lies within its width;
-    the amplitude axis is extended to hold the names.
+    A label is placed above the part of the spectrum, `drawn` (n, 2) as order and amplitude, that lies within its width;
+    the amplitude axis is extended to hold the labels.
     """
     apply_layout(ax)
     labels = [_name(line, ax=ax) for line in lines]
@@ -438,9 +445,9 @@ def _name_lines(lines: list[dict[Hashable, Any]], drawn: np.ndarray, *, ax: Axes
 
 
 def _name(line: dict[Hashable, Any], *, ax: Axes) -> Annotation:
-    """Write the name of a line above its peak in a spectrum."""
+    """Write the label of a line above its peak in a spectrum."""
     return ax.annotate(
-        _label(line),
+        line_label(line),
         (line["order_found"], line["line_amplitude"]),
         xytext=(0, _NAME_GAP),
         textcoords="offset points",
@@ -454,7 +461,7 @@ def _name(line: dict[Hashable, Any], *, ax: Axes) -> Annotation:
 
 
 def _column_maxima(orders: np.ndarray, amplitude: np.ndarray) -> tuple[np.ndarray, np.ndarray]:
-    """Reduce a spectrum for drawing to the largest value of each column, which loses no line."""
+    """Reduce a spectrum for drawing to the maximum of each column, so that no line is lost."""
     step = max(1, orders.size // _COLUMNS)
     size = orders.size // step * step
     blocks = amplitude[:size].reshape(-1, step)
@@ -463,16 +470,9 @@ def _column_maxima(orders: np.ndarray, amplitude: np.ndarray) -> tuple[np.ndarra
 
 
 def _lines(group: xr.Dataset, channel: str) -> list[dict[Hashable, Any]]:
-    """Return the lines of one channel, fundamentals first, then by amplitude; sidebands only where significant."""
+    """Return the lines of one channel, fundamentals first, then by amplitude; sidebands only if identified."""
     table = group[[name for name in group.data_vars if group[name].dims == ("line",)]].to_dataframe()
     mine = table[(table["line_channel"] == channel) & ((table["sideband"] == 0) | (table["claimed"] == 1))]
     plain = (mine["harmonic"] == 1) & (mine["sideband"] == 0) & (mine["kind"] != "shaft")
     order = np.lexsort((-mine["line_amplitude"], ~plain))
     return mine.iloc[order].to_dict("records")
-
-
-def _label(line: dict[Hashable, Any]) -> str:
-    harmonic = f"{line['harmonic']}x " if line["harmonic"] != 1 else ""
-    sideband = f" {line['sideband']:+d}" if line["sideband"] else ""
-    kind = "" if line["kind"] in {"shaft", "gear_mesh", "tooth"} else " " + str(line["kind"]).replace("_", " ")
-    return f"{harmonic}{line['component']}{kind}{sideband}"

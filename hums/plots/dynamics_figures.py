@@ -80,7 +80,7 @@ def plot_mode_shape(modes: ModeShapes, number: int, *, ax: Axes, energy: Mapping
     modes : object with ``frequencies_hz`` (mode,), ``shapes`` (dof, mode), ``kinds`` (mode,) and ``names`` (dof,)
         Natural frequencies in Hz, mode shapes, the kind of each mode, and the name of each degree of freedom.
     number : int
-        Index of the mode; the title counts from 1, as a list of modes does.
+        Index of the mode, from 0; the title numbers modes from 1.
     ax : matplotlib.axes.Axes
         Axes to draw on.
     energy : mapping of str to float, optional
@@ -120,7 +120,7 @@ def plot_mode_shape(modes: ModeShapes, number: int, *, ax: Axes, energy: Mapping
     ax.axvline(0, color=INK, lw=0.8)
     ax.set_yticks(places, modes.names, fontsize=7)
     ax.set(xlim=(-1.08, 1.08), ylim=(shape.size - 0.4, -0.6), xticks=(-1, -0.5, 0, 0.5, 1))
-    ax.set_xlabel("relative to the largest translation, or rotation", fontsize=7)
+    ax.set_xlabel("relative to the largest translation or rotation", fontsize=7)
     shares = ", ".join(f"{part} {share:.0%}" for part, share in (energy or {}).items())
     heading = f"mode {number + 1}: {modes.frequencies_hz[number]:.5g} Hz, {modes.kinds[number]}"
     ax.set_title(f"{heading}\n{shares}".rstrip(), loc="left", fontsize=8, color=INK)
@@ -131,14 +131,14 @@ def plot_mode_shape(modes: ModeShapes, number: int, *, ax: Axes, energy: Mapping
 def plot_campbell(diagram: CampbellDiagram, *, ax: Axes, harmonics: int = 1) -> Axes:
     """Draw a Campbell diagram: natural frequencies against speed, and mesh harmonics as dashed lines.
 
-    Modes are numbered as in a list of all of them. The frequency axis ends a little above the highest mesh harmonic.
+    Modes are numbered from 1, rigid-body modes included. The frequency axis ends above the highest mesh harmonic.
 
     Parameters
     ----------
     diagram : object with ``speeds_rad_s`` (speed,), ``frequencies_hz`` (speed, mode) and ``orders``
         Speeds of the reference in rad/s, natural frequencies in Hz, and mesh orders.
     ax : matplotlib.axes.Axes
-        Axes to draw on; their present height limits the number of names.
+        Axes to draw on; their current height limits the number of labels.
     harmonics : int
         Number of harmonics drawn for each mesh order.
 
@@ -178,7 +178,7 @@ def plot_campbell(diagram: CampbellDiagram, *, ax: Axes, harmonics: int = 1) -> 
 
 
 def plot_stability_map(map_: StabilityMap, *, ax: Axes, parameter: str = "") -> Axes:
-    """Draw the instability regions over speed in rpm and a parameter; for one parameter value, the multiplier.
+    """Draw instability regions against speed in rpm and a parameter, or the multiplier for a single parameter value.
 
     Parameters
     ----------

@@ -21,15 +21,15 @@ _STYLE: dict[str, Any] = {
     "font.size": 9,
     "axes.spines.top": False,
     "axes.spines.right": False,
-    "svg.fonttype": "none",  # text stays text: it can be searched, copied and read aloud
+    "svg.fonttype": "none",  # text stays text, for searching, copying and screen readers
     "svg.hashsalt": "hums",
-    "text.parse_math": False,  # a dollar in a name is a dollar; our powers of ten are written in raised figures
+    "text.parse_math": False,  # dollar signs in names are literal; powers of ten are written in superscript characters
     "axes.edgecolor": FAINT,
     "axes.labelcolor": INK,
     "xtick.color": INK,
     "ytick.color": INK,
 }
-# Dates and versions are left out, so that equal figures are equal files.
+# Dates and versions are left out, so that equal figures give identical files.
 _METADATA: dict[str, dict[str, Any]] = {
     "svg": {"Date": None, "Creator": None},
     "png": {"Software": None},
@@ -51,7 +51,7 @@ def svg(draw: Callable[[Axes], object], *, width: float = 6.4, height: float = 3
     Returns
     -------
     str
-        The ``<svg>`` element; the same for every run.
+        The ``<svg>`` element, identical in every run.
 
     Examples
     --------
@@ -75,11 +75,11 @@ def save_figure(
     draw : function of one matplotlib Axes
         Draws the figure.
     path : str or Path
-        File to write; its suffix selects the format. An existing file is replaced when the new one is complete.
+        File to write; its suffix selects the format. An existing file is replaced only when the new one is complete.
     width, height : float
         Size in inches.
     force : bool
-        Whether a file that another program wrote is replaced.
+        Whether to overwrite a file that another program wrote.
 
     Returns
     -------
@@ -89,7 +89,7 @@ def save_figure(
     Raises
     ------
     ValueError
-        If the suffix is another one, a size is not positive, or `path` is another program's file.
+        If the suffix is not one of these, a size is not positive, or, without `force`, another program wrote the file.
 
     Examples
     --------
@@ -103,7 +103,7 @@ def save_figure(
     path = Path(path)
     kind = path.suffix.lower().removeprefix(".")
     if kind not in _METADATA:
-        raise ValueError(f'"{path}" ends in "{path.suffix}"; end it in .svg, .png or .pdf.')
+        raise ValueError(f'"{path}" has the suffix "{path.suffix}"; use .svg, .png or .pdf.')
     if not (width > 0 and height > 0):
         raise ValueError(f"width = {width:g}, height = {height:g}: give the figure a positive size in inches.")
     check_outputs([path], force=force)
@@ -114,17 +114,17 @@ def save_figure(
 
 def _save(draw: Callable[[Axes], object], file: IO[Any], *, kind: str, width: float, height: float) -> None:
     with mpl.rc_context(_STYLE):  # type: ignore[arg-type]
-        figure = Figure(figsize=(width, height), layout="constrained", dpi=_DPI)  # else texts are wider in the file
-        FigureCanvasAgg(figure)  # which keeps its renderer; without, one is made whenever a text is measured
+        figure = Figure(figsize=(width, height), layout="constrained", dpi=_DPI)  # that of the file, for equal widths
+        FigureCanvasAgg(figure)  # keeps its renderer; without it, measuring a text makes a new one
         ax = figure.add_subplot()
         draw(ax)
         for axis in (axis for drawn in figure.axes for axis in (drawn.xaxis, drawn.yaxis)):
-            if isinstance(axis.get_major_formatter(), LogFormatterMathtext):  # which would be text with dollars
+            if isinstance(axis.get_major_formatter(), LogFormatterMathtext):  # whose labels would show dollar signs
                 axis.set_major_formatter(lambda value, _: power_of_ten(value))
                 axis.set_minor_formatter(LogFormatter())
-        if ax in figure.axes:  # else `draw` replaced it by others
+        if ax in figure.axes:  # not replaced by `draw`
             apply_layout(ax)
-            figure.set_layout_engine(None)  # which would run it twice more, and draw twice
+            figure.set_layout_engine(None)  # it would run twice more, and draw twice
         for text in figure.findobj(Text):
-            text.set_text(plain_text(text.get_text(), keep="\n"))  # others are no XML
+            text.set_text(plain_text(text.get_text(), keep="\n"))  # other control characters are invalid in XML
         figure.savefig(file, format=kind, metadata=_METADATA[kind], dpi=_DPI)

@@ -1,4 +1,4 @@
-"""Graph of a mechanism, drawn as by Penaud, Alazard and Amiez (2012, figures 3 and 7)."""
+"""Graph of a mechanism, in the style of Penaud, Alazard and Amiez (2012, figures 3 and 7)."""
 
 from collections import Counter
 from dataclasses import dataclass
@@ -36,7 +36,7 @@ class _Gears:
 
 @dataclass(frozen=True, kw_only=True)
 class _Graph:
-    """Vertices and edges of the drawing; a vertex is a body, or all copies of one."""
+    """Vertices and edges of the graph; a vertex is a body, or all copies of one."""
 
     labels: tuple[str, ...]
     frame: int
@@ -62,14 +62,14 @@ class _Graph:
 
 
 def mechanism_graph(kinematics: Kinematics, *, ax: Axes) -> Axes:
-    """Draw the graph of a mechanism: links, turning pairs by level, and gear pairs with their teeth.
+    """Draw the graph of a mechanism: links, turning pairs by level, and gear pairs with their numbers of teeth.
 
-    A vertex is a link, several links that are rigid with each other, or all copies of a planet. A solid edge is a
-    turning pair, a shaded polygon a level of more than two links, and a dashed edge a gear pair with the teeth of each
-    gear at its end, in the colour of its carrier, the link in which the contact point is at rest. The frame is dark, at
-    the bottom. An unknown mate is a question mark.
+    A vertex is a link, a set of rigidly connected links, or all copies of a planet. A solid edge is a turning pair, a
+    shaded polygon a level of more than two links, and a dashed edge a gear pair with the number of teeth of each gear
+    at its end, in the colour of its carrier, the link in which the contact point is at rest. The frame is dark, at the
+    bottom. An unknown mate is a question mark.
 
-    The vertices stand on an ellipse, so that no edge runs behind a vertex and no polygon holds one of another level,
+    The vertices lie on an ellipse, so that no edge passes behind a vertex and no polygon encloses one of another level,
     in an order with few crossings.
 
     Parameters
@@ -77,7 +77,7 @@ def mechanism_graph(kinematics: Kinematics, *, ax: Axes) -> Axes:
     kinematics : Kinematics
         Result of `solve_kinematics`.
     ax : matplotlib.axes.Axes
-        Axes to draw on; their present size determines the layout, which is the same in every run.
+        Axes to draw on; their current size determines the layout, which is the same in every run.
 
     Returns
     -------
@@ -134,7 +134,7 @@ def _graph(kinematics: Kinematics) -> _Graph:
     """Return the vertices, levels and gear pairs of a mechanism."""
     gearbox, bodies, mechanism = kinematics.gearbox, kinematics.bodies, kinematics.mechanism
     together = gearbox.copy_links
-    shown: dict[str, str] = {}  # body -> the one that is drawn for it
+    shown: dict[str, str] = {}  # body -> the body drawn for it
     for link, body in bodies.items():
         first = gearbox.instances(together[link])[0] if link in together else link
         shown.setdefault(body, bodies[first])
@@ -174,7 +174,7 @@ def _graph(kinematics: Kinematics) -> _Graph:
 
 
 def _wrapped(names: list[str]) -> str:
-    """Return the names of one body, wrapped into lines of some 16 letters."""
+    """Return the names of one body, wrapped into lines of about 16 characters."""
     lines = [names[0]]
     for name in names[1:]:
         if len(lines[-1]) + len(name) > 16:  # noqa: PLR2004
@@ -185,7 +185,7 @@ def _wrapped(names: list[str]) -> str:
 
 
 def _add_legend(graph: _Graph, colours: dict[int, str], *, ax: Axes) -> None:
-    """Draw the legend below the graph, in as many columns as the Axes are wide, and lay out the figure."""
+    """Draw the legend below the graph, in as many columns as fit the width of the Axes, and lay out the figure."""
     handles: list[Line2D | Patch] = [Line2D([], [], color=INK, lw=1.3, label="turning pair")]
     if graph.polygons:
         handles.append(Patch(fc=_FILL, ec=_SHADE, label="links on one level"))
@@ -231,10 +231,10 @@ def _extent(text: Text, unit: float) -> Bbox:
 
 
 def _circular_order(graph: _Graph) -> list[int]:
-    """Return the vertices in the order on a circle in which few edges cross, the frame first.
+    """Return the vertices in a circular order with few edge crossings, the frame first.
 
-    Vertices change places, or the order between two turns round, as long as there are fewer crossings or, at as many,
-    shorter edges.
+    Two vertices are swapped, or the order between them is reversed, as long as this gives fewer crossings or, for
+    equally many, shorter edges.
     """
     order = list(range(len(graph.labels) + graph.unknown))
     fewest = _crossings(graph, order)
@@ -253,7 +253,7 @@ def _circular_order(graph: _Graph) -> list[int]:
 
 
 def _crossings(graph: _Graph, order: list[int]) -> tuple[int, int]:
-    """Return the number of crossings of edges and sides of polygons, and the sum of the steps that they span."""
+    """Return the number of crossings of edges and polygon sides, and the total number of steps they span."""
     place = np.argsort(order)
     rings = [sorted(members, key=order.index) for _, members in graph.polygons]
     sides = [(ring[k - 1], ring[k]) for ring in rings for k in range(len(ring))]
@@ -265,7 +265,7 @@ def _crossings(graph: _Graph, order: list[int]) -> tuple[int, int]:
 
 
 def _curves(graph: _Graph, at: np.ndarray) -> list[np.ndarray]:
-    """Return Bezier control points (3, 2) of every gear pair, bent where an edge already joins the two vertices."""
+    """Return Bezier control points (3, 2) of every gear pair, curved where an edge already joins its vertices."""
     before = Counter(frozenset(pair) for pair in graph.pairs)
     curves = []
     for gears in graph.gears:
@@ -286,7 +286,7 @@ def _bezier(curve: np.ndarray, where: np.ndarray) -> np.ndarray:
 def _write_teeth(
     teeth: int, curve: np.ndarray, others: np.ndarray, *, colour: str, space: LabelSpace, ax: Axes
 ) -> None:
-    """Write a gear's teeth on its edge, as close to the gear as other texts and edges allow."""
+    """Write a gear's number of teeth on its edge, as close to the gear as other texts and edges allow."""
     text = ax.text(
         0, 0, minus(str(teeth)), ha="center", va="center", fontsize=7.5, color=colour, weight="bold", zorder=5
     )

@@ -1,6 +1,6 @@
 """Placement of labels without overlap.
 
-Extents are in display units of the Axes in its present layout.
+Extents are in display units of the Axes in their current layout.
 """
 
 from collections.abc import Iterable, Sequence
@@ -32,7 +32,7 @@ def point_size(ax: Axes) -> float:
 
 
 class LabelSpace:
-    """Occupied rectangles, and the overlap of further ones with them."""
+    """Occupied rectangles, and the overlap of others with them."""
 
     def __init__(self, occupied: Iterable[Bbox] = (), *, inside: Bbox | None = None) -> None:
         self._occupied = list(occupied)
@@ -68,10 +68,10 @@ class LabelSpace:
 
 
 def spread(positions: np.ndarray, *, gap: float | np.ndarray, low: float, high: float) -> np.ndarray:
-    """Return ascending positions at least `gap` apart in [low, high], nearest to the given ones in least squares.
+    """Return ascending positions at least `gap` apart in [low, high], closest to the given ones in least squares.
 
-    Of several gaps, each is that to the next position. After subtraction of the gaps this is isotonic regression,
-    solved by pooling adjacent violators.
+    An array of gaps holds the distance from each position to the next. With the gaps subtracted this is isotonic
+    regression, solved by pooling adjacent violators.
     """
     steps = np.append(0.0, np.cumsum(np.broadcast_to(gap, max(positions.size - 1, 0))))[: positions.size]
     pools: list[list[float]] = []  # mean, count
@@ -86,14 +86,14 @@ def spread(positions: np.ndarray, *, gap: float | np.ndarray, low: float, high: 
 
 
 def name_right_ends(ends: Sequence[tuple[float, str, str]], *, ax: Axes) -> int:
-    """Write names beside the right end of lines without overlap; return how many of them fit.
+    """Label the right ends of lines without overlap; return the number of labels that fit.
 
     Parameters
     ----------
     ends : sequence of (float, str, str)
-        Ordinate, name and colour of each line, the least important last: these are left out where not all fit.
+        Ordinate, label and colour of each line, in order of importance: the last are left out if not all fit.
     ax : matplotlib.axes.Axes
-        Axes whose present height limits the number of names.
+        Axes whose current height limits the number of labels.
     """
     right = ax.get_xlim()[1]
     texts = [

@@ -1,4 +1,4 @@
-"""The mechanism of a gearbox, drawn from its file: a section through its axes, or the view along them."""
+"""Drawing of the mechanism of a gearbox: a section through its axes, or the view along them."""
 
 import math
 import textwrap
@@ -22,12 +22,12 @@ Array = NDArray[np.float64]
 View = Literal["section", "axial"]
 
 _STEEL, _FRAME = "#dfe6ee", "#c3cad3"
-_RIM = 0.14  # thickness of the rim of a ring gear, of its pitch radius
+_RIM = 0.14  # thickness of the rim of a ring gear over its pitch radius
 _TEXT = 7.0  # points
-_LINE = 46  # characters of a note below a drawing: three inches hold as many
-_NAME = 24  # characters: names that are longer go on lines of about equal length
-_LEAST_SHARE = 0.55  # of the width given, that the mechanism has beside long names
-_PASSES = 3  # of layout: names take room from the drawing, whose parts then move; the third moves nothing by a point
+_LINE = 46  # characters in a line of a note, three inches wide
+_NAME = 24  # characters, above which a name is wrapped
+_LEAST_SHARE = 0.55  # of the original width, kept for the mechanism next to long names
+_PASSES = 3  # of layout, as names take space from the drawing and so move its parts: the third moves none by a point
 _IN_PLANE = 1e-6
 
 
@@ -39,24 +39,24 @@ def draw_mechanism(
     colours: Mapping[str, str] | None = None,
     names: bool = True,
 ) -> Axes:
-    """Draw the mechanism of a gearbox: gears by their pitch circles, shafts, carriers and bearings.
+    """Draw the mechanism of a gearbox: gears as pitch circles, shafts, carriers and bearings.
 
-    What the gearbox file leaves open is schematic, as the note below the drawing says.
+    Dimensions that the gearbox file does not declare are schematic, as stated in the note below the drawing.
 
     Parameters
     ----------
     gearbox : Gearbox
         From `hums.load_gearbox`.
     ax : matplotlib.axes.Axes
-        Axes to draw on; their figure grows where names need more room beside or between the parts.
+        Axes to draw on; their figure is enlarged if the names need more space.
     view : {"section", "axial"}, optional
-        Section through the axes, which shows all parts, or the view along parallel axes, which shows pitch circles.
-        Default the section.
+        Section through the axes, which shows all parts, or view along parallel axes, which shows pitch circles.
+        Default: section.
     colours : mapping of component to colour, optional
-        Colours of parts, by the names of `hums.defect_orders`: a bearing, a shaft or link, a mesh (``"stage 1"``: its
-        pitch point), a gear of a mesh (``"stage 1/pinion"``).
+        Colours of components by the names of `hums.defect_orders`: a bearing, a shaft or link, a mesh (``"stage 1"``,
+        drawn as its pitch point), or a gear of a mesh (``"stage 1/pinion"``).
     names : bool
-        Whether parts are named.
+        Whether to write the names of the parts.
 
     Returns
     -------
@@ -66,7 +66,7 @@ def draw_mechanism(
     Raises
     ------
     ValueError
-        A view along axes that are not parallel, or a colour for a component that the gearbox does not have.
+        If the axes of an axial view are not parallel, or `colours` names a component that the drawing does not have.
 
     Examples
     --------
@@ -84,7 +84,7 @@ def draw_mechanism(
         if name not in known:
             raise ValueError(f'colours: the drawing has no "{name}"; it has {", ".join(sorted(known))}.')
     if view == "axial" and not layout.planar:
-        raise ValueError(f'gearbox "{gearbox.name}": its axes are not parallel; draw view="section".')
+        raise ValueError(f'gearbox "{gearbox.name}": view="axial" needs parallel axes; use view="section".')
     drawing = _Drawing(ax, layout, gearbox, chosen)
     if view == "axial":
         drawing.axial()
@@ -122,12 +122,12 @@ def _components(layout: Layout) -> frozenset[str]:
 
 
 def _names_of(gear: GearShape) -> tuple[str, ...]:
-    """Return the components that a gear stands for, the most special first."""
+    """Return the names of a gear, the most specific first."""
     return (*(f"{mesh}/{gear.declared}" for mesh in gear.meshes), gear.declared, gear.link, gear.body)
 
 
 class _Name(NamedTuple):
-    """The name of a part, its place, and the colour that the part was given."""
+    """Name of a part, its position, and its colour if one was given."""
 
     text: str
     at: Array
@@ -135,7 +135,7 @@ class _Name(NamedTuple):
 
 
 class _Drawing:
-    """The shapes of a layout on Axes, projected to the plane of the picture."""
+    """The shapes of a layout on Axes, projected onto the drawing plane."""
 
     def __init__(self, ax: Axes, layout: Layout, gearbox: Gearbox, colours: Mapping[str, str]) -> None:
         self.ax, self.layout, self.colours = ax, layout, colours
@@ -145,11 +145,11 @@ class _Drawing:
         self.labels: list[_Name] = []
 
     def flat(self, point: Vector | Array) -> Array:
-        """Return a point in the plane of the picture, (2,)."""
+        """Return a point in the drawing plane, (2,)."""
         return np.array([np.dot(point, self.across), np.dot(point, self.up)])
 
     def given(self, names: Iterable[str]) -> str | None:
-        """Return the colour that a part was given under one of its names."""
+        """Return the colour given to a part by one of its names."""
         return next((self.colours[name] for name in names if name in self.colours), None)
 
     def colour(self, names: Iterable[str], otherwise: str) -> str:
@@ -158,7 +158,7 @@ class _Drawing:
     # ---- section ---------------------------------------------------------------------------------------------
 
     def section(self) -> None:
-        """Draw the section; of planets outside its plane, only those of which none is inside."""
+        """Draw the section, with one copy of each planet."""
         shown = self._shown_planets()
         for rod in self.layout.rods:
             if rod.kind != "arm" or rod.planet in shown:
@@ -174,7 +174,7 @@ class _Drawing:
                 self.ax.plot(*self.flat(point.point), "o", ms=6, color=self.colours[point.mesh], zorder=6)
 
     def _shown_planets(self) -> set[str]:
-        """Return the bodies that the section shows: all but the copies of a planet that another one stands for."""
+        """Return the bodies that the section shows: of the copies of a planet, the one closest to its plane."""
         normal = np.cross(self.across, self.up)
         best: dict[tuple[str, int], tuple[float, str]] = {}
         for gear in self.layout.gears:
@@ -252,7 +252,7 @@ class _Drawing:
     # ---- along the axes --------------------------------------------------------------------------------------
 
     def axial(self) -> None:
-        """Draw the view along the axes: pitch circles with a tick for each tooth, the largest behind."""
+        """Draw the view along the axes: pitch circles with a tick per tooth, the largest behind the others."""
         self.across, self.up = (np.array(axis) for axis in self.layout.axial)
         for gear in sorted(self.layout.gears, key=lambda gear: -gear.radius * (1 + _RIM * gear.internal)):
             self._gear_circle(gear)
@@ -301,7 +301,7 @@ class _Drawing:
     # ---- names -----------------------------------------------------------------------------------------------
 
     def write_names(self) -> None:
-        """Write the names in two columns beside the drawing, with leaders; the figure grows by the room they need."""
+        """Write the names in two columns next to the drawing, with leaders, and enlarge the figure if necessary."""
         apply_layout(self.ax)
         least = _LEAST_SHARE * self.ax.bbox.width
         labels = sorted({label.text: label for label in self.labels}.values(), key=lambda label: float(label.at[0]))
@@ -316,14 +316,14 @@ class _Drawing:
             apply_layout(self.ax)
 
     def _grow(self, width: float, height: float) -> None:
-        """Enlarge the figure until these Axes have so much more room, in display units, as far as it is positive."""
+        """Enlarge the figure until these Axes have gained a width and height in display units, where positive."""
         figure, spec = self.ax.figure.canvas.figure, self.ax.get_subplotspec()
         rows, columns = spec.get_gridspec().get_geometry() if spec else (1, 1)
         wide, high = figure.get_size_inches() + np.maximum([columns * width, rows * height], 0.0) / figure.dpi
         figure.set_size_inches(float(wide), float(high))
 
     def _column(self, labels: list[_Name], side: int) -> list[Annotation]:
-        """Write the names of one side under each other, each as near as can be to the height of its part."""
+        """Write the names of one side in a column, each as close as possible to the height of its part."""
         drawn = self.ax.dataLim
         x = (drawn.x0 if side < 0 else drawn.x1) + side * 0.06 * drawn.width
         leader = {"arrowstyle": "-", "shrinkA": 0, "shrinkB": 0, "relpos": (0.0 if side > 0 else 1.0, 0.5)}

@@ -16,7 +16,7 @@ if TYPE_CHECKING:
     import pandas as pd
 
 _EQUAL = 1e-9
-_LONGEST = 48  # letters of a name, before the rest of its components is only counted
+_LONGEST = 48  # characters of a label, above which further components are only counted
 _WORDS = {"shaft": "", "gear_mesh": "mesh", "planet_pass": "", "planet_tooth": "tooth"}
 
 
@@ -38,7 +38,7 @@ class _Line:
         return next((label for most in many if len(label := self._label_of(most)) <= _LONGEST), self._label_of(1))
 
     def _label_of(self, most: int) -> str:
-        """Return the order and `most` of its sources; a component or kind that repeats is written once."""
+        """Return the order and `most` of its sources; a repeated component or kind is written once."""
         shown = self.sources[:most]
         names = []
         for number, (name, kind) in enumerate(shown):
@@ -63,7 +63,7 @@ def speed_order_chart(table: "pd.DataFrame", *, reference_rpm: tuple[float, floa
     reference_rpm : (float, float)
         Lowest and highest speed of the reference in rpm.
     ax : matplotlib.axes.Axes
-        Axes to draw on; their present height limits the number of labels.
+        Axes to draw on; their current height limits the number of labels.
 
     Returns
     -------
@@ -73,7 +73,7 @@ def speed_order_chart(table: "pd.DataFrame", *, reference_rpm: tuple[float, floa
     Raises
     ------
     ValueError
-        If the table is empty, or the range does not rise from above zero.
+        If the table is empty, or not ``0 < low < high``.
 
     Examples
     --------
@@ -91,7 +91,7 @@ def speed_order_chart(table: "pd.DataFrame", *, reference_rpm: tuple[float, floa
         raise ValueError(f"reference_rpm = ({low:g}, {high:g}): give (low, high) in rpm with 0 < low < high.")
     lines = _merged_lines(table)
     if not lines:
-        raise ValueError("the table of defect orders is empty: nothing in this gearbox turns at these speeds.")
+        raise ValueError("the table of defect orders is empty: no link of the gearbox rotates at these speeds.")
     ax.set_yscale("log")
     rpm = np.linspace(low, high, 64)
     for line in lines:
@@ -113,7 +113,7 @@ def speed_order_chart(table: "pd.DataFrame", *, reference_rpm: tuple[float, floa
         [(line.order * high / 60, line.label, KIND_COLOURS[line.kinds[0]]) for line in ranked], ax=ax
     )
     if unnamed:
-        note = f"{unnamed} more lines unlabelled; increase the height"
+        note = f"{unnamed} lines not labelled; increase the height"
         ax.annotate(note, (1.0, -0.01), xycoords="axes fraction", ha="left", va="top", fontsize=6.5, color=INK)
     return ax
 
@@ -140,7 +140,7 @@ def _merged_lines(table: "pd.DataFrame") -> list[_Line]:
 
 
 def _legend(lines: list[_Line], *, ax: Axes) -> None:
-    """Draw the legend of the kinds present and of the signs in labels."""
+    """Draw the legend of the kinds present and of the notation in labels."""
     present = {kind for line in lines for kind in line.kinds}
     handles: list[Any] = [
         Line2D(

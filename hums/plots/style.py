@@ -1,6 +1,8 @@
 """Colours and text style of the figures."""
 
+from collections.abc import Mapping
 from math import log10
+from typing import Any
 
 INK, FAINT, LINE, MARK, DOUBT = "#1f2933", "#9aa5b1", "#2563a8", "#c2410c", "#b7791f"
 KIND_COLOURS = {
@@ -20,11 +22,19 @@ TRACK_COLOURS = ("#2563a8", "#c2410c", "#2f855a", "#805ad5", "#b7791f", "#2c7a7b
 _RAISED = str.maketrans("-0123456789", "⁻⁰¹²³⁴⁵⁶⁷⁸⁹")
 
 
+def line_label(line: Mapping[Any, Any]) -> str:
+    """Return the name of a line from its component, kind, harmonic and sideband: "2x stage 1 +1"."""
+    harmonic = f"{line['harmonic']}x " if line["harmonic"] != 1 else ""
+    sideband = f" {line['sideband']:+d}" if line["sideband"] else ""
+    kind = "" if line["kind"] in {"shaft", "gear_mesh", "tooth"} else " " + str(line["kind"]).replace("_", " ")
+    return f"{harmonic}{line['component']}{kind}{sideband}"
+
+
 def minus(text: str) -> str:
-    """Return the text of a number with a minus sign for its hyphen."""
+    """Return the text of a number with a typographic minus sign."""
     return text.replace("-", "\N{MINUS SIGN}")
 
 
 def power_of_ten(value: float) -> str:
-    """Return a power of ten as printed, its exponent raised."""
+    """Return a power of ten with a superscript exponent."""
     return "10" + f"{round(log10(value))}".translate(_RAISED)

@@ -1,4 +1,4 @@
-"""Angular velocity vectors of the links of a mechanism, drawn as by Penaud, Alazard and Amiez (2012, figure 5)."""
+"""Angular velocity vectors of the links of a mechanism, as in Penaud, Alazard and Amiez (2012, figure 5)."""
 
 from collections.abc import Mapping
 from dataclasses import dataclass
@@ -36,16 +36,16 @@ class _Arrow:
 def velocity_diagram(kinematics: Kinematics, speeds: Mapping[str, float | Fraction] | None = None, *, ax: Axes) -> Axes:
     """Draw the angular velocity vectors of all links in the plane of their axes.
 
-    Solid arrows are velocities relative to the frame, dashed ones those of a planet relative to its carrier. The number
-    at an arrow is its length, signed where all arrows are parallel. Collinear arrows are drawn side by side, links of
-    equal velocity share an arrow, and the links at rest are named in the title.
+    Solid arrows are velocities relative to the frame, dashed ones those of planets relative to their carrier. The
+    number at an arrow is its length, signed if all arrows are parallel. Collinear arrows are drawn side by side, links
+    of equal velocity share an arrow, and the title lists the links at rest.
 
     Parameters
     ----------
     kinematics : Kinematics
         Result of `solve_kinematics`.
     speeds : mapping of link name to speed, optional
-        Speeds in any unit, as for `Kinematics.velocities`; default a speed of 1 of the gearbox's reference.
+        Speeds in any unit, as for `Kinematics.velocities`. Default: 1 for the gearbox's reference.
     ax : matplotlib.axes.Axes
         Axes to draw on.
 
@@ -57,7 +57,7 @@ def velocity_diagram(kinematics: Kinematics, speeds: Mapping[str, float | Fracti
     Raises
     ------
     GearboxError
-        If an axis leaves the x-y plane, so that no plane holds the vectors; `Kinematics.vectors` returns them.
+        If an axis is not in the x-y plane; `Kinematics.vectors` returns the vectors in space.
 
     Examples
     --------
@@ -73,7 +73,7 @@ def velocity_diagram(kinematics: Kinematics, speeds: Mapping[str, float | Fracti
     velocity = dict(zip(kinematics.links, table.to_numpy().tolist(), strict=True))
     arrows = _arrows(kinematics, velocity)
     lines = {arrow.line for arrow in arrows}
-    unit = lines.pop() if len(lines) == 1 else None  # one line holds them all
+    unit = lines.pop() if len(lines) == 1 else None  # if all are collinear
     turn = unit.conjugate() if unit else 1.0 + 0.0j
     shifts = [-1j * row for row in range(len(arrows))] if unit else _lanes(arrows)
     starts = [arrow.start * turn + shift for arrow, shift in zip(arrows, shifts, strict=True)]
@@ -105,7 +105,7 @@ def velocity_diagram(kinematics: Kinematics, speeds: Mapping[str, float | Fracti
 
 
 def _arrows(kinematics: Kinematics, velocity: Mapping[str, complex]) -> list[_Arrow]:
-    """Return the arrows of all rotating links; that of a planet is followed by the one relative to its carrier."""
+    """Return the arrows of all rotating links, each planet's followed by that relative to its carrier."""
     small = _SAME * max(map(abs, velocity.values()))
     carrier = {
         link: kinematics.joints[body].carried_by
@@ -135,9 +135,9 @@ def _arrows(kinematics: Kinematics, velocity: Mapping[str, complex]) -> list[_Ar
 
 
 def _lanes(arrows: list[_Arrow]) -> list[complex]:
-    """Return offsets that separate collinear arrows, the longest in the middle.
+    """Return offsets that separate collinear arrows, with the longest in the middle.
 
-    An arrow at whose tip another one starts has no offset, so that the two meet.
+    An arrow at whose tip another starts has no offset, so that the two meet.
     """
     shifts = [0j] * len(arrows)
     step = _LANE * max((abs(arrow.vector) for arrow in arrows), default=0.0)
@@ -158,7 +158,7 @@ def _prepare_rows(ax: Axes, at: np.ndarray) -> None:
 
 
 def _prepare_plane(ax: Axes, at: np.ndarray) -> None:
-    """Set limits of equal scale in both directions that fill the Axes, with a margin for names."""
+    """Set limits of equal scale in both directions that fill the Axes, with a margin for labels."""
     ax.axvline(0, color=FAINT, lw=0.8, zorder=1)
     ax.axhline(0, color=FAINT, lw=0.8, zorder=1)
     low = np.array([at.real.min(), at.imag.min()])
@@ -173,7 +173,7 @@ def _prepare_plane(ax: Axes, at: np.ndarray) -> None:
 
 
 def _name_rows(arrows: list[_Arrow], starts: list[complex], ends: list[complex], *, unit: complex, ax: Axes) -> None:
-    """Write names beside the tips, and widen the limits to hold them."""
+    """Write labels next to the arrow tips, and widen the limits to hold them."""
     texts = []
     for arrow, start, end in zip(arrows, starts, ends, strict=True):
         forward = end.real > start.real
@@ -187,7 +187,7 @@ def _name_rows(arrows: list[_Arrow], starts: list[complex], ends: list[complex],
 
 
 def _name_tips(arrows: list[_Arrow], starts: list[complex], ends: list[complex], *, ax: Axes) -> None:
-    """Write names in free space beside the tips of arrows, or beside the middle of those that do not start at 0."""
+    """Write labels in free space near the tips of arrows, or near the middle of those that do not start at 0."""
     apply_layout(ax)
     space, unit = LabelSpace(inside=ax.bbox), point_size(ax)
     for start, end in zip(starts, ends, strict=True):
@@ -211,7 +211,7 @@ def _name_tips(arrows: list[_Arrow], starts: list[complex], ends: list[complex],
 
 
 def _write(arrow: _Arrow, size: float, at: complex, style: dict[str, Any], *, ax: Axes) -> Annotation:
-    """Write names and speed at an arrow of the velocity diagram."""
+    """Write the links and speed of an arrow."""
     separator = "\n" if style["ha"] == "center" else " "  # beside a tip a short name finds a place sooner
     seen = f"{separator}from {arrow.seen_from}" if arrow.seen_from else ""
     return ax.annotate(
@@ -222,7 +222,7 @@ def _write(arrow: _Arrow, size: float, at: complex, style: dict[str, Any], *, ax
         fontsize=7.5,
         color=MARK if arrow.seen_from else LINE,
         annotation_clip=False,
-        # the lines through zero stay behind it; an outline would turn text into paths
+        # hides the lines through zero; an outline would turn text into paths
         bbox={"fc": "white", "ec": "none", "alpha": 0.7, "pad": 0.4},
         **style,
     )

@@ -1,4 +1,4 @@
-"""Report of an analysis: one self-contained HTML page, and tables as files."""
+"""Report of an analysis: a self-contained HTML page, and tables as CSV files."""
 
 import json
 from collections.abc import Iterable, Mapping
@@ -39,13 +39,13 @@ _FILES = ("report.html", "analysis.h5", "orders.csv", "indicators.csv", "tracks.
 
 
 def prepare_folder(folder: str | Path, *, inputs: Iterable[str | Path] = (), force: bool = False) -> Path:
-    """Create a folder if necessary and return its path; called before an analysis, so that no work is lost.
+    """Create a report's folder if necessary and return its path; call it before a long analysis, so that none is lost.
 
     Raises
     ------
     ValueError
-        If it is a file, cannot be created or written, or if the report would replace one of the files that are read,
-        `inputs`, or, without `force`, a file of another program.
+        If `folder` is a file or cannot be written, or the report would overwrite one of the `inputs` or, without
+        `force`, a file of another program.
     """
     folder = Path(folder)
     if folder.exists() and not folder.is_dir():
@@ -80,22 +80,22 @@ def write_report(
     folder : str or Path
         Folder to write into, created if necessary. An existing file is replaced only when the new one is complete.
     baseline : xarray.DataTree, optional
-        Analysis of an earlier record of the machine: the verdicts say what has changed since, and its spectra are
-        drawn beneath those of this record.
+        Analysis of an earlier record of the machine: verdicts state what has changed since, and its spectra are drawn
+        behind those of this record.
     units : {"rpm", "Hz"}
-        In which speeds are given first.
+        Unit of speed that is stated first.
     force : bool
-        Whether files of these names that another program wrote are replaced.
+        Whether to overwrite files of the same names that other programs wrote.
 
     Returns
     -------
     Path
-        ``report.html``, a page that needs no other file.
+        Path of ``report.html``, which needs no other file.
 
     Raises
     ------
     ValueError
-        If `folder` is a file, cannot be created or written, or holds files of another program of these names.
+        If `folder` is a file, cannot be written, or, without `force`, holds files of these names from other programs.
 
     Examples
     --------
@@ -127,7 +127,7 @@ def write_report(
 
 
 def render(analysis: Analysis, *, baseline: Analysis | None = None, units: Units = "rpm") -> str:
-    """Return the report as HTML that refers to no other file; see `write_report`."""
+    """Return the report as self-contained HTML; see `write_report`."""
     check_analysis(analysis)
     return _page(analysis, summary(analysis), baseline, units)
 
@@ -190,10 +190,10 @@ def _page(analysis: Analysis, facts: dict[str, Any], baseline: Analysis | None, 
 
 
 def speed_text(facts: Mapping[str, Any], *, units: Units = "rpm") -> str:
-    """Return the speed of the reference in words: in rpm and Hz, the chosen one first, and how it is known."""
+    """Return the speed of the reference in rpm and Hz, the chosen unit first, and how it was determined."""
     speed = facts["speed_hz"]
     if speed["mean"] is None:
-        return "not known: the record is an average in angle"
+        return "unknown: the record is a synchronous average"
 
     def span(factor: float, unit: str) -> str:
         low, high = f"{factor * speed['min']:.5g}", f"{factor * speed['max']:.5g}"
@@ -241,7 +241,7 @@ def _first_upper(text: str) -> str:
 
 
 def _sampled(facts: Mapping[str, Any]) -> dict[str, str]:
-    """Return how each sensor was sampled, in words; nothing of one that was left out."""
+    """Return the sampling of each sensor in words, empty for one that was not analysed."""
     said = {item["name"]: "" for item in facts["health"]}
     for channel in facts["channels"]:
         sensor = f"{channel['sensor']}, " if "sensor" in channel else ""
@@ -255,7 +255,7 @@ def _sampled(facts: Mapping[str, Any]) -> dict[str, str]:
 
 
 def _mechanism(analysis: Analysis, facts: Mapping[str, Any], styles: Mapping[str, str]) -> str:
-    """Return the drawing of the mechanism as SVG, every part that was searched in the colour of its verdict."""
+    """Return the drawing of the mechanism as SVG, every assessed part in the colour of its verdict."""
     gearbox = _gearbox(analysis)
     searched = {row["component"] for row in [*facts["orders"], *facts["envelope"]] if row["kind"] in _FAULT_KINDS}
     verdicts = dict.fromkeys(searched, "calm") | dict(styles)

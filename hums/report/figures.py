@@ -1,4 +1,4 @@
-"""Figures of a report, from an analysis: data at the resolution of a screen, drawn by the views of report.js."""
+"""Figures of a report: data of an analysis at screen resolution, drawn by the views of report.js."""
 
 from collections.abc import Iterator, Mapping, Sequence
 from dataclasses import dataclass
@@ -14,6 +14,7 @@ from hums.analysis.expected_lines import ENVELOPE, ORDER_SPECTRUM
 from hums.analysis.pictures import AVERAGES, KURTOGRAM, ORDER_MAP, WAVEFORM, WIDEBAND, pictures_of
 from hums.analysis.result import Analysis, envelope_bands, group
 from hums.pages.page import Figure, figure_html, least_and_largest, packed, packed_codes
+from hums.plots.style import line_label
 from hums.report.verdict_strip import frequency_words, with_hz
 
 Floats = NDArray[np.floating[Any]]
@@ -36,7 +37,7 @@ class Section:
 
 @dataclass(frozen=True, kw_only=True)
 class Pictures:
-    """What all figures of a report need: the analysis, its summary, the styles of faulty components, an earlier one."""
+    """Input of all figures: the analysis, its summary, the styles of faulty components, and an earlier analysis."""
 
     analysis: Analysis
     facts: Mapping[str, Any]
@@ -46,13 +47,13 @@ class Pictures:
 
     @property
     def speed_hz(self) -> float | None:
-        """Mean speed of the reference in rev/s; None where the record does not say."""
+        """Mean speed of the reference in rev/s; None if unknown."""
         speed: float | None = self.facts["speed_hz"]["mean"]
         return speed
 
 
 def sections(pictures: Pictures) -> list[Section]:
-    """Return the sections with figures; one without data is left out."""
+    """Return the sections that have figures."""
     made = (
         ("Order spectra", "orders", _spectra(pictures, ORDER_SPECTRUM)),
         ("Wideband spectra", "wideband", _wideband(pictures)),
@@ -70,7 +71,7 @@ def sections(pictures: Pictures) -> list[Section]:
 
 
 def cursor_choices(facts: Mapping[str, Any]) -> list[dict[str, Any]]:
-    """Return the defect orders that a cursor can be put on: name, order and sideband spacing in orders."""
+    """Return the defect orders on which a cursor can be placed: name, order and sideband spacing in orders."""
     families: dict[tuple[str, str], dict[tuple[int, int], float]] = {}
     for row in [*facts["orders"], *facts["envelope"]]:
         lines = families.setdefault((row["component"], row["kind"]), {})
@@ -91,7 +92,7 @@ def cursor_choices(facts: Mapping[str, Any]) -> list[dict[str, Any]]:
 def _spectra(pictures: Pictures, name: str) -> _Drawn:
     dataset = group(pictures.analysis, name)
     bands = {band["channel"]: band for band in envelope_bands(pictures.analysis)}
-    what = "order spectrum" if name == ORDER_SPECTRUM else "envelope spectrum"
+    what = "Order spectrum" if name == ORDER_SPECTRUM else "Envelope spectrum"
     for number, channel in enumerate(_channels(dataset)):
         one = dataset.sel(channel=channel)
         lines = _lines(dataset, channel, pictures.styles)
@@ -102,7 +103,7 @@ def _spectra(pictures: Pictures, name: str) -> _Drawn:
             traces["past"] = _curve(past, dataset.sizes["channel"])
         figure = Figure(
             name=f"{name.replace('_', '-')}-{number}",
-            alt=f"The {what} of channel {channel}; identified lines: {len(claimed)}, the first of them {named}.",
+            alt=f"{what} of channel {channel}; identified lines: {len(claimed)}, the first of them {named}.",
             view="spectrum",
             title=channel,
             height_px=460,
@@ -126,7 +127,7 @@ def _wideband(pictures: Pictures) -> _Drawn:
         largest = int(amplitude.argmax())
         figure = Figure(
             name=f"wideband-{number}",
-            alt=f"Spectrum of channel {channel} up to half its sampling rate; the largest line at "
+            alt=f"Spectrum of channel {channel} up to half its sampling rate; the largest line is at "
             f"{largest * step_hz:.6g} Hz.",
             view="wideband",
             title=channel,
@@ -145,13 +146,13 @@ def _curve(one: xr.Dataset, channels: int) -> dict[str, Any]:
 
 
 def _levels(amplitude: Floats) -> dict[str, Any]:
-    """Return the decimal logarithms of amplitudes, down to 1e-9 of the largest; two bytes err by 0.02 % of each."""
+    """Return the decimal logarithms of amplitudes, down to 1e-9 of the largest, in two bytes: errors of 0.02 %."""
     least = max(float(amplitude.max()) * 1e-9, np.finfo(float).tiny)
     return packed_codes(np.log10(np.maximum(amplitude, least)), digits="u2")
 
 
 def _past_spectrum(pictures: Pictures, name: str, channel: str, units: str) -> xr.Dataset | None:
-    """Return the spectrum of the same channel in the earlier record, if there is one in the same units."""
+    """Return the spectrum of the same channel in the earlier record, if it has one in the same units."""
     if pictures.past is None:
         return None
     dataset = group(pictures.past, name)
@@ -162,12 +163,12 @@ def _past_spectrum(pictures: Pictures, name: str, channel: str, units: str) -> x
 
 
 def _lines(dataset: xr.Dataset, channel: str, styles: Mapping[str, str]) -> list[dict[str, Any]]:
-    """Return the lines of one channel: claimed before others, those of faulty parts first, then by amplitude."""
+    """Return the lines of one channel: identified ones first, those of faulty components ahead, then by amplitude."""
     table = dataset[[name for name in dataset.data_vars if dataset[name].dims == ("line",)]].to_dataframe()
     mine = table[(table["line_channel"] == channel) & ((table["sideband"] == 0) | (table["claimed"] == 1))]
     rows = [
         {
-            "label": _label(row),
+            "label": line_label(row),
             "order": float(row["order_found"] if row["claimed"] else row["line_order"]),
             "nominal": float(row["line_order"]),
             "amplitude": float(row["line_amplitude"]),
@@ -182,19 +183,12 @@ def _lines(dataset: xr.Dataset, channel: str, styles: Mapping[str, str]) -> list
     )
 
 
-def _label(line: Mapping[Any, Any]) -> str:
-    harmonic = f"{line['harmonic']}x " if line["harmonic"] != 1 else ""
-    sideband = f" {line['sideband']:+d}" if line["sideband"] else ""
-    kind = "" if line["kind"] in {"shaft", "gear_mesh", "tooth"} else " " + str(line["kind"]).replace("_", " ")
-    return f"{harmonic}{line['component']}{kind}{sideband}"
-
-
 def _orders(pictures: Pictures, width: float) -> str:
     return with_hz(f"{width:.2g} orders", pictures.speed_hz)
 
 
 def _order(pictures: Pictures, order: float) -> str:
-    """Return a place in orders and in Hz at the mean speed."""
+    """Return an order in words, with its frequency in Hz at the mean speed."""
     frequency = "" if pictures.speed_hz is None else f", {frequency_words(order * pictures.speed_hz)}"
     return f"order {order:.5g}{frequency}"
 
@@ -202,24 +196,25 @@ def _order(pictures: Pictures, order: float) -> str:
 def _band_caption(band: Mapping[str, Any]) -> str:
     edges = f"{band['low_hz']:.6g} to {band['high_hz']:.6g} Hz"
     if not band["chosen"]:
-        return f"Band {edges}, as given. "
+        return f"Band {edges}, as specified. "
     return " ".join([f"Band chosen from the record: {band['why']}", *band["doubts"]]) + " "
 
 
 def _kurtogram_caption(dataset: xr.Dataset, band: Mapping[str, Any] | None) -> str:
-    """Return how long the record is that a kurtogram is of, and where its frame comes from."""
+    """Return the duration a kurtogram is computed from, and how the demodulation band was chosen."""
     frame = ""
     if band is not None and band["chosen"]:
         frame = (
-            " The demodulated band is the one with the most prominent bearing lines, not necessarily the one of the "
-            "highest kurtosis."
+            " The demodulation band is the one with the most prominent bearing lines, not necessarily the highest "
+            "kurtosis."
         )
     elif band is not None:
-        frame = " The demodulated band is the one specified."
+        frame = " The demodulation band is as specified."
     empty = ""
     if dataset["kurtosis"].isnull().any():
-        empty = " Empty cells: bands with so little power that the filters' leakage from other bands prevails."
-    return f"From {float(dataset.attrs['seconds']):.4g} s; the kurtosis of Gaussian noise is 0 here.{empty}{frame}"
+        empty = " Empty cells: bands with less power than leaks into them from other bands."
+    seconds = float(dataset.attrs["seconds"])
+    return f"Kurtosis of the complex envelope of {seconds:.4g} s, 0 for Gaussian noise.{empty}{frame}"
 
 
 # ---- Maps, tracks, averages, kurtograms, waveforms and speed ---------------------------------------------------------
@@ -238,7 +233,7 @@ def _maps(pictures: Pictures) -> _Drawn:
         level = np.maximum(level, level.max() - _LEVEL_FLOOR_DB)
         figure = Figure(
             name=f"map-{number}",
-            alt=f"Level of every order of channel {channel} against time or speed, as colours.",
+            alt=f"Colour map of the level of channel {channel} against order and time or speed.",
             view="map",
             title=channel,
             height_px=480,
@@ -255,7 +250,7 @@ def _maps(pictures: Pictures) -> _Drawn:
 
 
 def _tracks(pictures: Pictures, name: str) -> _Drawn:
-    """Yield a figure per channel: of its orders, or of the envelope lines of components with a finding."""
+    """Yield a figure per channel of its tracked orders, or of the envelope lines of components with a finding."""
     if name not in pictures.analysis.children:
         return
     tracks = group(pictures.analysis, name)
@@ -264,14 +259,12 @@ def _tracks(pictures: Pictures, name: str) -> _Drawn:
     of_parts, named = name != "tracks", tracks["track_channel"].to_numpy()
     size = np.nanmean(np.abs(tracks["complex_amplitude"].to_numpy()), axis=1)
     faulty = np.array([str(part) in pictures.styles for part in tracks["component"].to_numpy()])
-    labels = [_label(_track_line(tracks, at)) for at in range(named.size)]
+    labels = [line_label(_track_line(tracks, at)) for at in range(named.size)]
     ranked = np.lexsort((-size, ~faulty)).tolist()
     channels = list(dict.fromkeys(named.tolist()))
     own = {channel: [at for at in ranked if named[at] == channel] for channel in channels}
-    by_place = (
-        labels[at] for row in zip_longest(*own.values()) for at in row if at is not None
-    )  # what shows comes first
-    colours = {label: place for place, label in enumerate(dict.fromkeys(by_place))}
+    shown_first = (labels[at] for row in zip_longest(*own.values()) for at in row if at is not None)
+    colours = {label: place for place, label in enumerate(dict.fromkeys(shown_first))}
     outputs = slice(None, None, -(-len(channels) // _FULL_CHANNELS))
     for number, channel in enumerate(channels):
         mine = tracks.isel(track=own[channel], output=outputs)
@@ -314,15 +307,15 @@ def _tracks_caption(tracks: xr.Dataset) -> str:
 
 
 def _parts_caption(tracks: xr.Dataset) -> str:
-    """Return how the envelope lines were tracked: band, level, slip and bandwidth of each."""
+    """Return how the envelope lines were tracked: band, modulation depth, slip and bandwidth of each."""
     said = []
     for at in range(tracks.sizes["track"]):
         one = tracks.isel(track=at)
-        slip = one["slip"].to_numpy()
-        follows = f", slip {100 * np.nanmin(slip):+.2f} to {100 * np.nanmax(slip):+.2f} %" if slip.any() else ""
+        slip = (100 * one["slip"].to_numpy()).round(2) + 0.0  # no -0.00
+        follows = f", slip {np.nanmin(slip):+.2f} to {np.nanmax(slip):+.2f} %" if slip.any() else ""
         depth = np.nanmean(np.abs(one["complex_amplitude"].to_numpy())) / float(one["level"])
         said.append(
-            f"{_label(_track_line(tracks, at))}: envelope of {float(one['band_low_hz']):.5g} to "
+            f"{line_label(_track_line(tracks, at))}: envelope of {float(one['band_low_hz']):.5g} to "
             f"{float(one['band_high_hz']):.5g} Hz, mean modulation depth {depth:.1%}{follows}, bandwidth "
             f"{float(one['bandwidth_orders']):.2g} orders"
         )
@@ -334,7 +327,7 @@ def _track_line(tracks: xr.Dataset, at: int) -> dict[str, Any]:
 
 
 def _averages(pictures: Pictures) -> _Drawn:
-    """Yield a figure per channel and gear, those of faulty gears first, at no fewer samples than a tooth needs."""
+    """Yield a figure per channel and gear, faulty gears first, with enough samples per tooth."""
     for channel, dataset in pictures_of(pictures.analysis, AVERAGES):
         names, ends = dataset["component"].to_numpy().tolist(), np.cumsum(dataset["size"].to_numpy())
         for at in sorted(range(len(names)), key=lambda at: names[at] not in pictures.styles):
@@ -349,8 +342,8 @@ def _averages(pictures: Pictures) -> _Drawn:
             }
             figure = Figure(
                 name=f"average-{channel}-{at}",
-                alt=f"Synchronous average and difference signal of {names[at]} in channel {channel}, one revolution, "
-                f"against its {teeth} teeth.",
+                alt=f"Synchronous average and difference signal of {names[at]} in channel {channel}, over one "
+                f"revolution of {teeth} teeth.",
                 view="average",
                 title=names[at],
                 height_px=400,
@@ -410,7 +403,8 @@ def _waveforms(pictures: Pictures) -> _Drawn:
             },
         )
         width_ms = 1e3 * every * float(dataset.attrs["column_s"])
-        yield channel, figure_html(figure, caption=f"Top: minimum and maximum of each {width_ms:.3g} ms.")
+        said = f"Top: minimum and maximum in every {width_ms:.3g} ms. Bottom: excerpt around the largest deviation."
+        yield channel, figure_html(figure, caption=said)
 
 
 def _speed(pictures: Pictures) -> _Drawn:

@@ -7,25 +7,26 @@ from typing import Any
 from signals.indicators import INDICATORS
 
 _TITLES = {
-    "channel": "the record",
+    "channel": "whole record",
     "shaft": "shafts",
     "gear": "gears",
     "planetary": "planetary stages",
     "bearing": "bearings",
 }
-_PARTS = 6  # side by side in a table, so that it fits on a sheet
+_PARTS = 6  # columns of a table, so that it fits on a sheet
 _OURS = {
+    "defect_energy_ratio": ("Defect energy over that of the background", "a spall on that race or rolling element"),
     "velocity_rms": (
-        "RMS velocity of the vibration, in the band of ISO 20816-1",
+        "RMS vibration velocity in the band of ISO 20816-1",
         "unbalance, misalignment, looseness",
     ),
     "modulation": (
-        "Defect lines of the envelope over its mean, in the band where they are largest, explained or not",
-        "a spall on the race or element of that order, and coinciding lines of other components",
+        "Defect lines of the envelope over its mean, in the band where this is largest, whatever their source",
+        "a spall on that race or rolling element; coinciding lines of other components",
     ),
     "tooth_outlier": (
-        "Energy of the most active tooth above that of the other teeth, in standard deviations of these",
-        "one damaged tooth, a single pitch deviation",
+        "Energy of the most energetic tooth above the mean of the others, in their standard deviations",
+        "one damaged tooth; a single pitch deviation",
     ),
 }
 _MEANINGS = {
@@ -33,10 +34,10 @@ _MEANINGS = {
     "peak": "Largest deviation from the mean",
     "crest_factor": "Peak over the RMS: sqrt 2 for a sine",
     "kurtosis": "Fourth moment about the mean over the variance squared: 3 for Gaussian noise, 1.5 for a sine",
-    "so1": "Peak amplitude at order 1 of a shaft's average",
-    "so2": "Peak amplitude at order 2 of a shaft's average",
-    "so3": "Peak amplitude at order 3 of a shaft's average",
-    "fm0": "Peak-to-peak value of the average over the sum of its mesh harmonics",
+    "so1": "Peak amplitude of order 1 in the shaft's synchronous average",
+    "so2": "Peak amplitude of order 2 in the shaft's synchronous average",
+    "so3": "Peak amplitude of order 3 in the shaft's synchronous average",
+    "fm0": "Peak-to-peak value of the average over the sum of its mesh harmonics' amplitudes",
     "fm4": "Kurtosis of the difference signal",
     "m6a": "Sixth moment of the difference signal over its variance cubed",
     "m8a": "Eighth moment of the difference signal over its variance to the fourth",
@@ -46,14 +47,14 @@ _MEANINGS = {
     "energy_operator": "Kurtosis of the residual signal's Teager energy",
     "sideband_index": "Mean amplitude of the first sidebands of the mesh",
     "sideband_level_factor": "Sum of the first sidebands' amplitudes over the standard deviation of the average",
-    "narrowband_kurtosis": "Kurtosis of the band as a real signal: 1.5 for an unmodulated mesh",
-    "amplitude_modulation": "Depth of the amplitude modulation: m for a mesh of 1 + m cos",
-    "phase_modulation": "Index of the phase modulation in rad: b for a mesh of phase b sin",
+    "narrowband_kurtosis": "Kurtosis of the band-pass filtered mesh signal: 1.5 without modulation",
+    "amplitude_modulation": "Amplitude modulation depth: m for a mesh amplitude of 1 + m cos",
+    "phase_modulation": "Phase modulation index in rad: b for a mesh phase of b sin",
     "frequency_modulation": "Relative frequency deviation of the mesh",
     "amplitude_modulation_kurtosis": "Kurtosis of the envelope: 1.5 for a sine, high for one tooth",
     "frequency_modulation_kurtosis": "Kurtosis of the derivative of the phase: 1.5 for a sine",
     "defect_energy": "Energy at the harmonics of a defect frequency in an envelope spectrum",
-    "carrier_sideband_ratio": "RMS of the sidebands that equal planets cancel over that of the others",
+    "carrier_sideband_ratio": "RMS of the sidebands that identical planets cancel, over that of the others",
 }
 UNIT_WORDS = {"m s-1": "m/s", "m s-2": "m/s\N{SUPERSCRIPT TWO}"}
 _ZONES = (
@@ -69,8 +70,8 @@ Rows = Sequence[dict[str, Any]]
 def indicator_tables(rows: Rows, findings: Rows = ()) -> list[dict[str, Any]]:
     """Return the tables of indicators.
 
-    Each has a title, a head, rows of cells, one sentence on each indicator, the withheld ones with the reason, and of
-    each value above its limit on a part without a finding the faults that raise it too.
+    Each has a title, a head, rows of cells, the meaning of each indicator, which ones were withheld and why, and which
+    faults of other components explain values above their limits.
     """
     tables: dict[tuple[str, str], list[dict[str, Any]]] = {}
     for row in rows:
@@ -88,7 +89,7 @@ def indicator_tables(rows: Rows, findings: Rows = ()) -> list[dict[str, Any]]:
 
 
 def velocity_zones(rows: Rows, limits: Sequence[float] | None) -> list[dict[str, str]]:
-    """Return the zone of ISO 20816 of every channel whose velocity is measured, none without declared limits."""
+    """Return the ISO 20816 zone of every channel with a measured velocity; none without declared limits."""
     zones = []
     for row in rows if limits else ():
         if row["indicator"] == "velocity_rms" and row["value"] is not None:
@@ -101,7 +102,7 @@ def velocity_zones(rows: Rows, limits: Sequence[float] | None) -> list[dict[str,
 
 
 def _table(channel: str, kind: str, rows: Rows, findings: Rows) -> dict[str, Any]:
-    """Return one table: bearings in rows, since there are many; other components in columns."""
+    """Return one table, with bearings, of which there are many, in rows and other components in columns."""
     parts = list(dict.fromkeys(row["part"] for row in rows))
     names = list(dict.fromkeys(row["indicator"] for row in rows))
     units = {row["indicator"]: {"1": "", "g2": "g\N{SUPERSCRIPT TWO}"}.get(row["unit"], row["unit"]) for row in rows}
@@ -114,7 +115,7 @@ def _table(channel: str, kind: str, rows: Rows, findings: Rows) -> dict[str, Any
     }
     if kind == "bearing":  # many of them, and few indicators
         return table | {
-            "head": ["part", *(", ".join(filter(None, [_words(name), units[name]])) for name in names)],
+            "head": ["component", *(", ".join(filter(None, [_words(name), units[name]])) for name in names)],
             "rows": [{"name": part, "cells": [cells.get((n, part), _NONE) for n in names]} for part in parts],
             "meanings": [f"{_words(name)}: {_meaning(name)}" for name in names],
         }
@@ -134,10 +135,9 @@ def _table(channel: str, kind: str, rows: Rows, findings: Rows) -> dict[str, Any
 
 
 def _meaning(name: str) -> str:
-    """Return a sentence on an indicator, and one on what raises it."""
-    known = name if name in INDICATORS else name.removesuffix("_ratio")
-    if known in INDICATORS:
-        what, raised_by = _MEANINGS[known], INDICATORS[known].raised_by
+    """Return the meaning of an indicator, and what raises it."""
+    if name in INDICATORS:
+        what, raised_by = _MEANINGS[name], INDICATORS[name].raised_by
     else:
         what, raised_by = _OURS.get(name) or (_words(name).capitalize(), "")
     return f"{what}." + (f" Raised by: {raised_by}." if raised_by else "")
@@ -164,31 +164,31 @@ def _cell(row: Mapping[str, Any], findings: Rows) -> dict[str, Any]:
 
 
 def _digits(value: float) -> str:
-    """Return a number with three digits, without an exponent where it is large."""
+    """Return a number with three digits, large ones without an exponent."""
     text = f"{value:.3g}"
     return f"{value:,.0f}" if "e+" in text else text
 
 
 def _raised_by_others(rows: Rows, findings: Rows) -> list[str]:
-    """Return a sentence for each value above its limit that a fault of a part in mesh or on its shaft raises, too."""
+    """Return a sentence for each value above its limit that a fault of a mating or coaxial component also raises."""
     said = []
     for row in rows:
         high = row["value"] is not None and row["noise_limit"] is not None and row["value"] > row["noise_limit"]
         if not high or any(finding["component"] == row["component"] for finding in findings):
             continue
         others = [
-            f"the {finding['verdict']} {finding['kind'].replace('_', ' ')} of {finding['component']}, {relation},"
+            f"the {finding['verdict']} fault of {finding['component']} ({_words(finding['kind'])}), {relation},"
             for finding in findings
             if (relation := _relation(row["component"], finding["component"]))
         ]
         if others:
-            raised = " and ".join(others)
-            said.append(f"{_words(row['indicator'])} of {row['part']} is above its limit; {raised} also raises it.")
+            raised = f"{' and '.join(others)} also raise{'s' if len(others) == 1 else ''} it"
+            said.append(f"{_words(row['indicator'])} of {row['part']} is above its limit; {raised}.")
     return said
 
 
 def _relation(part: str, other: str) -> str:
-    """Return how a fault of another component enters the average of a gear: in mesh with it, or on its shaft."""
+    """Return how another component affects the average of a gear: in mesh with it, or on its shaft."""
     mesh, _, link = part.rpartition("/")
     other_mesh, _, other_link = other.rpartition("/")
     if mesh and mesh == other_mesh:

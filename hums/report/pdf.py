@@ -13,17 +13,17 @@ _TIMEOUT_S = 180.0  # a page of 16 channels takes 20 s on one core
 
 
 def write_pdf(page: str | Path, *, full: bool = False, force: bool = False) -> Path:
-    """Print a page to a PDF beside it, through Chromium, Chrome or Edge.
+    """Print a report to a PDF next to it, with Chromium, Chrome or Edge.
 
     Parameters
     ----------
     page : str or Path
-        A page of `hums.write_report`.
+        Page written by `hums.write_report`.
     full : bool
-        Whether to print all of it; by default what there is to forward: the answer, the mechanism, the plots that show
-        what was found, and the verdict on every component.
+        Whether to print the whole page. Default: a summary to forward, with the answer, the mechanism, the plots that
+        show the findings, and the verdict on every component.
     force : bool
-        Whether a PDF of another program is replaced.
+        Whether to overwrite a PDF that another program wrote.
 
     Returns
     -------
@@ -33,7 +33,7 @@ def write_pdf(page: str | Path, *, full: bool = False, force: bool = False) -> P
     Raises
     ------
     ValueError
-        If there is no such browser on the PATH, it prints nothing, or the PDF is one of another program.
+        If no such browser is on the PATH, printing fails, or, without `force`, another program wrote the PDF.
     """
     page = Path(os.path.realpath(page))
     target = page.with_suffix(".pdf")
@@ -41,8 +41,8 @@ def write_pdf(page: str | Path, *, full: bool = False, force: bool = False) -> P
     browser = next((found for name in _BROWSERS if (found := shutil.which(name))), None)
     if browser is None:
         raise ValueError(
-            f"a PDF is printed by Chromium, Chrome or Edge, and none of {', '.join(_BROWSERS)} is on the PATH; install "
-            f"one, or open {page} and print it from there."
+            f"no browser prints the PDF: none of {', '.join(_BROWSERS)} is on the PATH; install Chromium, Chrome or "
+            f"Edge, or open {page} and print it from there."
         )
     as_root = ["--no-sandbox"] if hasattr(os, "geteuid") and os.geteuid() == 0 else []  # its sandbox refuses root
     with atomic_write(target) as part:
@@ -56,8 +56,11 @@ def write_pdf(page: str | Path, *, full: bool = False, force: bool = False) -> P
             f"--print-to-pdf={part}",
             f"{page.as_uri()}#print{'-full' if full else ''}",
         ]
-        done = subprocess.run(command, capture_output=True, text=True, timeout=_TIMEOUT_S, check=False)  # noqa: S603
-        if done.returncode or not part.exists():
+        try:
+            done = subprocess.run(command, capture_output=True, text=True, timeout=_TIMEOUT_S, check=False)  # noqa: S603
             last = (done.stderr.strip().splitlines() or ["no reason was given"])[-1]
+        except subprocess.TimeoutExpired:
+            last = f"not finished after {_TIMEOUT_S:g} s"
+        if not part.exists() or done.returncode:
             raise ValueError(f"{browser} did not print {page}: {last}; open the page and print it from there.")
     return target

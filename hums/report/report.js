@@ -1,11 +1,11 @@
-// Views of the report's figures: units, scales, cursors and overlays are states of the page that all figures share.
+// Views of the report's figures, which share units, scales, cursors and overlays.
 "use strict";
 const report = (() => {
   const facts = JSON.parse(document.getElementById("report-facts").textContent);
   const field = (name) => document.getElementById(`tool-${name}`);
   const chosen = (name) => field(name) ? field(name).value : "";
 
-  // One convention of units: orders, or Hz and rev/s, or CPM and rpm.
+
   const unit = () => {
     const name = chosen("units"), mean = facts.speed_hz.mean;
     if (name === "Hz") return {name: "Hz", factor: mean, text: `frequency at the mean speed, Hz`};
@@ -51,11 +51,11 @@ const report = (() => {
     return said;
   }
 
-  // From so much on between smallest and largest speed, what follows the speed shows against it.
+  // A run-up is shown against speed.
   const runUp = facts.speed_hz.max > 1.05 * facts.speed_hz.min;
   if (runUp) field("against").value = "speed";
 
-  // A tab for each sensor; what belongs to no single one stays in sight. On paper all of them are shown.
+  // A tab for each sensor; content of no single sensor stays visible. On paper all are shown.
   const tabs = [...document.querySelectorAll("[role=tab]")];
   function select(tab) {
     for (const one of tabs) {
@@ -82,7 +82,7 @@ const report = (() => {
   const openAll = () => { for (const details of document.querySelectorAll("details")) details.open = true; };
   addEventListener("beforeprint", openAll);
   if (location.hash.startsWith("#print")) openAll();
-  // A link to what is folded away opens it.
+  // A link into collapsed details opens them.
   const unfold = () => {
     const target = location.hash.length > 1 && document.getElementById(decodeURIComponent(location.hash.slice(1)));
     const details = target && (target.closest("details") || target.querySelector("details"));
@@ -91,7 +91,7 @@ const report = (() => {
   addEventListener("hashchange", unfold);
   unfold();
 
-  // On paper, unless all is asked for: of spectra, maps of a run-up and averages the first that shows a finding.
+  // The summary on paper keeps the first figure that shows a finding of spectra, averages and, for run-ups, maps.
   if (location.hash === "#print") {
     document.documentElement.dataset.brief = "";
     const found = facts.findings.flatMap((row) => [row.channel, row.component]);
@@ -149,7 +149,7 @@ const report = (() => {
               type: scale === "log" ? "log" : "linear", range, exponentformat: "power"}}};
   };
 
-  // The whole band of the sensor, over frequency whatever the unit of the other spectra.
+  // The whole band of the sensor, always against frequency.
   pages.views.wideband = (data) => {
     const {name, factor} = measure(), scale = chosen("scale") || "log";
     const amplitude = amplitudes(data.level), y = amplitude.map((value) => scale === "dB" ? 20 * Math.log10(Math.max(factor * value, 1e-30)) : factor * value);
@@ -191,7 +191,7 @@ const report = (() => {
         row.forEach((value, cell) => { sums[bin][cell] += value; });
       });
       const filled = [...counts.keys()].filter((bin) => counts[bin]);
-      z = sums.map((_, bin) => {  // where speed rises by several bins in a row, its nearest
+      z = sums.map((_, bin) => {  // an empty bin takes its nearest neighbour
         const at = filled.reduce((best, other) => Math.abs(other - bin) < Math.abs(best - bin) ? other : best);
         return sums[at].map((value) => value / counts[at]);
       });
@@ -202,7 +202,7 @@ const report = (() => {
     return {
       ...(printing() ? {height: 380} : {}),
       traces: [{type: "heatmap", x, y, z, colorscale: "Viridis", colorbar: {title: {text: `dB re 1 ${data.units} ${shown.name}`, side: "right"}, thickness: 12},
-                hovertemplate: `%{x:.5g} ${name}, %{y:.5g}: %{z:.1f} dB<extra></extra>`}],
+                hovertemplate: `%{x:.5g} ${name}, %{y:.5g} ${bySpeed ? rpm.name : "s"}: %{z:.1f} dB<extra></extra>`}],
       layout: {uirevision: `${name} ${bySpeed}`, xaxis: {title: {text}}, yaxis: {title: {text: label}},
                shapes: name === "orders" ? cursorShapes(1).map((shape) => ({...shape, layer: "above"})) : []}};
   };
@@ -276,12 +276,12 @@ const report = (() => {
   pages.views.kurtogram = (data) => {
     const cells = data.kurtosis[0].length;
     const shapes = data.band ? [{type: "rect", x0: data.band[0], x1: data.band[1], yref: "paper", y0: 0, y1: 1,
-      line: {color: "--alarm", width: 2}, label: {text: "demodulated band", textposition: "top center", font: {color: "#ffffff"}}}] : [];
-    return {traces: [{type: "heatmap", z: data.kurtosis, x0: data.half / cells / 2, dx: data.half / cells, colorscale: "Viridis",
-                      colorbar: {title: {text: "kurtosis"}, thickness: 12}, hovertemplate: "%{x:.5g} Hz, %{y}: %{z:.3g}<extra></extra>"}],
+      line: {color: "--alarm", width: 2}, label: {text: "demodulation band", textposition: "top center", font: {color: "#ffffff"}}}] : [];
+    const y = data.levels.map((level) => Math.round(data.half / 2 ** level).toLocaleString("en"));
+    return {traces: [{type: "heatmap", z: data.kurtosis, x0: data.half / cells / 2, dx: data.half / cells, y, colorscale: "Viridis",
+                      colorbar: {title: {text: "kurtosis"}, thickness: 12}, hovertemplate: "%{x:.5g} Hz, bandwidth %{y} Hz: %{z:.3g}<extra></extra>"}],
             layout: {xaxis: {title: {text: "frequency, Hz"}, range: [0, data.half]}, shapes,
-                     yaxis: {title: {text: "bandwidth, Hz"}, autorange: "reversed", tickvals: data.levels.map((_, place) => place),
-                             ticktext: data.levels.map((level) => Math.round(data.half / 2 ** level).toLocaleString("en"))}}};
+                     yaxis: {title: {text: "bandwidth, Hz"}, type: "category", autorange: "reversed"}}};
   };
 
   pages.views.waveform = (data) => {

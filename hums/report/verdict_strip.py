@@ -1,4 +1,4 @@
-"""Verdict strip of a report: part, certainty, severity, since when, and what to do next, from the findings alone."""
+"""Verdicts at the top of a report: component, confidence, severity, history and next step, from the findings."""
 
 import math
 import re
@@ -18,12 +18,12 @@ from hums.analysis.thresholds import FAULTY_DEPTH
 from hums.gearbox.defect_orders import BEARING_KINDS
 
 CLASSES = {DIAGNOSED: "alarm", INDICATED: "watch", NOT_JUDGED: "unknown", NOTHING_FOUND: "calm"}
-"""Class of the page's style sheet for each verdict; a word that is not here is shown as unknown."""
+"""Class in the page's style sheet for each verdict; any other verdict is shown as unknown."""
 
 _RARE = 1e-6
-_GROWN = 1.5  # our choice: amplitudes of a sound machine vary by less from record to record at one speed and load
-_SEVERE_DEPTH = 0.5  # our choice: the impacts then swing the band between a half and one and a half times its mean
-_NEARER = 2.0  # our choice: 6 dB, since the paths to two sensors differ by as much on a sound machine
+_GROWN = 1.5  # our choice: amplitudes of a healthy machine vary less between records at the same speed and load
+_SEVERE_DEPTH = 0.5  # our choice: the envelope then varies between 0.5 and 1.5 times its mean
+_NEARER = 2.0  # our choice: 6 dB, by which the transfer paths to two sensors differ on a healthy machine
 _ORDERS = re.compile(r"\b(\d+(?:\.\d+)?)(?: to (\d+(?:\.\d+)?))? orders\b")
 _NUMBERED = re.compile(r"\b((?:harmonic|sideband) [+-]?\d+ at (\d+\.\d+))")
 
@@ -45,7 +45,7 @@ def frequency_words(hz: float) -> str:
 
 
 def with_hz(text: str, speed_hz: float | None) -> str:
-    """Return a text with the frequency beside every order in it, at one speed of the reference in rev/s.
+    """Return a text with the frequency after every order in it, at a speed of the reference in rev/s.
 
     Examples
     --------
@@ -65,7 +65,7 @@ def with_hz(text: str, speed_hz: float | None) -> str:
 
 
 def answer(facts: Facts) -> list[tuple[str, str]]:
-    """Return the report's answer in a few sentences, each with its class, for those who read no further."""
+    """Return the report's answer in a few sentences, each with its class."""
     said = []
     for verdict, words in ((DIAGNOSED, "Damaged"), (INDICATED, "Possibly damaged")):
         parts = [f"{row['component']} ({_kind(row)})" for row in facts["findings"] if row["verdict"] == verdict]
@@ -96,20 +96,20 @@ def _kind(row: Mapping[str, Any]) -> str:
 
 
 def verdict_rows(facts: Facts, past: Facts | None = None) -> list[dict[str, str]]:
-    """Return the strip: one row per finding, or the one that says that nothing was found; then what was not judged.
+    """Return one row per finding, or one that states that nothing was found, and one for what was not judged.
 
     Parameters
     ----------
     facts : mapping
         Result of `hums.summary`.
     past : mapping, optional
-        That of an earlier record of the machine.
+        Summary of an earlier record of the machine.
 
     Returns
     -------
     list of dict
         part, kind, verdict, word (for the verdict), style (class), unjudged (parts), line, sure, severity, nearer,
-        since, next, evidence and least_change, in words; empty where nothing is known.
+        since, next, evidence and least_change, in words; empty if unknown.
     """
     rows = [_row(finding, facts, past) for finding in facts["findings"]]
     rows.sort(key=lambda row: list(CLASSES).index(row["verdict"]) if row["verdict"] in CLASSES else len(CLASSES))
@@ -126,12 +126,12 @@ def verdict_rows(facts: Facts, past: Facts | None = None) -> list[dict[str, str]
         partly = verdict == NOT_JUDGED and any(one["verdict"] == NOTHING_FOUND for one in every)
         return [row | ({"word": "not judged in part"} if partly else {})]
     if unjudged := not_judged_words(every):
-        rows.append(_of_the_rest("Other parts", NOT_JUDGED, unjudged, "", _unjudged_parts(every)))
+        rows.append(_of_the_rest("Other components", NOT_JUDGED, unjudged, "", _unjudged_parts(every)))
     return rows
 
 
 def _unjudged_parts(every: Sequence[Mapping[str, Any]]) -> str:
-    """Return which parts could not be judged, by kind of damage."""
+    """Return the components that could not be judged, by kind of damage."""
     kinds: dict[str, list[str]] = {}
     for row in every:
         if row["verdict"] == NOT_JUDGED and "component" in row:
@@ -140,7 +140,7 @@ def _unjudged_parts(every: Sequence[Mapping[str, Any]]) -> str:
 
 
 def _of_the_rest(part: str, verdict: str, sure: str, since: str, unjudged: str) -> dict[str, str]:
-    """Return the row of the parts that are not named."""
+    """Return the row of the components without a finding."""
     return {
         "part": part,
         "kind": "",
@@ -153,7 +153,7 @@ def _of_the_rest(part: str, verdict: str, sure: str, since: str, unjudged: str) 
         "nearer": "",
         "severity": "",
         "since": since,
-        "next": "The components table states what each of them needs for a verdict."
+        "next": "The components table states what each verdict requires."
         if verdict == NOT_JUDGED
         else "Keep this analysis as the baseline for later records.",
         "evidence": "",
@@ -162,9 +162,9 @@ def _of_the_rest(part: str, verdict: str, sure: str, since: str, unjudged: str) 
 
 
 def component_styles(facts: Facts) -> dict[str, str]:
-    """Return the class of each component that was judged, that of its gravest verdict.
+    """Return the class of each component's most serious verdict.
 
-    A shaft that lacks a baseline is left out: its colour would cover that of the gears on it.
+    A shaft that was not judged is left out: its colour would hide that of its gears.
     """
     gravest: dict[str, str] = {}
     ranks = [*CLASSES.values()]
@@ -199,7 +199,7 @@ def _row(finding: Mapping[str, Any], facts: Facts, past: Facts | None) -> dict[s
 
 
 def _sure(finding: Mapping[str, Any]) -> str:
-    """Return the verdict with each of its probabilities; those of an analysis to come are named by their column."""
+    """Return the probabilities of a verdict in words, those that this version does not know by their names."""
     said = []
     for name, value in finding.items():
         if not name.endswith("probability") or value is None:
@@ -207,14 +207,14 @@ def _sure(finding: Mapping[str, Any]) -> str:
         if name != "false_alarm_probability":
             said.append(f"{name.replace('_', ' ')} {probability_words(value)}")
         elif finding.get("strength") is None:
-            said.append(f"{probability_words(value)} records of sound gears show as much")
+            said.append(f"{probability_words(value)} records of healthy gears show as much")
         else:
             said.append(f"{healthy_share_words(value)} records of healthy machines show as much")
     return "; ".join(said)
 
 
 def _line_words(finding: Mapping[str, Any], facts: Facts) -> str:
-    """Return where the line of a finding stands: in orders, Hz and CPM at the mean speed; a tooth has no line."""
+    """Return the line of a finding as order, and in Hz and CPM at the mean speed; a tooth has none."""
     speed, order = facts.get("speed_hz", {}).get("mean"), finding.get("order_found")
     if speed is None or not order or finding["kind"] == "tooth":
         return ""
@@ -222,15 +222,12 @@ def _line_words(finding: Mapping[str, Any], facts: Facts) -> str:
 
 
 def _severity(finding: Mapping[str, Any]) -> str:
-    """Return how severe a finding is: in words where it has a scale, else why it has none; then its size.
-
-    That it needs an earlier record stands under "since when".
-    """
+    """Return the severity of a finding in words, or why it has no scale, and its amplitude."""
     depth = finding.get("depth")
     if finding["kind"] in BEARING_KINDS and depth is not None:
         word = "slight" if depth < FAULTY_DEPTH else "moderate" if depth < _SEVERE_DEPTH else "severe"
         scale = f"slight below {FAULTY_DEPTH:.0%}, severe at {_SEVERE_DEPTH:.0%} and above"
-        said = [f"{word}: its impacts modulate the band by {depth:.1%} ({scale})"]
+        said = [f"{word}: impacts modulate the band by {depth:.1%} ({scale})"]
     elif finding["kind"] == "tooth":
         said = ["no scale: the response to a damaged tooth depends on load and transfer path; use its trend"]
     else:
@@ -241,7 +238,7 @@ def _severity(finding: Mapping[str, Any]) -> str:
 
 
 def _nearer(finding: Mapping[str, Any], facts: Facts) -> str:
-    """Return which sensor a bearing's fault is nearer to, where its line says so; empty with a single sensor."""
+    """Return the sensor nearest to a bearing fault by the amplitudes of its line; empty with a single sensor."""
     sick = {item["name"] for item in facts["health"] if item["status"] == "sick"}
     largest: dict[str, float] = {}
     for line in facts["envelope"]:
@@ -267,9 +264,9 @@ def _nearer(finding: Mapping[str, Any], facts: Facts) -> str:
 
 
 def _since(finding: Mapping[str, Any], facts: Facts, past: Facts | None) -> str:
-    """Return how the finding compares with the earlier record, in words."""
+    """Return a comparison of the finding with the earlier record, in words."""
     if past is None:
-        return "unknown from a single record; give an earlier analysis as the baseline"
+        return "unknown from a single record; specify an earlier analysis as the baseline"
     same = [
         other
         for other in past["findings"]
@@ -308,7 +305,7 @@ def _same_line(line: Mapping[str, Any], lines: Sequence[Mapping[str, Any]]) -> M
 
 
 def _next(finding: Mapping[str, Any], facts: Facts) -> str:
-    """Return what to do next; our advice, and no part of the verdict."""
+    """Return the recommended next step, which is no part of the verdict."""
     sick = {item["name"] for item in facts["health"] if item["status"] == "sick"}
     if finding.get("channel") in sick:
         return f"Repair the sensor of {finding['channel']} first, then record again."

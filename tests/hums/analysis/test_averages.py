@@ -125,7 +125,7 @@ def test_a_fleet_and_a_report_take_it(gearbox, tmp_path):
     assert (fleet.records, fleet.failed) == (3, 0)
     analysis = hums.analyze(tmp_path / "1.h5", gearbox)
     page = hums.write_report(analysis, tmp_path / "report").read_text(encoding="utf-8")
-    assert "not known: the record is an average in angle" in page
+    assert "unknown: the record is a synchronous average" in page
     settings = hums.MonitorSettings(baseline_records=2)
     judged = [
         hums.watch(hums.analyze(tmp_path / f"{day}.h5", gearbox), tmp_path / "rig.state", settings=settings).judged

@@ -141,10 +141,7 @@ def test_units_of_each_channel_and_what_decides_a_contradiction(run, tmp_path):
 def test_a_target_that_is_missing(run, folder, tmp_path):
     code, _, err = run("convert", folder / "acc_00001.csv")
     assert code == 2
-    assert (
-        "acc_00001.csv is given; name one source and the record or folder to write, or several and -o FOLDER"
-        in err
-    )
+    assert "acc_00001.csv is given; name one source and the record or folder to write, or several and -o FOLDER" in err
     assert run("convert", folder, tmp_path / "out", *MANY)[0] == 3
     assert "dataset      4 records; the first:" in run("info", tmp_path / "out")[1]
     assert "measured is not a dataset" in run("info", folder)[2]

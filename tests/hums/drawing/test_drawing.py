@@ -99,11 +99,11 @@ def test_fits_the_screen_and_loads_nothing_else(browser, pages, width):
 
 class TestRefused:
     def test_other_files(self, tmp_path):
-        with pytest.raises(ValueError, match=r'ends in ".svg"; end the page in .html'):
+        with pytest.raises(ValueError, match=r'has the suffix ".svg"; use .html'):
             write_drawing(load_gearbox("two-stage"), tmp_path / "x.svg")
 
     def test_too_few_speeds(self, tmp_path):
-        with pytest.raises(ValueError, match="has 2 free speeds, but 1 are given"):
+        with pytest.raises(ValueError, match="needs speeds of 2 links, but 1 are given"):
             write_drawing(load_gearbox("car-differential"), tmp_path / "x.html", speeds_rpm={"cage": 100})
 
     def test_no_reference(self, tmp_path):

@@ -98,7 +98,7 @@ def test_along_the_axes_each_tooth_has_a_tick():
 
 
 def test_along_axes_that_are_not_parallel_is_refused():
-    with pytest.raises(ValueError, match="its axes are not parallel"):
+    with pytest.raises(ValueError, match="needs parallel axes"):
         figure("alouette-iii", view="axial")
 
 

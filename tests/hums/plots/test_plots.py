@@ -301,8 +301,8 @@ class TestSpeedOrderChart:
     def test_names_that_do_not_fit_are_counted(self):
         ax, table = chart("alouette-iii", height=2.2)
         lines = table["order"].round(12).nunique()
-        notes = [text.get_text() for text in ax.texts if "unlabelled" in text.get_text()]
-        assert notes == [f"{lines - len(ax.texts) + 1} more lines unlabelled; increase the height"]
+        notes = [text.get_text() for text in ax.texts if "not labelled" in text.get_text()]
+        assert notes == [f"{lines - len(ax.texts) + 1} lines not labelled; increase the height"]
         assert not overlapping(ax)
 
     @pytest.mark.parametrize(
@@ -345,7 +345,7 @@ class TestSaveFigure:
 
     @pytest.mark.parametrize("name", ["a.jpeg", "a", "svg"])
     def test_another_suffix_is_refused(self, tmp_path, name):
-        with pytest.raises(ValueError, match=r"end it in \.svg, \.png or \.pdf"):
+        with pytest.raises(ValueError, match=r"use \.svg, \.png or \.pdf"):
             save_figure(lambda ax: ax.plot([0, 1]), tmp_path / name, width=3, height=2)
         with pytest.raises(ValueError, match="positive size in inches"):
             save_figure(lambda ax: ax.plot([0, 1]), tmp_path / "a.png", width=0, height=2)
@@ -431,7 +431,7 @@ class TestOfAnAnalysis:
         assert np.ptp(difference) < np.ptp(average) / 4  # without its mesh lines
 
     def test_what_is_not_there_is_refused(self, analysis):
-        with pytest.raises(ValueError, match='no order map of channel "x"; it has that of housing'):
+        with pytest.raises(ValueError, match='no order map of channel "x"; available: housing'):
             plot_order_map(analysis, channel="x", ax=axes())
         with pytest.raises(ValueError, match='no average of "x"; it has stage 1/pinion'):
             plot_average(analysis, channel="housing", component="x", ax=axes())

@@ -34,7 +34,8 @@ def test_what_another_fault_raises_is_said():
     rows = [row("stage 1/wheel", 5.0), row("stage 2/pinion", 5.0), row("stage 3/other", 5.0)]
     (table,) = indicator_tables(rows, [FAULT])
     mesh, shaft = table["raised"]  # and nothing of the third, which shares neither mesh nor shaft
-    assert mesh.startswith("FM4 of stage 1/wheel is above its limit; the diagnosed tooth of stage 1/pinion, in mesh")
+    assert mesh.startswith("FM4 of stage 1/wheel is above its limit; the diagnosed fault of stage 1/pinion (tooth), in")
+    assert mesh.endswith("in mesh with it, also raises it.")
     assert "stage 2/pinion" in shaft
     assert "on the same shaft" in shaft
 

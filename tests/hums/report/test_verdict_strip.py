@@ -54,7 +54,7 @@ def test_gravest_first_and_unknown_words_are_shown():
 
 def test_every_probability_of_a_finding_is_said():
     sure = verdict_rows(facts(finding("diagnosed", healthy_machine_probability=0.02)))[0]["sure"]
-    assert sure == "1 in 250 records of sound gears show as much; healthy machine probability 1 in 50"
+    assert sure == "1 in 250 records of healthy gears show as much; healthy machine probability 1 in 50"
     rare = verdict_rows(facts(finding("diagnosed", strength=0.8, false_alarm_probability=0.0005)))[0]["sure"]
     assert rare == "fewer than 1 in 2,000 records of healthy machines show as much"
 
@@ -97,7 +97,7 @@ def test_what_was_not_judged_stands_beside_the_findings():
     every = [finding("diagnosed"), {"verdict": "not judged", "doubts": "out of band: 900 Hz"}]
     named, rest = verdict_rows(facts(finding("diagnosed", least_change="indicated below x")) | {"verdicts": every})
     assert named["least_change"] == "indicated below x"
-    assert (rest["part"], rest["verdict"]) == ("Other parts", "not judged")
+    assert (rest["part"], rest["verdict"]) == ("Other components", "not judged")
     assert rest["sure"] == "1 of 2 kinds of damage could not be judged (out of band)"
 
 
@@ -110,7 +110,7 @@ def test_a_sick_sensor_comes_first():
 )
 def test_severity_of_a_bearing_in_words(depth, word):
     severity = verdict_rows(facts(finding("diagnosed", depth=depth)))[0]["severity"]
-    assert severity.startswith(f"{word.lower()}: its impacts modulate the band by {depth:.1%}")
+    assert severity.startswith(f"{word.lower()}: impacts modulate the band by {depth:.1%}")
     assert severity.endswith("0.3 g, 12 times its background")
 
 
