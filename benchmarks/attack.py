@@ -29,34 +29,34 @@ FILES, OTHER_FILES = 8000, 5000  # of each kind that other programs write, and o
 SAVES = {"record": 500, "analysis": 50, "state": 350}
 RUNS, RUNS_PER_PART = 100, 10  # of jobs, a worker of each killed
 CALLS_NOTE = """\
-Made by `python benchmarks/attack.py`. Each call has one odd argument: a wrong type, NaN, infinities, nothing, one
-sample, a constant, a table, sizes of 1e-300 to 1e300. It may return, or raise a ValueError or TypeError in a sentence
-of ours; a warning, another exception, 5 s of processor, or 1 GB beyond what is used, is wrong. `answers`: results
-that differ where the same numbers come as float32, integers, big-endian, strided or read-only, or scaled by 1e6 and
-1e-6."""
+Made by `python benchmarks/attack.py`. Each call has one unusual argument: a wrong type, NaN, infinities, an empty
+array, one sample, a constant, a table, sizes of 1e-300 to 1e300. It may return, or raise a ValueError or TypeError with
+a message of ours; a warning, another exception, 5 s of CPU time or 1 GB of additional memory is wrong. `answers that
+differ`: results that change if the same numbers are float32, integers, big-endian, strided or read-only, or scaled by
+1e6 and 1e-6."""
 CALLS_HEADER = "| package | functions | calls | wrong | answers that differ | s |\n|---|---|---|---|---|---|"
 FILES_NOTE = """\
-A small valid file of each kind is cut off, or has bits flipped, bytes replaced, or sizes written over it; of texts
-also values replaced by odd ones, and lines left out or doubled (seed 20). Signals, records and analyses are read by
-`ReaderProcess`, with at most 5 s of processor and 1 GB for a file, the last four kinds in the calling process.
-`crash contained` and `stopped`: the process for reading ended, in a sentence that names the file; `wrong`: another
-exception, a message without the name of the file, or, of a record, other values without a warning. Times were measured
-under other load."""
+A small valid file of each kind is truncated, or has bits flipped, bytes replaced, or sizes overwritten; in text files,
+values are also replaced by unusual ones, and lines omitted or duplicated (seed 20). Signals, records and analyses are
+read by `ReaderProcess`, with at most 5 s of CPU time and 1 GB per file, the last four kinds in the calling process.
+`sentence`: refused with a message; `crash contained` and `stopped`: the reader process ended, with a message that names
+the file; `wrong`: another exception, a message without the name of the file, or, for a record, different values without
+a warning. Times were measured under other load."""
 
 TRIES_NOTE = """\
-# Tries of the commands
+# Robustness of the commands
 
-Made by `python benchmarks/attack.py --tries`. Each try runs a command in a folder of its own (seed 20). Its exit status
-has to be one of those in `docs/reference.md`, with a sentence where it is not 0; what it reads, and what hums did not
-write, stays as it was but for outputs under `--force`; no temporary file is left behind; no cell of a table begins a
-formula, no name runs a script or controls the terminal. `output paths`: each file of each command as a text, a folder,
-a pipe, a link, another name of an input; `names`: of parts, channels, machines, files, options; `contradicting
-metadata`: rates that a file states against rates that are declared, of which the trusted one has to hold; `interrupts`:
-SIGINT, SIGTERM or SIGKILL at a random instant; the command is then repeated, and has to end with 0 and the same tables;
-`races`: two commands at once, or inputs truncated or emptied during one, which is then repeated. Times were measured
-under other load."""
+Made by `python benchmarks/attack.py --tries`. Each try runs a command in a separate folder (seed 20). Its exit status
+must be one of those in `docs/reference.md`, with a message unless it is 0; input files, and files that hums did not
+write, must not change, except outputs under `--force`; no temporary file may remain; no cell of a table may start a
+formula, and no name may run a script or control the terminal. `output paths`: each file of each command as a text, a
+folder, a pipe, a link, another name of an input; `names`: of components, channels, machines, files, options;
+`contradicting metadata`: rates stated in a file that differ from declared ones; the trusted one must apply;
+`interrupts`: SIGINT, SIGTERM or SIGKILL at a random instant; the command is then repeated, and must end with 0 and the
+same tables; `races`: two commands at once, or inputs truncated or emptied during one, which is then repeated. Times
+were measured under other load."""
 TRIES_HEADER = (
-    "| class | tries | 0 | 1 | 2 | 3 | 130 | killed | broken | s |\n|---|---|---|---|---|---|---|---|---|---|"
+    "| class | tries | 0 | 1 | 2 | 3 | 130 | killed | failed | s |\n|---|---|---|---|---|---|---|---|---|---|"
 )
 
 
@@ -122,13 +122,13 @@ def attack(kept: Path, scratch: Path, *, files: int) -> tuple[str, bool]:
     wrong = [*calls["wrong"], *(line for part in parts for line in part["wrong"]), *lost]
     files_header = f"| reader | files | {' | '.join(COLUMNS)} | s |\n|{'---|' * (len(COLUMNS) + 3)}"
     kills = (
-        f"{sum(SAVES.values()) + workers} processes were killed (-9): {SAVES['record']} that saved one record over "
-        f"another, {SAVES['analysis']} analyses, {SAVES['state']} states of watched machines, and {workers} workers of "
-        f"{RUNS} runs of jobs. {len(lost)} times something was lost, doubled or left behind."
+        f"{sum(SAVES.values()) + workers} processes were killed (-9): {SAVES['record']} while saving a record over "
+        f"another, {SAVES['analysis']} while saving an analysis, {SAVES['state']} the state of a watched machine, and "
+        f"{workers} workers of {RUNS} runs of jobs. Files were lost, duplicated or left behind in {len(lost)} cases."
     )
-    page = ["# Odd calls", "", CALLS_NOTE, "", CALLS_HEADER, *call_rows(calls["counts"]), "", "## Damaged files", "",
+    page = ["# Edge cases", "", CALLS_NOTE, "", CALLS_HEADER, *call_rows(calls["counts"]), "", "## Damaged files", "",
             f"{sum(part['count'] for part in parts):,} files. {FILES_NOTE}", "", files_header, *file_rows(parts), "",
-            "## Kills", "", kills, "", *_shown(wrong)]  # fmt: skip
+            "## Killed processes", "", kills, "", *_shown(wrong)]  # fmt: skip
     return "\n".join(page).rstrip() + "\n", bool(wrong)
 
 
@@ -140,7 +140,7 @@ def attack_commands(kept: Path, scratch: Path) -> tuple[str, bool]:
     """Make every class of tries that is not kept; return the page, and whether anything was wrong."""
     parts = [kept_or_made(kept, f"tries {name}", lambda name=name: make_tries(name, scratch)) for name in CLASSES]
     wrong = [line for part in parts for line in part["wrong"]]
-    count = f"{sum(part['count'] for part in parts):,} tries, {len(wrong)} broken."
+    count = f"{sum(part['count'] for part in parts):,} tries, {len(wrong)} failed."
     page = [TRIES_NOTE, "", count, "", TRIES_HEADER, *try_rows(parts), "", *_shown(wrong)]
     return "\n".join(page).rstrip() + "\n", bool(wrong)
 

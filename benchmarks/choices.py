@@ -90,12 +90,12 @@ def separators(phase: signals.ShaftPhase, size: int) -> dict[str, Callable[[Floa
         return np.asarray(residual_record(x, tracks, phase_rad=angle))
 
     return {
-        "nothing": np.copy,
+        "no separation": np.copy,
         "`linear_prediction`, order 50": lambda x: signals.linear_prediction(x, order=50).random,
         "`linear_prediction`, order 1000": lambda x: signals.linear_prediction(x, order=1000).random,
         "`cepstrum_prewhitening`": lambda x: signals.cepstrum_prewhitening(x).random,
         "`discrete_random_separation`": random_part,
-        "the same over angle": lambda x: over_angle(x, random_part),
+        "`discrete_random_separation`, over angle": lambda x: over_angle(x, random_part),
         "synchronous average": lambda x: over_angle(
             x, lambda y: y - np.resize(y.reshape(-1, PER_REV).mean(axis=0), y.size)
         ),
@@ -114,7 +114,7 @@ def separation(duration_s: float, effort: Effort) -> list[str]:
         turns, known = phase.revolutions_at(np.arange(x.size) / RATE_HZ)[middle], bearing[middle]
         methods = separators(phase, x.size)
         took = times(x, {name: partial(method, x) for name, method in methods.items()}, effort)
-        methods["nothing but bearing and noise"] = lambda _, sought=bearing + noise: sought
+        methods["bearing and noise alone"] = lambda _, sought=bearing + noise: sought
         for name, method in methods.items():
             left = np.pad(method(x), (0, EDGE))[middle.start :][: known.size]
             spectra = (signals.envelope_order_spectrum(left, phase=phase, **setting) for setting in settings)
@@ -123,7 +123,7 @@ def separation(duration_s: float, effort: Effort) -> list[str]:
             cells.setdefault(name, []).extend(
                 (db(share), f"{left @ known / (known @ known):.2f}", *(f"{each:.0f}" for each in found))
             )
-        took["nothing but bearing and noise"] = "-"
+        took["bearing and noise alone"] = "-"
     head = ("removed by", *("lines, dB", "bearing", "line in band", "line without") * 2, "time")
     return table(head, ([name, *row, took[name]] for name, row in cells.items()))
 
@@ -309,7 +309,7 @@ def draw(ax: Any, found: Sequence[Mapping[Key, float]]) -> None:  # noqa: ANN401
     least = np.log([[[each[name, kind] for kind in kinds] for name in names] for each in found])
     seen = np.where(np.isfinite(least), (high - least + 0.1) / (high - low + 0.1), 0).mean(axis=0)
     image = ax.imshow(np.where(seen > 0, seen, np.nan), vmin=0, vmax=1, aspect="auto", cmap="viridis_r")
-    ax.figure.colorbar(image, label="share of the range of sizes that is seen, mean of both machines")
+    ax.figure.colorbar(image, label="share of the size range detected, mean of both machines")
     ax.set_xticks(range(len(kinds)), [kind.replace("_", " ") for kind in kinds], rotation=60, ha="right")
     ax.set_yticks(range(len(names)), names, fontsize=7)
 

@@ -50,18 +50,18 @@ Made by `python benchmarks/dataset.py --records {records} --workers 2`: the firs
 seed {seed}; {train} for training, {validation} for the penalty ({penalty:g}), {test} for the score, from four gearboxes
 that training has not seen.
 
-Features are those of one `hums.analyze` with the record's own drawing, {features} of them: each indicator, and the
-signal-to-noise ratio of each kind of line in the order spectrum and in the envelope, in the logarithm, the largest and
-the mean over the parts of the gearbox, so that gearboxes of one and of three stages have the same. The classifier is
-multinomial logistic regression with an L2 penalty on standardised features, classes weighted equally. A recall of n
-records has a standard deviation of up to 0.5 / sqrt(n)."""
+The {features} features are from one `hums.analyze` with the drawing of the record: the logarithms of each indicator and
+of the signal-to-noise ratio of each kind of line in the order and envelope spectra, maximum and mean over the parts of
+the gearbox, so that gearboxes of one and of three stages have the same features. The classifier is multinomial logistic
+regression with an L2 penalty on standardised features, with equal class weights. A recall of n records has a standard
+deviation of up to 0.5 / sqrt(n)."""
 
 VERDICTS = """\
-What the same analyses say by themselves, of all records, without a baseline. *Named first*: of faults of at least
-{detectable:.0f} dB, those whose part leads the findings; *of its shaft*: those where another gear of the shaft does.
-*Diagnosed wrongly*: records in which another part is diagnosed than the damaged one. What changes a whole gear or shaft
-alike is named by limits or a baseline alone. The matched filter of the detectability knows the fault, and the noise is
-all it has against it: a fault of 40 dB may lie far below the meshes."""
+Verdicts of the same analyses on all records, without a baseline. *Named first*: faults of at least {detectable:.0f} dB
+whose part leads the findings; *of its shaft*: those with another gear of the shaft in the lead. *Diagnosed wrongly*:
+records with a diagnosis of another part than the damaged one. Faults that affect a whole gear or shaft uniformly are
+named only by limits or a baseline. The matched filter of the detectability knows the fault, and only noise limits it: a
+fault of 40 dB may lie far below the mesh lines."""
 
 
 # ---- Features ----------------------------------------------------------------------------------------------------

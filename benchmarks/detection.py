@@ -20,22 +20,22 @@ from hums.records.outputs import write_text
 
 PLACES = 1e4  # at which a fault of a known waveform may begin: samples of a revolution
 PAGE = """\
-# Detection: what is found against a bound
+# Detection compared with a bound
 
-Made by `python benchmarks/detection.py`: {cases} machines of a simulator that shares nothing with `data_synth`, from
-number {first} on, at a stated probability of {stated:g}. *Level*: the signal-to-noise ratio in dB of a matched filter
-that knows the fault's waveform and leaves out the lines of the sound machine. At a place unknown among {places:g} such
-a filter finds a fault from {bound:.1f} dB on. *Half named*: the level at which half are named first, by a logistic
-curve. *Gap*: what lies between the two. *Sound*: those that read "nothing found".
+Made by `python benchmarks/detection.py`: {cases} machines of a simulator that shares no code with `data_synth`, from
+number {first} on, at a stated probability of {stated:g}. *Level*: the signal-to-noise ratio in dB after a matched
+filter that knows the waveform of the fault and excludes the lines of the sound machine. At an unknown position among
+{places:g}, such a filter detects a fault from {bound:.1f} dB. *Half named*: the level at which half are named first, by
+a logistic curve. *Gap*: the difference between the two. *Sound*: those that read "nothing found".
 
 | fault | machines | named first | half named, dB | gap, dB | sound |
 |---|---|---|---|---|---|
 {rows}
 
-The filter knows the waveform, the path and the exact rate. The analysis looks for any ringing in 31 bands, for rates
-within slip, for every part of every bearing and gear, and names one only where nothing else explains the line and few
-healthy machines show as much. A tooth shares its rate with whatever is loose on its shaft: its verdict rests on where
-in the revolution it strikes and on the mesh it modulates.
+The filter knows the waveform, the path and the exact rate. The analysis searches 31 bands for any ringing, at rates
+within slip, for every part of every bearing and gear, and names a part only if nothing else explains the line and few
+healthy machines show evidence as strong. A tooth shares its rate with anything loose on its shaft: its verdict depends
+on the angle of its impacts and on the mesh that it modulates.
 """
 
 

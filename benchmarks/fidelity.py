@@ -38,10 +38,10 @@ DURATION_S, REPEATS = 0.5, 3
 STEPS, REFERENCE = (1, 2, 4), 16  # to an integrated sample
 NOTE = """\
 Made by `python benchmarks/fidelity.py`, one thread. Each scene is {duration:g} s of one channel at 50 kHz, without
-noise. Error: RMS of the difference from `dynamic` with {reference} steps to a sample, over the RMS, in dB. Time: of the
-processor, median of {repeats}, without the truth and without the decision of `auto`, which has a row of its own with
-what it takes; compiling is not in it. A sample is one of the integration, {oversampling} times as many as the
-record's here; `dynamic` alone takes as many steps as keep `dynamics.error`, {error:g}."""
+noise. Error: RMS of the difference from `dynamic` with {reference} steps per sample, over the RMS, in dB. Time: CPU
+time, median of {repeats}, without ground truth, compilation and the decision of `auto`, whose time is given in its row.
+A sample is one of the integration, at {oversampling} times the rate of the record; `dynamic` alone takes the steps that
+`dynamics.error`, {error:g}, requires."""
 
 GEOMETRY = {
     "stage 1": {"module_mm": 3, "face_width_mm": 30, "pressure_angle_deg": 20},
@@ -108,8 +108,8 @@ def cases() -> dict[str, Scene]:
         "two-stage demo": demo(),
         "with a cracked tooth": _with_faults(demo(), crack),
         "with a chipped and a cracked tooth": _with_faults(demo(), crack, chip),
-        "a second stage hardly heard": demo(quiet, floor_db=-36.0),
-        "even teeth with errors": demo(EVEN),
+        "a second stage of low level": demo(quiet, floor_db=-36.0),
+        "constant stiffness, tooth errors": demo(EVEN),
         "stiff bearings, heavy damping": damped.changed(**low),
         "helical pair": helical(),
     }
@@ -136,7 +136,7 @@ def measure(scene: Scene, *, repeats: int = REPEATS) -> list[Row]:
     choice = chosen(motion)
     decision_s, _ = timed(lambda: np.array([chosen(motion).linear]), repeats)
     ways: dict[str, Callable[[], Array]] = {"linear response": partial(linear, scene)}
-    ways |= {f"dynamic, {steps} to a sample": partial(in_time, scene, steps) for steps in STEPS}
+    ways |= {f"dynamic, {steps} per sample": partial(in_time, scene, steps) for steps in STEPS}
     ways["dynamic"] = partial(in_time, scene, None)
     rows = []
     for name, call in ways.items():
@@ -161,7 +161,7 @@ def linear(scene: Scene) -> Array:
 
 
 def in_time(scene: Scene, steps: int | None) -> Array:
-    """Return the channels (sensor, n) of the motion in time, with some steps to a sample or as many as its error."""
+    """Return the channels (sensor, n) of the motion in time, with some steps per sample or as many as its error."""
     return noise_free(scene.changed(fidelity="dynamic"), seed=1, steps=steps).signal
 
 
@@ -194,7 +194,7 @@ def main(folder: Path) -> int:
         error=Dynamics().error,
         oversampling=motion_in(demo()).oversampling,
     )
-    lines = ["# Gears that vibrate: time against error", "", note, "", "![time against error](fidelity.svg)"]
+    lines = ["# Gear dynamics: time against error", "", note, "", "![time against error](fidelity.svg)"]
     for name, rows in measured.items():
         lines += ["", f"## {name[0].upper()}{name[1:]}", "", "| model | s | error, dB |", "|---|---|---|"]
         lines += [f"| {row.name} | {row.seconds:.3f} | {row.decibels:.0f} |" for row in rows]
@@ -216,7 +216,7 @@ def draw(ax: Any, measured: Mapping[str, list[Row]]) -> None:  # noqa: ANN401
         taken = own if auto.decibels == own.decibels else linear_response
         ax.plot(taken.seconds, taken.decibels, "o", ms=12, mfc="none", color=colour, label=name)
     ax.plot([], [], "o", color="0.4", ms=5, label="linear response")
-    ax.plot([], [], "d-", color="0.4", ms=4, lw=0.8, label=f"dynamic, {', '.join(map(str, STEPS))} steps to a sample")
+    ax.plot([], [], "d-", color="0.4", ms=4, lw=0.8, label=f"dynamic, {', '.join(map(str, STEPS))} steps per sample")
     ax.plot([], [], "o", ms=12, mfc="none", color="0.4", label="auto")
     ax.axhline(-40, color="0.7", lw=0.8, ls="--")
     ax.set(xscale="log", xlabel=f"s for {DURATION_S:g} s of record", ylabel="difference from fine steps, dB")

@@ -88,9 +88,9 @@ def false_alarms(given: argparse.Namespace, found: Analyses, resampled: Resample
     """Return how many alarms healthy machines raise, and how many are stated."""
     _, _, layout = layout_of(found.series)
     words = (
-        f"{given.machines} machines, {WATCHED} records watched of each; a tenth as many whose temperature and load "
-        "were measured with each record. An alarm stands until somebody acknowledges it, so that a component raises "
-        "one at most; some machines raise several, which the interval counts.\n"
+        f"{given.machines} machines, {WATCHED} monitored records each; a tenth as many with temperature and load "
+        "measured with each record. An alarm persists until it is acknowledged, so a component raises at most "
+        "one; some machines raise several, which the interval includes.\n"
     )
     text = [
         words,
@@ -121,9 +121,9 @@ def false_alarms(given: argparse.Namespace, found: Analyses, resampled: Resample
     still, few = resampled.still(), given.machines // 40
     count = healthy_fleet(still, found, layout, machines=few, baseline=BASELINES[0], seed=5)[0][0].sum()
     text.append(
-        f"\nThe interval is over machines of the same {len(resampled.healthy)} analyses. Nearly all alarms follow from "
-        f"slow states that nothing measures: without them (nothing measured, a baseline of {BASELINES[0]}) {few} "
-        f"machines raise {count} of {few * WATCHED / RATES[0]:.0f}."
+        f"\nThe interval is over machines from the same {len(resampled.healthy)} analyses. Nearly all alarms are due "
+        f"to slow changes that are not measured: without these (nothing measured, baseline of {BASELINES[0]}), {few} "
+        f"machines raise {count} instead of the expected {few * WATCHED / RATES[0]:.0f}."
     )
     return "\n".join(text)
 
@@ -223,15 +223,15 @@ def growing_faults(given: argparse.Namespace, found: Analyses, resampled: Resamp
         for one in layouts
     ]
     words = (
-        f"Exponential growth over {WATCHED - ONSET} records from the least to the largest size analysed, after a "
-        f"baseline of {BASELINES[0]} records and {ONSET} healthy ones. Limits of all three are multiplied by what "
-        f"makes {given.machines} healthy machines raise one alarm in 10,000 records, as counted (fused "
-        f"{factors[0]:.2f}, RMS {factors[1]:.2f}, kurtosis {factors[2]:.2f}). Median size and median delay in records "
-        "since the onset at the first alarm, and share of machines with one before the largest size.\n"
+        f"Exponential growth over {WATCHED - ONSET} records from the smallest to the largest size analysed, after a "
+        f"baseline of {BASELINES[0]} records and {ONSET} healthy ones. The limits of all three are scaled so that "
+        f"{given.machines} healthy machines raise one alarm in 10,000 records, as counted (fused "
+        f"{factors[0]:.2f}, RMS {factors[1]:.2f}, kurtosis {factors[2]:.2f}). Median size and median delay since "
+        "onset, in records, at the first alarm, and share of machines with an alarm before the largest size.\n"
     )
     text = [
         words,
-        "| fault | sizes, mm | fused, with verdicts | RMS | kurtosis | one diagnosed from | before that | half from |",
+        "| fault | sizes, mm | fused, with verdicts | RMS | kurtosis | one diagnosed from | alarm before | half from |",
         "|---|---|---|---|---|---|---|---|",
     ]
     for name, course in fault_courses(found, found.values[found.kinds == "healthy"]).items():
@@ -246,9 +246,9 @@ def growing_faults(given: argparse.Namespace, found: Analyses, resampled: Resamp
         cells += [_mm(alone), before, _mm(usual)]
         text.append(f"| {name} | {' | '.join(cells)} |")
     text.append(
-        "\n`none`: half of the machines raise no alarm, or half of the records are not diagnosed, to the end. One "
-        "record is diagnosed from the first size on at which one was, and half of the larger ones were: the "
-        "least of many. Half: from the size at which half of nine of about that size are."
+        "\n`none`: to the end, half of the machines raise no alarm, or half of the records are not diagnosed. One "
+        "diagnosed from: the first size at which a record was diagnosed, if half of the larger ones were; this is "
+        "the minimum of many. Half from: the size at which half of nine records of about that size are diagnosed."
     )
     return "\n".join(text)
 
@@ -263,7 +263,7 @@ def _mm(size: float) -> str:
 def forecasts(given: argparse.Namespace) -> str:
     """Return how often the true time lies in the interval of a forecast, for each law of growth."""
     text = [
-        "| growth | given | 90 % intervals hold | median width, records | median that remains |",
+        "| growth | given | 90 % intervals hold | median width, records | median remaining time |",
         "|---|---|---|---|---|",
     ]
     for law in LAWS:
@@ -281,25 +281,25 @@ INTRO = """# Fleet: alarms of healthy and failing machines
 Made by `python benchmarks/fleet.py ANALYSES`, or section by section with `--only`: alarms with `--machines 4000`,
 faults with `--machines 1000`, forecasts with `--forecasts 300`, cost with `--run-records 1000`.
 
-**Fleets** are resampled from analyses of one gearbox: each series of indicators is its mean, its slopes on gain, noise,
-temperature and load, which carry over as `data_synth.scene.machine_history` declares (5 and 50 records, a season of
-365), and a residual drawn together for all series. A slope that is the error of its fit alone would make machines drift
-that do not: slopes are shrunk by twice their standard errors (nonnegative garrote; Breiman 1995). Temperature and load
-are measured where a table says so, with a tenth of their deviations as an error.
+**Fleets** are resampled from analyses of one gearbox: each series of indicators is the sum of its mean, its slopes on
+gain, noise, temperature and load, which are correlated as in `data_synth.scene.machine_history` (over 5 and 50 records,
+with a season of 365), and a residual drawn jointly for all series. A slope due only to the error of its fit would add
+drift that is not there, so slopes are shrunk by twice their standard errors (nonnegative garrote; Breiman 1995).
+Temperature and load are measured where a table says so, with an error of a tenth of their standard deviations.
 
-**The prior** (`hums/fleet/prior.json`, `--learn-prior`) has deviations of indicators, and the limits at which healthy
-machines with baselines of 2 to 1,000 records raise the stated number of alarms, of bearing evidence and of all other
-scores; the limits it ships with come from a simulated model of such scores. Healthy fleets below are made of analyses
-of {unseen_machines} other machines, of a seed of their own, from which nothing is learned. All are of one gearbox and
-one plan. Nothing is tuned to measured records.
+**The prior** (`hums/fleet/prior.json`, `--learn-prior`) contains standard deviations of indicators, and the limits at
+which healthy machines with baselines of 2 to 1,000 records raise the stated number of alarms, for bearing evidence and
+for all other scores; the limits shipped with it come from a simulated model of such scores. The healthy fleets below
+consist of analyses of {unseen_machines} other machines with a separate seed, from which nothing is learned. All have
+the same gearbox and plan. Nothing is tuned to measured records.
 """
 
 
 def pronostia(given: argparse.Namespace) -> str:
     """Return when bearings that ran to failure raised their alarms."""
     text = [
-        "Baseline: the first tenth of each run; plain indicators of snapshots of 0.1 s.\n",
-        "| run | snapshots | first alarm, share of life | what drove it | stands at the end |",
+        "Baseline: the first tenth of each run; indicators of single snapshots of 0.1 s.\n",
+        "| run | snapshots | first alarm, share of life | indicators | active at the end |",
         "|---|---|---|---|---|",
     ]
     for path in sorted((Path(given.data) / "pronostia").glob("*.npz")):
@@ -311,8 +311,8 @@ def pronostia(given: argparse.Namespace) -> str:
 def wind_turbine(given: argparse.Namespace) -> str:
     """Return the health of a wind turbine's gearbox in its last two records."""
     text = [
-        "Four records, a baseline of the first two, the second of which is diagnosed already.\n",
-        "| recorded | largest condition index | what drives it | component | alarm |",
+        "Four records, with the first two as baseline, the second of which is already diagnosed.\n",
+        "| recorded | largest condition index | deviation | component | alarm |",
     ]
     text += ["|---|---|---|---|---|"]
     for when, index, change, component, alarm in turbine(Path(given.data) / "wt_hss_bearing"):
@@ -323,7 +323,7 @@ def wind_turbine(given: argparse.Namespace) -> str:
 def cost(given: argparse.Namespace) -> str:
     """Return what a fleet costs."""
     rows = cost_rows(given.analyses, records=given.run_records)
-    return "\n".join(["| what | measured | asked |", "|---|---|---|", *(f"| {' | '.join(row)} |" for row in rows)])
+    return "\n".join(["| case | measured | target |", "|---|---|---|", *(f"| {' | '.join(row)} |" for row in rows)])
 
 
 def main() -> None:
@@ -356,7 +356,7 @@ def main() -> None:
         intro = INTRO.format(unseen_machines=UNSEEN_MACHINES)
     sections: dict[str, tuple[str, Callable[[], str]]] = {
         "alarms": ("False alarms of healthy machines", lambda: false_alarms(given, found, healthy)),
-        "faults": ("Faults that grow", lambda: growing_faults(given, found, healthy)),
+        "faults": ("Growing faults", lambda: growing_faults(given, found, healthy)),
         "forecasts": ("Time until a limit", lambda: forecasts(given)),
     }
     if given.data:

@@ -31,13 +31,13 @@ def cost_rows(analyses: Path, *, records: int, machines: int = 20) -> list[tuple
         rows.append((f"tables, alarms and page of {500 * machines:,} rows, CPU on one core", f"{spent:.1f} s", "20 s"))
     with tempfile.TemporaryDirectory() as folder:
         spent = table_seconds(analyses, Path(folder), machines=machines, records=FIVE_YEARS)
-        rows.append((f"the same of {FIVE_YEARS * machines:,} rows, five years of days", f"{spent:.1f} s", ""))
-        for what, seconds in zip(("a browser just started", "one that runs"), opened(Path(folder)), strict=False):
+        rows.append((f"as above, {FIVE_YEARS * machines:,} rows, five years of daily records", f"{spent:.1f} s", ""))
+        for what, seconds in zip(("newly started browser", "running browser"), opened(Path(folder)), strict=False):
             rows.append((f"their page opened and drawn in Chromium, {what}", f"{seconds:.2f} s", "3 s"))
     short = record_seconds(seconds=0.1, rate_hz=25_600)
     rows.append(("a record of 0.1 s at 25.6 kHz, CPU", f"{1e3 * short:.0f} ms", "20 ms"))
     rows.append(("a record of 1 s at 50 kHz, CPU", f"{1e3 * record_seconds(seconds=1, rate_hz=50_000):.0f} ms", ""))
-    what = f"{records:,} records of 1 s at 50 kHz, two processes, from files to page, time that passes"
+    what = f"{records:,} records of 1 s at 50 kHz, two processes, from files to page, elapsed time"
     rows.append((what, f"{run_seconds(records):.0f} s", f"{0.15 * records:.0f} s"))
     what = "`hums convert --files` of a CSV file of 2,560 samples, CPU"
     rows.append((what, f"{1e3 * convert_seconds():.1f} ms", "10 ms"))

@@ -59,24 +59,24 @@ REPEATS = 9
 ONCE_S = 0.2
 
 NOTE = """\
-Made by `python benchmarks/integrators.py`, one thread. A gear pair with four degrees of freedom, from rest under 75 Nm:
-2 s, 2,652 mesh periods; q = r1 theta1 - r2 theta2, x2' and w2 at 50 kHz, in the second table once a mesh period. No
-damper but the load's, except for the teeth that part: 40 um of backlash under the rectangular stiffness, bearings with
-50 N s/m, 0.2 s. Error: RMS over the record over the RMS, the worst of the three, against matrix exponentials from jump
-to jump (rectangular), Dormand-Prince 8 with steps of 10 us (smooth) and the splitting with steps of 0.16 us (teeth that
-part). The splitting is what `simulate` runs; the others are peers in plain compiled loops over full matrices (the two
-implicit ones over the diagonals of this pair). Those that are aligned end a step at each jump of the stiffness.
-`solve_ivp` runs over the first {slow:g} s, as does odeint for its ratio. Processor time, medians of {repeats} (of what
-takes less than {once:g} s; the rest runs once, the baseline before, between and after), as a ratio to
-`scipy.integrate.odeint` at rtol 1e-9, atol 1e-14 with a compiled right-hand side, in the same run: below 1 is faster.
-Preparing is included, compiling is not. odeint took {units} s."""
+Made by `python benchmarks/integrators.py`, one thread. A gear pair with four degrees of freedom, from rest under 75 N
+m: 2 s, 2,652 mesh periods; q = r1 theta1 - r2 theta2, x2' and w2 at 50 kHz, in the second table once per mesh period.
+Only the load damps; for loss of contact, 40 um of backlash with the rectangular stiffness, bearings with 50 N s/m, 0.2
+s. Error: RMS error over the RMS of the record, the worst of the three, relative to matrix exponentials between jumps
+(rectangular), Dormand-Prince 8 with steps of 10 us (smooth) and the splitting with steps of 0.16 us (loss of contact).
+`simulate` uses the splitting; the others are plain compiled loops over full matrices (the two implicit ones over the
+diagonals of this pair). Aligned methods end a step at each jump of the stiffness. `solve_ivp` runs over the first
+{slow:g} s, as does odeint for its ratio. CPU time, medians of {repeats} (if less than {once:g} s; otherwise one run,
+with the baseline before, between and after), as a ratio to `scipy.integrate.odeint` at rtol 1e-9, atol 1e-14 with a
+compiled right-hand side, in the same run: below 1 is faster. Set-up is included, compilation is not. odeint took
+{units} s."""
 
 ENERGY_NOTE = """\
-A mass between two walls, of which nothing takes energy: 10,000 oscillations of amplitude 3, half a gap of 1, from four
-places with the same energy. The largest departure of the energy, relative to it, over the first thousand and over all;
-slope: the mean of four over its standard error, below 3 or so where energy has no trend. Steps are no whole number to
-an oscillation: those that are keep in step with contacts, and gain only a factor of two when halved. From 100 to 200
-steps the splitting's error falls with the power {power:.1f} of the step."""
+A mass between two walls, without dissipation: 10,000 oscillations of amplitude 3, half the gap 1, from four initial
+states of equal energy. Largest relative deviation of the energy, over the first thousand oscillations and over all;
+slope: the mean of four over its standard error, below about 3 if the energy has no trend. The number of steps per
+oscillation is not an integer, since steps would then synchronise with the contacts, and halving them would gain only a
+factor of two. From 100 to 200 steps, the error of the splitting falls with the power {power:.1f} of the step."""
 OSCILLATIONS, AMPLITUDE = 10_000, 3.0
 PERIOD = 2 * np.pi + 4 / (AMPLITUDE - 1)
 
@@ -108,7 +108,7 @@ def rectangular(t: float) -> float:
 
 @dataclass(frozen=True, kw_only=True)
 class Case:
-    """A problem, the same written for peers, how often it is read, and with how many steps to a sample."""
+    """A problem, the same written for peers, how often it is read, and with how many steps to per sample."""
 
     name: str
     title: str
@@ -116,7 +116,7 @@ class Case:
     peer: Pair
     rate_hz: float = RATE_HZ
     steps: dict[str, tuple[int, ...]]
-    reference: int = 0  # steps to a sample; 0: by matrix exponentials
+    reference: int = 0  # steps to per sample; 0: by matrix exponentials
 
     @property
     def times_s(self) -> Array:
@@ -135,7 +135,7 @@ class Case:
         return np.asarray(states[:, :4] @ maps.displacement.T + states[:, 4:] @ maps.velocity.T)
 
     def read_by(self, name: str, steps: int) -> Array:
-        """Solve it by a peer, `steps` steps to a sample."""
+        """Solve it by a peer, `steps` steps to per sample."""
         method, _, aligned = name.partition(", ")
         if method in EXPLICIT:
             jumps_s = self.jumps_s if aligned else None
@@ -172,7 +172,7 @@ CASES = (
     ),
     Case(
         name="rectangular, once a period",
-        title="Rectangular stiffness, read once a mesh period",
+        title="Rectangular stiffness, sampled once per mesh period",
         problem=replace(RECTANGLE, duration_s=PERIODS * PERIOD_S),
         peer=LOADED,
         rate_hz=1 / PERIOD_S,
@@ -192,7 +192,7 @@ CASES = (
     ),
     Case(
         name="parting",
-        title="Teeth that part",
+        title="Loss of contact",
         problem=driven(pair(rectangle(), damping=np.diag(RUBBER), backlash_m=HALF_GAP_M), duration_s=0.2),
         peer=Pair(rectangular, RUBBER, half_gap_m=HALF_GAP_M),
         steps=STEPS,
@@ -215,9 +215,9 @@ def runs(case: Case) -> dict[tuple[str, str], Callable[[], Array]]:
     for name, steps in case.steps.items():
         for count in steps:
             call = partial(case.read_by, name, count)
-            found[name, f"{count} a sample"] = ours(Steps(per_sample=count)) if name == "splitting" else call
+            found[name, f"{count} per sample"] = ours(Steps(per_sample=count)) if name == "splitting" else call
     for relative in CHOSEN:
-        found["splitting, chosen", f"{relative:g} asked for"] = ours(Accuracy(relative=relative))
+        found["splitting, chosen", f"{relative:g} requested"] = ours(Accuracy(relative=relative))
     return found
 
 
@@ -298,8 +298,8 @@ def energies(steps: float) -> tuple[float, float, float]:
 
 def energy_lines() -> list[str]:
     """Return the table of energies."""
-    found = {f"splitting, {steps} an oscillation": energies(steps) for steps in (25, 50, 100, 200)}
-    last, before = (found[f"splitting, {steps} an oscillation"][1] for steps in (200, 100))
+    found = {f"splitting, {steps} per oscillation": energies(steps) for steps in (25, 50, 100, 200)}
+    last, before = (found[f"splitting, {steps} per oscillation"][1] for steps in (200, 100))
     rows = [f"| {name} | {early:.1e} | {late:.1e} | {trend:.1f} |" for name, (early, late, trend) in found.items()]
     head = ["| method | 1,000 oscillations | 10,000 | slope |", "|---|---|---|---|"]
     return ["", "## Energy", "", ENERGY_NOTE.format(power=np.log2(before / last)), "", *head, *rows]

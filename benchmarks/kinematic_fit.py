@@ -48,18 +48,18 @@ SPEEDS = (0.6, 1.0, 1.3)  # of a pair's speed
 KINDS = ("tooth_crack", "chipping", "missing_tooth", "spall", "pitting", "eccentricity", "misalignment", "wear")
 NEAR = 0.1  # of a natural frequency in which one of the first three harmonics of the mesh lies: near a resonance
 NOTE = """\
-A kinematic scene that knows module, face width and torque gives its faults the linear response of the gears, to the
-level of the declared mesh. Is what they add as loud as in gears in motion?
+A kinematic scene with declared module, face width and torque gives its faults the linear response of the gears,
+relative to the level of the declared mesh. Is the contribution of a fault as large as in gear dynamics?
 
 Made by `python benchmarks/kinematic_fit.py`: pairs of spur gears with a fault of the pinion, at 0.6, 1 and 1.3 times
-their speed. The power of what the fault adds, faulty minus healthy of the same seed, over that of the healthy channel:
-in a kinematic scene, in dB over the same of gears in motion; median, then smallest and largest. `fitted` are the pairs
-from which the factors in `data_synth.fidelity.linear_response` come, of cracks and chipped teeth alone; `factor` is
-what they would change by. The next columns are of pairs that were not fitted: `far` from resonances, and `near` one,
-with one of the first three harmonics of the mesh within a tenth of a natural frequency. `declared`: all pairs, with the
-illustrative factors of a scene without module and face width. Cracks are half a module deep, chipped and misaligned
-faces lack a fifth of their width, teeth are missing from the root on, spalls are 0.3 mm deep and span the face, pits
-cover 4 % of the flank, runout is 0.02 and wear 0.01 mm."""
+their speed. The power that the fault adds, faulty minus healthy with the same seed, over that of the healthy channel:
+in a kinematic scene, in dB relative to gear dynamics; median, minimum and maximum. `fitted` are the pairs to which the
+factors in `data_synth.fidelity.linear_response`, for cracks and chipped teeth only, were fitted; `factor` is their
+remaining correction. The next columns are pairs that were not fitted: `far` from resonances, and `near` one, with one
+of the first three mesh harmonics within 10 % of a natural frequency. `declared`: all pairs, with the illustrative
+factors of a scene without module and face width. Cracks are half a module deep, chipped and misaligned faces lack a
+fifth of their width, missing teeth are gone from the root, spalls are 0.3 mm deep and span the face, pits cover 4 % of
+the flank, run-out is 0.02 mm and wear 0.01 mm."""
 
 
 def size_of(kind: str, pair: Pair) -> dict[str, float]:
@@ -148,7 +148,7 @@ def rows() -> Iterator[str]:
 def main(folder: Path) -> int:
     """Compare, and write the table."""
     head = ("fault", "factor", "fitted, dB", "far, dB", "near, dB", "declared, dB")
-    lines = ["# Faults of gears, kinematic beside gears in motion", "", NOTE, ""]
+    lines = ["# Gear faults: kinematic scenes and gear dynamics", "", NOTE, ""]
     lines += ["| " + " | ".join(head) + " |", "|---" * len(head) + "|", *rows()]
     folder.mkdir(parents=True, exist_ok=True)
     (folder / "kinematic_fit.md").write_text("\n".join(lines) + "\n", encoding="utf-8")

@@ -27,9 +27,9 @@ DENSE_UP_TO = 1000
 REPEATS = 5
 
 NOTE = """\
-Made by `python benchmarks/kinematics.py`. Compound trains of n links. Time as a multiple of the exact solver at 10
-links, in one run; relative error of the last shaft's speed, 1 where no figure is right. The exact solver's time holds
-the graph, the carriers and the elimination; the other two start from the finished matrix."""
+Made by `python benchmarks/kinematics.py`. Compound trains of n links. Time as a multiple of the exact solver for 10
+links, in one run; relative error of the speed of the last shaft, 1 if no digit is correct. The time of the exact solver
+includes the graph, the carriers and the elimination; the other two start from the assembled matrix."""
 
 
 def train(links: int) -> tuple[Gearbox, Fraction]:
@@ -104,7 +104,7 @@ def main(folder: Path) -> int:
     lines += [f"| {links} | {name} | {seconds / unit:.3g} | {error:.1e} |" for links, name, seconds, error in rows]
     for name in METHODS:
         few, many = (next(s for links, m, s, _ in rows if (links, m) == (n, name)) for n in (100, 1000))
-        lines += ["", f"From 100 to 1,000 links {name} takes {many / few:.3g} times as long."]
+        lines += ["", f"From 100 to 1,000 links, {name} takes {many / few:.3g} times as long."]
     folder.mkdir(parents=True, exist_ok=True)
     (folder / "kinematics.md").write_text("\n".join(lines) + "\n", encoding="utf-8")
 

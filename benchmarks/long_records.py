@@ -42,25 +42,24 @@ GEARBOX = "wijianto-pair"
 PAGE = """\
 # Long and wide records
 
-Made by `python benchmarks/long_records.py`. Each row is a process of its own, with one thread; seconds are those of the
-processor.
+Made by `python benchmarks/long_records.py`. Each row is a separate process with one thread; seconds are CPU time.
 
 ## Records
 
-A mesh line in noise, float32 at {rate_hz} Hz, one pulse a revolution; read from its file and analysed without pictures.
-Above 4,000,000 samples a channel the record is analysed in segments, whose spectra are averaged.
+A mesh line in noise, float32 at {rate_hz} Hz, one pulse per revolution; read from its file and analysed without plots.
+Above 4,000,000 samples per channel the record is analysed in segments, whose spectra are averaged.
 
-| samples a channel | channels | s | µs a sample | most memory, GB |
+| samples per channel | channels | s | µs per sample | peak memory, GB |
 |---|---|---|---|---|
 {rows}
 
 ## Streams
 
-`OrderTracker`: two orders at {stream_rate_hz} Hz; pickled and loaded in the middle, and every output of the second half
-is compared with those of the tracker that went on. `hums.watch`: analyses of one second; another process repeats the
-last {after:,} from the state at which the first one stood, and the state files, of {state_kb:.0f} kB, are compared.
+`OrderTracker`: two orders at {stream_rate_hz} Hz; pickled and loaded halfway, and every output of the second half is
+compared with that of an uninterrupted tracker. `hums.watch`: analyses of one second; another process repeats the last
+{after:,} from the saved state, and the state files, of {state_kb:.0f} kB, are compared.
 
-| stream | blocks of a second | ms a block, in each quarter | memory held after each, MB | equal to the bit |
+| stream | blocks of one second | ms per block, by quarter | memory after each, MB | bit-identical |
 |---|---|---|---|---|
 {tracked}
 {watched}

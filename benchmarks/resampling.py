@@ -45,14 +45,14 @@ COARSE, FOLDING = 512, (313, 400)  # samples a revolution, and orders that fold 
 EDGE = 64  # samples: reached by a filter from either end of a chunk
 
 NOTE = """\
-Made by `python benchmarks/resampling.py`, one thread: {samples:,} samples to 1,024 a revolution, the speed such that
-the record itself has 931 to 1,138. Time as a multiple of `np.interp` at the same places, the two timed in turn
-({repeats} times) and their medians divided; compilation is apart. Error: RMS of the difference to the exact signal at
-the exact angles over the RMS of the signal, middle 90 %. "Whole": from the record and the shaft's phase to the angular
-signal, finding the places included; "given": the places, and those of the samples in angle, are known beforehand.
-Finding the places alone takes {places:.2f}.
+Made by `python benchmarks/resampling.py`, one thread: {samples:,} samples to 1,024 per revolution, at a speed at which
+the record has 931 to 1,138. Time as a multiple of `np.interp` at the same positions, both timed alternately ({repeats}
+times), ratio of medians, without compilation. Error: RMS of the difference from the exact signal at the exact angles
+over the RMS of the signal, middle 90 %. "Whole": from the record and the shaft phase to the angular signal, including
+the search for positions; "given": the positions, and those of the samples in angle, are known beforehand. The search
+alone takes {places:.2f}.
 
-The last columns: what is left of a tone that would fold onto orders below 200, to 512 a revolution.
+The last columns: remainder of a tone that would alias onto orders below 200, at 512 samples per revolution.
 """
 
 

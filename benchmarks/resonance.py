@@ -36,14 +36,14 @@ SHOWN = 3  # of the loudest lines, in the picture
 NOTE = """\
 Made by `python benchmarks/resonance.py`. `gears-in-motion` without its fault, from {low} to {high} rpm and back in
 {duration:g} s, in white noise of {noise:g} g: mesh harmonics of both stages pass natural frequencies twice. The {lines}
-loudest lines are tracked together with the exact phase of the shaft, each at its most likely bandwidth
-(`likely_bandwidth`, at most {widest:g} Hz), and compared with the truth of the record every {every} samples, but for
-the first and last {margin:g} s.
+strongest lines are tracked jointly with the exact phase of the shaft, each at its maximum-likelihood bandwidth
+(`likely_bandwidth`, at most {widest:g} Hz), and compared with the ground truth every {every} samples, except in the
+first and last {margin:g} s.
 
-Error: `sqrt(sum |Z' - Z|^2 / sum |Z|^2)` over all lines, and of the worst of them; up and down: of either half. Inside:
-quadratures within 1.96 of the tracker's own standard deviations of the truth, 95 % of which are due.
+Error: `sqrt(sum |Z' - Z|^2 / sum |Z|^2)` over all lines, and of the worst line; up and down: of either half. Inside:
+quadratures within 1.96 of the tracker's standard deviations of the truth, nominally 95 %.
 
-![three lines against speed, true and tracked](resonance.svg)
+![true and tracked amplitudes of three lines against speed](resonance.svg)
 """
 HEADER = "| estimator | poles | bandwidths, Hz | error | worst line | up | down | inside |\n" + "|---" * 8 + "|"
 
@@ -154,7 +154,7 @@ def main(folder: Path, duration_s: float = DURATION_S) -> int:
         every=EVERY,
         margin=MARGIN_S,
     )
-    lines = ["# Gears that run through their resonances and back", "", note, HEADER]
+    lines = ["# Gears that pass through their resonances", "", note, HEADER]
     lines += [row(made, estimator, poles) for estimator, poles in TRACKERS]
     folder.mkdir(parents=True, exist_ok=True)
     (folder / "resonance.md").write_text("\n".join(lines) + "\n", encoding="utf-8")

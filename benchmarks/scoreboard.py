@@ -46,27 +46,27 @@ PAGE = Path(__file__).parents[1] / "docs" / "benchmarks" / "scoreboard.md"
 NOTE = """\
 # Scoreboard
 
-Made by `python benchmarks/scoreboard.py{flag} --first {first} --page`: what users get, a row for each outcome, beside
-the figures of commit {commit}, which `benchmarks/results/scoreboard_{commit}.json` holds with the commands that made
-them. Before a mechanism goes or comes, the row that shows its outcome exists.
+Made by `python benchmarks/scoreboard.py{flag} --first {first} --page`: what users get, one row per outcome, compared
+with the figures of commit {commit}; `benchmarks/results/scoreboard_{commit}.json` holds these and the commands that
+made them. Before a mechanism is added or removed, there must be a row that shows its effect.
 
-`--quick` takes three minutes on two cores, judges no times, and is part of `.ci/run`; plain takes ten, `--full` hours.
-`--first N` advances the numbers of synthetic records, which seed all they hold, so that nothing is tuned to them.
-`--tree PATH` measures another working tree on the same records: the figures of {commit} come from `git worktree
-add ../baseline {commit}`, and `--tree ../baseline --save`.
+`--quick` takes three minutes on two cores, does not judge times, and is part of `.ci/run`; without it, ten minutes;
+`--full` takes hours. `--first N` advances the seeds of synthetic records, so that nothing is tuned to them. `--tree
+PATH` measures another working tree on the same records: the figures of {commit} come from `git worktree add ../baseline
+{commit}`, and `--tree ../baseline --save`.
 
-**Limits.** Measured records never change: what holds of them on {commit} is the limit. Counts of synthetic records
-have the number that an unchanged tree passes with other records in all but one case in a hundred, by the binomial
+**Limits.** Measured records never change: the figure on {commit} is the limit. The limit of a count of synthetic
+records is what an unchanged tree meets with other records in all but one case in a hundred, by the binomial
 distribution with the share found on {commit}. Averages may be worse by four standard errors of their difference, from
-the scatter between their records. Errors that hold no chance, and times in `numpy.fft.rfft` of the same record in the
-same run, have a multiple of {commit}, from 1.01 for errors of trackers to 2 for times. What the reduction of the
-project gives up knowingly has a number of its own: the power that the truth leaves, and the time of the causal filter.
-The code has budgets in `tests/test_architecture.py`. Where a verdict on {commit} is bad, as under wrong
-declarations, the limit says no more than that it gets no worse.
+the scatter between records. Deterministic errors, and times in units of `numpy.fft.rfft` of the same record in the same
+run, may be a multiple of {commit}, from 1.01 for errors of trackers to 2 for times. Two figures that were deliberately
+traded for less code have limits of their own: the power that the ground truth does not cover, and the time of the
+causal filter. Budgets of the code are in `tests/test_architecture.py`. Where verdicts on {commit} are poor, as with
+wrong declarations, the limit only requires that they do not get worse.
 
-The second simulator (`benchmarks/second_simulator.py`) shares nothing with `data_synth`; its numbers below 200 were
-looked at while verdicts were changed. In four of ten of its healthy machines something knocks on a shaft, which one
-record cannot tell from a chipped tooth: the verdict says so, and has a row of its own.
+The second simulator (`benchmarks/second_simulator.py`) shares no code with `data_synth`; its numbers below 200 were
+inspected while verdicts were developed. In four of ten of its healthy machines, something knocks on a shaft, which one
+record cannot distinguish from a chipped tooth: the verdict says so, and has a separate row.
 
 """
 SECTIONS: tuple[Section, ...] = (

@@ -29,17 +29,17 @@ EVERY = 64  # samples from output to output
 INSIDE = 1.96  # standard deviations, 95 %
 
 NOTE = """\
-Made by `python benchmarks/slip.py`. A line at 9.46 orders by its drawing lies a per cent lower and wanders by half of
-one about that; its amplitude is 1 +- 0.3, the noise is white with a standard deviation of 4; 400 revolutions at 128
-samples each. The error is the RMS of estimate less truth, as complex amplitudes at the nominal order; returning 0
-throughout makes one of {silent:.2f}.
+Made by `python benchmarks/slip.py`. A line with a nominal order of 9.46 lies one per cent lower and varies by half a
+per cent; its amplitude is 1 +- 0.3, the noise is white with a standard deviation of 4; 400 revolutions of 128 samples
+each. The error is the RMS of estimate minus truth, as complex amplitudes at the nominal order; an estimate of 0 has an
+error of {silent:.2f}.
 
-![slip and amplitude, true and as the trackers see them](slip.svg)
+![slip and amplitude, true and estimated by the trackers](slip.svg)
 
-A bandwidth that holds the line's wandering lets the noise in; a narrower one loses the line. `track_slipping_order`
-carries the slip with the amplitude. Within 1.96 of its own standard deviations of the truth lie {slip:.0%} of its slips
-and {amplitude:.0%} of its amplitudes: both sway here, which is smoother than the random walks it is prepared for. The
-probability that noise alone shows as good a path of slips is at most {chance}."""
+A bandwidth that covers the variation of the line passes the noise; a narrower one loses the line.
+`track_slipping_order` has the slip in its state. {slip:.0%} of its slips and {amplitude:.0%} of its amplitudes are
+within 1.96 of its standard deviations of the truth: both are sinusoidal here, smoother than the random walks of its
+model. The probability that noise alone gives an equally good slip path is at most {chance}."""
 
 
 @dataclass(frozen=True, kw_only=True, eq=False)

@@ -38,11 +38,11 @@ MODES = ((430.0, 0.05), (1900.0, 0.03))
 
 NOTE = """\
 Made by `python benchmarks/speed.py`, one thread. Orders 20, 40, 60 with two pairs of sidebands each, through modes at
-430 and 1900 Hz, in noise of which half passes a mode at 1300 Hz; {seconds:g} s at {rate:g} Hz. Error: of the speed,
-relative, over all times given. Time: as a multiple of `numpy.fft.rfft` of the record, the two timed in turn {repeats}
-times, medians divided; compilation is apart. Searched: {low:g} to {high:g} Hz at up to {acceleration:g} Hz/s.
-False alarms: how many of 100 records of noise, 5 s each, are taken for a shaft ("ok"); white, and with as much again
-through a mode at 700 Hz, which is narrower than the bins that noise is levelled over."""
+430 and 1900 Hz, in noise, half of which passes through a mode at 1300 Hz; {seconds:g} s at {rate:g} Hz. Error: relative
+error of the speed over all instants. Time: as a multiple of `numpy.fft.rfft` of the record, both timed alternately
+{repeats} times, ratio of medians, without compilation. Search range: {low:g} to {high:g} Hz at up to {acceleration:g}
+Hz/s. False alarms: how many of 100 records of noise, 5 s each, are accepted as a shaft ("ok"); white noise, and white
+noise plus an equal part through a mode at 700 Hz, which is narrower than the bins over which noise is levelled."""
 
 
 @dataclass(frozen=True, kw_only=True)
@@ -163,7 +163,7 @@ def main(arguments: Sequence[str]) -> int:
         ("swing about 25 Hz", 25.0, 0.0, ((0.04, 0.3), (0.01, 1.1))),
         ("constant 25 Hz", 25.0, 0.0, ()),
     )
-    head = ["record", "signal to noise", "way", "status", "median error, %", "95 of 100 within, %", "time"]
+    head = ["record", "SNR", "method", "status", "median error, %", "95 of 100 within, %", "time"]
     table = ["| " + " | ".join(head) + " |", "|" + " --- |" * len(head)]
     for snr_db in (0.0, -8.0):
         for name, mean, slope, swings in laws:
@@ -177,7 +177,7 @@ def main(arguments: Sequence[str]) -> int:
         acceleration=ACCELERATION_HZ_S,
     )
     white, through_mode = false_alarms()
-    alarms = f"False alarms: {white} of 100 of white noise, {through_mode} of 100 of noise with a mode."
+    alarms = f"False alarms: {white} of 100 in white noise, {through_mode} of 100 in noise with a mode."
     text = ["# Speed without a tachometer", "", note, "", *table, "", alarms, ""]
     folder.mkdir(parents=True, exist_ok=True)
     (folder / "speed.md").write_text("\n".join(text), encoding="utf-8")

@@ -29,22 +29,22 @@ ONE_THREAD = dict.fromkeys(("OMP_NUM_THREADS", "OPENBLAS_NUM_THREADS", "MKL_NUM_
 os.environ.pop("PYTHONDONTWRITEBYTECODE", None)  # an installed program keeps its compiled modules
 
 NOTE = """\
-Made by `python benchmarks/startup.py`, one thread. Time is that of the processor, user and system, and the least of
-{repeats} runs (of one for the first demo, whose folder for compiled kernels is empty). {analysis}
-The long record: {samples:,} samples of float32 in one channel, one pulse a turn,
-analysed without tracks; memory is the peak of the process, the interpreter and what it imports included. A read is one
-of all samples of the channel. Saved is a record of two channels of 2,560 samples, atomically. Where dask is installed
-(the extras `dask` and `test`), xarray imports it, which is about 0.2 s of every command."""
+Made by `python benchmarks/startup.py`, one thread. Times are CPU times, user and system, the minimum of {repeats} runs
+(of one for the first demo, with an empty folder of compiled kernels). {analysis}
+The long record: {samples:,} samples of float32 in one channel, one pulse per revolution, analysed without tracks;
+memory is the peak of the process, including interpreter and imports. A read is one of all samples of the channel.
+The saved record has two channels of 2,560 samples and is written atomically. If dask is installed (extras `dask`
+and `test`), xarray imports it, about 0.2 s per command."""
 
 OF_ANALYSIS = """\
-The analysis is that of an open record without imports and report, in units of one `numpy.fft.rfft` of as many samples
-in float64. That call takes twice as long where the allocator gave the pages of its result and work arrays back at the
-end of the last one, so that they are mapped anew: 1,900 pages of some 2 us each for 500,000 samples. Which of both
-depends on all that the process did before, and often stays so to its end; a ratio to calls in the process that analyses
-is therefore one of two numbers. The unit is the transform alone: into an array that is there, in a process that does
-nothing else and keeps its memory, counted only where no page was mapped. What an analysis pays for its own pages is in
-its time. Both are measured in turn, an analysis and five transforms, {rounds} times after a warm one; the
-figure is the median of their ratios in a process, and of {processes} processes, whose range is in brackets."""
+The analysis is that of an open record without imports and report, in units of one `numpy.fft.rfft` of as many float64
+samples. This call takes twice as long if the allocator returned the pages of its result and work arrays after the
+previous one, so that they are mapped again: 1,900 pages of some 2 us each for 500,000 samples. Which case applies
+depends on the history of the process and often persists until its end; a ratio to calls in the analysing process is
+therefore one of two numbers. The unit is the transform alone: into an existing array, in a process that does nothing
+else and retains its memory, counted only if no page was mapped. The time of an analysis includes that for its own
+pages. Both are measured alternately, an analysis and five transforms, {rounds} times after a warm-up; the figure is the
+median of their ratios in a process, and of {processes} processes, with the range in brackets."""
 
 ANALYSIS = """
 import sys, time
@@ -149,11 +149,11 @@ TARGETS = (
     Target(figure="demo", what="`hums demo` afterwards", unit="s", most=3.5),
     Target(figure="analyze", what="`hums analyze` of the demo's record", unit="s", most=3),
     Target(figure="demo tracked", what="analysis of the demo's record, tracks included", unit="rffts", most=100),
-    Target(figure="demo untracked", what="the same without tracks", unit="rffts", most=64),
+    Target(figure="demo untracked", what="as above, without tracks", unit="rffts", most=64),
     Target(figure="million tracked", what="analysis of 1e6 samples, tracks included", unit="rffts", most=100),
-    Target(figure="million untracked", what="the same without tracks", unit="rffts", most=64),
+    Target(figure="million untracked", what="as above, without tracks", unit="rffts", most=64),
     Target(figure="memory", what="the long record: peak memory", unit="MB", most=1000),
-    Target(figure="bytes", what="the long record: memory a sample", unit="bytes", most=50),
+    Target(figure="bytes", what="the long record: memory per sample", unit="bytes", most=50),
     Target(figure="reads", what="the long record: reads of its samples", unit="", most=3),
     Target(figure="save", what="saving a small record", unit="ms", most=10),
 )

@@ -30,13 +30,13 @@ REPEATS = 5
 LONG = 60_000  # pulses of a long record
 
 NOTE = """\
-Made by `python benchmarks/tachometer.py`. A shaft at 50 (1 + 0.1 sin(pi t)) Hz, one pulse a turn, 19.5 s. Errors of
-the shaft's angle times the order, in rad, over the middle 90 %; time as a multiple of `np.interp` in the same run, the
-building of the curve included. Jitter has a standard deviation of 1 us; faults are 5 % of the pulses missing and 5 %
-spurious ones, seed 1. What takes every pulse for a turn counts 5 % of them wrong for a while.
+Made by `python benchmarks/tachometer.py`. A shaft at 50 (1 + 0.1 sin(pi t)) Hz, one pulse per revolution, 19.5 s.
+Errors of the shaft angle times the order, in rad, over the middle 90 %; time as a multiple of `np.interp` in the same
+run, including construction of the interpolant. Jitter has a standard deviation of 1 us; with faults, 5 % of the pulses
+are missing and 5 % spurious, seed 1. Methods that count every pulse are then several revolutions off.
 
-Of a list of {pulses:,} pulses with jitter, all sound, the phase takes {sound:.2g} times what `np.interp` takes for a
-million instants in it; with two pulses missing and a spurious one, {faulty:.2g} times as long as that."""
+For {pulses:,} pulses with jitter and no faults, computing the phase takes {sound:.2g} times as long as `np.interp` at a
+million instants; with two missing pulses and a spurious one, {faulty:.2g} times as long as without."""
 
 
 def revolutions(times_s: Array) -> Array:

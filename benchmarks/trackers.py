@@ -31,31 +31,31 @@ from tracking.targets import targets
 from hums.plots import save_figure
 
 NOTE = """\
-Made by `python benchmarks/trackers.py`, one thread. Time as a multiple of `numpy.fft.rfft` of the same record, the two
-timed in turn ({repeats} times, {slow_repeats} where a call takes more than {slow_s:g} s, once where more than
-{once_s:g} s) and their medians divided; compilation is apart. `std` is made when it is first asked for, here never.
-Error: `sqrt(sum |Z' - Z|^2 / sum |Z|^2)` over all orders and the middle 90 % of the outputs. Bandwidth: the best of a
-search on the job itself, one number for all orders, in Hz (J3: in orders). Memory: how far the process grew. Records:
-J1 ten orders of a shaft that runs up from 10 to 40 Hz in 20 s; J2 orders 20 and 20.2 of it, crossed by a line at
-300 Hz; J3 the ten orders at 512 samples a turn, a million samples each; J4 orders 10, 10.1 and 10.25 of a shaft at
-10 Hz, 12,000 samples in 12 s; in noise of variance 1 (`jobs.py`)."""
+Made by `python benchmarks/trackers.py`, one thread. Time as a multiple of `numpy.fft.rfft` of the same record, both
+timed alternately ({repeats} times, {slow_repeats} if a call takes more than {slow_s:g} s, once if more than {once_s:g}
+s), ratio of medians, without compilation. `std` is computed on request, here never. Error: `sqrt(sum |Z' - Z|^2 / sum
+|Z|^2)` over all orders and the middle 90 % of the outputs. Bandwidth: the best of a search on the job itself, one for
+all orders, in Hz (J3: in orders). Memory: growth of the process. Records: J1, ten orders of a shaft that runs up from
+10 to 40 Hz in 20 s; J2, orders 20 and 20.2 of it, crossed by a line at 300 Hz; J3, the ten orders at 512 samples per
+revolution, a million samples each; J4, orders 10, 10.1 and 10.25 of a shaft at 10 Hz, 12,000 samples in 12 s; in noise
+of variance 1 (`jobs.py`)."""
 
 CHANNELS = """\
-Records of one channel and of {channels}, which share their phases; outputs every 200, in rffts of one channel."""
+Records of one channel and of {channels} with common phases; outputs every 200 samples, in rffts of one channel."""
 
 COVERAGE = """\
-Coverage of a nominal 90 %, and median `std` over the root mean square error. A record is 20 / bandwidth long; 456
-estimates of a line, 1 / bandwidth apart, make a cell. Bold is what is outside of 85 to 95 % and 0.8 to 1.25 with
-amplitudes of the model, of 85 % and 1.6 with constant ones."""
+Coverage of nominal 90 % intervals, and median `std` over the root mean square error. A record is 20 / bandwidth long; a
+cell comprises 456 estimates of a line, 1 / bandwidth apart. Bold: outside 85 to 95 % or 0.8 to 1.25 with amplitudes of
+the model, below 85 % or above 1.6 with constant ones."""
 
 SLIPPING = """\
 A line of amplitude 1 in noise of variance 1, whose order is 0.6 to 1.4 % below the nominal 9.46, a million samples at
-512 a turn; all estimators 0.02 orders wide. Error: of the line's complex amplitude beside the nominal order's phase,
-root of the mean square."""
+512 per revolution; all estimators have a bandwidth of 0.02 orders. Error: RMS error of the complex amplitude relative
+to the phase of the nominal order."""
 
 SCALING = """\
-In rffts of a million samples. Where orders grow, they lie in a record of {grown:,} samples at 512 a turn, {exact:,} for
-the exact estimators, coupled ones a bandwidth apart."""
+In rffts of a million samples. With growing numbers of orders, the record has {grown:,} samples at 512 per revolution,
+{exact:,} for the exact estimators; coupled orders are one bandwidth apart."""
 
 
 def main(folder: Path, *, effort: Effort | None = None) -> int:
@@ -77,14 +77,14 @@ def _report(rows: list[Row], refusals: list[str], effort: Effort) -> list[str]:
     about = SCALING.format(grown=effort.grown, exact=SAMPLE_BY_SAMPLE)
     note = NOTE.format(repeats=effort.repeats, slow_repeats=effort.slow_repeats, slow_s=SLOW_S, once_s=ONCE_S)
     lines = ["# Trackers: time against error", "", note, "", "![Time against error](trackers.svg)", ""]
-    lines += ["## What was asked", "", *targets(rows, exponents)]
+    lines += ["## Targets", "", *targets(rows, exponents)]
     for name in EVERYWHERE:
         lines += [f"## {name}", "", *job_table(only(rows, name))]
     lines += ["## Several channels", "", CHANNELS.format(channels=effort.channels), "", *channels(effort)]
-    lines += ["## What `std` holds", "", COVERAGE, "", *coverage(effort.poles, effort.kinds, effort.records)]
+    lines += ["## Coverage of `std`", "", COVERAGE, "", *coverage(effort.poles, effort.kinds, effort.records)]
     lines += ["## A line that slips", "", SLIPPING, "", *slipping(effort)]
     lines += ["## Scaling", "", about, "", *grown]
-    lines += ["## Left out", "", *(f"- {refusal}" for refusal in refusals), ""] if refusals else []
+    lines += ["## Omitted", "", *(f"- {refusal}" for refusal in refusals), ""] if refusals else []
     return lines
 
 

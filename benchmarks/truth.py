@@ -20,21 +20,21 @@ Array = NDArray[np.float64]
 
 SEED = 1
 NOTE = """\
-Made by `python benchmarks/truth.py`. The signal of all lines of `truth_amplitude`, each Z linear between the instants
-of the truth, against the first channel without noise, what comes from outside, clipping and rounding: 1 less the
-power of the difference over the power of the channel, in per cent. `fault`: the same of what the faults add, from the
-lines of the faulty and of the healthy record of the same seed; bearings with slip have no lines, and what they add is
-not in any. `lines` counts those of the faulty record. Time of the processor for the whole record, truth included.
+Made by `python benchmarks/truth.py`. The signal of all lines in `truth_amplitude`, each Z interpolated linearly between
+the instants of the truth, is compared with the first channel without noise, external sources, clipping and rounding: 1
+minus the power of the difference over the power of the channel, in per cent. `fault`: the same for the contribution of
+the faults, from the lines of the faulty and of the healthy record with the same seed; bearings with slip have no lines,
+and their contribution is excluded. `lines` counts those of the faulty record. s: CPU time including truth.
 
-`stated`: what the record says of gears in motion, per cent: free vibration after a start or a jump, which is no line,
-what the lines leave of the rest, and of what damaged teeth add.
-`size`: bytes of the truth's amplitudes over those of the samples, at most one: a record of many close lines, as of a
-planet's tooth, keeps the loudest.
+`stated`: values stated by records with gear dynamics, in per cent: free vibration after a start or a jump, which is not
+a line, and the shares of the rest, and of the contribution of damaged teeth, that the lines do not contain. `size`:
+bytes of the truth's amplitudes over those of the samples, at most one: a record of many close lines, as of a planet
+tooth, keeps the strongest.
 
-Lines are splines of the shaft angle, constant where speed, torque and damage are. Where the speed changes so fast that
-a mode is passed while neighbouring lines are not told apart, more is left. The teeth of `wijianto` follow the time, and
-its lines, at orders of a shaft, do not. `benchmark-1` lines: its first record with a damaged gear whose speed is steady
-to 0.2 %, wanders by 3 %, rises or falls evenly, and steps; the first of each with a severity of 0.4 to 0.6."""
+Amplitudes are splines of the shaft angle, constant if speed, torque and damage are. If the speed changes so fast that a
+mode is passed before neighbouring lines are resolved, the remainder is larger. The mesh of `wijianto` follows time; its
+lines, at orders of a shaft, do not. `benchmark-1` rows: the first record with a damaged gear whose speed is steady to
+0.2 %, varies by 3 %, rises or falls linearly, or steps; and the first of each with a severity of 0.4 to 0.6."""
 HEADER = (
     "| scene | lines | record, % | healthy, % | fault, % | stated: free, left, fault left, % | size | s |\n"
     "|---|---|---|---|---|---|---|---|"
@@ -51,37 +51,37 @@ def cases() -> Iterator[tuple[str, Scene]]:
     yield "`demo`, its cracked tooth", demo.changed(faults=demo.faults[:1])
     yield "`run-up`", load_scene("run-up")
     yield "`gears-in-motion`", gears
-    yield "the same, 1200 to 1500 rpm", gears.changed(speed=ramp)
+    yield "`gears-in-motion`, 1200 to 1500 rpm", gears.changed(speed=ramp)
     back = {"link": "input", "rpm": [[0, 900], [5, 1500], [10, 900]]}
-    yield "the same, 900 to 1500 rpm and back", gears.changed(speed=back)
+    yield "`gears-in-motion`, 900 to 1500 rpm and back", gears.changed(speed=back)
     growth = {"rate_mm_per_s": 0.1, "largest_mm": 1.5}
     growing = gears.changed(faults=(gears.faults[0].changed(depth_mm=0.5, growth=growth),))
-    yield "the same, its crack growing from 0.5 to 1.5 mm", growing
-    yield "the same, growing, 1200 to 1500 rpm", growing.changed(speed=ramp)
+    yield "`gears-in-motion`, crack growing from 0.5 to 1.5 mm", growing
+    yield "`gears-in-motion`, growing crack, 1200 to 1500 rpm", growing.changed(speed=ramp)
     start, slow = {"link": "input", "rpm": [[0, 1], [4, 1200]]}, {"link": "input", "rpm": [[0, 90], [4, 180]]}
-    yield "the same, a start from 1 to 1200 rpm in 4 s", gears.changed(speed=start, duration_s=4)
+    yield "`gears-in-motion`, a start from 1 to 1200 rpm in 4 s", gears.changed(speed=start, duration_s=4)
     sudden = {"link": "input", "rpm": [[0, 1], [0.1, 1200]]}
-    yield "the same, a start from 1 to 1200 rpm in 0.1 s", gears.changed(speed=sudden, duration_s=2)
-    yield "the same, 90 to 180 rpm in 4 s", gears.changed(speed=slow, duration_s=4)
+    yield "`gears-in-motion`, a start from 1 to 1200 rpm in 0.1 s", gears.changed(speed=sudden, duration_s=2)
+    yield "`gears-in-motion`, 90 to 180 rpm in 4 s", gears.changed(speed=slow, duration_s=4)
     step = {"link": "input", "rpm": [[0, 1200], [2, 1200], [2.02, 1320], [4, 1320]]}
-    yield "the same, 1200 to 1320 rpm in 0.02 s", gears.changed(speed=step, duration_s=4)
+    yield "`gears-in-motion`, 1200 to 1320 rpm in 0.02 s", gears.changed(speed=step, duration_s=4)
     narrow = {"link": "input", "rpm": [[0, 1200], [4, 1500]]}
-    yield "the same, 1200 to 1500 rpm, at 14 kHz", gears.changed(speed=narrow, duration_s=4, rate_hz=14_000)
+    yield "`gears-in-motion`, 1200 to 1500 rpm, at 14 kHz", gears.changed(speed=narrow, duration_s=4, rate_hz=14_000)
     rubbing = tomllib.loads(gears.to_toml())
     for mesh in rubbing["dynamics"]["meshes"].values():
         mesh["friction_coefficient"] = 0.05
-    yield "the same, 1200 to 1500 rpm, friction 0.05", Scene.from_mapping(rubbing).changed(speed=ramp)
-    yield "the same, 300 to 450 N m", gears.changed(torque={"link": "output", "nm": [[0, 300], [10, 450]]})
+    yield "`gears-in-motion`, 1200 to 1500 rpm, friction 0.05", Scene.from_mapping(rubbing).changed(speed=ramp)
+    yield "`gears-in-motion`, 300 to 450 N m", gears.changed(torque={"link": "output", "nm": [[0, 300], [10, 450]]})
     jump = {"link": "output", "steps": [[0, 300], [4.97, 450]]}
-    yield "the same, 300, then 450 N m", gears.changed(torque=jump)
+    yield "`gears-in-motion`, step from 300 to 450 N m", gears.changed(torque=jump)
     yield "`planets-in-motion`", planets
-    yield "the same, 192 to 240 rpm", planets.changed(speed={"link": "carrier", "rpm": [[0, 192], [10, 240]]})
     up = {"link": "carrier", "rpm": [[0, 100], [10, 240]]}
-    yield "the same, 100 to 240 rpm", planets.changed(speed=up)
+    yield "`planets-in-motion`, 192 to 240 rpm", planets.changed(speed=up | {"rpm": [[0, 192], [10, 240]]})
+    yield "`planets-in-motion`, 100 to 240 rpm", planets.changed(speed=up)
     uneven = {"planets": {}, "gears": {}}
-    yield "the same, planets and gears uneven", planets.changed(speed=up, imperfections=uneven)
+    yield "`planets-in-motion`, with gear and planet deviations", planets.changed(speed=up, imperfections=uneven)
     spall = {"kind": "spall", "component": "sun-planet/planet", "size_mm": 0.02, "width_mm": 30}
-    yield "the same, a planet's tooth spalled, 1 s at 240 rpm", planets.changed(faults=(spall,), duration_s=1)
+    yield "`planets-in-motion`, spalled planet tooth, 1 s at 240 rpm", planets.changed(faults=(spall,), duration_s=1)
     yield "`wijianto`", load_scene("wijianto")
     plan = load_plan("benchmark-1").changed(seed=SEED)
     damaged = {*plan.classes[1 : plan.classes.index("imbalance")]}
@@ -154,7 +154,7 @@ def row(name: str, scene: Scene) -> str:
 def main(folder: Path, scenes: tuple[tuple[str, Scene], ...] | None = None) -> int:
     """Measure every scene and write the page."""
     rows = [row(name, scene) for name, scene in (scenes if scenes is not None else cases())]
-    page = "\n".join(["# Power that the truth covers", "", NOTE, "", HEADER, *rows, ""])
+    page = "\n".join(["# Power covered by the ground truth", "", NOTE, "", HEADER, *rows, ""])
     (folder / "truth.md").write_text(page, encoding="utf-8")
     print(page)  # noqa: T201 - what the command is for
     return 0

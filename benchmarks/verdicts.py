@@ -43,13 +43,13 @@ RACES = {"I": "inner_race", "O": "outer_race", "B": "rolling_element", "n": "", 
 STATED = 0.01  # false-alarm probability of the settings
 
 NOTE = """\
-Made by `python benchmarks/verdicts.py --held-out {held_out} --faulty {faulty}`; the envelope band is chosen by the
-program, the false-alarm probability {stated}, nothing tracked. A record is *named* when it has any
-finding, *diagnosed* when any is. Gearboxes and drives of the held-out machines are not in the library that verdicts
-learn from (`benchmarks/healthy_library.py`). Faults are *detectable* from {detectable:.0f} dB on, whatever their kind;
-of those not judged, a record is *too short* that holds fewer turns or cycles than a judgement needs. The measured
-records are cut from their begin; all of them had been looked at while the rules were made, those of CWRU's load 2 and
-HIT's 900 rpm among them, so that none is unseen."""
+Made by `python benchmarks/verdicts.py --held-out {held_out} --faulty {faulty}`; automatic envelope band, a false-alarm
+probability of {stated}, nothing tracked. A record is *named* if it has a finding, *diagnosed* if a finding is
+diagnosed. The gearboxes and drives of the held-out machines are not in the library from which verdicts learn
+(`benchmarks/healthy_library.py`). Faults count as *detectable* from {detectable:.0f} dB, whatever their kind; records
+not judged are *too short* if they have fewer revolutions or cycles than a verdict requires. The measured records are
+cut from their start; all of them had been inspected while the rules were developed, including those of CWRU's load 2
+and HIT's 900 rpm, so none is unseen."""
 
 # what is said of a record that holds too few meetings of a fault
 TOO_FEW = "cycles of its line|turns are too few|revolutions only severe damage shows"
@@ -503,7 +503,7 @@ def sections(given: argparse.Namespace) -> Iterator[tuple[str, list[dict[str, An
             title = "Measured records" + (f", cut to {seconds:g} s" if seconds else "")
             yield title, measured_rows(given.data, seconds=seconds)
     if "absent" in wanted:
-        yield "Bearings that are not there", absent_rows(given.data)
+        yield "Declared bearings that do not exist", absent_rows(given.data)
 
 
 if __name__ == "__main__":

@@ -315,7 +315,7 @@ SECTION = Section(
     rows=(
         count_row("declared wrongly: speed", f"{NOT_FOUND} the nominal speed is 0.5 to 8 % off", "less"),
         count_row("declared wrongly: others", f"{NOT_FOUND} pulses, delay, clock, teeth or bearing are wrong", "less"),
-        Row(name="declared wrongly: frame", what='parts that read "nothing found" where angle or teeth are left wrong'),
+        Row(name="declared wrongly: frame", what='parts that read "nothing found" with angle or teeth still wrong'),
         count_row("declared wrongly: quiet", 'of these records, with every part "nothing found" and no note', "less"),
         count_row("declared wrongly: wrong", "of these records, with a sound part diagnosed", "less"),
     ),

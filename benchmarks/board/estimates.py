@@ -123,7 +123,7 @@ COVERAGE = Section(
     rows=tuple(
         Row(
             name=f"std: {kind}",
-            what=f"cells of coverage outside, {words}",
+            what=f"coverage cells outside limits, {words}",
             limit=fixed(OUTSIDE.get(kind, 1)),
         )
         for kind, words in (KINDS | {"slipping order": "five kinds of record"}).items()
@@ -162,7 +162,7 @@ RESAMPLING = Section(
         Row(name=f"resampling: {name}", what=what, limit=times(1.5))
         for name, what in (
             ("order 1", "relative error of a tone, 1,024 samples per revolution"),
-            ("order 400", "the same"),
+            ("order 400", "relative error of a tone, 1,024 samples per revolution"),
             ("folding", "residual of order 313, 512 samples per revolution"),
         )
     ),
@@ -228,9 +228,9 @@ INTEGRATION = Section(
 
 RISE_RPM_S = {"steady": 0.0, "ramp": 30.0}
 OF_TRUTH = {
-    "record": "power that the truth leaves, of the record, %",
-    "fault": "power that the truth leaves, of its fault, %",
-    "size": "amplitudes of the truth over the samples, bytes",
+    "record": "power that the ground truth does not cover, record, %",
+    "fault": "power that the ground truth does not cover, fault, %",
+    "size": "size of the ground truth over that of the samples",
 }
 LEFT = {"steady": (0.1, 1.0, 1.0), "ramp": (0.24, 1.0, 1.0)}
 

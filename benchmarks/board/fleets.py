@@ -86,7 +86,7 @@ def figures(found: Sequence[tuple[int, float, list[bool]]]) -> dict[str, Figure]
 SECTION = Section(
     name="fleets",
     rows=(
-        count_row("fleet: found", "machines whose growing fault raises an alarm of its part", "more"),
+        count_row("fleet: found", "machines whose growing fault raises an alarm for its part", "more"),
         Row(name="fleet: size", what="size of the fault at the first such alarm, mm", limit=averaged("less")),
         Row(
             name="fleet: located",
@@ -94,7 +94,7 @@ SECTION = Section(
             limit=lambda now, _: 0.8 * (now.of or 0),
             better="more",
         ),
-        Row(name="fleet: alarms", what="alarms of a machine with one growing fault", limit=averaged("less")),
+        Row(name="fleet: alarms", what="alarms per machine with one growing fault", limit=averaged("less")),
         count_row("fleet: false alarms", "machines with a false alarm in 5 or 14 records", "less"),
     ),
     tasks=tasks,

@@ -57,8 +57,8 @@ DECLARED = Section(
         count_row(f"declared speed, {law}: {key}", f"{what} 0.5 to 1.8 % off, {words}", better)
         for law, what in (("constant", "speeds"), ("wandering", "speeds that wander by 0.2 %,"))
         for key, words, better in (
-            ("right", "refined to the mean within 0.1 %, or 0.2 % of one that wanders", "more"),
-            ("wrong", "refined to another", "less"),
+            ("right", "refined to the mean within 0.1 %, or 0.2 % if it varies", "more"),
+            ("wrong", "refined to a wrong one", "less"),
         )
     ),
     tasks=declared_tasks,
@@ -101,7 +101,7 @@ ESTIMATED = Section(
         Row(name="no tachometer: error", what="median error of stated speeds, %", limit=averaged("less")),
         Row(
             name="no tachometer: within",
-            what="share of stated speeds within a nominal 90 % of their uncertainty",
+            what="share of stated speeds within their nominal 90 % intervals",
             better="more",
             limit=averaged("more"),
         ),

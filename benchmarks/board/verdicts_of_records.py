@@ -100,8 +100,8 @@ MEASURED = Section(
             for key, words in (("first", "named first"), ("diagnosed", "diagnosed"))
         ),
         Row(name="measured: wrong diagnosed", what="faulty records with a wrong part diagnosed", limit=same),
-        Row(name="measured: others named", what="parts named beside the right one, rigs of known speed", limit=same),
-        Row(name="measured, unseen rigs: others named", what="the same of UESTC and MFS, whose speeds are off"),
+        Row(name="measured: others named", what="parts named besides the right one, rigs of known speed", limit=same),
+        Row(name="measured, unseen rigs: others named", what="as above, UESTC and MFS, whose speeds deviate"),
         Row(name="measured: called sound", what='damaged parts that read "nothing found"', limit=same),
         Row(name="measured: healthy named", what="healthy records with a part named", limit=same),
     ),
@@ -144,9 +144,9 @@ HEALTHY = Section(
     name="healthy synthetic machines",
     rows=(
         count_row("healthy: named", "held-out healthy machines with a part named, at a stated 0.01", "less"),
-        count_row("healthy: diagnosed", "of these with a part diagnosed", "less"),
-        count_row("healthy: doubted", "of these whose right declarations are doubted", "less"),
-        Row(name="healthy: not judged", what="share of their parts not judged, shafts apart", limit=averaged("less")),
+        count_row("healthy: diagnosed", "of these, with a part diagnosed", "less"),
+        count_row("healthy: doubted", "of these, with correct declarations doubted", "less"),
+        Row(name="healthy: not judged", what="share of their parts not judged, without shafts", limit=averaged("less")),
     ),
     tasks=healthy_tasks,
     figures=healthy_figures,
@@ -207,7 +207,7 @@ PLANETS = Section(
     name="stages with planets",
     rows=(
         count_row("planets: first", "cracks of 2 mm in sun, planet or ring named first", "more"),
-        count_row("planets: wrong diagnosed", "of these records with a wrong part diagnosed", "less"),
+        count_row("planets: wrong diagnosed", "of these records, with a wrong part diagnosed", "less"),
     ),
     tasks=planet_tasks,
     figures=lambda found: {
@@ -229,7 +229,7 @@ def strong_drive(name: str, seed: int) -> bool:
 
 DRIVES = Section(
     name="strong drives",
-    rows=(count_row("drives: named", "healthy records under changing speed and load with a part named", "less"),),
+    rows=(count_row("drives: named", "healthy records with varying speed and load, with a part named", "less"),),
     tasks=lambda effort: [
         partial(strong_drive, name, 1 + seed) for name in verdicts.DRIVES for seed in effort.numbers(1, 6, 40)
     ],
@@ -279,10 +279,10 @@ SECOND = Section(
     rows=(
         Row(
             name="second: healthy named",
-            what="healthy machines of another simulator with a part named, at a stated 0.01, but for the next row",
+            what="healthy machines of another simulator with a part named, at a stated 0.01, without the next row",
             limit=lambda now, _: float(binom.ppf(CHANCE, now.of or 0, verdicts.STATED)),
         ),
-        Row(name="second: knocks", what="of these with a knock named as one, or a tooth of that shaft"),
+        Row(name="second: knocks", what="of these, with a knock identified as such, or a tooth of its shaft named"),
         *(
             count_row(f"second, {name}: {key}", f"its {name} from 40 dB on {words}", better)
             for name in ("bearing parts", "teeth")

@@ -20,13 +20,13 @@ from signals.harmonics import process_variance, track_orders, track_slipping_ord
 KINDS = {
     "white": "white noise",
     "pink": "pink noise",
-    "resonance": "a mode under the line, its half-power width 12 bandwidths",
-    "narrow": "the same, 6 bandwidths wide",
+    "resonance": "a resonance at the line, its half-power width 12 bandwidths",
+    "narrow": "a resonance 6 bandwidths wide",
     "gaps": "white noise, a sixth missing in gaps of up to 2 / bandwidth",
     "clipped": "white noise, 5 % of the samples clipped, `clip_limits` given",
-    "offset": "white noise, an offset of five times its std that is not tracked",
-    "AM": "white noise, amplitudes modulated by half at a quarter of the bandwidth",
-    "run-up": "pink noise, speed times three",
+    "offset": "white noise, with an untracked offset of five times its std",
+    "AM": "white noise, amplitudes modulated by 50 % at a quarter of the bandwidth",
+    "run-up": "pink noise, speed increasing threefold",
 }
 ESTIMATORS: tuple[Literal["smoother"], Literal["filter"]] = ("smoother", "filter")
 RATE_HZ, BANDWIDTH_HZ, SAMPLES, CHANNELS = 1000.0, 2.0, 10_000, 24
@@ -234,11 +234,11 @@ def coverage(poles: Sequence[int], kinds: Sequence[str] = tuple(KINDS), records:
     lines = [f"- {kind}: {KINDS[kind]}" for kind in kinds]
     filled = [(*what, *some, *["-"] * (len(poles) - len(some))) for what, some in rows.items()]
     lines += ["", *table(("record", "amplitudes", "estimator", *numbers), filled)]
-    lines += [f"{sum(not cell.holds for cell in found)} of {len(found)} cells are outside."]
+    lines += [f"{sum(not cell.holds for cell in found)} of {len(found)} cells are outside the limits."]
     faster = [(times, *zip(*(unnoticed(times, n) for n in range(records)), strict=True)) for times in FASTER]
     slips = [(f"{times} times", f"{sum(said)} of {records}", f"{np.mean(held):.2f}") for times, said, held in faster]
-    lines += ["", *table(("slip against the declared change", "said to converge", "coverage of the slip"), slips)]
+    lines += ["", *table(("slip over the declared change", "reported as converged", "coverage of the slip"), slips)]
     lags = [
         (f"{m:g}", each, *(f"{lag(each, p, m):.2f}" for p in poles)) for m in (0.25, 0.5, 1.0) for each in ESTIMATORS
     ]
-    return lines + table(("modulation in bandwidths: error over its depth", "estimator", *numbers), lags)
+    return lines + table(("modulation frequency in bandwidths: error over depth", "estimator", *numbers), lags)

@@ -62,12 +62,12 @@ def _growths(bandwidths: tuple[float, float], effort: Effort) -> list[Growth]:
     late, causal = (partial(_run_up, bandwidth_hz=bandwidth) for bandwidth in bandwidths)
     return [
         Growth(
-            what=f"J1 going on, smoother, fast, 2 poles, every {DECIMATED}: samples",
+            what=f"J1 extended, smoother, fast, 2 poles, every {DECIMATED}: samples",
             sizes=effort.lengths,
             make=partial(late, **smooth),
         ),
         Growth(
-            what="J1 going on, filter, exact, 1 pole, all outputs: samples",
+            what="J1 extended, filter, exact, 1 pole, all outputs: samples",
             # The smallest keep much of what they fill in the cache; amplitudes of the largest would fill gigabytes.
             sizes=effort.lengths[1:-1] or effort.lengths,
             make=partial(causal, method="exact", poles=1, estimator="filter"),

@@ -33,4 +33,4 @@ def targets(rows: Sequence[Row], exponents: Mapping[str, float]) -> list[str]:
         if "coupled" in what:
             held = exponent <= EXPONENT
             lines.append((what, f"exponent {EXPONENT:g}", f"{exponent:.2f}", "yes" if held else "**no**"))
-    return table(("what", "asked", "measured", "reached"), lines)
+    return table(("case", "target", "measured", "reached"), lines)

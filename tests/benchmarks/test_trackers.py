@@ -133,7 +133,7 @@ def test_the_report_is_written(tmp_path, capsys, monkeypatch):
     rows = [line for line in report.splitlines() if line.startswith(("| smoother |", "| filter |"))]
     assert {row.split(" | ")[1] for row in rows} >= {"exact", "fast"}
     assert all(f"## {name}" in report for name in JOBS)
-    sections = "Several channels", "What `std` holds", "A line that", "Scaling"
+    sections = "Several channels", "Coverage of `std`", "A line that", "Scaling"
     for section in sections:
         assert f"## {section}" in report
     # Every estimator and setting has its row, and no number that is none gets into the report.
