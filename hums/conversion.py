@@ -1,8 +1,8 @@
-"""Many files of other programs to records: one packed dataset, or a file each.
+"""Conversion of many files of other programs to records: one packed dataset, or a file each.
 
-The files are converted in pieces of a few dozen, each in a process that reads (`hums.readers.process`). A piece that
-is whole leaves a note of the names, sizes and times of its files, so that a conversion that was stopped goes on, and a
-piece whose files changed is made again. A file that cannot be read is a row of ``refused.csv``, and stops no other.
+Files are converted in pieces of a few dozen, each by a reader process (`hums.readers.process`). A complete piece leaves
+a note of the names, sizes and times of its files, so that an interrupted conversion resumes, and a piece whose files
+changed is converted again. Files that cannot be read are listed in ``refused.csv``.
 """
 
 import csv
@@ -40,7 +40,7 @@ _PIECES, _REFUSED = "pieces", "refused.csv"
 
 @dataclass(frozen=True, kw_only=True)
 class SourceFile:
-    """A file to convert, and when it was recorded by its name, ISO 8601 in UTC; empty where the name does not say."""
+    """A file to convert, and its recording time from its name, ISO 8601 in UTC; empty if the name states none."""
 
     path: Path
     recorded_at: str = ""
@@ -48,18 +48,18 @@ class SourceFile:
 
 @dataclass(frozen=True, kw_only=True)
 class Conversion:
-    """Number of files converted by this run and kept from earlier ones, of records, and the files refused.
+    """Result of a conversion.
 
     Attributes
     ----------
     folder : Path
-        Where the records are.
+        Folder of the records.
     records : int
-        All records in the folder.
+        Number of records in the folder.
     done, kept : int
-        Files read now, and in earlier runs.
+        Number of files read in this run, and in earlier ones.
     refused : mapping of str to str
-        By file, why it is no record.
+        By file, why it could not be converted.
     """
 
     folder: Path
@@ -77,27 +77,27 @@ def find_sources(
     description: ImportDescription | Mapping[str, Any] | str | PathLike[str] | None = None,
     **declared: Any,  # noqa: ANN401 - the keys of an ImportDescription, each with its type
 ) -> list[SourceFile]:
-    """Return the files that names, folders and patterns stand for, in the order of their times or numbers.
+    """Return the files given by names, folders and patterns, in the order of their times or numbers.
 
     Parameters
     ----------
     given : sequence of path
-        Files; folders, whose files with a suffix that can be read are taken; and patterns with ``*`` and ``?``.
+        Files; folders, for all their files with a supported suffix; and patterns with ``*`` and ``?``.
     description : ImportDescription, mapping or path, optional
-        Used are ``time_in_names``, with ``time_zone`` unless the pattern states it by ``%z``, or by ``Z`` after a
+        Only ``time_in_names`` is used, with ``time_zone`` unless the pattern states it by ``%z`` or by ``Z`` after a
         directive; and ``every_s`` with ``recorded_at``.
     **declared
-        Keys that take the place of those of `description`.
+        Keys that override those of `description`.
 
     Returns
     -------
     list of SourceFile
-        Each file once: by time where all names state one, else by name with its numbers as numbers.
+        Each file once: by time if all names state one, else by name with numbers compared as numbers.
 
     Raises
     ------
     RecordError
-        If nothing is found, a name does not fit the pattern, or an offset is missing.
+        If nothing is found, a name does not match the pattern, or a UTC offset is missing.
 
     Examples
     --------
@@ -114,7 +114,7 @@ def find_sources(
         when = _time_of(path.name, spec.time_in_names, spec.time_zone) if spec.time_in_names else ""
         found.setdefault(path.resolve(), SourceFile(path=path, recorded_at=when))
     if not found:
-        raise RecordError("no file was named; name files, folders or patterns.")
+        raise RecordError("no file was given; name files, folders or patterns.")
     files = sorted(found.values(), key=lambda file: _natural(str(file.path)))
     if spec.every_s is not None and spec.moment is not None:
         return _numbered(files, spec.every_s, spec.moment)
@@ -124,7 +124,7 @@ def find_sources(
 
 
 def _matching(given: Path) -> list[Path]:
-    """Return the files that a name stands for."""
+    """Return the files given by a name, folder or pattern."""
     if given.is_file():
         return [given]
     if given.is_dir():
@@ -136,7 +136,7 @@ def _matching(given: Path) -> list[Path]:
         raise RecordError(f"{given}: there is no such file or folder; check the path.")
     there = [path for path in given.parent.glob(given.name) if path.is_file()]
     if not there:
-        raise RecordError(f"{given}: no file has such a name. Check the pattern, and quote it in a shell.")
+        raise RecordError(f"{given}: no file matches. Check the pattern, and quote it in a shell.")
     return there
 
 
@@ -151,30 +151,30 @@ def _parsed(name: str, pattern: str) -> datetime | None:
 
 
 def _time_of(name: str, pattern: str, time_zone: str | None) -> str:
-    """Return the time that a file's name states, ISO 8601 in UTC."""
+    """Return the time stated by a file name, ISO 8601 in UTC."""
     moment = _parsed(name, pattern) or _parsed(Path(name).stem, pattern)
     if moment is None:
         raise RecordError(
-            f'{name} does not fit time_in_names = "{pattern}"; write it as in "data-%Y%m%dT%H%M%SZ", with the '
+            f'{name} does not match time_in_names = "{pattern}"; write it as in "data-%Y%m%dT%H%M%SZ", with the '
             "directives of strptime."
         )
     if moment.tzinfo is None and _STATES_UTC.search(pattern):
         moment = moment.replace(tzinfo=UTC)
     if moment.tzinfo is None and time_zone is None:
         raise RecordError(
-            f'"{pattern}" does not state the UTC offset of {moment.isoformat()}: state time_zone, as "Europe/Berlin", '
-            '"+01:00" or "UTC", in an import description (-d); or write %z in the pattern, or Z where it is UTC.'
+            f'"{pattern}" does not state the UTC offset of {moment.isoformat()}: state time_zone, "Europe/Berlin", '
+            '"+01:00" or "UTC", in an import description (-d); or write %z in the pattern, or Z for UTC.'
         )
     return utc_text(in_zone(moment, time_zone) if moment.tzinfo is None and time_zone else moment)
 
 
 def _natural(text: str) -> tuple[Any, ...]:
-    """Return a key that sorts names with their numbers as numbers."""
+    """Return a sort key that compares numbers in names as numbers."""
     return tuple((int(part), "") if part.isdigit() else (-1, part) for part in re.split(r"(\d+)", text))
 
 
 def _numbered(files: Sequence[SourceFile], every_s: float, began: datetime) -> list[SourceFile]:
-    """Return files with the times that the last numbers of their names say."""
+    """Return files with times from the last numbers in their names."""
     numbers = [re.findall(r"\d+", file.path.stem) for file in files]
     if bare := [file.path.name for file, number in zip(files, numbers, strict=True) if not number]:
         raise RecordError(f"every_s={every_s:g}: {bare[0]} has no number in its name; leave the file out.")
@@ -200,7 +200,7 @@ def convert_files(
     force: bool = False,
     **declared: Any,  # noqa: ANN401 - the keys of an ImportDescription, each with its type
 ) -> Conversion:
-    """Convert many files to records in a folder, or go on with a conversion that was stopped.
+    """Convert many files to records in a folder, or resume an interrupted conversion.
 
     Parameters
     ----------
@@ -209,19 +209,19 @@ def convert_files(
     folder : str or Path
         New, empty, or begun with the same declarations.
     description : ImportDescription, mapping or path, optional
-        What the files hold and do not state, and how many successive ones are joined to a record of snapshots; as in
-        `hums.convert`.
+        What the files hold and do not state, as in `hums.convert`, and how many successive ones are joined into a
+        record of snapshots.
     form : {"packed", "files"}
-        One dataset, which `hums.open_dataset` reads: records of one layout, samples of 32 bits. Or a record each, under
-        the name of its file.
+        One dataset, which `hums.open_dataset` reads, with records of one layout and samples of 32 bits; or one record
+        per file, with its name.
     workers : Serial, Processes or Cluster of `hums.jobs`, optional
-        Where the files are read; one process if left out.
+        Where the files are read. Default: in one process.
     progress : bool
         Whether to show a progress bar on standard error.
     force : bool
-        Whether a folder that holds other files is used, and files of other programs in it are replaced.
+        Whether to use a folder that holds other files, and to overwrite files of other programs in it.
     **declared
-        Keys that take the place of those of `description`.
+        Keys that override those of `description`.
 
     Returns
     -------
@@ -230,7 +230,7 @@ def convert_files(
     Raises
     ------
     RecordError
-        If the folder was begun with other declarations or holds something else, two files would have one name, or no
+        If the folder was begun with other declarations or holds other files, two files would have the same name, or no
         file can be read.
     JobError
         See `hums.jobs.run_jobs`.
@@ -254,7 +254,7 @@ def convert_files(
     spec = describe(description, **declared)
     names = Counter(file.path.stem for file in sources[:: spec.snapshots])
     if form == "files" and (twice := [name for name, count in names.items() if count > 1]):
-        raise RecordError(f'two of the files are named "{twice[0]}"; convert one folder after the other, or packed.')
+        raise RecordError(f'two files are named "{twice[0]}"; convert each folder separately, or into one dataset.')
     task = spec.keys()
     written = (_MARKS[form], _REFUSED, *((INDEX, LABELS) if form == "packed" else ()))
     inputs = [file.path for file in sources]
@@ -262,8 +262,8 @@ def convert_files(
     try:
         folder.mkdir(parents=True, exist_ok=True)
     except OSError as error:
-        raise RecordError(f"{folder} cannot be made ({error.strerror}); name a writable folder.") from None
-    with locked(folder):  # from the notes that are read to the index that is written
+        raise RecordError(f"{folder} cannot be created ({error.strerror}); name a writable folder.") from None
+    with locked(folder):  # from reading the notes to writing the index
         _begin(folder, form, task, force=force)
         readable = (
             record for file in sources for _, record in _converted([[str(file.path), file.recorded_at]], task, [])
@@ -303,27 +303,27 @@ def convert_files(
 
 
 def _begin(folder: Path, form: Form, task: Mapping[str, Any], *, force: bool) -> None:
-    """Write the declarations into a new folder; refuse one that holds other ones, or something else."""
+    """Write the declarations into a new folder; refuse one with other declarations or files."""
     mark = folder / _MARKS[form]
     if there := own_json(mark):
         if different := sorted(name for name in there.keys() | task.keys() if there.get(name) != task.get(name)):
             name = different[0]
             raise RecordError(
-                f"{folder} was begun with {name} = {there.get(name)!r}, here it is {task.get(name)!r}; name another "
+                f"{folder} was begun with {name} = {there.get(name)!r}, and not {task.get(name)!r}; name another "
                 "folder, or continue with the same description."
             )
     elif not force and any(not path.name.startswith(".hums-") for path in folder.iterdir()):
         raise RecordError(
-            f"{folder} holds files that belong to no such conversion; name a new or empty folder, or use --force "
+            f"{folder} holds files of no conversion of this form; name a new or empty folder, or use --force "
             "(force=True)."
         )
-    write_text(mark, json.dumps(task, indent=1))  # first: what is there without it belongs to others
+    write_text(mark, json.dumps(task, indent=1))  # first, as a folder without it belongs to others
     for place in (folder / _PIECES, folder / Path(SHARD).parent if form == "packed" else folder):
         place.mkdir(parents=True, exist_ok=True)
 
 
 def _pieces(sources: Sequence[SourceFile], snapshots: int) -> list[Sequence[SourceFile]]:
-    # 32 files in a piece: it is lost when a run is stopped, and made again when one of its files changes
+    # 32 files in a piece, which is lost when a run is stopped, and converted again when one of its files changes
     size = snapshots * max(1, 32 // snapshots)
     return [sources[first : first + size] for first in range(0, len(sources), size)]
 
@@ -353,15 +353,15 @@ def _job(
 
 
 def _drop_stale(folder: Path, jobs: Sequence[Job[dict[str, Any]]], *, force: bool) -> bool:
-    """Remove the notes of pieces that changed or are none any more, and mark those that are kept; whether any went."""
+    """Remove the notes of pieces that changed or no longer exist, mark the others, and return whether any went."""
     names = {job.name: job for job in jobs}
     given = {file[0] for job in jobs for file in job.item["files"]}
     notes = {note: _read_note(note) for note in (folder / _PIECES).glob("*.json")}
     others = [file for there in notes.values() for file in there.get("files", []) if file not in given]
     if left := [file for file in others if Path(file).is_file()]:
         raise RecordError(
-            f"{folder} holds records of {len(left)} files that are not among the sources, such as {left[0]}; add them, "
-            "or name another folder."
+            f"{folder} holds records of {len(left)} files that are not among the sources, such as {left[0]}; add them "
+            "to the sources, or name another folder."
         )
     gone = False
     for note, there in notes.items():
@@ -400,12 +400,12 @@ def _write_refused(folder: Path, refused: Mapping[str, str]) -> None:
 
 @cache
 def _reader() -> ReaderProcess:
-    """Return the process that reads, one for all pieces that this process converts."""
+    """Return the reader process, one for all pieces that this process converts."""
     return ReaderProcess()
 
 
 def _write_piece(item: Mapping[str, Any], note: Path) -> None:
-    """Convert the files of a piece; write its records, then the note of what was done."""
+    """Convert the files of a piece; write its records, then its note."""
     folder, declared = note.parent.parent, item["task"]
     refused: list[tuple[str, str]] = []
     made: list[tuple[list[str], xr.Dataset]] = []
@@ -438,7 +438,7 @@ def _write_piece(item: Mapping[str, Any], note: Path) -> None:
 def _converted(
     files: Sequence[Sequence[Any]], declared: Mapping[str, Any], refused: list[tuple[str, str]]
 ) -> Iterator[tuple[str, xr.Dataset]]:
-    """Yield each file that can be read with its record, in memory; add the others to `refused`."""
+    """Yield each file that can be read with its record in memory; add the others to `refused`."""
     of_each = {name: value for name, value in declared.items() if name not in OF_MANY_FILES}
     for path, recorded_at, *_ in files:
         stated = {"recorded_at": recorded_at} if recorded_at else {}
@@ -452,13 +452,13 @@ def _converted(
             refused.append((path, str(error)))
         else:
             for variable in loaded.variables.values():
-                for level in ("threshold", "hysteresis"):  # found in each waveform, but attributes have to agree
+                for level in ("threshold", "hysteresis"):  # differ between waveforms, while attributes must agree
                     variable.attrs.pop(level, None)
             yield path, loaded
 
 
 def _layout(record: xr.Dataset) -> Any:  # noqa: ANN401
-    """Return names, lengths (not those of pulse times) and attributes of the variables of a record, as JSON types."""
+    """Return names, lengths (except of pulse times) and attributes of the variables of a record, as JSON types."""
     found = {
         str(name): [
             [-1 if str(dim).startswith("pulse_") else size for dim, size in variable.sizes.items()],
@@ -470,18 +470,18 @@ def _layout(record: xr.Dataset) -> Any:  # noqa: ANN401
 
 
 def _fits(record: xr.Dataset, layout: Any, path: str, refused: list[tuple[str, str]]) -> bool:  # noqa: ANN401
-    """Return whether a record has the layout of the dataset, and else add it to `refused`."""
+    """Return whether a record has the layout of the dataset; add it to `refused` otherwise."""
     own = _layout(record)
     if layout is None or own == layout:
         return True
     name = next(name for name in (*layout, *own) if own.get(name) != layout.get(name))
     here, there = (f"{one[name][0]} {one[name][1]}" if name in one else "nothing" for one in (own, layout))
-    refused.append((path, f'"{name}" is {here} where the first file has {there}; write a file each (--files).'))
+    refused.append((path, f'"{name}" is {here}, but {there} in the first file; write a record per file (--files).'))
     return False
 
 
 def _write_records(folder: Path, item: Mapping[str, Any], made: Sequence[tuple[list[str], xr.Dataset]]) -> list[str]:
-    """Write the records of a piece, and return the names of the files."""
+    """Write the records of a piece, and return the names of their files."""
     if not made:
         return []
     packed = item["form"] == "packed"
@@ -492,7 +492,7 @@ def _write_records(folder: Path, item: Mapping[str, Any], made: Sequence[tuple[l
             "file": [Path(paths[0]).name for paths, _ in made],
             "recorded_at": [record.attrs["recorded_at"] for _, record in made],
         }
-        # 24 bits, as converters of vibration have
+        # 24 significant bits, as many as converters have
         write_shard([record for _, record in made], folder / names[0], labels=labels, dtype="float32")
         return names
     for name, (_, record) in zip(names, made, strict=True):

@@ -1,7 +1,7 @@
 """Jobs that write one file each: in this process, in several, or on a Dask cluster.
 
-A run that was stopped at any instant resumes: the same call again writes the files that are missing. For that, the
-function has to write its file atomically, as `hums.records.store` does, and the file may depend on its item alone.
+A run that was stopped at any time is resumed by the same call, which writes the missing files. For that, the function
+must write its file atomically, as `hums.records.store` does, and the file may depend only on its item.
 """
 
 import math
@@ -22,7 +22,7 @@ from typing import Any, Generic, TypeVar
 from signals._validation import SentenceError
 
 Item = TypeVar("Item")
-_TIMEOUT_S = 10  # of the connection to a scheduler
+_TIMEOUT_S = 10  # for the connection to a scheduler
 _ONE_THREAD = ("OMP_NUM_THREADS", "OPENBLAS_NUM_THREADS", "MKL_NUM_THREADS", "NUMBA_NUM_THREADS")
 
 
@@ -54,7 +54,7 @@ class Serial:
 
 @dataclass(frozen=True, kw_only=True)
 class Processes:
-    """Run jobs in processes of this machine, each with one thread for its linear algebra.
+    """Run jobs in processes on this machine, each with one thread for linear algebra.
 
     Attributes
     ----------
@@ -79,8 +79,8 @@ class Processes:
 class Cluster:
     """Run jobs on a Dask cluster.
 
-    The scheduler and its workers need this package in the same version, and the workers access to the folder that is
-    written to.
+    The scheduler and its workers need the same version of this package, and the workers need access to the output
+    folder.
 
     Attributes
     ----------
@@ -111,7 +111,7 @@ class Job(Generic[Item]):
 
 @dataclass(frozen=True, kw_only=True)
 class Tally:
-    """Number of jobs done in this run, and of those whose files were kept from earlier runs."""
+    """Number of jobs done in this run, and of files kept from earlier runs."""
 
     done: int
     kept: int
@@ -140,11 +140,11 @@ def run_jobs(
     workers : Serial, Processes or Cluster
         Where the jobs run.
     title : str, optional
-        Label of a progress bar on standard error; None: no bar.
+        Label of a progress bar on standard error. Default: no bar.
     when_killed : callable, optional
-        Called in this process with an item and the path of its file, where its worker process died twice, the second
-        time with no other job beside it; the other jobs go on, and the next run tries the item again unless the file
-        was written. None: the run ends with an error.
+        Called in this process with an item and the path of its file if its worker process died twice, the second time
+        while no other job was running. The other jobs continue, and the next run tries the item again unless the file
+        was written. Default: the run ends with an error.
 
     Returns
     -------
@@ -153,12 +153,12 @@ def run_jobs(
     Raises
     ------
     JobError
-        If another run uses the folder, a job kills its worker process and there is no `when_killed`, or a cluster
-        cannot be reached or writes elsewhere.
+        If another run uses the folder, a job kills its worker process without `when_killed`, or a cluster cannot be
+        reached or does not write to this folder.
     Exception
         Any exception of `function`, after the running jobs have ended. Finished files remain.
     """
-    from hums.records.outputs import remove_partial_files  # noqa: PLC0415 - xarray, which a worker may do without
+    from hums.records.outputs import remove_partial_files  # noqa: PLC0415 - xarray, which not every worker needs
 
     folder = Path(os.path.realpath(folder))
     with locked(folder):
@@ -175,8 +175,8 @@ def run_jobs(
                 for job in _killers(function, missing, folder=folder, workers=workers, advance=advance):
                     if when_killed is None:
                         raise JobError(
-                            f"a worker process died at {job.name}, twice, as it does when memory runs out. What is "
-                            "finished is kept: run the same again, with more memory if that was the reason."
+                            f"a worker process died twice at {job.name}, as happens when memory runs out. Finished "
+                            "files are kept: run the same command again, with more memory or fewer workers."
                         )
                     when_killed(job.item, folder / job.name)
                     advance(job.size)
@@ -191,14 +191,12 @@ def _killers(
     workers: Processes | Cluster,
     advance: Callable[[int], None],
 ) -> Iterator[Job[Item]]:
-    """Run all jobs; yield those whose worker process dies also where they run alone."""
+    """Run all jobs; yield those whose worker process also dies when they run alone."""
     waiting = deque(jobs)
     while waiting:
         with _pool(workers, jobs=len(waiting)) as (pool, width, death):
             lost = _submit(function, waiting, folder=folder, pool=pool, width=width, death=death, advance=advance)
-        alone = deque(
-            lost
-        )  # each was at work, or waited, where a process died; and some processes are killed from outside
+        alone = deque(lost)  # running or queued when a process died, perhaps killed from outside
         while alone:
             with _pool(workers, jobs=1) as (pool, _, death):
                 _refuse_dead_on_arrival(pool, death)
@@ -217,7 +215,7 @@ def _submit(
 ) -> list[Job[Item]]:
     """Run the jobs in a pool with at most `width` of them submitted at a time, so that its queue stays short.
 
-    At the first death of a process no more are taken from `waiting`; the jobs that it took with it are returned.
+    After the first death of a process no more are taken from `waiting`; the jobs lost with it are returned.
     """
     running: dict[Future[None], Job[Item]] = {}
     lost: list[Job[Item]] = []
@@ -232,7 +230,7 @@ def _submit(
         if not running:
             return lost
         done = wait(running, return_when=FIRST_COMPLETED).done
-        for future in [one for one in running if one in done]:  # in their order: the first is named where all die
+        for future in [one for one in running if one in done]:  # in order, so that the first is named if all die
             job = running.pop(future)
             try:
                 future.result()
@@ -241,20 +239,20 @@ def _submit(
                 continue
             if not (folder / job.name).exists():
                 raise JobError(
-                    f"a worker wrote {folder / job.name}, but it is not on this machine; the folder has to be on a "
-                    "disk that all workers share, under one path."
+                    f"a worker wrote {folder / job.name}, but it is not on this machine; use a folder on a disk that "
+                    "all workers share under the same path."
                 )
             advance(job.size)
 
 
 def _refuse_dead_on_arrival(pool: Executor, death: type[Exception]) -> None:
-    """Refuse to go on where processes die before any job: no job is to blame for that."""
+    """Stop if processes die before any job runs: no job is then the cause."""
     try:
         pool.submit(os.getpid).result()
     except death:
         raise JobError(
-            "worker processes die as soon as they start. Is the script that starts them protected by "
-            'if __name__ == "__main__": and is enough memory available?'
+            "worker processes die as soon as they start. Protect the script that starts them by "
+            'if __name__ == "__main__":, and check that enough memory is available.'
         ) from None
 
 
@@ -263,7 +261,7 @@ def _refuse_dead_on_arrival(pool: Executor, death: type[Exception]) -> None:
 
 @contextmanager
 def _pool(workers: Processes | Cluster, *, jobs: int) -> Iterator[tuple[Executor, int, type[Exception]]]:
-    """Yield an executor, the number of jobs to submit to it at a time, and its error where a job's process dies."""
+    """Yield an executor, the number of jobs to submit at a time, and the error it raises if a job's process dies."""
     jobs_per_worker = 2  # submitted at a time, so that no worker waits for the next
     if isinstance(workers, Cluster):
         with _cluster(workers.address) as (pool, threads, death):
@@ -279,7 +277,7 @@ def _pool(workers: Processes | Cluster, *, jobs: int) -> Iterator[tuple[Executor
 
 @contextmanager
 def _one_thread_each() -> Iterator[None]:
-    """Limit the processes that are started meanwhile to one thread each, which also fixes the order of sums."""
+    """Limit processes started meanwhile to one thread each, which also fixes the order of summation."""
     before = {name: os.environ.get(name) for name in _ONE_THREAD}
     os.environ.update(dict.fromkeys(_ONE_THREAD, "1"))
     try:
@@ -293,7 +291,7 @@ def _one_thread_each() -> Iterator[None]:
 
 
 def _prepare_worker() -> None:
-    """Ignore interrupts, which the parent handles, and end with the parent, also if it is killed."""
+    """Ignore interrupts, which the parent handles, and end with the parent, even if it is killed."""
     signal.signal(signal.SIGINT, signal.SIG_IGN)
     parent = parent_process()
     if parent is not None:
@@ -307,9 +305,9 @@ def _end_after(parent: BaseProcess) -> None:
 
 @contextmanager
 def _cluster(address: str) -> Iterator[tuple[Executor, int, type[Exception]]]:
-    """Yield an executor on a Dask cluster, its number of threads, and its error where a job killed its workers.
+    """Yield an executor on a Dask cluster, its number of threads, and the error it raises if a job kills its workers.
 
-    JobError where the cluster does not answer.
+    JobError if the cluster does not answer.
     """
     try:
         from dask.distributed import Client, KilledWorker  # noqa: PLC0415 - an optional part
@@ -320,11 +318,11 @@ def _cluster(address: str) -> Iterator[tuple[Executor, int, type[Exception]]]:
         client = connect(address, timeout=_TIMEOUT_S, set_as_default=False)
     except (OSError, ValueError) as error:
         raise JobError(
-            f"no Dask scheduler answers at {address} ({error}); start one with: dask scheduler, and give its address."
+            f"no Dask scheduler answers at {address} ({error}); start one with: dask scheduler, and use its address."
         ) from None
     with client:
         try:
-            client.wait_for_workers(1, timeout=_TIMEOUT_S)  # a nanny starts one that died again
+            client.wait_for_workers(1, timeout=_TIMEOUT_S)  # a nanny restarts one that died
         except TimeoutError:
             raise JobError(
                 f"the Dask scheduler at {address} has no workers; start some with: dask worker {address}."
@@ -335,23 +333,23 @@ def _cluster(address: str) -> Iterator[tuple[Executor, int, type[Exception]]]:
             yield pool, threads, KilledWorker
         except CancelledError:
             raise JobError(
-                f"the Dask scheduler at {address} was lost while jobs ran; run again, on another one or without it. "
-                "Finished jobs are kept."
+                f"the connection to the Dask scheduler at {address} was lost; run the same command again, with another "
+                "scheduler or none. Finished jobs are kept."
             ) from None
         except RuntimeError as error:
             if "deserialization" not in str(error):
                 raise
             raise JobError(
                 f"the Dask cluster at {address} cannot load the jobs ({error.__cause__ or error}). Install "
-                "this package, in the same version, where the scheduler and its workers run."
+                "the same version of this package where the scheduler and its workers run."
             ) from error
         finally:
-            pool.shutdown(wait=False)  # after a failure, running jobs are not awaited
+            pool.shutdown(wait=False)  # without waiting for running jobs after a failure
 
 
 @contextmanager
 def cpu_limit(seconds: float) -> Iterator[None]:
-    """Have the system end this worker process if what follows takes more processor time; no limit in other processes.
+    """Let the system kill this worker process if the block takes more processor time; no limit in other processes.
 
     A library that hangs on damaged bytes never returns to Python, where it could be interrupted.
     """
@@ -378,8 +376,8 @@ def cpu_limit(seconds: float) -> Iterator[None]:
 
 @contextmanager
 def locked(folder: Path, *, wait: bool = False) -> Iterator[None]:
-    """Lock the folder against a second run, or wait for that run; a lock is released when its process ends."""
-    if os.name != "posix":  # no lock elsewhere: the user has to avoid two runs at once
+    """Lock the folder against other runs, or wait for one to end; the lock is released when its process ends."""
+    if os.name != "posix":  # no lock elsewhere: the user must avoid simultaneous runs
         yield
         return
     import fcntl  # noqa: PLC0415 - exists on POSIX only
@@ -389,11 +387,11 @@ def locked(folder: Path, *, wait: bool = False) -> Iterator[None]:
         try:
             fcntl.flock(descriptor, fcntl.LOCK_EX if wait else fcntl.LOCK_EX | fcntl.LOCK_NB)
         except BlockingIOError:
-            raise JobError(f"another run is using {folder}; wait for it, or stop it first.") from None
+            raise JobError(f"another run is using {folder}; wait until it ends, or stop it.") from None
         try:
             yield
         finally:
-            fcntl.flock(descriptor, fcntl.LOCK_UN)  # a process that was forked meanwhile holds a copy of it
+            fcntl.flock(descriptor, fcntl.LOCK_UN)  # explicitly, as a process forked meanwhile holds a copy
     finally:
         os.close(descriptor)
 

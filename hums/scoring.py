@@ -1,4 +1,4 @@
-"""Scores: an analysis of a synthetic record against its known amplitudes and faults."""
+"""Scores of the analysis of a synthetic record against its true amplitudes and faults."""
 
 from dataclasses import dataclass
 from typing import TYPE_CHECKING
@@ -24,20 +24,18 @@ class Score:
     ----------
     tracks : pandas.DataFrame
         One row per tracked order: component, kind, order, true_amplitude and amplitude (means of the peak amplitude,
-        in units of the channel), std (median), and normalised_rms, the RMS of the error of each quadrature over `std`.
+        in units of the channel), std (median), and normalised_rms, the RMS of the quadrature errors over `std`.
     normalised_rms : float
-        RMS over all tracks and outputs of the error of each quadrature over its `std`; 1 if `std` is right.
+        RMS of the quadrature errors over their `std`, over all tracks and outputs; 1 if `std` is correct.
     faults : pandas.DataFrame
-        One row per fault of the scene: component, kind, and verdict. What goes all round raises no finding, since its
-        lines occur in sound machines too: its verdict is ``"measured"`` where they are significant. ``"missed"`` where
-        there is neither a finding nor such a line.
+        One row per fault of the scene: component, kind, and verdict. Distributed faults raise no finding, since their
+        lines also occur in healthy machines: their verdict is ``"measured"`` if these lines are identified. It is
+        ``"missed"`` if there is neither a finding nor such a line.
     false_findings : tuple of str
         Diagnosed components that have no fault.
 
     Examples
     --------
-    See `score`, which returns it.
-
     >>> import pandas as pd
     >>> import hums
     >>> none = pd.DataFrame()
@@ -93,7 +91,7 @@ def score(analysis: Analysis, record: xr.Dataset) -> Score:
     import pandas as pd  # noqa: PLC0415
 
     if "truth_amplitude" not in record:
-        raise AnalysisError("the record carries no truth_amplitude, so there is nothing to score against.")
+        raise AnalysisError("the record has no truth_amplitude to score against; use a record of hums synth.")
     tracks = group(analysis, "tracks")
     rows, errors = [], []
     for number in range(tracks.sizes.get("track", 0)):
@@ -116,7 +114,7 @@ def score(analysis: Analysis, record: xr.Dataset) -> Score:
             }
         )
     if not errors:
-        raise AnalysisError("none of the tracked orders is an order of the truth; track mesh or shaft lines.")
+        raise AnalysisError("none of the tracked orders is among the true ones; track mesh or shaft lines.")
     faults, false_findings = _verdicts(analysis, record)
     return Score(
         tracks=pd.DataFrame(rows),
@@ -140,8 +138,8 @@ def _true_amplitude(record: xr.Dataset, track: xr.Dataset) -> np.ndarray | None:
 
 
 MEASURED, MISSED = "measured", "missed"
-# Kind of line in which each kind of fault shows. Lines of shafts and meshes and sidebands occur in sound machines, and
-# raise no finding.
+# Kind of line in which each kind of fault appears. Lines of shafts, meshes and sidebands also occur in healthy machines
+# and raise no finding.
 _KIND_OF_FAULT = {
     **dict.fromkeys(("tooth_crack", "chipping", "missing_tooth", "spall", "pitting"), "tooth"),
     **dict.fromkeys(("eccentricity", "misalignment"), "sidebands"),
@@ -176,7 +174,7 @@ def _verdicts(analysis: Analysis, record: xr.Dataset) -> tuple[list[tuple[str, s
 
 
 def _measured(analysis: Analysis) -> set[tuple[str, str]]:
-    """Return the shafts with a significant line in the order spectrum, and the gears whose mesh or sidebands have."""
+    """Return shafts with an identified line in the order spectrum, and gears with an identified mesh or sideband."""
     lines = group(analysis, ORDER_SPECTRUM)
     rows = list(zip(*(lines[name].to_numpy() for name in ("component", "kind", "claimed")), strict=True))
     claimed = {(str(component), str(kind)) for component, kind, is_claimed in rows if is_claimed}

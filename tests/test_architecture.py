@@ -78,7 +78,7 @@ BUDGETS = """
     signals/resampling                                          799    796    600
     signals/shaft                                              3006   1924   2000
     signals/spectra                                             866    819    700
-    hums (root)                                                 830    757    600
+    hums (root)                                                 830    755    600
     hums/analysis                                              5359   5359   3000
     hums/cli                                                   1120   1039    700
     hums/fleet                                                 2161   2054   1300

@@ -1,7 +1,7 @@
 """Conversion of files of other programs: the suffix selects the reader.
 
-A reader returns the contents of a file by name: an array, or a phrase that describes what is not numeric. What the file
-does not state (units, rate, shaft) the caller declares; nothing is guessed.
+A reader returns the contents of a file by name: an array, or a phrase that describes what is not numeric. The caller
+declares what the file does not state (units, rate, shaft); nothing is guessed.
 """
 
 from __future__ import annotations
@@ -33,17 +33,17 @@ if TYPE_CHECKING:
 
 __all__ = ["SUFFIXES", "ForeignFile", "Stated", "convert", "read_file"]
 
-# By suffix: the module that reads it, the kind of file in words, and the optional package that this takes.
+# By suffix: the module that reads it, the kind of file, and the optional package that it needs.
 _READERS: Mapping[str, tuple[str, str, str]] = {
-    ".mat": ("matlab", "MATLAB file", ""),
-    ".wav": ("wav", "whole WAV file", ""),
-    **dict.fromkeys((".csv", ".txt", ".tsv", ".asc"), ("csv", "table of text", "")),
-    ".tdms": ("tdms", "TDMS file", "npTDMS"),
-    ".lvm": ("lvm", "LabVIEW measurement file", ""),
-    **dict.fromkeys((".mf4", ".mdf"), ("mdf", "MDF file", "asammdf")),
-    **dict.fromkeys((".uff", ".unv"), ("uff", "universal file", "pyuff")),
-    **dict.fromkeys((".h5", ".hdf5", ".nc"), ("hdf5", "HDF5 or netCDF file", "")),
-    **dict.fromkeys((".npy", ".npz"), ("numpy_files", "NumPy file of numbers", "")),
+    ".mat": ("matlab", "a MATLAB file", ""),
+    ".wav": ("wav", "a complete WAV file", ""),
+    **dict.fromkeys((".csv", ".txt", ".tsv", ".asc"), ("csv", "a text table", "")),
+    ".tdms": ("tdms", "a TDMS file", "npTDMS"),
+    ".lvm": ("lvm", "a LabVIEW measurement file", ""),
+    **dict.fromkeys((".mf4", ".mdf"), ("mdf", "an MDF file", "asammdf")),
+    **dict.fromkeys((".uff", ".unv"), ("uff", "a universal file", "pyuff")),
+    **dict.fromkeys((".h5", ".hdf5", ".nc"), ("hdf5", "an HDF5 or netCDF file", "")),
+    **dict.fromkeys((".npy", ".npz"), ("numpy_files", "a NumPy file of numbers", "")),
 }
 SUFFIXES = tuple(_READERS)
 
@@ -61,15 +61,15 @@ def read_file(
     path : str or Path
         A .mat, .wav, .csv, .txt, .tsv, .asc, .tdms, .lvm, .mf4, .mdf, .uff, .unv, .h5, .hdf5, .nc, .npy or .npz file.
     description : ImportDescription, mapping or path, optional
-        Used are ``most_bytes``, and of text files ``separator``, ``decimal``, ``encoding`` and ``header_lines``, which
-        are recognised where left out. The decimal sign is needed where numbers do not show which it is, as "1.485".
+        Only ``most_bytes`` is used and, for text files, ``separator``, ``decimal``, ``encoding`` and ``header_lines``,
+        which are detected if not given. The decimal sign must be given if the numbers are ambiguous, such as "1.485".
     **declared
-        Keys that take the place of those of `description`.
+        Keys that override those of `description`.
 
     Returns
     -------
     ForeignFile
-        The arrays of HDF5 files are read when they are asked for.
+        Arrays of HDF5 files are read on access.
 
     Raises
     ------
@@ -94,7 +94,7 @@ def read_file(
         suffix = ".txt"
     if suffix not in _READERS:
         raise RecordError(
-            f'{file}: no reader for the suffix "{suffix}"; known are {", ".join(SUFFIXES)}. Export the signals '
+            f'{file}: no reader for the suffix "{suffix}"; supported are {", ".join(SUFFIXES)}. Export the signals '
             "to one of them, or build the record in Python with make_record."
         )
     module, kind, package = _READERS[suffix]
@@ -111,19 +111,18 @@ def convert(
 ) -> xr.Dataset:
     """Convert another program's file to a record.
 
-    What the file states is compared with what is declared: rates, times of samples, starts and units. Samples that its
-    times leave out become NaN.
+    Declarations are checked against what the file states: rates, sample times, start times and units. Samples that the
+    sample times skip become NaN.
 
     Parameters
     ----------
     source : str or Path
         A .mat, .wav, .csv, .txt, .tsv, .asc, .tdms, .lvm, .mf4, .mdf, .uff, .unv, .h5, .hdf5, .nc, .npy or .npz file.
     description : ImportDescription, mapping or path, optional
-        What the file holds and does not state; a path is that of a TOML file.
+        What the file holds and does not state, or the path of a TOML file with it.
     **declared
-        The keys of `hums.ImportDescription`; each takes the place of that of `description`. In most cases these are
-        enough: ``channels``, ``units``, ``rate_hz``, and one source of the shaft angle, as ``shaft_rpm`` with
-        ``shaft``.
+        Keys of `hums.ImportDescription`, which override those of `description`. Usually sufficient are ``channels``,
+        ``units``, ``rate_hz``, and one source of the shaft angle, such as ``shaft_rpm`` with ``shaft``.
 
     Returns
     -------
@@ -151,7 +150,7 @@ def convert(
 
     spec = describe(description, **declared)
     if of_many := sorted(spec.model_fields_set.intersection(OF_MANY_FILES)):
-        raise RecordError(f"{of_many[0]} is for many files, and {source} is one; leave it out, or see convert_files.")
+        raise RecordError(f"{of_many[0]} applies to many files, not to {source} alone; omit it, or use convert_files.")
     file = located(read_file(source, spec), spec.time_zone)
     if not spec.channels:
         raise RecordError(f"channels: none named (--channel). {file.path.name}: {file.contents()}")
@@ -160,8 +159,8 @@ def convert(
         file.vector(name)
     if spec.time_column and (count := file.vector(spec.time_column).size) != file.vector(spec.channels[0]).size:
         raise RecordError(
-            f'{file.path.name}: time_column="{spec.time_column}" has {count} values, others than "{spec.channels[0]}"; '
-            "name the column of the times of the samples."
+            f'{file.path.name}: time_column="{spec.time_column}" has {count} values, unlike "{spec.channels[0]}"; '
+            "name the column of its sample times."
         )
     one = Import(file=file, spec=spec)
     found = {name: _channel(one, name) for name in spec.channels}
@@ -195,7 +194,7 @@ def convert(
 
 
 def _channel(source: Import, name: str) -> Channel:
-    """Return a field as a channel in its units, with what the file states about its sensor."""
+    """Return a field as a channel in its units, with the sensor data that the file states."""
     stated, scale = source.file.metadata(name), source.spec.scale_of(name)
     values = source.file.vector(name)
     channel = Channel(
@@ -210,7 +209,7 @@ def _channel(source: Import, name: str) -> Channel:
 
 
 def _recorded_at(source: Import, stated: datetime | None, *, start_s: float) -> datetime | None:
-    """Return when a file was recorded, as declared or stated by the file; the declared time may be that of its end."""
+    """Return the time of a record, as declared or stated by the file."""
     declared = source.spec.moment
     minutes_s = 300.0  # a declared time may be that of the record's end, to the minute
     if declared is None or stated is None or abs((declared - stated).total_seconds() - start_s) <= minutes_s:
@@ -221,7 +220,7 @@ def _recorded_at(source: Import, stated: datetime | None, *, start_s: float) -> 
 
 
 def _angle(source: Import, *, epoch: datetime | None) -> Angle | None:
-    """Return the declared source of shaft angle, None where there is none: make_record raises the error."""
+    """Return the declared source of the shaft angle; None if there is none, for which make_record raises the error."""
     file, spec = source.file, source.spec
     if spec.no_tachometer:
         return UnknownAngle()
@@ -237,7 +236,7 @@ def _angle(source: Import, *, epoch: datetime | None) -> Angle | None:
     per_rev = int(stated) if per_rev is None and stated is not None and float(stated).is_integer() else per_rev
     if per_rev is None:
         raise RecordError(
-            f'the tachometer "{name}" needs the pulses in one revolution of "{spec.shaft}": pulses_per_rev=... '
+            f'the tachometer "{name}" needs its pulses per revolution of "{spec.shaft}": pulses_per_rev=... '
             "(--pulses-per-rev)."
         )
     if stated is not None and stated != per_rev:
@@ -260,7 +259,7 @@ def _angle(source: Import, *, epoch: datetime | None) -> Angle | None:
 def _agreed_units(
     source: Import, name: str, declared: str | None, meaning: Callable[[str], object], remedy: str = ""
 ) -> str:
-    """Return the units of a field, declared or stated by the file; they contradict where both have a meaning."""
+    """Return the units of a field, declared or stated by the file; units with different known meanings contradict."""
     stated = source.file.metadata(name).units
     meanings = {meaning(units) for units in (declared, stated) if units}
     if len(meanings) > 1 and None not in meanings:
@@ -277,27 +276,27 @@ def _quantity(units: str) -> tuple[str, float] | None:
 
 
 def _steady_speed_hz(source: Import, name: str, units: str) -> float:
-    """Return the mean of a measured speed in rev/s; refuse one that is not steady."""
+    """Return the mean of a measured speed in rev/s; refuse a speed that is not constant."""
     file, units = source.file, _agreed_units(source, name, units, _quantity)
     unit, factor = quantity_units(units, f'speed "{name}" (speed_units)')
     values = np.asarray(file.vector(name), dtype=np.float64) * factor
     values = np.abs(values[np.isfinite(values)])
     if unit != "rev s-1" or not values.size or not values.mean() > 0:
-        raise RecordError(f'{file.path.name}: "{name}" in {units} holds no speed above zero; name the column of one.')
+        raise RecordError(f'{file.path.name}: "{name}" in {units} holds no speed above zero; name a column that does.')
     mean = float(values.mean())
     off = float(np.max(np.abs(values - mean))) / mean
-    steady = 0.02  # largest deviation of a measured speed from its mean: that of lines from a declared one, by default
+    steady = 0.02  # largest deviation from the mean: the default tolerance of an analysis for a declared speed
     if off > steady:
         raise RecordError(
-            f'{file.path.name}: the speed "{name}" deviates by {off:.1%} from its mean, {60 * mean:.6g} rpm; at most '
-            f"{steady:.0%} is a constant speed. Name a tachometer (tach_times, tach_waveform), or have the speed "
-            "estimated from the vibration (no_tachometer)."
+            f'{file.path.name}: the speed "{name}" deviates by {off:.1%} from its mean, {60 * mean:.6g} rpm; a '
+            f"constant speed deviates by at most {steady:.0%}. Name a tachometer (tach_times, tach_waveform), or have "
+            "the speed estimated from the vibration (no_tachometer)."
         )
     return mean
 
 
 def _measured(source: Import) -> dict[str, Measured]:
-    """Return the quantities measured with a record: a number each, or samples at its rate or at one of their own."""
+    """Return the quantities measured with a record: single numbers, or samples at its rate or their own."""
     found, file, spec = {}, source.file, source.spec
     channel = spec.channels[0]
     count = file.vector(channel).size
@@ -306,37 +305,37 @@ def _measured(source: Import) -> dict[str, Measured]:
         unit = _agreed_units(source, name, declared, _quantity)
         if spec.average or values.size == 1:
             if not np.isfinite(values).any():
-                raise RecordError(f'{file.path.name}: "{name}" holds no number; leave it out of what is measured.')
+                raise RecordError(f'{file.path.name}: "{name}" holds no number; remove it from measured.')
             found[file.label(name)] = Measured(values=float(np.nanmean(values)), units=unit)
             continue
         stated, clock = file.metadata(name), source.of(channel)
         if values.size != count and stated.rate_hz is None and stated.times_s is None:
             raise RecordError(
-                f'{file.path.name}: "{name}" has {values.size} values beside {count} samples, and states no rate; '
+                f'{file.path.name}: "{name}" has {values.size} values for {count} samples, and states no rate; '
                 "build the record in Python, Measured(values=..., units=..., rate_hz=...)."
             )
-        if values.size != count:  # at a rate of its own, of which nothing is declared
+        if values.size != count:  # at its own rate, to which the declared one does not apply
             clock = replace(source, spec=spec.changed(rate_hz=None), clocks={}).of(name)
         found[file.label(name)] = Measured(values=clock.filled(values), units=unit, rate_hz=clock.rate_hz)
     return found
 
 
 def _units(source: Import, name: str) -> str:
-    """Return the units of a channel, declared or stated by the file; stated units hold only at scale 1."""
+    """Return the units of a channel, declared or stated by the file; stated units apply only at scale 1."""
     scale, declared, stated = source.spec.scale_of(name), source.spec.units_of(name), source.file.metadata(name).units
     if scale == 1:
-        remedy = f'Give the factor from "{stated}" to "{declared}", scale=..., or leave the units out. '
+        remedy = f'Give the factor from "{stated}" to "{declared}", scale=..., or omit the units. '
         return _agreed_units(source, name, declared, canonical_units, remedy)
     if stated is not None and declared is None:
         raise RecordError(
-            f'{source.file.path.name} states "{stated}" for "{name}", which scale={scale:g} turns into something else: '
-            'declare it, units="..." (--units).'
+            f'{source.file.path.name} states "{stated}" for "{name}", which no longer holds after scale={scale:g}: '
+            'declare units="..." (--units).'
         )
     return declared or ""
 
 
 def _unpadded(times_s: NDArray[np.generic]) -> NDArray[np.generic]:
-    """Return times without the NaN at their end, with which a table pads a shorter column."""
+    """Return times without the trailing NaN that pad a shorter column of a table."""
     if times_s.dtype.kind != "f":
         return times_s
     filled = np.flatnonzero(~np.isnan(times_s))

@@ -24,7 +24,7 @@ Field = NDArray[np.generic] | str
 
 
 class ArraysOnDisk(Mapping[str, Field]):
-    """Fields by name, of which an array is read when it is asked for, and kept.
+    """Fields by name, whose arrays are read on first access and kept.
 
     Parameters
     ----------
@@ -55,27 +55,27 @@ class ArraysOnDisk(Mapping[str, Field]):
 
 @contextmanager
 def parsing(path: Path, kind: str, package: str = "") -> Iterator[None]:
-    """Turn whatever a parser raises on damaged bytes, or for lack of its package, into a sentence."""
+    """Turn any exception of a parser, on damaged bytes or for lack of its package, into a `RecordError`."""
     try:
         yield
     except (RecordError, MemoryError):
         raise
     except ImportError as error:
         raise RecordError(
-            f"{path}: a {kind} is read with {package or error.name}, which is not installed: "
+            f"{path}: reading {kind} requires {package or error.name}, which is not installed: "
             'pip install "hums-toolkit[readers]".'
         ) from error
     except Exception as error:
-        raise RecordError(f"{path} is no {kind}, or damaged ({error}). Copy or export it again.") from error
+        raise RecordError(f"{path} is not {kind}, or is damaged ({error}). Copy or export it again.") from error
 
 
 def dotted(where: str) -> str:
-    """Return the name of an array from its place in an HDF5 file."""
+    """Return the name of an array from its path in an HDF5 file."""
     return where.strip("/").replace("/", ".")
 
 
 def descriptions(fields: Mapping[str, Field]) -> Mapping[str, tuple[int, ...] | str]:
-    """Return the shape of each array, or the phrase, without reading what is on disk."""
+    """Return the shape of each array, or its phrase, without reading arrays from disk."""
     if isinstance(fields, ArraysOnDisk):
         return fields.described
     return {name: value if isinstance(value, str) else value.shape for name, value in fields.items()}
@@ -83,32 +83,32 @@ def descriptions(fields: Mapping[str, Field]) -> Mapping[str, tuple[int, ...] | 
 
 @dataclass(frozen=True, kw_only=True)
 class Stated:
-    """Metadata of one channel as the file states them; None where it states nothing.
+    """Metadata of one channel as the file states them; None for what it does not state.
 
     Attributes
     ----------
     units : str or None
-        In the spelling of the file.
+        Units as spelled in the file.
     rate_hz : float or None
-        Samples per second.
+        Sampling rate in Hz.
     start_s : float or None
         Time of the first sample in s after `epoch`.
     epoch : datetime or None
-        Time from which `start_s` and `times_s` count; without an offset from UTC it is a local time.
+        Origin of `start_s` and `times_s`; a local time if it has no UTC offset.
     times_s : (n,) array or None
-        Time of each sample, where the file states more than a rate.
+        Time of each sample in s, if the file states more than a rate.
     title : str or None
-        Name as the file prints it, where that holds the units, too.
+        Name as printed in the file, if it includes the units.
     pulses_per_rev : float or None
-        Of a tachometer.
+        Pulses per revolution of a tachometer.
     delay_s : float or None
-        Delay of the channel, in s.
+        Delay of the channel in s.
     sensitivity : float or None
-        Output of the sensor in V for one unit of `measures`.
+        Output of the sensor in V per unit of `measures`.
     measures : str or None
         Units of the measured quantity.
     notes : tuple of str
-        What a user has to know of the channel, as "states gain=10, which is not applied".
+        Remarks for the user, such as "states gain=10, which is not applied".
     """
 
     units: str | None = None
@@ -124,7 +124,7 @@ class Stated:
     notes: tuple[str, ...] = ()
 
     def over(self, general: "Stated") -> "Stated":
-        """Return these metadata, with those of what contains the channel where it has none of its own."""
+        """Return these metadata, completed by those of the container of the channel."""
         own = {one.name: value for one in fields(self) if (value := getattr(self, one.name)) is not None}
         return replace(general, **own | {"notes": self.notes + general.notes})
 
@@ -139,11 +139,11 @@ class ForeignFile:
         The file.
     fields : mapping of str to array or str
         By name, an array of numbers, or a phrase such as "text". Parts of a name are joined by dots, as in
-        "bearing.gs", also where the file has slashes.
+        "bearing.gs", even if the file uses slashes.
     stated : mapping of str to Stated
-        Metadata of fields, of what contains them ("bearing" of "bearing.gs"), and under "" of the whole file.
+        Metadata of fields, of their containers ("bearing" for "bearing.gs"), and under "" of the whole file.
     text_format : mapping of str to str or int
-        Separator, decimal sign, encoding and header lines of a text file, as recognised or declared.
+        Separator, decimal sign, encoding and header lines of a text file, as detected or declared.
     """
 
     path: Path
@@ -152,7 +152,7 @@ class ForeignFile:
     text_format: Mapping[str, str | int] = field(default_factory=lambda: MappingProxyType({}))
 
     def name(self, name: str) -> str:
-        """Return the key in `fields` of a name: as printed, with slashes for dots, or a channel or column by number."""
+        """Return the key in `fields` for a name as printed, with slashes for dots, or a channel or column number."""
         titled = {key for key, stated in self.stated.items() if stated.title == name}
         arrays = [key for key, shape in descriptions(self.fields).items() if not isinstance(shape, str)]
         found = [key for key in arrays if key in titled or key.rpartition(".")[0] in titled - {""}]
@@ -166,13 +166,13 @@ class ForeignFile:
         return (numbered or ends)[0]
 
     def label(self, name: str) -> str:
-        """Return the name of a field in a record: what was asked for where that is the end of a longer name."""
+        """Return the name of a field in a record: the requested one if that is the end of a longer name."""
         asked, key = name.strip("/").replace("/", "."), self.name(name)
         of_container = self.stated.get(key.rpartition(".")[0], Stated()).title == name
         return asked if of_container or key.endswith(f".{asked}") else key.replace("/", ".")
 
     def metadata(self, name: str) -> Stated:
-        """Return the metadata of a field, with those of its containers where it has none of its own."""
+        """Return the metadata of a field, completed by those of its containers."""
         key = self.name(name)
         found = self.stated.get(key, Stated())
         while key:
@@ -181,7 +181,7 @@ class ForeignFile:
         return found
 
     def time_scale(self, name: str) -> tuple[float, datetime | None] | None:
-        """Return the seconds in the unit of a field of times and its epoch, by its units or a word of its name."""
+        """Return the unit of a field of times in s and its epoch, from its units or a word in its name."""
         stated = self.stated.get(self.name(name), Stated())
         if (scale := time_scale(stated.units)) is not None:
             return scale[0], stated.epoch or scale[1]
@@ -189,7 +189,7 @@ class ForeignFile:
         return next((scale for scale in units if scale is not None), None)
 
     def vector(self, name: str) -> NDArray[np.generic]:
-        """Return a field that is a row or a column of numbers as an array (n,)."""
+        """Return a numeric row or column as an array (n,)."""
         values = self.fields.get(self.name(name))
         if values is None:
             raise RecordError(f'{self.path.name} has no "{name}"{_closest(name, self.fields)} {self.contents()}')
@@ -199,17 +199,17 @@ class ForeignFile:
             raise RecordError(f'{self.path.name}: "{name}" is empty; at least one sample is needed. {self.contents()}')
         if not is_utf8(self.name(name)):
             raise RecordError(
-                f'{self.path.name}: the name "{name}" in it is not UTF-8 text; save the file with names in UTF-8.'
+                f'{self.path.name}: its field name "{name}" is not UTF-8 text; save the file with names in UTF-8.'
             )
         if values.size != max(values.shape, default=1):
             raise RecordError(
                 f'{self.path.name}: "{name}" is a table of {_shape(values.shape)} values; a channel is one row or one '
-                "column: save each under a name of its own."
+                "column: save each under its own name."
             )
         return values.reshape(-1)
 
     def contents(self) -> str:
-        """Return a description of the contents: a sentence for arrays and one for the rest."""
+        """Return a description of the contents: a sentence on the arrays and one on the rest."""
         found = descriptions(self.fields)
         arrays = [f"{name} ({_shape(shape)})" for name, shape in found.items() if not isinstance(shape, str)]
         others = [f"{name} ({phrase})" for name, phrase in found.items() if isinstance(phrase, str)]
@@ -218,23 +218,23 @@ class ForeignFile:
 
 
 def canonical_units(units: str) -> str | None:
-    """Return units in the spelling of `UNITS`, None for unknown ones."""
+    """Return units as spelled in `UNITS`; None if unknown."""
     return next((name for name, aliases in UNITS.items() if units in (name, *aliases)), None)
 
 
 def rate_of_step(step_s: object) -> float | None:
-    """Return samples per second from the time step, rounded to an integer within 1e-9; None for an invalid step."""
+    """Return the sampling rate in Hz from a time step in s, rounded to an integer within 1e-9; None if invalid."""
     if isinstance(step_s, bool) or not isinstance(step_s, int | float | np.number) or not 0 < float(step_s) < np.inf:
         return None
     rate_hz = 1 / float(step_s)
-    # one over a step of ten microseconds is 99999.99999999999 Hz
+    # the reciprocal of ten microseconds is 99999.99999999999 Hz
     return float(round(rate_hz)) if abs(rate_hz - round(rate_hz)) <= 1e-9 * rate_hz else rate_hz
 
 
 def joined(parts: Sequence[tuple[int, Stated]]) -> Stated:
-    """Return what successive segments of a channel state together, of which each has a number of samples.
+    """Return the metadata of a channel from those of its successive segments, each with its number of samples.
 
-    Several segments state the time of each sample, after the epoch of the first.
+    Several segments give the time of each sample after the epoch of the first.
     """
     _, first = parts[0]
     if len(parts) == 1 or first.rate_hz is None:
@@ -261,33 +261,33 @@ def zone_of(name: str) -> tzinfo:
         return ZoneInfo(name)
     except (KeyError, ValueError, OSError):
         likely = nearest(name, sorted(available_timezones()))
-        raise RecordError(f'time_zone="{name}": a name as "Europe/Berlin" or "+01:00" is needed.{likely}') from None
+        raise RecordError(f'time_zone="{name}" is not a name such as "Europe/Berlin" or "+01:00".{likely}') from None
 
 
 def in_zone(moment: datetime, name: str) -> datetime:
-    """Return a local time with its offset from UTC; raise RecordError where the clocks change: it has two or none."""
+    """Return a local time with its UTC offset; raise RecordError if a clock change makes it ambiguous or impossible."""
     first, second = (moment.replace(tzinfo=zone_of(name), fold=fold) for fold in (0, 1))
     if first.utcoffset() != second.utcoffset():
         raise RecordError(
-            f'{moment.isoformat()} has two offsets from UTC or none in time_zone="{name}", where clocks change then; '
-            'state the offset instead, as "+01:00".'
+            f'{moment.isoformat()} has two UTC offsets or none in time_zone="{name}", where clocks change then; '
+            'state the offset instead, such as "+01:00".'
         )
     return first
 
 
 def located(file: ForeignFile, zone: str | None) -> ForeignFile:
-    """Return a file with its local times in a time zone; without one they are not known."""
+    """Return a file with its local times in a time zone; without one, they are dropped with a note."""
     epochs = {name: one.epoch for name, one in file.stated.items() if one.epoch is not None}
     local = {name: epoch for name, epoch in epochs.items() if epoch.tzinfo is None}
     known = {name: in_zone(epoch, zone) if zone else None for name, epoch in local.items()}
     stated = {name: replace(file.stated[name], epoch=epoch) for name, epoch in known.items()}
     for name in () if zone else local:
-        note = f"states the local time {local[name].isoformat()}, which is not read without time_zone"
+        note = f"states the local time {local[name].isoformat()}, which is ignored without time_zone"
         stated[name] = replace(stated[name], notes=(*stated[name].notes, note))
     return replace(file, stated={**file.stated, **stated})
 
 
-# ---- what attributes, properties, scalars beside an array and lines above a table state --------------------------
+# ---- metadata in attributes, properties, scalars and lines above a table ------------------------------------------
 
 _NAMES = {
     name: re.compile(pattern)
@@ -312,11 +312,11 @@ _RATES_HZ = {
     for prefix, factor in (("", 1.0), ("k", 1e3), ("m", 1e6))
     for unit in ("hz", "sps", "s/s", "sa/s", "samples/s", "samples/sec")
 }
-"""Samples per second in units of rates, in lower case."""
+"""Units of sampling rates in Hz, in lower case."""
 
 
 def stated_of(attributes: Mapping[str, object]) -> Stated:
-    """Return what named values state about a channel; notes name those that have a meaning and are not applied."""
+    """Return the metadata that named values state; notes list those that are recognised but not applied."""
     given = {"".join(words_of(str(key))): [str(key), _plain(value)] for key, value in attributes.items()}
     for date, time in (("date", "time"), ("datum", "zeit"), ("datum", "uhrzeit")):
         if date in given and isinstance(given.get(time, ("", None))[1], str):
@@ -348,7 +348,7 @@ def stated_of(attributes: Mapping[str, object]) -> Stated:
 
 
 def _plain(value: Any) -> Any:  # noqa: ANN401
-    """Return a value as Python has it; None for nothing, and for a time stamp of TDMS that was not set."""
+    """Return a value as a Python object; None if empty, or a TDMS time stamp that was not set."""
     value = value.as_datetime64("us") if hasattr(value, "as_datetime64") else value
     if isinstance(value, np.datetime64):
         return moment_of(f"{value.astype('datetime64[us]')}Z")
@@ -358,7 +358,7 @@ def _plain(value: Any) -> Any:  # noqa: ANN401
 
 
 def _value(name: str, value: Any, unit: Any) -> Any:  # noqa: ANN401
-    """Return the value of one statement: text, a moment or a number in SI units; None where it is none."""
+    """Return the value of one statement as text, time or a number in SI units; None if it is invalid."""
     if name == "epoch" and isinstance(value, str | datetime):
         return moment_of(value) if isinstance(value, str) else value
     if name in {"units", "title", "measures", "epoch"}:
@@ -367,7 +367,7 @@ def _value(name: str, value: Any, unit: Any) -> Any:  # noqa: ANN401
     unit = unit if factors else None
     if isinstance(value, str):
         printed = re.fullmatch(r"([-+]?\d+(?:[.,]\d+)?(?:[eE][-+]?\d+)?)\s*([^\d\s].*)?", value)
-        if printed is None or re.fullmatch(r"[-+]?[1-9]\d{0,2}[.,]\d{3}", printed[1]):  # "25,600": of thousands or not
+        if printed is None or re.fullmatch(r"[-+]?[1-9]\d{0,2}[.,]\d{3}", printed[1]):  # "25,600" is ambiguous
             return None
         value, unit = float(printed[1].replace(",", ".")), printed[2] or unit
     if isinstance(value, bool) or not isinstance(value, int | float):
@@ -382,7 +382,7 @@ def _value(name: str, value: Any, unit: Any) -> Any:  # noqa: ANN401
 
 
 def moment_of(text: str | None) -> datetime | None:
-    """Return a date with its time of day; None for other text, and for 1904, where LabVIEW set no time."""
+    """Return a date and time of day; None for other text, and for 1904, which LabVIEW writes for no time."""
     plain = (text or "").replace("/", "-")
     moments = ("%Y-%m-%d %H:%M:%S", "%d.%m.%Y %H:%M:%S", "%d.%m.%Y %H:%M", "%d-%b-%Y %H:%M:%S", "%d-%b-%y %H:%M:%S")
     for form in ("", *moments) if ":" in plain else ():
@@ -397,7 +397,7 @@ def _shape(shape: tuple[int, ...]) -> str:
 
 
 def _listed(names: list[str]) -> str:
-    """Return the first names in a row, each as a terminal shows it."""
+    """Return the first names in a row, with control characters escaped."""
     most_listed = 12  # names in a message
     row = ", ".join(plain_text(name)[:60] for name in names[:most_listed])
     return f"{row} and {len(names) - most_listed} more" if len(names) > most_listed else row

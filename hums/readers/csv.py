@@ -30,16 +30,16 @@ _HEAD = 100  # lines from which the format is detected
 def read(path: Path, spec: ImportDescription) -> ForeignFile:
     """Return the columns, (n,) each, under the names of the header or as "column 1", "column 2", ..., and their units.
 
-    What is not declared is recognised. Separators are semicolons, tabs, commas or, without any of them, blanks. One
-    sign is the decimal sign of the whole file; the other one, blanks and apostrophes may separate thousands. Text is
-    UTF-8, UTF-16 or Windows-1252. Blank cells are NaN; rows with fewer cells than the first are refused. A header such
-    as "DE [m/s²]" states units, which are then no part of the name; so does a line of units below it. Lines above the
-    header may state the rate.
+    A format that is not declared is detected. Separators are semicolons, tabs, commas or else spaces. One decimal sign
+    applies to the whole file; the other sign, spaces and apostrophes may separate thousands. Text is UTF-8, UTF-16 or
+    Windows-1252. Blank cells are NaN; rows with fewer cells than the first are refused. A header such as "DE [m/s²]"
+    states units, which are removed from the name; so does a line of units below it. Lines above the header may state
+    the rate.
 
     Raises
     ------
     RecordError
-        If the rows are no table, or do not show which sign is the decimal one.
+        If the rows form no table, or the decimal sign is ambiguous.
     """
     import pandas as pd  # noqa: PLC0415
 
@@ -51,11 +51,11 @@ def read(path: Path, spec: ImportDescription) -> ForeignFile:
     if separator is None:
         separator = _separator(first)
         if separator == " " and others and _separator(others[0]) != " ":
-            separator = ","  # one column, whose name has blanks
+            separator = ","  # one column, whose name has spaces
     without_header = bool(titles) or _are_numbers([_cells(first, separator)])
     decimal = spec.decimal or _decimal(path, encoding, separator, above)
     with warnings.catch_warnings():
-        warnings.simplefilter("error", pd.errors.ParserWarning)  # rows longer than the header: data lost
+        warnings.simplefilter("error", pd.errors.ParserWarning)  # rows longer than the header would lose data
         table = pd.read_csv(
             path,
             sep=separator if separator != " " else r"\s+",
@@ -72,7 +72,7 @@ def read(path: Path, spec: ImportDescription) -> ForeignFile:
     names = [f"column {number}" if without_header else str(name).strip() for number, name in enumerate(table, 1)]
     names = titles or [re.sub(r"\.(\d+)$", r" (\1)", one) if one.rpartition(".")[0] in table else one for one in names]
     if repeated := [name for name, times in Counter(names).items() if times > 1]:
-        raise RecordError(f'{path}: two columns are named "{repeated[0]}"; give each a name of its own.')
+        raise RecordError(f'{path}: two columns are named "{repeated[0]}"; give each its own name.')
     split = {name: _name_and_units(name) for name in names}
     bare = Counter(short for short, _ in split.values())
     fields, stated = dict[str, Field](), dict[str, Stated]()
@@ -87,8 +87,8 @@ def read(path: Path, spec: ImportDescription) -> ForeignFile:
             is_first = not any(np.isfinite(own[row]) for own in fields.values() if isinstance(own, np.ndarray))
             if mostly and (is_first or is_time_name(name)):
                 raise RecordError(
-                    f'{path}: "{key}" is {values}, not numbers as in the other rows. Remove rows that are no samples, '
-                    "such as statistics below them; leave single cells without a value blank."
+                    f'{path}: "{key}" is {values}, not numbers as in the other rows. Remove rows that are not samples, '
+                    "such as statistics at the end; leave single cells without a value blank."
                 )
         fields[key] = values
         if times or units:
@@ -105,16 +105,16 @@ def read(path: Path, spec: ImportDescription) -> ForeignFile:
 
 
 def _stated_above(above: list[str]) -> Stated:
-    """Return what lines above a table state, as "Sampling rate [Hz];25600" or "Rate: 25.6 kHz"."""
+    """Return the metadata in lines above a table, such as "Sampling rate [Hz];25600" or "Rate: 25.6 kHz"."""
     lines = [re.split(r"[:=;,\t]", line.strip(), maxsplit=1) for line in above]
     pairs = [(line[0].strip(' "#%'), re.split(r"[;\t]|,(?!\d)", line[1])) for line in lines if len(line) > 1]
     return stated_of({key: " ".join(cell.strip(' "') for cell in cells).strip() for key, cells in pairs})
 
 
 def _name_and_units(title: str) -> tuple[str, str | None]:
-    """Return the name and the units of a header such as "DE [m/s²]" or "DE (g)"; None where it states no known unit.
+    """Return the name and units of a header such as "DE [m/s²]" or "DE (g)"; units are None if it states none known.
 
-    One letter in round brackets is taken for units only if it is g: "(V)", "(A)" are vertical and axial, too.
+    A single letter in round brackets is a unit only if it is g: "(V)" and "(A)" may mean vertical and axial.
     """
     found = re.fullmatch(r"(.*\S)\s*(?:\[([^\[\]]+)\]|\(([^()]+)\))", title)
     if found is None:
@@ -129,22 +129,22 @@ _QUANTITY_UNITS = {spelling for spellings in MEASURED_UNITS.values() for spellin
 
 
 def encoding_of(path: Path) -> str:
-    """Return the encoding: UTF-16 by its mark or its zeros, UTF-8 where all of it is, else Windows-1252 or Latin-1."""
+    """Return the encoding: UTF-16 by its mark or zero bytes, UTF-8 if all is valid, else Windows-1252 or Latin-1."""
     data = path.read_bytes()
     start = data[: 2 * _HEAD]
     if start.startswith((codecs.BOM_UTF16_LE, codecs.BOM_UTF16_BE)):
         return "utf-16"
     even, odd = start[::2].count(0), start[1::2].count(0)
-    if max(even, odd) > 0.9 * len(start) / 2:  # nearly all of one half
+    if max(even, odd) > 0.9 * len(start) / 2:  # nearly every other byte
         return "utf-16-le" if odd > even else "utf-16-be"
     for encoding in ("utf-8-sig", "cp1252"):  # spreadsheets begin with a byte order mark
         with suppress(UnicodeDecodeError):
             data.decode(encoding)
             return encoding
-    return "latin-1"  # which has a meaning for every byte
+    return "latin-1"  # which decodes any byte
 
 
-# ---- which sign is the decimal one ---------------------------------------------------------------------------------
+# ---- decimal sign ----------------------------------------------------------------------------------------------------
 
 _OTHER = {".": ",", ",": "."}
 _GROUPS = " '\N{RIGHT SINGLE QUOTATION MARK}\N{NO-BREAK SPACE}\N{NARROW NO-BREAK SPACE}"
@@ -158,7 +158,7 @@ _GROUPED = {
 
 
 def _decimal(path: Path, encoding: str, separator: str, above: int) -> str:
-    """Return the decimal sign, that of the first number which shows it; refuse a file where each might be either."""
+    """Return the decimal sign of the first unambiguous number; refuse a file in which all are ambiguous."""
     doubtful = ""
     with path.open(encoding=encoding, newline="") as stream:
         lines = (line for line in islice(stream, above, None) if "." in line or "," in line)
@@ -175,24 +175,24 @@ def _decimal(path: Path, encoding: str, separator: str, above: int) -> str:
                     return sign
     if doubtful and (separator in ";\t " or "," in doubtful):
         raise RecordError(
-            f'{path}: nothing shows whether "{doubtful}" is a decimal number or has a sign between thousands; say '
-            'which sign is decimal, decimal = "." or decimal = ",", in an import description (-d).'
+            f'{path}: "{doubtful}" may have a decimal sign or a thousands separator; declare which sign is decimal, '
+            'decimal = "." or decimal = ",", in an import description (-d).'
         )
     return "."
 
 
 def _above_numbers(lines: list[str], separator: str | None, header_lines: int | None) -> tuple[int, int, list[str]]:
-    """Return the line where numbers begin, how many stand above the header, and titles where units have a line.
+    """Return the first line of numbers, the number of lines above the header, and titles if units have their own line.
 
-    Numbers begin where three lines in a row are as many numbers each, or from where on all lines have numbers and texts
-    in the same columns. One line above them is their header, as ever.
+    Numbers begin where three consecutive lines have equally many numbers each, or from where all lines have numbers and
+    texts in the same columns. A single line above them is the header.
     """
     rows = [_cells(line, separator or _separator(line)) for line in lines]
     kinds = [tuple(_are_numbers([["0", cell]]) for cell in row) for row in rows]
     alike = (len(set(filter(None, kinds[at:]))) == 1 and any(kinds[at]) for at in range(len(rows) - 2))
     numbers = (at for at, same in enumerate(alike) if same or _are_numbers(rows[at : at + 3]))
     begin = next(numbers, 0) if header_lines is None else min(header_lines, len(rows) - 1)
-    rows = [[line] for line in lines] if len(rows[begin]) == 1 else rows  # a name may have blanks
+    rows = [[line] for line in lines] if len(rows[begin]) == 1 else rows  # names may have spaces
     texts = [at for at in range(begin) if lines[at].strip()]
     if len(texts) <= 1:
         return begin, 0, []
@@ -208,7 +208,7 @@ def _is_unit(text: str) -> bool:
 
 
 def _are_numbers(rows: list[list[str]]) -> bool:
-    """Return whether rows have as many cells each: numbers, moments as text or blank, and numbers among them."""
+    """Return whether rows have equally many cells: numbers, times as text or blanks, and at least one number."""
     filled = [[cell.replace(",", ".").strip(' "') for cell in row if cell.strip()] for row in rows]
     numbers = [[cell for cell in row if not _STAMP.fullmatch(cell)] for row in filled]
     return len({len(row) for row in rows}) == 1 and all(row and all(map(_NUMBER.fullmatch, row)) for row in numbers)
@@ -233,19 +233,19 @@ def _cells(line: str, separator: str) -> list[str]:
 
 
 def _refuse_short_rows(path: Path, encoding: str, separator: str, above: int) -> None:
-    """Refuse a row with fewer cells than the first, which pandas pads like blank cells at its end."""
+    """Refuse a row with fewer cells than the first, which pandas would pad with blank cells."""
     expected = 0
     for line, row in _rows(path, encoding, separator, above):
         expected = expected or len(row)
         if len(row) < expected:
             raise RecordError(
-                f"{path}: the row in line {line} has {len(row)} of {expected} cells. Every row needs the columns "
-                f'of the first; end a blank one with its separator, "{separator}".'
+                f"{path}: the row in line {line} has {len(row)} of {expected} cells. Every row needs as many cells as "
+                f'the first; keep the separator of a blank cell, "{separator}".'
             )
 
 
 def _rows(path: Path, encoding: str, separator: str, above: int) -> Iterator[tuple[int, list[str]]]:
-    """Yield the last line of each row that is not blank, counted from 1, and its cells."""
+    """Yield the last line number, from 1, and the cells of each row that is not blank."""
     with path.open(encoding=encoding, newline="") as stream:
         rows = csv.reader(islice(stream, above, None), delimiter=separator, skipinitialspace=True)
         for row in rows:
@@ -254,7 +254,7 @@ def _rows(path: Path, encoding: str, separator: str, above: int) -> Iterator[tup
 
 
 def _column(column: "pd.Series", decimal: str) -> tuple[Field | tuple[str, int, bool], Stated | None]:
-    """Return a column as numbers, or "empty", or its first text, the row, and if most are numbers; what times state."""
+    """Return a column as numbers, "empty", or (first text, row, whether most are numbers), and metadata of times."""
     if column.isna().all():
         return "empty", None
     if column.dtype.kind in "iuf":
@@ -268,7 +268,7 @@ def _column(column: "pd.Series", decimal: str) -> tuple[Field | tuple[str, int, 
         if odd.size < texts.size:
             return (f'time stamps but for "{odd.iloc[0]}"', odd.index[0], 2 * odd.size < texts.size), None
     is_number = texts.str.fullmatch(_PLAIN[decimal]) | texts.str.fullmatch(_GROUPED[decimal])
-    if is_number.all():  # with signs between thousands, or whole numbers of more than 64 bits
+    if is_number.all():  # with thousands separators, or integers of more than 64 bits
         plain = texts.str.replace(rf"[{_GROUPS}{_OTHER[decimal]}]", "", regex=True).str.replace(decimal, ".")
         return plain.astype(np.float64).reindex(column.index).to_numpy(), None
     invalid = texts[~is_number]
@@ -276,7 +276,7 @@ def _column(column: "pd.Series", decimal: str) -> tuple[Field | tuple[str, int, 
 
 
 def _stamps(plain: "pd.Series") -> "tuple[pd.Series, Stated | None]":
-    """Return moments in the format that most have, NaT for the others, and what they state if there are no others."""
+    """Return times parsed in the most frequent format, NaT for others, and their metadata if there are no others."""
     import pandas as pd  # noqa: PLC0415
 
     few = {form: pd.to_datetime(plain.iloc[:_HEAD], utc=True, format=form, errors="coerce") for form in _STAMPS}
@@ -286,7 +286,7 @@ def _stamps(plain: "pd.Series") -> "tuple[pd.Series, Stated | None]":
         return moments, None
     dates = {parsed.iloc[0] for parsed in few.values() if parsed.notna().iloc[0]}
     if len(dates) > 1 or pattern == _STAMPS[-1]:  # 03/04/2024 may be in March or April
-        unread = f'states the start "{plain.iloc[0]}", whose date is not stated or has day and month in either order'
+        unread = f'states the start "{plain.iloc[0]}", whose date is missing, or ambiguous in day and month'
         return moments, Stated(units="s", notes=(unread,))
     offset = UTC if pattern == _STAMPS[0] and re.search(r"(Z|[-+]\d\d:?\d\d)$", plain.iloc[0]) else None
     return moments, Stated(units="s", epoch=moments.iloc[0].to_pydatetime().replace(tzinfo=offset))

@@ -25,7 +25,7 @@ def _units(value: object) -> Any:  # noqa: ANN401
     if all(isinstance(one, str) for one in inner):
         return value
     raise ValueError(
-        f"{brief(value)} is no word, list of words in the order of the channels, or table of words by name"
+        f"{brief(value)} is not a word, a list of words in the order of the channels, or a table of words by name"
     )
 
 
@@ -33,7 +33,7 @@ def _scale(value: object) -> Any:  # noqa: ANN401
     inner = value.values() if isinstance(value, dict) else [value]
     if all(is_float(one) and math.isfinite(one) and one != 0 for one in inner):
         return value
-    raise ValueError(f"{brief(value)} is no finite number other than zero, or table of such numbers by channel")
+    raise ValueError(f"{brief(value)} is not a finite number other than zero, or a table of such numbers by channel")
 
 
 def _average(value: object) -> AngularAverage:
@@ -47,7 +47,7 @@ def _moment(value: object) -> str:
     try:
         return value.isoformat() if isinstance(value, datetime) else datetime.fromisoformat(str(value)).isoformat()
     except ValueError:
-        raise ValueError(f"{brief(value)} is no date and time in ISO 8601, as 2013-03-11T03:00:24Z") from None
+        raise ValueError(f"{brief(value)} is not a date and time in ISO 8601, such as 2013-03-11T03:00:24Z") from None
 
 
 class ImportDescription(Declared):
@@ -56,61 +56,62 @@ class ImportDescription(Declared):
     Attributes
     ----------
     channels : tuple of str
-        Names of the vibration channels in the file; a member of a struct or a group by its path, "bearing.gs". In a
-        record the parts of a name are joined by dots.
+        Names of the vibration channels in the file; members of structs and groups by path, "bearing.gs". In a record
+        the parts of a name are joined by dots.
     units : str, tuple of str or mapping of str to str
-        Units of the channels after `scale`: of all, of each in their order, or by name.
+        Units of the channels after `scale`: one for all, one per channel in their order, or by name.
     scale : float or mapping of str to float
-        Factor from the numbers in the file to `units`, of all channels or by name; for a .wav of integers, the value of
-        full scale.
+        Factor from the numbers in the file to `units`, for all channels or by name; for a .wav of integers, the value
+        at full scale.
     separator, decimal, encoding : str or None
-        Of a text file: the sign between cells, the decimal sign, and the encoding by its Python name.
+        Of a text file: cell separator, decimal sign, and Python name of the encoding.
     header_lines : int or None
-        Number of lines above the first row of numbers, the line of names among them.
+        Number of lines above the first row of numbers, the line of names included.
     rate_hz : float or None
-        Sampling rate.
+        Sampling rate in Hz.
     time_column : str or None
-        Column of the times of the samples: in the unit of its header, in `time_unit`, since 1970, or as text.
+        Column of sample times: in the unit of its header or `time_unit`, in seconds since 1970, or as text.
     time_unit : {"s", "ms", "us"} or None
         Unit of a column of times whose header states none.
     time_zone : str or None
-        Of local times in the file or in the names of files, "Europe/Berlin", "UTC" or "+01:00".
+        Time zone of local times in the file or in file names: "Europe/Berlin", "UTC" or "+01:00".
     shaft : str
-        Shaft that carries the tachometer or turns at the declared speed.
+        Shaft that carries the tachometer or rotates at the declared speed.
     tach_times, tach_waveform : str or None
-        Pulse times in s, or the sampled signal of a tachometer.
+        Field with the pulse times in s, or with the sampled signal of a tachometer.
     pulses_per_rev : int or None
-        Pulses in one revolution of `shaft`.
+        Pulses per revolution of `shaft`.
     threshold, hysteresis : float or None
-        Of `tach_waveform`, in its units, as in `hums.TachometerWaveform`.
+        Trigger level and hysteresis of `tach_waveform` in its units, as in `hums.TachometerWaveform`.
     shaft_rpm : float or None
         Declared constant speed in rev/min.
     speed_column, speed_units : str
-        Measured speed of `shaft` and its units: its mean is the declared speed, from which it may depart by 2 %.
+        Field with the measured speed of `shaft`, and its units. Its mean is taken as the declared speed, from which it
+        may deviate by 2 %.
     no_tachometer : bool
-        No shaft angle is known: the speed is estimated from the vibration.
+        Whether the shaft angle is unknown, so that the speed is estimated from the vibration.
     measured : mapping of str to str
         Units of loads, temperatures and other quantities, by their names in the file.
     average : AngularAverage or None
-        The channels are averages in angle already: a table of the fields of `hums.AngularAverage`.
+        Fields of `hums.AngularAverage`, if the channels are synchronous averages.
     machine : str
         Name of the machine.
     regime : str
-        Operating regime, such as "hover" or "cruise": `hums.fleet` learns what is normal for each by itself.
+        Operating regime, such as "hover" or "cruise", for each of which a fleet learns its own baseline.
     site, analyst : str
-        Where the machine stands and who analyses it, for the head of the report.
+        Site of the machine and name of the analyst, for the header of the report.
     recorded_at : str or None
-        Time of the record, ISO 8601; with `every_s` that of the file with the lowest number.
+        Time of the record, ISO 8601; with `every_s`, that of the file with the lowest number.
     time_in_names : str or None
-        Pattern of the names of files, with the directives of `datetime.strptime`: "acc_%Y%m%d_%H%M%S".
+        Pattern of file names with directives of `datetime.strptime`: "acc_%Y%m%d_%H%M%S".
     every_s : float or None
-        Seconds from one number in the names of files to the next.
+        Interval in s between consecutive numbers in file names.
     snapshots : int
-        Number of successive files that are joined to one record of snapshots.
+        Number of successive files joined into one record of snapshots.
     trust : {"declared", "file"} or None
-        Which holds where a file contradicts the description; without it a contradiction is refused.
+        Which prevails if a file contradicts the description. Default: contradictions are refused.
     most_bytes : int or None
-        Bytes that one array of a file may take; default a hundred times its size, or 64 MB.
+        Maximum size of one array in bytes. Default: 100 times the size of the file, at least 64 MB.
 
     Examples
     --------
@@ -156,7 +157,7 @@ class ImportDescription(Declared):
 
     @property
     def moment(self) -> datetime | None:
-        """Time of the record with its offset from UTC; RecordError where neither it nor `time_zone` states that."""
+        """Time of the record with its UTC offset; RecordError if neither it nor `time_zone` states the offset."""
         if self.recorded_at is None:
             return None
         moment = datetime.fromisoformat(self.recorded_at)
@@ -174,34 +175,32 @@ class ImportDescription(Declared):
         return float(self.scale.get(name, 1.0) if isinstance(self.scale, dict) else self.scale)
 
     def keys(self) -> dict[str, Any]:
-        """Return the keys that are not left at their defaults, as JSON types."""
+        """Return the keys that differ from their defaults, as JSON types."""
         return self.model_dump(mode="json", exclude_defaults=True)
 
     @model_validator(mode="after")
     def _check(self) -> Self:
         if isinstance(self.units, tuple) and len(self.units) != len(self.channels):
-            many = f"units = {list(self.units)} are not as many as the {len(self.channels)} channels"
+            many = f"units = {list(self.units)} do not match the {len(self.channels)} channels"
             raise ValueError(f"{many}; give one for all, or one for each in their order")
         if self.time_zone is not None:
             zone_of(self.time_zone)
         if self.every_s is not None and self.recorded_at is None:
-            raise ValueError(f"every_s = {self.every_s:g} needs recorded_at, when the first file was recorded")
+            raise ValueError(f"every_s = {self.every_s:g} needs recorded_at, the time of the first file")
         sources = [name for name in ANGLE_SOURCES if getattr(self, name) not in {None, False}]
         if len(sources) > 1:
-            raise ValueError(f"{' and '.join(sources)}: the shaft angle has one source; give one of them")
+            raise ValueError(f"{' and '.join(sources)}: the shaft angle has a single source; give one of them")
         source = sources[0] if sources else None
         meaningless = [name for name in ("rate_hz", *ANGLE_SOURCES[:-1]) if self.average and getattr(self, name)]
         if meaningless:
-            raise ValueError(f"{meaningless[0]} has no meaning for an average in angle; leave it out")
+            raise ValueError(f"{meaningless[0]} has no meaning for a synchronous average; omit it")
         if source not in {None, "no_tachometer"} and not self.shaft:
-            raise ValueError(f'{source} needs the shaft that it belongs to: shaft = "..." (--shaft)')
+            raise ValueError(f'{source} needs the shaft to which it refers: shaft = "..." (--shaft)')
         if self.pulses_per_rev is not None and source in {"shaft_rpm", "speed_column"}:
-            raise ValueError(f"pulses_per_rev has no meaning with {source}; leave one of them out")
+            raise ValueError(f"pulses_per_rev has no meaning with {source}; omit one of them")
         for name in ("threshold", "hysteresis"):
             if getattr(self, name) is not None and source != "tach_waveform":
-                raise ValueError(
-                    f"{name} = {getattr(self, name):g} belongs to a tach_waveform; name it, or leave it out"
-                )
+                raise ValueError(f"{name} = {getattr(self, name):g} needs a tach_waveform; name one, or omit {name}")
         return self
 
 
@@ -216,12 +215,12 @@ def describe(
     description : ImportDescription, mapping or path, optional
         The keys of `ImportDescription`, or a TOML file that holds them.
     **declared
-        Keys that take the place of those in `description`; None for none.
+        Keys that override those of `description`; None is ignored.
 
     Raises
     ------
     RecordError
-        A file that cannot be read, an unknown key, or a value of another kind than its key needs.
+        If the file cannot be read, a key is unknown, or a value is invalid.
     """
     where, table = "import description", dict[str, Any]()
     if isinstance(description, ImportDescription):

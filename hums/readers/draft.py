@@ -1,4 +1,4 @@
-"""Draft of an import description: what a file states, and what it still needs, as lines to fill in."""
+"""Draft of an import description: what a file states, and lines to fill in for what it lacks."""
 
 import math
 from pathlib import Path
@@ -11,7 +11,7 @@ from hums.records.quantities import MEASURED_UNITS
 
 
 def draft(file: ForeignFile) -> str:
-    r"""Return an import description of a file as TOML; what it does not state is a comment to fill in.
+    r"""Return an import description of a file as TOML, with comments to fill in for what the file does not state.
 
     Examples
     --------
@@ -49,7 +49,7 @@ def draft(file: ForeignFile) -> str:
     except RecordError as error:
         no_rate = " ".join(str(error).split())
     if not channels:
-        raise RecordError(f"{file.path.name} has no row of numbers, which might be a channel. {file.contents()}")
+        raise RecordError(f"{file.path.name} has no row of numbers that could be a channel. {file.contents()}")
     page = Environment(autoescape=False, trim_blocks=True, undefined=StrictUndefined)  # noqa: S701 - no HTML
     return page.from_string(Path(__file__).with_name("draft.toml.jinja").read_text(encoding="utf-8")).render(
         file=file,
@@ -69,6 +69,6 @@ def draft(file: ForeignFile) -> str:
 
 
 def _named(file: ForeignFile, name: str) -> str:
-    """Return the title of the struct that holds an array alone, as "vibration_1" of "K001.Y(3).Data"; else the name."""
+    """Return the title of a struct that holds only this array, "vibration_1" for "K001.Y(3).Data"; else the name."""
     title = file.stated.get(name.rpartition(".")[0], Stated()).title
     return title if title and file.name(title) == name else name

@@ -1,4 +1,4 @@
-"""HDF5 files of other programs: every array under its path, with what its attributes state."""
+"""HDF5 files of other programs: every array under its path, with the metadata in its attributes."""
 
 from collections.abc import Mapping
 from pathlib import Path
@@ -16,22 +16,22 @@ from hums.records.store import is_array, open_hdf5, read_array
 
 
 def read(path: Path, spec: ImportDescription) -> ForeignFile:
-    """Return every array under its path, with dots for slashes, and what attributes of it and of its groups state.
+    """Return every array under its path, with dots for slashes, and the metadata in its and its groups' attributes.
 
-    Arrays are unpacked as the CF conventions have it: ``scale_factor`` and ``add_offset``, values that are missing or
-    not valid as NaN. An array is read when it is asked for. A netCDF file of version 3 is read by scipy.
+    Arrays are unpacked by the CF conventions: ``scale_factor`` and ``add_offset`` are applied, and missing or invalid
+    values become NaN. Arrays are read on access. A netCDF file of version 3 is read by scipy.
 
     Raises
     ------
     RecordError
-        If it is neither HDF5 nor netCDF, a record already, or reaches into other files.
+        If it is neither HDF5 nor netCDF, is already a record, or refers to other files.
     """
     with path.open("rb") as stream:
         if stream.read(3) == b"CDF":
             return _read_netcdf3(path, spec.most_bytes)
     with open_hdf5(path) as contents:
         if contents.attrs.get("schema") == SCHEMA:
-            raise RecordError(f"{path} is a record already: open it with open_record, or hums analyze.")
+            raise RecordError(f"{path} is already a record: open it with open_record, or hums analyze.")
         items = {"": contents} | dict(objects(contents))
         found = {dotted(where): where for where, item in items.items() if where and is_array(item)}
         described = {name: _described(contents[where]) for name, where in found.items()}
@@ -59,7 +59,7 @@ def _read_netcdf3(path: Path, most_bytes: int | None) -> ForeignFile:
 
 
 def _unpacked(values: NDArray[Any], attributes: Mapping[str, Any]) -> NDArray[np.generic]:
-    """Return values as the CF conventions have them: missing and invalid ones as NaN, the others scaled."""
+    """Return values by the CF conventions: missing and invalid ones as NaN, the others scaled."""
     packed = xr.Variable([f"axis {axis}" for axis in range(values.ndim)], values, attributes)
     unpacked = xr.conventions.decode_cf_variable("array", packed, decode_times=False, decode_timedelta=False).to_numpy()
     low, high = attributes.get("valid_range", (attributes.get("valid_min"), attributes.get("valid_max")))
@@ -70,7 +70,7 @@ def _unpacked(values: NDArray[Any], attributes: Mapping[str, Any]) -> NDArray[np
 
 
 def _plain(attributes: Any) -> dict[str, Any]:  # noqa: ANN401
-    """Return attributes, of which arrays of one value are that value."""
+    """Return attributes, with arrays of one value as scalars."""
     plain = {}
     for key in attributes:
         if key in {"CLASS", "NAME"}:  # of dimension scales

@@ -1,4 +1,4 @@
-"""LabVIEW measurement files: a header, then segments, each with a header of its own.
+"""LabVIEW measurement files: a header, then segments, each with its own header.
 
 The format is NI's "Specification for the LabVIEW Measurement File (.lvm)".
 """
@@ -23,19 +23,19 @@ Segment = tuple[dict[str, list[str]], list[str], list[list[str]]]
 
 
 def read(path: Path, _: ImportDescription) -> ForeignFile:
-    """Return every channel, its segments one after the other, with its units, rate and start.
+    """Return every channel, with its segments concatenated, and its units, rate and start.
 
-    The date and time of a segment are local times. Where there are several segments, or packets of which only the first
-    has a header, each sample has its time.
+    The date and time of a segment are local times. With several segments, or packets of which only the first has a
+    header, each sample has its own time.
 
     Raises
     ------
     RecordError
-        If the file is no LabVIEW measurement file, names no channel, or is cut off.
+        If the file is not a LabVIEW measurement file, names no channel, or is truncated.
     """
     lines = path.read_text(encoding=encoding_of(path)).splitlines()
     if not lines or not lines[0].startswith("LabVIEW Measurement"):
-        raise RecordError(f"{path} is no LabVIEW measurement file: its first line does not say so. Export it again.")
+        raise RecordError(f"{path} is not a LabVIEW measurement file by its first line. Export it again.")
     general, segments = _segments(lines)
     x_columns, decimal = general.get("X_Columns", ["", "One"])[1], general.get("Decimal_Separator", ["", "."])[1]
     step = 2 if x_columns == "Multi" else 1
@@ -52,7 +52,7 @@ def read(path: Path, _: ImportDescription) -> ForeignFile:
             times = _column(rows, place - 1 if step > 1 else 0, decimal) if appended and x_columns != "No" else None
             found.setdefault(names[place] or f"channel {place}", []).append((values, _stated(own, decimal, times)))
     if not found:
-        raise RecordError(f"{path} has no header of a segment, which names the channels; export it with one.")
+        raise RecordError(f"{path} has no segment header, which names the channels; export it with headers.")
     return ForeignFile(
         path=path,
         fields={name: np.concatenate([values for values, _ in parts]) for name, parts in found.items()},
@@ -61,7 +61,7 @@ def read(path: Path, _: ImportDescription) -> ForeignFile:
 
 
 def _segments(lines: Sequence[str]) -> tuple[dict[str, list[str]], list[Segment]]:
-    """Return the header of the file by tag; of each segment the header, the names of its columns, and its rows."""
+    """Return the header of the file by tag, and the header, column names and rows of each segment."""
     separator = next((line[9] for line in lines if line.startswith("Separator") and line[9:]), "\t")
     general: dict[str, list[str]] = {}
     segments: list[Segment] = []
@@ -94,7 +94,7 @@ def _column(rows: list[list[str]], place: int, decimal: str) -> NDArray[np.float
 
 
 def _stated(own: Mapping[str, str], decimal: str, times: NDArray[np.float64] | None) -> Stated:
-    """Return what the header of a segment states of a channel; times where they are more than a start and a step."""
+    """Return the metadata of a channel in a segment header, with times if they are more than a start and a step."""
     units = own.get("Y_Unit_Label")
     if own.get("X_Dimension", "Time") != "Time":
         return Stated(units=units)

@@ -28,10 +28,10 @@ _NUMBERS = ("", "double", "single", "logical", *(f"{sign}int{bits}" for sign in 
 
 
 def read(path: Path, spec: ImportDescription) -> ForeignFile:
-    """Return every variable by name, the fields of structs under dotted names, and what scalars beside arrays state.
+    """Return every variable by name, the fields of structs under dotted names, and metadata in scalars and texts.
 
-    An element of a struct array is "Y(3)". A scalar `fs`, `SampleRate` or `dt`, and a text `units`, hold for the arrays
-    of its struct; `VariableUnits` for those that `VariableNames` lists, or for all in their order.
+    An element of a struct array is "Y(3)". A scalar `fs`, `SampleRate` or `dt`, or a text `units`, applies to the
+    arrays of its struct; `VariableUnits` to those that `VariableNames` lists, or to all in their order.
     """
     fields, values = (_read_hdf5 if is_hdf5(path) else _read_classic)(path, spec.most_bytes)
     scopes: dict[str, dict[str, Any]] = {}
@@ -74,7 +74,7 @@ def _read_classic(path: Path, most_bytes: int | None) -> tuple[dict[str, Field],
 
 
 def _packed_sizes(path: Path) -> Iterator[int]:
-    """Yield the bytes that each compressed variable of a version 5 to 7 file says it has."""
+    """Yield the declared size in bytes of each compressed variable of a version 5 to 7 file."""
     with path.open("rb") as stream:
         header = stream.read(_HEADER_BYTES)
         order = {b"IM": "<", b"MI": ">"}.get(header[-2:])
@@ -82,8 +82,8 @@ def _packed_sizes(path: Path) -> Iterator[int]:
             kind, count = struct.unpack(f"{order}2I", tag)
             start = stream.tell()
             if kind == _COMPRESSED:
-                with suppress(zlib.error):  # scipy names what is damaged
-                    # 1024 bytes of a compressed variable are more than enough for the first eight of what it unpacks to
+                with suppress(zlib.error):  # scipy reports the damage
+                    # 1024 compressed bytes are more than enough for the first eight bytes of the variable
                     inner = zlib.decompressobj().decompress(stream.read(min(count, 1024)), 8)
                     if len(inner) == 8:  # noqa: PLR2004
                         yield struct.unpack(f"{order}2I", inner)[1]
@@ -91,7 +91,7 @@ def _packed_sizes(path: Path) -> Iterator[int]:
 
 
 def _classic_leaves(name: str, value: Any) -> Iterator[tuple[str, Any]]:  # noqa: ANN401
-    """Yield what a variable holds: each field of each struct, others as they are."""
+    """Yield the leaves of a variable: each field of each struct, or the variable itself."""
     if not (isinstance(value, np.ndarray) and value.dtype.names and value.dtype.hasobject and value.size):
         yield name, value
         return
@@ -111,7 +111,7 @@ def _classic_field(value: Any) -> Field:  # noqa: ANN401
 
 
 def _classic_value(value: Any) -> Any:  # noqa: ANN401
-    """Return a scalar, a text or a cell array of texts as Python has it; None for anything else."""
+    """Return a scalar, a text or a cell array of texts as a Python object; None for anything else."""
     if not isinstance(value, np.ndarray) or value.dtype.names or not value.size:
         return None
     if value.dtype.kind == "O":
@@ -129,7 +129,7 @@ def _read_hdf5(path: Path, most_bytes: int | None) -> tuple[Mapping[str, Field],
     described: dict[str, tuple[int, ...] | str] = {}
     values: dict[str, Any] = {}
     with open_hdf5(path) as contents:
-        inside: list[str] = []  # groups whose members are no variables: sparse matrices, contents of cells
+        inside: list[str] = []  # groups whose members are not variables: sparse matrices, contents of cells
         for where, item in objects(contents):
             if any(where.startswith(f"{group}/") for group in inside):
                 continue
@@ -162,9 +162,9 @@ def _hdf5_elements(contents: Any, name: str, item: Any) -> Iterator[tuple[str, A
 
 
 def _hdf5_value(contents: Any, item: Any) -> Any:  # noqa: ANN401
-    """Return a scalar, a text or a cell array of texts as Python has it; None for anything else, or longer ones."""
+    """Return a scalar, a short text or a cell array of them as a Python object; None for anything else."""
     matlab_class = item.attrs.get("MATLAB_class", b"")
-    longest_text = 1000  # characters, or cells, that may state something
+    longest_text = 1000  # characters or cells, above which nothing is metadata
     if item.shape is None or not 0 < item.size <= longest_text or item.attrs.get("MATLAB_empty", 0):
         return None
     if matlab_class == b"char":

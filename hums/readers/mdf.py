@@ -10,10 +10,10 @@ from hums.readers.description import ImportDescription
 
 
 def read(path: Path, _: ImportDescription) -> ForeignFile:
-    """Return every channel in physical units, with its units, its times and the start of the measurement.
+    """Return every channel in physical units, with its units, sample times and the start of the measurement.
 
-    A name that occurs in several groups has the number of its group before it, "2.DE". Times that are not in seconds,
-    as those over an angle, are left out.
+    A name that occurs in several groups is preceded by the number of its group, "2.DE". Master channels other than
+    time, such as angles, are ignored.
     """
     import asammdf  # noqa: PLC0415
 

@@ -1,4 +1,4 @@
-"""NumPy files: an array, or several by name; a table is columns by number."""
+"""NumPy files: one array, or several by name; the columns of a table are numbered."""
 
 import math
 import zipfile
@@ -19,10 +19,9 @@ from hums.records._netcdf import refuse_size
 def read(path: Path, spec: ImportDescription) -> ForeignFile:
     """Return the arrays of a .npz by name, or the columns of the array of a .npy as "column 1", "column 2", ...
 
-    Scalars and texts in a .npz, as `fs` or `units`, state what holds for its arrays.
+    Scalars and texts in a .npz, such as `fs` or `units`, are metadata of its arrays.
 
-    Objects are not unpickled: unpickling runs code that the file states. An array of a .npz is read when it is asked
-    for.
+    Objects are not unpickled, since that would run code from the file. Arrays of a .npz are read on access.
     """
     if not zipfile.is_zipfile(path):
         return ForeignFile(path=path, fields=_columns(np.load(path, allow_pickle=False)))
@@ -43,12 +42,12 @@ def _columns(array: NDArray[Any]) -> dict[str, Field]:
 
 
 def _phrase(dtype: np.dtype[Any], size: int) -> str:
-    """Return what describes an array that is no row of numbers, "" for one that is."""
+    """Return a description of an array that is not numeric, "" for one that is."""
     return "empty" if not size else "" if dtype.kind in "iuf" else f"of type {dtype}"
 
 
 def _described(archive: zipfile.ZipFile, name: str) -> tuple[tuple[int, ...], int, str]:
-    """Return the shape, the bytes and the phrase of an array, from its header."""
+    """Return the shape, size in bytes and description of an array from its header."""
     with archive.open(name) as stream:
         shape, dtype = _header(stream)
     size = int(np.prod(shape, dtype=object))  # a damaged shape may exceed 64 bits
@@ -58,13 +57,13 @@ def _described(archive: zipfile.ZipFile, name: str) -> tuple[tuple[int, ...], in
 def _header(stream: IO[bytes]) -> tuple[tuple[int, ...], np.dtype[Any]]:
     if npy.read_magic(stream) == (1, 0):
         shape, _, dtype = npy.read_array_header_1_0(stream)
-    else:  # of columns with many names, which are described alone
+    else:  # arrays with many named columns
         shape, _, dtype = npy.read_array_header_2_0(stream)
     return shape, dtype
 
 
 def _member(path: Path, sizes: Mapping[str, int], most_bytes: int | None, name: str) -> NDArray[np.generic]:
     refuse_size(sizes[name], f'{path}: "{name}"', path.stat().st_size, most_bytes=most_bytes)
-    with parsing(path, "NumPy file of numbers"), np.load(path, allow_pickle=False) as contents:
+    with parsing(path, "a NumPy file of numbers"), np.load(path, allow_pickle=False) as contents:
         values: NDArray[np.generic] = contents[name]
     return values if values.shape else values.reshape(1)

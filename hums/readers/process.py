@@ -1,8 +1,8 @@
-"""Other people's files, read in a process of their own.
+"""Reading of foreign files in a separate process.
 
-The libraries that parse HDF5 and MATLAB files crash or hang on a few damaged bytes. A process apart contains that: it
-stays up for many files and is started anew when it dies. Descriptions return as JSON and arrays as bytes, through a
-pipe and only the parts that are asked for; nothing is unpickled, and no temporary file is written.
+The libraries that parse HDF5 and MATLAB files may crash or hang on a few damaged bytes. A separate process contains
+that: it serves many files and is restarted if it dies. Descriptions return as JSON and the requested parts of arrays as
+bytes, through a pipe; nothing is unpickled, and no temporary file is written.
 """
 
 from __future__ import annotations
@@ -37,23 +37,24 @@ if TYPE_CHECKING:
     from multiprocessing.process import BaseProcess
     from os import PathLike
 
-_CPU_S = 10.0  # for a request at least; and 10 MB/s, a tenth of what the slowest reader, of text, does
-_PATIENCE = 6  # waiting time over processor time: a network's disk may be slow
+_CPU_S = 10.0  # for a request at least; and 10 MB/s, a tenth of the rate of the slowest reader, of text
+_PATIENCE = 6  # waiting time over processor time: network storage may be slow
 _FORKS = sys.platform == "linux"  # elsewhere a fork is unsafe, and a new interpreter takes about a second
 
 
 class ReaderProcess:
-    """A process that reads files, for as long as the ``with`` block lasts.
+    """A process that reads files, alive within a ``with`` block.
 
-    On Linux it is forked when the first file is read, elsewhere spawned; it is started anew after a file that ends it.
-    Make it before there are threads. A record that it opened can be read until the next `close`, by one thread.
+    On Linux it is forked when the first file is read, elsewhere spawned; it is restarted after a file that kills it.
+    Create it before any threads. A record that it opened can be read until the next `close`, by one thread.
 
     Parameters
     ----------
     cpu_s : float
-        Processor time in s that a request may take, beside 0.1 s for each MB of the file; waiting, six times that.
+        Maximum processor time of a request in s, plus 0.1 s per MB of the file; the maximum waiting time is six times
+        as long.
     memory_bytes : int, optional
-        Memory that the process may take; default half of the machine's. Held only where the system has such limits.
+        Maximum memory of the process. Default: half of the machine's. Enforced only if the system supports such limits.
 
     Examples
     --------
@@ -88,7 +89,7 @@ class ReaderProcess:
         Raises
         ------
         RecordError
-            If the file is missing, damaged or not a record, or ends the process.
+            If the file is missing, damaged or not a record, or kills the process.
         """
         return self._record("open", path, {})
 
@@ -98,7 +99,7 @@ class ReaderProcess:
         Raises
         ------
         RecordError
-            If the file cannot be read, the declarations are incomplete or contradictory, or it ends the process.
+            If the file cannot be read or kills the process, or the declarations are incomplete or contradictory.
         """
         return self._record("convert", source, declared)
 
@@ -108,7 +109,7 @@ class ReaderProcess:
         Raises
         ------
         RecordError
-            If the file cannot be read, or ends the process.
+            If the file cannot be read, or kills the process.
         """
         return str(self._ask({"do": "draft"}, os.fspath(path))["text"])
 
@@ -118,7 +119,7 @@ class ReaderProcess:
         Raises
         ------
         RecordError
-            If the file is missing or damaged, or ends the process.
+            If the file is missing or damaged, or kills the process.
         """
         file = os.fspath(path)
         found = self._ask({"do": "tree", "path": file}, file)
@@ -130,7 +131,7 @@ class ReaderProcess:
         return tree
 
     def close(self) -> None:
-        """End the process; records that it opened cannot be read any more."""
+        """End the process; records that it opened can no longer be read."""
         if self._running is not None:
             process, pipe = self._running
             pipe.close()
@@ -172,9 +173,9 @@ class ReaderProcess:
                 self._ask({"do": "close", "number": handle[1]}, file)
 
     def read(self, array: _ArrayThere, key: tuple[Any, ...]) -> np.ndarray[Any, Any]:
-        """Return a part of an array that the process holds, by indices that are integers and slices."""
+        """Return a part of an array that the process holds, by integer indices and slices."""
         if array.handle[0] != self._generation:
-            raise RecordError(f"{array.file} is not open any more: its reader was closed. Open it again.")
+            raise RecordError(f"{array.file} is no longer open: its reader was closed. Open it again.")
         indices = [[one.start, one.stop, one.step] if isinstance(one, slice) else int(one) for one in key]
         request = {"do": "read", "number": array.handle[1], "name": array.name, "key": indices}
         shape = tuple(self._ask(request, array.file)["shape"])
@@ -188,10 +189,10 @@ class ReaderProcess:
 
     def _start(self) -> tuple[BaseProcess, Connection]:
         context: Any = multiprocessing.get_context("fork" if _FORKS else "spawn")
-        xr.Variable("sample", np.empty(1))  # xarray loads what it needs for arrays once, before the fork
+        xr.Variable("sample", np.empty(1))  # makes xarray load what it needs for arrays before the fork
         here, there = context.Pipe()
         with warnings.catch_warnings():
-            warnings.simplefilter("ignore", DeprecationWarning)  # of forks beside threads, which the class refers to
+            warnings.simplefilter("ignore", DeprecationWarning)  # of forks with threads, see the class
             process = context.Process(
                 target=_serve, args=(there, here if _FORKS else None, self._memory_bytes), daemon=True
             )
@@ -210,8 +211,8 @@ class ReaderProcess:
         try:
             text = json.dumps({"path": file, **request, **limits}, default=str)
         except (TypeError, ValueError) as error:
-            raise RecordError(f"{file}: {error}; words, numbers and rows of words are needed.") from None
-        with suppress(OSError):  # the process is dead, as the answer shows
+            raise RecordError(f"{file}: {error}; declare words, numbers and lists of words.") from None
+        with suppress(OSError):  # a dead process, which the answer reveals
             self._running[1].send_bytes(text.encode())
         answer: dict[str, Any] = json.loads(self._received(file))
         if "error" in answer:
@@ -231,7 +232,7 @@ class ReaderProcess:
         self.close()
         raise RecordError(
             f"{file}: the process that reads it {why}; the file is damaged, or larger than this machine can read. "
-            "Copy it again from where it came."
+            "Copy it again from its source."
         )
 
     def _death(self, process: BaseProcess) -> str:
@@ -244,7 +245,7 @@ class ReaderProcess:
 
 @dataclass(eq=False)
 class _ArrayThere(BackendArray):
-    """An array that the process holds; a part is fetched when it is indexed."""
+    """An array that the process holds, of which parts are fetched by indexing."""
 
     reader: ReaderProcess
     handle: tuple[int, int]
@@ -262,7 +263,7 @@ class _ArrayThere(BackendArray):
 
 def _share_of_memory() -> int | None:
     try:
-        # 0.5 of this machine's memory: the other half is for the samples that arrive
+        # half of this machine's memory: the other half is for the samples received
         return int(0.5 * os.sysconf("SC_PAGE_SIZE") * os.sysconf("SC_PHYS_PAGES"))
     except (AttributeError, ValueError, OSError):
         return None
@@ -272,19 +273,19 @@ def _share_of_memory() -> int | None:
 
 
 def _serve(pipe: Connection, other_end: Connection | None, memory_bytes: int | None) -> None:
-    """Answer requests until the pipe closes, which it also does when the other process dies."""
+    """Answer requests until the pipe closes, which it also does if the other process dies."""
     if other_end is not None:
-        other_end.close()  # inherited by the fork: else the pipe would stay open
+        other_end.close()  # inherited by the fork, it would keep the pipe open
     signal.signal(signal.SIGINT, signal.SIG_IGN)  # the other process handles interrupts
-    logging.disable()  # of the libraries, which print, too
+    logging.disable()  # of the libraries, which also print
     sys.stdout = open(os.devnull, "w", encoding="utf-8")  # noqa: PTH123, SIM115
-    sys.unraisablehook = lambda _: None  # what their destructors raise after damaged bytes
-    faulthandler.disable()  # a sentence takes the place of its page
+    sys.unraisablehook = lambda _: None  # exceptions of their destructors after damaged bytes
+    faulthandler.disable()  # the caller reports a crash in a sentence
     _limit("RLIMIT_CORE", 0)
     if memory_bytes is not None:
         _limit("RLIMIT_AS", _used_bytes() + memory_bytes)
     opened: dict[int, tuple[xr.Dataset | xr.DataTree, dict[str, xr.Dataset]]] = {}
-    piece_bytes = 1 << 24  # of an array through the pipe at a time: the copy beside it stays small
+    piece_bytes = 1 << 24  # sent at a time, so that the copy stays small
     while True:
         try:
             request = json.loads(pipe.recv_bytes())
@@ -294,11 +295,12 @@ def _serve(pipe: Connection, other_end: Connection | None, memory_bytes: int | N
         try:
             answer, values = _answer(request, opened)
         except MemoryError:
-            answer, values = {"error": f"{request.get('path', 'the file')} needs more memory than may be used."}, None
-        except Exception as error:  # noqa: BLE001 - the libraries fail in any way on damaged bytes
+            too_large = "needs more memory than a reader may use; split it, or read it on a larger machine."
+            answer, values = {"error": f"{request.get('path', 'the file')} {too_large}"}, None
+        except Exception as error:  # noqa: BLE001 - the libraries raise anything on damaged bytes
             ours = isinstance(error, ValueError | OSError) and request["do"] != "read"
             why = f"cannot be read ({type(error).__name__}: {error})"
-            named = f"{request.get('path', 'the file')} {why}. Copy it again from where it came."
+            named = f"{request.get('path', 'the file')} {why}. Copy it again from its source."
             answer, values = {"error": str(error) if ours else named}, None
         pipe.send_bytes(json.dumps(answer).encode())
         if values is not None:
@@ -346,7 +348,7 @@ def _answer(
 
 
 def _described(dataset: xr.Dataset) -> dict[str, Any]:
-    """Return names, dimensions, types and attributes of variables as JSON types, and the values of those of text."""
+    """Return names, dimensions, types and attributes of variables as JSON types, and the values of text."""
     found = dataset.to_dict(data=False)
     for name, entry in (found["coords"] | found["data_vars"]).items():
         if np.dtype(entry["dtype"]).kind in "OUS":
@@ -361,7 +363,7 @@ def _bytes_of(values: np.ndarray[Any, Any]) -> memoryview:
 
 
 def _limit(what: str, amount: int) -> None:
-    """Set a limit of this process, where the system has it."""
+    """Set a resource limit of this process, if the system supports it."""
     try:
         import resource  # noqa: PLC0415 - exists on POSIX only
     except ImportError:

@@ -12,7 +12,7 @@ from hums.records.fields import RecordError
 
 
 def read(path: Path, _: ImportDescription) -> ForeignFile:
-    """Return every channel as "group.channel", scaled as the file states, and the metadata of each.
+    """Return every channel as "group.channel", scaled as the file states, with its metadata.
 
     The metadata are LabVIEW's waveform properties ``unit_string``, ``wf_increment`` (s), ``wf_start_time`` (UTC) and
     ``wf_start_offset`` (s).
@@ -20,7 +20,7 @@ def read(path: Path, _: ImportDescription) -> ForeignFile:
     Raises
     ------
     RecordError
-        If the file is cut off.
+        If the file is truncated.
     """
     import nptdms  # noqa: PLC0415
 
@@ -29,10 +29,10 @@ def read(path: Path, _: ImportDescription) -> ForeignFile:
     found = [(_name(channel), channel[:], channel) for channel in channels]
     pieces = _pieces(path)
     if contents.file_status.incomplete_final_segment or not channels:
-        raise RecordError(f"{path} is damaged: its last part is cut off. Copy it again from where it came.")
+        raise RecordError(f"{path} is damaged: its last part is cut off. Copy it again from its source.")
     fields = {name: _field(values) for name, values, _ in found}
     if len(fields) < len(found):
-        raise RecordError(f"{path}: two of its channels have one name once slashes are dots; rename one of them.")
+        raise RecordError(f"{path}: two channels have the same name once slashes become dots; rename one of them.")
     stated = {name: _stated(channel, pieces.get(channel.path, [])) for name, _, channel in found}
     for group in contents.groups():
         stated[group.name.replace("/", ".").strip()] = stated_of(group.properties)
@@ -41,9 +41,9 @@ def read(path: Path, _: ImportDescription) -> ForeignFile:
 
 
 def _pieces(path: Path) -> dict[str, list[tuple[int, dict[str, Any]]]]:
-    """Return, by channel, the number of samples before each segment that states properties, and those.
+    """Return, by channel, the number of samples before each segment that states properties, and these properties.
 
-    npTDMS keeps the last ones alone, of which a start would be that of the last segment.
+    npTDMS itself keeps only those of the last segment, whose start is not that of the channel.
     """
     from nptdms.reader import TdmsReader  # noqa: PLC0415
 
@@ -80,7 +80,7 @@ def _field(values: Any) -> Field:  # noqa: ANN401
 
 
 def _stated(channel: Any, pieces: list[tuple[int, dict[str, Any]]]) -> Stated:  # noqa: ANN401
-    """Return what a channel states: its clock as its first segment has it, and times where a later one differs."""
+    """Return the metadata of a channel, with the clock of its first segment, and times if a later one differs."""
     stated = stated_of(channel.properties)
     if stated.rate_hz is None:
         return replace(stated, epoch=None, start_s=None)

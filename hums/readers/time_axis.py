@@ -1,4 +1,4 @@
-"""What is declared of a foreign file against what the file states: rates, times of samples, starts, units."""
+"""Declarations about a foreign file against what the file states: rates, sample times, starts, units."""
 
 import math
 from dataclasses import dataclass, field
@@ -13,13 +13,13 @@ from hums.readers.description import ImportDescription
 from hums.records.clock import SampleTimes, is_time_name, rates_agree, sample_times, time_scale, words_of
 from hums.records.fields import RecordError
 
-_LONGEST_START_S, _LATEST_S = 1e8, 3e9  # three years: more seconds count from a date; from 1970 they reach to 2065
+_LONGEST_START_S, _LATEST_S = 1e8, 3e9  # three years: larger numbers count from a date; from 1970 they reach 2065
 _SINCE_1970 = datetime(1970, 1, 1, tzinfo=UTC)
 
 
 @dataclass(frozen=True, kw_only=True)
 class Clock:
-    """Sampling of a field: its rate, the time of its first sample in s after `epoch`, and its times where stated."""
+    """Sampling of a field: rate, time of the first sample in s after `epoch`, and sample times if stated."""
 
     rate_hz: float
     start_s: float
@@ -27,24 +27,24 @@ class Clock:
     times: SampleTimes | None
 
     def filled(self, values: NDArray[Any]) -> NDArray[Any]:
-        """Return samples with NaN where the times of the file leave some out."""
+        """Return samples with NaN where the sample times skip some."""
         return values if self.times is None else self.times.filled(values)
 
 
 @dataclass(frozen=True, kw_only=True)
 class Import:
-    """A file, what is declared of it, and notes of what was decided between the two.
+    """A file, the declarations about it, and notes on decisions between the two.
 
     Attributes
     ----------
     file : ForeignFile
-        What is read.
+        File that is read.
     spec : ImportDescription
-        What is declared.
+        Declarations.
     notes : list of str
-        For the record.
+        Notes for the record.
     found, clocks : dict
-        What was found already, by column of times and by field.
+        Results so far, by column of times and by field.
     """
 
     file: ForeignFile
@@ -54,27 +54,27 @@ class Import:
     clocks: dict[str, Clock] = field(default_factory=dict)
 
     def settle(self, contradiction: str, declared: Any, stated: Any, *, remedy: str = "") -> Any:  # noqa: ANN401
-        """Return the one of two values that is trusted; raise RecordError where nobody says which."""
+        """Return the trusted one of two values; raise RecordError if none is declared to prevail."""
         if self.spec.trust is None:
             raise RecordError(
-                f'{contradiction}. {remedy}{"Or say" if remedy else "Say"} which is right, trust="declared" or '
+                f'{contradiction}. {remedy}{"Or state" if remedy else "State"} which prevails, trust="declared" or '
                 'trust="file" (--trust).'
             )
         self.note(f"{contradiction}; {'the file' if self.spec.trust == 'file' else 'the declaration'} was trusted")
         return declared if self.spec.trust == "declared" else stated
 
     def note(self, text: str) -> None:
-        """Add a note for the record, unless it has it."""
+        """Add a note for the record, once."""
         if text not in self.notes:
             self.notes.append(text)
 
     @property
     def sampled(self) -> list[str]:
-        """Names of the channels, and of a tachometer that is sampled."""
+        """Names of the channels, and of a sampled tachometer."""
         return [*self.spec.channels, *([self.spec.tach_waveform] if self.spec.tach_waveform else [])]
 
     def of(self, name: str) -> Clock:
-        """Return the clock of a field; raise RecordError where no rate is known, or two contradict each other."""
+        """Return the clock of a field; raise RecordError if its rate is unknown or contradictory."""
         if name not in self.clocks:
             self.clocks[name] = self._clock(name)
         return self.clocks[name]
@@ -90,12 +90,12 @@ class Import:
         start_s = times.start_s if times is not None and stated.start_s is None else stated.start_s or 0.0
         epoch = stated.epoch or epoch if stated.start_s is not None else epoch
         for _, (other, since) in columns:
-            if epoch is None and since is not None:  # a column of dates beside a finer one of seconds
+            if epoch is None and since is not None:  # a column of dates, and a finer one of seconds
                 epoch = since + timedelta(seconds=other.start_s - start_s)
         if abs(start_s) > _LONGEST_START_S:
             if epoch is None:
                 epoch = _SINCE_1970 if 0 < start_s < _LATEST_S else None
-                counted = "were taken to count from 1970" if epoch else "count from a date that is not known"
+                counted = "were taken to count from 1970" if epoch else "count from an unknown date"
                 self.note(f"its times, which begin at {start_s:.14g} s, {counted}")
             start_s, epoch = 0.0, None if epoch is None else epoch + timedelta(seconds=start_s)
         epoch = epoch or stated.epoch
@@ -103,7 +103,7 @@ class Import:
         return Clock(rate_hz=rate_hz, start_s=start_s, epoch=epoch, times=times if trusted else None)
 
     def _rate_hz(self, stated: Stated, columns: list[tuple[str, SampleTimes]]) -> float:
-        """Return the rate that the file states, that of the finest times or the declared one; refuse others."""
+        """Return the declared rate, that stated by the file or that of the finest times; refuse contradictions."""
         file, declared = self.file, self.spec.rate_hz
         rates = [] if stated.rate_hz is None else [(stated.rate_hz, 0.0, f"which states {stated.rate_hz:g} Hz")]
         for title, times in columns:
@@ -129,10 +129,10 @@ class Import:
         for title, shape in descriptions(self.file.fields).items():
             named = is_time(self.file, title) or "date" in words_of(title)
             if named and isinstance(shape, str) and shape != "empty":
-                self.note(f'"{title}" is {shape}, and is not read')
+                self.note(f'"{title}" is {shape}, and is ignored')
 
     def _columns(self, name: str) -> list[str]:
-        """Return the columns of times of as many values as a field, in the innermost group that has some."""
+        """Return the columns of times that have as many values as a field, in the innermost group with any."""
         file, spec = self.file, self.spec
         count, key = file.vector(name).size, file.name(name)
         used = {file.name(one) for one in (*self.sampled, spec.tach_times) if one}
@@ -151,14 +151,14 @@ class Import:
         return [title for title in found if title == declared or groups[title] == inner]
 
     def _times(self, title: str) -> tuple[SampleTimes, datetime | None] | None:
-        """Return what a column of times states, and the moment from which it counts."""
+        """Return the sample times in a column, and the moment from which they count."""
         if title not in self.found:
             file, spec = self.file, self.spec
             scale = file.time_scale(title)
             values = file.vector(title)
             for note in file.stated.get(title, Stated()).notes:
                 self.note(f'"{title}" {note}')
-            if scale is None and spec.time_unit is None:  # since 1970 in the one unit that makes it this century
+            if scale is None and spec.time_unit is None:  # since 1970 in the only unit with a date in this century
                 units = (
                     unit for unit in (1.0, 1e-3, 1e-6, 1e-9) if _LONGEST_START_S < unit * float(values[0]) < _LATEST_S
                 )
@@ -172,8 +172,8 @@ class Import:
                 scale = unit, None if scale is None else scale[1]
             if scale is None and spec.rate_hz is None:
                 raise RecordError(
-                    f'{file.path.name}: the header "{title}" does not say the unit of its times; give it, '
-                    'time_unit="ms", or write it as in "time (s)", or give rate_hz=... (--rate-hz).'
+                    f'{file.path.name}: the header "{title}" does not state the unit of its times; declare it, '
+                    'time_unit="ms", write it as in "time (s)", or declare rate_hz=... (--rate-hz).'
                 )
             unit, epoch = scale or (1.0, None)
             times = None
@@ -193,11 +193,11 @@ class Import:
             return None
         if found is not None and found.places is not None:
             missing = int(found.places[-1]) + 1 - found.places.size
-            self.note(f"{what} leave out {missing} samples, which are NaN")
+            self.note(f"{what} skip {missing} samples, which are NaN")
         return found
 
     def start_and_epoch(self) -> tuple[float, datetime | None]:
-        """Return the start and the epoch that what is sampled shares; refuse starts over half a sample apart."""
+        """Return the common start and epoch of all sampled fields; refuse starts over half a sample apart."""
         clocks = {name: self.of(name) for name in self.sampled}
         (first, clock), *others = clocks.items()
         for name, other in others:
@@ -207,13 +207,13 @@ class Import:
             if abs(late_s) * clock.rate_hz > 0.5:  # noqa: PLR2004
                 raise RecordError(
                     f'{self.file.path.name}: "{name}" begins {late_s:g} s after "{first}"; a record has one '
-                    "clock. Convert them one by one, or cut them to the same span."
+                    "clock. Convert them separately, or cut them to the same span."
                 )
         return clock.start_s, clock.epoch
 
 
 def is_time(file: ForeignFile, title: str) -> bool:
-    """Return whether a field holds the times of samples, by its name and units."""
+    """Return whether a field holds sample times, by its name and units."""
     stated = file.stated.get(title, Stated())
     if time_scale(stated.units) is not None:
         return stated.epoch is not None or is_time_name(stated.title or title)
@@ -221,7 +221,7 @@ def is_time(file: ForeignFile, title: str) -> bool:
 
 
 def seconds_of(file: ForeignFile, name: str, *, epoch: datetime | None) -> NDArray[Any]:
-    """Return times of events in s: of the unit that their name or an attribute states, and after the same epoch."""
+    """Return event times in s after an epoch, from the unit and epoch that their name or an attribute states."""
     values = file.vector(name)
     unit_s, since = file.time_scale(name) or (1.0, None)
     late_s = 0.0 if epoch is None or since is None else (since - epoch).total_seconds()

@@ -1,4 +1,4 @@
-"""Universal files (UFF): the time histories in their data sets of type 58."""
+"""Universal files (UFF): time histories in data sets of type 58."""
 
 import os
 from collections import Counter
@@ -16,30 +16,30 @@ from hums.records.fields import RecordError
 
 
 def read(path: Path, _: ImportDescription) -> ForeignFile:
-    """Return every function by its response degree of freedom, entity where named, node and direction: "case 3+Z".
+    """Return every function by its response degree of freedom: entity, if named, node and direction, "case 3+Z".
 
-    Functions of one degree of freedom are numbered by data set, as "3+Z (2)". The rate and the first time are those
-    of an even abscissa of times; a text file prints its step with six digits, so a declared rate may be more precise.
-    An uneven abscissa states the time of each sample. Units are the label of the ordinate.
+    Functions of the same degree of freedom are numbered by data set, "3+Z (2)". An evenly spaced abscissa of times
+    states the rate and the start; text files print its step with six digits, so a declared rate may be more precise. An
+    unevenly spaced one states the time of each sample. Units are the label of the ordinate.
 
     Raises
     ------
     RecordError
-        If the file is cut off.
+        If the file is truncated.
     """
     import pyuff  # noqa: PLC0415
 
     found = pyuff.UFF(str(path)).read_sets()
     sets = [entry for entry in (found if isinstance(found, list) else [found]) if entry]
     if not sets:
-        raise RecordError(f"{path} is no whole universal file: no data set in it is complete.")
+        raise RecordError(f"{path} is not a universal file with a complete data set. Export it again.")
     function = 58
     functions = [entry for entry in sets if entry.get("type") == function]
     with path.open("rb") as stream:
         stream.seek(-min(path.stat().st_size, 4096), os.SEEK_END)
         complete = stream.read().rstrip().endswith(b"-1")
     if not complete or any(entry["num_pts"] != len(entry["data"]) for entry in functions):
-        raise RecordError(f"{path} is damaged: its last part is cut off. Copy it again from where it came.")
+        raise RecordError(f"{path} is damaged: its last part is cut off. Copy it again from its source.")
     names = _names(functions)
     return ForeignFile(
         path=path,
@@ -55,7 +55,7 @@ def _names(functions: list[Mapping[str, Any]]) -> list[str]:
 
 
 def _response_dof(entry: Mapping[str, Any]) -> str:
-    """Return entity, node and direction; the number of a direction, 1 to 6, is negative against its axis."""
+    """Return entity, node and direction; the number of a direction, 1 to 6, is negative if opposite to its axis."""
     direction = int(entry["rsp_dir"])
     directions = ("", "+X", "+Y", "+Z", "+RX", "+RY", "+RZ")
     axis = directions[abs(direction)] if abs(direction) < len(directions) else f" direction {direction}"
@@ -89,6 +89,6 @@ def _stated(entry: Mapping[str, Any]) -> Stated:
 
 
 def _label(text: object) -> str | None:
-    """Return a label, None for a blank one or the word NONE."""
+    """Return a label; None if blank or the word NONE."""
     label = str(text).strip()
     return None if label.upper() in {"", "NONE"} else label

@@ -1,4 +1,4 @@
-"""WAV files: rate in the header, no units."""
+"""WAV files, which state a rate but no units."""
 
 import struct
 import warnings
@@ -15,9 +15,8 @@ from hums.readers.description import ImportDescription
 def read(path: Path, _: ImportDescription) -> ForeignFile:
     """Return the channels, (n,) each, as "channel 1", "channel 2", ..., and the rate of the file.
 
-    Integers become float64 with full scale at 1; floats are not changed. Where a recorder was stopped before it wrote
-    the sizes into the header, which are 0 or 0xFFFFFFFF then, the samples reach to the end of the file, and a note says
-    so.
+    Integers become float64 with full scale at 1; floats are unchanged. If the recorder was stopped before it wrote the
+    sizes into the header, which are then 0 or 0xFFFFFFFF, the samples reach the end of the file, and a note says so.
     """
     from scipy.io import wavfile  # noqa: PLC0415
 
@@ -33,9 +32,9 @@ def read(path: Path, _: ImportDescription) -> ForeignFile:
 
 
 def _with_sizes(path: Path) -> Path | BytesIO:
-    """Return a WAV file, in memory with the sizes in its header written where its recorder left them open."""
+    """Return a WAV file, or a copy in memory with the sizes in its header that its recorder did not write."""
     with path.open("rb") as stream:
-        head = stream.read(65536)  # in which the samples begin
+        head = stream.read(65536)  # includes the first samples
     layout = head.find(b"fmt ", 12)
     place = head.find(b"data", layout + 24) + 8
     is_open = head[place - 4 : place] in {bytes(4), b"\xff" * 4}
@@ -52,7 +51,7 @@ def _with_sizes(path: Path) -> Path | BytesIO:
 
 
 def _full_scale(samples: NDArray[np.generic]) -> NDArray[np.generic]:
-    """Scale integers to +-1. Bytes are unsigned about 128; scipy returns 24 bits in the upper bits of 32."""
+    """Scale integers to +-1; bytes are unsigned about 128, and scipy returns 24 bits in the upper bits of 32."""
     kind, bits = samples.dtype.kind, 8 * samples.dtype.itemsize
     if kind not in "iu":
         return samples

@@ -147,9 +147,9 @@ def sample_times(times: NDArray[Any], *, unit_s: float, what: str) -> SampleTime
     if lost > times.size:
         at = int(gaps[np.argmax(longer[gaps])])
         raise RecordError(
-            f"{what} leave out {lost} samples beside {times.size}: from row {known[at] + 1} to row "
-            f"{known[at + 1] + 1} they advance by {steps_s[at]:.6g} s. Split the file there and convert its "
-            "parts one by one."
+            f"{what} skip {lost} samples, more than the {times.size} recorded: from row {known[at] + 1} to row "
+            f"{known[at + 1] + 1} they advance by {steps_s[at]:.6g} s. Split the file there and convert its parts "
+            "separately."
         )
     whole = round(1 / step_s)
     return SampleTimes(

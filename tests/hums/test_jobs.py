@@ -175,12 +175,12 @@ class TestKillers:
 class TestRefusals:
     @posix
     def test_a_second_run_in_one_folder(self, tmp_path):
-        with jobs.locked(tmp_path), pytest.raises(JobError, match=r"another run is using .*; wait for it"):
+        with jobs.locked(tmp_path), pytest.raises(JobError, match=r"another run is using .*; wait until"):
             run_jobs(clusters.write_item, JOBS, folder=tmp_path, workers=Serial())
         run_jobs(clusters.write_item, JOBS, folder=tmp_path, workers=Serial())  # it let go
 
     def test_a_worker_that_dies(self, tmp_path):
-        with pytest.raises(JobError, match=r"a worker process died at 0\.txt, twice.*run the same again"):
+        with pytest.raises(JobError, match=r"a worker process died twice at 0\.txt.*run the same command again"):
             run_jobs(clusters.die, JOBS, folder=tmp_path, workers=Processes(count=1))
 
     def test_a_worker_with_another_disk(self, tmp_path):

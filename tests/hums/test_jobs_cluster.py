@@ -110,5 +110,5 @@ def test_a_fleet_has_the_same_tables(tmp_path, alone, cluster):
 
 def test_a_scheduler_lost_on_the_way_is_a_sentence(cluster):
     # Dask cancels the jobs of a scheduler that does not come back
-    with pytest.raises(JobError, match="was lost while jobs ran"), jobs._cluster(cluster.address):
+    with pytest.raises(JobError, match="was lost"), jobs._cluster(cluster.address):
         raise CancelledError

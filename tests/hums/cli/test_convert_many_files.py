@@ -79,7 +79,7 @@ def test_what_many_files_refuse(run, folder, tmp_path, words, said):
 def test_keys_of_many_files_are_not_for_one(run, folder, described, tmp_path):
     code, _, err = run("convert", folder / "acc_00001.csv", tmp_path / "a.h5", *MANY, *described(TIMED))
     assert code == 1
-    assert "every_s is for many files" in err
+    assert "every_s applies to many files" in err
     named = described('time_in_names = "acc_0%y%m"', 'time_zone = "Europe/Berlin"')
     code, out, _ = run("convert", folder / "acc_00001.csv", tmp_path / "a.h5", *MANY, *named)
     assert (code, "recorded at  1999-12-31T23:00:00Z" in out) == (0, True)
@@ -95,7 +95,7 @@ def test_an_average_in_angle(run, described, tmp_path):
     assert "column 2: 512 samples, 2 revolutions, in 1" in out
     for line, more, said in (
         ('average = { component = "planet 1" }', (), "a table of component, samples_per_rev"),
-        (average, ("--rate-hz", 100), "rate_hz has no meaning for an average"),
+        (average, ("--rate-hz", 100), "rate_hz has no meaning for a synchronous average"),
         (average, ("--shaft-rpm", 100), "shaft_rpm has no meaning"),
     ):
         code, _, err = run(*words, *described(line), *more)
@@ -127,7 +127,7 @@ def test_units_of_each_channel_and_what_decides_a_contradiction(run, tmp_path):
         assert [record[name].attrs["units"] for name in ("DE", "ND")] == ["g", "mm s-1"]
     code, _, err = run(*words, "--channel", "3", "--units", "g", "--units", "V")
     assert code == 2
-    assert "not as many as the 3 channels; give one for all" in err
+    assert "do not match the 3 channels; give one for all" in err
     code, _, err = run(*words, "--units", "g", "--rate-hz", 1000)
     assert (code, "--trust" in err) == (1, True)
     with warnings.catch_warnings():

@@ -50,13 +50,16 @@ def test_a_text_format_that_nothing_shows_is_declared(tmp_path):
         ({"chanels": ["DE"]}, "did you mean \"channels\"? Its value is ['DE']; allowed keys: analyst, average, ch"),
         ({"channels": "DE"}, "channels = 'DE': give a list in brackets, as in [\"DE\"]"),
         ({"rate_hz": "fast"}, "rate_hz = 'fast': input should be a valid number"),
-        ({"units": {"DE": 3}}, "units: {'DE': 3} is no word"),
+        ({"units": {"DE": 3}}, "units: {'DE': 3} is not a word"),
         ({"decimal": ";"}, "decimal = ';': input should be '.' or ','"),
         ({"time_zone": "Europe/Berln"}, "Did you mean 'Europe/Berlin'?"),
         ({"trust": "me"}, "trust = 'me': input should be 'declared' or 'file'"),
-        ({"recorded_at": "yesterday"}, "recorded_at: 'yesterday' is no date and time in ISO 8601"),
-        ({"no_tachometer": True, "shaft_rpm": 100.0}, "shaft_rpm and no_tachometer: the shaft angle has one source"),
-        ({"units": ["g", "V"], "channels": ["DE"]}, "not as many as the 1 channels"),
+        ({"recorded_at": "yesterday"}, "recorded_at: 'yesterday' is not a date and time in ISO 8601"),
+        (
+            {"no_tachometer": True, "shaft_rpm": 100.0},
+            "shaft_rpm and no_tachometer: the shaft angle has a single source",
+        ),
+        ({"units": ["g", "V"], "channels": ["DE"]}, "do not match the 1 channels"),
     ],
 )
 def test_what_is_refused_with_its_key(tmp_path, told, said):
@@ -92,7 +95,7 @@ def test_threshold_and_hysteresis_of_a_tachometer(tmp_path):
 def test_a_declared_time_column(tmp_path):
     (tmp_path / "a.csv").write_text("x,DE\n" + "".join(f"{k},{k}\n" for k in range(100)))
     told = {"channels": ["DE"], "units": "g", "no_tachometer": True, "time_column": "x"}
-    assert "does not say the unit of its times" in refusal(told, tmp_path / "a.csv")
+    assert "does not state the unit of its times" in refusal(told, tmp_path / "a.csv")
     assert hums.convert(tmp_path / "a.csv", told, time_unit="ms").attrs["rate_hz"] == 1000
     since = hums.convert(tmp_path / "a.csv", told | {"time_column": None}, rate_hz=1.0)
     assert since.attrs["recorded_at"] == ""
@@ -116,7 +119,7 @@ def test_a_date_that_may_be_in_two_months_is_not_guessed(tmp_path):
     for day, known in ((4, False), (14, True)):
         rows = "".join(f"03/{day:02d}/2024 12:00:00.{k:03d},{k}\n" for k in range(900))
         (tmp_path / "a.csv").write_text(f"time,DE (g)\n{rows}")
-        with nullcontext() if known else pytest.warns(RecordWarning, match="day and month in either order"):
+        with nullcontext() if known else pytest.warns(RecordWarning, match="ambiguous in day and month"):
             record = hums.convert(tmp_path / "a.csv", channels=["DE"], no_tachometer=True, time_zone="UTC")
         assert record.attrs["rate_hz"] == 1000
         assert record.attrs["recorded_at"] == ("2024-03-14T12:00:00Z" if known else "")

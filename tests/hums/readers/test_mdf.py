@@ -63,7 +63,7 @@ def test_what_it_does_not_state_and_what_contradicts_it(measured):
 def test_samples_that_the_times_leave_out_are_nan(tmp_path):
     times = TIMES_S + 20 / 5000 * (np.arange(1000) >= 500)
     path = write(tmp_path / "a.mf4", [("DE", NOISE, times, "g")])
-    with pytest.warns(RecordWarning, match="leave out 20 samples"):
+    with pytest.warns(RecordWarning, match="skip 20 samples"):
         record = hums.convert(path, channels=["DE"], **NONE)
     assert_array_equal(record.DE, np.r_[NOISE[:500], np.full(20, np.nan), NOISE[500:]])
 
@@ -72,5 +72,5 @@ def test_samples_that_the_times_leave_out_are_nan(tmp_path):
 def test_a_file_cut_off(measured, kept):
     whole = measured.read_bytes()
     measured.write_bytes(whole[: int(kept * len(whole)) if isinstance(kept, float) else kept])
-    with ReaderProcess() as reader, pytest.raises(RecordError, match=r"a\.mf4 is no MDF file, or damaged"):
+    with ReaderProcess() as reader, pytest.raises(RecordError, match=r"a\.mf4 is not an MDF file, or is damaged"):
         reader.convert(measured, channels=["ND"], **NONE)  # in its own process: asammdf's destructor raises

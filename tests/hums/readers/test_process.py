@@ -72,7 +72,7 @@ def test_convert_is_the_same_there_and_here(tmp_path):
         (lambda: os.kill(os.getpid(), signal.SIGSEGV), r"evil\.h5: the process that reads it crashed \(SIGSEGV\)"),
         (lambda: os._exit(3), r"evil\.h5: the process that reads it ended"),
         (lambda: any(iter(int, 1)), r"evil\.h5: the process that reads it took more than 0\.5\d* s of processor"),
-        (lambda: np.ones(1 << 27), r"evil\.h5 needs more memory than may be used"),
+        (lambda: np.ones(1 << 27), r"evil\.h5 needs more memory than a reader may use"),
         (lambda: {}["a"], r"evil\.h5 cannot be read \(KeyError"),
     ],
 )
@@ -99,7 +99,7 @@ def test_killed_while_a_record_is_open_the_next_access_says_so(path):
         os.kill(reader._running[0].pid, signal.SIGKILL)
         with pytest.raises(hums.RecordError, match=r"good\.h5: the process that reads it crashed \(SIGKILL\)"):
             record.a.load()
-        with pytest.raises(hums.RecordError, match=r"good\.h5 is not open any more"):
+        with pytest.raises(hums.RecordError, match=r"good\.h5 is no longer open"):
             record.a.load()
 
 

@@ -150,7 +150,7 @@ def test_a_channel_that_is_not_there(mat):
         ({"channels": ["table"]}, '"table" is a table of 2000 x 3 values'),
         ({"channels": []}, "--channel"),
         *(({"rate_hz": rate_hz}, f"rate_hz = {rate_hz!r}: input should be") for rate_hz in ("48000", 0, np.nan, True)),
-        *(({"scale": scale}, f"scale: {scale!r} is no finite number") for scale in (0, np.inf, True, "2")),
+        *(({"scale": scale}, f"scale: {scale!r} is not a finite number") for scale in (0, np.inf, True, "2")),
         ({"shaft_rpm": 1500.0, "shaft": None}, "shaft_rpm needs the shaft"),
         ({"pulses_per_rev": 1}, "no meaning with shaft_rpm"),
         ({"shaft_rpm": -3, "shaft": "input"}, "shaft_rpm = -3"),
@@ -230,13 +230,13 @@ def test_undeclared_rate_units_and_angle(mat):
     ("changes", "sentence"),
     [
         ({"shaft": None}, "tach_times needs the shaft"),
-        ({"pulses_per_rev": None}, 'the tachometer "tach" needs the pulses in one revolution of "high speed"'),
-        ({"tach_waveform": "wave"}, "tach_times and tach_waveform: the shaft angle has one source"),
-        ({"shaft_rpm": 1500.0}, "tach_times and shaft_rpm: the shaft angle has one source"),
+        ({"pulses_per_rev": None}, 'the tachometer "tach" needs its pulses per revolution of "high speed"'),
+        ({"tach_waveform": "wave"}, "tach_times and tach_waveform: the shaft angle has a single source"),
+        ({"shaft_rpm": 1500.0}, "tach_times and shaft_rpm: the shaft angle has a single source"),
         ({"tach_times": "tacho"}, 'did you mean "tach"?'),
         ({"tach_times": "row"}, "--tach-waveform"),
         ({"pulses_per_rev": 0}, "pulses_per_rev = 0"),
-        ({"threshold": 2.0}, "threshold = 2 belongs to a tach_waveform"),
+        ({"threshold": 2.0}, "threshold = 2 needs a tach_waveform"),
     ],
 )
 def test_mistakes_about_the_tachometer(mat, changes, sentence):
@@ -302,7 +302,7 @@ def test_chunks_that_are_not_sound_are_passed_over(tmp_path):
 def test_a_wav_cut_off(tmp_path, kept):
     wavfile.write(tmp_path / "a.wav", 8000, np.arange(100, dtype=np.int16))
     (tmp_path / "a.wav").write_bytes((tmp_path / "a.wav").read_bytes()[:kept])
-    assert "is no whole WAV file" in refusal(tmp_path / "a.wav", channels=["channel 1"], rate_hz=None)
+    assert "is not a complete WAV file" in refusal(tmp_path / "a.wav", channels=["channel 1"], rate_hz=None)
 
 
 # ---- CSV ---------------------------------------------------------------------------------------------------
@@ -454,7 +454,7 @@ def test_short_rows_are_refused(tmp_path, text):
 @pytest.mark.parametrize("text", ["acc,b\n1,2,3\n4,5,6\n", "acc,b\n1,2\n4,5,6\n", "\n\n", "acc,b\n"])
 def test_what_is_no_table(tmp_path, text):
     text = refusal(write(tmp_path, text), channels=["acc"])
-    assert "a.csv is no table of text, or damaged" in text or '"acc" is empty, not numbers' in text
+    assert "a.csv is not a text table, or is damaged" in text or '"acc" is empty, not numbers' in text
 
 
 @pytest.mark.parametrize("encoding", ["latin-1", "cp1252", "utf-8", "utf-16"])
@@ -536,7 +536,7 @@ def test_one_sign_is_decimal_in_the_whole_file(tmp_path, cells, value):
 
 def test_a_sign_that_may_be_either_is_refused(tmp_path):
     path = write(tmp_path, "a;b\n7;8\n1;1.485\n")
-    with pytest.raises(RecordError, match=r'whether "1\.485" is a decimal number'):
+    with pytest.raises(RecordError, match=r'"1\.485" may have a decimal sign'):
         read_file(path)
     assert read_file(path, decimal=".").fields["b"][1] == 1.485
     assert read_file(path, decimal=",").fields["b"][1] == 1485
@@ -559,7 +559,7 @@ def test_a_wav_whose_recorder_wrote_no_sizes(tmp_path, size):
 
 def test_unknown_suffixes(tmp_path):
     (tmp_path / "data.xls").write_bytes(b"xls")
-    assert 'no reader for the suffix ".xls"; known are .mat, .wav, .csv' in refusal(tmp_path / "data.xls")
+    assert 'no reader for the suffix ".xls"; supported are .mat, .wav, .csv' in refusal(tmp_path / "data.xls")
     (tmp_path / "data").write_bytes(b"x")
     assert 'no reader for the suffix ""' in refusal(tmp_path / "data")
 

@@ -42,7 +42,7 @@ def at_gap(jump_s, count=3000):
 )
 def test_samples_that_the_times_leave_out_are_nan(tmp_path, name, rate, missing):
     path = table(tmp_path / name, at_gap(missing / 1000))
-    with pytest.warns(RecordWarning, match=f"leave out {missing} samples"):
+    with pytest.warns(RecordWarning, match=f"skip {missing} samples"):
         record = convert(path, channels=["vib"], measured={"force": "kN"}, **rate, **DECLARED)
     expected = np.r_[np.arange(1500.0), np.full(missing, np.nan), np.arange(1500.0, 3000.0)]
     np.testing.assert_array_equal(record.vib, expected)
@@ -54,7 +54,7 @@ def test_samples_that_the_times_leave_out_are_nan(tmp_path, name, rate, missing)
 @pytest.mark.parametrize(
     ("times_s", "why"),
     [
-        (at_gap(5), "leave out 5000 samples beside 3000"),
+        (at_gap(5), "skip 5000 samples, more than the 3000"),
         (at_gap(-0.8), "run backwards: row 1501"),
         (np.arange(3000) / 1000 * (1 + 1e-3 * np.linspace(0, 1, 3000)), "not evenly spaced"),  # a clock that drifts
     ],
@@ -153,7 +153,7 @@ def test_pulse_times_are_in_the_unit_that_the_file_states(tmp_path):
 
 def test_times_without_a_unit_state_no_rate(tmp_path):
     path = csv(tmp_path, np.arange(2000) / 8000, "time,vib")
-    with pytest.raises(RecordError, match="does not say the unit of its times"):
+    with pytest.raises(RecordError, match="does not state the unit of its times"):
         convert(path, channels=["vib"], **DECLARED)
     assert sampling(convert(path, channels=["vib"], rate_hz=8000, **DECLARED), "vib").rate_hz == 8000
 
