@@ -425,7 +425,8 @@ def _name_lines(lines: list[dict[Hashable, Any]], drawn: np.ndarray, *, ax: Axes
         left, right = to_orders.transform([(extent.x0, 0.0), (extent.x1, 0.0)])[:, 0]
         under = drawn[(drawn[:, 0] > left) & (drawn[:, 0] < right), 1]
         label.xy = (label.xy[0], max(label.xy[1], under.max(initial=0.0)))
-        available = 1 - (extent.height + _NAME_GAP * point_size(ax)) / ax.bbox.height
+        # with a tenth to spare, since labels of other axes may yet shrink these
+        available = 1 - (1.1 * extent.height + _NAME_GAP * point_size(ax)) / ax.bbox.height
         low, _ = ax.get_ybound()
         # scale the axis so that the name just fits between this amplitude and the top
         share = to_fraction.transform(label.xy)[1] / max(available, 0.2)
