@@ -38,7 +38,7 @@ html_theme = "pydata_sphinx_theme"
 html_title = "HUMS toolkit"
 html_show_sourcelink = False
 html_static_path = ["_static"]
-html_css_files = ["print.css"]
+html_css_files = ["pages.css"]
 html_js_files = ["print.js"]
 html_theme_options = {
     "navigation_with_keys": False,
