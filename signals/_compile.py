@@ -1,7 +1,10 @@
 """Compilation of kernels with numba, cached on disk; no other module imports numba."""
 
+import hashlib
 import logging
 from collections.abc import Callable
+from functools import cache
+from pathlib import Path
 from typing import Any, ParamSpec, TypeVar, cast
 
 import numba
@@ -69,10 +72,22 @@ def _compile(
         "forceinline": inline,
         "_nrt": counted,
     }
+    name = kernel.__qualname__
+    kernel.__qualname__ += f"-{_sources()}"  # a part of the name of the file on disk
     try:
         return cast("Callable[P, R]", cast("Any", numba.njit)(cache=True, **settings)(kernel))
     except RuntimeError:  # neither the package's folder nor the user's cache can be written: compiled in each process
         return cast("Callable[P, R]", cast("Any", numba.njit)(**settings)(kernel))
+    finally:
+        kernel.__qualname__ = name
+
+
+@cache
+def _sources() -> str:
+    """Return a digest of all kernels: they call one another across modules, where numba sees no change on disk."""
+    root = Path(__file__).resolve().parents[1]
+    files = sorted(file for package in ("signals", "data_synth") for file in (root / package).rglob("_*kernels.py"))
+    return hashlib.sha256(b"".join(file.read_bytes() for file in files)).hexdigest()[:8]
 
 
 class _Announcer(event.Listener):
