@@ -1,6 +1,6 @@
 """Signal processing on arrays: shaft phase, angular resampling, spectra, envelopes, order trackers.
 
-NumPy in, frozen dataclasses of NumPy out. Nothing here knows of gearboxes, files or plots.
+Functions take NumPy arrays and return frozen dataclasses of NumPy arrays. Nothing here knows gearboxes, files or plots.
 """
 
 from signals._lazy import exports

@@ -15,48 +15,47 @@ R = TypeVar("R")
 
 
 def compiled(kernel: Callable[P, R]) -> Callable[P, R]:
-    """Compile `kernel` to machine code at its first call and keep the result on disk.
+    """Compile `kernel` to machine code at its first call and cache the result on disk.
 
-    Kernels take contiguous arrays and plain numbers, do not raise, and release the interpreter lock. A product and a
-    sum may be fused into one instruction, rounded once.
+    Kernels take contiguous arrays and plain numbers, do not raise, and release the global interpreter lock. Products
+    and sums may be contracted into fused multiply-adds.
     """
     return _compile(kernel, {"contract"})
 
 
 def compiled_sums(kernel: Callable[P, R]) -> Callable[P, R]:
-    """Compile `kernel` as `compiled` does, with sums in any order, so that they use vector registers."""
+    """Compile `kernel` as `compiled` does, with sums reordered so that they can be vectorised."""
     return _compile(kernel, {"contract", "reassoc"})
 
 
 def compiled_in_place(kernel: Callable[P, R]) -> Callable[P, R]:
-    """Compile, as `compiled` does, a kernel that writes into the arrays that it is given and makes none.
+    """Compile, as `compiled` does, a kernel that writes into its arguments and allocates no array.
 
-    References to arrays are then not counted, which takes a fifth less to compile. Methods that make arrays inside, as
-    ``x.max()`` does, are refused by numba.
+    Array references are then not counted, which saves a fifth of the compilation time. Numba refuses methods that
+    allocate internally, such as ``x.max()``.
     """
     return _compile(kernel, {"contract"}, counted=False)
 
 
 def compiled_sums_in_place(kernel: Callable[P, R]) -> Callable[P, R]:
-    """Compile `kernel` as `compiled_in_place` does, with sums in any order."""
+    """Compile `kernel` as `compiled_in_place` does, with sums reordered."""
     return _compile(kernel, {"contract", "reassoc"}, counted=False)
 
 
 def compiled_exactly(kernel: Callable[P, R]) -> Callable[P, R]:
-    """Compile `kernel` as `compiled` does, with every operation rounded as IEEE 754 says, in the order of the source.
+    """Compile `kernel` as `compiled` does, with strict IEEE 754 arithmetic in the order of the source.
 
-    Results then depend neither on how a loop was vectorised nor on where arrays lie in memory, which records that are
-    to be the same bytes on every run need.
+    Results then depend neither on vectorisation nor on memory alignment, as byte-for-byte reproducible records require.
     """
     return _compile(kernel, set())
 
 
 def compiled_inline(kernel: Callable[P, R]) -> Callable[P, R]:
-    """Compile `kernel` into each kernel that calls it, rounded as `compiled_exactly` does. It allocates no array.
+    """Inline `kernel` in each kernel that calls it, with the arithmetic of `compiled_exactly`. It allocates no array.
 
-    LLVM inlines what numba analysed once; inlining the source instead would take twice as long to compile. Without the
-    allocator (``_nrt``) references to its arrays are not counted: an atomic increment for each array of a tuple at each
-    call was 40 % of an integration's time.
+    LLVM inlines what numba has analysed once; inlining the source instead would double the compilation time. Without
+    the allocator (``_nrt``) array references are not counted: an atomic increment per array of a tuple and call took
+    40 % of the time of an integration.
     """
     return _compile(kernel, set(), counted=False, inline=True)
 
@@ -67,7 +66,7 @@ def _compile(
     settings = {
         "nogil": True,
         "error_model": "numpy",
-        "no_cfunc_wrapper": True,  # a further entry, for C, which none needs and which takes time to compile
+        "no_cfunc_wrapper": True,  # a C entry point, which nothing uses and which takes time to compile
         "fastmath": freedoms or False,
         "forceinline": inline,
         "_nrt": counted,
@@ -76,7 +75,7 @@ def _compile(
     kernel.__qualname__ += f"-{_sources()}"  # a part of the name of the file on disk
     try:
         return cast("Callable[P, R]", cast("Any", numba.njit)(cache=True, **settings)(kernel))
-    except RuntimeError:  # neither the package's folder nor the user's cache can be written: compiled in each process
+    except RuntimeError:  # neither the package folder nor the user's cache is writable: compile in each process
         return cast("Callable[P, R]", cast("Any", numba.njit)(**settings)(kernel))
     finally:
         kernel.__qualname__ = name
@@ -91,7 +90,7 @@ def _sources() -> str:
 
 
 class _Announcer(event.Listener):
-    """Logs that a kernel is compiled, which takes seconds once and is then read from disk."""
+    """Logs the compilation of kernels, which takes seconds once; later runs read the cache."""
 
     def on_start(self, _event: event.Event) -> None:
         logging.getLogger("hums").info("compiling, first run only")

@@ -1,4 +1,4 @@
-"""Names that a package exports without importing their modules: its stub, ``__init__.pyi``, lists them."""
+"""Lazy exports (PEP 562): a package's stub, ``__init__.pyi``, lists the names; their modules load at first use."""
 
 import ast
 import sys
@@ -9,7 +9,7 @@ from typing import Any
 
 
 def exports(package: str) -> tuple[Callable[[str], Any], Callable[[], list[str]], list[str]]:
-    """Return ``__getattr__``, ``__dir__`` and ``__all__`` of a package, whose stub has ``from module import name``."""
+    """Return ``__getattr__``, ``__dir__`` and ``__all__`` of a package from the imports in its stub."""
     module = sys.modules[package]
     stub = ast.parse(Path(str(module.__file__)).with_suffix(".pyi").read_text(encoding="utf-8"))
     homes = {

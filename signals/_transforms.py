@@ -1,4 +1,4 @@
-"""Fourier transforms of records, and their memory; window functions; the median of a spectrum."""
+"""Fourier transforms of records and the memory of their tables; window functions; the median of a spectrum."""
 
 from dataclasses import dataclass
 from functools import lru_cache
@@ -13,8 +13,8 @@ _KEPT = 16  # lengths of a kind and precision that transforms remember
 
 
 def forget_plans(samples: int) -> None:
-    """Evict the tables of a long transform, as large as its record, by short ones of as many lengths as are kept."""
-    long = 2**20  # samples from which the memory of the tables is worth the half millisecond
+    """Evict the cached tables of a long transform, as large as the record, by filling the caches with short ones."""
+    long = 2**20  # samples; evicting takes half a millisecond
     if samples < long:
         return
     for length in range(1, _KEPT + 1):
@@ -30,18 +30,12 @@ def _short(length: int) -> tuple[np.ndarray, ...]:
 
 
 def transform_of(signal: Samples, known: NDArray[np.complexfloating] | None = None) -> NDArray[np.complexfloating]:
-    """Return the Fourier transform of a signal without its mean, (n // 2 + 1,) lines, or the known one.
-
-    Raises
-    ------
-    ValueError
-        If the known one has another length.
-    """
+    """Return the Fourier transform of a signal without its mean, (n // 2 + 1,) lines, or the one given, if it fits."""
     if known is not None:
         if np.shape(known) != (signal.size // 2 + 1,):
             raise ValueError(
                 f"transform has shape {np.shape(known)}; that of {signal.size} samples has ({signal.size // 2 + 1},) "
-                "lines: give scipy.fft.rfft of this very record without its mean, or leave it out."
+                "lines: give scipy.fft.rfft of this record without its mean, or leave it out."
             )
         return np.asarray(known)
     lines = np.asarray(fft.rfft(without_mean(signal)))
@@ -50,7 +44,7 @@ def transform_of(signal: Samples, known: NDArray[np.complexfloating] | None = No
 
 
 def without_mean(signal: Samples) -> Samples:
-    """Return the signal without its mean, subtracted twice to remove the rounding of a large one."""
+    """Return the signal without its mean, subtracted twice to remove the rounding error of a large mean."""
     centred = signal - signal.mean(dtype=np.float64).astype(signal.dtype)
     centred -= centred.mean(dtype=np.float64).astype(signal.dtype)
     return np.asarray(centred)
@@ -100,7 +94,7 @@ def window_of(name: str, count: int) -> Window:
         weights = np.asarray(get_window(name, count), dtype=np.float64)
     except ValueError:
         raise ValueError(
-            f"window={brief(name)} is unknown; give one of scipy.signal without parameters, as hann or flattop."
+            f"window={brief(name)} is unknown; give one of scipy.signal without parameters, such as hann or flattop."
         ) from None
     return Window(name=name, weights=weights)
 
@@ -117,7 +111,7 @@ def _width(name: str) -> float:
 
 
 def median(values: NDArray[np.floating]) -> NDArray[np.floating]:
-    """Return the median of finite values along the last axis, as `numpy.median`, in an eighth of its time."""
+    """Return the median of finite values along the last axis, as `numpy.median` does in eight times the time."""
     half = values.shape[-1] // 2
     parted = np.partition(values, half, axis=-1)
     above = parted[..., half]

@@ -45,7 +45,7 @@ def real_samples(
     """
     vector = real_array(values, name=name)
     if vector.ndim != 1 or vector.dtype.kind not in "iuf":
-        raise ValueError(f"{name} has shape {vector.shape} and type {vector.dtype}; it must be one real (n,) array.")
+        raise ValueError(f"{name} has shape {vector.shape} and type {vector.dtype}; give a one-dimensional real array.")
     if vector.size < minimum:
         raise ValueError(f"{name} has {vector.size} values; at least {minimum} are needed.")
     vector = np.ascontiguousarray(vector, dtype=np.float32 if vector.dtype == np.float32 else np.float64)
@@ -54,13 +54,13 @@ def real_samples(
         bad = np.flatnonzero(~np.isfinite(vector))
         raise ValueError(
             f"{name} has {bad.size} values that are not finite, the first at index {bad[0]}; "
-            "repair or leave out that part of the record (masked values count as NaN)."
+            "repair or leave out that part of the record (masked values are treated as NaN)."
         )
     least, most = _PEAKS[vector.dtype.name]
     if not any_unit and ((peak > most and math.isfinite(peak)) or 0 < peak < least):
         raise ValueError(
-            f"{name} reaches {peak:.3g}, outside of {least:g} to {most:g}, where {vector.dtype} keeps the digits of "
-            "squares; scale it to another unit."
+            f"{name} has a peak of {peak:.3g}, outside {least:g} to {most:g}, where {vector.dtype} keeps the precision "
+            "of squares; convert it to another unit."
         )
     return writable(vector)
 
@@ -70,14 +70,14 @@ def real_array(values: ArrayLike, *, name: str) -> NDArray[Any]:
     try:
         array = np.ma.filled(np.ma.asarray(values, float), np.nan) if np.ma.is_masked(values) else np.asarray(values)
     except (ValueError, TypeError):
-        raise ValueError(f"{name} is no array of numbers; give rows of one length.") from None
+        raise ValueError(f"{name} is not an array of numbers; give rows of equal length.") from None
     if array.dtype.kind == "O" and all(isinstance(item, Real) for item in array.flat):  # fractions, large integers
         try:
             array = array.astype(np.float64)
         except OverflowError:
-            raise ValueError(f"{name} has numbers beyond the range of floats; scale it to another unit.") from None
+            raise ValueError(f"{name} has values beyond the range of floats; convert it to another unit.") from None
     if array.dtype.kind not in "iuf":
-        raise ValueError(f"{name}={brief(values)} is of type {array.dtype}; it must be one real array.")
+        raise ValueError(f"{name}={brief(values)} has type {array.dtype}; give a real array.")
     return array
 
 
@@ -87,7 +87,7 @@ def _peak(vector: Samples) -> float:
 
 
 def writable(array: NDArray[Float]) -> NDArray[Float]:
-    """Return the same memory without a mark as read-only, for which numba would compile every kernel again."""
+    """Return a writable view of the array; numba would compile every kernel again for a read-only one."""
     if array.flags.writeable:
         return array
 
@@ -144,7 +144,7 @@ def nearest(value: object, choices: Sequence[str]) -> str:
 
 
 def brief(value: object) -> str:
-    """Return the `repr` of a value for a message, cut where it is long."""
+    """Return the `repr` of a value for a message, truncated where it is long."""
     if isinstance(value, int) and abs(value) > _LARGEST_WHOLE:
         return f"{'-' * (value < 0)}2**{abs(value).bit_length() - 1} or more"
     if isinstance(value, dict | list | tuple) and len(value) > _MOST_ITEMS:
@@ -157,16 +157,16 @@ def brief(value: object) -> str:
 
 
 class SentenceError(ValueError):
-    """An error whose message fits a page: control characters are escaped, and the middle of a long one is left out."""
+    """An error with control characters escaped and the middle of a long message left out."""
 
     def __init__(self, message: object = "") -> None:
         super().__init__(plain_message(str(message)))
 
 
 def plain_text(text: str, *, keep: str = "") -> str:
-    r"""Return a text as terminals, tables and pages show it: other signs than printable ones, and `keep`, as escapes.
+    r"""Return a text for terminals, tables and pages, with all but printable characters and those in `keep` escaped.
 
-    A byte of a file's name that was no UTF-8, and is a lone surrogate in Python, becomes \xNN.
+    A byte of a file name that is not valid UTF-8, in Python a lone surrogate, becomes \xNN.
     """
     if text.isprintable():
         return text
@@ -179,9 +179,9 @@ def plain_text(text: str, *, keep: str = "") -> str:
 
 
 def plain_message(text: str) -> str:
-    """Return a message with control characters escaped, cut in its middle to at most 1,000 characters."""
+    """Return a message with control characters escaped, shortened in the middle to at most 1,000 characters."""
     shown = plain_text(text, keep="\n\t")
-    longest_message = 1000  # characters: a page of a terminal; more comes of names in a damaged file
+    longest_message = 1000  # characters, a screenful; longer ones come from names in damaged files
     half = longest_message // 2 - 3
     return shown if len(shown) <= longest_message else f"{shown[:half]} ... {shown[-half:]}"
 
@@ -190,7 +190,7 @@ def plain_message(text: str) -> str:
 
 
 class ArgumentTypeError(SentenceError, TypeError):
-    """An argument of another kind than the function declares."""
+    """An argument whose type differs from the declared one."""
 
 
 _PATHS = frozenset({"Path", "PathLike", "PathLike[str]"})
@@ -201,10 +201,10 @@ _ALIKE = frozenset({float, bool, str})
 
 
 def checked(function: Callable[P, R]) -> Callable[P, R]:
-    """Return a function that refuses arguments of another kind than it declares.
+    """Return a function that refuses arguments whose types differ from its annotations.
 
-    Classes, numbers, words, pairs, sequences and mappings are checked here, and that a path has no NUL; words of a
-    choice, whole numbers and arrays, and all shapes and bounds, where the function uses them.
+    Classes, numbers, strings, pairs, sequences and mappings are checked here, as are the characters and length of a
+    path; choices, integers, arrays, shapes and bounds are checked where the function uses them.
     """
     annotations = {
         name: _alternatives(parameter.annotation) for name, parameter in inspect.signature(function).parameters.items()
@@ -227,17 +227,17 @@ def checked(function: Callable[P, R]) -> Callable[P, R]:
                     agreed.add(seen)
             else:
                 raise ArgumentTypeError(
-                    f"{function.__name__} takes {' or '.join(map(_words, kinds))} for {name}, not {brief(value)}, "
+                    f"{function.__name__} takes {' or '.join(map(_words, kinds))} for {name}, not {brief(value)} "
                     f"of type {type(value).__name__}."
                 )
             if isinstance(value, str | PurePath) and not _PATHS.isdisjoint(kinds):
                 if "\0" in str(value):
-                    raise ArgumentTypeError(f"{name}={brief(value)} has a NUL, which no path may have; leave it out.")
+                    raise ArgumentTypeError(f"{name}={brief(value)} contains a NUL, which no path may; remove it.")
                 longest = max((len(part.encode(errors="surrogatepass")) for part in PurePath(value).parts), default=0)
                 if longest > longest_name_bytes:
                     raise SentenceError(
-                        f"{name}={brief(value)} has a part of {longest} bytes; no file may have more than "
-                        f"{longest_name_bytes}, give it a shorter name."
+                        f"{name}={brief(value)} has a component of {longest} bytes; file names are limited to "
+                        f"{longest_name_bytes}, so choose a shorter one."
                     )
         return function(*args, **kwargs)
 
@@ -245,7 +245,7 @@ def checked(function: Callable[P, R]) -> Callable[P, R]:
 
 
 def _alternatives(annotation: object) -> tuple[str, ...]:
-    """Return the alternatives of an annotation as written, with modules left out; none where there is no annotation."""
+    """Return the alternatives of an annotation as written, without module names; none without an annotation."""
     if annotation is inspect.Parameter.empty:
         return ()
     text = annotation if isinstance(annotation, str) else inspect.formatannotation(annotation)
@@ -334,7 +334,7 @@ def _is_even(rows: Sequence[object]) -> bool:
 
 
 def _words(kind: str) -> str:
-    words = {"float": "a number", "int": "a whole number", "bool": "True or False", "str": "a word", "None": "None"}
+    words = {"float": "a number", "int": "a whole number", "bool": "True or False", "str": "a string", "None": "None"}
     words |= dict.fromkeys(_PATHS, "a path")
     return words.get(kind, f"a {kind}")
 
@@ -348,7 +348,7 @@ Missing = Literal["refuse", "mark"]
 def samples(
     x: ArrayLike, *, missing: Missing, minimum: int = 0, rate_hz: float = 1.0, start_s: float = 0.0, first: int = 0
 ) -> Samples:
-    """Return a block of a record from index `first` on; raise at values that are not finite, or make them NaN."""
+    """Return a block of a record starting at index `first`; refuse values that are not finite, or mark them as NaN."""
     choice(missing, name="missing", choices=get_args(Missing))
     vector = real_samples(x, name="the signal", minimum=minimum, finite=False)
     bad = np.flatnonzero(~np.isfinite(vector))
@@ -356,8 +356,8 @@ def samples(
         index = first + int(bad[0])
         raise ValueError(
             f"the signal has {bad.size} values that are not finite, the first at index {index} "
-            f"({start_s + index / rate_hz:.6g} s); repair or leave out that part of the record, or say "
-            'missing="mark" to have NaN where the filter reaches them.'
+            f"({start_s + index / rate_hz:.6g} s); repair or leave out that part of the record, or give "
+            'missing="mark" for NaN wherever the filter reaches them.'
         )
     if bad.size:
         vector = vector.copy()

@@ -76,8 +76,8 @@ BUDGETS = """
     signals/health, signals/indicators                          955    839    800
     signals/monitoring                                         1135    645    700
     signals/resampling                                          799    796    600
-    signals/shaft                                              3006   1924   2000
-    signals/spectra                                             866    819    700
+    signals/shaft                                              3006   1917   2000
+    signals/spectra                                             866    818    700
     hums (root)                                                 830    755    600
     hums/analysis                                              5359   5359   3000
     hums/cli                                                   1120   1039    700

@@ -11,9 +11,9 @@ Single = NDArray[np.float32]
 
 @compiled_sums
 def _median(values: Single) -> float:
-    """Return the median of some values, which are moved (Hoare 1961, Communications of the ACM 4, 321-322).
+    """Return the median of `values`, which are reordered (Hoare 1961, Communications of the ACM 4, 321-322).
 
-    numpy's is right as well, but takes two seconds to compile.
+    numpy's median takes two seconds to compile.
     """
     middle, left, right = values.size // 2, 0, values.size - 1
     while left < right:
@@ -40,10 +40,10 @@ def _median(values: Single) -> float:
 def rotated_maxima(rows: Single, shifts: NDArray[np.int64], maxima: Array) -> None:
     """Raise each of `maxima` to the largest statistic of one band whose blocks are rotated.
 
-    The statistic of a cell is the mean over blocks over its standard error, which is at least the median one of all
-    cells. The median is looked for only where the largest mean over its own error, a bound of the statistic, exceeds
-    the maximum so far. Sums are in single precision, where twice as many cells fill a vector register: the error of a
-    statistic t over n blocks is some 1e-7 (1 + t^2 / n) of it.
+    The statistic of a cell is the ratio of the mean over blocks to its standard error, or to the median error of all
+    cells if that is larger. The median is computed only if the largest ratio of a mean to its own error, an upper bound
+    of the statistic, exceeds the maximum so far. Sums are in single precision, where twice as many cells fit a vector
+    register: the relative error of a statistic t over n blocks is about 1e-7 (1 + t^2 / n).
 
     Parameters
     ----------
@@ -59,7 +59,7 @@ def rotated_maxima(rows: Single, shifts: NDArray[np.int64], maxima: Array) -> No
         for cell in range(cells):
             sums[cell] = squares[cell] = np.float32(0.0)
         shift = shifts[rotation]
-        # four blocks at a time, so that the sums are loaded and stored a quarter as often
+        # four blocks at a time load and store the sums a quarter as often
         for block in range(0, blocks - 3, 4):
             a = rows[block, shift[block] : shift[block] + cells]
             b = rows[block + 1, shift[block + 1] : shift[block + 1] + cells]
@@ -82,7 +82,7 @@ def rotated_maxima(rows: Single, shifts: NDArray[np.int64], maxima: Array) -> No
             above += (sums[cell] > 0) & (square > scale * squares[cell])
         if not above:
             continue
-        # such a mean does not exceed the median error where it exceeds the errors of no more than half of the cells
+        # the statistic cannot exceed the maximum if the largest mean exceeds the errors of fewer than half the cells
         largest = np.float32(0.0)
         for cell in range(cells):
             if sums[cell] > largest and sums[cell] * sums[cell] > scale * squares[cell]:

@@ -1,9 +1,9 @@
 """Time synchronous average (TSA) of a shaft.
 
-Averaging N revolutions is a comb filter (McFadden 1987, "A revised model for the extraction of periodic waveforms
-by time domain averaging", Mech. Syst. Signal Process. 1(1), 83-95). Its gain is one at whole orders of the shaft and
-``|sin(pi N f) / (N sin(pi f))|`` at any order f, with nulls where N f is whole: the number of revolutions decides how
-much of other shafts remains, and `quietest_revolutions` chooses it.
+Averaging N revolutions is a comb filter (McFadden 1987, "A revised model for the extraction of periodic waveforms by
+time domain averaging", Mech. Syst. Signal Process. 1(1), 83-95). Its gain is one at whole orders of the shaft and
+``|sin(pi N f) / (N sin(pi f))|`` at any order f, with nulls where N f is whole: the number of revolutions determines
+how much of other shafts remains, and `quietest_revolutions` chooses it.
 """
 
 from __future__ import annotations
@@ -51,6 +51,11 @@ def comb_gain(orders: ArrayLike, *, revolutions: int) -> Array:
     array
         Gains, of the shape of `orders`.
 
+    Raises
+    ------
+    ValueError
+        Orders that are not finite real numbers, or fewer than one revolution.
+
     Examples
     --------
     A null at 20 revolutions, since 20 times 32.05 is whole; -3.89 dB at 10:
@@ -66,7 +71,7 @@ def comb_gain(orders: ArrayLike, *, revolutions: int) -> Array:
     count = whole(revolutions, name="revolutions", least=1)
     given = np.asarray(orders)
     if given.dtype.kind not in "iufO":
-        raise ValueError(f"orders of type {given.dtype} must be real numbers or Fractions.")
+        raise ValueError(f"orders have type {given.dtype}; give real numbers or Fractions.")
     if given.dtype.kind == "O":
         exact = [_exact(order) for order in given.ravel()]
         fraction = np.array([float(order - round(order)) for order in exact]).reshape(given.shape)
@@ -83,9 +88,9 @@ def comb_gain(orders: ArrayLike, *, revolutions: int) -> Array:
 
 
 def _exact(order: object) -> Fraction:
-    """Return an order as a Fraction, that of its binary value where it is a float."""
+    """Return an order as a Fraction; for a float, that of its binary value."""
     if isinstance(order, bool) or not isinstance(order, Real):
-        raise ValueError(f"order {order!r} must be a number or a Fraction.")  # noqa: TRY004
+        raise ValueError(f"order {order!r} must be a real number or a Fraction.")  # noqa: TRY004
     if not isinstance(order, Rational):
         return Fraction(number(order, name="order"))
     return Fraction(order)
@@ -93,7 +98,7 @@ def _exact(order: object) -> Fraction:
 
 @dataclass(frozen=True, kw_only=True)
 class CombAdvice:
-    """Number of revolutions to average, and the comb filter's largest gain over the interfering orders.
+    """Number of revolutions to average, and the largest gain of the comb filter over the interfering orders.
 
     Attributes
     ----------
@@ -102,8 +107,8 @@ class CombAdvice:
     gain : float
         Largest gain over the interfering orders, 0 to 1.
     null_every : int or None
-        Smallest number of revolutions with an exact null on all of them, as its multiples have; None where an order is
-        a float.
+        Smallest number of revolutions with an exact null at all of them, as at its multiples; None if an order is a
+        float.
 
     Examples
     --------
@@ -120,17 +125,17 @@ class CombAdvice:
 
 @checked
 def quietest_revolutions(orders: Iterable[Fraction | float], *, most: int) -> CombAdvice:
-    """Return the number of revolutions whose average attenuates interfering orders most.
+    """Return the number of revolutions whose average attenuates the interfering orders most.
 
-    An order a/b in lowest terms has its nulls at the multiples of b revolutions, all orders together at those of
-    the least common multiple. Where there are not as many, or an order is a float, the number with the smallest
-    largest gain is returned; of equals the largest, since noise decreases with the number.
+    An order a/b in lowest terms has nulls at multiples of b revolutions, several orders together at multiples of the
+    least common multiple. If fewer revolutions are available, or an order is a float, the number whose largest gain is
+    smallest is returned; of equal ones the largest number, since noise decreases with it.
 
     Parameters
     ----------
     orders : iterable of Fraction or float
-        Interfering orders of the averaged shaft, Fractions where teeth define them. A null on a shaft is one on its
-        harmonics too, except on those that are whole orders.
+        Interfering orders of the averaged shaft, as Fractions where teeth define them. A null at the order of a shaft
+        is one at its harmonics too, except those that are whole orders.
     most : int
         Largest number of revolutions available.
 
@@ -145,7 +150,7 @@ def quietest_revolutions(orders: Iterable[Fraction | float], *, most: int) -> Co
 
     Examples
     --------
-    The mate of a pair of 21 and 41 teeth turns at order 21/41; its nulls are the multiples of 41 revolutions:
+    In a pair of 21 and 41 teeth the mate turns at order 21/41, with nulls at multiples of 41 revolutions:
 
     >>> from fractions import Fraction
     >>> from signals import quietest_revolutions
@@ -156,7 +161,7 @@ def quietest_revolutions(orders: Iterable[Fraction | float], *, most: int) -> Co
     given = list(orders)
     exact = [_exact(order) for order in given]
     if not exact:
-        raise ValueError("no interfering order was named; name at least one.")
+        raise ValueError("orders is empty; give at least one interfering order.")
     for order in exact:
         if order.denominator == 1:
             raise ValueError(
@@ -184,12 +189,12 @@ class HuntingPeriod:
     Attributes
     ----------
     meshes : int
-        Tooth engagements in a period: the least common multiple of the numbers of teeth.
+        Tooth engagements per period: the least common multiple of the numbers of teeth.
     revolutions, mate_revolutions : int
-        Revolutions of either gear in a period.
+        Revolutions of either gear per period.
     assembly_phases : int
-        Number of assembly phases: the greatest common divisor of the numbers of teeth. One is a hunting-tooth pair, of
-        which every tooth meets every tooth of the mate.
+        Number of assembly phases: the greatest common divisor of the numbers of teeth. It is one for a hunting-tooth
+        pair, in which every tooth meets every tooth of the mate.
 
     Examples
     --------
@@ -216,6 +221,11 @@ def hunting_period(teeth: int, mate_teeth: int) -> HuntingPeriod:
     Returns
     -------
     HuntingPeriod
+
+    Raises
+    ------
+    ValueError
+        Fewer than one tooth.
 
     Examples
     --------
@@ -246,7 +256,7 @@ class SynchronousAverage:
     values : (angle,) array
         Average, in the unit of the record.
     standard_error : (angle,) array
-        Standard error of each value, from the scatter between revolutions taken as independent; NaN for a single one.
+        Standard error of each value, from the scatter between revolutions, taken as independent; NaN for only one.
     revolutions : int
         Number of revolutions averaged.
     ratio : Fraction
@@ -281,14 +291,14 @@ class SynchronousAverage:
 
     @property
     def removed_orders(self) -> tuple[int, ...]:
-        """Orders removed from it: none."""
+        """Orders removed from the average: none."""
         return ()
 
     @property
     def complex_amplitude(self) -> NDArray[np.complex128]:
         """Complex peak amplitude at every whole order, (samples_per_rev // 2 + 1,); order 0 is the mean."""
         lines = np.asarray(fft.rfft(self.values), dtype=np.complex128) / self.values.size
-        lines[1 : (self.values.size + 1) // 2] *= 2  # half the sampling rate has no mirror image
+        lines[1 : (self.values.size + 1) // 2] *= 2  # the Nyquist line has no mirror image
         return lines
 
 
@@ -303,8 +313,8 @@ def synchronous_average(
 ) -> SynchronousAverage:
     """Return the time synchronous average of a shaft (Braun 1975; McFadden 1987).
 
-    Where a revolution of the shaft is a whole number of samples, they are averaged directly. Else the signal is
-    resampled over the angle of that shaft first, and revolutions within 32 samples of the ends are left out.
+    If a revolution of the shaft is a whole number of samples, they are averaged directly. Otherwise the signal is first
+    resampled over the angle of that shaft, and revolutions within 32 samples of the ends are left out.
 
     Parameters
     ----------
@@ -313,12 +323,12 @@ def synchronous_average(
     ratio : Fraction
         Revolutions of the averaged shaft per revolution of the reference shaft, exact.
     revolutions : int, optional
-        Number of revolutions of the averaged shaft, from the first on; default all. See `quietest_revolutions`.
+        Number of revolutions of the averaged shaft, counted from the first; default: all. See `quietest_revolutions`.
     samples_per_rev : int, optional
-        Angles of the average; default the samples of the signal per revolution of this shaft, rounded up.
+        Angles of the average; default: the samples of the signal per revolution of this shaft, rounded up.
     datum_rev : float, optional
-        Angle of the reference shaft, in revolutions, at which that of the averaged shaft is zero; default the first
-        sample. Give the same to averages of several parts of a record to keep their angles comparable.
+        Angle of the reference shaft, in revolutions, at which the angle of the averaged shaft is zero; default: that of
+        the first sample. Use the same datum for averages of several parts of a record to keep their angles comparable.
 
     Returns
     -------
@@ -328,11 +338,11 @@ def synchronous_average(
     Raises
     ------
     ValueError
-        A ratio that is not exact, or fewer revolutions in the signal than asked for.
+        A ratio that is not exact or not positive, or fewer revolutions in the signal than required.
 
     Examples
     --------
-    The mesh of 21 teeth stays; order 3.5, not a whole order, is nulled by an even number of revolutions:
+    The mesh of 21 teeth remains; order 3.5, not a whole order, is nulled by an even number of revolutions:
 
     >>> import numpy as np
     >>> from signals import AngularSignal, synchronous_average
@@ -352,7 +362,7 @@ def synchronous_average(
     datum = Fraction(0 if datum_rev is None else number(datum_rev, name="datum_rev") - signal.start_rev)
     offset = (datum * signal.samples_per_rev) % per_turn
     direct = per_turn == per_rev and offset.denominator == 1
-    # 32 of the interpolation filter of signals.resampling.resampling, in samples; more on a coarser grid
+    # half width of the interpolation filter of `angular_resample` in samples; wider on a coarser grid
     margin = 0 if direct else math.ceil(32 * max(1.0, float(per_turn / per_rev)))
     first = offset + per_turn * max(0, math.ceil((margin - offset) / per_turn))
     available = max(0, math.floor((values.size - margin - first) / per_turn))
@@ -376,11 +386,11 @@ def exact_ratio(ratio: object) -> Fraction:
     """Return a ratio of shaft speeds above zero as a Fraction, or raise ValueError."""
     if isinstance(ratio, bool) or not isinstance(ratio, Rational):
         raise ValueError(  # noqa: TRY004
-            f"ratio={ratio!r} is not exact, and its error would add up over the revolutions; "
-            "give the teeth, as Fraction(21, 41)."
+            f"ratio={ratio!r} is not exact, and its error would accumulate over the revolutions; "
+            "give the teeth, as in Fraction(21, 41)."
         )
     if ratio <= 0:
-        raise ValueError(f"ratio={ratio} must be above zero; the sense of rotation changes no average.")
+        raise ValueError(f"ratio={ratio} must be above zero; averages do not depend on the sense of rotation.")
     return Fraction(ratio)
 
 
@@ -390,15 +400,15 @@ def _count(revolutions: int | None, available: int, samples: int, per_turn: Frac
     if available < needed:
         raise ValueError(
             f"the signal of {samples} samples holds {available} whole revolutions of the shaft at "
-            f"{float(per_turn):g} samples each, but {needed} are needed; record longer or average fewer."
+            f"{float(per_turn):g} samples each, but {needed} are needed; record longer, or average fewer."
         )
     return available if revolutions is None else needed
 
 
 def _resampled_turns(values: Array, first: float, per_turn: float, count: int, per_rev: int) -> tuple[Array, float]:
-    """Return `count` revolutions from sample `first` on, (count, per_rev), and the highest order in the passband.
+    """Return `count` revolutions starting at sample `first`, (count, per_rev), and the highest order in the passband.
 
-    To the resampler the sample number is the time, in which the shaft has a constant speed.
+    The sample number serves as time, in which the shaft has a constant speed.
     """
     phase = ShaftPhase(
         times_s=np.array([first, first + count * per_turn]), revolutions=np.array([0.0, count]), nominal=True
@@ -410,9 +420,9 @@ def _resampled_turns(values: Array, first: float, per_turn: float, count: int, p
 class RunningAverage:
     """Time synchronous average of a record that arrives in blocks, in constant memory.
 
-    Mean and sum of squared deviations are updated after Chan, Golub & LeVeque (1983, "Algorithms for computing the
-    sample variance", Am. Stat. 37(3)), which for single revolutions is the update of Welford (1962). Block sizes change
-    nothing but rounding.
+    Mean and sum of squared deviations are updated as by Chan, Golub & LeVeque (1983, "Algorithms for computing the
+    sample variance", Am. Stat. 37(3)), for single revolutions the update of Welford (1962). Block sizes affect only
+    rounding.
 
     Parameters
     ----------
@@ -422,6 +432,11 @@ class RunningAverage:
         Revolutions of the averaged shaft per revolution of the reference shaft, for the result.
     passband_orders : float
         Highest order of the averaged shaft in the passband of the record, for the result.
+
+    Raises
+    ------
+    ValueError
+        Fewer than two samples per revolution, or a ratio that is not exact.
 
     Examples
     --------
@@ -445,12 +460,12 @@ class RunningAverage:
 
     @property
     def waiting(self) -> int:
-        """Number of samples of a revolution that is not complete yet, and not in the average."""
+        """Number of samples of a revolution that is not yet complete and not in the average."""
         return int(self._rest.size)
 
     def update(self, values: ArrayLike) -> None:
-        """Add the next samples (n,) over the angle of the averaged shaft, any number of them."""
-        block = np.append(self._rest, real_vector(values, name="the piece", minimum=0))
+        """Add the next samples over the angle of the averaged shaft, (n,) of any length; they must be finite."""
+        block = np.append(self._rest, real_vector(values, name="values", minimum=0))
         turns, rest = np.split(block, [block.size - block.size % self.samples_per_rev])
         self._rest = rest
         if turns.size:
@@ -468,19 +483,19 @@ class RunningAverage:
         """
         if (other.samples_per_rev, other.ratio) != (self.samples_per_rev, self.ratio):
             raise ValueError(
-                f"an average over {other.samples_per_rev} samples a revolution at ratio {other.ratio} cannot join one "
-                f"over {self.samples_per_rev} at ratio {self.ratio}; resample both over the same shaft and grid."
+                f"an average of {other.samples_per_rev} samples per revolution at ratio {other.ratio} cannot be merged "
+                f"with one of {self.samples_per_rev} at ratio {self.ratio}; resample both over the same shaft and grid."
             )
         if self.waiting or other.waiting:
             raise ValueError(
-                f"{self.waiting} and {other.waiting} samples wait for the rest of their revolution, which merging "
-                "would lose; give both averages whole revolutions."
+                f"{self.waiting} and {other.waiting} samples belong to incomplete revolutions, which merging would "
+                "lose; update both averages to whole revolutions first."
             )
         self.passband_orders = min(self.passband_orders, other.passband_orders)
         self._combine(other.revolutions, other._mean, other._squares)
 
     def average(self) -> SynchronousAverage:
-        """Return the average so far; more samples may follow.
+        """Return the average to date; more samples may follow.
 
         Raises
         ------
@@ -489,8 +504,8 @@ class RunningAverage:
         """
         if not self.revolutions:
             raise ValueError(
-                f"only {self.waiting} of the {self.samples_per_rev} samples of a first revolution have come in; "
-                "there is no average yet."
+                f"only {self.waiting} of the {self.samples_per_rev} samples of the first revolution have arrived; "
+                "update with more before asking for the average."
             )
         freedom = self.revolutions - 1
         variance = self._squares / freedom if freedom else np.full(self.samples_per_rev, np.nan)

@@ -1,29 +1,30 @@
-"""Local damage of one gear: energy that returns once a turn, at one tooth, in every part of the record.
+"""Local damage of one gear: energy that recurs once per revolution, at one tooth, throughout the record.
 
-One damaged tooth makes a short, wide-band disturbance each time it meshes. The signal over angle is freed of the
-harmonics of all meshes and of what stands close beside them (run-out, load, planet passes), and split into bands of
-orders. The energy of each band is folded by the turns of the gear, its logarithm taken relative to its turn, so that a
-level which changes with load or speed is none of it, and averaged over blocks of turns. Logarithms make a modulation
-that multiplies (the path past a planet, the shape of a mesh) one that adds, which is then projected out, and bound
-the share of any single impact.
+A damaged tooth causes a short, wide-band disturbance each time it meshes. The harmonics of all meshes and the lines
+close to them (run-out, load, planet passes) are removed from the signal over angle, which is then split into bands of
+orders. The energy of each band is folded by the revolutions of the gear. Its logarithm relative to that revolution,
+which does not depend on slow changes with load or speed, is averaged over blocks of revolutions. Logarithms turn
+multiplicative modulation (the path past a planet, the shape of a mesh) into additive modulation, which is then
+projected out, and limit the influence of any single impact.
 
-Two tests must both reject. That nothing repeats with this gear's turn: the blocks are turned against one another at
-random (a permutation test, exact where blocks are exchangeable under rotation; stopped early as Besag & Clifford 1991,
-Biometrika 78, 301-304); of two or three turns the waveform is tested in place (`repeated_waveform`). That
-the tooth differs from others no more than they do among themselves, for pitch deviations of a sound gear repeat, too.
-In a band of sidebands a Gaussian deviation of each tooth has two Gaussian quadratures, so that the energies of sound
-teeth are exponential above what they have in common. Their scale is estimated in two ways, from others that are as m
-independent values. Where noise makes most of their scatter, their standard deviation is sharp; that of exponentials
-scatters twice as much as a mean, so that the excess over their mean in this unit has a tail bounded by F(2, m). Where
-teeth differ, one or two large ones decide it, and few teeth leave no evidence; their mean above the lowest is then the
-sufficient statistic, and the excess over the lowest in this unit is F(2, 2 m - 2), exact whatever they have in common.
-The two probabilities are combined by their geometric mean times e, which holds whatever their dependence (Vovk & Wang
-2020, Biometrika 107, 791-808).
+Two null hypotheses must both be rejected. The first: nothing repeats with the revolution of this gear. The blocks are
+rotated against each other at random (a permutation test, exact if blocks are exchangeable under rotation, with the
+sequential stopping of Besag & Clifford 1991, Biometrika 78, 301-304); with only two or three revolutions the waveform
+is tested instead (`repeated_waveform`). The second: the tooth differs from the others no more than they do from each
+other, since the pitch deviations of a healthy gear repeat as well. In a band of sidebands a Gaussian deviation of each
+tooth has two Gaussian quadratures, so that the energies of healthy teeth are exponential above their common part. Their
+scale is estimated in two ways, from other teeth equivalent to m independent values. If their scatter is mostly noise,
+their standard deviation is sharp; that of exponentials scatters twice as much as a mean, so that the excess over their
+mean in this unit has a tail bounded by F(2, m). If the teeth differ, one or two large ones dominate the standard
+deviation, and with few teeth no evidence remains; their mean above the lowest is then the sufficient statistic, and the
+excess over the lowest in this unit is F(2, 2 m - 2), exactly, whatever their common part. The two probabilities are
+combined by their geometric mean times e, which is valid under any dependence (Vovk & Wang 2020, Biometrika 107,
+791-808).
 
-A damaged tooth is short and so wide in order: it stands at one place of the turn in many bands. The probabilities of
-the bands at one place are combined by their product, and a tooth may repeat in one band and stand out in another.
-Pitch deviations of sound teeth make sidebands in several bands: where the other teeth differ alike from band to band,
-the bands count as fewer (Brown 1975, Biometrics 31, 987-992, with the mean correlation of the others).
+The disturbance of a damaged tooth is short and therefore wide in order: it appears at one angle in many bands. The
+probabilities of the bands at one angle are multiplied, and a tooth may repeat in one band and stand out in another.
+Pitch deviations of healthy teeth cause sidebands in several bands: where the other teeth differ in the same way in each
+band, the bands count as fewer (Brown 1975, Biometrics 31, 987-992, with the mean correlation of the others).
 """
 
 from __future__ import annotations
@@ -49,35 +50,35 @@ if TYPE_CHECKING:
     from signals.resampling.resampling import AngularSignal
 
 FEWEST_TURNS = 2
-"""Turns of a gear that a judgement needs: in fewer nothing repeats."""
+"""Fewest gear revolutions in which anything can repeat."""
 
 PERMUTED_TURNS = 4
-"""Turns from which on energies are rotated at random: rotations of fewer blocks repeat by chance too often."""
+"""Fewest gear revolutions for the permutation test: rotations of fewer blocks repeat too often by chance."""
 
-_FEWEST_CELLS, _LEAST_CELLS, _MOST_CELLS = 10, 24, 128  # of a turn: needed, aimed at, and most
+_FEWEST_CELLS, _LEAST_CELLS, _MOST_CELLS = 10, 24, 128  # per revolution: required, aimed at, and most
 _WIDTHS = (1, 2, 4, 8)  # cells
 _FIRST, _ENOUGH = 99, 8  # rotations drawn before the permutation test may stop, and exceedances at which it does
-_LEAST_TAIL = 1e-30  # of one band: its logarithm is finite where others do not scatter at all
-_RISES = np.geomspace(1.0, 1e6, 121)  # between which is interpolated; a tooth rings by 60 dB at most
+_LEAST_TAIL = 1e-30  # of one band, so that its logarithm is finite where the others do not scatter at all
+_RISES = np.geomspace(1.0, 1e6, 121)  # interpolation grid, up to 60 dB
 
 
 @dataclass(frozen=True, kw_only=True)
 class FoldedEnergies:
-    """Logarithm of band energies over the turns of a gear, each relative to its turn.
+    """Logarithm of band energies folded over the revolutions of a gear, each relative to its revolution.
 
     Attributes
     ----------
     values : (band, block, cell) array
-        Mean over the turns of each block; without its mean over cells, the smooth orders of the turn, and what all
-        teeth have in common.
+        Mean over the revolutions of each block, without its mean over cells, the smooth orders, and the part common to
+        all teeth.
     turns : int
-        Number of turns.
+        Number of gear revolutions.
     teeth : float
-        Teeth that pass in a turn.
+        Teeth that pass per revolution.
     smooth_orders : int
-        Orders of the turn that were projected out.
+        Number of orders of the gear that were projected out.
     contacts : int
-        Times that a tooth meets others in a turn, equally apart.
+        Number of evenly spaced contacts of a tooth per revolution.
     """
 
     values: Array = field(metadata={"dims": ("band", "block", "cell")})
@@ -96,25 +97,25 @@ def folded(
     smooth_orders: int = 2,
     contacts: int = 1,
 ) -> FoldedEnergies:
-    """Return band energies folded by the turns of a gear.
+    """Return band energies folded by the revolutions of a gear.
 
     Parameters
     ----------
     energies : BandEnergies
         From `residual_energies`.
     order : Fraction or float
-        Turns of the gear per revolution of the reference; of a gear in mesh with several planets, meetings of one
-        tooth with any of them.
+        Revolutions of the gear per revolution of the reference; for a gear in mesh with several planets, contacts of
+        one tooth with any of them.
     teeth : float
-        Teeth that pass in such a turn.
+        Teeth that pass per such revolution.
     keep : (n,) bool array, optional
-        Samples to use; default all.
+        Samples to use; default: all.
     smooth_orders : int
-        Orders of the turn that run-out, misalignment and passing planets modulate, which are projected out. Give 0 for
-        a sun, which is folded more than once a turn: a modulation once in its turn does not repeat in a fold.
+        Number of orders modulated by run-out, misalignment and passing planets, which are projected out. Use 0 for a
+        sun, which is folded more than once per revolution, so that its own modulation does not repeat in a fold.
     contacts : int
-        Times that a tooth meets others in such a turn, equally apart: 2 of a planet, between sun and ring. What is
-        at the other contacts of a place is not compared with it.
+        Number of evenly spaced contacts of a tooth per such revolution: 2 for a planet, between sun and ring. A place
+        is not compared with its other contacts.
 
     Returns
     -------
@@ -123,7 +124,7 @@ def folded(
     Raises
     ------
     ValueError
-        Fewer turns than `FEWEST_TURNS`, or fewer samples in a turn than its smooth orders leave room for.
+        Fewer revolutions than `FEWEST_TURNS`, or too few samples per revolution to resolve a tooth.
 
     Examples
     --------
@@ -142,7 +143,9 @@ def folded(
     first, last = math.ceil(place[0] - 1e-9), math.floor(place[-1] + rate / energies.samples_per_rev + 1e-9)
     turns = last - first
     if turns < FEWEST_TURNS:
-        raise ValueError(f"{max(turns, 0)} turns are too few to judge one tooth; record {FEWEST_TURNS} or more.")
+        raise ValueError(
+            f"{max(turns, 0)} gear revolutions are too few to judge one tooth; record {FEWEST_TURNS} or more."
+        )
     cells = _cells(pitch, per_turn)
     begin, end = np.searchsorted(place + 1e-9, [first, last]).tolist()
     inside = slice(begin, end) if keep is None else begin + np.flatnonzero(keep[begin:end])
@@ -151,7 +154,7 @@ def folded(
     cell = np.floor((place - turn) * cells).astype(int)
     index = (turn - first) * cells + np.clip(cell, 0, cells - 1)
     seen = np.bincount(index, minlength=turns * cells).reshape(turns, cells)
-    # at least 8 blocks of as many turns, and at most 24; more cost time and no longer sharpen the scatter
+    # 8 to 24 blocks; more cost time without a sharper estimate of the scatter
     blocks = min(turns, int(np.clip(turns // 2, 8, 24)))
     edges = np.linspace(0, turns, blocks + 1).astype(int)[:-1]
     values = np.empty((bands, blocks, cells))
@@ -163,11 +166,12 @@ def folded(
 
 
 def _cells(teeth: float, per_turn: float) -> int:
-    """Return the number of cells of a turn: whole cells per tooth where the samples allow, so that teeth compare."""
+    """Return the number of cells per revolution: whole cells per tooth if the samples allow, so that teeth compare."""
     most = min(_MOST_CELLS, int(per_turn))
     if most < _FEWEST_CELLS:
         raise ValueError(
-            f"{per_turn:.1f} samples in a turn cannot show one tooth; sample faster, or lower the number of bands."
+            f"{per_turn:.1f} samples per gear revolution cannot resolve a tooth; sample faster, or reduce the number "
+            "of bands."
         )
     per_tooth = max(1, min(round(_LEAST_CELLS / teeth + 0.5), 8))
     cells = round(teeth * per_tooth)
@@ -178,14 +182,14 @@ def _cells(teeth: float, per_turn: float) -> int:
 
 
 def _block_means(sums: Array, seen: NDArray[np.integer], edges: NDArray[np.integer]) -> Array:
-    """Return the mean log energy by block and cell, each turn relative to its own geometric mean."""
+    """Return the mean log energy by block and cell, each revolution relative to its geometric mean."""
     there = seen > 0
     energy = np.where(there, sums / np.maximum(seen, 1), np.nan)
     total = sums.sum(axis=1) / np.maximum(seen.sum(axis=1), 1)
-    sound = total > 1e-6 * np.median(total)  # 1e-6 of the median turn's energy: a turn below is a drop-out
+    sound = total > 1e-6 * np.median(total)  # a revolution with less energy is a drop-out
     logs = np.log(np.maximum(np.where(there, energy, 1.0), 1e-12 * np.median(total) + 1e-300))
     level = np.exp(np.where(there, logs, 0.0).sum(axis=1) / np.maximum(there.sum(axis=1), 1))
-    # 0.1 of a turn's geometric mean energy: bounds the logarithm from below
+    # 0.1 of the geometric mean energy of the revolution bounds the logarithm from below
     relative = np.where(there & sound[:, None], np.log(np.where(there, energy, 1.0) / level[:, None] + 0.1), 0.0)
     count = np.add.reduceat((there & sound[:, None]).astype(float), edges, axis=0)
     means = np.add.reduceat(relative, edges, axis=0) / np.maximum(count, 1)
@@ -200,7 +204,7 @@ def _common_part(values: Array, teeth: float, smooth_orders: int) -> Array:
 
 @lru_cache(maxsize=32)
 def _common_projection(cells: int, teeth: float, smooth_orders: int) -> Array:
-    """Return the (cell, cell) projection on these orders, which is symmetric."""
+    """Return the symmetric (cell, cell) projection onto these orders."""
     taken = np.zeros(cells // 2 + 1, dtype=bool)
     taken[: smooth_orders + 1] = True
     common = np.arange(1, int(taken.size / teeth) + 1) * teeth
@@ -211,45 +215,45 @@ def _common_projection(cells: int, teeth: float, smooth_orders: int) -> Array:
 
 @dataclass(frozen=True, kw_only=True)
 class LocalDamage:
-    """How local and how repeatable the energy over the turn of a gear is.
+    """How local and how repeatable the energy over the revolution of a gear is.
 
     Attributes
     ----------
     probability : float
-        The larger of the two below.
+        The larger of `repeats` and `local`.
     repeats : float
-        Probability that blocks turned at random repeat as well as this place does in any band, anywhere; at least
-        ``1 / (rotations + 1)``; 1 of fewer turns than `PERMUTED_TURNS`, where `repeated_waveform` tests it.
+        Probability that randomly rotated blocks repeat as well as the peak, in any band at any angle; at least
+        ``1 / (rotations + 1)``. It is 1 for fewer revolutions than `PERMUTED_TURNS`, where `repeated_waveform` applies.
     differing : float
-        The smallest `repeats` of all bands: whether anything repeats with the turn, at one tooth or several.
+        Smallest `repeats` of all bands: whether anything repeats with the revolution, at one tooth or several.
     local : float
-        Probability that among teeth whose energies are exponential, as alike from band to band as those of the others,
-        one is that far out in all bands together, of all places and widths.
+        Probability that among teeth with exponential energies, with the band-to-band correlation of the other teeth,
+        one is as extreme in all bands together, over all angles and widths.
     statistic : float
-        Mean over blocks over its standard error at the peak, the largest of all bands within a tooth of it.
+        Largest ratio of the mean over blocks to its standard error within a tooth of the peak, over all bands.
     outlier : float
-        Energy of the peak less the mean of the other places, over their standard deviation.
+        Energy of the peak above the mean of the other places, in their standard deviations.
     rise : float
-        The peak's energy over that of the other places, of geometric means over turns; what bounds the logarithm makes
-        it too small where it is large.
+        Ratio of the energy of the peak to that of the other places, as geometric means over revolutions; a large rise
+        is underestimated, since the logarithm is bounded.
     least_rise : float
-        The rise, in all bands alike, at which `local` would be as stated; inf where none would make it.
+        Rise, equal in all bands, at which `local` would reach the stated probability; inf if none would.
     position_rev, width_rev : float
-        Middle of the peak, 0 to 1 of a turn, and its width.
+        Middle of the peak, from 0 to 1 revolution of the gear, and its width.
     band : int
-        Band in which the place stands out most.
+        Index of the band in which the peak stands out most.
     turns : int
-        Turns used.
+        Number of gear revolutions used.
     """
 
-    probability: float
-    repeats: float
-    differing: float
+    probability: float = 1.0
+    repeats: float = 1.0
+    differing: float = 1.0
     local: float
     statistic: float
     outlier: float
     rise: float
-    least_rise: float
+    least_rise: float = math.inf
     position_rev: float
     width_rev: float
     band: int
@@ -259,27 +263,33 @@ class LocalDamage:
 def local_damage(
     energies: FoldedEnergies, *, rotations: int, rng: np.random.Generator, stated: float = 1e-3
 ) -> LocalDamage:
-    """Return the test of one gear for one damaged tooth.
+    """Test one gear for one damaged tooth.
 
     Parameters
     ----------
     energies : FoldedEnergies
         From `folded`.
     rotations : int
-        Most random rotations of the blocks: the smallest probability is ``1 / (rotations + 1)``.
+        Largest number of random rotations of the blocks, at least 99; the smallest probability is
+        ``1 / (rotations + 1)``.
     rng : numpy.random.Generator
-        Draws the rotations.
+        Source of the rotations.
     stated : float
-        Value of `local` for which `least_rise` is returned.
+        Value of `local` for which `least_rise` is computed.
 
     Returns
     -------
     LocalDamage
-        At the band with the smallest probability.
+        For the place and width of smallest probability.
+
+    Raises
+    ------
+    ValueError
+        Fewer than 99 rotations.
 
     Examples
     --------
-    Three times the energy at one of 20 teeth, in 200 turns of exponential noise:
+    Three times the energy at one of 20 teeth, in 200 revolutions of exponential noise:
 
     >>> import numpy as np
     >>> from signals.angle.local_damage import folded, local_damage
@@ -303,7 +313,7 @@ def local_damage(
     if energies.turns < PERMUTED_TURNS:
         best = min(range(len(places)), key=lambda at: (places[at].local, -places[at].statistic))
         return replace(places[best], least_rise=compared[best].least_rise(stated))
-    unlikely = 0.5  # probability of the outlier alone above which no healthy machine's gear would be exceeded, either
+    unlikely = 0.5  # a peak with a larger probability stands out on no gear, so that few rotations suffice
     worthwhile = min(place.local for place in places) < unlikely
     null = _rotated_maxima(smoothed, most if worthwhile else _FIRST, float(observed.max()), rng)
 
@@ -329,26 +339,27 @@ def local_damage(
 def _at_peaks(
     curves: Array, statistics: Array, width: int, energies: FoldedEnergies
 ) -> tuple[list[LocalDamage], _Others]:
-    """Return the outcome at the highest place of each band, averaged over `width` cells, before any rotation.
+    """Return the result at the highest peak of each band, averaged over `width` cells, before any rotation.
 
-    With what each place was compared with.
+    The second result holds the other places with which each peak was compared.
     """
     bands, cells = curves.shape
     peaks = np.unique(curves.argmax(axis=1))
     pitch = max(1, math.ceil(cells / energies.teeth))
     distance = np.abs((np.arange(cells) - peaks[:, None] + cells // 2) % cells - cells // 2)
-    # 2.5 teeth on either side of the peak not compared: pits spread, and the mesh rings on; at most a sixth
+    # 2.5 teeth on either side of the peak are not compared, since pits spread and the mesh rings; at most a sixth
     away = distance > max(pitch, width, min(round(2.5 * pitch), cells // 6))
     for contact in range(1, energies.contacts):
         away &= np.roll(distance, round(contact * cells / energies.contacts), axis=1) > max(pitch, width)
-    fewest_others = 3  # cells besides the peak and its neighbours, of which a scatter can be estimated
-    if np.count_nonzero(away[0]) < fewest_others:  # as many for each peak
-        away[:] = True  # too coarse for a tooth to stand out: its statistic is that of a cell among all
+    fewest_others = 3  # cells from which a scatter can be estimated
+    if np.count_nonzero(away[0]) < fewest_others:  # the same number for each peak
+        away[:] = True  # too coarse to resolve a tooth: compare with all cells
     count = int(np.count_nonzero(away[0]))
     others = np.broadcast_to(away[:, None], (peaks.size, bands, cells))
     curves = np.broadcast_to(curves, others.shape)
-    # 4 times that the smooth orders are estimated again: each leaves a third of the share of the peak
-    for _ in range(4):  # a high peak has a share in the smooth orders, which would be missing from the others
+    # a high peak leaks into the smooth orders, which would lower the others; each iteration leaves a third of the
+    # leakage
+    for _ in range(4):
         highest = np.where(others, curves, -np.inf).max(axis=-1, keepdims=True)
         clipped = np.where(others, curves, np.minimum(curves, highest))
         curves = curves - _common_part(clipped, energies.teeth, energies.smooth_orders)
@@ -359,7 +370,7 @@ def _at_peaks(
     alike = np.divide(
         compared - mean[..., None], spread[..., None], out=np.zeros_like(compared), where=spread[..., None] > 0
     )
-    # mean correlation of two bands over the others, from the variance of their sum
+    # mean correlation between bands over the other places, from the variance of their sum
     shared = (np.sum(alike.sum(axis=1) ** 2, axis=-1) / (count - 1) / bands - 1) / max(1, bands - 1)
     at_peak = energy[np.arange(peaks.size), :, peaks]
     of_others = _Others(
@@ -377,9 +388,6 @@ def _at_peaks(
         band = int(best[row])
         found.append(
             LocalDamage(
-                probability=1.0,
-                repeats=1.0,
-                differing=1.0,
                 local=float(local[row]),
                 statistic=float(statistics[distance[row] <= pitch].max()),
                 outlier=float(outlier[row, band]),
@@ -388,7 +396,6 @@ def _at_peaks(
                 width_rev=width / cells,
                 band=band,
                 turns=energies.turns,
-                least_rise=math.inf,
             )
         )
     return found, of_others
@@ -396,7 +403,7 @@ def _at_peaks(
 
 @dataclass(frozen=True, kw_only=True)
 class _Others:
-    """What peaks are compared with: of the energies of the other places, each (peak, band).
+    """Statistics of the energies of the other places with which peaks are compared, (peak, band) each.
 
     `scale` is that of an exponential above the lowest, `counted` (peak,) the number of bands that count as one.
     """
@@ -409,7 +416,7 @@ class _Others:
     counted: Array
 
     def outlier(self, energy: Array) -> Array:
-        """Return by how many standard deviations an energy (peak, band) is above the mean."""
+        """Return the excess of an energy (peak, band) over the mean in standard deviations."""
         return _over(energy - self.mean, self.spread)
 
     def local(self, energy: Array) -> tuple[Array, NDArray[np.integer]]:
@@ -420,7 +427,7 @@ class _Others:
         by_mean = _tail(_over(energy - self.lowest, self.scale), self.independent - 1)
         tails = np.maximum(np.stack([by_spread, by_mean]), _LEAST_TAIL)
         together = special.gammaincc(bands / self.counted, -np.log(tails).sum(axis=-1) / self.counted)
-        # a tooth may stand out in all bands, or in one: two tests, of which the better counts
+        # a tooth may stand out in all bands or in one: the better of two tests counts
         either = 2 * np.minimum(together, bands * tails.min(axis=-1))
         best = tails.prod(axis=0).argmin(axis=-1)
         independent = np.broadcast_to(self.independent, energy.shape)
@@ -428,11 +435,11 @@ class _Others:
         return np.minimum(1.0, math.e * np.sqrt(np.minimum(1.0, either * looks).prod(axis=0))), best
 
     def row(self, peak: int) -> _Others:
-        """Return those of one peak."""
+        """Return the statistics of one peak."""
         return _Others(**{one.name: getattr(self, one.name)[peak : peak + 1] for one in fields(self)})
 
     def least_rise(self, stated: float) -> float:
-        """Return how many times the mean a peak must be, in all bands alike, to be as improbable as stated."""
+        """Return the ratio to the mean, equal in all bands, at which a peak is as improbable as stated."""
         local, _ = self.local(_RISES[:, None] * self.mean)
         if local[-1] >= stated:
             return math.inf
@@ -440,20 +447,20 @@ class _Others:
 
 
 def _over(excess: Array, scale: Array) -> Array:
-    """Return an excess in units of a scale, infinite where there is no scatter."""
+    """Return an excess in units of a scale, infinite if there is no scatter."""
     excess, scale = np.broadcast_arrays(excess, scale)
     return np.asarray(np.divide(excess, scale, out=np.full(excess.shape, np.inf), where=scale > 0))
 
 
 def _tail(ratio: Array | float, freedom: Array | float) -> Array:
-    """Return the probability of F(2, 2 freedom) above a ratio: of an exponential variable over an estimated scale."""
+    """Return the probability that F(2, 2 freedom), an exponential over its estimated scale, exceeds a ratio."""
     return np.asarray((1 + np.maximum(0.0, ratio) / freedom) ** -np.asarray(freedom))
 
 
 def _independent(deviations: Array, count: int, *, pitch: int, width: int) -> Array:
-    """Return how many independent values each (..., cell) curve over the turn holds, from its correlation in a tooth.
+    """Return the number of independent values in each (..., cell) curve, from its correlation within a tooth.
 
-    A sound tooth that differs from its neighbours does so over its whole pitch, noise from cell to cell.
+    A healthy tooth differs from its neighbours over its whole pitch, noise from cell to cell.
     """
     power = np.asarray(np.sum(deviations**2, axis=-1))
     alike = np.zeros(power.shape)
@@ -464,12 +471,12 @@ def _independent(deviations: Array, count: int, *, pitch: int, width: int) -> Ar
 
 
 def _smoothed(values: Array, width: int) -> Array:
-    """Return circular means over `width` cells from each cell on."""
+    """Return circular means over `width` cells, starting at each cell."""
     return np.asarray(sum(np.roll(values, -shift, axis=-1) for shift in range(width)) / width)
 
 
 def _t_statistic(values: Array) -> Array:
-    """Return the mean over blocks over its standard error, which is at least the median one: (band, cell)."""
+    """Return the ratio of the mean over blocks to its standard error, at least the median one, (band, cell)."""
     blocks = values.shape[-2]
     mean = values.mean(axis=-2)
     error = values.std(axis=-2, ddof=1) / math.sqrt(blocks)
@@ -481,11 +488,11 @@ def _rotated_maxima(smoothed: Sequence[Array], most: int, observed: float, rng: 
     from signals.angle._local_damage_kernels import rotated_maxima  # noqa: PLC0415 - loads numba
 
     blocks, cells = smoothed[0].shape[-2:]
-    # in single precision, in half of the time: by chance a statistic is within some units of its sixth digit
+    # in single precision, in half the time: statistics rarely tie to six digits
     rows = [np.concatenate([band, band], axis=-1, dtype=np.float32) for values in smoothed for band in values]
     found = np.empty(0)
     while found.size < most:
-        maxima = np.zeros(min(_FIRST, most - found.size))  # a mean over cells is nothing: the largest is not negative
+        maxima = np.zeros(min(_FIRST, most - found.size))  # the mean over cells is zero, so the largest is not negative
         shifts = rng.integers(0, cells, size=(maxima.size, blocks))
         for row in rows:
             rotated_maxima(row, shifts, maxima)
@@ -498,13 +505,12 @@ def _rotated_maxima(smoothed: Sequence[Array], most: int, observed: float, rng: 
 
 
 # ---- Whether the waveform at one tooth repeats from turn to turn, in records of two or three turns -------------------
-# Energies of so few turns repeat by chance: rotations of two turns of a hundred teeth against one another bring two
-# impacts together in one of a hundred cases. A damaged tooth repeats its waveform as well, to a cycle of the highest
-# order, and a turn holds thousands of such places. The signal about the tooth is correlated with the whole turns,
-# turned against one another by any angle (a permutation test over rotations, exact where turns are exchangeable under
-# rotation; cross-correlation is the matched filter of one turn for the other: Turin 1960, IRE Trans. Inf. Theory 6,
-# 311-329). Impacts at random do not repeat as precisely, nor do those of a shaft or race whose turns do not fit in the
-# gear's.
+# Energies of so few revolutions repeat by chance: two impacts coincide in one of a hundred rotations of two revolutions
+# of a hundred teeth. A damaged tooth also repeats its waveform, to within a cycle of the highest order, of which a
+# revolution has thousands. The signal around the tooth is correlated with the whole revolutions at every rotation (a
+# permutation test, exact if revolutions are exchangeable under rotation; the cross-correlation is the matched filter of
+# one revolution for the other: Turin 1960, IRE Trans. Inf. Theory 6, 311-329). Random impacts do not repeat as
+# precisely, nor do those of a shaft or race whose revolutions are not commensurate with the gear's.
 
 
 def repeated_waveform(
@@ -515,30 +521,30 @@ def repeated_waveform(
     position_rev: float,
     keep: NDArray[np.bool_] | None = None,
 ) -> float:
-    """Return the probability that turns rotated at random repeat the waveform at one tooth as well.
+    """Return the probability that randomly rotated revolutions repeat the waveform at one tooth as well.
 
     Parameters
     ----------
     signal : AngularSignal
-        Residual over the angle of the reference, its bands of equal power (`whitened_residual`).
+        Residual over the angle of the reference, with bands of equal power (`whitened_residual`).
     order : Fraction or float
-        Turns of the gear per revolution of the reference.
+        Revolutions of the gear per revolution of the reference.
     teeth : float
-        Teeth that pass in a turn.
+        Teeth that pass per revolution of the gear.
     position_rev : float
-        Place of the tooth, in turns from the reference's angle zero.
+        Place of the tooth, in revolutions of the gear from angle zero of the reference.
     keep : (k,) bool array, optional
-        Parts of the record to use, equally long; default all.
+        Parts of the record to use, equally long; default: all.
 
     Returns
     -------
     float
-        At least one over the number of places in a turn that can be told apart.
+        At least the reciprocal of the number of distinguishable places per revolution.
 
     Raises
     ------
     ValueError
-        Fewer whole turns than two.
+        Fewer than two whole revolutions of the gear.
 
     Examples
     --------
@@ -559,21 +565,21 @@ def repeated_waveform(
     first = math.ceil(begin - 1e-9)
     turns = math.floor(begin + signal.values.size / per_turn + 1e-9) - first
     if turns < 2:  # noqa: PLR2004
-        raise ValueError(f"{max(turns, 0)} turns cannot repeat; record two or more.")
+        raise ValueError(f"{max(turns, 0)} gear revolutions cannot repeat; record two or more.")
     start = max(0, round((first - begin) * per_turn))
     values = signal.values[start : start + round(turns * per_turn)]
     if keep is not None:
         values = values * keep[(start + np.arange(values.size)) * keep.size // signal.values.size]
     place = np.arange(values.size) / per_turn
-    # a tooth on either side of the place: its own contact, and the ringing after it
+    # one tooth on either side covers the contact itself and the ringing after it
     at_tooth = np.abs((place - position_rev + 0.5) % 1.0 - 0.5) < 1 / pitch
     spectra = np.conj(fft.rfft(values * at_tooth)) * fft.rfft(values)
-    correlation = fft.irfft(spectra, values.size)  # of whole turns, circular: each rotation has as many samples
-    # samples by which a repetition may be off: a cycle of the highest order, to which shafts' angles are known
+    correlation = fft.irfft(spectra, values.size)  # circular over whole revolutions, so that each rotation is complete
+    # samples by which a repetition may be off: a cycle of the highest order, the accuracy of shaft angles
     reach = 2
     step = 2 * reach + 1
-    either = int(per_turn / 2) // step  # rotations by up to half a turn, either way, that count as different
+    either = int(per_turn / 2) // step  # distinguishable rotations by up to half a revolution either way
     lags = round(per_turn) + np.arange(-reach - either * step, reach + either * step + 1)
     highest = correlation[lags % values.size].reshape(-1, step).max(axis=1)
-    # the rotation by whole turns is one of all
+    # the actual rotation is one of them
     return float(np.count_nonzero(highest >= highest[either]) / highest.size)

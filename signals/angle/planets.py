@@ -1,15 +1,15 @@
 """Windowed synchronous averages of one planet or of the sun from a sensor on the ring.
 
 The vibration of a planet reaches the sensor mainly while the planet passes it. The tooth in mesh follows from the
-numbers of teeth: at pass n it is tooth ``n Z_ring mod Z_planet``. A window about each pass keeps a few teeth, which
-are added at their angle on the planet; after ``Z_planet / gcd(Z_ring, Z_planet)`` passes the sequence repeats.
+numbers of teeth: at pass n it is tooth ``n Z_ring mod Z_planet``. A window about each pass selects a few teeth, which
+are averaged at their angle on the planet; after ``Z_planet / gcd(Z_ring, Z_planet)`` passes the sequence repeats.
 Sources: McFadden & Howard 1990 (Aeronautical Research Laboratory, Propulsion Report 183); McFadden 1991 ("A technique
 for calculating the time domain averages of the vibration of the individual planet gears and the sun gear in an
 epicyclic gearbox", J. Sound Vib. 144(1), 163-172); McFadden 1994 (the same with windows, J. Vib. Acoust. 116(2),
 179-187).
 
-The ring is fixed, and angles are those of the carrier. Other planets are attenuated only by their transfer path: what
-they contribute within the window remains in the average.
+The ring is fixed, and angles are those of the carrier. Other planets are attenuated only by their transfer path: their
+contribution within the window remains in the average.
 """
 
 from __future__ import annotations
@@ -48,7 +48,7 @@ class PlanetaryTeeth:
     planets : int
         Number of planets.
     positions_rev : tuple of Fraction
-        Angle of each planet ahead of planet 0, in the carrier's direction of rotation and in its revolutions; default
+        Angle of each planet ahead of planet 0, in the carrier's direction of rotation and in revolutions; default:
         evenly spaced. Each must be a multiple of ``1 / (ring + sun)``, the assembly condition.
 
     Raises
@@ -78,13 +78,13 @@ class PlanetaryTeeth:
         places = self.positions_rev or tuple(Fraction(k, self.planets) for k in range(self.planets))
         if len(places) != self.planets or places[0] != 0:
             raise ValueError(
-                f"positions_rev={self.positions_rev} must give all {self.planets} planets a position, 0 to planet 0."
+                f"positions_rev={self.positions_rev} must hold a position for each of {self.planets} planets, 0 first."
             )
         for place in places:
             if (place * (self.ring + self.sun)).denominator != 1:
                 raise ValueError(
-                    f"a planet {place} of a revolution ahead does not fit between {self.ring} and {self.sun} teeth: "
-                    f"positions_rev must be multiples of 1/{self.ring + self.sun}; give the true ones as Fractions."
+                    f"a planet {place} of a revolution ahead cannot be assembled between {self.ring} and {self.sun} "
+                    f"teeth: positions_rev must be multiples of 1/{self.ring + self.sun}; give exact Fractions."
                 )
         object.__setattr__(self, "positions_rev", places)
 
@@ -95,7 +95,7 @@ class PlanetaryTeeth:
 
     @property
     def sun_reset(self) -> int:
-        """Carrier revolutions after which the same sun tooth is in mesh with a planet at the sensor again."""
+        """Carrier revolutions after which the same sun tooth again meshes with a planet at the sensor."""
         return self.sun // math.gcd(self.ring, self.sun)
 
     @property
@@ -107,7 +107,7 @@ class PlanetaryTeeth:
     def sun_sequence(self) -> tuple[int, ...]:
         """Tooth of the sun in mesh with a planet at the sensor, for each pass, (sun_reset,).
 
-        For planet 0; for a planet at position p subtract ``(ring + sun) p``, modulo the sun's teeth.
+        It is for planet 0; for a planet at position p subtract ``(ring + sun) p``, modulo the number of sun teeth.
         """
         return tuple(n * self.ring % self.sun for n in range(self.sun_reset))
 
@@ -116,8 +116,8 @@ class PlanetaryTeeth:
 class PassWindow:
     """Tukey window about a planet pass, in teeth: flat, with cosine tapers at both ends.
 
-    No taper is the rectangular window, half the width the Hann window. Windows one tooth apart add up to
-    ``width - taper`` everywhere if both are whole numbers (for a Hann window if the width is).
+    Without a taper it is rectangular; with one of half the width, a Hann window. Windows one tooth apart add up to the
+    constant ``width - taper`` if both are whole numbers (for a Hann window, if the width is).
 
     Attributes
     ----------
@@ -125,6 +125,11 @@ class PassWindow:
         Full width in teeth.
     taper_teeth : float
         Length of either taper in teeth, at most half the width.
+
+    Raises
+    ------
+    ValueError
+        A width that is not positive, or a taper outside 0 to half the width.
 
     Examples
     --------
@@ -151,7 +156,7 @@ class PassWindow:
 
     @classmethod
     def hann(cls, width_teeth: float) -> PassWindow:
-        """Return a raised cosine (McFadden 1994)."""
+        """Return a Hann window, a raised cosine (McFadden 1994)."""
         return cls(width_teeth=width_teeth, taper_teeth=width_teeth / 2)
 
     @classmethod
@@ -160,7 +165,7 @@ class PassWindow:
         return cls(width_teeth=width_teeth, taper_teeth=taper_teeth)
 
     def weight(self, teeth: ArrayLike) -> Array:
-        """Return the weight (m,) at `teeth` (m,) from the pass; the lower edge is included, the upper one is not."""
+        """Return the weights (m,) at `teeth` (m,) from the pass, including the lower edge but not the upper."""
         offset = np.asarray(teeth, dtype=np.float64)
         half = self.width_teeth / 2
         inside = (offset >= -half) & (offset < half)
@@ -177,7 +182,7 @@ class PassAngle:
     Attributes
     ----------
     first_pass_rev : float
-        The angle in revolutions; with evenly spaced planets any of them may be planet 0, and it lies below
+        The angle in revolutions; for evenly spaced planets, any of which may be planet 0, it lies below
         ``1 / planets``.
     std_rev : float
         Standard deviation in revolutions, from the scatter between revolutions.
@@ -198,19 +203,19 @@ class PassAngle:
 
 @checked
 def pass_angle(signal: AngularSignal, *, teeth: PlanetaryTeeth) -> PassAngle:
-    """Estimate the carrier angle of the planet passes from the modulation of the vibration's power.
+    """Estimate the carrier angle of the planet passes from the modulation of the vibration power.
 
-    The power over carrier angle is correlated with a pulse at each planet's position, in its harmonics 1 to the number
-    of planets; the result is the angle of largest correlation, with a standard deviation from the scatter between
-    carrier revolutions. After D'Elia, Mucchi & Dalpiaz ("On the time synchronous average in planetary gearboxes"), who
-    use the power of the average of the ring.
+    The power over carrier angle is correlated with a pulse at the position of each planet, for harmonics 1 to the
+    number of planets; the result is the angle of the largest correlation, with a standard deviation from the scatter
+    between carrier revolutions. D'Elia, Mucchi & Dalpiaz ("On the time synchronous average in planetary gearboxes") use
+    the power of the average of the ring instead.
 
     Parameters
     ----------
     signal : AngularSignal
-        A sensor on the ring, over the angle of the carrier, preferably filtered to a band about the mesh. The vibration
-        of a planet is assumed largest when it is nearest. Unequal planets at uneven positions bias the angle by a
-        fraction of the unevenness, which the standard deviation does not include.
+        Signal of a sensor on the ring over the angle of the carrier, preferably band-pass filtered about the mesh
+        order. The vibration of a planet is assumed to be largest when it is nearest. Unequal planets at uneven
+        positions bias the angle by a fraction of the unevenness, which the standard deviation does not include.
     teeth : PlanetaryTeeth
         Number and positions of the planets.
 
@@ -225,7 +230,7 @@ def pass_angle(signal: AngularSignal, *, teeth: PlanetaryTeeth) -> PassAngle:
 
     Examples
     --------
-    Three planets, of which one passes the sensor at 0.1 revolutions:
+    Three planets, one of which passes the sensor at 0.1 revolutions:
 
     >>> import numpy as np
     >>> from signals import AngularSignal, PlanetaryTeeth, pass_angle
@@ -240,7 +245,7 @@ def pass_angle(signal: AngularSignal, *, teeth: PlanetaryTeeth) -> PassAngle:
     count, per_rev = signal.revolutions, signal.samples_per_rev
     if count < 2:  # noqa: PLR2004
         raise ValueError(
-            f"{count} carrier revolution has no scatter to estimate the standard deviation from; give two or more."
+            f"{count} carrier revolution(s) give no scatter to estimate the standard deviation from; give two or more."
         )
     power = ((values - values.mean()) ** 2)[: count * per_rev].reshape(count, per_rev)
     harmonic = np.arange(1, teeth.planets + 1)
@@ -256,8 +261,9 @@ def pass_angle(signal: AngularSignal, *, teeth: PlanetaryTeeth) -> PassAngle:
     std = float(slope.std(ddof=1) / math.sqrt(count) / curvature)
     if not 0 <= std < 1 / (2 * np.pi * teeth.planets * 3):
         raise ValueError(
-            f"the power over the carrier's angle does not swing with {teeth.planets} planets: their passes would be "
-            f"known to {std:.2g} revolutions only; give more revolutions, a band about the mesh, or the angle itself."
+            f"the power over the carrier angle is not modulated by {teeth.planets} planets: their passes would be "
+            f"known only to {std:.2g} revolutions; give more revolutions, a band about the mesh, or first_pass_rev "
+            "itself."
         )
     size = np.sum(np.abs(pulses) ** 2) * power.mean()
     even = all(position == Fraction(k, teeth.planets) for k, position in enumerate(teeth.positions_rev))
@@ -291,18 +297,18 @@ class WindowedAverage(SynchronousAverage):
     Attributes
     ----------
     values, standard_error, ratio, start_rev, passband_orders
-        As in `SynchronousAverage`; the standard error is from the scatter between tooth sequences. Tooth 0 is centred
-        on angle zero.
+        As in `SynchronousAverage`; the standard error is based on the scatter between tooth sequences. Tooth 0 is
+        centred on angle zero.
     revolutions : int
         Number of whole tooth sequences averaged.
     weights : (angle,) array
         Sum of the window weights at each angle.
     teeth : int
-        Teeth of the gear.
+        Number of teeth of the gear.
     passes : int
         Number of planet passes averaged.
     window : PassWindow
-        The window.
+        Window about each pass.
 
     Examples
     --------
@@ -322,7 +328,7 @@ class WindowedAverage(SynchronousAverage):
 
     @property
     def by_tooth(self) -> Array:
-        """The average by tooth, (teeth, samples per tooth); each tooth begins half a tooth before its middle."""
+        """Average by tooth, (teeth, samples per tooth); each row starts half a tooth before the middle of its tooth."""
         per_tooth = self.values.size // self.teeth
         return np.roll(self.values, per_tooth // 2).reshape(self.teeth, per_tooth)
 
@@ -331,31 +337,32 @@ class WindowedAverage(SynchronousAverage):
 def planet_average(
     signal: AngularSignal, *, teeth: PlanetaryTeeth, planet: int, first_pass_rev: float, window: PassWindow
 ) -> WindowedAverage:
-    """Average one planet over its revolution relative to the carrier (McFadden 1991, 1994).
+    """Return the average of one planet over its revolution relative to the carrier (McFadden 1991, 1994).
 
     Parameters
     ----------
     signal : AngularSignal
-        A sensor on the ring or housing, over the angle of the carrier; a whole number of samples per ring tooth.
+        Signal of a sensor on the ring or housing over the angle of the carrier, with a whole number of samples per ring
+        tooth.
     teeth : PlanetaryTeeth
-        Teeth of the stage.
+        Numbers of teeth of the stage.
     planet : int
         Index of the planet, from 0.
     first_pass_rev : float
         A carrier angle, in revolutions, at which planet 0 passes the sensor; `pass_angle` estimates one.
     window : PassWindow
-        At least as wide, in teeth, as the greatest common divisor of ring and planet teeth, to cover all teeth.
+        Its width in teeth must be at least the greatest common divisor of ring and planet teeth, to cover all teeth.
 
     Returns
     -------
     WindowedAverage
-        Tooth 0 is the one at the sensor at the pass of ``first_pass_rev - positions_rev[planet]``.
+        Tooth 0 is the one at the sensor at the pass at ``first_pass_rev - positions_rev[planet]``.
 
     Raises
     ------
     ValueError
-        A record shorter than one whole sequence of teeth, a grid that does not fit the teeth, or a window so
-        narrow that teeth are missing.
+        A record shorter than one whole sequence of teeth, a grid that does not fit the teeth, or a window so narrow
+        that teeth are missed.
 
     Examples
     --------
@@ -381,15 +388,15 @@ def planet_average(
 def sun_average(
     signal: AngularSignal, *, teeth: PlanetaryTeeth, first_pass_rev: float, window: PassWindow
 ) -> WindowedAverage:
-    """Average the sun over its revolution relative to the carrier, from the passes of all planets.
+    """Return the average of the sun over its revolution relative to the carrier, from the passes of all planets.
 
     A planet at position p meshes with the sun ``(ring + sun) p`` teeth behind planet 0; the averages over the passes of
-    each planet are shifted by this and averaged (McFadden 1991).
+    each planet are shifted by this number and averaged (McFadden 1991).
 
     Parameters
     ----------
     signal, teeth, first_pass_rev, window
-        As in `planet_average`, with the teeth of the sun instead of the planet.
+        As in `planet_average`, with the teeth of the sun instead of those of the planet.
 
     Returns
     -------
@@ -430,7 +437,7 @@ def sun_average(
 
 @dataclass(frozen=True, kw_only=True)
 class _Gear:
-    """The averaged gear: its name, its teeth and those of the ring."""
+    """The averaged gear: its name, its number of teeth and that of the ring."""
 
     name: str
     teeth: int
@@ -442,24 +449,18 @@ class _Gear:
         return self.teeth // math.gcd(self.ring, self.teeth)
 
 
-@dataclass(frozen=True, kw_only=True)
-class _Turns:
-    """A gear's revolution from each tooth sequence, (sequences, angles), and the sums of weights, (angles,)."""
+def _gather(
+    signal: AngularSignal, gear: _Gear, *, pass_rev: float, at_pass: int, window: PassWindow
+) -> tuple[Array, Array]:
+    """Return the revolution of the gear from each tooth sequence, (sequences, angles), and the sums of weights.
 
-    values: Array
-    weights: Array
-
-
-def _gather(signal: AngularSignal, gear: _Gear, *, pass_rev: float, at_pass: int, window: PassWindow) -> _Turns:
-    """Return the gear's revolution from each whole tooth sequence.
-
-    `at_pass` is the tooth at the sensor at the carrier angle `pass_rev`.
+    Tooth `at_pass` is at the sensor at the carrier angle `pass_rev`.
     """
     values = real_vector(signal.values, name="the angular signal")
     per_tooth = _samples_per_tooth(signal, gear, window)
     per_rev, reset, angles = signal.samples_per_rev, gear.reset, gear.teeth * per_tooth
     middle = (pass_rev - signal.start_rev) * per_rev  # in samples
-    if not abs(middle) <= 1e6 * values.size:  # 1e6 lengths of the record; beyond, angles lose the digits of a tooth
+    if not abs(middle) <= 1e6 * values.size:  # beyond 1e6 record lengths, angles lose the precision of a tooth
         raise ValueError(
             f"first_pass_rev={pass_rev:g} is far from the signal, which starts at {signal.start_rev:g} rev; give a "
             "pass within it or near it."
@@ -474,7 +475,7 @@ def _gather(signal: AngularSignal, gear: _Gear, *, pass_rev: float, at_pass: int
     sequences = int(passes // reset)
     if not sequences:
         raise ValueError(
-            f"{passes} passes of a planet lie whole in the record, but each {gear.name} tooth comes to the sensor only "
+            f"the record holds {passes} complete passes of a planet, but each {gear.name} tooth is at the sensor only "
             f"once in {reset}; record {reset + 1} carrier revolutions or more."
         )
     from_zero = (earliest + np.arange(sequences * reset))[:, None] * per_rev + steps
@@ -483,15 +484,13 @@ def _gather(signal: AngularSignal, gear: _Gear, *, pass_rev: float, at_pass: int
     weighted = (weight * values[from_zero + nearest]).ravel()
     shape = (sequences, angles)
     weights = np.bincount(angle[:reset].ravel(), weights=np.tile(weight, reset), minlength=angles)
-    if np.any(weights <= 1e-9 * weights.max()):  # 1e-9 of the largest: less is rounding at the ends of a window
+    if np.any(weights <= 1e-9 * weights.max()):  # rounding at the ends of a window
         raise ValueError(
             f"a window of {window.width_teeth:g} teeth does not cover the whole {gear.name}: only every "
             f"{gear.teeth // reset}th of its teeth is ever in mesh at the sensor; widen the window beyond that."
         )
     sums = np.bincount(index, weights=weighted, minlength=sequences * angles).reshape(shape)
-    return _Turns(
-        values=_delayed(sums / weights, nearest - middle), weights=np.asarray(weights * sequences, dtype=np.float64)
-    )
+    return _delayed(sums / weights, nearest - middle), np.asarray(weights * sequences, dtype=np.float64)
 
 
 def _samples_per_tooth(signal: AngularSignal, gear: _Gear, window: PassWindow) -> int:
@@ -499,11 +498,13 @@ def _samples_per_tooth(signal: AngularSignal, gear: _Gear, window: PassWindow) -
     per_rev, ring = signal.samples_per_rev, gear.ring
     if per_rev % ring:
         raise ValueError(
-            f"{per_rev} samples a carrier revolution are not a whole number to each of {ring} ring teeth; resample "
-            f"at a multiple of {ring}, as samples_per_rev={ring * math.ceil(per_rev / ring)}."
+            f"{per_rev} samples per carrier revolution are not a multiple of {ring} ring teeth; resample with, say, "
+            f"samples_per_rev={ring * math.ceil(per_rev / ring)}."
         )
     if window.width_teeth > ring:
-        raise ValueError(f"a window of {window.width_teeth:g} teeth overlaps itself on {ring} ring teeth; narrow it.")
+        raise ValueError(
+            f"width_teeth={window.width_teeth:g} is wider than the ring of {ring} teeth; narrow the window."
+        )
     return per_rev // ring
 
 
@@ -516,11 +517,13 @@ def _delayed(turns: Array, delay: float) -> Array:
     return np.asarray(fft.irfft(lines, turns.shape[1], axis=1), dtype=np.float64)
 
 
-def _average(signal: AngularSignal, gear: _Gear, by_planet: list[_Turns], window: PassWindow) -> WindowedAverage:
-    """Average over the planets, then over the sequences that all of them have."""
-    count = min(turns.values.shape[0] for turns in by_planet)
-    rows = np.mean([turns.values[:count] for turns in by_planet], axis=0)
-    weights = np.sum([turns.weights * (count / turns.values.shape[0]) for turns in by_planet], axis=0)
+def _average(
+    signal: AngularSignal, gear: _Gear, by_planet: list[tuple[Array, Array]], window: PassWindow
+) -> WindowedAverage:
+    """Return the average over the planets, then over the sequences that all of them have."""
+    count = min(len(values) for values, _ in by_planet)
+    rows = np.mean([values[:count] for values, _ in by_planet], axis=0)
+    weights = np.sum([weights * (count / len(values)) for values, weights in by_planet], axis=0)
     ratio = Fraction(gear.ring, gear.teeth)
     spread = rows.std(axis=0, ddof=1) if count > 1 else np.full(rows.shape[1], np.nan)
     return WindowedAverage(

@@ -1,8 +1,8 @@
 """Residual, difference and regular signals of a time synchronous average, and its mesh band for demodulation.
 
-The regular signal of a sound gear consists of the harmonics of its mesh and of its shaft; without them the small
-signal of a local tooth fault stands out. Each signal has a type of its own, so that an indicator cannot be computed
-from a signal that it is not defined for.
+The regular signal of a healthy gear consists of the harmonics of its mesh and of its shaft; without them the small
+signal of a local tooth fault stands out. Each kind of signal has its own type, so that an indicator cannot be computed
+from a signal for which it is not defined.
 """
 
 from __future__ import annotations
@@ -50,7 +50,7 @@ class ResidualSignal(_Part):
     values : (angle,) array
         One revolution, in the unit of the record.
     removed_orders : tuple of int
-        Orders removed, those above `max_order` included.
+        Orders removed, including those above `max_order`.
 
     Examples
     --------
@@ -63,14 +63,14 @@ class ResidualSignal(_Part):
 
 @dataclass(frozen=True, kw_only=True)
 class DifferenceSignal(_Part):
-    """A residual signal from which the sidebands next to each mesh harmonic are removed too.
+    """A residual signal without the sidebands next to each mesh harmonic.
 
     Attributes
     ----------
     values : (angle,) array
         One revolution, in the unit of the record.
     removed_orders : tuple of int
-        Orders removed, those above `max_order` included.
+        Orders removed, including those above `max_order`.
 
     Examples
     --------
@@ -83,7 +83,7 @@ class DifferenceSignal(_Part):
 
 @dataclass(frozen=True, kw_only=True)
 class RegularSignal(_Part):
-    """The part of an average that was removed to give a residual or difference signal.
+    """The part of an average removed to obtain its residual or difference signal.
 
     Attributes
     ----------
@@ -108,7 +108,7 @@ class MeshBand:
     Attributes
     ----------
     analytic : (angle,) complex array
-        ``sum_k Z_k exp(j k angle)`` over ``remaining_orders``, Z_k being the complex peak amplitudes.
+        ``sum_k Z_k exp(j k angle)`` over ``remaining_orders``, where Z_k are complex peak amplitudes.
     mesh_order : int
         Order of the mesh harmonic.
     sidebands : int
@@ -130,12 +130,12 @@ class MeshBand:
 
     @property
     def values(self) -> Array:
-        """The band as a real signal, (samples_per_rev,)."""
+        """Band as a real signal, (samples_per_rev,)."""
         return np.ascontiguousarray(self.analytic.real)
 
     @property
     def amplitude(self) -> Array:
-        """Envelope of the band, that is the amplitude modulation of the mesh harmonic, (samples_per_rev,)."""
+        """Envelope of the band, the amplitude modulation of the mesh harmonic, (samples_per_rev,)."""
         return np.abs(self.analytic)
 
     @property
@@ -178,15 +178,15 @@ def residual_signal(
     Parameters
     ----------
     average : SynchronousAverage
-        Average of the shaft that the gears are on.
+        Average of the shaft that carries the gears.
     teeth : int or iterable of int
-        Numbers of teeth of every gear on the averaged shaft.
+        Number of teeth of every gear on the averaged shaft.
     harmonics : int
-        Number of mesh harmonics of each gear to remove, the fundamental being the first.
+        Number of mesh harmonics of each gear to remove, including the fundamental.
     shaft_orders : iterable of int
-        Orders of the shaft to remove beside the mean, as 1 for unbalance and 2 for misalignment.
+        Orders of the shaft to remove in addition to the mean, such as 1 for unbalance and 2 for misalignment.
     max_order : int, optional
-        Highest order kept; default the highest in the passband of the average.
+        Highest order retained; default: the highest in the passband of the average.
 
     Returns
     -------
@@ -195,7 +195,7 @@ def residual_signal(
     Raises
     ------
     ValueError
-        No gear, or no order left.
+        No gear, or no order remaining.
 
     Examples
     --------
@@ -228,7 +228,7 @@ def difference_signal(
 ) -> DifferenceSignal:
     """Return an average without mean, shaft orders, mesh harmonics and the sidebands next to them.
 
-    FM4 (Stewart 1977), M6A and M8A (Martin 1989, MFPG 44) are defined on this signal; its name is that of Lebold et al.
+    FM4 (Stewart 1977), M6A and M8A (Martin 1989, MFPG 44) are defined on this signal, which was named by Lebold et al.
     (2000, "Review of vibration analysis methods for gearbox diagnostics and prognostics", MFPG 54).
 
     Parameters
@@ -241,6 +241,11 @@ def difference_signal(
     Returns
     -------
     DifferenceSignal
+
+    Raises
+    ------
+    ValueError
+        As `residual_signal`, or fewer than one sideband.
 
     Examples
     --------
@@ -266,9 +271,9 @@ def regular_signal(average: SynchronousAverage, *, left: ResidualSignal | Differ
     Parameters
     ----------
     average : SynchronousAverage
-        The average that `left` was made from.
+        The average from which `left` was computed.
     left : ResidualSignal or DifferenceSignal
-        The signal left of it.
+        Its residual or difference signal.
 
     Returns
     -------
@@ -293,8 +298,8 @@ def regular_signal(average: SynchronousAverage, *, left: ResidualSignal | Differ
     """
     if left.samples_per_rev != average.samples_per_rev:
         raise ValueError(
-            f"what is left has {left.samples_per_rev} samples per revolution, the average {average.samples_per_rev}; "
-            "give the average it was taken from."
+            f"left has {left.samples_per_rev} samples per revolution, the average {average.samples_per_rev}; give the "
+            "average from which left was computed."
         )
     whole_signal = real_vector(average.values, name="the average")
     return RegularSignal(values=np.asarray(whole_signal - left.values), removed_orders=left.remaining_orders)
@@ -307,11 +312,11 @@ def mesh_band(average: SynchronousAverage, *, mesh_order: int, sidebands: int) -
     Parameters
     ----------
     average : SynchronousAverage
-        Average of the shaft that the gear is on.
+        Average of the shaft that carries the gear.
     mesh_order : int
         Order of the harmonic, a multiple of the number of teeth.
     sidebands : int
-        Number of sidebands kept on either side; fewer than half the teeth, not to overlap with the next harmonic.
+        Number of sidebands retained on either side: fewer than half the teeth, so as not to overlap the next harmonic.
 
     Returns
     -------
@@ -324,7 +329,7 @@ def mesh_band(average: SynchronousAverage, *, mesh_order: int, sidebands: int) -
 
     Examples
     --------
-    A mesh of 20 teeth, amplitude modulated by 30 % once a revolution:
+    A mesh of 20 teeth, amplitude modulated by 30 % once per revolution:
 
     >>> import numpy as np
     >>> from signals import SynchronousAverage, mesh_band
@@ -342,8 +347,8 @@ def mesh_band(average: SynchronousAverage, *, mesh_order: int, sidebands: int) -
     centre = whole(mesh_order, name="mesh_order", least=1)
     if centre - side < 1 or centre + side > last:
         raise ValueError(
-            f"the band of {side} sidebands about order {centre} reaches from {centre - side} to {centre + side}, but "
-            f"must lie between 1 and {last}, the highest order the average passes; take fewer sidebands, or more "
+            f"the band of {side} sidebands about order {centre} extends from {centre - side} to {centre + side}, but "
+            f"must lie between 1 and {last}, the end of the passband of the average; take fewer sidebands, or more "
             "samples per revolution."
         )
     lines = fft.fft(values)
@@ -373,7 +378,7 @@ def _removed_orders(
     removed.update(whole(order, name="a shaft order", least=0) for order in shaft_orders)
     count = whole(harmonics, name="harmonics", least=1)
     if not gears:
-        raise ValueError("no gear was named; give the teeth of every gear on the averaged shaft.")
+        raise ValueError("teeth is empty; give the number of teeth of every gear on the averaged shaft.")
     for gear in gears:
         mesh = whole(gear, name="teeth", least=2)
         for harmonic in range(1, min(count, (top + sidebands) // mesh) + 1):
@@ -381,9 +386,8 @@ def _removed_orders(
     found = tuple(sorted(order for order in removed if 0 <= order <= top))
     if len(found) == top + 1:
         raise ValueError(
-            f"all {top + 1} orders of the average are removed, nothing is left; the average of "
-            f"{average.values.size} samples must hold orders between the mesh harmonics: take more samples a "
-            "revolution."
+            f"all {top + 1} orders of the average of {average.values.size} samples are removed; to retain orders "
+            "between the mesh harmonics, take more samples per revolution, or remove fewer shaft orders and sidebands."
         )
     return found
 

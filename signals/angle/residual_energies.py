@@ -1,7 +1,7 @@
-"""Energies of what meshes leave: a signal over angle without their harmonics, in bands of orders and between meshes.
+"""Residual energies: a signal over angle without its mesh harmonics, in bands of orders.
 
-The harmonics of all meshes are removed with what stands close beside them: run-out, load, planet passes. What a damaged
-tooth adds is short and so wide in order, and stays. `signals.angle.local_damage` judges the teeth by it.
+The harmonics of all meshes are removed with the lines close to them, due to run-out, load and planet passes. The
+contribution of a damaged tooth is short, therefore wide in order, and remains; `signals.angle.local_damage` tests it.
 """
 
 from __future__ import annotations
@@ -32,13 +32,13 @@ class BandEnergies:
     Attributes
     ----------
     values : (band, n) array
-        Squared envelope, in the square of the record's unit.
+        Squared envelopes, in the squared unit of the record.
     samples_per_rev : float
         Samples per revolution of the reference.
     start_rev : float
-        Angle of the first sample, revolutions of the reference.
+        Angle of the first sample in revolutions of the reference.
     edges : (band + 1,) array
-        Limits of the bands, orders of the reference.
+        Limits of the bands in orders of the reference.
     """
 
     values: Array = field(metadata={"dims": ("band", "angle")})
@@ -67,14 +67,14 @@ def residual_energies(
     signal : AngularSignal
         Samples over the angle of the reference.
     meshes : mapping of float to float
-        Of each mesh order, in orders of the reference, how far on either side of each harmonic is removed. At most a
-        quarter of the mesh order is.
+        Half width of the range removed around each harmonic, by mesh order, both in orders of the reference; limited to
+        a quarter of the mesh order.
     lowest_order : float
-        Below it everything is removed: shafts.
+        Order below which everything is removed, including the shafts.
     bands : int
         Number of bands.
     transform : (m // 2 + 1,) array, optional
-        The `tapered_transform` of the signal, where it is known.
+        The `tapered_transform` of the signal, if known.
 
     Returns
     -------
@@ -87,7 +87,7 @@ def residual_energies(
 
     Examples
     --------
-    A mesh of order 20 with run-out leaves what the ends of the record leak:
+    A mesh of order 20 with run-out leaves only the leakage of the ends of the record:
 
     >>> import numpy as np
     >>> from signals import AngularSignal
@@ -101,11 +101,11 @@ def residual_energies(
     count, low = whole(bands, name="bands", least=1), positive(lowest_order, name="lowest_order")
     size, top = signal.values.size, signal.passband_orders
     if low >= top:
-        raise ValueError(f"lowest_order={low:g} is not below {top:g}, the highest order of the signal; sample faster.")
-    lines = tapered_transform(signal) if transform is None else transform
-    padded = _padded(size)
+        raise ValueError(
+            f"lowest_order={low:g} is not below {top:g}, the highest order of the signal; lower it, or sample faster."
+        )
+    lines, left_out, padded = _mesh_lines(signal, meshes, transform)
     per_order = padded / signal.samples_per_rev
-    left_out = _of_meshes(lines.size, per_order, meshes)
     edges = np.linspace(low, top, count + 1)
     bins = np.rint(edges * per_order).astype(int)
     length = fft.next_fast_len(2 * int(np.diff(bins).max()))  # the square of a band is twice as wide
@@ -129,7 +129,7 @@ def whitened_residual(
     edges: Array,
     transform: NDArray[np.complex128] | None = None,
 ) -> AngularSignal:
-    """Return a signal without its mesh harmonics, its bands scaled to the same power.
+    """Return a signal without its mesh harmonics, with its bands scaled to the same power.
 
     Parameters
     ----------
@@ -138,7 +138,7 @@ def whitened_residual(
     meshes, transform
         As in `residual_energies`.
     edges : (band + 1,) array
-        Limits of the bands, orders of the reference; what lies outside of them is removed.
+        Limits of the bands in orders of the reference; orders outside them are removed.
 
     Returns
     -------
@@ -156,12 +156,9 @@ def whitened_residual(
     >>> round(float(np.mean(found.values**2)), 1)  # of two bands
     2.0
     """
-    lines = tapered_transform(signal) if transform is None else transform
+    lines, left_out, padded = _mesh_lines(signal, meshes, transform)
     size = signal.values.size
-    padded = _padded(size)
-    per_order = padded / signal.samples_per_rev
-    left_out = _of_meshes(lines.size, per_order, meshes)
-    bins = np.rint(np.asarray(edges) * per_order).astype(int)
+    bins = np.rint(np.asarray(edges) * (padded / signal.samples_per_rev)).astype(int)
     white = np.zeros_like(lines)
     for low, high in itertools.pairwise(bins.tolist()):
         np.copyto(white[low:high], lines[low:high], where=~left_out[low:high])
@@ -172,7 +169,7 @@ def whitened_residual(
 
 
 def tapered_transform(signal: AngularSignal) -> NDArray[np.complex128]:
-    """Return the discrete Fourier transform of a signal without its mean, its ends tapered by up to a revolution.
+    """Return the discrete Fourier transform of a signal without its mean, its ends tapered over up to a revolution.
 
     Parameters
     ----------
@@ -182,8 +179,7 @@ def tapered_transform(signal: AngularSignal) -> NDArray[np.complex128]:
     Returns
     -------
     (m // 2 + 1,) array
-        In the unit of the signal, not scaled; of the signal with zeros behind it, up to the next length m without large
-        prime factors, whose transform would take several times as long.
+        In the unit of the signal, unscaled, of the signal zero-padded to the next length m with a fast transform.
 
     Examples
     --------
@@ -192,12 +188,12 @@ def tapered_transform(signal: AngularSignal) -> NDArray[np.complex128]:
     >>> from signals.angle.residual_energies import tapered_transform
     >>> x = np.cos(2 * np.pi * 5 * np.arange(1024) / 64)
     >>> signal = AngularSignal(values=x, samples_per_rev=64, start_rev=0.0, passband_orders=28.0)
-    >>> int(np.argmax(np.abs(tapered_transform(signal)))) / 16  # of 16 turns
+    >>> int(np.argmax(np.abs(tapered_transform(signal)))) / 16  # over 16 revolutions
     5.0
     """
     size = signal.values.size
     values = signal.values - signal.values.mean()
-    ramp = min(signal.samples_per_rev, size // 8)  # the ends do not meet: without a taper they ring in every band
+    ramp = min(signal.samples_per_rev, size // 8)  # without a taper the discontinuity at the ends rings in every band
     taper = np.sin(0.5 * np.pi * (np.arange(ramp) + 0.5) / ramp) ** 2
     values[:ramp] *= taper
     values[size - ramp :] *= taper[::-1]
@@ -205,52 +201,56 @@ def tapered_transform(signal: AngularSignal) -> NDArray[np.complex128]:
 
 
 def _padded(size: int) -> int:
-    """Return the samples of a transform of `size` samples and zeros."""
+    """Return the length of the transform of `size` samples."""
     return int(fft.next_fast_len(size, real=True))
 
 
-def _of_meshes(size: int, per_order: float, meshes: Mapping[float, float]) -> NDArray[np.bool_]:
-    """Return which of `size` lines, `per_order` of them in an order, are harmonics of meshes or stand beside them."""
-    on = np.zeros(size, dtype=bool)
+def _mesh_lines(
+    signal: AngularSignal, meshes: Mapping[float, float], transform: NDArray[np.complex128] | None
+) -> tuple[NDArray[np.complex128], NDArray[np.bool_], int]:
+    """Return the transform of a signal, which of its lines are mesh harmonics or close to one, and its length."""
+    lines = tapered_transform(signal) if transform is None else transform
+    padded, on = _padded(signal.values.size), np.zeros(lines.size, dtype=bool)
+    per_order = padded / signal.samples_per_rev
     for mesh, spread in meshes.items():
         width = min(spread, mesh / 4)
-        # 40 harmonics of each mesh removed; a mesh has no measurable ones beyond
-        for harmonic in range(1, min(40, int((size / per_order + width) / mesh)) + 1):
+        # beyond 40 harmonics no mesh has measurable ones
+        for harmonic in range(1, min(40, int((on.size / per_order + width) / mesh)) + 1):
             first, last = (round((harmonic * mesh + side) * per_order) for side in (-width, width))
             on[first : last + 1] = True
-    return on
+    return lines, on, padded
 
 
 def mesh_contrast(residual: AngularSignal, *, order: Fraction | float, teeth: float, position_rev: float) -> float:
-    """Return how much more power a place of a gear's turn adds near the harmonics of its mesh than between them.
+    """Return the ratio of the power that a tooth adds near the harmonics of its mesh to that between them.
 
-    A damaged tooth modulates the mesh of its own gear, in amplitude and phase, for about one tooth: sidebands at
-    multiples of the shaft, which fall off within half of the mesh order from its harmonics (Randall 1982, J. Mech. Des.
-    104, 259-267). Of two gears of one shaft, whose teeth cannot be told apart by their place in the turn, it is larger
-    for the one that is modulated. Impacts alone, of a tooth or of something loose on the shaft, are no stronger near
+    A damaged tooth modulates the mesh of its own gear, in amplitude and phase, for about one tooth pitch. The sidebands
+    at multiples of the shaft order decay within half the mesh order from its harmonics (Randall 1982, J. Mech. Des.
+    104, 259-267). Of two gears on one shaft, whose teeth cannot be distinguished by their angular position, the
+    modulated one has the larger ratio. Impacts alone, of a tooth or of a loose part on the shaft, are no stronger near
     the harmonics than between them.
 
     Parameters
     ----------
     residual : AngularSignal
-        From `whitened_residual`, no fewer than two turns of the gear.
+        From `whitened_residual`, over at least two revolutions of the gear.
     order : Fraction or float
-        Turns of the gear per revolution of the reference.
+        Revolutions of the gear per revolution of the reference.
     teeth : float
-        Teeth of the gear: its mesh has the order ``teeth * order``.
+        Teeth of the gear, whose mesh order is ``teeth * order``.
     position_rev : float
-        Place of the tooth in the turn, 0 to 1, from the reference's angle zero.
+        Place of the tooth, 0 to 1 revolution of the gear from angle zero of the reference.
 
     Returns
     -------
     float
-        Power within four teeth of the place, above that of three other places, within a quarter of the mesh order from
-        its harmonics, over that farther from them, each harmonic relative to the other places and weighed by that; 0
-        where the place has no more power than they, or no harmonic is in the order range.
+        The power considered is that within four teeth of the place, in excess of three other places; "near" is within a
+        quarter of the mesh order from a harmonic. Each harmonic is normalised by the other places and weighted by its
+        excess. The ratio is 0 if the place has no excess power or no harmonic is in the order range.
 
     Examples
     --------
-    A tooth of 30, on a shaft with a second gear of 17 teeth:
+    One of 30 teeth, on a shaft with a second gear of 17 teeth:
 
     >>> import numpy as np
     >>> from signals import AngularSignal
@@ -269,17 +269,17 @@ def mesh_contrast(residual: AngularSignal, *, order: Fraction | float, teeth: fl
     size, padded = residual.values.size, _padded(residual.values.size)
     turn = rate * (residual.start_rev + np.arange(size) / residual.samples_per_rev) - position_rev
     highest = max(0, int(residual.passband_orders / (rate * pitch) - 0.5))
-    # of each harmonic: between the last one and this, beside this one below and above, between this and the next; half
-    # of all lines are nearer to a harmonic than a quarter of the mesh order, half of them farther from it
+    # per harmonic: between the previous one and this, near this one, between this and the next; half of all lines are
+    # within a quarter of the mesh order from a harmonic
     ends = np.arange(1, highest + 2)[:, None] + (-0.5, -0.25, 0.25)
     starts = np.ceil(ends.ravel()[: 3 * highest + 1] * rate * pitch * padded / residual.samples_per_rev).astype(int)
 
-    other_places = (0.35, 0.5, 0.65)  # of a turn from a tooth
+    other_places = (0.35, 0.5, 0.65)  # revolutions from the tooth
 
     def gated_power(at: float) -> Array:
         apart = turn - at
         apart -= np.rint(apart)
-        # 4 teeth on either side, as far as gates of two places do not meet: a shorter one smears near and between
+        # 4 teeth on either side, unless the gates of two places would overlap; a shorter gate smears near and between
         apart /= min(4.0 / pitch, other_places[0] / 2)
         inside = np.flatnonzero(np.abs(apart) < 1)
         gated = np.zeros(size)

@@ -1,1 +1,1 @@
-"""Envelopes and their bands, and the separation of deterministic from random parts."""
+"""Envelopes and the choice of their bands; separation of deterministic and random parts."""

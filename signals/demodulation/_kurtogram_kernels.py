@@ -11,10 +11,10 @@ Single = NDArray[np.float32]
 
 @compiled_sums
 def _add_up(values: Single, taps: Single, factor: int, width: int, phases: Single, sums: Single) -> None:
-    """Fill `width` columns of the sums R_r of `split_band` from one part, real or imaginary; `phases` is for work."""
+    """Fill `width` columns of the sums R_r of `split_band` from its real or imaginary part; `phases` is workspace."""
     residues, last = 2 * factor, taps.size - 1
     groups = min(phases.shape[1], values.size // factor)
-    for n in range(groups):  # strides that are known when this is compiled use vector registers
+    for n in range(groups):  # strides known at compile time are vectorised
         if factor == 2:  # noqa: PLR2004
             phases[0, n] = values[2 * n]
             phases[1, n] = values[2 * n + 1]
@@ -26,7 +26,7 @@ def _add_up(values: Single, taps: Single, factor: int, width: int, phases: Singl
         total = sums[r][:width]
         at = (last - r) // factor - 22
         row = phases[(last - r) % factor][at : at + 22 + width]
-        # twelve taps at once, so that the sums are stored but once and never loaded
+        # twelve taps at once, so that each sum is stored only once and never loaded
         t0 = taps[r]
         t1 = -taps[r + residues]
         t2 = taps[r + 2 * residues]
@@ -58,16 +58,16 @@ def _add_up(values: Single, taps: Single, factor: int, width: int, phases: Singl
 
 @compiled_sums
 def split_band(re: Single, im: Single, taps: Single, factor: int, out_re: Single, out_im: Single) -> None:
-    """Split an analytic band into `factor` equal ones, each at 1 / `factor` of the rate.
+    """Split an analytic band into `factor` equal bands, each at 1 / `factor` of the rate.
 
-    Band b is filtered by ``h[m] exp(j pi m (2 b + 1) / (2 factor))``. That factor changes sign when m grows by
-    ``2 factor``, in every band alike, so the taps are first added up by their remainder r = m mod ``2 factor``,
+    Band b is filtered by ``h[m] exp(j pi m (2 b + 1) / (2 factor))``. The exponential changes sign when m increases by
+    ``2 factor``, in every band alike, so the taps are first summed by their remainder r = m mod ``2 factor``,
 
         R_r[n] = sum_q (-1)^q h[2 factor q + r] c[factor n + last - 2 factor q - r],
 
-    and each band is a sum of the R_r, so that all bands cost one filter. Odd bands are reversed in frequency, which a
-    factor (-1)^n corrects. `out_re`, `out_im`: (factor, outputs), only those whose taps all lie on the record. The
-    number of taps must be ``24 factor``.
+    and each band is a combination of the R_r, so that all bands cost one filter. Odd bands are reversed in frequency,
+    which a factor (-1)^n corrects. `out_re`, `out_im` (factor, outputs) hold only outputs whose taps all lie on the
+    record. The number of taps must be ``24 factor``.
     """
     residues = 2 * factor
     count = out_re.shape[1]
@@ -107,11 +107,11 @@ def split_band(re: Single, im: Single, taps: Single, factor: int, out_re: Single
 
 @compiled_sums
 def squared_envelope(re: Single, im: Single, squared: Single, seconds: Array, fourths: Array) -> None:
-    """Fill `squared`, unless empty, with ``|c|^2``; `seconds`, `fourths` with sums of it and its square over parts."""
+    """Fill `squared`, unless empty, with ``|c|^2``, and `seconds` and `fourths` with the sums of it and its square."""
     parts = seconds.size
     for p in range(parts):
         first, stop = p * re.size // parts, (p + 1) * re.size // parts
-        own_re, own_im = re[first:stop], im[first:stop]  # of slices from 0 on the compiler makes vector instructions
+        own_re, own_im = re[first:stop], im[first:stop]  # loops over slices from 0 are vectorised
         second = 0.0
         fourth = 0.0
         for n in range(own_re.size):

@@ -1,4 +1,4 @@
-"""Choice of the band to demodulate, with the reasons for it and against it."""
+"""Choice of the demodulation band, with the reason and reservations."""
 
 from __future__ import annotations
 
@@ -16,7 +16,7 @@ if TYPE_CHECKING:
 Measure = Literal["steady_kurtosis", "kurtosis", "envelope_negentropy"]
 
 RUNNERS_UP = 3
-_SIGNIFICANT = 5.0  # standard deviations of noise: among 444 bands of noise one exceeds it in some hundred records
+_SIGNIFICANT = 5.0  # standard deviations of noise; any of 444 bands exceeds it in one noise record in several hundred
 
 
 @dataclass(frozen=True, kw_only=True)
@@ -34,7 +34,7 @@ class Candidate:
 
     @property
     def band_hz(self) -> tuple[float, float]:
-        """Both edges in Hz."""
+        """Lower and upper edge in Hz."""
         return self.low_hz, self.high_hz
 
     def __str__(self) -> str:
@@ -43,7 +43,7 @@ class Candidate:
 
 @dataclass(frozen=True, kw_only=True)
 class Band(Candidate):
-    """The band chosen by `choose_band`, with its alternatives, the reason and the doubts.
+    """The band chosen by `choose_band`, with alternatives, reason and reservations.
 
     Attributes
     ----------
@@ -51,14 +51,14 @@ class Band(Candidate):
         As in `Kurtogram`, for this band.
     measure : str
         The measure that was maximised.
-    runners_up : tuple of bands
-        The next best bands that overlap neither this one nor each other.
-    by_kurtosis, by_negentropy : band
+    runners_up : tuple of Candidate
+        The next best bands that overlap neither this one nor each other, at most three.
+    by_kurtosis, by_negentropy : Candidate
         The bands that kurtosis and negentropy alone would choose.
     why : str
-        The reason in words.
+        Reason for the choice, as a sentence.
     doubts : tuple of str
-        Reservations in words, empty if there are none.
+        Reservations, as sentences; empty if there are none.
 
     Examples
     --------
@@ -66,7 +66,7 @@ class Band(Candidate):
     >>> from signals import choose_band
     >>> band = choose_band(np.random.default_rng(1).standard_normal(20_000), rate_hz=10_000)
     >>> band.doubts[0].split(":")[0]
-    'Steady noise could be all there is'
+    'This may be stationary noise'
     """
 
     measure: Measure
@@ -88,10 +88,10 @@ def choose_band(
 ) -> Band:
     """Choose the band of a record with the strongest repeated impulses.
 
-    By default the band of the highest steady kurtosis, that of the record without the two sixteenths of largest fourth
-    moment. Unlike the plain kurtosis it is not raised by a single spike; a tone lowers it in its own bands only. The
-    negentropy of the squared envelope's spectrum measures whether the impulses are *periodic*; where the measures
-    disagree, `Band.doubts` says so.
+    By default that is the band of the highest steady kurtosis, the kurtosis of the record without the two sixteenths of
+    largest fourth moment. Unlike plain kurtosis it is not raised by a single spike, and a tone lowers it only in its
+    own bands. The negentropy of the squared envelope spectrum measures whether the impulses are *periodic*; where the
+    measures disagree, `Band.doubts` says so.
 
     Parameters
     ----------
@@ -102,10 +102,10 @@ def choose_band(
     levels : int, optional
         As in `fast_kurtogram`.
     modulation_hz : float, optional
-        Least width of the band in Hz: the fastest modulation of interest, say three times a defect frequency. Default:
-        no limit.
+        Smallest width of the band in Hz: the fastest modulation of interest, such as three times a defect frequency.
+        Default: no limit.
     measure : {"steady_kurtosis", "kurtosis", "envelope_negentropy"}
-        The measure to maximise.
+        Measure to maximise.
 
     Returns
     -------
@@ -114,11 +114,11 @@ def choose_band(
     Raises
     ------
     ValueError
-        As `fast_kurtogram`; or where no band is as wide as `modulation_hz`.
+        As `fast_kurtogram`, or if no band is as wide as `modulation_hz`.
 
     Examples
     --------
-    Impulses that excite a resonance at 3 kHz, 50 a second, in noise:
+    A resonance at 3 kHz excited by 50 impulses per second, in noise:
 
     >>> import numpy as np
     >>> from signals import choose_band
@@ -131,7 +131,7 @@ def choose_band(
     choice(measure, name="measure", choices=get_args(Measure))
     gram = fast_kurtogram(x, rate_hz=rate_hz, levels=levels, with_negentropy=True)
     least = 0.0 if modulation_hz is None else positive(modulation_hz, name="modulation_hz")
-    # a relative 1e-9: widths are quotients of the rate
+    # tolerance of 1e-9, since widths are quotients of the rate
     allowed = ((gram.high_hz - gram.low_hz) * (1 + 1e-9) >= least) & np.isfinite(gram.kurtosis)
     if not allowed.any():
         raise ValueError(
@@ -168,7 +168,7 @@ def _candidate(gram: Kurtogram, index: int) -> Candidate:
 def _apart(gram: Kurtogram, order: NDArray[np.intp]) -> tuple[Candidate, ...]:
     """Return the next best bands that overlap neither the first nor each other."""
     chosen = [int(order[0])]
-    low, high = gram.low_hz * (1 + 1e-9), gram.high_hz * (1 - 1e-9)  # edges that meet are rounded apart
+    low, high = gram.low_hz * (1 + 1e-9), gram.high_hz * (1 - 1e-9)  # adjacent edges differ by rounding
     for index in order[1:]:
         if all(high[index] <= low[t] or low[index] >= high[t] for t in chosen):
             chosen.append(int(index))
@@ -178,63 +178,64 @@ def _apart(gram: Kurtogram, order: NDArray[np.intp]) -> tuple[Candidate, ...]:
 
 
 def _why(best: Candidate, by_kurtosis: Candidate, *, measure: Measure, bands: int) -> str:
-    """Return the reason for the choice in words."""
+    """Return the reason for the choice as a sentence."""
     words = measure.replace("_", " ")
     reason = f"{best}: its {words} of {getattr(best, measure):.3g} is the highest of {bands} bands"
     if measure == "steady_kurtosis":
         reason += (
-            f" (noise scatters by {best.noise_std:.2g}; taken without the loudest two sixteenths of the record, "
-            f"with them {best.kurtosis:.3g})"
+            f" (standard deviation in noise: {best.noise_std:.2g}; excludes the loudest two sixteenths of the record, "
+            f"with which it is {best.kurtosis:.3g})"
         )
         if by_kurtosis.band_hz != best.band_hz:
             reason += (
                 f". Plain kurtosis would choose {by_kurtosis} with {by_kurtosis.kurtosis:.3g}, of which "
-                f"{by_kurtosis.steady_kurtosis:.3g} remain without those two parts"
+                f"{by_kurtosis.steady_kurtosis:.3g} remains without those two parts"
             )
     return reason + "."
 
 
 def _about_choice(best: Candidate, *, lines: float) -> list[str]:
-    """Return the doubts about the band itself: noise, a single event, impulses that are not periodic."""
+    """Return the reservations about the band itself: noise, a single event, impulses that are not periodic."""
     doubts = []
     single_event = 0.5  # ratio of steady to plain kurtosis below which a single event is the cause
     if best.steady_kurtosis < _SIGNIFICANT * best.noise_std:
         doubts.append(
-            f"Steady noise could be all there is: the steady kurtosis of {best.steady_kurtosis:.2g} is less than "
-            f"{_SIGNIFICANT:g} times the scatter of noise, {best.noise_std:.2g}."
+            f"This may be stationary noise: the steady kurtosis of {best.steady_kurtosis:.2g} is less than "
+            f"{_SIGNIFICANT:g} standard deviations of noise, {best.noise_std:.2g} each."
         )
     elif best.steady_kurtosis < single_event * best.kurtosis:
         doubts.append(
-            f"A single event makes most of the kurtosis: {best.kurtosis:.3g} with, {best.steady_kurtosis:.3g} without "
-            "the loudest two sixteenths of the record; cut it out before you demodulate."
+            f"A single event accounts for most of the kurtosis: {best.kurtosis:.3g} with and "
+            f"{best.steady_kurtosis:.3g} without the loudest two sixteenths of the record; remove it before "
+            "demodulation."
         )
-    # 0.02 at most come from the slope of the envelope's spectrum within a section (measured: 0.01)
+    # the slope of the envelope spectrum within a section adds at most 0.02 (measured: 0.01)
     if best.envelope_negentropy < NOISE_NEGENTROPY + 0.02 + _SIGNIFICANT * NEGENTROPY_SCATTER / np.sqrt(lines):
         doubts.append(
-            f"Nothing repeats regularly: the spectrum of the squared envelope is as level as that of noise "
-            f"(negentropy {best.envelope_negentropy:.2f}, noise {NOISE_NEGENTROPY:.2f})."
+            "The impulses are not periodic: the squared envelope spectrum is as flat as that of noise (negentropy "
+            f"{best.envelope_negentropy:.2f}, noise {NOISE_NEGENTROPY:.2f})."
         )
     return doubts
 
 
 def _about_others(gram: Kurtogram, allowed: NDArray[np.bool_], best: Candidate, by_negentropy: Candidate) -> list[str]:
-    """Return the doubts from other bands: more regular impulses elsewhere, and tones that hide impulses."""
+    """Return the reservations from other bands: more regular impulses elsewhere, and tones that mask impulses."""
     doubts = []
     apart = by_negentropy.high_hz <= best.low_hz or by_negentropy.low_hz >= best.high_hz
     regular, here = (c.envelope_negentropy - NOISE_NEGENTROPY for c in (by_negentropy, best))
     clearly_more = 1.5
     if apart and regular > clearly_more * here:
         doubts.append(
-            f"Elsewhere the envelope repeats more regularly: in {by_negentropy} its negentropy is "
-            f"{by_negentropy.envelope_negentropy:.2f}, here {best.envelope_negentropy:.2f}; a second fault "
-            "would do that, or tones that beat."
+            f"Another band has a more periodic envelope: in {by_negentropy} the negentropy is "
+            f"{by_negentropy.envelope_negentropy:.2f}, here {best.envelope_negentropy:.2f}; the cause may be a second "
+            "fault or beating tones."
         )
-    # -0.5 is the kurtosis -s^2 for s = 0.7 of the band's power in one tone
+    # kurtosis -s^2 = -0.5 with a fraction s = 0.7 of the band's power in one tone
     tonal = np.flatnonzero(allowed & (gram.kurtosis < np.minimum(-0.5, -_SIGNIFICANT * gram.noise_std)))
     if tonal.size:
         strongest = _candidate(gram, tonal[np.argmax(gram.level[tonal] + gram.power_share[tonal])])
         doubts.append(
             f"A steady tone fills {strongest} ({strongest.power_share:.0%} of the power, kurtosis "
-            f"{strongest.kurtosis:.2f}) and hides impulses there; take tones out first if they matter."
+            f"{strongest.kurtosis:.2f}) and masks impulses there; remove tones first if these matter."
         )
     return doubts

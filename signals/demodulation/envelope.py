@@ -25,15 +25,15 @@ if TYPE_CHECKING:
     from signals.shaft.phase import ShaftPhase
 
 _ATTENUATION_DB = 80.0
-_MOST_TAPS = 2**18  # over the transition's width in cycles per sample: 2.6 times as many taps, 200 MB while they work
+_MOST_TAPS = 2**18  # smallest transition, as its reciprocal in samples: 2.6 times as many taps, 200 MB at work
 
 
 def envelope(x: ArrayLike, *, rate_hz: float, band_hz: tuple[float, float]) -> Samples:
     """Return the magnitude of the analytic signal of one band, (n,), in the unit of `x`.
 
-    The mean is removed and the band is cut out with sharp edges in the Fourier transform of the whole record, which is
-    taken as periodic. `stream_envelope` needs memory for its filter only. float32 samples are processed in single
-    precision, with an error below 1e-6 of the record's RMS.
+    The mean is removed and the band is selected with sharp edges in the Fourier transform of the whole record, which is
+    taken as periodic. `stream_envelope` needs memory only for its filter. float32 samples are processed in single
+    precision, with an error below 1e-6 of the RMS of the record.
 
     Parameters
     ----------
@@ -48,6 +48,11 @@ def envelope(x: ArrayLike, *, rate_hz: float, band_hz: tuple[float, float]) -> S
     -------
     (n,) array
 
+    Raises
+    ------
+    ValueError
+        Fewer than four samples, values that are not finite, or a band outside 0 to half the sampling rate.
+
     Examples
     --------
     >>> import numpy as np
@@ -61,7 +66,7 @@ def envelope(x: ArrayLike, *, rate_hz: float, band_hz: tuple[float, float]) -> S
     rate = positive(rate_hz, name="rate_hz")
     low, high = _band(band_hz, rate)
     lines = transform_of(signal)
-    begin, end = (int(edge / rate * signal.size) + np.arange(2) for edge in (low, high))  # at or beside the edges
+    begin, end = (int(edge / rate * signal.size) + np.arange(2) for edge in (low, high))  # lines next to the edges
     first, stop = begin[0] + np.sum(begin * rate / signal.size < low), end[0] + np.sum(end * rate / signal.size <= high)
     lines[:first], lines[stop:] = 0, 0
     real = np.asarray(fft.irfft(lines, signal.size))
@@ -79,12 +84,12 @@ def stream_envelope(
     band_hz: tuple[float, float],
     transition_hz: float | None = None,
 ) -> Iterator[Array]:
-    """Yield the envelope of a record that arrives in blocks, in constant memory, as many samples as the record has.
+    """Yield the envelope of a record that arrives in blocks, with as many samples as the record, in constant memory.
 
-    The filter is of linear phase, its delay removed. Its gain is within 1e-4 of 1 in the band and within 1e-4 of 0
-    (80 dB) from one transition width beyond either edge; it removes an offset to rounding. Beyond its ends the record
-    is continued by the mean of its first half filter length, so that about ``2.5 / transition_hz`` seconds at either
-    end are a transient.
+    The filter has linear phase and its delay is removed. Its gain is within 1e-4 of 1 in the band and below 1e-4
+    (-80 dB) beyond one transition width from either edge; an offset is removed to within rounding. Beyond its ends the
+    record is continued by the mean of its first half filter length, so that about ``2.5 / transition_hz`` seconds at
+    either end are transient.
 
     Parameters
     ----------
@@ -95,8 +100,8 @@ def stream_envelope(
     band_hz : (low, high)
         Edges of the passband in Hz, ``0 < low < high < rate_hz / 2``.
     transition_hz : float, optional
-        Width in Hz of the transition outside either edge; at most the distance of the band to 0 and to half the rate.
-        Default a quarter of the band's width, or that distance where it is less.
+        Width in Hz of the transition beyond each edge, at most the distance of the band from 0 and from half the rate.
+        Default: a quarter of the width of the band, or that distance if less.
 
     Yields
     ------
@@ -105,7 +110,8 @@ def stream_envelope(
     Raises
     ------
     ValueError
-        At the first block with a value that is not finite; or a band too close to 0 or to half the rate.
+        A band too close to 0 or to half the rate, a transition too wide or too narrow, no samples, or, at its block, a
+        value that is not finite.
 
     Examples
     --------
@@ -123,13 +129,13 @@ def stream_envelope(
     if width <= 0 or width > margin * (1 + 1e-12):
         raise ValueError(
             f"transition_hz={width:g} of the band ({low:g}, {high:g}) Hz must be above zero and at most {margin:g}, "
-            f"the least distance of the band to 0 and {rate / 2:g} Hz; narrow either, or take `envelope` of the whole "
-            "record."
+            f"the smallest distance of the band from 0 and {rate / 2:g} Hz; narrow the transition or the band, or use "
+            "`envelope` on the whole record."
         )
     if width < rate / _MOST_TAPS:
         raise ValueError(
-            f"transition_hz={width:g} makes a filter of more than {_MOST_TAPS} samples at {rate:g} Hz; give "
-            f"{rate / _MOST_TAPS:.3g} Hz or more, or a band further from 0 and from half the rate."
+            f"transition_hz={width:g} requires a filter of more than {_MOST_TAPS} samples at {rate:g} Hz; give "
+            f"{rate / _MOST_TAPS:.3g} Hz or more, or a band farther from 0 and from half the rate."
         )
     return _filtered(blocks, _analytic_taps(low / rate, high / rate, width / rate))
 
@@ -154,7 +160,7 @@ def _filtered(blocks: Iterable[ArrayLike], taps: NDArray[np.complex128]) -> Iter
     response = fft.fft(taps, size)
     buffer = np.zeros(order // 2)
     offset, seen = None, 0
-    waiting: list[Array] = []  # until the offset is known, which is to depend on the record alone and not on its blocks
+    waiting: list[Array] = []  # until the offset is known, which must not depend on the division into blocks
 
     def convolve(values: Array) -> Array:
         return np.abs(fft.ifft(fft.fft(values, size) * response)[order : values.size])
@@ -173,7 +179,7 @@ def _filtered(blocks: Iterable[ArrayLike], taps: NDArray[np.complex128]) -> Iter
             yield convolve(buffer[:size])
             buffer = buffer[step:]
     if not seen:
-        raise ValueError("the record has no samples; give at least one block that holds some.")
+        raise ValueError("the record has no samples; give at least one block that is not empty.")
     if offset is None:
         whole_record = np.concatenate(waiting)
         buffer = np.concatenate([buffer, whole_record - whole_record.mean()])
@@ -198,7 +204,7 @@ def _modulation(magnitude: Samples, *, squared: bool, relative: bool) -> Samples
     mean = values.mean()
     if mean == 0:
         raise ValueError(
-            "the envelope of the band is zero, and nothing can be relative to its mean; choose another band."
+            "the envelope of the band is zero, so that it cannot be divided by its mean; choose another band."
         )
     return np.asarray(values / mean)
 
@@ -213,7 +219,7 @@ def envelope_spectrum(
     relative: bool = False,
     maximum_hz: float | None = None,
 ) -> AmplitudeSpectrum:
-    """Return the amplitude spectrum over frequency of a band's envelope or squared envelope.
+    """Return the amplitude spectrum over frequency of the envelope, or squared envelope, of a band.
 
     Parameters
     ----------
@@ -228,13 +234,18 @@ def envelope_spectrum(
     relative : bool
         Whether the envelope, or its square, is divided by its mean.
     maximum_hz : float, optional
-        End of the axis; the squared envelope has no components beyond the band's width.
+        End of the axis in Hz; the squared envelope has no components beyond the width of the band.
 
     Returns
     -------
     AmplitudeSpectrum
         Peak amplitudes of the modulation. A carrier modulated by ``1 + m cos`` gives m in the relative spectrum of the
         envelope, and ``2 m / (1 + m^2 / 2)`` in that of the squared envelope.
+
+    Raises
+    ------
+    ValueError
+        A band outside 0 to half the sampling rate, values that are not finite, or with `relative` an envelope of zero.
 
     Examples
     --------
@@ -266,10 +277,10 @@ def envelope_order_spectrum(
     squared: bool = False,
     relative: bool = False,
 ) -> AmplitudeSpectrum:
-    """Return the amplitude spectrum over orders of a band's envelope, demodulated in time and resampled over angle.
+    """Return the order spectrum of the envelope of a band, demodulated in time and resampled over angle.
 
-    A resonance stays at its frequency while the speed of the shaft changes, so the band is filtered in time; the
-    defect repeats with the shaft, so its line is sharp in orders.
+    A resonance stays at its frequency while the speed changes, so the band is filtered in time; a defect repeats with
+    the shaft, so its line is sharp in orders.
 
     Parameters
     ----------
@@ -278,15 +289,20 @@ def envelope_order_spectrum(
     phase, samples_per_rev, start_s
         As in `angular_resample`.
     max_order : float, optional
-        End of the axis; default, and at most, the passband of the resampled envelope.
+        End of the axis; default and upper limit: the passband of the resampled envelope.
 
     Returns
     -------
     AmplitudeSpectrum
 
+    Raises
+    ------
+    ValueError
+        As `envelope_spectrum` and `angular_resample`.
+
     Examples
     --------
-    A tone of 300 Hz, modulated once a revolution of an accelerating shaft by m = 0.5:
+    A tone of 300 Hz, modulated once per revolution of an accelerating shaft by m = 0.5:
 
     >>> import numpy as np
     >>> from signals import ShaftPhase, envelope_order_spectrum
@@ -309,15 +325,14 @@ def envelope_order_spectrum(
     return order_spectrum(over_angle, max_order=max_order)
 
 
-# Part of half the rate at which the bank begins and ends: offsets and drift lie below, the anti-alias filter above.
-# ---- Envelopes of a bank of bands at once, and their level that changes slowly ---------------------------------------
-# Demodulating a band needs the Fourier transform of the record once, and for each band an inverse transform as long as
-# twice the band is wide. A bank of nested bands, halves to sixteenths of the range, so costs little more than one band.
-# Of an envelope only the slow part may be wanted: cut out of its transform, it needs as few samples as that part has.
-# What changes the level of a whole record (load, speed, noise that wanders) modulates every band of it. An envelope
-# over its own moving average keeps what repeats within the width of that average.
+# ---- Envelopes of a bank of bands at once, and their slowly varying level --------------------------------------------
+# Demodulation takes one Fourier transform of the record, and for each band an inverse transform whose length is twice
+# the width of the band. A bank of nested bands, halves to sixteenths of the range, therefore costs little more than one
+# band. If only the slow part of an envelope is required, it is selected in its transform and needs as few samples.
+# Changes of load, speed or noise level modulate every band. An envelope divided by its moving average retains what
+# repeats within the width of that average.
 
-_LOWEST, _HIGHEST = 0.02, 0.98
+_LOWEST, _HIGHEST = 0.02, 0.98  # of half the rate: offsets and drift lie below, the anti-alias filter above
 
 
 def bank_bands(*, rate_hz: float, least_width_hz: float) -> tuple[tuple[float, float], ...]:
@@ -328,7 +343,7 @@ def bank_bands(*, rate_hz: float, least_width_hz: float) -> tuple[tuple[float, f
     rate_hz : float
         Sampling rate in Hz.
     least_width_hz : float
-        Width below which a band cannot carry the modulation that is looked for, in Hz.
+        Width in Hz below which a band cannot carry the modulation of interest.
 
     Returns
     -------
@@ -338,7 +353,7 @@ def bank_bands(*, rate_hz: float, least_width_hz: float) -> tuple[tuple[float, f
     Raises
     ------
     ValueError
-        Not even half the range is wide enough.
+        Less than half the range would be wide enough.
 
     Examples
     --------
@@ -352,7 +367,7 @@ def bank_bands(*, rate_hz: float, least_width_hz: float) -> tuple[tuple[float, f
     counts = [2**level for level in range(1, 5) if (high - low) / 2**level >= least]
     if not counts:
         raise ValueError(
-            f"least_width_hz={least:g} is more than half the range up to {high:g} Hz; lower it, or sample faster."
+            f"least_width_hz={least:g} is more than half the range up to {high:g} Hz; reduce it, or sample faster."
         )
     edges = (np.linspace(low, high, count + 1).tolist() for count in counts)
     return tuple(pair for each in edges for pair in pairwise(each))
@@ -366,11 +381,11 @@ def bank_envelopes(
     highest_hz: float | None = None,
     transform: NDArray[np.complexfloating] | None = None,
 ) -> Iterator[tuple[float, Samples]]:
-    """Yield the envelope of each band, sampled at least at twice its width, or its part below a frequency.
+    """Yield the envelope of each band, sampled at least at twice the bandwidth, or its part below a frequency.
 
-    The envelope is the magnitude of the analytic signal of the band, cut out with sharp edges in the transform of the
-    whole record: `signals.demodulation.envelope.envelope` at fewer instants, to rounding. Its own bandwidth is not
-    limited; what lies above the band's width folds, which is noise of some per cent of the level at most.
+    The envelope is the magnitude of the analytic signal of the band, selected with sharp edges in the transform of the
+    whole record, and equals that of `signals.demodulation.envelope.envelope` at fewer instants. It is not band-limited:
+    components above the bandwidth alias, as noise of at most a few per cent of the level.
 
     Parameters
     ----------
@@ -381,18 +396,22 @@ def bank_envelopes(
     bands_hz : sequence of (low, high)
         Edges in Hz, ``0 <= low < high <= rate_hz / 2``.
     highest_hz : float, optional
-        End of the part of the envelope that is wanted, cut off with a sharp edge; all bands then have one rate, 2.5
-        times as much. It is found in single precision, with an error below 1e-6 of the band's largest value.
-
+        Cut-off of the envelopes in Hz, with a sharp edge; all envelopes then have a rate of 2.5 times as much. They are
+        computed in single precision, with an error below 1e-6 of the largest value of the band.
     transform : (n // 2 + 1,) array, optional
-        The Fourier transform of the record without its mean, where it is known.
+        Fourier transform of the record without its mean (`scipy.fft.rfft`), if known.
 
     Yields
     ------
     rate_hz : float
-        Rate of the envelope in Hz, the first sample at that of the record.
+        Sampling rate of the envelope in Hz; its first sample coincides with that of the record.
     values : (m,) array
-        In the unit of `x`, and in its precision unless `highest_hz` is given.
+        Envelope in the unit of `x`, and in its precision unless `highest_hz` is given.
+
+    Raises
+    ------
+    ValueError
+        A band outside 0 to half the sampling rate, values that are not finite, or a transform of another length.
 
     Examples
     --------
@@ -411,7 +430,7 @@ def bank_envelopes(
     places: list[tuple[int, int]] = []
     for low, high in bands_hz:
         if not 0 <= low < high <= rate / 2 * (1 + 1e-12):
-            raise ValueError(f"the band ({low:g}, {high:g}) Hz must rise and lie between 0 and {rate / 2:g} Hz.")
+            raise ValueError(f"the band ({low:g}, {high:g}) Hz of bands_hz must rise and lie in 0 to {rate / 2:g} Hz.")
         places.append((int(np.ceil(low / rate * size)), int(np.floor(high / rate * size)) + 1))
     if highest_hz is None:
         for first, stop in places:
@@ -419,12 +438,12 @@ def bank_envelopes(
             yield magnitude.size / size * rate, magnitude
         return
     kept = int(positive(highest_hz, name="highest_hz") / rate * size) + 1
-    # 2.5 samples a cycle of the slow part, which `angular_resample` then passes, 10 % above the mean speed too
+    # 2.5 samples per cycle of the slow part, which `angular_resample` then passes even 10 % above the mean speed
     short = fft.next_fast_len(int(2.5 * kept) + 1, real=True)
     scale = float(np.abs(lines).max()) or 1.0  # small units would underflow
     singles = np.asarray(lines / scale, dtype=np.complex64)
     for length, alike in groupby(places, key=lambda place: _length(place[1] - place[0])):
-        # 2**19 samples of bands transformed at once, 4 MB: four rows take half the time of four single ones
+        # 2**19 samples transformed at once, 4 MB: four rows together take half the time of four single ones
         at_once = max(1, 2**19 // length)
         while some := list(islice(alike, at_once)):
             magnitudes = _magnitudes(singles, some, size)
@@ -434,19 +453,19 @@ def bank_envelopes(
 
 
 def _length(lines: int) -> int:
-    """Return the samples at twice the width of a band of so many lines, or a few more."""
+    """Return the number of samples at twice the width of a band of so many lines, or a few more."""
     return int(fft.next_fast_len(max(2, 2 * (lines - 1))))
 
 
 def _magnitudes(lines: NDArray[np.complexfloating], places: Sequence[tuple[int, int]], size: int) -> Samples:
-    """Return the (band, m) magnitudes of the analytic signals of bands of one length, from lines of `size` samples."""
+    """Return the (band, m) magnitudes of the analytic signals of bands of equal length from lines of `size` samples."""
     length = _length(places[0][1] - places[0][0])
     analytic = np.zeros((len(places), length), dtype=lines.dtype)
     for row, (first, stop) in zip(analytic, places, strict=True):
         band = lines[first:stop][:length]
         row[: band.size] = band
         if first == 0:
-            row[0] *= 0.5  # it and that at half the rate stand for one line, all others for two
+            row[0] *= 0.5  # it and the Nyquist line are single, all others stand for two
         if size % 2 == 0 and stop == lines.size:
             row[band.size - 1] *= 0.5
     magnitude = np.abs(fft.ifft(analytic, overwrite_x=True))
@@ -455,21 +474,26 @@ def _magnitudes(lines: NDArray[np.complexfloating], places: Sequence[tuple[int, 
 
 
 def level_normalised(signal: AngularSignal, *, revolutions: float) -> AngularSignal:
-    """Return an envelope over angle divided by its moving average, and multiplied by its mean.
+    """Return an envelope over angle divided by its moving average and multiplied by its mean.
 
-    The average is weighted by a Hann window over `revolutions`; at the ends by the part of it that lies in the record.
-    What repeats four times or more within it is passed with a gain within 1e-3 of 1, except at the ends.
+    The average is weighted by a Hann window over `revolutions`, truncated at the ends of the record. Components with
+    four or more periods within it pass with a gain within 1e-3 of 1, except at the ends.
 
     Parameters
     ----------
     signal : AngularSignal
-        Not negative, any unit.
+        Envelope, not negative, any unit.
     revolutions : float
-        Width of the window; the record's length if that is less.
+        Width of the window, limited to the length of the record.
 
     Returns
     -------
     AngularSignal
+
+    Raises
+    ------
+    ValueError
+        A width that is not positive.
 
     Examples
     --------
@@ -484,7 +508,7 @@ def level_normalised(signal: AngularSignal, *, revolutions: float) -> AngularSig
     True
     """
     width = min(positive(revolutions, name="revolutions"), float(signal.revolutions))
-    step = max(1, int(width * signal.samples_per_rev / 64))  # 64 points of the level within the width of its average
+    step = max(1, int(width * signal.samples_per_rev / 64))  # 64 points of the level per window
     count = max(1, signal.values.size // step)
     starts = np.arange(0, count * step, step)
     coarse = np.add.reduceat(signal.values, starts) / np.diff(np.append(starts, signal.values.size))
@@ -497,8 +521,8 @@ def level_normalised(signal: AngularSignal, *, revolutions: float) -> AngularSig
     return replace(signal, values=ratio * mean)
 
 
-@lru_cache(maxsize=4)  # the same ones for the bands of a record
+@lru_cache(maxsize=4)  # shared by the bands of a record
 def _hann_weights(points: int, count: int) -> tuple[NDArray[np.float64], NDArray[np.float64]]:
-    """Return Hann's window of some points, and the sum of it that lies in the record at each of `count` places."""
+    """Return a Hann window of so many points, and the sum of it within the record at each of `count` places."""
     window = np.hanning(points + 2)[1:-1]
     return window, np.asarray(convolve1d(np.ones(count), window, mode="constant"))

@@ -1,4 +1,4 @@
-"""Spectral kurtosis and the fast kurtogram, which find the frequency bands in which a record is impulsive.
+"""Spectral kurtosis and the fast kurtogram, which locate the frequency bands in which a record is impulsive.
 
 The kurtosis of a band's complex envelope c is ``<|c|^4> / <|c|^2>^2 - 2``: zero for stationary Gaussian noise, positive
 for impulses, -1 for a pure tone (-s^2 for a tone with the fraction s of the band's power, the rest being noise).
@@ -34,7 +34,7 @@ Single = NDArray[np.float32]
 LEVELS = 7
 FEWEST_SAMPLES = 320  # of the narrowest band, whose filter has 48 taps
 PARTS = 16  # of the record
-NOISE_NEGENTROPY = 1 - np.euler_gamma  # of exponentially distributed powers, as noise has them
+NOISE_NEGENTROPY = 1 - np.euler_gamma  # of exponentially distributed powers, those of noise
 NEGENTROPY_SCATTER = 0.53  # standard deviation times sqrt(lines) for such powers (measured)
 _TAPS = {2: 48, 3: 72}
 
@@ -50,7 +50,7 @@ class SpectralKurtosis:
     frames : int
         Number of frames.
     effective_frames : float
-        Number of independent frames of the same variance.
+        Number of independent frames that would give the same variance.
     noise_std : float
         Standard deviation of the kurtosis of each line for stationary Gaussian noise.
     bin_width_hz, resolution_hz : float
@@ -83,8 +83,8 @@ def spectral_kurtosis(
 ) -> SpectralKurtosis:
     """Return the spectral kurtosis from the short-time Fourier transform (Antoni 2006).
 
-    The first two lines and the last two are left out: the window mixes positive and negative frequencies near 0 and
-    near half the sampling rate, where noise is therefore not circular.
+    The first two lines and the last two are left out: near 0 and half the sampling rate the window mixes positive and
+    negative frequencies, so that noise is not circular.
 
     Parameters
     ----------
@@ -106,12 +106,12 @@ def spectral_kurtosis(
     Raises
     ------
     ValueError
-        Too few frames, or a constant signal.
+        Too few frames, a constant signal, values that are not finite, or an overlap outside 0 to 1.
 
     Notes
     -----
-    From M frames, ``(M + 1) / (M - 1) (M sum(p^2) / sum(p)^2 - 1) - 1`` with p the power has mean zero for noise in
-    independent frames (Nita & Gary 2010); M is the effective number where frames overlap.
+    For M independent frames of noise with powers p, ``(M + 1) / (M - 1) (M sum(p^2) / sum(p)^2 - 1) - 1`` has mean zero
+    (Nita & Gary 2010); for overlapping frames M is their effective number.
 
     Examples
     --------
@@ -159,7 +159,7 @@ def spectral_kurtosis(
 
 @dataclass(frozen=True, kw_only=True)
 class Kurtogram:
-    """Kurtosis of the bands of a filter tree: halves (whole levels) and thirds of halves (levels .58 higher).
+    """Kurtosis of the bands of a filter tree of repeated halving (whole levels), each also in thirds (log2(3) higher).
 
     Attributes
     ----------
@@ -168,15 +168,15 @@ class Kurtogram:
     kurtosis : (band,) array
         Kurtosis of the complex envelope; NaN for a band without power.
     steady_kurtosis : (band,) array
-        The same without the two sixteenths of the record of largest fourth moment, which removes the contribution of a
+        Kurtosis without the two sixteenths of the record of largest fourth moment, which removes the contribution of a
         single event but not that of repeated impulses.
     noise_std : (band,) array
         Standard deviation of the kurtosis for stationary Gaussian noise.
     power_share : (band,) array
-        Power of the band over that of the record.
+        Fraction of the power of the record in the band.
     envelope_negentropy : (band,) array, optional
-        ``<p ln p>`` over the spectrum of the squared envelope, p being the power over its local mean: 1 - 0.577 for
-        noise, larger for periodic impulses.
+        ``<p ln p>`` over the squared envelope spectrum, where p is the power over its local mean: 1 - 0.577 for noise,
+        larger for periodic impulses.
     envelope_lines : (band,) array
         Number of lines in that mean.
 
@@ -200,7 +200,7 @@ class Kurtogram:
     envelope_lines: Array = field(metadata={"dims": ("band",), "units": "1"})
 
     def image(self) -> tuple[Array, Array]:
-        """Return the levels (rows,) and the kurtosis as an image (rows, cells), of cells of equal width from 0 Hz."""
+        """Return the levels (rows,) and the kurtosis as an image (rows, cells), with cells of equal width from 0 Hz."""
         levels = np.unique(self.level)
         cells = 3 * 2 ** int(levels[-1])
         rows = [self.kurtosis[self.level == level] for level in levels]
@@ -225,11 +225,11 @@ def fast_kurtogram(
     rate_hz : float
         Sampling rate in Hz.
     levels : int, optional
-        Number of halvings; default 7, or as many as leave 320 samples in the narrowest band.
+        Number of halvings; default: 7, or as many as leave 320 samples in the narrowest band.
     with_negentropy : bool
-        Whether the negentropy of the squared envelope's spectrum (Antoni 2016) is computed.
+        Whether to compute the negentropy of the squared envelope spectrum (Antoni 2016).
     transform : (n // 2 + 1,) array, optional
-        The Fourier transform of the record without its mean, where it is known.
+        Fourier transform of the record without its mean (`scipy.fft.rfft`), if known.
 
     Returns
     -------
@@ -242,16 +242,16 @@ def fast_kurtogram(
 
     Notes
     -----
-    The analytic signal is split into two, and into three bands, each at half and at a third of its rate, an
-    oversampling of two; the halves are split again. The gain of a band is -0.85 dB at its edges, -6 dB at 1.2 half
-    widths from its centre and -80 dB from 1.65 on. Outputs whose filter reaches beyond the record are left out.
+    The analytic signal is split into two bands at half its rate and into three at a third, with an oversampling of two;
+    the halves are split again. The gain of a band is -0.85 dB at its edges, -6 dB at 1.2 half widths from its centre
+    and below -80 dB beyond 1.65. Outputs whose filter extends beyond the record are left out.
 
-    Filters run in single precision, moments are summed in double: rounding adds a noise 130 dB below the record's power
-    to each band, and the error of a kurtosis is below 1e-4.
+    Filters run in single precision and moments are summed in double: rounding adds noise 130 dB below the power of the
+    record to each band, and the error of the kurtosis is below 1e-4.
 
     Examples
     --------
-    Impulses that excite a resonance at 3 kHz, 50 a second, in noise:
+    A resonance at 3 kHz excited by 50 impulses per second, in noise:
 
     >>> import numpy as np
     >>> from signals import fast_kurtogram
@@ -281,16 +281,16 @@ def fast_kurtogram(
     *columns, seconds, fourths, negentropy, lines = zip(*rows, strict=True)
     level, index, width, count = (np.array(column, dtype=np.float64) for column in columns)
     second, fourth = np.array(seconds), np.array(fourths)  # (band, part)
-    left_out = 2  # parts of largest fourth moment left out of the steady kurtosis: a spike may lie on the border of two
+    left_out = 2  # parts of largest fourth moment excluded from the steady kurtosis: a spike may lie on a border
     quiet = np.argsort(fourth, axis=1)[:, : PARTS - left_out]
     least, of_least = (np.take_along_axis(each, quiet, axis=1).sum(axis=1) for each in (second, fourth))
     kurtosis = _kurtosis(second.sum(axis=1), fourth.sum(axis=1), count)
     steady = _kurtosis(least, of_least, count * (1 - left_out / PARTS))
     power = second.sum(axis=1) / count
-    last_filter = np.where(level == 0, 1, np.where(level % 1 > 0, 3, 2)).tolist()  # bands that it made
+    last_filter = np.where(level == 0, 1, np.where(level % 1 > 0, 3, 2)).tolist()  # number of bands it splits into
     std = 2 * np.sqrt(np.array([_samples_per_independent(factor) for factor in last_filter]) / count)
     share = power / power[0]
-    leakage = 1e-7  # of the record's power; a band with less holds only the leakage of others
+    leakage = 1e-7  # of the power of the record; a band with less holds only leakage from others
     empty = share < leakage
     return Kurtogram(
         level=level,
@@ -306,7 +306,7 @@ def fast_kurtogram(
 
 
 def _vibration(x: ArrayLike, *, minimum: int) -> Samples:
-    """Return a copy of the signal without its mean, or raise where only rounding error is left."""
+    """Return a copy of the signal without its mean, or raise ValueError if only rounding error remains."""
     signal = real_samples(x, name="the signal", minimum=minimum)
     centred = without_mean(signal)
     if _largest(centred) <= signal.size**0.5 * np.finfo(np.float64).eps * _largest(signal):
@@ -319,15 +319,15 @@ def _largest(x: Samples) -> float:
 
 
 def _bands(signal: Single, imaginary: Single, depth: int) -> Iterator[tuple[float, int, float, Single, Single]]:
-    """Yield level, index, width over half the rate, and complex envelope of each band of the analytic signal's tree.
+    """Yield level, index, width over half the rate, and complex envelope of each band of the tree.
 
-    The bands of a level take each other's memory, fresh one being slow to come by: each is to be used before the next.
+    The bands of a level share memory, since allocation is slow: each must be used before the next is requested.
     """
     from signals.demodulation._kurtogram_kernels import split_band  # noqa: PLC0415
 
     memory: dict[tuple[int, int], tuple[Single, Single]] = {}
     waiting = [(0, 0, signal, imaginary)]
-    while waiting:  # depth first, so that a band is still in the cache when it is split
+    while waiting:  # depth first, so that a band is still cached when it is split
         level, index, re, im = waiting.pop()
         yield float(level), index, 0.5**level, re, im
         for factor in (3, 2) if level < depth - 1 else (2,) if level < depth else ():
@@ -347,7 +347,7 @@ def _bands(signal: Single, imaginary: Single, depth: int) -> Iterator[tuple[floa
 def _hilbert_transform(signal: Single, largest: float, known: NDArray[np.complexfloating] | None) -> Single:
     """Return the Hilbert transform, the imaginary part of the analytic signal.
 
-    The transform `known` of the signal times `largest` serves where it has as many samples as a fast one.
+    The `known` transform of the signal times `largest` is used if its length is a fast one.
     """
     size = fft.next_fast_len(signal.size, real=True)
     if known is not None and size == signal.size:
@@ -365,7 +365,7 @@ def _hilbert_transform(signal: Single, largest: float, known: NDArray[np.complex
 def _lowpass(factor: int) -> Single:
     """Return a Kaiser-windowed sinc of gain 1, with its -6 dB cut-off at 1.2 half widths of one of `factor` bands."""
     count = _TAPS[factor]
-    cutoff = 0.3 / factor  # 0.3 times one over the number of bands: -6 dB at 1.2 half widths from the centre
+    cutoff = 0.3 / factor
     offset = np.arange(count) - (count - 1) / 2
     taps = np.sinc(2 * cutoff * offset) * np.kaiser(count, 8.0)
     return np.asarray(taps / taps.sum(), dtype=np.float32)
@@ -373,7 +373,7 @@ def _lowpass(factor: int) -> Single:
 
 @lru_cache(maxsize=3)
 def _samples_per_independent(factor: int) -> float:
-    """Return ``sum |correlation|^4`` over lags: outputs per independent one, for the variance of the kurtosis."""
+    """Return ``sum |correlation|^4`` over lags, the outputs per independent output for the variance of the kurtosis."""
     if factor == 1:
         return 4 / 3  # the analytic signal of white noise: 1 + 2 sum (2 / (pi k))^4 over odd k
     taps = _lowpass(factor).astype(np.float64)
@@ -382,7 +382,7 @@ def _samples_per_independent(factor: int) -> float:
 
 
 def _moments(re: Single, im: Single, *, negentropy: bool) -> tuple[Array, Array, float, int]:
-    """Return sums of the second and fourth powers of a band's envelope by part, its negentropy and number of lines."""
+    """Return the sums of second and fourth powers of an envelope by part, its negentropy and the number of lines."""
     from signals.demodulation._kurtogram_kernels import squared_envelope  # noqa: PLC0415
 
     seconds, fourths, squared = np.empty(PARTS), np.empty(PARTS), np.empty(re.size * negentropy, dtype=re.dtype)
@@ -397,11 +397,11 @@ def _kurtosis(second: Array, fourth: Array, count: Array) -> Array:
 
 
 def _negentropy(squared_envelope: Single) -> tuple[float, int]:
-    """Return ``<p ln p>`` of the squared envelope's spectrum, p the power over its local mean, and the lines used."""
-    # fewer cycles than four in a record are drift
+    """Return ``<p ln p>`` of the squared envelope spectrum, p the power over its local mean, and the line count."""
+    # fewer than four cycles per record are drift
     lines = fft.rfft(squared_envelope, fft.next_fast_len(squared_envelope.size, real=True))[4:]
     forget_plans(squared_envelope.size)
-    length = max(lines.size // 32, 1)  # 32 sections of the squared envelope's spectrum, each normalised by its mean
+    length = max(lines.size // 32, 1)  # 32 sections of the spectrum, each normalised by its mean
     lines = lines[: lines.size // length * length].reshape(-1, length)
     ratio = lines.real**2
     ratio += lines.imag**2

@@ -1,12 +1,12 @@
 """Separation of the deterministic part of a record (gears) from the random part (slipping bearings).
 
-Three methods, each of which returns both parts, whose sum is the record.
+Three methods, each of which returns two parts whose sum is the record:
 
-- `linear_prediction`: the prediction of an autoregressive model, and its error. Cheap, needs no periodicity; the random
-  part is whitened too.
-- `discrete_random_separation`: a filter from the coherence between the record and the delayed record. The random part
-  keeps its spectrum; needs a steady speed, or a record over angle.
-- `cepstrum_prewhitening`: all spectral lines set to the same magnitude. No parameter and no model.
+- `linear_prediction`: the prediction of an autoregressive model, and its error. Cheap and independent of periodicity;
+  the random part is also whitened.
+- `discrete_random_separation`: a filter from the coherence between the record and its delayed copy. The random part
+  keeps its spectrum; requires a steady speed or a record over angle.
+- `cepstrum_prewhitening`: all spectral lines set to equal magnitude, without parameters or a model.
 """
 
 from __future__ import annotations
@@ -26,14 +26,14 @@ if TYPE_CHECKING:
 
 @dataclass(frozen=True, kw_only=True)
 class SeparatedSignal:
-    """A record in two parts, ``deterministic + random``, from its sample ``start`` on.
+    """A record in two parts, ``deterministic + random``, starting at its sample `start`.
 
     Attributes
     ----------
     deterministic, random : (m,) arrays
         Both parts, in the unit of the record.
     start : int
-        Index in the record of their first sample.
+        Index of their first sample in the record.
 
     Examples
     --------
@@ -79,7 +79,7 @@ class LinearPrediction(SeparatedSignal):
 
 @dataclass(frozen=True, kw_only=True)
 class DiscreteRandomSeparation(SeparatedSignal):
-    """Discrete and random part of a record, and the filter that separates them.
+    """Discrete-frequency and random part of a record, and the filter that separates them.
 
     Attributes
     ----------
@@ -88,9 +88,9 @@ class DiscreteRandomSeparation(SeparatedSignal):
     gain, frequency : (frequency,) arrays
         Gain of the filter, 0 to 1, at frequencies in cycles per sample.
     window_length, delay : int
-        Samples of the window and of the delay.
+        Lengths of the window and of the delay in samples.
     blocks : int
-        Number of blocks averaged, overlapping ones included.
+        Number of blocks averaged, including overlapping ones.
 
     Examples
     --------
@@ -111,14 +111,14 @@ class DiscreteRandomSeparation(SeparatedSignal):
 
 @dataclass(frozen=True, kw_only=True)
 class CepstrumPrewhitening(SeparatedSignal):
-    """A record with all spectral lines set to one magnitude (random), and the remainder (deterministic).
+    """A record with all spectral lines set to equal magnitude (random), and the remainder (deterministic).
 
     Attributes
     ----------
     deterministic, random, start
         As in `SeparatedSignal`.
     level : float
-        That magnitude: the geometric mean of the magnitudes of the record's transform.
+        That magnitude, the geometric mean of the magnitudes of the transform of the record.
     silent_lines : int
         Number of lines set to zero, whose magnitude is rounding error.
 
@@ -141,9 +141,9 @@ class PredictionOrders:
     Attributes
     ----------
     order : int
-        The order of least `aic`.
+        The order of smallest `aic`.
     variance : (order,) array
-        Variance of the prediction error over that of the record, from order 0 on.
+        Variance of the prediction error over that of the record, starting at order 0.
     aic : (order,) array
         Akaike's information criterion, ``n log(variance) + 2 order``.
 
@@ -164,8 +164,9 @@ class PredictionOrders:
 def prediction_orders(x: ArrayLike, *, most: int) -> PredictionOrders:
     """Choose the order of an autoregressive model by Akaike's criterion (1974, IEEE Trans. Autom. Control 19, 716-723).
 
-    All orders come from one Levinson-Durbin recursion over the autocorrelation of the record. The criterion is of
-    prediction only; to keep a bearing's impulses out of the model the order must be below their spacing in samples.
+    All orders come from one Levinson-Durbin recursion over the autocorrelation of the record. The criterion concerns
+    prediction only; to keep the impulses of a bearing out of the model, the order must be below their spacing in
+    samples.
 
     Parameters
     ----------
@@ -177,6 +178,11 @@ def prediction_orders(x: ArrayLike, *, most: int) -> PredictionOrders:
     Returns
     -------
     PredictionOrders
+
+    Raises
+    ------
+    ValueError
+        A limit below 1 or not below n / 2, or values that are not finite.
 
     Examples
     --------
@@ -203,10 +209,10 @@ def prediction_orders(x: ArrayLike, *, most: int) -> PredictionOrders:
 
 @checked
 def linear_prediction(x: ArrayLike, *, order: int) -> LinearPrediction:
-    """Separate a record by linear prediction, from the Yule-Walker equations by Levinson's recursion.
+    """Separate a record by linear prediction, solving the Yule-Walker equations by Levinson's recursion.
 
-    Each sample is predicted from the `order` samples before it; the first `order` ones from those after them, since a
-    stationary record has the same correlation in both directions. Sources: Makhoul 1975
+    Each sample is predicted from the `order` samples before it, and the first `order` samples from those after them,
+    since a stationary record has the same correlation in both directions. Sources: Makhoul 1975
     (Proc. IEEE 63(4), 561-580); Wang & Wong 2002 ("Autoregressive model-based gear fault diagnosis", J. Vib. Acoust.
     124(2), 172-179); Sawalhi, Randall & Endo 2007 (Mech. Syst. Signal Process. 21(6), 2616-2633).
 
@@ -215,7 +221,7 @@ def linear_prediction(x: ArrayLike, *, order: int) -> LinearPrediction:
     x : (n,) array
         Samples, any unit; their mean is part of the deterministic part.
     order : int
-        Order of the model, from 1 to less than n / 2; see `prediction_orders`.
+        Order of the model, at least 1 and below n / 2; see `prediction_orders`.
 
     Returns
     -------
@@ -243,16 +249,16 @@ def linear_prediction(x: ArrayLike, *, order: int) -> LinearPrediction:
     taken = whole(order, name="order", least=1)
     if signal.size <= 2 * taken:
         raise ValueError(
-            f"{signal.size} samples are too few for a prediction of order {taken}, which needs more than {2 * taken}; "
-            "record longer, or take a lower order."
+            f"{signal.size} samples are too few for a prediction of order={taken}, which needs more than {2 * taken}; "
+            "record longer, or use a lower order."
         )
     lags = _autocorrelation(signal, taken)
     coefficients = np.zeros(taken)
     if lags[0] > 0:
         coefficients = np.asarray(solve_toeplitz(lags[:-1], lags[1:]), dtype=np.float64)
     predicted = np.empty(signal.size)
-    predicted[taken:] = _weighted_sums(signal[:-1], coefficients)
-    predicted[:taken] = _weighted_sums(signal[2 * taken - 1 : 0 : -1], coefficients)[::-1]
+    predicted[taken:] = _convolved(signal[:-1], coefficients)
+    predicted[:taken] = _convolved(signal[2 * taken - 1 : 0 : -1], coefficients)[::-1]
     return LinearPrediction(
         deterministic=predicted + mean, random=signal - predicted, start=0, coefficients=coefficients
     )
@@ -263,23 +269,23 @@ def discrete_random_separation(x: ArrayLike, *, window_length: int, delay: int) 
     """Separate discrete frequencies from noise by the transfer function between a record and its delayed copy.
 
     For the transforms X of blocks of the record and Y of blocks of its delayed copy, ``|E[X conj Y]| / E[|Y|^2]`` is
-    ``q / (q + 1)`` for a line with q times the power of the noise, and about ``1 / sqrt(K)`` for noise only, from K
+    ``q / (q + 1)`` for a line with q times the power of the noise, and about ``1 / sqrt(K)`` for noise alone, with K
     independent blocks. It is the gain of a zero-phase filter, whose response is tapered to the length of the window
     (Antoni & Randall 2004, "Unsupervised noise cancellation for vibration signals: part II", Mech. Syst. Signal
-    Process. 18(1), 103-117). The power here is the mean of ``E[|X|^2]`` and ``E[|Y|^2]``, equal in a stationary record,
-    which keeps the gain at or below one.
+    Process. 18(1), 103-117). The denominator used is the mean of ``E[|X|^2]`` and ``E[|Y|^2]``, equal in a stationary
+    record, which limits the gain to one.
 
     Parameters
     ----------
     x : (n,) array
         Samples at constant speed, or over shaft angle; their mean is part of the deterministic part.
     window_length : int
-        Samples per block, even. Longer blocks resolve closer lines and raise q, but there are fewer to average.
+        Samples per block, even. Longer blocks resolve closer lines and increase q, but leave fewer to average.
     delay : int
         Delay in samples: at least the window length, so that blocks share no noise; longer than the correlation time of
-        the noise, as of a resonance; and long enough for bearing slip to decorrelate impacts. Of an outer-race defect
-        (CWRU OR007@6, 12 kHz, windows of 2048) 88 % of the power is classed as deterministic with a delay of 2048, and
-        4 % with one of 20,000.
+        the noise, for example of a resonance; and long enough for bearing slip to decorrelate impacts. For an
+        outer-race defect (CWRU OR007@6, 12 kHz, windows of 2048), 88 % of the power is classified as deterministic with
+        a delay of 2048, and 4 % with one of 20,000.
 
     Returns
     -------
@@ -289,7 +295,7 @@ def discrete_random_separation(x: ArrayLike, *, window_length: int, delay: int) 
     Raises
     ------
     ValueError
-        A delay shorter than the window, or a record shorter than the delay and eight windows.
+        An odd window length, a delay shorter than the window, or a record shorter than the delay and eight windows.
 
     Examples
     --------
@@ -300,8 +306,6 @@ def discrete_random_separation(x: ArrayLike, *, window_length: int, delay: int) 
     >>> bool(np.corrcoef(parts.deterministic, tone[128:-128])[0, 1] > 0.95)
     True
     """
-    from scipy.signal import oaconvolve  # noqa: PLC0415
-
     signal, mean = _centred(x)
     length = whole(window_length, name="window_length", least=8)
     if length % 2:
@@ -310,13 +314,13 @@ def discrete_random_separation(x: ArrayLike, *, window_length: int, delay: int) 
     fewest_blocks = 8
     if signal.size < lag + fewest_blocks * length:
         raise ValueError(
-            f"{signal.size} samples are too few for windows of {length} and a delay of {lag}: below "
-            f"{lag + fewest_blocks * length} chance looks like repetition; record longer, or shorten the windows."
+            f"{signal.size} samples are too few for window_length={length} and delay={lag}: with fewer than "
+            f"{lag + fewest_blocks * length}, noise correlates by chance; record longer, or reduce either."
         )
     gain, blocks = _transfer(signal, length, lag)
     half = length // 2
     response = np.fft.fftshift(fft.irfft(gain, 2 * length))[half : half + length + 1] * np.hanning(length + 3)[1:-1]
-    filtered = np.asarray(oaconvolve(signal, response, mode="valid"), dtype=np.float64)  # (n - length,)
+    filtered = _convolved(signal, response)  # (n - length,)
     return DiscreteRandomSeparation(
         deterministic=filtered + mean,
         random=signal[half:-half] - filtered,
@@ -333,8 +337,9 @@ def discrete_random_separation(x: ArrayLike, *, window_length: int, delay: int) 
 def cepstrum_prewhitening(x: ArrayLike) -> CepstrumPrewhitening:
     """Whiten a record by setting its real cepstrum to zero except at zero quefrency.
 
-    Equal to dividing the transform by its magnitude and multiplying by the geometric mean of the magnitudes. This
-    removes the few strong lines of gears, while impulses, whose many lines keep their phase, remain (Borghesani,
+    This is equivalent to dividing the transform by its magnitude and multiplying by the geometric mean of the
+    magnitudes. It removes the few strong lines of gears, while impulses, whose many lines keep their phase, remain
+    (Borghesani,
     Pennacchi, Randall, Sawalhi & Ricci 2013, "Application of cepstrum pre-whitening for the diagnosis of bearing
     faults under variable speed conditions", Mech. Syst. Signal Process. 36(2), 370-384).
 
@@ -347,6 +352,11 @@ def cepstrum_prewhitening(x: ArrayLike) -> CepstrumPrewhitening:
     -------
     CepstrumPrewhitening
         Both parts (n,); the random part is the whitened record.
+
+    Raises
+    ------
+    ValueError
+        Fewer than four samples, or values that are not finite.
 
     Examples
     --------
@@ -362,7 +372,7 @@ def cepstrum_prewhitening(x: ArrayLike) -> CepstrumPrewhitening:
     lines = np.asarray(fft.rfft(signal))
     magnitude = np.abs(lines)
     significant = magnitude > magnitude.max() * signal.size * np.finfo(float).eps
-    significant[0] = False  # the mean was removed, this is rounding error
+    significant[0] = False  # rounding error, since the mean was removed
     level = float(np.exp(np.mean(np.log(magnitude[significant])))) if significant.any() else 0.0
     flat = np.where(significant, lines * (level / np.where(significant, magnitude, 1.0)), 0.0)
     whitened = np.asarray(fft.irfft(flat, signal.size), dtype=np.float64)
@@ -376,7 +386,7 @@ def cepstrum_prewhitening(x: ArrayLike) -> CepstrumPrewhitening:
 
 
 def _centred(x: ArrayLike) -> tuple[Array, float]:
-    """Return a record without its mean, and the mean; zeros where it varies by rounding error only."""
+    """Return a record without its mean, and the mean; zeros if it varies only by rounding error."""
     signal = real_vector(x, name="the signal", minimum=4)
     mean = float(signal.mean())
     centred = signal - mean
@@ -386,9 +396,9 @@ def _centred(x: ArrayLike) -> tuple[Array, float]:
 
 
 def _autocorrelation(signal: Array, most: int) -> Array:
-    """Return the autocorrelation at lags 0 to `most`, one at lag 0 (zeros for silence).
+    """Return the autocorrelation at lags 0 to `most`, one at lag 0 (zeros for a record of zeros).
 
-    Divided by n at every lag, which keeps it positive definite and the model stable.
+    Division by n at every lag keeps it positive definite and the model stable.
     """
     if not signal.any():
         return np.zeros(most + 1)
@@ -397,11 +407,11 @@ def _autocorrelation(signal: Array, most: int) -> Array:
     return np.asarray(lags / lags[0], dtype=np.float64)
 
 
-def _weighted_sums(past: Array, coefficients: Array) -> Array:
-    """Return ``sum_k coefficients[k - 1] past[m - k]`` for m from the order to one beyond the end."""
+def _convolved(signal: Array, response: Array) -> Array:
+    """Return the convolution where the whole response lies within the signal."""
     from scipy.signal import oaconvolve  # noqa: PLC0415
 
-    return np.asarray(oaconvolve(past, coefficients, mode="valid"), dtype=np.float64)
+    return np.asarray(oaconvolve(signal, response, mode="valid"), dtype=np.float64)
 
 
 def _transfer(signal: Array, length: int, lag: int) -> tuple[Array, int]:

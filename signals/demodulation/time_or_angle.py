@@ -1,17 +1,17 @@
-r"""Whether a line of an envelope follows the machine's angle, or the clock as another machine at constant speed does.
+r"""Whether a line of an envelope is locked to the shaft, or to time like a line of another machine at constant speed.
 
-While the speed wanders by some thousandths, a line that follows the shaft is narrow in angle and broad in time, and one
-of another machine, or of the mains, the other way round. Both powers are those of a line with its harmonics where they
-are largest, through a Hann window over the whole record: with e the envelope over its level, less one, and
-:math:`\theta` the revolutions of the reference,
+If the speed varies by a few parts in a thousand, a line locked to the shaft is narrow in angle and broad in time; a
+line of another machine, or of the mains, is the reverse. Both powers are the largest ones of a line with its harmonics,
+with a Hann window over the whole record: with e the envelope over its level, less one, and :math:`\theta` the
+revolutions of the reference,
 
 .. math::
 
     P_\text{angle} = \max_\delta \sum_{k=1}^{K} \Bigl|\sum_n w_n e_n
     e^{-2 \pi j k (o \theta_n + \delta t_n)}\Bigr|^2,
 
-and :math:`P_\text{time}` the same with a frequency in place of the order. At a constant speed both are one. A line in
-time is that in angle only if it leaves as much there: of harmonic k
+and :math:`P_\text{time}` is the same with a frequency instead of the order. At constant speed they are equal. A line in
+time can account for the line in angle only if it contributes as much power there. Harmonic k contributes
 
 .. math::
 
@@ -27,26 +27,26 @@ from numpy.typing import ArrayLike, NDArray
 from signals._validation import positive, real_vector
 
 FEWEST_SAMPLES = 512  # of an envelope
-_LEVEL_BLOCKS, _LEVEL_SIDE = 512, 8  # on either side that are the level: a thirtieth of the record
-_REACH_BINS = 2.5  # that a line may be beside its order: half the main lobe of a Hann window and half a bin
+_LEVEL_BLOCKS, _LEVEL_SIDE = 512, 8  # blocks, and those averaged on either side: a thirtieth of the record
+_REACH_BINS = 2.5  # by which a line may be off its order: half the main lobe of a Hann window and half a bin
 
 Array = NDArray[np.float64]
 
 
 class LinePower(NamedTuple):
-    """Power of a line and its harmonics, in one unit.
+    """Power of a line and its harmonics, relative to the squared level of the envelope.
 
     Attributes
     ----------
     in_angle : float
-        At the order.
+        Power at the order.
     in_time : float
-        At the frequency; NaN where the speed changes so far that hardly a line of constant frequency is one in angle:
-        by 500 bins of the record at this order on either side of the middle.
+        Power at the frequency; NaN if the speed changes so much (500 bins of the record at this order on either side of
+        the middle) that no line of constant frequency could appear as one in angle.
     left_in_angle : float
-        What the line at the frequency leaves at the order.
+        Power that the line at the frequency contributes at the order.
     frequency_hz : float
-        Where the line stands in time.
+        Frequency of the line in time, in Hz.
     """
 
     in_angle: float
@@ -63,15 +63,15 @@ def power_in_time_and_angle(
     Parameters
     ----------
     envelope : (n,) array
-        Envelope at even times, any unit, above zero on average; at least 512 samples.
+        Envelope at uniform times, any unit, above zero on average; at least 512 samples.
     rate_hz : float
-        Its rate in Hz.
+        Its sampling rate in Hz.
     revolutions : (n,) array
-        Angle of the reference at the same times in rev, rising.
+        Angle of the reference at the same times in revolutions, rising.
     order : float
-        Of the line, above zero.
+        Order of the line, above zero.
     harmonics : int
-        Number of harmonics, the line itself among them, that are counted where the rate holds them.
+        Number of harmonics included, counting the line itself, as far as the sampling rate permits.
 
     Returns
     -------
@@ -80,12 +80,12 @@ def power_in_time_and_angle(
     Raises
     ------
     ValueError
-        Too few samples, vectors of different lengths, a reference that does not turn on, or an order or rate that is
-        not above zero.
+        Too few samples, vectors of different lengths, a reference that does not turn forwards, or an order or rate that
+        is not above zero.
 
     Examples
     --------
-    A shaft of 20 rev/s that wanders by 0.3 %, and a line of another machine at 66 Hz:
+    A shaft at 20 rev/s whose speed varies by 0.6 %, and a line of another machine at 66 Hz:
 
     >>> import numpy as np
     >>> from signals.demodulation.time_or_angle import power_in_time_and_angle
@@ -107,8 +107,8 @@ def power_in_time_and_angle(
     )
     if values.size != turns.size or not turns[-1] > turns[0]:
         raise ValueError(
-            f"revolutions has {turns.size} values from {turns[0]:g} to {turns[-1]:g}; as many as the envelope has, "
-            f"{values.size}, are needed, and a shaft that turns on."
+            f"revolutions has {turns.size} values from {turns[0]:g} to {turns[-1]:g}; give {values.size} rising ones, "
+            "one for each sample of the envelope."
         )
     even, times_s = _over_level(values), np.arange(values.size) / rate
     starts = _edges(values.size, _LEVEL_BLOCKS)[:-1]
@@ -117,7 +117,7 @@ def power_in_time_and_angle(
     middle_hz, spread_bins = (slowest_hz + fastest_hz) / 2, first * (fastest_hz - slowest_hz) / 2 * values.size / rate
     count = max(1, min(harmonics, math.floor(rate / 2 / (first * fastest_hz))))
     in_angle, angle_off = _largest_power(even, first * turns, count, _REACH_BINS)
-    furthest_bins = 500.0  # by the change of the speed: 20 ms for a line and its harmonics
+    furthest_bins = 500.0  # by which the line moves with the speed: 20 ms for a line and its harmonics
     if spread_bins > furthest_bins:
         return LinePower(float(in_angle.sum()))
     in_time, time_off = _largest_power(even, first * middle_hz * times_s, count, max(_REACH_BINS, spread_bins))
@@ -133,7 +133,7 @@ def power_in_time_and_angle(
 
 
 def _edges(size: int, blocks: int) -> NDArray[np.int_]:
-    """Return where each of nearly equal blocks begins, and the end of the last."""
+    """Return the start of each of nearly equal blocks, and the end of the last."""
     return np.linspace(0, size, blocks + 1).astype(np.int_)
 
 
@@ -146,17 +146,17 @@ def _over_level(values: Array) -> Array:
     """Return values over their slowly varying level, less one."""
     means = np.pad(_means(values, _LEVEL_BLOCKS), _LEVEL_SIDE, mode="edge")
     level = np.convolve(means, np.full(2 * _LEVEL_SIDE + 1, 1 / (2 * _LEVEL_SIDE + 1)), mode="valid")
-    # 0.05 of the mean: in a gap a level near zero would make its noise the largest values of all
+    # at least 0.05 of the mean, since a level near zero would amplify the noise of a gap
     level = np.maximum(level, 0.05 * max(float(means.mean()), np.finfo(float).tiny))
     return np.asarray(values / np.repeat(level, np.diff(_edges(values.size, _LEVEL_BLOCKS))) - 1.0)
 
 
 def _largest_power(values: Array, cycles: Array, harmonics: int, reach_bins: float) -> tuple[Array, float]:
-    """Return the powers of a line and its harmonics, largest within a reach of its cycles, and its distance in bins."""
-    # 8 to a bin by which a line is off: its means over them lose 2 % of it
+    """Return the largest powers of a line and its harmonics within reach of its cycles, and the offset in bins."""
+    # 8 blocks per bin of offset, whose averaging loses 2 % of the line
     needed = 2 ** math.ceil(math.log2(8 * harmonics * reach_bins))
     fewest_blocks = 512
-    # 4 places to a bin of the highest harmonic: the worst has lost 2 % of its power
+    # 4 points per bin of the highest harmonic, at worst a loss of 2 % of its power
     blocks, fine = min(max(fewest_blocks, needed), values.size), 4 * harmonics
     offsets = np.arange(-math.ceil(reach_bins * fine), math.ceil(reach_bins * fine) + 1)
     window, powers = np.hanning(blocks) / blocks, np.zeros((harmonics, offsets.size))

@@ -1,4 +1,4 @@
-"""Sensor health: faults of sensor, cable and logger in a raw record, as a verdict with its reasons."""
+"""Sensor health: faults of sensor, cable and logger in a raw record, with a verdict and its reasons."""
 
 from __future__ import annotations
 
@@ -25,12 +25,12 @@ class SensorHealth:
     faults : tuple of SensorFault
         All faults found.
     not_judged : tuple of str
-        A sentence for each check that the record is too short or sampled too slowly for.
-    clipped : (n,) array
+        A sentence for each check for which the record is too short or its sampling rate too low.
+    clipped : (n,) array of bool
         True at samples on a flat top.
-    lost : (n,) array
+    lost : (n,) array of bool
         True in gaps and constant segments.
-    spiked : (n,) array
+    spiked : (n,) array of bool
         True at isolated spikes and their neighbours.
 
     Examples
@@ -52,18 +52,18 @@ class SensorHealth:
 
     @property
     def status(self) -> Literal["ok", "suspect", "sick"]:
-        """Worst severity of the faults: "sick" distorts estimates, "suspect" should be checked, "ok" is no fault."""
+        """Worst severity of the faults: "sick" (estimates are distorted), "suspect" (to be checked) or "ok" (none)."""
         severities = {fault.severity for fault in self.faults}
         return "sick" if "sick" in severities else "suspect" if severities else "ok"
 
     @property
     def reasons(self) -> tuple[str, ...]:
-        """A sentence with the numbers of each fault."""
+        """One sentence for each fault, with its figures."""
         return tuple(fault.sentence for fault in self.faults)
 
     @property
     def missing(self) -> NDArray[np.bool_]:
-        """(n,) array, true at samples without information on the machine, to be treated as gaps."""
+        """(n,) array, true at samples that carry no information on the machine, to be treated as gaps."""
         return self.clipped | self.lost | self.spiked
 
 
@@ -78,27 +78,27 @@ def sensor_health(
 ) -> SensorHealth:
     """Detect clipping, drop-outs, stuck values, mains hum, ski slope, level jumps and spikes in a raw vibration record.
 
-    Filtering or resampling after the fault hides it: a flat top needs five or more equal samples, and a spike must be
-    isolated. A tachometer's waveform has flat tops by nature. The spectrum of float32 samples is computed in single
-    precision, with errors about those of their rounding.
+    Use the record as acquired: filtering or resampling hides flat tops, which must have five or more equal samples, and
+    spikes, which must be isolated. Do not check tachometer waveforms, which have flat tops by nature. The spectrum of
+    float32 samples is computed in single precision, with an error comparable to their rounding.
 
-    Measured: no verdict above "ok" in 1000 healthy synthetic records of six seconds at 10 kHz (white and coloured
-    noise, gears, bearings with a spall, run-ups, quantised to 8 to 16 bits or not), which bounds the false-alarm rate
-    at 0.3 % with 95 % confidence.
+    None of 1000 healthy synthetic records of six seconds at 10 kHz (white and coloured noise, gears, bearings with a
+    spall, run-ups, quantised to 8 to 16 bits or not) got a verdict other than "ok", which bounds the false-alarm
+    probability at 0.3 % with 95 % confidence.
 
     Parameters
     ----------
     x : (n,) array
-        The record as acquired; NaN marks a gap and counts as lost.
+        The record as acquired, in `units`; NaN marks a gap and counts as lost.
     rate_hz : float
         Sampling rate in Hz.
     units : str
-        Unit of `x`, for the sentences.
+        Unit of `x`, for the messages.
     transform : (n // 2 + 1,) array, optional
-        The Fourier transform of the record without its mean, where it is known; used where no sample is missing.
+        Fourier transform of the record without its mean (`scipy.fft.rfft`), if known; used if no sample is missing.
     speed_hz : (m,) array, optional
-        Speed of the machine in rev/s at even times over the record, where it is known: a level that jumps where the
-        speed changes is no sign of a sick sensor.
+        Speed of the machine in rev/s at even times over the record, if known: a jump in level where the speed changes
+        does not indict the sensor.
 
     Returns
     -------
@@ -107,11 +107,11 @@ def sensor_health(
     Raises
     ------
     ValueError
-        Fewer than 64 samples, or infinite ones; a speed that is no finite vector.
+        Fewer than 64 samples; infinite samples; a speed that is not a finite vector; a transform of another length.
 
     Examples
     --------
-    A sine clipped at 80 % of its amplitude lies on the flat tops for 41 % of its period:
+    A sine clipped at 80 % of its amplitude spends 41 % of its period on the flat tops:
 
     >>> import numpy as np
     >>> from signals import sensor_health
@@ -125,11 +125,11 @@ def sensor_health(
     speeds = None if speed_hz is None else real_vector(speed_hz, name="speed_hz")
     gaps = np.isnan(values)
     if not np.all(np.isfinite(values) | gaps):
-        raise ValueError("the record holds infinite values; no sensor gives them, so look at how it was converted.")
+        raise ValueError("the record holds infinite values, which no sensor produces; check how it was converted.")
     nothing = np.zeros(values.size, dtype=np.bool_)
     if gaps.all() or np.nanmin(values) == np.nanmax(values):
         known = values[~gaps]
-        what = f"it is {known[0]:.6g} {units} throughout" if known.size else "it holds nothing but gaps"
+        what = f"it is {known[0]:.6g} {units} throughout" if known.size else "it consists of gaps only"
         fault = SensorFault(
             kind="stuck", severity="sick", size=1.0, sentence=f"{what}. Check sensor, cable and supply."
         )
@@ -139,7 +139,7 @@ def sensor_health(
     dropout_faults, lost = dropouts(whole, missing=gaps, rate_hz=rate, units=units)
     spike_faults, spiked = spikes(whole, rate_hz=rate, units=units)
     rest = _filled(whole, lost | spiked)  # so that one fault is not reported as another
-    checks: list[tuple[list[SensorFault], str | None]] = [([], "what is left of the record is constant")]
+    checks: list[tuple[list[SensorFault], str | None]] = [([], "the remaining record is constant")]
     if np.ptp(rest) > 0:
         spectrum = amplitudes(rest, transform if rest is values else None)
         checks = [

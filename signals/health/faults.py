@@ -1,6 +1,6 @@
-"""Faults of a sensor: jumps, flat tops, segments of one value, isolated spikes, mains hum, ski slopes.
+"""Sensor faults: jumps, flat tops, constant segments, isolated spikes, mains hum, ski slopes.
 
-The thresholds on samples depend on the record's own resolution, since a coarse converter repeats values too.
+The thresholds on samples depend on the resolution of the record, since a coarse converter also repeats values.
 """
 
 import math
@@ -23,16 +23,16 @@ Severity = Literal["suspect", "sick"]
 
 @dataclass(frozen=True, kw_only=True)
 class SensorFault:
-    """One fault in the record of a sensor.
+    """A fault in the record of a sensor.
 
     Attributes
     ----------
     kind : str
         "clipping", "drop-out", "stuck", "mains hum", "ski slope", "level jump", "offset jump" or "spikes".
     severity : str
-        "suspect" should be checked, "sick" distorts estimates.
+        "suspect" (to be checked) or "sick" (estimates are distorted).
     size : float
-        The measure named in the sentence: a share of samples or power, a ratio, or a count.
+        The quantity named in the sentence: a fraction of samples or power, a ratio, or a count.
     sentence : str
         What was found, where, how large, and the remedy.
 
@@ -67,13 +67,13 @@ def jumps(
 ) -> tuple[list[SensorFault], str | None]:
     """Return faults for sudden, lasting changes of RMS or mean, or the reason why they cannot be judged.
 
-    The record is cut into 64 parts. A run-up changes its level from part to part; around a jump the level of eight
-    parts on either side is steady. Where the machine's speed (m,), even over the record, changes with the level, a
-    resonance may be what changes it, by more than any sensor that comes loose.
+    The record is cut into 64 parts. In a run-up the level changes from part to part; on either side of a jump it is
+    steady over eight parts. Where the speed of the machine (m,), at even times over the record, changes with the level,
+    a resonance may have caused the change, which can be larger than that of any loose sensor.
     """
     fewest_in_part = 64
     if x.size < _PARTS * fewest_in_part:
-        return [], f"jumps of level need {_PARTS * fewest_in_part} samples; the record has {x.size}"
+        return [], f"detecting jumps in level takes {_PARTS * fewest_in_part} samples; the record has {x.size}"
     parts = x[: x.size // _PARTS * _PARTS].reshape(_PARTS, -1)
     part_s = parts.shape[1] / rate_hz
     mean = parts.mean(axis=1, dtype=np.float64)
@@ -89,13 +89,13 @@ def jumps(
             # 0.03 of the speed: as much as half the width of a resonance with 3 % of damping
             turns = abs(later_hz - earlier_hz) > 0.03 * abs(earlier_hz)
             why = (
-                f", where the speed changes from {earlier_hz:.4g} to {later_hz:.4g} rev/s: a resonance may be passed. "
+                f", where the speed changes from {earlier_hz:.4g} to {later_hz:.4g} rev/s and may cross a resonance. "
                 "Check"
                 if turns
                 else ". Check mount and cable, or"
             )
             sentence = (
-                f"its level jumps from {before:.4g} to {after:.4g} {units} RMS, {factor:.3g} times, about "
+                f"its level jumps from {before:.4g} to {after:.4g} {units} RMS, by a factor of {factor:.3g}, at about "
                 f"{at * part_s:.4g} s{why} whether the load changed then."
             )
             sick = factor > faulty_jump and not turns
@@ -106,7 +106,7 @@ def jumps(
     if typical > 0 and jump > 3.0 * typical:  # smallest jump of the mean over the RMS about it
         size = jump / typical
         sentence = (
-            f"its mean jumps by {jump:.4g} {units}, {size:.3g} times its RMS, about {at * part_s:.4g} s. Check "
+            f"its mean jumps by {jump:.4g} {units}, {size:.3g} times its RMS, at about {at * part_s:.4g} s. Check "
             "connector and supply."
         )
         found.append(graded("offset jump", sick=size > faulty_offset, size=size, sentence=sentence))
@@ -114,7 +114,7 @@ def jumps(
 
 
 def _adjacent_speeds(speed_hz: Array | None, at: int) -> tuple[float, float]:
-    """Return the median speed before and after a part; zero where none is known."""
+    """Return the median speed before and after a part; zero where the speed is unknown."""
     if speed_hz is None:
         return 0.0, 0.0
     each = np.interp((np.arange(_PARTS) + 0.5) / _PARTS, np.linspace(0, 1, speed_hz.size), speed_hz)
@@ -149,7 +149,7 @@ _STUCK = 0.1  # of the record
 
 
 def clipping(x: Samples, *, rate_hz: float, units: str) -> tuple[list[SensorFault], Mask]:
-    """Return faults where an extreme value repeats more often than the next levels, and an (n,) mask of it."""
+    """Return faults where an extreme value repeats more often than the adjacent levels, and an (n,) mask of it."""
     clipped = np.zeros(x.size, dtype=np.bool_)
     sides = []
     pile = 4.0  # a sine on a coarse converter has 2.4 times as many samples on its last level as on the one before
@@ -164,7 +164,7 @@ def clipping(x: Samples, *, rate_hz: float, units: str) -> tuple[list[SensorFaul
     share = float(np.mean(clipped))
     first = int(np.argmax(clipped)) / rate_hz
     sentence = (
-        f"it is clipped: it reaches {' and '.join(sides)}, {share:.3%} of the samples, first after {first:.4g} s. "
+        f"it is clipped: it reaches {' and '.join(sides)}, {share:.3%} of the samples, first at {first:.4g} s. "
         "Widen the measuring range, or leave those samples out."
     )
     faulty_clipped = 0.01
@@ -172,7 +172,7 @@ def clipping(x: Samples, *, rate_hz: float, units: str) -> tuple[list[SensorFaul
 
 
 def _usual_count(x: Samples, extreme: float) -> float:
-    """Return the mean count of samples on the levels next below the extreme, of levels with 16 samples in all."""
+    """Return the mean count of samples on the levels just below the extreme that together hold 16 samples."""
     below = x[x < extreme]
     near = min(below.size, _NEAR)
     below.partition(below.size - near)
@@ -186,11 +186,11 @@ def _usual_count(x: Samples, extreme: float) -> float:
 
 
 def dropouts(x: Samples, *, missing: Mask, rate_hz: float, units: str) -> tuple[list[SensorFault], Mask]:
-    """Return faults for constant segments longer than the record's resolution explains, and gaps; and an (n,) mask.
+    """Return faults for gaps and for constant segments too long for the record's resolution, and an (n,) mask of both.
 
-    Runs of equal values in a healthy record have a geometric distribution; its parameter gives the length that one in
-    a million records reaches. A slow oscillation on a coarse converter has longer runs on its crests, but enters and
-    leaves them by one step of the resolution: a segment counts only with steps above two.
+    Runs of equal values in a healthy record have a geometric distribution, whose parameter gives the length that one
+    record in a million reaches. A slow oscillation on a coarse converter has longer runs on its crests, but enters and
+    leaves them by one resolution step: a segment counts only if it is entered or left by more than two.
     """
     lost = missing.copy()
     alike = x[1:] == x[:-1]
@@ -217,7 +217,7 @@ def _dropout_fault(x: Samples, lost: Mask, *, rate_hz: float, units: str) -> Sen
     """Return the fault of lost samples: stuck to the end of the record, or drop-outs."""
     start, length = _runs(lost)
     share, worst = float(np.mean(lost)), int(np.argmax(length))
-    where = f"{length[worst] / rate_hz:.4g} s from {start[worst] / rate_hz:.4g} s on"
+    where = f"{length[worst] / rate_hz:.4g} s, starting at {start[worst] / rate_hz:.4g} s"
     value = x[start[worst] + length[worst] // 2]
     if start[worst] + length[worst] == x.size and length[worst] > _STUCK * x.size:
         sentence = f"it is stuck at {value:.6g} {units} to the end, for {where}. Check sensor, cable and supply."
@@ -252,8 +252,8 @@ def _longest_run(several: int, runs: int, samples: int) -> int:
 def spikes(x: Samples, *, rate_hz: float, units: str) -> tuple[list[SensorFault], Mask]:
     """Return faults for isolated samples far above all others, and an (n,) mask of them and their neighbours.
 
-    An impact on a machine rings for many samples; one on a cable does not. Among the thousand impacts of a damaged
-    bearing some look isolated by chance, so a spike must also exceed the largest of the rest.
+    An impact on a machine rings for many samples; one on a cable does not. Among thousands of impacts of a damaged
+    bearing some look isolated by chance, so a spike must also exceed all other samples.
     """
     height = np.abs(x - float(median(x)))
     # where half of them reach this, no sample can be a spike, and the partition is saved
@@ -274,9 +274,9 @@ def spikes(x: Samples, *, rate_hz: float, units: str) -> tuple[list[SensorFault]
         return [], np.zeros(x.size, dtype=np.bool_)
     largest = int(isolated[np.argmax(height[isolated])])
     sentence = (
-        f"it has {isolated.size} lone spikes, the largest {height[largest]:.4g} {units} or "
-        f"{height[largest] / level:.3g} robust standard deviations high, after {largest / rate_hz:.6g} s. Check the "
-        "cable and what is switched nearby."
+        f"it has {isolated.size} isolated spikes, the largest {height[largest]:.4g} {units} or "
+        f"{height[largest] / level:.3g} robust standard deviations high, at {largest / rate_hz:.6g} s. Check the "
+        "cable, and for equipment switched nearby."
     )
     faulty_spikes = 1e-3
     sick = isolated.size > faulty_spikes * x.size
@@ -284,7 +284,7 @@ def spikes(x: Samples, *, rate_hz: float, units: str) -> tuple[list[SensorFault]
 
 
 def _is_isolated(height: Samples, at: int) -> bool:
-    """Return whether a sample is the largest of three with low RMS on either side of these."""
+    """Return whether a sample is the largest of three, with low RMS on either side of the three."""
     beside = 6  # samples
     neighbours = np.concatenate((height[max(at - beside, 0) : max(at - 1, 0)], height[at + 2 : at + 1 + beside]))
     top = bool(height[at] == height[max(at - 1, 0) : at + 2].max())
@@ -309,14 +309,14 @@ _OCTAVES = 4
 def hum(x: Samples, amplitude: Samples, *, rate_hz: float) -> tuple[list[SensorFault], str | None]:
     """Return faults for lines at a mains frequency and its harmonics, or the reason why they cannot be judged.
 
-    A machine that turns at a fraction of the mains frequency has the same lines, and others in between: lines at
-    multiples of half or a third of the frequency exclude hum. `amplitude` is `amplitudes(x)`.
+    A machine that turns at a fraction of the mains frequency has the same lines and others between them: lines at
+    multiples of a half or a third of the frequency exclude hum. `amplitude` is `amplitudes(x)`.
     """
     fewest_harmonics = 3
     shortest_hum_s = 1.0
     if x.size / rate_hz < shortest_hum_s or rate_hz < 2 * (fewest_harmonics * 60 + _REACH_HZ):
         return [], (
-            f"mains hum needs {shortest_hum_s:g} s and lines up to the third harmonic; the record lasts "
+            f"detecting mains hum takes {shortest_hum_s:g} s and the third harmonic; the record lasts "
             f"{x.size / rate_hz:.3g} s at {rate_hz:g} Hz"
         )
     step = rate_hz / x.size
@@ -324,7 +324,7 @@ def hum(x: Samples, amplitude: Samples, *, rate_hz: float) -> tuple[list[SensorF
     mains_hz = (50.0, 60.0)
     hum_share = 0.1  # RMS of the hum over that of the record
     faulty_hum = 0.5
-    above = 5.0  # smallest amplitude over the median beside; noise alone gives a lobe 2.6
+    above = 5.0  # smallest amplitude over the median of the background; the lobe of noise alone gives 2.6
     for mains in mains_hz:
         base = _strongest(amplitude, step, mains)
         harmonics = [k for k in _HARMONICS if k * (mains + _STRAY_HZ) + _REACH_HZ < rate_hz / 2]
@@ -335,19 +335,19 @@ def hum(x: Samples, amplitude: Samples, *, rate_hz: float) -> tuple[list[SensorF
         share = float(np.sqrt(sum(line**2 for line in standing.values()) / 2)) / level
         if 1 in standing and len(standing) >= fewest_harmonics and others == 0 and share > hum_share:
             sentence = (
-                f"the mains hum in it: lines at {base:.2f} Hz and {len(standing) - 1} of its harmonics hold "
-                f"{share:.1%} of its RMS. Check shield and ground loops; a machine that turns at this very frequency "
-                "does the same."
+                f"it has mains hum: lines at {base:.2f} Hz and {len(standing) - 1} of its harmonics make up "
+                f"{share:.1%} of its RMS. Check shielding and ground loops; a machine that turns at exactly this "
+                "frequency has the same lines."
             )
             return [graded("mains hum", sick=share > faulty_hum, size=share, sentence=sentence)], None
     return [], None
 
 
 def amplitudes(x: Samples, transform: NDArray[np.complexfloating] | None = None) -> Samples:
-    """Return the peak amplitude spectrum under Hann's window, in steps of one over the record's duration.
+    """Return the peak amplitude spectrum with a Hann window, in steps of one over the record's duration.
 
     The window, ``1/2 - cos(2 pi i / n) / 2``, is applied to the lines of the spectrum as a three-term convolution.
-    `transform` is that of the record without its mean, where it is known.
+    `transform` is that of the record without its mean, if known.
     """
     lines = transform_of(x, transform)
     beyond = np.conj(lines[-2] if x.size % 2 == 0 else lines[-1])  # the line after the last: x is real
@@ -361,18 +361,18 @@ def amplitudes(x: Samples, transform: NDArray[np.complexfloating] | None = None)
 
 
 def _strongest(amplitude: Samples, step: float, mains: float) -> float:
-    """Return the frequency of the largest line near a mains frequency, interpolated between the steps."""
+    """Return the frequency of the largest line near a mains frequency, interpolated between bins."""
     low, high = int((mains - _STRAY_HZ) / step), int(np.ceil((mains + _STRAY_HZ) / step)) + 1
     top = low + int(np.argmax(amplitude[low:high]))
     left, middle, right = np.maximum(amplitude[top - 1 : top + 2], np.finfo(np.float64).tiny)
     side, sign = (right, 1) if right > left else (left, -1)
-    shift = (2 * side / middle - 1) / (side / middle + 1)  # exact for a tone under Hann's window
+    shift = (2 * side / middle - 1) / (side / middle + 1)  # exact for a tone with a Hann window
     found = (top + sign * float(np.clip(shift, 0, 1))) * step
     return float(np.clip(found, mains - _STRAY_HZ, mains + _STRAY_HZ))
 
 
 def _line(amplitude: Samples, step: float, at: float) -> tuple[float, float]:
-    """Return the amplitude of a line from the power of its lobe, and the median amplitude beside it."""
+    """Return the amplitude of a line from the power of its lobe, and the median amplitude of the background."""
     lobe = 3  # bins of a Hann line, rounded up
     centre, reach = round(at / step), max(int(_REACH_HZ / step), 4 * lobe)
     inside = amplitude[max(centre - lobe, 0) : centre + lobe + 1]
@@ -383,10 +383,10 @@ def _line(amplitude: Samples, step: float, at: float) -> tuple[float, float]:
 
 
 def ski_slope(x: Samples, amplitude: Samples, *, rate_hz: float) -> tuple[list[SensorFault], str | None]:
-    """Return faults for a density that falls from the lowest octave on, or the reason why it cannot be judged.
+    """Return faults for a density that falls from the lowest octave upwards, or the reason why it cannot be judged.
 
-    Its causes are a loose mount, thermal drift and the recovery of an overloaded amplifier. The density of an octave is
-    its median, which the lines of a shaft do not change; nor do they count in the share of the power.
+    It is caused by a loose mount, thermal drift or the recovery of an overloaded amplifier. The density of an octave is
+    its median, which the lines of a shaft do not affect; they do not count in the fraction of the power either.
     """
     slope_top_hz = 16.0
     edges = slope_top_hz / 2.0 ** np.arange(_OCTAVES, -1, -1)
@@ -394,8 +394,8 @@ def ski_slope(x: Samples, amplitude: Samples, *, rate_hz: float) -> tuple[list[S
     fewest_bins = 4
     if edges[1] - edges[0] < fewest_bins * step or rate_hz < 8 * slope_top_hz:
         return [], (
-            f"a ski slope shows from {edges[0]:g} to {slope_top_hz:g} Hz; the record, {x.size / rate_hz:.3g} s at "
-            f"{rate_hz:g} Hz, does not resolve that"
+            f"a ski slope appears from {edges[0]:g} to {slope_top_hz:g} Hz, which the record of {x.size / rate_hz:.3g} "
+            f"s at {rate_hz:g} Hz does not resolve"
         )
     power = amplitude**2
     places = np.ceil(edges / step).astype(np.intp)
@@ -406,8 +406,8 @@ def ski_slope(x: Samples, amplitude: Samples, *, rate_hz: float) -> tuple[list[S
     below = power[1 : places[0]].sum(dtype=np.float64) + within.sum()
     share = float(below / power[1:].sum(dtype=np.float64))
     floor = float(median(power[1:]))
-    # 4.0 times the record's median density, below which the slope has ended
-    end = int(np.argmax(np.append(density < 4.0 * floor, True)))  # where the slope ends in the rest
+    # the slope ends where it falls below 4.0 times the median density of the record
+    end = int(np.argmax(np.append(density < 4.0 * floor, True)))
     shortest_slope = 2  # octaves
     slope_share = 0.05
     # 100.0 is the smallest density of the lowest octave over the record's median density
@@ -417,8 +417,8 @@ def ski_slope(x: Samples, amplitude: Samples, *, rate_hz: float) -> tuple[list[S
         return [], None
     decibels = 10 * np.log10(density[0] / density[end - 1]) / (end - 1)
     sentence = (
-        f"it has a ski slope: below {slope_top_hz:g} Hz its density falls by {decibels:.1f} dB an octave and holds "
-        f"{share:.1%} of its power. Check the mount; look for shocks that overload the amplifier."
+        f"it has a ski slope: below {slope_top_hz:g} Hz its density falls by {decibels:.1f} dB per octave and holds "
+        f"{share:.1%} of its power. Check the mount, and look for shocks that overload the amplifier."
     )
     faulty_slope = 0.5
     return [graded("ski slope", sick=share > faulty_slope, size=share, sentence=sentence)], None

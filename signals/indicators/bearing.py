@@ -1,4 +1,4 @@
-"""Indicators of a bearing: energy at the harmonics of a defect frequency in an envelope spectrum."""
+"""Bearing indicator: energy at the harmonics of a defect frequency in an envelope spectrum."""
 
 from dataclasses import dataclass, field
 
@@ -16,11 +16,11 @@ class DefectEnergy:
     Attributes
     ----------
     orders : (harmonic,) array
-        Where the harmonics were found, in the unit of the spectrum's axis.
+        Positions of the harmonics found, in the unit of the axis of the spectrum.
     amplitude : (harmonic,) array
         Their peak amplitudes, in the unit of the spectrum.
     background : float
-        Energy of as many lines with the median amplitude beside each harmonic.
+        Energy of as many lines with the median background amplitude of each harmonic.
 
     Examples
     --------
@@ -45,7 +45,7 @@ class DefectEnergy:
 
     @property
     def ratio(self) -> float:
-        """Energy over that of the background; well above 1 even in noise, as each line is the largest of its band."""
+        """Ratio of the energy to that of the background; well above 1 even in noise, since each line is a maximum."""
         return self.energy / self.background if self.background > 0 else np.inf
 
 
@@ -55,22 +55,22 @@ def defect_energy(
 ) -> DefectEnergy:
     """Return the energy at the harmonics of a defect frequency in an envelope spectrum.
 
-    After McFadden & Smith (1984), "Model for the vibration produced by a single point defect in a rolling element
-    bearing", J. Sound Vib. 96(1), 69-82; of the squared envelope: Randall & Antoni (2011), "Rolling element bearing
+    Based on McFadden & Smith (1984), "Model for the vibration produced by a single point defect in a rolling element
+    bearing", J. Sound Vib. 96(1), 69-82; for the squared envelope on Randall & Antoni (2011), "Rolling element bearing
     diagnostics - a tutorial", Mech. Syst. Signal Process. 25(2), 485-520.
 
     Parameters
     ----------
     spectrum : AmplitudeSpectrum
-        Of an envelope or squared envelope, over orders or frequency: `envelope_order_spectrum`, `envelope_spectrum`.
+        Spectrum of an envelope or squared envelope, from `envelope_order_spectrum` or `envelope_spectrum`.
     order : float
-        Defect order or frequency, in the axis' unit: BPFO, BPFI, twice BSF, FTF.
+        Defect order or frequency, in the unit of the axis: BPFO, BPFI, twice BSF, or FTF.
     harmonics : int
-        Number of harmonics, the fundamental included.
+        Number of harmonics, including the fundamental.
     tolerance : float
-        Largest relative deviation from ``order``: 0.01 to 0.02, since rolling elements slip.
+        Largest relative deviation from `order`, typically 0.01 to 0.02, since rolling elements slip.
     background_width : float
-        Width of the background on either side of a line, in the axis' unit.
+        Width of the background on either side of a line, in the unit of the axis.
 
     Returns
     -------
@@ -102,8 +102,8 @@ def defect_energy(
     last = count * first * (1 + slack)
     if last > spectrum.axis[-1]:
         raise ValueError(
-            f"harmonic {count} of {first:g} reaches to {last:g}, beyond the end of the spectrum, "
-            f"{spectrum.axis[-1]:g}; take fewer harmonics."
+            f"harmonic {count} of {first:g} extends to {last:g}, beyond the end of the spectrum at "
+            f"{spectrum.axis[-1]:g}; use fewer harmonics."
         )
     found = [
         _line(spectrum, k * first, max(k * first * slack, spectrum.bin_width / 2), reach) for k in range(1, count + 1)
@@ -113,17 +113,17 @@ def defect_energy(
 
 
 def _line(spectrum: AmplitudeSpectrum, centre: float, half: float, reach: float) -> tuple[float, float, float]:
-    """Return place and amplitude of the largest point of a band, and the median amplitude beside the band."""
+    """Return position and amplitude of the largest point of a band, and the median amplitude of its background."""
     begin, end = np.searchsorted(spectrum.axis, [centre - reach - half, centre + reach + half])
     axis, amplitude = spectrum.axis[begin:end], spectrum.amplitude[begin:end]
     low, high = np.searchsorted(axis, [centre - half, centre + half])
     top = int(low) + int(np.argmax(amplitude[low : max(high, low + 1)]))
-    lobe = 3.0 * spectrum.bin_width  # half width of the main lobe of Hann's window, and a bin
+    lobe = 3.0 * spectrum.bin_width  # half width of the main lobe of a Hann window, plus one bin
     background = (np.abs(axis - centre) <= reach) & (np.abs(axis - centre) > half + lobe) & (axis > lobe)
-    fewest = 8  # points of background, at least
+    fewest = 8  # points of background
     if np.count_nonzero(background) < fewest:
         raise ValueError(
             f"only {np.count_nonzero(background)} points of the spectrum lie within {reach:g} of the line at "
-            f"{centre:g}, too few to tell its background; widen background_width or record longer."
+            f"{centre:g}; {fewest} are needed for its background: increase background_width, or record longer."
         )
     return float(axis[top]), float(amplitude[top]), float(np.median(amplitude[background]))

@@ -1,4 +1,4 @@
-"""Indicators of shafts, gears and planet carriers, each on the one signal it was defined on.
+"""Indicators of shafts, gears and planet carriers, each on the signal for which it was defined.
 
 Sources, named below by author: Stewart (1977), "Some useful data analysis techniques for gearbox diagnostics",
 Southampton MHM/R/10/77. Zakrajsek, Townsend & Decker (1993), "An analysis of gear fault detection methods as applied to
@@ -7,7 +7,7 @@ detection", 7th IMAC, 1016-1021. Lebold et al. (2000), "Review of vibration anal
 prognostics", MFPG 54, 623-634. Večeř, Kreidl & Šmíd (2005), "Condition indicators for gearbox condition monitoring
 systems", Acta Polytechnica 45(6).
 
-The examples start from what the docstring of `signals.indicators` defines.
+The examples use the signals defined in the docstring of `signals.indicators`.
 """
 
 from dataclasses import dataclass, field
@@ -28,9 +28,9 @@ def shaft_order(average: SynchronousAverage, *, order: int) -> float:
     Parameters
     ----------
     average : SynchronousAverage
-        Of that shaft.
+        Average of that shaft.
     order : int
-        1: unbalance, bow. 2: misalignment, ovality, a coupling. 3: a three-jaw coupling, misalignment.
+        1 for unbalance or bow; 2 for misalignment, ovality or a coupling; 3 for a three-jaw coupling or misalignment.
 
     Raises
     ------
@@ -115,23 +115,23 @@ def line_amplitude(average: SynchronousAverage, order: int) -> float:
 
 @checked
 def fm0(average: SynchronousAverage, *, teeth: int, harmonics: int) -> float:
-    """Return the peak-to-peak value of the average over the sum of its mesh harmonics (Stewart; Zakrajsek).
+    """Return the ratio of the peak-to-peak value of the average to the sum of its mesh harmonics (Stewart; Zakrajsek).
 
-    Major faults of the mesh raise it: a broken tooth raises the peaks, heavy wear lowers the mesh harmonics.
+    Major mesh faults increase it: a broken tooth raises the peaks, heavy wear reduces the mesh harmonics.
 
     Parameters
     ----------
     average : SynchronousAverage
-        Of the gear's shaft.
+        Average of the shaft of the gear.
     teeth : int
-        Teeth of the gear.
+        Number of teeth of the gear.
     harmonics : int
         Number of mesh harmonics in the sum.
 
     Raises
     ------
     ValueError
-        An average without these harmonics.
+        Harmonics that are zero, or above the passband of the average.
 
     Examples
     --------
@@ -144,24 +144,29 @@ def fm0(average: SynchronousAverage, *, teeth: int, harmonics: int) -> float:
     count = whole(harmonics, name="harmonics", least=1)
     total = sum(line_amplitude(average, mesh * harmonic) for harmonic in range(1, count + 1))
     if total == 0:
-        raise ValueError(f"FM0: the average holds none of the {count} harmonics of {mesh} teeth; check the teeth.")
+        raise ValueError(f"FM0: the average has none of the {count} harmonics of teeth={mesh}; check the number.")
     return float(np.ptp(average.values)) / total
 
 
 @checked
 def fm4(difference: DifferenceSignal) -> float:
-    """Return the kurtosis of the difference signal (Stewart; Zakrajsek): 3 for noise, more where one tooth stands out.
+    """Return the kurtosis of the difference signal (Stewart; Zakrajsek): 3 for noise, more if one tooth stands out.
 
-    Its standard deviation for n independent Gaussian samples is sqrt(24 / n). It falls again when the damage spreads.
+    Its standard deviation for n independent Gaussian samples is sqrt(24 / n). It falls again as the damage spreads.
 
     Parameters
     ----------
     difference : DifferenceSignal
         The average without mesh harmonics, their first sidebands and shaft orders.
 
+    Raises
+    ------
+    ValueError
+        A constant signal.
+
     Examples
     --------
-    A sine that is no mesh harmonic, far below the 3 of noise:
+    A sine between mesh harmonics, far below the 3 of noise:
 
     >>> from signals.indicators import fm4
     >>> round(fm4(difference), 6)
@@ -179,9 +184,14 @@ def m6a(difference: DifferenceSignal) -> float:
     difference : DifferenceSignal
         The average without mesh harmonics, their first sidebands and shaft orders.
 
+    Raises
+    ------
+    ValueError
+        A constant signal.
+
     Examples
     --------
-    A sine that is no mesh harmonic, far below the 15 of noise:
+    A sine between mesh harmonics, far below the 15 of noise:
 
     >>> from signals.indicators import m6a
     >>> round(m6a(difference), 6)
@@ -199,9 +209,14 @@ def m8a(difference: DifferenceSignal) -> float:
     difference : DifferenceSignal
         The average without mesh harmonics, their first sidebands and shaft orders.
 
+    Raises
+    ------
+    ValueError
+        A constant signal.
+
     Examples
     --------
-    A sine that is no mesh harmonic, far below the 105 of noise:
+    A sine between mesh harmonics, far below the 105 of noise:
 
     >>> from signals.indicators import m8a
     >>> round(m8a(difference), 6)
@@ -214,20 +229,20 @@ def m8a(difference: DifferenceSignal) -> float:
 def na4(residual: ResidualSignal, *, history: VarianceHistory) -> float:
     """Return the fourth moment of the residual signal over the squared mean variance of its history (Zakrajsek).
 
-    It rises with damage and goes on rising as the damage spreads, which FM4 does not. Where all records have one
-    variance it is the kurtosis. A frozen history makes it NA4* (Decker, Handschuh & Zakrajsek 1994, NASA TM-106553).
+    It rises with damage and, unlike FM4, continues to rise as the damage spreads. If all records have the same variance
+    it is the kurtosis. With a frozen history it is NA4* (Decker, Handschuh & Zakrajsek 1994, NASA TM-106553).
 
     Parameters
     ----------
     residual : ResidualSignal
         The average without mesh harmonics and shaft orders.
     history : VarianceHistory
-        Of this and the earlier records: ``history = history.update(residual)`` first.
+        History of this and the previous records: ``history = history.update(residual)`` first.
 
     Raises
     ------
     ValueError
-        A history without a record, of another kind of signal or of constant signals.
+        A history without a record, of another kind of signal, or of constant signals only.
 
     Examples
     --------
@@ -243,7 +258,7 @@ def na4(residual: ResidualSignal, *, history: VarianceHistory) -> float:
 def energy_ratio(difference: DifferenceSignal, regular: RegularSignal) -> float:
     """Return the RMS of the difference signal over that of the regular signal (Swansson 1980; Lebold).
 
-    Heavy, uniform wear raises it: energy moves from the mesh harmonics to the rest of the spectrum.
+    Heavy, uniform wear increases it: energy moves from the mesh harmonics to the rest of the spectrum.
 
     Parameters
     ----------
@@ -268,7 +283,7 @@ def energy_ratio(difference: DifferenceSignal, regular: RegularSignal) -> float:
     if difference.samples_per_rev != regular.samples_per_rev:
         raise ValueError(
             f"the energy ratio: {difference.samples_per_rev} samples per revolution in the difference signal and "
-            f"{regular.samples_per_rev} in the regular one; both come from one average."
+            f"{regular.samples_per_rev} in the regular one; derive both from the same average."
         )
     below = float(np.std(regular.values))
     if below == 0:
@@ -278,9 +293,9 @@ def energy_ratio(difference: DifferenceSignal, regular: RegularSignal) -> float:
 
 @checked
 def energy_operator(residual: ResidualSignal) -> float:
-    """Return the kurtosis of the residual signal's Teager energy (Ma 1995, MFPG 49; Lebold).
+    """Return the kurtosis of the Teager energy of the residual signal (Ma 1995, MFPG 49; Lebold).
 
-    The Teager energy grows with amplitude and frequency, so a short impact of high frequency stands out.
+    The Teager energy increases with amplitude and frequency, so that a short impact of high frequency stands out.
 
     Parameters
     ----------
@@ -290,11 +305,11 @@ def energy_operator(residual: ResidualSignal) -> float:
     Raises
     ------
     ValueError
-        A residual of zeros.
+        A residual of zeros, or constant Teager energy.
 
     Examples
     --------
-    The Teager energy of two tones is a mean and a sine at their beat frequency, which has kurtosis 1.5:
+    The Teager energy of two tones is a constant plus a sine at the beat frequency, with kurtosis 1.5:
 
     >>> from signals.indicators import energy_operator
     >>> two_tones = average_of(np.cos(7 * angle) + np.cos(9 * angle))
@@ -305,7 +320,7 @@ def energy_operator(residual: ResidualSignal) -> float:
     expect(residual, ResidualSignal, indicator="the energy operator")
     largest = float(np.max(np.abs(residual.values)))
     if largest == 0:
-        raise ValueError("the energy operator of a residual of zeros is not defined.")
+        raise ValueError("the energy operator of a residual of zeros is not defined; check the sensor.")
     return normalized_moment(teager_energy(residual.values / largest), order=4, name="the energy operator")
 
 
@@ -313,14 +328,19 @@ def energy_operator(residual: ResidualSignal) -> float:
 def sideband_index(average: SynchronousAverage, *, teeth: int) -> float:
     """Return the mean amplitude of the first sidebands of the mesh, in the unit of the record (Večeř).
 
-    Eccentricity, a bent shaft or one bad tooth modulate the mesh once a revolution.
+    Eccentricity, a bent shaft or one damaged tooth modulates the mesh once per revolution.
 
     Parameters
     ----------
     average : SynchronousAverage
-        Of the gear's shaft.
+        Average of the shaft of the gear.
     teeth : int
-        Teeth of the gear.
+        Number of teeth of the gear.
+
+    Raises
+    ------
+    ValueError
+        Sidebands above the passband of the average.
 
     Examples
     --------
@@ -334,21 +354,21 @@ def sideband_index(average: SynchronousAverage, *, teeth: int) -> float:
 
 @checked
 def sideband_level_factor(average: SynchronousAverage, *, teeth: int) -> float:
-    """Return the sum of the first sidebands' amplitudes over the standard deviation of the average (Lebold; Večeř).
+    """Return the sum of the first sideband amplitudes over the standard deviation of the average (Lebold; Večeř).
 
-    Misalignment, a bent shaft or a single bad tooth raise it.
+    Misalignment, a bent shaft or a single damaged tooth increases it.
 
     Parameters
     ----------
     average : SynchronousAverage
-        Of the gear's shaft.
+        Average of the shaft of the gear.
     teeth : int
-        Teeth of the gear.
+        Number of teeth of the gear.
 
     Raises
     ------
     ValueError
-        A constant average.
+        A constant average, or sidebands above its passband.
 
     Examples
     --------
@@ -359,7 +379,7 @@ def sideband_level_factor(average: SynchronousAverage, *, teeth: int) -> float:
     expect(average, SynchronousAverage, indicator="the sideband level factor")
     level = float(np.std(average.values))
     if level == 0:
-        raise ValueError("the sideband level factor of an average that is constant is not defined; check the sensor.")
+        raise ValueError("the sideband level factor of a constant average is not defined; check the sensor.")
     return _first_sidebands(average, teeth) / level
 
 
@@ -371,7 +391,7 @@ def over_history(values: Array, history: VarianceHistory, signal: ResidualSignal
         raise ValueError(f"{name}: the history holds no record yet; update it with this one first.")
     history.variance_of(signal)  # refuses one of another kind
     if history.mean_variance == 0:
-        raise ValueError(f"{name}: the history holds nothing but constant signals; check the sensor.")
+        raise ValueError(f"{name}: the history holds only constant signals; check the sensor.")
     return float(np.mean(((values - values.mean()) / np.sqrt(history.mean_variance)) ** 4))
 
 
@@ -402,12 +422,12 @@ class CarrierSidebands:
 
     Examples
     --------
-    Lines at orders 39 and 40 about the mesh order 40 of a ring of 40 teeth; three planets add up at multiples of 3:
+    Orders 37 to 43 about the mesh order of a ring of 40 teeth; three planets add up at multiples of 3:
 
     >>> from signals.indicators import carrier_sidebands
     >>> average = average_of(np.cos(39 * angle) + 0.5 * np.cos(40 * angle))
     >>> lines = carrier_sidebands(average, ring_teeth=40, planets=3, harmonic=1, sidebands=3)
-    >>> lines.amplitude.round(6).tolist(), lines.orders[lines.expected].tolist()  # orders 37 to 43
+    >>> lines.amplitude.round(6).tolist(), lines.orders[lines.expected].tolist()
     ([0.0, 0.0, 1.0, 0.5, 0.0, 0.0, 0.0], [39, 42])
     """
 
@@ -417,12 +437,12 @@ class CarrierSidebands:
 
     @property
     def expected(self) -> NDArray[np.bool_]:
-        """(line,) array, true at multiples of the number of planets, where the planets' contributions add up."""
+        """(line,) array, true at multiples of the number of planets, where the contributions of the planets add up."""
         return np.asarray(self.orders % self.planets == 0)
 
     @property
     def ratio(self) -> float:
-        """RMS of the amplitudes where equal planets cancel over that where they add up."""
+        """Ratio of the RMS amplitude where equal planets cancel to that where they add up."""
         expected = float(np.sqrt(np.mean(self.amplitude[self.expected] ** 2)))
         other = float(np.sqrt(np.mean(self.amplitude[~self.expected] ** 2)))
         return other / expected if expected > 0 else np.inf
@@ -432,25 +452,25 @@ class CarrierSidebands:
 def carrier_sidebands(
     average: SynchronousAverage, *, ring_teeth: int, planets: int, harmonic: int, sidebands: int
 ) -> CarrierSidebands:
-    """Return the sidebands of a ring mesh at orders that equal, evenly spaced planets cause or cancel.
+    """Return the sidebands of a ring mesh, where equal, evenly spaced planets either add up or cancel.
 
-    Such planets pass a sensor on the ring with phases that cancel at every order that is no multiple of their number
-    (McFadden & Smith 1985, Proc. Instn Mech. Engrs C 199, 65-70). A crack in the carrier or one bad planet makes them
-    unequal, and the ratio rises (Keller & Grabill 2003, "Vibration monitoring of UH-60A main transmission planetary
-    carrier fault", AHS Forum 59). Planets that are not evenly spaced make it high in a healthy gearbox too.
+    Such planets pass a sensor on the ring with phases that cancel at every order that is not a multiple of their number
+    (McFadden & Smith 1985, Proc. Instn Mech. Engrs C 199, 65-70). A crack in the carrier or one damaged planet makes
+    them unequal, and the ratio rises (Keller & Grabill 2003, "Vibration monitoring of UH-60A main transmission
+    planetary carrier fault", AHS Forum 59). With unevenly spaced planets it is high in a healthy gearbox as well.
 
     Parameters
     ----------
     average : SynchronousAverage
-        Over revolutions of the carrier.
+        Average over revolutions of the carrier.
     ring_teeth : int
-        Teeth of the fixed ring: the order of its mesh.
+        Number of teeth of the fixed ring, which is its mesh order.
     planets : int
         Number of planets.
     harmonic : int
-        Number of the mesh harmonic.
+        Index of the mesh harmonic, 1 for the fundamental.
     sidebands : int
-        Number of orders on either side; at least the number of planets.
+        Number of orders on either side, at least the number of planets.
 
     Returns
     -------
@@ -463,7 +483,7 @@ def carrier_sidebands(
 
     Examples
     --------
-    Three planets on a ring of 40 teeth give lines at 39 and 42 about the mesh order 40:
+    Three planets on a ring of 40 teeth give lines at orders 39 and 42 about the mesh order 40:
 
     >>> from signals.indicators import carrier_sidebands
     >>> average = average_of(2 * np.cos(39 * angle) + np.cos(42 * angle))
@@ -476,7 +496,7 @@ def carrier_sidebands(
     side = whole(sidebands, name="sidebands", least=count)
     centre = whole(ring_teeth, name="ring_teeth", least=2) * whole(harmonic, name="harmonic", least=1)
     if centre - side < 1:
-        raise ValueError(f"{side} sidebands about order {centre} reach below order 1; take fewer.")
+        raise ValueError(f"sidebands={side} about order {centre} extend below order 1; use fewer.")
     orders = np.arange(centre - side, centre + side + 1)
     amplitude = np.array([line_amplitude(average, int(order)) for order in orders])
     return CarrierSidebands(orders=orders, amplitude=amplitude, planets=count)
@@ -486,12 +506,19 @@ def carrier_sidebands(
 def carrier_sideband_ratio(
     average: SynchronousAverage, *, ring_teeth: int, planets: int, harmonic: int, sidebands: int
 ) -> float:
-    """Return the RMS of the sidebands that equal planets cancel over that of the others: `CarrierSidebands.ratio`.
+    """Return the ratio of the RMS of the sidebands that equal planets cancel to that of the others.
+
+    It is `CarrierSidebands.ratio`.
 
     Parameters
     ----------
     average, ring_teeth, planets, harmonic, sidebands
-        As for `carrier_sidebands`.
+        As in `carrier_sidebands`.
+
+    Raises
+    ------
+    ValueError
+        As `carrier_sidebands`.
 
     Examples
     --------

@@ -1,10 +1,11 @@
-"""Indicators of one mesh harmonic with its sidebands: amplitude and phase modulation over the revolution.
+"""Indicators of a mesh harmonic with its sidebands: amplitude and phase modulation over the revolution.
 
 McFadden (1986), "Detecting fatigue cracks in gears by amplitude and phase demodulation of the meshing vibration",
-J. Vib. Acoust. 108(2), 165-170: a crack makes the mesh lag and weaken while its tooth is in. Bechhoefer & Kingsley
+J. Vib. Acoust. 108(2), 165-170: the mesh lags and weakens while a cracked tooth is in contact. Bechhoefer & Kingsley
 (2009), "A review of time synchronous average algorithms", Annual Conference of the PHM Society.
 
-The examples start from what the docstring of `signals.indicators` defines.
+Signals that are constant or zero raise ValueError. The examples use the signals defined in the docstring of
+`signals.indicators`.
 """
 
 import numpy as np
@@ -38,22 +39,22 @@ def narrowband_kurtosis(band: MeshBand) -> float:
 
 @checked
 def nb4(band: MeshBand, *, history: VarianceHistory) -> float:
-    """Return the fourth moment of the band's envelope over the squared mean variance of its history.
+    """Return the fourth moment of the envelope of the band over the squared mean variance of its history.
 
     Zakrajsek, Handschuh & Decker (1994), "Application of fault detection techniques to spiral bevel gear fatigue data",
-    NASA TM-106467. Damage to few teeth makes the load, and so the envelope, drop there.
+    NASA TM-106467. At a few damaged teeth the load drops, and with it the envelope.
 
     Parameters
     ----------
     band : MeshBand
         A mesh harmonic with its sidebands.
     history : VarianceHistory
-        Of this and the earlier records: ``history = history.update(band)`` first. Frozen, this is NB4*.
+        History of this and the previous records: ``history = history.update(band)`` first. If frozen, this is NB4*.
 
     Raises
     ------
     ValueError
-        A history without a record, of another kind of signal or of constant envelopes.
+        A history without a record, of another kind of signal, or of constant envelopes only.
 
     Examples
     --------
@@ -67,14 +68,19 @@ def nb4(band: MeshBand, *, history: VarianceHistory) -> float:
 
 @checked
 def amplitude_modulation(band: MeshBand) -> float:
-    """Return the depth of the amplitude modulation: m for a mesh of ``1 + m cos`` (McFadden 1986).
+    """Return the depth of the amplitude modulation, m for a mesh of ``1 + m cos`` (McFadden 1986).
 
-    It is sqrt 2 times the RMS of the envelope over its mean, so that it is defined for any modulation.
+    It is sqrt(2) times the RMS of the envelope about its mean, over that mean, and so defined for any modulation.
 
     Parameters
     ----------
     band : MeshBand
         A mesh harmonic with its sidebands.
+
+    Raises
+    ------
+    ValueError
+        A band of zeros.
 
     Examples
     --------
@@ -85,13 +91,13 @@ def amplitude_modulation(band: MeshBand) -> float:
     expect(band, MeshBand, indicator="the amplitude modulation")
     mean = float(band.amplitude.mean())
     if mean == 0:
-        raise ValueError("the band holds nothing, so nothing modulates it; check the teeth and the sensor.")
+        raise ValueError("the amplitude modulation of a band of zeros is not defined; check the teeth and the sensor.")
     return float(np.sqrt(2) * np.std(band.amplitude) / mean)
 
 
 @checked
 def amplitude_modulation_kurtosis(band: MeshBand) -> float:
-    """Return the kurtosis of the envelope: 1.5 for a sine, high for one tooth (Bechhoefer & Kingsley 2009).
+    """Return the kurtosis of the envelope: 1.5 for a sine, high for a single tooth (Bechhoefer & Kingsley 2009).
 
     Parameters
     ----------
@@ -110,14 +116,19 @@ def amplitude_modulation_kurtosis(band: MeshBand) -> float:
 
 @checked
 def phase_modulation(band: MeshBand) -> float:
-    """Return the index of the phase modulation in rad: b for a mesh of phase ``b sin`` (McFadden 1986).
+    """Return the index of the phase modulation in rad, b for a mesh of phase ``b sin`` (McFadden 1986).
 
-    Sqrt 2 times the RMS of the phase. Divided by the order of the harmonic it is an angle of the shaft.
+    It is sqrt(2) times the RMS of the phase; divided by the order of the harmonic it is an angle of the shaft.
 
     Parameters
     ----------
     band : MeshBand
         A mesh harmonic with its sidebands.
+
+    Raises
+    ------
+    ValueError
+        A band whose phase slips, because a sideband exceeds the mesh harmonic.
 
     Examples
     --------
@@ -131,14 +142,19 @@ def phase_modulation(band: MeshBand) -> float:
 
 @checked
 def frequency_modulation(band: MeshBand) -> float:
-    """Return the relative frequency deviation of the mesh: ``b k / order`` for a phase ``b sin(k angle)``.
+    """Return the relative frequency deviation of the mesh, ``b k / order`` for a phase ``b sin(k angle)``.
 
-    Sqrt 2 times the RMS of the derivative of the phase by the shaft angle, over the mesh order.
+    It is sqrt(2) times the RMS of the derivative of the phase with respect to the shaft angle, over the mesh order.
 
     Parameters
     ----------
     band : MeshBand
         A mesh harmonic with its sidebands.
+
+    Raises
+    ------
+    ValueError
+        A band whose phase slips, or whose amplitude passes through zero.
 
     Examples
     --------
@@ -159,6 +175,11 @@ def frequency_modulation_kurtosis(band: MeshBand) -> float:
     band : MeshBand
         A mesh harmonic with its sidebands.
 
+    Raises
+    ------
+    ValueError
+        As `frequency_modulation`, or a constant derivative.
+
     Examples
     --------
     >>> from signals.indicators import frequency_modulation_kurtosis
@@ -170,24 +191,24 @@ def frequency_modulation_kurtosis(band: MeshBand) -> float:
 
 
 def _phase(band: MeshBand) -> Array:
-    """Return the phase in rad, or refuse one that does not return to its start after the revolution."""
+    """Return the phase in rad, or raise ValueError if it does not return to its start after one revolution."""
     phase = band.phase_rad
     turns = round((phase[-1] - phase[0]) / (2 * np.pi))
     if turns:
         raise ValueError(
-            f"the phase of mesh order {band.mesh_order} slips by {turns} turns in a revolution: a sideband is stronger "
-            "than the mesh, so there is no carrier to demodulate. Take another harmonic."
+            f"the phase of mesh order {band.mesh_order} slips by {turns} cycles per revolution: a sideband is stronger "
+            "than the mesh, so there is no carrier to demodulate. Use another harmonic."
         )
     return phase
 
 
 def _rate(band: MeshBand) -> Array:
-    """Return the derivative of the phase by the shaft angle, less the mesh order, from the analytic signal."""
+    """Return the derivative of the phase with respect to the shaft angle, less the mesh order."""
     _phase(band)
     weight = band.amplitude**2
     if np.min(weight) <= np.finfo(np.float64).tiny:
         raise ValueError(
-            f"the amplitude of mesh order {band.mesh_order} passes through zero, where it has no phase; take another "
+            f"the amplitude of mesh order {band.mesh_order} passes through zero, where it has no phase; use another "
             "harmonic."
         )
     orders = fft.fftfreq(band.analytic.size, 1 / band.analytic.size)

@@ -1,7 +1,4 @@
-"""Indicators of any waveform: RMS, peak, crest factor and kurtosis. Raw RMS is the baseline for all others.
-
-The mean variance of a gear's records so far, a `VarianceHistory`, normalises NA4 and NB4.
-"""
+"""Indicators of any waveform (RMS, peak, crest factor, kurtosis), and the variance history of NA4 and NB4."""
 
 from __future__ import annotations
 
@@ -23,7 +20,7 @@ Waveform = ArrayLike | SynchronousAverage
 def rms(x: Waveform) -> float:
     """Return the root mean square about the mean, in the unit of `x`.
 
-    The mean of an accelerometer's signal is its own offset, not vibration.
+    The mean of an accelerometer signal is an offset of the sensor, not vibration.
 
     Parameters
     ----------
@@ -34,6 +31,8 @@ def rms(x: Waveform) -> float:
     ------
     ValueError
         Fewer than two samples, or values that are not finite.
+    TypeError
+        A residual, difference or regular signal or a mesh band, here and in the other indicators of waveforms.
 
     Examples
     --------
@@ -54,6 +53,11 @@ def peak(x: Waveform) -> float:
     x : (n,) array or SynchronousAverage
         The raw signal, or its average.
 
+    Raises
+    ------
+    ValueError
+        Fewer than two samples, or values that are not finite.
+
     Examples
     --------
     >>> from signals.indicators import peak
@@ -66,7 +70,7 @@ def peak(x: Waveform) -> float:
 
 @checked
 def crest_factor(x: Waveform) -> float:
-    """Return the peak over the RMS: sqrt 2 for a sine (Lebold et al. 2000, MFPG 54).
+    """Return the ratio of peak to RMS: sqrt(2) for a sine (Lebold et al. 2000, MFPG 54).
 
     Parameters
     ----------
@@ -124,7 +128,7 @@ def normalized_moment(x: Samples, *, order: int, name: str) -> float:
 
 @checked
 def teager_energy(x: Array) -> Array:
-    """Return the Teager energy ``x[i]^2 - x[i-1] x[i+1]`` round one revolution: ``A^2 sin(w)^2`` for a sine.
+    """Return the Teager energy ``x[i]^2 - x[i-1] x[i+1]`` over one revolution: ``A^2 sin(w)^2`` for a sine.
 
     Kaiser (1990), "On a simple algorithm to calculate the 'energy' of a signal", ICASSP, 381-384.
 
@@ -138,11 +142,16 @@ def teager_energy(x: Array) -> Array:
     (n,) array
         In the squared unit of `x`.
 
+    Raises
+    ------
+    ValueError
+        Fewer than three samples, or values that are not finite.
+
     Examples
     --------
     >>> import numpy as np
     >>> from signals.indicators import teager_energy
-    >>> teager_energy(2 * np.sin(2 * np.pi * np.arange(12) / 12))[:3].round(6)  # w = 30 degrees a sample
+    >>> teager_energy(2 * np.sin(2 * np.pi * np.arange(12) / 12))[:3].round(6)  # w = 30 degrees per sample
     array([1., 1., 1.])
     """
     values = real_vector(x, name="x", minimum=3)
@@ -150,24 +159,24 @@ def teager_energy(x: Array) -> Array:
 
 
 def _values(x: Waveform, *, any_unit: bool = True) -> Samples:
-    """Return the samples of a raw signal or an average; refuse what was cut out of an average."""
+    """Return the samples of a raw signal or an average; refuse signals derived from an average."""
     if isinstance(x, SynchronousAverage):
         x = x.values
     elif hasattr(x, "removed_orders"):
         raise TypeError(
-            f"this indicator takes the raw signal, an array, or a SynchronousAverage, not a {type(x).__name__}; what "
-            "was cut out of an average has indicators of its own."
+            f"this indicator takes the raw signal, an array, or a SynchronousAverage, not a {type(x).__name__}; use "
+            "an indicator defined for that signal."
         )
     return real_samples(x, name="the signal", minimum=2, any_unit=any_unit)
 
 
 def _centred(values: Samples) -> Samples:
-    """Return deviations from the mean; of float32 values in float32, each rounded by 6e-8 of itself."""
+    """Return the deviations from the mean, for float32 values in float32, with a relative rounding error of 6e-8."""
     return np.asarray(values - values.mean(dtype=np.float64).astype(values.dtype))
 
 
 def _mean_power(values: Samples, order: int) -> float:
-    """Return the mean of the values to an even power, in blocks: products cost a twentieth of `**`, and no memory."""
+    """Return the mean of an even power, in blocks, by products, which take a twentieth of the time of `**`."""
     total = 0.0
     block = 2**15
     for first in range(0, values.size, block):
@@ -180,10 +189,10 @@ def _mean_power(values: Samples, order: int) -> float:
 
 
 def _scaled(deviations: Samples, name: str) -> Samples:
-    """Divide deviations by the largest of them, so that their powers neither over- nor underflow."""
+    """Divide deviations by the largest of them, so that their powers neither overflow nor underflow."""
     largest = max(float(deviations.max()), -float(deviations.min()))
     if largest == 0:
-        raise ValueError(f"{name} of a constant signal is not defined; look at the sensor.")
+        raise ValueError(f"{name} of a constant signal is not defined; check the sensor.")
     deviations /= deviations.dtype.type(largest)
     return deviations
 
@@ -199,11 +208,11 @@ _MADE_BY = {
 
 
 def expect(signal: object, kind: type, *, indicator: str) -> None:
-    """Refuse a signal of another kind than the one an indicator is defined on."""
+    """Raise TypeError unless a signal is of the kind for which an indicator is defined."""
     if not isinstance(signal, kind):
         raise TypeError(
-            f"{indicator} takes a {kind.__name__}, not a {type(signal).__name__}: it is defined for that signal alone. "
-            f"Make one with signals.{_MADE_BY[kind.__name__]}."
+            f"{indicator} takes a {kind.__name__}, not a {type(signal).__name__}; compute one with "
+            f"signals.{_MADE_BY[kind.__name__]}."
         )
 
 
@@ -212,11 +221,11 @@ Kind = Literal["residual", "mesh envelope"]
 
 @dataclass(frozen=True, kw_only=True)
 class VarianceHistory:
-    """Mean variance of the records so far, the denominator of NA4 and NB4; `update` returns a new one.
+    """Mean variance of the records to date, the denominator of NA4 and NB4; `update` returns a new one.
 
-    For NA4 and NB4 every record updates the mean, so that a lasting fault becomes part of it. NA4* and NB4* keep the
-    variance of the healthy gear (Decker, Handschuh & Zakrajsek 1994, NASA TM-106553): freeze the history after run-in,
-    or set `limit_std` so that it freezes itself.
+    For NA4 and NB4 every record updates the mean, so that a persistent fault becomes part of it. NA4* and NB4* retain
+    the variance of the healthy gear (Decker, Handschuh & Zakrajsek 1994, NASA TM-106553): freeze the history after
+    run-in, or set `limit_std` for automatic freezing.
 
     Attributes
     ----------
@@ -227,14 +236,19 @@ class VarianceHistory:
     squares : float
         Sum of squared deviations of the variances from their mean.
     kind : "residual", "mesh envelope" or None
-        The signal they are of; None before the first.
+        Signal from which they are computed; None before the first record.
     frozen : bool
-        Whether further records leave the history as it is.
+        Whether further records leave the history unchanged.
     limit_std : float or None
-        It freezes itself at the first record after `learning` whose variance exceeds the mean by so many standard
-        deviations of the variances before.
+        If given, the history freezes at the first record after `learning` whose variance exceeds the mean by this many
+        standard deviations of the previous variances.
     learning : int
-        Number of records before it may freeze itself.
+        Number of records before it may freeze automatically.
+
+    Raises
+    ------
+    ValueError
+        A negative number of records, a limit that is not positive, or fewer than two records of learning.
 
     Examples
     --------
@@ -265,16 +279,16 @@ class VarianceHistory:
 
     @property
     def std(self) -> float:
-        """Standard deviation of the variances; NaN below two records."""
+        """Standard deviation of the variances; NaN for fewer than two records."""
         return math.sqrt(self.squares / (self.records - 1)) if self.records > 1 else math.nan
 
     def update(self, signal: ResidualSignal | MeshBand) -> VarianceHistory:
-        """Return the history with one more record, or itself where it is frozen.
+        """Return the history with one more record, or itself if frozen.
 
         Raises
         ------
         ValueError
-            A signal of another kind than those before.
+            A signal of a different kind from the previous ones.
         """
         variance = self.variance_of(signal)
         if self.frozen:
@@ -297,7 +311,7 @@ class VarianceHistory:
         )
 
     def freeze(self) -> VarianceHistory:
-        """Return a frozen copy, which further records leave as it is.
+        """Return a frozen copy, which further records leave unchanged.
 
         Raises
         ------
@@ -305,15 +319,15 @@ class VarianceHistory:
             Before the first record.
         """
         if not self.records:
-            raise ValueError("the history holds no record yet; update it with those of the sound gear, then freeze it.")
+            raise ValueError("the history holds no record yet; update it with records of the healthy gear first.")
         return replace(self, frozen=True)
 
     def variance_of(self, signal: ResidualSignal | MeshBand) -> float:
-        """Return the variance of `signal`, or refuse a signal of another kind than those before."""
+        """Return the variance of `signal`; raise ValueError if it is of a different kind from the previous ones."""
         kind = kind_of(signal)
         if self.kind not in (None, kind):
             raise ValueError(
-                f"this history holds the variance of the {self.kind}, not of the {kind}; keep one for each indicator."
+                f"this history holds the variance of the {self.kind}, not of the {kind}; use one for each indicator."
             )
         return float(np.var(signal.values if isinstance(signal, ResidualSignal) else signal.amplitude))
 

@@ -1,18 +1,18 @@
-"""Streaming resampling from one even grid to another that an increasing function maps it to.
+"""Streaming resampling between two uniform grids related by an increasing function.
 
 The function is q(n), the position of sample n in steps of the output grid. Its slope a(n) = dq/dn is also the ratio of
-the output rate to the input rate. With g the windowed sinc further up,
+the output rate to the input rate. With g the windowed sinc below,
 
     where a >= 1    y[m] = sum_n x[n] g(n(m) - n),       n(m) the inverse of q: cut-off at half the input rate
     where a < 1     y[m] = sum_n a(n) x[n] g(m - q(n)),                         cut-off at half the output rate
 
-The second sum is the integral of the record times a filter that is fixed on the output grid, however unevenly the
-samples lie on it; where a = 1 both are the same. It is computed from moments: the filter is a polynomial on each step
-of the output grid, so that only the moments of the samples in that step are needed. Each sample is read once, however
-many lie in a step, and a long record need not be kept.
+The second sum is the integral of the record times a filter fixed on the output grid, however unevenly the samples lie
+on it; for a = 1 the two sums agree. It is computed from moments: the filter is a polynomial on each step of the output
+grid, so that only the moments of the samples in that step are needed. Each sample is read once, however many lie in a
+step, and a long record need not be held in memory.
 
 Beyond its ends the record is taken as zero, and each output is divided by the sum of the weights on the record. The
-first sample is subtracted before and added after, so that a large mean costs no accuracy.
+first sample is subtracted beforehand and added afterwards, so that a large mean costs no accuracy.
 """
 
 from collections.abc import Callable
@@ -28,8 +28,8 @@ from signals._validation import Array, Samples
 
 # ---- The interpolation filter of angular resampling: a Kaiser-windowed sinc ------------------------------------------
 # Its argument is in zero crossings, that is in steps of the coarser of the two grids. With 32 of them on either side
-# and a window of beta 12 its response is within 1.4e-6 of one up to 0.88 of half the coarser rate, one half at half
-# the rate, and below -116 dB from 1.12 of it on, the tables below included: they follow it to 4e-7.
+# and beta = 12 its response is within 1.4e-6 of one up to 0.88 of half the coarser rate, one half at half the rate, and
+# below -116 dB from 1.12 of it upwards, including the error of the tables below, 4e-7.
 
 
 HALF_WIDTH = 32  # zero crossings on either side
@@ -49,8 +49,8 @@ def windowed_sinc(u: Array) -> Array:
 def weight_rows() -> Array:
     """Return the weights of the samples from ``HALF_WIDTH - 1`` before to `HALF_WIDTH` after a position.
 
-    An array (ROWS + 3, 2 HALF_WIDTH); row r is for a position (r - 1) / ROWS of a step after a sample. Each row has the
-    sum one, which keeps a constant.
+    An array (ROWS + 3, 2 HALF_WIDTH); row r is for a position (r - 1) / ROWS of a step after a sample. Each row sums to
+    one, so that constants are preserved.
     """
     fraction = np.arange(-1, ROWS + 2)[:, None] / ROWS
     weights = windowed_sinc(fraction - np.arange(1 - HALF_WIDTH, HALF_WIDTH + 1))
@@ -110,9 +110,9 @@ Curve = Callable[[Array], Array]
 class Track:
     """``(value - offset) * scale`` on an even grid of the argument, and its slope per point.
 
-    Between every `NODE_STEP`-th point it is a Hermite cubic, wherever that is within 1e-8 at a third and at two thirds
-    of the way; elsewhere the function is evaluated at every point. Beyond `start` and `stop` the function is continued
-    by point reflection about its ends.
+    Between nodes, `NODE_STEP` points apart, it is a Hermite cubic where that is within 1e-8 of the function at one and
+    at two thirds of the interval; elsewhere the function is evaluated at every point. Beyond `start` and `stop` the
+    function is continued by point reflection about its ends.
 
     Attributes
     ----------
@@ -153,10 +153,10 @@ class Track:
         return out, out_slopes
 
     def _cells(self, begin: int, end: int) -> tuple[int, Array, Array, NDArray[np.int64]]:
-        """Return the first of some cells, value and slope at their nodes, and which of them are inexact.
+        """Return the first of a run of cells, value and slope at their nodes, and which of them are inexact.
 
-        They hold those from `begin` to `end`, and more of the next ones the further the track has come: calls of the
-        function cost more than values.
+        The run covers `begin` to `end`, and more of the following cells the longer the track has become, since calls of
+        the function cost more than values.
         """
         known = self._known.get("last")
         if known is None or not known[0] <= begin < end < known[0] + known[1].size:
@@ -226,15 +226,15 @@ class Map:
     outward
         q, the positions of the samples.
     inward
-        Its inverse, the positions of the outputs among the samples, where it is known; else it is found from `outward`.
+        Its inverse, the positions of the outputs among the samples, if known; otherwise computed from `outward`.
     outputs
         Largest number of outputs.
     least_slope, largest_slope
         Extremes of the slope of q.
     known
-        Extremes of q between which the map is known, and not reflected.
+        Extremes of q between which the map is known rather than reflected.
     slack
-        Tolerance on q by which the last output may lie beyond the record's end.
+        Tolerance on q, by which the last output may lie beyond the end of the record.
     """
 
     outward: Track
@@ -247,18 +247,17 @@ class Map:
 
 
 class Warp:
-    """Streaming resampler of one record, or of several that share their samples' times: (row, n) arrays.
+    """Streaming resampler of one record, or of several with the same sample times: (row, n) arrays.
 
-    Where `folds` is false they hold nothing that would fold into the passband, and are interpolated only.
-
-    Its chunks are counted from the record's first sample, so block sizes do not matter.
+    If `folds` is false nothing in them would alias into the passband, and they are only interpolated. Chunks are
+    counted from the first sample of the record, so that the block sizes do not affect the result.
     """
 
     def __init__(self, grid: Map, *, method: Method, rows: int = 1, folds: bool = True) -> None:
         self._grid, self._method, self._rows = grid, method, rows
         self._antialias = method == "sinc" and grid.least_slope < 1 and folds
-        # 15 * 1024 samples processed at once, or outputs where those are more
-        # 8 of so many samples; of more, fewer, whose moments then stay in the second cache
+        # 15 * 1024 samples processed at once, or outputs where those are more, of up to 8 rows; fewer for more rows,
+        # so that their moments stay in the second-level cache
         at_once = (15 * 1024) / max(1.0, grid.largest_slope) / max(1.0, rows / 8)
         self._chunk = max(NODE_STEP, int(at_once) // NODE_STEP * NODE_STEP)
         self._level = np.full((rows, 1), np.nan)  # the first finite sample of each row, subtracted from all
@@ -310,7 +309,7 @@ class Warp:
         count = samples.shape[1] - 2 * _HALO
         samples = samples - np.nan_to_num(self._level)
         q, slopes = self._grid.outward.at(self._at - _HALO, self._at + count + _HALO)
-        # filtered outputs need moments; where a = 1 q rises by one step per sample, so the halo contains their filter
+        # filtered outputs need moments; where a = 1, q rises by one step per sample, so that the halo covers the filter
         moments = self._antialias and float(slopes.min()) < 1
         within = slice(_HALO, _HALO + count + (not ended))  # and the next sample, to interpolate towards
         q, slopes = q[within], slopes[within]
@@ -358,7 +357,7 @@ class Warp:
         self._beyond = np.concatenate([self._beyond, beyond])
 
     def _positions(self, q: Array, slopes: Array, first: int, stop: int) -> tuple[Array, Array]:
-        """Return n(m) of the outputs from `first` to `stop`, relative to the chunk, and the slope a there."""
+        """Return n(m) of the outputs from `first` to `stop`, relative to the chunk, and the slope a at each."""
         from signals.resampling._engine_kernels import invert  # noqa: PLC0415
 
         if self._grid.inward is None:
@@ -383,7 +382,7 @@ class Warp:
             add_moments(row, q[: row.size], slopes[: row.size], first, moments[: self._used])
 
     def _reserve(self, steps: int) -> None:
-        """Lengthen the buffer of moments to at least so many steps."""
+        """Lengthen the buffer of moments to at least `steps`."""
         missing = steps - self._moments.shape[1]
         if missing > 0:
             self._moments = np.concatenate([self._moments, np.zeros((self._rows, missing, MOMENTS))], axis=1)

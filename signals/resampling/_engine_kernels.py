@@ -30,8 +30,8 @@ def invert(q: Array, slopes: Array, first: float, out: Array, out_slopes: Array)
 
     Solved on the Hermite cubic between two samples: ``u rise + u (1 - u) bend(u) = target``. Where the bend is below
     1e-4 of the rise, as almost everywhere, two fixed-point iterations ``u = (target - u (1 - u) bend(u)) / rise`` leave
-    an error of 3e-13; elsewhere Newton's method with bisection. Values beyond the ends give the end. `out_slopes` is
-    the slope of `q` at the solution.
+    an error of 3e-13; elsewhere Newton's method with bisection is used. Values beyond the ends give the end.
+    `out_slopes` is the slope of `q` at the solution.
     """
     n = -1
     early = late = rise = reciprocal = 0.0
@@ -116,7 +116,7 @@ def interpolate(x: Array, positions: Array, slopes: Array, rows: Array, out: Arr
 @compiled
 def _add_to_step(moments: Array, step: int, m0: float, m1: float, m2: float, m3: float, m4: float, m5: float, m6: float,
                  m7: float) -> None:  # fmt: skip
-    """Add to the moments of a step, if it is one of these."""
+    """Add to the moments of a step, if it is within `moments`."""
     if 0 <= step < len(moments):
         own = moments[step]
         own[0] += m0
@@ -131,10 +131,10 @@ def _add_to_step(moments: Array, step: int, m0: float, m1: float, m2: float, m3:
 
 @compiled
 def add_moments(x: Array, q: Array, slopes: Array, first: int, moments: Array) -> None:
-    """Add each sample, times the slope of `q` there, to the moments of the step of the output grid that it lies in.
+    """Add each sample, times the slope of `q` at it, to the moments of its step of the output grid.
 
     ``moments[c - first, k] += x[n] slopes[n] v_n^k``, k = 0 .. 7, where v goes from -1 to 1 across step c. Steps
-    outside `moments` (steps, 8) are left out.
+    outside `moments` (steps, 8) are ignored.
     """
     step = -1
     m0 = m1 = m2 = m3 = m4 = m5 = m6 = m7 = 0.0  # of one step, in registers
@@ -164,10 +164,10 @@ def add_moments(x: Array, q: Array, slopes: Array, first: int, moments: Array) -
 
 @compiled_sums
 def filter_moments(moments: Array, weights: Array, slopes: Array, out: Array) -> None:
-    """Apply the filter to the moments of the steps about each output with slope a < 1; others are left as they are.
+    """Apply the filter to the moments of the steps about each output with slope a < 1; leave the others unchanged.
 
-    ``out[m] = sum over steps i and powers k of weights[i, k] moments[m + i, k]``, k = 0 .. 7. Steps beyond these are
-    not read, not even with a weight of zero, which would spread NaN.
+    ``out[m] = sum over steps i and powers k of weights[i, k] moments[m + i, k]``, k = 0 .. 7. No other step is read,
+    even with a weight of zero, which would spread NaN.
     """
     flat, every = moments.ravel(), weights.ravel()
     powers, size = weights.shape[1], weights.size
@@ -175,7 +175,7 @@ def filter_moments(moments: Array, weights: Array, slopes: Array, out: Array) ->
     while m < out.size:
         first = m * powers
         if m + 3 < out.size and slopes[m : m + 4].max() < 1:
-            # four outputs share the weights that are loaded
+            # four outputs share the loaded weights
             a, b = flat[first : first + size], flat[first + powers : first + powers + size]
             c = flat[first + 2 * powers : first + 2 * powers + size]
             d = flat[first + 3 * powers : first + 3 * powers + size]
@@ -208,7 +208,7 @@ def linear(x: Array, positions: Array, least: int, most: int, out: Array) -> Non
 
 @compiled
 def cubic(x: Array, positions: Array, least: int, most: int, out: Array) -> None:
-    """Interpolate by the cubic through the four samples about each position (Lagrange), the outer four at the ends."""
+    """Interpolate with the Lagrange cubic through the four samples about each position, the outermost at the ends."""
     for m in range(positions.size):
         n = min(max(int(np.floor(positions[m])), least + 1), most - 2)
         u = positions[m] - n

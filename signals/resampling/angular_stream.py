@@ -31,12 +31,17 @@ if TYPE_CHECKING:
 
 
 class AngularStream:
-    """Angular resampler of a record that arrives in blocks, equal to `angular_resample` of the whole.
+    """Angular resampler of a record that arrives in blocks, with the result of `angular_resample` of the whole.
 
     Parameters
     ----------
     rate_hz, phase, samples_per_rev, start_s, method, missing
-        As in `angular_resample`. The phase must be known beforehand, for the whole record.
+        As in `angular_resample`. The phase must be known in advance, for the whole record.
+
+    Raises
+    ------
+    ValueError
+        A phase without a whole revolution after `start_s`, with a standstill, or that reverses.
 
     Examples
     --------
@@ -85,12 +90,12 @@ class AngularStream:
         self._released = 0  # number of values returned so far
 
     def push(self, x: ArrayLike) -> AngularSignal:
-        """Process the next block, (n,) of any length; return the whole revolutions it completes, perhaps none.
+        """Process the next block, (n,) of any length; return the whole revolutions it completes, if any.
 
         Raises
         ------
         ValueError
-            Values that are not finite, with their place in the record; a stream that was finished.
+            Values that are not finite, with their index in the record; a stream that is already finished.
         """
         self._refuse_finished()
         block = samples(
@@ -104,24 +109,25 @@ class AngularStream:
         return self._whole_revolutions(*self._warp.push(block[None]))
 
     def finish(self) -> AngularSignal:
-        """End the record; return its remaining whole revolutions, perhaps none.
+        """End the record; return its remaining whole revolutions, if any.
 
         Raises
         ------
         ValueError
-            Fewer samples than the method needs; a stream that was finished.
+            Fewer samples than the method needs; a stream that is already finished.
         """
         self._refuse_finished()
         if self._warp.samples_seen < self._least:
             raise ValueError(
-                f"the stream was finished after {self._warp.samples_seen} samples; at least {self._least} are needed."
+                f"the stream was finished after {self._warp.samples_seen} samples; at least {self._least} are needed: "
+                "push more before finish()."
             )
         self._finished = True
         return self._whole_revolutions(*self._warp.finish())
 
     def _refuse_finished(self) -> None:
         if self._finished:
-            raise ValueError("the stream was finished; make another for the next record.")
+            raise ValueError("the stream is finished; make another AngularStream for the next record.")
 
     def _covered(self) -> int:
         """Return the number of values in whole revolutions between the first and the latest sample."""
@@ -132,7 +138,7 @@ class AngularStream:
             return 0
 
     def _whole_revolutions(self, values: Array, beyond: Flags) -> AngularSignal:
-        """Return the whole revolutions complete with these values, (1, n), and keep the remainder."""
+        """Return the whole revolutions completed by these values, (1, n), and keep the remainder."""
         values, beyond = np.concatenate([self._values, values[0]]), np.concatenate([self._beyond, beyond])
         size = min(values.size // self._per_rev * self._per_rev, self._covered() - self._released)
         self._values, self._beyond = values[size:].copy(), beyond[size:].copy()
@@ -159,7 +165,7 @@ def angular_blocks(
     missing: Missing = "refuse",
     block_size: int | None = None,
 ) -> Iterator[AngularSignal]:
-    """Resample a record that arrives in blocks; yield it in blocks of whole revolutions, or of `block_size` values.
+    """Resample a record that arrives in blocks; yield blocks of whole revolutions, or of `block_size` values.
 
     Parameters
     ----------
@@ -168,12 +174,17 @@ def angular_blocks(
     rate_hz, phase, samples_per_rev, start_s, method, missing
         As in `angular_resample`.
     block_size : int, optional
-        Number of values of each block, the last perhaps fewer; ``start_rev`` is then not a whole revolution.
+        Number of values per block; the last block may have fewer, and ``start_rev`` need not be a whole revolution.
         Default: as many whole revolutions as are complete. The values are the same either way.
 
     Yields
     ------
     AngularSignal
+
+    Raises
+    ------
+    ValueError
+        As `AngularStream`, its `push` and `finish`.
 
     Examples
     --------
@@ -201,7 +212,7 @@ def angular_blocks(
 
 
 def _resampled(stream: AngularStream, blocks: Iterable[ArrayLike]) -> Iterator[AngularSignal]:
-    """Yield what each block completes, and what remains at the end, where it is not empty."""
+    """Yield what each block completes and what remains at the end, unless empty."""
     for block in blocks:
         signal = stream.push(block)
         if signal.values.size:

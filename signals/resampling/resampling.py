@@ -1,16 +1,16 @@
 """Angular resampling: from samples over time to samples over shaft angle, band-limited in orders, and back.
 
-Where the shaft turns slowly the record holds orders above half the angular sampling rate; they are filtered out before
-they alias. The filter is a Kaiser-windowed sinc with 32 zero crossings on either side (`_engine`). Relative to
+Where the shaft turns slowly the record contains orders above half the angular sampling rate, which must be filtered out
+before they alias. The filter is a Kaiser-windowed sinc with 32 zero crossings on either side (`_engine`). Relative to
 half the coarser rate, its passband ends at 0.88 (amplitude error below 2e-6), its gain is one half at 1, and its
 stopband begins at 1.12 (attenuation above 100 dB), so that nothing aliases into the passband. Where the angle grid is
-the coarser, the filter is fixed in orders, however fast the speed changes (`_engine`).
+the coarser one, the filter is fixed in orders, however fast the speed changes.
 
-Two cheaper methods have no anti-alias filter. For a tone of w rad per sample, w small, the RMS of their error over that
-of the tone is
+Two cheaper methods have no anti-alias filter. For a tone of w rad per sample, w small, their RMS error relative to the
+tone is
 
-    "linear"    w^2 / sqrt(120) = 0.091 w^2         9e-3 at 20 samples a cycle, 9e-5 at 200
-    "cubic"     0.0168 w^4                          1.6e-4 at 20 samples a cycle, 1.6e-8 at 200
+    "linear"    w^2 / sqrt(120) = 0.091 w^2         9e-3 at 20 samples per cycle, 9e-5 at 200
+    "cubic"     0.0168 w^4                          1.6e-4 at 20 samples per cycle, 1.6e-8 at 200
 """
 
 from __future__ import annotations
@@ -38,7 +38,7 @@ _ROUNDING = 1e-9  # revolutions
 
 @dataclass(frozen=True, kw_only=True)
 class AngularSignal:
-    """A record sampled at even steps of shaft angle, in whole revolutions.
+    """A record sampled at uniform steps of shaft angle, in whole revolutions.
 
     Attributes
     ----------
@@ -49,9 +49,9 @@ class AngularSignal:
     start_rev : float
         Angle of the first sample in revolutions.
     passband_orders : float
-        Highest order that passed the anti-alias filter at every speed.
+        Highest order within the passband of the anti-alias filter at every speed.
     unsettled : (int, int)
-        Numbers of values at the start and at the end whose filter reaches beyond the record or the phase.
+        Number of values at the start and at the end whose filter extends beyond the record or the phase.
 
     Examples
     --------
@@ -81,7 +81,7 @@ class AngularSignal:
 
 @dataclass(frozen=True, kw_only=True)
 class TimeSignal:
-    """A record sampled at even steps of time.
+    """A record sampled at uniform steps of time.
 
     Attributes
     ----------
@@ -90,9 +90,9 @@ class TimeSignal:
     rate_hz, start_s : float
         Sampling rate in Hz and time of the first sample in s.
     passband_hz : float
-        Highest frequency in Hz that passed the anti-alias filter throughout.
+        Highest frequency in Hz within the passband of the anti-alias filter at every speed.
     unsettled : (int, int)
-        Numbers of values at the start and at the end whose filter reaches beyond the record or the phase.
+        Number of values at the start and at the end whose filter extends beyond the record or the phase.
 
     Examples
     --------
@@ -127,7 +127,7 @@ def angular_resample(
     method: Method = "sinc",
     missing: Missing = "refuse",
 ) -> AngularSignal:
-    """Resample a record at even steps of shaft angle, from its first whole revolution to its last.
+    """Resample a record at uniform steps of shaft angle, from its first whole revolution to its last.
 
     Parameters
     ----------
@@ -138,32 +138,32 @@ def angular_resample(
     phase : ShaftPhase
         Angle of the shaft on the same clock.
     samples_per_rev : int
-        Output samples per revolution; orders up to ``passband_orders`` pass: 0.44 times this or, where that is
-        less, 0.44 times the samples per revolution of the record at its highest speed.
+        Output samples per revolution. The passband, ``passband_orders``, is 0.44 times this or, if less, 0.44 times the
+        samples per revolution of the record at its highest speed.
     start_s : float
         Time of the first sample in s.
     revolutions : int, optional
-        Number of revolutions; default all that the record and the phase share.
+        Number of revolutions; default: all that the record and the phase share.
     method : "sinc", "cubic" or "linear"
-        Windowed sinc; a cubic through four samples; linear interpolation. The last two do not filter: orders alias.
+        Windowed sinc, cubic through four samples, or linear interpolation. The last two have no anti-alias filter.
     missing : "refuse" or "mark"
-        Whether values that are not finite raise, or make every output NaN whose filter includes one.
+        Whether values that are not finite raise, or turn every output whose filter includes one into NaN.
 
     Returns
     -------
     AngularSignal
-        Where the angle of the shaft falls, its negative is the angle, so that samples are in order of time.
+        For a shaft whose angle decreases, its negative is the angle, so that the samples are in order of time.
 
     Raises
     ------
     ValueError
-        A record shorter than one revolution, values that are not finite, a shaft that stands within the record or
-        that reverses.
+        A record shorter than one revolution, values that are not finite, or a shaft that stands still or reverses
+        within the record.
 
     Notes
     -----
-    Where the filter reaches beyond the record, the weights on the record are normalised to a sum of one, so that a
-    constant is kept up to the ends; ``unsettled`` counts these values.
+    Where the filter extends beyond the record, the weights on the record are normalised to a sum of one, so that a
+    constant is preserved up to the ends; ``unsettled`` counts these values.
 
     Examples
     --------
@@ -198,21 +198,27 @@ def angular_resample_all(
     missing: Missing = "refuse",
     highest_hz: float | None = None,
 ) -> list[AngularSignal]:
-    """Resample records of the same times, as `angular_resample` does one: their angles are found once.
+    """Resample several records with the same sample times as `angular_resample` does one, computing their angles once.
 
     Parameters
     ----------
     x : sequence of (n,) arrays
-        Samples over time, any unit, of one length.
+        Samples over time, any unit, of equal length.
     rate_hz, phase, samples_per_rev, start_s, revolutions, method, missing
         As in `angular_resample`.
     highest_hz : float, optional
-        Frequency above which the records hold nothing. They are not filtered where what folds stays above the passband.
+        Frequency in Hz above which the records contain nothing. They are not filtered if nothing aliases into the
+        passband.
 
     Returns
     -------
     list of AngularSignal
         One for each record.
+
+    Raises
+    ------
+    ValueError
+        As `angular_resample`.
     """
     choice(method, name="method", choices=METHODS)
     rate, start_s = positive(rate_hz, name="rate_hz"), number(start_s, name="start_s")
@@ -252,34 +258,34 @@ def time_resample(
     method: Method = "sinc",
     missing: Missing = "refuse",
 ) -> TimeSignal:
-    """Resample an angular signal at even steps of time: the inverse of `angular_resample`.
+    """Resample an angular signal at uniform steps of time, the inverse of `angular_resample`.
 
-    Frequencies above half of `rate_hz` are filtered out before they alias. Ends are as in `angular_resample`.
+    Frequencies above half of `rate_hz` are filtered out before they alias. Ends are treated as in `angular_resample`.
 
     Parameters
     ----------
     signal : AngularSignal
         Samples over the angle of the shaft.
     phase : ShaftPhase
-        Angle of the shaft; must cover the signal's revolutions.
+        Angle of the shaft; it must cover the revolutions of the signal.
     rate_hz : float
         Output sampling rate in Hz.
     start_s : float, optional
-        Time in s of the first output, within the signal; default the time of its first sample.
+        Time in s of the first output, within the signal; default: the time of its first sample.
     method, missing
         As in `angular_resample`.
 
     Returns
     -------
     TimeSignal
-        Up to the last time within the signal. Frequencies up to ``passband_hz`` pass throughout: 0.44 times `rate_hz`
-        or, where that is less, 0.44 times the samples a second that the signal has at its lowest speed.
+        Up to the last time within the signal. The passband, ``passband_hz``, is 0.44 times `rate_hz` or, if less, 0.44
+        times the samples per second of the signal at the lowest speed.
 
     Raises
     ------
     ValueError
-        Revolutions outside those of the phase, a start outside the signal, values that are not finite, a shaft that
-        stands within it or reverses.
+        Revolutions outside the phase, a start outside the signal, a rate in a mistaken unit, values that are not
+        finite, or a shaft that stands still or reverses within the signal.
 
     Examples
     --------
@@ -298,16 +304,16 @@ def time_resample(
     phase = forwards(phase)
     x = samples(signal.values, missing=missing, minimum=FEWEST[method])
     ends = signal.start_rev, signal.start_rev + (x.size - 1) / per_rev
-    begin, end = _departure_time(phase, ends[0]), _arrival_time(phase, ends[1])
+    begin, end = _span_s(phase, *ends)
     refuse_rest(phase.times_s, phase.revolutions, start_s=begin, stop_s=end)
     start = begin if start_s is None else float(start_s)
     if not begin - _ROUNDING <= start <= end:
         raise ValueError(f"start_s={start:g} s lies outside the signal, {begin:g} to {end:g} s; start within it.")
-    most_outputs = 1000  # for each input: more is a mistaken unit
+    most_outputs = 1000  # per input: more suggests a mistaken unit
     if not 1 <= (end - begin) * rate <= most_outputs * x.size:
         raise ValueError(
-            f"rate_hz={rate:g} makes {(end - begin) * rate:.3g} samples of {x.size}; needed are at least one and at "
-            f"most {most_outputs} times as many."
+            f"rate_hz={rate:g} would turn {x.size} samples into {(end - begin) * rate:.3g}; give a rate in Hz that "
+            f"makes at least one and at most {most_outputs} times as many."
         )
     speeds = _speeds(phase, begin, end, points=x.size // NODE_STEP)
     slowest = max(float(speeds.min()), 1e-9 * float(speeds.max()))  # at rest dt/d(angle) is infinite
@@ -359,23 +365,14 @@ def time_resample(
 
 
 def forwards(phase: ShaftPhase) -> ShaftPhase:
-    """Return the phase, negated where its angle falls, so that it rises.
-
-    Raises
-    ------
-    ValueError
-        A shaft that reverses.
-    """
+    """Return the phase, negated if its angle decreases; raise ValueError if the shaft reverses."""
     return phase if phase.direction > 0 else phase.scaled(-1)
 
 
 def whole_revolutions(phase: ShaftPhase, *, start_s: float, stop_s: float) -> tuple[float, int]:
     """Return the first whole revolution (counted from the phase's first knot) in a span, and their number.
 
-    Raises
-    ------
-    ValueError
-        Where there is not one.
+    Raise ValueError if there is none.
     """
     begin, end = max(start_s, phase.start_s), min(stop_s, phase.stop_s)
     span = 0.0
@@ -387,7 +384,7 @@ def whole_revolutions(phase: ShaftPhase, *, start_s: float, stop_s: float) -> tu
     if span < 1 - _ROUNDING:
         raise ValueError(
             f"the record from {start_s:g} to {stop_s:g} s holds no whole revolution of the shaft (its phase is known "
-            f"from {phase.start_s:g} to {phase.stop_s:g} s); record longer, or check rate and tachometer."
+            f"from {phase.start_s:g} to {phase.stop_s:g} s); record longer, or check sampling rate and tachometer."
         )
     return float(first), int(np.floor(span + _ROUNDING))
 
@@ -395,13 +392,13 @@ def whole_revolutions(phase: ShaftPhase, *, start_s: float, stop_s: float) -> tu
 def angle_map(
     phase: ShaftPhase, *, rate_hz: float, start_s: float, samples_per_rev: int, first: float, revolutions: int
 ) -> Map:
-    """Return the map from the samples of a record to the angle grid of `revolutions` from `first` on."""
-    begin, end = _departure_time(phase, first), _arrival_time(phase, first + revolutions)
-    most_samples = 10**10  # more than a day at 100 kHz: a mistaken unit
+    """Return the map from the samples of a record to the angle grid of `revolutions` starting at `first`."""
+    begin, end = _span_s(phase, first, first + revolutions)
+    most_samples = 10**10  # more than a day at 100 kHz suggests a mistaken unit
     if (end - begin) * rate_hz > most_samples:
         raise ValueError(
-            f"rate_hz={rate_hz:g} makes {(end - begin) * rate_hz:.3g} samples of the {end - begin:g} s of the phase; "
-            "correct the rate, or cut the phase to the record."
+            f"rate_hz={rate_hz:g} amounts to {(end - begin) * rate_hz:.3g} samples in the {end - begin:g} s of the "
+            "phase; correct the rate, or limit the phase to the record."
         )
     speeds = _speeds(phase, begin, end, points=int((end - begin) * rate_hz) // NODE_STEP)
     edges = phase.revolutions_at(np.array([phase.start_s, phase.stop_s]))
@@ -424,12 +421,10 @@ def angle_map(
     )
 
 
-def _departure_time(phase: ShaftPhase, revolution: float) -> float:
-    return float(phase.times_at([revolution], at_rest="departure")[0])
-
-
-def _arrival_time(phase: ShaftPhase, revolution: float) -> float:
-    return float(phase.times_at([revolution], at_rest="arrival")[0])
+def _span_s(phase: ShaftPhase, first: float, last: float) -> tuple[float, float]:
+    """Return the times at which a shaft leaves one angle and reaches another."""
+    begin, end = phase.times_at([first], at_rest="departure"), phase.times_at([last], at_rest="arrival")
+    return float(begin[0]), float(end[0])
 
 
 def _speeds(phase: ShaftPhase, begin: float, end: float, *, points: int) -> Array:

@@ -1,9 +1,9 @@
-"""Kernels: likelihoods of speeds by their lines, and the most likely numbering of pulses, some missing, some extra.
+"""Compiled kernels: likelihoods of speeds, demodulation, and the most likely numbering of missing and extra pulses.
 
-Pulses are numbered by multiple-hypothesis tracking. Every hypothesis is a Kalman filter of angle, speed and
-acceleration, in stripes, with discounted covariances and an unknown scale of its errors (West and Harrison 1997,
-"Bayesian forecasting and dynamic models", chapters 4 and 6): the angle of a pulse has a Student's t distribution about
-its prediction.
+Pulses are numbered by multiple-hypothesis tracking. Each hypothesis is a Kalman filter of angle, speed and
+acceleration, in stripes, with discounted covariances and unknown error scale (West and Harrison 1997, "Bayesian
+forecasting and dynamic models", chapters 4 and 6): the angle of a pulse has a Student's t distribution about its
+prediction.
 """
 
 import math
@@ -23,8 +23,8 @@ def add_votes(
 ) -> None:
     """Add ``weight levels[order * speed]`` of every order to ``votes[speed, frame]``, interpolated between bins.
 
-    `levels` is (bins, frames), so that the innermost loop runs along memory. Nothing is added below `first_bin` and
-    beyond the last bin.
+    `levels` is (bins, frames), so that the innermost loop is contiguous in memory. Nothing is added below `first_bin`
+    or beyond the last bin.
     """
     frames = levels.shape[1]
     last = levels.shape[0] - 1
@@ -75,8 +75,8 @@ def demodulate(
 ) -> tuple[Array, Array]:
     """Return the complex amplitude of each order in Hann windows along the angle, real and imaginary (count, orders).
 
-    Window m is centred on ``first + m hop`` and is four hops long, so that four windows, a quarter of a period apart,
-    cover each sample: their cosines are c, s, -c and -s of one angle. `table` is one period of the cosine and one more
+    Window m is centred on ``first + m hop`` and four hops long, so that four windows, a quarter of a period apart,
+    cover each sample: their cosines are c, s, -c and -s of one angle. `table` holds one period of the cosine plus one
     entry, interpolated linearly.
     """
     steps = table.size - 1
@@ -121,21 +121,21 @@ def demodulate(
 
 _BEAM = 16  # hypotheses
 _WINDOW = 25.0  # of log likelihood below the best
-_DISCOUNT = 0.5  # of the information, per stripe: the memory is two intervals
+_DISCOUNT = 0.5  # of the information, per stripe: a memory of two intervals
 _LONGEST = 8.0  # stripes of discount in a gap
-_DEGREES = 10.0  # of freedom: the memory of the scale
-_STD, _LEAST_STD = 0.05, 0.001  # of the errors in stripes: at first, and at least
-_LOOSE = 0.3  # relative std of the first speed and acceleration
+_DEGREES = 10.0  # degrees of freedom, the memory of the scale
+_STD, _LEAST_STD = 0.05, 0.001  # of the errors in stripes: initial, and smallest
+_LOOSE = 0.3  # relative std of the initial speed and acceleration
 _MISSING = 5.5  # negative log probabilities
-_MOST_COUNTED = 4  # missing on end: a sensor that drops out does so for any time
+_MOST_COUNTED = 4  # consecutive missing pulses that cost; a drop-out of the sensor may last any time
 _EXTRA = 8.5
 _DOUBLE = 6.0
-_LIKE = 2  # pulses before the last that make two hypotheses one, where both number them alike
+_LIKE = 2  # pulses before the last that two hypotheses must number alike to be merged
 
 
 @compiled
 def _angle(number: int, positions: Array) -> float:
-    """Return the shaft angle in stripes at the pulse of a number."""
+    """Return the shaft angle in stripes at the pulse of a given number."""
     revolution = number // positions.size
     return float((revolution + positions[number - revolution * positions.size]) * positions.size)
 
@@ -144,7 +144,7 @@ def _angle(number: int, positions: Array) -> float:
 def _predict(state: Array, covariance: Array, step: float, predicted: Array, spread: Array) -> None:
     """Write the state and covariance a time `step` later: ``F x`` and ``F P F' / discount^stripes``.
 
-    A shaft that decelerates to rest before stays there.
+    A shaft that decelerates to rest before then stays at rest.
     """
     speed, acceleration = state[1], state[2]
     moving = step
@@ -184,7 +184,7 @@ def _surprise(innovation: float, variance: float) -> float:
 
 @compiled
 def _alike(one: int, other: int, apart: int, pulses: Indices, numbers: Indices, before: Indices) -> bool:
-    """Return whether two hypotheses have the same pulses before the last, with numbers a fixed distance apart."""
+    """Return whether two hypotheses share the pulses before the last, with numbers that differ by a constant."""
     for _ in range(_LIKE):
         if one < 0 or other < 0:
             return one == other
@@ -196,11 +196,11 @@ def _alike(one: int, other: int, apart: int, pulses: Indices, numbers: Indices, 
 
 @compiled
 def best_numbering(times: Array, since: Array, positions: Array, soon: float) -> tuple[Indices, Indices]:
-    """Return the indices of the pulses kept, and their numbers; the first two are sound, and the first has number zero.
+    """Return the indices of the pulses kept and their numbers, zero for the first; the first two must be sound.
 
-    Each pulse is extra, or one of the two numbers on either side of the angle predicted. One less than `soon` stripes
-    after the pulse before it in the list, at a time `since` from it, may be its double. Of hypotheses with the same
-    last pulses the likeliest is kept, and of all the `_BEAM` likeliest.
+    Each pulse is extra, or has one of the two numbers next to the predicted angle. A pulse less than `soon` stripes
+    after the preceding one in the list, a time `since` earlier, may be its double. Of hypotheses with the same last
+    pulses only the likeliest is kept, and of all hypotheses the `_BEAM` likeliest.
     """
     n, stripes = times.size, positions.size
     cost, node, scale = np.zeros(_BEAM), np.zeros(_BEAM, dtype=np.int64), np.empty(_BEAM)

@@ -1,8 +1,8 @@
-"""Search for the speed of a shaft: log likelihoods of all orders in every frame, and courses through them.
+"""Search for the speed of a shaft: log likelihoods of all orders in every frame, and speed profiles through them.
 
-In each short frame, each listed order gives a likelihood of each speed. The frames
-form a hidden Markov model: the speed changes by no more than an acceleration allows, and the orders may disappear. A
-course is a speed in every frame; rival courses are found by the same search without the speeds found before.
+In each short frame, each listed order gives a likelihood of each speed. The frames form a hidden Markov model: the
+speed changes by no more than the acceleration allows, and the orders may disappear. A course is a speed in every frame;
+rival courses are found by the same search without the speeds already found.
 """
 
 from __future__ import annotations
@@ -36,16 +36,16 @@ if TYPE_CHECKING:
 # record, is attributed to them, with the prior density ``s^-2.5``, since most are weaker. A single strong line is
 # therefore weak evidence: it adds only the logarithm of its amplitude.
 
-DC_BINS = 3.0  # bins that the leakage of an offset reaches with a Hann window
+DC_BINS = 3.0  # bins reached by the leakage of an offset with a Hann window
 PRESENT = 0.3  # prior probability of a line of an order in a frame
 _SMOOTH = 3  # frames
-_HIGH = 8.0  # means that noise exceeds once in 3000 bins
+_HIGH = 8.0  # times the mean, which noise exceeds once in 3000 bins
 _TABLE = np.linspace(-4.0, 16.0, 4001)  # log of the power ratio
 
 
 @dataclass(frozen=True, kw_only=True)
 class Evidence:
-    """Short-time power over the local noise, ``ratios`` (bins, frames); `foreign` is the fraction of other lines."""
+    """Ratio of short-time power to local noise, ``ratios`` (bins, frames); `foreign` is the fraction of other lines."""
 
     ratios: Array
     times_s: Array
@@ -63,7 +63,7 @@ def _scale_mixture(u: Array, power: float) -> Array:
     return np.asarray(power * gamma(power + 1) * gammainc(power + 1, u) / u ** (power + 1))
 
 
-@lru_cache(maxsize=8)  # a search asks for that of one record at every speed
+@lru_cache(maxsize=8)  # a search uses that of one record at every speed
 def _log_ratio(foreign: float) -> Array:
     """Return the table of log p_1 / p_0 over the power ratio."""
     u = np.exp(_TABLE)
@@ -74,7 +74,7 @@ def _log_ratio(foreign: float) -> Array:
 def lowest_band(signal: Array, *, rate_hz: float, top_hz: float) -> tuple[Array, float]:
     """Return the signal without its mean, low-pass filtered at `top_hz` and decimated, and the new rate."""
     length = fft.next_fast_len(signal.size, real=True)
-    # 1.25 times the band that is kept
+    # 1.25 times the retained band
     fewer = fft.next_fast_len(int(np.ceil(length * min(1.0, 2 * 1.25 * top_hz / rate_hz))), real=True)
     level = signal - signal.mean()
     if fewer >= length:
@@ -111,9 +111,10 @@ def _foreign(ratios: Array) -> float:
 
 
 def without_steady_lines(evidence: Evidence) -> Evidence:
-    """Return the evidence of lines that move from bin to bin: each bin over its own median of the frames, if higher.
+    """Return the evidence of lines that move between bins: each bin relative to its median over frames, if above one.
 
-    What stays in a bin through half the record, as hum and machines of constant speed do, is noise of that bin.
+    A line that stays in a bin for half the record, like hum and machines at constant speed, counts as noise of that
+    bin.
     """
     own = np.median(evidence.ratios, axis=1, keepdims=True) / np.log(2)
     ratios = evidence.ratios / np.maximum(own, 1.0)
@@ -160,7 +161,7 @@ class Search:
 
 @dataclass(frozen=True, kw_only=True)
 class Course:
-    """Speed in Hz in the frames that show a shaft, NaN in others, its standard deviation, and how likely they do."""
+    """Speed in Hz in the frames with a shaft, NaN in others, its standard deviation, and the probability of a shaft."""
 
     times_s: Array
     speed_hz: Array
@@ -173,7 +174,7 @@ class Course:
         seen = np.isfinite(self.speed_hz)
         times, speed, half = self.times_s[seen], self.speed_hz[seen], self.frame_s / 2
         before, after = max(times[0] - half, 0.0), times[-1] + half
-        if stop_s < after + half:  # the record ends before another frame would
+        if stop_s < after + half:  # the record ends before the next frame
             after = stop_s
         early, late = np.polyfit(times[:4], speed[:4], 1), np.polyfit(times[-4:], speed[-4:], 1)
         outer = np.maximum([np.polyval(early, before), np.polyval(late, after)], 0.5 * speed.min())
@@ -202,8 +203,8 @@ def search_speeds(
 ) -> Search:
     """Sum the log likelihood ratios of all orders, for every frame and every speed of a grid.
 
-    The step of the grid is half a bin of the highest order. Orders that no frame tells apart are one line, which counts
-    once. With `moving`, lines of constant frequency are left out.
+    The step of the grid is half a bin of the highest order. Orders that no frame resolves count as one line. With
+    `moving`, lines of constant frequency are left out.
     """
     from signals.shaft._kernels import add_votes  # noqa: PLC0415
 
@@ -215,26 +216,25 @@ def search_speeds(
         evidence = without_steady_lines(evidence)
     highest = min(float(orders[-1]), band_rate / 2 / low)
     spacing = 0.5 / (frame_s * highest)
-    most_votes = 10**7  # frames x speeds, of which several arrays of 80 MB are made
+    most_votes = 10**7  # frames x speeds, in several arrays of 80 MB
     steps = int(min(np.ceil((high - low) / spacing), most_votes)) + 1
     speeds = low + spacing * np.arange(steps, dtype=np.float64)
     if speeds.size * evidence.times_s.size > most_votes:
         raise ValueError(
-            f"{speeds.size} speeds or more from {low:g} to {high:g} Hz in {evidence.times_s.size} frames are too many "
+            f"at least {speeds.size} speeds from {low:g} to {high:g} Hz in {evidence.times_s.size} frames are too many "
             "to search; give a narrower speed_range_hz, lower orders, or a shorter part of the record."
         )
     weights = 1 / np.count_nonzero(np.abs(orders[:, None] - orders) * high * frame_s < 0.5, axis=1)  # noqa: PLR2004
     votes = np.zeros((speeds.size, evidence.times_s.size))
     add_votes(evidence.log_votes(), evidence.bins_per_hz, orders, weights, speeds, DC_BINS, votes)
-    # mixture: a frame may contain no line of a rotating shaft
     missed = 0.1  # prior probability that a frame contains no line of a rotating shaft
     votes = np.ascontiguousarray(np.logaddexp(votes + np.log1p(-missed), np.log(missed)).T)
     reach = int(np.ceil(acceleration * (evidence.times_s[1] - evidence.times_s[0]) / spacing))
     most_work = 10**9  # frames x speeds x steps of acceleration: some seconds
     if reach * votes.size > most_work:
         raise ValueError(
-            f"max_acceleration_hz_s={acceleration:g} lets the speed change by {reach} of {speeds.size} steps between "
-            f"two of {evidence.times_s.size} frames, too many to search; give a smaller one, or a narrower "
+            f"max_acceleration_hz_s={acceleration:g} allows the speed to change by {reach} of {speeds.size} steps "
+            f"between two of {evidence.times_s.size} frames, too many to search; give a smaller one, or a narrower "
             "speed_range_hz."
         )
     kernel = 1 - (np.arange(-reach, reach + 1) / (reach + 1)) ** 2
@@ -251,7 +251,7 @@ def most_likely_speeds(votes: Array, search: Search) -> Array:
 
 
 def courses(search: Search) -> Iterator[Course]:
-    """Yield the most likely course and its rivals, nothing where no shaft shows against noise.
+    """Yield the most likely course and its rivals; nothing if no shaft rises above the noise.
 
     For white noise in independent frames the mean of the evidence ratio is one, so that it exceeds 1000 in at most one
     record in a thousand (Markov's inequality).
@@ -273,7 +273,7 @@ def courses(search: Search) -> Iterator[Course]:
         total = near.sum(axis=1)
         weight = np.maximum(total, 1e-300)
         mean = np.where(total > 0, near @ search.speeds / weight, path)
-        # with the variance of the uniform distribution within a step of the grid
+        # including the variance of a uniform distribution within a step of the grid
         variance = ((search.speeds - mean[:, None]) ** 2 * near).sum(axis=1) / weight + spacing**2 / 12
         yield Course(
             times_s=search.evidence.times_s,
@@ -287,12 +287,12 @@ def courses(search: Search) -> Iterator[Course]:
 def _posterior(likelihood: Array, kernel: Array) -> tuple[Array, Array, float]:
     """Forward-backward algorithm of the hidden Markov model: posterior probabilities and evidence.
 
-    `likelihood` (frames, speeds) is relative to that of an absent shaft. From one frame to the next the shaft appears
-    or disappears, once a record on average; while present, its speed has the transition probabilities `kernel`, and
+    `likelihood` (frames, speeds) is relative to that of an absent shaft. Between frames the shaft may appear or
+    disappear, once per record on average; while present, its speed has the transition probabilities `kernel`, and
     probability beyond the range is lost.
 
-    Returns the posterior of each speed in each frame (frames, speeds), that of an absent shaft (frames,), and the
-    logarithm of the evidence relative to a shaft that is always absent.
+    Return the posterior of each speed in each frame (frames, speeds), that of an absent shaft (frames,), and the log
+    evidence relative to a shaft that is always absent.
     """
     frames, n = likelihood.shape
     switch, evidence = 1 / frames, 0.0
@@ -327,7 +327,7 @@ def _placed(values: Array, seen: NDArray[np.bool_]) -> Array:
 
 
 def _longest_run(flags: NDArray[np.bool_]) -> NDArray[np.bool_]:
-    """Return the flags with only the longest run of true left."""
+    """Return only the longest run of true flags."""
     edges = np.flatnonzero(np.diff(np.concatenate([[False], flags, [False]]).astype(np.int8)))
     kept = np.zeros(flags.size, dtype=np.bool_)
     if edges.size:

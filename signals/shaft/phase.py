@@ -25,16 +25,11 @@ _DEGREE = 5
 
 
 def build_curve(times: Array, revolutions: Array, *, breaks: NDArray[np.bool_]) -> PPoly:
-    """Return the curve, in some cells between knots not of splines but of monotone pieces ("broken").
+    """Return the curve of splines through the knots, with monotone pieces in "broken" cells.
 
-    Each run of cells between broken ones has a spline of its own. Cells in which a spline reverses are broken, and the
-    splines fitted again, until none reverses.
-
-    Parameters
-    ----------
-    times, revolutions : (n,) arrays
-    breaks : (n - 1,) array
-        Cells broken from the start, as those in which the shaft stands.
+    Each run of cells between broken ones has its own spline. Cells in which a spline reverses are broken and the
+    splines are fitted again, until none reverses. `breaks` (n - 1,) are the cells broken from the start, in which the
+    shaft may stand.
     """
     broken = breaks.copy()
     rises = np.diff(revolutions)
@@ -73,7 +68,7 @@ def _spline(times: Array, revolutions: Array) -> Array:
 
 
 def _reverses(coefficients: Array, steps: Array, rises: Array) -> NDArray[np.bool_]:
-    """Return whether each cell's slope may have the sign opposite to its rise, or the cell has no rise.
+    """Return, per cell, whether the slope may oppose the rise or there is no rise.
 
     A polynomial lies between the extremes of its Bernstein coefficients.
     """
@@ -101,7 +96,7 @@ def _reverses(coefficients: Array, steps: Array, rises: Array) -> NDArray[np.boo
 def _joined(times: Array, revolutions: Array, coefficients: Array, broken: NDArray[np.bool_]) -> PPoly:
     """Return the curve of the splines, with monotone cubics in the broken cells (Fritsch and Carlson 1980).
 
-    Their slopes are those of the adjacent splines, but at most three times the mean of the cell.
+    Their slopes are those of the adjacent splines, limited to three times the mean slope of the cell.
     """
     steps, rises = np.diff(times), np.diff(revolutions)
     slopes, mean = _knot_slopes(times, revolutions, coefficients, broken), rises / steps
@@ -114,7 +109,7 @@ def _joined(times: Array, revolutions: Array, coefficients: Array, broken: NDArr
 
 
 def _knot_slopes(times: Array, revolutions: Array, coefficients: Array, broken: NDArray[np.bool_]) -> Array:
-    """Return the slope at each knot: of the adjacent spline, zero at a standstill, else after Fritsch and Butland."""
+    """Return the slope at each knot: that of the adjacent spline, zero at a standstill, else by Fritsch and Butland."""
     steps, rises = np.diff(times), np.diff(revolutions)
     slopes = np.asarray(PchipInterpolator(times, revolutions).derivative()(times), dtype=np.float64)
     powers = np.arange(_DEGREE, 0, -1)[:, None]
@@ -133,13 +128,7 @@ def _knot_slopes(times: Array, revolutions: Array, coefficients: Array, broken: 
 def refuse_rest(
     times_s: Array, revolutions: Array, *, start_s: float, stop_s: float, rate_hz: float | None = None
 ) -> None:
-    """Raise where the shaft stands within a span of time; given the sampling rate, name the samples to use instead.
-
-    Raises
-    ------
-    ValueError
-        With the times of the first standstill, and how many there are.
-    """
+    """Raise ValueError if the shaft stands still within a span; with `rate_hz`, name the samples to use instead."""
     still = np.concatenate([[False], np.diff(revolutions) == 0, [False]])
     edges = np.flatnonzero(np.diff(still))
     begins, ends = times_s[edges[::2]], times_s[edges[1::2]]
@@ -153,8 +142,8 @@ def refuse_rest(
         stop, start = math.floor((begin - start_s) * rate_hz) + 1, math.ceil((end - start_s) * rate_hz)
         remedy = f"resample x[:{stop}] and, with start_s={start_s + start / rate_hz:.9g}, x[{start}:] separately."
     raise ValueError(
-        f"the shaft stands still from {begin:g} to {end:g} s, within the record, and its angle there has no single "
-        f"time ({within.size} such rests); {remedy}"
+        f"the shaft stands still from {begin:g} to {end:g} s, within the record, so that its angle there has no unique "
+        f"time ({within.size} standstills in all); {remedy}"
     )
 
 
@@ -165,32 +154,33 @@ def refuse_rest(
 class ShaftPhase:
     """Angle of a shaft against time, interpolated between known angles at known times.
 
-    A quintic spline through the knots (lower degree for fewer than six). Where the spline would reverse between two
-    knots, as in a sudden stop, that interval alone becomes a monotone cubic (Fritsch and Carlson 1980), whose speed may
-    jump at its ends, and the spline is fitted separately on either side of it. The error of a quintic spline falls with
-    the sixth power of the time between knots.
+    The interpolant is a quintic spline through the knots (of lower degree for fewer than six), whose error falls with
+    the sixth power of the knot spacing. Where the spline would reverse between two knots, as in a sudden stop, that
+    interval alone becomes a monotone cubic (Fritsch and Carlson 1980), at whose ends the speed may jump, and a separate
+    spline is fitted on either side.
 
     Attributes
     ----------
     times_s, revolutions : (knot,) arrays
-        Times in s, strictly increasing, and angles in revolutions, which may also stay (standstill) or fall (reverse).
+        Times in s, strictly increasing, and angles in revolutions, which may also stay constant (standstill) or
+        decrease (reverse rotation).
     stripe_positions_rev : (stripe,) array
         Angles of the tachometer's stripes within the revolution, in revolutions.
     nominal : bool
-        Whether the speed was declared, not measured.
+        Whether the speed was declared rather than measured.
     jitter_s : float
-        Standard deviation of one pulse time in s; NaN where there are too few pulses to estimate it.
+        Standard deviation of a pulse time in s; NaN where there are too few pulses to estimate it.
     repairs : PulseRepairs
-        Missing and extra pulses that were found.
+        Missing and extra pulses found.
     stops_s : (stop, 2) array
-        Begin and end in s of the intervals between two pulses in which the shaft stood, or may have stood.
+        Start and end in s of the intervals between two pulses in which the shaft stood, or may have stood, still.
     direction_declared : bool
         Whether the direction of rotation is known, from a sign or a second channel. If not, it is unknown after each
         of `stops_s`.
 
     Examples
     --------
-    A shaft at 10 Hz whose speed rises by 4 Hz in a second:
+    A shaft whose speed rises from 10 Hz by 4 Hz in one second:
 
     >>> import numpy as np
     >>> from signals import ShaftPhase
@@ -223,7 +213,7 @@ class ShaftPhase:
 
     @property
     def direction_unknown(self) -> bool:
-        """Whether the shaft may have reversed at a stop, the direction after it being unknown."""
+        """Whether the shaft may have reversed at a stop, so that the direction after it is unknown."""
         return bool(self.stops_s.size) and not self.direction_declared
 
     @cached_property
@@ -239,7 +229,7 @@ class ShaftPhase:
         return self._curve.derivative()
 
     def revolutions_at(self, times_s: ArrayLike) -> Array:
-        """Return the angle in revolutions at `times_s` (m,), which must lie between first and last knot."""
+        """Return the angle in revolutions at `times_s` (m,); raise ValueError outside the knots."""
         return np.asarray(self._curve(self._checked_times(times_s)), dtype=np.float64)
 
     def _checked_times(self, times_s: ArrayLike) -> Array:
@@ -247,29 +237,29 @@ class ShaftPhase:
         slack = 1e-9 * max(1.0, abs(self.stop_s))
         if times.min() < self.start_s - slack or times.max() > self.stop_s + slack:
             raise ValueError(
-                f"times from {times.min():g} to {times.max():g} s leave the known part of the shaft's motion, "
-                f"{self.start_s:g} to {self.stop_s:g} s; ask for less."
+                f"times_s from {times.min():g} to {times.max():g} s are outside the known motion of the shaft, "
+                f"{self.start_s:g} to {self.stop_s:g} s; give times within it."
             )
         return times
 
     def angle_rad(self, times_s: ArrayLike) -> Array:
-        """Return the angle in rad at `times_s` (m,); zero at revolution zero."""
+        """Return the angle in rad at `times_s` (m,), zero at revolution zero; raise ValueError outside the knots."""
         return 2 * np.pi * self.revolutions_at(times_s)
 
     def speed_hz(self, times_s: ArrayLike) -> Array:
-        """Return the speed in revolutions per second at `times_s` (m,), between first and last knot."""
+        """Return the speed in revolutions per second at `times_s` (m,); raise ValueError outside the knots."""
         return np.asarray(self._slope(self._checked_times(times_s)), dtype=np.float64)
 
     def std_rad(self, times_s: ArrayLike) -> Array:
         """Return the standard deviation of the angle in rad at `times_s` (m,).
 
-        The jitter of one pulse times the speed, exact at the pulses and approximate between them. The interpolation
-        error of the spline is not included, nor the unknown angle of a standstill.
+        It is the jitter of a pulse times the speed: exact at the pulses, approximate between them. Neither the
+        interpolation error of the spline nor the unknown angle within a standstill is included.
 
         Raises
         ------
         ValueError
-            A phase whose jitter is not known: nominal, or of too few pulses.
+            Times outside the knots; a phase of unknown jitter, because it is nominal or has too few pulses.
         """
         times = self._checked_times(times_s)
         if not math.isfinite(self.jitter_s):
@@ -278,7 +268,7 @@ class ShaftPhase:
                 if self.nominal
                 else f"{self.times_s.size} knots are too few to estimate it"
             )
-            raise ValueError(f"the jitter of this phase is unknown: {why}. Use more pulses, or state jitter_s.")
+            raise ValueError(f"the jitter of this phase is unknown: {why}. Use more pulses, or set jitter_s.")
         return 2 * np.pi * self.jitter_s * np.abs(self.speed_hz(times))
 
     def times_at(
@@ -286,21 +276,21 @@ class ShaftPhase:
     ) -> Array:
         """Return the times in s at which the shaft reaches `revolutions` (m,).
 
-        Newton's method between the knots on either side; bisection where it does not converge, as where the shaft
-        almost stands.
+        Found by Newton's method between adjacent knots, or by bisection where that does not converge, as near a
+        standstill.
 
         Parameters
         ----------
         revolutions : (m,) array
             Angles in revolutions, in any order.
         at_rest : {"refuse", "arrival", "departure"}
-            The time to return for an angle at which the shaft stands: that at which it comes to rest or that at which
-            it leaves. "refuse" raises where it stands anywhere between the least and the greatest angle.
+            Time returned for an angle at which the shaft stands still: when it comes to rest, or when it moves on.
+            "refuse" raises if it stands still anywhere between the smallest and the largest angle.
 
         Raises
         ------
         ValueError
-            Revolutions outside those of the knots, a shaft that stands among them, or one that reverses.
+            Revolutions outside the knots, a standstill between them, or a shaft that reverses.
         """
         choice(at_rest, name="at_rest", choices=("refuse", "arrival", "departure"))
         targets = self.direction * real_vector(revolutions, name="revolutions")
@@ -308,7 +298,10 @@ class ShaftPhase:
         if targets.min() < knots[0] - 1e-9 or targets.max() > knots[-1] + 1e-9:
             low, high = sorted((float(self.revolutions[0]), float(self.revolutions[-1])))
             given = np.sort(self.direction * targets)
-            raise ValueError(f"revolutions {given[0]:g} to {given[-1]:g} are outside the known {low:g} to {high:g}.")
+            raise ValueError(
+                f"revolutions {given[0]:g} to {given[-1]:g} are outside the known {low:g} to {high:g}; give angles "
+                "within that range."
+            )
         arrival = np.searchsorted(knots, targets, side="left")
         departure = np.searchsorted(knots, targets, side="right") - 1
         resting = departure > arrival
@@ -327,22 +320,22 @@ class ShaftPhase:
         if hit.size:
             i = int(hit[0])
             raise ValueError(
-                f"the shaft stands still from {self.times_s[i]:g} s on ({hit.size} such places), so the angle "
-                f"{self.revolutions[i]:g} rev has no single time; ask for parts of the record, or name the arrival or "
-                "the departure with at_rest."
+                f"the shaft stands still from {self.times_s[i]:g} s onwards ({hit.size} standstills in all), so the "
+                f'angle {self.revolutions[i]:g} rev has no unique time; give at_rest="arrival" or "departure", or '
+                "treat the parts of the record before and after separately."
             )
 
     @cached_property
     def direction(self) -> float:
-        """Direction of rotation, +1 or -1; the angle may also stay. Raise ValueError where the shaft reverses."""
+        """Direction of rotation, +1 or -1, standstills permitted; raise ValueError if the shaft reverses."""
         steps = np.diff(self.revolutions)
         moving = np.flatnonzero(steps)
         signs = np.sign(steps[moving])
         reversals = np.flatnonzero(np.diff(signs))
         if reversals.size:
             raise ValueError(
-                f"the shaft turns back at {self.times_s[moving[reversals[0] + 1]]:g} s, so an angle has several times; "
-                "use the parts of the record before and after separately, each with a phase of its own pulses."
+                f"the shaft reverses at {self.times_s[moving[reversals[0] + 1]]:g} s, so an angle has several times; "
+                "use the parts of the record before and after separately, each with a phase from its own pulses."
             )
         return -1.0 if np.any(signs < 0) else 1.0
 
@@ -368,37 +361,34 @@ class ShaftPhase:
         return times
 
     def mean_speed_per_revolution_hz(self) -> Array:
-        """Return the mean speed over each whole revolution after the first knot, (whole revolutions,)."""
+        """Return the mean speed in Hz over each whole revolution after the first knot, (whole revolutions,)."""
         first, last = float(self.revolutions[0]), float(self.revolutions[-1])
         span = abs(last - first)
         whole_turns = np.minimum(np.arange(np.floor(span + 1e-9) + 1), span)
         return self.direction / np.diff(self.times_at(first + self.direction * whole_turns, at_rest="departure"))
 
     def scaled(self, ratio: float) -> ShaftPhase:
-        """Return the phase of a shaft that turns `ratio` times as fast, in the opposite direction where `ratio` < 0.
+        """Return the phase of a shaft that turns `ratio` times as fast, in the opposite direction for `ratio` < 0.
 
-        Its standard deviation in angle is ``abs(ratio)`` times this one's; the jitter in time is the same.
+        The standard deviation of its angle is ``abs(ratio)`` times as large; the jitter in time is the same. A ratio of
+        zero raises ValueError.
         """
         factor = number(ratio, name="ratio")
         if factor == 0:
-            raise ValueError("ratio=0 is the ratio of a shaft that does not turn; give a ratio other than zero.")
-        return replace(
-            self,
-            revolutions=self.revolutions * factor,
-            stripe_positions_rev=np.zeros(1),
-        )
+            raise ValueError("ratio=0 describes a shaft that does not turn; give a ratio other than zero.")
+        return replace(self, revolutions=self.revolutions * factor, stripe_positions_rev=np.zeros(1))
 
 
 @checked
 def constant_speed(speed_hz: float, *, start_s: float, stop_s: float) -> ShaftPhase:
-    """Return the phase of a shaft of declared constant speed, marked as nominal.
+    """Return the phase of a shaft at a declared constant speed, marked as nominal.
 
     Parameters
     ----------
     speed_hz : float
         Speed in revolutions per second, above zero.
     start_s, stop_s : float
-        Times in s of its begin and end; the angle is zero at `start_s`.
+        First and last time in s; the angle is zero at `start_s`.
 
     Returns
     -------
@@ -407,7 +397,7 @@ def constant_speed(speed_hz: float, *, start_s: float, stop_s: float) -> ShaftPh
     Raises
     ------
     ValueError
-        A speed that is not positive, or `stop_s` not after `start_s`.
+        A speed that is not positive, times that are not finite, or `stop_s` not after `start_s`.
 
     Examples
     --------
@@ -417,8 +407,8 @@ def constant_speed(speed_hz: float, *, start_s: float, stop_s: float) -> ShaftPh
     (12.5, True)
     """
     speed = positive(speed_hz, name="speed_hz")
-    if not stop_s > start_s:
-        raise ValueError(f"stop_s = {stop_s:g} is not after start_s = {start_s:g}.")
+    if not number(stop_s, name="stop_s") > number(start_s, name="start_s"):
+        raise ValueError(f"stop_s={stop_s:g} is not after start_s={start_s:g}; give a later one.")
     return ShaftPhase(
         times_s=np.array([start_s, stop_s], dtype=np.float64),
         revolutions=np.array([0.0, speed * (stop_s - start_s)]),

@@ -1,11 +1,11 @@
-"""Refinement of a shaft's phase by phase demodulation of its own harmonics.
+"""Refinement of a shaft's phase by phase demodulation of its harmonics.
 
-Demodulated by ``exp(-j 2 pi h phi)`` with the approximate phase ``phi`` (revolutions), order ``h`` becomes a slow
-complex amplitude, whose phase over ``2 pi h`` is the error of ``phi``. Windows are cut along the angle: a Hann window
-of R revolutions has zeros at 2 / R orders and multiples of 1 / R beyond, so that other whole orders, sidebands of the
-same shaft among them, do not disturb a steady line. All orders estimate the same error; they are averaged with their
-Fisher information ``(2 pi h)^2 2 snr_h`` (Urbanek, Barszcz & Antoni 2013 combine two such steps; Peeters et al. 2019
-compare methods), the phase is corrected, and the demodulation repeated.
+Demodulated by ``exp(-j 2 pi h phi)`` with the approximate phase ``phi`` (revolutions), order ``h`` becomes a slowly
+varying complex amplitude, whose phase over ``2 pi h`` is the error of ``phi``. Windows are defined over angle: the
+transform of a Hann window of R revolutions has zeros at 2 / R orders and at multiples of 1 / R beyond, so that other
+whole orders, including sidebands of the same shaft, do not disturb a steady line. All orders estimate the same error;
+they are averaged with their Fisher information ``(2 pi h)^2 2 snr_h``, the phase is corrected, and the demodulation
+repeated. Urbanek, Barszcz & Antoni (2013) combine two such steps; Peeters et al. (2019) compare methods.
 """
 
 from __future__ import annotations
@@ -25,28 +25,26 @@ if TYPE_CHECKING:
 
     from numpy.typing import ArrayLike, NDArray
 
-OVERLAP = 4  # hops a window, as the kernel has it
+OVERLAP = 4  # hops per window, as in the kernel
 _FIRST_REV, _LAST_REV = 2.0, 6.0
-# variance of (-1, -2, 0, 2, 1) / 4 times the phases of successive windows, whose noise correlates by 0.66, 1/6, 0.007:
-# 0.868; the noise that the smoothing between passes leaves adds as much again (measured)
 _COSINE = np.cos(2 * np.pi * np.arange(1025) / 1024)
 
 
 @dataclass(frozen=True, kw_only=True)
 class RefinedPhase:
-    """A phase refined from the harmonics, with standard deviations.
+    """A phase refined from harmonics, with standard deviations.
 
-    The phase is known up to a constant, and up to a phase change of the transfer path that is common to all orders.
+    The phase is determined up to a constant, and up to a phase change of the transfer path common to all orders.
 
     Attributes
     ----------
     status : {"ok", "not found"}
-        Whether the orders stand out of the noise.
+        Whether the orders rise above the noise.
     phase : ShaftPhase or None
         The refined phase; None if not found.
     times_s, speed_hz, std_hz : (window,) arrays
-        Times in s of the windows, speed in Hz there and its standard deviation, from the noise beside the lines and
-        from the disagreement between orders.
+        Times in s of the windows, speed in Hz and its standard deviation, from the background noise of the lines and
+        the disagreement between orders.
     phase_std_rev : (window,) array
         Standard deviation of the phase in revolutions.
     orders : (order,) array
@@ -54,7 +52,7 @@ class RefinedPhase:
     snr : (window, order) array
         Ratio of line to noise power in each window.
     prominence : (order,) array
-        Mean power of each line over that beside it.
+        Ratio of the mean power of each line to that of its background.
 
     Examples
     --------
@@ -79,7 +77,7 @@ class RefinedPhase:
 
 @dataclass(frozen=True, kw_only=True)
 class _Pass:
-    """Result of one demodulation, in windows at even steps of angle."""
+    """Result of one demodulation, in windows at uniform steps of angle."""
 
     phase: ShaftPhase
     centres_rev: Array
@@ -113,25 +111,26 @@ def refine_phase(
     phase : ShaftPhase
         The approximate phase; the part of the record within it is used.
     orders : sequence of float
-        Orders per revolution of that shaft that the vibration may contain. Those below the noise have no weight; those
-        near half the sampling rate at top speed are left out of the result.
+        Orders of that shaft that the vibration may contain. Those below the noise have no weight; those near half the
+        sampling rate at top speed are left out of the result.
     tolerance : float
-        Largest relative error of the speed of `phase`. The first pass uses orders below 0.17 / tolerance only, which
-        are unambiguous; later passes use all.
+        Largest relative error of the speed of `phase`. The first pass uses only the unambiguous orders, those below
+        0.175 / tolerance; later passes use all.
     window_rev : float
-        Length of the last windows in revolutions. Changes of speed within it are averaged.
+        Length in revolutions of the windows of the final passes, over which changes of speed are averaged.
     start_s : float
         Time of the first sample in s.
 
     Returns
     -------
     RefinedPhase
-        With status "not found" and no phase where the orders do not stand out of the noise beside them.
+        With status "not found" and no phase if the orders do not rise above their background noise.
 
     Raises
     ------
     ValueError
-        No order low enough for the tolerance, or a part of the record shorter than two windows.
+        No order low enough for the tolerance or the sampling rate, a shaft that stands still or reverses, or record and
+        phase that share less than two windows.
 
     Examples
     --------
@@ -151,19 +150,19 @@ def refine_phase(
     tolerance = positive(tolerance, name="tolerance")
     window = positive(window_rev, name="window_rev")
     listed = listed_orders(orders)
-    # 0.35 bins of the window by which an order may be off without ambiguity of its phase
-    highest = 0.35 / (_FIRST_REV * tolerance)  # order that is unambiguous in the first pass
+    # an order may be off by 0.35 bins of the window before its phase becomes ambiguous
+    highest = 0.35 / (_FIRST_REV * tolerance)  # unambiguous order in the first pass
     if listed[0] > highest:
         raise ValueError(
-            f"the lowest order is {listed[0]:g}, and a speed known within {tolerance:g} separates orders up to "
-            f"{highest:.3g} from their neighbours; give lower orders, or find the speed first (`estimate_speed`)."
+            f"the lowest order, {listed[0]:g}, exceeds {highest:.3g}, the highest that is unambiguous with a speed "
+            f"known to within {tolerance:g}; give lower orders, or find the speed first (`estimate_speed`)."
         )
     first, last = _within(signal.size, rate, phase, start_s)
     shared = np.diff(phase.revolutions_at(start_s + np.array([first, last - 1]) / rate))[0]
     if shared < 2 * window:
         raise ValueError(
-            f"the phase and the record share {shared:.3g} revolutions; windows of {window:g} need {2 * window:g}. "
-            "Record longer, or shorten window_rev."
+            f"the phase and the record share {shared:.3g} revolutions; windows of {window:g} require {2 * window:g}. "
+            "Record longer, or reduce window_rev."
         )
     part_start = start_s + first / rate
     knots = np.linspace(part_start, start_s + (last - 1) / rate, 512)
@@ -172,12 +171,12 @@ def refine_phase(
     if not usable.size:
         raise ValueError(
             f"the lowest order, {listed[0]:g}, lies at {listed[0] * top:.4g} Hz at top speed, too close to half the "
-            f"sampling rate, {rate / 2:g} Hz; give lower orders, or a record of a higher rate."
+            f"sampling rate, {rate / 2:g} Hz; give lower orders, or sample faster."
         )
     if window * usable[-1] < 1:
         raise ValueError(
-            f"window_rev={window:g} holds no cycle of order {usable[-1]:g}, the highest; give {1 / usable[-1]:.3g} "
-            "revolutions or more."
+            f"window_rev={window:g} is shorter than one cycle of the highest order, {usable[-1]:g}; give "
+            f"{1 / usable[-1]:.3g} revolutions or more."
         )
     band, band_rate = lowest_band(signal[first:last], rate_hz=rate, top_hz=(usable[-1] + 2) * top * (1 + tolerance))
     times = part_start + np.arange(band.size) / band_rate
@@ -188,20 +187,16 @@ def refine_phase(
 
 
 def listed_orders(orders: Sequence[float]) -> Array:
-    """Return the orders sorted, each once; raise where one is not above zero."""
-    return np.unique([_checked_order(order) for order in orders]) if len(orders) else _no_orders()
-
-
-def _checked_order(order: float) -> float:
-    """Return an order, or raise where it is none."""
-    least_order = 1e-6  # one turn in a million revolutions
-    if not least_order <= positive(order, name="an order") <= 1 / least_order:
-        raise ValueError(f"an order of {order:g} is none of a shaft; list orders from {least_order:g} on.")
-    return float(order)
-
-
-def _no_orders() -> Array:
-    raise ValueError("orders is empty; list the orders of the shaft that the vibration may hold, mesh orders first.")
+    """Return the distinct orders, sorted; raise ValueError if there is none, or one not plausible for a shaft."""
+    if not len(orders):
+        raise ValueError("orders is empty; list the orders of the shaft that the vibration may contain, as of meshes.")
+    found, least = np.unique([positive(order, name="an order") for order in orders]), 1e-6
+    for order in found[[0, -1]]:
+        if not least <= order <= 1 / least:
+            raise ValueError(
+                f"order {order:g} is not plausible for a shaft; list orders from {least:g} to {1 / least:g}."
+            )
+    return found
 
 
 def _within(samples: int, rate: float, phase: ShaftPhase, start_s: float) -> tuple[int, int]:
@@ -218,7 +213,7 @@ def _within(samples: int, rate: float, phase: ShaftPhase, start_s: float) -> tup
 
 
 def _one_pass(signal: Array, times: Array, phase: ShaftPhase, orders: Array, *, window_rev: float) -> _Pass:
-    """Demodulate all orders with a phase; return its correction and the noise beside the lines."""
+    """Demodulate all orders with a phase; return its correction and the background noise of the lines."""
     from signals.shaft._kernels import demodulate  # noqa: PLC0415
 
     clipped = np.clip(times, phase.start_s, phase.stop_s)
@@ -226,18 +221,10 @@ def _one_pass(signal: Array, times: Array, phase: ShaftPhase, orders: Array, *, 
     first, last = revolutions[0] + window_rev / 2, revolutions[-1] - window_rev / 2
     count = max(int((last - first) / (window_rev / OVERLAP)), 5) + 1
     hop = (last - first) / (count - 1)
-    # a distance at which these windows have a zero for the line itself, and the last ones for its neighbours too
+    # a distance at which these windows have a zero for the line itself, and the final ones also for its neighbours
     aside = 0.5 * np.ceil(OVERLAP / window_rev) if window_rev < OVERLAP else 0.5
     beside = np.concatenate([np.abs(orders - aside), orders + aside])
-    re, im = demodulate(
-        signal,
-        revolutions,
-        np.concatenate([orders, beside]),
-        first,
-        hop,
-        count,
-        _COSINE,
-    )
+    re, im = demodulate(signal, revolutions, np.concatenate([orders, beside]), first, hop, count, _COSINE)
     amplitude = re + 1j * im
     lines, around = amplitude[:, : orders.size], np.abs(amplitude[:, orders.size :]) ** 2
     noise = _running_mean(around[:, : orders.size] + around[:, orders.size :]) / 2
@@ -273,14 +260,16 @@ def _speed_error(
     """Return the relative error of the speed in every window, its variance, and the information on the phase.
 
     The phase increment of each order over two hops, averaged over three such spans, is divided by the order. Orders
-    that disagree with the rest by more than their noise get less weight (Cauchy weights, iterated three times), and the
-    remaining disagreement increases the variance, and takes as much from the information.
+    that disagree with the rest by more than their noise are down-weighted (Cauchy weights, three iterations); the
+    remaining disagreement increases the variance and reduces the information by the same factor.
     """
     steps = lines[2:] * lines[:-2].conj()
     steps = np.concatenate([steps[:1], steps, steps[-1:]])
     padded = np.concatenate([steps[:1], steps, steps[-1:]])
     error = np.angle(padded[:-2] + 2 * padded[1:-1] + padded[2:]) / (2 * np.pi * orders * lag_rev)
     information = (2 * np.pi * orders) ** 2 * 2 * snr
+    # the variance of (-1, -2, 0, 2, 1) / 4 times the phases of successive windows, whose noise correlates by 0.66, 1/6
+    # and 0.007, is 0.868; the noise left by the smoothing between passes adds as much again (measured)
     difference_variance = 1.74
     precision = information * lag_rev**2 / difference_variance + 1e-12
     weights = precision
@@ -297,7 +286,7 @@ def _speed_error(
 
 
 def _corrected(step: _Pass) -> ShaftPhase:
-    """Return the phase with the integrated correction, constant beyond the centres of the outer windows."""
+    """Return the phase with the integrated correction, which is constant beyond the centres of the outer windows."""
     hop = step.centres_rev[1] - step.centres_rev[0]
     before = int(np.floor((step.centres_rev[0] - step.phase.revolutions[0]) / hop + 1e-6))
     after = int(np.floor((step.phase.revolutions[-1] - step.centres_rev[-1]) / hop + 1e-6))
@@ -317,7 +306,7 @@ def _smooth(phase: ShaftPhase, *, window_rev: float) -> ShaftPhase:
     first, last = phase.revolutions[[0, -1]]
     revolutions = np.linspace(first, last, max(int((last - first) / hop), 2 * OVERLAP) + 1)
     times = phase.times_at(revolutions)
-    # local parabolas keep a constant acceleration, at the ends too
+    # local parabolas preserve a constant acceleration, also at the ends
     smoothed = savgol_filter(times, 2 * 3 + 1, 2, mode="interp")  # 3 hops on either side
     return ShaftPhase(times_s=smoothed, revolutions=revolutions)
 
@@ -343,11 +332,11 @@ def _result(step: _Pass) -> RefinedPhase:
 
 
 def _least_prominence(step: _Pass) -> float:
-    """Return the prominence that noise exceeds once in a thousand records, a quantile of F, but at least three.
+    """Return the prominence that noise exceeds in one record in a thousand, a quantile of F, but at least three.
 
     Every second window is taken as independent; the noise is measured on both sides of each line.
     """
     windows = (step.centres_rev.size + 1) // 2
     false_alarm = 1e-3
-    # 3.0 is the least ratio of the mean power of a line to that beside it
+    # at least 3.0, the ratio of the mean power of a line to that of its background
     return max(3.0, float(fdtri(2 * windows, 4 * windows, 1 - false_alarm / step.orders.size)))

@@ -21,7 +21,7 @@ Counts = NDArray[np.int64]
 
 
 _DOUBLE = 0.1  # of the interval: an extra pulse this soon after a true one is its double
-_CALIBRATION_REVS = 3  # steady ones that suffice to estimate the angles of the stripes
+_CALIBRATION_REVS = 3  # steady revolutions that suffice to estimate the angles of the stripes
 
 
 def _no_times() -> Array:
@@ -38,13 +38,11 @@ class PulseRepairs:
     Attributes
     ----------
     missing, double, spurious : int
-        Numbers of such pulses.
+        Number of pulses of each kind.
     missing_times_s : (missing,) array
         Approximate times of the missing pulses in s.
-    double_times_s : (double,) array
-        Times of the double pulses in s.
-    spurious_times_s : (spurious,) array
-        The same of the spurious pulses.
+    double_times_s, spurious_times_s : (double,) and (spurious,) arrays
+        Times of the double and of the spurious pulses in s.
 
     Examples
     --------
@@ -71,10 +69,7 @@ class PulseRepairs:
 def number_pulses(times: Array, *, stripes: int) -> tuple[Counts, Counts]:
     """Return the indices of the true pulses, and their numbers from zero with missing pulses counted, (kept,) each.
 
-    Raises
-    ------
-    ValueError
-        More faults than can be distinguished from a change of speed.
+    Raise ValueError for more faults than can be distinguished from a change of speed.
     """
     if times.size <= 3:  # noqa: PLR2004 - too few to compare
         return np.arange(times.size), np.arange(times.size)
@@ -91,17 +86,17 @@ def number_pulses(times: Array, *, stripes: int) -> tuple[Counts, Counts]:
 
 
 def _numbered_by_turns(times: Array, stripes: int) -> tuple[Counts, Counts]:
-    """Return a numbering and its pulses: estimated from evenly spaced stripes on, in turns with their positions."""
+    """Return a numbering and its pulses, estimated in alternation with the stripe positions, evenly spaced at first."""
     anchor = sum(_steadiest(times, 1)) // 2
     kept, counts = _numbered(times, np.arange(stripes) / stripes, anchor)
-    for _ in range(10):  # numbering and positions, each estimated from the other
+    for _ in range(10):
         last = kept, counts
         kept, counts = _numbered(times, stripe_positions(times[kept], counts, stripes), anchor)
         if np.array_equal(last[0], kept) and np.array_equal(last[1], counts):
             return kept, counts
     raise ValueError(
-        f"the tachometer's pulses cannot be repaired: {_CALIBRATION_REVS} revolutions on end without a fault are "
-        f"needed to tell the angles of {stripes} stripes. Check pulses_per_rev and the threshold, or use a sound "
+        f"the tachometer's pulses cannot be repaired: {_CALIBRATION_REVS} consecutive revolutions without a fault are "
+        f"needed to estimate the angles of {stripes} stripes. Check pulses_per_rev and the threshold, or use a sound "
         "part of the record."
     )
 
@@ -109,14 +104,14 @@ def _numbered_by_turns(times: Array, stripes: int) -> tuple[Counts, Counts]:
 def _steadiest(times: Array, stripes: int) -> tuple[int, int]:
     """Return the first pulse of the longest steady run, and the one after its last.
 
-    In a steady run intervals repeat after a revolution, apart from the change of speed: the median of nearby changes.
+    In a steady run intervals repeat after one revolution, apart from the change of speed, the median of nearby changes.
     """
     from scipy.ndimage import median_filter  # noqa: PLC0415 - slow to import
 
     lengths = np.log(np.diff(times))
     change = lengths[stripes:] - lengths[:-stripes]
-    steady = 0.5  # change of the log of an interval since the last of the same stripe; a fault makes it 0.69 or more
-    unsteady = np.abs(change - median_filter(change, size=9)) > steady  # a fault makes two or three of nine
+    steady = 0.5  # change of the log interval since the last of the same stripe; a fault changes it by 0.69 or more
+    unsteady = np.abs(change - median_filter(change, size=9)) > steady  # a fault affects two or three of nine
     edges = np.flatnonzero(np.diff(np.concatenate([[True], unsteady, [True]]).astype(np.int8)))
     begins, ends = edges[::2], edges[1::2]
     if not begins.size:
@@ -126,9 +121,9 @@ def _steadiest(times: Array, stripes: int) -> tuple[int, int]:
 
 
 def _numbered(times: Array, positions: Array, anchor: int) -> tuple[Counts, Counts]:
-    """Return the indices of the pulses kept and their numbers, (kept,) each; that at the anchor, a stripe 0, has zero.
+    """Return the indices of the pulses kept and their numbers, (kept,) each, zero at the anchor, which is stripe 0.
 
-    Backwards from the anchor, time and the stripes are reversed.
+    Before the anchor, time and stripes are reversed.
     """
     from signals.shaft._kernels import best_numbering  # noqa: PLC0415 - compiled at need
 
@@ -150,13 +145,13 @@ def _refuse_too_many(times: Array, kept: Counts, counts: Counts) -> None:
     if steps.size and steps.max() > 8 + 1:  # 8 consecutive pulses; a longer gap cannot be counted with certainty
         i = int(np.argmax(steps))
         raise ValueError(
-            f"no tachometer pulse comes from {times[kept[i]]:g} to {times[kept[i + 1]]:g} s, about {steps[i] - 1} are "
-            f"missing on end: too many to count for certain. Use the parts of the record before and after."
+            f"the tachometer has no pulse from {times[kept[i]]:g} to {times[kept[i + 1]]:g} s: about {steps[i] - 1} "
+            "are missing in a row, too many to count reliably. Use the parts of the record before and after."
         )
     most_wrong = 0.3
     if missing + extra > most_wrong * times.size:
         raise ValueError(
-            f"the tachometer's pulses cannot be repaired: {missing} would be missing and {extra} extra of "
+            f"the tachometer's pulses cannot be repaired: {missing} would be missing and {extra} extra, of "
             f"{times.size}. Check pulses_per_rev and the threshold, or use a sound part of the record."
         )
 
@@ -181,10 +176,10 @@ def repairs_of(times: Array, kept: Counts, counts: Counts) -> PulseRepairs:
 
 
 def possible_stops(times: Array, *, stripes: int) -> Counts:
-    """Return the intervals in which the shaft may have stopped: it decelerates before and accelerates after.
+    """Return the intervals in which the shaft may have stopped: it decelerates before them and accelerates after them.
 
     The angle is extrapolated from either side at constant acceleration, from all pulses, else from those of one
-    stripe; where both parabolas come to rest between the two pulses, the shaft may have stopped, and may have reversed.
+    stripe; where both parabolas come to rest between the two pulses, the shaft may have stopped, and reversed.
     """
     found = _stops_by(times, 1)
     return found if found.size or stripes == 1 else _stops_by(times, stripes)
@@ -192,13 +187,13 @@ def possible_stops(times: Array, *, stripes: int) -> Counts:
 
 def _stops_by(times: Array, stride: int) -> Counts:
     """Return the intervals with a possible stop, by every `stride`-th pulse on either side."""
-    stop_intervals = 4  # on either side that are fitted
+    stop_intervals = 4  # fitted on either side
     reach = stop_intervals * stride
     at = np.arange(reach, times.size - 1 - reach)
     before = times[at[:, None] - stride * np.arange(stop_intervals + 1)] - times[at, None]
     after = times[at[:, None] + 1 + stride * np.arange(stop_intervals + 1)] - times[at + 1, None]
     sides = [np.abs(np.diff(side, axis=1)) for side in (before, after)]
-    # 1.4 of the longest of them to the shortest, at least
+    # 1.4 is the smallest ratio of the longest interval to the shortest
     slowing = [np.all(np.diff(side, axis=1) < 0, axis=1) & (side[:, 0] > 1.4 * side[:, -1]) for side in sides]
     rows = np.flatnonzero(slowing[0] & slowing[1])
     gap = times[at + 1] - times[at]
@@ -209,24 +204,24 @@ def _stops_by(times: Array, stride: int) -> Counts:
 
 
 def _rests(distances: Array, gap: float) -> bool:
-    """Return whether pulses, by their time from the nearest one, extrapolate to rest within a gap beside that."""
+    """Return whether pulses, given by their time from the nearest one, extrapolate to rest within the adjacent gap."""
     near, angle = distances[1], np.arange(distances.size)
     bend, speed, level = np.polyfit(distances / near, angle, 2)
     if bend <= 0:
         return False
-    rest, turned = speed / (2 * bend), speed**2 / (4 * bend)  # beyond the nearest pulse, in its interval and in turns
-    stop_residual = 0.25  # of that fit at most, in intervals
+    rest, turned = speed / (2 * bend), speed**2 / (4 * bend)  # time and angle from the nearest pulse, in its intervals
+    stop_residual = 0.25  # largest residual of the fit, in intervals
     fits = np.max(np.abs(np.polyval((bend, speed, level), distances / near) - angle)) < stop_residual
     stop_reach = 1.5  # intervals within which a constant deceleration must end for a stop
-    stop_early = 0.25  # of the nearest interval by which it may end outside the two pulses
+    stop_early = 0.25  # of the nearest interval, by which it may end outside the two pulses
     return bool(fits and -stop_early <= rest <= gap / near + stop_early and turned <= stop_reach)
 
 
 def stripe_positions(times: Array, counts: Counts, stripes: int) -> Array:
     """Return the angles of the stripes in revolutions, (stripes,), as medians over the revolutions.
 
-    The angle between passes of the first stripe is a quintic spline of time: linear interpolation would bend evenly
-    spaced stripes by the acceleration, with a kink at the first stripe.
+    The angle between passes of the first stripe is a quintic spline of time: with linear interpolation, acceleration
+    would displace evenly spaced stripes.
     """
     from scipy.interpolate import make_interp_spline  # noqa: PLC0415 - at need
 

@@ -16,7 +16,7 @@ if TYPE_CHECKING:
 
 
 _HYSTERESIS = 0.25  # of the swing, either side of the middle
-_IN_ORDER, _MOST_STRIPES, _FEWEST_IN_ORDER = 1.5, 8, 4  # ratio of intervals a turn apart; random ones have 3
+_IN_ORDER, _MOST_STRIPES, _FEWEST_IN_ORDER = 1.5, 8, 4  # ratio of intervals one revolution apart; random ones have 3
 _PULSES_PER_BLOCK = 2
 
 Edge = Literal["rising", "falling", "auto"]
@@ -31,9 +31,9 @@ class PulseTrain:
     times_s : (pulse,) array
         Times of the pulses in s.
     threshold, hysteresis : float
-        Threshold, and hysteresis on either side of it, in the unit of the waveform; their medians where it drifts.
+        Threshold, and hysteresis on either side of it, in the unit of the waveform; medians where they follow a drift.
     edge : {"rising", "falling"}
-        The edge that makes the pulse.
+        Edge that defines the pulse.
 
     Examples
     --------
@@ -72,16 +72,16 @@ def pulse_times(
     start_s : float
         Time of the first sample in s.
     edge : {"rising", "falling", "auto"}
-        The edge that makes the pulse. "auto" chooses the sharper one, with fewer samples between the two sides of the
-        hysteresis; where neither has less than 0.8 of the other's, the leading edge of the narrower side.
+        Edge that defines the pulse. "auto" chooses the steeper one, with fewer samples across the hysteresis; if
+        neither takes less than 0.8 times the samples of the other, the leading edge of the narrower level.
     full_scale : float, optional
-        Range of the channel, its largest value, in the unit of the waveform. A waveform that swings by less than a
-        hundredth of it is hum or noise of a shaft at rest, or of a sensor that is not there, and raises.
+        Full scale of the channel, in the unit of the waveform. A waveform that swings by less than a hundredth of it is
+        hum or noise, from a shaft at rest or a disconnected sensor, and raises.
     threshold : float, optional
-        Level whose crossing is the edge, in the unit of the waveform; found in the waveform if left out.
+        Level whose crossing is the edge, in the unit of the waveform; estimated from the waveform by default.
     hysteresis : float, optional
-        Distance on either side of the threshold that the waveform has to pass for an edge, in its unit; found in the
-        waveform if left out.
+        Distance on either side of the threshold that the waveform has to cross for an edge, in its unit; estimated from
+        the waveform by default.
 
     Returns
     -------
@@ -90,26 +90,26 @@ def pulse_times(
     Raises
     ------
     ValueError
-        Fewer than two edges, a constant waveform, a swing far below `full_scale`, values that are not finite, or a
-        waveform that looks like a list of times.
+        Fewer than two edges, a constant waveform, a swing far below `full_scale`, a stated threshold outside the levels
+        of the waveform, values that are not finite, or a waveform that looks like a list of times.
 
     Notes
     -----
-    The threshold is half-way between the two levels of the waveform, the hysteresis a quarter of their difference on
-    either side, so that noise on an edge makes one pulse. The levels are quantiles that leave out a hundredth of the
-    samples on either side. Pulses narrower than that would be left out as well: where half-way between the extremes
-    separates fewer samples, the quantiles are those of half their share, provided that such pulses are twice as
-    high as the rest swings and come in order, as those of a shaft do and outliers do not.
+    The threshold is half-way between the two levels of the waveform and the hysteresis a quarter of their difference on
+    either side, so that a noisy edge gives one pulse. The levels are quantiles that exclude one hundredth of the
+    samples at either end. Narrower pulses would be excluded as well: where fewer samples lie beyond the middle of the
+    range, the quantiles are those of half that fraction, provided that the pulses are at least twice as high as the
+    swing of the rest and regularly spaced, as pulses of a shaft are and outliers are not.
 
-    Where noise crosses the threshold several times in one edge, its time is the sum of the upward crossings less that
-    of the downward ones: that of a single edge with as much time below. On a sine of 20 Hz at 51.2 kHz with noise of
-    5 % of its amplitude this has a bias of 0.1 samples and a standard deviation of 3.2; the first crossing comes 31
-    samples early, with 11 (measured).
+    Where noise crosses the threshold several times in one edge, the time of the edge is the sum of the upward crossings
+    less that of the downward ones, which leaves the time spent below the threshold unchanged. On a sine of 20 Hz
+    sampled at 51.2 kHz, with noise of 5 % of its amplitude, the measured bias is 0.1 samples and the standard deviation
+    3.2; the first crossing is 31 samples early, with a standard deviation of 11.
 
-    Where baseline or amplitude drift so far that one threshold does not serve the whole record, each block has its own,
-    relative to a baseline through the means of the blocks, and both are interpolated between. The number of blocks is
-    doubled while that finds more pulses and each block holds two. A block whose swing is below a tenth of the
-    largest, or within the noise, is a shaft at rest and uses the thresholds of its neighbours.
+    Where baseline or amplitude drift too far for one threshold, each block of the record has its own, relative to a
+    baseline through the block means, and both are interpolated in between. The number of blocks is doubled as long as
+    more pulses are found and each block holds two. Blocks whose swing is below a tenth of the largest, or within the
+    noise, are attributed to a shaft at rest and use the thresholds of their neighbours.
 
     Examples
     --------
@@ -138,7 +138,7 @@ def pulse_times(
         sense = "downwards" if edge_found == "falling" else "upwards"
         raise ValueError(
             f"the tachometer waveform crosses {sign * found.level:.4g} {sense} {times.size} times; at "
-            "least 2 pulses are needed. Check the channel."
+            "least 2 pulses are needed. Check the channel and the threshold."
         )
     return PulseTrain(
         times_s=times,
@@ -160,13 +160,13 @@ class _Edges:
 
 
 def _refuse_faint(found: _Edges, full_scale: float) -> None:
-    """Raise where the waveform swings by far less than the range of its channel."""
-    least_of_range = 0.01  # swing over the channel's range: conditioned pulses fill a tenth of it or more; hum is below
+    """Raise where the waveform swings by far less than the full scale of its channel."""
+    least_of_range = 0.01  # of full scale: conditioned pulses fill a tenth of it or more; hum stays below
     if found.swing < least_of_range * full_scale:
         raise ValueError(
-            f"the waveform swings by {found.swing:.3g}, below {least_of_range:.0%} of the range of its channel, "
-            f"{full_scale:g}: hum or noise, not pulses. Check that the shaft turns and the sensor is connected; if it "
-            "is so faint, state the range it was recorded with (full_scale)."
+            f"the waveform swings by {found.swing:.3g}, below {least_of_range:.0%} of the channel's full_scale of "
+            f"{full_scale:g}: hum or noise, not pulses. Check that the shaft turns and the sensor is connected; if the "
+            "pulses are that small, give the range the channel was recorded with as full_scale."
         )
 
 
@@ -174,8 +174,8 @@ def _refuse_non_waveform(wave: Array) -> None:
     """Raise where the values are constant, missing, or a list of pulse times."""
     if np.all(np.diff(wave) > 0):
         raise ValueError(
-            "the tachometer waveform only ever rises: it looks like a list of pulse times, not a waveform; "
-            "hand it over as pulse times (on the command line: --tach-times)."
+            "the tachometer waveform rises at every sample: it looks like a list of pulse times, not a waveform; "
+            "pass it as pulse times (on the command line: --tach-times)."
         )
     if wave.min() == wave.max():
         raise ValueError(
@@ -186,7 +186,7 @@ def _refuse_non_waveform(wave: Array) -> None:
 
 @dataclass(frozen=True, kw_only=True)
 class _Levels:
-    """Threshold and hysteresis as stated, None where they are to be found; `sign` is -1 for the negative of a wave."""
+    """Threshold and hysteresis as stated, None where to be estimated; `sign` is -1 for the negative of a waveform."""
 
     threshold: float | None
     hysteresis: float | None
@@ -210,7 +210,7 @@ def _edges(wave: Array, edge: Edge, stated: _Levels) -> tuple[Array, Literal["ri
 
 
 def _rising_edges(wave: Array, stated: _Levels) -> _Edges:
-    """Return the rising edges at the levels stated, else at those of narrow pulses if there are any, else at others."""
+    """Return the rising edges at the levels stated, else at those of narrow pulses if there are any."""
     if stated.threshold is not None:
         low, high = _levels(wave, narrow=True)
         level = stated.sign * stated.threshold
@@ -218,7 +218,7 @@ def _rising_edges(wave: Array, stated: _Levels) -> _Edges:
         if not low < level - margin < level + margin < high:
             raise ValueError(
                 f"threshold={stated.threshold:g} with a hysteresis of {margin:.4g} on either side is not within the "
-                f"levels of the waveform, {stated.sign * low:.4g} and {stated.sign * high:.4g}."
+                f"levels of the waveform, {stated.sign * low:.4g} and {stated.sign * high:.4g}; give one between them."
             )
         return _Edges(*_crossings(wave, level, margin), level, margin, high - low)
     found = _edges_at_levels(wave, stated.hysteresis, narrow=False)
@@ -232,8 +232,8 @@ def _rising_edges(wave: Array, stated: _Levels) -> _Edges:
 
 
 def _is_pulse_train(found: _Edges, *, than: _Edges) -> bool:
-    """Return whether edges are of pulses far above the rest of the wave that come in order, as outliers do not."""
-    # 2.0 times the swing of the rest of the wave: pulses so high are no outliers if they come in order
+    """Return whether the edges are those of regularly spaced pulses far above the rest of the wave, not of outliers."""
+    # twice the swing of the rest of the wave: pulses that high and regular are no outliers
     if found.swing < 2.0 * than.swing:
         return False
     intervals = np.log(np.diff(found.positions))
@@ -245,7 +245,7 @@ def _is_pulse_train(found: _Edges, *, than: _Edges) -> bool:
 
 
 def _edges_at_levels(wave: Array, hysteresis: float | None, *, narrow: bool) -> _Edges | None:
-    """Return the rising edges by one threshold, or by as many blocks as the drift of the waveform needs."""
+    """Return the rising edges with one threshold, or with as many blocks as the drift of the waveform requires."""
     best = _edges_by_blocks(wave, 1, hysteresis, narrow=narrow)
     if best is None or _crossed_everywhere(wave, best):
         return best
@@ -263,7 +263,7 @@ def _edges_at_levels(wave: Array, hysteresis: float | None, *, narrow: bool) -> 
 
 def _crossed_everywhere(wave: Array, found: _Edges) -> bool:
     """Return whether every section of the record crosses the hysteresis on both sides."""
-    sections = 32  # of the record, in each of which one threshold must be crossed both ways to serve all of it
+    sections = 32  # one threshold serves the whole record only if it is crossed both ways in each section
     length = wave.size // sections
     if length == 0 or found.positions.size < 2 * sections:
         return found.positions.size <= _PULSES_PER_BLOCK and not _drifts(wave)
@@ -274,7 +274,7 @@ def _crossed_everywhere(wave: Array, found: _Edges) -> bool:
 
 
 def _drifts(wave: Array) -> bool:
-    """Return whether the eighths of a record swing less than half as far as all of it."""
+    """Return whether an eighth of the record typically swings less than half as far as the whole."""
     swings = [np.ptp(part) for part in np.array_split(wave, 8) if part.size]
     return bool(0 < np.median(swings) < 0.5 * np.ptp(wave))
 
@@ -287,8 +287,7 @@ def _edges_by_blocks(wave: Array, blocks: int, hysteresis: float | None, *, narr
     low, high = np.array([_levels(detrended[a:b], narrow=narrow) for a, b in pairwise(bounds.tolist())]).T
     swing = high - low
     noise = _noise(wave) if blocks > 1 else 0.0
-    # 0.1 of the largest of all blocks: less is a shaft at rest
-    # 8.0 is the least swing over the standard deviation of the noise
+    # a shaft is at rest in blocks below 0.1 of the largest swing, or 8 standard deviations of the noise
     rotating = (swing > 0) & (swing >= 0.1 * swing.max()) & (swing > 8.0 * noise)
     if not rotating.any():
         return None
@@ -336,7 +335,7 @@ def _noise(wave: Array) -> float:
 def _crossings(wave: Array, level: Array | float, margin: Array | float) -> tuple[Array, NDArray[np.int64]]:
     """Return the edges at which `wave` rises through `level`, each from below the margin to above it.
 
-    Several crossings in one edge count as the single one that leaves as much time below the level.
+    Several crossings in one edge are replaced by the single one that leaves as much time below the level.
     """
     height = wave - level
     state = np.where(height > margin, 1, np.where(height < -margin, -1, 0))
@@ -370,7 +369,7 @@ class QuadratureEdges:
     direction : (edge,) array
         +1 where the first channel leads the second, else -1.
     missing_times_s : (missing,) array
-        Times in s of the edges among them that one channel lost, half-way between those of the other.
+        Times in s of those edges that one channel lost, restored half-way between those of the other.
 
     Examples
     --------
@@ -393,18 +392,19 @@ def quadrature_direction(
 ) -> QuadratureEdges:
     """Return all edges of two channels in quadrature, with the direction of rotation at each.
 
-    The two channels have four states per stripe, whose order gives the direction. Where the shaft reverses, the same
-    edge passes twice, once in each direction.
+    The two channels pass through four states per stripe, in an order that gives the direction. Where the shaft
+    reverses, the same edge passes twice, once in each direction.
 
-    Where one channel loses a pulse, the other's next two edges look like the shaft turning back and forth over one
-    edge. A shaft that does so has all but stopped: where the other channel goes on at the pace of the stripes before or
-    after, the pulse is lost, and its edges are put in and listed in `missing_times_s`; where it does not, as next to a
-    reversal, a warning says that the angle may be wrong.
+    Where one channel loses a pulse, the next two edges of the other look like a shaft rocking back and forth over one
+    edge. A rocking shaft has all but stopped: if the other channel keeps the pace of the preceding or following
+    stripes, the pulse is taken as lost, and its edges are restored and listed in `missing_times_s`; otherwise, as next
+    to a reversal, a warning says that the angle may be wrong.
 
     Parameters
     ----------
     first, second : (n,) arrays, any unit
-        Waveforms of the two channels on one clock; the second lags by a quarter of a stripe in forward rotation.
+        Waveforms of the two channels, sampled simultaneously; the second lags by a quarter of a stripe in forward
+        rotation.
     rate_hz : float
         Sampling rate in Hz.
     start_s : float
@@ -417,8 +417,8 @@ def quadrature_direction(
     Raises
     ------
     ValueError
-        Channels of unequal length; two consecutive edges of one channel with the same sign, so that one is missing; a
-        channel that loses more than a twentieth of its edges; or too few edges.
+        Channels of unequal length; two consecutive edges of one channel with the same sign, so that one is missing;
+        more than a twentieth of the edges lost; or too few edges.
 
     Examples
     --------
@@ -433,7 +433,7 @@ def quadrature_direction(
     """
     a, b = (real_array(values, name="the tachometer waveform") for values in (first, second))
     if a.shape != b.shape:
-        raise ValueError(f"the channels have {a.shape} and {b.shape} samples; both must cover the same time.")
+        raise ValueError(f"the channels have shapes {a.shape} and {b.shape}; both must cover the same samples.")
     found = []
     for channel, wave in enumerate((a, b)):
         for level, edge in ((1, "rising"), (0, "falling")):
@@ -445,7 +445,8 @@ def quadrature_direction(
     if lost.shape[1] > 0.05 * edges.shape[1]:
         raise ValueError(
             f"the two channels contradict each other: {lost.shape[1]} edges of {edges.shape[1]} are lost while the "
-            f"other channel goes on, the first of channel {int(lost[1, 0]) + 1} at {lost[0, 0]:g} s. Check its signal."
+            f"other channel continues, the first in channel {int(lost[1, 0]) + 1} at {lost[0, 0]:g} s. Check its "
+            "signal."
         )
     edges = np.concatenate([edges, lost], axis=1)
     times, channel, level = edges[:, np.argsort(edges[0], kind="stable")]
@@ -456,7 +457,7 @@ def quadrature_direction(
 
 
 def _lost_edges(times: Array, channel: Array, level: Array) -> Array:
-    """Return time, channel and level of the edges that one channel lost while the other went on, (3, lost)."""
+    """Return time, channel and level of the edges that one channel lost while the other continued, (3, lost)."""
     found, doubtful = [], []
     turns = np.flatnonzero(np.diff(channel) != 0)
     per_stripe = 4  # edges
@@ -467,7 +468,7 @@ def _lost_edges(times: Array, channel: Array, level: Array) -> Array:
         spans = [(first - per_stripe, first), (last, last + per_stripe)]
         paces = [times[end] - times[begin] for begin, end in spans if begin >= 0 and end < times.size]
         taken = times[first + 2 * stripes] - times[first]
-        # 0.3 by which the time of a stripe may differ from that before or after
+        # relative difference allowed between the durations of adjacent stripes
         if any(abs(taken - stripes * pace) < 0.3 * stripes * pace for pace in paces):
             other = 1 - channel[first]
             before = np.flatnonzero(channel[:first] == other)
@@ -478,9 +479,9 @@ def _lost_edges(times: Array, channel: Array, level: Array) -> Array:
             doubtful.append(times[first])
     if doubtful:
         warnings.warn(
-            f"one channel has several edges on end, without the other, {len(doubtful)} times, first at "
-            f"{doubtful[0]:g} s: counted as a shaft that turns back and forth over an edge. If it did not, the other "
-            "channel lost pulses there, and the angle is wrong from then on by a stripe for each.",
+            f"one channel has several consecutive edges without one of the other in {len(doubtful)} places, first at "
+            f"{doubtful[0]:g} s: counted as a shaft rocking over an edge. If it did not rock, the other channel lost "
+            "pulses there, each of which puts the angle wrong by one stripe from then on; check that channel.",
             stacklevel=4,
         )
     return np.array(found).T.reshape(3, -1)
@@ -496,7 +497,7 @@ def _states(channel: NDArray[np.int64], level: NDArray[np.int64], times: Array) 
             i = own[repeated[0] + 1]
             raise ValueError(
                 f"channel {which + 1} {'rises' if level[i] else 'falls'} twice in a row, the second time at "
-                f"{times[i]:g} s: an edge is missing. Check that channel, or use the part of the record without it."
+                f"{times[i]:g} s: an edge is missing. Check that channel, or leave out that part of the record."
             )
         latest = np.searchsorted(own, np.arange(channel.size), side="right") - 1
         states[:, which] = np.where(latest >= 0, level[own[np.maximum(latest, 0)]], 1 - level[own[0]])

@@ -1,13 +1,13 @@
 """Speed without a tachometer: candidates from short frames, and the evidence for each in the angle domain.
 
-In each short frame, each listed order gives a likelihood of each speed, by a line at order times speed or none
-(Leclere, Andre & Antoni 2016, "A multi-order probabilistic approach for instantaneous angular speed tracking"). The
-frames form a hidden Markov model (`signals.shaft._speed_search`), whose most likely courses are the candidates. Frames
-of another length mix the lines of the shaft with those of other machines in another way, and smear high orders less or
-more; once more they are searched without lines that stay in one bin through half the record, as hum and other machines
-of constant speed make them.
+In each short frame, each listed order gives a likelihood of each speed, depending on whether there is a line at order
+times speed (Leclere, Andre & Antoni 2016, "A multi-order probabilistic approach for instantaneous angular speed
+tracking"). The frames form a hidden Markov model (`signals.shaft._speed_search`), whose most likely speed profiles are
+the candidates. Several frame lengths are searched, since each mixes the lines of the shaft with those of other machines
+differently and smears high orders more or less. If no candidate is certain, the search is repeated without lines that
+stay in one bin for half the record, such as hum and machines at constant speed.
 
-Each candidate is followed in the angle domain, where one evidence ratio decides (`signals.shaft._speed_evidence`).
+Each candidate is tracked in the angle domain, where a single evidence ratio decides (`signals.shaft._speed_evidence`).
 """
 
 from __future__ import annotations
@@ -36,7 +36,17 @@ _LONGEST_FRAME_S = 2.0
 
 @dataclass(frozen=True, kw_only=True)
 class Alternative:
-    """Another speed that explains the record about as well: over time, as a ratio to the first, and its probability."""
+    """Another speed that explains the record about as well.
+
+    Attributes
+    ----------
+    speed_hz : (frame,) array
+        That speed in Hz; NaN in frames without the shaft.
+    ratio : float
+        Its median ratio to the speed of the estimate.
+    probability : float
+        Its probability.
+    """
 
     speed_hz: Array = field(metadata={"dims": ("frame",), "units": "Hz"})
     ratio: float
@@ -50,28 +60,28 @@ class SpeedEstimate:
     Attributes
     ----------
     status : {"ok", "ambiguous", "not found"}
-        Ambiguous for the `reason` given: its lines are no more than chance puts at the orders of some speed, do not
-        show in every quarter of the record, or may be one tone with harmonics; `alternatives` are nearly as likely; or
-        the phase of the harmonics cannot be followed.
+        Ambiguous for the `reason` given: the lines are no more than chance would place at the orders of some speed, are
+        missing in a sixth of the record, or may be one tone with harmonics; `alternatives` are nearly as likely; or the
+        phase of the harmonics cannot be tracked.
     times_s : (frame,) array
         Times in s of the middles of the frames.
     speed_hz, std_hz : (frame,) arrays
         Speed in Hz and its standard deviation; NaN in frames without the shaft, and everywhere if it is not found.
     confidence : (frame,) array
-        Probability that the orders of the shaft are present and its speed is `speed_hz`, not an alternative; at most a
-        half where ambiguous.
+        Probability that the orders of the shaft are present and its speed is `speed_hz` rather than an alternative; at
+        most 0.5 if ambiguous.
     alternatives : tuple of Alternative
         Other speeds that explain the record, with their probabilities.
     orders, shown : (order,) arrays
-        Orders searched for, and the log likelihood ratio of a line of each in the order spectrum.
+        Orders searched for, and the log likelihood ratio of a line at each in the order spectrum.
     evidence : float
-        Log evidence of the speed beside its strongest line, and beyond what chance finds among as many speeds.
+        Log evidence of the speed, apart from its strongest line and beyond what chance finds among as many speeds.
     phase : ShaftPhase or None
         Phase refined from the harmonics; None unless the status is "ok".
     phase_std_rev : float
-        Median standard deviation of the phase in revolutions.
+        Median standard deviation of the phase in revolutions; NaN without a phase.
     reason : str
-        Why the status is not "ok", in a clause; empty where it is.
+        Why the status is not "ok", as a clause; empty if it is.
 
     Examples
     --------
@@ -116,10 +126,10 @@ def estimate_speed(
     rate_hz : float
         Sampling rate in Hz.
     orders : sequence of float
-        Orders per revolution of the shaft that the vibration may contain: mesh orders and their multiples, and 1.
-        Orders that are absent cost little evidence; orders close to each other add least.
+        Orders of the shaft that the vibration may contain: mesh orders, their multiples, and 1. Absent orders cost
+        little evidence; closely spaced orders add least.
     speed_range_hz : (low, high)
-        Range of the speed in Hz.
+        Range of possible speeds in Hz.
     max_acceleration_hz_s : float
         Largest rate of change of the speed in Hz/s.
     start_s : float
@@ -132,11 +142,12 @@ def estimate_speed(
     Raises
     ------
     ValueError
-        A record of too few revolutions, orders beyond half the sampling rate, values that are not finite.
+        A record of too few revolutions, orders beyond half the sampling rate, an empty range, a search that is too
+        large, or values that are not finite.
 
     Examples
     --------
-    A shaft that rises from 20 to 25 rev/s, with lines of orders 12 and 17:
+    A shaft that accelerates from 20 to 25 rev/s, with lines at orders 12 and 17:
 
     >>> import numpy as np
     >>> from signals import estimate_speed
@@ -155,17 +166,17 @@ def estimate_speed(
     duration = signal.size / rate
     if duration * high < _FEWEST_REVOLUTIONS:
         raise ValueError(
-            f"the record lasts {duration:.3g} s, {duration * high:.3g} revolutions at the top of speed_range_hz, "
-            f"{high:g} Hz; at least {_FEWEST_REVOLUTIONS:g} are needed. Record longer."
+            f"the record lasts {duration:.3g} s, {duration * high:.3g} revolutions at {high:g} Hz, the top of "
+            f"speed_range_hz; at least {_FEWEST_REVOLUTIONS:g} are needed. Record longer."
         )
     if listed[0] * low > rate / 2:
         raise ValueError(
             f"the lowest order, {listed[0]:g}, lies at {listed[0] * low:.4g} Hz or higher, beyond half of "
-            f"rate_hz={rate:g}; list lower orders, or use a record of a higher rate."
+            f"rate_hz={rate:g}; list lower orders, or sample faster."
         )
-    fewest_samples = 64  # a frame
+    fewest_samples = 64  # per frame
     most = min(duration / _FEWEST_FRAMES, max(_LONGEST_FRAME_S, fewest_samples / rate))
-    # 4.0 bins by which the median order may move within a frame at the largest acceleration
+    # the median order may move by 4.0 bins within a frame at the largest acceleration
     frame = min(max(np.sqrt(4.0 / (acceleration * np.median(listed))), fewest_samples / rate), most)
     if frame * rate < fewest_samples:
         raise ValueError(
@@ -173,7 +184,6 @@ def estimate_speed(
             "are needed. Record longer."
         )
 
-    # (1.0, 0.5, 0.25) of the default length
     lengths = [part * frame for part in (1.0, 0.5, 0.25) if part * frame * rate >= fewest_samples]
     stop_s = (signal.size - 1) / rate
     first: SpeedEstimate | None = None
@@ -192,16 +202,16 @@ def estimate_speed(
 
 
 def _checked_range(speed_range_hz: tuple[float, float]) -> tuple[float, float]:
-    """Return the ends of the range, or raise where it is empty."""
+    """Return the ends of the range, or raise ValueError if it is empty."""
     low, high = speed_range_hz
     low, high = positive(low, name="the lower end of speed_range_hz"), positive(high, name="its upper end")
     if low >= high:
-        raise ValueError(f"speed_range_hz={speed_range_hz!r} is empty; give the lower end first.")
+        raise ValueError(f"speed_range_hz={speed_range_hz!r} is empty; give a lower end below the upper one.")
     return low, high
 
 
 def _estimate(course: Course, verdict: Verdict, orders: Array, start_s: float) -> SpeedEstimate:
-    """Return the estimate at the frames of a course, with the phase where nothing is in doubt."""
+    """Return the estimate at the frames of a course, with the phase if there is no doubt."""
     phase, refined = verdict.best.phase, verdict.best.refined
     times = course.times_s
     seen = np.isfinite(course.speed_hz)
@@ -252,27 +262,28 @@ def _not_found(times: Array, orders: Array) -> SpeedEstimate:
         evidence=0.0,
         phase=None,
         phase_std_rev=np.nan,
-        reason="no shaft shows against noise",
+        reason="no shaft rises above the noise",
     )
 
 
 # ---- Refinement of a declared speed by the lines of shafts and meshes, within its tolerance --------------------------
-# The candidates are the courses within the tolerance; the evidence ratio of `signals.shaft.tacholess` decides between
-# them and the declared speed (`signals.shaft._speed_evidence`).
+# The candidates are the speed profiles within the tolerance; the same evidence ratio decides between them and the
+# declared speed.
 
 
 @dataclass(frozen=True, kw_only=True)
 class DeclaredSpeed:
-    """A declared speed, and that which the lines show.
+    """A declared speed and the speed found from the lines.
 
     Attributes
     ----------
     declared_hz, speed_hz : float
-        The declared and the refined speed in Hz; equal where the lines do not clearly show another.
+        The declared and the refined speed in Hz; equal unless the lines clearly indicate another speed.
     gain : float
-        Logarithm of the evidence for the refined speed against the declared one.
+        Log evidence for the refined speed against the declared one.
     orders : (line,) array
-        Orders that show at `speed_hz`, refined or as declared; empty where they do not clearly show either.
+        Orders with significant lines at `speed_hz`, refined or as declared; empty if neither speed is clearly
+        indicated.
 
     Examples
     --------
@@ -288,7 +299,7 @@ class DeclaredSpeed:
 
     @property
     def refined(self) -> bool:
-        """Whether the lines show another speed than the declared one."""
+        """Whether the lines indicate another speed than the declared one."""
         return self.speed_hz != self.declared_hz
 
 
@@ -296,11 +307,11 @@ class DeclaredSpeed:
 def refine_declared_speed(
     x: ArrayLike, *, rate_hz: float, speed_hz: float, orders: Sequence[float], tolerance: float
 ) -> DeclaredSpeed:
-    """Refine a declared constant speed by the lines of a record, where they clearly show another within its tolerance.
+    """Refine a declared constant speed from the lines of a record, if they clearly indicate another within tolerance.
 
-    The speed stays as declared unless the evidence of another, beside its strongest line, exceeds that of the declared
-    speed, of every other one and of chance by a factor of a thousand. It may wander by 0.5 % per second; its mean is
-    returned. Of a speed that is as declared, within a thousandth, the lines are given.
+    The declared speed is retained unless the evidence for another speed, apart from its strongest line, exceeds that
+    for the declared one, for every other speed and for chance by a factor of a thousand. The speed may vary by 0.5 %
+    per second; its mean is returned. A speed within 0.1 % of the declared one confirms it, and its lines are returned.
 
     Parameters
     ----------
@@ -311,14 +322,20 @@ def refine_declared_speed(
     speed_hz : float
         Declared speed in Hz.
     orders : sequence of float
-        Orders per revolution of that shaft: shafts, and harmonics of meshes. Those above half the sampling rate are
-        left out.
+        Orders of that shaft that the vibration may contain: of shafts and mesh harmonics. Those above half the sampling
+        rate are left out.
     tolerance : float
-        Largest relative error of the declared speed.
+        Largest relative error of the declared speed, below 1.
 
     Returns
     -------
     DeclaredSpeed
+        With the declared speed for records of fewer than 20 revolutions.
+
+    Raises
+    ------
+    ValueError
+        A rate, speed, order or tolerance that is not positive, a tolerance of 1 or more, or values that are not finite.
 
     Examples
     --------
@@ -337,7 +354,7 @@ def refine_declared_speed(
     rate = positive(rate_hz, name="rate_hz")
     declared, tolerance = positive(speed_hz, name="speed_hz"), positive(tolerance, name="tolerance")
     if tolerance >= 1:
-        raise ValueError(f"tolerance={tolerance:g} lets the shaft stand still; give a relative error below 1.")
+        raise ValueError(f"tolerance={tolerance:g} would allow a standstill; give a relative error below 1.")
     listed = listed_orders(orders)
     listed = listed[listed * declared * (1 + tolerance) < rate / 2]
     duration, unchanged = signal.size / rate, DeclaredSpeed(declared_hz=declared, speed_hz=declared)
@@ -348,7 +365,7 @@ def refine_declared_speed(
     as_declared = constant_speed(declared, start_s=0.0, stop_s=stop_s)
     steady = likeliest_constant(signal, rate, as_declared, listed, (low, high))
     frame_s = min(_LONGEST_FRAME_S, duration / _FEWEST_FRAMES)
-    search = search_speeds(signal, rate, listed, low, high, 0.005 * declared, frame_s)  # it wanders by 0.5 % per second
+    search = search_speeds(signal, rate, listed, low, high, 0.005 * declared, frame_s)  # 0.5 % per second
     rough = [one.phase(stop_s) for one in courses(search)]
     verdict = judged(signal, rate, rough, listed, (low, high), steady=steady)
     phase = verdict.best.phase
@@ -358,6 +375,6 @@ def refine_declared_speed(
         return unchanged
     shown = listed[verdict.shown > SHOWS]
     gain = verdict.best.evidence[0] - along(signal, rate, as_declared, listed).evidence[0]
-    if abs(speed_hz - declared) < 1e-3 * declared or gain < CERTAIN:  # a motor's slip changes by as much
+    if abs(speed_hz - declared) < 1e-3 * declared or gain < CERTAIN:  # the slip of a motor varies by as much
         return DeclaredSpeed(declared_hz=declared, speed_hz=declared, orders=shown)
     return DeclaredSpeed(declared_hz=declared, speed_hz=speed_hz, gain=gain, orders=shown)

@@ -9,7 +9,7 @@ from typing import TYPE_CHECKING
 
 import numpy as np
 
-from signals._validation import Array, checked, number, positive, real_vector, whole
+from signals._validation import Array, brief, checked, number, positive, real_vector, whole
 from signals.shaft.phase import ShaftPhase
 from signals.shaft.pulse_repair import (
     Counts,
@@ -27,12 +27,10 @@ if TYPE_CHECKING:
 
 __all__ = ["PulseTrain", "pulse_times", "shaft_phase"]
 
-# a list of at least 16 values of which a tenth does not rise is taken for a waveform handed over as pulse times
-
 
 @dataclass(frozen=True, kw_only=True)
 class _Segment:
-    """Pulses between two stops: the indices and times of those kept, and their numbers."""
+    """Pulses between two stops: indices, times and numbers of those retained."""
 
     kept: Counts
     times: Array
@@ -55,12 +53,12 @@ def shaft_phase(
         Times of the pulses in s, strictly increasing; `pulse_times` finds them in a waveform.
     pulses_per_rev : int, Fraction or float
         Pulses per revolution: an int for the stripes of this shaft, a Fraction or float for pulses of another shaft
-        through gears.
+        geared to it.
     direction : +1, -1 or (n,) array of them, optional
-        Direction of rotation, of all pulses or of each, as from `quadrature_direction`. With an array the pulses are
-        counted up and down, nothing is repaired, and angles may fall.
+        Direction of rotation, for all pulses or for each, as from `quadrature_direction`. With an array the pulses are
+        counted up and down without repair, and angles may decrease.
     delay_s : float
-        Delay in s of the tachometer channel after the vibration channel; it is subtracted from the times.
+        Delay in s of the tachometer channel relative to the vibration channel; it is subtracted from the times.
 
     Returns
     -------
@@ -69,25 +67,24 @@ def shaft_phase(
     Raises
     ------
     ValueError
-        Times that do not increase or are a waveform; too many missing or extra pulses to repair: with time, size and
-        number.
+        Times that do not increase or look like a waveform; too many missing or extra pulses to repair.
 
     Notes
     -----
-    Stripes. The positions of several stripes are estimated from the data (the median angle of each between passes of
+    Stripes: the positions of several stripes are estimated from the data (the median angle of each between passes of
     the first); below eight revolutions they are taken as evenly spaced. A speed fluctuation that repeats every
     revolution cannot be distinguished from uneven stripes, and is attributed to them.
 
-    Faults. Pulses are numbered by multiple-hypothesis tracking: each hypothesis is a Kalman filter of angle, speed and
-    acceleration, for which a pulse is the next, one after some that are missing, or extra; of all hypotheses the
-    likeliest is taken, forwards and backwards from the steadiest part. Extra pulses are left out, missing ones are
-    counted, and `ShaftPhase.repairs` lists both; no pulse is inserted. A spurious pulse beside a missing one may be
-    taken for that pulse, early or late. Where no interval differs from that of the same stripe a
-    revolution before by a factor of 1.65 (the exponential of a half), no pulse is in doubt.
+    Faults: pulses are numbered by multiple-hypothesis tracking. Each hypothesis is a Kalman filter of angle, speed and
+    acceleration, for which a pulse is the next one, follows missing ones, or is extra; the likeliest hypothesis is
+    taken, forwards and backwards from the steadiest part. Extra pulses are left out, missing ones are counted, and
+    `ShaftPhase.repairs` lists both; no pulse is inserted. A spurious pulse next to a missing one may be mistaken for
+    it. Where no interval differs by a factor of 1.65 (``exp(0.5)``) or more from that of the same stripe one revolution
+    earlier, no pulse is questioned.
 
-    Stops. Where the shaft decelerates into an interval and accelerates after it, so that parabolas through the pulses
-    before and after come to rest within it, it may have stopped and reversed, however short the interval is. It is
-    listed in `stops_s`, and `direction_unknown` is true unless the direction is declared.
+    Stops: where the shaft decelerates into an interval and accelerates after it, so that parabolas through the pulses
+    before and after come to rest within it, it may have stopped and reversed, however short the interval. The interval
+    is listed in `stops_s`, and `direction_unknown` is true unless the direction is declared.
 
     Examples
     --------
@@ -102,7 +99,7 @@ def shaft_phase(
     times = _pulse_list(times_s) - number(delay_s, name="delay_s")
     if not np.all(np.diff(times) > 0):
         raise ValueError(
-            f"delay_s={delay_s:g} is so large that pulse times less it are equal; give the delay in seconds."
+            f"delay_s={delay_s:g} is so large that pulse times become equal when it is subtracted; give it in seconds."
         )
     per_rev = _per_rev(pulses_per_rev)
     signs = _signs(direction, times.size)
@@ -133,19 +130,19 @@ def _pulse_list(times_s: ArrayLike) -> Array:
     """Return pulse times as an array, or raise where they do not increase or look like a waveform."""
     times = real_vector(times_s, name="pulse times", minimum=2)
     back = np.flatnonzero(np.diff(times) <= 0)
-    waveform_size = 16
-    waveform_falls = 0.1
+    waveform_size, waveform_falls = 16, 0.1  # values, and the fraction that does not rise, of a waveform
     if times.size >= waveform_size and back.size > waveform_falls * times.size:
         raise ValueError(
-            f"these {times.size} values are no pulse times: {back.size} of them do not rise above the one before. They "
+            f"these {times.size} values are not pulse times: {back.size} of them do not exceed the one before. They "
             "look like a waveform; find its pulses with pulse_times(waveform, rate_hz=...) first (on the command line: "
             "--tach-waveform)."
         )
     if back.size:
         i = int(back[0])
         raise ValueError(
-            f"pulse times run backwards: pulse {i + 1} at {times[i + 1]:g} s is not after pulse {i} at {times[i]:g} s "
-            f"({back.size} such places). Sort out the tachometer, or hand a waveform over as a waveform."
+            f"pulse times do not increase: pulse {i + 1} at {times[i + 1]:g} s is not after pulse {i} at "
+            f"{times[i]:g} s ({back.size} such places). Sort the times or correct the tachometer's clock; find the "
+            "pulses of a waveform with pulse_times."
         )
     return times
 
@@ -166,7 +163,7 @@ def _signs(direction: int | ArrayLike | None, pulses: int) -> NDArray[np.int64] 
     fits = signs.ndim == 1 and signs.size in (1, pulses) and signs.dtype.kind in "if"
     if not fits or not np.all(np.abs(signs) == 1):
         raise ValueError(
-            f"direction={direction!r} must be +1, -1, or one of them for each of the {pulses} pulses "
+            f"direction={brief(direction)} must be +1, -1, or one of these for each of the {pulses} pulses "
             "(see quadrature_direction)."
         )
     return signs.astype(np.int64)
@@ -187,12 +184,12 @@ def _segments(times: Array, stops: Counts, stripes: int) -> list[_Segment]:
 def _jitter(segments: list[_Segment], stripes: int) -> float:
     """Return the standard deviation of pulse times about a smooth motion, from sixth differences of each stripe.
 
-    Independent errors of variance s^2 give sixth differences of variance 924 s^2; a quintic in time gives none.
-    Windows with a missing pulse are left out. This is the variate difference method (Anderson 1971, "The statistical
-    analysis of time series", section 3.4).
+    Independent errors of variance s^2 give sixth differences of variance 924 s^2, a quintic motion none: the variate
+    difference method (Anderson 1971, "The statistical analysis of time series", section 3.4). Differences across a
+    missing pulse are left out.
     """
     found = []
-    jitter_order = 6  # of the differences: they remove any motion that is a quintic over seven pulses
+    jitter_order = 6  # of the differences, which remove any motion that is a quintic over seven pulses
     for segment in segments:
         full = np.full(int(segment.counts[-1] - segment.counts[0]) + 1, np.nan)
         full[segment.counts - segment.counts[0]] = segment.times
@@ -207,7 +204,7 @@ def _jitter(segments: list[_Segment], stripes: int) -> float:
 
 
 def _counted_phase(times: Array, signs: NDArray[np.int64], per_rev: float | Fraction) -> ShaftPhase:
-    """Return the phase from an up-down count of pulses: after a reversal the same stripe passes again."""
+    """Return the phase from an up-down count of pulses; after a reversal the same stripe passes again."""
     after = np.cumsum(signs)
     count = np.maximum(after, after - signs)
     return ShaftPhase(

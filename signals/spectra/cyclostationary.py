@@ -25,16 +25,16 @@ if TYPE_CHECKING:
 
 @dataclass(frozen=True, kw_only=True)
 class SpectralCorrelation:
-    """Spectral correlation ``S(alpha, f)``: two-sided cross-density of the components at f and f - alpha.
+    """Spectral correlation ``S(alpha, f)``: two-sided cross-spectral density of the components at f and f - alpha.
 
     Attributes
     ----------
     cyclic_hz, frequency_hz : (cyclic,) and (line,) arrays
         Cyclic frequencies alpha and spectral frequencies f in Hz.
     correlation : (line, cyclic) complex array
-        ``S(alpha, f)``, in units squared per Hz; ``S(0, f)`` is the power density.
+        ``S(alpha, f)``, in units squared per Hz; ``S(0, f)`` is the power spectral density.
     cyclic_bin_hz : float
-        Step of the cyclic frequencies in Hz, one over the length of the record.
+        Spacing of the cyclic frequencies in Hz, the reciprocal of the record length.
     resolution_hz : float
         Full -3 dB width of the window in Hz, the resolution in f.
     frames, hop, window_length : int
@@ -63,14 +63,14 @@ class SpectralCorrelation:
 
     @property
     def power_density(self) -> Array:
-        """Two-sided power density, (line,), in units squared per Hz."""
+        """Two-sided power spectral density, (line,), in units squared per Hz."""
         return np.asarray(self.correlation[:, 0].real)
 
     def coherence(self) -> NDArray[np.complex128]:
         """Return ``S(alpha, f) / sqrt(S(0, f) S(0, f - alpha))``, (line, cyclic); 0 where there is no power.
 
-        The power density is interpolated linearly between lines and even in frequency. For stationary noise the RMS of
-        the coherence is about ``0.65 sqrt(window_length / (frames * hop))`` (measured).
+        The power spectral density is interpolated linearly between lines. For stationary noise the measured RMS of the
+        coherence is about ``0.65 sqrt(window_length / (frames * hop))``.
         """
         power = self.power_density
         position = np.abs(self.frequency_hz[:, None] - self.cyclic_hz) / (self.frequency_hz[1] - self.frequency_hz[0])
@@ -93,20 +93,21 @@ def spectral_correlation(
     rate_hz : float
         Sampling rate in Hz.
     max_cyclic_hz : float
-        Largest cyclic frequency in Hz, say ten times a defect frequency. The hop between frames is inversely
+        Largest cyclic frequency in Hz, such as ten times a defect frequency. The hop between frames is inversely
         proportional to it.
     window_length : int
-        Samples of the Hann window, even. The step of the spectral frequencies is ``rate_hz / window_length``.
+        Length of the Hann window in samples, even. The spectral frequencies are ``rate_hz / window_length`` apart.
 
     Returns
     -------
     SpectralCorrelation
-        The number of frames is rounded down to one whose Fourier transform is fast, by less than 1 % in long records.
+        The number of frames is rounded down to one with a fast Fourier transform, by less than 1 % in long records.
 
     Raises
     ------
     ValueError
-        A record of fewer than 16 frames; a cyclic frequency above an eighth of the sampling rate.
+        A record of fewer than 16 frames, an odd window length, or a cyclic frequency above an eighth of the sampling
+        rate.
 
     Notes
     -----
@@ -114,8 +115,8 @@ def spectral_correlation(
 
         S(alpha, f_k) = DFT_i[ X(i, k) sum_{p = 0..P} X(i, k - p)* ] / (K rate sum_p R_w(alpha - p rate / N))
 
-    with R_w the Fourier transform of the squared window and P lines reaching max_cyclic_hz (Antoni, Xin and
-    Hamzaoui 2017, the sum moved inside by Borghesani and Antoni 2018).
+    with R_w the Fourier transform of the squared window, N its length, K the number of frames, and P lines up to
+    `max_cyclic_hz` (Antoni, Xin and Hamzaoui 2017, with the sum moved inside by Borghesani and Antoni 2018).
 
     Examples
     --------
@@ -133,21 +134,21 @@ def spectral_correlation(
     rate = positive(rate_hz, name="rate_hz")
     length = whole(window_length, name="window_length", least=16, most=signal.size)
     if length % 2:
-        raise ValueError(f"window_length={length} must be even, so that its lines centre on a sample; take one more.")
+        raise ValueError(f"window_length={length} must be even, so that its middle is a sample; use {length + 1}.")
     most = positive(max_cyclic_hz, name="max_cyclic_hz")
     if most > rate / 8:
         raise ValueError(f"max_cyclic_hz={most:g} must be at most {rate / 8:g} Hz, an eighth of the sampling rate.")
     shape = window_of("hann", length)
     scanned = int(np.ceil(most * length / rate))
-    # no aliasing: cyclic frequencies are periodic in rate / hop, and the scanned lines extend three beyond the last
-    # 3 bins beyond which the transform of the squared window is negligible
+    # no aliasing: cyclic frequencies are periodic in rate / hop, and the scanned lines extend three bins beyond the
+    # last, where the transform of the squared window becomes negligible
     hop = max(1, min(int(rate / (2 * most + 2 * 3 * rate / length)), length // 4))
     frames = fft.prev_fast_len((signal.size - length) // hop + 1)
     fewest_frames = 16
     if frames < fewest_frames:
         raise ValueError(
             f"the record holds {frames} frames of {length} samples, {hop} apart; at least {fewest_frames} are needed: "
-            "record longer, or shorten the window."
+            "record longer, or reduce window_length."
         )
     kept = int(np.floor(most * frames * hop / rate * (1 + 1e-12))) + 1
     cyclic = np.arange(kept, dtype=np.float64) * (rate / (frames * hop))
@@ -170,7 +171,7 @@ def spectral_correlation(
 
 
 def _products(signal: Samples, shape: Window, hop: int, frames: int, scanned: int) -> NDArray[np.complex128]:
-    """Return ``X(i, k) sum_p X(i, k - p)*`` as (lines, frames), phases of X referring to the window's middle."""
+    """Return ``X(i, k) sum_p X(i, k - p)*`` as (lines, frames), phases of X relative to the middle of the window."""
     length = shape.weights.size
     half = length // 2
     segments = np.lib.stride_tricks.sliding_window_view(signal, length)[::hop][:frames]
@@ -209,11 +210,11 @@ class CyclicSpectrum:
     cyclic_hz, value : (cyclic,) arrays
         Cyclic frequencies in Hz, and the mean magnitude, from 0 to about 1.
     floor : float
-        Median of `value`, the level of noise.
+        Median of `value`, the noise level.
     band_hz : (low, high)
         Band of spectral frequencies in Hz.
     cyclic_bin_hz : float
-        Step of the cyclic frequencies in Hz.
+        Spacing of the cyclic frequencies in Hz.
 
     Examples
     --------
@@ -266,7 +267,7 @@ def improved_envelope_spectrum(correlation: SpectralCorrelation, *, band_hz: tup
     correlation : SpectralCorrelation
         From `spectral_correlation`.
     band_hz : (low, high)
-        Band in Hz of the resonance that the fault excites, say from `choose_band`; lines on its edges are included.
+        Band in Hz of the resonance excited by the fault, for example from `choose_band`; its edges are included.
 
     Returns
     -------
@@ -291,8 +292,8 @@ def improved_envelope_spectrum(correlation: SpectralCorrelation, *, band_hz: tup
     inside = (frequency >= low) & (frequency <= high)
     if not inside.any():
         raise ValueError(
-            f"band_hz = ({low:g}, {high:g}) holds no spectral line; lines stand {frequency[1]:g} Hz apart from 0 to "
-            f"{frequency[-1]:g} Hz: widen the band, or lengthen the window."
+            f"band_hz = ({low:g}, {high:g}) holds no spectral line; lines are {frequency[1]:g} Hz apart, from 0 to "
+            f"{frequency[-1]:g} Hz: widen the band, or increase window_length."
         )
     value = np.abs(correlation.coherence()[inside]).mean(axis=0)
     return CyclicSpectrum(

@@ -1,4 +1,4 @@
-"""Velocity and displacement from acceleration, band-limited as ISO 20816 measures them."""
+"""Velocity and displacement from acceleration, band-limited as in ISO 20816."""
 
 from __future__ import annotations
 
@@ -18,7 +18,7 @@ ISO_20816_HZ = (10.0, 1000.0)  # machines above 600 rpm
 ISO_20816_SLOW_HZ = (2.0, 1000.0)  # machines from 120 to 600 rpm
 STANDARD_GRAVITY = 9.80665  # m s-2, exact by definition
 _ORDER = {"displacement": 0, "velocity": 1, "acceleration": 2}  # derivatives of displacement
-_UNITS = {  # quantity, and how many SI units one is
+_UNITS = {  # quantity, and factor to SI units
     "m s-2": ("acceleration", 1.0),
     "mm s-2": ("acceleration", 1e-3),
     "g": ("acceleration", STANDARD_GRAVITY),
@@ -68,18 +68,21 @@ class Integrated:
 
     @property
     def settled(self) -> Samples:
-        """The values without the transients at both ends; empty where the record is shorter than these."""
+        """Values without the transients at both ends; empty if the record is shorter than these."""
         skip = int(np.ceil(self.settling_s * self.rate_hz))
         return self.values[skip : max(self.values.size - skip, skip)]
 
     @property
     def rms(self) -> float:
-        """Root mean square without the transients, the magnitude of vibration in ISO 20816 (in mm s-1)."""
+        """RMS without the transients, in `units`: in mm/s, the vibration magnitude of ISO 20816.
+
+        ValueError if the record is shorter than the transients.
+        """
         part = self.settled
         if not part.size:
             raise ValueError(
                 f"the record of {self.values.size / self.rate_hz:g} s holds nothing beyond the {self.settling_s:g} s "
-                "that each end takes to settle; record longer, raise the band's lower edge, or widen the taper."
+                "of transient at either end; record longer, raise the lower edge of the band, or widen the taper."
             )
         return float(np.sqrt(np.mean(part * part, dtype=np.float64)))
 
@@ -111,12 +114,12 @@ def velocity(
     band_hz : (low, high)
         Band in Hz. Default 10 to 1000 Hz (ISO 20816-1 and -3); from 2 Hz for machines below 600 rpm.
     taper : float
-        Width of the smooth transition outside the band, as a fraction of either edge. Narrow ones settle slowly.
+        Width of the smooth transition beyond each edge, as a fraction of that edge. Narrow transitions settle slowly.
     transform : (n // 2 + 1,) array, optional
-        The Fourier transform of the record without its mean, where it is known.
+        Fourier transform of the record without its mean (`scipy.fft.rfft`), if known.
     reduced : bool
-        Whether the result has four samples in a cycle of the highest frequency that passes, where the record has more.
-        Its RMS is that of all samples to within 1e-3.
+        Whether to decimate the result to four samples per cycle of the highest frequency that passes. Its RMS agrees
+        with that of all samples to within 1e-3.
 
     Returns
     -------
@@ -125,8 +128,8 @@ def velocity(
     Raises
     ------
     ValueError
-        Unknown units, or those of a displacement; a band beyond half the sampling rate; a lower transition narrower
-        than one over the length of the record.
+        Unknown units, or units of displacement; a band beyond half the sampling rate; a lower transition narrower than
+        the reciprocal of the record length; a transform of another length.
 
     Notes
     -----
@@ -159,7 +162,7 @@ def velocity(
 
 @checked
 def line_velocity(amplitude: float, *, frequency_hz: float, units: str) -> float:
-    """Return the RMS velocity in mm/s of a sinusoid, as one line of a spectrum is.
+    """Return the RMS velocity in mm/s of a sinusoid, such as a line of a spectrum.
 
     Parameters
     ----------
@@ -168,7 +171,7 @@ def line_velocity(amplitude: float, *, frequency_hz: float, units: str) -> float
     frequency_hz : float
         Its frequency in Hz.
     units : str
-        Unit of the amplitude, an acceleration, a velocity or a displacement as `velocity` and `displacement` take.
+        Unit of the amplitude, of acceleration, velocity or displacement, as in `velocity` and `displacement`.
 
     Raises
     ------
@@ -214,6 +217,11 @@ def displacement(
     -------
     Integrated
 
+    Raises
+    ------
+    ValueError
+        As in `velocity`, except that units of displacement are accepted.
+
     Examples
     --------
     A velocity of 1 mm/s peak at 50 Hz is a displacement of 1000 / (2 pi 50) um peak, 2.251 um RMS:
@@ -252,9 +260,9 @@ def _integrate(
     first, stop = int(low * (1 - taper) / step) + 1, min(int(high * (1 + taper) / step) + 1, transform.size)
     frequency = np.arange(first, stop, dtype=np.float64) * step
     gain = _band_gain(frequency, low, high, taper) / (2j * np.pi * frequency) ** (_ORDER[given] - least)
-    # 4 samples a cycle of the highest frequency of a reduced result
+    # a reduced result has 4 samples per cycle of the highest frequency
     size = min(signal.size, fft.next_fast_len(4 * stop, real=True)) if reduced else signal.size
-    lines = np.zeros(size // 2 + 1, dtype=transform.dtype)  # as the gain is elsewhere
+    lines = np.zeros(size // 2 + 1, dtype=transform.dtype)  # the gain is zero elsewhere
     lines[first:stop] = transform[first:stop] * gain * (scale / result_scale * size / signal.size)
     values = np.asarray(fft.irfft(lines, size, overwrite_x=True))
     forget_plans(signal.size)
@@ -277,22 +285,23 @@ def _checked_band(
     low, high = (number(edge, name="an edge of band_hz") for edge in band_hz)
     if not 0 < low < high <= rate / 2:
         raise ValueError(
-            f"band_hz = ({low:g}, {high:g}) must rise, above 0 and up to {rate / 2:g} Hz, half the sampling rate."
+            f"band_hz = ({low:g}, {high:g}) must rise and lie above 0 and up to {rate / 2:g} Hz, half the sampling "
+            "rate."
         )
     taper = positive(taper, name="taper")
     if taper > 1:
-        raise ValueError(f"taper={taper:g} must be at most 1: the lower edge has no more room above 0 Hz.")
+        raise ValueError(f"taper={taper:g} must be at most 1, where the lower transition reaches down to 0 Hz.")
     if taper * low * duration_s < 1:
         raise ValueError(
-            f"band_hz starts at {low:g} Hz with a taper of {taper * low:.3g} Hz, finer than the "
-            f"{1 / duration_s:.3g} Hz that a record of {duration_s:.3g} s resolves; record at least "
+            f"band_hz starts at {low:g} Hz with a taper of {taper * low:.3g} Hz, narrower than the "
+            f"{1 / duration_s:.3g} Hz resolved by a record of {duration_s:.3g} s; record at least "
             f"{1 / (taper * low):.3g} s, raise the lower edge, or widen the taper."
         )
     return low, high, taper
 
 
 def _band_gain(frequency: Array, low: float, high: float, taper: float) -> Array:
-    """Return the gain (lines,): 1 in the band, 0 beyond smooth transitions, whose transient is short."""
+    """Return the gain (lines,): 1 in the band, 0 beyond smooth transitions, which keep the transient short."""
     below = np.clip((frequency / low - 1) / taper + 1, 0, 1)
     above = np.clip((1 - frequency / high) / taper + 1, 0, 1)
     return _smooth_step(below) * _smooth_step(above)

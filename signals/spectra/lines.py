@@ -1,6 +1,6 @@
 """Detection of a spectral line near an expected order: position, amplitude, noise and false-alarm probability.
 
-The power spectrum of noise alone is exponentially distributed about its local mean. Its maximum within a searched band
+The power spectrum of noise alone is exponentially distributed with its local mean. Its maximum within a searched band
 of W bins exceeds u times that mean with probability
 
     1 - exp(-[exp(-u) + W sqrt(m u / pi) exp(-u)]),   m = (2 pi)^2 spread,
@@ -10,8 +10,8 @@ eq. 3.8-15), here along frequency, with `spread` the second moment of the square
 estimated, from the median of the background; that estimate is taken as Gamma distributed with K degrees of freedom,
 and both terms are averaged over it in closed form, which raises the probability for short records.
 
-The window spreads a strong line into main lobe and side lobes, which may be the maximum of a searched band beside it.
-The largest leakage of the larger lines around is therefore given with each line.
+The window spreads a strong line into a main lobe and side lobes, which may be the maximum of an adjacent searched band.
+Each line is therefore reported with the largest leakage from larger lines nearby.
 """
 
 from __future__ import annotations
@@ -19,7 +19,7 @@ from __future__ import annotations
 import math
 from dataclasses import dataclass
 from functools import lru_cache
-from typing import TYPE_CHECKING, NamedTuple, TypeAlias
+from typing import TYPE_CHECKING, TypeAlias
 
 import numpy as np
 from scipy import fft
@@ -34,7 +34,7 @@ if TYPE_CHECKING:
 
     from signals.spectra.spectra import AmplitudeSpectrum
 
-BACKGROUND_WIDTH = 1.0  # on either side, in the axis' unit (orders)
+BACKGROUND_WIDTH = 1.0  # on either side, in the unit of the axis (orders)
 _LOBE_BINS = 3.0  # left out on either side of the line
 # measured: the median power of Hann- or box-windowed noise has the variance of the mean of this many independent bins,
 # per bin and equivalent noise bandwidth
@@ -57,17 +57,17 @@ class Line:
     amplitude : float
         Peak amplitude.
     amplitude_std : float
-        Standard deviation of the real part of the complex amplitude due to noise, equally of its imaginary part.
+        Standard deviation, due to noise, of the real part of the complex amplitude, and of its imaginary part.
     background : float
         Median amplitude of the background.
     leakage : float
         Largest amplitude that the window spreads to this position from a larger line.
     false_alarm_probability : float
-        Probability that noise alone has as large a maximum in the searched band.
+        Probability that noise alone has a maximum this large in the searched band.
     at_edge : bool
-        Whether the spectrum still rises at the edge of the searched band: then no peak lies in it.
+        Whether the spectrum still rises at the edge of the searched band, so that no peak lies within it.
     noise : float
-        Median amplitude of noise to which the probability refers.
+        Median noise amplitude on which the probability is based.
     noise_degrees, width_bins, spread : float
         Independent bins in that median, width of the searched band in bins, and `AmplitudeSpectrum.spread`.
 
@@ -95,25 +95,32 @@ class Line:
     spread: float = 0.0
 
     def amplitude_at(self, probability: float) -> float:
-        """Return the amplitude that noise alone reaches in the searched band with a probability.
+        """Return the amplitude that noise alone reaches in the searched band with a given probability.
 
-        A line had to be as large to be told from this noise: in short records, whose noise is known from few bins,
-        larger than in long ones.
+        It is the smallest amplitude distinguishable from this noise, and larger in short records, whose noise is
+        estimated from few bins, than in long ones.
 
         Parameters
         ----------
         probability : float
             Above 0, at most 1.
 
+        Raises
+        ------
+        ValueError
+            A probability that is not above 0 and at most 1.
+
         Examples
         --------
-        At a single frequency in noise of known median m it is ``m sqrt(-log2(p))``:
+        At a single frequency, in noise of known median m, it is ``m sqrt(-log2(p))``:
 
         >>> from signals import Line
         >>> place = dict(expected=5.0, found=5.0, amplitude=1.0, amplitude_std=0.1, background=0.1, leakage=0.0)
         >>> round(Line(**place, false_alarm_probability=0.5, noise=0.1, noise_degrees=1e9).amplitude_at(2**-16), 4)
         0.4
         """
+        if not 0 < probability <= 1:
+            raise ValueError(f"probability={probability!r} must be above 0 and at most 1.")
         low, high = 0.0, 1.0
 
         def chance(power_ratio: float) -> float:
@@ -123,7 +130,7 @@ class Line:
 
         while chance(high) > probability:
             low, high = high, 2 * high
-        for _ in range(30):  # 30 halvings of the power ratio's range: to 1e-9 of it
+        for _ in range(30):  # bisection to 1e-9 of the range of power ratios
             middle = (low + high) / 2
             low, high = (low, middle) if chance(middle) <= probability else (middle, high)
         return self.noise * math.sqrt(high / math.log(2))
@@ -156,20 +163,21 @@ def find_line(
     tolerance : float
         Half the width of the searched band, which is at least one bin wide.
     background_width : float
-        Width of the background on either side, from which the noise is estimated.
+        Width of the background on either side, from which the noise is estimated, in the unit of the axis.
     closer : float, optional
-        A second, smaller width. Noise about strong lines, as tachometer jitter causes it, is underestimated by the
-        wide median; where the close one is larger the false-alarm probability is computed from it.
+        A second, smaller width. The wide median underestimates noise close to strong lines, such as that due to
+        tachometer jitter; where the median over the smaller width is larger, the false-alarm probability is based on
+        it.
 
     Returns
     -------
     Line
-        ``false_alarm_probability`` is for this one search; for L searches at once use `record_probability`.
+        ``false_alarm_probability`` applies to this one search; for L searches together use `record_probability`.
 
     Raises
     ------
     ValueError
-        A line beyond the end of the spectrum, or fewer than eight bins of background.
+        A line beyond the end of the spectrum, a negative tolerance, or fewer than eight bins of background.
 
     Examples
     --------
@@ -183,9 +191,9 @@ def find_line(
     >>> round(line.found, 2), round(line.amplitude, 1), line.false_alarm_probability < 1e-6
     (10.0, 2.0, True)
     """
-    expected = positive(expected, name="the expected order")
+    expected = positive(expected, name="expected")
     if not 0 <= tolerance < math.inf:
-        raise ValueError(f"tolerance = {tolerance!r} must be a finite number of at least 0.")
+        raise ValueError(f"tolerance={tolerance!r} must be finite and not negative.")
     near = math.nan if closer is None else closer
     (found,) = find_lines(
         spectrum, expected=[expected], tolerance=[tolerance], background_width=background_width, closer=[near]
@@ -204,16 +212,16 @@ def find_lines(
     background_width: float = BACKGROUND_WIDTH,
     seen: float = 1.0,
 ) -> list[Line | ValueError]:
-    """Return what `find_line` does of each of several lines of one spectrum, with an error in place of one it refuses.
+    """Return the result of `find_line` for several lines of one spectrum, with an error in place of each it refuses.
 
     Parameters
     ----------
     spectrum, background_width
         As in `find_line`.
     expected, tolerance, closer : sequences of float
-        As in `find_line`, of each line; `closer` is NaN where there is none.
+        As in `find_line`, for each line; `closer` is NaN where there is none.
     seen : float
-        Probability from which on a line is noise whose `leakage` nothing reads: it is NaN.
+        False-alarm probability above which the `leakage` of a line is not computed but NaN.
 
     Returns
     -------
@@ -228,7 +236,7 @@ def find_lines(
     >>> spectrum = amplitude_spectrum(x, rate=64)
     >>> lines = find_lines(spectrum, expected=[10.0, 99.0], tolerance=[0.0, 0.0], closer=[np.nan, np.nan])
     >>> round(lines[0].amplitude, 1), str(lines[1])
-    (1.0, 'a line at 99 +- 0.015625 lies beyond the end of the spectrum, 32.')
+    (1.0, 'a line at 99 +- 0.015625 lies beyond the end of the spectrum at 32; give a spectrum that extends further.')
     """
     axis, bin_width = spectrum.axis, spectrum.bin_width
     background_width = positive(background_width, name="background_width")
@@ -242,18 +250,21 @@ def find_lines(
     wide = _adjacent_points(spectrum, peaks[0], np.full(places.size, background_width), lobe)
     close = _adjacent_points(spectrum, peaks[0], reaches, lobe)
     found: list[Line | ValueError] = [
-        ValueError(f"a line at {order:g} +- {reach:g} lies beyond the end of the spectrum, {axis[-1]:g}.")
+        ValueError(
+            f"a line at {order:g} +- {reach:g} lies beyond the end of the spectrum at {axis[-1]:g}; give a spectrum "
+            "that extends further."
+        )
         for order, reach in zip(orders.tolist(), half.tolist(), strict=True)
     ]
     columns = (orders[inside], half[inside], *peaks, np.isfinite(reaches))
     rows = zip(*(each.tolist() for each in columns), strict=True)
     for place, row, far, near in zip(places.tolist(), rows, wide, close, strict=True):
-        found[place] = _line(spectrum, _Place(*row), far, near, seen)
+        found[place] = _line(spectrum, row, far, near, seen)
     return found
 
 
 def has_background(bin_width: float, *, background_width: float = BACKGROUND_WIDTH) -> bool:
-    """Return whether enough bins may surround a line of a spectrum, False where `find_lines` refuses every one.
+    """Return whether a spectrum can have enough bins around a line; if False, `find_lines` refuses every line.
 
     Parameters
     ----------
@@ -265,32 +276,24 @@ def has_background(bin_width: float, *, background_width: float = BACKGROUND_WID
     Examples
     --------
     >>> from signals.spectra.lines import has_background
-    >>> has_background(1 / 2), has_background(1 / 20)  # records of 2 and of 20 turns
+    >>> has_background(1 / 2), has_background(1 / 20)  # records of 2 and of 20 revolutions
     (False, True)
     """
-    # a point more on either side, of a bin at most, may lie within the background
+    # one more point on either side, at most a bin wide, may lie within the background
     return 2 * (background_width / bin_width - _LOBE_BINS + 1) >= _FEWEST_BINS
-
-
-class _Place(NamedTuple):
-    """Where a line is: its expected order, half the searched band, its peak, and whether `closer` is asked for."""
-
-    expected: float
-    half: float
-    found: float
-    amplitude: float
-    at_edge: bool
-    has_closer: bool
 
 
 def _line(
     spectrum: AmplitudeSpectrum,
-    place: _Place,
+    place: tuple[float, float, float, float, bool, bool],
     wide: tuple[int, int, int, int],
     close: tuple[int, int, int, int],
     seen: float,
 ) -> Line | ValueError:
-    """Return a line from its peak and the points beside it, first and last below and above, wide and close."""
+    """Return a line from its peak and its background points: first and last, below and above, wide and close.
+
+    `place` holds the expected order, half the searched band, the peak, and whether `closer` is given.
+    """
     expected, half, found, amplitude, at_edge, has_closer = place
     points, bin_width = spectrum.amplitude, spectrum.bin_width
     first, last, begin, end = wide
@@ -299,7 +302,8 @@ def _line(
     bins = count * per_point
     if bins < _FEWEST_BINS:
         return ValueError(
-            f"only {bins:.1f} bins surround the line at {expected:g}, too few to judge it; the record is too short."
+            f"only {bins:.1f} bins of background surround the line at {expected:g}, where {_FEWEST_BINS} are needed; "
+            "the record is too short."
         )
     used_bins, std = bins, noise / math.sqrt(2 * math.log(2))
     if has_closer:
@@ -342,7 +346,7 @@ def _lobe(spectrum: AmplitudeSpectrum, found: Array) -> tuple[Places, Places]:
     lobe, axis = _LOBE_BINS * spectrum.bin_width, spectrum.axis
     ends = []
     for side, beyond in ((-lobe, (1, 0, -1)), (lobe, (0, 1, 2))):
-        # a point at the edge of the lobe is in or out by its difference
+        # whether a point at the edge belongs to the lobe is decided by its rounded distance
         near = np.clip(axis.searchsorted(found + side)[:, None] - np.array(beyond), 0, axis.size - 1)
         inside = np.abs(axis[near] - found[:, None]) <= lobe
         ends.append(near[np.arange(found.size), inside.argmax(axis=1)])
@@ -352,7 +356,7 @@ def _lobe(spectrum: AmplitudeSpectrum, found: Array) -> tuple[Places, Places]:
 def _adjacent_points(
     spectrum: AmplitudeSpectrum, found: Array, reach: Array, lobe: tuple[Places, Places]
 ) -> list[tuple[int, int, int, int]]:
-    """Return the points up to `reach` below and above each line, without its main lobe: first and last of both."""
+    """Return the first and last points, up to `reach` below and above each line, without its main lobe."""
     least = np.maximum(found - reach, _LOBE_BINS * spectrum.bin_width)
     first, last = (spectrum.axis.searchsorted(ends) for ends in (least, found + reach))
     columns = (first, lobe[0], np.maximum(lobe[1], first), last)
@@ -360,18 +364,18 @@ def _adjacent_points(
 
 
 def _significant(noise: float, bins: float, spectrum: AmplitudeSpectrum) -> float:
-    """Return the median amplitude of so many bins from which it is significantly above `noise`."""
+    """Return the median amplitude of so many bins that is significantly above `noise`."""
     scatter = 1 / math.sqrt(_MEDIAN_EFFICIENCY * max(bins, 1) / spectrum.noise_bandwidth_bins)
-    # 3.0 standard deviations: in flat noise the closer background exceeds them once in some hundred lines
+    # 3.0 standard deviations: in flat noise the closer background exceeds them for about one line in several hundred
     return math.sqrt(1 + 3.0 * scatter) * noise
 
 
 def _medians(values: Array) -> tuple[float, float, int]:
-    """Return the median, that of the values at most `_LINE` times as large, and their number; reorder the values.
+    """Return the median, the median of the values up to `_LINE` times that, and their number; reorder the values.
 
-    Noise exceeds four times its median amplitude once in 65,000 points (2^-16); larger points are taken for lines; they
-    would raise the median and hide weak lines beside them. Values left out are above the median, so that the second one
-    lies in the lower half.
+    Noise exceeds four times its median amplitude once in 65,000 points (2^-16). Larger points are taken for lines,
+    which would raise the median and mask weak lines nearby. Values left out are above the median, so that the second
+    median lies in the lower half.
     """
     if not values.size:
         return 0.0, 0.0, 0
@@ -387,17 +391,17 @@ def _medians(values: Array) -> tuple[float, float, int]:
 
 
 def _largest_mean(lower: Array, count: int) -> float:
-    """Return the median of `count` values from the lowest ``count // 2 + 1`` of them, the largest of which is last."""
+    """Return the median of `count` values from their lowest ``count // 2 + 1``, the largest of which is last."""
     return float(lower[-1]) if count % 2 else float((lower[:-1].max() + lower[-1]) / 2)
 
 
 def _leakage(spectrum: AmplitudeSpectrum, found: float, amplitude: float) -> float:
-    """Return the largest leakage of any larger point of the spectrum to `found`."""
+    """Return the largest leakage from any larger point of the spectrum to `found`."""
     axis = spectrum.axis
     reach = _REACH_BINS * spectrum.bin_width
     first, last = axis.searchsorted([found - reach, found + reach])
     around = spectrum.amplitude[first:last]
-    # 2.0 is the least ratio of a neighbour's amplitude to the line's for its leakage to be considered
+    # 2.0 is the smallest amplitude relative to the line from which leakage is considered
     larger = around > 2.0 * amplitude
     if not larger.any():
         return 0.0
@@ -449,14 +453,14 @@ def false_alarm_probability(
 
 
 def record_probability(single: float, *, searches: int) -> float:
-    """Return the false-alarm probability of `searches` independent searches, each of probability `single`."""
+    """Return the false-alarm probability of `searches` independent searches, each with probability `single`."""
     return -math.expm1(searches * math.log1p(-single)) if single < 1 else 1.0
 
 
 def _peaks(axis: Array, amplitude: Array, low: Array, high: Array) -> tuple[Array, Array, NDArray[np.bool_]]:
-    """Return position and height of the maximum in each band, by parabolic interpolation where it is a local one.
+    """Return position and height of the maximum in each band, by parabolic interpolation where it is a local maximum.
 
-    The third array says that it is none: a neighbour outside the band is larger.
+    The third array is true where it is not: a neighbour outside the band is larger.
     """
     first, last = axis.searchsorted(low), axis.searchsorted(high)
     last = np.maximum(last, first + 1)

@@ -1,4 +1,4 @@
-"""Order map: amplitude and phase of each order against the revolutions of the shaft."""
+"""Order map: amplitude and phase of each order against shaft revolutions."""
 
 from __future__ import annotations
 
@@ -9,7 +9,7 @@ import numpy as np
 
 from signals._transforms import window_of, without_mean
 from signals._validation import Array, checked, choice, real_vector, whole
-from signals.spectra.spectra import Scaling, hop_of, scaled_power, transformed
+from signals.spectra.spectra import Scaling, hop_of, last_order, scaled_power, transformed
 
 if TYPE_CHECKING:
     from signals.resampling.resampling import AngularSignal
@@ -18,9 +18,9 @@ if TYPE_CHECKING:
 
 @dataclass(frozen=True, kw_only=True)
 class OrderMap:
-    """Short-angle spectra over orders along the record.
+    """Order spectra of successive segments of whole revolutions.
 
-    A line at an order on the grid is ``value cos(order angle + phase_rad)``, so that the phase of a line locked to the
+    A line on the grid of orders is ``value cos(order angle + phase_rad)``, so that the phase of a line locked to the
     shaft is constant.
 
     Attributes
@@ -30,9 +30,9 @@ class OrderMap:
     revolution : (row,) array
         Angle of the middle of each segment in revolutions.
     time_s, speed_hz : (row,) arrays or None
-        Time in s and speed in Hz there, where the phase was given.
+        Time in s and speed in Hz at that angle; None without a phase.
     value : (row, order) array
-        Peak or RMS amplitude, or density, as `scaling` says.
+        Peak or RMS amplitude, or density, according to `scaling`.
     phase_rad : (row, order) array
         Phase in rad at the tachometer's datum.
     scaling : {"peak", "rms", "density"}
@@ -40,7 +40,7 @@ class OrderMap:
     turns : int
         Revolutions per segment.
     bin_width, resolution, noise_bandwidth : float
-        One over `turns`, full -3 dB width and equivalent noise bandwidth of the window, in orders.
+        Reciprocal of `turns`, full -3 dB width and equivalent noise bandwidth of the window, in orders.
     window : str
         Name of the window in `scipy.signal`.
 
@@ -86,7 +86,7 @@ def map_orders(
     signal : AngularSignal
         Samples over the angle of the shaft; their mean is removed once, over the whole record.
     revolutions : int
-        Revolutions per segment; the resolution with the Hann window is about 1.44 over it.
+        Revolutions per segment; the resolution with the Hann window is about ``1.44 / revolutions``.
     overlap : float
         Fraction of a segment that the next one shares, from 0 to below 1.
     window : str
@@ -94,13 +94,19 @@ def map_orders(
     scaling : {"peak", "rms", "density"}
         Peak or RMS amplitude of a line, or power density per order.
     max_order : float, optional
-        Highest order of the map; default, and at most, the signal's passband.
+        Highest order of the map; default and upper limit: the passband of the signal.
     phase : ShaftPhase, optional
         Angle of the shaft over time, from which the time and speed of each row are computed.
 
     Returns
     -------
     OrderMap
+
+    Raises
+    ------
+    ValueError
+        More revolutions per segment than the signal has, an overlap outside 0 to 1, an unknown window or scaling, or
+        revolutions outside the phase.
 
     Examples
     --------
@@ -119,9 +125,8 @@ def map_orders(
     choice(scaling, name="scaling", choices=get_args(Scaling))
     rate, length = signal.samples_per_rev, turns * signal.samples_per_rev
     shape, hop = window_of(window, length), hop_of(length, overlap)
-    last = signal.passband_orders if max_order is None else min(max_order, signal.passband_orders)
     order = np.arange(length // 2 + 1) / turns
-    kept = int(np.searchsorted(order, last, side="right"))
+    kept = int(np.searchsorted(order, last_order(signal, max_order), side="right"))
     values = real_vector(signal.values, name="the signal", minimum=4)
     lines = np.concatenate([part[:, :kept] for part in transformed(without_mean(values), shape, hop)])
     start = signal.start_rev + np.arange(len(lines)) * (hop / rate)

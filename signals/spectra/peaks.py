@@ -1,13 +1,12 @@
-"""All lines of a spectrum, wherever they stand: local maxima well above the median of their background.
+"""All lines of a spectrum: local maxima well above the median of their background.
 
-`signals.spectra.lines` answers what stands at an expected order, with its probability; this is for what nobody
-expected. The median of the background is taken over blocks and interpolated between them: a moving median over
-hundreds of bins costs a hundred times as much and differs by some per cent.
+`signals.spectra.lines` tests for a line at an expected order; this module finds lines that nobody expected. The median
+of the background is taken over blocks and interpolated between them: a moving median over hundreds of bins costs a
+hundred times as much and differs by a few per cent.
 
-Spectra of many short records are pooled by power. Their phases do not agree, so that they are averaged in power
-(Bartlett 1948): the resolution and the mean of the noise stay those of one record, the scatter falls by the square root
-of their number. The part of the noise that is known to be there is therefore subtracted, and what is left is as
-uncertain as the noise of one record with so much less noise.
+Spectra of many short records have no common phase, so they are averaged in power (Bartlett 1948): the resolution and
+the mean of the noise remain those of one record, while the scatter falls with the square root of their number. The
+known mean of the noise is therefore subtracted, down to its scatter.
 """
 
 from __future__ import annotations
@@ -31,13 +30,13 @@ if TYPE_CHECKING:
 
 @dataclass(frozen=True, kw_only=True)
 class SpectralPeaks:
-    """Local maxima of a spectrum that stand out.
+    """Local maxima of a spectrum that stand out of their background.
 
     Attributes
     ----------
-    position : (n,) array
-        Rising, in the unit of the axis.
-    amplitude, background : (n,) array
+    position : (peak,) array
+        Position in the unit of the axis, in rising order.
+    amplitude, background : (peak,) arrays
         Peak amplitude and median amplitude of the background, in the unit of the spectrum.
 
     Examples
@@ -61,7 +60,7 @@ def spectral_peaks(spectrum: AmplitudeSpectrum, *, ratio: float = 4.0) -> Spectr
     spectrum : AmplitudeSpectrum
         Over orders or frequency.
     ratio : float
-        Noise alone exceeds four times its median amplitude at one point of 65,000 (2^-16).
+        Threshold over the median amplitude; noise alone exceeds four at one point in 65,000 (2^-16).
 
     Returns
     -------
@@ -70,7 +69,7 @@ def spectral_peaks(spectrum: AmplitudeSpectrum, *, ratio: float = 4.0) -> Spectr
     Raises
     ------
     ValueError
-        If `ratio` is not a positive number.
+        A ratio that is not positive.
 
     Examples
     --------
@@ -86,18 +85,18 @@ def spectral_peaks(spectrum: AmplitudeSpectrum, *, ratio: float = 4.0) -> Spectr
     ratio = positive(ratio, name="ratio")
     axis, amplitude = spectrum.axis, spectrum.amplitude
     step = float(axis[1] - axis[0])
-    # 0.5 is the width in the axis' unit (orders) over which the background is taken as constant
-    block = max(16, int(0.5 / step))  # 16 in a block: the median of fewer scatters by more than a quarter
+    # the background is taken as constant over 0.5 in the unit of the axis (orders)
+    block = max(16, int(0.5 / step))  # the median of fewer than 16 scatters by more than a quarter
     count = max(1, amplitude.size // block)
     size = min(block, amplitude.size)
     medians = median(amplitude[: count * size].reshape(count, size))
-    # a block of little noise between others of much keeps its own, and one filled with lines takes its neighbours'
-    # five blocks, whose median is taken again: a block full of sidebands does not raise its own background
+    # a quiet block between noisy ones keeps its own median; one full of sidebands takes the median of five blocks, so
+    # that it does not raise its own background
     medians = np.minimum(medians, median_filter(medians, 5, mode="nearest"))
     inner = amplitude[1:-1]
-    places = np.flatnonzero(inner > ratio * medians.min()) + 1  # the others are below any background
+    places = np.flatnonzero(inner > ratio * medians.min()) + 1  # no other point can stand out
     places = places[(amplitude[places] >= amplitude[places - 1]) & (amplitude[places] > amplitude[places + 1])]
-    places = places[axis[places] > 3.0 * spectrum.bin_width]  # below this the constant part leaks
+    places = places[axis[places] > 3.0 * spectrum.bin_width]  # leakage of the constant part below
     background = np.interp(places, (np.arange(count) + 0.5) * size, medians)
     high = amplitude[places] > ratio * background
     places, background = places[high], background[high]
@@ -105,7 +104,7 @@ def spectral_peaks(spectrum: AmplitudeSpectrum, *, ratio: float = 4.0) -> Spectr
 
 
 def noise_left(count: int) -> float:
-    """Return the share of the power of noise that is left in a spectrum pooled of so many.
+    """Return the fraction of the noise power that remains in the pooled spectrum of `count` records.
 
     Examples
     --------
@@ -113,21 +112,21 @@ def noise_left(count: int) -> float:
     >>> noise_left(1), noise_left(4), noise_left(1000)  # a tenth at least
     (1.0, 0.5, 0.1)
     """
-    # 0.1 of the noise at least is left: a background that slopes is not known better than to a tenth
+    # at least 0.1 remains: a sloping background is not known to better than a tenth
     return max(0.1, 1 / math.sqrt(count)) if count > 1 else 1.0
 
 
 def pooled_spectrum(first: AmplitudeSpectrum, *, power: NDArray[np.float64], count: int) -> AmplitudeSpectrum:
-    """Return the mean power of spectra on one axis, less the noise that stands in all of them, as amplitudes.
+    """Return the mean power of several spectra, less their common noise, as an amplitude spectrum.
 
     With K spectra of noise power N and a line of amplitude A, the mean power is ``A^2 + N`` with a scatter of
-    ``N / sqrt(K)``; the result is ``sqrt(A^2 + N / sqrt(K))``. N is the median over the bins beside, corrected for the
-    gamma distribution of a mean of K. Of one spectrum it is that spectrum itself.
+    ``N / sqrt(K)``; the result is ``sqrt(A^2 + N / sqrt(K))``. N is the median over adjacent bins, corrected for the
+    gamma distribution of a mean of K. A single spectrum is returned as it is.
 
     Parameters
     ----------
     first : AmplitudeSpectrum
-        One of the spectra, which are of records of one length, with one window.
+        One of the spectra, all of records of equal length and with the same window.
     power : (line,) array
         Sum of their squared amplitudes.
     count : int
@@ -136,7 +135,7 @@ def pooled_spectrum(first: AmplitudeSpectrum, *, power: NDArray[np.float64], cou
     Returns
     -------
     AmplitudeSpectrum
-        Its phases are zero: the spectra have none in common.
+        With phases of zero, since the spectra have no common phase.
 
     Raises
     ------
@@ -145,7 +144,7 @@ def pooled_spectrum(first: AmplitudeSpectrum, *, power: NDArray[np.float64], cou
 
     Examples
     --------
-    A line that stands out of none of a hundred short records by itself:
+    A line that stands out in none of 400 short records:
 
     >>> import numpy as np
     >>> from signals import amplitude_spectrum
@@ -158,13 +157,13 @@ def pooled_spectrum(first: AmplitudeSpectrum, *, power: NDArray[np.float64], cou
     (10.0, 0.2)
     """
     if power.shape != first.axis.shape:
-        raise ValueError(f"power has {power.size} lines, where the spectrum has {first.axis.size}; give one for each.")
+        raise ValueError(f"power has {power.size} lines but the spectrum has {first.axis.size}; give one for each.")
     if count == 1:
         return first
-    # 12 bins on either side whose median is the noise: three main lobes, so that one line does not fill it
+    # median over 12 bins on either side: three main lobes, so that a single line does not fill them
     reach = max(1, round(12 * first.bin_width / float(first.axis[1] - first.axis[0])))
     median_of_mean = float(special.gammaincinv(count, 0.5)) / count  # of a mean of exponentials
     noise = ndimage.median_filter(power / count, 2 * reach + 1, mode="nearest") / median_of_mean
-    # 1e-3 of the noise, in place of what falls below it, so that levels in dB exist
+    # at least 1e-3 of the noise, so that levels in dB exist
     amplitude = np.sqrt(np.maximum(power / count - (1 - noise_left(count)) * noise, 1e-3 * noise))
     return replace(first, amplitude=amplitude, complex_amplitude=amplitude.astype(np.complex128))

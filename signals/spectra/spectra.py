@@ -1,4 +1,4 @@
-"""Amplitude and averaged power spectra over frequency or order, with their scaling, window and resolution."""
+"""Amplitude spectra and averaged power spectra over frequency or order, with scaling, window and resolution."""
 
 from __future__ import annotations
 
@@ -19,9 +19,7 @@ if TYPE_CHECKING:
 
     from signals.resampling.resampling import AngularSignal
 
-PADDING = (
-    8  # zero padding; the scalloping loss of a Hann line is then 0.25 %, and 0.003 % after parabolic interpolation
-)
+PADDING = 8  # the scalloping loss of a Hann line is then 0.25 %, and 0.003 % after parabolic interpolation
 
 Scaling = Literal["peak", "rms", "density"]
 
@@ -30,8 +28,8 @@ Scaling = Literal["peak", "rms", "density"]
 class AmplitudeSpectrum:
     """Peak amplitude against frequency (Hz) or order, interpolated by zero padding.
 
-    A line is ``Re{complex_amplitude exp(j 2 pi axis u)}``, u being time in s or angle in revolutions. For a line d bins
-    off the grid the phase is wrong by pi d, which is the phase difference of both frequencies at the middle of the
+    A line is ``Re{complex_amplitude exp(j 2 pi axis u)}``, u being time in s or angle in revolutions. The phase of a
+    line d bins off the grid is in error by pi d, the phase difference of the two frequencies at the middle of the
     record.
 
     Attributes
@@ -41,7 +39,7 @@ class AmplitudeSpectrum:
     amplitude, complex_amplitude : (line,) arrays
         Peak amplitude, real and complex, in the unit of the record.
     bin_width : float
-        One over the length of the record, in the unit of the axis; the grid is finer by the padding.
+        Reciprocal of the record length, in the unit of the axis; the grid is finer by the padding.
     resolution : float
         Full -3 dB width of the window, in the unit of the axis.
     window : str
@@ -96,16 +94,22 @@ def amplitude_spectrum(
     window : str
         A window of `scipy.signal`; the amplitude is divided by its mean, so that a line has its true peak.
     padding : int
-        Zero padding: the bin width over the step of the axis; above 1 up to some per cent more where the length of the
-        padded record has a prime factor above 11, whose transform takes several times as long.
+        Zero padding, the ratio of the bin width to the step of the axis; above 1 it is rounded up, by a few per cent at
+        most, to a length with a fast transform.
     maximum : float, optional
-        End of the axis; default half of `rate`.
+        End of the axis, in its unit; default: half of `rate`.
     start : float
-        Time (s) or angle (revolutions) of the first sample; phases are those at zero.
+        Time in s or angle in revolutions of the first sample; phases refer to zero.
 
     Returns
     -------
     AmplitudeSpectrum
+
+    Raises
+    ------
+    ValueError
+        Fewer than four values, values that are not finite, an unknown window, or a rate, padding or maximum that is not
+        positive.
 
     Examples
     --------
@@ -141,20 +145,20 @@ def _amplitude_spectra(
     shape = window_of(window, size)
     length = fft.next_fast_len(size * padding) if padding > 1 else size
     axis = np.arange(length // 2 + 1, dtype=np.float64) * (rate / length)
-    stop = axis.size if maximum is None else int(np.searchsorted(axis, maximum, side="right"))
-    # small and large units would under- and overflow in single precision
+    stop = _end_of(axis, maximum)
+    # scaled, since small and large units would under- or overflow in single precision
     largest = (max(float(np.abs(signal).max()) for signal in signals) if single else 0.0) or 1.0
     weights = shape.weights / largest
     axis, scale = axis[:stop], 2 * largest / shape.weights.sum()
     turned = scale * _phasors(-start * rate / length, stop) if start else scale
     noise_bandwidth_bins, spread = shape.noise_bandwidth_bins, shape.spread
     found: list[AmplitudeSpectrum] = []
-    # 2**22 padded samples transformed at once, 16 MB of single ones: rows together take a third of the time
+    # 2**22 padded samples transformed at once, 16 MB in single precision: batched rows take a third of the time
     at_once = max(1, 2**22 // length)
     memory = np.empty(length // 2 + 1, dtype=np.complex128)
     for first in range(0, len(signals), at_once):
         some = [without_mean(signal) * weights for signal in signals[first : first + at_once]]
-        # numpy's transform pads no copy and fills memory again, scipy's takes a third of the time for several rows
+        # numpy pads without a copy and reuses memory; scipy takes a third of the time for several rows
         alone = len(some) == 1 and not single
         dtype = np.float32 if single else np.float64
         transformed = [np.fft.rfft(some[0], length, out=memory)] if alone else fft.rfft(_padded(some, length, dtype))
@@ -177,7 +181,7 @@ def _amplitude_spectra(
 
 
 def _padded(rows: Sequence[Array], length: int, dtype: type[np.floating]) -> Samples:
-    """Return rows with zeros appended, (row, length): numpy pads faster than scipy."""
+    """Return rows with zeros appended, (row, length), faster than scipy pads them."""
     padded = np.zeros((len(rows), length), dtype=dtype)
     for out, row in zip(padded, rows, strict=True):
         out[: row.size] = row
@@ -185,9 +189,9 @@ def _padded(rows: Sequence[Array], length: int, dtype: type[np.floating]) -> Sam
 
 
 def _phasors(turns: float, count: int) -> NDArray[np.complex128]:
-    """Return ``exp(j 2 pi turns n)`` for n from 0 on, as products of those of multiples of a step and of what is left.
+    """Return ``exp(j 2 pi turns n)`` for n = 0, 1, ..., as products of coarse and fine steps.
 
-    Two roots of as many exponentials, which take twenty times as long as products.
+    That takes ``2 sqrt(count)`` exponentials, each of which costs as much as twenty products.
     """
     step = math.isqrt(count) + 1
     coarse = np.exp(2j * np.pi * np.mod(turns * step * np.arange(-(-count // step)), 1.0))
@@ -208,12 +212,17 @@ def order_spectrum(
     window, padding
         As in `amplitude_spectrum`.
     max_order : float, optional
-        End of the axis; default, and at most, the signal's passband.
+        End of the axis; default and upper limit: the passband of the signal.
 
     Returns
     -------
     AmplitudeSpectrum
-        Phases are those at the tachometer's datum, where the angle of the shaft is zero.
+        Phases refer to the tachometer's datum, where the angle of the shaft is zero.
+
+    Raises
+    ------
+    ValueError
+        As in `amplitude_spectrum`.
 
     Examples
     --------
@@ -245,12 +254,17 @@ def order_spectra(
     window, padding, max_order
         As in `order_spectrum`.
     single : bool
-        Whether to transform in single precision, in half of the time: the error of a line is below 1e-6 of the largest
-        sample less the mean.
+        Whether to transform in single precision, in half the time: the error of a line is below 1e-6 of the largest
+        deviation from the mean.
 
     Returns
     -------
     list of AmplitudeSpectrum
+
+    Raises
+    ------
+    ValueError
+        As in `amplitude_spectrum`.
     """
     first = signals[0]
     return _amplitude_spectra(
@@ -258,7 +272,7 @@ def order_spectra(
         rate=first.samples_per_rev,
         window=window,
         padding=padding,
-        maximum=_last_order(first, max_order),
+        maximum=last_order(first, max_order),
         start=first.start_rev,
         single=single,
     )
@@ -268,7 +282,7 @@ def order_spectra(
 class AveragedSpectrum:
     """Power spectrum averaged over segments, as density or as the RMS or peak amplitude of a line.
 
-    The integral of a `density` over the axis is the variance. `rms` and `peak` are right for a line on the grid, and
+    The integral of a "density" over the axis is the variance. "rms" and "peak" are exact for a line on the grid, and
     proportional to ``sqrt(noise_bandwidth)`` for noise.
 
     Attributes
@@ -276,9 +290,9 @@ class AveragedSpectrum:
     axis : (line,) array
         Frequencies in Hz, or orders.
     value : (line,) array
-        Density, RMS or peak, as `scaling` says.
+        Density, RMS or peak amplitude, according to `scaling`.
     low, high : (line,) arrays
-        Confidence interval of `value` for Gaussian noise, of probability `confidence`; that of a line is narrower.
+        Limits of the confidence interval of `value` for Gaussian noise; the interval of a line is narrower.
     scaling : {"density", "rms", "peak"}
         Meaning of `value`.
     confidence : float
@@ -286,7 +300,7 @@ class AveragedSpectrum:
     averages : int
         Number of segments.
     degrees_of_freedom : float
-        Of the chi-square distribution of the power, the overlap of the segments allowed for.
+        Degrees of freedom of the chi-square distribution of the power, allowing for overlap.
     bin_width, resolution, noise_bandwidth : float
         Step of the axis, -3 dB width and equivalent noise bandwidth of the window, in the unit of the axis.
     window : str
@@ -327,7 +341,7 @@ def averaged_spectrum(
     confidence: float = 0.95,
     maximum: float | None = None,
 ) -> AveragedSpectrum:
-    """Return the power spectrum averaged over segments (Welch 1967), with its chi-square interval.
+    """Return the power spectrum averaged over segments (Welch 1967), with its chi-square confidence interval.
 
     Parameters
     ----------
@@ -336,27 +350,34 @@ def averaged_spectrum(
     rate : float
         Samples per second for an axis in Hz, samples per revolution for one in orders.
     segment : int
-        Samples per segment; `resolution` is inversely proportional to it. Samples beyond the last full one are unused.
+        Samples per segment; `resolution` is inversely proportional to it. Samples after the last full segment are
+        unused.
     overlap : float
         Fraction of a segment that the next one shares, from 0 to below 1.
     window : str
         A window of `scipy.signal`.
     scaling : {"density", "rms", "peak"}
-        Density is one-sided, in units squared over the unit of the axis.
+        Power density (one-sided, in units squared over the unit of the axis), or RMS or peak amplitude of a line.
     confidence : float
         Probability of the interval, between 0 and 1.
     maximum : float, optional
-        End of the axis; default half of `rate`.
+        End of the axis, in its unit; default: half of `rate`.
 
     Returns
     -------
     AveragedSpectrum
 
+    Raises
+    ------
+    ValueError
+        A segment longer than the record, an overlap or a confidence outside 0 to 1, an unknown window or scaling, or a
+        rate or maximum that is not positive.
+
     Notes
     -----
-    The powers of segments k hops apart have the correlation ``rho_k^2``, rho_k being the normalised autocorrelation of
-    the window at k hops, so that K segments have ``2 K / (1 + 2 sum (1 - k / K) rho_k^2)`` degrees of freedom (Welch
-    1967); half of that at zero and at half the rate, where the transform is real.
+    The powers of segments k hops apart have the correlation ``rho_k^2``, where rho_k is the normalised autocorrelation
+    of the window at k hops, so that K segments have ``2 K / (1 + 2 sum (1 - k / K) rho_k^2)`` degrees of freedom (Welch
+    1967), and half as many at zero and at half the rate, where the transform is real.
 
     Examples
     --------
@@ -374,7 +395,7 @@ def averaged_spectrum(
     length = whole(segment, name="segment", least=4, most=signal.size)
     choice(scaling, name="scaling", choices=get_args(Scaling))
     if not 0 < number(confidence, name="confidence") < 1:
-        raise ValueError(f"confidence={confidence!r} must lie between 0 and 1: the probability of the interval.")
+        raise ValueError(f"confidence={confidence!r} must lie between 0 and 1; it is the probability of the interval.")
     shape = window_of(window, length)
     hop = hop_of(length, overlap)
     axis = np.arange(length // 2 + 1, dtype=np.float64) * (rate / length)
@@ -385,11 +406,11 @@ def averaged_spectrum(
     rho = shape.overlap_correlation(hop)[: count - 1]
     degrees = 2 * count / (1 + 2 * np.sum((1 - np.arange(1, rho.size + 1) / count) * rho**2))
     each = np.where(_real_lines(length), degrees / 2, degrees)
-    keep = slice(None) if maximum is None else slice(int(np.searchsorted(axis, maximum, side="right")))
+    keep = slice(_end_of(axis, maximum))
     with np.errstate(over="ignore"):
         peak = power.max(initial=0.0) / rate
     if not np.isfinite(peak):
-        raise ValueError(f"rate={rate:g} is so low that densities overflow; give samples per unit of the axis.")
+        raise ValueError(f"rate={rate:g} is so low that densities overflow; give the samples per unit of the axis.")
     value = scaled_power(power / count, shape, rate=rate, scaling=scaling)[keep]
     lower, upper = (_chi_square(each[keep], p) / each[keep] for p in ((1 + confidence) / 2, (1 - confidence) / 2))
     root = 1.0 if scaling == "density" else 0.5
@@ -409,10 +430,15 @@ def averaged_spectrum(
     )
 
 
+def _end_of(axis: Array, maximum: float | None) -> int:
+    """Return the number of lines up to `maximum`, all by default."""
+    return axis.size if maximum is None else int(np.searchsorted(axis, positive(maximum, name="maximum"), side="right"))
+
+
 def hop_of(length: int, overlap: float) -> int:
     """Return the number of samples from one segment to the next, at least one."""
     if not 0 <= overlap < 1:
-        raise ValueError(f"overlap = {overlap!r} must lie from 0 to below 1: the fraction that two segments share.")
+        raise ValueError(f"overlap={overlap!r} must be at least 0 and below 1, the fraction that two segments share.")
     return max(1, round(length * (1 - overlap)))
 
 
@@ -433,11 +459,11 @@ def scaled_power(power: Array, shape: Window, *, rate: float, scaling: Scaling) 
     mean_square = power * sides / shape.weights.sum() ** 2
     if scaling == "rms":
         return np.asarray(np.sqrt(mean_square))
-    return np.asarray(np.sqrt(mean_square * sides))  # where a line is real its rms is its peak
+    return np.asarray(np.sqrt(mean_square * sides))  # the RMS of a real line is its peak
 
 
 def _real_lines(length: int) -> NDArray[np.bool_]:
-    """Return which lines of the transform of a real signal are real: zero and half the rate."""
+    """Return which lines of the transform of a real signal are real: those at zero and at half the rate."""
     real = np.zeros(length // 2 + 1, dtype=bool)
     real[0] = True
     if length % 2 == 0:
@@ -451,5 +477,6 @@ def _chi_square(degrees: Array, probability: float) -> Array:
     return np.asarray(2 * gammaincinv(degrees / 2, probability))
 
 
-def _last_order(signal: AngularSignal, max_order: float | None) -> float:
+def last_order(signal: AngularSignal, max_order: float | None) -> float:
+    """Return the end of an axis of orders: `max_order`, but no more than the passband of the signal."""
     return signal.passband_orders if max_order is None else min(max_order, signal.passband_orders)

@@ -106,7 +106,7 @@ def test_two_cracked_gears_are_both_named():
 
 def test_a_short_record_and_a_sick_sensor_are_not_judged():
     rows = judged(TWO_STAGE | crack("stage 1/pinion", 1.0), stop=RATE_HZ // 5)
-    assert all("turns are too few" in row.not_judged for row in rows)
+    assert all("revolutions are too few" in row.not_judged for row in rows)
     assert not any(row.judgeable or row.probability < 1 for row in rows)
     assert {row.not_judged for row in judged(TWO_STAGE | {"duration_s": 2}, clip=0.2)} == {"the sensor is sick"}
 

@@ -241,7 +241,7 @@ def test_the_planet_with_a_bad_tooth_is_named_by_fm4(planetary):
 def test_a_sensor_that_does_not_hear_the_planets_pass(planetary):
     row = value(analyze(planetary_record(deaf=True, seconds=60), planetary, settings=BARE), "sun-planet/sun", "fm4")
     assert np.isnan(row.value)
-    assert "does not swing with 3 planets" in row.withheld
+    assert "is not modulated by 3 planets" in row.withheld
 
 
 def test_a_record_too_short_for_all_planet_teeth(planetary):

@@ -31,7 +31,7 @@ class TestGain:
 
     @pytest.mark.parametrize("orders", [[np.nan], np.inf, "three", [1j], [Fraction(1, 2), np.nan], [None]])
     def test_what_is_no_order_is_refused(self, orders):
-        with pytest.raises(ValueError, match=r"finite|must be"):
+        with pytest.raises(ValueError, match=r"finite|must be|give real numbers"):
             comb_gain(orders, revolutions=2)
 
 
@@ -64,7 +64,7 @@ class TestAdvice:
             quietest_revolutions([0.3, order], most=10)
 
     def test_something_must_be_named(self):
-        with pytest.raises(ValueError, match="no interfering order"):
+        with pytest.raises(ValueError, match="orders is empty"):
             quietest_revolutions([], most=10)
 
 

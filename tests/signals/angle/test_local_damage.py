@@ -204,7 +204,7 @@ def test_samples_left_out_leave_no_tooth():
 
 
 def test_too_few_turns_are_refused():
-    with pytest.raises(ValueError, match="1 turns are too few to judge one tooth; record 2 or more"):
+    with pytest.raises(ValueError, match="1 gear revolutions are too few to judge one tooth; record 2 or more"):
         judged(noise(np.random.default_rng(0), turns=1))
 
 
@@ -230,7 +230,7 @@ def test_few_turns_repeat_by_chance_as_seldom_as_stated(turns):
 
 
 def test_too_few_samples_in_a_turn_are_refused():
-    with pytest.raises(ValueError, match="samples in a turn cannot show one tooth"):
+    with pytest.raises(ValueError, match="samples per gear revolution cannot resolve a tooth"):
         judged(np.ones((1, 32, 8)), teeth=4)
 
 

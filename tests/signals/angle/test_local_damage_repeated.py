@@ -70,5 +70,5 @@ def test_what_is_left_out_repeats_nowhere():
 
 
 def test_one_turn_is_refused():
-    with pytest.raises(ValueError, match="1 turns cannot repeat; record two or more"):
+    with pytest.raises(ValueError, match="1 gear revolutions cannot repeat; record two or more"):
         probability(np.zeros(int(1.9 * PER_TURN)))

@@ -126,7 +126,7 @@ class TestStream:
     @pytest.mark.parametrize(
         ("changes", "words"),
         [
-            ({"band_hz": (0.0, 2000.0)}, "at most 0, the least distance"),
+            ({"band_hz": (0.0, 2000.0)}, "at most 0, the smallest distance"),
             ({"transition_hz": 2000.0}, "transition_hz=2000 of the band"),
             ({"transition_hz": 0.0}, "above zero"),
             ({"band_hz": (2000.0, 1000.0)}, "must rise"),

@@ -56,7 +56,7 @@ def test_bands_nest_and_cover_the_range():
 
 
 def test_a_band_that_falls_is_refused():
-    with pytest.raises(ValueError, match=r"\(200, 100\) Hz must rise"):
+    with pytest.raises(ValueError, match=r"\(200, 100\) Hz of bands_hz must rise"):
         next(bank_envelopes(np.ones(10), rate_hz=1000, bands_hz=[(200, 100)]))
 
 

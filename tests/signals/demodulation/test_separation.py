@@ -181,12 +181,12 @@ class TestCepstrumPrewhitening:
 @pytest.mark.parametrize(
     ("separate", "settings", "words"),
     [
-        (linear_prediction, {"order": 8}, "16 samples are too few for a prediction of order 8"),
+        (linear_prediction, {"order": 8}, "16 samples are too few for a prediction of order=8"),
         (discrete_random_separation, {"window_length": 8, "delay": 7}, "delay=7 must be a whole number of at least 8"),
         (
             discrete_random_separation,
             {"window_length": 8, "delay": 8},
-            "16 samples are too few for windows of 8",
+            "16 samples are too few for window_length=8",
         ),
     ],
 )

@@ -93,8 +93,8 @@ def test_a_run_up_is_too_far():
 @pytest.mark.parametrize(
     ("change", "said"),
     [
-        ({"revolutions": TIMES_S[:-1]}, "as many as the envelope"),
-        ({"revolutions": 0 * TIMES_S}, "a shaft that turns on"),
+        ({"revolutions": TIMES_S[:-1]}, "give 8000 rising ones"),
+        ({"revolutions": 0 * TIMES_S}, "rising ones, one for each sample"),
         ({"order": 0.0}, "order"),
         ({"rate_hz": np.nan}, "rate_hz"),
         ({"envelope": TIMES_S[:500], "revolutions": TIMES_S[:500]}, "500 values; at least 512"),

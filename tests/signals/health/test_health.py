@@ -137,7 +137,7 @@ def test_dropouts(make, length, status, value):
     # the sample before may by chance, or as the one that is held, have the same value
     assert verdict.lost[20_000 : 20_000 + length].all()
     assert length <= np.count_nonzero(verdict.lost) <= length + 1
-    assert any(f"from {start_s}" in verdict.reasons[0] for start_s in ("2", "1.9999"))
+    assert any(f"starting at {start_s}" in verdict.reasons[0] for start_s in ("2", "1.9999"))
 
 
 @pytest.mark.parametrize("value", [0.0, -2.5])
@@ -147,7 +147,7 @@ def test_stuck_from_some_moment_on(value):
     verdict = judge(x)
     assert verdict.status == "sick"
     assert verdict.faults[0].kind == "stuck"
-    assert f"stuck at {value:.6g} g to the end, for 2 s from 4 s on" in verdict.reasons[0]
+    assert f"stuck at {value:.6g} g to the end, for 2 s, starting at 4 s" in verdict.reasons[0]
 
 
 @pytest.mark.parametrize("x", [np.zeros(1000), np.full(1000, 3.3), np.full(1000, np.nan)])
@@ -239,7 +239,7 @@ def test_a_jump_of_level_where_the_speed_changes_is_no_sick_sensor():
     found = sensor_health(x, rate_hz=RATE_HZ, units="g", speed_hz=stepping)
     assert [fault.kind for fault in found.faults] == ["level jump"]
     assert found.status == "suspect"
-    assert "where the speed changes from 20 to 26 rev/s: a resonance may be passed" in found.reasons[0]
+    assert "where the speed changes from 20 to 26 rev/s and may cross a resonance" in found.reasons[0]
     for speed_hz in (steady, earlier, None):
         assert sensor_health(x, rate_hz=RATE_HZ, units="g", speed_hz=speed_hz).status == "sick"
 
@@ -264,7 +264,7 @@ def test_spikes(make, count, height):
     verdict = judge(x)
     assert [fault.kind for fault in verdict.faults if fault.kind != "clipping"] == ["spikes"]
     assert verdict.status == "suspect"
-    assert f"{count} lone spikes" in verdict.reasons[-1]
+    assert f"{count} isolated spikes" in verdict.reasons[-1]
     assert np.array_equal(np.flatnonzero(verdict.spiked), np.sort(np.concatenate([places - 1, places, places + 1])))
 
 
@@ -281,8 +281,8 @@ def test_short_records_say_what_they_cannot_tell():
     verdict = judge(noise(19, 500))
     assert verdict.status == "ok"
     assert len(verdict.not_judged) == 3
-    assert "mains hum needs 1 s" in verdict.not_judged[0]
-    assert "jumps of level need 4096 samples; the record has 500" in verdict.not_judged[2]
+    assert "detecting mains hum takes 1 s" in verdict.not_judged[0]
+    assert "detecting jumps in level takes 4096 samples; the record has 500" in verdict.not_judged[2]
 
 
 def test_what_is_no_record():

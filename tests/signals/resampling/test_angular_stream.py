@@ -103,7 +103,7 @@ class TestRefusals:
         stream.push(np.zeros(5000))
         stream.finish()
         for call in (stream.finish, lambda: stream.push(np.zeros(3))):
-            with pytest.raises(ValueError, match="finished; make another"):
+            with pytest.raises(ValueError, match="finished; make another AngularStream"):
                 call()
 
     @pytest.mark.parametrize(("method", "least"), [("sinc", 2), ("cubic", 4), ("linear", 2)])

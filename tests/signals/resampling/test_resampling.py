@@ -211,11 +211,11 @@ class TestRefusals:
                 {"x": np.where(np.arange(1000) == 51, np.nan, 1.0)},
                 r"1 values .* not finite, the first at index 51 \(0\.051 s\)",
             ),
-            ({"x": np.ones(50)}, "record longer, or check rate and tachometer"),
+            ({"x": np.ones(50)}, "record longer, or check sampling rate and tachometer"),
             ({"method": "sync"}, "Did you mean 'sinc'"),
             ({"x": [1.0]}, "at least 2"),
-            ({"x": np.ones((3, 3))}, "one real"),
-            ({"x": np.ones(5, dtype=complex)}, "one real"),
+            ({"x": np.ones((3, 3))}, "real array"),
+            ({"x": np.ones(5, dtype=complex)}, "real array"),
             ({"rate_hz": 0}, "rate_hz=0"),
             ({"rate_hz": float("inf")}, "rate_hz"),
             ({"samples_per_rev": 1}, "samples_per_rev=1"),
@@ -261,7 +261,7 @@ class TestFallingAngles:
     def test_a_shaft_that_turns_back(self, sign):
         phase = ShaftPhase(times_s=np.arange(6.0), revolutions=sign * np.array([0.0, 1, 2, 2, 1, 0]))
         words = (
-            "turns back at 3 s, so an angle has several times; use the parts of the record before and after separately"
+            "reverses at 3 s, so an angle has several times; use the parts of the record before and after separately"
         )
         with pytest.raises(ValueError, match=words):
             angular_resample(np.ones(5001), rate_hz=1000.0, phase=phase, samples_per_rev=16)

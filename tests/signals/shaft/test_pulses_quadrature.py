@@ -57,7 +57,7 @@ def test_direction_follows_the_sign_of_the_speed():
 
 
 def test_channels_of_unequal_length():
-    with pytest.raises(ValueError, match=r"\(100,\) and \(99,\) samples; both must cover the same time"):
+    with pytest.raises(ValueError, match=r"\(100,\) and \(99,\); both must cover the same samples"):
         quadrature_direction(np.zeros(100), np.zeros(99), rate_hz=1.0)
 
 
@@ -93,5 +93,5 @@ def test_a_pulse_lost_at_a_reversal_is_said_to_be_possible():
     turns = swing(t)
     first, second = channels(turns)
     first[(t > 0.9) & (t < 1.05)] = -1  # where the shaft turns about, and takes longer for a stripe than before
-    with pytest.warns(UserWarning, match="several edges on end, without the other"):
+    with pytest.warns(UserWarning, match="several consecutive edges without one of the other"):
         quadrature_direction(first, second, rate_hz=RATE_HZ)

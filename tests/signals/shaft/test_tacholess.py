@@ -337,8 +337,8 @@ class TestInput:
         ("changes", "sentence"),
         [
             ({"x": np.r_[np.ones(99), np.nan, np.ones(9999)]}, "1 values that are not finite, the first at index 99"),
-            ({"x": np.ones(1000)}, "3.91 revolutions at the top of speed_range_hz, 50 Hz; at least 10"),
-            ({"speed_range_hz": (50, 5)}, "empty; give the lower end first"),
+            ({"x": np.ones(1000)}, "3.91 revolutions at 50 Hz, the top of speed_range_hz; at least 10"),
+            ({"speed_range_hz": (50, 5)}, "is empty; give a lower end below"),
             ({"orders": ()}, "orders is empty"),
             ({"orders": (20, -1)}, "an order=-1 must be above zero"),
             ({"orders": (2000,)}, "beyond half of rate_hz=12800"),
@@ -401,8 +401,8 @@ class TestRefinePhase:
     @pytest.mark.parametrize(
         ("changes", "sentence"),
         [
-            ({"tolerance": 0.05}, "separates orders up to 3.5 from their neighbours"),
-            ({"window_rev": 200.0}, "share 300 revolutions; windows of 200 need 400"),
+            ({"tolerance": 0.05}, "exceeds 3.5, the highest that is unambiguous"),
+            ({"window_rev": 200.0}, "share 300 revolutions; windows of 200 require 400"),
             ({"start_s": 50.0}, "do not overlap; check start_s"),
             ({"orders": (220,), "tolerance": 0.0005}, "too close to half the sampling rate"),
             ({"x": np.r_[np.ones(5), np.inf, np.ones(127_995)]}, "1 values that are not finite"),

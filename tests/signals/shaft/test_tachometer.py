@@ -96,13 +96,13 @@ class TestWaveforms:
     @pytest.mark.parametrize(
         ("wave", "words"),
         [
-            (passes(0.0), "only ever rises: it looks like a list of pulse times"),
+            (passes(0.0), "rises at every sample: it looks like a list of pulse times"),
             (np.zeros(100), "is constant, 0 at every sample: at least 2 pulses are needed"),
             (np.repeat([0.0, 1.0, 0.0], 50), "upwards 1 times"),
             (np.array([0.0, 1, np.nan, 1, 0, 1]), "1 values that are not finite, the first at index 2"),
             (np.array([0.0, 1]), "at least 3"),
-            (np.zeros((5, 2)), "one real"),
-            (np.array([0, 1, 0, 1], dtype=complex), "one real"),
+            (np.zeros((5, 2)), "real array"),
+            (np.array([0, 1, 0, 1], dtype=complex), "real array"),
         ],
     )
     def test_refused(self, wave, words):
@@ -177,15 +177,15 @@ class TestPulses:
     @pytest.mark.parametrize(
         ("times", "words"),
         [
-            ([0.0, 1, 3, 2, 4], r"run backwards: pulse 3 at 2 s is not after pulse 2 at 3 s \(1 such places\)"),
+            ([0.0, 1, 3, 2, 4], r"do not increase: pulse 3 at 2 s is not after pulse 2 at 3 s \(1 such places\)"),
             ([0.0, 1, 1, 2], r"pulse 2 at 1 s is not after pulse 1 at 1 s"),
             ([4.0, 3, 2], r"\(2 such places\)"),
             ([0.0, 1, np.nan, 3], "not finite, the first at index 2"),
             ([0.0, np.inf], "not finite"),
             ([1.0], "1 values; at least 2"),
             ([], "0 values; at least 2"),
-            ([[0.0, 1.0]], "one real"),
-            (["0", "1"], "one real"),
+            ([[0.0, 1.0]], "real array"),
+            (["0", "1"], "real array"),
         ],
     )
     def test_refused(self, times, words):

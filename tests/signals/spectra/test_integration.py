@@ -93,9 +93,9 @@ class TestBand:
         [
             (
                 {"band_hz": (0.9, 1000.0)},
-                "finer than the 0.25 Hz that a record of 4 s resolves; record at least 4.44 s",
+                "narrower than the 0.25 Hz resolved by a record of 4 s; record at least 4.44 s",
             ),
-            ({"band_hz": (0.0, 1000.0)}, "must rise, above 0"),
+            ({"band_hz": (0.0, 1000.0)}, "must rise and lie above 0"),
             ({"band_hz": (10.0, 5000.0)}, "up to 4096 Hz"),
             ({"band_hz": (10.0, 5.0)}, "must rise"),
             ({"band_hz": (10.0, float("nan"))}, "must be finite"),

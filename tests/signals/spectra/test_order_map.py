@@ -79,7 +79,7 @@ def test_amplitude_and_speed_that_change(swinging):
     ("changes", "words"),
     [
         ({"revolutions": 121}, "revolutions=121 must be a whole number from 1 to 120"),
-        ({"overlap": -0.1}, "overlap = -0.1"),
+        ({"overlap": -0.1}, "overlap=-0.1"),
         ({"scaling": "power"}, "scaling='power' is unknown"),
         ({"window": "hahn"}, "window"),
     ],

@@ -106,11 +106,10 @@ class TestRefusals:
         [
             ({"values": [1.0, np.nan, 0, 0, 0]}, "the signal has 1 values that are not finite"),
             ({"values": [1.0, 2, 3]}, "at least 4"),
-            ({"values": np.ones((4, 4))}, "one real"),
+            ({"values": np.ones((4, 4))}, "real array"),
+            ({"maximum": -1.0}, "maximum=-1.0 must be above zero"),
             ({"rate": 0.0}, "rate"),
-            ({"rate": float("nan")}, "rate"),
             ({"padding": 0}, "padding=0 must be a whole number"),
-            ({"padding": 1.5}, "padding"),
             ({"window": "hahn"}, "window"),
         ],
     )
@@ -208,7 +207,7 @@ class TestAveraged:
         [
             ({"values": [0.0, np.nan, 1, 2]}, "index 1"),
             ({"segment": 65}, "segment=65 must be a whole number from 4 to 64"),
-            ({"overlap": 1.0}, "overlap = 1.0 must lie from 0 to below 1"),
+            ({"overlap": 1.0}, "overlap=1.0 must be at least 0 and below 1"),
             ({"confidence": 1.0}, "confidence=1.0 must lie between"),
             ({"scaling": "power"}, "scaling='power' is unknown"),
         ],
