@@ -82,7 +82,7 @@ def draw_stability(figure: Figure, page: dict[str, Any]) -> None:
 
 
 def draw_backlash(figure: Figure, page: dict[str, Any]) -> None:
-    """Draw the response of teeth that part over speed, swept up and down."""
+    """Draw the response with loss of contact over speed, swept up and down."""
     axes, speeds = figure.subplots(), page["sweep_rad_s"]
     axes.plot(speeds, page["up"], "o-", ms=2.5, label="swept up")
     axes.plot(speeds, page["down"], "s-", ms=2.5, mfc="none", label="swept down")

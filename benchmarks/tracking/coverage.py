@@ -24,7 +24,7 @@ KINDS = {
     "narrow": "a resonance 6 bandwidths wide",
     "gaps": "white noise, a sixth missing in gaps of up to 2 / bandwidth",
     "clipped": "white noise, 5 % of the samples clipped, `clip_limits` given",
-    "offset": "white noise, with an untracked offset of five times its std",
+    "offset": "white noise, with an offset of five times its std",
     "AM": "white noise, amplitudes modulated by 50 % at a quarter of the bandwidth",
     "run-up": "pink noise, speed increasing threefold",
 }
