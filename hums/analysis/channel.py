@@ -12,7 +12,7 @@ from itertools import islice
 import numpy as np
 from numpy.typing import NDArray
 
-from hums.analysis.detection import LineAssessor
+from hums.analysis.detection import LEAKAGE_SHARE, LineAssessor
 from hums.analysis.evidence import BandEvidence, PartEvidence, Setting, bearing_evidence
 from hums.analysis.expected_lines import (
     ENVELOPE,
@@ -248,7 +248,7 @@ def analyse_channel(
         no_band=no_band,
         bands=seen,
         evidence=evidence,
-        unexplained=tuple(unexplained),
+        unexplained=tuple(_unless_passed_mains(line, longest) for line in unexplained),
         of_pulses=of_pulses,
         envelope_reach=0.0 if best is None else best.reach,
         indicators=tuple(indicators),
@@ -277,34 +277,48 @@ def _block_turns(segments: Sequence[Segment], *, early_s: float) -> float:
 
 
 def _with_passed_mains(lines: Sequence[MeasuredLine], segment: Segment) -> list[MeasuredLine]:
-    """Return the sidebands of a spectrum with what lines of the mains leak to them while the speed passes them.
+    """Return the sidebands of a spectrum with what lines of the mains leak to them while the speed passes them."""
+    found = []
+    for line in lines:
+        leakage = line.line.leakage
+        if line.expected.kind == "tooth" and not math.isnan(leakage):  # NaN: no line is seen
+            leakage = max(leakage, _passed_mains(line.line.found, segment)[0])
+        found.append(replace(line, line=replace(line.line, leakage=leakage)))
+    return found
+
+
+def _unless_passed_mains(line: UnexplainedLine, segment: Segment) -> UnexplainedLine:
+    """Return an unexplained line with the line of the mains that the speed passes there, if it makes most of it."""
+    amplitude, name = _passed_mains(line.order, segment)
+    return replace(line, might_be=name) if amplitude > LEAKAGE_SHARE * line.amplitude else line
+
+
+def _passed_mains(order: float, segment: Segment) -> tuple[float, str]:
+    """Return the largest amplitude that a line of the mains leaves at an order while the speed passes it, and its name.
 
     A line of constant frequency f and amplitude A leaves ``A |sum w exp(2 pi j (f t - order revolutions))| / sum w`` at
     an order, most of it where the speed dwells at f over the order.
     """
-    if setting_of(segment.machine).steady:  # a line of constant frequency is one of constant order
-        return list(lines)
-    when, phase = segment.when, segment.machine.phase
+    when, phase, speeds_hz = segment.when, segment.machine.phase, segment.machine.speeds_hz
+    passed = [
+        (multiple * mains, f"mains, {multiple} x {mains:g} Hz")
+        for mains in MAINS_HZ
+        for multiple in range(1, MAINS_HARMONICS + 1)
+        if order * min(speeds_hz) <= multiple * mains <= order * max(speeds_hz)
+    ]
+    if setting_of(segment.machine).steady or not passed:  # a line of constant frequency is one of constant order
+        return 0.0, ""
     start_s, stop_s = max(phase.start_s, when.start_s), min(phase.stop_s, when.start_s + when.count / when.rate_hz)
-    slowest_hz, fastest_hz = float(min(segment.machine.speeds_hz)), float(max(segment.machine.speeds_hz))
-    every_hz = [multiple * mains for mains in MAINS_HZ for multiple in range(1, MAINS_HARMONICS + 1)]
-    found = []
-    for line in lines:
-        order, leakage = line.line.found, line.line.leakage
-        passed_hz = [one for one in every_hz if order * slowest_hz <= one <= order * fastest_hz]
-        if line.expected.kind != "tooth" or not passed_hz or math.isnan(leakage):  # NaN: no line is seen
-            found.append(line)
-            continue
-        times_s = np.arange(start_s, stop_s, 0.25 / (order * fastest_hz))
-        window, turned = np.hanning(times_s.size), order * phase.revolutions_at(times_s)
-        for frequency_hz in passed_hz:
-            apart = window @ np.exp(2j * np.pi * (frequency_hz * times_s - turned))
-            reach_hz = MAINS_ACCURACY * frequency_hz + when.rate_hz / when.count
-            first, last = (round((frequency_hz + by) * when.count / when.rate_hz) for by in (-reach_hz, reach_hz))
-            amplitude = 2 * np.abs(segment.filled_transform[first : last + 1]).max(initial=0.0) / when.count
-            leakage = max(leakage, float(amplitude * abs(apart) / window.sum()))
-        found.append(replace(line, line=replace(line.line, leakage=leakage)))
-    return found
+    times_s = np.arange(start_s, stop_s, 0.25 / (order * max(speeds_hz)))
+    window, turned = np.hanning(times_s.size), order * phase.revolutions_at(times_s)
+    left = []
+    for frequency_hz, name in passed:
+        apart = window @ np.exp(2j * np.pi * (frequency_hz * times_s - turned))
+        reach_hz = MAINS_ACCURACY * frequency_hz + when.rate_hz / when.count
+        first, last = (round((frequency_hz + by) * when.count / when.rate_hz) for by in (-reach_hz, reach_hz))
+        amplitude = 2 * np.abs(segment.filled_transform[first : last + 1]).max(initial=0.0) / when.count
+        left.append((float(amplitude * abs(apart) / window.sum()), name))
+    return max(left)
 
 
 def _blocks(signal: AngularSignal, turns: float, *, single: bool) -> Iterator[AngularSignal]:

@@ -48,7 +48,7 @@ from signals.spectra.lines import record_probability
 
 _CHANCE_WIDTHS = 4.0  # widths of a line: where multiples of the mains are nearer, a quarter of all lines is on one
 _ALIKE = 0.99  # of the largest: widths of bands, and strengths of one peak, are the same to rounding
-_ONE_IN_20 = 1.645  # standard deviations that a normal variable falls below its mean in one of 20 cases
+_ONE_IN_10 = 1.282  # standard deviations that a normal variable falls below its mean in one of ten cases
 _SIDEBANDS = 3  # on either side that support a fundamental
 _HARMONIC_SHARE = 0.5  # of a line's depth that one must have whose harmonic it may be: harmonics of strikes fall
 _MULTIPLES = 3  # of a deeper line that may be looked at as the part's own
@@ -136,7 +136,9 @@ class PartEvidence:
         bands, since damage may ring in any part of the range.
     possible_depth : float
         The deepest modulation that may be there unseen in one of the widest bands: it is below `detectable_depth`
-        where the line in its place is so small that a deeper one would have been larger in 19 of 20 records.
+        where the line in its place is so small that a deeper one would have been larger in nine of ten records.
+    inspected_hz : (float, float)
+        Range of these bands; damage that rings outside of it, in bands full of meshes, is not excluded.
     unsure_depth : float
         The deepest line in any band at its order that does not count for it, since something else explains it (then
         `hidden_by` says what, where the part has no strength) or noise makes it too often.
@@ -169,6 +171,7 @@ class PartEvidence:
     hidden_by: str = ""
     detectable_depth: float = math.inf
     possible_depth: float = math.inf
+    inspected_hz: tuple[float, float] = (0.0, math.inf)
     unsure_depth: float = 0.0
     other_order: float = 0.0
     other_depth: float = 0.0
@@ -388,6 +391,7 @@ def _part(seen: Sequence[tuple[BandEvidence, AssessedLine]], bearing: BearingOrd
         band_high_hz=band.band_hz[1],
         detectable_depth=max(_detectable_depth(*one) for one in whole),
         possible_depth=_possible_depth(seen, whole),
+        inspected_hz=(min(one.band_hz[0] for one, _ in whole), max(one.band_hz[1] for one, _ in whole)),
         unsure_depth=0.0 if unsure is None else unsure.measured.depth,
         hidden_by="" if unsure is None else unsure.explained_by,
         modulation=max(_family_strength([one.measured for one in _family(band, line)]) for band, line in seen),
@@ -441,12 +445,12 @@ def _possible_depth(
 
 
 def _largest_depth(one: AssessedLine) -> float:
-    """Return the depth of a line that noise makes appear as small as one in fewer than one in 20 records.
+    """Return the depth of a line that noise makes appear as small as one in fewer than one in ten records.
 
     A line is at least its part in phase with it, whose noise is normal.
     """
     line = one.measured
-    return (line.line.amplitude + _ONE_IN_20 * line.line.amplitude_std) / line.level if line.level > 0 else math.inf
+    return (line.line.amplitude + _ONE_IN_10 * line.line.amplitude_std) / line.level if line.level > 0 else math.inf
 
 
 def _unsure(line: AssessedLine) -> bool:

@@ -6,7 +6,7 @@ Every kind of defect of every part has one of four verdicts:
 - *indicated*: few healthy machines show as much, but a doubt remains, which the evidence names;
 - *not judged*: the record cannot say: too short or too noisy, out of the band, the sensor faulty, or its line hidden by
   something else;
-- *nothing found*: a modulation by a twentieth of the level would have shown, and does not.
+- *nothing found*: a modulation of 5 % in the range inspected would have been detected, and was not.
 
 The probability is that over healthy machines (`hums.analysis.healthy_machines`), for all parts of the record together,
 not that of noise. No bearing is named for a line that may be another source's: one of the same bearing is three times
@@ -51,6 +51,7 @@ __all__ = [
 
 DIAGNOSED, INDICATED, NOT_JUDGED, NOTHING_FOUND = "diagnosed", "indicated", "not judged", "nothing found"
 CERTAIN = 0.5  # of the stated probability: what is diagnosed is twice as rare among healthy machines
+LONGER = "Take a longer record at a steady speed and load."
 _UNKNOWN = "unknown: no earlier record of this machine to compare with"
 
 
@@ -64,14 +65,14 @@ class Finding:
 
     component: str
     kind: str
-    channel: str
-    verdict: str
-    evidence: str
-    false_alarm_probability: float
-    snr: float
-    order_found: float
-    amplitude: float
-    units: str
+    channel: str = ""
+    verdict: str = NOT_JUDGED
+    evidence: str = ""
+    false_alarm_probability: float = math.nan
+    snr: float = math.nan
+    order_found: float = math.nan
+    amplitude: float = math.nan
+    units: str = ""
     strength: float = math.nan
     depth: float = math.nan
     detectable_depth: float = math.nan
@@ -210,15 +211,15 @@ def _of_another_bearing(one: Finding, named: str) -> Finding:
     return judging_nothing(one, why, f"judged if its orders differed from those of {named}")
 
 
-def judging_nothing(one: Finding, why: str, least_change: str) -> Finding:
-    """Return a verdict that judges nothing, with the reason."""
+def judging_nothing(one: Finding, why: str, least_change: str, next_step: str = "") -> Finding:
+    """Return a verdict that judges nothing, with the reason and what would help."""
     return replace(
         one,
         verdict=NOT_JUDGED,
-        evidence=f"not judged: {why}.",
+        evidence=f"not judged: {why.rstrip('.')}.",
         doubts=why,
         severity=_UNKNOWN,
-        next_step="",
+        next_step=next_step or (LONGER if why.startswith("too short") else ""),
         least_change=least_change,
     )
 
@@ -249,7 +250,7 @@ def _bearing_verdict(
     if masked := _masked(part, rivals):
         why, least_change = masked
         step = f"Take a longer record at the same speed and load, and compare the line of {_kind_text(part.kind)}."
-        return replace(_not_judged(part, why, probability=shown, least_change=least_change), next_step=step)
+        return _not_judged(part, why, probability=shown, least_change=least_change, next_step=step)
     doubts = _doubts(part, rivals)
     if probability > CERTAIN * stated and not doubts:
         doubts.append(f"{healthy_share_words(probability)} healthy machines show as much")
@@ -434,21 +435,18 @@ def _unnamed(part: PartEvidence, probability: float, needed: float) -> Finding:
             if math.isfinite(longer)
             else "judged in a band that has power",
         )
-    if part.unsure_depth > FAULTY_DEPTH and not part.strength:
-        why = f"too short or too noisy: a line at its order modulates a band by {part.unsure_depth:.0%}, which may "
-        why += "be noise or damage"
+    masking, least = (part.depth, JUDGED_DEPTH) if part.strength else (part.unsure_depth, FAULTY_DEPTH)
+    if masking > least and (part.hidden_by or not part.strength):
+        why = f"too short or too noisy: a line at its order, noise or damage, modulates a band by {masking:.0%}"
         if part.hidden_by:
-            why = (
-                f"{_hidden(part.hidden_by)}; it makes up {part.unsure_depth:.0%} of a band's level and may mask defects"
-            )
-        least_change = f"nothing found with that line below {FAULTY_DEPTH:.0%}"
-        return _not_judged(part, why, least_change=least_change)
+            why = f"{_hidden(part.hidden_by)}; it modulates a band by {masking:.0%} and may mask damage"
+        return _not_judged(part, why, least_change=f"nothing found with that line below {least:.0%}")
     seen = f"{healthy_share_words(probability)} records of healthy machines show as much"
     if probability <= SELDOM_SOUND and part.strength >= LEAST_STRENGTH and not part.hidden_by:
         why = f"a line at its order modulates a band by {part.depth:.1%}: {seen}, too few to call it sound"
         least_change = f"indicated at a strength of {needed:.3g} or more (now {part.strength:.3g})"
         step = "Take another record at the same speed and load, a longer one if possible, and compare the line."
-        return replace(_not_judged(part, why, probability=probability, least_change=least_change), next_step=step)
+        return _not_judged(part, why, probability=probability, least_change=least_change, next_step=step)
     seen = f"{_line_text(part)}: {seen}" if part.strength > 0 else "no line of its own at its orders"
     blind = JUDGED_DEPTH / part.possible_depth if part.possible_depth > 0 else math.inf
     changes = [(blind, f"not judged at {blind:.2g} times the background noise")]
@@ -456,10 +454,12 @@ def _unnamed(part: PartEvidence, probability: float, needed: float) -> Finding:
         changes.append(
             (needed / part.strength, f"indicated at a strength of {needed:.3g} or more (now {part.strength:.3g})")
         )
+    low_hz, high_hz = part.inspected_hz
     return replace(
         _blank(part),
         verdict=NOTHING_FOUND,
-        evidence=f"{seen}; a modulation of {part.possible_depth:.1%} would have been detected.",
+        evidence=f"{seen}; a modulation of {part.possible_depth:.1%} between {low_hz:.4g} and {high_hz:.4g} Hz would "
+        "have been detected.",
         false_alarm_probability=probability,
         doubts=_hidden(part.hidden_by) if part.hidden_by else "",
         least_change=_least_of(changes),
@@ -470,15 +470,11 @@ def _hidden(what: str) -> str:
     return f"its line may have another source: {what}"
 
 
-def _not_judged(part: PartEvidence, why: str, *, probability: float = math.nan, least_change: str) -> Finding:
-    return replace(
-        _blank(part),
-        verdict=NOT_JUDGED,
-        evidence=f"not judged: {why}.",
-        false_alarm_probability=probability,
-        doubts=why,
-        next_step="Take a longer record at a steady speed and load." if why.startswith("too short") else "",
-        least_change=least_change,
+def _not_judged(
+    part: PartEvidence, why: str, *, probability: float = math.nan, least_change: str, next_step: str = ""
+) -> Finding:
+    return judging_nothing(
+        replace(_blank(part), false_alarm_probability=probability), why, least_change, next_step=next_step
     )
 
 
@@ -487,9 +483,6 @@ def _blank(part: PartEvidence) -> Finding:
         component=part.component,
         kind=part.kind,
         channel=part.channel,
-        verdict=NOT_JUDGED,
-        evidence="",
-        false_alarm_probability=math.nan,
         snr=part.snr if math.isfinite(part.snr) else 1e9,
         order_found=part.found,
         amplitude=part.amplitude,

@@ -21,12 +21,18 @@ from typing import Any
 import numpy as np
 from numpy.typing import NDArray
 
-from hums.analysis.findings import INDICATED, NOT_JUDGED, NOTHING_FOUND, Finding
+from hums.analysis.findings import INDICATED, NOTHING_FOUND, Finding, judging_nothing
 from hums.analysis.healthy_machines import RAREST_STATED, HealthyMachines, healthy_machines
 from hums.analysis.reference_angle import Machine
 from hums.analysis.result import IndicatorValue
 from hums.analysis.segments import Segment, resample_in_angle
-from hums.analysis.thresholds import DIFFERING_TEETH, FEWEST_CYCLES, GRAVE_RISE, HIGHEST_TOOTH, MODULATED_MESH
+from hums.analysis.thresholds import (
+    DIFFERING_TEETH,
+    FEWEST_CYCLES,
+    GRAVE_RISE,
+    HIGHEST_TOOTH,
+    MODULATED_MESH,
+)
 from hums.gearbox.defect_orders import DefectOrder
 from hums.gearbox.planetary_stages import planetary_stages
 from signals.angle.local_damage import PERMUTED_TURNS, LocalDamage, folded, local_damage, repeated_waveform
@@ -48,7 +54,6 @@ _MASKED_TEETH = 1.5  # on either side of a damaged tooth, taken out before weake
 _NO_ANGLE = "the speed is nominal and its changes show in no line, so that the angle is not known to a tooth"
 _SICK = "the sensor is sick"
 _COMPARE = "Compare with an earlier record at the same speed and load, or inspect the teeth."
-_LONGER = "Take a longer record at a steady speed and load."
 _ROTATIONS = (999, 9999)  # least and most: more cost time where a tooth is found
 _LEAST_LOCAL = 1e-30  # no healthy gear comes near it
 
@@ -63,7 +68,9 @@ class GearJudgement:
     component : str
         Mesh and gear, as in `hums.defect_orders`.
     also : tuple of str
-        Gears that this one cannot be told apart from for certain, because their teeth meet at the same rate.
+        Gears whose teeth meet others at the same rate.
+    rivals : tuple of str
+        Those of them that the modulation of the meshes does not tell apart, so that the tooth may be theirs.
     order : float
         Meetings of one tooth per revolution of the reference.
     teeth : int
@@ -79,7 +86,7 @@ class GearJudgement:
     statistic, outlier, rise : float
         As in `LocalDamage`.
     least_rise : float
-        Rise, in all bands alike, from which on the tooth would be named.
+        Rise from which on the tooth would be named whichever single band showed it.
     amplitude : float
         RMS of the envelope at the tooth, in `units`.
     position_rev : float
@@ -96,12 +103,16 @@ class GearJudgement:
     unmeasured_angle : int
         1 where the speed is nominal and its changes were not followed: a tooth that stands out all the same is one,
         but none that does not is sound.
+    from_pulse : int
+        1 where the gear turns with a shaft whose tachometer gives one pulse per revolution, from which its teeth can be
+        counted.
     """
 
     channel: str
     units: str
     component: str
     also: tuple[str, ...] = ()
+    rivals: tuple[str, ...] = ()
     order: float
     teeth: int
     turns: int = 0
@@ -121,6 +132,7 @@ class GearJudgement:
     explained_by: str = ""
     not_judged: str = ""
     unmeasured_angle: int = 0
+    from_pulse: int = 0
 
     @property
     def judgeable(self) -> bool:
@@ -182,6 +194,7 @@ def gear_damage(
     gears = _gears(segment.machine)
     if not gears:
         return []
+    machine, source = segment.machine, segment.machine.source
     judged = [
         GearJudgement(
             channel=segment.name,
@@ -189,7 +202,10 @@ def gear_damage(
             component=gear.row.component,
             order=gear.row.order,
             teeth=gear.teeth,
-            unmeasured_angle=int(segment.machine.phase.nominal and not segment.machine.source.followed),
+            unmeasured_angle=int(machine.phase.nominal and not source.followed),
+            from_pulse=int(
+                gear.shaft != "" and source.pulses_per_rev == 1 and math.isclose(gear.row.order * machine.ratio, 1)
+            ),
         )
         for gear in gears
     ]
@@ -404,8 +420,9 @@ class _Judge:
         contrast = {name: mesh_contrast(self.white, teeth=gears[name].per_turn, **place) for name in names}
         best = max(names, key=lambda name: contrast[name])
         also = tuple(name for name in names if name != best)
+        rivals = tuple(name for name in also if contrast[best] < MODULATED_MESH * max(1.0, contrast[name]))
         knock_of = "" if contrast[best] >= MODULATED_MESH else gears[best].shaft
-        return replace(row, component=best, also=also, teeth=gears[best].teeth, knock_of=knock_of)
+        return replace(row, component=best, also=also, rivals=rivals, teeth=gears[best].teeth, knock_of=knock_of)
 
     def envelope(self, row: GearJudgement, gear: _Tooth) -> ToothEnvelope:
         """Return the squared envelope of the band in which a gear's tooth stands out."""
@@ -460,9 +477,14 @@ def gear_verdicts(judged: Sequence[GearJudgement], *, false_alarm_probability: f
 
 def _indicated(row: GearJudgement, stated: float) -> Finding:
     (low, high), shown = row.band_orders, max(row.probability, RAREST_STATED)
-    alike = f", or of {' or '.join(row.also)}, which this record cannot tell from it," if row.also else ""
+    alike = ""
+    if row.rivals:
+        alike = f" of {row.component} or of {' or '.join(row.rivals)}, which this record cannot tell apart,"
     doubt = "a single pitch deviation of a sound gear has the same effect"
-    step = "Compare with an earlier record at the same speed and load, or inspect the tooth"
+    step = f"Compare with an earlier record at the same speed and load, or inspect the tooth{alike.partition(',')[0]}"
+    if row.from_pulse:
+        number = int(row.position_rev % 1 * row.teeth) + 1
+        step += f" (near tooth {number} of {row.teeth}, counted from the one in mesh at the tachometer's pulse)"
     if row.knock_of:
         doubt += (
             f", and so has a loose part on {row.knock_of} that strikes once per revolution, since no mesh is modulated"
@@ -488,14 +510,7 @@ def _unnamed(row: GearJudgement, stated: float) -> Finding:
     """Return why a gear is not judged, or that no tooth stands out."""
     blank, (why, next_step, least_change) = _blank(row), _why_not_judged(row, stated)
     if why:
-        return replace(
-            blank,
-            verdict=NOT_JUDGED,
-            evidence=f"not judged: {why.rstrip('.')}.",
-            doubts=why,
-            next_step=next_step,
-            least_change=least_change,
-        )
+        return judging_nothing(blank, why, least_change, next_step)
     alike = "uniform wear needs an earlier record"
     if row.differing <= DIFFERING_TEETH:
         alike = (
@@ -504,7 +519,8 @@ def _unnamed(row: GearJudgement, stated: float) -> Finding:
     return replace(
         blank,
         verdict=NOTHING_FOUND,
-        evidence=f"no tooth stands out in {row.turns} contacts per tooth; {alike}.",
+        evidence=f"no tooth stands out in {row.turns} contacts per tooth; one of {row.least_rise:.2g} times the energy "
+        f"of the others in any band would have; {alike}.",
         least_change=f"indicated at a probability of {stated:.3g} or less (now {row.probability:.3g})",
     )
 
@@ -514,13 +530,13 @@ def _why_not_judged(row: GearJudgement, stated: float) -> tuple[str, str, str]:
     longer = "judged in a longer record, or a faster sampled one"
     if why := row.not_judged or (_NO_ANGLE if row.unmeasured_angle else ""):
         change = {_SICK: "judged with a sound sensor", _NO_ANGLE: "judged with a tachometer"}.get(why, longer)
-        return why, _LONGER if why.startswith("too short") else "", change
+        return why, "", change
     if row.explained_by and row.probability <= stated:
         by = row.explained_by
         return f"what it shows may be that of {by}", "", f"indicated without the tooth of {by}"
     if row.turns < FEWEST_CYCLES:
         why = f"too short: in {row.turns} revolutions only severe damage shows; at least {FEWEST_CYCLES:g} are required"
-        return why, _LONGER, longer
+        return why, "", longer
     if row.differing <= DIFFERING_TEETH and row.outlier > HIGHEST_TOOTH:
         why = (
             "its teeth differ in the same way in all parts of the record, as pitch deviations of a sound gear and pits "
@@ -530,8 +546,8 @@ def _why_not_judged(row: GearJudgement, stated: float) -> tuple[str, str, str]:
         return why, _COMPARE, change
     if row.least_rise > GRAVE_RISE:
         why = (
-            f"its teeth differ too much, or are too few, for one to stand out below {row.least_rise:.3g} times the "
-            f"energy of the others, and damaged ones may rise to {GRAVE_RISE:g} times it"
+            f"its teeth differ too much, or are too few, for one to stand out in every band below {row.least_rise:.3g} "
+            f"times the energy of the others, and damaged ones may rise to {GRAVE_RISE:g} times it"
         )
         return why, _COMPARE, f"nothing found, if {GRAVE_RISE:g} times the energy of the others stood out"
     return "", "", ""
@@ -542,8 +558,6 @@ def _blank(row: GearJudgement) -> Finding:
         component=row.component,
         kind="tooth",
         channel=row.channel,
-        verdict=NOT_JUDGED,
-        evidence="",
         false_alarm_probability=max(row.probability, RAREST_STATED) if row.judgeable else math.nan,
         snr=row.outlier if math.isfinite(row.outlier) else 1e9,
         strength=row.strength if row.judgeable else math.nan,

@@ -24,7 +24,6 @@ from hums.analysis.evidence import PartEvidence
 from hums.analysis.expected_lines import ORDER_SPECTRUM, MeasuredLine
 from hums.analysis.findings import (
     INDICATED,
-    NOT_JUDGED,
     NOTHING_FOUND,
     RANK,
     Finding,
@@ -187,7 +186,10 @@ def verdicts_from(groups: Mapping[str, xr.Dataset], attrs: Mapping[Any, Any]) ->
         ),
         *gear_verdicts(gears, false_alarm_probability=of_gears),
         *_shaft_verdicts(rows_of(groups[f"/{SHAFTS}"], ShaftLevel), settings["velocity_limits_mm_s"], faulty),
-        *(_not_measured(row) for row in unmeasured),
+        *(
+            judging_nothing(Finding(component=row.component, kind=row.kind), row.why, row.least_change)
+            for row in unmeasured
+        ),
     ]
     if contradiction := str(attrs[CONTRADICTION]):
         change = "judged with the speed and drawing of the machine that was recorded"
@@ -295,27 +297,6 @@ def _why_no_line(
     return (
         "out of band: the bands that carry its line contain mostly lines of meshes and shafts",
         "judged in a band without them (envelope_band_hz)",
-    )
-
-
-def _not_measured(row: Unmeasured) -> Finding:
-    change = {"least_change": row.least_change}
-    if row.why.startswith("too short"):
-        change["next_step"] = "Take a longer record at a steady speed and load."
-    return _not_judged(row.component, row.kind, row.why, **change)
-
-
-def _not_judged(component: str, kind: str, why: str, **known: Any) -> Finding:  # noqa: ANN401
-    nothing: dict[str, Any] = {"channel": "", "units": "", "order_found": math.nan, "amplitude": math.nan}
-    return Finding(
-        component=component,
-        kind=kind,
-        verdict=NOT_JUDGED,
-        evidence=f"not judged: {why}.",
-        false_alarm_probability=math.nan,
-        snr=math.nan,
-        doubts=why,
-        **nothing | known,
     )
 
 
@@ -469,5 +450,6 @@ def _lines_text(row: ShaftLevel) -> str:
 
 
 def _shaft_not_judged(row: ShaftLevel, why: str, needs: str) -> Finding:
-    measured = {"channel": row.channel, "order_found": row.order, "amplitude": row.level, "units": f"{row.units} RMS"}
-    return _not_judged(row.component, _SHAFT_KIND, why, least_change=f"judged with {needs}", **measured)
+    shaft = Finding(component=row.component, kind=_SHAFT_KIND, channel=row.channel, units=f"{row.units} RMS")
+    measured = replace(shaft, order_found=row.order, amplitude=row.level)
+    return judging_nothing(measured, why, f"judged with {needs}")

@@ -237,7 +237,8 @@ class LocalDamage:
         Ratio of the energy of the peak to that of the other places, as geometric means over revolutions; a large rise
         is underestimated, since the logarithm is bounded.
     least_rise : float
-        Rise, equal in all bands, at which `local` would reach the stated probability; inf if none would.
+        Rise in one band alone, in whichever shows it least, at which `local` would reach the stated probability; inf if
+        none would.
     position_rev, width_rev : float
         Middle of the peak, from 0 to 1 revolution of the gear, and its width.
     band : int
@@ -439,11 +440,11 @@ class _Others:
         return _Others(**{one.name: getattr(self, one.name)[peak : peak + 1] for one in fields(self)})
 
     def least_rise(self, stated: float) -> float:
-        """Return the ratio to the mean, equal in all bands, at which a peak is as improbable as stated."""
-        local, _ = self.local(_RISES[:, None] * self.mean)
-        if local[-1] >= stated:
-            return math.inf
-        return float(np.exp(np.interp(-math.log(stated), -np.log(np.maximum(local, _LEAST_TAIL)), np.log(_RISES))))
+        """Return the ratio to the mean, in whichever one band alone, at which a peak is as improbable as stated."""
+        alone = self.mean * (1 + (_RISES[:, None, None] - 1) * np.eye(self.mean.size))  # (rise, raised band, band)
+        local = self.local(alone.reshape(-1, self.mean.size))[0].reshape(_RISES.size, -1).max(axis=1)
+        rarity = -np.log(np.maximum(local, _LEAST_TAIL))
+        return float(np.exp(np.interp(-math.log(stated), rarity, np.log(_RISES), right=math.inf)))
 
 
 def _over(excess: Array, scale: Array) -> Array:

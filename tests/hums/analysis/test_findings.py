@@ -212,8 +212,8 @@ JUDGED = {
     "tooth": ([*outer(30, 0, level=150.0),
         *[line("tooth", 3.6 * k, 40.0, of="m/p", k=k, main=False, level=150.0) for k in (1, 2, 3)]], {}, OUTER,
         "not judged", "harmonic 1 of m/p tooth"),
-    "unseen": (inner(2), {}, INNER, "not judged", "a modulation of 14.1% may go undetected"),
-         # 2 + 1.645 x 0.5 of 20
+    "unseen": (inner(2), {}, INNER, "not judged", "a modulation of 13.2% may go undetected"),
+         # 2 + 1.282 x 0.5 of 20
     "seen to be absent": (inner(2, level=60.0), {}, INNER, "nothing found", ""),
     # a strength of 0.04, which 2 to 3 and 10 to 11 of a hundred healthy parts have
     "rare in health": (inner(30, sideband=9, level=750.0), {"library": shown_by(1)}, INNER, "not judged",
@@ -253,13 +253,13 @@ def test_equal_bearings_are_named_together():
 
 
 @pytest.mark.parametrize("seen", [0.5, 1.0, 2.0, 4.0])
-def test_a_deeper_line_would_have_been_larger_in_19_of_20_records(seen):
+def test_a_deeper_line_would_have_been_larger_in_nine_of_ten_records(seen):
     (part,) = bearing_evidence([band(assessed(inner(seen)))], BEARINGS, SETTING)
     rng = np.random.default_rng(3)
     noise = 0.5 * (rng.standard_normal(100_000) + 1j * rng.standard_normal(100_000))
     as_small = np.mean(np.abs(20 * part.possible_depth + noise) <= seen)
-    assert as_small <= 0.05 + 3 * 0.0007  # the deviation of a share of 0.05 of 100,000
-    assert as_small > 0.005  # and not by far
+    assert as_small <= 0.1 + 3 * 0.00095  # the deviation of a share of 0.1 of 100,000
+    assert as_small > 0.01  # and not by far
 
 
 @pytest.mark.parametrize(("beside", "verdict"), [(2.0, "diagnosed"), (6.0, "indicated")])

@@ -1,12 +1,13 @@
 """Gears of synthetic records: the right one is named, and none of a sound machine whose load and speed change."""
 
+import re
 from dataclasses import replace
 
 import numpy as np
 import pytest
 
 from data_synth import Scene, simulate
-from hums import AnalysisSettings, NominalSpeed, load_gearbox, make_record
+from hums import AnalysisSettings, PulseTimes, load_gearbox, make_record
 from hums.analysis.gear_damage import GearJudgement, gear_damage, gear_verdicts
 from hums.analysis.segments import segmented
 from hums.analysis.thresholds import GRAVE_RISE, HIGHEST_TOOTH
@@ -83,10 +84,19 @@ def test_the_gear_whose_mesh_is_modulated_comes_before_another_of_its_shaft(own,
     for gear, teeth in enumerate((67, 19)):
         bump = (gear == own) * np.exp(-0.5 * (((turn + 0.6) % 1 - 0.5) * teeth / 0.6) ** 2)
         x += (1 - 0.5 * bump) * sum(np.cos(2 * np.pi * k * teeth * turn + k * bump) / k for k in (1, 2, 3))
-    angle = NominalSpeed(rpm=1500, shaft="input")
+    pulses = np.arange(int(turn[-1]) + 1) / (25 * 23 / 67)
+    angle = PulseTimes(times_s=pulses, shaft="intermediate", pulses_per_rev=1)
     record = make_record({"a": x}, rate_hz=rate_hz, units="g", angle=angle)
     found = named(judged_record(record, "two-stage"))
     assert (found[0].component, found[0].also) == (gears[own], (gears[other],))
+    alone, both = (
+        gear_verdicts([row], false_alarm_probability=0.01)[0].next_step
+        for row in (replace(found[0], rivals=()), replace(found[0], rivals=(gears[other],)))
+    )
+    number, teeth = map(int, re.search(r"near tooth (\d+) of (\d+)", alone).groups())
+    assert abs(number - 0.9 * teeth) < 2  # in mesh 0.9 of a turn after the pulse
+    assert gears[other] not in alone
+    assert gears[other] in both
 
 
 @pytest.mark.parametrize("scene", [PLANETARY, TWO_STAGE], ids=["planetary", "two-stage"])

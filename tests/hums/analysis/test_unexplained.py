@@ -165,7 +165,7 @@ def test_a_family_is_guessed_to_be_the_bearing_of_the_lowest_multiple():
 
 
 @pytest.mark.parametrize(("own", "mains", "claimed"), [(0.0, 0.02, False), (0.003, 0.003, True)])
-def test_a_sideband_is_not_what_the_mains_leave_at_its_order_while_the_speed_passes_them(own, mains, claimed):
+def test_what_the_mains_leave_while_the_speed_passes_them_is_no_sideband_and_has_a_source(own, mains, claimed):
     times_s = np.arange(40_000) / 4000
     turns = 24.3 * times_s + 21 * np.exp(-times_s / 1.5)  # 10 to 24.3 rev/s, where 150 Hz is order 6.173
     mesh, gear = 19 * 23 / 67, 23 / 67
@@ -179,3 +179,5 @@ def test_a_sideband_is_not_what_the_mains_leave_at_its_order_while_the_speed_pas
     table = hums.line_table(analysis, "order_spectrum")
     place = (table["component"] == "stage 2/intermediate") & (table["sideband"] == -1) & (table["harmonic"] == 1)
     assert table[place]["claimed"].tolist() == [claimed]
+    sources = set(hums.unexplained_table(analysis)["might_be"])
+    assert sources == (set() if claimed else {"mains, 3 x 50 Hz"})
