@@ -100,7 +100,7 @@ def _topic(package: str, thing: object) -> str:
     home = getattr(thing, "__module__", package).split(".")
     depth = package.count(".") + 2 if home[: package.count(".") + 1] == package.split(".") else 2
     about = import_module(".".join(home[:depth])).__doc__ if len(home) > 1 else None
-    return re.split("[:;.,]", (about or "Data").strip(), maxsplit=1)[0]
+    return re.split("[:;.,(]", (about or "Data").strip(), maxsplit=1)[0].strip()
 
 
 def _api_page(package: str, about: str) -> str:
