@@ -1,1 +1,1 @@
-"""Records: their contents, checks and files."""
+"""Records: contents, validation and files."""

@@ -29,16 +29,16 @@ from signals._validation import plain_text
 if TYPE_CHECKING:
     from _typeshed import ReadableBuffer as Buffer
 
-# ---- Files that stand alone: nothing in them reaches into another file, and nothing was changed unseen ---------------
+# ---- Self-contained, unchanged files ---------------------------------------------------------------------------------
 
 
 def objects(file: h5py.File) -> Iterator[tuple[str, h5py.Group | h5py.Dataset]]:
-    """Yield the groups and datasets of a file, each once however many links lead to it; dangling links are left out.
+    """Yield the groups and datasets of a file, each once however many links lead to it; dangling links are ignored.
 
     Raises
     ------
     RecordError
-        Where a link leads into another file, or there are more objects than any record has.
+        If a link leads into another file, or there are more objects than in any record.
     """
     seen, waiting = set(), [("", file["/"])]
     most_objects = 100_000  # a record has some dozens
@@ -49,7 +49,7 @@ def objects(file: h5py.File) -> Iterator[tuple[str, h5py.Group | h5py.Dataset]]:
             if isinstance(group.get(name, getlink=True), h5py.ExternalLink):
                 raise RecordError(
                     f'{file.filename}: "{_shown(path)}" is an external link, into another file, and is not followed; '
-                    "copy what it points to into this file."
+                    "copy its target into this file."
                 )
             item = group.get(name)
             if item is None or isinstance(item, h5py.Datatype):
@@ -66,7 +66,7 @@ def objects(file: h5py.File) -> Iterator[tuple[str, h5py.Group | h5py.Dataset]]:
 
 
 def is_own(path: str | PathLike[str]) -> bool:
-    """Return whether a file states a schema of this toolkit, and names, shapes and attributes are as it wrote them."""
+    """Return whether a file states a schema of this toolkit, with names, shapes and attributes as written."""
     try:
         with h5py.File(path) as contents:
             return str(contents.attrs.get("schema", "")).startswith("hums-") and bool(is_unchanged(contents))
@@ -85,14 +85,14 @@ def _utf8(name: str | bytes, filename: str) -> str:
     """Return a name; refuse one that is not UTF-8, which h5py gives as bytes."""
     if isinstance(name, bytes):
         raise RecordError(
-            f'{filename}: the name "{_shown(name.decode(errors="surrogateescape"))}" in it is not UTF-8 text; rename '
+            f'{filename}: its object name "{_shown(name.decode(errors="surrogateescape"))}" is not UTF-8 text; rename '
             "it in the program that wrote the file."
         )
     return name
 
 
 def refuse_reaching_out(file: h5py.File) -> None:
-    """Refuse a file of which a part lies in another one: external links and storage, virtual datasets."""
+    """Refuse a file that depends on another one, by external links, external storage or virtual datasets."""
     for path, item in objects(file):
         if not isinstance(item, h5py.Dataset):
             continue
@@ -100,7 +100,7 @@ def refuse_reaching_out(file: h5py.File) -> None:
         kind = (
             "has its values in another file (external storage)"
             if created.get_external_count()
-            else "is a virtual dataset, of parts of other files"
+            else "is a virtual dataset, composed of other files"
             if created.get_layout() == h5py.h5d.VIRTUAL
             else ""
         )
@@ -121,24 +121,24 @@ def refuse_too_large(item: h5py.Dataset, *, most_bytes: int | None) -> None:
 
 
 def refuse_size(declared: int, what: str, file_bytes: int, *, most_bytes: int | None) -> None:
-    """Refuse what declares more bytes than a file of its size plausibly holds, or than `most_bytes`."""
-    # 64 MB are read whatever the file's size is; more than 100 times that is possible only where values hardly vary
+    """Refuse an array that declares more bytes than a file of its size plausibly holds, or than `most_bytes`."""
+    # 64 MB are always read; beyond that, 100 times the file's size is possible only if values hardly vary
     most = max(1 << 26, 100 * file_bytes) if most_bytes is None else most_bytes
     if declared > most:
         raise RecordError(
-            f"{what} declares {declared:.3g} bytes in a file of {file_bytes:.3g}; "
-            f"at most {most:.3g} are read. If it is right, allow them, most_bytes=... in an import description (-d)."
+            f"{what} declares {declared:.3g} bytes in a file of {file_bytes:.3g}; at most {most:.3g} are read. If that "
+            "is correct, allow it by most_bytes=... in an import description (-d)."
         )
 
 
 def fingerprint(file: h5py.File) -> str:
-    """Return a checksum of names, shapes, types and attributes; the values of datasets have checksums of their own."""
+    """Return a checksum of names, shapes, types and attributes; values of datasets have their own checksums."""
     digest = hashlib.sha256()
     for path, item in sorted([("/", file["/"]), *objects(file)], key=lambda found: found[0]):
         layout = f"{item.shape} {item.dtype}" if isinstance(item, h5py.Dataset) else "group"
         digest.update(f"{path}\n{layout}\n".encode(errors="surrogateescape"))
         for name in sorted(item.attrs):
-            if name not in {"_NCProperties", "REFERENCE_LIST", "DIMENSION_LIST"}:  # addresses are no contents
+            if name not in {"_NCProperties", "REFERENCE_LIST", "DIMENSION_LIST"}:  # which hold addresses
                 digest.update(f"{name}={_text(item.attrs[name])}\n".encode(errors="surrogateescape"))
     return digest.hexdigest()
 
@@ -176,8 +176,8 @@ def write_netcdf(path: str | PathLike[str], groups: Mapping[str, tuple[xr.Datase
     path : str or Path
         File to write; an existing one is replaced.
     groups : mapping of str to (Dataset, mapping of str to tuple of int)
-        By the path of the group, parents before their children: the dataset, and the chunk shape of each variable that
-        is stored in chunks with a checksum (fletcher32) each.
+        By the path of the group, parents before children: the dataset, and the chunk shape of each variable that is
+        stored in chunks, each with a checksum (fletcher32).
 
     Raises
     ------
@@ -194,19 +194,19 @@ def write_netcdf(path: str | PathLike[str], groups: Mapping[str, tuple[xr.Datase
 
 
 def open_netcdf(files: "CachingFileManager[h5py.File]", **options: Any) -> dict[str, xr.Dataset]:  # noqa: ANN401
-    """Return the datasets of a file by the path of their group, as `xarray.open_datatree` does in five times as long.
+    """Return the datasets of a file by the path of their group, five times as fast as `xarray.open_datatree`.
 
     Parameters
     ----------
     files : CachingFileManager of h5py.File
-        Of a file in netCDF4 layout; it is open until a dataset is closed, and values are read on access.
+        Manager of a file in netCDF4 layout, open until a dataset is closed; values are read on access.
     **options
-        To `xarray.open_dataset`.
+        Options of `xarray.open_dataset`.
 
     Raises
     ------
     OSError, RuntimeError, LookupError, ValueError, TypeError, AttributeError
-        On broken bytes.
+        On damaged bytes.
     """
     with files.acquire_context() as file:
         items = dict(objects(file))
@@ -225,7 +225,7 @@ def open_netcdf(files: "CachingFileManager[h5py.File]", **options: Any) -> dict[
 
 
 def _dims(item: h5py.Dataset, name: str, addresses: Mapping[int, str]) -> list[str]:
-    """Return the dimensions of an array: the names of its scales, or its own where it is one."""
+    """Return the dimensions of an array: the names of its scales, or its own if it is a scale."""
     if item.attrs.get("CLASS") == b"DIMENSION_SCALE":
         return [name]
     scales = [item.file[references[0]] for references in item.attrs["DIMENSION_LIST"]] if item.ndim else []
@@ -233,7 +233,7 @@ def _dims(item: h5py.Dataset, name: str, addresses: Mapping[int, str]) -> list[s
 
 
 def _attrs(item: h5py.Group | h5py.Dataset) -> dict[str, Any]:
-    """Return the attributes: an array of one as its element, rows of text as lists."""
+    """Return the attributes, with arrays of one element as scalars and rows of text as lists."""
     found = {name: item.attrs[name] for name in item.attrs if name not in _OF_LAYOUT}
     for name, value in found.items():
         if isinstance(value, bytes):
@@ -247,7 +247,7 @@ def _attrs(item: h5py.Group | h5py.Dataset) -> dict[str, Any]:
 
 
 class _Store(AbstractDataStore):
-    """One group of a file, as `xarray.open_dataset` takes it."""
+    """One group of a file, for `xarray.open_dataset`."""
 
     def __init__(self, files: "CachingFileManager[h5py.File]", group: h5py.Group) -> None:
         self.files, self.file_name, self.attrs = files, group.file.filename, _attrs(group)
@@ -281,18 +281,18 @@ class _Array(BackendArray):
 
 
 class DiskError(OSError):
-    """A write that the disk refused, for instance because it is full."""
+    """A failed write to disk, for instance because it is full."""
 
 
 class _Disk(FileIO):
-    """A new file that raises the error of a refused write on closing: HDF5 crashes if a write itself raises."""
+    """A new file that raises the error of a failed write on closing, since HDF5 crashes if a write itself raises."""
 
     def __init__(self, path: str | PathLike[str]) -> None:
         super().__init__(path, "w+")
         self._refused: OSError | None = None
 
     def write(self, data: "Buffer") -> int:
-        """Write all of `data`, or nothing more after the first refusal."""
+        """Write all of `data`, or nothing after the first failure."""
         rest = memoryview(data).cast("B")
         while len(rest) and self._refused is None:
             try:
@@ -302,7 +302,7 @@ class _Disk(FileIO):
         return memoryview(data).nbytes
 
     def close(self) -> None:
-        """Close the file, and raise if a write was refused."""
+        """Close the file, and raise if a write failed."""
         super().close()
         refused, self._refused = self._refused, None
         if refused is not None:
@@ -310,7 +310,7 @@ class _Disk(FileIO):
 
 
 def _write_group(group: h5py.Group, dataset: xr.Dataset, chunks: Chunks, numbers: Iterator[int]) -> None:
-    """Write a dataset into an HDF5 group in the layout of netCDF4, with a dimension scale for each dimension."""
+    """Write a dataset into an HDF5 group in netCDF4 layout, with a dimension scale per dimension."""
     variables, attrs = conventions.encode_dataset_coordinates(dataset)
     _write_attrs(group, attrs)
     dims = dict.fromkeys(dim for variable in variables.values() for dim in variable.dims)  # `sizes` has no fixed order
@@ -341,9 +341,9 @@ def _new_scale(group: h5py.Group, dim: str, dataset: xr.Dataset, chunks: Chunks,
 
 
 def _new_dataset(group: h5py.Group, name: str, variable: xr.Variable, chunks: tuple[int, ...] | None) -> h5py.Dataset:
-    """Create an HDF5 dataset with the values of a variable, checksummed where it has chunks.
+    """Create an HDF5 dataset with the values of a variable, checksummed if chunked.
 
-    With ``zlib`` in its encoding chunks are compressed, as xarray has it.
+    Chunks are compressed if the encoding has ``zlib``, as in xarray.
     """
     values = variable.to_numpy()
     dtype = values.dtype
@@ -361,7 +361,7 @@ def _new_dataset(group: h5py.Group, name: str, variable: xr.Variable, chunks: tu
         track_order=True,
         **_layout(values.shape, chunks),
     )
-    created.flush()  # chunks are allocated now, and not when the last reference goes
+    created.flush()  # allocates chunks now, and not when the last reference is deleted
     return created
 
 
@@ -383,7 +383,7 @@ def _complex_type(group: h5py.Group, dtype: np.dtype[Any]) -> h5py.Datatype:
 
 
 def _write_attrs(target: h5py.Group | h5py.Dataset, attrs: Mapping[Any, Any]) -> None:
-    """Write text with variable length, and a number as an array of one."""
+    """Write text with variable length, and numbers as arrays of one element."""
     for name, value in attrs.items():
         values = np.atleast_1d(value)
         if isinstance(value, str):

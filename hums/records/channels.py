@@ -1,7 +1,7 @@
-"""The parts of a record: kind of each variable, sampling, time axes, pulse times.
+"""Parts of a record: kind of each variable, sampling, time axes, pulse times.
 
-The last dimension of a sampled variable is its axis: ``time``, ``time_NAME`` at a rate of its own, or ``angle`` of an
-average in angle. A record of snapshots has the dimension ``snapshot`` before it.
+The last dimension of a sampled variable is its axis: ``time``, ``time_NAME`` at its own rate, or ``angle`` of a
+synchronous average. In a record of snapshots it is preceded by the dimension ``snapshot``.
 """
 
 from collections.abc import Mapping
@@ -28,7 +28,7 @@ class Sampling:
     start_s : float
         Time of the first sample in s.
     rate_hz : float
-        Samples per second.
+        Sampling rate in Hz.
     count : int
         Number of samples.
     """
@@ -39,7 +39,7 @@ class Sampling:
 
 
 def kind_of(name: str, variable: xr.DataArray | xr.Variable) -> Kind | None:
-    """Return the kind of a variable of a record; None for one that does not belong there."""
+    """Return the kind of a variable of a record; None if it does not belong to one."""
     if name.startswith("truth_"):
         return "truth"
     if name == "nominal_speed":
@@ -52,14 +52,14 @@ def kind_of(name: str, variable: xr.DataArray | xr.Variable) -> Kind | None:
 
 def names_of(record: xr.Dataset, *kinds: Kind) -> list[str]:
     """Return the names of the variables of some kinds, in the order of the record."""
-    variables = record.variables  # without the coordinates that those of `data_vars` are given
+    variables = record.variables  # cheaper than `data_vars`, which adds coordinates
     return [str(name) for name in record.data_vars if kind_of(str(name), variables[name]) in kinds]
 
 
 def sampling_attrs(record: xr.Dataset, variable: xr.DataArray | xr.Variable) -> Mapping[str, Any]:
-    """Return the attributes with a channel's rate_hz and start_s: the record's or, at a rate of its own, its own.
+    """Return the attributes with a channel's rate_hz and start_s: its own if it has its own rate, else the record's.
 
-    Of an average in angle they are the samples per revolution, and zero.
+    For a synchronous average they are the samples per revolution, and zero.
     """
     match variable.dims[-1:]:
         case ("time",):
@@ -71,7 +71,7 @@ def sampling_attrs(record: xr.Dataset, variable: xr.DataArray | xr.Variable) -> 
 
 
 def rate_of(record: xr.Dataset, variable: xr.DataArray | xr.Variable) -> Any:  # noqa: ANN401
-    """Return the declared samples per second of a channel, unchecked."""
+    """Return the declared sampling rate of a channel in Hz, unchecked."""
     return sampling_attrs(record, variable).get("rate_hz")
 
 
@@ -91,19 +91,19 @@ def measured_quantities(record: xr.Dataset) -> list[str]:
 
 
 def is_average(record: xr.Dataset) -> bool:
-    """Return whether a record is an average in angle."""
+    """Return whether a record is a synchronous average."""
     return "samples_per_rev" in record.attrs
 
 
 def nominal_speed(record: xr.Dataset) -> xr.DataArray | None:
-    """Return the declared constant speed in rev s-1, with attribute `shaft`, or None; of snapshots one for each."""
+    """Return the declared constant speed in rev s-1, one per snapshot, with attribute `shaft`; None without one."""
     return record.get("nominal_speed")
 
 
 def sampling(record: xr.Dataset, channel: str) -> Sampling:
     """Return the sampling of a channel, also of a slice of a record; refuse an uneven time axis.
 
-    That of a channel of snapshots is the sampling of each; that of an average in angle is in revolutions.
+    For a record of snapshots this is the sampling of each snapshot; for a synchronous average it is in revolutions.
     """
     variable = record.variables[channel]
     dim = str(variable.dims[-1])
@@ -113,14 +113,14 @@ def sampling(record: xr.Dataset, channel: str) -> Sampling:
     # more than half a sample of drift over the record would shift samples
     if not isinstance(index, RangeIndex) or abs(index.step * rate - 1) * count > 0.5:  # noqa: PLR2004
         raise RecordError(
-            f'channel "{channel}": its axis "{dim}" does not run evenly at rate_hz={rate:g}. From a file, '
-            "get the record with open_record; to thin it, filter and build a new one: a stride aliases."
+            f'channel "{channel}": its axis "{dim}" is not evenly spaced at rate_hz={rate:g}. Read files with '
+            "open_record; to reduce the rate, filter first and build a new record, as a stride aliases."
         )
     return Sampling(start_s=float(index.start), rate_hz=rate, count=count)
 
 
 def channel_values(record: xr.Dataset, name: str) -> NDArray[np.floating]:
-    """Return the samples of one variable of a record; a read error names the damaged file.
+    """Return the samples of one variable of a record; errors name the damaged file.
 
     Returns
     -------
@@ -132,13 +132,13 @@ def channel_values(record: xr.Dataset, name: str) -> NDArray[np.floating]:
     except OSError as error:
         source = record.encoding.get("source", "the file behind this record")
         raise RecordError(
-            f'{source}: "{name}" cannot be read ({error}). The file is damaged: its bytes no longer agree '
-            "with their checksum. Restore it, or convert the original again."
+            f'{source}: "{name}" cannot be read ({error}). The file is damaged: its bytes no longer match '
+            "their checksum. Restore it, or convert the original again."
         ) from error
 
 
 def attach_time(dataset: xr.Dataset) -> xr.Dataset:
-    """Return a record with a time axis for every channel, a range computed from start, count and rate."""
+    """Return a record with a time axis for every channel, as a range computed from start, count and rate."""
     for name in _sampled(dataset):
         variable = dataset.variables[name]
         if variable.ndim != 1 + (SNAPSHOT in variable.dims[:-1]):
@@ -162,26 +162,26 @@ def attach_time(dataset: xr.Dataset) -> xr.Dataset:
 
 
 def _sampled(record: xr.Dataset) -> list[str]:
-    """Return the names of the variables with a time axis, or one of angle."""
+    """Return the names of the variables with an axis of time or angle."""
     names = names_of(record, "vibration", "waveform", "measured")
     return [name for name in names if record.variables[name].dims not in ((), (SNAPSHOT,))]
 
 
 def _stored_start(axis: xr.DataArray, *, name: str, rate_hz: float) -> float:
-    """Return the start of a stored time axis in s; refuse one that does not agree with the rate."""
+    """Return the start of a stored time axis in s; refuse an axis that contradicts the rate."""
     if axis.dtype.kind not in "iuf":
         raise RecordError(f'channel "{name}": its axis "{axis.name}" is of type {axis.dtype}; seconds are needed.')
     first, last = float(axis[0]), float(axis[-1])
     if not abs((last - first) * rate_hz - (axis.size - 1)) <= 0.5:  # noqa: PLR2004 - as in `sampling`, and for NaN
         raise RecordError(
-            f'channel "{name}": its axis "{axis.name}", {axis.size} samples from {first:g} s to {last:g} s, does not '
-            f"run evenly at rate_hz={rate_hz:g}. Correct the rate; a record that was thinned is to be filtered first."
+            f'channel "{name}": its axis "{axis.name}", {axis.size} samples from {first:g} s to {last:g} s, is not '
+            f"evenly spaced at rate_hz={rate_hz:g}. Correct the rate; filter a record before reducing its rate."
         )
     return first
 
 
 def detach_time(record: xr.Dataset) -> xr.Dataset:
-    """Return a record without time axes, their starts in attributes: the inverse of `attach_time`."""
+    """Return a record without time axes and with their starts in attributes, the inverse of `attach_time`."""
     axes = set()
     for name in _sampled(record):
         when = sampling(record, name)
@@ -197,9 +197,9 @@ def detach_time(record: xr.Dataset) -> xr.Dataset:
 
 
 def speed_percentiles(pulses: xr.DataArray) -> tuple[float, float, float] | None:
-    """Return the median and the 1 % and 99 % percentiles of the speed by revolution, in rev/s, of pulse times.
+    """Return the median and the 1st and 99th percentiles of the speed per revolution in rev/s, from pulse times.
 
-    Missed and spurious pulses are not repaired. None for less than a revolution.
+    Missing and spurious pulses are not repaired. None for less than a revolution.
     """
     times_s, per_rev = pulses.values, int(pulses.attrs["pulses_per_rev"])
     if times_s.size <= per_rev:

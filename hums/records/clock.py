@@ -1,4 +1,4 @@
-"""What the times of samples state: a rate, a start, and where samples are missing."""
+"""Sampling from sample times: rate, start and missing samples."""
 
 import re
 from collections.abc import Mapping
@@ -13,10 +13,8 @@ from numpy.typing import NDArray
 from hums.records.fields import RATE_REMEDY, RecordError
 from signals._validation import is_float
 
-_OFF = 0.25  # of a step, which a sample may be off an even grid beside the rounding of its time
-_ROUNDING = (
-    0.6  # of the rounding, which times that are cut off are from the line through them: half and an error of slope
-)
+_OFF = 0.25  # of a step: tolerance of a sample time on an even grid, in addition to its rounding
+_ROUNDING = 0.6  # of the rounding: deviation of truncated times from the line through them, half plus a slope error
 _WRONG = 'if these times are wrong, give the rate with trust="declared" (--rate-hz ... --trust declared)'
 
 
@@ -29,27 +27,27 @@ TIMES_S: Mapping[str, float] = {
     **dict.fromkeys(("h", "hour", "hours"), 3600.0),
     **dict.fromkeys(("d", "day", "days"), 86400.0),
 }
-"""Seconds in units of time."""
+"""Units of time in s."""
 _TIME_NAMES = {"t", "time", "times", "timestamp", "timestamps", "datetime", "zeit", "temps", "tiempo", "tempo", "tijd"}
 
 
 @dataclass(frozen=True, kw_only=True)
 class SampleTimes:
-    """What times of samples state.
+    """Sampling found from sample times.
 
     Attributes
     ----------
     rate_hz : float
-        Samples per second, of the pieces between gaps.
+        Sampling rate between gaps in Hz.
     resolution : float
-        Uncertainty of the rate by the rounding of the times, as a share of it.
+        Relative uncertainty of the rate due to the rounding of the times.
     coarse : bool
-        Whether the times are rounded to more than two sampling intervals: over n samples a line at half the sampling
+        Whether the times are rounded to more than two sampling intervals: over n samples, a line at half the sampling
         rate may then be off by more than one bin of the spectrum, 2 / n of the rate.
     start_s : float
         Time of the first sample in s.
     places : (n,) array of int or None
-        Number of each sample on an even grid; None where no sample is missing.
+        Index of each sample on an even grid; None if no sample is missing.
     """
 
     rate_hz: float
@@ -60,7 +58,7 @@ class SampleTimes:
 
     @property
     def range_text(self) -> str:
-        """Rates that the rounding of the times leaves open, in words."""
+        """Range of rates that the rounding of the times allows, in words."""
         low, high = ((1 + sign * self.resolution) * self.rate_hz for sign in (-1, 1))
         return f"between {max(low, 0.0):.6g} and {high:.6g} Hz"
 
@@ -74,7 +72,7 @@ class SampleTimes:
 
 
 def rates_agree(declared: float, stated: float, *, resolution: float = 0.0) -> bool:
-    """Return whether two rates agree within what is known: a whole number may lack a fraction, a step some digits."""
+    """Return whether two rates agree, allowing for a fraction dropped from a whole number and rounded time steps."""
     tolerance = max(1e-5, resolution)  # a step printed with six digits
     if not resolution and (float(declared).is_integer() != float(stated).is_integer()):
         # a whole number drops a fraction: less than 1 Hz, and at most this share of the rate
@@ -83,25 +81,25 @@ def rates_agree(declared: float, stated: float, *, resolution: float = 0.0) -> b
 
 
 def sample_times(times: NDArray[Any], *, unit_s: float, what: str) -> SampleTimes | None:
-    """Return what times of samples state, None where all are equal or unknown.
+    """Return the sampling found from sample times; None if all are equal or unknown.
 
-    The first estimate of the rate is the median over intervals much longer than the rounding of the times. Against it,
-    an interval that is longer by half a step or more is a gap; the rate is then that of the line of least squares
-    through the times without the gaps.
+    The first estimate of the rate is the median over intervals much longer than the rounding of the times. Intervals
+    longer than expected by half a step or more are gaps; the rate is then that of the least-squares line through the
+    times with the gaps removed.
 
     Parameters
     ----------
     times : (n,) array
-        In units of `unit_s`; NaN where a time is not known.
+        In units of `unit_s`; NaN where a time is unknown.
     unit_s : float
-        Seconds in a unit.
+        Unit of the times in s.
     what : str
-        The times in words, for errors.
+        Name of the times for error messages.
 
     Raises
     ------
     RecordError
-        If times run backwards, are not even between gaps, or more is missing than was recorded.
+        If times run backwards, are uneven between gaps, or more samples are missing than were recorded.
     """
     known = np.flatnonzero(np.isfinite(times.astype(np.float64)))
     seconds = unit_s * times[known].astype(np.float64)
@@ -136,12 +134,12 @@ def sample_times(times: NDArray[Any], *, unit_s: float, what: str) -> SampleTime
     joined_s = seconds - seconds[0] - missing / rate_hz
     step_s, first_s = np.polyfit(number, joined_s, 1)
     off = np.abs(joined_s - first_s - step_s * number) / step_s
-    # 0.01 of the intervals: more are no gaps, the samples are uneven
+    # more than 1 % of the intervals are not gaps: the samples are uneven
     if off.max() > _OFF + _ROUNDING * quantum_s / step_s or gaps.size > max(1, 0.01 * known.size):
         raise RecordError(
-            f"{what} are not evenly spaced: {gaps.size} are longer than the others by half a step or more, and row "
-            f"{known[off.argmax()] + 1} is {off.max():.3g} steps from where {1 / step_s:.6g} Hz have it. Resample the "
-            f"record onto even times; or, {_WRONG}."
+            f"{what} are not evenly spaced: {gaps.size} intervals are longer than the others by half a step or more, "
+            f"and row {known[off.argmax()] + 1} is {off.max():.3g} steps from its place at {1 / step_s:.6g} Hz. "
+            f"Resample the record to even times; or, {_WRONG}."
         )
     lost = round(missing[-1])
     if lost > times.size:
@@ -162,13 +160,13 @@ def sample_times(times: NDArray[Any], *, unit_s: float, what: str) -> SampleTime
 
 
 def _places(count: int, known: NDArray[np.intp], missing: NDArray[np.float64]) -> NDArray[np.intp]:
-    """Return the number of each sample on the even grid; a sample without a time follows the one before it."""
+    """Return the index of each sample on the even grid; a sample without a time follows the one before it."""
     before = np.searchsorted(known, np.arange(count), side="right") - 1
     return np.asarray(np.arange(count) + np.rint(missing[np.maximum(before, 0)]).astype(np.intp))
 
 
 def _quantum(times: NDArray[Any]) -> float:
-    """Return the rounding of times: the decimal place of the last digit, or the spacing of their floats."""
+    """Return the rounding of times: the decimal place of the last digit, or the floating-point spacing."""
     few = times[:: max(1, times.size // 4096)]  # 4096 times from which their rounding is found
     kind = few.dtype if few.dtype.kind == "f" else np.dtype(np.float64)
     spacing = float(np.spacing(np.abs(few).max().astype(kind)))
@@ -182,9 +180,9 @@ def _quantum(times: NDArray[Any]) -> float:
 
 
 def time_scale(units: str | None) -> tuple[float, datetime | None] | None:
-    """Return the seconds in a unit of time and the moment from which it counts, "ms since 2024-01-01"; else None.
+    """Return the unit of time in s and its epoch from units such as "ms since 2024-01-01"; None for other units.
 
-    A moment without an offset from UTC is in UTC, as the CF conventions have it.
+    An epoch without a UTC offset is in UTC, by the CF conventions.
     """
     unit, _, since = (units or "").strip().partition(" since ")
     seconds = TIMES_S.get(unit.strip().lower())
@@ -203,13 +201,13 @@ def words_of(name: str) -> list[str]:
 
 
 def is_time_name(name: str) -> bool:
-    """Return whether a name is that of the times of samples: "t", "Time [ms]", "time_s", "t2 [s]", "elapsed time"."""
+    """Return whether a name is that of sample times: "t", "Time [ms]", "time_s", "t2 [s]", "elapsed time"."""
     own = re.sub(r"([a-z])(\d)", r"\1 \2", name.rpartition(".")[2])  # "t1", but "T1" may be a temperature
     words = [word for word in words_of(own) if not word.isdigit()] or [""]
     others = set(words) - _TIME_NAMES
     beside_time = {"elapsed", "relative", "rel", "absolute", "abs", "date", "stamp", "utc", "axis", "in", "seconds"}
     plain = len(others) < len(set(words)) and all(word in beside_time or word in TIMES_S for word in others)
-    return plain or (words[0] in _TIME_NAMES and words[-1] in TIMES_S)  # "time DE [s]" beside "time NDE [s]"
+    return plain or (words[0] in _TIME_NAMES and words[-1] in TIMES_S)  # such as "time DE [s]" and "time NDE [s]"
 
 
 def held_times(
@@ -219,21 +217,21 @@ def held_times(
     rate_hz: float | None,
     start_s: float,
 ) -> tuple[Any, float | None, float]:
-    """Return samples with their rate and start; those of a DataArray with times are held against what is declared.
+    """Return samples with their rate and start; the times of a DataArray are checked against the declarations.
 
     Returns
     -------
     values : (n,) array
-        With NaN where times leave samples out.
+        Samples, with NaN where times skip some.
     rate_hz : float or None
-        As declared, or else as the times state.
+        As declared, else from the times.
     start_s : float
         Time of the first sample in s.
 
     Raises
     ------
     RecordError
-        If times contradict the rate or a start other than zero, or state none.
+        If times contradict the rate or a start other than zero, or are too coarse for a rate.
     """
     times = _own_times(values, f"{what}: the times of its DataArray") if isinstance(values, xr.DataArray) else None
     if times is None:
@@ -241,7 +239,7 @@ def held_times(
     if is_float(rate_hz) and not rates_agree(rate_hz, times.rate_hz, resolution=times.resolution):
         raise RecordError(
             f"{what}: the times of its DataArray state {times.rate_hz:g} Hz, which rate_hz={rate_hz:g} contradicts; "
-            "leave it out, or pass the values alone."
+            "omit it, or pass only the values."
         )
     if rate_hz is None and times.coarse:
         raise RecordError(f"{what}: the times of its DataArray state a rate {times.range_text} only; {RATE_REMEDY}.")
@@ -249,13 +247,13 @@ def held_times(
     if abs(times.start_s - start_s) * times.rate_hz > 0.5:  # noqa: PLR2004
         raise RecordError(
             f"{what}: the times of its DataArray begin at {times.start_s:g} s, which start_s={start_s:g} contradicts; "
-            "a record has one clock."
+            "omit start_s, or pass only the values."
         )
     return times.filled(values.values), times.rate_hz if rate_hz is None else rate_hz, start_s
 
 
 def _own_times(array: xr.DataArray, what: str) -> SampleTimes | None:
-    """Return what the coordinate of a row of samples states, in s; None where it has none that is a time."""
+    """Return the sampling from the time coordinate of a row of samples; None if it has none."""
     dim = str(array.dims[0]) if array.ndim == 1 else ""
     if dim not in array.coords:
         return None

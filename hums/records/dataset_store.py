@@ -1,8 +1,8 @@
 """A dataset in a folder: records of one layout and their labels, opened as one lazy `xarray.Dataset`.
 
 ``index.h5`` in the folder contains the labels of all records and the attributes of their channels; the records are in
-files of a few dozen each (`hums.records.store.write_shard`). Files are opened when values are read and closed again, so
-a dataset may be pickled, forked and read from many processes at once.
+files of a few dozen each (`hums.records.store.write_shard`). Files are open only while values are read, so a dataset
+may be pickled, forked and read by many processes at once.
 """
 
 import json
@@ -25,11 +25,11 @@ from signals._validation import brief, checked
 
 INDEX, LABELS, SCHEMA = "index.h5", "labels.csv", "hums-dataset/1"
 SHARD = "shards/{:06d}.h5"
-_BEGUN = {"plan.toml": "hums dataset", "conversion.json": "hums convert"}  # what is there before the index
+_BEGUN = {"plan.toml": "hums dataset", "conversion.json": "hums convert"}  # files written before the index
 
 
 def is_begun(folder: str | Path) -> bool:
-    """Return whether a folder contains a dataset, or one that is not finished."""
+    """Return whether a folder contains a dataset, complete or not."""
     return is_dataset(folder) or any((Path(folder) / mark).is_file() for mark in _BEGUN)
 
 
@@ -51,13 +51,13 @@ def open_dataset(folder: str | Path) -> xr.Dataset:
     -------
     xarray.Dataset
         Each channel (record, time) and the pulse times of each tachometer (record, pulse_NAME), padded with NaN, with
-        their units, read on access. Labels are coordinates along `record`, in memory. `dataset_record` returns
-        the truth of a record.
+        their units, read on access. Labels are coordinates along `record`, in memory. The ground truth of a record is
+        returned by `dataset_record`.
 
     Raises
     ------
     RecordError
-        If the folder contains no dataset, or an incomplete one.
+        If the folder contains no complete dataset.
 
     Examples
     --------
@@ -146,7 +146,7 @@ def dataset_record(folder: str | Path, number: int) -> xr.Dataset:
     index = _index(folder, labels=False)
     count = index.attrs["records"]
     if not isinstance(number, int | np.integer) or not 0 <= number < count:
-        raise RecordError(f"{folder} has no record {brief(number)}; its {count} records count from 0 to {count - 1}.")
+        raise RecordError(f"{folder} has no record {brief(number)}; its {count} records are numbered 0 to {count - 1}.")
     shard, row = _place(_starts(index), number)
     with open_shard(folder / index.attrs["shards"].format(shard)) as opened:
         try:
@@ -163,9 +163,9 @@ def write_index(folder: Path, shards: Sequence[Path], *, plan: str) -> None:
     folder : Path
         Folder of the dataset.
     shards : sequence of Path
-        Files of its records, named by `SHARD`, in their order; numbers may be left out.
+        Files of its records, named by `SHARD`, in order; numbers may be skipped.
     plan : str
-        What it was made from, in words or TOML.
+        Description of its origin, in words or TOML.
     """
     tables, arrays = list[xr.Dataset](), dict[str, Any]()
     attrs = dict[str, Any]()
@@ -205,7 +205,7 @@ def _update_array_facts(arrays: dict[str, Any], name: str, array: xr.Variable) -
 
 
 def _starts(index: xr.Dataset) -> NDArray[np.int64]:
-    """Return the number of the first record of each file; two are equal where a file has none."""
+    """Return the number of the first record of each file, equal to the next one's if a file is empty."""
     return np.atleast_1d(np.asarray(index.attrs["shard_starts"], dtype=np.int64))
 
 
@@ -216,20 +216,21 @@ def _place(starts: NDArray[np.int64], number: int) -> tuple[int, int]:
 
 
 def _index(folder: Path, *, labels: bool) -> xr.Dataset:
-    """Return the index of a dataset: its attributes and, where asked for, the labels in memory."""
+    """Return the index of a dataset: its attributes and, if requested, the labels in memory."""
     if not folder.is_dir():
-        raise RecordError(
-            f"{folder}: there is no such folder; name the one that hums dataset wrote into, or hums convert."
-        )
+        raise RecordError(f"{folder}: there is no such folder; name an output folder of hums dataset or hums convert.")
     if not is_dataset(folder):
         begun = next((how for mark, how in _BEGUN.items() if (folder / mark).is_file()), "")
-        remedy = f"finish it with the same {begun} again" if begun else "make one with hums dataset or hums convert"
-        raise RecordError(f"{folder} holds no finished dataset, no {INDEX}; {remedy}.")
+        remedy = f"complete it by the same {begun} again" if begun else "make one with hums dataset or hums convert"
+        raise RecordError(f"{folder} holds no complete dataset, as it has no {INDEX}; {remedy}.")
     with open_tree(folder / INDEX) as tree:
         index = tree.to_dataset()
         index = index.load() if labels else index[[]].assign_attrs(records=index.sizes["record"])
     if index.attrs.get("schema") != SCHEMA:
-        raise RecordError(f"{folder / INDEX} holds {index.attrs.get('schema')!r}, where a dataset holds {SCHEMA!r}.")
+        raise RecordError(
+            f"{folder / INDEX} has schema {index.attrs.get('schema')!r}, not {SCHEMA!r}; open it with the version that "
+            "wrote it, or make it again."
+        )
     return index
 
 
@@ -248,7 +249,7 @@ class _Rows(BackendArray):
         return indexing.explicit_indexing_adapter(key, self.shape, indexing.IndexingSupport.OUTER, self._read)
 
     def _read(self, key: tuple[Any, ...]) -> NDArray[Any]:
-        """Return the elements that an index selects from the shards that hold them; NaN past the end of a record."""
+        """Return the elements selected by an index from their shards, with NaN beyond the end of a record."""
         picked, *columns = (np.asarray(np.arange(size)[part]) for size, part in zip(self.shape, key, strict=True))
         rows = np.atleast_1d(picked)
         shards = np.searchsorted(self.starts, rows, side="right") - 1
@@ -274,5 +275,5 @@ class _Rows(BackendArray):
 def _damaged(path: str, what: str, error: Exception) -> RecordError:
     return RecordError(
         f"{path}: {what} cannot be read ({error}). The file is damaged: remove it and run the same hums dataset (or "
-        "hums convert) again, which makes what is missing."
+        "hums convert) again, which replaces it."
     )

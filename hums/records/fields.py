@@ -41,16 +41,16 @@ ANGLE_REMEDY = (
     "Give exactly one of: pulse times, angle=PulseTimes(times_s=..., shaft=..., pulses_per_rev=...), on the "
     "command line --tach-times NAME; a tachometer waveform, angle=TachometerWaveform(values=..., shaft=..., "
     "pulses_per_rev=...), --tach-waveform NAME; a declared constant speed, angle=NominalSpeed(rpm=..., "
-    "shaft=...), --shaft-rpm RPM. Where there is none, say so, angle=UnknownAngle(), --no-tachometer: the speed is "
+    "shaft=...), --shaft-rpm RPM. If there is none, declare it, angle=UnknownAngle(), --no-tachometer: the speed is "
     "then estimated from the vibration."
 )
 UNKNOWN_ANGLE = "unknown"
 _RESERVED = {"CON", "PRN", "AUX", "NUL", *(f"{port}{number}" for port in ("COM", "LPT") for number in range(10))}
-RATE_REMEDY = "state the samples per second, rate_hz=... (on the command line --rate-hz)"
+RATE_REMEDY = "state the sampling rate in Hz, rate_hz=... (on the command line --rate-hz)"
 
 
 def plain_cell(value: Any) -> Any:  # noqa: ANN401
-    """Return a cell of a CSV file: text in one line, with an apostrophe where a spreadsheet would run it."""
+    """Return a cell of a CSV file: text on one line, with an apostrophe if a spreadsheet would take it as a formula."""
     if not isinstance(value, str):
         return value
     value = plain_text(value)
@@ -64,11 +64,11 @@ def plain_cell(value: Any) -> Any:  # noqa: ANN401
 
 
 def file_name(text: str) -> str:
-    """Return a name for a file or folder that every file system takes, of letters, digits, blanks and ``-_.``."""
+    """Return a name valid for a file or folder on every file system, of letters, digits, spaces and ``-_.``."""
     plain = "".join(sign if sign.isalnum() or sign in " -_." else "_" for sign in text).strip(" .") or "_"
     if plain.split(".")[0].strip().upper() in _RESERVED:
         plain = f"_{plain}"
-    longest_name_bytes = 200  # file systems take 255
+    longest_name_bytes = 200  # file systems allow 255
     if len(plain.encode()) <= longest_name_bytes:
         return plain
     return f"{plain[:40].strip(' .')} {sha256(plain.encode()).hexdigest()[:16]}"  # 40 letters have at most 160 bytes
@@ -90,11 +90,11 @@ class RecordError(SentenceError):
 
 
 class RecordWarning(UserWarning):
-    """A record that was not written, or was changed, by another program."""
+    """A record that another program wrote or changed."""
 
 
 def real_vector(values: ArrayLike, what: str) -> NDArray[np.floating]:
-    """Return a 1-D array of real numbers as float32 if it is that, else as float64; masked samples become NaN."""
+    """Return a 1-D array of real numbers as float32 if it is float32, else as float64; masked samples become NaN."""
     if isinstance(values, np.ma.MaskedArray):
         values = np.ma.filled(values.astype(np.float64), np.nan)
     try:
@@ -105,7 +105,7 @@ def real_vector(values: ArrayLike, what: str) -> NDArray[np.floating]:
         raise RecordError(f"{what}: values of type {array.dtype}; real numbers are needed.")
     if array.ndim != 1:
         raise RecordError(
-            f"{what}: shape {array.shape} where one row of numbers is needed; give each column as a channel of its own."
+            f"{what}: shape {array.shape}, but one row of numbers is needed; give each column as a separate channel."
         )
     if array.size == 0:
         raise RecordError(f"{what}: empty; at least one sample is needed.")
@@ -114,7 +114,7 @@ def real_vector(values: ArrayLike, what: str) -> NDArray[np.floating]:
 
 
 def known_units(units: object, what: str) -> str:
-    """Return units in the spelling of `UNITS`."""
+    """Return units as spelled in `UNITS`; refuse unknown ones."""
     valid = ", ".join(f'"{name}"' for name in UNITS)
     if units is None or (isinstance(units, str) and not units):
         raise RecordError(
@@ -127,7 +127,7 @@ def known_units(units: object, what: str) -> str:
 
 
 def direction_of(direction: Sequence[float] | str, what: str) -> str | list[float]:
-    """Return a direction as a list of three finite numbers; words unchanged."""
+    """Return a direction as a list of three finite numbers, or unchanged if in words."""
     if isinstance(direction, str):
         return direction
     given = list(direction) if np.iterable(direction) else []
@@ -138,7 +138,7 @@ def direction_of(direction: Sequence[float] | str, what: str) -> str | list[floa
 
 
 def utc_text(moment: datetime | str | None) -> str:
-    """Return a time as ISO 8601 in UTC, "" for None; refuse one without its offset from UTC."""
+    """Return a time as ISO 8601 in UTC, "" for None; refuse a time without a UTC offset."""
     if moment is None or (isinstance(moment, str) and not moment):
         return ""
     try:
@@ -147,11 +147,11 @@ def utc_text(moment: datetime | str | None) -> str:
         utc = when.astimezone(UTC) if offset is not None else when
     except (ValueError, AttributeError, OverflowError) as error:  # the last of the years 1 and 9999
         raise RecordError(
-            f"recorded_at={plain_repr(moment)}: a datetime or ISO 8601, as 2013-03-11T03:00:24Z, is needed."
+            f"recorded_at={plain_repr(moment)}: a datetime or ISO 8601, such as 2013-03-11T03:00:24Z, is needed."
         ) from error
     if offset is None:
         raise RecordError(
-            f"recorded_at={moment!s}: no time zone; add its offset from UTC, as {when.isoformat()}+01:00 or ...Z."
+            f"recorded_at={moment!s}: no time zone; add its UTC offset, such as {when.isoformat()}+01:00 or ...Z."
         )
     return utc.isoformat().replace("+00:00", "Z")
 
@@ -171,31 +171,31 @@ def finite_number(value: object, what: str, kind: str = "number of seconds") -> 
 
 
 def start_number(value: object, what: str, *, rate_hz: float) -> float:
-    """Return the time of a first sample; refuse one so large that the samples after it have the same time."""
+    """Return the time of the first sample; refuse one so large that successive samples would have the same time."""
     start = finite_number(value, what)
-    least_resolution = 0.5  # of a sample, in a time of 64 bits: seconds since 1970 do for 2 MHz
+    least_resolution = 0.5  # of a sample, in 64 bits: seconds since 1970 suffice up to 2 MHz
     if np.spacing(abs(start)) * rate_hz > least_resolution:
         raise RecordError(
-            f"{what}={start:g}: times so large are {np.spacing(abs(start)):.2g} s apart, samples at {rate_hz:g} Hz "
-            f"{1 / rate_hz:.2g} s; count from the record's begin, start_s=0, and state when that was as recorded_at."
+            f"{what}={start:g}: times so large are resolved to {np.spacing(abs(start)):.2g} s, but samples at "
+            f"{rate_hz:g} Hz are {1 / rate_hz:.2g} s apart; use start_s=0, and state the start as recorded_at."
         )
     return start
 
 
 def plain_repr(value: object) -> str:
-    """Return the `repr` of a value, cut where it is long; of a numpy scalar that of the Python number."""
+    """Return the `repr` of a value, shortened; that of the Python number for a numpy scalar."""
     return brief(value.item() if isinstance(value, np.generic) else value)
 
 
 def is_utf8(name: str) -> bool:
-    """Return whether a name was UTF-8 where it was read: other bytes become surrogates, or the replacement sign."""
+    """Return whether a name was read as UTF-8; other bytes have become surrogates or replacement characters."""
     return "\ufffd" not in name and not any("\ud800" <= sign <= "\udfff" for sign in name)
 
 
 def check_name(name: object, what: str) -> None:
-    """Refuse names that HDF5 cannot store, in which a slash opens a group, and names with a meaning of their own."""
+    """Refuse names that HDF5 cannot store, names with a slash, which is a path of groups, and reserved names."""
     valid = isinstance(name, str) and name.strip() == name and name not in {"", ".", ".."}
     if not isinstance(name, str) or not valid or "/" in name or "\0" in name or not is_utf8(name):
-        raise RecordError(f"{what}: the name {name!r} cannot be kept in a file; use words without / and outer blanks.")
+        raise RecordError(f"{what}: the name {name!r} cannot be stored; use words without / and surrounding spaces.")
     if what != "truth" and (name in {"time", "nominal_speed"} or name.startswith("truth_")):
-        raise RecordError(f'{what}: the name "{name}" has a meaning of its own in a record; choose another.')
+        raise RecordError(f'{what}: the name "{name}" is reserved in a record; choose another.')

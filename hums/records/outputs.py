@@ -1,7 +1,7 @@
-"""What may be written: never what is read, no device or pipe, and no file that this toolkit did not write.
+"""Safe output: no overwriting of inputs, devices, pipes, or files that this toolkit did not write.
 
-Each file is sealed by the SHA-256 of its bytes: in a comment at its end where its format has comments, else in a line
-of a hidden list in its folder. A file that was edited since is its editor's. HDF5 files state a schema and a checksum.
+Each file is sealed by the SHA-256 of its bytes: in a comment at its end if its format has comments, else in a line of a
+hidden list in its folder. An edited file no longer counts as written here. HDF5 files state a schema and a checksum.
 """
 
 import hashlib
@@ -20,7 +20,7 @@ from hums.records.fields import RecordError, is_utf8
 SEALS = ".hums-written"  # the list, in the form of sha256sum; it only grows, so that writers need no lock
 _LISTED = {".csv", ".json", ".parquet", ".sha256"}
 _MARKUP = "<!-- {} hums-toolkit -->\n"
-_COMMENTS = {  # PNG: behind its last chunk, where readers stop
+_COMMENTS = {  # PNG: after its last chunk, which readers ignore
     ".htm": _MARKUP, ".html": _MARKUP, ".md": _MARKUP, ".svg": _MARKUP, ".pdf": "% {} hums-toolkit\n",
     ".png": "{} hums-toolkit\n",
 }  # fmt: skip
@@ -29,25 +29,25 @@ _COMMENTS = {  # PNG: behind its last chunk, where readers stop
 def check_outputs(
     outputs: Iterable[Path], *, inputs: Iterable[str | Path] = (), folder: Path | None = None, force: bool = False
 ) -> None:
-    """Refuse to write what is read, what is no regular file, and what exists and was not written by this toolkit.
+    """Refuse outputs that are also inputs, are not regular files, or exist and were not written by this toolkit.
 
     Call it before the work begins.
 
     Parameters
     ----------
     outputs : iterable of Path
-        Files that are to be written.
+        Files to be written.
     inputs : iterable of str or Path
-        Files that are read; names of the catalogue do no harm.
+        Files that are read; catalogue names are ignored.
     folder : Path, optional
-        Folder in which any file may be written, so that it holds no input.
+        Folder in which any file may be written, and which must therefore hold no input.
     force : bool
-        Whether files of other programs are replaced; none to which a link leads.
+        Whether to overwrite files of other programs, except through symbolic links.
 
     Raises
     ------
     RecordError
-        With the file and what to do.
+        If an output is refused.
     """
     read = {identity: path for path in inputs for identity in _identities(Path(path))}
     parents = {parent: path for path in inputs for parent in Path(os.path.realpath(path)).parents}
@@ -55,18 +55,18 @@ def check_outputs(
         for identity in _identities(output):
             if identity in known:
                 raise RecordError(
-                    f"{output} would be overwritten: {known[identity]} is read here, and what is read is never "
-                    "written; name another output."
+                    f"{output} would be overwritten: {known[identity]} is an input of this command, and inputs are "
+                    "never overwritten; name another output."
                 )
         if output.suffix.lower() in _LISTED:
-            _sealed(output.parent)  # a list that is none is refused before the work, too
+            _sealed(output.parent)  # refuses an invalid list before the work begins
         if not output.exists() or (output == folder and output.is_dir()):
             continue
         if output == folder:
             raise RecordError(f"{output} is a file; name a folder.")
         if not output.is_file():
             kind = "a directory" if output.is_dir() else "a device or pipe"
-            raise RecordError(f"{output} is {kind}, where a file is written; name another output.")
+            raise RecordError(f"{output} is {kind}, not a file; name another output.")
         if not ((force and not output.is_symlink()) or _is_own(Path(os.path.realpath(output)))):
             raise RecordError(
                 f"{output} exists and was not written by hums, or edited since, so it is not replaced; name another "
@@ -75,7 +75,7 @@ def check_outputs(
 
 
 def _identities(path: Path) -> Iterator[object]:
-    """Yield the resolved path and, of a file that exists, its device and inode, which its other names share."""
+    """Yield the resolved path and, if the file exists, its device and inode, which hard links share."""
     yield Path(os.path.realpath(path))
     if path.exists():
         stat = path.stat()
@@ -83,7 +83,7 @@ def _identities(path: Path) -> Iterator[object]:
 
 
 def seal(part: Path, target: Path) -> None:
-    """Mark a complete file, before it takes its name, as one of this toolkit."""
+    """Mark a complete file as written by this toolkit, before it is renamed."""
     if comment := _COMMENTS.get(target.suffix.lower()):
         with part.open("ab") as file:
             file.write(comment.format(_digest(part)).encode())
@@ -95,13 +95,13 @@ def seal(part: Path, target: Path) -> None:
 
 
 def own_json(path: Path) -> dict[str, Any]:
-    """Return what a JSON file of this toolkit holds; empty where there is none, or another program's."""
+    """Return the contents of a JSON file that this toolkit wrote; empty if there is none."""
     return dict(json.loads(path.read_bytes() or b"{}")) if path.is_file() and _is_own(path) else {}
 
 
 def _is_own(path: Path) -> bool:
     if path.stat().st_size == 0:
-        return True  # reserved by whoever named it: there is nothing to lose
+        return True  # an empty file: there is nothing to lose
     if comment := _COMMENTS.get(path.suffix.lower()):
         whole = path.read_bytes()
         body = whole[: -len(comment.format("0" * 64))]
@@ -117,18 +117,18 @@ def _digest(path: Path) -> str:
 
 
 def _sealed(folder: Path) -> list[str]:
-    """Return the lines of the list in a folder."""
+    """Return the lines of the list of written files in a folder."""
     seals = folder / SEALS
     if seals.is_symlink() or (seals.exists() and not seals.is_file()):
-        raise RecordError(f"{seals} lists what hums wrote here, and is no file; remove it.")
+        raise RecordError(f"{seals} must be a regular file, in which hums lists what it wrote here; remove it.")
     return seals.read_text(encoding="utf-8", errors="replace").splitlines() if seals.exists() else []
 
 
-# ---- writing: a file takes its name only once it is complete --------------------------------------------------------
+# ---- atomic writing ----------------------------------------------------------------------------------------------
 
 
 def write_text(path: str | os.PathLike[str], text: str) -> None:
-    """Write a text file by `atomic_write`, in UTF-8; what is no text in it, lone surrogates, as escapes."""
+    """Write a text file by `atomic_write`, in UTF-8, with lone surrogates escaped."""
     with atomic_write(path) as part:
         part.write_text(text, encoding="utf-8", errors="backslashreplace")
 
@@ -137,13 +137,12 @@ def write_text(path: str | os.PathLike[str], text: str) -> None:
 def atomic_write(path: str | os.PathLike[str], *, tidy: bool = True) -> Iterator[Path]:
     """Yield a temporary file to write, which replaces `path` on success and is removed on failure.
 
-    The file is sealed as one of this toolkit. What dead writers of `path` left is removed, for which the folder is
-    listed; not with `tidy` false: the time of as many files in one folder would grow with their square. Who writes
-    them tidies the folder before the first.
+    The file is sealed as one of this toolkit. With `tidy`, temporary files of dead writers of `path` are removed, for
+    which the folder is listed; writers of many files in one folder do so once before the first, and pass false.
     """
     target = Path(os.path.realpath(path))  # so that a symbolic link remains one
     if not is_utf8(target.name):
-        raise RecordError(f"{path}: this name is not UTF-8 text, and what it names would not be opened; give another.")
+        raise RecordError(f"{path}: this name is not UTF-8 text, so the file could not be opened; choose another.")
     if target.exists() and not target.is_file():
         raise RecordError(f"{path} is {'a directory' if target.is_dir() else 'a device or pipe'}; name a file.")
     if not target.parent.is_dir():
@@ -167,10 +166,10 @@ def atomic_write(path: str | os.PathLike[str], *, tidy: bool = True) -> Iterator
 
 
 def remove_partial_files(folder: Path, *, of: str | None = None) -> None:
-    """Remove the temporary files of dead writers of one file, `of`, or of all, from a folder.
+    """Remove the temporary files of dead writers of one file, `of`, or of all files, from a folder.
 
-    The name of a temporary file states its target, and the host, number and start of the process that writes it. A
-    file of another host stays, as its writer cannot be asked; so does one of a living process.
+    The name of a temporary file states its target, and the host, number and start of its writing process. Files of
+    other hosts, whose processes cannot be checked, and of living processes stay.
     """
     for part in folder.glob(f".hums-{'*' if of is None else _short(of)}-*-*-*-*.part"):
         _, _, host, number, began, _ = part.name.split("-")  # .hums, target, host, process, its start, random
@@ -179,12 +178,12 @@ def remove_partial_files(folder: Path, *, of: str | None = None) -> None:
 
 
 def _short(text: str) -> str:
-    """Return a text as eight characters for a file name."""
+    """Return a hash of a text in eight characters for a file name."""
     return hashlib.sha256(text.encode(errors="surrogateescape")).hexdigest()[:8]
 
 
 def _writer(process: int) -> str:
-    """Return host, number and start of a process, 0 for one that has ended or where starts are not known."""
+    """Return host, number and start of a process, the last 0 if it has ended, x if starts are unknown."""
     try:
         stat = Path(f"/proc/{process}/stat").read_text(encoding="utf-8", errors="replace").rpartition(")")[2].split()
         began = "0" if stat[0] == "Z" else stat[19]
@@ -194,7 +193,7 @@ def _writer(process: int) -> str:
 
 
 def _sync(path: Path) -> None:
-    """Flush a file or directory to the disk: after a power cut a new name may else belong to old bytes."""
+    """Flush a file or directory to disk, so that after a power failure a new name never refers to old bytes."""
     descriptor = os.open(path, os.O_RDONLY if path.is_dir() else os.O_RDWR)
     try:
         os.fsync(descriptor)

@@ -1,4 +1,4 @@
-"""Quantities measured with a record, and averages in angle: their declarations, and their variables in a record."""
+"""Quantities measured with a record, synchronous averages, and calibration."""
 
 from __future__ import annotations
 
@@ -35,22 +35,22 @@ MEASURED_UNITS: Mapping[str, Mapping[str, float]] = MappingProxyType(
         "1": {"1": 1, "%": 0.01},
     }
 )
-"""Units of what is measured with a record: in a record, each with the spellings that are accepted and their factors."""
+"""Units of measured quantities as stored in a record, each with the accepted spellings and their factors."""
 
 
 @dataclass(frozen=True, kw_only=True)
 class Measured:
-    """A speed, load or temperature that was measured with the record.
+    """A speed, load or temperature measured with the record.
 
     Attributes
     ----------
     values : float or (n,) array_like
         One number for the record, or samples. NaN marks a gap.
     units : str
-        Such as "N m", "kN", "degC" or "rpm", see `hums.records.quantities.MEASURED_UNITS`; the record holds SI units
-        (speeds in rev s-1).
+        Units such as "N m", "kN", "degC" or "rpm", see `hums.records.quantities.MEASURED_UNITS`; the record holds SI
+        units (speeds in rev s-1).
     rate_hz : float or None
-        Samples per second where they differ from the record's.
+        Sampling rate in Hz, if it differs from the record's.
 
     Examples
     --------
@@ -70,18 +70,19 @@ class Measured:
 
 @dataclass(frozen=True, kw_only=True)
 class AngularAverage:
-    """The record is an average in angle already: a revolution of a shaft or a planet, or several, as a hunting period.
+    """Declares that a record is a synchronous average over one or more revolutions of a shaft or planet.
 
-    Its samples lie over the angle of one component; no time is known.
+    Its samples are evenly spaced in the angle of one component; their times are unknown. An average over several
+    revolutions may cover a hunting-tooth period.
 
     Attributes
     ----------
     component : str
-        The link whose revolution is averaged, as in the gearbox file; of copies with its number, as "planet 1".
+        Link over whose revolution is averaged, as in the gearbox file; a copy with its number, "planet 1".
     samples_per_rev : int
-        Samples in one revolution of it.
+        Samples per revolution, at least 8.
     averaged_over : int or None
-        Number of revolutions (or periods) averaged; None where it is not known.
+        Number of revolutions (or periods) averaged; None if unknown.
 
     Examples
     --------
@@ -99,9 +100,9 @@ class AngularAverage:
     averaged_over: int | None = None
 
     def __post_init__(self) -> None:
-        """Refuse what is no average."""
+        """Check the fields."""
         if not isinstance(self.component, str) or not self.component:
-            raise RecordError(f"component={self.component!r}: name the link whose revolution is averaged.")
+            raise RecordError(f"component={self.component!r}: name the link over whose revolution is averaged.")
         for name, least in (("samples_per_rev", 8), ("averaged_over", 1)):  # three orders, and the passband's margin
             value = getattr(self, name)
             if value is None and name == "averaged_over":
@@ -117,7 +118,7 @@ class AngularAverage:
 
 
 def quantity_units(units: object, what: str) -> tuple[str, float]:
-    """Return the unit of a measured quantity as a record holds it, and the factor to it."""
+    """Return the unit of a measured quantity as stored in a record, and the factor to it."""
     for name, spellings in MEASURED_UNITS.items():
         if isinstance(units, str) and units.strip() in spellings:
             return name, float(spellings[units.strip()])
@@ -129,7 +130,7 @@ def measured_variable(measured: Measured, *, name: str, rate_hz: float, start_s:
     """Return a measured quantity as a variable of the record, in SI units."""
     what = f'measured "{name}"'
     if not isinstance(measured, Measured):
-        raise RecordError(f'{what}: a {type(measured).__name__}; give Measured(values=..., units="N m").')
+        raise RecordError(f'{what}: {type(measured).__name__} given; use Measured(values=..., units="N m").')
     units, factor = quantity_units(measured.units, what)
     attrs: dict[str, Any] = {"units": units, "role": "measured"}
     if np.ndim(measured.values) == 0:
@@ -146,7 +147,7 @@ def measured_variable(measured: Measured, *, name: str, rate_hz: float, start_s:
 
 
 def mean_quantities(record: xr.Dataset) -> dict[str, tuple[float, str]]:
-    """Return the mean without gaps, and the unit, of each quantity measured with the record; none where all is gaps."""
+    """Return the mean, gaps excluded, and the unit of each quantity measured with the record, unless it is all gaps."""
     found = {}
     for name in measured_quantities(record):
         values = np.asarray(record[name].values, dtype=np.float64)
@@ -161,17 +162,17 @@ _APPLIED = "applied_"
 
 @checked
 def calibrated(record: xr.Dataset) -> xr.Dataset:
-    """Return a record in the units of the measured quantities, with its delays removed.
+    """Return a record in the units of the measured quantities, with channel delays removed.
 
     Samples become ``values / sensitivity * calibration_factor`` in the units that the channel ``measures``. A channel
-    with a ``delay_s`` gets a time axis of its own that starts that much earlier: no sample is interpolated. The values
-    applied are stored in attributes named ``applied_...``, with the earlier units.
+    with a ``delay_s`` gets its own time axis, which starts earlier by that delay; samples are not interpolated. The
+    values applied and the original units are stored in attributes named ``applied_...``.
 
     Parameters
     ----------
     record : xarray.Dataset
-        Record with channels that have some of the attributes ``sensitivity`` and ``measures``,
-        ``calibration_factor``, ``delay_s`` (see `hums.Channel`). Channels without them are not changed.
+        Record whose channels have attributes ``sensitivity`` with ``measures``, ``calibration_factor`` or ``delay_s``
+        (see `hums.Channel`). Channels without them are unchanged.
 
     Returns
     -------
@@ -181,7 +182,7 @@ def calibrated(record: xr.Dataset) -> xr.Dataset:
     Raises
     ------
     RecordError
-        Where no channel declares a calibration, or it was applied before.
+        If no channel declares a calibration, or it was already applied.
 
     Examples
     --------
@@ -198,7 +199,7 @@ def calibrated(record: xr.Dataset) -> xr.Dataset:
     earlier = [name for name in names if any(str(key).startswith(_APPLIED) for key in record[name].attrs)]
     if earlier:
         raise RecordError(
-            f'channel "{earlier[0]}" was calibrated before: its attributes list what was applied. Use it as it is.'
+            f'channel "{earlier[0]}" is already calibrated, as its attributes applied_... show. Use the record as is.'
         )
     declared = [name for name in names if any(key in record[name].attrs for key in _CALIBRATION)]
     if not declared:

@@ -56,20 +56,20 @@ class Channel:
     values : (n,) array_like
         Samples in `units`. NaN marks a gap.
     units : str
-        One of `UNITS` or a spelling of it.
+        One of `UNITS`, in any accepted spelling.
     sensor : str
         Name of the sensor.
     direction : (3,) tuple of float, str or None
         Sensitive axis, in the gearbox's coordinates or in words.
     rate_hz : float or None
-        Samples per second where they differ from the record's.
+        Sampling rate in Hz, if it differs from the record's.
     sensitivity : float or None
-        Output in `units` for one unit of `measures`, as 0.1 V for one g; negative where the sensor is mounted the other
-        way round. It is stored, not applied: see `hums.calibrated`.
+        Output in `units` per unit of `measures`, such as 0.1 V per g; negative if the sensor is mounted in the opposite
+        direction. It is stored, not applied: see `hums.calibrated`.
     measures : str or None
-        Units of the measured quantity; needed with `sensitivity`.
+        Units of the measured quantity; required with `sensitivity`.
     calibration_factor : float or None
-        True value over the value by `sensitivity`, from the last calibration.
+        True value over the value from `sensitivity`, as found by the last calibration.
     delay_s : float or None
         Delay of the channel relative to the machine, in s.
 
@@ -103,9 +103,9 @@ class PulseTimes:
     times_s : (m,) array_like
         Strictly increasing times in s, on the clock of the record (`start_s` at its first sample).
     shaft : str
-        The shaft that carries the tachometer.
+        Shaft that carries the tachometer.
     pulses_per_rev : int
-        Pulses in one revolution of that shaft.
+        Pulses per revolution of that shaft.
     name : str
         Name of the tachometer in the record.
 
@@ -134,22 +134,22 @@ class TachometerWaveform:
     values : (n,) array_like
         Samples in `units`.
     shaft : str
-        The shaft that carries the tachometer.
+        Shaft that carries the tachometer.
     pulses_per_rev : int
-        Pulses in one revolution of that shaft.
+        Pulses per revolution of that shaft.
     units : str
         One of `UNITS`.
     name : str
-        Name of the tachometer in the record, where its samples are `NAME_waveform`.
+        Name of the tachometer in the record; its samples are named `NAME_waveform`.
     rate_hz : float or None
-        Samples per second where they differ from the record's.
+        Sampling rate in Hz, if it differs from the record's.
     full_scale : float or None
-        Range of the channel in `units`; a waveform that swings by less than a hundredth of it is refused as hum. By
-        default 1 for volts, since pulses of conditioned tachometers are of volts and inputs of 1 V and more; none for
-        other units, whose range cannot be supposed.
+        Range of the channel in `units`; a waveform with a swing below a hundredth of it is refused as hum. Default: 1
+        for volts, since conditioned tachometers deliver volts and inputs have ranges of 1 V and more; none for other
+        units, whose range is unknown.
     threshold, hysteresis : float or None
-        Level in `units` whose crossing upwards is a pulse, and the distance on either side of it that the waveform has
-        to pass; found in the waveform where left out, and written into the record.
+        Level in `units` whose upward crossing is a pulse, and the distance on either side of it that the waveform must
+        pass. Default: found from the waveform, and stored in the record.
 
     Examples
     --------
@@ -182,7 +182,7 @@ class NominalSpeed:
     rpm : float
         Speed of `shaft` in revolutions per minute.
     shaft : str
-        The shaft that turns at it.
+        Shaft that rotates at this speed.
 
     Examples
     --------
@@ -200,7 +200,7 @@ class NominalSpeed:
 
 @dataclass(frozen=True, kw_only=True)
 class UnknownAngle:
-    """The angle of no shaft is known: an analysis has to estimate the speed from the vibration.
+    """Declares that no shaft angle is known: an analysis has to estimate the speed from the vibration.
 
     Examples
     --------
@@ -235,21 +235,21 @@ def make_record(
     ----------
     channels : mapping of str to Channel or (n,) array_like
         Vibration channels by name. An `xarray.DataArray` states its units in the attribute ``units``, and its rate and
-        start by a coordinate of times; NaN fills its gaps.
+        start by a time coordinate, whose gaps are filled with NaN.
     rate_hz : float, optional
-        Samples per second; needed but for an average in angle, which has none, and where a channel states them.
+        Sampling rate in Hz; required unless a channel states it or the record is a synchronous average.
     angle : PulseTimes, TachometerWaveform, NominalSpeed, a sequence of tachometers of one kind, or UnknownAngle
-        Source of shaft angle; or `AngularAverage`, where the channels are averages in angle already.
+        Source of shaft angle; or `AngularAverage`, if the channels are synchronous averages.
     units : str or mapping of str to str, optional
-        Units of the channels that are given as bare arrays.
+        Units of the channels given as bare arrays.
     measured : mapping of str to Measured, optional
         Speeds, loads and temperatures measured with the record, by name.
     machine : str
         Name of the machine.
     regime : str
-        Operating regime, such as "hover" or "cruise": what is normal is learned for each by itself.
+        Operating regime, such as "hover" or "cruise", for each of which a fleet learns its own baseline.
     recorded_at : datetime or str, optional
-        Time at which the recording began: an aware datetime, or ISO 8601 with its offset from UTC.
+        Start time of the recording: an aware datetime, or ISO 8601 with UTC offset.
     start_s : float
         Time of the first sample in s, on the clock of the pulse times.
     truth : mapping of str to DataArray, optional
@@ -260,12 +260,12 @@ def make_record(
     Returns
     -------
     xarray.Dataset
-        A record that `check_record` accepts. Its time axis is a lazy range: no float per sample.
+        A valid record. Its time axis is a lazy range, which stores no value per sample.
 
     Raises
     ------
     RecordError
-        If anything is missing, contradictory or not declared.
+        If an argument is missing, contradictory or undeclared.
 
     Examples
     --------
@@ -283,8 +283,8 @@ def make_record(
     if isinstance(angle, AngularAverage):
         if rate_hz is not None or start_s or truth:
             raise RecordError(
-                "an average in angle has neither samples per second nor a start in time nor truth; leave out rate_hz "
-                "(--rate-hz), start_s and truth, or give the record it was averaged from."
+                "a synchronous average has no sampling rate in Hz, start time or truth; omit rate_hz (--rate-hz), "
+                "start_s and truth, or use the record it was averaged from."
             )
         _refuse_own_rates(declared)
         rate, required = 1.0, dict(angle.attrs)
@@ -300,7 +300,7 @@ def make_record(
         _check_new(name, variables)
         variables[name] = measured_variable(quantity, name=name, rate_hz=rate, start_s=start)
         if isinstance(angle, AngularAverage) and variables[name].ndim:
-            raise RecordError(f'measured "{name}": an average in angle has no time; give one number, its mean.')
+            raise RecordError(f'measured "{name}": a synchronous average has no time axis; give one number, the mean.')
     if isinstance(angle, AngularAverage):
         variables = {
             name: xr.Variable(ANGLE, one.values, one.attrs) if one.ndim else one for name, one in variables.items()
@@ -315,7 +315,7 @@ def make_record(
     _check_dimensions(variables)
     for name, text in (("machine", machine), ("regime", regime)):
         if not isinstance(text, str):
-            raise RecordError(f"{name}={text!r} is no text; give the name of the {name}.")
+            raise RecordError(f"{name}={text!r} is not text; give the name of the {name}.")
     required |= {"schema": SCHEMA, "machine": plain_text(machine), "recorded_at": utc_text(recorded_at)}
     required |= {"regime": plain_text(regime)} if regime else {}
     _refuse_clash(required, attrs)
@@ -331,7 +331,7 @@ def _refuse_own_rates(channels: Mapping[str, Channel]) -> None:
     for name, channel in channels.items():
         if channel.rate_hz is not None:
             raise RecordError(
-                f'channel "{name}": rate_hz={channel.rate_hz!r}; an average in angle has none, leave it out.'
+                f'channel "{name}": rate_hz={channel.rate_hz!r}; a synchronous average has none, omit it.'
             )
 
 
@@ -352,14 +352,14 @@ def _declared_channels(
     """Return all channels as `Channel`; refuse units for a channel that does not exist."""
     if not isinstance(channels, Mapping):
         raise RecordError(
-            f'channels: a {type(channels).__name__}, which has no names; give {{"name": values}} or a Channel by name.'
+            f'channels: {type(channels).__name__} given, without names; use {{"name": values}} or a Channel by name.'
         )
     per_channel = units if isinstance(units, Mapping) else {}
     for name in per_channel:
         if name not in channels:
             raise RecordError(f'units: no channel "{name}"; the channels are {", ".join(channels)}.')
         if isinstance(channels[name], Channel):
-            raise RecordError(f'units: channel "{name}" states its own already; remove one of the two.')
+            raise RecordError(f'units: channel "{name}" already states its own; remove one of the two.')
     declared = {}
     for name, channel in channels.items():
         check_name(name, "channel")
@@ -376,7 +376,7 @@ def _declared_channels(
 def _with_own_times(
     channels: dict[str, Channel], *, rate_hz: float | None, start_s: float
 ) -> tuple[dict[str, Channel], float | None, float]:
-    """Return channels, their rate and start; those of a DataArray are held against what is declared."""
+    """Return channels, their rate and start, with those of DataArrays checked against the declarations."""
     found, rates = {}, [rate_hz]
     for name, channel in channels.items():
         declared = channel.rate_hz if channel.rate_hz is not None else rate_hz
@@ -394,7 +394,7 @@ def _channel_variable(
     values = real_vector(channel.values, what)
     attrs: dict[str, Any] = {"units": known_units(channel.units, what), "role": role}
     if not isinstance(channel.sensor, str):
-        raise RecordError(f"{what}: sensor={plain_repr(channel.sensor)}; its name is a word.")
+        raise RecordError(f"{what}: sensor={plain_repr(channel.sensor)}; give its name as text.")
     if channel.sensor:
         attrs["sensor"] = plain_text(channel.sensor)
     if channel.direction is not None:
@@ -414,7 +414,7 @@ def _calibration(channel: Channel, what: str) -> dict[str, float | str]:
     if (channel.sensitivity is None) != (channel.measures is None):
         raise RecordError(
             f"{what}: sensitivity={channel.sensitivity!r} and measures={channel.measures!r} belong together: "
-            f'sensitivity=0.1, measures="g" is 0.1 {channel.units} for one g.'
+            f'sensitivity=0.1, measures="g" means 0.1 {channel.units} per g.'
         )
     if channel.measures is not None:
         attrs["measures"] = known_units(channel.measures, f"{what}: measures")
@@ -457,13 +457,13 @@ def _angle_variables(
 
 
 def _angle_sources(angle: Angle | Sequence[Angle] | None) -> list[Angle]:
-    """Return the declared sources of shaft angle; refuse none, unknown ones and those of several kinds."""
+    """Return the declared sources of shaft angle; refuse none, unknown types and several kinds."""
     sources = [] if angle is None else list(angle) if isinstance(angle, Sequence) else [angle]
     if not sources:
         raise RecordError(f"angle: no source of shaft angle is given. {ANGLE_REMEDY}")
     for source in sources:
         if not isinstance(source, Angle):
-            raise RecordError(f"angle: {type(source).__name__} is none of the three. {ANGLE_REMEDY}")
+            raise RecordError(f"angle: {type(source).__name__} is not a source of shaft angle. {ANGLE_REMEDY}")
     kinds = {type(source).__name__ for source in sources}
     if len(kinds) > 1 or (len(sources) > 1 and not kinds <= {"PulseTimes", "TachometerWaveform"}):
         found = ", ".join(type(source).__name__ for source in sources)
@@ -484,7 +484,7 @@ def _detected_pulses(
     from signals.shaft.tachometer import pulse_times  # noqa: PLC0415 - only a waveform needs signal processing
 
     own_rate = waveform.attrs.get("rate_hz", rate_hz)
-    # 1 V is the least range of inputs for tachometers
+    # 1 V is the smallest input range for tachometers
     full_scale = 1.0 if source.full_scale is None and source.units == "V" else source.full_scale
     try:
         return pulse_times(
@@ -500,14 +500,12 @@ def _detected_pulses(
 
 
 def _with_truth(record: xr.Dataset, truth: Mapping[str, xr.DataArray]) -> xr.Dataset:
-    """Return the record with its true values, on the time axes of the record."""
+    """Return the record with its true values, on its own time axes."""
     axes = set(record.xindexes)
     for name, array in truth.items():
         check_name(name, "truth")
         if not name.startswith("truth_") or not isinstance(array, xr.DataArray):
-            raise RecordError(
-                f'truth: "{name}", a {type(array).__name__}: each is an xarray.DataArray, named truth_...'
-            )
+            raise RecordError(f'truth: "{name}" of type {type(array).__name__}: give xarray.DataArrays named truth_...')
         bare = array.drop_vars(axes & set(array.coords)).to_dataset(name=name)
         try:
             record = record.merge(bare, join="exact", compat="equals")
@@ -517,15 +515,15 @@ def _with_truth(record: xr.Dataset, truth: Mapping[str, xr.DataArray]) -> xr.Dat
 
 
 def _check_not_vibration(name: str, waveform: xr.Variable, variables: Mapping[str, xr.Variable]) -> None:
-    """Refuse a tachometer's waveform that is one of the vibration channels: its pulses would follow a mesh."""
+    """Refuse a tachometer waveform that is a vibration channel, whose pulses would follow a mesh."""
     if waveform.attrs.get("role") != "tachometer":
         return
     for channel, variable in variables.items():
         same = variable.attrs.get("role") == "vibration" and np.array_equal(variable.values, waveform.values)
         if same:
             raise RecordError(
-                f'tachometer "{name.removesuffix("_waveform")}": its waveform is channel "{channel}" itself, sample by '
-                "sample; vibration has no pulses of a shaft. Name the tachometer's own channel (--tach-waveform), or "
+                f'tachometer "{name.removesuffix("_waveform")}": its waveform is identical to vibration channel '
+                f'"{channel}", which has no shaft pulses. Name the channel of the tachometer (--tach-waveform), or '
                 "estimate the speed from the vibration (UnknownAngle, --no-tachometer)."
             )
 
@@ -538,7 +536,7 @@ def _check_new(name: str, taken: Mapping[str, object]) -> None:
 def _check_dimensions(variables: Mapping[str, xr.Variable]) -> None:
     for dim in {str(dim) for variable in variables.values() for dim in variable.dims}:
         if dim in variables:
-            raise RecordError(f'the name "{dim}" is that of a dimension of the record; choose another.')
+            raise RecordError(f'the name "{dim}" is reserved for a dimension of the record; choose another.')
 
 
 def _check_lengths(variables: Mapping[str, xr.Variable]) -> None:
@@ -547,6 +545,6 @@ def _check_lengths(variables: Mapping[str, xr.Variable]) -> None:
         usual = Counter(sizes.values()).most_common(1)[0][0]
         odd = ", ".join(f'"{name}" has {size}' for name, size in sizes.items() if size != usual)
         raise RecordError(
-            f"channels at one rate have one length: {odd} where the others have {usual} samples. Cut them to "
+            f"channels at the same rate must have the same length: {odd}, the others {usual} samples. Cut them to "
             "the same span, or state the rate of a channel with Channel(..., rate_hz=...)."
         )

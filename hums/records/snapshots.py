@@ -1,4 +1,4 @@
-"""Records of snapshots: many short segments of the same channels, each with its time."""
+"""Records of snapshots: many short segments of the same channels, each with its own time."""
 
 from collections.abc import Iterator, Sequence
 from datetime import datetime
@@ -14,31 +14,31 @@ from signals._validation import brief, checked
 
 
 def is_snapshots(record: xr.Dataset) -> bool:
-    """Return whether a record is one of snapshots."""
+    """Return whether a record consists of snapshots."""
     return SNAPSHOT in record.dims
 
 
 @checked
 def join_snapshots(records: Sequence[xr.Dataset]) -> xr.Dataset:
-    """Join short records of one machine to one record of snapshots.
+    """Join short records of one machine into one record of snapshots.
 
     Parameters
     ----------
     records : sequence of xarray.Dataset
-        In the order in which they were recorded: of one layout, rate and length, with the same attributes. Where all of
-        them state `recorded_at`, the snapshots have times; else they have an order only.
+        Records in chronological order, with the same layout, rate, length and attributes. The snapshots have times if
+        all records state `recorded_at`, else only an order.
 
     Returns
     -------
     xarray.Dataset
-        Each channel (snapshot, time), where time counts from the start of each snapshot; pulse times (snapshot,
-        pulse_NAME), filled up with NaN; declared speeds and what was measured once (snapshot,). The coordinate
-        `snapshot_s` is when each begins, in s after `recorded_at`. `snapshot_record` takes one out again.
+        Each channel (snapshot, time), with time from the start of each snapshot; pulse times (snapshot, pulse_NAME),
+        padded with NaN; declared speeds and quantities measured once (snapshot,). The coordinate `snapshot_s` is the
+        start of each in s after `recorded_at`. `snapshot_record` extracts one.
 
     Raises
     ------
     RecordError
-        If there are none, or they differ in layout, or overlap in time.
+        If there are none, or they differ in layout or overlap in time.
 
     Examples
     --------
@@ -54,11 +54,11 @@ def join_snapshots(records: Sequence[xr.Dataset]) -> xr.Dataset:
     ({'snapshot': 2, 'time': 2560}, [0.0, 10.0])
     """
     if not records:
-        raise RecordError("no record to join: give the snapshots in the order in which they were recorded.")
+        raise RecordError("no record to join: give the snapshots in chronological order.")
     for record in records:
         check_record(record)
         if is_snapshots(record) or "samples_per_rev" in record.attrs:
-            raise RecordError("a snapshot is a record of one segment of time, neither of snapshots nor an average.")
+            raise RecordError("a snapshot must be a record of one time segment, not of snapshots and not an average.")
     first = detach_time(records[0])
     plain = [_starting_at(detach_time(record), first.attrs["start_s"]) for record in records]
     for number, record in enumerate(plain[1:], start=1):
@@ -78,19 +78,19 @@ def join_snapshots(records: Sequence[xr.Dataset]) -> xr.Dataset:
 
 @checked
 def snapshot_record(record: xr.Dataset, number: int) -> xr.Dataset:
-    """Return one snapshot of a record of snapshots as a record of its own.
+    """Return one snapshot of a record of snapshots as a separate record.
 
     Parameters
     ----------
     record : xarray.Dataset
-        Of snapshots.
+        Record of snapshots.
     number : int
         Number of the snapshot, from 0.
 
     Returns
     -------
     xarray.Dataset
-        A record; `recorded_at` is that of the snapshot where its time is known.
+        A record; `recorded_at` is that of the snapshot, if its time is known.
 
     Raises
     ------
@@ -109,7 +109,7 @@ def snapshot_record(record: xr.Dataset, number: int) -> xr.Dataset:
     """
     count = record.sizes.get(SNAPSHOT, 0)
     if isinstance(number, bool) or not isinstance(number, int | np.integer) or not 0 <= number < count:
-        raise RecordError(f"the record has no snapshot {brief(number)}; its {count} snapshots count from 0.")
+        raise RecordError(f"the record has no snapshot {brief(number)}; its {count} snapshots are numbered from 0.")
     one = record.isel({SNAPSHOT: number})
     if "snapshot_s" in one.coords:
         began = datetime.fromisoformat(record.attrs["recorded_at"])
@@ -132,7 +132,7 @@ def snapshots_of(record: xr.Dataset) -> Iterator[xr.Dataset]:
 
 
 def _starting_at(record: xr.Dataset, start_s: float) -> xr.Dataset:
-    """Return a record on a clock that shows another time at its first sample."""
+    """Return a record with its clock shifted to another time at its first sample."""
     late_s = record.attrs["start_s"] - start_s
     if not late_s:
         return record
@@ -155,18 +155,18 @@ def _refuse_other_layout(first: xr.Dataset, record: xr.Dataset, number: int) -> 
     for name in (*there, *here):
         if repr(here.get(name)) != repr(there.get(name)):
             raise RecordError(
-                f'snapshot {number}: "{name}" is {here.get(name, "nothing")} where the first has '
-                f"{there.get(name, 'nothing')}; snapshots have the same channels, lengths and attributes."
+                f'snapshot {number}: "{name}" is {here.get(name, "missing")}, in the first '
+                f"{there.get(name, 'missing')}; snapshots must have the same channels, lengths and attributes."
             )
 
 
 def _layout(record: xr.Dataset) -> dict[str, Any]:
-    """Return the attributes in which snapshots agree, and dimensions, shape and attributes of each variable."""
+    """Return the attributes in which snapshots must agree, and dimensions, shape and attributes of each variable."""
     found: dict[str, Any] = {str(key): value for key, value in record.attrs.items() if key not in _OWN}
     for name, one in record.variables.items():
         shape = "pulses" if kind_of(str(name), one) == "tachometer" else one.shape
         attrs = {key: one.attrs[key] for key in sorted(one.attrs) if key not in {"threshold", "hysteresis"}}
-        found[str(name)] = one.dims, shape, attrs  # threshold and hysteresis are found in each waveform
+        found[str(name)] = one.dims, shape, attrs  # threshold and hysteresis differ between waveforms
     return found
 
 

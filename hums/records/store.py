@@ -36,15 +36,9 @@ from hums.records.outputs import atomic_write, check_outputs
 from hums.records.validation import check_record
 from signals._validation import checked, plain_text
 
-_CHUNK = 65536  # values: half a megabyte of float64, which HDF5's own cache of a megabyte holds
-_READ_ERRORS = (
-    OSError,
-    RuntimeError,
-    LookupError,
-    ValueError,
-    TypeError,
-    AttributeError,
-)  # what HDF5 and its readers raise on broken bytes
+_CHUNK = 65536  # values: half a megabyte of float64, which fits HDF5's cache of a megabyte
+# errors of HDF5 and its readers on damaged bytes
+_READ_ERRORS = (OSError, RuntimeError, LookupError, ValueError, TypeError, AttributeError)
 
 
 @checked
@@ -58,14 +52,15 @@ def save_record(record: xr.Dataset, path: str | os.PathLike[str], *, force: bool
     path : str or Path
         File to write.
     force : bool
-        Whether a file that another program wrote is replaced.
+        Whether to overwrite a file that another program wrote.
 
     Raises
     ------
     RecordError
-        If it is not a record, contains values that HDF5 cannot store, or `path` is a file of another program.
+        If it is not a record, contains values that HDF5 cannot store, or, without `force`, another program wrote the
+        file.
     OSError
-        If the disk refuses the write.
+        If writing to the disk fails.
 
     Examples
     --------
@@ -102,7 +97,7 @@ def open_record(path: str | os.PathLike[str]) -> xr.Dataset:
     Returns
     -------
     xarray.Dataset
-        To be closed, or used in a ``with`` block.
+        The record, to be closed or used in a ``with`` block.
 
     Raises
     ------
@@ -164,26 +159,26 @@ def open_tree(path: str | os.PathLike[str]) -> xr.DataTree:
 def write_shard(
     records: Sequence[xr.Dataset], path: str | os.PathLike[str], *, labels: Mapping[str, Sequence[Any]], dtype: str
 ) -> None:
-    """Write records of one layout and their labels to one file, a row for each, checksummed and atomically.
+    """Write records of one layout and their labels to one file, one row per record, checksummed and atomically.
 
     Parameters
     ----------
     records : sequence of xarray.Dataset
-        With the same channels and tachometers, of the same lengths and rates.
+        Records with the same channels and tachometers, of the same lengths and rates.
     path : path
         File to write.
     labels : mapping of str to sequence
-        By the name of a label, its value for each record.
+        Value of each label for each record, by the name of the label.
     dtype : {"float32", "float64"}
-        Type of the stored samples and of amplitudes of lines, which are compressed.
+        Type of the stored samples, and of line amplitudes, which are compressed.
     """
     shard = _with_axes(_writable(packed(records, labels, dtype=dtype), where="shard"), records[0])
     chunks = _all_chunks(shard)
     for name in chunks:
         _, *row = shard.variables[name].shape
-        if row:  # a chunk for each record, so that one is read alone
+        if row:  # one chunk per record, so that each can be read alone
             chunks[name] = (1, *_chunks(tuple(row)))
-        elif shard.variables[name].dtype.kind == "c":  # amplitudes of lines change slowly: two thirds of their bytes
+        elif shard.variables[name].dtype.kind == "c":  # line amplitudes vary slowly and shrink to two thirds
             shard.variables[name].encoding = {"zlib": True}
     _write({"/": (shard, chunks)}, path)
 
@@ -223,7 +218,7 @@ def open_hdf5(path: str | os.PathLike[str]) -> h5py.File:
             raise _damaged(file, f"it ends after {len(start)} bytes")
         raise RecordError(
             f"{file} is not an HDF5 file, so not a record. "
-            f"Make a record of it: hums convert {quote(file.name)} record.h5 ..."
+            f"Convert it to one: hums convert {quote(file.name)} record.h5 ..."
         )
     contents = None
     try:
@@ -234,7 +229,7 @@ def open_hdf5(path: str | os.PathLike[str]) -> h5py.File:
         raise
     except (PermissionError, BlockingIOError) as error:
         raise RecordError(
-            f"{file} cannot be read now ({error}); check who may read it and whether a program still writes it."
+            f"{file} cannot be read now ({error}); check its permissions and whether a program is writing it."
         ) from error
     except _READ_ERRORS as error:
         _close(contents)
@@ -258,7 +253,7 @@ def read_array(path: str | os.PathLike[str], where: str, *, most_bytes: int | No
     Raises
     ------
     RecordError
-        If it cannot be read, or declares more bytes than the file plausibly holds, or than `most_bytes`.
+        If it cannot be read, or declares more bytes than the file plausibly holds or than `most_bytes`.
     """
     with open_hdf5(path) as contents:
         try:
@@ -271,7 +266,7 @@ def read_array(path: str | os.PathLike[str], where: str, *, most_bytes: int | No
 
 
 def is_hdf5(path: str | os.PathLike[str]) -> bool:
-    """Return whether a file has the signature of HDF5, also behind the header of MATLAB v7.3."""
+    """Return whether a file has the signature of HDF5, also after the header of MATLAB v7.3."""
     return bool(h5py.is_hdf5(path))
 
 
@@ -284,7 +279,7 @@ def existing_file(path: str | os.PathLike[str]) -> Path:
         If it is missing, a directory, or empty.
     """
     if not isinstance(path, str | os.PathLike) or "\0" in os.fspath(path):
-        raise RecordError(f"path={plain_repr(path)[:100]}: the name of a file is needed, a str or Path without NUL.")
+        raise RecordError(f"path={plain_repr(path)[:100]}: a file name is needed, a str or Path without NUL.")
     file = Path(path)
     if not is_utf8(str(file)):
         raise RecordError(f"{file}: this name is not UTF-8 text, as tables and pages need; rename the file or folder.")
@@ -293,7 +288,7 @@ def existing_file(path: str | os.PathLike[str]) -> Path:
     if not file.exists():
         raise RecordError(f"{file}: there is no such file; check the path.")
     if file.stat().st_size == 0:
-        raise RecordError(f"{file} is empty: whatever wrote it did not finish; write it again.")
+        raise RecordError(f"{file} is empty: the program that wrote it did not finish; write it again.")
     return file
 
 
@@ -326,17 +321,17 @@ def _check_schema(contents: h5py.File) -> None:
         return
     if schema is None:
         raise RecordError(
-            f"{file} is HDF5 but not a record: it carries no schema. If it holds signals, make a record of "
-            f"them: hums convert {quote(file.name)} record.h5 ..."
+            f"{file} is HDF5 but not a record: it states no schema. If it holds signals, convert it to a record: "
+            f"hums convert {quote(file.name)} record.h5 ..."
         )
     hint = "convert or simulate it again, or open it with the version that wrote it"
     if str(schema).startswith("hums-shard/"):
-        hint = "it is a part of a dataset: hums.open_dataset(folder) opens that, hums.dataset_record a record of it"
-    raise RecordError(f"{file} holds {schema}, where a record holds {SCHEMA}; {hint}.")
+        hint = "it is part of a dataset: use hums.open_dataset(folder), or hums.dataset_record for one record"
+    raise RecordError(f"{file} has schema {schema}, not {SCHEMA} of a record; {hint}.")
 
 
 def _warn_if_changed(file: Path, contents: h5py.File) -> None:
-    """Warn where names, shapes or attributes are not those that were written."""
+    """Warn if names, shapes or attributes differ from those that were written."""
     unchanged = is_unchanged(contents)
     if unchanged is None:
         warnings.warn(
@@ -346,7 +341,7 @@ def _warn_if_changed(file: Path, contents: h5py.File) -> None:
         )
     elif not unchanged:
         warnings.warn(
-            f"{file} was changed after it was written: names, shapes or attributes disagree with their checksum; "
+            f"{file} was changed after it was written: names, shapes or attributes do not match their checksum; "
             "compare it with the original.",
             RecordWarning,
             stacklevel=3,
@@ -354,17 +349,17 @@ def _warn_if_changed(file: Path, contents: h5py.File) -> None:
 
 
 def _refuse_lost_samples(file: Path, name: str, item: object) -> None:
-    """Refuse an array of which the index of the file misses a part: HDF5 reads that as never written."""
+    """Refuse an array with chunks missing in the index of the file, which HDF5 reads as never written."""
     if not isinstance(item, h5py.Dataset) or item.chunks is None:
         return
     needed = math.prod(-(-size // chunk) for size, chunk in zip(item.shape, item.chunks, strict=True))
     if item.id.get_num_chunks() != needed:
-        raise _damaged(file, f"the parts of {quote(name)} are not all there")
+        raise _damaged(file, f"parts of {quote(name)} are missing")
 
 
 def _damaged(file: Path, why: object) -> RecordError:
     return RecordError(
-        f"{file} is damaged or cut off ({why}). Copy it again from where it came, or convert the original again."
+        f"{file} is damaged or truncated ({why}). Copy it again from its source, or convert the original again."
     )
 
 
@@ -375,12 +370,12 @@ def _write(groups: Mapping[str, tuple[xr.Dataset, Chunks]], path: str | os.PathL
     with atomic_write(path, tidy=tidy) as part:
         try:
             write_netcdf(part, groups)
-        except (DiskError, RuntimeError) as error:  # the latter where HDF5 misses a refused write
+        except (DiskError, RuntimeError) as error:  # the latter if HDF5 misses a failed write
             raise OSError(f"{path} could not be written ({error}); check the space on its disk.") from error
 
 
 def _with_axes(plain: xr.Dataset, record: xr.Dataset) -> xr.Dataset:
-    """Return the dataset to write with the time axes of a record as coordinates, which compress to nearly nothing."""
+    """Return the dataset to write with the time axes of a record as coordinates, which compress very well."""
     axes = {}
     for dim, index in record.xindexes.items():
         if isinstance(index, RangeIndex):
@@ -391,10 +386,10 @@ def _with_axes(plain: xr.Dataset, record: xr.Dataset) -> xr.Dataset:
 
 
 def _all_chunks(dataset: xr.Dataset) -> dict[str, tuple[int, ...]]:
-    """Return the chunk shape of every array of numbers: only chunked arrays can have checksums in HDF5.
+    """Return the chunk shape of every numeric array, since only chunked arrays can have checksums in HDF5.
 
-    The fill value of floats is NaN, xarray's default: a chunk that is missing in a damaged index then reads as NaN,
-    which the analysis refuses, and not as zeros.
+    The fill value of floats is NaN, xarray's default, so that a chunk missing in a damaged index reads as NaN, which
+    the analysis refuses, and not as zeros.
     """
     return {
         str(name): _chunks(variable.shape)
@@ -404,7 +399,7 @@ def _all_chunks(dataset: xr.Dataset) -> dict[str, tuple[int, ...]]:
 
 
 def _chunks(shape: tuple[int, ...]) -> tuple[int, ...]:
-    """Return the chunk shape of an array: its longest axis, usually time, is halved until a chunk is small enough."""
+    """Return the chunk shape of an array, whose longest axis, usually time, is halved until a chunk is small enough."""
     chunks = list(shape)
     while np.prod(chunks, dtype=np.int64) > _CHUNK:
         longest = int(np.argmax(chunks))
@@ -428,7 +423,7 @@ def _plain_attrs(attrs: Mapping[Any, Any], where: str) -> dict[str, Any]:
 
 
 def _plain(value: Any, what: str) -> Any:  # noqa: ANN401
-    """Return an attribute in a type of netCDF: booleans as 0 or 1, times as ISO 8601, sequences as arrays."""
+    """Return an attribute as a netCDF type: booleans as 0 or 1, times as ISO 8601, sequences as arrays."""
     if isinstance(value, str):
         if "\0" in value:
             raise RecordError(f"{what} contains a NUL character; remove it.")
@@ -441,14 +436,14 @@ def _plain(value: Any, what: str) -> Any:  # noqa: ANN401
     if array.dtype.kind == "U" and array.ndim == 1:
         return [str(item) for item in array]
     if array.dtype.kind not in "biuf":
-        raise RecordError(f"{what} is a {type(value).__name__}; only text, numbers and rows of either are kept.")
+        raise RecordError(f"{what} is a {type(value).__name__}; only text, numbers and rows of either can be stored.")
     return array.astype(np.int8) if array.dtype.kind == "b" else array[()]
 
 
 # ---- records of one layout in one dataset: channels stacked, pulse times padded, true values concatenated ------------
-# Channels have one length and are stacked to (record, time). Pulse times differ in number and are padded with NaN.
-# Truth variables differ in number and shape from record to record (a crack adds lines), so the values of each are
-# concatenated along a dimension of their own; their dimensions, shapes and attributes are JSON text for each record.
+# Channels have the same length and are stacked to (record, time). Pulse times differ in number and are padded with NaN.
+# Truth variables differ in number and shape between records (a crack adds lines), so the values of each are
+# concatenated along a separate dimension; their dimensions, shapes and attributes are JSON text per record.
 
 
 _SCHEMA = "hums-shard/1"
@@ -463,11 +458,11 @@ def packed(records: Sequence[xr.Dataset], labels: Mapping[str, Sequence[Any]], *
     Parameters
     ----------
     records : sequence of xarray.Dataset
-        With the same channels and tachometers, of the same lengths and rates.
+        Records with the same channels and tachometers, of the same lengths and rates.
     labels : mapping of str to sequence
-        By the name of a label, its value for each record.
+        Value of each label for each record, by the name of the label.
     dtype : {"float32", "float64"}
-        Type of the stored samples, and of complex amplitudes of their truth; all other numbers are float64.
+        Type of the stored samples, and of the complex amplitudes of their truth; all other numbers are float64.
 
     Raises
     ------
@@ -479,7 +474,7 @@ def packed(records: Sequence[xr.Dataset], labels: Mapping[str, Sequence[Any]], *
     variables: dict[str, xr.Variable] = {name: _stacked(records, name, dtype) for name in names}
     for label, values in labels.items():
         if label in variables:
-            raise ValueError(f'the label "{label}" has the name of a channel; give the range another label.')
+            raise ValueError(f'the label "{label}" has the name of a channel; choose another label.')
         variables[label] = xr.Variable(_ROWS, np.asarray(values), {"role": "label"})
     truths = sorted({str(name) for record in records for name in record.variables if _is_truth(name)})
     for name in truths:
@@ -520,16 +515,16 @@ def _stacked(records: Sequence[xr.Dataset], name: str, dtype: str) -> xr.Variabl
     rows = []
     for record in records:
         if name not in record.variables:
-            raise ValueError(f'"{name}" is in some records only; the records of a dataset have the same channels.')
+            raise ValueError(f'"{name}" is only in some records; all records of a dataset must have the same channels.')
         if _json(record.variables[name].attrs) != _json(first.attrs):
-            raise ValueError(f'"{name}" has different attributes in the records; units, place and rate have to agree.')
+            raise ValueError(f'"{name}" has different attributes in the records; units, place and rate must agree.')
         rows.append(record.variables[name].to_numpy())
     if len({row.ndim for row in rows}) > 1 or (not _is_padded(first) and len({row.shape for row in rows}) > 1):
-        raise ValueError(f'channel "{name}" has different lengths; the records of a dataset are equally long.')
+        raise ValueError(f'channel "{name}" has different lengths; the records of a dataset must be equally long.')
     if first.ndim == 0:
         return xr.Variable(_ROWS, np.array(rows), first.attrs)
     widest = np.max([row.shape for row in rows], axis=0)
-    samples = ("vibration", "waveform", "measured")  # in the type that is asked for; times and speeds are exact
+    samples = ("vibration", "waveform", "measured")  # in the requested type; times and speeds stay exact
     stack = np.full((len(rows), *widest), np.nan, dtype=dtype if kind_of(name, first) in samples else np.float64)
     for target, row in zip(stack, rows, strict=True):
         target[tuple(slice(size) for size in row.shape)] = row

@@ -30,7 +30,7 @@ from hums.records.fields import (
     utc_text,
 )
 
-MIN_SAMPLES_PER_PULSE = 1.5  # at 1 they are the sample times
+MIN_SAMPLES_PER_PULSE = 1.5  # at 1 they would be the sample times
 
 
 def check_record(record: xr.Dataset) -> None:
@@ -42,9 +42,9 @@ def check_record(record: xr.Dataset) -> None:
         If it is not a record.
     """
     if not isinstance(record, xr.Dataset):
-        raise RecordError(f"a record is an xarray.Dataset, not a {type(record).__name__}; see make_record.")
+        raise RecordError(f"a record must be an xarray.Dataset, not {type(record).__name__}; see make_record.")
     if (schema := record.attrs.get("schema")) != SCHEMA:
-        raise RecordError(f'attribute schema={schema!r}: a record carries "{SCHEMA}"; build it with make_record.')
+        raise RecordError(f'attribute schema={schema!r}: a record has "{SCHEMA}"; build it with make_record.')
     if is_average(record):
         _check_average(record)
     else:
@@ -64,45 +64,45 @@ def check_record(record: xr.Dataset) -> None:
 
 
 def _check_average(record: xr.Dataset) -> None:
-    """Refuse an average in angle that is not of whole revolutions, or has a source of angle."""
+    """Refuse a synchronous average that is not of whole revolutions, or has a source of shaft angle."""
     per_rev = record.attrs["samples_per_rev"]
     if not isinstance(per_rev, Integral) or per_rev < 1:
         raise RecordError(f"attribute samples_per_rev={plain_repr(per_rev)}: a positive whole number is needed.")
     if not isinstance(record.attrs.get("average_of"), str) or not record.attrs["average_of"]:
-        raise RecordError("attribute average_of: name the component whose revolution is averaged.")
+        raise RecordError("attribute average_of: name the component over whose revolution is averaged.")
     if tachometers(record) or nominal_speed(record) is not None:
-        raise RecordError("an average in angle has no tachometer and no speed of its own; leave them out.")
+        raise RecordError("a synchronous average has no tachometer and no speed; omit them.")
     for name in vibration_channels(record):
         count = record[name].size
         if record[name].dims != (ANGLE,):
             raise RecordError(
-                f'channel "{name}": dimensions {record[name].dims}; an average in angle has one, "angle".'
+                f'channel "{name}": dimensions {record[name].dims}; a synchronous average has one, "angle".'
             )
         if count % per_rev:
             raise RecordError(
                 f'channel "{name}": {count} samples are {count / per_rev:.6g} revolutions of {per_rev} samples; an '
-                "average has whole revolutions. Correct samples_per_rev, or cut the samples."
+                "average must have whole revolutions. Correct samples_per_rev, or cut the samples."
             )
 
 
 def _check_snapshots(record: xr.Dataset) -> None:
-    """Refuse snapshots that overlap or run backwards, where they have times, and channels without snapshots."""
+    """Refuse snapshots whose times overlap or run backwards, and channels without snapshots."""
     for name in names_of(record, "vibration", "waveform", "tachometer"):
         if record[name].dims[0] != SNAPSHOT:
-            raise RecordError(f'"{name}" has no dimension "{SNAPSHOT}", as the others have; join whole records.')
+            raise RecordError(f'"{name}" lacks the dimension "{SNAPSHOT}" of the others; join complete records.')
     if "snapshot_s" not in record.coords:
         return
     starts_s = np.asarray(record["snapshot_s"].values, dtype=np.float64)
     long_s = max(when.count / when.rate_hz for when in (sampling(record, name) for name in vibration_channels(record)))
     if starts_s.shape != (record.sizes[SNAPSHOT],) or not np.isfinite(starts_s).all():
         raise RecordError('"snapshot_s": a finite time in s for each snapshot is needed, or none at all.')
-    # by 0.01 of a snapshot they may overlap: clocks are written in whole milliseconds
+    # an overlap of 1 % is accepted, as clocks may be stored in whole milliseconds
     early = np.flatnonzero(np.diff(starts_s) < 0.99 * long_s)
     if early.size:
         at = int(early[0])
         raise RecordError(
             f"snapshot {at + 1} begins {starts_s[at + 1] - starts_s[at]:.6g} s after snapshot {at}, which lasts "
-            f"{long_s:.6g} s; snapshots follow each other without overlap, in the order of their times."
+            f"{long_s:.6g} s; snapshots must not overlap and must be in chronological order."
         )
 
 
@@ -110,8 +110,8 @@ def _check_variable(record: xr.Dataset, name: str, variable: xr.DataArray) -> No
     kind = kind_of(name, variable)
     if kind is None:
         raise RecordError(
-            f'variable "{name}" is no part of a record: a channel has the attributes role="vibration" and '
-            "units; what is known of a synthetic record is named truth_..."
+            f'variable "{name}" does not belong in a record: a channel has the attributes role="vibration" and '
+            "units; ground truth of a synthetic record is named truth_..."
         )
     if kind in {"vibration", "waveform"}:
         _check_channel(record, name, variable)
@@ -132,7 +132,7 @@ def _check_channel(record: xr.Dataset, name: str, variable: xr.DataArray) -> Non
     axis = variable.dims[1:] if variable.dims[:1] == (SNAPSHOT,) else variable.dims
     if len(axis) != 1 or not (axis[0] in {"time", ANGLE} or str(axis[0]).startswith("time_")):
         raise RecordError(
-            f'{what}: dimensions {variable.dims}; a channel has one, "time" or, at a rate of its own, "time_{name}".'
+            f'{what}: dimensions {variable.dims}; a channel has one, "time" or, at its own rate, "time_{name}".'
         )
     if variable.dtype not in (np.float32, np.float64):
         raise RecordError(f"{what}: values of type {variable.dtype}; float32 or float64 are needed.")
@@ -140,7 +140,7 @@ def _check_channel(record: xr.Dataset, name: str, variable: xr.DataArray) -> Non
         raise RecordError(f"{what}: empty; at least one sample is needed.")
     units = variable.attrs.get("units")
     if known_units(units, what) != units:
-        raise RecordError(f'{what}: units="{units}" are written "{known_units(units, what)}" in a record.')
+        raise RecordError(f'{what}: units="{units}" must be written "{known_units(units, what)}" in a record.')
     positive_number(rate_of(record, variable), f"{what}: rate_hz", RATE_REMEDY)
     sampling(record, name)
 
@@ -150,7 +150,7 @@ def _check_angle(record: xr.Dataset) -> None:
     if not names and nominal is None and record.attrs.get("angle") != UNKNOWN_ANGLE:
         raise RecordError(f"angle: this record has no source of shaft angle. {ANGLE_REMEDY}")
     if names and nominal is not None:
-        raise RecordError(f'angle: both nominal_speed and the tachometer "{names[0]}". {ANGLE_REMEDY}')
+        raise RecordError(f'angle: both nominal_speed and tachometer "{names[0]}" are given. {ANGLE_REMEDY}')
     spans = [sampling(record, name) for name in vibration_channels(record)]
     first_s = min(span.start_s for span in spans)
     last_s = max(span.start_s + span.count / span.rate_hz for span in spans)
@@ -161,7 +161,7 @@ def _check_angle(record: xr.Dataset) -> None:
 
 
 def _each_train(pulses: xr.DataArray) -> list[NDArray[np.float64]]:
-    """Return the pulse times of each snapshot, or those of the record, without what fills rows up."""
+    """Return the pulse times of each snapshot, or those of the record, without padding."""
     rows = pulses.values if pulses.ndim > 1 else [pulses.values]
     return [row[~np.isnan(row)] if pulses.ndim > 1 else row for row in rows]
 
@@ -169,14 +169,14 @@ def _each_train(pulses: xr.DataArray) -> list[NDArray[np.float64]]:
 def _check_span(name: str, times_s: NDArray[np.float64], first_s: float, last_s: float) -> None:
     if times_s[-1] < first_s or times_s[0] > last_s:
         raise RecordError(
-            f'tachometer "{name}": its pulses, {times_s[0]:g} s to {times_s[-1]:g} s, lie outside of the '
-            f"record, {first_s:g} s to {last_s:g} s. Pulse times are seconds (not sample numbers) on the "
-            "record's clock, which shows start_s at the first sample."
+            f'tachometer "{name}": its pulses, {times_s[0]:g} s to {times_s[-1]:g} s, lie outside the '
+            f"record, {first_s:g} s to {last_s:g} s. Pulse times must be in seconds (not sample numbers) on the "
+            "record's clock, which is start_s at the first sample."
         )
 
 
 def _check_speeds(record: xr.Dataset) -> None:
-    """Refuse a shaft speed or a pulse rate that is too high for the highest sampling rate of the record."""
+    """Refuse a shaft speed or pulse rate that is too high for the highest sampling rate of the record."""
     rate_hz = max(sampling(record, name).rate_hz for name in names_of(record, "vibration", "waveform"))
     nominal = nominal_speed(record)
     fastest = 0.0 if nominal is None else float(np.max(nominal.values))
@@ -196,30 +196,29 @@ def _check_spacing(name: str, times_s: NDArray[np.float64], per_rev: int, rate_h
     what = f'tachometer "{name}": its pulses are {spacing_s:.3g} s apart on average'
     if spacing_s * rate_hz < MIN_SAMPLES_PER_PULSE:
         raise RecordError(
-            f"{what}, {spacing_s * rate_hz:.3g} samples at {rate_hz:g} Hz: a pulse about every sample, or more. Give "
-            "the moments at which the pulses came, in seconds, not the times of the samples; or correct the rate."
+            f"{what}, {spacing_s * rate_hz:.3g} samples at {rate_hz:g} Hz, about one pulse per sample or more. Give "
+            "the pulse times in seconds, not the sample times; or correct the rate."
         )
-    min_samples_per_turn = 4.0  # of the vibration: the shaft's second harmonic at half the rate
+    min_samples_per_turn = 4.0  # of the vibration: the shaft's second harmonic at half the sampling rate
     if spacing_s * per_rev * rate_hz < min_samples_per_turn:
         raise RecordError(
-            f"{what}, which at {per_rev} per revolution makes {1 / (spacing_s * per_rev):.4g} rev/s, a turn every "
-            f"{spacing_s * per_rev * rate_hz:.3g} samples at {rate_hz:g} Hz; the vibration shows nothing of so fast a "
-            "shaft. Correct the times (seconds), pulses_per_rev (--pulses-per-rev) or the rate."
+            f"{what}, which at {per_rev} per revolution is {1 / (spacing_s * per_rev):.4g} rev/s, a revolution in "
+            f"{spacing_s * per_rev * rate_hz:.3g} samples at {rate_hz:g} Hz, too few for the vibration of the shaft. "
+            "Correct the times (seconds), pulses_per_rev (--pulses-per-rev) or the rate."
         )
     intervals = np.diff(times_s)
     if intervals.size < per_rev + 20:  # for a meaningful median of their changes
         return
-    # pulses of one revolution may be uneven, and revolutions of a start differ: not both
+    # pulses of one revolution may be uneven, or revolutions differ during a run-up, but not both
     change = min(
         float(np.median(np.abs(intervals[lag:] - intervals[:-lag])) / np.median(intervals)) for lag in (1, per_rev)
     )
     max_change_per_turn = 0.3  # some per cent for a shaft, some 60 % for random crossings
     if change > max_change_per_turn:
         raise RecordError(
-            f"{what} and come without order: from one to the next, and from one revolution to the next, their "
-            f"distance changes by {change:.0%}, in the middle of all. No shaft turns like that; is this a vibration, "
-            "not a tachometer's signal? Name the tachometer's own channel or pulse times (--tach-waveform, "
-            "--tach-times)."
+            f"{what}, but irregular: from pulse to pulse and from revolution to revolution, their spacing changes by "
+            f"{change:.0%} (median). No shaft rotates like that; the signal may be vibration. Name the channel or "
+            "pulse times of the tachometer (--tach-waveform, --tach-times)."
         )
 
 
@@ -242,15 +241,17 @@ def _check_tachometer(name: str, variable: xr.DataArray) -> None:
 def _check_shaft(what: str, variable: xr.DataArray) -> None:
     shaft = variable.attrs.get("shaft")
     if not isinstance(shaft, str) or not shaft:
-        raise RecordError(f'{what}: shaft={plain_repr(shaft)}; name the shaft it turns with, shaft="..." (--shaft).')
+        raise RecordError(
+            f'{what}: shaft={plain_repr(shaft)}; name the shaft that it refers to, shaft="..." (--shaft).'
+        )
 
 
 def _check_pulses(what: str, times_s: NDArray[np.float64]) -> None:
     if times_s.size < 2:  # noqa: PLR2004 - a speed is a difference
-        raise RecordError(f"{what}: {times_s.size} pulse; at least 2 are needed for a speed.")
+        raise RecordError(f"{what}: {times_s.size} pulse; at least 2 are needed to determine a speed.")
     bad = np.flatnonzero(~np.isfinite(times_s))
     if bad.size:
-        raise RecordError(f"{what}: pulse {bad[0]} is at {times_s[bad[0]]}; leave out a pulse whose time is unknown.")
+        raise RecordError(f"{what}: pulse {bad[0]} is at {times_s[bad[0]]}; omit pulses whose time is unknown.")
     backwards = np.flatnonzero(np.diff(times_s) <= 0)
     if backwards.size:
         at = backwards[0]
@@ -262,7 +263,7 @@ def _check_pulses(what: str, times_s: NDArray[np.float64]) -> None:
             f"{times_s[at]:.9g} s"
         )
         raise RecordError(
-            f"{what}: {how} ({backwards.size} such places in {times_s.size}). Remove repeated pulses; "
-            "if these are samples of the tachometer's signal and not times, give them as a "
+            f"{what}: {how} ({backwards.size} such pulses of {times_s.size}). Remove repeated pulses; "
+            "if these are samples of the tachometer signal and not times, give them as a "
             "TachometerWaveform (on the command line --tach-waveform)."
         )

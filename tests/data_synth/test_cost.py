@@ -90,7 +90,7 @@ def test_explaining_and_writing_go_together(synth, scene, tmp_path):
 def test_a_record_is_not_written_over_its_scene(synth, scene):
     code, _, err = synth(scene, "-o", scene)
     assert code == 1
-    assert "what is read is never written" in err
+    assert "inputs are never overwritten" in err
     assert scene.read_text(encoding="utf-8") == SCENE
 
 

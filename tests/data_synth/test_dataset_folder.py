@@ -102,7 +102,7 @@ class TestRecords:
 
     def test_records_count_from_zero(self, folder):
         for number in (-1, 7):
-            with pytest.raises(RecordError, match=rf"no record {number}; its 7 records count from 0 to 6"):
+            with pytest.raises(RecordError, match=rf"no record {number}; its 7 records are numbered 0 to 6"):
                 hums.dataset_record(folder, number)
 
 
@@ -203,12 +203,12 @@ class TestOpened:
             hums.dataset_record(copy, 4)
 
     def test_folders_that_hold_none(self, copy, tmp_path):
-        with pytest.raises(RecordError, match=r"no such folder; name the one that hums dataset wrote"):
+        with pytest.raises(RecordError, match=r"no such folder; name an output folder"):
             hums.open_dataset(tmp_path / "nowhere")
-        with pytest.raises(RecordError, match=r"no finished dataset, no index\.h5; make one"):
+        with pytest.raises(RecordError, match=r"no complete dataset, as it has no index\.h5; make one"):
             hums.open_dataset(tmp_path)
         (copy / "index.h5").unlink()
-        with pytest.raises(RecordError, match="finish it with the same hums dataset again"):
+        with pytest.raises(RecordError, match="complete it by the same hums dataset again"):
             hums.open_dataset(copy)
 
 
@@ -313,5 +313,5 @@ class TestRefusals:
 
     def test_a_label_called_like_a_channel(self, tmp_path):
         plan = parse_plan(SMALL.replace("[500, 1500]", '[500, 1500], label = "b"'))
-        with pytest.raises(ValueError, match='the label "b" has the name of a channel; give the range another label'):
+        with pytest.raises(ValueError, match='the label "b" has the name of a channel; choose another label'):
             make_dataset(plan, tmp_path / "named")

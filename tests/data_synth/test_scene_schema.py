@@ -106,4 +106,4 @@ def test_the_command_prints_each(kind, key, monkeypatch, capsys):
 def test_its_help_lists_the_choices(monkeypatch, capsys):
     monkeypatch.setattr(sys, "argv", ["hums", "schema", "--help"])
     assert main() == 0
-    assert "gearbox, scene or plan" in " ".join(re.sub("[│\n]", " ", capsys.readouterr().out).split())
+    assert "gearbox, scene, or plan" in " ".join(re.sub("[│\n]", " ", capsys.readouterr().out).split())

@@ -146,7 +146,7 @@ def test_a_conversion_that_was_stopped_goes_on(folder, tmp_path, monkeypatch):
     monkeypatch.setattr("hums.conversion.write_shard", stop)
     with pytest.raises(KeyboardInterrupt):
         convert_files(sources, tmp_path / "out", **DECLARED)
-    with pytest.raises(RecordError, match="finish it with the same hums convert"):
+    with pytest.raises(RecordError, match="complete it by the same hums convert"):
         hums.open_dataset(tmp_path / "out")
     monkeypatch.undo()
     result = convert_files(sources, tmp_path / "out", **DECLARED)
@@ -168,7 +168,7 @@ def test_what_a_folder_refuses(folder, packed, tmp_path):
     sources = find_sources([f"{folder}/acc_*.csv"])
     with pytest.raises(RecordError, match="begun with rate_hz = 2000"):
         convert_files(sources, packed.folder, **(DECLARED | {"rate_hz": 1000.0}))
-    with pytest.raises(RecordError, match="what is read is never written"):
+    with pytest.raises(RecordError, match="inputs are never overwritten"):
         convert_files(sources, folder, **DECLARED)
     (tmp_path / "other").mkdir()
     (tmp_path / "other" / "notes.txt").write_text("mine")

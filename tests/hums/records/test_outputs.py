@@ -23,7 +23,7 @@ from hums.records.record import NominalSpeed, make_record
 from hums.records.store import open_record, save_record
 from hums.report import write_report
 
-READ, FOREIGN = "what is read is never written", "was not written by hums"
+READ, FOREIGN = "inputs are never overwritten", "was not written by hums"
 
 
 @pytest.fixture

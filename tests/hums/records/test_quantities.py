@@ -49,9 +49,9 @@ def test_samples_at_the_rate_or_at_one_of_their_own(tmp_path):
     ("measured", "said"),
     [
         ({"x": Measured(values=1, units="furlong")}, "furlong"),
-        ({"x": 3.0}, "give Measured"),
+        ({"x": 3.0}, "use Measured"),
         ({"vib": Measured(values=1, units="N")}, 'named "vib"'),
-        ({"x": Measured(values=np.ones(10), units="N")}, '"x" has 10 where the others have 1000'),
+        ({"x": Measured(values=np.ones(10), units="N")}, '"x" has 10, the others 1000 samples'),
         ({"x": Measured(values="warm", units="degC")}, "real numbers"),
     ],
 )
@@ -82,9 +82,9 @@ def test_an_average_lies_over_revolutions(tmp_path):
 @pytest.mark.parametrize(
     ("changes", "said"),
     [
-        ({"rate_hz": 1000}, "neither samples per second"),
+        ({"rate_hz": 1000}, "no sampling rate"),
         ({"values": np.ones(200)}, "1.5625 revolutions"),
-        ({"values": Channel(values=np.ones(128), units="g", rate_hz=5), "units": None}, "has none, leave it out"),
+        ({"values": Channel(values=np.ones(128), units="g", rate_hz=5), "units": None}, "has none, omit it"),
         ({"measured": {"x": Measured(values=np.ones(256), units="N")}}, "give one number"),
         ({"units": None}, "no units"),
     ],

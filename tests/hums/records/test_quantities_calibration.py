@@ -73,14 +73,14 @@ def test_a_tone_that_came_late_is_on_the_clock_again():
 
 def test_twice_is_refused(record, tmp_path):
     found = hums.calibrated(record)
-    with pytest.raises(RecordError, match='channel "front" was calibrated before'):
+    with pytest.raises(RecordError, match='channel "front" is already calibrated'):
         hums.calibrated(found)
     with pytest.raises(RecordError, match="nothing to calibrate"):
         hums.calibrated(record[["plain"]].assign(nominal_speed=record.nominal_speed))
     save_record(found, tmp_path / "record.h5")
     with open_record(tmp_path / "record.h5") as opened:
         assert opened.load().identical(found)
-        with pytest.raises(RecordError, match="was calibrated before"):
+        with pytest.raises(RecordError, match="is already calibrated"):
             hums.calibrated(opened)
 
 

@@ -100,7 +100,7 @@ def test_a_waveform_becomes_pulses_and_is_kept(own_rate_hz):
 
 @pytest.mark.parametrize("name", ["machine", "regime"])
 def test_names_are_texts(name):
-    assert refusal(**{name: 4}) == f"{name}=4 is no text; give the name of the {name}."
+    assert refusal(**{name: 4}) == f"{name}=4 is not text; give the name of the {name}."
 
 
 def test_several_tachometers():
@@ -216,7 +216,7 @@ def test_a_channel_at_its_own_rate():
 
 @pytest.mark.parametrize("pick", [slice(None, None, 2), slice(None, None, -1), [0, 5, 6]])
 def test_a_thinned_record_is_refused(pick):
-    with pytest.raises(RecordError, match=r"does not run evenly at rate_hz=1000.*a stride aliases"):
+    with pytest.raises(RecordError, match=r"is not evenly spaced at rate_hz=1000.*a stride aliases"):
         check_record(build().isel(time=pick))
 
 
@@ -261,20 +261,20 @@ NO_ANGLE = "(?s)(?=.*PulseTimes)(?=.*TachometerWaveform)(?=.*NominalSpeed)(?=.*-
         ),
         # values of channels
         ({"channels": {"case": []}}, 'channel "case": empty'),
-        ({"channels": {"case": np.zeros((2, 3))}}, r"shape \(2, 3\) where one row"),
-        ({"channels": {"case": 3.0}}, r"shape \(\) where one row"),
+        ({"channels": {"case": np.zeros((2, 3))}}, r"shape \(2, 3\), but one row"),
+        ({"channels": {"case": 3.0}}, r"shape \(\), but one row"),
         ({"channels": {"case": ["a", "b"]}}, "values of type <U1"),
         ({"channels": {"case": [True, False]}}, "values of type bool"),
         ({"channels": {"case": [1 + 2j]}}, "values of type complex128"),
         ({"channels": {"case": [[1.0], [1.0, 2.0]]}}, "not an array of numbers"),
-        ({"channels": {"a": NOISE, "b": NOISE[:-1], "c": NOISE}}, '"b" has 1999 where the others have 2000'),
-        ({"channels": NOISE}, "channels: a ndarray, which has no names"),
+        ({"channels": {"a": NOISE, "b": NOISE[:-1], "c": NOISE}}, '"b" has 1999, the others 2000 samples'),
+        ({"channels": NOISE}, "channels: ndarray given, without names"),
         ({"channels": {}, **turning(1500)}, "no vibration channel"),
         # units, directions, moments
         *(({"units": units}, 'channel "case": no units.*--units g.*"mm s-1"') for units in (None, "", {})),
         *((channel(units=units), f"units={units!r} are not known.*") for units in ("G", "m s-3", 9.81)),
         ({"units": {"cass": "g"}}, 'units: no channel "cass"; the channels are case'),
-        ({**channel(), "units": {"case": "V"}}, "states its own already"),
+        ({**channel(), "units": {"case": "V"}}, "already states its own"),
         *((channel(direction=way), "direction=") for way in ((0, 0, 0), (1, 0), (np.nan, 0, 1), ("x", "y", "z"))),
         *(
             ({"recorded_at": moment}, "recorded_at=")
@@ -293,16 +293,16 @@ NO_ANGLE = "(?s)(?=.*PulseTimes)(?=.*TachometerWaveform)(?=.*NominalSpeed)(?=.*-
             'tachometer "tachometer": its times run backwards: pulse 2 is at 0.15 s, pulse 1 at',
         ),
         (pulses([0.1, 0.2, 0.2, 0.3]), "two of its times are equal: pulses 1 and 2 are both at 0.2 s"),
-        (pulses(np.sin(0.1 * np.arange(2000))), "(?s)(?=.*such places in 2000)(?=.*--tach-waveform)"),
+        (pulses(np.sin(0.1 * np.arange(2000))), "(?s)(?=.*such pulses of 2000)(?=.*--tach-waveform)"),
         (pulses([0.1]), "1 pulse; at least 2"),
         (pulses([]), 'tachometer "tachometer": empty'),
         (pulses([0.1, np.nan, 0.3]), "pulse 1 is at nan"),
         (pulses([[0.1, 0.2]]), r"shape \(1, 2\)"),
-        (pulses([5.0, 6.0]), "5 s to 6 s, lie outside of the record, 0 s to 2 s"),
+        (pulses([5.0, 6.0]), "5 s to 6 s, lie outside the record, 0 s to 2 s"),
         (pulses(np.arange(100.0, 2000, 100)), "not sample numbers"),
         (
             pulses(np.arange(5000) / 2500),
-            "0.0004 s apart on average, 0.4 samples at 1000 Hz: a pulse about every sample",
+            "0.0004 s apart on average, 0.4 samples at 1000 Hz, about one pulse per sample",
         ),
         *(
             (pulses([0.1, 0.2], pulses_per_rev=count), f"pulses_per_rev={count!r}: a positive whole number")
@@ -318,13 +318,13 @@ NO_ANGLE = "(?s)(?=.*PulseTimes)(?=.*TachometerWaveform)(?=.*NominalSpeed)(?=.*-
         # names
         ({"channels": {"tachometer": NOISE}}, "two parts of the record are named"),
         ({"angle": [PULSES, PULSES]}, "two parts of the record are named"),
-        ({"channels": {"pulse_tachometer": NOISE}}, '"pulse_tachometer" is that of a dimension'),
+        ({"channels": {"pulse_tachometer": NOISE}}, '"pulse_tachometer" is reserved for a dimension'),
         ({"attrs": {"rate_hz": 1.0}}, '"rate_hz" is written by make_record'),
         # truth
         ({"truth": {"order": xr.DataArray(1.0)}}, "named truth_..."),
-        ({"truth": {"truth_order": 1.0}}, "an xarray.DataArray"),
+        ({"truth": {"truth_order": 1.0}}, "give xarray.DataArrays"),
         ({"truth": {"truth_phase": xr.DataArray(np.zeros(7), dims="time")}}, "does not fit the record"),
-        ({"truth": {"truth_a/b": xr.DataArray(1.0)}}, "cannot be kept"),
+        ({"truth": {"truth_a/b": xr.DataArray(1.0)}}, "cannot be stored"),
         ({"truth": {"truth_a": crack("crack"), "truth_b": crack("spall")}}, "does not fit the record"),
     ],
 )
@@ -353,20 +353,20 @@ def test_names_that_cannot_be_kept(name):
 @pytest.mark.parametrize(
     ("spoil", "sentence"),
     [
-        (lambda record: record["case"], "is an xarray.Dataset, not a DataArray"),
+        (lambda record: record["case"], "must be an xarray.Dataset, not DataArray"),
         (lambda record: record.drop_attrs(), "schema=None"),
         (lambda record: record.assign_attrs(rate_hz=0.0), "attribute rate_hz=0.0"),
-        (lambda record: record.assign_attrs(rate_hz=1010.0), "does not run evenly"),
-        (lambda record: record.drop_vars("time"), "does not run evenly"),
+        (lambda record: record.assign_attrs(rate_hz=1010.0), "is not evenly spaced"),
+        (lambda record: record.drop_vars("time"), "is not evenly spaced"),
         (lambda record: record.drop_vars("case"), "no vibration channel"),
         (lambda record: record.isel(time=slice(0, 0)), "empty"),
         (lambda record: record.isel(time=3), 'channel "case": dimensions'),
         (lambda record: record.astype(np.int32), "float32 or float64"),
         (lambda record: record.drop_vars("tachometer"), "this record has no source of shaft angle"),
-        (lambda record: record.assign(extra=("time", NOISE)), 'variable "extra" is no part of a record'),
+        (lambda record: record.assign(extra=("time", NOISE)), 'variable "extra" does not belong in a record'),
         (
             lambda record: record.assign(nominal_speed=((), 25.0, {"shaft": "input"})),
-            "both nominal_speed and the tachometer",
+            "both nominal_speed and tachometer",
         ),
         (
             lambda record: record.assign(case=(("time", "x"), np.zeros((2000, 2)), record["case"].attrs)),
@@ -374,7 +374,7 @@ def test_names_that_cannot_be_kept(name):
         ),
         (
             lambda record: record.assign(case=record["case"].assign_attrs(units="m/s^2")),
-            'units="m/s\\^2" are written "m s-2"',
+            'units="m/s\\^2" must be written "m s-2"',
         ),
     ],
 )
@@ -395,9 +395,9 @@ def test_an_axis_of_numbers_becomes_a_range():
 @pytest.mark.parametrize(
     ("times_s", "sentence"),
     [
-        (np.arange(2000) * 2 / RATE_HZ, "2000 samples from 0 s to 3.998 s, does not run evenly at rate_hz=1000"),
-        (-np.arange(2000) / RATE_HZ, "does not run evenly"),
-        (np.full(2000, np.nan), "does not run evenly"),
+        (np.arange(2000) * 2 / RATE_HZ, "2000 samples from 0 s to 3.998 s, is not evenly spaced at rate_hz=1000"),
+        (-np.arange(2000) / RATE_HZ, "is not evenly spaced"),
+        (np.full(2000, np.nan), "is not evenly spaced"),
         (np.arange(2000).astype("datetime64[s]"), "is of type datetime64[s]; seconds are needed"),
     ],
 )

@@ -80,7 +80,7 @@ def test_each_has_its_speed_and_what_was_measured():
         ([short(0), short(1, pulses=4)], "same channels"),
         ([short(0, when=WHEN[1]), short(1, when=WHEN[0])], "begins -10 s after"),
         ([short(0, when=WHEN[0]), short(1, when="2010-12-01T23:59:50.1Z")], "which lasts 0.2 s"),
-        ([join_snapshots([short(0)])], "neither of snapshots"),
+        ([join_snapshots([short(0)])], "not of snapshots"),
     ],
 )
 def test_what_cannot_be_joined(others, said):
@@ -91,7 +91,7 @@ def test_what_cannot_be_joined(others, said):
 def test_checks_hold_for_each_snapshot(parts):
     joined = join_snapshots(parts)
     late = joined.tachometer.copy(data=joined.tachometer.values + np.array([[0], [9], [0]]))
-    with pytest.raises(RecordError, match="lie outside of the record"):
+    with pytest.raises(RecordError, match="lie outside the record"):
         check_record(joined.assign(tachometer=late))
     slow = join_snapshots([short(0), short(1)])
     with pytest.raises(RecordError, match=r"nominal_speed=0.0"):

@@ -169,7 +169,7 @@ def test_a_stored_axis_that_was_thinned_is_refused(record, tmp_path):
     record.isel(time=slice(None, None, 2)).to_netcdf(tmp_path / "record.h5", engine="h5netcdf")
     text = refusal(open_record, tmp_path / "record.h5")
     assert text.startswith(f"{tmp_path / 'record.h5'}: channel")
-    assert "does not run evenly at rate_hz=50000" in text
+    assert "is not evenly spaced at rate_hz=50000" in text
 
 
 @settings(max_examples=50)
@@ -384,8 +384,8 @@ def test_what_is_not_hdf5(action, tmp_path):
 @pytest.mark.parametrize(
     ("schema", "said"),
     [
-        *((schema, "where a record holds hums-record/2") for schema in (1.0, ["hums-record/2", "x"], "hums-record/1")),
-        ("hums-shard/1", "hums.open_dataset(folder) opens that"),
+        *((schema, "not hums-record/2 of a record") for schema in (1.0, ["hums-record/2", "x"], "hums-record/1")),
+        ("hums-shard/1", "use hums.open_dataset(folder)"),
     ],
 )
 def test_a_schema_of_something_else_or_of_an_older_layout(tmp_path, schema, said):
@@ -407,7 +407,7 @@ def test_hdf5_that_is_not_ours(tmp_path):
     assert "hums convert other.h5" in refusal(open_record, tmp_path / "other.h5")
     write_tree(xr.DataTree(xr.Dataset(attrs={"schema": "hums-analysis/1"})), tmp_path / "tree.h5")
     text = refusal(open_record, tmp_path / "tree.h5")
-    assert "holds hums-analysis/1, where a record holds hums-record/2" in text
+    assert "has schema hums-analysis/1, not hums-record/2 of a record" in text
 
 
 @pytest.mark.filterwarnings("ignore::hums.records.fields.RecordWarning")
@@ -434,7 +434,7 @@ def test_samples_that_the_index_of_a_file_has_lost_are_refused(tmp_path):
         contents.create_dataset("a", **layout).attrs.update(
             {key: value for key, value in attrs.items() if key not in {"DIMENSION_LIST", "_Netcdf4Dimid"}}
         )
-    with pytest.raises(RecordError, match=r"record\.h5 is damaged.*the parts of a are not all there"):
+    with pytest.raises(RecordError, match=r"record\.h5 is damaged.*parts of a are missing"):
         open_record(path)
 
 
@@ -445,7 +445,7 @@ def test_samples_that_the_index_of_a_file_has_lost_are_refused(tmp_path):
 def test_a_file_cut_off_anywhere(path, action, kept):
     whole = path.read_bytes()
     path.write_bytes(whole[: int(kept * len(whole)) if isinstance(kept, float) else kept])
-    assert "is damaged or cut off" in refusal(action, path)
+    assert "is damaged or truncated" in refusal(action, path)
 
 
 def spoil_samples(path):
@@ -464,7 +464,7 @@ def test_a_turned_bit_among_the_samples_is_found(path):
     with open_record(path) as opened:
         text = refusal(channel_values, opened, "case")
         assert text.startswith(f'{path}: "case" cannot be read')
-        assert "no longer agree with their checksum" in text
+        assert "no longer match their checksum" in text
         np.testing.assert_array_equal(channel_values(opened, "fast"), NOISE)  # the rest is as it was
     with xr.open_dataset(path, engine="h5netcdf") as plain, pytest.raises(OSError, match="read"):
         plain["case"].load()
@@ -496,7 +496,7 @@ def test_a_turned_bit_among_the_pulses_is_found(path):
     spoiled = bytearray(path.read_bytes())
     spoiled[place + 3] ^= 0x10
     path.write_bytes(spoiled)
-    assert "is damaged or cut off" in refusal(open_record, path)
+    assert "is damaged or truncated" in refusal(open_record, path)
 
 
 def test_a_file_that_another_program_writes(path):
@@ -505,7 +505,7 @@ def test_a_file_that_another_program_writes(path):
         fcntl.flock(stream, fcntl.LOCK_EX)  # as HDF5 does while it writes
         text = refusal(open_record, path)
     assert "cannot be read now" in text
-    assert "a program still writes it" in text
+    assert "a program is writing it" in text
 
 
 class TestLitter:
