@@ -309,7 +309,9 @@ def _passed_mains(order: float, segment: Segment) -> tuple[float, str]:
     if setting_of(segment.machine).steady or not passed:  # a line of constant frequency is one of constant order
         return 0.0, ""
     start_s, stop_s = max(phase.start_s, when.start_s), min(phase.stop_s, when.start_s + when.count / when.rate_hz)
-    times_s = np.arange(start_s, stop_s, 0.25 / (order * max(speeds_hz)))
+    # four instants per beat, at which the two differ by no more than the frequency of the order changes
+    beats = order * (max(speeds_hz) - min(speeds_hz)) * (stop_s - start_s)
+    times_s = np.linspace(start_s, stop_s, 64 + math.ceil(4 * beats))
     window, turned = np.hanning(times_s.size), order * phase.revolutions_at(times_s)
     left = []
     for frequency_hz, name in passed:
