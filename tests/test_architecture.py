@@ -82,7 +82,7 @@ BUDGETS = """
     hums/analysis                                              5359   5359   3000
     hums/cli                                                   1120   1039    700
     hums/fleet                                                 2161   2054   1300
-    hums/gearbox                                               3541   3446   2600
+    hums/gearbox                                               3541   3440   2600
     hums/plots, hums/drawing, hums/pages                       1667   1370   1200
     hums/readers                                               1267   1267   1000
     hums/records                                               1831   1831   1200

@@ -1,9 +1,9 @@
 """Gearboxes from a complex adjacency table T and a table of levels.
 
-A gear pair has the entries ``T[i, j] = N_i exp(j theta_i)`` and ``T[j, i] = N_j exp(j theta_j)``, teeth and pitch
-angles; a turning pair has the same whole number, its level, at (i, j) and (j, i) of the table of levels. Only the
-difference of the angles of a pair matters: it is the angle between the axes of the two gears,
-``alpha_j - alpha_i = theta_i - theta_j``, up to half a turn, which is the sign of an internal gear.
+A gear pair has the entries ``T[i, j] = N_i exp(j theta_i)`` and ``T[j, i] = N_j exp(j theta_j)``, numbers of teeth and
+pitch angles; a turning pair has the same whole number, its level, at (i, j) and (j, i) of the table of levels. Only the
+difference between the angles of a pair matters: it is the angle between the axes of the two gears,
+``alpha_j - alpha_i = theta_i - theta_j``, plus pi for an internal gear.
 
 References
 ----------
@@ -27,7 +27,7 @@ if TYPE_CHECKING:
 
     from numpy.typing import ArrayLike, NDArray
 
-_ANGLE_TOLERANCE_RAD = 1e-6  # of the direction of an axis by several meshes
+_ANGLE_TOLERANCE_RAD = 1e-6  # between directions of an axis from several meshes
 
 
 @checked
@@ -46,30 +46,30 @@ def from_adjacency_table(
     Parameters
     ----------
     T : (N, N) complex array_like
-        Gear pairs, ``N_i exp(j theta_i)`` with the teeth and the pitch angle of gear i at (i, j); 0 without a pair.
+        Gear pairs, ``N_i exp(j theta_i)`` with number of teeth and pitch angle of gear i at (i, j); 0 for no pair.
     levels : (N, N) array_like of int
-        Turning pairs, symmetric, 0 without a pair. Connected turning pairs of one level have one axis.
+        Turning pairs, symmetric, 0 for no pair. Connected turning pairs of the same level share an axis.
     frame : int or str
         Link at rest, by index from 0 or by name.
     names : sequence of str, optional
-        Names of the links; default "1" ... "N".
+        Names of the links. Default: "1" ... "N".
     bearings : iterable of Bearing or mapping
         Bearings, as objects or as tables of a gearbox file.
     reference : int or str, optional
-        Link whose revolutions orders count.
+        Reference shaft of orders.
     name : str
         Name of the gearbox.
 
     Returns
     -------
     Gearbox
-        With ``links`` in the order of the table and meshes in that of its upper triangle, row by row.
+        Gearbox with ``links`` in the order of the table and meshes in that of its upper triangle, row by row.
 
     Raises
     ------
     GearboxError
-        A table that is not square, a pair with one entry, teeth that are not whole, or angles that contradict
-        each other.
+        If a table is not square, a pair has only one entry, a number of teeth is not whole, or angles are
+        contradictory.
 
     References
     ----------
@@ -116,12 +116,12 @@ def _square(values: ArrayLike, dtype: type, what: str) -> NDArray[Any]:
         raise GearboxError(f"{what} has shape {array.shape} and type {array.dtype}; give a square table of numbers.")
     if not np.all(np.isfinite(array)):
         i, j = np.argwhere(~np.isfinite(array))[0]
-        raise GearboxError(f"{what}[{i}, {j}] = {array[i, j]} is not finite; put 0 where there is no pair.")
+        raise GearboxError(f"{what}[{i}, {j}] = {array[i, j]} is not finite; use 0 for no pair.")
     return array.astype(dtype)
 
 
 def _levels(levels: ArrayLike) -> NDArray[np.int64]:
-    """Return the table of levels, checked to be symmetric and of whole numbers."""
+    """Return the table of levels; refuse one that is not symmetric and of whole numbers."""
     given = _square(levels, np.float64, "levels")
     wrong = np.argwhere((given != np.round(given)) | (given < 0) | (given != given.T))
     if len(wrong):
@@ -136,25 +136,25 @@ def _levels(levels: ArrayLike) -> NDArray[np.int64]:
 def _names(names: Sequence[str] | None, count: int) -> list[str]:
     found = [str(number + 1) for number in range(count)] if names is None else list(names)
     if len(found) != count:
-        raise GearboxError(f"{len(found)} names are given for {count} links; give one each.")
+        raise GearboxError(f"{len(found)} names are given for {count} links; give one for each.")
     return found
 
 
 def _link(link: int | str, links: Sequence[str], what: str) -> str:
-    """Return the name of a link that is given by index or name."""
+    """Return the name of a link given by index or name."""
     if isinstance(link, str):
         if link not in links:
-            raise GearboxError(f'{what} = "{link}" is no link{closest(link, list(links))}')
+            raise GearboxError(f'{what} = "{link}" is not a link{closest(link, list(links))}')
         return link
     if not isinstance(link, Integral) or isinstance(link, bool) or not 0 <= link < len(links):
         raise GearboxError(
-            f"{what} = {brief(link)} is no index of {len(links)} links; give 0 to {len(links) - 1}, or a name."
+            f"{what} = {brief(link)} is not an index of {len(links)} links; give 0 to {len(links) - 1}, or a name."
         )
     return links[int(link)]
 
 
 def _axes(levels: NDArray[np.int64]) -> dict[str, list[int]]:
-    """Return the axes, connected turning pairs of one level: by name, the indices of their links."""
+    """Return the indices of the links on each axis, which joins connected turning pairs of the same level."""
     axes = {}
     for level in np.unique(levels[levels > 0]):
         groups = united(np.argwhere(levels == level).tolist())
@@ -172,7 +172,7 @@ def _meshes(table: NDArray[np.complex128], links: Sequence[str]) -> list[tuple[i
         i, j = unpaired[0]
         raise GearboxError(
             f'T[{i}, {j}] names a gear of "{links[i]}" against "{links[j]}", but T[{j}, {i}] is 0; '
-            "give the teeth of both gears of a pair."
+            "give the numbers of teeth of both gears of a pair."
         )
     teeth_tolerance = 1e-6  # of the modulus of an entry, a whole number of teeth
     for i, j in np.argwhere(entries).tolist():
@@ -185,7 +185,7 @@ def _meshes(table: NDArray[np.complex128], links: Sequence[str]) -> list[tuple[i
 
 
 def _axis_pair(i: int, j: int, axes: Mapping[str, Sequence[int]]) -> tuple[str, str] | None:
-    """Return the axes of two gears that have a third link, the carrier, in common; None without one."""
+    """Return the axes of two gears that share a third link, the carrier; None without one."""
     for one, members in axes.items():
         for two, others in axes.items():
             if i in members and j in others and (set(members) & set(others)) - {i, j}:
@@ -196,9 +196,9 @@ def _axis_pair(i: int, j: int, axes: Mapping[str, Sequence[int]]) -> tuple[str, 
 def _directions(
     table: NDArray[np.complex128], axes: Mapping[str, Sequence[int]], meshes: Sequence[tuple[int, int]]
 ) -> dict[str, float]:
-    """Return the angle of every axis in the plane, in rad, consistent with each mesh up to half a turn.
+    """Return the angle of every axis in the plane in rad, consistent with each mesh up to a multiple of pi.
 
-    The angles follow breadth first from the first axis of each connected set, whose angle is zero.
+    Angles are propagated breadth-first from the first axis of each connected set, whose angle is zero.
     """
     differences: dict[str, list[tuple[str, float, str]]] = {axis: [] for axis in axes}
     for i, j in meshes:
@@ -222,8 +222,8 @@ def _directions(
                 elif abs(np.sin(angle[other] - angle[axis] - step)) > _ANGLE_TOLERANCE_RAD:
                     found = np.degrees(angle[other] - angle[axis])
                     raise GearboxError(
-                        f"{entries} turn {other} by {np.degrees(step):.4g} degrees against {axis}, but other pairs by "
-                        f"{found:.4g}; correct the pitch angles."
+                        f"{entries} give an angle of {np.degrees(step):.4g} degrees from {axis} to {other}, but other "
+                        f"pairs {found:.4g}; correct the pitch angles."
                     )
     return angle
 
@@ -240,7 +240,7 @@ def _mesh(
     (first, angle_i), (second, angle_j) = _external(table[i, j]), _external(table[j, i])
     pair = _axis_pair(i, j, axes)
     if pair is not None and np.cos(angle_i + direction[pair[0]] - angle_j - direction[pair[1]]) < 0:
-        first = -first  # opposed to a direction that follows from other meshes
+        first = -first  # opposite to the direction from other meshes
     teeth = (first, second)
     return {
         "teeth": {links[i]: teeth[0], links[j]: teeth[1]},
@@ -249,7 +249,7 @@ def _mesh(
 
 
 def _external(entry: complex) -> tuple[int, float]:
-    """Return signed teeth and a pitch angle within 90 degrees: an internal gear has minus and half a turn less."""
+    """Return signed teeth and a pitch angle within 90 degrees: negative teeth and pi less for an internal gear."""
     angle = float(np.angle(entry))
     teeth = round(abs(entry))
     return (

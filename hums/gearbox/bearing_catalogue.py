@@ -1,8 +1,8 @@
-"""Bearings by designation: published geometries, and what is typical of a series where a maker publishes none.
+"""Bearings by designation: published geometries, and typical ones of a series if the maker publishes none.
 
-Boundary dimensions in `bearing_series.csv` are those of ISO 15 and ISO 355. Its column ``basis`` says where the inside
-comes from, as a table of `bearings.toml` does in words; ``dynamic_rating_n`` and ``static_rating_n`` are what the maker
-prints, in N.
+Boundary dimensions in `bearing_series.csv` are those of ISO 15 and ISO 355. Its column ``basis`` names the source of
+the internal geometry, which a table of `bearings.toml` describes; ``dynamic_rating_n`` and ``static_rating_n`` are load
+ratings published by the maker, in N.
 """
 
 import csv
@@ -24,19 +24,21 @@ class CatalogueBearing:
     Attributes
     ----------
     name : str
-        Maker and designation; of what is typical of a series, the designation.
+        Maker and designation; only the designation for a typical geometry.
     designations : tuple of str
-        Designations without a maker, for which the geometry is one among several.
+        Designations without maker that include this geometry.
     elements : int
-        Rolling elements, of a row.
+        Rolling elements per row.
     element_diameter_mm, pitch_diameter_mm : float
+        Diameters in mm of the rolling elements and of the circle through their centres.
     contact_angle_deg : float
+        Contact angle in degrees.
     source : str
-        Where the geometry comes from.
+        Source of the geometry.
     spread : float
-        Relative deviation of defect orders that other bearings of the designation may have; 0 of a published geometry.
+        Relative deviation of defect orders among bearings of the designation; 0 for a published geometry.
     boundary_mm : tuple of float
-        Bore, outside diameter and width (total width of a tapered roller bearing); empty where no source prints them.
+        Bore, outside diameter and width in mm (total width of a tapered roller bearing); empty if not published.
     """
 
     name: str
@@ -51,21 +53,21 @@ class CatalogueBearing:
 
     @property
     def orders(self) -> tuple[float, float, float, float]:
-        """BPFI, BPFO, 2 BSF and FTF per relative turn of the rings."""
+        """BPFI, BPFO, 2 BSF and FTF per relative revolution of the rings."""
         return rolling_orders(
             self.elements, self.element_diameter_mm / self.pitch_diameter_mm, math.radians(self.contact_angle_deg)
         )
 
 
 def rolling_orders(elements: int, ratio: float, angle_rad: float) -> tuple[float, float, float, float]:
-    """Return BPFI, BPFO, 2 BSF and FTF per relative turn of the rings, for pure rolling.
+    """Return BPFI, BPFO, 2 BSF and FTF per relative revolution of the rings, for pure rolling.
 
     Parameters
     ----------
     elements : int
-        Rolling elements of a row, Z.
+        Rolling elements per row, Z.
     ratio : float
-        Their diameter over that of the circle through their centres, d/D.
+        Element diameter over pitch diameter, d/D.
     angle_rad : float
         Contact angle a in rad.
 
@@ -88,7 +90,7 @@ def rolling_orders(elements: int, ratio: float, angle_rad: float) -> tuple[float
 
 @cache
 def bearing_catalogue() -> tuple[CatalogueBearing, ...]:
-    """Return the bearings of the catalogue: those with a published geometry, then the series.
+    """Return the bearings of the catalogue: published geometries, then typical ones by series.
 
     Examples
     --------
@@ -124,10 +126,10 @@ def _of_series(
 
 
 def bearings_named(designation: str) -> tuple[CatalogueBearing, ...]:
-    """Return the bearing of a name, or else all bearings of a designation.
+    """Return the bearing with a name, or else all bearings of a designation.
 
-    Letters' case and spaces do not count; nor do, in a designation that has no row of its own, a maker, a suffix for
-    cage, seals and clearance, and the flanges of a cylindrical roller bearing.
+    Case and spaces are ignored; so are, in a designation without its own row, the maker, suffixes for cage, seals and
+    clearance, and the flanges of a cylindrical roller bearing.
 
     Examples
     --------
@@ -147,19 +149,19 @@ def bearings_named(designation: str) -> tuple[CatalogueBearing, ...]:
 
 
 def typical_bearing(designation: str, rows: Sequence[CatalogueBearing]) -> CatalogueBearing:
-    """Return the middle one of the bearings of a designation, with the spread of their defect orders.
+    """Return the bearing of a designation with the median BPFO, and the spread of defect orders.
 
     Parameters
     ----------
     designation : str
-        As `bearings_named` found the rows by.
+        Name or designation for which `bearings_named` returned the rows.
     rows : sequence of CatalogueBearing
-        At least one, all with equally many rolling elements.
+        At least one, all with the same number of rolling elements.
 
     Returns
     -------
     CatalogueBearing
-        The row itself where its name is asked for. Its `spread` covers the orders of every row.
+        The row itself if `designation` is its name. Its `spread` covers the orders of every row.
 
     Examples
     --------
@@ -173,7 +175,7 @@ def typical_bearing(designation: str, rows: Sequence[CatalogueBearing]) -> Catal
     if _plain(middle.name) == _plain(designation) or (len(ordered) == 1 and middle.spread):
         return middle
     spread = max(abs(b / a - 1) for row in rows for a, b in zip(middle.orders, row.orders, strict=True))
-    # 0.01 between makers' orders of equally many balls: 0.4 % of BPFO among the 6205, 0.9 % among the 6204
+    # 1 % between makers with the same number of balls: BPFO differs by 0.4 % among the 6205, 0.9 % among the 6204
     return replace(
         middle,
         name=designation,
@@ -195,13 +197,14 @@ class BearingOrders:
     Attributes
     ----------
     name : str
+        Name of the bearing.
     relative : float
         Rotation of the rings relative to each other.
     inner_ring, outer_ring, cage : float
         Rotation relative to the load zone, which is fixed in the body that carries the bearing's axis: the frame, or
-        the planet carrier for a planet's bearing.
+        the planet carrier for a planet bearing.
     inner_race, outer_race, rolling_element : float
-        Impacts of a defect: BPFI, BPFO and, for both races, 2 BSF.
+        Impact rates of a defect: BPFI, BPFO and, for both races, 2 BSF.
     cage_to_outer : float
         Rotation of the cage relative to the outer ring.
     elements : int

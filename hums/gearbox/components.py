@@ -1,4 +1,4 @@
-"""The parts of a declared gearbox, axes, gears, meshes and bearings, and the checks of their numbers."""
+"""Parts of a declared gearbox: axes, gears, meshes and bearings, and checks of their numbers."""
 
 import ast
 import difflib
@@ -26,7 +26,7 @@ from signals._validation import brief
 
 M = TypeVar("M", bound="Declared")
 N = TypeVar("N", bound=Hashable)
-_DEEPEST = 50  # tables and lists in each other: ours have 6
+_DEEPEST = 50  # nested tables and lists: ours have 6
 
 
 class Declared(BaseModel):
@@ -61,18 +61,18 @@ def count(number: int, thing: str) -> str:
 
 
 def quoted(names: Iterable[str]) -> str:
-    """Return the names in quotation marks, each once, with commas between them."""
+    """Return the distinct names in quotation marks, separated by commas."""
     return ", ".join(f'"{name}"' for name in dict.fromkeys(names))
 
 
 def first_of(names: Sequence[str], most: int) -> str:
-    """Return the first names with commas between them, and how many more there are."""
+    """Return the first names, separated by commas, and the number of others."""
     more = f" and {len(names) - most} more" if len(names) > most else ""
     return ", ".join(names[:most]) + more
 
 
 def united(groups: Iterable[Iterable[N]]) -> list[list[N]]:
-    """Return the unions of groups that share members, in the order in which their members come first."""
+    """Return the unions of groups that share members, in the order of their first members."""
     union_of: dict[N, list[N]] = {}
     for group in groups:
         members = list(dict.fromkeys(one for name in group for one in union_of.get(name, [name])))
@@ -84,7 +84,7 @@ def united(groups: Iterable[Iterable[N]]) -> list[list[N]]:
 
 
 def closest(word: str, valid: set[str] | list[str]) -> str:
-    """Return the end of an error: the valid word closest to a misspelt one, else all valid words."""
+    """Return the end of an error message: the valid word closest to a misspelt one, else all valid words."""
     matches = difflib.get_close_matches(word, sorted(valid), n=1)
     if matches:
         return f'; did you mean "{matches[0]}"?'
@@ -92,7 +92,7 @@ def closest(word: str, valid: set[str] | list[str]) -> str:
 
 
 def refuse_unknown_keys(table: Mapping[str, Any], allowed: set[str], others: Iterable[str] = ()) -> None:
-    """Refuse a key that is neither in `allowed`, which the message lists, nor in `others`, with its value."""
+    """Refuse a key that is neither in `allowed`, which the message lists, nor in `others`."""
     for key in (key for key in table if key not in allowed.union(others)):
         matches = difflib.get_close_matches(str(key), sorted(allowed), n=1)
         meant = f'; did you mean "{matches[0]}"?' if matches else "."
@@ -120,14 +120,14 @@ def validated(model: type[M], table: dict[str, Any], *, where: str, error: type[
 def sentences(caught: ValidationError) -> str:
     """Return the message of a validation error: one clause for each invalid value."""
     text = "; ".join(dict.fromkeys(_clause(details) for details in _causes(caught.errors())))
-    longest_message = 800  # characters, so that with the name of a file it stays below 1,000
+    longest_message = 800  # characters, below 1,000 with the name of a file
     if len(text) > longest_message:
         return f"{text[:longest_message]}... (cut)."
     return text if text.endswith("?") else f"{text}."
 
 
 def named_file(name_or_path: str | Path, *, shipped: dict[str, Path], thing: str, error: type[ValueError]) -> Path:
-    """Return the file of a catalogue name or a path; a catalogue name has precedence over a file of that name."""
+    """Return the file for a catalogue name or a path; a catalogue name takes precedence over a file of that name."""
     name, path = str(name_or_path), Path(name_or_path)
     if name in shipped:
         return shipped[name]
@@ -137,9 +137,9 @@ def named_file(name_or_path: str | Path, *, shipped: dict[str, Path], thing: str
 
 
 def sibling_file(path: Path, name: str) -> str:
-    """Return the path of a file that another one beside it names; the name itself where there is no such file."""
+    """Return the path of a file named by another in the same folder; the name itself if there is no such file."""
     sibling = path.parent / name
-    return str(sibling) if os.path.isfile(sibling) else name  # noqa: PTH113 - False, too, of what no file can be named
+    return str(sibling) if os.path.isfile(sibling) else name  # noqa: PTH113 - false also for invalid names
 
 
 def shipped_files(package: str) -> dict[str, Path]:
@@ -149,35 +149,35 @@ def shipped_files(package: str) -> dict[str, Path]:
 
 
 def read_toml(path: Path, *, error: type[ValueError]) -> dict[str, Any]:
-    """Return the tables of a TOML file; raise `error` where it cannot be read."""
+    """Return the tables of a TOML file; raise `error` if it cannot be read."""
     first, *more = str(path).splitlines() or [""]
     if more:
         raise error(
-            f'"{first} ..." is text, not the name of a file; write it to one, or read it with tomllib.loads and give '
-            "from_mapping its tables."
+            f'"{first} ..." is text, not a file name; write it to a file, or pass the tables of tomllib.loads to '
+            "from_mapping."
         )
     if path.is_dir():
         raise error(f"{path} is a directory; name a .toml file in it.")
-    most_bytes = 1_000_000  # are parsed in half a second; the largest file of the catalogues has 4,000
+    most_bytes = 1_000_000  # parsed in half a second; the largest file of the catalogues has 4,000
     try:
         if not path.is_file() and path.exists():  # a device may have no end
-            raise error(f"{path} is no regular file; write its text to one.")
+            raise error(f"{path} is not a regular file; write its text to one.")
         if path.stat().st_size > most_bytes:
             raise error(f"{path} has {path.stat().st_size} bytes; a hand-written file has at most {most_bytes}.")
         text = path.read_text(encoding="utf-8")
     except FileNotFoundError:
         raise error(f"{path}: there is no such file; check the path.") from None
     except OSError as caught:
-        raise error(f"{path} cannot be read ({caught.strerror}); check who may read it.") from None
+        raise error(f"{path} cannot be read ({caught.strerror}); check its permissions.") from None
     except UnicodeDecodeError as caught:
         raise error(f"{path} is not UTF-8 text (byte {caught.start}); save it as UTF-8.") from None
     if not text.strip():
-        raise error(f"{path} is empty; it should declare its tables in TOML.")
+        raise error(f"{path} is empty; declare its tables in TOML.")
     return parsed_toml(text, where=str(path), error=error)
 
 
 def parsed_toml(text: str, *, where: str, error: type[ValueError]) -> dict[str, Any]:
-    """Return the tables of a TOML text; raise `error` where it is not TOML, or beyond any hand-written one."""
+    """Return the tables of a TOML text; raise `error` if it is not TOML, or too deep for a hand-written one."""
     try:
         tables = tomllib.loads(text)
         _refuse_deep(tables, where=where, error=error)
@@ -193,7 +193,7 @@ def parsed_toml(text: str, *, where: str, error: type[ValueError]) -> dict[str, 
 
 
 def _refuse_deep(tables: dict[str, Any], *, where: str, error: type[ValueError]) -> None:
-    """Refuse tables and lists that nest deeper than the recursion of what reads them can follow."""
+    """Refuse tables and lists nested too deeply for recursive readers."""
     level: list[Any] = [tables]
     for _ in range(_DEEPEST):
         inner = [item for one in level for item in (one.values() if isinstance(one, dict) else one)]
@@ -204,7 +204,7 @@ def _refuse_deep(tables: dict[str, Any], *, where: str, error: type[ValueError])
 
 
 def _causes(errors: list[ErrorDetails]) -> list[ErrorDetails]:
-    """Leave out the errors that only follow from a nested one: a list too short for lack of its invalid items."""
+    """Leave out errors that only follow from a nested one: a list that is too short because its items are invalid."""
     places = [details["loc"] for details in errors]
     return [
         details
@@ -216,11 +216,11 @@ def _causes(errors: list[ErrorDetails]) -> list[ErrorDetails]:
     ]
 
 
-_OF_A_UNION = re.compile(r"(constrained-|function-)")  # how pydantic names what a value may be
+_OF_A_UNION = re.compile(r"(constrained-|function-)")  # pydantic's names of alternative types
 
 
 def _clause(details: ErrorDetails) -> str:
-    """Return what is wrong with one field of a declaration, and what to do, as a clause of an error."""
+    """Return a clause of an error message on one field of a declaration, with the remedy."""
     named = (part for part in details["loc"] if isinstance(part, int) or not _OF_A_UNION.match(part))
     place = ".".join(str(part + 1) if isinstance(part, int) else part[:120] for part in named)
     message = details["msg"].removeprefix("Value error, ").rstrip(".")
@@ -247,19 +247,19 @@ _TOLERANCE_DEG = 0.02  # drawings print angles with two decimals
 def planet_angles(copies: int, spacing_deg: Sequence[float] | None) -> list[float]:
     """Return the angle of each planet about its carrier's axis, in degrees from the first one.
 
-    `spacing_deg` holds either these angles themselves, which begin with 0, or the gaps from each planet to the
-    next one, which add up to 360.
+    `spacing_deg` holds either these angles, the first of which is 0, or the gaps from each planet to the next, which
+    add up to 360.
 
     Raises
     ------
     ValueError
-        Where it is neither.
+        If it holds neither.
     """
     if spacing_deg is None:
         return [360 * number / copies for number in range(copies)]
     given = list(spacing_deg)
     if len(given) != copies:
-        raise ValueError(f"spacing_deg has {len(given)} angles for {copies} copies; give one each")
+        raise ValueError(f"spacing_deg has {len(given)} angles for {copies} copies; give one for each")
     if given[0] == 0 and all(a < b for a, b in pairwise([*given, 360.0])):
         return given
     if min(given) > 0 and abs(sum(given) - 360) < copies * _TOLERANCE_DEG:
@@ -271,10 +271,10 @@ def planet_angles(copies: int, spacing_deg: Sequence[float] | None) -> list[floa
 
 
 def coaxial_warning(planet: tuple[str, int], mates: Mapping[str, int]) -> str | None:
-    """Return a warning where a planet's coaxial mates have external teeth of different number, else None.
+    """Return a warning if a planet's coaxial mates have different numbers of external teeth, else None.
 
-    Cut with one module their centre distances differ as ``mate + planet`` do. The larger mate is taken for a ring
-    without its minus where its teeth are nearer to a ring's, ``smaller + 2 planet``, than to the smaller mate's.
+    With the same module their centre distances differ as ``mate + planet``. The larger mate is assumed to be a ring
+    without its minus if its teeth are closer to those of a ring, ``smaller + 2 planet``, than to the smaller mate's.
 
     Parameters
     ----------
@@ -289,9 +289,9 @@ def coaxial_warning(planet: tuple[str, int], mates: Mapping[str, int]) -> str | 
         return None
     cure = "the meshes need profile shift"
     if abs(fewest + 2 * teeth - most) < most - fewest:
-        cure = f"inner teeth have a minus, did you mean {large} = -{most}?"
+        cure = f"internal teeth are negative, did you mean {large} = -{most}?"
     return (
-        f'planets "{link}": {small} and {large} turn about one axis and both mesh with {link} by outer teeth, but '
+        f'planets "{link}": {small} and {large} are coaxial and both mesh with {link} by external teeth, but '
         f"{fewest} + {teeth} = {fewest + teeth} is not {most} + {teeth} = {most + teeth}: {cure}"
     )
 
@@ -300,8 +300,8 @@ def assembly_warnings(sun: int, planet: int, ring: int, angles_deg: Sequence[flo
     """Yield a warning for each assembly condition that planets between a sun and a ring violate.
 
     With teeth cut at the same centre distance the ring needs ``sun + 2 planet`` teeth, or profile shift. A planet
-    can be put in only where it meets both gears tooth in gap, every ``360 / (sun + ring)`` degrees. Standard tip
-    circles, a module outside the pitch circle, must not touch.
+    meshes with both gears only at multiples of ``360 / (sun + ring)`` degrees. Standard tip circles, a module outside
+    the pitch circle, must not touch.
     """
     if ring != sun + 2 * planet:
         yield f"{sun} + 2 x {planet} = {sun + 2 * planet}, not the ring's {ring} teeth: the meshes need profile shift"
@@ -310,15 +310,15 @@ def assembly_warnings(sun: int, planet: int, ring: int, angles_deg: Sequence[flo
     if teeth_per_copy.denominator != 1:
         yield (
             f"({sun} + {ring}) / {copies} = {float(teeth_per_copy):g} is not whole, so {copies} planets cannot be "
-            f"spaced evenly; permitted are multiples of {step:.4g} degrees"
+            f"evenly spaced; possible are multiples of {step:.4g} degrees"
         )
     even = all(abs(angle - 360 * number / copies) < _TOLERANCE_DEG for number, angle in enumerate(angles_deg))
     for number, angle in enumerate([] if even else angles_deg):
         off = abs(angle - round(angle / step) * step)
         if off > _TOLERANCE_DEG:
             yield (
-                f"planet {number + 1} at {angle:.4g} degrees is {off:.3g} degrees from the nearest multiple of "
-                f"{step:.4g} degrees that its teeth permit"
+                f"planet {number + 1} at {angle:.4g} degrees is {off:.3g} degrees from the nearest possible position, "
+                f"a multiple of {step:.4g} degrees"
             )
     gaps = [(later - earlier) for earlier, later in pairwise([*angles_deg, 360.0 + angles_deg[0]])]
     centres = (sun + planet) * sin(radians(min(gaps) / 2)) if copies > 1 else float("inf")
@@ -335,16 +335,16 @@ def assembly_warnings(sun: int, planet: int, ring: int, angles_deg: Sequence[flo
 Vector = tuple[float, float, float]
 Positive = Annotated[float, Field(gt=0, allow_inf_nan=False)]
 Name = Annotated[str, Field(min_length=1, max_length=200)]
-MOST_PARTS = 1000  # axes, meshes, bearings, or names of one of them: no gearbox has a tenth, and all lines stay at hand
-_MOST_COPIES = 100  # planets on a carrier: a dozen are many
-_MOST_TEETH = 100_000  # of a gear or a segmented ring: the largest have some thousands
+MOST_PARTS = 1000  # axes, meshes, bearings, or names of one of them: ten times as many as in any gearbox
+_MOST_COPIES = 100  # planets on a carrier: a dozen is many
+_MOST_TEETH = 100_000  # of a gear or a segmented ring: the largest have a few thousand
 X_AXIS: Vector = (1.0, 0.0, 0.0)
 
 
 class Axis(Declared):
-    """An axis (level in the papers): the coaxial links, and the direction of their common line.
+    """An axis (level in the papers): coaxial links, and the direction of their common line.
 
-    ``through`` is a point of the line in mm; ``copies`` repeats the axis round its carrier, at ``spacing_deg``.
+    ``through`` is a point on the line in mm; ``copies`` repeats the axis around its carrier, at ``spacing_deg``.
     """
 
     name: Name
@@ -362,15 +362,15 @@ class Axis(Declared):
         if self.direction is not None and self.parallel_to is not None:
             raise ValueError("direction and parallel_to are both given; keep one")
         if self.direction is not None and not (any(self.direction) and all(map(math.isfinite, self.direction))):
-            raise ValueError(f"direction = {list(self.direction)} is no direction; give a finite, non-zero vector")
+            raise ValueError(f"direction = {list(self.direction)} is not a direction; give a finite, non-zero vector")
         if self.spacing_deg is not None:
             if self.copies is None:
-                raise ValueError("spacing_deg is given without copies; say how many copies there are")
+                raise ValueError("spacing_deg is given without copies; give the number of copies")
             planet_angles(self.copies, self.spacing_deg)
         return self
 
     def instances(self) -> tuple[str, ...]:
-        """Return the names of the copies of this axis, ``planet 1`` and so on; without copies, its own."""
+        """Return the names of the copies of this axis, ``planet 1`` and so on; its own name without copies."""
         return tuple(f"{self.name} {number + 1}" for number in range(self.copies or 0)) or (self.name,)
 
 
@@ -382,10 +382,10 @@ class Gear(Declared):
 
 
 class Mesh(Declared):
-    """Two gears in contact, or one gear whose mate is unknown.
+    """Two gears in mesh, or one gear whose mate is unknown.
 
-    ``position_mm`` is where the middle of the face lies along the first gear's axis, from that axis' ``through``;
-    ``hand`` is the hand of the first gear's helix.
+    ``position_mm`` is the position of mid-face along the first gear's axis, from that axis' ``through``; ``hand`` is
+    the hand of the first gear's helix.
     """
 
     name: Name
@@ -424,12 +424,12 @@ class Mesh(Declared):
         if len(self.gears) == 1 and self.carrier is None:
             raise ValueError(
                 f'mesh "{self.name}" has one gear, so its carrier cannot be found; add carrier = "..." '
-                "(the link in which the contact point rests)"
+                "(the link relative to which the contact point is at rest)"
             )
         if self.hand is not None and (self.helix_angle_deg is None or self.helix_angle_deg < 0):
             given = "no helix_angle_deg" if self.helix_angle_deg is None else f"{self.helix_angle_deg:g} degrees"
             raise ValueError(
-                f'mesh "{self.name}": hand = "{self.hand}" goes with {given}; give helix_angle_deg without a sign'
+                f'mesh "{self.name}": hand = "{self.hand}" is given with {given}; give helix_angle_deg without a sign'
             )
         return self
 
@@ -438,7 +438,7 @@ _DATA_SHEET = {"bpfi": "inner", "bpfo": "outer", "ftf": "cage"}
 
 
 class Multiples(Declared):
-    """Defect frequencies of a bearing as a data sheet prints them, per relative turn of its rings."""
+    """Defect frequencies of a bearing from its data sheet, per relative revolution of its rings."""
 
     inner: Positive
     outer: Positive
@@ -453,8 +453,8 @@ class Multiples(Declared):
             for word in table:
                 if str(word).lower() in ("ball", "roller", "element", "bsf"):
                     raise ValueError(
-                        f'"{word}" is ambiguous; say element_spin (BSF: one turn of the element) '
-                        "or element_defect (twice that: the defect meets both races)"
+                        f'"{word}" is ambiguous; write element_spin (BSF, rotation of the element) or element_defect '
+                        "(twice that, as the defect strikes both races)"
                     )
                 if key := _DATA_SHEET.get(str(word).lower()):
                     raise ValueError(f'"{word}" is called {key} here; write {key} = {table[word]}')
@@ -466,32 +466,32 @@ class Multiples(Declared):
             raise ValueError("give exactly one of element_spin and element_defect")
         if round(self.inner + self.outer) < 2:  # noqa: PLR2004
             raise ValueError(
-                f"inner {self.inner:g} + outer {self.outer:g} is the number of elements, at least 2; "
-                "give both per turn of one ring against the other"
+                f"inner {self.inner:g} + outer {self.outer:g} must be the number of elements, at least 2; "
+                "give both per relative revolution of the rings"
             )
         if self.inner <= self.outer:
             raise ValueError(
-                f"inner = {self.inner:g} is not above outer = {self.outer:g}; the inner race is struck more often, "
-                "so see whether the two are exchanged"
+                f"inner = {self.inner:g} is not above outer = {self.outer:g}, but the inner race is struck more often; "
+                "check whether the two are interchanged"
             )
         self._check_rolling()
         return self
 
     def _check_rolling(self) -> None:
-        """Refuse a cage or a spin that no elements rolling between the races of `inner` and `outer` could have.
+        """Refuse a cage or spin frequency that is incompatible with elements rolling at `inner` and `outer`.
 
-        With Z elements, ``g = (inner - outer) / Z`` is the projected diameter ratio ``d/D cos a``; the cage turns at
-        ``(1 - g) / 2`` and an element at ``cos a (1 - g^2) / (2 g)``, at most that of ``a = 0``; its diameter is at
-        most ``D sin(pi / Z)``, where neighbours touch, so that it turns at ``(1 - g^2) / (2 sin(pi / Z))`` or more.
+        With Z elements, ``g = (inner - outer) / Z`` is the projected diameter ratio ``d/D cos a``; the cage rotates at
+        ``(1 - g) / 2`` and an element at ``cos a (1 - g^2) / (2 g)``, at most that for ``a = 0``. Its diameter is at
+        most ``D sin(pi / Z)``, where neighbours touch, so it rotates at ``(1 - g^2) / (2 sin(pi / Z))`` or more.
         """
         count, ratio = self.inner + self.outer, (self.inner - self.outer) / (self.inner + self.outer)
         cage = (1 - ratio) / 2
         cage_rounding = 0.05  # of the cage: some data sheets print one decimal
         if abs(self.cage - cage) > cage_rounding:
-            held = " (this is the cage against the inner ring)" if abs(1 - self.cage - cage) < cage_rounding else ""
+            held = " (that relative to the inner ring)" if abs(1 - self.cage - cage) < cage_rounding else ""
             raise ValueError(
-                f"cage = {self.cage:g}{held}, but elements that roll at inner {self.inner:g} and outer {self.outer:g} "
-                f"carry it round at {cage:.3g}, outer ring at rest; correct one of the three"
+                f"cage = {self.cage:g}{held} contradicts inner {self.inner:g} and outer {self.outer:g}, for which the "
+                f"cage rotates at {cage:.3g} with the outer ring at rest; correct one of the three"
             )
         key, spin = ("element_spin", self.element_spin) if self.element_spin else ("element_defect", self.defect / 2)
         least = (1 - ratio**2) / (2 * sin(math.pi / max(2.0, count)))
@@ -501,30 +501,30 @@ class Multiples(Declared):
         if spin is not None and not least / spin_rounding <= spin <= most * spin_rounding:
             times = 2 if key == "element_defect" else 1
             hint = (
-                "; is it the defect on both races, twice the spin? Then call it element_defect"
+                "; if it is the defect on both races, twice the spin, call it element_defect"
                 if times == 1 and least <= spin / 2 <= most * spin_rounding
-                else "; is it one turn of the element? Then call it element_spin"
+                else "; if it is the rotation of the element, call it element_spin"
                 if times == 2 and least <= 2 * spin <= most * spin_rounding  # noqa: PLR2004
                 else ""
             )
             raise ValueError(
-                f"{key} = {times * spin:g} is impossible: elements that roll at inner {self.inner:g} and outer "
-                f"{self.outer:g}, and fit side by side, have {times * least:.3g} to {times * most:.3g}{hint}"
+                f"{key} = {times * spin:g} contradicts inner {self.inner:g} and outer {self.outer:g}, for which "
+                f"elements that fit side by side have {times * least:.3g} to {times * most:.3g}{hint}"
             )
 
     @property
     def defect(self) -> float:
-        """Impacts of one spot of a rolling element on the races per relative turn of the rings, twice its spin."""
+        """Impacts of a rolling-element defect on both races per relative revolution of the rings, twice the spin."""
         return self.element_defect if self.element_defect is not None else 2 * (self.element_spin or 0.0)
 
 
 class Bearing(Declared):
-    """A rolling bearing between two links, by geometry, by a data sheet's multiples, or by its name in the catalogue.
+    """A rolling bearing between two links, by geometry, data-sheet multiples, or name in the catalogue.
 
-    ``bearing`` is that name, as ``hums bearings`` prints them, from which the geometry follows, and
-    ``order_tolerance``: by how much its true defect orders may differ, relative to those of the geometry.
-    ``position_mm`` is where each one supports the shaft, along the shaft's axis from the axis' ``through``, in the
-    order of ``names``; ``takes_axial`` lists those of the names that hold the shaft along its axis.
+    ``bearing`` is a name printed by ``hums bearings``, which gives the geometry and ``order_tolerance``, the relative
+    deviation that the true defect orders may have. ``position_mm`` is the position of each bearing along the shaft's
+    axis, from the axis' ``through``, in the order of ``names``; ``takes_axial`` lists the names that locate the shaft
+    axially.
     """
 
     names: Annotated[tuple[Name, ...], Field(min_length=1, max_length=MOST_PARTS)]
@@ -556,7 +556,7 @@ class Bearing(Declared):
             raise ValueError("both multiples and diameters are given; keep one")
         if self.multiples is None and (None in geometry or self.elements is None):
             raise ValueError(
-                "give elements, element_diameter_mm and pitch_diameter_mm, bearing = a name of `hums bearings`, or "
+                "give elements, element_diameter_mm and pitch_diameter_mm, bearing = a name from `hums bearings`, or "
                 "multiples = { inner = ..., outer = ..., element_spin = ..., cage = ... }"
             )
         diameter, pitch = geometry
@@ -569,7 +569,7 @@ class Bearing(Declared):
     def _check_positions(self) -> None:
         if self.position_mm is not None and len(self.position_mm) != len(self.names):
             raise ValueError(
-                f"position_mm = {list(self.position_mm)} does not fit the names {', '.join(self.names)}; "
+                f"position_mm = {list(self.position_mm)} does not match the names {', '.join(self.names)}; "
                 "give one position for each"
             )
         for name in self.takes_axial:
@@ -588,14 +588,14 @@ class Bearing(Declared):
             if abs(total / self.elements - 1) > rounding:
                 raise ValueError(
                     f"multiples inner {self.multiples.inner:g} + outer {self.multiples.outer:g} = {total:g} is not "
-                    f"the number of elements, {self.elements}; correct one of them, or leave elements out"
+                    f"the number of elements, {self.elements}; correct one of them, or omit elements"
                 )
         elif self.element_diameter_mm is not None and self.pitch_diameter_mm is not None:
             circumference_mm = math.pi * self.pitch_diameter_mm
             if self.elements * self.element_diameter_mm > circumference_mm:
                 raise ValueError(
                     f"{self.elements} elements of element_diameter_mm = {self.element_diameter_mm:g} do not fit on the "
-                    f"pitch circle, which is {circumference_mm:.4g} mm round; correct elements or a diameter"
+                    f"pitch circle of circumference {circumference_mm:.4g} mm; correct elements or a diameter"
                 )
 
 

@@ -1,12 +1,12 @@
 """Defect orders: the orders at which the components of a gearbox excite vibration, from its velocity ratios.
 
-An order counts cycles per revolution of the reference shaft. It is a `Fraction` while teeth alone define it.
-Bearing rates follow the rolling kinematics of Penaud and Alazard 2010, eq. 6 to 8, with the errata: the
-relative speed multiplies the whole bracket, and the factor D/d of the rolling element keeps the plain diameters (2 BSF
-as usually defined).
+An order is a number of cycles per revolution of the reference shaft, a `Fraction` if tooth numbers alone determine it.
+Bearing rates follow the rolling kinematics of Penaud and Alazard 2010, eq. 6 to 8, with the errata: the relative speed
+multiplies the whole bracket, and the factor D/d of the rolling element has the plain diameters (2 BSF as usually
+defined).
 
-The spacing of sidebands is the rate of the modulation: the rotation of a damaged part relative to its load and, where
-a planet carrier moves the contact, the planets passing a sensor on the frame.
+The sideband spacing is the rate of the modulation: the rotation of a damaged part relative to its load and, if a planet
+carrier moves the contact, the rate of planets passing a sensor on the frame.
 """
 
 import math
@@ -51,7 +51,7 @@ BEARING_KINDS = ("inner_race", "outer_race", "rolling_element", "cage")
 class DefectOrder:
     """One row of `defect_orders`: a component, a kind of defect, and its order; attributes are its columns.
 
-    `tolerance`, no column, is the relative one that is declared for the orders of a bearing.
+    `tolerance`, not a column, is the declared relative tolerance of the orders of a bearing.
     """
 
     component: str
@@ -76,28 +76,28 @@ def defect_orders(
     Parameters
     ----------
     gearbox : Gearbox or Kinematics
-        Gearbox, or its solution where `solve_kinematics` got further constraints.
+        Gearbox, or its kinematics if `solve_kinematics` was given further constraints.
     reference : str, optional
-        Link whose revolutions orders count; by default the one that the gearbox declares.
+        Reference shaft of the orders. Default: as declared by the gearbox.
     speeds : mapping of str to float or Fraction, optional
-        Speeds of links, needed where the gearbox has several degrees of freedom; any unit, only ratios matter.
+        Speeds of links, required if the gearbox has several degrees of freedom; in any unit, as only ratios matter.
 
     Returns
     -------
     pandas.DataFrame
         ``component``; ``kind``, one of `KINDS`; ``order``, cycles per revolution of the reference; ``exact``, the
-        order as a Fraction where teeth alone define it, else None; ``sources``, the number of teeth, elements or
-        meshes that share the order; ``seen_from``, the link that the motion is relative to; ``sidebands``, expected
-        spacings of sidebands in orders (Fractions where exact). Components at rest have no row.
+        order as a Fraction if tooth numbers alone determine it, else None; ``sources``, the number of teeth, elements
+        or meshes that share the order; ``seen_from``, the link relative to which the motion is; ``sidebands``, expected
+        sideband spacings in orders (Fractions if exact). Components at rest have no row.
 
     Raises
     ------
     GearboxError
-        No reference, a reference at rest, too few or contradictory speeds.
+        If there is no reference or it is at rest, or speeds are missing or contradictory.
 
     Notes
     -----
-    A bearing with Z elements of diameter d on the pitch diameter D at contact angle a has, per relative turn of its
+    A bearing with Z elements of diameter d on pitch diameter D at contact angle a has, per relative revolution of its
     rings, the inner and outer race orders ``Z/2 (1 +- d/D cos a)`` and the element order ``D/d (1 - (d/D cos a)^2)``.
 
     Examples
@@ -112,7 +112,7 @@ def defect_orders(
     import pandas as pd  # noqa: PLC0415
 
     rows = defects(gearbox, reference=reference, speeds=speeds)
-    # column by column and typed: from rows pandas takes several times as long
+    # typed columns, as pandas takes several times as long from rows
     numbers = {"order": np.float64, "sources": np.int64}
     columns = {name: np.empty(len(rows), dtype=numbers.get(name, object)) for name in COLUMNS}
     for number, row in enumerate(rows):
@@ -127,14 +127,14 @@ def defects(
     reference: str | None = None,
     speeds: Mapping[str, float | Fraction] | None = None,
 ) -> tuple[DefectOrder, ...]:
-    """Return the rows of `defect_orders` as objects; parameters and errors as there."""
+    """Return the rows of `defect_orders` as objects, with the same parameters and errors."""
     rows = _rows(_Motion.of(gearbox, reference, speeds))
     return tuple(_unsigned(row) for row in rows if row.order)
 
 
 @dataclass(frozen=True, kw_only=True)
 class RateForm:
-    """A defect rate as a linear form in the speeds of some links: the rate is the magnitude of their sum.
+    """A defect rate as a linear form in the speeds of some links, of which it is the magnitude.
 
     Attributes
     ----------
@@ -142,7 +142,7 @@ class RateForm:
     sources : int
         As in `defect_orders`.
     factors : tuple of Fraction or float
-        Factor of each speed; Fractions where teeth alone define them.
+        Factor of each speed; Fractions if tooth numbers alone determine them.
     """
 
     component: str
@@ -165,7 +165,7 @@ def rate_forms(kinematics: Kinematics, inputs: Sequence[str]) -> tuple[RateForm,
     Returns
     -------
     tuple of RateForm
-        Rows as those of `defect_orders`, those at rest for all speeds left out.
+        Rows as in `defect_orders`, without those that are zero at all speeds.
 
     Examples
     --------
@@ -196,7 +196,7 @@ def rate_forms(kinematics: Kinematics, inputs: Sequence[str]) -> tuple[RateForm,
 
 
 def _rows(motion: "_Motion") -> tuple[DefectOrder, ...]:
-    """Return all rows with their signs, in an order that no speed changes."""
+    """Return all rows with their signs, in an order that does not depend on speeds."""
     return (*_shafts(motion), *_meshes(motion), *_planets(motion), *_bearings(motion))
 
 
@@ -210,13 +210,13 @@ def bearing_orders(
     reference: str | None = None,
     speeds: Mapping[str, float | Fraction] | None = None,
 ) -> tuple[BearingOrders, ...]:
-    """Return the rotation and defect orders of every bearing; parameters as in `defect_orders`."""
+    """Return the rotation and defect orders of every bearing, with the parameters of `defect_orders`."""
     motion = _Motion.of(gearbox, reference, speeds)
     return tuple(rates for bearing in motion.gearbox.bearings for rates in _rates_of(motion, bearing))
 
 
 def bearing_multiples(bearing: Bearing) -> tuple[float, float, float, float, int]:
-    """Return BPFI, BPFO, 2 BSF and FTF of a bearing per relative turn of its rings, and its number of elements."""
+    """Return BPFI, BPFO, 2 BSF and FTF of a bearing per relative revolution of its rings, and its element count."""
     if bearing.multiples is not None:
         declared = bearing.multiples
         elements = bearing.elements or round(declared.inner + declared.outer)
@@ -231,7 +231,7 @@ def bearing_multiples(bearing: Bearing) -> tuple[float, float, float, float, int
 class _Motion:
     """A mechanism at given speeds, in revolutions per revolution of the reference.
 
-    `exact` states whether teeth and exact speeds alone define them.
+    `exact` states whether tooth numbers and exact speeds alone determine them.
     """
 
     kinematics: Kinematics
@@ -245,22 +245,22 @@ class _Motion:
         reference: str | None,
         speeds: Mapping[str, float | Fraction] | None,
     ) -> "_Motion":
-        """Return speeds over that of the reference shaft; GearboxError where there is none, or it stands still."""
+        """Return speeds relative to that of the reference shaft; GearboxError if there is none or it is at rest."""
         kinematics = gearbox if isinstance(gearbox, Kinematics) else solve_kinematics(gearbox)
         name = reference or kinematics.gearbox.reference
         if name is None:
             raise GearboxError(
-                f'gearbox "{kinematics.gearbox.name}" declares no reference shaft to count orders by; '
+                f'gearbox "{kinematics.gearbox.name}" declares no reference shaft for its orders; '
                 'add reference = "LINK" or pass reference="LINK".'
             )
         form = kinematics.spin(name)
         if not form:
-            raise GearboxError(f'the reference "{name}" is the frame, which does not turn; name a shaft.')
+            raise GearboxError(f'the reference "{name}" is the frame, which does not rotate; name a shaft.')
         rates = kinematics.rates({name: Fraction(1)} if speeds is None else speeds)
         unit = abs(evaluate(form, rates))
         if unit == 0:
-            raise GearboxError(f'the reference "{name}" does not turn, so orders cannot be counted by it.')
-        # with one degree of freedom any speed cancels, so teeth alone define the ratios
+            raise GearboxError(f'the reference "{name}" does not rotate at these speeds; name another shaft.')
+        # with one degree of freedom any speed cancels, so tooth numbers alone determine the ratios
         given = () if speeds is None or kinematics.dof == 1 else speeds.values()
         exact = all(isinstance(speed, int | Fraction) for speed in given)
         if unit != 1:
@@ -285,7 +285,7 @@ class _Motion:
         return self.kinematics.mechanism.frame if joint is None else joint.carried_by
 
     def spacings(self, *speeds: Fraction | float) -> tuple[Fraction | float, ...]:
-        """Return the magnitudes of some speeds without zeros and repetitions, as fractions where exact."""
+        """Return the distinct non-zero magnitudes of some speeds, as fractions if exact."""
         moving = (speed if self.exact else float(speed) for speed in speeds if speed)
         return tuple(dict.fromkeys(-speed if speed < 0 else speed for speed in moving))
 
@@ -299,7 +299,7 @@ class _Motion:
         seen_from: str,
         sidebands: tuple[Fraction | float, ...] = (),
     ) -> DefectOrder:
-        """Return a row of the table of defect orders, its order with the sign of the rate."""
+        """Return a row of the table of defect orders, with the sign of its rate."""
         return DefectOrder(
             component=component,
             kind=kind,
@@ -335,8 +335,8 @@ def _meshes(motion: _Motion) -> Iterator[DefectOrder]:
         for (link, number), speed in zip(first.gears, speeds, strict=True):
             declared = _declared(motion.gearbox, link)
             copies = len(motion.gearbox.instances(declared))
-            # a tooth of a gear that meets every planet is in contact once per planet and turn: its impacts are
-            # modulated by the gear's own rotation, those of a planet's tooth by the carrier's
+            # a tooth of a gear that meshes with every planet is in contact once per planet and revolution: its impacts
+            # are modulated by the gear's own rotation, those of a planet's tooth by the carrier's
             modulation = (
                 motion.rotation(link) if count > copies or motion.carrier(link) != first.carrier else carrier_speed
             )
@@ -354,7 +354,7 @@ def _meshes(motion: _Motion) -> Iterator[DefectOrder]:
 
 
 def _planets(motion: _Motion) -> Iterator[DefectOrder]:
-    """Yield the rows of planets passing a sensor, and of planet teeth, which meet one gear after the other."""
+    """Yield the rows of planets passing a sensor, and of planet teeth, which mesh with one gear after the other."""
     kinematics = motion.kinematics
     gears = [gear for contact in kinematics.contacts for gear in contact.gears]
     toothed = {kinematics.bodies[link] for link, _ in gears}
@@ -363,7 +363,7 @@ def _planets(motion: _Motion) -> Iterator[DefectOrder]:
         carrier = motion.carrier(first)
         if carrier == kinematics.mechanism.frame and copies == 1:
             continue
-        teeth = [abs(number) for name, number in gears if name == first]  # one entry for each of its meshes
+        teeth = [abs(number) for name, number in gears if name == first]  # one entry per mesh
         carrier_speed, body = motion.rotation(carrier), kinematics.bodies[first]
         if first == body and body in toothed:  # not for the second gear of a stepped planet
             seen_from = motion.carrier(carrier)

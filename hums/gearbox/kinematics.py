@@ -1,11 +1,10 @@
-"""Velocity ratios of a mechanism, exact where teeth make them so.
+"""Velocity ratios of a mechanism, exact if determined by tooth numbers.
 
-Every body but the frame turns about one axis, carried by another body; its one unknown is the rate of that
+Every body except the frame rotates about one axis, carried by another body; its only unknown is the rate of that
 turning pair. A mesh between gears i and j with carrier k is one real equation in these rates,
-``Z_i (w_i - w_k) + Z_j (w_j - w_k) = 0``, each speed along the gear's own declared axis (Willis; Penaud,
-Alazard and Amiez 2012, eq. 2, with the directions already in the signs of the teeth). So the equations have
-whole-number coefficients and are solved in rational arithmetic; directions enter only when the rates are
-added up to velocity vectors.
+``Z_i (w_i - w_k) + Z_j (w_j - w_k) = 0``, with each speed along the gear's declared axis (Willis; Penaud, Alazard and
+Amiez 2012, eq. 2, with the directions included in the signs of the teeth). The equations have integer coefficients and
+are solved in rational arithmetic; directions enter only when rates are added to velocity vectors.
 
 The method of the papers, the null space of a complex constraint matrix, is kept as an independent check for
 mechanisms whose axes lie in one plane.
@@ -38,7 +37,7 @@ Speeds = Mapping[str, float | Fraction]
 _IN_PLANE = 1e-12  # largest z component, or deviation from parallel, of unit vectors
 
 
-@dataclass(frozen=True, eq=False)  # what is derived from one is kept by its identity
+@dataclass(frozen=True, eq=False)  # results derived from it are cached by identity
 class Kinematics:
     """The solved kinematics of a gearbox: degrees of freedom, carriers, velocity ratios.
 
@@ -49,7 +48,7 @@ class Kinematics:
     mechanism : Mechanism
         Bodies, turning pairs and contacts.
     pivots : mapping of body to linear form
-        The joint rates that depend on the free ones, as combinations of them.
+        Dependent joint rates as combinations of the free ones.
 
     Examples
     --------
@@ -71,7 +70,7 @@ class Kinematics:
 
     @property
     def bodies(self) -> Mapping[str, str]:
-        """Body of each link; links that are rigid with each other are one body."""
+        """Body of each link; rigidly connected links are one body."""
         return self.mechanism.bodies
 
     @property
@@ -91,7 +90,7 @@ class Kinematics:
 
     @cached_property
     def free(self) -> tuple[str, ...]:
-        """Bodies whose joint rates are independent: one for each degree of freedom."""
+        """Bodies whose joint rates are independent, one per degree of freedom."""
         return tuple(body for body in self.joints if body not in self.pivots)
 
     @property
@@ -112,18 +111,18 @@ class Kinematics:
         Parameters
         ----------
         speeds : mapping of str to float or Fraction, optional
-            Absolute speeds of links along their declared axes, in any unit. More than needed are accepted where they
-            agree (to 1e-9 where they are floats). None: speed 1 of the gearbox's reference.
+            Absolute speeds of links along their declared axes, in any unit. More than necessary are accepted if they
+            agree (to 1e-9 for floats). Default: 1 for the gearbox's reference.
 
         Returns
         -------
         dict of str to Fraction
-            Speed of each body relative to the one that carries its axis, in the unit of `speeds`.
+            Speed of each body relative to the carrier of its axis, in the unit of `speeds`.
 
         Raises
         ------
         GearboxError
-            Too few speeds; contradictory ones; a speed of a link whose axis itself turns in another direction.
+            If speeds are missing or contradictory, or a link's axis itself rotates in another direction.
 
         Examples
         --------
@@ -156,8 +155,8 @@ class Kinematics:
         if missing:
             raise GearboxError(
                 f'gearbox "{self.gearbox.name}" has {count(self.dof, "degree")} of freedom; the speeds given '
-                f"({', '.join(imposed) or 'none'}) leave {count(len(missing), 'degree')} open. "
-                f'Give the speed of "{missing[0]}" too, as in speeds={{"{missing[0]}": 1.0}}.'
+                f"({', '.join(imposed) or 'none'}) leave {count(len(missing), 'degree')} undetermined. "
+                f'Also give the speed of "{missing[0]}", as in speeds={{"{missing[0]}": 1.0}}.'
             )
         symbols = {_imposed(link): speed for link, speed in values.items()}
         free = {body: evaluate(found[body], symbols) for body in self.free}
@@ -169,10 +168,10 @@ class Kinematics:
         Parameters
         ----------
         link : str
-            Link that turns.
+            Link that rotates.
         seen_from : str, optional
-            Link relative to which it turns, on the same axis or on a parallel one. None: the frame, which needs all
-            axes from the link to the frame to be parallel.
+            Link relative to which it rotates, on the same axis or a parallel one. Default: the frame, which requires
+            all axes from the link to the frame to be parallel.
 
         Returns
         -------
@@ -182,7 +181,7 @@ class Kinematics:
         Raises
         ------
         GearboxError
-            An unknown link, or axes that are not parallel.
+            If a link is unknown, or axes are not parallel.
 
         Examples
         --------
@@ -219,7 +218,7 @@ class Kinematics:
         Returns
         -------
         Fraction
-            In the unit of `speeds`; exact where they are.
+            Speed in the unit of `speeds`; exact if they are.
 
         Examples
         --------
@@ -279,7 +278,7 @@ class Kinematics:
         Raises
         ------
         GearboxError
-            Where an axis leaves the x-y plane: use `vectors`.
+            If an axis is not in the x-y plane; use `vectors`.
 
         Examples
         --------
@@ -302,7 +301,7 @@ class Kinematics:
         Parameters
         ----------
         inputs : sequence of str, optional
-            Links, as many as there are degrees of freedom. None: the gearbox's reference.
+            Links, as many as there are degrees of freedom. Default: the gearbox's reference.
 
         Returns
         -------
@@ -337,9 +336,9 @@ class Kinematics:
     def constraint_matrix(self) -> NDArray[np.complex128]:
         """The kinematic constraint matrix M of Penaud, Alazard and Amiez 2012, 2.4: (1 + meshes + rigid, link).
 
-        The first row holds the frame at rest, the next ones are those of the meshes of two gears, the last ones equate
-        links that are one body. The entries of a mesh are its gears' teeth, turned by ``pitch_angle_deg`` where
-        declared, else by the axes' directions, which gives the same row up to a unit factor.
+        The first row holds the frame at rest, the next are those of meshes of two gears, and the last equate links of
+        the same body. The entries of a mesh are its gears' teeth, rotated by ``pitch_angle_deg`` if declared, else by
+        the axes' directions, which gives the same row up to a unit factor.
         """
         self._require_plane()
         terms: list[Mapping[str, complex]] = [{self.gearbox.frame: 1.0}]
@@ -374,7 +373,7 @@ class Kinematics:
         for axis, (_, _, z) in self.mechanism.directions.items():
             if abs(z) > _IN_PLANE:
                 raise GearboxError(
-                    f'axis "{axis}" leaves the x-y plane, so no complex number holds its speeds; use vectors().'
+                    f'axis "{axis}" is not in the x-y plane, so complex numbers cannot hold its speeds; use vectors().'
                 )
 
     # ---- linear forms in the joint rates -------------------------------------------------------------------
@@ -392,17 +391,17 @@ class Kinematics:
         return self.bodies[link]
 
     def _rate_on(self, body: str, axis: str) -> Rates:
-        """Return the rate of a body about an axis relative to the axis's carrier; zero for the carrier itself."""
+        """Return the rate of a body about an axis relative to the axis' carrier; zero for the carrier itself."""
         return {body: ONE} if body in self.joints and self.joints[body].axis == axis else {}
 
     def _relative_sense(self, body: str, other: str) -> int:
-        """Return +1 where the axes of two bodies are parallel, -1 where antiparallel; refuse all else."""
+        """Return +1 for parallel axes of two bodies, -1 for antiparallel ones; refuse others."""
         one, two = (self.mechanism.directions[self.joints[name].axis] for name in (body, other))
         cosine = sum(a * b for a, b in zip(one, two, strict=True))
         if abs(abs(cosine) - 1) > _IN_PLANE:
             raise GearboxError(
-                f'"{body}" and "{other}" turn about axes in different directions, so one number cannot say how fast '
-                "the one turns seen from the other; name the speed relative to its carrier, or use vectors()."
+                f'"{body}" and "{other}" rotate about axes in different directions, so their relative speed is not one '
+                "number; use the speed relative to the carrier, or vectors()."
             )
         return round(cosine)
 
@@ -431,8 +430,8 @@ class Kinematics:
         implied = float(needed / residual[_imposed(link)])
         given = " and ".join(f'"{name}" = {float(values[name]):g}' for name in others) or "the mechanism"
         raise GearboxError(
-            f'speeds contradict each other: {given} make "{link}" turn at {implied:g}, but it is given as '
-            f"{float(speed):g}. Leave out one of them, or correct it."
+            f'speeds are contradictory: {given} imply {implied:g} for "{link}", but it is given as '
+            f"{float(speed):g}. Omit one of them, or correct it."
         )
 
 
@@ -453,10 +452,10 @@ def solve_kinematics(
     gearbox : Gearbox
         From `load_gearbox` or `from_adjacency_table`.
     fixed : iterable of str
-        Links held at rest, besides the frame.
+        Links held at rest, in addition to the frame.
     constraints : iterable of mappings of str to float or Fraction
-        Linear relations between speeds, each a factor by link: the speeds of the links along their own axes, times
-        these factors, sum to zero.
+        Linear relations between speeds, each a factor by link: the speeds of the links along their own axes times these
+        factors sum to zero.
 
     Returns
     -------
@@ -465,7 +464,7 @@ def solve_kinematics(
     Raises
     ------
     GearboxError
-        A gearbox that is not a mechanism (see `hums.gearbox.mechanism`) or that cannot move; a bearing whose rings are
+        If the gearbox is not a mechanism (see `hums.gearbox.mechanism`) or cannot move, or the rings of a bearing are
         one body.
 
     Examples
@@ -486,7 +485,7 @@ def solve_kinematics(
     for _, row in rows:
         residual = reduced(row, pivots)
         if residual:
-            # the body declared last is expressed by the earlier ones, so inputs tend to stay free
+            # the body declared last is expressed by earlier ones, so that inputs tend to stay free
             add_pivot(pivots, residual, max(residual, key=position.__getitem__), users=users)
     solved = Kinematics(unsolved.mechanism, pivots)
     locked = [
@@ -496,16 +495,15 @@ def solve_kinematics(
         what = f'gearbox "{gearbox.name}"' if solved.dof == 0 else f'gearbox "{gearbox.name}": "{locked[0]}"'
         raise GearboxError(
             f"{what} cannot move: it is locked by {_locking_equations(rows)}. Check the signs of the teeth "
-            "(minus: internal gear), which links are rigid, and what is fixed; make a link that is to rest rigid with "
-            "the frame."
+            "(minus: internal gear), the rigid and the fixed links; make a link at rest rigid with the frame."
         )
     return solved
 
 
 def redundant_meshes(kinematics: Kinematics) -> list[str]:
-    """Return the meshes whose equation follows from those before it, a sentence each, with the copies it concerns.
+    """Return the redundant meshes, whose equation follows from earlier ones, each with its redundant copies.
 
-    Such a mesh carries load, but takes no degree of freedom: without it the same speeds would follow.
+    A redundant mesh carries load, but removes no degree of freedom: the speeds are the same without it.
 
     Examples
     --------
@@ -538,13 +536,13 @@ def _check_bearings(unsolved: Kinematics) -> None:
             why = "are one link" if inner == outer else "are rigid with each other"
             raise GearboxError(
                 f'bearing "{bearing.names[0]}": inner_ring = "{inner}" and outer_ring = "{outer}" {why}, so it cannot '
-                "turn; name a link on either side of it, or leave the bearing out."
+                "rotate; name the links on either side of it, or omit the bearing."
             )
         if unsolved.mechanism.shared_axis(*bodies) is None:
             on = [", ".join(unsolved.mechanism.axes_of[body]) or "no axis" for body in bodies]
             raise GearboxError(
-                f'bearing "{bearing.names[0]}": inner_ring = "{inner}" turns on {on[0]} and outer_ring = "{outer}" on '
-                f"{on[1]}, so no line goes through both; name two links of one axis, or list them on one."
+                f'bearing "{bearing.names[0]}": inner_ring = "{inner}" is on {on[0]} and outer_ring = "{outer}" on '
+                f"{on[1]}, which are not coaxial; name two links of one axis, or list them on one axis."
             )
 
 
@@ -572,10 +570,10 @@ def _equations(
 
 
 def _locking_equations(rows: Sequence[tuple[str, Rates]]) -> str:
-    """Return the names of the fewest equations that together hold some body at rest.
+    """Return the names of the smallest set of equations that holds a body at rest.
 
-    Every equation gets a slack variable of its own. A body whose rate is a combination of slack variables only is
-    held by the equations of these.
+    Every equation gets its own slack variable. A body whose rate is a combination of slack variables only is held by
+    their equations.
     """
     pivots: dict[str, Rates] = {}
     for number, (_, row) in enumerate(rows):
@@ -587,7 +585,7 @@ def _locking_equations(rows: Sequence[tuple[str, Rates]]) -> str:
     return ", ".join(dict.fromkeys(rows[int(key.removeprefix(_IMPOSED))][0] for key in locked))
 
 
-# ---- symbols for imposed speeds in the forms -----------------------------------------------------------------
+# ---- symbols of imposed speeds in linear forms -----------------------------------------------------------------
 
 _IMPOSED = "\0"  # prefix that no body's name has
 
@@ -602,12 +600,12 @@ def _is_imposed(name: str) -> bool:
 
 def _fraction(link: str, speed: object) -> Fraction:
     if not is_float(speed) or not math.isfinite(speed):
-        raise GearboxError(f'speeds: "{link}" = {brief(speed)} is not a finite number; give its speed as one.')
+        raise GearboxError(f'speeds: "{link}" = {brief(speed)} is not a finite number; give the speed as a number.')
     return Fraction(speed) if isinstance(speed, int | Fraction) else Fraction(float(speed))
 
 
 def _vanishes(form: Rates, values: Mapping[str, Fraction], *, exact: bool) -> bool:
-    """Return whether a linear form in the imposed speeds is zero, to 1e-9 of its largest term unless exact."""
+    """Return whether a linear form in the imposed speeds is zero, within 1e-9 of its largest term unless exact."""
     terms = [factor * values[name.removeprefix(_IMPOSED)] for name, factor in form.items()]
     total = abs(sum(terms, ZERO))
     return total == 0 if exact else total <= Fraction(1, 10**9) * max((abs(term) for term in terms), default=ZERO)

@@ -1,7 +1,7 @@
-"""The graph of a mechanism: bodies, turning pairs, and the contacts between gears with their carriers.
+"""Graph of a mechanism: bodies, turning pairs, and contacts between gears with their carriers.
 
-It is derived from a `hums.Gearbox`: copies are expanded, rigid links become one body, every body but the frame gets
-its one turning pair, and every mesh its carrier.
+It is derived from a `hums.Gearbox`: copies are expanded, rigidly connected links become one body, every body except the
+frame gets its turning pair, and every mesh its carrier.
 """
 
 import math
@@ -18,7 +18,7 @@ _PARALLEL = 1e-9
 
 @dataclass(frozen=True, kw_only=True)
 class Joint:
-    """The turning pair of a body: the axis it turns about, and the body that carries this axis."""
+    """Turning pair of a body: the axis about which it rotates, and the body that carries this axis."""
 
     body: str
     axis: str
@@ -27,7 +27,7 @@ class Joint:
 
 @dataclass(frozen=True, kw_only=True)
 class Contact:
-    """One mesh of the expanded mechanism, one for each copy of a planet: (link, teeth) of its gears, and carrier."""
+    """One mesh of the expanded mechanism, one per copy of a planet: (link, teeth) of its gears, and carrier."""
 
     mesh: str
     gears: tuple[tuple[str, int], ...]
@@ -44,12 +44,13 @@ class Mechanism:
     gearbox : Gearbox
         The declaration.
     bodies : mapping of link to body
-        Links that are rigid with each other are one body, named after the first of them.
+        Rigidly connected links are one body, named after the first of them.
     levels : mapping of axis to tuple of bodies
         The bodies on each axis, copies expanded.
     directions : mapping of axis to (3,) unit vector
+        Direction of each axis.
     joints : mapping of body to Joint
-        The turning pair of every body but the frame, in the order of declaration.
+        Turning pair of every body except the frame, in the order of declaration.
     contacts : tuple of Contact
         Every mesh, copies expanded.
     """
@@ -68,11 +69,11 @@ class Mechanism:
 
     @cached_property
     def axes_of(self) -> Mapping[str, tuple[str, ...]]:
-        """The axes each body turns about or carries, that of its own turning pair first."""
+        """Axes that each body rotates about or carries, that of its own turning pair first."""
         return _axes_of(self.levels, self.joints)
 
     def shared_axis(self, body: str, other: str) -> str | None:
-        """Return the axis that two bodies have in common, or None."""
+        """Return the axis that two bodies share, or None."""
         others = self.axes_of[other]
         return next((axis for axis in self.axes_of[body] if axis in others), None)
 
@@ -83,8 +84,8 @@ def build_mechanism(gearbox: Gearbox) -> Mechanism:
     Raises
     ------
     GearboxError
-        A link without a turning pair or with two, a mesh without a carrier or with two possible ones, gears whose
-        axes cannot mesh, several mechanisms in one file.
+        If a link has no turning pair or two, a mesh has no carrier or two possible ones, the axes of two gears do not
+        allow a mesh, or the file holds several mechanisms.
     """
     bodies = _bodies(gearbox)
     levels, directions = _levels(gearbox, bodies)
@@ -102,13 +103,13 @@ def build_mechanism(gearbox: Gearbox) -> Mechanism:
 
 
 def _bodies(gearbox: Gearbox) -> dict[str, str]:
-    """Map each link to its body: itself, or the first link of its rigid group, where the frame comes first."""
+    """Map each link to its body: itself, or the first link of its rigid group, in which the frame comes first."""
     rank = [name for group in gearbox.rigid for link in group for name in gearbox.instances(link)]
     groups: list[tuple[str, ...]] = []
     for group in gearbox.rigid:
         instances = [gearbox.instances(link) for link in group]
         same_copies = len({len(names) for names in instances}) == 1
-        # links of equally many copies are joined copy by copy: a stepped planet
+        # links with the same number of copies are joined copy by copy: a stepped planet
         groups += zip(*instances, strict=True) if same_copies else [sum(instances, ())]
     body = {link: link for link in gearbox.links}
     for names in united(groups):
@@ -128,7 +129,7 @@ def _levels(gearbox: Gearbox, bodies: Mapping[str, str]) -> tuple[dict[str, tupl
 
 
 def _joints(gearbox: Gearbox, bodies: Mapping[str, str], levels: Mapping[str, tuple[str, ...]]) -> dict[str, Joint]:
-    """Find the turning pair of each body, breadth first from the frame: the first axis that reaches it."""
+    """Find the turning pair of each body, breadth-first from the frame: the first axis that reaches it."""
     axes_through: dict[str, list[str]] = {}
     for axis, members in levels.items():
         for body in members:
@@ -148,7 +149,7 @@ def _joints(gearbox: Gearbox, bodies: Mapping[str, str], levels: Mapping[str, tu
                     first = joints[other].axis if other in joints else "the frame"
                     raise GearboxError(
                         f'gearbox "{gearbox.name}": "{other}" is held twice, by axis "{axis}" and by "{first}"; '
-                        "list links that turn about one line on one axis."
+                        "list coaxial links on one axis."
                     )
                 joints[other] = Joint(body=other, axis=axis, carried_by=body)
                 queue.append(other)
@@ -189,12 +190,12 @@ def _contact(
     gears = tuple((instance(gear.link), gear.teeth) for gear in mesh.gears)
     # S_i of Penaud 2012, eq. 1: the bodies that share an axis with gear i
     coaxial = [{x for axis in axes_of[bodies[link]] for x in levels[axis]} - {bodies[link]} for link, _ in gears]
-    found = f"{gears[0][0]} turns on {_set(coaxial[0])}" + "".join(
-        f", {link} on {_set(others)}" for (link, _), others in zip(gears[1:], coaxial[1:], strict=True)
+    found = f"{gears[0][0]} is coaxial with {_set(coaxial[0])}" + "".join(
+        f", {link} with {_set(others)}" for (link, _), others in zip(gears[1:], coaxial[1:], strict=True)
     )
     if len(gears) == 2 and bodies[gears[1][0]] in coaxial[0]:  # noqa: PLR2004
         raise GearboxError(
-            f'mesh "{mesh.name}": both gears turn about one line ({found}), so they cannot meet, and each of '
+            f'mesh "{mesh.name}": both gears are on the same axis ({found}), so they cannot mesh, and each of '
             f"{_set(set.intersection(*coaxial))} could be their carrier. Put the gears on two axes."
         )
     if mesh.carrier is not None:
@@ -203,10 +204,10 @@ def _contact(
             if carrier not in others:
                 raise GearboxError(
                     f'mesh "{mesh.name}": the carrier "{mesh.carrier}" does not hold "{link}" '
-                    f"({link} turns on {_set(others)}). Name a carrier that shares an axis with each gear."
+                    f"({link} is coaxial with {_set(others)}). Name a carrier that shares an axis with each gear."
                 )
     else:
-        # on two axes of a tree there is at most one
+        # two axes of a tree share at most one body
         common = set.intersection(*coaxial)
         if not common:
             raise GearboxError(
@@ -218,12 +219,12 @@ def _contact(
 
 
 def _check_axes(mechanism: Mechanism) -> None:
-    """Refuse gears whose axes do not suit their kind: parallel, intersecting, or crossed."""
+    """Refuse gears whose axes (parallel, intersecting or crossed) do not suit their kind."""
     gearbox = mechanism.gearbox
     kinds = {mesh.name: mesh.kind for mesh in gearbox.meshes}
     through = {axis.name: axis.through for axis in gearbox.axes if axis.through is not None}
     checked = set()
-    meet_mm = 1e-6  # smallest distance between axes that do not meet
+    meet_mm = 1e-6  # smallest distance between axes that do not intersect
     for contact in mechanism.contacts:
         if contact.mesh in checked or len(contact.gears) == 1:
             continue
@@ -240,7 +241,7 @@ def _check_axes(mechanism: Mechanism) -> None:
         elif kind is None and not parallel and all(axis in through for axis in axes):
             between = [b - a for a, b in zip(*(through[axis] for axis in axes), strict=True)]
             gap = abs(sum(n * x for n, x in zip(normal, between, strict=True))) / math.hypot(*normal)
-            problem = f"its axes neither meet nor are parallel (they pass at {gap:.4g})" if gap > meet_mm else ""
+            problem = f"its axes neither intersect nor are parallel (they are {gap:.4g} apart)" if gap > meet_mm else ""
         else:
             problem = ""
         if kind is None and parallel:
@@ -253,18 +254,18 @@ def _check_axes(mechanism: Mechanism) -> None:
 
 
 def _check_inside(contact: Contact, *, same_sense: bool) -> None:
-    """Refuse two gears of which none can turn inside of the other; minus is an internal gear where axes point alike."""
+    """Refuse two gears neither of which fits inside the other; internal teeth are negative if the axes point alike."""
     (one, few), (other, many) = sorted(contact.gears, key=lambda gear: abs(gear[1]))
     if same_sense and few < 0 and many < 0:
         raise GearboxError(
-            f'mesh "{contact.mesh}": {one} = {few} and {other} = {many} are both internal gears, which cannot meet; '
-            "leave out the minus of the gear with outer teeth."
+            f'mesh "{contact.mesh}": {one} = {few} and {other} = {many} are both internal gears, which cannot mesh; '
+            "omit the minus of the gear with external teeth."
         )
     if (few * many < 0) == same_sense and (abs(few) == abs(many) or (same_sense and few < 0)):
         ring, pinion = ((one, few), (other, many)) if few < 0 else ((other, many), (one, few))
         raise GearboxError(
             f'mesh "{contact.mesh}": the internal gear {ring[0]} = {ring[1]} has no room for {pinion[0]} = '
-            f"{pinion[1]}, which needs more than {pinion[1]} teeth about it. Correct the teeth, or the minus."
+            f"{pinion[1]}; it needs more than {pinion[1]} teeth. Correct the numbers of teeth, or the minus."
         )
 
 
@@ -273,7 +274,7 @@ def _cross(a: Vector, b: Vector) -> Vector:
 
 
 def _check_connected(mechanism: Mechanism) -> None:
-    """Refuse a file of several mechanisms that have only the frame in common."""
+    """Refuse a file of several mechanisms that share only the frame."""
     meshing = [[mechanism.bodies[link] for link, _ in contact.gears] for contact in mechanism.contacts]
     groups = [[joint.body, joint.carried_by] for joint in mechanism.joints.values()]
     groups += [[*gears, contact.carrier] for gears, contact in zip(meshing, mechanism.contacts, strict=True)]
@@ -283,9 +284,9 @@ def _check_connected(mechanism: Mechanism) -> None:
     if len(parts) > 1:
         first, second, *_ = parts
         raise GearboxError(
-            f'gearbox "{mechanism.gearbox.name}" holds {len(parts)} mechanisms that share nothing but the frame '
-            f"({', '.join(first)}; and {', '.join(second)}). Put each in a file of its own, or add the mesh that "
-            "joins them."
+            f'gearbox "{mechanism.gearbox.name}" holds {len(parts)} mechanisms that share only the frame '
+            f"({', '.join(first)}; and {', '.join(second)}). Put each in its own file, or add the mesh that "
+            "connects them."
         )
 
 
@@ -295,7 +296,7 @@ def _set(names: set[str]) -> str:
 
 @checked
 def undeclared_parts(gearbox: Gearbox) -> list[str]:
-    """Return a sentence for each kind of part that a machine has and its gearbox file does not declare.
+    """Return a sentence for each kind of component that the gearbox file does not declare.
 
     Parameters
     ----------
@@ -305,7 +306,7 @@ def undeclared_parts(gearbox: Gearbox) -> list[str]:
     Returns
     -------
     list of str
-        Bodies that turn and have no bearing; no gear mesh at all. Empty where nothing is known to be missing.
+        Sentences on rotating bodies without a bearing, and on a gearbox without a mesh; empty if neither applies.
 
     Examples
     --------

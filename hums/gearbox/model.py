@@ -1,8 +1,8 @@
 """The declaration of a gearbox, read from a TOML file: links, axes, meshes and bearings.
 
-Teeth are signed so that every mesh obeys ``Z_i w_i + Z_j w_j = 0``, speeds along the declared axes and
-relative to the carrier. A minus marks an internal gear on a parallel mesh, and a gear on the negative
-side of the apex on a bevel mesh.
+Numbers of teeth are signed so that every mesh obeys ``Z_i w_i + Z_j w_j = 0``, with speeds along the declared axes and
+relative to the carrier. They are negative for an internal gear in a mesh with parallel axes, and for a gear on the
+negative side of the apex in a bevel mesh.
 """
 
 import tomllib
@@ -41,8 +41,6 @@ from hums.gearbox.components import (
 )
 from signals._validation import SentenceError, checked
 
-# `data_synth` imports the base of all hand-written files from here: re-exported
-
 _GEOMETRY = ("elements", "element_diameter_mm", "pitch_diameter_mm", "contact_angle_deg")  # of a bearing
 
 
@@ -61,7 +59,7 @@ class GearboxError(SentenceError):
 
 
 class GearboxWarning(UserWarning):
-    """A gearbox that can be solved, but whose numbers contradict each other or the usual practice.
+    """A gearbox that can be solved, but whose numbers are contradictory or unusual.
 
     Examples
     --------
@@ -90,15 +88,15 @@ class Gearbox(Declared):
     frame : str
         Link at rest.
     reference : str or None
-        Link whose revolutions orders count.
+        Reference shaft of orders.
     rigid : tuple of tuple of str
-        Groups of links that are one body.
+        Groups of rigidly connected links.
     link_order : tuple of str or None
-        Order of the links in results; None: that of the declaration.
+        Order of the links in results. Default: order of declaration.
     axes : tuple of Axis
-        Lines about which links turn.
+        Lines about which links rotate.
     meshes : tuple of Mesh
-        Pairs of gears in contact, TOML tables ``[[mesh]]``.
+        Pairs of gears in mesh, TOML tables ``[[mesh]]``.
     bearings : tuple of Bearing
         Rolling bearings, TOML tables ``[[bearing]]``.
 
@@ -136,7 +134,7 @@ class Gearbox(Declared):
     @model_validator(mode="before")
     @classmethod
     def _named_bearings(cls, table: Any) -> Any:  # noqa: ANN401
-        """Read ``bearing = "SKF 6205-2RS JEM"`` of a bearing: its geometry is that of the catalogue."""
+        """Read ``bearing = "SKF 6205-2RS JEM"`` of a bearing, whose geometry is in the catalogue."""
         given = table.get("bearing") if isinstance(table, dict) else None
         if not isinstance(given, list | tuple):
             return table
@@ -161,7 +159,7 @@ class Gearbox(Declared):
         ):
             twice = _twice(names)
             if twice:
-                raise ValueError(f'two of kind {kind} are called "{min(twice)}"; add name = "..." to distinguish them')
+                raise ValueError(f'two items of kind {kind} are named "{min(twice)}"; distinguish them by name = "..."')
         self._check_copies()
         if self.link_order is not None and sorted(self.link_order) != sorted(known):
             wrong = sorted(set(self.link_order) ^ known)
@@ -169,7 +167,7 @@ class Gearbox(Declared):
         axis_names = {axis.name for axis in self.axes}
         for axis in self.axes:
             if axis.parallel_to is not None and axis.parallel_to not in axis_names - {axis.name}:
-                raise ValueError(f'axis "{axis.name}": parallel_to = "{axis.parallel_to}" is no other axis')
+                raise ValueError(f'axis "{axis.name}": parallel_to = "{axis.parallel_to}" is not another axis')
         self.directions()  # refuses a cycle of parallel_to
         return self
 
@@ -177,7 +175,7 @@ class Gearbox(Declared):
         copied = self.copied
         for key, link in (("frame", self.frame), ("reference", self.reference)):
             if link in copied:
-                raise ValueError(f'{key} = "{link}" stands for {copied[link]} copies; name a link there is one of')
+                raise ValueError(f'{key} = "{link}" stands for {copied[link]} copies; name a link without copies')
         for link, copies in copied.items():
             counts = {axis.copies for axis in self.axes if link in axis.links}
             if len(counts) > 1:
@@ -195,10 +193,10 @@ class Gearbox(Declared):
         ):
             twice = _twice(names)
             if twice:
-                raise ValueError(f'the {kind} "{min(twice)}" has the name of a numbered copy; call it otherwise')
+                raise ValueError(f'the {kind} "{min(twice)}" has the name of a numbered copy; rename it')
 
     def _references_to_links(self) -> list[tuple[str, str]]:
-        """Return every use of a link outside of the axes: its name and the part of the file that uses it."""
+        """Return every use of a link outside the axes: its name and the part of the file that uses it."""
         uses = [(self.frame, "frame")]
         if self.reference is not None:
             uses.append((self.reference, "reference"))
@@ -211,14 +209,14 @@ class Gearbox(Declared):
 
     @classmethod
     def from_mapping(cls, table: Mapping[str, Any], *, where: str = "gearbox") -> "Gearbox":
-        """Build a gearbox from the tables of a gearbox file; emit a `GearboxWarning` where its numbers disagree.
+        """Build a gearbox from the tables of a gearbox file; emit a `GearboxWarning` if its numbers are contradictory.
 
         Parameters
         ----------
         table : mapping
             Keys and values as in the TOML file.
         where : str
-            Name of the file or the gearbox in errors.
+            Name of the file or gearbox in error messages.
 
         Returns
         -------
@@ -227,7 +225,7 @@ class Gearbox(Declared):
         Raises
         ------
         GearboxError
-            A key, a value or a combination of them that is not valid.
+            If a key, a value or a combination of values is invalid.
 
         Examples
         --------
@@ -255,7 +253,7 @@ class Gearbox(Declared):
         Parameters
         ----------
         path : str or Path
-            A ``.toml`` file; its stem is the name of a gearbox that declares none.
+            A ``.toml`` file, whose stem is the default name of the gearbox.
 
         Returns
         -------
@@ -264,7 +262,7 @@ class Gearbox(Declared):
         Raises
         ------
         GearboxError
-            A file that is missing or not TOML, or whose gearbox is not valid.
+            If the file is missing or not TOML, or the gearbox is invalid.
 
         Examples
         --------
@@ -293,15 +291,15 @@ class Gearbox(Declared):
 
     @property
     def copied(self) -> dict[str, int]:
-        """Number of copies by link, for the links that are on axes with ``copies`` only, as planets are.
+        """Number of copies by link, for links such as planets that are only on axes with ``copies``.
 
-        A link on no axis has as many copies as the links it is rigid with.
+        A link on no axis has as many copies as the links it is rigidly connected to.
         """
         return dict(self._copied)
 
     @cached_property
     def _copied(self) -> tuple[tuple[str, int], ...]:
-        """Return the links that exist several times, as planets do, with their number of copies."""
+        """Return the links with several copies, such as planets, and their number of copies."""
         single = {link for axis in self.axes if axis.copies is None for link in axis.links}
         copied = {
             link: axis.copies
@@ -310,7 +308,7 @@ class Gearbox(Declared):
             for link in axis.links
             if link not in single
         }
-        for group in self.rigid * len(self.rigid):  # so often that a count reaches the end of a chain of groups
+        for group in self.rigid * len(self.rigid):  # so that counts propagate along a chain of groups
             counts = {copied.get(link, 1) for link in group if link in copied or link in single}
             if len(counts) == 1 and counts != {1}:
                 copied.update(dict.fromkeys(group, max(counts)))
@@ -325,7 +323,7 @@ class Gearbox(Declared):
         return tuple(name for link in declared for name in self.instances(link))
 
     def instances(self, link: str) -> tuple[str, ...]:
-        """Return the names of the copies of a declared link, ``planet 1`` and so on; of a single link, its own."""
+        """Return the names of the copies of a declared link, ``planet 1`` and so on; its own name without copies."""
         if link in self.copied:
             return tuple(f"{link} {number + 1}" for number in range(self.copied[link]))
         return (link,)
@@ -336,11 +334,11 @@ class Gearbox(Declared):
 
     @property
     def copy_links(self) -> dict[str, str]:
-        """Declared link of each copy: ``planet`` of ``planet 1``; links without copies are left out."""
+        """Declared link of each copy, ``planet`` for ``planet 1``, without links that have no copies."""
         return {copy: link for link in self.copied for copy in self.instances(link)}
 
     def direction(self, axis_name: str) -> Vector:
-        """Return the unit vector of an axis, (3,); x where nothing else is declared."""
+        """Return the unit vector of an axis, (3,); x by default."""
         return self.directions()[axis_name]
 
     def directions(self) -> dict[str, Vector]:
@@ -352,7 +350,7 @@ class Gearbox(Declared):
             while (parallel := by_name[chain[-1]].parallel_to) is not None and chain[-1] not in found:
                 if parallel in chain:
                     raise GearboxError(
-                        f'axis "{name}": parallel_to leads round in a circle ({", ".join(sorted(chain))}); '
+                        f'axis "{name}": parallel_to is circular ({", ".join(sorted(chain))}); '
                         "give one of them a direction."
                     )
                 chain.append(parallel)
@@ -367,7 +365,7 @@ def _twice(names: Iterable[str]) -> set[str]:
 
 @checked
 def load_gearbox(name_or_path: str | Path) -> Gearbox:
-    """Load a gearbox from a TOML file or, by its name, from the catalogue that ships with the package.
+    """Load a gearbox from a TOML file, or by name from the catalogue of the package.
 
     Parameters
     ----------
@@ -381,7 +379,7 @@ def load_gearbox(name_or_path: str | Path) -> Gearbox:
     Raises
     ------
     GearboxError
-        If there is no such file or name, or the gearbox in it is not valid.
+        If there is no such file or name, or the gearbox is invalid.
 
     Examples
     --------
@@ -394,13 +392,13 @@ def load_gearbox(name_or_path: str | Path) -> Gearbox:
 
 
 def catalogue() -> dict[str, Path]:
-    """Return the files of the gearboxes that ship with the package, by name."""
+    """Return the files of the gearboxes in the catalogue, by name."""
     return shipped_files("hums")
 
 
 def _multiples_warnings(gearbox: Gearbox) -> Iterator[str]:
-    """Yield a warning for each bearing whose printed multiples do not add up to its number of elements."""
-    tolerance = 0.0101  # a data sheet prints two decimals: inner + outer is whole within the rounding of both
+    """Yield a warning for each bearing whose multiples do not add up to its number of elements."""
+    tolerance = 0.0101  # data sheets print two decimals: inner + outer is whole within the rounding of both
     for bearing in gearbox.bearings:
         if bearing.multiples is None:
             continue
@@ -416,50 +414,48 @@ def _multiples_warnings(gearbox: Gearbox) -> Iterator[str]:
 
 
 def _catalogue_bearing(name: str) -> CatalogueBearing:
-    """Return the bearing of a name or designation; ValueError where there is none, or several with unlike elements."""
+    """Return the bearing of a name or designation; ValueError if there is none, or several with different elements."""
     found = bearings_named(name)
     if not found:
         known = {known for row in bearing_catalogue() for known in (row.name, *row.designations)}
         raise ValueError(
             f'bearing = "{name}" is not in the catalogue{closest(name, known)}; '
-            "or give elements, element_diameter_mm and pitch_diameter_mm, or what its data sheet prints: "
+            "or give elements, element_diameter_mm and pitch_diameter_mm, or the frequencies of its data sheet: "
             "multiples = { inner = BPFI, outer = BPFO, element_spin = BSF, cage = FTF }"
         )
     if len({row.elements for row in found}) > 1:
         raise ValueError(
-            f'bearing = "{name}" is made in several ways; name one of {quoted(row.name for row in found)}, '
+            f'bearing = "{name}" has several geometries; name one of {quoted(row.name for row in found)}, '
             "or give elements, element_diameter_mm and pitch_diameter_mm"
         )
     return typical_bearing(name, found)
 
 
 def _catalogue_geometry(table: Mapping[str, Any]) -> dict[str, Any]:
-    """Return the geometry of a bearing that is given by its name; what is declared beside it has to agree."""
+    """Return the geometry of a bearing given by name, with which further declarations must agree."""
     found = _catalogue_bearing(table["bearing"])
     geometry = {key: getattr(found, key) for key in _GEOMETRY}
     for key, value in geometry.items():
         if table.get(key) not in (None, value):
-            raise ValueError(
-                f"{key} = {table[key]} contradicts {found.name}, which has {value:g}; leave one of them out"
-            )
+            raise ValueError(f"{key} = {table[key]} contradicts {found.name}, which has {value:g}; omit one of them")
     return {"order_tolerance": found.spread} | geometry
 
 
 def _designation_warnings(gearbox: Gearbox) -> Iterator[str]:
-    """Yield a warning for each bearing whose geometry is not what its maker or a measurement publishes."""
+    """Yield a warning for each bearing whose geometry is typical, and not published by its maker."""
     for bearing in gearbox.bearings:
         if bearing.bearing and bearing.order_tolerance:
             row = _catalogue_bearing(bearing.bearing)
             yield (
-                f'bearing "{bearing.names[0]}", {row.name}: {row.source} Its orders may be up to '
-                f"{bearing.order_tolerance:.1%} off; multiples = {{ ... }} from its data sheet are more accurate"
+                f'bearing "{bearing.names[0]}", {row.name}: {row.source} Its orders may be off by up to '
+                f"{bearing.order_tolerance:.1%}; multiples = {{ ... }} from its data sheet are more accurate"
             )
 
 
 def _planet_warnings(gearbox: Gearbox) -> Iterator[str]:
-    """Yield a warning for each set of planets that does not fit between its one sun and its one ring.
+    """Yield a warning for each set of planets that does not fit between its sun and ring.
 
-    A ring that is no larger than the sun has no room for any, whatever the profile shift.
+    A ring that is no larger than the sun has no room for planets with any profile shift.
     """
     for axis in gearbox.axes:
         for link in axis.links if axis.copies is not None else ():
@@ -476,15 +472,15 @@ def _planet_warnings(gearbox: Gearbox) -> Iterator[str]:
                 sun, planet, ring = suns.pop(), own.pop(), rings.pop()
                 if ring <= sun:
                     raise GearboxError(
-                        f'{gearbox.name}: planets "{link}": between a sun of {sun} and a ring of {ring} teeth is no '
-                        "room for any; correct the teeth, or the minus of the internal gear."
+                        f'{gearbox.name}: planets "{link}": there is no room for planets between a sun of {sun} and a '
+                        f"ring of {ring} teeth; correct the numbers of teeth, or the minus of the internal gear."
                     )
                 for sentence in assembly_warnings(sun, planet, ring, angles_deg):
                     yield f'planets "{link}": {sentence}'
 
 
 def _sign_warnings(gearbox: Gearbox) -> Iterator[str]:
-    """Yield a warning for each planet whose mates on one axis all have external teeth, but not equally many.
+    """Yield a warning for each planet whose coaxial mates all have external teeth, but in different numbers.
 
     The largest of them may be a ring gear whose minus was forgotten.
     """
@@ -492,14 +488,14 @@ def _sign_warnings(gearbox: Gearbox) -> Iterator[str]:
     for axis in gearbox.axes:
         for link in axis.links if axis.copies is not None or not at_rest & set(axis.links) else ():
             if sum(link in other.links for other in gearbox.axes) > 1:
-                continue  # the carrier, which turns about an axis of its own
+                continue  # the carrier, which rotates about its own axis
             external = [
                 ((own.teeth, mesh.module_mm), mate)
                 for mesh in gearbox.meshes
                 for own, mate in permutations(mesh.gears, 2)
                 if own.link == link and mesh.kind is None and own.teeth > 0 and mate.teeth > 0
             ]
-            # only axes about which the planets' carrier turns: the frame and its rigid links are on many
+            # only axes about which the planets' carrier rotates: the frame and its rigid links are on many
             for other in (other for other in gearbox.axes if _links_on(gearbox, other) & set(axis.links)):
                 mates = [(own, mate) for own, mate in external if mate.link in _links_on(gearbox, other)]
                 sizes = {own for own, _ in mates}
@@ -510,7 +506,7 @@ def _sign_warnings(gearbox: Gearbox) -> Iterator[str]:
 
 
 def _links_on(gearbox: Gearbox, axis: Axis) -> set[str]:
-    """Return the links on an axis and those that are rigid with one of them."""
+    """Return the links on an axis and those rigidly connected to one of them."""
     return set(axis.links).union(*(group for group in gearbox.rigid if set(group) & set(axis.links)))
 
 
@@ -520,11 +516,11 @@ def _is_parallel(gearbox: Gearbox, axis: Axis, gear: Gear) -> bool:
     return gearbox.direction(axis.name) in directions
 
 
-# ---- JSON schema of gearbox files, for editors that check while one types --------------------------------------------
+# ---- JSON schema of gearbox files, for validation in editors -----------------------------------------------------
 
 
 def gearbox_schema() -> dict[str, Any]:
-    """Return the JSON schema (2020-12) of a gearbox file as it is written by hand."""
+    """Return the JSON schema (2020-12) of a hand-written gearbox file."""
     schema: dict[str, Any] = Gearbox.model_json_schema(by_alias=True)
     parts = schema["$defs"]
     schema["description"] = "A gearbox as declared: links on axes, meshes and bearings."

@@ -1,4 +1,4 @@
-"""Families of harmonics and sidebands of defect orders, and the lines among them that a record cannot resolve."""
+"""Families of harmonics and sidebands of defect orders, and those lines that a record cannot resolve."""
 
 import math
 from collections.abc import Iterator
@@ -11,7 +11,7 @@ from numpy.typing import NDArray
 
 from signals._validation import brief, checked, is_float
 
-HANN_HALF_LOBE = 2.0  # bins of 1 / revolutions from the peak of a Hann line to its first zero
+HANN_HALF_LOBE = 2.0  # bins of 1 / revolutions, from the peak of a line to its first zero with a Hann window
 _ROUNDING = 16 * np.finfo(float).eps  # of an order, after a few products and sums
 
 
@@ -31,29 +31,29 @@ class _Line(NamedTuple):
 
 @checked
 def order_families(table: pd.DataFrame, *, harmonics: int, sidebands: int) -> pd.DataFrame:
-    """Return the harmonics of every defect order and the sidebands of each of them.
+    """Return the harmonics of every defect order and their sidebands.
 
     Parameters
     ----------
     table : pandas.DataFrame
-        What `defect_orders` returns.
+        Result of `defect_orders`.
     harmonics : int
-        Harmonics 1 to this one.
+        Highest harmonic.
     sidebands : int
-        Sidebands up to this number on either side of each harmonic, by every spacing in column ``sidebands``.
+        Number of sidebands on either side of each harmonic, for every spacing in column ``sidebands``.
 
     Returns
     -------
     pandas.DataFrame
         ``component``, ``kind``, ``order``, ``exact``, ``sources`` and ``seen_from`` as in `defect_orders`, then
-        ``harmonic``, ``sideband`` (signed, 0 for the harmonic itself) and ``spacing`` (orders, 0 without a
-        sideband): ``order = |harmonic x fundamental + sideband x spacing|``. It is exact where both terms are.
-        A negative order is folded to its magnitude, where a spectrum shows it; one of zero is left out.
+        ``harmonic``, ``sideband`` (signed, 0 for the harmonic itself) and ``spacing`` (in orders, 0 without a
+        sideband): ``order = |harmonic x fundamental + sideband x spacing|``, exact if both terms are. Negative orders
+        are folded to their magnitude, where they appear in a spectrum; zero orders are omitted.
 
     Raises
     ------
     ValueError
-        Where `harmonics` or `sidebands` is not a whole number in range.
+        If `harmonics` or `sidebands` is not a whole number in range.
 
     Examples
     --------
@@ -71,7 +71,7 @@ def order_families(table: pd.DataFrame, *, harmonics: int, sidebands: int) -> pd
     if len(table) * harmonics * (2 * sidebands + 1) > most_lines:
         raise ValueError(
             f"{len(table)} orders with harmonics = {brief(harmonics)} and sidebands = {brief(sidebands)} are over "
-            f"{most_lines} lines; ask for fewer."
+            f"{most_lines} lines; reduce harmonics or sidebands."
         )
     lines = [line for row in table.itertuples(index=False) for line in _family(row, harmonics, sidebands)]
     return pd.DataFrame(lines, columns=list(_Line._fields))
@@ -79,30 +79,30 @@ def order_families(table: pd.DataFrame, *, harmonics: int, sidebands: int) -> pd
 
 @checked
 def collisions(table: pd.DataFrame, *, revolutions: float) -> pd.DataFrame:
-    """Return the pairs of lines of different components or kinds that are close, and whether a record resolves them.
+    """Return close pairs of lines of different components or kinds, and whether a record resolves them.
 
-    Two lines are resolved if they are at least ``HANN_HALF_LOBE`` = 2 bins of ``1 / revolutions`` apart: half the
-    width of the main lobe of a Hann window, so that the peak of each falls on the first zero of the other.
+    Two lines are resolved if they are at least ``HANN_HALF_LOBE`` = 2 bins of ``1 / revolutions`` apart, half the width
+    of the main lobe of a Hann window, so that the peak of each falls on the first zero of the other.
 
     Parameters
     ----------
     table : pandas.DataFrame
-        What `defect_orders` or `order_families` returns.
+        Result of `defect_orders` or `order_families`.
     revolutions : float
         Length of the record in revolutions of the reference.
 
     Returns
     -------
     pandas.DataFrame
-        A row for every pair that is not resolved, and for every pair of neighbours that is.
-        ``component``, ``kind`` and ``order`` (for families ``harmonic`` and ``sideband`` too) with ``_a`` for the
-        lower and ``_b`` for the upper line; ``difference`` in orders; ``exact``, whether the orders are equal as
-        fractions; ``resolvable``; and ``revolutions_needed``, which is infinite for equal orders.
+        One row per unresolved pair, and per resolved pair of neighbours: ``component``, ``kind`` and ``order`` (for
+        families also ``harmonic`` and ``sideband``), with ``_a`` for the lower and ``_b`` for the upper line;
+        ``difference`` in orders; ``exact``, whether the orders are equal fractions; ``resolvable``; and
+        ``revolutions_needed``, infinite for equal orders.
 
     Raises
     ------
     ValueError
-        Where `revolutions` is not a positive number.
+        If `revolutions` is not a positive number.
 
     Examples
     --------
@@ -161,9 +161,9 @@ def _line(row: Any, harmonic: int, sideband: int, spacing: Fraction | float) -> 
 
 
 def _close_pairs(lines: pd.DataFrame, width: float) -> tuple[NDArray[np.intp], NDArray[np.intp]]:
-    """Return the rows of all pairs closer than `width` and of all neighbours, in lines sorted by order.
+    """Return the rows of all pairs closer than `width` and of all neighbours, among lines sorted by order.
 
-    Pairs of one component and kind are left out, as their overlap confuses no components.
+    Pairs of the same component and kind are omitted, as their overlap is not ambiguous.
     """
     order = lines["order"].to_numpy(dtype=float)
     row = np.arange(order.size)
@@ -179,10 +179,10 @@ def _close_pairs(lines: pd.DataFrame, width: float) -> tuple[NDArray[np.intp], N
 def _differences(
     lines: pd.DataFrame, lower: NDArray[np.intp], upper: NDArray[np.intp]
 ) -> tuple[NDArray[np.float64], NDArray[np.bool_]]:
-    """Return the differences of pairs, in rational arithmetic where both orders are exact, and which are exactly 0."""
+    """Return the differences of pairs, in rational arithmetic if both orders are exact, and which are exactly 0."""
     order, fractions = lines["order"].to_numpy(dtype=float), list(lines["exact"])
     difference = order[upper] - order[lower]
-    # rates that are equal by formula, such as elements x cage and outer race, may differ by their rounding
+    # rates that are equal by formula, such as elements x cage and outer race, may differ by rounding
     difference[difference <= _ROUNDING * order.max(initial=0.0)] = 0.0
     equal = np.zeros(difference.size, dtype=bool)
     for pair, (a, b) in enumerate(zip(lower, upper, strict=True)):
@@ -195,7 +195,7 @@ def _differences(
 
 def _check_table(table: object) -> None:
     if not (isinstance(table, pd.DataFrame) and {"order", "exact"} <= set(table.columns)):
-        raise ValueError(f"table = {brief(table)}: give a table of orders, as defect_orders returns it.")
+        raise ValueError(f"table = {brief(table)}: give a table of orders from defect_orders.")
 
 
 def _check_count(name: str, value: object, *, least: int) -> None:

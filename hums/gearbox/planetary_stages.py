@@ -1,4 +1,4 @@
-"""Planetary stages of a gearbox whose ring stands still: what averages over single planets need of the drawing."""
+"""Planetary stages with a fixed ring, with the data that averages over single planets need."""
 
 from dataclasses import dataclass
 from fractions import Fraction
@@ -19,15 +19,15 @@ class PlanetaryStage:
     Attributes
     ----------
     carrier, sun : str
-        Links.
+        Links of the carrier and the sun.
     planets : tuple of str
-        Links, in the order of their places.
+        Links of the planets, in the order of their positions.
     ring_mesh, sun_mesh : str
-        Contacts.
+        Meshes of the planets with ring and sun.
     teeth : PlanetaryTeeth
-        Numbers of teeth, and places of the planets.
+        Numbers of teeth, and positions of the planets.
     misfit : str
-        Why the planets cannot be assembled where they are drawn; empty if they can.
+        Why the planets cannot be assembled at the declared positions; empty if they can.
     """
 
     carrier: str
@@ -40,15 +40,15 @@ class PlanetaryStage:
 
 
 def planetary_stages(kinematics: Kinematics) -> list[PlanetaryStage]:
-    """Return the simple planetary stages of a gearbox: one sun, several equal planets, a fixed ring.
+    """Return the simple planetary stages of a gearbox: one sun, several identical planets, a fixed ring.
 
-    Stages with stepped, meshing or bevel planets have no averages over one planet and are left out; so is a stage
+    Stages with stepped, meshing or bevel planets allow no averages over one planet and are omitted; so is a stage
     declared with one planet, since the number of planets is then unknown.
 
     Parameters
     ----------
     kinematics : Kinematics
-        Of the gearbox, from `hums.solve_kinematics`.
+        Result of `hums.solve_kinematics`.
 
     Examples
     --------
@@ -80,7 +80,7 @@ def planetary_stages(kinematics: Kinematics) -> list[PlanetaryStage]:
 
 
 def _stage(kinematics: Kinematics, carrier: str, rings: _Meshes, suns: _Meshes) -> PlanetaryStage | None:
-    """Return the stage of a carrier from its ring and sun meshes, None unless it is a simple planetary one."""
+    """Return the stage of a carrier from its ring and sun meshes; None unless it is a simple planetary stage."""
     if not rings or rings.keys() != suns.keys() or {len({*side.values()}) for side in (rings, suns)} != {1}:
         return None
     (ring_mesh, planet_teeth, ring), (sun_mesh, planet_again, sun) = (
@@ -103,8 +103,8 @@ def _stage(kinematics: Kinematics, carrier: str, rings: _Meshes, suns: _Meshes) 
     places = tuple(Fraction(round(angle / 360 * fits), fits) for angle in spacing)
     off = max(abs(angle - 360 * float(place)) for angle, place in zip(spacing, places, strict=True))
     unfit = (
-        f"planets do not fit where they are drawn: their places must be multiples of 1/{fits} of a turn, and one is "
-        f"{off:.2g} degrees off. Give the true ones with spacing_deg."
+        f"planets do not fit at the declared positions, which must be multiples of 1/{fits} of a revolution: one is "
+        f"{off:.2g} degrees off. Give the true positions with spacing_deg."
     )
     try:
         teeth = PlanetaryTeeth(
@@ -112,7 +112,7 @@ def _stage(kinematics: Kinematics, carrier: str, rings: _Meshes, suns: _Meshes) 
         )
     except ValueError:
         return None
-    fits_deg = 0.1  # our choice: drawings round places to tenths of a degree
+    fits_deg = 0.1  # our choice: drawings round positions to tenths of a degree
     return PlanetaryStage(
         carrier=carrier,
         sun=sun[0],

@@ -1,18 +1,18 @@
-"""Systems of linear equations in named unknowns with constant terms, by Gauss-Jordan elimination in fractions."""
+"""Linear equations in named unknowns with constant terms, solved by Gauss-Jordan elimination in rational arithmetic."""
 
 from collections.abc import Iterable, Mapping, Sequence
 from fractions import Fraction
 
-# ---- Sparse linear forms in named unknowns, in rational arithmetic, for the solvers of speeds and of torques ---------
-# Equations are eliminated one by one (Gauss-Jordan): `pivots` holds each unknown expressed by the free ones.
+# ---- Sparse linear forms in named unknowns, for the solvers of speeds and torques ------------------------------------
+# Equations are eliminated one by one: `pivots` holds each unknown expressed by the free ones.
 
 
-Form = dict[str, Fraction]  # factor of each unknown, none of them zero
+Form = dict[str, Fraction]  # non-zero factor of each unknown
 ZERO, ONE = Fraction(0), Fraction(1)
 
 
 def difference(a: Form, b: Form) -> Form:
-    """Return the difference of two forms; terms that cancel are left out."""
+    """Return the difference of two forms, without terms that cancel."""
     total = dict(a)
     for body, factor in b.items():
         total[body] = total.get(body, ZERO) - factor
@@ -40,7 +40,7 @@ def reduced(form: Mapping[str, Fraction], pivots: Mapping[str, Form]) -> Form:
 def add_pivot(pivots: dict[str, Form], row: Form, name: str, *, users: dict[str, set[str]] | None = None) -> None:
     """Solve ``row = 0`` for `name` and substitute it in all pivots.
 
-    `users` is an index of the pivots whose expression contains an unknown, which it speeds up and keeps up to date.
+    `users`, an index of the pivots whose expression contains an unknown, makes this faster and is updated.
     """
     scale = -1 / row[name]
     expression = {other: factor * scale for other, factor in row.items() if other != name}
@@ -63,7 +63,7 @@ def _add_user(users: dict[str, set[str]] | None, pivot: str, expression: Form) -
 # ---- Rational --------------------------------------------------------------------------------------------------------
 
 
-CONSTANT = ""  # the name of a form's constant term; no unknown has an empty name
+CONSTANT = ""  # name of a form's constant term, as no unknown has an empty name
 
 
 def add(form: Form, more: Form) -> None:
@@ -78,9 +78,9 @@ def solve(equations: Iterable[Form]) -> tuple[dict[str, Form], list[Fraction]]:
     Returns
     -------
     solved : dict of str to form
-        Each unknown that the equations fix, expressed by the free ones and the constant.
+        Each dependent unknown, expressed by the free ones and the constant.
     residuals : list of Fraction
-        Of each equation: zero, or the constant that contradicts the equations before it.
+        For each equation, zero or the constant by which it contradicts earlier ones.
     """
     solved: dict[str, Form] = {}
     residuals = [eliminate(form, solved) for form in equations]
@@ -90,7 +90,7 @@ def solve(equations: Iterable[Form]) -> tuple[dict[str, Form], list[Fraction]]:
 def eliminate(form: Form, solved: dict[str, Form], *, last: Sequence[str] = ()) -> Fraction:
     """Solve the equation ``form = 0`` for the unknown that comes last in `last`, and substitute it in `solved`.
 
-    Returns the residual: the constant of the form where it has no unknown left, otherwise zero.
+    Returns the residual: the constant of the form if it has no unknown left, otherwise zero.
     """
     residual = reduced(form, solved)
     unknowns = [name for name in residual if name != CONSTANT]

@@ -1,13 +1,13 @@
-"""The equations of static equilibrium by virtual work, and the load of each contact in their solution.
+"""Equations of static equilibrium by virtual work, and their solution.
 
-The speeds of a mechanism obey ``A r = 0``, one row of `A` for each mesh and one rate `r` for each turning pair.
-The same rows hold the loads: a mesh whose tooth load is ``L`` (N m a tooth) applies the torque ``Z_i L`` to gear i
-about its own axis and the opposite to its carrier. With external torques ``T`` on links that turn at ``B r``,
-equilibrium is ``B' T + A' L = 0``. The coefficients are whole numbers, so the equations are solved in rational
-arithmetic: whether a load is determinate is decided exactly.
+The speeds of a mechanism obey ``A r = 0``, with one row of `A` per mesh and one rate `r` per turning pair. The same
+rows give the loads: a mesh with tooth load ``L`` (N m per tooth) applies the torque ``Z_i L`` to gear i about its own
+axis and the opposite to its carrier. With external torques ``T`` on links that rotate at ``B r``, equilibrium is
+``B' T + A' L = 0``. The coefficients are integers, so the equations are solved in rational arithmetic, which decides
+exactly whether a load is determinate.
 
-A mesh loses power by its motion relative to its carrier: the gear that drives there gives ``Z_i L``, the driven
-one receives ``efficiency Z_j L``.
+A mesh loses power by its motion relative to its carrier: the driving gear delivers ``Z_i L``, the driven gear receives
+``efficiency Z_j L``.
 
 References
 ----------
@@ -46,7 +46,7 @@ class TorqueError(SentenceError):
 
 
 Drivers = tuple[int | None, ...]  # driving gear of each contact, 0 or 1; None: the contact loses no power
-_TOLERANCE = Fraction(1, 10**9)  # of the largest torque: decimals balance no better
+_TOLERANCE = Fraction(1, 10**9)  # of the largest torque, for the rounding of decimals
 
 
 @dataclass(frozen=True)
@@ -56,12 +56,13 @@ class Statics:
     Attributes
     ----------
     kinematics : Kinematics
+        Kinematics of the gearbox.
     torques : mapping of str to Fraction or None
         External torque of each loaded link in N m; None: unknown.
     rates : mapping of str to Fraction
-        Joint rates in relative_speeds a second.
+        Joint rates in rev/s.
     efficiencies : tuple of Fraction
-        Of each contact.
+        Efficiency of each contact.
     """
 
     kinematics: Kinematics
@@ -71,7 +72,7 @@ class Statics:
 
     @property
     def name(self) -> str:
-        """The gearbox in errors."""
+        """Name of the gearbox in error messages."""
         return f'gearbox "{self.kinematics.gearbox.name}"'
 
     @cached_property
@@ -81,12 +82,12 @@ class Statics:
 
     @cached_property
     def relative_speeds(self) -> tuple[Fraction, ...]:
-        """Speed of each contact's first gear relative to the carrier, in turns a second."""
+        """Speed of each contact's first gear relative to the carrier, in rev/s."""
         return tuple(self.speed(contact.gears[0][0], contact.carrier) for contact in self.contacts)
 
     @property
     def lossless(self) -> Drivers:
-        """The drivers where no contact loses power."""
+        """The drivers if no contact loses power."""
         return (None,) * len(self.contacts)
 
     def mesh(self, number: int) -> Mesh:
@@ -109,7 +110,7 @@ class Statics:
         return one, two
 
     def speed(self, link: str, seen_from: str | None = None) -> Fraction:
-        """Return the speed of a link about its own axis, in relative_speeds a second."""
+        """Return the speed of a link about its own axis in rev/s."""
         return evaluate(self.kinematics.spin(link, seen_from=seen_from), self.rates)
 
     def load_factors(self, number: int, driver: int | None) -> tuple[Fraction, Fraction]:
@@ -137,7 +138,7 @@ class Statics:
         return list(forms.values())
 
     def external_term(self, link: str, factor: Fraction) -> Form:
-        """Return a multiple of an external torque as a form: an unknown where it is None, else a constant."""
+        """Return a multiple of an external torque as a form: an unknown if it is None, else a constant."""
         torque = self.torques[link]
         return {link: factor} if torque is None else {CONSTANT: torque * factor}
 
@@ -149,20 +150,20 @@ class Statics:
 
 @dataclass(frozen=True)
 class Solution:
-    """The solution of a statics problem: the determinate unknown torques and tooth loads, and the driving gears."""
+    """Solution of a statics problem: the determinate unknown torques and tooth loads, and the driving gears."""
 
     statics: Statics
     drivers: Drivers
     values: Mapping[str, Fraction]
 
     def load(self, number: int) -> Fraction | None:
-        """Return the tooth load of a contact in N m a tooth, at the driving gear; None where it is indeterminate."""
+        """Return the tooth load of a contact in N m per tooth, at the driving gear; None if indeterminate."""
         return self.values.get(tooth_load_symbol(number))
 
     def flow(self, number: int) -> Fraction | None:
         """Return the power from the first to the second gear of a contact, relative to its carrier, at the driver.
 
-        In N m times relative_speeds a second.
+        In N m rev/s; `watts` converts it.
         """
         load, (_, teeth) = self.load(number), self.statics.contacts[number].gears[0]
         return None if load is None else -load * teeth * self.statics.relative_speeds[number]
@@ -189,14 +190,14 @@ class Solution:
             if loses and self.load(number) is None:
                 raise TorqueError(
                     f'mesh "{contact.mesh}": its load is indeterminate, and so is its loss; declare meshes that share '
-                    f'a load as copies of one axis, or let it lose nothing, mesh_efficiency={{"{contact.mesh}": 1.0}}.'
+                    f'a load as copies of one axis, or make it lossless, mesh_efficiency={{"{contact.mesh}": 1.0}}.'
                 )
             found.append(self.driving(number) if loses else None)
         return tuple(found)
 
 
 def gear_pairs(kinematics: Kinematics) -> tuple[Contact, ...]:
-    """Return the contacts of two gears, those that can transmit a load."""
+    """Return the contacts of two gears, which can transmit a load."""
     return tuple(contact for contact in kinematics.contacts if len(contact.gears) == 2)  # noqa: PLR2004
 
 
@@ -206,23 +207,23 @@ def is_balanced(total: Fraction, largest: Fraction) -> bool:
 
 
 def tooth_load_symbol(number: int) -> str:
-    """Return the name of a contact's tooth load among the unknowns; no link has such a name."""
+    """Return the name of a contact's tooth load among the unknowns, which no link has."""
     return f"\0{number}"
 
 
 # ---- Solve the static equilibrium of a mechanism: balance, load sharing, driving gears -------------------------------
-# The loss of a mesh reduces the load of its driven gear. Which gear drives follows from the loads: the solution is
+# The loss of a mesh reduces the load of its driven gear, and the loads determine which gear drives: the solution is
 # iterated until both agree.
 
 
 def solve_equilibrium(statics: Statics) -> Solution:
-    """Solve for torques and tooth loads, iterating until the driving gears are those that were assumed.
+    """Solve for torques and tooth loads, iterating until the driving gears are those assumed.
 
     Raises
     ------
     TorqueError
-        Torques that do not balance or are indeterminate, copies that cannot share equally, losses that depend on an
-        indeterminate load, losses so high that the mechanism is self-locking.
+        If torques do not balance or are indeterminate, copies cannot share equally, losses depend on an indeterminate
+        load, or losses make the mechanism self-locking.
     """
     _check_balance(statics)
     sharing = _equal_sharing(statics)
@@ -235,8 +236,8 @@ def solve_equilibrium(statics: Statics) -> Solution:
         complete = all(link in solution.values for link, torque in statics.torques.items() if torque is None)
         if drivers != statics.lossless and not (complete and all(map(statics.is_zero, residuals))):
             raise TorqueError(
-                f"{statics.name}: with the losses of its meshes the torques do not balance. Let as many links take "
-                "the balance (None) as there are degrees of freedom, or raise mesh_efficiency."
+                f"{statics.name}: with the losses of its meshes the torques do not balance. Leave the torques of as "
+                "many links unknown (None) as there are degrees of freedom, or raise mesh_efficiency."
             )
         drivers = solution.driving_gears()
         if drivers == solution.drivers:
@@ -245,16 +246,16 @@ def solve_equilibrium(statics: Statics) -> Solution:
         contact.mesh for contact, now, before in zip(statics.contacts, drivers, tried[-1], strict=True) if now != before
     ]
     raise TorqueError(
-        f"{statics.name} locks itself: whichever gear is taken to drive, the losses of the meshes {quoted(undecided)} "
-        "turn the flow of power round. Raise mesh_efficiency, or let power flow the other way."
+        f"{statics.name} is self-locking: whichever gear is assumed to drive, the losses of the meshes "
+        f"{quoted(undecided)} reverse the power flow. Raise mesh_efficiency, or reverse the direction of power."
     )
 
 
 def _check_balance(statics: Statics) -> None:
     """Check that each degree of freedom is balanced without losses, and that the unknown torques are determinate.
 
-    Degrees of freedom are those of the meshes alone: whatever else holds a link at rest does so by a torque, which has
-    to be named.
+    Degrees of freedom are those left by the meshes alone: any other constraint on a link acts by a torque, which must
+    be named.
     """
     kinematics = statics.kinematics
     meshes: dict[str, Form] = {}
@@ -278,35 +279,35 @@ def _check_balance(statics: Statics) -> None:
         raise TorqueError(
             f"{statics.name}: the torques of {quoted(unknown)} are indeterminate; its meshes leave "
             f"{count(len(free), 'degree')} of freedom, and each determines one torque. Give the torque of "
-            f'"{unknown[-1]}" as a number, or leave it out where nothing loads it.'
+            f'"{unknown[-1]}" as a number, or omit it if nothing loads the link.'
         )
 
 
 def _raise_unbalanced(statics: Statics, moving: Sequence[str], free: str, dof: int) -> NoReturn:
-    """Raise the error for bodies that move together and are unbalanced; name a link that could take the balance."""
+    """Raise the error for bodies that move together and are unbalanced, naming a link that could balance them."""
     kinematics = statics.kinematics
     given = {link: torque for link, torque in statics.torques.items() if torque}
     numbers = ", ".join(f'"{link}" = {float(torque):g}' for link, torque in given.items())
     start = f"{statics.name}: the torques {numbers} N m do not balance"
     loaded = [link for link in given if kinematics.bodies[link] in moving]
     if len(loaded) > 1:
-        raise TorqueError(f'{start}; let one of them follow from the others, as in torques={{"{loaded[-1]}": None}}.')
+        raise TorqueError(f'{start}; leave one of them unknown, as in torques={{"{loaded[-1]}": None}}.')
     named = {kinematics.bodies[link] for link, torque in statics.torques.items() if torque != 0}
     frame = kinematics.mechanism.frame
     able = [body for body in moving if kinematics.joints[body].carried_by == frame and body not in named]
     if not able:
         raise TorqueError(
-            f"{start}: that on {quoted(loaded)} has no path to another link. Declare the mesh that carries it, or "
-            "leave it out."
+            f"{start}: the torque on {quoted(loaded)} has no path to another link. Declare the mesh that carries it, "
+            "or omit the torque."
         )
     raise TorqueError(
-        f"{start}, and nothing takes what is left. The meshes leave {count(dof, 'degree')} of freedom, and each needs "
-        f'a link that takes the balance, as in torques={{"{free if free in able else able[-1]}": None}}.'
+        f"{start}, and no other torque balances them. The meshes leave {count(dof, 'degree')} of freedom, and each "
+        f'needs a link of unknown torque, as in torques={{"{free if free in able else able[-1]}": None}}.'
     )
 
 
 def _equal_sharing(statics: Statics) -> list[Form]:
-    """Return the equations of equal loads on the copies of a mesh, where equilibrium leaves them indeterminate."""
+    """Return the equations of equal loads on the copies of a mesh, if equilibrium leaves them indeterminate."""
     equations = statics.equations(statics.lossless)
     known = determined(solve(equations)[0])
     first: dict[str, int] = {}
@@ -322,7 +323,7 @@ def _equal_sharing(statics: Statics) -> list[Form]:
         copies = statics.kinematics.gearbox.copy_links
         raise TorqueError(
             f"{statics.name}: the torques on {quoted(link for link in statics.torques if link in copies)} load copies "
-            "of one axis differently, so they cannot share equally. Put the same torque on each copy, or declare the "
-            "copies as axes of their own."
+            "of one axis differently, so they cannot share equally. Give the same torque for each copy, or declare the "
+            "copies as separate axes."
         )
     return shared

@@ -1,9 +1,8 @@
-"""Tooth forces: their components at the pitch point, and as vectors in space.
+"""Tooth forces: components at the pitch point, and vectors in space.
 
 References
 ----------
-ISO 21771 (2007): working pressure angle. Decker, Maschinenelemente, and any other text on gears: the three
-components of a tooth force.
+ISO 21771 (2007): working pressure angle. Decker, Maschinenelemente: the three components of a tooth force.
 """
 
 import math
@@ -19,9 +18,9 @@ from hums.gearbox.statics import Solution, Statics, TorqueError
 
 @dataclass(frozen=True, kw_only=True)
 class ToothForces:
-    """The components of the force between the teeth of one contact at the pitch point, magnitudes in N.
+    """Components of the tooth force of one contact at the pitch point, as magnitudes in N.
 
-    The tangential force drives the driven gear, the radial one separates the gears, the axial one acts along the
+    The tangential force drives the driven gear, the radial force separates the gears, the axial force acts along the
     axes.
     """
 
@@ -32,18 +31,18 @@ class ToothForces:
 
 @dataclass(frozen=True, kw_only=True)
 class BearingLoad:
-    """The reaction of the frame on a shaft at one bearing. NaN where statics does not determine it.
+    """Reaction of the frame on a shaft at one bearing; NaN if statics does not determine it.
 
     Attributes
     ----------
     bearing : str
+        Name of the bearing.
     radial_n : (3,) tuple of float
-        In N, in the declared coordinates, across the shaft.
+        Radial reaction in N, in the declared coordinates.
     axial_n : float
-        In N, positive along the direction of the shaft's axis.
+        Axial reaction in N, positive along the direction of the shaft's axis.
     status : str
-        ``"solved"``, or the reason why not. The radial reaction is valid also where only the axial one is
-        indeterminate.
+        ``"solved"``, or the reason why not. The radial reaction is also valid if only the axial one is indeterminate.
     """
 
     bearing: str
@@ -53,12 +52,12 @@ class BearingLoad:
 
 
 class IndeterminateError(Exception):
-    """The reason why a force is not determined, which becomes the `status` of a `BearingLoad`."""
+    """Reason why a force is not determined, which becomes the `status` of a `BearingLoad`."""
 
 
 @dataclass(frozen=True, kw_only=True)
 class PairAngles:
-    """Helix, transverse and working transverse pressure angle of a gear pair; sum of its teeth, internal negative."""
+    """Helix, transverse and working transverse pressure angles of a gear pair, and the signed sum of its teeth."""
 
     helix_rad: float
     transverse_rad: float
@@ -94,8 +93,8 @@ def pair_angles(statics: Statics, number: int) -> PairAngles | None:
 def _working_angle(mesh: Mesh, normal_rad: float, transverse_rad: float, teeth: int) -> float:
     """Return the transverse working pressure angle in rad (ISO 21771).
 
-    ``inv a_w = inv a_t + 2 tan a_n sum(x) / sum(z)``, internal teeth counted negative, by Newton's method: the
-    involute function is convex, so that from above the solution all iterates decrease to it.
+    ``inv a_w = inv a_t + 2 tan a_n sum(x) / sum(z)``, with internal teeth negative, is solved by Newton's method: as
+    the involute function is convex, the iterates decrease from above to the solution.
     """
     shift = sum(mesh.profile_shift or ())
     if shift == 0:
@@ -121,8 +120,8 @@ def tooth_forces(solution: Solution, number: int) -> ToothForces | None:
     """Return the components of a tooth force at the working pitch point of a gear pair with parallel axes.
 
     With the reference diameter ``d = m Z / cos b`` the transverse force along the line of action is
-    ``2 Z L / (d cos a_t)``; it is inclined by the working pressure angle. None where the load, the module or an angle
-    is not known.
+    ``2 Z L / (d cos a_t)``; it is inclined by the working pressure angle. None if the load, the module or an angle is
+    unknown.
     """
     load, module_mm = solution.load(number), solution.statics.mesh(number).module_mm
     if load is None:
@@ -145,10 +144,10 @@ def tooth_forces(solution: Solution, number: int) -> ToothForces | None:
 def force_in_space(solution: Solution, number: int) -> tuple[NDArray[np.float64], NDArray[np.float64]]:
     """Return the pitch point of a contact, (3,) mm, and the force there on its first gear, (3,) N.
 
-    With ``u`` the unit vector from the first axis to the second, the pitch point lies ``a Z_1 / (Z_1 + Z_2)`` along
-    it: beyond the pinion of an internal pair. The tangential force acts along ``d x u``, with ``d`` the direction of
-    the first axis, the radial one separates the gears, and along ``d`` a right-handed helix adds ``-tan b`` times the
-    tangential force.
+    With the unit vector ``u`` from the first axis to the second, the pitch point lies ``a Z_1 / (Z_1 + Z_2)`` along it,
+    beyond the pinion of an internal pair. With the direction ``d`` of the first axis, the tangential force acts along
+    ``d x u``, the radial force separates the gears, and the axial force along ``d`` is ``-tan b`` times the tangential
+    force for a right-handed helix.
 
     Raises
     ------
@@ -164,10 +163,10 @@ def force_in_space(solution: Solution, number: int) -> tuple[NDArray[np.float64]
     offset -= offset @ direction * direction
     distance_mm = float(np.linalg.norm(offset))
     working_mm = angles.distance_mm(module_mm)
-    distance_tolerance = 1e-3  # of the centre distance: rounded positions and profile shifts differ by less
+    distance_tolerance = 1e-3  # of the centre distance: above the rounding of positions and profile shifts
     if not working_mm or abs(distance_mm / working_mm - 1) > distance_tolerance:
         raise IndeterminateError(
-            f'mesh "{mesh.name}": axes {quoted((axis.name, other.name))} lie {distance_mm:.6g} mm apart, but its teeth '
+            f'mesh "{mesh.name}": axes {quoted((axis.name, other.name))} are {distance_mm:.6g} mm apart, but its teeth '
             f"need {working_mm:.6g} mm; correct through, module_mm or profile_shift"
         )
     unit = offset / distance_mm
@@ -181,17 +180,17 @@ def force_in_space(solution: Solution, number: int) -> tuple[NDArray[np.float64]
 
 
 def located_axis(statics: Statics, name: str) -> tuple[Axis, NDArray[np.float64]]:
-    """Return an axis whose position is declared, and its direction; else raise `IndeterminateError`."""
+    """Return an axis of declared position and its direction; raise `IndeterminateError` without a position."""
     axis = next(axis for axis in statics.kinematics.gearbox.axes if name in axis.instances())
     if axis.copies is not None:
-        raise IndeterminateError(f'axis "{axis.name}" stands for {axis.copies} copies, whose places are not declared')
+        raise IndeterminateError(f'axis "{axis.name}" stands for {axis.copies} copies of undeclared position')
     if axis.through is None:
-        raise IndeterminateError(f'axis "{name}": through is not declared; add a point of it in mm')
+        raise IndeterminateError(f'axis "{name}": through is not declared; add a point on it in mm')
     return axis, np.array(statics.kinematics.mechanism.directions[name])
 
 
 def _load_in_frame(solution: Solution, number: int) -> float:
-    """Return the tooth load of a contact whose carrier is the frame, in N m a tooth."""
+    """Return the tooth load of a contact whose carrier is the frame, in N m per tooth."""
     contact, load = solution.statics.contacts[number], solution.load(number)
     name = f'mesh "{contact.mesh}"'
     if contact.carrier != solution.statics.kinematics.mechanism.frame:
@@ -204,7 +203,7 @@ def _load_in_frame(solution: Solution, number: int) -> float:
 
 
 def _force_inputs(statics: Statics, number: int) -> tuple[PairAngles, float, float]:
-    """Return the angles, the module in mm and the position in mm of a contact; refuse what is not declared."""
+    """Return the angles, the module in mm and the position in mm of a contact; refuse undeclared ones."""
     mesh, angles = statics.mesh(number), pair_angles(statics, number)
     name = f'mesh "{mesh.name}"'
     if angles is None or mesh.module_mm is None:
@@ -216,15 +215,14 @@ def _force_inputs(statics: Statics, number: int) -> tuple[PairAngles, float, flo
     return angles, mesh.module_mm, mesh.position_mm
 
 
-# ---- Bearing loads by statics of a shaft that runs in two bearings to the frame --------------------------------------
-# Decker, Maschinenelemente, or any other text on gears.
+# ---- Bearing loads by statics of a shaft in two bearings to the frame (Decker, Maschinenelemente) -------------------
 
 
 _UNKNOWN: Vector = (math.nan, math.nan, math.nan)
 
 
 def bearing_loads(solution: Solution) -> Iterator[BearingLoad]:
-    """Yield the load of every declared bearing, or the reason why it is not determined, in the order of declaration."""
+    """Yield the load of every declared bearing, or why it is not determined, in the order of declaration."""
     for bearing in solution.statics.kinematics.gearbox.bearings:
         try:
             loads = {load.bearing: load for load in _reactions(solution, _supported_body(solution.statics, bearing))}
@@ -245,23 +243,21 @@ def _rings(statics: Statics, bearing: Bearing) -> set[str]:
 
 
 def _supported_body(statics: Statics, bearing: Bearing) -> str:
-    """Return the body that a bearing supports in the frame; refuse those that are not covered."""
+    """Return the body that a bearing supports in the frame; refuse unsupported arrangements."""
     kinematics = statics.kinematics
     frame, copied = kinematics.mechanism.frame, kinematics.gearbox.copied
     for link in (bearing.inner_ring, bearing.outer_ring):
         if link in copied:
-            raise IndeterminateError(
-                f'"{link}" stands for {copied[link]} copies, whose places are not declared: not covered'
-            )
+            raise IndeterminateError(f'"{link}" stands for {copied[link]} copies of undeclared position: not covered')
     rings = _rings(statics, bearing)
     if frame not in rings or len(rings) == 1:
         raise IndeterminateError(
-            f"neither of its rings ({quoted(sorted(rings))}) is at rest while the other turns: not covered"
+            f"neither of its rings ({quoted(sorted(rings))}) is at rest while the other rotates: not covered"
         )
     (body,) = rings - {frame}
     carried = [name for name, joint in kinematics.joints.items() if joint.carried_by == body]
     if carried:
-        raise IndeterminateError(f'"{body}" carries {quoted(carried)}, whose loads it passes on: not covered')
+        raise IndeterminateError(f'"{body}" carries {quoted(carried)}, whose loads it transmits: not covered')
     return body
 
 
@@ -299,14 +295,14 @@ def _supports(statics: Statics, body: str) -> tuple[tuple[str, float], tuple[str
     others = {ring for bearing in holding for ring in _rings(statics, bearing)} - {body}
     if others != {statics.kinematics.mechanism.frame}:
         raise IndeterminateError(
-            f'"{body}" also runs in a bearing on a shaft that turns ({quoted(names)}): indeterminate'
+            f'"{body}" also runs in a bearing on a rotating shaft ({quoted(names)}): indeterminate'
         )
     positions_mm = [place for bearing in holding for place in bearing.position_mm or ()]
     if len(positions_mm) < len(names):
         without = [name for bearing in holding if bearing.position_mm is None for name in bearing.names]
         raise IndeterminateError(f"position_mm of {quoted(without)} is not declared; add it")
     if positions_mm[0] == positions_mm[1]:
-        raise IndeterminateError(f"{quoted(names)} sit in one place, position_mm = {positions_mm[0]:g}: indeterminate")
+        raise IndeterminateError(f"{quoted(names)} have the same position_mm = {positions_mm[0]:g}: indeterminate")
     return (names[0], positions_mm[0]), (names[1], positions_mm[1])
 
 
@@ -316,7 +312,7 @@ def _tooth_forces_on(solution: Solution, body: str) -> tuple[NDArray[np.float64]
     for contact in kinematics.contacts:
         if len(contact.gears) == 1 and kinematics.bodies[contact.gears[0][0]] == body:
             raise IndeterminateError(
-                f'mesh "{contact.mesh}" has a mate that is not declared, so its force has no direction'
+                f'mesh "{contact.mesh}" has an undeclared mate, so the direction of its force is unknown'
             )
     points, forces = [], []
     for number, contact in enumerate(statics.contacts):
@@ -329,17 +325,17 @@ def _tooth_forces_on(solution: Solution, body: str) -> tuple[NDArray[np.float64]
 
 
 def _axial(statics: Statics, names: tuple[str, str], thrusts: NDArray[np.float64]) -> tuple[tuple[float, float], str]:
-    """Return the axial reactions in N, all of it on the one bearing that takes axial load, and the status."""
+    """Return the axial reactions in N, all of it on the bearing that takes axial load, and the status."""
     reaction = -float(thrusts.sum())
-    # 1e-12 of the sum of axial force magnitudes: thrusts that cancel, to rounding
+    # 1e-12 of the sum of axial force magnitudes: thrusts that cancel within rounding
     if abs(reaction) <= 1e-12 * np.abs(thrusts).sum():
         return (0.0, 0.0), "solved"
     axial = {name for bearing in statics.kinematics.gearbox.bearings for name in bearing.takes_axial}
     takes = [name in axial for name in names]
     if sum(takes) == 1:
         return (reaction * takes[0], reaction * takes[1]), "solved"
-    problem = "both take it: indeterminate" if all(takes) else "takes_axial names neither; add the one that does"
-    return (math.nan, math.nan), f"of {quoted(names)} one has to take {abs(reaction):.4g} N along the axis; {problem}"
+    problem = "both do: indeterminate" if all(takes) else "takes_axial names neither; add the one that does"
+    return (math.nan, math.nan), f"one of {quoted(names)} must take {abs(reaction):.4g} N axially; {problem}"
 
 
 def _vector(values: NDArray[np.float64]) -> Vector:

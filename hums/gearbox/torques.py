@@ -1,8 +1,7 @@
 """Static torques, tooth loads, forces and power of a mechanism, by virtual work.
 
 `hums.gearbox.statics` sets up the equations of `solve_torques` and solves them in rational arithmetic;
-`hums.gearbox.tooth_forces` derives forces and bearing loads, this module powers. They balance to the rounding of the
-result.
+`hums.gearbox.tooth_forces` derives forces and bearing loads, this module powers, which balance to rounding.
 """
 
 import math
@@ -26,10 +25,11 @@ class ExternalTorque:
     Attributes
     ----------
     link : str
+        Link on which it acts.
     torque_nm : float
-        In N m, about the link's own declared axis.
+        Torque in N m about the link's declared axis.
     power_w : float
-        In W, positive into the gearbox.
+        Power in W, positive into the gearbox.
     """
 
     link: str
@@ -39,32 +39,34 @@ class ExternalTorque:
 
 @dataclass(frozen=True, kw_only=True)
 class ToothLoad:
-    """The load of one contact of a mesh, one for each copy of a planet. NaN where `determinate` is False.
+    """Load of one contact of a mesh, one per copy of a planet; NaN if not `determinate`.
 
     Attributes
     ----------
     mesh : str
+        Name of the mesh.
     gears : (str, str)
         Links of the gears, in the order of declaration.
     carrier : str
+        Carrier of the contact.
     determinate : bool
         Whether statics determines the load.
     torques_nm : (float, float)
-        On each gear about its own axis, in N m; that of the driven gear is less the loss.
+        Torque on each gear about its own axis in N m, with the loss deducted on the driven gear.
     carrier_torque_nm : (3,) tuple of float
-        On the carrier, the reaction to both gears, in N m. Every copy counts at the direction of the first one.
+        Torque on the carrier in N m, the reaction to both gears, with the axis direction of the first copy for all.
     gearing_power_w : float
         Power in W from the first gear to the second, relative to the carrier, at the driving gear. The loss of a mesh
         is a fraction of it.
     absolute_power_w : float or None
-        The same power in W, relative to the frame, at the gear that turns about the carrier's axis. None where there
-        is no such gear (between planets), or where the axis of the carrier itself moves: positions would decide.
+        The same power in W relative to the frame, at the gear that rotates about the carrier's axis. None if there is
+        no such gear (between planets), or the axis of the carrier itself moves, so that it depends on position.
     driver : str or None
-        The driving gear relative to the carrier; None where no power flows.
+        The driving gear relative to the carrier; None if no power flows.
     loss_w : float
-        In W.
+        Power loss in W.
     forces : ToothForces or None
-        None where the mesh declares no module or no pressure angle, or its axes are not parallel.
+        Tooth forces; None if the mesh declares no module or pressure angle, or its axes are not parallel.
     """
 
     mesh: str
@@ -82,20 +84,21 @@ class ToothLoad:
 
 @dataclass(frozen=True, kw_only=True)
 class Branch:
-    """A branch of power: meshes that act together on a link whose axis is fixed in the frame.
+    """A power branch: meshes that act together on a link whose axis is fixed in the frame.
 
-    A gear has a branch for each of its meshes, a carrier one for each set of planets on it, all copies together.
-    The torques of a link's branches and its external torque sum to zero.
+    A gear has one branch per mesh, a carrier one per set of planets, with all copies together. The torques of a link's
+    branches and its external torque sum to zero.
 
     Attributes
     ----------
     link : str
+        Link on which the meshes act.
     through : tuple of str
         Names of the meshes.
     torque_nm : float
-        On the link, in N m.
+        Torque on the link in N m.
     power_w : float
-        In W, positive into the link.
+        Power in W, positive into the link.
     """
 
     link: str
@@ -111,24 +114,24 @@ class Torques:
     Attributes
     ----------
     external : tuple of ExternalTorque
-        Of the named links, both the given torques and those that were solved for.
+        Given and solved torques of the named links.
     frame_torque_nm : (3,) tuple of float
         Torque that holds the frame, the reaction to all external torques, in N m in the declared coordinates.
     tooth_loads : tuple of ToothLoad
-        One for each contact of two gears.
+        One per contact of two gears.
     branches : tuple of Branch
         Torque and power of the meshes on each link whose axis is fixed in the frame.
     bearing_loads : tuple of BearingLoad
-        One for each declared bearing, in the order of declaration.
+        One per declared bearing, in the order of declaration.
     input_power_w, output_power_w : float
-        Sum of the powers into and out of the gearbox, in W.
+        Sum of the powers into and out of the gearbox in W.
     efficiency : float or None
-        Output over input power; None where no power flows in, 0 where every link drives (self-locking).
+        Output over input power; None if no power flows in, 0 if every link drives (self-locking).
     circulating_ratio : float or None
         Power of the largest branch over the input power: 1 for a single path, below 1 for split power, above 1 for
-        circulating power. None without input or with an indeterminate load.
+        circulating power. None without input power or with an indeterminate load.
     gearing_ratio : float or None
-        Largest power of a mesh relative to its carrier, all its copies together, over the input power; None likewise.
+        Largest power of a mesh relative to its carrier, with all its copies, over the input power. None as above.
     indeterminate : tuple of str
         Names of the meshes whose loads statics does not determine.
 
@@ -167,7 +170,7 @@ class Torques:
         return losses
 
     def at(self, mesh: str) -> tuple[ToothLoad, ...]:
-        """Return the tooth loads of one mesh, one for each copy of a planet.
+        """Return the tooth loads of one mesh, one per copy of a planet.
 
         Parameters
         ----------
@@ -245,12 +248,12 @@ def reaction(torques: Iterable[tuple[float, Vector]]) -> Vector:
 
 
 def watts(power: Fraction | None) -> float:
-    """Convert N m times turns a second to W, None to NaN."""
+    """Convert N m rev/s to W, None to NaN."""
     return 2 * math.pi * _float(power)
 
 
 def _absolute_power(solution: Solution, number: int) -> float | None:
-    """Return the absolute power from the first to the second gear, at a gear that turns about the carrier's axis."""
+    """Return the absolute power from the first to the second gear, at a gear that rotates about the carrier's axis."""
     statics, contact = solution.statics, solution.statics.contacts[number]
     joints, frame = statics.kinematics.joints, statics.kinematics.mechanism.frame
     if contact.carrier == frame:
@@ -266,7 +269,7 @@ def _absolute_power(solution: Solution, number: int) -> float | None:
 
 
 def _torque(solution: Solution, body: str, numbers: Iterable[int]) -> Fraction | None:
-    """Return the torque of some contacts on a body; None where one of their loads is indeterminate."""
+    """Return the torque of some contacts on a body; None if one of their loads is indeterminate."""
     torque = ZERO
     for number in numbers:
         factor = solution.generalized_torque(number).get(body, ZERO)  # zero for the carrier of a mesh between planets
@@ -278,7 +281,7 @@ def _torque(solution: Solution, body: str, numbers: Iterable[int]) -> Fraction |
 
 
 def _contact_groups(statics: Statics, body: str) -> list[list[int]]:
-    """Return the contacts that act on a body, grouped by mesh where it is a gear, by planet set where a carrier."""
+    """Return the contacts that act on a body, grouped by mesh for a gear and by planet set for a carrier."""
     bodies, joints = statics.kinematics.bodies, statics.kinematics.joints
     groups: list[tuple[set[str], list[int]]] = []
     for number, contact in enumerate(statics.contacts):
@@ -316,17 +319,17 @@ def solve_torques(
 ) -> Torques:
     """Solve the static equilibrium of a mechanism for its unknown torques, tooth loads, power flow and bearing loads.
 
-    Planets of one ``copies`` group share equally where statics alone is indeterminate. Loads that distinct meshes can
+    Planets of one ``copies`` group share equally if statics alone is indeterminate. Loads that distinct meshes can
     share in any proportion are reported as indeterminate. A mesh whose mate is unknown transmits no load: apply the
-    mate's torque to its gear. Tooth forces need ``module_mm`` (of the normal section) and ``pressure_angle_deg`` of
+    mate's torque to its gear. Tooth forces need ``module_mm`` (in the normal section) and ``pressure_angle_deg`` of
     a mesh; without ``helix_angle_deg`` its teeth are straight.
 
-    Bearing loads follow by statics for a shaft whose axis is fixed in the frame and that runs in exactly two bearings
+    Bearing loads follow from statics for a shaft whose axis is fixed in the frame and that runs in exactly two bearings
     to the frame. They need ``through`` (mm) of its axis and those of its mates, ``position_mm`` of its bearings and
     meshes, the inputs of the tooth forces, and for helical teeth ``hand`` and the bearing in ``takes_axial``. External
-    torques are taken as pure couples; weights, and the axial force of a radial load on an angular contact, are left
-    out. Shafts that planets load or that carry other shafts are not covered. The ``status`` of a bearing load states
-    why it is not determined.
+    torques are assumed to be pure couples; weights, and axial forces induced in angular-contact bearings by radial
+    loads, are neglected. Shafts that planets load or that carry other shafts are not covered. The ``status`` of a
+    bearing load states why it is not determined.
 
     Parameters
     ----------
@@ -334,11 +337,10 @@ def solve_torques(
         From `solve_kinematics`.
     torques : mapping of str to float, Fraction or None
         External torque of each loaded link in N m, along its declared axis, positive in the sense of positive speed.
-        None: solved for, for at most as many links as there are degrees of freedom. Links that are not named carry no
-        external torque, but the frame takes the reaction.
+        None: unknown, for at most as many links as there are degrees of freedom. Links that are not named carry no
+        external torque; the frame takes the reaction.
     speeds : mapping of str to float or Fraction, optional
-        Speeds of links in turns a second, as many as there are degrees of freedom. None: one turn a second of the
-        gearbox's reference.
+        Speeds of links in rev/s, as many as there are degrees of freedom. Default: 1 rev/s for the gearbox's reference.
     mesh_efficiency : float or mapping of str to float
         Efficiency of all meshes or of meshes by name, relative to the carrier, above 0 and at most 1; a mesh that the
         mapping does not name is lossless.
@@ -350,10 +352,10 @@ def solve_torques(
     Raises
     ------
     TorqueError
-        Torques that do not balance, more unknown torques than statics can determine, losses so high that the
-        mechanism is self-locking.
+        If torques do not balance, there are more unknown torques than statics can determine, or losses make the
+        mechanism self-locking.
     GearboxError
-        Too few or contradictory speeds, as in `Kinematics.rates`.
+        If speeds are missing or contradictory, as in `Kinematics.rates`.
 
     Examples
     --------
@@ -375,7 +377,7 @@ def solve_torques(
 
 
 def _checked(kinematics: Kinematics, link: str, torque: object) -> Fraction | None:
-    """Return a valid external torque as a fraction, None for one to solve for."""
+    """Return a valid external torque as a fraction, None if unknown."""
     gearbox = kinematics.gearbox
     if link not in kinematics.bodies:
         raise TorqueError(
@@ -383,22 +385,21 @@ def _checked(kinematics: Kinematics, link: str, torque: object) -> Fraction | No
         )
     if kinematics.bodies[link] == kinematics.mechanism.frame:
         raise TorqueError(
-            f'torques: "{link}" belongs to the frame "{gearbox.frame}", which always holds what is left; leave it out '
-            "and read frame_torque_nm."
+            f'torques: "{link}" belongs to the frame "{gearbox.frame}", which takes the reaction; omit it and read '
+            "frame_torque_nm."
         )
     try:
         kinematics.spin(link)
     except GearboxError:
         raise TorqueError(
-            f'torques: the axis of "{link}" turns with its carrier in another direction, so a torque about it comes '
-            "from no fixed place; put the torque on a link whose axis rests in the frame."
+            f'torques: the axis of "{link}" rotates with its carrier in another direction, so an external torque about '
+            "it has no fixed direction; apply the torque to a link whose axis is fixed in the frame."
         ) from None
     if torque is None:
         return None
     if not is_float(torque) or not math.isfinite(torque):
         raise TorqueError(
-            f'torques: "{link}" = {brief(torque)} is not a finite number of N m; give one, or None where the link '
-            "takes the balance."
+            f'torques: "{link}" = {brief(torque)} is not a finite number of N m; give one, or None if it is unknown.'
         )
     return Fraction(torque) if isinstance(torque, int | Fraction) else Fraction(float(torque))
 
@@ -413,7 +414,7 @@ def _efficiencies(kinematics: Kinematics, given: float | Mapping[str, float]) ->
             raise TorqueError(f'mesh_efficiency: no mesh "{mesh}" of two gears{closest(mesh, meshes)}')
         if not is_float(efficiency) or not 0 < efficiency <= 1:
             raise TorqueError(
-                f'mesh_efficiency: "{mesh}" = {brief(efficiency)} is not above 0 and at most 1; 1 loses nothing.'
+                f'mesh_efficiency: "{mesh}" = {brief(efficiency)} is not above 0 and at most 1, which is lossless.'
             )
     return tuple(Fraction(float(named.get(contact.mesh, 1.0))) for contact in contacts)
 

@@ -1,9 +1,9 @@
 """Positions in space of the gears, shafts, carrier arms and bearings of a declared gearbox, for drawings.
 
-Gears are drawn by their operating pitch circles, which touch: on parallel axes a distance a apart their radii are
-``a z / |z1 +- z2|``; bevel gears have the pitch cones that roll on each other. What a gearbox file leaves open is
-schematic and said so in `Layout.notes`: without a declared module lengths count modules, without positions stages
-stand in the order of declaration.
+Gears are drawn as operating pitch circles, which touch: on parallel axes a distance a apart their radii are
+``a z / |z1 +- z2|``; bevel gears have the pitch cones that roll on each other. Undeclared dimensions are schematic, as
+`Layout.notes` states: without a declared module lengths are in modules, without positions stages follow in the order of
+declaration.
 """
 
 from collections.abc import Iterator
@@ -32,7 +32,7 @@ __all__ = ["BearingShape", "GearShape", "Layout", "MeshPoint", "Rod", "TurningPa
 
 
 def layout_of(gearbox: Gearbox) -> Layout:
-    """Return where the parts of a gearbox are drawn.
+    """Return the positions of the parts of a gearbox in a drawing.
 
     Parameters
     ----------
@@ -46,7 +46,7 @@ def layout_of(gearbox: Gearbox) -> Layout:
     Raises
     ------
     GearboxError
-        A gearbox that is not a mechanism.
+        If the gearbox is not a mechanism.
 
     Examples
     --------
@@ -90,7 +90,7 @@ def layout_of(gearbox: Gearbox) -> Layout:
 
 
 def _picture(stages: Stages) -> tuple[Vector, Vector]:
-    """Return right and up of the section: x and y where they span it, else the first axis and across it."""
+    """Return the right and up directions of the section: x and y if they span it, else along the first axis."""
     if abs(abs(stages.normal[2]) - 1) < PARALLEL:
         return (1.0, 0.0, 0.0), (0.0, 1.0, 0.0)
     across = next(iter(stages.lines.values())).direction

@@ -1,4 +1,4 @@
-"""Where axes and contacts stand: as declared, else as the contacts ask for, one after another."""
+"""Placement of axes and contacts: as declared, else as contacts require, one after another."""
 
 import math
 
@@ -11,7 +11,7 @@ _GAP = 1.0  # between stages on one axis, of the face width
 
 
 def place(stages: Stages) -> None:
-    """Place lines and contacts, in the order of declaration as far as what they refer to is placed."""
+    """Place lines and contacts, in the order of declaration as far as dependencies allow."""
     first = next(iter(stages.lines.values()))
     if all(line.origin is None for line in stages.lines.values()):
         first.origin = np.zeros(3)
@@ -30,13 +30,13 @@ def place(stages: Stages) -> None:
 
 
 def _place_apart(stages: Stages, line: Line) -> None:
-    """Place a line that no gear connects with the others at one side of them."""
+    """Place a line that no gear connects to the others on one side of them."""
     placed = [other.origin for other in stages.lines.values() if other.origin is not None]
     reach = max((abs(teeth) * pair.module for pair in stages.pairs for _, teeth in pair.contact.gears), default=10.0)
     line.origin = (
         np.mean(placed, axis=0) + 1.5 * reach * np.array(stages.transverse(line)[0]) if placed else np.zeros(3)
     )
-    stages.notes.append(f'The place of axis "{line.name}" is not declared; it is drawn at one side.')
+    stages.notes.append(f'The position of axis "{line.name}" is not declared; it is drawn on one side.')
 
 
 def _place_contact(stages: Stages, pair: Pair, waiting: list[Pair]) -> None:
@@ -64,7 +64,7 @@ def _place_contact(stages: Stages, pair: Pair, waiting: list[Pair]) -> None:
 
 
 def _extent(stages: Stages, pair: Pair, which: int) -> tuple[float, float]:
-    """Return what a pair whose axes are not parallel takes of one of them, from the point where they meet."""
+    """Return the extent of a pair with non-parallel axes along one of them, from the point where they intersect."""
     if not pair.rolling:
         reach = max(stages.crossed_radii(pair)[1 - which], stages.face(pair) / 2)
         return -reach, reach
@@ -75,7 +75,7 @@ def _extent(stages: Stages, pair: Pair, which: int) -> tuple[float, float]:
 
 
 def _free_place(stages: Stages, pair: Pair, line: Line) -> float:
-    """Return where along a placed line the next pair begins: as declared, else beyond what is taken."""
+    """Return the position of the next pair along a placed line: as declared, else beyond the occupied part."""
     if pair.mesh.position_mm is not None and pair.lines[0] == line.name and stages.any_module:
         return pair.mesh.position_mm
     if not line.taken:
@@ -85,7 +85,7 @@ def _free_place(stages: Stages, pair: Pair, line: Line) -> float:
 
 
 def _place_adjacent(stages: Stages, line: Line, pair: Pair, waiting: list[Pair]) -> None:
-    """Place a line parallel to the other one of a contact, or at the two distances that two contacts give."""
+    """Place a line parallel to the other one of a contact, or at the two distances required by two contacts."""
     others = [p for p in [pair, *waiting] if p.parallel and len(p.lines) > 1 and line.name in p.lines]
     bounds: dict[str, tuple[Line, Array, float]] = {}
     for each in others:
@@ -108,7 +108,7 @@ def _place_adjacent(stages: Stages, line: Line, pair: Pair, waiting: list[Pair])
 
 
 def _collides(stages: Stages, line: Line, pair: Pair) -> bool:
-    """Return whether a gear at this place covers another one that meshes with the same mate."""
+    """Return whether a gear at this position overlaps another that meshes with the same mate."""
     radius = _radius_on(pair, line.name)
     mate = pair.lines[1 - pair.lines.index(line.name)]
     for other in stages.pairs:
@@ -129,7 +129,7 @@ def _radius_on(pair: Pair, line: str) -> float:
 
 
 def _give_slot(stages: Stages, pair: Pair) -> None:
-    """Place a contact of parallel axes along them: as declared, with one that has a gear in common, or next."""
+    """Place a contact of parallel axes along them: as declared, in the plane of one that shares a gear, or next."""
     lines = [stages.lines[name] for name in pair.lines]
     face = stages.face(pair)
     if pair.mesh.position_mm is not None and stages.any_module:
@@ -157,7 +157,7 @@ def _give_slot(stages: Stages, pair: Pair) -> None:
 
 
 def _blocked(stages: Stages, pair: Pair, other: Pair) -> bool:
-    """Return whether a contact cannot stand in the plane of another: no gear in common, or one in the way."""
+    """Return whether a contact cannot be in the plane of another: they share no gear, or one is in the way."""
     keys = {pair.key(number) for number in range(len(pair.lines))}
     plane = [p for p in stages.pairs if p.number in stages.places and p.parallel and _same_plane(stages, p, other)]
     there = {p.key(number) for p in plane for number in range(len(p.lines))}

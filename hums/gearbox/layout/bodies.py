@@ -1,4 +1,4 @@
-"""Bodies on placed axes: gears, turned so that teeth meet gaps, carrier arms, webs of ring gears, shafts, bearings."""
+"""Bodies on placed axes: gears, rotated so that teeth meet gaps, carrier arms, webs of ring gears, shafts, bearings."""
 
 import math
 from collections.abc import Iterator
@@ -28,7 +28,7 @@ _Key = tuple[str, int, str, str]  # of `Pair.key`
 
 
 def gear_shapes(stages: Stages) -> list[GearShape]:
-    """Return the gears; one that several contacts share has the mean of their radii and spans their planes."""
+    """Return the gears; a gear in several contacts has the mean of their radii and spans their planes."""
     found: dict[_Key, list[GearShape]] = {}
     for pair in stages.pairs:
         for which, shape in enumerate(_shapes(stages, pair)):
@@ -69,7 +69,7 @@ def _shapes(stages: Stages, pair: Pair) -> Iterator[GearShape]:
 
 
 def _is_inner_cone(stages: Stages, pair: Pair, which: int) -> bool:
-    """Return whether a bevel gear holds its mate inside its cone."""
+    """Return whether a bevel gear encloses its mate in its cone."""
     _, angles, _ = stages.cones(pair)
     axes = [stages.lines[name].direction for name in pair.lines]
     cosines = [math.cos(angle) for angle in angles]
@@ -97,7 +97,7 @@ def _radii(stages: Stages, pair: Pair) -> tuple[float, ...]:
 
 
 def _pitch_point(stages: Stages, pair: Pair) -> Array:
-    """Return the point where the pitch circles of a contact touch; of belts the middle between the axes."""
+    """Return the point where the pitch circles of a contact touch; for belts the midpoint between the axes."""
     lines = [stages.lines[name] for name in pair.lines]
     here = lines[0].at(stages.places[pair.number])
     if len(lines) == 1:
@@ -126,7 +126,7 @@ def mesh_points(stages: Stages) -> Iterator[MeshPoint]:
 
 
 def _meshed(stages: Stages, by_key: dict[_Key, GearShape]) -> list[GearShape]:
-    """Turn the gears so that teeth meet gaps, as far as the places of planets allow it all round."""
+    """Rotate the gears so that teeth meet gaps, as far as the positions of planets allow."""
     turned: set[_Key] = set()
     for _ in stages.pairs:
         for pair in stages.pairs:
@@ -143,7 +143,7 @@ def _meshed(stages: Stages, by_key: dict[_Key, GearShape]) -> list[GearShape]:
 
 
 def _meshing_angle(stages: Stages, one: GearShape, two: GearShape, point: Array) -> float:
-    """Return the tooth angle of the second gear whose gap is where the first one has a tooth."""
+    """Return the tooth angle of the second gear that puts a gap at a tooth of the first."""
     angles, tangents = [], []
     for gear in (one, two):
         e1, e2 = (np.array(axis) for axis in transverse_axes(gear.axis, vector(stages.normal)))
@@ -157,7 +157,7 @@ def _meshing_angle(stages: Stages, one: GearShape, two: GearShape, point: Array)
 
 
 def _joined(shapes: list[GearShape]) -> GearShape:
-    """Return one gear of its shapes in several contacts."""
+    """Combine the shapes of a gear in several contacts."""
     first = shapes[0]
     axis, centres = np.array(first.axis), np.array([shape.centre for shape in shapes])
     along = (centres - centres[0]) @ axis
@@ -180,7 +180,7 @@ def rods_of(stages: Stages, gears: list[GearShape]) -> list[Rod]:
 
 
 def _arm(stages: Stages, body: str, gears: list[GearShape]) -> Iterator[Rod]:
-    """Yield the arm that carries a planet: its pin, and the way from there to the carrier's axis."""
+    """Yield the arm that carries a planet: its pin, and the connection to the carrier's axis."""
     joint = stages.mechanism.joints[body]
     if joint.carried_by == stages.mechanism.frame:
         return
@@ -194,7 +194,7 @@ def _arm(stages: Stages, body: str, gears: list[GearShape]) -> Iterator[Rod]:
     side = _arm_side(stages, gears, own, line, main)
     low, high = min(at - half for at, half in places), max(at + half for at, half in places)
     if np.linalg.norm(np.cross(line.direction, main.direction)) > PARALLEL:
-        apex = nearest_place(line, main)  # a bevel planet is held on the side away from the apex
+        apex = nearest_place(line, main)  # a bevel planet is held on the side opposite the apex
         side = 1.0 if high - apex > apex - low else -1.0
     far, near = (high, low) if side > 0 else (low, high)
     pin = [line.at(near - side * 0.1 * face), line.at(far + side * 0.3 * face)]
@@ -203,7 +203,7 @@ def _arm(stages: Stages, body: str, gears: list[GearShape]) -> Iterator[Rod]:
     rims = [
         g for g in gears if g.body == joint.carried_by and g.turns_about(main) and g.radius > main.distance_to(pin[1])
     ]
-    if rims:  # the carrier is a gear itself, as the cage of a differential: the pin stands on its face
+    if rims:  # the carrier is a gear, such as the cage of a differential: the pin is on its face
         rim = main.along(np.array(rims[0].centre))
         foot = pin[1] + (rim + math.copysign(rims[0].face / 2, height - rim) - height) * main.direction
     elif np.linalg.norm(np.cross(line.direction, main.direction)) > PARALLEL:
@@ -215,7 +215,7 @@ def _arm(stages: Stages, body: str, gears: list[GearShape]) -> Iterator[Rod]:
 
 
 def _arm_side(stages: Stages, gears: list[GearShape], own: list[GearShape], line: Line, main: Line) -> float:
-    """Return on which side of its gears a planet is held: away from where a sun's shaft goes on to other stages."""
+    """Return the side on which a planet is held, opposite to where a sun's shaft continues to other stages."""
     here = main.along(np.array(own[0].centre))
     mates = {
         stages.mechanism.bodies[link]
@@ -231,7 +231,7 @@ def _arm_side(stages: Stages, gears: list[GearShape], own: list[GearShape], line
 
 
 def _web(stages: Stages, gear: GearShape, arms: list[Rod]) -> Iterator[Rod]:
-    """Yield the web between the rim of a turning ring gear and its axis, on the side away from the carrier."""
+    """Yield the web between the rim of a rotating ring gear and its axis, on the side opposite the carrier."""
     if not gear.internal or gear.body == stages.mechanism.frame:
         return
     line = _line_of(stages, gear)
@@ -250,14 +250,14 @@ def _web(stages: Stages, gear: GearShape, arms: list[Rod]) -> Iterator[Rod]:
 
 
 def _shafts(stages: Stages, gears: list[GearShape], rods: list[Rod]) -> Iterator[Rod]:
-    """Yield the shaft of each body on its axis; the first and the last one on an axis reach beyond all gears."""
+    """Yield the shaft of each body on its axis; the first and last on an axis extend beyond all gears."""
     for name, line in stages.lines.items():
         on_line = [body for body, joint in stages.mechanism.joints.items() if joint.axis == name]
         places = {body: _places_on(line, body, gears, rods) for body in on_line}
         on_line = [body for body in on_line if places[body]]
         for body in on_line:
             if stages.mechanism.joints[body].carried_by != stages.mechanism.frame:
-                continue  # a planet turns on its pin
+                continue  # a planet rotates on its pin
             own = [gear for gear in gears if gear.body == body and gear.turns_about(line)]
             smallest = min((gear.radius for gear in own if not gear.internal), default=0.0)
             face = min((gear.face for gear in own), default=usual_face(gears))
@@ -278,7 +278,7 @@ def usual_face(gears: list[GearShape]) -> float:
 
 
 def _places_on(line: Line, body: str, gears: list[GearShape], rods: list[Rod]) -> list[float]:
-    """Return where along an axis a body has gears, arms and webs."""
+    """Return the positions of a body's gears, arms and webs along an axis."""
     points = [
         gear.centre for gear in gears if gear.body == body and gear.turns_about(line) and not _is_ring(gear, line)
     ]
@@ -297,7 +297,7 @@ def _line_of(stages: Stages, gear: GearShape) -> Line:
 
 
 def bearing_shapes(stages: Stages, gears: list[GearShape], rods: list[Rod]) -> Iterator[BearingShape]:
-    """Yield the bearings, each copy of them between its rings; without positions they share their shaft."""
+    """Yield the bearings, each copy between its rings; without positions they are spread along their shaft."""
     spans: dict[tuple[str, float, float], list[partial[BearingShape]]] = {}
     for bearing in stages.gearbox.bearings:
         for inner, outer in _rings(stages, bearing):
@@ -324,7 +324,7 @@ def _rings(stages: Stages, bearing: Bearing) -> list[tuple[str, str]]:
 
 
 def _span(stages: Stages, bodies: list[str], axis: str, gears: list[GearShape], rods: list[Rod]) -> tuple[float, float]:
-    """Return between which places along an axis the bearings of two bodies stand, the first of them at one end."""
+    """Return the range along an axis for the bearings of two bodies, the first of which is at one end."""
     line = stages.lines[axis]
     joints, frame = stages.mechanism.joints, stages.mechanism.frame
     planet = next((body for body in bodies if body in joints and joints[body].carried_by != frame), None)

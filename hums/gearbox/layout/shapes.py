@@ -1,4 +1,4 @@
-"""What a drawing of a gearbox holds: gears, rods, bearings, meshes and axes in space."""
+"""Contents of a drawing of a gearbox: gears, rods, bearings, meshes and axes in space."""
 
 import math
 from dataclasses import dataclass, field
@@ -15,7 +15,7 @@ PARALLEL = 1e-9
 
 @dataclass
 class Line:
-    """An axis in space while it is placed: the point whose coordinate along the axis is 0, and what is taken of it."""
+    """An axis in space during placement: the origin of its coordinate, and its occupied parts."""
 
     name: str
     direction: Array
@@ -25,32 +25,32 @@ class Line:
     taken: list[tuple[float, float]] = field(default_factory=list)
 
     def at(self, place: float) -> Array:
-        """Return the point with this coordinate along the line."""
-        assert self.origin is not None  # noqa: S101  - only placed lines are asked
+        """Return the point at a coordinate along the line."""
+        assert self.origin is not None  # noqa: S101  - only called for placed lines
         return np.asarray(self.origin + place * self.direction)
 
     @property
     def end(self) -> float:
-        """Where what is taken of the line ends."""
+        """End of the occupied part of the line."""
         return max((high for _, high in self.taken), default=0.0)
 
     @property
     def start(self) -> float:
-        """Where what is taken of the line begins."""
+        """Start of the occupied part of the line."""
         return min((low for low, _ in self.taken), default=0.0)
 
     def along(self, point: Array) -> float:
-        """Return where along the line a point is."""
-        assert self.origin is not None  # noqa: S101  - only placed lines are asked
+        """Return the coordinate of a point along the line."""
+        assert self.origin is not None  # noqa: S101  - only called for placed lines
         return float((point - self.origin) @ self.direction)
 
     def distance_to(self, point: Array) -> float:
-        """Return how far from the line a point is."""
+        """Return the distance of a point from the line."""
         return float(np.linalg.norm(np.cross(point - self.at(0.0), self.direction)))
 
 
 def transverse_axes(direction: Vector, normal: Vector) -> tuple[Vector, Vector]:
-    """Return two unit vectors across a direction; the first is in the plane with this normal, where it holds both."""
+    """Return two unit vectors normal to a direction, the first in the plane with this normal, if that holds both."""
     first = np.cross(normal, direction)
     if np.linalg.norm(first) < PARALLEL:
         first = np.cross((0.0, 0.0, 1.0) if abs(direction[2]) < 0.9 else (1.0, 0.0, 0.0), direction)  # noqa: PLR2004
@@ -60,14 +60,14 @@ def transverse_axes(direction: Vector, normal: Vector) -> tuple[Vector, Vector]:
 
 
 def nearest_place(line: Line, other: Line) -> float:
-    """Return where along a line another one that is not parallel passes it nearest."""
+    """Return the coordinate along a line of its closest point to another, non-parallel line."""
     between = other.at(0.0) - line.at(0.0)
     cosine = float(line.direction @ other.direction)
     return float((line.direction - cosine * other.direction) @ between) / (1 - cosine**2)
 
 
 def corner(one: Array, other: Array, axis: Array, *, distances: tuple[float, float]) -> Array | None:
-    """Return the corner of a triangle at these distances from two points, seen along an axis; None where it is open."""
+    """Return the corner of a triangle at these distances from two points, viewed along an axis; None without one."""
     between = other - one - ((other - one) @ axis) * axis
     gap, (first, second) = float(np.linalg.norm(between)), distances
     if not abs(first - second) < gap < first + second:
@@ -83,13 +83,13 @@ def rotated(vector: Array, about: Array, angle: float) -> Array:
 
 
 def orthogonal(direction: Array) -> Array:
-    """Return a unit vector across a direction."""
+    """Return a unit vector normal to a direction."""
     normal = np.cross(direction, np.eye(3)[int(np.argmin(np.abs(direction)))])
     return np.asarray(normal / np.linalg.norm(normal))
 
 
 def vector(values: Array | Vector) -> Vector:
-    """Return three numbers as plain ones, free of rounding and of negative zeros."""
+    """Return three numbers as floats, without rounding errors and negative zeros."""
     x, y, z = (float(round(value, 12)) + 0.0 for value in values)
     return (x, y, z)
 
@@ -178,7 +178,7 @@ class MeshPoint:
 
 @dataclass(frozen=True, kw_only=True)
 class TurningPair:
-    """The axis of a body: a point of it, its direction, and the body that carries it."""
+    """Axis of a body: a point on it, its direction, and the body that carries it."""
 
     body: str
     carried_by: str
@@ -194,13 +194,13 @@ class Layout:
     ----------
     gears, rods, bearings, meshes, pairs : tuples of shapes
     unit : str
-        Unit of lengths: "mm", or "modules" where no module is declared.
+        Unit of lengths: "mm", or "modules" if no module is declared.
     across, up : vector of 3
-        Directions to the right and upwards of the section; all axes lie in this plane where they share one.
+        Right and up directions of the section, a plane that contains all axes if there is one.
     planar : bool
         Whether all axes are parallel.
     notes : tuple of str
-        What is not to scale, in sentences.
+        Sentences on what is not to scale.
 
     Examples
     --------
@@ -229,5 +229,5 @@ class Layout:
 
     @property
     def axial(self) -> tuple[Vector, Vector]:
-        """Directions to the right and upwards of the view along the axes."""
+        """Right and up directions of the view along the axes."""
         return transverse_axes(self.pairs[0].direction, self.normal)

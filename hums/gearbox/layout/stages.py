@@ -1,4 +1,4 @@
-"""Axes and contacts of a gearbox with their dimensions, before and while they are placed."""
+"""Axes and contacts of a gearbox with their dimensions, before and during placement."""
 
 import math
 from dataclasses import dataclass
@@ -24,17 +24,17 @@ class Pair:
 
     @property
     def rolling(self) -> bool:
-        """Whether pitch circles or cones touch: not for belts and crossed axes."""
+        """Whether pitch circles or cones touch, unlike those of belts and crossed axes."""
         return self.mesh.kind is None
 
     def key(self, which: int) -> tuple[str, int, str, str]:
-        """Return what a gear is known by, also one of two meshes: link, teeth, line, and of a ring the stage."""
+        """Return the identity of a gear across meshes: link, teeth, line, and for a ring the stage."""
         link, teeth = self.contact.gears[which]
         return (link, teeth, self.lines[which], self.contact.carrier if teeth < 0 and self.parallel else "")
 
 
 class Stages:
-    """The lines and contacts of a gearbox; lines and `places` are filled while they are placed."""
+    """The lines and contacts of a gearbox; placement fills the lines and `places`."""
 
     def __init__(self, mechanism: Mechanism) -> None:
         self.mechanism = mechanism
@@ -71,21 +71,21 @@ class Stages:
                 if axis.through is not None and axis.copies is None:
                     line.origin = np.array(axis.through)
                 lines[name] = line
-        for name, line in lines.items():  # bevel planets are turned about their carrier's axis
+        for name, line in lines.items():  # bevel planets are rotated about their carrier's axis
             about = self._carrier_axis(name)
             if about is not None and line.angle_rad:
                 line.direction = rotated(line.direction, lines[about].direction, line.angle_rad)
         return lines
 
     def _carrier_axis(self, line: str) -> str | None:
-        """Return the axis about which the body turns that carries a line."""
+        """Return the axis about which the carrier of a line rotates."""
         for joint in self.mechanism.joints.values():
             if joint.axis == line and joint.carried_by in self.mechanism.joints:
                 return self.mechanism.joints[joint.carried_by].axis
         return None
 
     def _modules(self) -> dict[str, float]:
-        """Return the module of each mesh: declared, else that of a mesh with a gear in common, else a usual one."""
+        """Return the module of each mesh: declared, else that of a mesh that shares a gear, else a typical one."""
         cosines = {name: math.cos(math.radians(mesh.helix_angle_deg or 0)) for name, mesh in self.meshes.items()}
         found = {name: mesh.module_mm / cosines[name] for name, mesh in self.meshes.items() if mesh.module_mm}
         usual = median(found.values()) if found else 1.0
@@ -108,15 +108,15 @@ class Stages:
         return Pair(number, contact, self.meshes[contact.mesh], lines, parallel, module)
 
     def face(self, pair: Pair) -> float:
-        """Return the face width of a contact, at most a third of its largest diameter where it is not declared."""
+        """Return the face width of a contact, if undeclared at most a third of its largest diameter."""
         if pair.mesh.face_width_mm and self.any_module:
             return pair.mesh.face_width_mm
         largest = max(abs(teeth) for _, teeth in pair.contact.gears)
-        # ten is the face width over the module where none is declared: usual for spur gears
+        # ten times the module is a typical face width of spur gears
         return min(10.0, largest / 3) * pair.module
 
     def signs(self, pair: Pair) -> int:
-        """Return +1 for two external gears on parallel axes, -1 where one of them is internal."""
+        """Return +1 for two external gears on parallel axes, -1 if one of them is internal."""
         one, two = (teeth for _, teeth in pair.contact.gears)
         along = float(self.lines[pair.lines[0]].direction @ self.lines[pair.lines[1]].direction)
         return 1 if one * two * along > 0 else -1
@@ -135,7 +135,7 @@ class Stages:
         return (one + two if sign > 0 else abs(one - two)) + moved
 
     def crossed_radii(self, pair: Pair) -> tuple[float, float]:
-        """Return the radii of gears on crossed axes: a worm is as thick as is usual."""
+        """Return the radii of gears on crossed axes, with a typical radius for a worm."""
         one, two = (abs(teeth) * pair.module / 2 for _, teeth in pair.contact.gears)
         least = 0.35 * max(one, two)  # radius of a worm over that of its wheel, which its starts do not give
         return max(one, least), max(two, least)
@@ -143,7 +143,7 @@ class Stages:
     def cones(self, pair: Pair) -> tuple[Array, tuple[float, float], float]:
         """Return the common element of two pitch cones, their signed angles, and the outer cone distance.
 
-        The relative rotation is about the element: along ``z2 a1 + z1 a2`` for ``z1 w1 + z2 w2 = 0``.
+        The relative rotation is about the element, along ``z2 a1 + z1 a2`` for ``z1 w1 + z2 w2 = 0``.
         """
         (_, one), (_, two) = pair.contact.gears
         axes = [self.lines[name].direction for name in pair.lines]
@@ -153,5 +153,5 @@ class Stages:
         return element, (first, second), abs(one) * pair.module / 2 / math.sin(first)
 
     def transverse(self, line: Line) -> tuple[Vector, Vector]:
-        """Return two unit vectors across a line."""
+        """Return two unit vectors normal to a line."""
         return transverse_axes(vector(line.direction), vector(self.normal))

@@ -87,7 +87,7 @@ def test_a_torque_that_starts_nothing_gets_a_sentence():
 
 
 def test_text_in_place_of_a_file_gets_a_sentence():
-    with pytest.raises(SceneError, match=r"is text, not the name of a file; .*tomllib\.loads and give from_mapping"):
+    with pytest.raises(SceneError, match=r"is text, not a file name; .*tomllib\.loads to from_mapping"):
         Scene.from_toml(load_scene("demo").to_toml())
 
 

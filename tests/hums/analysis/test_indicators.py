@@ -278,12 +278,12 @@ def test_planets_unevenly_spaced():
 
 def test_planets_that_do_not_fit_where_they_are_drawn():
     # (27 + 99) / 4 is not whole: of four even planets two stand half a tooth off, 360 / 252 degrees
-    with pytest.warns(GearboxWarning, match="cannot be spaced evenly"):
+    with pytest.warns(GearboxWarning, match="cannot be evenly spaced"):
         four = spaced(4)
     analysis = analyze(planetary_record(seconds=20), four, settings=BARE)
     for component, indicator in (("carrier", "carrier_sideband_ratio"), ("planet-ring/planet 1", "fm4")):
         assert (
-            "one is 1.4 degrees off. Give the true ones with spacing_deg"
+            "one is 1.4 degrees off. Give the true positions with spacing_deg"
             in value(analysis, component, indicator).withheld
         )
 

@@ -135,8 +135,8 @@ def changed(pair, which, i, j, value):
         (changed(NELSON, 0, 0, 2, np.nan), {}, "not finite"),
         (changed(NELSON, 1, 0, 3, 2), {}, "the same whole number"),
         (changed(NELSON, 0, 1, 2, entry(25, 0.3)), {}, "correct the pitch angles"),
-        (NELSON, {"frame": 4}, "no index of 4 links"),
-        (NELSON, {"frame": "5"}, 'frame = "5" is no link'),
+        (NELSON, {"frame": 4}, "not an index of 4 links"),
+        (NELSON, {"frame": "5"}, 'frame = "5" is not a link'),
         (NELSON, {"names": ["a", "b"]}, "2 names are given for 4 links"),
     ],
 )

@@ -169,7 +169,7 @@ def test_the_spread_of_a_designation_reaches_every_published_bearing():
 
 def test_a_designation_with_unlike_numbers_of_balls_is_not_guessed():
     with pytest.raises(
-        GearboxError, match=r'bearing = "6203" is made in several ways.*"SKF 6203-2RS JEM", "6203 \(Pader.*"TPI 6203"'
+        GearboxError, match=r'bearing = "6203" has several geometries.*"SKF 6203-2RS JEM", "6203 \(Pader.*"TPI 6203"'
     ):
         gearbox(bearing="6203")
 

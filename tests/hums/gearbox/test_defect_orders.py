@@ -401,8 +401,8 @@ class TestReference:
     @pytest.mark.parametrize(
         ("changes", "settings", "words"),
         [
-            ({}, {"reference": "car", "speeds": TURNING}, "does not turn"),
-            ({}, {"speeds": {"left wheel": 1, "right wheel": -1}}, '"cage" does not turn'),
+            ({}, {"reference": "car", "speeds": TURNING}, "does not rotate"),
+            ({}, {"speeds": {"left wheel": 1, "right wheel": -1}}, '"cage" does not rotate'),
             ({}, {"reference": "cge", "speeds": TURNING}, 'no link "cge"; did you mean "cage"'),
             ({}, {}, "2 degrees of freedom"),
             ({}, {"speeds": TURNING | {"cage": 29}}, "contradict"),

@@ -155,12 +155,15 @@ class TestSpeeds:
     @pytest.mark.parametrize(
         ("speeds", "words"),
         [
-            ({"left wheel": 1}, r"has 2 degrees of freedom; .* \(left wheel\) leave 1 degree open. Give the"),
-            ({}, "leave 2 degrees open"),
-            (CORNER | {"drive shaft": F(-141)}, 'make "drive shaft" turn at -140, but it is given as -141'),
-            ({"car": 1, "cage": 1, "left wheel": 1}, "contradict"),  # the frame does not turn
+            (
+                {"left wheel": 1},
+                r"has 2 degrees of freedom; .* \(left wheel\) leave 1 degree undetermined. Also give the",
+            ),
+            ({}, "leave 2 degrees undetermined"),
+            (CORNER | {"drive shaft": F(-141)}, 'imply -140 for "drive shaft", but it is given as -141'),
+            ({"car": 1, "cage": 1, "left wheel": 1}, "contradict"),  # the frame does not rotate
             ({"cag": 1}, 'no link "cag"; did you mean "cage"'),
-            ({"upper pinion": 1, "cage": 1}, "relative to its carrier, or use vectors"),
+            ({"upper pinion": 1, "cage": 1}, "relative to the carrier, or vectors"),
             *(({"cage": bad}, r'"cage" = .* is not a finite number') for bad in (math.nan, math.inf, True, "3", None)),
         ],
     )
@@ -200,20 +203,20 @@ HELD = planetary(rigid=[["housing", "ring"]])
             pair(40, 40, axes={n: {"links": ["h", n], "direction": [x, 0, 0]} for n, x in (("a", 1), ("b", -1))}),
             "has no room for",
         ),
-        (planetary(sun=60, planet=20, ring=50), "between a sun of 60 and a ring of 50 teeth is no room for any"),
+        (planetary(sun=60, planet=20, ring=50), "no room for planets between a sun of 60 and a ring of 50 teeth"),
         (
             pair(20, 41, bearing=[{"name": "c", "inner_ring": "a", "outer_ring": "b", "bearing": "SKF 6205-2RS JEM"}]),
-            'inner_ring = "a" turns on a and outer_ring = "b" on b, so no line',
+            'inner_ring = "a" is on a and outer_ring = "b" on b, which are not coaxial',
         ),
         (
             HELD
             | {"axes": {"1": ["housing", "sun", "ring", "carrier"], "2": ["carrier", "arm"], "3": ["arm", "planet"]}},
-            r'"sun-planet": no link carries both gears.*sun turns on .*, planet on \{arm\}.*carrier = "',
+            r'"sun-planet": no link carries both gears.*sun is coaxial with .*, planet with \{arm\}.*carrier = "',
         ),
         # either arm could carry the mesh of a with b
         (
             pair(20, 41, axes={"main": ["h", "arm", "a", "b"]}),
-            r'mesh "a-b": both gears turn about one line .* each of \{arm, h\}',
+            r'mesh "a-b": both gears are on the same axis .* each of \{arm, h\}',
         ),
         (
             HELD | {"mesh": [{"teeth": {"sun": 27, "planet": 36}, "carrier": "housing"}]},

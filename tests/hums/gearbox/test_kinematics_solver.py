@@ -47,7 +47,7 @@ class TestFixedAndConstrained:
 
     def test_contradiction_names_only_those_that_fight(self):
         # planets 1 and 2 contradict each other; the carrier has no part in it
-        with pytest.raises(GearboxError, match=r'"planet 1" = -2 make "planet 2" turn at -2, but it is given as -3'):
+        with pytest.raises(GearboxError, match=r'"planet 1" = -2 imply -2 for "planet 2", but it is given as -3'):
             solved().rates({"carrier": 1.0, "planet 1": -2.0, "planet 2": -3.0})
 
     def test_floats_may_agree_to_rounding(self):
@@ -86,7 +86,7 @@ class TestAxesThatMesh:
 
     def test_axes_that_pass_each_other(self):
         with pytest.raises(
-            GearboxError, match=r'mesh "a-b": its axes neither meet nor are parallel \(they pass at 50\)'
+            GearboxError, match=r'mesh "a-b": its axes neither intersect nor are parallel \(they are 50 apart\)'
         ):
             solved(pair(two={"through": [0, 0, 50]}))
 
@@ -114,7 +114,7 @@ class TestAxesThatMesh:
         table = pair(two={"direction": [1, 0, 0]})
         table["axes"] |= {"three": ["h", "c"], "four": ["h", "d"]}
         table["mesh"].append({"teeth": {"c": 20, "d": 30}})
-        with pytest.raises(GearboxError, match=r"2 mechanisms that share nothing but the frame \(a, b; and c, d\)"):
+        with pytest.raises(GearboxError, match=r"2 mechanisms that share only the frame \(a, b; and c, d\)"):
             solved(table)
 
 
@@ -122,7 +122,7 @@ class TestBearingsInOneBody:
     @pytest.mark.parametrize(
         ("inner", "outer", "words"),
         [
-            ("ring", "housing", '"ring" and outer_ring = "housing" are rigid with each other, so it cannot turn'),
+            ("ring", "housing", '"ring" and outer_ring = "housing" are rigid with each other, so it cannot rotate'),
             ("pin", "carrier", '"pin" and outer_ring = "carrier" are rigid with each other'),
         ],
     )
@@ -175,8 +175,8 @@ class TestPlanetsThatDoNotFit:
             Gearbox.from_mapping(self.coaxial(21, 39, 99, copies=copies))
         (warning,) = caught
         assert str(warning.message) == (
-            'planets "planet": sun and ring turn about one axis and both mesh with planet by outer teeth, but '
-            "21 + 39 = 60 is not 99 + 39 = 138: inner teeth have a minus, did you mean ring = -99?"
+            'planets "planet": sun and ring are coaxial and both mesh with planet by external teeth, but '
+            "21 + 39 = 60 is not 99 + 39 = 138: internal teeth are negative, did you mean ring = -99?"
         )
 
     def test_a_small_difference_is_no_forgotten_minus(self):

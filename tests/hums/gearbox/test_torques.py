@@ -691,7 +691,7 @@ class TestBearingLoads:
         [
             ({"held": [bearings("s0", 0)]}, r'"s0" runs in 1 bearing \("s0 1"\); .* indeterminate'),
             ({"held": [bearings("s0", 0, 50, 100)]}, r'"s0" runs in 3 bearings \(.*"s0 3"\); .* indeterminate'),
-            ({"held": [bearings("s0", 50, 50)]}, r'"s0 1", "s0 2" sit in one place, position_mm = 50: indeterminate'),
+            ({"held": [bearings("s0", 50, 50)]}, r'"s0 1", "s0 2" have the same position_mm = 50: indeterminate'),
             (
                 {"held": [bearings("s0", 0, 1) | {"position_mm": None}]},
                 r'position_mm of "s0 1", "s0 2" is not declared',
@@ -699,15 +699,15 @@ class TestBearingLoads:
             ({"held": [bearings("s0", 0, 1, outer_ring="s2")]}, r'neither of its rings \("s0", "s2"\) is at rest'),
             (
                 {"held": [bearings("s0", 0), bearings("s0", 5, names=["pilot"], outer_ring="s2")]},
-                r'"s0" also runs in a bearing on a shaft that turns \("s0 1", "pilot"\): indeterminate',
+                r'"s0" also runs in a bearing on a rotating shaft \("s0 1", "pilot"\): indeterminate',
             ),
             ({"position_mm": None}, 'mesh "s0-s1": position_mm is not declared'),
             ({"module_mm": None}, 'mesh "s0-s1": a force needs module_mm'),
             ({"kind": "belt"}, 'mesh "s0-s1": a force needs'),
             ({"helix_angle_deg": 15}, 'mesh "s0-s1": the hand of its helix is not declared'),
-            ({"module_mm": 2.01}, 'axes "axis 0", "axis 1" lie 70 mm apart, but its teeth need 70.35 mm'),
-            ({"through": ((0, 0, 0), None)}, 'axis "axis 1": through is not declared; add a point of it in mm'),
-            ({"more": {"teeth": {"s0": 17}, "carrier": "h"}}, 'mesh "s0-unknown" has a mate that is not declared'),
+            ({"module_mm": 2.01}, 'axes "axis 0", "axis 1" are 70 mm apart, but its teeth need 70.35 mm'),
+            ({"through": ((0, 0, 0), None)}, 'axis "axis 1": through is not declared; add a point on it in mm'),
+            ({"more": {"teeth": {"s0": 17}, "carrier": "h"}}, 'mesh "s0-unknown" has an undeclared mate'),
             ({"more": placed()["mesh"][0] | {"name": "beside"}}, 'the load of mesh "s0-s1" is indeterminate'),
         ],
     )
@@ -720,7 +720,7 @@ class TestBearingLoads:
         assert re.search(words, found.status)
         assert np.isnan([*found.radial_n, found.axial_n]).all()
 
-    @pytest.mark.parametrize(("takes", "words"), [([], "takes_axial names neither"), ([1, 2], "both take it")])
+    @pytest.mark.parametrize(("takes", "words"), [([], "takes_axial names neither"), ([1, 2], "both do")])
     def test_without_one_bearing_for_the_thrust_the_radial_loads_stand(self, takes, words):
         apart = 70 / math.cos(math.radians(15))
         mesh = {"helix_angle_deg": 15, "hand": "left", "through": ((0, 0, 0), (0, 0, apart))}
@@ -735,7 +735,7 @@ class TestBearingLoads:
         table = placed()
         table["axes"]["axis 1"] |= {"copies": 2}
         status = [load.status for load in loads(table, {"s0": 40, "s1 1": None, "s1 2": -50}).values()]
-        assert status[0] == 'axis "axis 1" stands for 2 copies, whose places are not declared'
+        assert status[0] == 'axis "axis 1" stands for 2 copies of undeclared position'
 
     def test_planets_are_not_covered(self):
         held = [bearings(link, 0, 100, outer_ring="housing") for link in ("sun", "carrier")]
@@ -753,7 +753,7 @@ WHOLE = {"sun": 1, "carrier": None}
 class TestRefusals:
     @pytest.mark.parametrize("torques", [{"s0": 4}, {"s0": 4, "s1": 0}])
     def test_nothing_takes_the_balance(self, torques):
-        with pytest.raises(TorqueError, match="nothing takes what is left") as caught:
+        with pytest.raises(TorqueError, match="no other torque balances them") as caught:
             solve_torques(solved(TRAIN), torques)
         # what it proposes works
         cure = str(caught.value).split("torques={")[1].split('"')[1]
@@ -772,7 +772,7 @@ class TestRefusals:
                 solved(DIFFERENTIAL),
                 {"planet 1": 1, "left": None, "right": None},
                 {"speeds": TestDifferential.SPEEDS},
-                'the axis of "planet 1" turns with its carrier',
+                'the axis of "planet 1" rotates with its carrier',
             ),
             (
                 solved(RING_FIXED),
@@ -784,7 +784,7 @@ class TestRefusals:
                 shipped("wolfrom"),
                 {"output ring": None, "carrier": -1, "sun": 7},
                 {"speeds": {"output ring": -4}, "mesh_efficiency": 0.3},
-                r'locks itself: .* meshes "planet-fixed ring", "small planet-output ring"',
+                r'is self-locking: .* meshes "planet-fixed ring", "small planet-output ring"',
             ),
             (
                 solved(train((20, 50), module_mm=2, pressure_angle_deg=20, profile_shift=[-2.0, 0.0])),
@@ -845,7 +845,7 @@ class TestRefusals:
             solve_torques(solved(TRAIN), {"s0": 4, "s2": None}, mesh_efficiency=bad)
 
     def test_speeds_settle_every_degree_of_freedom(self):
-        with pytest.raises(GearboxError, match="leave 1 degree open"):
+        with pytest.raises(GearboxError, match="leave 1 degree undetermined"):
             solve_torques(solved(DIFFERENTIAL), TestDifferential.TORQUES)
 
 
