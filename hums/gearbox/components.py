@@ -85,18 +85,17 @@ def united(groups: Iterable[Iterable[N]]) -> list[list[N]]:
 
 def closest(word: str, valid: set[str] | list[str]) -> str:
     """Return the end of an error message: the valid word closest to a misspelt one, else all valid words."""
-    matches = difflib.get_close_matches(word, sorted(valid), n=1)
-    if matches:
-        return f'; did you mean "{matches[0]}"?'
-    return f"; valid: {first_of(sorted(valid), 20)}"
+    return _meant(word, valid) or f"; valid: {first_of(sorted(valid), 20)}"
+
+
+def _meant(word: str, valid: Iterable[str]) -> str:
+    return "".join(f'; did you mean "{match}"?' for match in difflib.get_close_matches(word, sorted(valid), n=1))
 
 
 def refuse_unknown_keys(table: Mapping[str, Any], allowed: set[str], others: Iterable[str] = ()) -> None:
     """Refuse a key that is neither in `allowed`, which the message lists, nor in `others`."""
     for key in (key for key in table if key not in allowed.union(others)):
-        matches = difflib.get_close_matches(str(key), sorted(allowed), n=1)
-        meant = f'; did you mean "{matches[0]}"?' if matches else "."
-        keys = ", ".join(sorted(allowed))
+        meant, keys = _meant(str(key), allowed) or ".", ", ".join(sorted(allowed))
         raise ValueError(f'unknown key "{key}"{meant} Its value is {brief(table[key])}; allowed keys: {keys}')
 
 

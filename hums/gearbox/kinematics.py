@@ -29,7 +29,7 @@ from numpy.typing import NDArray
 from hums.gearbox.components import closest, count
 from hums.gearbox.mechanism import Contact, Joint, Mechanism, build_mechanism
 from hums.gearbox.model import Gearbox, GearboxError
-from hums.gearbox.rational import ONE, ZERO, Form, add_pivot, difference, evaluate, reduced
+from hums.gearbox.rational import ONE, ZERO, Form, add, add_pivot, difference, evaluate, reduced
 from signals._validation import brief, checked, is_float
 
 Rates = Form  # a linear form in the joint rates, which are named after their bodies
@@ -550,22 +550,18 @@ def _equations(
     unsolved: Kinematics, fixed: Iterable[str], constraints: Iterable[Mapping[str, float | Fraction]]
 ) -> list[tuple[str, Rates]]:
     """Return the equations ``form = 0`` in the joint rates, each with the name of its mesh or constraint."""
-    rows = []
-    for contact in unsolved.contacts:
-        if len(contact.gears) == 1:
-            continue
-        row: Rates = {}
-        for link, teeth in contact.gears:
-            for body, factor in unsolved.spin(link, seen_from=contact.carrier).items():
-                row[body] = row.get(body, ZERO) + teeth * factor
-        rows.append((f'mesh "{contact.mesh}"', {body: factor for body, factor in row.items() if factor}))
+
+    def combined(weights: Iterable[tuple[str, float | Fraction]], seen_from: str | None = None) -> Rates:
+        form: Rates = {}
+        for link, weight in weights:
+            spin = unsolved.spin(link, seen_from=seen_from)
+            add(form, {body: Fraction(weight) * factor for body, factor in spin.items()})
+        return form
+
+    pairs = (contact for contact in unsolved.contacts if len(contact.gears) > 1)
+    rows = [(f'mesh "{contact.mesh}"', combined(contact.gears, contact.carrier)) for contact in pairs]
     rows += [(f'fixed "{link}"', unsolved.spin(link)) for link in fixed]
-    for number, constraint in enumerate(constraints):
-        row = {}
-        for link, weight in constraint.items():
-            for body, factor in unsolved.spin(link).items():
-                row[body] = row.get(body, ZERO) + Fraction(weight) * factor
-        rows.append((f"constraint {number + 1}", {body: factor for body, factor in row.items() if factor}))
+    rows += [(f"constraint {number}", combined(given.items())) for number, given in enumerate(constraints, 1)]
     return rows
 
 

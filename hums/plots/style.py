@@ -4,7 +4,7 @@ from collections.abc import Mapping
 from math import log10
 from typing import Any
 
-INK, FAINT, LINE, MARK, DOUBT = "#1f2933", "#9aa5b1", "#2563a8", "#c2410c", "#b7791f"
+INK, FAINT, LINE, MARK = "#1f2933", "#9aa5b1", "#2563a8", "#c2410c"
 KIND_COLOURS = {
     "shaft": "#4b5563",
     "gear_mesh": "#2f855a",

@@ -1,6 +1,5 @@
 """Contents of another program's file: arrays, and the units, rates and times that the file states."""
 
-import difflib
 import re
 from collections.abc import Callable, Iterator, Mapping, Sequence
 from contextlib import contextmanager, suppress
@@ -192,7 +191,8 @@ class ForeignFile:
         """Return a numeric row or column as an array (n,)."""
         values = self.fields.get(self.name(name))
         if values is None:
-            raise RecordError(f'{self.path.name} has no "{name}"{_closest(name, self.fields)} {self.contents()}')
+            likely = nearest(name, list(self.fields))
+            raise RecordError(f'{self.path.name} has no "{name}".{likely} {self.contents()}')
         if isinstance(values, str):
             raise RecordError(f'{self.path.name}: "{name}" is {values}, not numbers. {self.contents()}')
         if values.size == 0:
@@ -401,8 +401,3 @@ def _listed(names: list[str]) -> str:
     most_listed = 12  # names in a message
     row = ", ".join(plain_text(name)[:60] for name in names[:most_listed])
     return f"{row} and {len(names) - most_listed} more" if len(names) > most_listed else row
-
-
-def _closest(name: str, names: Mapping[str, object]) -> str:
-    matches = difflib.get_close_matches(name, list(names), n=1)
-    return f'; did you mean "{matches[0]}"?' if matches else "."

@@ -13,10 +13,7 @@ from typing import TYPE_CHECKING, Any
 import numpy as np
 import xarray as xr
 
-from hums.records.channels import (
-    ANGLE,
-    attach_time,
-)
+from hums.records.channels import ANGLE, attach_time
 from hums.records.clock import held_times, time_scale
 from hums.records.fields import (
     ANGLE_REMEDY,

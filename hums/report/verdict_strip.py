@@ -141,24 +141,12 @@ def _unjudged_parts(every: Sequence[Mapping[str, Any]]) -> str:
 
 def _of_the_rest(part: str, verdict: str, sure: str, since: str, unjudged: str) -> dict[str, str]:
     """Return the row of the components without a finding."""
-    return {
-        "part": part,
-        "kind": "",
-        "verdict": verdict,
-        "word": verdict,
-        "style": CLASSES[verdict],
-        "sure": sure,
-        "unjudged": unjudged,
-        "line": "",
-        "nearer": "",
-        "severity": "",
-        "since": since,
-        "next": "The components table states what each verdict requires."
-        if verdict == NOT_JUDGED
-        else "Keep this analysis as the baseline for later records.",
-        "evidence": "",
-        "least_change": "",
-    }
+    step = "Keep this analysis as the baseline for later records."
+    if verdict == NOT_JUDGED:
+        step = "The components table states what each verdict requires."
+    known = {"part": part, "verdict": verdict, "word": verdict, "style": CLASSES[verdict]}
+    known |= {"sure": sure, "unjudged": unjudged, "since": since, "next": step}
+    return dict.fromkeys(("kind", "line", "nearer", "severity", "evidence", "least_change"), "") | known
 
 
 def component_styles(facts: Facts) -> dict[str, str]:

@@ -132,7 +132,7 @@ class TestAxesInSpace:
     def test_complex_refuses(self):
         kinematics = solved(self.TABLE)
         for call in (kinematics.velocity_ratios, kinematics.velocities):
-            with pytest.raises(GearboxError, match=r"or vectors\(\)"):
+            with pytest.raises(GearboxError, match=r"use vectors\(\)"):
                 call()
 
     def test_a_spider_with_pins_in_two_directions(self):

@@ -77,7 +77,7 @@ def test_keywords_take_precedence_and_what_the_file_states_is_compared(tmp_path)
     text = refusal(told, tmp_path / "a.csv", units={"DE": "V", "ND": "g"}, no_tachometer=True)
     assert 'units="V" contradict a.csv, which states "g"' in text
     assert "(--trust)" in text
-    assert 'has no "NDE"; did you mean "ND"' in refusal(told, tmp_path / "a.csv", units={"NDE": "g"})
+    assert "has no \"NDE\". Did you mean 'ND'" in refusal(told, tmp_path / "a.csv", units={"NDE": "g"})
 
 
 def test_threshold_and_hysteresis_of_a_tachometer(tmp_path):

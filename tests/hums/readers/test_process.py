@@ -62,7 +62,7 @@ def test_convert_is_the_same_there_and_here(tmp_path):
         assert reader.convert(tmp_path / "log.csv", **DECLARED).identical(
             hums.convert(tmp_path / "log.csv", **DECLARED)
         )
-        with pytest.raises(hums.RecordError, match=r'log\.csv has no "vab"; did you mean "vib"'):
+        with pytest.raises(hums.RecordError, match=r"log\.csv has no \"vab\"\. Did you mean 'vib'"):
             reader.convert(tmp_path / "log.csv", **DECLARED | {"channels": ["vab"]})
 
 

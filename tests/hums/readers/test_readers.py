@@ -132,7 +132,7 @@ def test_scale_turns_volts_into_units(mat):
 
 def test_a_channel_that_is_not_there(mat):
     text = refusal(mat, channels=["vibratoin"])
-    assert 'data.mat has no "vibratoin"; did you mean "vibration"?' in text
+    assert "data.mat has no \"vibratoin\". Did you mean 'vibration'?" in text
     assert "vibration (2000 x 1)" in text
     assert "table (2000 x 3)" in text
     assert "bearing.housing.top (" in text
@@ -233,7 +233,7 @@ def test_undeclared_rate_units_and_angle(mat):
         ({"pulses_per_rev": None}, 'the tachometer "tach" needs its pulses per revolution of "high speed"'),
         ({"tach_waveform": "wave"}, "tach_times and tach_waveform: the shaft angle has a single source"),
         ({"shaft_rpm": 1500.0}, "tach_times and shaft_rpm: the shaft angle has a single source"),
-        ({"tach_times": "tacho"}, 'did you mean "tach"?'),
+        ({"tach_times": "tacho"}, "Did you mean 'tach'?"),
         ({"tach_times": "row"}, "--tach-waveform"),
         ({"pulses_per_rev": 0}, "pulses_per_rev = 0"),
         ({"threshold": 2.0}, "threshold = 2 needs a tach_waveform"),

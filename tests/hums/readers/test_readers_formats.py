@@ -88,7 +88,7 @@ def test_a_tachometer_of_a_tdms_file(logged):
 
 
 def test_what_a_tdms_file_does_not_state(logged):
-    assert 'log.tdms has no "Log.Dev1.ai2"; did you mean "Log.Dev1.ai' in refusal(logged, channels=["Log.Dev1.ai2"])
+    assert 'log.tdms has no "Log.Dev1.ai2". Did you mean \'Log.Dev1.ai' in refusal(logged, channels=["Log.Dev1.ai2"])
     assert '"Log.notes" is text' in refusal(logged, channels=["Log.notes"])
     assert "does not state its sampling rate" in refusal(logged, channels=["Log.bare"], units="g")
     assert "--units g" in refusal(logged, channels=["Log.bare"], rate_hz=1000.0)
