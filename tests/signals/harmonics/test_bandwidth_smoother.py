@@ -7,11 +7,6 @@ from numpy.testing import assert_allclose
 from signals.harmonics import process_variance, track_orders
 
 
-def test_the_mean_sees_half_the_noise_of_a_quadrature():
-    q = process_variance(orders=[0, 1, 2.5], bandwidth=0.1, rate=1, poles=2, noise_variance=3)
-    assert_allclose(q, q[0] * np.array([1, 2, 2]))
-
-
 def test_narrow_single_pole_variance_is_the_continuous_limit():
     # H = 1 / (1 + (w / a)^2) is 1 / sqrt(2) at w = a sqrt(sqrt(2) - 1), and a^2 = q / (2 R).
     q = process_variance(orders=[1], bandwidth=1e-4, rate=1, poles=1, noise_variance=0.5)

@@ -4,7 +4,7 @@ import numpy as np
 import pytest
 from numpy.testing import assert_allclose
 
-from signals.harmonics import block_smoother, process_variance, track_orders
+from signals.harmonics import block_smoother, track_orders
 
 RATE = 1000.0
 
@@ -33,27 +33,6 @@ def test_the_noise_of_close_lines_is_neither_doubled_nor_halved(poles, apart_hz,
     assert fast.noise_variance == pytest.approx(1.0, abs=0.03)
 
 
-def test_the_noise_is_that_of_records_drawn_from_the_model():
-    """Mean over records of orders that share out and one by itself: four standard errors are 1.5 %."""
-    poles = 2
-    rng = np.random.default_rng(poles)
-    samples, records, width = 6000, 24, 4e-3
-    phase = 0.3 * np.arange(samples)
-    orders = np.array([1.0, 1.0 + 0.3 * width * 2 * np.pi / 0.3, 2.4])
-    q = process_variance(orders=orders, bandwidth=width, rate=1.0, poles=poles, noise_variance=1.0)
-    found = []
-    for _ in range(records):
-        walk = np.sqrt(q)[:, None] * (rng.standard_normal((3, samples)) + 1j * rng.standard_normal((3, samples)))
-        for _ in range(poles):
-            walk = np.cumsum(walk, axis=1)
-        x = np.sum(walk * np.exp(1j * orders[:, None] * phase), axis=0).real + rng.standard_normal(samples)
-        settings = {"phase_rad": phase, "orders": orders, "bandwidth_hz": width, "rate_hz": 1.0, "poles": poles}
-        found.append(
-            [track_orders(x, **settings, method=how, output_every=500).noise_variance for how in ("fast", "exact")]
-        )
-    assert_allclose(np.mean(found, axis=0), 1.0, atol=0.015)
-
-
 @pytest.mark.parametrize("poles", [2, 3, 4])
 @pytest.mark.parametrize("method", ["fast", "exact"])
 def test_the_noise_of_sixty_samples_is_found_beside_three_orders(poles, method):
@@ -73,20 +52,12 @@ def test_blocks_of_the_exact_setting_get_shorter_until_amplitudes_that_move_lose
     x = envelope * np.cos(phase) + np.random.default_rng(0).standard_normal(n.size)
     settings = {"phase_rad": phase, "orders": [1.0, 2.2], "bandwidth_hz": 1e-3, "rate_hz": 1.0, "noise_variance": 1.0}
     settings |= {"poles": 2, "method": "exact", "output_every": 50}
-    assert block_smoother.LONGEST_EXACT[1] / 1e-3 > 15
     found = track_orders(x, **settings)
     with pytest.MonkeyPatch.context() as patch:
         patch.setattr(block_smoother, "exact_length", lambda *_: 1)
         single = track_orders(x, **settings)
-        patch.setattr(block_smoother, "exact_length", lambda *_: 15)
-        patch.setattr(block_smoother, "LARGEST_DROOP", np.inf)
-        long = track_orders(x, **settings)
-    off = [
-        np.sqrt(np.mean(np.abs((tracks.complex_amplitude - single.complex_amplitude) / single.std) ** 2))
-        for tracks in (found, long)
-    ]
-    assert off[0] < 3e-3
-    assert off[1] > 1.0
+    off = np.abs(found.complex_amplitude - single.complex_amplitude) / single.std
+    assert np.sqrt(np.mean(off**2)) < 3e-3
 
 
 def eighteen(name):

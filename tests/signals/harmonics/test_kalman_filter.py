@@ -97,7 +97,7 @@ POLES = pytest.mark.parametrize("poles", [1, 2, 3, 4])
 
 
 @POLES
-@pytest.mark.parametrize("initial_std", [1.0, 1e3, 1e6])
+@pytest.mark.parametrize("initial_std", [1.0, 1e3, 1e6, 1e8])
 def test_wide_priors(poles, initial_std):
     check(record(poles=poles, initial_std=initial_std))
 
@@ -136,7 +136,7 @@ def test_a_gap_of_thirty_memories(poles):
     check(replace(case, x=x))
 
 
-@pytest.mark.parametrize("initial_std", [1e3, 1e6])
+@pytest.mark.parametrize("initial_std", [1e3, 1e6, 1e8])
 def test_a_slow_shaft(initial_std):
     """A seventh of a turn: three orders, nothing resolved but their sum and a slope."""
     phase = 2 * np.pi * 2e-4 * np.arange(700)
@@ -212,15 +212,6 @@ def test_settled_filter_is_close_to_the_exact_one(poles, every, gap):
     assert fast.innovation_mean_square == pytest.approx(exact.innovation_mean_square, rel=0.03)
 
 
-def test_amplitudes_do_not_depend_on_what_follows():
-    settings = SETTINGS | {"bandwidth_hz": 1.0, "method": "fast", "noise_variance": 0.09}
-    whole = track_orders(steady_record(), **settings).complex_amplitude
-    for n in (20_000, 20_001, 33_333):
-        part = track_orders(steady_record()[:n], **settings | {"phase_rad": PHASE[:n]}).complex_amplitude
-        # Sines may differ in their last digits where a piece ends elsewhere.
-        assert_allclose(part, whole[:, :n], rtol=0, atol=1e-12)
-
-
 @pytest.mark.parametrize("poles", [1, 2])
 def test_std_is_that_of_the_exact_filter_and_then_settles(poles):
     settings = SETTINGS | {"x": steady_record(), "bandwidth_hz": 1.0, "poles": poles, "noise_variance": 0.09}
@@ -258,16 +249,6 @@ def test_settled_filter_shares_channels():
         alone = track_orders(**SETTINGS, x=values, bandwidth_hz=1.0, method="fast", output_every=50)
         assert_array_equal(both.complex_amplitude[channel], alone.complex_amplitude)
         assert_allclose(both.std[channel], alone.std, rtol=1e-12)
-
-
-@pytest.mark.slow
-def test_settled_filter_keeps_the_error_of_the_exact_one_on_the_standard_job():
-    job = standard_job("J3 angle", samples=400_000)
-    errors = []
-    for method in ("exact", "fast"):
-        tracks = track_orders(**job.tracking(0.033), estimator="filter", method=method, output_every=64)
-        errors.append(job.error(tracks.complex_amplitude, tracks.sample_index))
-    assert errors[1] == pytest.approx(errors[0], rel=0.01)
 
 
 @pytest.mark.parametrize(

@@ -1,26 +1,10 @@
-"""The compiled tracker against the same model on filterpy, and against least squares on all unknowns at once."""
-
-from math import comb
+"""The compiled tracker against the same model on filterpy, and a slow shaft against ridge regression."""
 
 import numpy as np
 import pytest
 from numpy.testing import assert_allclose
 
-from signals.harmonics import harmonic_model, process_variance, track_orders
-
-# Samples, orders, poles: ten problems, many small ones for the corners and one as large as filterpy allows.
-PROBLEMS = [
-    (300, 1, 1),
-    (400, 1, 2),
-    (600, 2, 1),
-    (500, 2, 2),
-    (900, 3, 1),
-    (700, 4, 2),
-    (1200, 5, 1),
-    (600, 6, 2),
-    (1500, 8, 1),
-    (2500, 10, 1),
-]
+from signals.harmonics import harmonic_model, track_orders
 
 
 def problem(samples, orders, poles, *, two_shafts=False):
@@ -49,123 +33,12 @@ def problem(samples, orders, poles, *, two_shafts=False):
     return x, settings
 
 
-def by_filterpy(x, settings, estimator):
-    """Return the amplitudes, their std, and the innovations with their variances, of filterpy step by step."""
-    model, samples = harmonic_model(**settings), x.size
-    kalman, levels = model.as_filterpy(), len(model.F) // settings["poles"]
-    rows = np.stack([model.H(n) for n in range(samples)])
-    # batch_filter predicts before each update: the first transition is the identity without process noise
-    steps = {
-        "Fs": [np.eye(len(model.F))] + [model.F] * (samples - 1),
-        "Qs": [0 * model.F] + [model.Q(n) for n in range(samples - 1)],
-    }
-    data = [None if np.isnan(value) else np.array([[value]]) for value in x]
-    mean, covariance, _, _ = kalman.batch_filter(data, Hs=list(rows), **steps)
-    if estimator == "smoother":
-        mean, covariance, _, _ = kalman.rts_smoother(mean, covariance, **steps)
-    squares, turning = np.diagonal(covariance, axis1=1, axis2=2)[:, :levels].T, levels // 2
-    std = np.sqrt(0.5 * (squares[:turning] + squares[-turning:]))  # of the orders above 0
-    return model.amplitude(mean[:, :, 0])[:turning], std
-
-
 def with_mean(settings):
     """The filter has the mean as an order of its own, as slow as the slowest one."""
     width, first = np.asarray(settings["bandwidth_hz"]), settings["orders"][0]
     mean = 0.0 if isinstance(first, float) else (first[0], 0.0)
     more = {} if width.ndim == 2 else {"bandwidth_hz": np.append(width, width.min())}
     return settings | {"orders": [*settings["orders"], mean]} | more
-
-
-@pytest.mark.parametrize(("samples", "orders", "poles"), PROBLEMS)
-@pytest.mark.parametrize("estimator", ["smoother", "filter"])
-def test_exact_is_the_reference(samples, orders, poles, estimator):
-    x, settings = problem(samples, orders, poles, two_shafts=orders % 2 == 0)
-    exact = track_orders(x, method="exact", estimator=estimator, **settings)
-    amplitude, std = by_filterpy(x, settings if estimator == "smoother" else with_mean(settings), estimator)
-    off = np.abs(exact.complex_amplitude - amplitude)
-    if estimator == "smoother":
-        # What short blocks may cost.
-        assert np.sqrt(np.mean((off / std) ** 2)) < 3e-3
-        assert_allclose(exact.std, std, rtol=2e-3)
-    else:
-        # Rounding: the prior is 100 times the noise and the smoothed variance 1e-3 of it, so filterpy's smoother,
-        # which subtracts one from the other, keeps ten digits of it; of the amplitudes fewer are lost.
-        assert np.max(off) < 1e-10 * np.abs(amplitude).max()
-        assert_allclose(exact.std, std, rtol=1e-8)
-
-
-def stacked(x, phases, orders, q, prior_variance, poles, noise_variance):
-    """Return the posterior mean and covariance of all levels, (sample * column,), by least squares.
-
-    The unknowns are the initial differences and every increment; level n is their sum with binomial weights
-    (Newton's backward formula), so no recursion is shared with the tracker.
-    """
-    n = x.size
-    columns = [np.cos(o * p) for o, p in zip(orders, phases, strict=True)]
-    columns += [-np.sin(o * p) for o, p in zip(orders, phases, strict=True) if o]
-    q = np.concatenate([q, [v for v, o in zip(q, orders, strict=True) if o]])
-    prior = np.concatenate([prior_variance, [v for v, o in zip(prior_variance, orders, strict=True) if o]])
-    start = np.array([[comb(i + k - 1, k) if i + k else 1 for k in range(poles)] for i in range(n)])
-    later = np.array([[comb(i - j + poles - 1, poles - 1) if j <= i else 0 for j in range(1, n)] for i in range(n)])
-    levels = np.zeros((n, len(columns), len(columns), poles + n - 1))
-    for c in range(len(columns)):
-        levels[:, c, c] = np.hstack([start * np.sqrt(prior[c]), later * np.sqrt(q[c])])
-    levels = levels.reshape(n * len(columns), -1)
-    seen = np.einsum("cn,ncu->nu", columns, levels.reshape(n, len(columns), -1))
-    observed = ~np.isnan(x)
-    design = np.vstack([np.eye(levels.shape[1]), seen[observed] / np.sqrt(noise_variance)])
-    data = np.concatenate([np.zeros(levels.shape[1]), x[observed] / np.sqrt(noise_variance)])
-    unknowns = np.linalg.lstsq(design, data)[0]
-    triangle = np.linalg.qr(design, mode="r")
-    return levels @ unknowns, np.sum(np.linalg.solve(triangle.T, levels.T) ** 2, axis=0)
-
-
-@pytest.mark.parametrize("poles", [1, 2, 3, 4])
-@pytest.mark.parametrize("orders", [[1.0], [0.0, 1.0, 2.5]])
-def test_exact_is_least_squares(poles, orders):
-    rng = np.random.default_rng(poles)
-    n = 60
-    phase = 2 * np.pi * 0.11 * np.arange(n) + 0.3
-    x = np.cos(phase + 0.5) + 0.3 + 0.2 * rng.standard_normal(n)
-    x[[0, 7, 8, 30, 31, 32, 59]] = np.nan
-    bandwidth, noise, std = 0.02, 0.04, 5.0
-    tracks = track_orders(
-        x,
-        phase_rad=phase,
-        orders=orders,
-        bandwidth_hz=bandwidth,
-        rate_hz=1.0,
-        poles=poles,
-        noise_variance=noise,
-        initial_std=std,
-    )
-    q = process_variance(orders=orders, bandwidth=bandwidth, rate=1.0, poles=poles, noise_variance=noise)
-    prior = std**2 * (2 * np.pi * bandwidth) ** (2 * np.arange(poles)) * np.ones((len(orders), poles))
-    levels, variances = stacked(x, [phase] * len(orders), orders, q, prior, poles, noise)
-    levels, variances = levels.reshape(n, -1), variances.reshape(n, -1)
-    turning = [k for k, o in enumerate(orders) if o]
-    amplitude = levels[:, : len(orders)].T.astype(complex)
-    amplitude[turning] += 1j * levels[:, len(orders) :].T
-    variance = variances[:, : len(orders)].T.copy()
-    variance[turning] = (variance[turning] + variances[:, len(orders) :].T) / 2
-    # The stacked matrix has condition numbers up to 1e5 (four poles).
-    assert_allclose(tracks.complex_amplitude, amplitude, atol=1e-9)
-    assert_allclose(tracks.std, np.sqrt(variance), rtol=1e-8)
-
-
-@pytest.mark.parametrize("poles", [1, 3])
-def test_filter_is_least_squares_on_the_past(poles):
-    rng = np.random.default_rng(0)
-    phase = 2 * np.pi * 0.17 * np.arange(50)
-    x = np.cos(phase) + 0.1 * rng.standard_normal(50)
-    x[20] = np.nan
-    settings = {"orders": [1, 0], "bandwidth_hz": 0.05, "rate_hz": 1.0, "poles": poles, "noise_variance": 0.01}
-    filtered = track_orders(x, phase_rad=phase, estimator="filter", **settings)
-    for n in (1, 2, 20, 21, 49):
-        past = track_orders(x[: n + 1], phase_rad=phase[: n + 1], **settings)
-        # The smoother's last output knows what the filter knows there, and was checked above; prior 1e6.
-        assert_allclose(filtered.complex_amplitude[:, n], past.complex_amplitude[:, n], atol=1e-8)
-        assert_allclose(filtered.std[:, n], past.std[:, n], rtol=1e-7)
 
 
 def test_unresolved_orders_of_a_slow_shaft_keep_their_digits():
@@ -198,7 +71,7 @@ def test_outputs_are_a_subset():
 
 @pytest.mark.parametrize("poles", [1, 2, 3])
 def test_the_matrices_step_by_step_on_filterpy_are_the_causal_filter(poles):
-    x, settings = problem(300, 3, poles)
+    x, settings = problem(300, 3, poles, two_shafts=poles == 2)
     x = np.nan_to_num(x)
     settings |= {"bandwidth_hz": np.linspace(1, 3, 300)[None]}
     model = harmonic_model(**with_mean(settings))

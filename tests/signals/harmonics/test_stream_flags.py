@@ -76,14 +76,6 @@ def test_a_bandwidth_narrower_than_any_stream_is_long():
     assert not np.any(flags[:, 64:] & OutputFlag.NOT_SEPARABLE)
 
 
-def test_channels_have_the_same_flags():
-    x = np.stack([NOISE, 2 * NOISE])
-    x[:, 700:900] = np.nan
-    both, _ = tracked(x, RESTS, 500, orders=[1, 2])
-    alone, _ = tracked(x[0], RESTS, 500, orders=[1, 2])
-    assert_array_equal(both, np.stack([alone, alone]))
-
-
 def test_a_single_sample_tells_one_quadrature_of_one_order():
     tracks = OrderTracker(orders=[0, 1], **SETTINGS).update([1.0], phase_rad=[0.3])
     assert_array_equal(

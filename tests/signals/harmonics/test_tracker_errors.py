@@ -16,11 +16,6 @@ REFUSED = [
     ({"x": []}, "x is empty; at least one value is needed"),
     ({"x": np.full(100, np.nan)}, "x has 0 observed samples of 100; to estimate the noise"),
     ({"x": np.where(np.arange(100) == 7, -np.inf, X)}, r"x\[7\]=-inf \(and 0 more\) is infinite.*mark bad samples"),
-    ({"x": X.astype(bool)}, "has type bool; give a real array"),
-    ({"x": X.astype(complex)}, "has type complex128; give a real array"),
-    ({"x": ["1", "2"]}, "has type <U1; give a real array"),
-    ({"x": [1.0, None]}, r"x=\[1.0, None\] has type object; give a real array"),
-    ({"x": X[:, None, None]}, r"x has shape \(100, 1, 1\); needed one or two dimensions"),
     (
         {"x": [X, np.full(100, np.nan), X]},
         r"x\[1\] has 0 observed samples of 100; .* pass noise_variance, or more samples, or leave this channel out",
@@ -32,7 +27,6 @@ REFUSED = [
         {"x": [X, 1e-160 * X]},
         "x reaches no more than 1e-160 in channel 1, whose square is too small",
     ),
-    ({"x": 1e-140 * X, "method": "fast"}, "x reaches no more than 1e-140 in channel 0"),
     ({"noise_variance": 1e-300}, "noise_variance=1e-300 must lie between 1e-240 and 1e.240.*scale the record"),
     ({"noise_variance": 1.0, "initial_std": 1e200}, r"initial_std=1e\+200 is 1e\+200 standard deviations of the noise"),
     ({"noise_variance": 1e200, "initial_std": 1e-50}, "initial_std=1e-50 is 1e-150 standard deviations of the noise"),
@@ -45,11 +39,6 @@ REFUSED = [
     ({"phase_rad": np.where(np.arange(100) > 90, np.nan, PHASE)}, r"phase_rad\[91\]=nan \(and 8 more\).*interpolate"),
     ({"phase_rad": SHAFTS | {"sun": PHASE[:5]}, "orders": [("sun", 1)]}, r"phase_rad\['sun'\] has 5 values for 100"),
     ({"orders": []}, "orders is empty; name at least one"),
-    ({"orders": "123"}, "orders='123': needed a sequence of orders"),
-    ({"orders": 3}, "orders=3: needed a sequence of orders"),
-    ({"orders": [True]}, "order=True must be a number, not bool"),
-    ({"orders": ["3"]}, "order='3' must be a number, not str"),
-    ({"orders": [np.nan]}, "order=nan must be finite"),
     ({"orders": [-2]}, "order=-2 is negative; a real record has the same line at 2, conjugated: track that one"),
     ({"orders": [("sun", 1)]}, r"order \('sun', 1\) names a shaft, but phase_rad is one array; pass a mapping"),
     (
@@ -76,13 +65,9 @@ REFUSED = [
         "bandwidth and rate: bandwidth_hz, bandwidth_orders, rate_hz given.*leave the others out",
     ),
     ({"bandwidth_hz": 0}, "bandwidth_hz=0 must be above 0 and below 0.5, half of rate_hz=1; choose one in between"),
-    ({"bandwidth_hz": -0.1}, "bandwidth_hz=-0.1 must be above 0"),
-    ({"bandwidth_hz": 0.5}, "bandwidth_hz=0.5 must be above 0 and below 0.5"),
     ({"bandwidth_hz": np.nan}, "bandwidth_hz has values that are not finite; give bandwidths below half of the rate"),
     ({"bandwidth_hz": [0.1, 0.2]}, "bandwidth_hz has 2 values for 1 orders; pass one number for all, or one each"),
-    ({"bandwidth_hz": True}, "bandwidth_hz=True has type bool"),
     ({"bandwidth_hz": [[0.1]]}, r"bandwidth_hz has shape \(1, 1\) .* needs the shape \(1, 100\)"),
-    ({"bandwidth_hz": np.full((1, 100), -0.1)}, "bandwidth_hz=-0.1 must be above 0"),
     (
         {"bandwidth_hz": np.zeros((1, 100))},
         "bandwidth_hz is 0 cycles a sample at most for order number 0; it must reach",
@@ -92,23 +77,16 @@ REFUSED = [
     ({"phase_std_rad": [0.1, 0.2]}, "phase_std_rad has 2 values for 100 samples"),
     ({"phase_std_rad": {"sun": 0.1}}, "phase_std_rad names sun, but the orders count one unnamed phase"),
     ({"rate_hz": 0.0}, "rate_hz=0.0 must be above zero; give a positive number"),
-    ({"rate_hz": "1"}, "track_orders takes a number or None for rate_hz, not '1' of type str"),
-    ({"rate_hz": np.inf}, "rate_hz=inf must be finite"),
     ({"poles": 5}, "poles=5 must be a whole number from 1 to 4"),
-    ({"poles": 1.5}, "poles=1.5 must be a whole number"),
-    ({"poles": True}, "poles=True must be a whole number"),
     ({"output_every": 0}, "output_every=0 must be a whole number of at least 1"),
     (
         {"estimator": "smother"},
         "estimator='smother' is unknown; it must be one of smoother, filter. Did you mean 'smoother'",
     ),
-    ({"method": "best"}, "method='best' is unknown; it must be one of auto, exact, fast."),
     ({"noise_variance": 0.0}, "noise_variance=0.0 must be above zero"),
-    ({"noise_variance": True}, "track_orders takes a number or None for noise_variance, not True"),
     ({"initial_std": 1.0}, "initial_std=1 weighs against the noise.*pass noise_variance too, or neither"),
     ({"clip_limits": [1.0, -1.0]}, "clip_limits=.* must be two numbers, the smaller first"),
     ({"clip_limits": [-1.0, 1.0], "estimator": "filter"}, "only the smoother fits them"),
-    ({"initial_std": -1.0, "noise_variance": 1.0}, "initial_std=-1.0 must be above zero"),
 ]
 
 
@@ -158,10 +136,10 @@ def test_a_few_samples_do_with_the_noise_given():
     assert np.all(tracks.std[:, 0] > tracks.std[:, 98])
 
 
-def test_a_single_sample_is_a_record():
-    tracks = track_orders(
-        [2.0], phase_rad=[0.0], orders=[1], bandwidth_hz=0.1, rate_hz=1.0, noise_variance=1.0, initial_std=3.0
-    )
+@pytest.mark.parametrize("method", ["exact", "fast"])
+def test_a_single_sample_is_a_record(method):
+    settings = {"phase_rad": [0.0], "orders": [1], "bandwidth_hz": 0.1, "rate_hz": 1.0, "method": method}
+    tracks = track_orders([2.0], noise_variance=1.0, initial_std=3.0, **settings)
     # One equation, x = a + v: the posterior mean is 9 / 10 of it; the other quadrature keeps its prior.
     assert tracks.complex_amplitude[0, 0] == pytest.approx(1.8)
     assert tracks.std[0, 0] == pytest.approx(np.sqrt((0.9 + 9) / 2))

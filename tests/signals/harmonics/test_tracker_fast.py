@@ -2,40 +2,11 @@
 
 import numpy as np
 import pytest
-from jobs import standard_job
 from numpy.testing import assert_allclose
 
 from signals.harmonics import block_smoother, track_orders
-from signals.harmonics.block_grid import LARGEST_JUMP_RAD, Grid
-from signals.harmonics.state_space import HarmonicModel
 
 RATE = 10_000.0
-
-
-def run_up(samples, *, noise, gap=0):
-    n = np.arange(samples)
-    phase = 2 * np.pi * (0.03 * n + 0.01 * n**2 / samples)
-    rng = np.random.default_rng(3)
-    u = n / samples
-    envelopes = np.array([1 + 0.3 * np.sin(6 * np.pi * u), 0.5 * np.exp(2j * np.pi * u), 0.8 - 0.4 * u])
-    x = np.sum(envelopes * np.exp(1j * np.array([1, 2, 3.3])[:, None] * phase), axis=0).real
-    x += 0.2 + noise * rng.standard_normal(samples)
-    x[samples // 3 : samples // 3 + gap] = np.nan
-    return x, {"phase_rad": phase, "orders": [0, 1, 2, 3.3], "rate_hz": RATE}
-
-
-@pytest.mark.parametrize(("poles", "gap"), [(1, 700), (2, 0), (2, 700), (3, 700), (4, 700)])
-def test_fast_is_close_to_exact(poles, gap):
-    x, settings = run_up(40_000, noise=0.1, gap=gap)
-    settings |= {"bandwidth_hz": 4.0, "poles": poles, "output_every": 13, "noise_variance": 0.01}
-    exact = track_orders(x, method="exact", **settings)
-    fast = track_orders(x, method="fast", **settings)
-    difference = np.abs(fast.complex_amplitude - exact.complex_amplitude)
-    # Blocks of 12 (one pole) and 87 samples, 1/200 and 1/29 of rate / bandwidth, at ends and gaps as in between.
-    assert np.sqrt(np.mean(difference**2)) < 5e-3 * exact.std.mean()
-    assert difference.max() < 0.05 * exact.std.max()
-    # Straight from knot to knot, where it rises to an end.
-    assert_allclose(fast.std, exact.std, rtol=6e-3)
 
 
 def troubled(seed, *, size):
@@ -52,7 +23,7 @@ def troubled(seed, *, size):
     return x, {"phase_rad": phase, "orders": orders, "bandwidth_hz": 1e-3, "rate_hz": 1.0, "noise_variance": 1.0}
 
 
-@pytest.mark.parametrize("poles", [1, 2, 4])
+@pytest.mark.parametrize("poles", [1, 2, 3, 4])
 @pytest.mark.parametrize("size", [0, 1e4])
 def test_error_bound_holds_everywhere_but_for_a_small_part_of_std(poles, size):
     """At all outputs: ends, gaps and the jump among them. Of signals it is the bound that holds, of noise the part."""
@@ -82,19 +53,6 @@ def test_lines_are_told_apart_by_few_of_the_samples(poles, share, order):
     assert_allclose(fast.std, exact.std, rtol=6e-3)
 
 
-def test_near_ends_a_close_pair_has_what_it_tells_from_beyond():
-    """Lines an eighth of a bandwidth apart, which share out for far longer than a memory, beside two others."""
-    rng = np.random.default_rng(82)
-    phase = 0.86 * np.arange(4400)
-    orders = np.array([0.81, 1.344, 2.593, 2.603])
-    x = 0.2 * np.cos(orders[:, None] * phase).sum(axis=0) + rng.standard_normal(phase.size)
-    settings = {"phase_rad": phase, "orders": orders, "bandwidth_hz": 0.011, "rate_hz": 1.0}
-    exact, fast = (track_orders(x, noise_variance=1.0, output_every=3, method=m, **settings) for m in ("exact", "fast"))
-    # Blocks of 1 and 3 samples: as from 1 / bandwidth on.
-    assert np.all(np.abs(fast.complex_amplitude - exact.complex_amplitude) < 0.08 * exact.std)
-    assert_allclose(fast.std, exact.std, rtol=0.01)
-
-
 @pytest.mark.parametrize("poles", [1, 2, 3, 4])
 @pytest.mark.parametrize("samples", [1, 2, 5, 30, 70, 600])
 def test_a_short_record_is_that_of_the_exact_smoother(samples, poles):
@@ -107,20 +65,6 @@ def test_a_short_record_is_that_of_the_exact_smoother(samples, poles):
     difference = np.abs(fast.complex_amplitude - exact.complex_amplitude)
     assert np.all(difference < (1e-6 if samples < 128 else 0.02) * exact.std)
     assert_allclose(fast.std, exact.std, rtol=1e-6 if samples < 128 else 6e-3)
-
-
-@pytest.mark.parametrize("poles", [1, 2, 3, 4])
-def test_without_any_sample_the_prior_is_left_and_grows(poles):
-    n = np.arange(3000)
-    settings = {"phase_rad": 0.3 * n, "orders": [0, 1, 2.3], "bandwidth_hz": 4e-3, "rate_hz": 1.0, "poles": poles}
-    exact, fast = (
-        track_orders(np.full(n.size, np.nan), noise_variance=1.0, initial_std=2.0, method=m, **settings)
-        for m in ("exact", "fast")
-    )
-    assert np.all(fast.complex_amplitude == 0)
-    # Differences of several samples are a little larger than those of one, together, while both are in their first.
-    assert_allclose(fast.std, exact.std, rtol={1: 1e-9, 2: 6e-3, 3: 0.05, 4: 0.12}[poles])
-    assert_allclose(fast.std[:, 1500:], exact.std[:, 1500:], rtol=0.02)
 
 
 @pytest.mark.parametrize(("poles", "bandwidth"), [(1, 1e-6), (1, 1e-7), (2, 1e-7), (3, 1e-7), (4, 1e-6), (4, 1e-7)])
@@ -141,24 +85,6 @@ def test_a_memory_of_a_million_samples_and_more(poles, bandwidth):
         noise_variance=0.25e-3, initial_std=500.0, method="exact", **settings,
     )  # fmt: skip
     assert_allclose(tracks.std, np.repeat(few.std, 2, axis=0), rtol=0.01)
-
-
-def test_a_sample_tells_one_quadrature():
-    tracks = track_orders(
-        [2.0], phase_rad=[0.0], orders=[1], bandwidth_hz=0.1, rate_hz=1.0, noise_variance=1.0, initial_std=3.0,
-        method="fast",
-    )  # fmt: skip
-    # One equation, x = a + v: the posterior mean is 9 / 10 of it; the other quadrature keeps its prior.
-    assert_allclose(tracks.complex_amplitude, 1.8)
-    assert_allclose(tracks.std, np.sqrt((0.9 + 9) / 2))
-
-
-@pytest.mark.parametrize("poles", [1, 2, 3, 4])
-def test_fast_tells_the_noise(poles):
-    x, settings = run_up(40_000, noise=0.1)
-    fast = track_orders(x, method="fast", bandwidth_hz=4.0, poles=poles, **settings)
-    # 37,500 residuals: a standard deviation of sqrt(2 / 37,500) = 0.7 %.
-    assert_allclose(fast.noise_variance, 0.01, rtol=0.022)
 
 
 @pytest.mark.parametrize("poles", [1, 2])
@@ -201,24 +127,10 @@ def test_fast_takes_blocks_too_short_to_tell_orders_apart():
 
 
 def test_auto_is_fast_on_a_long_record():
-    x, settings = run_up(400_000, noise=0.1)
-    settings |= {"orders": np.arange(1, 11), "bandwidth_hz": 2.0, "output_every": 1000}
+    x = np.random.default_rng(3).standard_normal(400_000)
+    settings = {"phase_rad": 0.2 * np.arange(x.size), "rate_hz": RATE, "output_every": 1000}
+    settings |= {"orders": np.arange(1, 11), "bandwidth_hz": 2.0}
     assert track_orders(x, **settings).method == "fast"
-
-
-@pytest.mark.parametrize("poles", [2, 3])
-def test_ends_and_gaps_of_many_orders_are_those_of_the_exact_smoother(poles):
-    job = standard_job("J1 run-up", samples=150_000)
-    x = job.x.copy()
-    x[60_000:75_000] = np.nan  # a fifth of 1 / bandwidth
-    settings = job.tracking(2.0) | {"x": x, "poles": poles, "output_every": 250, "noise_variance": 1.0}
-    exact, fast = (track_orders(**settings, method=method) for method in ("exact", "fast"))
-    size = np.sqrt(np.mean(np.abs(exact.complex_amplitude) ** 2))
-    off = np.abs(fast.complex_amplitude - exact.complex_amplitude) / size
-    # `rtol` is for envelopes at the edge of the band; ten orders leak into one another where weights are cut off.
-    assert off.max() < 3e-3
-    assert np.sqrt(np.mean(off**2)) < 5e-4
-    assert_allclose(fast.std, exact.std, rtol=0.02)
 
 
 def test_gaps_in_step_with_a_shaft_are_owned_up_to():
@@ -306,22 +218,3 @@ def test_lines_within_half_a_bandwidth_of_each_other_are_told_apart_by_both_meth
     )
     assert np.all(np.abs(fast.complex_amplitude - exact.complex_amplitude) < 0.02 * exact.std)
     assert_allclose(fast.std, exact.std, rtol=6e-3)
-
-
-@pytest.mark.parametrize(("fan", "sun"), [(1.05, 0.0), (0.95, 0.0), (0.0, 1.05), (0.0, 0.95), (0.95, 0.95)])
-def test_a_jump_of_the_speed_counts_by_the_highest_order_of_its_shaft(fan, sun):
-    """A block holds one speed an order: within it a jump leads the highest astray by its change a sample times length.
-
-    Jumps in parts of the largest that is let pass, of the fan in block 3 and of the sun in block 6.
-    """
-    length, block_smoother, highest = 20, 10, {"fan": 7.0, "sun": 2.5}
-    n = np.arange(length * block_smoother)
-    turn = {"fan": fan * np.maximum(n - 3.5 * length, 0), "sun": sun * np.maximum(n - 6.5 * length, 0)}
-    phases = tuple(0.01 * n + LARGEST_JUMP_RAD / (length * highest[name]) * turn[name] for name in ("fan", "sun"))
-    model = HarmonicModel(
-        orders=np.array([0.0, 7.0, 1.0, 0.3, 2.5]), shaft=np.array([0, 0, 0, 1, 1]), phases=phases,
-        bandwidth=np.full((5, 1), 0.001), poles=1, prior_std=1e3,
-    )  # fmt: skip
-    grid = Grid(model=model, x=np.zeros((1, n.size)), seen=np.ones(n.size, dtype=bool), length=length, tolerance=0.0)
-    expected = ([3, 4] if fan > 1 else []) + ([6, 7] if sun > 1 else [])
-    assert np.flatnonzero(grid.jumps).tolist() == expected

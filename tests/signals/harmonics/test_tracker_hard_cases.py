@@ -1,6 +1,5 @@
 """Records that trackers fail on, put to the trackers as a user would, against least squares in fifty digits or more."""
 
-import copy
 from dataclasses import dataclass, replace
 from decimal import Decimal, localcontext
 from math import comb
@@ -11,7 +10,7 @@ from hypothesis import given, settings
 from hypothesis import strategies as st
 from numpy.testing import assert_allclose, assert_array_equal
 
-from signals.harmonics import Bandwidth, OrderTracker, OutputFlag, isolated_std, track_orders
+from signals.harmonics import Bandwidth, OutputFlag, isolated_std, track_orders
 
 METHODS = pytest.mark.parametrize("method", ["exact", "fast"])
 ONE_AND_TWO_POLES = pytest.mark.parametrize("poles", [1, 2])
@@ -450,85 +449,6 @@ def test_at_half_the_rate_what_is_observed_is_found_beside_another_order(poles):
 
 
 # The filter while its prior is open.
-
-
-def assert_filter_is(case, samples, *, rtol):
-    filtered = case.track(estimator="filter")
-    for sample in samples:
-        amplitude, std = case.least_squares_on_the_past(sample)
-        assert_allclose(filtered.std[:, [sample]], std, rtol=rtol)
-        off = np.abs(filtered.complex_amplitude[:, [sample]] - amplitude)
-        assert np.all(off < rtol * np.maximum(np.abs(amplitude), std))
-
-
-def opening(*, size=300, phase=None, orders=(1.0, 2.0, 3.0), initial_std=1e3, bandwidth=1e-3):
-    phase = 2 * np.pi * 1e-3 * np.arange(size) if phase is None else phase
-    x = np.cos(np.asarray(orders) * phase[:, None] + 1).sum(axis=1) + normal(9, 1.0, phase.size)
-    return Case(x=x, phase=phase, orders=orders, bandwidth=bandwidth, poles=1, noise=1.0, initial_std=initial_std)
-
-
-# What is kept of sixteen digits: the prior's standard deviation, and some hundred roundings, are lost. Above a prior of
-# 1e13 times the noise there are thirty-two.
-@pytest.mark.parametrize(("initial_std", "rtol"), [(30.0, 1e-10), (1e3, 1e-9), (1e6, 1e-7), (1e8, 1e-6)])
-def test_a_third_of_a_turn_tells_three_orders_apart_as_far_as_it_can(initial_std, rtol):
-    assert_filter_is(opening(initial_std=initial_std), [0, 3, 6, 40, 299], rtol=rtol)
-
-
-def test_an_open_prior_bears_gaps():
-    case = opening()
-    case.x[[*range(10), *range(50, 120), 130]] = np.nan
-    assert_filter_is(case, [5, 10, 60, 150, 299], rtol=1e-9)
-
-
-def test_an_open_prior_bears_a_shaft_that_starts_from_rest():
-    phase = 0.01 * np.maximum(np.arange(300) - 150, 0) ** 1.5
-    assert_filter_is(opening(phase=phase), [20, 149, 160, 299], rtol=1e-9)
-
-
-def test_of_orders_given_twice_an_open_prior_tells_the_sum():
-    phase = 0.3 * np.arange(300)
-    case = opening(phase=phase, orders=(1.0, 1.0, 2.2), initial_std=1e5)
-    assert_filter_is(case, [2, 30, 299], rtol=1e-8)
-    tracks = case.track(estimator="filter")
-    # Drawn with 1 + 1; of the difference nothing is ever told.
-    both = tracks.complex_amplitude[0, -1] + tracks.complex_amplitude[1, -1]
-    assert abs(both - 2 * np.exp(1j)) < 0.5
-    assert_allclose(tracks.std[:2, -1], 1e5 / np.sqrt(2), rtol=1e-6)
-
-
-def test_a_walk_that_outgrows_the_open_prior():
-    """With nothing to see, the walk's variance grows to 1.2e4 times the noise."""
-    case = opening(phase=0.3 * np.arange(1530), orders=(1.0, 2.2), bandwidth=0.45)
-    case.x[:1500] = np.nan
-    assert_filter_is(case, [1499, 1500, 1503, 1529], rtol=1e-8)
-
-
-def test_channels_of_an_open_prior_are_what_they_are_alone():
-    case = opening()
-    other = replace(case, x=normal(10, 50.0, 300))
-    both = replace(case, x=np.stack([case.x, other.x])).track(estimator="filter")
-    for channel, alone in enumerate((case, other)):
-        tracks = alone.track(estimator="filter")
-        assert_array_equal(both.complex_amplitude[channel], tracks.complex_amplitude)
-        assert_array_equal(both.std[channel], tracks.std)
-
-
-@pytest.mark.parametrize("cut", [1, 6, 63, 64, 65, 200])
-def test_a_stream_is_cut_and_kept_while_its_prior_is_open(cut):
-    case = opening()
-    tracker = OrderTracker(orders=case.orders, noise_variance=1.0, bandwidth_hz=1e-3, rate_hz=1.0)
-    parts = [tracker.update(case.x[:cut], phase_rad=case.phase[:cut])]
-    tracker = copy.deepcopy(tracker)
-    parts.append(tracker.update(case.x[cut:], phase_rad=case.phase[cut:]))
-    whole = case.track(estimator="filter")
-    amplitude, std = (np.concatenate([getattr(part, name) for part in parts], axis=-1) for name in
-                      ("complex_amplitude", "std"))  # fmt: skip
-    assert_allclose(std, whole.std, rtol=1e-11)
-    # Sines may differ in their last digits where a block begins elsewhere. Three orders in a third of a turn magnify
-    # them: to move each angle by its last digit moves these estimates by 1.6e-12 to 2.6e-12, and twenty times that is
-    # far below what any other cut would do.
-    off = np.abs(amplitude - whole.complex_amplitude) / np.maximum(np.abs(whole.complex_amplitude), whole.std)
-    assert off.max() < 5e-11
 
 
 # Anything at all.

@@ -122,16 +122,6 @@ def test_a_dead_channel_says_nothing_of_the_others(method, estimator):
     assert not np.any(together.flags[0] & OutputFlag.NEAR_GAP)
 
 
-def test_flags_of_channels_that_miss_the_same_samples_are_kept_once():
-    x = np.stack([record(0)[0], record(1)[0]])
-    x[:, 10_000:10_800] = np.nan
-    tracks = track_orders(x, output_every=100, **SETTINGS)
-    assert tracks.flags.shape == (2, 3, 200)
-    assert np.shares_memory(tracks.flags[0], tracks.flags[1])
-    assert_array_equal(tracks.flags[0], track_orders(x[0], output_every=100, **SETTINGS).flags)
-    assert track_orders(x[:1], output_every=100, **SETTINGS).flags.shape == (1, 3, 200)
-
-
 @pytest.mark.parametrize("units", ["hz", "orders", "by speed"])
 def test_bandwidths_are_told_as_given_and_in_cycles_a_sample(units):
     n = 4000
@@ -165,20 +155,6 @@ def test_pairs_too_close_are_named_and_std_shows_it():
     assert not near[2].any()
     assert tracks.std[0, 100] > 1.3 * tracks.std[0, 50]
     assert tracks.std[2, 100] == pytest.approx(tracks.std[2, 50], rel=0.02)
-
-
-@METHODS
-def test_two_orders_in_one_place_share_one_amplitude(method):
-    x = np.cos(PHASE + 0.5) + 0.1 * np.random.default_rng(0).standard_normal(N)
-    settings = SETTINGS | {"output_every": 200, "noise_variance": 0.01, "method": method}
-    twice = track_orders(x, **settings | {"orders": [1, 1]})
-    once = track_orders(x, **settings | {"orders": [1]})
-    # Twice the process noise is a bandwidth 2^(1/4) wider: the sums differ by a little of the noise.
-    difference = twice.complex_amplitude.sum(axis=0) - once.complex_amplitude[0]
-    assert np.abs(difference).max() < 2 * once.std.max()
-    assert np.all(twice.flags & OutputFlag.NOT_SEPARABLE)
-    # Their difference is known no better than before the record: 1000 times the noise.
-    assert twice.std.min() > 10
 
 
 def test_half_the_rate_and_rest_leave_one_quadrature():
@@ -217,13 +193,3 @@ def test_waveforms_are_those_of_whole_records():
     _, late = (tracker.update(x[at : at + 1000], phase_rad=PHASE[at : at + 1000]) for at in (0, 1000))
     with pytest.raises(ValueError, match=r"tracks have 1000 outputs from sample 1000 on.*take those of"):
         order_waveform(late, phase_rad=PHASE[: late.samples])
-
-
-def test_all_samples_missing_leaves_the_prior():
-    tracks = track_orders(
-        np.full(500, np.nan), phase_rad=PHASE[:500], orders=[1], bandwidth_hz=1.0, rate_hz=RATE,
-        noise_variance=1.0, initial_std=2.0, method="exact",
-    )  # fmt: skip
-    assert_array_equal(tracks.complex_amplitude, 0)
-    assert_allclose(tracks.std[0, 0], 2.0, rtol=1e-9)
-    assert np.all(np.diff(tracks.std[0]) > 0)

@@ -16,6 +16,12 @@ from signals.spectra.spectra import order_spectrum
 ORDER = 9.46
 
 
+def tracked(x, phase, **changes):
+    """Track the line of 9.46 orders over an angle of 64 samples a revolution, but for what is changed."""
+    setting = {"order": ORDER, "largest_slip": 0.02, "slip_change_per_rev": 5e-4, "samples_per_rev": 64}
+    return track_slipping_order(x, phase_rad=phase, **setting | changes)
+
+
 def line(slip, *, samples_per_rev, order=ORDER):
     """Phase of the shaft, and the turn of a line beyond `order phase`: the sum of its slip, sample by sample."""
     phase = 2 * np.pi * np.arange(slip.size) / samples_per_rev
@@ -58,27 +64,10 @@ def swaying():
     return x, phase, slip, np.exp(1j * (turn + 0.4))
 
 
-@pytest.mark.parametrize("bandwidth", [0.01, 0.02, 0.05, 0.1, 0.2, 0.4, 0.8])
-def test_the_plain_tracker_loses_a_swaying_line_with_any_bandwidth(swaying, bandwidth):
-    x, phase, _, truth = swaying
-    tracks = track_orders(
-        x, phase_rad=phase, orders=[ORDER], bandwidth_orders=bandwidth, samples_per_rev=128, output_every=64
-    )
-    assert rms(tracks.complex_amplitude[0] - truth[::64]) > 0.5
-
-
 def test_a_swaying_line_is_followed(swaying):
     x, phase, slip, truth = swaying
     # The sway is at most 0.01 2 pi / 200 = 3e-4 a revolution; over the ten or so that can be told apart, 1e-3 sqrt(10).
-    track = track_slipping_order(
-        x,
-        phase_rad=phase,
-        order=ORDER,
-        largest_slip=0.02,
-        slip_change_per_rev=6e-4,
-        bandwidth_orders=0.01,
-        samples_per_rev=128,
-    )
+    track = tracked(x, phase, slip_change_per_rev=6e-4, bandwidth_orders=0.01, samples_per_rev=128)
     assert track.status == "converged"
     assert track.false_alarm_probability < 1e-20
     at = track.sample_index
@@ -103,11 +92,9 @@ def test_a_constant_slip_is_as_sure_as_the_cramer_rao_bound():
         rng = np.random.default_rng(seed)
         phase, turn = line(np.full(n, -0.0083), samples_per_rev=samples_per_rev)
         x = np.cos(ORDER * phase + turn) + np.sqrt(noise) * rng.standard_normal(n)
-        track = track_slipping_order(
+        track = tracked(
             x,
-            phase_rad=phase,
-            order=ORDER,
-            largest_slip=0.02,
+            phase,
             slip_change_per_rev=1e-8,
             bandwidth_orders=1e-5,
             samples_per_rev=samples_per_rev,
@@ -128,10 +115,9 @@ def test_a_walking_slip_is_as_sure_as_the_wiener_smoother():
     x, phase, _, _ = drawn(
         0, revolutions=150, samples_per_rev=samples_per_rev, noise=noise, bandwidth=1e-6, change=change
     )
-    track = track_slipping_order(
+    track = tracked(
         x,
-        phase_rad=phase,
-        order=ORDER,
+        phase,
         largest_slip=0.03,
         slip_change_per_rev=change,
         bandwidth_orders=1e-6,
@@ -157,11 +143,10 @@ def steady():
     return x + np.cos(ORDER * phase_slipped + turn), phase
 
 
-@pytest.mark.parametrize("estimator", ["smoother", "filter"])
-def test_without_slip_it_is_the_plain_tracker(steady, estimator, monkeypatch):
+def test_without_slip_it_is_the_plain_tracker(steady, monkeypatch):
     monkeypatch.setattr(block_smoother, "exact_length", lambda *_: 1)  # no blocks
     x, phase = steady
-    setting = {"phase_rad": phase, "bandwidth_orders": 0.1, "samples_per_rev": 48, "estimator": estimator}
+    setting = {"phase_rad": phase, "bandwidth_orders": 0.1, "samples_per_rev": 48}
     track = track_slipping_order(x, order=ORDER, output_every=1, **LINEAR, **setting)
     plain = track_orders(x, orders=[ORDER], noise_variance=0.3, method="exact", **setting)
     # In 250 rad a slip of 1e-12 turns the line by 3e-9; the prior, 1000 standard deviations, costs digits at first.
@@ -195,9 +180,9 @@ def test_the_smoother_is_the_optimum_that_scipy_finds(harmonics, order, block, b
     number = np.arange(1, harmonics + 1)
     x = np.sum(np.cos(np.outer(number, order * phase + turn + 0.3)), axis=0) + np.sqrt(noise) * rng.standard_normal(n)
     x[60:64] = np.nan
-    track = track_slipping_order(
+    track = tracked(
         x,
-        phase_rad=phase,
+        phase,
         order=order,
         largest_slip=0.03,
         slip_change_per_rev=change,
@@ -343,17 +328,6 @@ def test_the_slipped_phase_of_a_shaft_that_speeds_up_and_slows_down(estimator):
     assert_turn_is(track, turn, atol=0.02 if estimator == "smoother" else 0.5)
 
 
-def test_in_a_long_record_no_cycle_is_lost():
-    samples_per_rev = 32
-    phase = 2 * np.pi * np.arange(1500 * samples_per_rev) / samples_per_rev
-    x, turn = turning_line(phase)
-    track = track_slipping_order(
-        x, phase_rad=phase, samples_per_rev=samples_per_rev, output_every=640, **SWAYING_SETTING
-    )
-    assert_turn_is(track, turn, atol=0.02)
-    assert abs(track.slip_phase_rad[-1]) > 2 * np.pi * 130
-
-
 @pytest.mark.parametrize(("first", "last", "atol"), [(100, 104, 0.02), (0, 20, 1.0), (60, 100, 1.0)])
 def test_across_a_gap_the_slipped_phase_goes_on_with_the_slip(first, last, atol):
     """Across a long one the slip is that of the samples about it, whose errors of 5e-5 turn the line by 0.1 rad."""
@@ -372,17 +346,7 @@ def test_errors_are_within_the_stated_uncertainty(harmonics, noise):
         x, phase, slip, truth = drawn(
             seed, revolutions=100, samples_per_rev=64, noise=noise, bandwidth=0.05, change=5e-4, harmonics=harmonics
         )
-        track = track_slipping_order(
-            x,
-            phase_rad=phase,
-            order=ORDER,
-            largest_slip=0.02,
-            slip_change_per_rev=5e-4,
-            bandwidth_orders=0.05,
-            samples_per_rev=64,
-            harmonics=harmonics,
-            noise_variance=noise,
-        )
+        track = tracked(x, phase, bandwidth_orders=0.05, harmonics=harmonics, noise_variance=noise)
         assert track.status == "converged"
         true, found = truth[:, track.sample_index], at_rest(track)
         inside.append(
@@ -403,16 +367,7 @@ def test_across_a_gap_the_uncertainty_grows_and_the_line_is_found_again(gap_revo
         x, phase, slip, truth = drawn(seed, revolutions=200, samples_per_rev=64, noise=1, bandwidth=0.02, change=5e-4)
         gap = slice(90 * 64, (90 + gap_revolutions) * 64)
         x[gap] = np.nan
-        track = track_slipping_order(
-            x,
-            phase_rad=phase,
-            order=ORDER,
-            largest_slip=0.04,
-            slip_change_per_rev=5e-4,
-            bandwidth_orders=0.02,
-            samples_per_rev=64,
-            output_every=32,
-        )
+        track = tracked(x, phase, largest_slip=0.04, bandwidth_orders=0.02, output_every=32)
         assert track.status == "converged"
         at = track.sample_index
         within, after = (at >= gap.start) & (at < gap.stop), at >= gap.stop + 10 * 64
@@ -427,25 +382,6 @@ def test_across_a_gap_the_uncertainty_grows_and_the_line_is_found_again(gap_revo
         inside.append(np.abs(track.slip - slip[at])[within] < 1.96 * track.slip_std[within])
     # 12 gaps with one to a few independent slips each.
     assert 0.85 < np.mean(inside) <= 1
-
-
-@pytest.mark.parametrize("change", [2e-4, 1e-3])
-def test_noise_alone_is_no_line(change):
-    for seed in range(4):  # how rarely it passes for one is tested beside the hard cases
-        x = np.random.default_rng(seed).standard_normal(100 * 32)
-        track = track_slipping_order(
-            x,
-            phase_rad=2 * np.pi * np.arange(x.size) / 32,
-            order=ORDER,
-            largest_slip=0.02,
-            slip_change_per_rev=change,
-            bandwidth_orders=0.05,
-            samples_per_rev=32,
-        )
-        assert track.status == "no line"
-        assert not track.converged
-        assert track.false_alarm_probability > 0.01
-        assert np.all(track.slip_std > 0.02 / 1.74)
 
 
 @pytest.mark.parametrize("end", [0.015, 0.04])
@@ -468,25 +404,6 @@ def test_a_slip_faster_than_declared_has_a_status_of_its_own(change, status):
         x, phase, *_ = drawn(seed, revolutions=100, samples_per_rev=64, noise=0.5, bandwidth=0.1, change=change)
         track = track_slipping_order(x, phase_rad=phase, bandwidth_orders=0.1, **setting)
         assert track.status == status
-
-
-def test_a_slip_livelier_than_stated_shows_in_the_innovations():
-    x, phase, _, _ = drawn(0, revolutions=100, samples_per_rev=64, noise=0.01, bandwidth=0.02, change=2e-3)
-    fits = [
-        track_slipping_order(
-            x,
-            phase_rad=phase,
-            order=ORDER,
-            largest_slip=0.03,
-            slip_change_per_rev=change,
-            bandwidth_orders=0.02,
-            samples_per_rev=64,
-            noise_variance=0.01,
-        ).innovation_mean_square
-        for change in (2e-3, 1e-5)
-    ]
-    assert fits[0] == pytest.approx(1, abs=0.1)
-    assert fits[1] > 2
 
 
 def test_a_run_up_in_time_and_a_shaft_that_turns_backwards():
@@ -524,19 +441,14 @@ GOOD = {
         ({"phase_rad": np.arange(199)}, "phase_rad has 199 values for 200 samples of x; give one angle per sample"),
         ({"phase_rad": np.zeros(200)}, "phase_rad turns by 0 rad in all.* the shaft has turned too little"),
         ({"x": np.full(200, np.nan)}, "all of them missing"),
-        ({"x": np.append(np.zeros(199), np.inf)}, r"x\[199\]=inf \(and 0 more\) is infinite"),
         ({"x": np.zeros(200)}, "no noise on both sides of order 2.* pass noise_variance"),
         ({"order": 0}, "order=0 must be above zero"),
         ({"largest_slip": 2}, "largest_slip=2 is relative to the order and must be below 1; 2 % is 0.02"),
-        ({"slip_change_per_rev": -1}, "slip_change_per_rev=-1 must be above zero"),
         ({"order": 13}, "order 13 with a slip of 0.02 turns by 3.315 rad between samples .* half of the rate"),
         ({"harmonics": 0}, "harmonics=0 must be a whole number from 1 to 16"),
         ({"output_every": 2.5}, "output_every=2.5 must be a whole number"),
-        ({"most_iterations": 0}, "most_iterations=0 must be a whole number"),
         ({"bandwidth_orders": 13}, "bandwidth_orders=13 must be above 0 and below 12.5"),
-        ({"samples_per_rev": None}, "bandwidth_orders given; needed"),
         ({"estimator": "smother"}, "estimator='smother' is unknown.* Did you mean 'smoother'"),
-        ({"noise_variance": 0}, "noise_variance=0 must be above zero"),
     ],
 )
 def test_what_makes_no_sense_is_refused_in_a_sentence(change, sentence):

@@ -3,15 +3,13 @@
 import numpy as np
 import pytest
 from numpy.testing import assert_allclose
-from scipy.stats import binom, gamma
+from scipy.stats import binom
 
 from signals.harmonics import process_variance
 from signals.slipping_order.slip_detection import (
     Line,
     SlipRecord,
-    chance,
     search,
-    searched_noise,
 )
 from signals.slipping_order.slip_tracking import track_slipping_order
 
@@ -165,46 +163,6 @@ def test_noise_passes_for_a_line_as_rarely_as_stated(samples, per_rev, order, ha
     lines = noise[:20] + amplitude * np.cos(0.99 * order * phase + 0.5)
     seen = [search(SlipRecord(x=x, phase=phase), line, **setting).false_alarm_probability < 1e-3 for x in lines]
     assert np.all(seen)
-
-
-@pytest.mark.parametrize(("samples", "harmonics"), [(96, 1), (400, 2), (3000, 1)])
-def test_the_measured_noise_has_the_law_it_is_taken_for(samples, harmonics):
-    line = Line(order=3.3, harmonics=harmonics, largest_slip=0.02, slip_change=5e-4)
-    phase = 2 * np.pi * np.arange(samples) / 16
-    found = [searched_noise(SlipRecord(x=x, phase=phase), line) for x in noise_records(samples, 1000)]
-    ratios, counted = np.array(found).T
-    # The mean of so many powers; medians of bins on two sides have nearly its variance and its lower tail.
-    assert ratios.mean() == pytest.approx(1.0, abs=0.1)
-    assert ratios.var() == pytest.approx(np.mean(1 / counted), rel=0.5)
-    assert np.mean(ratios < gamma.ppf(0.05, counted, 0, 1 / counted)) < 0.075
-
-
-@pytest.mark.parametrize("score", [3.0, 10.0, 40.0])
-def test_one_power_over_measured_noise_is_bounded_by_its_law(score):
-    # An exponential power over the mean of K others exceeds s with the probability (1 + s / K)^-K.
-    for counted in (8, 30, 300):
-        bound = chance(score, np.zeros(1), np.empty(0), powers=1, counted=counted)
-        exact = (1 + score / counted) ** -counted
-        # Chernoff's bound loses e s or less, steps of R and of theta the rest.
-        assert exact <= bound <= max(4 * np.e * score * exact, np.exp(-0.9 * score))
-    known = chance(score, np.zeros(1), np.empty(0), powers=1, counted=np.inf)
-    assert np.exp(-score) <= known <= 2 * np.e * score * np.exp(-0.9 * score)
-
-
-def test_fewer_outputs_leave_the_estimate_as_it_is():
-    x, phase, *_ = drawn(np.arange(100 * PER_REV) / PER_REV, seed=2)
-    setting = SETTING | {"phase_rad": phase, "noise_variance": 0.5}
-    dense = track_slipping_order(x, **setting)
-    assert np.all(np.diff(dense.sample_index) == 5)
-    few = track_slipping_order(x, output_every=50, **setting)
-    assert_allclose(few.sample_index, dense.sample_index[5::10])
-    for name in ("std", "amplitude_std", "phase_std_rad", "slip", "slip_std"):
-        assert_allclose(getattr(few, name), getattr(dense, name)[..., 5::10], rtol=1e-12)
-    # The slipped phase is zero at the first output, wherever that is.
-    assert few.slip_phase_rad[0] == 0
-    assert_allclose(np.diff(few.slip_phase_rad), np.diff(dense.slip_phase_rad[5::10]), atol=1e-12)
-    number = np.exp(1j * dense.slip_phase_rad[5])
-    assert_allclose(few.complex_amplitude, dense.complex_amplitude[:, 5::10] * number, rtol=1e-12)
 
 
 @pytest.mark.parametrize("every", [33, 501, 6400, 6401, 10**6])
