@@ -4,7 +4,6 @@ import numpy as np
 import pytest
 
 from hums.gearbox.adjacency import from_adjacency_table
-from hums.gearbox.defect_orders import defect_orders
 from hums.gearbox.kinematics import solve_kinematics
 from hums.gearbox.model import GearboxError, load_gearbox
 
@@ -99,17 +98,6 @@ class TestBothDoors:
         carrier = {frozenset(name for name, _ in c.gears): c.carrier for c in by_hand.contacts}
         assert carrier == {frozenset(name for name, _ in c.gears): c.carrier for c in by_table.contacts}
 
-    def test_same_orders_exactly(self):
-        by_hand = defect_orders(load_gearbox("alouette-iii"))
-        by_table = defect_orders(from_adjacency_table(*ALOUETTE, frame=0, names=self.NAMES, reference=1))
-        shafts = [
-            {row.component: row.exact for row in table.itertuples() if row.kind == "shaft"}
-            for table in (by_hand, by_table)
-        ]
-        assert shafts[0] == shafts[1]
-        meshes = [sorted(table["exact"][table["kind"] == "gear_mesh"]) for table in (by_hand, by_table)]
-        assert meshes[0] == meshes[1]
-
     def test_bearings_come_along(self):
         bearing = {"names": ["b"], "inner_ring": "7", "outer_ring": "1", "elements": 25, "element_diameter_mm": 5}
         bearing |= {"pitch_diameter_mm": 54, "contact_angle_deg": 15}
@@ -132,10 +120,8 @@ def changed(pair, which, i, j, value):
         ((np.zeros((2, 2)), np.zeros((3, 3))), {}, "give both for the same links"),
         (changed(NELSON, 0, 2, 0, 0), {}, r"T\[0, 2\] names a gear of \"1\" against \"3\", but T\[2, 0\] is 0"),
         (changed(NELSON, 0, 0, 2, 14.5), {}, "modulus 14.5"),
-        (changed(NELSON, 0, 0, 2, np.nan), {}, "not finite"),
         (changed(NELSON, 1, 0, 3, 2), {}, "the same whole number"),
         (changed(NELSON, 0, 1, 2, entry(25, 0.3)), {}, "correct the pitch angles"),
-        (NELSON, {"frame": 4}, "not an index of 4 links"),
         (NELSON, {"frame": "5"}, 'frame = "5" is not a link'),
         (NELSON, {"names": ["a", "b"]}, "2 names are given for 4 links"),
     ],

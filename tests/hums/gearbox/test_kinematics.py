@@ -12,25 +12,6 @@ from hypothesis import strategies as st
 from hums.gearbox.kinematics import solve_kinematics
 from hums.gearbox.model import Gearbox, GearboxError, load_gearbox
 
-# Penaud and Alazard 2010, example 2; 2012, figure 2. Links 1 to 7: car, drive shaft, wheels, pinions, cage.
-DIFFERENTIAL = {
-    "name": "car differential",
-    "frame": "car",
-    "reference": "cage",
-    "axes": {
-        "wheels": {"direction": [1, 0, 0], "links": ["car", "left wheel", "right wheel", "cage"]},
-        "pinions": {"direction": [0, 1, 0], "links": ["cage", "upper pinion", "lower pinion"]},
-        "drive": {"direction": [1, 0, 0], "links": ["car", "drive shaft"]},
-    },
-    "mesh": [
-        {"teeth": {"drive shaft": 13, "cage": 65}},
-        {"teeth": {"left wheel": -14, "upper pinion": 10}},
-        {"teeth": {"left wheel": -14, "lower pinion": -10}},
-        {"teeth": {"right wheel": 14, "upper pinion": 10}},
-        {"teeth": {"right wheel": 14, "lower pinion": -10}},
-    ],
-}
-
 CORNER = {"left wheel": F(26), "right wheel": F(30)}  # rad/s
 
 
@@ -86,31 +67,8 @@ class TestParallel:
         last = f"s{len(stages)}"
         assert speed(kinematics, "s0", **{last: F(1)}) == 1 / expected[len(stages)]
 
-    def test_a_mate_that_is_unknown_binds_nothing(self):
-        table = {
-            "frame": "h",
-            "reference": "a",
-            "axes": {"one": ["h", "a"], "two": ["h", "b"]},
-            "mesh": [{"teeth": {"a": 20, "b": 41}}, {"teeth": {"b": 17}, "carrier": "h"}],
-        }
-        kinematics = solved(table)
-        assert kinematics.dof == 1
-        assert speed(kinematics, "b") == F(-20, 41)
-        assert kinematics.contacts[1].gears == (("b", 17),)
-
 
 class TestPlanetary:
-    def test_27_36_99_by_willis(self):
-        kinematics = solve_kinematics(load_gearbox("planetary-27-36-99"))
-        # (w_s - w_c) / (0 - w_c) = -99/27, so w_c = 27/126
-        assert speed(kinematics, "carrier") == F(27, 126)
-        for number in (1, 2, 3):
-            # the sun passes the carrier at 11/14 and drives 36 teeth with 27
-            assert kinematics.relative_speed(f"planet {number}", seen_from="carrier") == -F(11, 14) * F(27, 36)
-            assert speed(kinematics, f"planet {number}") == F(3, 14) - F(33, 56)
-        assert kinematics.dof == 1
-        assert kinematics.carriers == ("carrier",) * 6
-
     def test_a_planet_axis_that_points_backwards(self):
         # along the reversed axis the planet counts the other way, so both of its meshes change their signs
         table = planetary(rigid=[["housing", "ring"]])
@@ -163,16 +121,12 @@ class TestSpeeds:
             (CORNER | {"drive shaft": F(-141)}, 'imply -140 for "drive shaft", but it is given as -141'),
             ({"car": 1, "cage": 1, "left wheel": 1}, "contradict"),  # the frame does not rotate
             ({"cag": 1}, 'no link "cag"; did you mean "cage"'),
-            ({"upper pinion": 1, "cage": 1}, "relative to the carrier, or vectors"),
-            *(({"cage": bad}, r'"cage" = .* is not a finite number') for bad in (math.nan, math.inf, True, "3", None)),
+            ({"planet a": 1, "cage": 1}, "relative to the carrier, or vectors"),
         ],
     )
     def test_refused(self, speeds, words):
         with pytest.raises(GearboxError, match=words):
-            solved(DIFFERENTIAL).rates(speeds)
-
-    def test_what_follows_from_the_others_may_be_given_too(self):
-        assert speed(solved(DIFFERENTIAL), "cage", **CORNER, **{"drive shaft": F(-140)}, car=0) == 28
+            solve_kinematics(load_gearbox("car-differential")).rates(speeds)
 
     @pytest.mark.parametrize("kind", [int, F, np.float32, np.int64])
     def test_any_kind_of_number(self, kind):
@@ -181,7 +135,7 @@ class TestSpeeds:
 
     def test_no_reference(self):
         with pytest.raises(GearboxError, match="declares no reference"):
-            solved({key: value for key, value in DIFFERENTIAL.items() if key != "reference"}).rates()
+            solve_kinematics(load_gearbox("car-differential").changed(reference=None)).rates()
 
 
 def pair(a, b, **changes):

@@ -24,21 +24,10 @@ def solved(table=PLANETARY, **how):
 
 
 class TestFixedAndConstrained:
-    def test_fixed_ring(self):
-        kinematics = solved(fixed=["ring"])
-        assert kinematics.dof == 1
-        assert kinematics.relative_speed("carrier", seen_from="housing") == Fraction(27, 126)
-
     def test_constraint_between_two_links(self):
         # a belt outside the box makes the ring turn at half the sun's speed: 27 s + 99 r = 126 c
         kinematics = solved(constraints=[{"ring": 2, "sun": -1}])
         assert kinematics.relative_speed("carrier", seen_from="housing") == Fraction(27 * 2 + 99, 2 * 126)
-
-    def test_speeds_may_be_imposed_on_planets(self):
-        # Glinsky: any links will do; the planet's speed seen from the housing is the carrier's plus its own
-        speeds = {"carrier": Fraction(1), "planet 2": Fraction(-2)}
-        kinematics = solved()
-        assert kinematics.relative_speed("sun", seen_from="housing", speeds=speeds) == 1 + 3 * Fraction(36, 27)
 
     def test_too_many_that_agree_are_welcome(self):
         kinematics = solved()
@@ -81,9 +70,6 @@ def pair(**changes):
 
 
 class TestAxesThatMesh:
-    def test_meeting_axes_are_a_bevel_pair(self):
-        assert solved(pair()).relative_speed("b", seen_from="h") == Fraction(-1, 20)
-
     def test_axes_that_pass_each_other(self):
         with pytest.raises(
             GearboxError, match=r'mesh "a-b": its axes neither intersect nor are parallel \(they are 50 apart\)'

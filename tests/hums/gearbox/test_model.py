@@ -166,24 +166,18 @@ class TestRefusals:
     @pytest.mark.parametrize(
         ("table", "words"),
         [
-            *((mesh(teeth={"a": teeth, "b": 41}), f"teeth = {teeth!r}") for teeth in (True, "3", 20.0, None)),
             (mesh(teeth={"a": [3], "b": 41}), "(3,)"),  # a list is shown as the tuple it has become
             (mesh(teeth={"a": 0, "b": 41}), 'gear "a" has 0 teeth'),
-            (mesh(teeth={}), "write teeth = {"),
             (mesh(teeth=[20, 41]), "write teeth = {"),
-            (mesh(teeth={"a": 20, "b": 41, "h": 7}), "at most 2"),
             (mesh(teeth={"a": 20}), 'add carrier = "..."'),
             # links
             (
                 mesh(teeth={"a": 20, "bb": 41}),
                 'mesh "a-bb" names the link "bb", which is on no axis; did you mean "b"?',
             ),
-            (mesh(carrier="hh"), 'mesh "a-b" names the link "hh"'),
             (pair(frame="hh"), 'frame = "hh" is on no axis'),
             (pair(reference="c"), 'reference names the link "c"'),
-            (bearing(inner_ring="aa"), 'bearing "x" names the link "aa"'),
             (pair(frame=None), "frame is missing"),
-            (pair(axes=None), "axes is missing"),
             # names given twice
             (pair(mesh=[{"teeth": {"a": 20, "b": 41}}] * 2), 'two items of kind mesh are named "a-b"'),
             (pair(bearing=[{"names": ["x", "x"]} | BALL]), 'two items of kind bearing are named "x"'),
@@ -199,18 +193,12 @@ class TestRefusals:
             (axes({"parallel_to": "one"}), 'parallel_to = "one" is not another axis'),
             (axes({"parallel_to": "two", "direction": [1, 0, 0]}), "keep one"),
             (axes({"direction": [0, 0, 0]}), "[0.0, 0.0, 0.0] is not a direction"),
-            (axes({"direction": [float("nan"), 0, 1]}), "finite"),
-            (axes({"direction": [True, 0, 0]}), "direction.1 = True"),
-            (axes({"direction": [1, 0]}), "direction.3 is missing"),
-            (axes({"copies": 1}), "greater than or equal to 2"),
             (axes({"copies": 3, "spacing_deg": [0, 120]}), "2 angles for 3 copies"),
             (axes({"copies": 3, "spacing_deg": [0, 240, 120]}), "spacing_deg"),
             # bearings
             (sheet(ball=2.87, element_spin=None), '"ball" is ambiguous; write element_spin'),
             (sheet(element_defect=5.7), "exactly one of element_spin and element_defect"),
-            (sheet(inner=-9.5), "inner = -9.5: input should be greater than 0"),
             (sheet(inner=0.7, outer=0.4), "number of elements, at least 2"),
-            (sheet(cage=None), "cage is missing"),
             (sheet(cage=0.2), "cage = 0.2 contradicts inner 9.5 and outer 6.5, for which the cage rotates at 0.406"),
             (sheet(cage=0.594), "cage = 0.594 (that relative to the inner ring)"),
             (sheet(element_spin=5.14), "if it is the defect on both races, twice the spin, call it element_defect"),
@@ -231,13 +219,7 @@ class TestRefusals:
             (pair(bearing=[BALL | {"names": "hss"}]), "names = 'hss': give a list in brackets, as in [\"hss\"]"),
             (bearing(elements=None), "pitch_diameter_mm, bearing = a name from `hums bearings`, or multiples = {"),
             (bearing(element_diameter_mm=50), "element_diameter_mm = 50.0 is not below pitch_diameter_mm = 50.0"),
-            (bearing(contact_angle_deg=90), "less than 90"),
-            (bearing(pitch_diameter_mm="50"), "pitch_diameter_mm = '50'"),
-            (pair(bearing=[NO_SIZE]), "give elements, element"),
             # meshes
-            (mesh(pressure_angle_deg=90), "pressure_angle_deg = 90: input should be less than 90"),
-            (mesh(helix_angle_deg=-95), "helix_angle_deg = -95: input should be greater than -90"),
-            (mesh(profile_shift=0.2), "profile_shift = 0.2: give a list in brackets, as in [0.2]"),
             (mesh(hand="left"), 'hand = "left" is given with no helix_angle_deg; give helix_angle_deg without a sign'),
             (mesh(hand="right", helix_angle_deg=-15), "is given with -15 degrees; give helix_angle_deg without a sign"),
             # two errors are two sentences, and what follows from an error is not told

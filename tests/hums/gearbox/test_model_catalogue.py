@@ -13,25 +13,6 @@ from hums.gearbox.defect_orders import defects
 from hums.gearbox.kinematics import solve_kinematics
 from hums.gearbox.model import Gearbox, GearboxWarning, catalogue, load_gearbox
 
-DEGREES_OF_FREEDOM = {
-    "alouette-iii": 1,
-    "car-differential": 2,
-    "glinsky-compound": 1,
-    "glinsky-idler": 1,
-    "glinsky-parallel-pair": 1,
-    "glinsky-planetary-1": 2,
-    "glinsky-planetary-3": 2,
-    "nelson-bevel-planet": 1,
-    "oh-58": 1,
-    "planetary-27-36-99": 1,
-    "ravigneaux": 2,
-    "two-motor-split": 2,
-    "two-stage": 1,
-    "wijianto-pair": 1,
-    "wind-turbine-3-stage": 1,
-    "wolfrom": 1,
-}
-
 
 def turn(degrees):
     return np.exp(1j * np.radians(degrees))
@@ -52,7 +33,6 @@ class TestAll:
     @pytest.mark.parametrize("name", sorted(catalogue()))
     def test_it_loads_and_solves(self, name):
         kinematics = solved(name)
-        assert kinematics.dof == DEGREES_OF_FREEDOM.get(name, kinematics.dof)
         # N less the rank of the papers' matrix (2012, eq. 4)
         matrix = kinematics.constraint_matrix
         assert kinematics.dof == matrix.shape[1] - np.linalg.matrix_rank(matrix)
@@ -116,17 +96,6 @@ class TestDifferential:
     # Penaud and Alazard 2010, example 2; 2012, section 2: links 1 to 7
     LINKS = ("car", "drive shaft", "left wheel", "right wheel", "planet a", "planet b", "cage")
     CORNER = {"left wheel": F(26), "right wheel": F(30)}  # rad/s, right corner at 30 km/h  # noqa: RUF012
-    # 2012, eq. 3; 2010, eq. 14 has the same rows but the first
-    M = np.array(
-        [
-            [1, 0, 0, 0, 0, 0, 0],
-            [-78, 13, 0, 0, 0, 0, 65],
-            [0, 0, 14 * turn(-45), 0, 10 * turn(45), 0, -14 * turn(-45) - 10 * turn(45)],
-            [0, 0, 14 * turn(45), 0, 0, 10 * turn(-45), -14 * turn(45) - 10 * turn(-45)],
-            [0, 0, 0, 14 * turn(45), 10 * turn(-45), 0, -14 * turn(45) - 10 * turn(-45)],
-            [0, 0, 0, 14 * turn(-45), 0, 10 * turn(45), -14 * turn(-45) - 10 * turn(45)],
-        ]
-    )
 
     @pytest.fixture
     def kinematics(self):
@@ -135,11 +104,6 @@ class TestDifferential:
     @pytest.fixture
     def omega(self, kinematics):
         return kinematics.velocity_ratios(inputs=["left wheel", "right wheel"]).sel(link=list(self.LINKS)).to_numpy()
-
-    def test_the_printed_matrix(self, kinematics, omega):
-        np.testing.assert_allclose(self.M @ omega, 0, atol=1e-13)
-        assert np.linalg.matrix_rank(self.M) == 5
-        assert kinematics.dof == 2
 
     def test_velocity_ratio_matrix(self, omega):
         left = np.array([0, -2.5, 1, 0, 0.5 + 0.7j, 0.5 - 0.7j, 0.5])
@@ -190,21 +154,6 @@ class TestAlouette:
             for contact in kinematics.contacts
         }
         assert found == {(1, 6): 5, (1, 8): 7, (2, 3): 1, (3, 4): 1, (3, 6): 5, (5, 8): 7}
-
-    def test_table_3(self, kinematics):
-        # T(i, j) and T(j, i) of each gear pair, with the carriers of table 4
-        pairs = {
-            (1, 6, 5): (-93, 21),
-            (1, 8, 7): (-93, 21),
-            (2, 3, 1): (20 * turn(-45), 41 * turn(45)),
-            (3, 4, 1): (17 * turn(45), 20 * turn(-45)),
-            (3, 6, 5): (51, 21),
-            (5, 8, 7): (51, 21),
-        }
-        ratios = kinematics.velocity_ratios().sel(link=list(self.LINKS), input="input").to_numpy()
-        for (i, j, k), (one, other) in pairs.items():
-            left = one * (ratios[i - 1] - ratios[k - 1]) + other * (ratios[j - 1] - ratios[k - 1])
-            assert left == pytest.approx(0, abs=1e-13)  # terms near 20
 
 
 class TestGlinsky:

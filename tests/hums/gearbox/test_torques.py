@@ -11,7 +11,7 @@ from hypothesis import assume, given
 from hypothesis import strategies as st
 
 from hums.gearbox.kinematics import solve_kinematics
-from hums.gearbox.model import Gearbox, GearboxError, load_gearbox
+from hums.gearbox.model import Gearbox, load_gearbox
 from hums.gearbox.statics import TorqueError
 from hums.gearbox.torques import solve_torques
 
@@ -91,19 +91,6 @@ class TestTrains:
         assert (result.efficiency, result.circulating_ratio, result.gearing_ratio) == (1.0, 1.0, 1.0)
         assert result.indeterminate == ()
 
-    def test_an_idler_passes_on_the_tooth_load_and_turns_freely(self):
-        result = solve_torques(solved(train((20, 33), (33, -80))), {"s0": 4, "s2": None})
-        first, second = result.tooth_loads
-        assert first.torques_nm[1] == -second.torques_nm[0] == pytest.approx(-4 * 33 / 20, rel=1e-15)
-        # through an idler to a ring: -33/20, then 33/80
-        assert result.torques_nm["s2"] == 16.0
-        assert [(branch.link, branch.torque_nm) for branch in result.branches] == [
-            ("s0", -4.0),
-            ("s1", -6.6),
-            ("s1", 6.6),
-            ("s2", -16.0),
-        ]
-
     @given(
         stages=st.lists(
             st.tuples(st.integers(5, 200), st.integers(5, 200) | st.integers(-200, -5)), min_size=1, max_size=5
@@ -133,12 +120,6 @@ class TestTrains:
         assert result.output_power_w == pytest.approx(3.5 * TURN, rel=1e-15)
         # the stream divides behind the input shaft
         assert result.circulating_ratio == pytest.approx(2 / 3.5, rel=1e-15)
-
-    def test_a_mate_that_is_unknown_carries_nothing(self):
-        table = train((20, 50)) | {}
-        table["mesh"] = [*table["mesh"], {"teeth": {"s1": 17}, "carrier": "h"}]
-        result = solve_torques(solved(table), {"s0": 4, "s1": None})
-        assert [load.mesh for load in result.tooth_loads] == ["s0-s1"]
 
 
 class TestPlanetary:
@@ -300,11 +281,6 @@ class TestLosses:
 class TestDifferential:
     SPEEDS = {"left": F(-1, 4), "right": F(-3, 20)}  # round a bend, the cage at -1/5  # noqa: RUF012
     TORQUES = {"pinion": 1, "left": None, "right": None}  # noqa: RUF012
-
-    def test_its_two_wheels_are_no_sun_and_ring(self, recwarn):
-        # bevel teeth have opposite signs on the two sides of the apex; nothing there has to fit between the two
-        solved(DIFFERENTIAL)
-        assert not recwarn.list
 
     def test_each_wheel_takes_half_of_the_cage(self):
         result = solve_torques(solved(DIFFERENTIAL), self.TORQUES, speeds=self.SPEEDS)
@@ -587,13 +563,6 @@ class TestBearingLoads:
             np.testing.assert_allclose(found[f"s1 {number}"].radial_n, -force, rtol=1e-13)
         assert {(load.axial_n, load.status) for load in found.values()} == {(0.0, "solved")}
 
-    def test_bearings_in_tables_of_their_own(self):
-        one, two = bearings("s0", 0), bearings("s0", 100, names=["s0 2"])
-        found, together = loads(placed(held=[two, one, bearings("s1", 0, 100)])), loads(placed())
-        assert list(found) == ["s0 2", "s0 1", "s1 1", "s1 2"]
-        for name, load in found.items():
-            np.testing.assert_allclose(load.radial_n, together[name].radial_n, rtol=ROUNDING)
-
     def test_the_pinion_of_a_ring(self):
         found = loads(placed(teeth=(20, -50), through=((0, 0, 0), (0, 0, 30))))
         # they touch at -z, beyond the pinion; the ring pushes it to -y and inwards, +z
@@ -731,12 +700,6 @@ class TestBearingLoads:
         assert math.isnan(found.axial_n)
         assert found.radial_n == known.radial_n
 
-    def test_copies_have_no_places(self):
-        table = placed()
-        table["axes"]["axis 1"] |= {"copies": 2}
-        status = [load.status for load in loads(table, {"s0": 40, "s1 1": None, "s1 2": -50}).values()]
-        assert status[0] == 'axis "axis 1" stands for 2 copies of undeclared position'
-
     def test_planets_are_not_covered(self):
         held = [bearings(link, 0, 100, outer_ring="housing") for link in ("sun", "carrier")]
         held.append(bearings("planet", 0, 10, outer_ring="carrier"))
@@ -813,40 +776,17 @@ class TestRefusals:
                 '"lonely" has no path to another link',
             ),
             (solved(RING_FIXED), WHOLE | {"ring": None}, {}, '"ring" belongs to the frame .* read frame_torque_nm'),
-            (solved(RING_FIXED), WHOLE | {"housing": 3}, {}, '"housing" belongs to the frame'),
-            (solved(RING_FIXED), {"sun": 1, "carier": None}, {}, 'no link "carier"; did you mean "carrier"'),
             (
                 solved(RING_FIXED),
                 WHOLE,
                 {"mesh_efficiency": {"sun-plant": 0.9}},
                 'no mesh "sun-plant" of two gears; did you mean "sun-planet"',
             ),
-            *(
-                (solved(TRAIN), {"s0": bad, "s2": None}, {}, r'"s0" = .* is not a finite number of N m')
-                for bad in (math.nan, math.inf, True, "3", 1j)
-            ),
-            *(
-                (solved(TRAIN), {"s0": 4, "s2": None}, {"mesh_efficiency": bad}, '"s0-s1" = .* above 0 and at most 1')
-                for bad in (0, math.nan, {"s0-s1": 1.01})
-            ),
         ],
     )
     def test_refused(self, kinematics, torques, options, words):
         with pytest.raises(TorqueError, match=words):
             solve_torques(kinematics, torques, **options)
-
-    def test_a_mesh_of_the_result_that_is_unknown(self):
-        with pytest.raises(TorqueError, match='no mesh "planet-rin" of two gears; did you mean "planet-ring"'):
-            solve_torques(solved(RING_FIXED), WHOLE).at("planet-rin")
-
-    @pytest.mark.parametrize("bad", [True, {"s0-s1": "0.98"}])
-    def test_an_efficiency_that_is_no_number(self, bad):
-        with pytest.raises(TypeError, match=r"takes a number or a Mapping\[str, float\] for mesh_efficiency, not "):
-            solve_torques(solved(TRAIN), {"s0": 4, "s2": None}, mesh_efficiency=bad)
-
-    def test_speeds_settle_every_degree_of_freedom(self):
-        with pytest.raises(GearboxError, match="leave 1 degree undetermined"):
-            solve_torques(solved(DIFFERENTIAL), TestDifferential.TORQUES)
 
 
 class TestBalance:
@@ -867,10 +807,6 @@ class TestBalance:
         assert result.torques_nm == {"s0": 5.0, "flange": -5.0}
         assert (result.branches, result.efficiency) == ((), 1.0)
         assert (result.circulating_ratio, result.gearing_ratio) == (0.0, 0.0)
-
-    @pytest.mark.parametrize("kind", [int, F, np.float32, np.int64])
-    def test_any_kind_of_number(self, kind):
-        assert solve_torques(solved(TRAIN), {"s0": kind(4), "s2": None}).torques_nm["s2"] == -25
 
     @pytest.mark.parametrize("speed", [1, -3])
     def test_power_follows_the_speed(self, speed):
