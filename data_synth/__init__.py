@@ -1,4 +1,4 @@
-"""Synthetic vibration: a declared scene becomes a record with its truth."""
+"""Synthetic vibration: simulate a declared scene, and return its record with the ground truth."""
 
 from signals._lazy import exports
 

@@ -1,4 +1,4 @@
-"""The data card of a dataset: what is in the folder, how it was made, and what it is not."""
+"""The data card of a dataset: its files, labels, classes and machines."""
 
 from collections import Counter
 from importlib.metadata import version
@@ -11,16 +11,16 @@ from data_synth.scene.faults import DIMENSIONS
 _TEXT = """\
 # {title}
 
-{records:,} records of {duration:g} s at {rate:g} Hz: {channels}, and a tachometer of {pulses} pulse(s) per revolution
-of "{link}". Seed {seed}. All of it is simulated; no machine was measured.
+{records:,} records of {duration:g} s at {rate:g} Hz: {channels}, and a tachometer with {pulses} pulse(s) per revolution
+of "{link}". Seed {seed}. All records are simulated; no machine was measured.
 {about}
-`shards/*.h5` hold the records (HDF5 in netCDF4 layout) with their truth, `index.h5` and `labels.csv` the labels of all
-of them{parquet}. `plan.toml` has every range and every default; `hums dataset plan.toml` of hums-toolkit {package}
-makes the same bytes again. `checksums.sha256` has the SHA-256 of every file, as `sha256sum -c` reads them.
+`shards/*.h5` hold the records (HDF5 in netCDF4 layout) with their ground truth, `index.h5` and `labels.csv` all
+labels{parquet}. `plan.toml` states every range and every default; `hums dataset plan.toml` of hums-toolkit {package}
+reproduces the files byte for byte. `checksums.sha256` has the SHA-256 of every file, for `sha256sum -c`.
 
 ## Labels
 
-| label | what | unit | values |
+| label | meaning | unit | values |
 |---|---|---|---|
 {labels}
 
@@ -34,7 +34,7 @@ makes the same bytes again. `checksums.sha256` has the SHA-256 of every file, as
 _MACHINES = """
 ## Machines
 
-Records of a machine share its gears, their errors and damage (`machine_seed`).{in_splits}
+Records of a machine share its gears with their errors and damage (`machine_seed`).{in_splits}
 
 | machine | split | records | teeth | modules, mm |
 |---|---|---|---|---|
@@ -43,15 +43,15 @@ Records of a machine share its gears, their errors and damage (`machine_seed`).{
 _IN_SPLITS = " No machine is in two splits."
 
 _MEANINGS = {
-    "class": "what is wrong",
-    "class_number": "its place among the classes below, from 0",
-    "component": "what is damaged; empty where nothing is",
-    "seed": "of the record",
-    "machine": "which of the machines below",
-    "machine_seed": "of what all records of a machine share",
-    "split": "for training, validation or test",
-    "detectability_db": "signal-to-noise ratio of the filter matched to what the fault adds behind the measurement "
-    "chain, against the sensor's noise, from the beginning of the record, scaled to its length; NaN without a fault",
+    "class": "fault class",
+    "class_number": "index of the class in the list below, from 0",
+    "component": "damaged component; empty if healthy",
+    "seed": "seed of the record",
+    "machine": "machine, from the list below",
+    "machine_seed": "seed of what all records of a machine share",
+    "split": "training, validation or test",
+    "detectability_db": "signal-to-noise ratio of the filter matched to the contribution of the fault after the "
+    "measurement chain, against sensor noise, from the start of the record, scaled to its length; NaN without a fault",
 }
 _UNITS = {
     "db": "dB",
@@ -92,7 +92,7 @@ def data_card(plan: Plan) -> str:
         pulses=scene.tachometer.pulses_per_rev,
         link=scene.tachometer.link,
         seed=plan.seed,
-        parquet=", `records.parquet` samples and labels, a row a record" if plan.table.parquet else "",
+        parquet=", `records.parquet` samples and labels, one row per record" if plan.table.parquet else "",
         about=f"\n{plan.table.about.strip()}\n" if plan.table.about else "",
         package=version("hums-toolkit"),
         labels="\n".join(_label_row(name, column) for name, column in values.items()),
@@ -112,7 +112,7 @@ def _label_row(name: str, column: list[object]) -> str:
     numbers = np.array([value for value in column if isinstance(value, float) and value == value])  # noqa: PLR0124
     texts = dict.fromkeys(str(value) for value in column if isinstance(value, str) and value)
     shown = f"{numbers.min():.3g} to {numbers.max():.3g}" if numbers.size else ", ".join(texts)
-    return f"| `{name}` | {_MEANINGS.get(name, 'as drawn; empty where it is not')} | {unit} | {shown} |"
+    return f"| `{name}` | {_MEANINGS.get(name, 'value drawn; empty if none is')} | {unit} | {shown} |"
 
 
 def _class_row(plan: Plan, name: str, counts: list[int]) -> str:

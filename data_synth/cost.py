@@ -22,21 +22,21 @@ from data_synth.vibration.gear_lines import candidates_of
 from data_synth.vibration.run import Motion, contacts_in, motion_of
 from signals._validation import checked
 
-# Seconds on one core of a 2020s server: 0.3 to 1.1 of the processor time that 12 records of six kinematic scenes took.
-_SETUP_S = 0.07  # with the file
-_PER_LINE, _PER_CHANNEL = 0.5e-9, 60e-9  # s a sample, of a line in a channel, and for noise, impacts and writing
-_TEETH_S = 0.3  # s for teeth of gears that vibrate, and s a step of time, for each motion, and each pair of meshes:
+# Seconds on one core of a 2020s server: 0.3 to 1.1 times the processor time of 12 records of six kinematic scenes.
+_SETUP_S = 0.07  # including the file
+_PER_LINE, _PER_CHANNEL = 0.5e-9, 60e-9  # s per sample, for a line in a channel, and for noise, impacts and writing
+_TEETH_S = 0.3  # s for the teeth of vibrating gears; per time step, its degrees of freedom and pairs of meshes:
 _PER_STEP, _PER_DEGREE, _PER_PAIR = 0.09e-6, 0.018e-6, 0.02e-6
-_PER_PROJECTED = 1.4e-6  # s a sample and channel, for the lines of gears in motion
+_PER_PROJECTED = 1.4e-6  # s per sample and channel, for the lines of gears in motion
 _PROJECTED = 15
-"""Lines of gears in motion that are loud, over the root of the number of orders at which they may be: the mean of 24
-records of `benchmark-1`, of which either half predicts the mean of the other to 15 %; a single one is within a factor
-of two to four, since what is loud depends on resonances."""
-BYTES = 8  # of a sample in memory
-_LINE_COPIES, _FIXED_BYTES = 3, 40_000_000  # what was measured beside the channels of the demo of 1 s to 200 s
+"""Number of significant lines of gears in motion over the root of the number of candidate orders: the mean over 24
+records of `benchmark-1`, either half of which predicts the mean of the other to within 15 %. A single record is within
+a factor of two to four, since the significant lines depend on resonances."""
+BYTES = 8  # per sample in memory
+_LINE_COPIES, _FIXED_BYTES = 3, 40_000_000  # measured in addition to the channels of the demo of 1 s to 200 s
 _GEAR_COPIES = 11  # of a channel, while the lines of gears in motion are projected
 _OUTSIDE = ("electrical", "neighbour", "knocks", "noise", "mounts", "gains", "temperature")
-_CHAIN = [*Sensor.model_fields][4:]  # behind name, place, direction and units
+_CHAIN = [*Sensor.model_fields][4:]  # after name, place, direction and units
 
 
 @dataclass(frozen=True, kw_only=True)
@@ -46,9 +46,9 @@ class Part:
     Attributes
     ----------
     name, what, why : str
-        Component, size and reason, as the table prints them.
+        Component, size and reason, as printed in the table.
     seconds : float
-        Time to simulate it in s, estimated.
+        Estimated time in s to simulate it.
 
     Examples
     --------
@@ -70,13 +70,13 @@ class Explanation:
     Attributes
     ----------
     title : str
-        Gearbox, fidelity, duration, channels and rate.
+        Gearbox, fidelity, duration, channels and sampling rate.
     parts : tuple of Part
-        Sources, sensors and models, a row of the table each.
+        Sources, sensors and models, one per row of the table.
     seconds : float
-        Time in s to simulate and write it on one core, estimated.
+        Estimated time in s to simulate and write it on one core.
     record_bytes, truth_bytes, working_bytes : int
-        Memory in bytes of the channels, of the truth beside them, estimated, and of everything else at once.
+        Estimated memory in bytes of the channels, of their truth, and of everything else at the same time.
 
     Examples
     --------
@@ -112,14 +112,14 @@ def explain(
 ) -> Explanation:
     """Return the sources, lines and estimated cost of a scene without simulating it.
 
-    Random events are counted in a scene of ten seconds with the compressed time histories.
+    Random events are counted in a scene of ten seconds with time-compressed histories.
 
     Parameters
     ----------
     scene : Scene, path or catalogue name
         The scene.
     by_source, phases, mechanics : bool
-        As for `simulate`: what they keep beside the channels counts as the record's.
+        As in `simulate`; the additional data count as part of the record.
 
     Returns
     -------
@@ -128,11 +128,11 @@ def explain(
     Raises
     ------
     SceneError
-        If the scene cannot be simulated, as `simulate` does.
+        A scene that cannot be simulated, as in `simulate`.
 
     Examples
     --------
-    The demo scene has one channel of 10 s at 50 kHz, 8 bytes a sample:
+    The demo scene has one channel of 10 s at 50 kHz, 8 bytes per sample:
 
     >>> import data_synth
     >>> data_synth.explain("demo").record_bytes == 10 * 50_000 * 8
@@ -185,7 +185,7 @@ def _parts(stage: PreparedScene, scene: Scene, time_factor: float) -> Iterator[P
     yield Part(
         name="speed",
         what=f"{scene.gearbox.reference} up to {60 * top:.5g} rpm",
-        why=f"orders up to {scene.rate_hz / 2 / top:.4g} fit the sampling rate",
+        why=f"sampling rate covers orders up to {scene.rate_hz / 2 / top:.4g}",
     )
     samples = scene.samples * len(scene.sensors)
     faulty = {fault.component: fault.kind for fault in scene.faults}
@@ -200,7 +200,7 @@ def _parts(stage: PreparedScene, scene: Scene, time_factor: float) -> Iterator[P
     for number, train in stage.trains:
         yield _struck(stage, scene, number, train, time_factor)
     for transfer in scene.transfers:
-        yield Part(name=transfer.source, what=f"way of its own to {transfer.sensor}", why=_way(transfer))
+        yield Part(name=transfer.source, what=f"its own path to {transfer.sensor}", why=_way(transfer))
     for sensor in scene.sensors:
         yield Part(
             name=sensor.name, what=f"sensor on {sensor.on}", why=_chain(sensor), seconds=scene.samples * _PER_CHANNEL
@@ -216,13 +216,13 @@ def _parts(stage: PreparedScene, scene: Scene, time_factor: float) -> Iterator[P
 
 
 def _outside(scene: Scene) -> Iterator[Part]:
-    """Yield the imperfections of a scene that are no source of its machine."""
+    """Yield the imperfections of a scene that are not sources within its machine."""
     declared = scene.imperfections
     for name in _OUTSIDE if declared is not None else ():
         table = getattr(declared, name)
         if table is not None:
             given = ", ".join(f"{key} {value:g}" for key, value in table if isinstance(value, int | float))
-            yield Part(name=f"imperfections.{name}", what=given, why="as every real record has")
+            yield Part(name=f"imperfections.{name}", what=given, why="as in real records")
 
 
 def _struck(stage: PreparedScene, scene: Scene, number: int, train: ImpactTrain, time_factor: float) -> Part:
@@ -230,7 +230,7 @@ def _struck(stage: PreparedScene, scene: Scene, number: int, train: ImpactTrain,
     fault = scene.faults[number]
     what = _counted(train.revolutions.size, time_factor, "entries" if train.is_entry else "impacts")
     by_paths = all((train.source, sensor.name) in stage.paths for sensor in scene.sensors)
-    rings = "by its measured transfer paths" if by_paths else f"rings {scene.resonance.frequency_hz:g} Hz"
+    rings = "measured transfer paths" if by_paths else f"excites {scene.resonance.frequency_hz:g} Hz"
     why = f"fault {number + 1}, {fault.kind}: {rings}"
     return Part(name=train.component, what=what, why=why)
 
@@ -255,8 +255,8 @@ def _gears(motion: Motion, choice: Choice) -> Iterator[Part]:
         running = scene.samples + motion.settling_time_s * scene.rate_hz
         yield Part(
             name="fidelity",
-            what=f"{dof} degrees of freedom, {steps} step(s) a sample",
-            why=f"{choice}; with an error below {motion.error:g}",
+            what=f"{dof} degrees of freedom, {steps} step(s) per sample",
+            why=f"{choice}; error below {motion.error:g}",
             seconds=_TEETH_S
             + running * steps * (_PER_STEP + _PER_DEGREE * dof + _PER_PAIR * len(meshes) ** 2)
             + scene.samples * len(scene.sensors) * _PER_PROJECTED,
@@ -273,7 +273,7 @@ def _first(family: HarmonicFamily) -> float:
 
 def _why(family: HarmonicFamily, faulty: Mapping[str, str]) -> str:
     if family.kind == "shaft" and family.coefficients.ndim == 1:
-        return "a shaft that turns"
+        return "rotating shaft"
     if family.kind == "gear_mesh":
         return "gears in mesh"
     return faulty.get(family.component, family.kind)
@@ -287,12 +287,12 @@ def _chain(sensor: Sensor) -> str:
 # ---- Check before a simulation that the record fits into memory and onto the disk ------------------------------------
 
 
-_SMALL_BYTES = 100_000_000  # any machine has this, so smaller records are not checked
+_SMALL_BYTES = 100_000_000  # available on any machine, so that smaller records are not checked
 _MEMINFO, _CGROUP = Path("/proc/meminfo"), Path("/sys/fs/cgroup")
 
 
 def _further_rows(scene: Scene, *, phases: bool, mechanics: bool) -> int:
-    """Return the number of histories at every sample that a record keeps beside its channels."""
+    """Return the number of sampled histories that a record holds in addition to its channels."""
     rows = 0
     if phases:
         rows += len(turning_ratios(scene))
@@ -310,20 +310,21 @@ def refuse_too_large(
     phases: bool = False,
     mechanics: bool = False,
 ) -> None:
-    """Raise SceneError for a scene whose record is larger than the free memory or disk space.
+    """Raise SceneError for a scene whose record exceeds the free memory or disk space.
 
     Parameters
     ----------
     scene : Scene, path or catalogue name
+        The scene.
     out : Path, optional
-        Where the record is to be written; left out, it only has to fit into memory.
+        Where the record will be written; by default only memory is checked.
     by_source, phases, mechanics : bool
-        As for `simulate`.
+        As in `simulate`.
 
     Raises
     ------
     SceneError
-        With what it needs, what is free, and how long a record would fit.
+        With the space required, the space free, and the duration that would fit.
     """
     declared = scene if isinstance(scene, Scene) else load_scene(scene)
     rows = len(declared.sensors) + _further_rows(declared, phases=phases, mechanics=mechanics)
@@ -340,7 +341,7 @@ def refuse_too_large(
     for need, free, where in places:
         if free is not None and need > free:
             raise SceneError(
-                f"duration_s = {declared.duration_s:g}: the record has {declared.samples} samples of {rows} row(s) and "
+                f"duration_s = {declared.duration_s:g}: the record has {rows} row(s) of {declared.samples} samples and "
                 f"needs {need / 1e9:.3g} GB {where}, but {free / 1e9:.3g} GB are free; shorten it to about "
                 f"{0.9 * declared.duration_s * free / need:.2g} s, lower rate_hz, or make several records."
             )
@@ -353,7 +354,7 @@ def _sources(stage: PreparedScene) -> int:
 
 
 def free_memory_bytes() -> int | None:
-    """Return the memory available to this process in bytes; None where the system does not report it."""
+    """Return the memory available to this process in bytes; None if the system does not report it."""
     if _MEMINFO.exists():
         rows = dict(line.split(":", 1) for line in _MEMINFO.read_text(encoding="utf-8").splitlines())
         free = int(rows["MemAvailable"].split()[0]) * 1024

@@ -1,7 +1,7 @@
-"""Make a labelled dataset of many scenes in a folder, byte for byte the same whatever the workers.
+"""Make a labelled dataset of many scenes in a folder, byte for byte the same for any number of workers.
 
-Record i depends on the plan, its seed and i alone. Records are written in files of a few dozen, each moved into place
-whole, so an interrupted run continues with the files that are missing.
+Record i depends only on the plan, its seed and i. Records are written in files of a few dozen, each moved into place
+when complete, so that an interrupted run resumes with the missing files.
 """
 
 import hashlib
@@ -32,9 +32,9 @@ from hums.records.store import write_shard
 from signals._validation import checked
 
 CHECKSUMS = "checksums.sha256"
-_AMPLE = 20  # times the samples: no truth needs as much, so that it is not estimated, which takes seconds
+_AMPLE = 20  # times the size of the samples, more than any truth needs; avoids an estimate that takes seconds
 _MADE_BY = "# made by hums-toolkit {}; the plan with its scene and every default written out\n"
-_EXPLAINED = 9  # records from which size and time follow: their truth differs by half from gearbox to gearbox
+_EXPLAINED = 9  # records from which size and time are estimated, since the truth differs by half between gearboxes
 
 
 @checked
@@ -46,42 +46,42 @@ def make_dataset(
     progress: bool = False,
     force: bool = False,
 ) -> Tally:
-    """Make the dataset of a plan in a folder, or continue one that was interrupted.
+    """Make the dataset of a plan in a folder, or resume an interrupted one.
 
     Parameters
     ----------
     plan : Plan, str or Path
         A plan, the path of its file, or its name in the catalogue.
     folder : str or Path
-        New, empty, or begun with the same plan. It receives ``plan.toml``, ``shards/``, ``index.h5`` (which
-        `hums.open_dataset` reads), ``labels.csv``, ``data-card.md``, ``records.parquet`` where the plan asks for it
-        and, written last, ``checksums.sha256``.
+        New, empty, or started with the same plan. It receives ``plan.toml``, ``shards/``, ``index.h5`` (which
+        `hums.open_dataset` reads), ``labels.csv``, ``data-card.md``, ``records.parquet`` if the plan requests it and,
+        last, ``checksums.sha256``.
     workers : Serial, Processes or Cluster of `hums.jobs`, optional
-        What computes the files; one process if left out. The files do not depend on it.
+        Workers that compute the files; default: one process. The files do not depend on them.
     progress : bool
         Whether to show a progress bar on standard error.
     force : bool
-        Whether a folder that holds other files is used, and files of other programs in it are replaced.
+        Whether to use a folder that holds other files, replacing those of other programs.
 
     Returns
     -------
     Tally
-        Number of files written by this run, `done`, and kept from an earlier one, `kept`.
+        Number of files written by this run, `done`, and already present, `kept`.
 
     Raises
     ------
     PlanError
-        If the disk is too small, or the folder holds something else.
+        A disk too small, a folder that holds something else, or ``parquet = true`` without pyarrow.
     RecordError
-        If a table or the card in the folder is another program's, or was edited.
+        A table or card in the folder that was edited or belongs to another program.
     SceneError
-        If a record cannot be simulated; the sentence has its number and class.
+        A record that cannot be simulated, with its number and class.
     JobError
         See `hums.jobs.run_jobs`.
 
     Examples
     --------
-    Two records, each in a file of its own, then the same call again:
+    Two records, each in its own file, then the same call again:
 
     >>> import tempfile
     >>> from data_synth import make_dataset
@@ -127,7 +127,7 @@ def make_dataset(
 
 
 def _write_parquet(folder: Path, *, at_once: int) -> None:
-    """Write the records of a dataset as a Parquet file: a row a record, labels and channels its columns."""
+    """Write the records of a dataset as a Parquet file, one row per record, with labels and channels as columns."""
     import pyarrow as pa  # noqa: PLC0415 - an optional part
     from pyarrow.parquet import ParquetWriter  # noqa: PLC0415
 
@@ -136,7 +136,7 @@ def _write_parquet(folder: Path, *, at_once: int) -> None:
     facts = {name: str(data[name].attrs.get("units", "")) for name in names} | {"rate_hz": str(data.attrs["rate_hz"])}
 
     def cells(part: xr.DataArray) -> list[Any]:
-        pulses = str(part.dims[-1]).startswith("pulse_")  # which end in NaN where a record has fewer
+        pulses = str(part.dims[-1]).startswith("pulse_")  # padded with NaN in records with fewer
         return (
             part.values.tolist() if part.ndim == 1 else [row[~np.isnan(row)] if pulses else row for row in part.values]
         )
@@ -150,28 +150,28 @@ def _write_parquet(folder: Path, *, at_once: int) -> None:
 
 
 def _write_checksums(folder: Path) -> None:
-    """Write the SHA-256 of every file of a dataset, as ``sha256sum -c`` reads them."""
+    """Write the SHA-256 of every file of a dataset, in the format of ``sha256sum -c``."""
 
     def line(path: Path) -> str:
         with path.open("rb") as file:
             return f"{hashlib.file_digest(file, 'sha256').hexdigest()}  {path.relative_to(folder).as_posix()}\n"
 
     files = sorted(path for path in folder.rglob("*") if path.is_file() and path.name not in {CHECKSUMS, SEALS})
-    with ThreadPoolExecutor() as pool:  # hashing releases the interpreter
+    with ThreadPoolExecutor() as pool:  # hashing releases the global interpreter lock
         lines = [*pool.map(line, files)]
     write_text(folder / CHECKSUMS, "".join(lines))
 
 
 @dataclass(frozen=True, kw_only=True)
 class DatasetCost:
-    """Size and time of a dataset, estimated.
+    """Estimated size and time of a dataset.
 
     Attributes
     ----------
     size_bytes, truth_bytes : int
-        Of the samples of all records, and of their truth before its compression.
+        Size in bytes of the samples of all records, and of their truth before compression.
     seconds : float
-        On one core.
+        Time in s on one core.
     """
 
     size_bytes: int
@@ -180,11 +180,12 @@ class DatasetCost:
 
 
 def dataset_cost(plan: Plan) -> DatasetCost:
-    """Return size, truth and time of a dataset as `data_synth.explain` estimates the latter two for some records.
+    """Return the estimated size and time of a dataset, from `data_synth.explain` for some of its records.
 
     Parameters
     ----------
     plan : Plan
+        Plan of the dataset.
 
     Returns
     -------
@@ -193,7 +194,7 @@ def dataset_cost(plan: Plan) -> DatasetCost:
     Raises
     ------
     SceneError
-        If one of these cannot be simulated.
+        A record among these that cannot be simulated.
 
     Examples
     --------
@@ -227,7 +228,7 @@ def write_records(plan_text: str, shard: int, path: Path) -> None:
     shard : int
         Number of the file, from 0.
     path : Path
-        Where to write it.
+        Destination of the file.
     """
     plan = _parsed(plan_text)
     numbers = _record_numbers(plan, shard)
@@ -274,24 +275,26 @@ def _begin_folder(folder: Path, plan: Plan, *, force: bool) -> None:
         return
     folder.mkdir(parents=True, exist_ok=True)
     if not force and any(not path.name.startswith(".hums-") for path in folder.iterdir()):
-        raise PlanError(f"{folder} holds files that belong to no dataset; name a new one, or use --force (force=True).")
+        raise PlanError(
+            f"{folder} holds files that do not belong to a dataset; name a new folder, or use --force (force=True)."
+        )
     write_text(mark, own)
 
 
 def _require_same_plan(folder: Path, there: str, own: str) -> None:
-    """Refuse a folder whose plan differs, with the first line that does."""
+    """Raise PlanError for a folder whose plan differs, with the first differing line."""
     differing = next(((a, b) for a, b in zip(there.splitlines(), own.splitlines(), strict=False) if a != b), None)
     if there == own:
         return
     detail = f': there "{differing[0].strip()}", here "{differing[1].strip()}"' if differing else ""
     raise PlanError(
-        f"{folder} was begun with another plan or another version of this program{detail}. Name another folder, or go "
-        f"on with its own plan, {folder / 'plan.toml'}."
+        f"{folder} was started with another plan or another version of this program{detail}. Name another folder, or "
+        f"resume with its own plan, {folder / 'plan.toml'}."
     )
 
 
 def _check_space(plan: Plan, shards: Path, *, missing: int) -> None:
-    """Refuse a disk with less free space than the missing records need with their truth."""
+    """Raise PlanError if the disk has less free space than the missing records need with their truth."""
     shards.mkdir(exist_ok=True)
     free = shutil.disk_usage(shards).free
     if free >= missing * plan.record_bytes * _AMPLE:
@@ -302,5 +305,5 @@ def _check_space(plan: Plan, shards: Path, *, missing: int) -> None:
         raise PlanError(
             f"{missing} records of {plan.record_bytes / 1e6:.3g} MB and {truth_bytes / 1e6:.3g} MB of truth need "
             f"{need / 1e9:.3g} GB, but {free / 1e9:.3g} GB are free at {shards}. Lower records, duration_s or rate_hz, "
-            "keep float32, or choose another disk."
+            "use float32, or choose another disk."
         )

@@ -1,7 +1,7 @@
-"""Distributions: a plan may have one wherever a scene has a value; how a record draws from them.
+"""Distributions, which a plan may have in place of any value of a scene, and how a record draws from them.
 
 ``{ uniform = [low, high] }``, ``{ log = [low, high] }`` (uniform in the logarithm), ``{ choice = [a, b, c] }`` and
-``{ drawn = "name" }``, the value of a named distribution of the plan's ``[draw]``. Choices may be tables that contain
+``{ drawn = "name" }``, the value of a named distribution in ``[draw]`` of the plan. Choices may be tables that contain
 distributions.
 """
 
@@ -39,11 +39,11 @@ def _rising(ends: tuple[float, float]) -> tuple[float, float]:
 
 
 class Distribution(Declared):
-    """What every distribution may have beside its range.
+    """Common options of all distributions.
 
-    `label` names the value drawn in the labels of the dataset (left out: its place in the scene). `each` says whether
-    every record draws, or every machine once. The quantile is that of the named draw `by` where one is given, so that
-    several values rise together. `times` multiplies the value by named draws and numbers.
+    `label` names the value in the labels of the dataset (default: its place in the scene). `each` states whether every
+    record draws, or every machine once. If a named draw `by` is given, it is the quantile, so that several values rise
+    together. `times` multiplies the value by named draws and numbers.
     """
 
     label: Name | None = None
@@ -66,7 +66,7 @@ class Distribution(Declared):
         raise NotImplementedError
 
     def label_at(self, probability: float) -> Any:  # noqa: ANN401
-        """Return what the label says of the quantile at a probability, before its factors."""
+        """Return the label of the quantile at a probability, before its factors."""
         return self.at(probability)
 
 
@@ -93,9 +93,9 @@ class Log(Distribution):
 
 
 class Choice(Distribution):
-    """A discrete distribution over listed values, equally likely; a value listed twice is twice as likely.
+    """A discrete distribution over equally likely listed values; a value listed twice is twice as likely.
 
-    The label is the value; of tables and lists it is the name among `names`, or the place in the list, from 1.
+    The label is the value; for tables and lists it is the name in `names`, or the position in the list, from 1.
     """
 
     choice: Annotated[tuple[Any, ...], Field(min_length=1)]
@@ -104,11 +104,11 @@ class Choice(Distribution):
     @model_validator(mode="after")
     def _check(self) -> Self:
         if self.names is not None and len(self.names) != len(self.choice):
-            raise ValueError(f"{len(self.names)} names for {len(self.choice)} choices; name each")
+            raise ValueError(f"{len(self.names)} names for {len(self.choice)} choices; give one name for each")
         return self
 
     def index(self, probability: float) -> int:
-        """Return the place of the quantile at a probability, in the order of the list."""
+        """Return the index in the list of the quantile at a probability."""
         return min(int(probability * len(self.choice)), len(self.choice) - 1)
 
     @property
@@ -121,7 +121,7 @@ class Choice(Distribution):
         return self.choice[self.index(probability)]
 
     def label_at(self, probability: float) -> Any:  # noqa: ANN401
-        """Return the value chosen; its name or number where values are not alike text or numbers."""
+        """Return the value chosen, or its name or number if the values are not all text or all numbers."""
         if self.names is not None:
             return self.names[self.index(probability)]
         plain = self.is_text or all(isinstance(value, int | float) for value in self.choice)
@@ -135,7 +135,7 @@ class Drawn(Distribution):
 
 
 DISTRIBUTIONS: dict[str, type[Distribution]] = {"uniform": Uniform, "log": Log, "choice": Choice, "drawn": Drawn}
-"""By the key that a distribution is written with."""
+"""Distributions by the key with which they are written."""
 
 Tree: TypeAlias = Any  # tables and lists with distributions in the place of values
 Named: TypeAlias = Mapping[str, Distribution]
@@ -147,24 +147,24 @@ def parsed(value: Any, place: str, *, each: str) -> Tree:  # noqa: ANN401
     Raises
     ------
     PlanError
-        A distribution that is not valid, with its place.
+        An invalid distribution, with its place.
     """
     if isinstance(value, list | tuple):
         return [parsed(item, f"{place}.{number}", each=each) for number, item in enumerate(value, start=1)]
     if not isinstance(value, Mapping):
         if isinstance(value, date | time):
-            raise PlanError(f"{place} = {value}: a date or a time is no value of a scene; leave it out.")
+            raise PlanError(f"{place} = {value}: a scene has no dates or times; remove it.")
         return value
     kinds = DISTRIBUTIONS.keys() & value.keys()
     if not kinds:
         for key in (key for key, item in value.items() if isinstance(item, list | tuple)):
             if difflib.get_close_matches(key, DISTRIBUTIONS, n=1):
-                raise PlanError(f'{place}: unknown kind of range "{key}"{closest(key, set(DISTRIBUTIONS))}')
+                raise PlanError(f'{place}: unknown distribution "{key}"{closest(key, set(DISTRIBUTIONS))}')
         return {key: parsed(item, f"{place}.{key}" if place else key, each=each) for key, item in value.items()}
     if len(kinds) > 1:
         raise PlanError(f"{place}: {' and '.join(sorted(kinds))} are both given; keep one.")
     if not place:
-        raise PlanError(f"change: {kinds.pop()} is a kind of range, of a value; name the value, as in noise.rms.")
+        raise PlanError(f"change: {kinds.pop()} is the distribution of a value; name the value, as in noise.rms.")
     found = validated(DISTRIBUTIONS[kinds.pop()], dict(value), where=place, error=PlanError)
     own: dict[str, Any] = {
         "each": found.each or each,
@@ -182,7 +182,7 @@ def _children(tree: Tree) -> tuple[Tree, ...]:
 
 
 def labels_of(tree: Tree) -> Counter[str]:
-    """Return how many draws of one record may have each label; options of a choice exclude one another."""
+    """Return how many draws of one record may have each label; options of a choice are mutually exclusive."""
     counts = Counter[str]()
     for child in _children(tree):
         counts = counts | labels_of(child) if isinstance(tree, Choice) else counts + labels_of(child)
@@ -197,7 +197,7 @@ def reached(tree: Tree, named: Named) -> Iterator[tuple[Distribution, dict[str, 
     Raises
     ------
     PlanError
-        A name without a draw, or a draw that needs itself.
+        A name without a draw, or a draw that depends on itself.
     """
     done = set[tuple[str, frozenset[tuple[str, float]]]]()
 
@@ -211,9 +211,9 @@ def reached(tree: Tree, named: Named) -> Iterator[tuple[Distribution, dict[str, 
             if not isinstance(name, str) or (name, frozenset(chosen.items())) in done:
                 continue
             if name not in named:
-                raise PlanError(f'"{name}" is no draw{closest(name, set(named))}')
+                raise PlanError(f'there is no draw "{name}"{closest(name, set(named))}')
             if name in path:
-                raise PlanError(f'the draw "{name}" needs itself; give it a range of its own.')
+                raise PlanError(f'the draw "{name}" depends on itself; give it its own range.')
             yield from within(named[name], chosen, (*path, name))
             done.add((name, frozenset(chosen.items())))
         for number, option in enumerate(tree.choice if isinstance(tree, Choice) else ()):
@@ -223,21 +223,21 @@ def reached(tree: Tree, named: Named) -> Iterator[tuple[Distribution, dict[str, 
 
 
 class Draws:
-    """The values of one record: drawn when they are first needed, each named draw once.
+    """The values of one record, drawn when first needed, each named draw once.
 
     Parameters
     ----------
     named : mapping of str to Distribution
-        The draws that others refer to.
+        Draws to which others refer.
     probability : callable
-        Returns the probability at which a distribution is drawn, from 0 to 1.
+        Function that returns the probability, 0 to 1, at which a distribution is drawn.
     given : mapping of str to value
-        Values of named draws that are not drawn.
+        Values of named draws to use instead of drawing.
 
     Attributes
     ----------
     labels : dict of str to value
-        What was drawn so far, by label.
+        Values drawn to date, by label.
     """
 
     def __init__(
@@ -248,7 +248,7 @@ class Draws:
         self.labels |= self._values
 
     def resolved(self, tree: Tree) -> Any:  # noqa: ANN401
-        """Return tables and lists with values in place of their distributions."""
+        """Return tables and lists with values in place of distributions."""
         if isinstance(tree, Mapping):
             return {key: self.resolved(item) for key, item in tree.items()}
         if isinstance(tree, list):
@@ -269,7 +269,7 @@ class Draws:
         for factor in distribution.factors:
             other = self._of(factor) if isinstance(factor, str) else factor
             if not (isinstance(value, int | float) and isinstance(other, int | float)):
-                raise PlanError(f"times = {factor!r}: only numbers are multiplied, not {value!r} by {other!r}.")
+                raise PlanError(f"times = {factor!r}: cannot multiply {value!r} by {other!r}; both must be numbers.")
             value *= other
         if distribution.label is not None:
             self.labels[distribution.label] = value if distribution.factors else shown

@@ -1,8 +1,8 @@
-"""Plans of datasets: a scene, what varies from record to record, machines and classes. Frozen, read from TOML.
+"""Plans of datasets: a scene, its variation between records, machines and classes. Frozen, read from TOML.
 
-Wherever the scene has a value, a plan may have a distribution (`data_synth.draws`). The value drawn is a label, named
-after its place in the scene (``speed.rpm``, ``fault.1.depth_mm``) or by ``label = "..."`` in the distribution. The
-scene of a record is that of the plan, changed by ``[change]``, then by its machine, then by its class.
+A plan may have a distribution (`data_synth.draws`) in place of any value of the scene. The value drawn is a label,
+named after its place in the scene (``speed.rpm``, ``fault.1.depth_mm``) or by ``label = "..."`` in the distribution.
+The scene of a record is that of the plan, modified by ``[change]``, then by its machine, then by its class.
 """
 
 import tomllib
@@ -50,14 +50,14 @@ from signals._validation import checked
 
 _OWN_LABELS = ("record", "class", "class_number", "seed", "time", "machine", "machine_seed", "split")
 _SHARD_BYTES = 32_000_000  # of samples in one file, which a worker holds in memory
-_MOST_IN_SHARD, _FEWEST_SHARDS = 64, 16  # little is lost with a kill, and several workers have something to do
+_MOST_IN_SHARD, _FEWEST_SHARDS = 64, 16  # little is lost by an interruption, and several workers are kept busy
 
 
 # ---- The plan file ---------------------------------------------------------------------------------------------------
 
 
 class ClassTable(Declared):
-    """A class of records; `share` records of it come in each cycle of the classes."""
+    """A class of records, with `share` records in each cycle of the classes."""
 
     name: Name
     share: Annotated[int, Field(ge=1)] = 1
@@ -65,9 +65,10 @@ class ClassTable(Declared):
 
 
 class MachineTable(Declared):
-    """Machines of one design; what they draw here, each of them draws once.
+    """Machines of one design, each of which draws its values once.
 
-    `splits` has the number of machines by split, so that no machine is in two of them; left out, there is one, in none.
+    `splits` states the number of machines per split, so that no machine is in two of them; by default there is one
+    machine, without a split.
     """
 
     name: Name
@@ -79,9 +80,8 @@ class MachineTable(Declared):
 class PlanTable(Declared):
     """The content of a plan file.
 
-    `splits` are the shares of records, of each class alike, in training, validation and test, or of the machines of a
-    `history`; where the plan has a `machine`, that has its own. With `parquet` the records are in ``records.parquet``,
-    too.
+    `splits` are the fractions of the records of each class in training, validation and test, or of the machines of a
+    `history`; a `machine` of the plan has its own. With `parquet` the records are also written to ``records.parquet``.
     """
 
     title: str = ""
@@ -110,7 +110,9 @@ class Machine:
     Attributes
     ----------
     name, split : str
+        Its name, and the split of its records; empty without splits.
     design : MachineTable
+        Declaration of its design.
     """
 
     name: str
@@ -120,7 +122,7 @@ class Machine:
 
 @dataclass(frozen=True, kw_only=True)
 class _Template:
-    """The scene of one design and one class, with distributions; and the draws that it may refer to."""
+    """The scene of one design and one class, with distributions, and the draws to which it may refer."""
 
     tree: Tree
     named: Named
@@ -128,7 +130,7 @@ class _Template:
 
     @cached_property
     def distributions(self) -> tuple[Distribution, ...]:
-        """What a record may draw from, each once."""
+        """Distinct distributions from which a record may draw."""
         return tuple({id(draw): draw for draw, _ in reached(self.tree, self.named)}.values())
 
 
@@ -142,9 +144,9 @@ class Plan:
     Attributes
     ----------
     text : str
-        The plan as TOML, its scene and every default written out; plans of equal text are equal.
+        The plan as TOML, with its scene and every default written out; plans of equal text are equal.
     table : PlanTable
-        What the text declares.
+        Content of the text.
 
     Examples
     --------
@@ -164,12 +166,12 @@ class Plan:
 
     @property
     def seed(self) -> int:
-        """Seed of the dataset, from which those of the records follow."""
+        """Seed of the dataset, from which the seeds of the records are derived."""
         return self.table.seed
 
     @property
     def dtype(self) -> str:
-        """Type in which samples are stored."""
+        """Data type in which samples are stored."""
         return self.table.dtype
 
     @cached_property
@@ -180,7 +182,7 @@ class Plan:
 
     @property
     def records_per_shard(self) -> int:
-        """Records in one file."""
+        """Number of records per file."""
         fitting = min(_SHARD_BYTES // self.record_bytes, _MOST_IN_SHARD, -(-self.records // _FEWEST_SHARDS))
         return self.table.records_per_shard or max(1, fitting)
 
@@ -190,7 +192,7 @@ class Plan:
         return tuple(each.name for each in self.table.classes)
 
     def changed(self, **keys: object) -> "Plan":
-        """Return the plan with other keys of its file, such as `records` or `seed`.
+        """Return the plan with other values of its keys, such as `records` or `seed`; raise PlanError if invalid.
 
         Examples
         --------
@@ -202,7 +204,7 @@ class Plan:
 
     @cached_property
     def machines(self) -> tuple[Machine, ...]:
-        """The machines that the plan declares, whose records take turns; empty without any."""
+        """Machines declared by the plan, whose records alternate; empty if there are none."""
         found = list[Machine]()
         for design in self.table.machines:
             splits = [split for split, count in (design.splits or {"": 1}).items() for _ in range(count)]
@@ -212,13 +214,13 @@ class Plan:
         return tuple(found)
 
     def machine_of(self, number: int) -> Machine | None:
-        """Return the machine of a record; None where the plan declares none."""
+        """Return the machine of a record; None if the plan declares none."""
         return self.machines[number % len(self.machines)] if self.machines else None
 
     def class_of(self, number: int) -> str:
-        """Return the class of a record; the classes take turns, each as often in a cycle as its `share`.
+        """Return the class of a record; classes alternate, each appearing `share` times per cycle.
 
-        With several machines each has all classes in turn.
+        With several machines each goes through all classes.
 
         Parameters
         ----------
@@ -252,6 +254,11 @@ class Plan:
         -------
         dict
 
+        Raises
+        ------
+        ValueError
+            A number outside the plan.
+
         Examples
         --------
         >>> from data_synth import load_plan
@@ -268,11 +275,18 @@ class Plan:
         number : int
             Number of the record, from 0.
         given : mapping of str to value, optional
-            Values of the plan's named draws to take in place of those drawn.
+            Values of named draws of the plan to use instead of drawing.
 
         Returns
         -------
         Scene
+
+        Raises
+        ------
+        ValueError
+            A number outside the plan.
+        SceneError
+            Values that make the scene invalid.
 
         Examples
         --------
@@ -286,7 +300,7 @@ class Plan:
         return scene if self._history is None else self._history.scene(scene, number, seed=self.seed)
 
     def scenes_of(self, number: int) -> tuple[Scene, ...]:
-        """Return the scenes that are simulated for a record: its own, and a short healthy one for the detectability."""
+        """Return the scenes simulated for a record: its own, and a short healthy one for the detectability."""
         scene, trial_s = self.scene(number), self.table.detectability_s
         if trial_s is None or not scene.faults:
             return (scene,)
@@ -303,7 +317,7 @@ class Plan:
         Returns
         -------
         int
-            Derived from the plan's seed and `number` alone; below 2^63.
+            Derived from the seed of the plan and `number` alone; below 2^63.
 
         Examples
         --------
@@ -315,7 +329,7 @@ class Plan:
         return derived_seed(self.seed, number)
 
     def machine_seed_of(self, number: int) -> int | None:
-        """Return the seed of the machine of a record, which its records share; None where none carries over.
+        """Return the seed shared by all records of the machine of a record; None if the plan has no machines.
 
         Parameters
         ----------
@@ -338,7 +352,7 @@ class Plan:
         return None if self._history is None else derived_seed(self.seed, "machine", self._history.machine(number))
 
     def labels(self, number: int) -> dict[str, Any]:
-        """Return the class, the seed and all labels of a record but ``detectability_db``, which takes a simulation.
+        """Return class, seed and all labels of a record except ``detectability_db``, which requires a simulation.
 
         Parameters
         ----------
@@ -348,7 +362,7 @@ class Plan:
         Returns
         -------
         dict
-            The same keys for every record: NaN or "" where the record does not draw that label.
+            The same keys for every record, with NaN or "" if the record does not draw that label.
 
         Examples
         --------
@@ -380,7 +394,7 @@ class Plan:
 
     @cached_property
     def label_is_text(self) -> dict[str, bool]:
-        """Whether the values of each label that records draw are text."""
+        """Whether the values of each label drawn are text."""
         found = dict[str, bool]()
         for template in self.templates.values():
             for draw in template.distributions:
@@ -390,23 +404,23 @@ class Plan:
                 is_text = source.is_text and not draw.factors
                 if draw.label is not None and found.setdefault(draw.label, is_text) != is_text:
                     raise PlanError(
-                        f'the label "{draw.label}" is a number in one class and not in another; rename one.'
+                        f'the label "{draw.label}" is a number in one class and text in another; rename one.'
                     )
         for label in self.table.labels or ():
             if label not in found:
-                raise PlanError(f'labels: nothing drawn has the label "{label}"{closest(label, set(found))}')
+                raise PlanError(f'labels: no value drawn has the label "{label}"{closest(label, set(found))}')
         return found if self.table.labels is None else {label: found[label] for label in self.table.labels}
 
     @cached_property
     def templates(self) -> dict[tuple[str, str], _Template]:
-        """The scene of each design and class, by their names."""
+        """Scenes with distributions, by the names of design and class."""
         found, plan = dict[tuple[str, str], _Template](), self.table
         for design in plan.machines or (_NO_MACHINE,):
             named = parsed(plan.draw, "", each="record") | parsed(design.draw, "", each="machine")
             for name, draw in named.items():
                 if not isinstance(draw, Distribution):
-                    raise PlanError(f"draw.{name} is no range{closest(name, set(DISTRIBUTIONS))}")
-            base = plan.scene if isinstance(plan.scene, dict) else {}  # reading has written it out
+                    raise PlanError(f"draw.{name} is not a distribution{closest(name, set(DISTRIBUTIONS))}")
+            base = plan.scene if isinstance(plan.scene, dict) else {}  # written out when the plan was read
             tree = _merged(base, parsed(plan.change, "", each="record"))
             tree = _merged(tree, parsed(design.change, "", each="machine"))
             for each in self.table.classes:
@@ -419,9 +433,9 @@ class Plan:
         return found
 
     def _resolved(self, number: int, given: Mapping[str, Any] | None = None) -> tuple[dict[str, Any], dict[str, Any]]:
-        """Return the table of a record's scene, and what it drew by label."""
+        """Return the table of the scene of a record, and the values drawn by label."""
         if not 0 <= number < self.records:
-            raise ValueError(f"no record {number}; the {self.records} of this plan count from 0.")
+            raise ValueError(f"no record {number}; this plan has records 0 to {self.records - 1}.")
         machine = self.machine_of(number)
         template = self.templates[(machine.design if machine else _NO_MACHINE).name, self.class_of(number)]
         of_machine = machine.name if machine else self._history.machine(number) if self._history else 0
@@ -436,13 +450,13 @@ class Plan:
         return draws.resolved(template.tree), draws.labels
 
     def _rank(self, number: int) -> int:
-        """Return the number of a record among those of its class."""
+        """Return the index of a record among those of its class."""
         turns, place = divmod(self._turn(number), len(self._cycle))
         own = self._class_index(number)
         return turns * self.table.classes[own].share + self._cycle[:place].count(own)
 
     def _split(self, number: int) -> str:
-        """Return the split of a record: machines of a history are each in one."""
+        """Return the split of a record; each machine of a history is in one split."""
         which = self._history.machine(number) if self._machines > 1 and self._history else self._rank(number)
         ends = np.cumsum([*self.table.splits.values()])
         at = (which + 0.5) * (5**0.5 - 1) / 2 % 1 * ends[-1]  # multiples of the golden ratio are evenly spread
@@ -452,7 +466,7 @@ class Plan:
         return self._cycle[self._turn(number) % len(self._cycle)]
 
     def _turn(self, number: int) -> int:
-        """Return which turn of the classes a record takes: each of several machines has all classes in turn."""
+        """Return the position of a record in the sequence of classes, of which each machine goes through all."""
         machines, classes = self._machines, len(self._cycle)
         block, place = divmod(int(number), machines * classes)
         turn, machine = divmod(place, machines)
@@ -465,7 +479,7 @@ class Plan:
 
     @property
     def _machines(self) -> int:
-        """Number of machines whose records take turns."""
+        """Number of machines whose records alternate."""
         return len(self.machines) or (1 if self._history is None else self._history.machines)
 
     @property
@@ -474,7 +488,7 @@ class Plan:
 
     @cached_property
     def _cycle(self) -> tuple[int, ...]:
-        """One cycle of classes, by index, in the order in which records take them."""
+        """One cycle of class indices, in the order of the records."""
         rounds = range(max(each.share for each in self.table.classes))
         return tuple(i for turn in rounds for i, each in enumerate(self.table.classes) if each.share > turn)
 
@@ -485,7 +499,7 @@ _NO_MACHINE = MachineTable(name="machine")
 def _merged(base: Mapping[str, Any], change: Mapping[str, Any]) -> dict[str, Any]:
     """Return `base` with the values of `change`: nested tables are merged, everything else is replaced.
 
-    A gearbox with a name replaces the other one.
+    A named gearbox replaces the other one.
     """
     result = dict(base)
     for key, value in change.items():
@@ -496,22 +510,22 @@ def _merged(base: Mapping[str, Any], change: Mapping[str, Any]) -> dict[str, Any
 
 
 def _checked(template: _Template) -> _Template:
-    """Refuse labels that are taken twice or have a meaning of their own, and quantiles by what is none."""
+    """Raise PlanError for duplicate or reserved labels, and for quantiles from draws outside [0, 1]."""
     counts = labels_of(template.tree)
     for draw in template.named.values():
         if any(draw is other for other in template.distributions):
             counts += labels_of(draw)
     for label, times in counts.items():
         if times > 1:
-            raise PlanError(f'two ranges have the label "{label}"; give each its own.')
+            raise PlanError(f'two distributions have the label "{label}"; give each its own.')
         if label in (*_OWN_LABELS, "detectability_db") or label.startswith(("truth_", "pulse_", "time_")):
-            raise PlanError(f'the label "{label}" has a meaning of its own; choose another.')
+            raise PlanError(f'the label "{label}" is reserved; choose another.')
     for draw in template.distributions:
         source = template.named[draw.by] if draw.by is not None else None
         if source is not None and not (
             isinstance(source, Uniform) and not source.factors and 0 <= source.uniform[0] <= source.uniform[1] <= 1
         ):
-            raise PlanError(f'{draw.label}: by = "{draw.by}", which is no uniform draw within [0, 1]; make it one.')
+            raise PlanError(f'{draw.label}: by = "{draw.by}" must name a uniform draw within [0, 1]; change its range.')
     return template
 
 
@@ -525,8 +539,8 @@ def load_plan(name_or_path: str | Path) -> Plan:
     Parameters
     ----------
     name_or_path : str or Path
-        Path of a ``.toml`` file, or the name of a plan that ships with the package. A relative path of the scene or of
-        a machine's gearbox in the file is looked up beside it first.
+        Path of a ``.toml`` file, or the name of a plan in the catalogue. A relative path of the scene or of the gearbox
+        of a machine is first looked up in the folder of the file.
 
     Returns
     -------
@@ -535,7 +549,7 @@ def load_plan(name_or_path: str | Path) -> Plan:
     Raises
     ------
     PlanError
-        With one sentence: the key, its value, the bound and the remedy.
+        With the key, its value, the bound and the remedy.
 
     Examples
     --------
@@ -556,19 +570,19 @@ def load_plan(name_or_path: str | Path) -> Plan:
 
 
 def parse_plan(text: str, *, where: str = "plan") -> Plan:
-    """Return the plan of a TOML text; `where` names it in error sentences."""
+    """Return the plan of a TOML text, which `where` names in error messages; raise PlanError if it is invalid."""
     return _plan(parsed_toml(text, where=where, error=PlanError), where=where)
 
 
 def plans() -> dict[str, Path]:
-    """Return the plans that ship with the package, file by name."""
+    """Return the plans of the catalogue, files by name."""
     folder = Path(str(files("data_synth"))) / "catalogue" / "plans"
     return {path.stem: path for path in sorted(folder.glob("*.toml"))}
 
 
 def _plan(table: Mapping[str, Any], *, where: str) -> Plan:
-    """Return the plan of a parsed plan file, after a check of every class."""
-    import tomli_w  # noqa: PLC0415 - a plan is read seldom
+    """Return the plan of a parsed plan file, after checking every class."""
+    import tomli_w  # noqa: PLC0415 - rarely needed
 
     declared = validated(PlanTable, dict(table), where=where, error=PlanError)
     try:
@@ -597,12 +611,12 @@ def _plan(table: Mapping[str, Any], *, where: str) -> Plan:
 def _refuse_repeated(what: str, names: tuple[str, ...] | list[str]) -> None:
     for name in names:
         if names.count(name) > 1:
-            raise PlanError(f'two of {what} are called "{name}"; give each a name of its own.')
+            raise PlanError(f'two {what} tables are named "{name}"; give each its own name.')
 
 
 def _check_scenes(plan: Plan) -> Scene:
-    """Validate scenes at both ends of all ranges and of every choice, so that a plan fails early; return the first."""
-    plan.label_is_text  # noqa: B018 - refuses labels that are not alike
+    """Validate scenes at both ends of all ranges and at every choice, so that a plan fails early; return the first."""
+    plan.label_is_text  # noqa: B018 - refuses labels of mixed types
     found, seen = list[tuple[Scene, dict[str, object]]](), set[str]()
     for (design, name), template in plan.templates.items():
         where = f'class "{name}"' + (f', machine "{design}"' if plan.machines else "")
@@ -614,21 +628,21 @@ def _check_scenes(plan: Plan) -> Scene:
             for key, own in alike.items():
                 if own != found[0][1][key]:
                     raise PlanError(
-                        f"{where} changes {key}, but all records of a dataset have the same {key}; give one value, in "
-                        "[change]."
+                        f"{where} changes {key}, which must be the same in all records of a dataset; give one value, "
+                        "in [change]."
                     )
         seen.add(design)
     return found[0][0]
 
 
 def _extremes(template: _Template, of: Tree) -> Iterator[dict[str, Any]]:
-    """Yield tables of the scene at both ends of its ranges, and with every option of the choices in a part of it."""
+    """Yield tables of the scene at both ends of its ranges, and with every option of the choices in `of`."""
     taken: list[dict[str, float]] = []
     once = {(id(draw), *chosen.items()): (draw, chosen) for draw, chosen in reached(of, template.named)}
     for draw, chosen in once.values():
         for number in range(1, len(draw.choice) if isinstance(draw, Choice) else 0):
             option = {str(draw.label): (number + 0.5) / len(draw.choice)}  # type: ignore[attr-defined]
-            # options of choices that do not depend on each other are taken together
+            # options of independent choices are combined
             free = (each for each in taken if chosen.items() <= each.items() and not option.keys() & each.keys())
             if (there := next(free, None)) is None:
                 taken.append(chosen | option)

@@ -1,4 +1,4 @@
-"""JSON schemas of scenes and plans, for editors that check while one types."""
+"""JSON schemas of scenes and plans, for editors that validate while typing."""
 
 from collections.abc import Mapping
 from typing import Any
@@ -11,25 +11,25 @@ _HISTORIES = {"Speed": ("rpm", "steps", "csv", "run_up"), "Torque": ("nm", "step
 
 
 def scene_schema(gearbox: Mapping[str, Any]) -> dict[str, Any]:
-    """Return the JSON schema (2020-12) of a scene file as it is written by hand.
+    """Return the JSON schema (2020-12) of a scene file as written by hand.
 
     Parameters
     ----------
     gearbox : mapping
-        The schema of a gearbox file, `hums.gearbox.model.gearbox_schema()`: a scene may contain a gearbox instead of
+        Schema of a gearbox file, `hums.gearbox.model.gearbox_schema()`, since a scene may contain a gearbox instead of
         naming one.
 
     Returns
     -------
     dict
-        A JSON schema that allows no null, since TOML has none.
+        A JSON schema without null, which TOML does not have.
     """
     schema: dict[str, Any] = Scene.model_json_schema(by_alias=True)
     parts, properties = schema["$defs"], schema["properties"]
     box = {key: value for key, value in gearbox.items() if key not in {"$defs", "$schema"}}
     parts |= gearbox["$defs"]
     del parts["Gear"]
-    parts["Gearbox"] = box | {"required": [*box["required"], "name"]}  # inside a scene no file lends its name
+    parts["Gearbox"] = box | {"required": [*box["required"], "name"]}  # inside a scene there is no file name to use
     named = {"type": "string", "minLength": 1, "description": "A .toml file or a catalogue name."}
     properties["gearbox"] = {"anyOf": [named, {"$ref": "#/$defs/Gearbox"}]}
     maps = {"Excitation": ("shafts", "meshes"), "Dynamics": ("links", "meshes", "bearings", "shafts")}
@@ -47,7 +47,7 @@ def scene_schema(gearbox: Mapping[str, Any]) -> dict[str, Any]:
 
 
 def plan_schema() -> dict[str, Any]:
-    """Return the JSON schema (2020-12) of a plan file; `hums schema scene` lists what its changes may name.
+    """Return the JSON schema (2020-12) of a plan file; `hums schema scene` lists the keys that it may change.
 
     Examples
     --------
@@ -67,7 +67,7 @@ def _as_table(pairs: dict[str, Any]) -> None:
 
 
 def _as_history(history: dict[str, Any], forms: tuple[str, ...]) -> None:
-    """Let a time history be given in one of its forms, a number or a file among them."""
+    """Allow a time history in any one of its forms, including a number or a file."""
     value = history["properties"][forms[0]]
     value["anyOf"].append({"type": "number"})
     history["properties"]["csv"] = {"type": "string", "description": f"A file of two columns: s, {forms[0]}."}
@@ -75,7 +75,7 @@ def _as_history(history: dict[str, Any], forms: tuple[str, ...]) -> None:
 
 
 def _without_null(value: Any) -> Any:  # noqa: ANN401
-    """Return a schema without null among types and defaults: TOML has no such value."""
+    """Return a schema without null among types and defaults, which TOML does not have."""
     if isinstance(value, list):
         return [_without_null(item) for item in value]
     if not isinstance(value, dict):

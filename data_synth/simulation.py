@@ -51,85 +51,84 @@ def simulate(
     scene : Scene, str or Path
         A scene, the path of its file, or its name in the catalogue.
     seed : int
-        Not negative. Every random quantity has a stream of its own, named after what it belongs to, so that an added
-        fault leaves phases, noise and tachometer as they were. Same scene and seed: same bytes.
+        Not negative. Every random quantity has a stream of its own, named after what it belongs to, so that adding a
+        fault changes neither phases nor noise nor tachometer. The same scene and seed give the same bytes.
     machine_seed : int or None
-        For one of several records of a machine: a seed of what stays the same from one to the next, errors and damage
-        of teeth, imbalance, phases, gains and mounts of sensors. The machine has made a random number of turns before
-        the record. None: all of it follows from `seed`.
+        For several records of one machine: seed of what all of them share, such as tooth errors, tooth damage,
+        imbalance, phases, and sensor gains and mounts. The machine has made a random number of revolutions before the
+        record. None: everything follows from `seed`.
     by_source : bool
         Also return ``truth_source`` (truth_channel, truth_source_name, time): the noise-free signal of each source
-        after the linear part of the chain, as large as a channel for each source.
+        after the linear part of the measurement chain. Each source takes as much memory as a channel.
     phases : bool
-        Also return the exact angle at each sample of every shaft and of every bearing's cage and rolling elements,
-        ``truth_shaft_revolutions`` (truth_shaft, time) and ``truth_roller_revolutions`` (truth_roller, time), in rev.
+        Also return the exact angle, at each sample, of every shaft and of the cage and rolling elements of every
+        bearing: ``truth_shaft_revolutions`` (truth_shaft, time) and ``truth_roller_revolutions`` (truth_roller, time),
+        in rev.
     mechanics : bool
-        Also return the speed of every link at each sample and, where gears vibrate, what is inside the gearbox:
-        ``truth_transmission_error``, ``truth_mesh_force``, ``truth_mesh_stiffness``, ``truth_bearing_force`` ..., as
-        `data_synth.vibration.mechanics.mechanics_truth` defines them. It costs a second integration.
+        Also return the speed of every link at each sample and, where gears vibrate, the internal quantities
+        ``truth_transmission_error``, ``truth_mesh_force``, ``truth_mesh_stiffness``, ``truth_bearing_force``, etc. that
+        `data_synth.vibration.mechanics.mechanics_truth` defines. Costs a second integration.
     detectability : bool
         Also return ``truth_fault_detectability_db`` (truth_channel, truth_fault): what each fault alone adds to the
-        noise-free healthy channel of the same seed, against the channel's noise and quantisation, as
-        `fault_detectability` returns it. It costs the simulation of the healthy channel, and where there are several
-        faults one of each.
+        noise-free healthy channel of the same seed, relative to the channel's noise and quantisation; see
+        `fault_detectability`. Costs a simulation of the healthy channel and, with several faults, one for each.
 
     Returns
     -------
     xarray.Dataset
-        A record. Its truth, on the clock of the record:
+        The record with its truth, whose times are on the clock of the record:
 
         ``truth_amplitude`` (truth_channel, truth_order, truth_time), complex
-            Z of the noise-free signal at each order of the reference shaft, ``x = Re{Z exp(j order phase)}``, phase
-            zero at the first tachometer mark, after the filters and the sensitivity of the channel. Between the
-            instants of truth_time Z is linear: so a kinematic signal is built, without approximation; where gears
-            vibrate, ``docs/benchmarks/truth.md`` has the share of the power that all lines add up to. Sources at one
-            exact order are added. Impacts of a damaged tooth have their own orders, down
-            to a hundredth of the loudest (`data_synth.transfer.paths.impact_line` states the error); a bearing with
-            slip has no line.
+            Complex amplitude Z of the noise-free signal at each order of the reference shaft, after the filters and
+            the sensitivity of the channel: ``x = Re{Z exp(j order phase)}``, with phase zero at the first tachometer
+            mark. Z is linear between the instants of truth_time; a kinematic signal is built this way, so its lines are
+            exact. Where gears vibrate, ``docs/benchmarks/truth.md`` states the share of the power that the lines
+            account for. Sources at exactly the same order are summed. Impacts of a damaged tooth have lines down to a
+            hundredth of the largest (`data_synth.transfer.paths.impact_line` states the error); a bearing with slip has
+            none.
         ``truth_component``, ``truth_kind`` (truth_order)
-            The sources at that order, largest first, joined by " + ".
+            Components and kinds of the sources at that order, largest first, joined by " + ".
         ``truth_free`` (truth_channel)
-            Share of free vibration, after a start from rest and jumps of the load, in the power of gears in motion.
+            Share of the gears' vibration power that is free vibration, after a start from rest or a load step.
         ``truth_left``, ``truth_fault_left`` (truth_channel)
-            Share of the power that lines leave of the rest, and of what damaged teeth add to it. Left out, the lines
-            are the signal.
+            Share of the remaining power, and of the power added by damaged teeth, that the lines do not account for.
+            Absent where the lines account for the whole signal.
         ``truth_chain_poles`` (truth_channel, truth_chain_pole), complex, ``truth_chain_gain`` (truth_channel)
-            Filters and sensitivity, ``H(f) = gain prod p / (p - 2j pi f)``, a factor of truth_amplitude; where a
-            channel has any. Shorter channels end in NaN.
+            Filters and sensitivity, ``H(f) = gain prod p / (p - 2j pi f)``, already included in truth_amplitude;
+            present where a channel has any. Channels with fewer poles are padded with NaN.
         ``truth_speed``, ``truth_revolutions`` (truth_time)
-            Speed of the reference shaft in rev s-1 and its exact angle in rev; ``truth_torque`` in N m as declared.
+            Speed of the reference shaft in rev s-1 and its exact angle in rev; ``truth_torque``, N m, if declared.
         ``truth_fault_component``, ``truth_fault_kind`` (truth_fault)
-            As declared; of length zero in a healthy record. ``truth_fault_size`` (truth_fault, truth_time) in mm where
-            one grows.
-        ``truth_impact_times_1`` ...
-            Times in s of the impacts of fault 1 ...
+            As declared; of length zero in a healthy record. ``truth_fault_size`` (truth_fault, truth_time), in mm,
+            where a fault grows.
+        ``truth_impact_times_1``, etc.
+            Times in s of the impacts of fault 1, etc.
         ``truth_marks``, ``truth_missed_marks``, ``truth_spurious_pulses``
-            Where the scene degrades its tachometer: exact times in s of its marks, the numbers of those without a
+            Where the scene degrades its tachometer: exact times of its marks in s, the numbers of marks without a
             pulse, and times in s of pulses without a mark.
         ``truth_clipped_1``, ``truth_saturated_1``, ``truth_drop_outs_1``
-            Where a channel has such a part: number of samples clipped and beyond the converter, and begin and end of
-            missing samples in s.
-        ``truth_electrical``, ``truth_neighbour``, ``truth_knocks``, ``truth_gain``, ``truth_noise_level`` ...
-            What the scene's imperfections add from outside of the machine or change in its sensors; `docs/scenes.md`.
-        ``truth_tooth_passes_1`` ...
-            Where gears vibrate: times in s at which the damaged tooth of fault 1 ... is in the middle of its mesh; its
-            attribute ``half_width_rev`` is half the time it is in mesh, in rev of the reference shaft.
+            Where a channel has such effects: numbers of clipped samples and of samples beyond the converter's range,
+            and beginnings and ends of drop-outs in s.
+        ``truth_electrical``, ``truth_neighbour``, ``truth_knocks``, ``truth_gain``, ``truth_noise_level``, etc.
+            Disturbances from outside the machine and sensor imperfections that the scene declares: `docs/scenes.md`.
+        ``truth_tooth_passes_1``, etc.
+            Where gears vibrate: times in s at which the damaged tooth of fault 1, etc. is midway through its mesh;
+            attribute ``half_width_rev`` is half the time in mesh, in rev of the reference shaft.
 
-        Where gears vibrate, truth_amplitude has every loud line of meshes, of damaged gears and of what they make
-        with each other, projected from their clean signal; what damage adds is the difference to sound teeth
-        (`data_synth.vibration.gear_lines.gear_lines`). Attribute ``truth_mesh_lines`` states their resolution,
-        ``truth_fidelity`` the model of gears and why.
-        Attribute ``truth_scene`` holds the scene with every default written out, ``truth_seed`` the seed,
-        ``truth_machine_seed`` that of the machine if it has one.
+        Where gears vibrate, truth_amplitude has every significant line of the meshes, of damaged gears and of their
+        intermodulation, projected from the noise-free signal; the contribution of damage is the difference from sound
+        teeth (`data_synth.vibration.gear_lines.gear_lines`). Attribute ``truth_mesh_lines`` states their resolution,
+        ``truth_fidelity`` the gear model and why it was chosen. ``truth_scene`` holds the scene with every default
+        written out, ``truth_seed`` the seed, and ``truth_machine_seed`` that of the machine if given.
 
     Raises
     ------
     SceneError
-        A scene that cannot be simulated, or that memory does not hold, with the reason and the remedy.
+        If the scene cannot be simulated or does not fit into memory; the message gives the reason and the remedy.
 
     Examples
     --------
-    A mesh of 23 teeth at 20 rev/s is a tone of 460 Hz, here of amplitude 2:
+    The mesh of a 23-tooth gear at 20 rev/s is a tone at 460 Hz, here of amplitude 2:
 
     >>> import numpy as np
     >>> from data_synth import Scene, simulate
@@ -147,7 +146,7 @@ def simulate(
     declared = scene if isinstance(scene, Scene) else load_scene(scene)
     for name, value in (("seed", seed), ("machine_seed", 0 if machine_seed is None else machine_seed)):
         if not isinstance(value, int) or isinstance(value, bool) or value < 0:
-            raise SceneError(f"{name} = {value!r}: a whole number, 0 or more, is needed.")
+            raise SceneError(f"{name} = {value!r} must be a whole number, 0 or more.")
     refuse_too_large(declared, by_source=by_source, phases=phases, mechanics=mechanics)
     streams, kept = Streams(seed=seed, machine_seed=machine_seed), declared.samples if detectability else 0
     record, noise_free = _simulated(declared, streams, kept, by_source=by_source, phases=phases, mechanics=mechanics)
@@ -160,10 +159,16 @@ def simulate(
 
 @dataclass(frozen=True, kw_only=True)
 class NoiseFree:
-    """Channels after the linear part of their chains, (sensor, n).
+    """Channels after the linear part of their measurement chains.
 
-    `of_sound_gears` is what gears in motion with sound teeth add to them, and `steps` those of the integration to a
-    sample, where there are any.
+    Attributes
+    ----------
+    signal : (sensor, n) array
+        In the units of the channels.
+    of_sound_gears : (sensor, n) array or None
+        What vibrating gears with sound teeth would add to it; None without such gears.
+    steps : int or None
+        Integration steps per sample; None without vibrating gears.
     """
 
     signal: Array
@@ -174,7 +179,7 @@ class NoiseFree:
 def simulate_with_detectability(
     scene: Scene, *, seed: int, machine_seed: int | None = None, trial_s: float
 ) -> tuple[xr.Dataset, float]:
-    """Return the record of a scene, and the detectability of its first fault in its first channel from the beginning.
+    """Return the record of a scene and the detectability of its first fault in its first channel.
 
     Parameters
     ----------
@@ -182,14 +187,14 @@ def simulate_with_detectability(
     seed : int
     machine_seed : int or None
     trial_s : float
-        Length of the beginning in s that is simulated without the fault as well.
+        Length in s of the opening part that is also simulated without the fault.
 
     Returns
     -------
     record : xarray.Dataset
         As `simulate` returns it.
     detectability_db : float
-        Of the fault in the whole record, from what it adds to its first `trial_s` seconds.
+        Detectability in the whole record in dB, extrapolated from the first `trial_s` seconds.
     """
     samples = min(scene.samples, round(trial_s * scene.rate_hz))
     record, noise_free = _simulated(scene, Streams(seed=seed, machine_seed=machine_seed), samples)
@@ -245,9 +250,10 @@ def _simulated(
 def _set_up(
     scene: Scene, rng_for: RandomStreams, *, turns_before: int, choice: Choice | None = None
 ) -> tuple[PreparedScene, Motion | None, Choice | None, str]:
-    """Return a prepared scene with the lines that are not integrated; where gears vibrate, their motion and its model.
+    """Return the prepared scene and, where gears vibrate, their motion and its model.
 
-    Last, how the gear faults of a kinematic scene came about. `choice` is the model; None: that of the scene.
+    The last value states how the gear faults of a kinematic scene were computed. `choice` is the model; None: that of
+    the scene.
     """
     prepared = prepare_scene(scene, rng_for=rng_for, turns_before=turns_before)
     if scene.fidelity == "kinematic":
@@ -274,10 +280,7 @@ def _channel(sensor: Sensor, values: Array) -> Channel:
 
 
 def _clean(prepared: PreparedScene, *, only: tuple[str, str] | None = None, samples: int | None = None) -> Array:
-    """Return the signal after the linear chain, (sensor, n), of all sources or of one (component, kind).
-
-    Of the first `samples` samples, if not of all.
-    """
+    """Return the signal (sensor, n) after the linear chain: all sources or one (component, kind), `samples` or all."""
     scene = prepared.scene
     count = scene.samples if samples is None else samples
     signal = np.zeros((len(scene.sensors), count))
@@ -307,8 +310,8 @@ def _with_gears(
 ) -> tuple[dict[str, xr.DataArray], dict[str, str], NoiseFree]:
     """Add the vibration of the gears to a signal (sensor, n) and to `parts`.
 
-    Return the truth, attributes that state the model and the error of the amplitudes of the mesh harmonics, and the
-    first `kept` samples.
+    Return the truth, attributes that state the gear model and the error of the mesh lines, and the first `kept`
+    samples.
     """
     passes = tooth_pass_truth(motion)
     if choice.linear:
@@ -326,7 +329,7 @@ def _with_gears(
     measured = gear_lines(prepared, gear_signal - free, sound=sound_forced if damaged else None)
     truth = truth_variables(prepared, measured=measured, free=_share(free, gear_signal)) | passes
     for name, sources in parts.items():
-        # meshes act on each other, so all gears in motion are one source
+        # meshes interact, so all vibrating gears are one source
         own = xr.DataArray(gear_signal[:, None], dims=sources.dims, coords={"truth_source_name": ["gears, motion"]})
         parts[name] = xr.concat([sources, own], dim="truth_source_name").assign_attrs(sources.attrs)
     attrs = {"truth_fidelity": str(choice), "truth_mesh_lines": measured.about}
@@ -339,10 +342,10 @@ def _with_gears(
 
 
 def _free_vibration(motion: Motion, signal: Array, *, steps: int) -> Array:
-    """Return what a start from rest and jumps of the load set off in a signal (sensor, n): zero where there are none.
+    """Return the free vibration in a signal (sensor, n) after a start from rest and load steps; zero without them.
 
-    The difference of two motions by the same forces is a free vibration; the other one begins in static equilibrium,
-    and follows it where the load jumps.
+    Two motions under the same forces differ by a free vibration; the other motion starts in static equilibrium and
+    follows it through load steps.
     """
     forced = motion.without_free_vibration()
     if forced is None:
@@ -351,7 +354,7 @@ def _free_vibration(motion: Motion, signal: Array, *, steps: int) -> Array:
 
 
 def _share(part: Array, signal: Array) -> Array:
-    """Return the power of a part over that of the signal about its mean, (sensor,)."""
+    """Return the power of a part relative to the variance of the signal, (sensor,)."""
     whole = np.var(signal, axis=1)
     return np.asarray(np.divide(np.mean(part**2, axis=1), whole, out=np.zeros_like(whole), where=whole > 0))
 
@@ -384,13 +387,13 @@ def _mechanics(prepared: PreparedScene, motion: Motion | None, choice: Choice | 
         return speed_truth(link_speeds(prepared))
     if choice is not None and choice.linear:
         raise SceneError(
-            'mechanics: with fidelity = "auto" this record is a linear response, which has no motion in time; write '
-            'fidelity = "dynamic".'
+            'mechanics = True needs a time integration, but with fidelity = "auto" this record is a linear response; '
+            'set fidelity = "dynamic".'
         )
     return mechanics_truth(motion)
 
 
-_OF_A_FAULT = {"offset", "impacts", "pits"}  # random streams that are named by the number of the fault
+_OF_A_FAULT = {"offset", "impacts", "pits"}  # random streams named after the number of the fault
 
 
 def fault_detectability(
@@ -401,13 +404,13 @@ def fault_detectability(
     own: NoiseFree | None = None,
     samples: int | None = None,
 ) -> xr.DataArray:
-    """Return how detectable each fault of a scene alone is in each channel, in dB.
+    """Return the detectability in dB of each fault alone in each channel.
 
-    The signal-to-noise ratio at the output of the filter matched to what the fault adds to the noise-free healthy
-    channel of the same seed [1]_: the sum of its squares over the variance of the channel's white noise, whose level
-    may wander, with that of quantisation. The best detector that knows all of it has a deflection of its square root:
-    14 dB are a probability of detection of 0.99 at one false alarm in 200. It costs a simulation for each fault and one
-    more, none of them with a truth.
+    This is the signal-to-noise ratio at the output of a filter matched to what the fault adds to the noise-free healthy
+    channel of the same seed [1]_: the sum over samples of its square over the variance of the channel's white noise,
+    whose level may wander, and quantisation noise. Its square root is the deflection of the optimum detector of a
+    known signal: 14 dB gives a probability of detection of 0.99 at one false alarm in 200. Costs one simulation per
+    fault plus one, none of them with a truth.
 
     Parameters
     ----------
@@ -415,19 +418,19 @@ def fault_detectability(
     seed : int
     machine_seed : int or None
     own : NoiseFree, optional
-        The channels of the scene itself, where it has one fault and they are known.
+        Channels of the scene itself, if it has one fault and they are known.
     samples : int, optional
-        From the beginning of the scene, if not all.
+        Number of samples from the beginning of the scene; all if left out.
 
     Returns
     -------
     xarray.DataArray
-        (truth_channel, truth_fault); see `simulate`.
+        (truth_channel, truth_fault), dB; see `simulate`.
 
     Raises
     ------
     SceneError
-        A scene that cannot be simulated.
+        If the scene cannot be simulated.
 
     References
     ----------
@@ -435,7 +438,7 @@ def fault_detectability(
     """
     streams = Streams(seed=seed, machine_seed=machine_seed)
     choice = _set_up(scene, streams, turns_before=streams.turns_before)[2] if scene.fidelity == "auto" else None
-    # with the steps of one motion, whose error is nearly the same in the other and leaves the difference
+    # the same steps in both motions: their integration errors nearly cancel in the difference
     count = scene.samples if samples is None else samples
     healthy = _noise_free(
         scene.changed(faults=()),
@@ -474,14 +477,23 @@ def fault_detectability(
 
 
 def noise_free(scene: Scene, *, seed: int, steps: int | None = None) -> NoiseFree:
-    """Return the channels of a scene after the linear part of their chains, without a record and its truth.
+    """Return the channels of a scene after the linear part of their measurement chains, without record and truth.
 
     Parameters
     ----------
     scene : Scene
     seed : int
     steps : int, optional
-        Of the integration of gears in motion to a sample; left out, as the scene's error asks.
+        Integration steps per sample for vibrating gears; if left out, as many as the scene's error tolerance requires.
+
+    Returns
+    -------
+    NoiseFree
+
+    Raises
+    ------
+    SceneError
+        If the scene cannot be simulated.
 
     Examples
     --------
@@ -504,9 +516,9 @@ def _noise_free(
     steps: int | None,
     of_gears: Array | None = None,
 ) -> NoiseFree:
-    """Return the beginning of the channels of a scene after the linear part of their chains.
+    """Return the first `samples` of the channels of a scene after the linear part of their chains.
 
-    `choice` is the model of the gears, None that of the scene; `of_gears` their vibration, where it is known.
+    `choice` is the gear model, None that of the scene; `of_gears` the vibration of the gears where it is known.
     """
     prepared, motion, choice, _ = _set_up(scene, rng_for, turns_before=turns_before, choice=choice)
     signal = _clean(prepared, samples=samples)
@@ -517,10 +529,7 @@ def _noise_free(
 
 
 def _noise_variance(scene: Scene, sensor: Sensor, rng_for: RandomStreams) -> Array:
-    """Return the variance of a channel's white noise, (n,) where its level wanders, else (1,), with that of rounding.
-
-    Rounding to steps adds a twelfth of the square of one.
-    """
+    """Return the variance of a channel's white and quantisation noise: (n,) where the level wanders, else (1,)."""
     gain = abs(sensor.sensitivity.value) if sensor.sensitivity is not None else 1.0
     variance = np.full(1, (gain * scene.noise.rms) ** 2)
     if scene.imperfections is not None and scene.imperfections.noise is not None:
@@ -531,7 +540,7 @@ def _noise_variance(scene: Scene, sensor: Sensor, rng_for: RandomStreams) -> Arr
     return variance
 
 
-# ---- what is not linear in the chain, or not of the machine --------------------------------------------------
+# ---- the nonlinear part of the chain, and sensor drift -------------------------------------------------------
 
 
 def _apply_chain(prepared: PreparedScene, sensor: Sensor, number: int, values: Array) -> dict[str, xr.DataArray]:
@@ -566,7 +575,7 @@ def _apply_chain(prepared: PreparedScene, sensor: Sensor, number: int, values: A
 def _drift(
     prepared: PreparedScene, signal: Array, truth: dict[str, xr.DataArray], parts: dict[str, xr.DataArray]
 ) -> None:
-    """Multiply the channels (sensor, n), in place, and what is stated of them by the drift of the sensitivity."""
+    """Multiply the channels (sensor, n), in place, and their truth by the drift of the sensitivity."""
     scene = prepared.scene
     if prepared.scene.imperfections is None or prepared.scene.imperfections.temperature is None:
         return

@@ -18,7 +18,7 @@ from data_synth.vibration.run import Motion, fault_passes
 
 
 def tooth_pass_truth(motion: Motion) -> dict[str, xr.DataArray]:
-    """Return the times at which damaged teeth pass their mesh."""
+    """Return the times in s at which damaged teeth are midway through their mesh, one variable per gear fault."""
     return {
         f"truth_tooth_passes_{number + 1}": xr.DataArray(
             times_s,
@@ -32,9 +32,10 @@ def tooth_pass_truth(motion: Motion) -> dict[str, xr.DataArray]:
 def truth_variables(
     prepared: PreparedScene, *, measured: GearLines | None = None, free: Array | None = None
 ) -> dict[str, xr.DataArray]:
-    """Return the truth of every record: speed, lines (`measured` those of gears), chain, faults and tachometer.
+    """Return the truth of every record: speed, lines, measurement chain, faults and tachometer.
 
-    `free` (channel,) is the share of free vibration in the power of gears in motion.
+    `measured` are the lines of vibrating gears; `free` (channel,) is the share of their power that is free vibration.
+    `data_synth.simulate` documents the variables.
     """
     reference, torque = str(prepared.scene.gearbox.reference), prepared.drive.torque
     histories = {
@@ -58,11 +59,11 @@ def truth_variables(
 def angle_truth(prepared: PreparedScene) -> dict[str, xr.DataArray]:
     """Return the exact angle of every shaft, cage and rolling element at every sample, in rev.
 
-    Each is relative to the frame and signed, links whose axis is carried in another direction left out, but for the
-    rotation of elements, which is about their own axis relative to the cage; all are zero at the tachometer's first
-    mark, under pure rolling. A bearing with a defect follows its impacts, slip included: its cage is zero where element
-    1 has the largest load, and the phase of the defect itself, whole at each impact, is stated too. Two defects of a
-    bearing have independent slip; its cage and elements are then those of the first.
+    Angles are signed and relative to the frame, except that elements rotate about their own axes relative to the cage;
+    links whose axis is carried round in another direction are left out. Under pure rolling all are zero at the first
+    tachometer mark. A bearing with a defect follows its impacts, slip included: its cage is at zero where element 1
+    carries the largest load, and the phase of the defect, a whole number at each impact, is returned as well. Two
+    defects of one bearing slip independently; cage and elements then follow the first.
     """
     scene = prepared.scene
     revolutions = prepared.drive.angle.revolutions(np.arange(scene.samples) / scene.rate_hz)
@@ -79,7 +80,7 @@ def angle_truth(prepared: PreparedScene) -> dict[str, xr.DataArray]:
     for bearing in (name for declared in scene.gearbox.bearings for name in declared.names):
         rates = scene.bearing(bearing)
         rollers.setdefault(f"{bearing}/cage", (signed_cage_order(rates) + rates.carried) * revolutions)
-        # an element meets both races in one turn
+        # an element's defect meets both races in one revolution of the element
         rollers.setdefault(f"{bearing}/element", rates.rolling_element / 2 * revolutions)
     return {
         f"truth_{what}_revolutions": xr.DataArray(
@@ -94,7 +95,7 @@ def angle_truth(prepared: PreparedScene) -> dict[str, xr.DataArray]:
 
 
 def _line_truth(prepared: PreparedScene, measured: GearLines | None, free: Array | None) -> dict[str, xr.DataArray]:
-    """Return complex amplitude, component and kind of every line, with the coordinates of all of the truth."""
+    """Return complex amplitude, component and kind of every line, with the coordinates of the whole truth."""
     at_orders: dict[float, list[Line]] = {}
     for line in (*_lines(prepared), *(measured.lines if measured is not None else ())):
         at_orders.setdefault(line.order, []).append(line)
@@ -105,7 +106,7 @@ def _line_truth(prepared: PreparedScene, measured: GearLines | None, free: Array
     none = np.zeros((len(sensors), instants_s.size), dtype=np.complex128)
     summed = [reduce(np.add, [line.amplitude for line in parts]) for parts in lines] or [none]
     amplitude = xr.DataArray(
-        # lines of gears in motion are not known to more digits
+        # lines of vibrating gears are not accurate enough for more digits
         np.stack(summed, axis=1, dtype=np.complex64 if measured is not None else np.complex128)[:, : len(lines)],
         dims=("truth_channel", "truth_order", "truth_time"),
         coords={
@@ -133,7 +134,7 @@ def _line_truth(prepared: PreparedScene, measured: GearLines | None, free: Array
 
 
 def _chain_truth(prepared: PreparedScene) -> dict[str, xr.DataArray]:
-    """Return coupling, skew, poles and gain of the channels' chains, where any has them."""
+    """Return AC coupling, skew, poles and gain of the measurement chains, where a channel has any."""
     sensors, chains, truth = prepared.scene.sensors, prepared.chains, dict[str, xr.DataArray]()
 
     def add(name: str, values: ArrayLike, units: str, about: str, *dims: str) -> None:
@@ -155,7 +156,7 @@ def _chain_truth(prepared: PreparedScene) -> dict[str, xr.DataArray]:
 
 
 def _lines(prepared: PreparedScene) -> Iterator[Line]:
-    """Yield the lines of harmonic families, then those of impacts, which have the same orders."""
+    """Yield the lines of harmonic families, then those of impacts, which may share their orders."""
     listed = set[Fraction]()
     for family, amplitudes in zip(prepared.families, prepared.amplitudes, strict=True):
         for index in np.flatnonzero(family.nonzero).tolist():

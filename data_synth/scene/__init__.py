@@ -1,1 +1,1 @@
-"""Scenes: what one declares, each table checked."""
+"""Declared scenes: one validated model for each table."""

@@ -1,4 +1,4 @@
-"""Faults of gears, as a scene declares them: kind, component, size, and growth of the size; and the kinds of all."""
+"""Gear faults as declared in a scene: kind, component, size and growth; and the kinds of all faults."""
 
 import math
 from abc import abstractmethod
@@ -21,19 +21,19 @@ from data_synth.scene.machine_faults import BearingFault, GrowingFault, ShaftFau
 from data_synth.scene.operation import NotNegative, Share, Turns
 from hums.gearbox.components import Declared, Positive
 
-# ---- Faults of gears: what a scene declares of each, and what each changes -------------------------------------------
+# ---- Gear faults: what a scene declares, and what each changes -------------------------------------------------------
 # Each fault has a modulation function of the angle of its gear, 1 where the damage is worst. In a kinematic scene it
 # modulates the mesh harmonics (`data_synth.kinematic.gear_faults.gear_damage_family`) and causes impacts
-# (`damage_trains`). In a scene with gear dynamics, `GearDamage` lists for each tooth what is cracked, missing or worn
-# off: `damaged_teeth` turns it into tooth compliance, `transmission_errors` into transmission errors.
+# (`damage_trains`). In a scene with gear dynamics, `GearDamage` lists what is cracked, missing or worn at each tooth:
+# `damaged_teeth` turns it into tooth compliance, `transmission_errors` into transmission errors.
 #
-# Turns are revolutions of the gear, counted from where the damaged tooth is in the middle of its mesh.
+# `turns` are revolutions of the gear, zero where the damaged tooth is in the middle of its mesh.
 
 
 ImpactPlaces = tuple[tuple[float, float], ...]
 Length = Annotated[float, Field(gt=0, le=1)]
 
-_CRACK_ANGLE_DEG = 45.0  # to the middle of the tooth; cracks of gears with a thick rim run at about this angle
+_CRACK_ANGLE_DEG = 45.0  # to the centre line of the tooth; typical of cracks in gears with a thick rim
 _DEDENDUM = 1.25  # modules: ISO 53
 _CRACK_POINTS = 513  # along the path, between which the compliance of a cracked tooth is linear
 
@@ -47,11 +47,11 @@ class FaultyGear:
     teeth : float
         Tooth pitches from one contact of a tooth to its next.
     face_width_m : float or None
-        None where it is not declared.
+        Face width in m; None if undeclared.
     module_m : float
-        Infinite where it is not declared: then no depth is too large.
+        Module in m; infinite if undeclared, so that no depth is too large.
     rng : callable
-        Returns a generator in the same state at every call, so that draws are reproducible.
+        Function that returns a generator in the same state at every call, so that draws are reproducible.
     """
 
     teeth: float
@@ -60,39 +60,40 @@ class FaultyGear:
     rng: Callable[[], np.random.Generator] = field(default=lambda: np.random.default_rng(0), repr=False, compare=False)
 
     def face_fraction(self, size_m: float) -> float:
-        """Return `size_m` as a fraction of the face width."""
+        """Return `size_m` as a fraction of the face width; raise ValueError if that is undeclared or smaller."""
         if self.face_width_m is None:
             raise ValueError(
-                "its face width is not declared; give face_width_mm in the gearbox's mesh or in dynamics.meshes"
+                "its face width is not declared; give face_width_mm in the mesh of the gearbox or in dynamics.meshes"
             )
         if not 0 <= size_m <= self.face_width_m:
-            raise ValueError(f"{_mm(size_m)} are not within the face width of {_mm(self.face_width_m)}")
+            raise ValueError(f"{_mm(size_m)} exceeds the face width of {_mm(self.face_width_m)}; reduce the size")
         return size_m / self.face_width_m
 
     def flank_depth(self, size_m: float) -> float:
-        """Return `size_m`, no more than half the thickness of the tooth at the reference circle, pi m / 4."""
+        """Return `size_m`, at most half the tooth thickness at the reference circle, pi m / 4."""
         return _at_most(size_m, math.pi / 4 * self.module_m, "half the thickness of its tooth")
 
     def worn_depth(self, size_m: float) -> float:
-        """Return `size_m`, no more than a quarter of the thickness of the tooth at the reference circle, pi m / 8.
+        """Return `size_m`, at most a quarter of the tooth thickness at the reference circle, pi m / 8.
 
-        Its root then bears 1.8 times the bending stress, that goes with the thickness squared: no gear runs on so far.
+        The bending stress of the root, inversely proportional to the thickness squared, is then 1.8 times as large, and
+        no gear survives beyond.
         """
         return _at_most(size_m, math.pi / 8 * self.module_m, "a quarter of the thickness of its tooth")
 
     def runout(self, size_m: float) -> float:
-        """Return `size_m`, no more than the bottom clearance, m / 4: beyond it tips touch roots (ISO 53)."""
+        """Return `size_m`, at most the bottom clearance, m / 4, beyond which tips touch roots (ISO 53)."""
         return _at_most(size_m, self.module_m / 4, "the bottom clearance")
 
     def crack_depth(self, size_m: float, angle_rad: float) -> float:
-        """Return `size_m`, no more than goes through the root of the basic rack's tooth (ISO 53) at an angle."""
+        """Return `size_m`, at most the depth through the root of the basic rack tooth (ISO 53) at an angle."""
         root_m = (math.pi / 2 + 2 * _DEDENDUM * math.tan(math.radians(20))) * self.module_m
         return _at_most(size_m, root_m / math.sin(angle_rad), "the root of its tooth")
 
 
 def _at_most(size_m: float, most_m: float, name: str) -> float:
     if not 0 <= size_m <= most_m:
-        raise ValueError(f"{_mm(size_m)} are not within {name}, {_mm(most_m)}")
+        raise ValueError(f"{_mm(size_m)} exceeds {name}, {_mm(most_m)}; reduce the size")
     return size_m
 
 
@@ -102,28 +103,28 @@ def _mm(size_m: float) -> str:
 
 @dataclass(frozen=True, kw_only=True)
 class GearDamage:
-    """Damage of a gear, tooth by tooth from the damaged one on.
+    """Damage of a gear, tooth by tooth, starting at the damaged one.
 
     Attributes
     ----------
     crack_m : (z,) array
-        Depth of a crack in the root of each tooth, m: reduces its stiffness by the tooth model.
+        Depth in m of a crack in the root of each tooth, which reduces its stiffness according to the tooth model.
     contact_fraction : (z,) array
-        Fraction of the face width of each tooth in contact; stiffness is proportional. 1 is healthy.
+        Fraction of the face width of each tooth in contact, to which the stiffness is proportional; 1 if healthy.
     broken_m : (z,) array
-        Height that is gone from the tip of each tooth, m: no contact there.
+        Height in m missing from the tip of each tooth, where there is no contact.
     removed_m : (z,) array
-        Depth of the spall in each flank, m: contact lost, and sinking in, over its length.
+        Depth in m of the spall in each flank, over whose length contact is lost or approaches by that depth.
     spall_pitches : float
         Length of these spalls along the path of contact, in base pitches.
     spall_share : float or None
-        Fraction of the face that they span at first; None: as much as makes their area 4 % of the active flank.
+        Initial fraction of the face width that they span; None for an area of 4 % of the active flank.
     spall_growth : float
-        Their width over that.
+        Ratio of their width to the initial one.
     runout_m : float
-        Eccentricity of the pitch circle, m: a transmission error ``runout_m cos(2 pi turns)``.
+        Eccentricity of the pitch circle in m, a transmission error ``runout_m cos(2 pi turns)``.
     profile_m : float
-        Greatest depth worn alike from every flank, none at the pitch point, m.
+        Largest depth in m worn from every flank alike, zero at the pitch point.
     crack : RootCrack
         Angle and model of these cracks.
     """
@@ -141,42 +142,42 @@ class GearDamage:
 
     @classmethod
     def on(cls, gear: FaultyGear, **damage: Any) -> "GearDamage":  # noqa: ANN401
-        """Return the damage of a gear that is healthy but for what is given."""
+        """Return the damage of a gear that is healthy apart from the damage given."""
         crack, broken, removed = np.zeros((3, round(gear.teeth)))
         return cls(crack_m=crack, contact_fraction=np.ones(crack.size), broken_m=broken, removed_m=removed, **damage)
 
     @property
     def softens(self) -> bool:
-        """Whether teeth are softer where they carry."""
+        """Whether teeth in contact are softer."""
         return bool(np.any(self.crack_m) or np.any(self.contact_fraction < 1))
 
     @property
     def loses_contact(self) -> bool:
-        """Whether pairs lose contact or load to their neighbours, so that the static force counts."""
+        """Whether pairs lose contact, or load to their neighbours, so that the static force matters."""
         per_tooth = (1 - self.contact_fraction, self.broken_m, self.removed_m, self.crack_m)
         return bool(self.profile_m or any(np.any(part) for part in per_tooth))
 
 
 def von_mises_window(turns: ArrayLike, *, width_turns: float) -> Array:
-    """Return ``exp(kappa (cos 2 pi turns - 1))``: 1 at whole turns, 1/2 half a width beside them.
+    """Return ``exp(kappa (cos 2 pi turns - 1))``: 1 at whole revolutions, 1/2 at half a width from them.
 
-    It is smooth and periodic; its Fourier coefficients, ``exp(-kappa) I_k(kappa)``, fall fast.
+    It is smooth and periodic; its Fourier coefficients, ``exp(-kappa) I_k(kappa)``, decay fast.
     """
     kappa = math.log(2) / (1 - math.cos(math.pi * width_turns))
     return np.asarray(np.exp(kappa * (np.cos(2 * np.pi * np.asarray(turns, dtype=np.float64)) - 1)))
 
 
 class GearFault(GrowingFault):
-    """A fault of a gear: of one tooth, active while that tooth is in mesh, unless its class says otherwise.
+    """A gear fault: of one tooth, active while that tooth is in mesh, unless its class states otherwise.
 
-    In a kinematic scene the linear response of the gears gives what it adds, to the level of its mesh, where module,
-    face width, torque and directions of sensors are declared and no planets turn
-    (`data_synth.fidelity.linear_response.with_gear_faults`). Elsewhere, or where a fault declares one of the factors,
-    the effect of the size, ``size ** size_exponent`` in mm, times each of them gives the relative rise of the mesh
-    amplitude (left out: 0.2), the phase lag of the first mesh harmonic in rad (0.1; harmonic h: h times), and the
-    amplitude of the impact at full load (1), which goes with the load to the power `load_exponent`. These factors are
-    illustrative. The worst place of the gear was in mesh `offset_rev` of its turns before the angle of the reference is
-    zero; left out, that is drawn.
+    In a kinematic scene its contribution is the linear response of the gears, scaled to the level of its mesh, if
+    module, face width, torque and sensor directions are declared and there are no planets
+    (`data_synth.fidelity.linear_response.with_gear_faults`). Otherwise, or if a fault declares one of the factors, the
+    effect of the size, ``size ** size_exponent`` in mm, times each factor gives the relative rise of the mesh amplitude
+    (default factor: 0.2), the phase lag of the first mesh harmonic in rad (0.1; h times as much for harmonic h), and
+    the impact amplitude at full load (1), which is proportional to the load to the power `load_exponent`. These factors
+    are illustrative. The most damaged place was in mesh `offset_rev` revolutions of the gear before the angle of the
+    reference is zero; by default that is drawn.
     """
 
     amplitude_per_mm: NotNegative | None = None
@@ -188,17 +189,17 @@ class GearFault(GrowingFault):
 
     @property
     def factors(self) -> tuple[float, float, float]:
-        """Rise of the mesh amplitude, lag of its phase in rad, and impact, per mm of effect."""
+        """Rise of the mesh amplitude, its phase lag in rad, and impact amplitude, per mm of effect."""
         rise, lag, impact = self.declared_factors
         return 0.2 if rise is None else rise, 0.1 if lag is None else lag, 1.0 if impact is None else impact
 
     @property
     def declared_factors(self) -> tuple[float | None, float | None, float | None]:
-        """The same, None where left out."""
+        """The declared factors, None where left out."""
         return self.amplitude_per_mm, self.phase_rad_per_mm, self.impact_per_mm
 
     def effect_mm(self, size_mm: ArrayLike) -> Array:
-        """Return what the factors are multiplied by at sizes (n,) in mm."""
+        """Return the effect (n,) in mm of sizes (n,) in mm, by which the factors are multiplied."""
         return np.asarray(np.power(size_mm, self.size_exponent))
 
     def width_pitches(self) -> float:
@@ -206,15 +207,15 @@ class GearFault(GrowingFault):
         return 1.0
 
     def modulation(self, turns: ArrayLike, gear: FaultyGear) -> Array:
-        """Return the modulation function at `turns` (n,) of the gear: 1 where the damage is worst."""
+        """Return the modulation function at `turns` (n,) of the gear, 1 where the damage is worst."""
         return von_mises_window(turns, width_turns=self.width_pitches() / gear.teeth)
 
     def harmonic_weights(self, harmonic: ArrayLike) -> Array:
-        """Return the relative rise of mesh harmonics (k,), numbered from 1; 1 for the first."""
+        """Return the relative rise of mesh harmonics (k,), numbered from 1, 1 for the first."""
         return np.ones(np.shape(harmonic))
 
     def impacts(self, gear: FaultyGear) -> ImpactPlaces:  # noqa: ARG002 - others need it
-        """Return the impacts of one turn: place in turns, and relative amplitude."""
+        """Return the impacts of one revolution: position in revolutions, and relative amplitude."""
         return ((0.0, 1.0),)
 
     @abstractmethod
@@ -224,15 +225,15 @@ class GearFault(GrowingFault):
         Raises
         ------
         ValueError
-            A size that the gear does not have.
+            A size larger than the gear allows.
         """
 
 
 class ToothCrack(GearFault):
-    """A cracked tooth root: modulation once a revolution over about one tooth, and one impact in it.
+    """A cracked tooth root: modulation once per revolution over about one tooth, with one impact.
 
-    Where gears vibrate, the crack runs at `angle_deg` to the centre line of its tooth, and reduces its stiffness by
-    one of two published models, `compliance`.
+    If gears vibrate, the crack runs at `angle_deg` to the centre line of its tooth and reduces its stiffness by one of
+    two published models, `compliance`.
     """
 
     kind: Literal["tooth_crack"]
@@ -247,7 +248,7 @@ class ToothCrack(GearFault):
         return self.depth_mm
 
     def damage(self, size_m: float, gear: FaultyGear) -> GearDamage:
-        """Return the crack, which makes the tooth more compliant."""
+        """Return the crack, which increases the compliance of the tooth."""
         crack = RootCrack(depth_m=size_m, angle_rad=math.radians(self.angle_deg), model=self.compliance)
         found = GearDamage.on(gear, crack=crack)
         found.crack_m[0] = gear.crack_depth(size_m, crack.angle_rad)
@@ -271,20 +272,20 @@ class Chipping(SizedGearFault):
     kind: Literal["chipping"]
 
     def damage(self, size_m: float, gear: FaultyGear) -> GearDamage:
-        """Return the fraction of the face that is still in contact."""
+        """Return the remaining fraction of the face in contact."""
         found = GearDamage.on(gear)
         found.contact_fraction[0] = 1 - gear.face_fraction(size_m)
         return found
 
 
 class MissingTooth(SizedGearFault):
-    """One tooth broken off; the size is the height that is gone from its tip, all of it from 2.25 modules on."""
+    """One broken tooth; the size is the height missing from its tip, the whole tooth at 2.25 modules or more."""
 
     kind: Literal["missing_tooth"]
     load_exponent: NotNegative = 0.0
 
     def impacts(self, gear: FaultyGear) -> ImpactPlaces:
-        """Return one impact a turn, where the next tooth comes into contact."""
+        """Return one impact per revolution, where the next tooth comes into contact."""
         return ((1 / (2 * gear.teeth), 1.0),)
 
     def damage(self, size_m: float, gear: FaultyGear) -> GearDamage:
@@ -298,8 +299,8 @@ class _SpalledGear(SizedGearFault):
     """A gear with spalled flanks.
 
     The size is the depth, `length_pitches` the length along the path of contact in base pitches, and `width_mm` the
-    width along the face at the beginning, which grows with the depth. Left out, the area of a spall is 4 % of the
-    active flank, by which a case-hardened tooth counts as pitted (FVA information sheet 2/IV, 1997).
+    initial width along the face, which grows with the depth. By default the area of a spall is 4 % of the active flank,
+    the criterion for pitting of a case-hardened tooth (FVA information sheet 2/IV, 1997).
     """
 
     load_exponent: NotNegative = 0.0
@@ -311,7 +312,7 @@ class _SpalledGear(SizedGearFault):
         return self.length_pitches
 
     def sound(self, size_m: float, gear: FaultyGear) -> GearDamage:
-        """Return the dimensions of spalls of a size, none of them on a tooth yet."""
+        """Return the dimensions of spalls of a size, not yet assigned to teeth."""
         return GearDamage.on(
             gear,
             spall_pitches=self.length_pitches,
@@ -321,13 +322,13 @@ class _SpalledGear(SizedGearFault):
 
 
 class Spall(_SpalledGear):
-    """A spall on one flank: the contact enters it at one end, with `entry_share` of the impact at the other."""
+    """A spall on one flank, with an impact at the exit and `entry_share` times that impact at the entry."""
 
     kind: Literal["spall"]
     entry_share: Annotated[float, Field(ge=-1, le=1)] = -0.5
 
     def impacts(self, gear: FaultyGear) -> ImpactPlaces:
-        """Return two impacts a turn, at entry and at exit."""
+        """Return two impacts per revolution, at entry and at exit."""
         half = self.length_pitches / (2 * gear.teeth)
         return ((-half, self.entry_share), (half, 1.0))
 
@@ -339,7 +340,7 @@ class Spall(_SpalledGear):
 
 
 class Pitting(_SpalledGear):
-    """Pits on `count` of `spread` adjacent teeth, one the worst, others half as deep or more."""
+    """Pits on `count` of `spread` adjacent teeth, one of them the deepest, the others at least half as deep."""
 
     kind: Literal["pitting"]
     count: Annotated[int, Field(ge=1)] = 3
@@ -352,7 +353,7 @@ class Pitting(_SpalledGear):
         return self
 
     def pits(self, gear: FaultyGear) -> tuple[tuple[int, float], ...]:
-        """Return tooth number, from the one at turn 0, and relative depth of each pit."""
+        """Return the tooth number, counted from the one at angle 0, and the relative depth of each pit."""
         rng = gear.rng()
         others = np.sort(1 + rng.permutation(self.spread - 1)[: self.count - 1])
         shares = 0.5 + 0.5 * rng.random(self.count - 1)
@@ -369,7 +370,7 @@ class Pitting(_SpalledGear):
         return np.asarray(sum(windows))
 
     def impacts(self, gear: FaultyGear) -> ImpactPlaces:
-        """Return one impact a turn for each pitted tooth."""
+        """Return one impact per revolution for each pitted tooth."""
         return tuple((place / gear.teeth, share) for place, share in self.pits(gear))
 
     def damage(self, size_m: float, gear: FaultyGear) -> GearDamage:
@@ -386,7 +387,7 @@ class _DistributedFault(SizedGearFault):
     @model_validator(mode="after")
     def _check_impact(self) -> Self:
         if self.impact_per_mm:
-            raise ValueError("impact_per_mm is a matter of damaged teeth, not of a whole gear; leave it out")
+            raise ValueError("impact_per_mm applies to damaged teeth, not to a whole gear; leave it out")
         return self
 
     def impacts(self, gear: FaultyGear) -> ImpactPlaces:  # noqa: ARG002 - local damage needs it
@@ -395,7 +396,7 @@ class _DistributedFault(SizedGearFault):
 
 
 class Eccentricity(_DistributedFault):
-    """A pitch circle whose centre is off the axis by the size: modulation once a revolution."""
+    """A pitch circle whose centre is off the axis by the size: modulation once per revolution."""
 
     kind: Literal["eccentricity"]
 
@@ -409,9 +410,9 @@ class Eccentricity(_DistributedFault):
 
 
 class Misalignment(_DistributedFault):
-    """A tilted gear axis: modulation once and twice a turn; the size is the face width without contact at the worst.
+    """A tilted gear axis: modulation once and twice per revolution; the size is the largest face width out of contact.
 
-    `twice` is the fraction of the modulation that is twice a turn. The second mesh harmonic rises most.
+    `twice` is the fraction of the modulation at twice per revolution. The second mesh harmonic rises most.
     """
 
     kind: Literal["misalignment"]
@@ -427,7 +428,7 @@ class Misalignment(_DistributedFault):
         return np.where(np.asarray(harmonic) == 2, 2.0, 1.0)  # noqa: PLR2004
 
     def damage(self, size_m: float, gear: FaultyGear) -> GearDamage:
-        """Return the fraction of each tooth's face that is in contact."""
+        """Return the fraction of the face of each tooth in contact."""
         found = GearDamage.on(gear)
         teeth = found.contact_fraction.size
         swing = (1 + self.modulation(np.arange(teeth) / teeth, gear)) / 2
@@ -436,7 +437,7 @@ class Misalignment(_DistributedFault):
 
 
 class Wear(_DistributedFault):
-    """Wear of all teeth alike; the size is its greatest depth. Mesh harmonics rise in proportion to their number."""
+    """Uniform wear of all teeth; the size is its largest depth. Mesh harmonics rise in proportion to their number."""
 
     kind: Literal["wear"]
 
@@ -454,12 +455,12 @@ class Wear(_DistributedFault):
 
 
 LOSING_CONTACT = (ToothCrack, Chipping, MissingTooth, Spall, Pitting, Misalignment, Wear)
-"""Faults by which pairs of teeth lose contact, or load to their neighbours, as the load says."""
+"""Faults by which tooth pairs lose contact, or load to their neighbours, depending on the load."""
 
 GEAR_FAULTS = ToothCrack | Chipping | MissingTooth | Spall | Pitting | Eccentricity | Misalignment | Wear
 
 
-# ---- what changes the compliance of a pair of teeth ------------------------------------------------------------------
+# ---- Changes of the compliance of a tooth pair -----------------------------------------------------------------------
 
 
 def damaged_teeth(
@@ -472,11 +473,11 @@ def damaged_teeth(
 
 
 def lost_contacts(damage: GearDamage, *, gear: int, sharing: LoadSharing | None) -> Iterator[tuple[int, LostContact]]:
-    """Yield the number of each tooth of a damaged gear that loses contact, 0 where all do, and how."""
+    """Yield the number of each tooth of a damaged gear that loses contact, 0 if all do, and how."""
     if not damage.loses_contact:
         return
     if sharing is None:
-        raise ValueError("sharing is missing; contact is lost by the static force on the pairs of teeth.")
+        raise ValueError("sharing is missing; loss of contact depends on the static force on the tooth pairs: give it.")
     pair = sharing.gears
     for place in np.flatnonzero(damage.crack_m):
         crack = replace(damage.crack, depth_m=float(damage.crack_m[place]))
@@ -499,9 +500,9 @@ def lost_contacts(damage: GearDamage, *, gear: int, sharing: LoadSharing | None)
 
 
 def _crack_compliance(crack: RootCrack, *, gear: int, sharing: LoadSharing) -> Callable[[Array], Array]:
-    """Return the compliance that a crack adds to a pair, by the cycles since it entered, m/N."""
+    """Return the compliance in m/N that a crack adds to a pair, as a function of the cycles since it entered."""
     if sharing.teeth is None:
-        raise ValueError("sharing.teeth is missing; a crack makes a tooth of known shape softer.")
+        raise ValueError("sharing.teeth is missing; the compliance of a crack depends on the tooth shape: give it.")
     path = np.linspace(0.0, sharing.gears.contact_ratio, _CRACK_POINTS)
     added = sharing.scale * crack.added_compliance(sharing.teeth, gear, path)
     return lambda since: np.interp(since, path, added)
@@ -518,8 +519,8 @@ def transmission_errors(
 ) -> Iterator[TransmissionError]:
     """Yield the transmission errors of a damaged gear; tooth 0 of `damage` enters the mesh at phase `first`.
 
-    Removed material lets the gears approach, so errors are positive. `stiffness_too` says whether pairs without
-    contact are missing in the mesh stiffness as well (`damaged_teeth`).
+    Removed material lets the gears approach, so errors are positive. `stiffness_too` states whether pairs without
+    contact are also missing from the mesh stiffness (`damaged_teeth`).
     """
     teeth = damage.removed_m.size
     for place, lost in lost_contacts(damage, gear=gear, sharing=sharing):
@@ -527,7 +528,7 @@ def transmission_errors(
         if error.error_m.any():
             yield error
     if damage.runout_m:
-        middle = first + pair.contact_ratio / 2  # turn 0 is where the damaged tooth is in the middle of its mesh
+        middle = first + pair.contact_ratio / 2  # the damaged tooth is in the middle of its mesh at angle 0
         yield transmission_error.Eccentricity(
             teeth=teeth, eccentricity_m=damage.runout_m, phase_rad=math.pi / 2 - 2 * math.pi * middle / teeth
         )
@@ -546,16 +547,16 @@ def _kinds(model: type[Declared]) -> tuple[str, ...]:
 _GEAR_KINDS = tuple(kind for model in get_args(GEAR_FAULTS) for kind in _kinds(model))
 FAULT_KINDS = (*_GEAR_KINDS[:1], *_kinds(BearingFault), *_GEAR_KINDS[1:], *_kinds(ShaftFault))
 ROW_OF = dict.fromkeys(_GEAR_KINDS, "tooth") | dict.fromkeys(_kinds(ShaftFault), "shaft")
-"""The kind of defect order that a fault repeats at, where not its own name."""
+"""The kind of defect order at which a fault repeats, if not its own name."""
 DIMENSIONS = {
-    "tooth_crack": "depth from the root's flank",
-    "chipping": "face width gone",
-    "missing_tooth": "height gone from the tip",
+    "tooth_crack": "depth from the flank at the root",
+    "chipping": "lost face width",
+    "missing_tooth": "lost height, from the tip",
     "spall": "depth of the spall",
     "pitting": "depth of the worst pit",
-    "eccentricity": "from axis to centre of the pitch circle",
-    "misalignment": "face width without contact at the worst place",
-    "wear": "greatest depth worn off a flank",
+    "eccentricity": "distance from the axis to the centre of the pitch circle",
+    "misalignment": "face width without contact at the worst position",
+    "wear": "maximum depth worn off a flank",
     "imbalance": "eccentricity of the mass",
     "bent_shaft": "run-out of the bend",
     "shaft_misalignment": "offset of the shafts",
@@ -564,4 +565,4 @@ DIMENSIONS = {
     "rolling_element": "length of the spall along the element",
     "cage": "width of the break in the cage",
 }
-"""What the size of each kind is: one dimension, the same in scenes, plans, labels, the truth and data cards."""
+"""Meaning of the size of each kind: one dimension, the same in scenes, plans, labels, truth and data cards."""

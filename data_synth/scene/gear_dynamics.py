@@ -1,7 +1,7 @@
-"""Masses, stiffnesses and the structure up to the sensors, as a scene whose gears vibrate declares them.
+"""Masses, stiffnesses and the structure between gears and sensors, as declared in a scene whose gears vibrate.
 
-A kinematic scene needs none of it. What is left out has the defaults of `data_synth.dynamics.assembly`, a first guess
-in steel from module and face width, or those below.
+A kinematic scene needs none of these. Values left out have the defaults below, or those of
+`data_synth.dynamics.assembly`, a first estimate in steel from module and face width.
 """
 
 from pathlib import Path
@@ -22,7 +22,7 @@ _NUMBERS_OF_SHAPE = {
 
 
 class LinkDynamics(Declared):
-    """Mass of a link with everything on it, and its moment of inertia about the axis."""
+    """Mass of a link with everything mounted on it, and its moment of inertia about the axis."""
 
     mass_kg: Positive | None = None
     inertia_kg_m2: Positive | None = None
@@ -31,22 +31,22 @@ class LinkDynamics(Declared):
 class MeshDynamics(Declared):
     """Stiffness and errors of a mesh.
 
-    Geometry may be declared here where the gearbox leaves it out. `stiffness_n_m` is the mean mesh stiffness along the
-    line of action; `shape` its variation over a mesh cycle: from the strain energy of the teeth (spur gears without
-    undercut or profile shift, whose bodies are held at 0.4 of the reference radius), trapezoidal by the
-    contact ratio, rectangular, a Fourier series, or constant. Left out, it is `teeth` where the
-    geometry allows, else `trapezoid`. `backlash_um` is the play between the flanks along the line of action (left out:
-    the least that ISO/TR 10064-2 recommends; 0: teeth pull as well as push). `error_um` is the amplitude of the first
-    mesh harmonic of the transmission error; `friction_coefficient` that of sliding between the flanks (external gears
-    on parallel axes). `transmission_error` is a measured one, [[mesh cycles, um], ...] from 0 on, linear between,
-    which repeats after the last row; ``csv`` the same in a file. Positive, the gears approach.
+    Geometry may be declared here if the gearbox leaves it out. `stiffness_n_m` is the mean mesh stiffness along the
+    line of action and `shape` its variation over a mesh cycle: from the strain energy of the teeth (spur gears without
+    undercut or profile shift, whose bodies are clamped at 0.4 of the reference radius), trapezoidal according to the
+    contact ratio, rectangular, a Fourier series, or constant. The default is `teeth` if the geometry permits, otherwise
+    `trapezoid`. `backlash_um` is the backlash along the line of action (default: the minimum recommended by ISO/TR
+    10064-2; with 0, teeth pull as well as push). `error_um` is the amplitude of the first mesh harmonic of the
+    transmission error, `friction_coefficient` that of sliding between the flanks (external gears on parallel axes).
+    `transmission_error` is a measured one, [[mesh cycles, um], ...] starting at 0, linear in between and repeating
+    after the last row; ``csv`` is the same in a file. Positive values let the gears approach.
 
-    Flanks are involutes but for `tip_relief_um` of both gears, linear over `tip_relief_pitches` base pitches of the
-    path of contact (left out: from the highest point of single-tooth contact on), and `crowning_um`, the relief at both
-    ends of the face. What they do to stiffness and transmission error follows from the mean static force.
+    Flanks are involutes except for `tip_relief_um` of both gears, linear over `tip_relief_pitches` base pitches of the
+    path of contact (default: from the highest point of single-tooth contact), and `crowning_um`, the relief at both
+    ends of the face. Their effect on stiffness and transmission error follows from the mean static force.
 
-    A rectangular stiffness is high for the fractional part of `contact_ratio` (left out: of the geometry) of each
-    cycle, and `step_n_m` lower for the rest (left out: the stiffness of one of `contact_ratio` equal pairs of teeth).
+    A rectangular stiffness is high for the fractional part of `contact_ratio` (default: that of the geometry) of each
+    cycle, and lower by `step_n_m` for the rest (default: the stiffness of one of `contact_ratio` equal tooth pairs).
     A Fourier series is ``c cos + s sin`` of each mesh harmonic, `harmonics_n_m` = [[c, s], ...], peak values in N/m.
     """
 
@@ -77,7 +77,7 @@ class MeshDynamics(Declared):
 
     @property
     def modification(self) -> FlankModification | None:
-        """How flanks differ from involutes."""
+        """Deviation of the flanks from involutes; None if there is none."""
         if not self.tip_relief_um and not self.crowning_um:
             return None
         relief_m, crowning_m = 1e-6 * self.tip_relief_um, 1e-6 * self.crowning_um
@@ -99,10 +99,10 @@ class MeshDynamics(Declared):
 
 
 class SupportDynamics(Declared):
-    """Support stiffness of a bearing, or of a link without one; `damping_s` is damping over stiffness.
+    """Support stiffness of a bearing, or of a link without one; `damping_s` is the ratio of damping to stiffness.
 
-    A ring gear that is rigid with the housing becomes a body of its own where it is named here, with the torsional
-    stiffness `torsion_nm_rad`.
+    A ring gear rigid with the housing becomes a separate body if it is named here, with the torsional stiffness
+    `torsion_nm_rad`.
     """
 
     radial_n_m: Positive = 1e8
@@ -113,7 +113,7 @@ class SupportDynamics(Declared):
 
 
 class ShaftDynamics(Declared):
-    """A round steel shaft that bends between two bearings of a link, `to_bearings_mm` before and behind its gears."""
+    """A round steel shaft that bends between two bearings of a link, `to_bearings_mm` on either side of its gears."""
 
     diameter_mm: Positive
     bore_mm: NotNegative = 0.0
@@ -122,7 +122,7 @@ class ShaftDynamics(Declared):
     @model_validator(mode="after")
     def _check_bore(self) -> Self:
         if self.bore_mm >= self.diameter_mm:
-            raise ValueError(f"bore_mm = {self.bore_mm:g} leaves nothing of diameter_mm = {self.diameter_mm:g}")
+            raise ValueError(f"bore_mm = {self.bore_mm:g} must be below diameter_mm = {self.diameter_mm:g}; reduce it")
         return self
 
 
@@ -136,17 +136,17 @@ class SensorWeights(Declared):
 class Dynamics(Declared):
     """Masses, stiffnesses, and the structure between bearings and sensors.
 
-    A link in `shafts` bends between two bearings, each as stiff radially as `bearings` declare of that link.
-    Bearing forces move a housing of `housing_kg` on its `mounts`: as a rigid body below `rigid_below_hz`, so that
-    forces inside of it that balance do not move it. Above, a sensor responds in full to the bearing forces of its own
-    link (both links of a mesh), and with the weight `elsewhere` to those of others, unless `sensor_weights` gives them;
-    the response then passes the scene's `path`. Every mode of the gears has `damping_ratio`, to which the
-    damping of bearings and meshes is added; it may be 0 in a run-up. The scene's torque acts on its link, or on
-    `load_on` where that is the reference itself; the reference shaft drives. Teeth follow the shafts, or with
-    `mesh_rpm` a reference shaft of that constant speed, as where a paper writes ``k(Omega t)``.
+    A link in `shafts` bends between two bearings, each with the radial stiffness declared for that link in `bearings`.
+    Bearing forces move a housing of `housing_kg` on its `mounts`: below `rigid_below_hz` as a rigid body, so that
+    balanced internal forces do not move it. Above, a sensor responds fully to the bearing forces of its own link (both
+    links of a mesh), and with the weight `elsewhere` to those of others, unless `sensor_weights` states them; the
+    response then passes through the `path` of the scene. Every mode of the gears has `damping_ratio`, to which the
+    damping of bearings and meshes is added; it may be 0 in a run-up. The torque of the scene acts on its link, or on
+    `load_on` if that link is the reference; the reference shaft drives. The mesh phase follows the shafts, or with
+    `mesh_rpm` a reference shaft at that constant speed, as in papers with ``k(Omega t)``.
 
-    `error` is the relative RMS error of the channels that time stepping may cause. ``fidelity = "auto"`` allows
-    the linear response differences up to `floor_db` from the motion in time.
+    `error` is the relative RMS error of the channels permitted for time stepping. With ``fidelity = "auto"`` the linear
+    response may differ from the motion in time by up to `floor_db`.
     """
 
     links: ByName[LinkDynamics] = ()
@@ -165,5 +165,5 @@ class Dynamics(Declared):
     floor_db: Annotated[float, Field(lt=0)] = -40.0
 
     def mesh(self, name: str) -> MeshDynamics:
-        """Return the declaration of a mesh, or the defaults."""
+        """Return the declared values of a mesh, or the defaults."""
         return dict(self.meshes).get(name, MeshDynamics())

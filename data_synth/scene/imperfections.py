@@ -1,8 +1,8 @@
-"""What healthy machines and their measurement have beside faults, as a scene's ``[imperfections]`` declares it.
+"""Imperfections of healthy machines and their measurement, as declared in ``[imperfections]`` of a scene.
 
-Every table is off unless it is named; named without numbers, it has the defaults of this module. They were fixed from
-the sources named here before any detector was run on records with them, and are not to be tuned to one. Where no
-source gives a number, "ours, illustrative" stands beside it. `DEFAULTS_VERSION` changes with any of them.
+Every table is off unless it is named; named without numbers, it has the defaults of this module. These were fixed from
+the sources below before any detector was run on records with them, and must not be tuned to one. Numbers without a
+source are marked "ours, illustrative". `DEFAULTS_VERSION` changes with any of them.
 
 Sources: ISO 1328-1:2013 (flank tolerances), ISO 286-1 (tolerance grades of bores), ISO 21940-11:2016 (balance quality),
 ISO 6336-1 (tooth stiffness), ISO 10816-1:1995 (vibration of housings), EN 50160 (harmonics of the mains), Guo and
@@ -21,7 +21,7 @@ from data_synth.scene.operation import ByName, NotNegative, Share
 from hums.gearbox.components import Declared, Name, Positive
 
 DEFAULTS_VERSION = "1.1"
-"""Of the defaults of this module and of `data_synth.scene.machine_history.History`."""
+"""Version of the defaults of this module and of `data_synth.scene.machine_history.History`."""
 
 Ratio = Annotated[float, Field(gt=0, lt=1)]
 
@@ -30,9 +30,9 @@ class GearQuality(Declared):
     """Run-out and pitch deviations of every gear: the tolerances of an ISO 1328-1:2013 `grade`, or micrometres.
 
     A gear has the run-out `runout_um` and the largest single pitch deviation `single_pitch_um`, both along its pitch
-    circle, at random teeth; left out, they are the tolerances of the grade. Where gears are kinematic, a tooth shifts
-    the phase of its mesh by its cumulative deviation, and raises its amplitude by the single one over `deflection_um`,
-    the deflection of loaded teeth.
+    circle, at random teeth; by default they are the tolerances of the grade. In a kinematic scene a tooth shifts the
+    phase of its mesh by its cumulative deviation, and raises its amplitude by the single pitch deviation over
+    `deflection_um`, the deflection of loaded teeth.
     """
 
     grade: Annotated[int, Field(ge=1, le=11)] = 6  # industrial gears, 5 to 8; ours, illustrative
@@ -44,9 +44,8 @@ class GearQuality(Declared):
 class UnequalPlanets(Declared):
     """Planets displaced on their carrier, and their unequal loads.
 
-    Displacements along the carrier's circle are drawn with the standard deviation `position_um`. Where gears vibrate,
-    unequal loads follow from them; a kinematic scene takes loads whose standard deviation over their mean is
-    `load_std`.
+    Tangential displacements are drawn with the standard deviation `position_um`. If gears vibrate, unequal loads follow
+    from them; in a kinematic scene the loads have the relative standard deviation `load_std`.
     """
 
     position_um: NotNegative = 10.0  # pin holes within IT7, 35 um at 80 to 120 mm by ISO 286-1: 35 / sqrt(12)
@@ -58,8 +57,8 @@ class UnequalPlanets(Declared):
 class ResidualImbalance(Declared):
     """Residual imbalance of every shaft: balance quality `grade` G in mm/s, eccentricity times top angular speed.
 
-    The top speed is that at which the reference turns at `rated_rpm`; left out, at the record's fastest. `rotor_kg` is
-    the mass of every shaft, or of each by its name.
+    The top speed is that at `rated_rpm` of the reference; by default, at the highest speed of the record. `rotor_kg` is
+    the mass of every shaft, or of each by name.
     """
 
     grade: Positive = 6.3  # gears and general machinery: ISO 21940-11:2016, table 1
@@ -68,10 +67,10 @@ class ResidualImbalance(Declared):
 
 
 class RaceWaviness(Declared):
-    """Waviness of both races of every bearing: weak lines at its healthy defect orders.
+    """Waviness of both races of every bearing: weak lines at the defect orders of a healthy bearing.
 
-    Lobes of the outer race beside multiples of the elements give lines at n BPFO, of the inner race at n BPFI +- its
-    rotation (Wardle 1988). The force is `stiffness_n_m` times ``waviness_um / n``.
+    Lobes of the outer race next to multiples of the number of elements give lines at n BPFO, those of the inner race at
+    n BPFI +- its rotation (Wardle 1988). The force is `stiffness_n_m` times ``waviness_um / n``.
     """
 
     waviness_um: Positive = 0.02  # amplitude of the first; ours, illustrative
@@ -82,8 +81,8 @@ class RaceWaviness(Declared):
 class Inverter(Declared):
     """An inverter that feeds the motor: lines at ``m mains + n output`` for (m, n, share) in `lines`.
 
-    The output frequency is `output_hz`, or follows the `link` of the motor (left out: the reference):
-    ``pole_pairs speed / (1 - slip)``. `share` is the amplitude over that of the mains.
+    The output frequency is `output_hz`, or follows the `link` of the motor (default: the reference) as
+    ``pole_pairs speed / (1 - slip)``. `share` is the amplitude relative to the mains.
     """
 
     output_hz: Positive | None = None
@@ -105,9 +104,9 @@ class Inverter(Declared):
 
 
 class TachometerPickUp(Declared):
-    """Mains in the tachometer's cable: pulse times that swing with it, and false pulses at its crests.
+    """Mains pick-up in the tachometer cable: modulated pulse times, and false pulses at crests.
 
-    `jitter_s` is the amplitude of the swing, `extra_share` the part of all crests that make a pulse.
+    `jitter_s` is the amplitude of the modulation, `extra_share` the fraction of crests that cause a pulse.
     """
 
     jitter_s: NotNegative = 2e-6  # 10 mV on an edge of 5 V in 1 ms; ours, illustrative
@@ -115,7 +114,7 @@ class TachometerPickUp(Declared):
 
 
 class Electrical(Declared):
-    """Electrical lines in the cables of all sensors: harmonic k of the mains has ``decay ** (k - 1)`` of the first."""
+    """Electrical lines in all sensor cables: mains harmonic k has ``decay ** (k - 1)`` times the first amplitude."""
 
     mains_hz: Positive = 50.0  # 60 in the Americas: IEC 60038
     amplitude_m_s2: Positive = 0.05  # read as motion; ours, illustrative
@@ -126,10 +125,11 @@ class Electrical(Declared):
 
 
 class Neighbour(Declared):
-    """A machine nearby at a constant speed of its own: harmonics of shaft and mesh, sidebands, impacts.
+    """A neighbouring machine at its own constant speed: harmonics of shaft and mesh, sidebands, impacts.
 
-    Harmonic k has ``decay ** (k - 1)`` of the first; each mesh harmonic has one sideband on either side, `sideband` as
-    large. Impacts, `impacts_per_rev` of them in a turn, ring its own mode. Numbers without a source are ours.
+    Harmonic k has ``decay ** (k - 1)`` times the first amplitude; each mesh harmonic has one sideband on either side,
+    `sideband` times as large. Impacts, `impacts_per_rev` per revolution, excite its own mode. Numbers without a source
+    are ours.
     """
 
     speed_hz: Positive = 24.3  # an induction motor of four poles at 50 Hz, slip 2.8 %; ours, illustrative
@@ -146,9 +146,9 @@ class Neighbour(Declared):
 
 
 class Knocks(Declared):
-    """Random impacts from outside, a Poisson process: `per_second` on average, amplitudes exponential about a mean.
+    """Random external impacts: a Poisson process of mean rate `per_second`, with exponentially distributed amplitudes.
 
-    They ring the scene's resonance. All numbers are ours, illustrative.
+    They excite the resonance of the scene. All numbers are ours, illustrative.
     """
 
     per_second: Positive = 0.5
@@ -156,7 +156,7 @@ class Knocks(Declared):
 
 
 class NoiseLevel(Declared):
-    """A noise level that wanders: in dB about the declared one, Gaussian, correlated over `time_scale_s`.
+    """A varying noise level: Gaussian in dB about the declared one, correlated over `time_scale_s`.
 
     All numbers are ours, illustrative.
     """
@@ -166,7 +166,7 @@ class NoiseLevel(Declared):
 
 
 class Mounts(Declared):
-    """A mounting resonance of each sensor that declares none, log-normal about `frequency_hz`."""
+    """A mounting resonance of each sensor that declares none, log-normally distributed about `frequency_hz`."""
 
     frequency_hz: Positive = 28_000.0  # wax; stud 31 kHz, magnet 7 kHz: Serridge and Licht (1987)
     spread: NotNegative = 0.1  # standard deviation of its logarithm; ours, illustrative
@@ -174,13 +174,13 @@ class Mounts(Declared):
 
 
 class Gains(Declared):
-    """Gains that differ between sensors: each has an error of calibration with this standard deviation."""
+    """Gain differences between sensors: calibration errors with this standard deviation."""
 
     std_db: Positive = 0.4  # 5 %, half of the 10 % that data sheets of industrial sensors allow; ours, illustrative
 
 
 class Temperature(Declared):
-    """Temperature of the sensors, which changes their sensitivity: ``1 + per_k (T - 23 C)``, T linear in time."""
+    """Sensor temperature T, linear in time, which changes the sensitivity by the factor ``1 + per_k (T - 23 C)``."""
 
     celsius: Annotated[float, Field(gt=-273.15, allow_inf_nan=False)] = 45.0  # 45 to 50 in Lessmeier et al. (2016)
     drift_k_per_h: Annotated[float, Field(allow_inf_nan=False)] = 5.0  # ours, illustrative
@@ -189,11 +189,11 @@ class Temperature(Declared):
 
 
 class Imperfections(Declared):
-    """What healthy machines have: each table is off unless named, and has its defaults where no number is given.
+    """Imperfections of healthy machines: each table is off unless named, with defaults for numbers not given.
 
-    Accelerations are divided by standard gravity where sensors are in g. Imbalance and waviness act as forces on the
-    housing, `dynamics.housing_kg`, or on declared transfers; beside gears in motion, across the shaft. Each draws from
-    a random stream of its own.
+    Accelerations are divided by standard gravity if sensors are in g. Imbalance and waviness act as forces on the
+    housing, `dynamics.housing_kg`, or on declared transfers; with gears in motion, across the shaft. Each imperfection
+    draws from its own random stream.
 
     Examples
     --------

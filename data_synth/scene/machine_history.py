@@ -1,12 +1,12 @@
-"""What carries over from record to record of one machine: gain, temperature, noise and load, as a plan declares it.
+"""Slow variation between the records of a machine, of gain, temperature, noise and load, as declared in a plan.
 
-Each is the sum of two stationary Gauss-Markov processes over the number of the record, correlated over few and over
-many records, and of a season (a sine):
+Each is the sum of two stationary Gauss-Markov processes over the record number, correlated over few and over many
+records, and of a season (a sine):
 
     x_i = std (sqrt((1 - s) / 2) (u_i + v_i) + sqrt(2 s) sin(2 pi i / season + phase)),  u_i = a u_(i-1) + innovation
 
-with a = exp(-1 / records). A state follows from the seed and the number of its record alone: the innovations have
-streams of their own, and those older than `_REMEMBERED` correlation lengths are left out (1e-7 of the deviation).
+with a = exp(-1 / records). A state depends only on the seed and the record number: the innovations have their own
+streams, and those older than `_REMEMBERED` correlation lengths are neglected (1e-7 of the deviation).
 """
 
 import math
@@ -27,12 +27,12 @@ _FLOOR = 0.05  # of the declared torque
 
 
 class History(Declared):
-    """Standard deviations of what carries over from record to record, and its correlation; 0 is off.
+    """Standard deviations and correlation of the slow variation between records; 0 disables a quantity.
 
-    Records take turns among `machines`, which are independent; what belongs to one, its teeth, imbalance, phases, gains
-    and mounts of sensors, is the same in all its records (`machine_seed` of `data_synth.simulate`). `gain_db` is common
-    to all sensors, `noise_db` that of the noise level, `load_share` that of the torque over the declared one. All
-    numbers are ours, illustrative.
+    Records alternate between independent `machines`; the properties of a machine (teeth, imbalance, phases, gains and
+    mounts of sensors) are the same in all its records (`machine_seed` of `data_synth.simulate`). `gain_db` is common to
+    all sensors, `noise_db` is that of the noise level, and `load_share` that of the torque relative to the declared
+    one. All numbers are ours, illustrative.
 
     Examples
     --------
@@ -53,11 +53,11 @@ class History(Declared):
     load_share: Annotated[float, Field(ge=0, le=0.3)] = 0.1
 
     def machine(self, number: int) -> int:
-        """Return the number of the machine of a record, from 0."""
+        """Return the index of the machine of a record, from 0."""
         return number % self.machines
 
     def state(self, number: int, *, seed: int) -> dict[str, float]:
-        """Return what has carried over to a record: departures of gain_db, temperature_k, noise_db and load."""
+        """Return the state of a record: its deviations of gain_db, temperature_k, noise_db and load."""
         deviations = {
             "gain_db": self.gain_db,
             "temperature_k": self.temperature_k,
@@ -73,7 +73,7 @@ class History(Declared):
         Raises
         ------
         SceneError
-            A load that carries over, and no torque.
+            A varying load in a scene without torque.
         """
         state = self.state(number, seed=seed)
         changes: dict[str, object] = {}
@@ -105,16 +105,16 @@ class History(Declared):
 def _loaded(scene: Scene, factor: float) -> object:
     torque = scene.torque
     if torque is None:
-        raise SceneError("history.load_share scales the torque, but the scene has none; add torque, or write 0.")
+        raise SceneError("history.load_share scales the torque, but the scene has none; add torque, or set it to 0.")
     rows = tuple((time_s, nm * factor) for time_s, nm in torque.rows)
     full_nm = torque.full_load_nm or max(abs(nm) for _, nm in torque.rows) or None
     return torque.changed(**{"steps" if torque.steps is not None else "nm": rows, "full_load_nm": full_nm})
 
 
 def _gauss_markov(records: float, place: int, *, words: tuple[str, int], seed: int) -> float:
-    """Return a stationary Gauss-Markov sequence of unit variance at one place, correlated over `records`."""
+    """Return one value of a stationary Gauss-Markov sequence of unit variance, correlated over `records`."""
     ages = np.arange(math.ceil(_REMEMBERED * records))
-    first = place - ages[-1] + ages.size  # of the oldest one; numbers begin one memory before record 0
+    first = place - ages[-1] + ages.size  # number of the oldest innovation; numbers start one memory before record 0
     blocks = range(first // _BLOCK, (place + ages.size) // _BLOCK + 1)
     drawn = np.concatenate([random_stream(seed, *words, block).standard_normal(_BLOCK) for block in blocks])
     newest = place + ages.size - blocks.start * _BLOCK

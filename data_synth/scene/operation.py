@@ -1,4 +1,4 @@
-"""The drive, as a scene declares it: time histories of speed and torque, and the tachometer."""
+"""The drive as declared in a scene: time histories of speed and torque, and the tachometer."""
 
 from collections.abc import Mapping
 from itertools import pairwise
@@ -24,7 +24,7 @@ def _pairs(value: Any) -> Any:  # noqa: ANN401
 
 T = TypeVar("T")
 ByName: TypeAlias = Annotated[tuple[tuple[Name, T], ...], BeforeValidator(_pairs), PlainSerializer(dict)]
-"""A table of values by name; scenes can be hashed, so that it is kept as pairs."""
+"""A table of values by name, stored as pairs so that scenes can be hashed."""
 
 
 def _rows(value: Any) -> Any:  # noqa: ANN401
@@ -58,7 +58,7 @@ class Turbulence(Declared):
 
 
 def read_time_history(table: Any, value: str) -> Any:  # noqa: ANN401
-    """Refuse a time history given twice, as knots, steps or a file; read it where it is in a file."""
+    """Refuse a time history given more than once, as knots, steps or a file; read it from a file."""
     if not isinstance(table, dict):
         return table
     given = [key for key in (value, "steps", "csv", "run_up") if table.get(key) is not None]
@@ -66,7 +66,7 @@ def read_time_history(table: Any, value: str) -> Any:  # noqa: ANN401
         raise ValueError(
             f"{' and '.join(given)} are both given; keep one"
             if given
-            else f"nothing says what it is; write {value} = a number or [[s, {value}], ...], steps or csv"
+            else f"its values are missing; give {value} = a number or [[s, {value}], ...], steps or csv"
         )
     if "csv" in table:
         table = {key: item for key, item in table.items() if key != "csv"} | {
@@ -76,7 +76,7 @@ def read_time_history(table: Any, value: str) -> Any:  # noqa: ANN401
 
 
 def csv_rows(path: Path, *columns: str) -> tuple[tuple[float, ...], ...]:
-    """Read `columns` of numbers, with or without a header line."""
+    """Read `columns` of numbers from a file with or without a header line."""
     what, names = f"csv = {str(path)!r}", ", ".join(columns)
     try:
         rows = [row.split(",") for row in path.read_text(encoding="utf-8-sig").splitlines() if row.strip()]
@@ -86,7 +86,7 @@ def csv_rows(path: Path, *columns: str) -> tuple[tuple[float, ...], ...]:
     found = found[1:] if found and found[0] is None else found
     for number, (row, cells) in enumerate(zip(found, rows[-len(found) :], strict=False), start=1):
         if row is None or len(row) != len(columns):
-            raise ValueError(f"{what}: row {number} of the numbers is not {names}: {','.join(cells)!r}")
+            raise ValueError(f"{what}: data row {number}, {','.join(cells)!r}, does not have the columns {names}")
     return tuple(row for row in found if row is not None)
 
 
@@ -98,7 +98,7 @@ def _numbers(cells: list[str]) -> tuple[float, ...] | None:
 
 
 class TimeHistory(Declared):
-    """The fields that speed and torque have in common: link, steps instead of knots, added turbulence."""
+    """Common fields of speed and torque: link, steps instead of knots, added turbulence."""
 
     link: Name
     steps: Annotated[tuple[tuple[Finite, Finite], ...], Field(min_length=1), AfterValidator(_rising)] | None = None
@@ -107,12 +107,12 @@ class TimeHistory(Declared):
 
     @property
     def rows(self) -> Rows:
-        """Times in s and values, of knots or steps; empty in a run-up."""
+        """Times in s and values of knots or steps; empty in a run-up."""
         return self.steps or ()
 
     @property
     def knots(self) -> Rows:
-        """Times in s and values between which the history is linear; a step without rise is two knots at one time."""
+        """Times in s and values between which the history is linear; a step without rise has two knots at one time."""
         if self.steps is None:
             return self.rows
         pairs = pairwise(self.steps)
@@ -125,23 +125,23 @@ class TimeHistory(Declared):
     def _check_steps(self) -> Self:
         if self.rise_s and self.steps is None:
             raise ValueError(
-                f"rise_s = {self.rise_s:g} says how long a step takes, but there are no steps; leave it out"
+                f"rise_s = {self.rise_s:g} is the duration of a step, but there are no steps; leave it out"
             )
         for (before, _), (after, _) in pairwise(self.steps or ()):
             if after < before + self.rise_s:
                 raise ValueError(
-                    f"rise_s = {self.rise_s:g}: the step at {before:g} s would last beyond the next one at "
-                    f"{after:g} s; shorten it to {after - before:g} or less"
+                    f"rise_s = {self.rise_s:g}: the step at {before:g} s would extend beyond the next one at "
+                    f"{after:g} s; reduce it to {after - before:g} or less"
                 )
         return self
 
 
 class RunUp(Declared):
-    """A run-up under the scene's torque, the drive train one rigid body: ``J w' = T - (a + b w + c w abs(w))``.
+    """A run-up under the torque of the scene, with a rigid drive train: ``J w' = T - (a + b w + c w abs(w))``.
 
     J = `inertia_kg_m2`, a = `load_nm`, b = `load_nm_s` and c = `load_nm_s2` of the whole train are referred to the link
-    of the speed; w is the speed of that link in rad s-1, T the torque referred to it by the speed ratio. It begins at
-    `rpm`.
+    of the speed; w is the speed of that link in rad s-1, and T the torque referred to it by the speed ratio. The
+    initial speed is `rpm`.
     """
 
     inertia_kg_m2: Positive
@@ -154,9 +154,9 @@ class RunUp(Declared):
 class Speed(TimeHistory):
     """Speed of a link against time.
 
-    ``rpm = [[s, rpm], ...]`` is linear between knots and constant outside, or one number; ``csv`` the same in a file;
-    ``steps = [[s, rpm], ...]`` changes to each level at its time, within `rise_s`; ``run_up`` computes it from the
-    torque.
+    ``rpm`` is one number, or ``[[s, rpm], ...]``, linear between knots and constant outside; ``csv`` is the same in a
+    file; ``steps = [[s, rpm], ...]`` changes to each level at its time, within `rise_s`; ``run_up`` computes the speed
+    from the torque.
     """
 
     rpm: Knots | None = None
@@ -171,11 +171,11 @@ class Speed(TimeHistory):
     def _check(self) -> Self:
         if self.run_up is not None:
             if self.turbulence is not None:
-                raise ValueError("a run-up follows from its torque; give the torque the turbulence")
+                raise ValueError("a run-up follows from its torque; move turbulence to the torque")
             return self
         slowest = min(rpm for _, rpm in self.rows)
         if slowest <= 0:
-            raise ValueError(f"rpm = {slowest:g} at some time, but the shaft has to turn; keep rpm above 0")
+            raise ValueError(f"rpm = {slowest:g} at some time, but the shaft must turn; keep rpm above 0")
         if self.turbulence is not None and slowest <= _DEVIATIONS * self.turbulence.rms:
             raise ValueError(
                 f"turbulence.rms = {self.turbulence.rms:g}: {_DEVIATIONS} times that would stop a shaft at "
@@ -185,19 +185,19 @@ class Speed(TimeHistory):
 
     @property
     def rows(self) -> Rows:
-        """Times in s and rpm, of knots or steps; none in a run-up."""
+        """Times in s and rpm of knots or steps; empty in a run-up."""
         return self.rpm or self.steps or ()
 
 
-_DEVIATIONS = 8  # a Gaussian fluctuation goes beyond once in 1e15
+_DEVIATIONS = 8  # exceeded by a Gaussian variable once in 1e15
 
 
 class Torque(TimeHistory):
-    """Torque on a link against time, declared as a speed is: ``nm``, ``csv`` or ``steps``.
+    """Torque on a link against time, declared like a speed: ``nm``, ``csv`` or ``steps``.
 
-    The tooth load is proportional to ``u + (1 - u) abs(T) / T_full``, u = `unloaded_share`, T_full = `full_load_nm` or,
-    left out, the largest torque of knots or steps: an unloaded mesh still rattles. A torque of 0 throughout is the load
-    u. A scene without torque is at full load.
+    The tooth load is proportional to ``u + (1 - u) abs(T) / T_full`` with u = `unloaded_share`, since an unloaded mesh
+    still rattles, and T_full = `full_load_nm`, by default the largest torque of knots or steps. A torque of 0
+    throughout is the load u. A scene without torque is at full load.
     """
 
     nm: Knots | None = None
@@ -212,17 +212,17 @@ class Torque(TimeHistory):
     @model_validator(mode="after")
     def _check(self) -> Self:
         if self.full_load_nm is None and self.turbulence is not None and not any(nm for _, nm in self.rows):
-            raise ValueError("turbulence about nm = 0 has no load to be relative to; give full_load_nm")
+            raise ValueError("turbulence about nm = 0 has no full load as a reference; give full_load_nm")
         return self
 
     @property
     def rows(self) -> Rows:
-        """Times in s and N m, of knots or steps."""
+        """Times in s and torques in N m of knots or steps."""
         return self.nm or self.steps or ()
 
 
 class Missing(Declared):
-    """Missing pulses: each but the first is lost with probability `share`."""
+    """Missing pulses: each except the first is lost with probability `share`."""
 
     share: Annotated[float, Field(gt=0, lt=1)]
 
@@ -234,15 +234,15 @@ class Spurious(Declared):
 
 
 class PulseJitter(Declared):
-    """Gaussian errors of the pulse times, independent of each other."""
+    """Independent Gaussian errors of the pulse times."""
 
     std_s: Positive
 
 
 class Uneven(Declared):
-    """Unevenly spaced marks: each but the first is displaced by the same angle in every revolution.
+    """Unevenly spaced marks, each except the first displaced by the same angle in every revolution.
 
-    Displacements are drawn once, Gaussian with `std_deg` of the link's own angle; or given, one number for each mark.
+    Displacements are drawn once, Gaussian with `std_deg` of the angle of the link, or given in `deg`, one per mark.
     """
 
     std_deg: Positive | None = None
@@ -251,17 +251,17 @@ class Uneven(Declared):
     @model_validator(mode="after")
     def _check(self) -> Self:
         if (self.std_deg is None) == (self.deg is None):
-            raise ValueError("give either std_deg, to draw the errors of marks, or deg, one for each mark")
+            raise ValueError("give either std_deg, to draw the displacements of the marks, or deg, one for each mark")
         return self
 
 
 class Tachometer(Declared):
     """Tachometer pulses of a link. The first pulse is revolution zero of every phase in the record.
 
-    `offset_rev` is the rotation of the link between the first sample and that pulse; drawn at random if left out.
-    Errors are applied in the order of the fields: uneven spacing of marks, missing pulses, spurious pulses, jitter of
-    each pulse time; last the box that times them, late by `delay_s` and with a clock that gains `clock_ppm` on that of
-    the channels. Revolution zero stays at the true passage of the first mark.
+    `offset_rev` is the rotation of the link between the first sample and that pulse, drawn at random by default. Errors
+    are applied in the order of the fields: uneven spacing of marks, missing pulses, spurious pulses, jitter of each
+    pulse time, and finally the timer, delayed by `delay_s` and with a clock that gains `clock_ppm` on that of the
+    channels. Revolution zero remains at the true passage of the first mark.
     """
 
     link: Name
@@ -278,7 +278,7 @@ class Tachometer(Declared):
     def _check(self) -> Self:
         spacing = 1 / self.pulses_per_rev
         if self.offset_rev is not None and self.offset_rev >= spacing:
-            raise ValueError(f"offset_rev = {self.offset_rev:g} is a pulse spacing or more; keep it below {spacing:g}")
+            raise ValueError(f"offset_rev = {self.offset_rev:g} must be below the pulse spacing, {spacing:g}")
         if self.uneven is not None:
             self._check_marks(self.uneven)
         return self
@@ -287,7 +287,7 @@ class Tachometer(Declared):
         spacing_deg = 360 / self.pulses_per_rev
         if uneven.std_deg is not None and _DEVIATIONS * uneven.std_deg >= spacing_deg / 2:
             raise ValueError(
-                f"uneven.std_deg = {uneven.std_deg:g} lets marks {spacing_deg:g} degrees apart change places; "
+                f"uneven.std_deg = {uneven.std_deg:g} allows marks {spacing_deg:g} degrees apart to change order; "
                 f"keep it below {spacing_deg / 2 / _DEVIATIONS:g}"
             )
         if uneven.deg is None:
@@ -299,4 +299,6 @@ class Tachometer(Declared):
             )
         places = [spacing_deg * mark + off for mark, off in enumerate((*uneven.deg, uneven.deg[0]))]
         if any(after <= before for before, after in pairwise(places)):
-            raise ValueError(f"uneven.deg lets marks {spacing_deg:g} degrees apart change places; keep their order")
+            raise ValueError(
+                f"uneven.deg = {uneven.deg} changes the order of marks {spacing_deg:g} degrees apart; reduce the values"
+            )

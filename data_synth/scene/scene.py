@@ -1,6 +1,6 @@
 """The declared scene: a gearbox, its drive, its faults and its sensors. Frozen, read from TOML.
 
-Every default below is a choice of physics. `Scene.to_toml` writes each of them out, the gearbox included, and a record
+Every default below is a physical choice. `Scene.to_toml` writes all of them out, including the gearbox, and each record
 carries that text. Amplitudes are peak values in the units of the sensors.
 """
 
@@ -18,15 +18,7 @@ from data_synth.scene.gear_dynamics import Dynamics
 from data_synth.scene.imperfections import Imperfections
 from data_synth.scene.machine_faults import BearingFault, ShaftFault
 from data_synth.scene.operation import ByName, NotNegative, Share, Speed, Tachometer, Torque
-from data_synth.scene.sensors import (
-    Mode,
-    Noise,
-    PlanetPass,
-    Sensor,
-    Transfer,
-    check_chain,
-    check_transfers,
-)
+from data_synth.scene.sensors import Mode, Noise, PlanetPass, Sensor, Transfer, check_chain, check_transfers
 from hums.gearbox.bearing_catalogue import BearingOrders
 from hums.gearbox.components import (
     Declared,
@@ -48,12 +40,11 @@ from signals._validation import SentenceError, checked
 
 
 class Excitation(Declared):
-    """Source amplitudes of the healthy gearbox; harmonic k has ``decay ** (k - 1)`` of the first.
+    """Source amplitudes of the healthy gearbox; harmonic k has ``decay ** (k - 1)`` times the amplitude of the first.
 
     Each shaft has `shaft_amplitude`, independent of the load; each mesh has `mesh_amplitude` at full load. `shafts` and
-    `meshes` give single ones another amplitude, as in ``meshes = { "stage 2" = 0.2 }``. All amplitudes are proportional
-    to ``(speed / top speed) ** speed_exponent``: 0 keeps them constant, 2 is that of an imbalance, and suits a run-up
-    from rest.
+    `meshes` override individual ones, as in ``meshes = { "stage 2" = 0.2 }``. All amplitudes are proportional to
+    ``(speed / top speed) ** speed_exponent``: 0 keeps them constant; 2, the law of imbalance, suits a run-up from rest.
     """
 
     shaft_amplitude: NotNegative = 0.05
@@ -88,17 +79,16 @@ class SceneError(SentenceError):
 
 
 class Scene(Declared):
-    """A gearbox, its drive, faults and sensors: all that `simulate` needs.
+    """A gearbox with its drive, faults and sensors: everything that `simulate` needs.
 
-    Built by `load_scene`, `Scene.from_toml` or `Scene.from_mapping`.
+    Built by `load_scene`, `Scene.from_toml` or `Scene.from_mapping`; invalid values raise `SceneError`.
 
     `resonance` is the mode excited by impacts. `path` is the mode through which shaft and mesh harmonics reach the
-    sensors, so that their amplitude and phase change with speed (left out: a rigid path). Each of `transfers` is a
-    transfer function from one source to one sensor. With `planet_pass` planets modulate their meshes as they pass
-    the sensors (left out: the transfer function of a planet does not depend on its place, and there are no sidebands).
-    With a `fidelity` other than kinematic the gears vibrate: `dynamics` then replaces what `excitation` declares of
-    meshes.
-    `imperfections` are what healthy machines have.
+    sensors, so that their amplitude and phase change with speed (default: a rigid path). Each of `transfers` is a
+    transfer function from one source to one sensor. With `planet_pass`, planets modulate their meshes as they pass the
+    sensors (default: the transfer function of a planet does not depend on its position, and there are no sidebands).
+    With a `fidelity` other than kinematic the gears vibrate, and `dynamics` replaces the mesh amplitudes of
+    `excitation`. `imperfections` are those of healthy machines and their measurement.
 
     Examples
     --------
@@ -134,7 +124,7 @@ class Scene(Declared):
     @field_validator("gearbox", mode="before")
     @classmethod
     def _load_gearbox(cls, value: Any) -> Any:  # noqa: ANN401
-        """Read a catalogue name, a path or an inline table."""
+        """Load a catalogue name, a path or an inline table."""
         if isinstance(value, Mapping):
             return Gearbox.from_mapping(value)
         return load_gearbox(value) if isinstance(value, str | Path) else value
@@ -142,7 +132,7 @@ class Scene(Declared):
     @model_validator(mode="before")
     @classmethod
     def _write_out_dynamics(cls, table: Any) -> Any:  # noqa: ANN401
-        """Add the defaults of `dynamics` to a scene whose gears vibrate, so that no default hides."""
+        """Add the defaults of `dynamics` to a scene whose gears vibrate, so that they are written out."""
         if not isinstance(table, Mapping) or table.get("fidelity", "kinematic") == "kinematic":
             return table
         return dict(table) | {"dynamics": table.get("dynamics") or Dynamics()}
@@ -150,7 +140,7 @@ class Scene(Declared):
     @field_validator("faults", mode="before")
     @classmethod
     def _known_kinds(cls, tables: Any) -> Any:  # noqa: ANN401
-        """Refuse an unknown kind of fault in one sentence, before pydantic lists every model of the union."""
+        """Refuse an unknown kind of fault concisely, before pydantic lists every model of the union."""
         for number, table in enumerate(tables if isinstance(tables, tuple) else (), start=1):
             kind = table.get("kind") if isinstance(table, Mapping) else getattr(table, "kind", None)
             if kind not in FAULT_KINDS:
@@ -162,7 +152,7 @@ class Scene(Declared):
     def _check(self) -> Self:
         if self.gearbox.reference is None:
             raise ValueError(
-                f'gearbox "{self.gearbox.name}" declares no reference to count orders by; add reference = "LINK" to it'
+                f'gearbox "{self.gearbox.name}" declares no reference shaft for orders; add reference = "LINK" to it'
             )
         self._check_links()
         self._check_excitation()
@@ -178,11 +168,12 @@ class Scene(Declared):
             if link not in self.gearbox.links:
                 raise ValueError(f'{user} names the link "{link}"{closest(link, list(self.gearbox.links))}')
             if self.ratio(link) == 0:
-                need = "so no path takes its power on" if user == "torque" else "which does not turn"
-                stands = "which does not turn, " if user == "torque" else ""
-                raise ValueError(f'{user} names the link "{link}", {stands}{need}; name one that does')
+                need = (
+                    "which does not turn, so that it transmits no power" if user == "torque" else "which does not turn"
+                )
+                raise ValueError(f'{user} names the link "{link}", {need}; name one that does')
         if self.speed.run_up is not None and self.torque is None:
-            raise ValueError("speed.run_up asks for a torque that drives it; add torque = { link = ..., nm = ... }")
+            raise ValueError("speed.run_up requires a driving torque; add torque = { link = ..., nm = ... }")
 
     def _check_excitation(self) -> None:
         for field, kind in (("shafts", "shaft"), ("meshes", "gear_mesh")):
@@ -201,7 +192,7 @@ class Scene(Declared):
                 )
             if self.orders[fault.component, ROW_OF.get(fault.kind, fault.kind)] == 0:
                 raise ValueError(
-                    f'fault {number}: {fault.kind} of "{fault.component}" never comes round; choose another'
+                    f'fault {number}: {fault.kind} of "{fault.component}" never repeats; choose another component'
                 )
             link = getattr(fault, "load_turns_with", None)
             if link is not None and link not in self.gearbox.links:
@@ -211,18 +202,18 @@ class Scene(Declared):
         if any(self._rings(fault) for fault in self.faults) and self.resonance.frequency_hz >= self.rate_hz / 2:
             raise ValueError(
                 f"resonance.frequency_hz = {self.resonance.frequency_hz:g} is not below half of "
-                f"rate_hz = {self.rate_hz:g}; raise rate_hz or lower the resonance that impacts ring"
+                f"rate_hz = {self.rate_hz:g}; raise rate_hz, or lower the resonance excited by impacts"
             )
 
     def _rings(self, fault: Fault) -> bool:
-        """Return whether a fault has impacts that ring the resonance: not where the teeth of its gear vibrate."""
+        """Return whether impacts of a fault excite the resonance, as they do unless the teeth of its gear vibrate."""
         if isinstance(fault, BearingFault | ShaftFault):
             return isinstance(fault, BearingFault)
         return self.fidelity == "kinematic"
 
     @property
     def _places(self) -> set[str]:
-        """Names of bearings, links and meshes, at which a sensor or a source can be."""
+        """Names of bearings, links and meshes, where a sensor or a source can be."""
         bearings = [name for bearing in self.gearbox.bearings for name in bearing.names]
         return {*bearings, *self.gearbox.links, *(mesh.name for mesh in self.gearbox.meshes)}
 
@@ -238,11 +229,11 @@ class Scene(Declared):
         for sensor in self.sensors:
             if sensor.on not in places:
                 raise ValueError(
-                    f'sensor "{sensor.name}" is on "{sensor.on}", which is no bearing, link or mesh of '
+                    f'sensor "{sensor.name}" is on "{sensor.on}", which is not a bearing, link or mesh of '
                     f'gearbox "{self.gearbox.name}"{closest(sensor.on, places)}'
                 )
             if names.count(sensor.name) > 1:
-                raise ValueError(f'two sensors are called "{sensor.name}"; give each a name of its own')
+                raise ValueError(f'two sensors are named "{sensor.name}"; give each its own name')
             check_chain(sensor, first=self.sensors[0], rate_hz=self.rate_hz)
 
     @classmethod
@@ -254,7 +245,7 @@ class Scene(Declared):
         table : mapping
             The keys of a scene file with their values.
         where : str
-            Name of the scene in error sentences.
+            Name of the scene in error messages.
 
         Returns
         -------
@@ -263,7 +254,7 @@ class Scene(Declared):
         Raises
         ------
         SceneError
-            A key or value that is not valid.
+            An invalid key or value.
 
         Examples
         --------
@@ -276,7 +267,7 @@ class Scene(Declared):
         return validated(cls, dict(table), where=where, error=SceneError)
 
     def changed(self, **values: object) -> Self:
-        """Return a validated copy with some fields replaced; raise SceneError where they are not valid."""
+        """Return a validated copy with some fields replaced; raise SceneError if they are invalid."""
         try:
             return super().changed(**values)
         except ValidationError as caught:
@@ -289,7 +280,7 @@ class Scene(Declared):
         Parameters
         ----------
         path : str or Path
-            The file. Relative paths in it, of a gearbox or a table, are looked up beside the file first.
+            The file. Relative paths in it, of a gearbox or a table, are first looked up in its folder.
 
         Returns
         -------
@@ -298,7 +289,7 @@ class Scene(Declared):
         Raises
         ------
         SceneError
-            A file that cannot be read, or a key or value that is not valid.
+            A file that cannot be read, or an invalid key or value.
 
         Examples
         --------
@@ -331,7 +322,7 @@ class Scene(Declared):
         Returns
         -------
         str
-            What `Scene.from_mapping` reads back after `tomllib.loads`.
+            Text that `Scene.from_mapping` reads back after `tomllib.loads`.
 
         Examples
         --------
@@ -345,7 +336,7 @@ class Scene(Declared):
 
     @property
     def dynamics_or_default(self) -> Dynamics:
-        """Masses and stiffnesses as declared, or the defaults.
+        """Declared masses and stiffnesses, or the defaults.
 
         Examples
         --------
@@ -369,11 +360,11 @@ class Scene(Declared):
 
     @cached_property
     def orders(self) -> dict[tuple[str, str], Fraction | float]:
-        """Defect orders by (component, kind): a Fraction where tooth numbers define it, else a float.
+        """Defect orders by (component, kind): a Fraction if tooth numbers define it, otherwise a float.
 
         Examples
         --------
-        A bearing with 9 elements, geometry as declared: the orders of both races add up to 9.
+        In a bearing with 9 elements the orders of both races add up to 9:
 
         >>> from data_synth import load_scene
         >>> orders = load_scene("demo").orders
@@ -389,7 +380,7 @@ class Scene(Declared):
         }
 
     def exact_orders(self, kind: str) -> dict[str, Fraction]:
-        """Return the non-zero orders of one kind that tooth numbers alone define.
+        """Return the non-zero orders of one kind that are defined by tooth numbers alone.
 
         Parameters
         ----------
@@ -399,7 +390,7 @@ class Scene(Declared):
         Returns
         -------
         dict of str to Fraction
-            By component, in cycles per revolution of the reference shaft.
+            Orders by component, in cycles per revolution of the reference shaft.
 
         Examples
         --------
@@ -419,7 +410,7 @@ class Scene(Declared):
         Parameters
         ----------
         name : str
-            The bearing, as the gearbox names it.
+            Name of the bearing in the gearbox.
 
         Returns
         -------
@@ -439,7 +430,7 @@ class Scene(Declared):
         Parameters
         ----------
         fault_kind : str
-            A kind of fault, as ``[[fault]]`` of a scene file has it.
+            A kind of fault, as in ``[[fault]]`` of a scene file.
 
         Returns
         -------
@@ -465,11 +456,11 @@ class Scene(Declared):
         Returns
         -------
         Fraction
-            Revolutions of the link for one of the reference shaft; negative in the opposite sense.
+            Revolutions of the link per revolution of the reference shaft; negative for opposite rotation.
 
         Examples
         --------
-        Gears of 23 and 67, then 19 and 61 teeth, each pair reversing the sense:
+        Gears of 23 and 67, then 19 and 61 teeth, each pair reversing the rotation:
 
         >>> from data_synth import load_scene
         >>> load_scene("demo").ratio("output")
@@ -495,7 +486,7 @@ class Scene(Declared):
 
     @property
     def truth_times(self) -> int:
-        """Number of instants, evenly from 0 to `duration_s`, at which the truth is stated: 20 a second and the last.
+        """Number of uniform instants from 0 to `duration_s` at which the truth is stated: 20 per second and the last.
 
         Examples
         --------
@@ -507,14 +498,14 @@ class Scene(Declared):
 
 
 def declared_size_mm(scene: Scene, mesh: str, key: str) -> float | None:
-    """Return a size of a mesh such as `face_width_mm`: from `dynamics.meshes`, or the gearbox; None: from neither."""
+    """Return a size of a mesh such as `face_width_mm`, from `dynamics.meshes` or the gearbox; None if undeclared."""
     own = getattr(scene.dynamics.mesh(mesh), key) if scene.dynamics is not None else None
     found = own if own is not None else getattr({each.name: each for each in scene.gearbox.meshes}[mesh], key)
     return None if found is None else float(found)
 
 
 def _with_file(table: Any, path: Path) -> Any:  # noqa: ANN401
-    """Return a table whose csv file, where it is beside the scene, has its full path."""
+    """Return a table with the full path of its csv file, if that is in the folder of the scene."""
     if not isinstance(table, dict) or not isinstance(file := table.get("csv"), str):
         return table
     return table | {"csv": sibling_file(path, file)}
@@ -527,7 +518,7 @@ def load_scene(name_or_path: str | Path) -> Scene:
     Parameters
     ----------
     name_or_path : str or Path
-        Path of a ``.toml`` file, or the name of a scene that ships with the package, such as ``"demo"``.
+        Path of a ``.toml`` file, or the name of a scene in the catalogue, such as ``"demo"``.
 
     Returns
     -------
@@ -536,7 +527,7 @@ def load_scene(name_or_path: str | Path) -> Scene:
     Raises
     ------
     SceneError
-        With one sentence: the key, its value, the bound and the remedy.
+        With the key, its value, the bound and the remedy.
 
     Examples
     --------
@@ -548,5 +539,5 @@ def load_scene(name_or_path: str | Path) -> Scene:
 
 
 def catalogue() -> dict[str, Path]:
-    """Return the scenes that ship with the package, file by name."""
+    """Return the scenes of the catalogue, files by name."""
     return shipped_files("data_synth")

@@ -35,8 +35,8 @@ def test_every_part_of_the_demo_is_named_with_its_reason():
     reasons = {(part.name, part.why) for part in told.parts}
     assert ("stage 2", "gears in mesh") in reasons
     assert ("stage 1/pinion", "tooth_crack") in reasons
-    assert ("stage 1/pinion", "fault 1, tooth_crack: rings 8000 Hz") in reasons
-    assert ("intermediate bearing", "fault 2, inner_race: rings 8000 Hz") in reasons
+    assert ("stage 1/pinion", "fault 1, tooth_crack: excites 8000 Hz") in reasons
+    assert ("intermediate bearing", "fault 2, inner_race: excites 8000 Hz") in reasons
     assert told.record_bytes == 500_000 * 8
     # 10 s from 1200 to 1500 rpm with corners: trapezoids of the declared speed, in turns
     turns = (2 * (1217.5 + 1285 + 1350 + 1417.5 + 1485)) / 60

@@ -249,7 +249,7 @@ class TestFolder:
         card = (folder / "data-card.md").read_text(encoding="utf-8")
         rows = {line.split(" | ")[0].removeprefix("| ").strip("`"): line for line in card.splitlines()}
         assert {*plan.labels(0), "detectability_db", *plan.classes} <= rows.keys()
-        assert "| tooth_crack | depth from the root's flank |" in rows["crack"]
+        assert "| tooth_crack | depth from the flank at the root |" in rows["crack"]
         assert "500 to 1.5e+03" not in rows["speed.rpm"]  # what was drawn
         assert "## Machines" not in card
         shipped = load_plan("benchmark-1").changed(records=20)
@@ -277,7 +277,7 @@ class TestFolder:
 class TestRefusals:
     def test_a_folder_of_another_plan(self, copy):
         other = parse_plan(SMALL.replace("seed = 3", "seed = 4"))
-        with pytest.raises(PlanError, match=r'begun with another plan .*: there "seed = 3", here "seed = 4"\. Name'):
+        with pytest.raises(PlanError, match=r'started with another plan .*: there "seed = 3", here "seed = 4"\. Name'):
             make_dataset(other, copy)
 
     def test_a_folder_of_another_version(self, plan, copy):
@@ -288,7 +288,7 @@ class TestRefusals:
 
     def test_a_folder_of_other_files(self, plan, tmp_path):
         (tmp_path / "thesis.tex").touch()
-        with pytest.raises(PlanError, match="holds files that belong to no dataset"):
+        with pytest.raises(PlanError, match="holds files that do not belong to a dataset"):
             make_dataset(plan, tmp_path)
         with pytest.raises(RecordError, match=r"thesis\.tex is a file; name a folder"):
             make_dataset(plan, tmp_path / "thesis.tex")

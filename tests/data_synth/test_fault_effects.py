@@ -192,13 +192,15 @@ def test_a_size_that_a_tooth_does_not_have_is_refused(fidelity):
         ("tooth_crack", 12.0, "the root of its tooth, 10.5"),
     ):
         scene = Scene.from_mapping({**SCENE, "fidelity": fidelity, "fault": [fault(kind, size)]})
-        with pytest.raises(SceneError, match=f'fault 1, {kind} of "mesh/pinion": {size:g} mm are not within {words}'):
+        with pytest.raises(SceneError, match=f'fault 1, {kind} of "mesh/pinion": {size:g} mm exceeds {words}'):
             simulate(scene, seed=1)
 
 
 def test_a_crack_through_its_tooth_is_refused_by_its_name():
     scene = Scene.from_mapping({**SCENE, "fidelity": "dynamic", "fault": [fault("tooth_crack", 10.0)]})
-    with pytest.raises(SceneError, match='fault 1, tooth_crack of mesh "mesh": 10 mm at 45 degrees leave nothing of'):
+    with pytest.raises(
+        SceneError, match='fault 1, tooth_crack of mesh "mesh": a crack of 10 mm at 45 degrees leaves nothing of'
+    ):
         simulate(scene, seed=1)
 
 
@@ -209,7 +211,7 @@ def test_a_bearing_fault_ends_before_the_next_contact(kind, most):
         for off in (-0.1, 0.1)
     )
     assert simulate(short, seed=1)["a"].size
-    with pytest.raises(SceneError, match=f'{kind} of "bearing": {most + 0.1:g} mm reach from one contact to the next'):
+    with pytest.raises(SceneError, match=f'{kind} of "bearing": {most + 0.1:g} mm extends to the next contact'):
         simulate(long, seed=1)
 
 

@@ -273,30 +273,30 @@ def test_plans_that_ship_simulate_every_class(name):
         ('scene = "demo"', 'scene = "demmo"', 'neither a .toml file nor a scene .*; did you mean "demo"'),
         ("nm = { log", "nmm = { log", r'class "healthy": torque: unknown key "nmm"; did you mean "nm"'),
         ("torque = {", "torqe = {", r'class "healthy": unknown key "torqe"; did you mean "torque"'),
-        ("{ log = ", "{ logg = ", r'torque.nm: unknown kind of range "logg"; did you mean "log"'),
+        ("{ log = ", "{ logg = ", r'torque.nm: unknown distribution "logg"; did you mean "log"'),
         ("[10, 1000]", "[1000, 10]", r"torque.nm: log: \[1000, 10\] does not rise"),
         ("[10, 1000]", "[0, 10]", r"torque.nm: log.1 = 0.*greater than 0"),
         ("[10, 1000]", "[10, 1000], uniform = [1, 2]", "torque.nm: log and uniform are both given; keep one"),
         ("uniform = [1, 3]", "uniform = [-1, 3]", r'class "crack": fault.1.tooth_crack.depth_mm = -1.0'),
-        ("duration_s = 0.4", "duration_s = { uniform = [1, 2] }", "all records of a dataset have the same duration_s"),
-        ("change = { fault = [] }", "change = { rate_hz = 40000 }", '"crack" changes rate_hz, but all records'),
-        ('name = "crack"', 'name = "healthy"', 'two of class are called "healthy"'),
-        ('label = "depth"', 'label = "torque.nm"', 'class "crack": two ranges have the label "torque.nm"'),
-        ('label = "depth"', 'label = "class"', 'class "crack": the label "class" has a meaning of its own'),
+        ("duration_s = 0.4", "duration_s = { uniform = [1, 2] }", "changes duration_s, which must be the same"),
+        ("change = { fault = [] }", "change = { rate_hz = 40000 }", '"crack" changes rate_hz, which must be'),
+        ('name = "crack"', 'name = "healthy"', 'two class tables are named "healthy"'),
+        ('label = "depth"', 'label = "torque.nm"', 'class "crack": two distributions have the label "torque.nm"'),
+        ('label = "depth"', 'label = "class"', 'class "crack": the label "class" is reserved'),
         ("choice = [600, 900, 1200]", "choice = []", "speed.rpm: choice"),
         ("choice = [600, 900, 1200]", "choice = [600, -900, 1200]", r'class "crack": speed: rpm = -900 at some time'),
-        ("choice = [600, 900, 1200]", 'choice = [600, 900], names = ["a"]', "1 names for 2 choices; name each"),
-        ("change = { fault = [] }", 'change = { torque = { nm = { choice = ["a"] } } }', "number in one class and not"),
+        ("choice = [600, 900, 1200]", 'choice = [600, 900], names = ["a"]', "1 names for 2 choices; give one"),
+        ("change = { fault = [] }", 'change = { torque = { nm = { choice = ["a"] } } }', "number in one class and"),
         ("seed = 5", 'seed = 5\nlabels = ["dept"]', 'has the label "dept"; did you mean "depth"'),
-        ("{ log = [10, 1000] }", '{ drawn = "size" }', '"size" is no draw'),
-        ("{ log = [10, 1000] }", "2000-01-01", "a date or a time is no value of a scene"),
+        ("{ log = [10, 1000] }", '{ drawn = "size" }', 'there is no draw "size"'),
+        ("{ log = [10, 1000] }", "2000-01-01", "a scene has no dates or times"),
         ("[change]\n", f"draw = {{ a = {{ uniform = [1, 2] }} }}\n[change]\n{NOISE % 'log = [1, 2], by'}", "uniform"),
-        ("[change]\n", f"draw = {{ a = {{ drawn = 'a' }} }}\n[change]\n{NOISE % 'drawn'}", 'draw "a" needs itself'),
-        ("[change]", "[draw]\na = { unifrm = 3 }\n[change]", "draw.a is no range"),
-        ("{ log = [10, 1000] }", '{ choice = ["a"], times = 2 }', "only numbers are multiplied"),
+        ("[change]\n", f"draw = {{ a = {{ drawn = 'a' }} }}\n[change]\n{NOISE % 'drawn'}", '"a" depends on itself'),
+        ("[change]", "[draw]\na = { unifrm = 3 }\n[change]", "draw.a is not a distribution"),
+        ("{ log = [10, 1000] }", '{ choice = ["a"], times = 2 }', "both must be numbers"),
         ("change = { fault = [] }", "change = { fault = 0.5 }", r"fault = 0\.5: give a list in brackets"),
         ("[[class]]", "[[machine]]\nname = 'a'\nsplits = { a = 1001 }\n[[class]]", "1001.*less than or equal to 1000"),
-        ("[[class]]", "[[machine]]\nname = 'a'\n[[machine]]\nname = 'a'\n[[class]]", 'two of machine are called "a"'),
+        ("[[class]]", "[[machine]]\nname = 'a'\n[[machine]]\nname = 'a'\n[[class]]", "two machine tables are"),
     ],
 )  # fmt: skip
 def test_refusals(old, new, sentence):
@@ -313,5 +313,5 @@ def test_draws_that_need_each_other_many_times_are_read_at_once():
 def test_what_is_not_there_is_said():
     with pytest.raises(PlanError, match=r'"clasification" is neither .*; did you mean "classification"'):
         load_plan("clasification")
-    with pytest.raises(ValueError, match=r"no record 64; the 64 of this plan count from 0"):
+    with pytest.raises(ValueError, match=r"no record 64; this plan has records 0 to 63"):
         parse_plan(PLAN).labels(64)

@@ -262,21 +262,21 @@ def test_the_window_is_half_at_half_its_width():
 
 
 def test_what_makes_no_sense_is_refused():
-    with pytest.raises(ValueError, match="mm are not within the face width of"):
+    with pytest.raises(ValueError, match="mm exceeds the face width of"):
         LOCAL["chipping"].damage(0.03, GEAR)
-    with pytest.raises(ValueError, match="mm are not within the face width of"):
+    with pytest.raises(ValueError, match="mm exceeds the face width of"):
         ROUND["misalignment"].damage(-1.0, GEAR)
     with pytest.raises(ValueError, match="face width is not declared; give face_width_mm"):
         LOCAL["chipping"].damage(1e-3, replace(GEAR, face_width_m=None))
     known = replace(GEAR, module_m=3e-3)
     for fault, most in (("spall", "half the thickness of its tooth, 2.35619 mm"), ("eccentricity", "bottom clearance")):
-        with pytest.raises(ValueError, match=f"2.5 mm are not within .*{most}"):
+        with pytest.raises(ValueError, match=f"2.5 mm exceeds .*{most}"):
             ALL[fault].damage(2.5e-3, known)
     with pytest.raises(ValueError, match="count = 4 pitted teeth do not fit"):
         declared(Pitting, count=4, spread=3)
     with pytest.raises(ValueError, match="count"):
         declared(Wear, count=4)
-    with pytest.raises(ValueError, match="impact_per_mm is a matter of damaged teeth, not of a whole gear"):
+    with pytest.raises(ValueError, match="impact_per_mm applies to damaged teeth, not to a whole gear"):
         declared(Wear, impact_per_mm=0.5)
     # on a gear of few teeth pits come round
     few = replace(GEAR, teeth=3)

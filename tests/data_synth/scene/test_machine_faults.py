@@ -60,7 +60,7 @@ def test_what_makes_no_sense_is_refused(changes):
 
 def test_growth_to_less_than_the_size_is_refused():
     grown = {"rate_mm_per_s": 1.0, "largest_mm": 0.5}
-    with pytest.raises(SceneError, match=r"largest_mm = 0\.5 is less than the size at the beginning, 1 mm"):
+    with pytest.raises(SceneError, match=r"largest_mm = 0\.5 is less than the initial size, 1 mm"):
         load_scene("gears-in-motion").changed(
             faults=({"kind": "tooth_crack", "component": "stage 1/pinion", "depth_mm": 1.0, "growth": grown},)
         )

@@ -116,15 +116,15 @@ def test_sources_speak_with_amplitudes_of_their_own():
 @pytest.mark.parametrize(
     ("change", "sentence"),
     [
-        ({"torque": {"link": "housing", "nm": 5}}, 'torque names the link "housing", which does not turn, so no path'),
-        ({"speed": {"link": "input"}}, "nothing says what it is; write rpm = a number or [[s, rpm], ...]"),
+        ({"torque": {"link": "housing", "nm": 5}}, 'torque names the link "housing", which does not turn, so that'),
+        ({"speed": {"link": "input"}}, "its values are missing; give rpm = a number or [[s, rpm], ...]"),
         ({"speed": {"link": "input", "rpm": 5, "steps": [[0, 5]]}}, "rpm and steps are both given; keep one"),
         (
             {"speed": {"link": "input", "rpm": 5, "rise_s": 1}},
-            "rise_s = 1 says how long a step takes, but there are no",
+            "rise_s = 1 is the duration of a step, but there are no",
         ),
-        ({"speed": {"link": "input", "steps": [[0, 5], [1, 6], [2, 7]], "rise_s": 2}}, "shorten it to 1 or less"),
-        ({"speed": {"link": "input", "run_up": {"inertia_kg_m2": 1}}}, "speed.run_up asks for a torque that drives it"),
+        ({"speed": {"link": "input", "steps": [[0, 5], [1, 6], [2, 7]], "rise_s": 2}}, "reduce it to 1 or less"),
+        ({"speed": {"link": "input", "run_up": {"inertia_kg_m2": 1}}}, "speed.run_up requires a driving torque"),
         ({"speed": {"link": "input", "run_up": {"inertia_kg_m2": -1}}}, "inertia_kg_m2 = -1"),
         (
             {"speed": {"link": "input", "rpm": 60, "turbulence": {"rms": 10, "time_scale_s": 1}}},
@@ -142,9 +142,7 @@ def test_what_cannot_drive_a_gearbox_reads_as_a_sentence(change, sentence):
 
 def test_a_load_that_wins_is_refused():
     speed = {"link": "input", "run_up": {"inertia_kg_m2": 0.1, "load_nm": 20.0, "rpm": 10}}
-    with pytest.raises(
-        SceneError, match=r"the load turns the shaft back, at .* rpm; raise the torque or lower the load"
-    ):
+    with pytest.raises(SceneError, match=r"the load reverses the shaft, to .* rpm; raise the torque or lower the load"):
         simulate(scene(speed=speed, torque={"link": "input", "nm": 5}), seed=0)
 
 

@@ -73,7 +73,7 @@ def test_the_plan_s_example_is_read_and_simulated(write):
             'on = "input bearing"',
             'on = "imput bearing"',
             (
-                'sensor "input vertical" is on "imput bearing", which is no bearing, link or mesh of gearbox '
+                'sensor "input vertical" is on "imput bearing", which is not a bearing, link or mesh of gearbox '
                 '"two-stage"; did you mean "input bearing"?'
             ),
         ),
@@ -82,9 +82,13 @@ def test_the_plan_s_example_is_read_and_simulated(write):
         ('torque = { link = "output"', 'torque = { link = "x"', 'torque names the link "x"; valid: '),
         ('tachometer = { link = "input"', 'tachometer = { link = "housing"', '"housing", which does not turn'),
         ("[10, 1200]", "[0, 1200]", "speed.rpm: the times must rise, but 0 s follows 0 s; sort the knots"),
-        ("[10, 1200]", "[10, 0]", "speed: rpm = 0 at some time, but the shaft has to turn"),
+        ("[10, 1200]", "[10, 0]", "speed: rpm = 0 at some time, but the shaft must turn"),
         ("[10, 1200]", "[10, true]", "speed.rpm.2.2 = True"),
-        ("pulses_per_rev = 1", "pulses_per_rev = 2, offset_rev = 0.5", "offset_rev = 0.5 is a pulse spacing or more"),
+        (
+            "pulses_per_rev = 1",
+            "pulses_per_rev = 2, offset_rev = 0.5",
+            "must be below the pulse spacing",
+        ),
         ("rate_hz = 50000", "rate_hz = 16000", "resonance.frequency_hz = 8000 is not below half of rate_hz = 16000"),
         ("rate_hz = 50000", "rate_hz = true", "rate_hz = True"),
     ],
@@ -98,7 +102,7 @@ def test_what_is_wrong_reads_as_a_sentence(write, old, new, sentence):
 
 def test_sensors_have_their_own_names_and_one_unit(write):
     sensor = PLAN[PLAN.index("[[sensor]]") :]
-    with pytest.raises(SceneError, match='two sensors are called "input vertical"'):
+    with pytest.raises(SceneError, match='two sensors are named "input vertical"'):
         load_scene(write(PLAN + sensor))
     other = sensor.replace('"g"', '"m s-2"').replace("vertical", "axial")
     with pytest.raises(SceneError, match='sensor "input axial" has units "m s-2" and "input vertical" "g"'):
@@ -115,7 +119,7 @@ def test_a_gearbox_without_reference_or_with_two_freedoms_is_refused():
         "tachometer": {"link": "a", "pulses_per_rev": 1},
         "sensor": [{"name": "x", "on": "a", "units": "g"}],
     }
-    with pytest.raises(SceneError, match='gearbox "box" declares no reference to count orders by'):
+    with pytest.raises(SceneError, match='gearbox "box" declares no reference shaft for orders'):
         Scene.from_mapping(table)
     loose = {**table["gearbox"], "reference": "a", "axes": {"main": ["housing", "a", "b"]}}
     with pytest.raises(SceneError, match="2 degrees of freedom"):
@@ -175,7 +179,8 @@ def test_speed_from_a_table_beside_the_scene(write, tmp_path):
 
 
 @pytest.mark.parametrize(
-    ("content", "sentence"), [("0,600\n1,fast\n", "row 2 of the numbers is not s, rpm"), (None, "cannot be read")]
+    ("content", "sentence"),
+    [("0,600\n1,fast\n", "not have the columns s, rpm"), (None, "cannot be read")],
 )
 def test_speed_from_a_bad_table(write, tmp_path, content, sentence):
     if content is not None:

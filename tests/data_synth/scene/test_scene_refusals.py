@@ -21,7 +21,7 @@ def changed(**changes):
         ),
         (
             {"torque": {"link": "housing", "nm": 450}},
-            'torque names the link "housing", which does not turn, so no path takes its power on; name one that does',
+            'torque names the link "housing", which does not turn, so that it transmits no power; name one that does',
         ),
         (
             {"torque": {"link": "input", "nm": 20}},
@@ -35,13 +35,16 @@ def changed(**changes):
             {"dynamics": {**DEMO["dynamics"], "links": {"q": {"mass_kg": 3}}}},
             'dynamics: links names "q"',
         ),
-        ({"sensor": [{**DEMO["sensor"][0], "direction": [0, 0, 0]}]}, "direction = [0, 0, 0] is none; give [x, y, z]"),
+        (
+            {"sensor": [{**DEMO["sensor"][0], "direction": [0, 0, 0]}]},
+            "[0, 0, 0] is not a direction",
+        ),
         (
             {"tachometer": {"link": "input", "pulses_per_rev": 4096}},
-            "tachometer: pulses_per_rev = 4096 are ",
+            "tachometer: pulses_per_rev = 4096 makes ",
         ),
-        ({"sensor": [{**DEMO["sensor"][0], "name": "time"}]}, 'name = "time": a record has other variables'),
-        ({"sensor": [{**DEMO["sensor"][0], "name": "a/b"}]}, 'name = "a/b": a record has other variables'),
+        ({"sensor": [{**DEMO["sensor"][0], "name": "time"}]}, 'name = "time" is reserved in records'),
+        ({"sensor": [{**DEMO["sensor"][0], "name": "a/b"}]}, 'name = "a/b" is reserved in records'),
         (
             {"dynamics": {**DEMO["dynamics"], "bearings": {"output": {"radial_n_m": -1e8}}}},
             "radial_n_m = -100000000.0: input should be greater than 0",
@@ -52,7 +55,7 @@ def changed(**changes):
         ),
         (
             {"sensor": [{**DEMO["sensor"][0], "on": "nothing"}]},
-            'sensor "input vertical" is on "nothing", which is no bearing, link or mesh of gearbox "two-stage"',
+            'sensor "input vertical" is on "nothing", which is not a bearing, link or mesh of gearbox "two-stage"',
         ),
         (
             {"speed": {"link": "input", "rpm": 90_000}},
@@ -82,7 +85,7 @@ def test_a_plan_larger_than_the_disk_gets_a_sentence(monkeypatch, tmp_path):
 
 def test_a_torque_that_starts_nothing_gets_a_sentence():
     still = load_scene("wijianto").changed(torque={"link": "pinion", "nm": 0})
-    with pytest.raises(SceneError, match=r"its link turns 0 times; let a torque start it\.$"):
+    with pytest.raises(SceneError, match=r"its link makes 0 revolutions: raise the torque to start it\.$"):
         simulate(still, seed=1)
 
 

@@ -51,9 +51,9 @@ def test_a_gearbox(tmp_path, text, sentence):
 @pytest.mark.parametrize(
     ("text", "sentence"),
     [
-        ('[[class]]\nname = "h"\n[[class.change.log]]\na = 1\n', "log is a kind of range, of a value"),
+        ('[[class]]\nname = "h"\n[[class.change.log]]\na = 1\n', "log is the distribution of a value"),
         ('[[class]]\nname = "h"\nchange = { fault = 0.5 }\n', r"fault = 0\.5: give a list in brackets"),
-        ('[[class]]\nname = "h"\nchange = { fault = 2020-01-01 }\n', "a date or a time is no value"),
+        ('[[class]]\nname = "h"\nchange = { fault = 2020-01-01 }\n', "a scene has no dates or times"),
         ("".join(f'[[class]]\nname = "{number}"\n' for number in range(2000)), "at most 1000 items"),
     ],
 )
