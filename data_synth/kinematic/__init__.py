@@ -1,1 +1,1 @@
-"""Lines and impact trains that follow from the angle of the shafts."""
+"""Lines and impact trains determined by the shaft angles."""

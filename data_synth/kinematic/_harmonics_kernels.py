@@ -1,4 +1,4 @@
-"""Sum of harmonics whose amplitudes are linear in time; compiled, each operation rounded as written."""
+"""Compiled sum of harmonics whose amplitudes are linear in time, with strict rounding."""
 
 import numpy as np
 from numpy.typing import NDArray
@@ -7,7 +7,7 @@ from signals._compile import compiled_exactly
 
 Array = NDArray[np.float64]
 
-_BLOCK = 256  # samples whose sums stay in the nearest cache
+_BLOCK = 256  # samples whose sums stay in the first-level cache
 
 
 @compiled_exactly
@@ -23,7 +23,7 @@ def add_series(
     real, imaginary : (instant, k) array
         Z at the instants.
     edges : (m + 1,) int array
-        Samples from `edges[i]` on, before `edges[i + 1]`, are between instants i and i + 1.
+        Samples from `edges[i]` up to, but not including, `edges[i + 1]` are between instants i and i + 1.
     """
     cosine, sine, fraction = np.empty(_BLOCK), np.empty(_BLOCK), np.empty(_BLOCK)
     sum_real, sum_imaginary = np.empty(_BLOCK), np.empty(_BLOCK)
@@ -31,7 +31,7 @@ def add_series(
         for start in range(edges[instant], edges[instant + 1], _BLOCK):
             count = min(_BLOCK, edges[instant + 1] - start)
             for i in range(count):
-                # of the angle from the nearest quarter, which then swaps and flips the two
+                # evaluated from the nearest quarter cycle, which then swaps and negates cosine and sine
                 quarters = np.floor(4.0 * turns[start + i] + 0.5)
                 angle = 2.0 * np.pi * (turns[start + i] - 0.25 * quarters)
                 c, s = _cosine(angle), _sine(angle)
@@ -60,7 +60,7 @@ def add_series(
 
 @compiled_exactly
 def _cosine(x: float) -> float:
-    """Return the Taylor series of the cosine, to rounding up to an eighth of a turn; no branches, so it vectorises."""
+    """Return the cosine by its Taylor series, to rounding up to an eighth of a cycle, without branches."""
     y = x * x
     tail = 1 / 479001600 + y * (-1 / 87178291200 + y * (1 / 20922789888000))
     return 1.0 + y * (-1 / 2 + y * (1 / 24 + y * (-1 / 720 + y * (1 / 40320 + y * (-1 / 3628800 + y * tail)))))
@@ -68,7 +68,7 @@ def _cosine(x: float) -> float:
 
 @compiled_exactly
 def _sine(x: float) -> float:
-    """Return the Taylor series of the sine, likewise."""
+    """Return the sine by its Taylor series, likewise."""
     y = x * x
     tail = -1 / 39916800 + y * (1 / 6227020800 + y * (-1 / 1307674368000))
     return x * (1.0 + y * (-1 / 6 + y * (1 / 120 + y * (-1 / 5040 + y * (1 / 362880 + y * tail)))))

@@ -25,7 +25,7 @@ def bearing_impact_trains(
     since_rev: float,
     rng: np.random.Generator,
 ) -> list[ImpactTrain]:
-    """Return the impacts of bearing fault `number` (from 0), and the entries into its spall where they are declared.
+    """Return the impacts of bearing fault `number` (from 0), and the entries into its spall if declared.
 
     Parameters
     ----------
@@ -35,8 +35,13 @@ def bearing_impact_trains(
     span_rev : (float, float)
         First and last revolution of the reference shaft.
     since_rev : float
-        Revolution from which earlier impacts are drawn too; those within the span do not depend on it.
+        Revolution from which earlier impacts are also drawn; those within the span do not depend on it.
     rng : numpy.random.Generator
+
+    Raises
+    ------
+    SceneError
+        A size beyond the spacing of contacts, or a missing bearing geometry.
     """
     fault = bearing_fault(scene, number)
     if _bearing(scene, fault).element_diameter_mm is not None:
@@ -44,8 +49,8 @@ def bearing_impact_trains(
     rates, turning = scene.bearing(fault.component), zone_order(scene, fault)
     if fault.kind == "inner_race" and fault.place_deg and not rests_in_zone(fault.kind, rates, turning):
         raise SceneError(
-            f"fault {number + 1}: place_deg = {fault.place_deg:g} is the place of a ring at rest in its load zone, and "
-            f'the inner ring of "{fault.component}" turns in it; leave it out.'
+            f"fault {number + 1}: place_deg = {fault.place_deg:g} applies to a ring at rest in its load zone, but the "
+            f'inner ring of "{fault.component}" turns in it; leave it out.'
         )
     impacts = bearing_impacts(
         fault.kind,
@@ -76,7 +81,7 @@ def bearing_impact_trains(
         return [train]
     entries = replace(
         train,
-        # from the entry to the impact an element that bridges a spall takes half of the time it takes to pass it
+        # an element bridging a spall takes half the passage time from the entry to the impact
         revolutions=impacts.revolutions - passage_rev / 2,
         amplitudes=fault.entry_share * train.amplitudes,
         bearing=None,
@@ -88,12 +93,12 @@ def bearing_impact_trains(
 def bearing_fault(scene: Scene, number: int) -> BearingFault:
     """Return fault `number` (from 0), a bearing fault."""
     fault = scene.faults[number]
-    assert isinstance(fault, BearingFault)  # noqa: S101 - the caller has seen its kind
+    assert isinstance(fault, BearingFault)  # noqa: S101 - the caller has checked its kind
     return fault
 
 
 def zone_order(scene: Scene, fault: BearingFault) -> float:
-    """Return the order of the load zone's rotation, seen from the carrier of the bearing."""
+    """Return the order of rotation of the load zone relative to the carrier of the bearing."""
     if fault.load_turns_with is None:
         return 0.0
     link = fault.load_turns_with
@@ -101,7 +106,7 @@ def zone_order(scene: Scene, fault: BearingFault) -> float:
 
 
 def _passage_rev(scene: Scene, number: int, sizes_m: Array) -> Array:
-    """Return the rotation of the reference shaft while spalls of these sizes (n,) are passed, (n,) rev."""
+    """Return the rotation of the reference shaft during the passage of spalls of these sizes, (n,), in rev."""
     fault, largest_m = bearing_fault(scene, number), float(np.max(sizes_m, initial=0.0))
     if largest_m == 0:
         return np.zeros_like(sizes_m)
@@ -122,7 +127,7 @@ def _passage_rev(scene: Scene, number: int, sizes_m: Array) -> Array:
 
 
 def _bearing_geometry(scene: Scene, fault: BearingFault, key: str) -> tuple[Bearing, float, float]:
-    """Return the declared bearing, its element diameter and its pitch diameter in m; `key` is what needs them."""
+    """Return the declared bearing, its element diameter and its pitch diameter in m, which `key` needs."""
     bearing = _bearing(scene, fault)
     if bearing.element_diameter_mm is None or bearing.pitch_diameter_mm is None:
         raise SceneError(
@@ -137,7 +142,7 @@ def _bearing(scene: Scene, fault: BearingFault) -> Bearing:
 
 
 def _check_size(scene: Scene, fault: BearingFault, *, size_mm: float) -> None:
-    """Raise SceneError for a fault that is longer than from one contact to the next."""
+    """Raise SceneError for a fault longer than the spacing of contacts."""
     bearing, element_m, pitch_m = _bearing_geometry(scene, fault, f"size_mm of {fault.kind}")
     across = element_m * math.cos(math.radians(bearing.contact_angle_deg))
     diameters_m = {"outer_race": pitch_m + across, "inner_race": pitch_m - across, "cage": pitch_m}
@@ -145,6 +150,6 @@ def _check_size(scene: Scene, fault: BearingFault, *, size_mm: float) -> None:
     spacing_rad = math.pi if fault.kind == "rolling_element" else 2 * math.pi / scene.bearing(fault.component).elements
     if _MM * size_mm >= spacing_rad * radius_m:
         raise SceneError(
-            f'{fault.kind} of "{fault.component}": {size_mm:g} mm reach from one contact to the next, '
-            f"{spacing_rad * radius_m / _MM:.3g} mm on; lower the size."
+            f'{fault.kind} of "{fault.component}": {size_mm:g} mm extends to the next contact, '
+            f"{spacing_rad * radius_m / _MM:.3g} mm away; reduce the size."
         )

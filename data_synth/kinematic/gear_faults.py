@@ -1,4 +1,4 @@
-"""Sidebands and impacts that each fault adds in a kinematic scene."""
+"""Sidebands and impacts added by gear faults in a kinematic scene."""
 
 from dataclasses import dataclass
 from fractions import Fraction
@@ -12,10 +12,10 @@ from data_synth.operation.shaft_angle import Array
 from data_synth.scene.faults import FaultyGear, GearFault
 
 SIDEBAND_CUTOFF = 1e-4
-"""Sidebands below this share of the largest are not in the signal at all, so the truth lists every one."""
+"""Sidebands below this fraction of the largest are not in the signal, so that the truth lists every one."""
 
-_POINTS_PER_PITCH = 64  # or width of the damage, if less: the modulation's spectrum has fallen to rounding by 8
-_PROBES = 9  # sizes of growing damage, from least to most, by which sidebands are retained
+_POINTS_PER_PITCH = 64  # or per width of the damage, if less; 8 would reduce the modulation spectrum to rounding
+_PROBES = 9  # sizes of growing damage, from smallest to largest, that decide which sidebands are retained
 
 
 @dataclass(frozen=True, kw_only=True)
@@ -25,19 +25,19 @@ class ImpactTrain:
     Attributes
     ----------
     component, kind : str
-        What is struck, as the defect orders name it.
+        Component struck, and kind of impact, as named by the defect orders.
     source : str
         Source of the transfer functions to the sensors.
     revolutions : (n,) array
         Angle of the reference shaft at each impact, in rev.
     amplitudes : (n,) array
-        Amplitude of the impulse response at full load, in the sensors' units.
+        Amplitude of the impulse response at full load, in the units of the sensors.
     order : Fraction or None
-        Impacts per revolution where they repeat exactly; None with slip.
+        Impacts per revolution if they repeat exactly; None with slip.
     offset : float
-        Phase of the train at revolution zero, in cycles: impacts are where ``order * revolutions + offset`` is whole.
+        Phase of the train at revolution zero, in cycles: impacts occur where ``order * revolutions + offset`` is whole.
     bearing : BearingImpacts or None
-        Of a bearing: exact position of its rolling elements, and the true mean rate.
+        For a bearing, the exact position of its rolling elements, and the true mean rate.
     duration_rev : (n,) array or None
         Rotation of the reference shaft during each impact; None for an impulse.
     is_entry : bool
@@ -66,28 +66,27 @@ def gear_damage_family(
     rise: ArrayLike,
     lag_rad: ArrayLike,
 ) -> HarmonicFamily:
-    """Return the sidebands that a damaged gear adds to its mesh: mesh harmonics +- multiples of the gear's rotation.
+    """Return the sidebands that a damaged gear adds to its mesh, at mesh harmonics +- multiples of its rotation.
 
-    Harmonic h of the mesh is multiplied by ``(1 + a s_h w) exp(-j h b w)``, w the modulation function over a turn, a
-    and b `rise` and `lag_rad`, s_h the weight of the harmonic; the difference to 1 gives the sidebands. Their
-    coefficients are those of a smooth periodic function of the gear's angle, so that the discrete Fourier transform is
-    exact to rounding. Negative orders are folded to positive ones; order zero, which no accelerometer measures, is left
-    out.
-
-    Growing damage retains the sidebands that are above the cutoff at one of its sizes.
+    Harmonic h of the mesh is multiplied by ``(1 + a s_h w) exp(-j h b w)``, with w the modulation function over a
+    revolution, a and b `rise` and `lag_rad`, and s_h the weight of the harmonic; the difference from 1 gives the
+    sidebands. Their coefficients are those of a smooth periodic function of the gear angle, so that the discrete
+    Fourier transform is exact to rounding. Negative orders are folded to positive ones; order zero, which no
+    accelerometer measures, is left out. Growing damage retains the sidebands above the cutoff at any of its sizes.
 
     Parameters
     ----------
     fault : GearFault
     gear : FaultyGear
     mesh : HarmonicFamily
-        The healthy mesh, its coefficients (k,).
+        The healthy mesh, with coefficients (k,).
     tooth : Fraction
         Order at which a tooth of the gear is in mesh.
     offset : float
-        Turns of the gear at revolution zero; the worst place is in mesh where ``tooth * rev + offset`` is whole.
+        Revolutions of the gear at revolution zero; the most damaged place is in mesh where ``tooth * rev + offset`` is
+        whole.
     rise, lag_rad : float or (instant,) array
-        a, relative, and b in rad: for one size, or at each instant of the truth as the damage grows.
+        a (relative) and b in rad, for one size or at each instant of the truth as the damage grows.
     """
     base_order = common_base(mesh.base_order, tooth)
     harmonics = np.arange(1, mesh.coefficients.shape[0] + 1)
@@ -122,7 +121,7 @@ def gear_damage_family(
 
 
 def fold_negative_orders(multiples: NDArray[np.int_], lines: ComplexArray) -> ComplexArray:
-    """Sum lines (m, instant) at whole multiples (m,) of a base order to (k, instant); negative ones are conjugated."""
+    """Return lines (m, instant) at multiples (m,) of an order summed to (k, instant), negative ones conjugated."""
     coefficients = np.zeros((int(np.max(np.abs(multiples), initial=1)) + 1, lines.shape[1]), dtype=np.complex128)
     np.add.at(coefficients, np.abs(multiples), np.where(multiples[:, None] < 0, lines.conj(), lines))
     return coefficients[1:]
@@ -137,7 +136,7 @@ def damage_trains(
     offset: float,
     span_rev: tuple[float, float],
 ) -> list[ImpactTrain]:
-    """Return the impact trains of a damaged gear: one for each of its impacts in a turn.
+    """Return the impact trains of a damaged gear, one for each of its impacts per revolution.
 
     Parameters
     ----------
@@ -146,14 +145,14 @@ def damage_trains(
     source : str
         Its mesh.
     tooth, offset
-        As for `gear_damage_family`.
+        As in `gear_damage_family`.
     span_rev : (float, float)
         First and last revolution of the reference shaft.
 
     Returns
     -------
     list of ImpactTrain
-        With the amplitudes of the initial size; where the damage grows, they are proportional to its effect.
+        With the amplitudes of the initial size; if the damage grows, they are proportional to its effect.
     """
     effect_mm = float(fault.effect_mm(fault.initial_mm))
     trains, amplitude = [], effect_mm * fault.factors[2]

@@ -1,7 +1,7 @@
-"""Harmonic families of a base order: those of a healthy gearbox, and their sum as a signal.
+"""Families of harmonics of a base order, and their sum as a signal.
 
 In a kinematic scene each shaft and each mesh is a periodic source in the angle of the reference shaft, with harmonics
-of declared amplitudes and random phases. A healthy source is not modulated, so it has no sidebands.
+of declared amplitudes and random phases. A healthy source is not modulated and has no sidebands.
 """
 
 import math
@@ -23,22 +23,22 @@ class HarmonicFamily:
     Attributes
     ----------
     component, kind : str
-        The source, as the defect orders name it.
+        The source, as named by the defect orders.
     source : str
-        Source of the transfer functions to the sensors: families with one source share their gains.
+        Source of the transfer functions to the sensors; families with the same source share their gains.
     base_order : Fraction
         Order of the first harmonic.
     coefficients : (k,) or (k, instant) complex array
-        Peak amplitude and phase of harmonics 1 to k of `base_order`, in the units of the sensors; one column for each
-        instant of the truth where the source changes.
+        Peak amplitude and phase of harmonics 1 to k of `base_order`, in the units of the sensors, with one column for
+        each instant of the truth if the source changes.
     load_dependent : bool
         Whether the amplitude is proportional to the tooth load.
     speed_exponent : float
-        Exponent of the speed in the amplitude: 2 for an imbalance.
+        Exponent of the speed in the amplitude, 2 for an imbalance.
     reference_speed_hz : float
-        Speed of the reference shaft, rev s-1, at which `coefficients` hold where they depend on it.
+        Speed of the reference shaft in rev s-1 to which speed-dependent `coefficients` refer.
     force : RotatingForce or None
-        What moves the housing, of which `coefficients` are the accelerations of its free mass.
+        Force on the housing, for which `coefficients` are the accelerations of its free mass.
     """
 
     component: str
@@ -52,7 +52,7 @@ class HarmonicFamily:
     force: "RotatingForce | None" = None
 
     def later(self, turns: int) -> "HarmonicFamily":
-        """Return the family some whole turns of the reference shaft later."""
+        """Return the family a whole number of revolutions of the reference shaft later."""
         if not turns:
             return self
         phases = [float(turns * order % 1) for order in self.orders]
@@ -60,7 +60,7 @@ class HarmonicFamily:
 
     @property
     def orders(self) -> list[Fraction]:
-        """Orders of all harmonics, exact."""
+        """Exact orders of all harmonics."""
         return [multiple * self.base_order for multiple in range(1, self.coefficients.shape[0] + 1)]
 
     @property
@@ -76,8 +76,9 @@ class RotatingForce:
     Attributes
     ----------
     link : str
+        The rotating link.
     direction : (3,) complex array
-        b, in the gearbox's axes.
+        b, in the axes of the gearbox.
     """
 
     link: str
@@ -85,7 +86,7 @@ class RotatingForce:
 
     @classmethod
     def across(cls, link: str, *, axis: Array, sense: float) -> "RotatingForce":
-        """Return the force that rotates about an axis (3,), a unit vector, in the sense of the sign of `sense`."""
+        """Return the force that rotates about an axis (3,), a unit vector, in the direction of the sign of `sense`."""
         away = np.eye(3)[int(np.argmin(np.abs(axis)))]
         first = np.cross(axis, away)
         first /= np.linalg.norm(first)
@@ -106,7 +107,7 @@ def add_lines(
     Parameters
     ----------
     signal : (channel, n) array
-        Changed in place.
+        Signal, modified in place.
     amplitudes : (channel, k, instant) complex array
         Z of harmonics 1 to k of `base_order`.
     base_order : Fraction
@@ -114,7 +115,7 @@ def add_lines(
     revolutions : (n,) array
         Angle of the reference shaft at the samples, in rev.
     position : (n,) array
-        Times of the samples in units of the instants' spacing: 2.5 is halfway between the third and the fourth.
+        Times of the samples in units of the spacing of the instants: 2.5 is halfway between the third and the fourth.
     """
     from data_synth.kinematic._harmonics_kernels import add_series  # noqa: PLC0415 - loads numba
 
@@ -132,7 +133,7 @@ def add_lines(
 
 # ---- Shaft faults ----------------------------------------------------------------------------------------------------
 # The force of an imbalance is proportional to the square of speed; a bent shaft and a misaligned coupling act through
-# their stiffness, independent of speed, the coupling mostly at the second harmonic.
+# their stiffness, independent of speed, the coupling mainly at the second harmonic.
 
 
 _HARMONICS = {"imbalance": ([1.0], 2.0), "bent_shaft": ([1.0, 0.2], 0.0), "shaft_misalignment": ([0.4, 1.0, 0.1], 0.0)}
@@ -142,23 +143,23 @@ _HARMONICS = {"imbalance": ([1.0], 2.0), "bent_shaft": ([1.0, 0.2], 0.0), "shaft
 def shaft_fault_family(
     kind: str, *, component: str, order: Fraction, amplitude: ArrayLike, reference_speed_hz: float, offset: float = 0.0
 ) -> HarmonicFamily:
-    """Return the harmonics that a shaft fault adds, at multiples of the shaft's order.
+    """Return the harmonics that a shaft fault adds, at multiples of the order of the shaft.
 
     Parameters
     ----------
     kind : str
-        As a scene declares it.
+        Kind of fault, as declared in a scene.
     component : str
-        The shaft, as the defect orders name it.
+        The shaft, as named by the defect orders.
     order : Fraction
-        Revolutions of the shaft for one of the reference.
+        Revolutions of the shaft per revolution of the reference.
     amplitude : float or (instant,) array
-        Amplitude at the sensor, at `reference_speed_hz`, of its largest harmonic: one number, or one for each instant
-        of the truth where the fault grows.
+        Amplitude at the sensor of its largest harmonic at `reference_speed_hz`, or one for each instant of the truth if
+        the fault grows.
     reference_speed_hz : float
-        Speed of the reference shaft, rev s-1.
+        Speed of the reference shaft in rev s-1.
     offset : float
-        Turns of the shaft at revolution zero.
+        Revolutions of the shaft at revolution zero.
     """
     relative, speed_exponent = _HARMONICS[kind]
     lines = np.array(relative) * np.exp(2j * np.pi * offset * np.arange(1, len(relative) + 1))

@@ -1,4 +1,4 @@
-"""Healthy machines that are not perfect: pitch deviations, planets, residual imbalance, waviness, differing sensors."""
+"""Imperfections of healthy machines: pitch deviations, planets, residual imbalance, waviness, sensor differences."""
 
 import math
 from collections.abc import Iterator, Sequence
@@ -18,31 +18,31 @@ from data_synth.scene.scene import Scene, SceneError, declared_size_mm
 from data_synth.scene.sensors import STANDARD_GRAVITY, Mode
 from hums.gearbox.components import Axis, Bearing, Mesh
 
-_FINE = 8  # points of a gear's turn to a tooth, where the modulation by its deviations is evaluated
+_FINE = 8  # points per tooth at which the modulation by pitch deviations is evaluated
 
 
 def imperfections_of(scene: Scene) -> Imperfections:
-    """Return the declared imperfections of a scene, or none of them."""
+    """Return the declared imperfections of a scene, or an empty set."""
     return scene.imperfections or Imperfections()
 
 
 def imperfect_families(
     scene: Scene, healthy: Sequence[HarmonicFamily], *, top_speed_hz: float, rng_for: RandomStreams
 ) -> list[HarmonicFamily]:
-    """Return the families that a scene's imperfections add to the healthy ones.
+    """Return the families that the imperfections of a scene add to the healthy ones.
 
     Parameters
     ----------
     scene : Scene
     healthy : sequence of HarmonicFamily
     top_speed_hz : float
-        Top speed of the reference shaft, rev s-1.
+        Top speed of the reference shaft in rev s-1.
     rng_for : callable
 
     Raises
     ------
     SceneError
-        Deviations of gears without a module, or a source with transfers to some of the sensors alone.
+        Deviations of gears without a module, or a source with transfers to only some of the sensors.
     """
     declared = imperfections_of(scene)
     if declared.planets is not None:
@@ -66,12 +66,12 @@ def imperfect_families(
 def gear_deviations_m(scene: Scene, mesh: Mesh, gear: int, *, instance: str, rng_for: RandomStreams) -> Array:
     """Draw the cumulative pitch deviations (teeth,) in m of gear 0 or 1 of a mesh along its pitch circle.
 
-    `instance` is its link, or that copy of it. Zero where the scene declares none.
+    `instance` is its link or copy of it. The deviations are zero if the scene declares none.
 
     Raises
     ------
     SceneError
-        A grade, but no module; or one outside of the standard.
+        A grade without a module, or sizes outside the range of the standard.
     """
     quality, teeth = imperfections_of(scene).gears, abs(mesh.gears[gear].teeth)
     if quality is None:
@@ -80,8 +80,8 @@ def gear_deviations_m(scene: Scene, mesh: Mesh, gear: int, *, instance: str, rng
     if runout_m is None or pitch_m is None:
         if mesh.kind is not None or mesh.pitch_angle_deg is not None:
             raise SceneError(
-                f'imperfections.gears: mesh "{mesh.name}" has no cylindrical gears, which ISO 1328-1 is for; give '
-                "runout_um and single_pitch_um."
+                f'imperfections.gears: mesh "{mesh.name}" has no cylindrical gears, to which ISO 1328-1 is limited; '
+                "give runout_um and single_pitch_um."
             )
         module_m, transverse_m = _modules_m(scene, mesh)
         size = {"diameter_m": teeth * transverse_m, "module_m": module_m}
@@ -98,7 +98,7 @@ def _modules_m(scene: Scene, mesh: Mesh) -> tuple[float, float]:
     module_mm = declared_size_mm(scene, mesh.name, "module_mm")
     if module_mm is None:
         raise SceneError(
-            f'imperfections ask for the module of mesh "{mesh.name}"; declare module_mm in the gearbox or in '
+            f'imperfections need the module of mesh "{mesh.name}"; declare module_mm in the gearbox or in '
             "dynamics.meshes."
         )
     return 1e-3 * module_mm, 1e-3 * module_mm / math.cos(math.radians(mesh.helix_angle_deg or 0.0))
@@ -107,7 +107,7 @@ def _modules_m(scene: Scene, mesh: Mesh) -> tuple[float, float]:
 def _pitch_families(
     scene: Scene, quality: GearQuality, mesh: Mesh, family: HarmonicFamily, *, rng_for: RandomStreams
 ) -> Iterator[HarmonicFamily]:
-    """Yield the sidebands that the deviations of each gear of a mesh add; planets share those of one."""
+    """Yield the sidebands due to the deviations of each gear of a mesh; all planets share those of one."""
     _, transverse_m = _modules_m(scene, mesh)
     for number, gear in enumerate(mesh.gears):
         yield pitch_family(
@@ -124,22 +124,22 @@ def pitch_family(
 ) -> HarmonicFamily:
     """Return the sidebands that the pitch deviations of a gear add to its mesh, at multiples of its rotation.
 
-    Harmonic h of the mesh is multiplied by ``(1 + f / deflection) exp(-2j pi h F / pitch)``, F the cumulative deviation
-    in mesh and f the single one: a tooth that is late by a part of the pitch is late by that part of a cycle. Both are
-    band-limited between teeth.
+    Harmonic h of the mesh is multiplied by ``(1 + f / deflection) exp(-2j pi h F / pitch)``, with F the cumulative and
+    f the single pitch deviation in mesh: a tooth displaced by a fraction of the pitch is late by that fraction of a
+    cycle. Both are band-limited between teeth.
 
     Parameters
     ----------
     mesh : HarmonicFamily
-        The healthy mesh, its coefficients (k,).
+        The healthy mesh, with coefficients (k,).
     component : str
         The gear.
     cumulative_m : (teeth,) array
-        Along the pitch circle, m.
+        Cumulative pitch deviations along the pitch circle in m.
     pitch_m : float
-        Transverse pitch, m.
+        Transverse pitch in m.
     deflection_m : float
-        Deflection of loaded teeth, m.
+        Deflection of loaded teeth in m.
     """
     teeth = cumulative_m.size
     points = _FINE * teeth
@@ -163,10 +163,10 @@ def pitch_family(
 
 
 def _between_teeth(values: Array, points: int) -> Array:
-    """Return the band-limited function through a value at each tooth (teeth,) at more `points` of a turn."""
+    """Return the band-limited function through a value at each tooth (teeth,), at `points` angles per revolution."""
     spectrum = np.fft.rfft(values)
     if values.size % 2 == 0:
-        spectrum[-1] /= 2  # of both signs in the longer one
+        spectrum[-1] /= 2  # it stands for both signs in the longer transform
     return np.asarray(np.fft.irfft(spectrum, points) * (points / values.size))
 
 
@@ -174,7 +174,7 @@ def _between_teeth(values: Array, points: int) -> Array:
 
 
 def planet_displacements_m(scene: Scene, axis: Axis, *, rng_for: RandomStreams) -> Array:
-    """Draw the displacements (planets,) in m of planets along their carrier's circle; zero where none are declared."""
+    """Draw the tangential displacements (planets,) in m of planets on their carrier; zero if none are declared."""
     declared, planets = imperfections_of(scene).planets, axis.copies or 1
     if declared is None:
         return np.zeros(planets)
@@ -183,13 +183,13 @@ def planet_displacements_m(scene: Scene, axis: Axis, *, rng_for: RandomStreams) 
 
 
 def carrier_radius_m(scene: Scene, ring_mesh: Mesh) -> float:
-    """Return the radius of the planets' circle by a mesh of theirs with a ring, ``m (z_ring - z_planet) / 2``, in m."""
+    """Return the radius in m of the circle of planets that mesh with a ring, ``m (z_ring - z_planet) / 2``."""
     _, transverse_m = _modules_m(scene, ring_mesh)
     return transverse_m * (max(teeth := [abs(gear.teeth) for gear in ring_mesh.gears]) - min(teeth)) / 2
 
 
 def planet_loads(scene: Scene, axis: Axis, *, rng_for: RandomStreams) -> Array:
-    """Draw the load of each planet over their mean, (planets,); ones where no unequal planets are declared."""
+    """Draw the relative load of each planet, (planets,); ones if no unequal planets are declared."""
     declared, planets = imperfections_of(scene).planets, axis.copies or 1
     if declared is None or planets == 1:
         return np.ones(planets)
@@ -198,7 +198,7 @@ def planet_loads(scene: Scene, axis: Axis, *, rng_for: RandomStreams) -> Array:
 
 
 def _check_planets(scene: Scene) -> None:
-    """Raise SceneError for unequal planets that no line would show."""
+    """Raise SceneError for unequal planets without any effect."""
     if not scene.gearbox.copied:
         raise SceneError(f'imperfections.planets: gearbox "{scene.gearbox.name}" has no planets; leave it out.')
     if scene.fidelity == "kinematic" and scene.planet_pass is None:
@@ -218,7 +218,7 @@ def _imbalance_families(
     masses = dict.fromkeys(shafts, each_kg) if isinstance(each_kg, float) else dict(each_kg)
     if {*masses} != {*shafts}:
         raise SceneError(
-            f"imperfections.imbalance.rotor_kg has {', '.join(sorted(masses))}, but the shafts are "
+            f"imperfections.imbalance.rotor_kg names {', '.join(sorted(masses))}, but the shafts are "
             f"{', '.join(shafts)}; give the mass of each, or one number for all."
         )
     rated_hz = top_speed_hz if declared.rated_rpm is None else declared.rated_rpm / 60
@@ -242,7 +242,7 @@ def imbalance_family(
     top_speed_hz: float,
     offset: float,
 ) -> HarmonicFamily:
-    """Return the line of a shaft's imbalance, a force that rotates with it.
+    """Return the line of a shaft imbalance, a force that rotates with the shaft.
 
     Parameters
     ----------
@@ -251,9 +251,9 @@ def imbalance_family(
     mass_kg : float
     eccentricity_m : float or (instant,) array
     top_speed_hz : float
-        Top speed of the reference shaft in the record, rev s-1.
+        Top speed of the reference shaft in the record, in rev s-1.
     offset : float
-        Turns of the heavy side at revolution zero.
+        Angle of the heavy side at revolution zero, in revolutions.
     """
     order = scene.exact_orders("shaft")[shaft]
     per_m = mass_kg * (2 * math.pi * (float(order) * top_speed_hz)) ** 2
@@ -305,25 +305,25 @@ def _rotating_force(scene: Scene, link: str, *, sense: float) -> RotatingForce:
 
 
 def in_units(scene: Scene, acceleration_m_s2: float) -> float:
-    """Return an acceleration in the units of a scene's sensors."""
+    """Return an acceleration in the units of the sensors of a scene."""
     return acceleration_m_s2 / (STANDARD_GRAVITY if scene.sensors[0].units == "g" else 1.0)
 
 
 def amplitude_of_force(scene: Scene, source: str, force_n: float) -> float:
-    """Return the amplitude at its source of a force: over the housing's mass, or itself where transfers lead on.
+    """Return the amplitude of a force at its source: divided by the housing mass, or itself if transfers are declared.
 
     Raises
     ------
     SceneError
-        Transfers that lead to some of the sensors alone.
+        Transfers to only some of the sensors.
     """
     reached = {transfer.sensor for transfer in scene.transfers if transfer.source == source}
     if not reached:
         return in_units(scene, force_n / scene.dynamics_or_default.housing_kg)
     if missing := [sensor.name for sensor in scene.sensors if sensor.name not in reached]:
         raise SceneError(
-            f'imperfections: "{source}" has a transfer to "{min(reached)}" and none to "{missing[0]}", so its '
-            "force has no amplitude there; declare both or neither."
+            f'imperfections: "{source}" has a transfer to "{min(reached)}" but none to "{missing[0]}", where the '
+            "response to its force is undefined; declare both or neither."
         )
     return force_n
 
@@ -332,7 +332,7 @@ def amplitude_of_force(scene: Scene, source: str, force_n: float) -> float:
 
 
 def with_drawn_sensors(scene: Scene, *, rng_for: RandomStreams) -> Scene:
-    """Return a scene whose sensors have the gains and mounting resonances that its imperfections draw."""
+    """Return a scene whose sensors have the gains and mounting resonances drawn by its imperfections."""
     declared = imperfections_of(scene)
     if declared.gains is None and declared.mounts is None:
         return scene

@@ -1,13 +1,13 @@
-"""Meshes of planets: the phase of each by its teeth, the modulation as planets pass a sensor, and the lines of both.
+"""Planet meshes: their phases, their modulation as planets pass a sensor, and the resulting lines.
 
-Planet n is at ``theta + psi_n`` from the sensor, theta the angle of the carrier. The phase of its mesh with the ring is
-``z_r (theta + psi_n)``, and its gain is the window of the same angle. So line ``l z_r + j`` of the carrier is ``C_l W_j
-sum_n a_n exp(1j (l z_r + j) psi_n)``: with N equal and evenly spaced planets only those with ``(l z_r + j) mod N = 0``
-reach the sensor (McFadden and Smith 1985, Proc. Inst. Mech. Eng. C 199, 65-70).
+Planet n is at the angle ``theta + psi_n`` from the sensor, theta being the angle of the carrier. The phase of its mesh
+with the ring is ``z_r (theta + psi_n)``, and its gain is the window of the same angle. Line ``l z_r + j`` of the
+carrier is therefore ``C_l W_j sum_n a_n exp(1j (l z_r + j) psi_n)``: with N equal, evenly spaced planets only those
+with ``(l z_r + j) mod N = 0`` reach the sensor (McFadden and Smith 1985, Proc. Inst. Mech. Eng. C 199, 65-70).
 
-A mesh with the sun has the phase ``z_s (theta_s - theta - psi_n)``, and reaches the ring through its planet, so by the
+A mesh with the sun has the phase ``z_s (theta_s - theta - psi_n)`` and reaches the ring through its planet, with the
 same window (Feng and Zuo 2012, J. Sound Vib. 331, 4919-4939): its line ``l z_r + j`` has the phasors of ``j - l z_s``.
-Evenly spaced planets need z_s + z_r to be a multiple of N, so the same lines remain.
+Evenly spaced planets require z_s + z_r to be a multiple of N, so that the same lines remain.
 """
 
 import math
@@ -28,8 +28,8 @@ from hums.gearbox.components import Axis
 
 ComplexArray = NDArray[np.complex128]
 
-_SMALLEST = 1e-6  # coefficients of a window below this share of the largest are left out of the lines
-_ROUNDING = 1e-12  # what is left of phasors that cancel, relative to the largest line
+_SMALLEST = 1e-6  # coefficients of a window below this fraction of the largest are neglected
+_ROUNDING = 1e-12  # remainder of phasors that cancel, relative to the largest line
 
 
 @dataclass(frozen=True, kw_only=True)
@@ -41,7 +41,7 @@ class PassWindow:
     half_width_rad : float
         Angle at which the modulated part is one half, above 0 and below pi.
     floor : float
-        Gain that does not depend on the angle, 0 to 1.
+        Gain independent of the angle, 0 to 1.
     """
 
     half_width_rad: float
@@ -58,7 +58,7 @@ class PassWindow:
         return np.asarray(self.floor + (1 - self.floor) * passing)
 
     def coefficients(self) -> Array:
-        """Return W_0, W_1, ... of ``gain = sum_j W_j exp(1j j angle)``, j of both signs, to 1e-6 of the largest."""
+        """Return W_0, W_1, ... of ``gain = sum_j W_j exp(1j j angle)``, j of either sign, to 1e-6 of the largest."""
         count = 64 * max(1, math.ceil(math.sqrt(self.kappa)))  # the spectrum is a bell of width sqrt(kappa)
         lines = np.fft.rfft(self.gain(2 * np.pi * np.arange(count) / count)).real / count
         superpose = np.flatnonzero(np.abs(lines) >= _SMALLEST * np.max(np.abs(lines)))
@@ -72,10 +72,11 @@ class MovingPath:
     Attributes
     ----------
     window : PassWindow
+        Gain by the angle from the sensor.
     places_rad : (N,) array
-        Angles of the planets on the carrier: psi_n.
+        Angles psi_n of the planets on the carrier.
     strengths : (N,) array
-        Relative amplitude of each: 1 where they are equal.
+        Relative amplitude of each planet, 1 if they are equal.
     """
 
     window: PassWindow
@@ -99,10 +100,10 @@ def planet_pass_family(
     carrier_offset: float = 0.0,
     phase_teeth: int | None = None,
 ) -> HarmonicFamily:
-    """Return the lines of the meshes of planets at a sensor on the ring gear; they replace the harmonics of the mesh.
+    """Return the lines of planet meshes at a sensor on the ring gear, which replace the harmonics of the mesh.
 
-    Line ``l z_r + j`` of the carrier sums ``C_l W_j`` over all l and j that make it, times the phasor sum of
-    ``l z + j``, z the `phase_teeth`.
+    Line ``l z_r + j`` of the carrier is the sum of ``C_l W_j`` over all l and j with that order, times the phasor sum
+    of ``l z + j``, z being the `phase_teeth`.
 
     Parameters
     ----------
@@ -110,22 +111,22 @@ def planet_pass_family(
     component, source : str
         The mesh, and the source of its transfer functions.
     coefficients : (k,) complex array
-        C_l of one planet's mesh at the sensor, l from 1.
+        C_l of the mesh of one planet at the sensor, l from 1.
     ring_teeth : int or Fraction
-        z_r: cycles of the mesh for one revolution of the carrier, relative to a ring at rest or any other gear.
+        z_r: mesh cycles per revolution of the carrier, relative to a ring at rest or any other gear.
     carrier_order : Fraction
-        Revolutions of the carrier, in the frame, for one of the reference shaft: its absolute value.
+        Absolute value of the revolutions of the carrier, in the frame, per revolution of the reference shaft.
     carrier_offset : float
-        Turns of the carrier at revolution zero.
+        Revolutions of the carrier at revolution zero.
     phase_teeth : int, optional
-        Teeth by which the mesh of a planet at psi is ahead, ``z psi``: z_r of the ring, which is the default; minus
-        its teeth for a sun.
+        Teeth z by which the mesh of a planet at psi is ahead, ``z psi``: those of the ring by default; minus those of
+        the sun for a mesh with the sun.
     """
     cycles, ahead = Fraction(ring_teeth), ring_teeth if phase_teeth is None else phase_teeth
     windows = path.window.coefficients()
     sidebands = np.arange(-windows.size + 1, windows.size)
     harmonics = np.arange(1, coefficients.size + 1)[:, None]
-    # counted in the largest order of which that of the mesh and that of the carrier are multiples
+    # in multiples of the largest common base of the orders of mesh and carrier
     multiples = cycles.numerator * harmonics + cycles.denominator * sidebands
     turned = float(ahead) * harmonics + sidebands
     lines = np.asarray(coefficients)[:, None] * windows[np.abs(sidebands)]
@@ -147,27 +148,27 @@ def planet_pass_family(
 
 
 _RETAINED = 1e-4
-_EVERYWHERE = PassWindow(half_width_rad=1.0, floor=1.0)  # the same gain wherever a planet is
+_EVERYWHERE = PassWindow(half_width_rad=1.0, floor=1.0)  # the same gain at every angle
 
 
 def with_planet_pass(
     scene: Scene, families: Sequence[HarmonicFamily], *, rng_for: RandomStreams
 ) -> list[HarmonicFamily]:
-    """Return the harmonic families, those of planets as the sum of one mesh for each planet.
+    """Return the harmonic families, those of planets as the sum of one mesh per planet.
 
-    Each mesh has the phase that its teeth and the place of its planet give it. With planet pass modulation, all meshes
-    of a carrier in a ring at rest are modulated; else the sensor responds to every planet alike.
+    Each mesh has the phase determined by its teeth and the position of its planet. With planet pass modulation, all
+    meshes of a carrier in a ring at rest are modulated; otherwise the sensor responds equally to every planet.
 
     Raises
     ------
     SceneError
-        A scene that asks for planet pass modulation of a gearbox without such planets.
+        Planet pass modulation of a gearbox without such planets.
     """
     meshes, window = _planet_meshes(scene), pass_window(scene)
     rings = {planets.carrier: name for name, planets in meshes.items() if planets.ring_at_rest}
     if window is not None and not rings:
         raise SceneError(
-            f'planet_pass asks for planets on a ring at rest, but gearbox "{scene.gearbox.name}" has none; '
+            f'planet_pass requires planets on a ring at rest, but gearbox "{scene.gearbox.name}" has none; '
             "leave it out."
         )
     return [
@@ -179,7 +180,7 @@ def with_planet_pass(
 
 
 def pass_window(scene: Scene) -> PassWindow | None:
-    """Return the gain of a planet by its angle from a sensor; None in a scene without planet pass modulation."""
+    """Return the gain of a planet as a function of its angle from a sensor; None without planet pass modulation."""
     declared = scene.planet_pass
     if declared is None:
         return None
@@ -187,9 +188,9 @@ def pass_window(scene: Scene) -> PassWindow | None:
 
 
 def pass_orders(scene: Scene, mesh: str) -> tuple[Fraction, int]:
-    """Return the order of a mesh's carrier, and the number of sidebands at its multiples beside each mesh harmonic.
+    """Return the order of the carrier of a mesh, and the number of sidebands at its multiples around mesh harmonics.
 
-    Those are the lines of the planet pass window down to -80 dB; without a window it is the first, from the rotating
+    These are the lines of the planet pass window down to -80 dB; without a window there is one, from the rotating
     direction of the mesh force. A mesh whose carrier is the frame has none.
     """
     carrier = next(contact.carrier for contact in scene.kinematics.contacts if contact.mesh == mesh)
@@ -218,14 +219,14 @@ def ring_meshes(scene: Scene, *, rng_for: RandomStreams) -> list[RingMesh]:
 
 
 def _carrier_offset(ring_mesh: str, *, rng_for: RandomStreams) -> float:
-    """Draw the turns of a carrier at revolution zero from the sensor, in its sense."""
+    """Draw the angle in revolutions of a carrier from the sensor at revolution zero, in its direction of rotation."""
     return float(rng_for("planet pass", ring_mesh).random())
 
 
 def _places_on_carrier(
     scene: Scene, mesh_name: str, planets: "_PlanetMesh", *, rng_for: RandomStreams
 ) -> tuple[Axis, Array]:
-    """Return the axis of a mesh's planets, and their angles (N,) on the carrier in its sense, with displacements."""
+    """Return the axis of the planets of a mesh, and their angles (N,) in the carrier's sense, with displacements."""
     axis = next(axis for axis in scene.gearbox.axes if planets.planet in axis.links)
     places = _places_rad(axis) * (1 if scene.ratio(planets.carrier) > 0 else -1)
     displacements_m = planet_displacements_m(scene, axis, rng_for=rng_for)
@@ -237,9 +238,9 @@ def _places_on_carrier(
 
 @dataclass(frozen=True, kw_only=True)
 class _PlanetMesh:
-    """A mesh between planets of a carrier that turns and a gear on its axis, or between two sets of them.
+    """A mesh between the planets of a rotating carrier and a gear on its axis, or between two sets of planets.
 
-    `phase_teeth` are those by which a planet's mesh is ahead for its angle in the sense of the carrier.
+    `phase_teeth` times the angle of a planet, in the sense of the carrier, is the phase by which its mesh is ahead.
     """
 
     planet: str
@@ -256,7 +257,7 @@ def _planet_family(
     rings: Mapping[str, str],
     rng_for: RandomStreams,
 ) -> HarmonicFamily:
-    """Return the lines of one mesh of planets at the sensors."""
+    """Return the lines of one planet mesh at the sensors."""
     axis, places = _places_on_carrier(scene, family.component, planets, rng_for=rng_for)
     passes = window is not None and planets.carrier in rings
     path = MovingPath(
@@ -270,7 +271,7 @@ def _planet_family(
         path,
         component=family.component,
         source=family.source,
-        coefficients=family.coefficients / places.size,  # the scene's amplitude is that of all planets together
+        coefficients=family.coefficients / places.size,  # the declared amplitude is that of all planets together
         ring_teeth=family.base_order / carrier_order,
         carrier_order=carrier_order,
         carrier_offset=offset,
@@ -279,7 +280,7 @@ def _planet_family(
 
 
 def _places_rad(axis: Axis) -> Array:
-    """Return the angles of planets on their carrier, from the first: even, or as declared by angles or by gaps."""
+    """Return the angles of planets on their carrier, from the first: even, or as declared by angles or gaps."""
     count = axis.copies or 1
     if axis.spacing_deg is None:
         return 2 * np.pi * np.arange(count) / count
@@ -288,10 +289,10 @@ def _places_rad(axis: Axis) -> Array:
 
 
 def _planet_meshes(scene: Scene) -> dict[str, _PlanetMesh]:
-    """Return the meshes whose planets turn with a carrier in the frame.
+    """Return the meshes whose planets rotate with a carrier in the frame.
 
-    A mesh between two sets of planets is as far ahead as the mesh of either with a gear on the axis of the carrier: the
-    same teeth pass both. Planets of two gears, whose teeth pass nothing else, are taken to be in step.
+    A mesh between two sets of planets is as far ahead as the mesh of either with a gear on the axis of the carrier,
+    since the same teeth pass both. Meshes without such a gear are taken to be in phase.
     """
     copied, found = scene.gearbox.copied, dict[str, _PlanetMesh]()
     carriers = {contact.mesh: contact.carrier for contact in scene.kinematics.contacts}

@@ -1,15 +1,15 @@
-"""Static bending of an elastic ring gear under the teeth of its planets, and its lines at a sensor on the ring.
+"""Static bending of an elastic ring gear under the tooth forces of its planets, and its lines at a sensor on the ring.
 
-A ring that is held evenly all round bends between its planets as a free thin ring does: waves of two and more to the
-circumference, without extension of its centre line. Of a force F_r outwards and F_t along the circle at the angle
+A ring supported evenly all round bends between its planets like a free thin ring: in two or more waves around the
+circumference, without extension of its centre line. Under a force F_r outwards and F_t along the circle at the angle
 alpha, at the radius ``R - e`` of the teeth, the centre line of radius R moves outwards by
 
     w(theta) = R^3 / (pi E I) sum_n (F_r cos n(theta - alpha) + k_n F_t sin n(theta - alpha)) / (n^2 - 1)^2, n >= 2,
     k_n = (1 - e / R) / n + n e / R
 
 (virtual work of the bending energy ``E I / (2 R^3) integral (w'' + w)^2``: Timoshenko, Strength of Materials, part II,
-1956, on rings; k_n adds the couple ``e F_t``). A sensor at rest is passed by this shape with the carrier, so the static
-force of N planets that are alike and evenly spaced gives lines at multiples of N times the carrier alone.
+1956, on rings; k_n adds the couple ``e F_t``). The shape passes a stationary sensor with the carrier, so that the
+static force of N equal, evenly spaced planets gives lines only at multiples of N times the carrier order.
 """
 
 import math
@@ -24,23 +24,24 @@ from data_synth.scene.scene import Scene, SceneError, declared_size_mm
 
 _STEEL_PA = 206e9
 _DEDENDUM = 1.25  # modules: ISO 53
-_ROUNDING = 1e-12  # what is left of lines that cancel, relative to the largest of one planet
-_RIM = 3.5  # modules: from here on ISO 6336-3 (2006) sees no effect of an internal gear's rim on its teeth
+_ROUNDING = 1e-12  # remainder of lines that cancel, relative to the largest of one planet
+_RIM = 3.5  # modules, above which ISO 6336-3 (2006) neglects the effect of the rim of an internal gear on its teeth
 
 
 @dataclass(frozen=True, kw_only=True)
 class ElasticRing:
-    """A thin ring of rectangular section that is bent by forces on its teeth.
+    """A thin ring of rectangular section, bent by forces on its teeth.
 
     Attributes
     ----------
     radius_m : float
-        R, of the centre line of the rim.
+        Radius R of the centre line of the rim in m.
     tooth_radius_m : float
-        ``R - e``, where forces act: that of the pitch circle.
+        Radius ``R - e`` of the pitch circle in m, where forces act.
     rim_m, width_m : float
-        Radial thickness and axial width of the rim.
+        Radial thickness and axial width of the rim in m.
     young_pa : float
+        Young's modulus in Pa.
     """
 
     radius_m: float
@@ -51,12 +52,12 @@ class ElasticRing:
 
     @property
     def waves(self) -> Array:
-        """Waves n to the circumference, (n,): from 2 to where half a wave is as short as the rim is thick."""
+        """Waves per circumference, (n,), from 2 up to a half wave as short as the rim is thick."""
         return np.arange(2, max(3, math.floor(math.pi * self.radius_m / self.rim_m) + 1), dtype=np.float64)
 
     @property
     def compliances(self) -> tuple[Array, Array]:
-        """Outward displacement per force in m N-1 of each wave, (n,): of F_r its cosine, of F_t its sine."""
+        """Outward displacement per force in m N-1 of each wave, (n,): the cosine for F_r, the sine for F_t."""
         n, offset = self.waves, 1 - self.tooth_radius_m / self.radius_m
         stiffness_n_m2 = self.young_pa * self.width_m * self.rim_m**3 / 12
         radial = self.radius_m**3 / (math.pi * stiffness_n_m2) / (n**2 - 1) ** 2
@@ -70,10 +71,11 @@ class RingMesh:
     Attributes
     ----------
     mesh, carrier : str
+        Names of the mesh and of its carrier.
     places_rad : (N,) array
-        Angles of the planets from the sensors at revolution zero, in the sense in which speeds are positive.
+        Angles in rad of the planets from the sensors at revolution zero, in the direction of positive speeds.
     shares : (N,) array
-        Their loads over the mean one.
+        Their loads relative to the mean.
     """
 
     mesh: str
@@ -84,21 +86,20 @@ class RingMesh:
 
 @dataclass(frozen=True, kw_only=True)
 class RingLoad:
-    """The static force of one planet on a ring, as a sensor on the ring meets it.
+    """The static force of one planet on a ring, as seen by a sensor on the ring.
 
     Attributes
     ----------
-    mesh : str
-        As the gearbox declares it.
-    carrier : str
+    mesh, carrier : str
+        Names of the mesh and of its carrier.
     ratio : float
-        Revolutions of the carrier for one of the reference, in the sense in which forces are positive.
+        Revolutions of the carrier per revolution of the reference, in the direction of positive forces.
     sensor : int
-        Number of the sensor.
+        Index of the sensor.
     place_rad : float
-        Angle of the planet from the sensor at revolution zero, in that sense.
+        Angle in rad of the planet from the sensor at revolution zero, in that direction.
     radial_n, tangential_n : (instant,) arrays
-        Outwards, and along the circle; times the share of the sensor's direction that is radial.
+        Outward and tangential forces in N, times the radial component of the sensor direction.
     """
 
     mesh: str
@@ -111,21 +112,21 @@ class RingLoad:
 
 
 def ring_of(scene: Scene, mesh: str) -> ElasticRing:
-    """Return the ring gear of a mesh with the rim that `planet_pass.ring` declares.
+    """Return the ring gear of a mesh with the rim declared by `planet_pass.ring`.
 
     Raises
     ------
     SceneError
-        If module or face width are declared nowhere.
+        An undeclared module or face width.
     """
-    assert scene.planet_pass is not None  # noqa: S101 - the caller asks
+    assert scene.planet_pass is not None  # noqa: S101 - the caller has checked
     assert scene.planet_pass.ring is not None  # noqa: S101
     declared = {each.name: each for each in scene.gearbox.meshes}[mesh]
     sizes = {key: declared_size_mm(scene, mesh, key) for key in ("module_mm", "face_width_mm")}
     for key, value in sizes.items():
         if value is None:
             raise SceneError(
-                f'planet_pass.ring asks for {key} of mesh "{mesh}"; declare it in the gearbox or in dynamics.meshes.'
+                f'planet_pass.ring needs {key} of mesh "{mesh}"; declare it in the gearbox or in dynamics.meshes.'
             )
     module_m, width_m = (1e-3 * float(value or 0) for value in sizes.values())
     rim_mm = scene.planet_pass.ring.rim_mm
@@ -138,7 +139,7 @@ def ring_of(scene: Scene, mesh: str) -> ElasticRing:
 
 
 def sensors_on_ring(scene: Scene, mesh: str) -> list[int]:
-    """Return the numbers of the sensors on the ring of a mesh: on its body, or on the mesh itself."""
+    """Return the indices of the sensors on the ring of a mesh: on its body, or on the mesh itself."""
     bodies = scene.kinematics.bodies
     gears = {each.name: each for each in scene.gearbox.meshes}[mesh].gears
     ring = max(gears, key=lambda gear: abs(gear.teeth)).link
@@ -150,19 +151,19 @@ def sensors_on_ring(scene: Scene, mesh: str) -> list[int]:
 
 
 def kinematic_ring_loads(scene: Scene, rings: Sequence[RingMesh], *, torques_nm: Mapping[str, Array]) -> list[RingLoad]:
-    """Return the forces of all planets on their rings, from the mean torque of one planet on each, (instant,), by mesh.
+    """Return the forces of all planets on their rings, from the mean torque (instant,) of a planet on each, by mesh.
 
     Raises
     ------
     SceneError
-        If module, face width or pressure angle are declared nowhere.
+        An undeclared module, face width or pressure angle.
     """
     loads = []
     for ring in rings:
         angle_deg = declared_size_mm(scene, ring.mesh, "pressure_angle_deg")
         if angle_deg is None:
             raise SceneError(
-                f'planet_pass.ring asks for pressure_angle_deg of mesh "{ring.mesh}"; declare it in the gearbox or in '
+                f'planet_pass.ring needs pressure_angle_deg of mesh "{ring.mesh}"; declare it in the gearbox or in '
                 "dynamics.meshes."
             )
         tangential_n = torques_nm[ring.mesh] / ring_of(scene, ring.mesh).tooth_radius_m
@@ -187,15 +188,15 @@ def ring_bending_lines(
 ) -> list[tuple[HarmonicFamily, ComplexArray]]:
     """Return the lines of bending rings, and their Z (sensor, k, instant) in m s-2.
 
-    Of the acceleration ``-(2 pi n speed of the carrier)^2 w``: what the change of load and speed within a pass adds is
-    left out, as is the ring's inertia, whose first bending mode is far above these lines.
+    They are those of the acceleration ``-(2 pi n carrier speed)^2 w``. Changes of load and speed within a pass are
+    neglected, as is the inertia of the ring, whose first bending mode is far above these lines.
 
     Parameters
     ----------
     scene : Scene
     loads : sequence of RingLoad
     speed_hz : (instant,) array
-        Of the reference, rev s-1.
+        Speed of the reference in rev s-1.
     """
     found = []
     for mesh in dict.fromkeys(load.mesh for load in loads):

@@ -1,1 +1,1 @@
-"""Speed, torque, the exact angle of a shaft, and the events of its tachometer."""
+"""Speed, torque, exact shaft angle, and tachometer events."""

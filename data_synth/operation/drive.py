@@ -1,4 +1,4 @@
-"""Angle of the reference shaft and tooth load against time, from what a scene declares."""
+"""Angle of the reference shaft and tooth load against time, as declared in a scene."""
 
 from dataclasses import dataclass, replace
 
@@ -25,15 +25,15 @@ class Drive:
     Attributes
     ----------
     angle : ShaftAngle or PolynomialAngle
-        Of the reference shaft, revolution zero at the tachometer's first mark.
+        Angle of the reference shaft, with revolution zero at the first mark of the tachometer.
     torque : PiecewiseLinear or None
-        Torque on the link that the scene names, N m.
+        Torque in N m on the link named in the scene.
     unloaded_share : float
         Tooth load without torque, relative to full load.
     full_load_nm : float
-        Torque of full load, N m; 0 where the torque is 0 throughout.
+        Torque at full load in N m; 0 if the torque is 0 throughout.
     start_s : float
-        Time from which the angle is known, s.
+        Time in s from which the angle is known.
     """
 
     angle: ReferenceAngle
@@ -62,9 +62,14 @@ def build_drive(
     ----------
     scene : Scene
     datum_turn : float
-        Revolutions of the tachometer's link from time zero to its first mark.
+        Revolutions of the tachometer link from time zero to its first mark.
     speed_rng, torque_rng : numpy.random.Generator
-        For turbulence.
+        Generators for turbulence.
+
+    Raises
+    ------
+    SceneError
+        Turbulence or a load that stops or reverses the shaft.
     """
     torque = _time_history(scene.torque, scene, torque_rng) if scene.torque is not None else None
     datum = datum_turn / float(abs(scene.ratio(scene.tachometer.link)))
@@ -73,7 +78,7 @@ def build_drive(
         speed = _time_history(scene.speed, scene, speed_rng)
         angle = ShaftAngle(times_s=speed.times_s, speeds_hz=speed.values / turns, datum_rev=datum)
         if angle.speeds_hz.min() <= 0:
-            raise SceneError("speed.turbulence brings the shaft to a stop; lower its rms.")
+            raise SceneError("speed.turbulence stops the shaft; reduce its rms.")
         return _with_torque(Drive(angle=angle), scene, torque)
     return _with_torque(Drive(angle=replace(_run_up_angle(scene, torque), datum_rev=datum), start_s=0.0), scene, torque)
 
@@ -98,16 +103,16 @@ def _time_history(history: TimeHistory, scene: Scene, rng: np.random.Generator) 
 
 def _run_up_angle(scene: Scene, torque: PiecewiseLinear | None) -> PolynomialAngle:
     law, declared = scene.speed.run_up, scene.torque
-    if law is None or declared is None or torque is None:  # the scene's own check holds them together
-        raise SceneError("a run-up needs speed.run_up and torque.")
+    if law is None or declared is None or torque is None:  # checked by the scene
+        raise SceneError("a run-up needs speed.run_up and torque; declare both.")
     to_reference = float(abs(scene.ratio(scene.speed.link)))
-    # the power of a torque is the same wherever it is counted
+    # the power of a torque is the same at any link
     brought = torque.scaled(float(abs(scene.ratio(declared.link))) / to_reference)
     of_link = run_up(brought, law, duration_s=scene.duration_s)
     lowest = float(np.min(of_link.speed_hz(np.linspace(0.0, scene.duration_s, 1001))))
     if lowest < 0:
         raise SceneError(
-            f"speed.run_up: the load turns the shaft back, at {lowest * _RPM:.3g} rpm; raise the torque or lower "
+            f"speed.run_up: the load reverses the shaft, to {lowest * _RPM:.3g} rpm; raise the torque or lower "
             "the load."
         )
     return of_link.scaled(1 / to_reference)

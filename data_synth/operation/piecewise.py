@@ -1,4 +1,4 @@
-"""Piecewise-linear time histories of speed or torque, and random fluctuation."""
+"""Piecewise-linear time histories of speed or torque, and random fluctuations."""
 
 import math
 from dataclasses import dataclass, field
@@ -8,13 +8,13 @@ from numpy.typing import ArrayLike
 
 from data_synth.operation.shaft_angle import Array
 
-_KNOTS_PER_CYCLE = 8  # of the fastest fluctuation: straight lines between them keep 95 % of its size
-_SPARE_SCALES = 20  # time scales by which the period of a fluctuation exceeds what is asked of it
+_KNOTS_PER_CYCLE = 8  # of the fastest component, of which linear interpolation retains 95 %
+_SPARE_SCALES = 20  # time scales by which the period of a fluctuation exceeds the duration
 
 
 @dataclass(frozen=True, kw_only=True)
 class PiecewiseLinear:
-    """A quantity against time: linear between knots, constant outside them; two knots at one time are a jump.
+    """A quantity against time, linear between knots and constant outside them; two knots at one time are a jump.
 
     Attributes
     ----------
@@ -37,7 +37,7 @@ class PiecewiseLinear:
 
 
 def sum_of(first: PiecewiseLinear, second: PiecewiseLinear) -> PiecewiseLinear:
-    """Return the sum of two time histories, exact: with the knots and the jumps of both."""
+    """Return the exact sum of two time histories, with the knots and jumps of both."""
     unique = np.union1d(first.times_s, second.times_s)
     jumps = np.concatenate([knots.times_s[1:][np.diff(knots.times_s) == 0] for knots in (first, second)])
     doubled = np.isin(unique, jumps)
@@ -74,24 +74,24 @@ class Kaimal:
 def fluctuation(spectrum: Kaimal, *, duration_s: float, highest_hz: float, rng: np.random.Generator) -> PiecewiseLinear:
     """Draw a zero-mean Gaussian fluctuation without components above `highest_hz`, as knots from 0 to `duration_s`.
 
-    A sum of cosines at equally spaced frequencies with independent Gaussian coefficients (Rice 1944), by one inverse
-    FFT. Its period is `duration_s` and twenty time scales, so that its end is not correlated with its beginning;
-    components slower than that period are left out, with the mean. Between the knots, eight to a period of the highest
-    frequency, the fluctuation *is* linear, so the angle of a shaft that follows it is exact; components at `highest_hz`
-    are 5 % smaller for it.
+    It is a sum of cosines at equally spaced frequencies with independent Gaussian coefficients (Rice 1944), by one
+    inverse FFT. Its period is `duration_s` plus twenty time scales, so that its end is not correlated with its start;
+    the mean and components slower than that period are left out. Between the knots, eight per period of the highest
+    frequency, the fluctuation *is* linear, so that the angle of a shaft that follows it is exact; this reduces
+    components at `highest_hz` by 5 %.
 
     Parameters
     ----------
     spectrum : Kaimal
         Its power spectral density.
     duration_s, highest_hz : float
-        Above zero.
+        Duration in s and highest frequency in Hz, above zero.
     rng : numpy.random.Generator
     """
     spacing = 1 / (_KNOTS_PER_CYCLE * highest_hz)
     count = math.ceil((duration_s + _SPARE_SCALES * spectrum.time_scale_s) / spacing)
     frequencies = np.arange(count // 2 + 1) / (count * spacing)
-    # one cosine a line: its mean square is the density times the spacing of lines
+    # one cosine per line, whose mean square is the density times the spacing of lines
     deviations = np.sqrt(spectrum.density(frequencies) / (count * spacing))
     deviations[(frequencies == 0) | (frequencies > highest_hz)] = 0.0
     parts = rng.standard_normal((2, frequencies.size))

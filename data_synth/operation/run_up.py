@@ -1,7 +1,7 @@
 """A run-up under torque: the equation of motion of the rigid drive train, integrated to rounding.
 
-The right side is a polynomial in time and speed, so the Taylor coefficients of the speed follow by recursion (Jorba and
-Zou 2005, Exp. Math. 14, 99-117), and the series of each step is the solution: nothing is interpolated.
+The right-hand side is a polynomial in time and speed, so that the Taylor coefficients of the speed follow by recursion
+(Jorba and Zou 2005, Exp. Math. 14, 99-117), and the series of each step is the solution, without interpolation.
 """
 
 from dataclasses import dataclass, field, replace
@@ -20,9 +20,9 @@ if TYPE_CHECKING:
     from scipy.interpolate import PPoly
 
 _DEGREE = 24  # of the speed in each piece
-_STEP_FRACTION = np.exp(-2.0)  # of the radius of convergence that a piece uses: its last term is 1e-21 of the first
+_STEP_FRACTION = np.exp(-2.0)  # of the radius of convergence; the last term is then 1e-21 of the first
 _STEADY = 4 * np.finfo(float).eps
-_MAX_ITERATIONS = 120  # of Newton's rule or bisection: more than the bits of a double
+_MAX_ITERATIONS = 120  # of Newton's method or bisection, more than the bits of a double
 
 
 @dataclass(frozen=True, kw_only=True)
@@ -34,7 +34,7 @@ class PolynomialAngle:
     times_s : (m + 1,) array
         Ends of the pieces in s, rising.
     coefficients : (degree + 1, m) array
-        Of each piece in falling powers of the time since it begins, in rev.
+        Coefficients in rev of each piece, in falling powers of the time since its start.
     datum_rev : float
         Revolutions from time zero to revolution zero.
     """
@@ -91,12 +91,12 @@ class PolynomialAngle:
         zeros = self._speed.roots(extrapolate=False)
         edges = np.unique(np.concatenate([self.times_s, zeros[np.isfinite(zeros)]]))
         if np.any(self._speed((edges[1:] + edges[:-1]) / 2) < 0):
-            raise ValueError("the shaft turns back, so an angle has no one time")
+            raise ValueError("the shaft reverses, so that an angle has no unique time; raise the torque")
         first, last = self.revolutions(ends_s)
         if np.any((targets < first) | (targets > last)):
             raise ValueError(
-                f"revolutions from {np.min(targets):g} to {np.max(targets):g} are asked for, but the run-up goes "
-                f"from {first:g} to {last:g}; lengthen it"
+                f"revolutions {np.min(targets):g} to {np.max(targets):g} are outside the run-up, which covers "
+                f"{first:g} to {last:g}; lengthen it"
             )
         low, high = (np.full(targets.shape, end_s) for end_s in ends_s)
         share = (targets - first) / (last - first) if last != first else np.zeros(targets.shape)
@@ -104,7 +104,7 @@ class PolynomialAngle:
         for _ in range(_MAX_ITERATIONS):
             ahead, speed = self.revolutions(times) - targets, self.speed_hz(times)
             low, high = np.where(ahead <= 0, times, low), np.where(ahead >= 0, times, high)
-            quick = (speed > 0) & (np.abs(ahead) <= speed * before / 2)  # steps that do not halve may run in a circle
+            quick = (speed > 0) & (np.abs(ahead) <= speed * before / 2)  # steps that do not halve may cycle
             newton = times - np.divide(ahead, speed, out=np.zeros(times.shape), where=quick)
             better = np.where(quick & (newton >= low) & (newton <= high), newton, (low + high) / 2)
             times, before = better, np.abs(better - times)
@@ -125,8 +125,9 @@ def run_up(torque_nm: PiecewiseLinear, law: RunUp, *, duration_s: float) -> Poly
     torque_nm : PiecewiseLinear
         Driving torque in N m, referred to the shaft of the law.
     law : RunUp
+        Inertia and load.
     duration_s : float
-        Above zero.
+        Duration in s, above zero.
     """
     corners = torque_nm.times_s[(torque_nm.times_s > 0) & (torque_nm.times_s < duration_s)]
     edges = np.unique(np.concatenate([[0.0], corners, [duration_s]]))
@@ -138,7 +139,7 @@ def run_up(torque_nm: PiecewiseLinear, law: RunUp, *, duration_s: float) -> Poly
             series = _taylor_series(speed, law, drive=drive)
             decay_rate = (law.load_nm_s + 2 * law.load_nm_s2 * abs(speed)) / law.inertia_kg_m2
             if slope == 0 and decay_rate > 0 and abs(series[1]) <= _STEADY * decay_rate * abs(speed):
-                series[1:] = 0.0  # at its top speed, to rounding: it stays there
+                series[1:] = 0.0  # it has reached its final speed, to rounding
             step, speed = _step(series, longest=stop_s - now_s, bends=law.load_nm_s2 != 0)
             angle = np.concatenate([[angle_rad], series / np.arange(1, series.size + 1)])
             pieces.append(angle[::-1])
@@ -168,13 +169,13 @@ def _taylor_series(speed: float, law: RunUp, *, drive: tuple[float, float]) -> A
 
 
 def _step(series: Array, *, longest: float, bends: bool) -> tuple[float, float]:
-    """Return the step over which a series holds, at most to where the shaft reverses, and the speed at its end."""
+    """Return the step over which a series converges, at most up to a reversal, and the speed at its end."""
     powers = np.arange(series.size)
     scale = float(np.max(np.abs(series[:3]) * longest ** powers[:3])) or 1.0
     last = powers[-2:]
     inverse_radius = float(np.max((np.abs(series[last]) / scale) ** (1 / last)))
     step = min(longest, _STEP_FRACTION / inverse_radius) if inverse_radius > 0 else longest
-    if bends:  # the load bends where the speed changes its sign
+    if bends:  # the load is not analytic where the speed changes sign
         forcing = np.polyval(series[::-1], step * np.arange(1, 65) / 64)
         sense = np.sign(forcing[0])
         across = np.flatnonzero(forcing * sense < 0)

@@ -1,7 +1,7 @@
 """The exact angle of a shaft against time, and its exact inverse.
 
-Speed is linear between knots, so that the angle is quadratic there and both directions have a closed form. A shaft may
-stand still, and reverse.
+Speed is linear between knots, so that the angle is quadratic and both directions have a closed form. A shaft may stand
+still and reverse.
 """
 
 from __future__ import annotations
@@ -22,7 +22,7 @@ class ShaftAngle:
     Attributes
     ----------
     times_s : (m,) array
-        Times of the knots in s, rising; two equal ones are a jump of the speed.
+        Times of the knots in s, rising; two equal ones are a jump in speed.
     speeds_hz : (m,) array
         Speeds at the knots in rev s-1; zero at standstill, negative in reverse.
     datum_rev : float
@@ -31,11 +31,11 @@ class ShaftAngle:
     Raises
     ------
     ValueError
-        Knots that are not two finite vectors of one length, or times that fall.
+        Knots that are not two finite vectors of equal length, or times that decrease.
 
     Examples
     --------
-    Run-up from standstill to 10 rev/s in 2 s: the angle is ``10 t^2 / 4`` revolutions:
+    In a run-up from standstill to 10 rev/s in 2 s the angle is ``10 t^2 / 4`` revolutions:
 
     >>> import numpy as np
     >>> from data_synth.dynamics import ShaftAngle
@@ -52,19 +52,19 @@ class ShaftAngle:
         shapes = np.shape(self.times_s), np.shape(self.speeds_hz)
         if len(shapes[0]) != 1 or shapes[0] != shapes[1] or not shapes[0][0]:
             raise ValueError(
-                f"times_s and speeds_hz have shapes {shapes[0]} and {shapes[1]}; give two vectors of one length"
+                f"times_s and speeds_hz have shapes {shapes[0]} and {shapes[1]}; give two vectors of equal length"
             )
         if not (np.all(np.isfinite(self.times_s)) and np.all(np.isfinite(self.speeds_hz))):
             raise ValueError("times_s or speeds_hz holds NaN or infinity; give finite knots")
         back = np.flatnonzero(np.diff(self.times_s) < 0)
         if back.size:
             raise ValueError(
-                f"times_s falls from {self.times_s[back[0]]:g} s to {self.times_s[back[0] + 1]:g} s; sort the knots"
+                f"times_s decreases from {self.times_s[back[0]]:g} s to {self.times_s[back[0] + 1]:g} s; sort the knots"
             )
 
     @cached_property
     def _starts_s(self) -> Array:
-        """Time at which each quadratic piece begins; for the piece before the first knot, that knot."""
+        """Start time of each quadratic piece; for the piece before the first knot, that knot."""
         return np.concatenate([self.times_s[:1], self.times_s])
 
     @cached_property
@@ -74,7 +74,7 @@ class ShaftAngle:
 
     @cached_property
     def _slopes(self) -> Array:
-        """Acceleration in each piece in rev s-2; zero outside the knots, and in a jump, which has no length."""
+        """Acceleration in each piece in rev s-2; zero outside the knots and in jumps, which have no duration."""
         gaps = np.diff(self.times_s)
         slopes = np.divide(np.diff(self.speeds_hz), gaps, out=np.zeros(gaps.size), where=gaps > 0)
         return np.concatenate([[0.0], slopes, [0.0]])
@@ -104,28 +104,30 @@ class ShaftAngle:
     def times(self, revolutions: ArrayLike) -> Array:
         """Return the times in s at which the shaft passes `revolutions` (n,), exactly.
 
-        Where it stands still at one of them, the time at which it starts again.
+        For an angle at which it stands still, that is the time at which it moves on.
 
         Raises
         ------
         ValueError
-            A shaft that reverses, so that an angle has several times, or that stands still for ever before it gets
-            there.
+            A shaft that reverses, so that an angle has several times, or that stops before reaching an angle.
         """
         if np.any(self.speeds_hz < 0):
-            raise ValueError(f"the shaft turns back, at {np.min(self.speeds_hz):g} rev/s, so an angle has no one time")
+            raise ValueError(
+                f"the shaft reverses, at {np.min(self.speeds_hz):g} rev/s, so that an angle has no unique time; keep "
+                "its speeds at 0 or above"
+            )
         from_zero = np.asarray(revolutions, dtype=np.float64) + self.datum_rev
         piece = np.searchsorted(self._knots_rev, from_zero, side="right")
         turn = from_zero - np.concatenate([self._knots_rev[:1], self._knots_rev])[piece]
         speed = self._start_speeds_hz[piece]
-        # the root of a t^2 / 2 + v t = turn in the form that loses no digits where a is small; rounding may take
-        # the square below zero where the shaft comes to rest
+        # the root of a t^2 / 2 + v t = turn in the form without cancellation for small a; rounding may make the
+        # discriminant negative where the shaft comes to rest
         twice_mean = speed + np.sqrt(np.maximum(speed**2 + 2 * self._slopes[piece] * turn, 0.0))
         never = (twice_mean == 0) & (turn != 0)
         if np.any(never):
             raise ValueError(
                 f"revolution {np.asarray(revolutions)[never].flat[0]:g} is never reached: the shaft stands still; "
-                "ask for revolutions between those of its profile"
+                "give revolutions within its profile"
             )
         since = np.divide(2 * turn, twice_mean, out=np.zeros(np.shape(turn)), where=twice_mean != 0)
         return np.asarray(self._starts_s[piece] + since)
@@ -144,5 +146,5 @@ class ShaftAngle:
 
     def top_speed_hz(self, start_s: float, stop_s: float) -> float:
         """Return the largest absolute speed from `start_s` to `stop_s`, in rev s-1."""
-        inside = (self.times_s >= start_s) & (self.times_s <= stop_s)  # jumps: knots before and after count
+        inside = (self.times_s >= start_s) & (self.times_s <= stop_s)  # both knots of a jump count
         return float(np.max(np.abs([*self.speed_hz([start_s, stop_s]), *self.speeds_hz[inside]])))

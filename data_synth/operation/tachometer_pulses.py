@@ -21,7 +21,7 @@ class Pulses:
     marks_s : (k,) array
         True times in s at which the marks pass.
     missed : (i,) array
-        Numbers of the marks without a pulse.
+        Indices of the marks without a pulse.
     spurious_s : (j,) array
         Recorded times in s of pulses without a mark.
     """
@@ -40,25 +40,25 @@ def pulse_times(
     stop_s: float,
     spacing_error_rev: Array | None = None,
 ) -> Array:
-    """Return the times at which a tachometer's marks pass, from revolution zero of `angle` to `stop_s`.
+    """Return the times at which the marks of a tachometer pass, from revolution zero of `angle` to `stop_s`.
 
     Parameters
     ----------
-    angle : ShaftAngle or alike
-        Of the reference shaft, revolution zero at the first mark.
+    angle : ShaftAngle or PolynomialAngle
+        Angle of the reference shaft, with revolution zero at the first mark.
     turns_per_rev : float
-        Revolutions of the tachometer's link for one of the reference shaft.
+        Revolutions of the tachometer link per revolution of the reference shaft.
     pulses_per_rev : int
-        Marks on one revolution of that link.
+        Marks per revolution of that link.
     stop_s : float
         Time of the last sample in s.
     spacing_error_rev : (pulses_per_rev,) array or None
-        Angle by which each mark lies behind its even place, in revolutions of the link; the first 0.
+        Angle by which each mark is behind its even position, in revolutions of the link; the first is 0.
 
     Returns
     -------
     (m,) array
-        Times in s, exact.
+        Exact times in s.
     """
     last_turn = float(angle.revolutions(stop_s)) * turns_per_rev
     numbers = np.arange(np.floor(last_turn * pulses_per_rev) + 2)
@@ -99,9 +99,9 @@ def recorded_pulses(
 def with_pick_up(
     pulses: Pulses, pick_up: TachometerPickUp, *, mains_hz: float, stop_s: float, rng: np.random.Generator
 ) -> Pulses:
-    """Return pulses with the mains in the cable: times that swing with it, and false pulses at some of its crests.
+    """Return pulses with mains pick-up: sinusoidally modulated times, and false pulses at some mains crests.
 
-    A sine of the mains on an edge of constant slope shifts its time by a sine.
+    A mains sine added to an edge of constant slope shifts its time by a sine.
     """
     turn = rng.random()
     first_s = pulses.marks_s[0] if pulses.marks_s.size else stop_s
@@ -119,7 +119,7 @@ def with_pick_up(
 
 
 def _spacing_errors_rev(tachometer: Tachometer, rng: np.random.Generator) -> Array | None:
-    """Return the displacement of each mark in revolutions of the link; None where marks are evenly spaced."""
+    """Return the displacement of each mark in revolutions of the link; None if marks are evenly spaced."""
     if tachometer.uneven is None:
         return None
     off_deg = (

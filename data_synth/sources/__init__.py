@@ -1,1 +1,1 @@
-"""The scene, prepared: everything but moving gears."""
+"""The prepared scene: everything except gears in motion."""

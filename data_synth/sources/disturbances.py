@@ -1,7 +1,7 @@
-"""What reaches a record from outside of the machine: electrical lines, a neighbour, knocks; sensors that differ.
+"""External disturbances of a record (electrical lines, a neighbouring machine, knocks), and sensor imperfections.
 
-Lines of constant or of the motor's frequency do not follow the angle of the reference shaft, so they have truth
-variables of their own.
+Lines at constant frequencies or multiples of the motor supply do not follow the angle of the reference shaft and have
+their own truth variables.
 """
 
 import math
@@ -24,9 +24,9 @@ from data_synth.sources.prepared import PreparedScene
 from data_synth.transfer.acquisition import BLOCK, add_ringing, linear_chain
 from data_synth.transfer.paths import AnalogFilter, ringing, ringing_time_s, sensor_gains
 
-_KNOTS = 10  # of a wandering level to its time scale: its steps between are 0.4 dB for a deviation of 1 dB
+_KNOTS = 10  # per time scale of a varying level, whose steps are then 0.4 dB for a standard deviation of 1 dB
 
-_REFERENCE_C = 23.0  # at which sensors are calibrated
+_REFERENCE_C = 23.0  # calibration temperature of sensors
 _CONVENTION = "x = Re{Z exp(2 pi j f t)}, peak amplitude"
 
 
@@ -34,7 +34,7 @@ _CONVENTION = "x = Re{Z exp(2 pi j f t)}, peak amplitude"
 
 
 def gain_drift(scene: Scene, times_s: Array) -> Array:
-    """Return the factor of temperature in the sensitivity of all sensors, (n,)."""
+    """Return the temperature factor (n,) of the sensitivity of all sensors."""
     declared = imperfections_of(scene).temperature
     if declared is None:
         return np.ones_like(times_s)
@@ -43,12 +43,12 @@ def gain_drift(scene: Scene, times_s: Array) -> Array:
 
 def _temperature_c(scene: Scene, times_s: Array) -> Array:
     declared = imperfections_of(scene).temperature
-    assert declared is not None  # noqa: S101 - the caller asks
+    assert declared is not None  # noqa: S101 - the caller has checked
     return np.asarray(declared.celsius + declared.drift_k_per_h / 3600 * times_s)
 
 
 def sensor_truth(prepared: PreparedScene) -> dict[str, xr.DataArray]:
-    """Return gains and mounts as drawn, temperature and noise level, where a scene has them."""
+    """Return the drawn gains and mounts, temperature and noise level of a scene that has them."""
     declared, scene = imperfections_of(prepared.scene), prepared.scene
     truth = dict[str, xr.DataArray]()
 
@@ -67,9 +67,9 @@ def sensor_truth(prepared: PreparedScene) -> dict[str, xr.DataArray]:
 
 
 def noise_level(scene: Scene, *, rng_for: RandomStreams) -> Callable[[Array], Array]:
-    """Return the level of the noise over the declared one in dB, at times (n,) in s.
+    """Return the noise level in dB relative to the declared one, as a function of times (n,) in s.
 
-    A stationary Gauss-Markov process at knots, a tenth of its time scale apart, and linear between them.
+    It is a stationary Gauss-Markov process at knots a tenth of its time scale apart, linear between them.
     """
     declared = imperfections_of(scene).noise
     if declared is None:
@@ -151,7 +151,7 @@ def _add_knocks(prepared: PreparedScene, signal: Array) -> dict[str, xr.DataArra
 def _add_impacts(
     prepared: PreparedScene, signal: Array, times_s: Array, sizes_m_s2: Array, gains: ComplexArray, mode: Mode
 ) -> None:
-    """Add impacts that ring a mode to all channels."""
+    """Add impacts that excite a mode to all channels."""
     for sensor, chain, gain, values in zip(prepared.scene.sensors, prepared.chains, gains, signal, strict=True):
         poles, residues = ringing(mode).then(chain).residues(sensor.name)
         add_ringing(
@@ -165,7 +165,7 @@ def _add_impacts(
 
 
 def _gains(prepared: PreparedScene, source: str) -> ComplexArray:
-    """Draw the gains (sensor,) of a source outside of the machine."""
+    """Draw the gains (sensor,) of a source outside the machine."""
     words = ("imperfection", source)
     return sensor_gains(
         [source], sensors=len(prepared.scene.sensors), rng_for=lambda *more: prepared.rng_for(*words, *more)
@@ -173,10 +173,10 @@ def _gains(prepared: PreparedScene, source: str) -> ComplexArray:
 
 
 def add_electrical(prepared: PreparedScene, signal: Array) -> dict[str, xr.DataArray]:
-    """Add mains and inverter lines to the channels (sensor, n), in place, as picked up in the cables.
+    """Add mains and inverter lines picked up in the cables to the channels (sensor, n), in place; return their truth.
 
-    They pass the anti-aliasing filter of each channel by its response at their frequency, at the mean speed where that
-    varies. Returns their truth variable.
+    They pass through the anti-aliasing filter of each channel, with its response at their frequency, or at that of the
+    mean speed if they vary.
 
     Raises
     ------
@@ -225,7 +225,7 @@ def add_electrical(prepared: PreparedScene, signal: Array) -> dict[str, xr.DataA
 
 
 def _electrical_lines(declared: Electrical) -> tuple[Array, Array]:
-    """Return multiples (line, 2) of mains and output, and the amplitude of each over that of the first of the mains."""
+    """Return multiples (line, 2) of mains and output, and each amplitude relative to the first mains harmonic."""
     mains = [(k, 0, declared.decay ** (k - 1)) for k in range(1, declared.harmonics + 1)]
     every = np.array([*mains, *(declared.inverter.lines if declared.inverter is not None else ())], dtype=np.float64)
     return every[:, :2], every[:, 2]
@@ -234,7 +234,7 @@ def _electrical_lines(declared: Electrical) -> tuple[Array, Array]:
 def _output(
     prepared: PreparedScene, inverter: Inverter | None
 ) -> tuple[Callable[[bool], float], Callable[[Array], Array]]:
-    """Return the output frequency of an inverter in Hz, its mean or its highest, and its turns at times (n,)."""
+    """Return the output frequency of an inverter in Hz, its mean or maximum, and its cycles at times (n,)."""
     if inverter is None:
         return (lambda _mean: 0.0), np.zeros_like
     if (constant_hz := inverter.output_hz) is not None:
@@ -243,7 +243,7 @@ def _output(
     link = inverter.link or str(scene.gearbox.reference)
     if link not in scene.gearbox.links or scene.ratio(link) == 0:
         raise SceneError(
-            f'imperfections.electrical.inverter: link = "{link}" is no link that turns; name the motor\'s.'
+            f'imperfections.electrical.inverter: link = "{link}" is not a rotating link; name that of the motor.'
         )
     per_rev = inverter.pole_pairs * float(abs(scene.ratio(link))) / (1 - inverter.slip)
     speeds = np.array([angle.top_speed_hz(0.0, scene.duration_s), float(np.mean(prepared.speed_hz))])
@@ -251,7 +251,7 @@ def _output(
 
 
 def _recorder_filter(sensor: Sensor, *, rate_hz: float) -> AnalogFilter:
-    """Return the filter that pick-up of the cable passes: the anti-aliasing filter alone."""
+    """Return the filter that cable pick-up passes through: only the anti-aliasing filter."""
     return linear_chain(
         sensor.changed(resonance=None, gain=None, sensitivity=None, ac_coupling_hz=None), rate_hz=rate_hz
     )
@@ -262,7 +262,7 @@ def _scale(sensor: Sensor) -> float:
 
 
 def _add_series(signal: Array, coefficients: ComplexArray, turns: Callable[[Array], Array], *, rate_hz: float) -> None:
-    """Add ``Re sum_k Z_k exp(2 pi j k turns)``, Z (sensor, k), to the channels (sensor, n), in place and in blocks."""
+    """Add ``Re sum_k Z_k exp(2 pi j k turns)``, Z (sensor, k), to the channels (sensor, n), in place in blocks."""
     constant = np.repeat(coefficients[:, :, None], 2, axis=2)
     samples = signal.shape[1]
     for start in range(0, samples, BLOCK):
@@ -289,6 +289,6 @@ def _line_truth(prepared: PreparedScene, lines: ComplexArray, dim: str, at: Arra
 def _check_below_nyquist(scene: Scene, table: str, highest_hz: float) -> None:
     if highest_hz >= scene.rate_hz / 2:
         raise SceneError(
-            f"imperfections.{table} reaches {highest_hz:g} Hz, which is not below half of rate_hz = {scene.rate_hz:g}; "
-            "lower its harmonics or raise rate_hz."
+            f"imperfections.{table} extends to {highest_hz:g} Hz, which is not below half of rate_hz = "
+            f"{scene.rate_hz:g}; reduce its harmonics or raise rate_hz."
         )

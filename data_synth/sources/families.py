@@ -1,4 +1,4 @@
-"""Families of lines and trains of impacts: of the healthy parts of a scene, and of the faults that it declares."""
+"""Families of lines and impact trains of the healthy components of a scene and of its faults."""
 
 import math
 from collections.abc import Sequence
@@ -21,17 +21,17 @@ from hums.gearbox.model import GearboxError
 
 
 def last_s(scene: Scene) -> float:
-    """Return the time of the last sample."""
+    """Return the time of the last sample in s."""
     return (scene.samples - 1) / scene.rate_hz
 
 
 def harmonic_families(
     scene: Scene, drive: Drive, *, offsets: Sequence[float], relative_sizes: Sequence[Array], rng_for: RandomStreams
 ) -> list[HarmonicFamily]:
-    """Return the harmonics of the healthy gearbox, then those that each fault adds.
+    """Return the harmonics of the healthy gearbox, followed by those added by each fault.
 
-    Two faults of one mesh do not modulate each other. `relative_sizes` has, for each fault, its size over the initial
-    one: (instant,), or (1,) for a fault that does not grow.
+    Two faults of one mesh do not modulate each other. `relative_sizes` are the sizes of each fault relative to the
+    initial one, (instant,), or (1,) for a fault that does not grow.
     """
     healthy, top_speed_hz = healthy_families(scene, rng_for=rng_for), drive.angle.top_speed_hz(0.0, scene.duration_s)
     meshes = {family.component: family for family in healthy if family.kind == "gear_mesh"}
@@ -93,15 +93,15 @@ def faulty_gear(scene: Scene, number: int, *, teeth: float, rng_for: RandomStrea
 
 
 def damage_of(scene: Scene, number: int, *, gear: FaultyGear, relative_size: float, time_s: float = 0.0) -> GearDamage:
-    """Return what a fault, of a size over its initial one, changes of a gear's teeth.
+    """Return the damage of the teeth of a gear by a fault of a size relative to the initial one.
 
     Raises
     ------
     SceneError
-        A size that the gear does not have.
+        A size larger than the gear allows.
     """
     fault = scene.faults[number]
-    assert isinstance(fault, GearFault)  # noqa: S101 - the caller has seen it
+    assert isinstance(fault, GearFault)  # noqa: S101 - the caller has checked it
     try:
         return fault.damage(1e-3 * fault.initial_mm * relative_size, gear)
     except ValueError as caught:
@@ -122,7 +122,7 @@ def impact_trains(
     offsets: Sequence[float],
     rng_for: RandomStreams,
 ) -> list[tuple[int, ImpactTrain]]:
-    """Return the number of the fault and the impacts of each train whose response reaches into the record."""
+    """Return the index of the fault and the impacts of each train whose response extends into the record."""
     bases = {family.component: float(family.base_order) for family in families if family.kind == "gear_mesh"}
     trains: list[tuple[int, ImpactTrain]] = []
     for number, (fault, offset) in enumerate(zip(scene.faults, offsets, strict=True)):
@@ -153,14 +153,14 @@ def impact_trains(
 
 
 def _span_rev(scene: Scene, drive: Drive, before_s: float) -> tuple[float, float]:
-    """Return the revolutions at `before_s` before the record, or the first known, and at the last sample."""
+    """Return the revolutions `before_s` before the record, or at the first time known, and at the last sample."""
     stop_s = last_s(scene) + max(0.0, *(sensor.skew_s for sensor in scene.sensors))
     first_rev, last_rev = drive.angle.revolutions([max(-before_s, drive.start_s), stop_s])
     return float(first_rev), float(last_rev)
 
 
 def healthy_families(scene: Scene, *, rng_for: RandomStreams) -> list[HarmonicFamily]:
-    """Return one family for each shaft that rotates in the frame and one for each mesh."""
+    """Return one family for each shaft rotating in the frame and one for each mesh."""
     families = []
     for kind in ("shaft", "gear_mesh"):
         for component, order in scene.exact_orders(kind).items():
@@ -187,9 +187,9 @@ def ratio_of(scene: Scene, link: str) -> float:
 
 
 def turning_ratios(scene: Scene) -> dict[str, float]:
-    """Return the signed speed ratio to the reference of each link that turns relative to the frame.
+    """Return the signed speed ratio to the reference of each link that rotates relative to the frame.
 
-    A link whose axis is carried in another direction, as that of a bevel planet, has no such number and is left out.
+    A link whose axis is carried in another direction, such as a bevel planet, has no such ratio and is left out.
     """
     found = {}
     for link in scene.gearbox.links:

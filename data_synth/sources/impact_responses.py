@@ -1,4 +1,4 @@
-"""Response of the channels to impacts, by a mode or by a measured path, and the lines of strictly periodic ones."""
+"""Response of the channels to impacts, through a mode or a measured path, and the lines of periodic impacts."""
 
 import math
 from collections.abc import Iterator
@@ -15,8 +15,8 @@ from data_synth.transfer.acquisition import BLOCK, add_ringing, measured_filter
 from data_synth.transfer.paths import FirFilter, MeasuredPath, impact_line, ringing
 
 _HALF = 32  # samples on either side over which an impact between samples is spread
-_FINE = 256  # points to a sample, between which the sum of a sinc is linear
-_KAISER = 10.0  # 1e-5 of error up to nine tenths of half the rate
+_FINE = 256  # points per sample, between which the integral of a sinc is linear
+_KAISER = 10.0  # an error of 1e-5 up to 0.9 of half the rate
 
 
 def add_impacts(prepared: PreparedScene, number: int, train: ImpactTrain, signal: Array) -> None:
@@ -52,11 +52,11 @@ def add_impacts(prepared: PreparedScene, number: int, train: ImpactTrain, signal
 def _step_pairs(
     times_s: Array, sizes: Array, duration_s: Array, poles: ComplexArray, residues: ComplexArray
 ) -> tuple[Array, Array, ComplexArray, ComplexArray]:
-    """Return impacts of constant force and finite duration as steps up and down, with the modes' step response."""
+    """Return impacts of constant force and finite duration as steps up and down, with the step response of modes."""
     rising = np.argsort(both := np.concatenate([times_s, times_s + duration_s]), kind="stable")
     heights = np.concatenate([sizes / duration_s, -sizes / duration_s])
     steps = residues / poles
-    # the ringing of a step ends at a constant, which the step down takes away
+    # the response to a step tends to a constant, which the step down cancels
     return both[rising], heights[rising], np.append(poles, 0.0), np.append(steps, -np.sum(steps.real))
 
 
@@ -69,10 +69,10 @@ def add_fir_response(
     rate_hz: float,
     duration_s: Array | None = None,
 ) -> None:
-    """Add the response to impacts at any instants to a channel (n,), in place, compensated for the filter's delay.
+    """Add the response to impacts at any instants to a channel (n,), in place, compensated for the filter delay.
 
-    An impact between samples is a sinc on them with a Kaiser window: exact to 1e-5 up to nine tenths of half the rate.
-    One of finite duration is the mean of such.
+    An impact between samples is a Kaiser-windowed sinc, accurate to 1e-5 up to 0.9 of half the rate; an impact of
+    finite duration is the mean of these.
     """
     at = times_s * rate_hz
     near = np.floor(at).astype(np.int64)
@@ -90,7 +90,7 @@ def add_fir_response(
         np.add.at(spread, places, impulses_ns[here][:, None] * rate_hz * shares)
         overlap = spread[count:].copy()
         response = fir.push(spread[:count])
-        # the first sample of spread impacts is that many early, and the filter late
+        # the first sample of spread impacts is early, and the filter late, by this lead
         first = start - lead
         inside = slice(max(-first, 0), max(min(count, values.size - first), 0))
         if inside.start < inside.stop:
@@ -98,7 +98,7 @@ def add_fir_response(
 
 
 def later(values: Array, samples: float) -> Array:
-    """Return a band-limited signal (n,) at instants some `samples` later, continued oddly beyond its ends."""
+    """Return a band-limited signal (n,) `samples` later, with odd continuation beyond its ends."""
     whole = math.floor(samples)
     reach = _HALF + abs(whole) + 1
     padded = np.pad(values, reach, mode="reflect", reflect_type="odd")
@@ -108,7 +108,7 @@ def later(values: Array, samples: float) -> Array:
 
 
 def _interpolation_weights(since: Array, late: Array) -> Array:
-    """Return the weights of samples (m, k) `since` an impact, for impacts that last `late` samples (m,)."""
+    """Return the weights of samples (m, k) `since` an impact, for impacts lasting `late` samples (m,)."""
     if not late.any():
         return _sinc(since)
     grid = np.arange(-_HALF * _FINE, _HALF * _FINE + 1) / _FINE
@@ -123,21 +123,21 @@ def _sinc(at: Array) -> Array:
     return np.asarray(np.sinc(at) * window * (np.abs(at) < _HALF))
 
 
-# ---- Lines: the harmonics of a damaged tooth that a kinematic scene strikes once a turn --------------------------
+# ---- Lines: harmonics of a damaged tooth of a kinematic scene, which strikes once per revolution ---------------------
 
 
-FLOOR = 1e-2  # of the loudest line of the same impacts
-BELOW_NYQUIST = 0.98  # of the band at the highest speed: lines above it are left out
-_SEARCHED = 33  # instants at which loud lines are looked for
+FLOOR = 1e-2  # of the largest line of the same impacts
+BELOW_NYQUIST = 0.98  # of half the rate at the highest speed, above which lines are left out
+_SEARCHED = 33  # instants at which significant lines are searched for
 
 
 def impact_lines(
     prepared: PreparedScene, *, listed: frozenset[Fraction] = frozenset()
 ) -> Iterator[tuple[ImpactTrain, list[Fraction], ComplexArray]]:
-    """Yield each periodic train of impacts, the orders of its loud lines, and their Z (sensor, line, instant).
+    """Yield each periodic impact train, the orders of its significant lines, and their Z (sensor, line, instant).
 
-    Impacts of several teeth of one gear interfere, so loud is what their sum has above `FLOOR` of its loudest line, and
-    every order in `listed`.
+    Impacts of several teeth of one gear interfere, so that a line is significant if their sum exceeds `FLOOR` times its
+    largest line; every order in `listed` is included as well.
     """
     scene = prepared.scene
     top = BELOW_NYQUIST * scene.rate_hz / 2 / prepared.drive.angle.top_speed_hz(0.0, scene.duration_s)
@@ -163,7 +163,7 @@ def impact_lines(
 def _lines(
     prepared: PreparedScene, number: int, train: ImpactTrain, harmonics: NDArray[np.int_], instants: NDArray[np.int_]
 ) -> ComplexArray:
-    """Return Z (sensor, line, instant) of harmonics of a train of fault `number`, at some instants of the truth."""
+    """Return Z (sensor, line, instant) of harmonics of a train of fault `number`, at given instants of the truth."""
     load = prepared.impact_factor(number, prepared.instants_s[instants])
     speed_hz = prepared.speed_hz[instants]
     frequency = harmonics[:, None] * float(train.order or 0) * speed_hz

@@ -1,4 +1,4 @@
-"""A scene prepared for simulation: its drive, sources, impacts and transfer paths, but for gears that vibrate."""
+"""A scene prepared for simulation: its drive, sources, impacts and transfer paths, except vibrating gears."""
 
 import math
 from collections.abc import Sequence
@@ -36,11 +36,12 @@ from data_synth.transfer.paths import (
 from hums.gearbox.torques import solve_torques
 from hums.records.validation import MIN_SAMPLES_PER_PULSE
 
-_CORNER = 1e-3  # of the largest speed or torque, by which straight lines between instants may miss a corner
-_JUMP = 1e-3  # of a sample, from a jump to the instants before and behind it
+_CORNER = 1e-3  # of the largest speed or torque, the error allowed at a corner by linear interpolation between instants
+_JUMP = 1e-3  # samples between a jump and the instants on either side of it
 _LITTLE, _SLOW = 0.01, 0.3
-"""Of the speed, between two instants; of the top speed, below which it is that of so much: a line passes a mode in as
-much of the speed as the mode's damping, but slow speeds have weak lines."""
+"""Largest relative change of speed between two instants, since a line crosses a mode within a change equal to the
+damping ratio; and the fraction of the top speed below which the change is relative to that, since slow speeds have weak
+lines."""
 
 # ---- Prepared --------------------------------------------------------------------------------------------------------
 
@@ -53,28 +54,28 @@ class PreparedScene:
     ----------
     scene : Scene
     rng_for : callable
-        Returns the random generator that belongs to its words.
+        Function that returns the random generator of given words.
     drive : Drive
-    instants_s, speed_hz : (instant,) array
-        Time axis of the truth in s, and the reference shaft's speed there in rev s-1.
+    instants_s, speed_hz : (instant,) arrays
+        Time axis of the truth in s, and speed of the reference shaft in rev s-1.
     load : (instant,) array
         Tooth load relative to full load.
     families : sequence of HarmonicFamily
     amplitudes : sequence of (sensor, line, instant) complex array
         Z of their harmonics in the channels, after the linear part of the chain.
     trains : sequence of (int, ImpactTrain)
-        Impacts with the number of their fault, from 0.
+        Impacts with the index of their fault, from 0.
     offsets : sequence of float
-        Turns of each fault's component from its worst place, before the machine turned.
+        Angle in revolutions of the component of each fault from its most damaged place, before the machine turned.
     gains : mapping of source to (sensor,) complex array
         Drawn gains to the sensors.
     paths : mapping of (source, sensor) to ModalPath or MeasuredPath
         Declared transfer paths, which replace gains and modes.
     chains : sequence of AnalogFilter
-        The linear part of each sensor's chain.
+        Linear part of the chain of each sensor.
     pulses : Pulses
     turns_before : int
-        Whole turns of the reference shaft before revolution zero, since the phases of the machine were drawn.
+        Whole revolutions of the reference shaft before revolution zero, since the phases of the machine were drawn.
     """
 
     scene: Scene
@@ -94,13 +95,14 @@ class PreparedScene:
     turns_before: int = 0
 
     def add_lines(self, signal: Array, *, first: int = 0, only: tuple[str, str] | None = None) -> None:
-        """Add the harmonics of all families, or of one component and kind, to samples from number `first` on.
+        """Add the harmonics of all families, or of one component and kind, to samples starting at index `first`.
 
         Parameters
         ----------
         signal : (sensor, n) array
-            Changed in place.
+            Modified in place.
         first : int
+            Index of the first sample.
         only : pair of component and kind, optional
         """
         family_amplitudes = [
@@ -120,26 +122,26 @@ class PreparedScene:
             add_lines(signal, amplitudes, base_order=family.base_order, revolutions=revolutions, position=position)
 
     def without_faults(self) -> "PreparedScene":
-        """Return the scene as its gears would be in motion without its faults."""
+        """Return the scene without its faults, for the motion of healthy gears."""
         return replace(self, scene=self.scene.changed(faults=()), offsets=())
 
     def with_bending_rings(self, loads: Sequence[RingLoad]) -> "PreparedScene":
-        """Return the scene with the lines of rings that their planets bend, in the channels of sensors on them."""
+        """Return the scene with the lines of bending rings in the channels of sensors on them."""
         lines = ring_bending_lines(self.scene, loads, speed_hz=self.speed_hz)
         if not lines:
-            raise SceneError("planet_pass.ring: no sensor is on a ring at rest; move one there, or leave it out.")
+            raise SceneError("planet_pass.ring: no sensor is on a stationary ring; place one there, or leave it out.")
         unit = in_units(self.scene, 1.0)
         added = [_in_channels(family, unit * own, chains=self.chains, speed_hz=self.speed_hz) for family, own in lines]
         families = [*self.families, *(family for family, _ in lines)]
         return replace(self, families=families, amplitudes=[*self.amplitudes, *added])
 
     def impacts_at_source(self, number: int, train: ImpactTrain) -> tuple[Array, Array]:
-        """Return the times (m,) in s of a train of fault `number`, and the amplitudes of its impacts at the source."""
+        """Return the times (m,) in s of the impacts of a train of fault `number`, and their source amplitudes."""
         times_s = self.drive.angle.times(train.revolutions)
         return times_s, train.amplitudes * self.impact_factor(number, times_s)
 
     def impact_factor(self, number: int, times_s: Array) -> Array:
-        """Return the factor of load, speed and growth in the impacts of a fault at `times_s` (m,)."""
+        """Return the factor (m,) of load, speed and growth in the impacts of a fault at `times_s` (m,)."""
         fault, share = self.scene.faults[number], self.drive.load(times_s)
         grown, exponent = fault.relative_size(times_s), self.scene.excitation.speed_exponent
         if isinstance(fault, GearFault):
@@ -154,9 +156,14 @@ def prepare_scene(scene: Scene, *, rng_for: RandomStreams, turns_before: int = 0
     ----------
     scene : Scene
     rng_for : callable
-        Returns the random generator that belongs to its words.
+        Function that returns the random generator of given words.
     turns_before : int
         See `PreparedScene`.
+
+    Raises
+    ------
+    SceneError
+        A scene that cannot be simulated.
     """
     scene = with_drawn_sensors(scene, rng_for=rng_for)
     tachometer = scene.tachometer
@@ -177,7 +184,7 @@ def prepare_scene(scene: Scene, *, rng_for: RandomStreams, turns_before: int = 0
         for family in harmonic_families(scene, drive, offsets=offsets, relative_sizes=relative_sizes, rng_for=rng_for)
     ]
     trains = impact_trains(scene, drive, families, offsets=at_zero, rng_for=rng_for)
-    if scene.fidelity != "kinematic":  # what meshes do is then left to the mechanics
+    if scene.fidelity != "kinematic":  # meshes are then simulated by their dynamics
         meshes = {mesh.name for mesh in scene.gearbox.meshes}
         families = [family for family in families if family.source not in meshes]
         trains = [(number, train) for number, train in trains if train.source not in meshes]
@@ -188,13 +195,7 @@ def prepare_scene(scene: Scene, *, rng_for: RandomStreams, turns_before: int = 0
     speed_hz, load = drive.angle.speed_hz(instants_s), drive.load(instants_s)
     amplitudes = [
         _line_amplitudes(
-            scene,
-            family,
-            gains=gains[family.source],
-            paths=paths,
-            drive=drive,
-            instants_s=instants_s,
-            rng_for=rng_for,
+            scene, family, gains=gains[family.source], paths=paths, drive=drive, instants_s=instants_s, rng_for=rng_for
         )
         for family in families
     ]
@@ -231,8 +232,8 @@ def prepare_scene(scene: Scene, *, rng_for: RandomStreams, turns_before: int = 0
 def _instants(scene: Scene, drive: Drive) -> Array:
     """Return the instants of the truth in s, between which amplitudes are linear.
 
-    They are even, 20 a second. Where gears vibrate, there are more: two at a jump of speed or torque, one where they
-    have a corner, and so many that the speed changes little between two of them.
+    They are uniform, 20 per second. If gears vibrate there are more: two at a jump of speed or torque, one at a corner,
+    and enough for the speed to change little between them.
     """
     instants_s = np.linspace(0.0, scene.duration_s, scene.truth_times)
     if scene.fidelity == "kinematic":
@@ -244,7 +245,7 @@ def _instants(scene: Scene, drive: Drive) -> Array:
             between = np.interp(times, instants_s, PiecewiseLinear(times_s=times, values=values).at(instants_s))
             corners = times[within & (np.abs(values - between) > bound)]
             jumps = times[1:][(np.diff(times) == 0) & (np.abs(np.diff(values)) > bound) & within[1:]]
-            if corners.size <= scene.truth_times:  # a measured history may be corners alone
+            if corners.size <= scene.truth_times:  # a measured history may consist of corners
                 sides = np.add.outer([-_JUMP / scene.rate_hz, _JUMP / scene.rate_hz], jumps).ravel()
                 instants_s = np.unique(np.concatenate([instants_s, np.setdiff1d(corners, jumps), sides]))
     speed_hz = np.abs(drive.angle.speed_hz(instants_s))
@@ -258,24 +259,24 @@ def _instants(scene: Scene, drive: Drive) -> Array:
 
 
 def _offset_at_first(fault: Fault, number: int, *, rng_for: RandomStreams) -> float:
-    """Return the turns of a fault's component from its worst place before the machine turned."""
+    """Return the angle in revolutions from the most damaged place of a fault, before the machine turned."""
     if not isinstance(fault, BearingFault) and fault.offset_rev is not None:
         return fault.offset_rev
     return float(rng_for("offset", str(number)).random())
 
 
 def _turn_order(scene: Scene, fault: Fault) -> Fraction:
-    """Return the order at which a fault's offset turns; 0 for a bearing, whose elements slip."""
+    """Return the order of rotation of the offset of a fault; 0 for a bearing, whose elements slip."""
     if isinstance(fault, BearingFault):
         return Fraction(0)
     return scene.exact_orders(ROW_OF[fault.kind])[fault.component]
 
 
 def _ring_torque(scene: Scene, mesh: str) -> float:
-    """Return the torque of one planet on the ring of a mesh for 1 N m of the scene's torque, in N m, by statics."""
+    """Return the static torque in N m of one planet on the ring of a mesh, for 1 N m of the scene's torque."""
     if scene.torque is None:
         raise SceneError(
-            "planet_pass.ring: without load no ring bends; add torque = { link = ..., nm = ... }, or leave it out."
+            "planet_pass.ring: a ring bends only under load; add torque = { link = ..., nm = ... }, or leave it out."
         )
     link, reference = scene.torque.link, str(scene.gearbox.reference)
     bodies, load_on = scene.kinematics.bodies, scene.dynamics.load_on if scene.dynamics is not None else None
@@ -292,7 +293,7 @@ def _ring_torque(scene: Scene, mesh: str) -> float:
     torque = max(load.torques_nm, key=abs)  # the ring has more teeth than the planet
     if not math.isfinite(torque):
         raise SceneError(
-            f'planet_pass.ring: statics does not determine the load of mesh "{mesh}"; write fidelity = "dynamic".'
+            f'planet_pass.ring: the load of mesh "{mesh}" is statically indeterminate; use fidelity = "dynamic".'
         )
     return torque
 
@@ -314,22 +315,22 @@ def _pulses(scene: Scene, drive: Drive, *, rng_for: RandomStreams) -> Pulses:
     given, most = scene.tachometer.pulses_per_rev, scene.samples / MIN_SAMPLES_PER_PULSE
     if pulses.times_s.size > most + 1:
         raise SceneError(
-            f"tachometer: pulses_per_rev = {given} are {pulses.times_s.size} pulses in {scene.samples} samples, and a "
-            f"record has at most one in {MIN_SAMPLES_PER_PULSE:g}; give at most "
+            f"tachometer: pulses_per_rev = {given} makes {pulses.times_s.size} pulses in {scene.samples} samples, and "
+            f"a record may have at most one per {MIN_SAMPLES_PER_PULSE:g}; give at most "
             f"{int(given * most / pulses.times_s.size)}, or raise rate_hz."
         )
     if pulses.times_s.size < 2:  # noqa: PLR2004 - a speed is a difference
         turned = float(np.ptp(drive.angle.revolutions(np.array([0.0, last_s(scene)])))) * ratio_of(scene, link)
-        remedy = "lengthen the scene" if turned else "let a torque start it"
+        remedy = "lengthen the scene" if turned else "raise the torque to start it"
         raise SceneError(
-            f"duration_s = {scene.duration_s:g} holds {pulses.times_s.size} pulse(s) of the tachometer, but a speed "
-            f"needs 2, and its link turns {turned:.3g} times; {remedy}."
+            f"duration_s = {scene.duration_s:g} covers {pulses.times_s.size} pulse(s) of the tachometer, but a speed "
+            f"needs 2; its link makes {turned:.3g} revolutions: {remedy}."
         )
     return pulses
 
 
 def _speed_factor(exponent: float, scene: Scene, drive: Drive, times_s: Array) -> Array:
-    """Return the speed over the top speed to a power, at times (n,)."""
+    """Return the ratio of the speed to the top speed, to a power, at times (n,)."""
     if exponent == 0:
         return np.ones(np.shape(times_s))
     top = drive.angle.top_speed_hz(0.0, scene.duration_s)
@@ -342,7 +343,7 @@ def _gains(scene: Scene, sources: list[str], *, rng_for: RandomStreams) -> dict[
     shares = np.array([_cross_axis_share(sensor) for sensor in scene.sensors])
     if not shares.any():
         return along
-    # one sensor more, whose gain is not held at 1
+    # one more sensor, since the gain of the first is fixed at 1
     across = sensor_gains(sources, sensors=shares.size + 1, rng_for=lambda *words: rng_for(*words, "across"))
     return {source: gains + shares * across[source][1:] for source, gains in along.items()}
 
@@ -364,8 +365,8 @@ def _line_amplitudes(
 ) -> ComplexArray:
     """Return Z (sensor, line, instant) of a family in the channels.
 
-    Beside gears in motion a force on bearings moves the housing, or acts on the declared path of its bearing, as theirs
-    do, in the direction of each sensor.
+    With gears in motion a force on bearings moves the housing, or acts through the declared path of its bearing, like
+    their forces, in the direction of each sensor.
     """
     at_source = {"speed_hz": drive.angle.speed_hz(instants_s), "load": drive.load(instants_s)}
     frequency_hz = np.outer([float(order) for order in family.orders], at_source["speed_hz"])
@@ -377,7 +378,7 @@ def _line_amplitudes(
         path = own if own is not None or force is None else path_of_bearing(scene, paths, force.link, sensor.name)
         if path is not None or force is not None:
             found[row] = line_amplitudes(family, gains=np.ones(1), path=path or AnalogFilter(), **at_source)[0]
-        if own is None and force is not None:  # then an amplitude of 1 is that of the rigid housing
+        if own is None and force is not None:  # amplitudes refer to the rigid housing
             found[row] *= scene.dynamics_or_default.housing_kg / in_units(scene, 1.0)
         if path is not None and force is not None:
             found[row] *= force.direction @ sensitive_direction(sensor, rng_for=rng_for)
@@ -385,7 +386,7 @@ def _line_amplitudes(
             found[row] *= force_response(scene, sensor, force, frequency_hz=frequency_hz, rng_for=rng_for)
         else:
             found[row] *= linear_chain(sensor, rate_hz=scene.rate_hz).response(frequency_hz)
-    # a scene's exponent is that of its declared amplitudes, a force has its own
+    # the exponent of the scene applies to declared amplitudes; a force has its own
     declared = scene.excitation.speed_exponent if family.force is None else 0.0
     return np.asarray(found * _speed_factor(declared, scene, drive, instants_s))
 
@@ -399,7 +400,7 @@ def _in_channels(
 
 
 def _check_rate(scene: Scene, families: Sequence[HarmonicFamily], drive: Drive) -> None:
-    """Raise SceneError where the highest line is above half the sampling rate."""
+    """Raise SceneError if the highest line is above half the sampling rate."""
     top_hz = drive.angle.top_speed_hz(0.0, scene.duration_s)
     highest = max((float(family.orders[-1]) for family in families), default=0.0)
     what, lower = f"highest line, order {highest:g}", "excitation.harmonics"

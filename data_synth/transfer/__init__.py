@@ -1,1 +1,1 @@
-"""From source to sensor, and from sensor to samples."""
+"""Transfer from source to sensor, and acquisition from sensor to samples."""

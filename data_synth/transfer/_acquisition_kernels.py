@@ -1,4 +1,4 @@
-"""Impulse responses by recursion from sample to sample; compiled, each operation rounded as written."""
+"""Compiled impulse responses by recursion from sample to sample, with strict rounding."""
 
 import numpy as np
 from numpy.typing import NDArray
@@ -16,13 +16,13 @@ def add_decays(
     initial_states: ComplexArray,
     steps: ComplexArray,
 ) -> None:
-    """Add ``Re sum_p s_p`` to a signal, where each s_p is multiplied by its step a sample and impacts add to it.
+    """Add ``Re sum_p s_p`` to a signal, where each s_p is multiplied by its step at each sample and impacts add to it.
 
     Parameters
     ----------
     signal : (n,) array
     firsts : (m,) int array
-        First sample not before each impact, rising.
+        First sample at or after each impact, rising.
     initial_states : (m, p) complex array
         Contribution of each impact to each s_p at that sample.
     steps : (p,) complex array
@@ -59,7 +59,7 @@ def add_pole_responses(
     drive : (n + 1,) array
     decays, weights_new, weights_old : (p,) complex array
     states : (p,) complex array
-        Before the first sample; after the last one on return.
+        States before the first sample; on return, after the last one.
     """
     for sample in range(out.size):
         old, new = drive[sample], drive[sample + 1]

@@ -1,8 +1,8 @@
-"""The measurement chain from the machine's surface to the file, part by part.
+"""The measurement chain from the machine surface to the file, part by part.
 
-The linear filters are exact: their frequency response for harmonics, whose amplitudes change slowly, and their poles
-for impacts, whose response is a sum of decaying exponentials. Nonlinear parts change the samples in place, and return
-what they did.
+The linear filters are exact: by their frequency response for harmonics, whose amplitudes change slowly, and by their
+poles for impacts, whose response is a sum of decaying exponentials. Nonlinear parts modify the samples in place and
+return what they changed.
 """
 
 import math
@@ -18,15 +18,15 @@ from data_synth.transfer.paths import AnalogFilter, FirFilter, MeasuredPath, mod
 
 ComplexArray = NDArray[np.complex128]
 
-BLOCK = 65536  # samples worked on at once
-# RMS that the filter of a measured path may leave out; the larger where its band ends abruptly
+BLOCK = 65536  # samples processed at once
+# relative RMS that the filter of a measured path may leave out; the larger one if its band ends abruptly
 _LEAKAGES = (1e-3, 1e-2)
 _FEWEST = 64  # taps
-_SPACINGS = 8  # longest filter, over the length of the impulse response by the spacing of lines
+_SPACINGS = 8  # longest filter, relative to the impulse response length from the spacing of lines
 
 
 def linear_chain(sensor: Sensor, *, rate_hz: float) -> AnalogFilter:
-    """Return the linear parts of a channel sampled at `rate_hz`, from its mount to the recorder, as one filter."""
+    """Return the linear part of a channel sampled at `rate_hz`, from its mount to the recorder, as one filter."""
     gain = sensor.sensitivity.value if sensor.sensitivity is not None else 1.0
     gain *= sensor.gain if sensor.gain is not None else 1.0
     coupling = [] if sensor.ac_coupling_hz is None else [-2 * math.pi * sensor.ac_coupling_hz]
@@ -37,7 +37,7 @@ def linear_chain(sensor: Sensor, *, rate_hz: float) -> AnalogFilter:
 
 
 def butterworth_poles(filter_: AntiAlias, *, rate_hz: float) -> list[complex]:
-    """Return the poles of a Butterworth low-pass filter: evenly on the left half of a circle (Butterworth 1930)."""
+    """Return the poles of a Butterworth low-pass filter, evenly on the left half of a circle (Butterworth 1930)."""
     radius, order = 2 * math.pi * filter_.cutoff_hz(rate_hz), filter_.order
     angles = [math.pi * (2 * k + order + 1) / (2 * order) for k in range(order)]
     return [
@@ -49,15 +49,15 @@ def butterworth_poles(filter_: AntiAlias, *, rate_hz: float) -> list[complex]:
 def add_ringing(
     signal: Array, *, times_s: Array, amplitudes: Array, poles: ComplexArray, residues: ComplexArray, rate_hz: float
 ) -> None:
-    """Add ``amplitude Re sum_p residue exp(pole (t - time))`` after each impact, exact at instants between samples.
+    """Add ``amplitude Re sum_p residue exp(pole (t - time))`` after each impact, exact also between samples.
 
     Parameters
     ----------
     signal : (n,) array
-        Changed in place; sample i at ``i / rate_hz``.
-    times_s, amplitudes : (m,) array
-        Times of the impacts in s, rising; the response to those before the first sample begins there.
-    poles, residues : (p,) complex array
+        Modified in place; sample i is at ``i / rate_hz``.
+    times_s, amplitudes : (m,) arrays
+        Times of the impacts in s, rising, and their amplitudes; impacts before the first sample contribute as well.
+    poles, residues : (p,) complex arrays
     rate_hz : float
     """
     from data_synth.transfer._acquisition_kernels import add_decays  # noqa: PLC0415 - loads numba
@@ -70,9 +70,9 @@ def add_ringing(
 def add_noise(
     signal: Array, *, rms: float, rng: np.random.Generator, factor: Callable[[Array], Array] | None = None
 ) -> None:
-    """Add white Gaussian noise of `rms`, in the signal's units, to a signal (n,) in place.
+    """Add white Gaussian noise of `rms`, in the units of the signal, to a signal (n,) in place.
 
-    `factor` returns that of the RMS at samples with these numbers, (n,); 1 if left out.
+    `factor` returns the factor of the RMS at given sample indices (n,); 1 by default.
     """
     start = 0
     for part in _blocks(signal) if rms > 0 else ():
@@ -109,9 +109,9 @@ def quantise(signal: Array, converter: Quantisation) -> int:
 
 
 def drop_outs(signal: Array, drops: DropOuts, *, rate_hz: float, rng: np.random.Generator) -> Array:
-    """Remove random gaps from a signal (n,), in place; return their begins and ends, (m, 2) in s.
+    """Insert random gaps in a signal (n,), in place; return their start and end times, (m, 2) in s.
 
-    They begin independently of each other (a Poisson process); overlapping ones are one gap.
+    Their starts are a Poisson process; overlapping gaps are merged.
     """
     duration_s = signal.size / rate_hz
     initial_states = np.sort(duration_s * rng.random(rng.poisson(drops.per_second * duration_s)))
@@ -131,21 +131,21 @@ def drop_outs(signal: Array, drops: DropOuts, *, rate_hz: float, rng: np.random.
 
 
 def measured_filter(path: MeasuredPath, chain: AnalogFilter, *, rate_hz: float, sensor: Sensor) -> FirFilter:
-    """Return a measured path with the chain behind it as an FIR filter, of the shortest power of two that holds it.
+    """Return a measured path followed by the chain as an FIR filter, of the shortest sufficient power of two.
 
-    The impulse response is the inverse transform of H; its part before time zero, which exists because H ends at half
-    the rate or at its last line, is kept by a delay: the fewest samples that leave out no more than the leakage.
+    The impulse response is the inverse transform of H. Its part before time zero, due to the truncation of H at half
+    the rate or at its last line, is retained by a delay: the fewest samples that leave out no more than the leakage.
 
     Raises
     ------
     SceneError
-        Lines so far apart that the response between them does not decay.
+        Lines too widely spaced for the impulse response to decay.
     """
     longest = 1 << math.ceil(math.log2(max(_FEWEST, _SPACINGS * path.ringing_time_s() * rate_hz)))
     lines_hz = np.arange(longest + 1) * rate_hz / (2 * longest)
     response = np.fft.irfft(path.response(lines_hz) * chain.response(lines_hz))
     energy = response**2
-    early = np.cumsum(energy[::-1])[:longest]  # in the samples before zero, from the last on: -1, -2, ...
+    early = np.cumsum(energy[::-1])[:longest]  # in the samples before zero, backwards: -1, -2, ...
     ahead, whole = np.concatenate([[early[-1]], early[-1] - early]), np.sum(energy)  # by a delay of 0, 1, 2, ...
     for leakage in _LEAKAGES:
         delay = int(np.argmax(ahead <= leakage**2 * whole))
@@ -156,6 +156,6 @@ def measured_filter(path: MeasuredPath, chain: AnalogFilter, *, rate_hz: float, 
                 return FirFilter(np.roll(response, delay)[:taps], delay_s=delay / rate_hz)
             taps *= 2
     raise SceneError(
-        f'sensor "{sensor.name}": a measured transfer to it does not die away within {longest / rate_hz:.3g} s, so '
-        "its lines are too far apart; measure them closer together."
+        f'sensor "{sensor.name}": a measured transfer to it does not decay within {longest / rate_hz:.3g} s, so its '
+        "lines are too widely spaced; measure with a finer resolution."
     )

@@ -2,8 +2,8 @@
 
 H(s) = s^2 / (m (s^2 + 2 zeta w s + w^2)) prod_i p_i / (p_i - s)
 
-What moves the housing otherwise than a rigid body passes a high pass as well, s^2 / (s^2 + sqrt(2) v s + v^2): below v,
-near its first own mode, a housing is rigid, and forces inside of it that balance do not move it.
+Motion other than that of a rigid body also passes through a high-pass filter, s^2 / (s^2 + sqrt(2) v s + v^2): below v,
+near its first elastic mode, a housing is rigid, and balanced internal forces do not move it.
 """
 
 import math
@@ -23,14 +23,14 @@ from data_synth.transfer.paths import AnalogFilter, ModalPath, mode_filter
 # ---- Response of a transfer function, given by poles and residues, to a sampled input, in time and in blocks ---------
 #     H(s) = direct + sum_i residue_i / (s - p_i)
 #
-# One recursion for each pole. The input is linear between samples, whose spectrum is that of the samples times
-# ``sinc^2``; this is compensated by the first terms of ``1 / sinc^2(x / 2) = 1 + s^2 / 3 + 8 s^4 / 45 + ...``, ``s =
-# sin(x / 2)``, so H is exact to 1e-4 up to a tenth of the rate and to 5e-3 up to a fifth.
+# There is one recursion per pole. The input is linear between samples, which multiplies its spectrum by ``sinc^2``;
+# this is compensated by the first terms of ``1 / sinc^2(x / 2) = 1 + s^2 / 3 + 8 s^4 / 45 + ...``, ``s = sin(x / 2)``,
+# so that H is accurate to 1e-4 up to a tenth of the rate and to 5e-3 up to a fifth.
 
 
 ComplexArray = NDArray[np.complex128]
 
-AHEAD = 2  # samples of the input that a response needs beyond itself
+AHEAD = 2  # input samples that a response needs in advance
 CORRECTION = np.array([1 / 90, -1 / 12 - 4 / 90, 1 + 2 / 12 + 6 / 90, -1 / 12 - 4 / 90, 1 / 90])
 
 
@@ -38,7 +38,7 @@ def step_weights(poles: ComplexArray) -> tuple[ComplexArray, ComplexArray]:
     """Return the integrals of ``exp(p (1 - s))`` over a step, weighted with s and 1 - s, for poles (p,) per step."""
     whole = np.where(np.abs(poles) < 1e-4, 1 + poles / 2 + poles**2 / 6, np.expm1(poles) / poles)  # noqa: PLR2004
     late = np.where(
-        np.abs(poles) < 1e-2,  # noqa: PLR2004 - beyond, the difference keeps its digits
+        np.abs(poles) < 1e-2,  # noqa: PLR2004 - above, the difference has no cancellation
         1 / 2 + poles / 6 + poles**2 / 24 + poles**3 / 120 + poles**4 / 720 + poles**5 / 5040,
         (whole - 1) / poles,
     )
@@ -46,16 +46,16 @@ def step_weights(poles: ComplexArray) -> tuple[ComplexArray, ComplexArray]:
 
 
 class PoleFilter:
-    """A transfer function with its state; in the steady state of its first sample at the beginning.
+    """A transfer function with its state, initially the steady state for its first sample.
 
     Parameters
     ----------
     way : AnalogFilter
     rate_hz : float
     sensor : str
-        Name of the channel in errors.
+        Name of the channel in error messages.
     before : ModalPath, optional
-        A path before the filter.
+        A path preceding the filter.
     """
 
     def __init__(self, way: AnalogFilter, *, rate_hz: float, sensor: str = "", before: ModalPath | None = None) -> None:
@@ -70,13 +70,13 @@ class PoleFilter:
     def push(self, samples: Array, *, at_once: Array | None = None) -> Array:
         """Return the response (n,) to the next samples (n,), delayed by `AHEAD` samples.
 
-        The input of the direct feedthrough may be given apart in `at_once`, (n,), where `samples` are smoothed. The
-        first two samples of all are the response to a constant input.
+        The input of the direct feedthrough may be given separately in `at_once`, (n,), if `samples` are smoothed. The
+        very first two samples are the response to a constant input.
         """
         from data_synth.transfer._acquisition_kernels import add_pole_responses  # noqa: PLC0415
 
         if self._states is None:
-            # at rest under the first sample: what it has driven each pole to
+            # steady state under the first sample
             self._states = np.asarray(-self._residues / self._poles * samples[0])
             self._input_history = np.full(2 * AHEAD + 1, samples[0])
             self._direct_history = np.full(AHEAD, samples[0])
@@ -85,7 +85,7 @@ class PoleFilter:
         direct = np.concatenate([self._direct_history, samples if at_once is None else at_once])
         self._direct_history = direct[-AHEAD:]
         corrected = np.convolve(joined, CORRECTION, mode="valid")
-        out = self._direct * direct[:-AHEAD]  # what passes at once needs no line between samples
+        out = self._direct * direct[:-AHEAD]  # feedthrough needs no interpolation
         add_pole_responses(out, corrected, self._decay, self._weights_new, self._weights_old, self._states)
         return out
 
@@ -93,7 +93,7 @@ class PoleFilter:
 # ---- Housing ---------------------------------------------------------------------------------------------------------
 
 
-_FLAT = math.sqrt(0.5)  # damping ratio of a Butterworth filter of second order
+_FLAT = math.sqrt(0.5)  # damping ratio of a second-order Butterworth filter
 
 
 def housing_filter(
@@ -106,12 +106,12 @@ def housing_filter(
     mass_kg : float
     mounts : Mode
     path : Mode or None
-        The mode of the scene's path.
+        Mode of the path of the scene.
     sensor : Sensor
     rate_hz : float
-        Of the channel, which its anti-aliasing filter follows.
+        Sampling rate of the channel, on which its anti-aliasing filter depends.
     rigid_below_hz : float or None
-        v / 2 pi of the high pass; None for none.
+        v / 2 pi of the high-pass filter; None for no filter.
     """
     below = [] if rigid_below_hz is None else [Mode(frequency_hz=rigid_below_hz, damping_ratio=_FLAT)]
     high_pass = np.concatenate([mode_filter(mode).poles for mode in (mounts, *below)])
@@ -121,7 +121,7 @@ def housing_filter(
 
 
 def housing_of(scene: Scene, sensor: Sensor, *, elastic: bool = False) -> AnalogFilter:
-    """Return the housing towards a sensor: as a rigid body, or what its elasticity adds."""
+    """Return the transfer function of the housing to a sensor: as a rigid body, or the contribution of elasticity."""
     declared = scene.dynamics_or_default
     return housing_filter(
         mass_kg=declared.housing_kg,
@@ -136,7 +136,7 @@ def housing_of(scene: Scene, sensor: Sensor, *, elastic: bool = False) -> Analog
 def body_weights(
     scene: Scene, sensor: Sensor, *, bodies: Sequence[str], body_of: Callable[[str], str]
 ) -> dict[str, float]:
-    """Return the gain to a sensor, through the elastic housing, of the force of each body's supports.
+    """Return the gain to a sensor, through the elastic housing, of the support force of each body.
 
     Parameters
     ----------
@@ -144,12 +144,12 @@ def body_weights(
     sensor : Sensor
     bodies : sequence of str
     body_of : callable
-        Returns the body of a link.
+        Function that returns the body of a link.
 
     Raises
     ------
     SceneError
-        Weights for a sensor or link that the scene lacks.
+        Weights for a sensor or link that is not in the scene.
     """
     declared, gearbox = scene.dynamics_or_default, scene.gearbox
     joined, links = scene.kinematics.bodies, {*gearbox.links, *gearbox.copied}
@@ -164,11 +164,13 @@ def body_weights(
     weights = {body: 1.0 if body in near else declared.elsewhere for body in bodies}
     for given in declared.sensor_weights:
         if given.sensor not in [other.name for other in scene.sensors]:
-            raise SceneError(f'dynamics.sensor_weights names "{given.sensor}", which is no sensor of this scene.')
+            raise SceneError(
+                f'dynamics.sensor_weights names "{given.sensor}", which is not a sensor of this scene; correct it.'
+            )
         for link, weight in given.links:
             if link not in links:
                 raise SceneError(
-                    f'dynamics.sensor_weights names "{link}", which is no link with bearings in this gearbox.'
+                    f'dynamics.sensor_weights names "{link}", which is not a link of this gearbox; correct the name.'
                 )
             if given.sensor == sensor.name:
                 weights |= {body_of(name): weight for name in gearbox.instances(link)}
@@ -178,7 +180,7 @@ def body_weights(
 def force_response(
     scene: Scene, sensor: Sensor, force: RotatingForce, *, frequency_hz: Array, rng_for: RandomStreams
 ) -> ComplexArray:
-    """Return the amplitude in a channel for 1 N of a force on the bearings of a link, at frequencies of any shape."""
+    """Return the amplitude in a channel due to 1 N on the bearings of a link, at frequencies of any shape."""
     along = complex(sensitive_direction(sensor, rng_for=rng_for) @ force.direction)
     body_of = scene.kinematics.bodies.__getitem__
     body = body_of(force.link)
@@ -188,7 +190,7 @@ def force_response(
 
 
 def sensitive_direction(sensor: Sensor, *, rng_for: RandomStreams) -> Array:
-    """Return a sensor's direction in the gearbox's axes with its cross-axis sensitivity, in a drawn direction, (3,)."""
+    """Return the direction of a sensor in the axes of the gearbox, (3,), with its randomly directed cross-axis part."""
     direction = np.asarray(sensor.direction, dtype=np.float64)
     direction = direction / np.linalg.norm(direction)
     if sensor.cross_axis is None:

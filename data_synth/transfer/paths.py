@@ -1,9 +1,9 @@
-"""Transfer from a source to the accelerometer: one mode of the structure, and a gain for each pair of the two.
+"""Transfer from a source to the accelerometer: a mode of the structure, and a gain for each source and sensor.
 
-Shaft and mesh harmonics change slowly, so the frequency response of the mode applies to them. Impacts are short, so the
-mode responds in time: ``a exp(-zeta w_n t) sin(w_d t)`` from the very instant of the impact. That response is sampled
-without an anti-aliasing filter; its spectrum falls with the square of frequency, so the alias is about
-``2 zeta (f_n / rate) ** 2`` of the peak.
+Shaft and mesh harmonics change slowly, so that the frequency response of the mode applies to them. Impacts are short,
+so that the mode responds in time, as ``a exp(-zeta w_n t) sin(w_d t)`` from the exact instant of the impact. That
+response is sampled without an anti-aliasing filter; its spectrum falls with the square of frequency, so that aliasing
+is about ``2 zeta (f_n / rate) ** 2`` of the peak.
 """
 
 import math
@@ -21,28 +21,29 @@ from data_synth.scene.sensors import STANDARD_GRAVITY, Mode, ModeOfPath, Transfe
 
 # ---- Transfer paths from force to accelerometer, modal or measured ---------------------------------------------------
 # The response through a modal path follows from its poles (`AnalogFilter.residues`). A measured path becomes a causal
-# FIR filter of the length it needs, with the least delay it allows, and works block after block in constant memory.
+# FIR filter of sufficient length and minimal delay, applied in blocks in constant memory.
 
 
 ComplexArray = NDArray[np.complex128]
 
 _DECAYED = 1e-12  # of its initial amplitude
-_APART = 1e-6  # poles nearer to each other than this part of their size leave the residues no digits
+_APART = 1e-6  # relative distance below which two poles leave the residues without precision
 
 
 @dataclass(frozen=True, kw_only=True)
 class AnalogFilter:
-    """Low-pass filters in series, ``gain prod_i p_i / (p_i - s)``, and high-pass ones, ``prod_j s / (s - q_j)``.
+    """Low-pass filters in series, ``gain prod_i p_i / (p_i - s)``, and high-pass filters, ``prod_j s / (s - q_j)``.
 
     Attributes
     ----------
     gain : float
+        Gain of the low-pass filters at zero frequency.
     poles : (p,) complex array
-        p_i in rad s-1; complex ones in pairs.
+        Poles p_i in rad s-1, complex ones in pairs.
     coupling : (q,) complex array
-        Poles q_j of the high-pass filters, rad s-1; complex ones in pairs.
+        Poles q_j of the high-pass filters in rad s-1, complex ones in pairs.
     skew_s : float
-        By which the channel is sampled later: a factor ``exp(2j pi f skew_s)`` of the frequency response.
+        Time in s by which the channel is sampled later, a factor ``exp(2j pi f skew_s)`` of the frequency response.
     """
 
     gain: float = 1.0
@@ -55,7 +56,7 @@ class AnalogFilter:
     skew_s: float = 0.0
 
     def then(self, other: "AnalogFilter") -> "AnalogFilter":
-        """Return this filter with another one behind it."""
+        """Return this filter followed by another one."""
         return AnalogFilter(
             gain=self.gain * other.gain,
             poles=np.concatenate([self.poles, other.poles]),
@@ -80,19 +81,19 @@ class AnalogFilter:
 
     @property
     def direct(self) -> float:
-        """What passes at once, beside the poles: the gain at infinite frequency."""
+        """Direct feedthrough, the gain at infinite frequency."""
         return 0.0 if self.poles.size else self.gain
 
     def residues(self, sensor: str, *, before: "ModalPath | None" = None) -> tuple[ComplexArray, ComplexArray]:
-        """Return poles (p,) and residues (p,) of the filter, of a modal path `before` it too.
+        """Return the poles (p,) and residues (p,) of the filter, preceded by a modal path `before` if given.
 
-        The response to an impulse is ``Re sum_p residue exp(pole t)``, one of each conjugate pair with twice its
-        residue, and what passes at once.
+        The impulse response is ``Re sum_p residue exp(pole t)``, with one pole of each conjugate pair and twice its
+        residue, plus the direct feedthrough.
 
         Raises
         ------
         SceneError
-            Two nearly equal poles, so that the sum of exponentials has no digits left: `sensor` names the channel.
+            Two nearly equal poles, for which the sum of exponentials loses all precision; `sensor` names the channel.
         """
         ahead = np.empty(0) if before is None else np.concatenate([before.poles, np.conj(before.poles)])
         of_path = np.empty(0) if before is None else np.concatenate([before.residues, np.conj(before.residues)])
@@ -102,8 +103,8 @@ class AnalogFilter:
         if np.any(gaps < _APART * np.abs(every)):
             near_hz = np.abs(every[np.argmin(np.min(gaps, axis=0))]) / (2 * np.pi)
             raise SceneError(
-                f'sensor "{sensor}": two of the modes, filters and mounts on the way to it coincide, at {near_hz:.6g} '
-                "Hz; move one of them by a thousandth."
+                f'sensor "{sensor}": two of the modes, filters and mounts on the path to it coincide at {near_hz:.6g} '
+                "Hz; change one of them by 0.1 %."
             )
         residues = list(of_path * self.at(ahead))
         for index, pole in enumerate(own):
@@ -137,11 +138,11 @@ class ModalPath:
     Attributes
     ----------
     frequencies_hz : (r,) array
-        Undamped natural frequencies.
+        Undamped natural frequencies in Hz.
     damping_ratios : (r,) array
-        Between 0 and 1.
+        Damping ratios between 0 and 1.
     residues : (r,) complex array
-        A_r, in response per N s. For a displacement they are ``-j phi_i phi_j / (2 m w_d)``.
+        A_r in response per N s; for a displacement, ``-j phi_i phi_j / (2 m w_d)``.
     """
 
     frequencies_hz: Array = field(metadata={"dims": ("mode",), "units": "Hz"})
@@ -150,7 +151,7 @@ class ModalPath:
 
     @property
     def poles(self) -> ComplexArray:
-        """The poles p_r in rad s-1, (r,)."""
+        """Poles p_r in rad s-1, (r,)."""
         natural, zeta = 2 * np.pi * np.asarray(self.frequencies_hz), np.asarray(self.damping_ratios)
         return natural * (-zeta + 1j * np.sqrt(1 - zeta**2))
 
@@ -165,18 +166,19 @@ class ModalPath:
         return np.asarray(np.sum(parts, axis=-1))
 
     def ringing_time_s(self) -> float:
-        """Return the time after which an impulse response has decayed to 1e-12."""
+        """Return the time in s after which the impulse response has decayed to 1e-12."""
         return float(math.log(_DECAYED) / np.max(self.poles.real))
 
 
 @dataclass(frozen=True, kw_only=True)
 class MeasuredPath:
-    """A measured frequency response: linear between its lines, in real and imaginary part, and zero outside them.
+    """A measured frequency response, linear between its lines in real and imaginary part, and zero outside them.
 
     Attributes
     ----------
     frequencies_hz : (n,) array
-        Rising, not negative. A phase that changes by more than a radian from line to line is too coarse to interpolate.
+        Frequencies in Hz, rising, not negative; too coarse to interpolate if the phase changes by more than a radian
+        between lines.
     values : (n,) complex array
         Response per force.
     """
@@ -185,7 +187,7 @@ class MeasuredPath:
     values: ComplexArray = field(metadata={"dims": ("frequency",), "units": "response N-1"})
 
     def ringing_time_s(self) -> float:
-        """Return the length of the impulse response of a piecewise-linear spectrum: one over its line spacing."""
+        """Return the length in s of the impulse response of a piecewise-linear spectrum, one over its line spacing."""
         return float(1 / np.min(np.diff(self.frequencies_hz)))
 
     def response(self, frequency_hz: ArrayLike) -> ComplexArray:
@@ -199,14 +201,14 @@ class MeasuredPath:
 
 
 class FirFilter:
-    """A causal FIR filter that approximates a measured path, with its state: overlap-add by FFT.
+    """A causal FIR filter that approximates a measured path, with its state (overlap-add by FFT).
 
     Attributes
     ----------
     taps : (n,) array
         Impulse response.
     delay_s : float
-        Its delay.
+        Its delay in s.
     """
 
     def __init__(self, taps: Array, *, delay_s: float = 0.0) -> None:
@@ -232,14 +234,14 @@ Path = AnalogFilter | TransferPath
 # ---- Paths -----------------------------------------------------------------------------------------------------------
 
 
-_DECAYED_NEPERS = 30.0  # decay in nepers after which a ringing has ended: 1e-13 of its amplitude
+_DECAYED_NEPERS = 30.0  # decay in nepers, to 1e-13 of the amplitude, after which a response has ended
 
 
 def sensor_gains(sources: list[str], *, sensors: int, rng_for: RandomStreams) -> dict[str, ComplexArray]:
     """Draw the complex gain (sensors,) from each source to each sensor.
 
-    The scene's amplitudes are those at the first sensor, so its gain is 1; each other gain is log-uniform between a
-    half and two, with a uniform phase. For impacts its absolute value applies.
+    Declared amplitudes are those at the first sensor, whose gain is 1; the other gains are log-uniform between 0.5 and
+    2, with a uniform phase. For impacts their magnitude applies.
     """
     gains = {}
     for source in sources:
@@ -257,7 +259,7 @@ def line_amplitudes(
     load: Array,
     path: Path,
 ) -> ComplexArray:
-    """Return Z of a harmonic family at the sensors, (sensor, line, instant), in the sensors' units.
+    """Return Z of a harmonic family at the sensors, (sensor, line, instant), in the units of the sensors.
 
     Parameters
     ----------
@@ -266,7 +268,7 @@ def line_amplitudes(
     speed_hz, load : (instant,) array
         Speed of the reference shaft in rev s-1, and tooth load relative to full load.
     path : AnalogFilter, ModalPath or MeasuredPath
-        The way from source to sensors.
+        Path from the source to the sensors.
     """
     response = path.response(np.outer([float(order) for order in family.orders], speed_hz))
     coefficients = family.coefficients if family.coefficients.ndim > 1 else family.coefficients[:, None]
@@ -282,16 +284,16 @@ def mode_pole(mode: Mode) -> complex:
 
 
 def ringing_time_s(mode: Mode) -> float:
-    """Return the time after which an impulse response has decayed to 1e-13."""
+    """Return the time in s after which the impulse response of a mode has decayed to 1e-13."""
     return _DECAYED_NEPERS / -mode_pole(mode).real
 
 
 def impact_line(train: ImpactTrain, *, harmonic: ArrayLike, speed_hz: Array, load: Array, path: Path) -> ComplexArray:
-    """Return Z (instant,) of a harmonic of a strictly periodic train of impacts; of some (h, 1) as (h, instant).
+    """Return Z (instant,) of a harmonic of a strictly periodic impact train; for harmonics (h, 1), (h, instant).
 
-    ``2 a f H(m f) exp(j 2 pi m offset)`` with impacts at rate f through the response H of the path: exact
-    at constant speed and load. When f changes at f' per second, the relative error is about ``f' / f`` times the decay
-    time ``1 / (zeta w_n)``, and ``2 pi m f'`` times its square: 1e-4 in a run-up of 1 rev/s per second.
+    It is ``2 a f H(m f) exp(j 2 pi m offset)`` with impacts at rate f through the response H of the path, exact at
+    constant speed and load. When f changes at f' per second, the relative error is about ``f' / f`` times the decay
+    time ``1 / (zeta w_n)``, plus ``2 pi m f'`` times its square: 1e-4 in a run-up of 1 rev/s per second.
     """
     if train.order is None or not train.amplitudes.any():
         return np.zeros(np.broadcast_shapes(np.shape(harmonic), speed_hz.shape), dtype=np.complex128)
@@ -301,19 +303,19 @@ def impact_line(train: ImpactTrain, *, harmonic: ArrayLike, speed_hz: Array, loa
     return np.asarray(2 * train.amplitudes[0] * load * rate * path.response(numbers * rate) * turn)
 
 
-# ---- Transfer paths that a scene declares from sources to sensors, in the units of the sensors -----------------------
+# ---- Declared transfer paths from sources to sensors, in the units of the sensors ------------------------------------
 
 
 TransferPaths = dict[tuple[str, str], TransferPath]
 
 
 def transfer_paths(scene: Scene) -> TransferPaths:
-    """Return the declared paths by source and sensor: response, in the units of the sensors' motion, for one N."""
+    """Return the declared paths by source and sensor, in the units of the sensors per N."""
     return {(item.source, item.sensor): _transfer_path(item, scene.sensors[0].units) for item in scene.transfers}
 
 
 def path_of_bearing(scene: Scene, paths: TransferPaths, link: str, sensor: str) -> ModalPath | MeasuredPath | None:
-    """Return the declared path to a sensor from a bearing of a link, or of what is rigid with it; None without one."""
+    """Return the declared path to a sensor from a bearing of a link, or of its rigid body; None if there is none."""
     bodies = scene.kinematics.bodies
     for bearing in scene.gearbox.bearings:
         if bodies[link] in [bodies[each] for each in scene.gearbox.ring_links(bearing)]:
@@ -324,7 +326,7 @@ def path_of_bearing(scene: Scene, paths: TransferPaths, link: str, sensor: str) 
 
 
 def longest_ringing_s(scene: Scene, source: str) -> float:
-    """Return the time after an impact at a source at which its response has decayed in every channel."""
+    """Return the time in s in which the response to an impact at a source decays in every channel."""
     ringing = [path.ringing_time_s() for (of, _), path in transfer_paths(scene).items() if of == source]
     return max([ringing_time_s(scene.resonance), *ringing])
 
@@ -344,9 +346,8 @@ def _transfer_path(transfer: Transfer, units: str) -> TransferPath:
 
 
 def _residue(mode: ModeOfPath) -> complex:
-    """Return the residue of a mode, from ``gain w_n^2 / (w_n^2 - w^2 + 2 j zeta w_n w)`` where its gain is declared."""
+    """Return the residue of a mode, or of ``gain w_n^2 / (w_n^2 - w^2 + 2 j zeta w_n w)`` if its gain is declared."""
     if mode.residue is not None:
         return complex(*mode.residue)
-    # of gain w_n^2 / (w_n^2 - w^2 + 2 j zeta w_n w)
     natural = 2 * math.pi * mode.frequency_hz
     return -0.5j * (mode.gain or 0.0) * natural / math.sqrt(1 - mode.damping_ratio**2)

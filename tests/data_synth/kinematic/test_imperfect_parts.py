@@ -79,7 +79,7 @@ def test_single_pitch_deviations_modulate_the_amplitude():
 
 
 def test_a_grade_needs_a_module():
-    with pytest.raises(SceneError, match='ask for the module of mesh "stage 1"; declare module_mm'):
+    with pytest.raises(SceneError, match='need the module of mesh "stage 1"; declare module_mm'):
         simulate(scene({"gears": {}}, dynamics={}, gearbox=without_sizes("two-stage")), seed=1)
 
 
@@ -106,7 +106,7 @@ def test_imbalance_is_that_of_the_rated_speed_and_of_each_shaft_s_mass():
     for ratio, mass in ((1, 3.0), (23 / 67, 5.0)):
         speed_rad_s = 2 * np.pi * 20 * ratio
         assert_allclose(amplitude(signal, 20 * ratio), mass * 16e-3 / 2 * speed_rad_s / 20, rtol=1e-3)
-    with pytest.raises(SceneError, match="rotor_kg has input, but the shafts are input, intermediate, output"):
+    with pytest.raises(SceneError, match="rotor_kg names input, but the shafts are input, intermediate, output"):
         values({"imbalance": {"rotor_kg": {"input": 3.0}}})
 
 
@@ -130,11 +130,9 @@ def test_a_fault_of_imbalance_has_the_force_of_its_mass():
     speed_rad_s = 2 * np.pi * 20 * 23 / 67
     signal = values(fault=[fault])
     assert_allclose(amplitude(signal, 20 * 23 / 67), 3 * 0.4e-3 * speed_rad_s**2 / 20, rtol=1e-3)
-    with pytest.raises(
-        SceneError, match="rotor_kg and amplitude_per_mm both say how strong the imbalance is; keep one"
-    ):
+    with pytest.raises(SceneError, match="rotor_kg and amplitude_per_mm both determine the imbalance; keep one"):
         scene(fault=[fault | {"amplitude_per_mm": 1}])
-    with pytest.raises(SceneError, match="rotor_kg is a matter of imbalance, not of bent_shaft; leave it out"):
+    with pytest.raises(SceneError, match="rotor_kg applies to imbalance, not to bent_shaft; leave it out"):
         scene(fault=[fault | {"kind": "bent_shaft"}])
 
 

@@ -189,9 +189,9 @@ def test_a_displaced_planet_takes_load_from_the_others():
 @pytest.mark.parametrize(
     ("changes", "words"),
     [
-        ({"torque": None}, "without load no ring bends; add torque"),
-        ({"sensor": [{"name": "a", "on": "sun", "units": "g"}]}, "no sensor is on a ring at rest"),
-        ({"gearbox": without_sizes("planetary-27-36-99")}, "planet_pass.ring asks for pressure_angle_deg of mesh"),
+        ({"torque": None}, "a ring bends only under load; add torque"),
+        ({"sensor": [{"name": "a", "on": "sun", "units": "g"}]}, "no sensor is on a stationary ring"),
+        ({"gearbox": without_sizes("planetary-27-36-99")}, "planet_pass.ring needs pressure_angle_deg of mesh"),
         ({"torque": {"link": "sun", "nm": 10}}, "name the link that takes the power out as dynamics.load_on"),
     ],
 )

@@ -29,7 +29,7 @@ def test_without_torque_the_unloaded_share_is_left():
 
 def test_turbulence_about_zero_needs_full_load():
     turbulence = {"rms": 5, "time_scale_s": 1}
-    with pytest.raises(SceneError, match="turbulence about nm = 0 has no load to be relative to; give full_load_nm"):
+    with pytest.raises(SceneError, match="turbulence about nm = 0 has no full load as a reference; give full_load_nm"):
         Scene.from_mapping(table_with({"link": "output", "nm": 0, "turbulence": turbulence}))
     assert np.all(load({"nm": 0, "turbulence": turbulence, "full_load_nm": 200}) >= 0.3)
 

@@ -58,7 +58,7 @@ def test_a_shaft_may_turn_back_and_stand():
     assert_allclose(BACK.revolutions([0, 1, 2, 3, 5, 6, 9]), [0, 2, 0, -4, -8, -8, -8], atol=1e-14)
     assert BACK.top_speed_hz(0.9, 1.1) == pytest.approx(0.4)
     assert BACK.top_speed_hz(0.0, 9.0) == 4
-    with pytest.raises(ValueError, match="turns back, at -4 rev/s"):
+    with pytest.raises(ValueError, match="reverses, at -4 rev/s"):
         BACK.times(1.0)
 
 
@@ -83,7 +83,7 @@ def test_from_rest_and_to_rest():
     [
         ([0.0, 1.0], [1.0], "have shapes"),
         ([0.0, np.nan], [1.0, 1.0], "NaN"),
-        ([1.0, 0.0], [1.0, 1.0], "falls from 1 s to 0 s"),
+        ([1.0, 0.0], [1.0, 1.0], "times_s decreases from 1 s to 0 s"),
     ],
 )
 def test_knots_that_are_none_are_refused(times, speeds, sentence):

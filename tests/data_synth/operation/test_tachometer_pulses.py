@@ -95,9 +95,9 @@ def test_a_spoilt_tachometer_makes_a_record_with_its_truth():
     ("change", "sentence"),
     [
         ({"missing": {"share": 1.0}}, "missing.share = 1.0"),
-        ({"uneven": {"std_deg": 8.0}}, "lets marks 90 degrees apart change places; keep it below 5.625"),
+        ({"uneven": {"std_deg": 8.0}}, "allows marks 90 degrees apart to change order; keep it below 5.625"),
         ({"uneven": {"deg": [0, 1]}}, "uneven.deg has 2 numbers for pulses_per_rev = 4"),
-        ({"uneven": {"deg": [0, 100, 0, 0]}}, "lets marks 90 degrees apart change places; keep their order"),
+        ({"uneven": {"deg": [0, 100, 0, 0]}}, "changes the order of marks 90 degrees apart"),
         ({"uneven": {}}, "give either std_deg"),
     ],
 )

@@ -172,9 +172,9 @@ def test_none_named_is_none():
 @pytest.mark.parametrize(
     ("imperfections", "sentence"),
     [
-        ({"neighbour": {"teeth": 300}}, "imperfections.neighbour reaches 21894.3 Hz, which is not below half"),
-        ({"electrical": {"mains_hz": 3000}}, "imperfections.electrical reaches 9000 Hz"),
-        ({"electrical": {"inverter": {"link": "housing"}}}, 'link = "housing" is no link that turns'),
+        ({"neighbour": {"teeth": 300}}, "imperfections.neighbour extends to 21894.3 Hz, which is not below half"),
+        ({"electrical": {"mains_hz": 3000}}, "imperfections.electrical extends to 9000 Hz"),
+        ({"electrical": {"inverter": {"link": "housing"}}}, 'link = "housing" is not a rotating link'),
     ],
 )
 def test_what_does_not_fit_is_refused(imperfections, sentence):

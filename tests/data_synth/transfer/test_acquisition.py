@@ -94,7 +94,7 @@ def test_ringing_is_exact_between_samples():
 def test_poles_that_coincide_are_refused():
     same = {"frequency_hz": 8000.0, "damping_ratio": 0.03}
     chain = linear_chain(Sensor.model_validate({**SENSOR, "resonance": same}), rate_hz=20_000)
-    with pytest.raises(SceneError, match=r'sensor "a": two of the modes, filters and mounts .* coincide, at 8000 Hz'):
+    with pytest.raises(SceneError, match=r'sensor "a": two of the modes, filters and mounts .* coincide at 8000 Hz'):
         ringing(Mode.model_validate(same)).then(chain).residues("a")
 
 
@@ -174,8 +174,8 @@ def test_cross_axis_adds_its_share_of_another_motion():
 @pytest.mark.parametrize(
     ("change", "sentence"),
     [
-        ({"anti_alias": {"frequency_hz": 12000}}, "anti_alias reaches 12000 Hz, which is not below half of rate_hz"),
-        ({"drop_outs": {"per_second": 5, "duration_s": 0.5}}, "of 0.5 s each leave nothing"),
+        ({"anti_alias": {"frequency_hz": 12000}}, "anti_alias extends to 12000 Hz, which is not below half of rate_hz"),
+        ({"drop_outs": {"per_second": 5, "duration_s": 0.5}}, "of 0.5 s each leave no samples"),
         ({"sensitivity": {"value": 0, "units": "V"}}, "value = 0: such a sensor measures nothing"),
         ({"quantisation": {"bits": 1, "full_scale": 1}}, "bits = 1"),
         ({"clipping": {"level": -1}}, "clipping.level = -1"),

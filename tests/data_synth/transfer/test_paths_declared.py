@@ -183,8 +183,8 @@ def test_what_follows_the_sensor_filters_a_way_too():
         ({"transfer": [way("stage 9")]}, r'transfer names the source "stage 9"; did you mean "stage \d"\?'),
         ({"transfer": [way("housing")]}, 'transfer names the source "housing"; valid: .*"?input bearing'),
         ({"transfer": [way("output", sensor="c")]}, 'transfer names the sensor "c"; valid: a, b'),
-        ({"transfer": [way("output"), way("output")]}, 'two transfers lead from "output" to "b"; keep one'),
-        ({"transfer": [way("output", modes=TABLE, csv="x.csv")]}, "modes and csv are both given; keep one"),
+        ({"transfer": [way("output"), way("output")]}, 'there are two transfers from "output" to "b"; keep one'),
+        ({"transfer": [way("output", modes=TABLE, csv="x.csv")]}, "given by modes and csv; keep one"),
         ({"transfer": [{k: v for k, v in way("output").items() if k != "modes"}]}, "give modes, lines or csv"),
         ({"transfer": [way("output", csv="none.csv")]}, "cannot be read"),
         ({"transfer": [way("output", lines=[[5, 1, 0], [4, 1, 0]])]}, "4 Hz follows 5 Hz; sort them"),
@@ -199,7 +199,7 @@ def test_ways_that_make_no_sense_are_refused(change, sentence):
 def test_lines_too_far_apart_are_refused():
     sparse = [[0.0, 1.0, 0.0], [2000.0, -1.0, 1.0], [9000.0, 0.5, -1.0]]
     struck = [{"kind": "outer_race", "component": BEARING, "size_mm": 1.0}]
-    with pytest.raises(SceneError, match='sensor "b": a measured transfer to it does not die away'):
+    with pytest.raises(SceneError, match='sensor "b": a measured transfer to it does not decay'):
         made(way(BEARING, lines=sparse), fault=struck)
 
 
