@@ -1,8 +1,4 @@
-"""Impacts of a rolling-element bearing fault: their times and forces.
-
-The intervals between impacts slip (`data_synth.bearings.impacts`); the force follows from the load at the defect
-(`data_synth.bearings.impacts`).
-"""
+"""Impacts of a rolling-element bearing fault: their times, scattered by slip, and forces, by the load at the defect."""
 
 import math
 from dataclasses import dataclass, field
@@ -16,12 +12,12 @@ from data_synth.operation.shaft_angle import Array
 if TYPE_CHECKING:
     from hums.gearbox.bearing_catalogue import BearingOrders
 
-_AT_REST = 1e-9  # turns of a ring in the load zone to a turn of the reference: rounding
+_AT_REST = 1e-9  # order of a ring relative to the load zone below which it is at rest: rounding
 
 
-# ---- Slip of a rolling bearing: impacts with independent random intervals, whose errors add up -----------------------
-# The impacts have no exact period: their times deviate like a random walk (Antoni and Randall 2003, J. Vib. Acoust.
-# 125, 282-289).
+# ---- Slip of a rolling bearing: impacts at independent random intervals ----------------------------------------------
+# The impacts have no exact period: their timing error is a random walk (Antoni and Randall 2003, J. Vib. Acoust. 125,
+# 282-289).
 
 
 _BLOCK = 4096  # intervals drawn at once
@@ -43,8 +39,26 @@ class SlipModel(Protocol):
 class Slip:
     """Slip as a renewal process: independent Gaussian intervals ``(1 + slip_std g) / (order (1 - mean_slip))``.
 
-    The power spectral density of the impacts at harmonic k of their mean rate is, over that rate, the hyperbolic
-    cotangent of ``(2 pi k slip_std)^2 / 4``: lines broaden into the background as k grows.
+    At harmonic k of their mean rate, the power spectral density of the impacts divided by that rate is
+    ``coth((2 pi k slip_std)^2 / 4)``: lines broaden into the background as k grows (Antoni and Randall 2003).
+
+    Attributes
+    ----------
+    mean_slip : float
+        Relative reduction of the mean rate below that of pure rolling, below 1.
+    slip_std : float
+        Standard deviation of an interval relative to the mean interval, 0 to 0.1.
+
+    Raises
+    ------
+    ValueError
+        If a value is out of range.
+
+    Examples
+    --------
+    >>> from data_synth.bearings.impacts import Slip
+    >>> Slip(slip_std=0.02).slip_std
+    0.02
     """
 
     mean_slip: float = 0.0
@@ -52,9 +66,9 @@ class Slip:
 
     def __post_init__(self) -> None:
         if not 0 <= self.slip_std <= 0.1:  # noqa: PLR2004
-            raise ValueError(f"slip_std = {self.slip_std:g}: 0 to 0.1 keeps impacts in their order; lower it")
+            raise ValueError(f"slip_std = {self.slip_std:g} must be 0 to 0.1, so that impacts stay in order")
         if not self.mean_slip < 1:
-            raise ValueError(f"mean_slip = {self.mean_slip:g}: at 1 nothing rolls; keep it below")
+            raise ValueError(f"mean_slip = {self.mean_slip:g} must be below 1, where the bearing no longer rolls")
 
 
 def renewal_process(
@@ -71,19 +85,29 @@ def renewal_process(
     ----------
     order : float
         Impacts per revolution of the reference shaft under pure rolling.
-    slip : Slip or alike
+    slip : Slip or SlipModel
     span_rev : (float, float)
-        First and last revolution of interest.
+        First and last angle of interest, in rev.
     rng : numpy.random.Generator
     since_rev : float, optional
-        Revolution from which earlier impacts are drawn too; those within the span do not depend on it.
+        Angle in rev from which impacts before the span are drawn too; those within the span do not depend on it.
 
     Returns
     -------
     revolutions : (n,) array
-        Rising: the last impact before the interval, those in it, and the first after it.
+        Angles in rev, increasing: the last impact before the span (or before `since_rev`), all later ones up to its
+        end, and the first after it.
     first : int
-        Number of the first of them: the first within the span has number 0.
+        Number of the first of them; impact 0 is the first within the span.
+
+    Examples
+    --------
+    >>> import numpy as np
+    >>> from data_synth.bearings.impacts import Slip, renewal_process
+    >>> rng = np.random.default_rng(1)
+    >>> impacts, first = renewal_process(order=4, slip=Slip(slip_std=0), span_rev=(0, 1), rng=rng)
+    >>> impacts.size, first, np.diff(impacts).tolist()
+    (6, -1, [0.25, 0.25, 0.25, 0.25, 0.25])
     """
     first, last = span_rev
     interval = 1 / (order * (1 - slip.mean_slip))
@@ -107,7 +131,7 @@ def renewal_process(
 def _impacts_before(
     begin: float, interval: float, slip: SlipModel, since_rev: float, rng: np.random.Generator
 ) -> Array:
-    """Return the impacts before `begin`, rising, back to the last one before `since_rev`."""
+    """Return the impacts before `begin`, increasing, back to the last one before `since_rev`."""
     drawn, begin = [np.empty(0)], float(begin)
     while begin >= since_rev:
         drawn.insert(0, begin - interval * np.cumsum(1 + slip.slip_std * rng.standard_normal(_BLOCK))[::-1])
@@ -116,7 +140,7 @@ def _impacts_before(
     return impacts[max(int(np.searchsorted(impacts, since_rev)) - 1, 0) :]
 
 
-# ---- Stribeck's distribution of the load on a bearing over its elements ----------------------------------------------
+# ---- Stribeck's distribution of the bearing load over the elements ---------------------------------------------------
 
 
 _POINT_CONTACT = 1.5
@@ -126,8 +150,25 @@ _POINT_CONTACT = 1.5
 class LoadZone:
     """Stribeck's distribution: ``(1 - (1 - cos psi) / (2 e)) ** exponent`` within the load zone, zero outside.
 
-    ``e = (1 - cos half_angle) / 2``: 90 degrees without clearance, less with, more under preload. The exponent is 3/2
-    for balls and 10/9 for rollers (Harris 2001, Rolling Bearing Analysis).
+    ``e = (1 - cos half_angle) / 2``. The half angle is 90 degrees at zero clearance, smaller with clearance and larger
+    under preload; the exponent is 3/2 for balls and 10/9 for rollers (Harris 2001, Rolling Bearing Analysis).
+
+    Attributes
+    ----------
+    half_angle_rad : float
+        Above 0 and at most pi.
+    exponent : float
+
+    Raises
+    ------
+    ValueError
+        If `half_angle_rad` is out of range.
+
+    Examples
+    --------
+    >>> from data_synth.bearings.impacts import LoadZone
+    >>> LoadZone().share([0.0, 3.0]).tolist()
+    [1.0, 0.0]
     """
 
     half_angle_rad: float = math.pi / 2
@@ -135,75 +176,78 @@ class LoadZone:
 
     def __post_init__(self) -> None:
         if not 0 < self.half_angle_rad <= math.pi:
-            raise ValueError(f"half_angle_rad = {self.half_angle_rad:g} is not above 0 and at most pi")
+            raise ValueError(f"half_angle_rad = {self.half_angle_rad:g} must be above 0 and at most pi")
 
     @classmethod
     def of(cls, *, distribution: float, exponent: float = _POINT_CONTACT) -> "LoadZone":
-        """Return the load zone of Stribeck's factor e, above 0 and at most 1: 0.5 where half of the ring is loaded."""
+        """Return the zone for Stribeck's load distribution factor, above 0 and at most 1: 0.5 loads half the ring."""
         return cls(half_angle_rad=math.acos(1 - 2 * distribution), exponent=exponent)
 
     def share(self, angle_rad: ArrayLike) -> Array:
-        """Return the load relative to the largest, at `angle_rad` (n,) from the middle of the zone."""
+        """Return the load relative to its maximum at angles (n,) in rad from the middle of the zone."""
         lowest = (1 - math.cos(self.half_angle_rad)) / 2
         return stribeck_load(angle_rad, distribution=lowest, exponent=self.exponent)
 
 
 def stribeck_load(angle_rad: ArrayLike, *, distribution: float, exponent: float = _POINT_CONTACT) -> Array:
-    """Return the load on an element relative to the largest: ``max(0, 1 - (1 - cos psi) / (2 eps)) ** exponent``.
+    """Return the load on an element relative to the maximum: ``max(0, 1 - (1 - cos psi) / (2 eps)) ** exponent``.
 
     Parameters
     ----------
     angle_rad : (n,) array
-        psi, from the middle of the load zone, in rad.
+        Angle psi in rad from the middle of the load zone.
     distribution : float
-        eps: 0.5 where half of the ring is loaded, less with clearance, more with preload.
+        Load distribution factor eps: 0.5 where half the ring is loaded, less with clearance, more under preload.
     exponent : float
         3/2 for point contact, 10/9 for line contact.
+
+    Returns
+    -------
+    (n,) array
     """
     lowered = (1 - np.cos(np.asarray(angle_rad, dtype=np.float64))) / (2 * distribution)
     return np.asarray(np.maximum(0.0, 1 - lowered) ** exponent)
 
 
-# ---- Exact position of the parts of a bearing whose defect is struck with slip ---------------------------------------
-# One slip applies to all parts: between two impacts, cage and elements advance by exactly what pure rolling gives them
-# from one to the next, in proportion to the reference shaft. So their position follows from the impacts.
+# ---- Exact position of the parts of a bearing with slip --------------------------------------------------------------
+# All parts slip together: from one impact to the next, cage and elements advance exactly as far as under pure rolling,
+# in proportion to the reference shaft. Their positions therefore follow from the impacts.
 
 
 KINDS = ("inner_race", "outer_race", "rolling_element", "cage")
 
 
 def defect_order(kind: str, rates: "BearingOrders") -> float:
-    """Return the impacts of a defect in a revolution of the reference shaft under pure rolling.
+    """Return the number of impacts of a defect per revolution of the reference shaft under pure rolling.
 
     Raises
     ------
     ValueError
-        An unknown kind, or one that is never struck.
+        If `kind` is unknown or such a defect is never struck.
     """
     if kind not in KINDS:
-        raise ValueError(f'kind = "{kind}" is no bearing fault; valid: {", ".join(KINDS)}')
+        raise ValueError(f'kind = "{kind}" is not a bearing fault; valid: {", ".join(KINDS)}')
     order = float(getattr(rates, kind))
     if order == 0:
-        raise ValueError(f'{kind} of "{rates.name}" is never struck: its parts stand still against each other')
+        raise ValueError(f'{kind} of "{rates.name}" is never struck: its parts do not move relative to each other')
     return order
 
 
 def signed_cage_order(rates: "BearingOrders") -> float:
-    """Return the order of the cage under pure rolling relative to the load zone, signed like those of the rings."""
+    """Return the order of the cage under pure rolling, seen from the bearing's carrier and signed like the rings'."""
     return rates.outer_ring + _sense(rates) * rates.cage_to_outer
 
 
 def _sense(rates: "BearingOrders") -> float:
-    """Return the sense of the inner ring's rotation relative to the outer ring, +1 or -1."""
+    """Return the direction of the inner ring's rotation relative to the outer ring, +1 or -1."""
     return math.copysign(1.0, rates.inner_ring - rates.outer_ring)
 
 
 @dataclass(frozen=True, kw_only=True)
 class RollingKinematics:
-    """Kinematics of a bearing by the impacts of one defect.
+    """Kinematics of a bearing, given the impacts of one defect.
 
-    All turns are seen from the carrier of the bearing, as the load zone is, and signed like those of the reference
-    shaft.
+    All angles are seen from the bearing's carrier, like the load zone, and signed like those of the reference shaft.
 
     Attributes
     ----------
@@ -211,13 +255,13 @@ class RollingKinematics:
     rates : BearingOrders
         Orders under pure rolling.
     impacts_rev : (n,) array
-        Revolutions of the reference shaft at the impacts, rising: the last before the interval of interest, those in
+        Angles of the reference shaft at the impacts, increasing: the last before the interval of interest, those in
         it, and the first after it.
     first_number : int
-        Number of the first of them: impact 0 is the first within the record, or nearly so.
+        Number of the first of them; impact 0 is (nearly) the first within the record.
     place_turns : float
-        Place of the defect at revolution zero, in turns from the largest load: that of a ring, or of the cage at impact
-        0 for a defect of an element or of the cage.
+        Position of the defect in rev from the maximum load: at revolution zero for a ring, at impact 0 for an element
+        or the cage.
     """
 
     kind: str
@@ -227,27 +271,27 @@ class RollingKinematics:
     place_turns: float
 
     def defect_phase(self, revolutions: ArrayLike) -> Array:
-        """Return the phase of the defect in cycles (n,): whole at impacts, linear in the shaft's angle between."""
+        """Return the phase of the defect (n,) in cycles: a whole number at impacts, linear in shaft angle between."""
         return np.asarray(
             np.interp(np.asarray(revolutions), self.impacts_rev, self.first_number + np.arange(self.impacts_rev.size))
         )
 
     def cage_turns(self, revolutions: ArrayLike) -> Array:
-        """Return the turns of the cage (n,): at whole ones element 1 of Z has the largest load."""
+        """Return the angle of the cage (n,) in rev; at whole revolutions element 1 of Z carries the largest load."""
         return self._cage(np.asarray(revolutions, dtype=np.float64), self.defect_phase(revolutions))
 
     def element_turns(self, revolutions: ArrayLike) -> Array:
-        """Return the turns (n,) of an element about its own axis, relative to the cage; it meets both races in one."""
+        """Return the angle (n,) in rev of an element about its own axis, relative to the cage."""
         order = defect_order(self.kind, self.rates)
         return np.asarray(self.rates.rolling_element / 2 / order * self.defect_phase(revolutions))
 
     @property
     def numbers(self) -> NDArray[np.int_]:
-        """Numbers of the impacts of interest, (n - 2,)."""
+        """Numbers of the impacts within the interval of interest, (n - 2,)."""
         return self.first_number + 1 + np.arange(self.impacts_rev.size - 2)
 
     def at_impacts(self) -> tuple[Array, Array]:
-        """Return the turns of defect and cage, (n - 2,), at the impacts of interest."""
+        """Return the angles of defect and cage in rev, (n - 2,) each, at the impacts of interest."""
         revolutions, number = self.impacts_rev[1:-1], self.numbers
         return self._spot(revolutions, number), self._cage(revolutions, number)
 
@@ -276,16 +320,17 @@ class BearingImpacts:
     Attributes
     ----------
     revolutions : (n,) array
-        Of the reference shaft, rising.
+        Angle of the reference shaft in rev, increasing.
     weights : (n,) array
         Relative force: 1 in the middle of the load zone.
     cage_turns : (n,) array
-        Rotation of the cage from the middle of the load zone, seen from the carrier of the bearing; element 1 of Z is
-        there at whole turns (for a race defect: the element that strikes, so that 1/Z of a turn is ambiguous).
+        Angle of the cage in rev from the middle of the load zone, seen from the bearing's carrier. Element 1 of Z is
+        there at whole revolutions (for a race defect it is the element that strikes, so the angle is ambiguous by
+        multiples of 1/Z rev).
     rolling : RollingKinematics
         Position of the parts of the bearing at any angle of the reference shaft.
     rate : float
-        True mean rate in the record: intervals over the revolutions they take; NaN below two impacts.
+        True mean impacts per revolution in the record; NaN for fewer than two impacts.
     """
 
     revolutions: Array = field(metadata={"dims": ("impact",), "units": "rev"})
@@ -310,35 +355,40 @@ def bearing_impacts(
 ) -> BearingImpacts:
     """Draw the impacts of a defect, their force and the exact position of the cage.
 
-    A defect of the outer ring is struck by each element that passes, under the load at its place; one of the inner ring
-    likewise, its place rotating with the ring. A defect of an element strikes both races in one revolution of it, under
-    the load at its place in the cage. A broken cage strikes once in its revolution, independent of the load.
+    Each passing element strikes a defect of the outer ring under the load at that position, and one of the inner ring
+    likewise, whose position rotates with the ring. A defect of an element strikes both races once per revolution of
+    the element, under the load at its position. A broken cage strikes once per revolution, whatever the load.
 
     Parameters
     ----------
     kind : {"inner_race", "outer_race", "rolling_element", "cage"}
     rates : BearingOrders
         Orders of the bearing.
-    slip : Slip or alike
+    slip : Slip or SlipModel
     zone : LoadZone
     span_rev : (float, float)
-        First and last revolution of the reference shaft.
+        First and last angle of the reference shaft, in rev.
     rng : numpy.random.Generator
     place_turns : float
-        Place of a defect of the outer ring at revolution zero, in turns from the middle of the load zone, or of one of
-        an inner ring that is at rest in the zone. That of a defect of another inner ring or of an element is drawn.
+        Position at revolution zero, in rev from the middle of the load zone, of a defect of the outer ring or of an
+        inner ring at rest in the zone. For another inner ring or an element it is drawn.
     inner_share : float
-        Force of an impact on the inner race over one on the outer race, both at the housing (rolling element).
+        For a defect of an element: force of an impact on the inner race relative to one on the outer race, both at the
+        housing.
     zone_order : float
-        Order of the load zone's rotation, seen from the carrier of the bearing: 0 under weight or tooth forces, that of
-        the shaft under an imbalance.
+        Order at which the load zone rotates, seen from the bearing's carrier: 0 under weight or tooth forces, that of
+        the shaft under imbalance.
     since_rev : float, optional
-        Revolution from which earlier impacts are drawn too; those within the span do not depend on it.
+        Angle in rev from which impacts before the span are drawn too; those within the span do not depend on it.
+
+    Returns
+    -------
+    BearingImpacts
 
     Raises
     ------
     ValueError
-        An unknown kind, or one that is never struck.
+        If `kind` is unknown or such a defect is never struck.
     """
     order = defect_order(kind, rates)
     initial_turns = rng.random()
@@ -368,7 +418,7 @@ def bearing_impacts(
 
 
 def rests_in_zone(kind: str, rates: "BearingOrders", zone_order: float) -> bool:
-    """Return whether a defect is of an inner ring that does not turn in the load zone, as on the pin of a planet."""
+    """Return whether the defect is on an inner ring at rest in the load zone, such as that on a planet pin."""
     return kind == "inner_race" and abs(rates.inner_ring - zone_order) < _AT_REST
 
 
@@ -381,25 +431,25 @@ def passage_revolutions(
     element_diameter_m: float,
     contact_angle_rad: float = 0.0,
 ) -> float:
-    """Return the rotation of the reference shaft while a contact passes a spall of `size_m`, in revolutions.
+    """Return the rotation of the reference shaft in rev while a contact passes a spall of length `size_m`.
 
-    ``size / (pi D / 2 (1 - (d cos a / D)^2) relative)``: under pure rolling the contact moves over the outer race, the
-    inner race and the element with the same speed, and `relative` is that of the rings in orders. The time from entry
-    to impact is half of it for an element that bridges the spall (Sawalhi and Randall 2011, Mech. Syst. Signal Process.
-    25, 846-870).
+    ``size / (pi D / 2 (1 - (d cos a / D)^2) relative)``: under pure rolling the contact moves at the same speed over
+    outer race, inner race and element; `relative` is the order of one ring relative to the other. For an element that
+    bridges the spall, entry to impact takes half of it (Sawalhi and Randall 2011, Mech. Syst. Signal Process. 25,
+    846-870).
 
     Raises
     ------
     ValueError
-        A spall so long that the next element enters before the last one has left.
+        If the spall is so long that the next element enters before the previous one has left.
     """
     along = element_diameter_m * math.cos(contact_angle_rad) / pitch_diameter_m
-    defect_phase = math.pi * pitch_diameter_m / 2 * (1 - along**2) * rates.relative
-    turned = size_m / defect_phase
+    travel_m = math.pi * pitch_diameter_m / 2 * (1 - along**2) * rates.relative  # of the contact per revolution
+    turned = size_m / travel_m
     soonest = 1 / defect_order(kind, rates)
     if not turned < soonest:
         raise ValueError(
             f'size_m = {size_m:g} takes {turned:g} rev to pass, but {kind} of "{rates.name}" is struck every '
-            f"{soonest:g} rev; keep it below {soonest * defect_phase:g}"
+            f"{soonest:g} rev; keep it below {soonest * travel_m:g}"
         )
     return turned

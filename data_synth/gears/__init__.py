@@ -1,1 +1,1 @@
-"""Gears by themselves: geometry, stiffness, transmission error and friction of the mesh."""
+"""Gear pairs: geometry, mesh stiffness, transmission error and friction."""

@@ -1,4 +1,4 @@
-"""Geometry of a pair of involute gears on parallel axes, and the mesh stiffness that ISO 6336-1 gives it."""
+"""Geometry of a pair of involute gears on parallel axes, and its mesh stiffness by ISO 6336-1."""
 
 import math
 from collections.abc import Iterable
@@ -22,11 +22,16 @@ class GearPair:
     face_width_m : float
         Common face width in m.
     pressure_angle_rad, helix_angle_rad : float
-        Normal pressure angle and helix angle at the reference cylinder, neither signed.
+        Normal pressure angle, below pi/4, and helix angle, below pi/3, at the reference cylinder, both unsigned.
     profile_shift : pair of float
-        Profile shift coefficients, in modules.
+        Profile shift coefficients.
     addendum, dedendum : float
         Of the basic rack, in modules.
+
+    Raises
+    ------
+    ValueError
+        If a length is not positive, an angle is out of range, or the numbers of teeth give no pair.
 
     Examples
     --------
@@ -50,38 +55,40 @@ class GearPair:
         require([("module_m", self.module_m), ("face_width_m", self.face_width_m)])
         if not 0 < self.pressure_angle_rad < math.pi / 4 or not 0 <= self.helix_angle_rad < math.pi / 3:
             raise ValueError(
-                f"pressure_angle_rad = {self.pressure_angle_rad!r} and helix_angle_rad = {self.helix_angle_rad!r} have "
-                "to lie between 0 and pi/4, and between 0 and pi/3."
+                f"pressure_angle_rad = {self.pressure_angle_rad!r} must be above 0 and below pi/4, and helix_angle_rad "
+                f"= {self.helix_angle_rad!r} at least 0 and below pi/3."
             )
         one, two = self.teeth
         if one < 1 or two == 0 or one + two == 0 or -one < two < 0:
             raise ValueError(
-                f"teeth = {self.teeth}: the first gear has teeth outside, the second more of them than the first "
-                "where it is internal (negative)."
+                f"teeth = {self.teeth}: the first gear must be external (positive); an internal second gear (negative) "
+                "must have more teeth than the first."
             )
 
     @cached_property
     def transverse_angle_rad(self) -> float:
-        """Transverse pressure angle at the reference circles."""
+        """Transverse pressure angle at the reference circles, rad."""
         return math.atan(math.tan(self.pressure_angle_rad) / math.cos(self.helix_angle_rad))
 
     @cached_property
     def working_angle_rad(self) -> float:
-        """Transverse working pressure angle: ``inv a_w = inv a_t + 2 tan a_n sum x / sum z``."""
+        """Transverse working pressure angle in rad: ``inv a_w = inv a_t + 2 tan a_n sum x / sum z``."""
         shift, start = sum(self.profile_shift), self.transverse_angle_rad
         if shift == 0:
             return start
         target = _involute(start) + 2 * math.tan(self.pressure_angle_rad) * shift / sum(self.teeth)
         if target <= 0:
-            raise ValueError(f"profile_shift = {self.profile_shift}: gears shifted so have no common pitch point.")
-        angle = math.atan(math.cbrt(3 * target) + target)  # above the root, whence Newton's steps descend
+            raise ValueError(
+                f"profile_shift = {self.profile_shift}: such gears have no common pitch point; increase the sum."
+            )
+        angle = math.atan(math.cbrt(3 * target) + target)  # above the root, from where Newton's method descends
         for _ in range(_MAX_ITERATIONS):
             angle -= (_involute(angle) - target) / math.tan(angle) ** 2
         return angle
 
     @cached_property
     def base_helix_rad(self) -> float:
-        """Helix angle at the base cylinder."""
+        """Helix angle at the base cylinder, rad."""
         return math.asin(math.sin(self.helix_angle_rad) * math.cos(self.pressure_angle_rad))
 
     @cached_property
@@ -126,7 +133,7 @@ class GearPair:
 
     @cached_property
     def path_m(self) -> tuple[float, float]:
-        """Begin and end of contact on the line of action, measured from its tangent point on the first base circle."""
+        """Start and end of contact on the line of action in m from its tangent point on the first base circle."""
         tips = [_tangent(tip, base) for tip, base in zip(self.tip_radii_m, self.base_radii_m, strict=True)]
         between = self.centre_distance_m * math.sin(self.working_angle_rad)
         begin = between - tips[1] if self.teeth[1] > 0 else tips[1] - between
@@ -134,15 +141,14 @@ class GearPair:
 
     @cached_property
     def pitch_point_cycles(self) -> float:
-        """Mesh cycles from where a pair of teeth enters to where it touches at the pitch point."""
+        """Mesh cycles from the entry of a pair of teeth to its contact at the pitch point."""
         pitch_point = self.base_radii_m[0] * math.tan(self.working_angle_rad)
         return (pitch_point - self.path_m[0]) / self.base_pitch_m
 
     def thickness_pitches(self, gear: int) -> float:
-        """Return the thickness of a tooth of gear 0 or 1 on the working pitch circle over the pitch there.
+        """Return tooth thickness over pitch on the working pitch circle of gear 0 or 1, external and without backlash.
 
-        ``1/2 + (2 x tan a_n + z (inv a_t - inv a_w)) / pi``: half of it where no profile is shifted (ISO 21771, 2007).
-        Of a gear with teeth outside, without backlash.
+        ``1/2 + (2 x tan a_n + z (inv a_t - inv a_w)) / pi``: one half without profile shift (ISO 21771:2007).
         """
         grown = 2 * self.profile_shift[gear] * math.tan(self.pressure_angle_rad)
         rolled = _involute(self.transverse_angle_rad) - _involute(self.working_angle_rad)
@@ -150,7 +156,7 @@ class GearPair:
 
     @property
     def least_backlash_m(self) -> float:
-        """Least normal backlash of industrial gears: 2/3 (0.06 mm + 0.0005 a + 0.03 m_n) (ISO/TR 10064-2, 1996)."""
+        """Recommended minimum normal backlash in m: 2/3 (0.06 mm + 0.0005 a + 0.03 m_n) (ISO/TR 10064-2:1996)."""
         return (0.06e-3 + 0.0005 * self.centre_distance_m + 0.03 * self.module_m) * 2 / 3
 
     @property
@@ -171,7 +177,7 @@ class GearPair:
         return (1 + 0.5 * (1.2 - self.dedendum)) * (1 - 0.02 * (20 - angle))
 
     def single_stiffness(self, *, rack_factor: float | None = None) -> float:
-        """Return the single stiffness c' of ISO 6336-1 (2006), method B, for solid steel discs: N/m per metre of face.
+        """Return the single stiffness c' of ISO 6336-1:2006, method B, for solid steel discs, N/m per metre of face.
 
         ``c' = 0.8 C_B cos(beta) / q'`` with ``q' = 0.04723 + 0.15551 / z_n1 + 0.25791 / z_n2 - 0.00635 x1
         - 0.11654 x1 / z_n1 - 0.00193 x2 - 0.24188 x2 / z_n2 + 0.00529 x1^2 + 0.00182 x2^2`` in mm um / N and
@@ -180,7 +186,7 @@ class GearPair:
         Parameters
         ----------
         rack_factor : float or None
-            C_B; that of the basic rack if left out.
+            C_B; None: `rack_factor` of the pair's basic rack.
         """
         x1, x2 = self.profile_shift
         inverse = [math.cos(self.helix_angle_rad) ** 3 / teeth if teeth > 0 else 0.0 for teeth in self.teeth]
@@ -201,8 +207,8 @@ class GearPair:
     def mean_stiffness(self, *, rack_factor: float | None = None) -> float:
         """Return the mean mesh stiffness of ISO 6336-1 along the transverse line of action, N/m.
 
-        ``c_gamma_alpha = c' (0.75 epsilon_alpha + 0.25)`` times the face width. The standard gives it for a load of
-        at least 100 N a mm of face and ``1.2 < epsilon_alpha``.
+        ``c_gamma_alpha = c' (0.75 epsilon_alpha + 0.25)`` times the face width, valid for at least 100 N per mm of
+        face width and ``epsilon_alpha > 1.2``. `rack_factor` is that of `single_stiffness`.
         """
         pairs = 0.75 * self.contact_ratio + 0.25
         return self.single_stiffness(rack_factor=rack_factor) * pairs * self.face_width_m
@@ -214,11 +220,11 @@ def _involute(angle: float) -> float:
 
 
 def _tangent(radius: float, base: float) -> float:
-    """Return the length of the tangent from a radius to the base circle."""
+    """Return the length of the tangent to the base circle from a point at a radius."""
     if radius < base:
         raise ValueError(
-            f"the tip circle, {1e3 * radius:.4g} mm, lies within the base circle, {1e3 * base:.4g} mm, where there is "
-            "no involute; lower the addendum or shift the profile."
+            f"the tip radius, {1e3 * radius:.4g} mm, is below the base radius, {1e3 * base:.4g} mm, where there is no "
+            "involute; lower the addendum or shift the profile."
         )
     return math.sqrt(radius**2 - base**2)
 
@@ -227,4 +233,4 @@ def require(values: Iterable[tuple[str, float]]) -> None:
     """Raise ValueError for the first of some named values that is not a positive finite number."""
     for name, value in values:
         if not (math.isfinite(value) and value > 0):
-            raise ValueError(f"{name} = {value!r} has to be a finite number above 0.")
+            raise ValueError(f"{name} = {value!r} must be a finite number above 0.")

@@ -1,21 +1,21 @@
-"""Contact that a pair of teeth loses where material is gone or a tooth is soft, under a static load.
+"""Load sharing between pairs of teeth under a static load where one has lost material or stiffness.
 
-Pairs in contact share the static force F as springs k_i, each behind its gap g_i, the material gone there:
+Pairs in contact share the static force F as springs k_i, each with a gap g_i equal to the material lost there:
 
     F = sum_i k_i max(0, d - g_i)
 
-so a pair carries only where its gap is less than the deflection d at which the others take all of F. Of the pairs that
-carry, the mesh has the stiffness ``k = sum k_i`` and the transmission error ``e = sum k_i g_i / k``.
-A pair that has lost material over a part of its face is two springs, one of them without a gap. A pair that is alone on
-the path of contact sinks in no further than until a neighbour carries off it, at the tip of one of its teeth: its gap
-there is the separation of the flanks (`separation_m`).
+so a pair carries load only where its gap is less than the deflection d at which the others carry all of F. The loaded
+pairs give the mesh the stiffness ``k = sum k_i`` and the transmission error ``e = sum k_i g_i / k``. A pair that has
+lost material over part of its face is two springs, one of them without a gap. If only one pair is on the path of
+contact, it deflects no further than to the point where a neighbour makes contact off the path, at the tip of a tooth;
+the gap there is the separation of the flanks (`separation_m`).
 
 References
 ----------
 R. W. Munro, L. Morrish, D. Palmer, Gear transmission error outside the normal path of contact due to corner and top
 contact, Proc. IMechE C 213 (1999): contact off the path. A. Flodin, S. Andersson, Simulation of mild wear in spur
-gears, Wear 207 (1997) 16-23: wear by Archard's law, none at the pitch point. The parabola by which a flank sinks into
-a gap between two edges is elementary geometry.
+gears, Wear 207 (1997) 16-23: wear by Archard's law, none at the pitch point. The parabola on which a flank drops into a
+gap between two edges is elementary geometry.
 """
 
 import math
@@ -33,28 +33,29 @@ from data_synth.gears.transmission_error import ProfileError, TransmissionError
 
 _POINTS = 1025  # along the path of contact
 _NEAR_PATH = 1e-3  # base pitches
-_FAR_M = 1.0  # a gap that nothing bridges
-_STEEP = 0.03  # of the whole error, from point to point: there every point is one
+_FAR_M = 1.0  # a gap that no deflection closes
+_STEEP = 0.03  # of the range of the error, between neighbouring points: such points are all knots
 _EDGE = 1e-9  # cycles: either side of the end of contact
 _SLICES = 32  # of a crowned face
-_NEAR_BASE = 0.1  # of the radius of curvature at the pitch point: nearer the base circle sliding has no bound
+_NEAR_BASE = 0.1  # of the radius of curvature at the pitch point: specific sliding is unbounded at the base circle
 
 Gap = Callable[[Array], Array]
-"""Material gone along the line of action in m, `since` (n,) cycles after the pair entered."""
+"""Material lost along the line of action in m, `since` (n,) cycles after the pair entered."""
 
 
 @dataclass(frozen=True, kw_only=True)
 class Shared:
-    """A static force as pairs share it while one of them is damaged.
+    """Result of load sharing while one pair is damaged.
 
     Attributes
     ----------
     pair_n_m : (n,) array
-        Stiffness of the pair, 0 where it carries nothing; of the neighbour off the path that carries in its place.
+        Stiffness in N/m of the pair, 0 where it is unloaded, or of the neighbour that makes contact off the path
+        instead.
     error_m : (n,) array
-        Transmission error e of the pairs that carry.
+        Transmission error e of the loaded pairs, m.
     deflection_m : (n,) array
-        Static deflection d.
+        Static deflection d, m.
     """
 
     pair_n_m: Array = field(metadata={"dims": ("path",), "units": "N/m"})
@@ -70,15 +71,17 @@ class LoadSharing:
     ----------
     gears : GearPair
     pair_compliance : callable
-        Of a healthy pair in m/N, by the cycles (n,) since it entered.
+        Compliance of a healthy pair in m/N as a function of the cycles (n,) since it entered.
     static_n : float
         Static force along the line of action, N.
     most_m : float
-        A pair sinks in no further than this: the backlash, where it is declared.
+        Upper limit of a gap, m: the backlash, where declared.
     teeth : ToothPair or None
-        The teeth, where their stiffness is that of their strain energy; their compliance counts `scale` times.
+        The teeth, where the stiffness follows from their strain energy.
+    scale : float
+        Factor of their compliance.
     modification : FlankModification or None
-        What all pairs have.
+        Flank modification of all pairs.
     """
 
     gears: GearPair
@@ -99,22 +102,22 @@ class LoadSharing:
         others: Gap | None = None,
         others_share: float = 1.0,
     ) -> "Shared":
-        """Return who carries the static force while one pair is damaged.
+        """Return how the pairs share the static force while one of them is damaged.
 
         Parameters
         ----------
         since : (n,) array
-            Cycles since the pair entered.
+            Cycles since the damaged pair entered.
         gap : callable
-            The gap of the pair.
+            Its gap.
         gap_share : float
-            Share of its face that is behind the gap.
+            Share of its face width that has the gap.
         softer : callable or None
-            Compliance that its damage adds, m/N.
+            Compliance added by its damage, m/N.
         others : callable or None
-            The gap of all other pairs; None: they are healthy.
+            Gap of all other pairs; None: they are healthy.
         others_share : float
-            Share of the face on which they are in contact.
+            Share of the face width over which they are in contact.
         """
         at = np.asarray(since, dtype=np.float64)
         healthy, relief = 1 / self.pair_compliance(at), self.relief_m(at)
@@ -129,7 +132,7 @@ class LoadSharing:
             gaps.append(self.relief_m(clipped) + (others(clipped) if others is not None else 0.0))
             alone &= ~on_path
         carrying, error, deflection = self._carried(np.array(springs), np.array(gaps))
-        # a pair that is alone carries all, or a neighbour off the path does, whichever sinks in less
+        # a pair alone on the path carries everything, or a neighbour off the path does, whichever deflects less
         off_path = np.minimum(self.off_path_m(at, others), self.most_m)
         instead = alone & (off_path + self.static_n / (others_share * healthy) < deflection)
         return Shared(
@@ -139,14 +142,14 @@ class LoadSharing:
         )
 
     def relief_m(self, since: Array) -> Array:
-        """Return the tip relief (n,) of a pair; zero without modification."""
+        """Return the tip relief (n,) of a pair in m; zero without modification."""
         return np.zeros(since.shape) if self.modification is None else self.modification.relief_m(self.gears, since)
 
     def _carried(self, springs: Array, gaps: Array) -> tuple[Array, Array, Array]:
-        """Return what carries of the springs (m, n), their error (n,) and the static deflection (n,).
+        """Return the loaded springs (m, n), their transmission error (n,) and the static deflection (n,).
 
-        The force is the largest of ``sum k_i (d - g_i)`` over all sets of springs, so the deflection is the least that
-        any set has: one of the springs with the smallest gaps. Crowned flanks are slices, each with a gap of its own.
+        The force is the maximum of ``sum k_i (d - g_i)`` over all sets of springs, so the deflection is the minimum
+        over all sets, reached by a set of the smallest gaps. Crowned flanks are slices, each with its own gap.
         """
         if self.modification is not None:
             gaps = (gaps + self.modification.slices_m[:, None, None]).reshape(-1, gaps.shape[1])
@@ -164,7 +167,7 @@ class LoadSharing:
         return carrying, error, sunk
 
     def off_path_m(self, since: Array, others: Gap | None = None) -> Array:
-        """Return the gap (n,) of the nearest neighbour off the path of contact."""
+        """Return the gap (n,) in m of the neighbour nearest to contact off the path."""
         ends = np.array([0.0, self.gears.contact_ratio])
         entering, leaving = self.relief_m(ends) + (others(ends) if others is not None else 0.0)
         ahead = np.maximum(since + 1 - self.gears.contact_ratio, 0.0)
@@ -177,22 +180,28 @@ class LoadSharing:
 
 
 def separation_m(gears: GearPair, beyond_cycles: ArrayLike, *, leaving: bool) -> Array:
-    """Return the separation of a pair along the line of action beyond the path of contact: zero on it.
+    """Return the separation of a pair along the line of action beyond the ends of the path of contact.
 
-    The tip of one gear leaves the flank of the other: that of the first where the pair is leaving, that of the second
-    before it enters. At the radius where the tip is, the flank of the other gear is ahead by an angle, and by this
-    angle times its base radius along the line of action.
+    The tip of one gear parts from the flank of the other: that of the first gear after the pair leaves, that of the
+    second before it enters. At the radius of the tip the other flank is ahead by an angle; the separation is this angle
+    times the base radius of that flank's gear.
 
     Parameters
     ----------
     gears : GearPair
     beyond_cycles : (n,) array
-        Cycles after the end of contact, or before its begin.
+        Cycles after the end of contact, or before its start.
     leaving : bool
+        Whether it is the end.
+
+    Returns
+    -------
+    (n,) array
+        m.
 
     Examples
     --------
-    A tenth of a base pitch off the path, teeth of module 3 mm are some micrometres apart:
+    A tenth of a base pitch off the path, teeth of module 3 mm are about 12 um apart:
 
     >>> import math
     >>> from data_synth.gears.geometry import GearPair
@@ -204,19 +213,19 @@ def separation_m(gears: GearPair, beyond_cycles: ArrayLike, *, leaving: bool) ->
     tip, flank = (0, 1) if leaving else (1, 0)
     path = np.asarray(beyond_cycles, dtype=np.float64) * gears.base_pitch_m
     bases, outer = gears.base_radii_m, gears.tip_radii_m[tip]
-    # the centre of the flank's gear, seen from that of the tip's gear towards the pitch point
+    # centre of the flank's gear, from that of the tip's gear towards the pitch point
     centre = gears.centre_distance_m * (-1.0 if gears.teeth[1] < 0 and tip == 0 else 1.0)
     start = abs(math.acos(bases[tip] / outer) - gears.working_angle_rad)
 
     def tip_seen_from_flank(travel: Array) -> tuple[Array, Array]:
-        """Return the angle of the tip about the flank's gear, and the involute angle at its radius."""
+        """Return the angle of the tip about the flank's gear and the involute angle at the tip's radius."""
         turned = start + travel / bases[tip]
         across, along = outer * np.sin(turned), np.abs(centre - outer * np.cos(turned))
         cosine = np.minimum(bases[flank] / np.hypot(across, along), 1.0)
         return np.arctan2(across, along) - travel / bases[flank], np.sqrt(1 / cosine**2 - 1) - np.arccos(cosine)
 
     (turn, roll), (begin, at) = tip_seen_from_flank(path), tip_seen_from_flank(np.zeros(()))
-    # where the tip is beside the path the flank turns with it to the first order, which decides the flank
+    # close to the path the flank rotates with the tip to first order, which tells which flank it is
     (near, rolled) = tip_seen_from_flank(np.asarray(_NEAR_PATH * gears.base_pitch_m))
     sign = 1.0 if abs(near - begin + rolled - at) < abs(near - begin - rolled + at) else -1.0
     return np.asarray(bases[flank] * np.abs(turn - begin + sign * (roll - at)))
@@ -224,17 +233,18 @@ def separation_m(gears: GearPair, beyond_cycles: ArrayLike, *, leaving: bool) ->
 
 @dataclass(frozen=True, kw_only=True)
 class FlankModification:
-    """Tip relief and crowning of all teeth of a pair of gears, by which they differ from involutes.
+    """Tip relief and crowning of all teeth of a pair of gears.
 
     Attributes
     ----------
     relief_tip_m : float
-        Relief of each tip along the line of action, linear from its start: Harris, Proc. IMechE 172 (1958) 87.
+        Relief in m at each tip along the line of action, linear from its start (Harris 1958, Proc. IMechE 172, 87).
     relief_pitches : float or None
-        Base pitches along the path of contact from its start to the tip; None: from the highest point of single-tooth
-        contact on ("long" relief), for which ``F / k`` of a pair leaves the deflection constant under the force F.
+        Length of the relief along the path of contact, in base pitches. None: "long" relief, from the highest point of
+        single-tooth contact to the tip; with a relief of ``F / k`` of a pair it makes the deflection constant under the
+        force F.
     crowning_m : float
-        Relief at both ends of the face, a parabola over it.
+        Relief in m at both ends of the face width, parabolic across it.
     """
 
     relief_tip_m: float = 0.0
@@ -243,21 +253,21 @@ class FlankModification:
 
     @property
     def slices_m(self) -> Array:
-        """Gaps of equal slices of half the face."""
+        """Gaps in m of equal slices of half the face width."""
         return self.crowning_m * ((np.arange(_SLICES) + 0.5) / _SLICES) ** 2
 
     def relief_m(self, gears: GearPair, since: Array) -> Array:
-        """Return the tip relief of a pair (n,), `since` (n,) cycles after it entered."""
+        """Return the tip relief (n,) of a pair in m, `since` (n,) cycles after it entered."""
         ratio = gears.contact_ratio
         length = self.relief_pitches or min(ratio - 1, ratio / 2)
         return np.asarray(self.relief_tip_m * np.maximum(1 - np.minimum(since, ratio - since) / length, 0.0))
 
 
-# ---- Gaps: material gone from the flank of one tooth, by the cycles since its pair entered ---------------------------
+# ---- Gaps: material lost from the flank of one tooth against the cycles since its pair entered -----------------------
 
 
 def _curvature_radii_m(pair: GearPair, since: Array) -> tuple[Array, Array]:
-    """Return the radii of curvature of both flanks in contact, (n,) m each; that of an internal gear is negative."""
+    """Return the radii of curvature of both flanks at contact, (n,) in m; that of an internal gear is negative."""
     on_path = pair.path_m[0] + since * pair.base_pitch_m
     whole = pair.centre_distance_m * math.sin(pair.working_angle_rad)
     second = whole - on_path if pair.teeth[1] > 0 else -(whole + on_path)
@@ -267,11 +277,11 @@ def _curvature_radii_m(pair: GearPair, since: Array) -> tuple[Array, Array]:
 def spall_gap(pair: GearPair, gear: int, *, depth_m: float, length_pitches: float, across: bool = True) -> Gap:
     """Return the gap of a spall in the middle of the path of contact, on the flank of one gear.
 
-    Beside a spall that is narrower than the face the flanks carry on, and its gap is its depth. Into one across the
-    face the mating flank, of relative curvature radius rho, tips over its edges and sinks in by ``(L / 2 - |s|)^2 / (2
-    rho)`` at the distance s from its middle: ``L^2 / (8 rho)`` there, or as deep as it is. The length L on the flank is
-    that on the path of contact times the radius of curvature of the flank over that of the base circle, as the contact
-    moves along it.
+    The flanks carry load beside a spall narrower than the face width, whose gap is its depth. Into a spall across the
+    whole face width, the mating flank, of relative radius of curvature rho, drops over its edges by ``(L / 2 - |s|)^2 /
+    (2 rho)`` at a distance s from the middle, so by ``L^2 / (8 rho)`` in the middle, limited to the depth. The length L
+    on the flank is that on the path of contact times the flank's radius of curvature over the base radius, by which the
+    contact moves faster on the flank.
 
     Parameters
     ----------
@@ -282,7 +292,7 @@ def spall_gap(pair: GearPair, gear: int, *, depth_m: float, length_pitches: floa
     length_pitches : float
         Length along the path of contact, in base pitches.
     across : bool
-        Whether it spans the face.
+        Whether it spans the face width.
     """
     middle = pair.contact_ratio / 2
     own, other = (float(part) for part in _curvature_radii_m(pair, np.array(middle))[:: 1 if gear == 0 else -1])
@@ -297,15 +307,15 @@ def spall_gap(pair: GearPair, gear: int, *, depth_m: float, length_pitches: floa
 
 
 def pitted_share(pair: GearPair, *, length_pitches: float) -> float:
-    """Return the share of the face that a spall of a length spans when it takes 4 % of the active flank.
+    """Return the share of the face width of a spall of given length that covers 4 % of the active flank.
 
-    By so much a case-hardened tooth counts as pitted: FVA information sheet 2/IV (1997), the pitting test.
+    That is the criterion for pitting of case-hardened teeth in the test of FVA information sheet 2/IV (1997).
     """
     return 0.04 * pair.contact_ratio / length_pitches
 
 
 def broken_tip_gap(pair: GearPair, gear: int, *, height_m: float) -> Gap:
-    """Return the gap of a tooth whose tip is gone by a height: none on what is left, without bound above it."""
+    """Return the gap of a tooth with a height broken off its tip: zero on the remaining flank, unbounded beyond."""
     radius = pair.tip_radii_m[gear] - math.copysign(height_m, pair.teeth[gear])
     base, (begin, _) = pair.base_radii_m[gear], pair.path_m
     reach = math.sqrt(max(radius**2 - base**2, 0.0))
@@ -318,12 +328,11 @@ def broken_tip_gap(pair: GearPair, gear: int, *, height_m: float) -> Gap:
 
 
 def wear_gap(pair: GearPair, gear: int, *, depth_m: float) -> Gap:
-    """Return the gap of a worn flank: Archard's depth, zero at the pitch point, its largest value `depth_m`.
+    """Return the gap of a worn flank: Archard's depth, zero at the pitch point and `depth_m` at most.
 
-    A point of a flank that rolls with the speed u against one with the speed v slides by ``2 a |u - v| / u`` in each
-    contact of half width a (Flodin and Andersson 1997); the load that it carries meanwhile is taken as constant, for
-    a worn pair gives load to others. The foot, near the base circle, slides without bound: it is taken to be relieved
-    where the radius of curvature is below a tenth of that at the pitch point.
+    A point of a flank rolling at the speed u against one at v slides by ``2 a |u - v| / u`` in each contact of half
+    width a (Flodin and Andersson 1997). Its load is taken as constant, since a worn pair sheds load to others. Sliding
+    is unbounded at the base circle; below a tenth of the radius of curvature at the pitch point it is limited.
     """
 
     def sliding(since: Array) -> Array:
@@ -338,12 +347,12 @@ def wear_gap(pair: GearPair, gear: int, *, depth_m: float) -> Gap:
     return lambda since: depth_m * sliding(since) / most
 
 
-# ---- What a gap does to the mesh -------------------------------------------------------------------------------------
+# ---- Effect of a gap on the mesh -------------------------------------------------------------------------------------
 
 
 @dataclass(frozen=True, kw_only=True)
 class LostContact:
-    """Damage in one tooth, or alike in all of a gear: what the pair no longer carries, and the transmission error.
+    """Damage to one tooth, or equally to all teeth of a gear: lost load and transmission error.
 
     It is a `data_synth.gears.tooth_compliance.ToothFault`.
 
@@ -352,17 +361,17 @@ class LostContact:
     sharing : LoadSharing
     gap : callable
     gap_share : float
-        Share of the face that is behind the gap.
+        Share of the face width that has the gap.
     face_share : float
-        Share of the face that is in contact; stiffness is proportional.
+        Share of the face width in contact; stiffness is proportional to it.
     others_share : float
-        That of the neighbours.
+        The same for the neighbours.
     added : callable or None
-        Compliance that the pair has more, m/N.
+        Compliance added to the pair, m/N.
     every : bool
         Whether all teeth of the gear are alike.
     modified : bool
-        Whether it is the modification of the flanks itself, by which all pairs differ from involutes.
+        Whether this is the flank modification itself, compared with unmodified involutes.
     """
 
     sharing: LoadSharing
@@ -392,9 +401,9 @@ class LostContact:
 
     @cached_property
     def _path(self) -> tuple[Array, Shared, Shared]:
-        """Return phases (n,) since the pair entered, who carries there, and who would without the fault."""
+        """Return phases (n,) since the pair entered, and load sharing there with and without the fault."""
         ratio = self.sharing.gears.contact_ratio
-        # close to both sides of where a pair enters or leaves, and the load jumps
+        # on either side of where a pair enters or leaves and the load jumps
         ends = [end for whole in range(math.ceil(ratio) + 1) for end in (float(whole), ratio - whole)]
         sides = [end + side for end in ends for side in (-_EDGE, _EDGE)]
         since = np.unique(np.clip([*np.linspace(0, ratio, _POINTS), *sides], 0.0, ratio - _EDGE))
@@ -403,7 +412,7 @@ class LostContact:
 
     @cached_property
     def _changes(self) -> tuple[int, ...]:
-        """Numbers of the points after which the pair gets or loses its load, or it passes between two pairs."""
+        """Indices of the points after which the pair takes up or sheds load."""
         since, *both = self._path
         shares = [shared.pair_n_m * self.sharing.pair_compliance(since) for shared in both]
         return tuple(np.flatnonzero(np.max(np.abs(np.diff(shares)), axis=0) > _STEEP).tolist())
@@ -414,10 +423,10 @@ class LostContact:
         return tuple(float(since[at] + since[at + 1]) / 2 for at in self._changes)
 
     def added_compliance(self, pair: ToothPair, gear: int, phase_cycles: Array) -> Array:
-        """Return the added compliance of the pair, (n,) m/N: inf where it carries nothing."""
+        """Return the added compliance (n,) of the pair in m/N; inf where it is unloaded."""
         since, *both = self._path
         edges = np.array(self.jump_phases(pair, gear))
-        # on either side of a jump that of its own segment
+        # interpolate within the segments between jumps only
         found, segment = np.empty((2, *phase_cycles.shape)), np.searchsorted(edges, phase_cycles, side="right")
         of = np.searchsorted(edges, since, side="right")
         for row, shared in zip(found, both, strict=True):
@@ -427,24 +436,24 @@ class LostContact:
                 row[here] = np.interp(phase_cycles[here], since[known], share[known])
         with np.errstate(divide="ignore", invalid="ignore"):
             more = (1 / found[0] - 1 / found[1]) * self.sharing.pair_compliance(phase_cycles)
-        return np.where(found[1] == 0, 0.0, more)  # a pair without load has nothing to lose
+        return np.where(found[1] == 0, 0.0, more)  # a pair that is unloaded anyway loses nothing
 
     def error(self, *, teeth: int, first: int, stiffness_too: bool) -> "PairError":
-        """Return the transmission error by the gap.
+        """Return the transmission error caused by the gap.
 
         Parameters
         ----------
         teeth : int
-            Of the gear.
+            Number of teeth of the gear.
         first : int
-            Phase at which the tooth enters.
+            Phase at which the tooth enters, cycles.
         stiffness_too : bool
-            Whether the mesh stiffness is without the pair where it carries nothing; else the error has that part of
-            the static deflection as well, as of teeth whose stiffness has another shape.
+            Whether the mesh stiffness itself drops where the pair is unloaded; otherwise the error includes that part
+            of the static deflection.
         """
         since, shared, sound = self._path
         error = shared.error_m - sound.error_m if stiffness_too else shared.deflection_m - sound.deflection_m
-        if self.every:  # in each cycle the pair that entered last stands for all
+        if self.every:  # in each cycle the pair that entered last represents all
             since, error = (part[since < 1] for part in (since, error))
         kept = np.arange(since.size) % 8 == 0  # knots, where it is smooth
         kept[[0, -1]] = True
@@ -458,7 +467,7 @@ class LostContact:
 
 
 def modified_teeth(sharing: LoadSharing | None) -> list[DamagedTooth]:
-    """Return by how much all pairs differ in stiffness from involutes; nothing without modification."""
+    """Return the change of pair stiffness by flank modification as a fault of all teeth; empty without modification."""
     if sharing is None or sharing.modification is None:
         return []
     return [DamagedTooth(gear=0, tooth=None, fault=LostContact(sharing=sharing, every=True, modified=True))]
@@ -467,7 +476,7 @@ def modified_teeth(sharing: LoadSharing | None) -> list[DamagedTooth]:
 def modification_errors(
     sharing: LoadSharing | None, *, stiffness_too: bool, overlap_ratio: float
 ) -> list[TransmissionError]:
-    """Return the transmission errors of modified flanks; of a helical gear the mean over its face, a series."""
+    """Return the transmission errors of modified flanks; for helical gears a series, the mean over the face width."""
     if sharing is None or sharing.modification is None:
         return []
     own = LostContact(sharing=sharing, every=True, modified=True)
@@ -482,17 +491,18 @@ def modification_errors(
 
 @dataclass(frozen=True, kw_only=True)
 class PairError:
-    """A transmission error while one pair of teeth is in contact, linear between knots, zero elsewhere.
+    """Transmission error while one pair of teeth is in contact, linear between knots and zero elsewhere.
 
     Attributes
     ----------
     period : int
-        Cycles after which the pair comes again; 1: all teeth are alike.
+        Period in mesh cycles; 1: all teeth are alike.
     first : int
-        Phase at which the pair enters.
+        Phase at which the pair enters, cycles.
     knots_cycles : (n,) array
-        Cycles since it entered, rising from zero.
+        Cycles since it entered, increasing from zero.
     error_m : (n,) array
+        Error at the knots, m.
     """
 
     period: int
@@ -502,11 +512,11 @@ class PairError:
 
     @property
     def jumps(self) -> tuple[float, ...]:
-        """Phases in [0, period), rising, at which its slope changes."""
+        """Phases in [0, period), increasing, at which its slope changes."""
         return tuple(np.unique(np.remainder(self.knots_cycles + self.first, self.period)).tolist())
 
     def __call__(self, phase_cycles: ArrayLike) -> Array:
-        """Return m at phases in mesh cycles, any shape."""
+        """Return the error in m at phases in mesh cycles, any shape."""
         phase = np.asarray(phase_cycles, dtype=np.float64) - self.first
         total, within = np.zeros_like(phase), np.remainder(phase, self.period)
         right = 0.0 if self.period > 1 else None  # all alike: the next pair takes over
@@ -516,18 +526,18 @@ class PairError:
 
 
 def closed_cycles(rows: tuple[tuple[float, float], ...]) -> tuple[tuple[float, float], ...]:
-    """Return rows of mesh cycles and a measured error; raise ValueError for those that cannot repeat."""
+    """Return rows of mesh cycles and measured error unchanged; raise ValueError if they cannot be periodic."""
     (first, begin), (last, end) = rows[0], rows[-1]
     if first or last < 1 or last % 1 or begin != end:
         raise ValueError(
-            f"goes from {begin:g} at {first:g} to {end:g} at {last:g} cycles; let it begin at 0, and end as it began "
-            "after whole mesh cycles"
+            f"goes from {begin:g} at {first:g} to {end:g} at {last:g} cycles; let it begin at 0 cycles and return to "
+            "its first value after a whole number of them"
         )
     return rows
 
 
 def declared_errors(error_m: float, measured_um: tuple[tuple[float, float], ...] | None) -> list[TransmissionError]:
-    """Return the errors of a mesh: a first harmonic, and a measured one by rows of mesh cycles and um."""
+    """Return the errors of a mesh: a first harmonic of amplitude `error_m`, and rows of mesh cycles and error in um."""
     found: list[TransmissionError] = [ProfileError(harmonics_m=np.array([error_m + 0j]))] if error_m else []
     if measured_um is not None:
         cycles, error_um = np.array(measured_um).T

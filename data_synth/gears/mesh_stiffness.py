@@ -1,8 +1,7 @@
 """Tooth mesh stiffness as a function of the mesh phase.
 
-The phase is in mesh cycles: one cycle from the entry of one pair of teeth to that of the next, whatever time and speed.
-A new pair enters at integer phases. The effect of a damaged tooth has the period of as many cycles as its gear has
-teeth.
+The phase is in mesh cycles: one cycle from the entry of one pair of teeth to that of the next, at any speed. A new pair
+enters at integer phases. The effect of a damaged tooth has a period of as many cycles as its gear has teeth.
 """
 
 from __future__ import annotations
@@ -16,7 +15,7 @@ from numpy.typing import ArrayLike, NDArray
 
 Array = NDArray[np.float64]
 ComplexArray = NDArray[np.complex128]
-_NODES = 24  # of Gauss and Legendre, each third of a harmonic's cycle or each smooth segment
+_NODES = 24  # Gauss-Legendre nodes per third of a harmonic's cycle or smooth segment
 
 
 class Stiffness(Protocol):
@@ -32,15 +31,20 @@ class Stiffness(Protocol):
 
     @property
     def jumps(self) -> tuple[float, ...]:
-        """Phases in [0, period), rising, of its discontinuities."""
+        """Phases in [0, period), increasing, of its discontinuities."""
 
     def __call__(self, phase_cycles: ArrayLike) -> Array:
-        """Return N/m at phases in mesh cycles, any shape."""
+        """Return the stiffness in N/m at phases in mesh cycles, any shape."""
 
 
 @dataclass(frozen=True, kw_only=True)
 class Constant:
     """A constant stiffness, N/m.
+
+    Raises
+    ------
+    ValueError
+        If it is negative or not finite.
 
     Examples
     --------
@@ -57,22 +61,27 @@ class Constant:
         _not_negative(self.mean, "mean")
 
     def __call__(self, phase_cycles: ArrayLike) -> Array:
-        """Return N/m at phases in mesh cycles, any shape."""
+        """Return the stiffness in N/m at phases in mesh cycles, any shape."""
         return np.full(np.shape(phase_cycles), float(self.mean))
 
 
 @dataclass(frozen=True, kw_only=True)
 class Fourier:
-    """A stiffness by its Fourier series, ``mean + Re sum_h harmonics[h - 1] exp(2j pi h phase / period)``.
+    """A stiffness given by a Fourier series: ``mean + Re sum_h harmonics[h - 1] exp(2j pi h phase / period)``.
 
     Attributes
     ----------
     mean : float
         N/m.
     harmonics : (h,) complex array
-        Peak amplitudes with their phases, N/m.
+        Complex peak amplitudes, N/m.
     period : int
         Mesh cycles.
+
+    Raises
+    ------
+    ValueError
+        If `mean` is negative or not finite, or `harmonics` is not a row of finite numbers.
 
     Examples
     --------
@@ -90,10 +99,10 @@ class Fourier:
     def __post_init__(self) -> None:
         _not_negative(self.mean, "mean")
         if np.ndim(self.harmonics) != 1 or not np.all(np.isfinite(self.harmonics)):
-            raise ValueError(f"harmonics of shape {np.shape(self.harmonics)} have to be finite numbers in one row.")
+            raise ValueError(f"harmonics, of shape {np.shape(self.harmonics)}, must be a row of finite numbers.")
 
     def __call__(self, phase_cycles: ArrayLike) -> Array:
-        """Return N/m at phases in mesh cycles, any shape."""
+        """Return the stiffness in N/m at phases in mesh cycles, any shape."""
         turn = np.exp(2j * np.pi / self.period * np.asarray(phase_cycles, dtype=np.float64))
         total = np.zeros_like(turn)
         for value in self.harmonics[::-1]:
@@ -110,7 +119,12 @@ class Rectangular:
     low, high : float
         N/m.
     duty : float
-        Part of the cycle at `high`, above 0 and below 1.
+        Fraction of the cycle at `high`, above 0 and below 1.
+
+    Raises
+    ------
+    ValueError
+        If a value is out of range.
 
     Examples
     --------
@@ -134,14 +148,14 @@ class Rectangular:
 
     @classmethod
     def by_contact_ratio(cls, *, pair_stiffness: float, contact_ratio: float) -> Rectangular:
-        """Return the stiffness of equal tooth pairs: ``ceil(ratio)`` for the first ``ratio % 1``, then one less.
+        """Return the stiffness of equal tooth pairs: ``ceil(ratio)`` pairs for ``ratio % 1`` cycles, then one fewer.
 
         Parameters
         ----------
         pair_stiffness : float
-            Of one pair of teeth, N/m.
+            Stiffness of one pair of teeth, N/m.
         contact_ratio : float
-            Transverse contact ratio, not whole.
+            Transverse contact ratio, not a whole number.
         """
         pairs = math.floor(contact_ratio)
         return cls(low=pairs * pair_stiffness, high=(pairs + 1) * pair_stiffness, duty=contact_ratio - pairs)
@@ -153,27 +167,32 @@ class Rectangular:
 
     @property
     def jumps(self) -> tuple[float, ...]:
-        """Where the stiff part begins and ends."""
+        """Phases at which the stiff part begins and ends."""
         return (0.0, self.duty)
 
     def __call__(self, phase_cycles: ArrayLike) -> Array:
-        """Return N/m at phases in mesh cycles, any shape."""
+        """Return the stiffness in N/m at phases in mesh cycles, any shape."""
         phase = np.remainder(np.asarray(phase_cycles, dtype=np.float64), 1.0)
         return np.where(phase < self.duty, float(self.high), float(self.low))
 
 
 @dataclass(frozen=True, kw_only=True)
 class Trapezoidal:
-    """A trapezoidal wave: as `Rectangular`, with linear rise and fall.
+    """A trapezoidal wave: `Rectangular` with linear rise and fall.
 
     Attributes
     ----------
     low, high : float
         N/m.
     duty : float
-        Part of the cycle between the middles of the rise and the fall; phase 0 is the beginning of the rise.
+        Fraction of the cycle between the middles of rise and fall; the rise starts at phase 0.
     ramp : float
-        Length of rise and of fall in cycles, no longer than ``duty`` and ``1 - duty``.
+        Length of the rise and of the fall in cycles, at most ``duty`` and ``1 - duty``.
+
+    Raises
+    ------
+    ValueError
+        If a value is out of range.
 
     Examples
     --------
@@ -196,13 +215,13 @@ class Trapezoidal:
         _share(self.duty, "duty")
         if not 0 < self.ramp <= min(self.duty, 1 - self.duty):
             raise ValueError(
-                f"ramp = {self.ramp!r} has to be above 0 and no more than {min(self.duty, 1 - self.duty):g}, the "
-                "shorter of duty and 1 - duty; for no ramp use Rectangular."
+                f"ramp = {self.ramp!r} must be above 0 and at most {min(self.duty, 1 - self.duty):g}, the smaller of "
+                "duty and 1 - duty; without ramps use Rectangular."
             )
 
     @classmethod
     def by_contact_ratio(cls, *, pair_stiffness: float, contact_ratio: float, ramp: float) -> Trapezoidal:
-        """Return the stiffness of equal tooth pairs, as `Rectangular.by_contact_ratio`, with ramps."""
+        """Return the stiffness of equal tooth pairs as `Rectangular.by_contact_ratio` does, with ramps."""
         pairs = math.floor(contact_ratio)
         duty = contact_ratio - pairs
         return cls(low=pairs * pair_stiffness, high=(pairs + 1) * pair_stiffness, duty=duty, ramp=ramp)
@@ -218,7 +237,7 @@ class Trapezoidal:
         return (0.0, self.ramp, self.duty, self.duty + self.ramp)
 
     def __call__(self, phase_cycles: ArrayLike) -> Array:
-        """Return N/m at phases in mesh cycles, any shape."""
+        """Return the stiffness in N/m at phases in mesh cycles, any shape."""
         phase = np.remainder(np.asarray(phase_cycles, dtype=np.float64), 1.0)
         knots = [*self.corners, 1.0]
         return np.interp(phase, knots, [self.low, self.high, self.high, self.low, self.low])
@@ -226,7 +245,7 @@ class Trapezoidal:
 
 @dataclass(frozen=True, kw_only=True)
 class Shifted:
-    """A stiffness shifted in phase, ``of(phase + by_cycles)``, as the meshes of planets are to each other.
+    """A stiffness shifted in phase, ``of(phase + by_cycles)``, like the meshes of one planet relative to another.
 
     Examples
     --------
@@ -251,7 +270,7 @@ class Shifted:
 
     @property
     def jumps(self) -> tuple[float, ...]:
-        """Phases in [0, period), rising, at which it jumps."""
+        """Phases in [0, period), increasing, at which it jumps."""
         return tuple(sorted((jump - self.by_cycles) % self.period for jump in self.of.jumps))
 
     @property
@@ -260,20 +279,21 @@ class Shifted:
         return tuple(sorted((corner - self.by_cycles) % self.period for corner in getattr(self.of, "corners", ())))
 
     def __call__(self, phase_cycles: ArrayLike) -> Array:
-        """Return N/m at phases in mesh cycles, any shape."""
+        """Return the stiffness in N/m at phases in mesh cycles, any shape."""
         return self.of(np.asarray(phase_cycles, dtype=np.float64) + self.by_cycles)
 
 
 def fourier_series(stiffness: Stiffness, *, harmonics: int) -> Fourier:
     """Return the first terms of the Fourier series of a stiffness.
 
-    Gauss-Legendre quadrature between its discontinuities and corners, so to rounding where it is smooth between them.
+    Gauss-Legendre quadrature between discontinuities and corners makes them exact to rounding where the stiffness is
+    smooth in between.
 
     Parameters
     ----------
     stiffness : Stiffness
     harmonics : int
-        Number of terms, of the period of the stiffness.
+        Number of terms; the fundamental has the period of the stiffness.
 
     Returns
     -------
@@ -286,7 +306,7 @@ def fourier_series(stiffness: Stiffness, *, harmonics: int) -> Fourier:
 
     Examples
     --------
-    Line h of a rectangle of the duty d has the amplitude ``2 sin(pi h d) / (pi h)`` of its step:
+    Harmonic h of a rectangular wave of duty d has an amplitude of ``2 sin(pi h d) / (pi h)`` times the step:
 
     >>> import numpy as np
     >>> from data_synth.dynamics import Rectangular, fourier_series
@@ -295,7 +315,7 @@ def fourier_series(stiffness: Stiffness, *, harmonics: int) -> Fourier:
     [0.6366, 0.0, 0.2122]
     """
     if harmonics < 1:
-        raise ValueError(f"harmonics = {harmonics!r}: a series has at least 1.")
+        raise ValueError(f"harmonics = {harmonics!r} must be at least 1.")
     phases, weights = quadrature(stiffness, harmonics=harmonics)
     values = weights * stiffness(phases) / stiffness.period
     orders = np.arange(1, harmonics + 1)
@@ -316,11 +336,11 @@ def quadrature(stiffness: Stiffness, *, harmonics: int = 1) -> tuple[Array, Arra
 
 def _not_negative(value: float, name: str) -> None:
     if not (math.isfinite(value) and value >= 0):
-        raise ValueError(f"{name} = {value!r} N/m has to be a finite number of at least 0.")
+        raise ValueError(f"{name} = {value!r} N/m must be a finite number, 0 or more.")
 
 
 def _share(value: float, name: str) -> None:
     if not 0 < value < 1:
         raise ValueError(
-            f"{name} = {value!r} has to lie between 0 and 1; for a stiffness that does not change use Constant."
+            f"{name} = {value!r} must be above 0 and below 1; for a stiffness that does not vary use Constant."
         )

@@ -1,4 +1,4 @@
-"""Flank tolerances of ISO 1328-1:2013, and gears whose teeth have the run-out and pitch deviations of a grade."""
+"""Flank tolerances of ISO 1328-1:2013, and random pitch deviations of given run-out and single pitch deviation."""
 
 import math
 
@@ -24,7 +24,7 @@ def single_pitch_tolerance_m(*, diameter_m: float, module_m: float, grade: int) 
     Raises
     ------
     ValueError
-        Outside of the standard: grades 1 to 11, d from 5 to 15,000 mm, m_n from 0.5 to 70 mm.
+        If a value is outside the range of the standard: A 1 to 11, d 5 to 15,000 mm, m_n 0.5 to 70 mm.
 
     Examples
     --------
@@ -66,18 +66,24 @@ def runout_tolerance_m(*, diameter_m: float, module_m: float, grade: int) -> flo
 def cumulative_pitch_m(*, teeth: int, runout_m: float, single_pitch_m: float, rng: np.random.Generator) -> Array:
     """Draw the cumulative pitch deviation of each tooth along the pitch circle, (teeth,) in m, zero on average.
 
-    Its first harmonic is that of an eccentric gear, half the run-out; the rest is a random scatter of each tooth, of
-    such size that the largest difference between neighbours is the single pitch deviation; none, where the eccentricity
-    alone has as much.
+    Its first harmonic, of half the run-out in amplitude, is that of an eccentric gear. Random scatter from tooth to
+    tooth is added until the largest difference between neighbours equals the single pitch deviation; none is added
+    where eccentricity alone exceeds it.
 
     Parameters
     ----------
     teeth : int
+        Number of teeth.
     runout_m : float
-        Radial run-out, from peak to peak: twice the eccentricity.
+        Radial run-out, peak to peak: twice the eccentricity.
     single_pitch_m : float
         Largest absolute single pitch deviation.
     rng : numpy.random.Generator
+
+    Returns
+    -------
+    (teeth,) array
+        m.
 
     Examples
     --------
@@ -96,7 +102,7 @@ def cumulative_pitch_m(*, teeth: int, runout_m: float, single_pitch_m: float, rn
 
     own, more = (each - np.roll(each, 1) for each in (eccentric, scatter))
     size = 0.0
-    if np.any(more) and np.max(np.abs(own)) < single_pitch_m:  # the first pitch that gets there as the scatter grows
+    if np.any(more) and np.max(np.abs(own)) < single_pitch_m:  # scatter at which the first pitch reaches it
         rising = more[more != 0]
         size = float(np.min((np.copysign(single_pitch_m, rising) - own[more != 0]) / rising))
     return np.asarray(eccentric + size * scatter)
@@ -113,4 +119,4 @@ def _check(diameter_m: float, module_m: float, grade: int) -> None:
         ("module", 1e3 * module_m, _MODULE_MM, " mm"),
     ):
         if not low <= value * (1 + 1e-12) or value > high * (1 + 1e-12):
-            raise ValueError(f"{name} = {value:g}{unit}: ISO 1328-1:2013 has {low:g} to {high:g}{unit}.")
+            raise ValueError(f"{name} = {value:g}{unit}: ISO 1328-1:2013 covers {low:g} to {high:g}{unit} only.")

@@ -1,4 +1,4 @@
-"""A crack through the root of a tooth, and by how much it makes the tooth softer."""
+"""A crack in the root of a tooth, and the compliance that it adds."""
 
 import math
 from dataclasses import dataclass
@@ -14,24 +14,24 @@ _ROOT_TANGENT = math.radians(30)  # the critical section of ISO 6336-3
 
 @dataclass(frozen=True, kw_only=True)
 class RootCrack:
-    """A crack through the whole face, from the fillet of the loaded flank into the tooth.
+    """A crack across the whole face width, from the fillet of the loaded flank into the tooth.
 
-    It starts where the fillet's tangent is at 30 degrees to the centre line of the tooth. By the model `dead_zone`
-    material between the surface and a line through the crack tip, parallel to the centre line, carries neither bending
-    nor shear (Wu, Zuo and Parey 2008, J. Sound Vib. 317; Chaari, Fakhfakh and Haddar 2009, Eur. J. Mech. A 28);
-    compression closes the crack. By `fracture_mechanics` the section at the crack tip, of thickness b, turns by
+    It starts where the tangent to the fillet is at 30 degrees to the centre line of the tooth. In the model
+    `dead_zone`, material between the surface and a line through the crack tip parallel to the centre line carries
+    neither bending nor shear (Wu, Zuo and Parey 2008, J. Sound Vib. 317; Chaari, Fakhfakh and Haddar 2009, Eur. J.
+    Mech. A 28); compression closes the crack. In `fracture_mechanics` the crack adds a rotation of
 
         theta = 24 M S(a / b) / (E' b^2 W),  E' = E / (1 - nu^2)
 
-    more under the moment M, as one with an edge crack of the depth a, that of the tip, does over a face W in pure
-    bending (Tada, Paris and Irwin, The Stress Analysis of Cracks Handbook).
+    under a moment M at the section of thickness b and face width W, like an edge crack of depth a in pure bending
+    (Tada, Paris and Irwin, The Stress Analysis of Cracks Handbook).
 
     Attributes
     ----------
     depth_m : float
-        Length of the crack.
+        Length of the crack, m.
     angle_rad : float
-        Between the crack and the centre line of the tooth.
+        Angle between the crack and the centre line of the tooth, rad.
     model : str
         ``"dead_zone"`` or ``"fracture_mechanics"``.
     """
@@ -41,7 +41,7 @@ class RootCrack:
     model: str = "dead_zone"
 
     def added_compliance(self, pair: ToothPair, gear: int, phase_cycles: Array) -> Array:
-        """Return the added compliance of a pair, (n,) m/N."""
+        """Return the added compliance (n,) of a pair in m/N."""
         tooth = pair.teeth[gear]
         angles = pair.angles_rad(phase_cycles)[gear]
         if self.model == "fracture_mechanics":
@@ -53,7 +53,7 @@ class RootCrack:
         return ()
 
     def _hinge(self, tooth: Tooth) -> float:
-        """Return the rotation of the cracked section for a moment of 1 N m, rad."""
+        """Return the added rotation of the cracked section in rad per N m."""
         thickness = 2 * _critical_section(tooth)[0]
         share = self.depth_m * math.sin(self.angle_rad) / thickness
         shape = (share / (1 - share)) ** 2 * np.polyval([13.12, -35.84, 37.14, -19.69, 5.93], share)
@@ -66,15 +66,15 @@ class RootCrack:
         Raises
         ------
         ValueError
-            A crack through the tooth.
+            If the crack length is negative or the crack severs the tooth.
         """
         half, height = _critical_section(tooth)
         remaining = half - self.depth_m * math.sin(self.angle_rad)
         tip = height - self.depth_m * math.cos(self.angle_rad)
         if self.depth_m < 0 or remaining <= -half:
             raise ValueError(
-                f"{1e3 * self.depth_m:.6g} mm at {math.degrees(self.angle_rad):.3g} degrees leave nothing of a tooth "
-                f"{2e3 * half:.4g} mm thick; make it smaller, or let the tooth be missing"
+                f"a crack of {1e3 * self.depth_m:.6g} mm at {math.degrees(self.angle_rad):.3g} degrees leaves nothing "
+                f"of a tooth {2e3 * half:.4g} mm thick; make it shorter, or declare a missing tooth"
             )
 
         return CrackedSection(remaining_m=remaining, tip_m=tip)
@@ -86,7 +86,7 @@ def _critical_section(tooth: Tooth) -> tuple[float, float]:
     for _ in range(_BISECTIONS):
         middle = (low + high) / 2
         turn = (tooth._rack_tip[1] / math.tan(middle) + tooth._rack_tip[2]) / tooth.radius_m  # noqa: SLF001
-        # the rack's tip leans by `middle` in space, and the tooth has turned by `turn` meanwhile
+        # the tangent is at `middle` in space, and the tooth has rotated by `turn`
         low, high = (middle, high) if middle - turn < _ROOT_TANGENT else (low, middle)
     half, height, _ = tooth.fillet_at(np.array(low))
     return float(half), float(height)

@@ -1,6 +1,6 @@
-"""Transmission errors: departure of a rigid, unloaded mesh from conjugate motion, along its line of action.
+"""Transmission errors: departure of a rigid, unloaded mesh from conjugate motion along its line of action.
 
-An error e(phase) is subtracted from the deflection of a mesh. Phases are in mesh cycles; the error of a gear has the
+An error e(phase) is subtracted from the deflection of a mesh. Phases are in mesh cycles; the error of a gear has a
 period of as many cycles as it has teeth.
 """
 
@@ -28,14 +28,14 @@ class TransmissionError(Protocol):
         """Mesh cycles after which it repeats."""
 
     def __call__(self, phase_cycles: ArrayLike) -> Array:
-        """Return m at phases in mesh cycles, any shape."""
+        """Return the error in m at phases in mesh cycles, any shape."""
 
 
 @dataclass(frozen=True, kw_only=True)
 class ProfileError:
-    """An error that all teeth of a gear have alike (relief, wear, pressure angle): harmonics of the mesh.
+    """An error common to all teeth of a gear (relief, wear, pressure angle), given by its mesh harmonics.
 
-    ``e = Re sum_h harmonics_m[h - 1] exp(2j pi h phase)``.
+    ``e = Re sum_h harmonics_m[h - 1] exp(2j pi h phase)``, with `harmonics_m` (h,) complex in m.
 
     Examples
     --------
@@ -49,7 +49,7 @@ class ProfileError:
     period: int = field(default=1, init=False)
 
     def __call__(self, phase_cycles: ArrayLike) -> Array:
-        """Return m at phases in mesh cycles, any shape."""
+        """Return the error in m at phases in mesh cycles, any shape."""
         turn = np.exp(2j * np.pi * np.asarray(phase_cycles, dtype=np.float64))
         total = np.zeros_like(turn)
         for value in np.asarray(self.harmonics_m)[::-1]:
@@ -66,8 +66,19 @@ class PitchError:
     teeth_m : (z,) array
         Cumulative pitch error of each tooth along the line of action, m; tooth j enters at phase j.
     handover : float
-        Part of the cycle, after a pair enters, over which the error passes from one tooth to the next: ``contact ratio
-        - 1`` for fewer than two pairs. 0: at once.
+        Fraction of the cycle, from the entry of a pair, over which the error passes linearly from one tooth to the
+        next, 0 to 1: ``contact ratio - 1`` for contact ratios below 2. 0: it jumps.
+
+    Raises
+    ------
+    ValueError
+        If `handover` is out of range.
+
+    Examples
+    --------
+    >>> from data_synth.dynamics import PitchError
+    >>> (1e6 * PitchError(teeth_m=[0.0, 4e-6, 0.0], handover=0.5)([1.25, 1.75])).round(9).tolist()
+    [2.0, 4.0]
     """
 
     teeth_m: Array = field(metadata={"dims": ("tooth",), "units": "m"})
@@ -75,7 +86,7 @@ class PitchError:
 
     def __post_init__(self) -> None:
         if not 0 <= self.handover <= 1:
-            raise ValueError(f"handover = {self.handover!r} cycles has to lie between 0 and 1.")
+            raise ValueError(f"handover = {self.handover!r} cycles must be between 0 and 1.")
 
     @property
     def period(self) -> int:
@@ -84,12 +95,12 @@ class PitchError:
 
     @property
     def jumps(self) -> tuple[float, ...]:
-        """Phases at which it jumps or bends: the ends of each passage to a tooth of another error."""
+        """Phases at which it or its slope jumps: the ends of each transition to a tooth with a different error."""
         differing = np.flatnonzero(np.asarray(self.teeth_m) != np.roll(self.teeth_m, 1)).astype(np.float64)
         return tuple(np.unique(np.remainder([differing, differing + self.handover], self.period)).tolist())
 
     def __call__(self, phase_cycles: ArrayLike) -> Array:
-        """Return m at phases in mesh cycles, any shape."""
+        """Return the error in m at phases in mesh cycles, any shape."""
         phase, teeth = np.asarray(phase_cycles, dtype=np.float64), np.asarray(self.teeth_m, dtype=np.float64)
         whole = np.floor(phase)
         tooth = whole.astype(np.int64) % teeth.size
@@ -99,10 +110,16 @@ class PitchError:
 
 @dataclass(frozen=True, kw_only=True)
 class Eccentricity:
-    """Eccentricity of a gear: ``e = eccentricity sin(2 pi phase / teeth + phase_rad)``.
+    """Eccentricity of a gear: ``e = eccentricity_m sin(2 pi phase / teeth + phase_rad)``.
 
-    Along the line of action a displaced base circle moves by the component of the displacement along it, so the
-    amplitude is the eccentricity itself.
+    The error is the component of the base circle's displacement along the line of action, so its amplitude is the
+    eccentricity itself.
+
+    Examples
+    --------
+    >>> from data_synth.dynamics import Eccentricity
+    >>> (1e6 * Eccentricity(teeth=20, eccentricity_m=10e-6)([0, 5, 10])).round(9).tolist()
+    [0.0, 10.0, 0.0]
     """
 
     teeth: int
@@ -115,14 +132,20 @@ class Eccentricity:
         return self.teeth
 
     def __call__(self, phase_cycles: ArrayLike) -> Array:
-        """Return m at phases in mesh cycles, any shape."""
+        """Return the error in m at phases in mesh cycles, any shape."""
         turn = 2 * np.pi / self.teeth * np.asarray(phase_cycles, dtype=np.float64) + self.phase_rad
         return np.asarray(self.eccentricity_m * np.sin(turn))
 
 
 @dataclass(frozen=True, kw_only=True)
 class SumOfErrors:
-    """Sum of several errors, of either gear, each shifted by its own number of cycles if `by_cycles` is given."""
+    """Sum of several errors of either gear, ``sum part(phase + by)``, with one shift per part if `by_cycles` is given.
+
+    Raises
+    ------
+    ValueError
+        If `by_cycles` and `parts` differ in length.
+    """
 
     parts: tuple[TransmissionError, ...]
     by_cycles: tuple[float, ...] | None = None
@@ -130,7 +153,7 @@ class SumOfErrors:
     def __post_init__(self) -> None:
         if self.by_cycles is not None and len(self.by_cycles) != len(self.parts):
             raise ValueError(
-                f"by_cycles has {len(self.by_cycles)} values for {len(self.parts)} parts; give one each, or none."
+                f"by_cycles has {len(self.by_cycles)} values for {len(self.parts)} parts; give one per part, or None."
             )
 
     @property
@@ -150,7 +173,7 @@ class SumOfErrors:
         return tuple(every[apart & (every < period - _NEAR)].tolist())
 
     def __call__(self, phase_cycles: ArrayLike) -> Array:
-        """Return m at phases in mesh cycles, any shape."""
+        """Return the error in m at phases in mesh cycles, any shape."""
         phase = np.asarray(phase_cycles, dtype=np.float64)
         shifts = self.by_cycles or (0.0,) * len(self.parts)
         return np.asarray(

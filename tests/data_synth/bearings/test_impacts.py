@@ -187,9 +187,9 @@ def test_a_spall_is_passed_at_the_speed_of_the_contact():
     ("make", "sentence"),
     [
         (lambda: Slip(slip_std=0.3), "slip_std = 0.3"),
-        (lambda: Slip(mean_slip=1.0), "at 1 nothing rolls"),
+        (lambda: Slip(mean_slip=1.0), "mean_slip = 1 must be below 1"),
         (lambda: LoadZone(half_angle_rad=4.0), "half_angle_rad = 4"),
-        (lambda: strikes("ball"), 'kind = "ball" is no bearing fault'),
+        (lambda: strikes("ball"), 'kind = "ball" is not a bearing fault'),
         (lambda: strikes("outer_race", rates=rates(inner=0.0)), "is never struck"),
     ],
 )

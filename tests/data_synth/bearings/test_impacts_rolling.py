@@ -227,10 +227,10 @@ def test_an_impact_may_press_as_long_as_a_share_of_the_spall_is_passed():
 @pytest.mark.parametrize(
     ("change", "sentence"),
     [
-        (fault("cage", place_deg=10.0), "place_deg is a matter of inner_race and outer_race, not of cage"),
-        (fault("outer_race", inner_share=0.5), "inner_share is a matter of rolling_element"),
-        (fault("cage", entry_share=-0.5), "entry_share is a matter of inner_race and outer_race, not of cage"),
-        (fault("cage", load_distribution=0.4), "load_distribution is a matter of inner_race, outer_race and"),
+        (fault("cage", place_deg=10.0), "place_deg applies to inner_race and outer_race, not to cage"),
+        (fault("outer_race", inner_share=0.5), "inner_share applies to rolling_element"),
+        (fault("cage", entry_share=-0.5), "entry_share applies to inner_race and outer_race, not to cage"),
+        (fault("cage", load_distribution=0.4), "load_distribution applies to inner_race, outer_race and"),
         (fault("outer_race", load_turns_with="output shaft"), 'load_turns_with names "output shaft"; did you mean'),
     ],
 )
@@ -240,7 +240,7 @@ def test_what_makes_no_sense_is_refused(change, sentence):
 
 
 def test_a_spall_needs_room_and_a_geometry():
-    with pytest.raises(SceneError, match=r"40 mm reach from one contact to the next, 17\.2 mm on"):
+    with pytest.raises(SceneError, match=r"40 mm extends to the next contact, 17\.2 mm away"):
         made(fault("outer_race", entry_share=-0.5, size_mm=40.0))
     gearbox = Scene.from_mapping(SCENE).gearbox.model_dump(mode="json", by_alias=True, exclude_none=True)
     for bearing in gearbox["bearing"]:
@@ -288,5 +288,5 @@ def test_an_inner_race_at_rest_is_struck_where_it_is_placed():
 
 
 def test_the_place_of_an_inner_race_that_turns_is_refused():
-    with pytest.raises(SceneError, match="is the place of a ring at rest in its load zone, and the inner ring of"):
+    with pytest.raises(SceneError, match="applies to a ring at rest in its load zone, but the inner ring of"):
         made(fault("inner_race", place_deg=30.0))

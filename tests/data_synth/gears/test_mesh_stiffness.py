@@ -131,8 +131,8 @@ class TestShapes:
         ("build", "words"),
         [
             (lambda: Constant(mean=math.nan), "mean = nan"),
-            (lambda: Rectangular(low=1, high=2, duty=1.0), "duty = 1.0 has to lie between"),
-            (lambda: Trapezoidal(low=1, high=2, duty=0.3, ramp=0.4), "no more than 0.3"),
+            (lambda: Rectangular(low=1, high=2, duty=1.0), "duty = 1.0 must be above 0 and below 1"),
+            (lambda: Trapezoidal(low=1, high=2, duty=0.3, ramp=0.4), "at most 0.3"),
             (lambda: Fourier(mean=1, harmonics=np.array([np.inf])), "finite numbers"),
         ],
     )
@@ -212,7 +212,7 @@ class TestGeometry:
         shifted = GearPair(
             teeth=(20, 30), module_m=1e-3, face_width_m=0.01, pressure_angle_rad=ALPHA, profile_shift=(-1, -2)
         )
-        with pytest.raises(ValueError, match="more of them than the first"):
+        with pytest.raises(ValueError, match="must have more teeth than the first"):
             GearPair(teeth=(40, -30), module_m=1e-3, face_width_m=0.01, pressure_angle_rad=ALPHA)
         with pytest.raises(ValueError, match="no common pitch point"):
             shifted.working_angle_rad  # noqa: B018
@@ -418,7 +418,7 @@ class TestFaults:
     def test_what_the_teeth_do_not_have_is_refused(self):
         with pytest.raises(ValueError, match="tooth = 31"):
             damaged(RootCrack(depth_m=1e-3, angle_rad=1.5), tooth=31)
-        with pytest.raises(ValueError, match="leave nothing of a tooth"):
+        with pytest.raises(ValueError, match="leaves nothing of a tooth"):
             damaged(RootCrack(depth_m=6e-3, angle_rad=1.5))
 
 

@@ -32,9 +32,9 @@ def test_tolerances_by_the_formulas(diameter_mm, module_mm, grade, single, cumul
 @pytest.mark.parametrize(
     ("changes", "sentence"),
     [
-        ({"grade": 12}, "grade = 12: ISO 1328-1:2013 has 1 to 11"),
-        ({"diameter_m": 4e-3}, "diameter = 4 mm: ISO 1328-1:2013 has 5 to 15000 mm"),
-        ({"module_m": 0.08}, "module = 80 mm: ISO 1328-1:2013 has 0.5 to 70 mm"),
+        ({"grade": 12}, "grade = 12: ISO 1328-1:2013 covers 1 to 11"),
+        ({"diameter_m": 4e-3}, "diameter = 4 mm: ISO 1328-1:2013 covers 5 to 15000 mm"),
+        ({"module_m": 0.08}, "module = 80 mm: ISO 1328-1:2013 covers 0.5 to 70 mm"),
     ],
 )
 def test_what_the_standard_lacks_is_refused(changes, sentence):
