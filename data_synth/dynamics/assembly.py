@@ -1,19 +1,19 @@
 """From a declared gearbox to its equations of motion.
 
-Teeth, axes and geometry come from `hums.gearbox.model.Gearbox`; masses and stiffnesses that are not given have these
-defaults, all of steel and none of them more than a first guess:
+Teeth, axes and geometry come from `hums.gearbox.model.Gearbox`. Masses and stiffnesses that are not given have the
+following defaults, for steel, which are first estimates only:
 
-- A gear is a solid disc of its reference circle (of a bevel that of its middle) and face width, an internal gear a rim
-  of 4 modules outside it, a carrier a solid disc through the centres of its planets, as thick as they are. All that is
-  on one link adds up to one body.
-- A link has supports of 1e8 N/m radially and axially and 1e5 N m/rad against tilt, one for each bearing of the
-  gearbox that names it, else one in its centre: the order of magnitude that Chaari's gear pair and the planetary set of
-  Lin and Parker (1999) have. Its rotation is free.
-- Bearings hold links on a rigid frame.
+- A gear is a solid disc with the radius of its reference circle (for a bevel gear that at mid-face) and its face width,
+  an internal gear a rim 4 modules thick outside that circle, a carrier a solid disc through the centres of its planets,
+  as wide as they are. Everything on one link forms one body.
+- A link has supports of 1e8 N/m radially and axially and 1e5 N m/rad in tilt, one for each bearing of the gearbox that
+  names it, or else one at its centre: the order of magnitude in Chaari's gear pair and the planetary set of Lin and
+  Parker (1999). Its rotation is free.
+- Bearings connect links to a rigid frame.
 - A mesh has the constant mean stiffness of ISO 6336-1, a bevel mesh that of its virtual spur gears.
 
-Bevel gears are in contact in the middle of their face, on the line where their pitch cones touch; their axes cross, so
-their bodies need motions in space.
+Bevel gears are in contact at mid-face, on the line of contact of their pitch cones; since their axes intersect, their
+bodies need motions in space.
 """
 
 from __future__ import annotations
@@ -69,7 +69,7 @@ _MM = 1e-3
 
 
 def bodies(parts: Parts) -> Iterator[Body]:
-    """Yield every moving body with its given inertia, or that of steel discs, the pieces of a body in a row."""
+    """Yield every moving body with its given inertia or that of steel discs; pieces of one body follow each other."""
     reference_speed = parts.reference_speed()
     for name in [*parts.kinematics.joints, *parts.elastic_links]:
         given = parts.inertias.get(name, Inertia())
@@ -79,7 +79,7 @@ def bodies(parts: Parts) -> Iterator[Body]:
             polar += _carried(parts, name)
         if not polar > 0:
             raise ValueError(
-                f'"{name}" has no gear and carries none, so no inertia follows from its teeth; give '
+                f'"{name}" has no gear and carries none, so it has no default inertia; give '
                 f'inertias={{"{name}": Inertia(...)}}.'
             )
         frames = parts.frames(name)
@@ -119,7 +119,7 @@ def _share(parts: Parts, body: str, frame: str) -> float:
 
 
 def _discs(parts: Parts, body: str, frame: str | None = None) -> tuple[float, float, float]:
-    """Return mass, polar and transverse moment of a body, or its piece: its gears, each once, and a carrier's disc."""
+    """Return mass, polar and transverse moment of a body or its piece: each of its gears and its disc as a carrier."""
     discs: dict[tuple[float, float], tuple[float, float, float]] = {}
     for contact, number in parts.gears(body, frame):
         radius, width = contact.pair.reference_radii_m[number], contact.pair.face_width_m
@@ -142,7 +142,7 @@ def _disc(outer: float, inner: float, width: float) -> tuple[float, float, float
 
 
 def _planet_of(parts: Parts, contact: Contact, carrier: str) -> str | None:
-    """Return the body of a contact that is a planet of a carrier; None if neither is."""
+    """Return the body of a contact that is a planet of a carrier, or None."""
     joints = parts.kinematics.joints
     held = [body for body in map(parts.body, contact.links) if body in joints and joints[body].carried_by == carrier]
     return held[0] if held and carrier != parts.frame else None
@@ -155,7 +155,7 @@ def _planet_radius(parts: Parts, contact: Contact, planet: str) -> float:
 
 
 def _carried(parts: Parts, carrier: str) -> float:
-    """Return the inertia of planets about their carrier's axis, which torsion adds to the carrier."""
+    """Return the inertia of a carrier's planets about its axis, which is added to the carrier in torsion."""
     planets: dict[str, float] = {}
     for contact in parts.contacts:
         planet = _planet_of(parts, contact, carrier)
@@ -163,7 +163,7 @@ def _carried(parts: Parts, carrier: str) -> float:
             mass, _, tilt = _discs(parts, planet)
             given = parts.inertias.get(planet, Inertia())
             mass = mass if given.mass_kg is None else given.mass_kg
-            # the axis of a bevel planet is across the carrier's, so all of it rotates with the carrier
+            # a bevel planet's axis is transverse to the carrier's, so the whole planet rotates with the carrier
             radius = _planet_radius(parts, contact, planet)
             planets[planet] = mass * radius**2 + (0.0 if contact.parallel else tilt)
     return sum(planets.values())
@@ -173,9 +173,9 @@ def _carried(parts: Parts, carrier: str) -> float:
 
 
 def supports_of(parts: Parts) -> Iterator[Support]:
-    """Yield the supports between each body and its carrier: its bearings, or one support in its centre.
+    """Yield the supports between each body and its carrier: its bearings, or one support at its centre.
 
-    Further pieces of a body have a support of their own.
+    Each further piece of a body has its own support.
     """
     joints = parts.kinematics.joints
     for body in [*joints, *parts.elastic_links]:
@@ -259,11 +259,11 @@ class Assembly:
     parts : Parts
         Inputs and geometry.
     bodies : tuple of Body
-        Bodies, in the order of the degrees of freedom.
+        Bodies in the order of the degrees of freedom.
     springs, grounded : tuple of Spring
-        All springs, and those between a body and the frame.
+        All springs, and those from a body to the frame.
     on_frame : mapping of contact to vector
-        Direction of the mesh force on each gear that is fixed to the frame.
+        Direction of the mesh force on each gear fixed to the frame.
 
     Examples
     --------
@@ -305,40 +305,41 @@ def assemble(
     gearbox : Gearbox or Kinematics
         Teeth, axes and, for meshes without `MeshProperties.geometry`, modules, face widths and pressure angles.
     motions : {"torsion", "plane", "space"}
-        Degrees of freedom of each body: rotation; x and y across the common direction of all axes as well; axial motion
-        and tilt as well. Axes that are not parallel allow torsion or space. In torsion, planets have no motion of their
-        own across their axis, and the carrier has their mass.
+        Degrees of freedom of each body: rotation only; also x and y, transverse to all axes; also axial motion and
+        tilt. Axes that are not parallel need torsion or space. In torsion, planets do not move relative to the carrier
+        except to rotate, and their mass is added to the carrier.
     inertias : mapping of link to Inertia, optional
-        Masses and moments of inertia, in place of the defaults.
+        Masses and moments of inertia that replace the defaults.
     supports : mapping of link or bearing to SupportStiffness, optional
-        Stiffness of bearings, in place of the defaults. A link that is rigid with the frame and named here or in
-        `inertias` is a body of its own: a ring in an elastic housing.
+        Support stiffnesses that replace the defaults. A link of the frame that is named here or in `inertias` becomes
+        a body of its own, such as a ring in an elastic housing.
     meshes : mapping of mesh, or of one contact, to MeshProperties, optional
         Mesh stiffness, transmission error, backlash, damping and geometry.
     speeds : mapping of link to speed, optional
-        As `Kinematics.rates` takes them; one turn of the reference if left out. They decide which flanks are in
-        contact, and the mesh cycles per revolution of the reference.
+        As for `Kinematics.rates`; the reference at unit speed if left out. They determine which flanks are in contact
+        and the mesh cycles per revolution of the reference.
     speed_rad_s : float
-        Speed of the reference in rad/s: other than 0 adds gyroscopic terms.
+        Speed of the reference in rad/s; a value other than 0 adds gyroscopic terms.
     rotating_coordinates : bool
-        Whether the coordinates of each body rotate with the carrier of its meshes, as those of Lin and Parker. Then a
-        link with gears on several carriers has a piece for each, and the pieces share nothing but their rotation, as
-        shafts that a toothed coupling joins.
+        Whether the coordinates of each body rotate with the carrier of its meshes, as in Lin and Parker (1999). A link
+        with gears on several carriers then has one piece for each; the pieces share their rotation only, like shafts
+        joined by a toothed coupling.
 
     Returns
     -------
     Assembly
-        Its meshes are named like the contacts, ``sun-planet 1`` and so on, with the phase differences of their planets
-        (``gamma = Z psi / 2 pi`` cycles, Z the central gear's signed teeth; Parker and Lin 2004, J. Mech. Des. 126).
+        Its meshes are named after the contacts, such as ``sun-planet 1``, and have the phase differences of their
+        planets (``gamma = Z psi / 2 pi`` cycles, Z the central gear's signed number of teeth; Parker and Lin 2004, J.
+        Mech. Des. 126).
 
     Raises
     ------
     ValueError
-        If a name is not in the gearbox, geometry is missing, or the axes need other motions.
+        If a name is not in the gearbox, geometry is missing, or the axes do not allow these motions.
 
     Examples
     --------
-    A torsional gear pair with base radii r1 and r2: ``omega^2 = k (r1^2 / J1 + r2^2 / J2)``:
+    A torsional gear pair with base radii r1 and r2 has ``omega^2 = k (r1^2 / J1 + r2^2 / J2)``:
 
     >>> import math
     >>> from data_synth.dynamics import Constant, Inertia, MeshProperties, assemble, solve_modes
@@ -365,10 +366,7 @@ def assemble(
     contacts = contacts_of(kinematics, geometries)
     _refuse_unknown(
         kinematics,
-        links={
-            "inertias": list(inertias or {}),
-            "supports": list(supports or {}),
-        },
+        links={"inertias": list(inertias or {}), "supports": list(supports or {})},
         meshes=list(given),
         contacts=[contact.name for contact in contacts],
     )
@@ -404,7 +402,7 @@ def assemble(
 
 
 def _force_direction(mesh: GearMesh) -> Vector:
-    """Return the direction of the mesh force on the gear of the frame."""
+    """Return the direction of the mesh force on the gear fixed to the frame."""
     x, y, z = mesh.direction
     return (-x, -y, -z) if mesh.gears[0] is None else (x, y, z)
 
@@ -416,7 +414,7 @@ def _refuse_unknown(
     meshes: Sequence[str],
     contacts: Sequence[str],
 ) -> None:
-    """Raise ValueError for a name that the gearbox lacks, or for a link that belongs to a body of another name."""
+    """Raise ValueError for a name not in the gearbox, or a link that is part of a body of another name."""
     gearbox = kinematics.gearbox
     bearings = [name for bearing in gearbox.bearings for name in bearing.names]
     for word, names in links.items():
@@ -426,7 +424,7 @@ def _refuse_unknown(
                 raise ValueError(f'{word} names "{name}", which is not in the gearbox{closest(name, sorted(known))}')
             body = kinematics.bodies.get(name, name)
             if body not in (name, kinematics.mechanism.frame):
-                raise ValueError(f'{word} names "{name}", which is one body with "{body}"; write "{body}".')
+                raise ValueError(f'{word} names "{name}", which is part of the body "{body}"; write "{body}".')
     known = {*(mesh.name for mesh in gearbox.meshes), *contacts}
     for name in meshes:
         if name not in known:
@@ -434,7 +432,7 @@ def _refuse_unknown(
 
 
 def _refuse_crossed(kinematics: Kinematics) -> None:
-    """Raise ValueError where an axis is not parallel to the first."""
+    """Raise ValueError if an axis is not parallel to the first."""
     bodies_ = list(kinematics.joints)
     first = direction_of(kinematics, bodies_[0])
     for body in bodies_[1:]:
@@ -446,24 +444,24 @@ def _refuse_crossed(kinematics: Kinematics) -> None:
 
 
 def _refuse_nested(parts: Parts) -> None:
-    """Raise ValueError where a carrier is carried itself, or rotates about an axis that is not z."""
+    """Raise ValueError if a carrier is carried itself, or does not rotate about z."""
     for body in parts.kinematics.joints:
         for carrier in parts.frames(body):
             if carrier == parts.frame:
                 continue
             if parts.kinematics.joints[carrier].carried_by != parts.frame:
                 raise ValueError(
-                    f'"{carrier}" carries planets and is carried itself, which a kinematic scene or motions = '
-                    '"torsion" allow, but no motion across axes.'
+                    f'"{carrier}" carries planets and is carried itself, which only a kinematic scene or motions = '
+                    '"torsion" can model; use one of these.'
                 )
             if not are_parallel(np.array(parts.axis(carrier)), np.array([0.0, 0.0, 1.0])):
                 raise ValueError(
-                    f'"{carrier}" carries planets, but other carriers turn about another direction, which a kinematic '
-                    'scene or motions = "torsion" allow, but no motion across axes.'
+                    f'"{carrier}" carries planets about an axis that is not parallel to that of another carrier, which '
+                    'only a kinematic scene or motions = "torsion" can model; use one of these.'
                 )
 
 
-# ---- Degrees of freedom that teeth and torques excite: the others stay at rest, so that leaving them out is exact -
+# ---- Degrees of freedom that teeth and torques excite; the others stay at rest and can be left out exactly ----------
 
 
 _ROUNDING = 1e-12
@@ -471,15 +469,15 @@ _ROUNDING = 1e-12
 
 @dataclass(frozen=True, kw_only=True)
 class ExcitedDofs:
-    """The degrees of freedom that something excites, with the system reduced to them.
+    """The degrees of freedom that are excited, with the system reduced to them.
 
     Attributes
     ----------
     system : System
-        Their equations of motion. The centripetal stiffness of a rotating frame, of relative size
-        ``(Omega / omega)^2``, is left out, as it would make free rotations unstable; gyroscopic terms are in it.
+        Their equations of motion, with gyroscopic terms. The centripetal stiffness of a rotating frame, of relative
+        size ``(Omega / omega)^2``, is left out because it would make free rotations unstable.
     numbers : (k,) array
-        Their numbers among all degrees of freedom.
+        Their indices among all degrees of freedom.
     """
 
     system: System
@@ -523,5 +521,5 @@ def excited_dofs_of(whole: Assembly) -> ExcitedDofs:
 
 
 def _without_rounding(direction: Array) -> Array:
-    """Return a direction without what rounding leaves of the products of its geometry."""
+    """Return a direction with entries at rounding level set to zero."""
     return np.where(np.abs(direction) > _ROUNDING * np.max(np.abs(direction)), direction, 0.0)

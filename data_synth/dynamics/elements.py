@@ -1,4 +1,4 @@
-"""Elements between the bodies of a gearbox: supports, shafts, couplings and meshes, each a few springs."""
+"""Elements that connect the bodies of a gearbox: supports, shafts, couplings and meshes, each a few springs."""
 
 from __future__ import annotations
 
@@ -24,12 +24,12 @@ _SAME_GEARS = 1e-6
 
 @dataclass(frozen=True, kw_only=True)
 class Coupling:
-    """A spring and damper between degrees of freedom: its deflection is the sum of ``factor x motion``.
+    """A spring and damper between degrees of freedom, with deflection ``sum factor x motion``.
 
     Attributes
     ----------
     motions : mapping of (body, motion) to factor
-        As ``{("motor", "rotation"): 1.0, ("pinion", "rotation"): -1.0}``.
+        For example ``{("motor", "rotation"): 1.0, ("pinion", "rotation"): -1.0}``.
     stiffness, damping : float
         N/m and N s/m, or N m/rad and N m s/rad where the deflection is an angle.
 
@@ -53,19 +53,19 @@ class Coupling:
 
 @dataclass(frozen=True, kw_only=True)
 class GeneralMesh:
-    """A mesh whose deflection is given as a sum of ``factor x motion``, as in torsional models.
+    """A mesh whose deflection is given as ``sum factor x motion``, as in torsional models.
 
     Attributes
     ----------
     name : str
         Name of the mesh.
     motions : mapping of (body, motion) to factor
-        Deflection along the line of action, in m/m or m/rad: of a torsional pair
+        Factors of the deflection along the line of action, in m/m or m/rad; for a torsional pair
         ``{("pinion", "rotation"): r_b1, ("wheel", "rotation"): -r_b2}``.
     stiffness, error, backlash_m, cycles_per_rev
         As in `data_synth.dynamics.system.Mesh`.
     damping : float
-        N s/m along the line of action, in contact or not.
+        N s/m along the line of action, whether or not the teeth are in contact.
 
     Examples
     --------
@@ -86,7 +86,7 @@ class GeneralMesh:
     cycles_per_rev: float = 1.0
 
     def terms(self, coordinates: Coordinates) -> Iterator[Spring | Mesh]:
-        """Yield the mesh, and the damper in it."""
+        """Yield the mesh and its damper."""
         yield from _mesh_terms(self, row_of(self.motions, coordinates))
 
 
@@ -101,16 +101,16 @@ class Support:
     point_m : vector of 3 or None
         Position in m; the first body's centre if left out.
     x, y, z : float
-        Stiffness in N/m along x, y and z where the first body's axis is z, else along its "tilt x" and "tilt y"
-        directions and its axis.
+        Stiffness in N/m along the first body's "tilt x" and "tilt y" directions and its axis: x, y and z if the axis
+        is along z.
     tilt_x, tilt_y, torsion : float
         Stiffness about the same directions in N m/rad.
     damping_s : float
-        Damping over stiffness in s, the same for all of them.
+        Damping over stiffness in s, the same for all directions.
 
     Examples
     --------
-    Two bearings at a = 0.2 m from the centre resist tilt with ``2 k a^2``:
+    Two bearings at distances of a = 0.2 m from the centre have a tilt stiffness of ``2 k a^2``:
 
     >>> import numpy as np
     >>> from data_synth.dynamics import Body, Support, build_system
@@ -131,7 +131,7 @@ class Support:
     damping_s: float = 0.0
 
     def terms(self, coordinates: Coordinates) -> Iterator[Spring]:
-        """Yield a spring for each direction that has a stiffness."""
+        """Yield a spring for each direction with a stiffness."""
         one, other = self.between
         body = coordinates.body(one)
         point = self.point_m or body.centre_m
@@ -153,13 +153,13 @@ class Support:
 
 @dataclass(frozen=True, kw_only=True)
 class Shaft:
-    """A round shaft between the centres of two bodies on one axis: Timoshenko's beam, massless.
+    """A round shaft between the centres of two coaxial bodies: a massless Timoshenko beam.
 
-    Its six deformations are independent of each other, so they are six springs: axial EA/L, torsional GJ/L, and in each
-    plane the symmetric bending EI/L of ``t2 - t1`` and the antisymmetric ``3 EI / (L (1 + Phi))`` of
-    ``t1 + t2 - 2 (v2 - v1) / L``, with ``Phi = 12 EI / (kappa G A L^2)`` and Cowper's ``kappa = 6 (1 + nu) / (7 + 6
-    nu)`` for a solid section, used for hollow ones as well. (Przemieniecki 1968, Theory of Matrix Structural Analysis,
-    sec. 5.6; Cowper 1966, J. Appl. Mech. 33.)
+    Its six deformations are independent and form six springs: axial EA/L, torsional GJ/L, and in each plane the
+    symmetric bending EI/L of ``t2 - t1`` and the antisymmetric bending ``3 EI / (L (1 + Phi))`` of ``t1 + t2 - 2 (v2 -
+    v1) / L``, with ``Phi = 12 EI / (kappa G A L^2)`` (Przemieniecki 1968, Theory of Matrix Structural Analysis, sec.
+    5.6). Cowper's ``kappa = 6 (1 + nu) / (7 + 6 nu)`` for a solid section is used for hollow sections as well (Cowper
+    1966, J. Appl. Mech. 33).
 
     Attributes
     ----------
@@ -168,10 +168,10 @@ class Shaft:
     diameter_m, bore_m : float
         Outer and inner diameter in m.
     length_m : float or None
-        Length in m; the distance of the centres if left out. Bending and tension need this distance, another length
-        gives torsion only.
+        Length in m; the distance between the centres if left out. Any other length gives torsion only, without bending
+        and tension.
     young_pa, poisson : float
-        Young's modulus in Pa and Poisson's ratio; of steel if left out.
+        Young's modulus in Pa and Poisson's ratio; steel if left out.
     damping_s : float
         Damping over stiffness in s.
 
@@ -197,15 +197,15 @@ class Shaft:
     damping_s: float = 0.0
 
     def terms(self, coordinates: Coordinates) -> Iterator[Spring]:
-        """Yield a spring for each deformation that the motions of the bodies allow; ValueError for a length of zero."""
+        """Yield a spring for each deformation the bodies' motions allow; raise ValueError if the length is zero."""
         one, other = (coordinates.body(name) for name in self.between)
         span = np.asarray(other.centre_m) - np.asarray(one.centre_m)
         distance = float(np.linalg.norm(span))
         length = distance if self.length_m is None else self.length_m
         if not length > 0:
             raise ValueError(
-                f"shaft {' - '.join(self.between)}: the centres of its bodies coincide; give length_m for its "
-                "torsion, or centre_m for each body."
+                f"shaft {' - '.join(self.between)}: the centres of its bodies coincide; give length_m for torsion "
+                "alone, or centre_m of each body."
             )
         along = span / distance if distance else one.rotation_axis("rotation")
         for value, row in self._deformations(coordinates, along, length, bends=math.isclose(distance, length)):
@@ -215,7 +215,7 @@ class Shaft:
     def _deformations(
         self, coordinates: Coordinates, along: Array, length: float, *, bends: bool
     ) -> Iterator[tuple[float, Array]]:
-        """Yield stiffness and row of torsion, tension and bending in two planes."""
+        """Yield stiffness and deflection row of torsion, tension and bending in two planes."""
         a, b = self.between
         tension, shear, bending, torsion = _section(self.diameter_m, self.bore_m, self.young_pa, self.poisson)
         yield (
@@ -251,20 +251,21 @@ def _section(diameter_m: float, bore_m: float, young_pa: float, poisson: float) 
 
 @dataclass(frozen=True, kw_only=True)
 class BearingShaft:
-    """A round shaft between two bearings, with a body on it: Timoshenko's beam, massless, simply supported.
+    """A round shaft between two bearings that carries a body: a massless, simply supported Timoshenko beam.
 
     Attributes
     ----------
     diameter_m, bore_m : float
         Outer and inner diameter in m.
     to_bearings_m : pair of float
-        Distances from the centre of the body to the bearing before it and behind it, along its axis.
+        Distances in m from the centre of the body to the bearings before and behind it along its axis.
     young_pa, poisson : float
-        Young's modulus in Pa and Poisson's ratio; of steel if left out.
+        Young's modulus in Pa and Poisson's ratio; steel if left out.
 
     Examples
     --------
-    Slender, and in the middle of stiff bearings, its stiffness is ``48 EI / L^3``, that of Jeffcott's rotor:
+    A slender shaft with the body midway between stiff bearings has the stiffness of the Jeffcott rotor, ``48 EI /
+    L^3``:
 
     >>> import math
     >>> from data_synth.dynamics import BearingShaft
@@ -281,15 +282,15 @@ class BearingShaft:
     poisson: float = 0.3
 
     def on_bearings(self, radial: float) -> tuple[float, float, float]:
-        """Return what holds the body, by bearings of `radial` N/m each, in either plane.
+        """Return the equivalent support of the body in either plane, for bearings of `radial` N/m each.
 
-        A spring against displacement in N/m, one against tilt in N m/rad, and how far the former is ahead of the
-        centre in m. The compliances by a force and a moment are those of a beam between simple supports (Roark 2012,
-        Formulas for Stress and Strain, table 8.1) with its shear, and of the bearings.
+        Values are the radial stiffness in N/m, the tilt stiffness in N m/rad, and the distance in m of the radial
+        spring ahead of the centre. The compliance under a force and a moment is that of a simply supported beam (Roark
+        2012, Formulas for Stress and Strain, table 8.1) with shear, plus that of the bearings.
         """
         (a, b), length = self.to_bearings_m, sum(self.to_bearings_m)
         _, shear, bending, _ = _section(self.diameter_m, self.bore_m, self.young_pa, self.poisson)
-        slant = np.array([[b, a], [-1.0, 1.0]]) / length  # displacement and tilt at the body by those of the bearings
+        slant = np.array([[b, a], [-1.0, 1.0]]) / length  # displacement and tilt of the body per bearing displacement
         bent = np.array([[a * a * b * b, a * b * (b - a)], [a * b * (b - a), a * a - a * b + b * b]])
         compliance = bent / (3 * bending * length) + np.diag([a * b, 1.0]) / (shear * length) + slant @ slant.T / radial
         tilting = float(compliance[1, 1])
@@ -298,10 +299,10 @@ class BearingShaft:
 
 @dataclass(frozen=True, kw_only=True)
 class GearMesh:
-    """A mesh in space: a line of action through a point of contact.
+    """A mesh in space, with a line of action through a contact point.
 
-    The deflection is ``n . (u_a(P) - u_b(P))``, the approach of the flanks. With gear a driving counter-clockwise,
-    ``n`` points from a to b.
+    The deflection ``n . (u_a(P) - u_b(P))`` is the approach of the flanks. With gear a driving counter-clockwise, ``n``
+    points from a to b.
 
     Attributes
     ----------
@@ -310,20 +311,20 @@ class GearMesh:
     gears : pair of body names; None for a gear fixed to the ground
         Gears a and b.
     direction : vector of 3
-        n: a unit vector, or for helical gears one whose transverse part has unit length, so that `stiffness` belongs to
-        the transverse deflection, as in ISO 6336-1.
+        n: a unit vector; for helical gears its transverse part has unit length, so that `stiffness` refers to the
+        transverse deflection, as in ISO 6336-1.
     point_m : vector of 3
         P in m.
     stiffness, error, backlash_m, cycles_per_rev
         As in `data_synth.dynamics.system.Mesh`.
     damping : float
-        N s/m along the line of action, of the displacements alone, in contact or not.
+        N s/m along the line of action, acting on displacements only, whether or not the teeth are in contact.
     friction : SlidingFriction or None
-        Sliding friction of the same geometry, gear a driving.
+        Sliding friction for the same geometry, with gear a driving.
 
     Examples
     --------
-    Along a line of action at the base radius, the deflection is ``r_b theta``:
+    A rotation theta causes a deflection ``r_b theta`` along the line of action:
 
     >>> import math
     >>> from data_synth.dynamics import Body, Constant, GearMesh, build_system
@@ -346,7 +347,7 @@ class GearMesh:
     friction: SlidingFriction | None = None
 
     def terms(self, coordinates: Coordinates) -> Iterator[Spring | Mesh]:
-        """Yield the mesh, and the damper in it."""
+        """Yield the mesh and its damper."""
         one, other = self.gears
         row = coordinates.displacement_row(one, self.point_m, self.direction) - coordinates.displacement_row(
             other, self.point_m, self.direction
@@ -358,9 +359,9 @@ class GearMesh:
     def _friction_forces(
         self, coordinates: Coordinates, friction: SlidingFriction
     ) -> tuple[FrictionForce, FrictionForce]:
-        """Return the friction force at the tangent point of gear a, and its moment per metre beyond that point."""
+        """Return the friction force at the tangent point of gear a, and its moment per metre from that point."""
         if self.gears[0] is None:
-            raise ValueError(f'mesh "{self.name}": friction needs a driver; name the driving gear first.')
+            raise ValueError(f'mesh "{self.name}": friction needs a moving driver; name the driving gear first.')
         driver = coordinates.body(self.gears[0])
         axis, along = driver.rotation_axis("rotation"), np.asarray(self.direction, dtype=np.float64)
         along = along - (along @ axis) * axis
@@ -369,8 +370,8 @@ class GearMesh:
         radius = friction.gears.base_radii_m[0]
         if not math.isclose(abs(moment), radius, rel_tol=_SAME_GEARS):
             raise ValueError(
-                f'mesh "{self.name}": its line of action passes "{driver.name}" at {abs(moment):.6g} m, but the first '
-                f"gear of its friction has a base radius of {radius:.6g} m; give the same geometry to both."
+                f'mesh "{self.name}": its line of action passes "{driver.name}" at {abs(moment):.6g} m, but '
+                f"the first gear of its friction has a base radius of {radius:.6g} m; use the same geometry for both."
             )
         across = as_vector(math.copysign(1.0, moment) * np.cross(axis, along))
 
@@ -391,30 +392,39 @@ def line_of_action_direction(
 ) -> Array:
     """Return the direction (3,) of the force of gear a on gear b.
 
-    With z the direction `along`, e the direction `away` and t = z x e it is ``flank cos(alpha) t + sin(alpha) e``:
-    flanks in contact push gears apart, and an internal gear outwards. The helix adds ``-+ flank tan(beta_b)`` along z
-    for a right- or left-handed gear a (thrust on a right-handed driver follows the thumb of the right hand whose
-    fingers follow its rotation).
+    With z the direction `along`, e the direction `away` and t = z x e, it is ``flank cos(alpha) t + sin(alpha) e``:
+    flanks in contact push external gears apart and an internal gear outwards. The helix adds ``-+ flank tan(beta_b)``
+    along z for a right- or left-handed gear a (the thrust on a right-handed driver obeys the right-hand rule).
 
     Parameters
     ----------
     along, away : (3,) arrays
-        Unit vectors along the line where the pitch surfaces touch, and across it from gear a into gear b.
+        Unit vectors along the line of contact of the pitch surfaces, and across it from gear a into gear b.
     pressure_angle_rad, base_helix_rad : float
         Transverse working pressure angle and base helix angle in rad.
     flank : 1 or -1
         1 where gear a drives with a positive rotation about `along`.
     hand : {"left", "right"} or None
-        Hand of gear a's helix; needed where `base_helix_rad` is not zero.
+        Hand of gear a's helix; required if `base_helix_rad` is not zero.
 
     Raises
     ------
     ValueError
         If a helix has no hand.
+
+    Examples
+    --------
+    >>> import math, numpy as np
+    >>> from data_synth.dynamics.elements import line_of_action_direction
+    >>> along, away = np.array([0.0, 0.0, 1.0]), np.array([1.0, 0.0, 0.0])
+    >>> line_of_action_direction(
+    ...     along=along, away=away, pressure_angle_rad=math.radians(20), flank=1, base_helix_rad=0.0, hand=None
+    ... ).round(3).tolist()
+    [0.342, 0.94, 0.0]
     """
     sense = {"right": -1.0, "left": 1.0}.get(hand or "", 0.0)
     if base_helix_rad and not sense:
-        raise ValueError(f'hand = {hand!r}: a mesh with a helix needs "left" or "right", of its first gear.')
+        raise ValueError(f'hand = {hand!r}: a helical mesh needs "left" or "right", the hand of its first gear.')
     across = np.cross(along, away)
     direction = flank * math.cos(pressure_angle_rad) * across + math.sin(pressure_angle_rad) * away
     return np.asarray(direction + sense * flank * math.tan(base_helix_rad) * along)
@@ -432,7 +442,8 @@ def row_of(motions: Mapping[Place, float], coordinates: Coordinates) -> Array:
         coordinates.body(name)
         if (name, motion) not in coordinates.index:
             raise ValueError(
-                f'body "{name}" does not move along "{motion}"; it has {", ".join(coordinates.body(name).motions)}.'
+                f'body "{name}" does not have the motion "{motion}"; its motions are '
+                f"{', '.join(coordinates.body(name).motions)}."
             )
         row[coordinates.index[name, motion]] += factor
     return row
@@ -441,7 +452,7 @@ def row_of(motions: Mapping[Place, float], coordinates: Coordinates) -> Array:
 def _mesh_terms(
     element: GearMesh | GeneralMesh, row: Array, friction: tuple[FrictionForce, ...] = ()
 ) -> Iterator[Spring | Mesh]:
-    """Yield the mesh of an element with the row g of its deflection, and its damper."""
+    """Yield the mesh of an element with deflection row g, and its damper."""
     yield Mesh(
         name=element.name,
         direction=row,

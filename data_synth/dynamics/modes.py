@@ -1,10 +1,10 @@
-"""Natural frequencies and mode shapes of a gearbox, and the kind of motion of each mode.
+"""Natural frequencies and mode shapes of a gearbox, and the type of each mode.
 
-Stiffnesses of real gearboxes differ by many powers of ten, and the sum of their matrices keeps only those digits of
-the soft springs that the stiff ones leave. So the matrices are not summed: with the springs as rows,
-``K = B' diag(k) B``, the frequencies are the singular values of ``diag(sqrt k) B L^-T``, M = L L', and one-sided
-Jacobi rotations find each of them to its own relative precision, whatever the scales of the rows (Drmac and Veselic
-2008, SIAM J. Matrix Anal. Appl. 29: LAPACK's gejsv).
+Stiffnesses of real gearboxes differ by many orders of magnitude, and in the sum of their matrices soft springs lose
+digits to stiff ones. The matrices are therefore not summed: with the springs as rows, ``K = B' diag(k) B``, the natural
+frequencies are the singular values of ``diag(sqrt k) B L^-T``, where M = L L', and one-sided Jacobi rotations find each
+to high relative accuracy, whatever the scales of the rows (Drmac and Veselic 2008, SIAM J. Matrix Anal. Appl. 29:
+LAPACK's gejsv).
 """
 
 from __future__ import annotations
@@ -25,25 +25,25 @@ if TYPE_CHECKING:
     from data_synth.gears.mesh_stiffness import ComplexArray
 
 
-_RANK_TOLERANCE = 1e-9  # dependent rows of unit length leave singular values of the order of rounding
-_PURE = 1e-6  # of the kinetic energy: what a pure rotation or translation may have of the other kind
+_RANK_TOLERANCE = 1e-9  # linearly dependent rows of unit length have singular values at rounding level
+_PURE = 1e-6  # of the kinetic energy: allowed share of the other type in a rotational or translational mode
 _HIGH_ACCURACY = 2  # gejsv's joba = "F": rows and columns of any scale
 
 
 @dataclass(frozen=True, kw_only=True)
 class Modes:
-    """Undamped modes, in order of rising frequency.
+    """Undamped modes in ascending order of frequency.
 
     Attributes
     ----------
     frequencies_hz : (mode,) array
         Natural frequencies in Hz; exactly zero for rigid-body modes.
     shapes : (dof, mode) array
-        Mode shapes in kg^-1/2 (rotations: kg^-1/2 m^-1), normalised by mass: ``shapes' M shapes = 1``.
+        Mass-normalised mode shapes in kg^-1/2 (rotations: kg^-1/2 m^-1): ``shapes' M shapes = 1``.
     kinds : tuple of str
         "rigid", "rotational", "translational", "planet" or "mixed"; see `solve_modes`.
     names : tuple of str
-        Degrees of freedom, one for each row of `shapes`.
+        Degrees of freedom, one per row of `shapes`.
 
     Examples
     --------
@@ -68,17 +68,17 @@ class Modes:
 def solve_modes(system: System, *, planets: Sequence[str] = ()) -> Modes:
     """Return the undamped modes of a system at rest, with every mesh in contact at its mean stiffness.
 
-    A mode is *rotational* where no central body (one that is no planet) is displaced, *translational* where none of
-    them rotates, *planet* where none of them moves at all, and *mixed* otherwise, a part in a million of the
-    kinetic energy allowed. With equal, evenly spaced planets no mode is mixed (Lin and Parker 1999, J. Vib. Acoust.
-    121). Damping and gyroscopic terms are left out; see `data_synth.dynamics.modes`.
+    A mode is *rotational* if no central body (any body but planets) is displaced, *translational* if none rotates,
+    *planet* if none moves at all, and *mixed* otherwise, within a millionth of the kinetic energy. With identical,
+    evenly spaced planets no mode is mixed (Lin and Parker 1999, J. Vib. Acoust. 121). Damping and gyroscopic terms are
+    ignored; `campbell` includes them.
 
     Parameters
     ----------
     system : System
         Equations of motion, from `data_synth.dynamics.assembly.assemble` or `data_synth.dynamics.system.build_system`.
     planets : sequence of str
-        Names of the bodies that are planets, for the kinds of mode only.
+        Names of the bodies that are planets; used to classify modes only.
 
     Returns
     -------
@@ -87,12 +87,12 @@ def solve_modes(system: System, *, planets: Sequence[str] = ()) -> Modes:
     Raises
     ------
     ValueError
-        If `planets` names a body that the system lacks, a mesh or spring has a negative stiffness, or the name of a
-        degree of freedom does not end in its motion.
+        If `planets` names a body not in the system, a mesh or spring has a negative stiffness, or the name of a degree
+        of freedom does not end in its motion.
 
     Examples
     --------
-    Two rotors on a shaft have a rigid rotation and one torsional mode, ``omega^2 = k (1 / J1 + 1 / J2)``:
+    Two rotors on a shaft have a rigid-body rotation and one torsional mode, ``omega^2 = k (1 / J1 + 1 / J2)``:
 
     >>> import numpy as np
     >>> from data_synth.dynamics import Body, Coupling, build_system, solve_modes
@@ -115,14 +115,17 @@ def solve_modes(system: System, *, planets: Sequence[str] = ()) -> Modes:
 
 
 def undamped_modes(system: System, mesh_stiffness: Sequence[float] | Array) -> tuple[Array, Array]:
-    """Return rising natural frequencies in rad/s and mass-normalised shapes (dof, mode) at given mesh stiffnesses."""
+    """Return ascending natural frequencies (mode,) in rad/s and mass-normalised shapes (dof, mode).
+
+    `mesh_stiffness` (mesh,) holds the stiffness of each mesh in N/m.
+    """
     rows, constants = _springs_and_meshes(system, mesh_stiffness)
     return _modes_by_content(
         system.dof, np.asarray(system.mass, dtype=np.float64).tobytes(), rows.tobytes(), constants.tobytes()
     )
 
 
-@lru_cache(maxsize=16)  # statics, damping and integration of a record ask for the same modes a dozen times
+@lru_cache(maxsize=16)  # statics, damping and integration of a record need the same modes a dozen times
 def _modes_by_content(dof: int, mass: bytes, rows: bytes, constants: bytes) -> tuple[Array, Array]:
     lower = np.asarray(np.linalg.cholesky(np.frombuffer(mass).reshape(dof, dof)), dtype=np.float64)
     angular, vectors = _singular_pairs(np.frombuffer(rows).reshape(-1, dof), np.frombuffer(constants), lower)
@@ -137,7 +140,7 @@ def body_motions(system: System) -> tuple[tuple[str, str], ...]:
     for name in system.names:
         motion = next((motion for motion in SPACE if name.endswith(f" {motion}")), "")
         if not motion:
-            raise ValueError(f'the name "{name}" does not end in one of {", ".join(SPACE)}.')
+            raise ValueError(f'the name of the degree of freedom "{name}" must end in one of {", ".join(SPACE)}.')
         # "tilt x" ends in " x" as well
         motion = f"tilt {motion}" if name.endswith(f" tilt {motion}") else motion
         found.append((name.removesuffix(f" {motion}"), motion))
@@ -145,16 +148,16 @@ def body_motions(system: System) -> tuple[tuple[str, str], ...]:
 
 
 def with_modal_damping(system: System, *, ratio: float | Sequence[float]) -> System:
-    """Return a system whose damping gives every mode, at mean mesh stiffness, a ratio of critical damping.
+    """Return a system with a given damping ratio of every mode at mean mesh stiffness.
 
-    ``C = M phi diag(2 zeta omega) phi' M``, phi the mass-normalised shapes.
+    ``C = M phi diag(2 zeta omega) phi' M``, with mass-normalised shapes phi.
 
     Parameters
     ----------
     system : System
         Equations of motion; their damping matrix is replaced.
     ratio : float or sequence of one per mode
-        zeta, dimensionless, in order of rising frequency.
+        Damping ratio zeta; a sequence in ascending order of frequency.
 
     Returns
     -------
@@ -182,7 +185,7 @@ def _springs_and_meshes(system: System, mesh_stiffness: Sequence[float] | Array)
     pairs += [(mesh.direction, float(value)) for mesh, value in zip(system.meshes, mesh_stiffness, strict=True)]
     negative = [value for _, value in pairs if value < 0]
     if negative:
-        raise ValueError(f"a stiffness of {negative[0]:g} N/m is negative; springs and meshes need 0 or more.")
+        raise ValueError(f"a spring or mesh has the stiffness {negative[0]:g} N/m; it must be 0 or more.")
     stiff = [(row, value) for row, value in pairs if value > 0]
     rows = np.array([row for row, _ in stiff]).reshape(len(stiff), system.dof)
     return rows, np.array([value for _, value in stiff])
@@ -191,8 +194,8 @@ def _springs_and_meshes(system: System, mesh_stiffness: Sequence[float] | Array)
 def _factor(stiffness: Array) -> Array:
     """Return rows B of ``B' B = K``, by pivoted Cholesky factorisation of K scaled to a unit diagonal.
 
-    So scaled, rows keep the digits of soft springs beside stiff ones (Demmel and Veselic 1992, SIAM J. Matrix Anal.
-    Appl. 13, 1204); parts that are negative are left out.
+    With this scaling, soft springs keep their digits beside stiff ones (Demmel and Veselic 1992, SIAM J. Matrix Anal.
+    Appl. 13, 1204); negative parts are left out.
     """
     size, diagonal = stiffness.shape[0], np.diag(stiffness)
     unit = 1 / np.sqrt(np.where(diagonal > 0, diagonal, 1.0))
@@ -204,25 +207,25 @@ def _factor(stiffness: Array) -> Array:
 
 
 def _singular_pairs(rows: Array, constants: Array, lower: Array) -> tuple[Array, Array]:
-    """Return rising frequencies and orthonormal vectors in ``L' q``, rigid-body modes at exactly zero."""
+    """Return ascending frequencies and orthonormal vectors in ``L' q``, with rigid-body modes at exactly zero."""
     size = lower.shape[0]
     weighted = linalg.solve_triangular(lower, rows.T, lower=True).T if rows.size else np.zeros((0, size))
     lengths = np.linalg.norm(weighted, axis=1)
     rank = int(np.linalg.matrix_rank(weighted / lengths[:, None], tol=_RANK_TOLERANCE)) if rows.size else 0
     matrix = np.zeros((max(size, weighted.shape[0]), size))
     matrix[: weighted.shape[0]] = np.sqrt(constants)[:, None] * weighted
-    # stiff rows first, so that elimination never mixes them into softer ones
+    # stiff rows first, so that elimination does not mix them into softer ones
     order = np.argsort(-np.linalg.norm(matrix, axis=1), kind="stable")
     values, _, right, work, _, info = linalg.lapack.dgejsv(matrix[order], joba=_HIGH_ACCURACY, jobu=3, jobv=0)
     if info:
-        raise ArithmeticError(f"the Jacobi rotations of {size} modes did not converge (gejsv: info = {info}).")
+        raise ArithmeticError(f"Jacobi rotations for {size} modes did not converge (gejsv: info = {info}).")
     angular = values[::-1] * (work[0] / work[1])
     angular[: size - rank] = 0.0
     return angular, right[:, ::-1]
 
 
 def _kind(system: System, shape: Array, planets: Sequence[str]) -> str:
-    """Classify a shape by the kinetic energy of the central bodies' translation and rotation."""
+    """Classify a shape by the translational and rotational kinetic energy of the central bodies."""
     energy = shape * (system.mass @ shape)  # adds up to 1
     central = [
         (motion, part) for (body, motion), part in zip(body_motions(system), energy, strict=True) if body not in planets
@@ -240,12 +243,12 @@ def _kind(system: System, shape: Array, planets: Sequence[str]) -> str:
 
 
 _OVERDAMPED = 1e-9  # of the magnitude: eigenvalues with a smaller imaginary part do not oscillate
-_RIGID_SHARE = 1e-7  # of the largest magnitude: a double zero is found to half the digits
+_RIGID_SHARE = 1e-7  # of the largest magnitude: a double zero is accurate to half the digits
 
 
 @dataclass(frozen=True, kw_only=True)
 class Campbell:
-    """Natural frequencies and damping ratios over speed, rising in frequency at every speed.
+    """Natural frequencies and damping ratios over speed, in ascending order of frequency at every speed.
 
     Attributes
     ----------
@@ -254,9 +257,9 @@ class Campbell:
     frequencies_hz : (speed, mode) array
         Damped natural frequencies in Hz; zero for rigid-body and overdamped motions.
     damping_ratios : (speed, mode) array
-        Fractions of critical damping; NaN for rigid-body and overdamped motions.
+        Damping ratios; NaN for rigid-body and overdamped motions.
     orders : tuple of float
-        Mesh orders of the system at its last speed, cycles per revolution of the reference.
+        Mesh orders at the last speed, cycles per revolution of the reference.
 
     Examples
     --------
@@ -274,7 +277,7 @@ class Campbell:
     orders: tuple[float, ...]
 
     def critical_speeds(self, order: float) -> Array:
-        """Return the critical speeds of an order: where ``order x speed`` equals a natural frequency.
+        """Return the critical speeds of an order, at which ``order x speed`` equals a natural frequency.
 
         Parameters
         ----------
@@ -284,11 +287,11 @@ class Campbell:
         Returns
         -------
         (n,) array
-            Speeds of the reference in rad/s, rising; interpolated linearly between ``speeds_rad_s``.
+            Speeds of the reference in rad/s, ascending, interpolated linearly between `speeds_rad_s`.
 
         Examples
         --------
-        An excitation of order 20 meets a natural frequency of 1000 rad/s at 50 rad/s:
+        An excitation of order 20 coincides with a natural frequency of 1000 rad/s at 50 rad/s:
 
         >>> import numpy as np
         >>> from data_synth.dynamics import Body, Support, build_system, campbell
@@ -311,14 +314,14 @@ class Campbell:
 
 
 def campbell(system_at: Callable[[float], System], *, speeds_rad_s: Sequence[float] | Array) -> Campbell:
-    """Return natural frequencies and damping ratios over speed, every mesh in contact at its mean stiffness.
+    """Return natural frequencies and damping ratios over speed, with every mesh in contact at its mean stiffness.
 
     Parameters
     ----------
     system_at : callable
-        From the speed of the reference in rad/s to the system assembled for it, with its gyroscopic terms.
+        Takes the speed of the reference in rad/s; returns the system assembled for it, with its gyroscopic terms.
     speeds_rad_s : (speed,) sequence of float
-        Speeds of the reference in rad/s, rising.
+        Speeds of the reference in rad/s, ascending.
 
     Returns
     -------
@@ -326,7 +329,7 @@ def campbell(system_at: Callable[[float], System], *, speeds_rad_s: Sequence[flo
 
     Examples
     --------
-    The tilting of a disc on an isotropic bearing splits into backward and forward whirl,
+    The tilting mode of a disc on an isotropic bearing splits into backward and forward whirl, whose frequencies satisfy
     ``s^2 -+ (J Omega / I) s - k / I = 0``; a thin disc has J = 2 I:
 
     >>> import numpy as np
@@ -351,10 +354,10 @@ def campbell(system_at: Callable[[float], System], *, speeds_rad_s: Sequence[flo
 
 
 def eigenvalues(system: System) -> ComplexArray:
-    """Return all eigenvalues of ``M s^2 + (C + G) s + K``, meshes at their mean stiffness.
+    """Return all eigenvalues of ``M s^2 + (C + G) s + K``, with meshes at their mean stiffness.
 
-    Without damping and gyroscopic terms they are ``+- j omega`` of the undamped modes, to their own relative precision;
-    otherwise those of the state matrix, to the precision of the largest.
+    Without damping and gyroscopic terms they are ``+- j omega`` of the undamped modes, each to high relative accuracy;
+    otherwise they are those of the state matrix, accurate relative to the largest.
 
     Parameters
     ----------
@@ -390,7 +393,7 @@ def eigenvalues(system: System) -> ComplexArray:
 
 
 def _frequencies_and_ratios(values: ComplexArray) -> tuple[Array, Array]:
-    """Return damped natural frequencies in Hz and damping ratios, one for each conjugate pair of eigenvalues."""
+    """Return damped natural frequencies in Hz and damping ratios, one per conjugate pair of eigenvalues."""
     size = np.abs(values)
     oscillating = (np.abs(values.imag) > _OVERDAMPED * size) & (size > _RIGID_SHARE * size.max())
     upper = values[oscillating & (values.imag > 0)]

@@ -29,7 +29,7 @@ _UPRIGHT = 1 - 1e-12
 
 @dataclass(frozen=True, kw_only=True)
 class Inertia:
-    """Mass and moments of inertia of a link with everything on it; None: the default for the gears on it.
+    """Mass and moments of inertia of a link with everything on it; None: the default of `assemble`.
 
     Attributes
     ----------
@@ -42,7 +42,7 @@ class Inertia:
 
     Examples
     --------
-    The inertia of a shaft with its gear, in place of that of a steel disc:
+    Give the inertia of a shaft with its gear to replace that of a steel disc:
 
     >>> import hums
     >>> from data_synth.dynamics import Inertia, assemble
@@ -58,18 +58,18 @@ class Inertia:
 
 @dataclass(frozen=True, kw_only=True)
 class SupportStiffness:
-    """Stiffness of a bearing, or of a link's support, against the link that carries its axis.
+    """Stiffness of a bearing, or of a link's support, relative to the link that carries its axis.
 
     Attributes
     ----------
     radial, axial : float
         N/m.
     tilt, torsion : float
-        N m/rad, across the axis and about it.
+        N m/rad, about transverse axes and about the axis.
     damping_s : float
-        Damping over stiffness in s, the same for all of them.
+        Damping over stiffness in s, the same for all directions.
     shaft : BearingShaft or None
-        Of a link: the shaft on two bearings that are as stiff radially; none bends if left out.
+        For a link: an elastic shaft on two bearings, each of stiffness `radial`; rigid if left out.
 
     Examples
     --------
@@ -96,19 +96,19 @@ class MeshProperties:
     Attributes
     ----------
     stiffness : Stiffness or None
-        Mesh stiffness over the mesh phase; the constant mean stiffness of ISO 6336-1 if left out.
+        Mesh stiffness as a function of mesh phase; the constant mean stiffness of ISO 6336-1 if left out.
     error : TransmissionError or None
-        Transmission error over the mesh phase.
+        Transmission error as a function of mesh phase.
     backlash_m : float
         Half the backlash in m.
     damping : float
         N s/m along the line of action.
     geometry : GearPair or None
-        Geometry of the teeth, where the gearbox does not declare it.
+        Geometry of the teeth, if the gearbox does not declare it.
     friction_coefficient : float
-        Of sliding between the flanks; for external gears on parallel axes.
+        Coefficient of sliding friction between the flanks, for external gears on parallel axes.
     friction_cycles : float
-        Mesh cycles since a pair entered, at phase zero, for friction alone.
+        Mesh cycles since the last pair entered, at phase zero; for friction only.
 
     Examples
     --------
@@ -133,9 +133,8 @@ class MeshProperties:
 class Parts:
     """The inputs of `assemble`, and the positions of axes and gears.
 
-    `elastic_links` are links of the frame that are bodies of their own; `axis_points` has a point of the axis of each
-    body in space (empty for torsion), `speeds` as given to `assemble`. With `rotating_coordinates` those of each body
-    rotate with the carrier of its meshes.
+    `elastic_links` are links of the frame that are bodies of their own; `axis_points` holds a point (3,) in m on the
+    axis of each body (empty for torsion). Everything else is as given to `assemble`.
     """
 
     kinematics: Kinematics
@@ -168,7 +167,7 @@ class Parts:
         return self.meshes.get(contact.name) or self.meshes.get(contact.mesh) or MeshProperties()
 
     def relative_speed(self, link: str, seen_from: str) -> Fraction:
-        """Return the speed of a link about its axis, relative to another link, in the unit of `speeds`."""
+        """Return the speed of a link about its axis relative to another link, in the unit of `speeds`."""
         return self.kinematics.relative_speed(link, seen_from=seen_from, speeds=self.speeds)
 
     def reference_speed(self) -> Fraction:
@@ -181,7 +180,7 @@ class Parts:
             )
         speed = abs(self.relative_speed(reference, self.frame))
         if not speed:
-            raise ValueError(f'the reference "{reference}" does not turn at these speeds; give others.')
+            raise ValueError(f'the reference "{reference}" is at rest at the given speeds; give others.')
         return speed
 
     # ---- positions ---------------------------------------------------------------------------------------
@@ -202,22 +201,22 @@ class Parts:
         return self.axis(link)[2]
 
     def axis_point(self, body: str, carrier: str) -> Array:
-        """Return a point on the axis of a body, (3,) m; a gear of the frame is on the axis of its mesh's carrier."""
+        """Return a point (3,) in m on a body's axis; for a gear on the frame, on the axis of its mesh's carrier."""
         point = self.axis_points.get(body if body != self.frame and body not in self.elastic_links else carrier)
         if point is None:
             raise ValueError(
-                f'the position of the axis of "{body}" is unknown; give its axis through = [x, y, z] in the gearbox.'
+                f'the position of the axis of "{body}" is unknown; add through = [x, y, z] to it in the gearbox.'
             )
         return np.asarray(self.space @ point)
 
     def gear_centre(self, contact: Contact, gear: int) -> Array:
-        """Return the point on the axis of a gear, 0 or 1, nearest to the pitch point of a contact, (3,) m."""
+        """Return the point (3,) in m on the axis of gear 0 or 1 nearest to the pitch point of a contact."""
         link = contact.links[gear]
         axis, start = np.array(self.axis(link)), self.axis_point(self.body(link), contact.carrier)
         return np.asarray(start + ((self.pitch_point(contact) - start) @ axis) * axis)
 
     def pitch_point(self, contact: Contact) -> Array:
-        """Return a point at the axial position of a contact, (3,) m: on its first axis, of bevels on the pitch line."""
+        """Return a point (3,) in m at the axial position of a contact, on its first axis or a bevel's pitch line."""
         link = contact.links[1 if contact.swapped else 0]
         start = self.axis_point(self.body(link), contact.carrier)
         start = start + axial_position_m(self.kinematics, contact) * np.array(self.axis(link))
@@ -233,7 +232,7 @@ class Parts:
         return as_vector(np.mean(centres, axis=0) if centres else self.axis_point(body, body))
 
     def gears(self, body: str, frame: str | None = None) -> Iterator[tuple[Contact, int]]:
-        """Yield the contacts of a body, those of one frame where it is named, with the number of its gear."""
+        """Yield the contacts of a body, of all frames or one, with the number of its gear."""
         for contact in self.contacts:
             for number, link in enumerate(contact.links):
                 if self.body(link) == body and frame in (None, contact.carrier):
@@ -242,9 +241,9 @@ class Parts:
     # ---- rotating coordinates ----------------------------------------------------------------------------
 
     def frames(self, body: str) -> tuple[str, ...]:
-        """Return the links with which a body's coordinates rotate, the frame first: carriers of its meshes, and itself.
+        """Return the links with which a body's coordinates rotate, the frame first; it has one piece for each.
 
-        A body with gears on several of them has a piece for each.
+        These are the carriers of its meshes, its own carrier, and itself if it carries planets.
         """
         if not self.rotating_coordinates or self.torsion:
             return (self.frame,)
@@ -263,7 +262,7 @@ class Parts:
         return body if frame == frames[0] or frame not in frames else f"{body} ({frame})"
 
     def frame_ratio(self, frame: str) -> float:
-        """Return the speed of a carrier about z over that of the reference."""
+        """Return the speed of a carrier about z relative to that of the reference."""
         if frame == self.frame:
             return 0.0
         return float(self.relative_speed(frame, self.frame) / self.reference_speed()) * self.cosine_to_z(frame)
@@ -272,14 +271,14 @@ class Parts:
 # ---- Meshes of a declared gearbox: flank in contact, line of action and phase; see `assembly` ------------------------
 
 
-_TOLERANCE = 0.01  # of the centre distance: a drawing rounds, and a profile shift may be left out
+_TOLERANCE = 0.01  # of the centre distance: drawings round, and a profile shift may be left out
 
 
 def mesh_elements(parts: Parts) -> Iterator[GearMesh | GeneralMesh]:
-    """Yield the mesh of every contact, with the flank on which its driving gear drives.
+    """Yield the mesh of every contact on the flanks that transmit the power.
 
-    In torsion the deflection is ``r_b / |Z| (Z_i (theta_i - theta_c) + Z_j (theta_j - theta_c))``, the constraint of
-    the kinematics in metres along the line of action; else that of a line of action in space.
+    In torsion the deflection is ``r_b / |Z| (Z_i (theta_i - theta_c) + Z_j (theta_j - theta_c))``, the kinematic
+    constraint in metres along the line of action; otherwise it is that along a line of action in space.
     """
     reference_speed, driving = parts.reference_speed(), power_flow(parts.kinematics, parts.contacts)
     for contact in parts.contacts:
@@ -292,8 +291,8 @@ def mesh_elements(parts: Parts) -> Iterator[GearMesh | GeneralMesh]:
         if parts.torsion:
             if friction is not None:
                 raise ValueError(
-                    f'mesh "{contact.mesh}": friction acts across the line of action, which torsion lacks; assemble '
-                    "the gears in the plane or in space, or leave friction_coefficient out."
+                    f'mesh "{contact.mesh}": friction acts across the line of action, which motions = "torsion" lacks; '
+                    'use "plane" or "space", or leave friction_coefficient out.'
                 )
             yield GeneralMesh(
                 name=contact.name,
@@ -324,14 +323,14 @@ def mesh_elements(parts: Parts) -> Iterator[GearMesh | GeneralMesh]:
 
 
 def _friction(parts: Parts, contact: Contact, given: MeshProperties, *, driver: int) -> SlidingFriction | None:
-    """Return the sliding friction of a contact with its driver first, None without."""
+    """Return the sliding friction of a contact with its driver first, or None."""
     if not given.friction_coefficient:
         return None
     pair = contact.equivalent_pair
     if not contact.parallel or pair.teeth[1] < 0:
         raise ValueError(
-            f'mesh "{contact.mesh}": friction_coefficient = {given.friction_coefficient:g}, but friction is known for '
-            "external gears on parallel axes only; leave it out."
+            f'mesh "{contact.mesh}": friction_coefficient = {given.friction_coefficient:g}, but friction is modelled '
+            "for external gears on parallel axes only; leave it out."
         )
     if driver == 1:
         pair = replace(pair, teeth=pair.teeth[::-1], profile_shift=pair.profile_shift[::-1])
@@ -342,10 +341,10 @@ def _friction(parts: Parts, contact: Contact, given: MeshProperties, *, driver: 
 
 
 def power_flow(kinematics: Kinematics, contacts: Sequence[Contact]) -> dict[str, int]:
-    """Return the number of the driving gear of each contact, relative to its carrier: the first in the flow of power.
+    """Return the number of the driving gear of each contact relative to its carrier: the first in the power flow.
 
-    Power enters at the reference, or at the frame where the reference is a carrier without gears (a ring at rest then
-    drives, relative to the carrier), and passes from body to body.
+    Power enters at the reference, or at the frame if the reference is a carrier without gears (a stationary ring then
+    drives relative to the carrier), and passes from body to body.
     """
     found: dict[str, int] = {}
     body, frame = kinematics.bodies, kinematics.mechanism.frame
@@ -394,7 +393,7 @@ def _body_of(parts: Parts, contact: Contact, gear: int) -> str | None:
 
 
 def _torsion_row(parts: Parts, contact: Contact, sense: int) -> dict[Place, float]:
-    """Return the deflection per rotation about each declared axis; a bevel planet's is relative to its carrier."""
+    """Return the deflection per rotation about each declared axis, for a bevel planet relative to its carrier."""
     metres = sense * contact.pair.base_radii_m[0] / abs(contact.teeth[0])
     joints = parts.kinematics.joints
     row: dict[Place, float] = {}
@@ -412,7 +411,7 @@ def _torsion_row(parts: Parts, contact: Contact, sense: int) -> dict[Place, floa
 
 
 def _line_of_action(parts: Parts, contact: Contact, driving_speed: Fraction) -> tuple[Vector, Vector]:
-    """Return direction of the line of action and pitch point, for the external gear first."""
+    """Return direction of the line of action and pitch point, with the external gear first."""
     along, away = _pitch_line(parts, contact)
     mesh = next(mesh for mesh in parts.kinematics.gearbox.meshes if mesh.name == contact.mesh)
     speed = float(driving_speed) * (along @ np.array(parts.axis(contact.links[0])))
@@ -430,7 +429,7 @@ def _line_of_action(parts: Parts, contact: Contact, driving_speed: Fraction) -> 
 
 
 def _pitch_line(parts: Parts, contact: Contact) -> tuple[Array, Array]:
-    """Return unit vectors along the line of contact of the pitch surfaces, and across it out of the first gear."""
+    """Return unit vectors along the line of contact of the pitch surfaces and across it, out of the first gear."""
     one, two = (parts.axis_point(parts.body(link), contact.carrier) for link in contact.links)
     axis = np.array(parts.axis(contact.links[0]))
     if contact.cone is not None:
@@ -438,14 +437,14 @@ def _pitch_line(parts: Parts, contact: Contact) -> tuple[Array, Array]:
         return parts.space @ np.array(contact.cone.element), parts.space @ contact.cone.away
     if not contact.parallel:
         raise ValueError(
-            f'mesh "{contact.mesh}": the line of action is known for parallel and intersecting axes only; use a '
+            f'mesh "{contact.mesh}": the line of action is modelled for parallel and intersecting axes only; use a '
             'kinematic scene, or motions = "torsion".'
         )
     across = two - one - ((two - one) @ axis) * axis
     distance_m, nominal_m = float(np.linalg.norm(across)), contact.pair.centre_distance_m
     if abs(distance_m - nominal_m) > _TOLERANCE * nominal_m:
         raise ValueError(
-            f'mesh "{contact.mesh}": its axes stand {1e3 * distance_m:.5g} mm apart, but its teeth need '
+            f'mesh "{contact.mesh}": its axes are {1e3 * distance_m:.5g} mm apart, but its teeth need '
             f"{1e3 * nominal_m:.5g} mm; correct module_mm, profile_shift or through."
         )
     return axis, across / distance_m * (-1 if contact.pair.teeth[1] < 0 else 1)
@@ -458,6 +457,6 @@ def _check_apex(parts: Parts, contact: Contact, between: Array) -> None:
     distance_m = abs(float(between @ normal)) / float(np.linalg.norm(normal))
     if distance_m > _TOLERANCE * contact.cone.distance_m(contact.pair):
         raise ValueError(
-            f'mesh "{contact.mesh}": its axes pass each other {1e3 * distance_m:.5g} mm apart, but those of bevel '
-            "gears meet; correct through."
+            f'mesh "{contact.mesh}": its axes pass each other at {1e3 * distance_m:.5g} mm, but those of bevel gears '
+            "must intersect; correct through."
         )

@@ -1,4 +1,4 @@
-"""Geometry of a declared gearbox: positions of its axes, and its contacts."""
+"""Geometry of a declared gearbox: positions of its axes and its contacts."""
 
 import math
 from collections.abc import Mapping
@@ -18,7 +18,7 @@ from hums.gearbox.model import Gearbox
 # ---- Pitch cones of bevel gears: their line of contact and their virtual spur gears ----------------------------------
 
 
-_MAX_TEETH = 2000  # of a virtual gear: a crown wheel would be a rack
+_MAX_TEETH = 2000  # of a virtual gear: that of a crown wheel would be a rack
 
 
 @dataclass(frozen=True, kw_only=True)
@@ -59,21 +59,21 @@ class Cone:
         return np.asarray(outwards if cosine >= 0 else -outwards)
 
     def distance_m(self, middle: GearPair) -> float:
-        """Return the mean cone distance: from the apex to the middle of the face."""
+        """Return the mean cone distance in m, from the apex to mid-face."""
         return middle.reference_radii_m[0] / self.sines[0]
 
     def middle(self, outer: GearPair, mesh: str) -> GearPair:
-        """Return the section in the middle of the face of a pair whose module is that of the outer end."""
+        """Return the section at mid-face of a pair whose module is that at the outer end."""
         cone_distance_m = self.distance_m(outer)
         if not outer.face_width_m < cone_distance_m:
             raise ValueError(
-                f'mesh "{mesh}": a face of {1e3 * outer.face_width_m:.7g} mm does not fit a cone of '
-                f"{1e3 * cone_distance_m:.7g} mm from its apex; correct face_width_mm or module_mm."
+                f'mesh "{mesh}": its face width, {1e3 * outer.face_width_m:.7g} mm, must be below its cone distance, '
+                f"{1e3 * cone_distance_m:.7g} mm; correct face_width_mm or module_mm."
             )
         return replace(outer, module_m=outer.module_m * (1 - outer.face_width_m / 2 / cone_distance_m))
 
     def virtual_spur_gears(self, middle: GearPair) -> GearPair:
-        """Return the virtual spur gears, ``z / cos(delta)`` rounded to whole teeth (Tredgold; ISO 10300-1)."""
+        """Return the virtual spur gears, of ``z / cos(delta)`` teeth rounded to integers (Tredgold; ISO 10300-1)."""
         one, two = (
             min(_MAX_TEETH, round(abs(teeth) / max(abs(cosine), 1 / _MAX_TEETH)))
             for teeth, cosine in zip(middle.teeth, self.cosines, strict=True)
@@ -88,8 +88,8 @@ class Cone:
 def cone_of(axes: tuple[Array, Array], teeth: tuple[int, int]) -> Cone:
     """Return the pitch cones of two gears on axes of given directions, with signs as in ``Z_i w_i + Z_j w_j = 0``.
 
-    Relative rotation is about the element, so it is along ``Z_j a_i + Z_i a_j``; a gear with a minus is on the negative
-    side of the apex, or internal.
+    Relative rotation is about the element, which is therefore along ``Z_j a_i + Z_i a_j``; a gear with a negative
+    number of teeth is on the negative side of the apex, or internal.
     """
     along = math.copysign(1.0, teeth[0] * teeth[1]) * (teeth[1] * axes[0] + teeth[0] * axes[1])
     element = along / np.linalg.norm(along)
@@ -104,27 +104,27 @@ def cone_of(axes: tuple[Array, Array], teeth: tuple[int, int]) -> Cone:
 
 _PARALLEL = 1e-9
 _MM = 1e-3
-_FINE = 10_000  # parts of a degree
+_FINE = 10_000  # largest denominator of an angle in degrees
 
 
 @dataclass(frozen=True, kw_only=True)
 class Contact:
-    """One contact of the expanded gearbox, the gear with teeth outside first.
+    """One contact of the expanded gearbox, with the external gear first.
 
     Attributes
     ----------
     mesh, name : str
-        Names of the mesh and of the contact, which adds the number of the planet.
+        Names of the mesh and of the contact; the latter includes the number of the planet.
     links, teeth : pairs
         The two gears; teeth signed as declared.
     carrier : str
         Body relative to which the contact is at rest.
     pair : GearPair
-        Geometry; of bevel gears the section in the middle of the face.
+        Geometry; for bevel gears the section at mid-face.
     parallel : bool
         Whether the axes are parallel.
     swapped : bool
-        Whether the gears are in the other order than declared.
+        Whether the gears are in reverse order of declaration.
     cone : Cone or None
         Pitch cones of bevel gears.
     """
@@ -141,12 +141,12 @@ class Contact:
 
     @property
     def equivalent_pair(self) -> GearPair:
-        """The equivalent spur or helical pair: of a bevel pair its virtual spur gears."""
+        """The equivalent spur or helical pair; for a bevel pair its virtual spur gears."""
         return self.pair if self.cone is None else self.cone.virtual_spur_gears(self.pair)
 
 
 def contacts_of(kinematics: Kinematics, geometries: Mapping[str, GearPair]) -> tuple[Contact, ...]:
-    """Return every contact with its geometry, from `geometries` by the name of the mesh or as declared.
+    """Return every contact with its geometry: that in `geometries` under the name of its mesh, or as declared.
 
     Raises
     ------
@@ -159,7 +159,7 @@ def contacts_of(kinematics: Kinematics, geometries: Mapping[str, GearPair]) -> t
     found = []
     for contact in kinematics.contacts:
         if len(contact.gears) != 2:  # noqa: PLR2004
-            raise ValueError(f'mesh "{contact.mesh}" has one gear; a mesh with a stiffness needs both of them.')
+            raise ValueError(f'mesh "{contact.mesh}" has one gear only; declare the teeth of both.')
         number[contact.mesh] = number.get(contact.mesh, 0) + 1
         (one, ones), (two, twos) = contact.gears
         axes = direction_of(kinematics, one), direction_of(kinematics, two)
@@ -187,12 +187,12 @@ def contacts_of(kinematics: Kinematics, geometries: Mapping[str, GearPair]) -> t
 
 
 def _pair(mesh: Mesh, teeth: tuple[int, int], cone: Cone | None, *, swapped: bool) -> GearPair:
-    """Return the geometry of a declared mesh in SI units; ValueError where a dimension is missing."""
+    """Return the geometry of a declared mesh in SI units; raise ValueError if a dimension is missing."""
     missing = [key for key in ("module_mm", "face_width_mm", "pressure_angle_deg") if getattr(mesh, key) is None]
     if missing:
         raise ValueError(
-            f'mesh "{mesh.name}" declares no {" and no ".join(missing)}, without which it has neither radii nor '
-            "stiffness; declare it in the gearbox, or give MeshProperties(geometry=GearPair(...))."
+            f'mesh "{mesh.name}" declares no {" and no ".join(missing)}, needed for its radii and stiffness; declare '
+            "it in the gearbox, or give MeshProperties(geometry=GearPair(...))."
         )
     shift = mesh.profile_shift or (0.0, 0.0)
     pair = GearPair(
@@ -207,9 +207,9 @@ def _pair(mesh: Mesh, teeth: tuple[int, int], cone: Cone | None, *, swapped: boo
 
 
 def direction_of(kinematics: Kinematics, link: str) -> Array:
-    """Return the direction of a link's axis of rotation, (3,); for a gear of the frame that of its mate's carrier.
+    """Return the direction (3,) of a link's axis of rotation; for a gear on the frame, that of its mate's carrier.
 
-    Copies of an axis that is not parallel to that of their carrier are spaced round it as declared.
+    Copies of an axis that is not parallel to that of their carrier are spaced around it as declared.
     """
     directions, bodies = kinematics.mechanism.directions, kinematics.bodies
     joint = kinematics.joints.get(bodies[link])
@@ -227,7 +227,7 @@ def direction_of(kinematics: Kinematics, link: str) -> Array:
 
 
 def transverse_axes(direction: Array) -> tuple[Array, Array]:
-    """Return the x and y axes to a z axis: x, y, z in cyclic order where `direction` is one of them."""
+    """Return the x and y axes (3,) for a z axis; a cyclic permutation of x, y, z if `direction` is one of them."""
     away = np.roll(np.eye(3)[int(np.argmax(np.abs(direction)))], 1)
     first = away - (away @ direction) * direction
     first /= np.linalg.norm(first)
@@ -235,7 +235,7 @@ def transverse_axes(direction: Array) -> tuple[Array, Array]:
 
 
 def z_direction(kinematics: Kinematics) -> Array:
-    """Return the direction that is z of the assembly, (3,): the first axis, or that of a carrier not parallel to it."""
+    """Return the z direction (3,) of the assembly: the first axis, or that of a carrier not parallel to it."""
     joints, frame = kinematics.joints, kinematics.mechanism.frame
     first = direction_of(kinematics, next(iter(joints)))
     for carrier in dict.fromkeys(joint.carried_by for joint in joints.values() if joint.carried_by != frame):
@@ -246,10 +246,10 @@ def z_direction(kinematics: Kinematics) -> Array:
 
 
 def axis_points(kinematics: Kinematics, contacts: tuple[Contact, ...]) -> dict[str, Array]:
-    """Return a point of each body's axis in space, (3,) m; the first body's in the origin.
+    """Return a point (3,) in m on each body's axis; the first body's is the origin unless declared.
 
-    It is as declared by ``through``. Else planets are spaced round their carrier as declared, at the centre distance of
-    their mesh, and each other gear is beside one that is known, along x; axes of bevel gears intersect.
+    Points are as declared by ``through``. Otherwise planets are spaced around their carrier as declared, at the centre
+    distance of their mesh; any other gear is placed beside one already placed, along x; axes of bevel gears intersect.
     """
     joints, frame = kinematics.joints, kinematics.mechanism.frame
     through = {
@@ -277,7 +277,7 @@ def axis_points(kinematics: Kinematics, contacts: tuple[Contact, ...]) -> dict[s
 
 
 def _place(kinematics: Kinematics, body: str, contacts: tuple[Contact, ...], known: dict[str, Array]) -> None:
-    """Place a body at the centre distances from its mates that are known, or at the apex."""
+    """Place a body at the centre distances from its mates already placed, or at the apex."""
     mates = [
         (contact, gear, known[mate])
         for contact in contacts
@@ -302,25 +302,25 @@ def _place(kinematics: Kinematics, body: str, contacts: tuple[Contact, ...], kno
 
 
 def axial_position_m(kinematics: Kinematics, contact: Contact) -> float:
-    """Return the position of a mesh along the axis of its first gear: the middle of its face, or its apex."""
+    """Return the position in m of a mesh along the axis of its first gear: its mid-face, or its apex."""
     mesh = next(mesh for mesh in kinematics.gearbox.meshes if mesh.name == contact.mesh)
     return _MM * (mesh.position_mm or 0.0)
 
 
 def _axis_body(kinematics: Kinematics, body: str, carrier: str) -> str:
-    """Return the body with whose axis a gear on the frame is coaxial, the contact's carrier; else the body itself."""
+    """Return the contact's carrier for a gear on the frame that is coaxial with it; otherwise the body itself."""
     on_frame = body == kinematics.mechanism.frame != carrier
     coaxial = on_frame and kinematics.mechanism.shared_axis(body, carrier) is not None
     return carrier if coaxial else body
 
 
 def are_parallel(one: Array, two: Array) -> bool:
-    """Return whether two unit vectors (3,) are parallel, in either sense."""
+    """Return whether two unit vectors (3,) are parallel or antiparallel."""
     return abs(abs(float(one @ two)) - 1) < _PARALLEL
 
 
 def planet_of(kinematics: Kinematics, contact: Contact) -> int | None:
-    """Return which gear of a contact, 0 or 1, is a planet of its carrier; None where neither or both are."""
+    """Return which gear of a contact, 0 or 1, is a planet of its carrier; None if neither or both are."""
     carried = [_is_carried(kinematics, link, contact.carrier) for link in contact.links]
     return carried.index(True) if sum(carried) == 1 else None
 
@@ -330,9 +330,10 @@ def planet_phase_lag(
 ) -> Fraction:
     """Return the phase lag of a contact behind that of the first planet, in mesh cycles.
 
-    The teeth of the central gear pass a planet at the angle psi by ``Z psi / 2 pi`` cycles later than the first if
-    that gear rotates in the sense of psi relative to the carrier, else earlier. Two planets in mesh with each other lag
-    as the mesh of one of them with a central gear, whose teeth are the same; where there is none, they are in step.
+    The central gear of Z teeth meshes with a planet at the angle psi ``Z psi / 2 pi`` cycles later than with the first
+    planet if it rotates in the direction of psi relative to the carrier, and earlier otherwise. Two planets in mesh
+    with each other have the lag of the mesh of one of them, with the same teeth, with a central gear; without such a
+    mesh the lag is zero.
     """
     gears = _planet_and_central(kinematics, contact)
     if gears is None:
@@ -345,18 +346,18 @@ def planet_phase_lag(
 
 
 def opposite_mesh_lead(first: Contact, second: Contact, planet: str, *, driven_by_first: bool) -> float:
-    """Return by how many mesh cycles the second contact of a planet is ahead of the first, on its opposite side.
+    """Return the lead in mesh cycles of the second contact of a planet over the first, on its opposite side.
 
-    Cycles count from where pairs enter. The gear that drives the planet touches the rear flanks of its teeth, the other
-    one the front flanks, a tooth's thickness on; between the pitch points is half of the planet's circumference, Z / 2
-    pitches (Parker and Lin 2004, J. Mech. Des. 126, 525: the relative phase of sun and ring mesh).
+    Phase is zero where pairs enter. The gear that drives the planet touches the rear flanks of its teeth; the other
+    touches the front flanks, one tooth thickness ahead. The pitch points are half the planet's circumference, Z / 2
+    pitches, apart (Parker and Lin 2004, J. Mech. Des. 126, 525: the relative phase of sun and ring meshes).
 
     Parameters
     ----------
     first, second : Contact
-        Of the same teeth of the planet, with gears about the axis of its carrier.
+        Contacts of the same teeth of the planet with gears coaxial with its carrier.
     planet : str
-        The link.
+        Name of the planet's link.
     driven_by_first : bool
         Whether the first contact drives the planet.
     """
@@ -368,7 +369,7 @@ def opposite_mesh_lead(first: Contact, second: Contact, planet: str, *, driven_b
 
 
 def _planet_and_central(kinematics: Kinematics, contact: Contact) -> tuple[str, tuple[str, int]] | None:
-    """Return the planet of a contact and the central gear that its teeth pass, with its teeth; None without both."""
+    """Return the planet of a contact and the central gear with its number of teeth; None if there are not both."""
     here = dict(zip(contact.links, contact.teeth, strict=True))
     number = planet_of(kinematics, contact)
     if number is not None:
@@ -395,14 +396,14 @@ def planet_angle(gearbox: Gearbox, axis_name: str) -> float:
 
 
 def planet_position(gearbox: Gearbox, axis_name: str) -> Fraction:
-    """Return the angle of one of several planet axes round its carrier, in turns from the first; 0 for a single one."""
+    """Return the angle of a planet axis around its carrier, in rev from the first copy; 0 for a single one."""
     for axis in gearbox.axes:
         if axis.copies and axis_name in axis.instances():
             number = axis.instances().index(axis_name)
             given = axis.spacing_deg
             if given is None:
                 return Fraction(number, axis.copies)
-            # as in the gearbox file: angles begin with 0, gaps do not
+            # as in the gearbox file: a list of angles begins with 0, a list of gaps does not
             degrees = given[number] if given[0] == 0 else sum(given[:number])
             return Fraction(degrees).limit_denominator(_FINE) / 360
     return Fraction(0)

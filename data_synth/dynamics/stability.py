@@ -1,13 +1,13 @@
-"""Parametric stability of a gearbox under its own mesh stiffness: Floquet multipliers at constant speed.
+"""Parametric stability of a gearbox with varying mesh stiffness: Floquet multipliers at constant speed.
 
-Over one period of all meshes the state becomes ``z(T) = P z(0)``; the motion is unbounded where an eigenvalue of the
-monodromy matrix P, a Floquet multiplier, lies outside of the unit circle. P is a product of matrix exponentials of
-fourth order in their length (the commutator-free method of Blanes and Moan 2006, Appl. Numer. Math. 56), exact where a
-stiffness is constant, and refined to convergence.
+Over one common period of all meshes the state becomes ``z(T) = P z(0)``; the motion is unbounded if an eigenvalue of
+the monodromy matrix P, a Floquet multiplier, lies outside the unit circle. P is a product of matrix exponentials, of
+fourth order in the step (the commutator-free method of Blanes and Moan 2006, Appl. Numer. Math. 56) and exact where the
+stiffness is constant, refined to convergence.
 
-The state is taken in the modes of mean stiffness, velocities over their frequency. Rigid-body modes are left out,
-because their double multiplier of 1 would be found to half the digits only; the other modes are scaled alike, however
-stiff.
+The state consists of the modal displacements at mean stiffness and the modal velocities over their frequency, so that
+all modes have the same scale, however stiff. Rigid-body modes are left out, because their double multiplier of 1 would
+be accurate to half the digits only.
 """
 
 from __future__ import annotations
@@ -37,7 +37,7 @@ _TERMS = 14  # of a series for matrices of norm 1/2: 0.5^15 / 15! is below round
 
 
 def exponentials(matrices: Array) -> Array:
-    """Return the exponentials of a stack of matrices (n, m, m): Taylor series with scaling and squaring."""
+    """Return the exponentials of a stack of matrices (n, m, m) by a Taylor series with scaling and squaring."""
     halvings = max(0, math.ceil(math.log2(2 * float(np.abs(matrices).sum(axis=2).max()) or 1.0)))
     small = matrices / 2**halvings
     total = np.broadcast_to(np.eye(matrices.shape[1]), matrices.shape)
@@ -49,7 +49,7 @@ def exponentials(matrices: Array) -> Array:
 
 
 def chained(steps: Array) -> Array:
-    """Return the product of a stack of matrices, the last one leftmost, pair by pair."""
+    """Return the product (m, m) of a stack of matrices (n, m, m), the last one leftmost, pair by pair."""
     while len(steps) > 1:
         paired = steps[1::2] @ steps[: len(steps) // 2 * 2 : 2]
         steps = np.concatenate([paired, steps[-1:]]) if len(steps) % 2 else paired
@@ -62,9 +62,9 @@ def chained(steps: Array) -> Array:
 _MAX_DENOMINATOR = 100_000
 _RATIO_TOLERANCE = 1e-12
 _GAUSS = math.sqrt(3) / 6  # of a step: distance of the two Gauss-Legendre nodes from its middle
-_MIN_STEPS, _MAX_STEPS = 32, 8192  # to a period
-_CONVERGED = 1e-9  # of the largest entry of P, between two refinements
-_ROUNDING = 1e-6  # growth over a period that rounding explains
+_MIN_STEPS, _MAX_STEPS = 32, 8192  # per period
+_CONVERGED = 1e-9  # change between two refinements, relative to the largest entry of P
+_ROUNDING = 1e-6  # growth over a period that rounding can cause
 
 
 @dataclass(frozen=True, kw_only=True)
@@ -76,13 +76,13 @@ class Multipliers:
     period_s : float
         Time in s after which all meshes repeat.
     multipliers : (2 mode,) complex array
-        Eigenvalues of the monodromy matrix, largest magnitude first; rigid-body modes are left out.
+        Eigenvalues of the monodromy matrix, largest magnitude first, without those of rigid-body modes.
     monodromy : (2 mode, 2 mode) array
-        P, displacements before velocities over their frequency, in the modes of mean stiffness.
+        P for modal displacements, then modal velocities over their frequency, at mean stiffness.
 
     Examples
     --------
-    With a damper the product of the multipliers is ``exp(-trace(M^-1 C) T)`` (Liouville's formula):
+    With damping the product of the multipliers is ``exp(-trace(M^-1 C) T)`` (Liouville's formula):
 
     >>> import numpy as np
     >>> from data_synth.dynamics import Body, GeneralMesh, Rectangular, build_system, floquet
@@ -100,13 +100,13 @@ class Multipliers:
 
     @property
     def largest(self) -> float:
-        """Magnitude of the largest multiplier: above 1, the factor by which the motion grows in a period."""
+        """Magnitude of the largest multiplier; above 1, the factor by which the motion grows per period."""
         return float(np.abs(self.multipliers[0]))
 
 
 @dataclass(frozen=True, kw_only=True)
 class StabilityMap:
-    """Magnitude of the largest Floquet multiplier over speed and over a parameter.
+    """Magnitude of the largest Floquet multiplier as a function of speed and a parameter.
 
     Attributes
     ----------
@@ -115,11 +115,11 @@ class StabilityMap:
     parameters : (parameter,) array
         Values of the parameter, in its own unit.
     growth : (parameter, speed) array
-        Magnitude of the largest multiplier: growth of the motion in one period.
+        Magnitude of the largest multiplier: growth of the motion per period.
 
     Examples
     --------
-    An undamped oscillator of 1 rad/s whose stiffness varies is unstable at twice its natural frequency:
+    An undamped oscillator of 1 rad/s is unstable if its stiffness varies at twice its natural frequency:
 
     >>> from data_synth.dynamics import Body, Fourier, GeneralMesh, build_system, stability_map
     >>> mass = Body(name="mass", mass_kg=1.0, motions=("x",))
@@ -137,20 +137,20 @@ class StabilityMap:
 
     @property
     def unstable(self) -> np.ndarray[tuple[int, ...], np.dtype[np.bool_]]:
-        """Whether the motion grows by more than rounding explains, (parameter, speed)."""
+        """Whether the motion grows by more than rounding can cause, (parameter, speed)."""
         return np.asarray(self.growth > 1 + _ROUNDING)
 
 
 @dataclass(frozen=True, kw_only=True)
 class Tongue:
-    """An instability tongue: an interval of speeds in which the motion grows.
+    """An instability tongue: a range of speeds in which the motion grows.
 
     Attributes
     ----------
     low_rad_s, high_rad_s : float
-        Ends of the interval, speeds of the reference shaft in rad/s.
+        Ends of the range, speeds of the reference shaft in rad/s.
     growth : float
-        Largest magnitude of a multiplier at the speeds of the search.
+        Largest magnitude of a multiplier among the speeds of the search.
 
     Examples
     --------
@@ -172,15 +172,15 @@ class Tongue:
 def floquet(system: System, *, speed_rad_s: float) -> Multipliers:
     """Return the Floquet multipliers and the monodromy matrix of a system at constant speed.
 
-    Teeth are taken to stay in contact; friction between them counts. Transmission errors and forces do not affect the
-    stability of this linear system.
+    Teeth are assumed to stay in contact; friction between them is included. Transmission errors and forces do not
+    affect the stability of this linear system.
 
     Parameters
     ----------
     system : System
         Equations of motion with at least one mesh.
     speed_rad_s : float
-        Speed of the reference shaft in rad/s; a mesh passes ``cycles_per_rev`` cycles in each of its revolutions.
+        Speed of the reference shaft in rad/s; a mesh passes through ``cycles_per_rev`` cycles per revolution of it.
 
     Returns
     -------
@@ -191,12 +191,13 @@ def floquet(system: System, *, speed_rad_s: float) -> Multipliers:
     ValueError
         If the speed is not positive, the system has no mesh, or the meshes have no common period.
     ArithmeticError
-        If the monodromy matrix has not converged with 8192 steps to a period.
+        If the monodromy matrix has not converged with 8192 steps per period.
 
     Examples
     --------
-    Meissner's equation, a stiffness a^2 for half of a period of pi and b^2 for the other half, has the trace
-    ``2 cos(pi a/2) cos(pi b/2) - (a/b + b/a) sin(pi a/2) sin(pi b/2)``; beyond -2 the motion is unstable:
+    Meissner's equation, with a stiffness of a^2 for half of a period of pi and b^2 for the other half, has a monodromy
+    matrix with the trace ``2 cos(pi a/2) cos(pi b/2) - (a/b + b/a) sin(pi a/2) sin(pi b/2)``; below -2 the motion is
+    unstable:
 
     >>> import numpy as np
     >>> from data_synth.dynamics import Body, GeneralMesh, Rectangular, build_system, floquet
@@ -208,19 +209,19 @@ def floquet(system: System, *, speed_rad_s: float) -> Multipliers:
     (-2.089829, True)
     """
     if not (math.isfinite(speed_rad_s) and speed_rad_s > 0):
-        raise ValueError(f"speed_rad_s = {speed_rad_s!r} has to be a finite number above 0.")
+        raise ValueError(f"speed_rad_s = {speed_rad_s!r} must be a finite number above 0.")
     return _Periodic(system).multipliers(speed_rad_s)
 
 
 def stability_map(
     system_of: Callable[[float], System], *, parameters: Sequence[float] | Array, speeds_rad_s: Sequence[float] | Array
 ) -> StabilityMap:
-    """Return the magnitude of the largest Floquet multiplier over speed, for every value of a parameter.
+    """Return the magnitude of the largest Floquet multiplier over speed for every value of a parameter.
 
     Parameters
     ----------
     system_of : callable
-        From a value of the parameter (damping ratio, contact ratio, load, ...) to a system.
+        Takes a value of the parameter (damping ratio, contact ratio, load, etc.); returns a system.
     parameters : (parameter,) sequence of float
         Values of the parameter.
     speeds_rad_s : (speed,) sequence of float
@@ -237,7 +238,7 @@ def stability_map(
 
     Examples
     --------
-    An oscillator of 1 rad/s whose stiffness varies at twice its natural frequency by a fraction h is unstable where the
+    An oscillator of 1 rad/s whose stiffness varies by a fraction h at twice its natural frequency is unstable if the
     damping ratio is below about h / 4:
 
     >>> from data_synth.dynamics import Body, Fourier, GeneralMesh, build_system, stability_map
@@ -258,22 +259,22 @@ def stability_map(
 
 
 def instability_tongues(system: System, *, speeds_rad_s: Sequence[float] | Array) -> tuple[Tongue, ...]:
-    """Return the intervals of speed in which the motion is unstable, their ends bisected to 1e-10 of the speed.
+    """Return the ranges of speed in which the motion is unstable, with ends found by bisection to 1e-10 of the speed.
 
-    A tongue that lies between two of `speeds_rad_s` is missed. The principal ones lie where the mesh frequency is twice
-    a natural frequency, or the sum of two, over a whole number.
+    A tongue that lies between two neighbouring `speeds_rad_s` is missed. Tongues lie near mesh frequencies equal to
+    twice a natural frequency, or the sum of two, divided by an integer.
 
     Parameters
     ----------
     system : System
         Equations of motion with at least one mesh.
     speeds_rad_s : (speed,) sequence of float
-        Speeds of the reference shaft in rad/s at which stability is decided first, rising.
+        Speeds of the reference shaft in rad/s of the initial search, ascending.
 
     Returns
     -------
     tuple of Tongue
-        In order of rising speed.
+        In ascending order of speed.
 
     Raises
     ------
@@ -319,18 +320,18 @@ def instability_tongues(system: System, *, speeds_rad_s: Sequence[float] | Array
 
 
 class _Periodic:
-    """A system in the modes of its mean stiffness, and the variation of its meshes over one period."""
+    """A system in modal coordinates at mean stiffness, and the variation of its meshes over one period."""
 
     def __init__(self, system: System) -> None:
         if not system.meshes:
-            raise ValueError("the system has no mesh, so nothing changes with phase; use solve_modes.")
+            raise ValueError("the system has no mesh, so its stiffness does not vary; use solve_modes.")
         self.system = system
         angular, shapes = undamped_modes(system, [mesh.stiffness.mean for mesh in system.meshes])
         kept = angular > 0
         velocity = system.damping if system.gyroscopic is None else system.damping + system.gyroscopic
         free = shapes[:, ~kept]
         if np.abs(free.T @ velocity).max(initial=0.0) + np.abs(velocity @ free).max(initial=0.0) > 0:
-            kept = np.ones_like(kept)  # a damper against a rigid-body motion couples it to the other modes
+            kept = np.ones_like(kept)  # damping of a rigid-body motion couples it to the other modes
         self.shapes, self.velocity = shapes[:, kept], shapes[:, kept].T @ velocity @ shapes[:, kept]
         self.angular = angular[kept]
         self.scale = np.where(self.angular > 0, self.angular, self.angular[self.angular > 0].min(initial=1.0))
@@ -338,7 +339,7 @@ class _Periodic:
         self.breaks = self._breaks()
 
     def _breaks(self) -> Array:
-        """Return revolutions of the reference, from 0 to the end of the period, between which no stiffness jumps."""
+        """Return the angles of the reference in rev, from 0 to the end of the period, at which a stiffness jumps."""
         found = {0.0, float(self.revolutions)}
         for mesh in self.system.meshes:
             corners = (*mesh.stiffness.jumps, *getattr(mesh.stiffness, "corners", ()))
@@ -362,7 +363,7 @@ class _Periodic:
         )
 
     def _refined(self, period_s: float) -> Array:
-        """Return the monodromy matrix of a smooth stiffness, with steps halved until it converges."""
+        """Return the monodromy matrix, with steps halved until it converges."""
         steps, before = _MIN_STEPS, None
         while steps <= _MAX_STEPS:
             product = self._product(period_s, steps)
@@ -370,12 +371,12 @@ class _Periodic:
                 return product
             steps, before = 2 * steps, product
         raise ArithmeticError(
-            f"{_MAX_STEPS} steps to a period: the monodromy matrix has not converged to {_CONVERGED:g}; check that "
+            f"the monodromy matrix has not converged to {_CONVERGED:g} with {_MAX_STEPS} steps per period; check that "
             "the `jumps` of every stiffness are complete."
         )
 
     def _product(self, period_s: float, steps: int) -> Array:
-        """Return the product of matrix exponentials: `steps` to a period, or one to each interval for 0 steps."""
+        """Return the product of matrix exponentials of `steps` per period, at least one per interval."""
         rates, product = self._mean_rate() / 2, np.eye(2 * self.angular.size)
         near, far = 0.25 + _GAUSS, 0.25 - _GAUSS
         for start, stop in zip(self.breaks[:-1].tolist(), self.breaks[1:].tolist(), strict=True):
@@ -397,7 +398,7 @@ class _Periodic:
         return rates
 
     def _variation(self, revolutions: Array) -> Array:
-        """Return A minus its mean at angles of the reference, (angle, 2 mode, 2 mode)."""
+        """Return A minus its mean at angles of the reference in rev, (angle, 2 mode, 2 mode)."""
         size = self.angular.size
         change = np.zeros((revolutions.size, 2 * size, 2 * size))
         for mesh in self.system.meshes:
@@ -412,14 +413,14 @@ class _Periodic:
 
 
 def _revolutions(system: System) -> Fraction:
-    """Return the revolutions of the reference after which every mesh repeats: the least common multiple of periods."""
+    """Return the least common multiple of all mesh periods in revolutions of the reference."""
     total = Fraction(0)
     for mesh in system.meshes:
         ratio = Fraction(mesh.cycles_per_rev).limit_denominator(_MAX_DENOMINATOR)
         if ratio <= 0 or abs(float(ratio) / mesh.cycles_per_rev - 1) > _RATIO_TOLERANCE:
             raise ValueError(
-                f'mesh "{mesh.name}": cycles_per_rev = {mesh.cycles_per_rev!r} is no ratio of whole numbers below '
-                f"{_MAX_DENOMINATOR}, so the meshes have no common period; give it as teeth define it."
+                f'mesh "{mesh.name}": cycles_per_rev = {mesh.cycles_per_rev!r} is not a ratio of whole numbers below '
+                f"{_MAX_DENOMINATOR}, so the meshes have no common period; compute it from numbers of teeth."
             )
         own = mesh.stiffness.period / ratio
         numerator = math.lcm(total.numerator * own.denominator, own.numerator * total.denominator)

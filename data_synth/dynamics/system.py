@@ -2,12 +2,11 @@
 
     M q'' + (C + G) q' + K q + sum_m g_m k_m(phi_m) f(g_m . q - e_m(phi_m)) = F(t)
 
-with one row g_m per mesh, k_m its stiffness and e_m its transmission error at the mesh phase phi_m, and f the dead
-zone of half width `Mesh.backlash_m`. Bodies are rigid and have the motions they are given; a motion that a body lacks
-is held at zero. Every element that joins bodies is a row g, which turns displacements into one deflection, and a
-constant k. Bearings and shafts give several such springs, a mesh one whose constant follows the mesh phase. The springs
-are kept beside their sum ``K = sum k g g'``, in which stiff ones take the last digits from soft ones
-(`System.springs`).
+where mesh m has the deflection row g_m, the stiffness k_m and the transmission error e_m at its phase phi_m, and f is a
+dead zone of half width `Mesh.backlash_m`. Bodies are rigid; motions that they are not given are held at zero. Every
+element that connects bodies has a row g, which turns displacements into a deflection, and a constant k. Bearings and
+shafts consist of several such springs; a mesh is one whose stiffness depends on the mesh phase. `System.springs` keeps
+the springs as well as their sum ``K = sum k g g'``, in which soft ones lose digits to stiff ones.
 """
 
 from __future__ import annotations
@@ -37,16 +36,21 @@ _ALONG_Z = 1e-12
 
 @dataclass(frozen=True, kw_only=True)
 class MeshHistory:
-    """Teeth that change slowly in time, as by a growing fault: given at some instants, linear between them.
+    """Teeth that change slowly in time, such as by a growing fault, interpolated linearly between instants.
 
     Attributes
     ----------
     times_s : (j,) array
-        Instants in s, rising, two or more; before the first and after the last nothing changes.
+        Two or more instants in s, increasing; nothing changes before the first and after the last.
     stiffnesses : tuple of j Stiffness
-        Mesh stiffness over the mesh phase at each instant.
+        Mesh stiffness as a function of mesh phase at each instant.
     errors : tuple of j TransmissionError or None
-        Transmission error over the mesh phase at each instant; all of them given, or none.
+        Transmission error as a function of mesh phase at each instant; all given, or all None.
+
+    Raises
+    ------
+    ValueError
+        If there are fewer than two instants, they do not increase, or the numbers of values differ.
 
     Examples
     --------
@@ -65,15 +69,15 @@ class MeshHistory:
     def __post_init__(self) -> None:
         count = len(self.times_s)
         if count < 2 or not np.all(np.diff(self.times_s) > 0):  # noqa: PLR2004
-            raise ValueError(f"times_s = {self.times_s}: two or more instants are needed, rising.")
+            raise ValueError(f"times_s = {self.times_s} must be two or more increasing instants.")
         if (len(self.stiffnesses), len(self.errors)) != (count, count) or len({e is None for e in self.errors}) != 1:
             raise ValueError(
-                f"{count} instants need as many stiffnesses and errors, these all or none of them None; there are "
+                f"{count} instants need as many stiffnesses and errors, the errors all given or all None; there are "
                 f"{len(self.stiffnesses)} and {len(self.errors)}."
             )
 
     def position(self, times_s: Array) -> Array:
-        """Return the fractional number of the instant at each time (n,): 1.5 is halfway from the second to the third.
+        """Return the fractional index (n,) of the instant at each time: 1.5 is midway between the second and third.
 
         Parameters
         ----------
@@ -84,14 +88,14 @@ class MeshHistory:
 
 
 class PhaseFunction(Protocol):
-    """A number that follows the mesh phase, cycle after cycle."""
+    """A function of mesh phase with a period of one cycle."""
 
     @property
     def jumps(self) -> tuple[float, ...]:
-        """Phases in [0, 1), rising, at which it jumps."""
+        """Phases in [0, 1), increasing, at which it jumps."""
 
     def __call__(self, phase_cycles: ArrayLike) -> Array:
-        """Return it at phases in mesh cycles, any shape."""
+        """Return its values at phases in mesh cycles, any shape."""
 
 
 @dataclass(frozen=True, kw_only=True)
@@ -107,8 +111,8 @@ class FrictionForce:
 
     Examples
     --------
-    With one pair of teeth in contact, past the pitch point, the friction force is the coefficient of friction times the
-    normal force:
+    With one pair of teeth in contact beyond the pitch point, the friction force is the coefficient of friction times
+    the normal force:
 
     >>> import numpy as np
     >>> from data_synth.dynamics import FrictionForce
@@ -132,22 +136,22 @@ class Mesh:
     Attributes
     ----------
     name : str
-        Name of the contact, as "sun-planet 1".
+        Name of the contact, such as "sun-planet 1".
     direction : (dof,) array
-        g: the deflection along the line of action is ``g . q``, positive where teeth are pressed together. In m/m for
+        g: the deflection along the line of action is ``g . q``, positive if teeth are pressed together. In m/m for
         translations, m/rad for rotations.
     stiffness : Stiffness
-        Mesh stiffness k over the mesh phase in cycles, in N/m.
+        Mesh stiffness k in N/m as a function of mesh phase in cycles.
     error : TransmissionError or None
-        Transmission error e over the mesh phase in m, subtracted from the deflection.
+        Transmission error e in m as a function of mesh phase, subtracted from the deflection.
     backlash_m : float
-        Half the backlash in m. 0: teeth stay in contact, and the mesh is linear.
+        Half the backlash in m. 0: teeth stay in contact and the mesh is linear.
     cycles_per_rev : float
-        Mesh cycles per revolution of the reference; the phase is zero where the reference's angle is.
+        Mesh cycles per revolution of the reference; phase is zero at zero angle of the reference.
     history : MeshHistory or None
-        Change of the teeth in time; it starts with `stiffness` and `error`.
+        Change of the teeth in time, starting with `stiffness` and `error`.
     friction : tuple of FrictionForce
-        Friction forces, proportional to the mesh force and across its direction. Contact of the back flanks has none.
+        Friction forces, proportional to the mesh force and perpendicular to it. Contact on the back flanks has none.
 
     Examples
     --------
@@ -169,7 +173,7 @@ class Mesh:
     friction: tuple[FrictionForce, ...] = ()
 
     def in_coordinates(self, row: Callable[[Array], Array]) -> Mesh:
-        """Return the mesh in other coordinates: `row` turns a generalised force (dof,) into one of those."""
+        """Return the mesh in other coordinates; `row` transforms a generalised force (dof,) to them."""
         return replace(
             self,
             direction=row(self.direction),
@@ -184,7 +188,11 @@ class Mesh:
         phase_cycles : (n,) array
             Mesh phase in cycles.
         times_s : (n,) array
-            Times in s, for teeth that have a history.
+            Times in s, for teeth with a history.
+
+        Returns
+        -------
+        stiffness, error : (n,) array
         """
         zero = np.zeros(np.shape(phase_cycles))
         if self.history is None:
@@ -197,14 +205,14 @@ class Mesh:
 
 
 def errors_at(meshes: Sequence[Mesh], *, revolutions: float, time_s: float) -> Array:
-    """Return the transmission error (mesh,) of each mesh in m at an angle of the reference in rev and a time in s."""
+    """Return the transmission error (mesh,) in m of each mesh at an angle of the reference in rev and a time in s."""
     at = np.array([time_s])
     return np.array([mesh.teeth_at(np.array([mesh.cycles_per_rev * revolutions]), at)[1][0] for mesh in meshes])
 
 
 @dataclass(frozen=True, kw_only=True)
 class Spring:
-    """A linear spring with a parallel damper: force ``-g (stiffness (g, q) + damping (g, q'))``.
+    """A linear spring with a parallel damper: force ``-g (stiffness g . q + damping g . q')``.
 
     Attributes
     ----------
@@ -215,7 +223,7 @@ class Spring:
 
     Examples
     --------
-    `System.springs` holds those of an assembled system:
+    `System.springs` holds the springs of an assembled system:
 
     >>> from data_synth.dynamics import Body, Support, build_system
     >>> gear = Body(name="gear", mass_kg=2.0, motions=("x", "y"))
@@ -231,20 +239,20 @@ class Spring:
 
 @dataclass(frozen=True, kw_only=True)
 class System:
-    """Matrices and meshes of ``M q'' + (C + G) q' + K q + sum_m g_m k_m(phi_m) f((g_m, q) - e_m(phi_m)) = F(t)``.
+    """Matrices and meshes of ``M q'' + (C + G) q' + K q + sum_m g_m k_m(phi_m) f(g_m . q - e_m(phi_m)) = F(t)``.
 
     Attributes
     ----------
     mass, damping, stiffness : (dof, dof) arrays
-        The constant parts, without meshes: kg, N s/m, N/m for translations, and likewise for rotations.
+        Constant parts without meshes, in kg, N s/m and N/m for translations and kg m2, N m s and N m for rotations.
     gyroscopic : (dof, dof) array or None
-        Skew-symmetric part of the velocity terms, at the speed the system was assembled for.
+        Skew-symmetric part of the velocity terms at the speed of assembly.
     meshes : tuple of Mesh
-        The gear meshes, whose stiffness follows the mesh phase.
+        Gear meshes, whose stiffness depends on the mesh phase.
     names : tuple of str
-        Degrees of freedom, each a body and a motion, as "pinion x" or "pinion rotation".
+        Degrees of freedom, each a body and a motion, such as "pinion x" or "pinion rotation".
     springs : tuple of Spring
-        The springs whose sum is `stiffness`; empty where it has other terms.
+        Springs whose sum is `stiffness`; empty if it has other terms.
 
     Examples
     --------
@@ -272,40 +280,45 @@ class System:
         return len(self.names)
 
     def mean_stiffness(self) -> Array:
-        """Return K with every mesh in contact at its mean stiffness, (dof, dof)."""
+        """Return K (dof, dof) with every mesh in contact at its mean stiffness."""
         parts = (mesh.stiffness.mean * np.outer(mesh.direction, mesh.direction) for mesh in self.meshes)
         return np.asarray(sum(parts, self.stiffness))
 
 
 @dataclass(frozen=True, kw_only=True)
 class Body:
-    """A rigid body that is axisymmetric about its axis.
+    """A rigid axisymmetric body.
 
     Attributes
     ----------
     name : str
         Unique name.
     mass_kg : float
-        Mass in kg; needed where the body translates.
+        Mass in kg; required if the body translates.
     inertia_kgm2 : float
-        Moment of inertia about the axis in kg m2; needed where the body rotates.
+        Moment of inertia about the axis in kg m2; required if the body rotates.
     tilt_inertia_kgm2 : float
-        Moment of inertia about any diameter through the centre in kg m2; needed where the body tilts.
+        Moment of inertia about any diameter through the centre in kg m2; required if the body tilts.
     motions : tuple of str
         Degrees of freedom, any of "x", "y", "z" (along the directions of space), "rotation" (about the axis), "tilt x",
-        "tilt y" (about two directions across the axis: x and y themselves for an axis along z).
+        "tilt y" (about two directions transverse to the axis: x and y for an axis along z).
     centre_m : vector of 3
         Centre in m.
     axis : vector of 3
         Direction of the axis, of any length.
     speed_ratio : float
-        Speed about the axis over that of the reference, in the inertial frame; for gyroscopic terms only.
+        Speed about the axis relative to that of the reference, in the inertial frame; for gyroscopic terms only.
     frame_ratio : float
-        Speed of the body's x and y coordinates about z, over that of the reference: the carrier's speed ratio for a
-        planetary stage. Mass times ``2 Omega`` then couples x and y, and ``-Omega^2`` times the mass is added to the
-        stiffness (Lin and Parker 1999, eq. 1). Supports outside of a rotating frame have to be isotropic in x and y.
+        Speed of the body's x and y coordinates about z relative to that of the reference: the carrier's speed ratio in
+        a planetary stage. Mass times ``2 Omega`` then couples x and y, and ``-Omega^2`` times the mass is added to the
+        stiffness (Lin and Parker 1999, eq. 1). Supports outside a rotating frame must be isotropic in x and y.
     rotates_with : str or None
-        Another body to which this one is fixed in rotation: both have one degree of freedom "rotation".
+        Another body to which this one is fixed in rotation; both share one degree of freedom "rotation".
+
+    Raises
+    ------
+    ValueError
+        If a motion is unknown or its mass or moment of inertia is not positive.
 
     Examples
     --------
@@ -338,18 +351,18 @@ class Body:
                 what = "mass_kg" if motion in _TRANSLATIONS else "inertia_kgm2"
                 what = "tilt_inertia_kgm2" if motion.startswith("tilt") else what
                 raise ValueError(
-                    f'body "{self.name}": {what} = {self.inertia(motion)!r} cannot move along "{motion}"; give a '
-                    "positive number, or leave the motion out."
+                    f'body "{self.name}": {what} = {self.inertia(motion)!r} must be positive to move along "{motion}"; '
+                    "correct it, or leave the motion out."
                 )
 
     def inertia(self, motion: str) -> float:
-        """Return the mass in kg or moment of inertia in kg m2 of one of the motions."""
+        """Return the mass in kg or moment of inertia in kg m2 for one of the motions."""
         if motion in _TRANSLATIONS:
             return self.mass_kg
         return self.inertia_kgm2 if motion == "rotation" else self.tilt_inertia_kgm2
 
     def rotation_axis(self, motion: str) -> Array:
-        """Return the unit vector about which "rotation", "tilt x" or "tilt y" rotates the body, (3,)."""
+        """Return the unit vector (3,) about which "rotation", "tilt x" or "tilt y" rotates the body."""
         axis = np.asarray(self.axis, dtype=np.float64) / np.linalg.norm(self.axis)
         if motion == "rotation":
             return np.asarray(axis)
@@ -362,16 +375,16 @@ class Body:
 
 
 class Coordinates:
-    """The vector q of all degrees of freedom: number of each motion, and displacements of points as rows of it.
+    """The vector q of all degrees of freedom, and displacements and rotations as rows g with ``g . q``.
 
-    ``places`` lists body and motion of each number in q, ``names`` its name; ``index`` maps (body, motion) to it.
+    ``places`` lists body and motion of each entry of q, ``names`` its name; ``index`` maps (body, motion) to it.
     """
 
     def __init__(self, bodies: Sequence[Body]) -> None:
         names = [body.name for body in bodies]
         twice = {name for name in names if names.count(name) > 1}
         if twice:
-            raise ValueError(f'two bodies are called "{min(twice)}"; name each once.')
+            raise ValueError(f'two bodies are called "{min(twice)}"; give each a name of its own.')
         self.bodies = {body.name: body for body in bodies}
         self.places = [
             (body.name, motion)
@@ -386,13 +399,13 @@ class Coordinates:
                 self.index[body.name, "rotation"] = self.index[body.rotates_with, "rotation"]
 
     def body(self, name: str) -> Body:
-        """Return a body by its name; ValueError with the names there are if it is unknown."""
+        """Return a body by its name; raise ValueError if it is unknown."""
         if name not in self.bodies:
-            raise ValueError(f'no body is called "{name}"; there are {", ".join(self.bodies)}.')
+            raise ValueError(f'no body is called "{name}"; known: {", ".join(self.bodies)}.')
         return self.bodies[name]
 
     def displacement_row(self, name: str | None, point_m: Vector | Array, direction: Vector | Array) -> Array:
-        """Return the row g of the displacement of a point of a body along a direction d, (dof,).
+        """Return the row g (dof,) of the displacement of a point P of a body along a direction d.
 
         ``g . q = d . (u + theta x (P - centre))``; zero for None, the ground.
         """
@@ -409,7 +422,7 @@ class Coordinates:
         return row
 
     def rotation_row(self, name: str | None, direction: Vector | Array) -> Array:
-        """Return the row g of the rotation of a body about a direction, (dof,); zero for None, the ground."""
+        """Return the row g (dof,) of the rotation of a body about a direction; zero for None, the ground."""
         row = np.zeros(len(self.names))
         if name is not None:
             body = self.body(name)
@@ -426,13 +439,8 @@ class Element(Protocol):
         """Yield its springs and meshes in the coordinates of the system."""
 
 
-def build_system(
-    bodies: Sequence[Body],
-    elements: Iterable[Element],
-    *,
-    speed_rad_s: float = 0.0,
-) -> System:
-    """Assemble bodies and the elements between them into the equations of motion.
+def build_system(bodies: Sequence[Body], elements: Iterable[Element], *, speed_rad_s: float = 0.0) -> System:
+    """Assemble bodies and the elements that connect them into the equations of motion.
 
     Parameters
     ----------
@@ -441,7 +449,7 @@ def build_system(
     elements : iterable of Element
         Bearings, shafts, couplings and meshes; see `data_synth.dynamics.elements`.
     speed_rad_s : float
-        Speed of the reference shaft in rad/s. Other than zero, gyroscopic terms are added.
+        Speed of the reference shaft in rad/s; a value other than 0 adds gyroscopic terms.
 
     Returns
     -------
@@ -450,11 +458,11 @@ def build_system(
     Raises
     ------
     ValueError
-        If two bodies have one name, or an element names a body or motion that there is not.
+        If two bodies have the same name, or an element names an unknown body or motion.
 
     Examples
     --------
-    A gear pair of base radii 0.05 m and 0.1 m, torsional: ``omega^2 = k (r1^2 / J1 + r2^2 / J2)``:
+    A torsional gear pair with base radii of 0.05 m and 0.1 m has ``omega^2 = k (r1^2 / J1 + r2^2 / J2)``:
 
     >>> from data_synth.dynamics import Body, Constant, GeneralMesh, build_system, solve_modes
     >>> pinion = Body(name="pinion", inertia_kgm2=0.005, motions=("rotation",))
@@ -482,7 +490,7 @@ def build_system(
 
 
 def spring_matrices(springs: Sequence[Spring], size: int) -> tuple[Array, Array]:
-    """Return the stiffness and the damping of some springs, sums of ``constant g g'``, (size, size)."""
+    """Return the stiffness and damping matrices (size, size) of springs, sums of ``constant g g'``."""
     rows = np.array([spring.direction for spring in springs]).reshape(-1, size)
     constants = np.array([(spring.stiffness, spring.damping) for spring in springs]).reshape(-1, 2)
     stiffness, damping = (np.einsum("k,ki,kj->ij", each, rows, rows) for each in constants.T)
@@ -492,9 +500,9 @@ def spring_matrices(springs: Sequence[Spring], size: int) -> tuple[Array, Array]
 def _rotation_terms(coordinates: Coordinates, speed: float) -> tuple[Array, Array]:
     """Return the gyroscopic and the centripetal matrix.
 
-    With z = x + jy in a frame that rotates at Omega, the inertia force of a mass is ``m (z'' + 2j Omega z' - Omega^2
-    z)``, and the moment of a tilt t, the body spinning at w, ``I (t'' + 2j Omega t' - Omega^2 t) - j J w (t' + j Omega
-    t)``; where the axis is not along z, as that of a bevel planet, the rotation of the frame is left out of its tilt.
+    With z = x + jy in a frame rotating at Omega, the inertia force of a mass is ``m (z'' + 2j Omega z' - Omega^2 z)``,
+    and the moment of a tilt t of a body spinning at w is ``I (t'' + 2j Omega t' - Omega^2 t) - j J w (t' + j Omega
+    t)``. If the axis is not along z, as for a bevel planet, tilt terms ignore the rotation of the frame.
     """
     size = len(coordinates.names)
     gyroscopic, centripetal = np.zeros((size, size)), np.zeros((size, size))

@@ -1,1 +1,1 @@
-"""Time integrators: problem, method, output, tolerance and result."""
+"""Time integration of the equations of motion: problem, method, output, tolerance and result."""

@@ -1,4 +1,4 @@
-"""Time integration of a problem, block by block, with the step size chosen from the tolerated error."""
+"""Time integration of a problem block by block, with the step size chosen from the tolerated error."""
 
 from __future__ import annotations
 
@@ -18,22 +18,22 @@ if TYPE_CHECKING:
     from data_synth.integrators.problem import Array, Output, Problem
 
 BLOCK = 8192  # samples in memory at a time, whatever the length of the record
-_TRIAL = 4096  # samples at the beginning, from which the number of steps follows
-_MAX_STEPS = 256  # to a sample
-_LEAST_GAIN = 4.0  # of steps of half the size, where teeth part: the error is of second order
-_MIN_ALTERNATING = 1e-3  # of the RMS: an alternating part below this is taken to be as large as this
+_TRIAL = 4096  # samples at the beginning that determine the number of steps
+_MAX_STEPS = 256  # per sample
+_LEAST_GAIN = 4.0  # in accuracy of halving the step where teeth separate: the error is of second order
+_MIN_ALTERNATING = 1e-3  # of the RMS: lower limit of the alternating part to which errors are referred
 _SAFETY = 0.7  # of the tolerated error: the error estimate of a trial is itself uncertain
-_MAX_ROTATION = 2.0  # rad of a mode in a step: beyond, the forces that excite it are sampled too rarely
-_MIN_SHARE = 0.01  # of a channel: modes with a smaller share of it need not be resolved
+_MAX_ROTATION = 2.0  # rad of a mode per step: beyond, the forces that excite it are sampled too coarsely
+_MIN_SHARE = 0.01  # of a channel: modes with a smaller share need not be resolved
 _MAX_CHANGE = 0.05  # of a channel's RMS, between these steps and finer ones
-_MAX_REFINEMENT = 31  # times as many steps, for the comparison
+_MAX_REFINEMENT = 31  # factor of the number of steps for the comparison
 _COMPARED_SAMPLES = 256
 
 
 def integrate(problem: Problem, *, output: Output, tolerance: Steps | Accuracy) -> Integration:
     """Integrate the equations of motion of a problem by exponential splitting and return the whole record.
 
-    The method is of fourth order where motion is smooth, of second where teeth lose contact
+    The method is of fourth order where motion is smooth and of second order where teeth lose contact
     (`data_synth.integrators.splitting`).
 
     Parameters
@@ -43,7 +43,7 @@ def integrate(problem: Problem, *, output: Output, tolerance: Steps | Accuracy) 
     output : Output
         Channels and sampling rate.
     tolerance : Steps or Accuracy
-        Number of steps to a sample, or a bound on the error from which it follows.
+        Number of steps per sample, or a bound on the error that determines it.
 
     Returns
     -------
@@ -54,11 +54,11 @@ def integrate(problem: Problem, *, output: Output, tolerance: Steps | Accuracy) 
     ValueError
         If the matrices are not symmetric, or the output maps do not fit the system.
     IntegrationError
-        If the step size is refused, the tolerated error is out of reach, or the motion diverges.
+        If the step size is refused, the tolerated error cannot be reached, or the motion diverges.
 
     Examples
     --------
-    An oscillator of 2 rad/s released from 1 m moves as ``cos 2 t``:
+    An oscillator of 2 rad/s released at 1 m moves as ``cos 2 t``:
 
     >>> import numpy as np
     >>> from data_synth.dynamics import Load, Output, Problem, ShaftAngle, State, Steps, System, integrate
@@ -86,19 +86,19 @@ def integrate(problem: Problem, *, output: Output, tolerance: Steps | Accuracy) 
 def integrate_blocks(
     problem: Problem, *, output: Output, tolerance: Steps | Accuracy, block: int = BLOCK
 ) -> Iterator[Integration]:
-    """Integrate the equations of motion of a problem and yield the record in blocks, in bounded memory.
+    """Integrate the equations of motion of a problem and yield the record in blocks, with bounded memory.
 
     Parameters
     ----------
     problem, output, tolerance
         As for `integrate`.
     block : int
-        Samples to a block.
+        Samples per block, at least 1.
 
     Yields
     ------
     Integration
-        Of a block, both ends included.
+        The result for one block.
 
     Raises
     ------
@@ -124,22 +124,22 @@ def integrate_blocks(
     [(20, 1), (20, 1), (11, 1)]
     """
     if block < 1:
-        raise ValueError(f"block={block}: at least one sample is needed.")
+        raise ValueError(f"block = {block} must be at least 1 sample.")
     assembled = assemble(problem)
     yield from _blocks(assembled, output, _steps(assembled, output, tolerance), block)
 
 
 def steps_to_a_sample(problem: Problem, *, output: Output, tolerance: Accuracy) -> int:
-    """Return the number of steps to a sample that keep an error over the whole of a short problem.
+    """Return the number of steps per sample that keeps the error within a tolerance over the whole of a short problem.
 
     Raises
     ------
     IntegrationError
-        Where no number will do.
+        If 256 steps per sample do not suffice.
 
     Examples
     --------
-    A mass under a constant force moves in the exact flow, so that one step is enough:
+    The motion of a mass under a constant force is integrated exactly, so one step is enough:
 
     >>> import numpy as np
     >>> from data_synth.dynamics import Accuracy, Body, Load, Output, Problem, ShaftAngle, build_system
@@ -174,14 +174,14 @@ def _blocks(assembled: Assembled, output: Output, steps: int, size: int) -> Iter
         times_s = a.problem.start_s + np.arange(number, number + values.shape[0]) / rate_hz
         finite = np.isfinite(values).all(axis=1)
         if not finite.all():
-            detail = f"The motion left the range of numbers at {times_s[np.argmin(finite)]:.6g} s."
+            detail = f"The motion exceeds the range of floating-point numbers at {times_s[np.argmin(finite)]:.6g} s."
             raise IntegrationError(Outcome.DIVERGED, detail)
         yield Integration(times_s=times_s, values=values, final=a.physical(x), steps_per_sample=steps)
         number, values = number + values.shape[0], values[:0]
 
 
 def _steps(assembled: Assembled, output: Output, tolerance: Steps | Accuracy) -> int:
-    """Return steps to a sample; IntegrationError where no number of steps will do, ValueError for unfit maps."""
+    """Return steps per sample; raise IntegrationError if no number suffices, ValueError for unsuitable maps."""
     channel_rows(assembled, output)
     if isinstance(tolerance, Accuracy):
         return _enough_steps(assembled, output, tolerance.relative, trial=_TRIAL)
@@ -192,7 +192,7 @@ def _steps(assembled: Assembled, output: Output, tolerance: Steps | Accuracy) ->
 
 
 def _enough_steps(assembled: Assembled, output: Output, relative: float, *, trial: int) -> int:
-    """Return the same from runs over the first samples of the record with several numbers of steps."""
+    """Return steps per sample from runs over the first samples of the record with different numbers of steps."""
     count = _samples(assembled.problem, output.rate_hz)
     trial, steps, tolerated = min(count, trial), 1, _SAFETY * relative
     while steps < _MAX_STEPS and _too_coarse(assembled, output, steps):
@@ -200,20 +200,20 @@ def _enough_steps(assembled: Assembled, output: Output, relative: float, *, tria
     coarse, error = _trial_run(assembled, output, steps, trial), np.inf
     while 2 * steps <= _MAX_STEPS:
         fine = _trial_run(assembled, output, 2 * steps, trial)
-        # the coarse steps have nearly all of the difference as their error; phase errors grow with time
+        # nearly all of the difference is the error of the coarse steps; phase errors grow with time
         error = _difference(coarse, fine) * count / trial
         if error <= _LEAST_GAIN * tolerated:
             return steps if error <= tolerated else 2 * steps
         steps, coarse = 2 * steps, fine
     raise IntegrationError(
         Outcome.TOLERANCE_NOT_REACHED,
-        f"With {steps} steps to a sample the error of the record would be about {error / _LEAST_GAIN:.2g}, "
-        f"not {relative:g}.",
+        f"With {steps} steps per sample the relative error of the record would be about {error / _LEAST_GAIN:.2g}, "
+        f"but {relative:g} is asked for.",
     )
 
 
 def _too_coarse(assembled: Assembled, output: Output, steps: int) -> IntegrationError | None:
-    """Refuse steps, also where they do not resolve a mode of a channel and finer steps change that channel."""
+    """Return why steps are refused: unstable, or too coarse for a mode of a channel that finer steps change."""
     a, step_s = assembled, 1 / (output.rate_hz * steps)
     refused = refusal(a, step_s)
     rotations = a.frequencies * step_s
@@ -224,7 +224,7 @@ def _too_coarse(assembled: Assembled, output: Output, steps: int) -> Integration
     if not relevant.any():
         return None
     mode = int(np.argmax(rotations * relevant))
-    # no power of two: steps that alias a mode to rest do so with half the step as well
+    # not a power of two: steps that alias a mode to rest also do so when halved
     finer = min(int(np.ceil(rotations[mode] / _MAX_ROTATION)), _MAX_REFINEMENT)
     samples = min(_samples(a.problem, output.rate_hz), _COMPARED_SAMPLES)
     changed = _difference(*(_trial_run(a, output, count, samples) for count in (steps, finer * steps)))
@@ -232,17 +232,17 @@ def _too_coarse(assembled: Assembled, output: Output, steps: int) -> Integration
         return None
     return IntegrationError(
         Outcome.UNRESOLVED_STEP,
-        f"A step of {step_s:.3g} s turns the mode at {rotations[mode] / step_s:.4g} rad/s by {rotations[mode]:.3g} "
-        f"rad, and its share in a channel is {np.max(shares[:, mode]):.2g}, which {finer} times as many steps change "
-        f"by {changed:.2g} of its RMS. {int(np.ceil(rotations[mode] / _MAX_ROTATION * steps))} steps to a sample "
-        "resolve the mode.",
+        f"A step of {step_s:.3g} s advances the mode at {rotations[mode] / step_s:.4g} rad/s by {rotations[mode]:.3g} "
+        f"rad. Its share in a channel is {np.max(shares[:, mode]):.2g}, and {finer} times as many steps change that "
+        f"channel by {changed:.2g} of its RMS. {int(np.ceil(rotations[mode] / _MAX_ROTATION * steps))} steps per "
+        "sample resolve the mode.",
     )
 
 
 def _shares(assembled: Assembled, output: Output) -> Array:
-    """Return the share of each mode in each channel (channels, modes) after a jump of force; norms are one."""
+    """Return the share of each mode in each channel (channels, modes) after a step of force, with unit norms."""
     a, rows = assembled, channel_rows(assembled, output)
-    # after a jump of force a mode has the same amplitude in w y and in y'
+    # after a step of force a mode has the same amplitude in w y and in y'
     amplitude = np.max(np.abs(a.equations.force_columns), axis=1, initial=0.0) / a.scales * (a.frequencies > 0)
     sensitivity = np.hypot(rows[:, : a.size], rows[:, a.size :]) * amplitude
     whole = np.linalg.norm(sensitivity, axis=1, keepdims=True)
@@ -257,7 +257,7 @@ def _trial_run(assembled: Assembled, output: Output, steps: int, samples: int) -
 
 
 def _difference(coarse: Array, fine: Array) -> float:
-    """Return RMS difference over the RMS about the mean of the worst channel; infinite where a value is not finite."""
+    """Return the RMS difference over the RMS about the mean in the worst channel; infinite if a value is not finite."""
     if not (np.isfinite(coarse).all() and np.isfinite(fine).all()):
         return float("inf")
     sizes = np.maximum(np.std(fine, axis=0), _MIN_ALTERNATING * np.sqrt(np.mean(fine**2, axis=0)))

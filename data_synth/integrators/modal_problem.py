@@ -1,8 +1,8 @@
 """A problem in modal coordinates: constant part, rank-one mesh forces, and their tables over the mesh phase.
 
-A gearbox that rotates freely has a rigid-body mode, whose angle grows without bound while meshes deflect by microns;
-and bearings may be 1e10 times as stiff as teeth. Modal coordinates separate both: a mesh force has no component on a
-rigid-body mode.
+A gearbox that rotates freely has a rigid-body mode whose angle grows without bound while meshes deflect by micrometres,
+and bearings may be 1e10 times as stiff as teeth. Modal coordinates separate these scales: a mesh force has no component
+in a rigid-body mode.
 """
 
 from collections.abc import Sequence
@@ -26,22 +26,23 @@ _NO_ERROR = ProfileError(harmonics_m=np.zeros(1, dtype=np.complex128))
 
 
 class Equations(NamedTuple):
-    """Mesh, friction and drag forces on ``x' = generator x + drive``, x = (scaled displacements, velocities) of modes.
+    """Mesh, friction and drag forces on ``x' = generator x + drive``, x = modal (scaled displacements, velocities).
 
-    Mesh forces come first, then friction forces: the mesh force times a factor that follows the phase, in a direction
-    of its own; their tables in `stiffnesses` hold stiffness times factor.
+    Mesh forces come first, then friction forces: the mesh force times a factor that depends on the phase, in another
+    direction; their tables in `stiffnesses` hold stiffness times factor.
 
     ``force_columns`` (n, forces): change of the modal velocities per impulse. ``deflection_rows`` (n, forces):
     deflection of the mesh per scaled displacement. ``coupling`` (forces, forces): ``g_i M^-1 g_j``.
     ``mean_stiffnesses`` (forces,): those in the generator, zero for friction. ``backlashes`` and ``back_half_gaps``
     (forces,): half the backlash towards the driving and the back flank, the latter infinite for friction. ``offsets``
-    (forces,): the deflections in m from which mean stiffness counts, at which teeth touch on the flanks that bear at
-    the start, so that what varies about it is the force of teeth in contact alone; zero from rest. ``following``
-    (forces,): 1 where mean stiffness follows the transmission error, 0 where teeth hang at the start and for friction.
-    ``jumping`` (forces,): whether the error jumps. ``error_of`` (forces,): number of the transmission error in
-    `errors`. ``later_stiffnesses`` and ``later_errors`` (forces,): number of the second table of a mesh with a history,
-    -1 for none; the first is at its own number, or at ``error_of``. ``cycles`` (forces,): mesh cycles per revolution of
-    the reference. ``drags`` (drags, n): rows of the velocities with drag, and ``drag_factors`` (drags,).
+    (forces,): deflections in m from which the mean stiffness is measured, at which the flanks loaded at the start
+    touch, so that only the force of teeth in contact varies about it; zero if the start is at rest. ``following``
+    (forces,): 1 if the mean stiffness follows the transmission error, 0 if teeth are apart at the start and for
+    friction. ``jumping`` (forces,): whether the error jumps. ``error_of`` (forces,): number of the transmission error
+    in `errors`. ``later_stiffnesses`` and ``later_errors`` (forces,): number of the second table of a mesh with a
+    history, -1 for none; the first is at its own number, or at ``error_of``. ``cycles`` (forces,): mesh cycles per
+    revolution of the reference. ``drags`` (drags, n): rows of the velocities with drag, with factors ``drag_factors``
+    (drags,).
     """
 
     force_columns: Array
@@ -65,7 +66,7 @@ class Equations(NamedTuple):
 
 @dataclass(frozen=True, kw_only=True)
 class Assembled:
-    """The equations of motion in x = (scales * y, y'), y the modal displacements at mean mesh stiffness.
+    """The equations of motion in x = (scales * y, y'), with modal displacements y at mean mesh stiffness.
 
         y'' + D y' + w^2 y = drive + loads(t) - sum_m G_m (k_m f(G_m y - e_m) - kmean_m G_m y) - drags
 
@@ -73,15 +74,15 @@ class Assembled:
     ----------
     problem : Problem
     frequencies : (n,) array
-        w in rad/s, rising, exactly zero where rigid.
+        w in rad/s, ascending, exactly zero for rigid-body modes.
     shapes : (dof, n) array
-        Mass-normalised modes, one column each.
+        Mass-normalised modes, one per column.
     damping : (n, n) array
-        D in 1/s, gyroscopic part included.
+        D in 1/s, including the gyroscopic part.
     drive : (n,) array
-        By the constant load.
+        Modal force of the constant load.
     deflections : (meshes, n) array
-        G: deflections per modal displacement, and generalised forces per mesh force.
+        G: deflection per modal displacement, and modal force per mesh force.
     equations : Equations
     """
 
@@ -110,7 +111,7 @@ class Assembled:
 
     @property
     def scales(self) -> Array:
-        """Factors that make modal displacements as large as velocities: the frequency, 1 for rigid-body modes."""
+        """Factors that scale modal displacements like velocities: the frequency, or 1 for rigid-body modes."""
         return np.where(self.frequencies > 0, self.frequencies, 1.0)
 
     @property
@@ -120,7 +121,7 @@ class Assembled:
 
     @property
     def stiffness_variation(self) -> float:
-        """Largest ``abs(k - kmean) g M^-1 g`` of any mesh in rad2/s2: what the constant part lacks."""
+        """Largest ``abs(k - kmean) g M^-1 g`` of any mesh in rad2/s2: what is not in the constant part."""
         e, meshes = self.equations, self.problem.system.meshes
         swings = np.zeros(e.cycles.size)
         for force, (number, later) in enumerate(zip(e.error_of, e.later_stiffnesses, strict=True)):
@@ -132,19 +133,19 @@ class Assembled:
         return float(np.max(np.bincount(e.error_of, weights=swings), initial=0.0))
 
     def revolutions(self, times_s: Array) -> Array:
-        """Return the angle of the reference in revolutions (times,)."""
+        """Return the angle (times,) of the reference in rev."""
         return np.ascontiguousarray(self.problem.reference.revolutions(times_s))
 
     @property
     def load_rows(self) -> Array:
-        """Generalised forces (loads, n) of the loads that vary; (0, n) where none does."""
+        """Modal forces (loads, n) of the varying loads; (0, n) if there are none."""
         load = self.problem.load
         if load.varying is None:
             return np.zeros((0, self.size))
         return self.shapes if load.directions is None else np.asarray(load.directions @ self.shapes)
 
     def loads(self, times_s: Array) -> Array:
-        """Return the varying loads (times, loads); (0, loads) where there is none."""
+        """Return the varying loads (times, loads); (0, loads) if there are none."""
         varying, count = self.problem.load.varying, self.load_rows.shape[0]
         if varying is None:
             return np.zeros((0, count))
@@ -156,13 +157,13 @@ class Assembled:
         return np.ascontiguousarray(values)
 
     def history_positions(self, times_s: Array) -> Array:
-        """Return the positions in the histories, (times, forces); zero for a mesh that has none."""
+        """Return the positions in the histories (times, forces); zero for a mesh without one."""
         meshes = self.problem.system.meshes
         found = [mesh.history.position(times_s) if mesh.history else np.zeros(times_s.size) for mesh in meshes]
         return np.ascontiguousarray(np.reshape(found, (len(meshes), times_s.size)).T[:, self.equations.error_of])
 
     def modal(self, state: State | None) -> Array:
-        """Return x of a state, at rest where it is None."""
+        """Return x of a state; None is at rest."""
         if state is None:
             return np.zeros(2 * self.size)
         into = self.shapes.T @ self.problem.system.mass
@@ -182,7 +183,7 @@ class Assembled:
 
 
 def assemble(problem: Problem) -> Assembled:
-    """Return a problem in modal coordinates; ValueError for matrices of the wrong shape or without symmetry."""
+    """Return a problem in modal coordinates; raise ValueError if matrices have the wrong shape or are asymmetric."""
     system, load, meshes = problem.system, problem.load, problem.system.meshes
     dof = len(system.names)
     damping = system.damping if system.gyroscopic is None else system.damping + system.gyroscopic
@@ -190,7 +191,7 @@ def assemble(problem: Problem) -> Assembled:
         if matrix.shape != (dof, dof) or not np.all(np.isfinite(matrix)):
             raise ValueError(f"{name} must be a finite ({dof}, {dof}) matrix; it has shape {matrix.shape}.")
         if name != "damping" and not np.allclose(matrix, matrix.T, rtol=1e-9, atol=0):
-            raise ValueError(f"{name} is not symmetric; put skew-symmetric terms into gyroscopic or a load.")
+            raise ValueError(f"{name} must be a symmetric matrix; put skew-symmetric terms into gyroscopic.")
     forces: list[tuple[int, FrictionForce | None]] = [(number, None) for number in range(len(meshes))]
     forces += [(number, friction) for number, mesh in enumerate(meshes) for friction in mesh.friction]
     of = np.array([number for number, _ in forces], dtype=np.int64)
@@ -241,14 +242,14 @@ def assemble(problem: Problem) -> Assembled:
 
 
 def modal_rows(physical: Array | Sequence[Array], frequencies: Array, shapes: Array) -> Array:
-    """Return rows over modes of rows over displacements, with rounding on rigid-body modes set to zero."""
+    """Return rows over displacements as rows over modes, with rounding errors in rigid-body modes set to zero."""
     modal = np.reshape(np.asarray(physical, dtype=np.float64), (-1, shapes.shape[0])) @ shapes
     sizes = np.linalg.norm(modal, axis=1, keepdims=True)
     return np.where((frequencies == 0) & (np.abs(modal) <= _ROUNDING * sizes), 0.0, modal)
 
 
 def _offsets(problem: Problem, backlashes: Array) -> Array:
-    """Return the deflection (mesh,) at which the flanks that bear at the start touch; zero where none do."""
+    """Return the deflection (mesh,) in m at which the flanks loaded at the start touch; zero if none are."""
     start, time_s, meshes = problem.start, problem.start_s, problem.system.meshes
     if start is None:
         return np.zeros(backlashes.size)
@@ -260,7 +261,7 @@ def _offsets(problem: Problem, backlashes: Array) -> Array:
 
 @dataclass(frozen=True)
 class FrictionStiffness:
-    """Mesh stiffness times friction factor over the phase."""
+    """Mesh stiffness times friction factor as a function of mesh phase."""
 
     stiffness: Stiffness
     factor: PhaseFunction
@@ -277,7 +278,7 @@ class FrictionStiffness:
         return tuple(sorted({*self.stiffness.jumps, *(cycle + jump for cycle in cycles for jump in self.factor.jumps)}))
 
     def __call__(self, phase_cycles: Array) -> Array:
-        """Return N/m times the unit of the factor."""
+        """Return the product in N/m times the unit of the factor."""
         return np.asarray(self.stiffness(phase_cycles) * self.factor(phase_cycles))
 
 
@@ -315,7 +316,7 @@ def _error_tables(meshes: Sequence[Mesh]) -> tuple[Waves, Integers]:
 def _tables(
     first: Sequence[_Function], later: Sequence[Sequence[_Function]], *, integrals: bool = True, **fit: float
 ) -> tuple[Waves, Integers]:
-    """Return the tables of functions, then of their later ones, and the number of the first of these; -1 for none."""
+    """Return tables of functions, then of their later stages, and the number of each first later one; -1 for none."""
     every, numbers = list(first), list[int]()
     for stages in later:
         numbers.append(len(every) if stages else -1)
@@ -331,6 +332,6 @@ def _tables_of(first: int, later: int, mesh: Mesh) -> list[int]:
 
 
 def _values(waves: Waves, table: int) -> Array:
-    """Return the values of a tabulated function where its cells begin."""
+    """Return the values of a tabulated function at the beginnings of its cells."""
     low, last = waves.segments[table], waves.segments[table + 1] - 1
     return waves.rows[waves.firsts[low] : waves.firsts[last] + waves.counts[last], 0]

@@ -1,8 +1,8 @@
 """Tables of periodic functions of the mesh phase, which compiled code evaluates and integrates to rounding.
 
-Between two jumps a function is divided into equal cells with one polynomial each. The tables of stiffnesses also hold
-the first three periodic integrals of the function less its mean, so that its moments over any interval of phase, across
-jumps or cycles, cost two look-ups.
+Between two jumps a function is divided into equal cells with one polynomial each. Tables of stiffnesses also hold the
+first three periodic integrals of the function minus its mean, so that its moments over any interval of phase, across
+jumps or cycles, take two look-ups.
 """
 
 import weakref
@@ -17,26 +17,26 @@ Integers = NDArray[np.int64]
 
 DEGREE = 5
 WIDTHS = (6, 7, 8, 9)  # coefficients of the function and of its three integrals, side by side in a row
-_MIN_DENSITY, _MAX_DENSITY = 16, 2048  # cells to a mesh cycle
-_FIT = 1e-11  # of the largest value: cells are halved until the polynomials are this close
-FIT_ERROR = 1e-9  # the same of transmission errors, which no method integrates exactly: a third of the time
-_JUMP = 1e-6  # of the largest value: a segment that begins further from the end of the last one begins with a jump
-_STEEP = 50.0  # largest values a cycle: a segment in which the function runs faster, by its ends, is as good as a jump
-_LEAST_GAIN = 1.2  # of halving, by which even a kink within a cell gains 2
+_MIN_DENSITY, _MAX_DENSITY = 16, 2048  # cells per mesh cycle
+_FIT = 1e-11  # of the largest value: cells are halved until the polynomials are this accurate
+FIT_ERROR = 1e-9  # the same for transmission errors, which no method integrates exactly; takes a third of the time
+_JUMP = 1e-6  # of the largest value: a larger difference between the ends of neighbouring segments is a jump
+_STEEP = 50.0  # largest values per cycle: a segment with a steeper mean slope counts as a jump
+_LEAST_GAIN = 1.2  # in accuracy of halving, which gains 2 even with a kink within a cell
 
 _NODES = (1 - np.cos(np.pi * (np.arange(DEGREE + 1) + 0.5) / (DEGREE + 1))) / 2
 _INTERPOLATE = np.linalg.inv(np.vander(_NODES, increasing=True))
-_CHECKED = np.array([0.003, 0.24, 0.64, 0.997])  # where the fit is checked: near the ends of a cell, and between nodes
+_CHECKED = np.array([0.003, 0.24, 0.64, 0.997])  # where the fit is checked: near the ends of a cell and between nodes
 
 
 class Waves(NamedTuple):
     """Tables of several periodic functions, one after the other.
 
     ``periods``, ``means`` (f,); ``segments`` (f + 1,): where the segments of each function begin in ``starts``,
-    ``densities`` (cells to a cycle), ``firsts`` (first cell), ``counts`` (cells) and ``jumps`` (whether the function
-    jumps where it begins, or runs steeply on one side of it), each (segments,); ``rows`` (cells, 30), or (cells, 6)
-    without integrals. To find the segment of a phase at once, each period is divided into equal parts,
-    ``lookup_rates`` (f,) to a cycle; ``lookup`` (parts,) has the segment in which each begins, from ``segments`` on.
+    ``densities`` (cells per cycle), ``firsts`` (first cell), ``counts`` (cells) and ``jumps`` (whether the function
+    jumps at its beginning, or is steep on either side), each (segments,); ``rows`` (cells, 30), or (cells, 6) without
+    integrals. To find the segment of a phase directly, each period is divided into equal parts, ``lookup_rates`` (f,)
+    per cycle; ``lookup`` (parts,) holds the segment in which each begins, from ``segments`` on.
     """
 
     periods: Array
@@ -53,7 +53,7 @@ class Waves(NamedTuple):
 
 
 class Wave(NamedTuple):
-    """A function of the phase in cycles, its period, its jumps in [0, period), and the relative misfit of its table."""
+    """A function of phase in cycles, its period, its jumps in [0, period), and the tolerated misfit of its table."""
 
     value: Callable[[Array], Array]
     period: float
@@ -62,7 +62,7 @@ class Wave(NamedTuple):
 
 
 def tabulated(functions: Sequence[Wave], *, integrals: bool = True) -> Waves:
-    """Return the tables of these functions, with their integrals or, for a fifth of the memory, without.
+    """Return the tables of functions, with their integrals or, in a fifth of the memory, without.
 
     The last table is that of the unit function.
     """
@@ -97,7 +97,7 @@ def tabulated(functions: Sequence[Wave], *, integrals: bool = True) -> Waves:
 
 Table: TypeAlias = tuple[Array, Array, Integers, Integers, NDArray[np.bool_], Array, float]
 _TABLES: dict[int, tuple[weakref.ref[Callable[[Array], Array]], tuple[object, ...], Table]] = {}
-"""Tables by the identity of the function, as long as it lives: a trial and the run after it share them."""
+"""Tables by the identity of the function, kept as long as it lives: a trial and the run after it share them."""
 
 
 def _table(function: Wave, *, integrals: bool) -> Table:
@@ -116,12 +116,12 @@ def _table(function: Wave, *, integrals: bool) -> Table:
 
 def _tabulated_alone(function: Wave, *, integrals: bool) -> Table:
     breaks = np.unique(np.array([0.0, *function.jumps, function.period]))
-    # a value may change by all of its range over the shortest segment, and phases are rounded
+    # phases are rounded, and a value may change by its whole range over the shortest segment
     rounding = 4 * np.finfo(float).eps * function.period / float(np.min(np.diff(breaks)))
     density = _MIN_DENSITY
     starts, widths, counts, rows, error = _fitted(function, breaks, density)
     while error > function.misfit and density < _MAX_DENSITY:
-        # the misfit falls with the power DEGREE + 1; rounding down the doublings avoids too many cells
+        # the misfit decreases with the power DEGREE + 1; rounding the doublings down avoids too many cells
         doublings = int(np.log2(error / function.misfit) / (DEGREE + 1))
         density = min(density * 2 ** max(1, doublings), _MAX_DENSITY)
         finer = _fitted(function, breaks, density)
@@ -138,7 +138,7 @@ def _tabulated_alone(function: Wave, *, integrals: bool) -> Table:
 
 
 def _fitted(function: Wave, breaks: Array, density: int) -> tuple[Array, Array, Integers, Array, float]:
-    """Return segments' starts, cells' widths, cells to a segment, coefficients over a cell, relative misfit."""
+    """Return starts of segments, widths of cells, cells per segment, coefficients per cell, and relative misfit."""
     counts = np.maximum(1, np.ceil(np.diff(breaks) * density - 1e-9)).astype(np.int64)
     widths = np.repeat(np.diff(breaks) / counts, counts)
     within = np.arange(widths.size) - np.repeat(np.cumsum(counts) - counts, counts)
@@ -156,7 +156,7 @@ def _mean(rows: Array, widths: Array) -> float:
 
 
 def _with_integrals(rows: Array, widths: Array, mean: float) -> Array:
-    """Return the rows extended by those of the three periodic integrals of what they differ from their mean."""
+    """Return the rows extended by those of the three periodic integrals of the function minus its mean."""
     parts = [rows]
     rows = rows.copy()
     rows[:, 0] -= mean

@@ -1,4 +1,4 @@
-"""Frozen objects of a time integration: the problem, its output, its tolerance and its result."""
+"""Data classes of a time integration: problem, output, tolerance and result."""
 
 from __future__ import annotations
 
@@ -20,7 +20,7 @@ Array = NDArray[np.float64]
 
 
 class ReferenceAngle(Protocol):
-    """Prescribed angle of the reference shaft over time, as `data_synth.operation.shaft_angle.ShaftAngle`."""
+    """Prescribed angle of the reference shaft over time, such as `data_synth.operation.shaft_angle.ShaftAngle`."""
 
     def revolutions(self, times_s: ArrayLike) -> Array:
         """Return the angle in revolutions at times in s (n,)."""
@@ -28,22 +28,22 @@ class ReferenceAngle(Protocol):
 
 @dataclass(frozen=True, kw_only=True)
 class Load:
-    """External forces: ``F(t) = constant + varying(t) - quadratic_drag v abs(v)``, entry by entry.
+    """External forces: ``F(t) = constant + varying(t) - quadratic_drag v abs(v)``, elementwise.
 
     Attributes
     ----------
     constant : (dof,) array
         N and N m.
     quadratic_drag : (dof,) array or None
-        N s2/m2 and N m s2/rad2, none below zero: as of a fan or a propeller.
+        N s2/m2 and N m s2/rad2, not negative; that of a fan or a propeller, for example.
     varying : callable or None
-        From times in s (n,) to forces (n, dof) in N and N m; with `directions`, to factors of these (n, k).
+        Takes times (n,) in s; returns forces (n, dof) in N and N m or, with `directions`, their factors (n, k).
     directions : (k, dof) array or None
-        Forces of which `varying` returns the factors: fewer than degrees of freedom cost less time.
+        Forces for which `varying` returns the factors; fewer forces than degrees of freedom save time.
 
     Examples
     --------
-    A driving torque of 75 N m, and a load that grows with the square of the speed:
+    A driving torque of 75 N m and a load proportional to the square of the speed:
 
     >>> import numpy as np
     >>> from data_synth.dynamics import Load
@@ -58,7 +58,7 @@ class Load:
     directions: Array | None = None
 
     def varying_at(self, times_s: Array) -> Array:
-        """Return the varying forces (n, dof) at times in s (n,); zero where there are none."""
+        """Return the varying forces (n, dof) at times (n,) in s; zero if there are none."""
         if self.varying is None:
             return np.zeros((times_s.size, self.constant.size))
         values = np.asarray(self.varying(times_s))
@@ -97,7 +97,7 @@ class Problem:
     system : System
         Equations of motion.
     reference : ReferenceAngle
-        Prescribed angle of the reference shaft, which the mesh phases follow.
+        Prescribed angle of the reference shaft, which determines the mesh phases.
     load : Load
         External forces.
     duration_s : float
@@ -107,8 +107,13 @@ class Problem:
     start_s : float
         Initial time in s.
     shifts : tuple of (time in s, State)
-        What is added to the state at the sample nearest to each time, as by a load that jumps without setting off free
+        Increment of the state at the sample nearest to each time, for example so that a load step excites no free
         vibration.
+
+    Raises
+    ------
+    ValueError
+        If the duration is not positive, an array does not fit the system, or a drag is negative.
 
     Examples
     --------
@@ -133,7 +138,7 @@ class Problem:
     def __post_init__(self) -> None:
         dof = len(self.system.names)
         if not (np.isfinite(self.duration_s) and self.duration_s > 0):
-            raise ValueError(f"duration_s={self.duration_s} must be finite and above zero.")
+            raise ValueError(f"duration_s = {self.duration_s} must be finite and above zero.")
         drag = self.load.quadratic_drag
         start = self.start or State(displacement=np.zeros(dof), velocity=np.zeros(dof))
         for name, value in (
@@ -143,14 +148,14 @@ class Problem:
             ("start.velocity", start.velocity),
         ):
             if np.shape(value) != (dof,) or not np.all(np.isfinite(value)):
-                raise ValueError(f"{name}={value} must hold {dof} finite numbers, one per degree of freedom.")
+                raise ValueError(f"{name} = {value} must hold {dof} finite numbers, one per degree of freedom.")
         if drag is not None and np.any(drag < 0):
-            raise ValueError(f"load.quadratic_drag={drag} feeds energy in where it is below zero; give the magnitude.")
+            raise ValueError(f"load.quadratic_drag = {drag} must not be negative, which would supply energy.")
 
 
 @dataclass(frozen=True, kw_only=True)
 class Output:
-    """Output channels and their sampling rate: the sum of linear maps of motion and mesh forces.
+    """Output channels, sums of linear maps of motion and mesh forces, and their sampling rate.
 
     Attributes
     ----------
@@ -161,9 +166,14 @@ class Output:
     mesh_force : (channels, meshes) array or None
         Map of the elastic force in each mesh, ``k f(g . q - e)`` in N.
     weighted_mesh_force : (channels, meshes) array or None
-        Map of the mean of that force under a triangular weight (linear B-spline) over the last two sample intervals,
-        its peak at the sample before; the force is taken to have been constant before the start. The stiffness's jumps
-        alias far less in it than in samples of the force.
+        Map of the mean of that force with a triangular weight (linear B-spline) over the last two sample intervals,
+        centred at the previous sample; the force is assumed constant before the start. Jumps of the stiffness alias
+        far less in it than in samples of the force.
+
+    Raises
+    ------
+    ValueError
+        If the rate is not positive, there is no map, or the maps differ in their number of channels.
 
     Examples
     --------
@@ -187,10 +197,13 @@ class Output:
 
     def __post_init__(self) -> None:
         if not (np.isfinite(self.rate_hz) and self.rate_hz > 0):
-            raise ValueError(f"rate_hz={self.rate_hz} must be finite and above zero.")
+            raise ValueError(f"rate_hz = {self.rate_hz} must be finite and above zero.")
         shapes = {np.shape(m)[0] for m in self.maps.values()}
         if len(shapes) != 1:
-            raise ValueError(f"the maps {[*self.maps]} need one row per channel each; they have {sorted(shapes)}.")
+            raise ValueError(
+                f"the maps {[*self.maps]} must each have one row per channel, but have {sorted(shapes)} rows; give at "
+                "least one map, and as many rows to all."
+            )
 
     @property
     def maps(self) -> dict[str, Array]:
@@ -207,7 +220,7 @@ class Output:
 
 @dataclass(frozen=True, kw_only=True)
 class Steps:
-    """A fixed number of integration steps to each sample of the output.
+    """A fixed number of integration steps per sample of the output.
 
     Attributes
     ----------
@@ -225,20 +238,21 @@ class Steps:
 
     def __post_init__(self) -> None:
         if self.per_sample < 1:
-            raise ValueError(f"per_sample={self.per_sample}: at least one step is needed to each sample.")
+            raise ValueError(f"per_sample = {self.per_sample} must be at least 1.")
 
 
 @dataclass(frozen=True, kw_only=True)
 class Accuracy:
-    """A bound on the RMS error of every channel, from which the number of steps follows.
+    """A bound on the RMS error of every channel, which determines the number of steps.
 
-    Runs over the first 4096 samples with one step size and with half of it are compared. Phase errors grow with time,
-    so their difference is scaled up to the whole record.
+    Runs over the first 4096 samples with one step size and with half of it are compared. Because phase errors grow with
+    time, their difference is scaled up to the whole record.
 
     Attributes
     ----------
     relative : float
-        RMS error over the RMS of the channel about its mean (but at least a thousandth of the total), between 0 and 1.
+        RMS error, between 0 and 1, relative to the RMS of the channel about its mean, or to a thousandth of its total
+        RMS if that is larger.
 
     Examples
     --------
@@ -251,7 +265,7 @@ class Accuracy:
 
     def __post_init__(self) -> None:
         if not 0 < self.relative < 1:
-            raise ValueError(f"relative={self.relative} must lie between zero and one.")
+            raise ValueError(f"relative = {self.relative} must be above 0 and below 1.")
 
 
 class Outcome(Enum):
@@ -261,18 +275,18 @@ class Outcome(Enum):
     --------
     >>> from data_synth.dynamics import Outcome
     >>> Outcome.UNSTABLE_STEP.value
-    'take more steps to a sample'
+    'take more steps per sample'
     """
 
-    UNSTABLE_STEP = "take more steps to a sample"
-    UNRESOLVED_STEP = "take more steps to a sample, so that each mesh cycle and each mode is resolved"
-    TOLERANCE_NOT_REACHED = "ask for less, or raise rate_hz"
-    NOT_CONVERGED = "start nearer to a solution, or follow it from a case that converges in smaller changes"
-    DIVERGED = "check the load and the damping: the motion itself grows, or take more steps to a sample"
+    UNSTABLE_STEP = "take more steps per sample"
+    UNRESOLVED_STEP = "take more steps per sample, to resolve each mesh cycle and each mode"
+    TOLERANCE_NOT_REACHED = "tolerate a larger error, or raise rate_hz"
+    NOT_CONVERGED = "start closer to a solution, or approach it in smaller steps from a case that converges"
+    DIVERGED = "check load and damping, since the motion itself grows, or take more steps per sample"
 
 
 class IntegrationError(ArithmeticError):
-    """An integration that failed, with its outcome, the numbers behind it (`detail`) and the remedy.
+    """An integration that failed; it has the `outcome` and the figures behind it (`detail`), and states the remedy.
 
     Examples
     --------
@@ -280,7 +294,7 @@ class IntegrationError(ArithmeticError):
 
     >>> from data_synth.dynamics import IntegrationError, Outcome
     >>> print(IntegrationError(Outcome.UNSTABLE_STEP, "A step of 0.1 s is unstable."))
-    A step of 0.1 s is unstable. To do: take more steps to a sample.
+    A step of 0.1 s is unstable. To do: take more steps per sample.
     """
 
     def __init__(self, outcome: Outcome, detail: str) -> None:
@@ -300,15 +314,15 @@ class Integration:
     times_s : (n,) array
         Sample times in s.
     values : (n, channels) array
-        Channels, in the units of their maps.
+        Channels in the units of their maps.
     final : State
         State at the last sample.
     steps_per_sample : int
-        Steps taken to each sample.
+        Integration steps per sample.
 
     Examples
     --------
-    A mass of 1 kg under 1 N moves as t^2 / 2:
+    A mass of 1 kg under a force of 1 N moves as t^2 / 2:
 
     >>> import numpy as np
     >>> from data_synth.dynamics import (

@@ -1,18 +1,18 @@
-"""Exponential splitting: exact flow with mean mesh stiffness, and impulses by the variation of the meshes.
+"""Exponential splitting: exact flow at mean mesh stiffness, and impulses for the variation of the mesh forces.
 
-Fourth order where motion is smooth: impulses by Simpson's rule, the middle one with the commutator of Chin (1997, Phys.
-Lett. A 226, 344, scheme A), here for a stiffness that varies within the step, with its moments in place of its samples.
-So jumps and high harmonics of the stiffness need no small steps, and a step has to resolve the modes that meshes
-excite, not the stiffest ones. Transmission errors of teeth in contact and loads that vary act in the exact flow, a
-parabola over each step: however large, they need no finer steps. Over a step in which an error jumps the parabola has
-its moments, and impulses have those of stiffness times error. Without damping and load it is symplectic: energy does
-not drift.
+The method is of fourth order where motion is smooth. Impulses follow Simpson's rule, the middle one with the commutator
+of Chin (1997, Phys. Lett. A 226, 344, scheme A), extended to a stiffness that varies within the step, with its moments
+instead of samples. Jumps and high harmonics of the stiffness therefore need no small steps; a step must resolve the
+modes that meshes excite, not the stiffest ones. Transmission errors of teeth in contact and varying loads act in the
+exact flow as a parabola over each step and need no finer steps, however large. In a step in which an error jumps, the
+parabola has its moments, and impulses have those of stiffness times error. Without damping and load the method is
+symplectic: energy does not drift.
 
-Where teeth lose contact the force has kinks: the order falls to two, and each contact changes the energy a little, up
-or down: over 10,000 oscillations of 100 steps each it stayed within 1.2e-3, without a trend. A quadratic drag brings a
-small error of second order. Modes that rotate by more than a radian in a step leave the slow ones right (tried with
-bearings up to 1e16 N/m), but their own share of a velocity or an acceleration is not resolved: `integrate` refuses
-where a channel shows it.
+Where teeth lose contact the force has kinks and the order falls to two. Each contact then changes the energy slightly,
+up or down: over 10,000 oscillations of 100 steps each it stayed within 1.2e-3, without a trend. Quadratic drag adds a
+small error of second order. Modes that advance by more than a radian per step do not disturb slower ones (tested with
+bearings up to 1e16 N/m), but their own share of a velocity or acceleration is not resolved; `integrate` refuses such a
+step if a channel shows it.
 """
 
 from __future__ import annotations
@@ -31,20 +31,20 @@ if TYPE_CHECKING:
     from data_synth.integrators.modal_problem import Assembled
     from data_synth.integrators.problem import Output
 
-_MAX_IMPULSE = 4.0  # rad2: of variation * step^2; impulses on a harmonic oscillator are unstable beyond
-_MAX_CYCLES = 1.0  # mesh cycles to a step
+_MAX_IMPULSE = 4.0  # rad2, limit of variation * step^2: beyond, impulses on a harmonic oscillator are unstable
+_MAX_CYCLES = 1.0  # mesh cycles per step
 
 
 def refusal(assembled: Assembled, step_s: float) -> IntegrationError | None:
-    """Return why a step size is unstable or too coarse for the meshes; None where it is neither."""
+    """Return why a step size is unstable or too coarse for the meshes; None if it is neither."""
     variation = assembled.stiffness_variation
     impulse = variation * step_s**2
     if impulse >= _MAX_IMPULSE:
         return IntegrationError(
             Outcome.UNSTABLE_STEP,
             f"A step of {step_s:.3g} s is unstable: the variation of the mesh stiffness over the mass, "
-            f"{variation:.4g} rad2/s2, times its square is {impulse:.3g}, and must stay below {_MAX_IMPULSE:g}; steps "
-            f"up to {np.sqrt(_MAX_IMPULSE / variation):.3g} s are stable.",
+            f"{variation:.4g} rad2/s2, times the step squared is {impulse:.3g}, but must be below {_MAX_IMPULSE:g}; "
+            f"steps up to {np.sqrt(_MAX_IMPULSE / variation):.3g} s are stable.",
         )
     problem = assembled.problem
     revolutions = assembled.revolutions(problem.start_s + np.linspace(0, problem.duration_s, 257))
@@ -55,7 +55,7 @@ def refusal(assembled: Assembled, step_s: float) -> IntegrationError | None:
         return None
     return IntegrationError(
         Outcome.UNRESOLVED_STEP,
-        f"A step of {step_s:.3g} s spans {per_step:.3g} mesh cycles, and must not exceed {_MAX_CYCLES:g}.",
+        f"A step of {step_s:.3g} s spans {per_step:.3g} mesh cycles, but must not exceed {_MAX_CYCLES:g}.",
     )
 
 
@@ -63,8 +63,8 @@ def refusal(assembled: Assembled, step_s: float) -> IntegrationError | None:
 class Stepper:
     """Integrates from sample to sample, with the exact flow over a step.
 
-    ``rows`` (channels, 2 n) are those of the output over x. `next_weighted` (meshes,), the part of the next weighted
-    mesh forces that is known, is its state beside x.
+    ``rows`` (channels, 2 n) are those of the output over x. `next_weighted` (meshes,), the known part of the next
+    weighted mesh forces, is the stepper's state in addition to x.
     """
 
     assembled: Assembled
@@ -76,7 +76,7 @@ class Stepper:
 
     @classmethod
     def of(cls, assembled: Assembled, output: Output, per_sample: int) -> Stepper:
-        """Return the stepper for a number of steps to each sample; ValueError for maps of the wrong shape."""
+        """Return the stepper for a number of steps per sample; raise ValueError for maps of the wrong shape."""
         return cls(
             assembled=assembled,
             output=output,
@@ -87,7 +87,7 @@ class Stepper:
         )
 
     def at_start(self, x: Array) -> Array:
-        """Return the channels (1, channels) of the first state, from which weighted mesh forces begin."""
+        """Return the channels (1, channels) of the first state, and initialise the weighted mesh forces."""
         a, time_s = self.assembled, self.assembled.problem.start_s
         deflections = a.deflections @ (x[: a.size] / a.scales)
         forces, revolutions = np.zeros(deflections.size), float(a.revolutions(np.array([time_s]))[0])
@@ -99,7 +99,7 @@ class Stepper:
         return self._channels((self.rows @ x)[None], np.concatenate([forces, forces])[None])
 
     def advance(self, x: Array, first: int, samples: int) -> Array:
-        """Return the channels (samples, channels) at the samples after number `first`; x is updated in place."""
+        """Return the channels (samples, channels) at the samples after sample `first`; x is updated in place."""
         from data_synth.integrators._splitting_kernels import split_steps  # noqa: PLC0415
 
         a, rate_hz = self.assembled, self.output.rate_hz
@@ -134,7 +134,7 @@ class Stepper:
 
 
 def channel_rows(assembled: Assembled, output: Output) -> Array:
-    """Return the rows (channels, 2 n) over x of the part of an output that is linear in it."""
+    """Return the rows (channels, 2 n) of the part of an output that is linear in x."""
     a, rows = assembled, np.zeros((output.channels, 2 * assembled.size))
     for name, given in output.maps.items():
         width = a.backlashes.size if name.endswith("mesh_force") else a.size
@@ -173,16 +173,16 @@ def _flow_over(assembled: Assembled, step_s: float) -> StepFlow:
 def _flows(assembled: Assembled, step_s: float) -> tuple[tuple[Array, Array, Array], tuple[Array, Array, Array]]:
     """Return propagator (2 n, 2 n), effect of inputs (2 n, 3 inputs) and of the constant load (2 n,).
 
-    Over half a step, and over a step. Inputs are the transmission error of each force, zero for friction, then the
-    varying loads. One is the parabola through its values at beginning, middle and end, ``q0 + q1 t + q2 t^2 / 2`` with
-    t from 0 to 1: by the exponential of x' with q0, q1 and q2 as further states, q0' = q1 and q1' = q2; the constant
-    load is one more.
+    They are returned for half a step and for a step. Inputs are the transmission error of each force, zero for
+    friction, then the varying loads. Each input is the parabola ``q0 + q1 t + q2 t^2 / 2``, t from 0 to 1, through its
+    values at beginning, middle and end, integrated by a matrix exponential with q0, q1 and q2 as additional states:
+    q0' = q1 and q1' = q2. The constant load is one more input.
     """
     a, x, equations = assembled, 2 * assembled.size, assembled.equations
     following = a.deflections[equations.error_of].T * (equations.mean_stiffnesses * equations.following)
     forces = np.hstack([following, a.load_rows.T, a.drive[:, None]])
     generator, each = a.generator, np.eye(forces.shape[1])
-    # as large as the generator: the exponential's rounding is that of its norm
+    # scaled to the size of the generator: the rounding error of the exponential is relative to its norm
     scale = np.max(np.abs(forces), initial=0.0) / np.max(np.abs(generator), initial=np.finfo(float).tiny) or 1.0
     whole = np.zeros((x + 3 * each.shape[0], x + 3 * each.shape[0]))
     whole[:x, :x] = generator

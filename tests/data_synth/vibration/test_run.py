@@ -179,7 +179,7 @@ def test_a_measured_transmission_error_acts_as_its_formula(tmp_path):
     assert Scene.from_mapping(tomllib.loads(measured.to_toml())) == measured
     signals = [noise_free(made, seed=SEED).signal for made in (measured, with_dynamics(meshes={"mesh": MESH}))]
     assert np.std(signals[0] - signals[1]) < 2e-3 * np.std(signals[1])  # chords of 64 to a cycle: (pi / 64)^2 / 2
-    with pytest.raises(SceneError, match="let it begin at 0, and end as it began after whole mesh cycles"):
+    with pytest.raises(SceneError, match="let it begin at 0 cycles and return to its first value after a whole number"):
         with_dynamics(meshes={"mesh": {"transmission_error": [[0, 0], [0.5, 1]]}})
 
 

@@ -64,7 +64,7 @@ def test_records_with_friction_differ_and_tend_to_those_without():
 def test_friction_that_is_not_known_is_refused():
     planets = load_scene("planets-in-motion")
     dynamics = planets.dynamics.changed(meshes={"planet-ring": RUBBING})
-    with pytest.raises(SceneError, match=r"friction_coefficient = 0\.06, but friction is known for external gears"):
+    with pytest.raises(SceneError, match=r"friction_coefficient = 0\.06, but friction is modelled for external gears"):
         simulate(planets.changed(dynamics=dynamics, duration_s=0.2), seed=1)
     rubbing = simulate(scene(mesh=RUBBING, fidelity="auto", duration_s=0.1), seed=1)
     assert rubbing.attrs["truth_fidelity"].startswith('dynamic: the teeth of "mesh" rub')

@@ -402,9 +402,7 @@ def test_memory_does_not_grow_with_a_record_of_growing_teeth():
 
 def test_growth_beyond_the_tooth_is_refused_with_its_time():
     chipped = fault("chipping", size=20, growth={"rate_mm_per_s": 100, "largest_mm": 40})
-    with pytest.raises(
-        SceneError, match=r"fault 1, chipping .* at 0\.3 s: 40 mm are not within the face width of 30 mm"
-    ):
+    with pytest.raises(SceneError, match=r"fault 1, chipping .* at 0\.3 s: 40 mm exceeds the face width of 30 mm"):
         motion(growing(chipped))
 
 

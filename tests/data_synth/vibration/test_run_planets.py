@@ -512,7 +512,7 @@ def test_a_cracked_bevel_tooth_passes_once_a_turn():
     [
         (
             {"gearbox": {**BEVEL["gearbox"], "mesh": [BEVEL["gearbox"]["mesh"][0] | {"face_width_mm": 90}]}},
-            "does not fit a cone",
+            "must be below its cone distance",
         ),
         ({"dynamics": {"bearings": {"housing": {}}}}, "rotates freely; give torsion_nm_rad"),
     ],
