@@ -76,7 +76,7 @@ class PitchError:
 
     Examples
     --------
-    >>> from data_synth.dynamics import PitchError
+    >>> from data_synth.gears.transmission_error import PitchError
     >>> (1e6 * PitchError(teeth_m=[0.0, 4e-6, 0.0], handover=0.5)([1.25, 1.75])).round(9).tolist()
     [2.0, 4.0]
     """
@@ -117,7 +117,7 @@ class Eccentricity:
 
     Examples
     --------
-    >>> from data_synth.dynamics import Eccentricity
+    >>> from data_synth.gears.transmission_error import Eccentricity
     >>> (1e6 * Eccentricity(teeth=20, eccentricity_m=10e-6)([0, 5, 10])).round(9).tolist()
     [0.0, 10.0, 0.0]
     """
