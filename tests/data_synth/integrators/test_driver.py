@@ -407,7 +407,7 @@ class TestRefusals:
         ) as caught:
             integrate(problem, output=output(50e3), tolerance=Steps(per_sample=steps))
         assert caught.value.outcome is Outcome.UNRESOLVED_STEP
-        assert f"turns the mode at 2.454e+06 rad/s by {49.08 / steps:.3g} rad" in caught.value.detail
+        assert f"advances the mode at 2.454e+06 rad/s by {49.08 / steps:.3g} rad" in caught.value.detail
         assert "25 steps per sample resolve the mode" in caught.value.detail
 
     def test_steps_that_resolve_what_is_read_are_taken(self):
